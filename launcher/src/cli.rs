@@ -1,0 +1,48 @@
+//! The command line: one sub-command a module.
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+/// A real-time simulator for training surgery inside the eye.
+#[derive(Debug, Parser)]
+#[command(name = "vitreo", version, about, arg_required_else_help = true)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The sub-commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Run the simulator: cameras, tracker, tissue and picture.
+    Run(crate::run::RunArgs),
+    /// Run a recording through tracker and tissue again.
+    Replay(crate::replay::ReplayArgs),
+    /// Make a recording from a rig and a blob stream.
+    Import(crate::import::ImportArgs),
+    /// Write the contents of a recording as CSV or JSON lines.
+    Export(crate::export::ExportArgs),
+    /// Mend a truncated recording.
+    Recover(crate::recover::RecoverArgs),
+    /// Say what a recording holds.
+    Info(crate::info::InfoArgs),
+    /// Show the way of one field through all instants.
+    Trace(crate::trace::TraceArgs),
+    /// Say what this machine has and lacks.
+    Doctor(crate::doctor::DoctorArgs),
+}
+
+/// Runs the chosen sub-command.
+pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
+    match &cli.command {
+        Command::Run(args) => crate::run::run(args),
+        Command::Replay(args) => crate::replay::run(args),
+        Command::Import(args) => crate::import::run(args),
+        Command::Export(args) => crate::export::run(args),
+        Command::Recover(args) => crate::recover::run(args),
+        Command::Info(args) => crate::info::run(args),
+        Command::Trace(args) => crate::trace::run(args),
+        Command::Doctor(args) => crate::doctor::run(args),
+    }
+}

@@ -1,0 +1,14 @@
+//! The launcher: starts the processes of a simulator, watches them, records and replays.
+//!
+//! It starts the other crates' binaries and never links them.
+
+pub mod cli;
+pub mod doctor;
+pub mod exit;
+pub mod export;
+pub mod import;
+pub mod info;
+pub mod recover;
+pub mod replay;
+pub mod run;
+pub mod trace;

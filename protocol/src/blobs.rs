@@ -1,0 +1,174 @@
+//! `blobs`: what one camera saw in one field.
+
+use crate::limits::MAX_BLOBS;
+use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
+use crate::time::Nanos;
+use bytemuck::{Pod, Zeroable};
+
+/// Colour class of a marker, as the camera's look-up table knows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[repr(u32)]
+#[allow(missing_docs)]
+pub enum Colour {
+    Red = 1,
+    Yellow = 2,
+    Green = 3,
+    Cyan = 4,
+    Blue = 5,
+    Magenta = 6,
+    White = 7,
+}
+
+impl Colour {
+    /// Every class.
+    pub const ALL: [Colour; 7] = [
+        Colour::Red,
+        Colour::Yellow,
+        Colour::Green,
+        Colour::Cyan,
+        Colour::Blue,
+        Colour::Magenta,
+        Colour::White,
+    ];
+
+    /// From the wire.
+    pub fn from_wire(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|&c| c as u32 == code)
+    }
+
+    /// Name as in rig files and blob streams.
+    pub fn name(self) -> &'static str {
+        match self {
+            Colour::Red => "red",
+            Colour::Yellow => "yellow",
+            Colour::Green => "green",
+            Colour::Cyan => "cyan",
+            Colour::Blue => "blue",
+            Colour::Magenta => "magenta",
+            Colour::White => "white",
+        }
+    }
+
+    /// From its name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|c| c.name() == name)
+    }
+}
+
+/// Two blobs of one colour probably grew into one.
+pub const BLOB_MERGED: u32 = 1;
+/// The blob touches the border of the frame.
+pub const BLOB_CLIPPED: u32 = 2;
+/// The blob holds saturated pixels.
+pub const BLOB_SATURATED: u32 = 4;
+
+/// The variance assumed where a stream gives none, px² of the frame (0.05 px, σ²).
+pub const DEFAULT_VARIANCE_PX2: f64 = 0.0025;
+
+/// One bright region of one colour.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Blob {
+    /// Centre, px; column in the frame.
+    pub x_px: f64,
+    /// Centre, px; **line of the field** (`y_frame = 2 * y_field + parity`).
+    pub y_field_px: f64,
+    /// Area, px of the field.
+    pub area_px: f64,
+    /// Width of the bounding box, px.
+    pub width_px: f64,
+    /// Height of the bounding box, field lines.
+    pub height_px: f64,
+    /// Variance of `x_px`, px².
+    pub var_x_px2: f64,
+    /// Variance of the centre's line **in the frame**, px².
+    pub var_y_px2: f64,
+    /// Covariance of the two, px².
+    pub cov_xy_px2: f64,
+    /// [`Colour`] on the wire.
+    pub colour: u32,
+    /// Bits `BLOB_…`.
+    pub flags: u32,
+}
+
+/// All blobs of one camera-field.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct BlobField {
+    /// Field number of this camera; stamped at the camera.
+    pub field: u64,
+    /// Middle of the exposure.
+    pub exposed_ns: Nanos,
+    /// Last line left the sensor.
+    pub read_out_ns: Nanos,
+    /// When the blobs were sent; on a replayed stream, when they were received.
+    pub blobs_out_ns: Nanos,
+    /// Camera id of the rig.
+    pub camera: u32,
+    /// 0: even lines, 1: odd lines.
+    pub parity: u32,
+    /// Blobs in use.
+    pub count: u32,
+    /// Blobs seen beyond the capacity.
+    pub blobs_left_out: u32,
+    /// The blobs; the first `count` are meaningful.
+    pub blobs: [Blob; MAX_BLOBS],
+}
+
+impl BlobField {
+    /// The blobs in use.
+    pub fn blobs(&self) -> &[Blob] {
+        &self.blobs[..(self.count as usize).min(MAX_BLOBS)]
+    }
+
+    /// Adds a blob, or counts it where there is no room.
+    pub fn push(&mut self, blob: Blob) {
+        if (self.count as usize) < MAX_BLOBS {
+            self.blobs[self.count as usize] = blob;
+            self.count += 1;
+        } else {
+            self.blobs_left_out = self.blobs_left_out.saturating_add(1);
+        }
+    }
+
+    /// Line of the frame of a blob of this field, px.
+    pub fn y_frame_px(&self, blob: &Blob) -> f64 {
+        2.0 * blob.y_field_px + f64::from(self.parity)
+    }
+}
+
+impl Message for BlobField {
+    const CHANNEL: &'static str = "blobs";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 256;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(BlobField {
+        field,
+        exposed_ns,
+        read_out_ns,
+        blobs_out_ns,
+        camera,
+        parity,
+        count,
+        blobs_left_out,
+        blobs
+    });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let check = |holds, field, expected, found| require(holds, "BlobField", field, expected, found);
+        check(self.count as usize <= MAX_BLOBS, "count", "at most 64", f64::from(self.count))?;
+        check(self.parity <= 1, "parity", "0 or 1", f64::from(self.parity))?;
+        check(self.exposed_ns > 0, "exposed_ns", "an instant", 0.0)?;
+        for blob in self.blobs() {
+            let n = [blob.x_px, blob.y_field_px, blob.area_px, blob.width_px, blob.height_px];
+            check(all_finite(&n), "blobs.x_px…height_px", "finite numbers", f64::NAN)?;
+            let v = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
+            check(all_finite(&v), "blobs.var_x_px2…", "finite numbers", f64::NAN)?;
+            let known = Colour::from_wire(blob.colour).is_some();
+            check(known, "blobs.colour", "a colour class 1 to 7", f64::from(blob.colour))?;
+        }
+        Ok(())
+    }
+}
+
+const _: () = assert!(size_of::<Blob>() == 72 && size_of::<BlobField>() == 48 + 72 * MAX_BLOBS);

@@ -1,0 +1,190 @@
+//! The latency budgets: one table, which a TOML file may override.
+
+use crate::frames::FrameRecord;
+use crate::steps::StepRecord;
+use crate::time::{Instants, Nanos};
+use serde::{Deserialize, Serialize};
+
+/// A stage of the path from the sensor to the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, PartialOrd, Ord)]
+#[serde(rename_all = "kebab-case")]
+pub enum Stage {
+    /// `exposed` → `blobs_out`.
+    Camera,
+    /// Waiting for a late camera.
+    CameraWait,
+    /// `blobs_out` of the last field used → `tracked`.
+    Tracking,
+    /// `tracked` → `stepped`.
+    Simulation,
+    /// `frame_start` → `drawn`.
+    Rendering,
+    /// `exposed` → `displayed`.
+    WholeSystem,
+}
+
+impl Stage {
+    /// In the order of the data path.
+    pub const ALL: [Stage; 6] = [
+        Stage::Camera,
+        Stage::CameraWait,
+        Stage::Tracking,
+        Stage::Simulation,
+        Stage::Rendering,
+        Stage::WholeSystem,
+    ];
+
+    /// Name in tables, reports and budget files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Stage::Camera => "camera",
+            Stage::CameraWait => "camera-wait",
+            Stage::Tracking => "tracking",
+            Stage::Simulation => "simulation",
+            Stage::Rendering => "rendering",
+            Stage::WholeSystem => "whole-system",
+        }
+    }
+
+    /// From which instant to which.
+    pub fn span(self) -> &'static str {
+        match self {
+            Stage::Camera => "exposed → blobs_out",
+            Stage::CameraWait => "first field → last field",
+            Stage::Tracking => "blobs_out → tracked",
+            Stage::Simulation => "tracked → stepped",
+            Stage::Rendering => "frame_start → drawn",
+            Stage::WholeSystem => "exposed → displayed",
+        }
+    }
+}
+
+/// Time from one stamped instant to a later one; `None` where either is missing or they are reversed.
+fn between(from: Nanos, to: Nanos) -> Option<u64> {
+    (from > 0 && to >= from).then(|| to - from)
+}
+
+/// Latency of the stages that a step's record tells about, except the wait for a camera, ns.
+pub fn step_latencies(step: &StepRecord) -> [(Stage, Option<u64>); 3] {
+    let Instants { exposed, blobs_out, tracked, stepped, .. } = step.instants;
+    [
+        (Stage::Camera, between(exposed, blobs_out)),
+        (Stage::Tracking, between(blobs_out, tracked)),
+        (Stage::Simulation, between(tracked, stepped)),
+    ]
+}
+
+/// Latency of the stages that a displayed frame's record tells about, ns.
+pub fn frame_latencies(frame: &FrameRecord) -> [(Stage, Option<u64>); 2] {
+    [
+        (Stage::Rendering, between(frame.frame_start, frame.drawn)),
+        (Stage::WholeSystem, between(frame.instants.exposed, frame.displayed)),
+    ]
+}
+
+/// The limits of one stage. A limit of 0 is not asserted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Budget {
+    /// The stage.
+    pub stage: Stage,
+    /// Limit of the chosen percentile, ms.
+    pub limit_ms: f64,
+    /// Limit of the mean, ms.
+    #[serde(default)]
+    pub mean_ms: f64,
+}
+
+/// All budgets.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Budgets {
+    /// Percentile at which `limit_ms` is asserted, 0 to 100.
+    pub percentile: f64,
+    /// One entry a stage.
+    pub budget: Vec<Budget>,
+}
+
+/// Why a budget file was refused.
+#[derive(Debug, thiserror::Error)]
+#[error("budget file {file}: {problem}")]
+pub struct BudgetError {
+    /// The file.
+    pub file: String,
+    /// What is wrong, with the line where the parser knows it.
+    pub problem: String,
+}
+
+impl Default for Budgets {
+    /// The design's figures: camera 2 ms half exposure + 20 ms read-out + 2 ms extraction + jitter;
+    /// simulation and rendering from the paper, section 2.2; whole system: the paper's 50 ms mean.
+    fn default() -> Self {
+        let entry = |stage, limit_ms, mean_ms| Budget { stage, limit_ms, mean_ms };
+        Budgets {
+            percentile: 99.0,
+            budget: vec![
+                entry(Stage::Camera, 25.0, 0.0),
+                entry(Stage::CameraWait, 3.0, 0.0),
+                entry(Stage::Tracking, 1.0, 0.0),
+                entry(Stage::Simulation, 8.5, 0.0),
+                entry(Stage::Rendering, 15.0, 0.0),
+                entry(Stage::WholeSystem, 65.0, 50.0),
+            ],
+        }
+    }
+}
+
+impl Budgets {
+    /// Parses a budget file; stages it leaves out keep their default.
+    pub fn parse(text: &str, file: &str) -> Result<Self, BudgetError> {
+        #[derive(Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Overrides {
+            percentile: Option<f64>,
+            #[serde(default)]
+            budget: Vec<Budget>,
+        }
+        let fail = |problem: String| BudgetError { file: file.into(), problem };
+        let overrides: Overrides = toml::from_str(text).map_err(|e| fail(e.to_string()))?;
+        let mut all = Budgets::default();
+        all.percentile = overrides.percentile.unwrap_or(all.percentile);
+        if !(0.0..=100.0).contains(&all.percentile) {
+            return Err(fail(format!("percentile: expected 0 to 100, found {}", all.percentile)));
+        }
+        for new in overrides.budget {
+            if !(new.limit_ms >= 0.0 && new.mean_ms >= 0.0) {
+                return Err(fail(format!("{}: expected limits ≥ 0, found {new:?}", new.stage.name())));
+            }
+            let old = all.budget.iter_mut().find(|b| b.stage == new.stage);
+            *old.expect("the default table has every stage") = new;
+        }
+        Ok(all)
+    }
+
+    /// The budget of a stage.
+    pub fn of(&self, stage: Stage) -> Budget {
+        let found = self.budget.iter().find(|b| b.stage == stage);
+        *found.expect("the table has every stage")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overrides_replace_single_stages() {
+        let text = "percentile = 95\n[[budget]]\nstage = \"rendering\"\nlimit_ms = 40";
+        let budgets = Budgets::parse(text, "b.toml").unwrap();
+        assert_eq!(budgets.of(Stage::Rendering).limit_ms, 40.0);
+        assert_eq!(budgets.of(Stage::Simulation).limit_ms, 8.5);
+        assert_eq!(budgets.percentile, 95.0);
+    }
+
+    #[test]
+    fn bad_files_are_named() {
+        for text in ["percentile = 120", "budgets = 1", "[[budget]]\nstage = \"x\"\nlimit_ms = 1"] {
+            assert!(Budgets::parse(text, "b.toml").unwrap_err().to_string().contains("b.toml"));
+        }
+    }
+}

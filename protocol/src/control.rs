@@ -1,0 +1,150 @@
+//! `control` and `answers`: the launcher asks, each process answers.
+
+use crate::health::Process;
+use crate::limits::{MAX_FIELDS_USED, TEXT_BYTES};
+use crate::message::{FieldLayout, Invalid, Message, require, text_of};
+use crate::poses::FieldUsed;
+use crate::time::Nanos;
+use bytemuck::{Pod, Zeroable};
+
+/// What is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Command {
+    /// Answer, to show that the queue is served.
+    Ping = 0,
+    /// Begin, or go on after a pause.
+    Start = 1,
+    /// Stand still.
+    Pause = 2,
+    /// Forget the past; begin as if just started.
+    Reset = 3,
+    /// The stream has ended: finish what is open.
+    Flush = 4,
+    /// End in order.
+    Shutdown = 5,
+    /// Save a still picture (renderer).
+    Snapshot = 6,
+}
+
+impl Command {
+    /// From the wire.
+    pub fn from_wire(code: u32) -> Option<Self> {
+        use Command::*;
+        [Ping, Start, Pause, Reset, Flush, Shutdown, Snapshot].get(code as usize).copied()
+    }
+}
+
+/// Addressed to every process.
+pub const EVERY_PROCESS: u32 = u32::MAX;
+
+/// A request.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct Request {
+    /// Counts up by one.
+    pub seq: u64,
+    /// Meaning depends on the command.
+    pub argument: u64,
+    /// [`Process`] on the wire, or [`EVERY_PROCESS`].
+    pub target: u32,
+    /// [`Command`] on the wire.
+    pub command: u32,
+}
+
+impl Request {
+    /// True if `process` is addressed.
+    pub fn is_for(&self, process: Process) -> bool {
+        self.target == EVERY_PROCESS || self.target == process as u32
+    }
+}
+
+impl Message for Request {
+    const CHANNEL: &'static str = "control";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 32;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(Request { seq, argument, target, command });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let command = f64::from(self.command);
+        require(Command::from_wire(self.command).is_some(), "Request", "command", "0 to 6", command)
+    }
+}
+
+/// Replay tells the tracker which camera-fields a recorded frame consumed, so that the recorded
+/// decision is obeyed and no clock is read. A script with `frame` 0 begins with a fresh tracker.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct FrameScript {
+    /// Number of the tracker frame to produce.
+    pub frame: u64,
+    /// Its reference field.
+    pub field: u64,
+    /// Exposure of the reference field, for which the poses are.
+    pub exposed_ns: Nanos,
+    /// Reference camera.
+    pub camera: u32,
+    /// [`crate::poses::ClosedBy`] on the wire.
+    pub closed_by: u32,
+    /// Camera-fields to consume; the first `used_count` are meaningful.
+    pub used: [FieldUsed; MAX_FIELDS_USED],
+    /// How many.
+    pub used_count: u32,
+    /// 0.
+    pub reserved: u32,
+}
+
+impl Message for FrameScript {
+    const CHANNEL: &'static str = "script";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 64;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(FrameScript {
+        frame,
+        field,
+        exposed_ns,
+        camera,
+        closed_by,
+        used,
+        used_count,
+        reserved
+    });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let used = f64::from(self.used_count);
+        let fits = self.used_count as usize <= MAX_FIELDS_USED;
+        require(fits, "FrameScript", "used_count", "at most 16", used)
+    }
+}
+
+/// An answer.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct Answer {
+    /// `seq` of the request.
+    pub seq: u64,
+    /// [`Process`] on the wire.
+    pub process: u32,
+    /// 0: done; 1: not possible, and `text` says why.
+    pub result: u32,
+    /// Zero-padded text.
+    pub text: [u8; TEXT_BYTES],
+}
+
+impl Answer {
+    /// The text.
+    pub fn text(&self) -> String {
+        text_of(&self.text)
+    }
+}
+
+impl Message for Answer {
+    const CHANNEL: &'static str = "answers";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 64;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(Answer { seq, process, result, text });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let process = f64::from(self.process);
+        require(Process::from_wire(self.process).is_some(), "Answer", "process", "0 to 3", process)
+    }
+}

@@ -1,0 +1,159 @@
+//! `events`: what happened to the eye.
+
+use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
+use crate::time::Nanos;
+use bytemuck::{Pod, Zeroable};
+
+/// What happened. `value` and `limit` of the event have the unit given here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum EventKind {
+    /// The tip came near the retina; mm of clearance.
+    RetinaGrazed = 1,
+    /// The tip touches the retina; mm of clearance.
+    RetinaTouched = 2,
+    /// The tip is inside the retina; mm of depth.
+    RetinaPenetrated = 3,
+    /// The tip left the retina; s that the contact lasted.
+    RetinaLeft = 4,
+    /// The jaws hold tissue; nodes held.
+    TissueGrabbed = 10,
+    /// The jaws let go; nodes released.
+    TissueReleased = 11,
+    /// The grip slipped; µN.
+    GripSlipped = 12,
+    /// Tissue tore; springs torn in this step.
+    TissueTorn = 13,
+    /// The membrane pulls at the retina: force on the rim near its limit; µN.
+    RimForceHigh = 14,
+    /// The rim lost its hold; µN.
+    RimDetached = 15,
+    /// An image pixel saw the membrane twice; pixels.
+    NotPiConvex = 20,
+    /// A body that was lost is tracked again; s that it was lost.
+    TrackingRegained = 30,
+    /// A body is lost and touches nothing.
+    TrackingLost = 31,
+    /// A part of the tissue was disabled because its numbers ran away; node.
+    TissueDisabled = 40,
+    /// An input was refused by its validation.
+    InputRefused = 41,
+    /// The simulation resumed from a checkpoint; steps recomputed.
+    Resumed = 42,
+}
+
+impl EventKind {
+    /// Every kind.
+    pub const ALL: [EventKind; 16] = [
+        EventKind::RetinaGrazed,
+        EventKind::RetinaTouched,
+        EventKind::RetinaPenetrated,
+        EventKind::RetinaLeft,
+        EventKind::TissueGrabbed,
+        EventKind::TissueReleased,
+        EventKind::GripSlipped,
+        EventKind::TissueTorn,
+        EventKind::RimForceHigh,
+        EventKind::RimDetached,
+        EventKind::NotPiConvex,
+        EventKind::TrackingRegained,
+        EventKind::TrackingLost,
+        EventKind::TissueDisabled,
+        EventKind::InputRefused,
+        EventKind::Resumed,
+    ];
+
+    /// From the wire.
+    pub fn from_wire(code: u32) -> Option<Self> {
+        Self::ALL.into_iter().find(|&k| k as u32 == code)
+    }
+
+    /// In words, with the unit of the value.
+    pub fn text(self) -> (&'static str, &'static str) {
+        match self {
+            EventKind::RetinaGrazed => ("instrument near the retina", "mm"),
+            EventKind::RetinaTouched => ("instrument touches the retina", "mm"),
+            EventKind::RetinaPenetrated => ("instrument in the retina", "mm"),
+            EventKind::RetinaLeft => ("instrument left the retina", "s"),
+            EventKind::TissueGrabbed => ("tissue grabbed", "nodes"),
+            EventKind::TissueReleased => ("tissue released", "nodes"),
+            EventKind::GripSlipped => ("grip slipped", "µN"),
+            EventKind::TissueTorn => ("tissue torn", "springs"),
+            EventKind::RimForceHigh => ("membrane pulls at the retina", "µN"),
+            EventKind::RimDetached => ("membrane rim came off", "µN"),
+            EventKind::NotPiConvex => ("membrane folded in the collision volume", "pixels"),
+            EventKind::TrackingRegained => ("tracking regained", "s"),
+            EventKind::TrackingLost => ("tracking lost", ""),
+            EventKind::TissueDisabled => ("tissue disabled", "node"),
+            EventKind::InputRefused => ("input refused", ""),
+            EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
+        }
+    }
+}
+
+/// How serious it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u32)]
+pub enum Severity {
+    /// For the record.
+    Info = 0,
+    /// The trainee should change something.
+    Warning = 1,
+    /// The eye was hurt, or the simulation is degraded.
+    Injury = 2,
+}
+
+/// No instrument is concerned.
+pub const NO_INSTRUMENT: u32 = u32::MAX;
+
+/// One thing that happened.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Event {
+    /// Counts up by one since the simulation began.
+    pub seq: u64,
+    /// Field of the step.
+    pub field: u64,
+    /// Exposure instant of the step.
+    pub exposed_ns: Nanos,
+    /// [`EventKind`] on the wire.
+    pub kind: u32,
+    /// [`Severity`] on the wire.
+    pub severity: u32,
+    /// Instrument or [`NO_INSTRUMENT`].
+    pub instrument: u32,
+    /// Node, triangle or body concerned; 0 if none.
+    pub subject: u32,
+    /// Figure of the event, in the unit of its kind.
+    pub value: f64,
+    /// Limit that was passed, in the same unit; 0 if none.
+    pub limit: f64,
+    /// Where, in the eye frame, mm.
+    pub position_in_eye_mm: [f64; 3],
+}
+
+impl Message for Event {
+    const CHANNEL: &'static str = "events";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 512;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(Event {
+        seq,
+        field,
+        exposed_ns,
+        kind,
+        severity,
+        instrument,
+        subject,
+        value,
+        limit,
+        position_in_eye_mm
+    });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let kind = f64::from(self.kind);
+        require(EventKind::from_wire(self.kind).is_some(), "Event", "kind", "a known kind", kind)?;
+        require(self.severity <= 2, "Event", "severity", "0 to 2", f64::from(self.severity))?;
+        require(all_finite(&[self.value, self.limit]), "Event", "value", "finite", self.value)?;
+        require(all_finite(&self.position_in_eye_mm), "Event", "position", "finite", f64::NAN)
+    }
+}

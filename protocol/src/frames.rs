@@ -1,0 +1,98 @@
+//! `frames` and `pictures`: what the renderer showed, and when.
+
+use crate::message::{FieldLayout, Invalid, Message, require};
+use crate::time::{Instants, Nanos};
+use bytemuck::{Pod, Zeroable};
+
+/// `displayed` is an estimate, because there is no feedback from the display.
+pub const DISPLAY_ESTIMATED: u32 = 1;
+/// The quality governor changed the tier with this frame.
+pub const TIER_CHANGED: u32 = 2;
+/// A body was not tracked and was drawn faded.
+pub const TRACKING_LOST_SHOWN: u32 = 4;
+
+/// Instants and figures of one displayed stereo frame.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct FrameRecord {
+    /// Counts up by one since the renderer started.
+    pub frame: u64,
+    /// Field of the pose that was latched.
+    pub field: u64,
+    /// Field of the scene that was drawn.
+    pub scene_field: u64,
+    /// Instants of the latched pose (`stepped` is that of the scene drawn).
+    pub instants: Instants,
+    /// The renderer began with this frame.
+    pub frame_start: Nanos,
+    /// It took the newest pose.
+    pub latched: Nanos,
+    /// The GPU had finished.
+    pub drawn: Nanos,
+    /// First refresh after `drawn`; headless: picture complete.
+    pub displayed: Nanos,
+    /// Instant to which the poses were predicted.
+    pub predicted_to: Nanos,
+    /// Frames that could not be shown in time since the start.
+    pub missed: u64,
+    /// Quality tier, 0 is the best.
+    pub tier: u32,
+    /// Width of one channel, px.
+    pub width_px: u32,
+    /// Height of one channel, px.
+    pub height_px: u32,
+    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`.
+    pub flags: u32,
+}
+
+impl Message for FrameRecord {
+    const CHANNEL: &'static str = "frames";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 512;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(FrameRecord {
+        frame,
+        field,
+        scene_field,
+        instants,
+        frame_start,
+        latched,
+        drawn,
+        displayed,
+        predicted_to,
+        missed,
+        tier,
+        width_px,
+        height_px,
+        flags
+    });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let ordered = self.frame_start <= self.drawn && self.drawn <= self.displayed;
+        require(ordered, "FrameRecord", "drawn", "frame_start ≤ drawn ≤ displayed", self.drawn as f64)
+    }
+}
+
+/// Header of a small picture of both channels side by side; the payload is a JPEG.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct PictureHeader {
+    /// Frame shown.
+    pub frame: u64,
+    /// Field shown.
+    pub field: u64,
+    /// When it was complete.
+    pub displayed: Nanos,
+    /// Bytes of the payload in use.
+    pub bytes: u64,
+}
+
+impl Message for PictureHeader {
+    const CHANNEL: &'static str = "pictures";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 1;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(PictureHeader { frame, field, displayed, bytes });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+}

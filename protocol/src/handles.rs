@@ -1,0 +1,94 @@
+//! `handles` and `pedal`: what the hands and the foot do besides moving.
+
+use crate::limits::INSTRUMENTS;
+use crate::message::{FieldLayout, Invalid, Message, require};
+use crate::time::Nanos;
+use bytemuck::{Pod, Zeroable};
+
+/// What an instrument is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[repr(u32)]
+#[allow(missing_docs)]
+pub enum Tool {
+    Forceps = 1,
+    LightPipe = 2,
+    Pick = 3,
+    Vitrector = 4,
+    Needle = 5,
+}
+
+impl Tool {
+    /// From the wire.
+    pub fn from_wire(code: u32) -> Option<Self> {
+        [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle]
+            .into_iter()
+            .find(|&t| t as u32 == code)
+    }
+}
+
+/// State of one handle.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct HandleState {
+    /// Counts up by one with every message of this sender.
+    pub seq: u64,
+    /// Field it belongs to.
+    pub field: u64,
+    /// When it was read.
+    pub instant_ns: Nanos,
+    /// 0 or 1.
+    pub instrument: u32,
+    /// [`Tool`] on the wire.
+    pub tool: u32,
+    /// Opening between the jaws, rad.
+    pub jaw_rad: f64,
+}
+
+impl Message for HandleState {
+    const CHANNEL: &'static str = "handles";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 256;
+    const FIELDS: &'static [FieldLayout] =
+        crate::fields!(HandleState { seq, field, instant_ns, instrument, tool, jaw_rad });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let check = |holds, field, expected, found| require(holds, "HandleState", field, expected, found);
+        let i = f64::from(self.instrument);
+        check((self.instrument as usize) < INSTRUMENTS, "instrument", "0 or 1", i)?;
+        check(Tool::from_wire(self.tool).is_some(), "tool", "a tool 1 to 5", f64::from(self.tool))?;
+        let open = (0.0..=std::f64::consts::PI).contains(&self.jaw_rad);
+        check(open, "jaw_rad", "0 to π", self.jaw_rad)
+    }
+}
+
+/// State of the foot pedal.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct PedalState {
+    /// Counts up by one with every message of this sender.
+    pub seq: u64,
+    /// When it was read.
+    pub instant_ns: Nanos,
+    /// Two axes, −1 to 1.
+    pub axes: [f64; 2],
+    /// Pressed buttons, one bit each.
+    pub buttons: u32,
+    /// Meaning of the axes: 0 microscope X–Y, 1 zoom and focus, 2 aspiration.
+    pub mode: u32,
+}
+
+impl Message for PedalState {
+    const CHANNEL: &'static str = "pedal";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 256;
+    const FIELDS: &'static [FieldLayout] =
+        crate::fields!(PedalState { seq, instant_ns, axes, buttons, mode });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        for axis in self.axes {
+            require((-1.0..=1.0).contains(&axis), "PedalState", "axes", "−1 to 1", axis)?;
+        }
+        require(self.mode <= 2, "PedalState", "mode", "0 to 2", f64::from(self.mode))
+    }
+}

@@ -1,0 +1,116 @@
+//! `health`: each process says that it lives, and how well.
+
+use crate::limits::TEXT_BYTES;
+use crate::message::{FieldLayout, Invalid, Message, require, text_of};
+use crate::time::Nanos;
+use bytemuck::{Pod, Zeroable};
+
+/// The four processes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[repr(u32)]
+#[allow(missing_docs)]
+pub enum Process {
+    FpgaModel = 0,
+    Tracker = 1,
+    Simcore = 2,
+    Renderer = 3,
+}
+
+impl Process {
+    /// In the order of the data path.
+    pub const ALL: [Process; 4] = [Process::FpgaModel, Process::Tracker, Process::Simcore, Process::Renderer];
+
+    /// From the wire.
+    pub fn from_wire(code: u32) -> Option<Self> {
+        Self::ALL.get(code as usize).copied()
+    }
+
+    /// Short name, as in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Process::FpgaModel => "fpga-model",
+            Process::Tracker => "tracker",
+            Process::Simcore => "simcore",
+            Process::Renderer => "renderer",
+        }
+    }
+
+    /// Name of the binary.
+    pub fn binary(self) -> &'static str {
+        match self {
+            Process::FpgaModel => "vitreo-fpga-model",
+            Process::Tracker => "vitreo-tracker",
+            Process::Simcore => "vitreo-simcore",
+            Process::Renderer => "vitreo-renderer",
+        }
+    }
+}
+
+/// Still starting; not ready for work.
+pub const STATE_STARTING: u32 = 0;
+/// Ready and working.
+pub const STATE_RUNNING: u32 = 1;
+/// Working with a limitation that `text` names.
+pub const STATE_DEGRADED: u32 = 2;
+/// Nothing more will come (end of a stream or of the duration).
+pub const STATE_FINISHED: u32 = 3;
+
+/// A heartbeat.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct Health {
+    /// Sender's instant.
+    pub instant_ns: Nanos,
+    /// Blocks it has taken in.
+    pub received: u64,
+    /// Blocks it has sent.
+    pub sent: u64,
+    /// Blocks it lost in its queues.
+    pub lost: u64,
+    /// Blocks it refused.
+    pub refused: u64,
+    /// CPU time it has used, ns.
+    pub cpu_ns: u64,
+    /// [`Process`] on the wire.
+    pub process: u32,
+    /// Its operating-system id.
+    pub pid: u32,
+    /// One of `STATE_…`.
+    pub state: u32,
+    /// 0; keeps the text aligned.
+    pub reserved: u32,
+    /// Zero-padded text: tier, degraded state and the like.
+    pub text: [u8; TEXT_BYTES],
+}
+
+impl Health {
+    /// The text.
+    pub fn text(&self) -> String {
+        text_of(&self.text)
+    }
+}
+
+impl Message for Health {
+    const CHANNEL: &'static str = "health";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 64;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(Health {
+        instant_ns,
+        received,
+        sent,
+        lost,
+        refused,
+        cpu_ns,
+        process,
+        pid,
+        state,
+        reserved,
+        text
+    });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let process = f64::from(self.process);
+        require(Process::from_wire(self.process).is_some(), "Health", "process", "0 to 3", process)?;
+        require(self.state <= STATE_FINISHED, "Health", "state", "0 to 3", f64::from(self.state))
+    }
+}

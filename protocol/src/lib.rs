@@ -1,0 +1,43 @@
+//! What crosses a process border of vitreo, and what two processes must compute alike.
+//!
+//! | channel | block | sender → receivers | rate | rule |
+//! |---|---|---|---|---|
+//! | `blobs` | [`blobs::BlobField`] | fpga-model or driver → tracker, recorder | 3 × 50 Hz | every one |
+//! | `handles` | [`handles::HandleState`] | fpga-model or driver → simcore, recorder | 50 Hz | every one |
+//! | `pedal` | [`handles::PedalState`] | input → simcore, recorder | ≥ 10 Hz | every one |
+//! | `poses` | [`poses::TrackerFrame`] | tracker → simcore, renderer, recorder | 50 Hz | in order, or newest |
+//! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer | per step | newest wins |
+//! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
+//! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | every 5 s | newest wins |
+//! | `events` | [`events::Event`] | simcore → console, recorder | on change | every one |
+//! | `frames` | [`frames::FrameRecord`] | renderer → launcher | per frame | every one |
+//! | `pictures` | [`frames::PictureHeader`] + JPEG | renderer → recorder | ≤ 15 Hz | newest wins |
+//! | `health` | [`health::Health`] | each → launcher | 10 Hz | every one |
+//! | `control` | [`control::Request`] | launcher → each | on demand | every one |
+//! | `script` | [`control::FrameScript`] | launcher → tracker (replay) | per frame | every one |
+//! | `answers` | [`control::Answer`] | each → launcher | on demand | every one |
+//!
+//! Units are mm, g, s (so force is µN and pressure Pa); angles are radians; time is integer
+//! nanoseconds of `CLOCK_MONOTONIC`. Frames are `world`, `eye`, `instrument`, `camera`
+//! (see `docs/conventions.md`); transforms are named `target_from_source`.
+
+pub mod blobs;
+pub mod budget;
+pub mod camera;
+pub mod control;
+pub mod events;
+pub mod frames;
+pub mod geometry;
+pub mod handles;
+pub mod health;
+pub mod ipc;
+pub mod limits;
+pub mod message;
+pub mod poses;
+pub mod predict;
+pub mod rig;
+pub mod scene;
+pub mod scene_file;
+pub mod shell;
+pub mod steps;
+pub mod time;

@@ -1,0 +1,389 @@
+//! Rig files (`vitreo-rig-1`): cameras, marked bodies, trocars. JSON, unknown keys refused.
+
+use crate::blobs::Colour;
+use crate::camera::Camera;
+use crate::limits::{MAX_CAMERAS, MAX_MARKERS};
+use crate::poses::BODY_NAMES;
+use nalgebra::{Matrix3, Vector2, Vector3};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The one format this build reads and writes.
+pub const FORMAT: &str = "vitreo-rig-1";
+
+/// Why a rig file was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// The file cannot be read.
+    #[error("rig file {path}: {source}")]
+    Read {
+        /// The file.
+        path: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// It is no rig file in JSON; the message has line and column.
+    #[error("rig file {path}: {source}")]
+    Parse {
+        /// The file.
+        path: String,
+        /// Why, with line and column.
+        source: serde_json::Error,
+    },
+    /// It is a rig file but a value makes no sense.
+    #[error("rig file {path}: {field}: expected {expected}, found {found}")]
+    Value {
+        /// The file.
+        path: String,
+        /// Where in the file.
+        field: String,
+        /// What would be right.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+}
+
+/// A rig file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rig {
+    /// [`FORMAT`].
+    pub format: String,
+    /// `mm`.
+    pub unit: String,
+    /// Fields per second of a camera.
+    pub field_hz: f64,
+    /// Width and height of the frame, px.
+    pub frame: [u32; 2],
+    /// `y_frame = 2*y_field + parity`.
+    pub field_rule: String,
+    /// Time of one line, ns.
+    pub line_ns: u64,
+    /// Exposure, ns.
+    pub exposure_ns: u64,
+    /// Cameras.
+    pub cameras: Vec<RigCamera>,
+    /// Bodies with markers: `inst0`, `inst1` and `eye`.
+    pub bodies: Vec<RigBody>,
+    /// Where the shafts pass the eye's wall.
+    pub trocars: Vec<Trocar>,
+    /// Opening through which the cameras look into the mechanical eye.
+    pub eye_opening: EyeOpening,
+    /// Where tips can be.
+    pub workspace: Workspace,
+}
+
+/// A camera; OpenCV conventions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct RigCamera {
+    pub id: u32,
+    pub width: u32,
+    pub height: u32,
+    pub fx: f64,
+    pub fy: f64,
+    pub cx: f64,
+    pub cy: f64,
+    /// [k1, k2, p1, p2, k3].
+    pub dist: [f64; 5],
+    /// Rotation camera-from-world, rows.
+    #[serde(rename = "R")]
+    pub rotation: [[f64; 3]; 3],
+    /// Translation camera-from-world, mm.
+    pub t: [f64; 3],
+}
+
+/// What a body is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs)]
+pub enum BodyType {
+    Instrument,
+    Eye,
+}
+
+/// How a marker looks to a camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MarkerKind {
+    /// A ball; its image is centred on its centre.
+    Sphere,
+    /// A painted band around the shaft; its visible surface is centred π/4·r before the axis.
+    Band,
+}
+
+/// A marker in the body's frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigMarker {
+    /// Number in the body.
+    pub id: u32,
+    /// Colour class.
+    pub colour: Colour,
+    /// How it looks.
+    pub kind: MarkerKind,
+    /// Position in the body frame, mm.
+    pub p: [f64; 3],
+    /// Radius, mm.
+    pub r: f64,
+}
+
+/// A body with markers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigBody {
+    /// `inst0`, `inst1` or `eye`.
+    pub name: String,
+    /// What it is.
+    #[serde(rename = "type")]
+    pub kind: BodyType,
+    /// Radius of the shaft, mm (instruments).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shaft_r: Option<f64>,
+    /// Length from tip to handle, mm (instruments).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length: Option<f64>,
+    /// Outer radius, mm (eye).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius: Option<f64>,
+    /// Markers.
+    pub markers: Vec<RigMarker>,
+}
+
+/// Where a shaft passes the eye's wall.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trocar {
+    /// Instrument.
+    pub body: String,
+    /// In the eye frame, mm.
+    pub p_eye: [f64; 3],
+    /// Play, mm (standard deviation).
+    pub sigma: f64,
+}
+
+/// The round opening at the bottom of the mechanical eye.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EyeOpening {
+    /// Height of its rim in the eye frame, mm.
+    pub z: f64,
+    /// mm.
+    pub radius: f64,
+}
+
+/// Where tips can be.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Workspace {
+    /// Largest distance of a tip from the eye's centre, mm.
+    pub tip_radius: f64,
+}
+
+/// The rig that runs when none is named.
+const SHIPPED: &str = include_str!("../../assets/rig.json");
+
+impl Rig {
+    /// The rig in `path`, or the shipped one.
+    pub fn load_or_shipped(path: Option<&Path>) -> Result<Self, RigError> {
+        path.map_or_else(|| Self::parse(SHIPPED, "assets/rig.json"), Self::load)
+    }
+
+    /// Reads and checks a rig file.
+    pub fn load(path: &Path) -> Result<Self, RigError> {
+        let name = path.display().to_string();
+        let text =
+            std::fs::read_to_string(path).map_err(|source| RigError::Read { path: name.clone(), source })?;
+        Self::parse(&text, &name)
+    }
+
+    /// Parses and checks the text of a rig file; `name` is for error messages.
+    pub fn parse(text: &str, name: &str) -> Result<Self, RigError> {
+        let rig: Rig =
+            serde_json::from_str(text).map_err(|source| RigError::Parse { path: name.into(), source })?;
+        rig.check(name)?;
+        Ok(rig)
+    }
+
+    /// As JSON.
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).expect("a rig has string keys only")
+    }
+
+    /// The body called `name`.
+    pub fn body(&self, name: &str) -> Option<&RigBody> {
+        self.bodies.iter().find(|b| b.name == name)
+    }
+
+    /// The trocar of the body called `name`.
+    pub fn trocar(&self, name: &str) -> Option<&Trocar> {
+        self.trocars.iter().find(|t| t.body == name)
+    }
+
+    /// The cameras, ready for computation, in the order of the file.
+    pub fn cameras(&self) -> Vec<Camera> {
+        self.cameras.iter().map(RigCamera::model).collect()
+    }
+
+    /// Time between two fields of a camera, ns.
+    pub fn field_period_ns(&self) -> u64 {
+        (1e9 / self.field_hz).round() as u64
+    }
+
+    /// From mid-exposure until the last line of a field has left the sensor, ns: half the
+    /// exposure, then one line after the other.
+    pub fn read_out_ns(&self) -> u64 {
+        self.exposure_ns / 2 + self.line_ns * u64::from(self.frame[1] / 2)
+    }
+
+    fn check(&self, path: &str) -> Result<(), RigError> {
+        let refuse = |field: String, expected: &str, found: String| {
+            Err(RigError::Value { path: path.into(), field, expected: expected.into(), found })
+        };
+        if self.format != FORMAT {
+            return refuse("format".into(), FORMAT, self.format.clone());
+        }
+        if self.unit != "mm" {
+            return refuse("unit".into(), "mm", self.unit.clone());
+        }
+        if !(1.0..=1000.0).contains(&self.field_hz) {
+            return refuse("field_hz".into(), "1 to 1000", self.field_hz.to_string());
+        }
+        if self.frame.iter().any(|&n| !(16..=8192).contains(&n)) {
+            return refuse("frame".into(), "16 to 8192 px", format!("{:?}", self.frame));
+        }
+        if self.line_ns == 0 || self.line_ns > 10_000_000 || self.exposure_ns > 1_000_000_000 {
+            let found = format!("{} and {}", self.line_ns, self.exposure_ns);
+            return refuse("line_ns and exposure_ns".into(), "1 to 1e7 and at most 1e9 ns", found);
+        }
+        if self.cameras.len() < 2 || self.cameras.len() > MAX_CAMERAS {
+            return refuse("cameras".into(), "2 to 8 cameras", self.cameras.len().to_string());
+        }
+        for (i, camera) in self.cameras.iter().enumerate() {
+            let twice = self.cameras[..i].iter().any(|c| c.id == camera.id);
+            if twice || camera.id as usize >= MAX_CAMERAS {
+                return refuse(format!("cameras[{i}].id"), "0 to 7, each once", camera.id.to_string());
+            }
+            if let Some((what, found)) = camera.defect() {
+                return refuse(format!("cameras[{i}]"), what, found);
+            }
+        }
+        for name in BODY_NAMES {
+            if self.bodies.iter().filter(|b| b.name == name).count() != 1 {
+                return refuse(
+                    "bodies".into(),
+                    "inst0, inst1 and eye, each once",
+                    format!("not so for {name}"),
+                );
+            }
+        }
+        if self.bodies.len() != BODY_NAMES.len() {
+            return refuse("bodies".into(), "inst0, inst1 and eye", format!("{} bodies", self.bodies.len()));
+        }
+        for body in &self.bodies {
+            if let Some((field, what, found)) = body.defect() {
+                return refuse(format!("bodies.{}.{field}", body.name), what, found);
+            }
+        }
+        for trocar in &self.trocars {
+            let ok = trocar.p_eye.iter().all(|c| c.is_finite()) && trocar.sigma > 0.0;
+            if !ok || !trocar.body.starts_with("inst") || self.body(&trocar.body).is_none() {
+                return refuse("trocars".into(), "inst0 or inst1, finite, sigma > 0", format!("{trocar:?}"));
+            }
+        }
+        let sizes = [self.eye_opening.radius, self.workspace.tip_radius];
+        if !sizes.iter().all(|r| r.is_finite() && *r > 0.0) || !self.eye_opening.z.is_finite() {
+            return refuse("eye_opening and workspace".into(), "radii > 0", format!("{sizes:?}"));
+        }
+        Ok(())
+    }
+}
+
+impl RigCamera {
+    /// Ready for computation.
+    pub fn model(&self) -> Camera {
+        Camera {
+            id: self.id,
+            size_px: [self.width, self.height],
+            focal_px: Vector2::new(self.fx, self.fy),
+            centre_px: Vector2::new(self.cx, self.cy),
+            distortion: self.dist,
+            camera_from_world: Matrix3::from_fn(|r, c| self.rotation[r][c]),
+            translation_mm: Vector3::from(self.t),
+        }
+    }
+
+    fn defect(&self) -> Option<(&'static str, String)> {
+        let m = self.model();
+        let lens = [self.fx, self.fy, self.cx, self.cy];
+        let mut numbers = lens.iter().chain(&self.dist).chain(&self.t);
+        if !numbers.all(|v| v.is_finite()) || self.fx <= 0.0 || self.fy <= 0.0 {
+            return Some(("finite numbers and positive focal lengths", format!("{self:?}")));
+        }
+        let off = (m.camera_from_world * m.camera_from_world.transpose() - Matrix3::identity()).norm();
+        if off.is_nan() || off > 1e-6 || m.camera_from_world.determinant() < 0.0 {
+            return Some(("R a rotation matrix", format!("R·Rᵀ off by {off:.2e}")));
+        }
+        None
+    }
+}
+
+impl RigBody {
+    fn defect(&self) -> Option<(&'static str, &'static str, String)> {
+        if self.markers.len() < 3 || self.markers.len() > MAX_MARKERS {
+            return Some(("markers", "3 to 16 markers", self.markers.len().to_string()));
+        }
+        for marker in &self.markers {
+            if !marker.p.iter().all(|c| c.is_finite() && c.abs() < 1e3)
+                || !(marker.r > 0.0 && marker.r < 100.0)
+            {
+                return Some(("markers", "finite positions, radius > 0", format!("{marker:?}")));
+            }
+        }
+        let is_eye = self.kind == BodyType::Eye;
+        if is_eye != (self.name == "eye") {
+            return Some(("type", "eye for the eye, instrument for the others", format!("{:?}", self.kind)));
+        }
+        let positive = |v: Option<f64>| v.is_some_and(|v| v > 0.0 && v < 1e3);
+        if is_eye && !positive(self.radius) {
+            return Some(("radius", "a positive radius", format!("{:?}", self.radius)));
+        }
+        if !is_eye && !(positive(self.shaft_r) && positive(self.length)) {
+            return Some(("shaft_r, length", "positive", format!("{:?} {:?}", self.shaft_r, self.length)));
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_rig_round_trips() {
+        let rig = Rig::parse(SHIPPED, "assets/rig.json").unwrap();
+        assert_eq!(rig, Rig::parse(&rig.to_json(), "again").unwrap());
+        assert_eq!(rig.field_period_ns(), 20_000_000);
+        assert_eq!(rig.read_out_ns(), 2_000_000 + 288 * 64_000);
+    }
+
+    #[test]
+    fn defects_are_named() {
+        let cases = [
+            ("\"unit\": \"mm\"", "\"unit\": \"inch\"", "unit"),
+            ("\"field_hz\": 50.0", "\"field_hz\": 0.0", "field_hz"),
+            ("\"field_hz\"", "\"field_herz\"", "field_herz"),
+            ("\"fx\": 1600.0", "\"fx\": -1.0", "cameras[0]"),
+            ("\"colour\": \"red\"", "\"colour\": \"pink\"", "pink"),
+            ("\"name\": \"inst1\"", "\"name\": \"inst0\"", "inst0"),
+        ];
+        for (from, to, named) in cases {
+            let broken = SHIPPED.replacen(from, to, 1);
+            assert_ne!(broken, SHIPPED, "{from} is not in the rig");
+            let error = Rig::parse(&broken, "r.json").unwrap_err().to_string();
+            assert!(error.contains("r.json") && error.contains(named), "{error}");
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! `scene`: what the renderer draws, written by simcore straight into shared memory.
+//!
+//! A block has the [`SceneHeader`] as its header and a payload of 16-byte units. The header's
+//! [`Section`]s say where each array lies. All positions are in the **eye** frame, mm, so that
+//! the renderer can turn the eye with the pose it latched.
+
+use crate::geometry::Pose;
+use crate::limits::INSTRUMENTS;
+use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
+use crate::time::Instants;
+use bytemuck::{Pod, Zeroable};
+
+/// Where an array lies in the payload.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Section {
+    /// Bytes from the start of the payload; a multiple of 16.
+    pub offset: u32,
+    /// Elements.
+    pub count: u32,
+}
+
+/// The node is free, or pinned to the eye.
+pub const NODE_FREE: u32 = 0;
+/// The node belongs to no triangle any more.
+pub const NODE_DEAD: u32 = 1;
+/// The node is bound to instrument `flag - NODE_BOUND`; `position` is then in that
+/// **instrument's** frame, so that it moves with the pose the renderer latched.
+pub const NODE_BOUND: u32 = 16;
+
+/// A node of a tissue mesh.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SceneNode {
+    /// Eye frame, or an instrument's (see [`NODE_BOUND`]), mm.
+    pub position_mm: [f32; 3],
+    /// `NODE_…`.
+    pub flag: u32,
+}
+
+/// A triangle of a tissue mesh.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct SceneTriangle {
+    /// Nodes, counter-clockwise seen from the inside of the eye.
+    pub nodes: [u32; 3],
+    /// Tissue: 0 epiretinal membrane.
+    pub tissue: u32,
+}
+
+/// A mark on the retina or the tissue.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SceneMark {
+    /// Eye frame, mm.
+    pub position_mm: [f32; 3],
+    /// mm.
+    pub radius_mm: f32,
+    /// Linear RGB and opacity.
+    pub rgba: [f32; 4],
+}
+
+/// A rigid body of an abstract task.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SceneBody {
+    /// Eye frame, mm.
+    pub position_mm: [f32; 3],
+    /// 0 sphere, 1 box, 2 capsule.
+    pub shape: u32,
+    /// Rotation (x, y, z, w).
+    pub rotation_xyzw: [f32; 4],
+    /// Half extents, mm.
+    pub half_extents_mm: [f32; 3],
+    /// 0.
+    pub reserved: u32,
+    /// Linear RGB and opacity.
+    pub rgba: [f32; 4],
+}
+
+/// A brick of 8³ densities (0 to 255) of the vitreous.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SceneBrick {
+    /// Corner with the smallest coordinates, eye frame, mm.
+    pub corner_mm: [f32; 3],
+    /// Edge, mm.
+    pub edge_mm: f32,
+    /// x fastest, z slowest.
+    pub density: [u8; 512],
+}
+
+/// An instrument as the simulation saw it at `instants.exposed`.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SceneInstrument {
+    /// `world_from_instrument` at the exposure.
+    pub world_from_instrument: Pose,
+    /// Jaw opening, rad.
+    pub jaw_rad: f64,
+    /// [`crate::handles::Tool`] on the wire.
+    pub tool: u32,
+    /// 1 if it may touch tissue (it is tracked).
+    pub touches: u32,
+}
+
+/// The surgical microscope. World frame; it looks along −z.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct Microscope {
+    /// Point looked at, mm.
+    pub target_in_world_mm: [f64; 3],
+    /// Distance from the target to the objective, mm.
+    pub working_distance_mm: f64,
+    /// Distance between the two channels at the objective, mm.
+    pub stereo_base_mm: f64,
+    /// Diameter of the round field of view at the target, mm.
+    pub field_mm: f64,
+    /// Height of the plane of focus over the target, mm.
+    pub focus_mm: f64,
+}
+
+/// Header of a scene block.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SceneHeader {
+    /// Step that made it.
+    pub step: u64,
+    /// Field of that step.
+    pub field: u64,
+    /// Instants so far.
+    pub instants: Instants,
+    /// Hash of the state.
+    pub state_hash: u64,
+    /// Changes when the triangles changed; positions change every step.
+    pub topology: u64,
+    /// `world_from_eye` at the exposure.
+    pub world_from_eye: Pose,
+    /// The two instruments.
+    pub instruments: [SceneInstrument; INSTRUMENTS],
+    /// The microscope.
+    pub microscope: Microscope,
+    /// [`SceneNode`].
+    pub nodes: Section,
+    /// [`SceneTriangle`].
+    pub triangles: Section,
+    /// [`SceneMark`].
+    pub marks: Section,
+    /// [`SceneBody`].
+    pub bodies: Section,
+    /// [`SceneBrick`].
+    pub bricks: Section,
+    /// Bytes of UTF-8 shown on the picture.
+    pub text: Section,
+}
+
+impl Message for SceneHeader {
+    const CHANNEL: &'static str = "scene";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 1;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(SceneHeader {
+        step,
+        field,
+        instants,
+        state_hash,
+        topology,
+        world_from_eye,
+        instruments,
+        microscope,
+        nodes,
+        triangles,
+        marks,
+        bodies,
+        bricks,
+        text
+    });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let check = |holds, field, expected| require(holds, "SceneHeader", field, expected, f64::NAN);
+        check(self.world_from_eye.is_valid(), "world_from_eye", "a rigid pose")?;
+        for instrument in &self.instruments {
+            let ok = instrument.world_from_instrument.is_valid() && instrument.jaw_rad.is_finite();
+            check(ok, "instruments", "rigid poses")?;
+        }
+        let m = &self.microscope;
+        let figures = [m.working_distance_mm, m.stereo_base_mm, m.field_mm, m.focus_mm];
+        check(all_finite(&figures) && all_finite(&m.target_in_world_mm), "microscope", "finite numbers")
+    }
+}
+
+/// An element type of a section.
+pub trait Element: Pod {}
+impl Element for SceneNode {}
+impl Element for SceneTriangle {}
+impl Element for SceneMark {}
+impl Element for SceneBody {}
+impl Element for SceneBrick {}
+impl Element for u8 {}
+
+/// The elements of `section` in `payload`, or an error where it does not lie inside.
+pub fn section<T: Element>(payload: &[u8], section: Section) -> Result<&[T], Invalid> {
+    let start = section.offset as usize;
+    let bytes = (section.count as usize).checked_mul(size_of::<T>());
+    let end = bytes.and_then(|b| start.checked_add(b));
+    end.and_then(|end| payload.get(start..end)).and_then(|bytes| bytemuck::try_cast_slice(bytes).ok()).ok_or(
+        Invalid {
+            message: "SceneHeader",
+            field: "section",
+            expected: "offset and count inside the payload",
+            found: f64::from(section.count),
+        },
+    )
+}
+
+/// Writes sections one after the other into a payload of a fixed capacity.
+pub struct SectionWriter<'a> {
+    payload: &'a mut [u8],
+    used: usize,
+}
+
+impl<'a> SectionWriter<'a> {
+    /// Begins at the start of `payload`.
+    pub fn new(payload: &'a mut [u8]) -> Self {
+        Self { payload, used: 0 }
+    }
+
+    /// Copies `elements` in; `None` (and nothing written) where they do not fit.
+    pub fn write<T: Element>(&mut self, elements: &[T]) -> Option<Section> {
+        let bytes: &[u8] = bytemuck::cast_slice(elements);
+        let end = self.used.checked_add(bytes.len())?;
+        self.payload.get_mut(self.used..end)?.copy_from_slice(bytes);
+        let section = Section { offset: self.used as u32, count: elements.len() as u32 };
+        self.used = end.next_multiple_of(16);
+        Some(section)
+    }
+
+    /// Bytes in use, a multiple of 16.
+    pub fn used(&self) -> usize {
+        self.used.min(self.payload.len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sections_come_back() {
+        let mut payload = vec![0u128; 16];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+        let mut writer = SectionWriter::new(bytes);
+        let text = writer.write(b"hello".as_slice()).unwrap();
+        let marks = [SceneMark { position_mm: [1.0, 2.0, 3.0], radius_mm: 0.5, rgba: [1.0; 4] }];
+        let at = writer.write(&marks).unwrap();
+        assert!(writer.write(&[SceneBrick::zeroed()]).is_none(), "a brick of 528 bytes cannot fit");
+        let bytes: &[u8] = bytemuck::cast_slice(&payload);
+        assert_eq!(section::<u8>(bytes, text).unwrap(), b"hello");
+        assert_eq!(section::<SceneMark>(bytes, at).unwrap(), &marks);
+        assert!(section::<SceneMark>(bytes, Section { offset: at.offset, count: 99 }).is_err());
+        assert!(section::<u8>(bytes, Section { offset: u32::MAX, count: u32::MAX }).is_err());
+    }
+}

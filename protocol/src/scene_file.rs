@@ -1,0 +1,374 @@
+//! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
+//! edits; unknown keys are refused. Shipped scenes are built in and found by name.
+
+use crate::handles::Tool;
+use crate::limits::INSTRUMENTS;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The one format this build reads.
+pub const FORMAT: &str = "vitreo-scene-1";
+
+/// The scene that runs when none is named.
+pub const DEFAULT_SCENE: &str = "peel";
+
+/// Shipped scenes: name and text.
+pub const SHIPPED: [(&str, &str); 1] = [("peel", include_str!("../../assets/scenes/peel.toml"))];
+
+/// Why a scene was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// Neither a file nor a shipped scene.
+    #[error("scene {name}: no such file, and no shipped scene of that name (shipped: {shipped})")]
+    Missing {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        shipped: String,
+    },
+    /// The file cannot be read.
+    #[error("scene file {name}: {source}")]
+    Read {
+        /// The file.
+        name: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not a scene in TOML; the message has the line.
+    #[error("scene file {name}: {source}")]
+    Parse {
+        /// The file.
+        name: String,
+        /// Why, with the line.
+        source: Box<toml::de::Error>,
+    },
+    /// A value makes no sense.
+    #[error("scene file {name}: {field}: expected {expected}, found {found}")]
+    Value {
+        /// The file.
+        name: String,
+        /// The key.
+        field: String,
+        /// What would be right.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+}
+
+/// A scene.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// [`FORMAT`].
+    pub format: String,
+    /// One line for people.
+    pub title: String,
+    /// The eye.
+    pub eye: EyeScene,
+    /// The epiretinal membrane.
+    pub membrane: MembraneScene,
+    /// How instruments act on tissue and retina.
+    pub contact: ContactScene,
+    /// The microscope at the start.
+    pub microscope: MicroscopeScene,
+    /// The two instruments, in the order of the rig.
+    pub instruments: Vec<InstrumentScene>,
+    /// What the scripted surgeon does.
+    pub script: ScriptScene,
+}
+
+/// Left or right eye: decides where the optic disc lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs)]
+pub enum Side {
+    Left,
+    Right,
+}
+
+/// The eye.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EyeScene {
+    /// Which eye.
+    pub side: Side,
+    /// Inner radius of the retina, mm.
+    pub retina_radius_mm: f64,
+}
+
+/// A rectangular sheet before the retina, its rim attached to the retina.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MembraneScene {
+    /// Direction from the eye's centre to the middle of the sheet, eye frame (any length).
+    pub towards_in_eye: [f64; 3],
+    /// Width and height of the sheet, mm.
+    pub size_mm: [f64; 2],
+    /// Squares along width and height; each square is two triangles.
+    pub squares: [u32; 2],
+    /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
+    pub lift_mm: f64,
+    /// Spring stiffness, µN/mm.
+    pub stiffness_un_per_mm: f64,
+    /// Stiffness of the bending springs, µN/mm; 0 for none.
+    pub bending_un_per_mm: f64,
+    /// Damping along a spring, µN·s/mm.
+    pub spring_damping_un_s_per_mm: f64,
+    /// Damping of a node by the fluid, 1/s.
+    pub fluid_damping_per_s: f64,
+    /// Mass of a node, g. Scaled up from the true mass so that a step of 1 ms is stable.
+    pub node_mass_g: f64,
+    /// Limit of a node's acceleration, mm/s².
+    pub a_max_mm_s2: f64,
+    /// Limit of a node's velocity, mm/s; 0 gives the quasi-static system of the paper.
+    pub v_max_mm_s: f64,
+    /// Share by which `a_max` must be exceeded for the hardest pulling spring to tear.
+    pub p_tear: f64,
+    /// Spring tension per length of edge at which it tears, N/m; 0 switches this rule off.
+    pub tear_tension_n_per_m: f64,
+    /// Force on a rim node that warns, µN.
+    pub rim_warn_un: f64,
+    /// Force on a rim node that tears it off the retina, µN.
+    pub rim_tear_un: f64,
+}
+
+/// How instruments act.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactScene {
+    /// Clearance of a tip from the retina that counts as grazing, mm.
+    pub graze_mm: f64,
+    /// Clearance that counts as touching, mm.
+    pub touch_mm: f64,
+    /// Half width and depth of the collision volume at a tip, mm.
+    pub volume_mm: [f64; 2],
+    /// Resolution of the collision images.
+    pub resolution: u32,
+    /// Jaw opening under which closing jaws grab, rad.
+    pub grab_below_rad: f64,
+    /// Jaw opening over which opening jaws let go, rad.
+    pub release_above_rad: f64,
+    /// Distance from the tip within which nodes are grabbed, mm.
+    pub grab_reach_mm: f64,
+    /// Force at which the grip slips, µN.
+    pub grip_un: f64,
+}
+
+/// The microscope at the start.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MicroscopeScene {
+    /// Point looked at, world frame, mm.
+    pub target_in_world_mm: [f64; 3],
+    /// mm.
+    pub working_distance_mm: f64,
+    /// mm.
+    pub stereo_base_mm: f64,
+    /// Diameter of the field of view, mm.
+    pub field_mm: f64,
+}
+
+/// An instrument.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InstrumentScene {
+    /// What it is.
+    pub tool: Tool,
+    /// Outer radius of the shaft, mm.
+    pub shaft_radius_mm: f64,
+}
+
+/// What the scripted surgeon does, over and over.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptScene {
+    /// Length of a round, s; key frames lie inside it and the last joins the first.
+    pub period_s: f64,
+    /// Tremor of the tips held still, µm RMS (all axes together).
+    pub tremor_um: f64,
+    /// Centre of the tremor's band, Hz.
+    pub tremor_hz: f64,
+    /// Rotation of the eye by the shafts: amplitude about x and y, rad.
+    pub eye_turn_rad: [f64; 2],
+    /// Key frames of instrument 0 and 1.
+    pub keys: Vec<ScriptKey>,
+}
+
+/// Where an instrument is at an instant of the round.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptKey {
+    /// Instant in the round, s.
+    pub at_s: f64,
+    /// 0 or 1.
+    pub instrument: u32,
+    /// Tip in the eye frame, mm.
+    pub tip_in_eye_mm: [f64; 3],
+    /// Turn of the handle about the shaft, rad.
+    #[serde(default)]
+    pub roll_rad: f64,
+    /// Jaw opening, rad.
+    #[serde(default)]
+    pub jaw_rad: f64,
+}
+
+impl SceneFile {
+    /// Loads a scene by file name, or a shipped one by its name.
+    pub fn load(name: &str) -> Result<Self, SceneError> {
+        let path = Path::new(name);
+        if path.is_file() {
+            let text = std::fs::read_to_string(path)
+                .map_err(|source| SceneError::Read { name: name.into(), source })?;
+            return Self::parse(&text, name);
+        }
+        let shipped = SHIPPED.iter().find(|(n, _)| *n == name);
+        let (_, text) = shipped.ok_or_else(|| SceneError::Missing {
+            name: name.into(),
+            shipped: SHIPPED.map(|(n, _)| n).join(", "),
+        })?;
+        Self::parse(text, name)
+    }
+
+    /// Parses and checks the text of a scene; `name` is for error messages.
+    pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
+        let scene: SceneFile = toml::from_str(text)
+            .map_err(|source| SceneError::Parse { name: name.into(), source: Box::new(source) })?;
+        scene.check(name)?;
+        Ok(scene)
+    }
+
+    /// As TOML, for recordings.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a scene is plain tables")
+    }
+
+    fn check(&self, name: &str) -> Result<(), SceneError> {
+        let refuse = |field: &str, expected: &str, found: String| {
+            Err(SceneError::Value {
+                name: name.into(),
+                field: field.into(),
+                expected: expected.into(),
+                found,
+            })
+        };
+        if self.format != FORMAT {
+            return refuse("format", FORMAT, self.format.clone());
+        }
+        if self.instruments.len() != INSTRUMENTS {
+            return refuse("instruments", "two of them", self.instruments.len().to_string());
+        }
+        for (field, value, low, high) in self.ranges() {
+            if !(low..=high).contains(&value) {
+                return refuse(field, &format!("{low} to {high}"), value.to_string());
+            }
+        }
+        let m = &self.membrane;
+        if m.squares.iter().any(|&n| !(2..=800).contains(&n)) {
+            return refuse("membrane.squares", "2 to 800", format!("{:?}", m.squares));
+        }
+        let towards: f64 = m.towards_in_eye.iter().map(|c| c * c).sum();
+        if !(towards.is_finite() && towards > 1e-12) {
+            return refuse("membrane.towards_in_eye", "a direction", format!("{:?}", m.towards_in_eye));
+        }
+        if !(8..=256).contains(&self.contact.resolution) {
+            return refuse("contact.resolution", "8 to 256", self.contact.resolution.to_string());
+        }
+        if self.contact.grab_below_rad > self.contact.release_above_rad {
+            let found = format!("{} > {}", self.contact.grab_below_rad, self.contact.release_above_rad);
+            return refuse("contact.grab_below_rad", "not above release_above_rad", found);
+        }
+        for (i, key) in self.script.keys.iter().enumerate() {
+            let inside = (0.0..self.script.period_s).contains(&key.at_s);
+            let numbers = key.tip_in_eye_mm.iter().all(|c| c.abs() <= 30.0) && key.roll_rad.abs() < 100.0;
+            if !inside
+                || !numbers
+                || key.instrument as usize >= INSTRUMENTS
+                || !(0.0..=3.2).contains(&key.jaw_rad)
+            {
+                return refuse(
+                    &format!("script.keys[{i}]"),
+                    "instant inside the period, instrument 0 or 1, tip within 30 mm, jaw 0 to 3.2",
+                    format!("{key:?}"),
+                );
+            }
+        }
+        for instrument in 0..INSTRUMENTS as u32 {
+            if !self.script.keys.iter().any(|k| k.instrument == instrument) {
+                return refuse("script.keys", "a key for each instrument", format!("none for {instrument}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Every plain number with its allowed range, both ends included.
+    fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
+        let (m, c, s, v) = (&self.membrane, &self.contact, &self.script, &self.microscope);
+        vec![
+            ("eye.retina_radius_mm", self.eye.retina_radius_mm, 5.0, 20.0),
+            ("membrane.size_mm[0]", m.size_mm[0], 0.1, 20.0),
+            ("membrane.size_mm[1]", m.size_mm[1], 0.1, 20.0),
+            ("membrane.lift_mm", m.lift_mm, 0.0, 5.0),
+            ("membrane.stiffness_un_per_mm", m.stiffness_un_per_mm, 0.0, 1e7),
+            ("membrane.bending_un_per_mm", m.bending_un_per_mm, 0.0, 1e7),
+            ("membrane.spring_damping_un_s_per_mm", m.spring_damping_un_s_per_mm, 0.0, 1e6),
+            ("membrane.fluid_damping_per_s", m.fluid_damping_per_s, 0.0, 1e5),
+            ("membrane.node_mass_g", m.node_mass_g, 1e-9, 1e3),
+            ("membrane.a_max_mm_s2", m.a_max_mm_s2, 0.0, 1e12),
+            ("membrane.v_max_mm_s", m.v_max_mm_s, 0.0, 1e6),
+            ("membrane.p_tear", m.p_tear, 0.0, 1e9),
+            ("membrane.tear_tension_n_per_m", m.tear_tension_n_per_m, 0.0, 1e6),
+            ("membrane.rim_warn_un", m.rim_warn_un, 0.0, 1e9),
+            ("membrane.rim_tear_un", m.rim_tear_un, 0.0, 1e9),
+            ("contact.graze_mm", c.graze_mm, 0.0, 5.0),
+            ("contact.touch_mm", c.touch_mm, 0.0, c.graze_mm),
+            ("contact.volume_mm[0]", c.volume_mm[0], 0.1, 5.0),
+            ("contact.volume_mm[1]", c.volume_mm[1], 0.1, 10.0),
+            ("contact.grab_below_rad", c.grab_below_rad, 0.0, 3.2),
+            ("contact.release_above_rad", c.release_above_rad, 0.0, 3.2),
+            ("contact.grab_reach_mm", c.grab_reach_mm, 0.0, 5.0),
+            ("contact.grip_un", c.grip_un, 0.0, 1e9),
+            ("microscope.working_distance_mm", v.working_distance_mm, 50.0, 1000.0),
+            ("microscope.stereo_base_mm", v.stereo_base_mm, 0.0, 100.0),
+            ("microscope.field_mm", v.field_mm, 1.0, 60.0),
+            ("script.period_s", s.period_s, 0.1, 3600.0),
+            ("script.tremor_um", s.tremor_um, 0.0, 5000.0),
+            ("script.tremor_hz", s.tremor_hz, 0.1, 24.0),
+            ("script.eye_turn_rad[0]", s.eye_turn_rad[0], -0.5, 0.5),
+            ("script.eye_turn_rad[1]", s.eye_turn_rad[1], -0.5, 0.5),
+            ("microscope.target_in_world_mm[0]", v.target_in_world_mm[0], -50.0, 50.0),
+            ("microscope.target_in_world_mm[1]", v.target_in_world_mm[1], -50.0, 50.0),
+            ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_scenes_are_valid_and_round_trip() {
+        for (name, _) in SHIPPED {
+            let scene = SceneFile::load(name).unwrap();
+            assert_eq!(scene, SceneFile::parse(&scene.to_toml(), "again").unwrap());
+        }
+    }
+
+    #[test]
+    fn demo_membrane_has_the_size_of_the_paper() {
+        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        let [w, h] = scene.membrane.squares;
+        assert_eq!(2 * w * h, 1000, "triangles");
+    }
+
+    #[test]
+    fn defects_are_named() {
+        let text = SHIPPED[0].1;
+        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel"));
+        let unknown = format!("{text}\n[membrain]\nx = 1\n");
+        assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
+        let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);
+        assert!(SceneFile::parse(&broken, "s.toml").unwrap_err().to_string().contains("membrane.p_tear"));
+    }
+}

@@ -1,0 +1,100 @@
+//! `steps` and `checkpoints`: what a simulation step consumed and became.
+
+use crate::message::{FieldLayout, Invalid, Message, require};
+use crate::time::Instants;
+use bytemuck::{Pod, Zeroable};
+
+/// Time spent in the phases of a step, ns (the paper's Table 4). Never part of the result.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct StepTimes {
+    /// Collision detection.
+    pub collision_ns: u64,
+    /// Tissue.
+    pub tissue_ns: u64,
+    /// Writing the scene block.
+    pub transfer_ns: u64,
+    /// The rest of the step.
+    pub misc_ns: u64,
+}
+
+/// One step: its inputs, its figures and the hash of the state it led to.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct StepRecord {
+    /// Counts up by one since the scene was loaded.
+    pub step: u64,
+    /// Field of the tracker frame consumed.
+    pub field: u64,
+    /// [`crate::poses::TrackerFrame::frame`] of the tracker frame consumed.
+    pub frame: u64,
+    /// Instants of the tracker frame, and `stepped`.
+    pub instants: Instants,
+    /// Handle states consumed so far have `seq` below this.
+    pub handles_below: u64,
+    /// Pedal states consumed so far have `seq` below this.
+    pub pedals_below: u64,
+    /// Time by which the state advanced, ns.
+    pub advanced_ns: u64,
+    /// Hash of the state after the step.
+    pub state_hash: u64,
+    /// Time spent, by phase.
+    pub times: StepTimes,
+    /// Inputs refused by validation since the start.
+    pub inputs_refused: u64,
+    /// Tracker frames lost in the queue since the start.
+    pub frames_lost: u64,
+}
+
+impl Message for StepRecord {
+    const CHANNEL: &'static str = "steps";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 512;
+    const FIELDS: &'static [FieldLayout] = crate::fields!(StepRecord {
+        step,
+        field,
+        frame,
+        instants,
+        handles_below,
+        pedals_below,
+        advanced_ns,
+        state_hash,
+        times,
+        inputs_refused,
+        frames_lost
+    });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        require(self.instants.exposed > 0, "StepRecord", "instants.exposed", "an instant", 0.0)
+    }
+}
+
+/// Header of a checkpoint; the payload is the simulation's encoded state.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+pub struct CheckpointHeader {
+    /// Step after which the state was taken.
+    pub step: u64,
+    /// Field of that step.
+    pub field: u64,
+    /// Handle states consumed have `seq` below this.
+    pub handles_below: u64,
+    /// Pedal states consumed have `seq` below this.
+    pub pedals_below: u64,
+    /// Hash of the state.
+    pub state_hash: u64,
+    /// Bytes of the payload in use.
+    pub bytes: u64,
+}
+
+impl Message for CheckpointHeader {
+    const CHANNEL: &'static str = "checkpoints";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 1;
+    const FIELDS: &'static [FieldLayout] =
+        crate::fields!(CheckpointHeader { step, field, handles_below, pedals_below, state_hash, bytes });
+
+    fn validate(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
