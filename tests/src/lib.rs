@@ -1,1 +1,190 @@
-//! stub
+//! Harness of the cross-process checks: own instance names, a watchdog on every child, clean-up.
+
+use protocol::health::{Health, Process};
+use protocol::ipc::{Instance, Queue, Receiver, wait};
+use protocol::message::Message;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc;
+use std::time::Duration;
+
+/// No check takes longer than this on the slowest machine; a child that does is killed.
+pub const WATCHDOG: Duration = Duration::from_secs(180);
+
+/// The root of the repository.
+pub fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests lies in the workspace").to_owned()
+}
+
+/// The folder of the binaries built in this profile.
+///
+/// # Panics
+/// Where they are not built.
+pub fn binaries() -> PathBuf {
+    let exe = std::env::current_exe().expect("own path");
+    let folder = exe.parent().and_then(Path::parent).expect("target/<profile>/deps").to_owned();
+    assert!(folder.join("vitreo").is_file(), "no binaries in {}: run `cargo build --workspace`", folder.display());
+    folder
+}
+
+/// An instance name that no other check uses.
+pub fn instance_name() -> String {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let n = NEXT.fetch_add(1, Ordering::Relaxed);
+    format!("x{}-{n}", std::process::id() % 10_000_000)
+}
+
+/// Kills a process when it outlives [`WATCHDOG`]; ends when dropped.
+struct Watchdog {
+    done: Option<mpsc::Sender<()>>,
+    thread: Option<std::thread::JoinHandle<bool>>,
+}
+
+impl Watchdog {
+    fn on(pid: u32) -> Self {
+        let (done, waiting) = mpsc::channel::<()>();
+        let thread = std::thread::spawn(move || {
+            let late = waiting.recv_timeout(WATCHDOG) == Err(mpsc::RecvTimeoutError::Timeout);
+            if late {
+                kill(pid);
+            }
+            late
+        });
+        Self { done: Some(done), thread: Some(thread) }
+    }
+
+    /// True if the process had to be killed.
+    fn barked(mut self) -> bool {
+        drop(self.done.take());
+        self.thread.take().is_some_and(|t| t.join().unwrap_or(true))
+    }
+}
+
+/// Kills a process at once, as a crash would.
+pub fn kill(pid: u32) {
+    if let Some(pid) = rustix::process::Pid::from_raw(pid as i32) {
+        let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL);
+    }
+}
+
+/// What a finished command left.
+#[derive(Debug)]
+pub struct Finished {
+    /// Exit code; `None` after a signal.
+    pub code: Option<i32>,
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+}
+
+impl Finished {
+    /// Asserts the exit code, showing the messages where it differs.
+    ///
+    /// # Panics
+    /// If it differs.
+    #[track_caller]
+    pub fn expect_code(self, code: i32) -> Self {
+        assert_eq!(self.code, Some(code), "stdout:\n{}\nstderr:\n{}", self.stdout, self.stderr);
+        self
+    }
+}
+
+/// Runs `vitreo` to its end.
+pub fn vitreo(args: &[&str]) -> Finished {
+    Running::start(args).finish()
+}
+
+/// A `vitreo` that is running.
+pub struct Running {
+    child: Child,
+    watchdog: Watchdog,
+}
+
+impl Running {
+    /// Starts `vitreo` with `args`.
+    pub fn start(args: &[&str]) -> Self {
+        let child = Command::new(binaries().join("vitreo"))
+            .args(args)
+            .current_dir(repository())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("vitreo starts");
+        let watchdog = Watchdog::on(child.id());
+        Self { child, watchdog }
+    }
+
+    /// Process id of the launcher.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Waits for its end.
+    ///
+    /// # Panics
+    /// If the watchdog had to end it.
+    pub fn finish(self) -> Finished {
+        let Output { status, stdout, stderr } = self.child.wait_with_output().expect("vitreo is waited for");
+        let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
+        let finished = Finished { code: status.code(), stdout: text(stdout), stderr: text(stderr) };
+        assert!(!self.watchdog.barked(), "hung and was killed: {finished:#?}");
+        finished
+    }
+}
+
+/// A listener inside a running simulator.
+pub struct Observer {
+    instance: Instance,
+    health: Receiver<Health>,
+}
+
+impl Observer {
+    /// Joins `name`.
+    pub fn join(name: &str) -> Self {
+        let instance = Instance::join(name).expect("instance");
+        let health = instance.receiver(Queue::InOrder).expect("health");
+        Self { instance, health }
+    }
+
+    /// Opens a channel.
+    pub fn receiver<M: Message + std::fmt::Debug>(&self) -> Receiver<M> {
+        self.instance.receiver(Queue::InOrder).expect("channel")
+    }
+
+    /// Waits for a heartbeat of `process` that satisfies `wanted`.
+    ///
+    /// # Panics
+    /// If none comes in time.
+    pub fn health(&mut self, process: Process, wanted: impl Fn(&Health) -> bool) -> Health {
+        next(&mut self.health, |h| h.process == process as u32 && wanted(h))
+    }
+}
+
+/// Waits for a block that satisfies `wanted`.
+///
+/// # Panics
+/// If none comes before the watchdog's time.
+pub fn next<M: Message + std::fmt::Debug>(receiver: &mut Receiver<M>, wanted: impl Fn(&M) -> bool) -> M {
+    let deadline = protocol::time::now() + WATCHDOG.as_nanos() as u64;
+    while protocol::time::now() < deadline {
+        while let Some(message) = receiver.next_valid().expect("channel works") {
+            if wanted(&message) {
+                return message;
+            }
+        }
+        wait(&[&*receiver], 5_000_000);
+    }
+    panic!("nothing came on channel {} in time", M::CHANNEL);
+}
+
+/// Reads a JSON file.
+///
+/// # Panics
+/// If it is none.
+pub fn json(path: &Path) -> serde_json::Value {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    serde_json::from_str(&text).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+}

@@ -1,0 +1,78 @@
+//! Processes die; the run goes on and says so, and recordings stay whole.
+
+use protocol::health::{Process, STATE_RUNNING};
+use protocol::steps::StepRecord;
+use vitreo_tests::{Observer, Running, instance_name, json, kill, next, vitreo};
+
+/// Runs for some seconds, kills `victim` in the middle, returns the report and the recording.
+fn run_and_kill(victim: Process) -> (serde_json::Value, tempfile::TempDir) {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (file, report, name) = (path("a.mcap"), path("report.json"), instance_name());
+    let running = Running::start(&[
+        "run", "--no-picture", "--direct", "--duration", "7", "--instance", &name, "--record", &file,
+        "--report", &report,
+    ]);
+    let mut observer = Observer::join(&name);
+    let mut steps = observer.receiver::<StepRecord>();
+    let health = observer.health(victim, |h| h.state == STATE_RUNNING);
+    let before = next(&mut steps, |s| s.step >= 60);
+    kill(health.pid);
+    let reborn = observer.health(victim, |h| h.pid != health.pid && h.state == STATE_RUNNING);
+    assert_ne!(reborn.pid, health.pid);
+    next(&mut steps, |s| s.instants.exposed > before.instants.exposed + 1_000_000_000);
+    drop((steps, observer));
+    running.finish().expect_code(0);
+    (json(&folder.path().join("report.json")), folder)
+}
+
+fn replays_to_the_bit(folder: &tempfile::TempDir) {
+    let file = folder.path().join("a.mcap").display().to_string();
+    let name = instance_name();
+    let done = vitreo(&["replay", &file, "--lockstep", "--verify", "--instance", &name]);
+    assert!(matches!(done.code, Some(0 | 3)), "verification differs: {done:?}");
+}
+
+#[test]
+fn a_dead_tracker_is_restarted_and_the_recording_replays() {
+    let (report, folder) = run_and_kill(Process::Tracker);
+    assert_eq!(report["restarts"]["tracker"], 1, "{}", report["restarts"]);
+    replays_to_the_bit(&folder);
+}
+
+#[test]
+fn a_dead_simcore_resumes_where_it_was() {
+    let (report, folder) = run_and_kill(Process::Simcore);
+    assert_eq!(report["restarts"]["simcore"], 1, "{}", report["restarts"]);
+    replays_to_the_bit(&folder);
+}
+
+#[test]
+fn a_killed_recorder_loses_little_and_recover_mends_it() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (file, mended, name) = (path("a.mcap"), path("b.mcap"), instance_name());
+    let running = Running::start(&[
+        "run", "--no-picture", "--direct", "--duration", "60", "--instance", &name, "--record", &file,
+    ]);
+    let observer = Observer::join(&name);
+    let mut steps = observer.receiver::<StepRecord>();
+    let last = next(&mut steps, |s| s.step >= 150);
+    kill(running.pid());
+    running.finish();
+    drop((steps, observer));
+    let items = protocol::recording::Recording::open(std::path::Path::new(&file)).expect("readable");
+    let newest = items.items().map_while(Result::ok).filter_map(|(_, item)| match item {
+        protocol::recording::Item::Step(step) => Some(step.instants.exposed),
+        _ => None,
+    });
+    let newest = newest.last().expect("steps in the file");
+    let lost_ns = last.instants.exposed.saturating_sub(newest);
+    assert!(lost_ns <= 200_000_000, "{} ms lost", lost_ns / 1_000_000);
+    let recovered = vitreo(&["recover", &file, "-o", &mended]);
+    assert!(matches!(recovered.code, Some(0 | 3)), "{recovered:?}");
+    vitreo(&["info", &mended]).expect_code(0);
+    let replay = instance_name();
+    let verified = vitreo(&["replay", &mended, "--lockstep", "--verify", "--instance", &replay]);
+    assert!(matches!(verified.code, Some(0 | 3)), "{verified:?}");
+}
