@@ -21,6 +21,7 @@
 //! nanoseconds of `CLOCK_MONOTONIC`. Frames are `world`, `eye`, `instrument`, `camera`
 //! (see `docs/conventions.md`); transforms are named `target_from_source`.
 
+pub mod blob_stream;
 pub mod blobs;
 pub mod budget;
 pub mod camera;
