@@ -14,6 +14,10 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 /// Longest extrapolation that is still a prediction, s. Beyond it the motion is held.
 pub const MAX_HORIZON_S: f64 = 0.25;
 
+/// Bound of the exponents. Going back in time undoes a decay; a short time constant would
+/// otherwise turn a look back of 0.25 s into an overflow.
+const MAX_EXPONENT: f64 = 3.0;
+
 /// A body at an instant that was asked for.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Predicted {
@@ -56,7 +60,7 @@ pub fn predict_body(state: &BodyState, ahead_s: f64) -> Predicted {
 
 /// ∫₀^dt e^(−s/τ) ds; `tau` 0 means no decay.
 fn decaying_integral(dt: f64, tau: f64) -> f64 {
-    if tau > 0.0 { tau * (1.0 - libm::exp(-dt / tau)) } else { dt }
+    if tau > 0.0 { tau * (1.0 - libm::exp((-dt / tau).min(MAX_EXPONENT))) } else { dt }
 }
 
 /// Displacement of a free damped oscillator after `dt`, less its displacement now.
@@ -66,7 +70,7 @@ fn oscillator_shift(o: &Oscillator, dt: f64) -> Vector3<f64> {
     }
     let zeta = o.damping.clamp(0.0, 0.999);
     let damped = o.omega_rad_s * libm::sqrt(1.0 - zeta * zeta);
-    let decay = libm::exp(-zeta * o.omega_rad_s * dt);
+    let decay = libm::exp((-zeta * o.omega_rad_s * dt).min(MAX_EXPONENT));
     let (sin, cos) = (libm::sin(damped * dt), libm::cos(damped * dt));
     let (x0, v0) = (Vector3::from(o.position_mm), Vector3::from(o.velocity_mm_s));
     let quadrature = (v0 + x0 * (zeta * o.omega_rad_s)) / damped;
