@@ -36,6 +36,7 @@ pub mod limits;
 pub mod message;
 pub mod poses;
 pub mod predict;
+pub mod recording;
 pub mod rig;
 pub mod scene;
 pub mod scene_file;

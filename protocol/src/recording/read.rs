@@ -1,0 +1,521 @@
+//! Reading a recording, whole or not.
+//!
+//! The file's outer records are framed here, so that every problem has a byte offset and a
+//! damaged chunk can be passed over; chunks and records are parsed by the `mcap` crate.
+
+use super::write::METADATA;
+use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, record};
+use crate::time::Nanos;
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::{MAGIC, McapResult, parse_record};
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::fs::File;
+use std::io::{BufReader, ErrorKind, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+
+/// Largest record that a recording of ours can hold, bytes; a larger one is damage.
+const MAX_RECORD_BYTES: u64 = 256 << 20;
+/// Largest chunk once unpacked, bytes: a checkpoint and a few messages fit many times.
+const MAX_CHUNK_BYTES: usize = 64 << 20;
+/// Opcode and length before each record, bytes.
+const FRAME_BYTES: u64 = 9;
+/// The footer record with its frame and the magic after it, bytes.
+const TAIL_BYTES: u64 = FRAME_BYTES + 20 + MAGIC.len() as u64;
+
+/// A recording opened for reading.
+#[derive(Debug)]
+pub struct Recording {
+    path: PathBuf,
+    provenance: Provenance,
+    finished: bool,
+    bytes: u64,
+}
+
+impl Recording {
+    /// Opens a recording and reads its provenance; refuses what is none.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let mut records = Records::open(path)?;
+        let foreign = |problem: String| RecordingError::Foreign { file: path.display().to_string(), problem };
+        let early = |e: RecordingError| match e {
+            RecordingError::Truncated { .. } => foreign("ends before its provenance".into()),
+            other => other,
+        };
+        let provenance = loop {
+            let Some((offset, opcode, body)) = records.next_record().map_err(early)? else {
+                return Err(foreign("ends before its provenance".into()));
+            };
+            match opcode {
+                op::HEADER | op::METADATA => {}
+                _ => return Err(foreign("its provenance is not at the start".into())),
+            }
+            match parse_record(opcode, &body).map_err(|e| records.damaged(offset, e))? {
+                Record::Header(header) if header.profile != PROFILE => {
+                    return Err(foreign(format!("an MCAP file of profile '{}'", header.profile)));
+                }
+                Record::Metadata(data) if data.name == METADATA => {
+                    break provenance_of(data.metadata).map_err(foreign)?;
+                }
+                _ => {}
+            }
+        };
+        let finished = records.has_footer()?;
+        Ok(Recording { path: path.into(), provenance, finished, bytes: records.length })
+    }
+
+    /// Rig, scene, configuration, seeds and versions.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// True if the recorder closed the file in order; a crashed one leaves it without a footer.
+    pub fn is_finished(&self) -> bool {
+        self.finished
+    }
+
+    /// Size of the file, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// All items in the order of the file, which is the order in which the recorder got them,
+    /// with their log times.
+    ///
+    /// After an error the iterator goes on behind the damage where it can find the next record
+    /// (`vitreo recover` makes use of that); whoever needs an unbroken record stops there.
+    pub fn items(&self) -> Result<Items, RecordingError> {
+        Ok(Items {
+            records: Records::open(&self.path)?,
+            topics: HashMap::new(),
+            ready: VecDeque::new(),
+            ended: false,
+        })
+    }
+}
+
+fn provenance_of(mut pairs: BTreeMap<String, String>) -> Result<Provenance, String> {
+    let mut take = |key: &str| pairs.remove(key).ok_or(format!("its provenance lacks '{key}'"));
+    let format = take("format")?;
+    if format != FORMAT {
+        return Err(format!("its format is '{format}'; this version reads '{FORMAT}'"));
+    }
+    let source = take("source")?;
+    let source = Source::from_name(&source).ok_or(format!("unknown source '{source}'"))?;
+    let (rig_json, scene_name) = (take("rig_json")?, take("scene_name")?);
+    let scene_toml = take("scene_toml")?;
+    let group = |prefix: &str| {
+        let members = pairs.iter().filter_map(|(k, v)| Some((k.strip_prefix(prefix)?.into(), v.clone())));
+        members.collect()
+    };
+    let (seeds, config, versions) = (group("seed."), group("config."), group("version."));
+    Ok(Provenance { rig_json, scene_name, scene_toml, source, seeds, config, versions })
+}
+
+/// The file's outer records.
+#[derive(Debug)]
+struct Records {
+    file: String,
+    reader: BufReader<File>,
+    length: u64,
+    offset: u64,
+}
+
+impl Records {
+    fn open(path: &Path) -> Result<Self, RecordingError> {
+        let file = path.display().to_string();
+        let io = |problem| RecordingError::Io { file: file.clone(), problem };
+        let handle = File::open(path).map_err(io)?;
+        let length = handle.metadata().map_err(io)?.len();
+        let mut reader = BufReader::with_capacity(256 << 10, handle);
+        let mut magic = [0; MAGIC.len()];
+        match reader.read_exact(&mut magic) {
+            Err(e) if e.kind() != ErrorKind::UnexpectedEof => return Err(io(e)),
+            Ok(()) if magic == MAGIC => {}
+            _ => {
+                let problem = "it does not begin as an MCAP file does".into();
+                return Err(RecordingError::Foreign { file, problem });
+            }
+        }
+        Ok(Records { file, reader, length, offset: MAGIC.len() as u64 })
+    }
+
+    fn damaged(&self, offset: u64, problem: impl ToString) -> RecordingError {
+        RecordingError::Damaged { file: self.file.clone(), offset, problem: problem.to_string() }
+    }
+
+    /// Offset, opcode and body of the next record; `None` at the end of the file.
+    fn next_record(&mut self) -> Result<Option<(u64, u8, Vec<u8>)>, RecordingError> {
+        let offset = self.offset;
+        let left = self.length.saturating_sub(offset);
+        if left == 0 {
+            return Ok(None);
+        }
+        let cut = || RecordingError::Truncated { file: self.file.clone(), offset };
+        let io = |file: &str, problem| RecordingError::Io { file: file.into(), problem };
+        if left < FRAME_BYTES {
+            return Err(cut());
+        }
+        let mut frame = [0; FRAME_BYTES as usize];
+        self.reader.read_exact(&mut frame).map_err(|e| io(&self.file, e))?;
+        let [opcode, size @ ..] = frame;
+        let size = u64::from_le_bytes(size);
+        if opcode == 0 || size > MAX_RECORD_BYTES {
+            return Err(self.damaged(offset, format!("no record begins with {frame:02x?}")));
+        }
+        if size > left - FRAME_BYTES {
+            return Err(cut());
+        }
+        let mut body = vec![0; size as usize];
+        self.reader.read_exact(&mut body).map_err(|e| io(&self.file, e))?;
+        self.offset += FRAME_BYTES + size;
+        Ok(Some((offset, opcode, body)))
+    }
+
+    /// Looks at the end of the file for footer and magic, and comes back.
+    fn has_footer(&mut self) -> Result<bool, RecordingError> {
+        if self.length < MAGIC.len() as u64 + TAIL_BYTES {
+            return Ok(false);
+        }
+        let mut tail = [0; TAIL_BYTES as usize];
+        let (offset, at) = (self.offset, self.length - TAIL_BYTES);
+        let looked = self
+            .reader
+            .seek(SeekFrom::Start(at))
+            .and_then(|_| self.reader.read_exact(&mut tail))
+            .and_then(|()| self.reader.seek(SeekFrom::Start(offset)));
+        looked.map_err(|problem| RecordingError::Io { file: self.file.clone(), problem })?;
+        Ok(tail[0] == op::FOOTER && tail[1..9] == 20u64.to_le_bytes() && tail.ends_with(MAGIC))
+    }
+}
+
+/// The records in a chunk, once its CRC has been found right.
+fn chunk_records(chunk: &[u8]) -> McapResult<Vec<Record<'static>>> {
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_prevalidate_chunk_crcs(true)
+        .with_record_length_limit(MAX_CHUNK_BYTES);
+    let mut reader = LinearReader::new_with_options(options);
+    let size = (chunk.len() as u64).to_le_bytes();
+    let mut input: &[u8] = &[&[op::CHUNK][..], &size, chunk].concat();
+    let mut records = Vec::new();
+    while let Some(event) = reader.next_event() {
+        match event? {
+            LinearReadEvent::ReadRequest(wanted) => {
+                let read = input.read(reader.insert(wanted.min(input.len())))?;
+                reader.notify_read(read);
+            }
+            LinearReadEvent::Record { opcode: opcode @ (op::CHANNEL | op::MESSAGE), data } => {
+                records.push(parse_record(opcode, data)?.into_owned());
+            }
+            LinearReadEvent::Record { .. } => {}
+        }
+    }
+    Ok(records)
+}
+
+/// Iterator over a recording's items.
+#[derive(Debug)]
+pub struct Items {
+    records: Records,
+    /// Topic by channel.
+    topics: HashMap<u16, String>,
+    /// What the last chunk held.
+    ready: VecDeque<(Nanos, Item)>,
+    ended: bool,
+}
+
+impl Items {
+    /// Bytes of the file read so far, for a progress bar.
+    pub fn bytes_read(&self) -> u64 {
+        self.records.offset
+    }
+
+    /// Reads one outer record; false at the end of the data.
+    fn advance(&mut self) -> Result<bool, RecordingError> {
+        let Some((offset, opcode, body)) = self.records.next_record()? else { return Ok(false) };
+        match opcode {
+            // The summary repeats what stands before it.
+            op::DATA_END | op::FOOTER => Ok(false),
+            op::CHUNK => self.unpack(offset, &body).map(|()| true),
+            op::CHANNEL | op::MESSAGE => {
+                let parsed = parse_record(opcode, &body).map_err(|e| self.records.damaged(offset, e))?;
+                let mut items = Vec::new();
+                self.take(parsed, &mut items)?;
+                self.ready.extend(items);
+                Ok(true)
+            }
+            _ => Ok(true),
+        }
+    }
+
+    /// Reads a chunk; its items count only if its CRC is right.
+    fn unpack(&mut self, offset: u64, body: &[u8]) -> Result<(), RecordingError> {
+        let records = chunk_records(body).map_err(|e| self.records.damaged(offset, e))?;
+        let mut items = Vec::new();
+        let mut first_problem = Ok(());
+        for record in records {
+            let taken = self.take(record, &mut items);
+            first_problem = first_problem.and(taken);
+        }
+        self.ready.extend(items);
+        first_problem
+    }
+
+    /// Decodes a message, or notes a channel.
+    fn take(&mut self, record: Record<'_>, items: &mut Vec<(Nanos, Item)>) -> Result<(), RecordingError> {
+        match record {
+            Record::Channel(channel) => {
+                self.topics.insert(channel.id, channel.topic);
+            }
+            Record::Message { header, data } => {
+                let Some(topic) = self.topics.get(&header.channel_id) else { return Ok(()) };
+                let decoded = record::decode(topic, &data).map_err(|problem| RecordingError::Message {
+                    file: self.records.file.clone(),
+                    topic: topic.clone(),
+                    log_time_ns: header.log_time,
+                    problem,
+                })?;
+                items.extend(decoded.map(|item| (header.log_time, item)));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+impl Iterator for Items {
+    type Item = Result<(Nanos, Item), RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(item) = self.ready.pop_front() {
+                return Some(Ok(item));
+            }
+            if self.ended {
+                return None;
+            }
+            match self.advance() {
+                Ok(more) => self.ended = !more,
+                Err(error) => {
+                    // Behind a damaged chunk the next record begins where it should; a broken
+                    // frame leaves nothing to go by.
+                    let passable = matches!(&error, RecordingError::Damaged { offset, .. }
+                        if *offset < self.records.offset)
+                        || matches!(&error, RecordingError::Message { .. });
+                    self.ended = !passable;
+                    return Some(Err(error));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::samples::{any_item, bits};
+    use super::super::{Note, NoteKind, Writer};
+    use super::*;
+    use proptest::prelude::*;
+    use std::fs;
+
+    fn provenance() -> Provenance {
+        let map = |key: &str, value: &str| BTreeMap::from([(key.to_string(), value.to_string())]);
+        Provenance {
+            rig_json: "{\"format\": \"vitreo-rig-1\"}".into(),
+            scene_name: "peel".into(),
+            scene_toml: "[eye]".into(),
+            source: Source::Live,
+            seeds: map("scene", "7"),
+            config: map("source", "pixels"),
+            versions: map("vitreo", "0.1.0"),
+        }
+    }
+
+    fn written(path: &Path, items: &[Item]) {
+        let mut writer = Writer::create(path, &provenance()).unwrap();
+        for (i, item) in items.iter().enumerate() {
+            writer.write(1000 + i as u64, item).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    fn note(count: u64) -> Item {
+        let text = "x".repeat(100);
+        Item::Note(Note { instant_ns: 5, kind: NoteKind::Log, process: None, count, text })
+    }
+
+    /// Counts of the notes that can be read before the first problem, and the problem.
+    fn notes_of(path: &Path) -> (Vec<u64>, Option<RecordingError>) {
+        let mut counts = Vec::new();
+        for item in Recording::open(path).unwrap().items().unwrap() {
+            match item {
+                Ok((_, Item::Note(note))) => counts.push(note.count),
+                Ok((_, other)) => panic!("no note: {other:?}"),
+                Err(error) => return (counts, Some(error)),
+            }
+        }
+        (counts, None)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 32, failure_persistence: None, ..Default::default() })]
+
+        #[test]
+        fn a_file_gives_back_what_was_written(items in prop::collection::vec(any_item(), 0..60)) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            written(&path, &items);
+            let recording = Recording::open(&path).unwrap();
+            prop_assert!(recording.is_finished());
+            prop_assert_eq!(recording.provenance(), &provenance());
+            let back: Vec<_> = recording.items().unwrap().collect::<Result<_, _>>().unwrap();
+            prop_assert_eq!(back.len(), items.len());
+            for (i, ((time, item), original)) in back.iter().zip(&items).enumerate() {
+                prop_assert_eq!(*time, 1000 + i as u64);
+                prop_assert_eq!(bits(item), bits(original));
+            }
+        }
+
+        #[test]
+        fn damage_anywhere_is_an_error_or_leaves_true_items(
+            cut in any::<prop::sample::Index>(),
+            hits in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 1..4),
+            truncate in any::<bool>(),
+        ) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            written(&path, &(0..600).map(note).collect::<Vec<_>>());
+            let mut bytes = fs::read(&path).unwrap();
+            for (at, xor) in hits {
+                let at = at.index(bytes.len());
+                bytes[at] ^= xor;
+            }
+            if truncate {
+                bytes.truncate(cut.index(bytes.len()));
+            }
+            fs::write(&path, &bytes).unwrap();
+            if let Ok(recording) = Recording::open(&path) {
+                for (_, item) in recording.items().unwrap().flatten() {
+                    prop_assert!(matches!(item, Item::Note(n) if n.count < 600 && n.text.len() == 100));
+                }
+            }
+        }
+
+        #[test]
+        fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), magic in any::<bool>()) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            let start: &[u8] = if magic { MAGIC } else { b"" };
+            fs::write(&path, [start, &bytes].concat()).unwrap();
+            let error = Recording::open(&path).unwrap_err().to_string();
+            prop_assert!(error.contains("a.mcap"), "{}", error);
+        }
+
+        #[test]
+        fn arbitrary_records_after_a_good_start_never_panic(
+            records in prop::collection::vec((0u8..0x12, prop::collection::vec(any::<u8>(), 0..120)), 1..6),
+        ) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            let writer = Writer::create(&path, &provenance()).unwrap();
+            let mut bytes = fs::read(&path).unwrap();
+            drop(writer);
+            for (opcode, body) in records {
+                bytes.push(opcode);
+                bytes.extend((body.len() as u64).to_le_bytes());
+                bytes.extend(body);
+            }
+            fs::write(&path, &bytes).unwrap();
+            let recording = Recording::open(&path).unwrap();
+            prop_assert!(recording.items().unwrap().count() < 100);
+        }
+    }
+
+    #[test]
+    fn a_killed_recorder_loses_only_the_open_chunk() {
+        let directory = tempfile::tempdir().unwrap();
+        let (path, copy) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
+        let mut writer = Writer::create(&path, &provenance()).unwrap();
+        // One note a millisecond, with the recorder looking after each.
+        for ms in 0..1000 {
+            writer.write(ms * 1_000_000, &note(ms)).unwrap();
+            writer.keep_up(ms * 1_000_000).unwrap();
+        }
+        fs::copy(&path, &copy).unwrap();
+        let recording = Recording::open(&copy).unwrap();
+        assert!(!recording.is_finished());
+        assert_eq!(recording.provenance(), &provenance());
+        let (counts, problem) = notes_of(&copy);
+        assert!(problem.is_none(), "{problem:?}");
+        assert!(counts.iter().copied().eq(0..counts.len() as u64));
+        assert!(counts.len() > 800, "{} of 1000 ms are there", counts.len());
+    }
+
+    #[test]
+    fn a_cut_file_is_readable_up_to_the_cut_and_says_so() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let mut writer = Writer::create(&path, &provenance()).unwrap();
+        let mut ends = Vec::new();
+        for i in 0..3 {
+            writer.write(i, &note(i)).unwrap();
+            writer.keep_up(i * CHUNKS_APART_NS).unwrap();
+            writer.keep_up(i * CHUNKS_APART_NS + CHUNKS_APART_NS / 2).unwrap();
+            ends.push(fs::metadata(&path).unwrap().len());
+        }
+        drop(writer);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..ends[1] as usize + 20]).unwrap();
+        let (counts, problem) = notes_of(&path);
+        assert_eq!(counts, [0, 1]);
+        assert!(matches!(problem, Some(RecordingError::Truncated { offset, .. }) if offset == ends[1]));
+    }
+
+    const CHUNKS_APART_NS: u64 = 1_000_000_000;
+
+    #[test]
+    fn behind_a_damaged_chunk_reading_goes_on() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let mut writer = Writer::create(&path, &provenance()).unwrap();
+        let mut ends = Vec::new();
+        for i in 0..3 {
+            writer.write(i, &note(i)).unwrap();
+            writer.keep_up(i * CHUNKS_APART_NS).unwrap();
+            writer.keep_up(i * CHUNKS_APART_NS + CHUNKS_APART_NS / 2).unwrap();
+            ends.push(fs::metadata(&path).unwrap().len() as usize);
+        }
+        writer.finish().unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        bytes[ends[0] + 80] ^= 0xff;
+        fs::write(&path, &bytes).unwrap();
+        let items: Vec<_> = Recording::open(&path).unwrap().items().unwrap().collect();
+        assert_eq!(items.len(), 3);
+        let error = items[1].as_ref().unwrap_err();
+        assert!(
+            matches!(error, RecordingError::Damaged { offset, .. } if *offset == ends[0] as u64),
+            "{error}"
+        );
+        assert!(matches!(&items[2], Ok((2, Item::Note(n))) if n.count == 2));
+    }
+
+    #[test]
+    fn foreign_files_are_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let missing = Recording::open(&path).unwrap_err().to_string();
+        assert!(missing.contains("a.mcap"), "{missing}");
+        fs::write(&path, "t_ns,body\n").unwrap();
+        assert!(matches!(Recording::open(&path), Err(RecordingError::Foreign { .. })));
+        let other = mcap::WriteOptions::new().profile("ros2");
+        other.create(fs::File::create(&path).unwrap()).unwrap().finish().unwrap();
+        let error = Recording::open(&path).unwrap_err().to_string();
+        assert!(error.contains("ros2"), "{error}");
+    }
+}
