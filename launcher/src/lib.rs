@@ -9,6 +9,7 @@ pub mod exit;
 pub mod export;
 pub mod import;
 pub mod info;
+pub mod machine;
 pub mod recover;
 pub mod replay;
 pub mod run;

@@ -1,0 +1,72 @@
+# Everything a stranger types. Each target sets up what it needs on Debian and its relatives.
+# `make` alone says what there is.
+
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+.PHONY: help setup setup-python demo test test-python bench clean
+
+export PATH := $(HOME)/.cargo/bin:$(PATH)
+TARGET := $(or $(CARGO_TARGET_DIR),target)
+RELEASE := $(TARGET)/release/vitreo
+DEBUG := $(TARGET)/debug/vitreo
+AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
+
+help: ## Say what there is
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup: ## Install a C compiler, a Vulkan driver and Rust, where they are missing
+	@set -eu; missing=""; \
+	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
+	command -v pkg-config >/dev/null || missing="$$missing pkg-config"; \
+	ls /usr/lib/*/libvulkan.so.1 /usr/lib64/libvulkan.so.1 >/dev/null 2>&1 \
+		|| ls /usr/lib/*/libvulkan.so.1 >/dev/null 2>&1 || missing="$$missing libvulkan1"; \
+	ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json 2>/dev/null | grep -q . \
+		|| missing="$$missing mesa-vulkan-drivers"; \
+	command -v cargo >/dev/null || command -v curl >/dev/null || missing="$$missing curl ca-certificates"; \
+	if [ -n "$$missing" ]; then \
+		command -v apt-get >/dev/null || { echo "please install:$$missing" >&2; exit 1; }; \
+		echo "installing:$$missing"; \
+		$(AS_ROOT) apt-get update -qq; $(AS_ROOT) env $(INSTALL) $$missing; \
+	fi; \
+	command -v cargo >/dev/null || { echo "installing Rust"; \
+		curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal -c clippy -c rustfmt; }
+
+demo: setup ## Run 20 s of surgery; leave recording, report, pictures and video in out/
+	cargo build --release --workspace
+	@mkdir -p out
+	$(RELEASE) run --headless --instance demo --duration 20 --record out/demo.mcap --report out/report.json \
+		--stills out/stills --video out/demo.y4m
+	$(RELEASE) replay out/demo.mcap --instance demo --lockstep --verify
+	@echo; echo "recording   out/demo.mcap     (vitreo info, vitreo trace, Foxglove)"; \
+	echo "report      out/report.json"; \
+	echo "pictures    out/stills/       (left and right channel side by side)"; \
+	echo "video       out/demo.y4m      (mpv, ffplay, VLC)"
+
+test: setup ## Format, lint, build and run every check
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+	cargo build --workspace
+	cargo test --workspace
+
+setup-python:
+	@python3 -c 'import venv, ensurepip' 2>/dev/null || { $(AS_ROOT) apt-get update -qq; \
+		$(AS_ROOT) env $(INSTALL) python3 python3-venv; }
+	@[ -x .venv/bin/pip ] || python3 -m venv .venv
+	.venv/bin/pip install -q -r tests/python/requirements.txt
+
+test-python: setup setup-python ## Read a fresh recording with Python's mcap
+	cargo build --workspace
+	@mkdir -p out
+	$(DEBUG) run --no-picture --direct --instance python --duration 4 --record out/python.mcap
+	.venv/bin/python tests/python/read_recording.py out/python.mcap
+
+bench: setup ## Measure latency and CPU cost, without and with the picture
+	cargo build --release --workspace
+	@mkdir -p out
+	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
+	$(RELEASE) run --headless --instance bench --duration 30 --report out/bench-headless.json
+
+clean: ## Remove what was built and put out
+	cargo clean
+	rm -rf out .venv

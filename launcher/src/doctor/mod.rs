@@ -1,0 +1,106 @@
+//! `vitreo doctor`: what this machine has and lacks, and what to type to mend it.
+
+mod graphics;
+mod system;
+
+use crate::exit::FAILED;
+use serde::Serialize;
+use std::process::ExitCode;
+
+/// Arguments of `vitreo doctor`.
+#[derive(Debug, clap::Args)]
+pub struct DoctorArgs {
+    /// Write JSON for a program to read.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How a thing stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum State {
+    /// As it should be.
+    Ok,
+    /// Works, with a limitation.
+    Warn,
+    /// Does not work.
+    Fail,
+}
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Check {
+    /// What.
+    pub name: &'static str,
+    /// How it stands.
+    pub state: State,
+    /// What was found.
+    pub found: String,
+    /// What to type to mend it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mend: Option<String>,
+}
+
+impl Check {
+    fn ok(name: &'static str, found: impl Into<String>) -> Self {
+        Check { name, state: State::Ok, found: found.into(), mend: None }
+    }
+
+    fn warn(name: &'static str, found: impl Into<String>, mend: impl Into<String>) -> Self {
+        Check { name, state: State::Warn, found: found.into(), mend: Some(mend.into()) }
+    }
+
+    fn fail(name: &'static str, found: impl Into<String>, mend: impl Into<String>) -> Self {
+        Check { name, state: State::Fail, found: found.into(), mend: Some(mend.into()) }
+    }
+}
+
+fn every_check() -> Vec<Check> {
+    let mut checks = system::checks();
+    checks.extend(graphics::checks());
+    checks
+}
+
+fn table(checks: &[Check]) -> String {
+    let line = |c: &Check| {
+        let mark = match c.state {
+            State::Ok => "ok  ",
+            State::Warn => "warn",
+            State::Fail => "FAIL",
+        };
+        let mend = c.mend.as_ref().map(|m| format!("\n        → {m}")).unwrap_or_default();
+        format!("{mark}  {}: {}{mend}\n", c.name, c.found)
+    };
+    checks.iter().map(line).collect()
+}
+
+/// Runs it. Exit code 1 where something does not work.
+pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
+    let checks = every_check();
+    if args.json {
+        println!("{}", serde_json::to_string_pretty(&checks)?);
+    } else {
+        print!("{}", table(&checks));
+    }
+    let failed = checks.iter().any(|c| c.state == State::Fail);
+    Ok(if failed { ExitCode::from(FAILED) } else { ExitCode::SUCCESS })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_complaint_says_what_to_do() {
+        for check in every_check() {
+            assert_eq!(check.state == State::Ok, check.mend.is_none(), "{check:?}");
+            assert!(!check.found.is_empty(), "{check:?}");
+        }
+    }
+
+    #[test]
+    fn the_table_shows_state_and_remedy() {
+        let text = table(&[Check::ok("a", "fine"), Check::fail("b", "absent", "install b")]);
+        assert_eq!(text, "ok    a: fine\nFAIL  b: absent\n        → install b\n");
+    }
+}

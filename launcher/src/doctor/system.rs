@@ -1,0 +1,180 @@
+//! Processors, shared memory, limits, leftovers, binaries.
+
+use super::Check;
+use crate::children::find_binary;
+use crate::machine::Machine;
+use protocol::health::Process;
+use protocol::message::fnv1a;
+use rustix::process::{Resource, getrlimit};
+use std::fs;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+/// Shared memory below this is too little to start, MiB; a run needs about 96.
+const SHM_NEEDED_MIB: u64 = 96;
+/// Below this a second simulator or a checker may not fit, MiB.
+const SHM_COMFORT_MIB: u64 = 256;
+/// Real-time priority worth having.
+const RTPRIO: u64 = 10;
+/// Lockable memory worth having, bytes.
+const MEMLOCK: u64 = 64 << 20;
+
+pub(super) fn checks() -> Vec<Check> {
+    let machine = Machine::look();
+    let mut checks = vec![
+        processors(machine.cpus, &machine.cpu),
+        Check::ok("kernel", format!("{} on {}", machine.kernel, machine.architecture)),
+        shared_memory(shm_mib()),
+        realtime(limit(Resource::Rtprio)),
+        memory_lock(limit(Resource::Memlock)),
+        terminal(std::io::stderr().is_terminal()),
+        leftovers(Path::new("/dev/shm")),
+    ];
+    checks.extend(Process::ALL.map(|p| binary(p.binary())));
+    checks
+}
+
+fn processors(cpus: usize, name: &str) -> Check {
+    let found = format!("{cpus} × {name}");
+    match cpus {
+        0 | 1 => {
+            Check::warn("processors", found, "use a machine with two or more; one is shared by everything")
+        }
+        _ => Check::ok("processors", found),
+    }
+}
+
+/// Size and free space of shared memory, MiB.
+fn shm_mib() -> Option<(u64, u64)> {
+    let vfs = rustix::fs::statvfs("/dev/shm").ok()?;
+    Some(((vfs.f_blocks * vfs.f_frsize) >> 20, (vfs.f_bavail * vfs.f_frsize) >> 20))
+}
+
+fn shared_memory(size_and_free_mib: Option<(u64, u64)>) -> Check {
+    let name = "shared memory";
+    let enlarge = "sudo mount -o remount,size=512M /dev/shm   (in a container: docker run --shm-size=512m)";
+    match size_and_free_mib {
+        None => Check::fail(name, "/dev/shm is absent", "sudo mount -t tmpfs -o size=512M tmpfs /dev/shm"),
+        Some((size, free)) => {
+            let found = format!("/dev/shm {size} MiB, {free} MiB free");
+            match free {
+                _ if free < SHM_NEEDED_MIB => Check::fail(name, found, enlarge),
+                _ if free < SHM_COMFORT_MIB => Check::warn(name, found, enlarge),
+                _ => Check::ok(name, found),
+            }
+        }
+    }
+}
+
+/// The soft limit; `None` is unlimited.
+fn limit(resource: Resource) -> Option<u64> {
+    getrlimit(resource).current
+}
+
+fn realtime(limit: Option<u64>) -> Check {
+    let name = "real-time priority";
+    match limit {
+        Some(limit) if limit < RTPRIO => Check::warn(
+            name,
+            format!("limit {limit}: tracker and simulation share the processor like any program"),
+            "echo \"$USER - rtprio 50\" | sudo tee /etc/security/limits.d/vitreo.conf   (then log in again)",
+        ),
+        Some(limit) => Check::ok(name, format!("limit {limit}")),
+        None => Check::ok(name, "unlimited"),
+    }
+}
+
+fn memory_lock(limit: Option<u64>) -> Check {
+    let name = "lockable memory";
+    match limit {
+        Some(limit) if limit < MEMLOCK => Check::warn(
+            name,
+            format!("limit {} KiB", limit >> 10),
+            "echo \"$USER - memlock 65536\" | sudo tee -a /etc/security/limits.d/vitreo.conf   (then log in again)",
+        ),
+        Some(limit) => Check::ok(name, format!("limit {} MiB", limit >> 20)),
+        None => Check::ok(name, "unlimited"),
+    }
+}
+
+fn terminal(is_terminal: bool) -> Check {
+    let found =
+        if is_terminal { "yes: a run shows its status" } else { "no: a run writes a line every 10 s" };
+    Check::ok("terminal", found)
+}
+
+/// Directories of simulators of this user that no launcher owns any more.
+fn stale_directories(shm: &Path) -> Vec<PathBuf> {
+    let prefix = format!("vitreo-{}-", rustix::process::getuid().as_raw());
+    let mine = |e: &fs::DirEntry| e.file_name().to_string_lossy().starts_with(&prefix);
+    let entries = fs::read_dir(shm).into_iter().flatten().flatten().filter(mine).map(|e| e.path());
+    entries.filter(|path| path.is_dir() && !is_owned(path)).collect()
+}
+
+/// True if a running launcher holds the directory's lock.
+fn is_owned(directory: &Path) -> bool {
+    let Ok(lock) = fs::File::open(directory.join("owner.lock")) else { return false };
+    rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockShared).is_err()
+}
+
+fn leftovers(shm: &Path) -> Check {
+    let name = "leftovers";
+    let stale = stale_directories(shm);
+    if stale.is_empty() {
+        return Check::ok(name, "none");
+    }
+    let remove = |p: &PathBuf| {
+        let segments = fnv1a(p.as_os_str().as_encoded_bytes());
+        format!("{} {}", p.display(), shm.join(format!("vitreo_{segments:016x}_*")).display())
+    };
+    let found: Vec<String> = stale.iter().map(|p| p.display().to_string()).collect();
+    let remedy: Vec<String> = stale.iter().map(remove).collect();
+    let found = format!("of simulators that were killed, or of processes run by hand: {}", found.join(", "));
+    Check::warn(name, found, format!("rm -rf {}", remedy.join(" ")))
+}
+
+fn binary(name: &'static str) -> Check {
+    match find_binary(name) {
+        Ok(path) => Check::ok(name, path.display().to_string()),
+        Err(_) => Check::fail(name, "not beside vitreo", "cargo build --release --workspace"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::doctor::State;
+
+    #[test]
+    fn shared_memory_is_judged_by_what_is_free() {
+        assert_eq!(shared_memory(None).state, State::Fail);
+        assert_eq!(shared_memory(Some((64, 60))).state, State::Fail);
+        assert_eq!(shared_memory(Some((1024, 100))).state, State::Warn);
+        assert_eq!(shared_memory(Some((1024, 1000))).state, State::Ok);
+    }
+
+    #[test]
+    fn limits_are_judged() {
+        assert_eq!(realtime(Some(0)).state, State::Warn);
+        assert_eq!(realtime(None).state, State::Ok);
+        assert_eq!(memory_lock(Some(8 << 20)).state, State::Warn);
+        assert_eq!(memory_lock(None).state, State::Ok);
+        assert_eq!(processors(1, "x").state, State::Warn);
+    }
+
+    #[test]
+    fn directories_without_an_owner_are_found() {
+        let shm = tempfile::tempdir().unwrap();
+        let uid = rustix::process::getuid().as_raw();
+        let [dead, alive] = ["dead", "alive"].map(|n| shm.path().join(format!("vitreo-{uid}-{n}")));
+        for directory in [&dead, &alive] {
+            fs::create_dir(directory).unwrap();
+            fs::write(directory.join("owner.lock"), "").unwrap();
+        }
+        let lock = fs::File::open(alive.join("owner.lock")).unwrap();
+        rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive).unwrap();
+        assert_eq!(stale_directories(shm.path()), [dead.clone()]);
+        let check = leftovers(shm.path());
+        assert!(check.mend.unwrap().contains(&dead.display().to_string()));
+    }
+}

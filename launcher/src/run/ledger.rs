@@ -1,0 +1,379 @@
+//! Latency histograms of every stage, and what they say about the budgets. Pure.
+//!
+//! A latency is counted by the exposure instant of its field: what was exposed before the run was
+//! warm (one second after the start, or after a process was restarted) is counted as warm-up and
+//! takes no part in any percentile.
+
+use hdrhistogram::Histogram;
+use protocol::budget::{Budget, Budgets, Stage, frame_latencies, step_latencies};
+use protocol::frames::FrameRecord;
+use protocol::poses::TrackerFrame;
+use protocol::steps::StepRecord;
+use protocol::time::Nanos;
+use serde::Serialize;
+
+/// How long after a start or restart latencies are not counted, ns.
+pub const WARM_UP_NS: u64 = 1_000_000_000;
+/// Shortest and longest latency that is told apart, ns; others are counted as these.
+const RANGE_NS: (u64, u64) = (100, 100_000_000_000);
+/// Significant decimal digits of the histograms.
+const DIGITS: u8 = 3;
+
+/// A histogram of durations with the field of the longest.
+#[derive(Debug)]
+pub struct Durations {
+    histogram: Histogram<u64>,
+    sum_ns: u64,
+    /// The longest, ns, and its field.
+    worst: Option<(u64, u64)>,
+}
+
+impl Default for Durations {
+    fn default() -> Self {
+        let histogram = Histogram::new_with_bounds(RANGE_NS.0, RANGE_NS.1, DIGITS);
+        Durations { histogram: histogram.expect("the bounds are in order"), sum_ns: 0, worst: None }
+    }
+}
+
+impl Durations {
+    /// Counts one.
+    pub fn note(&mut self, ns: u64, field: u64) {
+        self.histogram.saturating_record(ns);
+        self.sum_ns = self.sum_ns.saturating_add(ns);
+        if self.worst.is_none_or(|(worst_ns, _)| ns > worst_ns) {
+            self.worst = Some((ns, field));
+        }
+    }
+
+    /// How many.
+    pub fn count(&self) -> u64 {
+        self.histogram.len()
+    }
+
+    /// Duration at a percentile, 0 to 100, in ms; 0 where none was counted.
+    pub fn at_ms(&self, percentile: f64) -> f64 {
+        if self.count() == 0 {
+            return 0.0;
+        }
+        self.histogram.value_at_percentile(percentile) as f64 * 1e-6
+    }
+
+    /// Arithmetic mean, ms; 0 where none was counted.
+    pub fn mean_ms(&self) -> f64 {
+        self.sum_ns as f64 * 1e-6 / self.count().max(1) as f64
+    }
+
+    /// How many are longer than `limit_ms` (to the histogram's three digits).
+    fn above(&self, limit_ms: f64) -> u64 {
+        self.count() - self.histogram.count_between(0, (limit_ms * 1e6) as u64)
+    }
+}
+
+/// The paper's phases of a step.
+#[derive(Debug, Default)]
+pub struct Phases {
+    /// Collision detection.
+    pub collision: Durations,
+    /// Tissue.
+    pub tissue: Durations,
+    /// Writing the scene block.
+    pub transfer: Durations,
+    /// The rest of the step.
+    pub misc: Durations,
+}
+
+/// All histograms of a run.
+#[derive(Debug, Default)]
+pub struct Ledger {
+    stages: [Durations; Stage::ALL.len()],
+    /// Phases of the simulation step.
+    pub phases: Phases,
+    /// Latencies left out because the run was not warm.
+    pub warm_up: u64,
+    warm_from_ns: Option<Nanos>,
+}
+
+impl Ledger {
+    /// From now on nothing is counted, until [`Ledger::warm_from`].
+    pub fn cool(&mut self) {
+        self.warm_from_ns = None;
+    }
+
+    /// Fields exposed at `instant_ns` or later are counted.
+    pub fn warm_from(&mut self, instant_ns: Nanos) {
+        self.warm_from_ns = Some(instant_ns);
+    }
+
+    /// The histogram of a stage.
+    pub fn stage(&self, stage: Stage) -> &Durations {
+        &self.stages[stage as usize]
+    }
+
+    fn is_warm(&mut self, exposed: Nanos) -> bool {
+        let warm = self.warm_from_ns.is_some_and(|from| exposed >= from);
+        self.warm_up += u64::from(!warm);
+        warm
+    }
+
+    /// Takes a tracker frame's wait for late cameras.
+    pub fn note_pose(&mut self, frame: &TrackerFrame) {
+        if self.is_warm(frame.instants.exposed) {
+            self.stages[Stage::CameraWait as usize].note(frame.waited_ns, frame.field);
+        }
+    }
+
+    /// Takes a simulation step.
+    pub fn note_step(&mut self, step: &StepRecord) {
+        if !self.is_warm(step.instants.exposed) {
+            return;
+        }
+        self.note_all(&step_latencies(step), step.field);
+        self.phases.collision.note(step.times.collision_ns, step.field);
+        self.phases.tissue.note(step.times.tissue_ns, step.field);
+        self.phases.transfer.note(step.times.transfer_ns, step.field);
+        self.phases.misc.note(step.times.misc_ns, step.field);
+    }
+
+    /// Takes a displayed frame.
+    pub fn note_frame(&mut self, frame: &FrameRecord) {
+        if self.is_warm(frame.instants.exposed) {
+            self.note_all(&frame_latencies(frame), frame.field);
+        }
+    }
+
+    fn note_all(&mut self, latencies: &[(Stage, Option<u64>)], field: u64) {
+        for &(stage, latency) in latencies {
+            if let Some(ns) = latency {
+                self.stages[stage as usize].note(ns, field);
+            }
+        }
+    }
+
+    /// The figures of every stage beside its budget.
+    pub fn judge(&self, budgets: &Budgets) -> Vec<StageFigures> {
+        Stage::ALL.into_iter().map(|s| figures(s, self.stage(s), budgets)).collect()
+    }
+}
+
+/// What a stage's figures say about its budget.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Inside.
+    Kept,
+    /// Outside.
+    Broken,
+    /// There is no budget.
+    NotAsserted,
+    /// The stage did not run.
+    NoSamples,
+}
+
+impl Verdict {
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            Verdict::Kept => "kept",
+            Verdict::Broken => "BROKEN",
+            Verdict::NotAsserted => "not asserted",
+            Verdict::NoSamples => "no samples",
+        }
+    }
+}
+
+/// One line of the latency table. Durations in ms.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct StageFigures {
+    pub stage: Stage,
+    pub span: &'static str,
+    pub count: u64,
+    pub mean_ms: f64,
+    pub p50_ms: f64,
+    pub p95_ms: f64,
+    pub p99_ms: f64,
+    pub p999_ms: f64,
+    pub max_ms: f64,
+    /// Field number of the longest.
+    pub worst_field: Option<u64>,
+    /// The percentile that is judged.
+    pub percentile: f64,
+    /// The figure at that percentile.
+    pub judged_ms: f64,
+    /// Limit of the judged figure; 0: not asserted.
+    pub budget_ms: f64,
+    /// Limit of the mean; 0: not asserted.
+    pub mean_budget_ms: f64,
+    /// How many were longer than `budget_ms`.
+    pub violations: u64,
+    pub verdict: Verdict,
+    pub broken: bool,
+}
+
+fn figures(stage: Stage, durations: &Durations, budgets: &Budgets) -> StageFigures {
+    let Budget { limit_ms, mean_ms: mean_limit_ms, .. } = budgets.of(stage);
+    let (judged_ms, mean_ms) = (durations.at_ms(budgets.percentile), durations.mean_ms());
+    let over = |figure: f64, limit: f64| limit > 0.0 && figure > limit;
+    let verdict = match durations.count() {
+        0 => Verdict::NoSamples,
+        _ if over(judged_ms, limit_ms) || over(mean_ms, mean_limit_ms) => Verdict::Broken,
+        _ if limit_ms <= 0.0 && mean_limit_ms <= 0.0 => Verdict::NotAsserted,
+        _ => Verdict::Kept,
+    };
+    StageFigures {
+        stage,
+        span: stage.span(),
+        count: durations.count(),
+        mean_ms,
+        p50_ms: durations.at_ms(50.0),
+        p95_ms: durations.at_ms(95.0),
+        p99_ms: durations.at_ms(99.0),
+        p999_ms: durations.at_ms(99.9),
+        max_ms: durations.worst.map_or(0.0, |(ns, _)| ns as f64 * 1e-6),
+        worst_field: durations.worst.map(|(_, field)| field),
+        percentile: budgets.percentile,
+        judged_ms,
+        budget_ms: limit_ms,
+        mean_budget_ms: mean_limit_ms,
+        violations: if limit_ms > 0.0 { durations.above(limit_ms) } else { 0 },
+        verdict,
+        broken: verdict == Verdict::Broken,
+    }
+}
+
+impl StageFigures {
+    /// Which budget is broken, by how much, and where it was worst.
+    pub fn blame(&self) -> String {
+        let stage = self.stage.name();
+        let mut broken = Vec::new();
+        if self.budget_ms > 0.0 && self.judged_ms > self.budget_ms {
+            broken.push(format!(
+                "p{} is {:.2} ms, budget {} ms, {} of {} over it",
+                self.percentile, self.judged_ms, self.budget_ms, self.violations, self.count
+            ));
+        }
+        if self.mean_budget_ms > 0.0 && self.mean_ms > self.mean_budget_ms {
+            broken.push(format!("mean is {:.2} ms, budget {} ms", self.mean_ms, self.mean_budget_ms));
+        }
+        let worst = self.worst_field.unwrap_or_default();
+        let (what, max) = (broken.join("; "), self.max_ms);
+        format!("budget broken: {stage} ({}): {what}; worst: field {worst} with {max:.2} ms", self.span)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::time::Instants;
+
+    const MS: u64 = 1_000_000;
+
+    fn step(field: u64, tracking_ms: u64, simulation_ms: u64) -> StepRecord {
+        let exposed = (field + 1) * 20 * MS;
+        let blobs_out = exposed + 24 * MS;
+        let tracked = blobs_out + tracking_ms * MS;
+        let instants = Instants {
+            exposed,
+            blobs_out,
+            tracked,
+            stepped: tracked + simulation_ms * MS,
+            ..Instants::zeroed()
+        };
+        StepRecord { field, instants, ..StepRecord::zeroed() }
+    }
+
+    fn broken(ledger: &Ledger) -> Vec<Stage> {
+        let judged = ledger.judge(&Budgets::default());
+        judged.into_iter().filter(|f| f.broken).map(|f| f.stage).collect()
+    }
+
+    fn warm() -> Ledger {
+        let mut ledger = Ledger::default();
+        ledger.warm_from(1);
+        ledger
+    }
+
+    #[test]
+    fn only_the_slow_stage_is_broken_and_its_worst_field_named() {
+        let mut ledger = warm();
+        (0..200).for_each(|f| ledger.note_step(&step(f, 0, if f == 77 { 30 } else { 20 })));
+        assert_eq!(broken(&ledger), [Stage::Simulation]);
+        let judged = ledger.judge(&Budgets::default());
+        let line = &judged[Stage::Simulation as usize];
+        assert_eq!((line.worst_field, line.violations), (Some(77), 200));
+        assert!(line.blame().contains("field 77 with 30.00 ms"), "{}", line.blame());
+    }
+
+    #[test]
+    fn a_rare_spike_does_not_break_p99_but_breaks_p100() {
+        let mut ledger = warm();
+        (0..1000).for_each(|f| ledger.note_step(&step(f, if f == 5 { 9 } else { 0 }, 1)));
+        assert_eq!(broken(&ledger), []);
+        let strict = Budgets { percentile: 100.0, ..Budgets::default() };
+        let judged = ledger.judge(&strict);
+        assert!(judged[Stage::Tracking as usize].broken);
+        assert_eq!(judged[Stage::Tracking as usize].violations, 1);
+    }
+
+    #[test]
+    fn fields_before_the_run_is_warm_are_left_out() {
+        let mut ledger = Ledger::default();
+        ledger.note_step(&step(0, 50, 50));
+        ledger.warm_from(100 * 20 * MS);
+        (0..200).for_each(|f| ledger.note_step(&step(f, 0, if f < 99 { 60 } else { 1 })));
+        assert_eq!((broken(&ledger), ledger.warm_up), (vec![], 100));
+        ledger.cool();
+        ledger.note_step(&step(500, 50, 50));
+        assert_eq!(broken(&ledger), []);
+    }
+
+    #[test]
+    fn the_mean_of_the_whole_system_is_judged_beside_its_percentile() {
+        let mut ledger = warm();
+        for field in 0..100 {
+            let exposed = (field + 1) * 20 * MS;
+            let instants = Instants { exposed, ..Instants::zeroed() };
+            let (frame_start, drawn) = (exposed + 40 * MS, exposed + 50 * MS);
+            let displayed = exposed + 55 * MS;
+            ledger.note_frame(&FrameRecord {
+                field,
+                instants,
+                frame_start,
+                drawn,
+                displayed,
+                ..FrameRecord::zeroed()
+            });
+        }
+        assert_eq!(broken(&ledger), [Stage::WholeSystem]);
+        let judged = ledger.judge(&Budgets::default());
+        let whole = &judged[Stage::WholeSystem as usize];
+        assert!(whole.blame().contains("mean is 55.00 ms, budget 50 ms"), "{}", whole.blame());
+    }
+
+    #[test]
+    fn a_stage_that_did_not_run_is_not_judged() {
+        let judged = Ledger::default().judge(&Budgets::default());
+        assert!(judged.iter().all(|f| f.verdict == Verdict::NoSamples && !f.broken));
+    }
+
+    #[test]
+    fn a_limit_of_zero_is_not_asserted() {
+        let mut ledger = warm();
+        ledger.note_step(&step(1, 0, 400));
+        let budgets = Budgets::parse("[[budget]]\nstage = \"simulation\"\nlimit_ms = 0", "b").unwrap();
+        let judged = ledger.judge(&budgets);
+        assert_eq!(judged[Stage::Simulation as usize].verdict, Verdict::NotAsserted);
+    }
+
+    #[test]
+    fn percentiles_are_right_to_three_digits() {
+        let mut durations = Durations::default();
+        (1..=1000).for_each(|i| durations.note(i * MS, i));
+        for (p, expected) in [(50.0, 500.0), (99.0, 990.0), (99.9, 999.0), (100.0, 1000.0)] {
+            assert!((durations.at_ms(p) - expected).abs() <= expected * 2e-3, "p{p}: {}", durations.at_ms(p));
+        }
+        assert!((durations.mean_ms() - 500.5).abs() < 1e-9);
+        assert_eq!(durations.worst, Some((1000 * MS, 1000)));
+    }
+}

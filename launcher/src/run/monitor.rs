@@ -1,0 +1,174 @@
+//! What the launcher hears, condensed for the screen and the report. Pure.
+
+use super::report::Picture;
+use protocol::events::{Event, EventKind, Severity};
+use protocol::frames::FrameRecord;
+use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
+use protocol::recording::Item;
+use protocol::time::Nanos;
+use std::collections::{BTreeMap, VecDeque};
+
+/// The channels that are counted, in the order of the data path.
+pub const CHANNELS: [&str; 7] = ["blobs", "handles", "pedal", "poses", "steps", "frames", "events"];
+/// Warnings kept for the screen.
+const WARNINGS: usize = 3;
+
+/// Index into [`CHANNELS`], and the instant that tells an item's age, ns.
+fn place(item: &Item) -> Option<(usize, Nanos)> {
+    match item {
+        Item::Blobs(b) => Some((0, b.blobs_out_ns)),
+        Item::Handle(h) => Some((1, h.instant_ns)),
+        Item::Pedal(p) => Some((2, p.instant_ns)),
+        Item::Poses(p) => Some((3, p.instants.tracked)),
+        Item::Step(s) => Some((4, s.instants.stepped)),
+        Item::Frame(f) => Some((5, f.displayed)),
+        Item::Event(e) => Some((6, e.exposed_ns)),
+        _ => None,
+    }
+}
+
+/// Counts and newest instants of one channel.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Traffic {
+    /// Items so far.
+    pub count: u64,
+    /// Instant of the newest, ns; 0 before the first.
+    pub newest_ns: Nanos,
+    /// Items a second, over the last interval between two calls of [`Monitor::measure`].
+    pub rate_hz: f64,
+    counted_before: u64,
+}
+
+/// What the launcher has heard.
+#[derive(Debug, Default)]
+pub struct Monitor {
+    /// By [`CHANNELS`].
+    pub traffic: [Traffic; CHANNELS.len()],
+    /// How each body was tracked last, in words.
+    pub bodies: [&'static str; BODY_NAMES.len()],
+    /// Events by kind.
+    pub events: BTreeMap<&'static str, u64>,
+    /// The newest warnings, oldest first.
+    pub warnings: VecDeque<Event>,
+    /// The newest frame shown.
+    pub frame: Option<FrameRecord>,
+    frames_by_tier: BTreeMap<u32, u64>,
+    first_frame_ns: Nanos,
+    measured_ns: Nanos,
+}
+
+impl Monitor {
+    /// Takes an item.
+    pub fn note(&mut self, item: &Item) {
+        if let Some((channel, instant)) = place(item) {
+            let traffic = &mut self.traffic[channel];
+            traffic.count += 1;
+            traffic.newest_ns = traffic.newest_ns.max(instant);
+        }
+        match item {
+            Item::Poses(pose) => self.note_pose(pose),
+            Item::Event(event) => self.note_event(event),
+            Item::Frame(frame) => self.note_frame(frame),
+            _ => {}
+        }
+    }
+
+    fn note_pose(&mut self, pose: &TrackerFrame) {
+        for (text, body) in self.bodies.iter_mut().zip(&pose.bodies) {
+            *text = BodyStatus::from_wire(body.status).map_or("unknown", BodyStatus::text);
+        }
+    }
+
+    fn note_event(&mut self, event: &Event) {
+        let kind = EventKind::from_wire(event.kind).map_or("unknown", |k| k.text().0);
+        *self.events.entry(kind).or_default() += 1;
+        if event.severity >= Severity::Warning as u32 {
+            self.warnings.push_back(*event);
+            if self.warnings.len() > WARNINGS {
+                self.warnings.pop_front();
+            }
+        }
+    }
+
+    fn note_frame(&mut self, frame: &FrameRecord) {
+        if self.frame.is_none() {
+            self.first_frame_ns = frame.displayed;
+        }
+        *self.frames_by_tier.entry(frame.tier).or_default() += 1;
+        self.frame = Some(*frame);
+    }
+
+    /// Brings the rates up to date.
+    pub fn measure(&mut self, now: Nanos) {
+        let seconds = now.saturating_sub(self.measured_ns) as f64 * 1e-9;
+        for traffic in &mut self.traffic {
+            traffic.rate_hz = (traffic.count - traffic.counted_before) as f64 / seconds.max(1e-3);
+            traffic.counted_before = traffic.count;
+        }
+        self.measured_ns = now;
+    }
+
+    /// Figures of the picture, with the renderer's own words; `None` if no frame was shown.
+    pub fn picture(&self, renderer: String) -> Option<Picture> {
+        let frame = self.frame?;
+        let frames: u64 = self.frames_by_tier.values().sum();
+        let seconds = frame.displayed.saturating_sub(self.first_frame_ns) as f64 * 1e-9;
+        Some(Picture {
+            frames,
+            frames_per_second: if seconds > 0.0 { (frames - 1) as f64 / seconds } else { 0.0 },
+            missed: frame.missed,
+            tier: frame.tier,
+            frames_by_tier: self.frames_by_tier.clone(),
+            width_px: frame.width_px,
+            height_px: frame.height_px,
+            renderer,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::steps::StepRecord;
+
+    #[test]
+    fn rates_are_those_of_the_last_interval() {
+        let mut monitor = Monitor::default();
+        let mut step = StepRecord::zeroed();
+        step.instants.stepped = 77;
+        monitor.measure(1_000_000_000);
+        (0..100).for_each(|_| monitor.note(&Item::Step(step)));
+        monitor.measure(3_000_000_000);
+        assert_eq!((monitor.traffic[4].rate_hz, monitor.traffic[4].newest_ns), (50.0, 77));
+        monitor.measure(4_000_000_000);
+        assert_eq!((monitor.traffic[4].rate_hz, monitor.traffic[4].count), (0.0, 100));
+    }
+
+    #[test]
+    fn warnings_are_kept_newest_last_and_every_event_is_counted() {
+        let mut monitor = Monitor::default();
+        for seq in 0..5 {
+            let severity = if seq == 4 { Severity::Info } else { Severity::Warning } as u32;
+            let kind = EventKind::RimForceHigh as u32;
+            monitor.note(&Item::Event(Event { seq, severity, kind, ..Event::zeroed() }));
+        }
+        assert_eq!(monitor.warnings.iter().map(|e| e.seq).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!(monitor.events[EventKind::RimForceHigh.text().0], 5);
+    }
+
+    #[test]
+    fn the_picture_is_summed_up_by_tier() {
+        let mut monitor = Monitor::default();
+        assert!(monitor.picture(String::new()).is_none());
+        for i in 0..11u64 {
+            let tier = u32::from(i > 2);
+            let displayed = 1 + i * 100_000_000;
+            monitor.note(&Item::Frame(FrameRecord { displayed, tier, ..FrameRecord::zeroed() }));
+        }
+        let picture = monitor.picture("x".into()).unwrap();
+        assert_eq!((picture.frames, picture.tier), (11, 1));
+        assert!((picture.frames_per_second - 10.0).abs() < 1e-9);
+        assert_eq!(picture.frames_by_tier, BTreeMap::from([(0, 3), (1, 8)]));
+    }
+}

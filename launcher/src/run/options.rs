@@ -1,0 +1,289 @@
+//! What `vitreo run` takes, and what each process is given of it.
+
+use anyhow::{Context, bail};
+use protocol::budget::{Budgets, Stage};
+use protocol::health::Process;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `vitreo run`.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct RunArgs {
+    /// What is in the eye: a shipped scene's name or a scene file [default: peel].
+    #[arg(long, value_name = "NAME|FILE")]
+    pub scene: Option<String>,
+    /// Cameras, markers and trocars [default: the shipped rig].
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Lay a recorded hand's movement above 1 Hz over the script.
+    #[arg(long, value_name = "FILE", conflicts_with = "blobs")]
+    pub motion: Option<PathBuf>,
+    /// Use all of the recorded movement, fitted to the workspace.
+    #[arg(long, requires = "motion")]
+    pub motion_full: bool,
+    /// Play a recorded blob stream in place of the cameras; needs its --rig.
+    #[arg(long, value_name = "BLOBS.jsonl", requires = "rig")]
+    pub blobs: Option<PathBuf>,
+    /// Make blobs straight from the markers, without drawing pixels.
+    #[arg(long, conflicts_with = "blobs")]
+    pub direct: bool,
+    /// Seed of everything random in the virtual cameras and hands.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// End after so many seconds [default: at the end of the stream, or Ctrl-C].
+    #[arg(long, value_name = "S", value_parser = positive)]
+    pub duration: Option<f64>,
+    /// Record everything.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Write the figures of the run.
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+    /// Exit with 4 where a latency budget is broken.
+    #[arg(long)]
+    pub assert_budgets: bool,
+    /// Replace budgets.
+    #[arg(long, value_name = "FILE.toml")]
+    pub budgets: Option<PathBuf>,
+    /// Percentile at which budgets are judged [default: 99, or the budget file's].
+    #[arg(long, value_name = "P", value_parser = percentile)]
+    pub percentile: Option<f64>,
+    /// Draw without a window.
+    #[arg(long, conflicts_with_all = ["window", "no_picture"])]
+    pub headless: bool,
+    /// Draw in a window [default where there is a display].
+    #[arg(long, conflicts_with = "no_picture")]
+    pub window: bool,
+    /// Draw nothing; run and measure the rest.
+    #[arg(long, conflicts_with_all = ["stills", "video"])]
+    pub no_picture: bool,
+    /// Name of this simulator; several run side by side under different names.
+    #[arg(long, value_name = "NAME", default_value = "main")]
+    pub instance: String,
+    /// Save stereo pictures.
+    #[arg(long, value_name = "DIR")]
+    pub stills: Option<PathBuf>,
+    /// Save a film.
+    #[arg(long, value_name = "FILE.y4m")]
+    pub video: Option<PathBuf>,
+    /// Slow a stage down, to see that its budget notices.
+    #[arg(long, value_name = "STAGE=MS", value_parser = injected_delay, hide = true)]
+    pub inject_delay: Vec<(Stage, f64)>,
+}
+
+/// What becomes of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum View {
+    /// In a window.
+    Window,
+    /// Drawn without a window.
+    Headless,
+    /// Not drawn.
+    None,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected seconds, found '{text}'"))?;
+    let range = 0.0..=86_400.0 * 365.0;
+    if value > 0.0 && range.contains(&value) { Ok(value) } else { Err("expected more than 0 s".into()) }
+}
+
+fn percentile(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
+    if (0.0..=100.0).contains(&value) { Ok(value) } else { Err("expected 0 to 100".into()) }
+}
+
+fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
+    let names = || {
+        let single = Stage::ALL.iter().filter(|&&s| s != Stage::WholeSystem);
+        single.map(|s| s.name()).collect::<Vec<_>>().join(", ")
+    };
+    let (name, delay) = text.split_once('=').ok_or("expected STAGE=MS")?;
+    let stage = Stage::ALL.into_iter().find(|s| s.name() == name && *s != Stage::WholeSystem);
+    let stage = stage.ok_or_else(|| format!("unknown stage '{name}'; known: {}", names()))?;
+    let delay: f64 = delay.parse().map_err(|_| format!("expected milliseconds, found '{delay}'"))?;
+    if (0.0..=10_000.0).contains(&delay) { Ok((stage, delay)) } else { Err("expected 0 to 10000 ms".into()) }
+}
+
+/// The camera that `--inject-delay camera-wait=MS` makes late.
+const LATE_CAMERA: u32 = 2;
+
+/// Collects command-line arguments.
+#[derive(Default)]
+struct Arguments(Vec<String>);
+
+impl Arguments {
+    fn flag(&mut self, name: &str, given: bool) {
+        if given {
+            self.0.push(name.into());
+        }
+    }
+
+    fn value(&mut self, name: &str, value: Option<impl ToString>) {
+        if let Some(value) = value {
+            self.0.extend([name.into(), value.to_string()]);
+        }
+    }
+
+    fn path(&mut self, name: &str, path: Option<&Path>) {
+        self.value(name, path.map(Path::display));
+    }
+}
+
+impl RunArgs {
+    /// What becomes of the picture, given whether there is a display.
+    pub fn view(&self, has_display: bool) -> View {
+        match (self.no_picture, self.headless, self.window || has_display) {
+            (true, _, _) => View::None,
+            (_, true, _) | (_, _, false) => View::Headless,
+            _ => View::Window,
+        }
+    }
+
+    /// Milliseconds by which `stage` is slowed down.
+    fn delay_ms(&self, stage: Stage) -> Option<f64> {
+        self.inject_delay.iter().rev().find(|(s, _)| *s == stage).map(|(_, ms)| *ms)
+    }
+
+    /// The arguments of one process. `remaining_s` is what is left of the duration.
+    pub fn arguments_of(&self, process: Process, view: View, remaining_s: Option<f64>) -> Vec<String> {
+        let mut args = Arguments::default();
+        let (stage, takes_rig, takes_scene) = match process {
+            Process::FpgaModel => (Stage::Camera, true, true),
+            Process::Tracker => (Stage::Tracking, true, false),
+            Process::Simcore => (Stage::Simulation, false, true),
+            Process::Renderer => (Stage::Rendering, true, true),
+        };
+        args.path("--rig", self.rig.as_deref().filter(|_| takes_rig));
+        args.value("--scene", self.scene.as_ref().filter(|_| takes_scene));
+        args.value("--inject-delay-ms", self.delay_ms(stage));
+        match process {
+            Process::FpgaModel => self.camera_arguments(&mut args, remaining_s),
+            Process::Renderer => {
+                args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
+                args.path("--stills", self.stills.as_deref());
+                args.path("--video", self.video.as_deref());
+            }
+            Process::Tracker | Process::Simcore => {}
+        }
+        args.0
+    }
+
+    fn camera_arguments(&self, args: &mut Arguments, remaining_s: Option<f64>) {
+        args.value("--seed", Some(self.seed));
+        args.path("--motion", self.motion.as_deref());
+        args.flag("--motion-full", self.motion_full);
+        args.path("--blobs", self.blobs.as_deref());
+        args.flag("--direct", self.direct);
+        args.value("--duration", remaining_s);
+        let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));
+        args.value("--late-camera", late);
+    }
+
+    /// The budgets to judge by: the shipped table, the file's entries, the chosen percentile.
+    pub fn budget_table(&self) -> anyhow::Result<Budgets> {
+        let mut budgets = match &self.budgets {
+            None => Budgets::default(),
+            Some(file) => {
+                let name = file.display().to_string();
+                let text = std::fs::read_to_string(file).with_context(|| format!("budget file {name}"))?;
+                Budgets::parse(&text, &name)?
+            }
+        };
+        budgets.percentile = self.percentile.unwrap_or(budgets.percentile);
+        Ok(budgets)
+    }
+
+    /// Looks at every file before anything is started, and makes the folders of the outputs.
+    pub fn prepare(&self) -> anyhow::Result<()> {
+        for (what, file) in [("--motion", &self.motion), ("--blobs", &self.blobs)] {
+            if let Some(file) = file.as_deref().filter(|f| !f.is_file()) {
+                bail!("{what} {}: no such file", file.display());
+            }
+        }
+        let files = [&self.record, &self.report, &self.video].into_iter().flatten();
+        let folders = files.filter_map(|f| f.parent()).chain(self.stills.as_deref());
+        for folder in folders.filter(|f| !f.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).with_context(|| format!("make folder {}", folder.display()))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        run: RunArgs,
+    }
+
+    fn parse(args: &[&str]) -> Result<RunArgs, String> {
+        let line = Line::try_parse_from(std::iter::once(&"run").chain(args));
+        line.map(|l| l.run).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_display_opens_a_window_unless_told_otherwise() {
+        let view = |args: &[&str], display| parse(args).unwrap().view(display);
+        assert_eq!(view(&[], true), View::Window);
+        assert_eq!(view(&[], false), View::Headless);
+        assert_eq!(view(&["--headless"], true), View::Headless);
+        assert_eq!(view(&["--window"], false), View::Window);
+        assert_eq!(view(&["--no-picture"], true), View::None);
+    }
+
+    #[test]
+    fn options_that_exclude_each_other_are_refused() {
+        for wrong in [
+            &["--headless", "--window"][..],
+            &["--motion-full"],
+            &["--blobs", "b.jsonl"],
+            &["--motion", "m.csv", "--blobs", "b", "--rig", "r"],
+            &["--duration", "0"],
+            &["--duration", "NaN"],
+            &["--percentile", "101"],
+            &["--inject-delay", "whole-system=3"],
+            &["--inject-delay", "tracking=-1"],
+            &["--inject-delay", "tracking"],
+            &["--no-picture", "--video", "v.y4m"],
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong:?} was taken");
+        }
+    }
+
+    #[test]
+    fn each_delay_reaches_the_process_of_its_stage() {
+        let stages = ["camera", "camera-wait", "tracking", "simulation", "rendering"];
+        for (slow, stage) in stages.iter().enumerate() {
+            let args = parse(&["--inject-delay", &format!("{stage}=7")]).unwrap();
+            let delayed: Vec<Process> = Process::ALL
+                .into_iter()
+                .filter(|&p| {
+                    let given = args.arguments_of(p, View::Headless, None);
+                    given.windows(2).any(|w| w == ["--inject-delay-ms", "7"] || w == ["--late-camera", "2=7"])
+                })
+                .collect();
+            let owner = [0, 0, 1, 2, 3][slow];
+            assert_eq!(delayed, [Process::ALL[owner]], "{stage}");
+        }
+    }
+
+    #[test]
+    fn each_process_gets_what_it_understands() {
+        let args = parse(&["--rig", "r.json", "--scene", "peel", "--seed", "9", "--stills", "s"]).unwrap();
+        let of = |p| args.arguments_of(p, View::Headless, Some(2.5)).join(" ");
+        assert_eq!(of(Process::FpgaModel), "--rig r.json --scene peel --seed 9 --duration 2.5");
+        assert_eq!(of(Process::Tracker), "--rig r.json");
+        assert_eq!(of(Process::Simcore), "--scene peel");
+        assert_eq!(of(Process::Renderer), "--rig r.json --scene peel --headless --stills s");
+    }
+
+    #[test]
+    fn the_percentile_of_the_command_line_wins() {
+        assert_eq!(parse(&["--percentile", "95"]).unwrap().budget_table().unwrap().percentile, 95.0);
+        assert_eq!(parse(&[]).unwrap().budget_table().unwrap(), Budgets::default());
+    }
+}

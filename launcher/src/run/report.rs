@@ -1,0 +1,338 @@
+//! The report of a run: everything the run is judged by, as JSON and as tables. Pure.
+
+use super::ledger::{Ledger, StageFigures};
+use crate::machine::Machine;
+use protocol::budget::Stage;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// Version of the report's layout.
+pub const FORMAT: &str = "vitreo-report-1";
+
+/// Everything about a run.
+#[derive(Debug, Serialize)]
+pub struct Report {
+    /// [`FORMAT`].
+    pub format: &'static str,
+    /// True if no budget is broken.
+    pub budgets_kept: bool,
+    /// Why the run ended.
+    pub ended_by: String,
+    /// Time from the first field to the end, s.
+    pub duration_s: f64,
+    /// What was run.
+    pub setup: Setup,
+    /// What it ran on.
+    pub machine: Machine,
+    /// Versions of the program.
+    pub versions: Versions,
+    /// Latency of every stage beside its budget.
+    pub stages: Vec<StageFigures>,
+    /// Latencies left out because a start or restart was less than a second ago.
+    pub warm_up_left_out: u64,
+    /// The paper's Table 4 with today's figures.
+    pub paper_table_4: Vec<PaperLine>,
+    /// The picture, where there was one.
+    pub picture: Option<Picture>,
+    /// Each process.
+    pub processes: Vec<ProcessFigures>,
+    /// Number of restarts, by process.
+    pub restarts: BTreeMap<&'static str, u32>,
+    /// What happened to the processes, in words, with the time since the start.
+    pub happenings: Vec<Happened>,
+    /// Blocks that the launcher missed, by channel.
+    pub lost: BTreeMap<&'static str, u64>,
+    /// Messages by channel.
+    pub received: BTreeMap<&'static str, u64>,
+    /// Events by kind.
+    pub events: BTreeMap<&'static str, u64>,
+    /// The recording, where there was one.
+    pub recording: Option<RecordingFigures>,
+}
+
+/// What was run.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs)]
+pub struct Setup {
+    pub instance: String,
+    pub scene: String,
+    pub rig: String,
+    pub seed: u64,
+    pub source: String,
+    pub view: &'static str,
+    pub injected_delays_ms: BTreeMap<&'static str, f64>,
+}
+
+/// Versions.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs)]
+pub struct Versions {
+    pub vitreo: &'static str,
+    pub profile: &'static str,
+}
+
+impl Versions {
+    /// Of this build.
+    pub fn of_this_build() -> Self {
+        let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
+        Versions { vitreo: env!("CARGO_PKG_VERSION"), profile }
+    }
+}
+
+/// One line of the paper's Table 4 beside today's median, ms.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct PaperLine {
+    pub task: &'static str,
+    pub paper_ms: f64,
+    /// Median of this run; `None` where nothing was measured.
+    pub today_ms: Option<f64>,
+}
+
+/// Figures of the picture.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs)]
+pub struct Picture {
+    pub frames: u64,
+    pub frames_per_second: f64,
+    pub missed: u64,
+    /// Quality tier of the last frame, 0 is the best.
+    pub tier: u32,
+    /// Frames shown at each tier.
+    pub frames_by_tier: BTreeMap<u32, u64>,
+    /// Of one channel, last frame.
+    pub width_px: u32,
+    pub height_px: u32,
+    /// In the renderer's own words: adapter, tier.
+    pub renderer: String,
+}
+
+/// Figures of a process.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs)]
+pub struct ProcessFigures {
+    pub process: &'static str,
+    pub restarts: u32,
+    /// Share of one core, percent.
+    pub cpu_percent: f64,
+    pub received: u64,
+    pub sent: u64,
+    pub lost: u64,
+    pub refused: u64,
+    pub text: String,
+}
+
+/// Something that happened to a process.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs)]
+pub struct Happened {
+    pub at_s: f64,
+    pub what: String,
+}
+
+/// Figures of the recording.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs)]
+pub struct RecordingFigures {
+    pub file: String,
+    pub items: u64,
+    /// Items that did not reach the file.
+    pub lost: u64,
+    pub bytes: u64,
+    /// Why it could not be finished.
+    pub problem: Option<String>,
+}
+
+/// The paper's Table 4 (Wagner, Schill, Männer 2002, section 4.6; 1,000 triangles, 1,500 springs)
+/// with the medians of this run. "Overall" is the sum of the lines above it, as in the paper.
+pub fn paper_table_4(ledger: &Ledger) -> Vec<PaperLine> {
+    let median = |d: &super::ledger::Durations| (d.count() > 0).then(|| d.at_ms(50.0));
+    let phases = &ledger.phases;
+    let mut lines: Vec<PaperLine> = [
+        ("collision detection", 2.3, median(&phases.collision)),
+        ("tissue simulation", 1.5, median(&phases.tissue)),
+        ("geometry transfer", 1.7, median(&phases.transfer)),
+        ("misc", 1.0, median(&phases.misc)),
+        ("graphics rendering", 15.0, median(ledger.stage(Stage::Rendering))),
+    ]
+    .map(|(task, paper_ms, today_ms)| PaperLine { task, paper_ms, today_ms })
+    .into();
+    let today_ms = lines.iter().filter_map(|l| l.today_ms).reduce(|a, b| a + b);
+    lines.push(PaperLine { task: "overall", paper_ms: 22.0, today_ms });
+    lines
+}
+
+impl Report {
+    /// The tables for a person.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write_stages(&mut out);
+        let _ = self.write_paper(&mut out);
+        let _ = self.write_processes(&mut out);
+        let _ = self.write_rest(&mut out);
+        out
+    }
+
+    fn write_stages(&self, out: &mut String) -> std::fmt::Result {
+        let percentile = self.stages.first().map_or(99.0, |s| s.percentile);
+        writeln!(out, "latency, ms (budgets at p{percentile}; ran {:.1} s)", self.duration_s)?;
+        writeln!(
+            out,
+            "{:<13} {:<25} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>9} {:>6}  verdict",
+            "stage", "from → to", "count", "mean", "p50", "p95", "p99", "p99.9", "max", "budget", "over"
+        )?;
+        for s in &self.stages {
+            let mean = if s.mean_budget_ms > 0.0 { format!("/{}", s.mean_budget_ms) } else { String::new() };
+            writeln!(
+                out,
+                "{:<13} {:<25} {:>6} {:>7.2} {:>7.2} {:>7.2} {:>7.2} {:>7.2} {:>7.2} {:>9} {:>6}  {}",
+                s.stage.name(),
+                s.span,
+                s.count,
+                s.mean_ms,
+                s.p50_ms,
+                s.p95_ms,
+                s.p99_ms,
+                s.p999_ms,
+                s.max_ms,
+                format!("{}{mean}", s.budget_ms),
+                s.violations,
+                s.verdict.text()
+            )?;
+        }
+        Ok(())
+    }
+
+    fn write_paper(&self, out: &mut String) -> std::fmt::Result {
+        writeln!(out, "\nTable 4 of the paper, ms        2002   today (median)")?;
+        for line in &self.paper_table_4 {
+            let today = line.today_ms.map_or("–".into(), |ms| format!("{ms:.3}"));
+            writeln!(out, "{:<29} {:>6.1} {:>10}", line.task, line.paper_ms, today)?;
+        }
+        Ok(())
+    }
+
+    fn write_processes(&self, out: &mut String) -> std::fmt::Result {
+        writeln!(
+            out,
+            "\n{:<11} {:>7} {:>9} {:>9} {:>7} {:>8} {:>9}",
+            "process", "core %", "received", "sent", "lost", "refused", "restarts"
+        )?;
+        for p in &self.processes {
+            writeln!(
+                out,
+                "{:<11} {:>7.1} {:>9} {:>9} {:>7} {:>8} {:>9}  {}",
+                p.process, p.cpu_percent, p.received, p.sent, p.lost, p.refused, p.restarts, p.text
+            )?;
+        }
+        Ok(())
+    }
+
+    fn write_rest(&self, out: &mut String) -> std::fmt::Result {
+        if let Some(p) = &self.picture {
+            let (width, height) = (p.width_px, p.height_px);
+            write!(
+                out,
+                "\npicture: {} frames, {:.1} a second, {} missed, ",
+                p.frames, p.frames_per_second, p.missed
+            )?;
+            writeln!(out, "2 × {width} × {height} px, tier {}", p.tier)?;
+        }
+        if !self.events.is_empty() {
+            let events: Vec<String> = self.events.iter().map(|(k, n)| format!("{k} {n}")).collect();
+            writeln!(out, "events: {}", events.join(", "))?;
+        }
+        if let Some(r) = &self.recording {
+            let mib = r.bytes as f64 / f64::from(1 << 20);
+            writeln!(out, "recording: {}, {} items, {mib:.1} MiB, {} lost", r.file, r.items, r.lost)?;
+        }
+        for h in &self.happenings {
+            writeln!(out, "{:>7.1} s: {}", h.at_s, h.what)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::budget::Budgets;
+    use protocol::steps::{StepRecord, StepTimes};
+
+    fn ledger() -> Ledger {
+        let mut ledger = Ledger::default();
+        ledger.warm_from(1);
+        let times =
+            StepTimes { collision_ns: 50_000, tissue_ns: 200_000, transfer_ns: 30_000, misc_ns: 20_000 };
+        let mut step = StepRecord { times, ..StepRecord::zeroed() };
+        (step.instants.exposed, step.instants.tracked, step.instants.stepped) = (10, 20, 320_000);
+        ledger.note_step(&step);
+        ledger
+    }
+
+    fn report() -> Report {
+        let ledger = ledger();
+        Report {
+            format: FORMAT,
+            budgets_kept: true,
+            ended_by: "duration".into(),
+            duration_s: 1.0,
+            setup: Setup {
+                instance: "main".into(),
+                scene: "peel".into(),
+                rig: "r".into(),
+                seed: 1,
+                source: "script".into(),
+                view: "none",
+                injected_delays_ms: BTreeMap::new(),
+            },
+            machine: Machine::look(),
+            versions: Versions::of_this_build(),
+            stages: ledger.judge(&Budgets::default()),
+            warm_up_left_out: 0,
+            paper_table_4: paper_table_4(&ledger),
+            picture: None,
+            processes: Vec::new(),
+            restarts: BTreeMap::from([("tracker", 2)]),
+            happenings: vec![Happened { at_s: 3.0, what: "tracker restarted".into() }],
+            lost: BTreeMap::new(),
+            received: BTreeMap::new(),
+            events: BTreeMap::new(),
+            recording: None,
+        }
+    }
+
+    #[test]
+    fn overall_is_the_sum_of_what_was_measured() {
+        let lines = paper_table_4(&ledger());
+        let overall = lines.last().unwrap().today_ms.unwrap();
+        assert!((overall - 0.3).abs() < 1e-3, "{overall}");
+        assert_eq!(lines[4].today_ms, None, "no picture was drawn");
+        let paper: f64 = lines[..5].iter().map(|l| l.paper_ms).sum();
+        assert!((paper - lines[5].paper_ms).abs() < 1.0, "the paper rounds 21.5 to 22");
+        assert!(paper_table_4(&Ledger::default()).iter().all(|l| l.today_ms.is_none()));
+    }
+
+    #[test]
+    fn tables_name_every_stage_and_happening() {
+        let text = report().text();
+        for stage in Stage::ALL {
+            assert!(text.contains(stage.name()) && text.contains(stage.span()), "{text}");
+        }
+        assert!(text.contains("tracker restarted") && text.contains("tissue simulation"), "{text}");
+    }
+
+    #[test]
+    fn json_has_what_scripts_look_for() {
+        let json = serde_json::to_value(report()).unwrap();
+        assert_eq!(json["format"], FORMAT);
+        assert_eq!(json["restarts"]["tracker"], 2);
+        assert_eq!(json["stages"][0]["stage"], "camera");
+        assert_eq!(json["stages"][3]["broken"], false);
+        assert_eq!(json["stages"][5]["verdict"], "no-samples");
+        assert_eq!(json["paper_table_4"][1]["paper_ms"], 1.5);
+    }
+}

@@ -1,0 +1,269 @@
+//! One screen of status while a run goes on; one line every ten seconds where there is no terminal.
+
+use super::ledger::Ledger;
+use super::monitor::{CHANNELS, Monitor};
+use super::supervisor::Slot;
+use protocol::budget::{Budgets, Stage};
+use protocol::events::EventKind;
+use protocol::health::{STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
+use protocol::poses::BODY_NAMES;
+use protocol::time::Nanos;
+use std::io::{IsTerminal, Write};
+
+/// Period of the screen on a terminal, ns.
+const REDRAW_NS: u64 = 333_000_000;
+/// Period of the line elsewhere, ns.
+const LINE_NS: u64 = 10_000_000_000;
+
+/// What there is to show.
+pub struct Status<'a> {
+    /// Now.
+    pub now: Nanos,
+    /// Since the first field, s.
+    pub elapsed_s: f64,
+    /// Length of the run, where it has one, s.
+    pub duration_s: Option<f64>,
+    /// Traffic, events, bodies, picture.
+    pub monitor: &'a Monitor,
+    /// Latencies.
+    pub ledger: &'a Ledger,
+    /// Limits.
+    pub budgets: &'a Budgets,
+    /// Processes.
+    pub slots: &'a [Slot],
+    /// The recorder, in words; empty without one.
+    pub recorder: String,
+    /// The newest thing that happened to a process; empty if nothing did.
+    pub happening: &'a str,
+}
+
+impl Status<'_> {
+    /// The whole screen.
+    pub fn lines(&self) -> Vec<String> {
+        let of = self.duration_s.map(|d| format!(" of {d:.0} s")).unwrap_or_default();
+        let mut lines =
+            vec![format!("vitreo  {:.0} s{of}   {}   Ctrl-C ends the run", self.elapsed_s, self.recorder)];
+        self.traffic(&mut lines);
+        self.latencies(&mut lines);
+        self.processes(&mut lines);
+        self.warnings(&mut lines);
+        lines
+    }
+
+    fn traffic(&self, lines: &mut Vec<String>) {
+        let row = |title: &str, cell: &dyn Fn(usize) -> String| {
+            let cells: String = (0..CHANNELS.len()).map(|c| format!("{:>10}", cell(c))).collect();
+            format!("{title:<14}{cells}")
+        };
+        lines.push(row("", &|c| CHANNELS[c].into()));
+        lines.push(row("per second", &|c| format!("{:.0}", self.monitor.traffic[c].rate_hz)));
+        lines.push(row("age, ms", &|c| match self.monitor.traffic[c].newest_ns {
+            0 => "–".into(),
+            newest => format!("{:.0}", self.now.saturating_sub(newest) as f64 * 1e-6),
+        }));
+        let bodies = BODY_NAMES.iter().zip(self.monitor.bodies);
+        let bodies: Vec<String> = bodies.map(|(name, status)| format!("{name} {status}")).collect();
+        let picture = self.monitor.frame.map(|f| {
+            format!("picture 2 × {} × {} px, tier {}, {} missed", f.width_px, f.height_px, f.tier, f.missed)
+        });
+        lines.push(format!("{}   {}", bodies.join(", "), picture.unwrap_or_default()));
+    }
+
+    fn latencies(&self, lines: &mut Vec<String>) {
+        lines.push(format!("{:<14}{:>10}{:>10}{:>10}", "latency, ms", "p50", "p99", "budget"));
+        for stage in Stage::ALL {
+            let durations = self.ledger.stage(stage);
+            if durations.count() == 0 {
+                continue;
+            }
+            let (p50, p99) = (durations.at_ms(50.0), durations.at_ms(99.0));
+            let limit = self.budgets.of(stage).limit_ms;
+            let over =
+                if limit > 0.0 && durations.at_ms(self.budgets.percentile) > limit { "  over" } else { "" };
+            lines.push(format!("{:<14}{p50:>10.2}{p99:>10.2}{limit:>10}{over}", stage.name()));
+        }
+    }
+
+    fn processes(&self, lines: &mut Vec<String>) {
+        for slot in self.slots {
+            let health = slot.health;
+            let state = match health.map(|h| h.state) {
+                Some(STATE_RUNNING) => "running",
+                Some(STATE_DEGRADED) => "degraded",
+                Some(STATE_FINISHED) => "finished",
+                _ => "starting",
+            };
+            let text = health.map(|h| h.text()).unwrap_or_default();
+            let (lost, refused) = health.map_or((0, 0), |h| (h.lost, h.refused));
+            let percent = slot.cpu.share() * 100.0;
+            lines.push(format!(
+                "{:<11} {state:<9} {percent:>5.1} % cpu  {} restarts  {lost} lost  {refused} refused  {text}",
+                slot.process.name(),
+                slot.restarts
+            ));
+        }
+    }
+
+    fn warnings(&self, lines: &mut Vec<String>) {
+        if !self.happening.is_empty() {
+            lines.push(format!("! {}", self.happening));
+        }
+        for event in &self.monitor.warnings {
+            let (text, unit) =
+                EventKind::from_wire(event.kind).map_or(("unknown event", ""), EventKind::text);
+            lines.push(format!("! field {}: {text}, {:.2} {unit}", event.field, event.value));
+        }
+    }
+
+    /// One line.
+    pub fn line(&self) -> String {
+        let rate = |c: usize| self.monitor.traffic[c].rate_hz;
+        let p99 = |stage| self.ledger.stage(stage).at_ms(99.0);
+        let restarts: u32 = self.slots.iter().map(|s| s.restarts).sum();
+        let tier = self.monitor.frame.map(|f| format!(", tier {}", f.tier)).unwrap_or_default();
+        format!(
+            "{:.0} s: {:.0} poses/s, {:.0} steps/s, {:.0} frames/s{tier}; p99 ms: tracking {:.2}, simulation {:.2}, \
+             rendering {:.1}, whole system {:.1}; {restarts} restarts",
+            self.elapsed_s,
+            rate(3),
+            rate(4),
+            rate(5),
+            p99(Stage::Tracking),
+            p99(Stage::Simulation),
+            p99(Stage::Rendering),
+            p99(Stage::WholeSystem),
+        )
+    }
+}
+
+/// Where the status is shown.
+pub struct Screen {
+    terminal: bool,
+    next_ns: Nanos,
+    drawn_lines: usize,
+}
+
+impl Screen {
+    /// On standard error.
+    pub fn new() -> Self {
+        Screen { terminal: std::io::stderr().is_terminal(), next_ns: 0, drawn_lines: 0 }
+    }
+
+    /// True if something is to be shown at `now`; then [`Screen::show`] is due.
+    pub fn due(&mut self, now: Nanos) -> bool {
+        let period = if self.terminal { REDRAW_NS } else { LINE_NS };
+        if self.next_ns == 0 {
+            self.next_ns = now + period;
+        }
+        let due = now >= self.next_ns;
+        if due {
+            self.next_ns = now + period;
+        }
+        due
+    }
+
+    /// Shows the status.
+    pub fn show(&mut self, status: &Status<'_>) {
+        if !self.terminal {
+            eprintln!("{}", status.line());
+            return;
+        }
+        let lines = status.lines();
+        let text = frame(&lines, self.drawn_lines);
+        self.drawn_lines = lines.len();
+        // A terminal that has gone away shows nothing; the run goes on.
+        let _ = std::io::stderr().write_all(text.as_bytes());
+    }
+
+    /// Says a sentence that stays, above the status.
+    pub fn say(&mut self, sentence: &str) {
+        let text = format!("{}{sentence}\n", clear(self.drawn_lines));
+        self.drawn_lines = 0;
+        let _ = std::io::stderr().write_all(text.as_bytes());
+    }
+}
+
+impl Default for Screen {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Control sequence that takes `lines` drawn lines away.
+fn clear(lines: usize) -> String {
+    if lines == 0 { String::new() } else { format!("\x1b[{lines}F\x1b[J") }
+}
+
+/// Text that puts `lines` in the place of `drawn` earlier ones, each cut at the terminal's edge.
+fn frame(lines: &[String], drawn: usize) -> String {
+    const NO_WRAP: &str = "\x1b[?7l";
+    const WRAP: &str = "\x1b[?7h";
+    let up = if drawn == 0 { String::new() } else { format!("\x1b[{drawn}F") };
+    let body: String = lines.iter().map(|l| format!("{l}\x1b[K\n")).collect();
+    format!("{up}{NO_WRAP}{body}\x1b[J{WRAP}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::events::{Event, Severity};
+    use protocol::recording::Item;
+    use protocol::steps::StepRecord;
+
+    fn with_status(check: impl FnOnce(&Status<'_>)) {
+        let (mut monitor, mut ledger) = (Monitor::default(), Ledger::default());
+        ledger.warm_from(1);
+        let mut step = StepRecord::zeroed();
+        step.instants.exposed = 1_000_000;
+        step.instants.tracked = 2_000_000;
+        step.instants.stepped = 14_000_000;
+        ledger.note_step(&step);
+        monitor.note(&Item::Step(step));
+        let kind = EventKind::RimForceHigh as u32;
+        let severity = Severity::Warning as u32;
+        monitor.note(&Item::Event(Event { kind, severity, field: 42, value: 7.5, ..Event::zeroed() }));
+        monitor.measure(1_000_000_000);
+        check(&Status {
+            now: 24_000_000,
+            elapsed_s: 3.0,
+            duration_s: Some(20.0),
+            monitor: &monitor,
+            ledger: &ledger,
+            budgets: &Budgets::default(),
+            slots: &[],
+            recorder: "recording".into(),
+            happening: "tracker restarted",
+        });
+    }
+
+    #[test]
+    fn the_screen_shows_rates_ages_latencies_and_warnings() {
+        with_status(|status| {
+            let text = status.lines().join("\n");
+            for part in [
+                "3 s of 20 s",
+                "steps",
+                "age, ms",
+                "simulation",
+                "12.00",
+                "over",
+                "field 42",
+                "7.50 µN",
+                "tracker restarted",
+            ] {
+                assert!(text.contains(part), "{part} is missing in\n{text}");
+            }
+            assert!(!text.contains("rendering "), "stages without samples are not shown");
+            assert!(status.line().contains("simulation 12.0"), "{}", status.line());
+        });
+    }
+
+    #[test]
+    fn a_redraw_goes_up_by_what_was_drawn() {
+        let text = frame(&["a".into(), "b".into()], 5);
+        assert!(text.starts_with("\x1b[5F") && text.matches('\n').count() == 2);
+        assert!(!frame(&["a".into()], 0).contains('F'));
+        assert_eq!(clear(0), "");
+    }
+}

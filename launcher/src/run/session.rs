@@ -1,0 +1,402 @@
+//! A run from its first process to its last: the loop that hears, watches, records and shows.
+
+use super::ledger::{Ledger, WARM_UP_NS};
+use super::monitor::{CHANNELS, Monitor};
+use super::options::{RunArgs, View};
+use super::policy::CpuAccount;
+use super::recorder::Recorder;
+use super::report::{FORMAT, Happened, ProcessFigures, Report, Setup, Versions, paper_table_4};
+use super::resume::Resume;
+use super::screen::{Screen, Status};
+use super::supervisor::{Happening, Slot, Supervisor};
+use super::tap::Tap;
+use crate::machine::Machine;
+use anyhow::{Context, bail};
+use protocol::budget::Budgets;
+use protocol::health::Process;
+use protocol::ipc::Instance;
+use protocol::recording::{Item, Note, NoteKind, Provenance};
+use protocol::time::{Nanos, now, sleep_until};
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Period of the launcher's looking, ns. Its queues reach for a second and more.
+const TICK_NS: u64 = 8_000_000;
+/// After the end of the stream the last fields get this long to reach the picture, ns.
+const LINGER_NS: u64 = 300_000_000;
+/// A duration is kept by the cameras; this much later the launcher ends the run by itself, ns.
+const OVERTIME_NS: u64 = 3_000_000_000;
+/// Period of the messages while the processes start, ns.
+const PATIENCE_NS: u64 = 5_000_000_000;
+
+/// A run that is going on.
+pub struct Session<'a> {
+    args: &'a RunArgs,
+    view: View,
+    budgets: &'a Budgets,
+    provenance: &'a Provenance,
+    stop: Arc<AtomicBool>,
+    tap: Tap,
+    hearing: Hearing,
+    supervisor: Supervisor,
+    screen: Screen,
+    happenings: Vec<Happened>,
+    /// When the cameras were ready; 0 before.
+    started_ns: Nanos,
+    own_cpu: CpuAccount,
+    // Last, so that the directory goes when nobody uses it any more.
+    instance: Instance,
+}
+
+/// Everything that listens to the items.
+struct Hearing {
+    ledger: Ledger,
+    monitor: Monitor,
+    resume: Resume,
+    recorder: Option<Recorder>,
+    lost_before: u64,
+}
+
+impl Hearing {
+    fn take(&mut self, at: Nanos, item: Item) {
+        match &item {
+            Item::Poses(pose) => self.ledger.note_pose(pose),
+            Item::Step(step) => self.ledger.note_step(step),
+            Item::Frame(frame) => self.ledger.note_frame(frame),
+            _ => {}
+        }
+        self.monitor.note(&item);
+        self.resume.note(&item);
+        if let Some(recorder) = &mut self.recorder {
+            recorder.offer(at, item);
+        }
+    }
+
+    fn record_note(&mut self, note: Note) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.offer(note.instant_ns, Item::Note(note));
+        }
+    }
+}
+
+impl<'a> Session<'a> {
+    /// Opens the instance, its channels and the recording. Nothing runs yet.
+    pub fn open(
+        args: &'a RunArgs,
+        view: View,
+        budgets: &'a Budgets,
+        provenance: &'a Provenance,
+        stop: Arc<AtomicBool>,
+    ) -> anyhow::Result<Self> {
+        let instance = Instance::own(&args.instance)?;
+        let recorder = args.record.as_deref().map(|file| Recorder::start(file, provenance)).transpose()?;
+        let (ledger, monitor, resume) = (Ledger::default(), Monitor::default(), Resume::default());
+        Ok(Session {
+            args,
+            view,
+            budgets,
+            provenance,
+            stop,
+            tap: Tap::open(&instance)?,
+            hearing: Hearing { ledger, monitor, resume, recorder, lost_before: 0 },
+            supervisor: Supervisor::new(&instance, args, view)?,
+            screen: Screen::new(),
+            happenings: Vec::new(),
+            started_ns: 0,
+            own_cpu: CpuAccount::default(),
+            instance,
+        })
+    }
+
+    /// Starts everything, runs to the end, and says why it ended.
+    pub fn run(&mut self) -> anyhow::Result<&'static str> {
+        self.start_receivers()?;
+        self.supervisor.start(Process::FpgaModel, self.args.duration, now())?;
+        let why = self.work()?;
+        self.linger()?;
+        Ok(why)
+    }
+
+    /// Starts what receives and waits until it works, so that the first field finds everybody.
+    fn start_receivers(&mut self) -> anyhow::Result<()> {
+        let picture = (self.view != View::None).then_some(Process::Renderer);
+        for process in picture.into_iter().chain([Process::Simcore, Process::Tracker]) {
+            self.supervisor.start(process, None, now())?;
+        }
+        let mut speak_ns = now() + PATIENCE_NS;
+        while !self.supervisor.all_ready() {
+            self.tick()?;
+            if self.stop.load(Ordering::Relaxed) {
+                bail!("stopped while the processes were starting");
+            }
+            if now() > speak_ns {
+                speak_ns += PATIENCE_NS;
+                self.screen.say(&format!("waiting for {}", self.supervisor.awaited().join(", ")));
+            }
+        }
+        Ok(())
+    }
+
+    /// The loop.
+    fn work(&mut self) -> anyhow::Result<&'static str> {
+        loop {
+            let happenings = self.tick()?;
+            if self.stop.load(Ordering::Relaxed) {
+                return Ok("signal");
+            }
+            if happenings.contains(&Happening::WindowClosed) {
+                return Ok("window closed");
+            }
+            if happenings.contains(&Happening::StreamEnded) {
+                return Ok(if self.args.duration.is_some() { "duration" } else { "end of the stream" });
+            }
+            if self.remaining_ns().is_some_and(|left| left < -(OVERTIME_NS as i64)) {
+                return Ok("duration (the cameras did not say so)");
+            }
+            self.show();
+        }
+    }
+
+    /// Lets the cameras end first, and the last fields arrive.
+    fn linger(&mut self) -> anyhow::Result<()> {
+        self.supervisor.ask_to_end(Process::FpgaModel);
+        let until = now() + LINGER_NS;
+        while now() < until {
+            sleep_until(now() + TICK_NS);
+            self.hear()?;
+        }
+        Ok(())
+    }
+
+    /// Sleeps a little, hears everything, and looks after the processes.
+    fn tick(&mut self) -> anyhow::Result<Vec<Happening>> {
+        sleep_until(now() + TICK_NS);
+        let mut happenings = self.hear()?;
+        let remaining_s = self.remaining_ns().map(|left| (left as f64 * 1e-9).max(0.1));
+        let (instance, provenance, hearing) = (&self.instance, self.provenance, &mut self.hearing);
+        let found = self.supervisor.look(now(), remaining_s, |process, was_at_work| {
+            instance.clean_up_after_the_dead();
+            match process {
+                Process::Simcore => resume_arguments(instance, provenance, &mut hearing.resume, was_at_work),
+                _ => Vec::new(),
+            }
+        })?;
+        happenings.extend(found);
+        for happening in &happenings {
+            self.note_happening(happening);
+        }
+        Ok(happenings)
+    }
+
+    /// Takes in what has come on every channel.
+    fn hear(&mut self) -> anyhow::Result<Vec<Happening>> {
+        let at = now();
+        let hearing = &mut self.hearing;
+        self.tap.drain(at, |filed_at, item| hearing.take(filed_at, item))?;
+        let mut happenings = Vec::new();
+        while let Some(beat) = self.tap.heartbeat()? {
+            happenings.extend(self.supervisor.note(&beat, at));
+        }
+        self.note_losses(at);
+        Ok(happenings)
+    }
+
+    /// Records that blocks were lost before the launcher could read them.
+    fn note_losses(&mut self, at: Nanos) {
+        let lost = self.tap.lost();
+        let total: u64 = lost.values().sum();
+        let count = total - self.hearing.lost_before;
+        if count == 0 {
+            return;
+        }
+        self.hearing.lost_before = total;
+        let text = format!("{count} blocks were overwritten before they were recorded (so far: {lost:?})");
+        self.hearing.record_note(Note { instant_ns: at, kind: NoteKind::Loss, process: None, count, text });
+    }
+
+    fn note_happening(&mut self, happening: &Happening) {
+        let at = now();
+        match happening {
+            Happening::Ready(process) => {
+                if *process == Process::FpgaModel && self.started_ns == 0 {
+                    self.started_ns = at;
+                }
+                if self.supervisor.all_ready() && self.started_ns > 0 {
+                    self.hearing.ledger.warm_from(at + WARM_UP_NS);
+                }
+            }
+            Happening::Restarting(process, how) => {
+                self.hearing.ledger.cool();
+                let restarts = self.supervisor.restarts_of(*process);
+                let text = format!("{} restarted: {how}", process.name());
+                self.screen.say(&text);
+                let kind = NoteKind::Restart;
+                let (process, count) = (Some(*process), u64::from(restarts));
+                self.hearing.record_note(Note { instant_ns: at, kind, process, count, text: text.clone() });
+                let at_s = self.elapsed_s(at);
+                self.happenings.push(Happened { at_s, what: text });
+            }
+            Happening::StreamEnded | Happening::WindowClosed => {}
+        }
+    }
+
+    fn elapsed_s(&self, at: Nanos) -> f64 {
+        if self.started_ns == 0 { 0.0 } else { at.saturating_sub(self.started_ns) as f64 * 1e-9 }
+    }
+
+    /// What is left of the duration, ns; negative in overtime; `None` where there is no end.
+    fn remaining_ns(&self) -> Option<i64> {
+        let duration_ns = (self.args.duration? * 1e9) as i64;
+        let begun = if self.started_ns == 0 { 0 } else { now() as i64 - self.started_ns as i64 };
+        Some(duration_ns - begun)
+    }
+
+    /// Shows the status where it is due.
+    fn show(&mut self) {
+        let at = now();
+        if self.started_ns == 0 || !self.screen.due(at) {
+            return;
+        }
+        self.note_own_cpu(at);
+        self.hearing.monitor.measure(at);
+        let recorder = match &self.hearing.recorder {
+            None => String::new(),
+            Some(r) => match r.problem() {
+                Some(problem) => format!("RECORDING FAILED: {problem}"),
+                None if r.lost() > 0 => format!("recording, {} lost", r.lost()),
+                None => "recording".into(),
+            },
+        };
+        let happening = self.happenings.last().map_or("", |h| h.what.lines().next().unwrap_or(""));
+        let status = Status {
+            now: at,
+            elapsed_s: self.elapsed_s(at),
+            duration_s: self.args.duration,
+            monitor: &self.hearing.monitor,
+            ledger: &self.hearing.ledger,
+            budgets: self.budgets,
+            slots: &self.supervisor.slots,
+            recorder,
+            happening,
+        };
+        self.screen.show(&status);
+    }
+
+    fn note_own_cpu(&mut self, at: Nanos) {
+        let cpu = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        let cpu_ns = cpu.tv_sec as u64 * 1_000_000_000 + cpu.tv_nsec as u64;
+        self.own_cpu.note(std::process::id(), cpu_ns, at);
+    }
+
+    /// Ends the processes and the recording, and sums up.
+    pub fn close(mut self, ended_by: String) -> Report {
+        let at = now();
+        self.note_own_cpu(at);
+        for process in self.supervisor.end() {
+            let what = format!("{} did not end and was killed", process.name());
+            self.happenings.push(Happened { at_s: self.elapsed_s(at), what });
+        }
+        // What was sent on the way out; a channel that fails now has nothing more to say.
+        let _ = self.hear();
+        let recording = self.hearing.recorder.take().map(Recorder::finish);
+        let slots = &self.supervisor.slots;
+        let renderer = slots.iter().find(|s| s.process == Process::Renderer);
+        let words = renderer.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default();
+        let mut processes: Vec<ProcessFigures> = slots.iter().map(process_figures).collect();
+        processes.sort_by_key(|p| Process::ALL.iter().position(|q| q.name() == p.process));
+        processes.push(self.own_figures());
+        let stages = self.hearing.ledger.judge(self.budgets);
+        Report {
+            format: FORMAT,
+            budgets_kept: stages.iter().all(|s| !s.broken),
+            ended_by,
+            duration_s: self.elapsed_s(at),
+            setup: setup(self.args, self.view, self.provenance),
+            machine: Machine::look(),
+            versions: Versions::of_this_build(),
+            stages,
+            warm_up_left_out: self.hearing.ledger.warm_up,
+            paper_table_4: paper_table_4(&self.hearing.ledger),
+            picture: self.hearing.monitor.picture(words),
+            processes,
+            restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
+            happenings: std::mem::take(&mut self.happenings),
+            lost: self.tap.lost(),
+            received: CHANNELS.into_iter().zip(self.hearing.monitor.traffic.map(|t| t.count)).collect(),
+            events: self.hearing.monitor.events.clone(),
+            recording,
+        }
+    }
+
+    fn own_figures(&self) -> ProcessFigures {
+        let received = self.hearing.monitor.traffic.iter().map(|t| t.count).sum();
+        ProcessFigures {
+            process: "launcher",
+            restarts: 0,
+            cpu_percent: self.own_cpu.share() * 100.0,
+            received,
+            sent: 0,
+            lost: self.hearing.lost_before,
+            refused: 0,
+            text: String::new(),
+        }
+    }
+}
+
+/// Arguments with which a restarted simulation goes on where its predecessor stood. One that died
+/// while it was resuming begins anew: its past may be what kills it.
+fn resume_arguments(
+    instance: &Instance,
+    provenance: &Provenance,
+    resume: &mut Resume,
+    was_at_work: bool,
+) -> Vec<String> {
+    let file = instance.directory().join("resume.mcap");
+    if was_at_work && resume.is_usable() {
+        match resume.write(&file, provenance).context("write the resume file") {
+            Ok(()) => return vec!["--resume".into(), file.display().to_string()],
+            Err(error) => log::warn!("simcore begins anew: {error:#}"),
+        }
+    }
+    resume.clear();
+    Vec::new()
+}
+
+fn process_figures(slot: &Slot) -> ProcessFigures {
+    let health = slot.health;
+    let figure = |pick: fn(&protocol::health::Health) -> u64| health.as_ref().map_or(0, pick);
+    ProcessFigures {
+        process: slot.process.name(),
+        restarts: slot.restarts,
+        cpu_percent: slot.cpu.share() * 100.0,
+        received: figure(|h| h.received),
+        sent: figure(|h| h.sent),
+        lost: figure(|h| h.lost),
+        refused: figure(|h| h.refused),
+        text: health.map(|h| h.text()).unwrap_or_default(),
+    }
+}
+
+fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
+    let path = |p: &std::path::Path| p.display().to_string();
+    let source = match (&args.blobs, &args.motion) {
+        (Some(blobs), _) => format!("blob stream {}", path(blobs)),
+        (_, Some(motion)) => format!("script with the hand of {}", path(motion)),
+        _ => "script".into(),
+    };
+    let delays = args.inject_delay.iter().map(|(stage, ms)| (stage.name(), *ms));
+    Setup {
+        instance: args.instance.clone(),
+        scene: provenance.scene_name.clone(),
+        rig: args.rig.as_deref().map_or("shipped".into(), path),
+        seed: args.seed,
+        source,
+        view: match view {
+            View::Window => "window",
+            View::Headless => "headless",
+            View::None => "none",
+        },
+        injected_delays_ms: delays.collect::<BTreeMap<_, _>>(),
+    }
+}

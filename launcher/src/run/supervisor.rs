@@ -1,0 +1,258 @@
+//! Keeps the processes of a run alive: starts them, notices the dead and the hung, restarts them.
+
+use super::options::{RunArgs, View};
+use super::policy::{CpuAccount, MAX_RESTARTS, RestartLimit, WINDOW_NS};
+use crate::children::{self, Child, Surroundings};
+use anyhow::{bail, ensure};
+use protocol::control::{Command, Request};
+use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
+use protocol::ipc::{Instance, Sender};
+use protocol::limits::HEARTBEAT_LOST_NS;
+use protocol::time::Nanos;
+
+/// How long a process may take from its start to its first work, ns. Compiling shaders on a slow
+/// machine takes some seconds.
+const START_NS: u64 = 60_000_000_000;
+/// A launcher that itself slept this long (a suspended laptop) blames nobody for silence, ns.
+const OWN_SLEEP_NS: u64 = 1_000_000_000;
+/// Niceness of the renderer: where cores are few, tracker and tissue go first.
+const RENDERER_NICE: i32 = 5;
+
+/// What the supervisor noticed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Happening {
+    /// A process is ready for work, at first or again.
+    Ready(Process),
+    /// A process died or hung and is being restarted; the text says how it ended.
+    Restarting(Process, String),
+    /// The cameras will send nothing more.
+    StreamEnded,
+    /// The window was closed.
+    WindowClosed,
+}
+
+/// One process of the run.
+#[derive(Debug)]
+pub struct Slot {
+    /// Which.
+    pub process: Process,
+    /// Its newest heartbeat.
+    pub health: Option<Health>,
+    /// How often it was restarted.
+    pub restarts: u32,
+    /// Its CPU time while it was at work.
+    pub cpu: CpuAccount,
+    /// `None` once the run has ended.
+    child: Option<Child>,
+    ready: bool,
+    was_ready: bool,
+    last_sign_ns: Nanos,
+    limit: RestartLimit,
+}
+
+/// Starts and restarts the processes.
+pub struct Supervisor {
+    /// The processes of this run.
+    pub slots: Vec<Slot>,
+    args: RunArgs,
+    view: View,
+    requests: Sender<Request>,
+    requests_sent: u64,
+    last_look_ns: Nanos,
+    stream_ended: bool,
+}
+
+impl Supervisor {
+    /// Nothing runs yet.
+    pub fn new(instance: &Instance, args: &RunArgs, view: View) -> anyhow::Result<Self> {
+        let requests = instance.sender()?;
+        let args = args.clone();
+        let (slots, requests_sent, last_look_ns) = (Vec::new(), 0, 0);
+        Ok(Self { slots, args, view, requests, requests_sent, last_look_ns, stream_ended: false })
+    }
+
+    /// Starts a process. `extra` arguments come after those of the run.
+    pub fn start(&mut self, process: Process, remaining_s: Option<f64>, now: Nanos) -> anyhow::Result<()> {
+        let child = Some(self.spawn(process, remaining_s, &[])?);
+        let (health, cpu, limit) = (None, CpuAccount::default(), RestartLimit::default());
+        let (ready, was_ready, restarts, last_sign_ns) = (false, false, 0, now);
+        self.slots.push(Slot {
+            process,
+            health,
+            restarts,
+            cpu,
+            child,
+            ready,
+            was_ready,
+            last_sign_ns,
+            limit,
+        });
+        Ok(())
+    }
+
+    fn spawn(&self, process: Process, remaining_s: Option<f64>, extra: &[String]) -> anyhow::Result<Child> {
+        let mut args = self.args.arguments_of(process, self.view, remaining_s);
+        args.extend_from_slice(extra);
+        let surroundings = match process {
+            Process::Renderer => Surroundings {
+                environment: vec![("LP_NUM_THREADS", software_threads().to_string())],
+                nice: RENDERER_NICE,
+            },
+            _ => Surroundings::default(),
+        };
+        Child::spawn_in(process, &self.args.instance, &args, &surroundings)
+    }
+
+    /// True once every started process is at work.
+    pub fn all_ready(&self) -> bool {
+        self.slots.iter().all(|s| s.ready)
+    }
+
+    /// Names of the processes that are not ready yet.
+    pub fn awaited(&self) -> Vec<&'static str> {
+        self.slots.iter().filter(|s| !s.ready).map(|s| s.process.name()).collect()
+    }
+
+    /// Takes a heartbeat.
+    pub fn note(&mut self, beat: &Health, now: Nanos) -> Option<Happening> {
+        let is_it = |s: &&mut Slot| s.child.as_ref().is_some_and(|c| c.pid() == beat.pid);
+        let slot = self.slots.iter_mut().find(is_it)?;
+        slot.health = Some(*beat);
+        slot.last_sign_ns = now;
+        if beat.state == STATE_STARTING {
+            return None;
+        }
+        slot.cpu.note(beat.pid, beat.cpu_ns, beat.instant_ns);
+        let first = !slot.ready;
+        (slot.ready, slot.was_ready) = (true, true);
+        if beat.state == STATE_FINISHED && beat.process == Process::FpgaModel as u32 && !self.stream_ended {
+            self.stream_ended = true;
+            return Some(Happening::StreamEnded);
+        }
+        first.then_some(Happening::Ready(slot.process))
+    }
+
+    /// How often a process was restarted.
+    pub fn restarts_of(&self, process: Process) -> u32 {
+        self.slots.iter().find(|s| s.process == process).map_or(0, |s| s.restarts)
+    }
+
+    /// Looks after every process. `revive` is asked for further arguments of a process that is to
+    /// be restarted, and told whether it was at work when it died. Fails where a process does not start or dies too often.
+    pub fn look(
+        &mut self,
+        now: Nanos,
+        remaining_s: Option<f64>,
+        mut revive: impl FnMut(Process, bool) -> Vec<String>,
+    ) -> anyhow::Result<Vec<Happening>> {
+        let slept = self.last_look_ns > 0 && now.saturating_sub(self.last_look_ns) > OWN_SLEEP_NS;
+        self.last_look_ns = now;
+        let mut happenings = Vec::new();
+        for i in 0..self.slots.len() {
+            let slot = &mut self.slots[i];
+            if slept {
+                slot.last_sign_ns = now;
+            }
+            let Some(end) = slot.end(now) else { continue };
+            if end.orderly && slot.process == Process::Renderer && self.view == View::Window {
+                happenings.push(Happening::WindowClosed);
+                continue;
+            }
+            if end.orderly && slot.process == Process::FpgaModel && self.stream_ended {
+                continue;
+            }
+            ensure!(slot.was_ready, "{}", start_failure(slot.process, &end.how));
+            if !slot.limit.allows(now) {
+                let window_s = WINDOW_NS / 1_000_000_000;
+                bail!(
+                    "{} died more than {MAX_RESTARTS} times in {window_s} s; the last time: {}",
+                    slot.process.binary(),
+                    end.how
+                );
+            }
+            let (process, was_at_work) = (slot.process, slot.ready);
+            let child = self.spawn(process, remaining_s, &revive(process, was_at_work))?;
+            let slot = &mut self.slots[i];
+            (slot.child, slot.ready, slot.last_sign_ns) = (Some(child), false, now);
+            slot.restarts += 1;
+            happenings.push(Happening::Restarting(process, end.how));
+        }
+        Ok(happenings)
+    }
+
+    /// Asks one process to end.
+    pub fn ask_to_end(&mut self, process: Process) {
+        let command = Command::Shutdown as u32;
+        let request = Request { seq: self.requests_sent, argument: 0, target: process as u32, command };
+        self.requests_sent += 1;
+        // One that does not hear is ended by signal.
+        let _ = self.requests.send(&request);
+    }
+
+    /// Ends every process in order, and says who had to be killed.
+    pub fn end(&mut self) -> Vec<Process> {
+        let mut children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
+        children::end_all(&mut children, Some(&mut self.requests), self.requests_sent)
+    }
+}
+
+/// How a process ended.
+struct End {
+    /// By itself, with success.
+    orderly: bool,
+    /// For a person, with its last words.
+    how: String,
+}
+
+impl Slot {
+    /// Says whether the process has ended, and kills it first where it hangs.
+    fn end(&mut self, now: Nanos) -> Option<End> {
+        let child = self.child.as_mut()?;
+        if let Some(status) = child.exited() {
+            return Some(End { orderly: status.success(), how: child.obituary() });
+        }
+        let patience = if self.ready { HEARTBEAT_LOST_NS } else { START_NS };
+        let silent_ns = now.saturating_sub(self.last_sign_ns);
+        if silent_ns <= patience {
+            return None;
+        }
+        child.kill();
+        let silent_s = silent_ns as f64 * 1e-9;
+        let how =
+            format!("{} gave no sign of life for {silent_s:.1} s and was killed", self.process.binary());
+        Some(End { orderly: false, how })
+    }
+}
+
+/// Why a process did not start, and what helps.
+fn start_failure(process: Process, how: &str) -> String {
+    let hint = match process {
+        Process::Renderer => {
+            "\nA software driver for the picture is installed by: sudo apt-get install mesa-vulkan-drivers libvulkan1\n\
+             Everything but the picture runs without one: vitreo run --no-picture\n\
+             What this machine has and lacks is told by: vitreo doctor"
+        }
+        _ => "",
+    };
+    format!("the {} did not start: {how}{hint}", process.name())
+}
+
+/// Threads of Mesa's software renderer: one core stays free for tracker and tissue.
+fn software_threads() -> usize {
+    let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
+    cores.saturating_sub(1).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_renderer_that_does_not_start_names_package_and_way_round() {
+        let text = start_failure(Process::Renderer, "no adapter");
+        for word in ["no adapter", "mesa-vulkan-drivers", "--no-picture", "vitreo doctor"] {
+            assert!(text.contains(word), "{word} is missing in {text}");
+        }
+        assert!(!start_failure(Process::Tracker, "x").contains("mesa"));
+    }
+}

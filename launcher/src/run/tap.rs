@@ -1,0 +1,131 @@
+//! The launcher's ears: a receiver on every channel, drained at each tick.
+
+use protocol::blobs::BlobField;
+use protocol::events::Event;
+use protocol::frames::{FrameRecord, PictureHeader};
+use protocol::handles::{HandleState, PedalState};
+use protocol::health::Health;
+use protocol::ipc::{BlockReceiver, Instance, IpcError, Queue, Receiver, wait};
+use protocol::message::Message;
+use protocol::poses::TrackerFrame;
+use protocol::recording::Item;
+use protocol::steps::{CheckpointHeader, StepRecord};
+use protocol::time::Nanos;
+use std::collections::BTreeMap;
+
+/// A receiver on every channel of an instance.
+pub struct Tap {
+    blobs: Receiver<BlobField>,
+    handles: Receiver<HandleState>,
+    pedal: Receiver<PedalState>,
+    poses: Receiver<TrackerFrame>,
+    steps: Receiver<StepRecord>,
+    events: Receiver<Event>,
+    frames: Receiver<FrameRecord>,
+    checkpoints: BlockReceiver<CheckpointHeader>,
+    pictures: BlockReceiver<PictureHeader>,
+    health: Receiver<Health>,
+}
+
+/// The instant by which an item is filed, ns; `now` for those that carry none.
+fn filed_at(item: &Item, now: Nanos) -> Nanos {
+    match item {
+        Item::Blobs(b) => b.blobs_out_ns,
+        Item::Handle(h) => h.instant_ns,
+        Item::Pedal(p) => p.instant_ns,
+        Item::Poses(p) => p.instants.tracked,
+        Item::Step(s) => s.instants.stepped,
+        Item::Frame(f) => f.displayed,
+        Item::Picture(p, _) => p.displayed,
+        Item::Event(_) | Item::Checkpoint(..) | Item::Note(_) => now,
+    }
+}
+
+fn drain<M: Message + std::fmt::Debug>(
+    receiver: &mut Receiver<M>,
+    now: Nanos,
+    item: impl Fn(M) -> Item,
+    take: &mut impl FnMut(Nanos, Item),
+) -> Result<(), IpcError> {
+    while let Some(message) = receiver.next_valid()? {
+        let item = item(message);
+        take(filed_at(&item, now), item);
+    }
+    Ok(())
+}
+
+impl Tap {
+    /// Opens every channel; to be done before the processes are started, so that nothing is missed.
+    pub fn open(instance: &Instance) -> Result<Self, IpcError> {
+        Ok(Tap {
+            blobs: instance.receiver(Queue::InOrder)?,
+            handles: instance.receiver(Queue::InOrder)?,
+            pedal: instance.receiver(Queue::InOrder)?,
+            poses: instance.receiver(Queue::InOrder)?,
+            steps: instance.receiver(Queue::InOrder)?,
+            events: instance.receiver(Queue::InOrder)?,
+            frames: instance.receiver(Queue::InOrder)?,
+            checkpoints: instance.block_receiver()?,
+            pictures: instance.block_receiver()?,
+            health: instance.receiver(Queue::InOrder)?,
+        })
+    }
+
+    /// Hands everything that has come to `take`, with the instant by which it is filed. Inputs come
+    /// before what was made of them, so that a reader of the recording has them in time.
+    pub fn drain(&mut self, now: Nanos, mut take: impl FnMut(Nanos, Item)) -> Result<(), IpcError> {
+        self.forget_wake_ups();
+        // What was made first, so that its inputs are surely among what is drained before it.
+        let checkpoint = self.checkpoints.receive()?.map(|sample| {
+            let bytes = (sample.header().bytes as usize).min(sample.payload().len());
+            Item::Checkpoint(*sample.header(), sample.payload()[..bytes].to_vec())
+        });
+        let (mut steps, mut poses) = (Vec::new(), Vec::new());
+        drain(&mut self.steps, now, Item::Step, &mut |at, item| steps.push((at, item)))?;
+        drain(&mut self.poses, now, |p| Item::Poses(Box::new(p)), &mut |at, item| poses.push((at, item)))?;
+        drain(&mut self.blobs, now, |b| Item::Blobs(Box::new(b)), &mut take)?;
+        drain(&mut self.handles, now, Item::Handle, &mut take)?;
+        drain(&mut self.pedal, now, Item::Pedal, &mut take)?;
+        poses.into_iter().chain(steps).for_each(|(at, item)| take(at, item));
+        drain(&mut self.events, now, Item::Event, &mut take)?;
+        drain(&mut self.frames, now, Item::Frame, &mut take)?;
+        checkpoint.into_iter().for_each(|item| take(now, item));
+        if let Some(sample) = self.pictures.receive()? {
+            let bytes = (sample.header().bytes as usize).min(sample.payload().len());
+            let item = Item::Picture(*sample.header(), sample.payload()[..bytes].to_vec());
+            take(filed_at(&item, now), item);
+        }
+        Ok(())
+    }
+
+    /// Takes the notifications away; the launcher looks by the clock, which costs less than waking
+    /// for each of some hundred blocks a second.
+    fn forget_wake_ups(&self) {
+        wait(&[&self.blobs, &self.handles, &self.pedal, &self.poses, &self.steps], 0);
+        wait(&[&self.events, &self.frames, &self.checkpoints, &self.pictures, &self.health], 0);
+    }
+
+    /// The next heartbeat.
+    pub fn heartbeat(&mut self) -> Result<Option<Health>, IpcError> {
+        self.health.next_valid()
+    }
+
+    /// Blocks that were overwritten before the launcher read them, by channel. Checkpoints and
+    /// pictures are newest-wins and are not counted.
+    pub fn lost(&self) -> BTreeMap<&'static str, u64> {
+        let counts = [
+            (BlobField::CHANNEL, self.blobs.counts()),
+            (HandleState::CHANNEL, self.handles.counts()),
+            (PedalState::CHANNEL, self.pedal.counts()),
+            (TrackerFrame::CHANNEL, self.poses.counts()),
+            (StepRecord::CHANNEL, self.steps.counts()),
+            (Event::CHANNEL, self.events.counts()),
+            (FrameRecord::CHANNEL, self.frames.counts()),
+        ];
+        counts
+            .into_iter()
+            .filter(|(_, c)| c.lost + c.refused > 0)
+            .map(|(n, c)| (n, c.lost + c.refused))
+            .collect()
+    }
+}
