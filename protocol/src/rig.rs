@@ -336,9 +336,9 @@ impl RigBody {
             return Some(("markers", "3 to 16 markers", self.markers.len().to_string()));
         }
         for marker in &self.markers {
-            if !marker.p.iter().all(|c| c.is_finite() && c.abs() < 1e3)
-                || !(marker.r > 0.0 && marker.r < 100.0)
-            {
+            let placed = marker.p.iter().all(|c| c.is_finite() && c.abs() < 1e3);
+            let sized = marker.r > 0.0 && marker.r < 100.0;
+            if !(placed && sized) {
                 return Some(("markers", "finite positions, radius > 0", format!("{marker:?}")));
             }
         }
@@ -350,7 +350,8 @@ impl RigBody {
         if is_eye && !positive(self.radius) {
             return Some(("radius", "a positive radius", format!("{:?}", self.radius)));
         }
-        if !is_eye && !(positive(self.shaft_r) && positive(self.length)) {
+        let has_shaft = positive(self.shaft_r) && positive(self.length);
+        if !(is_eye || has_shaft) {
             return Some(("shaft_r, length", "positive", format!("{:?} {:?}", self.shaft_r, self.length)));
         }
         None

@@ -125,7 +125,7 @@ fn make_private(directory: &StdPath) -> Result<(), IpcError> {
 
 fn check_free_space() -> Result<(), IpcError> {
     let Ok(vfs) = rustix::fs::statvfs(SHM) else { return Ok(()) };
-    let free_mib = vfs.f_bavail * vfs.f_frsize >> 20;
+    let free_mib = (vfs.f_bavail * vfs.f_frsize) >> 20;
     if free_mib < NEEDED_MIB {
         return Err(IpcError::SharedMemoryFull { free_mib, needed_mib: NEEDED_MIB });
     }
