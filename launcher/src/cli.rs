@@ -16,7 +16,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Run the simulator: cameras, tracker, tissue and picture.
-    Run(crate::run::RunArgs),
+    Run(Box<crate::run::RunArgs>),
     /// Run a recording through tracker and tissue again.
     Replay(crate::replay::ReplayArgs),
     /// Make a recording from a rig and a blob stream.

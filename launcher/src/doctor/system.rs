@@ -173,7 +173,7 @@ mod tests {
         }
         let lock = fs::File::open(alive.join("owner.lock")).unwrap();
         rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive).unwrap();
-        assert_eq!(stale_directories(shm.path()), [dead.clone()]);
+        assert_eq!(stale_directories(shm.path()), std::slice::from_ref(&dead));
         let check = leftovers(shm.path());
         assert!(check.mend.unwrap().contains(&dead.display().to_string()));
     }
