@@ -88,13 +88,13 @@ impl Recording {
     ///
     /// After an error the iterator goes on behind the damage where it can find the next record
     /// (`vitreo recover` makes use of that); whoever needs an unbroken record stops there.
-    pub fn items(&self) -> Result<Items, RecordingError> {
-        Ok(Items {
-            records: Records::open(&self.path)?,
+    pub fn items(&self) -> Items {
+        Items {
+            records: Records::open(&self.path).map_err(Some),
             topics: HashMap::new(),
             ready: VecDeque::new(),
             ended: false,
-        })
+        }
     }
 }
 
@@ -222,70 +222,65 @@ fn chunk_records(chunk: &[u8]) -> McapResult<Vec<Record<'static>>> {
 /// Iterator over a recording's items.
 #[derive(Debug)]
 pub struct Items {
-    records: Records,
+    /// The error stands here until it has been given out.
+    records: Result<Records, Option<RecordingError>>,
     /// Topic by channel.
     topics: HashMap<u16, String>,
     /// What the last chunk held.
-    ready: VecDeque<(Nanos, Item)>,
+    ready: VecDeque<Result<(Nanos, Item), RecordingError>>,
     ended: bool,
 }
 
 impl Items {
     /// Bytes of the file read so far, for a progress bar.
     pub fn bytes_read(&self) -> u64 {
-        self.records.offset
+        self.records.as_ref().map_or(0, |r| r.offset)
     }
 
     /// Reads one outer record; false at the end of the data.
     fn advance(&mut self) -> Result<bool, RecordingError> {
-        let Some((offset, opcode, body)) = self.records.next_record()? else { return Ok(false) };
-        match opcode {
+        let records = match &mut self.records {
+            Ok(records) => records,
+            Err(failed) => return failed.take().map_or(Ok(false), Err),
+        };
+        let Some((offset, opcode, body)) = records.next_record()? else { return Ok(false) };
+        let parsed = match opcode {
             // The summary repeats what stands before it.
-            op::DATA_END | op::FOOTER => Ok(false),
-            op::CHUNK => self.unpack(offset, &body).map(|()| true),
-            op::CHANNEL | op::MESSAGE => {
-                let parsed = parse_record(opcode, &body).map_err(|e| self.records.damaged(offset, e))?;
-                let mut items = Vec::new();
-                self.take(parsed, &mut items)?;
-                self.ready.extend(items);
-                Ok(true)
-            }
-            _ => Ok(true),
-        }
-    }
-
-    /// Reads a chunk; its items count only if its CRC is right.
-    fn unpack(&mut self, offset: u64, body: &[u8]) -> Result<(), RecordingError> {
-        let records = chunk_records(body).map_err(|e| self.records.damaged(offset, e))?;
-        let mut items = Vec::new();
-        let mut first_problem = Ok(());
-        for record in records {
-            let taken = self.take(record, &mut items);
-            first_problem = first_problem.and(taken);
-        }
-        self.ready.extend(items);
-        first_problem
+            op::DATA_END | op::FOOTER => return Ok(false),
+            op::CHUNK => chunk_records(&body),
+            op::CHANNEL | op::MESSAGE => parse_record(opcode, &body).map(|record| vec![record]),
+            _ => return Ok(true),
+        };
+        let parsed = parsed.map_err(|e| records.damaged(offset, e))?;
+        let file = records.file.clone();
+        parsed.into_iter().for_each(|record| self.take(&file, record));
+        Ok(true)
     }
 
     /// Decodes a message, or notes a channel.
-    fn take(&mut self, record: Record<'_>, items: &mut Vec<(Nanos, Item)>) -> Result<(), RecordingError> {
+    fn take(&mut self, file: &str, record: Record<'_>) {
         match record {
             Record::Channel(channel) => {
                 self.topics.insert(channel.id, channel.topic);
             }
             Record::Message { header, data } => {
-                let Some(topic) = self.topics.get(&header.channel_id) else { return Ok(()) };
-                let decoded = record::decode(topic, &data).map_err(|problem| RecordingError::Message {
-                    file: self.records.file.clone(),
-                    topic: topic.clone(),
-                    log_time_ns: header.log_time,
-                    problem,
-                })?;
-                items.extend(decoded.map(|item| (header.log_time, item)));
+                let Some(topic) = self.topics.get(&header.channel_id) else { return };
+                let log_time_ns = header.log_time;
+                let refused = |problem| {
+                    let (file, topic) = (file.into(), topic.clone());
+                    RecordingError::Message { file, topic, log_time_ns, problem }
+                };
+                let decoded = record::decode(topic, &data).map_err(refused);
+                self.ready.extend(decoded.map(|item| item.map(|item| (log_time_ns, item))).transpose());
             }
             _ => {}
         }
-        Ok(())
+    }
+
+    /// Behind a damaged chunk the next record begins where it should; a broken frame leaves
+    /// nothing to go by.
+    fn can_go_on_after(&self, error: &RecordingError) -> bool {
+        matches!(error, RecordingError::Damaged { offset, .. } if *offset < self.bytes_read())
     }
 }
 
@@ -295,7 +290,7 @@ impl Iterator for Items {
     fn next(&mut self) -> Option<Self::Item> {
         loop {
             if let Some(item) = self.ready.pop_front() {
-                return Some(Ok(item));
+                return Some(item);
             }
             if self.ended {
                 return None;
@@ -303,12 +298,7 @@ impl Iterator for Items {
             match self.advance() {
                 Ok(more) => self.ended = !more,
                 Err(error) => {
-                    // Behind a damaged chunk the next record begins where it should; a broken
-                    // frame leaves nothing to go by.
-                    let passable = matches!(&error, RecordingError::Damaged { offset, .. }
-                        if *offset < self.records.offset)
-                        || matches!(&error, RecordingError::Message { .. });
-                    self.ended = !passable;
+                    self.ended = !self.can_go_on_after(&error);
                     return Some(Err(error));
                 }
             }
@@ -353,7 +343,7 @@ mod tests {
     /// Counts of the notes that can be read before the first problem, and the problem.
     fn notes_of(path: &Path) -> (Vec<u64>, Option<RecordingError>) {
         let mut counts = Vec::new();
-        for item in Recording::open(path).unwrap().items().unwrap() {
+        for item in Recording::open(path).unwrap().items() {
             match item {
                 Ok((_, Item::Note(note))) => counts.push(note.count),
                 Ok((_, other)) => panic!("no note: {other:?}"),
@@ -374,7 +364,7 @@ mod tests {
             let recording = Recording::open(&path).unwrap();
             prop_assert!(recording.is_finished());
             prop_assert_eq!(recording.provenance(), &provenance());
-            let back: Vec<_> = recording.items().unwrap().collect::<Result<_, _>>().unwrap();
+            let back: Vec<_> = recording.items().collect::<Result<_, _>>().unwrap();
             prop_assert_eq!(back.len(), items.len());
             for (i, ((time, item), original)) in back.iter().zip(&items).enumerate() {
                 prop_assert_eq!(*time, 1000 + i as u64);
@@ -401,7 +391,7 @@ mod tests {
             }
             fs::write(&path, &bytes).unwrap();
             if let Ok(recording) = Recording::open(&path) {
-                for (_, item) in recording.items().unwrap().flatten() {
+                for (_, item) in recording.items().flatten() {
                     prop_assert!(matches!(item, Item::Note(n) if n.count < 600 && n.text.len() == 100));
                 }
             }
@@ -433,7 +423,7 @@ mod tests {
             }
             fs::write(&path, &bytes).unwrap();
             let recording = Recording::open(&path).unwrap();
-            prop_assert!(recording.items().unwrap().count() < 100);
+            prop_assert!(recording.items().count() < 100);
         }
     }
 
@@ -495,7 +485,7 @@ mod tests {
         let mut bytes = fs::read(&path).unwrap();
         bytes[ends[0] + 80] ^= 0xff;
         fs::write(&path, &bytes).unwrap();
-        let items: Vec<_> = Recording::open(&path).unwrap().items().unwrap().collect();
+        let items: Vec<_> = Recording::open(&path).unwrap().items().collect();
         assert_eq!(items.len(), 3);
         let error = items[1].as_ref().unwrap_err();
         assert!(
