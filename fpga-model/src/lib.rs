@@ -1,1 +1,18 @@
-//! stub
+//! Software twin of vitreo's camera hardware.
+//!
+//! A virtual surgeon ([`motion`]) moves two instruments and turns the eye; the cameras of the rig see
+//! coloured markers ([`sight`]) in interlaced fields ([`picture`]), from which blobs are extracted line by
+//! line as the hardware does it ([`scan`], [`colours`]). Instead of pixels, blobs can be made straight from
+//! the markers ([`direct`]) or come from a recorded stream ([`stream`]). Only [`process`] knows the clock
+//! and the channels.
+
+pub mod cameras;
+pub mod colours;
+pub mod config;
+pub mod direct;
+pub mod motion;
+pub mod picture;
+pub mod process;
+pub mod scan;
+pub mod sight;
+pub mod stream;

@@ -1,0 +1,252 @@
+//! Where instruments and eye are at any instant: the virtual surgeon.
+//!
+//! Tips follow the script in the eye frame, shaken by tremor or by a recorded hand. A shaft always
+//! passes through its trocar, which the eye carries along; the eye turns under the shafts' load and
+//! springs back. Everything is a function of the time since the start and of the seed.
+
+pub mod eye_spring;
+pub mod hand;
+pub mod script;
+pub mod tremor;
+
+use eye_spring::EyeSpring;
+use hand::Hand;
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use protocol::limits::INSTRUMENTS;
+use protocol::poses::BODY_NAMES;
+use protocol::rig::Rig;
+use protocol::scene_file::SceneFile;
+use script::{Gesture, Script};
+use std::f64::consts::TAU;
+use tremor::Tremor;
+
+/// Turn of the eye by a tip that moves sideways from the middle of its movements, rad/mm.
+const TURN_PER_MM: f64 = 0.003;
+/// Turn about the line of sight as a share of the script's turn about x.
+const TORSION_SHARE: f64 = 0.3;
+/// Room kept between a fitted hand and the limit of the workspace, mm.
+const FIT_MARGIN_MM: f64 = 0.5;
+/// Height of a pivot where the rig has no trocar: straight above the eye, mm.
+const PIVOT_WITHOUT_TROCAR_MM: f64 = 12.0;
+
+/// Everything that moves, at one instant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// `world_from_instrument` of each instrument; origin at the tip, +z along the shaft to the handle.
+    pub world_from_instrument: [Isometry3<f64>; INSTRUMENTS],
+    /// Rotation `world_from_eye`; the eye turns about the world's origin.
+    pub world_from_eye: UnitQuaternion<f64>,
+    /// Jaw opening of each instrument, rad.
+    pub jaw_rad: [f64; INSTRUMENTS],
+}
+
+impl Motion {
+    /// `world_from_body` in the order of [`BODY_NAMES`].
+    pub fn world_from_body(&self) -> [Isometry3<f64>; INSTRUMENTS + 1] {
+        let eye = Isometry3::from_parts(Translation3::identity(), self.world_from_eye);
+        [self.world_from_instrument[0], self.world_from_instrument[1], eye]
+    }
+}
+
+/// What a recorded hand does to instrument 0.
+#[derive(Debug, Clone)]
+pub enum HandRole {
+    /// Its movement above 1 Hz shakes the scripted tip.
+    Shakes(Hand),
+    /// It leads the tip; the script only opens and closes the jaws.
+    Leads(Hand),
+}
+
+/// The virtual surgeon.
+#[derive(Debug, Clone)]
+pub struct MotionSource {
+    script: Script,
+    tremor: [Tremor; INSTRUMENTS],
+    hand: Option<HandRole>,
+    eye: EyeSpring,
+    load: Load,
+    trocars_in_eye: [Vector3<f64>; INSTRUMENTS],
+}
+
+impl MotionSource {
+    /// The surgeon of a scene, at the instruments of a rig. A recorded hand takes the place of the
+    /// tremor of instrument 0 (`Shakes`) or of its movement too (`Leads`, fitted to the workspace).
+    pub fn new(scene: &SceneFile, rig: &Rig, hand: Option<HandRole>, seed: u64) -> Self {
+        let script = Script::new(&scene.script);
+        let hand = hand.map(|role| match role {
+            HandRole::Shakes(hand) => HandRole::Shakes(hand.fast_part()),
+            HandRole::Leads(hand) => {
+                let room = rig.workspace.tip_radius - script.mean_tip_in_eye_mm(0).norm() - FIT_MARGIN_MM;
+                HandRole::Leads(hand.fitted(room.max(FIT_MARGIN_MM)))
+            }
+        });
+        let (rms_mm, hz) = (scene.script.tremor_um * 1e-3, scene.script.tremor_hz);
+        let trocar = |name: &str| {
+            let given = rig.trocar(name).map(|t| Vector3::from(t.p_eye));
+            given.unwrap_or(Vector3::z() * PIVOT_WITHOUT_TROCAR_MM)
+        };
+        let load = Load {
+            turn_rad: scene.script.eye_turn_rad,
+            period_s: script.period_s(),
+            middle: std::array::from_fn(|i| script.mean_tip_in_eye_mm(i)),
+        };
+        MotionSource {
+            eye: EyeSpring::new(load.at(&script, 0.0)),
+            tremor: std::array::from_fn(|i| Tremor::new(rms_mm, hz, seed, i as u64)),
+            trocars_in_eye: std::array::from_fn(|i| trocar(BODY_NAMES[i])),
+            script,
+            hand,
+            load,
+        }
+    }
+
+    /// The instant `t_ns` after the start. The answer depends on `t_ns` alone; rising instants are
+    /// cheapest, because the eye's swing is integrated from the start on.
+    pub fn at(&mut self, t_ns: u64) -> Motion {
+        let t_s = t_ns as f64 * 1e-9;
+        let (script, load) = (&self.script, &self.load);
+        let world_from_eye = self.eye.world_from_eye(t_ns, |t| load.at(script, t));
+        let gestures: [Gesture; INSTRUMENTS] = std::array::from_fn(|i| self.gesture(i, t_s));
+        let world_from_instrument = std::array::from_fn(|i| {
+            let eye_from_instrument = shaft_through(self.trocars_in_eye[i], &gestures[i]);
+            Isometry3::from_parts(Translation3::identity(), world_from_eye) * eye_from_instrument
+        });
+        Motion { world_from_instrument, world_from_eye, jaw_rad: gestures.map(|g| g.jaw_rad) }
+    }
+
+    /// Script, tremor and recorded hand together.
+    fn gesture(&self, instrument: usize, t_s: f64) -> Gesture {
+        let mut gesture = self.script.at(instrument, t_s);
+        match &self.hand {
+            Some(HandRole::Shakes(hand)) if instrument == 0 => gesture.tip_in_eye_mm += hand.at(t_s),
+            Some(HandRole::Leads(hand)) if instrument == 0 => {
+                gesture.tip_in_eye_mm = self.script.mean_tip_in_eye_mm(0) + hand.at(t_s);
+            }
+            _ => gesture.tip_in_eye_mm += self.tremor[instrument].at(t_s),
+        }
+        gesture
+    }
+}
+
+/// Turns the eye: a slow swing over the script's round, and the tips that lever sideways.
+#[derive(Debug, Clone)]
+struct Load {
+    /// Amplitude about x and y, rad.
+    turn_rad: [f64; 2],
+    period_s: f64,
+    /// Middle of each tip's movement in the eye frame, mm.
+    middle: [Vector3<f64>; INSTRUMENTS],
+}
+
+impl Load {
+    /// Angle at which shafts and springs balance, rad about x, y and z of the world.
+    fn at(&self, script: &Script, t_s: f64) -> Vector3<f64> {
+        let phase = TAU * t_s / self.period_s;
+        let [about_x, about_y] = self.turn_rad;
+        let swing = Vector3::new(
+            about_x * libm::sin(phase),
+            about_y * libm::sin(2.0 * phase + 1.0),
+            TORSION_SHARE * about_x * libm::sin(3.0 * phase + 2.0),
+        );
+        let aside = |i: usize| script.at(i, t_s).tip_in_eye_mm - self.middle[i];
+        let lever = (0..INSTRUMENTS).map(aside).sum::<Vector3<f64>>() * TURN_PER_MM;
+        // A tip below the pivot that moves towards +y pushes the eye's lower half along: it turns
+        // about +x; one that moves towards +x turns it about −y.
+        swing + Vector3::new(lever.y, -lever.x, 0.0)
+    }
+}
+
+/// `eye_from_instrument` of a shaft whose axis runs from the tip through the trocar. With no roll,
+/// +x is as near to the eye's +y (superior) as the shaft allows.
+fn shaft_through(trocar_in_eye: Vector3<f64>, gesture: &Gesture) -> Isometry3<f64> {
+    let tip = gesture.tip_in_eye_mm;
+    let along = (trocar_in_eye - tip).try_normalize(1e-6).unwrap_or(Vector3::z());
+    let upright = if along.y.abs() < 0.99 { Vector3::y() } else { Vector3::x() };
+    let x = (upright - along * along.dot(&upright)).normalize();
+    let unrolled = Rotation3::from_basis_unchecked(&[x, along.cross(&x), along]);
+    let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), gesture.roll_rad);
+    Isometry3::from_parts(Translation3::from(tip), UnitQuaternion::from_rotation_matrix(&unrolled) * roll)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use protocol::scene_file::DEFAULT_SCENE;
+
+    fn source(hand: Option<HandRole>) -> (MotionSource, Rig) {
+        let rig = Rig::load_or_shipped(None).unwrap();
+        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        (MotionSource::new(&scene, &rig, hand, 7), rig)
+    }
+
+    fn recording(mm: f64) -> Hand {
+        let row = |i: usize| {
+            format!("{i},{},{},5,0\n", mm * libm::sin(i as f64 * 0.02), 0.03 * ((i / 14) % 2) as f64)
+        };
+        Hand::parse(&(0..3000).map(row).collect::<String>(), "h").unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn shafts_pass_their_trocars(t_ns in 0u64..30_000_000_000) {
+            let (mut source, rig) = source(None);
+            let motion = source.at(t_ns);
+            for i in 0..INSTRUMENTS {
+                let trocar = motion.world_from_eye * Vector3::from(rig.trocars[i].p_eye);
+                let in_instrument = motion.world_from_instrument[i].inverse() * nalgebra::Point3::from(trocar);
+                prop_assert!(in_instrument.x.abs() < 1e-9 && in_instrument.y.abs() < 1e-9);
+                prop_assert!(in_instrument.z > 0.0, "the handle lies behind the trocar");
+            }
+        }
+    }
+
+    #[test]
+    fn tips_stay_in_the_workspace_and_near_the_script() {
+        let (mut source, rig) = source(None);
+        let mut turned: f64 = 0.0;
+        for k in 0..1600 {
+            let motion = source.at(k * 20_000_000);
+            turned = turned.max(motion.world_from_eye.angle());
+            for i in 0..INSTRUMENTS {
+                let tip_in_eye =
+                    motion.world_from_eye.inverse() * motion.world_from_instrument[i].translation.vector;
+                let asked = source.script.at(i, k as f64 * 0.02).tip_in_eye_mm;
+                assert!((tip_in_eye - asked).norm() < 0.25, "tremor of 40 µm RMS, not more");
+                assert!(tip_in_eye.norm() < rig.workspace.tip_radius);
+            }
+        }
+        assert!((0.02..0.15).contains(&turned), "the eye turns, and not wildly: {turned}");
+    }
+
+    #[test]
+    fn same_seed_same_motion() {
+        let (mut a, _) = source(None);
+        let (mut b, _) = source(None);
+        for k in 0..40 {
+            b.at(k * 33_333_333);
+        }
+        assert_eq!(a.at(1_234_567_890), b.at(1_234_567_890));
+    }
+
+    #[test]
+    fn recorded_hand_shakes_or_leads_instrument_0_only() {
+        let (mut plain, rig) = source(None);
+        let (mut shaken, _) = source(Some(HandRole::Shakes(recording(0.0))));
+        let (mut led, _) = source(Some(HandRole::Leads(recording(40.0))));
+        let middle = led.script.mean_tip_in_eye_mm(0);
+        let mut spread: f64 = 0.0;
+        for k in 0..500 {
+            let (p, s, l) = (plain.at(k * 20_000_000), shaken.at(k * 20_000_000), led.at(k * 20_000_000));
+            assert_eq!(p.world_from_instrument[1], s.world_from_instrument[1]);
+            assert_eq!(p.jaw_rad, l.jaw_rad);
+            let tip = l.world_from_eye.inverse() * l.world_from_instrument[0].translation.vector;
+            spread = spread.max((tip - middle).norm());
+            assert!(tip.norm() < rig.workspace.tip_radius, "{tip}");
+            let away =
+                s.world_from_instrument[0].translation.vector - p.world_from_instrument[0].translation.vector;
+            assert!(away.norm() < 0.3);
+        }
+        assert!(spread > 0.5, "the hand moves the tip: {spread}");
+    }
+}

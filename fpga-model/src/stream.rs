@@ -1,0 +1,181 @@
+//! A recorded blob stream, read at the start and played with its own spacing.
+
+use bytemuck::Zeroable;
+use protocol::blob_stream::{BlobReader, BlobStreamError};
+use protocol::blobs::{Blob, BlobField};
+use protocol::rig::Rig;
+use std::path::Path;
+
+/// Longest time between exposure and reception that a stream may claim, ns.
+const MAX_DELAY_NS: u64 = 10_000_000_000;
+
+/// Why a stream cannot be played.
+#[derive(Debug, thiserror::Error)]
+pub enum StreamError {
+    /// A line cannot be read.
+    #[error(transparent)]
+    Line(#[from] BlobStreamError),
+    /// A field makes no sense with this rig or with the fields before.
+    #[error("blob stream {file}, field {field} of camera {camera}: expected {expected}, found {found}")]
+    Field {
+        /// The file.
+        file: String,
+        /// Number of the field.
+        field: u64,
+        /// Its camera.
+        camera: u32,
+        /// What would be right.
+        expected: &'static str,
+        /// What is there.
+        found: String,
+    },
+    /// Nothing to play.
+    #[error("blob stream {file}: expected at least one field, found none")]
+    Empty {
+        /// The file.
+        file: String,
+    },
+}
+
+/// A stream in memory: fields without their blobs, and all blobs in one row.
+pub struct BlobStream {
+    fields: Vec<Entry>,
+    blobs: Vec<Blob>,
+    read_out_ns: u64,
+}
+
+struct Entry {
+    field: u64,
+    exposed_ns: u64,
+    received_ns: u64,
+    camera: u32,
+    parity: u32,
+    blobs_left_out: u32,
+    blobs: std::ops::Range<usize>,
+}
+
+impl BlobStream {
+    /// Reads a stream of the cameras of `rig`.
+    pub fn load(path: &Path, rig: &Rig) -> Result<Self, StreamError> {
+        let file = path.display().to_string();
+        let mut stream = BlobStream { fields: Vec::new(), blobs: Vec::new(), read_out_ns: rig.read_out_ns() };
+        for field in BlobReader::open(path)? {
+            let field = field?;
+            if let Some((expected, found)) = defect(&field, rig) {
+                let (field, camera) = (field.field, field.camera);
+                return Err(StreamError::Field { file, field, camera, expected, found });
+            }
+            stream.push(&field);
+        }
+        if stream.fields.is_empty() {
+            return Err(StreamError::Empty { file });
+        }
+        Ok(stream)
+    }
+
+    fn push(&mut self, field: &BlobField) {
+        let from = self.blobs.len();
+        self.blobs.extend_from_slice(field.blobs());
+        self.fields.push(Entry {
+            field: field.field,
+            exposed_ns: field.exposed_ns,
+            received_ns: field.blobs_out_ns,
+            camera: field.camera,
+            parity: field.parity,
+            blobs_left_out: field.blobs_left_out,
+            blobs: from..self.blobs.len(),
+        });
+    }
+
+    /// Fields in the stream.
+    pub fn len(&self) -> usize {
+        self.fields.len()
+    }
+
+    /// True of no stream that was loaded.
+    pub fn is_empty(&self) -> bool {
+        self.fields.is_empty()
+    }
+
+    /// When field `i` is due, ns after the start; a field out of order is due at once.
+    pub fn due_ns(&self, i: usize) -> u64 {
+        self.fields[i].received_ns.saturating_sub(self.fields[0].received_ns)
+    }
+
+    /// Fills `out` with field `i` as if the first one were received at `start_ns`.
+    pub fn field(&self, i: usize, start_ns: u64, out: &mut BlobField) {
+        let entry = &self.fields[i];
+        *out = BlobField::zeroed();
+        (out.field, out.camera, out.parity) = (entry.field, entry.camera, entry.parity);
+        out.blobs_left_out = entry.blobs_left_out;
+        let shift = i128::from(start_ns) - i128::from(self.fields[0].received_ns);
+        let shifted = |t: u64| (i128::from(t) + shift).clamp(1, i128::from(u64::MAX)) as u64;
+        out.exposed_ns = shifted(entry.exposed_ns);
+        out.blobs_out_ns = shifted(entry.received_ns);
+        out.read_out_ns = out.exposed_ns.saturating_add(self.read_out_ns).min(out.blobs_out_ns);
+        let blobs = &self.blobs[entry.blobs.clone()];
+        out.blobs[..blobs.len()].copy_from_slice(blobs);
+        out.count = blobs.len() as u32;
+    }
+}
+
+fn defect(field: &BlobField, rig: &Rig) -> Option<(&'static str, String)> {
+    if !rig.cameras.iter().any(|c| c.id == field.camera) {
+        return Some(("a camera of the rig", field.camera.to_string()));
+    }
+    let (exposed, received) = (field.exposed_ns, field.blobs_out_ns);
+    if received < exposed || received - exposed > MAX_DELAY_NS {
+        return Some(("t_rx_ns at most 10 s after t_ns", format!("t_ns {exposed}, t_rx_ns {received}")));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn load(text: &str) -> Result<BlobStream, StreamError> {
+        static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("vitreo-stream-{}-{number}.jsonl", std::process::id()));
+        std::fs::write(&path, text).unwrap();
+        let stream = BlobStream::load(&path, &Rig::load_or_shipped(None).unwrap());
+        std::fs::remove_file(&path).unwrap();
+        stream
+    }
+
+    fn line(cam: u32, seq: u64, t_ns: u64, t_rx_ns: u64) -> String {
+        let blob = r#"{"x":1,"y":2,"area":30,"colour":"red","w":6,"h":5}"#;
+        format!(
+            "{{\"cam\":{cam},\"seq\":{seq},\"t_ns\":{t_ns},\"t_rx_ns\":{t_rx_ns},\"parity\":0,\"blobs\":[{blob}]}}\n"
+        )
+    }
+
+    #[test]
+    fn spacing_and_age_are_kept() {
+        let stream =
+            load(&(line(0, 4, 48_000_000, 72_000_000) + &line(1, 4, 48_100_000, 72_300_000))).unwrap();
+        assert_eq!((stream.len(), stream.due_ns(0), stream.due_ns(1)), (2, 0, 300_000));
+        let mut out = BlobField::zeroed();
+        stream.field(1, 5_000_000_000, &mut out);
+        assert_eq!((out.camera, out.field, out.count), (1, 4, 1));
+        assert_eq!((out.exposed_ns, out.blobs_out_ns), (4_976_100_000, 5_000_300_000));
+        assert_eq!(out.read_out_ns, 4_976_100_000 + 20_432_000);
+    }
+
+    #[test]
+    fn fields_out_of_order_are_due_at_once() {
+        let stream =
+            load(&(line(0, 4, 50_000_000, 72_000_000) + &line(0, 3, 30_000_000, 52_000_000))).unwrap();
+        assert_eq!(stream.due_ns(1), 0);
+    }
+
+    #[test]
+    fn defects_are_named() {
+        let error = |text: &str| load(text).err().unwrap().to_string();
+        assert!(error(&line(5, 0, 1, 2)).contains("a camera of the rig, found 5"));
+        assert!(error(&line(0, 7, 30, 20)).contains("field 7 of camera 0"));
+        assert!(error("\n").contains("at least one field"));
+        assert!(error("{}").contains("line 1"));
+    }
+}
