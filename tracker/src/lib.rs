@@ -1,1 +1,26 @@
-//! stub
+//! From the marker blobs of several cameras to the poses of two instruments and the eye.
+//!
+//! `process` takes camera-fields from the `blobs` channel and publishes a `TrackerFrame` on `poses`
+//! for every exposure of the reference camera. Between them lie pure modules without clock, files
+//! or transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them:
+//!
+//! [`sight`] pixels → [`associate`] blobs to markers (or [`seed`] from nothing) → [`fit`] pose →
+//! [`filter`] motion → [`body`] verdict.
+//!
+//! The tracker's state depends on nothing but the consumed fields in their order.
+
+pub mod assembler;
+pub mod associate;
+pub mod body;
+pub mod config;
+pub mod constants;
+pub mod filter;
+pub mod fit;
+pub mod model;
+pub mod process;
+pub mod script;
+pub mod seed;
+pub mod sight;
+pub mod tracker;
+
+pub use tracker::{Reference, Tracker};

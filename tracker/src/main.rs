@@ -1,2 +1,15 @@
-//! stub
-fn main() {}
+//! `vitreo-tracker`: marker blobs in, poses out.
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
+    match tracker::process::run(&tracker::config::Config::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("vitreo-tracker: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,454 @@
+//! Which camera-fields make a frame. Pure: the present instant is an argument.
+//!
+//! A frame is made for each exposure of the reference camera, the lowest id that is alive. With t
+//! its exposure and P the field period, the frame's period is (t + ε − P, t + ε]: in it every camera,
+//! genlocked (within ε of t) or free-running (anywhere), has one field. The frame closes
+//! - `Inputs`: every living camera's field of the period is there;
+//! - `TimeOut`: `CAMERA_WAIT_NS` after the first field of this exposure arrived;
+//! - `NextField`: a later field of the reference camera came first.
+//!
+//! Where the reference camera itself misses a field, the lowest camera that has one stands in after
+//! the same wait. A field that comes after its frame was closed goes into the next one. A camera that
+//! has been silent for several periods is not waited for until it speaks again.
+
+use crate::tracker::Reference;
+use protocol::blobs::BlobField;
+use protocol::limits::{CAMERA_WAIT_NS, MAX_CAMERAS, MAX_FIELDS_USED};
+use protocol::message::Message;
+use protocol::poses::ClosedBy;
+use protocol::rig::Rig;
+use protocol::time::Nanos;
+
+/// Exposures of genlocked cameras differ by less than this (ε), ns.
+const GENLOCK_NS: u64 = 500_000;
+/// A camera is alive for so many periods after its last field arrived.
+const ALIVE_PERIODS: u64 = 4;
+/// So many fields of one camera in a row that seem old mean that its clock was set back.
+const CLOCK_SET_BACK: u32 = 25;
+
+/// Why a field was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// The rig has no such camera.
+    #[error("camera {0} is not in the rig")]
+    UnknownCamera(u32),
+    /// The numbers make no sense.
+    #[error("the field's numbers make no sense")]
+    Invalid,
+    /// The same field again, or one older than this camera's last.
+    #[error("camera {camera}: exposure {exposed_ns} ns is not after its last one, {last_ns} ns")]
+    NotNewer {
+        /// Camera id.
+        camera: u32,
+        /// Of the field refused.
+        exposed_ns: Nanos,
+        /// Of the last field taken.
+        last_ns: Nanos,
+    },
+    /// Exposed after it was received.
+    #[error("camera {0}: exposed in the future")]
+    FromTheFuture(u32),
+}
+
+/// What the assembler knows of a camera.
+#[derive(Debug, Clone, Copy, Default)]
+struct CameraState {
+    in_rig: bool,
+    last_exposed_ns: Nanos,
+    last_field: u64,
+    last_arrival_ns: Nanos,
+    refused_in_a_row: u32,
+}
+
+/// A frame whose fields are complete, or as complete as they will be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Closed {
+    /// The exposure it is for.
+    pub reference: Reference,
+    /// Why it was closed.
+    pub closed_by: ClosedBy,
+    /// From the arrival of the first field of this exposure until it was closed, at most
+    /// `CAMERA_WAIT_NS`.
+    pub waited_ns: u64,
+    /// Instant at which nothing was waited for any more.
+    pub taken_ns: Nanos,
+}
+
+/// Collects camera-fields into frames.
+pub struct FrameAssembler {
+    period_ns: u64,
+    cameras: [CameraState; MAX_CAMERAS],
+    /// Fields not yet consumed with their arrival, by exposure.
+    pending: Vec<(Nanos, BlobField)>,
+    used: Vec<BlobField>,
+    last_frame_ns: Nanos,
+    refused: u32,
+}
+
+impl FrameAssembler {
+    /// For a checked rig.
+    pub fn new(rig: &Rig) -> Self {
+        let mut cameras = [CameraState::default(); MAX_CAMERAS];
+        for camera in &rig.cameras {
+            if let Some(state) = cameras.get_mut(camera.id as usize) {
+                state.in_rig = true;
+            }
+        }
+        FrameAssembler {
+            period_ns: rig.field_period_ns(),
+            cameras,
+            pending: Vec::with_capacity(MAX_FIELDS_USED),
+            used: Vec::with_capacity(MAX_FIELDS_USED),
+            last_frame_ns: 0,
+            refused: 0,
+        }
+    }
+
+    /// Forgets everything but the rig.
+    pub fn reset(&mut self) {
+        for camera in &mut self.cameras {
+            *camera = CameraState { in_rig: camera.in_rig, ..CameraState::default() };
+        }
+        self.pending.clear();
+        self.used.clear();
+        self.last_frame_ns = 0;
+        self.refused = 0;
+    }
+
+    /// Fields refused since the start.
+    pub fn refused(&self) -> u32 {
+        self.refused
+    }
+
+    /// The fields of the frame closed last, in the order of consumption.
+    pub fn used(&self) -> &[BlobField] {
+        &self.used
+    }
+
+    /// Takes a field in at `now`. Afterwards [`FrameAssembler::complete`] must be asked until it
+    /// says `None`.
+    pub fn push(&mut self, field: &BlobField, now: Nanos) -> Result<(), Refusal> {
+        let checked = self.check(field, now);
+        if let Err(refusal) = checked {
+            self.refused = self.refused.saturating_add(1);
+            return Err(refusal);
+        }
+        // Before the first field nobody is known to be silent.
+        if self.cameras.iter().all(|c| c.last_arrival_ns == 0) {
+            for camera in &mut self.cameras {
+                camera.last_arrival_ns = now;
+            }
+        }
+        let camera = &mut self.cameras[field.camera as usize];
+        camera.last_exposed_ns = field.exposed_ns;
+        camera.last_field = field.field;
+        camera.last_arrival_ns = now;
+        camera.refused_in_a_row = 0;
+        if self.pending.len() == MAX_FIELDS_USED {
+            self.pending.remove(0);
+            self.refused = self.refused.saturating_add(1);
+        }
+        let key = |f: &BlobField| (f.exposed_ns, f.camera);
+        let at = self.pending.partition_point(|(_, f)| key(f) < key(field));
+        self.pending.insert(at, (now, *field));
+        Ok(())
+    }
+
+    fn check(&mut self, field: &BlobField, now: Nanos) -> Result<(), Refusal> {
+        let id = field.camera;
+        let Some(camera) = self.cameras.get_mut(id as usize).filter(|c| c.in_rig) else {
+            return Err(Refusal::UnknownCamera(id));
+        };
+        if field.validate().is_err() {
+            return Err(Refusal::Invalid);
+        }
+        if field.exposed_ns > now {
+            return Err(Refusal::FromTheFuture(id));
+        }
+        let last_ns = camera.last_exposed_ns;
+        let twice = last_ns > 0 && field.field == camera.last_field;
+        if field.exposed_ns <= last_ns || twice {
+            camera.refused_in_a_row += 1;
+            if camera.refused_in_a_row < CLOCK_SET_BACK || twice {
+                return Err(Refusal::NotNewer { camera: id, exposed_ns: field.exposed_ns, last_ns });
+            }
+            self.last_frame_ns = 0;
+        }
+        Ok(())
+    }
+
+    /// Closes a frame that is complete or overtaken.
+    pub fn complete(&mut self, now: Nanos) -> Option<Closed> {
+        let reference = self.open_reference(now)?;
+        let is_next = |f: &BlobField| f.camera == reference.camera && f.exposed_ns > reference.exposed_ns;
+        let overtaken = self.pending.iter().any(|(_, f)| is_next(f));
+        let full = self.pending.len() == MAX_FIELDS_USED;
+        if self.has_all(&reference, now) {
+            Some(self.close(&reference, ClosedBy::Inputs, now))
+        } else if overtaken || full {
+            Some(self.close(&reference, ClosedBy::NextField, now))
+        } else {
+            None
+        }
+    }
+
+    /// When the present wait for a late camera ends; `None` while nothing is waited for.
+    pub fn deadline(&self, now: Nanos) -> Option<Nanos> {
+        let reference = self.open_reference(now).or_else(|| self.stand_in())?;
+        Some(self.first_arrival(&reference) + CAMERA_WAIT_NS)
+    }
+
+    /// Closes a frame that has waited long enough at `now`.
+    pub fn expired(&mut self, now: Nanos) -> Option<Closed> {
+        if now < self.deadline(now)? {
+            return None;
+        }
+        let reference = self.open_reference(now).or_else(|| self.stand_in())?;
+        Some(self.close(&reference, ClosedBy::TimeOut, now))
+    }
+
+    /// Closes what is open: the stream has ended.
+    pub fn flush(&mut self, now: Nanos) -> Option<Closed> {
+        let reference = self.open_reference(now).or_else(|| self.stand_in())?;
+        Some(self.close(&reference, ClosedBy::TimeOut, now))
+    }
+
+    fn is_alive(&self, camera: usize, now: Nanos) -> bool {
+        let state = &self.cameras[camera];
+        state.in_rig && now.saturating_sub(state.last_arrival_ns) <= ALIVE_PERIODS * self.period_ns
+    }
+
+    /// True if an exposure may have a frame of its own: not one of the period answered already.
+    fn is_new(&self, exposed_ns: Nanos) -> bool {
+        self.last_frame_ns == 0 || exposed_ns > self.last_frame_ns + self.period_ns / 4
+    }
+
+    /// The oldest pending field of the reference camera that has no frame yet.
+    fn open_reference(&self, now: Nanos) -> Option<Reference> {
+        let camera = (0..MAX_CAMERAS).find(|&c| self.is_alive(c, now))? as u32;
+        let mut fields = self.pending.iter().map(|(_, f)| f);
+        fields.find(|f| f.camera == camera && self.is_new(f.exposed_ns)).map(reference_of)
+    }
+
+    /// The lowest camera with a field of a period in which the reference camera has none.
+    fn stand_in(&self) -> Option<Reference> {
+        let due_ns =
+            if self.last_frame_ns == 0 { 0 } else { self.last_frame_ns + self.period_ns - GENLOCK_NS };
+        let fields = || self.pending.iter().map(|(_, f)| f).filter(move |f| f.exposed_ns >= due_ns);
+        let first_ns = fields().next()?.exposed_ns;
+        let together = fields().filter(|f| f.exposed_ns <= first_ns + GENLOCK_NS);
+        together.min_by_key(|f| f.camera).map(reference_of)
+    }
+
+    /// Arrival of the first field of this exposure.
+    fn first_arrival(&self, reference: &Reference) -> Nanos {
+        let same = |f: &BlobField| f.exposed_ns.abs_diff(reference.exposed_ns) <= GENLOCK_NS;
+        self.pending.iter().filter(|(_, f)| same(f)).map(|(t, _)| *t).min().unwrap_or(0)
+    }
+
+    fn has_all(&self, reference: &Reference, now: Nanos) -> bool {
+        let begin_ns = (reference.exposed_ns + GENLOCK_NS).saturating_sub(self.period_ns);
+        (0..MAX_CAMERAS).all(|c| !self.is_alive(c, now) || self.cameras[c].last_exposed_ns > begin_ns)
+    }
+
+    fn close(&mut self, reference: &Reference, closed_by: ClosedBy, now: Nanos) -> Closed {
+        let first = self.first_arrival(reference);
+        let taken_ns = if closed_by == ClosedBy::TimeOut { now.min(first + CAMERA_WAIT_NS) } else { now };
+        let waited_ns = taken_ns.saturating_sub(first).min(CAMERA_WAIT_NS);
+        let end = self.pending.partition_point(|(_, f)| f.exposed_ns <= reference.exposed_ns + GENLOCK_NS);
+        self.used.clear();
+        self.used.extend(self.pending[..end].iter().map(|(_, f)| *f));
+        self.pending.drain(..end);
+        self.last_frame_ns = reference.exposed_ns;
+        Closed { reference: *reference, closed_by, waited_ns, taken_ns }
+    }
+}
+
+fn reference_of(field: &BlobField) -> Reference {
+    Reference { camera: field.camera, field: field.field, exposed_ns: field.exposed_ns }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use proptest::prelude::*;
+
+    const MS: u64 = 1_000_000;
+    const AGE: u64 = 24 * MS;
+
+    fn assembler() -> FrameAssembler {
+        FrameAssembler::new(&Rig::load_or_shipped(None).unwrap())
+    }
+
+    fn field(camera: u32, number: u64, exposed_ns: u64) -> BlobField {
+        let mut field = BlobField::zeroed();
+        (field.camera, field.field, field.exposed_ns) = (camera, number, exposed_ns);
+        (field.parity, field.blobs_out_ns) = ((number & 1) as u32, exposed_ns + AGE);
+        field
+    }
+
+    /// Feeds fields in the order of arrival, time-outs in between, as the stream clock does.
+    fn run(assembler: &mut FrameAssembler, fields: &[(BlobField, u64)]) -> Vec<(Closed, Vec<(u32, u64)>)> {
+        let mut frames = Vec::new();
+        for (field, now) in fields {
+            while let Some(closed) = assembler.expired(*now) {
+                frames.push((closed, used_by(assembler)));
+            }
+            let _ = assembler.push(field, *now);
+            while let Some(closed) = assembler.complete(*now) {
+                frames.push((closed, used_by(assembler)));
+            }
+        }
+        frames
+    }
+
+    fn used_by(assembler: &FrameAssembler) -> Vec<(u32, u64)> {
+        assembler.used().iter().map(|f| (f.camera, f.field)).collect()
+    }
+
+    fn stream(phases_ns: [u64; 3], periods: u64, keep: impl Fn(u32, u64) -> bool) -> Vec<(BlobField, u64)> {
+        let mut all: Vec<(BlobField, u64)> = (0..periods)
+            .flat_map(|n| (0..3u32).map(move |c| (c, n)))
+            .filter(|&(c, n)| keep(c, n))
+            .map(|(c, n)| field(c, n, 100 * MS + n * 20 * MS + phases_ns[c as usize]))
+            .map(|f| (f, f.blobs_out_ns))
+            .collect();
+        all.sort_by_key(|(_, now)| *now);
+        all
+    }
+
+    #[test]
+    fn genlocked_cameras_close_on_their_last_field() {
+        let frames = run(&mut assembler(), &stream([30_000, 0, 70_000], 10, |_, _| true));
+        assert_eq!(frames.len(), 10);
+        for (n, (closed, used)) in frames.iter().enumerate() {
+            let n = n as u64;
+            assert_eq!((closed.closed_by, closed.reference.camera), (ClosedBy::Inputs, 0));
+            assert_eq!((closed.reference.field, closed.waited_ns), (n, 70_000));
+            assert_eq!(*used, [(1, n), (0, n), (2, n)]);
+        }
+    }
+
+    #[test]
+    fn free_running_cameras_are_not_waited_for() {
+        let frames = run(&mut assembler(), &stream([0, 7 * MS, 13 * MS], 10, |_, _| true));
+        assert_eq!(frames.len(), 10);
+        for (n, (closed, used)) in frames.iter().enumerate().skip(1) {
+            let n = n as u64;
+            assert_eq!((closed.closed_by, closed.waited_ns), (ClosedBy::Inputs, 0));
+            assert_eq!(*used, [(1, n - 1), (2, n - 1), (0, n)]);
+        }
+    }
+
+    #[test]
+    fn a_missing_field_costs_three_milliseconds() {
+        let frames = run(&mut assembler(), &stream([0, 0, 50_000], 10, |c, n| (c, n) != (2, 4)));
+        let (closed, used) = &frames[4];
+        assert_eq!((closed.closed_by, closed.waited_ns), (ClosedBy::TimeOut, CAMERA_WAIT_NS));
+        assert_eq!(*used, [(0, 4), (1, 4)]);
+        assert_eq!(closed.taken_ns, 180 * MS + AGE + CAMERA_WAIT_NS);
+        assert!(frames.iter().filter(|(c, _)| c.closed_by == ClosedBy::TimeOut).count() == 1);
+    }
+
+    #[test]
+    fn another_camera_stands_in_for_the_reference() {
+        let frames = run(&mut assembler(), &stream([0, 10_000, 20_000], 10, |c, n| (c, n) != (0, 4)));
+        assert_eq!(frames.len(), 10);
+        let (closed, used) = &frames[4];
+        assert_eq!((closed.reference.camera, closed.reference.field), (1, 4));
+        assert_eq!((closed.closed_by, used.as_slice()), (ClosedBy::TimeOut, &[(1, 4), (2, 4)][..]));
+    }
+
+    #[test]
+    fn a_dead_camera_is_not_waited_for_and_comes_back() {
+        let frames = run(&mut assembler(), &stream([0, 0, 0], 40, |c, n| c != 0 || !(10..30).contains(&n)));
+        assert_eq!(frames.len(), 40);
+        let time_outs: Vec<_> = (0..40).filter(|&n| frames[n].0.closed_by == ClosedBy::TimeOut).collect();
+        assert!(time_outs.iter().all(|n| (10..15).contains(n)), "{time_outs:?}");
+        assert!((15..30).all(|n| frames[n].0.reference.camera == 1));
+        assert!((31..40).all(|n| frames[n].0.reference.camera == 0 && frames[n].1.len() == 3));
+    }
+
+    #[test]
+    fn a_late_field_goes_into_the_next_frame() {
+        let mut fields = stream([0, 0, 0], 6, |_, _| true);
+        let late = fields.iter().position(|(f, _)| (f.camera, f.field) == (2, 3)).unwrap();
+        fields[late].1 += 10 * MS;
+        fields.sort_by_key(|(_, now)| *now);
+        let frames = run(&mut assembler(), &fields);
+        assert_eq!(frames[3].0.closed_by, ClosedBy::TimeOut);
+        assert_eq!(frames[4].1, [(2, 3), (0, 4), (1, 4), (2, 4)]);
+        assert_eq!(frames.len(), 6);
+    }
+
+    #[test]
+    fn the_next_field_of_the_reference_closes_a_frame() {
+        let mut assembler = assembler();
+        let now = 300 * MS;
+        assembler.push(&field(0, 0, 100 * MS), now).unwrap();
+        assert_eq!(assembler.complete(now), None);
+        assembler.push(&field(0, 1, 120 * MS), now).unwrap();
+        let closed = assembler.complete(now).unwrap();
+        assert_eq!((closed.reference.field, closed.closed_by), (0, ClosedBy::NextField));
+    }
+
+    #[test]
+    fn bad_fields_are_refused_and_counted() {
+        let mut assembler = assembler();
+        let now = 1000 * MS;
+        assembler.push(&field(1, 5, 200 * MS), now).unwrap();
+        let mut wrong = field(1, 6, 220 * MS);
+        wrong.count = 65;
+        assert_eq!(assembler.push(&wrong, now), Err(Refusal::Invalid));
+        assert_eq!(assembler.push(&field(7, 6, 220 * MS), now), Err(Refusal::UnknownCamera(7)));
+        assert_eq!(assembler.push(&field(99, 6, 220 * MS), now), Err(Refusal::UnknownCamera(99)));
+        assert_eq!(assembler.push(&field(1, 6, 2000 * MS), now), Err(Refusal::FromTheFuture(1)));
+        assert!(matches!(assembler.push(&field(1, 5, 200 * MS), now), Err(Refusal::NotNewer { .. })));
+        assert!(matches!(assembler.push(&field(1, 4, 180 * MS), now), Err(Refusal::NotNewer { .. })));
+        assert_eq!(assembler.refused(), 6);
+        assembler.push(&field(1, 0, 240 * MS), now).expect("a restarted camera counts from 0 again");
+    }
+
+    #[test]
+    fn a_clock_set_back_is_believed_in_the_end() {
+        let mut assembler = assembler();
+        let mut taken = Vec::new();
+        assembler.push(&field(0, 0, 9000 * MS), 9999 * MS).unwrap();
+        for n in 1..40 {
+            if assembler.push(&field(0, n, n * 20 * MS), 9999 * MS + n).is_ok() {
+                taken.push(n);
+            }
+        }
+        assert_eq!(taken, (25..40).collect::<Vec<_>>());
+    }
+
+    proptest! {
+        #[test]
+        fn any_order_of_fields_keeps_the_rules(
+            fields in prop::collection::vec((0u32..9, 0u64..60, 0u64..1_200_000_000u64, 0u64..8), 1..300),
+        ) {
+            let mut assembler = assembler();
+            let (mut now, mut last_ns) = (0, 0);
+            for (camera, number, exposed_ns, step) in fields {
+                now += step * MS;
+                let closing = [assembler.expired(now), None];
+                let _ = assembler.push(&field(camera, number, exposed_ns.min(now)), now);
+                let mut next = closing.into_iter().flatten().next();
+                loop {
+                    if let Some(closed) = next {
+                        prop_assert!(closed.waited_ns <= CAMERA_WAIT_NS);
+                        prop_assert!(assembler.used().len() <= MAX_FIELDS_USED);
+                        if assembler.cameras.iter().all(|c| c.refused_in_a_row < CLOCK_SET_BACK - 1) {
+                            prop_assert!(closed.reference.exposed_ns > last_ns || last_ns == 0);
+                        }
+                        last_ns = assembler.last_frame_ns;
+                    }
+                    next = assembler.complete(now);
+                    if next.is_none() { break; }
+                }
+                prop_assert!(assembler.pending.len() <= MAX_FIELDS_USED);
+            }
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! Which blob is which marker of a body whose pose is predicted: by colour, size and distance,
+//! nearest first, each blob and each marker once in a camera-field.
+
+use crate::constants as k;
+use crate::filter::Matrix6;
+use crate::fit::{Match, carried, pose_jacobian};
+use crate::model::{BodyModel, RigModel};
+use crate::sight::{View, camera_of, covariance_as, image_of};
+use nalgebra::{Isometry3, Vector3};
+use protocol::limits::{BODIES, MAX_CAMERAS};
+
+/// Room for candidates; beyond it the farthest would be clutter.
+const MAX_CANDIDATES: usize = 4096;
+
+/// A blob that may be a marker.
+#[derive(Debug, Clone, Copy)]
+struct Candidate {
+    distance2: f64,
+    body: usize,
+    matched: Match,
+}
+
+/// Where a body should be.
+#[derive(Debug, Clone, Copy)]
+pub struct Expected {
+    /// Pose at the group's instant.
+    pub pose: Isometry3<f64>,
+    /// Covariance of the pose.
+    pub covariance: Matrix6,
+    /// Velocity and angular velocity.
+    pub motion: [Vector3<f64>; 2],
+    /// Factor on all variances of blobs.
+    pub variance_scale: f64,
+}
+
+/// Finds matches; keeps its memory between calls.
+pub struct Associator {
+    candidates: Vec<Candidate>,
+    blobs_used: [u64; MAX_CAMERAS],
+    markers_used: [[u32; MAX_CAMERAS]; BODIES],
+}
+
+impl Default for Associator {
+    fn default() -> Self {
+        Associator {
+            candidates: Vec::with_capacity(MAX_CANDIDATES),
+            blobs_used: [0; MAX_CAMERAS],
+            markers_used: [[0; MAX_CAMERAS]; BODIES],
+        }
+    }
+}
+
+impl Associator {
+    /// Fills `matches` of every body that is expected somewhere. `group` lists the cameras whose
+    /// views belong to this instant `base_ns`; `area_scales` are the cameras' own.
+    pub fn associate(
+        &mut self,
+        rig: &RigModel,
+        views: &[View; MAX_CAMERAS],
+        group: u32,
+        base_ns: u64,
+        area_scales: &[f64; MAX_CAMERAS],
+        expected: &[Option<Expected>; BODIES],
+        matches: &mut [Vec<Match>; BODIES],
+    ) {
+        self.candidates.clear();
+        self.blobs_used = [0; MAX_CAMERAS];
+        self.markers_used = [[0; MAX_CAMERAS]; BODIES];
+        for (body, expected) in expected.iter().enumerate() {
+            let Some(expected) = expected else { continue };
+            for view in views.iter().filter(|v| group & (1 << v.camera) != 0) {
+                let scale = area_scales[view.camera];
+                self.collect(rig, &rig.bodies[body], body, view, base_ns, scale, expected);
+            }
+        }
+        self.candidates.sort_unstable_by(|a, b| {
+            let key = |c: &Candidate| (c.body, c.matched.camera, c.matched.marker, c.matched.blob);
+            a.distance2.total_cmp(&b.distance2).then_with(|| key(a).cmp(&key(b)))
+        });
+        for list in matches.iter_mut() {
+            list.clear();
+        }
+        for c in &self.candidates {
+            let m = &c.matched;
+            let (blob, marker) = (1u64 << m.blob, 1u32 << m.marker);
+            let free =
+                self.blobs_used[m.camera] & blob == 0 && self.markers_used[c.body][m.camera] & marker == 0;
+            if free {
+                self.blobs_used[m.camera] |= blob;
+                self.markers_used[c.body][m.camera] |= marker;
+                matches[c.body].push(*m);
+            }
+        }
+    }
+
+    #[allow(clippy::too_many_arguments)] // one inner loop of `associate`
+    fn collect(
+        &mut self,
+        rig: &RigModel,
+        model: &BodyModel,
+        body: usize,
+        view: &View,
+        base_ns: u64,
+        area_scale: f64,
+        expected: &Expected,
+    ) {
+        let Some(camera) = camera_of(rig, view) else { return };
+        let dt_s = (view.exposed_ns as i64).wrapping_sub(base_ns as i64) as f64 * 1e-9;
+        let pose = carried(&expected.pose, &expected.motion, dt_s);
+        for (marker, m) in model.markers.iter().enumerate() {
+            let Some(image) = image_of(m, &pose, camera) else { continue };
+            let jacobian = pose_jacobian(&image, &pose);
+            let predicted = jacobian * expected.covariance * jacobian.transpose();
+            for (blob, sight) in view.sights().iter().enumerate() {
+                let r = sight.pixel - image.pixel;
+                if sight.colour != m.colour || r.norm_squared() > k::GATE_PX * k::GATE_PX {
+                    continue;
+                }
+                let Some(covariance) = covariance_as(sight, &image, area_scale, k::AREA_RATIO) else {
+                    continue;
+                };
+                let Some(inverse) = (predicted + covariance * expected.variance_scale).try_inverse() else {
+                    continue;
+                };
+                let distance2 = r.dot(&(inverse * r));
+                // `covariance` grows with a wrong size; the logarithm of its determinant keeps such
+                // a blob from winning because of its own doubt.
+                let doubt = libm::log((covariance.determinant() / sight.covariance.determinant()).max(1.0));
+                if distance2 < k::GATE && self.candidates.len() < MAX_CANDIDATES {
+                    let area_ratio = sight.area_px / image.area_px;
+                    let pixel = sight.pixel;
+                    let camera = view.camera;
+                    let matched =
+                        Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, out: false };
+                    self.candidates.push(Candidate { distance2: distance2 + doubt, body, matched });
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! One tracked body: its filter, what it saw in this frame, and whether it may be trusted.
+
+use crate::associate::Expected;
+use crate::constants as k;
+use crate::filter::{Filter, Matrix6};
+use crate::fit::{Fit, Match};
+use crate::model::BodyModel;
+use bytemuck::Zeroable;
+use nalgebra::{Isometry3, Matrix3};
+use protocol::geometry::{Pose, Validity};
+use protocol::limits::MAX_CAMERAS;
+use protocol::poses::{BodyState, BodyStatus, Predictor};
+
+/// A body over time.
+#[derive(Debug, Clone)]
+pub struct Track {
+    /// `None` while lost.
+    pub filter: Option<Filter>,
+    /// Running reduced χ²: above 1 where the calibration is worse than the blobs.
+    pub variance_scale: f64,
+    /// Instant of the last blob of each camera.
+    seen_ns: [u64; MAX_CAMERAS],
+    /// Last instant at which two cameras saw it.
+    pub good_ns: u64,
+    measured_ns: u64,
+    last_pose: Isometry3<f64>,
+    last_covariance: Matrix6,
+    frame: InFrame,
+}
+
+/// What the present frame brought.
+#[derive(Debug, Clone, Copy, Default)]
+struct InFrame {
+    blobs: u32,
+    thrown_out: u32,
+    cameras: u32,
+    squares_px2: f64,
+    bad_fit: bool,
+}
+
+impl Default for Track {
+    fn default() -> Self {
+        Track {
+            filter: None,
+            variance_scale: 1.0,
+            seen_ns: [0; MAX_CAMERAS],
+            good_ns: 0,
+            measured_ns: 0,
+            last_pose: Isometry3::identity(),
+            last_covariance: Matrix6::identity(),
+            frame: InFrame::default(),
+        }
+    }
+}
+
+impl Track {
+    /// A new frame begins.
+    pub fn begin_frame(&mut self) {
+        self.frame = InFrame::default();
+    }
+
+    /// Carries the body to `base_ns`, or gives it up where the gap is too long or two cameras have
+    /// not seen it for too long.
+    pub fn advance(&mut self, base_ns: u64) {
+        let stale = base_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
+        if let Some(filter) = &mut self.filter {
+            filter.advance(base_ns);
+        }
+        if stale {
+            self.lose();
+        }
+    }
+
+    /// Nothing is known any more; the last pose is kept for those who show it.
+    pub fn lose(&mut self) {
+        if let Some(filter) = self.filter.take() {
+            self.last_pose = filter.world_from_body;
+            self.last_covariance = filter.pose_covariance();
+        }
+        self.seen_ns = [0; MAX_CAMERAS];
+    }
+
+    /// Where the body should be at its filter's instant.
+    pub fn expected(&self) -> Option<Expected> {
+        self.filter.as_ref().map(|f| Expected {
+            pose: f.world_from_body,
+            covariance: f.pose_covariance(),
+            motion: [f.velocity, f.angular_velocity],
+            variance_scale: self.variance_scale,
+        })
+    }
+
+    /// True if two cameras have not seen it for so long that it should also be searched.
+    pub fn wants_search(&self, base_ns: u64) -> bool {
+        self.filter.is_none() || base_ns.saturating_sub(self.good_ns) > k::SEARCH_AFTER_NS
+    }
+
+    /// A fit of tracked blobs comes in. False if it was refused.
+    pub fn take_fit(
+        &mut self,
+        fit: &Fit,
+        prior_information: &Matrix6,
+        matches: &[Match],
+        base_ns: u64,
+    ) -> bool {
+        let reduced = fit.reduced_chi2();
+        let limit = k::BAD_FIT * self.variance_scale;
+        let crowded = fit.thrown_out > fit.blobs;
+        self.frame.thrown_out += fit.thrown_out as u32;
+        if crowded || reduced.is_some_and(|c| c > limit) {
+            self.frame.bad_fit = true;
+            return false;
+        }
+        let Some(filter) = &mut self.filter else { return false };
+        if !filter.update(&fit.pose, &fit.covariance, prior_information) {
+            self.frame.bad_fit = true;
+            return false;
+        }
+        if let Some(c) = reduced {
+            let (low, high) = k::CHI2_RANGE;
+            self.variance_scale =
+                (self.variance_scale + k::CHI2_STEP * (c - self.variance_scale)).clamp(low, high);
+        }
+        self.note(fit, matches, base_ns, u32::MAX);
+        true
+    }
+
+    /// A search found the body.
+    pub fn take_seed(
+        &mut self,
+        fit: &Fit,
+        model: &BodyModel,
+        matches: &[Match],
+        base_ns: u64,
+        in_frame: u32,
+    ) {
+        self.lose();
+        self.filter = Some(Filter::new(fit.pose, &fit.covariance, model.start, model.motion, base_ns));
+        self.variance_scale = 1.0;
+        self.good_ns = base_ns;
+        self.note(fit, matches, base_ns, in_frame);
+    }
+
+    /// Books the blobs of cameras in the set `in_frame`.
+    fn note(&mut self, fit: &Fit, matches: &[Match], base_ns: u64, in_frame: u32) {
+        for m in matches.iter().filter(|m| !m.out) {
+            self.seen_ns[m.camera] = base_ns;
+            if in_frame & (1 << m.camera) != 0 {
+                self.frame.blobs += 1;
+                self.frame.cameras |= 1 << m.camera;
+            }
+        }
+        self.frame.squares_px2 += fit.squares_px2;
+        self.measured_ns = base_ns;
+        let eyes = self.seen_ns.iter().filter(|&&t| t > 0 && base_ns.saturating_sub(t) <= k::SEEN_NS).count();
+        if eyes >= 2 {
+            self.good_ns = base_ns;
+        }
+    }
+
+    /// What is published for the instant `exposed_ns`.
+    pub fn state(&self, model: &BodyModel, exposed_ns: u64) -> BodyState {
+        let mut state = BodyState::zeroed();
+        let covariance = self.filter.as_ref().map_or(self.last_covariance, Filter::pose_covariance);
+        let mut pose = self.last_pose;
+        if let Some(filter) = &self.filter {
+            let dt = exposed_ns.wrapping_sub(filter.time_ns) as i64 as f64 * 1e-9;
+            pose = filter.pose_after(dt.clamp(-0.2, 0.2));
+            state.predictor = predictor(filter, model);
+        }
+        if model.is_eye {
+            pose.translation.vector.fill(0.0);
+        }
+        state.world_from_body = Pose::from_isometry(&pose);
+        upper_triangle(&covariance, &mut state.covariance);
+        let (validity, status) = self.verdict(model, &covariance);
+        state.validity = validity as u32;
+        state.status = status as u32;
+        state.measured_ns = self.measured_ns;
+        state.blobs_used = self.frame.blobs;
+        state.cameras_used = self.frame.cameras.count_ones();
+        if self.frame.blobs > 0 {
+            state.residual_px = libm::sqrt(self.frame.squares_px2 / f64::from(self.frame.blobs));
+        }
+        state
+    }
+
+    fn verdict(&self, model: &BodyModel, covariance: &Matrix6) -> (Validity, BodyStatus) {
+        if self.filter.is_none() {
+            return (Validity::Lost, BodyStatus::Lost);
+        }
+        let trace = |m: Matrix3<f64>| libm::sqrt(m.trace().max(0.0));
+        let position = trace(covariance.fixed_view::<3, 3>(0, 0).into());
+        let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
+        let sure = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
+        let frame = &self.frame;
+        if frame.cameras.count_ones() >= 2 && sure {
+            return (Validity::Measured, BodyStatus::Tracked);
+        }
+        let status = if frame.bad_fit {
+            BodyStatus::BadFit
+        } else if frame.thrown_out > frame.blobs {
+            BodyStatus::Interference
+        } else if frame.blobs > 0 {
+            BodyStatus::TooFewMarkers
+        } else {
+            BodyStatus::Predicted
+        };
+        (Validity::Predicted, status)
+    }
+}
+
+fn predictor(filter: &Filter, model: &BodyModel) -> Predictor {
+    let mut predictor = Predictor::zeroed();
+    predictor.angular_velocity_rad_s = filter.angular_velocity.into();
+    if !model.is_eye {
+        predictor.velocity_mm_s = filter.velocity.into();
+        predictor.acceleration_mm_s2 = filter.acceleration.into();
+        predictor.acceleration_tau_s = filter.models[0].tau_s;
+    }
+    predictor
+}
+
+fn upper_triangle(matrix: &Matrix6, out: &mut [f64]) {
+    let cells = (0..6).flat_map(|r| (r..6).map(move |c| (r, c)));
+    for (slot, (r, c)) in out.iter_mut().zip(cells) {
+        *slot = matrix[(r, c)];
+    }
+}

@@ -1,0 +1,22 @@
+//! Command line of `vitreo-tracker`.
+
+use protocol::shell::ShellArgs;
+use std::path::PathBuf;
+
+/// Turns marker blobs into poses.
+#[derive(Debug, clap::Parser)]
+#[command(name = "vitreo-tracker", version)]
+pub struct Config {
+    /// Name, supervision.
+    #[command(flatten)]
+    pub shell: ShellArgs,
+    /// Rig file (vitreo-rig-1): cameras, markers, trocars. Without it the shipped rig.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Read the time from the fields (when they were received) instead of the clock: for imported streams.
+    #[arg(long, conflicts_with = "script")]
+    pub stream_clock: bool,
+    /// Consume exactly the fields that the `script` channel names: for recorded runs.
+    #[arg(long)]
+    pub script: bool,
+}

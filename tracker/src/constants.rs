@@ -1,0 +1,91 @@
+//! Every tuning constant of the tracker: value, unit, and what breaks when it is moved.
+
+use protocol::limits::FIELD_PERIOD_NS;
+
+/// Standard deviation of a blob's column where the stream tells none, px.
+pub const SIGMA_X_PX: f64 = 0.045;
+/// The same for its line in the frame, px: a line of a field is two lines of the frame.
+pub const SIGMA_Y_PX: f64 = 0.088;
+/// Smallest and largest variance believed of a stream, px².
+pub const VARIANCE_RANGE_PX2: (f64, f64) = (1e-6, 1e4);
+/// Share of the area, as a logarithm, by which a marker's blob differs without being hidden in part.
+pub const AREA_TOLERANCE: f64 = 0.04;
+/// Shift of the centre of a partly hidden marker, in radii per logarithm of the area lost.
+pub const AREA_SHIFT: f64 = 0.8;
+/// Ratio of areas outside of which a blob is not that marker.
+pub const AREA_RATIO: (f64, f64) = (0.15, 1.7);
+/// Ratio of areas, wider, as long as the camera's own scale of areas is not known (start-up).
+pub const SEED_AREA_RATIO: (f64, f64) = (0.3, 2.2);
+/// Step of the running estimate of a camera's area scale.
+pub const AREA_SCALE_STEP: f64 = 0.004;
+
+/// Singer model of an instrument's tip: standard deviation of the acceleration, mm/s².
+pub const TIP_ACCELERATION_MM_S2: f64 = 250.0;
+/// Its time constant, s; tremor at 9 Hz turns round in 28 ms.
+pub const TIP_ACCELERATION_TAU_S: f64 = 0.05;
+/// The same for an instrument's rotation, rad/s².
+pub const TURN_ACCELERATION_RAD_S2: f64 = 30.0;
+/// Its time constant, s.
+pub const TURN_ACCELERATION_TAU_S: f64 = 0.05;
+/// The same for the eye's rotation, rad/s².
+pub const EYE_ACCELERATION_RAD_S2: f64 = 2.0;
+/// Its time constant, s.
+pub const EYE_ACCELERATION_TAU_S: f64 = 0.1;
+/// Standard deviation of the velocity of a body just found, mm/s; the surgeon's hand in a hurry.
+pub const SEED_SPEED_MM_S: f64 = 15.0;
+/// The same for the angular velocity of an instrument, rad/s.
+pub const SEED_TURN_RAD_S: f64 = 1.5;
+/// The same for the eye, rad/s.
+pub const SEED_EYE_TURN_RAD_S: f64 = 0.5;
+/// The eye's centre is the origin: standard deviation of its position, mm.
+pub const EYE_CENTRE_MM: f64 = 1e-4;
+
+/// Camera-fields this close belong to one update, ns; genlocked cameras differ by 0.1 ms.
+pub const GROUP_NS: u64 = 1_000_000;
+/// A sight older than this is not used for finding a lost body, ns.
+pub const SEED_WINDOW_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
+/// A camera counts as seeing a body for this long after its last blob of it, ns.
+pub const SEEN_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
+/// A body not seen by two cameras for this long is lost, ns.
+pub const LOST_AFTER_NS: u64 = 150_000_000;
+/// A body not seen by two cameras for this long is also searched anew, ns.
+pub const SEARCH_AFTER_NS: u64 = 50_000_000;
+/// A gap between camera-fields, or a step back, beyond which nothing is carried over, ns.
+pub const MAX_GAP_NS: u64 = 500_000_000;
+
+/// Squared Mahalanobis distance within which a blob may be a predicted marker.
+pub const GATE: f64 = 25.0;
+/// Farthest a blob may lie from a predicted marker, px.
+pub const GATE_PX: f64 = 40.0;
+/// Squared normalised residual above which a blob is thrown out of a fit.
+pub const OUTLIER: f64 = 20.0;
+/// Squared residual at which the weight of a blob has fallen to half while the fit converges.
+pub const ROBUST_SCALE: f64 = 9.0;
+/// Reduced χ² above which a fit is refused.
+pub const BAD_FIT: f64 = 9.0;
+/// Bounds of a body's running reduced χ² (drifted calibration raises it).
+pub const CHI2_RANGE: (f64, f64) = (1.0, 30.0);
+/// Step of that running estimate.
+pub const CHI2_STEP: f64 = 0.05;
+/// A tip less certain than this (standard deviation, mm) is not called measured.
+pub const MEASURED_MM: f64 = 0.15;
+/// The same for a rotation, rad.
+pub const MEASURED_RAD: f64 = 0.5;
+/// A shaft that misses its trocar by more than this is not this instrument, mm.
+pub const TROCAR_MISS_MM: f64 = 1.0;
+
+/// Two rays that pass this close may see one marker, mm (free-running cameras: 10 mm/s · 13 ms and noise).
+pub const SEED_RAY_MM: f64 = 0.35;
+/// Distances between markers are matched within this, mm.
+pub const SEED_DISTANCE_MM: f64 = 0.35;
+/// A blob this close to a marker of a hypothesis supports it, px.
+pub const SEED_GATE_PX: f64 = 6.0;
+/// Speed assumed when sights of different instants meet in a search, mm/s.
+pub const SEED_SIGHT_SPEED_MM_S: f64 = 8.0;
+/// Points kept per search; more are clutter.
+pub const SEED_POINTS: usize = 96;
+/// Hypotheses tried per search: bounds its time.
+pub const SEED_TRIALS: usize = 20_000;
+
+const _: () = assert!(GROUP_NS * 4 < FIELD_PERIOD_NS, "a group never spans two fields of a camera");
+const _: () = assert!(SEARCH_AFTER_NS < LOST_AFTER_NS);

@@ -1,0 +1,305 @@
+//! The most likely pose of a body: Gauss–Newton on the image residuals of all its blobs, weighted
+//! by their covariances, each camera-field at its own instant, with a prior and the trocar.
+//!
+//! Minimised over the pose x at the group's instant:
+//! Σ rᵀ·C⁻¹·r + (x ⊖ x₀)ᵀ·P₀⁻¹·(x ⊖ x₀) + |t|²/σ², where r is blob minus image, C the blob's
+//! covariance, x₀ and P₀ the prediction, and t how far the shaft passes beside its trocar.
+//! While it converges, residuals weigh 1/(1 + d²/9) (Cauchy); then the worst blob beyond the limit
+//! is thrown out, one after the other, and the rest is fitted without weights.
+
+use crate::constants as k;
+use crate::filter::{Filter, Matrix6, Vector6, changed, difference, exp};
+use crate::model::{BodyModel, RigModel};
+use crate::sight::{Image, image_of};
+use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Translation3, Vector2, Vector3};
+use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
+
+/// Most blobs in a fit.
+pub const MAX_MATCHES: usize = MAX_CAMERAS * MAX_MARKERS;
+
+/// A blob taken for a marker.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Match {
+    /// Camera id.
+    pub camera: usize,
+    /// Index of the blob in its view.
+    pub blob: usize,
+    /// Index of the marker.
+    pub marker: usize,
+    /// Centre, px of the frame.
+    pub pixel: Vector2<f64>,
+    /// Covariance of the centre, px².
+    pub covariance: Matrix2<f64>,
+    /// Instant of the exposure less that of the group, s.
+    pub dt_s: f64,
+    /// Area over the expected one.
+    pub area_ratio: f64,
+    /// Thrown out.
+    pub out: bool,
+}
+
+/// Where a trocar is in the world, and how sure that is (standard deviation, mm).
+pub type TrocarInWorld = (Point3<f64>, f64);
+
+/// What a fit is told besides the blobs.
+pub struct Problem<'a> {
+    /// The rig.
+    pub rig: &'a RigModel,
+    /// The body.
+    pub body: &'a BodyModel,
+    /// Predicted pose.
+    pub prior: Isometry3<f64>,
+    /// Inverse of its covariance.
+    pub prior_information: Matrix6,
+    /// Velocity (mm/s) and angular velocity (rad/s) in the world, to reach other instants.
+    pub motion: [Vector3<f64>; 2],
+    /// The trocar, if the eye is known.
+    pub trocar: Option<TrocarInWorld>,
+    /// Factor on all variances of blobs.
+    pub variance_scale: f64,
+}
+
+/// The answer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fit {
+    /// Most likely pose.
+    pub pose: Isometry3<f64>,
+    /// Its covariance, prior included.
+    pub covariance: Matrix6,
+    /// χ² of the blobs kept, with their variances as told (unscaled).
+    pub chi2: f64,
+    /// Sum of the squared residuals, px².
+    pub squares_px2: f64,
+    /// Blobs kept.
+    pub blobs: usize,
+    /// Blobs thrown out.
+    pub thrown_out: usize,
+}
+
+impl Fit {
+    /// χ² per degree of freedom; `None` where blobs are too few to tell.
+    pub fn reduced_chi2(&self) -> Option<f64> {
+        let freedom = 2.0 * self.blobs as f64 - 6.0;
+        (freedom >= 2.0).then(|| self.chi2 / freedom)
+    }
+}
+
+/// Jacobian of an image by the pose (position, rotation vector in the world).
+pub fn pose_jacobian(image: &Image, pose: &Isometry3<f64>) -> SMatrix<f64, 2, 6> {
+    let arm = image.point.coords - pose.translation.vector;
+    let turning: Matrix2x3<f64> = -(image.jacobian * arm.cross_matrix());
+    let mut jacobian = SMatrix::<f64, 2, 6>::zeros();
+    jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&image.jacobian);
+    jacobian.fixed_view_mut::<2, 3>(0, 3).copy_from(&turning);
+    jacobian
+}
+
+/// A pose carried by a constant motion.
+pub fn carried(pose: &Isometry3<f64>, motion: &[Vector3<f64>; 2], dt_s: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::from(pose.translation.vector + motion[0] * dt_s),
+        exp(motion[1] * dt_s) * pose.rotation,
+    )
+}
+
+/// How the shaft (the body's z axis) passes beside the trocar, in the body frame, mm.
+pub fn trocar_miss(pose: &Isometry3<f64>, trocar: &Point3<f64>) -> Vector2<f64> {
+    pose.inverse_transform_point(trocar).coords.xy()
+}
+
+impl Problem<'_> {
+    /// The problem of a body that is tracked.
+    pub fn of_filter<'a>(
+        rig: &'a RigModel,
+        body: &'a BodyModel,
+        filter: &Filter,
+        trocar: Option<TrocarInWorld>,
+        variance_scale: f64,
+    ) -> Option<Problem<'a>> {
+        let prior_information = filter.pose_covariance().cholesky()?.inverse();
+        let motion = [filter.velocity, filter.angular_velocity];
+        let prior = filter.world_from_body;
+        Some(Problem { rig, body, prior, prior_information, motion, trocar, variance_scale })
+    }
+
+    /// Solves it, beginning at `start`. `None` where it does not converge or too little is left.
+    pub fn solve(&self, start: &Isometry3<f64>, matches: &mut [Match]) -> Option<Fit> {
+        let mut pose = self.converge(*start, matches, true)?;
+        let mut thrown_out = 0;
+        loop {
+            pose = self.converge(pose, matches, false)?;
+            let Some(worst) = self.worst(&pose, matches) else { break };
+            matches[worst].out = true;
+            thrown_out += 1;
+        }
+        let blobs = matches.iter().filter(|m| !m.out).count();
+        if blobs == 0 {
+            return None;
+        }
+        let (information, _) = self.normal_equations(&pose, matches, false);
+        let covariance = information.cholesky()?.inverse();
+        let (mut chi2, mut squares_px2) = (0.0, 0.0);
+        for m in matches.iter().filter(|m| !m.out) {
+            let (r, d2) = self.residual(&pose, m)?;
+            chi2 += d2;
+            squares_px2 += r.norm_squared();
+        }
+        Some(Fit { pose, covariance, chi2, squares_px2, blobs, thrown_out })
+    }
+
+    fn converge(&self, start: Isometry3<f64>, matches: &[Match], robust: bool) -> Option<Isometry3<f64>> {
+        let mut pose = start;
+        for _ in 0..8 {
+            let (information, gradient) = self.normal_equations(&pose, matches, robust);
+            let step = information.cholesky()?.solve(&gradient);
+            if !step.iter().all(|v| v.is_finite()) || step.norm() > 50.0 {
+                return None;
+            }
+            pose = changed(&pose, &step);
+            if step.amax() < 1e-7 {
+                break;
+            }
+        }
+        Some(pose)
+    }
+
+    /// The blob with the largest normalised residual beyond the limit.
+    fn worst(&self, pose: &Isometry3<f64>, matches: &[Match]) -> Option<usize> {
+        let mut worst = None;
+        let mut limit = k::OUTLIER * self.variance_scale;
+        for (i, m) in matches.iter().enumerate().filter(|(_, m)| !m.out) {
+            let d2 = self.residual(pose, m).map_or(f64::INFINITY, |(_, d2)| d2);
+            if d2 > limit {
+                (worst, limit) = (Some(i), d2);
+            }
+        }
+        worst
+    }
+
+    fn image(&self, pose: &Isometry3<f64>, m: &Match) -> Option<(Image, Isometry3<f64>)> {
+        let at_exposure = carried(pose, &self.motion, m.dt_s);
+        let camera = self.rig.cameras[m.camera].as_ref()?;
+        Some((image_of(&self.body.markers[m.marker], &at_exposure, camera)?, at_exposure))
+    }
+
+    fn residual(&self, pose: &Isometry3<f64>, m: &Match) -> Option<(Vector2<f64>, f64)> {
+        let (image, _) = self.image(pose, m)?;
+        let r = m.pixel - image.pixel;
+        let d2 = r.dot(&(m.covariance.try_inverse()? * r));
+        Some((r, d2))
+    }
+
+    fn normal_equations(&self, pose: &Isometry3<f64>, matches: &[Match], robust: bool) -> (Matrix6, Vector6) {
+        let mut information = self.prior_information;
+        let mut gradient = self.prior_information * difference(&self.prior, pose);
+        for m in matches.iter().filter(|m| !m.out) {
+            let Some((image, at_exposure)) = self.image(pose, m) else { continue };
+            let Some(inverse) = (m.covariance * self.variance_scale).try_inverse() else { continue };
+            let r = m.pixel - image.pixel;
+            let weight = if robust { 1.0 / (1.0 + r.dot(&(inverse * r)) / k::ROBUST_SCALE) } else { 1.0 };
+            let jacobian = pose_jacobian(&image, &at_exposure);
+            let weighted = jacobian.transpose() * (inverse * weight);
+            information += weighted * jacobian;
+            gradient += weighted * r;
+        }
+        if let Some((trocar, sigma)) = &self.trocar {
+            let (jacobian, miss) = trocar_equations(pose, trocar);
+            let weight = 1.0 / (sigma * sigma);
+            information += jacobian.transpose() * jacobian * weight;
+            gradient -= jacobian.transpose() * miss * weight;
+        }
+        (information, gradient)
+    }
+}
+
+/// The miss and its Jacobian: with q = Rᵀ·(T − p), δq = −Rᵀ·δp + Rᵀ·[T − p]×·δθ.
+fn trocar_equations(pose: &Isometry3<f64>, trocar: &Point3<f64>) -> (SMatrix<f64, 2, 6>, Vector2<f64>) {
+    let body_from_world: Matrix3<f64> = *pose.rotation.inverse().to_rotation_matrix().matrix();
+    let lever = trocar.coords - pose.translation.vector;
+    let turning = body_from_world * lever.cross_matrix();
+    let jacobian =
+        SMatrix::<f64, 2, 6>::from_fn(
+            |r, c| if c < 3 { -body_from_world[(r, c)] } else { turning[(r, c - 3)] },
+        );
+    (jacobian, trocar_miss(pose, trocar))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use protocol::rig::Rig;
+
+    fn exact_matches(rig: &RigModel, body: usize, truth: &Isometry3<f64>) -> Vec<Match> {
+        let mut matches = Vec::new();
+        for (camera, model) in rig.cameras.iter().enumerate() {
+            let Some(model) = model else { continue };
+            for (marker, m) in rig.bodies[body].markers.iter().enumerate() {
+                let image = image_of(m, truth, model).unwrap();
+                let covariance = Matrix2::identity() * 0.0025;
+                let pixel = image.pixel;
+                let area_ratio = 1.0;
+                let out = false;
+                matches.push(Match {
+                    camera,
+                    blob: 0,
+                    marker,
+                    pixel,
+                    covariance,
+                    dt_s: 0.0,
+                    area_ratio,
+                    out,
+                });
+            }
+        }
+        matches
+    }
+
+    fn problem(rig: &RigModel, prior: Isometry3<f64>) -> Problem<'_> {
+        Problem {
+            rig,
+            body: &rig.bodies[0],
+            prior,
+            prior_information: Matrix6::identity() * 1e-2,
+            motion: [Vector3::zeros(); 2],
+            trocar: None,
+            variance_scale: 1.0,
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn exact_blobs_give_the_exact_pose(
+            p in prop::array::uniform3(-6.0..6.0f64), r in prop::array::uniform3(-1.0..1.0f64),
+            e in prop::array::uniform6(-0.1..0.1f64), wrong in 0usize..12,
+        ) {
+            let rig = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+            let truth = Isometry3::new(Vector3::from(p), Vector3::from(r));
+            let mut matches = exact_matches(&rig, 0, &truth);
+            matches[wrong].pixel.x += 30.0;
+            let start = changed(&truth, &Vector6::from(e));
+            let fit = problem(&rig, start).solve(&start, &mut matches).unwrap();
+            prop_assert_eq!((fit.blobs, fit.thrown_out), (11, 1));
+            prop_assert!(matches[wrong].out);
+            prop_assert!(difference(&fit.pose, &truth).norm() < 1e-4, "{}", difference(&fit.pose, &truth));
+        }
+
+        #[test]
+        fn trocar_jacobian_agrees_with_differences(
+            p in prop::array::uniform3(-6.0..6.0f64), r in prop::array::uniform3(-1.0..1.0f64),
+        ) {
+            let pose = Isometry3::new(Vector3::from(p), Vector3::from(r));
+            let trocar = Point3::new(7.8, 4.5, 7.9);
+            let (jacobian, _) = trocar_equations(&pose, &trocar);
+            for axis in 0..6 {
+                let mut step = Vector6::zeros();
+                step[axis] = 1e-6;
+                let ahead = trocar_miss(&changed(&pose, &step), &trocar);
+                let back = trocar_miss(&changed(&pose, &-step), &trocar);
+                let slope = (ahead - back) / 2e-6;
+                prop_assert!((slope - jacobian.column(axis)).norm() < 1e-6);
+            }
+        }
+    }
+}

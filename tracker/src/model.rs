@@ -1,0 +1,174 @@
+//! The rig as the tracker needs it: cameras by id, the markers of each body, the trocars.
+
+use crate::constants as k;
+use crate::filter::{Singer, StartSigmas};
+use nalgebra::{Point3, Vector3};
+use protocol::camera::Camera;
+use protocol::limits::{BODIES, MAX_CAMERAS, MAX_MARKERS};
+use protocol::poses::{BODY_NAMES, EYE};
+use protocol::rig::{MarkerKind, Rig, RigBody};
+
+/// A marker.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Marker {
+    /// In the body frame, mm.
+    pub position: Point3<f64>,
+    /// mm.
+    pub radius: f64,
+    /// Colour on the wire.
+    pub colour: u32,
+    /// A band around the shaft; else a ball.
+    pub band: bool,
+}
+
+/// The trocar of an instrument.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrocarModel {
+    /// In the eye frame, mm.
+    pub position_in_eye: Point3<f64>,
+    /// Play (standard deviation), mm.
+    pub sigma: f64,
+}
+
+/// Three markers that fix a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Triple {
+    /// Indices of the markers.
+    pub markers: [usize; 3],
+    /// Distances 0–1, 0–2, 1–2, mm.
+    pub distances: [f64; 3],
+}
+
+/// A body.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BodyModel {
+    /// Markers.
+    pub markers: Vec<Marker>,
+    /// Triples that are not in a line, the largest first.
+    pub triples: Vec<Triple>,
+    /// Where the shaft passes; none for the eye.
+    pub trocar: Option<TrocarModel>,
+    /// True for the eye, whose centre is the origin.
+    pub is_eye: bool,
+    /// Farthest marker from the body's origin, mm.
+    pub reach: f64,
+    /// Models of motion: position, rotation.
+    pub motion: [Singer; 2],
+    /// Uncertainty of the motion of a body just found.
+    pub start: StartSigmas,
+}
+
+/// Cameras and bodies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RigModel {
+    /// By camera id.
+    pub cameras: [Option<Camera>; MAX_CAMERAS],
+    /// `inst0`, `inst1`, eye.
+    pub bodies: [BodyModel; BODIES],
+    /// Where tips can be, mm from the eye's centre.
+    pub tip_radius: f64,
+    /// True if every instrument has colours that no other body has.
+    pub colours_tell: bool,
+}
+
+impl RigModel {
+    /// From a checked rig.
+    pub fn new(rig: &Rig) -> Self {
+        let mut cameras = [const { None }; MAX_CAMERAS];
+        for camera in rig.cameras() {
+            let id = camera.id as usize;
+            if id < MAX_CAMERAS {
+                cameras[id] = Some(camera);
+            }
+        }
+        let bodies = std::array::from_fn(|b| {
+            let body = rig.body(BODY_NAMES[b]).expect("Rig::check has seen every body");
+            let mut model = BodyModel::new(body, b == EYE);
+            let trocar = rig.trocar(BODY_NAMES[b]);
+            model.trocar = trocar.map(|t| TrocarModel {
+                position_in_eye: Point3::from(Vector3::from(t.p_eye)),
+                sigma: t.sigma,
+            });
+            model
+        });
+        let colours_tell = !share_colour(&bodies[0], &bodies[1]);
+        RigModel { cameras, bodies, tip_radius: rig.workspace.tip_radius, colours_tell }
+    }
+}
+
+/// True if the two bodies could be taken for each other by colour.
+fn share_colour(a: &BodyModel, b: &BodyModel) -> bool {
+    a.markers.iter().any(|m| b.markers.iter().any(|n| n.colour == m.colour))
+}
+
+impl BodyModel {
+    fn new(body: &RigBody, is_eye: bool) -> Self {
+        let markers: Vec<Marker> = body
+            .markers
+            .iter()
+            .take(MAX_MARKERS)
+            .map(|m| Marker {
+                position: Point3::from(Vector3::from(m.p)),
+                radius: m.r,
+                colour: m.colour as u32,
+                band: m.kind == MarkerKind::Band,
+            })
+            .collect();
+        let turn = if is_eye {
+            Singer { sigma: k::EYE_ACCELERATION_RAD_S2, tau_s: k::EYE_ACCELERATION_TAU_S }
+        } else {
+            Singer { sigma: k::TURN_ACCELERATION_RAD_S2, tau_s: k::TURN_ACCELERATION_TAU_S }
+        };
+        let shift_sigma = if is_eye { 0.0 } else { k::TIP_ACCELERATION_MM_S2 };
+        let start = if is_eye {
+            [0.0, 0.0, k::SEED_EYE_TURN_RAD_S, turn.sigma]
+        } else {
+            [k::SEED_SPEED_MM_S, shift_sigma, k::SEED_TURN_RAD_S, turn.sigma]
+        };
+        BodyModel {
+            triples: triples(&markers),
+            reach: markers.iter().map(|m| m.position.coords.norm()).fold(0.0, f64::max),
+            markers,
+            trocar: None,
+            is_eye,
+            motion: [Singer { sigma: shift_sigma, tau_s: k::TIP_ACCELERATION_TAU_S }, turn],
+            start,
+        }
+    }
+}
+
+/// Every three markers whose triangle is not flat: its height over the longest side is at least
+/// 0.3 mm, below which the roll would be guessed.
+fn triples(markers: &[Marker]) -> Vec<Triple> {
+    let mut found = Vec::new();
+    for i in 0..markers.len() {
+        for j in i + 1..markers.len() {
+            for l in j + 1..markers.len() {
+                let p = [i, j, l].map(|m| markers[m].position);
+                let distances = [(p[1] - p[0]).norm(), (p[2] - p[0]).norm(), (p[2] - p[1]).norm()];
+                let doubled_area = (p[1] - p[0]).cross(&(p[2] - p[0])).norm();
+                let longest = distances.into_iter().fold(0.0, f64::max);
+                if doubled_area > 0.3 * longest {
+                    found.push((doubled_area, Triple { markers: [i, j, l], distances }));
+                }
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.into_iter().map(|(_, triple)| triple).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_rig_has_poses_to_find() {
+        let model = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+        assert_eq!(model.cameras.iter().flatten().count(), 3);
+        assert!(model.colours_tell);
+        assert_eq!(model.bodies[0].triples.len(), 3, "three in a line and one beside it");
+        assert_eq!(model.bodies[EYE].triples.len(), 20);
+        assert!(model.bodies[0].trocar.is_some() && model.bodies[EYE].trocar.is_none());
+    }
+}

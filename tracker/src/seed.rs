@@ -1,0 +1,309 @@
+//! Finding a body without a prediction: triangulate all pairs of blobs of one colour whose rays
+//! meet, look for three points with the distances of three markers, turn the body onto them, and
+//! let every camera vote on the pose.
+
+use crate::constants as k;
+use crate::filter::Matrix6;
+use crate::fit::{Fit, Match, Problem, TrocarInWorld, trocar_miss};
+use crate::model::{BodyModel, RigModel, Triple};
+use crate::sight::{View, camera_of, covariance_as, image_of};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use protocol::limits::{MAX_BLOBS, MAX_CAMERAS};
+
+/// A point that two cameras may see.
+#[derive(Debug, Clone, Copy)]
+struct SeedPoint {
+    position: Point3<f64>,
+    colour: u32,
+}
+
+/// What a search may look at.
+pub struct Scene<'a> {
+    /// The rig.
+    pub rig: &'a RigModel,
+    /// Newest view of each camera.
+    pub views: &'a [View; MAX_CAMERAS],
+    /// Instant of the pose wanted.
+    pub base_ns: u64,
+    /// The body's trocar where the eye is known.
+    pub trocar: Option<TrocarInWorld>,
+    /// The cameras' area scales.
+    pub area_scales: &'a [f64; MAX_CAMERAS],
+}
+
+/// Searches; keeps its memory between calls.
+pub struct Searcher {
+    rays: Box<[[Option<Vector3<f64>>; MAX_BLOBS]; MAX_CAMERAS]>,
+    points: Vec<SeedPoint>,
+    /// Blobs of the pose that was found.
+    pub matches: Vec<Match>,
+}
+
+impl Default for Searcher {
+    fn default() -> Self {
+        Searcher {
+            rays: Box::new([[None; MAX_BLOBS]; MAX_CAMERAS]),
+            points: Vec::with_capacity(k::SEED_POINTS),
+            matches: Vec::with_capacity(crate::fit::MAX_MATCHES),
+        }
+    }
+}
+
+impl Scene<'_> {
+    fn is_recent(&self, view: &View) -> bool {
+        view.exposed_ns > 0 && self.base_ns.abs_diff(view.exposed_ns) <= k::SEED_WINDOW_NS
+    }
+}
+
+impl Searcher {
+    /// The pose of `body`, if enough free blobs agree on one; the blobs are then in `matches`.
+    pub fn search(&mut self, scene: &Scene<'_>, body: &BodyModel) -> Option<Fit> {
+        self.triangulate(scene, body);
+        let mut best: Option<(f64, Isometry3<f64>)> = None;
+        let mut trials = 0;
+        for triple in &body.triples {
+            self.for_each_pose(body, triple, |pose| {
+                trials += 1;
+                if is_plausible(scene, body, &pose) {
+                    let score = score(scene, body, &pose);
+                    if best.is_none_or(|(s, _)| score > s) {
+                        best = Some((score, pose));
+                    }
+                }
+                trials < k::SEED_TRIALS
+            });
+        }
+        self.refine(scene, body, &best?.1)
+    }
+
+    fn triangulate(&mut self, scene: &Scene<'_>, body: &BodyModel) {
+        self.points.clear();
+        let wanted = |colour: u32| body.markers.iter().any(|m| m.colour == colour);
+        for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
+            let Some(camera) = camera_of(scene.rig, view) else { continue };
+            for (blob, sight) in view.sights().iter().enumerate() {
+                let use_it = view.is_free(blob) && wanted(sight.colour);
+                self.rays[view.camera][blob] = if use_it { camera.ray_in_world(sight.pixel) } else { None };
+            }
+        }
+        let limit = scene.rig.tip_radius + body.reach + 5.0;
+        for (i, a) in scene.views.iter().enumerate().filter(|(_, v)| scene.is_recent(v)) {
+            for b in scene.views[i + 1..].iter().filter(|v| scene.is_recent(v)) {
+                self.meet(scene, a, b, limit);
+            }
+        }
+    }
+
+    fn meet(&mut self, scene: &Scene<'_>, a: &View, b: &View, limit: f64) {
+        let (Some(camera_a), Some(camera_b)) = (camera_of(scene.rig, a), camera_of(scene.rig, b)) else {
+            return;
+        };
+        let origins = [camera_a.centre_in_world(), camera_b.centre_in_world()];
+        for (i, sight_a) in a.sights().iter().enumerate() {
+            let Some(ray_a) = self.rays[a.camera][i] else { continue };
+            for (j, sight_b) in b.sights().iter().enumerate() {
+                let Some(ray_b) = self.rays[b.camera][j] else { continue };
+                if sight_a.colour != sight_b.colour || self.points.len() >= k::SEED_POINTS {
+                    continue;
+                }
+                if let Some((position, miss)) = nearest_point(&origins, &[ray_a, ray_b])
+                    && miss < k::SEED_RAY_MM
+                    && position.coords.norm() < limit
+                {
+                    self.points.push(SeedPoint { position, colour: sight_a.colour });
+                }
+            }
+        }
+    }
+
+    /// Calls `visit` with the pose of every three points that fit the triple, until it says false.
+    fn for_each_pose(
+        &self,
+        body: &BodyModel,
+        triple: &Triple,
+        mut visit: impl FnMut(Isometry3<f64>) -> bool,
+    ) {
+        let markers = triple.markers.map(|m| body.markers[m]);
+        let fits = |a: &SeedPoint, b: &SeedPoint, distance: f64| {
+            ((a.position - b.position).norm() - distance).abs() < k::SEED_DISTANCE_MM
+        };
+        let of = |n: usize| self.points.iter().filter(move |p| p.colour == markers[n].colour);
+        for a in of(0) {
+            for b in of(1).filter(|b| fits(a, b, triple.distances[0])) {
+                for c in of(2).filter(|c| fits(a, c, triple.distances[1]) && fits(b, c, triple.distances[2]))
+                {
+                    let from = markers.map(|m| m.position);
+                    let to = [a.position, b.position, c.position];
+                    let Some(pose) = pose_from_triples(&from, &to) else { continue };
+                    if !visit(pose) {
+                        return;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Fits the hypothesis to all free blobs near it.
+    fn refine(&mut self, scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> Option<Fit> {
+        let prior_sigma = if body.is_eye { k::EYE_CENTRE_MM } else { 2.0 };
+        let mut prior_information = Matrix6::identity() * (1.0 / (0.3 * 0.3));
+        prior_information.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / (prior_sigma * prior_sigma));
+        let mut start = *pose;
+        if body.is_eye {
+            start.translation.vector = Vector3::zeros();
+        }
+        let problem = Problem {
+            rig: scene.rig,
+            body,
+            prior: start,
+            prior_information,
+            motion: [Vector3::zeros(); 2],
+            trocar: scene.trocar,
+            variance_scale: 1.0,
+        };
+        self.collect(scene, body, &start);
+        let rough = problem.solve(&start, &mut self.matches)?;
+        self.collect(scene, body, &rough.pose);
+        let fit = problem.solve(&rough.pose, &mut self.matches)?;
+        let kept = || self.matches.iter().filter(|m| !m.out);
+        let markers = kept().fold(0u32, |set, m| set | 1 << m.marker).count_ones();
+        let cameras = kept().fold(0u32, |set, m| set | 1 << m.camera).count_ones();
+        let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.thrown_out * 3 <= fit.blobs;
+        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT);
+        (good && close && is_plausible(scene, body, &fit.pose)).then_some(fit)
+    }
+
+    /// Takes the nearest free blob of each marker in each camera.
+    fn collect(&mut self, scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) {
+        self.matches.clear();
+        for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
+            let first = self.matches.len();
+            for marker in 0..body.markers.len() {
+                if let Some((_, m)) = nearest_blob(scene, body, view, pose, marker)
+                    && self.matches[first..].iter().all(|other| other.blob != m.blob)
+                {
+                    self.matches.push(m);
+                }
+            }
+        }
+    }
+}
+
+/// The point nearest to two rays, and by how much they miss each other, mm.
+fn nearest_point(origins: &[Point3<f64>; 2], rays: &[Vector3<f64>; 2]) -> Option<(Point3<f64>, f64)> {
+    let between = origins[1] - origins[0];
+    let cos = rays[0].dot(&rays[1]);
+    let det = 1.0 - cos * cos;
+    if det < 1e-9 {
+        return None;
+    }
+    let (a, b) = (between.dot(&rays[0]), between.dot(&rays[1]));
+    let (s, t) = ((a - b * cos) / det, (a * cos - b) / det);
+    let (p, q) = (origins[0] + rays[0] * s, origins[1] + rays[1] * t);
+    (s > 0.0 && t > 0.0).then(|| (nalgebra::center(&p, &q), (p - q).norm()))
+}
+
+/// The rotation and shift that carry three points onto three others: the frames of the two
+/// triangles are laid over each other (TRIAD), their centres too. Rough, for the fit to refine.
+fn pose_from_triples(from: &[Point3<f64>; 3], to: &[Point3<f64>; 3]) -> Option<Isometry3<f64>> {
+    let frame = |p: &[Point3<f64>; 3]| {
+        let x = (p[1] - p[0]).try_normalize(1e-6)?;
+        let z = x.cross(&(p[2] - p[0])).try_normalize(1e-6)?;
+        Some(Matrix3::from_columns(&[x, z.cross(&x), z]))
+    };
+    let rotation = frame(to)? * frame(from)?.transpose();
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    let centre = |p: &[Point3<f64>; 3]| (p[0].coords + p[1].coords + p[2].coords) / 3.0;
+    Some(Isometry3::from_parts(Translation3::from(centre(to) - rotation * centre(from)), rotation))
+}
+
+/// True if a body can be there: the eye about the origin, a tip within reach, its shaft through
+/// its own trocar.
+fn is_plausible(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> bool {
+    let distance = pose.translation.vector.norm();
+    if body.is_eye {
+        return distance < 2.0 * k::SEED_DISTANCE_MM;
+    }
+    let through =
+        scene.trocar.is_none_or(|(trocar, _)| trocar_miss(pose, &trocar).norm() < k::TROCAR_MISS_MM);
+    through && distance < scene.rig.tip_radius + 5.0
+}
+
+/// The free blob nearest to a marker, with how well it fits from 0 to 1.
+fn nearest_blob(
+    scene: &Scene<'_>,
+    body: &BodyModel,
+    view: &View,
+    pose: &Isometry3<f64>,
+    marker: usize,
+) -> Option<(f64, Match)> {
+    let camera = camera_of(scene.rig, view)?;
+    let m = &body.markers[marker];
+    let image = image_of(m, pose, camera)?;
+    let dt = scene.base_ns.abs_diff(view.exposed_ns) as f64 * 1e-9;
+    let drift = k::SEED_SIGHT_SPEED_MM_S * dt * image.radius_px / m.radius;
+    let mut best: Option<(f64, Match)> = None;
+    for (blob, sight) in view.sights().iter().enumerate() {
+        if sight.colour != m.colour || !view.is_free(blob) {
+            continue;
+        }
+        let fit = 1.0 - (sight.pixel - image.pixel).norm_squared() / (k::SEED_GATE_PX * k::SEED_GATE_PX);
+        if fit <= 0.0 || best.as_ref().is_some_and(|(f, _)| *f >= fit) {
+            continue;
+        }
+        let scale = scene.area_scales[view.camera];
+        let Some(covariance) = covariance_as(sight, &image, scale, k::SEED_AREA_RATIO) else { continue };
+        best = Some((
+            fit,
+            Match {
+                camera: view.camera,
+                blob,
+                marker,
+                pixel: sight.pixel,
+                covariance: covariance + Matrix2::identity() * (drift * drift),
+                dt_s: 0.0,
+                area_ratio: sight.area_px / image.area_px,
+                out: false,
+            },
+        ));
+    }
+    best
+}
+
+/// How well the blobs of all cameras agree with a pose.
+fn score(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> f64 {
+    let mut sum = 0.0;
+    for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
+        for marker in 0..body.markers.len() {
+            sum += nearest_blob(scene, body, view, pose, marker).map_or(0.0, |(fit, _)| fit);
+        }
+    }
+    sum
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn triples_are_laid_over_each_other(
+            p in prop::array::uniform3(-6.0..6.0f64), r in prop::array::uniform3(-3.0..3.0f64),
+        ) {
+            let truth = Isometry3::new(Vector3::from(p), Vector3::from(r));
+            let from = [Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, 9.0), Point3::new(0.9, 0.0, 6.5)];
+            let pose = pose_from_triples(&from, &from.map(|q| truth * q)).unwrap();
+            prop_assert!(crate::filter::difference(&pose, &truth).norm() < 1e-6);
+        }
+
+        #[test]
+        fn rays_to_one_point_meet_there(p in prop::array::uniform3(-6.0..6.0f64)) {
+            let point = Point3::from(Vector3::from(p));
+            let origins = [Point3::new(-50.0, 10.0, -60.0), Point3::new(50.0, 0.0, -60.0)];
+            let rays = origins.map(|o| (point - o).normalize());
+            let (found, miss) = nearest_point(&origins, &rays).unwrap();
+            prop_assert!((found - point).norm() < 1e-9 && miss < 1e-9);
+        }
+    }
+}

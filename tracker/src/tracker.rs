@@ -1,0 +1,255 @@
+//! From camera-fields to poses. Pure: the state depends on the consumed fields in their order only.
+
+use crate::associate::Associator;
+use crate::body::Track;
+use crate::constants as k;
+use crate::fit::{Fit, MAX_MATCHES, Match, Problem, TrocarInWorld, trocar_miss};
+use crate::model::RigModel;
+use crate::seed::{Scene, Searcher};
+use crate::sight::View;
+use bytemuck::Zeroable;
+use nalgebra::Matrix3;
+use protocol::blobs::BlobField;
+use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
+use protocol::poses::{EYE, FieldUsed, TrackerFrame};
+use protocol::rig::Rig;
+
+/// The exposure that a frame is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reference {
+    /// Camera id.
+    pub camera: u32,
+    /// Field number of that camera.
+    pub field: u64,
+    /// Middle of the exposure.
+    pub exposed_ns: u64,
+}
+
+/// Order of the fits: the eye carries the trocars.
+const ORDER: [usize; BODIES] = [EYE, 0, 1];
+
+/// The tracker.
+pub struct Tracker {
+    rig: RigModel,
+    tracks: [Track; BODIES],
+    views: Box<[View; MAX_CAMERAS]>,
+    area_scales: [f64; MAX_CAMERAS],
+    matches: [Vec<Match>; BODIES],
+    fits: [Option<Fit>; BODIES],
+    associator: Associator,
+    searcher: Searcher,
+    last_ns: u64,
+    frame: u64,
+    in_frame: u32,
+}
+
+impl Tracker {
+    /// A fresh tracker for a checked rig.
+    pub fn new(rig: &Rig) -> Self {
+        Tracker {
+            rig: RigModel::new(rig),
+            tracks: Default::default(),
+            views: Box::new(std::array::from_fn(View::empty)),
+            area_scales: [1.0; MAX_CAMERAS],
+            matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
+            fits: [None; BODIES],
+            associator: Associator::default(),
+            searcher: Searcher::default(),
+            last_ns: 0,
+            frame: 0,
+            in_frame: 0,
+        }
+    }
+
+    /// Forgets everything; the next frame has number 0.
+    pub fn reset(&mut self) {
+        self.forget();
+        self.frame = 0;
+    }
+
+    fn forget(&mut self) {
+        self.tracks = Default::default();
+        self.area_scales = [1.0; MAX_CAMERAS];
+        self.last_ns = 0;
+        for view in self.views.iter_mut() {
+            view.exposed_ns = 0;
+        }
+    }
+
+    /// Consumes `used` in this order and answers for the exposure `reference`. The shell fills in
+    /// the instants but `exposed`, the wait, and how the frame was closed.
+    pub fn track(&mut self, used: &[BlobField], reference: &Reference) -> TrackerFrame {
+        let mut frame = TrackerFrame::zeroed();
+        frame.field = reference.field;
+        frame.camera = reference.camera;
+        frame.frame = self.frame;
+        frame.instants.exposed = reference.exposed_ns;
+        self.frame += 1;
+        self.in_frame = 0;
+        for track in &mut self.tracks {
+            track.begin_frame();
+        }
+        let used = &used[..used.len().min(MAX_FIELDS_USED)];
+        let mut rest = used;
+        while !rest.is_empty() {
+            let (group, after) = rest.split_at(self.group_len(rest));
+            self.consume(group, reference);
+            self.book(group, used.len() - rest.len(), &mut frame);
+            rest = after;
+        }
+        for (body, track) in self.tracks.iter_mut().enumerate() {
+            frame.bodies[body] = track.state(&self.rig.bodies[body], reference.exposed_ns);
+        }
+        frame
+    }
+
+    /// How many of the next fields belong to one instant: close together, each camera once.
+    fn group_len(&self, fields: &[BlobField]) -> usize {
+        let mut cameras = 0u32;
+        for (i, field) in fields.iter().enumerate() {
+            let bit = 1u32.checked_shl(field.camera).unwrap_or(0);
+            let close = field.exposed_ns.abs_diff(fields[0].exposed_ns) <= k::GROUP_NS;
+            if i > 0 && (!close || cameras & bit != 0) {
+                return i;
+            }
+            cameras |= bit;
+        }
+        fields.len()
+    }
+
+    fn book(&self, group: &[BlobField], first: usize, frame: &mut TrackerFrame) {
+        for (i, field) in group.iter().enumerate() {
+            let view = self.views.get(field.camera as usize);
+            let blobs_used = view.map_or(0, |v| v.taken.count_ones());
+            frame.used[first + i] = FieldUsed {
+                field: field.field,
+                exposed_ns: field.exposed_ns,
+                camera: field.camera,
+                blobs_used,
+            };
+        }
+        frame.used_count = (first + group.len()) as u32;
+    }
+
+    /// One update with the fields of one instant.
+    fn consume(&mut self, group: &[BlobField], reference: &Reference) {
+        let first_ns = group[0].exposed_ns;
+        let with_reference = group.iter().any(|f| f.exposed_ns == reference.exposed_ns);
+        let base_ns = if with_reference { reference.exposed_ns } else { first_ns };
+        let mut cameras = 0u32;
+        for field in group {
+            let Some(Some(camera)) = self.rig.cameras.get(field.camera as usize) else { continue };
+            self.views[field.camera as usize].fill(field, camera);
+            cameras |= 1 << field.camera;
+        }
+        if cameras == 0 {
+            return;
+        }
+        if self.last_ns > 0 && base_ns.abs_diff(self.last_ns) > k::MAX_GAP_NS {
+            for track in &mut self.tracks {
+                *track = Track::default();
+            }
+        }
+        self.last_ns = base_ns;
+        self.in_frame |= cameras;
+        for track in &mut self.tracks {
+            track.advance(base_ns);
+        }
+        self.update(cameras, base_ns);
+        self.search(base_ns);
+    }
+
+    /// Updates the bodies that are tracked: assign and fit twice, the second time about the poses
+    /// that the first found; then take the result over.
+    fn update(&mut self, cameras: u32, base_ns: u64) {
+        self.fits = [None; BODIES];
+        for _ in 0..2 {
+            self.assign(cameras, base_ns);
+            for body in ORDER {
+                self.fits[body] = self.fit(body);
+            }
+        }
+        for body in ORDER {
+            self.take(body, base_ns);
+        }
+    }
+
+    fn assign(&mut self, cameras: u32, base_ns: u64) {
+        let expected = std::array::from_fn(|body| {
+            let mut expected = self.tracks[body].expected()?;
+            if let Some(fit) = &self.fits[body] {
+                (expected.pose, expected.covariance) = (fit.pose, fit.covariance);
+            }
+            Some(expected)
+        });
+        let (rig, views, scales) = (&self.rig, &*self.views, &self.area_scales);
+        self.associator.associate(rig, views, cameras, base_ns, scales, &expected, &mut self.matches);
+    }
+
+    fn fit(&mut self, body: usize) -> Option<Fit> {
+        let trocar = self.trocar(body);
+        let track = &self.tracks[body];
+        let filter = track.filter.as_ref()?;
+        let problem =
+            Problem::of_filter(&self.rig, &self.rig.bodies[body], filter, trocar, track.variance_scale)?;
+        let start = self.fits[body].map_or(filter.world_from_body, |f| f.pose);
+        let matches = &mut self.matches[body];
+        if matches.is_empty() { None } else { problem.solve(&start, matches) }
+    }
+
+    /// Where the trocar of a body is now, by the eye's newest rotation.
+    fn trocar(&self, body: usize) -> Option<TrocarInWorld> {
+        let trocar = self.rig.bodies[body].trocar?;
+        let eye = self.tracks[EYE].filter.as_ref()?;
+        let (pose, covariance) = match &self.fits[EYE] {
+            Some(fit) => (fit.pose, fit.covariance),
+            None => (eye.world_from_body, eye.pose_covariance()),
+        };
+        let turn: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
+        let doubt = turn.trace().max(0.0) / 3.0 * trocar.position_in_eye.coords.norm_squared();
+        let sigma = libm::sqrt(trocar.sigma * trocar.sigma + doubt);
+        Some((pose.rotation * trocar.position_in_eye, sigma))
+    }
+
+    fn take(&mut self, body: usize, base_ns: u64) {
+        let Some(fit) = self.fits[body] else { return };
+        let track = &mut self.tracks[body];
+        let Some(prior) = track.filter.as_ref().and_then(|f| f.pose_covariance().cholesky()) else { return };
+        if !track.take_fit(&fit, &prior.inverse(), &self.matches[body], base_ns) {
+            return;
+        }
+        for m in self.matches[body].iter().filter(|m| !m.out) {
+            self.views[m.camera].take(m.blob);
+            let scale = &mut self.area_scales[m.camera];
+            // The median: a step up or down, whatever the distance.
+            *scale *= 1.0 + k::AREA_SCALE_STEP * if m.area_ratio > *scale { 1.0 } else { -1.0 };
+            *scale = scale.clamp(0.4, 2.5);
+        }
+        let strayed = self.trocar(body).is_some_and(|(trocar, sigma)| {
+            trocar_miss(&fit.pose, &trocar).norm() > k::TROCAR_MISS_MM + 3.0 * sigma
+        });
+        if strayed {
+            self.tracks[body].lose();
+        }
+    }
+
+    /// Looks for bodies that are lost, or soon will be.
+    fn search(&mut self, base_ns: u64) {
+        self.fits = [None; BODIES];
+        for body in ORDER {
+            let trocar = self.trocar(body);
+            let needs_trocar = body != EYE && !self.rig.colours_tell && trocar.is_none();
+            if !self.tracks[body].wants_search(base_ns) || needs_trocar {
+                continue;
+            }
+            let scene =
+                Scene { rig: &self.rig, views: &self.views, base_ns, trocar, area_scales: &self.area_scales };
+            let Some(fit) = self.searcher.search(&scene, &self.rig.bodies[body]) else { continue };
+            let matches = &self.searcher.matches;
+            self.tracks[body].take_seed(&fit, &self.rig.bodies[body], matches, base_ns, self.in_frame);
+            for m in matches.iter().filter(|m| !m.out) {
+                self.views[m.camera].take(m.blob);
+            }
+        }
+    }
+}
