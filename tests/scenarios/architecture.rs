@@ -100,7 +100,10 @@ fn pure_modules_know_neither_transport_nor_clock() {
         let presents = inside.starts_with("present/");
         let code = code(text.split("#[cfg(test)]").next().expect("a first part"));
         for forbidden in ["protocol::ipc", "SystemTime", "std::env::"] {
-            assert!(shell || !code.contains(forbidden), "{path} uses {forbidden}; only its process shell may");
+            assert!(
+                shell || !code.contains(forbidden),
+                "{path} uses {forbidden}; only its process shell may"
+            );
         }
         for clock in ["time::now(", "now()", "Instant::now"] {
             assert!(shell || presents || !code.contains(clock), "{path} reads a clock; time is an argument");
@@ -138,9 +141,13 @@ fn paths_named_in_the_documents_exist() {
         let text = std::fs::read_to_string(repository().join(document)).expect(document);
         let mut named = 0;
         for word in text.split('`').skip(1).step_by(2) {
-            let looks_like_a_path = word.contains('/') && !word.contains(' ') && !word.contains(['<', '*', '$', '~']);
+            let looks_like_a_path =
+                word.contains('/') && !word.contains(' ') && !word.contains(['<', '*', '$', '~']);
             let first = word.split('/').next().unwrap_or("");
-            if looks_like_a_path && repository().join(first).exists() && !matches!(first, "out" | "target" | "") {
+            if looks_like_a_path
+                && repository().join(first).exists()
+                && !matches!(first, "out" | "target" | "")
+            {
                 named += 1;
                 let path: PathBuf = repository().join(word.split([':', '#']).next().unwrap_or(word));
                 assert!(path.exists(), "{document} names {word}, which does not exist");

@@ -59,12 +59,24 @@ fn strange_streams_are_counted_not_fatal() {
     let blob = r#"{"x":-1e5,"y":1e5,"area":3.0,"colour":"red","w":1.0,"h":1.0}"#;
     let field = |cam: u32, seq: u32, blobs: &str| {
         let t = 47_000_000 + u64::from(seq) * 20_000_000;
-        format!(r#"{{"cam":{cam},"seq":{seq},"t_ns":{t},"t_rx_ns":{},"parity":{},"blobs":[{blobs}]}}"#, t + 24_000_000, seq % 2)
+        format!(
+            r#"{{"cam":{cam},"seq":{seq},"t_ns":{t},"t_rx_ns":{},"parity":{},"blobs":[{blobs}]}}"#,
+            t + 24_000_000,
+            seq % 2
+        )
     };
     let many = vec![blob; 10_000].join(",");
     let lines = [
-        field(0, 5, ""), field(1, 5, blob), field(0, 6, &many), field(0, 4, ""), field(0, 6, ""),
-        field(7, 6, ""), field(2, 7, blob), field(0, 8, blob), field(1, 8, blob), field(2, 8, blob),
+        field(0, 5, ""),
+        field(1, 5, blob),
+        field(0, 6, &many),
+        field(0, 4, ""),
+        field(0, 6, ""),
+        field(7, 6, ""),
+        field(2, 7, blob),
+        field(0, 8, blob),
+        field(1, 8, blob),
+        field(2, 8, blob),
     ];
     let stream = write(folder.path(), "odd.jsonl", lines.join("\n").as_bytes());
     let out = folder.path().join("odd.mcap").display().to_string();

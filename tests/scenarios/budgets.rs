@@ -19,9 +19,20 @@ fn broken_stages(stage: &str, delay_ms: u32, picture: bool) -> Option<Vec<String
     let inject = format!("{stage}={delay_ms}");
     let view = if picture { "--headless" } else { "--no-picture" };
     let finished = vitreo(&[
-        "run", view, "--direct", "--duration", "4", "--instance", &name, "--assert-budgets",
-        "--budgets", budgets.to_str().expect("UTF-8"), "--report", report.to_str().expect("UTF-8"),
-        "--inject-delay", &inject,
+        "run",
+        view,
+        "--direct",
+        "--duration",
+        "4",
+        "--instance",
+        &name,
+        "--assert-budgets",
+        "--budgets",
+        budgets.to_str().expect("UTF-8"),
+        "--report",
+        report.to_str().expect("UTF-8"),
+        "--inject-delay",
+        &inject,
     ]);
     if picture && finished.code == Some(1) && finished.stderr.contains("mesa-vulkan-drivers") {
         return None;

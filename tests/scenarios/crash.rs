@@ -10,8 +10,17 @@ fn run_and_kill(victim: Process) -> (serde_json::Value, tempfile::TempDir) {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (file, report, name) = (path("a.mcap"), path("report.json"), instance_name());
     let running = Running::start(&[
-        "run", "--no-picture", "--direct", "--duration", "7", "--instance", &name, "--record", &file,
-        "--report", &report,
+        "run",
+        "--no-picture",
+        "--direct",
+        "--duration",
+        "7",
+        "--instance",
+        &name,
+        "--record",
+        &file,
+        "--report",
+        &report,
     ]);
     let mut observer = Observer::join(&name);
     let mut steps = observer.receiver::<StepRecord>();
@@ -53,7 +62,15 @@ fn a_killed_recorder_loses_little_and_recover_mends_it() {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (file, mended, name) = (path("a.mcap"), path("b.mcap"), instance_name());
     let running = Running::start(&[
-        "run", "--no-picture", "--direct", "--duration", "60", "--instance", &name, "--record", &file,
+        "run",
+        "--no-picture",
+        "--direct",
+        "--duration",
+        "60",
+        "--instance",
+        &name,
+        "--record",
+        &file,
     ]);
     let observer = Observer::join(&name);
     let mut steps = observer.receiver::<StepRecord>();

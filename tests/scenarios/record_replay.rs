@@ -32,7 +32,15 @@ fn a_recording_of_another_build_replays_to_the_bit() {
 fn two_simulators_run_side_by_side() {
     let names = [instance_name(), instance_name()];
     let both = names.each_ref().map(|name| {
-        vitreo_tests::Running::start(&["run", "--no-picture", "--direct", "--duration", "2", "--instance", name])
+        vitreo_tests::Running::start(&[
+            "run",
+            "--no-picture",
+            "--direct",
+            "--duration",
+            "2",
+            "--instance",
+            name,
+        ])
     });
     for running in both {
         running.finish().expect_code(0);

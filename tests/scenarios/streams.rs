@@ -9,7 +9,8 @@ fn truth(path: &Path) -> (Vec<u64>, HashMap<String, Vec<[f64; 3]>>) {
     let text = std::fs::read_to_string(path).expect("truth");
     let mut lines = text.lines();
     let header: Vec<&str> = lines.next().expect("header").split(',').collect();
-    let column = |name: &str| header.iter().position(|h| *h == name).unwrap_or_else(|| panic!("column {name}"));
+    let column =
+        |name: &str| header.iter().position(|h| *h == name).unwrap_or_else(|| panic!("column {name}"));
     let (mut times, mut tips) = (Vec::new(), HashMap::<String, Vec<[f64; 3]>>::new());
     for line in lines {
         let cells: Vec<f64> = line.split(',').map(|c| c.parse().expect("number")).collect();
@@ -31,7 +32,8 @@ fn tip_rms_um(stream: &str) -> (f64, usize) {
     let (rig, blobs) = (path(&data.join("rig.json")), path(&data.join("blobs.jsonl")));
     vitreo(&["import", "--rig", &rig, &blobs, "-o", &path(&recording)]).expect_code(0);
     let name = instance_name();
-    vitreo(&["replay", &path(&recording), "--lockstep", "--poses", &path(&poses), "--instance", &name]).expect_code(0);
+    vitreo(&["replay", &path(&recording), "--lockstep", "--poses", &path(&poses), "--instance", &name])
+        .expect_code(0);
     let (times, tips) = truth(&data.join("truth.csv"));
     let (mut sum, mut count) = (0.0, 0);
     for line in std::fs::read_to_string(&poses).expect("poses").lines().skip(1) {

@@ -24,7 +24,11 @@ pub fn repository() -> PathBuf {
 pub fn binaries() -> PathBuf {
     let exe = std::env::current_exe().expect("own path");
     let folder = exe.parent().and_then(Path::parent).expect("target/<profile>/deps").to_owned();
-    assert!(folder.join("vitreo").is_file(), "no binaries in {}: run `cargo build --workspace`", folder.display());
+    assert!(
+        folder.join("vitreo").is_file(),
+        "no binaries in {}: run `cargo build --workspace`",
+        folder.display()
+    );
     folder
 }
 
