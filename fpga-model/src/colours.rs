@@ -113,7 +113,7 @@ fn nearest_hue(cb: i32, cr: i32) -> u8 {
         let [_, rb, rr] = reference(colour).map(|v| i64::from(v) - 128);
         let dot = rb * i64::from(cb) + rr * i64::from(cr);
         // Signed square of the cosine, times the pixel's own square, which is the same for all.
-        let cosine = (dot * dot.abs() << 8) / (rb * rb + rr * rr);
+        let cosine = ((dot * dot.abs()) << 8) / (rb * rb + rr * rr);
         if cosine > best.1 {
             best = (colour as u8, cosine);
         }

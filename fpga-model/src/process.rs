@@ -56,6 +56,9 @@ pub fn run(config: &Config) -> Result<()> {
     Station::open(config, &rig, &scene, surgeon)?.simulate(cameras, config.late_camera)
 }
 
+/// Fields of a late camera with the time after the start at which they are due, ns.
+type Late = VecDeque<(u64, BlobField)>;
+
 /// Why a wait ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Wake {
@@ -80,6 +83,8 @@ struct Station {
     paused_since: Option<Nanos>,
     period_ns: u64,
     read_out_ns: u64,
+    /// From exposure to blobs.
+    out_after_ns: u64,
     duration_ns: u64,
     in_time: u64,
     /// Keeps the node alive; dropped last.
@@ -100,6 +105,7 @@ impl Station {
             paused_since: None,
             period_ns: rig.field_period_ns(),
             read_out_ns: rig.read_out_ns(),
+            out_after_ns: rig.read_out_ns() + EXTRACTION_NS,
             duration_ns: config.duration.map_or(u64::MAX, |s| (s * 1e9) as u64),
             in_time: 0,
             _instance: instance,
@@ -111,16 +117,15 @@ impl Station {
 
     /// Simulates the cameras, field by field.
     fn simulate(&mut self, mut cameras: Cameras, late: Option<LateCamera>) -> Result<()> {
-        let out_after_ns = self.read_out_ns + EXTRACTION_NS;
-        let mut waiting: VecDeque<(u64, BlobField)> = VecDeque::with_capacity(LATE_FIELDS);
+        let mut waiting = VecDeque::with_capacity(LATE_FIELDS);
         let mut k = 0;
         loop {
             let exposed = k * self.period_ns;
             let motion = self.surgeon.at(exposed);
             let fields = cameras.expose(&motion, k);
-            let due = exposed + out_after_ns;
             let over = exposed >= self.duration_ns;
-            let mut wake = self.send_late(&mut waiting, if over { u64::MAX } else { due })?;
+            let due = if over { u64::MAX } else { exposed + self.out_after_ns };
+            let mut wake = self.send_late(&mut waiting, due)?;
             if wake == Wake::Due {
                 wake = if over { self.finish()? } else { self.wait_for(due)? };
             }
@@ -129,22 +134,34 @@ impl Station {
                 Wake::Restart => {
                     waiting.clear();
                     k = 0;
-                    continue;
                 }
-                Wake::Due => {}
-            }
-            self.send_hands(k, motion.jaw_rad)?;
-            self.shell.inject_delay();
-            for field in fields.iter_mut() {
-                field.exposed_ns = self.t0 + exposed;
-                field.read_out_ns = field.exposed_ns + self.read_out_ns;
-                match late.filter(|l| l.camera == field.camera && waiting.len() < LATE_FIELDS) {
-                    Some(late) => waiting.push_back((due + late.delay_ns, *field)),
-                    None => self.send(field)?,
+                Wake::Due => {
+                    self.send_hands(k, motion.jaw_rad)?;
+                    self.send_fields(exposed, fields, late, &mut waiting)?;
+                    k = self.next_field(k, fields.len() as u64)?;
                 }
             }
-            k = self.next_field(k, out_after_ns, fields.len() as u64)?;
         }
+    }
+
+    /// Stamps and sends the fields exposed at `exposed` after the start; those of a late camera wait.
+    fn send_fields(
+        &mut self,
+        exposed: u64,
+        fields: &mut [BlobField],
+        late: Option<LateCamera>,
+        waiting: &mut Late,
+    ) -> Result<()> {
+        self.shell.inject_delay();
+        for field in fields {
+            field.exposed_ns = self.t0 + exposed;
+            field.read_out_ns = field.exposed_ns + self.read_out_ns;
+            match late.filter(|l| l.camera == field.camera && waiting.len() < LATE_FIELDS) {
+                Some(late) => waiting.push_back((exposed + self.out_after_ns + late.delay_ns, *field)),
+                None => self.send(field)?,
+            }
+        }
+        Ok(())
     }
 
     /// Plays a recorded stream; then finishes.
@@ -184,7 +201,7 @@ impl Station {
     }
 
     /// Sends late fields whose time comes before `until`.
-    fn send_late(&mut self, waiting: &mut VecDeque<(u64, BlobField)>, until: u64) -> Result<Wake> {
+    fn send_late(&mut self, waiting: &mut Late, until: u64) -> Result<Wake> {
         while let Some((due, mut field)) = waiting.front().copied().filter(|(due, _)| *due <= until) {
             let wake = self.wait_for(due)?;
             if wake != Wake::Due {
@@ -218,9 +235,10 @@ impl Station {
     }
 
     /// The field after `k`, or a later one where the machine is more than a field behind.
-    fn next_field(&mut self, k: u64, out_after_ns: u64, cameras: u64) -> Result<u64> {
+    fn next_field(&mut self, k: u64, cameras: u64) -> Result<u64> {
         let next = k + 1;
-        let behind = now().saturating_sub(self.t0 + next * self.period_ns + out_after_ns) / self.period_ns;
+        let behind =
+            now().saturating_sub(self.t0 + next * self.period_ns + self.out_after_ns) / self.period_ns;
         if behind > 0 {
             self.shell.report.lost += behind * cameras;
             self.in_time = 0;

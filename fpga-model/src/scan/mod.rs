@@ -20,7 +20,7 @@ pub const LABELS: usize = 128;
 const NO_LABEL: u8 = u8::MAX;
 
 const _: () = assert!(LABELS < NO_LABEL as usize && LABELS <= u128::BITS as usize);
-const _: () = assert!(MAX_WIDTH <= u16::MAX as usize && MAX_LINES <= u16::MAX as usize);
+const _: () = assert!(MAX_LINES <= MAX_WIDTH && MAX_WIDTH <= u16::MAX as usize);
 
 /// The extractor of one camera.
 pub struct Scanner {

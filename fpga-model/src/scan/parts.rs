@@ -11,9 +11,9 @@ pub const MAX_LINES: usize = 4096;
 const LIT_REACH: usize = 3;
 /// Least area of a blob, px: 6 px is an eighth of the smallest marker of the shipped rig.
 const LEAST_AREA: u64 = 6;
-/// Noise of luma that variances assume, grey levels (σ), times the slope of a ramp: weight per grey
-/// level is between 64/24 (blue) and 64/58 (yellow), so this is on the safe side.
-const WEIGHT_NOISE: u64 = 8;
+/// Noise of a weight on the rim (σ): 3 grey levels of noise, times the slope of the ramp, which is between
+/// 0.7 (yellow) and 1.8 (blue) per grey level.
+const WEIGHT_NOISE: u64 = 5;
 /// Variance that remains without noise, because lines sample the outline coarsely: (0.02 px)² in 2⁻²⁴ px².
 const FLOOR_Q24: u64 = (1 << 24) / 2500;
 /// Fixed point of centres.
@@ -136,7 +136,7 @@ impl Part {
     fn variance_q24(&self, side: u64, flags: u32) -> u64 {
         let spread = u128::from(WEIGHT_NOISE * WEIGHT_NOISE * u64::from(self.rim) * side * side / 8);
         let noise = ((spread << 24) / (u128::from(self.w) * u128::from(self.w))) as u64;
-        let doubt = if flags & (BLOB_CLIPPED | BLOB_MERGED) != 0 { (side * side << 24) / 64 } else { 0 };
+        let doubt = if flags & (BLOB_CLIPPED | BLOB_MERGED) != 0 { ((side * side) << 24) / 64 } else { 0 };
         noise + FLOOR_Q24 + doubt
     }
 
