@@ -1,0 +1,221 @@
+//! Accuracy, identity and repeatability on streams with truth.
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use protocol::blob_stream::BlobReader;
+use protocol::blobs::BlobField;
+use protocol::control::FrameScript;
+use protocol::geometry::Validity;
+use protocol::message::Message;
+use protocol::poses::{EYE, TrackerFrame};
+use protocol::rig::Rig;
+use std::collections::HashMap;
+use std::path::PathBuf;
+use tracker::assembler::FrameAssembler;
+use tracker::script::FieldStore;
+use tracker::{Reference, Tracker};
+
+/// Time given to the filter to settle, ns.
+const SETTLE_NS: u64 = 300_000_000;
+
+struct Stream {
+    rig: Rig,
+    fields: Vec<BlobField>,
+    truth: HashMap<u64, Truth>,
+}
+
+#[derive(Clone, Copy)]
+struct Truth {
+    tips: [Vector3<f64>; 2],
+    eye: UnitQuaternion<f64>,
+}
+
+fn folder(name: &str) -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data/tracker").join(name)
+}
+
+fn load(name: &str) -> Stream {
+    let text = std::fs::read_to_string(folder(name).join("truth.csv")).unwrap();
+    let mut truth = HashMap::new();
+    for line in text.lines().skip(1) {
+        let (t, rest) = line.split_once(',').unwrap();
+        let v: Vec<f64> = rest.split(',').map(|n| n.parse().unwrap()).collect();
+        let tips = [Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5])];
+        let eye = UnitQuaternion::from_quaternion(Quaternion::new(v[6], v[7], v[8], v[9]));
+        truth.insert(t.parse().unwrap(), Truth { tips, eye });
+    }
+    let fields = BlobReader::open(&folder(name).join("blobs.jsonl")).unwrap();
+    Stream {
+        rig: Rig::load(&folder(name).join("rig.json")).unwrap(),
+        fields: fields.collect::<Result<_, _>>().unwrap(),
+        truth,
+    }
+}
+
+/// Runs the fields on their own clock; also the scripts by which the run can be repeated.
+fn run(rig: &Rig, fields: &[BlobField]) -> (Vec<TrackerFrame>, Vec<FrameScript>) {
+    let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
+    let (mut frames, mut scripts) = (Vec::new(), Vec::new());
+    let mut now = 0;
+    let mut close = |assembler: &FrameAssembler, closed: tracker::assembler::Closed| {
+        let frame = tracker.track(assembler.used(), &closed.reference);
+        frame.validate().unwrap();
+        let mut script: FrameScript = bytemuck::Zeroable::zeroed();
+        (script.frame, script.field, script.camera) = (frame.frame, frame.field, frame.camera);
+        script.exposed_ns = frame.instants.exposed;
+        (script.used, script.used_count) = (frame.used, frame.used_count);
+        scripts.push(script);
+        frames.push(frame);
+    };
+    for field in fields {
+        now = field.blobs_out_ns.max(now);
+        while let Some(closed) = assembler.expired(now) {
+            close(&assembler, closed);
+        }
+        let _ = assembler.push(field, now);
+        while let Some(closed) = assembler.complete(now) {
+            close(&assembler, closed);
+        }
+    }
+    while let Some(closed) = assembler.flush(now) {
+        close(&assembler, closed);
+    }
+    (frames, scripts)
+}
+
+struct Score {
+    tip_rms_um: f64,
+    eye_rms_mrad: f64,
+    swaps: usize,
+    /// Share of frames in which both instruments were measured.
+    cover: f64,
+}
+
+fn score(stream: &Stream, frames: &[TrackerFrame]) -> Score {
+    let begin = stream.fields[0].exposed_ns + SETTLE_NS;
+    let (mut squares, mut eye_squares, mut tips, mut eyes, mut swaps, mut both, mut all) =
+        (0.0, 0.0, 0, 0, 0, 0, 0);
+    for frame in frames.iter().filter(|f| f.instants.exposed > begin) {
+        let truth = &stream.truth[&frame.instants.exposed];
+        all += 1;
+        let mut measured = 0;
+        for (i, body) in frame.bodies[..2].iter().enumerate() {
+            if body.validity() != Validity::Measured {
+                continue;
+            }
+            let tip = Vector3::from(body.world_from_body.position_mm);
+            let [own, other] = [i, 1 - i].map(|n| (tip - truth.tips[n]).norm() * 1e3);
+            swaps += usize::from(own > 1000.0 && other < 500.0);
+            squares += own * own;
+            tips += 1;
+            measured += 1;
+        }
+        both += usize::from(measured == 2);
+        if frame.bodies[EYE].validity() == Validity::Measured {
+            let angle = frame.bodies[EYE].world_from_body.isometry().rotation.angle_to(&truth.eye) * 1e3;
+            eye_squares += angle * angle;
+            eyes += 1;
+        }
+    }
+    let rms = |sum: f64, n: i32| (sum / f64::from(n)).sqrt();
+    let cover = both as f64 / f64::from(all);
+    Score { tip_rms_um: rms(squares, tips), eye_rms_mrad: rms(eye_squares, eyes), swaps, cover }
+}
+
+/// Limits are far enough above what the stream's noise allows (3.4 µm) to survive a change of
+/// constants, and near enough to notice a wrong model: ignoring the parity costs 62 µm.
+fn check(name: &str, tip_um: f64, cover: f64) {
+    let stream = load(name);
+    let score = score(&stream, &run(&stream.rig, &stream.fields).0);
+    println!(
+        "{name}: tip {:.2} µm, eye {:.3} mrad, cover {:.3}",
+        score.tip_rms_um, score.eye_rms_mrad, score.cover
+    );
+    assert!(score.tip_rms_um <= tip_um, "{name}: tip {} µm", score.tip_rms_um);
+    assert!(score.eye_rms_mrad <= 0.6, "{name}: eye {} mrad", score.eye_rms_mrad);
+    assert_eq!(score.swaps, 0, "{name}");
+    assert!(score.cover >= cover, "{name}: cover {}", score.cover);
+}
+
+#[test]
+fn static_instruments_are_found_within_5_um() {
+    check("static", 5.0, 1.0);
+}
+
+#[test]
+fn moving_instruments_are_found_within_15_um() {
+    check("nominal", 15.0, 0.97);
+}
+
+#[test]
+fn equal_colours_are_never_taken_for_each_other() {
+    check("samecol", 15.0, 0.97);
+}
+
+#[test]
+fn a_script_repeats_a_run_to_the_bit() {
+    let stream = load("nominal");
+    let (frames, scripts) = run(&stream.rig, &stream.fields);
+    let (mut store, mut tracker) = (FieldStore::default(), Tracker::new(&stream.rig));
+    let mut fields = stream.fields.iter();
+    for (script, frame) in scripts.iter().zip(&frames) {
+        while store.missing(script).is_some() {
+            store.push(fields.next().expect("every field of a script was sent"));
+        }
+        let used = store.take(script).unwrap();
+        let reference =
+            Reference { camera: script.camera, field: script.field, exposed_ns: script.exposed_ns };
+        let again = tracker.track(used, &reference);
+        assert!(bytemuck::bytes_of(&again) == bytemuck::bytes_of(frame), "frame {}", frame.frame);
+    }
+}
+
+#[test]
+fn two_cameras_are_enough_and_one_is_not() {
+    let stream = load("static");
+    let from = stream.fields[0].exposed_ns + 1_000_000_000;
+    let with = |cameras: &[u32]| {
+        let keep = |f: &&BlobField| f.exposed_ns < from || cameras.contains(&f.camera);
+        let fields: Vec<BlobField> = stream.fields.iter().filter(keep).copied().collect();
+        run(&stream.rig, &fields).0
+    };
+    let two = with(&[1, 2]);
+    let last = two.last().unwrap();
+    assert_eq!(last.camera, 1, "the lowest camera alive is the reference");
+    assert!(last.bodies.iter().all(|b| b.validity() == Validity::Measured && b.cameras_used == 2));
+    assert!(score(&stream, &two).tip_rms_um < 10.0);
+    let one = with(&[1]);
+    let after = |ms: u64| {
+        one.iter().find(|f| f.instants.exposed > from + ms * 1_000_000).expect("frames go on").bodies[0]
+    };
+    assert_eq!(after(60).validity(), Validity::Predicted);
+    assert_eq!(after(400).validity(), Validity::Lost);
+}
+
+#[test]
+fn a_withdrawn_instrument_is_lost_and_found_again() {
+    let stream = load("nominal");
+    let begin = stream.fields[0].exposed_ns;
+    let mut fields = stream.fields.clone();
+    let red_or_yellow = |colour: u32| colour <= 2;
+    for field in &mut fields {
+        if !(500..1000).contains(&(field.exposed_ns.saturating_sub(begin) / 1_000_000)) {
+            continue;
+        }
+        let kept: Vec<_> = field.blobs().iter().filter(|b| !red_or_yellow(b.colour)).copied().collect();
+        field.count = 0;
+        for blob in kept {
+            field.push(blob);
+        }
+    }
+    let frames = run(&stream.rig, &fields).0;
+    let validity = |body: usize, ms: u64| {
+        let frame = frames.iter().find(|f| f.instants.exposed >= begin + ms * 1_000_000).unwrap();
+        frame.bodies[body].validity()
+    };
+    assert_eq!(validity(0, 460), Validity::Measured);
+    assert_eq!(validity(0, 560), Validity::Predicted);
+    assert_eq!(validity(0, 760), Validity::Lost);
+    assert_eq!(validity(1, 760), Validity::Measured, "the other instrument stays");
+    assert_eq!(validity(0, 1060), Validity::Measured);
+    assert_eq!(score(&stream, &frames).swaps, 0);
+}
