@@ -1,0 +1,31 @@
+//! Time of `World::step` over a round of the shipped script, median and p99 by phase:
+//! `cargo run --release -p simcore --example step_cost [ROUNDS]`.
+
+use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+use protocol::time::now;
+use simcore::rehearsal::Rehearsal;
+use simcore::world::World;
+
+fn main() {
+    let rounds: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(3);
+    let scene = SceneFile::load(DEFAULT_SCENE).expect("the shipped scene is tested");
+    let rehearsal = Rehearsal::shipped(&scene);
+    let mut world = World::new(&scene).expect("the shipped scene is tested");
+    let mut rows: [(&str, Vec<u64>); 4] =
+        ["whole step", "collision", "tissue", "misc"].map(|name| (name, Vec::new()));
+    for field in 0..rehearsal.fields() * rounds {
+        let begin = now();
+        let report = rehearsal.play(&mut world, field, &mut now);
+        let all = now() - begin;
+        let times = report.times;
+        for (row, ns) in rows.iter_mut().zip([all, times.collision_ns, times.tissue_ns, times.misc_ns]) {
+            row.1.push(ns);
+        }
+    }
+    println!("{} steps of 20 ms, µs        p50       p99       max", rows[0].1.len());
+    for (name, values) in &mut rows {
+        values.sort_unstable();
+        let at = |share: f64| values[((values.len() - 1) as f64 * share) as usize] as f64 * 1e-3;
+        println!("{name:>24} {:>9.1} {:>9.1} {:>9.1}", at(0.5), at(0.99), at(1.0));
+    }
+}

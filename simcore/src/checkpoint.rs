@@ -1,0 +1,239 @@
+//! The state as bytes: checkpoints, and the state hash. The only module that names bincode.
+//!
+//! Both come from the one serialisation of [`State`], so that the hash covers exactly what a checkpoint
+//! would restore, and nothing that is left out of it can influence a later step.
+
+use crate::constants::{MAX_HELD, MAX_MARKS};
+use crate::membrane::sheet::Sheet;
+use crate::state::{State, is_bound, is_known_flag};
+use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
+use bincode::enc::write::Writer;
+use bincode::error::EncodeError;
+use protocol::handles::Tool;
+use protocol::limits::MAX_CHECKPOINT_BYTES;
+use protocol::scene::NODE_BOUND;
+use serde::{Deserialize, Serialize};
+
+/// Version of the state's meaning; another one is refused.
+pub const VERSION: u32 = 1;
+
+/// Why a checkpoint was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CheckpointError {
+    /// The bytes are no checkpoint.
+    #[error("checkpoint of {bytes} bytes: {problem}")]
+    Damaged {
+        /// Bytes there are.
+        bytes: usize,
+        /// What the decoder says.
+        problem: String,
+    },
+    /// Made by another version of the program.
+    #[error("checkpoint has version {found}, this build reads {VERSION}")]
+    Version {
+        /// Its version.
+        found: u32,
+    },
+    /// Made in another scene.
+    #[error("checkpoint belongs to another scene (fingerprint {found:016x}, this scene has {expected:016x})")]
+    Scene {
+        /// Fingerprint of the scene at hand.
+        expected: u64,
+        /// Fingerprint in the checkpoint.
+        found: u64,
+    },
+    /// Numbers in it make no sense.
+    #[error("checkpoint: {0}")]
+    Content(&'static str),
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    version: u32,
+    scene: u64,
+}
+
+type Config = Configuration<LittleEndian, Fixint, Limit<MAX_CHECKPOINT_BYTES>>;
+
+fn config() -> Config {
+    bincode::config::standard().with_fixed_int_encoding().with_limit::<MAX_CHECKPOINT_BYTES>()
+}
+
+/// Encodes a state into `out`, whose memory is used again.
+pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), CheckpointError> {
+    out.clear();
+    let fail = |e: EncodeError| CheckpointError::Damaged { bytes: 0, problem: e.to_string() };
+    let header = Header { version: VERSION, scene };
+    bincode::serde::encode_into_std_write(&header, out, config()).map_err(fail)?;
+    bincode::serde::encode_into_std_write(state, out, config()).map_err(fail)?;
+    Ok(())
+}
+
+/// Decodes and checks a checkpoint.
+pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, CheckpointError> {
+    let fail = |e: bincode::error::DecodeError| CheckpointError::Damaged {
+        bytes: bytes.len(),
+        problem: e.to_string(),
+    };
+    let (header, read): (Header, usize) = bincode::serde::decode_from_slice(bytes, config()).map_err(fail)?;
+    if header.version != VERSION {
+        return Err(CheckpointError::Version { found: header.version });
+    }
+    if header.scene != scene {
+        return Err(CheckpointError::Scene { expected: scene, found: header.scene });
+    }
+    let (state, rest): (State, usize) =
+        bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
+    if read + rest != bytes.len() {
+        return Err(CheckpointError::Content("bytes after its end"));
+    }
+    check(&state, sheet)?;
+    Ok(state)
+}
+
+/// Refuses a state that does not fit the scene's sheet or holds bad numbers.
+fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
+    let m = &state.membrane;
+    let nodes = sheet.nodes();
+    let lengths = m.position_mm.iter().chain(&m.velocity_mm_s).all(|v| v.len() == nodes);
+    let fits = lengths
+        && m.flag.len() == nodes
+        && m.spring_alive.len() == sheet.structural
+        && m.triangle_alive.len() == sheet.triangles.len();
+    if !fits {
+        return Err(CheckpointError::Content("the membrane has another size than the scene's"));
+    }
+    if !crate::guard::all_finite(m) || !m.flag.iter().all(|&f| is_known_flag(f)) {
+        return Err(CheckpointError::Content("numbers of the membrane are out of range"));
+    }
+    crate::membrane::tear::check_mesh(sheet, m)
+        .map_err(|_| CheckpointError::Content("springs, triangles and nodes do not fit together"))?;
+    check_instruments(state)?;
+    let poses = state.instruments.iter().flat_map(|i| [&i.eye_from_instrument, &i.world_from_instrument]);
+    let mut poses = poses.chain([&state.world_from_eye]);
+    if !poses.all(|p| protocol::geometry::Pose::from_isometry(p).is_valid()) {
+        return Err(CheckpointError::Content("a pose is not rigid"));
+    }
+    Ok(())
+}
+
+/// Held nodes and bound nodes must be the same ones, lists within their capacity, openings in range.
+fn check_instruments(state: &State) -> Result<(), CheckpointError> {
+    let flag = &state.membrane.flag;
+    let mut held = 0;
+    for (index, instrument) in state.instruments.iter().enumerate() {
+        let mine = NODE_BOUND + index as u32;
+        if !instrument.held.iter().all(|h| flag.get(h.node as usize) == Some(&mine)) {
+            return Err(CheckpointError::Content("a held node is not bound to its instrument"));
+        }
+        held += instrument.held.len();
+        let jaws = [instrument.jaw_rad, instrument.jaw_target_rad];
+        let jaws_ok = jaws.iter().all(|j| (0.0..=std::f64::consts::PI).contains(j));
+        if !jaws_ok || Tool::from_wire(instrument.tool).is_none() || instrument.held.len() > MAX_HELD {
+            return Err(CheckpointError::Content("an instrument is out of range"));
+        }
+    }
+    if flag.iter().filter(|&&f| is_bound(f)).count() != held || state.marks.len() > MAX_MARKS {
+        return Err(CheckpointError::Content("bound nodes or marks are out of range"));
+    }
+    Ok(())
+}
+
+/// FNV-1a over words of eight bytes: every number of the state is one word. A single changed word always
+/// changes the hash, because each round is a bijection.
+struct HashWriter(u64);
+
+const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
+
+impl Writer for HashWriter {
+    fn write(&mut self, bytes: &[u8]) -> Result<(), EncodeError> {
+        for chunk in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.0 = (self.0 ^ u64::from_le_bytes(word)).wrapping_mul(FNV_PRIME);
+        }
+        Ok(())
+    }
+}
+
+/// Hash of a state.
+pub fn state_hash(state: &State) -> u64 {
+    let mut writer = HashWriter(FNV_BASIS);
+    // The writer cannot fail, and a state is plain tables; a failure would show as a hash that differs.
+    let _ = bincode::serde::encode_into_writer(state, &mut writer, config());
+    writer.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::World;
+    use protocol::scene_file::SceneFile;
+
+    fn world() -> World {
+        World::new(&SceneFile::load("peel").unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_state_comes_back() {
+        let world = world();
+        let mut bytes = Vec::new();
+        encode(world.state(), 7, &mut bytes).unwrap();
+        assert_eq!(&decode(&bytes, 7, world.sheet()).unwrap(), world.state());
+        assert!(bytes.len() < MAX_CHECKPOINT_BYTES);
+    }
+
+    #[test]
+    fn foreign_and_damaged_checkpoints_are_refused() {
+        let world = world();
+        let mut bytes = Vec::new();
+        encode(world.state(), 7, &mut bytes).unwrap();
+        assert!(matches!(decode(&bytes, 8, world.sheet()), Err(CheckpointError::Scene { .. })));
+        for end in [0, 3, 12, bytes.len() / 2, bytes.len() - 1] {
+            assert!(matches!(decode(&bytes[..end], 7, world.sheet()), Err(CheckpointError::Damaged { .. })));
+        }
+        let mut longer = bytes.clone();
+        longer.push(0);
+        assert!(decode(&longer, 7, world.sheet()).is_err());
+        let mut other = bytes.clone();
+        other[0] = 9;
+        assert_eq!(decode(&other, 7, world.sheet()), Err(CheckpointError::Version { found: 9 }));
+    }
+
+    #[test]
+    fn random_damage_never_panics() {
+        let world = world();
+        let mut bytes = Vec::new();
+        encode(world.state(), 7, &mut bytes).unwrap();
+        let mut seed = 1u64;
+        for _ in 0..300 {
+            let mut broken = bytes.clone();
+            for _ in 0..4 {
+                seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+                let at = (seed >> 33) as usize % broken.len();
+                broken[at] = (seed >> 20) as u8;
+            }
+            let _ = decode(&broken, 7, world.sheet());
+        }
+    }
+
+    #[test]
+    fn the_hash_sees_every_part() {
+        let world = world();
+        let hash = state_hash(world.state());
+        let changes: [fn(&mut State); 6] = [
+            |s| s.step += 1,
+            |s| s.membrane.velocity_mm_s[2][5] = 1e-30,
+            |s| s.membrane.triangle_alive[3] = 0,
+            |s| s.instruments[1].under = true,
+            |s| s.microscope.focus_mm = 0.1,
+            |s| s.remainder_ns = 1,
+        ];
+        for change in changes {
+            let mut state = world.state().clone();
+            change(&mut state);
+            assert_ne!(state_hash(&state), hash);
+        }
+    }
+}

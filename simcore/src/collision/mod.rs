@@ -1,0 +1,8 @@
+//! Who touches what. [`zcoll`] finds where an instrument has passed the membrane, from two small
+//! depth images that [`raster`] draws in integers; [`tool_mesh`] is the instrument's shape;
+//! [`eyeball`] compares the tip with the retina's sphere.
+
+pub mod eyeball;
+pub mod raster;
+pub mod tool_mesh;
+pub mod zcoll;

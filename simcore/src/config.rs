@@ -1,0 +1,20 @@
+//! Arguments of the process.
+
+use protocol::scene_file::DEFAULT_SCENE;
+use protocol::shell::ShellArgs;
+use std::path::PathBuf;
+
+/// Collision and tissue of the vitreo eye.
+#[derive(Debug, Clone, clap::Parser)]
+#[command(name = "vitreo-simcore", version)]
+pub struct Args {
+    /// What every process takes.
+    #[command(flatten)]
+    pub shell: ShellArgs,
+    /// Scene: a shipped one by name, or a TOML file.
+    #[arg(long, default_value = DEFAULT_SCENE)]
+    pub scene: String,
+    /// Recording to go on from: its newest checkpoint, and the steps since.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub resume: Option<PathBuf>,
+}

@@ -1,0 +1,68 @@
+//! Every tolerance of the simulation, with its unit and what moving it would break.
+
+use protocol::limits::SUBSTEP_NS;
+
+/// A substep, s. Explicit integration is stable only while dt·√(2·Σk/m) stays below 2 (see
+/// [`crate::membrane::solver`]); a longer one breaks that for the shipped scene.
+pub const SUBSTEP_S: f64 = SUBSTEP_NS as f64 * 1e-9;
+/// ZCOLL runs every so many substeps: 4 ms, in which a tip at a surgeon's 10 mm/s moves 40 µm,
+/// less than a pixel of the collision image.
+pub const COLLISION_EVERY: u64 = 4;
+/// Faster than this a tip does not move, mm/s; a tracker that says so has jumped, and a jump
+/// sweeps nothing. Surgeons stay below 20 mm/s.
+pub const MAX_TIP_SPEED_MM_S: f64 = 1_000.0;
+/// A tip farther from the eye's centre than so many retina radii touches nothing.
+pub const MAX_TIP_RADII: f64 = 2.0;
+
+/// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the handle.
+pub const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
+/// A first contact deeper than the tip's way since the last look plus this, mm, did not come through
+/// the membrane: the instrument came round an edge and is under it. Larger than what the membrane
+/// itself moves in [`COLLISION_EVERY`] substeps; much larger would push what lies over the shaft.
+pub const UNDER_MARGIN_MM: f64 = 0.25;
+/// Steps of jaw opening for which an instrument image is drawn, rad.
+pub const JAW_STEP_RAD: f64 = 0.01;
+/// Length of the forceps' jaws from pivot to tip, mm (23 to 25 gauge forceps: 1 to 2 mm).
+pub const JAW_LENGTH_MM: f64 = 1.5;
+/// Radius of a jaw at its tip as a share of the shaft's.
+pub const JAW_TAPER: f64 = 0.35;
+
+/// Hysteresis of the retina contact as a share of the grazing clearance: leaving a level needs so much more
+/// clearance than entering it, so that tremor at a threshold does not flood the events.
+pub const RETINA_HYSTERESIS: f64 = 0.1;
+/// Smallest hysteresis, mm.
+pub const RETINA_HYSTERESIS_MM: f64 = 0.02;
+/// A penetration is reported again whenever it is so much deeper, mm.
+pub const PENETRATION_STEP_MM: f64 = 0.1;
+/// The rim warning is armed again when the force falls below this share of its limit.
+pub const RIM_REARM: f32 = 0.8;
+/// A fold (second layer) is reported at most once in this time, ns.
+pub const FOLD_QUIET_NS: u64 = 1_000_000_000;
+/// A warning stands on the picture for so long, ns.
+pub const NOTICE_NS: u64 = 2_000_000_000;
+
+/// Events of one step; more are counted and left out.
+pub const MAX_EVENTS: usize = 256;
+/// Nodes one instrument can hold.
+pub const MAX_HELD: usize = 256;
+/// Bleeding points kept.
+pub const MAX_MARKS: usize = 64;
+/// Shortest spring length that still has a direction, mm²: protects a division, 1 nm.
+pub const TINY_LENGTH2_MM2: f32 = 1e-12;
+
+/// Full pedal moves the microscope by so much, mm/s.
+pub const PEDAL_MOVE_MM_S: f64 = 5.0;
+/// Full pedal changes the field of view by a factor e in 1/this, 1/s.
+pub const PEDAL_ZOOM_PER_S: f64 = 0.5;
+/// Full pedal moves the plane of focus by so much, mm/s.
+pub const PEDAL_FOCUS_MM_S: f64 = 2.0;
+/// Farthest the microscope's target goes from the eye's centre along an axis, mm.
+pub const MICROSCOPE_REACH_MM: f64 = 15.0;
+/// Smallest and largest field of view, mm.
+pub const FIELD_RANGE_MM: [f64; 2] = [4.0, 30.0];
+/// Farthest plane of focus from the target, mm.
+pub const FOCUS_REACH_MM: f64 = 10.0;
+
+const _: () = assert!(COLLISION_EVERY >= 1);
+const _: () = assert!(VOLUME_BEYOND_TIP > 0.0 && VOLUME_BEYOND_TIP < 1.0);
+const _: () = assert!(RIM_REARM < 1.0);

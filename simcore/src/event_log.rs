@@ -1,0 +1,143 @@
+//! Events of the step in progress, in a list of fixed capacity.
+
+use crate::constants::MAX_EVENTS;
+use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
+use protocol::time::Nanos;
+
+/// What to say about an event; the log adds number, field and instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Happening {
+    /// What happened.
+    pub kind: EventKind,
+    /// How serious.
+    pub severity: Severity,
+    /// Instrument or [`NO_INSTRUMENT`].
+    pub instrument: u32,
+    /// Node or body concerned.
+    pub subject: u32,
+    /// In the unit of the kind.
+    pub value: f64,
+    /// Limit passed, 0 if none.
+    pub limit: f64,
+    /// Eye frame, mm.
+    pub position_in_eye_mm: [f64; 3],
+}
+
+impl Happening {
+    /// An event with a figure and nothing else.
+    pub fn new(kind: EventKind, severity: Severity, value: f64) -> Self {
+        Happening {
+            kind,
+            severity,
+            instrument: NO_INSTRUMENT,
+            subject: 0,
+            value,
+            limit: 0.0,
+            position_in_eye_mm: [0.0; 3],
+        }
+    }
+
+    /// By an instrument, at a place of the eye frame.
+    pub fn by(mut self, instrument: usize, at_in_eye_mm: [f64; 3]) -> Self {
+        self.instrument = instrument as u32;
+        self.position_in_eye_mm = at_in_eye_mm;
+        self
+    }
+}
+
+/// The events of a step.
+#[derive(Debug)]
+pub struct EventLog {
+    events: Vec<Event>,
+    next_seq: u64,
+    field: u64,
+    exposed_ns: Nanos,
+    left_out: u64,
+    warning: u32,
+}
+
+impl Default for EventLog {
+    fn default() -> Self {
+        let events = Vec::with_capacity(MAX_EVENTS);
+        EventLog { events, next_seq: 0, field: 0, exposed_ns: 0, left_out: 0, warning: 0 }
+    }
+}
+
+impl EventLog {
+    /// Empties the log for a step.
+    pub fn begin(&mut self, next_seq: u64, field: u64, exposed_ns: Nanos) {
+        self.events.clear();
+        *self = EventLog {
+            events: std::mem::take(&mut self.events),
+            next_seq,
+            field,
+            exposed_ns,
+            left_out: self.left_out,
+            warning: 0,
+        };
+    }
+
+    /// Adds an event; numbers that are not finite become 0.
+    pub fn raise(&mut self, h: Happening) {
+        let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+        if h.severity > Severity::Info {
+            self.warning = h.kind as u32;
+        }
+        if self.events.len() == MAX_EVENTS {
+            self.left_out += 1;
+            return;
+        }
+        self.events.push(Event {
+            seq: self.next_seq,
+            field: self.field,
+            exposed_ns: self.exposed_ns,
+            kind: h.kind as u32,
+            severity: h.severity as u32,
+            instrument: h.instrument,
+            subject: h.subject,
+            value: finite(h.value),
+            limit: finite(h.limit),
+            position_in_eye_mm: h.position_in_eye_mm.map(finite),
+        });
+        self.next_seq += 1;
+    }
+
+    /// Events of this step.
+    pub fn events(&self) -> &[Event] {
+        &self.events
+    }
+
+    /// Number of the next event.
+    pub fn next_seq(&self) -> u64 {
+        self.next_seq
+    }
+
+    /// Events left out since the start, because a step had too many.
+    pub fn left_out(&self) -> u64 {
+        self.left_out
+    }
+
+    /// Kind of the last warning of this step, 0 for none.
+    pub fn warning(&self) -> u32 {
+        self.warning
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overflow_is_counted_and_numbers_go_on() {
+        let mut log = EventLog::default();
+        log.begin(7, 1, 2);
+        for _ in 0..MAX_EVENTS + 3 {
+            log.raise(Happening::new(EventKind::TissueTorn, Severity::Info, f64::NAN));
+        }
+        assert_eq!((log.events().len(), log.left_out()), (MAX_EVENTS, 3));
+        assert_eq!(log.next_seq(), 7 + MAX_EVENTS as u64);
+        assert_eq!(log.events()[0].value, 0.0);
+        log.begin(log.next_seq(), 2, 3);
+        assert!(log.events().is_empty());
+    }
+}

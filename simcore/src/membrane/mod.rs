@@ -1,0 +1,9 @@
+//! The epiretinal membrane: a sheet of springs and triangles before the retina.
+//!
+//! [`sheet`] is what never changes (connections, rest lengths), the state's
+//! [`MembraneState`](crate::state::MembraneState) what does; [`solver`] moves it and [`tear`]
+//! removes springs, triangles and nodes so that the mesh stays consistent.
+
+pub mod sheet;
+pub mod solver;
+pub mod tear;

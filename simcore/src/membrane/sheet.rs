@@ -1,0 +1,296 @@
+//! Builds the sheet: nodes in rows on the retina, its middle lifted, joined by structural springs
+//! (along rows, columns and one diagonal of each square) and bending springs over two squares.
+//!
+//! Springs lie in **runs**: spring `first + j` joins nodes `a + j` and `b + j`. A regular sheet is
+//! a few dozen long runs, so that the solver reads and writes plain consecutive numbers; an
+//! irregular mesh would be runs of length one.
+
+use crate::state::{MembraneState, NODE_PINNED};
+use nalgebra::Vector3;
+use protocol::scene::NODE_FREE;
+use protocol::scene_file::SceneFile;
+
+/// No triangle on that side.
+pub const NONE: u32 = u32::MAX;
+
+/// Consecutive springs between consecutive nodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Run {
+    /// First spring.
+    pub first: u32,
+    /// Node at one end of the first spring.
+    pub a: u32,
+    /// Node at its other end.
+    pub b: u32,
+    /// Springs.
+    pub len: u32,
+}
+
+/// Connections and rest lengths.
+#[derive(Debug, Clone)]
+pub struct Sheet {
+    /// Ends of each spring: first the structural ones, then the bending ones.
+    pub springs: Vec<[u32; 2]>,
+    /// Rest length of each spring, mm.
+    pub rest_mm: Vec<f32>,
+    /// The springs in runs.
+    pub runs: Vec<Run>,
+    /// How many springs are structural.
+    pub structural: usize,
+    /// For each bending spring, the two structural springs it stiffens.
+    pub bends: Vec<[u32; 2]>,
+    /// Nodes of each triangle, counter-clockwise seen from the inside of the eye.
+    pub triangles: Vec<[u32; 3]>,
+    /// Structural springs of each triangle.
+    pub triangle_springs: Vec<[u32; 3]>,
+    /// Triangles of each structural spring ([`NONE`] where there is no second one).
+    pub spring_triangles: Vec<[u32; 2]>,
+    /// Where the triangles of a node begin in `node_triangles`; one more entry than nodes.
+    pub node_start: Vec<u32>,
+    /// Triangles around each node.
+    pub node_triangles: Vec<u32>,
+    /// Nodes of the rim.
+    pub rim: Vec<u32>,
+    /// Where the nodes are at the start, eye frame, mm.
+    start_mm: [Vec<f32>; 3],
+}
+
+/// Rows and columns of the sheet.
+#[derive(Clone, Copy)]
+struct Grid {
+    nx: u32,
+    ny: u32,
+}
+
+impl Grid {
+    fn node(self, r: u32, c: u32) -> u32 {
+        r * (self.nx + 1) + c
+    }
+    fn nodes(self) -> u32 {
+        (self.nx + 1) * (self.ny + 1)
+    }
+    fn along_row(self, r: u32, c: u32) -> u32 {
+        r * self.nx + c
+    }
+    fn along_column(self, r: u32, c: u32) -> u32 {
+        (self.ny + 1) * self.nx + self.node(r, c)
+    }
+    fn diagonal(self, r: u32, c: u32) -> u32 {
+        (self.ny + 1) * self.nx + self.node(self.ny, 0) + r * self.nx + c
+    }
+    fn is_rim(self, r: u32, c: u32) -> bool {
+        r == 0 || c == 0 || r == self.ny || c == self.nx
+    }
+}
+
+impl Sheet {
+    /// The sheet of a scene.
+    pub fn new(scene: &SceneFile) -> Self {
+        let [nx, ny] = scene.membrane.squares;
+        let grid = Grid { nx, ny };
+        let mut sheet = Sheet {
+            springs: Vec::new(),
+            rest_mm: Vec::new(),
+            runs: Vec::new(),
+            structural: 0,
+            bends: Vec::new(),
+            triangles: Vec::new(),
+            triangle_springs: Vec::new(),
+            spring_triangles: Vec::new(),
+            node_start: Vec::new(),
+            node_triangles: Vec::new(),
+            rim: Vec::new(),
+            start_mm: start_positions(scene, grid),
+        };
+        sheet.add_structural(grid);
+        sheet.add_bending(grid);
+        sheet.add_triangles(grid);
+        sheet.index_triangles(grid);
+        let inside = |&(r, c): &(u32, u32)| grid.is_rim(r, c);
+        let all = (0..=ny).flat_map(|r| (0..=nx).map(move |c| (r, c)));
+        sheet.rim = all.filter(inside).map(|(r, c)| grid.node(r, c)).collect();
+        sheet.rest_mm = sheet.springs.iter().map(|&s| sheet.distance(s)).collect();
+        sheet
+    }
+
+    /// The sheet at rest: rim pinned to the retina, the rest free.
+    pub fn start(&self) -> MembraneState {
+        let nodes = self.start_mm[0].len();
+        let mut flag = vec![NODE_FREE; nodes];
+        for &node in &self.rim {
+            flag[node as usize] = NODE_PINNED;
+        }
+        MembraneState {
+            position_mm: self.start_mm.clone(),
+            velocity_mm_s: std::array::from_fn(|_| vec![0.0; nodes]),
+            flag,
+            spring_alive: vec![1; self.structural],
+            triangle_alive: vec![1; self.triangles.len()],
+            topology: 0,
+            rim_warned: false,
+        }
+    }
+
+    /// Nodes.
+    pub fn nodes(&self) -> usize {
+        self.start_mm[0].len()
+    }
+
+    /// Triangles around a node.
+    pub fn triangles_of(&self, node: usize) -> &[u32] {
+        &self.node_triangles[self.node_start[node] as usize..self.node_start[node + 1] as usize]
+    }
+
+    fn at(&self, node: u32) -> Vector3<f32> {
+        let [x, y, z] = &self.start_mm;
+        Vector3::new(x[node as usize], y[node as usize], z[node as usize])
+    }
+
+    fn distance(&self, [a, b]: [u32; 2]) -> f32 {
+        (self.at(a) - self.at(b)).norm()
+    }
+
+    fn add_run(&mut self, a: u32, b: u32, len: u32) {
+        self.runs.push(Run { first: self.springs.len() as u32, a, b, len });
+        self.springs.extend((0..len).map(|j| [a + j, b + j]));
+    }
+
+    fn add_structural(&mut self, g: Grid) {
+        for r in 0..=g.ny {
+            self.add_run(g.node(r, 0), g.node(r, 1), g.nx);
+        }
+        self.add_run(g.node(0, 0), g.node(1, 0), g.node(g.ny, 0));
+        for r in 0..g.ny {
+            self.add_run(g.node(r, 0), g.node(r + 1, 1), g.nx);
+        }
+        self.structural = self.springs.len();
+    }
+
+    fn add_bending(&mut self, g: Grid) {
+        for r in 0..=g.ny {
+            self.add_run(g.node(r, 0), g.node(r, 2), g.nx - 1);
+            self.bends.extend((0..g.nx - 1).map(|c| [g.along_row(r, c), g.along_row(r, c + 1)]));
+        }
+        self.add_run(g.node(0, 0), g.node(2, 0), g.node(g.ny - 1, 0));
+        for r in 0..g.ny - 1 {
+            self.bends.extend((0..=g.nx).map(|c| [g.along_column(r, c), g.along_column(r + 1, c)]));
+        }
+    }
+
+    fn add_triangles(&mut self, g: Grid) {
+        for (r, c) in (0..g.ny).flat_map(|r| (0..g.nx).map(move |c| (r, c))) {
+            let (a, b) = (g.node(r, c), g.node(r, c + 1));
+            let (d, e) = (g.node(r + 1, c), g.node(r + 1, c + 1));
+            self.triangles.extend([[a, b, e], [a, e, d]]);
+            let diagonal = g.diagonal(r, c);
+            self.triangle_springs.extend([
+                [g.along_row(r, c), g.along_column(r, c + 1), diagonal],
+                [diagonal, g.along_row(r + 1, c), g.along_column(r, c)],
+            ]);
+        }
+        // Seen from the inside, the normal of a counter-clockwise triangle points to the centre.
+        let [a, b, c] = self.triangles[0].map(|n| self.at(n));
+        if (b - a).cross(&(c - a)).dot(&a) > 0.0 {
+            self.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+    }
+
+    fn index_triangles(&mut self, g: Grid) {
+        self.spring_triangles = vec![[NONE; 2]; self.structural];
+        for (t, springs) in self.triangle_springs.iter().enumerate() {
+            for &s in springs {
+                let sides = &mut self.spring_triangles[s as usize];
+                sides[usize::from(sides[0] != NONE)] = t as u32;
+            }
+        }
+        let mut around = vec![Vec::new(); g.nodes() as usize];
+        for (t, nodes) in self.triangles.iter().enumerate() {
+            nodes.iter().for_each(|&n| around[n as usize].push(t as u32));
+        }
+        self.node_start.push(0);
+        for triangles in around {
+            self.node_triangles.extend(triangles);
+            self.node_start.push(self.node_triangles.len() as u32);
+        }
+    }
+}
+
+/// Nodes by rows: distances from the middle are kept along the retina (azimuthal equidistant), and
+/// the height over the retina is `lift`·(1 − u²)(1 − v²) with u and v from −1 to 1 over the sheet.
+fn start_positions(scene: &SceneFile, g: Grid) -> [Vec<f32>; 3] {
+    let (m, radius) = (&scene.membrane, scene.eye.retina_radius_mm);
+    let towards = Vector3::from(m.towards_in_eye).normalize();
+    // Any direction that is not parallel to `towards` gives the first axis of the sheet.
+    let seed = if towards.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+    let e1 = (seed - towards * towards.dot(&seed)).normalize();
+    let e2 = towards.cross(&e1);
+    let mut out = [Vec::new(), Vec::new(), Vec::new()];
+    for (r, c) in (0..=g.ny).flat_map(|r| (0..=g.nx).map(move |c| (r, c))) {
+        let u = 2.0 * f64::from(c) / f64::from(g.nx) - 1.0;
+        let v = 2.0 * f64::from(r) / f64::from(g.ny) - 1.0;
+        let flat = e1 * (u * m.size_mm[0] * 0.5) + e2 * (v * m.size_mm[1] * 0.5);
+        let way = flat.norm();
+        let sideways = if way > 0.0 { flat / way } else { Vector3::zeros() };
+        let angle = way / radius;
+        let direction = towards * libm::cos(angle) + sideways * libm::sin(angle);
+        let height = if g.is_rim(r, c) { 0.0 } else { m.lift_mm * (1.0 - u * u) * (1.0 - v * v) };
+        let p = direction * (radius - height);
+        (0..3).for_each(|axis| out[axis].push(p[axis] as f32));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sheet() -> Sheet {
+        Sheet::new(&SceneFile::load("peel").unwrap())
+    }
+
+    #[test]
+    fn shipped_sheet_has_the_size_of_the_papers_table_4() {
+        let s = sheet();
+        assert_eq!((s.triangles.len(), s.structural, s.nodes()), (1000, 1545, 546));
+        assert_eq!(s.springs.len() - s.structural, s.bends.len());
+    }
+
+    #[test]
+    fn runs_cover_every_spring_once() {
+        let s = sheet();
+        let mut next = 0;
+        for run in &s.runs {
+            assert_eq!(run.first, next);
+            for j in 0..run.len {
+                assert_eq!(s.springs[(next + j) as usize], [run.a + j, run.b + j]);
+            }
+            next += run.len;
+        }
+        assert_eq!(next as usize, s.springs.len());
+    }
+
+    #[test]
+    fn springs_of_a_triangle_join_its_nodes() {
+        let s = sheet();
+        for (nodes, springs) in s.triangles.iter().zip(&s.triangle_springs) {
+            for &spring in springs {
+                assert!(s.springs[spring as usize].iter().all(|n| nodes.contains(n)));
+            }
+        }
+        for (bend, &[a, b]) in s.springs[s.structural..].iter().zip(&s.bends) {
+            let ([p, q], [r, t]) = (s.springs[a as usize], s.springs[b as usize]);
+            assert_eq!((q, [p, t]), (r, *bend), "a bending spring spans two structural ones in line");
+        }
+    }
+
+    #[test]
+    fn triangles_face_the_inside_and_nodes_stay_before_the_retina() {
+        let s = sheet();
+        for t in &s.triangles {
+            let [a, b, c] = t.map(|n| s.at(n));
+            assert!((b - a).cross(&(c - a)).dot(&a) < 0.0);
+        }
+        assert!((0..s.nodes() as u32).all(|n| s.at(n).norm() < 11.5 + 1e-5));
+        assert!(s.rim.iter().all(|&n| (s.at(n).norm() - 11.5).abs() < 1e-5));
+    }
+}

@@ -1,0 +1,210 @@
+//! The loop: poses, handles and pedal in; steps, scene, events and checkpoints out. The only module
+//! that knows the transport and the clock.
+
+use crate::config::Args;
+use crate::scene_block::{SceneWriter, bytes_needed};
+use crate::world::{StepInput, World};
+use anyhow::Context;
+use protocol::control::Command;
+use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
+use protocol::handles::{HandleState, PedalState};
+use protocol::health::{Process, STATE_RUNNING};
+use protocol::ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
+use protocol::limits::{CHECKPOINT_NS, MAX_CHECKPOINT_BYTES, MAX_WAIT_MS};
+use protocol::message::Message;
+use protocol::poses::TrackerFrame;
+use protocol::scene::SceneHeader;
+use protocol::scene_file::SceneFile;
+use protocol::shell::Shell;
+use protocol::steps::{CheckpointHeader, StepRecord};
+use protocol::time::{Nanos, now};
+
+/// Runs the simulation until it is told to stop.
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let scene = SceneFile::load(&args.scene)?;
+    let mut world = World::new(&scene).context("scene")?;
+    let (instance, mut shell) = Shell::start(Process::Simcore, &args.shell)?;
+    let mut desk = Desk::open(&instance, &world)?;
+    shell.report.state = STATE_RUNNING;
+    shell.beat_now(now())?;
+    let mut paused = false;
+    while !shell.stopping() {
+        wait(&[&desk.poses, &desk.handles, &desk.pedals, shell.control()], MAX_WAIT_MS * 1_000_000);
+        if let Some((request, command)) = shell.serve(now())? {
+            let result = match command {
+                Command::Snapshot => Err("the simulation takes no pictures"),
+                _ => Ok(()),
+            };
+            match command {
+                Command::Start => paused = false,
+                Command::Pause => paused = true,
+                Command::Reset => desk.reset(&mut world),
+                _ => {}
+            }
+            shell.answer(&request, result)?;
+        }
+        while let Some(frame) = desk.poses.next_valid()? {
+            if !paused {
+                desk.step(&mut world, &frame, &shell)?;
+            }
+        }
+        desk.report(&mut shell);
+    }
+    Ok(())
+}
+
+/// The channels, and what is kept between steps.
+struct Desk {
+    poses: Receiver<TrackerFrame>,
+    handles: Receiver<HandleState>,
+    pedals: Receiver<PedalState>,
+    scenes: BlockSender<SceneHeader>,
+    steps: Sender<StepRecord>,
+    events: Sender<Event>,
+    checkpoints: BlockSender<CheckpointHeader>,
+    writer: SceneWriter,
+    handle_queue: Vec<HandleState>,
+    pedal_queue: Vec<PedalState>,
+    saved: Vec<u8>,
+    scene_bytes: usize,
+    next_checkpoint_ns: Nanos,
+    /// Events raised by this shell, which the world's own numbers leave room for.
+    own_events: u64,
+    refused: u64,
+}
+
+impl Desk {
+    fn open(instance: &Instance, world: &World) -> Result<Self, IpcError> {
+        let scene_bytes = bytes_needed(world.sheet());
+        Ok(Desk {
+            poses: instance.receiver(Queue::InOrder)?,
+            handles: instance.receiver(Queue::InOrder)?,
+            pedals: instance.receiver(Queue::InOrder)?,
+            scenes: instance.block_sender(scene_bytes)?,
+            steps: instance.sender()?,
+            events: instance.sender()?,
+            checkpoints: instance.block_sender(MAX_CHECKPOINT_BYTES)?,
+            writer: SceneWriter::new(world),
+            handle_queue: Vec::with_capacity(2 * HandleState::QUEUE),
+            pedal_queue: Vec::with_capacity(2 * PedalState::QUEUE),
+            saved: Vec::with_capacity(1 << 16),
+            scene_bytes,
+            next_checkpoint_ns: 0,
+            own_events: 0,
+            refused: 0,
+        })
+    }
+
+    /// One tracker frame: everything the handles and the pedal said until now goes with it.
+    fn step(&mut self, world: &mut World, frame: &TrackerFrame, shell: &Shell) -> anyhow::Result<()> {
+        self.drain()?;
+        let (handles, pedals) = (&self.handle_queue[..], &self.pedal_queue[..]);
+        let report = world.step(&StepInput { frame, handles, pedals }, &mut now);
+        shell.inject_delay();
+        let mut instants = frame.instants;
+        let transfer_begin = now();
+        instants.stepped = transfer_begin;
+        let (writer, hash) = (&mut self.writer, report.state_hash);
+        self.scenes.send(self.scene_bytes, |payload| writer.write(world, instants, hash, payload))?;
+        let mut times = report.times;
+        times.transfer_ns = now() - transfer_begin;
+        let state = world.state();
+        self.steps.send(&StepRecord {
+            step: state.step,
+            field: frame.field,
+            frame: frame.frame,
+            instants,
+            handles_below: state.handles_below,
+            pedals_below: state.pedals_below,
+            advanced_ns: report.advanced_ns,
+            state_hash: hash,
+            times,
+            inputs_refused: state.refused + self.refused_by_channels(),
+            frames_lost: self.poses.counts().lost,
+        })?;
+        self.tell(world, frame)?;
+        self.save_if_due(world, hash)
+    }
+
+    fn drain(&mut self) -> Result<(), IpcError> {
+        self.handle_queue.clear();
+        self.pedal_queue.clear();
+        while self.handle_queue.len() < self.handle_queue.capacity() {
+            let Some(handle) = self.handles.next_valid()? else { break };
+            self.handle_queue.push(handle);
+        }
+        while self.pedal_queue.len() < self.pedal_queue.capacity() {
+            let Some(pedal) = self.pedals.next_valid()? else { break };
+            self.pedal_queue.push(pedal);
+        }
+        Ok(())
+    }
+
+    fn refused_by_channels(&self) -> u64 {
+        self.poses.counts().refused + self.handles.counts().refused + self.pedals.counts().refused
+    }
+
+    /// Sends the step's events, and one of its own if the channels refused anything since.
+    fn tell(&mut self, world: &World, frame: &TrackerFrame) -> Result<(), IpcError> {
+        for event in world.events() {
+            self.events.send(&Event { seq: event.seq + self.own_events, ..*event })?;
+        }
+        let refused = self.refused_by_channels();
+        if refused > self.refused {
+            self.refused = refused;
+            self.raise(world, frame.instants.exposed, EventKind::InputRefused, refused as f64)?;
+        }
+        Ok(())
+    }
+
+    /// Sends an event of the shell itself.
+    fn raise(&mut self, world: &World, at: Nanos, kind: EventKind, value: f64) -> Result<(), IpcError> {
+        let state = world.state();
+        let mut event: Event = bytemuck::Zeroable::zeroed();
+        event.seq = state.next_event + self.own_events;
+        (event.field, event.exposed_ns) = (state.field, at);
+        (event.kind, event.severity) = (kind as u32, Severity::Warning as u32);
+        (event.instrument, event.value) = (NO_INSTRUMENT, value);
+        self.own_events += 1;
+        self.events.send(&event)
+    }
+
+    /// A checkpoint at the first step and every five seconds.
+    fn save_if_due(&mut self, world: &World, state_hash: u64) -> anyhow::Result<()> {
+        let at = now();
+        if at < self.next_checkpoint_ns {
+            return Ok(());
+        }
+        self.next_checkpoint_ns = at + CHECKPOINT_NS;
+        world.save(&mut self.saved).context("checkpoint")?;
+        let state = world.state();
+        let header = CheckpointHeader {
+            step: state.step,
+            field: state.field,
+            handles_below: state.handles_below,
+            pedals_below: state.pedals_below,
+            state_hash,
+            bytes: self.saved.len() as u64,
+        };
+        let saved = &self.saved;
+        self.checkpoints.send(saved.len(), |payload| {
+            payload[..saved.len()].copy_from_slice(saved);
+            header
+        })?;
+        Ok(())
+    }
+
+    fn reset(&mut self, world: &mut World) {
+        world.reset();
+        self.writer.forget();
+        self.next_checkpoint_ns = 0;
+    }
+
+    fn report(&self, shell: &mut Shell) {
+        let counts = [self.poses.counts(), self.handles.counts(), self.pedals.counts()];
+        shell.report.received = counts.iter().map(|c| c.received).sum();
+        shell.report.lost = counts.iter().map(|c| c.lost).sum();
+        shell.report.refused = counts.iter().map(|c| c.refused).sum();
+        shell.report.sent = self.scenes.sent() + self.steps.sent() + self.events.sent();
+    }
+}

@@ -1,0 +1,197 @@
+//! The scene as the renderer draws it, written straight into the lent block.
+
+use crate::membrane::sheet::Sheet;
+use crate::microscope;
+use crate::state::{InstrumentState, is_bound};
+use crate::world::World;
+use protocol::events::EventKind;
+use protocol::geometry::Pose;
+use protocol::scene::{
+    NODE_DEAD, NODE_FREE, SceneHeader, SceneInstrument, SceneMark, SceneNode, SceneTriangle, Section,
+    SectionWriter,
+};
+use protocol::time::Instants;
+
+/// Bytes kept for marks and text beside the mesh.
+const BESIDE_THE_MESH: usize = 8 << 10;
+/// The epiretinal membrane in [`SceneTriangle::tissue`].
+const TISSUE_MEMBRANE: u32 = 0;
+/// Dark red, linear RGB and opacity.
+const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
+
+const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 1024 < BESIDE_THE_MESH);
+
+/// Room that the scene of a sheet takes at most, bytes.
+pub fn bytes_needed(sheet: &Sheet) -> usize {
+    let mesh = sheet.nodes() * size_of::<SceneNode>() + sheet.triangles.len() * size_of::<SceneTriangle>();
+    mesh + BESIDE_THE_MESH
+}
+
+/// Fills scene blocks; keeps the lists that are copied into them.
+#[derive(Debug)]
+pub struct SceneWriter {
+    nodes: Vec<SceneNode>,
+    triangles: Vec<SceneTriangle>,
+    /// Topology for which `triangles` holds.
+    topology: Option<u64>,
+    marks: Vec<SceneMark>,
+    /// A reset world counts its topology from 0 again, but the renderer must see a change.
+    generation: u64,
+}
+
+impl SceneWriter {
+    /// Lists for a world.
+    pub fn new(world: &World) -> Self {
+        let sheet = world.sheet();
+        SceneWriter {
+            nodes: Vec::with_capacity(sheet.nodes()),
+            triangles: Vec::with_capacity(sheet.triangles.len()),
+            topology: None,
+            marks: Vec::with_capacity(crate::constants::MAX_MARKS),
+            generation: 0,
+        }
+    }
+
+    /// To be called when the world was reset or restored.
+    pub fn forget(&mut self) {
+        self.topology = None;
+        self.generation += 1 << 32;
+    }
+
+    /// Writes the world into `payload`; sections that do not fit are left empty.
+    pub fn write(
+        &mut self,
+        world: &World,
+        instants: Instants,
+        state_hash: u64,
+        payload: &mut [u8],
+    ) -> SceneHeader {
+        let (state, scene) = (world.state(), world.scene());
+        self.collect(world);
+        let mut writer = SectionWriter::new(payload);
+        let text = if state.notice_kind == 0 { "" } else { notice(state.notice_kind) };
+        SceneHeader {
+            step: state.step,
+            field: state.field,
+            instants,
+            state_hash,
+            topology: self.generation + state.membrane.topology,
+            world_from_eye: Pose::from_isometry(&state.world_from_eye),
+            instruments: state.instruments.each_ref().map(instrument),
+            microscope: microscope::view(&state.microscope, &scene.microscope),
+            nodes: writer.write(&self.nodes).unwrap_or_default(),
+            triangles: writer.write(&self.triangles).unwrap_or_default(),
+            marks: writer.write(&self.marks).unwrap_or_default(),
+            bodies: Section::default(),
+            bricks: Section::default(),
+            text: writer.write(text.as_bytes()).unwrap_or_default(),
+        }
+    }
+
+    fn collect(&mut self, world: &World) {
+        let (state, sheet) = (world.state(), world.sheet());
+        let membrane = &state.membrane;
+        self.nodes.clear();
+        self.nodes.extend((0..membrane.nodes()).map(|i| SceneNode {
+            position_mm: membrane.position(i).into(),
+            flag: shown_flag(membrane.flag[i]),
+        }));
+        for held in state.instruments.iter().flat_map(|i| &i.held) {
+            self.nodes[held.node as usize].position_mm = held.at_in_instrument_mm;
+        }
+        if self.topology != Some(membrane.topology) {
+            self.topology = Some(membrane.topology);
+            let alive = sheet.triangles.iter().zip(&membrane.triangle_alive).filter(|(_, a)| **a != 0);
+            self.triangles.clear();
+            self.triangles.extend(alive.map(|(t, _)| SceneTriangle { nodes: *t, tissue: TISSUE_MEMBRANE }));
+        }
+        self.marks.clear();
+        self.marks.extend(state.marks.iter().map(|m| SceneMark {
+            position_mm: m.position_mm,
+            radius_mm: m.radius_mm,
+            rgba: BLOOD,
+        }));
+    }
+}
+
+/// What the renderer is told about a node: pinned ones are drawn like free ones.
+fn shown_flag(flag: u32) -> u32 {
+    if is_bound(flag) || flag == NODE_DEAD { flag } else { NODE_FREE }
+}
+
+fn instrument(state: &InstrumentState) -> SceneInstrument {
+    SceneInstrument {
+        world_from_instrument: Pose::from_isometry(&state.world_from_instrument),
+        jaw_rad: state.jaw_rad,
+        tool: state.tool,
+        touches: u32::from(state.touches),
+    }
+}
+
+fn notice(kind: u32) -> &'static str {
+    EventKind::from_wire(kind).map_or("", |k| k.text().0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rehearsal::Rehearsal;
+    use crate::world::no_clock;
+    use protocol::message::Message;
+    use protocol::scene::{NODE_BOUND, section};
+    use protocol::scene_file::SceneFile;
+
+    /// A block as the transport lends it: aligned to sixteen bytes.
+    fn block(bytes: usize) -> Vec<u128> {
+        vec![0; bytes.div_ceil(16)]
+    }
+
+    #[test]
+    fn a_scene_carries_the_mesh_and_bound_nodes_in_the_instruments_frame() {
+        let scene = SceneFile::load("peel").unwrap();
+        let rehearsal = Rehearsal::shipped(&scene);
+        let mut world = World::new(&scene).unwrap();
+        let mut writer = SceneWriter::new(&world);
+        let mut field = 0;
+        while world.state().instruments[0].held.is_empty() {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            field += 1;
+            assert!(field < 50 * 16, "the script grabs");
+        }
+        let mut payload = block(bytes_needed(world.sheet()));
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+        let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 5, bytes);
+        header.validate().unwrap();
+        let nodes = section::<SceneNode>(bytes, header.nodes).unwrap();
+        let triangles = section::<SceneTriangle>(bytes, header.triangles).unwrap();
+        assert_eq!((nodes.len(), triangles.len()), (546, 1000));
+        let held = &world.state().instruments[0].held;
+        let bound: Vec<_> = nodes.iter().filter(|n| n.flag == NODE_BOUND).collect();
+        assert_eq!(bound.len(), held.len());
+        assert!(bound.iter().all(|n| n.position_mm.iter().all(|c| c.abs() < 0.5)), "near the tip");
+        assert!(header.instruments[0].touches == 1);
+    }
+
+    #[test]
+    fn a_block_that_is_too_small_leaves_sections_empty() {
+        let world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
+        let mut payload = block(64);
+        let bytes = bytemuck::cast_slice_mut(&mut payload);
+        let header = SceneWriter::new(&world).write(&world, bytemuck::Zeroable::zeroed(), 0, bytes);
+        assert_eq!((header.nodes.count, header.triangles.count), (0, 0));
+    }
+
+    #[test]
+    fn a_reset_changes_the_topology_number() {
+        let world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
+        let mut writer = SceneWriter::new(&world);
+        let mut payload = block(bytes_needed(world.sheet()));
+        let mut topology = |writer: &mut SceneWriter| {
+            let bytes = bytemuck::cast_slice_mut(&mut payload);
+            writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes).topology
+        };
+        let first = topology(&mut writer);
+        writer.forget();
+        assert_ne!(topology(&mut writer), first);
+    }
+}

@@ -1,0 +1,208 @@
+//! Everything the next step depends on. What is not in here cannot influence a result: the state
+//! hash and the checkpoints are made from this structure as a whole.
+
+use nalgebra::{Isometry3, Vector3};
+use protocol::limits::{BODIES, INSTRUMENTS};
+use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
+use protocol::time::Nanos;
+use serde::{Deserialize, Serialize};
+
+/// Node flag: fixed to the retina (drawn like a free node).
+pub const NODE_PINNED: u32 = 2;
+
+/// The simulation's state.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct State {
+    /// Steps done.
+    pub step: u64,
+    /// Field of the last step.
+    pub field: u64,
+    /// Tracker frame of the last step.
+    pub frame: u64,
+    /// Exposure of the last step; 0 before the first.
+    pub exposed_ns: Nanos,
+    /// Time by which the substeps lag behind `exposed_ns`, below one substep.
+    pub remainder_ns: u64,
+    /// Substeps done.
+    pub substeps: u64,
+    /// `seq` + 1 of the last handle state consumed.
+    pub handles_below: u64,
+    /// `seq` + 1 of the last pedal state consumed.
+    pub pedals_below: u64,
+    /// Number of the next event.
+    pub next_event: u64,
+    /// Inputs refused by the world itself.
+    pub refused: u64,
+    /// `world_from_eye`, the last that was tracked.
+    pub world_from_eye: Isometry3<f64>,
+    /// Whether the bodies are tracked, in the order of the tracker frame.
+    pub tracking: [TrackingState; BODIES],
+    /// The instruments.
+    pub instruments: [InstrumentState; INSTRUMENTS],
+    /// The membrane.
+    pub membrane: MembraneState,
+    /// The microscope and its pedal.
+    pub microscope: MicroscopeState,
+    /// Bleeding points on the retina.
+    pub marks: Vec<MarkState>,
+    /// Kind of the newest warning, 0 for none.
+    pub notice_kind: u32,
+    /// Until when (exposure) it is shown.
+    pub notice_until_ns: Nanos,
+}
+
+/// Whether a body is tracked.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TrackingState {
+    /// It is, or is predicted from when it was.
+    pub tracked: bool,
+    /// Exposure at which it was lost; 0 while tracked or never seen.
+    pub lost_ns: Nanos,
+}
+
+/// An instrument.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct InstrumentState {
+    /// [`protocol::handles::Tool`] on the wire.
+    pub tool: u32,
+    /// Jaw opening at the last substep, rad.
+    pub jaw_rad: f64,
+    /// Jaw opening the handle asked for last, rad.
+    pub jaw_target_rad: f64,
+    /// `eye_from_instrument` at the last exposure.
+    pub eye_from_instrument: Isometry3<f64>,
+    /// `world_from_instrument` at the last exposure.
+    pub world_from_instrument: Isometry3<f64>,
+    /// Tip at the last substep, eye frame, mm.
+    pub tip_in_eye_mm: Vector3<f64>,
+    /// It is tracked, inside the eye, and may touch tissue.
+    pub touches: bool,
+    /// Nodes in the jaws.
+    pub held: Vec<HeldNode>,
+    /// Contact with the retina.
+    pub retina: RetinaContact,
+    /// It came round an edge and is under the membrane: it pushes nothing until it is clear.
+    pub under: bool,
+    /// The last collision image had colliding pixels.
+    pub in_contact: bool,
+    /// Way of tip and jaws since the last collision image, mm.
+    pub travelled_mm: f64,
+    /// No fold is reported before this exposure.
+    pub fold_quiet_ns: Nanos,
+}
+
+/// A node in the jaws.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct HeldNode {
+    /// Node of the membrane.
+    pub node: u32,
+    /// Where, in the instrument's frame, mm.
+    pub at_in_instrument_mm: [f32; 3],
+}
+
+/// How near a tip is to the retina.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Serialize, Deserialize)]
+#[allow(missing_docs)]
+pub enum RetinaLevel {
+    Away,
+    Grazing,
+    Touching,
+    Inside,
+}
+
+/// A contact of a tip with the retina.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RetinaContact {
+    /// How near.
+    pub level: RetinaLevel,
+    /// Begin of the contact, in substeps.
+    pub since_substep: u64,
+    /// Depth that was reported last, mm.
+    pub reported_mm: f64,
+}
+
+/// The membrane: arrays over nodes (x, y and z apart), springs and triangles.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct MembraneState {
+    /// Positions in the eye frame, mm.
+    pub position_mm: [Vec<f32>; 3],
+    /// Velocities in the eye frame, mm/s.
+    pub velocity_mm_s: [Vec<f32>; 3],
+    /// `NODE_FREE`, `NODE_DEAD`, [`NODE_PINNED`] or `NODE_BOUND` + instrument.
+    pub flag: Vec<u32>,
+    /// 1 for a living structural spring.
+    pub spring_alive: Vec<u8>,
+    /// 1 for a living triangle.
+    pub triangle_alive: Vec<u8>,
+    /// Counts the changes of triangles.
+    pub topology: u64,
+    /// The warning about the force on the rim is out.
+    pub rim_warned: bool,
+}
+
+impl MembraneState {
+    /// Position of a node, eye frame, mm.
+    pub fn position(&self, node: usize) -> Vector3<f32> {
+        let [x, y, z] = &self.position_mm;
+        Vector3::new(x[node], y[node], z[node])
+    }
+
+    /// Moves a node to `p`, eye frame, mm.
+    pub fn set_position(&mut self, node: usize, p: Vector3<f32>) {
+        for (axis, values) in self.position_mm.iter_mut().enumerate() {
+            values[node] = p[axis];
+        }
+    }
+
+    /// Velocity of a node, eye frame, mm/s.
+    pub fn velocity(&self, node: usize) -> Vector3<f32> {
+        let [x, y, z] = &self.velocity_mm_s;
+        Vector3::new(x[node], y[node], z[node])
+    }
+
+    /// Sets the velocity of a node, eye frame, mm/s.
+    pub fn set_velocity(&mut self, node: usize, v: Vector3<f32>) {
+        for (axis, values) in self.velocity_mm_s.iter_mut().enumerate() {
+            values[node] = v[axis];
+        }
+    }
+
+    /// Nodes.
+    pub fn nodes(&self) -> usize {
+        self.flag.len()
+    }
+}
+
+/// True for the flag of a node that an instrument holds.
+pub fn is_bound(flag: u32) -> bool {
+    (NODE_BOUND..NODE_BOUND + INSTRUMENTS as u32).contains(&flag)
+}
+
+/// True for a flag that a state may hold.
+pub fn is_known_flag(flag: u32) -> bool {
+    matches!(flag, NODE_FREE | NODE_DEAD | NODE_PINNED) || is_bound(flag)
+}
+
+/// The microscope.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MicroscopeState {
+    /// Point looked at, world frame, mm.
+    pub target_in_world_mm: [f64; 3],
+    /// Diameter of the field of view, mm.
+    pub field_mm: f64,
+    /// Height of the plane of focus over the target, mm.
+    pub focus_mm: f64,
+    /// Pedal axes, −1 to 1.
+    pub axes: [f64; 2],
+    /// Pedal mode.
+    pub mode: u32,
+}
+
+/// A bleeding point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct MarkState {
+    /// Eye frame, mm.
+    pub position_mm: [f32; 3],
+    /// mm.
+    pub radius_mm: f32,
+}

@@ -1,0 +1,3 @@
+//! What each tool does to tissue, beyond pushing it.
+
+pub mod forceps;

@@ -1,0 +1,261 @@
+//! The world and its step: a pure function of the previous state and of what a tracker frame, the
+//! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
+
+mod plan;
+mod tissue;
+mod touch;
+
+pub use plan::start_instrument;
+
+use crate::checkpoint::{self, CheckpointError};
+use crate::collision::zcoll::{InstrumentImage, Volume, Zcoll};
+use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
+use crate::event_log::EventLog;
+use crate::guard::LastGood;
+use crate::membrane::sheet::Sheet;
+use crate::membrane::solver::{Solver, Tissue};
+use crate::microscope;
+use crate::state::State;
+use nalgebra::Isometry3;
+use protocol::events::Event;
+use protocol::handles::{HandleState, PedalState, Tool};
+use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
+use protocol::message::fnv1a;
+use protocol::poses::TrackerFrame;
+use protocol::scene_file::SceneFile;
+use protocol::steps::StepTimes;
+
+/// Why a scene cannot be simulated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum WorldError {
+    /// The mesh does not fit the block that carries it to the renderer.
+    #[error(
+        "membrane.squares {squares:?}: the scene block would take {bytes} bytes, there is room for {room}"
+    )]
+    TooLarge {
+        /// Asked for.
+        squares: [u32; 2],
+        /// Bytes it would take.
+        bytes: usize,
+        /// Bytes there are.
+        room: usize,
+    },
+}
+
+/// What one step consumes.
+#[derive(Debug, Clone, Copy)]
+pub struct StepInput<'a> {
+    /// Poses.
+    pub frame: &'a TrackerFrame,
+    /// Handle states since the last step, in order.
+    pub handles: &'a [HandleState],
+    /// Pedal states since the last step, in order.
+    pub pedals: &'a [PedalState],
+}
+
+/// What one step did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StepReport {
+    /// Time by which the state advanced, ns.
+    pub advanced_ns: u64,
+    /// Hash of the state after the step.
+    pub state_hash: u64,
+    /// Time spent, if a clock was lent; never part of the result.
+    pub times: StepTimes,
+}
+
+/// The eye, the instruments, and the work space of a step.
+#[derive(Debug)]
+pub struct World {
+    scene: SceneFile,
+    fingerprint: u64,
+    sheet: Sheet,
+    tissue: Tissue,
+    state: State,
+    solver: Solver,
+    zcoll: Zcoll,
+    images: [InstrumentImage; INSTRUMENTS],
+    last_good: LastGood,
+    log: EventLog,
+    /// What happened to the membrane in this step, for its events.
+    toll: tissue::Toll,
+}
+
+impl World {
+    /// The world of a scene, before its first step.
+    pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
+        let sheet = Sheet::new(scene);
+        let bytes = crate::scene_block::bytes_needed(&sheet);
+        if bytes > MAX_SCENE_BYTES {
+            let squares = scene.membrane.squares;
+            return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
+        }
+        let state = start_state(scene, &sheet);
+        let volume = Volume::new(&scene.contact);
+        let image = |i: usize| {
+            let instrument = &scene.instruments[i];
+            InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &volume)
+        };
+        let mut world = World {
+            fingerprint: fnv1a(scene.to_toml().as_bytes()),
+            tissue: Tissue::new(scene),
+            solver: Solver::new(&sheet),
+            zcoll: Zcoll::new(volume, &sheet),
+            images: std::array::from_fn(image),
+            last_good: LastGood::new(&state.membrane),
+            log: EventLog::default(),
+            toll: tissue::Toll::default(),
+            scene: scene.clone(),
+            sheet,
+            state,
+        };
+        world.refresh();
+        Ok(world)
+    }
+
+    /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's times and
+    /// nothing else; [`no_clock`] will do.
+    pub fn step(&mut self, input: &StepInput, clock: &mut dyn FnMut() -> u64) -> StepReport {
+        let begin = clock();
+        let mut times = StepTimes::default();
+        self.begin_step(input.frame);
+        self.take_handles(input.handles);
+        self.take_pedals(input.pedals);
+        let plan = self.plan(input.frame);
+        for k in 1..=plan.substeps {
+            let poses = self.move_instruments(&plan, k);
+            let tissue_begin = clock();
+            self.move_tissue(&plan, &poses);
+            self.use_forceps(&plan, &poses, k);
+            let tissue_end = clock();
+            times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
+            self.state.substeps += 1;
+            self.touch_retina(&plan);
+            if self.state.substeps.is_multiple_of(COLLISION_EVERY) {
+                self.push_membrane(&plan, &poses);
+                times.collision_ns += clock().saturating_sub(tissue_end);
+            }
+        }
+        self.tell_toll();
+        self.check_finite();
+        self.end_step(&plan);
+        let state_hash = checkpoint::state_hash(&self.state);
+        let all = clock().saturating_sub(begin);
+        times.misc_ns = all.saturating_sub(times.tissue_ns + times.collision_ns);
+        StepReport { advanced_ns: plan.advance_ns, state_hash, times }
+    }
+
+    /// Events of the last step.
+    pub fn events(&self) -> &[Event] {
+        self.log.events()
+    }
+
+    /// Events left out since the start, because one step had too many.
+    pub fn events_left_out(&self) -> u64 {
+        self.log.left_out()
+    }
+
+    /// The state.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Hash of the state.
+    pub fn state_hash(&self) -> u64 {
+        checkpoint::state_hash(&self.state)
+    }
+
+    /// The membrane's connections.
+    pub fn sheet(&self) -> &Sheet {
+        &self.sheet
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &SceneFile {
+        &self.scene
+    }
+
+    /// Writes the state into `out`, whose memory is used again.
+    pub fn save(&self, out: &mut Vec<u8>) -> Result<(), CheckpointError> {
+        checkpoint::encode(&self.state, self.fingerprint, out)
+    }
+
+    /// Goes on from a saved state of the same scene; on an error nothing changes.
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
+        self.state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        for instrument in &mut self.state.instruments {
+            instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
+        }
+        self.state.marks.reserve_exact(MAX_MARKS - self.state.marks.len());
+        self.last_good.remember(&self.state.membrane);
+        for (image, instrument) in self.images.iter_mut().zip(&self.state.instruments) {
+            if let Some(tool) = Tool::from_wire(instrument.tool) {
+                image.set_tool(tool, self.zcoll.volume());
+            }
+        }
+        self.refresh();
+        Ok(())
+    }
+
+    /// Forgets the past: the scene as it was at the start.
+    pub fn reset(&mut self) {
+        self.state = start_state(&self.scene, &self.sheet);
+        self.last_good.remember(&self.state.membrane);
+        for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
+            image.set_tool(instrument.tool, self.zcoll.volume());
+        }
+        self.refresh();
+    }
+
+    /// Derives the solver's figures from the living springs and the flags.
+    fn refresh(&mut self) {
+        self.solver.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+    }
+
+    fn begin_step(&mut self, frame: &TrackerFrame) {
+        self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
+        self.toll = tissue::Toll::default();
+        self.last_good.remember(&self.state.membrane);
+    }
+
+    fn end_step(&mut self, plan: &plan::Plan) {
+        let state = &mut self.state;
+        microscope::advance(&mut state.microscope, plan.advance_ns as f64 * 1e-9);
+        if self.log.warning() != 0 {
+            state.notice_kind = self.log.warning();
+            state.notice_until_ns = state.exposed_ns + NOTICE_NS;
+        } else if state.exposed_ns > state.notice_until_ns {
+            state.notice_kind = 0;
+        }
+        state.next_event = self.log.next_seq();
+        state.step += 1;
+    }
+}
+
+/// A clock that stands still.
+pub fn no_clock() -> u64 {
+    0
+}
+
+fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
+    State {
+        step: 0,
+        field: 0,
+        frame: 0,
+        exposed_ns: 0,
+        remainder_ns: 0,
+        substeps: 0,
+        handles_below: 0,
+        pedals_below: 0,
+        next_event: 0,
+        refused: 0,
+        world_from_eye: Isometry3::identity(),
+        tracking: [Default::default(); BODIES],
+        instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
+        membrane: sheet.start(),
+        microscope: microscope::start(&scene.microscope),
+        marks: Vec::with_capacity(MAX_MARKS),
+        notice_kind: 0,
+        notice_until_ns: 0,
+    }
+}

@@ -1,0 +1,221 @@
+//! What a step will do, from its inputs: by how much it advances, and on which ways the instruments move.
+
+use super::World;
+use crate::collision::eyeball::AWAY;
+use crate::constants::{MAX_HELD, MAX_TIP_RADII, MAX_TIP_SPEED_MM_S};
+use crate::event_log::Happening;
+use crate::microscope;
+use crate::state::{InstrumentState, TrackingState};
+use crate::sweep::{Sweep, share};
+use crate::tools::forceps;
+use nalgebra::{Isometry3, Vector3};
+use protocol::events::{EventKind, Severity};
+use protocol::geometry::Validity;
+use protocol::handles::{HandleState, PedalState, Tool};
+use protocol::limits::{INSTRUMENTS, MAX_STEP_NS, SUBSTEP_NS};
+use protocol::message::Message;
+use protocol::poses::{EYE, TrackerFrame};
+
+/// A step's way from the last exposure to this one.
+#[derive(Debug, Clone, Copy)]
+pub struct Plan {
+    /// Time between the two exposures; 0 for the first one, after a pause, and backwards.
+    pub advance_ns: u64,
+    /// Substeps to do.
+    pub substeps: u64,
+    /// Lag of the substeps at the start.
+    remainder_ns: u64,
+    /// Ways of the instruments in the eye frame.
+    sweeps: [Sweep; INSTRUMENTS],
+    /// Whether they touch anything on it.
+    pub touches: [bool; INSTRUMENTS],
+    /// Jaw openings at both ends, rad.
+    jaws: [[f64; 2]; INSTRUMENTS],
+}
+
+impl Plan {
+    /// Share of the way at the end of substep `k`.
+    pub fn share(&self, k: u64) -> f64 {
+        share(k, SUBSTEP_NS, self.remainder_ns, self.advance_ns)
+    }
+
+    /// Pose of an instrument at share `s`, eye frame.
+    pub fn pose(&self, instrument: usize, s: f64) -> Isometry3<f64> {
+        self.sweeps[instrument].pose(s)
+    }
+
+    /// Jaw opening at share `s`, rad.
+    pub fn jaw(&self, instrument: usize, s: f64) -> f64 {
+        let [from, to] = self.jaws[instrument];
+        from + (to - from) * s
+    }
+}
+
+/// An instrument that was never seen.
+pub fn start_instrument(tool: Tool) -> InstrumentState {
+    InstrumentState {
+        tool: tool as u32,
+        jaw_rad: 0.0,
+        jaw_target_rad: 0.0,
+        eye_from_instrument: Isometry3::identity(),
+        world_from_instrument: Isometry3::identity(),
+        tip_in_eye_mm: Vector3::zeros(),
+        touches: false,
+        held: Vec::with_capacity(MAX_HELD),
+        retina: AWAY,
+        under: false,
+        in_contact: false,
+        travelled_mm: 0.0,
+        fold_quiet_ns: 0,
+    }
+}
+
+impl World {
+    /// Takes the newest jaw opening and tool of each instrument.
+    pub(super) fn take_handles(&mut self, handles: &[HandleState]) {
+        for handle in handles {
+            if handle.validate().is_err() {
+                self.refuse();
+                continue;
+            }
+            let instrument = &mut self.state.instruments[handle.instrument as usize];
+            (instrument.tool, instrument.jaw_target_rad) = (handle.tool, handle.jaw_rad);
+            self.state.handles_below = handle.seq + 1;
+        }
+        for i in 0..INSTRUMENTS {
+            if let Some(tool) = Tool::from_wire(self.state.instruments[i].tool) {
+                self.images[i].set_tool(tool, self.zcoll.volume());
+            }
+            if !forceps::has_jaws(self.state.instruments[i].tool) {
+                self.let_go(i);
+            }
+        }
+    }
+
+    /// Takes the pedal's states in order; the last one counts.
+    pub(super) fn take_pedals(&mut self, pedals: &[PedalState]) {
+        for pedal in pedals {
+            if pedal.validate().is_err() {
+                self.refuse();
+                continue;
+            }
+            microscope::press(&mut self.state.microscope, pedal);
+            self.state.pedals_below = pedal.seq + 1;
+        }
+    }
+
+    fn refuse(&mut self) {
+        self.state.refused += 1;
+        let count = self.state.refused as f64;
+        self.log.raise(Happening::new(EventKind::InputRefused, Severity::Warning, count));
+    }
+
+    /// Decides what this step does and takes the poses in.
+    pub(super) fn plan(&mut self, frame: &TrackerFrame) -> Plan {
+        let (last, now) = (self.state.exposed_ns, frame.instants.exposed);
+        let regular = last > 0 && now > last && now - last <= MAX_STEP_NS;
+        let advance_ns = if regular { now - last } else { 0 };
+        let lag_ns = self.state.remainder_ns + advance_ns;
+        let mut plan = Plan {
+            advance_ns,
+            substeps: lag_ns / SUBSTEP_NS,
+            remainder_ns: self.state.remainder_ns,
+            sweeps: [Sweep::at(Isometry3::identity()); INSTRUMENTS],
+            touches: [false; INSTRUMENTS],
+            jaws: [[0.0; 2]; INSTRUMENTS],
+        };
+        self.state.remainder_ns = lag_ns % SUBSTEP_NS;
+        (self.state.exposed_ns, self.state.field, self.state.frame) = (now, frame.field, frame.frame);
+        let eye_tracked = self.note_tracking(frame, EYE);
+        if eye_tracked {
+            self.state.world_from_eye = frame.bodies[EYE].world_from_body.isometry();
+        }
+        for i in 0..INSTRUMENTS {
+            let tracked = self.note_tracking(frame, i) && eye_tracked;
+            self.plan_instrument(&mut plan, frame, i, tracked);
+        }
+        plan
+    }
+
+    fn plan_instrument(&mut self, plan: &mut Plan, frame: &TrackerFrame, i: usize, tracked: bool) {
+        let reach = self.scene.eye.retina_radius_mm * MAX_TIP_RADII;
+        let state = &self.state.instruments[i];
+        let world_from_instrument = frame.bodies[i].world_from_body.isometry();
+        let to = self.state.world_from_eye.inverse() * world_from_instrument;
+        let present = tracked && to.translation.vector.norm() < reach;
+        let way = Sweep { from: state.eye_from_instrument, to };
+        let possible = MAX_TIP_SPEED_MM_S * plan.advance_ns as f64 * 1e-9;
+        let sweeps = state.touches && present && plan.advance_ns > 0 && way.length_mm() <= possible;
+        let torn_off = !present || (!sweeps && way.length_mm() > self.scene.contact.grab_reach_mm);
+        if torn_off {
+            self.let_go(i);
+        }
+        let state = &mut self.state.instruments[i];
+        plan.jaws[i] = [state.jaw_rad, state.jaw_target_rad];
+        plan.touches[i] = sweeps;
+        state.touches = present;
+        plan.sweeps[i] = if sweeps { way } else { Sweep::at(if present { to } else { way.from }) };
+        if present {
+            (state.eye_from_instrument, state.world_from_instrument) = (to, world_from_instrument);
+        }
+        if !sweeps {
+            (state.in_contact, state.under, state.travelled_mm) = (false, false, 0.0);
+            state.tip_in_eye_mm = plan.sweeps[i].to.translation.vector;
+            plan.jaws[i][0] = state.jaw_target_rad;
+            state.jaw_rad = state.jaw_target_rad;
+            if state.jaw_rad > self.scene.contact.release_above_rad {
+                self.let_go(i);
+            }
+        }
+    }
+
+    /// True if a body of the frame is tracked; tells when that changes.
+    fn note_tracking(&mut self, frame: &TrackerFrame, body: usize) -> bool {
+        let found = &frame.bodies[body];
+        let tracked = found.validity() != Validity::Lost && found.world_from_body.is_valid();
+        let state = &mut self.state.tracking[body];
+        let before = *state;
+        if tracked == before.tracked {
+            return tracked;
+        }
+        let now = frame.instants.exposed;
+        *state = TrackingState { tracked, lost_ns: if tracked { 0 } else { now } };
+        let mut happening = Happening::new(EventKind::TrackingLost, Severity::Warning, 0.0);
+        if tracked {
+            let lost_s = now.saturating_sub(before.lost_ns) as f64 * 1e-9;
+            happening = Happening::new(EventKind::TrackingRegained, Severity::Info, lost_s);
+        }
+        if body < INSTRUMENTS {
+            happening = happening.by(body, self.state.instruments[body].tip_in_eye_mm.into());
+        }
+        happening.subject = body as u32;
+        // The first pose of all regains nothing.
+        if !tracked || before.lost_ns > 0 {
+            self.log.raise(happening);
+        }
+        tracked
+    }
+
+    /// Moves tips and jaws to the end of substep `k`; returns the poses in the eye frame.
+    pub(super) fn move_instruments(&mut self, plan: &Plan, k: u64) -> Poses {
+        let s = plan.share(k);
+        let poses: [Isometry3<f64>; INSTRUMENTS] = std::array::from_fn(|i| plan.pose(i, s));
+        let mut steps = [Vector3::zeros(); INSTRUMENTS];
+        for (i, pose) in poses.iter().enumerate() {
+            let state = &mut self.state.instruments[i];
+            steps[i] = pose.translation.vector - state.tip_in_eye_mm;
+            state.tip_in_eye_mm = pose.translation.vector;
+            state.travelled_mm += steps[i].norm();
+        }
+        Poses { eye_from_instrument: poses, tip_step_mm: steps }
+    }
+}
+
+/// Instruments at the end of a substep.
+#[derive(Debug, Clone, Copy)]
+pub struct Poses {
+    /// `eye_from_instrument`.
+    pub eye_from_instrument: [Isometry3<f64>; INSTRUMENTS],
+    /// Way of the tip in this substep, eye frame, mm.
+    pub tip_step_mm: [Vector3<f64>; INSTRUMENTS],
+}

@@ -1,0 +1,208 @@
+//! The tissue's share of a step: it moves, tears, pulls at the retina and at the jaws.
+
+use super::World;
+use super::plan::{Plan, Poses};
+use crate::constants::{JAW_LENGTH_MM, RIM_REARM, SUBSTEP_S};
+use crate::event_log::Happening;
+use crate::guard;
+use crate::membrane::tear;
+use crate::state::NODE_PINNED;
+use crate::tools::forceps::{self, Grasp};
+use nalgebra::Vector3;
+use protocol::events::{EventKind, Severity};
+use protocol::limits::INSTRUMENTS;
+use protocol::scene::NODE_FREE;
+
+/// What happened to the membrane in a step, added up so that a step raises one event of a kind.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Toll {
+    torn: u32,
+    torn_at: usize,
+    rim_un: f32,
+    rim_node: usize,
+    detached: u32,
+}
+
+impl World {
+    /// One substep of the membrane.
+    pub(super) fn move_tissue(&mut self, plan: &Plan, poses: &Poses) {
+        let membrane = &mut self.state.membrane;
+        for (i, pose) in poses.eye_from_instrument.iter().enumerate() {
+            if plan.touches[i] {
+                forceps::carry(&self.state.instruments[i], membrane, pose, SUBSTEP_S);
+            }
+        }
+        let alarms = self.solver.accelerate(&self.sheet, membrane, &self.tissue);
+        if alarms.not_finite {
+            self.contain();
+        }
+        if alarms.over_acceleration || alarms.over_tension {
+            self.tear(alarms.over_acceleration);
+        }
+        self.solver.integrate(&mut self.state.membrane, &self.tissue);
+        self.watch_rim();
+    }
+
+    fn contain(&mut self) {
+        let log = &mut self.log;
+        let (state, solver) = (&mut self.state.membrane, &mut self.solver);
+        guard::contain(&self.sheet, state, solver, &self.last_good, |node| log.raise(disabled(node)));
+        self.after_loss();
+    }
+
+    /// The last check of a step: whatever is not finite by now is taken out.
+    pub(super) fn check_finite(&mut self) {
+        if guard::all_finite(&self.state.membrane) {
+            return;
+        }
+        let log = &mut self.log;
+        let state = &mut self.state.membrane;
+        guard::disable_bad_nodes(&self.sheet, state, &self.last_good, |node| log.raise(disabled(node)));
+        self.after_loss();
+    }
+
+    fn tear(&mut self, over_acceleration: bool) {
+        let (sheet, state, solver) = (&self.sheet, &mut self.state.membrane, &self.solver);
+        let (mut torn, mut place) = tear::tear_by_tension(sheet, state, solver);
+        if over_acceleration {
+            let (more, at) = tear::tear_by_acceleration(sheet, state, solver, self.tissue.a_tear);
+            (torn, place) = (torn + more, if more > 0 { at } else { place });
+        }
+        if torn > 0 {
+            (self.toll.torn, self.toll.torn_at) = (self.toll.torn + torn, place);
+            self.after_loss();
+        }
+    }
+
+    /// After triangles have gone: the solver and the jaws forget what belonged to them.
+    fn after_loss(&mut self) {
+        for i in 0..INSTRUMENTS {
+            let instrument = &mut self.state.instruments[i];
+            if forceps::drop_dead(instrument, &self.state.membrane) && instrument.held.is_empty() {
+                let tip = instrument.tip_in_eye_mm.into();
+                let event = Happening::new(EventKind::TissueReleased, Severity::Info, 0.0);
+                self.log.raise(event.by(i, tip));
+            }
+        }
+        self.refresh();
+    }
+
+    /// Force on the pinned nodes: the largest is kept for the warning, too large a one detaches.
+    fn watch_rim(&mut self) {
+        let tear2 = (self.scene.membrane.rim_tear_un * self.scene.membrane.rim_tear_un) as f32;
+        let [fx, fy, fz] = &self.solver.force_un;
+        let before = self.toll.detached;
+        for &node in &self.sheet.rim {
+            let n = node as usize;
+            if self.state.membrane.flag[n] != NODE_PINNED {
+                continue;
+            }
+            let f2 = fx[n] * fx[n] + fy[n] * fy[n] + fz[n] * fz[n];
+            if f2 > self.toll.rim_un * self.toll.rim_un {
+                (self.toll.rim_un, self.toll.rim_node) = (f2.sqrt(), n);
+            }
+            if f2 > tear2 {
+                self.state.membrane.flag[n] = NODE_FREE;
+                self.toll.detached += 1;
+            }
+        }
+        if self.toll.detached > before {
+            self.refresh();
+        }
+    }
+
+    /// Jaws that close, open or slip during substep `k`.
+    pub(super) fn use_forceps(&mut self, plan: &Plan, poses: &Poses, k: u64) {
+        let s = plan.share(k);
+        for i in 0..INSTRUMENTS {
+            let instrument = &mut self.state.instruments[i];
+            let (before, now) = (instrument.jaw_rad, plan.jaw(i, s));
+            instrument.jaw_rad = now;
+            if !plan.touches[i] || !forceps::has_jaws(instrument.tool) {
+                continue;
+            }
+            instrument.travelled_mm += 0.5 * (now - before).abs() * JAW_LENGTH_MM;
+            match forceps::grasp(before, now, &self.scene.contact) {
+                Some(Grasp::Closed) if instrument.held.is_empty() => self.grab(i, poses),
+                Some(Grasp::Opened) => self.let_go(i),
+                _ => self.slip(i),
+            }
+        }
+    }
+
+    fn grab(&mut self, i: usize, poses: &Poses) {
+        let reach = self.scene.contact.grab_reach_mm;
+        let pose = &poses.eye_from_instrument[i];
+        let instrument = &mut self.state.instruments[i];
+        let held = forceps::bind(instrument, i, &mut self.state.membrane, pose, reach);
+        if held > 0 {
+            let event = Happening::new(EventKind::TissueGrabbed, Severity::Info, held as f64);
+            self.log.raise(event.by(i, pose.translation.vector.into()));
+            self.refresh();
+        }
+    }
+
+    /// Opens the grip of instrument `i`, if it holds anything.
+    pub(super) fn let_go(&mut self, i: usize) {
+        let instrument = &mut self.state.instruments[i];
+        let released = forceps::release(instrument, &mut self.state.membrane);
+        if released > 0 {
+            let tip = instrument.tip_in_eye_mm.into();
+            let event = Happening::new(EventKind::TissueReleased, Severity::Info, released as f64);
+            self.log.raise(event.by(i, tip));
+            self.refresh();
+        }
+    }
+
+    fn slip(&mut self, i: usize) {
+        let instrument = &mut self.state.instruments[i];
+        if instrument.held.is_empty() {
+            return;
+        }
+        let (pull, limit) = (forceps::pull_un(instrument, &self.solver), self.scene.contact.grip_un);
+        if pull > limit {
+            forceps::release(instrument, &mut self.state.membrane);
+            let event = Happening::new(EventKind::GripSlipped, Severity::Warning, pull);
+            let tip = instrument.tip_in_eye_mm.into();
+            self.log.raise(Happening { limit, ..event.by(i, tip) });
+            self.refresh();
+        }
+    }
+
+    /// Raises the events of the toll.
+    pub(super) fn tell_toll(&mut self) {
+        let toll = self.toll;
+        let scene = &self.scene.membrane;
+        let at = |node: usize| self.state.membrane.position(node).map(f64::from);
+        let event = |kind, severity, value: f64, limit, node: usize, at: Vector3<f64>| Happening {
+            limit,
+            subject: node as u32,
+            position_in_eye_mm: at.into(),
+            ..Happening::new(kind, severity, value)
+        };
+        let rim = f64::from(toll.rim_un);
+        if toll.torn > 0 {
+            let (value, place) = (f64::from(toll.torn), at(toll.torn_at));
+            let torn = event(EventKind::TissueTorn, Severity::Info, value, 0.0, toll.torn_at, place);
+            self.log.raise(torn);
+        }
+        let place = at(toll.rim_node);
+        if toll.detached > 0 {
+            let (kind, limit) = (EventKind::RimDetached, scene.rim_tear_un);
+            self.log.raise(event(kind, Severity::Injury, rim, limit, toll.rim_node, place));
+        }
+        let warned = self.state.membrane.rim_warned;
+        if rim > scene.rim_warn_un && !warned {
+            self.state.membrane.rim_warned = true;
+            let (kind, limit) = (EventKind::RimForceHigh, scene.rim_warn_un);
+            self.log.raise(event(kind, Severity::Warning, rim, limit, toll.rim_node, place));
+        } else if toll.rim_un < RIM_REARM * scene.rim_warn_un as f32 {
+            self.state.membrane.rim_warned = false;
+        }
+    }
+}
+
+fn disabled(node: usize) -> Happening {
+    let event = Happening::new(EventKind::TissueDisabled, Severity::Injury, node as f64);
+    Happening { subject: node as u32, ..event }
+}
