@@ -19,8 +19,8 @@ setup: ## Install a C compiler, a Vulkan driver and Rust, where they are missing
 	@set -eu; missing=""; \
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
 	command -v pkg-config >/dev/null || missing="$$missing pkg-config"; \
-	ls /usr/lib/*/libvulkan.so.1 /usr/lib64/libvulkan.so.1 >/dev/null 2>&1 \
-		|| ls /usr/lib/*/libvulkan.so.1 >/dev/null 2>&1 || missing="$$missing libvulkan1"; \
+	ls /usr/lib/*/libvulkan.so.1 /usr/lib64/libvulkan.so.1 2>/dev/null | grep -q . \
+		|| missing="$$missing libvulkan1"; \
 	ls /usr/share/vulkan/icd.d/*.json /etc/vulkan/icd.d/*.json 2>/dev/null | grep -q . \
 		|| missing="$$missing mesa-vulkan-drivers"; \
 	command -v cargo >/dev/null || command -v curl >/dev/null || missing="$$missing curl ca-certificates"; \

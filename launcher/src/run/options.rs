@@ -104,6 +104,16 @@ fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
     if (0.0..=10_000.0).contains(&delay) { Ok((stage, delay)) } else { Err("expected 0 to 10000 ms".into()) }
 }
 
+/// The film of a renderer that was restarted, beside that of its predecessor: `a.y4m`, `a-2.y4m`.
+fn numbered(file: &Path, restarts: u32) -> PathBuf {
+    if restarts == 0 {
+        return file.to_path_buf();
+    }
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = file.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
+    file.with_file_name(format!("{stem}-{}{ending}", restarts + 1))
+}
+
 /// The camera that `--inject-delay camera-wait=MS` makes late.
 const LATE_CAMERA: u32 = 2;
 
@@ -144,8 +154,15 @@ impl RunArgs {
         self.inject_delay.iter().rev().find(|(s, _)| *s == stage).map(|(_, ms)| *ms)
     }
 
-    /// The arguments of one process. `remaining_s` is what is left of the duration.
-    pub fn arguments_of(&self, process: Process, view: View, remaining_s: Option<f64>) -> Vec<String> {
+    /// The arguments of one process. `remaining_s` is what is left of the duration, `restarts` how
+    /// often the process was restarted before.
+    pub fn arguments_of(
+        &self,
+        process: Process,
+        view: View,
+        remaining_s: Option<f64>,
+        restarts: u32,
+    ) -> Vec<String> {
         let mut args = Arguments::default();
         let (stage, takes_rig, takes_scene) = match process {
             Process::FpgaModel => (Stage::Camera, true, true),
@@ -161,7 +178,7 @@ impl RunArgs {
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
                 args.path("--stills", self.stills.as_deref());
-                args.path("--video", self.video.as_deref());
+                args.path("--video", self.video.as_deref().map(|v| numbered(v, restarts)).as_deref());
             }
             Process::Tracker | Process::Simcore => {}
         }
@@ -262,7 +279,7 @@ mod tests {
             let delayed: Vec<Process> = Process::ALL
                 .into_iter()
                 .filter(|&p| {
-                    let given = args.arguments_of(p, View::Headless, None);
+                    let given = args.arguments_of(p, View::Headless, None, 0);
                     given.windows(2).any(|w| w == ["--inject-delay-ms", "7"] || w == ["--late-camera", "2=7"])
                 })
                 .collect();
@@ -274,11 +291,19 @@ mod tests {
     #[test]
     fn each_process_gets_what_it_understands() {
         let args = parse(&["--rig", "r.json", "--scene", "peel", "--seed", "9", "--stills", "s"]).unwrap();
-        let of = |p| args.arguments_of(p, View::Headless, Some(2.5)).join(" ");
+        let of = |p| args.arguments_of(p, View::Headless, Some(2.5), 0).join(" ");
         assert_eq!(of(Process::FpgaModel), "--rig r.json --scene peel --seed 9 --duration 2.5");
         assert_eq!(of(Process::Tracker), "--rig r.json");
         assert_eq!(of(Process::Simcore), "--scene peel");
         assert_eq!(of(Process::Renderer), "--rig r.json --scene peel --headless --stills s");
+    }
+
+    #[test]
+    fn a_restarted_renderer_does_not_write_over_the_film() {
+        let args = parse(&["--video", "out/a.y4m"]).unwrap();
+        let film = |restarts| args.arguments_of(Process::Renderer, View::Headless, None, restarts).pop();
+        assert_eq!(film(0).as_deref(), Some("out/a.y4m"));
+        assert_eq!(film(2).as_deref(), Some("out/a-3.y4m"));
     }
 
     #[test]

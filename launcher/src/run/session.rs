@@ -221,6 +221,7 @@ impl<'a> Session<'a> {
             Happening::Ready(process) => {
                 if *process == Process::FpgaModel && self.started_ns == 0 {
                     self.started_ns = at;
+                    self.note_own_cpu(at);
                 }
                 if self.supervisor.all_ready() && self.started_ns > 0 {
                     self.hearing.ledger.warm_from(at + WARM_UP_NS);

@@ -3,7 +3,7 @@
 use super::options::{RunArgs, View};
 use super::policy::{CpuAccount, MAX_RESTARTS, RestartLimit, WINDOW_NS};
 use crate::children::{self, Child, Surroundings};
-use anyhow::{bail, ensure};
+use anyhow::ensure;
 use protocol::control::{Command, Request};
 use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
 use protocol::ipc::{Instance, Sender};
@@ -73,7 +73,7 @@ impl Supervisor {
 
     /// Starts a process. `extra` arguments come after those of the run.
     pub fn start(&mut self, process: Process, remaining_s: Option<f64>, now: Nanos) -> anyhow::Result<()> {
-        let child = Some(self.spawn(process, remaining_s, &[])?);
+        let child = Some(self.spawn(process, remaining_s, 0, &[])?);
         let (health, cpu, limit) = (None, CpuAccount::default(), RestartLimit::default());
         let (ready, was_ready, restarts, last_sign_ns) = (false, false, 0, now);
         self.slots.push(Slot {
@@ -90,8 +90,14 @@ impl Supervisor {
         Ok(())
     }
 
-    fn spawn(&self, process: Process, remaining_s: Option<f64>, extra: &[String]) -> anyhow::Result<Child> {
-        let mut args = self.args.arguments_of(process, self.view, remaining_s);
+    fn spawn(
+        &self,
+        process: Process,
+        remaining_s: Option<f64>,
+        restarts: u32,
+        extra: &[String],
+    ) -> anyhow::Result<Child> {
+        let mut args = self.args.arguments_of(process, self.view, remaining_s, restarts);
         args.extend_from_slice(extra);
         let surroundings = match process {
             Process::Renderer => Surroundings {
@@ -161,20 +167,13 @@ impl Supervisor {
             if end.orderly && slot.process == Process::FpgaModel && self.stream_ended {
                 continue;
             }
-            ensure!(slot.was_ready, "{}", start_failure(slot.process, &end.how));
-            if !slot.limit.allows(now) {
-                let window_s = WINDOW_NS / 1_000_000_000;
-                bail!(
-                    "{} died more than {MAX_RESTARTS} times in {window_s} s; the last time: {}",
-                    slot.process.binary(),
-                    end.how
-                );
-            }
+            slot.may_restart(now, &end.how)?;
             let (process, was_at_work) = (slot.process, slot.ready);
-            let child = self.spawn(process, remaining_s, &revive(process, was_at_work))?;
-            let slot = &mut self.slots[i];
-            (slot.child, slot.ready, slot.last_sign_ns) = (Some(child), false, now);
             slot.restarts += 1;
+            let restarts = slot.restarts;
+            let child = self.spawn(process, remaining_s, restarts, &revive(process, was_at_work))?;
+            let slot = &mut self.slots[i];
+            (slot.child, slot.health, slot.ready, slot.last_sign_ns) = (Some(child), None, false, now);
             happenings.push(Happening::Restarting(process, end.how));
         }
         Ok(happenings)
@@ -221,6 +220,15 @@ impl Slot {
         let how =
             format!("{} gave no sign of life for {silent_s:.1} s and was killed", self.process.binary());
         Some(End { orderly: false, how })
+    }
+
+    /// Fails where a restart would not help: the process never worked, or dies too often.
+    fn may_restart(&mut self, now: Nanos, how: &str) -> anyhow::Result<()> {
+        ensure!(self.was_ready, "{}", start_failure(self.process, how));
+        let (name, window_s) = (self.process.binary(), WINDOW_NS / 1_000_000_000);
+        let allowed = self.limit.allows(now);
+        ensure!(allowed, "{name} died more than {MAX_RESTARTS} times in {window_s} s; the last time: {how}");
+        Ok(())
     }
 }
 
