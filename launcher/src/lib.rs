@@ -10,6 +10,8 @@ pub mod export;
 pub mod import;
 pub mod info;
 pub mod machine;
+pub mod poses_csv;
+pub mod progress;
 pub mod recover;
 pub mod replay;
 pub mod run;

@@ -86,6 +86,13 @@ impl Item {
         Self::TOPICS[self.topic_index()]
     }
 
+    /// The item's message as it stands in the file: equal for items that are equal to the bit.
+    pub fn encoded(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        record::encode(self, &mut bytes);
+        bytes
+    }
+
     fn topic_index(&self) -> usize {
         match self {
             Item::Blobs(_) => 0,

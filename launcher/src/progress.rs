@@ -1,0 +1,23 @@
+//! A sign of progress for a person: on a terminal only, never in a pipe or a file.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::IsTerminal;
+
+fn styled(length: Option<u64>, template: &str, what: &'static str) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::with_draw_target(length, ProgressDrawTarget::stderr());
+    bar.set_style(ProgressStyle::with_template(template).expect("a valid template"));
+    bar.with_message(what)
+}
+
+/// A bar over a known amount of bytes.
+pub fn bytes_bar(bytes: u64, what: &'static str) -> ProgressBar {
+    styled(Some(bytes), "{msg} {wide_bar} {bytes}/{total_bytes} {eta}", what)
+}
+
+/// A count of something whose amount is not known beforehand.
+pub fn counter(what: &'static str) -> ProgressBar {
+    styled(None, "{spinner} {human_pos} {msg} ({per_sec})", what)
+}
