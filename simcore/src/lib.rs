@@ -25,6 +25,7 @@ pub mod membrane;
 pub mod microscope;
 pub mod process;
 pub mod rehearsal;
+pub mod resume;
 pub mod scene_block;
 pub mod state;
 pub mod sweep;

@@ -2,6 +2,7 @@
 //! that knows the transport and the clock.
 
 use crate::config::Args;
+use crate::resume::{Past, Resumed};
 use crate::scene_block::{SceneWriter, bytes_needed};
 use crate::world::{StepInput, World};
 use anyhow::Context;
@@ -13,11 +14,13 @@ use protocol::ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wa
 use protocol::limits::{CHECKPOINT_NS, MAX_CHECKPOINT_BYTES, MAX_WAIT_MS};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
+use protocol::recording::Recording;
 use protocol::scene::SceneHeader;
 use protocol::scene_file::SceneFile;
 use protocol::shell::Shell;
 use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::{Nanos, now};
+use std::path::Path;
 
 /// Runs the simulation until it is told to stop.
 pub fn run(args: &Args) -> anyhow::Result<()> {
@@ -25,6 +28,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut world = World::new(&scene).context("scene")?;
     let (instance, mut shell) = Shell::start(Process::Simcore, &args.shell)?;
     let mut desk = Desk::open(&instance, &world)?;
+    if let Some(file) = &args.resume {
+        desk.resume(&mut world, file)?;
+    }
     shell.report.state = STATE_RUNNING;
     shell.beat_now(now())?;
     let mut paused = false;
@@ -191,6 +197,30 @@ impl Desk {
             payload[..saved.len()].copy_from_slice(saved);
             header
         })?;
+        Ok(())
+    }
+
+    /// Brings the world to where the recording ends, and says so.
+    fn resume(&mut self, world: &mut World, file: &Path) -> anyhow::Result<()> {
+        let recording = Recording::open(file).context("--resume")?;
+        let mut past = Past::default();
+        for item in recording.items() {
+            match item {
+                Ok((_, item)) => past.note(item),
+                Err(error) => {
+                    log::warn!("--resume: {error}; going on with what comes before");
+                    break;
+                }
+            }
+        }
+        let resumed = past.repeat(world).with_context(|| format!("--resume {}", file.display()))?;
+        if !resumed.agrees || resumed.missing > 0 {
+            let Resumed { steps, missing, agrees } = resumed;
+            log::warn!("resumed with {steps} steps; missing: {missing}; state as recorded: {agrees}");
+        }
+        self.writer.forget();
+        let exposed = world.state().exposed_ns;
+        self.raise(world, exposed, EventKind::Resumed, resumed.steps as f64)?;
         Ok(())
     }
 

@@ -151,7 +151,7 @@ impl Solver {
         let squares = &self.acceleration2;
         let tear2 = tissue.a_tear * tissue.a_tear;
         // Counting instead of `any` keeps the loop free of branches.
-        let infinite = squares.iter().filter(|&&a2| !(a2 <= f32::MAX)).count();
+        let infinite = squares.iter().filter(|a2| !a2.is_finite()).count();
         let over = squares.iter().filter(|&&a2| a2 > tear2).count();
         let torn = self.tension_un.iter().zip(&self.tension_limit).filter(|(t, limit)| t > limit).count();
         Alarms { not_finite: infinite > 0, over_acceleration: over > 0, over_tension: torn > 0 }

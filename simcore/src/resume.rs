@@ -1,0 +1,196 @@
+//! Going on where a predecessor stood: its newest checkpoint, and the recorded inputs since, stepped again
+//! in the recorded order. Pure: the items come from the caller.
+
+use crate::checkpoint::CheckpointError;
+use crate::world::{StepInput, World, no_clock};
+use protocol::handles::{HandleState, PedalState};
+use protocol::poses::TrackerFrame;
+use protocol::recording::Item;
+use protocol::steps::{CheckpointHeader, StepRecord};
+use std::collections::VecDeque;
+
+/// What a recording knows since its newest checkpoint.
+#[derive(Debug, Default)]
+pub struct Past {
+    checkpoint: Option<(CheckpointHeader, Vec<u8>)>,
+    steps: VecDeque<StepRecord>,
+    poses: VecDeque<Box<TrackerFrame>>,
+    handles: VecDeque<HandleState>,
+    pedals: VecDeque<PedalState>,
+}
+
+/// How far the past led.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Resumed {
+    /// Steps that were computed again.
+    pub steps: u64,
+    /// Recorded steps that could not be, because inputs are missing.
+    pub missing: u64,
+    /// True if the state is the recorded one, to the bit.
+    pub agrees: bool,
+}
+
+impl Past {
+    /// Takes the next item of the recording.
+    pub fn note(&mut self, item: Item) {
+        match item {
+            Item::Checkpoint(header, bytes) => {
+                self.trim(&header);
+                self.checkpoint = Some((header, bytes));
+            }
+            Item::Step(step) => self.steps.push_back(step),
+            Item::Poses(frame) => self.poses.push_back(frame),
+            Item::Handle(handle) => self.handles.push_back(handle),
+            Item::Pedal(pedal) => self.pedals.push_back(pedal),
+            _ => {}
+        }
+    }
+
+    /// Drops what the checkpoint's state has consumed. Numbers may begin again within a recording, so the
+    /// last match counts. What was recorded a little early or late stays.
+    fn trim(&mut self, header: &CheckpointHeader) {
+        let same = |s: &StepRecord| s.step == header.step && s.state_hash == header.state_hash;
+        if let Some(at) = self.steps.iter().rposition(same) {
+            let exposed = self.steps[at].instants.exposed;
+            let frame = self.poses.iter().rposition(|p| p.instants.exposed == exposed);
+            self.poses.drain(..frame.map_or(0, |f| f + 1));
+            self.steps.drain(..=at);
+        }
+        let consumed = self.handles.iter().rposition(|h| h.seq + 1 == header.handles_below);
+        self.handles.drain(..consumed.map_or(0, |at| at + 1));
+        let consumed = self.pedals.iter().rposition(|p| p.seq + 1 == header.pedals_below);
+        self.pedals.drain(..consumed.map_or(0, |at| at + 1));
+    }
+
+    /// Restores the checkpoint (or takes `world` as it is, at its start) and repeats the steps since.
+    pub fn repeat(mut self, world: &mut World) -> Result<Resumed, CheckpointError> {
+        let mut agrees = true;
+        if let Some((header, bytes)) = &self.checkpoint {
+            let used = bytes.get(..header.bytes as usize).unwrap_or(bytes);
+            world.restore(used)?;
+            agrees = world.state_hash() == header.state_hash;
+        }
+        let mut steps = 0;
+        while let Some(step) = self.steps.front().copied() {
+            let Some(hash) = self.repeat_step(world, &step) else { break };
+            agrees = hash == step.state_hash;
+            self.steps.pop_front();
+            steps += 1;
+        }
+        Ok(Resumed { steps, missing: self.steps.len() as u64, agrees })
+    }
+
+    /// One recorded step; `None` where an input is missing.
+    fn repeat_step(&mut self, world: &mut World, step: &StepRecord) -> Option<u64> {
+        let state = world.state();
+        if step.step != state.step + 1 {
+            return None;
+        }
+        let mine =
+            |p: &Box<TrackerFrame>| p.frame == step.frame && p.instants.exposed == step.instants.exposed;
+        let pose = self.poses.iter().position(mine)?;
+        let handles = take(&mut self.handles, state.handles_below, step.handles_below, |h| h.seq)?;
+        let pedals = take(&mut self.pedals, state.pedals_below, step.pedals_below, |p| p.seq)?;
+        let frame = self.poses.drain(..=pose).next_back()?;
+        let input = StepInput { frame: &frame, handles: &handles, pedals: &pedals };
+        Some(world.step(&input, &mut no_clock).state_hash)
+    }
+}
+
+/// Takes what a step consumed off the front of a queue: up to the first with number `below` − 1, which is
+/// also right where a restarted sender began again at 0. `None` if that one is missing.
+fn take<T>(queue: &mut VecDeque<T>, before: u64, below: u64, seq: impl Fn(&T) -> u64) -> Option<Vec<T>> {
+    if below == before {
+        return Some(Vec::new());
+    }
+    let last = queue.iter().position(|x| seq(x) + 1 == below)?;
+    Some(queue.drain(..=last).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rehearsal::Rehearsal;
+    use bytemuck::Zeroable;
+    use protocol::scene_file::SceneFile;
+
+    /// A run of `fields` fields as a recorder sees it, with a checkpoint after each of `saves`.
+    fn record(fields: u64, saves: &[u64]) -> (World, Vec<Item>) {
+        let scene = SceneFile::load("peel").unwrap();
+        let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+        let mut items = Vec::new();
+        for field in 200..200 + fields {
+            let (frame, handles) = rehearsal.field(field);
+            let pedal = PedalState { seq: field, axes: [0.5, 0.1], ..PedalState::zeroed() };
+            items.extend(handles.map(Item::Handle));
+            items.push(Item::Pedal(pedal));
+            items.push(Item::Poses(Box::new(frame)));
+            let input = StepInput { frame: &frame, handles: &handles, pedals: &[pedal] };
+            let report = world.step(&input, &mut no_clock);
+            let mut step = StepRecord::zeroed();
+            (step.step, step.field, step.frame) = (world.state().step, frame.field, frame.frame);
+            (step.instants, step.state_hash) = (frame.instants, report.state_hash);
+            step.handles_below = world.state().handles_below;
+            step.pedals_below = world.state().pedals_below;
+            items.push(Item::Step(step));
+            if saves.contains(&(field - 200)) {
+                items.push(checkpoint(&world, &step));
+            }
+        }
+        (world, items)
+    }
+
+    fn checkpoint(world: &World, step: &StepRecord) -> Item {
+        let mut bytes = Vec::new();
+        world.save(&mut bytes).unwrap();
+        let mut header = CheckpointHeader::zeroed();
+        (header.step, header.field, header.state_hash) = (step.step, step.field, step.state_hash);
+        (header.handles_below, header.pedals_below) = (step.handles_below, step.pedals_below);
+        header.bytes = bytes.len() as u64;
+        Item::Checkpoint(header, bytes)
+    }
+
+    fn repeat(items: Vec<Item>) -> (World, Resumed) {
+        let mut world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
+        let mut past = Past::default();
+        items.into_iter().for_each(|i| past.note(i));
+        let resumed = past.repeat(&mut world).unwrap();
+        (world, resumed)
+    }
+
+    #[test]
+    fn goes_on_from_the_newest_checkpoint_to_the_last_step() {
+        let (world, items) = record(100, &[10, 60]);
+        let (again, resumed) = repeat(items);
+        assert_eq!(resumed, Resumed { steps: 39, missing: 0, agrees: true });
+        assert_eq!(again.state(), world.state());
+    }
+
+    #[test]
+    fn without_a_checkpoint_it_begins_at_the_start() {
+        let (world, items) = record(30, &[]);
+        let (again, resumed) = repeat(items);
+        assert_eq!(resumed, Resumed { steps: 30, missing: 0, agrees: true });
+        assert_eq!(again.state_hash(), world.state_hash());
+    }
+
+    #[test]
+    fn a_missing_pose_ends_it_there() {
+        let (_, mut items) = record(40, &[5]);
+        let gone = items.iter().rposition(|i| matches!(i, Item::Poses(p) if p.field == 220)).unwrap();
+        items.remove(gone);
+        let (world, resumed) = repeat(items);
+        assert_eq!((resumed.missing, resumed.agrees), (20, true));
+        assert_eq!(world.state().field, 219);
+    }
+
+    #[test]
+    fn another_state_is_noticed() {
+        let (_, mut items) = record(20, &[5]);
+        let last = items.last_mut().unwrap();
+        if let Item::Step(step) = last {
+            step.state_hash ^= 1;
+        }
+        assert!(!repeat(items).1.agrees);
+    }
+}
