@@ -4,7 +4,7 @@
 use crate::constants as k;
 use crate::filter::Matrix6;
 use crate::fit::{Match, carried, pose_jacobian};
-use crate::model::{BodyModel, RigModel};
+use crate::model::RigModel;
 use crate::sight::{View, camera_of, covariance_as, image_of};
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
@@ -33,6 +33,20 @@ pub struct Expected {
     pub variance_scale: f64,
 }
 
+/// The camera-fields of one instant.
+pub struct Group<'a> {
+    /// The rig.
+    pub rig: &'a RigModel,
+    /// Newest view of each camera.
+    pub views: &'a [View; MAX_CAMERAS],
+    /// Set of the cameras whose view belongs to this instant.
+    pub cameras: u32,
+    /// The instant.
+    pub base_ns: u64,
+    /// The cameras' area scales.
+    pub area_scales: &'a [f64; MAX_CAMERAS],
+}
+
 /// Finds matches; keeps its memory between calls.
 pub struct Associator {
     candidates: Vec<Candidate>,
@@ -51,15 +65,10 @@ impl Default for Associator {
 }
 
 impl Associator {
-    /// Fills `matches` of every body that is expected somewhere. `group` lists the cameras whose
-    /// views belong to this instant `base_ns`; `area_scales` are the cameras' own.
+    /// Fills `matches` of every body that is expected somewhere.
     pub fn associate(
         &mut self,
-        rig: &RigModel,
-        views: &[View; MAX_CAMERAS],
-        group: u32,
-        base_ns: u64,
-        area_scales: &[f64; MAX_CAMERAS],
+        group: &Group<'_>,
         expected: &[Option<Expected>; BODIES],
         matches: &mut [Vec<Match>; BODIES],
     ) {
@@ -68,9 +77,8 @@ impl Associator {
         self.markers_used = [[0; MAX_CAMERAS]; BODIES];
         for (body, expected) in expected.iter().enumerate() {
             let Some(expected) = expected else { continue };
-            for view in views.iter().filter(|v| group & (1 << v.camera) != 0) {
-                let scale = area_scales[view.camera];
-                self.collect(rig, &rig.bodies[body], body, view, base_ns, scale, expected);
+            for view in group.views.iter().filter(|v| group.cameras & (1 << v.camera) != 0) {
+                self.collect(group, body, view, expected);
             }
         }
         self.candidates.sort_unstable_by(|a, b| {
@@ -93,21 +101,12 @@ impl Associator {
         }
     }
 
-    #[allow(clippy::too_many_arguments)] // one inner loop of `associate`
-    fn collect(
-        &mut self,
-        rig: &RigModel,
-        model: &BodyModel,
-        body: usize,
-        view: &View,
-        base_ns: u64,
-        area_scale: f64,
-        expected: &Expected,
-    ) {
-        let Some(camera) = camera_of(rig, view) else { return };
-        let dt_s = (view.exposed_ns as i64).wrapping_sub(base_ns as i64) as f64 * 1e-9;
+    fn collect(&mut self, group: &Group<'_>, body: usize, view: &View, expected: &Expected) {
+        let Some(camera) = camera_of(group.rig, view) else { return };
+        let area_scale = group.area_scales[view.camera];
+        let dt_s = (view.exposed_ns as i64).wrapping_sub(group.base_ns as i64) as f64 * 1e-9;
         let pose = carried(&expected.pose, &expected.motion, dt_s);
-        for (marker, m) in model.markers.iter().enumerate() {
+        for (marker, m) in group.rig.bodies[body].markers.iter().enumerate() {
             let Some(image) = image_of(m, &pose, camera) else { continue };
             let jacobian = pose_jacobian(&image, &pose);
             let predicted = jacobian * expected.covariance * jacobian.transpose();

@@ -4,8 +4,9 @@
 //! Minimised over the pose x at the group's instant:
 //! Σ rᵀ·C⁻¹·r + (x ⊖ x₀)ᵀ·P₀⁻¹·(x ⊖ x₀) + |t|²/σ², where r is blob minus image, C the blob's
 //! covariance, x₀ and P₀ the prediction, and t how far the shaft passes beside its trocar.
-//! While it converges, residuals weigh 1/(1 + d²/9) (Cauchy); then the worst blob beyond the limit
-//! is thrown out, one after the other, and the rest is fitted without weights.
+//! Where a blob is beyond the limit, it converges again with residuals weighing 1/(1 + d²/9)
+//! (Cauchy); then the worst blob beyond the limit is thrown out, one after the other, and the rest
+//! is fitted without weights.
 
 use crate::constants as k;
 use crate::filter::{Filter, Matrix6, Vector6, changed, difference, exp};
@@ -16,6 +17,9 @@ use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
 
 /// Most blobs in a fit.
 pub const MAX_MATCHES: usize = MAX_CAMERAS * MAX_MARKERS;
+
+/// A step (mm, rad) this small ends the iteration: a thousandth of the noise.
+const CONVERGED: f64 = 2e-6;
 
 /// A blob taken for a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,13 +128,18 @@ impl Problem<'_> {
 
     /// Solves it, beginning at `start`. `None` where it does not converge or too little is left.
     pub fn solve(&self, start: &Isometry3<f64>, matches: &mut [Match]) -> Option<Fit> {
-        let mut pose = self.converge(*start, matches, true)?;
+        let mut pose = self.converge(*start, matches, false)?;
         let mut thrown_out = 0;
-        loop {
-            pose = self.converge(pose, matches, false)?;
-            let Some(worst) = self.worst(&pose, matches) else { break };
+        if self.worst(&pose, matches).is_some() {
+            pose = self.converge(*start, matches, true)?;
+        }
+        while let Some(worst) = self.worst(&pose, matches) {
             matches[worst].out = true;
             thrown_out += 1;
+            pose = self.converge(pose, matches, false)?;
+        }
+        if thrown_out == 0 {
+            pose = self.converge(pose, matches, false)?;
         }
         let blobs = matches.iter().filter(|m| !m.out).count();
         if blobs == 0 {
@@ -156,7 +165,7 @@ impl Problem<'_> {
                 return None;
             }
             pose = changed(&pose, &step);
-            if step.amax() < 1e-7 {
+            if step.amax() < CONVERGED {
                 break;
             }
         }

@@ -192,8 +192,11 @@ impl Tracking {
             Command::Start | Command::Pause | Command::Ping | Command::Shutdown => {}
             Command::Snapshot => result = Err("the tracker has no picture".to_owned()),
         }
-        let result = result.as_ref().map(|()| ()).map_err(String::as_str);
-        Ok(self.shell.answer(request, result)?)
+        let answer = match &result {
+            Ok(()) => Ok(()),
+            Err(reason) => Err(reason.as_str()),
+        };
+        Ok(self.shell.answer(request, answer)?)
     }
 
     /// Finishes what is open: everything sent before the request is in the queues by now.

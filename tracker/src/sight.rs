@@ -2,7 +2,7 @@
 
 use crate::constants as k;
 use crate::model::{Marker, RigModel};
-use nalgebra::{Matrix2, Point3, Unit, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Point3, Unit, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::camera::Camera;
 use protocol::limits::MAX_BLOBS;
@@ -94,7 +94,8 @@ fn sight_of(blob: &Blob, field: &BlobField, camera: &Camera) -> Option<Sight> {
     let [w, h] = camera.size_px.map(f64::from);
     let inside =
         (-BORDER_PX..w + BORDER_PX).contains(&pixel.x) && (-BORDER_PX..h + BORDER_PX).contains(&pixel.y);
-    if !inside || !(blob.area_px > 0.0 && blob.area_px.is_finite() && blob.width_px.is_finite()) {
+    let sized = blob.area_px > 0.0 && blob.area_px.is_finite() && blob.width_px.is_finite();
+    if !(inside && sized) {
         return None;
     }
     Some(Sight {
@@ -126,7 +127,7 @@ pub struct Image {
     /// Centre, px of the frame.
     pub pixel: Vector2<f64>,
     /// Jacobian of the centre by the point in the world, px/mm.
-    pub jacobian: nalgebra::Matrix2x3<f64>,
+    pub jacobian: Matrix2x3<f64>,
     /// The seen centre in the world, mm.
     pub point: Point3<f64>,
     /// Radius across, px.
@@ -138,6 +139,9 @@ pub struct Image {
 /// Share of the radius by which the visible half of a band lies before the shaft's axis: the mean
 /// of cos over a half circle seen from the side.
 const BAND_SHIFT: f64 = std::f64::consts::FRAC_PI_4;
+
+/// A point nearer than this cannot be in focus, mm.
+const MIN_DEPTH_MM: f64 = 1.0;
 
 /// The image of a marker of a body at `world_from_body`; `None` behind the camera.
 pub fn image_of(
@@ -154,9 +158,17 @@ pub fn image_of(
             point += across.into_inner() * (BAND_SHIFT * marker.radius);
         }
     }
-    let jacobian = camera.projection_jacobian(&point)?;
-    let pixel = camera.project(&point)?;
-    let depth = camera.in_camera(&point).z;
+    let p = camera.in_camera(&point);
+    let depth = p.z;
+    if depth <= MIN_DEPTH_MM {
+        return None;
+    }
+    // Project and differentiate at once: the distortion is the dear part.
+    let n = Vector2::new(p.x / depth, p.y / depth);
+    let (distorted, slope) = camera.distort(n);
+    let perspective = Matrix2x3::new(1.0, 0.0, -n.x, 0.0, 1.0, -n.y) / depth;
+    let jacobian = Matrix2::from_diagonal(&camera.focal_px) * slope * perspective * camera.camera_from_world;
+    let pixel = camera.focal_px.component_mul(&distorted) + camera.centre_px;
     let radii = camera.focal_px * (marker.radius / depth);
     Some(Image {
         pixel,
@@ -190,4 +202,65 @@ pub fn covariance_as(
 /// The camera of a view.
 pub fn camera_of<'a>(rig: &'a RigModel, view: &View) -> Option<&'a Camera> {
     rig.cameras[view.camera].as_ref()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Isometry3;
+    use proptest::prelude::*;
+    use protocol::rig::Rig;
+
+    proptest! {
+        #[test]
+        fn images_agree_with_the_camera_model(p in prop::array::uniform3(-12.0..12.0f64)) {
+            let rig = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+            let marker = Marker { position: Point3::origin(), radius: 0.5, colour: 1, band: false };
+            for camera in rig.cameras.iter().flatten() {
+                let point = Point3::from(Vector3::from(p));
+                let image = image_of(&marker, &Isometry3::from_parts(point.into(), Default::default()), camera).unwrap();
+                prop_assert!((image.pixel - camera.project(&point).unwrap()).norm() < 1e-9);
+                prop_assert!((image.jacobian - camera.projection_jacobian(&point).unwrap()).norm() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_band_is_seen_before_its_axis() {
+        let rig = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+        let camera = rig.cameras[0].as_ref().unwrap();
+        let marker = Marker { position: Point3::new(0.0, 0.0, 2.0), radius: 0.4, colour: 1, band: true };
+        let image = image_of(&marker, &Isometry3::identity(), camera).unwrap();
+        let before = image.point - Point3::new(0.0, 0.0, 2.0);
+        assert!(before.z.abs() < 1e-12 && (before.norm() - 0.1 * std::f64::consts::PI).abs() < 1e-12);
+        assert!(before.dot(&(camera.centre_in_world() - Point3::new(0.0, 0.0, 2.0))) > 0.0);
+    }
+
+    #[test]
+    fn a_shrunk_or_grown_blob_is_doubted() {
+        let image = Image {
+            pixel: Vector2::zeros(),
+            jacobian: Matrix2x3::zeros(),
+            point: Point3::origin(),
+            radius_px: 10.0,
+            area_px: 170.0,
+        };
+        let mut sight = Sight {
+            pixel: Vector2::zeros(),
+            covariance: Matrix2::identity() * 0.0025,
+            area_px: 170.0,
+            width_px: 20.0,
+            colour: 1,
+            flags: 0,
+        };
+        let sigma =
+            |sight: &Sight| covariance_as(sight, &image, 1.0, k::AREA_RATIO).map(|c| c[(0, 0)].sqrt());
+        assert_eq!(sigma(&sight), Some(0.05));
+        sight.area_px = 85.0;
+        assert!(sigma(&sight).unwrap() > 2.0, "half hidden");
+        sight.area_px = 600.0;
+        assert_eq!(sigma(&sight), None, "another thing");
+        (sight.area_px, sight.flags) = (170.0, BLOB_MERGED);
+        assert!(sigma(&sight).unwrap() > 2.0, "two in one");
+    }
 }

@@ -1,6 +1,6 @@
 //! From camera-fields to poses. Pure: the state depends on the consumed fields in their order only.
 
-use crate::associate::Associator;
+use crate::associate::{Associator, Group};
 use crate::body::Track;
 use crate::constants as k;
 use crate::fit::{Fit, MAX_MATCHES, Match, Problem, TrocarInWorld, trocar_miss};
@@ -35,6 +35,7 @@ pub struct Tracker {
     views: Box<[View; MAX_CAMERAS]>,
     area_scales: [f64; MAX_CAMERAS],
     matches: [Vec<Match>; BODIES],
+    first_matches: [Vec<Match>; BODIES],
     fits: [Option<Fit>; BODIES],
     associator: Associator,
     searcher: Searcher,
@@ -52,6 +53,7 @@ impl Tracker {
             views: Box::new(std::array::from_fn(View::empty)),
             area_scales: [1.0; MAX_CAMERAS],
             matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
+            first_matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
             fits: [None; BODIES],
             associator: Associator::default(),
             searcher: Searcher::default(),
@@ -159,17 +161,22 @@ impl Tracker {
         self.search(base_ns);
     }
 
-    /// Updates the bodies that are tracked: assign and fit twice, the second time about the poses
-    /// that the first found; then take the result over.
+    /// Updates the bodies that are tracked: assign and fit, then again about the poses that were
+    /// found where that changes the assignment; then take the result over.
     fn update(&mut self, cameras: u32, base_ns: u64) {
         self.fits = [None; BODIES];
-        for _ in 0..2 {
-            self.assign(cameras, base_ns);
-            for body in ORDER {
+        self.assign(cameras, base_ns);
+        for body in ORDER {
+            self.fits[body] = self.fit(body);
+        }
+        std::mem::swap(&mut self.matches, &mut self.first_matches);
+        self.assign(cameras, base_ns);
+        for body in ORDER {
+            if same_assignment(&self.first_matches[body], &self.matches[body]) {
+                std::mem::swap(&mut self.matches[body], &mut self.first_matches[body]);
+            } else {
                 self.fits[body] = self.fit(body);
             }
-        }
-        for body in ORDER {
             self.take(body, base_ns);
         }
     }
@@ -182,8 +189,9 @@ impl Tracker {
             }
             Some(expected)
         });
-        let (rig, views, scales) = (&self.rig, &*self.views, &self.area_scales);
-        self.associator.associate(rig, views, cameras, base_ns, scales, &expected, &mut self.matches);
+        let group =
+            Group { rig: &self.rig, views: &self.views, cameras, base_ns, area_scales: &self.area_scales };
+        self.associator.associate(&group, &expected, &mut self.matches);
     }
 
     fn fit(&mut self, body: usize) -> Option<Fit> {
@@ -252,4 +260,14 @@ impl Tracker {
             }
         }
     }
+}
+
+/// True if the second assignment, about the fitted pose, is that of the first less what was thrown out.
+fn same_assignment(first: &[Match], second: &[Match]) -> bool {
+    let kept = first.iter().filter(|m| !m.out).count();
+    let known = |m: &Match| {
+        let same = |n: &&Match| (n.camera, n.marker, n.blob) == (m.camera, m.marker, m.blob);
+        first.iter().find(same).is_some_and(|n| !n.out)
+    };
+    kept == second.len() && second.iter().all(known)
 }
