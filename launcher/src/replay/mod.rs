@@ -1,12 +1,213 @@
-//! Replay.
+//! `vitreo replay`: a recording runs through tracker and simulation again.
+//!
+//! A recorded run is replayed by its record (which camera-fields a frame consumed, which inputs a
+//! step consumed), so that the result is the same to the bit at any speed. An imported stream has
+//! no such record; there the tracker decides by the stream's own clock.
 
+mod imported;
+mod outputs;
+mod pace;
+mod recorded;
+mod stage;
+mod turns;
+mod verify;
+
+use crate::exit::{DIFFERS, LOSS};
+use crate::run::stop_flag;
+use anyhow::bail;
+use outputs::{Figures, Outputs};
+use pace::Pace;
+use protocol::recording::{Recording, RecordingError, Source};
+use stage::{Stage, Stopped, TrackerMode};
+use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+use verify::Verdict;
 
 /// Arguments of `vitreo replay`.
 #[derive(Debug, clap::Args)]
-pub struct ReplayArgs {}
+pub struct ReplayArgs {
+    /// The recording.
+    #[arg(value_name = "FILE.mcap")]
+    pub file: PathBuf,
+    /// As fast as the processes take it, instead of with the recorded spacing.
+    #[arg(long)]
+    pub lockstep: bool,
+    /// Compare every pose and every state with what was recorded; exit 5 where they differ.
+    #[arg(long)]
+    pub verify: bool,
+    /// Speed: 2 is twice as fast as recorded.
+    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, conflicts_with = "lockstep")]
+    pub rate: f64,
+    /// Show from so many seconds after the start; what comes before is computed as fast as possible.
+    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative)]
+    pub from: f64,
+    /// End so many seconds after the start.
+    #[arg(long, value_name = "S", value_parser = not_negative)]
+    pub until: Option<f64>,
+    /// Begin again at the end, until Ctrl-C.
+    #[arg(long = "loop", conflicts_with_all = ["verify", "poses", "blobs", "report"])]
+    pub endless: bool,
+    /// Write the poses.
+    #[arg(long, value_name = "OUT.csv")]
+    pub poses: Option<PathBuf>,
+    /// Add predicted poses for a display of this rate, Hz.
+    #[arg(long, value_name = "HZ", requires = "poses", value_parser = positive)]
+    pub display_hz: Option<f64>,
+    /// How long before its display a picture takes the newest pose, ms.
+    #[arg(long, value_name = "MS", default_value_t = 15.0, value_parser = not_negative)]
+    pub display_lead_ms: f64,
+    /// Time from the newest camera-field to the pose, in the instants written with poses, µs.
+    #[arg(long, value_name = "US", default_value_t = 1000)]
+    pub processing_us: u64,
+    /// Write the blob stream that was replayed.
+    #[arg(long, value_name = "OUT.jsonl")]
+    pub blobs: Option<PathBuf>,
+    /// Write figures as JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+    /// Name of the replay's instances, up to 16 characters.
+    #[arg(long, value_name = "NAME")]
+    pub instance: Option<String>,
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
+        _ => Err("expected a number of 0 or more".into()),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    not_negative(text).ok().filter(|v| *v > 0.0).ok_or("expected a number above 0".into())
+}
 
 /// Runs it.
-pub fn run(_args: &ReplayArgs) -> anyhow::Result<ExitCode> {
-    anyhow::bail!("not there yet")
+pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    let recording = Recording::open(&args.file)?;
+    let mode = match recording.provenance().source {
+        Source::Live => TrackerMode::Script,
+        Source::Import => TrackerMode::StreamClock,
+    };
+    if args.verify && mode == TrackerMode::StreamClock {
+        bail!("{}: an imported stream holds no results to compare with", args.file.display());
+    }
+    let stop = stop_flag()?;
+    let mut outputs = Outputs::open(args)?;
+    let mut verdict = args.verify.then(Verdict::default);
+    let outcome = play(args, &recording, mode, &stop, &mut outputs, verdict.as_mut());
+    let stopped = match outcome {
+        Ok(damage) => {
+            outputs.figures.damage = damage.map(|d| d.to_string());
+            false
+        }
+        Err(error) if error.is::<Stopped>() => true,
+        Err(error) => return Err(error),
+    };
+    outputs.figures.verify = verdict;
+    let figures = outputs.finish(args.report.as_deref())?;
+    print(&figures);
+    if stopped && args.lockstep {
+        bail!(Stopped);
+    }
+    Ok(ExitCode::from(code(&figures, recording.is_finished())))
+}
+
+/// Starts the processes, replays once or for ever, and ends them; returns how the recording ends.
+fn play(
+    args: &ReplayArgs,
+    recording: &Recording,
+    mode: TrackerMode,
+    stop: &Arc<AtomicBool>,
+    outputs: &mut Outputs,
+    mut verdict: Option<&mut Verdict>,
+) -> anyhow::Result<Option<RecordingError>> {
+    let default_name = format!("replay-{}", std::process::id());
+    let name = args.instance.as_deref().unwrap_or(&default_name);
+    let mut stage = Stage::start(name, recording.provenance(), mode, stop)?;
+    let mut pace = Pace::new(args, stop);
+    loop {
+        let begun = Instant::now();
+        let damage = match mode {
+            TrackerMode::Script => {
+                recorded::run(recording, &mut stage, &mut pace, outputs, verdict.as_deref_mut())?
+            }
+            TrackerMode::StreamClock => imported::run(recording, &mut stage, &mut pace, outputs)?,
+        };
+        outputs.figures.wall_s += begun.elapsed().as_secs_f64();
+        if !args.endless {
+            return Ok(damage);
+        }
+        stage.reset_tracker()?;
+        stage.reset_world()?;
+        pace.rewind();
+    }
+}
+
+fn print(figures: &Figures) {
+    let Figures { camera_fields, frames, steps, fields_refused, stream_s, wall_s, .. } = figures;
+    let speed = stream_s / wall_s.max(1e-9);
+    println!(
+        "{camera_fields} camera-fields, {frames} tracker frames, {steps} steps; \
+         {stream_s:.2} s in {wall_s:.2} s ({speed:.1} times real time)"
+    );
+    if *fields_refused > 0 {
+        println!(
+            "{fields_refused} camera-fields refused by the tracker (twice, out of order, unknown camera)"
+        );
+    }
+    if let Some(verdict) = &figures.verify {
+        match &verdict.difference {
+            Some(difference) => println!("verification differs at {difference}"),
+            None => println!("verified: {} poses and {} states identical", verdict.poses, verdict.steps),
+        }
+        if let Some(why) = &verdict.ends {
+            println!("not compared from {why}");
+        }
+    }
+    if let Some(damage) = &figures.damage {
+        eprintln!("vitreo: {damage}");
+    }
+}
+
+/// The exit code. An unfinished recording that ends within a record is what a crash leaves, and no
+/// loss of the replay's.
+fn code(figures: &Figures, finished: bool) -> u8 {
+    let verdict = figures.verify.as_ref();
+    if verdict.is_some_and(|v| v.difference.is_some()) {
+        return DIFFERS;
+    }
+    let damaged = figures.damage.is_some() && finished;
+    if damaged || verdict.is_some_and(|v| v.ends.is_some()) { LOSS } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exit_codes_follow_the_contract() {
+        let figures = |difference: Option<&str>, ends: Option<&str>, damage: Option<&str>| Figures {
+            verify: Some(Verdict {
+                difference: difference.map(Into::into),
+                ends: ends.map(Into::into),
+                ..Verdict::default()
+            }),
+            damage: damage.map(Into::into),
+            ..Figures::default()
+        };
+        assert_eq!(code(&figures(None, None, None), true), 0);
+        assert_eq!(code(&figures(Some("field 4"), Some("field 9"), None), true), DIFFERS);
+        assert_eq!(code(&figures(None, Some("field 9"), None), true), LOSS);
+        assert_eq!(code(&figures(None, None, Some("cut")), false), 0);
+        assert_eq!(code(&figures(None, None, Some("damaged")), true), LOSS);
+    }
+
+    #[test]
+    fn numbers_are_checked() {
+        assert!(positive("0").is_err() && positive("nan").is_err() && positive("-1").is_err());
+        assert_eq!((positive("2.5"), not_negative("0")), (Ok(2.5), Ok(0.0)));
+    }
 }

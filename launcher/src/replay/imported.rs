@@ -1,0 +1,134 @@
+//! Replaying an imported stream: the tracker decides anew, with the stream's own clock.
+
+use super::outputs::Outputs;
+use super::pace::{Pace, Part};
+use super::stage::Stage;
+use protocol::blobs::BlobField;
+use protocol::message::Message;
+use protocol::poses::TrackerFrame;
+use protocol::recording::{Item, Recording, RecordingError};
+use protocol::time::{Nanos, now};
+use std::collections::VecDeque;
+
+/// Camera-fields sent but not known to be taken in. Every field can close a frame, so this is also
+/// the most frames that can wait in the tracker's queue.
+const WINDOW: u64 = 96;
+const _: () = assert!((WINDOW as usize) < BlobField::QUEUE && (WINDOW as usize) < TrackerFrame::QUEUE);
+
+/// Which of the fields sent the tracker has taken in, as far as its answers tell.
+#[derive(Debug, Default)]
+struct Sent {
+    count: u64,
+    taken: u64,
+    recent: VecDeque<(u32, u64, Nanos)>,
+}
+
+impl Sent {
+    fn note(&mut self, field: &BlobField) {
+        if self.recent.len() == 4 * WINDOW as usize {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((field.camera, field.field, field.exposed_ns));
+        self.count += 1;
+    }
+
+    /// The tracker takes fields in order: all before one that it used have been taken.
+    fn used(&mut self, frame: &TrackerFrame) {
+        for used in frame.used() {
+            let key = (used.camera, used.field, used.exposed_ns);
+            if let Some(behind) = self.recent.iter().rev().position(|k| *k == key) {
+                self.taken = self.taken.max(self.count - behind as u64);
+            }
+        }
+    }
+
+    fn is_full(&self) -> bool {
+        self.count - self.taken >= WINDOW
+    }
+}
+
+/// Runs the stream once; returns the problem at which it ended, if it did not end well.
+pub fn run(
+    recording: &Recording,
+    stage: &mut Stage,
+    pace: &mut Pace,
+    outputs: &mut Outputs,
+) -> anyhow::Result<Option<RecordingError>> {
+    let mut sent = Sent::default();
+    let before = stage.tracker_received();
+    let mut damage = None;
+    for item in recording.items() {
+        let field = match item {
+            Ok((_, Item::Blobs(field))) => field,
+            Ok(_) => continue,
+            Err(error) => {
+                damage = Some(error);
+                break;
+            }
+        };
+        let part = pace.part(field.exposed_ns);
+        if part == Part::After {
+            break;
+        }
+        if part == Part::Shown {
+            pace.await_due(field.blobs_out_ns)?;
+        }
+        stage.send_field(&field)?;
+        sent.note(&field);
+        outputs.field(&field, part == Part::Shown)?;
+        let since = now();
+        take_frames(stage, pace, outputs, &mut sent)?;
+        while sent.is_full() {
+            stage.wait_for_tracker(since, "tracking the stream")?;
+            // Fields that were refused show in no frame, but in the heartbeat.
+            sent.taken = sent.taken.max((stage.tracker_received() - before).min(sent.count));
+            take_frames(stage, pace, outputs, &mut sent)?;
+        }
+    }
+    let (flush, since) = (stage.request_flush()?, now());
+    while !stage.flushed(flush)? {
+        take_frames(stage, pace, outputs, &mut sent)?;
+        stage.wait_for_tracker(since, "finishing the stream")?;
+    }
+    take_frames(stage, pace, outputs, &mut sent)?;
+    Ok(damage)
+}
+
+/// Takes the frames that are there and steps the simulation with each.
+fn take_frames(
+    stage: &mut Stage,
+    pace: &mut Pace,
+    outputs: &mut Outputs,
+    sent: &mut Sent,
+) -> anyhow::Result<()> {
+    while let Some(frame) = stage.try_frame()? {
+        sent.used(&frame);
+        let part = pace.part(frame.instants.exposed);
+        outputs.frame(&frame, part == Part::Shown)?;
+        let made = stage.step(&[], &[], &frame)?;
+        outputs.step(&made);
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::poses::FieldUsed;
+
+    #[test]
+    fn a_used_field_tells_that_all_before_it_were_taken() {
+        let mut sent = Sent::default();
+        for field in 0..WINDOW {
+            assert!(!sent.is_full());
+            sent.note(&BlobField { field, camera: 1, ..BlobField::zeroed() });
+        }
+        assert!(sent.is_full());
+        let mut frame = TrackerFrame::zeroed();
+        frame.used[0] = FieldUsed { field: 9, exposed_ns: 0, camera: 1, blobs_used: 0 };
+        frame.used_count = 1;
+        sent.used(&frame);
+        assert_eq!((sent.taken, sent.is_full()), (10, false));
+    }
+}

@@ -1,0 +1,129 @@
+//! What a replay writes: poses, the blob stream, a report.
+
+use super::ReplayArgs;
+use super::verify::Verdict;
+use crate::poses_csv::{DisplayClock, PosesCsv};
+use anyhow::Context;
+use protocol::blob_stream::write_line;
+use protocol::blobs::BlobField;
+use protocol::limits::FIELD_PERIOD_NS;
+use protocol::poses::TrackerFrame;
+use protocol::steps::StepRecord;
+use protocol::time::Nanos;
+use serde::Serialize;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// Figures of a replay.
+#[derive(Debug, Default, Serialize)]
+pub struct Figures {
+    /// The recording.
+    pub file: String,
+    /// Camera-fields sent to the tracker.
+    pub camera_fields: u64,
+    /// Tracker frames it made of them.
+    pub frames: u64,
+    /// Steps of the simulation.
+    pub steps: u64,
+    /// Camera-fields that the tracker refused: twice, out of order, unknown camera.
+    pub fields_refused: u64,
+    /// Time that passed in the recording, s.
+    pub stream_s: f64,
+    /// Time that the replay took, s.
+    pub wall_s: f64,
+    /// Hash of the last step's state.
+    pub state_hash: String,
+    /// The recording does not end well.
+    pub damage: Option<String>,
+    /// The comparison with what was recorded, if asked for.
+    pub verify: Option<Verdict>,
+}
+
+/// The files being written.
+pub struct Outputs {
+    poses: Option<PosesCsv<BufWriter<File>>>,
+    display: Option<DisplayClock>,
+    blobs: Option<BufWriter<File>>,
+    processing_ns: u64,
+    /// Figures for the report.
+    pub figures: Figures,
+    span: Option<[Nanos; 2]>,
+}
+
+fn create(path: &Path) -> anyhow::Result<BufWriter<File>> {
+    Ok(BufWriter::new(File::create(path).with_context(|| path.display().to_string())?))
+}
+
+impl Outputs {
+    /// Creates the files.
+    pub fn open(args: &ReplayArgs) -> anyhow::Result<Self> {
+        let poses = args.poses.as_deref().map(create).transpose()?;
+        let lead_ns = (args.display_lead_ms * 1e6) as u64;
+        Ok(Outputs {
+            poses: poses.map(PosesCsv::new).transpose()?,
+            display: args.display_hz.map(|hz| DisplayClock::new(hz, lead_ns)),
+            blobs: args.blobs.as_deref().map(create).transpose()?,
+            processing_ns: args.processing_us * 1000,
+            figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
+            span: None,
+        })
+    }
+
+    /// A camera-field was sent to the tracker.
+    pub fn field(&mut self, field: &BlobField, shown: bool) -> anyhow::Result<()> {
+        self.figures.camera_fields += 1;
+        if let (Some(blobs), true) = (&mut self.blobs, shown) {
+            writeln!(blobs, "{}", write_line(field)).context("blob stream")?;
+        }
+        Ok(())
+    }
+
+    /// The tracker made a frame.
+    pub fn frame(&mut self, frame: &TrackerFrame, shown: bool) -> anyhow::Result<()> {
+        self.figures.frames += 1;
+        self.figures.fields_refused = u64::from(frame.fields_refused);
+        let exposed = frame.instants.exposed;
+        let [start, end] = self.span.unwrap_or([exposed; 2]);
+        self.span = Some([start.min(exposed), end.max(exposed)]);
+        let out_ns = frame.instants.blobs_out.max(exposed) + self.processing_ns;
+        let Some(csv) = &mut self.poses else { return Ok(()) };
+        if let Some(display) = &mut self.display {
+            let show =
+                |f: &TrackerFrame, latched, at| if shown { csv.predicted(f, latched, at) } else { Ok(()) };
+            display.advance(frame, out_ns, show).context("poses")?;
+        }
+        if shown {
+            csv.measured(frame, out_ns).context("poses")?;
+        }
+        Ok(())
+    }
+
+    /// The simulation made a step.
+    pub fn step(&mut self, step: &StepRecord) {
+        self.figures.steps += 1;
+        self.figures.state_hash = format!("{:016x}", step.state_hash);
+    }
+
+    /// Writes what is left and closes the files.
+    pub fn finish(mut self, report: Option<&Path>) -> anyhow::Result<Figures> {
+        if let Some(mut csv) = self.poses.take() {
+            if let Some(display) = &mut self.display {
+                // A display goes on showing the last frame until the next one would be due.
+                let until = display.newest_out_ns().map_or(0, |out| out + FIELD_PERIOD_NS);
+                display.show_until(until, |f, latched, at| csv.predicted(f, latched, at)).context("poses")?;
+            }
+            csv.finish().context("poses")?;
+        }
+        if let Some(mut blobs) = self.blobs.take() {
+            blobs.flush().context("blob stream")?;
+        }
+        let [start, end] = self.span.unwrap_or([0; 2]);
+        self.figures.stream_s = (end - start) as f64 * 1e-9;
+        if let Some(path) = report {
+            let text = serde_json::to_string_pretty(&self.figures)?;
+            std::fs::write(path, text + "\n").with_context(|| path.display().to_string())?;
+        }
+        Ok(self.figures)
+    }
+}

@@ -1,0 +1,87 @@
+//! Replaying a recorded run: the tracker obeys the record's scripts, the simulation gets what each
+//! step consumed.
+
+use super::outputs::Outputs;
+use super::pace::{Pace, Part};
+use super::stage::Stage;
+use super::turns::{StepTurn, Turn, Turns};
+use super::verify::Verdict;
+use anyhow::bail;
+use protocol::poses::TrackerFrame;
+use protocol::recording::{Recording, RecordingError};
+use std::collections::VecDeque;
+
+/// Frames that the tracker may be ahead of the simulation. Each consumes at most 16 camera-fields,
+/// and the queue holds 256.
+const WINDOW: usize = 12;
+
+/// Runs the recording once; returns the problem at which it ended, if it did not end well.
+pub fn run(
+    recording: &Recording,
+    stage: &mut Stage,
+    pace: &mut Pace,
+    outputs: &mut Outputs,
+    mut verdict: Option<&mut Verdict>,
+) -> anyhow::Result<Option<RecordingError>> {
+    let mut turns = Turns::new(recording.items());
+    let mut under_way: VecDeque<(Turn, bool)> = VecDeque::with_capacity(WINDOW);
+    let mut more = true;
+    loop {
+        let room = if pace.is_lockstep() { WINDOW } else { 1 };
+        while more && under_way.len() < room {
+            let next = turns.next().map(|turn| (pace.part(turn.recorded.instants.exposed), turn));
+            match next {
+                None | Some((Part::After, _)) => more = false,
+                Some((part, turn)) => {
+                    let shown = part == Part::Shown;
+                    if shown {
+                        pace.await_due(turn.recorded.instants.tracked)?;
+                    }
+                    begin(&turn, shown, stage, outputs)?;
+                    under_way.push_back((turn, shown));
+                }
+            }
+        }
+        let Some((turn, shown)) = under_way.pop_front() else { break };
+        let frame = stage.await_frame(turn.recorded.field)?;
+        if frame.field != turn.recorded.field {
+            bail!("the tracker answered with field {} where {} was asked", frame.field, turn.recorded.field);
+        }
+        outputs.frame(&frame, shown)?;
+        if let Some(verdict) = &mut verdict {
+            verdict.lost(&turn);
+            verdict.pose(&turn.recorded, &frame);
+        }
+        if let Some(step) = &turn.step {
+            simulate(step, &frame, stage, outputs, verdict.as_deref_mut())?;
+        }
+    }
+    Ok(turns.damage)
+}
+
+/// Sends a turn's camera-fields and its script.
+fn begin(turn: &Turn, shown: bool, stage: &mut Stage, outputs: &mut Outputs) -> anyhow::Result<()> {
+    for field in &turn.fields {
+        stage.send_field(field)?;
+        outputs.field(field, shown)?;
+    }
+    stage.send_script(&turn.script)
+}
+
+fn simulate(
+    step: &StepTurn,
+    frame: &TrackerFrame,
+    stage: &mut Stage,
+    outputs: &mut Outputs,
+    verdict: Option<&mut Verdict>,
+) -> anyhow::Result<()> {
+    if step.fresh {
+        stage.reset_world()?;
+    }
+    let made = stage.step(&step.handles, &step.pedals, frame)?;
+    outputs.step(&made);
+    if let (Some(recorded), Some(verdict)) = (&step.recorded, verdict) {
+        verdict.step(recorded, &made);
+    }
+    Ok(())
+}

@@ -1,0 +1,131 @@
+//! Comparing a replay with what was recorded, to the bit.
+
+use super::turns::Turn;
+use protocol::poses::{BODY_NAMES, BodyState, TrackerFrame};
+use protocol::steps::StepRecord;
+use serde::Serialize;
+
+/// The comparison so far.
+#[derive(Debug, Default, Serialize)]
+pub struct Verdict {
+    /// Tracker frames compared.
+    pub poses: u64,
+    /// Steps compared.
+    pub steps: u64,
+    /// The first difference, in words; it names the field.
+    pub difference: Option<String>,
+    /// Why the rest of the recording could not be compared.
+    pub ends: Option<String>,
+}
+
+impl Verdict {
+    /// True as long as results are determined by the record.
+    fn compares(&self) -> bool {
+        self.ends.is_none()
+    }
+
+    /// Takes note of a place from which on the record does not determine the result.
+    pub fn lost(&mut self, turn: &Turn) {
+        if let (Some(why), None) = (&turn.lost, &self.ends) {
+            self.ends = Some(format!("field {}: {why}", turn.recorded.field));
+        }
+    }
+
+    fn differs(&mut self, what: String) {
+        self.difference = self.difference.take().or(Some(what));
+    }
+
+    /// Compares a tracker frame.
+    pub fn pose(&mut self, recorded: &TrackerFrame, replayed: &TrackerFrame) {
+        if !self.compares() {
+            return;
+        }
+        self.poses += 1;
+        let place = format!("field {} (tracker frame {})", recorded.field, recorded.frame);
+        let head = |f: &TrackerFrame| (f.field, f.frame, f.instants.exposed, f.camera);
+        if head(recorded) != head(replayed) {
+            let (a, b) = (head(recorded), head(replayed));
+            self.differs(format!("{place}: field, frame, exposure, camera recorded {a:?}, replayed {b:?}"));
+        }
+        for ((a, b), name) in recorded.bodies.iter().zip(&replayed.bodies).zip(BODY_NAMES) {
+            if bytemuck::bytes_of(a) != bytemuck::bytes_of(b) {
+                self.differs(format!("{place}: {name}: {}", first_difference(a, b)));
+            }
+        }
+    }
+
+    /// Compares a step.
+    pub fn step(&mut self, recorded: &StepRecord, replayed: &StepRecord) {
+        if !self.compares() {
+            return;
+        }
+        self.steps += 1;
+        let of = |s: &StepRecord| (s.step, s.field, s.advanced_ns, s.state_hash);
+        if of(recorded) != of(replayed) {
+            let say = |s: &StepRecord| {
+                format!("step {}, state {:016x}, {} ns on", s.step, s.state_hash, s.advanced_ns)
+            };
+            let (a, b) = (say(recorded), say(replayed));
+            self.differs(format!("field {}: recorded {a}; replayed {b}", recorded.field));
+        }
+    }
+}
+
+/// Names the first part of a body that differs.
+fn first_difference(a: &BodyState, b: &BodyState) -> String {
+    let parts: [(&str, &dyn Fn(&BodyState) -> Vec<u8>); 5] = [
+        ("pose", &|s| bytemuck::bytes_of(&s.world_from_body).to_vec()),
+        ("covariance", &|s| bytemuck::bytes_of(&s.covariance).to_vec()),
+        ("predictor", &|s| bytemuck::bytes_of(&s.predictor).to_vec()),
+        ("residual", &|s| bytemuck::bytes_of(&s.residual_px).to_vec()),
+        ("measured_ns", &|s| bytemuck::bytes_of(&s.measured_ns).to_vec()),
+    ];
+    let part = parts.iter().find(|(_, bytes)| bytes(a) != bytes(b)).map(|(name, _)| *name);
+    match part {
+        Some("pose") => {
+            let (p, q) = (a.world_from_body, b.world_from_body);
+            format!("pose recorded {p:?}, replayed {q:?}")
+        }
+        Some(part) => format!("{part} differs"),
+        None => {
+            let codes = |s: &BodyState| [s.validity, s.status, s.blobs_used, s.cameras_used];
+            let (p, q) = (codes(a), codes(b));
+            format!("validity, status, blobs, cameras recorded {p:?}, replayed {q:?}")
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    #[test]
+    fn the_first_difference_names_its_field() {
+        let mut verdict = Verdict::default();
+        let mut recorded = TrackerFrame::zeroed();
+        recorded.field = 41;
+        verdict.pose(&recorded, &recorded.clone());
+        assert_eq!((verdict.poses, &verdict.difference), (1, &None));
+        let mut other = recorded;
+        other.bodies[1].predictor.velocity_mm_s[2] = -0.0;
+        verdict.pose(&recorded, &other);
+        let text = verdict.difference.clone().unwrap();
+        assert!(text.contains("field 41") && text.contains("inst1") && text.contains("predictor"), "{text}");
+        let step = StepRecord { field: 42, ..StepRecord::zeroed() };
+        verdict.step(&step, &StepRecord { state_hash: 1, ..step });
+        assert_eq!(verdict.difference.as_ref(), Some(&text), "the first one stays");
+    }
+
+    #[test]
+    fn hashes_are_compared_and_timing_is_not() {
+        let mut verdict = Verdict::default();
+        let step = StepRecord { field: 42, step: 3, ..StepRecord::zeroed() };
+        let mut slower = step;
+        (slower.instants.stepped, slower.times.tissue_ns) = (99, 7);
+        verdict.step(&step, &slower);
+        assert_eq!(verdict.difference, None);
+        verdict.step(&step, &StepRecord { state_hash: 1, ..step });
+        assert!(verdict.difference.unwrap().contains("field 42"));
+    }
+}
