@@ -1,1 +1,26 @@
-//! stub
+//! The surgeon's stereo view of vitreo: scene blocks in, stereo pictures out.
+//!
+//! `process` is the loop; `frame` draws a stereo frame as a list of passes; `latch`, `pacing` and
+//! `governor` decide what pose is shown, when it will be seen and how fine the picture may be, and
+//! are pure. Shaders lie beside their pass. wgpu is used in this crate only, windows in `present`.
+
+pub mod config;
+pub mod font;
+pub mod frame;
+pub mod fundus_map;
+pub mod governor;
+pub mod gpu;
+pub mod lamp;
+pub mod latch;
+pub mod layout;
+pub mod output;
+pub mod pacing;
+pub mod passes;
+pub mod present;
+pub mod process;
+pub mod readback;
+pub mod start;
+pub mod target;
+pub mod tissue;
+pub mod tools;
+pub mod view;

@@ -1,0 +1,70 @@
+//! Arguments of the program.
+
+use protocol::shell::ShellArgs;
+use std::path::PathBuf;
+
+/// Pictures a second of a video.
+pub const VIDEO_HZ: u32 = 25;
+/// Time between two stills, ns.
+pub const STILL_NS: u64 = 1_000_000_000;
+/// Niceness of the process: tracking and simulation come first.
+pub const NICENESS: i32 = 5;
+/// Most small pictures a second.
+pub const MAX_PICTURES_HZ: f64 = 15.0;
+
+/// Draws the surgeon's stereo view.
+#[derive(Debug, Clone, clap::Parser)]
+#[command(name = "vitreo-renderer", version, about)]
+pub struct Config {
+    /// What every process takes.
+    #[command(flatten)]
+    pub shell: ShellArgs,
+    /// Rig file (default: the shipped rig); gives the length of the instruments.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Scene by name or file; gives eye, membrane size and shafts.
+    #[arg(long, value_name = "NAME|FILE", default_value = protocol::scene_file::DEFAULT_SCENE)]
+    pub scene: String,
+    /// Draw without a window (the default).
+    #[arg(long, conflicts_with = "window")]
+    pub headless: bool,
+    /// Show the picture in a window.
+    #[arg(long)]
+    pub window: bool,
+    /// Save a still every second, and the last picture as last.png, in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub stills: Option<PathBuf>,
+    /// Save a video at 25 pictures a second.
+    #[arg(long, value_name = "FILE.y4m")]
+    pub video: Option<PathBuf>,
+    /// Small pictures a second for console and recorder, 0 to 15.
+    #[arg(long, value_name = "HZ", default_value_t = 2.0, value_parser = pictures_hz)]
+    pub pictures_hz: f64,
+    /// Draw at this quality tier (0 is the best) instead of letting the governor choose.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
+    pub tier: Option<u32>,
+}
+
+fn pictures_hz(text: &str) -> Result<f64, String> {
+    let hz: f64 = text.parse().map_err(|_| format!("'{text}' is not a number"))?;
+    if (0.0..=MAX_PICTURES_HZ).contains(&hz) {
+        Ok(hz)
+    } else {
+        Err(format!("expected 0 to {MAX_PICTURES_HZ}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::{CommandFactory, Parser};
+
+    #[test]
+    fn arguments_are_consistent() {
+        Config::command().debug_assert();
+        let parse = |args: &[&str]| Config::try_parse_from([&["vitreo-renderer"], args].concat());
+        assert!(parse(&["--headless", "--stills", "out", "--tier", "5"]).is_ok());
+        assert!(parse(&["--headless", "--window"]).is_err());
+        assert!(parse(&["--pictures-hz", "nan"]).is_err() && parse(&["--tier", "99"]).is_err());
+    }
+}

@@ -1,0 +1,277 @@
+//! `Renderer`: takes a scene, encodes its passes in order, then latches the poses and draws.
+
+use crate::fundus_map;
+use crate::governor::{TIERS, Tier};
+use crate::gpu::Gpu;
+use crate::lamp::{Lamp, lamp_index};
+use crate::latch::Latched;
+use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
+use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
+use crate::passes::instruments::{Instruments, Meshes, Shaft};
+use crate::passes::membrane::{Membrane, Sheet};
+use crate::passes::overlay::Overlay;
+use crate::passes::shadow::{Shadow, ShadowMap};
+use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
+use crate::target::Target;
+use crate::tissue::Tissue;
+use crate::tools::JAW_LENGTH_MM;
+use crate::view::{CHANNELS, view};
+use bytemuck::Zeroable;
+use protocol::handles::Tool;
+use protocol::limits::INSTRUMENTS;
+use protocol::message::Invalid;
+use protocol::scene::{Microscope, SceneHeader, SceneNode, SceneTriangle, section};
+use protocol::scene_file::Side;
+use wgpu::{BindGroup, CommandBuffer, RenderPass};
+
+/// Opacity of an instrument that is not tracked.
+const LOST_OPACITY: f32 = 0.35;
+/// Share of light that the membrane takes away.
+const MEMBRANE_SHADE: f32 = 0.30;
+/// Strength of the retina's specular film at full detail.
+const FILM: f32 = 0.35;
+/// Tilt of the membrane's fine wrinkles.
+const WRINKLES: f32 = 0.10;
+/// Depth bias of the shadow map, in its depth.
+const SHADOW_BIAS: f32 = 2e-5;
+/// Half width of the soft edge of a shadow, share of the map.
+const SHADOW_SOFT: f32 = 1.2e-3;
+
+/// What a renderer is made for.
+#[derive(Debug, Clone, Copy)]
+pub struct Plan {
+    /// Which eye.
+    pub side: Side,
+    /// Inner radius of the retina, mm.
+    pub retina_radius_mm: f64,
+    /// Shafts of the instruments.
+    pub shafts: [Shaft; INSTRUMENTS],
+    /// Nodes and triangles of the tissue to make room for.
+    pub tissue: [usize; 2],
+    /// Best tier that will be asked for.
+    pub first_tier: usize,
+    /// Edge of the fundus map, px.
+    pub map_px: u32,
+}
+
+/// Everything needed to draw.
+pub struct Renderer {
+    plan: Plan,
+    uniforms: Uniforms,
+    map: FundusMap,
+    shadow_maps: Vec<(ShadowMap, BindGroup)>,
+    targets: Vec<Option<Target>>,
+    meshes: Meshes,
+    sheet: Sheet,
+    tissue: Tissue,
+    shadow: Shadow,
+    fundus: Fundus,
+    instruments: Instruments,
+    membrane: Membrane,
+    overlay: Overlay,
+    tools: [Option<Tool>; INSTRUMENTS],
+    jaws_rad: [f64; INSTRUMENTS],
+    microscope: Microscope,
+    scene_text: String,
+    lost_before: [bool; INSTRUMENTS],
+}
+
+impl Renderer {
+    /// Makes every resource; nothing is made later, unless a scene is larger than foreseen.
+    pub fn new(gpu: &Gpu, plan: Plan) -> Result<Self, image::ImageError> {
+        let (device, queue) = (&gpu.device, &gpu.queue);
+        let uniforms = Uniforms::new(device);
+        let layout = light_layout(device);
+        let map = FundusMap::new(device, queue, &fundus_map::photograph()?, plan.map_px, plan.side);
+        let shadow_maps = shadow_sizes(plan.first_tier).map(|size| {
+            let shadow = ShadowMap::new(device, size);
+            let group = light_group(device, &layout, &map, &shadow.view);
+            (shadow, group)
+        });
+        let target = |(i, tier)| (i >= plan.first_tier).then(|| Target::new(device, tier));
+        Ok(Self {
+            plan,
+            shadow_maps: shadow_maps.collect(),
+            targets: TIERS.iter().enumerate().map(target).collect(),
+            meshes: Meshes::new(device, queue, &plan.shafts),
+            sheet: Sheet::new(device, plan.tissue[0], plan.tissue[1]),
+            tissue: Tissue::with_capacity(plan.tissue[0], plan.tissue[1]),
+            shadow: Shadow::new(device, &uniforms),
+            fundus: Fundus::new(device, &uniforms, &layout),
+            instruments: Instruments::new(device, &uniforms, &layout),
+            membrane: Membrane::new(device, &uniforms, &layout),
+            overlay: Overlay::new(device, &uniforms),
+            uniforms,
+            map,
+            tools: [None; INSTRUMENTS],
+            jaws_rad: [0.0; INSTRUMENTS],
+            microscope: Microscope::zeroed(),
+            scene_text: String::with_capacity(256),
+            lost_before: [false; INSTRUMENTS],
+        })
+    }
+
+    /// Takes a scene in; refuses one whose sections do not lie in its payload.
+    pub fn take_scene(&mut self, gpu: &Gpu, header: &SceneHeader, payload: &[u8]) -> Result<(), Invalid> {
+        let nodes: &[SceneNode] = section(payload, header.nodes)?;
+        let triangles: &[SceneTriangle] = section(payload, header.triangles)?;
+        let text = section::<u8>(payload, header.text)?;
+        self.sheet.reserve(&gpu.device, nodes.len(), triangles.len());
+        if self.tissue.take(nodes, triangles, header.topology) {
+            self.sheet.set_triangles(&gpu.queue, self.tissue.triangles());
+        }
+        self.microscope = header.microscope;
+        self.tools = header.instruments.map(|i| Tool::from_wire(i.tool));
+        self.scene_text.clear();
+        self.scene_text.push_str(std::str::from_utf8(text).unwrap_or_default());
+        self.jaws_rad = header.instruments.map(|i| i.jaw_rad);
+        Ok(())
+    }
+
+    /// Triangles of the present scene that could not be drawn.
+    pub fn refused_triangles(&self) -> u64 {
+        self.tissue.refused
+    }
+
+    /// The picture of a tier.
+    ///
+    /// # Panics
+    /// If `tier` is better than the plan's first.
+    pub fn target(&self, tier: usize) -> &Target {
+        self.targets[tier].as_ref().expect("a tier that was planned for")
+    }
+
+    /// Records the passes of a stereo frame, in order. No pose is needed yet.
+    pub fn encode(&self, gpu: &Gpu, tier_index: usize) -> CommandBuffer {
+        let tier = &TIERS[tier_index];
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let (shadow_map, light) = self.light_for(tier);
+        let lamp = lamp_index(&self.tools);
+        let casters = [0, 1].map(|i| self.tools[i].filter(|_| lamp != Some(i)));
+        let sheet = tier.membrane_shadow.then_some(&self.sheet);
+        self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), sheet);
+
+        let target = self.target(tier_index);
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("picture"),
+            color_attachments: &[Some(wgpu::RenderPassColorAttachment {
+                view: &target.colour,
+                depth_slice: None,
+                resolve_target: None,
+                ops: wgpu::Operations {
+                    load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
+                    store: wgpu::StoreOp::Store,
+                },
+            })],
+            depth_stencil_attachment: Some(clear_depth(&target.depth, false)),
+            ..wgpu::RenderPassDescriptor::default()
+        });
+        for channel in 0..CHANNELS as u32 {
+            self.draw_channel(&mut pass, target, channel, light);
+        }
+        drop(pass);
+        encoder.finish()
+    }
+
+    fn light_for(&self, tier: &Tier) -> &(ShadowMap, BindGroup) {
+        let fits = |m: &&(ShadowMap, BindGroup)| m.0.size == tier.shadow_px;
+        self.shadow_maps.iter().find(fits).expect("a shadow map for each tier that was planned for")
+    }
+
+    /// Solid instruments hide the retina; lost ones show it through.
+    fn draw_channel(&self, pass: &mut RenderPass<'_>, target: &Target, channel: u32, light: &BindGroup) {
+        let (width, height) = (target.width_px as f32, target.height_px as f32);
+        let left = channel as f32 * width;
+        pass.set_viewport(left, 0.0, width, height, 0.0, 1.0);
+        // Overlong triangles must not reach into the other channel.
+        pass.set_scissor_rect(channel * target.width_px, 0, target.width_px, target.height_px);
+        pass.set_bind_group(0, &self.uniforms.group, &[channel * VIEW_STRIDE]);
+        pass.set_bind_group(1, light, &[]);
+        self.draw_instruments(pass, false);
+        self.fundus.draw(pass);
+        self.draw_instruments(pass, true);
+        self.membrane.draw(pass, &self.sheet);
+        if !self.overlay.is_empty() {
+            self.overlay.draw(pass, left, width, height);
+        }
+    }
+
+    fn draw_instruments(&self, pass: &mut RenderPass<'_>, lost: bool) {
+        for which in 0..INSTRUMENTS {
+            if let (Some(tool), true) = (self.tools[which], self.lost_before[which] == lost) {
+                self.instruments.draw(pass, &self.meshes, which, tool);
+            }
+        }
+    }
+
+    /// The last step before the device starts: uniforms and membrane from the latched poses, then
+    /// submission. Returns at once. Text and the order of a body just lost follow with the next frame.
+    pub fn submit(&mut self, gpu: &Gpu, tier: usize, latched: &Latched, commands: CommandBuffer) {
+        let frame = self.frame_uniform(tier, latched);
+        gpu.queue.write_buffer(&self.uniforms.frame, 0, bytemuck::bytes_of(&frame));
+        let eye_from_world = latched.world_from_eye.inverse();
+        let aspect = f64::from(TIERS[tier].width_px) / f64::from(TIERS[tier].height_px);
+        let mut views = [0u8; CHANNELS * VIEW_STRIDE as usize];
+        for (channel, slot) in views.chunks_exact_mut(VIEW_STRIDE as usize).enumerate() {
+            let uniform = view(&self.microscope, channel, aspect, &eye_from_world);
+            slot[..size_of::<ViewUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
+        }
+        gpu.queue.write_buffer(&self.uniforms.views, 0, &views);
+        let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
+        self.sheet.set_vertices(&gpu.queue, self.tissue.place(&eye_from_instrument));
+        gpu.queue.submit([commands]);
+        self.overlay.set(&gpu.queue, [lost_text(latched), "", &self.scene_text]);
+        self.lost_before = latched.tracked.map(|t| !t);
+    }
+
+    fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
+        let tier = &TIERS[tier_index];
+        let mut uniform = FrameUniform::zeroed();
+        Lamp::find(&self.tools, latched).write(&mut uniform);
+        uniform.ambient[3] = if tier.membrane_shadow { MEMBRANE_SHADE } else { 0.0 };
+        let radius = self.plan.retina_radius_mm as f32;
+        let px_per_mm = tier.height_px as f32 / self.microscope.field_mm.max(0.1) as f32;
+        let film = if tier.detail { FILM } else { 0.0 };
+        // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
+        uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), film];
+        let soft = if tier.soft_shadow { SHADOW_SOFT } else { 0.0 };
+        let lost = f32::from(u8::from(!latched.all_tracked()));
+        uniform.shadow = [SHADOW_BIAS, soft, lost, if tier.detail { WRINKLES } else { 0.0 }];
+        let poses = latched.eye_from_instrument();
+        let lamp = lamp_index(&self.tools);
+        uniform.instruments = std::array::from_fn(|i| InstrumentUniform {
+            eye_from_instrument: poses[i].as_mat4().to_cols_array_2d(),
+            shape: [
+                (0.5 * self.jaws_rad[i]) as f32,
+                JAW_LENGTH_MM,
+                if latched.tracked[i] { 1.0 } else { LOST_OPACITY },
+                if lamp == Some(i) { 0.0 } else { 1.0 },
+            ],
+        });
+        uniform
+    }
+}
+
+/// What the picture says about bodies that are not tracked.
+fn lost_text(latched: &Latched) -> &'static str {
+    match (latched.tracked, latched.eye_tracked) {
+        ([true, true], true) => "",
+        ([false, true], true) => "TRACKING LOST: INST0",
+        ([true, false], true) => "TRACKING LOST: INST1",
+        ([false, false], true) => "TRACKING LOST: INST0 INST1",
+        ([true, true], false) => "TRACKING LOST: EYE",
+        ([false, true], false) => "TRACKING LOST: INST0 EYE",
+        ([true, false], false) => "TRACKING LOST: INST1 EYE",
+        ([false, false], false) => "TRACKING LOST: INST0 INST1 EYE",
+    }
+}
+
+/// The different shadow map sizes of the tiers from `first` on.
+fn shadow_sizes(first: usize) -> impl Iterator<Item = u32> {
+    let tiers = &TIERS[first..];
+    tiers
+        .iter()
+        .enumerate()
+        .filter(|(i, t)| tiers[..*i].iter().all(|o| o.shadow_px != t.shadow_px))
+        .map(|(_, t)| t.shadow_px)
+}

@@ -1,0 +1,138 @@
+//! The map that is laid on the retina, made from the fundus photograph at start-up.
+//!
+//! The photograph shows a round part of a **left** eye, the fovea in its middle. The map is in
+//! Lambert's azimuthal equal-area projection about the posterior pole, so that the shader finds
+//! its coordinates with one inverse square root. Beyond the photograph's border the picture is
+//! stretched outwards and fades into its mean colour: the periphery has few marks.
+
+use image::RgbImage;
+use protocol::scene_file::Side;
+
+/// The photograph (see `assets/README.md`).
+pub const PHOTOGRAPH: &[u8] = include_bytes!("../../assets/fundus.jpg");
+
+/// Fovea in the photograph, share of its width.
+const FOVEA: [f32; 2] = [0.503, 0.497];
+/// Radius of the photograph's round field about the fovea that is used, share of its width.
+const FIELD_RADIUS: f32 = 0.478;
+/// Angle at the eye's centre from the fovea to the border of the field, rad. The optic disc lies
+/// 0.345 widths from the fovea in the picture and 4.5 mm on a retina of 11.5 mm radius.
+const FIELD_ANGLE: f32 = 4.5 / 11.5 * FIELD_RADIUS / 0.345;
+/// The map reaches to this angle from the pole, rad.
+const MAP_ANGLE: f32 = 1.45;
+/// Slope with which the picture goes on beyond its border.
+const STRETCH: f32 = 0.35;
+/// Mean colour towards the periphery, of the photograph's 255.
+const PERIPHERY: [f32; 3] = [168.0, 66.0, 44.0];
+
+/// Map coordinates (0 to 1) per unit of equal-area radius: the shader's scale.
+pub fn map_scale() -> f32 {
+    0.5 / equal_area(MAP_ANGLE)
+}
+
+/// Radius 2 sin(θ/2) at which the projection shows the angle θ from the pole.
+fn equal_area(theta: f32) -> f32 {
+    2.0 * (0.5 * theta).sin()
+}
+
+/// A square map of `size` pixels, RGBA, rows from eye −y to +y, columns from eye −x to +x.
+pub fn bake(photograph: &RgbImage, size: u32, side: Side) -> Vec<u8> {
+    let mut out = Vec::with_capacity((size * size * 4) as usize);
+    for row in 0..size {
+        for column in 0..size {
+            let at = |i: u32| ((i as f32 + 0.5) / size as f32 - 0.5) / map_scale();
+            let (x, y) = (at(column), at(row));
+            let rho = (x * x + y * y).sqrt().min(2.0);
+            let theta = 2.0 * (0.5 * rho).asin();
+            let rgb = colour(photograph, [x, y].map(|c| c / rho.max(1e-6)), theta, side);
+            out.extend(rgb.map(|c| (c + 0.5) as u8));
+            out.push(255);
+        }
+    }
+    out
+}
+
+/// Colour in direction `unit` (eye x and y) at the angle `theta` from the pole.
+fn colour(photograph: &RgbImage, unit: [f32; 2], theta: f32, side: Side) -> [f32; 3] {
+    let beyond = (theta - FIELD_ANGLE).max(0.0);
+    let angle = theta.min(FIELD_ANGLE) - STRETCH * beyond;
+    let radius = FIELD_RADIUS * (angle / FIELD_ANGLE).max(0.0);
+    // In a left eye +x is temporal and the photograph's right is temporal as well; a right eye
+    // is its mirror image, and its +x is nasal: there the disc lies on the photograph's left.
+    let mirror = if side == Side::Left { 1.0 } else { -1.0 };
+    let width = photograph.width() as f32;
+    let u = (FOVEA[0] + mirror * unit[0] * radius) * width - 0.5;
+    let v = (FOVEA[1] - unit[1] * radius) * width - 0.5;
+    let fade = (beyond / 0.5).min(1.0) * 0.8;
+    let photo = bilinear(photograph, u, v);
+    std::array::from_fn(|c| photo[c] + (PERIPHERY[c] - photo[c]) * fade)
+}
+
+fn bilinear(picture: &RgbImage, u: f32, v: f32) -> [f32; 3] {
+    let (w, h) = (picture.width() as i32, picture.height() as i32);
+    let (x, y) = (u.floor(), v.floor());
+    let (fx, fy) = (u - x, v - y);
+    let at = |dx: i32, dy: i32| {
+        let (px, py) = ((x as i32 + dx).clamp(0, w - 1), (y as i32 + dy).clamp(0, h - 1));
+        picture.get_pixel(px as u32, py as u32).0.map(f32::from)
+    };
+    let (a, b, c, d) = (at(0, 0), at(1, 0), at(0, 1), at(1, 1));
+    std::array::from_fn(|i| {
+        (a[i] * (1.0 - fx) + b[i] * fx) * (1.0 - fy) + (c[i] * (1.0 - fx) + d[i] * fx) * fy
+    })
+}
+
+/// The next smaller mip level of a square RGBA picture of `size` pixels.
+pub fn half(pixels: &[u8], size: u32) -> Vec<u8> {
+    let (n, stride) = ((size / 2).max(1) as usize, size as usize * 4);
+    let mut out = Vec::with_capacity(n * n * 4);
+    for y in 0..n {
+        for x in 0..n * 4 {
+            let at = 2 * y * stride + (x / 4) * 8 + x % 4;
+            let sum =
+                [at, at + 4, at + stride, at + stride + 4].map(|i| u16::from(pixels[i])).iter().sum::<u16>();
+            out.push(((sum + 2) / 4) as u8);
+        }
+    }
+    out
+}
+
+/// The photograph, decoded.
+pub fn photograph() -> Result<RgbImage, image::ImageError> {
+    Ok(image::load_from_memory_with_format(PHOTOGRAPH, image::ImageFormat::Jpeg)?.to_rgb8())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Brightest place of the green channel, smoothed: the optic disc. Map coordinates −1 to 1.
+    fn disc(side: Side) -> [f32; 2] {
+        let size = 128u32;
+        let map = bake(&photograph().unwrap(), size, side);
+        let green = |x: u32, y: u32| u32::from(map[((y * size + x) * 4 + 1) as usize]);
+        let score = |x: u32, y: u32| {
+            (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| green(x + i, y + j)).sum::<u32>()
+        };
+        let places = (0..size - 3).flat_map(|y| (0..size - 3).map(move |x| (x, y)));
+        let (x, y) = places.max_by_key(|&(x, y)| score(x, y)).unwrap();
+        [x, y].map(|c| (c as f32 + 1.5) / size as f32 * 2.0 - 1.0)
+    }
+
+    #[test]
+    fn optic_disc_is_nasal_at_its_distance() {
+        let right = disc(Side::Right);
+        assert!(right[0] > 0.2, "nasal is +x in a right eye: {right:?}");
+        assert!(disc(Side::Left)[0] < -0.2, "and −x in a left one");
+        let rho = (right[0] * right[0] + right[1] * right[1]).sqrt() * equal_area(MAP_ANGLE);
+        let arc_mm = 11.5 * 2.0 * (0.5 * rho).asin();
+        assert!((3.6..5.4).contains(&arc_mm), "disc to fovea {arc_mm} mm");
+    }
+
+    #[test]
+    fn half_averages_four() {
+        let pixels: Vec<u8> = (0..16u8).flat_map(|i| [i * 10, 0, 0, 255]).collect();
+        assert_eq!(&half(&pixels, 4)[..4], &[25, 0, 0, 255]);
+        assert_eq!(half(&pixels, 4).len(), 16);
+    }
+}

@@ -1,0 +1,264 @@
+//! The quality governor: picks resolution and shading so that frames keep their budget.
+//!
+//! Pure: fed with measured frame times. It steps down within five frames of an overload and
+//! comes back slowly, only where the cost expected there fits with a margin, and waits longer
+//! after every return that failed.
+
+/// A quality tier.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tier {
+    /// Width of a channel, px.
+    pub width_px: u32,
+    /// Height of a channel, px.
+    pub height_px: u32,
+    /// Edge of a shadow map, px.
+    pub shadow_px: u32,
+    /// Four taps on the shadow's edge instead of one.
+    pub soft_shadow: bool,
+    /// The membrane's own shadow on the retina.
+    pub membrane_shadow: bool,
+    /// Specular film of the retina and wrinkles of the membrane.
+    pub detail: bool,
+}
+
+const fn tier(width_px: u32, height_px: u32, shadow_px: u32, level: u32) -> Tier {
+    Tier {
+        width_px,
+        height_px,
+        shadow_px,
+        soft_shadow: level >= 2,
+        membrane_shadow: level >= 1,
+        detail: level >= 2,
+    }
+}
+
+/// All tiers, the best first.
+pub const TIERS: [Tier; 9] = [
+    tier(1280, 1024, 2048, 2),
+    tier(800, 640, 1024, 2),
+    tier(640, 512, 1024, 2),
+    tier(480, 384, 512, 2),
+    tier(400, 320, 512, 1),
+    tier(320, 256, 512, 1),
+    tier(240, 192, 256, 1),
+    tier(200, 160, 256, 1),
+    tier(160, 128, 256, 0),
+];
+
+/// The tier a software adapter starts at.
+pub const SOFTWARE_START: usize = 6;
+/// The tier a real GPU starts at.
+pub const HARDWARE_START: usize = 1;
+/// Frames looked at for an overload.
+const RECENT: usize = 5;
+/// This many late ones among them are an overload.
+const LATE: usize = 2;
+/// Frames looked at before going up.
+const WINDOW: usize = 100;
+/// Share of the budget that the expected time of the better tier may take.
+const MARGIN: f64 = 0.75;
+/// Frames of rest after a change, so that a single hiccup does not count twice.
+const REST: u32 = 5;
+/// Longest back-off, in windows.
+const MAX_BACK_OFF: u32 = 32;
+
+/// State of the governor.
+#[derive(Debug, Clone)]
+pub struct Governor {
+    budget_ns: u64,
+    tier: usize,
+    fixed: bool,
+    times_ns: [u64; WINDOW],
+    count: usize,
+    rest: u32,
+    /// Windows to wait before the next try upwards.
+    back_off: u32,
+    waited: u32,
+    /// The last change went up, and is on trial.
+    on_trial: bool,
+}
+
+impl Governor {
+    /// Starts at `start`, or stays at `fixed` for ever; both are limited to the tiers there are.
+    pub fn new(budget_ns: u64, start: usize, fixed: Option<usize>) -> Self {
+        Self {
+            budget_ns,
+            tier: fixed.unwrap_or(start).min(TIERS.len() - 1),
+            fixed: fixed.is_some(),
+            times_ns: [0; WINDOW],
+            count: 0,
+            rest: REST,
+            back_off: 1,
+            waited: 0,
+            on_trial: false,
+        }
+    }
+
+    /// Index of the tier to draw with.
+    pub fn tier_index(&self) -> usize {
+        self.tier
+    }
+
+    /// The tier to draw with.
+    pub fn tier(&self) -> &'static Tier {
+        &TIERS[self.tier]
+    }
+
+    /// Takes in how long a frame of the present tier took; true if the tier has changed.
+    pub fn note(&mut self, frame_ns: u64) -> bool {
+        if self.fixed {
+            return false;
+        }
+        if self.rest > 0 {
+            // Far too long is believed at once: the start may be hopelessly high.
+            self.rest -= 1;
+            return frame_ns > 4 * self.budget_ns && self.step_down(2);
+        }
+        self.times_ns[self.count % WINDOW] = frame_ns;
+        self.count += 1;
+        let recent = RECENT.min(self.count);
+        let late = (1..=recent).filter(|&k| self.nth_last(k) > self.budget_ns).count();
+        if late >= LATE {
+            let worst = (1..=recent).map(|k| self.nth_last(k)).max().unwrap_or(0);
+            return self.step_down(if worst > 2 * self.budget_ns { 2 } else { 1 });
+        }
+        if self.count < WINDOW {
+            return false;
+        }
+        self.end_of_window()
+    }
+
+    fn nth_last(&self, k: usize) -> u64 {
+        self.times_ns[(self.count - k) % WINDOW]
+    }
+
+    /// A full window: leave if more than one frame in twenty was late, try upwards if it fits.
+    fn end_of_window(&mut self) -> bool {
+        self.times_ns.sort_unstable();
+        let p95 = self.times_ns[WINDOW * 95 / 100 - 1];
+        self.count = 0;
+        if p95 > self.budget_ns {
+            return self.step_down(1);
+        }
+        if self.on_trial {
+            // A whole window held: the doubt is over.
+            self.on_trial = false;
+            self.back_off = (self.back_off / 2).max(1);
+        }
+        self.waited += 1;
+        if self.tier == 0 || self.waited < self.back_off {
+            return false;
+        }
+        let pixels = |t: &Tier| f64::from(t.width_px * t.height_px);
+        let ratio = pixels(&TIERS[self.tier - 1]) / pixels(&TIERS[self.tier]);
+        if p95 as f64 * ratio > self.budget_ns as f64 * MARGIN {
+            return false;
+        }
+        self.on_trial = true;
+        self.change_to(self.tier - 1)
+    }
+
+    fn step_down(&mut self, steps: usize) -> bool {
+        if self.on_trial {
+            self.back_off = (self.back_off * 2).min(MAX_BACK_OFF);
+            self.on_trial = false;
+        }
+        let to = (self.tier + steps).min(TIERS.len() - 1);
+        if to == self.tier {
+            self.count = 0;
+            return false;
+        }
+        self.change_to(to)
+    }
+
+    fn change_to(&mut self, tier: usize) -> bool {
+        self.tier = tier;
+        self.count = 0;
+        self.waited = 0;
+        self.rest = REST;
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BUDGET: u64 = 15_000_000;
+
+    /// A machine that needs `ns_per_px` for each pixel of both channels and 1 ms besides.
+    fn run(governor: &mut Governor, ns_per_px: u64, frames: usize) -> usize {
+        let mut late = 0;
+        for _ in 0..frames {
+            let t = governor.tier();
+            let time = 1_000_000 + 2 * u64::from(t.width_px * t.height_px) * ns_per_px;
+            late += usize::from(time > BUDGET);
+            governor.note(time);
+        }
+        late
+    }
+
+    #[test]
+    fn settles_where_the_budget_holds() {
+        for ns_per_px in [1, 10, 40, 100, 200] {
+            let mut governor = Governor::new(BUDGET, SOFTWARE_START, None);
+            run(&mut governor, ns_per_px, 3_000);
+            let settled = governor.tier_index();
+            assert_eq!(run(&mut governor, ns_per_px, 2_000), 0, "{ns_per_px} ns/px at tier {settled}");
+        }
+        let mut fast = Governor::new(BUDGET, HARDWARE_START, None);
+        run(&mut fast, 1, 2_000);
+        assert_eq!(fast.tier_index(), 0);
+    }
+
+    #[test]
+    fn overload_is_answered_within_five_frames() {
+        let mut governor = Governor::new(BUDGET, 3, None);
+        (0..50).for_each(|_| assert!(!governor.note(8_000_000)));
+        let answered = (0..5).position(|_| governor.note(16_000_000));
+        assert!(answered.is_some());
+        assert_eq!(governor.tier_index(), 4);
+    }
+
+    #[test]
+    fn a_single_late_frame_changes_nothing() {
+        let mut governor = Governor::new(BUDGET, 3, None);
+        for i in 0..400 {
+            assert!(!governor.note(if i % 50 == 20 { 40_000_000 } else { 11_000_000 }), "frame {i}");
+        }
+    }
+
+    #[test]
+    fn failed_returns_become_rare() {
+        // Tier 5 always fails although its expected cost fits.
+        let mut governor = Governor::new(BUDGET, 6, None);
+        let mut tries = Vec::new();
+        for i in 0..20_000 {
+            let before = governor.tier_index();
+            governor.note(if before <= 5 { 20_000_000 } else { 3_000_000 });
+            if governor.tier_index() < before {
+                tries.push(i);
+            }
+        }
+        let gaps: Vec<i32> = tries.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(gaps.len() >= 3 && gaps[gaps.len() - 1] > 4 * gaps[0], "{gaps:?}");
+    }
+
+    #[test]
+    fn hopeless_start_is_left_at_once_and_fixed_stays() {
+        let mut governor = Governor::new(BUDGET, 0, None);
+        assert!(governor.note(300_000_000));
+        assert_eq!(governor.tier_index(), 2);
+        let mut fixed = Governor::new(BUDGET, 0, Some(99));
+        assert_eq!(fixed.tier_index(), TIERS.len() - 1);
+        assert!((0..500).all(|_| !fixed.note(300_000_000)));
+    }
+
+    #[test]
+    fn tiers_fall_and_keep_their_shape() {
+        for pair in TIERS.windows(2) {
+            assert!(pair[1].width_px * pair[1].height_px < pair[0].width_px * pair[0].height_px);
+        }
+        assert!(TIERS.iter().all(|t| t.width_px * 4 == t.height_px * 5), "5:4");
+    }
+}

@@ -1,0 +1,113 @@
+//! The graphics device: Vulkan where there is one, else OpenGL; for a window or headless.
+
+use wgpu::{Adapter, Backends, Device, DeviceType, Instance, Queue, Surface, SurfaceTarget};
+
+/// Why nothing can be drawn.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// Neither Vulkan nor OpenGL answers.
+    #[error(
+        "no graphics driver found (tried Vulkan and OpenGL); install the software driver with \
+         `sudo apt-get install mesa-vulkan-drivers`, or run without a picture: `vitreo run --no-picture`"
+    )]
+    NoAdapter,
+    /// The driver refused.
+    #[error("graphics driver {name}: {problem}")]
+    Refused {
+        /// The adapter.
+        name: String,
+        /// Its answer.
+        problem: String,
+    },
+    /// The device went away.
+    #[error("graphics device lost: {0}")]
+    Lost(String),
+}
+
+/// An open device.
+pub struct Gpu {
+    /// The adapter.
+    pub adapter: Adapter,
+    /// The device.
+    pub device: Device,
+    /// Its queue.
+    pub queue: Queue,
+    /// Name of adapter and interface, for people.
+    pub name: String,
+    /// True if the processor draws.
+    pub is_software: bool,
+}
+
+impl Gpu {
+    /// Opens a device that needs no display.
+    pub fn headless() -> Result<Self, GpuError> {
+        for backends in interfaces() {
+            let instance = instance(backends);
+            if let Some(adapter) = adapter(&instance, None) {
+                return Self::open(adapter);
+            }
+        }
+        Err(GpuError::NoAdapter)
+    }
+
+    /// Opens a device that can show on `target`, and its surface.
+    pub fn for_surface<T>(target: T) -> Result<(Self, Surface<'static>), GpuError>
+    where
+        T: Into<SurfaceTarget<'static>> + Clone,
+    {
+        for backends in interfaces() {
+            let instance = instance(backends);
+            let Ok(surface) = instance.create_surface(target.clone()) else { continue };
+            if let Some(adapter) = adapter(&instance, Some(&surface)) {
+                return Ok((Self::open(adapter)?, surface));
+            }
+        }
+        Err(GpuError::NoAdapter)
+    }
+
+    fn open(adapter: Adapter) -> Result<Self, GpuError> {
+        let info = adapter.get_info();
+        let name = format!("{} ({})", info.name, info.backend);
+        let limits = wgpu::Limits::downlevel_defaults().using_resolution(adapter.limits());
+        let request = wgpu::DeviceDescriptor {
+            label: Some("vitreo"),
+            required_limits: limits,
+            ..wgpu::DeviceDescriptor::default()
+        };
+        let opened = pollster::block_on(adapter.request_device(&request));
+        let (device, queue) =
+            opened.map_err(|e| GpuError::Refused { name: name.clone(), problem: e.to_string() })?;
+        // A refused command spoils one picture; it is no reason to end the simulator.
+        device.on_uncaptured_error(std::sync::Arc::new(|e| log::error!("graphics: {e}")));
+        Ok(Self { adapter, device, queue, name, is_software: info.device_type == DeviceType::Cpu })
+    }
+
+    /// Waits until everything submitted is done.
+    pub fn wait(&self) -> Result<(), GpuError> {
+        let done = self.device.poll(wgpu::PollType::wait_indefinitely());
+        done.map(|_| ()).map_err(|e| GpuError::Lost(e.to_string()))
+    }
+}
+
+/// What to try in turn; `WGPU_BACKEND` in the environment limits the choice.
+fn interfaces() -> Vec<Backends> {
+    match Backends::from_env() {
+        Some(chosen) => vec![chosen],
+        None => vec![Backends::VULKAN, Backends::GL],
+    }
+}
+
+fn instance(backends: Backends) -> Instance {
+    let mut request = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
+    request.backends = backends;
+    Instance::new(request)
+}
+
+fn adapter(instance: &Instance, surface: Option<&Surface<'static>>) -> Option<Adapter> {
+    let request = wgpu::RequestAdapterOptions {
+        power_preference: wgpu::PowerPreference::HighPerformance,
+        compatible_surface: surface,
+        ..wgpu::RequestAdapterOptions::default()
+    };
+    pollster::block_on(instance.request_adapter(&request)).ok()
+}

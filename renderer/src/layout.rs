@@ -1,0 +1,87 @@
+//! The structs that the shaders see, in one place. `tests/shaders.rs` compares sizes and offsets
+//! with those in `passes/common.wgsl`. Everything is in the eye frame, mm, linear light.
+
+use bytemuck::{Pod, Zeroable};
+use protocol::limits::INSTRUMENTS;
+
+/// One instrument.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct InstrumentUniform {
+    /// Columns of `eye_from_instrument`.
+    pub eye_from_instrument: [[f32; 4]; 4],
+    /// Half the jaw opening (rad), z of the pivot (mm), opacity, 1 if the lamp lights it.
+    pub shape: [f32; 4],
+}
+
+/// What is the same for both channels.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub struct FrameUniform {
+    /// Columns of the lamp's projection.
+    pub lamp_from_eye: [[f32; 4]; 4],
+    /// Position, and irradiance at 1 mm.
+    pub lamp_position: [f32; 4],
+    /// Direction of the beam, and cosine of the outer edge of its cone.
+    pub lamp_direction: [f32; 4],
+    /// Linear RGB, and 1 / (cosine of the inner edge − cosine of the outer edge).
+    pub lamp_colour: [f32; 4],
+    /// Scattered light, and the share of light that the membrane takes away.
+    pub ambient: [f32; 4],
+    /// Radius (mm), map scale, mip level, strength of the specular film.
+    pub retina: [f32; 4],
+    /// Depth bias, half width of the soft edge (share of a tile), lost ring, membrane detail.
+    pub shadow: [f32; 4],
+    /// The instruments.
+    pub instruments: [InstrumentUniform; INSTRUMENTS],
+}
+
+/// What differs between the channels.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct ViewUniform {
+    /// Columns of the channel's projection.
+    pub clip_from_eye: [[f32; 4]; 4],
+    /// Position of the channel's objective.
+    pub camera: [f32; 4],
+    /// Middle of the plane through the target.
+    pub plane_origin: [f32; 4],
+    /// Way of one unit of NDC x in that plane.
+    pub plane_x: [f32; 4],
+    /// Way of one unit of NDC y.
+    pub plane_y: [f32; 4],
+    /// Field coordinates per NDC x and y, squared inner edge of the border, 0.
+    pub field: [f32; 4],
+}
+
+/// A vertex of an instrument, instrument frame.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct MetalVertex {
+    /// mm.
+    pub position: [f32; 3],
+    /// Unit, outwards.
+    pub normal: [f32; 3],
+    /// 0 shaft, +1 the jaw on the +x side, −1 the other.
+    pub part: f32,
+    /// 0 metal, 1 glowing fibre, 2 dark port.
+    pub material: f32,
+}
+
+/// A vertex of the membrane, eye frame.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SheetVertex {
+    /// mm.
+    pub position: [f32; 3],
+    /// Unit, or zero where the node has no triangle.
+    pub normal: [f32; 3],
+    /// 1 on an edge of the sheet.
+    pub edge: f32,
+    /// Number of the node.
+    pub number: f32,
+}
+
+/// Both vertex types look the same to the GPU: two vectors of three, two numbers.
+pub const VERTEX_STRIDE: u64 = size_of::<MetalVertex>() as u64;
+const _: () = assert!(size_of::<MetalVertex>() == 32 && size_of::<SheetVertex>() == 32);

@@ -1,0 +1,275 @@
+//! Pictures for others: stills, video, small JPEGs. A thread of its own does the work; the display
+//! never waits for it. What it cannot take is dropped and counted.
+
+pub mod picture;
+pub mod y4m;
+
+use crate::readback::Picture;
+use protocol::time::Nanos;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use y4m::Y4m;
+
+/// Pictures under way at most.
+const POOL: usize = 3;
+/// The thread's own niceness, on top of the process's.
+const NICENESS: i32 = 5;
+
+/// What shall be written.
+#[derive(Debug, Clone)]
+pub struct OutputPlan {
+    /// Folder for stills.
+    pub stills: Option<PathBuf>,
+    /// Video file.
+    pub video: Option<PathBuf>,
+    /// Size of a video picture, both channels, px.
+    pub video_px: [u32; 2],
+    /// Pictures a second of the video.
+    pub video_hz: u32,
+}
+
+/// What is wanted of a picture.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// Number of the frame.
+    pub frame: u64,
+    /// Field shown.
+    pub field: u64,
+    /// When the picture was complete.
+    pub displayed: Nanos,
+    /// Save it as a numbered still.
+    pub still: bool,
+    /// Save it as `last.png`.
+    pub last: bool,
+    /// Encode it as a small JPEG.
+    pub jpeg: bool,
+    /// Write it so many times into the video.
+    pub video: u64,
+}
+
+impl Wanted {
+    /// True if nothing is wanted.
+    pub fn is_nothing(&self) -> bool {
+        !(self.still || self.last || self.jpeg || self.video > 0)
+    }
+}
+
+struct Job {
+    picture: Picture,
+    jpeg: Vec<u8>,
+    wanted: Wanted,
+    error: Option<String>,
+}
+
+/// A finished small picture, or the first error of a writer.
+pub enum Finished<'a> {
+    /// Bytes of a JPEG of a frame.
+    Jpeg(Wanted, &'a [u8]),
+    /// A file could not be written.
+    Failed(String),
+}
+
+/// The writing thread and its pool of pictures.
+pub struct Output {
+    jobs: Option<SyncSender<Job>>,
+    done: Receiver<Job>,
+    pool: Vec<Job>,
+    thread: Option<JoinHandle<()>>,
+    /// Pictures that were wanted but not taken.
+    pub dropped: u64,
+}
+
+impl Output {
+    /// Opens the files and starts the thread. `first_tier` limits the size of pictures.
+    pub fn start(plan: &OutputPlan, first_tier: usize) -> std::io::Result<Self> {
+        if let Some(folder) = &plan.stills {
+            std::fs::create_dir_all(folder)?;
+        }
+        let video = plan.video.as_deref().map(|path| Y4m::create(path, plan.video_px, plan.video_hz));
+        let mut writer = Writer { stills: plan.stills.clone(), video: video.transpose()? };
+        let (jobs, inbox) = sync_channel::<Job>(POOL);
+        let (outbox, done) = sync_channel::<Job>(POOL);
+        let thread = std::thread::Builder::new().name("pictures".into()).spawn(move || {
+            let _ = rustix::process::nice(NICENESS);
+            for mut job in inbox {
+                job.error = writer.write(&mut job).err().map(|e| e.to_string());
+                if outbox.send(job).is_err() {
+                    return;
+                }
+            }
+            writer.finish();
+        })?;
+        let job = || Job {
+            picture: Picture::with_room(first_tier),
+            jpeg: Vec::with_capacity(protocol::limits::MAX_PICTURE_BYTES),
+            wanted: Wanted::default(),
+            error: None,
+        };
+        let pool = (0..POOL).map(|_| job()).collect();
+        Ok(Self { jobs: Some(jobs), done, pool, thread: Some(thread), dropped: 0 })
+    }
+
+    /// Lends a free picture to `fill` and hands it to the thread; without a free one the picture
+    /// is dropped and counted.
+    pub fn hand_over<E>(
+        &mut self,
+        wanted: Wanted,
+        fill: impl FnOnce(&mut Picture) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let (Some(mut job), Some(jobs)) = (self.pool.pop(), &self.jobs) else {
+            self.dropped += 1;
+            return Ok(());
+        };
+        let filled = fill(&mut job.picture);
+        job.wanted = wanted;
+        if filled.is_err() {
+            self.pool.push(job);
+            return filled;
+        }
+        if let Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) = jobs.try_send(job) {
+            self.pool.push(job);
+            self.dropped += 1;
+        }
+        Ok(())
+    }
+
+    /// Takes finished pictures back and shows what has become of them.
+    pub fn collect(&mut self, mut finished: impl FnMut(Finished<'_>)) {
+        while let Ok(mut job) = self.done.try_recv() {
+            if let Some(error) = job.error.take() {
+                finished(Finished::Failed(error));
+            } else if job.wanted.jpeg {
+                finished(Finished::Jpeg(job.wanted, &job.jpeg));
+            }
+            self.pool.push(job);
+        }
+    }
+
+    /// Waits until a picture is free (at the end, when nothing else is to be done).
+    pub fn wait_for_room(&mut self) {
+        if self.pool.is_empty()
+            && let Ok(job) = self.done.recv()
+        {
+            self.pool.push(job);
+        }
+    }
+
+    /// Writes what is under way and closes the files; returns the first error.
+    pub fn finish(mut self) -> Option<String> {
+        self.jobs = None;
+        let mut first = None;
+        while let Ok(job) = self.done.recv() {
+            first = first.or(job.error);
+        }
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+        first
+    }
+}
+
+struct Writer {
+    stills: Option<PathBuf>,
+    video: Option<Y4m>,
+}
+
+impl Writer {
+    fn write(&mut self, job: &mut Job) -> Result<(), Box<dyn std::error::Error>> {
+        if job.wanted.jpeg {
+            picture::small_jpeg(&job.picture, &mut job.jpeg)?;
+        }
+        if let Some(folder) = &self.stills {
+            if job.wanted.still {
+                save_png(&folder.join(format!("frame-{:06}.png", job.wanted.frame)), &job.picture)?;
+            }
+            if job.wanted.last {
+                save_png(&folder.join("last.png"), &job.picture)?;
+            }
+        }
+        if let (Some(video), count @ 1..) = (&mut self.video, job.wanted.video) {
+            video.write(&job.picture, count)?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) {
+        if let Some(video) = &mut self.video
+            && let Err(e) = video.flush()
+        {
+            log::warn!("video: {e}");
+        }
+    }
+}
+
+/// Saves `picture` as a PNG; the file appears whole or not at all.
+pub fn save_png(path: &Path, picture: &Picture) -> Result<(), image::ImageError> {
+    let unfinished = path.with_extension("png.part");
+    let rgb = picture::rgb(picture);
+    image::save_buffer_with_format(
+        &unfinished,
+        &rgb,
+        picture.width_px,
+        picture.height_px,
+        image::ExtendedColorType::Rgb8,
+        image::ImageFormat::Png,
+    )?;
+    std::fs::rename(&unfinished, path).map_err(image::ImageError::IoError)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(value: u8) -> Picture {
+        Picture { width_px: 8, height_px: 4, rgba: vec![value; 8 * 4 * 4] }
+    }
+
+    #[test]
+    fn stills_video_and_jpeg_are_written() {
+        let folder = std::env::temp_dir().join(format!("vitreo-output-{}", std::process::id()));
+        let plan = OutputPlan {
+            stills: Some(folder.clone()),
+            video: Some(folder.join("v.y4m")),
+            video_px: [8, 4],
+            video_hz: 25,
+        };
+        std::fs::create_dir_all(&folder).unwrap();
+        let mut output = Output::start(&plan, 8).unwrap();
+        let wanted = Wanted { frame: 7, still: true, last: true, jpeg: true, video: 2, ..Wanted::default() };
+        let fill = |p: &mut Picture| {
+            *p = picture(90);
+            Ok::<(), ()>(())
+        };
+        output.hand_over(wanted, fill).unwrap();
+        (0..POOL).for_each(|_| output.wait_for_room());
+        assert_eq!(output.finish(), None);
+        let still = image::open(folder.join("frame-000007.png")).unwrap().to_rgb8();
+        assert_eq!((still.dimensions(), still.get_pixel(3, 3).0), ((8, 4), [90; 3]));
+        assert!(folder.join("last.png").is_file());
+        let video = std::fs::read(folder.join("v.y4m")).unwrap();
+        assert_eq!(video.windows(5).filter(|w| w == b"FRAME").count(), 2);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
+    fn a_full_pool_drops_and_counts() {
+        let plan = OutputPlan { stills: None, video: None, video_px: [8, 4], video_hz: 25 };
+        let mut output = Output::start(&plan, 8).unwrap();
+        let held: Vec<Job> = output.pool.drain(..).collect();
+        let filled = output.hand_over(Wanted { jpeg: true, ..Wanted::default() }, |_| Err("not asked"));
+        assert_eq!((filled, output.dropped, held.len()), (Ok(()), 1, POOL));
+        output.finish();
+    }
+
+    #[test]
+    fn an_impossible_folder_is_an_error() {
+        let plan = OutputPlan {
+            stills: Some("/proc/nowhere/stills".into()),
+            video: None,
+            video_px: [8, 4],
+            video_hz: 25,
+        };
+        assert!(Output::start(&plan, 8).is_err());
+    }
+}

@@ -1,0 +1,95 @@
+//! Raw video: YUV4MPEG2 with 4:2:0 chroma, full range, ITU-R BT.601 (as in JPEG).
+
+use super::picture::scale_rgb;
+use crate::readback::Picture;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+/// A file being written. All pictures have one size.
+pub struct Y4m {
+    file: BufWriter<File>,
+    size: [u32; 2],
+    rgb: Vec<u8>,
+    planes: Vec<u8>,
+}
+
+impl Y4m {
+    /// Creates `path` for pictures of `size` (both even), `hz` a second.
+    pub fn create(path: &Path, size: [u32; 2], hz: u32) -> std::io::Result<Self> {
+        let mut file = BufWriter::new(File::create(path)?);
+        let [w, h] = size;
+        writeln!(file, "YUV4MPEG2 W{w} H{h} F{hz}:1 Ip A1:1 C420jpeg XCOLORRANGE=FULL")?;
+        Ok(Self { file, size, rgb: Vec::new(), planes: Vec::new() })
+    }
+
+    /// Writes `picture`, scaled to the file's size, `count` times.
+    pub fn write(&mut self, picture: &Picture, count: u64) -> std::io::Result<()> {
+        let [w, h] = self.size;
+        scale_rgb(picture, w, h, &mut self.rgb);
+        to_planes(&self.rgb, w as usize, h as usize, &mut self.planes);
+        for _ in 0..count {
+            self.file.write_all(b"FRAME\n")?;
+            self.file.write_all(&self.planes)?;
+        }
+        Ok(())
+    }
+
+    /// Brings everything to the disk's care.
+    pub fn flush(&mut self) -> std::io::Result<()> {
+        self.file.flush()
+    }
+}
+
+/// Y, Cb, Cr planes; chroma is the mean of four pixels.
+fn to_planes(rgb: &[u8], w: usize, h: usize, out: &mut Vec<u8>) {
+    out.clear();
+    let at = |x: usize, y: usize| [0, 1, 2].map(|c| i32::from(rgb[(y * w + x) * 3 + c]));
+    // BT.601 in 1/65536.
+    let dot = |[r, g, b]: [i32; 3], k: [i32; 3], shift: u32, offset: i32| {
+        let sum = k[0] * r + k[1] * g + k[2] * b + (1 << (shift - 1));
+        ((sum >> shift) + offset).clamp(0, 255) as u8
+    };
+    for y in 0..h {
+        out.extend((0..w).map(|x| dot(at(x, y), [19_595, 38_470, 7_471], 16, 0)));
+    }
+    for k in [[-11_059, -21_709, 32_768], [32_768, -27_439, -5_329]] {
+        for y in (0..h).step_by(2) {
+            out.extend((0..w).step_by(2).map(|x| {
+                let four = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
+                dot([0, 1, 2].map(|c| four.iter().map(|p| p[c]).sum()), k, 18, 128)
+            }));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn primaries_have_their_published_values() {
+        let mut out = Vec::new();
+        // JFIF 1.02: red is (76, 85, 255), grey has no chroma.
+        to_planes(&[255, 0, 0].repeat(4), 2, 2, &mut out);
+        assert_eq!(out, [76, 76, 76, 76, 85, 255]);
+        to_planes(&[100; 12], 2, 2, &mut out);
+        assert_eq!(out, [100, 100, 100, 100, 128, 128]);
+    }
+
+    #[test]
+    fn every_frame_has_the_same_length() {
+        let path = std::env::temp_dir().join(format!("vitreo-{}.y4m", std::process::id()));
+        let mut video = Y4m::create(&path, [8, 4], 25).unwrap();
+        for n in [4u32, 8, 20] {
+            let picture = Picture { width_px: 2 * n, height_px: n, rgba: vec![50; (8 * n * n) as usize] };
+            video.write(&picture, 1).unwrap();
+        }
+        video.flush().unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let header = bytes.iter().position(|&b| b == b'\n').unwrap() + 1;
+        assert!(bytes.starts_with(b"YUV4MPEG2 W8 H4 F25:1 Ip A1:1 C420"));
+        assert_eq!(bytes.len() - header, 3 * (6 + 8 * 4 * 3 / 2));
+    }
+}

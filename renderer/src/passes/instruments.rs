@@ -1,0 +1,91 @@
+//! The two instruments.
+
+use super::{COLOUR, PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use crate::layout::MetalVertex;
+use crate::tools::{self, Mesh};
+use protocol::handles::Tool;
+use protocol::limits::INSTRUMENTS;
+use wgpu::{
+    BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
+    RenderPass, RenderPipeline,
+};
+
+const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle];
+
+/// Shaft of an instrument.
+#[derive(Debug, Clone, Copy)]
+pub struct Shaft {
+    /// Outer radius, mm.
+    pub radius_mm: f32,
+    /// Length from the tip, mm.
+    pub length_mm: f32,
+}
+
+/// Meshes of every tool for each of the two shafts, so that a change of tool costs nothing.
+pub struct Meshes {
+    vertices: Buffer,
+    indices: Buffer,
+    /// First index and count, by instrument and tool.
+    ranges: [[(u32, u32); TOOLS.len()]; INSTRUMENTS],
+}
+
+impl Meshes {
+    /// Makes and uploads them.
+    pub fn new(device: &Device, queue: &Queue, shafts: &[Shaft; INSTRUMENTS]) -> Self {
+        let mut all = Mesh::default();
+        let ranges = shafts.map(|shaft| {
+            TOOLS.map(|tool| {
+                let mesh = tools::mesh(tool, shaft.radius_mm, shaft.length_mm);
+                let (base, first) = (all.vertices.len() as u32, all.indices.len() as u32);
+                all.vertices.extend(&mesh.vertices);
+                all.indices.extend(mesh.indices.iter().map(|i| i + base));
+                (first, mesh.indices.len() as u32)
+            })
+        });
+        let size = all.vertices.len() * size_of::<MetalVertex>();
+        let vertices = geometry_buffer(device, "metal", size, BufferUsages::VERTEX);
+        let indices = geometry_buffer(device, "metal", all.indices.len() * 4, BufferUsages::INDEX);
+        queue.write_buffer(&vertices, 0, bytemuck::cast_slice(&all.vertices));
+        queue.write_buffer(&indices, 0, bytemuck::cast_slice(&all.indices));
+        Self { vertices, indices, ranges }
+    }
+
+    /// Draws instrument `which` as `tool` with the pipeline that is set.
+    pub fn draw(&self, pass: &mut RenderPass<'_>, which: usize, tool: Tool) {
+        let Some(index) = TOOLS.iter().position(|&t| t == tool) else { return };
+        let (first, count) = self.ranges[which][index];
+        pass.set_vertex_buffer(0, self.vertices.slice(..));
+        pass.set_index_buffer(self.indices.slice(..), IndexFormat::Uint32);
+        pass.draw_indexed(first..first + count, 0, which as u32..which as u32 + 1);
+    }
+}
+
+/// The pass.
+pub struct Instruments {
+    pipeline: RenderPipeline,
+}
+
+impl Instruments {
+    /// Makes the pipeline. Blending serves instruments that fade because they are lost; a faded
+    /// one is drawn after the retina, a solid one before it.
+    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+        let plan = PipelinePlan {
+            shader: "instruments",
+            vertex: "vs_main",
+            fragment: Some("fs_main"),
+            groups: &[&uniforms.layout, light],
+            vertices: true,
+            strip: false,
+            depth: Some((CompareFunction::Less, true)),
+            blend: Some(BlendState::ALPHA_BLENDING),
+            format: COLOUR,
+        };
+        Self { pipeline: pipeline(device, &plan) }
+    }
+
+    /// Draws instrument `which`; groups 0 and 1 are set.
+    pub fn draw(&self, pass: &mut RenderPass<'_>, meshes: &Meshes, which: usize, tool: Tool) {
+        pass.set_pipeline(&self.pipeline);
+        meshes.draw(pass, which, tool);
+    }
+}

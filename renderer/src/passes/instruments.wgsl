@@ -1,0 +1,66 @@
+// Instruments as lit metal. What lies behind the retina is cut off, since the retina writes no depth.
+
+struct Metal {
+    @builtin(position) clip: vec4f,
+    @location(0) p: vec3f,
+    @location(1) n: vec3f,
+    @location(2) field_xy: vec2f,
+    // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp
+    @location(3) surface: vec3f,
+}
+
+@vertex
+fn vs_main(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @location(2) part: f32,
+    @location(3) material: f32,
+    @builtin(instance_index) which: u32,
+) -> Metal {
+    let placed = place_instrument(position, normal, part, which);
+    var out: Metal;
+    out.p = placed.p;
+    out.n = placed.n;
+    out.clip = view.clip_from_eye * vec4f(out.p, 1.0);
+    out.field_xy = out.clip.xy / out.clip.w * view.field.xy;
+    let shape = frame.instruments[which].shape;
+    out.surface = vec3f(material, shape.z, shape.w);
+    return out;
+}
+
+@fragment
+fn fs_main(in: Metal) -> @location(0) vec4f {
+    let radius = frame.retina.x + 0.03;
+    let shade = vignette(in.field_xy);
+    if (in.p.z < 0.0 && dot(in.p, in.p) > radius * radius) || shade <= 0.0 {
+        discard;
+    }
+    let n = normalize(in.n);
+    let v = normalize(view.camera.xyz - in.p);
+    let r = reflect(-v, n);
+    // The lit retina below is a large warm lamp; above is the dark of the vitreous.
+    let from_retina = clamp(0.5 - 0.5 * n.z, 0.0, 1.0);
+    let mirrored = clamp(-r.z * 1.4 + 0.1, 0.0, 1.0);
+    // The microscope's own rim of light keeps the shaft readable against the dark.
+    let towards_viewer = clamp(dot(n, v), 0.0, 1.0);
+    var light = frame.ambient.rgb * (1.0 + 14.0 * from_retina + 10.0 * mirrored * mirrored);
+    light += vec3f(0.022, 0.025, 0.030) * (0.4 + towards_viewer);
+    if in.surface.z > 0.0 {
+        let to_lamp = frame.lamp_position.xyz - in.p;
+        let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);
+        let l = to_lamp * sqrt(inverse_square);
+        let strength = spot(-l) * frame.lamp_position.w * inverse_square;
+        let h = max(dot(n, normalize(l + v)), 0.0);
+        let h2 = h * h;
+        let h4 = h2 * h2;
+        let h8 = h4 * h4;
+        light += frame.lamp_colour.rgb * (strength * (0.45 * max(dot(n, l), 0.0) + 1.2 * h8 * h8));
+    }
+    var colour = vec3f(0.72, 0.74, 0.78) * light;
+    if in.surface.x > 1.5 {
+        colour = colour * 0.08;
+    } else if in.surface.x > 0.5 {
+        colour = frame.lamp_colour.rgb * 2.5;
+    }
+    return vec4f(to_display(colour) * shade, in.surface.y);
+}

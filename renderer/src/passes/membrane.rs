@@ -1,0 +1,83 @@
+//! The membrane: its buffers and its translucent pass.
+
+use super::{COLOUR, PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use crate::layout::SheetVertex;
+use wgpu::{
+    BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
+    RenderPass, RenderPipeline,
+};
+
+/// The sheet on the device.
+pub struct Sheet {
+    vertices: Buffer,
+    indices: Buffer,
+    corners: u32,
+}
+
+impl Sheet {
+    /// With room for so many nodes and triangles.
+    pub fn new(device: &Device, nodes: usize, triangles: usize) -> Self {
+        let vertices =
+            geometry_buffer(device, "sheet", nodes * size_of::<SheetVertex>(), BufferUsages::VERTEX);
+        let indices = geometry_buffer(device, "sheet", triangles * 12, BufferUsages::INDEX);
+        Self { vertices, indices, corners: 0 }
+    }
+
+    /// Makes room where a scene brings more than was foreseen.
+    pub fn reserve(&mut self, device: &Device, nodes: usize, triangles: usize) {
+        let fits = self.vertices.size() >= (nodes * size_of::<SheetVertex>()) as u64
+            && self.indices.size() >= (triangles * 12) as u64;
+        if !fits {
+            *self = Self::new(device, 2 * nodes, 2 * triangles);
+        }
+    }
+
+    /// Takes the triangles in.
+    pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]]) {
+        queue.write_buffer(&self.indices, 0, bytemuck::cast_slice(triangles));
+        self.corners = 3 * triangles.len() as u32;
+    }
+
+    /// Takes the vertices in.
+    pub fn set_vertices(&self, queue: &Queue, vertices: &[SheetVertex]) {
+        queue.write_buffer(&self.vertices, 0, bytemuck::cast_slice(vertices));
+    }
+
+    /// Draws it with the pipeline that is set.
+    pub fn draw(&self, pass: &mut RenderPass<'_>) {
+        if self.corners > 0 {
+            pass.set_vertex_buffer(0, self.vertices.slice(..));
+            pass.set_index_buffer(self.indices.slice(..), IndexFormat::Uint32);
+            pass.draw_indexed(0..self.corners, 0, 0..1);
+        }
+    }
+}
+
+/// The pass.
+pub struct Membrane {
+    pipeline: RenderPipeline,
+}
+
+impl Membrane {
+    /// Makes the pipeline: both sides, tested against the instruments, blended.
+    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+        let plan = PipelinePlan {
+            shader: "membrane",
+            vertex: "vs_main",
+            fragment: Some("fs_main"),
+            groups: &[&uniforms.layout, light],
+            vertices: true,
+            strip: false,
+            depth: Some((CompareFunction::Less, false)),
+            blend: Some(BlendState::ALPHA_BLENDING),
+            format: COLOUR,
+        };
+        Self { pipeline: pipeline(device, &plan) }
+    }
+
+    /// Draws; groups 0 and 1 are set.
+    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet) {
+        pass.set_pipeline(&self.pipeline);
+        sheet.draw(pass);
+    }
+}

@@ -1,0 +1,202 @@
+//! The passes, one file each beside its shader, and what they share: bindings and pipelines.
+
+pub mod fundus;
+pub mod instruments;
+pub mod membrane;
+pub mod overlay;
+pub mod shadow;
+
+use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
+use std::num::NonZeroU64;
+use wgpu::{
+    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages,
+    CompareFunction, Device, RenderPipeline, ShaderStages, TextureFormat,
+};
+
+/// Format of the pictures: square roots of linear light, 8 bits.
+pub const COLOUR: TextureFormat = TextureFormat::Rgba8Unorm;
+/// Format of the depth of pictures and shadow maps.
+pub const DEPTH: TextureFormat = TextureFormat::Depth32Float;
+/// Distance of the channels' uniforms in their buffer, bytes.
+pub const VIEW_STRIDE: u32 = 256;
+
+const COMMON: &str = include_str!("common.wgsl");
+const PLACE: &str = include_str!("place.wgsl");
+
+/// Whole text of every shader, by name, for the device and for the validation test.
+pub fn shader_sources() -> [(&'static str, String); 6] {
+    [
+        ("shadow", [COMMON, PLACE, include_str!("shadow.wgsl")].concat()),
+        ("fundus", [COMMON, include_str!("fundus.wgsl")].concat()),
+        ("instruments", [COMMON, PLACE, include_str!("instruments.wgsl")].concat()),
+        ("membrane", [COMMON, include_str!("membrane.wgsl")].concat()),
+        ("overlay", include_str!("overlay.wgsl").to_owned()),
+        ("blit", include_str!("../present/blit.wgsl").to_owned()),
+    ]
+}
+
+/// The shader called `name`.
+///
+/// # Panics
+/// If there is none of that name.
+pub fn shader(device: &Device, name: &str) -> wgpu::ShaderModule {
+    let (label, text) =
+        shader_sources().into_iter().find(|(n, _)| *n == name).expect("a shader of this crate");
+    device.create_shader_module(wgpu::ShaderModuleDescriptor {
+        label: Some(label),
+        source: wgpu::ShaderSource::Wgsl(text.into()),
+    })
+}
+
+/// Group 0 of every pass: the uniforms.
+pub struct Uniforms {
+    /// [`FrameUniform`].
+    pub frame: Buffer,
+    /// Two [`ViewUniform`]s, [`VIEW_STRIDE`] apart.
+    pub views: Buffer,
+    /// Layout of the group; the view has a dynamic offset.
+    pub layout: BindGroupLayout,
+    /// The group.
+    pub group: BindGroup,
+}
+
+impl Uniforms {
+    /// Makes buffers and group.
+    pub fn new(device: &Device) -> Self {
+        let buffer = |label, size| {
+            device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size,
+                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        };
+        let frame = buffer("frame", size_of::<FrameUniform>() as u64);
+        let views = buffer("views", 2 * u64::from(VIEW_STRIDE));
+        let entry = |binding, size, has_dynamic_offset| BindGroupLayoutEntry {
+            binding,
+            visibility: ShaderStages::VERTEX_FRAGMENT,
+            ty: BindingType::Buffer {
+                ty: wgpu::BufferBindingType::Uniform,
+                has_dynamic_offset,
+                min_binding_size: NonZeroU64::new(size),
+            },
+            count: None,
+        };
+        let view_size = size_of::<ViewUniform>() as u64;
+        let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+            label: Some("uniforms"),
+            entries: &[entry(0, size_of::<FrameUniform>() as u64, false), entry(1, view_size, true)],
+        });
+        let one_view = wgpu::BufferBinding { buffer: &views, offset: 0, size: NonZeroU64::new(view_size) };
+        let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("uniforms"),
+            layout: &layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Buffer(one_view) },
+            ],
+        });
+        Self { frame, views, layout, group }
+    }
+}
+
+/// What distinguishes the pipelines of this crate.
+pub struct PipelinePlan<'a> {
+    /// Name of the shader.
+    pub shader: &'a str,
+    /// Entry points; without a fragment stage only depth is written.
+    pub vertex: &'a str,
+    /// Fragment entry point.
+    pub fragment: Option<&'a str>,
+    /// Groups.
+    pub groups: &'a [&'a BindGroupLayout],
+    /// True if it takes vertices from a buffer.
+    pub vertices: bool,
+    /// Drawn as a strip of triangles.
+    pub strip: bool,
+    /// Depth: test and write.
+    pub depth: Option<(CompareFunction, bool)>,
+    /// Blending of the picture.
+    pub blend: Option<BlendState>,
+    /// Format of the picture.
+    pub format: TextureFormat,
+}
+
+/// Position, normal and two numbers, as in [`crate::layout`].
+const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
+    wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
+
+/// Makes a pipeline.
+pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
+    let module = shader(device, plan.shader);
+    let groups: Vec<_> = plan.groups.iter().map(|&g| Some(g)).collect();
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(plan.shader),
+        bind_group_layouts: &groups,
+        immediate_size: 0,
+    });
+    let buffer = wgpu::VertexBufferLayout {
+        array_stride: VERTEX_STRIDE,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &ATTRIBUTES,
+    };
+    let buffers = [Some(buffer)];
+    let target = [Some(wgpu::ColorTargetState {
+        format: plan.format,
+        blend: plan.blend,
+        write_mask: wgpu::ColorWrites::ALL,
+    })];
+    let topology = if plan.strip {
+        wgpu::PrimitiveTopology::TriangleStrip
+    } else {
+        wgpu::PrimitiveTopology::TriangleList
+    };
+    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(plan.shader),
+        layout: Some(&layout),
+        vertex: wgpu::VertexState {
+            module: &module,
+            entry_point: Some(plan.vertex),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            buffers: if plan.vertices { &buffers } else { &[] },
+        },
+        primitive: wgpu::PrimitiveState { topology, ..wgpu::PrimitiveState::default() },
+        depth_stencil: plan.depth.map(|(compare, write)| wgpu::DepthStencilState {
+            format: DEPTH,
+            depth_write_enabled: Some(write),
+            depth_compare: Some(compare),
+            stencil: wgpu::StencilState::default(),
+            bias: wgpu::DepthBiasState::default(),
+        }),
+        multisample: wgpu::MultisampleState::default(),
+        fragment: plan.fragment.map(|entry| wgpu::FragmentState {
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            targets: &target,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// A buffer of vertices or indices with room for `size` bytes.
+pub fn geometry_buffer(device: &Device, label: &str, size: usize, usage: BufferUsages) -> Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size: (size.max(4) as u64).next_multiple_of(4),
+        usage: usage | BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+/// A depth attachment that begins empty and is kept or thrown away after the pass.
+pub fn clear_depth(view: &wgpu::TextureView, keep: bool) -> wgpu::RenderPassDepthStencilAttachment<'_> {
+    let store = if keep { wgpu::StoreOp::Store } else { wgpu::StoreOp::Discard };
+    wgpu::RenderPassDepthStencilAttachment {
+        view,
+        depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(1.0), store }),
+        stencil_ops: None,
+    }
+}

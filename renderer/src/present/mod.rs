@@ -1,0 +1,82 @@
+//! Where finished pictures go: nowhere (headless), or into a window.
+
+pub mod window;
+
+use crate::gpu::{Gpu, GpuError};
+use crate::target::Target;
+use protocol::time::Nanos;
+use window::Window;
+
+/// Why there is no window.
+#[derive(Debug, thiserror::Error)]
+pub enum PresentError {
+    /// No display server.
+    #[error(
+        "no display for a window ({0}); use --headless, with --stills DIR or --video FILE.y4m to see the picture"
+    )]
+    NoDisplay(String),
+    /// The graphics driver.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+}
+
+/// A place for pictures.
+pub enum Present {
+    /// The picture is complete when it is drawn.
+    Headless,
+    /// A window.
+    Window(Box<Window>),
+}
+
+/// What the display says before a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ready {
+    /// Draw now; it was last refreshed at this instant.
+    At(Nanos),
+    /// It cannot take a picture now.
+    NotNow,
+    /// The person closed it.
+    Closed,
+}
+
+impl Present {
+    /// Opens the device and, if asked for, a window.
+    pub fn open(window: bool) -> Result<(Gpu, Self), PresentError> {
+        if window {
+            let (gpu, window) = Window::open()?;
+            Ok((gpu, Present::Window(Box::new(window))))
+        } else {
+            Ok((Gpu::headless()?, Present::Headless))
+        }
+    }
+
+    /// Period of the display, ns.
+    pub fn refresh_ns(&self) -> Option<u64> {
+        match self {
+            Present::Headless => None,
+            Present::Window(window) => Some(window.refresh_ns()),
+        }
+    }
+
+    /// Serves the window's events and waits until it takes the next picture.
+    pub fn begin(&mut self, gpu: &Gpu, now: impl Fn() -> Nanos) -> Ready {
+        match self {
+            Present::Headless => Ready::At(now()),
+            Present::Window(window) => window.begin(gpu, now),
+        }
+    }
+
+    /// Copies the picture into the window; part of drawing.
+    pub fn copy(&mut self, gpu: &Gpu, target: &Target) {
+        if let Present::Window(window) = self {
+            window.copy(gpu, target);
+        }
+    }
+
+    /// Lets the display have it.
+    pub fn show(&mut self, gpu: &Gpu) {
+        if let Present::Window(window) = self {
+            window.show(gpu);
+        }
+    }
+}

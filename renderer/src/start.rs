@@ -1,0 +1,125 @@
+//! What is decided once, before the loop: scene and rig, tiers, and a first frame that makes the
+//! driver compile its programs (60 to 700 ms on a software driver, too long for the first picture).
+
+use crate::config::Config;
+use crate::frame::{Plan, Renderer};
+use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
+use crate::gpu::Gpu;
+use crate::latch::Latched;
+use crate::passes::instruments::Shaft;
+use anyhow::{Context, Result};
+use bytemuck::Zeroable;
+use glam::{DMat4, DVec3};
+use protocol::geometry::Pose;
+use protocol::limits::INSTRUMENTS;
+use protocol::poses::BODY_NAMES;
+use protocol::rig::Rig;
+use protocol::scene::{Microscope, NODE_FREE, SceneHeader, SceneNode, SceneTriangle, SectionWriter};
+use protocol::scene_file::{MicroscopeScene, SceneFile};
+
+/// The best tier for which a software driver makes room.
+const SOFTWARE_BEST: usize = 3;
+/// Edge of the fundus map on a software driver: about the texels that its tiers can show.
+const SOFTWARE_MAP_PX: u32 = 512;
+/// Edge of the fundus map on a GPU.
+const HARDWARE_MAP_PX: u32 = 2048;
+/// Length of a shaft that the rig does not tell, mm.
+const SHAFT_LENGTH_MM: f64 = 60.0;
+
+/// The scene that was asked for.
+pub fn load_scene(config: &Config) -> Result<SceneFile> {
+    SceneFile::load(&config.scene).context("the renderer needs the scene")
+}
+
+/// The best tier for which resources are made.
+pub fn first_tier(gpu: &Gpu, fixed: Option<usize>) -> usize {
+    let best = if gpu.is_software { SOFTWARE_BEST } else { 0 };
+    fixed.map_or(best, |tier| tier.min(best))
+}
+
+/// The tier to begin with.
+pub fn start_tier(gpu: &Gpu) -> usize {
+    if gpu.is_software { SOFTWARE_START } else { HARDWARE_START }
+}
+
+/// Size of a video picture, both channels: that of the fixed tier, or one that a machine of this
+/// kind usually reaches.
+pub fn video_px(gpu: &Gpu, fixed: Option<usize>) -> [u32; 2] {
+    let tier = &TIERS[fixed.unwrap_or(if gpu.is_software { 5 } else { 2 })];
+    [2 * tier.width_px, tier.height_px]
+}
+
+/// The plan for a scene and the rig's instruments.
+pub fn plan(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> Plan {
+    let shafts: [Shaft; INSTRUMENTS] = std::array::from_fn(|i| Shaft {
+        radius_mm: scene.instruments[i].shaft_radius_mm as f32,
+        length_mm: rig.body(BODY_NAMES[i]).and_then(|b| b.length).unwrap_or(SHAFT_LENGTH_MM) as f32,
+    });
+    let [w, h] = scene.membrane.squares.map(|n| n as usize);
+    Plan {
+        side: scene.eye.side,
+        retina_radius_mm: scene.eye.retina_radius_mm,
+        shafts,
+        tissue: [(w + 1) * (h + 1), 2 * w * h],
+        first_tier,
+        map_px,
+    }
+}
+
+/// A renderer for `scene` that has drawn its first frame.
+pub fn renderer(gpu: &Gpu, scene: &SceneFile, config: &Config, first_tier: usize) -> Result<Renderer> {
+    let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+    let map_px = if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX };
+    let mut renderer =
+        Renderer::new(gpu, plan(scene, &rig, first_tier, map_px)).context("fundus photograph")?;
+    warm_up(gpu, &mut renderer, scene, first_tier)?;
+    Ok(renderer)
+}
+
+/// Microscope of a scene file as a scene block carries it.
+pub fn microscope(scene: &MicroscopeScene) -> Microscope {
+    Microscope {
+        target_in_world_mm: scene.target_in_world_mm,
+        working_distance_mm: scene.working_distance_mm,
+        stereo_base_mm: scene.stereo_base_mm,
+        field_mm: scene.field_mm,
+        focus_mm: 0.0,
+    }
+}
+
+/// Draws every kind of thing once, tracked and lost, at every tier from the start on.
+fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: usize) -> Result<()> {
+    let mut payload = [0u128; 16];
+    let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
+    let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE };
+    let nodes = writer.write(&[node(0.0, 0.0), node(1.0, 0.0), node(0.0, 1.0)]);
+    let triangles = writer.write(&[SceneTriangle { nodes: [0, 1, 2], tissue: 0 }]);
+    let mut header = SceneHeader::zeroed();
+    header.microscope = microscope(&scene.microscope);
+    (header.nodes, header.triangles) = (nodes.unwrap_or_default(), triangles.unwrap_or_default());
+    // No real scene has this number, so the first one brings its triangles.
+    header.topology = u64::MAX;
+    for (i, instrument) in header.instruments.iter_mut().enumerate() {
+        instrument.tool = scene.instruments[i].tool as u32;
+        instrument.world_from_instrument = Pose::IDENTITY;
+    }
+    renderer.take_scene(gpu, &header, bytemuck::cast_slice(&payload))?;
+    let tip = |x: f64| DMat4::from_translation(DVec3::new(x, 0.0, -6.0));
+    for tracked in [true, false, true] {
+        let latched = Latched {
+            field: 0,
+            instants: Zeroable::zeroed(),
+            predicted_to: 0,
+            world_from_eye: DMat4::IDENTITY,
+            world_from_instrument: [tip(1.0), tip(-1.0)],
+            tracked: [tracked; INSTRUMENTS],
+            eye_tracked: tracked,
+        };
+        for tier in first_tier..TIERS.len() {
+            let commands = renderer.encode(gpu, tier);
+            renderer.submit(gpu, tier, &latched, commands);
+            gpu.wait()?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,180 @@
+//! The tissue mesh of a scene block, made ready for the GPU: bound nodes moved with the latched
+//! instruments, normals from the triangles, edges of the sheet marked.
+//!
+//! What comes in is checked: a triangle with a node that does not exist or is not a finite point
+//! is left out and counted.
+
+use crate::layout::SheetVertex;
+use glam::{Mat4, Vec3};
+use protocol::limits::INSTRUMENTS;
+use protocol::scene::{NODE_BOUND, SceneNode, SceneTriangle};
+
+/// Farthest that a node may be from the eye's centre, mm; farther ones are broken numbers.
+const FARTHEST_MM: f32 = 1e3;
+
+/// The membrane as it is drawn.
+#[derive(Debug, Default)]
+pub struct Tissue {
+    nodes: Vec<SceneNode>,
+    triangles: Vec<[u32; 3]>,
+    vertices: Vec<SheetVertex>,
+    edges: Vec<(u32, u32)>,
+    is_edge: Vec<bool>,
+    topology: Option<u64>,
+    /// Triangles left out of the present scene.
+    pub refused: u64,
+}
+
+impl Tissue {
+    /// With room for so many nodes and triangles, so that nothing is allocated later.
+    pub fn with_capacity(nodes: usize, triangles: usize) -> Self {
+        Self {
+            nodes: Vec::with_capacity(nodes),
+            triangles: Vec::with_capacity(triangles),
+            vertices: Vec::with_capacity(nodes),
+            edges: Vec::with_capacity(3 * triangles),
+            is_edge: Vec::with_capacity(nodes),
+            topology: None,
+            refused: 0,
+        }
+    }
+
+    /// Takes in a scene's arrays; true if the triangles have changed.
+    pub fn take(&mut self, nodes: &[SceneNode], triangles: &[SceneTriangle], topology: u64) -> bool {
+        self.nodes.clear();
+        self.nodes.extend_from_slice(nodes);
+        let count = self.nodes.len() as u32;
+        let changed = self.topology != Some(topology) || self.is_edge.len() != self.nodes.len();
+        if changed {
+            self.topology = Some(topology);
+            self.triangles.clear();
+            let fits = |t: &&SceneTriangle| t.nodes.iter().all(|&n| n < count);
+            self.triangles.extend(triangles.iter().filter(fits).map(|t| t.nodes));
+            self.refused = (triangles.len() - self.triangles.len()) as u64;
+            self.mark_edges();
+        }
+        changed
+    }
+
+    /// Triangles to draw.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// An edge that belongs to one triangle only is an edge of the sheet.
+    fn mark_edges(&mut self) {
+        self.edges.clear();
+        for t in &self.triangles {
+            for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                self.edges.push((a.min(b), a.max(b)));
+            }
+        }
+        self.edges.sort_unstable();
+        self.is_edge.clear();
+        self.is_edge.resize(self.nodes.len(), false);
+        for same in self.edges.chunk_by(|a, b| a == b) {
+            if let [(a, b)] = same {
+                self.is_edge[*a as usize] = true;
+                self.is_edge[*b as usize] = true;
+            }
+        }
+    }
+
+    /// Vertices in the eye frame, bound nodes carried by `eye_from_instrument`.
+    pub fn place(&mut self, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> &[SheetVertex] {
+        self.vertices.clear();
+        for (i, (node, &edge)) in self.nodes.iter().zip(&self.is_edge).enumerate() {
+            let position = in_eye(node, eye_from_instrument);
+            self.vertices.push(SheetVertex {
+                position: position.to_array(),
+                normal: [0.0; 3],
+                edge: f32::from(u8::from(edge)),
+                number: i as f32,
+            });
+        }
+        self.add_normals();
+        &self.vertices
+    }
+
+    fn add_normals(&mut self) {
+        for t in &self.triangles {
+            let [a, b, c] = t.map(|n| Vec3::from(self.vertices[n as usize].position));
+            // Not normalised: large triangles count more.
+            let normal = (b - a).cross(c - a);
+            for &n in t {
+                let sum = Vec3::from(self.vertices[n as usize].normal) + normal;
+                self.vertices[n as usize].normal = sum.to_array();
+            }
+        }
+        for v in &mut self.vertices {
+            v.normal = Vec3::from(v.normal).normalize_or(Vec3::Z).to_array();
+        }
+    }
+}
+
+/// Position in the eye frame; broken numbers are put out of sight, far behind the camera.
+fn in_eye(node: &SceneNode, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> Vec3 {
+    let p = Vec3::from(node.position_mm);
+    let bound = node.flag.checked_sub(NODE_BOUND).and_then(|i| eye_from_instrument.get(i as usize));
+    let p = bound.map_or(p, |m| m.transform_point3(p));
+    if p.is_finite() && p.length_squared() < FARTHEST_MM * FARTHEST_MM {
+        p
+    } else {
+        Vec3::new(0.0, 0.0, -FARTHEST_MM)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::scene::NODE_FREE;
+
+    fn node(position_mm: [f32; 3], flag: u32) -> SceneNode {
+        SceneNode { position_mm, flag }
+    }
+
+    fn square() -> (Vec<SceneNode>, Vec<SceneTriangle>) {
+        // A fan about a middle node: the middle is no edge.
+        let nodes = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]
+            .map(|[x, y]| node([x, y, -11.0], NODE_FREE));
+        let triangles = (0..4).map(|i| SceneTriangle { nodes: [0, 1 + i, 1 + (i + 1) % 4], tissue: 0 });
+        (nodes.to_vec(), triangles.collect())
+    }
+
+    #[test]
+    fn normals_look_into_the_eye_and_edges_are_found() {
+        let (nodes, triangles) = square();
+        let mut tissue = Tissue::default();
+        assert!(tissue.take(&nodes, &triangles, 1));
+        assert!(!tissue.take(&nodes, &triangles, 1), "same topology");
+        let v = tissue.place(&[Mat4::IDENTITY; 2]);
+        assert!(v.iter().all(|v| (v.normal[2] - 1.0).abs() < 1e-6));
+        assert_eq!(v.iter().map(|v| v.edge).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn bound_nodes_follow_their_instrument() {
+        let (mut nodes, triangles) = square();
+        nodes[0] = node([0.1, 0.0, 0.0], NODE_BOUND + 1);
+        let mut tissue = Tissue::default();
+        tissue.take(&nodes, &triangles, 1);
+        let moved = Mat4::from_translation(Vec3::new(0.0, 2.0, -9.0));
+        let v = tissue.place(&[Mat4::IDENTITY, moved]);
+        assert_eq!(v[0].position, [0.1, 2.0, -9.0]);
+    }
+
+    #[test]
+    fn broken_input_is_left_out() {
+        let (mut nodes, mut triangles) = square();
+        nodes[2].position_mm[0] = f32::NAN;
+        triangles.push(SceneTriangle { nodes: [0, 1, 99], tissue: 0 });
+        let mut tissue = Tissue::default();
+        tissue.take(&nodes, &triangles, 1);
+        assert_eq!((tissue.triangles().len(), tissue.refused), (4, 1));
+        let finite = |v: &SheetVertex| v.position.iter().chain(&v.normal).all(|c| c.is_finite());
+        assert!(tissue.place(&[Mat4::IDENTITY; 2]).iter().all(finite));
+        // Fewer nodes under the same topology number must not leave dangling indices.
+        assert!(tissue.take(&nodes[..3], &triangles, 1));
+        assert!(tissue.triangles().iter().flatten().all(|&n| n < 3));
+    }
+}
