@@ -34,10 +34,10 @@ pub const fn reference(colour: Colour) -> [u8; 3] {
 /// so that a blurred edge has nearly its half weight where the marker's outline is, and wide, so that
 /// the few lines that cross a marker sample its outline without steps.
 const RAMP_FROM_256: u32 = 64;
-const RAMP_TO_256: u32 = 208;
+const RAMP_TO_256: u32 = 224;
 /// A marker is taken to be at least this bright, as a share of its reference contrast in 1/16: lines
 /// that only graze a marker show no lit surface to compare with.
-const LEAST_CONTRAST_16: u16 = 14;
+const LEAST_CONTRAST_16: u16 = 15;
 /// Least chroma (distance from grey) that tells a class. Half of the palest reference.
 const LEAST_CHROMA: i32 = 24;
 /// Luma from which a region without any chroma is white.
@@ -155,9 +155,9 @@ mod tests {
             let weights: Vec<u8> = (0..=255).map(|luma| table.weight(luma, lit)).collect();
             assert!(weights.is_sorted());
             assert_eq!((weights[usize::from(LOW)], weights[255]), (0, FULL_WEIGHT), "{colour:?}");
-            assert_eq!(weights[usize::from(lit) - 12], FULL_WEIGHT, "room for shading");
+            assert_eq!(weights[usize::from(lit) - 8], FULL_WEIGHT, "room for shading");
             let half = weights[usize::from((lit + DARK) / 2)];
-            assert!(half.abs_diff(FULL_WEIGHT / 2) <= 5, "{colour:?}: {half} at half the contrast");
+            assert!(half.abs_diff(FULL_WEIGHT / 2) <= 8, "{colour:?}: {half} at half the contrast");
             assert!(table.least_lit(colour as u8) < lit);
         }
     }

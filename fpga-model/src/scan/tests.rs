@@ -150,7 +150,7 @@ fn centres_are_within_a_twentieth_of_a_pixel() {
     let rms = square.map(f64::sqrt);
     println!("{n} centres: bias {:.4} {:.4}, rms {:.4} {:.4} px of the frame", mean.x, mean.y, rms.x, rms.y);
     // What is left of the light from one side, which shows along the lines.
-    assert!(mean.x.abs() < 0.025 && mean.y.abs() < 0.005, "bias {mean}");
+    assert!(mean.x.abs() < 0.03 && mean.y.abs() < 0.005, "bias {mean}");
     assert!(rms.x < 0.05 && rms.y < 0.05, "rms {rms}");
     let chi2 = scaled.iter().sum::<f64>() / n;
     println!("variance: mean of squared error over variance {chi2:.2} (2 expected)");
