@@ -16,7 +16,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 
 /// Lines of a child's output that are kept for messages.
@@ -59,6 +59,33 @@ pub struct Surroundings {
     pub environment: Vec<(&'static str, String)>,
     /// Niceness, 0 to 19; a nicer process lets the others go first.
     pub nice: i32,
+    /// Real-time scheduling, where this user may ask for it: it runs as soon as it wakes up.
+    pub realtime: bool,
+}
+
+/// Priority of real-time processes, 1 to 99; above ordinary ones, below the kernel's own threads.
+const REALTIME_PRIORITY: &str = "10";
+
+/// True if `chrt` is there and this user may start real-time processes. Tried once.
+pub fn realtime_allowed() -> bool {
+    static ALLOWED: OnceLock<bool> = OnceLock::new();
+    *ALLOWED.get_or_init(|| {
+        let mut attempt = Command::new("chrt");
+        attempt.args(["--rr", REALTIME_PRIORITY, "true"]);
+        attempt.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        attempt.status().is_ok_and(|s| s.success())
+    })
+}
+
+/// The command that runs `binary`, under the real-time scheduler if so wished.
+fn command_of(binary: &Path, realtime: bool) -> Command {
+    if !realtime {
+        return Command::new(binary);
+    }
+    // `chrt` replaces itself by the binary: the child's id is the binary's.
+    let mut command = Command::new("chrt");
+    command.args(["--rr", REALTIME_PRIORITY]).arg(binary);
+    command
 }
 
 /// The last lines a child wrote.
@@ -101,7 +128,7 @@ impl Child {
         surroundings: &Surroundings,
     ) -> anyhow::Result<Self> {
         let binary = find_binary(process.binary())?;
-        let mut command = Command::new(&binary);
+        let mut command = command_of(&binary, surroundings.realtime && realtime_allowed());
         command.args(["--instance", instance, "--supervised"]).args(args);
         for (name, value) in &surroundings.environment {
             if std::env::var_os(name).is_none() {

@@ -1,7 +1,7 @@
 //! Processors, shared memory, limits, leftovers, binaries.
 
 use super::Check;
-use crate::children::find_binary;
+use crate::children::{find_binary, realtime_allowed};
 use crate::machine::Machine;
 use protocol::health::Process;
 use protocol::message::fnv1a;
@@ -14,8 +14,6 @@ use std::path::{Path, PathBuf};
 const SHM_NEEDED_MIB: u64 = 96;
 /// Below this a second simulator or a checker may not fit, MiB.
 const SHM_COMFORT_MIB: u64 = 256;
-/// Real-time priority worth having.
-const RTPRIO: u64 = 10;
 /// Lockable memory worth having, bytes.
 const MEMLOCK: u64 = 64 << 20;
 
@@ -25,7 +23,7 @@ pub(super) fn checks() -> Vec<Check> {
         processors(machine.cpus, &machine.cpu),
         Check::ok("kernel", format!("{} on {}", machine.kernel, machine.architecture)),
         shared_memory(shm_mib()),
-        realtime(limit(Resource::Rtprio)),
+        realtime(realtime_allowed(), limit(Resource::Rtprio)),
         memory_lock(limit(Resource::Memlock)),
         terminal(std::io::stderr().is_terminal()),
         leftovers(Path::new("/dev/shm")),
@@ -71,17 +69,17 @@ fn limit(resource: Resource) -> Option<u64> {
     getrlimit(resource).current
 }
 
-fn realtime(limit: Option<u64>) -> Check {
+fn realtime(allowed: bool, limit: Option<u64>) -> Check {
     let name = "real-time priority";
-    match limit {
-        Some(limit) if limit < RTPRIO => Check::warn(
-            name,
-            format!("limit {limit}: tracker and simulation share the processor like any program"),
-            "echo \"$USER - rtprio 50\" | sudo tee /etc/security/limits.d/vitreo.conf   (then log in again)",
-        ),
-        Some(limit) => Check::ok(name, format!("limit {limit}")),
-        None => Check::ok(name, "unlimited"),
+    if allowed {
+        return Check::ok(name, "granted: a field does not wait for other programs");
     }
+    let limit = limit.map_or("unlimited, but not granted (is chrt there?)".into(), |l| format!("limit {l}"));
+    Check::warn(
+        name,
+        format!("{limit}: tracker and simulation share the processor like any program"),
+        "sudo apt-get install util-linux; echo \"$USER - rtprio 50\" | sudo tee /etc/security/limits.d/vitreo.conf   (then log in again)",
+    )
 }
 
 fn memory_lock(limit: Option<u64>) -> Check {
@@ -155,8 +153,8 @@ mod tests {
 
     #[test]
     fn limits_are_judged() {
-        assert_eq!(realtime(Some(0)).state, State::Warn);
-        assert_eq!(realtime(None).state, State::Ok);
+        assert_eq!(realtime(false, Some(0)).state, State::Warn);
+        assert_eq!(realtime(true, Some(0)).state, State::Ok, "root needs no limit");
         assert_eq!(memory_lock(Some(8 << 20)).state, State::Warn);
         assert_eq!(memory_lock(None).state, State::Ok);
         assert_eq!(processors(1, "x").state, State::Warn);

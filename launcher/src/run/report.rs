@@ -61,6 +61,8 @@ pub struct Setup {
     pub seed: u64,
     pub source: String,
     pub view: &'static str,
+    /// True if cameras, tracker and simulation ran under the real-time scheduler.
+    pub realtime: bool,
     pub injected_delays_ms: BTreeMap<&'static str, f64>,
 }
 
@@ -287,6 +289,7 @@ mod tests {
                 seed: 1,
                 source: "script".into(),
                 view: "none",
+                realtime: false,
                 injected_delays_ms: BTreeMap::new(),
             },
             machine: Machine::look(),

@@ -10,6 +10,7 @@ use super::resume::Resume;
 use super::screen::{Screen, Status};
 use super::supervisor::{Happening, Slot, Supervisor};
 use super::tap::Tap;
+use crate::children::realtime_allowed;
 use crate::machine::Machine;
 use anyhow::{Context, bail};
 use protocol::budget::Budgets;
@@ -222,6 +223,7 @@ impl<'a> Session<'a> {
                 if *process == Process::FpgaModel && self.started_ns == 0 {
                     self.started_ns = at;
                     self.note_own_cpu(at);
+                    self.hearing.monitor.measure(at);
                 }
                 if self.supervisor.all_ready() && self.started_ns > 0 {
                     self.hearing.ledger.warm_from(at + WARM_UP_NS);
@@ -398,6 +400,7 @@ fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
             View::Headless => "headless",
             View::None => "none",
         },
+        realtime: realtime_allowed(),
         injected_delays_ms: delays.collect::<BTreeMap<_, _>>(),
     }
 }

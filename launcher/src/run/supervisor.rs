@@ -103,8 +103,10 @@ impl Supervisor {
             Process::Renderer => Surroundings {
                 environment: vec![("LP_NUM_THREADS", software_threads().to_string())],
                 nice: RENDERER_NICE,
+                realtime: false,
             },
-            _ => Surroundings::default(),
+            // A field must not wait for a time slice of the renderer's to end.
+            _ => Surroundings { realtime: true, ..Surroundings::default() },
         };
         Child::spawn_in(process, &self.args.instance, &args, &surroundings)
     }
