@@ -59,12 +59,16 @@ pub fn bind(
     instrument.held.len()
 }
 
-/// Lets every node go, at rest; returns how many were held.
-pub fn release(instrument: &mut InstrumentState, membrane: &mut MembraneState) -> usize {
+/// Lets every node go, at rest and before the retina of radius `radius_mm`; returns how many were held.
+pub fn release(instrument: &mut InstrumentState, membrane: &mut MembraneState, radius_mm: f32) -> usize {
     let count = instrument.held.len();
     for held in instrument.held.drain(..) {
         let node = held.node as usize;
         if membrane.flag[node] != NODE_DEAD {
+            let p = membrane.position(node);
+            if p.norm() > radius_mm {
+                membrane.set_position(node, p * (radius_mm / p.norm()));
+            }
             membrane.flag[node] = NODE_FREE;
             membrane.set_velocity(node, Vector3::zeros());
         }
@@ -136,7 +140,7 @@ mod tests {
         let moved = membrane.position(node) - before;
         assert!((moved - Vector3::new(0.0, 0.1, 0.0)).norm() < 1e-5);
         assert!((membrane.velocity(node).y - 100.0).abs() < 0.01);
-        assert_eq!(release(&mut inst, &mut membrane), count);
+        assert_eq!(release(&mut inst, &mut membrane, 11.5), count);
         assert!(membrane.flag.iter().all(|&f| f < NODE_BOUND) && inst.held.is_empty());
     }
 }

@@ -145,7 +145,7 @@ impl World {
     /// Opens the grip of instrument `i`, if it holds anything.
     pub(super) fn let_go(&mut self, i: usize) {
         let instrument = &mut self.state.instruments[i];
-        let released = forceps::release(instrument, &mut self.state.membrane);
+        let released = forceps::release(instrument, &mut self.state.membrane, self.tissue.radius_mm);
         if released > 0 {
             let tip = instrument.tip_in_eye_mm.into();
             let event = Happening::new(EventKind::TissueReleased, Severity::Info, released as f64);
@@ -161,7 +161,7 @@ impl World {
         }
         let (pull, limit) = (forceps::pull_un(instrument, &self.solver), self.scene.contact.grip_un);
         if pull > limit {
-            forceps::release(instrument, &mut self.state.membrane);
+            forceps::release(instrument, &mut self.state.membrane, self.tissue.radius_mm);
             let event = Happening::new(EventKind::GripSlipped, Severity::Warning, pull);
             let tip = instrument.tip_in_eye_mm.into();
             self.log.raise(Happening { limit, ..event.by(i, tip) });
