@@ -5,6 +5,7 @@ use crate::constants as k;
 use crate::filter::{Filter, Matrix6};
 use crate::fit::{Fit, Match};
 use crate::model::BodyModel;
+use crate::motion::MotionBank;
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};
@@ -26,6 +27,7 @@ pub struct Track {
     last_pose: Isometry3<f64>,
     last_covariance: Matrix6,
     frame: InFrame,
+    motion: MotionBank,
 }
 
 /// What the present frame brought.
@@ -49,6 +51,7 @@ impl Default for Track {
             last_pose: Isometry3::identity(),
             last_covariance: Matrix6::identity(),
             frame: InFrame::default(),
+            motion: MotionBank::default(),
         }
     }
 }
@@ -78,6 +81,7 @@ impl Track {
             self.last_covariance = filter.pose_covariance();
         }
         self.seen_ns = [0; MAX_CAMERAS];
+        self.motion = MotionBank::default();
     }
 
     /// Where the body should be at its filter's instant.
@@ -159,7 +163,7 @@ impl Track {
     }
 
     /// What is published for the instant `exposed_ns`.
-    pub fn state(&self, model: &BodyModel, exposed_ns: u64) -> BodyState {
+    pub fn state(&mut self, model: &BodyModel, exposed_ns: u64) -> BodyState {
         let mut state = BodyState::zeroed();
         let covariance = self.filter.as_ref().map_or(self.last_covariance, Filter::pose_covariance);
         let mut pose = self.last_pose;
@@ -174,6 +178,14 @@ impl Track {
         state.world_from_body = Pose::from_isometry(&pose);
         upper_triangle(&covariance, &mut state.covariance);
         let (validity, status) = self.verdict(model, &covariance);
+        if !model.is_eye {
+            if validity == Validity::Measured {
+                self.motion.measure(&pose.translation.vector, exposed_ns);
+            }
+            if validity != Validity::Lost {
+                self.motion.publish(exposed_ns, &mut state.predictor);
+            }
+        }
         state.validity = validity as u32;
         state.status = status as u32;
         state.measured_ns = self.measured_ns;

@@ -27,15 +27,15 @@ pub struct Singer {
 }
 
 /// Transition of one chain over a time: x += dt·v + h·a, v += g·a, a *= e.
-struct Transition {
-    dt: f64,
-    g: f64,
-    h: f64,
-    e: f64,
+pub(crate) struct Transition {
+    pub(crate) dt: f64,
+    pub(crate) g: f64,
+    pub(crate) h: f64,
+    pub(crate) e: f64,
 }
 
 impl Singer {
-    fn transition(&self, dt: f64) -> Transition {
+    pub(crate) fn transition(&self, dt: f64) -> Transition {
         let e = libm::exp(-dt / self.tau_s);
         let g = self.tau_s * (1.0 - e);
         Transition { dt, g, h: self.tau_s * (dt - g), e }
@@ -43,7 +43,7 @@ impl Singer {
 
     /// Process noise (q11, q12, q13, q22, q23, q33) gathered in `dt`. Below a twentieth of τ the
     /// leading terms are used, where the closed form cancels.
-    fn noise(&self, dt: f64) -> [f64; 6] {
+    pub(crate) fn noise(&self, dt: f64) -> [f64; 6] {
         let (s2, b) = (self.sigma * self.sigma, 1.0 / self.tau_s);
         let t = b * dt;
         if t < 0.05 {

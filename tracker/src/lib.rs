@@ -5,7 +5,7 @@
 //! or transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them:
 //!
 //! [`sight`] pixels → [`associate`] blobs to markers (or [`seed`] from nothing) → [`fit`] pose →
-//! [`filter`] motion → [`body`] verdict.
+//! [`filter`] motion → [`body`] verdict, with what [`motion`] expects the hand to do next.
 //!
 //! The tracker's state depends on nothing but the consumed fields in their order.
 
@@ -17,6 +17,7 @@ pub mod constants;
 pub mod filter;
 pub mod fit;
 pub mod model;
+pub mod motion;
 pub mod process;
 pub mod script;
 pub mod seed;
