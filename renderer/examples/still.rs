@@ -39,16 +39,27 @@ fn main() -> Result<()> {
     println!("{}", gpu.name);
     for index in (0..TIERS.len()).rev() {
         draw(index)?;
+        let before = cpu_ms();
         let mut times = (0..FRAMES).map(|_| draw(index)).collect::<Result<Vec<u64>>>()?;
+        let cpu = (cpu_ms() - before) / FRAMES as f64;
         times.sort_unstable();
         let ms = |k: usize| times[k] as f64 * 1e-6;
         let t = &TIERS[index];
         let (p50, p95) = (ms(FRAMES / 2), ms(FRAMES * 95 / 100));
-        println!("tier {index}  2×{}×{}  p50 {p50:.2} ms  p95 {p95:.2} ms", t.width_px, t.height_px);
+        println!(
+            "tier {index}  2×{}×{}  p50 {p50:.2} ms  p95 {p95:.2} ms  CPU {cpu:.2} ms",
+            t.width_px, t.height_px
+        );
     }
     draw(tier)?;
     let mut picture = Picture::default();
     ReadBack::new(&gpu, 0).read(&gpu, renderer.target(tier), &mut picture)?;
     save_png(out.as_ref(), &picture)?;
     Ok(())
+}
+
+/// Processor time of all threads, ms: the cost on a software driver, however busy the machine is.
+fn cpu_ms() -> f64 {
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    t.tv_sec as f64 * 1e3 + t.tv_nsec as f64 * 1e-6
 }

@@ -29,9 +29,9 @@ const LOST_OPACITY: f32 = 0.35;
 /// Share of light that the membrane takes away.
 const MEMBRANE_SHADE: f32 = 0.30;
 /// Strength of the retina's specular film at full detail.
-const FILM: f32 = 0.35;
+const FILM: f32 = 0.07;
 /// Tilt of the membrane's fine wrinkles.
-const WRINKLES: f32 = 0.10;
+const WRINKLES: f32 = 0.045;
 /// Depth bias of the shadow map, in its depth.
 const SHADOW_BIAS: f32 = 2e-5;
 /// Half width of the soft edge of a shadow, share of the map.

@@ -10,21 +10,21 @@ use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 
 /// Half angle of the cone, where the light ends, rad. Light pipes spread 50 to 80 degrees in all.
-const OUTER_RAD: f64 = 0.70;
+const OUTER_RAD: f64 = 0.82;
 /// Half angle up to which the beam is at full strength, rad.
-const INNER_RAD: f64 = 0.38;
+const INNER_RAD: f64 = 0.30;
 /// The shadow map reaches a little beyond the cone, rad.
-const MAP_RAD: f64 = 0.74;
+const MAP_RAD: f64 = 0.86;
 /// What lies nearer to the lamp casts no shadow, mm.
 const NEAR_MM: f64 = 0.3;
 /// Far end of the shadow map: across the eye, mm.
 const FAR_MM: f64 = 26.0;
 /// Irradiance at 1 mm, so that a retina 6 mm away is well exposed.
-const STRENGTH: f32 = 62.0;
+const STRENGTH: f32 = 46.0;
 /// Xenon through a fibre: slightly warm white, linear.
 const COLOUR: [f32; 3] = [1.0, 0.95, 0.86];
 /// Light scattered back from the retina onto everything, linear.
-const SCATTERED: [f32; 3] = [0.030, 0.020, 0.016];
+const SCATTERED: [f32; 3] = [0.045, 0.032, 0.026];
 /// Stands in for the light pipe where there is none: a chandelier light at the pars plana,
 /// position in the eye, mm.
 const CHANDELIER_IN_EYE: DVec3 = DVec3::new(0.0, -7.5, 7.0);

@@ -108,12 +108,12 @@ impl Mesh {
         let first = self.vertices.len() as u32;
         for (i, ring) in rings.iter().enumerate() {
             let (before, after) = (rings[i.saturating_sub(1)], rings[(i + 1).min(rings.len() - 1)]);
-            let widening = (mean(after) - mean(before)) / (after.z - before.z).max(1e-4);
             for k in 0..CORNERS {
                 let (sin, cos) = angle(k).sin_cos();
-                let position = [ring.x + ring.radii[0] * cos, ring.radii[1] * sin, ring.z];
-                let across = Vec3::new(cos * ring.radii[1], sin * ring.radii[0], 0.0).normalize_or_zero();
-                let normal = (across - Vec3::Z * widening).normalize().to_array();
+                let at = |r: Ring| Vec3::new(r.x + r.radii[0] * cos, r.radii[1] * sin, r.z);
+                let around = Vec3::new(-ring.radii[0] * sin, ring.radii[1] * cos, 0.0);
+                let normal = around.cross(at(after) - at(before)).normalize().to_array();
+                let position = at(*ring).to_array();
                 self.vertices.push(MetalVertex { position, normal, part, material });
             }
         }
@@ -141,10 +141,6 @@ impl Mesh {
             self.indices.extend([first, first + pair[0], first + pair[1]]);
         }
     }
-}
-
-fn mean(ring: Ring) -> f32 {
-    0.5 * (ring.radii[0] + ring.radii[1])
 }
 
 fn angle(corner: usize) -> f32 {

@@ -42,10 +42,11 @@ struct View {
 @group(1) @binding(2) var shadow_map: texture_depth_2d;
 @group(1) @binding(3) var shadow_sampler: sampler_comparison;
 
-// Exposure is fixed, so highlights roll off, each colour by itself.
+// Exposure is fixed, so highlights roll off; by the strongest colour, so that they keep their hue.
 // The target holds square roots of linear light, a close and cheap stand-in for sRGB.
 fn to_display(linear: vec3f) -> vec3f {
-    return sqrt(linear / (vec3f(0.72) + linear) * 1.3);
+    let strongest = max(linear.r, max(linear.g, linear.b));
+    return sqrt(linear * (1.35 / (0.6 + strongest)));
 }
 
 // 1 inside the round field, 0 outside, with a soft border and a slight fall-off before it.

@@ -4,7 +4,8 @@ struct Metal {
     @builtin(position) clip: vec4f,
     @location(0) p: vec3f,
     @location(1) n: vec3f,
-    @location(2) field_xy: vec2f,
+    // field coordinates times w, and w: divided in the fragment, since they bend over long triangles
+    @location(2) field_xyw: vec3f,
     // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp
     @location(3) surface: vec3f,
 }
@@ -22,7 +23,7 @@ fn vs_main(
     out.p = placed.p;
     out.n = placed.n;
     out.clip = view.clip_from_eye * vec4f(out.p, 1.0);
-    out.field_xy = out.clip.xy / out.clip.w * view.field.xy;
+    out.field_xyw = vec3f(out.clip.xy * view.field.xy, out.clip.w);
     let shape = frame.instruments[which].shape;
     out.surface = vec3f(material, shape.z, shape.w);
     return out;
@@ -31,7 +32,7 @@ fn vs_main(
 @fragment
 fn fs_main(in: Metal) -> @location(0) vec4f {
     let radius = frame.retina.x + 0.03;
-    let shade = vignette(in.field_xy);
+    let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
     if (in.p.z < 0.0 && dot(in.p, in.p) > radius * radius) || shade <= 0.0 {
         discard;
     }
@@ -43,8 +44,9 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
     let mirrored = clamp(-r.z * 1.4 + 0.1, 0.0, 1.0);
     // The microscope's own rim of light keeps the shaft readable against the dark.
     let towards_viewer = clamp(dot(n, v), 0.0, 1.0);
-    var light = frame.ambient.rgb * (1.0 + 14.0 * from_retina + 10.0 * mirrored * mirrored);
-    light += vec3f(0.022, 0.025, 0.030) * (0.4 + towards_viewer);
+    var light = frame.ambient.rgb * (0.15 + 1.6 * from_retina + 6.0 * mirrored * mirrored);
+    let glint = towards_viewer * towards_viewer * towards_viewer;
+    light += vec3f(0.020, 0.023, 0.028) * (0.2 + 3.0 * glint * glint * glint);
     if in.surface.z > 0.0 {
         let to_lamp = frame.lamp_position.xyz - in.p;
         let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);
@@ -54,7 +56,7 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
         let h2 = h * h;
         let h4 = h2 * h2;
         let h8 = h4 * h4;
-        light += frame.lamp_colour.rgb * (strength * (0.45 * max(dot(n, l), 0.0) + 1.2 * h8 * h8));
+        light += frame.lamp_colour.rgb * (strength * (0.30 * max(dot(n, l), 0.0) + 1.6 * h8 * h8 * h8));
     }
     var colour = vec3f(0.72, 0.74, 0.78) * light;
     if in.surface.x > 1.5 {

@@ -4,7 +4,8 @@ struct Sheet {
     @builtin(position) clip: vec4f,
     @location(0) p: vec3f,
     @location(1) n: vec3f,
-    @location(2) field_xy: vec2f,
+    // field coordinates times w, and w: divided in the fragment, since they bend over long triangles
+    @location(2) field_xyw: vec3f,
     @location(3) edge: f32,
     @location(4) rest: vec2f,
 }
@@ -20,7 +21,7 @@ fn vs_main(
     out.p = position;
     out.n = normal;
     out.clip = view.clip_from_eye * vec4f(position, 1.0);
-    out.field_xy = out.clip.xy / out.clip.w * view.field.xy;
+    out.field_xyw = vec3f(out.clip.xy * view.field.xy, out.clip.w);
     out.edge = edge;
     // Grain of the sheet: a smooth pattern of the place, and a faint one of the node's number.
     out.rest = position.xy * 2.1 + vec2f(0.13 * sin(number * 2.399), 0.13 * cos(number * 2.399));
@@ -29,13 +30,14 @@ fn vs_main(
 
 @fragment
 fn fs_main(in: Sheet) -> @location(0) vec4f {
-    let shade = vignette(in.field_xy);
+    let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
     let v = normalize(view.camera.xyz - in.p);
     var n = normalize(in.n);
     if frame.shadow.w > 0.0 {
-        // Fine wrinkles.
-        let ripple = vec2f(sin(in.rest.x * 9.0 + in.rest.y * 4.0), cos(in.rest.y * 10.0 - in.rest.x * 3.0));
-        n = normalize(n + vec3f(ripple * frame.shadow.w, 0.0));
+        // Fine wrinkles of two sizes that run in different directions.
+        let fine = sin(in.rest.x * 7.0 + in.rest.y * 3.0 + 1.5 * sin(in.rest.y * 2.0));
+        let coarse = sin(in.rest.y * 3.7 - in.rest.x * 1.9 + 2.0 * sin(in.rest.x * 1.3));
+        n = normalize(n + vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0) * frame.shadow.w);
     }
     let facing = abs(dot(n, v));
     n = n * sign(dot(n, v) + 1e-6);
@@ -53,9 +55,9 @@ fn fs_main(in: Sheet) -> @location(0) vec4f {
     let h2 = h * h;
     let h4 = h2 * h2;
     let h8 = h4 * h4;
-    let sheen = strength * h8 * h8 * (0.7 + rim);
+    let sheen = strength * h8 * h8 * h8 * (0.5 + rim);
     let light = frame.ambient.rgb + frame.lamp_colour.rgb * strength * (0.25 + 0.6 * abs(dot(n, l)));
-    let colour = vec3f(0.80, 0.84, 0.80) * light + frame.lamp_colour.rgb * sheen;
-    let opacity = clamp(0.20 + 0.55 * rim + 0.35 * in.edge * in.edge + 0.45 * sheen, 0.0, 0.92);
+    let colour = vec3f(0.66, 0.74, 0.70) * light + frame.lamp_colour.rgb * sheen;
+    let opacity = clamp(0.15 + 0.6 * rim + 0.25 * in.edge * in.edge + 0.4 * sheen, 0.0, 0.92);
     return vec4f(to_display(colour) * shade, opacity * select(0.0, 1.0, shade > 0.0));
 }
