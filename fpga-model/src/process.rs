@@ -29,7 +29,7 @@ const EXTRACTION_NS: u64 = 2_000_000;
 const LEAD_NS: u64 = 20_000_000;
 /// The last stretch before a deadline is slept through without looking at requests, ns.
 const FINE_NS: u64 = 1_000_000;
-/// The pedal is sent with every so many-th field: 10 times a second.
+/// The pedal is sent with every fifth field: 10 times a second.
 const PEDAL_EVERY: u64 = 5;
 /// Fields in a row that must be in time before the machine counts as fast enough again.
 const RECOVERED_AFTER: u64 = 50;
@@ -87,6 +87,8 @@ struct Station {
     out_after_ns: u64,
     duration_ns: u64,
     in_time: u64,
+    /// Field with which the pedal is due again.
+    next_pedal: u64,
     /// Keeps the node alive; dropped last.
     _instance: Instance,
 }
@@ -108,6 +110,7 @@ impl Station {
             out_after_ns: rig.read_out_ns() + EXTRACTION_NS,
             duration_ns: config.duration.map_or(u64::MAX, |s| (s * 1e9) as u64),
             in_time: 0,
+            next_pedal: 0,
             _instance: instance,
         };
         station.enter(STATE_RUNNING, "")?;
@@ -227,7 +230,8 @@ impl Station {
                 jaw_rad,
             })?;
         }
-        if field.is_multiple_of(PEDAL_EVERY) {
+        if field >= self.next_pedal || field == 0 {
+            self.next_pedal = field + PEDAL_EVERY;
             let seq = self.pedal.sent();
             self.pedal.send(&PedalState { seq, instant_ns, axes: [0.0; 2], buttons: 0, mode: 0 })?;
         }

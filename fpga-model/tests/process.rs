@@ -1,0 +1,203 @@
+//! The process itself: schedule, pause, reset, late cameras, end of a stream, shutdown.
+
+use protocol::blobs::BlobField;
+use protocol::control::{Answer, Command as Ask, Request};
+use protocol::handles::{HandleState, PedalState};
+use protocol::health::{Health, Process, STATE_FINISHED, STATE_RUNNING};
+use protocol::ipc::{Instance, Queue, Receiver, Sender, wait};
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+/// Nothing here takes longer on the slowest machine.
+const WATCHDOG: Duration = Duration::from_secs(60);
+const PERIOD_NS: u64 = 20_000_000;
+/// From exposure to the end of the read-out in the shipped rig: 2 ms and 288 lines of 64 µs.
+const READ_OUT_NS: u64 = 2_000_000 + 288 * 64_000;
+
+struct Setup {
+    child: Child,
+    blobs: Receiver<BlobField>,
+    handles: Receiver<HandleState>,
+    pedal: Receiver<PedalState>,
+    health: Receiver<Health>,
+    answers: Receiver<Answer>,
+    control: Sender<Request>,
+    asked: u64,
+    _instance: Instance,
+}
+
+impl Setup {
+    fn start(name: &str, args: &[&str]) -> Setup {
+        let name = format!("fp{name}{}", std::process::id() % 1_000_000);
+        let instance = Instance::own(&name).unwrap();
+        Setup {
+            blobs: instance.receiver(Queue::InOrder).unwrap(),
+            handles: instance.receiver(Queue::InOrder).unwrap(),
+            pedal: instance.receiver(Queue::InOrder).unwrap(),
+            health: instance.receiver(Queue::InOrder).unwrap(),
+            answers: instance.receiver(Queue::InOrder).unwrap(),
+            control: instance.sender().unwrap(),
+            asked: 0,
+            child: Command::new(env!("CARGO_BIN_EXE_vitreo-fpga-model"))
+                .args(["--instance", &name])
+                .args(args)
+                .spawn()
+                .unwrap(),
+            _instance: instance,
+        }
+    }
+
+    /// Waits until `found` finds something.
+    fn until<T>(&mut self, what: &str, mut found: impl FnMut(&mut Setup) -> Option<T>) -> T {
+        let begun = Instant::now();
+        loop {
+            if let Some(found) = found(self) {
+                return found;
+            }
+            assert!(begun.elapsed() < WATCHDOG, "waited in vain until {what}");
+            wait(&[&self.blobs, &self.health, &self.answers], 5_000_000);
+        }
+    }
+
+    fn fields(&mut self, n: usize) -> Vec<BlobField> {
+        let mut all = Vec::new();
+        self.until("enough fields come", |s| {
+            while let Some(field) = s.blobs.next_valid().unwrap() {
+                all.push(field);
+            }
+            (all.len() >= n).then_some(())
+        });
+        all
+    }
+
+    fn state(&mut self, state: u32) -> Health {
+        self.until("the state is told", |s| {
+            std::iter::from_fn(|| s.health.next_valid().unwrap()).find(|h| h.state == state)
+        })
+    }
+
+    /// Asks and returns the result code.
+    fn ask(&mut self, command: Ask) -> u32 {
+        let (seq, target) = (self.asked, Process::FpgaModel as u32);
+        self.asked += 1;
+        self.control.send(&Request { seq, argument: 0, target, command: command as u32 }).unwrap();
+        self.until("the request is answered", |s| {
+            std::iter::from_fn(|| s.answers.next_valid().unwrap()).find(|a| a.seq == seq).map(|a| a.result)
+        })
+    }
+
+    fn end(mut self) {
+        assert_eq!(self.ask(Ask::Shutdown), 0);
+        assert!(self.child.wait().unwrap().success());
+    }
+}
+
+impl Drop for Setup {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+fn fields_leave_on_schedule_with_hands_and_pedal() {
+    let mut setup = Setup::start("s", &["--duration", "0.6"]);
+    setup.state(STATE_RUNNING);
+    setup.state(STATE_FINISHED);
+    let fields = setup.fields(3);
+    let t0 = fields[0].exposed_ns - fields[0].field * PERIOD_NS;
+    for field in &fields {
+        assert_eq!(field.exposed_ns, t0 + field.field * PERIOD_NS, "exposed on the grid, genlocked");
+        assert_eq!(field.read_out_ns, field.exposed_ns + READ_OUT_NS);
+        assert!(field.blobs_out_ns >= field.read_out_ns + 2_000_000, "never earlier than the hardware");
+        assert_eq!(u64::from(field.parity), field.field & 1);
+        assert!(field.count >= 10, "most of 14 markers, found {}", field.count);
+    }
+    for camera in 0..3 {
+        let own: Vec<_> = fields.iter().filter(|f| f.camera == camera).map(|f| f.field).collect();
+        assert!(!own.is_empty() && own.is_sorted_by(|a, b| a < b), "{own:?}");
+    }
+    let handles: Vec<_> = std::iter::from_fn(|| setup.handles.next_valid().unwrap()).collect();
+    assert_eq!(handles.len(), fields.len() / 3 * 2);
+    assert!(handles.iter().zip(0..).all(|(h, seq)| h.seq == seq && u64::from(h.instrument) == seq % 2));
+    assert!(setup.pedal.next_valid().unwrap().is_some());
+    setup.end();
+}
+
+#[test]
+fn pause_stands_still_and_reset_begins_anew() {
+    let mut setup = Setup::start("p", &["--direct"]);
+    setup.fields(6);
+    assert_eq!(setup.ask(Ask::Pause), 0);
+    // What was sent before the answer is in the queue by now; nothing follows it.
+    let before = setup.fields(0).last().copied();
+    assert_eq!(setup.ask(Ask::Snapshot), 1, "cameras save no pictures");
+    assert!(setup.fields(0).is_empty());
+    assert_eq!(setup.ask(Ask::Start), 0);
+    let after = setup.fields(1)[0];
+    if let Some(before) = before {
+        assert!(after.field <= before.field + 1, "a pause leaves nothing out");
+    }
+    assert_eq!(setup.ask(Ask::Reset), 0);
+    setup.until("field 0 comes again", |s| {
+        std::iter::from_fn(|| s.blobs.next_valid().unwrap()).find(|f| f.field == 0)
+    });
+    setup.end();
+}
+
+#[test]
+fn a_late_camera_is_late_and_loses_nothing() {
+    let mut setup = Setup::start("l", &["--direct", "--late-camera", "1=30", "--duration", "0.4"]);
+    setup.state(STATE_FINISHED);
+    let fields = setup.fields(3);
+    let of = |camera: u32| fields.iter().filter(move |f| f.camera == camera);
+    assert_eq!(of(0).map(|f| f.field).collect::<Vec<_>>(), of(1).map(|f| f.field).collect::<Vec<_>>());
+    assert!(of(1).all(|f| f.blobs_out_ns >= f.read_out_ns + 32_000_000));
+    setup.end();
+}
+
+#[test]
+fn a_recorded_stream_is_played_to_its_end() {
+    let line = |seq: u64| {
+        let t = 48_000_000 + seq * 5_000_000;
+        let blob = r#"{"x":300.5,"y":100.25,"area":180,"colour":"red","w":20,"h":11}"#;
+        format!(
+            "{{\"cam\":2,\"seq\":{seq},\"t_ns\":{t},\"t_rx_ns\":{},\"parity\":{},\"blobs\":[{blob}]}}\n",
+            t + 24_000_000,
+            seq & 1
+        )
+    };
+    let path = std::env::temp_dir().join(format!("vitreo-play-{}.jsonl", std::process::id()));
+    std::fs::write(&path, (0..20).map(line).collect::<String>()).unwrap();
+    let mut setup = Setup::start("b", &["--blobs", path.to_str().unwrap()]);
+    setup.state(STATE_FINISHED);
+    std::fs::remove_file(&path).unwrap();
+    let fields = setup.fields(20);
+    assert_eq!(fields.len(), 20);
+    for (field, seq) in fields.iter().zip(0..) {
+        assert_eq!((field.camera, field.field, field.count), (2, seq, 1));
+        assert_eq!(field.exposed_ns, fields[0].exposed_ns + seq * 5_000_000, "the stream's own spacing");
+        assert!(field.blobs_out_ns >= field.exposed_ns + 24_000_000, "never before it was received");
+    }
+    setup.end();
+}
+
+#[test]
+fn bad_input_ends_with_a_message_that_names_the_file() {
+    let run = |args: &[&str]| {
+        let out = Command::new(env!("CARGO_BIN_EXE_vitreo-fpga-model")).args(args).output().unwrap();
+        (out.status.code(), String::from_utf8(out.stderr).unwrap())
+    };
+    for (args, named) in [
+        (["--motion", "/dev/null"], "/dev/null"),
+        (["--blobs", "/nonexistent.jsonl"], "/nonexistent.jsonl"),
+        (["--scene", "nowhere"], "nowhere"),
+        (["--rig", "/nonexistent.json"], "/nonexistent.json"),
+        (["--late-camera", "7=3"], "camera 7"),
+    ] {
+        let (code, text) = run(&args);
+        assert_eq!(code, Some(1), "{text}");
+        assert!(text.starts_with("vitreo-fpga-model: ") && text.contains(named), "{text}");
+    }
+    assert_eq!(run(&["--seed", "many"]).0, Some(2), "wrong use");
+}
