@@ -7,7 +7,7 @@ use protocol::blob_stream::write_line;
 use protocol::recording::{Item, Recording};
 use protocol::time::Nanos;
 use std::fs::File;
-use std::io::{BufWriter, Write, stdout};
+use std::io::{BufWriter, ErrorKind, Write, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -56,6 +56,14 @@ struct Outputs {
 
 /// Runs it.
 pub fn run(args: &ExportArgs) -> anyhow::Result<ExitCode> {
+    export(args).or_else(|error| match error.downcast_ref::<std::io::Error>() {
+        // Whoever reads the table has seen enough of it.
+        Some(e) if e.kind() == ErrorKind::BrokenPipe => Ok(ExitCode::SUCCESS),
+        _ => Err(error),
+    })
+}
+
+fn export(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     if let Some(rig) = &args.what.rig {
         std::fs::write(rig, &recording.provenance().rig_json).with_context(|| rig.display().to_string())?;
@@ -116,11 +124,9 @@ impl Outputs {
             }
             _ => {}
         }
-        if let Some((topic, out)) = &mut self.table {
-            if item.topic() == topic {
-                writeln!(out, "{log_time},{}", row(item))?;
-                self.counts[2] += 1;
-            }
+        if let Some((_, out)) = self.table.as_mut().filter(|(topic, _)| item.topic() == topic) {
+            writeln!(out, "{log_time},{}", row(item))?;
+            self.counts[2] += 1;
         }
         Ok(())
     }

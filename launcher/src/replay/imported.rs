@@ -13,7 +13,8 @@ use std::collections::VecDeque;
 /// Camera-fields sent but not known to be taken in. Every field can close a frame, so this is also
 /// the most frames that can wait in the tracker's queue.
 const WINDOW: u64 = 96;
-const _: () = assert!((WINDOW as usize) < BlobField::QUEUE && (WINDOW as usize) < TrackerFrame::QUEUE);
+const _: () = assert!((WINDOW as usize) < BlobField::QUEUE, "fields must not be overwritten");
+const _: () = assert!((WINDOW as usize) < TrackerFrame::QUEUE, "frames must not be overwritten");
 
 /// Which of the fields sent the tracker has taken in, as far as its answers tell.
 #[derive(Debug, Default)]

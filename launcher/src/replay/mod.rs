@@ -100,6 +100,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let outcome = play(args, &recording, mode, &stop, &mut outputs, verdict.as_mut());
     let stopped = match outcome {
         Ok(damage) => {
+            outputs.figures.cut = matches!(damage, Some(RecordingError::Truncated { .. }));
             outputs.figures.damage = damage.map(|d| d.to_string());
             false
         }
@@ -112,7 +113,10 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if stopped && args.lockstep {
         bail!(Stopped);
     }
-    Ok(ExitCode::from(code(&figures, recording.is_finished())))
+    if args.verify && figures.frames == 0 {
+        bail!("{}: holds no tracker frames to compare with", args.file.display());
+    }
+    Ok(ExitCode::from(code(&figures)))
 }
 
 /// Starts the processes, replays once or for ever, and ends them; returns how the recording ends.
@@ -163,24 +167,23 @@ fn print(figures: &Figures) {
             Some(difference) => println!("verification differs at {difference}"),
             None => println!("verified: {} poses and {} states identical", verdict.poses, verdict.steps),
         }
-        if let Some(why) = &verdict.ends {
-            println!("not compared from {why}");
-        }
+    }
+    if let Some(lost) = &figures.lost {
+        println!("the recording does not determine what follows {lost}");
     }
     if let Some(damage) = &figures.damage {
         eprintln!("vitreo: {damage}");
     }
 }
 
-/// The exit code. An unfinished recording that ends within a record is what a crash leaves, and no
-/// loss of the replay's.
-fn code(figures: &Figures, finished: bool) -> u8 {
-    let verdict = figures.verify.as_ref();
-    if verdict.is_some_and(|v| v.difference.is_some()) {
+/// The exit code. A recording that ends within a record is what a crash leaves, and no loss of the
+/// replay's.
+fn code(figures: &Figures) -> u8 {
+    if figures.verify.as_ref().is_some_and(|v| v.difference.is_some()) {
         return DIFFERS;
     }
-    let damaged = figures.damage.is_some() && finished;
-    if damaged || verdict.is_some_and(|v| v.ends.is_some()) { LOSS } else { 0 }
+    let damaged = figures.damage.is_some() && !figures.cut;
+    if damaged || figures.lost.is_some() { LOSS } else { 0 }
 }
 
 #[cfg(test)]
@@ -189,20 +192,18 @@ mod tests {
 
     #[test]
     fn exit_codes_follow_the_contract() {
-        let figures = |difference: Option<&str>, ends: Option<&str>, damage: Option<&str>| Figures {
-            verify: Some(Verdict {
-                difference: difference.map(Into::into),
-                ends: ends.map(Into::into),
-                ..Verdict::default()
-            }),
+        let figures = |difference: Option<&str>, lost: Option<&str>, damage: Option<&str>, cut| Figures {
+            verify: Some(Verdict { difference: difference.map(Into::into), ..Verdict::default() }),
+            lost: lost.map(Into::into),
             damage: damage.map(Into::into),
+            cut,
             ..Figures::default()
         };
-        assert_eq!(code(&figures(None, None, None), true), 0);
-        assert_eq!(code(&figures(Some("field 4"), Some("field 9"), None), true), DIFFERS);
-        assert_eq!(code(&figures(None, Some("field 9"), None), true), LOSS);
-        assert_eq!(code(&figures(None, None, Some("cut")), false), 0);
-        assert_eq!(code(&figures(None, None, Some("damaged")), true), LOSS);
+        assert_eq!(code(&figures(None, None, None, false)), 0);
+        assert_eq!(code(&figures(Some("field 4"), Some("field 9"), None, false)), DIFFERS);
+        assert_eq!(code(&figures(None, Some("field 9"), None, false)), LOSS);
+        assert_eq!(code(&figures(None, None, Some("cut"), true)), 0);
+        assert_eq!(code(&figures(None, None, Some("damaged"), false)), LOSS);
     }
 
     #[test]

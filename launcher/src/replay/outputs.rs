@@ -36,6 +36,10 @@ pub struct Figures {
     pub state_hash: String,
     /// The recording does not end well.
     pub damage: Option<String>,
+    /// It ends within a record, as after a crash.
+    pub cut: bool,
+    /// Where and why the recording ceases to determine the result.
+    pub lost: Option<String>,
     /// The comparison with what was recorded, if asked for.
     pub verify: Option<Verdict>,
 }

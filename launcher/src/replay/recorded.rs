@@ -48,12 +48,17 @@ pub fn run(
             bail!("the tracker answered with field {} where {} was asked", frame.field, turn.recorded.field);
         }
         outputs.frame(&frame, shown)?;
+        if let (Some(why), None) = (&turn.lost, &outputs.figures.lost) {
+            outputs.figures.lost = Some(format!("field {}: {why}", turn.recorded.field));
+        }
+        // What the record does not determine cannot be compared.
+        let determined = outputs.figures.lost.is_none();
+        let mut verdict = verdict.as_deref_mut().filter(|_| determined);
         if let Some(verdict) = &mut verdict {
-            verdict.lost(&turn);
             verdict.pose(&turn.recorded, &frame);
         }
         if let Some(step) = &turn.step {
-            simulate(step, &frame, stage, outputs, verdict.as_deref_mut())?;
+            simulate(step, &frame, stage, outputs, verdict)?;
         }
     }
     Ok(turns.damage)

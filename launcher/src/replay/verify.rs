@@ -1,6 +1,5 @@
 //! Comparing a replay with what was recorded, to the bit.
 
-use super::turns::Turn;
 use protocol::poses::{BODY_NAMES, BodyState, TrackerFrame};
 use protocol::steps::StepRecord;
 use serde::Serialize;
@@ -14,32 +13,15 @@ pub struct Verdict {
     pub steps: u64,
     /// The first difference, in words; it names the field.
     pub difference: Option<String>,
-    /// Why the rest of the recording could not be compared.
-    pub ends: Option<String>,
 }
 
 impl Verdict {
-    /// True as long as results are determined by the record.
-    fn compares(&self) -> bool {
-        self.ends.is_none()
-    }
-
-    /// Takes note of a place from which on the record does not determine the result.
-    pub fn lost(&mut self, turn: &Turn) {
-        if let (Some(why), None) = (&turn.lost, &self.ends) {
-            self.ends = Some(format!("field {}: {why}", turn.recorded.field));
-        }
-    }
-
     fn differs(&mut self, what: String) {
         self.difference = self.difference.take().or(Some(what));
     }
 
     /// Compares a tracker frame.
     pub fn pose(&mut self, recorded: &TrackerFrame, replayed: &TrackerFrame) {
-        if !self.compares() {
-            return;
-        }
         self.poses += 1;
         let place = format!("field {} (tracker frame {})", recorded.field, recorded.frame);
         let head = |f: &TrackerFrame| (f.field, f.frame, f.instants.exposed, f.camera);
@@ -56,9 +38,6 @@ impl Verdict {
 
     /// Compares a step.
     pub fn step(&mut self, recorded: &StepRecord, replayed: &StepRecord) {
-        if !self.compares() {
-            return;
-        }
         self.steps += 1;
         let of = |s: &StepRecord| (s.step, s.field, s.advanced_ns, s.state_hash);
         if of(recorded) != of(replayed) {
@@ -73,14 +52,17 @@ impl Verdict {
 
 /// Names the first part of a body that differs.
 fn first_difference(a: &BodyState, b: &BodyState) -> String {
-    let parts: [(&str, &dyn Fn(&BodyState) -> Vec<u8>); 5] = [
-        ("pose", &|s| bytemuck::bytes_of(&s.world_from_body).to_vec()),
-        ("covariance", &|s| bytemuck::bytes_of(&s.covariance).to_vec()),
-        ("predictor", &|s| bytemuck::bytes_of(&s.predictor).to_vec()),
-        ("residual", &|s| bytemuck::bytes_of(&s.residual_px).to_vec()),
-        ("measured_ns", &|s| bytemuck::bytes_of(&s.measured_ns).to_vec()),
+    fn same<T: bytemuck::NoUninit>(a: &T, b: &T) -> bool {
+        bytemuck::bytes_of(a) == bytemuck::bytes_of(b)
+    }
+    let parts = [
+        ("pose", same(&a.world_from_body, &b.world_from_body)),
+        ("covariance", same(&a.covariance, &b.covariance)),
+        ("predictor", same(&a.predictor, &b.predictor)),
+        ("residual", same(&a.residual_px, &b.residual_px)),
+        ("instant of measurement", a.measured_ns == b.measured_ns),
     ];
-    let part = parts.iter().find(|(_, bytes)| bytes(a) != bytes(b)).map(|(name, _)| *name);
+    let part = parts.into_iter().find(|(_, same)| !same).map(|(name, _)| name);
     match part {
         Some("pose") => {
             let (p, q) = (a.world_from_body, b.world_from_body);
