@@ -104,7 +104,7 @@ fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
     if (0.0..=10_000.0).contains(&delay) { Ok((stage, delay)) } else { Err("expected 0 to 10000 ms".into()) }
 }
 
-/// The film of a renderer that was restarted, beside that of its predecessor: `a.y4m`, `a-2.y4m`.
+/// Where a restarted renderer puts its film or stills, beside those of its predecessor: `a-2.y4m`.
 fn numbered(file: &Path, restarts: u32) -> PathBuf {
     if restarts == 0 {
         return file.to_path_buf();
@@ -177,8 +177,9 @@ impl RunArgs {
             Process::FpgaModel => self.camera_arguments(&mut args, remaining_s),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
-                args.path("--stills", self.stills.as_deref());
-                args.path("--video", self.video.as_deref().map(|v| numbered(v, restarts)).as_deref());
+                for (name, output) in [("--stills", &self.stills), ("--video", &self.video)] {
+                    args.path(name, output.as_deref().map(|o| numbered(o, restarts)).as_deref());
+                }
             }
             Process::Tracker | Process::Simcore => {}
         }
@@ -299,11 +300,12 @@ mod tests {
     }
 
     #[test]
-    fn a_restarted_renderer_does_not_write_over_the_film() {
+    fn a_restarted_renderer_does_not_write_over_what_there_is() {
         let args = parse(&["--video", "out/a.y4m"]).unwrap();
         let film = |restarts| args.arguments_of(Process::Renderer, View::Headless, None, restarts).pop();
         assert_eq!(film(0).as_deref(), Some("out/a.y4m"));
         assert_eq!(film(2).as_deref(), Some("out/a-3.y4m"));
+        assert_eq!(numbered(Path::new("out/stills"), 1), Path::new("out/stills-2"));
     }
 
     #[test]

@@ -23,7 +23,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Period of the launcher's looking, ns. Its queues reach for a second and more.
-const TICK_NS: u64 = 8_000_000;
+const TICK_NS: u64 = 10_000_000;
 /// After the end of the stream the last fields get this long to reach the picture, ns.
 const LINGER_NS: u64 = 300_000_000;
 /// A duration is kept by the cameras; this much later the launcher ends the run by itself, ns.
