@@ -35,7 +35,8 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     shell.beat_now(now())?;
     let mut paused = false;
     while !shell.stopping() {
-        wait(&[&desk.poses, &desk.handles, &desk.pedals, shell.control()], MAX_WAIT_MS * 1_000_000);
+        // Handles and pedal are taken with the next pose: they need not wake this process.
+        wait(&[&desk.poses, shell.control()], MAX_WAIT_MS * 1_000_000);
         if let Some((request, command)) = shell.serve(now())? {
             let result = match command {
                 Command::Snapshot => Err("the simulation takes no pictures"),
@@ -133,6 +134,8 @@ impl Desk {
     }
 
     fn drain(&mut self) -> Result<(), IpcError> {
+        // Takes their notifications away, without waiting.
+        wait(&[&self.handles, &self.pedals], 0);
         self.handle_queue.clear();
         self.pedal_queue.clear();
         while self.handle_queue.len() < self.handle_queue.capacity() {

@@ -86,9 +86,8 @@ impl Past {
         if step.step != state.step + 1 {
             return None;
         }
-        let mine =
-            |p: &Box<TrackerFrame>| p.frame == step.frame && p.instants.exposed == step.instants.exposed;
-        let pose = self.poses.iter().position(mine)?;
+        let exposed = step.instants.exposed;
+        let pose = self.poses.iter().position(|p| p.frame == step.frame && p.instants.exposed == exposed)?;
         let handles = take(&mut self.handles, state.handles_below, step.handles_below, |h| h.seq)?;
         let pedals = take(&mut self.pedals, state.pedals_below, step.pedals_below, |p| p.seq)?;
         let frame = self.poses.drain(..=pose).next_back()?;
