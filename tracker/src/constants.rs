@@ -20,13 +20,14 @@ pub const SEED_AREA_RATIO: (f64, f64) = (0.3, 2.2);
 pub const AREA_SCALE_STEP: f64 = 0.004;
 
 /// Singer model of an instrument's tip: standard deviation of the acceleration, mm/s².
-pub const TIP_ACCELERATION_MM_S2: f64 = 250.0;
-/// Its time constant, s; tremor at 9 Hz turns round in 28 ms.
-pub const TIP_ACCELERATION_TAU_S: f64 = 0.05;
+pub const TIP_ACCELERATION_MM_S2: f64 = 400.0;
+/// Its time constant, s; tremor at 9 Hz turns round in 28 ms. A longer one overshoots (100 ms doubles the error of
+/// free-running cameras), a shorter one forgets.
+pub const TIP_ACCELERATION_TAU_S: f64 = 0.02;
 /// The same for an instrument's rotation, rad/s².
-pub const TURN_ACCELERATION_RAD_S2: f64 = 30.0;
+pub const TURN_ACCELERATION_RAD_S2: f64 = 60.0;
 /// Its time constant, s.
-pub const TURN_ACCELERATION_TAU_S: f64 = 0.05;
+pub const TURN_ACCELERATION_TAU_S: f64 = 0.02;
 /// The same for the eye's rotation, rad/s².
 pub const EYE_ACCELERATION_RAD_S2: f64 = 2.0;
 /// Its time constant, s.
