@@ -1,5 +1,6 @@
 //! Checks across processes, and of the house itself.
 
+mod altered;
 mod architecture;
 mod bad_input;
 mod budgets;

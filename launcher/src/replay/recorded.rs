@@ -25,13 +25,14 @@ pub fn run(
 ) -> anyhow::Result<Option<RecordingError>> {
     let mut turns = Turns::new(recording.items());
     let mut under_way: VecDeque<(Turn, bool)> = VecDeque::with_capacity(WINDOW);
-    let mut more = true;
+    let (mut more, mut stopped_early) = (true, false);
     loop {
         let room = if pace.is_lockstep() { WINDOW } else { 1 };
         while more && under_way.len() < room {
             let next = turns.next().map(|turn| (pace.part(turn.recorded.instants.exposed), turn));
             match next {
-                None | Some((Part::After, _)) => more = false,
+                None => more = false,
+                Some((Part::After, _)) => (more, stopped_early) = (false, true),
                 Some((part, turn)) => {
                     let shown = part == Part::Shown;
                     if shown {
@@ -60,6 +61,9 @@ pub fn run(
         if let Some(step) = &turn.step {
             simulate(step, &frame, stage, outputs, verdict)?;
         }
+    }
+    if let (Some(why), None, false) = (&turns.lost, &outputs.figures.lost, stopped_early) {
+        outputs.figures.lost = Some(format!("the last field: {why}"));
     }
     Ok(turns.damage)
 }

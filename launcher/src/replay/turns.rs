@@ -70,7 +70,8 @@ pub struct Turns<I> {
     pedals: Consumed<PedalState>,
     last_step: Option<StepRecord>,
     begun: bool,
-    lost: Option<String>,
+    /// A loss that no turn has told yet; at the end, one behind the last turn.
+    pub lost: Option<String>,
     /// The error at which the recording ends, if it does not end well.
     pub damage: Option<RecordingError>,
 }
