@@ -1,7 +1,7 @@
 //! `Renderer`: takes a scene, encodes its passes in order, then latches the poses and draws.
 
 use crate::fundus_map;
-use crate::governor::{TIERS, Tier};
+use crate::governor::{SHADINGS, TIERS, Tier};
 use crate::gpu::Gpu;
 use crate::lamp::{Lamp, lamp_index};
 use crate::latch::Latched;
@@ -148,7 +148,7 @@ impl Renderer {
         let (shadow_map, light) = self.light_for(tier);
         let lamp = lamp_index(&self.tools);
         let casters = [0, 1].map(|i| self.tools[i].filter(|_| lamp != Some(i)));
-        let sheet = tier.membrane_shadow.then_some(&self.sheet);
+        let sheet = SHADINGS[tier.shading].membrane_shadow.then_some(&self.sheet);
         self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), sheet);
 
         let target = self.target(tier_index);
@@ -167,7 +167,7 @@ impl Renderer {
             ..wgpu::RenderPassDescriptor::default()
         });
         for channel in 0..CHANNELS as u32 {
-            self.draw_channel(&mut pass, target, channel, light);
+            self.draw_channel(&mut pass, target, channel, light, tier.shading);
         }
         drop(pass);
         encoder.finish()
@@ -179,7 +179,14 @@ impl Renderer {
     }
 
     /// Solid instruments hide the retina; lost ones show it through.
-    fn draw_channel(&self, pass: &mut RenderPass<'_>, target: &Target, channel: u32, light: &BindGroup) {
+    fn draw_channel(
+        &self,
+        pass: &mut RenderPass<'_>,
+        target: &Target,
+        channel: u32,
+        light: &BindGroup,
+        shading: usize,
+    ) {
         let (width, height) = (target.width_px as f32, target.height_px as f32);
         let left = channel as f32 * width;
         pass.set_viewport(left, 0.0, width, height, 0.0, 1.0);
@@ -188,9 +195,9 @@ impl Renderer {
         pass.set_bind_group(0, &self.uniforms.group, &[channel * VIEW_STRIDE]);
         pass.set_bind_group(1, light, &[]);
         self.draw_instruments(pass, false);
-        self.fundus.draw(pass);
+        self.fundus.draw(pass, shading);
         self.draw_instruments(pass, true);
-        self.membrane.draw(pass, &self.sheet);
+        self.membrane.draw(pass, &self.sheet, shading);
         if !self.overlay.is_empty() {
             self.overlay.draw(pass, left, width, height);
         }
@@ -228,15 +235,13 @@ impl Renderer {
         let tier = &TIERS[tier_index];
         let mut uniform = FrameUniform::zeroed();
         Lamp::find(&self.tools, latched).write(&mut uniform);
-        uniform.ambient[3] = if tier.membrane_shadow { MEMBRANE_SHADE } else { 0.0 };
+        uniform.ambient[3] = MEMBRANE_SHADE;
         let radius = self.plan.retina_radius_mm as f32;
         let px_per_mm = tier.height_px as f32 / self.microscope.field_mm.max(0.1) as f32;
-        let film = if tier.detail { FILM } else { 0.0 };
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
-        uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), film];
-        let soft = if tier.soft_shadow { SHADOW_SOFT } else { 0.0 };
+        uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), FILM];
         let lost = f32::from(u8::from(!latched.all_tracked()));
-        uniform.shadow = [SHADOW_BIAS, soft, lost, if tier.detail { WRINKLES } else { 0.0 }];
+        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, lost, WRINKLES];
         let poses = latched.eye_from_instrument();
         let lamp = lamp_index(&self.tools);
         uniform.instruments = std::array::from_fn(|i| InstrumentUniform {

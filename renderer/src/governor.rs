@@ -13,7 +13,14 @@ pub struct Tier {
     pub height_px: u32,
     /// Edge of a shadow map, px.
     pub shadow_px: u32,
-    /// Four taps on the shadow's edge instead of one.
+    /// Index into [`SHADINGS`].
+    pub shading: usize,
+}
+
+/// What the shaders compute; a pipeline is made for each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shading {
+    /// Four taps on a shadow's edge instead of one.
     pub soft_shadow: bool,
     /// The membrane's own shadow on the retina.
     pub membrane_shadow: bool,
@@ -21,28 +28,28 @@ pub struct Tier {
     pub detail: bool,
 }
 
-const fn tier(width_px: u32, height_px: u32, shadow_px: u32, level: u32) -> Tier {
-    Tier {
-        width_px,
-        height_px,
-        shadow_px,
-        soft_shadow: level >= 2,
-        membrane_shadow: level >= 1,
-        detail: level >= 2,
-    }
+/// From the full picture to the bare one.
+pub const SHADINGS: [Shading; 3] = [
+    Shading { soft_shadow: true, membrane_shadow: true, detail: true },
+    Shading { soft_shadow: false, membrane_shadow: true, detail: true },
+    Shading { soft_shadow: false, membrane_shadow: false, detail: false },
+];
+
+const fn tier(width_px: u32, height_px: u32, shadow_px: u32, shading: usize) -> Tier {
+    Tier { width_px, height_px, shadow_px, shading }
 }
 
 /// All tiers, the best first.
 pub const TIERS: [Tier; 9] = [
-    tier(1280, 1024, 2048, 2),
-    tier(800, 640, 1024, 2),
-    tier(640, 512, 1024, 2),
-    tier(480, 384, 512, 2),
+    tier(1280, 1024, 2048, 0),
+    tier(800, 640, 1024, 0),
+    tier(640, 512, 1024, 0),
+    tier(480, 384, 512, 1),
     tier(400, 320, 512, 1),
-    tier(320, 256, 512, 1),
+    tier(320, 256, 256, 1),
     tier(240, 192, 256, 1),
     tier(200, 160, 256, 1),
-    tier(160, 128, 256, 0),
+    tier(160, 128, 128, 2),
 ];
 
 /// The tier a software adapter starts at.

@@ -19,7 +19,7 @@ struct Frame {
     ambient: vec4f,
     // radius (mm), map scale, mip level, strength of the specular film
     retina: vec4f,
-    // bias, half width of the soft edge (0: one tap), strength of the tracking-lost ring, membrane detail
+    // bias, half width of the soft edge, strength of the tracking-lost ring, membrane detail
     shadow: vec4f,
     instruments: array<Instrument, 2>,
 }
@@ -34,6 +34,14 @@ struct View {
     // (x, y) of the field's radius-1 coordinates per NDC, squared inner edge of the soft border, 0
     field: vec4f,
 }
+
+// Chosen when a pipeline is made: software drivers execute both sides of an `if`.
+// Several taps on the edge of a shadow:
+override SOFT_SHADOW: bool = true;
+// The membrane's own shadow:
+override MEMBRANE_SHADOW: bool = true;
+// The retina's specular film and the membrane's wrinkles:
+override DETAIL: bool = true;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> view: View;
@@ -75,7 +83,7 @@ fn lamp_coordinates(p: vec3f) -> vec3f {
 
 fn lit_past_instruments(uv: vec2f, depth: f32) -> f32 {
     let soft = frame.shadow.y;
-    if soft == 0.0 {
+    if !SOFT_SHADOW {
         return lit_by_tile(uv, depth, 0.0);
     }
     let a = lit_by_tile(uv + vec2f(-soft, -0.4 * soft), depth, 0.0);

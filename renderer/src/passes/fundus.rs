@@ -1,8 +1,9 @@
 //! The retina: fundus photograph on the inside of a sphere, lit by the lamp, with its shadows.
 //! This module owns group 1, the map and the shadow map, which the other lit passes share.
 
-use super::{COLOUR, PipelinePlan, Uniforms, pipeline};
+use super::{PipelinePlan, Uniforms, pipeline};
 use crate::fundus_map;
+use crate::governor::SHADINGS;
 use image::RgbImage;
 use protocol::scene_file::Side;
 use wgpu::{
@@ -15,30 +16,31 @@ const CORNERS: u32 = 48 * 3;
 
 /// The pass.
 pub struct Fundus {
-    pipeline: RenderPipeline,
+    pipelines: [RenderPipeline; SHADINGS.len()],
 }
 
 impl Fundus {
-    /// Makes the pipeline.
+    /// Makes a pipeline for each shading.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
-        let plan = PipelinePlan {
+        let groups = [&uniforms.layout, light];
+        let plan = |shading| PipelinePlan {
             shader: "fundus",
             vertex: "vs_main",
             fragment: Some("fs_main"),
-            groups: &[&uniforms.layout, light],
+            groups: &groups,
             vertices: false,
             strip: false,
             // At the far plane, after the instruments: what they cover is not shaded.
             depth: Some((CompareFunction::LessEqual, false)),
             blend: None,
-            format: COLOUR,
+            shading: Some(shading),
         };
-        Self { pipeline: pipeline(device, &plan) }
+        Self { pipelines: SHADINGS.each_ref().map(|shading| pipeline(device, &plan(shading))) }
     }
 
     /// Draws into the present viewport; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>) {
-        pass.set_pipeline(&self.pipeline);
+    pub fn draw(&self, pass: &mut RenderPass<'_>, shading: usize) {
+        pass.set_pipeline(&self.pipelines[shading]);
         pass.draw(0..CORNERS, 0..1);
     }
 }

@@ -44,31 +44,25 @@ fn fs_main(in: Disc) -> @location(0) vec4f {
     let inverse_square = 1.0 / dot(to_lamp, to_lamp);
     let l = to_lamp * sqrt(inverse_square);
     let beam = spot(-l);
-    var light = frame.ambient.rgb;
+    let at = lamp_coordinates(p);
+    var strength = lit_past_instruments(at.xy, at.z) * beam * frame.lamp_position.w * inverse_square;
+    if MEMBRANE_SHADOW {
+        strength *= 1.0 - frame.ambient.w * (1.0 - lit_by_tile(at.xy, at.z, 1.0));
+    }
+    let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * max(-dot(q, l), 0.0));
     var film = 0.0;
-    if beam > 0.0 {
-        let at = lamp_coordinates(p);
-        var lit = lit_past_instruments(at.xy, at.z);
-        if frame.ambient.w > 0.0 {
-            lit *= 1.0 - frame.ambient.w * (1.0 - lit_by_tile(at.xy, at.z, 1.0));
-        }
-        let strength = lit * beam * frame.lamp_position.w * inverse_square;
-        light += frame.lamp_colour.rgb * (strength * max(-dot(q, l), 0.0));
-        if frame.retina.w > 0.0 {
-            // The inner limiting membrane reflects like a wet film: (n·h)^32, brighter off the vessels.
-            let h = max(-dot(q, normalize(l - ray)), 0.0);
-            let h2 = h * h;
-            let h4 = h2 * h2;
-            let h8 = h4 * h4;
-            let h16 = h8 * h8;
-            film = frame.retina.w * strength * h16 * h16 * (0.4 + albedo.g);
-        }
+    if DETAIL {
+        // The inner limiting membrane reflects like a wet film: (n·h)^32, brighter off the vessels.
+        let h = max(-dot(q, normalize(l - ray)), 0.0);
+        let h2 = h * h;
+        let h4 = h2 * h2;
+        let h8 = h4 * h4;
+        let h16 = h8 * h8;
+        film = frame.retina.w * strength * h16 * h16 * (0.4 + albedo.g);
     }
     var colour = to_display(albedo * light + vec3f(film)) * select(0.0, shade, root > 0.0);
-    if frame.shadow.z > 0.0 {
-        let r2 = dot(in.field_xy, in.field_xy);
-        let ring = clamp(1.0 - abs(r2 - 0.93) * 22.0, 0.0, 1.0) * frame.shadow.z;
-        colour = mix(colour, vec3f(1.0, 0.62, 0.05), ring);
-    }
+    // An amber ring says that tracking is lost.
+    let ring = clamp(1.0 - abs(dot(in.field_xy, in.field_xy) - 0.93) * 22.0, 0.0, 1.0) * frame.shadow.z;
+    colour = mix(colour, vec3f(1.0, 0.62, 0.05), ring);
     return vec4f(colour, 1.0);
 }

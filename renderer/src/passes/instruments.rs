@@ -1,6 +1,6 @@
 //! The two instruments.
 
-use super::{COLOUR, PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
 use crate::layout::MetalVertex;
 use crate::tools::{self, Mesh};
 use protocol::handles::Tool;
@@ -78,7 +78,7 @@ impl Instruments {
             strip: false,
             depth: Some((CompareFunction::Less, true)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            format: COLOUR,
+            shading: None,
         };
         Self { pipeline: pipeline(device, &plan) }
     }

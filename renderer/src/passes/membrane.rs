@@ -1,6 +1,7 @@
 //! The membrane: its buffers and its translucent pass.
 
-use super::{COLOUR, PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use crate::governor::SHADINGS;
 use crate::layout::SheetVertex;
 use wgpu::{
     BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
@@ -55,29 +56,30 @@ impl Sheet {
 
 /// The pass.
 pub struct Membrane {
-    pipeline: RenderPipeline,
+    pipelines: [RenderPipeline; SHADINGS.len()],
 }
 
 impl Membrane {
-    /// Makes the pipeline: both sides, tested against the instruments, blended.
+    /// Makes a pipeline for each shading: both sides, tested against the instruments, blended.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
-        let plan = PipelinePlan {
+        let groups = [&uniforms.layout, light];
+        let plan = |shading| PipelinePlan {
             shader: "membrane",
             vertex: "vs_main",
             fragment: Some("fs_main"),
-            groups: &[&uniforms.layout, light],
+            groups: &groups,
             vertices: true,
             strip: false,
             depth: Some((CompareFunction::Less, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            format: COLOUR,
+            shading: Some(shading),
         };
-        Self { pipeline: pipeline(device, &plan) }
+        Self { pipelines: SHADINGS.each_ref().map(|shading| pipeline(device, &plan(shading))) }
     }
 
     /// Draws; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet) {
-        pass.set_pipeline(&self.pipeline);
+    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet, shading: usize) {
+        pass.set_pipeline(&self.pipelines[shading]);
         sheet.draw(pass);
     }
 }

@@ -33,7 +33,7 @@ fn fs_main(in: Sheet) -> @location(0) vec4f {
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
     let v = normalize(view.camera.xyz - in.p);
     var n = normalize(in.n);
-    if frame.shadow.w > 0.0 {
+    if DETAIL {
         // Fine wrinkles of two sizes that run in different directions.
         let fine = sin(in.rest.x * 7.0 + in.rest.y * 3.0 + 1.5 * sin(in.rest.y * 2.0));
         let coarse = sin(in.rest.y * 3.7 - in.rest.x * 1.9 + 2.0 * sin(in.rest.x * 1.3));
@@ -44,12 +44,8 @@ fn fs_main(in: Sheet) -> @location(0) vec4f {
     let to_lamp = frame.lamp_position.xyz - in.p;
     let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);
     let l = to_lamp * sqrt(inverse_square);
-    let beam = spot(-l);
-    var strength = 0.0;
-    if beam > 0.0 {
-        let at = lamp_coordinates(in.p);
-        strength = beam * lit_by_tile(at.xy, at.z, 0.0) * frame.lamp_position.w * inverse_square;
-    }
+    let at = lamp_coordinates(in.p);
+    let strength = spot(-l) * lit_by_tile(at.xy, at.z, 0.0) * frame.lamp_position.w * inverse_square;
     let rim = (1.0 - facing) * (1.0 - facing);
     let h = max(dot(n, normalize(l + v)), 0.0);
     let h2 = h * h;

@@ -6,6 +6,7 @@ pub mod membrane;
 pub mod overlay;
 pub mod shadow;
 
+use crate::governor::Shading;
 use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
 use std::num::NonZeroU64;
 use wgpu::{
@@ -119,17 +120,30 @@ pub struct PipelinePlan<'a> {
     pub depth: Option<(CompareFunction, bool)>,
     /// Blending of the picture.
     pub blend: Option<BlendState>,
-    /// Format of the picture.
-    pub format: TextureFormat,
+    /// What the shader computes; the default is everything, for shaders that do not ask.
+    pub shading: Option<&'a Shading>,
 }
 
 /// Position, normal and two numbers, as in [`crate::layout`].
 const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
 
+/// A shading as the shaders' override constants.
+fn overrides(shading: &Shading) -> [(&'static str, f64); 3] {
+    let number = |b: bool| f64::from(u8::from(b));
+    [
+        ("SOFT_SHADOW", number(shading.soft_shadow)),
+        ("MEMBRANE_SHADOW", number(shading.membrane_shadow)),
+        ("DETAIL", number(shading.detail)),
+    ]
+}
+
 /// Makes a pipeline.
 pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
     let module = shader(device, plan.shader);
+    let constants = plan.shading.map(overrides);
+    let constants: &[(&str, f64)] = constants.as_ref().map_or(&[], |c| c);
+    let options = wgpu::PipelineCompilationOptions { constants, ..Default::default() };
     let groups: Vec<_> = plan.groups.iter().map(|&g| Some(g)).collect();
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(plan.shader),
@@ -143,7 +157,7 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
     };
     let buffers = [Some(buffer)];
     let target = [Some(wgpu::ColorTargetState {
-        format: plan.format,
+        format: COLOUR,
         blend: plan.blend,
         write_mask: wgpu::ColorWrites::ALL,
     })];
@@ -158,7 +172,7 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
         vertex: wgpu::VertexState {
             module: &module,
             entry_point: Some(plan.vertex),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            compilation_options: options.clone(),
             buffers: if plan.vertices { &buffers } else { &[] },
         },
         primitive: wgpu::PrimitiveState { topology, ..wgpu::PrimitiveState::default() },
@@ -173,7 +187,7 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
         fragment: plan.fragment.map(|entry| wgpu::FragmentState {
             module: &module,
             entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            compilation_options: options.clone(),
             targets: &target,
         }),
         multiview_mask: None,

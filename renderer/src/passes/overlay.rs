@@ -1,6 +1,6 @@
 //! Text on the picture. The texture is written only when the text changes.
 
-use super::{COLOUR, PipelinePlan, Uniforms, pipeline};
+use super::{PipelinePlan, Uniforms, pipeline};
 use crate::font::{self, CELL_H, CELL_W};
 use wgpu::{
     BindGroup, BindGroupLayoutEntry, BindingType, BlendState, CompareFunction, Device, Queue, RenderPass,
@@ -59,7 +59,7 @@ impl Overlay {
             strip: true,
             depth: Some((CompareFunction::Always, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            format: COLOUR,
+            shading: None,
         };
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("text"),

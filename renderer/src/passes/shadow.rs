@@ -3,7 +3,7 @@
 
 use super::instruments::Meshes;
 use super::membrane::Sheet;
-use super::{COLOUR, DEPTH, PipelinePlan, Uniforms, pipeline};
+use super::{DEPTH, PipelinePlan, Uniforms, pipeline};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{CommandEncoder, CompareFunction, Device, RenderPipeline, TextureUsages, TextureView};
@@ -52,7 +52,7 @@ impl Shadow {
                 strip: false,
                 depth: Some((CompareFunction::Less, true)),
                 blend: None,
-                format: COLOUR,
+                shading: None,
             };
             pipeline(device, &plan)
         };
