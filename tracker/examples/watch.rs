@@ -32,7 +32,8 @@ fn main() -> anyhow::Result<()> {
         print!("{} frames, CPU {:.1} %", frames.len(), (cpu_ns - cpu_before) as f64 * 1e-7);
         cpu_before = cpu_ns;
         let late = frames.iter().filter(|f| f.closed_by != ClosedBy::Inputs as u32).count();
-        let mean = |of: &dyn Fn(&TrackerFrame) -> f64| frames.iter().map(of).sum::<f64>() / frames.len() as f64;
+        let mean =
+            |of: &dyn Fn(&TrackerFrame) -> f64| frames.iter().map(of).sum::<f64>() / frames.len() as f64;
         let tracking = mean(&|f| f.instants.tracked.saturating_sub(f.instants.blobs_out) as f64 * 1e-6);
         let proper = mean(&|f| f.instants.tracked.saturating_sub(f.instants.taken) as f64 * 1e-6);
         print!(", {late} late, tracking {tracking:.2} ms of which computed {proper:.2}");
