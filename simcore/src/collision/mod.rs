@@ -3,6 +3,7 @@
 //! [`eyeball`] compares the tip with the retina's sphere.
 
 pub mod eyeball;
+pub mod instrument_image;
 pub mod raster;
 pub mod tool_mesh;
 pub mod zcoll;

@@ -8,7 +8,8 @@ mod touch;
 pub use plan::start_instrument;
 
 use crate::checkpoint::{self, CheckpointError};
-use crate::collision::zcoll::{InstrumentImage, Volume, Zcoll};
+use crate::collision::instrument_image::{InstrumentImage, Volume};
+use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;

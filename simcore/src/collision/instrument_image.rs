@@ -1,0 +1,150 @@
+//! The collision volume of an instrument, and the instrument's own depth image in it. That image depends
+//! only on the jaw opening: it is drawn once for each opening, in steps of [`JAW_STEP_RAD`].
+
+use super::raster::{self, DEPTH_STEPS, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
+use super::tool_mesh::ToolMesh;
+use crate::constants::{JAW_STEP_RAD, VOLUME_BEYOND_TIP};
+use protocol::handles::Tool;
+use protocol::scene_file::ContactScene;
+
+/// No instrument at this pixel.
+pub const NOTHING: i32 = i32::MAX;
+
+/// The collision volume of an instrument, in its frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Volume {
+    /// Half width along x and y, mm.
+    pub half_mm: f64,
+    /// Near plane, mm (negative: beyond the tip).
+    pub near_mm: f64,
+    /// From the near plane to the far plane, mm.
+    pub depth_mm: f64,
+    /// Pixels along x and along y.
+    pub resolution: usize,
+}
+
+impl Volume {
+    /// The volume of a scene.
+    pub fn new(contact: &ContactScene) -> Self {
+        let [half_mm, depth_mm] = contact.volume_mm;
+        let near_mm = -depth_mm * VOLUME_BEYOND_TIP;
+        Volume { half_mm, near_mm, depth_mm, resolution: contact.resolution as usize }
+    }
+
+    /// Farthest point of the volume from the tip, mm.
+    pub fn reach_mm(&self) -> f64 {
+        let far = (self.near_mm + self.depth_mm).max(-self.near_mm);
+        libm::sqrt(2.0 * self.half_mm * self.half_mm + far * far)
+    }
+
+    /// Scale and offset to fixed point along x (and y), then along z.
+    pub fn format(&self) -> [(f32, f32); 2] {
+        let width = (self.resolution as i32 * SUBPIXELS) as f64;
+        let xy = width / (2.0 * self.half_mm);
+        let z = f64::from(DEPTH_STEPS) / self.depth_mm;
+        [(xy as f32, (width * 0.5) as f32), (z as f32, (-self.near_mm * z) as f32)]
+    }
+
+    /// A number of depth steps in mm.
+    pub fn depth_steps_mm(&self, steps: i32) -> f64 {
+        f64::from(steps) * self.depth_mm / f64::from(DEPTH_STEPS)
+    }
+}
+
+/// Rounds to fixed point; what lies outside is put on the limit, where the caller refuses it.
+pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
+    let bound = limit as f32;
+    let shifted = (value * scale + offset).clamp(-bound, bound) + bound + 0.5;
+    shifted as i32 - limit
+}
+
+/// Depth image of an instrument for one opening of its jaws.
+#[derive(Debug)]
+pub struct InstrumentImage {
+    mesh: ToolMesh,
+    tool: u32,
+    radius_mm: f64,
+    /// Opening in [`JAW_STEP_RAD`], −1 before the first.
+    opening: i64,
+    /// Depth of each pixel in depth steps, or [`NOTHING`]; row by row.
+    pub depth: Vec<i32>,
+    /// Pixels that may hold instrument.
+    pub rect: Rect,
+}
+
+impl InstrumentImage {
+    /// An image yet to be drawn.
+    pub fn new(tool: Tool, radius_mm: f64, volume: &Volume) -> Self {
+        let pixels = volume.resolution * volume.resolution;
+        let mesh = ToolMesh::new(tool, radius_mm, volume.depth_mm);
+        let depth = vec![NOTHING; pixels];
+        InstrumentImage { mesh, tool: tool as u32, radius_mm, opening: -1, depth, rect: Rect::EMPTY }
+    }
+
+    /// Takes another tool into the hand; it allocates, but only at a change of tools.
+    pub fn set_tool(&mut self, tool: Tool, volume: &Volume) {
+        if self.tool != tool as u32 {
+            *self = Self::new(tool, self.radius_mm, volume);
+        }
+    }
+
+    /// Draws the image anew if the opening differs from the one drawn.
+    pub fn prepare(&mut self, jaw_rad: f64, volume: &Volume) {
+        let has_jaws = !self.mesh.jaw.is_empty();
+        let opening = if has_jaws { (jaw_rad / JAW_STEP_RAD + 0.5) as i64 } else { 0 };
+        if opening == self.opening {
+            return;
+        }
+        self.opening = opening;
+        self.depth.fill(NOTHING);
+        self.rect = Rect::EMPTY;
+        let (whole, width) = (Rect::whole(volume.resolution), volume.resolution);
+        let [xy, z] = volume.format();
+        let (depth, rect) = (&mut self.depth, &mut self.rect);
+        self.mesh.for_each(opening as f64 * JAW_STEP_RAD, |facet| {
+            let vertices = facet.map(|p| {
+                let [x, y, d] = p.map(|c| c as f32);
+                [to_fixed(x, xy, XY_LIMIT - 1), to_fixed(y, xy, XY_LIMIT - 1), to_fixed(d, z, Z_LIMIT - 1)]
+            });
+            raster::triangle(vertices, whole, |x, y, d| {
+                if d <= DEPTH_STEPS {
+                    let pixel = &mut depth[y as usize * width + x as usize];
+                    *pixel = (*pixel).min(d.max(0));
+                    rect.include(x, y);
+                }
+            });
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::scene_file::SceneFile;
+
+    #[test]
+    fn jaws_widen_the_image_and_only_their_change_draws_it() {
+        let volume = Volume::new(&SceneFile::load("peel").unwrap().contact);
+        let mut image = InstrumentImage::new(Tool::Forceps, 0.25, &volume);
+        image.prepare(0.0, &volume);
+        let closed = image.rect;
+        image.prepare(0.6, &volume);
+        assert!(image.rect.max[0] - image.rect.min[0] > closed.max[0] - closed.min[0]);
+        image.depth[0] = 7;
+        image.prepare(0.601, &volume);
+        assert_eq!(image.depth[0], 7, "kept for the same opening");
+        image.prepare(0.7, &volume);
+        assert_eq!(image.depth[0], NOTHING);
+    }
+
+    #[test]
+    fn depth_of_the_image_is_that_of_the_shape() {
+        let volume = Volume::new(&SceneFile::load("peel").unwrap().contact);
+        let mut image = InstrumentImage::new(Tool::LightPipe, 0.25, &volume);
+        image.prepare(0.0, &volume);
+        // The flat end of the pipe lies at z = 0, a sixth of the depth behind the near plane.
+        let middle = image.depth[16 * 32 + 16];
+        assert!((volume.depth_steps_mm(middle) - 0.25).abs() < 1e-4, "{middle}");
+        assert_eq!(image.depth[0], NOTHING);
+    }
+}
