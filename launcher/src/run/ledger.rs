@@ -55,7 +55,9 @@ impl Durations {
         if self.count() == 0 {
             return 0.0;
         }
-        self.histogram.value_at_percentile(percentile) as f64 * 1e-6
+        // A bucket's upper edge may lie a thousandth above the longest that is in it.
+        let edge_ns = self.histogram.value_at_percentile(percentile);
+        edge_ns.min(self.worst.map_or(u64::MAX, |(ns, _)| ns)) as f64 * 1e-6
     }
 
     /// Arithmetic mean, ms; 0 where none was counted.
@@ -248,12 +250,12 @@ impl StageFigures {
         let mut broken = Vec::new();
         if self.budget_ms > 0.0 && self.judged_ms > self.budget_ms {
             broken.push(format!(
-                "p{} is {:.2} ms, budget {} ms, {} of {} over it",
+                "p{} is {:.2} ms, budget {:.2} ms, {} of {} over it",
                 self.percentile, self.judged_ms, self.budget_ms, self.violations, self.count
             ));
         }
         if self.mean_budget_ms > 0.0 && self.mean_ms > self.mean_budget_ms {
-            broken.push(format!("mean is {:.2} ms, budget {} ms", self.mean_ms, self.mean_budget_ms));
+            broken.push(format!("mean is {:.2} ms, budget {:.2} ms", self.mean_ms, self.mean_budget_ms));
         }
         let worst = self.worst_field.unwrap_or_default();
         let (what, max) = (broken.join("; "), self.max_ms);
@@ -348,7 +350,7 @@ mod tests {
         assert_eq!(broken(&ledger), [Stage::WholeSystem]);
         let judged = ledger.judge(&Budgets::default());
         let whole = &judged[Stage::WholeSystem as usize];
-        assert!(whole.blame().contains("mean is 55.00 ms, budget 50 ms"), "{}", whole.blame());
+        assert!(whole.blame().contains("mean is 55.00 ms, budget 50.00 ms"), "{}", whole.blame());
     }
 
     #[test]

@@ -125,6 +125,7 @@ impl<'a> Session<'a> {
         for process in picture.into_iter().chain([Process::Simcore, Process::Tracker]) {
             self.supervisor.start(process, None, now())?;
         }
+        self.screen.say(&format!("starting {}", self.supervisor.awaited().join(", ")));
         let mut speak_ns = now() + PATIENCE_NS;
         while !self.supervisor.all_ready() {
             self.tick()?;

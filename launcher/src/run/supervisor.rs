@@ -2,7 +2,7 @@
 
 use super::options::{RunArgs, View};
 use super::policy::{CpuAccount, MAX_RESTARTS, RestartLimit, WINDOW_NS};
-use crate::children::{self, Child, Surroundings};
+use crate::children::{self, Child, Surroundings, realtime_allowed};
 use anyhow::ensure;
 use protocol::control::{Command, Request};
 use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
@@ -15,7 +15,7 @@ use protocol::time::Nanos;
 const START_NS: u64 = 60_000_000_000;
 /// A launcher that itself slept this long (a suspended laptop) blames nobody for silence, ns.
 const OWN_SLEEP_NS: u64 = 1_000_000_000;
-/// Niceness of the renderer: where cores are few, tracker and tissue go first.
+/// Niceness of the renderer where the others cannot be real-time processes: they still go first.
 const RENDERER_NICE: i32 = 5;
 
 /// What the supervisor noticed.
@@ -102,7 +102,7 @@ impl Supervisor {
         let surroundings = match process {
             Process::Renderer => Surroundings {
                 environment: vec![("LP_NUM_THREADS", software_threads().to_string())],
-                nice: RENDERER_NICE,
+                nice: if realtime_allowed() { 0 } else { RENDERER_NICE },
                 realtime: false,
             },
             // A field must not wait for a time slice of the renderer's to end.
