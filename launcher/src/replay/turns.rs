@@ -264,16 +264,8 @@ fn key(field: &BlobField) -> (u32, u64, Nanos) {
 /// The script of a recorded frame, over the fields that are there.
 fn script(frame: &TrackerFrame, fields: &[BlobField]) -> FrameScript {
     let mut used = frame.used;
-    let mut count = 0;
-    for field in fields {
-        let FieldUsed { .. } = used[count];
-        used[count] = FieldUsed {
-            field: field.field,
-            exposed_ns: field.exposed_ns,
-            camera: field.camera,
-            blobs_used: 0,
-        };
-        count += 1;
+    for (slot, f) in used.iter_mut().zip(fields) {
+        *slot = FieldUsed { field: f.field, exposed_ns: f.exposed_ns, camera: f.camera, blobs_used: 0 };
     }
     FrameScript {
         frame: frame.frame,
@@ -282,7 +274,7 @@ fn script(frame: &TrackerFrame, fields: &[BlobField]) -> FrameScript {
         camera: frame.camera,
         closed_by: frame.closed_by,
         used,
-        used_count: count as u32,
+        used_count: fields.len() as u32,
         reserved: 0,
     }
 }

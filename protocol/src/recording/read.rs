@@ -428,26 +428,6 @@ mod tests {
     }
 
     #[test]
-    fn a_killed_recorder_loses_only_the_open_chunk() {
-        let directory = tempfile::tempdir().unwrap();
-        let (path, copy) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
-        let mut writer = Writer::create(&path, &provenance()).unwrap();
-        // One note a millisecond, with the recorder looking after each.
-        for ms in 0..1000 {
-            writer.write(ms * 1_000_000, &note(ms)).unwrap();
-            writer.keep_up(ms * 1_000_000).unwrap();
-        }
-        fs::copy(&path, &copy).unwrap();
-        let recording = Recording::open(&copy).unwrap();
-        assert!(!recording.is_finished());
-        assert_eq!(recording.provenance(), &provenance());
-        let (counts, problem) = notes_of(&copy);
-        assert!(problem.is_none(), "{problem:?}");
-        assert!(counts.iter().copied().eq(0..counts.len() as u64));
-        assert!(counts.len() > 800, "{} of 1000 ms are there", counts.len());
-    }
-
-    #[test]
     fn a_cut_file_is_readable_up_to_the_cut_and_says_so() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.mcap");

@@ -140,3 +140,53 @@ fn pairs(provenance: &Provenance) -> BTreeMap<String, String> {
     }
     all
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Note, NoteKind, Recording};
+    use super::*;
+    use std::fs;
+
+    fn note(count: u64) -> Item {
+        let text = "x".repeat(100);
+        Item::Note(Note { instant_ns: 5, kind: NoteKind::Log, process: None, count, text })
+    }
+
+    #[test]
+    fn a_killed_recorder_loses_only_the_open_chunk() {
+        let directory = tempfile::tempdir().unwrap();
+        let (path, copy) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
+        let provenance = Provenance { scene_name: "peel".into(), ..Provenance::default() };
+        let mut writer = Writer::create(&path, &provenance).unwrap();
+        // One note a millisecond, with the recorder looking after each.
+        for ms in 0..1000 {
+            writer.write(ms * 1_000_000, &note(ms)).unwrap();
+            writer.keep_up(ms * 1_000_000).unwrap();
+        }
+        fs::copy(&path, &copy).unwrap();
+        let recording = Recording::open(&copy).unwrap();
+        assert!(!recording.is_finished());
+        assert_eq!(recording.provenance(), &provenance);
+        let count = |item| match item {
+            Ok((_, Item::Note(note))) => note.count,
+            other => panic!("{other:?}"),
+        };
+        let counts: Vec<u64> = recording.items().map(count).collect();
+        assert!(counts.iter().copied().eq(0..counts.len() as u64));
+        assert!(counts.len() > 800, "{} of 1000 ms are there", counts.len());
+    }
+
+    #[test]
+    fn chunks_stay_small() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let mut writer = Writer::create(&path, &Provenance::default()).unwrap();
+        (0..5000).for_each(|i| writer.write(i, &note(i)).unwrap());
+        writer.finish().unwrap();
+        let summary = mcap::Summary::read(&fs::read(&path).unwrap()).unwrap().unwrap();
+        assert!(summary.chunk_indexes.len() > 10);
+        // The first one holds the schemas.
+        let sizes: Vec<u64> = summary.chunk_indexes.iter().skip(1).map(|c| c.uncompressed_size).collect();
+        assert!(sizes.iter().all(|size| *size <= 32 << 10), "{sizes:?}");
+    }
+}
