@@ -1,6 +1,7 @@
 //! The latency budgets: one table, which a TOML file may override.
 
 use crate::frames::FrameRecord;
+use crate::poses::{ClosedBy, TrackerFrame};
 use crate::steps::StepRecord;
 use crate::time::{Instants, Nanos};
 use serde::{Deserialize, Serialize};
@@ -64,14 +65,18 @@ fn between(from: Nanos, to: Nanos) -> Option<u64> {
     (from > 0 && to >= from).then(|| to - from)
 }
 
-/// Latency of the stages that a step's record tells about, except the wait for a camera, ns.
-pub fn step_latencies(step: &StepRecord) -> [(Stage, Option<u64>); 3] {
+/// Latency of the stages that a step's record tells about, ns.
+pub fn step_latencies(step: &StepRecord) -> [(Stage, Option<u64>); 2] {
     let Instants { exposed, blobs_out, tracked, stepped, .. } = step.instants;
-    [
-        (Stage::Camera, between(exposed, blobs_out)),
-        (Stage::Tracking, between(blobs_out, tracked)),
-        (Stage::Simulation, between(tracked, stepped)),
-    ]
+    [(Stage::Camera, between(exposed, blobs_out)), (Stage::Simulation, between(tracked, stepped))]
+}
+
+/// Latency of the stages that a tracker frame tells about, ns. Where the frame was closed without
+/// a camera that was waited for, the wait is the camera's, and tracking begins when it ended.
+pub fn pose_latencies(frame: &TrackerFrame) -> [(Stage, Option<u64>); 2] {
+    let Instants { blobs_out, taken, tracked, .. } = frame.instants;
+    let begun = if frame.closed_by == ClosedBy::Inputs as u32 { blobs_out } else { taken };
+    [(Stage::CameraWait, Some(frame.waited_ns)), (Stage::Tracking, between(begun, tracked))]
 }
 
 /// Latency of the stages that a displayed frame's record tells about, ns.
@@ -179,6 +184,17 @@ mod tests {
         assert_eq!(budgets.of(Stage::Rendering).limit_ms, 40.0);
         assert_eq!(budgets.of(Stage::Simulation).limit_ms, 8.5);
         assert_eq!(budgets.percentile, 95.0);
+    }
+
+    #[test]
+    fn the_wait_for_a_camera_that_did_not_come_is_not_trackings() {
+        let mut frame: TrackerFrame = bytemuck::Zeroable::zeroed();
+        (frame.instants.blobs_out, frame.instants.taken, frame.instants.tracked) = (100, 3_100, 3_300);
+        frame.waited_ns = 3_000;
+        let latencies = |f: &TrackerFrame| pose_latencies(f).map(|(_, ns)| ns.unwrap());
+        assert_eq!(latencies(&frame), [3_000, 3_200]);
+        frame.closed_by = ClosedBy::TimeOut as u32;
+        assert_eq!(latencies(&frame), [3_000, 200]);
     }
 
     #[test]

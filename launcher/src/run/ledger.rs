@@ -5,7 +5,7 @@
 //! takes no part in any percentile.
 
 use hdrhistogram::Histogram;
-use protocol::budget::{Budget, Budgets, Stage, frame_latencies, step_latencies};
+use protocol::budget::{Budget, Budgets, Stage, frame_latencies, pose_latencies, step_latencies};
 use protocol::frames::FrameRecord;
 use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
@@ -117,10 +117,10 @@ impl Ledger {
         warm
     }
 
-    /// Takes a tracker frame's wait for late cameras.
+    /// Takes a tracker frame.
     pub fn note_pose(&mut self, frame: &TrackerFrame) {
         if self.is_warm(frame.instants.exposed) {
-            self.stages[Stage::CameraWait as usize].note(frame.waited_ns, frame.field);
+            self.note_all(&pose_latencies(frame), frame.field);
         }
     }
 
@@ -285,6 +285,13 @@ mod tests {
         StepRecord { field, instants, ..StepRecord::zeroed() }
     }
 
+    /// A field's way through tracker and simulation.
+    fn note(ledger: &mut Ledger, field: u64, tracking_ms: u64, simulation_ms: u64) {
+        let step = step(field, tracking_ms, simulation_ms);
+        ledger.note_pose(&TrackerFrame { field, instants: step.instants, ..TrackerFrame::zeroed() });
+        ledger.note_step(&step);
+    }
+
     fn broken(ledger: &Ledger) -> Vec<Stage> {
         let judged = ledger.judge(&Budgets::default());
         judged.into_iter().filter(|f| f.broken).map(|f| f.stage).collect()
@@ -299,7 +306,7 @@ mod tests {
     #[test]
     fn only_the_slow_stage_is_broken_and_its_worst_field_named() {
         let mut ledger = warm();
-        (0..200).for_each(|f| ledger.note_step(&step(f, 0, if f == 77 { 30 } else { 20 })));
+        (0..200).for_each(|f| note(&mut ledger, f, 0, if f == 77 { 30 } else { 20 }));
         assert_eq!(broken(&ledger), [Stage::Simulation]);
         let judged = ledger.judge(&Budgets::default());
         let line = &judged[Stage::Simulation as usize];
@@ -310,7 +317,7 @@ mod tests {
     #[test]
     fn a_rare_spike_does_not_break_p99_but_breaks_p100() {
         let mut ledger = warm();
-        (0..1000).for_each(|f| ledger.note_step(&step(f, if f == 5 { 9 } else { 0 }, 1)));
+        (0..1000).for_each(|f| note(&mut ledger, f, if f == 5 { 9 } else { 0 }, 1));
         assert_eq!(broken(&ledger), []);
         let strict = Budgets { percentile: 100.0, ..Budgets::default() };
         let judged = ledger.judge(&strict);
@@ -321,12 +328,12 @@ mod tests {
     #[test]
     fn fields_before_the_run_is_warm_are_left_out() {
         let mut ledger = Ledger::default();
-        ledger.note_step(&step(0, 50, 50));
+        note(&mut ledger, 0, 50, 50);
         ledger.warm_from(100 * 20 * MS);
-        (0..200).for_each(|f| ledger.note_step(&step(f, 0, if f < 99 { 60 } else { 1 })));
-        assert_eq!((broken(&ledger), ledger.warm_up), (vec![], 100));
+        (0..200).for_each(|f| note(&mut ledger, f, 0, if f < 99 { 60 } else { 1 }));
+        assert_eq!((broken(&ledger), ledger.warm_up), (vec![], 200));
         ledger.cool();
-        ledger.note_step(&step(500, 50, 50));
+        note(&mut ledger, 500, 50, 50);
         assert_eq!(broken(&ledger), []);
     }
 
@@ -362,7 +369,7 @@ mod tests {
     #[test]
     fn a_limit_of_zero_is_not_asserted() {
         let mut ledger = warm();
-        ledger.note_step(&step(1, 0, 400));
+        note(&mut ledger, 1, 0, 400);
         let budgets = Budgets::parse("[[budget]]\nstage = \"simulation\"\nlimit_ms = 0", "b").unwrap();
         let judged = ledger.judge(&budgets);
         assert_eq!(judged[Stage::Simulation as usize].verdict, Verdict::NotAsserted);
