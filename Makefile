@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test test-python bench clean
+.PHONY: help setup setup-python demo test test-python bench golden clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -66,6 +66,10 @@ bench: setup ## Measure latency and CPU cost, without and with the picture
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
 	$(RELEASE) run --headless --instance bench --duration 30 --report out/bench-headless.json
+
+golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
+	cargo build --release --workspace
+	$(RELEASE) run --no-picture --instance golden --duration 2 --record tests/data/golden/peel-2s.mcap
 
 clean: ## Remove what was built and put out
 	cargo clean

@@ -146,8 +146,18 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Joins `name`.
+    /// Joins `name` once its owner has set it up; before that, the owner may still be clearing the
+    /// directory.
+    ///
+    /// # Panics
+    /// If nobody sets it up in time.
     pub fn join(name: &str) -> Self {
+        let nodes = protocol::ipc::instance_directory(name).expect("valid name").join("nodes");
+        let deadline = protocol::time::now() + WATCHDOG.as_nanos() as u64;
+        while !nodes.exists() {
+            assert!(protocol::time::now() < deadline, "instance {name} was not set up in time");
+            wait(&[], 5_000_000);
+        }
         let instance = Instance::join(name).expect("instance");
         let health = instance.receiver(Queue::InOrder).expect("health");
         Self { instance, health }
