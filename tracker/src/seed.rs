@@ -60,17 +60,18 @@ impl Searcher {
     pub fn search(&mut self, scene: &Scene<'_>, body: &BodyModel) -> Option<Fit> {
         self.triangulate(scene, body);
         let mut best: Option<(f64, Isometry3<f64>)> = None;
-        let mut trials = 0;
+        let (mut trials, mut scored) = (0, 0);
         for triple in &body.triples {
             self.for_each_pose(body, triple, |pose| {
                 trials += 1;
                 if is_plausible(scene, body, &pose) {
+                    scored += 1;
                     let score = score(scene, body, &pose);
                     if best.is_none_or(|(s, _)| score > s) {
                         best = Some((score, pose));
                     }
                 }
-                trials < k::SEED_TRIALS
+                trials < k::SEED_TRIALS && scored < k::SEED_SCORED
             });
         }
         self.refine(scene, body, &best?.1)

@@ -169,6 +169,18 @@ fn a_script_repeats_a_run_to_the_bit() {
     }
 }
 
+/// FNV-1a over all frames of the stream. It changes when the tracker's arithmetic does, on purpose;
+/// it must not differ between debug and release builds or between machines.
+const GOLDEN: u64 = 0x9506_0490_9e2c_bc9b;
+
+#[test]
+fn frames_are_the_same_to_the_bit_in_every_build() {
+    let stream = load("samecol");
+    let frames = run(&stream.rig, &stream.fields).0;
+    let bytes: Vec<u8> = frames.iter().flat_map(|f| bytemuck::bytes_of(f).to_vec()).collect();
+    assert_eq!(protocol::message::fnv1a(&bytes), GOLDEN, "{:#018x}", protocol::message::fnv1a(&bytes));
+}
+
 #[test]
 fn two_cameras_are_enough_and_one_is_not() {
     let stream = load("static");
