@@ -298,7 +298,7 @@ impl Station {
                     Ok(())
                 }
                 Command::Start => {
-                    let stood_still = self.paused_since.take().map_or(0, |since| now() - since);
+                    let stood_still = self.paused_since.take().map_or(0, |since| now().saturating_sub(since));
                     self.t0 += stood_still;
                     Ok(())
                 }

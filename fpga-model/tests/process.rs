@@ -76,19 +76,26 @@ impl Setup {
         })
     }
 
-    /// Asks and returns the result code.
-    fn ask(&mut self, command: Ask) -> u32 {
+    fn send(&mut self, command: Ask) -> u64 {
         let (seq, target) = (self.asked, Process::FpgaModel as u32);
         self.asked += 1;
         self.control.send(&Request { seq, argument: 0, target, command: command as u32 }).unwrap();
+        seq
+    }
+
+    /// Asks and returns the result code.
+    fn ask(&mut self, command: Ask) -> u32 {
+        let seq = self.send(command);
         self.until("the request is answered", |s| {
             std::iter::from_fn(|| s.answers.next_valid().unwrap()).find(|a| a.seq == seq).map(|a| a.result)
         })
     }
 
+    /// A process that ends takes its unread answer along: its exit is the answer.
     fn end(mut self) {
-        assert_eq!(self.ask(Ask::Shutdown), 0);
-        assert!(self.child.wait().unwrap().success());
+        self.send(Ask::Shutdown);
+        let status = self.until("the process ends", |s| s.child.try_wait().unwrap());
+        assert!(status.success(), "{status}");
     }
 }
 
