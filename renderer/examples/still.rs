@@ -36,7 +36,7 @@ fn main() -> Result<()> {
         gpu.wait()?;
         Ok(now() - start)
     };
-    println!("{}", gpu.name);
+    println!("{}{}", gpu.name, if gpu.is_software { ", in software" } else { "" });
     for index in (0..TIERS.len()).rev() {
         draw(index)?;
         let before = cpu_ms();

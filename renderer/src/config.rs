@@ -7,6 +7,8 @@ use std::path::PathBuf;
 pub const VIDEO_HZ: u32 = 25;
 /// Time between two stills, ns.
 pub const STILL_NS: u64 = 1_000_000_000;
+/// A window is redrawn and its events are served at least this often, ns.
+pub const IDLE_REDRAW_NS: u64 = 50_000_000;
 /// Niceness of the process: tracking and simulation come first.
 pub const NICENESS: i32 = 5;
 /// Most small pictures a second.

@@ -1,6 +1,6 @@
 //! The loop: a new scene wakes it, it draws one stereo frame with the newest pose, and says when.
 
-use crate::config::{Config, NICENESS, STILL_NS, VIDEO_HZ};
+use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STILL_NS, VIDEO_HZ};
 use crate::frame::Renderer;
 use crate::governor::{Governor, TIERS};
 use crate::gpu::Gpu;
@@ -63,6 +63,7 @@ pub fn run(config: &Config) -> Result<()> {
         pose: None,
         frame: 0,
         missed: 0,
+        last_drawn: 0,
         shown_tier: None,
         write_failed: false,
     };
@@ -99,6 +100,7 @@ struct Running {
     frame: u64,
     /// Refreshes of the display that showed nothing new.
     missed: u64,
+    last_drawn: Nanos,
     shown_tier: Option<usize>,
     write_failed: bool,
 }
@@ -106,12 +108,16 @@ struct Running {
 impl Running {
     fn turn(&mut self) -> Result<()> {
         let headless = matches!(self.present, Present::Headless);
-        if headless || self.scene.is_none() {
+        // A GPU draws at the display's rate, with a newer prediction each time; a processor, which
+        // the simulation needs too, only what is new.
+        let waits = headless || self.gpu.is_software || self.scene.is_none();
+        if waits {
             wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000);
         }
         let woken = now();
         let fresh = self.take_scene()?;
-        if self.scene.is_some() && (fresh || !headless) {
+        let idle = !headless && woken.saturating_sub(self.last_drawn) > IDLE_REDRAW_NS;
+        if self.scene.is_some() && (fresh || !waits || idle) {
             match self.present.begin(&self.gpu, now) {
                 Ready::At(refreshed) => {
                     self.draw_frame(if headless { woken } else { refreshed }, refreshed)?
@@ -145,11 +151,13 @@ impl Running {
         let Some(latched) = self.latch(self.pacing.expected(latched_at, refreshed))? else { return Ok(()) };
         self.renderer.submit(&self.gpu, tier, &latched, commands);
         self.present.copy(&self.gpu, self.renderer.target(tier));
-        self.present.show(&self.gpu);
         self.gpu.wait()?;
         let drawn = now();
-        self.pacing.note(latched_at, drawn);
-        let displayed = self.pacing.seen(drawn, refreshed);
+        self.last_drawn = drawn;
+        // Handing over may take its time where the processor copies the picture to the display.
+        let shown = if self.present.show(&self.gpu) { now() } else { drawn };
+        self.pacing.note(latched_at, shown);
+        let displayed = self.pacing.seen(shown, refreshed);
         if let Some(period) = self.present.refresh_ns().filter(|&p| p > 0) {
             self.missed += ((displayed - refreshed) / period).saturating_sub(1);
         }

@@ -44,9 +44,9 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
     let mirrored = clamp(-r.z * 1.4 + 0.1, 0.0, 1.0);
     // The microscope's own rim of light keeps the shaft readable against the dark.
     let towards_viewer = clamp(dot(n, v), 0.0, 1.0);
-    var light = frame.ambient.rgb * (0.15 + 1.6 * from_retina + 6.0 * mirrored * mirrored);
+    var light = frame.ambient.rgb * (0.08 + 2.2 * from_retina * from_retina + 6.0 * mirrored * mirrored);
     let glint = towards_viewer * towards_viewer * towards_viewer;
-    light += vec3f(0.020, 0.023, 0.028) * (0.2 + 3.0 * glint * glint * glint);
+    light += vec3f(0.020, 0.022, 0.025) * (0.12 + 2.6 * glint * glint * glint * glint);
     if in.surface.z > 0.0 {
         let to_lamp = frame.lamp_position.xyz - in.p;
         let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);

@@ -73,10 +73,14 @@ impl Present {
         }
     }
 
-    /// Lets the display have it.
-    pub fn show(&mut self, gpu: &Gpu) {
-        if let Present::Window(window) = self {
-            window.show(gpu);
+    /// Lets the display have it, if there is one.
+    pub fn show(&mut self, gpu: &Gpu) -> bool {
+        match self {
+            Present::Headless => false,
+            Present::Window(window) => {
+                window.show(gpu);
+                true
+            }
         }
     }
 }

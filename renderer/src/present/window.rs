@@ -20,6 +20,8 @@ use winit::window::WindowId;
 
 /// Size of the window at the start: two channels of 5:4.
 const SIZE: LogicalSize<u32> = LogicalSize::new(1280, 512);
+/// The same where the processor draws: every pixel of the window costs it time.
+const SOFTWARE_SIZE: LogicalSize<u32> = LogicalSize::new(800, 320);
 /// Period where the display does not tell, ns.
 const USUAL_REFRESH_NS: u64 = 16_666_667;
 
@@ -70,7 +72,8 @@ impl Window {
     /// Opens a window and the device that shows in it.
     pub fn open() -> Result<(Gpu, Self), PresentError> {
         let no_display = |problem: String| PresentError::NoDisplay(problem);
-        let mut events = EventLoop::new().map_err(|e| no_display(e.to_string()))?;
+        let mut events =
+            EventLoop::new().map_err(|_| no_display("no X11 or Wayland server answers".into()))?;
         let mut state = State::default();
         let _ = events.pump_app_events(Some(Duration::from_millis(200)), &mut state);
         let problem = state.problem.take().unwrap_or_else(|| "it opened no window".into());
@@ -79,12 +82,18 @@ impl Window {
         let monitor = window.current_monitor().and_then(|m| m.refresh_rate_millihertz());
         let refresh_ns =
             monitor.filter(|&mhz| mhz > 0).map_or(USUAL_REFRESH_NS, |mhz| 1_000_000_000_000 / u64::from(mhz));
-        let size = window.inner_size();
+        let small = if gpu.is_software { window.request_inner_size(SOFTWARE_SIZE) } else { None };
+        let size = small.unwrap_or_else(|| window.inner_size());
         let config = surface
             .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
             .ok_or_else(|| no_display("the graphics driver cannot draw into this window".into()))?;
+        // The picture holds display values already; a plain format takes them as they are.
+        let plain = [wgpu::TextureFormat::Bgra8Unorm, wgpu::TextureFormat::Rgba8Unorm];
+        let formats = surface.get_capabilities(&gpu.adapter).formats;
+        let format = plain.into_iter().find(|f| formats.contains(f)).unwrap_or(config.format);
         // Fifo waits for the display; one frame at most lies ready, so that nothing queues up.
         let config = SurfaceConfiguration {
+            format,
             present_mode: wgpu::PresentMode::Fifo,
             desired_maximum_frame_latency: 1,
             ..config
