@@ -9,19 +9,8 @@ fn main() -> ExitCode {
     match fpga_model::process::run(&config) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("vitreo-fpga-model: {}", told(&error));
+            eprintln!("vitreo-fpga-model: {}", protocol::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
     }
-}
-
-/// The error with its causes; a cause that the text before it tells already is passed over.
-fn told(error: &anyhow::Error) -> String {
-    let mut text = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        if !text.contains(&cause) {
-            text = format!("{text}: {cause}");
-        }
-    }
-    text
 }

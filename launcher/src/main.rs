@@ -9,34 +9,8 @@ fn main() -> ExitCode {
     match launcher::cli::dispatch(&cli) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("vitreo: {}", told(&error));
+            eprintln!("vitreo: {}", protocol::shell::told(error.as_ref()));
             ExitCode::from(launcher::exit::FAILED)
         }
-    }
-}
-
-/// The error with its causes; a cause that the text before it tells already is passed over.
-fn told(error: &anyhow::Error) -> String {
-    let mut text = error.to_string();
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        if !text.contains(&cause) {
-            text = format!("{text}: {cause}");
-        }
-    }
-    text
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use anyhow::anyhow;
-
-    #[test]
-    fn no_cause_is_told_twice() {
-        let cause = anyhow!("no such file");
-        assert_eq!(
-            told(&cause.context("rig r.json: no such file").context("start")),
-            "start: rig r.json: no such file"
-        );
     }
 }

@@ -27,6 +27,12 @@ impl Tool {
     }
 }
 
+/// Length of the forceps' jaws from pivot to tip, mm (23 to 25 gauge forceps: 1 to 2 mm). Collision
+/// and picture use the same.
+pub const JAW_LENGTH_MM: f64 = 1.5;
+/// Radius of a jaw at its tip as a share of the shaft's.
+pub const JAW_TAPER: f64 = 0.35;
+
 /// State of one handle.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]

@@ -9,6 +9,20 @@ use crate::time::{Nanos, now, sleep_until};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// An error with its causes for a person; a cause that the text before it tells already is passed over.
+pub fn told(error: &(dyn std::error::Error + 'static)) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(inner) = cause {
+        let inner_text = inner.to_string();
+        if !text.contains(&inner_text) {
+            text = format!("{text}: {inner_text}");
+        }
+        cause = inner.source();
+    }
+    text
+}
+
 /// Arguments that every process takes.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ShellArgs {
@@ -134,5 +148,19 @@ impl Shell {
         if self.delay_ns > 0 {
             sleep_until(now() + self.delay_ns);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rig::Rig;
+
+    #[test]
+    fn no_cause_is_told_twice() {
+        let error = Rig::load(std::path::Path::new("/nowhere/rig.json")).unwrap_err();
+        let text = told(&error);
+        assert_eq!(text.matches("No such file").count(), 1, "{text}");
+        assert!(text.contains("/nowhere/rig.json"), "{text}");
     }
 }

@@ -8,7 +8,7 @@ fn main() -> ExitCode {
     match renderer::process::run(&renderer::config::Config::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("vitreo-renderer: {error:#}");
+            eprintln!("vitreo-renderer: {}", protocol::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
     }

@@ -3,12 +3,12 @@
 
 use crate::layout::MetalVertex;
 use glam::Vec3;
-use protocol::handles::Tool;
+use protocol::handles::{self, Tool};
 
-/// Pivot of the forceps' jaws over the tip, mm. The collision model of the simulation has the same.
-pub const JAW_LENGTH_MM: f32 = 1.5;
+/// Pivot of the forceps' jaws over the tip, mm.
+pub const JAW_LENGTH_MM: f32 = handles::JAW_LENGTH_MM as f32;
 /// Radius of a jaw at its tip, as a share of the shaft's.
-const JAW_TAPER: f32 = 0.35;
+const JAW_TAPER: f32 = handles::JAW_TAPER as f32;
 /// Corners of a ring: enough for a smooth outline at 50 px/mm.
 const CORNERS: usize = 14;
 /// Where the beam leaves the light pipe: just before its end face, mm.

@@ -22,10 +22,6 @@ pub const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
 pub const UNDER_MARGIN_MM: f64 = 0.25;
 /// Steps of jaw opening for which an instrument image is drawn, rad.
 pub const JAW_STEP_RAD: f64 = 0.01;
-/// Length of the forceps' jaws from pivot to tip, mm (23 to 25 gauge forceps: 1 to 2 mm).
-pub const JAW_LENGTH_MM: f64 = 1.5;
-/// Radius of a jaw at its tip as a share of the shaft's.
-pub const JAW_TAPER: f64 = 0.35;
 
 /// Hysteresis of the retina contact as a share of the grazing clearance: leaving a level needs so much more
 /// clearance than entering it, so that tremor at a threshold does not flood the events.

@@ -8,7 +8,7 @@ fn main() -> ExitCode {
     match simcore::process::run(&simcore::config::Args::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("vitreo-simcore: {error:#}");
+            eprintln!("vitreo-simcore: {}", protocol::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
     }

@@ -8,7 +8,7 @@ fn main() -> ExitCode {
     match tracker::process::run(&tracker::config::Config::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("vitreo-tracker: {error:#}");
+            eprintln!("vitreo-tracker: {}", protocol::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
     }

@@ -1,8 +1,8 @@
 //! Shapes of the instruments as closed low-poly meshes, in the instrument's frame: tip at the
 //! origin, +z to the handle, jaws open in the x–z plane.
 
-use crate::constants::{JAW_LENGTH_MM, JAW_TAPER};
 use protocol::handles::Tool;
+use protocol::handles::{JAW_LENGTH_MM, JAW_TAPER};
 
 /// Sides of a round shaft.
 const SIDES: usize = 16;

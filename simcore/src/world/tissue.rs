@@ -2,7 +2,7 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::constants::{JAW_LENGTH_MM, RIM_REARM, SUBSTEP_S};
+use crate::constants::{RIM_REARM, SUBSTEP_S};
 use crate::event_log::Happening;
 use crate::guard;
 use crate::membrane::tear;
@@ -10,6 +10,7 @@ use crate::state::NODE_PINNED;
 use crate::tools::forceps::{self, Grasp};
 use nalgebra::Vector3;
 use protocol::events::{EventKind, Severity};
+use protocol::handles::JAW_LENGTH_MM;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
 
