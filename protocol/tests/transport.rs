@@ -132,9 +132,16 @@ fn an_instance_has_one_owner_and_leaves_nothing() {
     let first = Instance::own(&name).unwrap();
     assert!(matches!(Instance::own(&name), Err(IpcError::InUse(_))));
     let directory = first.directory().to_owned();
-    let _sender = first.sender::<Number>().unwrap();
-    drop(_sender);
+    let mark = format!("vitreo_{:016x}_", protocol::message::fnv1a(directory.as_os_str().as_encoded_bytes()));
+    let left = || {
+        let files = std::fs::read_dir("/dev/shm").unwrap().flatten();
+        files.filter(|f| f.file_name().to_string_lossy().starts_with(&mark)).count()
+    };
+    let sender = first.sender::<Number>().unwrap();
+    assert!(left() > 0, "shared memory has the prefix of the instance");
+    drop(sender);
     drop(first);
     assert!(!directory.exists());
+    assert_eq!(left(), 0, "files left in shared memory");
     assert!(matches!(Instance::join("No/Such"), Err(IpcError::InstanceName(_))));
 }

@@ -21,8 +21,21 @@ pub struct Instance {
     name: String,
     directory: PathBuf,
     pub(super) node: Node<Service>,
-    /// Held by the launcher for as long as the simulator runs.
-    owner_lock: Option<fs::File>,
+    /// Held by the launcher for as long as the simulator runs. The last field, so that the node has
+    /// written its last when the directory is taken away.
+    _ownership: Option<Ownership>,
+}
+
+/// Takes the directory and its shared memory away when dropped; by then its processes have ended.
+struct Ownership {
+    directory: PathBuf,
+    _lock: fs::File,
+}
+
+impl Drop for Ownership {
+    fn drop(&mut self) {
+        remove_contents(&self.directory, true);
+    }
 }
 
 /// The directory of an instance: `/dev/shm/vitreo-<uid>-<name>`.
@@ -58,10 +71,11 @@ impl Instance {
             return Err(IpcError::InUse(name.into()));
         }
         remove_contents(&directory, false);
-        Self::open(name, directory, Some(lock))
+        let ownership = Ownership { directory: directory.clone(), _lock: lock };
+        Self::open(name, directory, Some(ownership))
     }
 
-    fn open(name: &str, directory: PathBuf, owner_lock: Option<fs::File>) -> Result<Self, IpcError> {
+    fn open(name: &str, directory: PathBuf, ownership: Option<Ownership>) -> Result<Self, IpcError> {
         check_free_space()?;
         rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
         set_log_level(LogLevel::Fatal);
@@ -76,7 +90,7 @@ impl Instance {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|e| fail(format!("{e:?}")))?;
-        Ok(Self { name: name.into(), directory, node, owner_lock })
+        Ok(Self { name: name.into(), directory, node, _ownership: ownership })
     }
 
     /// Its name.
@@ -92,15 +106,6 @@ impl Instance {
     /// Frees what dead processes of this instance held.
     pub fn clean_up_after_the_dead(&self) {
         self.node.try_cleanup_dead_nodes();
-    }
-}
-
-impl Drop for Instance {
-    /// The owner takes the directory and its shared memory away; by then its processes have ended.
-    fn drop(&mut self) {
-        if self.owner_lock.is_some() {
-            remove_contents(&self.directory, true);
-        }
     }
 }
 
