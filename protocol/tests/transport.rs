@@ -5,6 +5,7 @@ use protocol::ipc::{Instance, IpcError, Queue, wait};
 use protocol::message::{FieldLayout, Invalid, Message, require};
 use protocol::steps::CheckpointHeader;
 use protocol::time::now;
+use std::os::unix::fs::PermissionsExt;
 
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -133,12 +134,17 @@ fn an_instance_has_one_owner_and_leaves_nothing() {
     assert!(matches!(Instance::own(&name), Err(IpcError::InUse(_))));
     let directory = first.directory().to_owned();
     let mark = format!("vitreo_{:016x}_", protocol::message::fnv1a(directory.as_os_str().as_encoded_bytes()));
-    let left = || {
+    let files = || {
         let files = std::fs::read_dir("/dev/shm").unwrap().flatten();
-        files.filter(|f| f.file_name().to_string_lossy().starts_with(&mark)).count()
+        files.filter(|f| f.file_name().to_string_lossy().starts_with(&mark)).collect::<Vec<_>>()
     };
+    let left = || files().len();
     let sender = first.sender::<Number>().unwrap();
     assert!(left() > 0, "shared memory has the prefix of the instance");
+    for file in files() {
+        let mode = file.metadata().unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0, "{:?} is open to other users", file.file_name());
+    }
     drop(sender);
     drop(first);
     assert!(!directory.exists());

@@ -4,7 +4,7 @@ use super::IpcError;
 use crate::message::fnv1a;
 use iceoryx2::prelude::*;
 use std::fs;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path as StdPath, PathBuf};
 
 /// Where shared memory lives.
@@ -77,7 +77,6 @@ impl Instance {
 
     fn open(name: &str, directory: PathBuf, ownership: Option<Ownership>) -> Result<Self, IpcError> {
         check_free_space()?;
-        rustix::process::umask(rustix::fs::Mode::from_raw_mode(0o077));
         set_log_level(LogLevel::Fatal);
         let fail = super::transport("node", "open");
         let mut config = Config::default();
@@ -90,6 +89,7 @@ impl Instance {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|e| fail(format!("{e:?}")))?;
+        close_to_others(&directory);
         Ok(Self { name: name.into(), directory, node, _ownership: ownership })
     }
 
@@ -137,13 +137,27 @@ fn check_free_space() -> Result<(), IpcError> {
     Ok(())
 }
 
+/// The files of an instance in shared memory.
+fn shared_files(directory: &StdPath) -> impl Iterator<Item = PathBuf> {
+    let prefix = prefix(directory);
+    let entries = fs::read_dir(SHM).into_iter().flatten().flatten();
+    entries.filter(move |e| e.file_name().to_string_lossy().starts_with(&prefix)).map(|e| e.path())
+}
+
+/// iceoryx2 opens its management segment to every user, who could then block new nodes by writing
+/// to it. Nobody else has business there. A file of another user cannot be changed and is left.
+fn close_to_others(directory: &StdPath) {
+    // Other segments are private from the start, and their mode says whether they are ready.
+    for file in shared_files(directory).filter(|f| f.extension().is_some_and(|e| e == "global_mgmt")) {
+        let _ = fs::set_permissions(file, fs::Permissions::from_mode(0o600));
+    }
+}
+
 /// Removes the files of an instance, and with `and_itself` its directory. What cannot be removed
 /// is left: the next owner tries again.
 fn remove_contents(directory: &StdPath, and_itself: bool) {
-    let prefix = prefix(directory);
-    let mine = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(&prefix);
-    for entry in fs::read_dir(SHM).into_iter().flatten().flatten().filter(mine) {
-        let _ = fs::remove_file(entry.path());
+    for file in shared_files(directory) {
+        let _ = fs::remove_file(file);
     }
     for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
         let path = entry.path();
