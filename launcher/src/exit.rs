@@ -1,9 +1,7 @@
-//! Exit codes, a contract with other people's scripts.
+//! Exit codes, a contract with other people's scripts. Wrong use exits with 2, which clap does by itself.
 
 /// Something failed.
 pub const FAILED: u8 = 1;
-/// Wrong use of the command line (clap exits with it too).
-pub const WRONG_USE: u8 = 2;
 /// Done, but something was lost.
 pub const LOSS: u8 = 3;
 /// A latency budget was broken.

@@ -138,6 +138,8 @@ impl Running {
             log::debug!("{refused}");
             return Ok(false);
         }
+        // A scene with triangles that name no node is drawn without them, and counts as refused too.
+        self.shell.report.refused += u64::from(self.renderer.refused_triangles() > 0);
         self.scene = Some(*sample.header());
         Ok(true)
     }

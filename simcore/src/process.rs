@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
                 desk.step(&mut world, &frame, &shell)?;
             }
         }
-        desk.report(&mut shell);
+        desk.report(&mut shell, &world);
     }
     Ok(())
 }
@@ -233,10 +233,10 @@ impl Desk {
         self.next_checkpoint_ns = 0;
     }
 
-    fn report(&self, shell: &mut Shell) {
+    fn report(&self, shell: &mut Shell, world: &World) {
         let counts = [self.poses.counts(), self.handles.counts(), self.pedals.counts()];
         shell.report.received = counts.iter().map(|c| c.received).sum();
-        shell.report.lost = counts.iter().map(|c| c.lost).sum();
+        shell.report.lost = counts.iter().map(|c| c.lost).sum::<u64>() + world.events_left_out();
         shell.report.refused = counts.iter().map(|c| c.refused).sum();
         shell.report.sent = self.scenes.sent() + self.steps.sent() + self.events.sent();
     }

@@ -16,16 +16,9 @@ use protocol::rig::Rig;
 use protocol::shell::Shell;
 use protocol::time::{Nanos, now};
 
-/// The tracker computes 0.1 ms a field and must not queue behind others that compute all the time.
-const NICENESS: i32 = -10;
-
 /// Runs until it is told to end.
 pub fn run(config: &Config) -> anyhow::Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-    if let Err(refused) = rustix::process::setpriority_process(None, NICENESS) {
-        // Not everybody may; it costs latency on a busy machine and nothing else.
-        log::debug!("runs at the usual priority: {refused}");
-    }
     let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
     let mut tracking = Tracking {
         blobs: instance.receiver(Queue::InOrder)?,

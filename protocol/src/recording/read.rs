@@ -427,18 +427,25 @@ mod tests {
         }
     }
 
+    /// A file with one note in each of three chunks, and where the chunks end.
+    fn three_chunks(path: &Path) -> (Writer, Vec<u64>) {
+        const APART_NS: u64 = 1_000_000_000;
+        let mut writer = Writer::create(path, &provenance()).unwrap();
+        let ends = (0..3).map(|i| {
+            writer.write(i, &note(i)).unwrap();
+            writer.keep_up(i * APART_NS).unwrap();
+            writer.keep_up(i * APART_NS + APART_NS / 2).unwrap();
+            fs::metadata(path).unwrap().len()
+        });
+        let ends = ends.collect();
+        (writer, ends)
+    }
+
     #[test]
     fn a_cut_file_is_readable_up_to_the_cut_and_says_so() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.mcap");
-        let mut writer = Writer::create(&path, &provenance()).unwrap();
-        let mut ends = Vec::new();
-        for i in 0..3 {
-            writer.write(i, &note(i)).unwrap();
-            writer.keep_up(i * CHUNKS_APART_NS).unwrap();
-            writer.keep_up(i * CHUNKS_APART_NS + CHUNKS_APART_NS / 2).unwrap();
-            ends.push(fs::metadata(&path).unwrap().len());
-        }
+        let (writer, ends) = three_chunks(&path);
         drop(writer);
         let bytes = fs::read(&path).unwrap();
         fs::write(&path, &bytes[..ends[1] as usize + 20]).unwrap();
@@ -447,31 +454,19 @@ mod tests {
         assert!(matches!(problem, Some(RecordingError::Truncated { offset, .. }) if offset == ends[1]));
     }
 
-    const CHUNKS_APART_NS: u64 = 1_000_000_000;
-
     #[test]
     fn behind_a_damaged_chunk_reading_goes_on() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.mcap");
-        let mut writer = Writer::create(&path, &provenance()).unwrap();
-        let mut ends = Vec::new();
-        for i in 0..3 {
-            writer.write(i, &note(i)).unwrap();
-            writer.keep_up(i * CHUNKS_APART_NS).unwrap();
-            writer.keep_up(i * CHUNKS_APART_NS + CHUNKS_APART_NS / 2).unwrap();
-            ends.push(fs::metadata(&path).unwrap().len() as usize);
-        }
+        let (writer, ends) = three_chunks(&path);
         writer.finish().unwrap();
         let mut bytes = fs::read(&path).unwrap();
-        bytes[ends[0] + 80] ^= 0xff;
+        bytes[ends[0] as usize + 80] ^= 0xff;
         fs::write(&path, &bytes).unwrap();
         let items: Vec<_> = Recording::open(&path).unwrap().items().collect();
         assert_eq!(items.len(), 3);
         let error = items[1].as_ref().unwrap_err();
-        assert!(
-            matches!(error, RecordingError::Damaged { offset, .. } if *offset == ends[0] as u64),
-            "{error}"
-        );
+        assert!(matches!(error, RecordingError::Damaged { offset, .. } if *offset == ends[0]), "{error}");
         assert!(matches!(&items[2], Ok((2, Item::Note(n))) if n.count == 2));
     }
 

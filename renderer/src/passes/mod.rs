@@ -23,6 +23,7 @@ pub const VIEW_STRIDE: u32 = 256;
 
 const COMMON: &str = include_str!("common.wgsl");
 const PLACE: &str = include_str!("place.wgsl");
+const QUAD: &str = include_str!("quad.wgsl");
 
 /// Whole text of every shader, by name, for the device and for the validation test.
 pub fn shader_sources() -> [(&'static str, String); 6] {
@@ -31,8 +32,8 @@ pub fn shader_sources() -> [(&'static str, String); 6] {
         ("fundus", [COMMON, include_str!("fundus.wgsl")].concat()),
         ("instruments", [COMMON, PLACE, include_str!("instruments.wgsl")].concat()),
         ("membrane", [COMMON, include_str!("membrane.wgsl")].concat()),
-        ("overlay", include_str!("overlay.wgsl").to_owned()),
-        ("blit", include_str!("../present/blit.wgsl").to_owned()),
+        ("overlay", [QUAD, include_str!("overlay.wgsl")].concat()),
+        ("blit", [QUAD, include_str!("../present/blit.wgsl")].concat()),
     ]
 }
 
