@@ -1,12 +1,17 @@
 //! Command line of `vitreo-tracker`.
 
+use crate::calibrate::cli::CalibrateArgs;
 use protocol::shell::ShellArgs;
 use std::path::PathBuf;
 
 /// Turns marker blobs into poses.
 #[derive(Debug, clap::Parser)]
 #[command(name = "vitreo-tracker", version)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct Config {
+    /// Something else than running as a process.
+    #[command(subcommand)]
+    pub command: Option<Command>,
     /// Name, supervision.
     #[command(flatten)]
     pub shell: ShellArgs,
@@ -19,4 +24,11 @@ pub struct Config {
     /// Consume exactly the fields that the `script` channel names: for recorded runs.
     #[arg(long)]
     pub script: bool,
+}
+
+/// What the program does besides tracking.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Find lenses, places of cameras, markers and trocars, or whether they still hold.
+    Calibrate(Box<CalibrateArgs>),
 }

@@ -12,6 +12,7 @@
 pub mod assembler;
 pub mod associate;
 pub mod body;
+pub mod calibrate;
 pub mod config;
 pub mod constants;
 pub mod filter;

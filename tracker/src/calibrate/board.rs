@@ -1,0 +1,187 @@
+//! Boards in pictures: chessboards and grids of dots, as points in a known order.
+
+use super::corners;
+use super::dots;
+use super::grey::Grey;
+use super::grid::{self, Node};
+use super::targets::Sample;
+use nalgebra::{Point3, Vector2};
+
+/// What is printed on the board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Pattern {
+    /// Dark and bright squares; the points are the inner corners.
+    Chessboard,
+    /// Round dots in rows and columns; the points are their centres.
+    Dots,
+}
+
+/// A board.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Board {
+    /// What is printed.
+    pub pattern: Pattern,
+    /// Points in a row.
+    pub columns: usize,
+    /// Rows.
+    pub rows: usize,
+    /// Distance of neighbouring points, mm.
+    pub pitch_mm: f64,
+}
+
+/// Why a board was not found.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NotFound {
+    /// Nothing of the kind is in the picture.
+    #[error("no {0} found")]
+    Nothing(&'static str),
+    /// Some of the points hang together, but not all that there should be.
+    #[error("expected a grid of {columns}×{rows} points, found {found} that hang together")]
+    Incomplete {
+        /// Of the board.
+        columns: usize,
+        /// Of the board.
+        rows: usize,
+        /// Largest connected set.
+        found: usize,
+    },
+}
+
+/// Pictures are first looked at no larger than this; the points are then refined at full size.
+const LOOK_PX: usize = 1000;
+/// Window of the last refinement: a share of the distance to the nearest corner, within bounds, px.
+const WINDOW: (f64, isize, isize) = (0.35, 3, 12);
+
+impl Board {
+    /// The points of the board in its own frame, row by row; z = 0.
+    pub fn points(&self) -> Vec<Point3<f64>> {
+        let at = |i: usize, pitch: f64| {
+            Point3::new((i % self.columns) as f64 * pitch, (i / self.columns) as f64 * pitch, 0.0)
+        };
+        (0..self.columns * self.rows).map(|i| at(i, self.pitch_mm)).collect()
+    }
+
+    /// The board in a picture.
+    ///
+    /// A board with an odd sum of columns and rows, if a chessboard, has one orientation only: the
+    /// first inner field is dark. Others are ambiguous by half a turn (square ones by a quarter):
+    /// their first point is the one nearest to the picture's top-left, so cameras that are to be
+    /// calibrated together must not see them upside down.
+    pub fn find(&self, picture: &Grey) -> Result<Vec<Sample>, NotFound> {
+        let mut level = picture.clone();
+        let mut scale = 1.0;
+        let mut best = Err(NotFound::Nothing(self.what()));
+        loop {
+            if level.width.max(level.height) <= LOOK_PX || scale == 1.0 {
+                match self.at_level(&level) {
+                    Ok(points) => {
+                        // Pixel k of a halved picture is the mean of 2k and 2k+1.
+                        let full = |p: Vector2<f64>| p * scale + Vector2::repeat((scale - 1.0) / 2.0);
+                        return Ok(self.finish(picture, points.into_iter().map(full).collect()));
+                    }
+                    Err(e) => best = better(best, e),
+                }
+            }
+            if level.width.min(level.height) < 200 {
+                break;
+            }
+            level = level.halved();
+            scale *= 2.0;
+        }
+        best.map(|()| Vec::new())
+    }
+
+    fn what(&self) -> &'static str {
+        match self.pattern {
+            Pattern::Chessboard => "corners of a chessboard",
+            Pattern::Dots => "round dots",
+        }
+    }
+
+    fn at_level(&self, picture: &Grey) -> Result<Vec<Vector2<f64>>, NotFound> {
+        let candidates: Vec<Vec<Node>> = match self.pattern {
+            Pattern::Chessboard => {
+                let node = |c: &corners::Corner| Node { at: c.at, lines: c.lines };
+                vec![corners::find(picture).iter().map(node).collect()]
+            }
+            Pattern::Dots => [true, false].map(|dark| dots::nodes(&dots::find(picture, dark))).into(),
+        };
+        let mut largest = 0;
+        for nodes in &candidates {
+            match grid::find(nodes, self.columns, self.rows) {
+                Ok(order) => return Ok(order.into_iter().map(|n| nodes[n].at).collect()),
+                Err(found) => largest = largest.max(found),
+            }
+        }
+        if largest < 4 {
+            return Err(NotFound::Nothing(self.what()));
+        }
+        Err(NotFound::Incomplete { columns: self.columns, rows: self.rows, found: largest })
+    }
+
+    /// Refines the points in the full picture and brings them into the board's order.
+    fn finish(&self, picture: &Grey, points: Vec<Vector2<f64>>) -> Vec<Sample> {
+        let ordered = self.oriented(picture, points);
+        let refined: Vec<Vector2<f64>> = match self.pattern {
+            Pattern::Dots => ordered,
+            Pattern::Chessboard => (0..ordered.len())
+                .map(|i| {
+                    let half = (WINDOW.0 * self.nearest(&ordered, i)) as isize;
+                    let half = half.clamp(WINDOW.1, WINDOW.2);
+                    corners::refined(picture, ordered[i], half).unwrap_or(ordered[i])
+                })
+                .collect(),
+        };
+        self.points().into_iter().zip(refined).map(|(point, pixel)| Sample { pixel, point }).collect()
+    }
+
+    fn nearest(&self, points: &[Vector2<f64>], i: usize) -> f64 {
+        let others = points.iter().enumerate().filter(|(j, _)| *j != i);
+        others.map(|(_, p)| (p - points[i]).norm()).fold(f64::MAX, f64::min)
+    }
+
+    /// Right-handed in the picture (columns to the right means rows down), then turned as [`Self::find`] says.
+    fn oriented(&self, picture: &Grey, mut points: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
+        let (w, n) = (self.columns, points.len());
+        let right = points[w - 1] - points[0];
+        let down = points[n - w] - points[0];
+        if right.perp(&down) < 0.0 {
+            points = (0..n).map(|i| points[(n / w - 1 - i / w) * w + i % w]).collect();
+        }
+        let half_turn = |p: &[Vector2<f64>]| p.iter().rev().copied().collect::<Vec<_>>();
+        if self.pattern == Pattern::Chessboard && (self.columns + self.rows) % 2 == 1 {
+            let dark_first = self.field_contrast(picture, &points) < 0.0;
+            return if dark_first { points } else { half_turn(&points) };
+        }
+        let mut turns = vec![points.clone(), half_turn(&points)];
+        if self.columns == self.rows {
+            let quarter: Vec<_> = (0..n).map(|i| points[(w - 1 - i % w) * w + i / w]).collect();
+            turns.extend([half_turn(&quarter), quarter]);
+        }
+        let top_left = |p: &Vec<Vector2<f64>>| p[0].x + p[0].y;
+        turns.into_iter().min_by(|a, b| top_left(a).total_cmp(&top_left(b))).unwrap_or(points)
+    }
+
+    /// Mean brightness of the inner fields of the first field's colour less that of the others.
+    fn field_contrast(&self, picture: &Grey, points: &[Vector2<f64>]) -> f64 {
+        let fields = (0..(self.columns - 1) * (self.rows - 1)).map(|i| {
+            let (c, r) = (i % (self.columns - 1), i / (self.columns - 1));
+            let corner = r * self.columns + c;
+            let around = [corner, corner + 1, corner + self.columns, corner + self.columns + 1];
+            let middle = around.map(|k| points[k]).iter().sum::<Vector2<f64>>() / 4.0;
+            f64::from(picture.between(middle)) * if (c + r) % 2 == 0 { 1.0 } else { -1.0 }
+        });
+        fields.sum()
+    }
+}
+
+/// The error that tells more.
+fn better(old: Result<(), NotFound>, new: NotFound) -> Result<(), NotFound> {
+    match (old, new) {
+        (Err(NotFound::Incomplete { columns, rows, found }), NotFound::Incomplete { found: more, .. }) => {
+            Err(NotFound::Incomplete { columns, rows, found: found.max(more) })
+        }
+        (Err(old @ NotFound::Incomplete { .. }), NotFound::Nothing(_)) => Err(old),
+        (_, new) => Err(new),
+    }
+}

@@ -1,0 +1,151 @@
+//! `vitreo calibrate`: the command line of the calibrations.
+
+mod target;
+
+use super::lens::LENS_NAMES;
+use super::picture::residual_picture;
+use super::report::Report;
+use super::targets::{Residual, Robustness};
+use anyhow::Context;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use protocol::camera::Camera;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Arguments of `vitreo calibrate`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct CalibrateArgs {
+    /// What to calibrate.
+    #[command(subcommand)]
+    pub task: Task,
+}
+
+/// The calibrations.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum Task {
+    /// Lens of one camera, from pictures of a board or from point lists.
+    Intrinsics(target::IntrinsicsArgs),
+    /// Lenses and places of two cameras that see one board, from pairs of pictures.
+    Stereo(target::StereoArgs),
+    /// Places (and lenses) of cameras that see dots of known places, from a point list of each.
+    Dots(target::DotsArgs),
+}
+
+/// Where results go.
+#[derive(Debug, Clone, clap::Args)]
+pub struct OutputArgs {
+    /// File to write the result to.
+    #[arg(short, long, value_name = "FILE.json")]
+    pub output: Option<PathBuf>,
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Folder to write a picture of each camera's residuals to.
+    #[arg(long, value_name = "FOLDER")]
+    pub residuals: Option<PathBuf>,
+}
+
+/// How to solve.
+#[derive(Debug, Clone, clap::Args)]
+pub struct SolveArgs {
+    /// How much points that fit badly count.
+    #[arg(long, value_enum, default_value = "huber")]
+    pub loss: Robustness,
+    /// Terms of the distortion to leave out, for instance k2,k3.
+    #[arg(long, value_delimiter = ',', value_name = "TERMS", value_parser = ["k1", "k2", "p1", "p2", "k3"])]
+    pub without: Vec<String>,
+}
+
+impl SolveArgs {
+    /// Which values of a lens are free.
+    fn free(&self) -> [bool; super::lens::LENS] {
+        LENS_NAMES.map(|name| !self.without.iter().any(|w| w == name))
+    }
+}
+
+/// Width and height, `1280x1024`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Pair(pub usize, pub usize);
+
+/// Parses `AxB`.
+fn pair(text: &str) -> Result<Pair, String> {
+    let parts = text.split_once(['x', '×']).and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+    match parts {
+        Some((a, b)) if (2..=100_000).contains(&a) && (2..=100_000).contains(&b) => Ok(Pair(a, b)),
+        _ => Err("expected two whole numbers from 2, as in 9x6".into()),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v > 0.0 && v.is_finite() => Ok(v),
+        _ => Err("expected a number above 0".into()),
+    }
+}
+
+/// Runs a calibration. Exit codes: 0 done, 1 failed or refused, 5 a check found that the rig has moved.
+pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
+    match &args.task {
+        Task::Intrinsics(args) => target::intrinsics(args),
+        Task::Stereo(args) => target::stereo(args),
+        Task::Dots(args) => target::dots(args),
+    }
+}
+
+/// A sign of progress for a person, on a terminal only.
+fn spinner(what: &'static str) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+    bar.set_style(ProgressStyle::with_template("{spinner} {prefix} {msg}").expect("a valid template"));
+    bar.with_prefix(what)
+}
+
+/// A bar over a known number of things, on a terminal only.
+fn bar(count: u64, what: &'static str) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::with_draw_target(Some(count), ProgressDrawTarget::stderr());
+    bar.set_style(
+        ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {eta}").expect("a valid template"),
+    );
+    bar.with_prefix(what)
+}
+
+impl OutputArgs {
+    /// Prints the report and draws the residuals.
+    fn tell(&self, report: &Report, cameras: &[Camera], residuals: &[Residual]) -> anyhow::Result<()> {
+        if let Some(folder) = &self.residuals {
+            std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+            for (index, camera) in cameras.iter().enumerate() {
+                let own: Vec<Residual> = residuals.iter().filter(|r| r.camera == index).copied().collect();
+                let path = folder.join(format!("residuals_cam{}.png", camera.id));
+                let picture = residual_picture(camera.size_px, &own);
+                picture.save(&path).with_context(|| path.display().to_string())?;
+                eprintln!("{}: {} residuals", path.display(), own.len());
+            }
+        }
+        if self.json {
+            println!("{}", report.to_json())
+        } else {
+            print!("{report}")
+        }
+        Ok(())
+    }
+
+    /// Writes the result, if a file is named.
+    fn write(&self, json: &str) -> anyhow::Result<()> {
+        let Some(path) = &self.output else { return Ok(()) };
+        std::fs::write(path, format!("{json}\n")).with_context(|| path.display().to_string())?;
+        eprintln!("{} written", path.display());
+        Ok(())
+    }
+}
+
+/// Name of a file without its folders.
+fn short(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}

@@ -1,0 +1,301 @@
+//! Calibrations that look at a target: `intrinsics`, `stereo`, `dots`.
+
+use super::{OutputArgs, Pair, SolveArgs, bar, pair, positive, short, spinner};
+use crate::calibrate::CalibrationError;
+use crate::calibrate::board::{Board, Pattern};
+use crate::calibrate::grey::Grey;
+use crate::calibrate::lens::LENS;
+use crate::calibrate::many::{Before, cameras_of_dots, cameras_of_views, common_dots, held_out};
+use crate::calibrate::output::{rig_camera, rig_with, rig_with_lens};
+use crate::calibrate::points;
+use crate::calibrate::report::{Report, camera_report, sheet_reports};
+use crate::calibrate::targets::{Calibrated, Free, Robustness, Sheet, lens_of_views};
+use anyhow::{Context, bail, ensure};
+use protocol::rig::Rig;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// What the board is.
+#[derive(Debug, Clone, clap::Args)]
+pub struct BoardArgs {
+    /// Points of the board: inner corners (or dots) in a row, and rows.
+    #[arg(long, value_name = "COLUMNSxROWS", value_parser = pair)]
+    pub board: Option<Pair>,
+    /// Distance of neighbouring points, mm; without it lengths are in squares.
+    #[arg(long, value_name = "MM", default_value = "1", value_parser = positive)]
+    pub pitch: f64,
+    /// What is printed on the board.
+    #[arg(long, value_enum, default_value = "chessboard")]
+    pub pattern: Pattern,
+}
+
+impl BoardArgs {
+    fn board(&self) -> anyhow::Result<Board> {
+        let Pair(columns, rows) = self.board.context("--board COLUMNSxROWS is needed to read pictures")?;
+        ensure!(columns * rows <= 10_000, "--board: expected at most 10000 points, found {columns}x{rows}");
+        Ok(Board { pattern: self.pattern, columns, rows, pitch_mm: self.pitch })
+    }
+}
+
+/// Arguments of `vitreo calibrate intrinsics`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct IntrinsicsArgs {
+    /// Pictures of the board (PNG, JPEG), held differently in each.
+    #[arg(value_name = "PICTURE", required_unless_present = "points", conflicts_with = "points")]
+    pub pictures: Vec<PathBuf>,
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Point lists instead of pictures: CSV, JSON or five columns.
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "size")]
+    pub points: Vec<PathBuf>,
+    /// Size of the pictures that point lists came from, px.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    pub size: Option<Pair>,
+    /// Rig whose camera gets the lens; else the camera alone is written.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Id of the camera.
+    #[arg(long, value_name = "ID", default_value_t = 0)]
+    pub camera: u32,
+    #[command(flatten)]
+    pub solve: SolveArgs,
+    #[command(flatten)]
+    pub output: OutputArgs,
+}
+
+/// Arguments of `vitreo calibrate stereo`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct StereoArgs {
+    /// Pictures of the first camera.
+    #[arg(long, value_name = "PICTURE", num_args = 1.., required = true)]
+    pub left: Vec<PathBuf>,
+    /// Pictures of the second camera at the same instants, in the same order.
+    #[arg(long, value_name = "PICTURE", num_args = 1.., required = true)]
+    pub right: Vec<PathBuf>,
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Keep the lenses that each camera alone gives.
+    #[arg(long)]
+    pub keep_lenses: bool,
+    /// Rig whose cameras are replaced, for markers and sizes; without it the shipped one.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    #[command(flatten)]
+    pub solve: SolveArgs,
+    #[command(flatten)]
+    pub output: OutputArgs,
+}
+
+/// Arguments of `vitreo calibrate dots`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct DotsArgs {
+    /// Point list of each camera, camera 0 first.
+    #[arg(value_name = "POINTS", required = true)]
+    pub points: Vec<PathBuf>,
+    /// Size of the pictures, px; lenses are then found too.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    pub size: Option<Pair>,
+    /// Rig whose cameras are replaced. Without --size its lenses are kept and only places are found.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Also calibrate on a random half of the dots that all cameras see and triangulate the other
+    /// half, so many times; the report has the median errors.
+    #[arg(long, value_name = "TIMES")]
+    pub splits: Option<u32>,
+    #[command(flatten)]
+    pub solve: SolveArgs,
+    #[command(flatten)]
+    pub output: OutputArgs,
+}
+
+/// Boards of pictures, their common size, and what was passed over.
+fn sheets_of(
+    pictures: &[PathBuf],
+    board: &Board,
+    camera: usize,
+) -> anyhow::Result<(Vec<Sheet>, [u32; 2], Vec<String>)> {
+    let progress = bar(pictures.len() as u64, "pictures");
+    let (mut sheets, mut notes, mut size) = (Vec::new(), Vec::new(), None);
+    for (view, path) in pictures.iter().enumerate() {
+        let picture = Grey::load(path)?;
+        let own = [picture.width as u32, picture.height as u32];
+        let first = *size.get_or_insert(own);
+        if own != first {
+            let ([w, h], [x, y]) = (first, own);
+            bail!("{}: expected {w}×{h} px as in the pictures before, found {x}×{y}", path.display());
+        }
+        match board.find(&picture) {
+            Ok(samples) => sheets.push(Sheet { name: short(path), camera, view, samples }),
+            Err(problem) => notes.push(format!("{} passed over: {problem}", path.display())),
+        }
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    if sheets.is_empty() {
+        notes.iter().for_each(|n| eprintln!("{n}"));
+        bail!("the board was found in none of {} pictures", pictures.len());
+    }
+    Ok((sheets, size.context("no picture")?, notes))
+}
+
+/// Views of point lists, each list of one camera.
+fn sheets_of_lists(lists: &[PathBuf], camera: usize, first_view: usize) -> anyhow::Result<Vec<Sheet>> {
+    let mut sheets: Vec<Sheet> = Vec::new();
+    for path in lists {
+        for view in points::load(path)? {
+            let name =
+                if view.name.is_empty() { short(path) } else { format!("{} {}", short(path), view.name) };
+            sheets.push(Sheet { name, camera, view: first_view + sheets.len(), samples: view.samples });
+        }
+    }
+    Ok(sheets)
+}
+
+fn size_of(pair: Pair) -> [u32; 2] {
+    [pair.0 as u32, pair.1 as u32]
+}
+
+fn report_of(task: &'static str, found: &Calibrated, sheets: &[Sheet], notes: Vec<String>) -> Report {
+    let cameras = found.scene.cameras.iter().zip(&found.sigmas).enumerate();
+    Report {
+        task,
+        rms_px: found.rms_px,
+        sigma_px: found.sigma_px,
+        iterations: found.iterations,
+        cameras: cameras.map(|(i, (camera, s))| camera_report(camera, s, &found.residuals, i)).collect(),
+        sheets: sheet_reports(sheets.iter().map(|s| s.name.as_str()), &found.residuals),
+        figures: Vec::new(),
+        notes,
+    }
+}
+
+/// Runs `vitreo calibrate intrinsics`.
+pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
+    let (sheets, size, notes) = if args.points.is_empty() {
+        sheets_of(&args.pictures, &args.board.board()?, 0)?
+    } else {
+        let size = args.size.context("--size is needed with --points")?;
+        (sheets_of_lists(&args.points, 0, 0)?, size_of(size), Vec::new())
+    };
+    let rig = args.rig.as_deref().map(Rig::load).transpose()?;
+    let free = Free { lens: args.solve.free(), place: false };
+    let progress = spinner("least squares");
+    let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
+    let found = lens_of_views(args.camera, size, &sheets, free, args.solve.loss, &mut tell)?;
+    progress.finish_and_clear();
+    let camera = &found.scene.cameras[0];
+    let json = match &rig {
+        None => serde_json::to_string_pretty(&rig_camera(camera))?,
+        Some(rig) => rig_with_lens(rig, camera)
+            .with_context(|| format!("--camera {}: the rig has no such camera", args.camera))?
+            .to_json(),
+    };
+    let report = report_of("intrinsics", &found, &sheets, notes);
+    args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
+    args.output.write(&json)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Runs `vitreo calibrate stereo`.
+pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
+    let (l, r) = (args.left.len(), args.right.len());
+    ensure!(l == r, "expected as many right as left pictures, found {l} left and {r} right");
+    let board = args.board.board()?;
+    let template = Rig::load_or_shipped(args.rig.as_deref())?;
+    let (mut sheets, left_px, mut notes) = sheets_of(&args.left, &board, 0)?;
+    let (right, right_px, more) = sheets_of(&args.right, &board, 1)?;
+    sheets.extend(right);
+    notes.extend(more);
+    let progress = spinner("least squares");
+    let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
+    let (free, loss) = (args.solve.free(), args.solve.loss);
+    let found = cameras_of_views(&[left_px, right_px], &sheets, free, args.keep_lenses, loss, &mut tell)?;
+    progress.finish_and_clear();
+    notes.push("the world is the frame of the first camera".into());
+    let mut report = report_of("stereo", &found, &sheets, notes);
+    report.figure("baseline, mm (squares without --pitch)", found.scene.cameras[1].translation_mm.norm());
+    args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
+    args.output.write(&rig_with(&template, &found.scene.cameras)?.to_json())?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Runs `vitreo calibrate dots`.
+pub fn dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
+    let template = Rig::load_or_shipped(args.rig.as_deref())?;
+    let mut sheets = Vec::new();
+    for (camera, path) in args.points.iter().enumerate() {
+        let mut views = sheets_of_lists(std::slice::from_ref(path), camera, 0)?;
+        let n = views.len();
+        ensure!(n == 1, "{}: expected dots that stay in place, found {n} views", path.display());
+        sheets.append(&mut views);
+    }
+    let before: Vec<Before> = match args.size {
+        Some(size) => vec![Before::Size(size_of(size)); args.points.len()],
+        None => template.cameras().into_iter().map(Before::Lens).collect(),
+    };
+    let (lists, cameras) = (args.points.len(), before.len());
+    ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
+    let (free, loss) = (args.solve.free(), args.solve.loss);
+    let found = cameras_of_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
+    let notes = vec!["the world is the frame of the dots".into()];
+    let mut report = report_of("dots", &found, &sheets, notes);
+    if let Some(times) = args.splits {
+        let [x, y, z] = median_of_splits(&before, &sheets, free, loss, times)?;
+        for (axis, value) in [("x", x), ("y", y), ("z", z)] {
+            report.figure(
+                format!("dots held out: rms error along {axis}, median of {times} splits, mm"),
+                value,
+            );
+        }
+    }
+    args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
+    if args.output.output.is_some() {
+        args.output.write(&rig_with(&template, &found.scene.cameras)?.to_json())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Median errors over random halves; split `n` is the same on every machine.
+fn median_of_splits(
+    before: &[Before],
+    sheets: &[Sheet],
+    free: [bool; LENS],
+    loss: Robustness,
+    times: u32,
+) -> anyhow::Result<[f64; 3]> {
+    ensure!((1..=10_000).contains(&times), "--splits: expected 1 to 10000, found {times}");
+    let dots = common_dots(sheets, before.len()).len();
+    ensure!(dots >= 24, "--splits: expected 24 dots or more that all cameras see, found {dots}");
+    let progress = bar(u64::from(times), "splits");
+    let split = |seed: u32| -> Result<[f64; 3], CalibrationError> {
+        let chosen = random_half(dots, seed);
+        let errors = held_out(before, sheets, free, loss, &|i| chosen[i]);
+        progress.inc(1);
+        errors
+    };
+    let all = (1..=times).map(split).collect::<Result<Vec<_>, _>>()?;
+    progress.finish_and_clear();
+    Ok([0, 1, 2].map(|axis| {
+        let mut errors: Vec<f64> = all.iter().map(|e| e[axis]).collect();
+        errors.sort_by(f64::total_cmp);
+        (errors[(errors.len() - 1) / 2] + errors[errors.len() / 2]) / 2.0
+    }))
+}
+
+/// Half of `n` things, drawn by a shuffle from `seed` (Fisher–Yates with Knuth's MMIX generator).
+fn random_half(n: usize, seed: u32) -> Vec<bool> {
+    let mut state = u64::from(seed);
+    let mut draw = |below: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((state >> 33) as usize) % below
+    };
+    // The first numbers of neighbouring seeds are alike.
+    (0..8).for_each(|_| {
+        draw(2);
+    });
+    let mut order: Vec<usize> = (0..n).collect();
+    (1..n).rev().for_each(|i| order.swap(i, draw(i + 1)));
+    let mut chosen = vec![false; n];
+    order[..n / 2].iter().for_each(|&i| chosen[i] = true);
+    chosen
+}

@@ -1,0 +1,171 @@
+//! Corners of a chessboard: points where two dark and two bright fields meet.
+//!
+//! There the picture is a saddle: the determinant of its second derivatives is negative and large.
+//! A ring around the point tells a chessboard's corner from other saddles: along it the brightness
+//! changes side four times, and opposite sides are alike. The exact place is where all slopes around
+//! point past it: Σ ∇I ∇Iᵀ (q − p) = 0 over a window (Förstner & Gülch 1987).
+
+use super::grey::Grey;
+use nalgebra::{Matrix2, Vector2};
+use std::f64::consts::{PI, TAU};
+
+/// Smoothing before second derivatives are taken, px.
+const SMOOTHING_PX: f64 = 1.5;
+/// Saddles weaker than this share of the strongest are noise.
+const WEAKEST: f32 = 0.01;
+/// Two corners are never this close, px.
+const APART_PX: isize = 4;
+/// Radii of the ring, px; one must fit into the squares.
+const RINGS_PX: [f64; 2] = [6.0, 4.0];
+/// Samples of a ring; a multiple of 4.
+const RING: usize = 32;
+/// Correlation of a ring with itself half a turn on, above which it is point symmetric.
+const SYMMETRY: f64 = 0.6;
+/// Most corners considered; more are texture.
+const MOST: usize = 2000;
+/// Half the window of the coarse refinement, px.
+const COARSE_WINDOW: isize = 4;
+/// A refinement that strays farther than this has found something else, in half windows.
+const STRAY: f64 = 0.7;
+
+/// A corner.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// Where, px.
+    pub at: Vector2<f64>,
+    /// Unit vectors along the two lines that cross here, image angles 0 to π. Turning on from the
+    /// first (x towards y) one enters a bright field.
+    pub lines: [Vector2<f64>; 2],
+    /// Strength of the saddle, of any unit.
+    pub strength: f32,
+}
+
+/// All corners of a picture, the strongest first.
+pub fn find(picture: &Grey) -> Vec<Corner> {
+    let smooth = picture.blurred(SMOOTHING_PX);
+    let mut saddles = saddles(&smooth);
+    saddles.sort_by(|a, b| b.1.total_cmp(&a.1));
+    saddles.truncate(MOST);
+    let mut found: Vec<Corner> = Vec::new();
+    for (at, strength) in saddles {
+        let Some(at) = refined(picture, at, COARSE_WINDOW) else { continue };
+        let Some(lines) = RINGS_PX.iter().find_map(|&r| lines_through(&smooth, at, r)) else { continue };
+        if found.iter().all(|c| (c.at - at).norm() > APART_PX as f64) {
+            found.push(Corner { at, lines, strength });
+        }
+    }
+    found
+}
+
+fn saddles(smooth: &Grey) -> Vec<(Vector2<f64>, f32)> {
+    let (w, h) = (smooth.width as isize, smooth.height as isize);
+    let strength = |x: isize, y: isize| {
+        let v = |i: isize, j: isize| smooth.at(x + i, y + j);
+        let xx = v(1, 0) - 2.0 * v(0, 0) + v(-1, 0);
+        let yy = v(0, 1) - 2.0 * v(0, 0) + v(0, -1);
+        let xy = (v(1, 1) - v(-1, 1) - v(1, -1) + v(-1, -1)) / 4.0;
+        xy * xy - xx * yy
+    };
+    let map: Vec<f32> = (0..w * h).map(|i| strength(i % w, i / w)).collect();
+    let strongest = map.iter().copied().fold(0.0, f32::max);
+    let mut found = Vec::new();
+    for y in APART_PX..h - APART_PX {
+        for x in APART_PX..w - APART_PX {
+            let s = map[(y * w + x) as usize];
+            if s > 0.0 && s >= WEAKEST * strongest && is_peak(&map, w, x, y, s) {
+                found.push((Vector2::new(x as f64, y as f64), s));
+            }
+        }
+    }
+    found
+}
+
+/// True if nothing near is stronger; of equals the first counts.
+fn is_peak(map: &[f32], w: isize, x: isize, y: isize, s: f32) -> bool {
+    let around = -APART_PX..=APART_PX;
+    around.clone().all(|j| {
+        around.clone().all(|i| {
+            let other = map[((y + j) * w + x + i) as usize];
+            other < s || (other == s && (j, i) >= (0, 0))
+        })
+    })
+}
+
+/// Directions of the two lines that cross at `at`, from the brightness along a ring.
+fn lines_through(smooth: &Grey, at: Vector2<f64>, radius: f64) -> Option<[Vector2<f64>; 2]> {
+    if !smooth.holds(at, radius + 1.0) {
+        return None;
+    }
+    let angle = |i: usize| TAU * i as f64 / RING as f64;
+    let mut ring = [0.0; RING];
+    for (i, value) in ring.iter_mut().enumerate() {
+        *value = f64::from(smooth.between(at + Vector2::new(angle(i).cos(), angle(i).sin()) * radius));
+    }
+    // Between the extremes, not the mean: the four fields may be of different size.
+    let (low, high) = ring.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
+    ring.iter_mut().for_each(|v| *v -= (low + high) / 2.0);
+    let energy: f64 = ring.iter().map(|v| v * v).sum();
+    let symmetry: f64 = (0..RING).map(|i| ring[i] * ring[(i + RING / 2) % RING]).sum();
+    if energy <= 0.0 || symmetry < SYMMETRY * energy {
+        return None;
+    }
+    let crossings: Vec<(f64, bool)> = (0..RING)
+        .filter(|&i| (ring[i] < 0.0) != (ring[(i + 1) % RING] < 0.0))
+        .map(|i| {
+            let (a, b) = (ring[i], ring[(i + 1) % RING]);
+            (angle(i) + TAU / RING as f64 * a / (a - b), b > a)
+        })
+        .collect();
+    let [first, second, third, fourth] = crossings.try_into().ok()?;
+    let along = |a: f64, b: f64| {
+        // The line through both crossings; half a turn apart but for perspective.
+        let middle = (a + b - PI) / 2.0;
+        Vector2::new(middle.cos(), middle.sin())
+    };
+    let lines = [along(first.0, third.0), along(second.0, fourth.0)];
+    let straight = ((third.0 - first.0) - PI).abs() < 0.6 && ((fourth.0 - second.0) - PI).abs() < 0.6;
+    let wide = lines[0].perp(&lines[1]).abs() > 0.2;
+    let ordered = if first.1 { lines } else { [lines[1], lines[0]] };
+    (straight && wide).then_some(ordered)
+}
+
+/// Most steps of the refinement, and the step in px at which it stands still.
+const REFINING: (usize, f64) = (30, 1e-4);
+
+/// The exact place of a corner near `start`, from slopes within ±`half` px; weights fall off towards
+/// the border of the window, so that nothing jumps when a pixel leaves it. `None` where there is none.
+pub fn refined(picture: &Grey, start: Vector2<f64>, half: isize) -> Option<Vector2<f64>> {
+    let mut at = start;
+    let reach = half as f64;
+    for _ in 0..REFINING.0 {
+        if !picture.holds(at, reach + 1.0) {
+            return None;
+        }
+        let (mut m, mut r) = (Matrix2::zeros(), Vector2::zeros());
+        let (cx, cy) = (at.x.round() as isize, at.y.round() as isize);
+        for y in cy - half..=cy + half {
+            for x in cx - half..=cx + half {
+                let from = Vector2::new(x as f64, y as f64) - at;
+                let weight = (-2.0 * from.norm_squared() / (reach * reach)).exp();
+                let slope = picture.slope(x, y);
+                let product = slope * slope.transpose() * weight;
+                m += product;
+                r += product * from;
+            }
+        }
+        // Both eigenvalues must stand out: along an edge one of them vanishes.
+        let trace = m.trace();
+        if trace <= 0.0 || m.determinant() < 1e-3 * trace * trace {
+            return None;
+        }
+        let step = m.try_inverse()? * r;
+        at += step;
+        if (at - start).norm() > STRAY * reach + 1.0 {
+            return None;
+        }
+        if step.norm() < REFINING.1 {
+            break;
+        }
+    }
+    Some(at)
+}

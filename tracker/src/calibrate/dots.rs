@@ -1,0 +1,138 @@
+//! Round dots in pictures: connected regions that stand out from what surrounds them, their centres
+//! by weighted moments.
+//!
+//! The centre of a dot's image is not the image of its centre when the board is tilted; the
+//! difference is about r²·tan(tilt)/(4·distance), in mm, and below a tenth of a pixel where dots
+//! are a few pixels wide.
+
+use super::grey::Grey;
+use super::grid::Node;
+use nalgebra::{Matrix2, Vector2};
+
+/// A dot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dot {
+    /// Centre, px.
+    pub at: Vector2<f64>,
+    /// Pixels of its region.
+    pub area_px: f64,
+}
+
+/// A region stands out if it differs from its surroundings by this share of the picture's contrast.
+const STANDS_OUT: f32 = 0.25;
+/// Shares of the pixels between which the contrast is measured.
+const CONTRAST: [f64; 2] = [0.005, 0.995];
+/// Smallest and largest area, px, and as a share of the picture.
+const AREA: (f64, f64) = (6.0, 0.02);
+/// Longest over shortest axis of a tilted dot.
+const OBLONG: f64 = 3.0;
+/// Area over that of the ellipse of equal moments: 1 for an ellipse.
+const FULL: (f64, f64) = (0.8, 1.2);
+/// Surroundings: smoothing of the background as a share of the picture's width.
+const BACKGROUND: f64 = 1.0 / 40.0;
+/// So far beyond its region a dot's rim is weighed, px.
+const RIM: isize = 2;
+
+/// All dots of a picture, dark ones on bright ground or the reverse.
+pub fn find(picture: &Grey, dark: bool) -> Vec<Dot> {
+    let [low, high] = picture.quantiles(CONTRAST);
+    let threshold = STANDS_OUT * (high - low);
+    let ground = picture.blurred((picture.width as f64 * BACKGROUND).max(4.0));
+    let sign = if dark { -1.0 } else { 1.0 };
+    let (w, h) = (picture.width as isize, picture.height as isize);
+    let out = |x: isize, y: isize| sign * (picture.at(x, y) - ground.at(x, y));
+    let mut inside: Vec<bool> = (0..w * h).map(|i| out(i % w, i / w) > threshold).collect();
+    let mut dots = Vec::new();
+    for start in 0..inside.len() {
+        if inside[start] {
+            let region = flood(&mut inside, w, h, start as isize);
+            dots.extend(dot(picture, &region, sign));
+        }
+    }
+    dots
+}
+
+/// Takes a connected region out of the map.
+fn flood(inside: &mut [bool], w: isize, h: isize, start: isize) -> Vec<(isize, isize)> {
+    let (mut region, mut stack) = (Vec::new(), vec![start]);
+    inside[start as usize] = false;
+    while let Some(i) = stack.pop() {
+        let (x, y) = (i % w, i / w);
+        region.push((x, y));
+        for (nx, ny) in [(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)] {
+            let n = ny * w + nx;
+            if nx >= 0 && ny >= 0 && nx < w && ny < h && inside[n as usize] {
+                inside[n as usize] = false;
+                stack.push(n);
+            }
+        }
+    }
+    region
+}
+
+/// The dot of a region, if it is one.
+fn dot(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Option<Dot> {
+    let area = region.len() as f64;
+    if area < AREA.0 || area > AREA.1 * (picture.width * picture.height) as f64 {
+        return None;
+    }
+    let mean = region.iter().map(|&(x, y)| Vector2::new(x as f64, y as f64)).sum::<Vector2<f64>>() / area;
+    let spread = region.iter().map(|&(x, y)| Vector2::new(x as f64, y as f64) - mean);
+    // A pixel is a square, not a point: 1/12 px² along each axis.
+    let spread = spread.map(|d| d * d.transpose()).sum::<Matrix2<f64>>() / area + Matrix2::identity() / 12.0;
+    let axes = spread.symmetric_eigenvalues();
+    let (short, long) = (axes.min().sqrt(), axes.max().sqrt());
+    // An ellipse of semi-axes 2s and 2l has the variances s² and l².
+    let full = area / (4.0 * std::f64::consts::PI * short * long);
+    if long > OBLONG * short || !(FULL.0..FULL.1).contains(&full) {
+        return None;
+    }
+    let reach = 2.0 * long + RIM as f64 + 1.0;
+    picture.holds(mean, reach).then(|| Dot { at: centre(picture, region, sign), area_px: area })
+}
+
+/// Centre by how much each pixel stands out from the darkest (brightest) of its rim.
+fn centre(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Vector2<f64> {
+    let bounds = |of: fn(&(isize, isize)) -> isize| {
+        let all = region.iter().map(of);
+        (all.clone().min().unwrap_or(0) - RIM, all.max().unwrap_or(0) + RIM)
+    };
+    let ((x0, x1), (y0, y1)) = (bounds(|p| p.0), bounds(|p| p.1));
+    let mut rim: Vec<f32> = (x0..=x1)
+        .flat_map(|x| [(x, y0), (x, y1)])
+        .chain((y0..=y1).flat_map(|y| [(x0, y), (x1, y)]))
+        .map(|(x, y)| sign * picture.at(x, y))
+        .collect();
+    rim.sort_by(f32::total_cmp);
+    let ground = rim[rim.len() / 2];
+    let core = region.iter().map(|&(x, y)| sign * picture.at(x, y)).fold(f32::MIN, f32::max);
+    let (mut sum, mut at) = (0.0, Vector2::zeros());
+    for y in y0..=y1 {
+        for x in x0..=x1 {
+            // Noise of the ground must not pull: what stands out by less than a tenth counts nothing.
+            let share = (sign * picture.at(x, y) - ground) / (core - ground).max(1e-6);
+            let weight = f64::from(((share - 0.1) / 0.9).clamp(0.0, 1.0));
+            sum += weight;
+            at += Vector2::new(x as f64, y as f64) * weight;
+        }
+    }
+    at / sum.max(1e-9)
+}
+
+/// Dots with the directions to their nearest neighbours, which are those of a grid; dots in the
+/// middle of the picture's dots first, since a grid grows best from its inside.
+pub fn nodes(dots: &[Dot]) -> Vec<Node> {
+    let middle = dots.iter().map(|d| d.at).sum::<Vector2<f64>>() / dots.len().max(1) as f64;
+    let mut nodes: Vec<Node> = dots.iter().filter_map(|dot| node(dot, dots)).collect();
+    nodes.sort_by(|a, b| (a.at - middle).norm().total_cmp(&(b.at - middle).norm()));
+    nodes
+}
+
+fn node(dot: &Dot, dots: &[Dot]) -> Option<Node> {
+    let mut ways: Vec<Vector2<f64>> = dots.iter().map(|d| d.at - dot.at).filter(|d| d.norm() > 0.0).collect();
+    ways.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+    let first = ways.first()?.normalize();
+    let across = |w: &&Vector2<f64>| w.normalize().perp(&first).abs() > 0.5;
+    let second = ways.iter().take(8).find(across)?.normalize();
+    Some(Node { at: dot.at, lines: [first, second] })
+}

@@ -1,0 +1,156 @@
+//! Grey pictures: reading, smoothing, sampling between pixels.
+
+use nalgebra::Vector2;
+use std::path::Path;
+
+/// A grey picture, 0 to 255; the centre of the top-left pixel is (0, 0).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grey {
+    /// Columns.
+    pub width: usize,
+    /// Lines.
+    pub height: usize,
+    data: Vec<f32>,
+}
+
+/// Why a picture was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// It cannot be read or decoded.
+    #[error("picture {file}: {problem}")]
+    Read {
+        /// The file.
+        file: String,
+        /// Why.
+        problem: String,
+    },
+    /// It is too small to hold a target.
+    #[error("picture {file}: expected at least 16×16 pixels, found {width}×{height}")]
+    Small {
+        /// The file.
+        file: String,
+        /// Columns.
+        width: usize,
+        /// Lines.
+        height: usize,
+    },
+}
+
+impl Grey {
+    /// From values line by line; missing ones are 0.
+    pub fn new(width: usize, height: usize, mut data: Vec<f32>) -> Self {
+        data.resize(width * height, 0.0);
+        Grey { width, height, data }
+    }
+
+    /// Reads a PNG or JPEG file.
+    pub fn load(path: &Path) -> Result<Self, PictureError> {
+        let file = path.display().to_string();
+        let picture = image::open(path)
+            .map_err(|e| PictureError::Read { file: file.clone(), problem: e.to_string() })?
+            .to_luma32f();
+        let (width, height) = (picture.width() as usize, picture.height() as usize);
+        if width < 16 || height < 16 {
+            return Err(PictureError::Small { file, width, height });
+        }
+        Ok(Grey::new(width, height, picture.into_raw().into_iter().map(|v| v * 255.0).collect()))
+    }
+
+    /// Value of a pixel; beyond the border that of the nearest one.
+    pub fn at(&self, x: isize, y: isize) -> f32 {
+        let x = x.clamp(0, self.width as isize - 1) as usize;
+        let y = y.clamp(0, self.height as isize - 1) as usize;
+        self.data[y * self.width + x]
+    }
+
+    /// Value between pixels, bilinear.
+    pub fn between(&self, p: Vector2<f64>) -> f32 {
+        let (x, y) = (p.x.floor(), p.y.floor());
+        let (u, v) = ((p.x - x) as f32, (p.y - y) as f32);
+        let (x, y) = (x as isize, y as isize);
+        let top = self.at(x, y) * (1.0 - u) + self.at(x + 1, y) * u;
+        let bottom = self.at(x, y + 1) * (1.0 - u) + self.at(x + 1, y + 1) * u;
+        top * (1.0 - v) + bottom * v
+    }
+
+    /// Smoothed by a Gaussian of this standard deviation, px.
+    pub fn blurred(&self, sigma: f64) -> Self {
+        let reach = (3.0 * sigma).ceil() as isize;
+        let weight = |i: isize| (-0.5 * (i as f64 / sigma).powi(2)).exp();
+        let total: f64 = (-reach..=reach).map(weight).sum();
+        let kernel: Vec<f32> = (-reach..=reach).map(|i| (weight(i) / total) as f32).collect();
+        let across = self.filtered(&kernel, reach, |picture, x, y, i| picture.at(x + i, y));
+        across.filtered(&kernel, reach, |picture, x, y, i| picture.at(x, y + i))
+    }
+
+    fn filtered(&self, kernel: &[f32], reach: isize, at: impl Fn(&Self, isize, isize, isize) -> f32) -> Self {
+        let mut data = Vec::with_capacity(self.data.len());
+        for y in 0..self.height as isize {
+            for x in 0..self.width as isize {
+                let terms = kernel.iter().zip(-reach..=reach).map(|(k, i)| k * at(self, x, y, i));
+                data.push(terms.sum());
+            }
+        }
+        Grey { data, ..*self }
+    }
+
+    /// Half as large, each pixel the mean of four.
+    pub fn halved(&self) -> Self {
+        let (width, height) = (self.width / 2, self.height / 2);
+        let mut data = Vec::with_capacity(width * height);
+        for y in 0..height as isize {
+            for x in 0..width as isize {
+                let four = [(0, 0), (1, 0), (0, 1), (1, 1)];
+                data.push(four.map(|(i, j)| self.at(2 * x + i, 2 * y + j)).iter().sum::<f32>() / 4.0);
+            }
+        }
+        Grey { width, height, data }
+    }
+
+    /// True if a disc around `p` lies inside.
+    pub fn holds(&self, p: Vector2<f64>, radius: f64) -> bool {
+        let inside = |v: f64, n: usize| v - radius >= 0.0 && v + radius <= n as f64 - 1.0;
+        inside(p.x, self.width) && inside(p.y, self.height)
+    }
+
+    /// Slope at a pixel by central differences, per px.
+    pub fn slope(&self, x: isize, y: isize) -> Vector2<f64> {
+        let across = self.at(x + 1, y) - self.at(x - 1, y);
+        let down = self.at(x, y + 1) - self.at(x, y - 1);
+        Vector2::new(f64::from(across), f64::from(down)) / 2.0
+    }
+
+    /// Grey levels below which (0…1) shares of the pixels lie.
+    pub fn quantiles(&self, shares: [f64; 2]) -> [f32; 2] {
+        let mut sorted = self.data.clone();
+        sorted.sort_by(f32::total_cmp);
+        shares.map(|s| sorted[((sorted.len() - 1) as f64 * s.clamp(0.0, 1.0)) as usize])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ramp_stays_a_ramp() {
+        let data = (0..40 * 30).map(|i| (2 * (i % 40) + 3 * (i / 40)) as f32).collect();
+        let ramp = Grey::new(40, 30, data);
+        let p = Vector2::new(17.25, 12.5);
+        assert!((ramp.between(p) - 72.0).abs() < 1e-4);
+        assert!((ramp.blurred(1.5).between(p) - 72.0).abs() < 1e-3);
+        assert!((ramp.slope(20, 15) - Vector2::new(2.0, 3.0)).norm() < 1e-6);
+        // The centre of a halved pixel lies half a pixel beside that of its first one.
+        assert!((ramp.halved().between(Vector2::new(8.0, 6.0)) - (2.0 * 16.5 + 3.0 * 12.5)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn what_is_no_picture_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.png");
+        std::fs::write(&path, b"nothing of the kind").unwrap();
+        assert!(Grey::load(&path).unwrap_err().to_string().contains("x.png"));
+        image::GrayImage::new(4, 4).save(&path).unwrap();
+        assert!(Grey::load(&path).unwrap_err().to_string().contains("found 4×4"));
+    }
+}

@@ -1,0 +1,257 @@
+//! Point lists: where a camera saw a known point.
+//!
+//! | form | a line or entry |
+//! |---|---|
+//! | CSV | header `x,y,X,Y,Z` (px, px, mm, mm, mm) in any order, optionally `view`; then a row a point |
+//! | JSON | `[{"x":…,"y":…,"X":…,"Y":…,"Z":…,"view":…}, …]` |
+//! | columns | `x y X Y Z`, separated by blanks, no header (as MyPTV writes its `cal_points`) |
+//!
+//! Points of one view (any text; the same for all where it is not told) lie on one target in one place.
+
+use super::targets::Sample;
+use nalgebra::{Point3, Vector2};
+use serde::Deserialize;
+use std::path::Path;
+
+/// Why a point list was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum PointsError {
+    /// The file cannot be read.
+    #[error("point list {file}: {source}")]
+    Read {
+        /// The file.
+        file: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A line or entry makes no sense.
+    #[error("point list {file}, {place}: {problem}")]
+    Entry {
+        /// The file.
+        file: String,
+        /// Line or entry, counted from 1.
+        place: String,
+        /// What was expected and what was found.
+        problem: String,
+    },
+    /// There is nothing in it.
+    #[error("point list {file}: expected points, found none")]
+    Empty {
+        /// The file.
+        file: String,
+    },
+}
+
+/// Points of one view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// Its name; empty where the list tells none.
+    pub name: String,
+    /// In the order of the list.
+    pub samples: Vec<Sample>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    x: f64,
+    y: f64,
+    #[serde(rename = "X")]
+    big_x: f64,
+    #[serde(rename = "Y")]
+    big_y: f64,
+    #[serde(rename = "Z")]
+    big_z: f64,
+    #[serde(default)]
+    view: serde_json::Value,
+}
+
+/// The numbers of a row, in this order.
+const KEYS: [&str; 5] = ["x", "y", "X", "Y", "Z"];
+/// Larger numbers are a mistake: no sensor and no rig is that large.
+const LARGEST: f64 = 1e6;
+
+/// Reads a point list.
+pub fn load(path: &Path) -> Result<Vec<View>, PointsError> {
+    let file = path.display().to_string();
+    let text = std::fs::read(path).map_err(|source| PointsError::Read { file: file.clone(), source })?;
+    parse(&String::from_utf8_lossy(&text), &file)
+}
+
+/// Parses the text of a point list; `file` is for messages.
+pub fn parse(text: &str, file: &str) -> Result<Vec<View>, PointsError> {
+    let text = text.trim_start_matches('\u{feff}');
+    let first = text.trim_start().chars().next();
+    let rows = match first {
+        Some('[' | '{') => json(text, file)?,
+        Some(c) if c.is_alphabetic() => csv(text, file)?,
+        _ => columns(text, file)?,
+    };
+    let mut views: Vec<View> = Vec::new();
+    for (name, numbers) in rows {
+        let [x, y, a, b, c] = numbers;
+        let sample = Sample { pixel: Vector2::new(x, y), point: Point3::new(a, b, c) };
+        match views.iter_mut().find(|v| v.name == name) {
+            Some(view) => view.samples.push(sample),
+            None => views.push(View { name, samples: vec![sample] }),
+        }
+    }
+    if views.is_empty() { Err(PointsError::Empty { file: file.into() }) } else { Ok(views) }
+}
+
+type Row = (String, [f64; 5]);
+
+fn refuse(file: &str, place: String, problem: String) -> PointsError {
+    PointsError::Entry { file: file.into(), place, problem }
+}
+
+fn checked(numbers: [f64; 5], file: &str, place: String) -> Result<[f64; 5], PointsError> {
+    match numbers.iter().position(|v| !v.is_finite() || v.abs() > LARGEST) {
+        Some(i) => {
+            let problem = format!("{}: expected a number within ±1e6, found {}", KEYS[i], numbers[i]);
+            Err(refuse(file, place, problem))
+        }
+        None => Ok(numbers),
+    }
+}
+
+fn json(text: &str, file: &str) -> Result<Vec<Row>, PointsError> {
+    let entries: Vec<Entry> = serde_json::from_str(text)
+        .map_err(|e| refuse(file, format!("line {}", e.line()), format!("column {}: {e}", e.column())))?;
+    let row = |(i, e): (usize, Entry)| {
+        let place = format!("entry {}", i + 1);
+        let name = match e.view {
+            serde_json::Value::Null => String::new(),
+            serde_json::Value::String(name) => name,
+            serde_json::Value::Number(n) => n.to_string(),
+            other => {
+                let problem = format!("view: expected a text or a number, found {other}");
+                return Err(refuse(file, place, problem));
+            }
+        };
+        Ok((name, checked([e.x, e.y, e.big_x, e.big_y, e.big_z], file, place)?))
+    };
+    entries.into_iter().enumerate().map(row).collect()
+}
+
+/// Lines with their number from 1, without blank ones and comments.
+fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let trimmed = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim()));
+    trimmed.filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
+}
+
+fn number(text: &str, key: &str, file: &str, line: usize) -> Result<f64, PointsError> {
+    text.trim().parse().map_err(|_| {
+        let shown: String = text.trim().chars().take(40).collect();
+        refuse(file, format!("line {line}"), format!("{key}: expected a number, found “{shown}”"))
+    })
+}
+
+fn csv(text: &str, file: &str) -> Result<Vec<Row>, PointsError> {
+    let mut rest = lines(text);
+    let (at, header) = rest.next().ok_or_else(|| PointsError::Empty { file: file.into() })?;
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    let column = |key: &str| names.iter().position(|n| *n == key);
+    let mut order = [0; 5];
+    for (slot, key) in order.iter_mut().zip(KEYS) {
+        *slot = column(key).ok_or_else(|| {
+            let problem = format!("expected a column {key} (x,y in px; X,Y,Z in mm; optionally view)");
+            refuse(file, format!("line {at}"), problem)
+        })?;
+    }
+    let view = column("view");
+    let row = |(line, text): (usize, &str)| {
+        let fields: Vec<&str> = text.split(',').collect();
+        if fields.len() != names.len() {
+            let problem = format!("expected {} fields, found {}", names.len(), fields.len());
+            return Err(refuse(file, format!("line {line}"), problem));
+        }
+        let mut numbers = [0.0; 5];
+        for ((slot, &at), key) in numbers.iter_mut().zip(&order).zip(KEYS) {
+            *slot = number(fields[at], key, file, line)?;
+        }
+        let name = view.map_or(String::new(), |v| fields[v].trim().to_string());
+        Ok((name, checked(numbers, file, format!("line {line}"))?))
+    };
+    rest.map(row).collect()
+}
+
+fn columns(text: &str, file: &str) -> Result<Vec<Row>, PointsError> {
+    let row = |(line, text): (usize, &str)| {
+        let fields: Vec<&str> = text.split_whitespace().collect();
+        if fields.len() != 5 {
+            let problem = format!("expected 5 numbers x y X Y Z, found {}", fields.len());
+            return Err(refuse(file, format!("line {line}"), problem));
+        }
+        let mut numbers = [0.0; 5];
+        for ((slot, field), key) in numbers.iter_mut().zip(fields).zip(KEYS) {
+            *slot = number(field, key, file, line)?;
+        }
+        Ok((String::new(), checked(numbers, file, format!("line {line}"))?))
+    };
+    lines(text).map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn three_forms_say_the_same() {
+        let by_columns = parse("1.5 2.5 3 4 -5\n\n6 7 8 9 10\n", "f").unwrap();
+        let by_csv = parse("\u{feff}X,Y,Z,x,y\n3,4,-5,1.5,2.5\n8,9,10,6,7\n", "f").unwrap();
+        let by_json =
+            parse(r#"[{"x":1.5,"y":2.5,"X":3,"Y":4,"Z":-5},{"x":6,"y":7,"X":8,"Y":9,"Z":10}]"#, "f").unwrap();
+        assert_eq!(by_columns, by_csv);
+        assert_eq!(by_columns, by_json);
+        assert_eq!(by_columns[0].samples[1].point, Point3::new(8.0, 9.0, 10.0));
+    }
+
+    #[test]
+    fn views_are_kept_apart() {
+        let views = parse("view,x,y,X,Y,Z\na,1,1,0,0,0\nb,2,2,0,0,0\na,3,3,1,0,0\n", "f").unwrap();
+        let told: Vec<_> = views.iter().map(|v| (v.name.as_str(), v.samples.len())).collect();
+        assert_eq!(told, [("a", 2), ("b", 1)]);
+        let views = parse(r#"[{"x":1,"y":1,"X":0,"Y":0,"Z":0,"view":7}]"#, "f").unwrap();
+        assert_eq!(views[0].name, "7");
+    }
+
+    #[test]
+    fn defects_are_named_with_their_place() {
+        let cases = [
+            ("", "found none"),
+            ("x,y,X,Y\n1,2,3,4\n", "expected a column Z"),
+            ("x,y,X,Y,Z\n1,2,3,4,5\n1,2,3,4\n", "line 3: expected 5 fields, found 4"),
+            ("x,y,X,Y,Z\n1,2,three,4,5\n", "line 2: X: expected a number, found “three”"),
+            ("1 2 3 4\n", "line 1: expected 5 numbers x y X Y Z, found 4"),
+            ("1 2 3 4 NaN\n", "line 1: Z: expected a number within"),
+            ("1 2 3 4 1e99\n", "Z: expected a number within"),
+            ("[{\"x\":1}]", "line 1"),
+            ("[{\"x\":1,\"y\":1,\"X\":0,\"Y\":0,\"Z\":0,\"view\":[]}]", "entry 1: view"),
+            ("{\"points\":[]}", "line 1"),
+        ];
+        for (text, named) in cases {
+            let error = parse(text, "p.txt").unwrap_err().to_string();
+            assert!(error.contains("p.txt") && error.contains(named), "{text:?}: {error}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_parsed_or_refused(text in "([-xyXYZ0-9.,e \\[{}\":\n]|\\PC){0,120}") {
+            if let Ok(views) = parse(&text, "f") {
+                prop_assert!(views.iter().flat_map(|v| &v.samples).all(|s| s.pixel.norm().is_finite()));
+            }
+        }
+
+        #[test]
+        fn numbers_survive(rows in prop::collection::vec(prop::array::uniform5(-1e5..1e5f64), 1..20)) {
+            let text: String = rows.iter().map(|[a, b, c, d, e]| format!("{a} {b}\t{c} {d} {e}\n")).collect();
+            let views = parse(&text, "f").unwrap();
+            for (sample, row) in views[0].samples.iter().zip(&rows) {
+                prop_assert_eq!([sample.pixel.x, sample.pixel.y, sample.point.x, sample.point.y, sample.point.z], *row);
+            }
+        }
+    }
+}

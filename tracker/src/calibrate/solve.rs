@@ -1,0 +1,398 @@
+//! Robust least squares with many small unknowns and few large ones: Levenberg–Marquardt on the
+//! normal equations, with the Schur complement.
+//!
+//! Every calibration here has *shared* unknowns (lenses, places of cameras, markers), of which
+//! there are tens, and *blocks* of own unknowns (the pose of the board in one picture, the poses of
+//! the bodies at one instant), of which there may be hundreds and which meet only through the shared
+//! ones. Eliminating each block first leaves a small dense system; the cost is linear in the blocks
+//! (Triggs et al., Bundle Adjustment – A Modern Synthesis, 2000, section 6).
+//!
+//! Minimised is Σ ρ(|r|²) over all equations, r whitened to unit variance, ρ a [`Loss`].
+
+use nalgebra::{DMatrix, DVector, SVector};
+
+/// Most iterations; a sane problem needs 5 to 30.
+const MAX_ITERATIONS: usize = 200;
+/// Relative decrease of the cost below which nothing more is gained.
+const COST_TOLERANCE: f64 = 1e-13;
+/// Largest step, relative to the unknown's standard deviation, at which it stands still.
+const STEP_TOLERANCE: f64 = 1e-6;
+/// First damping, and the bounds of it; beyond the upper one no step decreases the cost.
+const DAMPING: (f64, f64, f64) = (1e-4, 1e-12, 1e12);
+/// Smallest eigenvalue of the information, scaled to a unit diagonal, at which the unknowns still
+/// count as determined. Lenses correlate strongly (k1 with k2 and k3: about 1e-5); what the data
+/// leave open altogether is at the level of rounding (1e-15 · number of equations).
+const DETERMINED: f64 = 1e-11;
+
+/// How much a large residual counts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// ρ(s) = s: least squares.
+    Square,
+    /// ρ(s) = s below k², then 2k√s − k² (Huber 1964); k in standard deviations.
+    Huber(f64),
+    /// ρ(s) = k² ln(1 + s/k²): outliers lose nearly all weight; k in standard deviations.
+    Cauchy(f64),
+}
+
+impl Loss {
+    /// ρ(s) and its slope (the weight of the equation) for s = |r|².
+    pub fn at(self, s: f64) -> (f64, f64) {
+        match self {
+            Loss::Square => (s, 1.0),
+            Loss::Huber(k) if s <= k * k => (s, 1.0),
+            Loss::Huber(k) => (2.0 * k * s.sqrt() - k * k, k / s.sqrt()),
+            Loss::Cauchy(k) => (k * k * (s / (k * k)).ln_1p(), 1.0 / (1.0 + s / (k * k))),
+        }
+    }
+}
+
+/// An unknown that an equation depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unknown {
+    /// One of the shared unknowns.
+    Shared(usize),
+    /// One of the block's own.
+    Own(usize),
+}
+
+/// Derivative of an equation's residual by one unknown.
+pub type Column<const R: usize> = (Unknown, SVector<f64, R>);
+
+/// A least-squares problem.
+pub trait Problem {
+    /// Values of all unknowns.
+    type State: Clone;
+
+    /// Number of shared unknowns.
+    fn shared(&self) -> usize;
+    /// Name of a shared unknown, for messages.
+    fn name(&self, shared: usize) -> String;
+    /// Number of blocks.
+    fn blocks(&self) -> usize;
+    /// Number of own unknowns of a block.
+    fn own(&self, block: usize) -> usize;
+    /// Adds the equations of a block.
+    fn equations(&self, state: &Self::State, block: usize, out: &mut Equations);
+    /// Adds equations in shared unknowns only (what was known before).
+    fn prior(&self, _state: &Self::State, _out: &mut Equations) {}
+    /// The state after a step.
+    fn moved(&self, state: &Self::State, shared: &DVector<f64>, own: &[DVector<f64>]) -> Self::State;
+}
+
+/// Normal equations of one block: Σ w·JᵀJ and Σ w·Jᵀr, split by shared (s) and own (o) unknowns.
+#[derive(Debug, Clone)]
+pub struct Equations {
+    ss: DMatrix<f64>,
+    so: DMatrix<f64>,
+    oo: DMatrix<f64>,
+    s: DVector<f64>,
+    o: DVector<f64>,
+    cost: f64,
+    rows: usize,
+    impossible: bool,
+    cost_only: bool,
+}
+
+impl Equations {
+    fn new(shared: usize, own: usize, cost_only: bool) -> Self {
+        let [s, o] = if cost_only { [0, 0] } else { [shared, own] };
+        Equations {
+            ss: DMatrix::zeros(s, s),
+            so: DMatrix::zeros(s, o),
+            oo: DMatrix::zeros(o, o),
+            s: DVector::zeros(s),
+            o: DVector::zeros(o),
+            cost: 0.0,
+            rows: 0,
+            impossible: false,
+            cost_only,
+        }
+    }
+
+    /// Adds one equation: a whitened residual and its derivatives.
+    pub fn add<const R: usize>(&mut self, residual: &SVector<f64, R>, columns: &[Column<R>], loss: Loss) {
+        let (cost, weight) = loss.at(residual.norm_squared());
+        self.cost += cost;
+        self.rows += R;
+        if self.cost_only {
+            return;
+        }
+        for (i, (a, slope_a)) in columns.iter().enumerate() {
+            let pull = weight * slope_a.dot(residual);
+            match *a {
+                Unknown::Shared(a) => self.s[a] += pull,
+                Unknown::Own(a) => self.o[a] += pull,
+            }
+            for (b, slope_b) in &columns[..=i] {
+                self.add_product(*a, *b, weight * slope_a.dot(slope_b));
+            }
+        }
+    }
+
+    fn add_product(&mut self, a: Unknown, b: Unknown, product: f64) {
+        match (a, b) {
+            (Unknown::Shared(a), Unknown::Shared(b)) => {
+                self.ss[(a, b)] += product;
+                if a != b {
+                    self.ss[(b, a)] += product;
+                }
+            }
+            (Unknown::Own(a), Unknown::Own(b)) => {
+                self.oo[(a, b)] += product;
+                if a != b {
+                    self.oo[(b, a)] += product;
+                }
+            }
+            (Unknown::Shared(s), Unknown::Own(o)) | (Unknown::Own(o), Unknown::Shared(s)) => {
+                self.so[(s, o)] += product;
+            }
+        }
+    }
+
+    /// The state cannot be (a point behind its camera): the step that led here is refused.
+    pub fn refuse(&mut self) {
+        self.impossible = true;
+    }
+
+    fn cost(&self) -> f64 {
+        if self.impossible { f64::INFINITY } else { self.cost }
+    }
+}
+
+/// Why there is no solution.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SolveError {
+    /// Fewer equations than unknowns.
+    #[error("{equations} equations cannot determine {unknowns} unknowns")]
+    TooFew {
+        /// Rows.
+        equations: usize,
+        /// Shared and own.
+        unknowns: usize,
+    },
+    /// The normal equations are singular.
+    #[error("the data do not determine {unknown}: the views are too alike, or the geometry is degenerate")]
+    Undetermined {
+        /// The unknown that moves most along the direction that is open.
+        unknown: String,
+    },
+    /// The first guess cannot be.
+    #[error("the first guess puts points behind a camera")]
+    Start,
+    /// No end was found.
+    #[error("no convergence after {iterations} iterations; cost {cost:.4e}")]
+    Endless {
+        /// Iterations made.
+        iterations: usize,
+        /// Cost where it stopped.
+        cost: f64,
+    },
+}
+
+/// The answer.
+#[derive(Debug, Clone)]
+pub struct Solution<S> {
+    /// Values of all unknowns.
+    pub state: S,
+    /// Covariance of the shared unknowns for residuals of unit variance.
+    pub covariance: DMatrix<f64>,
+    /// Σ ρ.
+    pub cost: f64,
+    /// Equations less unknowns.
+    pub freedom: usize,
+    /// Iterations made.
+    pub iterations: usize,
+}
+
+impl<S> Solution<S> {
+    /// Standard deviation of the shared unknown `i` for residuals of unit variance.
+    pub fn sigma(&self, i: usize) -> f64 {
+        self.covariance[(i, i)].max(0.0).sqrt()
+    }
+}
+
+struct Assembled {
+    common: Equations,
+    blocks: Vec<Equations>,
+}
+
+impl Assembled {
+    fn of<P: Problem>(problem: &P, state: &P::State) -> Self {
+        let shared = problem.shared();
+        let mut common = Equations::new(shared, 0, false);
+        problem.prior(state, &mut common);
+        let blocks = (0..problem.blocks()).map(|b| {
+            let mut equations = Equations::new(shared, problem.own(b), false);
+            problem.equations(state, b, &mut equations);
+            equations
+        });
+        let mut blocks: Vec<Equations> = blocks.collect();
+        for block in &mut blocks {
+            common.ss += &block.ss;
+            common.s += &block.s;
+            common.cost += block.cost;
+            common.rows += block.rows;
+            common.impossible |= block.impossible;
+            // Only the sum is needed; hundreds of blocks would keep as many copies.
+            block.ss = DMatrix::zeros(0, 0);
+        }
+        Assembled { common, blocks }
+    }
+
+    /// The step under damping: shared unknowns by the Schur complement, then each block's own.
+    fn step(&self, damping: f64) -> Option<(DVector<f64>, Vec<DVector<f64>>)> {
+        let (schur, right, inverses) = self.reduced(damping)?;
+        let shared = if schur.nrows() == 0 { right } else { schur.cholesky()?.solve(&right) };
+        let own = self
+            .blocks
+            .iter()
+            .zip(&inverses)
+            .map(|(block, inverse)| inverse * (-&block.o - block.so.tr_mul(&shared)));
+        let own = own.collect();
+        Some((shared, own))
+    }
+
+    /// Schur complement, right-hand side and the inverses of the blocks.
+    fn reduced(&self, damping: f64) -> Option<(DMatrix<f64>, DVector<f64>, Vec<DMatrix<f64>>)> {
+        let mut schur = damped(&self.common.ss, damping);
+        let mut right = -&self.common.s;
+        let mut inverses = Vec::with_capacity(self.blocks.len());
+        for block in &self.blocks {
+            if block.oo.nrows() == 0 {
+                inverses.push(DMatrix::zeros(0, 0));
+                continue;
+            }
+            let inverse = damped(&block.oo, damping).cholesky()?.inverse();
+            let gain = &block.so * &inverse;
+            schur -= &gain * block.so.transpose();
+            right += gain * &block.o;
+            inverses.push(inverse);
+        }
+        Some((schur, right, inverses))
+    }
+}
+
+/// Marquardt's damping: the diagonal grows by a share of itself, so that units do not matter.
+fn damped(matrix: &DMatrix<f64>, damping: f64) -> DMatrix<f64> {
+    let mut out = matrix.clone();
+    for i in 0..out.nrows() {
+        out[(i, i)] += damping * out[(i, i)] + f64::MIN_POSITIVE;
+    }
+    out
+}
+
+fn cost_of<P: Problem>(problem: &P, state: &P::State) -> f64 {
+    let mut equations = Equations::new(0, 0, true);
+    problem.prior(state, &mut equations);
+    for block in 0..problem.blocks() {
+        problem.equations(state, block, &mut equations);
+    }
+    equations.cost()
+}
+
+/// Solves `problem` from `start`; `progress` is told the iteration and the cost.
+pub fn solve<P: Problem>(
+    problem: &P,
+    start: P::State,
+    progress: &mut dyn FnMut(usize, f64),
+) -> Result<Solution<P::State>, SolveError> {
+    let (mut state, mut damping) = (start, DAMPING.0);
+    let mut assembled = Assembled::of(problem, &state);
+    if !assembled.common.cost().is_finite() {
+        return Err(SolveError::Start);
+    }
+    let unknowns = problem.shared() + (0..problem.blocks()).map(|b| problem.own(b)).sum::<usize>();
+    let equations = assembled.common.rows;
+    if equations < unknowns {
+        return Err(SolveError::TooFew { equations, unknowns });
+    }
+    for iteration in 0..MAX_ITERATIONS {
+        let cost = assembled.common.cost;
+        progress(iteration, cost);
+        let Some((next, gained, size)) = descend(problem, &state, &assembled, &mut damping) else {
+            return finish(problem, state, &assembled, equations - unknowns, iteration);
+        };
+        state = next;
+        assembled = Assembled::of(problem, &state);
+        if gained <= COST_TOLERANCE * cost || size < STEP_TOLERANCE {
+            return finish(problem, state, &assembled, equations - unknowns, iteration + 1);
+        }
+    }
+    Err(SolveError::Endless { iterations: MAX_ITERATIONS, cost: assembled.common.cost })
+}
+
+/// The next state that costs less, what it gains, and how far it is in standard deviations of the
+/// shared unknowns; `None` where no step gains anything: at the minimum, to rounding.
+fn descend<P: Problem>(
+    problem: &P,
+    state: &P::State,
+    assembled: &Assembled,
+    damping: &mut f64,
+) -> Option<(P::State, f64, f64)> {
+    while *damping < DAMPING.2 {
+        if let Some((shared, own)) = assembled.step(*damping) {
+            let next = problem.moved(state, &shared, &own);
+            let gained = assembled.common.cost - cost_of(problem, &next);
+            if gained > 0.0 {
+                *damping = (*damping * 0.1).max(DAMPING.1);
+                return Some((next, gained, size_of(&shared, &own, assembled)));
+            }
+            if gained == 0.0 {
+                return None;
+            }
+        }
+        *damping *= 10.0;
+    }
+    None
+}
+
+fn size_of(shared: &DVector<f64>, own: &[DVector<f64>], assembled: &Assembled) -> f64 {
+    let along = |step: &DVector<f64>, information: &DMatrix<f64>| {
+        step.iter().enumerate().map(|(i, s)| s.abs() * information[(i, i)].sqrt()).fold(0.0, f64::max)
+    };
+    let blocks = own.iter().zip(&assembled.blocks).map(|(step, block)| along(step, &block.oo));
+    blocks.fold(along(shared, &assembled.common.ss), f64::max)
+}
+
+fn finish<P: Problem>(
+    problem: &P,
+    state: P::State,
+    assembled: &Assembled,
+    freedom: usize,
+    iterations: usize,
+) -> Result<Solution<P::State>, SolveError> {
+    let weak = |what: String| SolveError::Undetermined { unknown: what };
+    let blocks_fixed = assembled.blocks.iter().all(|b| b.oo.nrows() == 0 || smallest(&b.oo).0 > DETERMINED);
+    if !blocks_fixed {
+        return Err(weak("the pose of a view".into()));
+    }
+    let (schur, ..) = assembled.reduced(0.0).ok_or_else(|| weak("the pose of a view".into()))?;
+    if schur.nrows() == 0 {
+        return Ok(Solution { state, covariance: schur, cost: assembled.common.cost, freedom, iterations });
+    }
+    // Scaled by what each unknown would be known if all others were: what elimination leaves of it.
+    let full: Vec<f64> = assembled.common.ss.diagonal().iter().copied().collect();
+    let (value, worst) = smallest_scaled(&schur, &full);
+    if value < DETERMINED {
+        return Err(weak(problem.name(worst)));
+    }
+    let covariance = schur.cholesky().ok_or_else(|| weak(problem.name(worst)))?.inverse();
+    Ok(Solution { state, covariance, cost: assembled.common.cost, freedom, iterations })
+}
+
+fn smallest(matrix: &DMatrix<f64>) -> (f64, usize) {
+    let diagonal: Vec<f64> = matrix.diagonal().iter().copied().collect();
+    smallest_scaled(matrix, &diagonal)
+}
+
+/// Smallest eigenvalue of the matrix scaled by `diagonal`, and the unknown that moves most along its vector.
+fn smallest_scaled(matrix: &DMatrix<f64>, diagonal: &[f64]) -> (f64, usize) {
+    if let Some(zero) = diagonal.iter().position(|d| *d <= 0.0 || d.is_nan()) {
+        return (0.0, zero);
+    }
+    let scaled = matrix.map_with_location(|r, c, v| v / (diagonal[r] * diagonal[c]).sqrt());
+    let eigen = scaled.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    (eigen.eigenvalues[least], eigen.eigenvectors.column(least).iamax())
+}

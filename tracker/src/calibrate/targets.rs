@@ -1,0 +1,340 @@
+//! Cameras and targets: any number of cameras that look at a target of known points, in any number
+//! of views, with whatever is to be found left free.
+//!
+//! One camera and a board that is moved: the lens. Several cameras and a board: lenses and places.
+//! Several cameras and fixed dots: the places in the frame of the dots.
+
+use super::CalibrationError;
+use super::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
+use super::linear;
+use super::solve::{Column, Equations, Loss, Problem, Solution, Unknown, solve};
+use nalgebra::{
+    DVector, Isometry3, Matrix3, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
+};
+use protocol::camera::Camera;
+
+/// A point of the target and its image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Where a camera saw it, px.
+    pub pixel: Vector2<f64>,
+    /// Where it is on the target, in the target's unit (mm).
+    pub point: Point3<f64>,
+}
+
+/// What one camera saw of the target in one view.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sheet {
+    /// Name for the report: the picture's file.
+    pub name: String,
+    /// Index of the camera.
+    pub camera: usize,
+    /// Index of the view; sheets of one view saw the target in one place.
+    pub view: usize,
+    /// The points.
+    pub samples: Vec<Sample>,
+}
+
+/// What of a camera is to be found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Free {
+    /// Values of the lens, in the order of [`LENS_NAMES`].
+    pub lens: [bool; LENS],
+    /// Rotation and translation.
+    pub place: bool,
+}
+
+impl Free {
+    /// Every value of the lens.
+    pub const LENS: Free = Free { lens: [true; LENS], place: false };
+}
+
+/// Cameras and places of the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// Cameras.
+    pub cameras: Vec<Camera>,
+    /// `world_from_target` of each view.
+    pub views: Vec<Isometry3<f64>>,
+}
+
+/// The least-squares problem.
+#[derive(Debug, Clone)]
+pub struct TargetProblem<'a> {
+    /// What was seen.
+    pub sheets: &'a [Sheet],
+    /// What is free, by camera.
+    pub free: Vec<Free>,
+    /// The target's place in every view is known.
+    pub fixed_views: bool,
+    /// Number of views.
+    pub views: usize,
+    /// Standard deviation by which residuals are whitened, px.
+    pub sigma_px: f64,
+    /// Loss of the whitened residuals.
+    pub loss: Loss,
+}
+
+/// A shared unknown: camera, and which of its values (lens, then place).
+fn shared_unknowns(free: &[Free]) -> Vec<(usize, usize)> {
+    let of_camera = |(c, free): (usize, &Free)| {
+        let lens = (0..LENS).filter(|&i| free.lens[i]).collect::<Vec<_>>();
+        let place = if free.place { LENS..LENS + PLACE } else { 0..0 };
+        lens.into_iter().chain(place).map(move |i| (c, i)).collect::<Vec<_>>()
+    };
+    free.iter().enumerate().flat_map(of_camera).collect()
+}
+
+/// Names of a camera's place.
+const PLACE_NAMES: [&str; PLACE] = ["rotation x", "rotation y", "rotation z", "t x", "t y", "t z"];
+
+impl Problem for TargetProblem<'_> {
+    type State = Scene;
+
+    fn shared(&self) -> usize {
+        shared_unknowns(&self.free).len()
+    }
+
+    fn name(&self, shared: usize) -> String {
+        let (camera, value) = shared_unknowns(&self.free)[shared];
+        let name = if value < LENS { LENS_NAMES[value] } else { PLACE_NAMES[value - LENS] };
+        format!("{name} of camera {camera}")
+    }
+
+    fn blocks(&self) -> usize {
+        self.views
+    }
+
+    fn own(&self, _block: usize) -> usize {
+        if self.fixed_views { 0 } else { PLACE }
+    }
+
+    fn equations(&self, state: &Scene, block: usize, out: &mut Equations) {
+        let unknowns = shared_unknowns(&self.free);
+        let view = &state.views[block];
+        let mut columns: Vec<Column<2>> = Vec::with_capacity(LENS + 2 * PLACE);
+        for sheet in self.sheets.iter().filter(|s| s.view == block) {
+            let camera = &state.cameras[sheet.camera];
+            for sample in &sheet.samples {
+                let world = view * sample.point;
+                let p = camera.in_camera(&world);
+                let Some(image) = project(camera, &p) else { return out.refuse() };
+                let places = image.by_point * by_place(camera, &p);
+                columns.clear();
+                let mine = unknowns.iter().enumerate().filter(|(_, u)| u.0 == sheet.camera);
+                for (at, &(_, value)) in mine {
+                    let column: Vector2<f64> = if value < LENS {
+                        image.by_lens.column(value).into()
+                    } else {
+                        places.column(value - LENS).into()
+                    };
+                    columns.push((Unknown::Shared(at), column / self.sigma_px));
+                }
+                if !self.fixed_views {
+                    let by_world = image.by_point * camera.camera_from_world;
+                    let arm = world.coords - view.translation.vector;
+                    let turning = -(by_world * arm.cross_matrix());
+                    for i in 0..3 {
+                        columns.push((Unknown::Own(i), turning.column(i) / self.sigma_px));
+                        columns.push((Unknown::Own(3 + i), by_world.column(i) / self.sigma_px));
+                    }
+                }
+                out.add(&((image.pixel - sample.pixel) / self.sigma_px), &columns, self.loss);
+            }
+        }
+    }
+
+    fn moved(&self, state: &Scene, shared: &DVector<f64>, own: &[DVector<f64>]) -> Scene {
+        let mut next = state.clone();
+        let unknowns = shared_unknowns(&self.free);
+        for (c, camera) in next.cameras.iter_mut().enumerate() {
+            let (mut lens, mut place) = (lens_of(camera), SMatrix::<f64, PLACE, 1>::zeros());
+            for (&(_, value), step) in unknowns.iter().zip(shared.iter()).filter(|(u, _)| u.0 == c) {
+                if value < LENS { lens[value] += step } else { place[value - LENS] = *step }
+            }
+            set_lens(camera, &lens);
+            move_place(camera, &place);
+        }
+        if !self.fixed_views {
+            for (view, step) in next.views.iter_mut().zip(own) {
+                let [a, b, c, x, y, z] = std::array::from_fn(|i| step[i]);
+                view.rotation = UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c)) * view.rotation;
+                view.translation.vector += Vector3::new(x, y, z);
+            }
+        }
+        next
+    }
+}
+
+/// Residual of one point: where it was seen less where it should be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual {
+    /// Index of the camera.
+    pub camera: usize,
+    /// Index of the sheet (or of the instant, for a waved instrument).
+    pub sheet: usize,
+    /// Where it was seen, px.
+    pub pixel: Vector2<f64>,
+    /// Seen less computed, px.
+    pub error: Vector2<f64>,
+}
+
+/// Root mean square length of residuals, px; 0 of none.
+pub fn rms(residuals: impl Iterator<Item = Residual>) -> f64 {
+    let (sum, n) = residuals.fold((0.0, 0), |(s, n), r| (s + r.error.norm_squared(), n + 1));
+    (sum / f64::from(n.max(1))).sqrt()
+}
+
+/// Residuals of every sample.
+pub fn residuals(scene: &Scene, sheets: &[Sheet]) -> Vec<Residual> {
+    let of_sheet = |(s, sheet): (usize, &Sheet)| {
+        let camera = &scene.cameras[sheet.camera];
+        let residual = |sample: &Sample| {
+            let error = sample.pixel - camera.project(&(scene.views[sheet.view] * sample.point))?;
+            Some(Residual { camera: sheet.camera, sheet: s, pixel: sample.pixel, error })
+        };
+        sheet.samples.iter().filter_map(residual).collect::<Vec<_>>()
+    };
+    sheets.iter().enumerate().flat_map(of_sheet).collect()
+}
+
+/// A calibrated scene.
+#[derive(Debug, Clone)]
+pub struct Calibrated {
+    /// Cameras and places of the target.
+    pub scene: Scene,
+    /// Residuals of every sample.
+    pub residuals: Vec<Residual>,
+    /// Standard deviations of the nine values of each camera's lens (0: not free) and of its place.
+    pub sigmas: Vec<[f64; LENS + PLACE]>,
+    /// Root mean square length of the residuals, px.
+    pub rms_px: f64,
+    /// Standard deviation of one coordinate, from the residuals of the inliers, px.
+    pub sigma_px: f64,
+    /// Iterations of the last solve.
+    pub iterations: usize,
+}
+
+/// How to weigh residuals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Robustness {
+    /// Least squares: every point counts in full.
+    Square,
+    /// Points beyond 3 standard deviations pull with constant force (Huber).
+    Huber,
+    /// Points beyond 3 standard deviations lose their weight (Cauchy).
+    Cauchy,
+}
+
+/// Standard deviations beyond which a residual is suspect.
+const SUSPECT: f64 = 3.0;
+
+impl Robustness {
+    fn loss(self) -> Loss {
+        match self {
+            Robustness::Square => Loss::Square,
+            Robustness::Huber => Loss::Huber(SUSPECT),
+            Robustness::Cauchy => Loss::Cauchy(SUSPECT),
+        }
+    }
+}
+
+/// Standard deviation of one coordinate from the median length of residuals, which a few outliers
+/// do not move: the length of a normal 2-vector has the median σ·√(2 ln 2).
+pub fn robust_sigma(residuals: &[Residual]) -> f64 {
+    let mut lengths: Vec<f64> = residuals.iter().map(|r| r.error.norm()).collect();
+    lengths.sort_by(f64::total_cmp);
+    let median = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
+    // Exact data would otherwise divide by zero; no camera measures to 1e-6 px.
+    (median / (2.0 * std::f64::consts::LN_2).sqrt()).max(1e-6)
+}
+
+/// Solves by least squares, then again with the loss on residuals whitened by their own spread.
+pub fn calibrate(
+    mut problem: TargetProblem<'_>,
+    start: Scene,
+    robustness: Robustness,
+    progress: &mut dyn FnMut(usize, f64),
+) -> Result<Calibrated, CalibrationError> {
+    (problem.sigma_px, problem.loss) = (1.0, Loss::Square);
+    let mut solution = solve(&problem, start, progress)?;
+    if robustness != Robustness::Square {
+        // Twice: outliers widen the spread of the first.
+        for _ in 0..2 {
+            problem.sigma_px = robust_sigma(&residuals(&solution.state, problem.sheets));
+            problem.loss = robustness.loss();
+            solution = solve(&problem, solution.state, progress)?;
+        }
+    }
+    Ok(summary(&problem, solution))
+}
+
+fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated {
+    // χ² per degree of freedom tells how much larger the noise is than assumed.
+    let noise = (solution.cost / solution.freedom.max(1) as f64).sqrt();
+    let mut sigmas = vec![[0.0; LENS + PLACE]; solution.state.cameras.len()];
+    for (at, (camera, value)) in shared_unknowns(&problem.free).into_iter().enumerate() {
+        sigmas[camera][value] = noise * solution.sigma(at);
+    }
+    let residuals = residuals(&solution.state, problem.sheets);
+    Calibrated {
+        rms_px: rms(residuals.iter().copied()),
+        sigma_px: noise * problem.sigma_px,
+        sigmas,
+        residuals,
+        iterations: solution.iterations,
+        scene: solution.state,
+    }
+}
+
+/// Fewest views of a board from which a lens is calibrated; two would fix it on paper only.
+pub const FEWEST_VIEWS: usize = 3;
+
+/// A lens from views of a target: all nine values, or those that `free` names.
+pub fn lens_of_views(
+    id: u32,
+    size_px: [u32; 2],
+    sheets: &[Sheet],
+    free: Free,
+    robustness: Robustness,
+    progress: &mut dyn FnMut(usize, f64),
+) -> Result<Calibrated, CalibrationError> {
+    let all: Vec<&[Sample]> = sheets.iter().map(|s| s.samples.as_slice()).collect();
+    let plane = all.iter().map(|s| linear::plane_of(s)).collect::<Result<Vec<_>, _>>()?;
+    let in_space = plane.iter().position(Option::is_none);
+    let mut camera = match in_space {
+        Some(sheet) => linear::camera_from_dots(id, size_px, all[sheet])?,
+        None if sheets.len() < FEWEST_VIEWS => {
+            return Err(CalibrationError::TooFewViews { found: sheets.len(), needed: FEWEST_VIEWS });
+        }
+        None => linear::lens_from_planes(id, size_px, &all)?,
+    };
+    (camera.camera_from_world, camera.translation_mm) = (Matrix3::identity(), Vector3::zeros());
+    let views = all.iter().map(|s| linear::target_in_camera(&camera, s)).collect::<Result<_, _>>()?;
+    let sheets: Vec<Sheet> =
+        sheets.iter().enumerate().map(|(view, s)| Sheet { camera: 0, view, ..s.clone() }).collect();
+    let problem = TargetProblem {
+        sheets: &sheets,
+        free: vec![free],
+        fixed_views: false,
+        views: sheets.len(),
+        sigma_px: 1.0,
+        loss: Loss::Square,
+    };
+    calibrate(problem, Scene { cameras: vec![camera], views }, robustness, progress)
+}
+
+/// `camera_from_world` as an isometry.
+pub fn place_of(camera: &Camera) -> Isometry3<f64> {
+    let rotation = nalgebra::Rotation3::from_matrix_unchecked(camera.camera_from_world);
+    Isometry3::from_parts(
+        Translation3::from(camera.translation_mm),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    )
+}
+
+/// Puts a camera at a place.
+pub fn put(camera: &mut Camera, camera_from_world: &Isometry3<f64>) {
+    camera.camera_from_world = camera_from_world.rotation.to_rotation_matrix().into_inner();
+    camera.translation_mm = camera_from_world.translation.vector;
+}
