@@ -70,12 +70,10 @@ fn text(limits: &Limits, resources: &[Resource], clocks: &Clocks) -> String {
         text += &format!("{:<64} {bits:>10}\n", format!("all of kind {kind}"));
     }
     let us = |clocks: u64| clocks as f64 * 1e6 / PIXEL_CLOCK_HZ as f64;
-    let fits = if clocks.labelling_at_most <= clocks.line { "keeps up" } else { "too slow for a live camera" };
+    let fits =
+        if clocks.labelling_at_most <= clocks.line { "keeps up" } else { "too slow for a live camera" };
     text += &format!("\nclocks of 13.5 MHz\n{:<64} {:>10}\n", "a line with its blanking", clocks.line);
-    text += &format!(
-        "{:<64} {:>10}   {fits}\n",
-        "labelling of a line, at most", clocks.labelling_at_most
-    );
+    text += &format!("{:<64} {:>10}   {fits}\n", "labelling of a line, at most", clocks.labelling_at_most);
     text += &format!("{:<64} {:>10}\n", "divider, a blob", clocks.divider);
     let [least, most] = clocks.latency;
     text += &format!(

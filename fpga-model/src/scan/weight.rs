@@ -6,6 +6,10 @@ use std::ops::Range;
 
 /// How far beside a pixel its lit surface is looked for, px: across the blurred edge.
 pub const LIT_REACH: usize = 3;
+/// Pixels of a line that have to be at hand at once.
+pub const WINDOW: usize = 2 * LIT_REACH + 1;
+/// Look-up tables: name, words, bits of a word.
+pub const MEMORIES: [(&str, usize, u32); 1] = [("reciprocals of contrast", 256, u16::BITS)];
 
 /// Writes the weight (0 to [`super::limits::FULL_WEIGHT`]) of each pixel of `run` in `line` to `out`.
 /// The background there is at `background_q4` in 1/16 grey level.
