@@ -61,7 +61,8 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 	$(DEBUG) run --no-picture --direct --instance python --duration 4 --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 
-bench: setup ## Measure latency and CPU cost, without and with the picture
+bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
+	cargo bench -p fpga-model --bench scan
 	cargo build --release --workspace
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
@@ -70,6 +71,9 @@ bench: setup ## Measure latency and CPU cost, without and with the picture
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace
 	$(RELEASE) run --no-picture --instance golden --duration 2 --record tests/data/golden/peel-2s.mcap
+
+vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
+	cargo run -p fpga-model -- vectors fpga-model/vectors
 
 clean: ## Remove what was built and put out
 	cargo clean

@@ -1,10 +1,9 @@
 //! The cameras of a rig: from where everything is to the blobs of one field of each camera.
 
-use crate::colours::ColourTable;
 use crate::direct;
 use crate::motion::Motion;
 use crate::picture::{FieldPicture, Painter};
-use crate::scan::Scanner;
+use crate::scan::{Scanner, Settings};
 use crate::sight::{MarkerImage, Markers};
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
@@ -58,7 +57,8 @@ impl Cameras {
         }
         let pixels = |size_px: [u32; 2]| {
             let picture = FieldPicture::new(size_px);
-            let scanner = Scanner::new(ColourTable::default(), picture.width, picture.height);
+            let settings = Settings::for_sensor(picture.width, picture.height);
+            let scanner = Scanner::new(settings, picture.width, picture.height);
             (Painter::new(size_px, seed), picture, scanner)
         };
         let sensor = |camera: Camera| Sensor {

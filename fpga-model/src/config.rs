@@ -1,5 +1,6 @@
 //! Arguments of `vitreo-fpga-model`.
 
+use crate::commands::Command;
 use protocol::scene_file::DEFAULT_SCENE;
 use protocol::shell::ShellArgs;
 use std::path::PathBuf;
@@ -10,7 +11,11 @@ const MAX_LATE_MS: f64 = 500.0;
 /// The virtual camera hardware: motion, cameras, blobs.
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-fpga-model", version)]
+#[command(args_conflicts_with_subcommands = true)]
 pub struct Config {
+    /// Something else than running as a process.
+    #[command(subcommand)]
+    pub command: Option<Command>,
     /// What every process takes.
     #[command(flatten)]
     pub shell: ShellArgs,

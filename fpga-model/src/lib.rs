@@ -4,15 +4,20 @@
 //! coloured markers ([`sight`]) in interlaced fields ([`picture`]), from which blobs are extracted line by
 //! line as the hardware does it ([`scan`], [`colours`]). Instead of pixels, blobs can be made straight from
 //! the markers ([`direct`]) or come from a recorded stream ([`stream`]). Only [`process`] knows the clock
-//! and the channels.
+//! and the channels. The sub-commands ([`commands`]) run the same extraction over pictures and clips from
+//! elsewhere ([`input`]).
 
 pub mod cameras;
 pub mod colours;
+pub mod commands;
 pub mod config;
 pub mod direct;
+pub mod hardware;
+pub mod input;
 pub mod motion;
 pub mod picture;
 pub mod process;
 pub mod scan;
 pub mod sight;
 pub mod stream;
+pub mod vectors;

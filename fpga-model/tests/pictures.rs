@@ -2,9 +2,8 @@
 //! The pictures lie beside the data that `VITREO_DATA` names; without them the test says so and passes.
 
 use bytemuck::Zeroable;
-use fpga_model::colours::ColourTable;
 use fpga_model::picture::FieldPicture;
-use fpga_model::scan::Scanner;
+use fpga_model::scan::{Scanner, Settings};
 use protocol::blobs::{BLOB_MERGED, BlobField};
 use serde_json::Value;
 use std::collections::HashMap;
@@ -108,7 +107,7 @@ fn foreign_pal_pictures_give_their_markers() {
         .collect();
     let pictures: Vec<_> = (0..3).map(|cam| fields(&folder.join(format!("cam{cam}.y4m")))).collect();
     let mut next = [0; 3];
-    let mut scanner = Scanner::new(ColourTable::default(), 720, 288);
+    let mut scanner = Scanner::new(Settings::default(), 720, 288);
     let mut score = Score::default();
     for field in lines(&folder.join("fields.jsonl")) {
         let (cam, seq) = (field["cam"].as_u64().unwrap(), field["seq"].as_u64().unwrap());

@@ -1,7 +1,11 @@
 //! The command line: one sub-command a module.
 
+use crate::forward::{self, ForwardArgs};
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+
+/// The binary of the camera hardware.
+const CAMERA: &str = "vitreo-fpga-model";
 
 /// A real-time simulator for training surgery inside the eye.
 #[derive(Debug, Parser)]
@@ -29,6 +33,14 @@ pub enum Command {
     Info(crate::info::InfoArgs),
     /// Show the way of one field through all instants.
     Trace(crate::trace::TraceArgs),
+    /// Find the blobs in pictures and clips.
+    Blobs(ForwardArgs),
+    /// Learn, show and check the camera's colour classes.
+    Colours(ForwardArgs),
+    /// Print the registers and memories of the camera hardware.
+    Hardware(ForwardArgs),
+    /// Write or replay the test vectors of the camera hardware.
+    Vectors(ForwardArgs),
     /// Say what this machine has and lacks.
     Doctor(crate::doctor::DoctorArgs),
 }
@@ -43,6 +55,10 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Recover(args) => crate::recover::run(args),
         Command::Info(args) => crate::info::run(args),
         Command::Trace(args) => crate::trace::run(args),
+        Command::Blobs(args) => forward::to(CAMERA, "blobs", args),
+        Command::Colours(args) => forward::to(CAMERA, "colours", args),
+        Command::Hardware(args) => forward::to(CAMERA, "hardware", args),
+        Command::Vectors(args) => forward::to(CAMERA, "vectors", args),
         Command::Doctor(args) => crate::doctor::run(args),
     }
 }

@@ -7,6 +7,7 @@ pub mod cli;
 pub mod doctor;
 pub mod exit;
 pub mod export;
+pub mod forward;
 pub mod import;
 pub mod info;
 pub mod machine;

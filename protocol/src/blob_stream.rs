@@ -3,7 +3,9 @@
 //!
 //! `t_ns` is mid-exposure and becomes `exposed_ns`; `t_rx_ns` is when the field was received and
 //! becomes `blobs_out_ns`; `x y` are px of the frame's columns and lines of the field. A blob may carry
-//! `var_x`, `var_y`, `cov_xy` (px² of the frame) and `flags`. Unknown keys are refused.
+//! `var_x`, `var_y`, `cov_xy` (px² of the frame) and `flags`. Unknown keys are refused. A file may hold more
+//! blobs a field than a [`BlobField`] ([`write_blobs`]), and lines without any, which only tell when which
+//! field was exposed ([`HeadReader`]).
 
 use crate::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
 use crate::limits::MAX_CAMERAS;
@@ -37,6 +39,34 @@ pub enum BlobStreamError {
         /// What was expected and what was found.
         problem: String,
     },
+}
+
+/// Which camera-field it is and when it was exposed: a line without its blobs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FieldHead {
+    /// Camera id.
+    pub cam: u32,
+    /// Field number of this camera.
+    pub seq: u64,
+    /// Middle of the exposure.
+    pub t_ns: u64,
+    /// When it was received.
+    pub t_rx_ns: u64,
+    /// 0: even lines of the frame, 1: odd lines.
+    pub parity: u32,
+}
+
+/// A line of which the blobs, if there are any, are passed over.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct HeadLine {
+    cam: u32,
+    seq: u64,
+    t_ns: u64,
+    t_rx_ns: u64,
+    parity: u32,
+    #[serde(default, rename = "blobs")]
+    _blobs: serde::de::IgnoredAny,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -127,28 +157,40 @@ impl BlobLine {
 pub fn parse_line(text: &str, file: &str, line_no: u64) -> Result<BlobField, BlobStreamError> {
     let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line: line_no, problem };
     let line: FieldLine = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
-    let value = |key: &str, expected: &str, found: f64| {
-        Err(refuse(format!("{key}: expected {expected}, found {found}")))
-    };
-    if line.cam as usize >= MAX_CAMERAS {
-        return value("cam", "0 to 7", f64::from(line.cam));
-    }
-    if line.parity > 1 {
-        return value("parity", "0 or 1", f64::from(line.parity));
-    }
-    if line.t_ns == 0 {
-        return value("t_ns", "an instant above 0", 0.0);
-    }
+    let FieldLine { cam, seq, t_ns, t_rx_ns, parity, .. } = line;
+    check_head(&FieldHead { cam, seq, t_ns, t_rx_ns, parity }).map_err(refuse)?;
     let mut field = BlobField::zeroed();
     (field.camera, field.field, field.parity) = (line.cam, line.seq, line.parity);
     (field.exposed_ns, field.blobs_out_ns) = (line.t_ns, line.t_rx_ns);
     for (i, blob) in line.blobs.iter().enumerate() {
         if let Some((key, expected, found)) = blob.defect() {
-            return value(&format!("blobs[{i}].{key}"), expected, found);
+            return Err(refuse(format!("blobs[{i}].{key}: expected {expected}, found {found}")));
         }
         field.push(blob.blob());
     }
     Ok(field)
+}
+
+/// What is wrong with a line's own numbers.
+fn check_head(head: &FieldHead) -> Result<(), String> {
+    let defect = [
+        (head.cam as usize >= MAX_CAMERAS, "cam", "0 to 7", u64::from(head.cam)),
+        (head.parity > 1, "parity", "0 or 1", u64::from(head.parity)),
+        (head.t_ns == 0, "t_ns", "an instant above 0", 0),
+    ];
+    match defect.into_iter().find(|d| d.0) {
+        Some((_, key, expected, found)) => Err(format!("{key}: expected {expected}, found {found}")),
+        None => Ok(()),
+    }
+}
+
+/// Parses which field a line belongs to; its blobs, if there are any, are passed over.
+pub fn parse_head(text: &str, file: &str, line_no: u64) -> Result<FieldHead, BlobStreamError> {
+    let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line: line_no, problem };
+    let line: HeadLine = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
+    let HeadLine { cam, seq, t_ns, t_rx_ns, parity, .. } = line;
+    let head = FieldHead { cam, seq, t_ns, t_rx_ns, parity };
+    check_head(&head).map_err(refuse).map(|()| head)
 }
 
 /// The parser counts lines of its own text, which is always the first; only the column helps.
@@ -162,24 +204,31 @@ fn in_columns(error: &serde_json::Error) -> String {
 /// for `read_out_ns` and the count of blobs left out. Blobs of no known colour or with numbers that
 /// are not finite (neither passes validation) are left away.
 pub fn write_line(field: &BlobField) -> String {
-    let finite = |b: &&Blob| {
-        let numbers = [b.x_px, b.y_field_px, b.area_px, b.width_px, b.height_px];
-        let variances = [b.var_x_px2, b.var_y_px2, b.cov_xy_px2];
-        crate::message::all_finite(&numbers) && crate::message::all_finite(&variances)
-    };
-    let line = FieldLine {
+    let head = FieldHead {
         cam: field.camera,
         seq: field.field,
         t_ns: field.exposed_ns,
         t_rx_ns: field.blobs_out_ns,
         parity: field.parity,
-        blobs: field.blobs().iter().filter(finite).filter_map(BlobLine::from_blob).collect(),
     };
+    write_blobs(&head, field.blobs())
+}
+
+/// As [`write_line`], for any number of blobs: the capacity of a [`BlobField`] binds the wire, not files.
+pub fn write_blobs(head: &FieldHead, blobs: &[Blob]) -> String {
+    let finite = |b: &&Blob| {
+        let numbers = [b.x_px, b.y_field_px, b.area_px, b.width_px, b.height_px];
+        let variances = [b.var_x_px2, b.var_y_px2, b.cov_xy_px2];
+        crate::message::all_finite(&numbers) && crate::message::all_finite(&variances)
+    };
+    let FieldHead { cam, seq, t_ns, t_rx_ns, parity } = *head;
+    let blobs = blobs.iter().filter(finite).filter_map(BlobLine::from_blob).collect();
+    let line = FieldLine { cam, seq, t_ns, t_rx_ns, parity, blobs };
     serde_json::to_string(&line).expect("numbers and names only")
 }
 
-/// Reads a blob stream field by field; blank lines are passed over.
-pub struct BlobReader {
+/// The lines of a stream that are not blank, one after the other.
+struct Lines {
     file: String,
     lines: BufReader<File>,
     text: String,
@@ -187,13 +236,12 @@ pub struct BlobReader {
     ended: bool,
 }
 
-impl BlobReader {
-    /// Opens a stream.
-    pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
+impl Lines {
+    fn open(path: &Path) -> Result<Self, BlobStreamError> {
         let file = path.display().to_string();
         let opened =
             File::open(path).map_err(|source| BlobStreamError::Read { file: file.clone(), source })?;
-        Ok(BlobReader { file, lines: BufReader::new(opened), text: String::new(), line_no: 0, ended: false })
+        Ok(Lines { file, lines: BufReader::new(opened), text: String::new(), line_no: 0, ended: false })
     }
 
     /// Fills `text` with the next line; false at the end of the file.
@@ -208,12 +256,12 @@ impl BlobReader {
         }
         Ok(bytes > 0)
     }
-}
 
-impl Iterator for BlobReader {
-    type Item = Result<BlobField, BlobStreamError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
+    /// The next line as `parse` understands it; `None` at the end and after the file could not be read.
+    fn next_as<T>(
+        &mut self,
+        parse: impl Fn(&str, &str, u64) -> Result<T, BlobStreamError>,
+    ) -> Option<Result<T, BlobStreamError>> {
         while !self.ended {
             match self.read() {
                 Err(error) => {
@@ -222,10 +270,51 @@ impl Iterator for BlobReader {
                 }
                 Ok(false) => self.ended = true,
                 Ok(true) if self.text.trim().is_empty() => {}
-                Ok(true) => return Some(parse_line(self.text.trim(), &self.file, self.line_no)),
+                Ok(true) => return Some(parse(self.text.trim(), &self.file, self.line_no)),
             }
         }
         None
+    }
+}
+
+/// Reads a blob stream field by field; blank lines are passed over.
+pub struct BlobReader(Lines);
+
+impl BlobReader {
+    /// Opens a stream.
+    pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
+        Lines::open(path).map(BlobReader)
+    }
+}
+
+impl Iterator for BlobReader {
+    type Item = Result<BlobField, BlobStreamError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.0.next_as(parse_line)
+    }
+}
+
+/// Reads which fields there are (`fields.jsonl`, or a blob stream); blank lines are passed over.
+pub struct HeadReader(Lines);
+
+impl HeadReader {
+    /// Opens a list of fields.
+    pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
+        Lines::open(path).map(HeadReader)
+    }
+
+    /// Number of the line that was read last, from 1.
+    pub fn line_no(&self) -> u64 {
+        self.0.line_no
+    }
+}
+
+impl Iterator for HeadReader {
+    type Item = Result<FieldHead, BlobStreamError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.0.next_as(parse_head)
     }
 }
 
@@ -279,6 +368,23 @@ mod tests {
         let text = format!(r#"{{"cam":0,"seq":0,"t_ns":1,"t_rx_ns":2,"parity":0,"blobs":[{blobs}]}}"#);
         let field = parse_line(&text, "b.jsonl", 1).unwrap();
         assert_eq!((field.count as usize, field.blobs_left_out as usize), (MAX_BLOBS, 10_000 - MAX_BLOBS));
+    }
+
+    #[test]
+    fn a_file_holds_more_blobs_than_a_block_and_lines_without_any() {
+        let blob = parse_line(LINE, "b.jsonl", 1).unwrap().blobs()[0];
+        let head = parse_head(LINE, "b.jsonl", 1).unwrap();
+        assert_eq!((head.cam, head.seq, head.t_ns, head.parity), (1, 7, 48_051_108, 1));
+        let line = write_blobs(&head, &[blob; 100]);
+        assert_eq!(parse_line(&line, "b.jsonl", 1).unwrap().blobs_left_out, 100 - MAX_BLOBS as u32);
+        let bare = r#"{"cam":1,"seq":7,"t_ns":48051108,"t_rx_ns":72069517,"parity":1}"#;
+        assert_eq!(parse_head(bare, "f.jsonl", 1).unwrap(), head);
+        for (from, to, named) in
+            [("1}", "3}", "parity"), ("1}", "1,\"x\":2}", "`x`"), ("\"seq\":7,", "", "`seq`")]
+        {
+            let error = parse_head(&bare.replace(from, to), "f.jsonl", 9).unwrap_err().to_string();
+            assert!(error.contains("f.jsonl, line 9") && error.contains(named), "{error}");
+        }
     }
 
     #[test]

@@ -1,10 +1,9 @@
-//! Runs: neighbouring bright pixels of one colour in one line.
+//! Runs: neighbouring pixels of one line that stand out from the background and have one colour.
 
-use crate::colours::{ColourTable, LOW, UNSURE, WHITE_FROM};
+use crate::colours::{ColourTable, UNSURE};
 use protocol::blobs::Colour;
+use std::ops::Range;
 
-/// Runs held for one line; more are counted as lost. The shipped rig shows 14 markers.
-pub const MAX_RUNS: usize = 128;
 /// Luma is looked at in groups of this many pixels, which the compiler turns into one comparison.
 const GROUP: usize = 16;
 
@@ -17,65 +16,77 @@ pub struct Run {
     pub end: u16,
     /// Colour class.
     pub class: u8,
-    /// Component it belongs to, once known.
-    pub label: u8,
 }
 
-/// The runs of a line, from left to right.
+/// The runs of a line, from left to right, and the label of each.
 #[derive(Debug, Clone)]
 pub struct Runs {
-    runs: [Run; MAX_RUNS],
-    count: usize,
+    runs: Vec<Run>,
+    /// One a run; beside the runs, because uniting components rewrites labels only.
+    labels: Vec<u16>,
+    capacity: usize,
     /// Runs that found no room, since the beginning of the field.
     pub lost: u32,
 }
 
-impl Default for Runs {
-    fn default() -> Self {
-        Runs { runs: [Run::default(); MAX_RUNS], count: 0, lost: 0 }
-    }
-}
+/// The label of a run that has none.
+pub const NO_LABEL: u16 = u16::MAX;
 
 impl Runs {
+    /// Room for `capacity` runs.
+    pub fn new(capacity: usize) -> Self {
+        let (runs, labels) = (Vec::with_capacity(capacity), Vec::with_capacity(capacity));
+        Runs { runs, labels, capacity, lost: 0 }
+    }
+
     /// Forgets the runs, not the count of lost ones.
     pub fn clear(&mut self) {
-        self.count = 0;
+        self.runs.clear();
+        self.labels.clear();
     }
 
     /// The runs.
     pub fn all(&self) -> &[Run] {
-        &self.runs[..self.count]
+        &self.runs
     }
 
-    /// The runs, to be labelled.
-    pub fn all_mut(&mut self) -> &mut [Run] {
-        &mut self.runs[..self.count]
+    /// The labels, one a run; [`NO_LABEL`] until it is set.
+    pub fn labels(&self) -> &[u16] {
+        &self.labels
     }
 
-    /// Finds the runs of a line.
-    pub fn find(&mut self, table: &ColourTable, luma: &[u8], blue: &[u8], red: &[u8]) {
-        self.clear();
-        let mut x = 0;
-        while let Some(start) = next_bright(luma, x) {
-            let end = luma[start..].iter().position(|&v| v < LOW).map_or(luma.len(), |n| start + n);
-            self.split(table, luma, blue, red, start..end);
-            x = end;
+    /// Gives run `i` its label.
+    pub fn set_label(&mut self, i: usize, label: u16) {
+        self.labels[i] = label;
+    }
+
+    /// Gives all runs of label `from` the label `to`.
+    pub fn relabel(&mut self, from: u16, to: u16) {
+        for label in &mut self.labels {
+            *label = if *label == from { to } else { *label };
         }
     }
 
-    /// Cuts a bright stretch where the colour changes; unsure pixels belong to what is left of them,
-    /// or, at the beginning, to what follows.
-    fn split(
-        &mut self,
-        table: &ColourTable,
-        luma: &[u8],
-        blue: &[u8],
-        red: &[u8],
-        stretch: std::ops::Range<usize>,
-    ) {
-        let mut run = Run { start: stretch.start as u16, ..Run::default() };
-        let mut brightest = 0;
-        for x in stretch.clone() {
+    /// Finds the runs of a line: `foreground[x]` is the least luma of a pixel that stands out there.
+    pub fn find(&mut self, table: &ColourTable, foreground: &[u8], luma: &[u8], chroma: [&[u8]; 2]) {
+        self.clear();
+        let mut x = 0;
+        while let Some(start) = next_bright(luma, foreground, x) {
+            let rest = luma[start..].iter().zip(&foreground[start..]);
+            let length = rest.take_while(|(v, least)| v >= least).count();
+            self.split(table, chroma, start..start + length);
+            x = start + length;
+        }
+    }
+
+    /// Cuts a bright stretch where the colour changes. Pixels without a sure colour belong to what is
+    /// left of them, or, at the beginning, to what follows; a stretch without any is white, and its
+    /// component has to be as bright as white is (`Settings::high`).
+    fn split(&mut self, table: &ColourTable, [blue, red]: [&[u8]; 2], stretch: Range<usize>) {
+        let mut run = Run { start: stretch.start as u16, end: stretch.end as u16, class: UNSURE };
+        // A chroma sample serves two pixels: it is looked up once.
+        let mut x = stretch.start;
+        while x < stretch.end {
             let class = table.class(blue[x / 2], red[x / 2]);
             if class != UNSURE && class != run.class {
                 if run.class != UNSURE {
@@ -84,35 +95,37 @@ impl Runs {
                 }
                 run.class = class;
             }
-            brightest = brightest.max(luma[x]);
+            x = (x / 2 + 1) * 2;
         }
-        run.end = stretch.end as u16;
-        if run.class == UNSURE && brightest >= WHITE_FROM {
+        if run.class == UNSURE {
             run.class = Colour::White as u8;
         }
-        if run.class != UNSURE {
-            self.push(run);
-        }
+        self.push(run);
     }
 
     fn push(&mut self, run: Run) {
-        if self.count < MAX_RUNS {
-            self.runs[self.count] = run;
-            self.count += 1;
+        if self.runs.len() < self.capacity {
+            self.runs.push(run);
+            self.labels.push(NO_LABEL);
         } else {
             self.lost = self.lost.saturating_add(1);
         }
     }
 }
 
-/// First column from `x` on that is not dark.
-fn next_bright(luma: &[u8], x: usize) -> Option<usize> {
-    let rest = luma.get(x..)?;
-    let (groups, tail) = rest.as_chunks::<GROUP>();
-    let dark = groups.iter().take_while(|g| g.iter().fold(0, |m, &v| m.max(v)) < LOW).count();
+/// First column from `x` on that stands out.
+fn next_bright(luma: &[u8], foreground: &[u8], x: usize) -> Option<usize> {
+    let (luma, foreground) = (luma.get(x..)?, foreground.get(x..)?);
+    let (groups, _) = luma.as_chunks::<GROUP>();
+    let (least, _) = foreground.as_chunks::<GROUP>();
+    let stands_out = |(group, least): (&[u8; GROUP], &[u8; GROUP])| {
+        group.iter().zip(least).fold(0, |any, (v, l)| any | u8::from(v >= l)) != 0
+    };
+    let dark = groups.iter().zip(least).take_while(|&pair| !stands_out(pair)).count();
     let from = dark * GROUP;
-    let within = groups.get(dark).map_or(tail, |g| &g[..]);
-    within.iter().position(|&v| v >= LOW).map(|n| x + from + n)
+    let rest = luma[from..].iter().zip(&foreground[from..]);
+    let found = rest.take(GROUP).position(|(v, l)| v >= l);
+    found.map(|n| x + from + n)
 }
 
 #[cfg(test)]
@@ -125,8 +138,9 @@ mod tests {
         let pixel = |c: &Option<Colour>| c.map_or([DARK, 128, 128], reference);
         let luma: Vec<u8> = line.iter().map(|c| pixel(c)[0]).collect();
         let half = |k: usize| line.iter().step_by(2).map(|c| pixel(c)[k]).collect::<Vec<u8>>();
-        let mut runs = Runs::default();
-        runs.find(&ColourTable::default(), &luma, &half(1), &half(2));
+        let mut runs = Runs::new(128);
+        let foreground = vec![DARK + 16; luma.len()];
+        runs.find(&ColourTable::default(), &foreground, &luma, [&half(1), &half(2)]);
         runs.all().iter().map(|r| (r.start, r.end, r.class)).collect()
     }
 
@@ -139,17 +153,26 @@ mod tests {
         line[30..40].fill(Some(Blue));
         line[50..56].fill(Some(White));
         line[60..].fill(Some(Red));
-        let expected = [(4, 9, Red), (20, 30, Green), (30, 40, Blue), (50, 56, White), (60, 64, Red)];
-        let mut expected: Vec<_> = expected.map(|(a, b, c)| (a, b, c as u8)).to_vec();
-        expected[0].0 = 3;
-        assert_eq!(runs_of(&line), expected);
+        let expected = [(3, 9, Red), (20, 30, Green), (30, 40, Blue), (50, 56, White), (60, 64, Red)];
+        assert_eq!(runs_of(&line), expected.map(|(a, b, c)| (a, b, c as u8)).to_vec());
+    }
+
+    #[test]
+    fn runs_beyond_the_table_are_counted() {
+        let luma: Vec<u8> = (0..64).map(|x| if x % 2 == 0 { 200 } else { 0 }).collect();
+        let mut runs = Runs::new(5);
+        runs.find(&ColourTable::default(), &[46; 64], &luma, [&[128; 32], &[128; 32]]);
+        assert_eq!((runs.all().len(), runs.lost), (5, 27));
     }
 
     proptest! {
         #[test]
-        fn bright_pixels_are_found_one_by_one(luma in prop::collection::vec(any::<u8>(), 0..100), x in 0usize..110) {
-            let expected = (x..luma.len()).find(|&i| luma[i] >= LOW);
-            prop_assert_eq!(next_bright(&luma, x), expected);
+        fn bright_pixels_are_found_one_by_one(
+            pixels in prop::collection::vec(any::<(u8, u8)>(), 0..100), x in 0usize..110,
+        ) {
+            let (luma, least): (Vec<u8>, Vec<u8>) = pixels.into_iter().unzip();
+            let expected = (x..luma.len()).find(|&i| luma[i] >= least[i]);
+            prop_assert_eq!(next_bright(&luma, &least, x), expected);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Tests of the extractor: against a flood fill, against ideal centres, against rubbish.
 
 use super::*;
-use crate::colours::{DARK, LOW, reference};
+use crate::colours::{DARK, reference};
 use crate::motion::MotionSource;
 use crate::picture::Painter;
 use crate::sight::{MarkerImage, Markers};
@@ -17,7 +17,7 @@ use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 fn scan(picture: &FieldPicture) -> BlobField {
     let mut out = BlobField::zeroed();
     out.exposed_ns = 1;
-    Scanner::new(ColourTable::default(), picture.width, picture.height).scan(picture, &mut out);
+    Scanner::new(Settings::default(), picture.width, picture.height).scan(picture, &mut out);
     out
 }
 
@@ -70,13 +70,13 @@ fn diagonal_neighbours_touch_and_colours_do_not_mix() {
 #[test]
 fn blobs_come_as_soon_as_their_last_line_has_passed() {
     let picture = field_of(&["rrr..", "rrr..", ".....", "...gg", "...gg", "...gg", "....."]);
-    let mut scanner = Scanner::new(ColourTable::default(), picture.width, picture.height);
+    let mut scanner = Scanner::new(Settings::default(), picture.width, picture.height);
     let mut out = BlobField::zeroed();
     scanner.begin();
     let mut counts = Vec::new();
     for y in 0..picture.height {
         let (luma, blue, red) = picture.line(y);
-        scanner.line(luma, blue, red, &mut out);
+        scanner.line(luma, blue, red, &mut |found| found.blobs().for_each(|blob| out.push(blob)));
         counts.push(out.count);
     }
     assert_eq!(counts, [0, 0, 1, 1, 1, 1, 2]);
@@ -89,7 +89,7 @@ fn what_finds_no_room_is_counted() {
     let rows: Vec<&str> = vec![&row; 8];
     let field = scan(&field_of(&rows));
     assert_eq!(field.count as usize, MAX_BLOBS);
-    assert_eq!(field.blobs_left_out as usize, (LABELS - MAX_BLOBS) + 2 * 8);
+    assert_eq!(field.blobs_left_out as usize, (CAMERA.labels - MAX_BLOBS) + 2 * 8);
 }
 
 /// Every marker of a rig drawn and extracted, over many fields: errors against the ideal centre, px of
@@ -180,7 +180,7 @@ fn flooded(picture: &FieldPicture) -> Vec<(u32, f64)> {
     let (w, h) = (picture.width as i32, picture.height as i32);
     let class = |x: i32, y: i32| {
         let (luma, blue, red) = picture.line(y as usize);
-        if luma[x as usize] < LOW { 0 } else { table.class(blue[x as usize / 2], red[x as usize / 2]) }
+        if luma[x as usize] < DARK + LOW { 0 } else { table.class(blue[x as usize / 2], red[x as usize / 2]) }
     };
     let mut done = vec![false; (w * h) as usize];
     let mut all = Vec::new();

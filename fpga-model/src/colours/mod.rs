@@ -3,6 +3,8 @@
 //! Luma gives positions, chroma gives classes, because PAL chroma is band-limited and its edges are
 //! blurred over several pixels. Samples are 8-bit YCbCr (ITU-R BT.601).
 
+pub mod convert;
+
 use protocol::blobs::Colour;
 
 /// Luma of the unlit inside of the mechanical eye.
@@ -46,6 +48,8 @@ pub const WHITE_FROM: u8 = 150;
 const CHROMA_BITS: u32 = 6;
 const SHIFT: u32 = 8 - CHROMA_BITS;
 const SIDE: usize = 1 << CHROMA_BITS;
+/// Words of the table of classes.
+pub const TABLE_DEPTH: usize = SIDE * SIDE;
 /// Classes, with [`UNSURE`] as class 0.
 pub const CLASSES: usize = 8;
 

@@ -1,0 +1,28 @@
+//! Sub-commands: what the camera hardware does beside running as a process.
+//!
+//! `vitreo blobs …` is `vitreo-fpga-model blobs …`, and so on for each of them.
+
+pub mod blobs;
+pub mod hardware;
+pub mod progress;
+pub mod vectors;
+
+/// The sub-commands, one a module.
+#[derive(Debug, Clone, clap::Subcommand)]
+pub enum Command {
+    /// Find the blobs in pictures and clips.
+    Blobs(Box<blobs::BlobsArgs>),
+    /// Show the registers, memories and clocks of the extractor.
+    Hardware(hardware::HardwareArgs),
+    /// Write the test vectors for a hardware description.
+    Vectors(vectors::VectorsArgs),
+}
+
+/// Runs one.
+pub fn run(command: &Command) -> anyhow::Result<()> {
+    match command {
+        Command::Blobs(args) => blobs::run(args),
+        Command::Hardware(args) => hardware::run(args),
+        Command::Vectors(args) => vectors::run(args),
+    }
+}

@@ -1,0 +1,152 @@
+//! What the extractor costs in hardware: registers and memories in bits, clocks per line and per blob.
+//!
+//! Everything is computed from the constants that the extractor itself runs with
+//! ([`crate::scan::limits`]); nothing is written down twice.
+
+use crate::colours;
+use crate::scan::background::{LEVEL_WIDTH, blocks_along};
+use crate::scan::limits::{DIVIDER_CLOCKS, LINE_CLOCKS, Limits, RUN_CLOCKS, UNION_CLOCKS, Widths, bits};
+use crate::scan::weight;
+
+/// Bits of a colour class.
+const CLASS_BITS: u32 = bits(colours::CLASSES as u128 - 1);
+/// Bits of a luma sample.
+const LUMA_BITS: u32 = 8;
+
+/// One register or memory.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Resource {
+    /// What it is for.
+    pub name: &'static str,
+    /// `register`: all words at once; `memory`: one word a clock.
+    pub kind: &'static str,
+    /// Words.
+    pub depth: usize,
+    /// Bits of a word.
+    pub width: u32,
+}
+
+impl Resource {
+    /// Bits in all.
+    pub fn bits(&self) -> u64 {
+        self.depth as u64 * u64::from(self.width)
+    }
+}
+
+/// Bits of the moments of a component or of a run: weights, and 10 sums.
+fn moment_bits(w: &Widths) -> u32 {
+    w.w + w.wx + w.wy + w.wxx + w.wxy + w.wyy + w.wxxx + w.wxxy + w.wxyy + w.wyyy
+}
+
+/// Bits of everything that is kept of a component.
+fn component_bits(w: &Widths) -> u32 {
+    let counts = 3 * w.area;
+    let boxes = 2 * (2 * w.x + 2 * w.y);
+    moment_bits(w) + counts + 2 * LUMA_BITS + CLASS_BITS + boxes + w.x
+}
+
+/// Bits of the sums along one run: those without y, which are the same for all its pixels.
+fn run_sum_bits(limits: &Limits) -> u32 {
+    let line = Limits { lines: 1, ..*limits }.widths();
+    line.w + line.wx + line.wxx + line.wxxx + 3 * line.area + 2 * LUMA_BITS + 2 * line.x
+}
+
+/// All registers and memories of one camera.
+pub fn resources(limits: &Limits) -> Vec<Resource> {
+    let widths = limits.widths();
+    let run = 2 * widths.x + CLASS_BITS;
+    let blocks = blocks_along(limits.width, 0) * blocks_along(limits.lines, 1);
+    let register = |name, depth, width| Resource { name, kind: "register", depth, width };
+    let memory = |name, depth, width| Resource { name, kind: "memory", depth, width };
+    let mut all = vec![
+        memory("colour classes", colours::TABLE_DEPTH, CLASS_BITS),
+        memory("background levels", blocks, LEVEL_WIDTH),
+    ];
+    all.extend(weight::MEMORIES.iter().map(|&(name, depth, width)| memory(name, depth, width)));
+    all.extend([
+        register("column and line counter", 1, widths.x + widths.y),
+        register("luma around a pixel", weight::WINDOW, LUMA_BITS),
+        memory("runs being read", limits.runs, run + run_sum_bits(limits)),
+        memory("runs being labelled", limits.runs, run + run_sum_bits(limits)),
+        memory("runs of the line before", limits.runs, run),
+        register("labels of both lines' runs", 2 * limits.runs, widths.label + 1),
+        register("labels in use", limits.labels, 1),
+        memory("components", limits.labels, component_bits(&widths)),
+        memory("components that wait for the divider", limits.blobs, component_bits(&widths)),
+        register("divider", 1, 3 * u32::BITS),
+        register("counts of what was lost", 4, u32::BITS),
+    ]);
+    all
+}
+
+/// Clocks, computed and bounded.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct Clocks {
+    /// Pixel clocks of a line, blanking included.
+    pub line: u64,
+    /// At most that many to label the runs of a line and look for complete components.
+    pub labelling_at_most: u64,
+    /// For one blob in the divider.
+    pub divider: u64,
+    /// From the last pixel of a blob to its leaving, if no other blob waits and its line's neighbours
+    /// need the most labelling; the least and the most.
+    pub latency: [u64; 2],
+}
+
+/// The clocks of one camera.
+pub fn clocks(limits: &Limits) -> Clocks {
+    let labelling = limits.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + limits.labels as u64;
+    // A blob's last line is followed by one without it, which is labelled while the next is read. Its
+    // last pixel may have been the last or the first of its line.
+    let wait = |from_last_pixel: u64| from_last_pixel + LINE_CLOCKS + DIVIDER_CLOCKS;
+    Clocks {
+        line: LINE_CLOCKS,
+        labelling_at_most: labelling,
+        divider: DIVIDER_CLOCKS,
+        latency: [
+            wait(LINE_CLOCKS - limits.width as u64 + 1) + 1,
+            wait(LINE_CLOCKS) + limits.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + limits.labels as u64,
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scan::Scanner;
+    use crate::scan::limits::{CAMERA, PICTURE};
+    use crate::vectors::patterns;
+
+    #[test]
+    fn every_resource_has_a_size_and_the_camera_is_small() {
+        for limits in [CAMERA, PICTURE] {
+            assert!(resources(&limits).iter().all(|r| r.bits() > 0));
+        }
+        let total: u64 = resources(&CAMERA).iter().map(Resource::bits).sum();
+        // Three cameras in the block memory of a small FPGA (Artix-7 35T: 1,800 kbit).
+        assert!(3 * total < 1_800_000, "{total} bits");
+    }
+
+    #[test]
+    fn blobs_leave_within_the_stated_clocks() {
+        let clocks = clocks(&CAMERA);
+        for pattern in patterns::all().iter().filter(|p| p.settings.limits == CAMERA) {
+            let picture = &pattern.picture;
+            let mut scanner = Scanner::new(pattern.settings.clone(), picture.width, picture.height);
+            let mut latencies = Vec::new();
+            let mut note = |found: crate::scan::Found| latencies.push(found.latency_clocks);
+            scanner.begin();
+            for y in 0..picture.height {
+                let (luma, blue, red) = picture.line(y);
+                scanner.line(luma, blue, red, &mut note);
+            }
+            scanner.end(&mut note);
+            let waiting = latencies.len() as u64 * clocks.divider;
+            for latency in latencies {
+                // A field cut by its end is complete a line earlier.
+                assert!(latency + clocks.line >= clocks.latency[0], "{}: {latency}", pattern.name);
+                assert!(latency <= clocks.latency[1] + waiting, "{}: {latency}", pattern.name);
+            }
+        }
+    }
+}

@@ -1,0 +1,197 @@
+//! Real pictures as the scanner takes them: lines of YCbCr 4:2:2 in the studio range.
+//!
+//! A picture comes from a still image ([`still`]) or a clip ([`y4m`]); [`source`] puts
+//! pictures in their order and gives them their numbers and instants. One picture at a time is held, never a
+//! clip. Whatever a header claims, memory grows only with bytes that are there, up to one picture of
+//! [`MAX_PIXELS`].
+
+pub mod overlay;
+pub mod source;
+pub mod still;
+pub mod y4m;
+
+use crate::colours::convert::{BLACK, WHITE};
+use crate::scan::limits::PICTURE;
+
+/// Most pixels of a picture: 32 Mi, about what photo cameras have.
+pub const MAX_PIXELS: u64 = 32 << 20;
+
+/// Why a picture was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// The file cannot be read at all.
+    #[error("{file}: {source}")]
+    Read {
+        /// The file.
+        file: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The file as a whole is not what it should be.
+    #[error("{file}: {problem}")]
+    File {
+        /// The file.
+        file: String,
+        /// What was expected and what was found.
+        problem: String,
+    },
+    /// One picture of a clip makes no sense.
+    #[error("{file}, picture {picture}: {problem}")]
+    Picture {
+        /// The file.
+        file: String,
+        /// Counted from 1.
+        picture: u64,
+        /// What was expected and what was found.
+        problem: String,
+    },
+}
+
+/// Which lines of a picture belong to one field.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Interlace {
+    /// All lines, one instant.
+    Progressive,
+    /// Two fields; the even lines are the earlier ones.
+    Top,
+    /// Two fields; the odd lines are the earlier ones.
+    Bottom,
+}
+
+impl Interlace {
+    /// Parity of the earlier and the later field; a progressive picture has one field, of parity 0.
+    pub fn parities(self) -> &'static [u32] {
+        match self {
+            Interlace::Progressive => &[0],
+            Interlace::Top => &[0, 1],
+            Interlace::Bottom => &[1, 0],
+        }
+    }
+}
+
+/// A picture: planes of luma, and of Cb and Cr at half the width, rounded up.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Picture {
+    /// Pixels a line.
+    pub width: usize,
+    /// Lines.
+    pub height: usize,
+    /// `width × height`, 16 to 235.
+    pub luma: Vec<u8>,
+    /// `⌈width/2⌉ × height`, 16 to 240.
+    pub blue: Vec<u8>,
+    /// `⌈width/2⌉ × height`, 16 to 240.
+    pub red: Vec<u8>,
+}
+
+impl Picture {
+    /// Chroma samples a line.
+    pub fn chroma_width(&self) -> usize {
+        self.width.div_ceil(2)
+    }
+
+    /// Luma, Cb and Cr of a line.
+    pub fn line(&self, y: usize) -> (&[u8], &[u8], &[u8]) {
+        let (w, c) = (self.width, self.chroma_width());
+        (&self.luma[y * w..(y + 1) * w], &self.blue[y * c..(y + 1) * c], &self.red[y * c..(y + 1) * c])
+    }
+
+    /// Y, Cb, Cr of a pixel.
+    pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
+        let c = y * self.chroma_width() + x / 2;
+        [self.luma[y * self.width + x], self.blue[c], self.red[c]]
+    }
+
+    /// Turns dark into bright: luma is mirrored at the middle of its range, chroma stays.
+    pub fn invert(&mut self) {
+        for sample in &mut self.luma {
+            *sample = BLACK + WHITE - (*sample).clamp(BLACK, WHITE);
+        }
+    }
+
+    /// One field of it: every line, or every second one.
+    pub fn view(&self, interlace: Interlace, parity: u32) -> View<'_> {
+        match interlace {
+            Interlace::Progressive => View { picture: self, first: 0, step: 1 },
+            _ => View { picture: self, first: parity as usize, step: 2 },
+        }
+    }
+}
+
+/// One field of a picture.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// The picture.
+    pub picture: &'a Picture,
+    first: usize,
+    step: usize,
+}
+
+impl<'a> View<'a> {
+    /// Lines of the field.
+    pub fn height(&self) -> usize {
+        self.picture.height.saturating_sub(self.first).div_ceil(self.step)
+    }
+
+    /// Line `y` of the field: luma, Cb, Cr.
+    pub fn line(&self, y: usize) -> (&'a [u8], &'a [u8], &'a [u8]) {
+        self.picture.line(self.first + y * self.step)
+    }
+
+    /// Y, Cb, Cr of a pixel of the field.
+    pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
+        self.picture.pixel(x, self.first + y * self.step)
+    }
+}
+
+/// What is wrong with the size of a picture, if anything is.
+pub fn size_defect(width: u64, height: u64) -> Option<String> {
+    let [widest, highest] = [PICTURE.width, PICTURE.lines];
+    if !(1..=widest as u64).contains(&width) || !(1..=highest as u64).contains(&height) {
+        return Some(format!(
+            "expected a size from 1x1 to {widest}x{highest} pixels, found {width}x{height}"
+        ));
+    }
+    let pixels = width * height;
+    (pixels > MAX_PIXELS).then(|| format!("expected at most {MAX_PIXELS} pixels, found {pixels}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn numbered(width: usize, height: usize) -> Picture {
+        let chroma = vec![128; width.div_ceil(2) * height];
+        let luma = (0..width * height).map(|i| 16 + (i % 200) as u8).collect();
+        Picture { width, height, luma, blue: chroma.clone(), red: chroma }
+    }
+
+    #[test]
+    fn fields_share_the_lines_of_a_picture() {
+        let picture = numbered(3, 5);
+        let fields = [0, 1].map(|parity| picture.view(Interlace::Top, parity));
+        assert_eq!(fields.map(|f| f.height()), [3, 2]);
+        assert_eq!(fields[1].line(1), picture.line(3));
+        assert_eq!(fields[1].line(0).1.len(), 2, "the last column has its own chroma");
+        assert_eq!(picture.view(Interlace::Progressive, 0).height(), 5);
+    }
+
+    #[test]
+    fn inverting_twice_changes_nothing_within_the_range() {
+        let picture = numbered(8, 8);
+        let mut twice = picture.clone();
+        twice.invert();
+        assert_eq!(twice.luma[0], WHITE);
+        twice.invert();
+        assert_eq!(twice, picture);
+    }
+
+    #[test]
+    fn sizes_are_bounded_on_both_sides() {
+        assert!(size_defect(1, 1).is_none() && size_defect(720, 288).is_none());
+        for (w, h) in [(0, 5), (5, 0), (PICTURE.width as u64 + 1, 1), (1, u64::MAX)] {
+            assert!(size_defect(w, h).unwrap().contains(&format!("{w}x{h}")));
+        }
+        assert!(size_defect(8192, 8192).unwrap().contains("found 67108864"));
+    }
+}

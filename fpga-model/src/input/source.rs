@@ -1,0 +1,387 @@
+//! Puts pictures in their order: which camera, which field, which instant.
+//!
+//! A still image is a picture of its own, of camera 0; clip `i` comes from camera `i`. Without a list of
+//! fields they are numbered from 0, and picture `k` was exposed `k + 1` periods after the origin of time (an
+//! instant of 0 would mean none): the period of a clip is its own, that of stills and of clips that do not
+//! tell is that of a field at 50 Hz. With a list (`fields.jsonl`), the `k`-th line of a camera belongs to the
+//! `k`-th picture of its clip, or the `k`-th line to the `k`-th still; list and pictures must end together.
+
+use super::y4m::{Clip, MAGIC};
+use super::{Interlace, Picture, PictureError, View, still};
+use protocol::blob_stream::{BlobStreamError, FieldHead, HeadReader};
+use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+
+/// Name that stands for a clip on the standard input.
+pub const STDIN: &str = "-";
+
+/// Why there is no next picture.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// A file is not a picture.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// The list of fields cannot be read.
+    #[error(transparent)]
+    Fields(#[from] BlobStreamError),
+    /// List and pictures do not fit.
+    #[error("{file}, line {line}: {problem}")]
+    Mismatch {
+        /// The list.
+        file: String,
+        /// Counted from 1.
+        line: u64,
+        /// What was expected and what was found.
+        problem: String,
+    },
+    /// The arguments do not fit each other.
+    #[error("{0}")]
+    Arguments(String),
+}
+
+/// How pictures are to be read.
+#[derive(Debug, Clone, Default)]
+pub struct Reading {
+    /// Which samples of still images become black and white.
+    pub levels: Option<still::Levels>,
+    /// Fields in a picture; `None` leaves it to the clip.
+    pub interlace: Option<Interlace>,
+    /// Take dark for bright.
+    pub dark: bool,
+}
+
+/// Clips as they are opened: a file or the standard input.
+type Input = Box<dyn BufRead>;
+
+/// Where the fields of one camera come from.
+enum Kind {
+    Stills(VecDeque<PathBuf>),
+    Clip(Clip<Input>),
+}
+
+/// The fields of one camera.
+struct Feed {
+    kind: Kind,
+    reading: Reading,
+    picture: Picture,
+    interlace: Interlace,
+    /// Parities of the fields of `picture` that have not been taken.
+    waiting: &'static [u32],
+    /// Fields taken.
+    taken: u64,
+    /// File of `picture`.
+    file: String,
+}
+
+impl Feed {
+    fn new(kind: Kind, reading: &Reading) -> Self {
+        let own = match &kind {
+            Kind::Stills(_) => Interlace::Progressive,
+            Kind::Clip(clip) => clip.head.interlace,
+        };
+        let file = match &kind {
+            Kind::Stills(_) => String::new(),
+            Kind::Clip(clip) => clip.file().into(),
+        };
+        Feed {
+            kind,
+            interlace: reading.interlace.unwrap_or(own),
+            reading: reading.clone(),
+            picture: Picture::default(),
+            waiting: &[],
+            taken: 0,
+            file,
+        }
+    }
+
+    /// From one field to the next, ns, as a fraction.
+    fn period_ns(&self) -> [u64; 2] {
+        let fields = self.interlace.parities().len() as u64;
+        match &self.kind {
+            Kind::Clip(Clip { head, .. }) => match head.rate {
+                Some([n, d]) => [1_000_000_000 * d, n * fields],
+                None => [FIELD_PERIOD_NS, 1],
+            },
+            Kind::Stills(_) => [FIELD_PERIOD_NS, 1],
+        }
+    }
+
+    /// Takes the next field and tells its parity; `None` at the end.
+    fn advance(&mut self) -> Result<Option<u32>, PictureError> {
+        if self.waiting.is_empty() {
+            let found = match &mut self.kind {
+                Kind::Clip(clip) => clip.next(&mut self.picture)?,
+                Kind::Stills(paths) => match paths.pop_front() {
+                    None => false,
+                    Some(path) => {
+                        self.file = path.display().to_string();
+                        still::read(&path, self.reading.levels, &mut self.picture)?;
+                        true
+                    }
+                },
+            };
+            if !found {
+                return Ok(None);
+            }
+            if self.interlace != Interlace::Progressive && self.picture.height < 2 {
+                let problem = "expected at least 2 lines in an interlaced picture, found 1".into();
+                return Err(PictureError::File { file: self.file.clone(), problem });
+            }
+            if self.reading.dark {
+                self.picture.invert();
+            }
+            self.waiting = self.interlace.parities();
+        }
+        let Some((&parity, rest)) = self.waiting.split_first() else { return Ok(None) };
+        self.waiting = rest;
+        self.taken += 1;
+        Ok(Some(parity))
+    }
+}
+
+/// A field to scan.
+pub struct Shot<'a> {
+    /// Whose and which field it is.
+    pub head: FieldHead,
+    /// Its pixels.
+    pub view: View<'a>,
+    /// True if its lines are every second one of a frame.
+    pub is_field: bool,
+    /// The file it comes from.
+    pub file: &'a str,
+}
+
+/// All pictures, one after the other.
+pub struct Source {
+    feeds: Vec<Feed>,
+    fields: Option<(String, HeadReader)>,
+    /// Feed whose turn it is, where there is no list.
+    turn: usize,
+}
+
+impl Source {
+    /// Opens stills or clips, with a list of fields or without.
+    pub fn open(paths: &[PathBuf], fields: Option<&Path>, reading: &Reading) -> Result<Self, SourceError> {
+        let wrong = |problem: String| Err(SourceError::Arguments(problem));
+        let clips: Vec<bool> = paths.iter().map(|p| is_clip(p)).collect::<Result<_, _>>()?;
+        let feeds = match clips.iter().filter(|&&c| c).count() {
+            0 if paths.is_empty() => return wrong("expected at least one picture or clip".into()),
+            0 => vec![Feed::new(Kind::Stills(paths.iter().cloned().collect()), reading)],
+            n if n < paths.len() => return wrong("expected either still images or clips, found both".into()),
+            n if n > MAX_CAMERAS => return wrong(format!("expected at most {MAX_CAMERAS} clips, found {n}")),
+            _ => paths
+                .iter()
+                .map(|path| {
+                    let file = path.display().to_string();
+                    Clip::open(open(path)?, &file).map(|clip| Feed::new(Kind::Clip(clip), reading))
+                })
+                .collect::<Result<_, _>>()?,
+        };
+        let fields = match fields {
+            None => None,
+            Some(path) => Some((path.display().to_string(), HeadReader::open(path)?)),
+        };
+        Ok(Source { feeds, fields, turn: 0 })
+    }
+
+    /// The next field; `None` when all are through.
+    pub fn next(&mut self) -> Result<Option<Shot<'_>>, SourceError> {
+        let found = if self.fields.is_some() { self.next_listed()? } else { self.next_in_turn()? };
+        Ok(found.map(|(i, parity, head)| {
+            let feed = &self.feeds[i];
+            let listed = self.fields.is_some();
+            Shot {
+                head,
+                view: feed.picture.view(feed.interlace, parity),
+                is_field: feed.interlace != Interlace::Progressive
+                    || (listed && matches!(feed.kind, Kind::Clip(_))),
+                file: &feed.file,
+            }
+        }))
+    }
+
+    /// A field of each camera in turn, as long as there are any.
+    fn next_in_turn(&mut self) -> Result<Option<(usize, u32, FieldHead)>, SourceError> {
+        for _ in 0..self.feeds.len() {
+            let i = self.turn;
+            self.turn = (i + 1) % self.feeds.len();
+            let feed = &mut self.feeds[i];
+            if let Some(parity) = feed.advance()? {
+                let [n, d] = feed.period_ns().map(u128::from);
+                let t_ns = (u128::from(feed.taken) * n / d).clamp(1, u64::MAX.into()) as u64;
+                let head = FieldHead { cam: i as u32, seq: feed.taken - 1, t_ns, t_rx_ns: t_ns, parity };
+                return Ok(Some((i, parity, head)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The field of the list's next line.
+    fn next_listed(&mut self) -> Result<Option<(usize, u32, FieldHead)>, SourceError> {
+        let Some((file, list)) = &mut self.fields else { return Ok(None) };
+        let Some(head) = list.next().transpose()? else {
+            return self.expect_end().map(|()| None);
+        };
+        let mismatch = |problem| SourceError::Mismatch { file: file.clone(), line: list.line_no(), problem };
+        let stills = matches!(self.feeds[0].kind, Kind::Stills(_));
+        let i = if stills { 0 } else { head.cam as usize };
+        let clips = self.feeds.len();
+        let feed = self.feeds.get_mut(i).ok_or_else(|| {
+            mismatch(format!(
+                "cam: expected 0 to {}, one for each of {clips} clips, found {}",
+                clips - 1,
+                head.cam
+            ))
+        })?;
+        let Some(parity) = feed.advance()? else {
+            let (n, file) = (feed.taken, if stills { "the images" } else { &feed.file });
+            return Err(mismatch(format!("expected picture {} in {file}, found the end after {n}", n + 1)));
+        };
+        if feed.interlace != Interlace::Progressive && parity != head.parity {
+            return Err(mismatch(format!(
+                "parity: expected {parity}, which field {} of {} has, found {}",
+                feed.taken, feed.file, head.parity
+            )));
+        }
+        Ok(Some((i, parity, head)))
+    }
+
+    /// After the list no picture may be left.
+    fn expect_end(&mut self) -> Result<(), SourceError> {
+        let Some((list, lines)) = &self.fields else { return Ok(()) };
+        for feed in &mut self.feeds {
+            let n = feed.taken;
+            let more = match &feed.kind {
+                Kind::Stills(paths) => !paths.is_empty(),
+                Kind::Clip(_) => feed.advance()?.is_some(),
+            };
+            if more {
+                let what = if feed.file.is_empty() { "the images" } else { &feed.file };
+                return Err(SourceError::Mismatch {
+                    file: list.clone(),
+                    line: lines.line_no(),
+                    problem: format!(
+                        "expected a line for picture {} of {what}, found the end of the list",
+                        n + 1
+                    ),
+                });
+            }
+        }
+        Ok(())
+    }
+}
+
+fn open(path: &Path) -> Result<Input, PictureError> {
+    if path.as_os_str() == STDIN {
+        return Ok(Box::new(BufReader::new(std::io::stdin())));
+    }
+    let file = path.display().to_string();
+    let opened = File::open(path).map_err(|source| PictureError::Read { file, source })?;
+    Ok(Box::new(BufReader::with_capacity(1 << 16, opened)))
+}
+
+/// Told by what it begins with, or, for what can be read only once, by what it is.
+fn is_clip(path: &Path) -> Result<bool, PictureError> {
+    let read_error = |source| PictureError::Read { file: path.display().to_string(), source };
+    if path.as_os_str() == STDIN {
+        return Ok(true);
+    }
+    let kind = std::fs::metadata(path).map_err(read_error)?;
+    if !kind.is_file() {
+        return if kind.is_dir() {
+            Err(read_error(std::io::ErrorKind::IsADirectory.into()))
+        } else {
+            Ok(true)
+        };
+    }
+    let mut input = open(path)?;
+    Ok(input.fill_buf().map_err(read_error)?.starts_with(MAGIC))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn folder_with(files: &[(&str, &[u8])]) -> (tempfile::TempDir, Vec<PathBuf>) {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = files.iter().map(|(name, bytes)| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        });
+        let paths = paths.collect();
+        (folder, paths)
+    }
+
+    /// A clip of pictures of 2 × 2 px, each of one grey.
+    fn clip(head: &str, greys: &[u8]) -> Vec<u8> {
+        let mut bytes = format!("YUV4MPEG2 W2 H2 {head} Cmono\n").into_bytes();
+        greys.iter().for_each(|&g| bytes.extend([&b"FRAME\n"[..], &[g; 4]].concat()));
+        bytes
+    }
+
+    fn all(source: &mut Source) -> Result<Vec<(u32, u64, u64, u32, u8)>, SourceError> {
+        let mut found = Vec::new();
+        while let Some(shot) = source.next()? {
+            let FieldHead { cam, seq, t_ns, parity, .. } = shot.head;
+            found.push((cam, seq, t_ns, parity, shot.view.pixel(0, 0)[0]));
+        }
+        Ok(found)
+    }
+
+    #[test]
+    fn clips_take_turns_at_their_own_rates() {
+        let (_folder, paths) =
+            folder_with(&[("a", &clip("F50:1", &[20, 21])), ("b", &clip("F25:1 Ib", &[30]))]);
+        let mut source = Source::open(&paths, None, &Reading::default()).unwrap();
+        let expected = [
+            (0, 0, 20_000_000, 0, 20),
+            (1, 0, 20_000_000, 1, 30),
+            (0, 1, 40_000_000, 0, 21),
+            (1, 1, 40_000_000, 0, 30),
+        ];
+        assert_eq!(all(&mut source).unwrap(), expected);
+    }
+
+    #[test]
+    fn a_list_decides_over_order_and_instants_and_must_fit() {
+        let line = |cam: u32, seq: u64| {
+            format!(r#"{{"cam":{cam},"seq":{seq},"t_ns":{},"t_rx_ns":9,"parity":1}}"#, 100 + seq)
+        };
+        let run = |lines: &[String]| {
+            let text = lines.join("\n");
+            let files =
+                [("a", &clip("F50:1", &[20, 21])[..]), ("b", &clip("F50:1", &[30])), ("f", text.as_bytes())];
+            let (_folder, mut paths) = folder_with(&files);
+            let list = paths.pop();
+            all(&mut Source::open(&paths, list.as_deref(), &Reading::default()).unwrap())
+        };
+        let fits = [line(1, 7), line(0, 7), line(0, 9)];
+        let expected = [(1, 7, 107, 1, 30), (0, 7, 107, 1, 20), (0, 9, 109, 1, 21)];
+        assert_eq!(run(&fits).unwrap(), expected);
+        let refused = |lines: &[String], named: &str| {
+            let error = run(lines).unwrap_err().to_string();
+            assert!(error.contains(named) && error.contains("/f"), "{named}: {error}");
+        };
+        refused(&fits[..2], "expected a line for picture 2 of");
+        refused(&[&fits[..], &[line(1, 8)]].concat(), "line 4: expected picture 2 in");
+        refused(&[line(2, 7)], "line 1: cam: expected 0 to 1");
+        refused(&["{}".into()], "line 1: column 2: missing field");
+    }
+
+    #[test]
+    fn arguments_that_do_not_fit_are_refused() {
+        let still = [0x89, b'P', b'N', b'G'];
+        let (folder, paths) = folder_with(&[("a.y4m", &clip("", &[20])), ("b.png", &still)]);
+        let refused =
+            |paths: &[PathBuf]| Source::open(paths, None, &Reading::default()).err().unwrap().to_string();
+        assert!(refused(&paths).contains("found both"));
+        assert!(refused(&[]).contains("at least one"));
+        assert!(refused(&vec![paths[0].clone(); 9]).contains("at most 8 clips"));
+        assert!(refused(&[folder.path().into()]).contains("directory"));
+        assert!(refused(&[folder.path().join("none")]).contains("No such file"));
+    }
+}

@@ -1,0 +1,260 @@
+//! The image model: what a pixel is expected to show, and how far it scatters about that.
+//!
+//! A field `k` samples the light on the lines `2·y + (k mod 2)` of the frame. With a marker's outline an
+//! ellipse of centre `c` (px of the field, column and line) and shape `Q` (`dᵀ·Q⁻¹·d = 1` on the
+//! outline), the luma of pixel `p` has the mean
+//!
+//! ```text
+//! μ(p) = B(p) + (S(p) − B(p))·m(p) + X(p)
+//! m(p) = mean over the exposure of Φ(−δ(p)/σ)            share of the pixel that the marker covers
+//! δ(p) = (q − √q)/|Q⁻¹d|,  d = p − c,  q = dᵀQ⁻¹d        signed distance from the outline, first order
+//! σ²   = nᵀΣn,  n = Q⁻¹d/|Q⁻¹d|                          spread across the outline
+//! Σ    = diag(b² + 1/12, b²/4 + 1/12) + v·vᵀ/12          lens, the pixel's own extent, movement
+//! S(p) = Y·(1 − r·min(q, 1) + s·clamp(dx/hx, −1, 1))     lit surface: darker rim, brighter side
+//! B(p) = background + gradient·(p/size − ½)
+//! ```
+//!
+//! `b` is the lens's blur in px of the frame (a line of the field is two of the frame, hence a quarter
+//! of the variance), `v` the movement during one exposure, in px of the field; a movement of more
+//! than 1 px is cut into equal parts whose `m` are averaged. `hx` is half the width of the outline, Φ
+//! the normal distribution. `X` is what is left of the colour carrier (see [`Carrier`]). The variance is
+//!
+//! ```text
+//! var(p) = read² + shot·max(0, μ(p) − 16)  (+ 1/12 for rounding to whole levels)
+//! ```
+//!
+//! independent from pixel to pixel, because the luma filter is wider than the pixel's band. Chroma has
+//! the same form with a far wider spread along the line (PAL carries colour with 1.3 MHz) and over two
+//! lines (delay-line decoder). Several markers are laid over one another, the nearest last.
+
+use super::{FieldPicture, Light, Patch};
+use crate::colours::{DARK, reference};
+use nalgebra::{Matrix2, Vector2};
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+
+/// Black of BT.601: no light.
+pub const BLACK: f64 = 16.0;
+/// No colour: Cb, Cr.
+pub(super) const GREY: [f64; 2] = [128.0; 2];
+/// Beyond so many σ a pixel lies wholly inside or outside.
+const FAR: f64 = 4.0;
+/// Longest movement that counts as a spread, px of the field; a longer one is cut into parts.
+const WHOLE_SMEAR_PX: f64 = 1.0;
+/// Parts that one exposure is cut into at most.
+const MOST_PARTS: usize = 8;
+/// The PAL colour carrier in cycles per pixel of 13.5 MHz.
+const CARRIER_PER_PX: f64 = 4.433_618_75 / 13.5;
+/// Turn of the carrier from line to line and from field to field of 312.5 lines, cycles.
+const CARRIER_PER_LINE: f64 = 0.7516;
+const CARRIER_PER_FIELD: f64 = 312.5 * 283.7516;
+
+/// What optics, sensor and PAL coding do to a picture. The defaults are a good industrial camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ImageModel {
+    /// Blur of lens and electronics: σ of a Gaussian, px of the frame, the same in both axes.
+    pub blur_px: f64,
+    /// Noise of the unlit sensor: σ, grey levels.
+    pub read_noise: f64,
+    /// Shot noise: variance for each grey level above black, levels²/level. 1/50 is a full well of
+    /// some 11,000 electrons.
+    pub shot_noise: f64,
+    /// Noise of a chroma sample: σ, grey levels, limited to the band of chroma.
+    pub chroma_noise: f64,
+    /// Share by which a marker's right edge is brighter than its middle, and its left edge darker; 0 to 0.04
+    /// is usual.
+    pub side_shade: f64,
+    /// Share by which a marker is darker at its rim than in its middle.
+    pub rim_shade: f64,
+    /// Luma of the background, grey levels.
+    pub background: f64,
+    /// Change of the background from the left to the right border and from top to bottom, grey levels.
+    pub gradient: [f64; 2],
+    /// Blur of chroma along the line: σ of a Gaussian, px. 1.38 px is −3 dB at 1.3 MHz.
+    pub chroma_blur_px: f64,
+    /// Share of chroma's carrier that is left in luma, and of luma's detail that gets into chroma.
+    pub crosstalk: f64,
+    /// Whether what moves is smeared over the exposure.
+    pub motion: bool,
+}
+
+impl Default for ImageModel {
+    fn default() -> Self {
+        ImageModel {
+            blur_px: 0.7,
+            read_noise: 2.4,
+            shot_noise: 0.02,
+            chroma_noise: 1.5,
+            side_shade: 0.03,
+            rim_shade: 0.05,
+            background: DARK as f64,
+            gradient: [4.0, 2.0],
+            chroma_blur_px: 1.38,
+            crosstalk: 0.02,
+            motion: true,
+        }
+    }
+}
+
+impl ImageModel {
+    /// Expected luma of the pixel in `column` and `line` of field `number`, with one marker in it, in a
+    /// field of `size_px` (columns, lines). Not clipped to the converter's range.
+    pub fn mean_luma(&self, patch: &Patch, number: u64, size_px: [usize; 2], column: f64, line: f64) -> f64 {
+        let ground = self.ground(size_px, column, line);
+        let Some(disc) = Disc::of(self, patch, number, &Light::default()) else { return ground };
+        let chroma = disc.chroma_over(GREY, column, line);
+        disc.luma_over(ground, column, line)
+            + self.crosstalk * Carrier::at(number, line as usize).of(chroma, column)
+    }
+
+    /// Variance of a pixel of expected luma `mean`, levels², before rounding.
+    pub fn luma_variance(&self, mean: f64) -> f64 {
+        self.read_noise * self.read_noise + self.shot_noise * (mean - BLACK).max(0.0)
+    }
+
+    /// Expected luma of the background.
+    pub(super) fn ground(&self, size_px: [usize; 2], column: f64, line: f64) -> f64 {
+        let place = |at: f64, n: usize| at / n as f64 - 0.5;
+        self.background
+            + self.gradient[0] * place(column, size_px[0])
+            + self.gradient[1] * place(line, size_px[1])
+    }
+}
+
+/// Phase of the colour carrier on a line: `U·sin(ωt) ± V·cos(ωt)`, the sign alternating from line to
+/// line. What a decoder leaves of it in luma crawls as dots along coloured edges.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Carrier {
+    start: f64,
+    sign: f64,
+}
+
+impl Carrier {
+    /// On line `line` of field `number`.
+    pub(super) fn at(number: u64, line: usize) -> Self {
+        // Eight fields are one round of the carrier.
+        let turns = (number % 8) as f64 * CARRIER_PER_FIELD + line as f64 * CARRIER_PER_LINE;
+        Carrier { start: TAU * (turns - turns.floor()), sign: if line % 2 == 0 { 1.0 } else { -1.0 } }
+    }
+
+    /// The axes of U and V at a column.
+    pub(super) fn axes(&self, column: f64) -> [f64; 2] {
+        let angle = self.start + TAU * CARRIER_PER_PX * column;
+        [libm::sin(angle), self.sign * libm::cos(angle)]
+    }
+
+    /// The carrier of a colour.
+    pub(super) fn of(&self, chroma: [f64; 2], column: f64) -> f64 {
+        let [u, v] = self.axes(column);
+        (chroma[0] - GREY[0]) * u + (chroma[1] - GREY[1]) * v
+    }
+}
+
+/// A marker in pixels of one field.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Disc {
+    /// Y, Cb, Cr as lit.
+    pub(super) colour: [f64; 3],
+    centre: Vector2<f64>,
+    half: Vector2<f64>,
+    /// Inverse shape: `dᵀ·metric·d = 1` on the outline.
+    metric: Matrix2<f64>,
+    /// Σ of luma and of chroma.
+    spread: Matrix2<f64>,
+    chroma_spread: Matrix2<f64>,
+    /// Movement in one exposure, and the parts it is cut into.
+    smear: Vector2<f64>,
+    parts: usize,
+    /// Side and rim shading.
+    shade: [f64; 2],
+}
+
+impl Disc {
+    /// The patch in field `number` under `light`; `None` where its outline is no area.
+    pub(super) fn of(model: &ImageModel, patch: &Patch, number: u64, light: &Light) -> Option<Self> {
+        // Lines of the field lie two lines of the frame apart.
+        let squeeze = Matrix2::new(1.0, 0.0, 0.0, 0.5);
+        let shape = squeeze * patch.image.shape_px2 * squeeze;
+        let centre = patch.image.centre_px;
+        let smear = if model.motion { squeeze * patch.smear_px } else { Vector2::zeros() };
+        let parts = ((smear.norm() / WHOLE_SMEAR_PX).ceil() as usize).clamp(1, MOST_PARTS);
+        let part = smear / parts as f64;
+        let pixel = 1.0 / 12.0;
+        let lens = Vector2::new(model.blur_px, model.blur_px / 2.0).map(|b| b * b + pixel);
+        let spread = Matrix2::from_diagonal(&lens) + part * part.transpose() / 12.0;
+        // A chroma sample is two pixels wide and the mean of two lines.
+        let wide = model.chroma_blur_px * model.chroma_blur_px;
+        let chroma = Matrix2::new(wide + 3.0 * pixel, 0.0, 0.0, 3.0 * pixel);
+        Some(Disc {
+            colour: light.on(reference(patch.image.colour), patch.brightness),
+            centre: Vector2::new(centre.x, (centre.y - (number & 1) as f64) / 2.0),
+            half: Vector2::new(shape.m11.sqrt(), shape.m22.sqrt()),
+            metric: shape.try_inverse()?,
+            spread,
+            chroma_spread: spread + chroma,
+            smear,
+            parts,
+            shade: [model.side_shade, model.rim_shade],
+        })
+    }
+
+    /// Columns and lines that the disc can reach in chroma or luma.
+    pub(super) fn box_px(&self, picture: &FieldPicture) -> [std::ops::Range<usize>; 2] {
+        let range = |axis: usize, n: usize| {
+            let reach = self.half[axis]
+                + FAR * self.chroma_spread[(axis, axis)].sqrt()
+                + self.smear[axis].abs() / 2.0
+                + 1.0;
+            let from = (self.centre[axis] - reach).floor().max(0.0) as usize;
+            let to = (self.centre[axis] + reach).ceil().max(0.0) as usize + 1;
+            from.min(n)..to.min(n)
+        };
+        [range(0, picture.width), range(1, picture.height)]
+    }
+
+    /// `ground` with the disc over it.
+    pub(super) fn luma_over(&self, ground: f64, x: f64, y: f64) -> f64 {
+        let cover = self.cover(x, y, &self.spread);
+        if cover <= 0.0 {
+            return ground;
+        }
+        let d = Vector2::new(x, y) - self.centre;
+        let rim = d.dot(&(self.metric * d)).min(1.0);
+        let side = (d.x / self.half.x).clamp(-1.0, 1.0);
+        let lit = self.colour[0] * (1.0 - self.shade[1] * rim + self.shade[0] * side);
+        ground + (lit - ground) * cover
+    }
+
+    /// `ground` (Cb, Cr) with the disc over it.
+    pub(super) fn chroma_over(&self, ground: [f64; 2], x: f64, y: f64) -> [f64; 2] {
+        let cover = self.cover(x, y, &self.chroma_spread);
+        [0, 1].map(|k| ground[k] + (self.colour[k + 1] - ground[k]) * cover)
+    }
+
+    /// Mean share covered over the exposure.
+    fn cover(&self, x: f64, y: f64, spread: &Matrix2<f64>) -> f64 {
+        let parts = self.parts as f64;
+        let at = |i: usize| self.centre + self.smear * ((i as f64 + 0.5) / parts - 0.5);
+        let sum: f64 = (0..self.parts).map(|i| self.cover_at(Vector2::new(x, y) - at(i), spread)).sum();
+        sum / parts
+    }
+
+    /// Φ(−δ/σ) at `d` from the centre.
+    fn cover_at(&self, d: Vector2<f64>, spread: &Matrix2<f64>) -> f64 {
+        let slope = self.metric * d;
+        let q = d.dot(&slope);
+        let steep = slope.norm_squared();
+        if steep < 1e-18 {
+            return 1.0;
+        }
+        // δ/σ with δ = (q − √q)/|slope| and σ² = slopeᵀ·Σ·slope/|slope|².
+        let sigma = (slope.dot(&(spread * slope))).sqrt();
+        let z = (q - q.sqrt()) / sigma;
+        if z >= FAR {
+            0.0
+        } else if z <= -FAR {
+            1.0
+        } else {
+            0.5 * libm::erfc(z * FRAC_1_SQRT_2)
+        }
+    }
+}
