@@ -6,6 +6,8 @@ use std::process::ExitCode;
 
 /// The binary of the camera hardware.
 const CAMERA: &str = "vitreo-fpga-model";
+/// The binary of the tracker.
+const TRACKER: &str = "vitreo-tracker";
 
 /// A real-time simulator for training surgery inside the eye.
 #[derive(Debug, Parser)]
@@ -41,6 +43,8 @@ pub enum Command {
     Hardware(ForwardArgs),
     /// Write or replay the test vectors of the camera hardware.
     Vectors(ForwardArgs),
+    /// Find lenses, places of cameras, markers and trocars; check whether they still hold.
+    Calibrate(ForwardArgs),
     /// Say what this machine has and lacks.
     Doctor(crate::doctor::DoctorArgs),
 }
@@ -59,6 +63,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Colours(args) => forward::to(CAMERA, "colours", args),
         Command::Hardware(args) => forward::to(CAMERA, "hardware", args),
         Command::Vectors(args) => forward::to(CAMERA, "vectors", args),
+        Command::Calibrate(args) => forward::to(TRACKER, "calibrate", args),
         Command::Doctor(args) => crate::doctor::run(args),
     }
 }

@@ -7,6 +7,7 @@ pub mod board;
 pub mod cli;
 pub mod corners;
 pub mod dots;
+pub mod drift;
 pub mod grey;
 pub mod grid;
 pub mod lens;
@@ -14,10 +15,14 @@ pub mod linear;
 pub mod many;
 pub mod output;
 pub mod picture;
+pub mod pivot;
 pub mod points;
+pub mod poses;
 pub mod report;
+pub mod sightings;
 pub mod solve;
 pub mod targets;
+pub mod waved;
 
 /// Why a calibration was refused.
 #[derive(Debug, thiserror::Error)]

@@ -49,10 +49,15 @@ pub struct SheetReport {
 /// A figure that only one kind of calibration has.
 #[derive(Debug, Clone, Serialize)]
 pub struct Figure {
-    /// What it is, with its unit.
+    /// What it is.
     pub name: String,
     /// How much.
     pub value: f64,
+    /// Its standard deviation, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sigma: Option<f64>,
+    /// Unit of both; empty for a plain number.
+    pub unit: &'static str,
 }
 
 /// What was found.
@@ -78,8 +83,13 @@ pub struct Report {
 
 impl Report {
     /// Adds a figure.
-    pub fn figure(&mut self, name: impl Into<String>, value: f64) {
-        self.figures.push(Figure { name: name.into(), value });
+    pub fn figure(&mut self, name: impl Into<String>, value: f64, unit: &'static str) {
+        self.figures.push(Figure { name: name.into(), value, sigma: None, unit });
+    }
+
+    /// Adds a figure with its standard deviation.
+    pub fn uncertain(&mut self, name: impl Into<String>, [value, sigma]: [f64; 2], unit: &'static str) {
+        self.figures.push(Figure { name: name.into(), value, sigma: Some(sigma), unit });
     }
 
     /// As JSON.
@@ -150,11 +160,21 @@ impl fmt::Display for Report {
             }
         }
         for figure in &self.figures {
-            writeln!(f, "{:<52} {:>12.4}", figure.name, figure.value)?;
+            let sigma = figure.sigma.map(|s| format!(" ± {s:.4}")).unwrap_or_default();
+            // Counts are whole.
+            let digits = if figure.unit.is_empty() && figure.value.fract() == 0.0 { 0 } else { 4 };
+            writeln!(f, "{:<54} {:>10.digits$}{sigma} {}", figure.name, figure.value, figure.unit)?;
         }
         for note in &self.notes {
             writeln!(f, "note: {note}")?;
         }
-        writeln!(f, "rms of all residuals {:.4} px; one coordinate ± {:.4} px", self.rms_px, self.sigma_px)
+        if self.rms_px > 0.0 {
+            write!(f, "rms of all residuals {:.4} px", self.rms_px)?;
+            match self.sigma_px {
+                0.0 => writeln!(f)?,
+                sigma => writeln!(f, "; one coordinate ± {sigma:.4} px")?,
+            }
+        }
+        Ok(())
     }
 }

@@ -14,9 +14,9 @@ use nalgebra::{DMatrix, DVector, SVector};
 /// Most iterations; a sane problem needs 5 to 30.
 const MAX_ITERATIONS: usize = 200;
 /// Relative decrease of the cost below which nothing more is gained.
-const COST_TOLERANCE: f64 = 1e-13;
+const COST_TOLERANCE: f64 = 1e-11;
 /// Largest step, relative to the unknown's standard deviation, at which it stands still.
-const STEP_TOLERANCE: f64 = 1e-6;
+const STEP_TOLERANCE: f64 = 1e-4;
 /// First damping, and the bounds of it; beyond the upper one no step decreases the cost.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-12, 1e12);
 /// Smallest eigenvalue of the information, scaled to a unit diagonal, at which the unknowns still
@@ -148,6 +148,11 @@ impl Equations {
                 self.so[(s, o)] += product;
             }
         }
+    }
+
+    /// True where only the cost is wanted: derivatives would not be looked at.
+    pub fn cost_only(&self) -> bool {
+        self.cost_only
     }
 
     /// The state cannot be (a point behind its camera): the step that led here is refused.

@@ -1,5 +1,6 @@
 //! `vitreo calibrate`: the command line of the calibrations.
 
+mod stream;
 mod target;
 
 use super::lens::LENS_NAMES;
@@ -30,6 +31,12 @@ pub enum Task {
     Stereo(target::StereoArgs),
     /// Places (and lenses) of cameras that see dots of known places, from a point list of each.
     Dots(target::DotsArgs),
+    /// Places of cameras and markers, from a stream of waved instruments and the rig as it was.
+    Waved(stream::WavedArgs),
+    /// Trocars and the eye's centre, from shafts and an eye that turn about them.
+    Pivot(stream::PivotArgs),
+    /// Whether a rig still holds, from a recent stream; exit code 5 if it has drifted.
+    Drift(stream::DriftArgs),
 }
 
 /// Where results go.
@@ -90,6 +97,9 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
         Task::Intrinsics(args) => target::intrinsics(args),
         Task::Stereo(args) => target::stereo(args),
         Task::Dots(args) => target::dots(args),
+        Task::Waved(args) => stream::waved(args),
+        Task::Pivot(args) => stream::pivot(args),
+        Task::Drift(args) => stream::drift(args),
     }
 }
 

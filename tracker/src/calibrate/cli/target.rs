@@ -213,7 +213,7 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     progress.finish_and_clear();
     notes.push("the world is the frame of the first camera".into());
     let mut report = report_of("stereo", &found, &sheets, notes);
-    report.figure("baseline, mm (squares without --pitch)", found.scene.cameras[1].translation_mm.norm());
+    report.figure("baseline (squares without --pitch)", found.scene.cameras[1].translation_mm.norm(), "mm");
     args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
     args.output.write(&rig_with(&template, &found.scene.cameras)?.to_json())?;
     Ok(ExitCode::SUCCESS)
@@ -242,10 +242,8 @@ pub fn dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     if let Some(times) = args.splits {
         let [x, y, z] = median_of_splits(&before, &sheets, free, loss, times)?;
         for (axis, value) in [("x", x), ("y", y), ("z", z)] {
-            report.figure(
-                format!("dots held out: rms error along {axis}, median of {times} splits, mm"),
-                value,
-            );
+            let name = format!("dots held out: rms error along {axis}, {times} splits");
+            report.figure(name, value * 1e3, "µm");
         }
     }
     args.output.tell(&report, &found.scene.cameras, &found.residuals)?;

@@ -1,0 +1,131 @@
+//! Does the rig still hold? What residuals show of a camera that has moved.
+//!
+//! Every pose is fitted with the rig as it is. If the rig holds, what remains of a camera is noise; if
+//! the camera has turned or moved, its residuals follow a smooth field over the sensor: the one by
+//! which the camera's image would move. That field is fitted to the residuals of each camera (six
+//! values), and its root mean square over what the camera saw is the test statistic, in px. The
+//! stream is cut into stretches, whose scatter tells how far chance goes.
+//!
+//! It is a lower bound of the drift: what the poses can absorb (the rig turned as a whole about the
+//! eye's centre, markers moved together) leaves no residual.
+
+use super::CalibrationError;
+use super::lens::{PLACE, by_place, project};
+use super::sightings::Instant;
+use super::targets::rms;
+use super::waved::{Bundle, camera_rms, fitted, residuals_of};
+use nalgebra::{Matrix2, SMatrix, SVector};
+use protocol::rig::Rig;
+
+/// Stretches into which a stream is cut.
+const STRETCHES: usize = 8;
+/// Fewest instants of a stretch.
+const FEWEST: usize = 5;
+/// A shift must be so many times what chance explains.
+const CHANCE: f64 = 3.0;
+
+/// A camera's test.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shift {
+    /// Root mean square of the systematic part of the residuals, px.
+    pub systematic_px: f64,
+    /// What chance alone would make of it, px.
+    pub chance_px: f64,
+    /// Root mean square of all its residuals, px.
+    pub rms_px: f64,
+    /// Blobs that took part.
+    pub blobs: usize,
+    /// Beyond the limit, and not by chance.
+    pub drifted: bool,
+}
+
+/// What the check found.
+#[derive(Debug, Clone)]
+pub struct Drift {
+    /// By camera, in the order of the rig.
+    pub cameras: Vec<Shift>,
+    /// Root mean square of all residuals, px.
+    pub rms_px: f64,
+    /// Instants that took part.
+    pub instants: usize,
+}
+
+impl Drift {
+    /// True if any camera has drifted.
+    pub fn drifted(&self) -> bool {
+        self.cameras.iter().any(|c| c.drifted)
+    }
+}
+
+/// Checks a rig against what was seen with it; `limit_px` is the systematic shift that is tolerated.
+pub fn check(rig: &Rig, instants: &[Instant], limit_px: f64) -> Result<Drift, CalibrationError> {
+    let (instants, bundle) = fitted(rig, instants)?;
+    if instants.len() < STRETCHES * FEWEST {
+        let needed = STRETCHES * FEWEST;
+        let problem = format!("bodies were seen at {} instants; a check needs {needed}", instants.len());
+        return Err(CalibrationError::Geometry(problem));
+    }
+    let residuals = residuals_of(&instants, &bundle);
+    let cameras = (0..rig.cameras.len()).map(|camera| {
+        let (systematic_px, chance_px) = systematic(&instants, &bundle, camera);
+        let blobs = residuals.iter().filter(|r| r.camera == camera).count();
+        let drifted = systematic_px > limit_px && systematic_px > CHANCE * chance_px;
+        Shift { systematic_px, chance_px, rms_px: camera_rms(&residuals, camera), blobs, drifted }
+    });
+    let cameras = cameras.collect();
+    Ok(Drift { cameras, rms_px: rms(residuals.iter().copied()), instants: instants.len() })
+}
+
+type Matrix6 = SMatrix<f64, PLACE, PLACE>;
+type Vector6 = SVector<f64, PLACE>;
+
+/// The field's root mean square, and what chance makes of it.
+fn systematic(instants: &[Instant], bundle: &Bundle, camera: usize) -> (f64, f64) {
+    let mut stretches = Vec::new();
+    let (mut spread, mut blobs) = (Matrix6::zeros(), 0.0);
+    for stretch in 0..STRETCHES {
+        let cut = |s: usize| s * instants.len() / STRETCHES;
+        let (mut m, mut r) = (Matrix6::zeros(), Vector6::zeros());
+        for i in cut(stretch)..cut(stretch + 1) {
+            for (slope, error, weight) in rows(instants, bundle, camera, i) {
+                m += slope.transpose() * weight * slope;
+                r += slope.transpose() * weight * error;
+                spread += slope.transpose() * slope;
+                blobs += 1.0;
+            }
+        }
+        // A stretch in which the camera saw too little says nothing.
+        if let Some(inverse) = m.try_inverse() {
+            stretches.push(inverse * r);
+        }
+    }
+    if stretches.len() < 2 || blobs == 0.0 {
+        return (0.0, 0.0);
+    }
+    let n = stretches.len() as f64;
+    let mean = stretches.iter().sum::<Vector6>() / n;
+    let scatter = stretches.iter().map(|s| (s - mean) * (s - mean).transpose()).sum::<Matrix6>();
+    let chance = scatter / (n * (n - 1.0));
+    let field = spread / blobs;
+    ((mean.dot(&(field * mean))).max(0.0).sqrt(), (field * chance).trace().max(0.0).sqrt())
+}
+
+type Row = (SMatrix<f64, 2, PLACE>, nalgebra::Vector2<f64>, Matrix2<f64>);
+
+/// Residuals of a camera at an instant, with how its place moves its image, and their weights.
+fn rows(instants: &[Instant], bundle: &Bundle, camera: usize, i: usize) -> Vec<Row> {
+    let row = |seen: &super::sightings::Seen| {
+        let (pose, motion) = (bundle.poses[i][seen.body]?, &instants[i].poses[seen.body]?.1);
+        let pose = crate::fit::carried(&pose, motion, seen.dt_s);
+        let model = &bundle.cameras[camera];
+        let image = crate::sight::image_of(&bundle.markers[seen.body][seen.marker], &pose, model)?;
+        let p = model.in_camera(&image.point);
+        let slope = project(model, &p)?.by_point * by_place(model, &p);
+        let error = seen.pixel - image.pixel;
+        let weight = seen.covariance.try_inverse()?;
+        // Blobs far off are mistakes, not drift (Cauchy at 4 standard deviations).
+        let doubt = 1.0 + error.dot(&(weight * error)) / 16.0;
+        Some((slope, error, weight / doubt))
+    };
+    instants[i].seen.iter().filter(|s| s.camera == camera).filter_map(row).collect()
+}

@@ -1,0 +1,181 @@
+//! Which marker was seen where, in a whole stream: the tracker finds the bodies with the rig as it
+//! is, then every marker takes the blob nearest to its image, if there is no doubt.
+
+use crate::assembler::{Closed, FrameAssembler};
+use crate::fit::carried;
+use crate::model::RigModel;
+use crate::sight::{Sight, View, image_of};
+use crate::tracker::Tracker;
+use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
+use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
+use protocol::geometry::Validity;
+use protocol::limits::BODIES;
+use protocol::poses::TrackerFrame;
+use protocol::rig::Rig;
+use protocol::time::Nanos;
+
+/// A marker's blob.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Index of the camera in the rig file.
+    pub camera: usize,
+    /// Body.
+    pub body: usize,
+    /// Marker of the body.
+    pub marker: usize,
+    /// Centre, px of the frame.
+    pub pixel: Vector2<f64>,
+    /// Covariance, px²; grown where the pose had to be carried to another instant.
+    pub covariance: Matrix2<f64>,
+    /// Instant of the exposure less that of the pose, s.
+    pub dt_s: f64,
+    /// Area over the expected one, less the camera's usual ratio once all are known.
+    pub area_ratio: f64,
+}
+
+/// Everything seen about one instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Instant {
+    /// The tracker frame's exposure.
+    pub exposed_ns: Nanos,
+    /// Pose of each body that was measured, and its motion (mm/s, rad/s).
+    pub poses: [Option<(Isometry3<f64>, [Vector3<f64>; 2])>; BODIES],
+    /// Blobs.
+    pub seen: Vec<Seen>,
+}
+
+/// A blob may lie so far from a marker's image under a rig that has drifted, px.
+const GATE_PX: f64 = 6.0;
+/// The next marker's image, or the next blob, must be so many times farther away.
+const CLEAR: f64 = 2.5;
+/// Blobs whose area differs by more than this share from the camera's usual ratio are hidden in part.
+const AREA: f64 = 0.08;
+/// What is not known of the motion when a pose is carried over dt: mm/s and mm/s².
+const MOTION_DOUBT: (f64, f64) = (2.0, 200.0);
+
+/// Runs the tracker over a stream and collects what it saw.
+pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<Instant> {
+    let mut found = Vec::new();
+    let model = RigModel::new(rig);
+    let mut views: Vec<View> = rig.cameras.iter().map(|c| View::empty(c.id as usize)).collect();
+    track(rig, fields, &mut |frame, used| {
+        found.extend(instant(rig, &model, frame, used, &mut views));
+    });
+    drop_hidden(rig.cameras.len(), &mut found);
+    found
+}
+
+/// Drops blobs of an unusual area: their centre is not that of the marker. Extractors measure areas
+/// differently, so what is usual is told by the median of each camera.
+fn drop_hidden(cameras: usize, instants: &mut [Instant]) {
+    for camera in 0..cameras {
+        let own = |s: &&Seen| s.camera == camera;
+        let mut ratios: Vec<f64> =
+            instants.iter().flat_map(|i| i.seen.iter().filter(own).map(|s| s.area_ratio)).collect();
+        ratios.sort_by(f64::total_cmp);
+        let Some(&usual) = ratios.get(ratios.len() / 2) else { continue };
+        for instant in instants.iter_mut() {
+            let odd = |s: &Seen| s.camera == camera && (s.area_ratio / usual - 1.0).abs() > AREA;
+            instant.seen.retain(|s| !odd(s));
+        }
+    }
+}
+
+/// Runs the tracker over a stream on the fields' own clock.
+pub fn track(rig: &Rig, fields: &[BlobField], visit: &mut dyn FnMut(&TrackerFrame, &[BlobField])) {
+    let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
+    let mut now = 0;
+    let mut close = |assembler: &FrameAssembler, closed: Closed| {
+        let frame = tracker.track(assembler.used(), &closed.reference);
+        visit(&frame, assembler.used());
+    };
+    for field in fields {
+        now = field.blobs_out_ns.max(now);
+        while let Some(closed) = assembler.expired(now) {
+            close(&assembler, closed);
+        }
+        // A field that makes no sense is left away, as in the running tracker.
+        let _ = assembler.push(field, now);
+        while let Some(closed) = assembler.complete(now) {
+            close(&assembler, closed);
+        }
+    }
+    while let Some(closed) = assembler.flush(now) {
+        close(&assembler, closed);
+    }
+}
+
+fn instant(
+    rig: &Rig,
+    model: &RigModel,
+    frame: &TrackerFrame,
+    used: &[BlobField],
+    views: &mut [View],
+) -> Option<Instant> {
+    let exposed_ns = frame.instants.exposed;
+    let pose = |b: usize| {
+        let body = &frame.bodies[b];
+        let motion = [body.predictor.velocity_mm_s, body.predictor.angular_velocity_rad_s];
+        let measured = body.validity() == Validity::Measured && body.blobs_used > 0;
+        measured.then(|| (body.world_from_body.isometry(), motion.map(Vector3::from)))
+    };
+    let mut out = Instant { exposed_ns, poses: std::array::from_fn(pose), seen: Vec::new() };
+    for field in used {
+        let Some(index) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
+        let Some(camera) = &model.cameras[field.camera as usize] else { continue };
+        views[index].fill(field, camera);
+        let dt_s = (field.exposed_ns as f64 - exposed_ns as f64) * 1e-9;
+        pair(model, &mut out, index, views[index].sights(), field.camera as usize, dt_s);
+    }
+    let bodies = |b: usize| out.seen.iter().any(|s| s.body == b);
+    (0..BODIES).any(bodies).then_some(out)
+}
+
+/// A marker's image in one camera.
+struct Expected {
+    body: usize,
+    marker: usize,
+    colour: u32,
+    pixel: Vector2<f64>,
+    area_px: f64,
+    doubt: Matrix2<f64>,
+}
+
+fn pair(model: &RigModel, out: &mut Instant, index: usize, sights: &[Sight], id: usize, dt_s: f64) {
+    let Some(camera) = &model.cameras[id] else { return };
+    let doubt_mm = MOTION_DOUBT.0 * dt_s.abs() + MOTION_DOUBT.1 * dt_s * dt_s;
+    let mut expected: Vec<Expected> = Vec::new();
+    for (body, pose) in out.poses.iter().enumerate() {
+        let Some((pose, motion)) = pose else { continue };
+        let pose = carried(pose, motion, dt_s);
+        for (m, marker) in model.bodies[body].markers.iter().enumerate() {
+            if let Some(image) = image_of(marker, &pose, camera) {
+                let doubt = image.jacobian * image.jacobian.transpose() * (doubt_mm * doubt_mm);
+                let (colour, pixel, area_px) = (marker.colour, image.pixel, image.area_px);
+                expected.push(Expected { body, marker: m, colour, pixel, area_px, doubt });
+            }
+        }
+    }
+    for e in &expected {
+        let rivals =
+            expected.iter().filter(|o| o.colour == e.colour && (o.body, o.marker) != (e.body, e.marker));
+        let rival = rivals.map(|o| (o.pixel - e.pixel).norm()).fold(f64::MAX, f64::min);
+        let mut own: Vec<(f64, &Sight)> =
+            sights.iter().filter(|s| s.colour == e.colour).map(|s| ((s.pixel - e.pixel).norm(), s)).collect();
+        own.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let Some(&(distance, sight)) = own.first() else { continue };
+        let next = own.get(1).map_or(f64::MAX, |s| s.0);
+        let clear = distance < GATE_PX && CLEAR * distance < rival && CLEAR * distance < next;
+        if clear && sight.flags & (BLOB_MERGED | BLOB_CLIPPED) == 0 {
+            out.seen.push(Seen {
+                camera: index,
+                body: e.body,
+                marker: e.marker,
+                pixel: sight.pixel,
+                covariance: sight.covariance + e.doubt,
+                dt_s,
+                area_ratio: sight.area_px / e.area_px,
+            });
+        }
+    }
+}

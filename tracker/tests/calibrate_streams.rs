@@ -1,0 +1,117 @@
+//! Streams with truth: a rig that has drifted is noticed and brought back, one that has not is left alone.
+
+use nalgebra::Vector3;
+use protocol::blob_stream::BlobReader;
+use protocol::blobs::BlobField;
+use protocol::geometry::Validity;
+use protocol::rig::Rig;
+use std::collections::HashMap;
+use std::path::PathBuf;
+use tracker::calibrate::drift;
+use tracker::calibrate::sightings::{Instant, collect, track};
+use tracker::calibrate::targets::rms;
+use tracker::calibrate::waved::{FEWEST_INSTANTS, Known, refine};
+
+/// Systematic shift that is tolerated, px.
+const LIMIT_PX: f64 = 0.02;
+
+struct Stream {
+    rig: Rig,
+    fields: Vec<BlobField>,
+    /// Tips in the world, mm, by exposure.
+    truth: HashMap<u64, [Vector3<f64>; 2]>,
+}
+
+fn load(name: &str) -> Stream {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data/tracker").join(name);
+    let text = std::fs::read_to_string(folder.join("truth.csv")).unwrap();
+    let row = |line: &str| {
+        let (t, rest) = line.split_once(',').unwrap();
+        let v: Vec<f64> = rest.split(',').map(|n| n.parse().unwrap()).collect();
+        (t.parse().unwrap(), [Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5])])
+    };
+    Stream {
+        rig: Rig::load(&folder.join("rig.json")).unwrap(),
+        fields: BlobReader::open(&folder.join("blobs.jsonl")).unwrap().collect::<Result<_, _>>().unwrap(),
+        truth: text.lines().skip(1).map(row).collect(),
+    }
+}
+
+/// Root mean square error of the tips that the tracker measures with `rig` from `from_ns` on, µm.
+fn tips_um(stream: &Stream, rig: &Rig, from_ns: u64) -> f64 {
+    let (mut squares, mut n) = (0.0, 0);
+    track(rig, &stream.fields, &mut |frame, _| {
+        let Some(truth) = stream.truth.get(&frame.instants.exposed) else { return };
+        for (body, tip) in frame.bodies.iter().zip(truth) {
+            if frame.instants.exposed >= from_ns && body.validity() == Validity::Measured {
+                squares += (Vector3::from(body.world_from_body.position_mm) - tip).norm_squared() * 1e6;
+                n += 1;
+            }
+        }
+    });
+    (squares / f64::from(n)).sqrt()
+}
+
+#[test]
+fn a_drifted_rig_is_noticed_and_brought_back() {
+    let stream = load("calib");
+    let half_ns = 1_500_000_000;
+    let first: Vec<BlobField> = stream.fields.iter().filter(|f| f.exposed_ns < half_ns).copied().collect();
+    let seen = collect(&stream.rig, &first);
+    let found = drift::check(&stream.rig, &seen, LIMIT_PX).unwrap();
+    assert!(found.cameras.iter().any(|c| c.systematic_px > 0.05 && c.drifted), "{found:?}");
+    let refined = refine(&stream.rig, &seen, &Known::default(), &mut |_, _| {}).unwrap();
+    let [before, after] = [&refined.before, &refined.residuals].map(|r| rms(r.iter().copied()));
+    assert!(after < 0.75 * before, "residuals {before} px, then {after} px");
+    let better = refined.bundle.rig(&stream.rig);
+    // Judged by what the adjustment has not seen.
+    let [old, new] = [&stream.rig, &better].map(|rig| tips_um(&stream, rig, half_ns));
+    println!("residuals {before:.4} → {after:.4} px; tips of the other half {old:.2} → {new:.2} µm");
+    assert!(new < 0.95 * old, "tips {old} µm, then {new} µm");
+    let rest: Vec<BlobField> = stream.fields.iter().filter(|f| f.exposed_ns >= half_ns).copied().collect();
+    let again = drift::check(&better, &collect(&better, &rest), LIMIT_PX).unwrap();
+    assert!(!again.drifted(), "{again:?}");
+}
+
+#[test]
+fn a_rig_that_holds_is_left_alone() {
+    for name in ["static", "nominal"] {
+        let stream = load(name);
+        let seen = collect(&stream.rig, &stream.fields);
+        let found = drift::check(&stream.rig, &seen, LIMIT_PX).unwrap();
+        assert!(!found.drifted(), "{name}: {found:?}");
+        assert!(found.cameras.iter().all(|c| c.systematic_px < 0.01), "{name}: {found:?}");
+        // Nothing to be gained, and little lost by refining all the same.
+        let refined = refine(&stream.rig, &seen, &Known::default(), &mut |_, _| {}).unwrap();
+        let better = refined.bundle.rig(&stream.rig);
+        let [old, new] = [&stream.rig, &better].map(|rig| tips_um(&stream, rig, 300_000_000));
+        println!("{name}: tips {old:.2} → {new:.2} µm");
+        assert!(new < old + 1.0, "{name}: tips {old} µm, then {new} µm");
+    }
+}
+
+#[test]
+fn a_camera_that_was_knocked_is_the_one_that_is_named() {
+    let stream = load("static");
+    let mut knocked = stream.rig.clone();
+    // Turned about its own centre by 0.1 mrad: its picture moves by 0.16 px.
+    let (old, turn) = (&stream.rig.cameras()[1], nalgebra::Rotation3::new(Vector3::new(0.0, 1e-4, 0.0)));
+    let (rotation, t) = (turn * old.camera_from_world, turn * old.translation_mm);
+    knocked.cameras[1].rotation = std::array::from_fn(|r| std::array::from_fn(|c| rotation[(r, c)]));
+    knocked.cameras[1].t = t.into();
+    let found = drift::check(&knocked, &collect(&knocked, &stream.fields), LIMIT_PX).unwrap();
+    let worst =
+        (0..3).max_by(|&a, &b| found.cameras[a].systematic_px.total_cmp(&found.cameras[b].systematic_px));
+    assert!(found.drifted() && worst == Some(1), "{found:?}");
+}
+
+#[test]
+fn too_short_a_stream_is_refused_in_words() {
+    let stream = load("static");
+    let few: Vec<Instant> = collect(&stream.rig, &stream.fields[..12]);
+    let refused = refine(&stream.rig, &few, &Known::default(), &mut |_, _| {}).err().unwrap().to_string();
+    assert!(refused.contains(&format!("at least {FEWEST_INSTANTS}")), "{refused}");
+    let refused = drift::check(&stream.rig, &few, LIMIT_PX).unwrap_err().to_string();
+    assert!(refused.contains("at least"), "{refused}");
+    assert!(refine(&stream.rig, &[], &Known::default(), &mut |_, _| {}).is_err());
+}
