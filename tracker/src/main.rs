@@ -9,7 +9,7 @@ fn main() -> ExitCode {
     let config = Config::parse();
     let done = match &config.command {
         Some(Command::Calibrate(args)) => tracker::calibrate::cli::run(args),
-        None => tracker::process::run(&config).map(|()| ExitCode::SUCCESS).map_err(Into::into),
+        None => tracker::process::run(&config).map(|()| ExitCode::SUCCESS),
     };
     done.unwrap_or_else(|error: anyhow::Error| {
         // The launcher starts sub-commands under its own name.

@@ -185,3 +185,122 @@ fn better(old: Result<(), NotFound>, new: NotFound) -> Result<(), NotFound> {
         (_, new) => Err(new),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, Vector3};
+    use protocol::camera::Camera;
+
+    /// A lens with some distortion for pictures of this width.
+    fn camera(width: u32) -> Camera {
+        let scale = f64::from(width) / 640.0;
+        let size = [width, width * 3 / 4];
+        let centre = Vector2::new(f64::from(size[0]), f64::from(size[1])) / 2.0;
+        let mut camera =
+            super::super::lens::plain_camera(0, size, Vector2::new(600.0, 600.0) * scale, centre);
+        camera.distortion = [-0.2, 0.05, 0.0, 0.0, 0.0];
+        camera
+    }
+
+    /// Draws a board as a camera sees it: each pixel the mean of 16 rays.
+    fn draw(board: &Board, camera: &Camera, place: &Isometry3<f64>) -> Grey {
+        let [w, h] = camera.size_px.map(|n| n as usize);
+        let inverse = place.inverse();
+        let brightness = |x: f64, y: f64| {
+            let ray = camera.ray_in_world(Vector2::new(x, y)).unwrap();
+            let (o, d) = (inverse.translation.vector, inverse.rotation * ray);
+            let p = (o - d * (o.z / d.z)) / board.pitch_mm;
+            let (across, down) = (board.columns as f64, board.rows as f64);
+            match board.pattern {
+                // The field before the first point is dark, and so is the first inner one.
+                Pattern::Chessboard if (-1.0..across).contains(&p.x) && (-1.0..down).contains(&p.y) => {
+                    if (p.x.floor() + p.y.floor()) as i64 % 2 == 0 { 30.0 } else { 220.0 }
+                }
+                Pattern::Dots => {
+                    let n = Vector2::new(
+                        p.x.round().clamp(0.0, across - 1.0),
+                        p.y.round().clamp(0.0, down - 1.0),
+                    );
+                    if (p.xy() - n).norm() < 0.25 { 30.0 } else { 220.0 }
+                }
+                Pattern::Chessboard => 220.0,
+            }
+        };
+        let pixel = |i: usize| {
+            let (x, y) = ((i % w) as f64, (i / w) as f64);
+            let rays = (0..16)
+                .map(|k| brightness(x + f64::from(k % 4) / 4.0 - 0.375, y + f64::from(k / 4) / 4.0 - 0.375));
+            (rays.sum::<f64>() / 16.0) as f32
+        };
+        Grey::new(w, h, (0..w * h).map(pixel).collect()).blurred(0.7)
+    }
+
+    fn place(board: &Board, tilt: Vector3<f64>, distance: f64) -> Isometry3<f64> {
+        let turned = Isometry3::new(Vector3::zeros(), tilt);
+        let middle =
+            Vector3::new(board.columns as f64 - 1.0, board.rows as f64 - 1.0, 0.0) * board.pitch_mm / 2.0;
+        Isometry3::from_parts((Vector3::new(0.0, 0.0, distance) - turned * middle).into(), turned.rotation)
+    }
+
+    /// Finds the board and compares every point with where it was drawn.
+    fn check(board: &Board, width: u32, tilt: Vector3<f64>, within_px: f64) {
+        let (camera, place) = (camera(width), place(board, tilt, 130.0));
+        let found = board.find(&draw(board, &camera, &place)).unwrap_or_else(|e| panic!("{tilt:?}: {e}"));
+        for sample in &found {
+            let truth = camera.project(&(place * sample.point)).unwrap();
+            let off = (sample.pixel - truth).norm();
+            assert!(off < within_px, "{tilt:?}: {} is {off:.3} px off", sample.point);
+        }
+        assert_eq!(found.len(), board.columns * board.rows);
+    }
+
+    #[test]
+    fn chessboards_are_found_in_their_one_orientation() {
+        let board = Board { pattern: Pattern::Chessboard, columns: 8, rows: 5, pitch_mm: 10.0 };
+        // None along the pixels: 16 rays draw such edges in steps of a quarter pixel.
+        let tilts = [[0.05, 0.03, 0.1], [0.5, -0.3, 0.2], [-0.6, 0.4, 2.9], [0.2, 0.5, -1.2]];
+        tilts.into_iter().for_each(|tilt| check(&board, 640, tilt.into(), 0.05));
+    }
+
+    #[test]
+    fn large_pictures_are_refined_at_full_size() {
+        let board = Board { pattern: Pattern::Chessboard, columns: 6, rows: 5, pitch_mm: 14.0 };
+        check(&board, 1400, Vector3::new(0.3, -0.2, 0.1), 0.08);
+    }
+
+    #[test]
+    fn ambiguous_boards_begin_at_the_top_left() {
+        for (columns, rows, pattern) in
+            [(7, 5, Pattern::Chessboard), (5, 5, Pattern::Chessboard), (7, 6, Pattern::Dots)]
+        {
+            let board = Board { pattern, columns, rows, pitch_mm: 10.0 };
+            check(&board, 640, Vector3::new(0.3, 0.2, 0.3), 0.15);
+        }
+    }
+
+    #[test]
+    fn dots_are_found_dark_and_tilted() {
+        let board = Board { pattern: Pattern::Dots, columns: 9, rows: 7, pitch_mm: 9.0 };
+        for tilt in [[0.0, 0.0, 0.0], [0.4, -0.3, 0.2], [-0.5, 0.2, -0.3]] {
+            check(&board, 640, tilt.into(), 0.15);
+        }
+    }
+
+    #[test]
+    fn a_hidden_corner_is_told() {
+        let board = Board { pattern: Pattern::Chessboard, columns: 8, rows: 5, pitch_mm: 10.0 };
+        let (camera, place) = (camera(640), place(&board, Vector3::new(0.2, 0.1, 0.0), 130.0));
+        let picture = draw(&board, &camera, &place);
+        let at = camera.project(&(place * board.points()[12])).unwrap();
+        let cover = |i: usize| {
+            let p = Vector2::new((i % 640) as f64, (i / 640) as f64);
+            if (p - at).norm() < 14.0 { 120.0 } else { picture.at(p.x as isize, p.y as isize) }
+        };
+        let covered = Grey::new(640, 480, (0..640 * 480).map(cover).collect());
+        let told = board.find(&covered).unwrap_err();
+        assert!(matches!(told, NotFound::Incomplete { found: 36..=39, .. }), "{told}");
+        let blank = Grey::new(640, 480, vec![100.0; 640 * 480]);
+        assert!(matches!(board.find(&blank), Err(NotFound::Nothing(_))));
+    }
+}

@@ -21,15 +21,19 @@ pub struct Node {
 }
 
 /// Indices of the points of a `columns`×`rows` grid, row by row, in one of its orientations.
-/// `Err` tells the size of the largest grid that was found.
+/// `Err` tells the size of the largest grid that was found. A grid in which they would fit in several
+/// places is another one.
 pub fn find(nodes: &[Node], columns: usize, rows: usize) -> Result<Vec<usize>, usize> {
     let mut largest = 0;
     for seed in 0..nodes.len().min(SEEDS) {
         let grown = grow(nodes, seed);
-        if let Some(found) = window(&grown, columns, rows) {
-            return Ok(found);
-        }
         largest = largest.max(grown.len());
+        let mut windows = windows_of(&grown, columns, rows);
+        match (windows.pop(), windows.len()) {
+            (Some(only), 0) => return Ok(only),
+            (Some(_), _) => break,
+            (None, _) => {}
+        }
     }
     Err(largest)
 }
@@ -96,17 +100,16 @@ fn neighbour(
     }
 }
 
-/// The full `columns`×`rows` window of the grown cells, upright or lying, if there is exactly one.
-fn window(cells: &HashMap<Cell, usize>, columns: usize, rows: usize) -> Option<Vec<usize>> {
+/// The full `columns`×`rows` windows of the grown cells, upright or lying.
+fn windows_of(cells: &HashMap<Cell, usize>, columns: usize, rows: usize) -> Vec<Vec<usize>> {
     if cells.len() < columns * rows {
-        return None;
+        return Vec::new();
     }
     let upright = windows(cells, columns, rows);
     let turned: HashMap<Cell, usize> = cells.iter().map(|(&(x, y), &n)| ((y, x), n)).collect();
     // A square grid lies as it stands.
     let lying = if columns == rows { Vec::new() } else { windows(&turned, columns, rows) };
-    let [only] = <[_; 1]>::try_from([upright, lying].concat()).ok()?;
-    Some(only)
+    [upright, lying].concat()
 }
 
 fn windows(cells: &HashMap<Cell, usize>, columns: usize, rows: usize) -> Vec<Vec<usize>> {

@@ -91,8 +91,11 @@ pub fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Result<Matrix3<f64>
     Ok(back * normal * from)
 }
 
-/// Homographies of plane views with their planes.
-fn homography_of(samples: &[Sample]) -> Result<Option<(Matrix3<f64>, Isometry3<f64>)>, CalibrationError> {
+/// `image_from_plane` and `world_from_plane`.
+type Flat = (Matrix3<f64>, Isometry3<f64>);
+
+/// The homography of a plane view with its plane; `None` where the points fill space.
+fn homography_of(samples: &[Sample]) -> Result<Option<Flat>, CalibrationError> {
     let Some(plane) = plane_of(samples)? else { return Ok(None) };
     let flat = |s: &Sample| (plane.inverse_transform_point(&s.point).coords.xy(), s.pixel);
     let pairs: Vec<_> = samples.iter().map(flat).collect();

@@ -136,7 +136,7 @@ mod tests {
         assert_ne!(*picture.get_pixel(310, 200), VECTOR);
         let bar = (0..720).filter(|&x| *picture.get_pixel(x, 576 + STRIP / 2) == VECTOR).count();
         // 14 px stand for 0.1 px: the bar of 1 px is 140 px long.
-        assert!((bar as i64 - 141).abs() <= 1, "{bar}");
+        assert!((bar as i64 - 141).abs() <= 2, "{bar}");
     }
 
     #[test]

@@ -5,8 +5,12 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 /// Fewest poses; fewer leave no residual to judge by.
 const FEWEST: usize = 10;
-/// Smallest spread (standard deviation) of directions or turns that fixes a point, rad.
-const SPREAD_RAD: f64 = 0.02;
+/// Smallest spread (standard deviation) of a shaft's directions that fixes its trocar, rad: with less,
+/// 0.05 mm of play become 2 mm along the shaft.
+const TILT_RAD: f64 = 0.02;
+/// Smallest spread of the turns about the second axis that fixes an eye's centre, rad: with less, 1 µm of
+/// noise becomes 0.2 mm.
+const TURN_RAD: f64 = 0.005;
 /// Residuals beyond so many standard deviations lose their weight (Cauchy).
 const SUSPECT: f64 = 3.0;
 /// Rounds of weighting.
@@ -63,11 +67,11 @@ pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, Calibr
     let information = shafts.iter().map(|s| across(&s.1)).sum::<Matrix3<f64>>() / n;
     // Lines along one direction leave the point free along it; the smallest eigenvalue is the spread squared.
     let spread = information.symmetric_eigenvalues().min().max(0.0).sqrt();
-    if spread < SPREAD_RAD {
+    if spread < TILT_RAD {
         return Err(refuse(format!(
             "the shaft was tilted by {:.1} mrad only; at least {:.0} mrad of spread are needed to find its pivot",
             spread * 1e3,
-            SPREAD_RAD * 1e3
+            TILT_RAD * 1e3
         )));
     }
     let mut weights = vec![1.0; shafts.len()];
@@ -125,11 +129,11 @@ pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), Calibr
         let eigen = (&m / total).symmetric_eigenvalues();
         // Turning by small angles a, the smallest eigenvalue is about the variance of a over 2.
         let spread = (2.0 * eigen.min().max(0.0)).sqrt();
-        if spread < SPREAD_RAD {
+        if spread < TURN_RAD {
             return Err(refuse(format!(
                 "the body turned by {:.1} mrad only, or about one axis; at least {:.0} mrad about two axes are needed",
                 spread * 1e3,
-                SPREAD_RAD * 1e3
+                TURN_RAD * 1e3
             )));
         }
         inverse = m.try_inverse().ok_or_else(|| refuse("the poses fix no pivot".into()))?;

@@ -33,13 +33,16 @@ pub struct Seen {
     pub area_ratio: f64,
 }
 
+/// A pose `world_from_body` with its motion: velocity (mm/s) and angular velocity (rad/s).
+pub type Moving = (Isometry3<f64>, [Vector3<f64>; 2]);
+
 /// Everything seen about one instant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Instant {
     /// The tracker frame's exposure.
     pub exposed_ns: Nanos,
-    /// Pose of each body that was measured, and its motion (mm/s, rad/s).
-    pub poses: [Option<(Isometry3<f64>, [Vector3<f64>; 2])>; BODIES],
+    /// Pose of each body that was measured.
+    pub poses: [Option<Moving>; BODIES],
     /// Blobs.
     pub seen: Vec<Seen>,
 }

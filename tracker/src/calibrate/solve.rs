@@ -217,6 +217,9 @@ impl<S> Solution<S> {
     }
 }
 
+/// Schur complement, right-hand side, inverses of the blocks.
+type Reduced = (DMatrix<f64>, DVector<f64>, Vec<DMatrix<f64>>);
+
 struct Assembled {
     common: Equations,
     blocks: Vec<Equations>,
@@ -258,8 +261,8 @@ impl Assembled {
         Some((shared, own))
     }
 
-    /// Schur complement, right-hand side and the inverses of the blocks.
-    fn reduced(&self, damping: f64) -> Option<(DMatrix<f64>, DVector<f64>, Vec<DMatrix<f64>>)> {
+    /// The system of the shared unknowns alone.
+    fn reduced(&self, damping: f64) -> Option<Reduced> {
         let mut schur = damped(&self.common.ss, damping);
         let mut right = -&self.common.s;
         let mut inverses = Vec::with_capacity(self.blocks.len());

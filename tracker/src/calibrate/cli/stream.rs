@@ -258,6 +258,7 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
                 report.notes.push("the world's origin was moved to the eye's centre".into());
             }
         }
+        Some(Err(problem)) if args.recentre => return Err(problem.into()),
         Some(Err(problem)) => report.notes.push(format!("eye's centre: {problem}")),
         None => {}
     }

@@ -1,0 +1,285 @@
+//! Synthetic cameras with known truth: found to rounding without noise, and within the predicted
+//! covariance with noise.
+
+use nalgebra::{Isometry3, Point3, Rotation3, Vector2, Vector3};
+use proptest::prelude::*;
+use protocol::camera::Camera;
+use tracker::calibrate::CalibrationError;
+use tracker::calibrate::lens::{LENS, lens_of, plain_camera};
+use tracker::calibrate::many::{Before, cameras_of_dots, cameras_of_views, triangulate};
+use tracker::calibrate::targets::{Free, Robustness, Sample, Sheet, lens_of_views};
+
+const SIZE: [u32; 2] = [720, 576];
+
+/// Numbers of a standard normal distribution, the same on every machine.
+struct Noise(rand_chacha::ChaCha8Rng);
+
+impl Noise {
+    fn new(seed: u64) -> Self {
+        use rand_chacha::rand_core::SeedableRng;
+        Noise(rand_chacha::ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    /// Sum of twelve uniform numbers less six.
+    fn next(&mut self) -> f64 {
+        (0..12).map(|_| f64::from(self.0.next_u32()) / f64::from(u32::MAX)).sum::<f64>() - 6.0
+    }
+
+    fn pixel(&mut self, sigma: f64) -> Vector2<f64> {
+        Vector2::new(self.next(), self.next()) * sigma
+    }
+}
+
+fn camera() -> Camera {
+    let mut camera = plain_camera(0, SIZE, Vector2::new(900.0, 980.0), Vector2::new(361.0, 282.0));
+    camera.distortion = [-0.21, 0.09, 0.0006, -0.0004, 0.02];
+    camera
+}
+
+/// A board of 8×6 points, 10 mm apart.
+fn board() -> Vec<Point3<f64>> {
+    (0..48).map(|i| Point3::new(f64::from(i % 8) * 10.0, f64::from(i / 8) * 10.0, 0.0)).collect()
+}
+
+/// Places of the board before a camera, tilted to all sides.
+fn places(n: usize, phase: f64) -> Vec<Isometry3<f64>> {
+    let place = |i: usize| {
+        let a = phase + i as f64;
+        let tilt = Vector3::new(0.5 * (1.7 * a).sin(), 0.5 * (2.3 * a).cos(), 0.3 * a.sin());
+        let turned = Isometry3::new(Vector3::zeros(), tilt);
+        let centre = turned * Vector3::new(35.0, 25.0, 0.0);
+        let at = Vector3::new(12.0 * (3.1 * a).sin(), 10.0 * (1.3 * a).cos(), 120.0 + 15.0 * (0.9 * a).sin());
+        Isometry3::from_parts((at - centre).into(), turned.rotation)
+    };
+    (0..n).map(place).collect()
+}
+
+fn sheet(
+    camera: &Camera,
+    index: usize,
+    view: usize,
+    place: &Isometry3<f64>,
+    noise: &mut dyn FnMut() -> Vector2<f64>,
+) -> Sheet {
+    let sample = |point: &Point3<f64>| Sample {
+        pixel: camera.project(&(place * point)).unwrap() + noise(),
+        point: *point,
+    };
+    Sheet { name: view.to_string(), camera: index, view, samples: board().iter().map(sample).collect() }
+}
+
+fn quiet(_: usize, _: f64) {}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn a_lens_is_found_to_rounding(phase in 0.0..6.0f64, k1 in -0.3..0.1f64, fx in 700.0..1200.0f64) {
+        let mut truth = camera();
+        truth.distortion[0] = k1;
+        truth.focal_px.x = fx;
+        let places = places(8, phase);
+        let sheets: Vec<Sheet> =
+            places.iter().enumerate().map(|(v, p)| sheet(&truth, 0, v, p, &mut Vector2::zeros)).collect();
+        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, Robustness::Huber, &mut quiet).unwrap();
+        prop_assert!(found.rms_px < 1e-7, "{} px", found.rms_px);
+        for (a, b) in lens_of(&found.scene.cameras[0]).iter().zip(lens_of(&truth)) {
+            prop_assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{a} and {b}");
+        }
+    }
+
+    #[test]
+    fn noise_moves_a_lens_as_far_as_its_covariance_says(seed in 0u64..1000) {
+        let (truth, mut noise) = (camera(), Noise::new(seed));
+        let sheets: Vec<Sheet> = places(10, 0.4)
+            .iter()
+            .enumerate()
+            .map(|(v, p)| sheet(&truth, 0, v, p, &mut || noise.pixel(0.1)))
+            .collect();
+        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, Robustness::Square, &mut quiet).unwrap();
+        prop_assert!((found.sigma_px / 0.1 - 1.0).abs() < 0.15, "{}", found.sigma_px);
+        for (i, (a, b)) in lens_of(&found.scene.cameras[0]).iter().zip(lens_of(&truth)).enumerate() {
+            // Twelve cases of nine values: 4.5 standard deviations are reached once in 1000 runs.
+            prop_assert!((a - b).abs() < 4.5 * found.sigmas[0][i], "{a} ± {} and {b}", found.sigmas[0][i]);
+        }
+    }
+
+    #[test]
+    fn dots_place_cameras_and_cameras_place_dots(turn in prop::array::uniform3(-0.5..0.5f64), seed in 0u64..1000) {
+        let cameras: Vec<Camera> = (0..3).map(|c| {
+            let mut camera = Camera { id: c, ..camera() };
+            let aside = Rotation3::new(Vector3::new(0.0, 0.6 * (f64::from(c) - 1.0), 0.0));
+            camera.camera_from_world = (aside * Rotation3::new(Vector3::from(turn) * 0.5)).into_inner();
+            camera.translation_mm = Vector3::new(0.0, 0.0, 150.0);
+            camera
+        }).collect();
+        let mut noise = Noise::new(seed);
+        let dots: Vec<Point3<f64>> = (0..150).map(|_| Point3::new(noise.next(), noise.next(), noise.next()) * 12.0).collect();
+        let sheets: Vec<Sheet> = cameras.iter().enumerate().map(|(c, camera)| Sheet {
+            name: c.to_string(), camera: c, view: 0,
+            samples: dots.iter().map(|d| Sample { pixel: camera.project(d).unwrap(), point: *d }).collect(),
+        }).collect();
+        for before in [Before::Size(SIZE), Before::Lens(camera())] {
+            let found = cameras_of_dots(&vec![before; 3], &sheets, [true; LENS], Robustness::Huber, &mut quiet).unwrap();
+            for (a, b) in found.scene.cameras.iter().zip(&cameras) {
+                prop_assert!((a.centre_in_world() - b.centre_in_world()).norm() < 1e-4);
+            }
+            let sights: Vec<_> = found.scene.cameras.iter().zip(&sheets).map(|(c, s)| (c, s.samples[7].pixel, nalgebra::Matrix2::identity())).collect();
+            prop_assert!((triangulate(&sights).unwrap() - dots[7]).norm() < 1e-5);
+        }
+    }
+}
+
+#[test]
+fn predicted_deviations_are_those_that_occur() {
+    // Over 40 draws the mean squared normalised error of each value is 1 ± 4·√(2/40).
+    let (truth, mut noise) = (camera(), Noise::new(7));
+    let mut squares = [0.0; LENS];
+    for _ in 0..40 {
+        let sheets: Vec<Sheet> = places(6, 1.1)
+            .iter()
+            .enumerate()
+            .map(|(v, p)| sheet(&truth, 0, v, p, &mut || noise.pixel(0.08)))
+            .collect();
+        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, Robustness::Square, &mut quiet).unwrap();
+        let values = lens_of(&found.scene.cameras[0]);
+        for (i, s) in squares.iter_mut().enumerate() {
+            *s += ((values[i] - lens_of(&truth)[i]) / found.sigmas[0][i]).powi(2) / 40.0;
+        }
+    }
+    assert!(squares.iter().all(|s| (0.2..1.9).contains(s)), "{squares:?}");
+}
+
+#[test]
+fn cameras_are_placed_through_views_that_only_some_share() {
+    // Camera 1 shares views with camera 0 and with camera 2; 0 and 2 share none.
+    let mut cameras: Vec<Camera> = (0..3).map(|id| Camera { id, ..camera() }).collect();
+    for (c, camera) in cameras.iter_mut().enumerate().skip(1) {
+        camera.camera_from_world = Rotation3::new(Vector3::new(0.02, 0.12 * c as f64, -0.01)).into_inner();
+        camera.translation_mm = Vector3::new(-14.0 * c as f64, 1.0, 2.0);
+    }
+    let places = places(10, 0.2);
+    let seen = [0..6, 0..10, 6..10];
+    let sheets: Vec<Sheet> = seen
+        .into_iter()
+        .enumerate()
+        .flat_map(|(c, views)| views.map(move |v| (c, v)))
+        .map(|(c, v)| sheet(&cameras[c], c, v, &places[v], &mut Vector2::zeros))
+        .collect();
+    let found =
+        cameras_of_views(&[SIZE; 3], &sheets, [true; LENS], false, Robustness::Huber, &mut quiet).unwrap();
+    for (a, b) in found.scene.cameras.iter().zip(&cameras) {
+        assert!((a.centre_in_world() - b.centre_in_world()).norm() < 1e-4, "{a:?}");
+    }
+    let apart: Vec<Sheet> = sheets.into_iter().filter(|s| s.camera != 1).collect();
+    let relabelled: Vec<Sheet> = apart.into_iter().map(|s| Sheet { camera: s.camera / 2, ..s }).collect();
+    let refused =
+        cameras_of_views(&[SIZE; 2], &relabelled, [true; LENS], false, Robustness::Huber, &mut quiet);
+    assert!(refused.unwrap_err().to_string().contains("shares no view"));
+}
+
+#[test]
+fn a_robust_loss_shrugs_off_what_least_squares_does_not() {
+    let (truth, mut noise) = (camera(), Noise::new(3));
+    let mut sheets: Vec<Sheet> = places(8, 0.9)
+        .iter()
+        .enumerate()
+        .map(|(v, p)| sheet(&truth, 0, v, p, &mut || noise.pixel(0.05)))
+        .collect();
+    for sheet in &mut sheets {
+        sheet.samples[11].pixel.x += 4.0;
+        sheet.samples[30].pixel.y -= 3.0;
+    }
+    let off = |robustness| {
+        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, robustness, &mut quiet).unwrap();
+        (found.scene.cameras[0].focal_px - truth.focal_px).norm()
+    };
+    let [square, huber, cauchy] = [Robustness::Square, Robustness::Huber, Robustness::Cauchy].map(off);
+    assert!(huber < 0.5 * square && cauchy < 0.5 * square, "{square} {huber} {cauchy}");
+}
+
+/// The words with which a calibration is refused.
+fn refusal(sheets: &[Sheet]) -> String {
+    let refused = lens_of_views(0, SIZE, sheets, Free::LENS, Robustness::Huber, &mut quiet);
+    refused.map(|c| format!("accepted: {c:?}")).unwrap_or_else(|e: CalibrationError| e.to_string())
+}
+
+#[test]
+fn what_cannot_be_solved_is_refused_in_words() {
+    let truth = camera();
+    let all = |places: &[Isometry3<f64>]| -> Vec<Sheet> {
+        places.iter().enumerate().map(|(v, p)| sheet(&truth, 0, v, p, &mut Vector2::zeros)).collect()
+    };
+    let two = all(&places(2, 0.0));
+    assert!(refusal(&two).contains("found in 2 pictures; at least 3"), "{}", refusal(&two));
+    // The same direction in every picture, face on and tilted.
+    for tilt in [0.0, 0.3] {
+        let shifted = |i: usize| {
+            Isometry3::new(
+                Vector3::new(-40.0 + 5.0 * i as f64, -25.0, 120.0 + i as f64),
+                Vector3::new(tilt, 0.0, 0.0),
+            )
+        };
+        let parallel = all(&(0..6).map(shifted).collect::<Vec<_>>());
+        let mut noise = Noise::new(1);
+        let noisy: Vec<Sheet> = parallel
+            .iter()
+            .map(|s| {
+                let samples =
+                    s.samples.iter().map(|p| Sample { pixel: p.pixel + noise.pixel(1e-9), ..*p }).collect();
+                Sheet { samples, ..s.clone() }
+            })
+            .collect();
+        for sheets in [&parallel, &noisy] {
+            let told = refusal(sheets);
+            assert!(
+                told.contains("degenerate") || told.contains("same direction") || told.contains("too alike"),
+                "tilt {tilt}: {told}"
+            );
+        }
+    }
+    // All on a line.
+    let line: Vec<Sheet> =
+        all(&places(4, 0.0)).into_iter().map(|s| Sheet { samples: s.samples[..8].to_vec(), ..s }).collect();
+    assert!(refusal(&line).contains("on a line"), "{}", refusal(&line));
+    // Fewer than four points.
+    let few: Vec<Sheet> = all(&places(4, 0.0))
+        .into_iter()
+        .map(|s| Sheet { samples: vec![s.samples[0], s.samples[7], s.samples[40]], ..s })
+        .collect();
+    assert!(refusal(&few).contains("at least 4"), "{}", refusal(&few));
+}
+
+#[test]
+fn dots_that_fix_nothing_are_refused_in_words() {
+    let mut camera = camera();
+    camera.translation_mm.z = 150.0;
+    let sheet = |points: &[Point3<f64>]| Sheet {
+        name: "a".into(),
+        camera: 0,
+        view: 0,
+        samples: points.iter().map(|d| Sample { pixel: camera.project(d).unwrap(), point: *d }).collect(),
+    };
+    let told = |points: &[Point3<f64>]| {
+        let found = cameras_of_dots(
+            &[Before::Size(SIZE)],
+            &[sheet(points)],
+            [true; LENS],
+            Robustness::Huber,
+            &mut quiet,
+        );
+        found.map(|c| format!("accepted: {c:?}")).unwrap_or_else(|e| e.to_string())
+    };
+    assert!(told(&board()).contains("one plane"), "{}", told(&board()));
+    assert!(told(&board()[..8]).contains("on a line"));
+    assert!(told(&[]).contains("sees no dot"));
+    let five: Vec<_> =
+        (0..5).map(|i| Point3::new(f64::from(i), f64::from(i * i), f64::from(i % 3))).collect();
+    assert!(told(&five).contains("at least 6"), "{}", told(&five));
+    let same = vec![Point3::new(1.0, 2.0, 3.0); 20];
+    assert!(told(&same).contains("in one place"), "{}", told(&same));
+    // Rays that never meet.
+    let rays = [(&camera, Vector2::new(300.0, 300.0), nalgebra::Matrix2::identity()); 2];
+    assert!(triangulate(&rays).is_none());
+    assert!(triangulate(&rays[..1]).is_none());
+}
