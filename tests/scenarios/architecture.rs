@@ -137,7 +137,9 @@ fn every_module_says_what_it_is_and_stays_readable() {
 
 #[test]
 fn paths_named_in_the_documents_exist() {
-    for document in ["ARCHITECTURE.md", "README.md", "docs/conventions.md", "docs/recording.md"] {
+    for document in
+        ["ARCHITECTURE.md", "README.md", "docs/conventions.md", "docs/recording.md", "docs/calibration.md"]
+    {
         let text = std::fs::read_to_string(repository().join(document)).expect(document);
         let mut named = 0;
         for word in text.split('`').skip(1).step_by(2) {

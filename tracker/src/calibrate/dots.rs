@@ -18,8 +18,11 @@ pub struct Dot {
     pub area_px: f64,
 }
 
-/// A region stands out if it differs from its surroundings by this share of the picture's contrast.
-const STANDS_OUT: f32 = 0.25;
+/// A region stands out if it differs from its surroundings by this share of the picture's contrast,
+/// and by so many standard deviations of the noise.
+const STANDS_OUT: (f32, f32) = (0.06, 4.0);
+/// Smoothing against noise before that is judged, px.
+const SMOOTHING_PX: f64 = 0.8;
 /// Shares of the pixels between which the contrast is measured.
 const CONTRAST: [f64; 2] = [0.005, 0.995];
 /// Smallest and largest area, px, and as a share of the picture.
@@ -36,12 +39,14 @@ const RIM: isize = 2;
 /// All dots of a picture, dark ones on bright ground or the reverse.
 pub fn find(picture: &Grey, dark: bool) -> Vec<Dot> {
     let [low, high] = picture.quantiles(CONTRAST);
-    let threshold = STANDS_OUT * (high - low);
-    let ground = picture.blurred((picture.width as f64 * BACKGROUND).max(4.0));
+    let ground = picture.ground((picture.width as f64 * BACKGROUND).max(4.0));
+    let smooth = picture.blurred(SMOOTHING_PX);
     let sign = if dark { -1.0 } else { 1.0 };
     let (w, h) = (picture.width as isize, picture.height as isize);
-    let out = |x: isize, y: isize| sign * (picture.at(x, y) - ground.at(x, y));
-    let mut inside: Vec<bool> = (0..w * h).map(|i| out(i % w, i / w) > threshold).collect();
+    let out: Vec<f32> =
+        (0..w * h).map(|i| sign * (smooth.at(i % w, i / w) - ground.at(i % w, i / w))).collect();
+    let threshold = (STANDS_OUT.0 * (high - low)).max(STANDS_OUT.1 * noise_of(&out));
+    let mut inside: Vec<bool> = out.iter().map(|v| *v > threshold).collect();
     let mut dots = Vec::new();
     for start in 0..inside.len() {
         if inside[start] {
@@ -50,6 +55,15 @@ pub fn find(picture: &Grey, dark: bool) -> Vec<Dot> {
         }
     }
     dots
+}
+
+/// Standard deviation from the median deviation, which dots do not move as long as they cover less
+/// than half of the picture.
+fn noise_of(out: &[f32]) -> f32 {
+    let mut sizes: Vec<f32> = out.iter().map(|v| v.abs()).collect();
+    let middle = sizes.len() / 2;
+    let (_, median, _) = sizes.select_nth_unstable_by(middle, f32::total_cmp);
+    *median / 0.6745
 }
 
 /// Takes a connected region out of the map.

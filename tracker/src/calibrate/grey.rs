@@ -94,6 +94,20 @@ impl Grey {
         Grey { data, ..*self }
     }
 
+    /// Smoothed by a wide Gaussian (standard deviation in px), by way of a smaller picture.
+    pub fn ground(&self, sigma: f64) -> Self {
+        let (mut level, mut scale) = (self.clone(), 1.0);
+        while sigma / scale > 4.0 && level.width.min(level.height) > 32 {
+            level = level.halved();
+            scale *= 2.0;
+        }
+        let smooth = level.blurred(sigma / scale);
+        let at = |i: usize| Vector2::new((i % self.width) as f64, (i / self.width) as f64);
+        let in_level = |p: Vector2<f64>| (p - Vector2::repeat((scale - 1.0) / 2.0)) / scale;
+        let data = (0..self.data.len()).map(|i| smooth.between(in_level(at(i)))).collect();
+        Grey { data, ..*self }
+    }
+
     /// Half as large, each pixel the mean of four.
     pub fn halved(&self) -> Self {
         let (width, height) = (self.width / 2, self.height / 2);
@@ -139,6 +153,8 @@ mod tests {
         let p = Vector2::new(17.25, 12.5);
         assert!((ramp.between(p) - 72.0).abs() < 1e-4);
         assert!((ramp.blurred(1.5).between(p) - 72.0).abs() < 1e-3);
+        let wide = Grey::new(200, 160, (0..200 * 160).map(|i| (i % 200) as f32).collect()).ground(10.0);
+        assert!((wide.between(Vector2::new(100.0, 80.0)) - 100.0).abs() < 0.1);
         assert!((ramp.slope(20, 15) - Vector2::new(2.0, 3.0)).norm() < 1e-6);
         // The centre of a halved pixel lies half a pixel beside that of its first one.
         assert!((ramp.halved().between(Vector2::new(8.0, 6.0)) - (2.0 * 16.5 + 3.0 * 12.5)).abs() < 1e-4);
