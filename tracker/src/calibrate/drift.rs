@@ -10,10 +10,11 @@
 //! eye's centre, markers moved together) leaves no residual.
 
 use super::CalibrationError;
+use super::bundle::Bundle;
 use super::lens::{PLACE, by_place, project};
 use super::sightings::Instant;
 use super::targets::rms;
-use super::waved::{Bundle, camera_rms, fitted, residuals_of};
+use super::waved::{camera_rms, fitted, residuals_of};
 use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::rig::Rig;
 

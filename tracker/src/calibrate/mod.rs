@@ -4,6 +4,7 @@
 //! readers it calls, everything else is pure.
 
 pub mod board;
+pub mod bundle;
 pub mod cli;
 pub mod corners;
 pub mod dots;

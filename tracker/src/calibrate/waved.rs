@@ -8,335 +8,19 @@
 //! eye's centre is the world's origin by definition; the markers' distances carry the scale.
 
 use super::CalibrationError;
-use super::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
-use super::sightings::{Instant, Seen};
-use super::solve::{Column, Equations, Loss, Problem, Solution, Unknown, solve};
-use super::targets::{Residual, place_of, rms};
+use super::bundle::{Bundle, HELD, Known, Value, WavedProblem};
+use super::lens::{LENS, PLACE, by_place, project};
+use super::sightings::{Instant, Seen, collect};
+use super::solve::{Problem, Solution, solve};
+use super::targets::{Residual, rms};
+use crate::constants::{SIGMA_X_PX, SIGMA_Y_PX};
 use crate::fit::carried;
-use crate::model::{Marker, RigModel};
+use crate::model::RigModel;
 use crate::sight::image_of;
-use nalgebra::{
-    DVector, Isometry3, Matrix1, Matrix2, Matrix3, Point3, SMatrix, UnitQuaternion, Vector2, Vector3,
-};
-use protocol::camera::Camera;
+use nalgebra::{Matrix3, Point3, Vector3};
+use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
-use protocol::poses::{BODY_NAMES, EYE};
 use protocol::rig::Rig;
-
-/// How sure the rig is before (standard deviations). 0 holds a value where it is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Known {
-    /// Where the world's origin is before each camera, along each of the camera's axes, mm.
-    pub camera_mm: f64,
-    /// How the world is turned before each camera, about each axis, rad.
-    pub camera_rad: f64,
-    /// Position of each marker along each axis, mm.
-    pub marker_mm: f64,
-    /// Focal lengths and principal points, px; the distortion by the shift it makes at the corner of
-    /// the picture.
-    pub lens_px: f64,
-}
-
-impl Default for Known {
-    /// A rig that was calibrated well and may have drifted: hundredths of a millimetre.
-    fn default() -> Self {
-        Known { camera_mm: 0.02, camera_rad: 0.3e-3, marker_mm: 0.005, lens_px: 0.0 }
-    }
-}
-
-/// Nothing but the poses is unknown.
-const HELD: Known = Known { camera_mm: 0.0, camera_rad: 0.0, marker_mm: 0.0, lens_px: 0.0 };
-/// Standard deviations beyond which a blob loses its weight.
-const SUSPECT: f64 = 4.0;
-
-/// Values of all unknowns.
-#[derive(Debug, Clone)]
-pub struct Bundle {
-    /// Cameras in the order of the rig.
-    pub cameras: Vec<Camera>,
-    /// Markers of each body.
-    pub markers: Vec<Vec<Marker>>,
-    /// Poses by instant and body.
-    pub poses: Vec<[Option<Isometry3<f64>>; BODIES]>,
-}
-
-impl Bundle {
-    /// The rig as it is and the poses that the tracker found with it.
-    pub fn new(rig: &Rig, instants: &[Instant]) -> Self {
-        Bundle {
-            cameras: rig.cameras(),
-            markers: RigModel::new(rig).bodies.iter().map(|b| b.markers.clone()).collect(),
-            poses: instants.iter().map(|i| i.poses.map(|p| p.map(|(pose, _)| pose))).collect(),
-        }
-    }
-
-    /// The rig with these cameras and markers.
-    pub fn rig(&self, rig: &Rig) -> Rig {
-        let mut out = rig.clone();
-        for (old, camera) in out.cameras.iter_mut().zip(&self.cameras) {
-            *old = super::output::rig_camera(camera);
-        }
-        for (name, markers) in BODY_NAMES.iter().zip(&self.markers) {
-            let Some(body) = out.bodies.iter_mut().find(|b| b.name == *name) else { continue };
-            for (old, marker) in body.markers.iter_mut().zip(markers) {
-                old.p = marker.position.coords.into();
-            }
-        }
-        out
-    }
-}
-
-/// A shared unknown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Value {
-    Lens(usize, usize),
-    Place(usize, usize),
-    Marker(usize, usize, usize),
-}
-
-/// The problem.
-pub struct WavedProblem<'a> {
-    instants: &'a [Instant],
-    before: Bundle,
-    values: Vec<Value>,
-    sigmas: Vec<f64>,
-    /// First unknown of each camera's lens and place, and of each marker.
-    lens_at: Vec<Option<usize>>,
-    place_at: Vec<Option<usize>>,
-    marker_at: Vec<Vec<Option<usize>>>,
-    /// What makes each blob's residual of unit variance, by instant.
-    whitening: Vec<Vec<Matrix2<f64>>>,
-    /// The eye may also move, not only turn.
-    eye_moves: bool,
-    noise: f64,
-}
-
-impl<'a> WavedProblem<'a> {
-    /// From what was seen, beginning at `before`. Only markers that were seen are unknowns.
-    pub fn new(instants: &'a [Instant], before: Bundle, known: &Known, eye_moves: bool) -> Self {
-        // A covariance that is none belongs to a blob that says nothing.
-        let whiten = |s: &Seen| s.covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_default();
-        let mut out = WavedProblem {
-            instants,
-            whitening: instants.iter().map(|i| i.seen.iter().map(whiten).collect()).collect(),
-            eye_moves,
-            values: Vec::new(),
-            sigmas: Vec::new(),
-            lens_at: vec![None; before.cameras.len()],
-            place_at: vec![None; before.cameras.len()],
-            marker_at: before.markers.iter().map(|m| vec![None; m.len()]).collect(),
-            before,
-            noise: 1.0,
-        };
-        let seen = |of: &dyn Fn(&Seen) -> bool| instants.iter().any(|i| i.seen.iter().any(of));
-        for c in 0..out.before.cameras.len() {
-            if !seen(&|s| s.camera == c) {
-                continue;
-            }
-            if known.lens_px > 0.0 {
-                out.lens_at[c] = Some(out.values.len());
-                let sigmas = lens_sigmas(&out.before.cameras[c], known.lens_px);
-                for (i, sigma) in sigmas.into_iter().enumerate() {
-                    out.push(Value::Lens(c, i), sigma);
-                }
-            }
-            if known.camera_mm > 0.0 && known.camera_rad > 0.0 {
-                out.place_at[c] = Some(out.values.len());
-                for i in 0..PLACE {
-                    let sigma = if i < 3 { known.camera_rad } else { known.camera_mm };
-                    out.push(Value::Place(c, i), sigma);
-                }
-            }
-        }
-        for body in 0..out.before.markers.len() {
-            for marker in 0..out.before.markers[body].len() {
-                if known.marker_mm > 0.0 && seen(&|s| (s.body, s.marker) == (body, marker)) {
-                    out.marker_at[body][marker] = Some(out.values.len());
-                    (0..3).for_each(|i| out.push(Value::Marker(body, marker, i), known.marker_mm));
-                }
-            }
-        }
-        out
-    }
-
-    fn push(&mut self, value: Value, sigma: f64) {
-        self.values.push(value);
-        self.sigmas.push(sigma);
-    }
-
-    /// First own unknown of each body at an instant, and their number.
-    fn own_at(&self, block: usize) -> ([Option<usize>; BODIES], usize) {
-        let (mut at, mut n) = ([None; BODIES], 0);
-        for (body, pose) in self.before.poses[block].iter().enumerate() {
-            if pose.is_some() {
-                at[body] = Some(n);
-                n += self.own_of(body);
-            }
-        }
-        (at, n)
-    }
-
-    /// Own unknowns of a body: the eye turns about the origin, instruments also move.
-    fn own_of(&self, body: usize) -> usize {
-        if body == EYE && !self.eye_moves { 3 } else { 6 }
-    }
-
-    /// Whitened residual (computed less seen) of a blob of a block, and its derivatives unless only the
-    /// cost is wanted; `None` behind the camera.
-    fn image(
-        &self,
-        state: &Bundle,
-        (block, blob): (usize, usize),
-        own: Option<usize>,
-        columns: Option<&mut Vec<Column<2>>>,
-    ) -> Option<Vector2<f64>> {
-        let seen = &self.instants[block].seen[blob];
-        let motion = &self.instants[block].poses[seen.body]?.1;
-        let pose = carried(&state.poses[block][seen.body]?, motion, seen.dt_s);
-        let camera = &state.cameras[seen.camera];
-        let marker = &state.markers[seen.body][seen.marker];
-        let point = image_of(marker, &pose, camera)?.point;
-        let p = camera.in_camera(&point);
-        let image = project(camera, &p)?;
-        let whiten = self.whitening[block][blob] / self.noise;
-        let residual = whiten * (image.pixel - seen.pixel);
-        let Some(columns) = columns else { return Some(residual) };
-        columns.clear();
-        let mut put = |first: Option<usize>, slopes: &[Vector2<f64>], own: bool| {
-            let Some(first) = first else { return };
-            for (i, slope) in slopes.iter().enumerate() {
-                let unknown = if own { Unknown::Own(first + i) } else { Unknown::Shared(first + i) };
-                columns.push((unknown, whiten * slope));
-            }
-        };
-        let lens: [Vector2<f64>; LENS] = std::array::from_fn(|i| image.by_lens.column(i).into());
-        put(self.lens_at[seen.camera], &lens, false);
-        let places = image.by_point * by_place(camera, &p);
-        put(
-            self.place_at[seen.camera],
-            &std::array::from_fn::<_, PLACE, _>(|i| places.column(i).into()),
-            false,
-        );
-        let by_world = image.by_point * camera.camera_from_world;
-        let by_marker = by_world * pose.rotation.to_rotation_matrix().matrix();
-        let slopes: [Vector2<f64>; 3] = std::array::from_fn(|i| by_marker.column(i).into());
-        put(self.marker_at[seen.body][seen.marker], &slopes, false);
-        let arm = point.coords - pose.translation.vector;
-        let turning = -(by_world * arm.cross_matrix());
-        let slopes: [Vector2<f64>; 6] =
-            std::array::from_fn(
-                |i| if i < 3 { turning.column(i).into() } else { by_world.column(i - 3).into() },
-            );
-        put(own, &slopes[..self.own_of(seen.body)], true);
-        Some(residual)
-    }
-}
-
-/// Standard deviations of the nine values of a lens that each shift the picture's corner by `px`.
-fn lens_sigmas(camera: &Camera, px: f64) -> [f64; LENS] {
-    let [w, h] = camera.size_px.map(|n| f64::from(n) / 2.0);
-    let corner = Vector2::new(w / camera.focal_px.x, h / camera.focal_px.y);
-    let r2 = corner.norm_squared();
-    let reach = corner.norm() * camera.focal_px.x;
-    let radial = px / reach;
-    [px, px, px, px, radial / r2, radial / (r2 * r2), radial / r2, radial / r2, radial / (r2 * r2 * r2)]
-}
-
-impl Problem for WavedProblem<'_> {
-    type State = Bundle;
-
-    fn shared(&self) -> usize {
-        self.values.len()
-    }
-
-    fn name(&self, shared: usize) -> String {
-        match self.values[shared] {
-            Value::Lens(camera, i) => format!("{} of camera {camera}", LENS_NAMES[i]),
-            Value::Place(camera, i) if i < 3 => format!("rotation of camera {camera}"),
-            Value::Place(camera, _) => format!("translation of camera {camera}"),
-            Value::Marker(body, marker, _) => format!("marker {marker} of {}", BODY_NAMES[body]),
-        }
-    }
-
-    fn blocks(&self) -> usize {
-        self.instants.len()
-    }
-
-    fn own(&self, block: usize) -> usize {
-        self.own_at(block).1
-    }
-
-    fn equations(&self, state: &Bundle, block: usize, out: &mut Equations) {
-        let (own, _) = self.own_at(block);
-        let mut columns = Vec::with_capacity(LENS + 2 * PLACE + 3);
-        for (blob, seen) in self.instants[block].seen.iter().enumerate() {
-            let wanted = (!out.cost_only()).then_some(&mut columns);
-            match self.image(state, (block, blob), own[seen.body], wanted) {
-                Some(residual) => out.add(&residual, &columns, Loss::Cauchy(SUSPECT)),
-                None => out.refuse(),
-            }
-        }
-    }
-
-    fn prior(&self, state: &Bundle, out: &mut Equations) {
-        for (at, (value, sigma)) in self.values.iter().zip(&self.sigmas).enumerate() {
-            let off = match *value {
-                Value::Lens(c, i) => lens_of(&state.cameras[c])[i] - lens_of(&self.before.cameras[c])[i],
-                Value::Place(c, i) => moved_place(&self.before.cameras[c], &state.cameras[c])[i],
-                Value::Marker(b, m, i) => {
-                    state.markers[b][m].position[i] - self.before.markers[b][m].position[i]
-                }
-            };
-            // The rotation's increment and its logarithm differ in second order only.
-            out.add(
-                &Matrix1::new(off / sigma),
-                &[(Unknown::Shared(at), Matrix1::new(1.0 / sigma))],
-                Loss::Square,
-            );
-        }
-    }
-
-    fn moved(&self, state: &Bundle, shared: &DVector<f64>, own: &[DVector<f64>]) -> Bundle {
-        let mut next = state.clone();
-        for (c, camera) in next.cameras.iter_mut().enumerate() {
-            if let Some(at) = self.lens_at[c] {
-                let mut lens = lens_of(camera);
-                lens.iter_mut().enumerate().for_each(|(i, v)| *v += shared[at + i]);
-                set_lens(camera, &lens);
-            }
-            if let Some(at) = self.place_at[c] {
-                move_place(camera, &SMatrix::<f64, PLACE, 1>::from_fn(|i, _| shared[at + i]));
-            }
-        }
-        for (markers, ats) in next.markers.iter_mut().zip(&self.marker_at) {
-            for (marker, at) in markers.iter_mut().zip(ats) {
-                if let Some(at) = *at {
-                    marker.position += Vector3::new(shared[at], shared[at + 1], shared[at + 2]);
-                }
-            }
-        }
-        for (block, (poses, step)) in next.poses.iter_mut().zip(own).enumerate() {
-            let (ats, _) = self.own_at(block);
-            for (body, (pose, at)) in poses.iter_mut().zip(ats).enumerate() {
-                let (Some(pose), Some(at)) = (pose, at) else { continue };
-                let turn = Vector3::new(step[at], step[at + 1], step[at + 2]);
-                pose.rotation = UnitQuaternion::from_scaled_axis(turn) * pose.rotation;
-                if self.own_of(body) == 6 {
-                    pose.translation.vector += Vector3::new(step[at + 3], step[at + 4], step[at + 5]);
-                }
-            }
-        }
-        next
-    }
-}
-
-/// Rotation (rad, camera frame) and translation (mm) by which a camera's place has changed, as
-/// [`move_place`] takes them.
-pub fn moved_place(before: &Camera, after: &Camera) -> [f64; PLACE] {
-    let turn = (place_of(after).rotation * place_of(before).rotation.inverse()).scaled_axis();
-    let shift = after.translation_mm - before.translation_mm;
-    [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
-}
 
 /// Residuals (seen less computed) under a bundle; `sheet` is the instant.
 pub fn residuals_of(instants: &[Instant], bundle: &Bundle) -> Vec<Residual> {
@@ -389,27 +73,77 @@ pub fn refine(
     known: &Known,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<Waved, CalibrationError> {
-    let (instants, fitted) = fitted(rig, instants)?;
+    let rough = known.rough(rig);
+    let (instants, fitted) = fitted_with(rig, instants, false, rough)?;
     let instants = &instants;
     let before = residuals_of(instants, &fitted);
     let mut problem = WavedProblem::new(instants, fitted, known, false);
-    let first = solve(&problem, problem.before.clone(), progress)?;
-    // The blobs' covariances may be too small or too large; the prior must weigh against the truth.
-    problem.noise = (first.cost / first.freedom.max(1) as f64).sqrt().clamp(0.5, 10.0);
-    let solution = solve(&problem, first.state, progress)?;
+    // As long as the rig is rough its errors, not the blobs', make the residuals.
+    problem.noise = rough;
+    let mut solution = solve(&problem, problem.before.clone(), progress)?;
+    for _ in 0..2 {
+        // The blobs' covariances may be too small or too large; the prior must weigh against the truth.
+        problem.noise *= (solution.cost / solution.freedom.max(1) as f64).sqrt();
+        problem.noise = problem.noise.clamp(0.5, 10.0);
+        solution = solve(&problem, solution.state, progress)?;
+    }
     Ok(summary(&problem, solution, before))
+}
+
+/// Refines a rig from a stream: tracked with the rig as it is, its blobs doubted as much as the rig,
+/// then again with the refined one. At most `most` instants are used, spread over the stream.
+pub fn refine_stream(
+    rig: &Rig,
+    fields: &[BlobField],
+    known: &Known,
+    most: usize,
+    progress: &mut dyn FnMut(usize, f64),
+) -> Result<Waved, CalibrationError> {
+    let rough = known.rough(rig);
+    let doubted: Vec<BlobField> = fields.iter().map(|f| doubted(f, rough)).collect();
+    let mut seen = spread(collect(rig, &doubted), most);
+    let blobs = seen.iter_mut().flat_map(|i| &mut i.seen);
+    blobs.for_each(|s| s.covariance /= rough * rough);
+    let first = refine(rig, &seen, known, progress)?;
+    // The prior stays that of the rig as it was; the poses begin at better ones.
+    let again = spread(collect(&first.bundle.rig(rig), fields), most);
+    refine(rig, &again, known, progress)
+}
+
+/// `most` of the instants, evenly spread.
+pub fn spread(instants: Vec<Instant>, most: usize) -> Vec<Instant> {
+    let used = most.min(instants.len());
+    (0..used).map(|i| instants[i * instants.len() / used].clone()).collect()
+}
+
+/// A field whose blobs have `times` their standard deviation.
+fn doubted(field: &BlobField, times: f64) -> BlobField {
+    let mut out = *field;
+    let count = out.blobs().len();
+    for blob in &mut out.blobs[..count] {
+        let told = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
+        if told == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] {
+            (blob.var_x_px2, blob.var_y_px2) = (SIGMA_X_PX * SIGMA_X_PX, SIGMA_Y_PX * SIGMA_Y_PX);
+        }
+        blob.var_x_px2 *= times * times;
+        blob.var_y_px2 *= times * times;
+        blob.cov_xy_px2 *= times * times;
+    }
+    out
 }
 
 /// The instants that can be used, and the poses fitted to them with the rig as it is.
 pub fn fitted(rig: &Rig, instants: &[Instant]) -> Result<(Vec<Instant>, Bundle), CalibrationError> {
-    fitted_with(rig, instants, false)
+    fitted_with(rig, instants, false, 1.0)
 }
 
-/// As [`fitted`]; `eye_moves` does not hold the eye's centre at the origin.
+/// As [`fitted`]; `eye_moves` does not hold the eye's centre at the origin, `noise` is what the blobs'
+/// standard deviations are multiplied with.
 pub fn fitted_with(
     rig: &Rig,
     instants: &[Instant],
     eye_moves: bool,
+    noise: f64,
 ) -> Result<(Vec<Instant>, Bundle), CalibrationError> {
     let instants = usable(rig, instants);
     if instants.len() < FEWEST_INSTANTS {
@@ -419,7 +153,8 @@ pub fn fitted_with(
         );
         return Err(CalibrationError::Geometry(problem));
     }
-    let problem = WavedProblem::new(&instants, Bundle::new(rig, &instants), &HELD, eye_moves);
+    let mut problem = WavedProblem::new(&instants, Bundle::new(rig, &instants), &HELD, eye_moves);
+    problem.noise = noise;
     let poses = solve(&problem, problem.before.clone(), &mut |_, _| {})?.state;
     Ok((instants, poses))
 }

@@ -1,13 +1,14 @@
 //! Calibrations that look at a stream of blobs: `waved`, `pivot`, `drift`.
 
 use super::{OutputArgs, bar, positive, spinner};
+use crate::calibrate::bundle::Known;
 use crate::calibrate::drift::{self, Drift};
 use crate::calibrate::pivot::{self, Pivot};
 use crate::calibrate::poses::{self, Poses};
 use crate::calibrate::report::{Report, camera_report};
 use crate::calibrate::sightings::{Instant, collect};
 use crate::calibrate::targets::{rms, robust_sigma};
-use crate::calibrate::waved::{Known, Waved, fitted, fitted_with, refine};
+use crate::calibrate::waved::{Waved, fitted, fitted_with, refine_stream, spread};
 use anyhow::{Context, ensure};
 use nalgebra::{Point3, Vector3};
 use protocol::blob_stream::BlobReader;
@@ -28,6 +29,9 @@ pub struct StreamArgs {
     #[arg(long, value_name = "NUMBER", default_value_t = 400)]
     pub instants: usize,
 }
+
+/// Systematic shift of a camera's image that is tolerated where nothing else is said, px.
+const LIMIT_PX: f64 = 0.02;
 
 /// Arguments of `vitreo calibrate waved`.
 #[derive(Debug, Clone, clap::Args)]
@@ -80,15 +84,15 @@ pub struct DriftArgs {
     #[command(flatten)]
     pub from: StreamArgs,
     /// Systematic shift of a camera's image that is tolerated, px.
-    #[arg(long, value_name = "PX", default_value = "0.02", value_parser = positive)]
+    #[arg(long, value_name = "PX", default_value_t = LIMIT_PX, value_parser = positive)]
     pub limit_px: f64,
     #[command(flatten)]
     pub output: OutputArgs,
 }
 
 impl StreamArgs {
-    /// The rig and what was seen with it.
-    fn load(&self, path: &Path) -> anyhow::Result<(Rig, Vec<Instant>)> {
+    /// The rig and the fields of a stream.
+    fn fields(&self, path: &Path) -> anyhow::Result<(Rig, Vec<BlobField>)> {
         ensure!(self.instants >= 10, "--instants: expected 10 or more, found {}", self.instants);
         let recorded = path.extension().is_some_and(|e| e == "mcap");
         let (own, fields) = if recorded { of_recording(path)? } else { (None, of_lines(path)?) };
@@ -97,11 +101,16 @@ impl StreamArgs {
             (None, Some(text)) => Rig::parse(&text, "of the recording")?,
             (None, None) => anyhow::bail!("--rig RIG.json is needed with a blob stream"),
         };
+        Ok((rig, fields))
+    }
+
+    /// The rig and what was seen with it.
+    fn load(&self, path: &Path) -> anyhow::Result<(Rig, Vec<Instant>)> {
+        let (rig, fields) = self.fields(path)?;
         let progress = spinner("tracking");
-        let all = collect(&rig, &fields);
+        let seen = spread(collect(&rig, &fields), self.instants);
         progress.finish_and_clear();
-        let used = self.instants.min(all.len());
-        Ok((rig, (0..used).map(|i| all[i * all.len() / used].clone()).collect()))
+        Ok((rig, seen))
     }
 }
 
@@ -132,7 +141,7 @@ fn of_recording(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)>
 
 /// Runs `vitreo calibrate waved`.
 pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
-    let (rig, instants) = args.from.load(&args.stream)?;
+    let (rig, fields) = args.from.fields(&args.stream)?;
     let known = Known {
         camera_mm: args.camera_mm,
         camera_rad: args.camera_mrad * 1e-3,
@@ -141,18 +150,20 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     };
     let progress = spinner("bundle adjustment");
     let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
-    let found = refine(&rig, &instants, &known, &mut tell)?;
+    let found = refine_stream(&rig, &fields, &known, args.from.instants, &mut tell)?;
     progress.finish_and_clear();
-    let drifted = drift::check(&rig, &instants, 0.02).is_ok_and(|d| d.drifted());
+    let seen = spread(collect(&rig, &fields), args.from.instants);
+    // A rig so rough that hardly anything is tracked with it has surely drifted.
+    let drifted = drift::check(&rig, &seen, LIMIT_PX).map_or(true, |d| d.drifted());
     let refined = found.bundle.rig(&rig);
-    let report = waved_report(&rig, &found, instants.len(), drifted);
+    let report = waved_report(&rig, &found, drifted);
     args.output.tell(&report, &found.bundle.cameras, &found.residuals)?;
     // Checked as when it is read: a refined rig must be one.
     args.output.write(&Rig::parse(&refined.to_json(), "of the calibration")?.to_json())?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn waved_report(rig: &Rig, found: &Waved, instants: usize, drifted: bool) -> Report {
+fn waved_report(rig: &Rig, found: &Waved, drifted: bool) -> Report {
     let cameras = found.bundle.cameras.iter().zip(&found.sigmas).enumerate();
     let mut report = Report {
         task: "waved",
@@ -162,7 +173,7 @@ fn waved_report(rig: &Rig, found: &Waved, instants: usize, drifted: bool) -> Rep
         cameras: cameras.map(|(i, (camera, s))| camera_report(camera, s, &found.residuals, i)).collect(),
         ..Report::default()
     };
-    report.figure("instants", instants as f64, "");
+    report.figure("instants", found.bundle.poses.len() as f64, "");
     report.figure("rms of residuals before", rms(found.before.iter().copied()), "px");
     report.figure("rms of residuals after", report.rms_px, "px");
     report.figure("cost per degree of freedom (1: as blobs vary)", found.reduced_cost, "");
@@ -238,7 +249,7 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
             let path = args.stream.as_deref().context("a stream is needed")?;
             let (rig, instants) = args.from.load(path)?;
             let poses = fitted(&rig, &instants)?.1.poses;
-            let free = fitted_with(&rig, &instants, true)?.1.poses;
+            let free = fitted_with(&rig, &instants, true, 1.0)?.1.poses;
             let eye: Vec<_> = free.iter().filter_map(|p| p[EYE]).collect();
             (rig, poses, Some(pivot::of_turns(&eye)))
         }
