@@ -169,3 +169,49 @@ pub fn refined(picture: &Grey, start: Vector2<f64>, half: isize) -> Option<Vecto
     }
     Some(at)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Four fields that meet at `at`, their borders along two directions, smoothed.
+    fn cross(at: Vector2<f64>, angles: [f64; 2]) -> Grey {
+        let side = |p: Vector2<f64>, angle: f64| (p - at).perp(&Vector2::new(angle.cos(), angle.sin())) > 0.0;
+        let ray = |p: Vector2<f64>| if side(p, angles[0]) == side(p, angles[1]) { 40.0 } else { 200.0 };
+        let pixel = |i: usize| {
+            let p = Vector2::new((i % 64) as f64, (i / 64) as f64);
+            let rays = (0..64).map(|k| {
+                ray(p + Vector2::new(f64::from(k % 8), f64::from(k / 8)) / 8.0 - Vector2::repeat(0.4375))
+            });
+            (rays.sum::<f64>() / 64.0) as f32
+        };
+        Grey::new(64, 64, (0..64 * 64).map(pixel).collect()).blurred(0.8)
+    }
+
+    #[test]
+    fn a_corner_is_found_with_its_lines_to_hundredths_of_a_pixel() {
+        for (x, y, a, b) in [(31.3, 30.8, 0.2, 1.8), (28.9, 33.1, 0.6, 1.9), (32.5, 32.5, 1.2, 2.4)] {
+            let truth = Vector2::new(x, y);
+            let found = find(&cross(truth, [a, b]));
+            assert_eq!(found.len(), 1, "{found:?}");
+            let at = refined(&cross(truth, [a, b]), found[0].at, 8).unwrap();
+            assert!((at - truth).norm() < 0.04, "{at} and {truth}");
+            let along = |line: Vector2<f64>| {
+                let parallel = |angle: f64| line.perp(&Vector2::new(angle.cos(), angle.sin())).abs();
+                parallel(a).min(parallel(b))
+            };
+            assert!(found[0].lines.iter().all(|l| along(*l) < 0.15), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn edges_spots_and_noise_are_no_corners() {
+        let edge = Grey::new(64, 64, (0..64 * 64).map(|i| if i % 64 < 30 { 20.0 } else { 220.0 }).collect());
+        assert!(find(&edge.blurred(0.8)).is_empty());
+        assert_eq!(refined(&edge, Vector2::new(30.0, 30.0), 6), None);
+        let spot =
+            |i: usize| (-((i % 64) as f64 - 32.0).hypot((i / 64) as f64 - 32.0).powi(2) / 18.0).exp() as f32;
+        assert!(find(&Grey::new(64, 64, (0..64 * 64).map(|i| 200.0 * spot(i)).collect())).is_empty());
+        assert!(find(&Grey::new(64, 64, vec![7.0; 64 * 64])).is_empty());
+    }
+}

@@ -150,3 +150,60 @@ fn node(dot: &Dot, dots: &[Dot]) -> Option<Node> {
     let second = ways.iter().take(8).find(across)?.normalize();
     Some(Node { at: dot.at, lines: [first, second] })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn a_dot_is_found_on_an_uneven_ground() {
+        let (truth, radius) = (Vector2::new(40.3, 52.7), 3.5);
+        let pixel = |i: usize| {
+            let (x, y) = ((i % 120) as f64, (i / 120) as f64);
+            let inside = (0..64).filter(|k| {
+                let p =
+                    Vector2::new(x + f64::from(k % 8) / 8.0 - 0.4375, y + f64::from(k / 8) / 8.0 - 0.4375);
+                (p - truth).norm() < radius
+            });
+            (60.0 + x / 3.0 + 90.0 * inside.count() as f64 / 64.0) as f32
+        };
+        let picture = Grey::new(120, 100, (0..120 * 100).map(pixel).collect()).blurred(0.7);
+        let found = find(&picture, false);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!((found[0].at - truth).norm() < 0.05, "{found:?}");
+        assert!(find(&picture, true).is_empty());
+    }
+
+    #[test]
+    fn bars_and_noise_are_no_dots() {
+        let bar = |i: usize| {
+            if (40..44).contains(&(i % 120)) && (20..80).contains(&(i / 120)) { 200.0 } else { 50.0 }
+        };
+        assert!(find(&Grey::new(120, 100, (0..12_000).map(bar).collect()), false).is_empty());
+        assert!(find(&Grey::new(120, 100, vec![50.0; 12_000]), false).is_empty());
+    }
+
+    #[test]
+    fn real_dots_are_where_others_found_them() {
+        let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
+        let folder = Path::new(&data).join("cameras/myptv/Calibration");
+        if !folder.exists() {
+            println!("skipped: no cameras/myptv under VITREO_DATA");
+            return;
+        }
+        for camera in 1..=3 {
+            let picture = Grey::load(&folder.join(format!("cal{camera}.png"))).unwrap();
+            let found = find(&picture, false);
+            let views = super::super::points::load(&folder.join(format!("cam{camera}_cal_points"))).unwrap();
+            let nearest = |p: &Vector2<f64>| found.iter().map(|d| (d.at - p).norm()).fold(f64::MAX, f64::min);
+            let off: Vec<f64> = views[0].samples.iter().map(|s| nearest(&s.pixel)).collect();
+            let near = off.iter().filter(|d| **d < 1.5).count();
+            assert!(near * 100 >= 98 * off.len(), "camera {camera}: {near} of {}", off.len());
+            let squares: f64 = off.iter().filter(|d| **d < 1.5).map(|d| d * d).sum();
+            let rms = (squares / near as f64).sqrt();
+            println!("camera {camera}: {near} of {} dots, rms {rms:.3} px from MyPTV's", off.len());
+            assert!(rms < 0.5, "camera {camera}: {rms} px");
+        }
+    }
+}

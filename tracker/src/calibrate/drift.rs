@@ -14,7 +14,7 @@ use super::bundle::Bundle;
 use super::lens::{PLACE, by_place, project};
 use super::sightings::Instant;
 use super::targets::rms;
-use super::waved::{camera_rms, fitted, residuals_of};
+use super::waved::{camera_rms, every_camera_saw, fitted, residuals_of};
 use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::rig::Rig;
 
@@ -67,6 +67,7 @@ pub fn check(rig: &Rig, instants: &[Instant], limit_px: f64) -> Result<Drift, Ca
         return Err(CalibrationError::Geometry(problem));
     }
     let residuals = residuals_of(&instants, &bundle);
+    every_camera_saw(rig, &residuals)?;
     let cameras = (0..rig.cameras.len()).map(|camera| {
         let (systematic_px, chance_px) = systematic(&instants, &bundle, camera);
         let blobs = residuals.iter().filter(|r| r.camera == camera).count();

@@ -90,8 +90,12 @@ pub fn refine(
     Ok(summary(&problem, solution, before))
 }
 
+/// From one round to the next the blobs are doubted so many times less.
+const DOUBT_STEP: f64 = 8.0;
+
 /// Refines a rig from a stream: tracked with the rig as it is, its blobs doubted as much as the rig,
-/// then again with the refined one. At most `most` instants are used, spread over the stream.
+/// then again with the refined rig and less doubt, until the blobs are believed. At most `most`
+/// instants are used, spread over the stream.
 pub fn refine_stream(
     rig: &Rig,
     fields: &[BlobField],
@@ -99,15 +103,32 @@ pub fn refine_stream(
     most: usize,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<Waved, CalibrationError> {
-    let rough = known.rough(rig);
-    let doubted: Vec<BlobField> = fields.iter().map(|f| doubted(f, rough)).collect();
-    let mut seen = spread(collect(rig, &doubted), most);
-    let blobs = seen.iter_mut().flat_map(|i| &mut i.seen);
-    blobs.for_each(|s| s.covariance /= rough * rough);
-    let first = refine(rig, &seen, known, progress)?;
-    // The prior stays that of the rig as it was; the poses begin at better ones.
-    let again = spread(collect(&first.bundle.rig(rig), fields), most);
-    refine(rig, &again, known, progress)
+    let (mut doubt, mut current) = (known.rough(rig), rig.clone());
+    loop {
+        let doubted: Vec<BlobField> = fields.iter().map(|f| doubted(f, doubt)).collect();
+        let mut seen = spread(collect(&current, &doubted), most);
+        let blobs = seen.iter_mut().flat_map(|i| &mut i.seen);
+        blobs.for_each(|s| s.covariance /= doubt * doubt);
+        // What was known before stays what it was; only the poses begin at better ones.
+        let found = refine(rig, &seen, known, progress)?;
+        if doubt <= 1.0 {
+            return every_camera_saw(rig, &found.residuals).map(|()| found);
+        }
+        current = found.bundle.rig(rig);
+        doubt = (doubt / DOUBT_STEP).max(1.0);
+    }
+}
+
+/// A camera that none of the tracked bodies was seen by is not calibrated, and holds no verdict.
+pub fn every_camera_saw(rig: &Rig, residuals: &[Residual]) -> Result<(), CalibrationError> {
+    let blind = (0..rig.cameras.len()).find(|&c| residuals.iter().all(|r| r.camera != c));
+    blind.map_or(Ok(()), |c| {
+        let problem = format!(
+            "camera {} saw none of the bodies where the rig expects them: it was moved too far, or is blind",
+            rig.cameras[c].id
+        );
+        Err(CalibrationError::Geometry(problem))
+    })
 }
 
 /// `most` of the instants, evenly spread.
