@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use tracker::calibrate::board::{Board, Pattern};
 use tracker::calibrate::grey::Grey;
 use tracker::calibrate::lens::LENS;
-use tracker::calibrate::many::cameras_of_views;
+use tracker::calibrate::many::{Lenses, cameras_of_views};
 use tracker::calibrate::targets::{Calibrated, Free, Robustness, Sample, Sheet, lens_of_views};
 
 /// Size of the pictures, px.
@@ -86,10 +86,11 @@ fn lenses_agree_with_those_in_opencvs_files() {
 #[test]
 fn two_cameras_fit_better_together_than_opencv_fits_them() {
     let sheets = BOARDS.concat();
-    for keep in [true, false] {
+    for lenses in [Lenses::Held, Lenses::Refined] {
         let mut tell = |_: usize, _: f64| {};
         let found =
-            cameras_of_views(&[SIZE; 2], &sheets, [true; LENS], keep, Robustness::Huber, &mut tell).unwrap();
+            cameras_of_views(&[SIZE; 2], &sheets, [true; LENS], &lenses, Robustness::Huber, &mut tell)
+                .unwrap();
         let baseline = found.scene.cameras[1].translation_mm.norm();
         println!("stereo: rms {:.4} px, baseline {baseline:.4} squares", found.rms_px);
         assert!(found.rms_px <= 0.27, "{} px; OpenCV reaches 0.45", found.rms_px);
@@ -145,9 +146,11 @@ fn the_same_corners_give_the_same_answer_as_opencvs_solver() {
         assert!(lens.iter().zip(k).all(|(a, b)| (a - b).abs() < 0.05), "{lens:?} and {k:?}");
         assert!(camera.distortion.iter().zip(d).all(|(a, b)| (a - b).abs() < 5e-3), "{camera:?} and {d:?}");
     }
-    for (keep, rms_px, baseline) in [(true, 0.44777, 3.34493), (false, 0.44468, 3.33814)] {
+    for (lenses, rms_px, baseline) in [(Lenses::Held, 0.44777, 3.34493), (Lenses::Refined, 0.44468, 3.33814)]
+    {
         let (free, mut tell) = ([true; LENS], |_: usize, _: f64| {});
-        let found = cameras_of_views(&[SIZE; 2], &sheets, free, keep, Robustness::Square, &mut tell).unwrap();
+        let found =
+            cameras_of_views(&[SIZE; 2], &sheets, free, &lenses, Robustness::Square, &mut tell).unwrap();
         let ours = found.scene.cameras[1].translation_mm.norm();
         assert!((found.rms_px - rms_px).abs() < 2e-4, "{} and {rms_px}", found.rms_px);
         assert!((ours - baseline).abs() < 2e-3, "{ours} and {baseline}");

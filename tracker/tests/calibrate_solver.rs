@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use protocol::camera::Camera;
 use tracker::calibrate::CalibrationError;
 use tracker::calibrate::lens::{LENS, lens_of, plain_camera};
-use tracker::calibrate::many::{Before, cameras_of_dots, cameras_of_views, triangulate};
+use tracker::calibrate::many::{Before, Lenses, cameras_of_dots, cameras_of_views, triangulate};
 use tracker::calibrate::targets::{Free, Robustness, Sample, Sheet, lens_of_views};
 
 const SIZE: [u32; 2] = [720, 576];
@@ -167,14 +167,21 @@ fn cameras_are_placed_through_views_that_only_some_share() {
         .map(|(c, v)| sheet(&cameras[c], c, v, &places[v], &mut Vector2::zeros))
         .collect();
     let found =
-        cameras_of_views(&[SIZE; 3], &sheets, [true; LENS], false, Robustness::Huber, &mut quiet).unwrap();
+        cameras_of_views(&[SIZE; 3], &sheets, [true; LENS], &Lenses::Refined, Robustness::Huber, &mut quiet)
+            .unwrap();
     for (a, b) in found.scene.cameras.iter().zip(&cameras) {
         assert!((a.centre_in_world() - b.centre_in_world()).norm() < 1e-4, "{a:?}");
     }
     let apart: Vec<Sheet> = sheets.into_iter().filter(|s| s.camera != 1).collect();
     let relabelled: Vec<Sheet> = apart.into_iter().map(|s| Sheet { camera: s.camera / 2, ..s }).collect();
-    let refused =
-        cameras_of_views(&[SIZE; 2], &relabelled, [true; LENS], false, Robustness::Huber, &mut quiet);
+    let refused = cameras_of_views(
+        &[SIZE; 2],
+        &relabelled,
+        [true; LENS],
+        &Lenses::Refined,
+        Robustness::Huber,
+        &mut quiet,
+    );
     assert!(refused.unwrap_err().to_string().contains("shares no view"));
 }
 

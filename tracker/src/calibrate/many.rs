@@ -13,14 +13,25 @@ use protocol::camera::Camera;
 /// Told the stage, the iteration and the cost.
 pub type Progress<'a> = dyn FnMut(usize, f64) + 'a;
 
+/// What becomes of the lenses of cameras that see a target together.
+#[derive(Debug, Clone)]
+pub enum Lenses {
+    /// Found by each camera alone, then refined together.
+    Refined,
+    /// Found by each camera alone, then held.
+    Held,
+    /// Known before, by camera, and held.
+    Known(Vec<Camera>),
+}
+
 /// Cameras that see a target together: each lens alone, then all lenses and places in one.
 ///
-/// The world is the first camera's frame. `keep_lenses` holds the lenses that single calibration found.
+/// The world is the first camera's frame.
 pub fn cameras_of_views(
     sizes_px: &[[u32; 2]],
     sheets: &[Sheet],
     free: [bool; super::lens::LENS],
-    keep_lenses: bool,
+    lenses: &Lenses,
     robustness: Robustness,
     progress: &mut Progress<'_>,
 ) -> Result<Calibrated, CalibrationError> {
@@ -28,26 +39,34 @@ pub fn cameras_of_views(
     let mut alone = Vec::new();
     for (c, &size) in sizes_px.iter().enumerate() {
         let own: Vec<Sheet> = sheets.iter().filter(|s| s.camera == c).cloned().collect();
-        let lens = Free { lens: free, place: false };
-        let calibrated = lens_of_views(c as u32, size, &own, lens, robustness, progress)?;
+        let (camera, found) = match lenses {
+            Lenses::Known(cameras) => {
+                let mut camera = cameras[c].clone();
+                put(&mut camera, &Isometry3::identity());
+                let places = own.iter().map(|s| linear::target_in_camera(&camera, &s.samples));
+                let places = places.collect::<Result<Vec<_>, _>>()?;
+                (camera, places)
+            }
+            _ => {
+                let lens = Free { lens: free, place: false };
+                let found = lens_of_views(c as u32, size, &own, lens, robustness, progress)?;
+                (found.scene.cameras[0].clone(), found.scene.views)
+            }
+        };
         // By view: where the target is before this camera.
         let mut places: Vec<Option<Isometry3<f64>>> = vec![None; views];
-        for (sheet, place) in own.iter().zip(&calibrated.scene.views) {
-            places[sheet.view] = Some(*place);
-        }
-        alone.push((calibrated.scene.cameras[0].clone(), places));
+        own.iter().zip(found).for_each(|(sheet, place)| places[sheet.view] = Some(place));
+        alone.push((camera, places));
     }
-    let cameras = placed(&mut alone)?;
-    let views = (0..views).map(|v| {
-        let seen = alone
-            .iter()
-            .zip(&cameras)
-            .find_map(|((_, places), camera)| Some(place_of(camera).inverse() * places[v]?));
-        // A view that nobody saw has no equations; any place will do, and its sheets are none.
-        seen.unwrap_or_else(Isometry3::identity)
-    });
-    let start = Scene { views: views.collect(), cameras };
-    let lens = if keep_lenses { [false; super::lens::LENS] } else { free };
+    let cameras = placed(&alone)?;
+    let place = |v: usize| {
+        let seen = alone.iter().zip(&cameras);
+        let seen = seen.filter_map(|((_, places), camera)| Some(place_of(camera).inverse() * places[v]?));
+        // A view that nobody saw has no sheets; any place will do, and it is held below.
+        seen.into_iter().next().unwrap_or_else(Isometry3::identity)
+    };
+    let start = Scene { views: (0..views).map(place).collect(), cameras };
+    let lens = if matches!(lenses, Lenses::Refined) { free } else { [false; super::lens::LENS] };
     let problem = TargetProblem {
         sheets,
         free: (0..sizes_px.len()).map(|c| Free { lens, place: c > 0 }).collect(),
@@ -62,7 +81,7 @@ pub fn cameras_of_views(
 type Alone = (Camera, Vec<Option<Isometry3<f64>>>);
 
 /// Places of cameras from views that two of them share, from the first camera outwards.
-fn placed(alone: &mut [Alone]) -> Result<Vec<Camera>, CalibrationError> {
+fn placed(alone: &[Alone]) -> Result<Vec<Camera>, CalibrationError> {
     let mut cameras: Vec<Option<Camera>> = vec![None; alone.len()];
     cameras[0] = Some(alone[0].0.clone());
     while let Some(next) = (0..alone.len()).find(|&c| {

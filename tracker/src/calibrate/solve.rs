@@ -186,7 +186,10 @@ pub enum SolveError {
     #[error("the first guess puts points behind a camera")]
     Start,
     /// No end was found.
-    #[error("no convergence after {iterations} iterations; cost {cost:.4e}")]
+    #[error(
+        "no convergence after {iterations} iterations (cost {cost:.4e}): the data hardly determine the \
+         unknowns; add views that differ more, or leave terms out"
+    )]
     Endless {
         /// Iterations made.
         iterations: usize,

@@ -105,8 +105,9 @@ impl Problem for TargetProblem<'_> {
         self.views
     }
 
-    fn own(&self, _block: usize) -> usize {
-        if self.fixed_views { 0 } else { PLACE }
+    fn own(&self, block: usize) -> usize {
+        let seen = self.sheets.iter().any(|s| s.view == block);
+        if self.fixed_views || !seen { 0 } else { PLACE }
     }
 
     fn equations(&self, state: &Scene, block: usize, out: &mut Equations) {
@@ -156,7 +157,7 @@ impl Problem for TargetProblem<'_> {
             move_place(camera, &place);
         }
         if !self.fixed_views {
-            for (view, step) in next.views.iter_mut().zip(own) {
+            for (view, step) in next.views.iter_mut().zip(own).filter(|(_, step)| !step.is_empty()) {
                 let [a, b, c, x, y, z] = std::array::from_fn(|i| step[i]);
                 view.rotation = UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c)) * view.rotation;
                 view.translation.vector += Vector3::new(x, y, z);

@@ -27,7 +27,7 @@ pub struct CalibrateArgs {
 pub enum Task {
     /// Lens of one camera, from pictures of a board or from point lists.
     Intrinsics(target::IntrinsicsArgs),
-    /// Lenses and places of two cameras that see one board, from pairs of pictures.
+    /// Lenses and places of cameras that see one board, from pairs of pictures or point lists.
     Stereo(target::StereoArgs),
     /// Places (and lenses) of cameras that see dots of known places, from a point list of each.
     Dots(target::DotsArgs),

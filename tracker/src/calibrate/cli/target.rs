@@ -5,7 +5,8 @@ use crate::calibrate::CalibrationError;
 use crate::calibrate::board::{Board, Pattern};
 use crate::calibrate::grey::Grey;
 use crate::calibrate::lens::LENS;
-use crate::calibrate::many::{Before, cameras_of_dots, cameras_of_views, common_dots, held_out};
+use crate::calibrate::linear::plane_of;
+use crate::calibrate::many::{Before, Lenses, cameras_of_dots, cameras_of_views, common_dots, held_out};
 use crate::calibrate::output::{rig_camera, rig_with, rig_with_lens};
 use crate::calibrate::points;
 use crate::calibrate::report::{Report, camera_report, sheet_reports};
@@ -67,17 +68,24 @@ pub struct IntrinsicsArgs {
 #[derive(Debug, Clone, clap::Args)]
 pub struct StereoArgs {
     /// Pictures of the first camera.
-    #[arg(long, value_name = "PICTURE", num_args = 1.., required = true)]
+    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
     pub left: Vec<PathBuf>,
     /// Pictures of the second camera at the same instants, in the same order.
-    #[arg(long, value_name = "PICTURE", num_args = 1.., required = true)]
+    #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
     pub right: Vec<PathBuf>,
+    /// Instead of pictures a point list of each camera, of two or more; views of one name are of one
+    /// instant.
+    #[arg(long, value_name = "FILE", num_args = 2.., requires = "size", conflicts_with_all = ["left", "right"])]
+    pub points: Vec<PathBuf>,
+    /// Size of the pictures that point lists came from, px.
+    #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
+    pub size: Option<Pair>,
     #[command(flatten)]
     pub board: BoardArgs,
-    /// Keep the lenses that each camera alone gives.
+    /// Keep the lenses that each camera alone gives, or those of the rig, if one is named.
     #[arg(long)]
     pub keep_lenses: bool,
-    /// Rig whose cameras are replaced, for markers and sizes; without it the shipped one.
+    /// Rig whose cameras are replaced; its markers and sizes stay. Without it the shipped one.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     #[command(flatten)]
@@ -106,6 +114,28 @@ pub struct DotsArgs {
     pub solve: SolveArgs,
     #[command(flatten)]
     pub output: OutputArgs,
+}
+
+/// Fewest points of a view in a list; a homography has eight unknowns and a pose six more.
+const FEWEST_POINTS: usize = 6;
+
+/// What cameras saw, the sizes of their pictures (px), and what was passed over.
+type Seen = (Vec<Sheet>, Vec<[u32; 2]>, Vec<String>);
+
+/// Takes out views that cannot hold a pose, and says which.
+fn pass_over_weak(sheets: &mut Vec<Sheet>) -> Vec<String> {
+    let mut notes = Vec::new();
+    sheets.retain(|sheet| {
+        let n = sheet.samples.len();
+        let problem = match plane_of(&sheet.samples) {
+            _ if n < FEWEST_POINTS => Some(format!("{n} points, at least {FEWEST_POINTS} are needed")),
+            Err(problem) => Some(problem.to_string()),
+            Ok(_) => None,
+        };
+        notes.extend(problem.as_ref().map(|p| format!("{} passed over: {p}", sheet.name)));
+        problem.is_none()
+    });
+    notes
 }
 
 /// Boards of pictures, their common size, and what was passed over.
@@ -175,7 +205,11 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
         sheets_of(&args.pictures, &args.board.board()?, 0)?
     } else {
         let size = args.size.context("--size is needed with --points")?;
-        (sheets_of_lists(&args.points, 0, 0)?, size_of(size), Vec::new())
+        let mut sheets = sheets_of_lists(&args.points, 0, 0)?;
+        let all = sheets.len();
+        let notes = pass_over_weak(&mut sheets);
+        ensure!(!sheets.is_empty(), "none of {all} views can be used: {}", notes.join("; "));
+        (sheets, size_of(size), notes)
     };
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
     let free = Free { lens: args.solve.free(), place: false };
@@ -196,26 +230,65 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Runs `vitreo calibrate stereo`.
-pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
+/// Boards of two cameras' pictures.
+fn sheets_of_pairs(args: &StereoArgs) -> anyhow::Result<Seen> {
     let (l, r) = (args.left.len(), args.right.len());
     ensure!(l == r, "expected as many right as left pictures, found {l} left and {r} right");
     let board = args.board.board()?;
-    let template = Rig::load_or_shipped(args.rig.as_deref())?;
     let (mut sheets, left_px, mut notes) = sheets_of(&args.left, &board, 0)?;
     let (right, right_px, more) = sheets_of(&args.right, &board, 1)?;
     sheets.extend(right);
     notes.extend(more);
+    Ok((sheets, vec![left_px, right_px], notes))
+}
+
+/// Views of several cameras' point lists, put together by their names.
+fn sheets_of_cameras(args: &StereoArgs) -> anyhow::Result<Seen> {
+    let size = size_of(args.size.context("--size is needed with --points")?);
+    let (mut sheets, mut notes, mut names) = (Vec::new(), Vec::new(), Vec::<String>::new());
+    for (camera, path) in args.points.iter().enumerate() {
+        for view in points::load(path)? {
+            let at = names.iter().position(|n| *n == view.name).unwrap_or(names.len());
+            if at == names.len() {
+                names.push(view.name.clone());
+            }
+            let name = format!("{} {}", short(path), view.name);
+            sheets.push(Sheet { name, camera, view: at, samples: view.samples });
+        }
+    }
+    notes.extend(pass_over_weak(&mut sheets));
+    Ok((sheets, vec![size; args.points.len()], notes))
+}
+
+/// Runs `vitreo calibrate stereo`.
+pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
+    let template = Rig::load_or_shipped(args.rig.as_deref())?;
+    let (sheets, sizes, mut notes) =
+        if args.points.is_empty() { sheets_of_pairs(args)? } else { sheets_of_cameras(args)? };
     let progress = spinner("least squares");
     let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
     let (free, loss) = (args.solve.free(), args.solve.loss);
-    let found = cameras_of_views(&[left_px, right_px], &sheets, free, args.keep_lenses, loss, &mut tell)?;
+    let lenses = match (args.keep_lenses, &args.rig) {
+        (false, _) => Lenses::Refined,
+        (true, None) => Lenses::Held,
+        (true, Some(_)) => Lenses::Known(template.cameras()),
+    };
+    if let Lenses::Known(cameras) = &lenses {
+        let (known, seen) = (cameras.len(), sizes.len());
+        ensure!(known == seen, "--keep-lenses: expected a rig of {seen} cameras, found {known}");
+    }
+    let found = cameras_of_views(&sizes, &sheets, free, &lenses, loss, &mut tell)?;
     progress.finish_and_clear();
     notes.push("the world is the frame of the first camera".into());
     let mut report = report_of("stereo", &found, &sheets, notes);
-    report.figure("baseline (squares without --pitch)", found.scene.cameras[1].translation_mm.norm(), "mm");
+    for camera in &found.scene.cameras[1..] {
+        let name = format!("baseline from camera 0 to camera {} (squares without --pitch)", camera.id);
+        report.figure(name, camera.centre_in_world().coords.norm(), "mm");
+    }
     args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
-    args.output.write(&rig_with(&template, &found.scene.cameras)?.to_json())?;
+    if args.output.output.is_some() {
+        args.output.write(&rig_with(&template, &found.scene.cameras)?.to_json())?;
+    }
     Ok(ExitCode::SUCCESS)
 }
 
