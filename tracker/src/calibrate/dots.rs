@@ -33,6 +33,8 @@ const OBLONG: f64 = 3.0;
 const FULL: (f64, f64) = (0.8, 1.2);
 /// Surroundings: smoothing of the background as a share of the picture's width.
 const BACKGROUND: f64 = 1.0 / 40.0;
+/// Shares of a dot's brightness between which the weight of a pixel rises from 0 to 1.
+const RAMP: (f32, f32) = (0.25, 0.75);
 /// So far beyond its region a dot's rim is weighed, px.
 const RIM: isize = 2;
 
@@ -105,7 +107,8 @@ fn dot(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Option<Dot> {
     picture.holds(mean, reach).then(|| Dot { at: centre(picture, region, sign), area_px: area })
 }
 
-/// Centre by how much each pixel stands out from the darkest (brightest) of its rim.
+/// Centre by weights that rise from the rim's brightness to that of the dot's body and stay there:
+/// a glint inside, or noise outside, does not pull.
 fn centre(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Vector2<f64> {
     let bounds = |of: fn(&(isize, isize)) -> isize| {
         let all = region.iter().map(of);
@@ -119,13 +122,14 @@ fn centre(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Vector2<f64> 
         .collect();
     rim.sort_by(f32::total_cmp);
     let ground = rim[rim.len() / 2];
-    let core = region.iter().map(|&(x, y)| sign * picture.at(x, y)).fold(f32::MIN, f32::max);
+    let mut inner: Vec<f32> = region.iter().map(|&(x, y)| sign * picture.at(x, y)).collect();
+    inner.sort_by(f32::total_cmp);
+    let body = inner[inner.len() / 2];
     let (mut sum, mut at) = (0.0, Vector2::zeros());
     for y in y0..=y1 {
         for x in x0..=x1 {
-            // Noise of the ground must not pull: what stands out by less than a tenth counts nothing.
-            let share = (sign * picture.at(x, y) - ground) / (core - ground).max(1e-6);
-            let weight = f64::from(((share - 0.1) / 0.9).clamp(0.0, 1.0));
+            let share = (sign * picture.at(x, y) - ground) / (body - ground).max(1e-6);
+            let weight = f64::from(((share - RAMP.0) / (RAMP.1 - RAMP.0)).clamp(0.0, 1.0));
             sum += weight;
             at += Vector2::new(x as f64, y as f64) * weight;
         }

@@ -11,6 +11,7 @@ pub mod dots;
 pub mod drift;
 pub mod grey;
 pub mod grid;
+pub mod known_target;
 pub mod lens;
 pub mod linear;
 pub mod many;

@@ -78,6 +78,32 @@ pub fn load(path: &Path) -> Result<Vec<View>, PointsError> {
     parse(&String::from_utf8_lossy(&text), &file)
 }
 
+/// Reads the dots of a target: three columns `X Y Z`, mm, separated by blanks or commas.
+pub fn load_target(path: &Path) -> Result<Vec<Point3<f64>>, PointsError> {
+    let file = path.display().to_string();
+    let text = std::fs::read(path).map_err(|source| PointsError::Read { file: file.clone(), source })?;
+    parse_target(&String::from_utf8_lossy(&text), &file)
+}
+
+/// Parses the text of a target; `file` is for messages.
+pub fn parse_target(text: &str, file: &str) -> Result<Vec<Point3<f64>>, PointsError> {
+    let dot = |(line, text): (usize, &str)| {
+        let fields: Vec<&str> = text.split([',', ' ', '\t']).filter(|f| !f.is_empty()).collect();
+        let [x, y, z] = fields.as_slice() else {
+            let problem = format!("expected 3 numbers X Y Z, found {}", fields.len());
+            return Err(refuse(file, format!("line {line}"), problem));
+        };
+        let mut numbers = [0.0; 5];
+        for ((slot, field), key) in numbers[2..].iter_mut().zip([x, y, z]).zip(&KEYS[2..]) {
+            *slot = number(field, key, file, line)?;
+        }
+        let [_, _, x, y, z] = checked(numbers, file, format!("line {line}"))?;
+        Ok(Point3::new(x, y, z))
+    };
+    let dots: Vec<_> = lines(text).map(dot).collect::<Result<_, _>>()?;
+    if dots.is_empty() { Err(PointsError::Empty { file: file.into() }) } else { Ok(dots) }
+}
+
 /// Parses the text of a point list; `file` is for messages.
 pub fn parse(text: &str, file: &str) -> Result<Vec<View>, PointsError> {
     let text = text.trim_start_matches('\u{feff}');
@@ -237,9 +263,21 @@ mod tests {
         }
     }
 
+    #[test]
+    fn targets_are_three_columns() {
+        assert_eq!(parse_target("0 3.0\t-6\n# x\n1,2,3\n", "t").unwrap()[1], Point3::new(1.0, 2.0, 3.0));
+        for (text, named) in
+            [("1 2\n", "line 1: expected 3 numbers"), ("1 2 c\n", "Z: expected"), ("", "found none")]
+        {
+            let error = parse_target(text, "t.txt").unwrap_err().to_string();
+            assert!(error.contains("t.txt") && error.contains(named), "{error}");
+        }
+    }
+
     proptest! {
         #[test]
         fn any_text_is_parsed_or_refused(text in "([-xyXYZ0-9.,e \\[{}\":\n]|\\PC){0,120}") {
+            let _ = parse_target(&text, "f");
             if let Ok(views) = parse(&text, "f") {
                 prop_assert!(views.iter().flat_map(|v| &v.samples).all(|s| s.pixel.norm().is_finite()));
             }

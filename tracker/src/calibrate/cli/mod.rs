@@ -29,7 +29,7 @@ pub enum Task {
     Intrinsics(target::IntrinsicsArgs),
     /// Lenses and places of cameras that see one board, from pairs of pictures or point lists.
     Stereo(target::StereoArgs),
-    /// Places (and lenses) of cameras that see dots of known places, from a point list of each.
+    /// Places (and lenses) of cameras that see dots of known places, from a point list or picture of each.
     Dots(target::DotsArgs),
     /// Places of cameras and markers, from a stream of waved instruments and the rig as it was.
     Waved(stream::WavedArgs),
@@ -96,7 +96,7 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
     match &args.task {
         Task::Intrinsics(args) => target::intrinsics(args),
         Task::Stereo(args) => target::stereo(args),
-        Task::Dots(args) => target::dots(args),
+        Task::Dots(args) => target::fixed_dots(args),
         Task::Waved(args) => stream::waved(args),
         Task::Pivot(args) => stream::pivot(args),
         Task::Drift(args) => stream::drift(args),

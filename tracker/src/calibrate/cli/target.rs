@@ -3,7 +3,9 @@
 use super::{OutputArgs, Pair, SolveArgs, bar, pair, positive, short, spinner};
 use crate::calibrate::CalibrationError;
 use crate::calibrate::board::{Board, Pattern};
+use crate::calibrate::dots;
 use crate::calibrate::grey::Grey;
+use crate::calibrate::known_target::match_dots;
 use crate::calibrate::lens::LENS;
 use crate::calibrate::linear::plane_of;
 use crate::calibrate::many::{Before, Lenses, cameras_of_dots, cameras_of_views, common_dots, held_out};
@@ -98,8 +100,17 @@ pub struct StereoArgs {
 #[derive(Debug, Clone, clap::Args)]
 pub struct DotsArgs {
     /// Point list of each camera, camera 0 first.
-    #[arg(value_name = "POINTS", required = true)]
+    #[arg(value_name = "POINTS", required_unless_present = "pictures")]
     pub points: Vec<PathBuf>,
+    /// Instead of lists a picture of the target by each camera.
+    #[arg(long, value_name = "PICTURE", num_args = 1.., requires = "target", requires = "picked", conflicts_with = "points")]
+    pub pictures: Vec<PathBuf>,
+    /// Dots of the target in the pictures: X Y Z a line, mm.
+    #[arg(long, value_name = "FILE")]
+    pub target: Option<PathBuf>,
+    /// For each picture a point list of four dots or more that a person picked, not all in one plane.
+    #[arg(long, value_name = "POINTS", num_args = 1..)]
+    pub picked: Vec<PathBuf>,
     /// Size of the pictures, px; lenses are then found too.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<Pair>,
@@ -292,9 +303,8 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Runs `vitreo calibrate dots`.
-pub fn dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
-    let template = Rig::load_or_shipped(args.rig.as_deref())?;
+/// Point lists of dots that stay in place, one a camera.
+fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<Sheet>> {
     let mut sheets = Vec::new();
     for (camera, path) in args.points.iter().enumerate() {
         let mut views = sheets_of_lists(std::slice::from_ref(path), camera, 0)?;
@@ -302,11 +312,54 @@ pub fn dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
         ensure!(n == 1, "{}: expected dots that stay in place, found {n} views", path.display());
         sheets.append(&mut views);
     }
-    let before: Vec<Before> = match args.size {
-        Some(size) => vec![Before::Size(size_of(size)); args.points.len()],
+    Ok(sheets)
+}
+
+/// The target's dots in a picture of each camera, and the pictures' size.
+fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<Sheet>, Option<[u32; 2]>)> {
+    let target = points::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
+    let (pictures, lists) = (args.pictures.len(), args.picked.len());
+    ensure!(pictures == lists, "--picked: expected a list for each of {pictures} pictures, found {lists}");
+    let progress = bar(pictures as u64, "pictures");
+    let (mut sheets, mut size) = (Vec::new(), None);
+    for (camera, (path, picked)) in args.pictures.iter().zip(&args.picked).enumerate() {
+        let picture = Grey::load(path)?;
+        let own = [picture.width as u32, picture.height as u32];
+        // Picking programs write (-1, -1) for a dot that was not seen.
+        let picked = points::load(picked)?.into_iter().flat_map(|v| v.samples);
+        let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
+        let of_colour = |dark| match_dots(own, &dots::find(&picture, dark), &target, &picked);
+        let (bright, dark) = (of_colour(false), of_colour(true));
+        let more = |a: &Vec<_>, b: &Vec<_>| a.len() >= b.len();
+        let samples = match (bright, dark) {
+            (Ok(a), Ok(b)) => {
+                if more(&a, &b) {
+                    a
+                } else {
+                    b
+                }
+            }
+            (Ok(a), Err(_)) | (Err(_), Ok(a)) => a,
+            (Err(problem), Err(_)) => return Err(problem).with_context(|| path.display().to_string()),
+        };
+        size = size.or(Some(own));
+        sheets.push(Sheet { name: short(path), camera, view: 0, samples });
+        progress.inc(1);
+    }
+    progress.finish_and_clear();
+    Ok((sheets, size))
+}
+
+/// Runs `vitreo calibrate dots`.
+pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
+    let template = Rig::load_or_shipped(args.rig.as_deref())?;
+    let (sheets, size) =
+        if args.pictures.is_empty() { (sheets_of_dots(args)?, None) } else { sheets_of_target(args)? };
+    let before: Vec<Before> = match args.size.map(size_of).or(size.filter(|_| args.rig.is_none())) {
+        Some(size) => vec![Before::Size(size); sheets.len()],
         None => template.cameras().into_iter().map(Before::Lens).collect(),
     };
-    let (lists, cameras) = (args.points.len(), before.len());
+    let (lists, cameras) = (sheets.len(), before.len());
     ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
     let (free, loss) = (args.solve.free(), args.solve.loss);
     let found = cameras_of_dots(&before, &sheets, free, loss, &mut |_, _| {})?;

@@ -1,0 +1,150 @@
+//! Which dot of a picture is which of a target whose dots are known: from a few that a person picked,
+//! by predicting where the others must be, ever more exactly.
+
+use super::CalibrationError;
+use super::dots::Dot;
+use super::linear::{camera_from_dots, plane_of};
+use super::targets::Sample;
+use nalgebra::{Matrix4, Matrix4x2, Point3, Vector2, Vector4};
+
+/// A dot may lie so far from where it is predicted, as a share of the distance between dots.
+const GATE: f64 = 0.3;
+/// Rounds with a camera without perspective, then with one.
+const ROUNDS: (usize, usize) = (3, 4);
+/// A dot that fits worse than so many times the median is a speck beside the true one.
+const SPECK: f64 = 6.0;
+/// Fewest dots that count as a target found.
+const FEWEST: usize = 12;
+
+/// Pairs the dots of a picture with those of a target (mm), beginning with `picked` ones, of which
+/// four or more that do not lie in a plane are needed.
+pub fn match_dots(
+    size_px: [u32; 2],
+    dots: &[Dot],
+    target: &[Point3<f64>],
+    picked: &[Sample],
+) -> Result<Vec<Sample>, CalibrationError> {
+    let refuse = |problem: String| Err(CalibrationError::Geometry(problem));
+    if picked.len() < 4 || plane_of(picked)?.is_some() {
+        let n = picked.len();
+        return refuse(format!("{n} dots were picked; four or more are needed that do not lie in one plane"));
+    }
+    let mut samples = picked.to_vec();
+    for _ in 0..ROUNDS.0 {
+        let flat = affine(&samples)
+            .ok_or_else(|| CalibrationError::Geometry("the picked dots do not fix the view".into()))?;
+        samples = paired(dots, target, &|p| Some(flat.tr_mul(&p.to_homogeneous())), samples);
+    }
+    for _ in 0..ROUNDS.1 {
+        if samples.len() < FEWEST {
+            let (n, dots) = (samples.len(), dots.len());
+            return refuse(format!(
+                "{n} of the target's dots were recognised among {dots}; check the picked ones"
+            ));
+        }
+        let camera = camera_from_dots(0, size_px, &samples)?;
+        samples = paired(dots, target, &|p| camera.project(p), samples);
+    }
+    Ok(samples)
+}
+
+/// Pixels as an affine function of (X, Y, Z, 1): a camera far away.
+fn affine(samples: &[Sample]) -> Option<Matrix4x2<f64>> {
+    let (mut m, mut r) = (Matrix4::zeros(), Matrix4x2::zeros());
+    for sample in samples {
+        let p: Vector4<f64> = sample.point.to_homogeneous();
+        m += p * p.transpose();
+        r += p * sample.pixel.transpose();
+    }
+    Some(m.try_inverse()? * r)
+}
+
+/// The target's dots with the picture's dots nearest to where they are predicted; `before` where
+/// nothing pairs.
+fn paired(
+    dots: &[Dot],
+    target: &[Point3<f64>],
+    predict: &dyn Fn(&Point3<f64>) -> Option<Vector2<f64>>,
+    before: Vec<Sample>,
+) -> Vec<Sample> {
+    let predicted: Vec<(Point3<f64>, Vector2<f64>)> =
+        target.iter().filter_map(|p| Some((*p, predict(p)?))).collect();
+    let apart = |i: usize| {
+        let others = predicted.iter().enumerate().filter(|(j, _)| *j != i);
+        others.map(|(_, o)| (o.1 - predicted[i].1).norm()).fold(f64::MAX, f64::min)
+    };
+    let pair = |i: usize| {
+        let at = predicted[i].1;
+        let nearest = dots.iter().min_by(|a, b| (a.at - at).norm().total_cmp(&(b.at - at).norm()))?;
+        let off = (nearest.at - at).norm();
+        (off < GATE * apart(i)).then_some((off, Sample { pixel: nearest.at, point: predicted[i].0 }))
+    };
+    let pairs: Vec<(f64, Sample)> = (0..predicted.len()).filter_map(pair).collect();
+    let mut offs: Vec<f64> = pairs.iter().map(|p| p.0).collect();
+    offs.sort_by(f64::total_cmp);
+    let Some(median) = offs.get(offs.len() / 2) else { return before };
+    let good: Vec<Sample> = pairs.iter().filter(|p| p.0 <= SPECK * median).map(|p| p.1).collect();
+    if good.len() >= 4 { good } else { before }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::lens::plain_camera;
+    use nalgebra::{Rotation3, Vector3};
+    use protocol::camera::Camera;
+
+    fn scene() -> (Camera, Vec<Point3<f64>>, Vec<Dot>) {
+        let mut camera =
+            plain_camera(0, [1280, 1024], Vector2::new(5000.0, 5000.0), Vector2::new(640.0, 512.0));
+        camera.camera_from_world = Rotation3::new(Vector3::new(0.1, -0.2, 0.05)).into_inner();
+        camera.translation_mm = Vector3::new(-30.0, -30.0, 450.0);
+        let point = |i: usize| {
+            let (c, r) = ((i % 20) as f64, (i / 20) as f64);
+            Point3::new(3.0 * c, 3.0 * r, -6.0 * ((i % 20) / 5 % 3) as f64)
+        };
+        let target: Vec<_> = (0..400).map(point).collect();
+        let seen = target.iter().enumerate().filter(|(i, _)| i % 17 != 3);
+        let mut dots: Vec<Dot> =
+            seen.map(|(_, p)| Dot { at: camera.project(p).unwrap(), area_px: 30.0 }).collect();
+        // Specks between the dots.
+        dots.extend(
+            (0..40)
+                .map(|i| Dot { at: Vector2::new(31.0 * f64::from(i), 400.0 + f64::from(i)), area_px: 9.0 }),
+        );
+        (camera, target, dots)
+    }
+
+    fn picked(camera: &Camera, target: &[Point3<f64>], which: &[usize]) -> Vec<Sample> {
+        let near = |i: &usize| {
+            let off = Vector2::new((*i as f64).sin(), (*i as f64).cos());
+            Sample { pixel: camera.project(&target[*i]).unwrap() + off, point: target[*i] }
+        };
+        which.iter().map(near).collect()
+    }
+
+    #[test]
+    fn a_few_picked_dots_find_all_others() {
+        let (camera, target, dots) = scene();
+        let found =
+            match_dots([1280, 1024], &dots, &target, &picked(&camera, &target, &[0, 19, 389, 380, 210]))
+                .unwrap();
+        assert!(found.len() >= 370, "{}", found.len());
+        let off = |s: &Sample| (camera.project(&s.point).unwrap() - s.pixel).norm();
+        assert!(found.iter().all(|s| off(s) < 3.0));
+        assert!(found.iter().filter(|s| off(s) < 1e-9).count() >= 370);
+    }
+
+    #[test]
+    fn too_few_or_flat_picks_are_refused() {
+        let (camera, target, dots) = scene();
+        let told = |which: &[usize]| {
+            let found = match_dots([1280, 1024], &dots, &target, &picked(&camera, &target, which));
+            found.map(|f| format!("found {}", f.len())).unwrap_or_else(|e| e.to_string())
+        };
+        assert!(told(&[0, 19, 389]).contains("3 dots were picked"));
+        assert!(told(&[0, 4, 380, 384, 200]).contains("one plane"), "{}", told(&[0, 4, 380, 384, 200]));
+        let none = match_dots([1280, 1024], &[], &target, &picked(&camera, &target, &[0, 19, 389, 210]));
+        assert!(none.unwrap_err().to_string().contains("recognised among 0"));
+    }
+}
