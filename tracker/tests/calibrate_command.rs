@@ -153,6 +153,18 @@ fn a_drifted_rig_ends_with_5_and_a_refined_one_with_0() {
 }
 
 #[test]
+fn a_recording_brings_its_own_rig() {
+    let output = calibrate(&["drift", "--json", &data("golden/peel-2s.mcap")]);
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    // Drawn with the very rig that is checked; what remains is how blobs are centred.
+    for camera in 0..3 {
+        let shift = figure(&told, &format!("camera {camera}: systematic"));
+        assert!(shift < 0.1, "camera {camera}: {shift} px");
+    }
+    assert!(figure(&told, "instants") > 50.0);
+}
+
+#[test]
 fn trocars_and_the_eyes_centre_are_found_by_pivoting() {
     let folder = tempfile::tempdir().unwrap();
     let output = folder.path().join("rig.json").display().to_string();

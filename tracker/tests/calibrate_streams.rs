@@ -13,7 +13,8 @@ use tracker::calibrate::sightings::{Instant, collect, track};
 use tracker::calibrate::targets::rms;
 use tracker::calibrate::waved::{FEWEST_INSTANTS, refine, refine_stream};
 
-/// Systematic shift that is tolerated, px.
+/// Systematic shift that is tolerated, px: less than the program's default, since the blobs of these
+/// streams are centred on their markers' images.
 const LIMIT_PX: f64 = 0.02;
 
 struct Stream {

@@ -40,13 +40,7 @@ pub fn cameras_of_views(
     for (c, &size) in sizes_px.iter().enumerate() {
         let own: Vec<Sheet> = sheets.iter().filter(|s| s.camera == c).cloned().collect();
         let (camera, found) = match lenses {
-            Lenses::Known(cameras) => {
-                let mut camera = cameras[c].clone();
-                put(&mut camera, &Isometry3::identity());
-                let places = own.iter().map(|s| linear::target_in_camera(&camera, &s.samples));
-                let places = places.collect::<Result<Vec<_>, _>>()?;
-                (camera, places)
-            }
+            Lenses::Known(cameras) => before(&cameras[c], &own)?,
             _ => {
                 let lens = Free { lens: free, place: false };
                 let found = lens_of_views(c as u32, size, &own, lens, robustness, progress)?;
@@ -76,6 +70,15 @@ pub fn cameras_of_views(
         loss: Loss::Square,
     };
     calibrate(problem, start, robustness, progress)
+}
+
+/// A camera of known lens at the origin, and where each sheet's target is before it.
+fn before(known: &Camera, own: &[Sheet]) -> Result<(Camera, Vec<Isometry3<f64>>), CalibrationError> {
+    let mut camera = known.clone();
+    put(&mut camera, &Isometry3::identity());
+    let places =
+        own.iter().map(|s| linear::target_in_camera(&camera, &s.samples)).collect::<Result<_, _>>()?;
+    Ok((camera, places))
 }
 
 type Alone = (Camera, Vec<Option<Isometry3<f64>>>);

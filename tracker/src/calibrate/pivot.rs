@@ -56,24 +56,32 @@ fn weight(length: f64, spread: f64) -> f64 {
     1.0 / (1.0 + (length / (SUSPECT * spread)).powi(2))
 }
 
+/// Projection across a direction.
+fn across(d: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::identity() - d * d.transpose()
+}
+
+fn tilted_enough(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<(), CalibrationError> {
+    let information = shafts.iter().map(|s| across(&s.1)).sum::<Matrix3<f64>>() / shafts.len() as f64;
+    // Lines along one direction leave the point free along it; the smallest eigenvalue is the spread squared.
+    let spread = information.symmetric_eigenvalues().min().max(0.0).sqrt();
+    if spread >= TILT_RAD {
+        return Ok(());
+    }
+    Err(refuse(format!(
+        "the shaft was tilted by {:.1} mrad only; at least {:.0} mrad of spread are needed to find its pivot",
+        spread * 1e3,
+        TILT_RAD * 1e3
+    )))
+}
+
 /// The point nearest to all shafts: lines through a point along a unit vector, in the frame of what
 /// the trocar sits in (the eye).
 pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, CalibrationError> {
     if shafts.len() < FEWEST {
         return Err(refuse(format!("{} poses with a shaft; at least {FEWEST} are needed", shafts.len())));
     }
-    let across = |d: &Vector3<f64>| Matrix3::identity() - d * d.transpose();
-    let n = shafts.len() as f64;
-    let information = shafts.iter().map(|s| across(&s.1)).sum::<Matrix3<f64>>() / n;
-    // Lines along one direction leave the point free along it; the smallest eigenvalue is the spread squared.
-    let spread = information.symmetric_eigenvalues().min().max(0.0).sqrt();
-    if spread < TILT_RAD {
-        return Err(refuse(format!(
-            "the shaft was tilted by {:.1} mrad only; at least {:.0} mrad of spread are needed to find its pivot",
-            spread * 1e3,
-            TILT_RAD * 1e3
-        )));
-    }
+    tilted_enough(shafts)?;
     let mut weights = vec![1.0; shafts.len()];
     let mut point = Vector3::zeros();
     let mut covariance = Matrix3::zeros();
