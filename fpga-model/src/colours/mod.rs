@@ -1,9 +1,12 @@
 //! What the cameras take for which colour: chroma look-up table and luma ramp.
 //!
 //! Luma gives positions, chroma gives classes, because PAL chroma is band-limited and its edges are
-//! blurred over several pixels. Samples are 8-bit YCbCr (ITU-R BT.601).
+//! blurred over several pixels. Samples are 8-bit YCbCr (ITU-R BT.601); RGB is converted ([`convert`]).
+//! Classes come from a file ([`file`]) or are learnt from pictures ([`learn`]).
 
 pub mod convert;
+pub mod file;
+pub mod learn;
 
 use protocol::blobs::Colour;
 
@@ -41,7 +44,7 @@ const RAMP_TO_256: u32 = 224;
 /// that only graze a marker show no lit surface to compare with.
 const LEAST_CONTRAST_16: u16 = 15;
 /// Least chroma (distance from grey) that tells a class. Half of the palest reference.
-const LEAST_CHROMA: i32 = 24;
+const LEAST_CHROMA: u8 = 24;
 /// Luma from which a region without any chroma is white.
 pub const WHITE_FROM: u8 = 150;
 /// Bits of Cb and Cr that address the table.
@@ -62,28 +65,71 @@ pub struct ColourTable {
     reciprocals: [u16; 256],
 }
 
+/// A class: a colour and what counts as it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Class {
+    /// Its name.
+    pub colour: Colour,
+    /// Y, Cb, Cr of a well lit marker.
+    pub reference: [u8; 3],
+    /// Least distance from grey of its samples; not used by white.
+    pub least_chroma: u8,
+    /// Greatest difference of hue from the reference, degrees, up to 180; not used by white.
+    pub tolerance_deg: f64,
+}
+
+impl Class {
+    /// The reference marker of a colour, with every hue that is nearer to it than to another one.
+    pub fn of_reference(colour: Colour) -> Self {
+        let least_chroma = LEAST_CHROMA;
+        Class { colour, reference: reference(colour), least_chroma, tolerance_deg: 180.0 }
+    }
+
+    /// How well a chroma sample, as a distance from grey, fits: the signed square of the cosine between
+    /// the two hues, times the sample's own square. `None` if it does not belong to the class.
+    fn fit(&self, cb: i64, cr: i64) -> Option<i64> {
+        let square = cb * cb + cr * cr;
+        let least = i64::from(self.least_chroma);
+        if self.colour == Colour::White || square < least * least {
+            return None;
+        }
+        let [_, rb, rr] = self.reference.map(|v| i64::from(v) - 128);
+        let (dot, own) = (rb * cb + rr * cr, rb * rb + rr * rr);
+        let cosine = libm::cos(self.tolerance_deg.to_radians());
+        let limit_q20 = libm::round(cosine * cosine.abs() * (1 << 20) as f64) as i64;
+        // Numbers stay below 2¹⁵ · 2¹⁵ · 2²⁰.
+        let within = (dot * dot.abs()) << 20 >= limit_q20 * (own * square);
+        within.then(|| ((dot * dot.abs()) << 8) / own.max(1))
+    }
+}
+
 impl Default for ColourTable {
     /// From the reference colours.
     fn default() -> Self {
-        let reciprocal = |luma: usize| ((1 << 16) / luma.saturating_sub(usize::from(DARK)).max(2)) as u16;
+        Self::of_classes(&Colour::ALL.map(Class::of_reference), DARK)
+    }
+}
+
+impl ColourTable {
+    /// The tables for some classes, before a background of luma `black`.
+    pub fn of_classes(classes: &[Class], black: u8) -> Self {
+        let reciprocal = |luma: usize| ((1 << 16) / luma.saturating_sub(usize::from(black)).max(2)) as u16;
         let mut table = ColourTable {
             classes: [UNSURE; SIDE * SIDE],
             least_lit: [u8::MAX; CLASSES],
             reciprocals: std::array::from_fn(reciprocal),
         };
-        for (i, class) in table.classes.iter_mut().enumerate() {
-            let middle = |cell: usize| ((cell << SHIFT) + (1 << (SHIFT - 1))) as i32 - 128;
-            *class = nearest_hue(middle(i / SIDE), middle(i % SIDE));
+        for (i, cell) in table.classes.iter_mut().enumerate() {
+            let middle = |cell: usize| ((cell << SHIFT) + (1 << (SHIFT - 1))) as i64 - 128;
+            *cell = best_class(classes, middle(i / SIDE), middle(i % SIDE));
         }
-        for colour in Colour::ALL {
-            let contrast = u16::from(reference(colour)[0] - DARK);
-            table.least_lit[colour as usize] = DARK + (contrast * LEAST_CONTRAST_16 / 16) as u8;
+        for class in classes {
+            let contrast = u16::from(class.reference[0].saturating_sub(black));
+            table.least_lit[class.colour as usize] = black + (contrast * LEAST_CONTRAST_16 / 16) as u8;
         }
         table
     }
-}
 
-impl ColourTable {
     /// Class of a chroma sample: a [`Colour`] on the wire, or [`UNSURE`].
     #[inline]
     pub fn class(&self, cb: u8, cr: u8) -> u8 {
@@ -107,19 +153,12 @@ impl ColourTable {
     }
 }
 
-/// The class whose reference has the most similar hue, integers only: the largest cosine.
-fn nearest_hue(cb: i32, cr: i32) -> u8 {
-    if cb * cb + cr * cr < LEAST_CHROMA * LEAST_CHROMA {
-        return UNSURE;
-    }
+/// The class of the most similar hue, integers only; of equals the first.
+fn best_class(classes: &[Class], cb: i64, cr: i64) -> u8 {
     let mut best = (UNSURE, i64::MIN);
-    for colour in Colour::ALL.into_iter().filter(|&c| c != Colour::White) {
-        let [_, rb, rr] = reference(colour).map(|v| i64::from(v) - 128);
-        let dot = rb * i64::from(cb) + rr * i64::from(cr);
-        // Signed square of the cosine, times the pixel's own square, which is the same for all.
-        let cosine = ((dot * dot.abs()) << 8) / (rb * rb + rr * rr);
-        if cosine > best.1 {
-            best = (colour as u8, cosine);
+    for class in classes {
+        if let Some(fit) = class.fit(cb, cr).filter(|&fit| fit > best.1) {
+            best = (class.colour as u8, fit);
         }
     }
     best.0
