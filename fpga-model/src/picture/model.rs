@@ -133,7 +133,10 @@ impl Carrier {
     pub(super) fn at(number: u64, line: usize) -> Self {
         // Eight fields are one round of the carrier.
         let turns = (number % 8) as f64 * CARRIER_PER_FIELD + line as f64 * CARRIER_PER_LINE;
-        Carrier { start: TAU * (turns - turns.floor()), sign: if line % 2 == 0 { 1.0 } else { -1.0 } }
+        Carrier {
+            start: TAU * (turns - turns.floor()),
+            sign: if line.is_multiple_of(2) { 1.0 } else { -1.0 },
+        }
     }
 
     /// The axes of U and V at a column.
