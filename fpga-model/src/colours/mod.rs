@@ -130,6 +130,12 @@ impl ColourTable {
         table
     }
 
+    /// Takes every surface from luma `lit` on for a lit one, whatever the references say: for blobs that
+    /// nobody knows the brightness of.
+    pub fn lit_from(&mut self, lit: u8) {
+        self.least_lit = [lit; CLASSES];
+    }
+
     /// Class of a chroma sample: a [`Colour`] on the wire, or [`UNSURE`].
     #[inline]
     pub fn class(&self, cb: u8, cr: u8) -> u8 {

@@ -4,6 +4,7 @@
 
 pub mod blobs;
 pub mod colours;
+pub mod extractor;
 pub mod hardware;
 pub mod progress;
 pub mod vectors;

@@ -10,7 +10,7 @@ pub mod source;
 pub mod still;
 pub mod y4m;
 
-use crate::colours::convert::{BLACK, WHITE};
+use crate::colours::convert::{BLACK, GREY, WHITE};
 use crate::scan::limits::PICTURE;
 
 /// Most pixels of a picture: 32 Mi, about what photo cameras have.
@@ -104,9 +104,13 @@ impl Picture {
 
     /// Turns dark into bright: luma is mirrored at the middle of its range, chroma stays.
     pub fn invert(&mut self) {
-        for sample in &mut self.luma {
-            *sample = BLACK + WHITE - (*sample).clamp(BLACK, WHITE);
-        }
+        self.luma.iter_mut().for_each(|sample| *sample = inverted(*sample));
+    }
+
+    /// Takes the colour away.
+    pub fn bleach(&mut self) {
+        self.blue.fill(GREY);
+        self.red.fill(GREY);
     }
 
     /// One field of it: every line, or every second one.
@@ -116,6 +120,11 @@ impl Picture {
             _ => View { picture: self, first: parity as usize, step: 2 },
         }
     }
+}
+
+/// Luma mirrored at the middle of its range.
+pub fn inverted(luma: u8) -> u8 {
+    BLACK + WHITE - luma.clamp(BLACK, WHITE)
 }
 
 /// One field of a picture.

@@ -51,6 +51,8 @@ pub struct Reading {
     pub interlace: Option<Interlace>,
     /// Take dark for bright.
     pub dark: bool,
+    /// Take away all chroma.
+    pub grey: bool,
 }
 
 /// Clips as they are opened: a file or the standard input.
@@ -133,6 +135,9 @@ impl Feed {
             if self.reading.dark {
                 self.picture.invert();
             }
+            if self.reading.grey {
+                self.picture.bleach();
+            }
             self.waiting = self.interlace.parities();
         }
         let Some((&parity, rest)) = self.waiting.split_first() else { return Ok(None) };
@@ -150,6 +155,8 @@ pub struct Shot<'a> {
     pub view: View<'a>,
     /// True if its lines are every second one of a frame.
     pub is_field: bool,
+    /// True if it is a picture of its own, not one of a clip.
+    pub is_still: bool,
     /// The file it comes from.
     pub file: &'a str,
 }
@@ -192,12 +199,12 @@ impl Source {
         let found = if self.fields.is_some() { self.next_listed()? } else { self.next_in_turn()? };
         Ok(found.map(|(i, parity, head)| {
             let feed = &self.feeds[i];
-            let listed = self.fields.is_some();
+            let (listed, is_still) = (self.fields.is_some(), matches!(feed.kind, Kind::Stills(_)));
             Shot {
                 head,
                 view: feed.picture.view(feed.interlace, parity),
-                is_field: feed.interlace != Interlace::Progressive
-                    || (listed && matches!(feed.kind, Kind::Clip(_))),
+                is_field: feed.interlace != Interlace::Progressive || (listed && !is_still),
+                is_still,
                 file: &feed.file,
             }
         }))
