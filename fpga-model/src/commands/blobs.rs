@@ -1,6 +1,6 @@
 //! `vitreo blobs`: the scanner over pictures and clips from elsewhere.
 
-use super::extractor::{Counts, Extractor, Polarity, Tuning};
+use super::extractor::{Counts, Extractor, Tuning};
 use super::progress;
 use crate::colours::file::ColourFile;
 use crate::input::source::Source;
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// k + 1 periods after the origin of time: 20 ms for stills, for clips their own period.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BlobsArgs {
-    /// Still images, or one clip a camera.
+    /// Still images, or one clip or camera device (/dev/video0) each.
     #[arg(required = true, value_name = "IMAGE|CLIP.y4m")]
     pub pictures: Vec<PathBuf>,
     /// Which field each picture is: the k-th line of a camera belongs to its k-th picture.
@@ -34,6 +34,9 @@ pub struct BlobsArgs {
     /// Which picture --overlay draws, counted from 0 over all cameras.
     #[arg(long, value_name = "N", default_value_t = 0, requires = "overlay")]
     pub overlay_picture: u64,
+    /// Finish after so many pictures.
+    #[arg(long = "count", value_name = "N")]
+    pub pictures_at_most: Option<u64>,
     /// Fields in a picture; a clip's header tells if not given.
     #[arg(long, value_name = "ORDER")]
     pub interlaced: Option<Interlace>,
@@ -55,22 +58,26 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
     let mut source = Source::open(
         &args.pictures,
         args.fields.as_deref(),
-        &args.tuning.reading(args.levels, args.interlaced),
+        &args.tuning.reading(args.levels, args.interlaced, &colours),
     )?;
     let mut out = Output::create(args.output.as_deref())?;
     let mut extractor = Extractor::new(&colours, &args.tuning);
     let mut tally = Counts::default();
     let bar = progress::counter("pictures");
-    while let Some(shot) = source.next()? {
+    while args.pictures_at_most.is_none_or(|most| tally.pictures < most)
+        && let Some(mut shot) = source.take()?
+    {
+        if shot.is_live {
+            (shot.head.t_ns, shot.head.t_rx_ns) = (now(), now());
+        }
         extractor.settle(&shot);
         let began = now();
         let lost = extractor.scan(&shot);
         tally.add(&shot, &extractor.blobs, lost, now() - began);
-        out.line(&write_blobs(&shot.head, &extractor.blobs))?;
+        out.line(&write_blobs(&shot.head, &extractor.blobs), shot.is_live)?;
         if let Some(path) = overlay_path(args, tally.pictures - 1) {
             let lines = if shot.is_field { 2 } else { 1 };
-            let dark = args.tuning.polarity == Polarity::Dark;
-            let image = overlay::draw(&shot.view, dark, extractor.blobs.iter().zip(&extractor.boxes), lines);
+            let image = overlay::draw(&shot.view, extractor.blobs.iter().zip(&extractor.boxes), lines);
             overlay::save(&image, &path).with_context(|| format!("cannot write {}", path.display()))?;
         }
         bar.inc(1);
@@ -118,8 +125,10 @@ impl Output {
         })
     }
 
-    fn line(&mut self, text: &str) -> Result<()> {
-        writeln!(self.to, "{text}").with_context(|| format!("cannot write {}", self.name))
+    fn line(&mut self, text: &str, at_once: bool) -> Result<()> {
+        let written = writeln!(self.to, "{text}");
+        let written = if at_once { written.and_then(|()| self.to.flush()) } else { written };
+        written.with_context(|| format!("cannot write {}", self.name))
     }
 
     fn finish(mut self) -> Result<()> {

@@ -200,7 +200,7 @@ fn check(file: &Path, pictures: &[PathBuf], json: bool) -> Result<()> {
     let file = ColourFile::load_or_shipped(Some(file))?;
     let table = file.table();
     let mut source = Source::open(pictures, None, &Reading::default())?;
-    while let Some(shot) = source.next()? {
+    while let Some(shot) = source.take()? {
         let mut counts = [0u64; CLASSES];
         let height = shot.view.height();
         for y in 0..height {

@@ -81,6 +81,9 @@ pub struct Tuning {
     /// Most blobs of a picture: the first to be complete; the rest is counted as lost.
     #[arg(long, value_name = "N")]
     pub max_blobs: Option<usize>,
+    /// Take every pixel for black whose chroma is of no class: for coloured things before a bright ground.
+    #[arg(long, conflicts_with = "grey")]
+    pub key: bool,
     /// Pass over colour: every blob is white.
     #[arg(long, conflicts_with = "colours")]
     pub grey: bool,
@@ -88,8 +91,14 @@ pub struct Tuning {
 
 impl Tuning {
     /// How pictures are to be read for it.
-    pub fn reading(&self, levels: Option<Levels>, interlace: Option<Interlace>) -> Reading {
-        Reading { levels, interlace, dark: self.polarity == Polarity::Dark, grey: self.grey }
+    pub fn reading(
+        &self,
+        levels: Option<Levels>,
+        interlace: Option<Interlace>,
+        colours: &ColourFile,
+    ) -> Reading {
+        let (dark, key) = (self.polarity == Polarity::Dark, self.key.then(|| colours.table()));
+        Reading { levels, interlace, dark, grey: self.grey, key }
     }
 
     /// The scanner's settings for a picture.

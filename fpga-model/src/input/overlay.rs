@@ -4,7 +4,7 @@
 //! second box around it a clipped one, a white cross a saturated one. Lines of a field are drawn twice, so
 //! that the picture has the shape of a frame.
 
-use super::{View, inverted};
+use super::View;
 use crate::colours::convert::rgb_of_ycc;
 use image::{Rgb, RgbImage};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, Blob, Colour};
@@ -31,18 +31,16 @@ fn paint(colour: u32) -> Rgb<u8> {
     })
 }
 
-/// The picture and its blobs, each with its box (left, right, top, bottom). `dark`: luma was inverted for
-/// the scanner and is shown as it was. `lines`: how often each line is drawn.
+/// The picture as it was read and its blobs, each with its box (left, right, top, bottom). `lines`: how often
+/// each line is drawn.
 pub fn draw<'a>(
     view: &View<'_>,
-    dark: bool,
     blobs: impl Iterator<Item = (&'a Blob, &'a [f64; 4])>,
     lines: u32,
 ) -> RgbImage {
     let size = [view.picture.width as u32, view.height() as u32 * lines];
     let mut image = RgbImage::from_fn(size[0], size[1], |x, y| {
-        let [luma, cb, cr] = view.pixel(x as usize, (y / lines) as usize);
-        Rgb(rgb_of_ycc([if dark { inverted(luma) } else { luma }, cb, cr]))
+        Rgb(rgb_of_ycc(view.pixel_as_read(x as usize, (y / lines) as usize)))
     });
     for (blob, &sides) in blobs {
         mark(&mut image, blob, sides, f64::from(lines));
@@ -112,8 +110,9 @@ mod tests {
     #[test]
     fn a_blob_is_marked_where_it_is_even_at_the_border() {
         let chroma = vec![128; 20 * 20];
-        let picture =
-            Picture { width: 40, height: 20, luma: vec![16; 800], blue: chroma.clone(), red: chroma };
+        let (luma, blue) = (vec![16; 800], chroma.clone());
+        let mut picture = Picture { width: 40, height: 20, luma, blue, red: chroma, ..Picture::default() };
+        picture.invert();
         let blob = |x_px: f64, y_field_px: f64, flags| Blob {
             x_px,
             y_field_px,
@@ -129,12 +128,11 @@ mod tests {
         let blobs = [blob(20.0, 10.0, 0), blob(0.0, 19.0, BLOB_CLIPPED | BLOB_SATURATED), blob(1e9, -1e9, 0)];
         let boxes = blobs.map(|b| [b.x_px - 2.0, b.x_px + 2.0, b.y_field_px - 2.0, b.y_field_px + 2.0]);
         let view = picture.view(Interlace::Progressive, 0);
-        let image = draw(&view, false, blobs.iter().zip(&boxes), 2);
+        let image = draw(&view, blobs.iter().zip(&boxes), 2);
         assert_eq!(image.dimensions(), (40, 40));
         // Line 10 is rows 20 and 21, its middle at 20.5.
         assert_eq!(image.get_pixel(20, 21).0, paint(Colour::Green as u32).0);
         assert_eq!(image.get_pixel(30, 21).0, [0, 0, 0]);
-        assert_eq!(draw(&view, true, [].iter().zip(&[]), 1).get_pixel(30, 10).0, [255; 3]);
         assert_eq!(image.get_pixel(0, 39).0, SATURATED.0);
     }
 }
