@@ -71,7 +71,16 @@ pub struct Widths {
     pub wxyy: u32,
     /// Σ w·y³.
     pub wyyy: u32,
+    /// Σ of rises of the lit surface, with its sign.
+    pub rise: u32,
+    /// Σ of spans times contrasts.
+    pub span: u32,
+    /// Σ of squared differences.
+    pub grain: u32,
 }
+
+/// Largest luma in quarters of a level.
+const RISE: u128 = 4 * 255;
 
 /// Sums of k⁰, k¹, k² and k³ over all k below `n`.
 const fn power_sums(n: u128) -> [u128; 4] {
@@ -101,6 +110,10 @@ impl Limits {
             wxxy: bits(full * x2 * y1),
             wxyy: bits(full * x1 * y2),
             wyyy: bits(full * x0 * y3),
+            // At most one run in two columns, each with a rise of up to 255 levels in quarters.
+            rise: bits(RISE * x0 * y0 / 2) + 1,
+            span: bits(RISE * x0 * y0),
+            grain: bits(255 * 255 * x0 * y0),
         }
     }
 }
@@ -132,6 +145,7 @@ const _: () = {
     assert!(picture.x <= u16::BITS && picture.y <= u16::BITS && picture.label <= u16::BITS);
     assert!(picture.area <= u32::BITS && picture.wxx <= u64::BITS && picture.wyy <= u64::BITS);
     assert!(picture.wxxx <= u128::BITS && picture.wyyy <= u128::BITS);
+    assert!(picture.rise < i64::BITS && picture.span <= u64::BITS && picture.grain <= u64::BITS);
     // Products of a second or third moment with Σ w², as the central moments need them, in 128 bits.
     assert!(picture.wxx + picture.w < 127 && camera.wxxx + 2 * camera.w < 127);
 };
