@@ -152,7 +152,7 @@ impl ColourFile {
 
     /// The look-up table.
     pub fn table(&self) -> ColourTable {
-        ColourTable::of_classes(&self.classes(), self.black)
+        ColourTable::of_classes(&self.classes())
     }
 
     /// Puts classes and levels into the settings of a scanner. What is no class of the file never counts.

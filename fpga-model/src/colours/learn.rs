@@ -210,7 +210,7 @@ mod tests {
             assert!(fy <= y.saturating_add(5).max(230) && fy >= y / 2, "{colour:?}: {class:?}");
             classes.push(class);
         }
-        let table = ColourTable::of_classes(&classes, DARK);
+        let table = ColourTable::of_classes(&classes);
         for colour in Colour::ALL.into_iter().filter(|&c| c != Colour::White) {
             let [_, cb, cr] = reference(colour);
             assert_eq!(table.class(cb, cr), colour as u8);
@@ -225,7 +225,7 @@ mod tests {
         samples.take(&picture, Some(Region { x: 22, y: 12, width: 36, height: 36 }), Colour::Red);
         let class = samples.class(Colour::Red).unwrap();
         assert!(class.reference[2].abs_diff(red[2]) <= 2, "{class:?}");
-        let table = ColourTable::of_classes(&[class], DARK);
+        let table = ColourTable::of_classes(&[class]);
         assert_eq!([table.class(red[1], red[2]), table.class(green[1], green[2])], [Colour::Red as u8, 0]);
     }
 

@@ -1,4 +1,4 @@
-//! What the cameras take for which colour: chroma look-up table and luma ramp.
+//! What the cameras take for which colour: a look-up table of chroma.
 //!
 //! Luma gives positions, chroma gives classes, because PAL chroma is band-limited and its edges are
 //! blurred over several pixels. Samples are 8-bit YCbCr (ITU-R BT.601); RGB is converted ([`convert`]).
@@ -8,17 +8,12 @@ pub mod convert;
 pub mod file;
 pub mod learn;
 
+pub use crate::scan::sums::SATURATED;
+
 use protocol::blobs::Colour;
 
 /// Luma of the unlit inside of the mechanical eye.
 pub const DARK: u8 = 30;
-/// Pixels below this luma never belong to a marker. The darkest marker (blue) has about 95, the
-/// background stays below 42 with 4 σ of noise.
-pub const LOW: u8 = 46;
-/// Peak white of BT.601; from here on a pixel counts as saturated.
-pub const SATURATED: u8 = 235;
-/// Weight of a pixel that lies wholly inside a marker; weights have 7 bits.
-pub const FULL_WEIGHT: u8 = 64;
 /// Class of a pixel without enough chroma.
 pub const UNSURE: u8 = 0;
 
@@ -35,18 +30,8 @@ pub const fn reference(colour: Colour) -> [u8; 3] {
     }
 }
 
-/// The ramp starts and ends at these shares of the local contrast, in 1/256: about one half,
-/// so that a blurred edge has nearly its half weight where the marker's outline is, and wide, so that
-/// the few lines that cross a marker sample its outline without steps.
-const RAMP_FROM_256: u32 = 64;
-const RAMP_TO_256: u32 = 224;
-/// A marker is taken to be at least this bright, as a share of its reference contrast in 1/16: lines
-/// that only graze a marker show no lit surface to compare with.
-const LEAST_CONTRAST_16: u16 = 15;
 /// Least chroma (distance from grey) that tells a class. Half of the palest reference.
 const LEAST_CHROMA: u8 = 24;
-/// Luma from which a region without any chroma is white.
-pub const WHITE_FROM: u8 = 150;
 /// Bits of Cb and Cr that address the table.
 const CHROMA_BITS: u32 = 6;
 const SHIFT: u32 = 8 - CHROMA_BITS;
@@ -56,13 +41,10 @@ pub const TABLE_DEPTH: usize = SIDE * SIDE;
 /// Classes, with [`UNSURE`] as class 0.
 pub const CLASSES: usize = 8;
 
-/// The tables the hardware would hold: 4,096 classes, 8 brightnesses, 256 reciprocals of 16 bits.
+/// The table that the hardware holds: a class for each of 4,096 cells of the chroma plane.
 #[derive(Clone)]
 pub struct ColourTable {
     classes: [u8; SIDE * SIDE],
-    least_lit: [u8; CLASSES],
-    /// 2¹⁶ over the contrast of a lit surface of this luma.
-    reciprocals: [u16; 256],
 }
 
 /// A class: a colour and what counts as it.
@@ -106,56 +88,22 @@ impl Class {
 impl Default for ColourTable {
     /// From the reference colours.
     fn default() -> Self {
-        Self::of_classes(&Colour::ALL.map(Class::of_reference), DARK)
+        Self::of_classes(&Colour::ALL.map(Class::of_reference))
     }
 }
 
 impl ColourTable {
-    /// The tables for some classes, before a background of luma `black`.
-    pub fn of_classes(classes: &[Class], black: u8) -> Self {
-        let reciprocal = |luma: usize| ((1 << 16) / luma.saturating_sub(usize::from(black)).max(2)) as u16;
-        let mut table = ColourTable {
-            classes: [UNSURE; SIDE * SIDE],
-            least_lit: [u8::MAX; CLASSES],
-            reciprocals: std::array::from_fn(reciprocal),
-        };
-        for (i, cell) in table.classes.iter_mut().enumerate() {
-            let middle = |cell: usize| ((cell << SHIFT) + (1 << (SHIFT - 1))) as i64 - 128;
-            *cell = best_class(classes, middle(i / SIDE), middle(i % SIDE));
-        }
-        for class in classes {
-            let contrast = u16::from(class.reference[0].saturating_sub(black));
-            table.least_lit[class.colour as usize] = black + (contrast * LEAST_CONTRAST_16 / 16) as u8;
-        }
-        table
-    }
-
-    /// Takes every surface from luma `lit` on for a lit one, whatever the references say: for blobs that
-    /// nobody knows the brightness of.
-    pub fn lit_from(&mut self, lit: u8) {
-        self.least_lit = [lit; CLASSES];
+    /// The table for some classes.
+    pub fn of_classes(classes: &[Class]) -> Self {
+        let middle = |cell: usize| ((cell << SHIFT) + (1 << (SHIFT - 1))) as i64 - 128;
+        let class = |i: usize| best_class(classes, middle(i / SIDE), middle(i % SIDE));
+        ColourTable { classes: std::array::from_fn(class) }
     }
 
     /// Class of a chroma sample: a [`Colour`] on the wire, or [`UNSURE`].
     #[inline]
     pub fn class(&self, cb: u8, cr: u8) -> u8 {
         self.classes[(usize::from(cb >> SHIFT) << CHROMA_BITS) | usize::from(cr >> SHIFT)]
-    }
-
-    /// Luma of the darkest lit surface of a class.
-    #[inline]
-    pub fn least_lit(&self, class: u8) -> u8 {
-        self.least_lit[usize::from(class) % CLASSES]
-    }
-
-    /// Weight of a pixel beside a lit surface of luma `lit`: 0 to [`FULL_WEIGHT`]. The brightness
-    /// beside it decides, so that a marker lit from one side is not drawn to that side.
-    #[inline]
-    pub fn weight(&self, luma: u8, lit: u8) -> u8 {
-        let above = u32::from(luma.saturating_sub(DARK));
-        let share_256 = (above * u32::from(self.reciprocals[usize::from(lit)])) >> 8;
-        let on_ramp = share_256.clamp(RAMP_FROM_256, RAMP_TO_256) - RAMP_FROM_256;
-        ((on_ramp * u32::from(FULL_WEIGHT)) / (RAMP_TO_256 - RAMP_FROM_256)) as u8
     }
 }
 
@@ -169,8 +117,6 @@ fn best_class(classes: &[Class], cb: i64, cr: i64) -> u8 {
     }
     best.0
 }
-
-const _: () = assert!(LOW > DARK && WHITE_FROM < SATURATED);
 
 #[cfg(test)]
 mod tests {
@@ -193,21 +139,6 @@ mod tests {
         for colour in Colour::ALL.into_iter().filter(|&c| c != Colour::White) {
             let [_, cb, cr] = reference(colour).map(|v| (128 + (i32::from(v) - 128) * 5 / 10) as u8);
             assert_eq!(table.class(cb, cr), colour as u8, "{colour:?}");
-        }
-    }
-
-    #[test]
-    fn weights_rise_from_nothing_to_full() {
-        let table = ColourTable::default();
-        for colour in Colour::ALL {
-            let lit = reference(colour)[0];
-            let weights: Vec<u8> = (0..=255).map(|luma| table.weight(luma, lit)).collect();
-            assert!(weights.is_sorted());
-            assert_eq!((weights[usize::from(LOW)], weights[255]), (0, FULL_WEIGHT), "{colour:?}");
-            assert_eq!(weights[usize::from(lit) - 8], FULL_WEIGHT, "room for shading");
-            let half = weights[usize::from((lit + DARK) / 2)];
-            assert!(half.abs_diff(FULL_WEIGHT / 2) <= 8, "{colour:?}: {half} at half the contrast");
-            assert!(table.least_lit(colour as u8) < lit);
         }
     }
 }

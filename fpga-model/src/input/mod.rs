@@ -234,7 +234,7 @@ mod tests {
     fn what_has_no_class_is_keyed_out_up_to_an_odd_end() {
         let [red, blue] = [Colour::Red, Colour::Blue].map(crate::colours::reference);
         let table =
-            ColourTable::of_classes(&[Class { tolerance_deg: 30.0, ..Class::of_reference(Colour::Red) }], 16);
+            ColourTable::of_classes(&[Class { tolerance_deg: 30.0, ..Class::of_reference(Colour::Red) }]);
         let mut picture = Picture {
             width: 5,
             height: 1,
