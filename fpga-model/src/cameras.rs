@@ -178,54 +178,35 @@ impl Cameras {
         if number == 0 {
             faults.standing(camera.id).for_each(|deed| ledger.tell(0, camera.id, deed));
         }
-        let mut out_clock = end_clock(*lines);
         let tear = faults.tear(camera.id, number, camera.size_px[1] as usize / 2);
-        let mut older = |view: &mut View, number: u64| {
-            view.look(camera, surgeon, clock.exposed_ns(number));
-            faults.spoil(camera.id, number, &mut view.patches, |_| {});
+        if let Some(tear) = tear {
+            view.look(camera, surgeon, clock.exposed_ns(number - 1));
+            faults.spoil(camera.id, number - 1, &mut view.patches, |_| {});
             std::mem::swap(&mut view.patches, &mut view.before);
-        };
-        if tear.is_some() {
-            older(view, number - 1);
+            ledger.tell(number, camera.id, Deed::Torn { line: tear.line, missing: tear.missing });
         }
         view.look(camera, surgeon, clock.exposed_ns(number));
         faults.spoil(camera.id, number, &mut view.patches, |deed| ledger.tell(number, camera.id, deed));
+        let earliest = end_clock(*lines);
+        let Some(pixels) = pixels else {
+            let keep = |line: f64| line < *lines as f64 && tear.is_none_or(|t| t.spares(line));
+            direct::blobs(self.seed, camera, &view.patches, number, keep, field);
+            if let Some(tear) = tear.filter(|t| t.missing == 0) {
+                let older = |line: f64| line < *lines as f64 && !tear.spares(line);
+                direct::blobs(self.seed, camera, &view.before, number - 1, older, field);
+            }
+            return Exposure { field, out_clock: earliest };
+        };
+        let lights = [number, number.saturating_sub(1)].map(|n| faults.light(camera.id, clock.exposed_ns(n)));
+        let Pixels { painter, picture, before, .. } = pixels;
+        painter.paint(view.patches.iter().copied(), &lights[0], camera.id, number, picture);
+        faults.heat(camera.id, picture);
         if let Some(tear) = tear {
-            ledger.tell(number, camera.id, Deed::Torn { line: tear.line, missing: tear.missing });
+            painter.paint(view.before.iter().copied(), &lights[1], camera.id, number - 1, before);
+            faults.heat(camera.id, before);
+            tear.apply(picture, before);
         }
-        match pixels {
-            Some(Pixels { painter, picture, before, scanner }) => {
-                let paint = |patches: &[Patch], number: u64, picture: &mut FieldPicture| {
-                    let light = faults.light(camera.id, clock.exposed_ns(number));
-                    painter.paint(patches.iter().copied(), &light, camera.id, number, picture);
-                    faults.heat(camera.id, picture);
-                };
-                paint(&view.patches, number, picture);
-                if let Some(tear) = tear {
-                    paint(&view.before, number - 1, before);
-                    tear.apply(picture, before);
-                }
-                let mut leave = |found: Found| {
-                    out_clock = out_clock.max(found.out_clock);
-                    found.blobs().for_each(|blob| field.push(blob));
-                };
-                scanner.begin();
-                for y in 0..*lines {
-                    let (luma, blue, red) = picture.line(y);
-                    scanner.line(luma, blue, red, &mut leave);
-                }
-                scanner.end(&mut leave);
-                field.blobs_left_out = field.blobs_left_out.saturating_add(scanner.tally().lost());
-            }
-            None => {
-                let keep = |line: f64| tear.is_none_or(|t| t.spares(line));
-                direct::blobs(self.seed, camera, &view.patches, number, keep, field);
-                if let Some(tear) = tear.filter(|t| t.missing == 0) {
-                    let older = |line: f64| !tear.spares(line);
-                    direct::blobs(self.seed, camera, &view.before, number - 1, older, field);
-                }
-            }
-        }
+        let out_clock = pixels.scan(*lines, field).max(earliest);
         Exposure { field, out_clock }
     }
 
@@ -241,6 +222,25 @@ impl Cameras {
             self.ledger.tell(number, id, Deed::Late { delay_ns });
         }
         Fate { dropped, delay_ns }
+    }
+}
+
+impl Pixels {
+    /// Extracts the blobs of so many lines; returns the clock at which the last one leaves, 0 without any.
+    fn scan(&mut self, lines: usize, field: &mut BlobField) -> u64 {
+        let mut out_clock = 0;
+        let mut leave = |found: Found| {
+            out_clock = found.out_clock.max(out_clock);
+            found.blobs().for_each(|blob| field.push(blob));
+        };
+        self.scanner.begin();
+        for y in 0..lines {
+            let (luma, blue, red) = self.picture.line(y);
+            self.scanner.line(luma, blue, red, &mut leave);
+        }
+        self.scanner.end(&mut leave);
+        field.blobs_left_out = field.blobs_left_out.saturating_add(self.scanner.tally().lost());
+        out_clock
     }
 }
 
@@ -303,6 +303,29 @@ mod tests {
             }
         }
         assert!(all > 1500 && f64::from(near) > 0.9 * f64::from(all), "{near} of {all}");
+    }
+
+    #[test]
+    fn blobs_leave_after_their_last_line_and_before_that_of_the_field() {
+        let rig = Rig::load_or_shipped(None).unwrap();
+        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        let mut source = MotionSource::new(&scene, &rig, None, 1);
+        let mut cameras = Cameras::new(&rig, Path::Pixels, 1).unwrap();
+        assert_eq!(cameras.after_exposure_ns(0), 2_000_000, "half the exposure");
+        assert_eq!(cameras.after_exposure_ns(10 * LINE_CLOCKS), 2_640_000, "64 µs a line");
+        for i in 0..cameras.len() {
+            let [earliest, whole] = [cameras.out_after_ns(i), rig.read_out_ns()];
+            assert!(earliest + 2_000_000 < whole, "camera {i}: {earliest} ns, read out at {whole} ns");
+        }
+        for number in (0..400).step_by(9) {
+            for i in 0..cameras.len() {
+                let Exposure { field, out_clock } = cameras.expose(i, &mut source, number);
+                let last = field.blobs().iter().map(|b| b.y_field_px + b.height_px / 2.0).fold(0.0, f64::max);
+                assert!(out_clock as f64 > (last + 1.0) * LINE_CLOCKS as f64, "{last} {out_clock}");
+                let ns = cameras.after_exposure_ns(out_clock);
+                assert!((cameras.out_after_ns(i)..rig.read_out_ns()).contains(&ns), "{ns}");
+            }
+        }
     }
 
     #[test]

@@ -17,7 +17,8 @@
 //! `b` is the lens's blur in px of the frame (a line of the field is two of the frame, hence a quarter
 //! of the variance), `v` the movement during one exposure, in px of the field; a movement of more
 //! than 1.5 px is cut into equal parts whose `m` are averaged. `hx` is half the width of the outline, Φ
-//! the normal distribution. `X` is what is left of the colour carrier (see [`Carrier`]). The variance is
+//! the normal distribution. `X` is what is left of the colour carrier of phase ωt,
+//! `crosstalk·((Cb − 128)·sin ωt ± (Cr − 128)·cos ωt)`. The variance is
 //!
 //! ```text
 //! var(p) = read² + shot·max(0, μ(p) − 16)  (+ 1/12 for rounding to whole levels)
