@@ -71,8 +71,7 @@ pub struct Tuning {
     /// times before it counts, until the background has settled.
     #[arg(long, value_name = "LEVEL", value_parser = Ground::parse)]
     pub background: Option<Ground>,
-    /// Grey levels above the background that every pixel of a blob has, and its brightest one. How bright
-    /// markers usually are then no longer counts.
+    /// Grey levels above the background that every pixel of a blob has, and its brightest one.
     #[arg(long, value_name = "LOW[:HIGH]", value_parser = Threshold::parse)]
     pub threshold: Option<Threshold>,
     /// Least area of a blob, px.
@@ -81,6 +80,10 @@ pub struct Tuning {
     /// Most blobs of a picture: the first to be complete; the rest is counted as lost.
     #[arg(long, value_name = "N")]
     pub max_blobs: Option<usize>,
+    /// Blobs are spots of light, such as stars or particles: weights follow their light up to its peak, and one
+    /// line is enough.
+    #[arg(long)]
+    pub spots: bool,
     /// Take every pixel for black whose chroma is of no class: for coloured things before a bright ground.
     #[arg(long, conflicts_with = "grey")]
     pub key: bool,
@@ -112,15 +115,16 @@ impl Tuning {
             Some(Ground::Tracked) => settings.level = Level::Tracked(median(shot)),
         }
         if let Some(Threshold { low, high }) = self.threshold {
-            let (Level::Fixed(ground) | Level::Tracked(ground)) = settings.level;
-            settings.colours.lit_from(ground.saturating_add(high));
             settings.low = low;
             // Classes that the file does not know still never count.
             settings.high = settings.high.map(|h| if h == u8::MAX { h } else { high });
         }
+        settings.spots = self.spots;
+        if self.spots {
+            settings.least_lines = 1;
+        }
         if let Some(area) = self.least_area {
             settings.least_area = area;
-            settings.least_lines = settings.least_lines.min(area.max(1));
         }
         if let Some(blobs) = self.max_blobs {
             settings.limits.blobs = blobs;

@@ -69,6 +69,8 @@ pub struct Settings {
     pub least_lines: u16,
     /// Lines of the frame per line of the field: 2 where interlaced, 1 where progressive.
     pub frame_lines: u8,
+    /// Blobs are spots of light without a lit surface: see [`weight::Weigher::for_spots`].
+    pub spots: bool,
 }
 
 impl Default for Settings {
@@ -85,6 +87,7 @@ impl Default for Settings {
             least_area: LEAST_AREA,
             least_lines: 2,
             frame_lines: 2,
+            spots: false,
         }
     }
 }
@@ -181,7 +184,7 @@ impl Scanner {
             held: std::array::from_fn(|_| Held { luma: vec![0; width], runs: Runs::new(limits.runs) }),
             labels: Labels::new(limits.labels),
             owners: Owners::new(limits.runs),
-            weigher: Weigher::new(width),
+            weigher: if settings.spots { Weigher::for_spots(width) } else { Weigher::new(width) },
             nothing: Runs::new(0),
             tally: Tally::default(),
             found: 0,

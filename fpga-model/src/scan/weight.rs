@@ -97,6 +97,8 @@ pub struct Weigher {
     seen: Vec<u8>,
     /// Brightest sum of [`PLATEAU`] pixels over the lines, by the column of its first.
     plateaus: Vec<u16>,
+    /// Compare with the brightest pixel instead of the brightest mean.
+    spots: bool,
     /// The weights of the pixels weighed last, 0 to [`FULL_WEIGHT`].
     pub weights: Vec<u8>,
 }
@@ -108,8 +110,15 @@ impl Weigher {
         Weigher {
             seen: Vec::with_capacity(room),
             plateaus: Vec::with_capacity(room),
+            spots: false,
             weights: Vec::with_capacity(width),
         }
+    }
+
+    /// As [`Weigher::new`], for spots of light that are too small to have a lit surface: their pixels are
+    /// compared with the brightest one, so that weights follow the light up to its peak.
+    pub fn for_spots(width: usize) -> Self {
+        Weigher { spots: true, ..Weigher::new(width) }
     }
 
     /// Weighs the pixels of `range` in the middle line of `around` as those of a component of `class`; the
@@ -165,6 +174,13 @@ impl Weigher {
 
     /// Raises `plateaus` to what is seen.
     fn find_plateaus(&mut self) {
+        if self.spots {
+            for (plateau, four) in self.plateaus.iter_mut().zip(self.seen.windows(PLATEAU)) {
+                let peak = four.iter().fold(0, |m, &v| m.max(v));
+                *plateau = (*plateau).max(u16::from(peak) * PLATEAU as u16);
+            }
+            return;
+        }
         let (ahead, behind) = (&self.seen[PLATEAU - 1..], &self.seen);
         let mut sum = behind[..PLATEAU - 1].iter().map(|&v| u16::from(v)).sum::<u16>();
         for ((plateau, &new), &old) in self.plateaus.iter_mut().zip(ahead).zip(behind) {
@@ -293,6 +309,25 @@ mod tests {
         assert_eq!(weigher.weights, [FULL_WEIGHT; 10]);
         weigher.weigh(&around, 20..40, 2, 30 << 4);
         assert_eq!(weigher.weights, [FULL_WEIGHT; 20]);
+    }
+
+    #[test]
+    fn spots_are_weighed_by_their_light() {
+        // A star over a background of 30, its centre at column 15.3.
+        let star = |y: f64| -> Vec<u8> {
+            let light = |x: f64| 120.0 * libm::exp(-((x - 15.3) * (x - 15.3) + y * y) / (2.0 * 1.2 * 1.2));
+            (0..32).map(|x| (30.0 + light(f64::from(x))).round() as u8).collect()
+        };
+        let lines = [-2.0, -1.0, 0.0, 1.0, 2.0].map(star);
+        let off = |mut weigher: Weigher| {
+            weigher.weigh(&std::array::from_fn(|i| Line { luma: &lines[i], runs: &[] }), 8..23, 7, 30 << 4);
+            let sums =
+                weigher.weights.iter().zip(8..).map(|(&w, x)| (f64::from(w), f64::from(w) * f64::from(x)));
+            let (w, wx) = sums.fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
+            (wx / w - 15.3).abs()
+        };
+        assert!(off(Weigher::for_spots(32)) < 0.02);
+        assert!(off(Weigher::new(32)) > 0.02, "with a surface to compare with, the core counts alike");
     }
 
     #[test]
