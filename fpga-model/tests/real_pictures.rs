@@ -78,7 +78,7 @@ fn dots_of_the_calibration_target_are_found_where_another_program_found_them() {
     let Some(data) = cameras() else { return };
     for camera in 1..=3 {
         let picture = data.join(format!("myptv/Calibration/cal{camera}.png"));
-        let options = "--background tracked --threshold 10:20 --least-area 3";
+        let options = "--spots --background tracked --threshold 10:20 --least-area 3";
         let found = blobs(options, &[picture]).remove(0);
         // x_px y_px X Y Z
         let dots = table(&data.join(format!("myptv/Calibration/cam{camera}_cal_points")));
@@ -92,7 +92,7 @@ fn dots_of_the_calibration_target_are_found_where_another_program_found_them() {
         );
         assert!(same.len() * 100 >= dots.len() * 99, "{} of {} dots", same.len(), dots.len());
         // Both are centres of about 25 pixels, of which the other program's count alike.
-        assert!(same[same.len() / 2] < 0.35, "median {} px", same[same.len() / 2]);
+        assert!(same[same.len() / 2] < 0.3, "median {} px", same[same.len() / 2]);
     }
 }
 
@@ -102,7 +102,7 @@ fn particles_in_a_flow_are_those_another_program_found() {
     for camera in 1..=3 {
         let pictures: Vec<PathBuf> =
             (1..=3).map(|i| data.join(format!("myptv/Images_cam{camera}/0{i}.png"))).collect();
-        let found = blobs("--background tracked --threshold 8:16 --least-area 2", &pictures);
+        let found = blobs("--spots --background tracked --threshold 8:16 --least-area 1", &pictures);
         // y_px x_px size_y size_x mass frame
         let rows = table(&data.join(format!("myptv/blobs_cam{camera}")));
         for (frame, found) in found.iter().enumerate() {
@@ -114,9 +114,9 @@ fn particles_in_a_flow_are_those_another_program_found() {
                 "camera {camera}, frame {frame}: {share:.2} found, median {:.3} px",
                 same[same.len() / 2]
             );
-            // The other program filters before it decides; its faintest particles stay below this threshold.
-            assert!(share > 0.7, "{} of {}", same.len(), particles.len());
-            assert!(same[same.len() / 2] < 0.45, "median {} px", same[same.len() / 2]);
+            // The other program filters before it decides; of its faintest some stay below this threshold.
+            assert!(share > 0.88, "{} of {}", same.len(), particles.len());
+            assert!(same[same.len() / 2] < 0.26, "median {} px", same[same.len() / 2]);
         }
     }
 }
@@ -142,7 +142,7 @@ fn stars_are_at_the_centres_of_their_light() {
     let Some(data) = cameras() else { return };
     let names = ["2019-07-29T204726_Alt40_Azi-135_Try1.png", "2019-07-29T204726_Alt40_Azi135_Try1.png"];
     let pictures = names.map(|n| data.join("tetra3_stars").join(n));
-    let found = blobs("--background tracked --threshold 12:24 --least-area 3", &pictures);
+    let found = blobs("--spots --background tracked --threshold 12:24 --least-area 1", &pictures);
     for (picture, stars) in pictures.iter().zip(&found) {
         let samples = image::open(picture).expect("picture").into_luma16();
         let [width, height] = [samples.width(), samples.height()].map(f64::from);
@@ -156,8 +156,8 @@ fn stars_are_at_the_centres_of_their_light() {
         off.sort_by(f64::total_cmp);
         println!("{} stars, {} compared, median {:.3} px", stars.len(), off.len(), off[off.len() / 2]);
         // The pictures hold 76 to 201 spots of more than 6 σ; this threshold is higher.
-        assert!((15..=201).contains(&stars.len()), "{} stars", stars.len());
-        assert!(off[off.len() / 2] < 0.25, "median {} px", off[off.len() / 2]);
+        assert!((40..=201).contains(&stars.len()), "{} stars", stars.len());
+        assert!(off[off.len() / 2] < 0.12, "median {} px", off[off.len() / 2]);
     }
 }
 
@@ -166,14 +166,16 @@ fn beads_that_diffuse_are_seen_again_in_the_next_frame() {
     let Some(data) = cameras() else { return };
     let pictures: Vec<PathBuf> =
         (0..6).map(|i| data.join(format!("trackpy_bulk_water/bulk_water_00{i}.png"))).collect();
-    let found =
-        blobs("--grey --polarity dark --background tracked --threshold 12:24 --least-area 6", &pictures);
+    let found = blobs(
+        "--spots --grey --polarity dark --background tracked --threshold 12:24 --least-area 1",
+        &pictures,
+    );
     for pair in found.windows(2) {
         let before: Vec<[f64; 2]> = pair[0].iter().map(|b| [b.x, b.y]).collect();
         // A bead moves by a pixel or two a frame; beads are some 30 px apart.
         let again = matched(&before, &pair[1], 6.0).len();
         println!("{} beads, {again} seen again", before.len());
-        assert!(before.len() > 30 && again * 10 >= before.len() * 7, "{again} of {}", before.len());
+        assert!(before.len() > 30 && again * 10 >= before.len() * 6, "{again} of {}", before.len());
     }
 }
 
@@ -305,18 +307,17 @@ fn red_halves_of_balls_on_a_table_are_counted() {
     let folder = tempfile::tempdir().expect("scratch folder");
     let file = folder.path().join("ball.toml").display().to_string();
     run(&["colours", "learn", &format!("red={}@700,240,100,60", photo(1).display()), "-o", &file], &[]);
-    let options = format!("--colours {file} --key --background fixed=16 --threshold 8:16 --least-area 3000");
+    let options = format!("--colours {file} --key --background fixed=16 --threshold 8:16 --least-area 1500");
     let found = blobs(&options, &[photo(7), photo(8)]);
     // By looking at the photographs: rough centres of the red halves.
     let expected: [&[(f64, f64)]; 2] =
         [&[(430.0, 480.0), (960.0, 475.0)], &[(430.0, 480.0), (690.0, 390.0), (960.0, 475.0)]];
     for (found, expected) in found.iter().zip(expected) {
-        assert_eq!(found.len(), expected.len(), "{found:#?}");
-        for &(x, y) in expected {
-            assert!(
-                found.iter().any(|b| b.colour == "red" && distance(b, x, y) < 50.0),
-                "{x}, {y}: {found:#?}"
-            );
+        // Half a ball is no disc: it may come as two blobs that touch, and then both lie on it.
+        let near = |b: &Blob, &(x, y): &(f64, f64)| b.colour == "red" && distance(b, x, y) < 75.0;
+        for place in expected {
+            assert!(found.iter().any(|b| near(b, place)), "{place:?}: {found:#?}");
         }
+        assert!(found.iter().all(|b| expected.iter().any(|place| near(b, place))), "{found:#?}");
     }
 }
