@@ -5,7 +5,9 @@
 
 use crate::colours;
 use crate::scan::background::{LEVEL_WIDTH, blocks_along};
-use crate::scan::limits::{DIVIDER_CLOCKS, LINE_CLOCKS, Limits, RUN_CLOCKS, UNION_CLOCKS, Widths, bits};
+use crate::scan::limits::{
+    DIVIDER_CLOCKS, LINE_CLOCKS, Limits, RUN_CLOCKS, SPLIT_CLOCKS, UNION_CLOCKS, Widths, bits,
+};
 use crate::scan::{COMPLETE_AFTER, weight};
 
 /// Bits of a colour class.
@@ -69,7 +71,7 @@ pub fn resources(limits: &Limits) -> Vec<Resource> {
         memory("luma of the lines above and below", 2 * weight::LINES * limits.width, LUMA_BITS),
         register("luma around a pixel", (2 * weight::LINES + 1) * weight::WINDOW, LUMA_BITS),
         memory("runs being read", limits.runs, run),
-        memory("runs being labelled and of the lines before", 2 * weight::LINES * limits.runs, run),
+        memory("runs of the four lines before", 2 * weight::LINES * limits.runs, run),
         register("sums of the run being weighed", 1, run_sum_bits(limits)),
         register("labels of all these runs", (2 * weight::LINES + 1) * limits.runs, widths.label + 1),
         register("labels in use", limits.labels, 1),
@@ -88,8 +90,10 @@ pub struct Clocks {
     pub line: u64,
     /// At most that many to label the runs of a line and look for complete components.
     pub labelling_at_most: u64,
-    /// For one blob in the divider.
+    /// For one component in the divider.
     pub divider: u64,
+    /// Further ones where it is two markers that touch.
+    pub split: u64,
     /// From the last pixel of a blob to its leaving, if no other blob waits; the least and the most.
     pub latency: [u64; 2],
 }
@@ -104,6 +108,7 @@ pub fn clocks(limits: &Limits) -> Clocks {
         line: LINE_CLOCKS,
         labelling_at_most: labelling,
         divider: DIVIDER_CLOCKS,
+        split: SPLIT_CLOCKS,
         latency: [wait(LINE_CLOCKS - limits.width as u64 + 1) + 1, wait(LINE_CLOCKS) + limits.labels as u64],
     }
 }
@@ -139,7 +144,7 @@ mod tests {
                 scanner.line(luma, blue, red, &mut note);
             }
             scanner.end(&mut note);
-            let waiting = latencies.len() as u64 * clocks.divider;
+            let waiting = latencies.len() as u64 * (clocks.divider + clocks.split);
             for latency in latencies {
                 assert!(latency >= clocks.latency[0], "{}: {latency}", pattern.name);
                 assert!(latency <= clocks.latency[1] + waiting, "{}: {latency}", pattern.name);

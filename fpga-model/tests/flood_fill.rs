@@ -10,7 +10,7 @@ use fpga_model::scan::limits::{FULL_WEIGHT, Limits, PICTURE};
 use fpga_model::scan::owners::SKIRT;
 use fpga_model::scan::runs::Run;
 use fpga_model::scan::sums::{EMPTY_BOX, SATURATED, Sums};
-use fpga_model::scan::weight::{LINES, Line, Weigher};
+use fpga_model::scan::weight::{LINES, Line, Weigher, slope};
 use fpga_model::scan::{Scanner, Settings};
 use protocol::blobs::{BlobField, Colour};
 use rand::{Rng, SeedableRng};
@@ -279,7 +279,7 @@ impl Flood {
     fn add_surfaces(&mut self, picture: &FieldPicture, y: usize) {
         for (columns, id) in self.dressed(y) {
             self.weigh(picture, y, columns.clone(), self.all[id as usize].class);
-            let slope = self.weigher.slope(u16::from(DARK) << 4);
+            let slope = slope(&picture.line(y).0[columns.clone()], u16::from(DARK) << 4);
             let sums = &mut self.all[id as usize];
             sums.rise += i64::from(slope.rise);
             sums.span += u64::from(slope.contrast);

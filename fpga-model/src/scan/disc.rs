@@ -11,6 +11,8 @@ use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, Blob};
 /// How far a centre is drawn to the bright side for each share by which the light rises per column, px²:
 /// a pixel's lit surface is found some 5 px from it, over an edge of about 1 px.
 const SHADE_PX2: i64 = 5;
+/// Added to the span, so that what little of a surface is seen does not count for much.
+const LEAST_SPAN: u64 = 8192;
 /// Most that this is put right by, px in units of 2⁻¹⁶.
 const SHADE_MOST: i128 = ONE / 8;
 /// Least variance of a pixel's noise, levels²: of a clean camera, and where too little of the surface is seen.
@@ -22,6 +24,8 @@ const USUAL_NOISE: u64 = 6;
 /// Variance that remains without noise, because lines and columns sample the outline: (0.008 px)² along
 /// the line and (0.005 lines)² across, in 2⁻²⁴ px².
 const FLOOR_Q24: [u128; 2] = [1074, 419];
+/// Variance of where one line begins: (1/16 px)², 5 ns of a PAL signal's time base, in 2⁻²⁴ px².
+const LINE_JITTER_Q24: u128 = (1 << 24) / 256;
 /// Fixed point of variances.
 const VARIANCE_BITS: u32 = 24;
 /// (1/20 px)²: what two touching markers do to each other's centre, in 2⁻²⁴ px².
@@ -63,10 +67,21 @@ impl Iterator for Discs {
     }
 }
 
+/// True if a component is two markers that touch.
+pub fn is_pair(sums: &Sums, field: &FieldShape) -> bool {
+    let shape_of = |moments| shape(&moments, area(sums), field.aspect());
+    matches!(Moments::of(sums).map(shape_of), Some(Shape::Pair(_)))
+}
+
+/// Area in px, in units of 2⁻¹⁶.
+fn area(sums: &Sums) -> i128 {
+    i128::from(sums.w) << (BITS - FULL_WEIGHT.trailing_zeros())
+}
+
 /// The blobs that a component is; none without weight.
 pub fn discs(sums: &Sums, field: &FieldShape) -> Discs {
     let Some(moments) = Moments::of(sums) else { return Discs { blobs: [None, None] } };
-    let area = i128::from(sums.w) << (BITS - FULL_WEIGHT.trailing_zeros());
+    let area = area(sums);
     let size = [1, 3].map(|i| i128::from(sums.half_box_px[i].saturating_sub(sums.half_box_px[i - 1])) + 1);
     let [x, y] = moments.centre;
     let whole = Part { sums, centre: [x - shade(sums), y], area, size };
@@ -88,10 +103,7 @@ pub fn discs(sums: &Sums, field: &FieldShape) -> Discs {
 
 /// How far the centre was drawn to the bright side, px in units of 2⁻¹⁶.
 fn shade(sums: &Sums) -> i128 {
-    if sums.span == 0 {
-        return 0;
-    }
-    let drawn = (i128::from(SHADE_PX2 * sums.rise) << BITS) / i128::from(sums.span);
+    let drawn = (i128::from(SHADE_PX2 * sums.rise) << BITS) / i128::from(sums.span + LEAST_SPAN);
     drawn.clamp(-SHADE_MOST, SHADE_MOST)
 }
 
@@ -143,7 +155,9 @@ impl Part<'_> {
             touch => 3 * noise + touch,
         };
         let saturated = if flags & BLOB_SATURATED != 0 { SATURATION_Q24 } else { 0 };
-        noise + FLOOR_Q24[axis] + merged + side(BLOB_CLIPPED) + saturated
+        // Every line of an interlaced field is read from a signal; its jitter moves columns only.
+        let jitter = if axis == 0 { LINE_JITTER_Q24 / self.size[1].max(1) as u128 } else { 0 };
+        noise + FLOOR_Q24[axis] + jitter + merged + side(BLOB_CLIPPED) + saturated
     }
 }
 

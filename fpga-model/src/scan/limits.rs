@@ -123,12 +123,18 @@ pub const RUN_CLOCKS: u64 = 2;
 /// Clocks to unite two components: one to read, one to write; the runs' labels change in the same clock,
 /// each beside its own comparator.
 pub const UNION_CLOCKS: u64 = 2;
-/// Quotients of one blob: two centres, two variances, and as many for the test whether it is two discs.
-const QUOTIENTS: u64 = 8;
-/// Bits of a quotient; the divider yields one a clock.
+/// Quotients and roots of one component: nine moments, what light from one side does, two variances, and
+/// three for the question whether it is more than one marker.
+const QUOTIENTS: u64 = 15;
+/// Further ones of two markers that touch: six for axis and places, three rounds of six for the lens and one before,
+/// and seven for the shares (`split`).
+const SPLIT_QUOTIENTS: u64 = 6 + 1 + 3 * 6 + 7;
+/// Bits of a quotient or root; the divider yields one a clock.
 const QUOTIENT_BITS: u64 = 32;
-/// Clocks of the divider for one blob.
+/// Clocks of the divider for one component.
 pub const DIVIDER_CLOCKS: u64 = QUOTIENTS * QUOTIENT_BITS;
+/// Further clocks for two markers that touch.
+pub const SPLIT_CLOCKS: u64 = SPLIT_QUOTIENTS * QUOTIENT_BITS;
 
 // A line's runs are labelled while the next line is read: at worst all of them, uniting all components
 // above, and a look at every label.
@@ -136,8 +142,9 @@ const _: () = assert!(
     CAMERA.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + CAMERA.labels as u64 <= LINE_CLOCKS,
     "labelling keeps up with the pixels"
 );
-// One blob is divided in less than a line, so that blobs of different lines do not wait for each other.
-const _: () = assert!(DIVIDER_CLOCKS <= LINE_CLOCKS);
+// One component is divided in less than a line, so that those of different lines do not wait for each other,
+// unless two markers touch; then in less than two.
+const _: () = assert!(DIVIDER_CLOCKS <= LINE_CLOCKS && DIVIDER_CLOCKS + SPLIT_CLOCKS <= 2 * LINE_CLOCKS);
 // The twin's own registers (`sums`) hold what the hardware's hold.
 const _: () = {
     let [camera, picture] = [CAMERA.widths(), PICTURE.widths()];

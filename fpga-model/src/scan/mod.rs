@@ -28,7 +28,7 @@ use crate::picture::FieldPicture;
 use background::{Background, Level};
 use disc::{Discs, FieldShape};
 use labels::Labels;
-use limits::{CAMERA, DIVIDER_CLOCKS, FULL_WEIGHT, LEVEL_BITS, LINE_CLOCKS, Limits, PICTURE};
+use limits::{CAMERA, DIVIDER_CLOCKS, FULL_WEIGHT, LEVEL_BITS, LINE_CLOCKS, Limits, PICTURE, SPLIT_CLOCKS};
 use owners::Owners;
 use protocol::blobs::{BlobField, Colour};
 use runs::{NO_LABEL, Run, Runs};
@@ -332,7 +332,7 @@ impl Scanner {
             let level = background.at(columns.start.midpoint(columns.end));
             let sums = labels.sums_mut(claim.label);
             weigher.weigh(&around, columns.clone(), sums.class, level);
-            let slope = claim.run.then(|| weigher.slope(level));
+            let slope = claim.run.then(|| weight::slope(&line(y).luma[columns.clone()], level));
             let luma = &line(y).luma[columns];
             sums.weigh(luma, &weigher.weights, claim.columns.start, y as u16, slope);
         });
@@ -357,7 +357,8 @@ impl Scanner {
 
     /// A component that is known to be complete at `clock`.
     fn found_at(&mut self, clock: u64, sums: Sums) -> Found {
-        let out_clock = clock.max(self.divider_free) + DIVIDER_CLOCKS;
+        let split = if disc::is_pair(&sums, &self.field) { SPLIT_CLOCKS } else { 0 };
+        let out_clock = clock.max(self.divider_free) + DIVIDER_CLOCKS + split;
         self.divider_free = out_clock;
         let last = u64::from(sums.last_line());
         Found {

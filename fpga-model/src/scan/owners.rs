@@ -180,8 +180,8 @@ mod tests {
                     assert_eq!(std::mem::replace(&mut found[usize::from(x)], claim.label), NO_LABEL, "owned twice");
                 }
             });
-            for x in 0..WIDTH {
-                prop_assert_eq!(found[x], owner(x as u16, &runs), "column {}", x);
+            for (x, &found) in (0..).zip(&found) {
+                prop_assert_eq!(found, owner(x, &runs), "column {}", x);
             }
         }
     }

@@ -6,7 +6,7 @@
 //! bright by its noise; near the pixel, because a marker lit from one side is brighter there than at its
 //! other edge; of the lines above and below too, because the first and last line that a marker touches
 //! show none of its surface at full light. Pixels of other colours are not looked at. The weight is the pixel's share of that contrast, from
-//! nothing at a tenth to all at nine tenths: between them it is linear, so that the sum over a
+//! nothing at 7 % to all at 87 %: between them it is linear, so that the sum over a
 //! blurred edge says where the edge is however the lines and columns cut it; beyond them noise of
 //! background and surface does not count. The variance of that rule is within a few per cent of the least
 //! that any rule of single pixels has at an edge with a Gaussian blur.
@@ -26,8 +26,8 @@ pub const REACH: usize = 5;
 pub const WINDOW: usize = 2 * REACH + 1;
 /// Grey levels above the background that a lit surface has at least.
 const LEAST_CONTRAST: u32 = 16;
-/// The ramp in 1/1024 of the contrast: it begins at a tenth, and ends eight tenths later.
-const RAMP_FROM: u32 = 102;
+/// The ramp in 1/1024 of the contrast: it begins at 7.4 % and ends eight tenths later.
+const RAMP_FROM: u32 = 76;
 /// `1024 · FULL_WEIGHT / 820`, rounded: weight for each 1/1024 of contrast, in 1/1024.
 const RAMP_GAIN: u32 = 80;
 /// Words of the table of reciprocals: contrasts in quarters of a level.
@@ -90,6 +90,19 @@ pub struct Slope {
     pub contrast: u32,
 }
 
+/// The slope along a run with its skirt, if it is long enough: from the first to the last [`PLATEAU`] pixels
+/// that no edge reaches.
+pub fn slope(luma: &[u8], background_q4: u16) -> Slope {
+    if luma.len() < LEAST_SPAN {
+        return Slope::default();
+    }
+    let (first, last) = (EDGE, luma.len() - EDGE - PLATEAU);
+    let [left, right] =
+        [first, last].map(|i| luma[i..i + PLATEAU].iter().map(|&v| i32::from(v)).sum::<i32>());
+    let above = (left + right) / 2 - i32::from(background_q4 >> 2);
+    Slope { rise: right - left, contrast: above.max(0) as u32 * (last - first) as u32 }
+}
+
 /// The rule with its scratch registers.
 #[derive(Debug, Clone, Default)]
 pub struct Weigher {
@@ -135,19 +148,6 @@ impl Weigher {
             let plateau = self.plateaus[i..i + SUMS].iter().fold(0, |m, &p| m.max(p));
             self.weights.push(weight(luma, plateau, background_q4));
         }
-    }
-
-    /// The slope along the pixels weighed last, if they are enough.
-    pub fn slope(&self, background_q4: u16) -> Slope {
-        let length = self.weights.len();
-        if length < LEAST_SPAN {
-            return Slope::default();
-        }
-        // Plateau i begins at column i − REACH.
-        let (first, last) = (REACH + EDGE, REACH + length - EDGE - PLATEAU);
-        let [left, right] = [first, last].map(|i| i32::from(self.plateaus[i]));
-        let above = (left + right) / 2 - i32::from(background_q4 >> 2);
-        Slope { rise: right - left, contrast: above.max(0) as u32 * (last - first) as u32 }
     }
 
     /// Fills `seen` with the pixels of a line from [`REACH`] before to [`REACH`] behind `range`.
@@ -216,7 +216,7 @@ mod tests {
         let means = lines.iter().flat_map(|line| (x - 5..=x + 2).map(move |from| mean(line, from)));
         let contrast = (means.fold(0.0, f64::max) - background).max(16.0);
         let share = (at(&lines[LINES], x) - background) / contrast;
-        ((share - 0.1) / 0.8).clamp(0.0, 1.0) * 64.0
+        ((share - 76.0 / 1024.0) / 0.8).clamp(0.0, 1.0) * 64.0
     }
 
     fn weigh(lines: &[Vec<u8>], range: Range<usize>, background_q4: u16) -> Weigher {
@@ -263,7 +263,7 @@ mod tests {
             for wide in [2.0, 3.0, 4.0] {
                 let (middle, length) = centre(bar(20.0 + shift, 38.3 + shift, wide, 0.0));
                 assert!((middle - 29.15 - shift).abs() < 0.05, "{wide} px, {shift}: {middle}");
-                assert!((length - 18.3).abs() < 0.2, "{wide} px, {shift}: {length}");
+                assert!((length - 18.3).abs() < 0.4, "{wide} px, {shift}: {length}");
             }
         }
     }
@@ -273,8 +273,7 @@ mod tests {
         // 4 % brighter at the right end, 4 % darker at the left: intensity would be off by 0.12 px.
         let (middle, _) = centre(bar(20.0, 38.0, 2.4, 0.04 / 9.0));
         assert!((middle - 29.0).abs() < 0.04, "{middle}");
-        let lines = vec![bar(20.0, 38.0, 2.4, 0.04 / 9.0); 5];
-        let slope = weigh(&lines, 17..42, 30 << 4).slope(30 << 4);
+        let slope = slope(&bar(20.0, 38.0, 2.4, 0.04 / 9.0)[17..42], 30 << 4);
         let found = f64::from(slope.rise) / f64::from(slope.contrast);
         assert!((found - 0.04 / 9.0).abs() < 0.001, "{found}");
     }
@@ -283,7 +282,7 @@ mod tests {
     fn first_line_of_a_marker_is_compared_with_the_lines_below() {
         let (dark, half, lit) = (vec![30; 40], vec![60; 40], vec![90; 40]);
         let top = [dark.clone(), dark, half, lit.clone(), lit].to_vec();
-        assert!(weigh(&top, 10..30, 30 << 4).weights.iter().all(|&w| w.abs_diff(32) <= 1));
+        assert!(weigh(&top, 10..30, 30 << 4).weights.iter().all(|&w| w.abs_diff(34) <= 1));
         let alone = vec![vec![60; 40]; 5];
         assert!(weigh(&alone, 10..30, 30 << 4).weights.iter().all(|&w| w == FULL_WEIGHT));
     }
