@@ -40,12 +40,27 @@ pub struct Config {
     /// Markers straight to noisy blobs, without pixels.
     #[arg(long)]
     pub direct: bool,
+    /// What goes wrong.
+    #[command(flatten)]
+    pub faults: FaultArgs,
     /// Finish after so many seconds.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,
     /// Send the fields of camera CAM so many ms too late.
     #[arg(long, value_name = "CAM=MS", value_parser = late_camera, hide = true)]
     pub late_camera: Option<LateCamera>,
+}
+
+/// Faults of the virtual cameras.
+#[derive(Debug, Clone, clap::Args)]
+pub struct FaultArgs {
+    /// Let things go wrong, from the seed: presets (none, mild, hard, or a fault by its name) or a file that
+    /// ends in .toml.
+    #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
+    pub faults: Option<String>,
+    /// Write down what was done to which field, as JSON lines.
+    #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
+    pub fault_log: Option<PathBuf>,
 }
 
 /// A camera whose fields come too late.

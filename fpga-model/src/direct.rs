@@ -1,9 +1,10 @@
 //! Blobs straight from the markers, with Gaussian noise and no pixels: for fast studies.
 
+use crate::faults::scene::TWIN;
 use crate::motion::tremor::uniform;
-use crate::sight::MarkerImage;
+use crate::picture::Patch;
 use nalgebra::Vector2;
-use protocol::blobs::{Blob, BlobField};
+use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
 use protocol::camera::Camera;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -11,32 +12,57 @@ use std::f64::consts::{PI, TAU};
 
 /// Noise of a centre along each axis of the frame, px (σ).
 pub const NOISE_PX: f64 = 0.05;
+/// Words of randomness that each marker has for itself: two pairs of numbers.
+const WORDS: u128 = 4;
 
-/// Puts a blob for every marker whose centre is in the frame into `out`, in the order in which the
-/// hardware would complete them. The noise is drawn from the seed, the camera and the field's number.
-pub fn blobs(seed: u64, camera: &Camera, markers: &[MarkerImage], out: &mut BlobField) {
+/// Noise of a marker that glares, as a multiple of the usual.
+const GLARE_NOISE: f64 = 3.0;
+/// A marker lit brighter than this saturates: the palest reference has 184 of 219 levels.
+const GLARE: f64 = 1.2;
+/// A marker dimmer than this does not rise above the threshold.
+const DIM: f64 = 0.3;
+
+/// Puts a blob for every marker whose centre is in the frame, and on a line that `keep` wants, into
+/// `out`, in the order in which the hardware would complete them. `number` is the field that saw the
+/// markers. The noise is drawn from the seed, the camera, that field and the marker, so that no marker's
+/// noise depends on which others are seen.
+pub fn blobs(
+    seed: u64,
+    camera: &Camera,
+    patches: &[Patch],
+    number: u64,
+    keep: impl Fn(f64) -> bool,
+    out: &mut BlobField,
+) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    random.set_stream(out.field.wrapping_mul(64).wrapping_add(u64::from(camera.id)));
+    random.set_stream(number.wrapping_mul(64).wrapping_add(u64::from(camera.id)));
     let last_line = |b: &Blob| b.y_field_px + b.height_px / 2.0;
-    let before = out.count as usize;
-    for marker in markers.iter().filter(|m| m.is_in_frame(camera)) {
-        let seen = marker.centre_px + gaussian_pair(&mut random) * NOISE_PX;
-        let half = marker.half_size_px();
+    let lit = |p: &&Patch| p.image.is_in_frame(camera) && p.brightness >= DIM;
+    for patch in patches.iter().filter(lit) {
+        let (image, glares) = (&patch.image, patch.brightness > GLARE);
+        random.set_word_pos(u128::from(image.body as u32 * 2 * TWIN + image.marker) * WORDS);
+        let noise_px = NOISE_PX * if glares { GLARE_NOISE } else { 1.0 };
+        let seen = image.centre_px + gaussian_pair(&mut random) * noise_px;
+        let half = image.half_size_px();
+        let y_field_px = (seen.y - (number & 1) as f64) / 2.0;
+        if !keep(y_field_px) {
+            continue;
+        }
         out.push(Blob {
             x_px: seen.x,
-            y_field_px: (seen.y - f64::from(out.parity)) / 2.0,
-            area_px: PI * marker.shape_px2.determinant().max(0.0).sqrt() / 2.0,
+            y_field_px,
+            area_px: PI * image.shape_px2.determinant().max(0.0).sqrt() / 2.0,
             width_px: 2.0 * half.x,
             height_px: half.y,
-            var_x_px2: NOISE_PX * NOISE_PX,
-            var_y_px2: NOISE_PX * NOISE_PX,
+            var_x_px2: noise_px * noise_px,
+            var_y_px2: noise_px * noise_px,
             cov_xy_px2: 0.0,
-            colour: marker.colour as u32,
-            flags: 0,
+            colour: image.colour as u32,
+            flags: if glares { BLOB_SATURATED } else { 0 },
         });
     }
-    let count = out.count as usize;
-    out.blobs[before..count].sort_unstable_by(|a, b| last_line(a).total_cmp(&last_line(b)));
+    let count = out.blobs().len();
+    out.blobs[..count].sort_unstable_by(|a, b| last_line(a).total_cmp(&last_line(b)));
 }
 
 /// Two independent numbers of unit variance (Box and Muller 1958).
@@ -63,11 +89,12 @@ mod tests {
         let mut seen = Markers::list();
         let camera = &rig.cameras()[0];
         Markers::of(&rig).see(camera, &motion, &mut seen);
+        let patches: Vec<Patch> = seen.iter().copied().map(Patch::from).collect();
         let (mut n, mut square) = (0.0, Vector2::zeros());
         for number in 0..400u64 {
             let mut field = BlobField::zeroed();
             (field.field, field.parity) = (number, (number & 1) as u32);
-            blobs(9, camera, &seen, &mut field);
+            blobs(9, camera, &patches, number, |_| true, &mut field);
             for blob in field.blobs() {
                 let at = Vector2::new(blob.x_px, field.y_frame_px(blob));
                 let off = seen

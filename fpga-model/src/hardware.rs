@@ -5,8 +5,10 @@
 
 use crate::colours;
 use crate::scan::background::{LEVEL_WIDTH, blocks_along};
-use crate::scan::limits::{DIVIDER_CLOCKS, LINE_CLOCKS, Limits, RUN_CLOCKS, UNION_CLOCKS, Widths, bits};
-use crate::scan::weight;
+use crate::scan::limits::{
+    DIVIDER_CLOCKS, LINE_CLOCKS, Limits, RUN_CLOCKS, SPLIT_CLOCKS, UNION_CLOCKS, Widths, bits,
+};
+use crate::scan::{COMPLETE_AFTER, weight};
 
 /// Bits of a colour class.
 const CLASS_BITS: u32 = bits(colours::CLASSES as u128 - 1);
@@ -42,7 +44,8 @@ fn moment_bits(w: &Widths) -> u32 {
 fn component_bits(w: &Widths) -> u32 {
     let counts = 3 * w.area;
     let boxes = 2 * (2 * w.x + 2 * w.y);
-    moment_bits(w) + counts + 2 * LUMA_BITS + CLASS_BITS + boxes + w.x
+    let surface = w.rise + w.span + w.grain + w.area;
+    moment_bits(w) + surface + counts + 2 * LUMA_BITS + CLASS_BITS + boxes + w.x
 }
 
 /// Bits of the sums along one run: those without y, which are the same for all its pixels.
@@ -65,11 +68,12 @@ pub fn resources(limits: &Limits) -> Vec<Resource> {
     all.extend(weight::MEMORIES.iter().map(|&(name, depth, width)| memory(name, depth, width)));
     all.extend([
         register("column and line counter", 1, widths.x + widths.y),
-        register("luma around a pixel", weight::WINDOW, LUMA_BITS),
-        memory("runs being read", limits.runs, run + run_sum_bits(limits)),
-        memory("runs being labelled", limits.runs, run + run_sum_bits(limits)),
-        memory("runs of the line before", limits.runs, run),
-        register("labels of both lines' runs", 2 * limits.runs, widths.label + 1),
+        memory("luma of the lines above and below", 2 * weight::LINES * limits.width, LUMA_BITS),
+        register("luma around a pixel", (2 * weight::LINES + 1) * weight::WINDOW, LUMA_BITS),
+        memory("runs being read", limits.runs, run),
+        memory("runs of the four lines before", 2 * weight::LINES * limits.runs, run),
+        register("sums of the run being weighed", 1, run_sum_bits(limits)),
+        register("labels of all these runs", (2 * weight::LINES + 1) * limits.runs, widths.label + 1),
         register("labels in use", limits.labels, 1),
         memory("components", limits.labels, component_bits(&widths)),
         memory("components that wait for the divider", limits.blobs, component_bits(&widths)),
@@ -86,27 +90,26 @@ pub struct Clocks {
     pub line: u64,
     /// At most that many to label the runs of a line and look for complete components.
     pub labelling_at_most: u64,
-    /// For one blob in the divider.
+    /// For one component in the divider.
     pub divider: u64,
-    /// From the last pixel of a blob to its leaving, if no other blob waits and its line's neighbours
-    /// need the most labelling; the least and the most.
+    /// Further ones where it is two markers that touch.
+    pub split: u64,
+    /// From the last pixel of a blob to its leaving, if no other blob waits; the least and the most.
     pub latency: [u64; 2],
 }
 
 /// The clocks of one camera.
 pub fn clocks(limits: &Limits) -> Clocks {
     let labelling = limits.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + limits.labels as u64;
-    // A blob's last line is followed by one without it, which is labelled while the next is read. Its
-    // last pixel may have been the last or the first of its line.
-    let wait = |from_last_pixel: u64| from_last_pixel + LINE_CLOCKS + DIVIDER_CLOCKS;
+    // A blob's last line is followed by one without it, which is weighed when the lines below are known, and
+    // counted while the next is read. Its last pixel may have been the last or the first of its line.
+    let wait = |from_last_pixel: u64| from_last_pixel + COMPLETE_AFTER as u64 * LINE_CLOCKS + DIVIDER_CLOCKS;
     Clocks {
         line: LINE_CLOCKS,
         labelling_at_most: labelling,
         divider: DIVIDER_CLOCKS,
-        latency: [
-            wait(LINE_CLOCKS - limits.width as u64 + 1) + 1,
-            wait(LINE_CLOCKS) + limits.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + limits.labels as u64,
-        ],
+        split: SPLIT_CLOCKS,
+        latency: [wait(LINE_CLOCKS - limits.width as u64 + 1) + 1, wait(LINE_CLOCKS) + limits.labels as u64],
     }
 }
 
@@ -141,10 +144,9 @@ mod tests {
                 scanner.line(luma, blue, red, &mut note);
             }
             scanner.end(&mut note);
-            let waiting = latencies.len() as u64 * clocks.divider;
+            let waiting = latencies.len() as u64 * (clocks.divider + clocks.split);
             for latency in latencies {
-                // A field cut by its end is complete a line earlier.
-                assert!(latency + clocks.line >= clocks.latency[0], "{}: {latency}", pattern.name);
+                assert!(latency >= clocks.latency[0], "{}: {latency}", pattern.name);
                 assert!(latency <= clocks.latency[1] + waiting, "{}: {latency}", pattern.name);
             }
         }

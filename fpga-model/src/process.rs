@@ -1,13 +1,20 @@
 //! The camera hardware's loop: when fields are exposed, when their blobs leave.
 //!
-//! Field `k` is exposed at `t0 + k·period`, has left the sensor `read_out` later and its blobs are sent
-//! 2 ms after that. Its content is computed ahead and held back until then. A machine that falls behind
-//! by a field leaves fields out and counts them; nothing queues up.
+//! Field `k` is exposed at `t0 + k·period` (or by its camera's own clock) and has left the sensor `read_out`
+//! later. Its blobs leave when the last line in which a marker can appear ([`crate::region`]) has passed the
+//! pipeline, counted in pixel clocks; that may be before the last line of the field has left. Its content
+//! is computed ahead and held back until then. A machine that falls behind by a field leaves
+//! fields out and counts them; nothing queues up.
 
 use crate::cameras::{Cameras, Path};
 use crate::config::{Config, LateCamera};
+use crate::faults::Faults;
+use crate::faults::ledger::{FaultLog, Ledger};
+use crate::faults::spec::FaultSpec;
+use crate::groups::{Groups, Step};
 use crate::motion::hand::Hand;
 use crate::motion::{HandRole, MotionSource};
+use crate::outbox::Outbox;
 use crate::stream::BlobStream;
 use anyhow::{Context, Result, ensure};
 use bytemuck::Zeroable;
@@ -16,15 +23,12 @@ use protocol::control::Command;
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Process, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
 use protocol::ipc::{Instance, Sender, wait};
-use protocol::limits::{INSTRUMENTS, MAX_CAMERAS, MAX_WAIT_MS};
+use protocol::limits::{INSTRUMENTS, MAX_WAIT_MS};
 use protocol::rig::Rig;
 use protocol::scene_file::SceneFile;
 use protocol::shell::Shell;
 use protocol::time::{Nanos, now, sleep_until};
-use std::collections::VecDeque;
 
-/// From the last line of a field to its blobs, ns: what the extraction in hardware takes.
-const EXTRACTION_NS: u64 = 2_000_000;
 /// From the start of the loop to the first exposure, ns.
 const LEAD_NS: u64 = 20_000_000;
 /// The last stretch before a deadline is slept through without looking at requests, ns.
@@ -33,9 +37,6 @@ const FINE_NS: u64 = 1_000_000;
 const PEDAL_EVERY: u64 = 5;
 /// Fields in a row that must be in time before the machine counts as fast enough again.
 const RECOVERED_AFTER: u64 = 50;
-/// Late fields that can wait: half a second of every camera at 50 Hz.
-const LATE_FIELDS: usize = 25 * MAX_CAMERAS + 1;
-
 /// Runs until told to stop.
 pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
@@ -52,12 +53,27 @@ pub fn run(config: &Config) -> Result<()> {
         return Station::open(config, &rig, &scene, surgeon)?.play(&stream);
     }
     let path = if config.direct { Path::Direct } else { Path::Pixels };
-    let cameras = Cameras::new(&rig, path, config.seed)?;
-    Station::open(config, &rig, &scene, surgeon)?.simulate(cameras, config.late_camera)
+    let faults = match &config.faults.faults {
+        Some(text) => Faults::new(FaultSpec::load(text)?, &rig, config.seed)?,
+        None => Faults::none(&rig),
+    };
+    let log = config
+        .faults
+        .fault_log
+        .as_deref()
+        .map(|path| FaultLog::create(path).with_context(|| format!("cannot write {}", path.display())));
+    let mut cameras = Cameras::with_faults(&rig, path, config.seed, faults)?;
+    let mut station = Station::open(config, &rig, &scene, surgeon)?;
+    station.late = config.late_camera;
+    station.fault_log = log.transpose()?;
+    station.simulate(&mut cameras)?;
+    let mut told = String::new();
+    cameras.ledger.summary(&mut told);
+    if !told.is_empty() {
+        eprintln!("vitreo-fpga-model: {told}");
+    }
+    Ok(())
 }
-
-/// Fields of a late camera with the time after the start at which they are due, ns.
-type Late = VecDeque<(u64, BlobField)>;
 
 /// Why a wait ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +84,15 @@ enum Wake {
     Restart,
     /// End.
     Stop,
+}
+
+/// Handles that are to be sent.
+#[derive(Debug, Clone, Copy)]
+struct Hands {
+    /// When, ns after the start.
+    due_ns: u64,
+    field: u64,
+    jaw_rad: [f64; INSTRUMENTS],
 }
 
 /// Channels and schedule.
@@ -83,10 +108,15 @@ struct Station {
     paused_since: Option<Nanos>,
     period_ns: u64,
     read_out_ns: u64,
-    /// From exposure to blobs.
-    out_after_ns: u64,
+    /// Added to the time after which blobs leave, to prove that budgets notice.
+    delay_ns: u64,
+    late: Option<LateCamera>,
     duration_ns: u64,
     in_time: u64,
+    fault_log: Option<FaultLog>,
+    /// What the state means, and the health text made from it.
+    note: &'static str,
+    text: String,
     /// Field with which the pedal is due again.
     next_pedal: u64,
     /// Keeps the node alive; dropped last.
@@ -107,9 +137,13 @@ impl Station {
             paused_since: None,
             period_ns: rig.field_period_ns(),
             read_out_ns: rig.read_out_ns(),
-            out_after_ns: rig.read_out_ns() + EXTRACTION_NS,
+            delay_ns: (config.shell.inject_delay_ms.max(0.0) * 1e6) as u64,
+            late: None,
             duration_ns: config.duration.map_or(u64::MAX, |s| (s * 1e9) as u64),
             in_time: 0,
+            fault_log: None,
+            note: "",
+            text: String::with_capacity(256),
             next_pedal: 0,
             _instance: instance,
         };
@@ -119,52 +153,98 @@ impl Station {
     }
 
     /// Simulates the cameras, field by field.
-    fn simulate(&mut self, mut cameras: Cameras, late: Option<LateCamera>) -> Result<()> {
-        let mut waiting = VecDeque::with_capacity(LATE_FIELDS);
-        let mut k = 0;
+    fn simulate(&mut self, cameras: &mut Cameras) -> Result<()> {
+        let (mut groups, mut outbox) = (Groups::of(cameras), Outbox::default());
+        let mut hands: Option<Hands> = None;
         loop {
-            let exposed = k * self.period_ns;
-            let motion = self.surgeon.at(exposed);
-            let fields = cameras.expose(&motion, k);
-            let over = exposed >= self.duration_ns;
-            let due = if over { u64::MAX } else { exposed + self.out_after_ns };
-            let mut wake = self.send_late(&mut waiting, due)?;
-            if wake == Wake::Due {
-                wake = if over { self.finish()? } else { self.wait_for(due)? };
-            }
+            let elapsed = now().saturating_sub(self.t0);
+            let send = outbox.due_ns().into_iter().chain(hands.map(|h| h.due_ns)).min();
+            let wake = match groups.step(elapsed, send, self.duration_ns) {
+                Step::Expose(i) => {
+                    let missed = groups.leave_out_missed(i, elapsed);
+                    self.judge(missed, groups.0[i].cameras.len() as u64)?;
+                    let number = groups.exposed(i);
+                    let first = self.expose(cameras, &groups.0[i].cameras, number, &mut outbox);
+                    if i == 0 {
+                        let jaw_rad = self.surgeon.at(groups.0[i].clock.exposed_ns(number)).jaw_rad;
+                        hands = Some(Hands { due_ns: first, field: number, jaw_rad });
+                    }
+                    continue;
+                }
+                Step::Wait(until) => self.wait_for(until)?,
+                Step::Over => self.finish()?,
+            };
             match wake {
                 Wake::Stop => return Ok(()),
                 Wake::Restart => {
-                    waiting.clear();
-                    k = 0;
+                    outbox.clear();
+                    groups.reset();
+                    hands = None;
                 }
                 Wake::Due => {
-                    self.send_hands(k, motion.jaw_rad)?;
-                    self.send_fields(exposed, fields, late, &mut waiting)?;
-                    k = self.next_field(k, fields.len() as u64)?;
+                    let elapsed = now().saturating_sub(self.t0);
+                    if let Some(due) = hands.take_if(|h| h.due_ns <= elapsed) {
+                        self.send_hands(due.field, due.jaw_rad)?;
+                    }
+                    while let Some(mut field) = outbox.take(elapsed) {
+                        field.exposed_ns += self.t0;
+                        field.read_out_ns = field.exposed_ns + self.read_out_ns;
+                        self.send(&mut field)?;
+                    }
+                    self.tell_faults(&mut cameras.ledger)?;
                 }
             }
         }
     }
 
-    /// Stamps and sends the fields exposed at `exposed` after the start; those of a late camera wait.
-    fn send_fields(
-        &mut self,
-        exposed: u64,
-        fields: &mut [BlobField],
-        late: Option<LateCamera>,
-        waiting: &mut Late,
-    ) -> Result<()> {
-        self.shell.inject_delay();
-        for field in fields {
-            field.exposed_ns = self.t0 + exposed;
-            field.read_out_ns = field.exposed_ns + self.read_out_ns;
-            match late.filter(|l| l.camera == field.camera && waiting.len() < LATE_FIELDS) {
-                Some(late) => waiting.push_back((exposed + self.out_after_ns + late.delay_ns, *field)),
-                None => self.send(field)?,
+    /// Exposes and stamps field `number` of some cameras. Returns when its first blobs are due, ns after
+    /// the start.
+    fn expose(&mut self, cameras: &mut Cameras, group: &[usize], number: u64, outbox: &mut Outbox) -> u64 {
+        let mut first = u64::MAX;
+        for &i in group {
+            let exposed = cameras.clock(i).exposed_ns(number);
+            let late_ns = self.late.filter(|l| l.camera == cameras.id(i)).map_or(0, |l| l.delay_ns);
+            let fate = cameras.fate(i, number);
+            let exposure = cameras.expose(i, &mut self.surgeon, number);
+            // Since the start; a pause may move that until the field is sent.
+            exposure.field.exposed_ns = exposed;
+            let (field, out_clock) = (*exposure.field, exposure.out_clock);
+            let due = exposed + cameras.after_exposure_ns(out_clock) + self.delay_ns;
+            first = first.min(due);
+            if !fate.dropped && !outbox.put(due + late_ns + fate.delay_ns, &field) {
+                self.shell.report.lost += 1;
             }
         }
+        first
+    }
+
+    /// Writes down what the faults did and puts it into the next heartbeat.
+    fn tell_faults(&mut self, ledger: &mut Ledger) -> Result<()> {
+        if ledger.waiting().is_empty() {
+            return Ok(());
+        }
+        if let Some(log) = &mut self.fault_log {
+            log.write(ledger.waiting()).context("cannot write the fault log")?;
+        }
+        ledger.clear_waiting();
+        self.text.clear();
+        ledger.summary(&mut self.text);
+        self.say();
         Ok(())
+    }
+
+    /// Puts the state's note and the faults into the next heartbeat.
+    fn say(&mut self) {
+        if self.note.is_empty() || self.text.is_empty() {
+            let text = if self.note.is_empty() { self.text.as_str() } else { self.note };
+            self.shell.say(text);
+        } else {
+            let length = self.text.len();
+            self.text.insert_str(0, "; ");
+            self.text.insert_str(0, self.note);
+            self.shell.say(&self.text);
+            self.text.drain(..self.text.len() - length);
+        }
     }
 
     /// Plays a recorded stream; then finishes.
@@ -203,19 +283,6 @@ impl Station {
         Ok(())
     }
 
-    /// Sends late fields whose time comes before `until`.
-    fn send_late(&mut self, waiting: &mut Late, until: u64) -> Result<Wake> {
-        while let Some((due, mut field)) = waiting.front().copied().filter(|(due, _)| *due <= until) {
-            let wake = self.wait_for(due)?;
-            if wake != Wake::Due {
-                return Ok(wake);
-            }
-            self.send(&mut field)?;
-            waiting.pop_front();
-        }
-        Ok(Wake::Due)
-    }
-
     /// Handles with every field, the pedal with some.
     fn send_hands(&mut self, field: u64, jaw_rad: [f64; INSTRUMENTS]) -> Result<()> {
         let instant_ns = now();
@@ -238,13 +305,10 @@ impl Station {
         Ok(())
     }
 
-    /// The field after `k`, or a later one where the machine is more than a field behind.
-    fn next_field(&mut self, k: u64, cameras: u64) -> Result<u64> {
-        let next = k + 1;
-        let behind =
-            now().saturating_sub(self.t0 + next * self.period_ns + self.out_after_ns) / self.period_ns;
-        if behind > 0 {
-            self.shell.report.lost += behind * cameras;
+    /// Counts fields that the machine was too slow for.
+    fn judge(&mut self, missed: u64, cameras: u64) -> Result<()> {
+        if missed > 0 {
+            self.shell.report.lost += missed * cameras;
             self.in_time = 0;
             if self.shell.report.state == STATE_RUNNING {
                 self.enter(STATE_DEGRADED, "machine too slow: fields are left out")?;
@@ -255,7 +319,7 @@ impl Station {
                 self.enter(STATE_RUNNING, "")?;
             }
         }
-        Ok(next + behind)
+        Ok(())
     }
 
     /// Waits until `offset_ns` after the start of the schedule, serving requests; a pause moves the
@@ -315,9 +379,10 @@ impl Station {
         Ok(restart)
     }
 
-    fn enter(&mut self, state: u32, text: &str) -> Result<()> {
+    fn enter(&mut self, state: u32, note: &'static str) -> Result<()> {
         self.shell.report.state = state;
-        self.shell.say(text);
+        self.note = note;
+        self.say();
         Ok(self.shell.beat_now(now())?)
     }
 }

@@ -73,6 +73,16 @@ impl Markers {
         }
         seen.sort_unstable_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
     }
+
+    /// Movement of a marker's centre from one instant to another, px of the frame; nothing if it cannot
+    /// be seen at both.
+    pub fn moved_px(&self, camera: &Camera, seen: &MarkerImage, from: &Motion, to: &Motion) -> Vector2<f64> {
+        let marker = self.bodies[seen.body].iter().find(|m| m.id == seen.marker);
+        let at = |motion: &Motion| {
+            image_of(camera, &motion.world_from_body()[seen.body], marker?, seen.body).map(|i| i.centre_px)
+        };
+        at(to).zip(at(from)).map_or_else(Vector2::zeros, |(to, from)| to - from)
+    }
 }
 
 /// Image of one marker; `None` where it is behind the camera or outside the picture.

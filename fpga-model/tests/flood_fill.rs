@@ -1,14 +1,17 @@
 //! The streaming extractor against the slow and obvious way: a flood fill over the whole field.
 //!
 //! Both classify and weigh pixels alike; what is compared is everything after that: which pixels belong
-//! together, and every sum over them, to the bit. The random fields come from a seed.
+//! together, which of them every weight counts for, and every sum, to the bit. The random fields come from a seed.
 
 use bytemuck::Zeroable;
-use fpga_model::colours::{CLASSES, ColourTable, DARK, UNSURE, reference};
+use fpga_model::colours::{CLASSES, DARK, UNSURE, reference};
 use fpga_model::picture::FieldPicture;
 use fpga_model::scan::limits::{FULL_WEIGHT, Limits, PICTURE};
+use fpga_model::scan::owners::SKIRT;
+use fpga_model::scan::runs::Run;
 use fpga_model::scan::sums::{EMPTY_BOX, SATURATED, Sums};
-use fpga_model::scan::{Scanner, Settings, weight};
+use fpga_model::scan::weight::{LINES, Line, Weigher, slope};
+use fpga_model::scan::{Scanner, Settings};
 use protocol::blobs::{BlobField, Colour};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -110,28 +113,20 @@ fn classes(settings: &Settings, picture: &FieldPicture, out: &mut Vec<u8>) {
     }
 }
 
-/// The weight of each pixel: the same rule on the same runs.
-fn weights(table: &ColourTable, picture: &FieldPicture, classes: &[u8], out: &mut Vec<u8>) {
-    let mut run_weights = Vec::new();
-    out.clear();
-    for y in 0..picture.height {
-        let (luma, ..) = picture.line(y);
-        let classes = &classes[y * picture.width..][..picture.width];
-        for run in classes.chunk_by(|a, b| a == b) {
-            let start = out.len() % picture.width;
-            if run[0] == UNSURE {
-                out.resize(out.len() + run.len(), 0);
-            } else {
-                let range = start..start + run.len();
-                weight::weights(table, luma, range, run[0], u16::from(DARK) << 4, &mut run_weights);
-                out.extend_from_slice(&run_weights);
-            }
-        }
-    }
+/// Adds one pixel of a component to what does not depend on weights, by definition.
+fn add_pixel(sums: &mut Sums, x: usize, y: usize, luma: u8) {
+    sums.area += 1;
+    sums.saturated += u32::from(luma >= SATURATED);
+    sums.peak = sums.peak.max(luma);
+    sums.contrast = sums.peak - DARK;
+    let (x, y) = (x as u16, y as u16);
+    let last = (sums.box_px[3], sums.last_x).max((y, x));
+    grow(&mut sums.box_px, x, y);
+    sums.last_x = if last.0 == y { last.1 } else { sums.last_x };
 }
 
-/// Adds one pixel to the sums of its component, by definition.
-fn add_pixel(sums: &mut Sums, x: usize, y: usize, luma: u8, weight: u8) {
+/// Adds one weight, by definition.
+fn add_weight(sums: &mut Sums, x: usize, y: usize, weight: u8) {
     let (w, cx, cy) = (u64::from(weight), x as u64, y as u64);
     sums.w += w;
     sums.wx += w * cx;
@@ -143,61 +138,158 @@ fn add_pixel(sums: &mut Sums, x: usize, y: usize, luma: u8, weight: u8) {
     sums.wxxy += u128::from(w * cx * cx * cy);
     sums.wxyy += u128::from(w * cx * cy * cy);
     sums.wyyy += u128::from(w * cy * cy * cy);
-    sums.area += 1;
     sums.rim += u32::from(weight > 0 && weight < FULL_WEIGHT);
-    sums.saturated += u32::from(luma >= SATURATED);
-    sums.peak = sums.peak.max(luma);
-    sums.contrast = sums.peak - DARK;
-    let (x, y) = (x as u16, y as u16);
-    let grow = |b: &mut [u16; 4]| *b = [b[0].min(x), b[1].max(x), b[2].min(y), b[3].max(y)];
-    let last = (sums.box_px[3], sums.last_x).max((y, x));
-    grow(&mut sums.box_px);
-    sums.last_x = if last.0 == y { last.1 } else { sums.last_x };
     if weight >= FULL_WEIGHT / 2 {
-        grow(&mut sums.half_box_px);
+        grow(&mut sums.half_box_px, x as u16, y as u16);
     }
 }
+
+fn grow(b: &mut [u16; 4], x: u16, y: u16) {
+    *b = [b[0].min(x), b[1].max(x), b[2].min(y), b[3].max(y)];
+}
+
+/// No component.
+const NOBODY: u32 = u32::MAX;
 
 /// Buffers of the flood fill, kept between fields.
 #[derive(Default)]
 struct Flood {
     classes: Vec<u8>,
-    weights: Vec<u8>,
+    /// The stretches of one class, line by line.
+    runs: Vec<Vec<Run>>,
+    /// Component of each pixel.
+    of: Vec<u32>,
+    all: Vec<Sums>,
     stack: Vec<usize>,
+    weigher: Weigher,
+    width: usize,
 }
 
 impl Flood {
     /// All components of a field that have a pixel of at least half the weight.
     fn components(&mut self, settings: &Settings, picture: &FieldPicture) -> Vec<Sums> {
         classes(settings, picture, &mut self.classes);
-        weights(&settings.colours, picture, &self.classes, &mut self.weights);
-        let all = (0..self.classes.len()).filter_map(|start| self.fill(picture, start));
-        all.filter(|sums| sums.half_box_px[0] <= sums.half_box_px[1]).collect()
+        self.width = picture.width;
+        self.of.clear();
+        self.of.resize(self.classes.len(), NOBODY);
+        self.all.clear();
+        for start in 0..self.classes.len() {
+            if self.classes[start] != UNSURE && self.of[start] == NOBODY {
+                self.fill(picture, start);
+            }
+        }
+        self.runs = (0..picture.height).map(|y| self.runs_of(y)).collect();
+        for y in 0..picture.height {
+            self.add_weights(picture, y);
+            self.add_surfaces(picture, y);
+        }
+        self.all.iter().copied().filter(|sums| sums.half_box_px[0] <= sums.half_box_px[1]).collect()
     }
 
-    /// The component that holds pixel `start`, which is thereby wiped out.
-    fn fill(&mut self, picture: &FieldPicture, start: usize) -> Option<Sums> {
-        let class = std::mem::replace(&mut self.classes[start], UNSURE);
-        if class == UNSURE {
-            return None;
-        }
+    /// The component that holds pixel `start`.
+    fn fill(&mut self, picture: &FieldPicture, start: usize) {
         let (width, height) = (picture.width, picture.height);
+        let (id, class) = (self.all.len() as u32, self.classes[start]);
         let mut sums = Sums { class, half_box_px: EMPTY_BOX, box_px: EMPTY_BOX, ..Sums::default() };
+        self.of[start] = id;
         self.stack.push(start);
         while let Some(i) = self.stack.pop() {
             let (x, y) = (i % width, i / width);
-            add_pixel(&mut sums, x, y, picture.luma[i], self.weights[i]);
+            add_pixel(&mut sums, x, y, picture.luma[i]);
             for ny in y.saturating_sub(1)..(y + 2).min(height) {
                 for nx in x.saturating_sub(1)..(x + 2).min(width) {
                     let n = ny * width + nx;
-                    if self.classes[n] == class {
-                        self.classes[n] = UNSURE;
+                    if self.classes[n] == class && self.of[n] == NOBODY {
+                        self.of[n] = id;
                         self.stack.push(n);
                     }
                 }
             }
         }
-        Some(sums)
+        self.all.push(sums);
+    }
+
+    fn class(&self, x: usize, y: usize) -> u8 {
+        self.classes[y * self.width + x]
+    }
+
+    fn runs_of(&self, y: usize) -> Vec<Run> {
+        let line = &self.classes[y * self.width..][..self.width];
+        let mut end = 0;
+        let stretch = |run: &[u8]| {
+            end += run.len() as u16;
+            Run { start: end - run.len() as u16, end, class: run[0] }
+        };
+        line.chunk_by(|a, b| a == b).map(stretch).filter(|run| run.class != UNSURE).collect()
+    }
+
+    /// The coloured runs of a line with their skirts, as columns and component.
+    fn dressed(&self, y: usize) -> Vec<(std::ops::Range<usize>, u32)> {
+        let runs: Vec<_> =
+            self.runs[y].iter().map(|r| (usize::from(r.start)..usize::from(r.end), r.class)).collect();
+        let skirt = usize::from(SKIRT);
+        let dress = |i: usize| {
+            let run = &runs[i].0;
+            let before = if i == 0 { run.start } else { (run.start - runs[i - 1].0.end) / 2 };
+            let after =
+                runs.get(i + 1).map_or(self.width - run.end, |next| (next.0.start - run.end).div_ceil(2));
+            run.start - skirt.min(before)..run.end + skirt.min(after)
+        };
+        let coloured = (0..runs.len()).filter(|&i| runs[i].1 != Colour::White as u8);
+        coloured.map(|i| (dress(i), self.of[y * self.width + runs[i].0.start])).collect()
+    }
+
+    /// Whom a pixel's weight counts for: the coloured run here, else whoever is above, below, or white here.
+    fn owner(&self, dressed: &[(std::ops::Range<usize>, u32)], x: usize, y: usize, height: usize) -> u32 {
+        if let Some((_, id)) = dressed.iter().find(|(columns, _)| columns.contains(&x)) {
+            return *id;
+        }
+        let there = |y: usize| (self.class(x, y) != UNSURE).then(|| self.of[y * self.width + x]);
+        let above = y.checked_sub(1).and_then(there);
+        let below = || (y + 1 < height).then(|| there(y + 1)).flatten();
+        above.or_else(below).or_else(|| there(y)).unwrap_or(NOBODY)
+    }
+
+    fn weigh(&mut self, picture: &FieldPicture, y: usize, columns: std::ops::Range<usize>, class: u8) {
+        let around = std::array::from_fn(|i| {
+            let y = (y + i).saturating_sub(LINES).min(picture.height - 1);
+            Line { luma: picture.line(y).0, runs: &self.runs[y] }
+        });
+        self.weigher.weigh(&around, columns, class, u16::from(DARK) << 4);
+    }
+
+    /// Every pixel's weight to its owner.
+    fn add_weights(&mut self, picture: &FieldPicture, y: usize) {
+        let dressed = self.dressed(y);
+        let owners: Vec<_> = (0..picture.width).map(|x| self.owner(&dressed, x, y, picture.height)).collect();
+        let mut x = 0;
+        for owned in owners.chunk_by(|a, b| a == b) {
+            if owned[0] != NOBODY {
+                let sums = owned[0] as usize;
+                self.weigh(picture, y, x..x + owned.len(), self.all[sums].class);
+                for (i, &weight) in self.weigher.weights.iter().enumerate() {
+                    add_weight(&mut self.all[sums], x + i, y, weight);
+                }
+            }
+            x += owned.len();
+        }
+    }
+
+    /// Slope and grain of every dressed run.
+    fn add_surfaces(&mut self, picture: &FieldPicture, y: usize) {
+        for (columns, id) in self.dressed(y) {
+            self.weigh(picture, y, columns.clone(), self.all[id as usize].class);
+            let slope = slope(&picture.line(y).0[columns.clone()], u16::from(DARK) << 4);
+            let sums = &mut self.all[id as usize];
+            sums.rise += i64::from(slope.rise);
+            sums.span += u64::from(slope.contrast);
+            let full = |i: usize| self.weigher.weights[i] == FULL_WEIGHT;
+            for i in (2..columns.len()).filter(|&i| full(i) && full(i - 2)) {
+                let at = |i: usize| i64::from(picture.line(y).0[columns.start + i]);
+                sums.grain += (at(i) - at(i - 2)).pow(2) as u64;
+                sums.grains += 1;
+            }
+        }
     }
 }
 

@@ -72,9 +72,8 @@ impl Score {
             };
             let name = protocol::blobs::Colour::from_wire(blob.colour).unwrap().name();
             self.wrong_colour += u32::from(name != marker["colour"]);
-            if blob.flags & BLOB_MERGED != 0 {
-                self.merged += 1;
-            } else if number(marker, "frac") > WHOLE {
+            self.merged += u32::from(blob.flags & BLOB_MERGED != 0);
+            if number(marker, "frac") > WHOLE {
                 assert!(distance < 2.0, "{marker} {blob:?}");
                 self.whole.push(error);
             }
@@ -131,8 +130,10 @@ fn foreign_pal_pictures_give_their_markers() {
         score.wrong_colour
     );
     assert!(score.whole.len() > 400, "{} whole markers", score.whole.len());
-    assert!(rms[0] < 0.045 && rms[1] < 0.03, "rms {rms:?}");
-    // Two markers of one colour that touch come as one flagged blob, near neither.
-    assert!(score.missed <= 16, "{} missed", score.missed);
+    // What the lines' jitter leaves of a fit of the whole picture is 0.025 px and 0.008 lines.
+    assert!(rms[0] < 0.038 && rms[1] < 0.014, "rms {rms:?}");
+    assert!(bias.iter().all(|b| b.abs() < 0.01), "bias {bias:?}");
+    // Eight pairs of one colour touch: each is told apart, near enough to be found, and says so.
+    assert_eq!((score.missed, score.merged), (0, 16), "missed, merged");
     assert_eq!((score.wrong_colour, score.ghosts), (0, 0), "wrong colour, ghosts");
 }

@@ -86,7 +86,9 @@ struct Stop {
 }
 
 fn stops(instants: &[(&'static str, Nanos)]) -> Vec<Stop> {
-    let reached: Vec<_> = instants.iter().filter(|(_, at)| *at > 0).collect();
+    let mut reached: Vec<_> = instants.iter().filter(|(_, at)| *at > 0).collect();
+    // Blobs may leave before the last line of their field has.
+    reached.sort_by_key(|(_, at)| *at);
     let Some((_, start)) = reached.first() else { return Vec::new() };
     let ms = |from: Nanos, to: Nanos| to.wrapping_sub(from) as i64 as f64 * 1e-6;
     let mut previous = *start;

@@ -5,5 +5,6 @@ mod architecture;
 mod bad_input;
 mod budgets;
 mod crash;
+mod faults;
 mod record_replay;
 mod streams;

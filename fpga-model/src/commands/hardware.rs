@@ -74,7 +74,8 @@ fn text(limits: &Limits, resources: &[Resource], clocks: &Clocks) -> String {
         if clocks.labelling_at_most <= clocks.line { "keeps up" } else { "too slow for a live camera" };
     text += &format!("\nclocks of 13.5 MHz\n{:<64} {:>10}\n", "a line with its blanking", clocks.line);
     text += &format!("{:<64} {:>10}   {fits}\n", "labelling of a line, at most", clocks.labelling_at_most);
-    text += &format!("{:<64} {:>10}\n", "divider, a blob", clocks.divider);
+    text += &format!("{:<64} {:>10}\n", "divider, a component", clocks.divider);
+    text += &format!("{:<64} {:>10}\n", "divider, two markers that touch, more", clocks.split);
     let [least, most] = clocks.latency;
     text += &format!(
         "from a blob's last pixel to its leaving: {least} to {most} ({:.1} to {:.1} µs), and the divider's \

@@ -3,6 +3,8 @@
 //! `vitreo blobs …` is `vitreo-fpga-model blobs …`, and so on for each of them.
 
 pub mod blobs;
+pub mod colours;
+pub mod extractor;
 pub mod hardware;
 pub mod progress;
 pub mod vectors;
@@ -12,6 +14,8 @@ pub mod vectors;
 pub enum Command {
     /// Find the blobs in pictures and clips.
     Blobs(Box<blobs::BlobsArgs>),
+    /// Learn, show and check the camera's colour classes.
+    Colours(colours::ColoursArgs),
     /// Show the registers, memories and clocks of the extractor.
     Hardware(hardware::HardwareArgs),
     /// Write the test vectors for a hardware description.
@@ -22,6 +26,7 @@ pub enum Command {
 pub fn run(command: &Command) -> anyhow::Result<()> {
     match command {
         Command::Blobs(args) => blobs::run(args),
+        Command::Colours(args) => colours::run(args),
         Command::Hardware(args) => hardware::run(args),
         Command::Vectors(args) => vectors::run(args),
     }

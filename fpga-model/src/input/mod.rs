@@ -1,16 +1,18 @@
 //! Real pictures as the scanner takes them: lines of YCbCr 4:2:2 in the studio range.
 //!
-//! A picture comes from a still image ([`still`]) or a clip ([`y4m`]); [`source`] puts
+//! A picture comes from a still image ([`still`]), a clip ([`y4m`]) or a camera ([`camera`]); [`source`] puts
 //! pictures in their order and gives them their numbers and instants. One picture at a time is held, never a
 //! clip. Whatever a header claims, memory grows only with bytes that are there, up to one picture of
 //! [`MAX_PIXELS`].
 
+pub mod camera;
 pub mod overlay;
 pub mod source;
 pub mod still;
 pub mod y4m;
 
-use crate::colours::convert::{BLACK, WHITE};
+use crate::colours::convert::{BLACK, GREY, WHITE};
+use crate::colours::{ColourTable, UNSURE};
 use crate::scan::limits::PICTURE;
 
 /// Most pixels of a picture: 32 Mi, about what photo cameras have.
@@ -82,6 +84,8 @@ pub struct Picture {
     pub blue: Vec<u8>,
     /// `⌈width/2⌉ × height`, 16 to 240.
     pub red: Vec<u8>,
+    /// Luma as it was read, where it was changed since; otherwise empty.
+    pub as_read: Vec<u8>,
 }
 
 impl Picture {
@@ -102,11 +106,43 @@ impl Picture {
         [self.luma[y * self.width + x], self.blue[c], self.red[c]]
     }
 
+    /// Y, Cb, Cr of a pixel as it was read.
+    pub fn pixel_as_read(&self, x: usize, y: usize) -> [u8; 3] {
+        let [luma, cb, cr] = self.pixel(x, y);
+        [self.as_read.get(y * self.width + x).copied().unwrap_or(luma), cb, cr]
+    }
+
+    /// Keeps luma before it is changed.
+    fn keep_luma(&mut self) {
+        if self.as_read.is_empty() {
+            self.as_read.extend_from_slice(&self.luma);
+        }
+    }
+
     /// Turns dark into bright: luma is mirrored at the middle of its range, chroma stays.
     pub fn invert(&mut self) {
-        for sample in &mut self.luma {
-            *sample = BLACK + WHITE - (*sample).clamp(BLACK, WHITE);
+        self.keep_luma();
+        self.luma.iter_mut().for_each(|sample| *sample = inverted(*sample));
+    }
+
+    /// Makes every pixel black whose chroma is of no class.
+    pub fn key(&mut self, table: &ColourTable) {
+        self.keep_luma();
+        let chroma = self.chroma_width();
+        for (y, line) in self.luma.chunks_exact_mut(self.width).enumerate() {
+            let samples = self.blue[y * chroma..].iter().zip(&self.red[y * chroma..]);
+            for (pair, (&blue, &red)) in line.chunks_mut(2).zip(samples) {
+                if table.class(blue, red) == UNSURE {
+                    pair.fill(BLACK);
+                }
+            }
         }
+    }
+
+    /// Takes the colour away.
+    pub fn bleach(&mut self) {
+        self.blue.fill(GREY);
+        self.red.fill(GREY);
     }
 
     /// One field of it: every line, or every second one.
@@ -116,6 +152,11 @@ impl Picture {
             _ => View { picture: self, first: parity as usize, step: 2 },
         }
     }
+}
+
+/// Luma mirrored at the middle of its range.
+pub fn inverted(luma: u8) -> u8 {
+    BLACK + WHITE - luma.clamp(BLACK, WHITE)
 }
 
 /// One field of a picture.
@@ -138,9 +179,9 @@ impl<'a> View<'a> {
         self.picture.line(self.first + y * self.step)
     }
 
-    /// Y, Cb, Cr of a pixel of the field.
-    pub fn pixel(&self, x: usize, y: usize) -> [u8; 3] {
-        self.picture.pixel(x, self.first + y * self.step)
+    /// Y, Cb, Cr of a pixel of the field, as it was read.
+    pub fn pixel_as_read(&self, x: usize, y: usize) -> [u8; 3] {
+        self.picture.pixel_as_read(x, self.first + y * self.step)
     }
 }
 
@@ -159,11 +200,13 @@ pub fn size_defect(width: u64, height: u64) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::colours::Class;
+    use protocol::blobs::Colour;
 
     fn numbered(width: usize, height: usize) -> Picture {
         let chroma = vec![128; width.div_ceil(2) * height];
         let luma = (0..width * height).map(|i| 16 + (i % 200) as u8).collect();
-        Picture { width, height, luma, blue: chroma.clone(), red: chroma }
+        Picture { width, height, luma, blue: chroma.clone(), red: chroma, as_read: Vec::new() }
     }
 
     #[test]
@@ -183,7 +226,25 @@ mod tests {
         twice.invert();
         assert_eq!(twice.luma[0], WHITE);
         twice.invert();
-        assert_eq!(twice, picture);
+        assert_eq!(twice.luma, picture.luma);
+        assert_eq!(twice.pixel_as_read(7, 7), picture.pixel(7, 7));
+    }
+
+    #[test]
+    fn what_has_no_class_is_keyed_out_up_to_an_odd_end() {
+        let [red, blue] = [Colour::Red, Colour::Blue].map(crate::colours::reference);
+        let table =
+            ColourTable::of_classes(&[Class { tolerance_deg: 30.0, ..Class::of_reference(Colour::Red) }]);
+        let mut picture = Picture {
+            width: 5,
+            height: 1,
+            luma: vec![100; 5],
+            blue: vec![red[1], blue[1], red[1]],
+            red: vec![red[2], blue[2], red[2]],
+            as_read: Vec::new(),
+        };
+        picture.key(&table);
+        assert_eq!(picture.luma, [100, 100, BLACK, BLACK, 100]);
     }
 
     #[test]

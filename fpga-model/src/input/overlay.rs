@@ -15,8 +15,9 @@ const ARM: i64 = 3;
 /// Dash and gap of a merged blob's box, px.
 const DASH: i64 = 3;
 /// From the blob's box to the drawn one, px.
-const MARGIN: f64 = 1.5;
+const MARGIN: f64 = 2.0;
 const SATURATED: Rgb<u8> = Rgb([255, 255, 255]);
+const EDGE: Rgb<u8> = Rgb([0, 0, 0]);
 
 fn paint(colour: u32) -> Rgb<u8> {
     Rgb(match Colour::from_wire(colour) {
@@ -30,21 +31,26 @@ fn paint(colour: u32) -> Rgb<u8> {
     })
 }
 
-/// The picture and its blobs; `lines` is how often each line is drawn.
-pub fn draw(view: &View<'_>, blobs: &[Blob], lines: u32) -> RgbImage {
+/// The picture as it was read and its blobs, each with its box (left, right, top, bottom). `lines`: how often
+/// each line is drawn.
+pub fn draw<'a>(
+    view: &View<'_>,
+    blobs: impl Iterator<Item = (&'a Blob, &'a [f64; 4])>,
+    lines: u32,
+) -> RgbImage {
     let size = [view.picture.width as u32, view.height() as u32 * lines];
     let mut image = RgbImage::from_fn(size[0], size[1], |x, y| {
-        Rgb(rgb_of_ycc(view.pixel(x as usize, (y / lines) as usize)))
+        Rgb(rgb_of_ycc(view.pixel_as_read(x as usize, (y / lines) as usize)))
     });
-    for blob in blobs {
-        mark(&mut image, blob, f64::from(lines));
+    for (blob, &sides) in blobs {
+        mark(&mut image, blob, sides, f64::from(lines));
     }
     image
 }
 
-/// Draws and writes as PNG.
-pub fn write(view: &View<'_>, blobs: &[Blob], lines: u32, path: &Path) -> Result<(), image::ImageError> {
-    draw(view, blobs, lines).save_with_format(path, image::ImageFormat::Png)
+/// Writes it as PNG.
+pub fn save(image: &RgbImage, path: &Path) -> Result<(), image::ImageError> {
+    image.save_with_format(path, image::ImageFormat::Png)
 }
 
 fn put(image: &mut RgbImage, x: i64, y: i64, colour: Rgb<u8>) {
@@ -55,29 +61,36 @@ fn put(image: &mut RgbImage, x: i64, y: i64, colour: Rgb<u8>) {
     }
 }
 
-fn mark(image: &mut RgbImage, blob: &Blob, lines: f64) {
+fn mark(image: &mut RgbImage, blob: &Blob, [left, right, top, bottom]: [f64; 4], lines: f64) {
     // The middle of the rows that a line becomes lies below its first.
-    let y_px = blob.y_field_px * lines + (lines - 1.0) / 2.0;
-    let half = [blob.width_px / 2.0 + MARGIN, blob.height_px * lines / 2.0 + MARGIN];
+    let row = |y: f64| y * lines + (lines - 1.0) / 2.0;
+    let half_row = (lines - 1.0) / 2.0;
+    let sides = [left, right, row(top) - half_row, row(bottom) + half_row];
     let colour = paint(blob.colour);
     let has = |flag: u32| blob.flags & flag != 0;
-    frame(image, [blob.x_px, y_px], half, colour, has(BLOB_MERGED));
+    frame(image, sides, MARGIN, colour, has(BLOB_MERGED));
     if has(BLOB_CLIPPED) {
-        frame(image, [blob.x_px, y_px], half.map(|h| h + 3.0), colour, false);
+        frame(image, sides, 2.0 * MARGIN, colour, false);
     }
-    let [x, y] = [blob.x_px, y_px].map(|v| v.round() as i64);
+    let [x, y] = [blob.x_px, row(blob.y_field_px)].map(|v| v.round() as i64);
     let cross = if has(BLOB_SATURATED) { SATURATED } else { colour };
+    for d in -ARM..=ARM {
+        // Dark around it, so that it shows before its own colour.
+        for (dx, dy) in [(d, -1), (d, 1), (-1, d), (1, d)] {
+            put(image, x + dx, y + dy, EDGE);
+        }
+    }
     for d in -ARM..=ARM {
         put(image, x + d, y, cross);
         put(image, x, y + d, cross);
     }
 }
 
-fn frame(image: &mut RgbImage, centre: [f64; 2], half: [f64; 2], colour: Rgb<u8>, dashed: bool) {
+fn frame(image: &mut RgbImage, sides: [f64; 4], margin: f64, colour: Rgb<u8>, dashed: bool) {
     // Numbers beyond the picture are cut to just outside of it.
     let cut = |v: f64, n: u32| v.round().clamp(-1.0, f64::from(n)) as i64;
-    let [left, right] = [-1.0, 1.0].map(|s| cut(centre[0] + s * half[0], image.width()));
-    let [top, bottom] = [-1.0, 1.0].map(|s| cut(centre[1] + s * half[1], image.height()));
+    let [left, right] = [sides[0] - margin, sides[1] + margin].map(|v| cut(v, image.width()));
+    let [top, bottom] = [sides[2] - margin, sides[3] + margin].map(|v| cut(v, image.height()));
     let drawn = |i: i64| !dashed || (i / DASH) % 2 == 0;
     for x in (left..=right).filter(|x| drawn(x - left)) {
         put(image, x, top, colour);
@@ -97,8 +110,9 @@ mod tests {
     #[test]
     fn a_blob_is_marked_where_it_is_even_at_the_border() {
         let chroma = vec![128; 20 * 20];
-        let picture =
-            Picture { width: 40, height: 20, luma: vec![16; 800], blue: chroma.clone(), red: chroma };
+        let (luma, blue) = (vec![16; 800], chroma.clone());
+        let mut picture = Picture { width: 40, height: 20, luma, blue, red: chroma, ..Picture::default() };
+        picture.invert();
         let blob = |x_px: f64, y_field_px: f64, flags| Blob {
             x_px,
             y_field_px,
@@ -112,7 +126,9 @@ mod tests {
             flags,
         };
         let blobs = [blob(20.0, 10.0, 0), blob(0.0, 19.0, BLOB_CLIPPED | BLOB_SATURATED), blob(1e9, -1e9, 0)];
-        let image = draw(&picture.view(Interlace::Progressive, 0), &blobs, 2);
+        let boxes = blobs.map(|b| [b.x_px - 2.0, b.x_px + 2.0, b.y_field_px - 2.0, b.y_field_px + 2.0]);
+        let view = picture.view(Interlace::Progressive, 0);
+        let image = draw(&view, blobs.iter().zip(&boxes), 2);
         assert_eq!(image.dimensions(), (40, 40));
         // Line 10 is rows 20 and 21, its middle at 20.5.
         assert_eq!(image.get_pixel(20, 21).0, paint(Colour::Green as u32).0);

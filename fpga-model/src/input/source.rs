@@ -1,18 +1,22 @@
 //! Puts pictures in their order: which camera, which field, which instant.
 //!
-//! A still image is a picture of its own, of camera 0; clip `i` comes from camera `i`. Without a list of
+//! A still image is a picture of its own, of camera 0; clip `i` comes from camera `i`, and so does what a
+//! real camera delivers. Without a list of
 //! fields they are numbered from 0, and picture `k` was exposed `k + 1` periods after the origin of time (an
 //! instant of 0 would mean none): the period of a clip is its own, that of stills and of clips that do not
 //! tell is that of a field at 50 Hz. With a list (`fields.jsonl`), the `k`-th line of a camera belongs to the
 //! `k`-th picture of its clip, or the `k`-th line to the `k`-th still; list and pictures must end together.
 
+use super::camera::Camera;
 use super::y4m::{Clip, MAGIC};
 use super::{Interlace, Picture, PictureError, View, still};
+use crate::colours::ColourTable;
 use protocol::blob_stream::{BlobStreamError, FieldHead, HeadReader};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 /// Name that stands for a clip on the standard input.
@@ -43,7 +47,7 @@ pub enum SourceError {
 }
 
 /// How pictures are to be read.
-#[derive(Debug, Clone, Default)]
+#[derive(Clone, Default)]
 pub struct Reading {
     /// Which samples of still images become black and white.
     pub levels: Option<still::Levels>,
@@ -51,6 +55,10 @@ pub struct Reading {
     pub interlace: Option<Interlace>,
     /// Take dark for bright.
     pub dark: bool,
+    /// Take away all chroma.
+    pub grey: bool,
+    /// Make everything black that belongs to none of these classes.
+    pub key: Option<ColourTable>,
 }
 
 /// Clips as they are opened: a file or the standard input.
@@ -60,6 +68,7 @@ type Input = Box<dyn BufRead>;
 enum Kind {
     Stills(VecDeque<PathBuf>),
     Clip(Clip<Input>),
+    Camera(Camera),
 }
 
 /// The fields of one camera.
@@ -78,13 +87,10 @@ struct Feed {
 
 impl Feed {
     fn new(kind: Kind, reading: &Reading) -> Self {
-        let own = match &kind {
-            Kind::Stills(_) => Interlace::Progressive,
-            Kind::Clip(clip) => clip.head.interlace,
-        };
-        let file = match &kind {
-            Kind::Stills(_) => String::new(),
-            Kind::Clip(clip) => clip.file().into(),
+        let (own, file) = match &kind {
+            Kind::Stills(_) => (Interlace::Progressive, String::new()),
+            Kind::Clip(clip) => (clip.head.interlace, clip.file().into()),
+            Kind::Camera(camera) => (Interlace::Progressive, camera.file().into()),
         };
         Feed {
             kind,
@@ -105,7 +111,7 @@ impl Feed {
                 Some([n, d]) => [1_000_000_000 * d, n * fields],
                 None => [FIELD_PERIOD_NS, 1],
             },
-            Kind::Stills(_) => [FIELD_PERIOD_NS, 1],
+            Kind::Stills(_) | Kind::Camera(_) => [FIELD_PERIOD_NS, 1],
         }
     }
 
@@ -113,7 +119,8 @@ impl Feed {
     fn advance(&mut self) -> Result<Option<u32>, PictureError> {
         if self.waiting.is_empty() {
             let found = match &mut self.kind {
-                Kind::Clip(clip) => clip.next(&mut self.picture)?,
+                Kind::Clip(clip) => clip.read(&mut self.picture)?,
+                Kind::Camera(camera) => camera.read(&mut self.picture)?,
                 Kind::Stills(paths) => match paths.pop_front() {
                     None => false,
                     Some(path) => {
@@ -133,6 +140,12 @@ impl Feed {
             if self.reading.dark {
                 self.picture.invert();
             }
+            if let Some(table) = &self.reading.key {
+                self.picture.key(table);
+            }
+            if self.reading.grey {
+                self.picture.bleach();
+            }
             self.waiting = self.interlace.parities();
         }
         let Some((&parity, rest)) = self.waiting.split_first() else { return Ok(None) };
@@ -150,6 +163,10 @@ pub struct Shot<'a> {
     pub view: View<'a>,
     /// True if its lines are every second one of a frame.
     pub is_field: bool,
+    /// True if it is a picture of its own, not one of a clip.
+    pub is_still: bool,
+    /// True if it comes from a camera just now; its instants are the reader's to stamp.
+    pub is_live: bool,
     /// The file it comes from.
     pub file: &'a str,
 }
@@ -166,19 +183,16 @@ impl Source {
     /// Opens stills or clips, with a list of fields or without.
     pub fn open(paths: &[PathBuf], fields: Option<&Path>, reading: &Reading) -> Result<Self, SourceError> {
         let wrong = |problem: String| Err(SourceError::Arguments(problem));
-        let clips: Vec<bool> = paths.iter().map(|p| is_clip(p)).collect::<Result<_, _>>()?;
-        let feeds = match clips.iter().filter(|&&c| c).count() {
+        let what: Vec<What> = paths.iter().map(|p| What::is(p)).collect::<Result<_, _>>()?;
+        let feeds = match what.iter().filter(|&&w| w != What::Still).count() {
             0 if paths.is_empty() => return wrong("expected at least one picture or clip".into()),
             0 => vec![Feed::new(Kind::Stills(paths.iter().cloned().collect()), reading)],
             n if n < paths.len() => return wrong("expected either still images or clips, found both".into()),
             n if n > MAX_CAMERAS => return wrong(format!("expected at most {MAX_CAMERAS} clips, found {n}")),
-            _ => paths
-                .iter()
-                .map(|path| {
-                    let file = path.display().to_string();
-                    Clip::open(open(path)?, &file).map(|clip| Feed::new(Kind::Clip(clip), reading))
-                })
-                .collect::<Result<_, _>>()?,
+            _ => {
+                let kinds = paths.iter().zip(what).map(|(path, what)| what.open(path));
+                kinds.map(|kind| Ok(Feed::new(kind?, reading))).collect::<Result<_, PictureError>>()?
+            }
         };
         let fields = match fields {
             None => None,
@@ -188,16 +202,17 @@ impl Source {
     }
 
     /// The next field; `None` when all are through.
-    pub fn next(&mut self) -> Result<Option<Shot<'_>>, SourceError> {
+    pub fn take(&mut self) -> Result<Option<Shot<'_>>, SourceError> {
         let found = if self.fields.is_some() { self.next_listed()? } else { self.next_in_turn()? };
         Ok(found.map(|(i, parity, head)| {
             let feed = &self.feeds[i];
-            let listed = self.fields.is_some();
+            let (listed, is_still) = (self.fields.is_some(), matches!(feed.kind, Kind::Stills(_)));
             Shot {
                 head,
                 view: feed.picture.view(feed.interlace, parity),
-                is_field: feed.interlace != Interlace::Progressive
-                    || (listed && matches!(feed.kind, Kind::Clip(_))),
+                is_field: feed.interlace != Interlace::Progressive || (listed && !is_still),
+                is_still,
+                is_live: matches!(feed.kind, Kind::Camera(_)),
                 file: &feed.file,
             }
         }))
@@ -257,6 +272,7 @@ impl Source {
             let more = match &feed.kind {
                 Kind::Stills(paths) => !paths.is_empty(),
                 Kind::Clip(_) => feed.advance()?.is_some(),
+                Kind::Camera(_) => false,
             };
             if more {
                 let what = if feed.file.is_empty() { "the images" } else { &feed.file };
@@ -283,22 +299,42 @@ fn open(path: &Path) -> Result<Input, PictureError> {
     Ok(Box::new(BufReader::with_capacity(1 << 16, opened)))
 }
 
-/// Told by what it begins with, or, for what can be read only once, by what it is.
-fn is_clip(path: &Path) -> Result<bool, PictureError> {
-    let read_error = |source| PictureError::Read { file: path.display().to_string(), source };
-    if path.as_os_str() == STDIN {
-        return Ok(true);
+/// What a path leads to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum What {
+    Still,
+    Clip,
+    Camera,
+}
+
+impl What {
+    /// A file is told by what it begins with, the rest by its kind: it can be read only once.
+    fn is(path: &Path) -> Result<Self, PictureError> {
+        let read_error = |source| PictureError::Read { file: path.display().to_string(), source };
+        if path.as_os_str() == STDIN {
+            return Ok(What::Clip);
+        }
+        let kind = std::fs::metadata(path).map_err(read_error)?.file_type();
+        if kind.is_dir() {
+            return Err(read_error(std::io::ErrorKind::IsADirectory.into()));
+        }
+        if kind.is_char_device() {
+            return Ok(What::Camera);
+        }
+        if !kind.is_file() {
+            return Ok(What::Clip);
+        }
+        let begins = open(path)?.fill_buf().map_err(read_error)?.starts_with(MAGIC);
+        Ok(if begins { What::Clip } else { What::Still })
     }
-    let kind = std::fs::metadata(path).map_err(read_error)?;
-    if !kind.is_file() {
-        return if kind.is_dir() {
-            Err(read_error(std::io::ErrorKind::IsADirectory.into()))
-        } else {
-            Ok(true)
-        };
+
+    fn open(self, path: &Path) -> Result<Kind, PictureError> {
+        match self {
+            What::Still => Ok(Kind::Stills([path.to_path_buf()].into())),
+            What::Clip => Clip::open(open(path)?, &path.display().to_string()).map(Kind::Clip),
+            What::Camera => Camera::open(path).map(Kind::Camera),
+        }
     }
-    let mut input = open(path)?;
-    Ok(input.fill_buf().map_err(read_error)?.starts_with(MAGIC))
 }
 
 #[cfg(test)]
@@ -323,11 +359,14 @@ mod tests {
         bytes
     }
 
-    fn all(source: &mut Source) -> Result<Vec<(u32, u64, u64, u32, u8)>, SourceError> {
+    /// Camera, number, instant, parity and a pixel of a field.
+    type Told = (u32, u64, u64, u32, u8);
+
+    fn all(source: &mut Source) -> Result<Vec<Told>, SourceError> {
         let mut found = Vec::new();
-        while let Some(shot) = source.next()? {
+        while let Some(shot) = source.take()? {
             let FieldHead { cam, seq, t_ns, parity, .. } = shot.head;
-            found.push((cam, seq, t_ns, parity, shot.view.pixel(0, 0)[0]));
+            found.push((cam, seq, t_ns, parity, shot.view.pixel_as_read(0, 0)[0]));
         }
         Ok(found)
     }
@@ -383,5 +422,6 @@ mod tests {
         assert!(refused(&vec![paths[0].clone(); 9]).contains("at most 8 clips"));
         assert!(refused(&[folder.path().into()]).contains("directory"));
         assert!(refused(&[folder.path().join("none")]).contains("No such file"));
+        assert!(refused(&["/dev/null".into()]).contains("expected a Video4Linux2 camera"));
     }
 }

@@ -6,7 +6,7 @@
 
 use super::{Picture, PictureError, size_defect};
 use crate::colours::convert::{GREY, luma_of_full, ycc_of_rgb};
-use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -76,7 +76,7 @@ pub fn read(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<(
     let opened = File::open(path).map_err(|source| PictureError::Read { file: file.clone(), source })?;
     let reader = ImageReader::new(BufReader::new(opened)).with_guessed_format();
     let mut reader = reader.map_err(|source| PictureError::Read { file: file.clone(), source })?;
-    if reader.format().is_none() {
+    if !matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::Jpeg)) {
         return Err(refuse("expected a PNG, a JPEG or a Y4M clip, found something else".into()));
     }
     let mut limits = Limits::default();
@@ -91,6 +91,7 @@ pub fn read(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<(
     let colour = decoder.color_type();
     let image = DynamicImage::from_decoder(decoder).map_err(decode)?;
     (into.width, into.height) = (width as usize, height as usize);
+    into.as_read.clear();
     if colour.has_color() {
         fill_colour(image, colour, levels, into);
     } else {

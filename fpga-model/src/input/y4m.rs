@@ -60,8 +60,8 @@ pub struct Clip<R> {
     input: R,
     /// What the header says.
     pub head: Head,
-    /// Pictures read so far.
-    read: u64,
+    /// Pictures begun so far.
+    begun: u64,
     raw: Vec<u8>,
 }
 
@@ -76,7 +76,7 @@ impl<R: BufRead> Clip<R> {
         let text =
             std::str::from_utf8(&line).map_err(|_| refuse("expected a header of plain text".into()))?;
         let head = parse_head(text).map_err(refuse)?;
-        Ok(Clip { file: file.into(), input, head, read: 0, raw: Vec::new() })
+        Ok(Clip { file: file.into(), input, head, begun: 0, raw: Vec::new() })
     }
 
     /// The file's name, for messages.
@@ -85,10 +85,10 @@ impl<R: BufRead> Clip<R> {
     }
 
     /// Reads the next picture into `into`; false at the end of the clip.
-    pub fn next(&mut self, into: &mut Picture) -> Result<bool, PictureError> {
+    pub fn read(&mut self, into: &mut Picture) -> Result<bool, PictureError> {
         match self.input.fill_buf() {
             Ok([]) => return Ok(false),
-            Ok(_) => self.read += 1,
+            Ok(_) => self.begun += 1,
             Err(error) => return Err(unreadable(&self.file, error)),
         }
         let line = read_line(&mut self.input).map_err(|e| unreadable(&self.file, e))?;
@@ -110,7 +110,7 @@ impl<R: BufRead> Clip<R> {
     }
 
     fn refuse(&self, problem: String) -> PictureError {
-        PictureError::Picture { file: self.file.clone(), picture: self.read, problem }
+        PictureError::Picture { file: self.file.clone(), picture: self.begun, problem }
     }
 
     /// Fills `into` from the raw planes.
@@ -118,6 +118,7 @@ impl<R: BufRead> Clip<R> {
         let head = &self.head;
         let [luma, chroma] = head.plane_bytes();
         (into.width, into.height) = (head.width, head.height);
+        into.as_read.clear();
         into.luma.clear();
         into.luma.extend_from_slice(&self.raw[..luma]);
         let (blue, rest) = self.raw[luma..].split_at(chroma);
@@ -260,7 +261,7 @@ mod tests {
     fn read_all(bytes: &[u8]) -> Result<Vec<Picture>, PictureError> {
         let mut clip = Clip::open(bytes, "c.y4m")?;
         let (mut all, mut picture) = (Vec::new(), Picture::default());
-        while clip.next(&mut picture)? {
+        while clip.read(&mut picture)? {
             all.push(picture.clone());
         }
         Ok(all)
@@ -354,7 +355,7 @@ mod tests {
         fn memory_follows_the_bytes_not_the_header(w in 1u64..=8192, h in 1u64..=4096) {
             let bytes = clip(&format!("YUV4MPEG2 W{w} H{h} C444"), &[16; 2]);
             let mut clip = Clip::open(&bytes[..], "c.y4m").unwrap();
-            let refused = clip.next(&mut Picture::default()).is_err();
+            let refused = clip.read(&mut Picture::default()).is_err();
             prop_assert!(refused || w * h * 3 <= 2);
             prop_assert!(clip.raw.capacity() <= 1 << 16, "{} bytes", clip.raw.capacity());
         }

@@ -13,6 +13,9 @@ const NATURAL_HZ: f64 = 3.0;
 const DAMPING: f64 = 0.6;
 /// Step of the integration, ns; 1 ms is 1/330 of a swing.
 const STEP_NS: u64 = 1_000_000;
+/// Newest steps that are kept: three fields, since free-running cameras ask a little out of order and
+/// a torn field shows what was before.
+const KEPT: usize = 64;
 
 /// Angles about x, y and z, rad, and their speeds, rad/s.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -24,33 +27,36 @@ struct Swing {
 /// The turning eye.
 #[derive(Debug, Clone)]
 pub struct EyeSpring {
-    /// Steps done; `now` is the state after them, `before` the one a step earlier.
+    /// Steps done; the state after step `n` is in `kept[n % KEPT]`.
     steps: u64,
-    before: Swing,
-    now: Swing,
+    kept: [Swing; KEPT],
 }
 
 impl EyeSpring {
     /// At rest under the load of the start.
     pub fn new(load_at_start: Vector3<f64>) -> Self {
         let rest = Swing { angle: load_at_start, speed: Vector3::zeros() };
-        EyeSpring { steps: 0, before: rest, now: rest }
+        EyeSpring { steps: 0, kept: [rest; KEPT] }
     }
 
     /// Rotation `world_from_eye` at `t_ns` after the start, under `load` (rad about x, y, z, as a
-    /// function of seconds). Instants may be asked for in any order; going back starts anew.
+    /// function of seconds). Instants may be asked for in any order; going back more than 60 ms
+    /// integrates from the start again.
     pub fn world_from_eye(&mut self, t_ns: u64, load: impl Fn(f64) -> Vector3<f64>) -> UnitQuaternion<f64> {
         let whole = t_ns / STEP_NS;
-        if whole + 1 < self.steps {
+        let kept = |step: u64| step as usize % KEPT;
+        if whole + (KEPT as u64) <= self.steps {
             *self = EyeSpring::new(load(0.0));
         }
         while self.steps < whole + 1 {
-            let next = step(self.now, load(self.steps as f64 * STEP_NS as f64 * 1e-9));
-            (self.before, self.now) = (self.now, next);
+            let now = self.kept[kept(self.steps)];
+            let next = step(now, load(self.steps as f64 * STEP_NS as f64 * 1e-9));
             self.steps += 1;
+            self.kept[kept(self.steps)] = next;
         }
         let share = (t_ns % STEP_NS) as f64 / STEP_NS as f64;
-        UnitQuaternion::from_scaled_axis(self.before.angle.lerp(&self.now.angle, share))
+        let [before, after] = [whole, whole + 1].map(|step| self.kept[kept(step)].angle);
+        UnitQuaternion::from_scaled_axis(before.lerp(&after, share))
     }
 }
 
@@ -89,6 +95,10 @@ mod tests {
         let mut once = EyeSpring::new(load(0.0));
         let angle = once.world_from_eye(t, load);
         assert_eq!(often.world_from_eye(t, load), angle);
+        for later in [t + 61_000_000, 2 * t] {
+            once.world_from_eye(later, load);
+            assert_eq!(once.world_from_eye(t, load), angle, "after {later}");
+        }
         once.world_from_eye(2 * t, load);
         assert_eq!(once.world_from_eye(t, load), angle);
     }

@@ -12,7 +12,7 @@ use crate::colours::DARK;
 use crate::sight::MarkerImage;
 pub use light::Light;
 pub use model::{BLACK, ImageModel};
-use model::{Carrier, Disc, GREY};
+use model::{Carrier, Disc, GREY, carried};
 use nalgebra::Vector2;
 pub(crate) use noise::scatter;
 use noise::{Noise, STEP_BITS, STEPS};
@@ -76,6 +76,10 @@ pub struct Painter {
     chroma_noise: Noise,
     /// Mean luma of the background's columns in the middle line, in 1/64 levels.
     ground_row: Vec<i16>,
+    /// The carrier's turn at every column.
+    carrier_turns: Vec<[f64; 2]>,
+    /// One over the noise of the background, in 1/64 levels.
+    per_dark: f64,
     size_px: [usize; 2],
 }
 
@@ -95,6 +99,8 @@ impl Painter {
             luma_noise: Noise::white(seed, 0, width * height, dark),
             chroma_noise: Noise::narrow(seed, 1, width / 2 * height, model.chroma_noise),
             ground_row: (0..width).map(fixed).collect(),
+            carrier_turns: (0..width).map(|x| Carrier::turn(x as f64)).collect(),
+            per_dark: if dark > 0.0 { 1.0 / (dark * STEPS) } else { 0.0 },
             size_px: [width, height],
             model,
             seed,
@@ -132,10 +138,7 @@ impl Painter {
         let mut discs = Discs::default();
         patches.filter_map(|p| Disc::of(&self.model, &p, number, light)).for_each(|d| discs.push(d, picture));
         for i in 0..discs.count {
-            self.draw_luma(&discs, i, light, number, noise[0], picture);
-        }
-        for i in 0..discs.count {
-            self.draw_chroma(&discs, i, number, [noise[1], noise[2]], picture);
+            self.draw_disc(&discs, i, light, number, &noise, picture);
         }
     }
 
@@ -163,62 +166,45 @@ impl Painter {
 
     /// The pixels that disc `i` can reach, with every disc that lies there. A pixel of two discs
     /// is drawn twice, with the same result.
-    fn draw_luma(
+    fn draw_disc(
         &self,
         discs: &Discs,
         i: usize,
         light: &Light,
         number: u64,
-        noise: &[i16],
+        noise: &[&[i16]; 3],
         picture: &mut FieldPicture,
     ) {
-        let dark = self.model.luma_variance(self.model.background).sqrt() * STEPS;
-        let [xs, ys] = discs.boxes[i].clone();
-        for y in ys {
-            let carrier = Carrier::at(number, y);
-            for x in xs.clone() {
-                let (column, line) = (x as f64, y as f64);
-                let ground = light.gain * (self.model.ground(self.size_px, column, line) - BLACK) + BLACK;
-                let mut mean = ground;
-                for disc in discs.beside(i) {
-                    mean = disc.luma_over(mean, column, line);
-                }
-                if mean == ground {
-                    continue;
-                }
-                let chroma =
-                    discs.beside(i).fold(GREY, |chroma, disc| disc.chroma_over(chroma, column, line));
-                mean += self.model.crosstalk * carrier.of(chroma, column);
-                let at = y * picture.width + x;
-                let grain = f64::from(noise[at]) * self.model.luma_variance(mean).sqrt() / dark;
-                // `as` saturates at 0 and 255, as the converter does.
-                picture.luma[at] = (mean + grain + 0.5) as u8;
-            }
-        }
-    }
-
-    fn draw_chroma(
-        &self,
-        discs: &Discs,
-        i: usize,
-        number: u64,
-        noise: [&[i16]; 2],
-        picture: &mut FieldPicture,
-    ) {
-        let half = picture.width / 2;
         let [xs, ys] = discs.boxes[i].clone();
         for y in ys {
             let carrier = Carrier::at(number, y);
             // A chroma sample lies on every second pixel.
-            for x in xs.start / 2..xs.end.div_ceil(2).min(half) {
-                let (column, line) = (2.0 * x as f64, y as f64);
-                let mean = discs.beside(i).fold(GREY, |chroma, disc| disc.chroma_over(chroma, column, line));
-                let detail = self.model.crosstalk * detail(picture.line(y).0, 2 * x);
-                let axes = carrier.axes(column);
-                let at = y * half + x;
+            for pair in xs.start / 2..xs.end.div_ceil(2).min(picture.width / 2) {
+                let line = y as f64;
+                let beside = || discs.beside(i);
+                let chroma =
+                    beside().fold(GREY, |chroma, disc| disc.chroma_over(chroma, (2 * pair) as f64, line));
+                for x in [2 * pair, 2 * pair + 1] {
+                    let ground = self.model.ground(self.size_px, x as f64, line);
+                    let ground = light.gain * (ground - BLACK) + BLACK;
+                    let mean = beside().fold(ground, |mean, disc| disc.luma_over(mean, x as f64, line));
+                    let carried = carried(chroma, carrier.axes(self.carrier_turns[x]));
+                    if mean == ground && carried == 0.0 {
+                        continue;
+                    }
+                    let mean = mean + self.model.crosstalk * carried;
+                    let at = y * picture.width + x;
+                    let grain =
+                        f64::from(noise[0][at]) * self.model.luma_variance(mean).sqrt() * self.per_dark;
+                    // `as` saturates at 0 and 255, as the converter does.
+                    picture.luma[at] = (mean + grain + 0.5) as u8;
+                }
+                let detail = self.model.crosstalk * detail(picture.line(y).0, 2 * pair);
+                let axes = carrier.axes(self.carrier_turns[2 * pair]);
+                let at = y * (picture.width / 2) + pair;
                 for (plane, k) in [(&mut picture.blue, 0), (&mut picture.red, 1)] {
-                    let grain = f64::from(noise[k][at]) / STEPS;
-                    plane[at] = (mean[k] + detail * axes[k] + grain + 0.5) as u8;
+                    let grain = f64::from(noise[k + 1][at]) / STEPS;
+                    plane[at] = (chroma[k] + detail * axes[k] + grain + 0.5) as u8;
                 }
             }
         }

@@ -16,8 +16,9 @@
 //!
 //! `b` is the lens's blur in px of the frame (a line of the field is two of the frame, hence a quarter
 //! of the variance), `v` the movement during one exposure, in px of the field; a movement of more
-//! than 1 px is cut into equal parts whose `m` are averaged. `hx` is half the width of the outline, Φ
-//! the normal distribution. `X` is what is left of the colour carrier (see [`Carrier`]). The variance is
+//! than 1.5 px is cut into equal parts whose `m` are averaged. `hx` is half the width of the outline, Φ
+//! the normal distribution. `X` is what is left of the colour carrier of phase ωt,
+//! `crosstalk·((Cb − 128)·sin ωt ± (Cr − 128)·cos ωt)`. The variance is
 //!
 //! ```text
 //! var(p) = read² + shot·max(0, μ(p) − 16)  (+ 1/12 for rounding to whole levels)
@@ -31,15 +32,20 @@ use super::{FieldPicture, Light, Patch};
 use crate::colours::{DARK, reference};
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+use std::sync::LazyLock;
 
 /// Black of BT.601: no light.
 pub const BLACK: f64 = 16.0;
 /// No colour: Cb, Cr.
 pub(super) const GREY: [f64; 2] = [128.0; 2];
 /// Beyond so many σ a pixel lies wholly inside or outside.
-const FAR: f64 = 4.0;
+const FAR: f64 = 3.5;
+/// Entries of the table of Φ for each σ; linear interpolation is then right to 2 millionths.
+const PER_SIGMA: usize = 128;
+const PHI_ENTRIES: usize = 2 * 7 * PER_SIGMA / 2 + 2;
+const _: () = assert!(PHI_ENTRIES as f64 > 2.0 * FAR * PER_SIGMA as f64 + 1.0);
 /// Longest movement that counts as a spread, px of the field; a longer one is cut into parts.
-const WHOLE_SMEAR_PX: f64 = 1.0;
+const WHOLE_SMEAR_PX: f64 = 1.5;
 /// Parts that one exposure is cut into at most.
 const MOST_PARTS: usize = 8;
 /// The PAL colour carrier in cycles per pixel of 13.5 MHz.
@@ -101,9 +107,10 @@ impl ImageModel {
     pub fn mean_luma(&self, patch: &Patch, number: u64, size_px: [usize; 2], column: f64, line: f64) -> f64 {
         let ground = self.ground(size_px, column, line);
         let Some(disc) = Disc::of(self, patch, number, &Light::default()) else { return ground };
-        let chroma = disc.chroma_over(GREY, column, line);
-        disc.luma_over(ground, column, line)
-            + self.crosstalk * Carrier::at(number, line as usize).of(chroma, column)
+        // Chroma is sampled on every second pixel.
+        let chroma = disc.chroma_over(GREY, column - column % 2.0, line);
+        let axes = Carrier::at(number, line as usize).axes(Carrier::turn(column));
+        disc.luma_over(ground, column, line) + self.crosstalk * carried(chroma, axes)
     }
 
     /// Variance of a pixel of expected luma `mean`, levels², before rounding.
@@ -124,7 +131,8 @@ impl ImageModel {
 /// line. What a decoder leaves of it in luma crawls as dots along coloured edges.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Carrier {
-    start: f64,
+    /// Sine and cosine at the first column.
+    start: [f64; 2],
     sign: f64,
 }
 
@@ -133,20 +141,70 @@ impl Carrier {
     pub(super) fn at(number: u64, line: usize) -> Self {
         // Eight fields are one round of the carrier.
         let turns = (number % 8) as f64 * CARRIER_PER_FIELD + line as f64 * CARRIER_PER_LINE;
-        Carrier { start: TAU * (turns - turns.floor()), sign: if line % 2 == 0 { 1.0 } else { -1.0 } }
+        let angle = TAU * (turns - turns.floor());
+        let sign = if line.is_multiple_of(2) { 1.0 } else { -1.0 };
+        Carrier { start: [libm::sin(angle), libm::cos(angle)], sign }
     }
 
-    /// The axes of U and V at a column.
-    pub(super) fn axes(&self, column: f64) -> [f64; 2] {
-        let angle = self.start + TAU * CARRIER_PER_PX * column;
-        [libm::sin(angle), self.sign * libm::cos(angle)]
+    /// Sine and cosine of its turn since the first column.
+    pub(super) fn turn(column: f64) -> [f64; 2] {
+        let angle = TAU * CARRIER_PER_PX * column;
+        [libm::sin(angle), libm::cos(angle)]
     }
 
-    /// The carrier of a colour.
-    pub(super) fn of(&self, chroma: [f64; 2], column: f64) -> f64 {
-        let [u, v] = self.axes(column);
-        (chroma[0] - GREY[0]) * u + (chroma[1] - GREY[1]) * v
+    /// The axes of U and V after a turn.
+    pub(super) fn axes(&self, turn: [f64; 2]) -> [f64; 2] {
+        let ([sin, cos], [s, c]) = (self.start, turn);
+        [sin * c + cos * s, self.sign * (cos * c - sin * s)]
     }
+}
+
+/// The carrier of a colour along `axes`.
+pub(super) fn carried(chroma: [f64; 2], axes: [f64; 2]) -> f64 {
+    (chroma[0] - GREY[0]) * axes[0] + (chroma[1] - GREY[1]) * axes[1]
+}
+
+/// How the outline of a disc is spread.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    /// Σ.
+    spread: Matrix2<f64>,
+    /// `q` up to which a pixel certainly lies wholly inside, and from which wholly outside.
+    sure: [f64; 2],
+    /// The same during the whole movement.
+    always: [f64; 2],
+}
+
+impl Edge {
+    /// Of spread `spread` about the outline of `metric`, which moves by `smear`. With |Q⁻¹d|² ≤ λ(Q⁻¹)·q and
+    /// nᵀΣn ≤ λ(Σ), δ/σ is at least |√q − 1|/√(λ(Σ)·λ(Q⁻¹)); a shift by `s` changes √q by at
+    /// most |s|·√λ(Q⁻¹).
+    fn new(spread: Matrix2<f64>, metric: &Matrix2<f64>, smear: &Vector2<f64>) -> Self {
+        let steepest = largest(metric).sqrt();
+        let reach = FAR * largest(&spread).sqrt() * steepest;
+        let square = |reach: f64| [(1.0 - reach).max(0.0).powi(2), (1.0 + reach).powi(2)];
+        Edge { spread, sure: square(reach), always: square(reach + smear.norm() / 2.0 * steepest) }
+    }
+}
+
+/// Largest eigenvalue of a symmetric matrix.
+fn largest(m: &Matrix2<f64>) -> f64 {
+    let (mean, half) = ((m.m11 + m.m22) / 2.0, (m.m11 - m.m22) / 2.0);
+    mean + (half * half + m.m12 * m.m12).sqrt()
+}
+
+/// The normal distribution's Φ(−z), from a table.
+fn phi_of_minus(z: f64) -> f64 {
+    static TABLE: LazyLock<[f64; PHI_ENTRIES]> = LazyLock::new(|| {
+        std::array::from_fn(|i| {
+            let z = i as f64 / PER_SIGMA as f64 - FAR;
+            0.5 * libm::erfc(z * FRAC_1_SQRT_2)
+        })
+    });
+    let place = (z.clamp(-FAR, FAR) + FAR) * PER_SIGMA as f64;
+    let i = place as usize;
+    let share = place - i as f64;
+    TABLE[i] + (TABLE[i + 1] - TABLE[i]) * share
 }
 
 /// A marker in pixels of one field.
@@ -158,9 +216,8 @@ pub(super) struct Disc {
     half: Vector2<f64>,
     /// Inverse shape: `dᵀ·metric·d = 1` on the outline.
     metric: Matrix2<f64>,
-    /// Σ of luma and of chroma.
-    spread: Matrix2<f64>,
-    chroma_spread: Matrix2<f64>,
+    luma_edge: Edge,
+    chroma_edge: Edge,
     /// Movement in one exposure, and the parts it is cut into.
     smear: Vector2<f64>,
     parts: usize,
@@ -184,13 +241,14 @@ impl Disc {
         // A chroma sample is two pixels wide and the mean of two lines.
         let wide = model.chroma_blur_px * model.chroma_blur_px;
         let chroma = Matrix2::new(wide + 3.0 * pixel, 0.0, 0.0, 3.0 * pixel);
+        let metric = shape.try_inverse()?;
         Some(Disc {
             colour: light.on(reference(patch.image.colour), patch.brightness),
             centre: Vector2::new(centre.x, (centre.y - (number & 1) as f64) / 2.0),
             half: Vector2::new(shape.m11.sqrt(), shape.m22.sqrt()),
-            metric: shape.try_inverse()?,
-            spread,
-            chroma_spread: spread + chroma,
+            luma_edge: Edge::new(spread, &metric, &smear),
+            chroma_edge: Edge::new(spread + chroma, &metric, &smear),
+            metric,
             smear,
             parts,
             shade: [model.side_shade, model.rim_shade],
@@ -201,7 +259,7 @@ impl Disc {
     pub(super) fn box_px(&self, picture: &FieldPicture) -> [std::ops::Range<usize>; 2] {
         let range = |axis: usize, n: usize| {
             let reach = self.half[axis]
-                + FAR * self.chroma_spread[(axis, axis)].sqrt()
+                + FAR * self.chroma_edge.spread[(axis, axis)].sqrt()
                 + self.smear[axis].abs() / 2.0
                 + 1.0;
             let from = (self.centre[axis] - reach).floor().max(0.0) as usize;
@@ -213,7 +271,7 @@ impl Disc {
 
     /// `ground` with the disc over it.
     pub(super) fn luma_over(&self, ground: f64, x: f64, y: f64) -> f64 {
-        let cover = self.cover(x, y, &self.spread);
+        let cover = self.cover(x, y, &self.luma_edge);
         if cover <= 0.0 {
             return ground;
         }
@@ -226,35 +284,39 @@ impl Disc {
 
     /// `ground` (Cb, Cr) with the disc over it.
     pub(super) fn chroma_over(&self, ground: [f64; 2], x: f64, y: f64) -> [f64; 2] {
-        let cover = self.cover(x, y, &self.chroma_spread);
+        let cover = self.cover(x, y, &self.chroma_edge);
         [0, 1].map(|k| ground[k] + (self.colour[k + 1] - ground[k]) * cover)
     }
 
     /// Mean share covered over the exposure.
-    fn cover(&self, x: f64, y: f64, spread: &Matrix2<f64>) -> f64 {
+    fn cover(&self, x: f64, y: f64, edge: &Edge) -> f64 {
+        let d = Vector2::new(x, y) - self.centre;
+        let q = d.dot(&(self.metric * d));
+        let [inside, outside] = edge.always;
+        if q >= outside || q <= inside {
+            return if q >= outside { 0.0 } else { 1.0 };
+        }
+        if self.parts == 1 {
+            return self.cover_at(d, edge);
+        }
         let parts = self.parts as f64;
-        let at = |i: usize| self.centre + self.smear * ((i as f64 + 0.5) / parts - 0.5);
-        let sum: f64 = (0..self.parts).map(|i| self.cover_at(Vector2::new(x, y) - at(i), spread)).sum();
-        sum / parts
+        let moved = |i: usize| self.smear * ((i as f64 + 0.5) / parts - 0.5);
+        (0..self.parts).map(|i| self.cover_at(d - moved(i), edge)).sum::<f64>() / parts
     }
 
     /// Φ(−δ/σ) at `d` from the centre.
-    fn cover_at(&self, d: Vector2<f64>, spread: &Matrix2<f64>) -> f64 {
+    fn cover_at(&self, d: Vector2<f64>, edge: &Edge) -> f64 {
         let slope = self.metric * d;
         let q = d.dot(&slope);
-        let steep = slope.norm_squared();
-        if steep < 1e-18 {
+        let [inside, outside] = edge.sure;
+        if q >= outside {
+            return 0.0;
+        }
+        if q <= inside || q < 1e-9 {
             return 1.0;
         }
         // δ/σ with δ = (q − √q)/|slope| and σ² = slopeᵀ·Σ·slope/|slope|².
-        let sigma = (slope.dot(&(spread * slope))).sqrt();
-        let z = (q - q.sqrt()) / sigma;
-        if z >= FAR {
-            0.0
-        } else if z <= -FAR {
-            1.0
-        } else {
-            0.5 * libm::erfc(z * FRAC_1_SQRT_2)
-        }
+        let z = (q - q.sqrt()) / slope.dot(&(edge.spread * slope)).sqrt();
+        if z >= FAR { 0.0 } else { phi_of_minus(z) }
     }
 }

@@ -49,6 +49,11 @@ impl Labels {
         }
     }
 
+    /// The sums of a component.
+    pub fn sums_mut(&mut self, label: u16) -> &mut Sums {
+        &mut self.sums[usize::from(label)]
+    }
+
     /// Adds the sums of `freed` to `kept` and frees it.
     pub fn unite(&mut self, kept: u16, freed: u16) {
         let part = self.sums[usize::from(freed)];

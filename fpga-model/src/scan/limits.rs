@@ -71,7 +71,16 @@ pub struct Widths {
     pub wxyy: u32,
     /// Σ w·y³.
     pub wyyy: u32,
+    /// Σ of rises of the lit surface, with its sign.
+    pub rise: u32,
+    /// Σ of spans times contrasts.
+    pub span: u32,
+    /// Σ of squared differences.
+    pub grain: u32,
 }
+
+/// Largest luma in quarters of a level.
+const RISE: u128 = 4 * 255;
 
 /// Sums of k⁰, k¹, k² and k³ over all k below `n`.
 const fn power_sums(n: u128) -> [u128; 4] {
@@ -101,6 +110,10 @@ impl Limits {
             wxxy: bits(full * x2 * y1),
             wxyy: bits(full * x1 * y2),
             wyyy: bits(full * x0 * y3),
+            // At most one run in two columns, each with a rise of up to 255 levels in quarters.
+            rise: bits(RISE * x0 * y0 / 2) + 1,
+            span: bits(RISE * x0 * y0),
+            grain: bits(255 * 255 * x0 * y0),
         }
     }
 }
@@ -110,12 +123,18 @@ pub const RUN_CLOCKS: u64 = 2;
 /// Clocks to unite two components: one to read, one to write; the runs' labels change in the same clock,
 /// each beside its own comparator.
 pub const UNION_CLOCKS: u64 = 2;
-/// Quotients of one blob: two centres, two variances, and as many for the test whether it is two discs.
-const QUOTIENTS: u64 = 8;
-/// Bits of a quotient; the divider yields one a clock.
+/// Quotients and roots of one component: nine moments, what light from one side does, two variances, and
+/// three for the question whether it is more than one marker.
+const QUOTIENTS: u64 = 15;
+/// Further ones of two markers that touch: six for axis and places, three rounds of six for the lens and one before,
+/// and seven for the shares (`split`).
+const SPLIT_QUOTIENTS: u64 = 6 + 1 + 3 * 6 + 7;
+/// Bits of a quotient or root; the divider yields one a clock.
 const QUOTIENT_BITS: u64 = 32;
-/// Clocks of the divider for one blob.
+/// Clocks of the divider for one component.
 pub const DIVIDER_CLOCKS: u64 = QUOTIENTS * QUOTIENT_BITS;
+/// Further clocks for two markers that touch.
+pub const SPLIT_CLOCKS: u64 = SPLIT_QUOTIENTS * QUOTIENT_BITS;
 
 // A line's runs are labelled while the next line is read: at worst all of them, uniting all components
 // above, and a look at every label.
@@ -123,8 +142,9 @@ const _: () = assert!(
     CAMERA.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + CAMERA.labels as u64 <= LINE_CLOCKS,
     "labelling keeps up with the pixels"
 );
-// One blob is divided in less than a line, so that blobs of different lines do not wait for each other.
-const _: () = assert!(DIVIDER_CLOCKS <= LINE_CLOCKS);
+// One component is divided in less than a line, so that those of different lines do not wait for each other,
+// unless two markers touch; then in less than two.
+const _: () = assert!(DIVIDER_CLOCKS <= LINE_CLOCKS && DIVIDER_CLOCKS + SPLIT_CLOCKS <= 2 * LINE_CLOCKS);
 // The twin's own registers (`sums`) hold what the hardware's hold.
 const _: () = {
     let [camera, picture] = [CAMERA.widths(), PICTURE.widths()];
@@ -132,6 +152,7 @@ const _: () = {
     assert!(picture.x <= u16::BITS && picture.y <= u16::BITS && picture.label <= u16::BITS);
     assert!(picture.area <= u32::BITS && picture.wxx <= u64::BITS && picture.wyy <= u64::BITS);
     assert!(picture.wxxx <= u128::BITS && picture.wyyy <= u128::BITS);
+    assert!(picture.rise < i64::BITS && picture.span <= u64::BITS && picture.grain <= u64::BITS);
     // Products of a second or third moment with Σ w², as the central moments need them, in 128 bits.
     assert!(picture.wxx + picture.w < 127 && camera.wxxx + 2 * camera.w < 127);
 };

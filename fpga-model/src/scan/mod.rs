@@ -1,9 +1,11 @@
 //! Streaming blob extraction, as the camera hardware does it: one line at a time, no frame buffer.
 //!
-//! Each line is cut into runs of one colour that stand out from the background (`background`, `runs`),
-//! whose pixels get weights (`weight`). A run joins the components of the same colour that it touches in
-//! the line before (eight neighbours), which may unite several of them; a component that no run of the
-//! line touched is complete (`labels`, `sums`) and leaves at once as one blob, or two that touch (`disc`).
+//! Each line is cut into runs of one colour that stand out from the background (`background`, `runs`). A
+//! run joins the components of the same colour that it touches in the line before (eight neighbours),
+//! which may unite several of them (`labels`). Two lines later, when the lines below are known too, the
+//! pixels of the runs and of the blurred edge around them (`owners`) get their weights (`weight`) and are
+//! added up (`sums`). A component whose last line and the line below have been weighed is complete and
+//! leaves at once as one blob, or two that touch (`disc`).
 //! Integers only. What a table has no room for (`limits`) is counted, never wrapped and never wrong: runs
 //! beyond the table of a line, components beyond the labels, blobs beyond those of a field.
 //!
@@ -14,7 +16,10 @@ pub mod background;
 pub mod disc;
 pub mod labels;
 pub mod limits;
+pub mod moments;
+pub mod owners;
 pub mod runs;
+pub mod split;
 pub mod sums;
 pub mod weight;
 
@@ -23,12 +28,17 @@ use crate::picture::FieldPicture;
 use background::{Background, Level};
 use disc::{Discs, FieldShape};
 use labels::Labels;
-use limits::{
-    CAMERA, DIVIDER_CLOCKS, FULL_WEIGHT, LEVEL_BITS, LINE_CLOCKS, Limits, PICTURE, RUN_CLOCKS, UNION_CLOCKS,
-};
+use limits::{CAMERA, DIVIDER_CLOCKS, FULL_WEIGHT, LEVEL_BITS, LINE_CLOCKS, Limits, PICTURE, SPLIT_CLOCKS};
+use owners::Owners;
 use protocol::blobs::{BlobField, Colour};
 use runs::{NO_LABEL, Run, Runs};
 use sums::Sums;
+use weight::{Around, Weigher};
+
+/// Lines held at a time: the newest, and those that a line two before it is weighed with.
+const HELD: usize = 2 * weight::LINES + 1;
+/// A component is complete so many lines after its last: the line below it is weighed as well.
+pub const COMPLETE_AFTER: usize = weight::LINES + 1;
 
 /// Grey levels above the background of a pixel that may belong to a marker: the darkest marker (blue) has
 /// about 65, noise of 4 σ stays below 12.
@@ -59,6 +69,8 @@ pub struct Settings {
     pub least_lines: u16,
     /// Lines of the frame per line of the field: 2 where interlaced, 1 where progressive.
     pub frame_lines: u8,
+    /// Blobs are spots of light without a lit surface: see [`weight::Weigher::for_spots`].
+    pub spots: bool,
 }
 
 impl Default for Settings {
@@ -75,6 +87,7 @@ impl Default for Settings {
             least_area: LEAST_AREA,
             least_lines: 2,
             frame_lines: 2,
+            spots: false,
         }
     }
 }
@@ -129,6 +142,12 @@ impl Tally {
     }
 }
 
+/// What is kept of a line.
+struct Held {
+    luma: Vec<u8>,
+    runs: Runs,
+}
+
 /// The extractor of one camera.
 pub struct Scanner {
     settings: Settings,
@@ -136,16 +155,17 @@ pub struct Scanner {
     background: Background,
     /// Next line.
     y: u16,
-    previous: Runs,
-    current: Runs,
+    /// Line y is at y modulo [`HELD`].
+    held: [Held; HELD],
     labels: Labels,
-    weights: Vec<u8>,
+    owners: Owners,
+    weigher: Weigher,
+    /// The runs of a line that there is not.
+    nothing: Runs,
     tally: Tally,
     found: usize,
     /// Clock at which the divider is free.
     divider_free: u64,
-    /// Clock at which the newest line is labelled.
-    labelled: u64,
 }
 
 impl Scanner {
@@ -161,14 +181,14 @@ impl Scanner {
             field: FieldShape { size_px: [width as u16, height as u16], frame_lines: settings.frame_lines },
             background: Background::new(settings.level, settings.low, width, height),
             y: 0,
-            previous: Runs::new(limits.runs),
-            current: Runs::new(limits.runs),
+            held: std::array::from_fn(|_| Held { luma: vec![0; width], runs: Runs::new(limits.runs) }),
             labels: Labels::new(limits.labels),
-            weights: Vec::with_capacity(width),
+            owners: Owners::new(limits.runs),
+            weigher: if settings.spots { Weigher::for_spots(width) } else { Weigher::new(width) },
+            nothing: Runs::new(0),
             tally: Tally::default(),
             found: 0,
             divider_free: 0,
-            labelled: 0,
             settings,
         }
     }
@@ -190,16 +210,16 @@ impl Scanner {
         self.y = 0;
         self.labels.clear();
         self.tally = Tally::default();
-        (self.found, self.divider_free, self.labelled) = (0, 0, 0);
-        for runs in [&mut self.previous, &mut self.current] {
-            runs.clear();
-            runs.lost = 0;
+        (self.found, self.divider_free) = (0, 0);
+        for held in &mut self.held {
+            held.runs.clear();
+            held.runs.lost = 0;
         }
     }
 
     /// What was left out since the field began.
     pub fn tally(&self) -> Tally {
-        let runs_lost = self.previous.lost.saturating_add(self.current.lost);
+        let runs_lost = self.held.iter().fold(0u32, |sum, held| sum.saturating_add(held.runs.lost));
         Tally { runs_lost, ..self.tally }
     }
 
@@ -213,58 +233,76 @@ impl Scanner {
         }
         let (luma, y) = (&luma[..width], usize::from(self.y));
         self.background.begin_line(y);
-        self.current.find(&self.settings.colours, self.background.foreground(), luma, [blue, red]);
-        let unions = self.label_runs(luma);
+        let held = &mut self.held[y % HELD];
+        held.luma[..width].copy_from_slice(luma);
+        held.luma[width..].fill(0);
+        held.runs.find(&self.settings.colours, self.background.foreground(), luma, [blue, red]);
+        // What the lines before have completed leaves first, so that this line can use its labels.
+        self.complete(y, y, out);
+        self.label_runs(y);
         self.background.watch(y, luma);
-        let work = self.current.all().len() as u64 * RUN_CLOCKS + unions * UNION_CLOCKS;
-        self.labelled = (u64::from(self.y) + 1) * LINE_CLOCKS + work;
-        self.emit(|sums, y| sums.last_line() < y, out);
-        self.labelled += self.settings.limits.labels as u64;
-        std::mem::swap(&mut self.previous, &mut self.current);
         self.y += 1;
     }
 
-    /// Ends a field: what is open is complete.
+    /// Ends a field: what is open is completed by the lines that would follow.
     pub fn end(&mut self, out: &mut impl FnMut(Found)) {
-        self.emit(|_, _| true, out);
+        let lines = usize::from(self.y);
+        if let Some(newest) = lines.checked_sub(1) {
+            for y in lines..lines + COMPLETE_AFTER {
+                self.complete(y, newest, out);
+            }
+        }
         self.tally = self.tally();
     }
 
-    /// Gives every run of this line its component; returns how many were united.
-    fn label_runs(&mut self, luma: &[u8]) -> u64 {
-        let (mut first, mut unions) = (0, 0);
-        for r in 0..self.current.all().len() {
-            let run = self.current.all()[r];
-            let above = self.previous.all();
-            // Runs that end more than a pixel before this one touch no later run either.
-            while above.get(first).is_some_and(|p| p.end < run.start) {
-                first += 1;
+    /// Weighs and hands out what line `y` completes, `newest` being the last line that there is.
+    fn complete(&mut self, y: usize, newest: usize, out: &mut impl FnMut(Found)) {
+        if let Some(weighed) = y.checked_sub(weight::LINES).filter(|&weighed| weighed <= newest) {
+            self.weigh_line(weighed, newest);
+        }
+        self.emit(y, out);
+    }
+
+    /// Gives every run of line `y` its component.
+    fn label_runs(&mut self, y: usize) {
+        let mut first = 0;
+        for r in 0..self.held[y % HELD].runs.all().len() {
+            let run = self.held[y % HELD].runs.all()[r];
+            let mut label = NO_LABEL;
+            if let Some(above) = y.checked_sub(1) {
+                // Runs that end more than a pixel before this one touch no later run either.
+                let runs = self.held[above % HELD].runs.all();
+                while runs.get(first).is_some_and(|p| p.end < run.start) {
+                    first += 1;
+                }
+                label = self.join_above(&run, above, first);
             }
-            let mut label = self.join_above(&run, first, &mut unions);
             if label == NO_LABEL {
                 label = self.labels.open().unwrap_or(NO_LABEL);
             }
-            self.current.set_label(r, label);
+            let held = &mut self.held[y % HELD];
+            held.runs.set_label(r, label);
             if label == NO_LABEL {
                 self.tally.unlabelled = self.tally.unlabelled.saturating_add(1);
-            } else {
-                let part = self.sums_of(&run, luma);
-                self.labels.add(label, &part);
+                continue;
             }
+            let columns = usize::from(run.start)..usize::from(run.end);
+            let level = self.background.at(columns.start.midpoint(columns.end)) >> LEVEL_BITS;
+            let part = Sums::of_run(&held.luma[columns], run.start, y as u16, run.class, level as u8);
+            self.labels.add(label, &part);
         }
-        unions
     }
 
-    /// The component of the runs above that `run` touches, united if there are several.
-    fn join_above(&mut self, run: &Run, first: usize, unions: &mut u64) -> u16 {
+    /// The component of the runs of line `above` that `run` touches, united if there are several.
+    fn join_above(&mut self, run: &Run, above: usize, first: usize) -> u16 {
         let mut label = NO_LABEL;
-        for p in first..self.previous.all().len() {
-            let above = self.previous.all()[p];
-            if above.start > run.end {
+        for p in first..self.held[above % HELD].runs.all().len() {
+            let runs = &self.held[above % HELD].runs;
+            let (touched, other) = (runs.all()[p], runs.labels()[p]);
+            if touched.start > run.end {
                 break;
             }
-            let other = self.previous.labels()[p];
-            if above.class != run.class || other == NO_LABEL || other == label {
+            if touched.class != run.class || other == NO_LABEL || other == label {
                 continue;
             }
             if label == NO_LABEL {
@@ -273,41 +311,54 @@ impl Scanner {
             }
             let (kept, freed) = (label.min(other), label.max(other));
             self.labels.unite(kept, freed);
-            self.previous.relabel(freed, kept);
-            self.current.relabel(freed, kept);
+            self.held.iter_mut().for_each(|held| held.runs.relabel(freed, kept));
             label = kept;
-            *unions += 1;
         }
         label
     }
 
-    fn sums_of(&mut self, run: &Run, luma: &[u8]) -> Sums {
-        let range = usize::from(run.start)..usize::from(run.end);
-        let level = self.background.at(range.start.midpoint(range.end));
-        let (table, weights) = (&self.settings.colours, &mut self.weights);
-        weight::weights(table, luma, range.clone(), run.class, level, weights);
-        Sums::of_run(&luma[range], weights, run.start, self.y, run.class, (level >> LEVEL_BITS) as u8)
+    /// Adds the weights of line `y` to its owners' sums; `newest` is the last line known.
+    fn weigh_line(&mut self, y: usize, newest: usize) {
+        let Scanner { held, labels, owners, weigher, background, nothing, field, .. } = self;
+        let line = |y: usize| &held[y % HELD];
+        let around: Around = std::array::from_fn(|i| {
+            let held = line((y + i).saturating_sub(weight::LINES).min(newest));
+            weight::Line { luma: &held.luma, runs: held.runs.all() }
+        });
+        let above = y.checked_sub(1).map_or(&*nothing, |y| &line(y).runs);
+        let below = if y < newest { &line(y + 1).runs } else { &*nothing };
+        owners.each(field.size_px[0], &line(y).runs, above, below, |claim| {
+            let columns = usize::from(claim.columns.start)..usize::from(claim.columns.end);
+            let level = background.at(columns.start.midpoint(columns.end));
+            let sums = labels.sums_mut(claim.label);
+            weigher.weigh(&around, columns.clone(), sums.class, level);
+            let slope = claim.run.then(|| weight::slope(&line(y).luma[columns.clone()], level));
+            let luma = &line(y).luma[columns];
+            sums.weigh(luma, &weigher.weights, claim.columns.start, y as u16, slope);
+        });
     }
 
-    /// Hands complete components out. The labels are looked at one a clock; each component then waits for
-    /// the divider.
-    fn emit(&mut self, complete: impl Fn(&Sums, u16) -> bool, out: &mut impl FnMut(Found)) {
-        let y = self.y;
-        while let Some((label, sums)) = self.labels.take(|sums| complete(sums, y)) {
+    /// Hands out the components whose last line is [`COMPLETE_AFTER`] lines before `y`. Once line `y` has
+    /// been read, the labels are looked at one a clock; each component then waits for the divider.
+    fn emit(&mut self, y: usize, out: &mut impl FnMut(Found)) {
+        let read = (y as u64 + 1) * LINE_CLOCKS;
+        let complete = |sums: &Sums| usize::from(sums.last_line()) + COMPLETE_AFTER <= y;
+        while let Some((label, sums)) = self.labels.take(complete) {
             if !self.counts(&sums) {
                 self.tally.specks = self.tally.specks.saturating_add(1);
             } else if self.found == self.settings.limits.blobs {
                 self.tally.blobs_lost = self.tally.blobs_lost.saturating_add(1);
             } else {
                 self.found += 1;
-                out(self.found_at(self.labelled + u64::from(label) + 1, sums));
+                out(self.found_at(read + u64::from(label) + 1, sums));
             }
         }
     }
 
     /// A component that is known to be complete at `clock`.
     fn found_at(&mut self, clock: u64, sums: Sums) -> Found {
-        let out_clock = clock.max(self.divider_free) + DIVIDER_CLOCKS;
+        let split = if disc::is_pair(&sums, &self.field) { SPLIT_CLOCKS } else { 0 };
+        let out_clock = clock.max(self.divider_free) + DIVIDER_CLOCKS + split;
         self.divider_free = out_clock;
         let last = u64::from(sums.last_line());
         Found {

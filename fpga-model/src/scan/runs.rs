@@ -103,7 +103,8 @@ impl Runs {
         self.push(run);
     }
 
-    fn push(&mut self, run: Run) {
+    /// Adds a run to the right of all others, or counts it as lost.
+    pub(super) fn push(&mut self, run: Run) {
         if self.runs.len() < self.capacity {
             self.runs.push(run);
             self.labels.push(NO_LABEL);

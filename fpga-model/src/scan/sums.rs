@@ -3,6 +3,7 @@
 //! Integers only; the widths that the hardware needs are in [`super::limits::Widths`].
 
 use super::limits::FULL_WEIGHT;
+use super::weight::Slope;
 
 /// Luma from which a pixel counts as saturated: peak white of BT.601.
 pub const SATURATED: u8 = 235;
@@ -30,7 +31,15 @@ pub struct Sums {
     pub wxyy: u128,
     /// Σ w·y³.
     pub wyyy: u128,
-    /// Pixels.
+    /// Σ of the rise of the lit surface from left to right, quarters of a level.
+    pub rise: i64,
+    /// Σ of the columns over which it rises, times their contrast in quarters of a level.
+    pub span: u64,
+    /// Σ of squared differences of full-weight pixels two columns apart: the grain of the surface, levels².
+    pub grain: u64,
+    /// So many differences.
+    pub grains: u32,
+    /// Pixels of its runs.
     pub area: u32,
     /// Pixels with a weight between none and all: the outline, where noise counts.
     pub rim: u32,
@@ -59,39 +68,63 @@ fn around(a: [u16; 4], b: [u16; 4]) -> [u16; 4] {
 }
 
 impl Sums {
-    /// The sums of a run in line `y` that starts at column `x`: its pixels' luma and weights, and the
-    /// level of the background there, grey levels.
-    pub fn of_run(luma: &[u8], weights: &[u8], x: u16, y: u16, class: u8, background: u8) -> Self {
+    /// What a run in line `y` that starts at column `x` says by itself: its pixels' luma and the level of
+    /// the background there, grey levels.
+    pub fn of_run(luma: &[u8], x: u16, y: u16, class: u8, background: u8) -> Self {
         let last = x + luma.len() as u16 - 1;
-        let mut sums = Sums {
+        let peak = luma.iter().fold(0, |m, &v| m.max(v));
+        Sums {
             class,
             area: luma.len() as u32,
+            saturated: luma.iter().map(|&v| u32::from(v >= SATURATED)).sum(),
+            peak,
+            contrast: peak.saturating_sub(background),
             half_box_px: EMPTY_BOX,
             box_px: [x, last, y, y],
             last_x: last,
             ..Sums::default()
-        };
-        for ((column, &value), &weight) in (x..).zip(luma).zip(weights) {
+        }
+    }
+
+    /// Adds weighed pixels of line `y` from column `x` on; `run` is the slope along them where they are a
+    /// run with its skirt, whose grain then counts.
+    pub fn weigh(&mut self, luma: &[u8], weights: &[u8], x: u16, y: u16, run: Option<Slope>) {
+        let mut line = Sums { half_box_px: EMPTY_BOX, box_px: EMPTY_BOX, ..Sums::default() };
+        for (column, &weight) in (x..).zip(weights) {
             let (w, c) = (u64::from(weight), u64::from(column));
-            sums.w += w;
-            sums.wx += w * c;
-            sums.wxx += w * c * c;
-            sums.wxxx += u128::from(w * c * c * c);
-            sums.rim += u32::from(weight > 0 && weight < FULL_WEIGHT);
-            sums.saturated += u32::from(value >= SATURATED);
-            sums.peak = sums.peak.max(value);
+            line.w += w;
+            line.wx += w * c;
+            line.wxx += w * c * c;
+            line.wxxx += u128::from(w * c * c * c);
+            line.rim += u32::from(weight > 0 && weight < FULL_WEIGHT);
             if weight >= FULL_WEIGHT / 2 {
-                sums.half_box_px = around(sums.half_box_px, [column, column, y, y]);
+                line.half_box_px = around(line.half_box_px, [column, column, y, y]);
             }
         }
-        sums.contrast = sums.peak.saturating_sub(background);
-        let line = u64::from(y);
-        (sums.wy, sums.wxy, sums.wyy) = (sums.w * line, sums.wx * line, sums.w * line * line);
-        let line = u128::from(y);
-        sums.wxxy = u128::from(sums.wxx) * line;
-        sums.wxyy = u128::from(sums.wxy) * line;
-        sums.wyyy = u128::from(sums.wyy) * line;
-        sums
+        if let Some(slope) = run {
+            line.add_surface(luma, weights, slope);
+        }
+        let y = u64::from(y);
+        (line.wy, line.wxy, line.wyy) = (line.w * y, line.wx * y, line.w * y * y);
+        let y = u128::from(y);
+        line.wxxy = u128::from(line.wxx) * y;
+        line.wxyy = u128::from(line.wxy) * y;
+        line.wyyy = u128::from(line.wyy) * y;
+        line.last_x = self.last_x;
+        line.box_px = self.box_px;
+        self.add(&line);
+    }
+
+    /// Adds what a run says about its lit surface.
+    fn add_surface(&mut self, luma: &[u8], weights: &[u8], slope: Slope) {
+        (self.rise, self.span) = (i64::from(slope.rise), u64::from(slope.contrast));
+        for (v, w) in luma.windows(3).zip(weights.windows(3)) {
+            if w[0] == FULL_WEIGHT && w[2] == FULL_WEIGHT {
+                let step = u64::from(v[0].abs_diff(v[2]));
+                self.grain += step * step;
+                self.grains += 1;
+            }
+        }
     }
 
     /// Takes another part of the same component in.
@@ -106,6 +139,10 @@ impl Sums {
         self.wxxy += other.wxxy;
         self.wxyy += other.wxyy;
         self.wyyy += other.wyyy;
+        self.rise += other.rise;
+        self.span += other.span;
+        self.grain += other.grain;
+        self.grains += other.grains;
         self.area += other.area;
         self.rim += other.rim;
         self.saturated += other.saturated;
@@ -159,7 +196,8 @@ mod tests {
             for (y, x, run) in &lines {
                 let (luma, weights): (Vec<u8>, Vec<u8>) = run.iter().copied().unzip();
                 pixels.extend(run.iter().zip(*x..).map(|(&(v, w), x)| (x, *y, v, w)));
-                let part = Sums::of_run(&luma, &weights, *x, *y, 1, 30);
+                let mut part = Sums::of_run(&luma, *x, *y, 1, 30);
+                part.weigh(&luma, &weights, *x, *y, None);
                 parts.push(part);
                 match &mut forward {
                     Some(sums) => sums.add(&part),
@@ -181,9 +219,9 @@ mod tests {
     #[test]
     fn the_largest_picture_at_full_weight_overflows_nothing() {
         let (luma, weights) = (vec![255; PICTURE.width], vec![FULL_WEIGHT; PICTURE.width]);
-        let mut sums = Sums::of_run(&luma, &weights, 0, 0, 7, 0);
-        for y in 1..PICTURE.lines as u16 {
-            sums.add(&Sums::of_run(&luma, &weights, 0, y, 7, 0));
+        let mut sums = Sums::of_run(&luma, 0, 0, 7, 0);
+        for y in 0..PICTURE.lines as u16 {
+            sums.weigh(&luma, &weights, 0, y, None);
         }
         let widths = PICTURE.widths();
         let expected = [widths.w, widths.wx, widths.wy, widths.wxx, widths.wxy, widths.wyy];

@@ -18,7 +18,7 @@
 //! B …     Cb, one every second pixel
 //! R …     Cr, one every second pixel
 //! component clock latency class w wx wy wxx wxy wyy wxxx wxxy wxyy wyyy area rim saturated peak contrast
-//!           half-box(left right top bottom) box(left right top bottom)      all in one line
+//!           rise span grain grains half-box(left right top bottom) box(left right top bottom)      all in one line
 //! blob    x(2⁻¹⁶ px) y(2⁻¹⁶ lines) flags    of the component above; two where markers touch
 //! tally   specks runs-lost unlabelled blobs-lost
 //! end
@@ -80,6 +80,7 @@ fn write_component(found: &Found, out: &mut String) -> std::fmt::Result {
     write!(out, "{}", numbers(&[s.w, s.wx, s.wy, s.wxx, s.wxy, s.wyy]))?;
     write!(out, "{}", numbers(&[s.wxxx, s.wxxy, s.wxyy, s.wyyy]))?;
     write!(out, "{} {} {}", numbers(&[s.area, s.rim, s.saturated]), s.peak, s.contrast)?;
+    write!(out, " {} {} {} {}", s.rise, s.span, s.grain, s.grains)?;
     writeln!(out, "{}{}", numbers(&s.half_box_px), numbers(&s.box_px))?;
     for blob in found.blobs() {
         // Centres are fixed-point numbers until the wire, so that this is exact.

@@ -74,7 +74,7 @@ fn cramped(runs: usize, labels: usize, blobs: usize) -> Settings {
 /// True on a square spiral of lines one pixel wide, two apart, that starts at the corner.
 fn on_spiral(x: usize, y: usize, side: usize) -> bool {
     let ring = x.min(y).min(side - 1 - x).min(side - 1 - y);
-    let on_ring = ring % 2 == 0;
+    let on_ring = ring.is_multiple_of(2);
     // The gap that opens each ring to the next lies below its left upper corner.
     let gate = x == ring && y == ring + 1 && ring > 0;
     let bridge = ring % 2 == 1 && x == ring && y == ring + 1;

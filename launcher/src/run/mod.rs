@@ -83,6 +83,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         ("motion-full", args.motion_full.then(|| "true".into())),
         ("blobs", file(&args.blobs)),
         ("direct", args.direct.then(|| "true".into())),
+        ("faults", args.faults.clone()),
         ("inject-delay", (!args.inject_delay.is_empty()).then(|| format!("{:?}", args.inject_delay))),
     ];
     let config = config.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?)));

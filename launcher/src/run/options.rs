@@ -26,6 +26,13 @@ pub struct RunArgs {
     /// Make blobs straight from the markers, without drawing pixels.
     #[arg(long, conflicts_with = "blobs")]
     pub direct: bool,
+    /// Let things go wrong in the cameras, from the seed: none, mild, hard, a fault by its name, or a file that
+    /// ends in .toml.
+    #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
+    pub faults: Option<String>,
+    /// Write down what was done to which field, as JSON lines.
+    #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
+    pub fault_log: Option<PathBuf>,
     /// Seed of everything random in the virtual cameras and hands.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -174,7 +181,7 @@ impl RunArgs {
         args.value("--scene", self.scene.as_ref().filter(|_| takes_scene));
         args.value("--inject-delay-ms", self.delay_ms(stage));
         match process {
-            Process::FpgaModel => self.camera_arguments(&mut args, remaining_s),
+            Process::FpgaModel => self.camera_arguments(&mut args, remaining_s, restarts),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
                 for (name, output) in [("--stills", &self.stills), ("--video", &self.video)] {
@@ -186,12 +193,15 @@ impl RunArgs {
         args.0
     }
 
-    fn camera_arguments(&self, args: &mut Arguments, remaining_s: Option<f64>) {
+    fn camera_arguments(&self, args: &mut Arguments, remaining_s: Option<f64>, restarts: u32) {
         args.value("--seed", Some(self.seed));
         args.path("--motion", self.motion.as_deref());
         args.flag("--motion-full", self.motion_full);
         args.path("--blobs", self.blobs.as_deref());
         args.flag("--direct", self.direct);
+        args.value("--faults", self.faults.as_ref());
+        let log = self.fault_log.as_deref().map(|file| numbered(file, restarts));
+        args.path("--fault-log", log.as_deref());
         args.value("--duration", remaining_s);
         let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));
         args.value("--late-camera", late);
@@ -218,7 +228,11 @@ impl RunArgs {
                 bail!("{what} {}: no such file", file.display());
             }
         }
-        let files = [&self.record, &self.report, &self.video].into_iter().flatten();
+        if let Some(file) = self.faults.as_deref().filter(|f| f.ends_with(".toml") && !Path::new(f).is_file())
+        {
+            bail!("--faults {file}: no such file");
+        }
+        let files = [&self.record, &self.report, &self.video, &self.fault_log].into_iter().flatten();
         let folders = files.filter_map(|f| f.parent()).chain(self.stills.as_deref());
         for folder in folders.filter(|f| !f.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).with_context(|| format!("make folder {}", folder.display()))?;
@@ -297,6 +311,19 @@ mod tests {
         assert_eq!(of(Process::Tracker), "--rig r.json");
         assert_eq!(of(Process::Simcore), "--scene peel");
         assert_eq!(of(Process::Renderer), "--rig r.json --scene peel --headless --stills s");
+    }
+
+    #[test]
+    fn faults_reach_the_cameras_and_nobody_else() {
+        let args = parse(&["--faults", "mild,dropped", "--fault-log", "f.jsonl"]).unwrap();
+        let of = |p, restarts| args.arguments_of(p, View::Headless, None, restarts).join(" ");
+        let cameras = of(Process::FpgaModel, 0);
+        assert_eq!(cameras, "--seed 1 --faults mild,dropped --fault-log f.jsonl");
+        assert!(of(Process::FpgaModel, 1).ends_with("f-2.jsonl"), "a restart keeps what was written");
+        assert!(!of(Process::Tracker, 0).contains("fault") && !of(Process::Simcore, 0).contains("fault"));
+        assert!(parse(&["--fault-log", "f"]).is_err(), "no faults, no log");
+        let missing = parse(&["--faults", "/nowhere/f.toml"]).unwrap().prepare().unwrap_err().to_string();
+        assert!(missing.contains("/nowhere/f.toml"), "{missing}");
     }
 
     #[test]

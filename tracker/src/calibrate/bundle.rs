@@ -2,12 +2,11 @@
 //! positions of markers, poses of bodies at every instant.
 
 use super::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
-use super::sightings::{Instant, Seen};
+use super::sightings::{Instant, Seen, image_of};
 use super::solve::{Column, Equations, Loss, Problem, Unknown};
 use super::targets::place_of;
 use crate::fit::carried;
 use crate::model::{Marker, RigModel};
-use crate::sight::image_of;
 use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, UnitQuaternion, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;

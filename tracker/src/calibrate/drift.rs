@@ -120,7 +120,7 @@ fn rows(instants: &[Instant], bundle: &Bundle, camera: usize, i: usize) -> Vec<R
         let (pose, motion) = (bundle.poses[i][seen.body]?, &instants[i].poses[seen.body]?.1);
         let pose = crate::fit::carried(&pose, motion, seen.dt_s);
         let model = &bundle.cameras[camera];
-        let image = crate::sight::image_of(&bundle.markers[seen.body][seen.marker], &pose, model)?;
+        let image = super::sightings::image_of(&bundle.markers[seen.body][seen.marker], &pose, model)?;
         let p = model.in_camera(&image.point);
         let slope = project(model, &p)?.by_point * by_place(model, &p);
         let error = seen.pixel - image.pixel;

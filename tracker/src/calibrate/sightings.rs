@@ -3,11 +3,12 @@
 
 use crate::assembler::{Closed, FrameAssembler};
 use crate::fit::carried;
-use crate::model::RigModel;
-use crate::sight::{Sight, View, image_of};
+use crate::model::{Marker, RigModel};
+use crate::sight::{Image, Sight, View};
 use crate::tracker::Tracker;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
+use protocol::camera::Camera;
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::poses::TrackerFrame;
@@ -55,6 +56,12 @@ const CLEAR: f64 = 2.5;
 const AREA: f64 = 0.08;
 /// What is not known of the motion when a pose is carried over dt: mm/s and mm/s².
 const MOTION_DOUBT: (f64, f64) = (2.0, 200.0);
+
+/// The image of a marker of a body at `world_from_body`, by the tracker's own model; `None` behind the
+/// camera.
+pub fn image_of(marker: &Marker, world_from_body: &Isometry3<f64>, camera: &Camera) -> Option<Image> {
+    crate::sight::image_of(marker, world_from_body, camera)
+}
 
 /// Runs the tracker over a stream and collects what it saw.
 pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<Instant> {

@@ -10,13 +10,11 @@
 use super::CalibrationError;
 use super::bundle::{Bundle, HELD, Known, Value, WavedProblem};
 use super::lens::{LENS, PLACE, by_place, project};
-use super::sightings::{Instant, Seen, collect};
+use super::sightings::{Instant, Seen, collect, image_of};
 use super::solve::{Problem, Solution, solve};
 use super::targets::{Residual, rms};
-use crate::constants::{SIGMA_X_PX, SIGMA_Y_PX};
 use crate::fit::carried;
 use crate::model::RigModel;
-use crate::sight::image_of;
 use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
@@ -90,6 +88,8 @@ pub fn refine(
     Ok(summary(&problem, solution, before))
 }
 
+/// Variances of a blob's column and line where the stream tells none, px².
+const USUAL_PX2: (f64, f64) = (0.045 * 0.045, 0.088 * 0.088);
 /// From one round to the next the blobs are doubted so many times less.
 const DOUBT_STEP: f64 = 8.0;
 
@@ -105,10 +105,15 @@ pub fn refine_stream(
 ) -> Result<Waved, CalibrationError> {
     let (mut doubt, mut current) = (known.rough(rig), rig.clone());
     loop {
-        let doubted: Vec<BlobField> = fields.iter().map(|f| doubted(f, doubt)).collect();
-        let mut seen = spread(collect(&current, &doubted), most);
-        let blobs = seen.iter_mut().flat_map(|i| &mut i.seen);
-        blobs.for_each(|s| s.covariance /= doubt * doubt);
+        let seen = if doubt > 1.0 {
+            let doubted: Vec<BlobField> = fields.iter().map(|f| doubted(f, doubt)).collect();
+            let mut seen = spread(collect(&current, &doubted), most);
+            let blobs = seen.iter_mut().flat_map(|i| &mut i.seen);
+            blobs.for_each(|s| s.covariance /= doubt * doubt);
+            seen
+        } else {
+            spread(collect(&current, fields), most)
+        };
         // What was known before stays what it was; only the poses begin at better ones.
         let found = refine(rig, &seen, known, progress)?;
         if doubt <= 1.0 {
@@ -144,7 +149,7 @@ fn doubted(field: &BlobField, times: f64) -> BlobField {
     for blob in &mut out.blobs[..count] {
         let told = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
         if told == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] {
-            (blob.var_x_px2, blob.var_y_px2) = (SIGMA_X_PX * SIGMA_X_PX, SIGMA_Y_PX * SIGMA_Y_PX);
+            (blob.var_x_px2, blob.var_y_px2) = USUAL_PX2;
         }
         blob.var_x_px2 *= times * times;
         blob.var_y_px2 *= times * times;

@@ -1,0 +1,114 @@
+//! Chance as a pure function: the same question always has the same answer.
+
+use super::Kind;
+use crate::picture::scatter;
+
+/// Answers questions about chance.
+#[derive(Debug, Clone, Copy)]
+pub struct Dice {
+    seed: u64,
+}
+
+/// A throw about one field: as many numbers as one likes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Throw {
+    key: u64,
+}
+
+/// Something that lasts for some fields.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Episode {
+    /// First field.
+    pub start: u64,
+    /// The numbers that belong to it.
+    pub throw: Throw,
+}
+
+impl Dice {
+    /// Of a seed.
+    pub fn new(seed: u64) -> Self {
+        // One round more than anything else that is drawn from the same seed.
+        Dice { seed: scatter(seed ^ 0xfa17) }
+    }
+
+    /// The throw about a fault, a camera and a field.
+    pub fn throw(&self, kind: Kind, camera: u32, field: u64) -> Throw {
+        let who = (kind as u64) << 8 | u64::from(camera);
+        Throw { key: scatter(scatter(self.seed ^ who) ^ field) }
+    }
+
+    /// The newest episode that `field` lies in. One begins in a field with chance `rate` and lasts 1 to
+    /// `longest` fields, each number as likely.
+    pub fn episode(&self, kind: Kind, camera: u32, field: u64, rate: f64, longest: u32) -> Option<Episode> {
+        for back in 0..u64::from(longest).min(field + 1) {
+            let throw = self.throw(kind, camera, field - back);
+            if throw.uniform(0) < rate && back <= throw.below(1, u64::from(longest)) {
+                return Some(Episode { start: field - back, throw });
+            }
+        }
+        None
+    }
+}
+
+impl Throw {
+    /// Number `i` of this throw.
+    pub fn number(&self, i: u64) -> u64 {
+        scatter(self.key.wrapping_add(i.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+    }
+
+    /// Number `i`, even in 0 to 1 (exclusive).
+    pub fn uniform(&self, i: u64) -> f64 {
+        (self.number(i) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Number `i`, even in 0 to `n` (exclusive); 0 for `n` = 0.
+    pub fn below(&self, i: u64, n: u64) -> u64 {
+        ((u128::from(self.number(i)) * u128::from(n)) >> 64) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn throws_are_even_and_independent_of_one_another() {
+        let dice = Dice::new(1);
+        let n = 20_000u64;
+        let mut mean = [0.0; 3];
+        for field in 0..n {
+            let (a, b) = (dice.throw(Kind::Late, 0, field), dice.throw(Kind::Late, 1, field));
+            assert_ne!(a, b);
+            let values = [a.uniform(0), a.uniform(1), b.uniform(0)].map(|v| v - 0.5);
+            mean[0] += values[0] / n as f64;
+            mean[1] += values[0] * values[1] / n as f64;
+            mean[2] += values[0] * values[2] / n as f64;
+        }
+        assert!(mean.iter().all(|m| m.abs() < 0.01), "{mean:?}");
+        let counts = (0..9000).fold([0; 9], |mut counts, field| {
+            counts[dice.throw(Kind::Torn, 2, field).below(4, 9) as usize] += 1;
+            counts
+        });
+        assert!(counts.iter().all(|&c| (850..1150).contains(&c)), "{counts:?}");
+    }
+
+    #[test]
+    fn episodes_begin_at_their_rate_and_last_as_long_as_they_may() {
+        let dice = Dice::new(2);
+        let (rate, longest, fields) = (0.002, 20, 100_000);
+        let mut starts = std::collections::BTreeMap::new();
+        for field in 0..fields {
+            if let Some(episode) = dice.episode(Kind::Occlusion, 0, field, rate, longest) {
+                let last = starts.entry(episode.start).or_insert(field);
+                assert!(field >= episode.start && field == (*last).max(field), "no gap, no return");
+                *last = field;
+            }
+        }
+        let expected = rate * fields as f64;
+        assert!((starts.len() as f64 - expected).abs() < 4.0 * expected.sqrt(), "{} episodes", starts.len());
+        let lengths: Vec<u64> = starts.iter().map(|(start, last)| last - start + 1).collect();
+        let mean = lengths.iter().sum::<u64>() as f64 / lengths.len() as f64;
+        // 1 to 20 evenly: 10.5, a little less where the next one takes over.
+        assert!((9.5..11.2).contains(&mean) && lengths.iter().all(|l| (1..=20).contains(l)), "{mean}");
+    }
+}

@@ -1,0 +1,134 @@
+//! Takes pictures from a camera of this machine (Video4Linux2, for instance `/dev/video0`).
+//!
+//! The camera keeps the size it is set to (`v4l2-ctl --set-fmt-video` changes it) and is asked for YUYV,
+//! which is 4:2:2 as it comes. One that cannot deliver it is refused. The driver does not hand on when a
+//! picture was exposed; whoever reads it says when it came.
+
+use super::{Picture, PictureError, size_defect};
+use linuxvideo::format::{Format, PixFormat, PixelFormat};
+use linuxvideo::stream::ReadStream;
+use linuxvideo::{BufType, Device};
+use std::path::Path;
+
+/// A camera that delivers.
+pub struct Camera {
+    file: String,
+    stream: ReadStream,
+    layout: Layout,
+    taken: u64,
+}
+
+/// Where the samples of a YUYV picture lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Layout {
+    width: usize,
+    height: usize,
+    bytes_per_line: usize,
+}
+
+impl Camera {
+    /// Opens a camera and starts it.
+    pub fn open(path: &Path) -> Result<Self, PictureError> {
+        let file = path.display().to_string();
+        let failed = |what: &str, error: std::io::Error| PictureError::File {
+            file: file.clone(),
+            problem: format!("expected a Video4Linux2 camera that {what}: {error}"),
+        };
+        let device = Device::open(path).map_err(|e| failed("opens", e))?;
+        let now = device.format(BufType::VIDEO_CAPTURE).map_err(|e| failed("takes pictures", e))?;
+        let Format::VideoCapture(now) = now else {
+            let problem = "expected a camera with one plane of samples".into();
+            return Err(PictureError::File { file, problem });
+        };
+        let asked = PixFormat::new(now.width(), now.height(), PixelFormat::YUYV);
+        let camera = device.video_capture(asked).map_err(|e| failed("delivers YUYV", e))?;
+        let got = camera.format();
+        let layout = Layout::of(got.width(), got.height(), got.bytes_per_line());
+        let layout = layout.map_err(|problem| PictureError::File { file: file.clone(), problem })?;
+        if got.pixel_format() != PixelFormat::YUYV {
+            let problem = format!("expected a camera that delivers YUYV, found {}", got.pixel_format());
+            return Err(PictureError::File { file, problem });
+        }
+        let stream = camera.into_stream().map_err(|e| failed("starts", e))?;
+        Ok(Camera { file, stream, layout, taken: 0 })
+    }
+
+    /// Its name, for messages.
+    pub fn file(&self) -> &str {
+        &self.file
+    }
+
+    /// Waits for the next picture.
+    pub fn read(&mut self, into: &mut Picture) -> Result<bool, PictureError> {
+        self.taken += 1;
+        let layout = self.layout;
+        let taken = self.stream.dequeue(|bytes| Ok(layout.unpack(&bytes, into)));
+        let problem = match taken {
+            Ok(Ok(())) => return Ok(true),
+            Ok(Err(problem)) => problem,
+            Err(error) => error.to_string(),
+        };
+        Err(PictureError::Picture { file: self.file.clone(), picture: self.taken, problem })
+    }
+}
+
+impl Layout {
+    fn of(width: u32, height: u32, bytes_per_line: u32) -> Result<Self, String> {
+        if let Some(defect) = size_defect(width.into(), height.into()) {
+            return Err(defect);
+        }
+        let [width, height, bytes] = [width, height, bytes_per_line].map(|v| v as usize);
+        let least = width.div_ceil(2) * 4;
+        if bytes < least {
+            return Err(format!("expected at least {least} bytes a line, found {bytes}"));
+        }
+        Ok(Layout { width, height, bytes_per_line: bytes })
+    }
+
+    /// Fills `into` from Y Cb Y Cr …
+    fn unpack(&self, bytes: &[u8], into: &mut Picture) -> Result<(), String> {
+        let expected = self.bytes_per_line * self.height;
+        if bytes.len() < expected {
+            return Err(format!("expected {expected} bytes of samples, found {}", bytes.len()));
+        }
+        (into.width, into.height) = (self.width, self.height);
+        for plane in [&mut into.luma, &mut into.blue, &mut into.red, &mut into.as_read] {
+            plane.clear();
+        }
+        for line in bytes.chunks_exact(self.bytes_per_line).take(self.height) {
+            let pairs = line.as_chunks::<4>().0.iter().take(self.width.div_ceil(2));
+            for (i, &[y0, blue, y1, red]) in pairs.enumerate() {
+                into.luma.push(y0);
+                if 2 * i + 1 < self.width {
+                    into.luma.push(y1);
+                }
+                into.blue.push(blue);
+                into.red.push(red);
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_taken_apart_without_their_padding() {
+        let layout = Layout::of(3, 2, 10).unwrap();
+        let bytes: Vec<u8> = (0..20).collect();
+        let mut picture = Picture::default();
+        layout.unpack(&bytes, &mut picture).unwrap();
+        assert_eq!(picture.luma, [0, 2, 4, 10, 12, 14]);
+        assert_eq!((&picture.blue[..], &picture.red[..]), (&[1, 5, 11, 15][..], &[3, 7, 13, 17][..]));
+        assert!(layout.unpack(&bytes[..19], &mut picture).unwrap_err().contains("expected 20 bytes"));
+        assert!(Layout::of(3, 2, 7).is_err() && Layout::of(0, 2, 8).is_err());
+    }
+
+    #[test]
+    fn what_is_no_camera_is_refused() {
+        let error = Camera::open(Path::new("/dev/null")).err().unwrap().to_string();
+        assert!(error.contains("/dev/null: expected a Video4Linux2 camera"), "{error}");
+    }
+}
