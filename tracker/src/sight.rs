@@ -113,7 +113,8 @@ fn covariance_of(blob: &Blob) -> Matrix2<f64> {
     let told = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
     let (low, high) = k::VARIANCE_RANGE_PX2;
     if told == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] || !told.iter().all(|v| v.is_finite()) {
-        return Matrix2::new(k::SIGMA_X_PX * k::SIGMA_X_PX, 0.0, 0.0, k::SIGMA_Y_PX * k::SIGMA_Y_PX);
+        let area = blob.area_px.clamp(k::SIGMA_AREA_PX.0, k::SIGMA_AREA_PX.1);
+        return Matrix2::from_diagonal(&Vector2::new(k::SIGMA_X_PX, k::SIGMA_Y_PX).map(|s| s * s / area));
     }
     let (xx, yy) = (told[0].clamp(low, high), told[1].clamp(low, high));
     let limit = 0.95 * libm::sqrt(xx * yy);
