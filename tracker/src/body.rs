@@ -2,8 +2,10 @@
 
 use crate::associate::Expected;
 use crate::constants as k;
-use crate::filter::{Filter, Matrix6};
+use crate::estimate::Estimate;
+use crate::filter::Matrix6;
 use crate::fit::{Fit, Match};
+use crate::hand::Pivot;
 use crate::model::BodyModel;
 use crate::motion::MotionBank;
 use bytemuck::Zeroable;
@@ -16,7 +18,7 @@ use protocol::poses::{BodyState, BodyStatus, Predictor};
 #[derive(Debug, Clone)]
 pub struct Track {
     /// `None` while lost.
-    pub filter: Option<Filter>,
+    pub filter: Option<Estimate>,
     /// Running reduced χ²: above 1 where the calibration is worse than the blobs.
     pub variance_scale: f64,
     /// Instant of the last blob of each camera.
@@ -64,10 +66,10 @@ impl Track {
 
     /// Carries the body to `base_ns`, or gives it up where the gap is too long or two cameras have
     /// not seen it for too long.
-    pub fn advance(&mut self, base_ns: u64) {
+    pub fn advance(&mut self, base_ns: u64, pivot: Option<Pivot>) {
         let stale = base_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
         if let Some(filter) = &mut self.filter {
-            filter.advance(base_ns);
+            filter.advance(base_ns, pivot);
         }
         if stale {
             self.lose();
@@ -77,7 +79,7 @@ impl Track {
     /// Nothing is known any more; the last pose is kept for those who show it.
     pub fn lose(&mut self) {
         if let Some(filter) = self.filter.take() {
-            self.last_pose = filter.world_from_body;
+            self.last_pose = filter.pose();
             self.last_covariance = filter.pose_covariance();
         }
         self.seen_ns = [0; MAX_CAMERAS];
@@ -87,9 +89,9 @@ impl Track {
     /// Where the body should be at its filter's instant.
     pub fn expected(&self) -> Option<Expected> {
         self.filter.as_ref().map(|f| Expected {
-            pose: f.world_from_body,
+            pose: f.pose(),
             covariance: f.pose_covariance(),
-            motion: [f.velocity, f.angular_velocity],
+            motion: f.motion(),
             variance_scale: self.variance_scale,
         })
     }
@@ -137,9 +139,10 @@ impl Track {
         matches: &[Match],
         base_ns: u64,
         in_frame: u32,
+        pivot: Option<Pivot>,
     ) {
         self.lose();
-        self.filter = Some(Filter::new(fit.pose, &fit.covariance, model.start, model.motion, base_ns));
+        self.filter = Some(Estimate::new(model, &fit.pose, &fit.covariance, pivot, base_ns));
         self.variance_scale = 1.0;
         self.good_ns = base_ns;
         self.note(fit, matches, base_ns, in_frame);
@@ -165,10 +168,10 @@ impl Track {
     /// What is published for the instant `exposed_ns`.
     pub fn state(&mut self, model: &BodyModel, exposed_ns: u64) -> BodyState {
         let mut state = BodyState::zeroed();
-        let covariance = self.filter.as_ref().map_or(self.last_covariance, Filter::pose_covariance);
+        let covariance = self.filter.as_ref().map_or(self.last_covariance, Estimate::pose_covariance);
         let mut pose = self.last_pose;
         if let Some(filter) = &self.filter {
-            let dt = exposed_ns.wrapping_sub(filter.time_ns) as i64 as f64 * 1e-9;
+            let dt = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             pose = filter.pose_after(dt.clamp(-0.2, 0.2));
             state.predictor = predictor(filter, model);
         }
@@ -222,13 +225,12 @@ impl Track {
     }
 }
 
-fn predictor(filter: &Filter, model: &BodyModel) -> Predictor {
+fn predictor(filter: &Estimate, model: &BodyModel) -> Predictor {
     let mut predictor = Predictor::zeroed();
-    predictor.angular_velocity_rad_s = filter.angular_velocity.into();
+    let [velocity, turning] = filter.motion();
+    predictor.angular_velocity_rad_s = turning.into();
     if !model.is_eye {
-        predictor.velocity_mm_s = filter.velocity.into();
-        predictor.acceleration_mm_s2 = filter.acceleration.into();
-        predictor.acceleration_tau_s = filter.models[0].tau_s;
+        predictor.velocity_mm_s = velocity.into();
     }
     predictor
 }

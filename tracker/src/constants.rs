@@ -22,12 +22,39 @@ pub const SEED_AREA_RATIO: (f64, f64) = (0.3, 2.2);
 /// Step of the running estimate of a camera's area scale.
 pub const AREA_SCALE_STEP: f64 = 0.004;
 
-/// Singer model of an instrument's tip: standard deviation of the acceleration, mm/s².
-pub const TIP_ACCELERATION_MM_S2: f64 = 400.0;
-/// Its time constant, s; tremor at 9 Hz turns round in 28 ms. A longer one overshoots (100 ms doubles the error of
-/// free-running cameras), a shorter one forgets.
-pub const TIP_ACCELERATION_TAU_S: f64 = 0.02;
-/// The same for an instrument's rotation, rad/s².
+/// Standard deviation of the acceleration of a hand's planned movement at the start, mm/s².
+pub const SMOOTH_MM_S2: f64 = 15.0;
+/// Time constant of its lag, s: shorter overshoots, longer lags behind a hand that turns round.
+pub const SMOOTH_TAU_S: f64 = 0.2;
+/// Bounds of its variance as learnt, mm²/s⁴: a resting hand, a hand that pulls out.
+pub const SMOOTH_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
+/// Time over which it is learnt, s.
+pub const SMOOTH_LEARNING_S: f64 = 1.0;
+/// Squared normalised surprise (6 degrees of freedom) above which the planned movement is believed less at once.
+pub const SURPRISE: f64 = 30.0;
+/// Frequencies of the tremor's oscillators, Hz: physiological tremor lies between 6 and 14 Hz.
+pub const TREMOR_HZ: [f64; 5] = [7.0, 8.5, 10.0, 11.5, 13.0];
+/// Their damping ratio: wide enough to overlap, narrow enough to foresee a period.
+pub const TREMOR_DAMPING: f64 = 0.03;
+/// Standard deviation of their displacement at the start, mm, per axis.
+pub const TREMOR_START_MM: f64 = 0.018;
+/// Bounds of its variance as learnt, mm².
+pub const TREMOR_RANGE_MM2: (f64, f64) = (1e-7, 0.04);
+/// Time over which it is learnt, s.
+pub const TREMOR_LEARNING_S: f64 = 0.4;
+/// Rate of the play of a shaft in its trocar, rad/s: it comes from slow movements of the hand.
+pub const PLAY_RAD_S: f64 = 3.0;
+/// Its damping ratio.
+pub const PLAY_DAMPING: f64 = 0.7;
+/// Play where the trocar is not known, mm.
+pub const FREE_PLAY_MM: f64 = 1.0;
+/// Distance of the pivot from the tip where the trocar is not known, mm.
+pub const FREE_PIVOT_MM: f64 = 12.0;
+/// Shortest distance between tip and pivot that still gives a direction, mm.
+pub const SHORTEST_LEVER_MM: f64 = 4.0;
+/// Longest step of the filter's prediction, ns.
+pub const LONGEST_STEP_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
+/// Singer model of an instrument's roll, rad/s².
 pub const TURN_ACCELERATION_RAD_S2: f64 = 60.0;
 /// Its time constant, s.
 pub const TURN_ACCELERATION_TAU_S: f64 = 0.02;

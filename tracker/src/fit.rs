@@ -9,7 +9,8 @@
 //! is fitted without weights.
 
 use crate::constants as k;
-use crate::filter::{Filter, Matrix6, Vector6, changed, difference, exp};
+use crate::estimate::Estimate;
+use crate::filter::{Matrix6, Vector6, changed, difference, exp};
 use crate::model::{BodyModel, RigModel};
 use crate::sight::{Image, image_of};
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Translation3, Vector2, Vector3};
@@ -116,14 +117,13 @@ impl Problem<'_> {
     pub fn of_filter<'a>(
         rig: &'a RigModel,
         body: &'a BodyModel,
-        filter: &Filter,
-        trocar: Option<TrocarInWorld>,
+        filter: &Estimate,
         variance_scale: f64,
     ) -> Option<Problem<'a>> {
         let prior_information = filter.pose_covariance().cholesky()?.inverse();
-        let motion = [filter.velocity, filter.angular_velocity];
-        let prior = filter.world_from_body;
-        Some(Problem { rig, body, prior, prior_information, motion, trocar, variance_scale })
+        let motion = filter.motion();
+        let prior = filter.pose();
+        Some(Problem { rig, body, prior, prior_information, motion, trocar: None, variance_scale })
     }
 
     /// Solves it, beginning at `start`. `None` where it does not converge or too little is left.

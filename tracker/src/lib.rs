@@ -12,10 +12,13 @@
 pub mod assembler;
 pub mod associate;
 pub mod body;
+pub mod chain;
 pub mod config;
 pub mod constants;
+pub mod estimate;
 pub mod filter;
 pub mod fit;
+pub mod hand;
 pub mod model;
 pub mod motion;
 pub mod process;

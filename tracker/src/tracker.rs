@@ -4,6 +4,7 @@ use crate::associate::{Associator, Group};
 use crate::body::Track;
 use crate::constants as k;
 use crate::fit::{Fit, MAX_MATCHES, Match, Problem, TrocarInWorld, trocar_miss};
+use crate::hand::Pivot;
 use crate::model::RigModel;
 use crate::seed::{Scene, Searcher};
 use crate::sight::View;
@@ -154,8 +155,9 @@ impl Tracker {
         }
         self.last_ns = base_ns;
         self.in_frame |= cameras;
-        for track in &mut self.tracks {
-            track.advance(base_ns);
+        for body in ORDER {
+            let pivot = self.pivot(body, base_ns);
+            self.tracks[body].advance(base_ns, pivot);
         }
         self.update(cameras, base_ns);
         self.search(base_ns);
@@ -195,12 +197,10 @@ impl Tracker {
     }
 
     fn fit(&mut self, body: usize) -> Option<Fit> {
-        let trocar = self.trocar(body);
         let track = &self.tracks[body];
         let filter = track.filter.as_ref()?;
-        let problem =
-            Problem::of_filter(&self.rig, &self.rig.bodies[body], filter, trocar, track.variance_scale)?;
-        let start = self.fits[body].map_or(filter.world_from_body, |f| f.pose);
+        let problem = Problem::of_filter(&self.rig, &self.rig.bodies[body], filter, track.variance_scale)?;
+        let start = self.fits[body].map_or(problem.prior, |f| f.pose);
         let matches = &mut self.matches[body];
         if matches.is_empty() { None } else { problem.solve(&start, matches) }
     }
@@ -211,12 +211,21 @@ impl Tracker {
         let eye = self.tracks[EYE].filter.as_ref()?;
         let (pose, covariance) = match &self.fits[EYE] {
             Some(fit) => (fit.pose, fit.covariance),
-            None => (eye.world_from_body, eye.pose_covariance()),
+            None => (eye.pose(), eye.pose_covariance()),
         };
         let turn: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
         let doubt = turn.trace().max(0.0) / 3.0 * trocar.position_in_eye.coords.norm_squared();
         let sigma = libm::sqrt(trocar.sigma * trocar.sigma + doubt);
         Some((pose.rotation * trocar.position_in_eye, sigma))
+    }
+
+    /// The trocar that an instrument's shaft passes at `base_ns`, if the eye is tracked.
+    fn pivot(&self, body: usize, base_ns: u64) -> Option<Pivot> {
+        let trocar = self.rig.bodies[body].trocar?;
+        let eye = self.tracks[EYE].filter.as_ref()?;
+        let dt = base_ns.wrapping_sub(eye.time_ns()) as i64 as f64 * 1e-9;
+        let position = eye.pose_after(dt).rotation * trocar.position_in_eye.coords;
+        Some(Pivot { position, sigma: trocar.sigma, carried: true })
     }
 
     fn take(&mut self, body: usize, base_ns: u64) {
@@ -253,8 +262,9 @@ impl Tracker {
             let scene =
                 Scene { rig: &self.rig, views: &self.views, base_ns, trocar, area_scales: &self.area_scales };
             let Some(fit) = self.searcher.search(&scene, &self.rig.bodies[body]) else { continue };
+            let pivot = self.pivot(body, base_ns);
             let matches = &self.searcher.matches;
-            self.tracks[body].take_seed(&fit, &self.rig.bodies[body], matches, base_ns, self.in_frame);
+            self.tracks[body].take_seed(&fit, &self.rig.bodies[body], matches, base_ns, self.in_frame, pivot);
             for m in matches.iter().filter(|m| !m.out) {
                 self.views[m.camera].take(m.blob);
             }

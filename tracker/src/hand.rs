@@ -1,0 +1,461 @@
+//! How an instrument moves: one Kalman filter for the planned movement of its tip, the tremor on
+//! top of it, the play of its shaft in the trocar and its roll.
+//!
+//! The shaft passes the trocar, so that a moving tip turns the shaft by itself: with the tip p, the
+//! pivot Q = T + m (T the trocar as the eye carries it, m the play) and L = |Q − p|, the axis is
+//! d = (Q − p)/L and a small change turns the body by δθ = d × (δm − δp)/L + d·δρ (ρ the roll). So
+//! one camera that sees the shaft already tells where along its own line of sight the tip is, and a
+//! tremor seen by one camera is known to the others before their next exposure.
+//!
+//! Linear states, each a vector of the world: the smooth movement (x, v, a, a'); a bank of
+//! oscillators across 6–14 Hz, which add up (no choice is made between them; each learns how strong
+//! it is from its own state, as expectation–maximisation would); the play (m, m'). Then the roll
+//! (ρ, ρ', ρ''), a Singer chain. A measurement is a pose with its covariance *after* the prior went
+//! in (see `fit`); the rest of the state follows by its regression on the pose.
+
+use crate::chain::{Oscillator, Smooth};
+use crate::constants as k;
+use crate::filter::{Matrix6, Singer, Vector6, difference, exp};
+use nalgebra::{Isometry3, Matrix3, Quaternion, SMatrix, Translation3, UnitQuaternion, Vector3};
+
+/// Oscillators of the tremor.
+const TREMORS: usize = k::TREMOR_HZ.len();
+/// Vector states: smooth movement, tremor, play.
+const VECTORS: usize = PLAY + 2;
+const TREMOR: usize = 4;
+const PLAY: usize = TREMOR + 2 * TREMORS;
+/// First row of the roll's chain; number of rows.
+const ROLL: usize = 3 * VECTORS;
+const N: usize = ROLL + 3;
+
+type Row = [f64; N];
+
+/// The point that the shaft passes, and how far it strays from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pivot {
+    /// In the world, mm.
+    pub position: Vector3<f64>,
+    /// Standard deviation of the play, mm.
+    pub sigma: f64,
+    /// True if this is the trocar as a tracked eye carries it.
+    pub carried: bool,
+}
+
+/// State of an instrument.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HandFilter {
+    vectors: [Vector3<f64>; VECTORS],
+    roll_rate: f64,
+    roll_acceleration: f64,
+    rotation: UnitQuaternion<f64>,
+    pivot: Pivot,
+    /// Variance of the displacement of each oscillator, mm².
+    tremor_variance: [f64; TREMORS],
+    smooth_variance: f64,
+    covariance: [Row; N],
+    /// Instant of the state, ns.
+    pub time_ns: u64,
+}
+
+/// What a time does to the states.
+struct Step {
+    smooth: [[f64; 4]; 4],
+    tremor: [[[f64; 2]; 2]; TREMORS],
+    play: [[f64; 2]; 2],
+    roll: [[f64; 3]; 3],
+}
+
+const PLAY_MODEL: Oscillator = Oscillator { omega: k::PLAY_RAD_S, damping: k::PLAY_DAMPING };
+const ROLL_MODEL: Singer = Singer { sigma: k::TURN_ACCELERATION_RAD_S2, tau_s: k::TURN_ACCELERATION_TAU_S };
+
+fn tremor_model(i: usize) -> Oscillator {
+    Oscillator { omega: 2.0 * std::f64::consts::PI * k::TREMOR_HZ[i], damping: k::TREMOR_DAMPING }
+}
+
+fn smooth_model(variance: f64) -> Smooth {
+    Smooth { sigma: libm::sqrt(variance), tau_s: k::SMOOTH_TAU_S }
+}
+
+impl Step {
+    fn new(dt: f64) -> Self {
+        let roll = ROLL_MODEL.transition(dt);
+        Step {
+            smooth: smooth_model(1.0).transition(dt),
+            tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
+            play: PLAY_MODEL.transition(dt),
+            roll: [[1.0, roll.dt, roll.h], [0.0, 1.0, roll.g], [0.0, 0.0, roll.e]],
+        }
+    }
+
+    /// F·M, where `rows` are the rows of M, three for each vector.
+    fn apply(&self, rows: &mut [Row; N]) {
+        for axis in 0..3 {
+            mix(rows, [axis, axis + 3, axis + 6, axis + 9], &self.smooth);
+            for (i, f) in self.tremor.iter().enumerate() {
+                let first = 3 * (TREMOR + 2 * i) + axis;
+                mix(rows, [first, first + 3], f);
+            }
+            mix(rows, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &self.play);
+        }
+        mix(rows, [ROLL, ROLL + 1, ROLL + 2], &self.roll);
+    }
+
+    fn apply_to_vectors(&self, vectors: &mut [Vector3<f64>; VECTORS]) {
+        blend(&mut vectors[..TREMOR], &self.smooth);
+        for (i, f) in self.tremor.iter().enumerate() {
+            blend(&mut vectors[TREMOR + 2 * i..TREMOR + 2 * i + 2], f);
+        }
+        blend(&mut vectors[PLAY..], &self.play);
+    }
+}
+
+/// Replaces the rows `at` by their combinations.
+fn mix<const M: usize>(rows: &mut [Row; N], at: [usize; M], f: &[[f64; M]; M]) {
+    for column in 0..N {
+        let old: [f64; M] = std::array::from_fn(|i| rows[at[i]][column]);
+        for (r, &row) in at.iter().enumerate() {
+            let mut sum = 0.0;
+            for c in 0..M {
+                sum += f[r][c] * old[c];
+            }
+            rows[row][column] = sum;
+        }
+    }
+}
+
+fn blend<const M: usize>(vectors: &mut [Vector3<f64>], f: &[[f64; M]; M]) {
+    let old: [Vector3<f64>; M] = std::array::from_fn(|i| vectors[i]);
+    for (out, row) in vectors.iter_mut().zip(f) {
+        *out = row.iter().zip(&old).fold(Vector3::zeros(), |sum, (f, v)| sum + v * *f);
+    }
+}
+
+impl HandFilter {
+    /// An instrument just found at `pose`. Without a pivot the shaft turns about a point of its own.
+    pub fn new(pose: &Isometry3<f64>, pose_covariance: &Matrix6, pivot: Option<Pivot>, time_ns: u64) -> Self {
+        let axis = pose.rotation * Vector3::z();
+        let tip = pose.translation.vector;
+        let free = Pivot { position: tip + axis * k::FREE_PIVOT_MM, sigma: k::FREE_PLAY_MM, carried: false };
+        let pivot = pivot.filter(|p| axis.dot(&(p.position - tip)) > k::SHORTEST_LEVER_MM).unwrap_or(free);
+        let to_pivot = pivot.position - tip;
+        let lever = axis.dot(&to_pivot);
+        let mut filter = HandFilter {
+            vectors: [Vector3::zeros(); VECTORS],
+            roll_rate: 0.0,
+            roll_acceleration: 0.0,
+            rotation: pose.rotation,
+            pivot,
+            tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; TREMORS],
+            smooth_variance: k::SMOOTH_MM_S2 * k::SMOOTH_MM_S2,
+            covariance: [[0.0; N]; N],
+            time_ns,
+        };
+        filter.vectors[0] = tip;
+        filter.vectors[PLAY] = axis * lever - to_pivot;
+        filter.start_covariance(pose_covariance, &axis, lever);
+        filter
+    }
+
+    fn start_covariance(&mut self, pose: &Matrix6, axis: &Vector3<f64>, lever: f64) {
+        let spot: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into();
+        let turn: Matrix3<f64> = pose.fixed_view::<3, 3>(3, 3).into();
+        let p = &mut self.covariance;
+        for r in 0..3 {
+            for c in 0..3 {
+                p[r][c] = 0.5 * (spot[(r, c)] + spot[(c, r)]);
+            }
+        }
+        let roll = (axis.transpose() * turn * axis)[0];
+        let tilt = (turn.trace() - roll).max(0.0);
+        let play = self.pivot.sigma * self.pivot.sigma;
+        let smooth = smooth_model(self.smooth_variance);
+        let lag = 1.0 / (smooth.tau_s * smooth.tau_s);
+        for axis in 0..3 {
+            let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
+            put(1, k::SEED_SPEED_MM_S * k::SEED_SPEED_MM_S);
+            put(2, self.smooth_variance);
+            put(3, self.smooth_variance * lag);
+            for (i, variance) in self.tremor_variance.iter().enumerate() {
+                put(TREMOR + 2 * i, *variance);
+                put(TREMOR + 2 * i + 1, variance * tremor_model(i).omega * tremor_model(i).omega);
+            }
+            put(PLAY, play + tilt * lever * lever + spot.trace());
+            put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
+        }
+        p[ROLL][ROLL] = roll;
+        p[ROLL + 1][ROLL + 1] = k::SEED_TURN_RAD_S * k::SEED_TURN_RAD_S;
+        p[ROLL + 2][ROLL + 2] = ROLL_MODEL.sigma * ROLL_MODEL.sigma;
+    }
+
+    /// `world_from_body`.
+    pub fn pose(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(Translation3::from(tip_of(&self.vectors)), self.rotation)
+    }
+
+    /// Velocity of the tip, tremor included, mm/s, and angular velocity, rad/s; world.
+    pub fn motion(&self) -> [Vector3<f64>; 2] {
+        let velocity = self.velocity();
+        let (axis, lever) = self.shaft();
+        let turning = axis.cross(&(self.vectors[PLAY + 1] - velocity)) / lever + axis * self.roll_rate;
+        [velocity, turning]
+    }
+
+    fn velocity(&self) -> Vector3<f64> {
+        let tremor = self.vectors[TREMOR..PLAY].iter().skip(1).step_by(2);
+        tremor.fold(self.vectors[1], |sum, v| sum + v)
+    }
+
+    /// How far the shaft passes beside its trocar, mm; 0 where it has none.
+    pub fn play(&self) -> f64 {
+        if self.pivot.carried { self.vectors[PLAY].norm() } else { 0.0 }
+    }
+
+    /// Direction from tip to pivot, and their distance, mm.
+    fn shaft(&self) -> (Vector3<f64>, f64) {
+        let to_pivot = self.pivot.position + self.vectors[PLAY] - tip_of(&self.vectors);
+        let lever = to_pivot.norm().max(k::SHORTEST_LEVER_MM);
+        (self.rotation * Vector3::z(), lever)
+    }
+
+    /// The pose `dt` seconds from the state's instant (either way), by the mean motion alone.
+    pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
+        let mut ahead = (self.vectors, self.rotation);
+        if dt != 0.0 {
+            ahead = self.carried(&Step::new(dt), &self.pivot);
+        }
+        Isometry3::from_parts(Translation3::from(tip_of(&ahead.0)), ahead.1)
+    }
+
+    fn carried(&self, step: &Step, pivot: &Pivot) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>) {
+        let mut vectors = self.vectors;
+        step.apply_to_vectors(&mut vectors);
+        let axis = self.rotation * Vector3::z();
+        let roll = self.roll_rate * step.roll[0][1] + self.roll_acceleration * step.roll[0][2];
+        let rotation = aligned(exp(axis * roll) * self.rotation, &vectors, pivot);
+        (vectors, rotation)
+    }
+
+    /// Carries the state to `time_ns`, where the trocar is at `pivot`; an earlier instant changes
+    /// nothing. Without a pivot the last one is kept, and believed less.
+    pub fn advance(&mut self, time_ns: u64, pivot: Option<Pivot>) {
+        let whole_ns = time_ns.saturating_sub(self.time_ns);
+        if whole_ns == 0 {
+            return;
+        }
+        self.learn(whole_ns as f64 * 1e-9);
+        let steps = whole_ns.div_ceil(k::LONGEST_STEP_NS);
+        let dt = whole_ns as f64 * 1e-9 / steps as f64;
+        let step = Step::new(dt);
+        let target = self.next_pivot(pivot);
+        for i in 1..=steps {
+            if i == steps {
+                self.pivot = target;
+            }
+            (self.vectors, self.rotation) = self.carried(&step, &self.pivot);
+            self.roll_rate += self.roll_acceleration * step.roll[1][2];
+            self.roll_acceleration *= step.roll[2][2];
+            step.apply(&mut self.covariance);
+            transpose(&mut self.covariance);
+            step.apply(&mut self.covariance);
+            self.add_noise(&step, dt);
+        }
+        self.time_ns = time_ns;
+    }
+
+    /// Where the pivot goes. A trocar that was not carried before takes over without moving the
+    /// shaft; near the pivot the lever is too short to tell a direction, and the shaft turns freely.
+    fn next_pivot(&mut self, pivot: Option<Pivot>) -> Pivot {
+        let held = Pivot { sigma: k::FREE_PLAY_MM, carried: false, ..self.pivot };
+        let mut next = pivot.unwrap_or(held);
+        let tip = tip_of(&self.vectors);
+        let axis = self.rotation * Vector3::z();
+        if axis.dot(&(next.position - tip)) < k::SHORTEST_LEVER_MM {
+            next = Pivot { position: tip + axis * k::FREE_PIVOT_MM, ..held };
+            self.vectors[PLAY].fill(0.0);
+        } else if next.carried != self.pivot.carried {
+            let point = self.pivot.position + self.vectors[PLAY];
+            self.vectors[PLAY] = point - next.position;
+        }
+        next
+    }
+
+    fn add_noise(&mut self, step: &Step, dt: f64) {
+        let smooth = smooth_model(self.smooth_variance).noise(dt);
+        let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
+        let [q11, q12, q13, q22, q23, q33] = ROLL_MODEL.noise(dt);
+        let p = &mut self.covariance;
+        for axis in 0..3 {
+            add(p, [axis, axis + 3, axis + 6, axis + 9], &smooth);
+            for (i, f) in step.tremor.iter().enumerate() {
+                let first = 3 * (TREMOR + 2 * i) + axis;
+                add(p, [first, first + 3], &tremor_model(i).noise(f, self.tremor_variance[i]));
+            }
+            add(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
+        }
+        let roll = [[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]];
+        add(p, [ROLL, ROLL + 1, ROLL + 2], &roll);
+    }
+
+    /// Lets the oscillators and the smooth movement learn how strong they are: the running mean of
+    /// what their states are expected to be squared, E[x²] = x̂² + P, over the axes.
+    fn learn(&mut self, dt: f64) {
+        let p = &self.covariance;
+        let square = |vector: usize| {
+            let state = self.vectors[vector].norm_squared();
+            let doubt: f64 = (0..3).map(|axis| p[3 * vector + axis][3 * vector + axis]).sum();
+            (state + doubt) / 3.0
+        };
+        let share = (dt / k::TREMOR_LEARNING_S).min(0.2);
+        let mut tremor = self.tremor_variance;
+        for (i, variance) in tremor.iter_mut().enumerate() {
+            let omega = tremor_model(i).omega;
+            let now = 0.5 * (square(TREMOR + 2 * i) + square(TREMOR + 2 * i + 1) / (omega * omega));
+            *variance += share * (now - *variance);
+            *variance = variance.clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
+        }
+        let share = (dt / k::SMOOTH_LEARNING_S).min(0.2);
+        let smooth = self.smooth_variance + share * (square(2) - self.smooth_variance);
+        self.tremor_variance = tremor;
+        self.smooth_variance = smooth.clamp(k::SMOOTH_RANGE_MM2_S4.0, k::SMOOTH_RANGE_MM2_S4.1);
+    }
+
+    /// P·Hᵀ: covariance of the whole state with the pose.
+    fn cross(&self) -> SMatrix<f64, N, 6> {
+        let (axis, lever) = self.shaft();
+        let mut cross = SMatrix::<f64, N, 6>::zeros();
+        for (r, row) in self.covariance.iter().enumerate() {
+            let (tip, turn) = pose_part(row, &axis, lever);
+            for i in 0..3 {
+                cross[(r, i)] = tip[i];
+                cross[(r, 3 + i)] = turn[i];
+            }
+        }
+        cross
+    }
+
+    /// Covariance of the pose.
+    pub fn pose_covariance(&self) -> Matrix6 {
+        self.pose_covariance_from(&self.cross())
+    }
+
+    fn pose_covariance_from(&self, cross: &SMatrix<f64, N, 6>) -> Matrix6 {
+        let (axis, lever) = self.shaft();
+        let mut pose = Matrix6::zeros();
+        for c in 0..6 {
+            let column: Row = std::array::from_fn(|r| cross[(r, c)]);
+            let (tip, turn) = pose_part(&column, &axis, lever);
+            for i in 0..3 {
+                pose[(i, c)] = tip[i];
+                pose[(3 + i, c)] = turn[i];
+            }
+        }
+        (pose + pose.transpose()) * 0.5
+    }
+
+    /// Takes the pose that maximises the posterior, and its covariance. `prior_inverse` is the
+    /// inverse of [`HandFilter::pose_covariance`]. False, with nothing changed, where the result
+    /// would not be finite.
+    pub fn update(&mut self, posterior: &Isometry3<f64>, covariance: &Matrix6, prior_inverse: &Matrix6) -> bool {
+        let delta = difference(posterior, &self.pose());
+        let cross = self.cross();
+        let gain = cross * prior_inverse;
+        let shrink = self.pose_covariance_from(&cross) - covariance;
+        let change = gain * delta;
+        let weighted = gain * shrink;
+        let finite = change.iter().chain(weighted.iter()).all(|v| v.is_finite());
+        let sane = |r: usize| {
+            let taken: f64 = (0..6).map(|c| weighted[(r, c)] * gain[(r, c)]).sum();
+            self.covariance[r][r] - taken >= 0.0
+        };
+        if !finite || !(0..N).all(sane) {
+            return false;
+        }
+        self.shrink(&gain, &weighted);
+        for (i, vector) in self.vectors.iter_mut().enumerate() {
+            *vector += change.fixed_rows::<3>(3 * i);
+        }
+        self.roll_rate += change[ROLL + 1];
+        self.roll_acceleration += change[ROLL + 2];
+        self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
+        self.notice(&delta, prior_inverse);
+        true
+    }
+
+    /// P ← P − (gain·shrink)·gainᵀ.
+    fn shrink(&mut self, gain: &SMatrix<f64, N, 6>, weighted: &SMatrix<f64, N, 6>) {
+        for (r, row) in self.covariance.iter_mut().enumerate() {
+            for c in 0..6 {
+                let factor = weighted[(r, c)];
+                let column = gain.column(c);
+                for (cell, g) in row.iter_mut().zip(column.iter()) {
+                    *cell -= factor * g;
+                }
+            }
+        }
+        for r in 0..N {
+            for c in 0..r {
+                let mean = 0.5 * (self.covariance[r][c] + self.covariance[c][r]);
+                (self.covariance[r][c], self.covariance[c][r]) = (mean, mean);
+            }
+        }
+    }
+
+    /// A pose far from what was expected: the hand does something new, and the smooth movement is
+    /// believed less at once.
+    fn notice(&mut self, delta: &Vector6, prior_inverse: &Matrix6) {
+        let surprise = delta.dot(&(prior_inverse * delta));
+        if surprise > k::SURPRISE {
+            let factor = (surprise / k::SURPRISE).min(10.0);
+            self.smooth_variance = (self.smooth_variance * factor).min(k::SMOOTH_RANGE_MM2_S4.1);
+        }
+    }
+}
+
+fn tip_of(vectors: &[Vector3<f64>; VECTORS]) -> Vector3<f64> {
+    vectors[TREMOR..PLAY].iter().step_by(2).fold(vectors[0], |sum, v| sum + v)
+}
+
+/// The parts of a column (or row) of the covariance that belong to the tip and to the rotation.
+fn pose_part(row: &Row, axis: &Vector3<f64>, lever: f64) -> (Vector3<f64>, Vector3<f64>) {
+    let vector = |i: usize| Vector3::new(row[3 * i], row[3 * i + 1], row[3 * i + 2]);
+    let mut tip = vector(0);
+    for i in 0..TREMORS {
+        tip += vector(TREMOR + 2 * i);
+    }
+    let turn = axis.cross(&(vector(PLAY) - tip)) / lever + axis * row[ROLL];
+    (tip, turn)
+}
+
+/// `rotation`, turned by the least angle that lays the shaft through its pivot.
+fn aligned(
+    rotation: UnitQuaternion<f64>,
+    vectors: &[Vector3<f64>; VECTORS],
+    pivot: &Pivot,
+) -> UnitQuaternion<f64> {
+    let to_pivot = pivot.position + vectors[PLAY] - tip_of(vectors);
+    let distance = to_pivot.norm();
+    if distance < 0.5 * k::SHORTEST_LEVER_MM {
+        return rotation;
+    }
+    // The half-way quaternion (1 + a·b, a × b) is exact where the angle is small.
+    let (axis, target) = (rotation * Vector3::z(), to_pivot / distance);
+    let across = axis.cross(&target);
+    let turn = Quaternion::new(1.0 + axis.dot(&target), across.x, across.y, across.z);
+    UnitQuaternion::new_normalize(turn * rotation.into_inner())
+}
+
+fn transpose(p: &mut [Row; N]) {
+    for r in 0..N {
+        for c in 0..r {
+            (p[r][c], p[c][r]) = (p[c][r], p[r][c]);
+        }
+    }
+}
+
+fn add<const M: usize>(p: &mut [Row; N], at: [usize; M], noise: &[[f64; M]; M]) {
+    for (r, row) in at.into_iter().zip(noise) {
+        for (c, q) in at.into_iter().zip(row) {
+            p[r][c] += q;
+        }
+    }
+}
