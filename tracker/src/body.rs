@@ -209,7 +209,8 @@ impl Track {
         let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
         let sure = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
         let frame = &self.frame;
-        if frame.cameras.count_ones() >= 2 && sure {
+        let recent = self.measured_ns.saturating_sub(self.good_ns) <= k::ONE_CAMERA_NS;
+        if frame.blobs > 0 && recent && sure {
             return (Validity::Measured, BodyStatus::Tracked);
         }
         let status = if frame.bad_fit {

@@ -77,6 +77,9 @@ pub const GROUP_NS: u64 = 1_000_000;
 pub const SEED_WINDOW_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
 /// A camera counts as seeing a body for this long after its last blob of it, ns.
 pub const SEEN_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
+/// One camera alone still measures for this long after two saw the body, ns: the shaft's pivot then
+/// tells the depth; later its play is no longer known well enough.
+pub const ONE_CAMERA_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
 /// A body not seen by two cameras for this long is lost, ns.
 pub const LOST_AFTER_NS: u64 = 150_000_000;
 /// A body not seen by two cameras for this long is also searched anew, ns.

@@ -100,6 +100,7 @@ impl Tracker {
             self.book(group, used.len() - rest.len(), &mut frame);
             rest = after;
         }
+        self.advance(reference.exposed_ns);
         for (body, track) in self.tracks.iter_mut().enumerate() {
             frame.bodies[body] = track.state(&self.rig.bodies[body], reference.exposed_ns);
         }
@@ -152,15 +153,23 @@ impl Tracker {
             for track in &mut self.tracks {
                 *track = Track::default();
             }
+            self.last_ns = 0;
         }
+        // A field that came late is used at its own instant, from the newer state.
+        let base_ns = base_ns.max(self.last_ns);
         self.last_ns = base_ns;
         self.in_frame |= cameras;
-        for body in ORDER {
-            let pivot = self.pivot(body, base_ns);
-            self.tracks[body].advance(base_ns, pivot);
-        }
+        self.advance(base_ns);
         self.update(cameras, base_ns);
         self.search(base_ns);
+    }
+
+    /// Carries all bodies to an instant, the eye first: it carries the trocars.
+    fn advance(&mut self, at_ns: u64) {
+        for body in ORDER {
+            let pivot = self.pivot(body, at_ns);
+            self.tracks[body].advance(at_ns, pivot);
+        }
     }
 
     /// Updates the bodies that are tracked: assign and fit, then again about the poses that were
