@@ -5,9 +5,9 @@ use crate::constants as k;
 use crate::estimate::Estimate;
 use crate::filter::Matrix6;
 use crate::fit::{Fit, Match};
+use crate::forecast::Forecast;
 use crate::hand::Pivot;
 use crate::model::BodyModel;
-use crate::motion::MotionBank;
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};
@@ -29,7 +29,7 @@ pub struct Track {
     last_pose: Isometry3<f64>,
     last_covariance: Matrix6,
     frame: InFrame,
-    motion: MotionBank,
+    forecast: Forecast,
 }
 
 /// What the present frame brought.
@@ -53,7 +53,7 @@ impl Default for Track {
             last_pose: Isometry3::identity(),
             last_covariance: Matrix6::identity(),
             frame: InFrame::default(),
-            motion: MotionBank::default(),
+            forecast: Forecast::default(),
         }
     }
 }
@@ -83,7 +83,7 @@ impl Track {
             self.last_covariance = filter.pose_covariance();
         }
         self.seen_ns = [0; MAX_CAMERAS];
-        self.motion = MotionBank::default();
+        self.forecast.interrupt();
     }
 
     /// Where the body should be at its filter's instant.
@@ -182,11 +182,11 @@ impl Track {
         upper_triangle(&covariance, &mut state.covariance);
         let (validity, status) = self.verdict(model, &covariance);
         if !model.is_eye {
-            if validity == Validity::Measured {
-                self.motion.measure(&pose.translation.vector, exposed_ns);
-            }
-            if validity != Validity::Lost {
-                self.motion.publish(exposed_ns, &mut state.predictor);
+            if let Some(filter) = &self.filter {
+                let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
+                let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
+                self.forecast.take(exposed_ns, validity == Validity::Measured, tip_after);
+                self.forecast.publish(exposed_ns, tip_after, &mut state.predictor);
             }
         }
         state.validity = validity as u32;

@@ -5,7 +5,7 @@
 //! or transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them:
 //!
 //! [`sight`] pixels → [`associate`] blobs to markers (or [`seed`] from nothing) → [`fit`] pose →
-//! [`filter`] motion → [`body`] verdict, with what [`motion`] expects the hand to do next.
+//! [`filter`] motion → [`body`] verdict, with what [`forecast`] expects the hand to do next.
 //!
 //! The tracker's state depends on nothing but the consumed fields in their order.
 
@@ -18,9 +18,10 @@ pub mod constants;
 pub mod estimate;
 pub mod filter;
 pub mod fit;
+pub mod forecast;
 pub mod hand;
+pub mod learner;
 pub mod model;
-pub mod motion;
 pub mod process;
 pub mod script;
 pub mod seed;
