@@ -17,12 +17,13 @@ const PROCESSING_NS: u64 = 1_000_000;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().collect();
-    let [_, rig, blobs, out] = arguments.as_slice() else {
-        anyhow::bail!("usage: poses RIG.json BLOBS.jsonl OUT.csv");
+    let [_, rig, blobs, out, rest @ ..] = arguments.as_slice() else {
+        anyhow::bail!("usage: poses RIG.json BLOBS.jsonl OUT.csv [--fixed-rig]");
     };
+    let estimate_drift = !rest.iter().any(|a| a == "--fixed-rig");
     let rig = Rig::load(Path::new(rig))?;
     let mut run = Run {
-        tracker: Tracker::new(&rig),
+        tracker: Tracker::with(&rig, estimate_drift),
         assembler: FrameAssembler::new(&rig),
         out: std::io::BufWriter::new(std::fs::File::create(out).with_context(|| out.clone())?),
         took_ns: Vec::new(),
@@ -47,6 +48,7 @@ fn main() -> anyhow::Result<()> {
     while let Some(closed) = run.assembler.flush(newest_ns) {
         run.frame(&closed)?;
     }
+    eprintln!("{:?}", run.tracker.drift());
     run.took_ns.sort_unstable();
     let n = run.took_ns.len().max(1);
     let mean = run.took_ns.iter().sum::<u64>() as f64 / n as f64;

@@ -59,9 +59,11 @@ pub const TURN_ACCELERATION_RAD_S2: f64 = 60.0;
 /// Its time constant, s.
 pub const TURN_ACCELERATION_TAU_S: f64 = 0.02;
 /// The same for the eye's rotation, rad/s².
-pub const EYE_ACCELERATION_RAD_S2: f64 = 2.0;
+pub const EYE_ACCELERATION_RAD_S2: f64 = 0.25;
 /// Its time constant, s.
-pub const EYE_ACCELERATION_TAU_S: f64 = 0.1;
+pub const EYE_ACCELERATION_TAU_S: f64 = 0.7;
+/// Largest factor by which it grows at a surprise, and the time in which that is forgotten, s.
+pub const EYE_BOOST: (f64, f64) = (30.0, 0.3);
 /// Standard deviation of the velocity of a body just found, mm/s; the surgeon's hand in a hurry.
 pub const SEED_SPEED_MM_S: f64 = 15.0;
 /// The same for the angular velocity of an instrument, rad/s.
@@ -125,3 +127,20 @@ pub const SEED_SCORED: usize = 200;
 
 const _: () = assert!(GROUP_NS * 4 < FIELD_PERIOD_NS, "a group never spans two fields of a camera");
 const _: () = assert!(SEARCH_AFTER_NS < LOST_AFTER_NS);
+
+/// A camera's turn since its calibration (standard deviation), rad.
+pub const CAMERA_TURN_RAD: f64 = 2e-4;
+/// Its shift, mm.
+pub const CAMERA_SHIFT_MM: f64 = 0.02;
+/// A marker's shift in its body per axis, mm.
+pub const MARKER_SHIFT_MM: f64 = 0.004;
+/// Share of the evidence that is kept at every solution (every second or so): 30 s of memory.
+pub const DRIFT_KEPT: f64 = 0.98;
+/// How far a solution moves the rig.
+pub const DRIFT_STEP: f64 = 0.5;
+/// Farthest that an unknown may go, in its standard deviations: beyond, the rig is to be calibrated.
+pub const DRIFT_LIMIT: f64 = 10.0;
+/// Evidence per unknown that noise, and hidden markers, may give.
+pub const DRIFT_NOISE: f64 = 4.0;
+/// Evidence per unknown above which the drift is called so.
+pub const DRIFT_EVIDENCE: f64 = 10.0;

@@ -15,6 +15,7 @@ pub mod body;
 pub mod chain;
 pub mod config;
 pub mod constants;
+pub mod drift;
 pub mod estimate;
 pub mod filter;
 pub mod fit;

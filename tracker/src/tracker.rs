@@ -3,6 +3,7 @@
 use crate::associate::{Associator, Group};
 use crate::body::Track;
 use crate::constants as k;
+use crate::drift::{Drift, Report};
 use crate::fit::{Fit, MAX_MATCHES, Match, Problem, TrocarInWorld, trocar_miss};
 use crate::hand::Pivot;
 use crate::model::RigModel;
@@ -32,12 +33,15 @@ const ORDER: [usize; BODIES] = [EYE, 0, 1];
 /// The tracker.
 pub struct Tracker {
     rig: RigModel,
+    drift: Option<Drift>,
     tracks: [Track; BODIES],
     views: Box<[View; MAX_CAMERAS]>,
     area_scales: [f64; MAX_CAMERAS],
     matches: [Vec<Match>; BODIES],
     first_matches: [Vec<Match>; BODIES],
     fits: [Option<Fit>; BODIES],
+    /// Fits of the newest update that were believed.
+    updates: [Option<Fit>; BODIES],
     associator: Associator,
     searcher: Searcher,
     last_ns: u64,
@@ -48,14 +52,22 @@ pub struct Tracker {
 impl Tracker {
     /// A fresh tracker for a checked rig.
     pub fn new(rig: &Rig) -> Self {
+        Tracker::with(rig, true)
+    }
+
+    /// A fresh tracker that estimates how far the rig has drifted, or trusts the rig file.
+    pub fn with(rig: &Rig, estimate_drift: bool) -> Self {
+        let rig = RigModel::new(rig);
         Tracker {
-            rig: RigModel::new(rig),
+            drift: estimate_drift.then(|| Drift::new(&rig)),
+            rig,
             tracks: Default::default(),
             views: Box::new(std::array::from_fn(View::empty)),
             area_scales: [1.0; MAX_CAMERAS],
             matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
             first_matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
             fits: [None; BODIES],
+            updates: [None; BODIES],
             associator: Associator::default(),
             searcher: Searcher::default(),
             last_ns: 0,
@@ -67,7 +79,15 @@ impl Tracker {
     /// Forgets everything; the next frame has number 0.
     pub fn reset(&mut self) {
         self.forget();
+        if let Some(drift) = &mut self.drift {
+            drift.reset(&mut self.rig);
+        }
         self.frame = 0;
+    }
+
+    /// How far the rig has drifted; `None` where that is not estimated.
+    pub fn drift(&self) -> Option<&Report> {
+        self.drift.as_ref().map(Drift::report)
     }
 
     fn forget(&mut self) {
@@ -89,6 +109,7 @@ impl Tracker {
         frame.instants.exposed = reference.exposed_ns;
         self.frame += 1;
         self.in_frame = 0;
+        self.updates = [None; BODIES];
         for track in &mut self.tracks {
             track.begin_frame();
         }
@@ -100,6 +121,7 @@ impl Tracker {
             self.book(group, used.len() - rest.len(), &mut frame);
             rest = after;
         }
+        self.learn_drift();
         self.advance(reference.exposed_ns);
         for (body, track) in self.tracks.iter_mut().enumerate() {
             frame.bodies[body] = track.state(&self.rig.bodies[body], reference.exposed_ns);
@@ -176,6 +198,7 @@ impl Tracker {
     /// found where that changes the assignment; then take the result over.
     fn update(&mut self, cameras: u32, base_ns: u64) {
         self.fits = [None; BODIES];
+        self.updates = [None; BODIES];
         self.assign(cameras, base_ns);
         for body in ORDER {
             self.fits[body] = self.fit(body);
@@ -190,6 +213,16 @@ impl Tracker {
             }
             self.take(body, base_ns);
         }
+    }
+
+    /// The drift learns from one body per frame, from the blobs of its newest update.
+    fn learn_drift(&mut self) {
+        let Some(drift) = &mut self.drift else { return };
+        let body = drift.next_body();
+        if let (Some(fit), Some(filter)) = (&self.updates[body], &self.tracks[body].filter) {
+            drift.learn(&self.rig, body, &fit.pose, &filter.motion(), &self.matches[body]);
+        }
+        drift.step(&mut self.rig);
     }
 
     fn assign(&mut self, cameras: u32, base_ns: u64) {
@@ -244,6 +277,7 @@ impl Tracker {
         if !track.take_fit(&fit, &prior.inverse(), &self.matches[body], base_ns) {
             return;
         }
+        self.updates[body] = Some(fit);
         for m in self.matches[body].iter().filter(|m| !m.out) {
             self.views[m.camera].take(m.blob);
             let scale = &mut self.area_scales[m.camera];
