@@ -5,7 +5,7 @@ use crate::constants as k;
 use crate::filter::Matrix6;
 use crate::fit::{Match, carried, pose_jacobian};
 use crate::model::RigModel;
-use crate::sight::{View, camera_of, covariance_as, image_of};
+use crate::sight::{Placed, View, camera_of, covariance_as, image_of};
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 
@@ -65,13 +65,14 @@ impl Default for Associator {
 }
 
 impl Associator {
-    /// Fills `matches` of every body that is expected somewhere.
+    /// Fills `matches` of every body that is expected somewhere. True if there was no choice: every
+    /// blob could be one marker only, and every marker one blob.
     pub fn associate(
         &mut self,
         group: &Group<'_>,
         expected: &[Option<Expected>; BODIES],
         matches: &mut [Vec<Match>; BODIES],
-    ) {
+    ) -> bool {
         self.candidates.clear();
         self.blobs_used = [0; MAX_CAMERAS];
         self.markers_used = [[0; MAX_CAMERAS]; BODIES];
@@ -99,13 +100,14 @@ impl Associator {
                 matches[c.body].push(*m);
             }
         }
+        matches.iter().map(Vec::len).sum::<usize>() == self.candidates.len()
     }
 
     fn collect(&mut self, group: &Group<'_>, body: usize, view: &View, expected: &Expected) {
         let Some(camera) = camera_of(group.rig, view) else { return };
         let area_scale = group.area_scales[view.camera];
         let dt_s = (view.exposed_ns as i64).wrapping_sub(group.base_ns as i64) as f64 * 1e-9;
-        let pose = carried(&expected.pose, &expected.motion, dt_s);
+        let pose = Placed::from(&carried(&expected.pose, &expected.motion, dt_s));
         for (marker, m) in group.rig.bodies[body].markers.iter().enumerate() {
             let Some(image) = image_of(m, &pose, camera) else { continue };
             let jacobian = pose_jacobian(&image, &pose);

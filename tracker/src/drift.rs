@@ -13,7 +13,7 @@ use crate::constants as k;
 use crate::filter::Matrix6;
 use crate::fit::{Match, carried, pose_jacobian};
 use crate::model::RigModel;
-use crate::sight::image_of;
+use crate::sight::{Placed, image_of};
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
@@ -130,7 +130,7 @@ impl Drift {
         let mut gradient = SMatrix::<f64, 6, 1>::zeros();
         for m in matches.iter().filter(|m| !m.out) {
             let at_exposure = carried(pose, motion, m.dt_s);
-            let Some((a, j, r)) = self.equation(rig, body, &at_exposure, m) else { continue };
+            let Some((a, j, r)) = self.equation(rig, body, &Placed::from(&at_exposure), m) else { continue };
             let Some(weight) = m.covariance.try_inverse() else { continue };
             let (aw, jw) = (a.transpose() * weight, j.transpose() * weight);
             of_pose += jw * j;
@@ -157,14 +157,14 @@ impl Drift {
         &self,
         rig: &RigModel,
         body: usize,
-        pose: &Isometry3<f64>,
+        pose: &Placed,
         m: &Match,
     ) -> Option<(SMatrix<f64, 2, PER_BLOB>, SMatrix<f64, 2, 6>, Vector2<f64>)> {
         let camera = rig.cameras[m.camera].as_ref()?;
         let image = image_of(&rig.bodies[body].markers[m.marker], pose, camera)?;
         let by_camera_point: Matrix2x3<f64> = image.jacobian * camera.camera_from_world.transpose();
         let turning = -(by_camera_point * camera.in_camera(&image.point).cross_matrix());
-        let by_marker = image.jacobian * pose.rotation.to_rotation_matrix().matrix();
+        let by_marker = image.jacobian * pose.rotation;
         let mut a = SMatrix::<f64, 2, PER_BLOB>::zeros();
         a.fixed_view_mut::<2, 3>(0, 0).copy_from(&(turning * k::CAMERA_TURN_RAD));
         a.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_camera_point * k::CAMERA_SHIFT_MM));

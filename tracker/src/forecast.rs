@@ -7,7 +7,7 @@
 //! laid: at 8 and 12 Hz they interpolate everything from 0 to 13 Hz within 4 %.
 
 use crate::learner::{HORIZONS, Learner};
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, Vector3};
 use protocol::limits::{FIELD_PERIOD_NS, OSCILLATORS};
 use protocol::poses::{Oscillator, Predictor};
 
@@ -33,6 +33,7 @@ const ACCELERATION_TAU_S: f64 = 0.3;
 const NODES: usize = HORIZONS + 1;
 /// Its parameters: velocity, acceleration, two of each oscillator.
 const PARAMETERS: usize = 2 + 2 * OSCILLATORS;
+type Interpolation = SMatrix<f64, PARAMETERS, NODES>;
 /// Doubt of a node over that of a parameter, mm²: small, so that nodes are met.
 const NODE_RIDGE: f64 = 1e-4;
 
@@ -57,6 +58,8 @@ pub struct Forecast {
     count: usize,
     /// Instant of the newest sample, ns.
     time_ns: u64,
+    /// The interpolation where the newest sample is that of the frame.
+    on_grid: Interpolation,
 }
 
 impl Default for Forecast {
@@ -70,6 +73,7 @@ impl Default for Forecast {
             samples: [Sample::default(); LONG + 1],
             count: 0,
             time_ns: 0,
+            on_grid: interpolation(&node_times(0.0)),
         }
     }
 }
@@ -174,26 +178,38 @@ impl Forecast {
             offset = 0.0;
         }
         let now = tip_after(0.0);
-        let times: [f64; NODES] = std::array::from_fn(|n| offset + period * if n == 0 { -1.0 } else { n as f64 });
+        let times = node_times(offset);
         let ahead = learnt.unwrap_or_else(|| std::array::from_fn(|h| tip_after(times[h + 1])));
+        let before = if learnt.is_some() { self.samples[1].tip } else { tip_after(times[0]) };
         let nodes: [Vector3<f64>; NODES] =
-            std::array::from_fn(|n| if n == 0 { tip_after(times[0]) } else { ahead[n - 1] } - now);
-        interpolate(&times, &nodes, predictor);
+            std::array::from_fn(|n| if n == 0 { before } else { ahead[n - 1] } - now);
+        let fit = if offset == 0.0 { self.on_grid } else { interpolation(&times) };
+        write(&fit, &nodes, predictor);
     }
 }
 
-/// The movement through `nodes` at `times` (s) that is the least in its parameters.
-fn interpolate(times: &[f64; NODES], nodes: &[Vector3<f64>; NODES], predictor: &mut Predictor) {
+/// The node before the newest sample, and those after it, s.
+fn node_times(offset: f64) -> [f64; NODES] {
+    let period = FIELD_PERIOD_NS as f64 * 1e-9;
+    std::array::from_fn(|n| offset + period * if n == 0 { -1.0 } else { n as f64 })
+}
+
+/// The linear map from tips at `times` (s) to the movement through them that is the least in its
+/// parameters.
+fn interpolation(times: &[f64; NODES]) -> Interpolation {
     // Typical sizes of the parameters, mm/s and so on, relative to each other.
     let sizes: [f64; PARAMETERS] = [100.0, 1000.0, 1.0, 60.0, 1.0, 60.0];
     let basis = SMatrix::<f64, NODES, PARAMETERS>::from_fn(|n, p| sizes[p] * basis(times[n], p));
     let system = basis * basis.transpose() + SMatrix::<f64, NODES, NODES>::identity() * NODE_RIDGE;
-    let Some(system) = system.cholesky() else { return };
-    let solved: [SVector<f64, PARAMETERS>; 3] = std::array::from_fn(|axis| {
-        let values = SVector::<f64, NODES>::from_fn(|n, _| nodes[n][axis]);
-        basis.transpose() * system.solve(&values)
-    });
-    let parameter = |p: usize| -> [f64; 3] { std::array::from_fn(|axis| solved[axis][p] * sizes[p]) };
+    let inverse = system.cholesky().map_or_else(SMatrix::zeros, |s| s.inverse());
+    let map = basis.transpose() * inverse;
+    Interpolation::from_fn(|p, n| sizes[p] * map[(p, n)])
+}
+
+fn write(fit: &Interpolation, nodes: &[Vector3<f64>; NODES], predictor: &mut Predictor) {
+    let parameter = |p: usize| -> [f64; 3] {
+        nodes.iter().enumerate().fold(Vector3::zeros(), |sum, (n, node)| sum + node * fit[(p, n)]).into()
+    };
     predictor.velocity_mm_s = parameter(0);
     predictor.acceleration_mm_s2 = parameter(1);
     predictor.acceleration_tau_s = ACCELERATION_TAU_S;

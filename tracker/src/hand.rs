@@ -16,7 +16,7 @@
 use crate::chain::{Oscillator, Smooth};
 use crate::constants as k;
 use crate::filter::{Matrix6, Singer, Vector6, difference, exp};
-use nalgebra::{Isometry3, Matrix3, Quaternion, SMatrix, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Oscillators of the tremor.
 const TREMORS: usize = k::TREMOR_HZ.len();
@@ -29,6 +29,8 @@ const ROLL: usize = 3 * VECTORS;
 const N: usize = ROLL + 3;
 
 type Row = [f64; N];
+/// An N×6 matrix by columns.
+type Columns = [Row; 6];
 
 /// The point that the shaft passes, and how far it strays from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -320,14 +322,14 @@ impl HandFilter {
     }
 
     /// P·Hᵀ: covariance of the whole state with the pose.
-    fn cross(&self) -> SMatrix<f64, N, 6> {
+    fn cross(&self) -> Columns {
         let (axis, lever) = self.shaft();
-        let mut cross = SMatrix::<f64, N, 6>::zeros();
+        let mut cross = [[0.0; N]; 6];
         for (r, row) in self.covariance.iter().enumerate() {
             let (tip, turn) = pose_part(row, &axis, lever);
             for i in 0..3 {
-                cross[(r, i)] = tip[i];
-                cross[(r, 3 + i)] = turn[i];
+                cross[i][r] = tip[i];
+                cross[3 + i][r] = turn[i];
             }
         }
         cross
@@ -338,12 +340,11 @@ impl HandFilter {
         self.pose_covariance_from(&self.cross())
     }
 
-    fn pose_covariance_from(&self, cross: &SMatrix<f64, N, 6>) -> Matrix6 {
+    fn pose_covariance_from(&self, cross: &Columns) -> Matrix6 {
         let (axis, lever) = self.shaft();
         let mut pose = Matrix6::zeros();
-        for c in 0..6 {
-            let column: Row = std::array::from_fn(|r| cross[(r, c)]);
-            let (tip, turn) = pose_part(&column, &axis, lever);
+        for (c, column) in cross.iter().enumerate() {
+            let (tip, turn) = pose_part(column, &axis, lever);
             for i in 0..3 {
                 pose[(i, c)] = tip[i];
                 pose[(3 + i, c)] = turn[i];
@@ -358,21 +359,23 @@ impl HandFilter {
     pub fn update(&mut self, posterior: &Isometry3<f64>, covariance: &Matrix6, prior_inverse: &Matrix6) -> bool {
         let delta = difference(posterior, &self.pose());
         let cross = self.cross();
-        let gain = cross * prior_inverse;
-        let shrink = self.pose_covariance_from(&cross) - covariance;
-        let change = gain * delta;
-        let weighted = gain * shrink;
-        let finite = change.iter().chain(weighted.iter()).all(|v| v.is_finite());
-        let sane = |r: usize| {
-            let taken: f64 = (0..6).map(|c| weighted[(r, c)] * gain[(r, c)]).sum();
-            self.covariance[r][r] - taken >= 0.0
-        };
-        if !finite || !(0..N).all(sane) {
+        let gain = product(&cross, prior_inverse);
+        let weighted = product(&gain, &(self.pose_covariance_from(&cross) - covariance));
+        let mut change = [0.0; N];
+        let mut left: Row = std::array::from_fn(|r| self.covariance[r][r]);
+        for ((gain, weighted), delta) in gain.iter().zip(&weighted).zip(delta.iter()) {
+            for r in 0..N {
+                change[r] += gain[r] * delta;
+                left[r] -= gain[r] * weighted[r];
+            }
+        }
+        // Also false where something is not a number.
+        if !(change.iter().all(|v| v.is_finite()) && left.iter().all(|v| *v >= 0.0)) {
             return false;
         }
         self.shrink(&gain, &weighted);
         for (i, vector) in self.vectors.iter_mut().enumerate() {
-            *vector += change.fixed_rows::<3>(3 * i);
+            *vector += Vector3::new(change[3 * i], change[3 * i + 1], change[3 * i + 2]);
         }
         self.roll_rate += change[ROLL + 1];
         self.roll_acceleration += change[ROLL + 2];
@@ -381,21 +384,19 @@ impl HandFilter {
         true
     }
 
-    /// P ← P − (gain·shrink)·gainᵀ.
-    fn shrink(&mut self, gain: &SMatrix<f64, N, 6>, weighted: &SMatrix<f64, N, 6>) {
-        for (r, row) in self.covariance.iter_mut().enumerate() {
-            for c in 0..6 {
-                let factor = weighted[(r, c)];
-                let column = gain.column(c);
-                for (cell, g) in row.iter_mut().zip(column.iter()) {
-                    *cell -= factor * g;
-                }
+    /// P ← P − (gain·shrink)·gainᵀ: the lower triangle, and its mirror image.
+    fn shrink(&mut self, gain: &Columns, weighted: &Columns) {
+        let [a, b, c, d, e, f] = gain;
+        for r in 0..N {
+            let w: [f64; 6] = std::array::from_fn(|i| weighted[i][r]);
+            let row = &mut self.covariance[r];
+            for q in 0..=r {
+                row[q] -= w[0] * a[q] + w[1] * b[q] + w[2] * c[q] + w[3] * d[q] + w[4] * e[q] + w[5] * f[q];
             }
         }
-        for r in 0..N {
-            for c in 0..r {
-                let mean = 0.5 * (self.covariance[r][c] + self.covariance[c][r]);
-                (self.covariance[r][c], self.covariance[c][r]) = (mean, mean);
+        for r in 1..N {
+            for q in 0..r {
+                self.covariance[q][r] = self.covariance[r][q];
             }
         }
     }
@@ -409,6 +410,17 @@ impl HandFilter {
             self.smooth_variance = (self.smooth_variance * factor).min(k::SMOOTH_RANGE_MM2_S4.1);
         }
     }
+}
+
+/// `left`·`right`.
+fn product(left: &Columns, right: &Matrix6) -> Columns {
+    let [a, b, c, d, e, f] = left;
+    std::array::from_fn(|n| {
+        let w: [f64; 6] = std::array::from_fn(|m| right[(m, n)]);
+        std::array::from_fn(|r| {
+            w[0] * a[r] + w[1] * b[r] + w[2] * c[r] + w[3] * d[r] + w[4] * e[r] + w[5] * f[r]
+        })
+    })
 }
 
 fn tip_of(vectors: &[Vector3<f64>; VECTORS]) -> Vector3<f64> {

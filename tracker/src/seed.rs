@@ -6,7 +6,7 @@ use crate::constants as k;
 use crate::filter::Matrix6;
 use crate::fit::{Fit, Match, Problem, TrocarInWorld, trocar_miss};
 use crate::model::{BodyModel, RigModel, Triple};
-use crate::sight::{View, camera_of, covariance_as, image_of};
+use crate::sight::{Placed, View, camera_of, covariance_as, image_of};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::limits::{MAX_BLOBS, MAX_CAMERAS};
 
@@ -177,6 +177,7 @@ impl Searcher {
     /// Takes the nearest free blob of each marker in each camera.
     fn collect(&mut self, scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) {
         self.matches.clear();
+        let pose = &Placed::from(pose);
         for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
             let first = self.matches.len();
             for marker in 0..body.markers.len() {
@@ -235,7 +236,7 @@ fn nearest_blob(
     scene: &Scene<'_>,
     body: &BodyModel,
     view: &View,
-    pose: &Isometry3<f64>,
+    pose: &Placed,
     marker: usize,
 ) -> Option<(f64, Match)> {
     let camera = camera_of(scene.rig, view)?;
@@ -274,6 +275,7 @@ fn nearest_blob(
 /// How well the blobs of all cameras agree with a pose.
 fn score(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> f64 {
     let mut sum = 0.0;
+    let pose = &Placed::from(pose);
     for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
         for marker in 0..body.markers.len() {
             sum += nearest_blob(scene, body, view, pose, marker).map_or(0.0, |(fit, _)| fit);

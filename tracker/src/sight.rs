@@ -2,7 +2,7 @@
 
 use crate::constants as k;
 use crate::model::{Marker, RigModel};
-use nalgebra::{Matrix2, Matrix2x3, Point3, Unit, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, Unit, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::camera::Camera;
 use protocol::limits::MAX_BLOBS;
@@ -144,15 +144,29 @@ const BAND_SHIFT: f64 = std::f64::consts::FRAC_PI_4;
 /// A point nearer than this cannot be in focus, mm.
 const MIN_DEPTH_MM: f64 = 1.0;
 
-/// The image of a marker of a body at `world_from_body`; `None` behind the camera.
-pub fn image_of(
-    marker: &Marker,
-    world_from_body: &nalgebra::Isometry3<f64>,
-    camera: &Camera,
-) -> Option<Image> {
-    let mut point = world_from_body * marker.position;
+/// A pose with its rotation as a matrix, for many points at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placed {
+    /// Rotation `world_from_body`.
+    pub rotation: Matrix3<f64>,
+    /// The body's origin in the world, mm.
+    pub origin: Point3<f64>,
+}
+
+impl From<&Isometry3<f64>> for Placed {
+    fn from(world_from_body: &Isometry3<f64>) -> Self {
+        Placed {
+            rotation: *world_from_body.rotation.to_rotation_matrix().matrix(),
+            origin: Point3::from(world_from_body.translation.vector),
+        }
+    }
+}
+
+/// The image of a marker of a body that is `placed` in the world; `None` behind the camera.
+pub fn image_of(marker: &Marker, placed: &Placed, camera: &Camera) -> Option<Image> {
+    let mut point = placed.origin + placed.rotation * marker.position.coords;
     if marker.band {
-        let axis = world_from_body.rotation * Vector3::z();
+        let axis: Vector3<f64> = placed.rotation.column(2).into();
         let towards = camera.centre_in_world() - point;
         let across = towards - axis * towards.dot(&axis);
         if let Some(across) = Unit::try_new(across, 1e-9) {
@@ -208,7 +222,6 @@ pub fn camera_of<'a>(rig: &'a RigModel, view: &View) -> Option<&'a Camera> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Isometry3;
     use proptest::prelude::*;
     use protocol::rig::Rig;
 
@@ -219,7 +232,8 @@ mod tests {
             let marker = Marker { position: Point3::origin(), radius: 0.5, colour: 1, band: false };
             for camera in rig.cameras.iter().flatten() {
                 let point = Point3::from(Vector3::from(p));
-                let image = image_of(&marker, &Isometry3::from_parts(point.into(), Default::default()), camera).unwrap();
+                let placed = Placed { rotation: Matrix3::identity(), origin: point };
+                let image = image_of(&marker, &placed, camera).unwrap();
                 prop_assert!((image.pixel - camera.project(&point).unwrap()).norm() < 1e-9);
                 prop_assert!((image.jacobian - camera.projection_jacobian(&point).unwrap()).norm() < 1e-9);
             }
@@ -231,7 +245,7 @@ mod tests {
         let rig = RigModel::new(&Rig::load_or_shipped(None).unwrap());
         let camera = rig.cameras[0].as_ref().unwrap();
         let marker = Marker { position: Point3::new(0.0, 0.0, 2.0), radius: 0.4, colour: 1, band: true };
-        let image = image_of(&marker, &Isometry3::identity(), camera).unwrap();
+        let image = image_of(&marker, &Placed::from(&Isometry3::identity()), camera).unwrap();
         let before = image.point - Point3::new(0.0, 0.0, 2.0);
         assert!(before.z.abs() < 1e-12 && (before.norm() - 0.1 * std::f64::consts::PI).abs() < 1e-12);
         assert!(before.dot(&(camera.centre_in_world() - Point3::new(0.0, 0.0, 2.0))) > 0.0);

@@ -199,9 +199,15 @@ impl Tracker {
     fn update(&mut self, cameras: u32, base_ns: u64) {
         self.fits = [None; BODIES];
         self.updates = [None; BODIES];
-        self.assign(cameras, base_ns);
+        let no_choice = self.assign(cameras, base_ns);
         for body in ORDER {
             self.fits[body] = self.fit(body);
+        }
+        if no_choice && self.fits.iter().flatten().all(|fit| fit.thrown_out == 0) {
+            for body in ORDER {
+                self.take(body, base_ns);
+            }
+            return;
         }
         std::mem::swap(&mut self.matches, &mut self.first_matches);
         self.assign(cameras, base_ns);
@@ -225,7 +231,7 @@ impl Tracker {
         drift.step(&mut self.rig);
     }
 
-    fn assign(&mut self, cameras: u32, base_ns: u64) {
+    fn assign(&mut self, cameras: u32, base_ns: u64) -> bool {
         let expected = std::array::from_fn(|body| {
             let mut expected = self.tracks[body].expected()?;
             if let Some(fit) = &self.fits[body] {
@@ -235,7 +241,7 @@ impl Tracker {
         });
         let group =
             Group { rig: &self.rig, views: &self.views, cameras, base_ns, area_scales: &self.area_scales };
-        self.associator.associate(&group, &expected, &mut self.matches);
+        self.associator.associate(&group, &expected, &mut self.matches)
     }
 
     fn fit(&mut self, body: usize) -> Option<Fit> {
