@@ -35,7 +35,7 @@ pub const SURPRISE: f64 = 30.0;
 /// Frequencies of the tremor's oscillators, Hz: physiological tremor lies between 6 and 14 Hz.
 pub const TREMOR_HZ: [f64; 5] = [7.0, 8.5, 10.0, 11.5, 13.0];
 /// Their damping ratio: wide enough to overlap, narrow enough to foresee a period.
-pub const TREMOR_DAMPING: f64 = 0.03;
+pub const TREMOR_DAMPING: f64 = 0.02;
 /// Standard deviation of their displacement at the start, mm, per axis.
 pub const TREMOR_START_MM: f64 = 0.018;
 /// Bounds of its variance as learnt, mm².

@@ -76,6 +76,9 @@ pub struct Fit {
     pub chi2: f64,
     /// Sum of the squared residuals, px².
     pub squares_px2: f64,
+    /// Degrees of freedom of χ²: two per blob, less what the blobs (and not the prior) told of the
+    /// pose.
+    pub freedom: f64,
     /// Blobs kept.
     pub blobs: usize,
     /// Blobs thrown out.
@@ -85,8 +88,7 @@ pub struct Fit {
 impl Fit {
     /// χ² per degree of freedom; `None` where blobs are too few to tell.
     pub fn reduced_chi2(&self) -> Option<f64> {
-        let freedom = 2.0 * self.blobs as f64 - 6.0;
-        (freedom >= 2.0).then(|| self.chi2 / freedom)
+        (self.freedom >= 2.0).then(|| self.chi2 / self.freedom)
     }
 }
 
@@ -151,7 +153,9 @@ impl Problem<'_> {
             return None;
         }
         let covariance = information.cholesky()?.inverse();
-        Some(Fit { pose, covariance, chi2, squares_px2, blobs, thrown_out })
+        let told = 6.0 - (self.prior_information * covariance).trace();
+        let freedom = 2.0 * blobs as f64 - told;
+        Some(Fit { pose, covariance, chi2, squares_px2, freedom, blobs, thrown_out })
     }
 
     /// Gauss–Newton; also the information at its last step, which is too small to change it.

@@ -16,8 +16,6 @@ const SHORT: usize = 8;
 const LONG: usize = 24;
 /// Share of the newest error in the running squared error of a predictor.
 const FORGETTING: f64 = 0.03;
-/// Half the power with which the better predictor outweighs the other, in terms of squared errors.
-const SHARPNESS: i32 = 4;
 /// Squared error that is as good as none, mm².
 const NEGLIGIBLE_MM2: f64 = 1e-8;
 /// A tip within this of the grid of fields moves the grid; genlocked cameras jitter less, ns.
@@ -157,7 +155,11 @@ impl Forecast {
         let long_too = self.count > LONG;
         Some(std::array::from_fn(|h| {
             let [short, long] = self.foretold[0][h];
-            let weights = self.errors[h].map(|e| (NEGLIGIBLE_MM2 / e.max(NEGLIGIBLE_MM2)).powi(SHARPNESS));
+            let weights = self.errors[h].map(|e| {
+                let better = NEGLIGIBLE_MM2 / e.max(NEGLIGIBLE_MM2);
+                // The fourth power: who foretells twice as well as the other speaks almost alone.
+                (better * better) * (better * better)
+            });
             let share = if long_too { weights[1] / (weights[0] + weights[1]) } else { 0.0 };
             short + (long - short) * share
         }))
