@@ -7,7 +7,8 @@ use crate::filter::Matrix6;
 use crate::fit::{Fit, Match};
 use crate::forecast::Forecast;
 use crate::hand::Pivot;
-use crate::model::BodyModel;
+use crate::model::{BodyModel, Marker, RigModel};
+use crate::sight::{Placed, seen_by_two};
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};
@@ -38,6 +39,8 @@ struct InFrame {
     blobs: u32,
     thrown_out: u32,
     cameras: u32,
+    /// Set of the markers that took part.
+    markers: u32,
     squares_px2: f64,
     bad_fit: bool,
 }
@@ -155,6 +158,7 @@ impl Track {
             if in_frame & (1 << m.camera) != 0 {
                 self.frame.blobs += 1;
                 self.frame.cameras |= 1 << m.camera;
+                self.frame.markers |= 1 << m.marker;
             }
         }
         self.frame.squares_px2 += fit.squares_px2;
@@ -165,8 +169,9 @@ impl Track {
         }
     }
 
-    /// What is published for the instant `exposed_ns`.
-    pub fn state(&mut self, model: &BodyModel, exposed_ns: u64) -> BodyState {
+    /// What is published for the instant `exposed_ns`, after the fields of `cameras` (a set).
+    pub fn state(&mut self, rig: &RigModel, body: usize, exposed_ns: u64, cameras: u32) -> BodyState {
+        let model = &rig.bodies[body];
         let mut state = BodyState::zeroed();
         let covariance = self.filter.as_ref().map_or(self.last_covariance, Estimate::pose_covariance);
         let mut pose = self.last_pose;
@@ -180,17 +185,15 @@ impl Track {
         }
         state.world_from_body = Pose::from_isometry(&pose);
         upper_triangle(&covariance, &mut state.covariance);
-        let (validity, status) = self.verdict(model, &covariance);
-        if !model.is_eye {
-            if let Some(filter) = &self.filter {
-                let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
-                let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
-                self.forecast.take(exposed_ns, validity == Validity::Measured, tip_after);
-                self.forecast.publish(exposed_ns, tip_after, &mut state.predictor);
-            }
+        let validity = self.validity(model, &covariance);
+        if let Some(filter) = self.filter.as_ref().filter(|_| !model.is_eye) {
+            let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
+            let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
+            self.forecast.take(exposed_ns, validity == Validity::Measured, tip_after);
+            self.forecast.publish(exposed_ns, tip_after, &mut state.predictor);
         }
         state.validity = validity as u32;
-        state.status = status as u32;
+        state.status = self.status(rig, body, validity, &pose, cameras) as u32;
         state.measured_ns = self.measured_ns;
         state.blobs_used = self.frame.blobs;
         state.cameras_used = self.frame.cameras.count_ones();
@@ -200,29 +203,47 @@ impl Track {
         state
     }
 
-    fn verdict(&self, model: &BodyModel, covariance: &Matrix6) -> (Validity, BodyStatus) {
+    fn validity(&self, model: &BodyModel, covariance: &Matrix6) -> Validity {
         if self.filter.is_none() {
-            return (Validity::Lost, BodyStatus::Lost);
+            return Validity::Lost;
         }
         let trace = |m: Matrix3<f64>| libm::sqrt(m.trace().max(0.0));
         let position = trace(covariance.fixed_view::<3, 3>(0, 0).into());
         let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
         let sure = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
-        let frame = &self.frame;
         let recent = self.measured_ns.saturating_sub(self.good_ns) <= k::ONE_CAMERA_NS;
-        if frame.blobs > 0 && recent && sure {
-            return (Validity::Measured, BodyStatus::Tracked);
-        }
-        let status = if frame.bad_fit {
+        if self.frame.blobs > 0 && recent && sure { Validity::Measured } else { Validity::Predicted }
+    }
+
+    /// Why the body is as valid as it is; of several reasons the one nearest to the cause.
+    fn status(
+        &self,
+        rig: &RigModel,
+        body: usize,
+        validity: Validity,
+        pose: &Isometry3<f64>,
+        cameras: u32,
+    ) -> BodyStatus {
+        let frame = &self.frame;
+        let placed = Placed::from(pose);
+        let leaves = |m: &Marker| !seen_by_two(rig, m, &placed, cameras);
+        if validity == Validity::Lost {
+            BodyStatus::Lost
+        } else if frame.bad_fit {
             BodyStatus::BadFit
-        } else if frame.thrown_out > frame.blobs {
+        } else if frame.thrown_out > 0 && frame.thrown_out * k::INTERFERENCE_SHARE >= frame.blobs {
             BodyStatus::Interference
-        } else if frame.blobs > 0 {
+        } else if frame.blobs == 0 {
+            BodyStatus::Predicted
+        } else if cameras.count_ones() >= 2 && rig.bodies[body].markers.iter().any(leaves) {
+            BodyStatus::PartlyOutOfVolume
+        } else if frame.markers.count_ones() < 3 || frame.cameras.count_ones() < 2 {
             BodyStatus::TooFewMarkers
+        } else if validity == Validity::Measured {
+            BodyStatus::Tracked
         } else {
             BodyStatus::Predicted
-        };
-        (Validity::Predicted, status)
+        }
     }
 }
 

@@ -19,4 +19,7 @@ pub struct Config {
     /// Consume exactly the fields that the `script` channel names: for recorded runs.
     #[arg(long)]
     pub script: bool,
+    /// Trust the rig file: do not estimate how far the rig has drifted since it was calibrated.
+    #[arg(long)]
+    pub fixed_rig: bool,
 }

@@ -95,6 +95,8 @@ pub const GATE: f64 = 25.0;
 pub const GATE_PX: f64 = 40.0;
 /// Squared normalised residual above which a blob is thrown out of a fit.
 pub const OUTLIER: f64 = 20.0;
+/// One blob thrown out for so many kept is called interference.
+pub const INTERFERENCE_SHARE: u32 = 4;
 /// Squared residual at which the weight of a blob has fallen to half while the fit converges.
 pub const ROBUST_SCALE: f64 = 9.0;
 /// Reduced χ² above which a fit is refused.

@@ -19,6 +19,7 @@ pub mod drift;
 pub mod estimate;
 pub mod filter;
 pub mod fit;
+pub mod fitness;
 pub mod forecast;
 pub mod hand;
 pub mod learner;

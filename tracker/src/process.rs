@@ -2,8 +2,9 @@
 
 use crate::assembler::{Closed, FrameAssembler};
 use crate::config::Config;
+use crate::fitness;
 use crate::script::FieldStore;
-use crate::tracker::{Reference, Tracker};
+use crate::tracker::{Reference, Tracker, close};
 use anyhow::Context;
 use protocol::blobs::BlobField;
 use protocol::control::{Command, FrameScript, Request};
@@ -19,6 +20,7 @@ use protocol::time::{Nanos, now};
 /// Runs until it is told to end.
 pub fn run(config: &Config) -> anyhow::Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+    fitness::check(&rig).context("this rig cannot work")?;
     let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
     let mut tracking = Tracking {
         blobs: instance.receiver(Queue::InOrder)?,
@@ -26,7 +28,7 @@ pub fn run(config: &Config) -> anyhow::Result<()> {
         poses: instance.sender()?,
         shell,
         assembler: FrameAssembler::new(&rig),
-        tracker: Tracker::new(&rig),
+        tracker: Tracker::with(&rig, !config.fixed_rig),
         store: FieldStore::default(),
         script: None,
         clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
@@ -125,7 +127,7 @@ impl Tracking {
     fn publish(&mut self, closed: &Closed) -> anyhow::Result<()> {
         let taken = if matches!(self.clock, Clock::System) { closed.taken_ns } else { now() };
         let mut frame = self.tracker.track(self.assembler.used(), &closed.reference);
-        frame.closed_by = closed.closed_by as u32;
+        close(&mut frame, closed.closed_by);
         frame.waited_ns = closed.waited_ns;
         stamp(&mut frame, self.assembler.used(), taken);
         self.send(frame)
@@ -146,7 +148,7 @@ impl Tracking {
             let reference =
                 Reference { camera: script.camera, field: script.field, exposed_ns: script.exposed_ns };
             let mut frame = self.tracker.track(used, &reference);
-            frame.closed_by = script.closed_by;
+            close(&mut frame, ClosedBy::from_wire(script.closed_by));
             stamp(&mut frame, used, taken);
             self.script = None;
             self.send(frame)?;
@@ -173,7 +175,8 @@ impl Tracking {
         report.received = blobs.received + scripts.received;
         report.sent = self.poses.sent();
         report.lost = blobs.lost + scripts.lost + self.store.dropped();
-        report.refused = blobs.refused + scripts.refused + u64::from(self.assembler.refused());
+        let fields = u64::from(self.assembler.refused());
+        report.refused = blobs.refused + scripts.refused + fields + self.tracker.blobs_refused();
     }
 
     fn obey(&mut self, request: &Request, command: Command) -> anyhow::Result<()> {

@@ -57,8 +57,8 @@ impl View {
     }
 
     /// Takes a field over; blobs with numbers that make no sense or far outside of the frame are
-    /// left away.
-    pub fn fill(&mut self, field: &BlobField, camera: &Camera) {
+    /// left away; returns how many.
+    pub fn fill(&mut self, field: &BlobField, camera: &Camera) -> u32 {
         self.exposed_ns = field.exposed_ns;
         self.count = 0;
         self.taken = 0;
@@ -68,6 +68,7 @@ impl View {
                 self.count += 1;
             }
         }
+        field.blobs().len() as u32 - self.count as u32
     }
 
     /// The blobs.
@@ -192,6 +193,18 @@ pub fn image_of(marker: &Marker, placed: &Placed, camera: &Camera) -> Option<Ima
         radius_px: radii.x,
         area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
     })
+}
+
+/// True if a marker of a body that is `placed` in the world is in the picture of at least two of the
+/// `cameras` (a set of ids).
+pub fn seen_by_two(rig: &RigModel, marker: &Marker, placed: &Placed, cameras: u32) -> bool {
+    let inside = |camera: &&Camera| {
+        let [w, h] = camera.size_px.map(f64::from);
+        let image = image_of(marker, placed, camera);
+        image.is_some_and(|i| (0.0..w).contains(&i.pixel.x) && (0.0..h).contains(&i.pixel.y))
+    };
+    let asked = rig.cameras.iter().flatten().filter(|c| cameras & (1 << c.id) != 0);
+    asked.filter(inside).count() >= 2
 }
 
 /// Covariance of a blob taken for a marker: the blob's own, and more where its size tells that it

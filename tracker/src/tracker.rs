@@ -13,7 +13,7 @@ use bytemuck::Zeroable;
 use nalgebra::Matrix3;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
-use protocol::poses::{EYE, FieldUsed, TrackerFrame};
+use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
 use protocol::rig::Rig;
 
 /// The exposure that a frame is for.
@@ -47,6 +47,7 @@ pub struct Tracker {
     last_ns: u64,
     frame: u64,
     in_frame: u32,
+    blobs_refused: u64,
 }
 
 impl Tracker {
@@ -73,7 +74,13 @@ impl Tracker {
             last_ns: 0,
             frame: 0,
             in_frame: 0,
+            blobs_refused: 0,
         }
+    }
+
+    /// Blobs ignored since the start: not finite, without size or far outside of the frame.
+    pub fn blobs_refused(&self) -> u64 {
+        self.blobs_refused
     }
 
     /// Forgets everything; the next frame has number 0.
@@ -124,7 +131,7 @@ impl Tracker {
         self.learn_drift();
         self.advance(reference.exposed_ns);
         for (body, track) in self.tracks.iter_mut().enumerate() {
-            frame.bodies[body] = track.state(&self.rig.bodies[body], reference.exposed_ns);
+            frame.bodies[body] = track.state(&self.rig, body, reference.exposed_ns, self.in_frame);
         }
         frame
     }
@@ -165,7 +172,8 @@ impl Tracker {
         let mut cameras = 0u32;
         for field in group {
             let Some(Some(camera)) = self.rig.cameras.get(field.camera as usize) else { continue };
-            self.views[field.camera as usize].fill(field, camera);
+            let refused = self.views[field.camera as usize].fill(field, camera);
+            self.blobs_refused = self.blobs_refused.saturating_add(u64::from(refused));
             cameras |= 1 << field.camera;
         }
         if cameras == 0 {
@@ -317,6 +325,17 @@ impl Tracker {
             for m in matches.iter().filter(|m| !m.out) {
                 self.views[m.camera].take(m.blob);
             }
+        }
+    }
+}
+
+/// Notes how a frame was closed. Where the next field of the reference camera came first, the tracker
+/// fell behind, and no body is better than that.
+pub fn close(frame: &mut TrackerFrame, closed_by: ClosedBy) {
+    frame.closed_by = closed_by as u32;
+    if closed_by == ClosedBy::NextField {
+        for body in frame.bodies.iter_mut().filter(|b| b.status != BodyStatus::Lost as u32) {
+            body.status = BodyStatus::FellBehind as u32;
         }
     }
 }
