@@ -212,7 +212,8 @@ impl Track {
         let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
         let sure = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
         let recent = self.measured_ns.saturating_sub(self.good_ns) <= k::ONE_CAMERA_NS;
-        if self.frame.blobs > 0 && recent && sure { Validity::Measured } else { Validity::Predicted }
+        // One marker alone may be anything.
+        if self.frame.markers.count_ones() >= 2 && recent && sure { Validity::Measured } else { Validity::Predicted }
     }
 
     /// Why the body is as valid as it is; of several reasons the one nearest to the cause.

@@ -32,10 +32,22 @@ pub const SMOOTH_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 pub const SMOOTH_LEARNING_S: f64 = 1.0;
 /// Squared normalised surprise (6 degrees of freedom) above which the planned movement is believed less at once.
 pub const SURPRISE: f64 = 30.0;
+/// Running ratio of surprises to what they should be, above which the same is done.
+pub const STRAIN: f64 = 1.7;
+/// Share of the newest surprise in it.
+pub const STRAIN_SHARE: f64 = 0.15;
 /// Frequencies of the tremor's oscillators, Hz: physiological tremor lies between 6 and 14 Hz.
 pub const TREMOR_HZ: [f64; 5] = [7.0, 8.5, 10.0, 11.5, 13.0];
 /// Their damping ratio: wide enough to overlap, narrow enough to foresee a period.
 pub const TREMOR_DAMPING: f64 = 0.02;
+/// The same for the roll, whose tremor is nearer to its noise: fewer and wider.
+pub const ROLL_TREMOR_HZ: [f64; 3] = [8.0, 10.0, 12.0];
+/// Their damping ratio.
+pub const ROLL_TREMOR_DAMPING: f64 = 0.05;
+/// Standard deviation of their angle at the start, rad, and bounds of its variance as learnt, rad².
+pub const ROLL_TREMOR_START_RAD: f64 = 0.003;
+/// See [`ROLL_TREMOR_START_RAD`].
+pub const ROLL_TREMOR_RANGE_RAD2: (f64, f64) = (1e-8, 0.01);
 /// Standard deviation of their displacement at the start, mm, per axis.
 pub const TREMOR_START_MM: f64 = 0.018;
 /// Bounds of its variance as learnt, mm².
@@ -55,9 +67,9 @@ pub const SHORTEST_LEVER_MM: f64 = 4.0;
 /// Longest step of the filter's prediction, ns.
 pub const LONGEST_STEP_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
 /// Singer model of an instrument's roll, rad/s².
-pub const TURN_ACCELERATION_RAD_S2: f64 = 60.0;
+pub const TURN_ACCELERATION_RAD_S2: f64 = 8.0;
 /// Its time constant, s.
-pub const TURN_ACCELERATION_TAU_S: f64 = 0.02;
+pub const TURN_ACCELERATION_TAU_S: f64 = 0.1;
 /// The same for the eye's rotation, rad/s².
 pub const EYE_ACCELERATION_RAD_S2: f64 = 0.25;
 /// Its time constant, s.

@@ -10,12 +10,12 @@
 //! Linear states, each a vector of the world: the smooth movement (x, v, a, a'); a bank of
 //! oscillators across 6–14 Hz, which add up (no choice is made between them; each learns how strong
 //! it is from its own state, as expectation–maximisation would); the play (m, m'). Then the roll
-//! (ρ, ρ', ρ''), a Singer chain. A measurement is a pose with its covariance *after* the prior went
+//! (ρ, ρ', ρ''), a Singer chain, with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
 use crate::chain::{Oscillator, Smooth};
 use crate::constants as k;
-use crate::filter::{Matrix6, Singer, Vector6, difference, exp};
+use crate::filter::{Matrix6, Singer, difference, exp};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Oscillators of the tremor.
@@ -26,7 +26,9 @@ const TREMOR: usize = 4;
 const PLAY: usize = TREMOR + 2 * TREMORS;
 /// First row of the roll's chain; number of rows.
 const ROLL: usize = 3 * VECTORS;
-const N: usize = ROLL + 3;
+const ROLL_TREMOR: usize = ROLL + 3;
+const ROLL_TREMORS: usize = k::ROLL_TREMOR_HZ.len();
+const N: usize = ROLL_TREMOR + 2 * ROLL_TREMORS;
 
 type Row = [f64; N];
 /// An N×6 matrix by columns.
@@ -49,11 +51,15 @@ pub struct HandFilter {
     vectors: [Vector3<f64>; VECTORS],
     roll_rate: f64,
     roll_acceleration: f64,
+    roll_tremor: [[f64; 2]; ROLL_TREMORS],
     rotation: UnitQuaternion<f64>,
     pivot: Pivot,
     /// Variance of the displacement of each oscillator, mm².
     tremor_variance: [f64; TREMORS],
+    roll_tremor_variance: [f64; ROLL_TREMORS],
     smooth_variance: f64,
+    /// Running ratio of the squared surprises to what they should be.
+    strain: f64,
     covariance: [Row; N],
     /// Instant of the state, ns.
     pub time_ns: u64,
@@ -65,6 +71,7 @@ struct Step {
     tremor: [[[f64; 2]; 2]; TREMORS],
     play: [[f64; 2]; 2],
     roll: [[f64; 3]; 3],
+    roll_tremor: [[[f64; 2]; 2]; ROLL_TREMORS],
 }
 
 const PLAY_MODEL: Oscillator = Oscillator { omega: k::PLAY_RAD_S, damping: k::PLAY_DAMPING };
@@ -72,6 +79,10 @@ const ROLL_MODEL: Singer = Singer { sigma: k::TURN_ACCELERATION_RAD_S2, tau_s: k
 
 fn tremor_model(i: usize) -> Oscillator {
     Oscillator { omega: 2.0 * std::f64::consts::PI * k::TREMOR_HZ[i], damping: k::TREMOR_DAMPING }
+}
+
+fn roll_tremor_model(i: usize) -> Oscillator {
+    Oscillator { omega: 2.0 * std::f64::consts::PI * k::ROLL_TREMOR_HZ[i], damping: k::ROLL_TREMOR_DAMPING }
 }
 
 fn smooth_model(variance: f64) -> Smooth {
@@ -86,6 +97,7 @@ impl Step {
             tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
             play: PLAY_MODEL.transition(dt),
             roll: [[1.0, roll.dt, roll.h], [0.0, 1.0, roll.g], [0.0, 0.0, roll.e]],
+            roll_tremor: std::array::from_fn(|i| roll_tremor_model(i).transition(dt)),
         }
     }
 
@@ -100,6 +112,9 @@ impl Step {
             mix(rows, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &self.play);
         }
         mix(rows, [ROLL, ROLL + 1, ROLL + 2], &self.roll);
+        for (i, f) in self.roll_tremor.iter().enumerate() {
+            mix(rows, [ROLL_TREMOR + 2 * i, ROLL_TREMOR + 2 * i + 1], f);
+        }
     }
 
     fn apply_to_vectors(&self, vectors: &mut [Vector3<f64>; VECTORS]) {
@@ -145,10 +160,13 @@ impl HandFilter {
             vectors: [Vector3::zeros(); VECTORS],
             roll_rate: 0.0,
             roll_acceleration: 0.0,
+            roll_tremor: [[0.0; 2]; ROLL_TREMORS],
             rotation: pose.rotation,
             pivot,
             tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; TREMORS],
+            roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
             smooth_variance: k::SMOOTH_MM_S2 * k::SMOOTH_MM_S2,
+            strain: 1.0,
             covariance: [[0.0; N]; N],
             time_ns,
         };
@@ -187,6 +205,11 @@ impl HandFilter {
         p[ROLL][ROLL] = roll;
         p[ROLL + 1][ROLL + 1] = k::SEED_TURN_RAD_S * k::SEED_TURN_RAD_S;
         p[ROLL + 2][ROLL + 2] = ROLL_MODEL.sigma * ROLL_MODEL.sigma;
+        for (i, variance) in self.roll_tremor_variance.iter().enumerate() {
+            let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
+            p[first][first] = *variance;
+            p[first + 1][first + 1] = variance * omega * omega;
+        }
     }
 
     /// `world_from_body`.
@@ -198,7 +221,9 @@ impl HandFilter {
     pub fn motion(&self) -> [Vector3<f64>; 2] {
         let velocity = self.velocity();
         let (axis, lever) = self.shaft();
-        let turning = axis.cross(&(self.vectors[PLAY + 1] - velocity)) / lever + axis * self.roll_rate;
+        let turning = axis.cross(&(self.vectors[PLAY + 1] - velocity)) / lever;
+        let rolling = self.roll_tremor.iter().fold(self.roll_rate, |sum, x| sum + x[1]);
+        let turning = turning + axis * rolling;
         [velocity, turning]
     }
 
@@ -221,20 +246,30 @@ impl HandFilter {
 
     /// The pose `dt` seconds from the state's instant (either way), by the mean motion alone.
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
-        let mut ahead = (self.vectors, self.rotation);
+        let mut ahead = (self.vectors, self.rotation, self.roll_tremor);
         if dt != 0.0 {
             ahead = self.carried(&Step::new(dt), &self.pivot);
         }
         Isometry3::from_parts(Translation3::from(tip_of(&ahead.0)), ahead.1)
     }
 
-    fn carried(&self, step: &Step, pivot: &Pivot) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>) {
+    fn carried(
+        &self,
+        step: &Step,
+        pivot: &Pivot,
+    ) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>, [[f64; 2]; ROLL_TREMORS]) {
         let mut vectors = self.vectors;
         step.apply_to_vectors(&mut vectors);
         let axis = self.rotation * Vector3::z();
-        let roll = self.roll_rate * step.roll[0][1] + self.roll_acceleration * step.roll[0][2];
+        let mut roll = self.roll_rate * step.roll[0][1] + self.roll_acceleration * step.roll[0][2];
+        let mut tremor = self.roll_tremor;
+        for (x, f) in tremor.iter_mut().zip(&step.roll_tremor) {
+            let now = x[0];
+            *x = [f[0][0] * x[0] + f[0][1] * x[1], f[1][0] * x[0] + f[1][1] * x[1]];
+            roll += x[0] - now;
+        }
         let rotation = aligned(exp(axis * roll) * self.rotation, &vectors, pivot);
-        (vectors, rotation)
+        (vectors, rotation, tremor)
     }
 
     /// Carries the state to `time_ns`, where the trocar is at `pivot`; an earlier instant changes
@@ -253,7 +288,7 @@ impl HandFilter {
             if i == steps {
                 self.pivot = target;
             }
-            (self.vectors, self.rotation) = self.carried(&step, &self.pivot);
+            (self.vectors, self.rotation, self.roll_tremor) = self.carried(&step, &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
             self.roll_acceleration *= step.roll[2][2];
             step.apply(&mut self.covariance);
@@ -296,6 +331,10 @@ impl HandFilter {
         }
         let roll = [[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]];
         add(p, [ROLL, ROLL + 1, ROLL + 2], &roll);
+        for (i, f) in step.roll_tremor.iter().enumerate() {
+            let first = ROLL_TREMOR + 2 * i;
+            add(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));
+        }
     }
 
     /// Lets the oscillators and the smooth movement learn how strong they are: the running mean of
@@ -315,9 +354,18 @@ impl HandFilter {
             *variance += share * (now - *variance);
             *variance = variance.clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
         }
+        let mut roll_tremor = self.roll_tremor_variance;
+        for (i, variance) in roll_tremor.iter_mut().enumerate() {
+            let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
+            let [x, rate] = self.roll_tremor[i];
+            let angle = x * x + p[first][first];
+            let now = 0.5 * (angle + (rate * rate + p[first + 1][first + 1]) / (omega * omega));
+            *variance += share * (now - *variance);
+            *variance = variance.clamp(k::ROLL_TREMOR_RANGE_RAD2.0, k::ROLL_TREMOR_RANGE_RAD2.1);
+        }
         let share = (dt / k::SMOOTH_LEARNING_S).min(0.2);
         let smooth = self.smooth_variance + share * (square(2) - self.smooth_variance);
-        self.tremor_variance = tremor;
+        (self.tremor_variance, self.roll_tremor_variance) = (tremor, roll_tremor);
         self.smooth_variance = smooth.clamp(k::SMOOTH_RANGE_MM2_S4.0, k::SMOOTH_RANGE_MM2_S4.1);
     }
 
@@ -360,7 +408,8 @@ impl HandFilter {
         let delta = difference(posterior, &self.pose());
         let cross = self.cross();
         let gain = product(&cross, prior_inverse);
-        let weighted = product(&gain, &(self.pose_covariance_from(&cross) - covariance));
+        let shrink = self.pose_covariance_from(&cross) - covariance;
+        let weighted = product(&gain, &shrink);
         let mut change = [0.0; N];
         let mut left: Row = std::array::from_fn(|r| self.covariance[r][r]);
         for ((gain, weighted), delta) in gain.iter().zip(&weighted).zip(delta.iter()) {
@@ -379,8 +428,12 @@ impl HandFilter {
         }
         self.roll_rate += change[ROLL + 1];
         self.roll_acceleration += change[ROLL + 2];
+        for (i, x) in self.roll_tremor.iter_mut().enumerate() {
+            x[0] += change[ROLL_TREMOR + 2 * i];
+            x[1] += change[ROLL_TREMOR + 2 * i + 1];
+        }
         self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
-        self.notice(&delta, prior_inverse);
+        self.notice(delta.dot(&(prior_inverse * delta)), (prior_inverse * shrink).trace());
         true
     }
 
@@ -401,12 +454,13 @@ impl HandFilter {
         }
     }
 
-    /// A pose far from what was expected: the hand does something new, and the smooth movement is
-    /// believed less at once.
-    fn notice(&mut self, delta: &Vector6, prior_inverse: &Matrix6) {
-        let surprise = delta.dot(&(prior_inverse * delta));
-        if surprise > k::SURPRISE {
-            let factor = (surprise / k::SURPRISE).min(10.0);
+    /// Poses further from what was foreseen than they should be, one by much or several in a row: the
+    /// hand does something new, and the smooth movement is believed less at once.
+    fn notice(&mut self, surprise: f64, expected: f64) {
+        self.strain += k::STRAIN_SHARE * (surprise / expected.max(1.0) - self.strain);
+        let ratio = (surprise / k::SURPRISE).max(self.strain / k::STRAIN);
+        if ratio > 1.0 {
+            let factor = (ratio * ratio).min(10.0);
             self.smooth_variance = (self.smooth_variance * factor).min(k::SMOOTH_RANGE_MM2_S4.1);
         }
     }
@@ -434,7 +488,8 @@ fn pose_part(row: &Row, axis: &Vector3<f64>, lever: f64) -> (Vector3<f64>, Vecto
     for i in 0..TREMORS {
         tip += vector(TREMOR + 2 * i);
     }
-    let turn = axis.cross(&(vector(PLAY) - tip)) / lever + axis * row[ROLL];
+    let roll = (0..ROLL_TREMORS).fold(row[ROLL], |sum, i| sum + row[ROLL_TREMOR + 2 * i]);
+    let turn = axis.cross(&(vector(PLAY) - tip)) / lever + axis * roll;
     (tip, turn)
 }
 
