@@ -134,6 +134,8 @@ pub const SEED_GATE_PX: f64 = 6.0;
 pub const SEED_SIGHT_SPEED_MM_S: f64 = 8.0;
 /// Points kept per search; more are clutter.
 pub const SEED_POINTS: usize = 96;
+/// Share of the best possible score at which a search ends.
+pub const SEED_CONVINCING: f64 = 0.85;
 /// Hypotheses tried per search: bounds its time.
 pub const SEED_TRIALS: usize = 6_000;
 /// Plausible hypotheses scored per search; scoring one costs 20 µs.

@@ -61,18 +61,25 @@ impl Searcher {
         self.triangulate(scene, body);
         let mut best: Option<(f64, Isometry3<f64>)> = None;
         let (mut trials, mut scored) = (0, 0);
+        let recent = scene.views.iter().filter(|v| scene.is_recent(v)).count();
+        let convincing = k::SEED_CONVINCING * (recent * body.markers.len()) as f64;
         for triple in &body.triples {
             self.for_each_pose(body, triple, |pose| {
                 trials += 1;
+                let so_far = best.map_or(0.0, |(s, _)| s);
                 if is_plausible(scene, body, &pose) {
                     scored += 1;
-                    let score = score(scene, body, &pose);
-                    if best.is_none_or(|(s, _)| score > s) {
+                    let score = score(scene, body, &pose, so_far);
+                    if score > so_far {
                         best = Some((score, pose));
                     }
                 }
-                trials < k::SEED_TRIALS && scored < k::SEED_SCORED
+                let convinced = best.is_some_and(|(s, _)| s >= convincing);
+                trials < k::SEED_TRIALS && scored < k::SEED_SCORED && !convinced
             });
+            if best.is_some_and(|(s, _)| s >= convincing) {
+                break;
+            }
         }
         self.refine(scene, body, &best?.1)
     }
@@ -272,13 +279,19 @@ fn nearest_blob(
     best
 }
 
-/// How well the blobs of all cameras agree with a pose.
-fn score(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> f64 {
+/// How well the blobs of all cameras agree with a pose; 0 where that cannot exceed `to_beat`.
+fn score(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>, to_beat: f64) -> f64 {
     let mut sum = 0.0;
     let pose = &Placed::from(pose);
-    for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
+    let views = || scene.views.iter().filter(|v| scene.is_recent(v));
+    let mut left = (views().count() * body.markers.len()) as f64;
+    for view in views() {
         for marker in 0..body.markers.len() {
             sum += nearest_blob(scene, body, view, pose, marker).map_or(0.0, |(fit, _)| fit);
+            left -= 1.0;
+            if sum + left <= to_beat {
+                return 0.0;
+            }
         }
     }
     sum
