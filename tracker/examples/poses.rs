@@ -34,7 +34,11 @@ fn main() -> anyhow::Result<()> {
         covariance,
     };
     write!(run.out, "t_ns,t_out_ns,body,valid,x,y,z,qw,qx,qy,qz,kind")?;
-    writeln!(run.out, "{}", if covariance { ",status,blobs,residual_px,pxx,pxy,pxz,pyy,pyz,pzz" } else { "" })?;
+    writeln!(
+        run.out,
+        "{}",
+        if covariance { ",status,blobs,residual_px,pxx,pxy,pxz,pyy,pyz,pzz" } else { "" }
+    )?;
     let mut newest_ns = 0;
     for field in BlobReader::open(Path::new(blobs))? {
         let field = field?;

@@ -50,6 +50,10 @@ pub struct Group<'a> {
 /// Finds matches; keeps its memory between calls.
 pub struct Associator {
     candidates: Vec<Candidate>,
+    /// Blobs of a marker's colour near it that are not it, by body, camera, marker and blob.
+    near: Vec<(usize, usize, usize, usize)>,
+    /// Markers of each body that nobody was taken for while something of their colour was near.
+    pub strays: [u32; BODIES],
     blobs_used: [u64; MAX_CAMERAS],
     markers_used: [[u32; MAX_CAMERAS]; BODIES],
 }
@@ -58,6 +62,8 @@ impl Default for Associator {
     fn default() -> Self {
         Associator {
             candidates: Vec::with_capacity(MAX_CANDIDATES),
+            near: Vec::with_capacity(MAX_CANDIDATES),
+            strays: [0; BODIES],
             blobs_used: [0; MAX_CAMERAS],
             markers_used: [[0; MAX_CAMERAS]; BODIES],
         }
@@ -74,6 +80,7 @@ impl Associator {
         matches: &mut [Vec<Match>; BODIES],
     ) -> bool {
         self.candidates.clear();
+        self.near.clear();
         self.blobs_used = [0; MAX_CAMERAS];
         self.markers_used = [[0; MAX_CAMERAS]; BODIES];
         for (body, expected) in expected.iter().enumerate() {
@@ -98,6 +105,13 @@ impl Associator {
                 self.blobs_used[m.camera] |= blob;
                 self.markers_used[c.body][m.camera] |= marker;
                 matches[c.body].push(*m);
+            }
+        }
+        self.strays = [0; BODIES];
+        for &(body, camera, marker, blob) in &self.near {
+            let unmatched = self.markers_used[body][camera] & (1 << marker) == 0;
+            if unmatched && self.blobs_used[camera] & (1 << blob) == 0 {
+                self.strays[body] += 1;
             }
         }
         matches.iter().map(Vec::len).sum::<usize>() == self.candidates.len()
@@ -134,6 +148,8 @@ impl Associator {
                     let matched =
                         Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, out: false };
                     self.candidates.push(Candidate { distance2: distance2 + doubt, body, matched });
+                } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
+                    self.near.push((body, view.camera, marker, blob));
                 }
             }
         }

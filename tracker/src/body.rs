@@ -38,6 +38,7 @@ pub struct Track {
 struct InFrame {
     blobs: u32,
     thrown_out: u32,
+    strays: u32,
     cameras: u32,
     /// Set of the markers that took part.
     markers: u32,
@@ -102,6 +103,11 @@ impl Track {
     /// True if two cameras have not seen it for so long that it should also be searched.
     pub fn wants_search(&self, base_ns: u64) -> bool {
         self.filter.is_none() || base_ns.saturating_sub(self.good_ns) > k::SEARCH_AFTER_NS
+    }
+
+    /// So many blobs near its markers belong to nobody.
+    pub fn disturbed(&mut self, strays: u32) {
+        self.frame.strays += strays;
     }
 
     /// A fit of tracked blobs comes in. False if it was refused.
@@ -213,7 +219,11 @@ impl Track {
         let sure = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
         let recent = self.measured_ns.saturating_sub(self.good_ns) <= k::ONE_CAMERA_NS;
         // One marker alone may be anything.
-        if self.frame.markers.count_ones() >= 2 && recent && sure { Validity::Measured } else { Validity::Predicted }
+        if self.frame.markers.count_ones() >= 2 && recent && sure {
+            Validity::Measured
+        } else {
+            Validity::Predicted
+        }
     }
 
     /// Why the body is as valid as it is; of several reasons the one nearest to the cause.
@@ -227,12 +237,13 @@ impl Track {
     ) -> BodyStatus {
         let frame = &self.frame;
         let placed = Placed::from(pose);
+        let disturbing = frame.thrown_out + frame.strays;
         let leaves = |m: &Marker| !seen_by_two(rig, m, &placed, cameras);
         if validity == Validity::Lost {
             BodyStatus::Lost
         } else if frame.bad_fit {
             BodyStatus::BadFit
-        } else if frame.thrown_out > 0 && frame.thrown_out * k::INTERFERENCE_SHARE >= frame.blobs {
+        } else if disturbing > 0 && disturbing * k::INTERFERENCE_SHARE >= frame.blobs {
             BodyStatus::Interference
         } else if frame.blobs == 0 {
             BodyStatus::Predicted

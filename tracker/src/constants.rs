@@ -107,7 +107,9 @@ pub const GATE: f64 = 25.0;
 pub const GATE_PX: f64 = 40.0;
 /// Squared normalised residual above which a blob is thrown out of a fit.
 pub const OUTLIER: f64 = 20.0;
-/// One blob thrown out for so many kept is called interference.
+/// A blob of a marker's colour this near to it, that is not it, disturbs, px.
+pub const NEAR_PX: f64 = 5.0;
+/// One blob that disturbs for so many kept is called interference.
 pub const INTERFERENCE_SHARE: u32 = 4;
 /// Squared residual at which the weight of a blob has fallen to half while the fit converges.
 pub const ROBUST_SCALE: f64 = 9.0;

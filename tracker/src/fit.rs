@@ -186,8 +186,7 @@ impl Problem<'_> {
     fn placements(&self, pose: &Isometry3<f64>, matches: &[Match]) -> [Option<Placed>; MAX_CAMERAS] {
         let mut placed = [None; MAX_CAMERAS];
         for m in matches {
-            placed[m.camera]
-                .get_or_insert_with(|| Placed::from(&carried(pose, &self.motion, m.dt_s)));
+            placed[m.camera].get_or_insert_with(|| Placed::from(&carried(pose, &self.motion, m.dt_s)));
         }
         placed
     }

@@ -19,7 +19,9 @@ const CLOSEST_MARKERS_MM: f64 = 0.05;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unfit {
     /// A camera looks elsewhere.
-    #[error("camera {camera} sees nothing: no point of the workspace of radius {radius_mm} mm about the eye's centre is in its picture")]
+    #[error(
+        "camera {camera} sees nothing: no point of the workspace of radius {radius_mm} mm about the eye's centre is in its picture"
+    )]
     Blind {
         /// Camera id.
         camera: u32,
@@ -67,7 +69,9 @@ pub enum Unfit {
         count: usize,
     },
     /// A trocar in the middle of the eye.
-    #[error("the trocar of {body} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: no shaft can pass it")]
+    #[error(
+        "the trocar of {body} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: no shaft can pass it"
+    )]
     TrocarInside {
         /// Name of the body.
         body: &'static str,

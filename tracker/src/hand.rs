@@ -404,7 +404,12 @@ impl HandFilter {
     /// Takes the pose that maximises the posterior, and its covariance. `prior_inverse` is the
     /// inverse of [`HandFilter::pose_covariance`]. False, with nothing changed, where the result
     /// would not be finite.
-    pub fn update(&mut self, posterior: &Isometry3<f64>, covariance: &Matrix6, prior_inverse: &Matrix6) -> bool {
+    pub fn update(
+        &mut self,
+        posterior: &Isometry3<f64>,
+        covariance: &Matrix6,
+        prior_inverse: &Matrix6,
+    ) -> bool {
         let delta = difference(posterior, &self.pose());
         let cross = self.cross();
         let gain = product(&cross, prior_inverse);

@@ -45,9 +45,9 @@ struct Lesson<const L: usize> {
 }
 
 impl<const L: usize> Lesson<L> {
-    const NONE: Self =
-        Lesson { gains: [Self::ZERO; 3], steps: [Self::ZERO; 3] };
-    const ZERO: SVector<f64, L> = SVector::<f64, L>::from_array_storage(nalgebra::ArrayStorage([[0.0; L]; 1]));
+    const NONE: Self = Lesson { gains: [Self::ZERO; 3], steps: [Self::ZERO; 3] };
+    const ZERO: SVector<f64, L> =
+        SVector::<f64, L>::from_array_storage(nalgebra::ArrayStorage([[0.0; L]; 1]));
 }
 
 impl<const L: usize> Learner<L> {
@@ -124,11 +124,8 @@ fn average_hand(lags: usize, period_s: f64) -> [f64; 40] {
         let w = 2.0 * std::f64::consts::PI * f;
         let lag = 1.0 + (w * smooth.tau_s) * (w * smooth.tau_s);
         let planned = smooth.sigma * smooth.sigma * 4.0 * smooth.tau_s / (lag * lag) / (w * w * w * w);
-        let shaking = if f >= BAND_HZ.0 && f <= BAND_HZ.1 {
-            tremor * tremor / (BAND_HZ.1 - BAND_HZ.0)
-        } else {
-            0.0
-        };
+        let shaking =
+            if f >= BAND_HZ.0 && f <= BAND_HZ.1 { tremor * tremor / (BAND_HZ.1 - BAND_HZ.0) } else { 0.0 };
         for (lag, value) in covariance.iter_mut().enumerate().take(lags + 1) {
             *value += (planned + shaking) * STEP_HZ * (libm::cos(w * lag as f64 * period_s) - 1.0);
         }

@@ -287,6 +287,7 @@ impl Tracker {
     fn take(&mut self, body: usize, base_ns: u64) {
         let Some(fit) = self.fits[body] else { return };
         let track = &mut self.tracks[body];
+        track.disturbed(self.associator.strays[body]);
         let Some(prior) = track.filter.as_ref().and_then(|f| f.pose_covariance().cholesky()) else { return };
         if !track.take_fit(&fit, &prior.inverse(), &self.matches[body], base_ns) {
             return;
