@@ -32,6 +32,10 @@ pub const SMOOTH_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 pub const SMOOTH_LEARNING_S: f64 = 1.0;
 /// Squared normalised surprise (6 degrees of freedom) above which the planned movement is believed less at once.
 pub const SURPRISE: f64 = 30.0;
+/// So many markers with a blob beside them, and more than with a blob in place, startle.
+pub const BESIDE: usize = 2;
+/// Doubt that a startled filter adds to the tip's position (mm), velocity (mm/s) and acceleration (mm/s²).
+pub const STARTLED: [f64; 3] = [0.1, 15.0, 300.0];
 /// Running ratio of surprises to what they should be, above which the same is done.
 pub const STRAIN: f64 = 1.7;
 /// Share of the newest surprise in it.
@@ -77,7 +81,7 @@ pub const EYE_ACCELERATION_TAU_S: f64 = 0.7;
 /// Largest factor by which it grows at a surprise, and the time in which that is forgotten, s.
 pub const EYE_BOOST: (f64, f64) = (30.0, 0.3);
 /// Standard deviation of the velocity of a body just found, mm/s; the surgeon's hand in a hurry.
-pub const SEED_SPEED_MM_S: f64 = 15.0;
+pub const SEED_SPEED_MM_S: f64 = 30.0;
 /// The same for the angular velocity of an instrument, rad/s.
 pub const SEED_TURN_RAD_S: f64 = 1.5;
 /// The same for the eye, rad/s.
@@ -97,7 +101,7 @@ pub const ONE_CAMERA_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
 /// A body not seen by two cameras for this long is lost, ns.
 pub const LOST_AFTER_NS: u64 = 150_000_000;
 /// A body not seen by two cameras for this long is also searched anew, ns.
-pub const SEARCH_AFTER_NS: u64 = 50_000_000;
+pub const SEARCH_AFTER_NS: u64 = 30_000_000;
 /// A gap between camera-fields, or a step back, beyond which nothing is carried over, ns.
 pub const MAX_GAP_NS: u64 = 500_000_000;
 
@@ -133,7 +137,7 @@ pub const SEED_DISTANCE_MM: f64 = 0.35;
 /// A blob this close to a marker of a hypothesis supports it, px.
 pub const SEED_GATE_PX: f64 = 6.0;
 /// Speed assumed when sights of different instants meet in a search, mm/s.
-pub const SEED_SIGHT_SPEED_MM_S: f64 = 8.0;
+pub const SEED_SIGHT_SPEED_MM_S: f64 = 25.0;
 /// Points kept per search; more are clutter.
 pub const SEED_POINTS: usize = 96;
 /// Share of the best possible score at which a search ends.

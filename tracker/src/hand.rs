@@ -459,6 +459,17 @@ impl HandFilter {
         }
     }
 
+    /// The blobs are beside where they should be: the hand has begun to do something else. The tip's
+    /// movement is believed no more.
+    pub fn startle(&mut self) {
+        for (vector, sigma) in k::STARTLED.into_iter().enumerate() {
+            for axis in 3 * vector..3 * vector + 3 {
+                self.covariance[axis][axis] += sigma * sigma;
+            }
+        }
+        self.smooth_variance = k::SMOOTH_RANGE_MM2_S4.1;
+    }
+
     /// Poses further from what was foreseen than they should be, one by much or several in a row: the
     /// hand does something new, and the smooth movement is believed less at once.
     fn notice(&mut self, surprise: f64, expected: f64) {

@@ -4,6 +4,7 @@ use crate::associate::{Associator, Group};
 use crate::body::Track;
 use crate::constants as k;
 use crate::drift::{Drift, Report};
+use crate::estimate::Estimate;
 use crate::fit::{Fit, MAX_MATCHES, Match, Problem, TrocarInWorld, trocar_miss};
 use crate::hand::Pivot;
 use crate::model::RigModel;
@@ -207,7 +208,10 @@ impl Tracker {
     fn update(&mut self, cameras: u32, base_ns: u64) {
         self.fits = [None; BODIES];
         self.updates = [None; BODIES];
-        let no_choice = self.assign(cameras, base_ns);
+        let mut no_choice = self.assign(cameras, base_ns);
+        if self.startle() {
+            no_choice = self.assign(cameras, base_ns);
+        }
         for body in ORDER {
             self.fits[body] = self.fit(body);
         }
@@ -273,6 +277,22 @@ impl Tracker {
         let doubt = turn.trace().max(0.0) / 3.0 * trocar.position_in_eye.coords.norm_squared();
         let sigma = libm::sqrt(trocar.sigma * trocar.sigma + doubt);
         Some((pose.rotation * trocar.position_in_eye, sigma))
+    }
+
+    /// Opens the gates of instruments whose blobs are beside where they should be. True if there is one.
+    fn startle(&mut self) -> bool {
+        let mut startled = false;
+        for body in (0..BODIES).filter(|b| *b != EYE) {
+            let beside = self.associator.strays[body] as usize;
+            if beside < k::BESIDE || beside <= self.matches[body].len() {
+                continue;
+            }
+            if let Some(Estimate::Hand(hand)) = &mut self.tracks[body].filter {
+                hand.startle();
+                startled = true;
+            }
+        }
+        startled
     }
 
     /// The trocar that an instrument's shaft passes at `base_ns`, if the eye is tracked.
