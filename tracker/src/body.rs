@@ -152,7 +152,9 @@ impl Track {
     ) {
         self.lose();
         self.filter = Some(Estimate::new(model, &fit.pose, &fit.covariance, pivot, base_ns));
-        self.variance_scale = 1.0;
+        // A rig that has drifted shows at once; its evidence is forgotten slowly.
+        let (low, high) = k::CHI2_RANGE;
+        self.variance_scale = fit.reduced_chi2().unwrap_or(1.0).clamp(low, high);
         self.good_ns = base_ns;
         self.note(fit, matches, base_ns, in_frame);
     }

@@ -130,6 +130,8 @@ pub const MEASURED_RAD: f64 = 0.5;
 /// A shaft that misses its trocar by more than this is not this instrument, mm.
 pub const TROCAR_MISS_MM: f64 = 1.0;
 
+/// Factor on the variances of blobs in a search: the rig may have drifted by a third of a pixel.
+pub const SEED_VARIANCE: f64 = 6.0;
 /// Two rays that pass this close may see one marker, mm (free-running cameras: 10 mm/s · 13 ms and noise).
 pub const SEED_RAY_MM: f64 = 0.35;
 /// Distances between markers are matched within this, mm.

@@ -167,7 +167,7 @@ impl Searcher {
             prior_information,
             motion: [Vector3::zeros(); 2],
             trocar: scene.trocar,
-            variance_scale: 1.0,
+            variance_scale: k::SEED_VARIANCE,
         };
         self.collect(scene, body, &start);
         let rough = problem.solve(&start, &mut self.matches)?;
@@ -177,7 +177,7 @@ impl Searcher {
         let markers = kept().fold(0u32, |set, m| set | 1 << m.marker).count_ones();
         let cameras = kept().fold(0u32, |set, m| set | 1 << m.camera).count_ones();
         let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.thrown_out * 3 <= fit.blobs;
-        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT);
+        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT * k::SEED_VARIANCE);
         (good && close && is_plausible(scene, body, &fit.pose)).then_some(fit)
     }
 
