@@ -145,8 +145,10 @@ impl Associator {
                     let area_ratio = sight.area_px / image.area_px;
                     let pixel = sight.pixel;
                     let camera = view.camera;
+                    let clean = covariance == sight.covariance;
+                    let out = false;
                     let matched =
-                        Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, out: false };
+                        Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, clean, out };
                     self.candidates.push(Candidate { distance2: distance2 + doubt, body, matched });
                 } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
                     self.near.push((body, view.camera, marker, blob));

@@ -118,7 +118,7 @@ mod tests {
 
         #[test]
         fn oscillator_solves_its_equation(dt in -0.1..0.1f64, hz in 0.3..14.0f64, damping in 0.01..0.9f64) {
-            let o = Oscillator { omega: hz * 6.283, damping };
+            let o = Oscillator { omega: hz * std::f64::consts::TAU, damping };
             let f = |dt: f64| { let m = o.transition(dt); Matrix2::new(m[0][0], m[0][1], m[1][0], m[1][1]) };
             let equation = Matrix2::new(0.0, 1.0, -o.omega * o.omega, -2.0 * damping * o.omega);
             let slope = (f(dt + 1e-6) - f(dt - 1e-6)) / 2e-6;
@@ -128,7 +128,7 @@ mod tests {
 
         #[test]
         fn gathered_noise_adds_up(dt in 0.001..0.01f64, hz in 0.3..14.0f64) {
-            let o = Oscillator { omega: hz * 6.283, damping: 0.05 };
+            let o = Oscillator { omega: hz * std::f64::consts::TAU, damping: 0.05 };
             let (f, twice) = (o.transition(dt), o.transition(2.0 * dt));
             let m = |m: [[f64; 2]; 2]| Matrix2::new(m[0][0], m[0][1], m[1][0], m[1][1]);
             let (once, both) = (m(o.noise(&f, 0.01)), m(o.noise(&twice, 0.01)));

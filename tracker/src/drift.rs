@@ -40,6 +40,29 @@ pub struct Report {
     pub blind_mm: [f64; BODIES],
 }
 
+impl std::fmt::Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let um = |mm: f64| mm * 1e3;
+        if !self.noticed {
+            return write!(f, "no drift of the rig is noticed (evidence {:.1})", self.evidence);
+        }
+        write!(
+            f,
+            "the rig has drifted since it was calibrated (evidence {:.0}): cameras by up to {:.2} mrad and {:.0} µm, \
+             markers by {:.1}, {:.1} and {:.1} µm (inst0, inst1, eye); this is corrected while it runs. What no \
+             residual shows, markers that moved together, may move the tips by {:.1} and {:.1} µm: calibrate anew",
+            self.evidence,
+            self.camera.0 * 1e3,
+            um(self.camera.1),
+            um(self.markers_mm[0]),
+            um(self.markers_mm[1]),
+            um(self.markers_mm[2]),
+            um(self.blind_mm[0]),
+            um(self.blind_mm[1]),
+        )
+    }
+}
+
 /// Estimates the drift; all unknowns are in units of their prior's standard deviation.
 pub struct Drift {
     nominal: RigModel,
@@ -122,13 +145,15 @@ impl Drift {
         motion: &[Vector3<f64>; 2],
         matches: &[Match],
     ) {
-        if matches.iter().filter(|m| !m.out).count() < 4 {
+        // A marker hidden in part looks like a marker that moved.
+        let usable = || matches.iter().filter(|m| m.clean && !m.out);
+        if usable().count() < 4 {
             return;
         }
         self.list_unknowns(body);
         let mut of_pose = pose_prior(body);
         let mut gradient = SMatrix::<f64, 6, 1>::zeros();
-        for m in matches.iter().filter(|m| !m.out) {
+        for m in usable() {
             let at_exposure = carried(pose, motion, m.dt_s);
             let Some((a, j, r)) = self.equation(rig, body, &Placed::from(&at_exposure), m) else { continue };
             let Some(weight) = m.covariance.try_inverse() else { continue };
@@ -351,4 +376,69 @@ fn pose_prior(body: usize) -> Matrix6 {
         prior.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / (k::EYE_CENTRE_MM * k::EYE_CENTRE_MM));
     }
     prior
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::{Vector6, changed};
+    use nalgebra::Matrix2;
+    use protocol::rig::Rig;
+
+    /// Blobs of body 0 as the cameras of `real` see it, at the `n`-th of many poses.
+    fn blobs(real: &RigModel, n: u32) -> (Isometry3<f64>, Vec<Match>) {
+        let t = f64::from(n) * 0.1;
+        let turn = Vector3::new(0.4 * t.sin(), 0.3 * (1.3 * t).cos(), 0.9 * (0.7 * t).sin());
+        let pose = Isometry3::new(Vector3::new((0.9 * t).sin(), (1.1 * t).cos(), -3.0 + t.cos()), turn);
+        let mut matches = Vec::new();
+        for (camera, model) in real.cameras.iter().enumerate() {
+            let Some(model) = model else { continue };
+            for (marker, m) in real.bodies[0].markers.iter().enumerate() {
+                let pixel = image_of(m, &Placed::from(&pose), model).unwrap().pixel;
+                let covariance = Matrix2::identity() * 0.0025;
+                let (blob, dt_s, area_ratio, clean, out) = (0, 0.0, 1.0, true, false);
+                matches.push(Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, clean, out });
+            }
+        }
+        (pose, matches)
+    }
+
+    /// A rig of which one marker of body 0 went off its place, learnt from at poses that are wrong by
+    /// something themselves.
+    fn learnt(shift: Vector3<f64>) -> (RigModel, Report) {
+        let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+        let (mut real, mut rig) = (nominal.clone(), nominal.clone());
+        real.bodies[0].markers[1].position += shift;
+        let mut drift = Drift::new(&nominal);
+        for n in 0..600 {
+            let (pose, matches) = blobs(&real, n);
+            let wrong = changed(&pose, &(Vector6::repeat(1e-3) * f64::from(n % 5)));
+            drift.learn(&rig, 0, &wrong, &[Vector3::zeros(); 2], &matches);
+            drift.step(&mut rig);
+        }
+        (rig, *drift.report())
+    }
+
+    #[test]
+    fn a_marker_that_moved_alone_is_found() {
+        let shift = Vector3::new(0.0, 0.012, 0.0);
+        let (rig, report) = learnt(shift);
+        assert!(report.noticed && report.to_string().contains("drifted"), "{report}");
+        // The middle of three in a line: bent out of it, which no pose explains. The others share it.
+        let y = |m: usize| rig.bodies[0].markers[m].position.y;
+        let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+        let y0 = |m: usize| nominal.bodies[0].markers[m].position.y;
+        let along = |m: usize| nominal.bodies[0].markers[m].position.z;
+        let share = (along(1) - along(0)) / (along(2) - along(0));
+        let bend = |y: &dyn Fn(usize) -> f64| y(1) - y(0) - share * (y(2) - y(0));
+        let found = bend(&y) - bend(&y0);
+        assert!((found - 0.012).abs() < 0.0015, "{found}");
+    }
+
+    #[test]
+    fn a_rig_that_did_not_move_is_left_alone() {
+        let (rig, report) = learnt(Vector3::zeros());
+        assert!(!report.noticed && report.to_string().contains("no drift"), "{report}");
+        assert_eq!(rig, RigModel::new(&Rig::load_or_shipped(None).unwrap()));
+    }
 }

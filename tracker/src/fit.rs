@@ -40,6 +40,8 @@ pub struct Match {
     pub dt_s: f64,
     /// Area over the expected one.
     pub area_ratio: f64,
+    /// Neither hidden in part nor merged, by its size.
+    pub clean: bool,
     /// Thrown out.
     pub out: bool,
 }
@@ -277,7 +279,7 @@ mod tests {
                 let covariance = Matrix2::identity() * 0.0025;
                 let pixel = image.pixel;
                 let area_ratio = 1.0;
-                let out = false;
+                let (clean, out) = (true, false);
                 matches.push(Match {
                     camera,
                     blob: 0,
@@ -286,6 +288,7 @@ mod tests {
                     covariance,
                     dt_s: 0.0,
                     area_ratio,
+                    clean,
                     out,
                 });
             }

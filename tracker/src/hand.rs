@@ -13,6 +13,7 @@
 //! (ρ, ρ', ρ''), a Singer chain, with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
+use crate::block::{self, add, blend, mix, product, transpose};
 use crate::chain::{Oscillator, Smooth};
 use crate::constants as k;
 use crate::filter::{Matrix6, Singer, difference, exp};
@@ -30,9 +31,8 @@ const ROLL_TREMOR: usize = ROLL + 3;
 const ROLL_TREMORS: usize = k::ROLL_TREMOR_HZ.len();
 const N: usize = ROLL_TREMOR + 2 * ROLL_TREMORS;
 
-type Row = [f64; N];
-/// An N×6 matrix by columns.
-type Columns = [Row; 6];
+type Row = block::Row<N>;
+type Columns = block::Columns<N>;
 
 /// The point that the shaft passes, and how far it strays from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -123,27 +123,6 @@ impl Step {
             blend(&mut vectors[TREMOR + 2 * i..TREMOR + 2 * i + 2], f);
         }
         blend(&mut vectors[PLAY..], &self.play);
-    }
-}
-
-/// Replaces the rows `at` by their combinations.
-fn mix<const M: usize>(rows: &mut [Row; N], at: [usize; M], f: &[[f64; M]; M]) {
-    for column in 0..N {
-        let old: [f64; M] = std::array::from_fn(|i| rows[at[i]][column]);
-        for (r, &row) in at.iter().enumerate() {
-            let mut sum = 0.0;
-            for c in 0..M {
-                sum += f[r][c] * old[c];
-            }
-            rows[row][column] = sum;
-        }
-    }
-}
-
-fn blend<const M: usize>(vectors: &mut [Vector3<f64>], f: &[[f64; M]; M]) {
-    let old: [Vector3<f64>; M] = std::array::from_fn(|i| vectors[i]);
-    for (out, row) in vectors.iter_mut().zip(f) {
-        *out = row.iter().zip(&old).fold(Vector3::zeros(), |sum, (f, v)| sum + v * *f);
     }
 }
 
@@ -443,6 +422,7 @@ impl HandFilter {
     }
 
     /// P ← P − (gain·shrink)·gainᵀ: the lower triangle, and its mirror image.
+    #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
     fn shrink(&mut self, gain: &Columns, weighted: &Columns) {
         let [a, b, c, d, e, f] = gain;
         for r in 0..N {
@@ -482,17 +462,6 @@ impl HandFilter {
     }
 }
 
-/// `left`·`right`.
-fn product(left: &Columns, right: &Matrix6) -> Columns {
-    let [a, b, c, d, e, f] = left;
-    std::array::from_fn(|n| {
-        let w: [f64; 6] = std::array::from_fn(|m| right[(m, n)]);
-        std::array::from_fn(|r| {
-            w[0] * a[r] + w[1] * b[r] + w[2] * c[r] + w[3] * d[r] + w[4] * e[r] + w[5] * f[r]
-        })
-    })
-}
-
 fn tip_of(vectors: &[Vector3<f64>; VECTORS]) -> Vector3<f64> {
     vectors[TREMOR..PLAY].iter().step_by(2).fold(vectors[0], |sum, v| sum + v)
 }
@@ -527,18 +496,89 @@ fn aligned(
     UnitQuaternion::new_normalize(turn * rotation.into_inner())
 }
 
-fn transpose(p: &mut [Row; N]) {
-    for r in 0..N {
-        for c in 0..r {
-            (p[r][c], p[c][r]) = (p[c][r], p[r][c]);
-        }
-    }
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
 
-fn add<const M: usize>(p: &mut [Row; N], at: [usize; M], noise: &[[f64; M]; M]) {
-    for (r, row) in at.into_iter().zip(noise) {
-        for (c, q) in at.into_iter().zip(row) {
-            p[r][c] += q;
+    const FIELD_NS: u64 = 20_000_000;
+
+    fn pivot() -> Pivot {
+        Pivot { position: Vector3::new(7.8, 4.5, 7.9), sigma: 0.05, carried: true }
+    }
+
+    /// The shaft through the pivot with the tip at `tip`.
+    fn through(tip: Vector3<f64>) -> Isometry3<f64> {
+        let axis = pivot().position - tip;
+        let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap();
+        Isometry3::from_parts(Translation3::from(tip), rotation)
+    }
+
+    fn filter(tip: Vector3<f64>) -> HandFilter {
+        HandFilter::new(&through(tip), &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS)
+    }
+
+    /// Measures a pose with the covariance `noise`.
+    fn measure(f: &mut HandFilter, pose: &Isometry3<f64>, noise: &Matrix6) -> bool {
+        let prior = f.pose_covariance().try_inverse().unwrap();
+        let information = noise.try_inverse().unwrap();
+        let covariance = (prior + information).try_inverse().unwrap();
+        let step = covariance * information * difference(pose, &f.pose());
+        f.update(&crate::filter::changed(&f.pose(), &step), &covariance, &prior)
+    }
+
+    #[test]
+    fn a_moving_tip_turns_the_shaft_about_its_pivot() {
+        let tip = |t: f64| Vector3::new(2.0 * t, -1.0 + t, -4.0);
+        let mut f = filter(tip(0.0));
+        for n in 1..40u64 {
+            f.advance(FIELD_NS * (n + 1), Some(pivot()));
+            assert!(measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6)));
+        }
+        let (ahead, truth) = (f.pose_after(0.1), through(tip(39.0 * 0.02 + 0.1)));
+        let miss = crate::fit::trocar_miss(&ahead, &pivot().position.into());
+        assert!((ahead.translation.vector - truth.translation.vector).norm() < 0.01);
+        assert!(miss.norm() < 0.005, "{miss}");
+        assert!(f.play() < 0.005);
+    }
+
+    #[test]
+    fn the_bank_learns_where_the_tremor_is() {
+        let tip = |t: f64| Vector3::new(0.05 * (63.0 * t).sin(), 0.05 * (63.0 * t).cos(), -4.0);
+        let mut f = filter(tip(0.0));
+        for n in 1..150u64 {
+            f.advance(FIELD_NS * (n + 1), Some(pivot()));
+            measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6));
+        }
+        let [low, .., high] = f.tremor_variance;
+        let most = f.tremor_variance.into_iter().fold(0.0, f64::max);
+        assert!(f.tremor_variance[2] == most && most > 4.0 * low.max(high), "{:?}", f.tremor_variance);
+    }
+
+    #[test]
+    fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
+        let mut f =
+            HandFilter::new(&through(Vector3::zeros()), &(Matrix6::identity() * 1e-4), None, FIELD_NS);
+        let before = f.pose();
+        f.advance(FIELD_NS + 1_000, Some(pivot()));
+        assert!(difference(&f.pose(), &before).norm() < 1e-4);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        #[test]
+        fn covariance_stays_positive(steps in prop::collection::vec((1u64..150_000_000, 0.0..1.0f64), 1..30)) {
+            let mut f = filter(Vector3::new(1.0, 2.0, -4.0));
+            for (dt, sight) in steps {
+                f.advance(f.time_ns + dt, (sight < 0.8).then(pivot));
+                if sight < 0.1 {
+                    f.startle();
+                }
+                let pose = f.pose();
+                prop_assert!(measure(&mut f, &pose, &(Matrix6::identity() * (1e-6 + 1e-3 * sight))));
+                prop_assert!(f.pose_covariance().cholesky().is_some());
+                prop_assert!((0..N).all(|i| f.covariance[i][i] >= 0.0));
+            }
         }
     }
 }

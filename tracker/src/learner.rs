@@ -80,21 +80,21 @@ impl<const L: usize> Learner<L> {
             let Some(moved) = moved else { continue };
             let lesson = &self.lessons[h];
             let weights = &mut self.weights[h];
-            for axis in 0..3 {
-                let error = moved[axis] - lesson.steps[axis].dot(weights);
-                *weights += lesson.gains[axis] * error;
+            for ((moved, steps), gain) in moved.iter().zip(&lesson.steps).zip(&lesson.gains) {
+                let error = moved - steps.dot(weights);
+                *weights += gain * error;
             }
         }
         if self.inverse.trace() < WIND_UP * self.start_trace {
             self.inverse /= FORGETTING;
         }
         let mut lesson = Lesson::NONE;
-        for axis in 0..3 {
-            let seen = SVector::<f64, L>::from_fn(|k, _| steps[k][axis]);
+        for (axis, (gains, seen_steps)) in lesson.gains.iter_mut().zip(&mut lesson.steps).enumerate() {
+            let seen = SVector::<f64, L>::from_iterator(steps.iter().map(|step| step[axis]));
             let towards = self.inverse * seen;
             let gain = towards / (1.0 + seen.dot(&towards));
             self.inverse.ger(-1.0, &gain, &towards, 1.0);
-            (lesson.gains[axis], lesson.steps[axis]) = (gain, seen);
+            (*gains, *seen_steps) = (gain, seen);
         }
         self.lessons.rotate_right(1);
         self.lessons[0] = lesson;

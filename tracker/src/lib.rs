@@ -5,12 +5,14 @@
 //! or transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them:
 //!
 //! [`sight`] pixels → [`associate`] blobs to markers (or [`seed`] from nothing) → [`fit`] pose →
-//! [`filter`] motion → [`body`] verdict, with what [`forecast`] expects the hand to do next.
+//! [`hand`] or [`filter`] motion → [`body`] verdict, with what [`forecast`] expects the hand to do
+//! next. [`drift`] watches how well the rig still fits; [`fitness`] refuses rigs that cannot work.
 //!
 //! The tracker's state depends on nothing but the consumed fields in their order.
 
 pub mod assembler;
 pub mod associate;
+pub mod block;
 pub mod body;
 pub mod chain;
 pub mod config;

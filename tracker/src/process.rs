@@ -33,6 +33,7 @@ pub fn run(config: &Config) -> anyhow::Result<()> {
         script: None,
         clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
         scripted: config.script,
+        drift_told: false,
     };
     tracking.shell.report.state = STATE_RUNNING;
     tracking.shell.beat_now(now())?;
@@ -70,6 +71,7 @@ struct Tracking {
     script: Option<FrameScript>,
     clock: Clock,
     scripted: bool,
+    drift_told: bool,
 }
 
 impl Tracking {
@@ -142,6 +144,7 @@ impl Tracking {
             let Some(script) = self.script else { return Ok(()) };
             if script.frame == 0 {
                 self.tracker.reset();
+                self.drift_told = false;
             }
             let Some(used) = self.store.take(&script) else { return Ok(()) };
             let taken = now();
@@ -169,7 +172,16 @@ impl Tracking {
         Ok(self.poses.send(&frame)?)
     }
 
+    /// Says once that the rig has drifted. Seldom enough to be formatted.
+    fn tell_drift(&mut self) {
+        if let Some(report) = self.tracker.drift().filter(|r| r.noticed && !self.drift_told) {
+            log::warn!("{report}");
+            self.drift_told = true;
+        }
+    }
+
     fn report(&mut self) {
+        self.tell_drift();
         let (blobs, scripts) = (self.blobs.counts(), self.scripts.counts());
         let report = &mut self.shell.report;
         report.received = blobs.received + scripts.received;
@@ -184,6 +196,7 @@ impl Tracking {
         match command {
             Command::Reset => {
                 self.tracker.reset();
+                self.drift_told = false;
                 self.assembler.reset();
                 self.store.clear();
                 self.script = None;

@@ -272,6 +272,7 @@ fn nearest_blob(
                 covariance: covariance + Matrix2::identity() * (drift * drift),
                 dt_s: 0.0,
                 area_ratio: sight.area_px / image.area_px,
+                clean: covariance == sight.covariance,
                 out: false,
             },
         ));
