@@ -75,7 +75,7 @@ pub const TURN_ACCELERATION_RAD_S2: f64 = 8.0;
 /// Its time constant, s.
 pub const TURN_ACCELERATION_TAU_S: f64 = 0.1;
 /// The same for the eye's rotation, rad/s².
-pub const EYE_ACCELERATION_RAD_S2: f64 = 0.25;
+pub const EYE_ACCELERATION_RAD_S2: f64 = 0.15;
 /// Its time constant, s.
 pub const EYE_ACCELERATION_TAU_S: f64 = 0.7;
 /// Largest factor by which it grows at a surprise, and the time in which that is forgotten, s.
@@ -155,13 +155,13 @@ const _: () = assert!(SEARCH_AFTER_NS < LOST_AFTER_NS);
 /// A camera's turn since its calibration (standard deviation), rad.
 pub const CAMERA_TURN_RAD: f64 = 2e-4;
 /// Its shift, mm.
-pub const CAMERA_SHIFT_MM: f64 = 0.02;
+pub const CAMERA_SHIFT_MM: f64 = 0.04;
 /// A marker's shift in its body per axis, mm.
-pub const MARKER_SHIFT_MM: f64 = 0.004;
-/// Share of the evidence that is kept at every solution (every second or so): 30 s of memory.
-pub const DRIFT_KEPT: f64 = 0.98;
+pub const MARKER_SHIFT_MM: f64 = 0.003;
+/// Share of the evidence that is kept at every solution (every second or so): two minutes of memory.
+pub const DRIFT_KEPT: f64 = 0.995;
 /// How far a solution moves the rig.
-pub const DRIFT_STEP: f64 = 0.5;
+pub const DRIFT_STEP: f64 = 1.0;
 /// Farthest that an unknown may go, in its standard deviations: beyond, the rig is to be calibrated.
 pub const DRIFT_LIMIT: f64 = 10.0;
 /// Evidence per unknown that noise, and hidden markers, may give.
