@@ -142,6 +142,17 @@ pub enum ClosedBy {
     NextField = 2,
 }
 
+impl ClosedBy {
+    /// From the wire; a foreign code counts as a time-out.
+    pub fn from_wire(code: u32) -> Self {
+        match code {
+            0 => ClosedBy::Inputs,
+            2 => ClosedBy::NextField,
+            _ => ClosedBy::TimeOut,
+        }
+    }
+}
+
 /// The tracker's answer for one exposure of the reference camera.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]

@@ -1,5 +1,6 @@
 //! `poses RIG.json BLOBS.jsonl OUT.csv`: runs a blob stream through assembler and tracker on the
 //! stream's own clock and writes the exchange format of poses; the time it took goes to stderr.
+//! `--fixed-rig` trusts the rig file, `--covariance` adds status, blobs and the tip's covariance (mm²).
 
 use anyhow::Context;
 use protocol::blob_stream::BlobReader;
@@ -17,19 +18,27 @@ const PROCESSING_NS: u64 = 1_000_000;
 
 fn main() -> anyhow::Result<()> {
     let arguments: Vec<String> = std::env::args().collect();
-    let [_, rig, blobs, out] = arguments.as_slice() else {
-        anyhow::bail!("usage: poses RIG.json BLOBS.jsonl OUT.csv");
+    let [_, rig, blobs, out, rest @ ..] = arguments.as_slice() else {
+        anyhow::bail!("usage: poses RIG.json BLOBS.jsonl OUT.csv [--fixed-rig] [--covariance]");
     };
+    let estimate_drift = !rest.iter().any(|a| a == "--fixed-rig");
+    let covariance = rest.iter().any(|a| a == "--covariance");
     let rig = Rig::load(Path::new(rig))?;
     let mut run = Run {
-        tracker: Tracker::new(&rig),
+        tracker: Tracker::with(&rig, estimate_drift),
         assembler: FrameAssembler::new(&rig),
         out: std::io::BufWriter::new(std::fs::File::create(out).with_context(|| out.clone())?),
         took_ns: Vec::new(),
         display: 0,
         last: None,
+        covariance,
     };
-    writeln!(run.out, "t_ns,t_out_ns,body,valid,x,y,z,qw,qx,qy,qz,kind")?;
+    write!(run.out, "t_ns,t_out_ns,body,valid,x,y,z,qw,qx,qy,qz,kind")?;
+    writeln!(
+        run.out,
+        "{}",
+        if covariance { ",status,blobs,residual_px,pxx,pxy,pxz,pyy,pyz,pzz" } else { "" }
+    )?;
     let mut newest_ns = 0;
     for field in BlobReader::open(Path::new(blobs))? {
         let field = field?;
@@ -47,6 +56,7 @@ fn main() -> anyhow::Result<()> {
     while let Some(closed) = run.assembler.flush(newest_ns) {
         run.frame(&closed)?;
     }
+    eprintln!("{:?}", run.tracker.drift());
     run.took_ns.sort_unstable();
     let n = run.took_ns.len().max(1);
     let mean = run.took_ns.iter().sum::<u64>() as f64 / n as f64;
@@ -68,6 +78,7 @@ struct Run {
     took_ns: Vec<u64>,
     display: u64,
     last: Option<(u64, TrackerFrame)>,
+    covariance: bool,
 }
 
 impl Run {
@@ -117,11 +128,18 @@ impl Run {
         let [x, y, z] = body.world_from_body.position_mm;
         let [qw, qx, qy, qz] = body.world_from_body.rotation_wxyz;
         let valid = u8::from(valid);
-        writeln!(
+        write!(
             self.out,
             "{},{},{name},{valid},{x:.7},{y:.7},{z:.7},{qw:.9},{qx:.9},{qy:.9},{qz:.9},{kind}",
             t[0], t[1]
         )?;
+        if self.covariance {
+            write!(self.out, ",{},{},{:.3}", body.status, body.blobs_used, body.residual_px)?;
+            for entry in [0, 1, 2, 6, 7, 11] {
+                write!(self.out, ",{:e}", body.covariance[entry])?;
+            }
+        }
+        writeln!(self.out)?;
         Ok(())
     }
 }

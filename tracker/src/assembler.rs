@@ -7,9 +7,11 @@
 //! - `TimeOut`: `CAMERA_WAIT_NS` after the first field of this exposure arrived;
 //! - `NextField`: a later field of the reference camera came first.
 //!
-//! Where the reference camera itself misses a field, the lowest camera that has one stands in after
-//! the same wait. A field that comes after its frame was closed goes into the next one. A camera that
-//! has been silent for several periods is not waited for until it speaks again.
+//! Where the reference camera itself misses a field, the lowest camera genlocked to it stands in
+//! after the same wait. Where none is, the frame is made for the instant at which the reference
+//! camera should have exposed, from what the others saw before it; so frames keep their spacing. A
+//! field that comes after its frame was closed goes into the next one. A camera that has been silent
+//! for several periods is not waited for until it speaks again.
 
 use crate::tracker::Reference;
 use protocol::blobs::BlobField;
@@ -183,10 +185,11 @@ impl FrameAssembler {
         let is_next = |f: &BlobField| f.camera == reference.camera && f.exposed_ns > reference.exposed_ns;
         let overtaken = self.pending.iter().any(|(_, f)| is_next(f));
         let full = self.pending.len() == MAX_FIELDS_USED;
+        let first = self.first_arrival(&reference);
         if self.has_all(&reference, now) {
-            Some(self.close(&reference, ClosedBy::Inputs, now))
+            Some(self.close(&reference, ClosedBy::Inputs, first, now))
         } else if overtaken || full {
-            Some(self.close(&reference, ClosedBy::NextField, now))
+            Some(self.close(&reference, ClosedBy::NextField, first, now))
         } else {
             None
         }
@@ -194,8 +197,14 @@ impl FrameAssembler {
 
     /// When the present wait for a late camera ends; `None` while nothing is waited for.
     pub fn deadline(&self, now: Nanos) -> Option<Nanos> {
-        let reference = self.open_reference(now).or_else(|| self.stand_in())?;
-        Some(self.first_arrival(&reference) + CAMERA_WAIT_NS)
+        Some(self.open(now)?.1 + CAMERA_WAIT_NS)
+    }
+
+    /// The frame that is waited for, and the instant from which on.
+    fn open(&self, now: Nanos) -> Option<(Reference, Nanos)> {
+        let came = |reference: Reference| (reference, self.first_arrival(&reference));
+        let there = self.open_reference(now).map(came);
+        there.or_else(|| self.missed(now)).or_else(|| self.stand_in().map(came))
     }
 
     /// Closes a frame that has waited long enough at `now`.
@@ -203,14 +212,15 @@ impl FrameAssembler {
         if now < self.deadline(now)? {
             return None;
         }
-        let reference = self.open_reference(now).or_else(|| self.stand_in())?;
-        Some(self.close(&reference, ClosedBy::TimeOut, now))
+        let (reference, first) = self.open(now)?;
+        Some(self.close(&reference, ClosedBy::TimeOut, first, now))
     }
 
     /// Closes what is open: the stream has ended.
     pub fn flush(&mut self, now: Nanos) -> Option<Closed> {
         let reference = self.open_reference(now).or_else(|| self.stand_in())?;
-        Some(self.close(&reference, ClosedBy::TimeOut, now))
+        let first = self.first_arrival(&reference);
+        Some(self.close(&reference, ClosedBy::TimeOut, first, now))
     }
 
     fn is_alive(&self, camera: usize, now: Nanos) -> bool {
@@ -240,6 +250,26 @@ impl FrameAssembler {
         together.min_by_key(|f| f.camera).map(reference_of)
     }
 
+    /// The exposure that the reference camera missed, free-running cameras having seen what came
+    /// before it; with the instant at which its field should have arrived.
+    fn missed(&self, now: Nanos) -> Option<(Reference, Nanos)> {
+        let id = (0..MAX_CAMERAS).find(|&c| self.is_alive(c, now))?;
+        let camera = &self.cameras[id];
+        if self.last_frame_ns == 0 || camera.last_exposed_ns == 0 {
+            return None;
+        }
+        let behind_ns = (self.last_frame_ns + self.period_ns / 4).saturating_sub(camera.last_exposed_ns);
+        let periods = behind_ns / self.period_ns + 1;
+        let due_ns = camera.last_exposed_ns + periods * self.period_ns;
+        let others = || self.pending.iter().map(|(_, f)| f.exposed_ns);
+        let genlocked = others().any(|t| t.abs_diff(due_ns) <= GENLOCK_NS);
+        let before = others().any(|t| t < due_ns && t + self.period_ns > due_ns + GENLOCK_NS);
+        let delay_ns = camera.last_arrival_ns.saturating_sub(camera.last_exposed_ns);
+        let field = camera.last_field + periods;
+        let reference = Reference { camera: id as u32, field, exposed_ns: due_ns };
+        (before && !genlocked).then_some((reference, due_ns + delay_ns))
+    }
+
     /// Arrival of the first field of this exposure.
     fn first_arrival(&self, reference: &Reference) -> Nanos {
         let same = |f: &BlobField| f.exposed_ns.abs_diff(reference.exposed_ns) <= GENLOCK_NS;
@@ -251,8 +281,7 @@ impl FrameAssembler {
         (0..MAX_CAMERAS).all(|c| !self.is_alive(c, now) || self.cameras[c].last_exposed_ns > begin_ns)
     }
 
-    fn close(&mut self, reference: &Reference, closed_by: ClosedBy, now: Nanos) -> Closed {
-        let first = self.first_arrival(reference);
+    fn close(&mut self, reference: &Reference, closed_by: ClosedBy, first: Nanos, now: Nanos) -> Closed {
         let taken_ns = if closed_by == ClosedBy::TimeOut { now.min(first + CAMERA_WAIT_NS) } else { now };
         let waited_ns = taken_ns.saturating_sub(first).min(CAMERA_WAIT_NS);
         let end = self.pending.partition_point(|(_, f)| f.exposed_ns <= reference.exposed_ns + GENLOCK_NS);
@@ -358,6 +387,19 @@ mod tests {
         let (closed, used) = &frames[4];
         assert_eq!((closed.reference.camera, closed.reference.field), (1, 4));
         assert_eq!((closed.closed_by, used.as_slice()), (ClosedBy::TimeOut, &[(1, 4), (2, 4)][..]));
+    }
+
+    #[test]
+    fn a_field_missed_by_a_free_running_reference_leaves_no_gap() {
+        let (phases, missing) = ([0, 7 * MS, 13 * MS], 4);
+        let frames = run(&mut assembler(), &stream(phases, 10, |c, n| (c, n) != (0, missing)));
+        assert_eq!(frames.len(), 10);
+        let (closed, used) = &frames[missing as usize];
+        let due = 100 * MS + missing * 20 * MS;
+        assert_eq!(closed.reference, Reference { camera: 0, field: missing, exposed_ns: due });
+        assert_eq!((closed.closed_by, closed.waited_ns), (ClosedBy::TimeOut, CAMERA_WAIT_NS));
+        assert_eq!(closed.taken_ns, due + AGE + CAMERA_WAIT_NS);
+        assert_eq!(*used, [(1, missing - 1), (2, missing - 1)]);
     }
 
     #[test]

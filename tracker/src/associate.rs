@@ -5,7 +5,7 @@ use crate::constants as k;
 use crate::filter::Matrix6;
 use crate::fit::{Match, carried, pose_jacobian};
 use crate::model::RigModel;
-use crate::sight::{View, camera_of, covariance_as, image_of};
+use crate::sight::{Placed, View, camera_of, covariance_as, image_of};
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 
@@ -50,6 +50,10 @@ pub struct Group<'a> {
 /// Finds matches; keeps its memory between calls.
 pub struct Associator {
     candidates: Vec<Candidate>,
+    /// Blobs of a marker's colour near it that are not it, by body, camera, marker and blob.
+    near: Vec<(usize, usize, usize, usize)>,
+    /// Markers of each body that nobody was taken for while something of their colour was near.
+    pub strays: [u32; BODIES],
     blobs_used: [u64; MAX_CAMERAS],
     markers_used: [[u32; MAX_CAMERAS]; BODIES],
 }
@@ -58,6 +62,8 @@ impl Default for Associator {
     fn default() -> Self {
         Associator {
             candidates: Vec::with_capacity(MAX_CANDIDATES),
+            near: Vec::with_capacity(MAX_CANDIDATES),
+            strays: [0; BODIES],
             blobs_used: [0; MAX_CAMERAS],
             markers_used: [[0; MAX_CAMERAS]; BODIES],
         }
@@ -65,14 +71,16 @@ impl Default for Associator {
 }
 
 impl Associator {
-    /// Fills `matches` of every body that is expected somewhere.
+    /// Fills `matches` of every body that is expected somewhere. True if there was no choice: every
+    /// blob could be one marker only, and every marker one blob.
     pub fn associate(
         &mut self,
         group: &Group<'_>,
         expected: &[Option<Expected>; BODIES],
         matches: &mut [Vec<Match>; BODIES],
-    ) {
+    ) -> bool {
         self.candidates.clear();
+        self.near.clear();
         self.blobs_used = [0; MAX_CAMERAS];
         self.markers_used = [[0; MAX_CAMERAS]; BODIES];
         for (body, expected) in expected.iter().enumerate() {
@@ -99,13 +107,21 @@ impl Associator {
                 matches[c.body].push(*m);
             }
         }
+        self.strays = [0; BODIES];
+        for &(body, camera, marker, blob) in &self.near {
+            let unmatched = self.markers_used[body][camera] & (1 << marker) == 0;
+            if unmatched && self.blobs_used[camera] & (1 << blob) == 0 {
+                self.strays[body] += 1;
+            }
+        }
+        matches.iter().map(Vec::len).sum::<usize>() == self.candidates.len()
     }
 
     fn collect(&mut self, group: &Group<'_>, body: usize, view: &View, expected: &Expected) {
         let Some(camera) = camera_of(group.rig, view) else { return };
         let area_scale = group.area_scales[view.camera];
         let dt_s = (view.exposed_ns as i64).wrapping_sub(group.base_ns as i64) as f64 * 1e-9;
-        let pose = carried(&expected.pose, &expected.motion, dt_s);
+        let pose = Placed::from(&carried(&expected.pose, &expected.motion, dt_s));
         for (marker, m) in group.rig.bodies[body].markers.iter().enumerate() {
             let Some(image) = image_of(m, &pose, camera) else { continue };
             let jacobian = pose_jacobian(&image, &pose);
@@ -129,9 +145,13 @@ impl Associator {
                     let area_ratio = sight.area_px / image.area_px;
                     let pixel = sight.pixel;
                     let camera = view.camera;
+                    let clean = covariance == sight.covariance;
+                    let out = false;
                     let matched =
-                        Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, out: false };
+                        Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, clean, out };
                     self.candidates.push(Candidate { distance2: distance2 + doubt, body, matched });
+                } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
+                    self.near.push((body, view.camera, marker, blob));
                 }
             }
         }

@@ -2,10 +2,13 @@
 
 use crate::associate::Expected;
 use crate::constants as k;
-use crate::filter::{Filter, Matrix6};
+use crate::estimate::Estimate;
+use crate::filter::Matrix6;
 use crate::fit::{Fit, Match};
-use crate::model::BodyModel;
-use crate::motion::MotionBank;
+use crate::forecast::Forecast;
+use crate::hand::Pivot;
+use crate::model::{BodyModel, Marker, RigModel};
+use crate::sight::{Placed, seen_by_two};
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};
@@ -16,7 +19,7 @@ use protocol::poses::{BodyState, BodyStatus, Predictor};
 #[derive(Debug, Clone)]
 pub struct Track {
     /// `None` while lost.
-    pub filter: Option<Filter>,
+    pub filter: Option<Estimate>,
     /// Running reduced χ²: above 1 where the calibration is worse than the blobs.
     pub variance_scale: f64,
     /// Instant of the last blob of each camera.
@@ -27,7 +30,7 @@ pub struct Track {
     last_pose: Isometry3<f64>,
     last_covariance: Matrix6,
     frame: InFrame,
-    motion: MotionBank,
+    forecast: Forecast,
 }
 
 /// What the present frame brought.
@@ -35,7 +38,10 @@ pub struct Track {
 struct InFrame {
     blobs: u32,
     thrown_out: u32,
+    strays: u32,
     cameras: u32,
+    /// Set of the markers that took part.
+    markers: u32,
     squares_px2: f64,
     bad_fit: bool,
 }
@@ -51,7 +57,7 @@ impl Default for Track {
             last_pose: Isometry3::identity(),
             last_covariance: Matrix6::identity(),
             frame: InFrame::default(),
-            motion: MotionBank::default(),
+            forecast: Forecast::default(),
         }
     }
 }
@@ -64,10 +70,10 @@ impl Track {
 
     /// Carries the body to `base_ns`, or gives it up where the gap is too long or two cameras have
     /// not seen it for too long.
-    pub fn advance(&mut self, base_ns: u64) {
+    pub fn advance(&mut self, base_ns: u64, pivot: Option<Pivot>) {
         let stale = base_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
         if let Some(filter) = &mut self.filter {
-            filter.advance(base_ns);
+            filter.advance(base_ns, pivot);
         }
         if stale {
             self.lose();
@@ -77,19 +83,19 @@ impl Track {
     /// Nothing is known any more; the last pose is kept for those who show it.
     pub fn lose(&mut self) {
         if let Some(filter) = self.filter.take() {
-            self.last_pose = filter.world_from_body;
+            self.last_pose = filter.pose();
             self.last_covariance = filter.pose_covariance();
         }
         self.seen_ns = [0; MAX_CAMERAS];
-        self.motion = MotionBank::default();
+        self.forecast.interrupt();
     }
 
     /// Where the body should be at its filter's instant.
     pub fn expected(&self) -> Option<Expected> {
         self.filter.as_ref().map(|f| Expected {
-            pose: f.world_from_body,
+            pose: f.pose(),
             covariance: f.pose_covariance(),
-            motion: [f.velocity, f.angular_velocity],
+            motion: f.motion(),
             variance_scale: self.variance_scale,
         })
     }
@@ -97,6 +103,11 @@ impl Track {
     /// True if two cameras have not seen it for so long that it should also be searched.
     pub fn wants_search(&self, base_ns: u64) -> bool {
         self.filter.is_none() || base_ns.saturating_sub(self.good_ns) > k::SEARCH_AFTER_NS
+    }
+
+    /// So many blobs near its markers belong to nobody.
+    pub fn disturbed(&mut self, strays: u32) {
+        self.frame.strays += strays;
     }
 
     /// A fit of tracked blobs comes in. False if it was refused.
@@ -137,10 +148,13 @@ impl Track {
         matches: &[Match],
         base_ns: u64,
         in_frame: u32,
+        pivot: Option<Pivot>,
     ) {
         self.lose();
-        self.filter = Some(Filter::new(fit.pose, &fit.covariance, model.start, model.motion, base_ns));
-        self.variance_scale = 1.0;
+        self.filter = Some(Estimate::new(model, &fit.pose, &fit.covariance, pivot, base_ns));
+        // A rig that has drifted shows at once; its evidence is forgotten slowly.
+        let (low, high) = k::CHI2_RANGE;
+        self.variance_scale = fit.reduced_chi2().unwrap_or(1.0).clamp(low, high);
         self.good_ns = base_ns;
         self.note(fit, matches, base_ns, in_frame);
     }
@@ -152,6 +166,7 @@ impl Track {
             if in_frame & (1 << m.camera) != 0 {
                 self.frame.blobs += 1;
                 self.frame.cameras |= 1 << m.camera;
+                self.frame.markers |= 1 << m.marker;
             }
         }
         self.frame.squares_px2 += fit.squares_px2;
@@ -162,13 +177,14 @@ impl Track {
         }
     }
 
-    /// What is published for the instant `exposed_ns`.
-    pub fn state(&mut self, model: &BodyModel, exposed_ns: u64) -> BodyState {
+    /// What is published for the instant `exposed_ns`, after the fields of `cameras` (a set).
+    pub fn state(&mut self, rig: &RigModel, body: usize, exposed_ns: u64, cameras: u32) -> BodyState {
+        let model = &rig.bodies[body];
         let mut state = BodyState::zeroed();
-        let covariance = self.filter.as_ref().map_or(self.last_covariance, Filter::pose_covariance);
+        let covariance = self.filter.as_ref().map_or(self.last_covariance, Estimate::pose_covariance);
         let mut pose = self.last_pose;
         if let Some(filter) = &self.filter {
-            let dt = exposed_ns.wrapping_sub(filter.time_ns) as i64 as f64 * 1e-9;
+            let dt = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             pose = filter.pose_after(dt.clamp(-0.2, 0.2));
             state.predictor = predictor(filter, model);
         }
@@ -177,17 +193,15 @@ impl Track {
         }
         state.world_from_body = Pose::from_isometry(&pose);
         upper_triangle(&covariance, &mut state.covariance);
-        let (validity, status) = self.verdict(model, &covariance);
-        if !model.is_eye {
-            if validity == Validity::Measured {
-                self.motion.measure(&pose.translation.vector, exposed_ns);
-            }
-            if validity != Validity::Lost {
-                self.motion.publish(exposed_ns, &mut state.predictor);
-            }
+        let validity = self.validity(model, &covariance);
+        if let Some(filter) = self.filter.as_ref().filter(|_| !model.is_eye) {
+            let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
+            let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
+            self.forecast.take(exposed_ns, validity == Validity::Measured, tip_after);
+            self.forecast.publish(exposed_ns, tip_after, &mut state.predictor);
         }
         state.validity = validity as u32;
-        state.status = status as u32;
+        state.status = self.status(rig, body, validity, &pose, cameras) as u32;
         state.measured_ns = self.measured_ns;
         state.blobs_used = self.frame.blobs;
         state.cameras_used = self.frame.cameras.count_ones();
@@ -197,38 +211,62 @@ impl Track {
         state
     }
 
-    fn verdict(&self, model: &BodyModel, covariance: &Matrix6) -> (Validity, BodyStatus) {
+    fn validity(&self, model: &BodyModel, covariance: &Matrix6) -> Validity {
         if self.filter.is_none() {
-            return (Validity::Lost, BodyStatus::Lost);
+            return Validity::Lost;
         }
         let trace = |m: Matrix3<f64>| libm::sqrt(m.trace().max(0.0));
         let position = trace(covariance.fixed_view::<3, 3>(0, 0).into());
         let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
         let sure = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
-        let frame = &self.frame;
-        if frame.cameras.count_ones() >= 2 && sure {
-            return (Validity::Measured, BodyStatus::Tracked);
+        let recent = self.measured_ns.saturating_sub(self.good_ns) <= k::ONE_CAMERA_NS;
+        // One marker alone may be anything.
+        if self.frame.markers.count_ones() >= 2 && recent && sure {
+            Validity::Measured
+        } else {
+            Validity::Predicted
         }
-        let status = if frame.bad_fit {
+    }
+
+    /// Why the body is as valid as it is; of several reasons the one nearest to the cause.
+    fn status(
+        &self,
+        rig: &RigModel,
+        body: usize,
+        validity: Validity,
+        pose: &Isometry3<f64>,
+        cameras: u32,
+    ) -> BodyStatus {
+        let frame = &self.frame;
+        let placed = Placed::from(pose);
+        let disturbing = frame.thrown_out + frame.strays;
+        let leaves = |m: &Marker| !seen_by_two(rig, m, &placed, cameras);
+        if validity == Validity::Lost {
+            BodyStatus::Lost
+        } else if frame.bad_fit {
             BodyStatus::BadFit
-        } else if frame.thrown_out > frame.blobs {
+        } else if disturbing > 0 && disturbing * k::INTERFERENCE_SHARE >= frame.blobs {
             BodyStatus::Interference
-        } else if frame.blobs > 0 {
+        } else if frame.blobs == 0 {
+            BodyStatus::Predicted
+        } else if cameras.count_ones() >= 2 && rig.bodies[body].markers.iter().any(leaves) {
+            BodyStatus::PartlyOutOfVolume
+        } else if frame.markers.count_ones() < 3 || frame.cameras.count_ones() < 2 {
             BodyStatus::TooFewMarkers
+        } else if validity == Validity::Measured {
+            BodyStatus::Tracked
         } else {
             BodyStatus::Predicted
-        };
-        (Validity::Predicted, status)
+        }
     }
 }
 
-fn predictor(filter: &Filter, model: &BodyModel) -> Predictor {
+fn predictor(filter: &Estimate, model: &BodyModel) -> Predictor {
     let mut predictor = Predictor::zeroed();
-    predictor.angular_velocity_rad_s = filter.angular_velocity.into();
+    let [velocity, turning] = filter.motion();
+    predictor.angular_velocity_rad_s = turning.into();
     if !model.is_eye {
-        predictor.velocity_mm_s = filter.velocity.into();
-        predictor.acceleration_mm_s2 = filter.acceleration.into();
-        predictor.acceleration_tau_s = filter.models[0].tau_s;
+        predictor.velocity_mm_s = velocity.into();
     }
     predictor
 }

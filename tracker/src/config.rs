@@ -24,6 +24,9 @@ pub struct Config {
     /// Consume exactly the fields that the `script` channel names: for recorded runs.
     #[arg(long)]
     pub script: bool,
+    /// Trust the rig file: do not estimate how far the rig has drifted since it was calibrated.
+    #[arg(long)]
+    pub fixed_rig: bool,
 }
 
 /// What the program does besides tracking.

@@ -6,6 +6,7 @@
 //! pose with its 6×6 covariance *after* the prior went in (see `fit`), so that the rest of the
 //! state follows by its regression on the pose: x_r += K·δ, K = P_rp·P_pp⁻¹.
 
+use crate::constants as k;
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 /// Covariance of the pose: position (world, mm), rotation vector (world, rad).
@@ -80,6 +81,8 @@ pub struct Filter {
     pub models: [Singer; 2],
     /// Instant of the state, ns.
     pub time_ns: u64,
+    /// Factor on the models' accelerations: above 1 after a surprise.
+    boost: f64,
     covariance: Matrix18,
 }
 
@@ -110,6 +113,7 @@ impl Filter {
             angular_acceleration: zero,
             models,
             time_ns,
+            boost: 1.0,
             covariance,
         };
         filter.put_pose_covariance(pose_covariance);
@@ -156,8 +160,9 @@ impl Filter {
             self.transform(chain, transition);
         }
         for (chain, model) in CHAINS.into_iter().zip(self.models) {
-            self.add_noise(chain, model.noise(dt));
+            self.add_noise(chain, Singer { sigma: model.sigma * self.boost, ..model }.noise(dt));
         }
+        self.boost = 1.0 + (self.boost - 1.0) * libm::exp(-dt / k::EYE_BOOST.1);
         self.time_ns = time_ns;
     }
 
@@ -211,6 +216,10 @@ impl Filter {
         let after = p - gain * shrink * gain.transpose();
         if !change.iter().chain(after.iter()).all(|v| v.is_finite()) || after.diagonal().min() < 0.0 {
             return false;
+        }
+        let surprise = delta.dot(&(prior_inverse * delta));
+        if surprise > k::SURPRISE {
+            self.boost = (self.boost * (surprise / k::SURPRISE)).clamp(3.0, k::EYE_BOOST.0);
         }
         self.covariance = (after + after.transpose()) * 0.5;
         self.put_pose_covariance(posterior_covariance);

@@ -9,17 +9,19 @@
 //! is fitted without weights.
 
 use crate::constants as k;
-use crate::filter::{Filter, Matrix6, Vector6, changed, difference, exp};
+use crate::estimate::Estimate;
+use crate::filter::{Matrix6, Vector6, changed, difference, exp};
 use crate::model::{BodyModel, RigModel};
-use crate::sight::{Image, image_of};
+use crate::sight::{Image, Placed, image_of};
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Translation3, Vector2, Vector3};
 use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
 
 /// Most blobs in a fit.
 pub const MAX_MATCHES: usize = MAX_CAMERAS * MAX_MARKERS;
 
-/// A step (mm, rad) this small ends the iteration: a thousandth of the noise.
-const CONVERGED: f64 = 2e-6;
+/// A step (mm, rad) this small ends the iteration: the next would be below a nanometre, because the
+/// images are next to linear over a micrometre.
+const CONVERGED: f64 = 1e-3;
 
 /// A blob taken for a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +40,8 @@ pub struct Match {
     pub dt_s: f64,
     /// Area over the expected one.
     pub area_ratio: f64,
+    /// Neither hidden in part nor merged, by its size.
+    pub clean: bool,
     /// Thrown out.
     pub out: bool,
 }
@@ -74,6 +78,9 @@ pub struct Fit {
     pub chi2: f64,
     /// Sum of the squared residuals, px².
     pub squares_px2: f64,
+    /// Degrees of freedom of χ²: two per blob, less what the blobs (and not the prior) told of the
+    /// pose.
+    pub freedom: f64,
     /// Blobs kept.
     pub blobs: usize,
     /// Blobs thrown out.
@@ -83,14 +90,13 @@ pub struct Fit {
 impl Fit {
     /// χ² per degree of freedom; `None` where blobs are too few to tell.
     pub fn reduced_chi2(&self) -> Option<f64> {
-        let freedom = 2.0 * self.blobs as f64 - 6.0;
-        (freedom >= 2.0).then(|| self.chi2 / freedom)
+        (self.freedom >= 2.0).then(|| self.chi2 / self.freedom)
     }
 }
 
 /// Jacobian of an image by the pose (position, rotation vector in the world).
-pub fn pose_jacobian(image: &Image, pose: &Isometry3<f64>) -> SMatrix<f64, 2, 6> {
-    let arm = image.point.coords - pose.translation.vector;
+pub fn pose_jacobian(image: &Image, placed: &Placed) -> SMatrix<f64, 2, 6> {
+    let arm = image.point - placed.origin;
     let turning: Matrix2x3<f64> = -(image.jacobian * arm.cross_matrix());
     let mut jacobian = SMatrix::<f64, 2, 6>::zeros();
     jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&image.jacobian);
@@ -116,50 +122,56 @@ impl Problem<'_> {
     pub fn of_filter<'a>(
         rig: &'a RigModel,
         body: &'a BodyModel,
-        filter: &Filter,
-        trocar: Option<TrocarInWorld>,
+        filter: &Estimate,
         variance_scale: f64,
     ) -> Option<Problem<'a>> {
         let prior_information = filter.pose_covariance().cholesky()?.inverse();
-        let motion = [filter.velocity, filter.angular_velocity];
-        let prior = filter.world_from_body;
-        Some(Problem { rig, body, prior, prior_information, motion, trocar, variance_scale })
+        let motion = filter.motion();
+        let prior = filter.pose();
+        Some(Problem { rig, body, prior, prior_information, motion, trocar: None, variance_scale })
     }
 
     /// Solves it, beginning at `start`. `None` where it does not converge or too little is left.
     pub fn solve(&self, start: &Isometry3<f64>, matches: &mut [Match]) -> Option<Fit> {
-        let mut pose = self.converge(*start, matches, false)?;
+        let (mut pose, mut information) = self.converge(*start, matches, false)?;
+        let mut check = self.check(&pose, matches);
         let mut thrown_out = 0;
-        if self.worst(&pose, matches).is_some() {
-            pose = self.converge(*start, matches, true)?;
+        if check.worst.is_some() {
+            pose = self.converge(*start, matches, true)?.0;
+            check = self.check(&pose, matches);
+            if check.worst.is_none() {
+                (pose, information) = self.converge(pose, matches, false)?;
+                check = self.check(&pose, matches);
+            }
         }
-        while let Some(worst) = self.worst(&pose, matches) {
+        while let Some(worst) = check.worst {
             matches[worst].out = true;
             thrown_out += 1;
-            pose = self.converge(pose, matches, false)?;
+            (pose, information) = self.converge(pose, matches, false)?;
+            check = self.check(&pose, matches);
         }
-        if thrown_out == 0 {
-            pose = self.converge(pose, matches, false)?;
-        }
-        let blobs = matches.iter().filter(|m| !m.out).count();
+        let Check { chi2, squares_px2, blobs, .. } = check;
         if blobs == 0 {
             return None;
         }
-        let (information, _) = self.normal_equations(&pose, matches, false);
         let covariance = information.cholesky()?.inverse();
-        let (mut chi2, mut squares_px2) = (0.0, 0.0);
-        for m in matches.iter().filter(|m| !m.out) {
-            let (r, d2) = self.residual(&pose, m)?;
-            chi2 += d2;
-            squares_px2 += r.norm_squared();
-        }
-        Some(Fit { pose, covariance, chi2, squares_px2, blobs, thrown_out })
+        let told = 6.0 - (self.prior_information * covariance).trace();
+        let freedom = 2.0 * blobs as f64 - told;
+        Some(Fit { pose, covariance, chi2, squares_px2, freedom, blobs, thrown_out })
     }
 
-    fn converge(&self, start: Isometry3<f64>, matches: &[Match], robust: bool) -> Option<Isometry3<f64>> {
+    /// Gauss–Newton; also the information at its last step, which is too small to change it.
+    fn converge(
+        &self,
+        start: Isometry3<f64>,
+        matches: &[Match],
+        robust: bool,
+    ) -> Option<(Isometry3<f64>, Matrix6)> {
         let mut pose = start;
+        let mut information = Matrix6::zeros();
         for _ in 0..8 {
-            let (information, gradient) = self.normal_equations(&pose, matches, robust);
+            let gradient;
+            (information, gradient) = self.normal_equations(&pose, matches, robust);
             let step = information.cholesky()?.solve(&gradient);
             if !step.iter().all(|v| v.is_finite()) || step.norm() > 50.0 {
                 return None;
@@ -169,44 +181,54 @@ impl Problem<'_> {
                 break;
             }
         }
-        Some(pose)
+        Some((pose, information))
     }
 
-    /// The blob with the largest normalised residual beyond the limit.
-    fn worst(&self, pose: &Isometry3<f64>, matches: &[Match]) -> Option<usize> {
-        let mut worst = None;
+    /// The body at the exposure of every camera.
+    fn placements(&self, pose: &Isometry3<f64>, matches: &[Match]) -> [Option<Placed>; MAX_CAMERAS] {
+        let mut placed = [None; MAX_CAMERAS];
+        for m in matches {
+            placed[m.camera].get_or_insert_with(|| Placed::from(&carried(pose, &self.motion, m.dt_s)));
+        }
+        placed
+    }
+
+    fn image(&self, placed: &Placed, m: &Match) -> Option<Image> {
+        let camera = self.rig.cameras[m.camera].as_ref()?;
+        image_of(&self.body.markers[m.marker], placed, camera)
+    }
+
+    /// The residuals at `pose`, and the blob with the largest beyond the limit.
+    fn check(&self, pose: &Isometry3<f64>, matches: &[Match]) -> Check {
+        let mut check = Check::default();
         let mut limit = k::OUTLIER * self.variance_scale;
+        let placed = self.placements(pose, matches);
         for (i, m) in matches.iter().enumerate().filter(|(_, m)| !m.out) {
-            let d2 = self.residual(pose, m).map_or(f64::INFINITY, |(_, d2)| d2);
-            if d2 > limit {
-                (worst, limit) = (Some(i), d2);
+            let image = placed[m.camera].and_then(|p| self.image(&p, m));
+            let inverse = m.covariance.try_inverse();
+            let r = image.map_or(Vector2::repeat(f64::INFINITY), |image| m.pixel - image.pixel);
+            let d2 = inverse.map_or(f64::INFINITY, |inverse| r.dot(&(inverse * r)));
+            check.blobs += 1;
+            check.chi2 += d2;
+            check.squares_px2 += r.norm_squared();
+            if d2 > limit || d2.is_nan() {
+                (check.worst, limit) = (Some(i), d2);
             }
         }
-        worst
-    }
-
-    fn image(&self, pose: &Isometry3<f64>, m: &Match) -> Option<(Image, Isometry3<f64>)> {
-        let at_exposure = carried(pose, &self.motion, m.dt_s);
-        let camera = self.rig.cameras[m.camera].as_ref()?;
-        Some((image_of(&self.body.markers[m.marker], &at_exposure, camera)?, at_exposure))
-    }
-
-    fn residual(&self, pose: &Isometry3<f64>, m: &Match) -> Option<(Vector2<f64>, f64)> {
-        let (image, _) = self.image(pose, m)?;
-        let r = m.pixel - image.pixel;
-        let d2 = r.dot(&(m.covariance.try_inverse()? * r));
-        Some((r, d2))
+        check
     }
 
     fn normal_equations(&self, pose: &Isometry3<f64>, matches: &[Match], robust: bool) -> (Matrix6, Vector6) {
         let mut information = self.prior_information;
         let mut gradient = self.prior_information * difference(&self.prior, pose);
+        let placed = self.placements(pose, matches);
         for m in matches.iter().filter(|m| !m.out) {
-            let Some((image, at_exposure)) = self.image(pose, m) else { continue };
+            let Some(placed) = &placed[m.camera] else { continue };
+            let Some(image) = self.image(placed, m) else { continue };
             let Some(inverse) = (m.covariance * self.variance_scale).try_inverse() else { continue };
             let r = m.pixel - image.pixel;
             let weight = if robust { 1.0 / (1.0 + r.dot(&(inverse * r)) / k::ROBUST_SCALE) } else { 1.0 };
-            let jacobian = pose_jacobian(&image, &at_exposure);
+            let jacobian = pose_jacobian(&image, placed);
             let weighted = jacobian.transpose() * (inverse * weight);
             information += weighted * jacobian;
             gradient += weighted * r;
@@ -219,6 +241,15 @@ impl Problem<'_> {
         }
         (information, gradient)
     }
+}
+
+/// Residuals of a pose.
+#[derive(Debug, Default)]
+struct Check {
+    chi2: f64,
+    squares_px2: f64,
+    blobs: usize,
+    worst: Option<usize>,
 }
 
 /// The miss and its Jacobian: with q = Rᵀ·(T − p), δq = −Rᵀ·δp + Rᵀ·[T − p]×·δθ.
@@ -244,11 +275,11 @@ mod tests {
         for (camera, model) in rig.cameras.iter().enumerate() {
             let Some(model) = model else { continue };
             for (marker, m) in rig.bodies[body].markers.iter().enumerate() {
-                let image = image_of(m, truth, model).unwrap();
+                let image = image_of(m, &Placed::from(truth), model).unwrap();
                 let covariance = Matrix2::identity() * 0.0025;
                 let pixel = image.pixel;
                 let area_ratio = 1.0;
-                let out = false;
+                let (clean, out) = (true, false);
                 matches.push(Match {
                     camera,
                     blob: 0,
@@ -257,6 +288,7 @@ mod tests {
                     covariance,
                     dt_s: 0.0,
                     area_ratio,
+                    clean,
                     out,
                 });
             }

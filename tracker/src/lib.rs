@@ -5,20 +5,28 @@
 //! or transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them:
 //!
 //! [`sight`] pixels → [`associate`] blobs to markers (or [`seed`] from nothing) → [`fit`] pose →
-//! [`filter`] motion → [`body`] verdict, with what [`motion`] expects the hand to do next.
+//! [`hand`] or [`filter`] motion → [`body`] verdict, with what [`forecast`] expects the hand to do
+//! next. [`drift`] watches how well the rig still fits; [`fitness`] refuses rigs that cannot work.
 //!
 //! The tracker's state depends on nothing but the consumed fields in their order.
 
 pub mod assembler;
 pub mod associate;
+pub mod block;
 pub mod body;
 pub mod calibrate;
+pub mod chain;
 pub mod config;
 pub mod constants;
+pub mod drift;
+pub mod estimate;
 pub mod filter;
 pub mod fit;
+pub mod fitness;
+pub mod forecast;
+pub mod hand;
+pub mod learner;
 pub mod model;
-pub mod motion;
 pub mod process;
 pub mod script;
 pub mod seed;

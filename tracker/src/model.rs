@@ -114,24 +114,15 @@ impl BodyModel {
                 band: m.kind == MarkerKind::Band,
             })
             .collect();
-        let turn = if is_eye {
-            Singer { sigma: k::EYE_ACCELERATION_RAD_S2, tau_s: k::EYE_ACCELERATION_TAU_S }
-        } else {
-            Singer { sigma: k::TURN_ACCELERATION_RAD_S2, tau_s: k::TURN_ACCELERATION_TAU_S }
-        };
-        let shift_sigma = if is_eye { 0.0 } else { k::TIP_ACCELERATION_MM_S2 };
-        let start = if is_eye {
-            [0.0, 0.0, k::SEED_EYE_TURN_RAD_S, turn.sigma]
-        } else {
-            [k::SEED_SPEED_MM_S, shift_sigma, k::SEED_TURN_RAD_S, turn.sigma]
-        };
+        let turn = Singer { sigma: k::EYE_ACCELERATION_RAD_S2, tau_s: k::EYE_ACCELERATION_TAU_S };
+        let start = [0.0, 0.0, k::SEED_EYE_TURN_RAD_S, turn.sigma];
         BodyModel {
             triples: triples(&markers),
             reach: markers.iter().map(|m| m.position.coords.norm()).fold(0.0, f64::max),
             markers,
             trocar: None,
             is_eye,
-            motion: [Singer { sigma: shift_sigma, tau_s: k::TIP_ACCELERATION_TAU_S }, turn],
+            motion: [Singer { sigma: 0.0, tau_s: turn.tau_s }, turn],
             start,
         }
     }

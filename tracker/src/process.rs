@@ -2,8 +2,9 @@
 
 use crate::assembler::{Closed, FrameAssembler};
 use crate::config::Config;
+use crate::fitness;
 use crate::script::FieldStore;
-use crate::tracker::{Reference, Tracker};
+use crate::tracker::{Reference, Tracker, close};
 use anyhow::Context;
 use protocol::blobs::BlobField;
 use protocol::control::{Command, FrameScript, Request};
@@ -19,6 +20,7 @@ use protocol::time::{Nanos, now};
 /// Runs until it is told to end.
 pub fn run(config: &Config) -> anyhow::Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+    fitness::check(&rig).context("this rig cannot work")?;
     let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
     let mut tracking = Tracking {
         blobs: instance.receiver(Queue::InOrder)?,
@@ -26,11 +28,12 @@ pub fn run(config: &Config) -> anyhow::Result<()> {
         poses: instance.sender()?,
         shell,
         assembler: FrameAssembler::new(&rig),
-        tracker: Tracker::new(&rig),
+        tracker: Tracker::with(&rig, !config.fixed_rig),
         store: FieldStore::default(),
         script: None,
         clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
         scripted: config.script,
+        drift_told: false,
     };
     tracking.shell.report.state = STATE_RUNNING;
     tracking.shell.beat_now(now())?;
@@ -68,6 +71,7 @@ struct Tracking {
     script: Option<FrameScript>,
     clock: Clock,
     scripted: bool,
+    drift_told: bool,
 }
 
 impl Tracking {
@@ -125,7 +129,7 @@ impl Tracking {
     fn publish(&mut self, closed: &Closed) -> anyhow::Result<()> {
         let taken = if matches!(self.clock, Clock::System) { closed.taken_ns } else { now() };
         let mut frame = self.tracker.track(self.assembler.used(), &closed.reference);
-        frame.closed_by = closed.closed_by as u32;
+        close(&mut frame, closed.closed_by);
         frame.waited_ns = closed.waited_ns;
         stamp(&mut frame, self.assembler.used(), taken);
         self.send(frame)
@@ -140,13 +144,14 @@ impl Tracking {
             let Some(script) = self.script else { return Ok(()) };
             if script.frame == 0 {
                 self.tracker.reset();
+                self.drift_told = false;
             }
             let Some(used) = self.store.take(&script) else { return Ok(()) };
             let taken = now();
             let reference =
                 Reference { camera: script.camera, field: script.field, exposed_ns: script.exposed_ns };
             let mut frame = self.tracker.track(used, &reference);
-            frame.closed_by = script.closed_by;
+            close(&mut frame, ClosedBy::from_wire(script.closed_by));
             stamp(&mut frame, used, taken);
             self.script = None;
             self.send(frame)?;
@@ -167,13 +172,23 @@ impl Tracking {
         Ok(self.poses.send(&frame)?)
     }
 
+    /// Says once that the rig has drifted. Seldom enough to be formatted.
+    fn tell_drift(&mut self) {
+        if let Some(report) = self.tracker.drift().filter(|r| r.noticed && !self.drift_told) {
+            log::warn!("{report}");
+            self.drift_told = true;
+        }
+    }
+
     fn report(&mut self) {
+        self.tell_drift();
         let (blobs, scripts) = (self.blobs.counts(), self.scripts.counts());
         let report = &mut self.shell.report;
         report.received = blobs.received + scripts.received;
         report.sent = self.poses.sent();
         report.lost = blobs.lost + scripts.lost + self.store.dropped();
-        report.refused = blobs.refused + scripts.refused + u64::from(self.assembler.refused());
+        let fields = u64::from(self.assembler.refused());
+        report.refused = blobs.refused + scripts.refused + fields + self.tracker.blobs_refused();
     }
 
     fn obey(&mut self, request: &Request, command: Command) -> anyhow::Result<()> {
@@ -181,6 +196,7 @@ impl Tracking {
         match command {
             Command::Reset => {
                 self.tracker.reset();
+                self.drift_told = false;
                 self.assembler.reset();
                 self.store.clear();
                 self.script = None;

@@ -6,7 +6,7 @@ use crate::constants as k;
 use crate::filter::Matrix6;
 use crate::fit::{Fit, Match, Problem, TrocarInWorld, trocar_miss};
 use crate::model::{BodyModel, RigModel, Triple};
-use crate::sight::{View, camera_of, covariance_as, image_of};
+use crate::sight::{Placed, View, camera_of, covariance_as, image_of};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::limits::{MAX_BLOBS, MAX_CAMERAS};
 
@@ -61,18 +61,25 @@ impl Searcher {
         self.triangulate(scene, body);
         let mut best: Option<(f64, Isometry3<f64>)> = None;
         let (mut trials, mut scored) = (0, 0);
+        let recent = scene.views.iter().filter(|v| scene.is_recent(v)).count();
+        let convincing = k::SEED_CONVINCING * (recent * body.markers.len()) as f64;
         for triple in &body.triples {
             self.for_each_pose(body, triple, |pose| {
                 trials += 1;
+                let so_far = best.map_or(0.0, |(s, _)| s);
                 if is_plausible(scene, body, &pose) {
                     scored += 1;
-                    let score = score(scene, body, &pose);
-                    if best.is_none_or(|(s, _)| score > s) {
+                    let score = score(scene, body, &pose, so_far);
+                    if score > so_far {
                         best = Some((score, pose));
                     }
                 }
-                trials < k::SEED_TRIALS && scored < k::SEED_SCORED
+                let convinced = best.is_some_and(|(s, _)| s >= convincing);
+                trials < k::SEED_TRIALS && scored < k::SEED_SCORED && !convinced
             });
+            if best.is_some_and(|(s, _)| s >= convincing) {
+                break;
+            }
         }
         self.refine(scene, body, &best?.1)
     }
@@ -160,7 +167,7 @@ impl Searcher {
             prior_information,
             motion: [Vector3::zeros(); 2],
             trocar: scene.trocar,
-            variance_scale: 1.0,
+            variance_scale: k::SEED_VARIANCE,
         };
         self.collect(scene, body, &start);
         let rough = problem.solve(&start, &mut self.matches)?;
@@ -170,13 +177,14 @@ impl Searcher {
         let markers = kept().fold(0u32, |set, m| set | 1 << m.marker).count_ones();
         let cameras = kept().fold(0u32, |set, m| set | 1 << m.camera).count_ones();
         let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.thrown_out * 3 <= fit.blobs;
-        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT);
+        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT * k::SEED_VARIANCE);
         (good && close && is_plausible(scene, body, &fit.pose)).then_some(fit)
     }
 
     /// Takes the nearest free blob of each marker in each camera.
     fn collect(&mut self, scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) {
         self.matches.clear();
+        let pose = &Placed::from(pose);
         for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
             let first = self.matches.len();
             for marker in 0..body.markers.len() {
@@ -235,7 +243,7 @@ fn nearest_blob(
     scene: &Scene<'_>,
     body: &BodyModel,
     view: &View,
-    pose: &Isometry3<f64>,
+    pose: &Placed,
     marker: usize,
 ) -> Option<(f64, Match)> {
     let camera = camera_of(scene.rig, view)?;
@@ -264,6 +272,7 @@ fn nearest_blob(
                 covariance: covariance + Matrix2::identity() * (drift * drift),
                 dt_s: 0.0,
                 area_ratio: sight.area_px / image.area_px,
+                clean: covariance == sight.covariance,
                 out: false,
             },
         ));
@@ -271,12 +280,19 @@ fn nearest_blob(
     best
 }
 
-/// How well the blobs of all cameras agree with a pose.
-fn score(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> f64 {
+/// How well the blobs of all cameras agree with a pose; 0 where that cannot exceed `to_beat`.
+fn score(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>, to_beat: f64) -> f64 {
     let mut sum = 0.0;
-    for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
+    let pose = &Placed::from(pose);
+    let views = || scene.views.iter().filter(|v| scene.is_recent(v));
+    let mut left = (views().count() * body.markers.len()) as f64;
+    for view in views() {
         for marker in 0..body.markers.len() {
             sum += nearest_blob(scene, body, view, pose, marker).map_or(0.0, |(fit, _)| fit);
+            left -= 1.0;
+            if sum + left <= to_beat {
+                return 0.0;
+            }
         }
     }
     sum

@@ -2,7 +2,7 @@
 
 use crate::constants as k;
 use crate::model::{Marker, RigModel};
-use nalgebra::{Matrix2, Matrix2x3, Point3, Unit, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, Unit, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::camera::Camera;
 use protocol::limits::MAX_BLOBS;
@@ -57,8 +57,8 @@ impl View {
     }
 
     /// Takes a field over; blobs with numbers that make no sense or far outside of the frame are
-    /// left away.
-    pub fn fill(&mut self, field: &BlobField, camera: &Camera) {
+    /// left away; returns how many.
+    pub fn fill(&mut self, field: &BlobField, camera: &Camera) -> u32 {
         self.exposed_ns = field.exposed_ns;
         self.count = 0;
         self.taken = 0;
@@ -68,6 +68,7 @@ impl View {
                 self.count += 1;
             }
         }
+        field.blobs().len() as u32 - self.count as u32
     }
 
     /// The blobs.
@@ -113,7 +114,8 @@ fn covariance_of(blob: &Blob) -> Matrix2<f64> {
     let told = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
     let (low, high) = k::VARIANCE_RANGE_PX2;
     if told == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] || !told.iter().all(|v| v.is_finite()) {
-        return Matrix2::new(k::SIGMA_X_PX * k::SIGMA_X_PX, 0.0, 0.0, k::SIGMA_Y_PX * k::SIGMA_Y_PX);
+        let area = blob.area_px.clamp(k::SIGMA_AREA_PX.0, k::SIGMA_AREA_PX.1);
+        return Matrix2::from_diagonal(&Vector2::new(k::SIGMA_X_PX, k::SIGMA_Y_PX).map(|s| s * s / area));
     }
     let (xx, yy) = (told[0].clamp(low, high), told[1].clamp(low, high));
     let limit = 0.95 * libm::sqrt(xx * yy);
@@ -143,15 +145,29 @@ const BAND_SHIFT: f64 = std::f64::consts::FRAC_PI_4;
 /// A point nearer than this cannot be in focus, mm.
 const MIN_DEPTH_MM: f64 = 1.0;
 
-/// The image of a marker of a body at `world_from_body`; `None` behind the camera.
-pub fn image_of(
-    marker: &Marker,
-    world_from_body: &nalgebra::Isometry3<f64>,
-    camera: &Camera,
-) -> Option<Image> {
-    let mut point = world_from_body * marker.position;
+/// A pose with its rotation as a matrix, for many points at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placed {
+    /// Rotation `world_from_body`.
+    pub rotation: Matrix3<f64>,
+    /// The body's origin in the world, mm.
+    pub origin: Point3<f64>,
+}
+
+impl From<&Isometry3<f64>> for Placed {
+    fn from(world_from_body: &Isometry3<f64>) -> Self {
+        Placed {
+            rotation: *world_from_body.rotation.to_rotation_matrix().matrix(),
+            origin: Point3::from(world_from_body.translation.vector),
+        }
+    }
+}
+
+/// The image of a marker of a body that is `placed` in the world; `None` behind the camera.
+pub fn image_of(marker: &Marker, placed: &Placed, camera: &Camera) -> Option<Image> {
+    let mut point = placed.origin + placed.rotation * marker.position.coords;
     if marker.band {
-        let axis = world_from_body.rotation * Vector3::z();
+        let axis: Vector3<f64> = placed.rotation.column(2).into();
         let towards = camera.centre_in_world() - point;
         let across = towards - axis * towards.dot(&axis);
         if let Some(across) = Unit::try_new(across, 1e-9) {
@@ -177,6 +193,18 @@ pub fn image_of(
         radius_px: radii.x,
         area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
     })
+}
+
+/// True if a marker of a body that is `placed` in the world is in the picture of at least two of the
+/// `cameras` (a set of ids).
+pub fn seen_by_two(rig: &RigModel, marker: &Marker, placed: &Placed, cameras: u32) -> bool {
+    let inside = |camera: &&Camera| {
+        let [w, h] = camera.size_px.map(f64::from);
+        let image = image_of(marker, placed, camera);
+        image.is_some_and(|i| (0.0..w).contains(&i.pixel.x) && (0.0..h).contains(&i.pixel.y))
+    };
+    let asked = rig.cameras.iter().flatten().filter(|c| cameras & (1 << c.id) != 0);
+    asked.filter(inside).count() >= 2
 }
 
 /// Covariance of a blob taken for a marker: the blob's own, and more where its size tells that it
@@ -207,7 +235,6 @@ pub fn camera_of<'a>(rig: &'a RigModel, view: &View) -> Option<&'a Camera> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Isometry3;
     use proptest::prelude::*;
     use protocol::rig::Rig;
 
@@ -218,7 +245,8 @@ mod tests {
             let marker = Marker { position: Point3::origin(), radius: 0.5, colour: 1, band: false };
             for camera in rig.cameras.iter().flatten() {
                 let point = Point3::from(Vector3::from(p));
-                let image = image_of(&marker, &Isometry3::from_parts(point.into(), Default::default()), camera).unwrap();
+                let placed = Placed { rotation: Matrix3::identity(), origin: point };
+                let image = image_of(&marker, &placed, camera).unwrap();
                 prop_assert!((image.pixel - camera.project(&point).unwrap()).norm() < 1e-9);
                 prop_assert!((image.jacobian - camera.projection_jacobian(&point).unwrap()).norm() < 1e-9);
             }
@@ -230,7 +258,7 @@ mod tests {
         let rig = RigModel::new(&Rig::load_or_shipped(None).unwrap());
         let camera = rig.cameras[0].as_ref().unwrap();
         let marker = Marker { position: Point3::new(0.0, 0.0, 2.0), radius: 0.4, colour: 1, band: true };
-        let image = image_of(&marker, &Isometry3::identity(), camera).unwrap();
+        let image = image_of(&marker, &Placed::from(&Isometry3::identity()), camera).unwrap();
         let before = image.point - Point3::new(0.0, 0.0, 2.0);
         assert!(before.z.abs() < 1e-12 && (before.norm() - 0.1 * std::f64::consts::PI).abs() < 1e-12);
         assert!(before.dot(&(camera.centre_in_world() - Point3::new(0.0, 0.0, 2.0))) > 0.0);

@@ -3,7 +3,10 @@
 use crate::associate::{Associator, Group};
 use crate::body::Track;
 use crate::constants as k;
+use crate::drift::{Drift, Report};
+use crate::estimate::Estimate;
 use crate::fit::{Fit, MAX_MATCHES, Match, Problem, TrocarInWorld, trocar_miss};
+use crate::hand::Pivot;
 use crate::model::RigModel;
 use crate::seed::{Scene, Searcher};
 use crate::sight::View;
@@ -11,7 +14,7 @@ use bytemuck::Zeroable;
 use nalgebra::Matrix3;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
-use protocol::poses::{EYE, FieldUsed, TrackerFrame};
+use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
 use protocol::rig::Rig;
 
 /// The exposure that a frame is for.
@@ -31,42 +34,68 @@ const ORDER: [usize; BODIES] = [EYE, 0, 1];
 /// The tracker.
 pub struct Tracker {
     rig: RigModel,
+    drift: Option<Drift>,
     tracks: [Track; BODIES],
     views: Box<[View; MAX_CAMERAS]>,
     area_scales: [f64; MAX_CAMERAS],
     matches: [Vec<Match>; BODIES],
     first_matches: [Vec<Match>; BODIES],
     fits: [Option<Fit>; BODIES],
+    /// Fits of the newest update that were believed.
+    updates: [Option<Fit>; BODIES],
     associator: Associator,
     searcher: Searcher,
     last_ns: u64,
     frame: u64,
     in_frame: u32,
+    blobs_refused: u64,
 }
 
 impl Tracker {
     /// A fresh tracker for a checked rig.
     pub fn new(rig: &Rig) -> Self {
+        Tracker::with(rig, true)
+    }
+
+    /// A fresh tracker that estimates how far the rig has drifted, or trusts the rig file.
+    pub fn with(rig: &Rig, estimate_drift: bool) -> Self {
+        let rig = RigModel::new(rig);
         Tracker {
-            rig: RigModel::new(rig),
+            drift: estimate_drift.then(|| Drift::new(&rig)),
+            rig,
             tracks: Default::default(),
             views: Box::new(std::array::from_fn(View::empty)),
             area_scales: [1.0; MAX_CAMERAS],
             matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
             first_matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
             fits: [None; BODIES],
+            updates: [None; BODIES],
             associator: Associator::default(),
             searcher: Searcher::default(),
             last_ns: 0,
             frame: 0,
             in_frame: 0,
+            blobs_refused: 0,
         }
+    }
+
+    /// Blobs ignored since the start: not finite, without size or far outside of the frame.
+    pub fn blobs_refused(&self) -> u64 {
+        self.blobs_refused
     }
 
     /// Forgets everything; the next frame has number 0.
     pub fn reset(&mut self) {
         self.forget();
+        if let Some(drift) = &mut self.drift {
+            drift.reset(&mut self.rig);
+        }
         self.frame = 0;
+    }
+
+    /// How far the rig has drifted; `None` where that is not estimated.
+    pub fn drift(&self) -> Option<&Report> {
+        self.drift.as_ref().map(Drift::report)
     }
 
     fn forget(&mut self) {
@@ -88,6 +117,7 @@ impl Tracker {
         frame.instants.exposed = reference.exposed_ns;
         self.frame += 1;
         self.in_frame = 0;
+        self.updates = [None; BODIES];
         for track in &mut self.tracks {
             track.begin_frame();
         }
@@ -99,8 +129,10 @@ impl Tracker {
             self.book(group, used.len() - rest.len(), &mut frame);
             rest = after;
         }
+        self.learn_drift();
+        self.advance(reference.exposed_ns);
         for (body, track) in self.tracks.iter_mut().enumerate() {
-            frame.bodies[body] = track.state(&self.rig.bodies[body], reference.exposed_ns);
+            frame.bodies[body] = track.state(&self.rig, body, reference.exposed_ns, self.in_frame);
         }
         frame
     }
@@ -141,7 +173,8 @@ impl Tracker {
         let mut cameras = 0u32;
         for field in group {
             let Some(Some(camera)) = self.rig.cameras.get(field.camera as usize) else { continue };
-            self.views[field.camera as usize].fill(field, camera);
+            let refused = self.views[field.camera as usize].fill(field, camera);
+            self.blobs_refused = self.blobs_refused.saturating_add(u64::from(refused));
             cameras |= 1 << field.camera;
         }
         if cameras == 0 {
@@ -151,23 +184,42 @@ impl Tracker {
             for track in &mut self.tracks {
                 *track = Track::default();
             }
+            self.last_ns = 0;
         }
+        // A field that came late is used at its own instant, from the newer state.
+        let base_ns = base_ns.max(self.last_ns);
         self.last_ns = base_ns;
         self.in_frame |= cameras;
-        for track in &mut self.tracks {
-            track.advance(base_ns);
-        }
+        self.advance(base_ns);
         self.update(cameras, base_ns);
         self.search(base_ns);
+    }
+
+    /// Carries all bodies to an instant, the eye first: it carries the trocars.
+    fn advance(&mut self, at_ns: u64) {
+        for body in ORDER {
+            let pivot = self.pivot(body, at_ns);
+            self.tracks[body].advance(at_ns, pivot);
+        }
     }
 
     /// Updates the bodies that are tracked: assign and fit, then again about the poses that were
     /// found where that changes the assignment; then take the result over.
     fn update(&mut self, cameras: u32, base_ns: u64) {
         self.fits = [None; BODIES];
-        self.assign(cameras, base_ns);
+        self.updates = [None; BODIES];
+        let mut no_choice = self.assign(cameras, base_ns);
+        if self.startle() {
+            no_choice = self.assign(cameras, base_ns);
+        }
         for body in ORDER {
             self.fits[body] = self.fit(body);
+        }
+        if no_choice && self.fits.iter().flatten().all(|fit| fit.thrown_out == 0) {
+            for body in ORDER {
+                self.take(body, base_ns);
+            }
+            return;
         }
         std::mem::swap(&mut self.matches, &mut self.first_matches);
         self.assign(cameras, base_ns);
@@ -181,7 +233,17 @@ impl Tracker {
         }
     }
 
-    fn assign(&mut self, cameras: u32, base_ns: u64) {
+    /// The drift learns from one body per frame, from the blobs of its newest update.
+    fn learn_drift(&mut self) {
+        let Some(drift) = &mut self.drift else { return };
+        let body = drift.next_body();
+        if let (Some(fit), Some(filter)) = (&self.updates[body], &self.tracks[body].filter) {
+            drift.learn(&self.rig, body, &fit.pose, &filter.motion(), &self.matches[body]);
+        }
+        drift.step(&mut self.rig);
+    }
+
+    fn assign(&mut self, cameras: u32, base_ns: u64) -> bool {
         let expected = std::array::from_fn(|body| {
             let mut expected = self.tracks[body].expected()?;
             if let Some(fit) = &self.fits[body] {
@@ -191,16 +253,14 @@ impl Tracker {
         });
         let group =
             Group { rig: &self.rig, views: &self.views, cameras, base_ns, area_scales: &self.area_scales };
-        self.associator.associate(&group, &expected, &mut self.matches);
+        self.associator.associate(&group, &expected, &mut self.matches)
     }
 
     fn fit(&mut self, body: usize) -> Option<Fit> {
-        let trocar = self.trocar(body);
         let track = &self.tracks[body];
         let filter = track.filter.as_ref()?;
-        let problem =
-            Problem::of_filter(&self.rig, &self.rig.bodies[body], filter, trocar, track.variance_scale)?;
-        let start = self.fits[body].map_or(filter.world_from_body, |f| f.pose);
+        let problem = Problem::of_filter(&self.rig, &self.rig.bodies[body], filter, track.variance_scale)?;
+        let start = self.fits[body].map_or(problem.prior, |f| f.pose);
         let matches = &mut self.matches[body];
         if matches.is_empty() { None } else { problem.solve(&start, matches) }
     }
@@ -211,7 +271,7 @@ impl Tracker {
         let eye = self.tracks[EYE].filter.as_ref()?;
         let (pose, covariance) = match &self.fits[EYE] {
             Some(fit) => (fit.pose, fit.covariance),
-            None => (eye.world_from_body, eye.pose_covariance()),
+            None => (eye.pose(), eye.pose_covariance()),
         };
         let turn: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
         let doubt = turn.trace().max(0.0) / 3.0 * trocar.position_in_eye.coords.norm_squared();
@@ -219,13 +279,40 @@ impl Tracker {
         Some((pose.rotation * trocar.position_in_eye, sigma))
     }
 
+    /// Opens the gates of instruments whose blobs are beside where they should be. True if there is one.
+    fn startle(&mut self) -> bool {
+        let mut startled = false;
+        for body in (0..BODIES).filter(|b| *b != EYE) {
+            let beside = self.associator.strays[body] as usize;
+            if beside < k::BESIDE || beside <= self.matches[body].len() {
+                continue;
+            }
+            if let Some(Estimate::Hand(hand)) = &mut self.tracks[body].filter {
+                hand.startle();
+                startled = true;
+            }
+        }
+        startled
+    }
+
+    /// The trocar that an instrument's shaft passes at `base_ns`, if the eye is tracked.
+    fn pivot(&self, body: usize, base_ns: u64) -> Option<Pivot> {
+        let trocar = self.rig.bodies[body].trocar?;
+        let eye = self.tracks[EYE].filter.as_ref()?;
+        let dt = base_ns.wrapping_sub(eye.time_ns()) as i64 as f64 * 1e-9;
+        let position = eye.pose_after(dt).rotation * trocar.position_in_eye.coords;
+        Some(Pivot { position, sigma: trocar.sigma, carried: true })
+    }
+
     fn take(&mut self, body: usize, base_ns: u64) {
         let Some(fit) = self.fits[body] else { return };
         let track = &mut self.tracks[body];
+        track.disturbed(self.associator.strays[body]);
         let Some(prior) = track.filter.as_ref().and_then(|f| f.pose_covariance().cholesky()) else { return };
         if !track.take_fit(&fit, &prior.inverse(), &self.matches[body], base_ns) {
             return;
         }
+        self.updates[body] = Some(fit);
         for m in self.matches[body].iter().filter(|m| !m.out) {
             self.views[m.camera].take(m.blob);
             let scale = &mut self.area_scales[m.camera];
@@ -253,11 +340,23 @@ impl Tracker {
             let scene =
                 Scene { rig: &self.rig, views: &self.views, base_ns, trocar, area_scales: &self.area_scales };
             let Some(fit) = self.searcher.search(&scene, &self.rig.bodies[body]) else { continue };
+            let pivot = self.pivot(body, base_ns);
             let matches = &self.searcher.matches;
-            self.tracks[body].take_seed(&fit, &self.rig.bodies[body], matches, base_ns, self.in_frame);
+            self.tracks[body].take_seed(&fit, &self.rig.bodies[body], matches, base_ns, self.in_frame, pivot);
             for m in matches.iter().filter(|m| !m.out) {
                 self.views[m.camera].take(m.blob);
             }
+        }
+    }
+}
+
+/// Notes how a frame was closed. Where the next field of the reference camera came first, the tracker
+/// fell behind, and no body is better than that.
+pub fn close(frame: &mut TrackerFrame, closed_by: ClosedBy) {
+    frame.closed_by = closed_by as u32;
+    if closed_by == ClosedBy::NextField {
+        for body in frame.bodies.iter_mut().filter(|b| b.status != BodyStatus::Lost as u32) {
+            body.status = BodyStatus::FellBehind as u32;
         }
     }
 }

@@ -174,3 +174,18 @@ fn a_rig_that_does_not_exist_is_named() {
     assert_eq!(out.status.code(), Some(1));
     assert!(text.contains("nowhere.json"), "{text}");
 }
+
+#[test]
+fn a_rig_that_cannot_work_is_refused_in_words() {
+    let mut rig = protocol::rig::Rig::load_or_shipped(None).unwrap();
+    for (i, marker) in rig.bodies[0].markers.iter_mut().enumerate() {
+        marker.p = [0.0, 0.0, 1.0 + i as f64];
+    }
+    let path = std::env::temp_dir().join(format!("vitreo-straight-{}.json", std::process::id()));
+    std::fs::write(&path, rig.to_json()).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_vitreo-tracker")).arg("--rig").arg(&path).output().unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{told}");
+    assert!(told.contains("inst0 lie in a line") && told.contains("roll"), "{told}");
+}

@@ -60,7 +60,7 @@ const MOTION_DOUBT: (f64, f64) = (2.0, 200.0);
 /// The image of a marker of a body at `world_from_body`, by the tracker's own model; `None` behind the
 /// camera.
 pub fn image_of(marker: &Marker, world_from_body: &Isometry3<f64>, camera: &Camera) -> Option<Image> {
-    crate::sight::image_of(marker, world_from_body, camera)
+    crate::sight::image_of(marker, &world_from_body.into(), camera)
 }
 
 /// Runs the tracker over a stream and collects what it saw.

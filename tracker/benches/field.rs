@@ -1,0 +1,97 @@
+//! `cargo bench -p tracker --bench field [-- --json]`: what one frame costs on one core.
+//!
+//! Streams are those of the tests. Times are of `Tracker::track` alone; the median is over all
+//! frames, the maximum over the frames' least of five runs, so that other programs do not count.
+//!
+//! - `full triple`: three genlocked cameras, everything visible;
+//! - `64 blobs a camera`: the same with false blobs of the markers' colours up to 64 in each field;
+//! - `search, 64 blobs a camera`: every body is lost before every frame.
+
+use protocol::blob_stream::BlobReader;
+use protocol::blobs::{Blob, BlobField};
+use protocol::limits::MAX_BLOBS;
+use protocol::rig::Rig;
+use std::hint::black_box;
+use std::path::PathBuf;
+use std::time::Instant;
+use tracker::assembler::FrameAssembler;
+use tracker::{Reference, Tracker};
+
+/// Runs over the stream; a frame's least time is taken.
+const RUNS: usize = 5;
+/// Frames given to start-up: the search of the first is a method of its own.
+const START: usize = 3;
+
+type Frame = (Vec<BlobField>, Reference);
+
+fn frames(name: &str) -> (Rig, Vec<Frame>) {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data/tracker").join(name);
+    let rig = Rig::load(&folder.join("rig.json")).expect("the rig of the tests is there");
+    let mut assembler = FrameAssembler::new(&rig);
+    let mut frames = Vec::new();
+    for field in BlobReader::open(&folder.join("blobs.jsonl")).expect("the stream of the tests is there") {
+        let field = field.expect("the stream of the tests is whole");
+        let now = field.blobs_out_ns;
+        let _ = assembler.push(&field, now);
+        while let Some(closed) = assembler.complete(now) {
+            frames.push((assembler.used().to_vec(), closed.reference));
+        }
+    }
+    (rig, frames)
+}
+
+/// Fills every field with blobs of its own colours and sizes at places that a counter scatters.
+fn cluttered(frames: &[Frame]) -> Vec<Frame> {
+    let mut state = 1u64;
+    let mut next = |limit: f64| {
+        // Knuth's MMIX generator: scattered, the same on every machine.
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64 * limit
+    };
+    let mut all = frames.to_vec();
+    for field in all.iter_mut().flat_map(|(fields, _)| fields) {
+        let own: Vec<Blob> = field.blobs().to_vec();
+        while (field.count as usize) < MAX_BLOBS && !own.is_empty() {
+            let like = own[field.count as usize % own.len()];
+            field.push(Blob { x_px: next(720.0), y_field_px: next(288.0), ..like });
+        }
+    }
+    all
+}
+
+/// Least time of every frame, ns.
+fn times(rig: &Rig, frames: &[Frame], lost: bool) -> Vec<u64> {
+    let mut least = vec![u64::MAX; frames.len()];
+    for _ in 0..RUNS {
+        let mut tracker = Tracker::new(rig);
+        for ((used, reference), least) in frames.iter().zip(&mut least) {
+            if lost {
+                tracker.reset();
+            }
+            let begin = Instant::now();
+            black_box(tracker.track(black_box(used), reference));
+            *least = (*least).min(begin.elapsed().as_nanos() as u64);
+        }
+    }
+    least
+}
+
+fn main() {
+    let json = std::env::args().any(|a| a == "--json");
+    let (rig, plain) = frames("nominal");
+    let clutter = cluttered(&plain);
+    let methods = [
+        ("full triple", times(&rig, &plain, false)[START..].to_vec()),
+        ("64 blobs a camera", times(&rig, &clutter, false)[START..].to_vec()),
+        ("search, 64 blobs a camera", times(&rig, &clutter, true)),
+    ];
+    for (method, mut ns) in methods {
+        ns.sort_unstable();
+        let (median_us, max_us) = (ns[ns.len() / 2] as f64 * 1e-3, ns[ns.len() - 1] as f64 * 1e-3);
+        if json {
+            println!("{{\"method\":\"{method}\",\"median_us\":{median_us:.2},\"max_us\":{max_us:.2}}}");
+        } else {
+            println!("{method:26} median {median_us:7.1} µs, max {max_us:7.1} µs over {} frames", ns.len());
+        }
+    }
+}

@@ -1,0 +1,444 @@
+//! How far the rig has drifted since it was calibrated, from the residuals of the running tracker.
+//!
+//! Unknown are a small turn and shift of every camera and a shift of every marker in its body. Every
+//! field of a body adds its normal equations with the pose eliminated (Schur complement), so that
+//! only what no pose explains is evidence; older fields fade. The prior is that of a rig that was
+//! calibrated with care. One column of the Cholesky factor is computed per frame, so that no frame
+//! pays for the whole solution; a finished solution moves the rig a part of the way.
+//!
+//! What no residual can show is not estimated: where all markers of a body moved together, pose and
+//! tip move with them. [`Report::blind_mm`] tells how much of that the prior allows.
+
+use crate::constants as k;
+use crate::filter::Matrix6;
+use crate::fit::{Match, carried, pose_jacobian};
+use crate::model::RigModel;
+use crate::sight::{Placed, image_of};
+use nalgebra::{Isometry3, Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
+use protocol::limits::{BODIES, MAX_CAMERAS};
+use protocol::poses::EYE;
+
+/// Unknowns of a camera: turn and shift in its own frame.
+const PER_CAMERA: usize = 6;
+/// Unknowns of a blob's camera and marker together.
+const PER_BLOB: usize = PER_CAMERA + 3;
+/// Columns of the factor computed per frame.
+const COLUMNS: usize = 2;
+
+/// What was found.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Report {
+    /// True if the residuals cannot be noise.
+    pub noticed: bool,
+    /// Fall of χ² that the corrections bring, per unknown; 1 is noise.
+    pub evidence: f64,
+    /// Largest turn of a camera, rad, and largest shift, mm.
+    pub camera: (f64, f64),
+    /// Root mean square shift of the markers of a body within it, per axis, mm.
+    pub markers_mm: [f64; BODIES],
+    /// Standard deviation of the tip (of the eye's rotation times 12 mm) that no residual can show, mm.
+    pub blind_mm: [f64; BODIES],
+}
+
+impl std::fmt::Display for Report {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let um = |mm: f64| mm * 1e3;
+        if !self.noticed {
+            return write!(f, "no drift of the rig is noticed (evidence {:.1})", self.evidence);
+        }
+        write!(
+            f,
+            "the rig has drifted since it was calibrated (evidence {:.0}): cameras by up to {:.2} mrad and {:.0} µm, \
+             markers by {:.1}, {:.1} and {:.1} µm (inst0, inst1, eye); this is corrected while it runs. What no \
+             residual shows, markers that moved together, may move the tips by {:.1} and {:.1} µm: calibrate anew",
+            self.evidence,
+            self.camera.0 * 1e3,
+            um(self.camera.1),
+            um(self.markers_mm[0]),
+            um(self.markers_mm[1]),
+            um(self.markers_mm[2]),
+            um(self.blind_mm[0]),
+            um(self.blind_mm[1]),
+        )
+    }
+}
+
+/// Estimates the drift; all unknowns are in units of their prior's standard deviation.
+pub struct Drift {
+    nominal: RigModel,
+    /// First unknown of a camera; of the markers of a body.
+    camera_at: [usize; MAX_CAMERAS],
+    markers_at: [usize; BODIES],
+    unknowns: usize,
+    information: Vec<f64>,
+    gradient: Vec<f64>,
+    factor: Vec<f64>,
+    right: Vec<f64>,
+    applied: Vec<f64>,
+    /// Of the body at hand: its unknowns, and their normal equations with the pose.
+    local: Vec<usize>,
+    with_pose: Vec<[f64; 6]>,
+    column: usize,
+    turn: usize,
+    report: Report,
+}
+
+impl Drift {
+    /// For a rig as calibrated.
+    pub fn new(rig: &RigModel) -> Self {
+        let mut unknowns = 0;
+        let mut take = |count: usize| {
+            unknowns += count;
+            unknowns - count
+        };
+        let camera_at = std::array::from_fn(|c| take(if rig.cameras[c].is_some() { PER_CAMERA } else { 0 }));
+        let markers_at = std::array::from_fn(|b| take(3 * rig.bodies[b].markers.len()));
+        let square = vec![0.0; unknowns * unknowns];
+        let line = vec![0.0; unknowns];
+        let mut drift = Drift {
+            nominal: rig.clone(),
+            camera_at,
+            markers_at,
+            unknowns,
+            information: square.clone(),
+            factor: square,
+            gradient: line.clone(),
+            right: line.clone(),
+            applied: line,
+            local: Vec::with_capacity(unknowns),
+            with_pose: vec![[0.0; 6]; unknowns],
+            column: 0,
+            turn: 0,
+            report: Report::default(),
+        };
+        drift.report.blind_mm = std::array::from_fn(|b| drift.blind(b));
+        drift
+    }
+
+    /// What was found so far.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// Forgets everything; `rig` is again as calibrated.
+    pub fn reset(&mut self, rig: &mut RigModel) {
+        for list in [&mut self.information, &mut self.gradient, &mut self.applied] {
+            list.fill(0.0);
+        }
+        (self.column, self.turn) = (0, 0);
+        self.report = Report { blind_mm: self.report.blind_mm, ..Report::default() };
+        self.apply(rig);
+    }
+
+    /// Which body's turn it is to be learnt from.
+    pub fn next_body(&mut self) -> usize {
+        self.turn = (self.turn + 1) % BODIES;
+        self.turn
+    }
+
+    /// Learns from the blobs of a fit, made with the corrected `rig`.
+    pub fn learn(
+        &mut self,
+        rig: &RigModel,
+        body: usize,
+        pose: &Isometry3<f64>,
+        motion: &[Vector3<f64>; 2],
+        matches: &[Match],
+    ) {
+        // A marker hidden in part looks like a marker that moved.
+        let usable = || matches.iter().filter(|m| m.clean && !m.out);
+        if usable().count() < 4 {
+            return;
+        }
+        self.list_unknowns(body);
+        let mut of_pose = pose_prior(body);
+        let mut gradient = SMatrix::<f64, 6, 1>::zeros();
+        for m in usable() {
+            let at_exposure = carried(pose, motion, m.dt_s);
+            let Some((a, j, r)) = self.equation(rig, body, &Placed::from(&at_exposure), m) else { continue };
+            let Some(weight) = m.covariance.try_inverse() else { continue };
+            let (aw, jw) = (a.transpose() * weight, j.transpose() * weight);
+            of_pose += jw * j;
+            gradient += jw * r;
+            let (own, mixed, right) = (aw * a, aw * j, aw * r);
+            let at = self.places(body, m);
+            for p in 0..PER_BLOB {
+                let row = at[p] * self.unknowns;
+                for q in 0..PER_BLOB {
+                    self.information[row + at[q]] += own[(p, q)];
+                }
+                self.gradient[at[p]] += right[p];
+                for (q, cell) in self.with_pose[at[p]].iter_mut().enumerate() {
+                    *cell += mixed[(p, q)];
+                }
+            }
+        }
+        self.eliminate_pose(&of_pose, &gradient);
+    }
+
+    /// Jacobians of a blob by the unknowns and by the pose, and its residual had nothing been
+    /// corrected yet.
+    fn equation(
+        &self,
+        rig: &RigModel,
+        body: usize,
+        pose: &Placed,
+        m: &Match,
+    ) -> Option<(SMatrix<f64, 2, PER_BLOB>, SMatrix<f64, 2, 6>, Vector2<f64>)> {
+        let camera = rig.cameras[m.camera].as_ref()?;
+        let image = image_of(&rig.bodies[body].markers[m.marker], pose, camera)?;
+        let by_camera_point: Matrix2x3<f64> = image.jacobian * camera.camera_from_world.transpose();
+        let turning = -(by_camera_point * camera.in_camera(&image.point).cross_matrix());
+        let by_marker = image.jacobian * pose.rotation;
+        let mut a = SMatrix::<f64, 2, PER_BLOB>::zeros();
+        a.fixed_view_mut::<2, 3>(0, 0).copy_from(&(turning * k::CAMERA_TURN_RAD));
+        a.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_camera_point * k::CAMERA_SHIFT_MM));
+        a.fixed_view_mut::<2, 3>(0, 6).copy_from(&(by_marker * k::MARKER_SHIFT_MM));
+        let at = self.places(body, m);
+        let applied = SMatrix::<f64, PER_BLOB, 1>::from_fn(|p, _| self.applied[at[p]]);
+        let r = m.pixel - image.pixel + a * applied;
+        Some((a, pose_jacobian(&image, pose), r))
+    }
+
+    /// Where the unknowns of a blob are.
+    fn places(&self, body: usize, m: &Match) -> [usize; PER_BLOB] {
+        let (camera, marker) = (self.camera_at[m.camera], self.markers_at[body] + 3 * m.marker);
+        std::array::from_fn(|p| if p < PER_CAMERA { camera + p } else { marker + p - PER_CAMERA })
+    }
+
+    fn list_unknowns(&mut self, body: usize) {
+        self.local.clear();
+        for (id, camera) in self.nominal.cameras.iter().enumerate() {
+            if camera.is_some() {
+                self.local.extend(self.camera_at[id]..self.camera_at[id] + PER_CAMERA);
+            }
+        }
+        let first = self.markers_at[body];
+        self.local.extend(first..first + 3 * self.nominal.bodies[body].markers.len());
+        for &p in &self.local {
+            self.with_pose[p] = [0.0; 6];
+        }
+    }
+
+    /// Takes away what a change of the pose explains: N − C·G⁻¹·Cᵀ, b − C·G⁻¹·g.
+    fn eliminate_pose(&mut self, of_pose: &Matrix6, gradient: &SMatrix<f64, 6, 1>) {
+        let Some(inverse) = of_pose.cholesky().map(|c| c.inverse()) else { return };
+        for &p in &self.local {
+            let row = SMatrix::<f64, 1, 6>::from_row_slice(&self.with_pose[p]) * inverse;
+            for &q in &self.local {
+                let mixed = &self.with_pose[q];
+                let mut sum = 0.0;
+                for (a, b) in row.iter().zip(mixed) {
+                    sum += a * b;
+                }
+                self.information[p * self.unknowns + q] -= sum;
+            }
+            self.gradient[p] -= (row * gradient)[0];
+        }
+    }
+
+    /// A part of the solution. True if `rig` was moved.
+    pub fn step(&mut self, rig: &mut RigModel) -> bool {
+        let n = self.unknowns;
+        if self.column == 0 {
+            self.factor.copy_from_slice(&self.information);
+            self.right.copy_from_slice(&self.gradient);
+            for p in 0..n {
+                self.factor[p * n + p] += 1.0;
+            }
+            for list in [&mut self.information, &mut self.gradient] {
+                list.iter_mut().for_each(|v| *v *= k::DRIFT_KEPT);
+            }
+        }
+        for _ in 0..COLUMNS {
+            if self.column < n && !self.factor_column(self.column) {
+                // Not positive: what was gathered contradicts itself, so it is dropped.
+                self.information.fill(0.0);
+                self.gradient.fill(0.0);
+                self.column = 0;
+                return false;
+            }
+            self.column += 1;
+        }
+        if self.column < n {
+            return false;
+        }
+        self.column = 0;
+        self.solve();
+        self.apply(rig);
+        true
+    }
+
+    fn factor_column(&mut self, j: usize) -> bool {
+        let n = self.unknowns;
+        let (above, below) = self.factor.split_at_mut((j + 1) * n);
+        let row_j = &mut above[j * n..j * n + j + 1];
+        let square: f64 = row_j[..j].iter().map(|v| v * v).sum();
+        let pivot = row_j[j] - square;
+        if pivot <= 1e-9 || !pivot.is_finite() {
+            return false;
+        }
+        let root = libm::sqrt(pivot);
+        row_j[j] = root;
+        for row in below.chunks_exact_mut(n) {
+            let mut sum = row[j];
+            for (a, b) in row[..j].iter().zip(&row_j[..j]) {
+                sum -= a * b;
+            }
+            row[j] = sum / root;
+        }
+        true
+    }
+
+    fn solve(&mut self) {
+        let n = self.unknowns;
+        let mut gained = 0.0;
+        for p in 0..n {
+            let mut sum = self.right[p];
+            for q in 0..p {
+                sum -= self.factor[p * n + q] * self.right[q];
+            }
+            self.right[p] = sum / self.factor[p * n + p];
+            // |L⁻¹·b|² is the fall of the cost at the solution.
+            gained += self.right[p] * self.right[p];
+        }
+        for p in (0..n).rev() {
+            let mut sum = self.right[p];
+            for q in p + 1..n {
+                sum -= self.factor[q * n + p] * self.right[q];
+            }
+            self.right[p] = sum / self.factor[p * n + p];
+        }
+        self.report.evidence = gained / n as f64;
+        self.report.noticed |= self.report.evidence > k::DRIFT_EVIDENCE;
+        // Shrunk towards the calibration as far as noise could be the cause (James and Stein 1961).
+        let belief = (1.0 - k::DRIFT_NOISE / self.report.evidence.max(k::DRIFT_NOISE)).max(0.0);
+        for (applied, solved) in self.applied.iter_mut().zip(&self.right) {
+            let next = *applied + k::DRIFT_STEP * (belief * solved - *applied);
+            *applied = next.clamp(-k::DRIFT_LIMIT, k::DRIFT_LIMIT);
+        }
+    }
+
+    /// Moves `rig` to where it seems to be.
+    fn apply(&mut self, rig: &mut RigModel) {
+        self.report.camera = (0.0, 0.0);
+        for (id, nominal) in self.nominal.cameras.iter().enumerate() {
+            let (Some(camera), Some(nominal)) = (&mut rig.cameras[id], nominal) else { continue };
+            let at = |p: usize| self.applied[self.camera_at[id] + p];
+            let turn = Vector3::new(at(0), at(1), at(2)) * k::CAMERA_TURN_RAD;
+            let shift = Vector3::new(at(3), at(4), at(5)) * k::CAMERA_SHIFT_MM;
+            let rotation = Rotation3::new(turn);
+            camera.camera_from_world = rotation.matrix() * nominal.camera_from_world;
+            camera.translation_mm = rotation * nominal.translation_mm + shift;
+            let found = &mut self.report.camera;
+            *found = (found.0.max(turn.norm()), found.1.max(shift.norm()));
+        }
+        for body in 0..BODIES {
+            let (markers, nominal) = (&mut rig.bodies[body].markers, &self.nominal.bodies[body].markers);
+            let mut squares = 0.0;
+            for (i, (marker, nominal)) in markers.iter_mut().zip(nominal).enumerate() {
+                let at = |p: usize| self.applied[self.markers_at[body] + 3 * i + p];
+                let shift = Vector3::new(at(0), at(1), at(2)) * k::MARKER_SHIFT_MM;
+                marker.position = nominal.position + shift;
+                squares += shift.norm_squared();
+            }
+            self.report.markers_mm[body] = libm::sqrt(squares / (3 * nominal.len()).max(1) as f64);
+        }
+    }
+
+    /// How far the tip (for the eye: a point 12 mm from its centre) goes where all markers of a body
+    /// move as if the body had: independent shifts of the markers, as a rigid motion.
+    fn blind(&self, body: usize) -> f64 {
+        let mut information = Matrix6::zeros();
+        for marker in &self.nominal.bodies[body].markers {
+            let arm = -marker.position.coords.cross_matrix();
+            let mut j = SMatrix::<f64, 3, 6>::zeros();
+            j.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+            j.fixed_view_mut::<3, 3>(0, 3).copy_from(&arm);
+            information += j.transpose() * j;
+        }
+        if body == EYE {
+            information.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1e12);
+        }
+        let Some(covariance) = information.cholesky().map(|c| c.inverse()) else { return 0.0 };
+        let first = if body == EYE { 3 } else { 0 };
+        let block: Matrix3<f64> = covariance.fixed_view::<3, 3>(first, first).into();
+        let lever = if body == EYE { 12.0 } else { 1.0 };
+        k::MARKER_SHIFT_MM * lever * libm::sqrt(block.trace())
+    }
+}
+
+/// What is known of a pose besides its blobs: of an instrument next to nothing, of the eye its
+/// centre.
+fn pose_prior(body: usize) -> Matrix6 {
+    let mut prior = Matrix6::identity();
+    if body == EYE {
+        prior.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / (k::EYE_CENTRE_MM * k::EYE_CENTRE_MM));
+    }
+    prior
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::{Vector6, changed};
+    use nalgebra::Matrix2;
+    use protocol::rig::Rig;
+
+    /// Blobs of body 0 as the cameras of `real` see it, at the `n`-th of many poses.
+    fn blobs(real: &RigModel, n: u32) -> (Isometry3<f64>, Vec<Match>) {
+        let t = f64::from(n) * 0.1;
+        let turn = Vector3::new(0.4 * t.sin(), 0.3 * (1.3 * t).cos(), 0.9 * (0.7 * t).sin());
+        let pose = Isometry3::new(Vector3::new((0.9 * t).sin(), (1.1 * t).cos(), -3.0 + t.cos()), turn);
+        let mut matches = Vec::new();
+        for (camera, model) in real.cameras.iter().enumerate() {
+            let Some(model) = model else { continue };
+            for (marker, m) in real.bodies[0].markers.iter().enumerate() {
+                let pixel = image_of(m, &Placed::from(&pose), model).unwrap().pixel;
+                let covariance = Matrix2::identity() * 0.0025;
+                let (blob, dt_s, area_ratio, clean, out) = (0, 0.0, 1.0, true, false);
+                matches.push(Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, clean, out });
+            }
+        }
+        (pose, matches)
+    }
+
+    /// A rig of which one marker of body 0 went off its place, learnt from at poses that are wrong by
+    /// something themselves.
+    fn learnt(shift: Vector3<f64>) -> (RigModel, Report) {
+        let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+        let (mut real, mut rig) = (nominal.clone(), nominal.clone());
+        real.bodies[0].markers[1].position += shift;
+        let mut drift = Drift::new(&nominal);
+        for n in 0..600 {
+            let (pose, matches) = blobs(&real, n);
+            let wrong = changed(&pose, &(Vector6::repeat(1e-3) * f64::from(n % 5)));
+            drift.learn(&rig, 0, &wrong, &[Vector3::zeros(); 2], &matches);
+            drift.step(&mut rig);
+        }
+        (rig, *drift.report())
+    }
+
+    #[test]
+    fn a_marker_that_moved_alone_is_found() {
+        let shift = Vector3::new(0.0, 0.012, 0.0);
+        let (rig, report) = learnt(shift);
+        assert!(report.noticed && report.to_string().contains("drifted"), "{report}");
+        // The middle of three in a line: bent out of it, which no pose explains. The others share it.
+        let y = |m: usize| rig.bodies[0].markers[m].position.y;
+        let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+        let y0 = |m: usize| nominal.bodies[0].markers[m].position.y;
+        let along = |m: usize| nominal.bodies[0].markers[m].position.z;
+        let share = (along(1) - along(0)) / (along(2) - along(0));
+        let bend = |y: &dyn Fn(usize) -> f64| y(1) - y(0) - share * (y(2) - y(0));
+        let found = bend(&y) - bend(&y0);
+        assert!((found - 0.012).abs() < 0.0015, "{found}");
+    }
+
+    #[test]
+    fn a_rig_that_did_not_move_is_left_alone() {
+        let (rig, report) = learnt(Vector3::zeros());
+        assert!(!report.noticed && report.to_string().contains("no drift"), "{report}");
+        assert_eq!(rig, RigModel::new(&Rig::load_or_shipped(None).unwrap()));
+    }
+}

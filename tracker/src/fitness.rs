@@ -1,0 +1,207 @@
+//! Rigs that are well written but cannot work: told before anything is tracked, in words.
+
+use crate::model::{Marker, RigModel};
+use nalgebra::{Matrix3, Point3, Vector3};
+use protocol::camera::Camera;
+use protocol::limits::BODIES;
+use protocol::poses::{BODY_NAMES, EYE};
+use protocol::rig::Rig;
+
+/// Two cameras nearer to each other than this see no depth, mm.
+const SHORTEST_BASE_MM: f64 = 1.0;
+/// Markers whose roll lever is shorter than this leave the roll free, mm: at 0.05 px of noise and 19
+/// px/mm it would be known to 30 mrad only.
+const SHORTEST_ROLL_LEVER_MM: f64 = 0.1;
+/// Two markers of one body are at least this far apart, mm.
+const CLOSEST_MARKERS_MM: f64 = 0.05;
+
+/// Why a rig cannot work.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Unfit {
+    /// A camera looks elsewhere.
+    #[error(
+        "camera {camera} sees nothing: no point of the workspace of radius {radius_mm} mm about the eye's centre is in its picture"
+    )]
+    Blind {
+        /// Camera id.
+        camera: u32,
+        /// Radius of the workspace.
+        radius_mm: f64,
+    },
+    /// All cameras are in one place.
+    #[error("no two cameras are more than {SHORTEST_BASE_MM} mm apart: depth cannot be told")]
+    OnePlace,
+    /// The markers are in a line.
+    #[error(
+        "the markers of {body} lie in a line (within {lever_mm:.3} mm): its turn about that line, the roll, is free; \
+         at least one marker must stand {SHORTEST_ROLL_LEVER_MM} mm off"
+    )]
+    Collinear {
+        /// Name of the body.
+        body: &'static str,
+        /// Distance of the farthest marker from the line.
+        lever_mm: f64,
+    },
+    /// A marker twice.
+    #[error("{body} has marker id {id} twice")]
+    MarkerTwice {
+        /// Name of the body.
+        body: &'static str,
+        /// The id.
+        id: u32,
+    },
+    /// Two markers in one place.
+    #[error("markers {first} and {second} of {body} are in one place: they cannot be told apart")]
+    SamePlace {
+        /// Name of the body.
+        body: &'static str,
+        /// Index of one.
+        first: usize,
+        /// Index of the other.
+        second: usize,
+    },
+    /// A trocar twice.
+    #[error("{body} has {count} trocars; a shaft passes one")]
+    TrocarTwice {
+        /// Name of the body.
+        body: &'static str,
+        /// How many.
+        count: usize,
+    },
+    /// A trocar in the middle of the eye.
+    #[error(
+        "the trocar of {body} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: no shaft can pass it"
+    )]
+    TrocarInside {
+        /// Name of the body.
+        body: &'static str,
+        /// From the eye's centre.
+        distance_mm: f64,
+    },
+}
+
+/// Refuses a rig that cannot work.
+pub fn check(rig: &Rig) -> Result<(), Unfit> {
+    let model = RigModel::new(rig);
+    check_cameras(rig, &model)?;
+    for body in 0..BODIES {
+        check_markers(rig, &model, body)?;
+        check_trocar(rig, body)?;
+    }
+    Ok(())
+}
+
+fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), Unfit> {
+    let radius_mm = rig.workspace.tip_radius;
+    let cameras = || model.cameras.iter().flatten();
+    for camera in cameras() {
+        if !sees_workspace(camera, radius_mm) {
+            return Err(Unfit::Blind { camera: camera.id, radius_mm });
+        }
+    }
+    let apart = |a: &Camera, b: &Camera| (a.centre_in_world() - b.centre_in_world()).norm();
+    let based = cameras().any(|a| cameras().any(|b| apart(a, b) > SHORTEST_BASE_MM));
+    if based { Ok(()) } else { Err(Unfit::OnePlace) }
+}
+
+/// True if any point of a grid through the workspace is in the picture.
+fn sees_workspace(camera: &Camera, radius_mm: f64) -> bool {
+    let steps = || (-2..=2).map(|i| f64::from(i) * 0.5 * radius_mm);
+    let [w, h] = camera.size_px.map(f64::from);
+    let mut points = steps().flat_map(|x| steps().flat_map(move |y| steps().map(move |z| (x, y, z))));
+    points.any(|(x, y, z)| {
+        let pixel = camera.project(&Point3::new(x, y, z));
+        pixel.is_some_and(|p| (0.0..w).contains(&p.x) && (0.0..h).contains(&p.y))
+    })
+}
+
+fn check_markers(rig: &Rig, model: &RigModel, body: usize) -> Result<(), Unfit> {
+    let name = BODY_NAMES[body];
+    let markers = &model.bodies[body].markers;
+    let ids: Vec<u32> = rig.body(name).map(|b| b.markers.iter().map(|m| m.id).collect()).unwrap_or_default();
+    if let Some((_, id)) = ids.iter().enumerate().find(|(i, id)| ids[..*i].contains(id)) {
+        return Err(Unfit::MarkerTwice { body: name, id: *id });
+    }
+    for (second, m) in markers.iter().enumerate() {
+        let same = |o: &Marker| (o.position - m.position).norm() < CLOSEST_MARKERS_MM;
+        if let Some(first) = markers[..second].iter().position(same) {
+            return Err(Unfit::SamePlace { body: name, first, second });
+        }
+    }
+    let lever_mm = roll_lever(markers.iter().map(|m| m.position));
+    if lever_mm < SHORTEST_ROLL_LEVER_MM {
+        return Err(Unfit::Collinear { body: name, lever_mm });
+    }
+    Ok(())
+}
+
+/// Root of the sum of squared distances from the line that fits best: two of the scatter's three
+/// directions.
+fn roll_lever(points: impl Iterator<Item = Point3<f64>> + Clone) -> f64 {
+    let count = points.clone().count() as f64;
+    let centre = points.clone().fold(Vector3::zeros(), |sum, p| sum + p.coords) / count;
+    let scatter = points.fold(Matrix3::zeros(), |sum: Matrix3<f64>, p| {
+        let d = p.coords - centre;
+        sum + d * d.transpose()
+    });
+    let along = scatter.symmetric_eigenvalues();
+    libm::sqrt((scatter.trace() - along.max()).max(0.0))
+}
+
+fn check_trocar(rig: &Rig, body: usize) -> Result<(), Unfit> {
+    let name = BODY_NAMES[body];
+    let count = rig.trocars.iter().filter(|t| t.body == name).count();
+    if count > 1 {
+        return Err(Unfit::TrocarTwice { body: name, count });
+    }
+    if let Some(trocar) = rig.trocar(name).filter(|_| body != EYE) {
+        let distance_mm = Vector3::from(trocar.p_eye).norm();
+        if distance_mm < 0.5 * rig.workspace.tip_radius {
+            return Err(Unfit::TrocarInside { body: name, distance_mm });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn broken(change: impl FnOnce(&mut Rig)) -> String {
+        let mut rig = Rig::load_or_shipped(None).unwrap();
+        check(&rig).expect("the shipped rig works");
+        change(&mut rig);
+        check(&rig).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn every_unfit_rig_is_told_in_words() {
+        let turned = broken(|rig| {
+            for row in &mut rig.cameras[1].rotation[1..] {
+                *row = row.map(|v| -v);
+            }
+            rig.cameras[1].t = rig.cameras[1].t.map(|v| -v);
+        });
+        assert!(turned.contains("camera 1 sees nothing"), "{turned}");
+        let together = broken(|rig| {
+            for i in 1..rig.cameras.len() {
+                (rig.cameras[i].rotation, rig.cameras[i].t) = (rig.cameras[0].rotation, rig.cameras[0].t);
+            }
+        });
+        assert!(together.contains("no two cameras"), "{together}");
+        let straight = broken(|rig| {
+            for (i, marker) in rig.bodies[0].markers.iter_mut().enumerate() {
+                marker.p = [0.0, 0.0, 1.0 + 2.0 * i as f64];
+            }
+        });
+        assert!(straight.contains("inst0") && straight.contains("roll"), "{straight}");
+        let twice = broken(|rig| rig.bodies[1].markers[2].id = rig.bodies[1].markers[0].id);
+        assert!(twice.contains("inst1") && twice.contains("twice"), "{twice}");
+        let same = broken(|rig| rig.bodies[2].markers[3].p = rig.bodies[2].markers[1].p);
+        assert!(same.contains("markers 1 and 3 of eye"), "{same}");
+        let trocars = broken(|rig| rig.trocars.push(rig.trocars[0].clone()));
+        assert!(trocars.contains("2 trocars"), "{trocars}");
+        let inside = broken(|rig| rig.trocars[1].p_eye = [0.0, 0.1, 0.2]);
+        assert!(inside.contains("trocar of inst1"), "{inside}");
+    }
+}

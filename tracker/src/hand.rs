@@ -1,0 +1,584 @@
+//! How an instrument moves: one Kalman filter for the planned movement of its tip, the tremor on
+//! top of it, the play of its shaft in the trocar and its roll.
+//!
+//! The shaft passes the trocar, so that a moving tip turns the shaft by itself: with the tip p, the
+//! pivot Q = T + m (T the trocar as the eye carries it, m the play) and L = |Q − p|, the axis is
+//! d = (Q − p)/L and a small change turns the body by δθ = d × (δm − δp)/L + d·δρ (ρ the roll). So
+//! one camera that sees the shaft already tells where along its own line of sight the tip is, and a
+//! tremor seen by one camera is known to the others before their next exposure.
+//!
+//! Linear states, each a vector of the world: the smooth movement (x, v, a, a'); a bank of
+//! oscillators across 6–14 Hz, which add up (no choice is made between them; each learns how strong
+//! it is from its own state, as expectation–maximisation would); the play (m, m'). Then the roll
+//! (ρ, ρ', ρ''), a Singer chain, with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
+//! in (see `fit`); the rest of the state follows by its regression on the pose.
+
+use crate::block::{self, add, blend, mix, product, transpose};
+use crate::chain::{Oscillator, Smooth};
+use crate::constants as k;
+use crate::filter::{Matrix6, Singer, difference, exp};
+use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
+
+/// Oscillators of the tremor.
+const TREMORS: usize = k::TREMOR_HZ.len();
+/// Vector states: smooth movement, tremor, play.
+const VECTORS: usize = PLAY + 2;
+const TREMOR: usize = 4;
+const PLAY: usize = TREMOR + 2 * TREMORS;
+/// First row of the roll's chain; number of rows.
+const ROLL: usize = 3 * VECTORS;
+const ROLL_TREMOR: usize = ROLL + 3;
+const ROLL_TREMORS: usize = k::ROLL_TREMOR_HZ.len();
+const N: usize = ROLL_TREMOR + 2 * ROLL_TREMORS;
+
+type Row = block::Row<N>;
+type Columns = block::Columns<N>;
+
+/// The point that the shaft passes, and how far it strays from it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pivot {
+    /// In the world, mm.
+    pub position: Vector3<f64>,
+    /// Standard deviation of the play, mm.
+    pub sigma: f64,
+    /// True if this is the trocar as a tracked eye carries it.
+    pub carried: bool,
+}
+
+/// State of an instrument.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HandFilter {
+    vectors: [Vector3<f64>; VECTORS],
+    roll_rate: f64,
+    roll_acceleration: f64,
+    roll_tremor: [[f64; 2]; ROLL_TREMORS],
+    rotation: UnitQuaternion<f64>,
+    pivot: Pivot,
+    /// Variance of the displacement of each oscillator, mm².
+    tremor_variance: [f64; TREMORS],
+    roll_tremor_variance: [f64; ROLL_TREMORS],
+    smooth_variance: f64,
+    /// Running ratio of the squared surprises to what they should be.
+    strain: f64,
+    covariance: [Row; N],
+    /// Instant of the state, ns.
+    pub time_ns: u64,
+}
+
+/// What a time does to the states.
+struct Step {
+    smooth: [[f64; 4]; 4],
+    tremor: [[[f64; 2]; 2]; TREMORS],
+    play: [[f64; 2]; 2],
+    roll: [[f64; 3]; 3],
+    roll_tremor: [[[f64; 2]; 2]; ROLL_TREMORS],
+}
+
+const PLAY_MODEL: Oscillator = Oscillator { omega: k::PLAY_RAD_S, damping: k::PLAY_DAMPING };
+const ROLL_MODEL: Singer = Singer { sigma: k::TURN_ACCELERATION_RAD_S2, tau_s: k::TURN_ACCELERATION_TAU_S };
+
+fn tremor_model(i: usize) -> Oscillator {
+    Oscillator { omega: 2.0 * std::f64::consts::PI * k::TREMOR_HZ[i], damping: k::TREMOR_DAMPING }
+}
+
+fn roll_tremor_model(i: usize) -> Oscillator {
+    Oscillator { omega: 2.0 * std::f64::consts::PI * k::ROLL_TREMOR_HZ[i], damping: k::ROLL_TREMOR_DAMPING }
+}
+
+fn smooth_model(variance: f64) -> Smooth {
+    Smooth { sigma: libm::sqrt(variance), tau_s: k::SMOOTH_TAU_S }
+}
+
+impl Step {
+    fn new(dt: f64) -> Self {
+        let roll = ROLL_MODEL.transition(dt);
+        Step {
+            smooth: smooth_model(1.0).transition(dt),
+            tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
+            play: PLAY_MODEL.transition(dt),
+            roll: [[1.0, roll.dt, roll.h], [0.0, 1.0, roll.g], [0.0, 0.0, roll.e]],
+            roll_tremor: std::array::from_fn(|i| roll_tremor_model(i).transition(dt)),
+        }
+    }
+
+    /// F·M, where `rows` are the rows of M, three for each vector.
+    fn apply(&self, rows: &mut [Row; N]) {
+        for axis in 0..3 {
+            mix(rows, [axis, axis + 3, axis + 6, axis + 9], &self.smooth);
+            for (i, f) in self.tremor.iter().enumerate() {
+                let first = 3 * (TREMOR + 2 * i) + axis;
+                mix(rows, [first, first + 3], f);
+            }
+            mix(rows, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &self.play);
+        }
+        mix(rows, [ROLL, ROLL + 1, ROLL + 2], &self.roll);
+        for (i, f) in self.roll_tremor.iter().enumerate() {
+            mix(rows, [ROLL_TREMOR + 2 * i, ROLL_TREMOR + 2 * i + 1], f);
+        }
+    }
+
+    fn apply_to_vectors(&self, vectors: &mut [Vector3<f64>; VECTORS]) {
+        blend(&mut vectors[..TREMOR], &self.smooth);
+        for (i, f) in self.tremor.iter().enumerate() {
+            blend(&mut vectors[TREMOR + 2 * i..TREMOR + 2 * i + 2], f);
+        }
+        blend(&mut vectors[PLAY..], &self.play);
+    }
+}
+
+impl HandFilter {
+    /// An instrument just found at `pose`. Without a pivot the shaft turns about a point of its own.
+    pub fn new(pose: &Isometry3<f64>, pose_covariance: &Matrix6, pivot: Option<Pivot>, time_ns: u64) -> Self {
+        let axis = pose.rotation * Vector3::z();
+        let tip = pose.translation.vector;
+        let free = Pivot { position: tip + axis * k::FREE_PIVOT_MM, sigma: k::FREE_PLAY_MM, carried: false };
+        let pivot = pivot.filter(|p| axis.dot(&(p.position - tip)) > k::SHORTEST_LEVER_MM).unwrap_or(free);
+        let to_pivot = pivot.position - tip;
+        let lever = axis.dot(&to_pivot);
+        let mut filter = HandFilter {
+            vectors: [Vector3::zeros(); VECTORS],
+            roll_rate: 0.0,
+            roll_acceleration: 0.0,
+            roll_tremor: [[0.0; 2]; ROLL_TREMORS],
+            rotation: pose.rotation,
+            pivot,
+            tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; TREMORS],
+            roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
+            smooth_variance: k::SMOOTH_MM_S2 * k::SMOOTH_MM_S2,
+            strain: 1.0,
+            covariance: [[0.0; N]; N],
+            time_ns,
+        };
+        filter.vectors[0] = tip;
+        filter.vectors[PLAY] = axis * lever - to_pivot;
+        filter.start_covariance(pose_covariance, &axis, lever);
+        filter
+    }
+
+    fn start_covariance(&mut self, pose: &Matrix6, axis: &Vector3<f64>, lever: f64) {
+        let spot: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into();
+        let turn: Matrix3<f64> = pose.fixed_view::<3, 3>(3, 3).into();
+        let p = &mut self.covariance;
+        for r in 0..3 {
+            for c in 0..3 {
+                p[r][c] = 0.5 * (spot[(r, c)] + spot[(c, r)]);
+            }
+        }
+        let roll = (axis.transpose() * turn * axis)[0];
+        let tilt = (turn.trace() - roll).max(0.0);
+        let play = self.pivot.sigma * self.pivot.sigma;
+        let smooth = smooth_model(self.smooth_variance);
+        let lag = 1.0 / (smooth.tau_s * smooth.tau_s);
+        for axis in 0..3 {
+            let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
+            put(1, k::SEED_SPEED_MM_S * k::SEED_SPEED_MM_S);
+            put(2, self.smooth_variance);
+            put(3, self.smooth_variance * lag);
+            for (i, variance) in self.tremor_variance.iter().enumerate() {
+                put(TREMOR + 2 * i, *variance);
+                put(TREMOR + 2 * i + 1, variance * tremor_model(i).omega * tremor_model(i).omega);
+            }
+            put(PLAY, play + tilt * lever * lever + spot.trace());
+            put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
+        }
+        p[ROLL][ROLL] = roll;
+        p[ROLL + 1][ROLL + 1] = k::SEED_TURN_RAD_S * k::SEED_TURN_RAD_S;
+        p[ROLL + 2][ROLL + 2] = ROLL_MODEL.sigma * ROLL_MODEL.sigma;
+        for (i, variance) in self.roll_tremor_variance.iter().enumerate() {
+            let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
+            p[first][first] = *variance;
+            p[first + 1][first + 1] = variance * omega * omega;
+        }
+    }
+
+    /// `world_from_body`.
+    pub fn pose(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(Translation3::from(tip_of(&self.vectors)), self.rotation)
+    }
+
+    /// Velocity of the tip, tremor included, mm/s, and angular velocity, rad/s; world.
+    pub fn motion(&self) -> [Vector3<f64>; 2] {
+        let velocity = self.velocity();
+        let (axis, lever) = self.shaft();
+        let turning = axis.cross(&(self.vectors[PLAY + 1] - velocity)) / lever;
+        let rolling = self.roll_tremor.iter().fold(self.roll_rate, |sum, x| sum + x[1]);
+        let turning = turning + axis * rolling;
+        [velocity, turning]
+    }
+
+    fn velocity(&self) -> Vector3<f64> {
+        let tremor = self.vectors[TREMOR..PLAY].iter().skip(1).step_by(2);
+        tremor.fold(self.vectors[1], |sum, v| sum + v)
+    }
+
+    /// How far the shaft passes beside its trocar, mm; 0 where it has none.
+    pub fn play(&self) -> f64 {
+        if self.pivot.carried { self.vectors[PLAY].norm() } else { 0.0 }
+    }
+
+    /// Direction from tip to pivot, and their distance, mm.
+    fn shaft(&self) -> (Vector3<f64>, f64) {
+        let to_pivot = self.pivot.position + self.vectors[PLAY] - tip_of(&self.vectors);
+        let lever = to_pivot.norm().max(k::SHORTEST_LEVER_MM);
+        (self.rotation * Vector3::z(), lever)
+    }
+
+    /// The pose `dt` seconds from the state's instant (either way), by the mean motion alone.
+    pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
+        let mut ahead = (self.vectors, self.rotation, self.roll_tremor);
+        if dt != 0.0 {
+            ahead = self.carried(&Step::new(dt), &self.pivot);
+        }
+        Isometry3::from_parts(Translation3::from(tip_of(&ahead.0)), ahead.1)
+    }
+
+    fn carried(
+        &self,
+        step: &Step,
+        pivot: &Pivot,
+    ) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>, [[f64; 2]; ROLL_TREMORS]) {
+        let mut vectors = self.vectors;
+        step.apply_to_vectors(&mut vectors);
+        let axis = self.rotation * Vector3::z();
+        let mut roll = self.roll_rate * step.roll[0][1] + self.roll_acceleration * step.roll[0][2];
+        let mut tremor = self.roll_tremor;
+        for (x, f) in tremor.iter_mut().zip(&step.roll_tremor) {
+            let now = x[0];
+            *x = [f[0][0] * x[0] + f[0][1] * x[1], f[1][0] * x[0] + f[1][1] * x[1]];
+            roll += x[0] - now;
+        }
+        let rotation = aligned(exp(axis * roll) * self.rotation, &vectors, pivot);
+        (vectors, rotation, tremor)
+    }
+
+    /// Carries the state to `time_ns`, where the trocar is at `pivot`; an earlier instant changes
+    /// nothing. Without a pivot the last one is kept, and believed less.
+    pub fn advance(&mut self, time_ns: u64, pivot: Option<Pivot>) {
+        let whole_ns = time_ns.saturating_sub(self.time_ns);
+        if whole_ns == 0 {
+            return;
+        }
+        self.learn(whole_ns as f64 * 1e-9);
+        let steps = whole_ns.div_ceil(k::LONGEST_STEP_NS);
+        let dt = whole_ns as f64 * 1e-9 / steps as f64;
+        let step = Step::new(dt);
+        let target = self.next_pivot(pivot);
+        for i in 1..=steps {
+            if i == steps {
+                self.pivot = target;
+            }
+            (self.vectors, self.rotation, self.roll_tremor) = self.carried(&step, &self.pivot);
+            self.roll_rate += self.roll_acceleration * step.roll[1][2];
+            self.roll_acceleration *= step.roll[2][2];
+            step.apply(&mut self.covariance);
+            transpose(&mut self.covariance);
+            step.apply(&mut self.covariance);
+            self.add_noise(&step, dt);
+        }
+        self.time_ns = time_ns;
+    }
+
+    /// Where the pivot goes. A trocar that was not carried before takes over without moving the
+    /// shaft; near the pivot the lever is too short to tell a direction, and the shaft turns freely.
+    fn next_pivot(&mut self, pivot: Option<Pivot>) -> Pivot {
+        let held = Pivot { sigma: k::FREE_PLAY_MM, carried: false, ..self.pivot };
+        let mut next = pivot.unwrap_or(held);
+        let tip = tip_of(&self.vectors);
+        let axis = self.rotation * Vector3::z();
+        if axis.dot(&(next.position - tip)) < k::SHORTEST_LEVER_MM {
+            next = Pivot { position: tip + axis * k::FREE_PIVOT_MM, ..held };
+            self.vectors[PLAY].fill(0.0);
+        } else if next.carried != self.pivot.carried {
+            let point = self.pivot.position + self.vectors[PLAY];
+            self.vectors[PLAY] = point - next.position;
+        }
+        next
+    }
+
+    fn add_noise(&mut self, step: &Step, dt: f64) {
+        let smooth = smooth_model(self.smooth_variance).noise(dt);
+        let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
+        let [q11, q12, q13, q22, q23, q33] = ROLL_MODEL.noise(dt);
+        let p = &mut self.covariance;
+        for axis in 0..3 {
+            add(p, [axis, axis + 3, axis + 6, axis + 9], &smooth);
+            for (i, f) in step.tremor.iter().enumerate() {
+                let first = 3 * (TREMOR + 2 * i) + axis;
+                add(p, [first, first + 3], &tremor_model(i).noise(f, self.tremor_variance[i]));
+            }
+            add(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
+        }
+        let roll = [[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]];
+        add(p, [ROLL, ROLL + 1, ROLL + 2], &roll);
+        for (i, f) in step.roll_tremor.iter().enumerate() {
+            let first = ROLL_TREMOR + 2 * i;
+            add(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));
+        }
+    }
+
+    /// Lets the oscillators and the smooth movement learn how strong they are: the running mean of
+    /// what their states are expected to be squared, E[x²] = x̂² + P, over the axes.
+    fn learn(&mut self, dt: f64) {
+        let p = &self.covariance;
+        let square = |vector: usize| {
+            let state = self.vectors[vector].norm_squared();
+            let doubt: f64 = (0..3).map(|axis| p[3 * vector + axis][3 * vector + axis]).sum();
+            (state + doubt) / 3.0
+        };
+        let share = (dt / k::TREMOR_LEARNING_S).min(0.2);
+        let mut tremor = self.tremor_variance;
+        for (i, variance) in tremor.iter_mut().enumerate() {
+            let omega = tremor_model(i).omega;
+            let now = 0.5 * (square(TREMOR + 2 * i) + square(TREMOR + 2 * i + 1) / (omega * omega));
+            *variance += share * (now - *variance);
+            *variance = variance.clamp(k::TREMOR_RANGE_MM2.0, k::TREMOR_RANGE_MM2.1);
+        }
+        let mut roll_tremor = self.roll_tremor_variance;
+        for (i, variance) in roll_tremor.iter_mut().enumerate() {
+            let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
+            let [x, rate] = self.roll_tremor[i];
+            let angle = x * x + p[first][first];
+            let now = 0.5 * (angle + (rate * rate + p[first + 1][first + 1]) / (omega * omega));
+            *variance += share * (now - *variance);
+            *variance = variance.clamp(k::ROLL_TREMOR_RANGE_RAD2.0, k::ROLL_TREMOR_RANGE_RAD2.1);
+        }
+        let share = (dt / k::SMOOTH_LEARNING_S).min(0.2);
+        let smooth = self.smooth_variance + share * (square(2) - self.smooth_variance);
+        (self.tremor_variance, self.roll_tremor_variance) = (tremor, roll_tremor);
+        self.smooth_variance = smooth.clamp(k::SMOOTH_RANGE_MM2_S4.0, k::SMOOTH_RANGE_MM2_S4.1);
+    }
+
+    /// P·Hᵀ: covariance of the whole state with the pose.
+    fn cross(&self) -> Columns {
+        let (axis, lever) = self.shaft();
+        let mut cross = [[0.0; N]; 6];
+        for (r, row) in self.covariance.iter().enumerate() {
+            let (tip, turn) = pose_part(row, &axis, lever);
+            for i in 0..3 {
+                cross[i][r] = tip[i];
+                cross[3 + i][r] = turn[i];
+            }
+        }
+        cross
+    }
+
+    /// Covariance of the pose.
+    pub fn pose_covariance(&self) -> Matrix6 {
+        self.pose_covariance_from(&self.cross())
+    }
+
+    fn pose_covariance_from(&self, cross: &Columns) -> Matrix6 {
+        let (axis, lever) = self.shaft();
+        let mut pose = Matrix6::zeros();
+        for (c, column) in cross.iter().enumerate() {
+            let (tip, turn) = pose_part(column, &axis, lever);
+            for i in 0..3 {
+                pose[(i, c)] = tip[i];
+                pose[(3 + i, c)] = turn[i];
+            }
+        }
+        (pose + pose.transpose()) * 0.5
+    }
+
+    /// Takes the pose that maximises the posterior, and its covariance. `prior_inverse` is the
+    /// inverse of [`HandFilter::pose_covariance`]. False, with nothing changed, where the result
+    /// would not be finite.
+    pub fn update(
+        &mut self,
+        posterior: &Isometry3<f64>,
+        covariance: &Matrix6,
+        prior_inverse: &Matrix6,
+    ) -> bool {
+        let delta = difference(posterior, &self.pose());
+        let cross = self.cross();
+        let gain = product(&cross, prior_inverse);
+        let shrink = self.pose_covariance_from(&cross) - covariance;
+        let weighted = product(&gain, &shrink);
+        let mut change = [0.0; N];
+        let mut left: Row = std::array::from_fn(|r| self.covariance[r][r]);
+        for ((gain, weighted), delta) in gain.iter().zip(&weighted).zip(delta.iter()) {
+            for r in 0..N {
+                change[r] += gain[r] * delta;
+                left[r] -= gain[r] * weighted[r];
+            }
+        }
+        // Also false where something is not a number.
+        if !(change.iter().all(|v| v.is_finite()) && left.iter().all(|v| *v >= 0.0)) {
+            return false;
+        }
+        self.shrink(&gain, &weighted);
+        for (i, vector) in self.vectors.iter_mut().enumerate() {
+            *vector += Vector3::new(change[3 * i], change[3 * i + 1], change[3 * i + 2]);
+        }
+        self.roll_rate += change[ROLL + 1];
+        self.roll_acceleration += change[ROLL + 2];
+        for (i, x) in self.roll_tremor.iter_mut().enumerate() {
+            x[0] += change[ROLL_TREMOR + 2 * i];
+            x[1] += change[ROLL_TREMOR + 2 * i + 1];
+        }
+        self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
+        self.notice(delta.dot(&(prior_inverse * delta)), (prior_inverse * shrink).trace());
+        true
+    }
+
+    /// P ← P − (gain·shrink)·gainᵀ: the lower triangle, and its mirror image.
+    #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
+    fn shrink(&mut self, gain: &Columns, weighted: &Columns) {
+        let [a, b, c, d, e, f] = gain;
+        for r in 0..N {
+            let w: [f64; 6] = std::array::from_fn(|i| weighted[i][r]);
+            let row = &mut self.covariance[r];
+            for q in 0..=r {
+                row[q] -= w[0] * a[q] + w[1] * b[q] + w[2] * c[q] + w[3] * d[q] + w[4] * e[q] + w[5] * f[q];
+            }
+        }
+        for r in 1..N {
+            for q in 0..r {
+                self.covariance[q][r] = self.covariance[r][q];
+            }
+        }
+    }
+
+    /// The blobs are beside where they should be: the hand has begun to do something else. The tip's
+    /// movement is believed no more.
+    pub fn startle(&mut self) {
+        for (vector, sigma) in k::STARTLED.into_iter().enumerate() {
+            for axis in 3 * vector..3 * vector + 3 {
+                self.covariance[axis][axis] += sigma * sigma;
+            }
+        }
+        self.smooth_variance = k::SMOOTH_RANGE_MM2_S4.1;
+    }
+
+    /// Poses further from what was foreseen than they should be, one by much or several in a row: the
+    /// hand does something new, and the smooth movement is believed less at once.
+    fn notice(&mut self, surprise: f64, expected: f64) {
+        self.strain += k::STRAIN_SHARE * (surprise / expected.max(1.0) - self.strain);
+        let ratio = (surprise / k::SURPRISE).max(self.strain / k::STRAIN);
+        if ratio > 1.0 {
+            let factor = (ratio * ratio).min(10.0);
+            self.smooth_variance = (self.smooth_variance * factor).min(k::SMOOTH_RANGE_MM2_S4.1);
+        }
+    }
+}
+
+fn tip_of(vectors: &[Vector3<f64>; VECTORS]) -> Vector3<f64> {
+    vectors[TREMOR..PLAY].iter().step_by(2).fold(vectors[0], |sum, v| sum + v)
+}
+
+/// The parts of a column (or row) of the covariance that belong to the tip and to the rotation.
+fn pose_part(row: &Row, axis: &Vector3<f64>, lever: f64) -> (Vector3<f64>, Vector3<f64>) {
+    let vector = |i: usize| Vector3::new(row[3 * i], row[3 * i + 1], row[3 * i + 2]);
+    let mut tip = vector(0);
+    for i in 0..TREMORS {
+        tip += vector(TREMOR + 2 * i);
+    }
+    let roll = (0..ROLL_TREMORS).fold(row[ROLL], |sum, i| sum + row[ROLL_TREMOR + 2 * i]);
+    let turn = axis.cross(&(vector(PLAY) - tip)) / lever + axis * roll;
+    (tip, turn)
+}
+
+/// `rotation`, turned by the least angle that lays the shaft through its pivot.
+fn aligned(
+    rotation: UnitQuaternion<f64>,
+    vectors: &[Vector3<f64>; VECTORS],
+    pivot: &Pivot,
+) -> UnitQuaternion<f64> {
+    let to_pivot = pivot.position + vectors[PLAY] - tip_of(vectors);
+    let distance = to_pivot.norm();
+    if distance < 0.5 * k::SHORTEST_LEVER_MM {
+        return rotation;
+    }
+    // The half-way quaternion (1 + a·b, a × b) is exact where the angle is small.
+    let (axis, target) = (rotation * Vector3::z(), to_pivot / distance);
+    let across = axis.cross(&target);
+    let turn = Quaternion::new(1.0 + axis.dot(&target), across.x, across.y, across.z);
+    UnitQuaternion::new_normalize(turn * rotation.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const FIELD_NS: u64 = 20_000_000;
+
+    fn pivot() -> Pivot {
+        Pivot { position: Vector3::new(7.8, 4.5, 7.9), sigma: 0.05, carried: true }
+    }
+
+    /// The shaft through the pivot with the tip at `tip`.
+    fn through(tip: Vector3<f64>) -> Isometry3<f64> {
+        let axis = pivot().position - tip;
+        let rotation = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap();
+        Isometry3::from_parts(Translation3::from(tip), rotation)
+    }
+
+    fn filter(tip: Vector3<f64>) -> HandFilter {
+        HandFilter::new(&through(tip), &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS)
+    }
+
+    /// Measures a pose with the covariance `noise`.
+    fn measure(f: &mut HandFilter, pose: &Isometry3<f64>, noise: &Matrix6) -> bool {
+        let prior = f.pose_covariance().try_inverse().unwrap();
+        let information = noise.try_inverse().unwrap();
+        let covariance = (prior + information).try_inverse().unwrap();
+        let step = covariance * information * difference(pose, &f.pose());
+        f.update(&crate::filter::changed(&f.pose(), &step), &covariance, &prior)
+    }
+
+    #[test]
+    fn a_moving_tip_turns_the_shaft_about_its_pivot() {
+        let tip = |t: f64| Vector3::new(2.0 * t, -1.0 + t, -4.0);
+        let mut f = filter(tip(0.0));
+        for n in 1..40u64 {
+            f.advance(FIELD_NS * (n + 1), Some(pivot()));
+            assert!(measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6)));
+        }
+        let (ahead, truth) = (f.pose_after(0.1), through(tip(39.0 * 0.02 + 0.1)));
+        let miss = crate::fit::trocar_miss(&ahead, &pivot().position.into());
+        assert!((ahead.translation.vector - truth.translation.vector).norm() < 0.01);
+        assert!(miss.norm() < 0.005, "{miss}");
+        assert!(f.play() < 0.005);
+    }
+
+    #[test]
+    fn the_bank_learns_where_the_tremor_is() {
+        let tip = |t: f64| Vector3::new(0.05 * (63.0 * t).sin(), 0.05 * (63.0 * t).cos(), -4.0);
+        let mut f = filter(tip(0.0));
+        for n in 1..150u64 {
+            f.advance(FIELD_NS * (n + 1), Some(pivot()));
+            measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6));
+        }
+        let [low, .., high] = f.tremor_variance;
+        let most = f.tremor_variance.into_iter().fold(0.0, f64::max);
+        assert!(f.tremor_variance[2] == most && most > 4.0 * low.max(high), "{:?}", f.tremor_variance);
+    }
+
+    #[test]
+    fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
+        let mut f =
+            HandFilter::new(&through(Vector3::zeros()), &(Matrix6::identity() * 1e-4), None, FIELD_NS);
+        let before = f.pose();
+        f.advance(FIELD_NS + 1_000, Some(pivot()));
+        assert!(difference(&f.pose(), &before).norm() < 1e-4);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        #[test]
+        fn covariance_stays_positive(steps in prop::collection::vec((1u64..150_000_000, 0.0..1.0f64), 1..30)) {
+            let mut f = filter(Vector3::new(1.0, 2.0, -4.0));
+            for (dt, sight) in steps {
+                f.advance(f.time_ns + dt, (sight < 0.8).then(pivot));
+                if sight < 0.1 {
+                    f.startle();
+                }
+                let pose = f.pose();
+                prop_assert!(measure(&mut f, &pose, &(Matrix6::identity() * (1e-6 + 1e-3 * sight))));
+                prop_assert!(f.pose_covariance().cholesky().is_some());
+                prop_assert!((0..N).all(|i| f.covariance[i][i] >= 0.0));
+            }
+        }
+    }
+}

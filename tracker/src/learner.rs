@@ -1,0 +1,168 @@
+//! Linear prediction that learns from the hand it follows: recursive least squares.
+//!
+//! With d_k the steps of the tip from field to field, the displacement over the next h fields is
+//! taken as Σ w_h,k·d_k over the last L steps, the same weights for the three axes, so that no
+//! direction is special. The weights are those that would have foretold the past best, older fields
+//! counting less (Haykin, Adaptive Filter Theory, RLS). They begin as if an average hand had been
+//! watched for a while: planned movement, a flat tremor between 6 and 14 Hz, noise. The gain depends
+//! on the steps alone, so that one inverse serves all horizons.
+
+use crate::chain::Smooth;
+use nalgebra::{SMatrix, SVector, Vector3};
+
+/// Fields ahead that are foretold: 1 to 4, 20 to 80 ms.
+pub const HORIZONS: usize = 4;
+
+/// Share that a field keeps with every later one.
+const FORGETTING: f64 = 0.995;
+/// Fields of an average hand that count as seen.
+const HEAD_START: f64 = 20.0;
+/// Largest trace of the inverse, in those of the start: a tip that stands still teaches nothing,
+/// and must not wind the inverse up.
+const WIND_UP: f64 = 1e4;
+
+/// The average hand: standard deviation of the planned acceleration (mm/s²), of the tremor and of
+/// the noise of a measured tip (mm, per axis).
+const AVERAGE_HAND: (Smooth, f64, f64) = (Smooth { sigma: 15.0, tau_s: 0.3 }, 0.02, 0.003);
+/// Band of its tremor, Hz.
+const BAND_HZ: (f64, f64) = (6.0, 14.0);
+
+/// Weights of the last `L` steps, learning.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Learner<const L: usize> {
+    inverse: SMatrix<f64, L, L>,
+    weights: [SVector<f64, L>; HORIZONS],
+    /// Gains and steps of the last fields, the newest first, until their future has come.
+    lessons: [Lesson<L>; HORIZONS],
+    start_trace: f64,
+}
+
+/// What a field taught about the weights, per axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Lesson<const L: usize> {
+    gains: [SVector<f64, L>; 3],
+    steps: [SVector<f64, L>; 3],
+}
+
+impl<const L: usize> Lesson<L> {
+    const NONE: Self = Lesson { gains: [Self::ZERO; 3], steps: [Self::ZERO; 3] };
+    const ZERO: SVector<f64, L> =
+        SVector::<f64, L>::from_array_storage(nalgebra::ArrayStorage([[0.0; L]; 1]));
+}
+
+impl<const L: usize> Learner<L> {
+    /// Knows the average hand, sampled every `period_s`.
+    pub fn new(period_s: f64) -> Self {
+        let covariance = average_hand(L + HORIZONS, period_s);
+        // Steps are differences of neighbours: cov(d_i, d_j) = 2·c(i−j) − c(i−j+1) − c(i−j−1).
+        let c = |n: i64| covariance[n.unsigned_abs() as usize];
+        let steps = SMatrix::<f64, L, L>::from_fn(|i, j| {
+            let n = i as i64 - j as i64;
+            2.0 * c(n) - c(n + 1) - c(n - 1)
+        });
+        // The displacement over h fields, x(h) − x(0), with d_k = x(−k) − x(−k−1).
+        let ahead = |h: i64| {
+            SVector::<f64, L>::from_fn(|k, _| {
+                let k = k as i64;
+                c(h + k) - c(h + k + 1) - c(k) + c(k + 1)
+            })
+        };
+        let inverse = steps.cholesky().map_or_else(SMatrix::identity, |s| s.inverse());
+        let weights = std::array::from_fn(|h| inverse * ahead(h as i64 + 1));
+        let inverse = inverse / HEAD_START;
+        Learner { inverse, weights, lessons: [Lesson::NONE; HORIZONS], start_trace: inverse.trace() }
+    }
+
+    /// A field came: `steps` are the last steps, newest first, `moved` the displacement over the
+    /// last 1, 2 … fields, as far as all of it was measured.
+    pub fn learn(&mut self, steps: &[Vector3<f64>; L], moved: &[Option<Vector3<f64>>; HORIZONS]) {
+        for (h, moved) in moved.iter().enumerate() {
+            let Some(moved) = moved else { continue };
+            let lesson = &self.lessons[h];
+            let weights = &mut self.weights[h];
+            for ((moved, steps), gain) in moved.iter().zip(&lesson.steps).zip(&lesson.gains) {
+                let error = moved - steps.dot(weights);
+                *weights += gain * error;
+            }
+        }
+        if self.inverse.trace() < WIND_UP * self.start_trace {
+            self.inverse /= FORGETTING;
+        }
+        let mut lesson = Lesson::NONE;
+        for (axis, (gains, seen_steps)) in lesson.gains.iter_mut().zip(&mut lesson.steps).enumerate() {
+            let seen = SVector::<f64, L>::from_iterator(steps.iter().map(|step| step[axis]));
+            let towards = self.inverse * seen;
+            let gain = towards / (1.0 + seen.dot(&towards));
+            self.inverse.ger(-1.0, &gain, &towards, 1.0);
+            (*gains, *seen_steps) = (gain, seen);
+        }
+        self.lessons.rotate_right(1);
+        self.lessons[0] = lesson;
+    }
+
+    /// What was taught is kept; what was under way is forgotten.
+    pub fn interrupt(&mut self) {
+        self.lessons = [Lesson::NONE; HORIZONS];
+    }
+
+    /// The displacements to come over 1, 2 … fields.
+    pub fn foretell(&self, steps: &[Vector3<f64>; L]) -> [Vector3<f64>; HORIZONS] {
+        self.weights.map(|weights| {
+            steps.iter().zip(weights.iter()).fold(Vector3::zeros(), |sum, (step, w)| sum + step * *w)
+        })
+    }
+}
+
+/// Autocovariance of the average hand's position at 0, 1 … `lags` fields, mm², up to a constant that
+/// differences do not see: ∫ S(f)·(cos 2πfτ − 1) df of its spectrum.
+fn average_hand(lags: usize, period_s: f64) -> [f64; 40] {
+    const STEP_HZ: f64 = 0.02;
+    let (smooth, tremor, noise) = AVERAGE_HAND;
+    let mut covariance = [0.0; 40];
+    for n in 1..1250 {
+        let f = f64::from(n) * STEP_HZ;
+        let w = 2.0 * std::f64::consts::PI * f;
+        let lag = 1.0 + (w * smooth.tau_s) * (w * smooth.tau_s);
+        let planned = smooth.sigma * smooth.sigma * 4.0 * smooth.tau_s / (lag * lag) / (w * w * w * w);
+        let shaking =
+            if f >= BAND_HZ.0 && f <= BAND_HZ.1 { tremor * tremor / (BAND_HZ.1 - BAND_HZ.0) } else { 0.0 };
+        for (lag, value) in covariance.iter_mut().enumerate().take(lags + 1) {
+            *value += (planned + shaking) * STEP_HZ * (libm::cos(w * lag as f64 * period_s) - 1.0);
+        }
+    }
+    covariance[0] += noise * noise;
+    covariance
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sine_is_learnt_to_the_end() {
+        let mut learner = Learner::<8>::new(0.02);
+        let tip = |n: i64| {
+            let t = n as f64 * 0.02;
+            Vector3::new((58.0 * t).sin(), 0.7 * (58.0 * t).cos(), 0.3 * (58.0 * t + 1.0).sin()) * 0.05
+        };
+        let steps = |n: i64| std::array::from_fn(|k| tip(n - k as i64) - tip(n - k as i64 - 1));
+        for n in 10..300 {
+            learner.learn(&steps(n), &std::array::from_fn(|h| Some(tip(n) - tip(n - h as i64 - 1))));
+        }
+        for (h, ahead) in learner.foretell(&steps(300)).iter().enumerate() {
+            let truth = tip(301 + h as i64) - tip(300);
+            assert!((ahead - truth).norm() < 1e-3, "{h}: {ahead} {truth}");
+        }
+    }
+
+    #[test]
+    fn standing_still_winds_nothing_up() {
+        let mut learner = Learner::<8>::new(0.02);
+        let still = [Vector3::zeros(); 8];
+        for _ in 0..20_000 {
+            learner.learn(&still, &[Some(Vector3::zeros()); HORIZONS]);
+        }
+        assert!(learner.inverse.iter().all(|v| v.is_finite()));
+        assert!(learner.foretell(&[Vector3::new(0.01, 0.0, 0.0); 8]).iter().all(|d| d.norm() < 0.2));
+    }
+}
