@@ -2,8 +2,11 @@
 //! depth images that [`raster`] draws in integers; [`tool_mesh`] is the instrument's shape;
 //! [`eyeball`] compares the tip with the retina's sphere.
 
+pub mod exact;
 pub mod eyeball;
 pub mod instrument_image;
 pub mod raster;
+pub mod surface;
 pub mod tool_mesh;
+pub mod tritri;
 pub mod zcoll;

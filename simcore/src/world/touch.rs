@@ -31,7 +31,7 @@ impl World {
             let pose = &poses.eye_from_instrument[i];
             self.images[i].prepare(instrument.jaw_rad, self.zcoll.volume());
             let (image, membrane) = (&self.images[i], &self.state.membrane);
-            let found = self.zcoll.look(image, &pose.inverse(), &self.sheet, membrane);
+            let found = self.zcoll.look(image, &pose.inverse(), &membrane.surface(&self.sheet));
             self.tell_fold(i, &found);
             if self.passed_through(i, &found) {
                 let ahead = -(pose.rotation * Vector3::z_axis());
