@@ -8,8 +8,8 @@
 //! Exact means: with respect to corners rounded to a grid that follows from the instrument's size (a power of two of mm; 31 nm
 //! for a shaft of 3 mm). From there on all numbers are whole and no sign is ever rounded.
 
-use super::instrument_image::to_fixed;
-use super::surface::{BLOCK, Cull, Frame, Surface, Unusable};
+use super::placing::{PLANES, Placed, Placing, REFUSED, to_fixed};
+use super::surface::{Cull, Frame, Surface, Unusable};
 use super::tool_mesh::Facet;
 use super::tritri::{Corner, LIMIT, Triangle};
 use nalgebra::Isometry3;
@@ -140,7 +140,7 @@ impl StaticMesh {
     }
 
     /// Calls `met(number)` for every triangle that has a point in common with the given one.
-    #[inline]
+    #[inline(always)]
     pub fn meeting(&self, triangle: &Triangle, mut met: impl FnMut(u32)) {
         let bounds = triangle.bounds();
         // At most seven more wait on each of at most eleven levels (8¹¹ > 2³²).
@@ -208,24 +208,21 @@ pub struct ExactFound {
 #[derive(Debug)]
 pub struct Exact {
     cull: Cull,
-    grid: Grid,
+    vertex: Vec<Placed>,
     pairs: Vec<Pair>,
 }
-
-/// Vertices on the grid, each with the planes of the instrument's box beyond which it lies.
-#[derive(Debug)]
-struct Grid {
-    vertex: Vec<(Corner, i32)>,
-}
-
-/// Bit of a vertex that lies beyond the grid or is not a number.
-const OFF_GRID: i32 = 0x40;
 
 impl Exact {
     /// Lists for a membrane of these triangles between so many nodes.
     pub fn new(triangles: &[[u32; 3]], nodes: usize) -> Result<Self, Unusable> {
-        let grid = Grid { vertex: vec![([0; 3], 0); nodes.next_multiple_of(BLOCK)] };
-        Ok(Exact { cull: Cull::new(triangles, nodes)?, grid, pairs: Vec::new() })
+        let cull = Cull::new(triangles, nodes)?;
+        Ok(Exact { cull, vertex: vec![Placed::default(); nodes], pairs: Vec::new() })
+    }
+
+    /// Uses the base instruction set only: for the proof that every path gives the same bits.
+    pub fn without_simd(mut self) -> Self {
+        self.cull = self.cull.without_simd();
+        self
     }
 
     /// Finds all pairs; [`Self::pairs`] lists them by membrane triangle.
@@ -240,12 +237,22 @@ impl Exact {
         let wide = |c: Corner, by: f32| c.map(|c| (c as f32 + by) / mesh.scale);
         let [low, high] = [wide(mesh.bounds[0], -CULL_MARGIN), wide(mesh.bounds[1], CULL_MARGIN)];
         self.cull.sort(surface, &frame, low, high);
+        let placing = Placing {
+            frame,
+            format: [(mesh.scale, 0.0); 3],
+            limit: [LIMIT; 3],
+            low: mesh.bounds[0],
+            high: mesh.bounds[1],
+        };
+        let simd = self.cull.simd();
         let mut found = ExactFound::default();
         self.cull.survivors(
             surface.triangles.len(),
-            &mut (&mut self.grid, &mut self.pairs, &mut found),
-            |(grid, _, _), block| grid.place(mesh, &frame, surface, block),
-            |(grid, pairs, found), from, to| grid.test(mesh, surface, from..to, pairs, found),
+            &mut (&mut self.vertex, &mut self.pairs, &mut found),
+            |(vertex, _, _), block| placing.block(simd, surface, block, vertex),
+            |(vertex, pairs, found), from, to| {
+                simd.dispatch(TestChunk { mesh, surface, range: from..to, vertex, pairs, found });
+            },
         );
         found.pairs = self.pairs.len() as u32;
         found
@@ -262,49 +269,126 @@ pub fn on_grid(mesh: &StaticMesh, frame: &Frame, point: [f32; 3]) -> Corner {
     frame.point(point).map(|c| to_fixed(c, (mesh.scale, 0.0), LIMIT))
 }
 
-impl Grid {
-    fn place(&mut self, mesh: &StaticMesh, frame: &Frame, surface: &Surface, block: usize) {
-        let [x, y, z] = surface.position_mm;
-        let vertices = block * BLOCK..(block * BLOCK + BLOCK).min(x.len());
-        let (x, y, z) = (&x[vertices.clone()], &y[vertices.clone()], &z[vertices.clone()]);
-        for (((vertex, x), y), z) in self.vertex[vertices].iter_mut().zip(x).zip(y).zip(z) {
-            let mut code = 0;
-            for axis in 0..3 {
-                let value = frame.along(axis, *x, *y, *z);
-                let at = to_fixed(value, (mesh.scale, 0.0), LIMIT);
-                let [low, high] = [mesh.bounds[0][axis], mesh.bounds[1][axis]];
-                let beyond = i32::from(at < low) | i32::from(at > high) << 1;
-                code |= (beyond * i32::from(!value.is_nan())) << (2 * axis);
-                code |= if at.abs() >= LIMIT { OFF_GRID } else { 0 };
-                vertex.0[axis] = at;
-            }
-            vertex.1 = code;
-        }
-    }
+struct TestChunk<'a> {
+    mesh: &'a StaticMesh,
+    surface: &'a Surface<'a>,
+    range: std::ops::Range<usize>,
+    vertex: &'a [Placed],
+    pairs: &'a mut Vec<Pair>,
+    found: &'a mut ExactFound,
+}
 
-    fn test(
-        &self,
-        mesh: &StaticMesh,
-        surface: &Surface,
-        range: std::ops::Range<usize>,
-        pairs: &mut Vec<Pair>,
-        found: &mut ExactFound,
-    ) {
-        for t in range {
-            let [a, b, c] = surface.triangles[t].map(|v| self.vertex[v as usize]);
-            if a.1 & b.1 & c.1 & !OFF_GRID != 0 || surface.alive[t] == 0 {
+impl pulp::NullaryFnOnce for TestChunk<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for t in self.range {
+            let [a, b, c] = self.surface.triangles[t].map(|v| self.vertex[v as usize]);
+            if a.code & b.code & c.code & PLANES != 0 || self.surface.alive[t] == 0 {
                 continue;
             }
-            if (a.1 | b.1 | c.1) & OFF_GRID != 0 {
-                found.refused += 1;
+            if (a.code | b.code | c.code) & REFUSED != 0 {
+                self.found.refused += 1;
                 continue;
             }
-            let Some(triangle) = Triangle::new([a.0, b.0, c.0]) else {
-                found.flat += 1;
+            let Some(triangle) = Triangle::new([a.at, b.at, c.at]) else {
+                self.found.flat += 1;
                 continue;
             };
             let membrane = t as u32;
-            mesh.meeting(&triangle, |instrument| pairs.push(Pair { membrane, instrument }));
+            self.mesh.meeting(&triangle, |instrument| self.pairs.push(Pair { membrane, instrument }));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::collision::tool_mesh::{PLAIN, ToolMesh};
+    use nalgebra::{Translation3, UnitQuaternion};
+    use proptest::prelude::*;
+    use protocol::handles::Tool;
+
+    /// Heights of a sheet of 24 × 24 squares of 0.1 mm.
+    fn sheet(height: impl Fn(f32, f32) -> f32) -> ([Vec<f32>; 3], Vec<[u32; 3]>) {
+        let n = 25u32;
+        let at = |i: u32| (i as f32 - 12.0) * 0.1;
+        let nodes = || (0..n * n).map(|i| (at(i % n), at(i / n)));
+        let squares = (0..n * n).filter(|i| i % n < n - 1 && i / n < n - 1);
+        let triangles = squares.flat_map(|i| [[i, i + 1, i + n + 1], [i, i + n + 1, i + n]]).collect();
+        let z = nodes().map(|(x, y)| height(x, y)).collect();
+        ([nodes().map(|p| p.0).collect(), nodes().map(|p| p.1).collect(), z], triangles)
+    }
+
+    fn brute(mesh: &StaticMesh, pose: &Isometry3<f64>, surface: &Surface) -> Vec<Pair> {
+        let frame = Frame::new(pose);
+        let mut pairs = Vec::new();
+        for (t, nodes) in surface.triangles.iter().enumerate() {
+            let corners = nodes.map(|v| on_grid(mesh, &frame, surface.position_mm.map(|a| a[v as usize])));
+            let on_grid = corners.as_flattened().iter().all(|c| c.abs() < LIMIT);
+            let finite = nodes.iter().all(|v| surface.position_mm.iter().all(|a| a[*v as usize].is_finite()));
+            let Some(triangle) = Triangle::new(corners).filter(|_| on_grid && finite) else { continue };
+            let met = mesh.triangles().iter().filter(|(other, _)| other.meets(&triangle));
+            pairs.extend(met.map(|(_, n)| Pair { membrane: t as u32, instrument: *n }));
+        }
+        pairs.sort_unstable();
+        pairs
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+        /// Cull, tree and vector code lose nothing and add nothing.
+        #[test]
+        fn pairs_are_those_of_every_triangle_with_every_triangle(
+            angles in prop::array::uniform3(-1.0f64..1.0), depth in -2.0f64..0.2, jaw in 0.0f64..0.6,
+            wave in 0.0f32..0.3, bad in prop::option::of(0usize..625), torn in 0usize..1152,
+        ) {
+            let facets = ToolMesh::with_detail(Tool::Forceps, 0.25, 1.5, PLAIN).facets(jaw);
+            let mesh = StaticMesh::new(&facets).unwrap();
+            let (mut position, triangles) = sheet(|x, y| wave * ((3.0 * x).sin() + (4.0 * y).cos()));
+            if let Some(bad) = bad { position[bad % 3][bad] = f32::NAN; }
+            let mut alive = vec![1; triangles.len()];
+            alive[torn] = 0;
+            let turn = UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]);
+            let pose = Isometry3::from_parts(Translation3::new(0.1, 0.05, depth), turn).inverse();
+            let surface = Surface {
+                position_mm: position.each_ref().map(Vec::as_slice), triangles: &triangles, alive: &alive,
+            };
+            let mut expected = brute(&mesh, &pose, &surface);
+            expected.retain(|p| p.membrane as usize != torn);
+            let mut exact = Exact::new(&triangles, 625).unwrap();
+            let found = exact.find(&mesh, &pose, &surface);
+            let order = exact.pairs().to_vec();
+            let mut pairs = order.clone();
+            pairs.sort_unstable();
+            prop_assert_eq!(pairs, expected);
+            let mut plain = Exact::new(&triangles, 625).unwrap().without_simd();
+            prop_assert_eq!((plain.find(&mesh, &pose, &surface), plain.pairs()), (found, &order[..]));
+        }
+    }
+
+    #[test]
+    fn an_instrument_that_cannot_be_one_is_refused() {
+        let flat = [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]];
+        assert_eq!(StaticMesh::new(&flat).unwrap_err(), Unusable::Empty);
+        let nan = [[[0.0, 0.0, f64::NAN], [1.0, 0.0, 0.0], [2.0, 1.0, 0.0]]];
+        assert!(matches!(StaticMesh::new(&nan).unwrap_err(), Unusable::NoVolume { .. }));
+        assert!(StaticMesh::new(&[]).is_err());
+    }
+
+    #[test]
+    fn a_triangle_beyond_the_grid_is_refused_and_counted() {
+        let facets = ToolMesh::with_detail(Tool::LightPipe, 0.25, 1.5, PLAIN).facets(0.0);
+        let mesh = StaticMesh::new(&facets).unwrap();
+        let position = [[-1000.0f32, 1000.0, 0.0, -1.0], [-1.0, -1.0, 1000.0, -1.0], [0.5; 4]];
+        let surface = Surface {
+            position_mm: position.each_ref().map(|a| &a[..]),
+            triangles: &[[0, 1, 2], [0, 0, 3]],
+            alive: &[1, 1],
+        };
+        let mut exact = Exact::new(surface.triangles, 4).unwrap();
+        let found = exact.find(&mesh, &Isometry3::identity(), &surface);
+        assert_eq!((found.pairs, found.refused), (0, 1));
     }
 }

@@ -1,6 +1,7 @@
 //! The collision volume of an instrument, and the instrument's own depth image in it. That image depends
 //! only on the jaw opening: it is drawn once for each opening, in steps of [`JAW_STEP_RAD`].
 
+use super::placing::to_fixed;
 use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
 use super::surface::Unusable;
 use super::tool_mesh::ToolMesh;
@@ -75,13 +76,6 @@ impl Volume {
     pub fn depth_steps_mm(&self, steps: i32) -> f64 {
         f64::from(steps) * self.depth_mm / f64::from(DEPTH_STEPS)
     }
-}
-
-/// Rounds to fixed point; what lies outside is put on the limit, where the caller refuses it.
-pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
-    let bound = limit as f32;
-    let shifted = (value * scale + offset).clamp(-bound, bound) + bound + 0.5;
-    shifted as i32 - limit
 }
 
 /// Depth image of an instrument for one opening of its jaws.

@@ -5,6 +5,7 @@
 pub mod exact;
 pub mod eyeball;
 pub mod instrument_image;
+pub mod placing;
 pub mod raster;
 pub mod surface;
 pub mod tool_mesh;

@@ -14,7 +14,7 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 /// Vertices of a block: one AVX-512 register of `f32`.
 pub const BLOCK: usize = 16;
 /// Triangles of a chunk.
-const CHUNK: usize = 64;
+const CHUNK: usize = 32;
 /// Most vertices and most triangles of a surface: an ID has 32 bits, one value of which means "none".
 pub const MAX_IDS: usize = u32::MAX as usize;
 
@@ -100,7 +100,7 @@ impl Frame {
 }
 
 /// Planes of a box, one bit each: below its minimum along x, above its maximum, then y, then z.
-pub const PLANES: u8 = 0x3f;
+const PLANES: u8 = 0x3f;
 /// Bit of a block that the caller has not prepared yet in this query.
 const FRESH: u8 = 0x80;
 
@@ -147,6 +147,11 @@ impl Cull {
             cull.first.push(cull.blocks.len() as u32);
         }
         Ok(cull)
+    }
+
+    /// The instruction set in use.
+    pub fn simd(&self) -> pulp::Arch {
+        self.simd
     }
 
     /// The same without AVX: for the proof that every path gives the same bits.

@@ -17,9 +17,10 @@
 //! is not drawn. Only pixels that have instrument are drawn, because others never collide. Images are drawn in
 //! integers ([`super::raster`]), so that any other back end can give the same answer to the bit.
 
-use super::instrument_image::{InstrumentImage, NOTHING, Volume, to_fixed};
+use super::instrument_image::{InstrumentImage, NOTHING, Volume};
+use super::placing::{PLANES, Placed, Placing, REFUSED};
 use super::raster::{self, DEPTH_STEPS, Drawn, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
-use super::surface::{BLOCK, Cull, Frame, Surface, Unusable};
+use super::surface::{Cull, Frame, Surface, Unusable};
 use crate::state::MembraneState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::scene::NODE_DEAD;
@@ -50,18 +51,6 @@ pub struct Hit {
     pub way: i32,
 }
 
-/// A membrane vertex in the image's fixed point, and where it lies.
-#[derive(Debug, Clone, Copy, Default)]
-struct Seen {
-    at: raster::Fixed,
-    /// Planes of the volume beyond which it lies, and [`FORMAT`].
-    code: i32,
-}
-
-/// Planes of the volume.
-const PLANES: i32 = 0x3f;
-/// Beyond the number format, or not a number.
-const FORMAT: i32 = 0x40;
 /// Pixels around the instrument by which the first cull is wider than the exact one.
 const CULL_MARGIN: f32 = 2.0;
 
@@ -83,7 +72,7 @@ pub struct Zcoll {
 #[derive(Debug)]
 struct Canvas {
     resolution: usize,
-    vertex: Vec<Seen>,
+    vertex: Vec<Placed>,
     depth: Vec<i32>,
     id: Vec<u32>,
     second: Vec<u8>,
@@ -99,7 +88,7 @@ impl Zcoll {
             cull: Cull::new(triangles, nodes)?,
             canvas: Canvas {
                 resolution: volume.resolution,
-                vertex: vec![Seen::default(); nodes.next_multiple_of(BLOCK)],
+                vertex: vec![Placed::default(); nodes],
                 depth: vec![NOTHING; pixels],
                 id: vec![0; pixels],
                 second: vec![0; pixels],
@@ -172,7 +161,7 @@ impl Zcoll {
             |(vertex, hits), from, to| {
                 let alive = (from..to).filter(|&t| surface.alive[t] != 0);
                 for &v in alive.flat_map(|t| &surface.triangles[t]) {
-                    let Seen { at: [x, y, z], code } = vertex[v as usize];
+                    let Placed { at: [x, y, z], code } = vertex[v as usize];
                     let [column, row] = [x.div_euclid(SUBPIXELS), y.div_euclid(SUBPIXELS)];
                     let inside = (0..width).contains(&column) && (0..width).contains(&row);
                     let z_i = if inside { image.depth[(row * width + column) as usize] } else { NOTHING };
@@ -220,11 +209,12 @@ impl Zcoll {
         let frame = Frame::new(instrument_from_eye);
         let [low, high] = self.volume.box_around(image.rect, CULL_MARGIN);
         self.cull.sort(surface, &frame, low, high);
-        let view = View::new(frame, &self.volume, image.rect);
+        let placing = placing(frame, &self.volume, image.rect);
+        let simd = self.cull.simd();
         self.cull.survivors(
             surface.triangles.len(),
             &mut (&mut self.canvas, found),
-            |(canvas, _), block| canvas.place(&view, surface, block),
+            |(canvas, _), block| placing.block(simd, surface, block, &mut canvas.vertex),
             |(canvas, found), from, to| canvas.draw(image, surface, from..to, found),
         );
     }
@@ -265,36 +255,15 @@ impl Zcoll {
 }
 
 /// How a look maps the eye to the image.
-struct View {
-    frame: Frame,
-    format: [(f32, f32); 2],
-    low: [i32; 3],
-    high: [i32; 3],
-}
-
-impl View {
-    fn new(frame: Frame, volume: &Volume, rect: Rect) -> Self {
-        let [low, high] = [rect.min, rect.max].map(|p| p.map(|p| p * SUBPIXELS));
-        let format = volume.format();
-        View { frame, format, low: [low[0], low[1], 0], high: [high[0], high[1], DEPTH_STEPS] }
-    }
-
-    #[inline(always)]
-    fn place(&self, x: f32, y: f32, z: f32) -> Seen {
-        let mut seen = Seen::default();
-        for axis in 0..3 {
-            let value = self.frame.along(axis, x, y, z);
-            let (format, limit) =
-                if axis < 2 { (self.format[0], XY_LIMIT) } else { (self.format[1], Z_LIMIT) };
-            let at = to_fixed(value, format, limit);
-            let beyond = i32::from(at < self.low[axis]) | i32::from(at > self.high[axis]) << 1;
-            // What is not a number lies beyond no plane, so that it is never passed over in silence.
-            let number = i32::from(!value.is_nan());
-            seen.code |= (beyond * number) << (2 * axis);
-            seen.code |= if at.abs() >= limit { FORMAT } else { 0 };
-            seen.at[axis] = at;
-        }
-        seen
+fn placing(frame: Frame, volume: &Volume, rect: Rect) -> Placing {
+    let [low, high] = [rect.min, rect.max].map(|p| p.map(|p| p * SUBPIXELS));
+    let [xy, z] = volume.format();
+    Placing {
+        frame,
+        format: [xy, xy, z],
+        limit: [XY_LIMIT, XY_LIMIT, Z_LIMIT],
+        low: [low[0], low[1], 0],
+        high: [high[0], high[1], DEPTH_STEPS],
     }
 }
 
@@ -305,16 +274,6 @@ impl Canvas {
             let pixels = first + rect.min[0] as usize..first + rect.max[0] as usize;
             self.depth[pixels.clone()].fill(NOTHING);
             self.second[pixels].fill(0);
-        }
-    }
-
-    /// A block of vertices into fixed point.
-    fn place(&mut self, view: &View, surface: &Surface, block: usize) {
-        let [x, y, z] = surface.position_mm;
-        let vertices = block * BLOCK..(block * BLOCK + BLOCK).min(x.len());
-        let (x, y, z) = (&x[vertices.clone()], &y[vertices.clone()], &z[vertices.clone()]);
-        for (((seen, x), y), z) in self.vertex[vertices].iter_mut().zip(x).zip(y).zip(z) {
-            *seen = view.place(*x, *y, *z);
         }
     }
 
@@ -331,7 +290,7 @@ impl Canvas {
             if a.code & b.code & c.code & PLANES != 0 || *alive == 0 {
                 continue;
             }
-            if (a.code | b.code | c.code) & FORMAT != 0 {
+            if (a.code | b.code | c.code) & REFUSED != 0 {
                 found.refused += 1;
                 continue;
             }
