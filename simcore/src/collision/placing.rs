@@ -1,8 +1,8 @@
 //! Vertices into whole numbers, sixteen at a time: the instrument's frame, a scale per axis, and the planes of a box that each
 //! vertex lies beyond. ZCOLL's images and the exact pairs both begin here.
 
+use super::raster::{XY_LIMIT, Z_LIMIT};
 use super::surface::{BLOCK, Frame, Surface};
-use std::ops::Range;
 
 /// A vertex in whole steps.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -34,13 +34,26 @@ pub struct Placing {
     pub high: [i32; 3],
 }
 
+/// 2²³: in `f32`, from here to twice as much, steps are one.
+const WHOLE: f32 = 8_388_608.0;
+
+const _: () = assert!(2 * XY_LIMIT < 1 << 22 && 2 * Z_LIMIT < 1 << 22, "a limit twice is far below 2²³");
+
 /// Rounds to whole steps; what lies outside is put on the limit, where the caller refuses it, and what is not a number on the
-/// negative one. Adding the limit before the cut makes it a rounding towards minus infinity of value + 1/2.
+/// negative one. Halves go up: the integer part of value + limit + 1/2, less the limit.
 #[inline(always)]
 pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
     let bound = limit as f32;
-    let shifted = (value * scale + offset).clamp(-bound, bound) + bound + 0.5;
-    shifted as i32 - limit
+    let step = value * scale + offset;
+    let step = if step > -bound { step } else { -bound };
+    let step = if step < bound { step } else { bound };
+    let above = step + bound + 0.5;
+    // The integer part of `above`, which is within 0 and 2²², without a conversion: that would keep the
+    // loops around it from becoming vector code.
+    let nearest = above + WHOLE;
+    let whole = nearest.to_bits() as i32 - WHOLE.to_bits() as i32;
+    let up = if nearest - WHOLE > above { 1 } else { 0 };
+    whole - up - limit
 }
 
 impl Placing {
@@ -48,21 +61,22 @@ impl Placing {
     pub fn block(&self, simd: pulp::Arch, surface: &Surface, block: usize, placed: &mut [Placed]) {
         let [x, y, z] = surface.position_mm;
         let vertices = block * BLOCK..(block * BLOCK + BLOCK).min(x.len());
-        let position = [sixteen(x, &vertices), sixteen(y, &vertices), sixteen(z, &vertices)];
-        simd.dispatch(PlaceBlock { placing: self, position, placed: &mut placed[vertices] });
+        let [x, y, z] = [&x[vertices.clone()], &y[vertices.clone()], &z[vertices.clone()]];
+        let placed = &mut placed[vertices];
+        if let (Some(x), Some(y), Some(z)) = (x.first_chunk(), y.first_chunk(), z.first_chunk()) {
+            simd.dispatch(PlaceBlock { placing: self, position: [x, y, z], placed });
+            return;
+        }
+        // The last block is filled up with its last vertex.
+        let fill = |part: &[f32]| -> [f32; BLOCK] { std::array::from_fn(|i| part[i.min(part.len() - 1)]) };
+        let position = [&fill(x), &fill(y), &fill(z)];
+        simd.dispatch(PlaceBlock { placing: self, position, placed });
     }
-}
-
-/// Sixteen coordinates; an incomplete block is filled up with its last one.
-#[inline(always)]
-fn sixteen(axis: &[f32], vertices: &Range<usize>) -> [f32; BLOCK] {
-    let part = &axis[vertices.clone()];
-    part.first_chunk().copied().unwrap_or_else(|| std::array::from_fn(|i| part[i.min(part.len() - 1)]))
 }
 
 struct PlaceBlock<'a> {
     placing: &'a Placing,
-    position: [[f32; BLOCK]; 3],
+    position: [&'a [f32; BLOCK]; 3],
     placed: &'a mut [Placed],
 }
 
@@ -75,12 +89,16 @@ impl pulp::NullaryFnOnce for PlaceBlock<'_> {
         let [x, y, z] = self.position;
         let (mut at, mut code) = ([[0i32; BLOCK]; 3], [0i32; BLOCK]);
         for axis in 0..3 {
+            let [below, above] = [1 << (2 * axis), 2 << (2 * axis)];
             for i in 0..BLOCK {
                 let value = frame.along(axis, x[i], y[i], z[i]);
                 let step = to_fixed(value, format[axis], limit[axis]);
-                let beyond = i32::from(step < low[axis]) | i32::from(step > high[axis]) << 1;
-                let planes = if value.is_nan() { 0 } else { beyond << (2 * axis) };
-                code[i] |= planes | if step.abs() >= limit[axis] { REFUSED } else { 0 };
+                let mut bits = if step < low[axis] { below } else { 0 };
+                bits |= if step > high[axis] { above } else { 0 };
+                bits = if value.is_nan() { 0 } else { bits };
+                bits |= if step <= -limit[axis] { REFUSED } else { 0 };
+                bits |= if step >= limit[axis] { REFUSED } else { 0 };
+                code[i] |= bits;
                 at[axis][i] = step;
             }
         }
@@ -97,6 +115,16 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
+        /// The same as the conversion that it avoids.
+        #[test]
+        fn rounding_is_that_of_a_conversion(value in -3e6f32..3e6, scale in 0.001f32..3.0, offset in -9.0f32..9.0) {
+            for limit in [XY_LIMIT, Z_LIMIT, 2000] {
+                let bound = limit as f32;
+                let plain = ((value * scale + offset).clamp(-bound, bound) + bound + 0.5) as i32 - limit;
+                prop_assert_eq!(to_fixed(value, (scale, offset), limit), plain);
+            }
+        }
+
         /// Every path gives the same bits, an f64 of our own the same steps but for their rounding, and what is not a
         /// number is refused and beyond no plane.
         #[test]
