@@ -328,7 +328,10 @@ mod tests {
             let corners = nodes.map(|v| on_grid(mesh, &frame, surface.position_mm.map(|a| a[v as usize])));
             let on_grid = corners.as_flattened().iter().all(|c| c.abs() < LIMIT);
             let finite = nodes.iter().all(|v| surface.position_mm.iter().all(|a| a[*v as usize].is_finite()));
-            let Some(triangle) = Triangle::new(corners).filter(|_| on_grid && finite) else { continue };
+            if !on_grid || !finite {
+                continue;
+            }
+            let Some(triangle) = Triangle::new(corners) else { continue };
             let met = mesh.triangles().iter().filter(|(other, _)| other.meets(&triangle));
             pairs.extend(met.map(|(_, n)| Pair { membrane: t as u32, instrument: *n }));
         }

@@ -2,6 +2,7 @@
 //! depth images that [`raster`] draws in integers; [`tool_mesh`] is the instrument's shape;
 //! [`eyeball`] compares the tip with the retina's sphere.
 
+pub mod continuous;
 pub mod exact;
 pub mod eyeball;
 pub mod instrument_image;
