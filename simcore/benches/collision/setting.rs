@@ -22,7 +22,7 @@ impl Squares {
 pub const SIZES: [Squares; 5] =
     [Squares(22, 23), Squares(38, 40), Squares(70, 72), Squares(223, 225), Squares(707, 708)];
 /// Side of a square, mm: triangles are as large in every sheet, so that about as many collide.
-const SIDE_MM: f32 = 0.1;
+const SIDE_MM: f32 = 0.08;
 /// Jaw opening, rad; it stays, so that the instrument's image does.
 const JAW_RAD: f64 = 0.25;
 /// Shaft of a 20-gauge instrument, mm.

@@ -16,6 +16,8 @@ use nalgebra::Isometry3;
 
 /// Children of a node of the instrument's tree.
 const WIDE: usize = 8;
+/// Levels of the largest tree: 8¹¹ > 2³².
+const MAX_LEVELS: usize = 11;
 /// The instrument's box takes at most this part of the grid; a membrane triangle that reaches into the box may be three
 /// times as large as the instrument before it leaves the grid.
 const BOX_LIMIT: i32 = LIMIT / 4;
@@ -53,16 +55,18 @@ impl Boxes {
         [low, self.high.map(|h| h.into_iter().fold(i32::MIN, Ord::max))]
     }
 
-    /// Bit i is set if box i meets the given one.
+    /// Byte i is 1 if box i meets the given one, else 0.
     #[inline(always)]
-    fn meets(&self, [low, high]: &[Corner; 2]) -> u32 {
-        let mut hit = [1u32; WIDE];
+    fn meets(&self, [low, high]: &[Corner; 2]) -> u64 {
+        // A word a lane and selections: the form that becomes vector code.
+        let mut apart = [0u32; WIDE];
         for k in 0..3 {
-            for (i, hit) in hit.iter_mut().enumerate() {
-                *hit &= u32::from(self.low[k][i] <= high[k]) & u32::from(self.high[k][i] >= low[k]);
+            for (i, apart) in apart.iter_mut().enumerate() {
+                *apart |= if self.low[k][i] > high[k] { 1 } else { 0 };
+                *apart |= if self.high[k][i] < low[k] { 1 } else { 0 };
             }
         }
-        hit.iter().enumerate().fold(0, |mask, (i, hit)| mask | hit << i)
+        u64::from_le_bytes(apart.map(|a| (a ^ 1) as u8))
     }
 }
 
@@ -139,33 +143,47 @@ impl StaticMesh {
         self.scale
     }
 
-    /// Calls `met(number)` for every triangle that has a point in common with the given one.
+    /// Calls `met(i, number)` for every own triangle that has a point in common with the i-th of the given ones. They go down the
+    /// tree together, which is worth it if they are neighbours.
     #[inline(always)]
-    pub fn meeting(&self, triangle: &Triangle, mut met: impl FnMut(u32)) {
-        let bounds = triangle.bounds();
-        // At most seven more wait on each of at most eleven levels (8¹¹ > 2³²).
-        let mut stack = [(0u8, 0u32); WIDE * 11];
-        let mut waiting = 1;
-        stack[0] = (self.levels.len() as u8 - 1, 0);
-        while waiting > 0 {
-            waiting -= 1;
-            let (level, node) = stack[waiting];
-            let mut mask = self.levels[level as usize][node as usize].meets(&bounds);
-            while mask != 0 {
-                let child = node * WIDE as u32 + mask.trailing_zeros();
-                mask &= mask - 1;
-                if level > 0 {
-                    stack[waiting] = (level - 1, child);
-                    waiting += 1;
-                    continue;
+    pub fn meeting(&self, triangles: &[Triangle], mut met: impl FnMut(usize, u32)) {
+        let boxes = triangles.iter().map(Triangle::bounds);
+        let Some(bounds) = boxes.reduce(|a, b| join(&a, &b)) else { return };
+        let top = self.levels.len() - 1;
+        // Which children of the node in work on each level still wait.
+        let (mut node, mut waiting) = ([0usize; MAX_LEVELS], [0u64; MAX_LEVELS]);
+        let mut level = top;
+        waiting[top] = self.levels[top][0].meets(&bounds);
+        loop {
+            if waiting[level] == 0 {
+                if level == top {
+                    return;
                 }
-                let (other, number) = &self.triangles[child as usize];
+                level += 1;
+                continue;
+            }
+            let child = node[level] * WIDE + waiting[level].trailing_zeros() as usize / 8;
+            waiting[level] &= waiting[level] - 1;
+            if level > 0 {
+                level -= 1;
+                (node[level], waiting[level]) = (child, self.levels[level][child].meets(&bounds));
+                continue;
+            }
+            let (other, number) = &self.triangles[child];
+            for (i, triangle) in triangles.iter().enumerate() {
                 if triangle.meets(other) {
-                    met(*number);
+                    met(i, *number);
                 }
             }
         }
     }
+}
+
+/// The box around two.
+#[inline(always)]
+fn join(a: &[Corner; 2], b: &[Corner; 2]) -> [Corner; 2] {
+    let of = |i: usize, pick: fn(i32, i32) -> i32| std::array::from_fn(|k| pick(a[i][k], b[i][k]));
+    [of(0, Ord::min), of(1, Ord::max)]
 }
 
 /// Puts near triangles side by side: halves along the longest side of the box of their centres, cut where a whole subtree ends.
@@ -225,7 +243,7 @@ impl Exact {
         self
     }
 
-    /// Finds all pairs; [`Self::pairs`] lists them by membrane triangle.
+    /// Finds all pairs; [`Self::pairs`] lists them.
     pub fn find(
         &mut self,
         mesh: &StaticMesh,
@@ -258,7 +276,7 @@ impl Exact {
         found
     }
 
-    /// Pairs of the last query.
+    /// Pairs of the last query, in an order that depends on the meshes alone.
     pub fn pairs(&self) -> &[Pair] {
         &self.pairs
     }
@@ -282,8 +300,9 @@ impl pulp::NullaryFnOnce for TestChunk<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
-        for t in self.range {
+    fn call(mut self) {
+        let mut waiting = Together::new();
+        for t in self.range.clone() {
             let [a, b, c] = self.surface.triangles[t].map(|v| self.vertex[v as usize]);
             if a.code & b.code & c.code & PLANES != 0 || self.surface.alive[t] == 0 {
                 continue;
@@ -296,9 +315,42 @@ impl pulp::NullaryFnOnce for TestChunk<'_> {
                 self.found.flat += 1;
                 continue;
             };
-            let membrane = t as u32;
-            self.mesh.meeting(&triangle, |instrument| self.pairs.push(Pair { membrane, instrument }));
+            waiting.triangles[waiting.count] = triangle;
+            waiting.numbers[waiting.count] = t as u32;
+            waiting.count += 1;
+            if waiting.count == TOGETHER {
+                self.test(&mut waiting);
+            }
         }
+        self.test(&mut waiting);
+    }
+}
+
+/// Triangles that go down the tree together: the two of a square have nearly the same box.
+const TOGETHER: usize = 2;
+
+struct Together {
+    triangles: [Triangle; TOGETHER],
+    numbers: [u32; TOGETHER],
+    count: usize,
+}
+
+impl Together {
+    #[inline(always)]
+    fn new() -> Self {
+        let none = Triangle { corners: [[0; 3]; 3], normal: [0; 3] };
+        Together { triangles: [none; TOGETHER], numbers: [0; TOGETHER], count: 0 }
+    }
+}
+
+impl TestChunk<'_> {
+    #[inline(always)]
+    fn test(&mut self, waiting: &mut Together) {
+        let Together { triangles, numbers, count } = waiting;
+        self.mesh.meeting(&triangles[..*count], |i, instrument| {
+            self.pairs.push(Pair { membrane: numbers[i], instrument });
+        });
+        *count = 0;
     }
 }
 
