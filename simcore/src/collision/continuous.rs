@@ -36,6 +36,9 @@ const ROUNDING: f64 = 1.0 / (1u64 << 45) as f64;
 /// More boxes than this are not looked at: the features stay so near for so long that it counts as contact.
 const MAX_BOXES: usize = 200_000;
 
+/// Boxes that wait: one more for each halving, of which a coordinate of an `f64` bears about 60 at most.
+const MAX_WAITING: usize = 192;
+
 /// The two features whose difference is followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Features {
@@ -90,25 +93,32 @@ impl Features {
         }
         let slack = largest * ROUNDING;
         // Earlier halves lie above later ones: the first contact that is found is the earliest.
-        let mut waiting = vec![Part { low: [0.0; 3], size: [1.0; 3] }];
+        let mut waiting = [Part { low: [0.0; 3], size: [1.0; 3] }; MAX_WAITING];
+        let mut count = 1;
         for _ in 0..MAX_BOXES {
-            let part = waiting.pop()?;
+            if count == 0 {
+                return None;
+            }
+            count -= 1;
+            let part = waiting[count];
             if self.is_beyond(&part) {
                 continue;
             }
             match self.look(&part, slack, tolerance_mm) {
                 Look::Apart => (),
                 Look::Near => return Some(part.low[0]),
+                Look::Halve(_) if count + 2 > MAX_WAITING => return Some(part.low[0]),
                 Look::Halve(axis) => {
                     let mut half = part;
                     half.size[axis] *= 0.5;
                     let mut upper = half;
                     upper.low[axis] += half.size[axis];
-                    waiting.extend([upper, half]);
+                    (waiting[count], waiting[count + 1]) = (upper, half);
+                    count += 2;
                 }
             }
         }
-        waiting.iter().map(|p| p.low[0]).reduce(|a, b| if b < a { b } else { a })
+        waiting[..count].iter().map(|p| p.low[0]).reduce(|a, b| if b < a { b } else { a })
     }
 
     fn look(&self, part: &Part, slack: f64, tolerance_mm: f64) -> Look {
