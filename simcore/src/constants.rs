@@ -20,6 +20,9 @@ pub const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
 /// the membrane: the instrument came round an edge and is under it. Larger than what the membrane
 /// itself moves in [`COLLISION_EVERY`] substeps; much larger would push what lies over the shaft.
 pub const UNDER_MARGIN_MM: f64 = 0.25;
+/// Up to so long a way in a step, mm, the collision volume cannot miss the membrane that the tip crosses, and the tip's path is not
+/// tested beside it: less than the volume's depth behind the tip.
+pub const LOOKED_WAY_MM: f64 = 1.0;
 /// Steps of jaw opening for which an instrument image is drawn, rad.
 pub const JAW_STEP_RAD: f64 = 0.01;
 

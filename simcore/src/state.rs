@@ -1,6 +1,8 @@
 //! Everything the next step depends on. What is not in here cannot influence a result: the state
 //! hash and the checkpoints are made from this structure as a whole.
 
+use crate::collision::surface::Surface;
+use crate::membrane::sheet::Sheet;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -141,6 +143,12 @@ pub struct MembraneState {
 }
 
 impl MembraneState {
+    /// As the collision queries see it.
+    pub fn surface<'a>(&'a self, sheet: &'a Sheet) -> Surface<'a> {
+        let position_mm = self.position_mm.each_ref().map(Vec::as_slice);
+        Surface { position_mm, triangles: &sheet.triangles, alive: &self.triangle_alive }
+    }
+
     /// Position of a node, eye frame, mm.
     pub fn position(&self, node: usize) -> Vector3<f32> {
         let [x, y, z] = &self.position_mm;

@@ -1,7 +1,9 @@
 //! The collision volume of an instrument, and the instrument's own depth image in it. That image depends
 //! only on the jaw opening: it is drawn once for each opening, in steps of [`JAW_STEP_RAD`].
 
-use super::raster::{self, DEPTH_STEPS, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
+use super::placing::to_fixed;
+use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
+use super::surface::Unusable;
 use super::tool_mesh::ToolMesh;
 use crate::constants::{JAW_STEP_RAD, VOLUME_BEYOND_TIP};
 use protocol::handles::Tool;
@@ -37,6 +39,31 @@ impl Volume {
         libm::sqrt(2.0 * self.half_mm * self.half_mm + far * far)
     }
 
+    /// Refuses a volume without extent and an image of a size that the format does not hold.
+    pub fn check(&self) -> Result<(), Unusable> {
+        let &Volume { half_mm, near_mm, depth_mm, resolution } = self;
+        let sides = half_mm > 0.0 && depth_mm > 0.0 && near_mm.abs() <= depth_mm;
+        if !sides || !half_mm.is_finite() || !depth_mm.is_finite() {
+            return Err(Unusable::NoVolume { half_mm, depth_mm });
+        }
+        if !(MIN_RESOLUTION..=MAX_RESOLUTION).contains(&resolution) {
+            return Err(Unusable::Resolution { resolution });
+        }
+        Ok(())
+    }
+
+    /// Corners, in the instrument's frame and mm, of the box that a rectangle of the image sees, widened by so many pixels to
+    /// every side, and along z by as many 1/256 of the depth.
+    pub fn box_around(&self, rect: Rect, margin: f32) -> [[f32; 3]; 2] {
+        let [(xy, middle), (z, near)] = self.format();
+        let step = SUBPIXELS as f32;
+        let wide = |pixel: i32, by: f32| ((pixel as f32 + by) * step - middle) / xy;
+        let deep = |steps: i32, by: f32| (steps as f32 + by * step - near) / z;
+        let low = [wide(rect.min[0], -margin), wide(rect.min[1], -margin), deep(0, -margin)];
+        let high = [wide(rect.max[0], margin), wide(rect.max[1], margin), deep(DEPTH_STEPS, margin)];
+        [low, high]
+    }
+
     /// Scale and offset to fixed point along x (and y), then along z.
     pub fn format(&self) -> [(f32, f32); 2] {
         let width = (self.resolution as i32 * SUBPIXELS) as f64;
@@ -49,13 +76,6 @@ impl Volume {
     pub fn depth_steps_mm(&self, steps: i32) -> f64 {
         f64::from(steps) * self.depth_mm / f64::from(DEPTH_STEPS)
     }
-}
-
-/// Rounds to fixed point; what lies outside is put on the limit, where the caller refuses it.
-pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
-    let bound = limit as f32;
-    let shifted = (value * scale + offset).clamp(-bound, bound) + bound + 0.5;
-    shifted as i32 - limit
 }
 
 /// Depth image of an instrument for one opening of its jaws.
@@ -79,6 +99,11 @@ impl InstrumentImage {
         let mesh = ToolMesh::new(tool, radius_mm, volume.depth_mm);
         let depth = vec![NOTHING; pixels];
         InstrumentImage { mesh, tool: tool as u32, radius_mm, opening: -1, depth, rect: Rect::EMPTY }
+    }
+
+    /// An image of a shape of one's own, for a bench or a test.
+    pub fn of_mesh(mesh: ToolMesh, volume: &Volume) -> Self {
+        InstrumentImage { mesh, ..Self::new(Tool::Forceps, 0.0, volume) }
     }
 
     /// Takes another tool into the hand; it allocates, but only at a change of tools.
@@ -107,6 +132,7 @@ impl InstrumentImage {
                 [to_fixed(x, xy, XY_LIMIT - 1), to_fixed(y, xy, XY_LIMIT - 1), to_fixed(d, z, Z_LIMIT - 1)]
             });
             raster::triangle(vertices, whole, |x, y, d| {
+                let d = d.steps();
                 if d <= DEPTH_STEPS {
                     let pixel = &mut depth[y as usize * width + x as usize];
                     *pixel = (*pixel).min(d.max(0));

@@ -3,20 +3,25 @@
 //! Fixed-point format: x and y in 1/256 pixel, z in 1/65536 of the volume's depth. Vertices are
 //! limited to |x|, |y| < 2¹⁹ (2,048 pixels) and |z| < 2²⁰ (16 depths of the volume). Therefore
 //! coordinate differences stay below 2²⁰, their products below 2⁴⁰, an edge function or twice the
-//! area below 2⁴¹; inside a triangle the three edge functions are ≥ 0 and add up to the area, so
+//! area below 2⁴¹ for every point within the limits, also one pixel step (2⁸ · 2²⁰) behind the last one;
+//! inside a triangle the three edge functions are ≥ 0 and add up to the area, so
 //! the sum that is divided for the depth stays below 2⁴¹ · 2²⁰ = 2⁶¹: an `i64` cannot overflow.
 //!
 //! A pixel is covered if its centre is inside; a centre on an edge belongs to the triangle for which
 //! the edge is a top or a left one, so that of two triangles at an edge exactly one draws it.
 
 /// 1/256 pixel.
-pub const SUBPIXELS: i32 = 256;
+pub const SUBPIXELS: i32 = 1 << PIXEL_BITS;
+/// Bits of a coordinate behind the pixel.
+const PIXEL_BITS: u32 = 8;
 /// Depth steps of the volume.
 pub const DEPTH_STEPS: i32 = 1 << 16;
 /// Limit of x and y, exclusive.
 pub const XY_LIMIT: i32 = 1 << 19;
 /// Limit of z, exclusive.
 pub const Z_LIMIT: i32 = 1 << 20;
+/// Smallest resolution of an image, pixels.
+pub const MIN_RESOLUTION: usize = 8;
 /// Largest resolution of an image, pixels.
 pub const MAX_RESOLUTION: usize = 256;
 
@@ -24,6 +29,8 @@ const _: () = assert!((MAX_RESOLUTION as i32) * SUBPIXELS < XY_LIMIT);
 const _: () = {
     let area_bits = 2 * (XY_LIMIT.trailing_zeros() + 1) + 1;
     assert!(area_bits + Z_LIMIT.trailing_zeros() < 63, "the depth's numerator fits an i64");
+    let step_bits = PIXEL_BITS + XY_LIMIT.trailing_zeros() + 1;
+    assert!(step_bits < area_bits && area_bits + 1 < 63, "so does an edge one step behind the last pixel");
 };
 
 /// A vertex in fixed point.
@@ -73,52 +80,94 @@ struct Edge {
 }
 
 impl Edge {
+    #[inline(always)]
     fn new(p: Fixed, q: Fixed) -> Self {
-        let [px, py, _] = p.map(i64::from);
-        let [qx, qy, _] = q.map(i64::from);
-        let (dx, dy) = (qx - px, qy - py);
+        let (px, py) = (i64::from(p[0]), i64::from(p[1]));
+        let (dx, dy) = (i64::from(q[0]) - px, i64::from(q[1]) - py);
         // Rows grow downwards: inside of a left edge lies to its right, of a top edge below it.
         let owns = dy < 0 || (dy == 0 && dx > 0);
         Edge { a: -dy, b: dx, c: dy * px - dx * py, bias: if owns { 0 } else { -1 } }
     }
 
+    #[inline(always)]
     fn at(&self, x: i64, y: i64) -> i64 {
         self.a * x + self.b * y + self.c
     }
 }
 
+/// What became of a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Drawn {
+    /// It was drawn, on however many pixels.
+    Yes,
+    /// It has no area in the image: degenerate, or seen from its edge.
+    Flat,
+}
+
+/// A depth before its division: most pixels are decided without it.
+#[derive(Debug, Clone, Copy)]
+pub struct Depth {
+    numerator: i64,
+    area: i64,
+}
+
+impl Depth {
+    /// The depth in steps, rounded down.
+    #[inline(always)]
+    pub fn steps(self) -> i32 {
+        self.numerator.div_euclid(self.area) as i32
+    }
+}
+
+/// Pixels of an axis whose centres lie between the extremes of three coordinates, within `first..end`.
+#[inline(always)]
+fn span([a, b, c]: [i32; 3], first: i32, end: i32) -> [i32; 2] {
+    // Centre of pixel p is at p + 1/2: the first at or after `low`, the last at or before `high`.
+    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let half = SUBPIXELS / 2;
+    [((low + half - 1) >> PIXEL_BITS).max(first), (((high - half) >> PIXEL_BITS) + 1).min(end)]
+}
+
 /// Calls `draw(column, row, depth)` for every pixel of `rect` that the triangle covers, rows in order.
 /// The depth may lie outside the volume; vertices must be within the limits.
-pub fn triangle(vertices: [Fixed; 3], rect: Rect, mut draw: impl FnMut(i32, i32, i32)) {
+#[inline(always)]
+pub fn triangle(vertices: [Fixed; 3], rect: Rect, mut draw: impl FnMut(i32, i32, Depth)) -> Drawn {
     let [a, mut b, mut c] = vertices;
     debug_assert!(vertices.iter().all(is_within));
     let mut area = Edge::new(a, b).at(i64::from(c[0]), i64::from(c[1]));
     if area == 0 {
-        return;
+        return Drawn::Flat;
+    }
+    let columns = span([a[0], b[0], c[0]], rect.min[0], rect.max[0]);
+    let rows = span([a[1], b[1], c[1]], rect.min[1], rect.max[1]);
+    if columns[0] >= columns[1] || rows[0] >= rows[1] {
+        return Drawn::Yes;
     }
     if area < 0 {
         (b, c, area) = (c, b, -area);
     }
-    let span = |axis: usize| {
-        let (low, high) = (a[axis].min(b[axis]).min(c[axis]), a[axis].max(b[axis]).max(c[axis]));
-        // Centre of pixel p is at p + 1/2: the first at or after `low`, the last at or before `high`.
-        let half = SUBPIXELS / 2;
-        let first = (low - half + SUBPIXELS - 1).div_euclid(SUBPIXELS);
-        let last = (high - half).div_euclid(SUBPIXELS);
-        first.max(rect.min[axis])..(last + 1).min(rect.max[axis])
-    };
     let edges = [Edge::new(b, c), Edge::new(c, a), Edge::new(a, b)];
-    let depths = [a[2], b[2], c[2]].map(i64::from);
+    let depths = [i64::from(a[2]), i64::from(b[2]), i64::from(c[2])];
     let centre = |pixel: i32| i64::from(pixel * SUBPIXELS + SUBPIXELS / 2);
-    for row in span(1) {
-        for column in span(0) {
-            let w = edges.map(|e| e.at(centre(column), centre(row)));
-            if w.iter().zip(&edges).all(|(w, e)| w + e.bias >= 0) {
-                let sum = w[0] * depths[0] + w[1] * depths[1] + w[2] * depths[2];
-                draw(column, row, sum.div_euclid(area) as i32);
+    let (x, y) = (centre(columns[0]), centre(rows[0]));
+    // From here on the edges only grow by a step per column and per row.
+    let mut at_row = edges.map(|e| e.at(x, y) + e.bias);
+    for row in rows[0]..rows[1] {
+        let mut w = at_row;
+        for column in columns[0]..columns[1] {
+            if w[0] | w[1] | w[2] >= 0 {
+                let part = |i: usize| (w[i] - edges[i].bias) * depths[i];
+                draw(column, row, Depth { numerator: part(0) + part(1) + part(2), area });
+            }
+            for (w, e) in w.iter_mut().zip(&edges) {
+                *w += e.a << PIXEL_BITS;
             }
         }
+        for (w, e) in at_row.iter_mut().zip(&edges) {
+            *w += e.b << PIXEL_BITS;
+        }
     }
+    Drawn::Yes
 }
 
 /// True within the limits of the format.
@@ -143,7 +192,7 @@ mod tests {
         let v = |x: i32, y: i32| [x * 256, y * 256, x * 256];
         let mut count = 0;
         triangle([v(0, 0), v(31, 0), v(0, 31)], Rect::whole(32), |x, _, z| {
-            assert_eq!(z, x * 256 + 128);
+            assert_eq!(z.steps(), x * 256 + 128);
             count += 1;
         });
         assert!(count > 400);
@@ -171,7 +220,7 @@ mod tests {
         let (x, z) = (XY_LIMIT - 1, Z_LIMIT - 1);
         let mut count = 0;
         triangle([[-x, -x, z], [x, -x, z], [0, x, z]], Rect::whole(256), |_, _, depth| {
-            assert_eq!(depth, z);
+            assert_eq!(depth.steps(), z);
             count += 1;
         });
         assert_eq!(count, 256 * 256);
@@ -202,9 +251,9 @@ mod tests {
         fn winding_does_not_matter(a in -3000i32..9000, b in -3000i32..9000, c in -3000i32..9000) {
             let v = [[a, b, 5], [b, c, 700], [c, a, -90]];
             let mut first = Vec::new();
-            triangle(v, Rect::whole(32), |x, y, z| first.push((x, y, z)));
+            triangle(v, Rect::whole(32), |x, y, z| first.push((x, y, z.steps())));
             let mut second = Vec::new();
-            triangle([v[0], v[2], v[1]], Rect::whole(32), |x, y, z| second.push((x, y, z)));
+            triangle([v[0], v[2], v[1]], Rect::whole(32), |x, y, z| second.push((x, y, z.steps())));
             prop_assert_eq!(first, second);
         }
     }

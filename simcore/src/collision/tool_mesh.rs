@@ -4,9 +4,6 @@
 use protocol::handles::Tool;
 use protocol::handles::{JAW_LENGTH_MM, JAW_TAPER};
 
-/// Sides of a round shaft.
-const SIDES: usize = 16;
-
 /// A triangle, mm.
 pub type Facet = [[f64; 3]; 3];
 
@@ -19,19 +16,45 @@ pub struct ToolMesh {
     pub jaw: Vec<Facet>,
 }
 
+/// How finely a shape is cut into triangles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Detail {
+    /// Sides of a round shaft, a multiple of two.
+    pub sides: usize,
+    /// Rings along a shaft or a jaw.
+    pub rings: usize,
+}
+
+/// What the simulation draws.
+pub const PLAIN: Detail = Detail { sides: 16, rings: 1 };
+/// A forceps of about 2,000 triangles, as the paper's.
+pub const FINE: Detail = Detail { sides: 32, rings: 14 };
+
 impl ToolMesh {
     /// The shape of `tool` with a shaft of radius `radius_mm`, drawn up to `length_mm` from the tip.
     pub fn new(tool: Tool, radius_mm: f64, length_mm: f64) -> Self {
+        Self::with_detail(tool, radius_mm, length_mm, PLAIN)
+    }
+
+    /// The same shape, more finely.
+    pub fn with_detail(tool: Tool, radius_mm: f64, length_mm: f64, detail: Detail) -> Self {
         match tool {
             Tool::Forceps => ToolMesh {
-                shaft: tube(radius_mm, JAW_LENGTH_MM, length_mm.max(JAW_LENGTH_MM) + 1.0),
-                jaw: half_cone(radius_mm),
+                shaft: tube(radius_mm, JAW_LENGTH_MM, length_mm.max(JAW_LENGTH_MM) + 1.0, detail),
+                jaw: half_cone(radius_mm, detail),
             },
             // Their working ends differ by far less than a pixel of the collision image.
             Tool::LightPipe | Tool::Pick | Tool::Vitrector | Tool::Needle => {
-                ToolMesh { shaft: tube(radius_mm, 0.0, length_mm + 1.0), jaw: Vec::new() }
+                ToolMesh { shaft: tube(radius_mm, 0.0, length_mm + 1.0, detail), jaw: Vec::new() }
             }
         }
+    }
+
+    /// All triangles with the jaws opened by `jaw_rad`.
+    pub fn facets(&self, jaw_rad: f64) -> Vec<Facet> {
+        let mut facets = Vec::new();
+        self.for_each(jaw_rad, |facet| facets.push(facet));
+        facets
     }
 
     /// Calls `draw` for each triangle with the jaws opened by `jaw_rad` (angle between them).
@@ -52,40 +75,52 @@ fn open_about_pivot([x, y, z]: [f64; 3], sin: f64, cos: f64) -> [f64; 3] {
     [x * cos + below * sin, y, JAW_LENGTH_MM - (below * cos - x * sin)]
 }
 
-/// Points of a regular polygon with its first corner on +x, over `corners` of a turn.
-fn arc(radius: f64, z: f64, corners: usize, turn: f64) -> Vec<[f64; 3]> {
-    let angle = |i: usize| turn * i as f64 / SIDES as f64 * std::f64::consts::TAU;
+/// Points of a regular polygon of `sides` with its first corner on +x, over its first `corners`.
+fn arc(radius: f64, z: f64, sides: usize, corners: usize) -> Vec<[f64; 3]> {
+    let angle = |i: usize| i as f64 / sides as f64 * std::f64::consts::TAU;
     (0..corners).map(|i| [radius * libm::cos(angle(i)), radius * libm::sin(angle(i)), z]).collect()
 }
 
-/// A closed prism or cone frustum between two outlines of as many corners.
-fn solid(low: &[[f64; 3]], high: &[[f64; 3]]) -> Vec<Facet> {
-    let n = low.len();
+/// A closed body through outlines of as many corners each.
+fn solid(outlines: &[Vec<[f64; 3]>]) -> Vec<Facet> {
     let mut facets = Vec::new();
-    for (i, j) in (0..n).map(|i| (i, (i + 1) % n)) {
-        facets.push([low[i], low[j], high[j]]);
-        facets.push([low[i], high[j], high[i]]);
+    for pair in outlines.windows(2) {
+        let (low, high) = (&pair[0], &pair[1]);
+        let n = low.len();
+        for (i, j) in (0..n).map(|i| (i, (i + 1) % n)) {
+            facets.push([low[i], low[j], high[j]]);
+            facets.push([low[i], high[j], high[i]]);
+        }
     }
-    for i in 1..n - 1 {
-        facets.push([low[0], low[i + 1], low[i]]);
-        facets.push([high[0], high[i], high[i + 1]]);
+    if let [low, .., high] = outlines {
+        for i in 1..low.len() - 1 {
+            facets.push([low[0], low[i + 1], low[i]]);
+            facets.push([high[0], high[i], high[i + 1]]);
+        }
     }
     facets
 }
 
-fn tube(radius: f64, from_z: f64, to_z: f64) -> Vec<Facet> {
-    solid(&arc(radius, from_z, SIDES, 1.0), &arc(radius, to_z, SIDES, 1.0))
+/// Heights of the rings between two ends.
+fn heights(from_z: f64, to_z: f64, rings: usize) -> impl Iterator<Item = f64> {
+    (0..=rings).map(move |i| from_z + (to_z - from_z) * i as f64 / rings as f64)
+}
+
+fn tube(radius: f64, from_z: f64, to_z: f64, detail: Detail) -> Vec<Facet> {
+    let ring = |z| arc(radius, z, detail.sides, detail.sides);
+    solid(&heights(from_z, to_z, detail.rings).map(ring).collect::<Vec<_>>())
 }
 
 /// Half of a cone on the +x side, from the narrow tip to the pivot.
-fn half_cone(radius: f64) -> Vec<Facet> {
-    let half = |radius: f64, z: f64| {
-        let mut outline = arc(radius, z, SIDES / 2 + 1, 1.0);
+fn half_cone(radius: f64, detail: Detail) -> Vec<Facet> {
+    let half = |z: f64| {
+        let taper = JAW_TAPER + (1.0 - JAW_TAPER) * (z / JAW_LENGTH_MM);
+        let mut outline = arc(radius * taper, z, detail.sides, detail.sides / 2 + 1);
         // From −90° to +90° about z: the flat side faces the other jaw.
         outline.iter_mut().for_each(|p| *p = [p[1], -p[0], p[2]]);
         outline
     };
-    solid(&half(radius * JAW_TAPER, 0.0), &half(radius, JAW_LENGTH_MM))
+    solid(&heights(0.0, JAW_LENGTH_MM, detail.rings).map(half).collect::<Vec<_>>())
 }
 
 #[cfg(test)]
@@ -107,8 +142,8 @@ mod tests {
 
     #[test]
     fn meshes_are_closed() {
-        for tool in [Tool::Forceps, Tool::LightPipe] {
-            let mesh = ToolMesh::new(tool, 0.25, 2.0);
+        for (tool, detail) in [Tool::Forceps, Tool::LightPipe].map(|t| [(t, PLAIN), (t, FINE)]).concat() {
+            let mesh = ToolMesh::with_detail(tool, 0.25, 2.0, detail);
             assert!(closed(&mesh.shaft), "{tool:?} shaft");
             assert!(closed(&mesh.jaw), "{tool:?} jaw");
         }

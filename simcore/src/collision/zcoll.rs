@@ -17,11 +17,12 @@
 //! is not drawn. Only pixels that have instrument are drawn, because others never collide. Images are drawn in
 //! integers ([`super::raster`]), so that any other back end can give the same answer to the bit.
 
-use super::instrument_image::{InstrumentImage, NOTHING, Volume, to_fixed};
-use super::raster::{self, DEPTH_STEPS, Fixed, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
-use crate::membrane::sheet::Sheet;
+use super::instrument_image::{InstrumentImage, NOTHING, Volume};
+use super::placing::{PLANES, Placed, Placing, REFUSED};
+use super::raster::{self, DEPTH_STEPS, Drawn, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
+use super::surface::{Cull, Frame, Surface, Unusable};
 use crate::state::MembraneState;
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use protocol::scene::NODE_DEAD;
 
 /// What a look found.
@@ -33,54 +34,78 @@ pub struct Found {
     pub deepest: i32,
     /// Pixels that saw the membrane more than once.
     pub folded: u32,
-    /// Triangles too large for the image's number format.
+    /// Triangles too large for the image's number format, or with a corner that is not a number.
     pub refused: u32,
+    /// Triangles in the volume without area in the image: degenerate, or seen from their edge.
+    pub flat: u32,
 }
 
-/// Which planes of the volume a vertex lies beyond.
-mod outside {
-    pub const LEFT: u8 = 1;
-    pub const RIGHT: u8 = 2;
-    pub const ABOVE: u8 = 4;
-    pub const BELOW: u8 = 8;
-    pub const NEAR: u8 = 16;
-    pub const FAR: u8 = 32;
-    /// Beyond the number format.
-    pub const FORMAT: u8 = 64;
-    pub const PLANES: u8 = LEFT | RIGHT | ABOVE | BELOW | NEAR | FAR;
+/// A colliding pixel: one deformation vector of a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hit {
+    /// Row · resolution + column.
+    pub pixel: u32,
+    /// The triangle seen there.
+    pub triangle: u32,
+    /// Length of the vector, depth steps; it points along −ẑ of the instrument.
+    pub way: i32,
 }
+
+/// Pixels around the instrument by which the first cull is wider than the exact one.
+const CULL_MARGIN: f32 = 2.0;
 
 /// Images and lists of a look; one serves all instruments.
 #[derive(Debug)]
 pub struct Zcoll {
     volume: Volume,
-    vertex: [Vec<i32>; 3],
-    outcode: Vec<u8>,
-    depth: Vec<i32>,
-    id: Vec<u32>,
-    second: Vec<u8>,
+    cull: Cull,
+    canvas: Canvas,
+    hits: Vec<Hit>,
     triangle_depth: Vec<i32>,
     node_depth: Vec<i32>,
     triangles: Vec<u32>,
     nodes: Vec<u32>,
+    vertex_hits: Vec<(u32, i32)>,
+}
+
+/// The membrane's images and the vertices drawn into them.
+#[derive(Debug)]
+struct Canvas {
+    resolution: usize,
+    vertex: Vec<Placed>,
+    depth: Vec<i32>,
+    id: Vec<u32>,
+    second: Vec<u8>,
 }
 
 impl Zcoll {
-    /// Images of a volume, lists for a sheet.
-    pub fn new(volume: Volume, sheet: &Sheet) -> Self {
-        let (pixels, nodes) = (volume.resolution * volume.resolution, sheet.nodes());
-        Zcoll {
+    /// Images of a volume, lists for a membrane of these triangles between so many nodes.
+    pub fn new(volume: Volume, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, Unusable> {
+        volume.check()?;
+        let pixels = volume.resolution * volume.resolution;
+        Ok(Zcoll {
             volume,
-            vertex: std::array::from_fn(|_| vec![0; nodes]),
-            outcode: vec![0; nodes],
-            depth: vec![NOTHING; pixels],
-            id: vec![0; pixels],
-            second: vec![0; pixels],
-            triangle_depth: vec![0; sheet.triangles.len()],
+            cull: Cull::new(triangles, nodes)?,
+            canvas: Canvas {
+                resolution: volume.resolution,
+                vertex: vec![Placed::default(); nodes],
+                depth: vec![NOTHING; pixels],
+                id: vec![0; pixels],
+                second: vec![0; pixels],
+            },
+            hits: Vec::with_capacity(pixels),
+            triangle_depth: vec![0; triangles.len()],
             node_depth: vec![0; nodes],
-            triangles: Vec::with_capacity(pixels.min(sheet.triangles.len())),
-            nodes: Vec::with_capacity(nodes),
-        }
+            triangles: Vec::with_capacity(pixels.min(triangles.len())),
+            nodes: Vec::with_capacity(nodes.min(3 * pixels)),
+            vertex_hits: Vec::with_capacity(nodes),
+        })
+    }
+
+    /// Uses the base instruction set only: for the proof that every path gives the same bits.
+    pub fn without_simd(mut self) -> Self {
+        self.cull = self.cull.without_simd();
+        self
     }
 
     /// The volume.
@@ -88,24 +113,67 @@ impl Zcoll {
         &self.volume
     }
 
-    /// Looks where the instrument has passed the membrane. Afterwards [`Self::displaced`] lists the nodes.
+    /// Looks where the instrument has passed the membrane. Afterwards [`Self::displaced`] lists the nodes,
+    /// [`Self::hits`] the deformation vectors and [`Self::triangles`] the triangles.
     pub fn look(
         &mut self,
         image: &InstrumentImage,
         instrument_from_eye: &Isometry3<f64>,
-        sheet: &Sheet,
-        membrane: &MembraneState,
+        surface: &Surface,
     ) -> Found {
         self.forget();
         let mut found = Found::default();
         if image.rect.is_empty() {
             return found;
         }
-        self.project(instrument_from_eye, membrane, image.rect);
-        self.draw_membrane(image, sheet, membrane, &mut found);
+        self.draw_membrane(image, instrument_from_eye, surface, &mut found);
         self.compare(image, &mut found);
-        self.spread_to_nodes(sheet);
+        self.spread_to_nodes(surface.triangles);
         found
+    }
+
+    /// Whether the instrument has passed the membrane anywhere, and nothing else.
+    pub fn touches(
+        &mut self,
+        image: &InstrumentImage,
+        instrument_from_eye: &Isometry3<f64>,
+        surface: &Surface,
+    ) -> bool {
+        self.forget();
+        if image.rect.is_empty() {
+            return false;
+        }
+        self.draw_membrane(image, instrument_from_eye, surface, &mut Found::default());
+        self.canvas.rows(image).any(|(_, z_m, z_i)| z_m.iter().zip(z_i).any(|(m, i)| *m != NOTHING && i < m))
+    }
+
+    /// Vertices as features: the vertices of living triangles that lie in the volume and behind the instrument, each with its
+    /// own depth below the instrument's, in depth steps. Unlike triangles they are not limited to one per
+    /// pixel. Of the last [`Self::look`], which must have had the same arguments.
+    pub fn vertices(&mut self, image: &InstrumentImage, surface: &Surface) -> &[(u32, i32)] {
+        let width = self.canvas.resolution as i32;
+        let context = &mut (&self.canvas.vertex, &mut self.vertex_hits);
+        context.1.clear();
+        self.cull.survivors(
+            surface.triangles.len(),
+            context,
+            |_, _| (),
+            |(vertex, hits), from, to| {
+                let alive = (from..to).filter(|&t| surface.alive[t] != 0);
+                for &v in alive.flat_map(|t| &surface.triangles[t]) {
+                    let Placed { at: [x, y, z], code } = vertex[v as usize];
+                    let [column, row] = [x.div_euclid(SUBPIXELS), y.div_euclid(SUBPIXELS)];
+                    let inside = (0..width).contains(&column) && (0..width).contains(&row);
+                    let z_i = if inside { image.depth[(row * width + column) as usize] } else { NOTHING };
+                    if code == 0 && z_i < z {
+                        hits.push((v, z - z_i));
+                    }
+                }
+            },
+        );
+        self.vertex_hits.sort_unstable();
+        self.vertex_hits.dedup();
+        &self.vertex_hits
     }
 
     /// Nodes to be moved along −ẑ of the instrument, each with its way in depth steps (Eq. 1).
@@ -113,114 +181,69 @@ impl Zcoll {
         self.nodes.iter().map(|&n| (n as usize, self.node_depth[n as usize]))
     }
 
-    /// Clears what the last look wrote, and only that.
-    fn forget(&mut self) {
-        self.triangles.drain(..).for_each(|t| self.triangle_depth[t as usize] = 0);
-        self.nodes.drain(..).for_each(|n| self.node_depth[n as usize] = 0);
+    /// The deformation vectors of the last look, by pixel.
+    pub fn hits(&self) -> &[Hit] {
+        &self.hits
     }
 
-    /// Nodes into the instrument's frame and fixed point, with the planes they lie beyond.
-    fn project(&mut self, instrument_from_eye: &Isometry3<f64>, membrane: &MembraneState, rect: Rect) {
-        let turn: Matrix3<f32> = instrument_from_eye.rotation.to_rotation_matrix().matrix().map(|c| c as f32);
-        // Relative to the tip first: the difference of two positions near it is exact in f32.
-        let tip: Vector3<f32> = (instrument_from_eye.inverse().translation.vector).map(|c| c as f32);
-        let n = self.outcode.len();
-        let [x, y, z] = membrane.position_mm.each_ref().map(|v| &v[..n]);
-        let format = self.volume.format();
-        for axis in 0..3 {
-            let (m0, m1, m2) = (turn[(axis, 0)], turn[(axis, 1)], turn[(axis, 2)]);
-            let (scale, limit) = if axis < 2 { (format[0], XY_LIMIT) } else { (format[1], Z_LIMIT) };
-            let out = &mut self.vertex[axis][..n];
-            for i in 0..n {
-                let value = m0 * (x[i] - tip.x) + m1 * (y[i] - tip.y) + m2 * (z[i] - tip.z);
-                out[i] = to_fixed(value, scale, limit);
-            }
-        }
-        let [vx, vy, vz] = self.vertex.each_ref().map(|v| &v[..n]);
-        let low = rect.min.map(|p| p * SUBPIXELS);
-        let high = rect.max.map(|p| p * SUBPIXELS);
-        for i in 0..n {
-            let bit = |beyond: bool, plane: u8| if beyond { plane } else { 0 };
-            let out = [vx[i].abs(), vy[i].abs()].iter().any(|&c| c >= XY_LIMIT) || vz[i].abs() >= Z_LIMIT;
-            self.outcode[i] = bit(vx[i] < low[0], outside::LEFT)
-                | bit(vx[i] > high[0], outside::RIGHT)
-                | bit(vy[i] < low[1], outside::ABOVE)
-                | bit(vy[i] > high[1], outside::BELOW)
-                | bit(vz[i] < 0, outside::NEAR)
-                | bit(vz[i] > DEPTH_STEPS, outside::FAR)
-                | bit(out, outside::FORMAT);
-        }
+    /// Colliding triangles of the last look, each with the longest of its vectors in depth steps.
+    pub fn triangles(&self) -> impl Iterator<Item = (usize, i32)> + '_ {
+        self.triangles.iter().map(|&t| (t as usize, self.triangle_depth[t as usize]))
+    }
+
+    /// Clears what the last look wrote, and only that.
+    fn forget(&mut self) {
+        self.hits.clear();
+        self.triangles.drain(..).for_each(|t| self.triangle_depth[t as usize] = 0);
+        self.nodes.drain(..).for_each(|n| self.node_depth[n as usize] = 0);
     }
 
     fn draw_membrane(
         &mut self,
         image: &InstrumentImage,
-        sheet: &Sheet,
-        membrane: &MembraneState,
+        instrument_from_eye: &Isometry3<f64>,
+        surface: &Surface,
         found: &mut Found,
     ) {
-        let (rect, width) = (image.rect, self.volume.resolution);
-        for row in rect.min[1] as usize..rect.max[1] as usize {
-            let pixels = row * width + rect.min[0] as usize..row * width + rect.max[0] as usize;
-            self.depth[pixels.clone()].fill(NOTHING);
-            self.second[pixels].fill(0);
-        }
-        for (t, nodes) in sheet.triangles.iter().enumerate() {
-            let codes = nodes.map(|n| self.outcode[n as usize]);
-            if codes[0] & codes[1] & codes[2] & outside::PLANES != 0 || membrane.triangle_alive[t] == 0 {
-                continue;
-            }
-            if (codes[0] | codes[1] | codes[2]) & outside::FORMAT != 0 {
-                found.refused += 1;
-                continue;
-            }
-            let vertices = nodes.map(|n| self.fixed(n as usize));
-            let (depth, id, second) = (&mut self.depth, &mut self.id, &mut self.second);
-            raster::triangle(vertices, rect, |x, y, z| {
-                let pixel = y as usize * width + x as usize;
-                if image.depth[pixel] == NOTHING || !(0..=DEPTH_STEPS).contains(&z) {
-                    return;
-                }
-                if depth[pixel] != NOTHING && second[pixel] == 0 {
-                    second[pixel] = 1;
-                    found.folded += 1;
-                }
-                if z < depth[pixel] {
-                    (depth[pixel], id[pixel]) = (z, t as u32);
-                }
-            });
-        }
-    }
-
-    fn fixed(&self, node: usize) -> Fixed {
-        [self.vertex[0][node], self.vertex[1][node], self.vertex[2][node]]
+        self.canvas.clear(image.rect);
+        let frame = Frame::new(instrument_from_eye);
+        let [low, high] = self.volume.box_around(image.rect, CULL_MARGIN);
+        self.cull.sort(surface, &frame, low, high);
+        let placing = placing(frame, &self.volume, image.rect);
+        let simd = self.cull.simd();
+        self.cull.survivors(
+            surface.triangles.len(),
+            &mut (&mut self.canvas, found),
+            |(canvas, _), block| placing.block(simd, surface, block, &mut canvas.vertex),
+            |(canvas, found), from, to| canvas.draw(image, surface, from..to, found),
+        );
     }
 
     /// Colliding pixels give their triangles the deepest of their vectors.
     fn compare(&mut self, image: &InstrumentImage, found: &mut Found) {
-        let (rect, width) = (image.rect, self.volume.resolution);
-        for row in rect.min[1] as usize..rect.max[1] as usize {
-            for pixel in row * width + rect.min[0] as usize..row * width + rect.max[0] as usize {
-                let (z_i, z_m) = (image.depth[pixel], self.depth[pixel]);
+        for (first, z_m, z_i) in self.canvas.rows(image) {
+            for (i, (&z_m, &z_i)) in z_m.iter().zip(z_i).enumerate() {
                 if z_m == NOTHING || z_i >= z_m {
                     continue;
                 }
-                let (way, t) = (z_m - z_i, self.id[pixel]);
-                found.pixels += 1;
+                let pixel = first + i;
+                let (way, triangle) = (z_m - z_i, self.canvas.id[pixel]);
+                self.hits.push(Hit { pixel: pixel as u32, triangle, way });
                 found.deepest = found.deepest.max(way);
-                let deepest = &mut self.triangle_depth[t as usize];
+                let deepest = &mut self.triangle_depth[triangle as usize];
                 if *deepest == 0 {
-                    self.triangles.push(t);
+                    self.triangles.push(triangle);
                 }
                 *deepest = (*deepest).max(way);
             }
         }
+        found.pixels = self.hits.len() as u32;
     }
 
     /// Eq. 1: each node takes the largest vector of the triangles around it.
-    fn spread_to_nodes(&mut self, sheet: &Sheet) {
+    fn spread_to_nodes(&mut self, triangles: &[[u32; 3]]) {
         for &t in &self.triangles {
-            for &node in &sheet.triangles[t as usize] {
+            for &node in &triangles[t as usize] {
                 let way = &mut self.node_depth[node as usize];
                 if *way == 0 {
                     self.nodes.push(node);
@@ -228,6 +251,88 @@ impl Zcoll {
                 *way = (*way).max(self.triangle_depth[t as usize]);
             }
         }
+    }
+}
+
+/// How a look maps the eye to the image.
+fn placing(frame: Frame, volume: &Volume, rect: Rect) -> Placing {
+    let [low, high] = [rect.min, rect.max].map(|p| p.map(|p| p * SUBPIXELS));
+    let [xy, z] = volume.format();
+    Placing {
+        frame,
+        format: [xy, xy, z],
+        limit: [XY_LIMIT, XY_LIMIT, Z_LIMIT],
+        low: [low[0], low[1], 0],
+        high: [high[0], high[1], DEPTH_STEPS],
+    }
+}
+
+impl Canvas {
+    fn clear(&mut self, rect: Rect) {
+        for row in rect.min[1] as usize..rect.max[1] as usize {
+            let first = row * self.resolution;
+            let pixels = first + rect.min[0] as usize..first + rect.max[0] as usize;
+            self.depth[pixels.clone()].fill(NOTHING);
+            self.second[pixels].fill(0);
+        }
+    }
+
+    fn draw(
+        &mut self,
+        image: &InstrumentImage,
+        surface: &Surface,
+        range: std::ops::Range<usize>,
+        found: &mut Found,
+    ) {
+        let (triangles, alive) = (&surface.triangles[range.clone()], &surface.alive[range.clone()]);
+        for ((nodes, alive), t) in triangles.iter().zip(alive).zip(range) {
+            let [a, b, c] = nodes.map(|n| self.vertex[n as usize]);
+            if a.code & b.code & c.code & PLANES != 0 || *alive == 0 {
+                continue;
+            }
+            if (a.code | b.code | c.code) & REFUSED != 0 {
+                found.refused += 1;
+                continue;
+            }
+            self.draw_one(image, [a.at, b.at, c.at], t as u32, found);
+        }
+    }
+
+    fn draw_one(
+        &mut self,
+        image: &InstrumentImage,
+        vertices: [raster::Fixed; 3],
+        triangle: u32,
+        found: &mut Found,
+    ) {
+        let Canvas { depth, id, second, resolution, .. } = self;
+        let drawn = raster::triangle(vertices, image.rect, |x, y, z| {
+            let pixel = y as usize * *resolution + x as usize;
+            if image.depth[pixel] == NOTHING {
+                return;
+            }
+            let z = z.steps();
+            if !(0..=DEPTH_STEPS).contains(&z) {
+                return;
+            }
+            if depth[pixel] != NOTHING && second[pixel] == 0 {
+                second[pixel] = 1;
+                found.folded += 1;
+            }
+            if z < depth[pixel] {
+                (depth[pixel], id[pixel]) = (z, triangle);
+            }
+        });
+        found.flat += u32::from(drawn == Drawn::Flat);
+    }
+
+    /// The rows of the instrument's rectangle: number of the first pixel, membrane depths, instrument depths.
+    fn rows<'a>(&'a self, image: &'a InstrumentImage) -> impl Iterator<Item = (usize, &'a [i32], &'a [i32])> {
+        (image.rect.min[1] as usize..image.rect.max[1] as usize).map(move |row| {
+            let first = row * self.resolution + image.rect.min[0] as usize;
+            let pixels = first..row * self.resolution + image.rect.max[0] as usize;
+            (first, &self.depth[pixels.clone()], &image.depth[pixels])
+        })
     }
 }
 
@@ -247,6 +352,7 @@ pub fn near_membrane(membrane: &MembraneState, tip_in_eye: &Vector3<f64>, reach_
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::membrane::sheet::Sheet;
     use nalgebra::{Point3, Translation3, UnitQuaternion};
     use protocol::handles::Tool;
     use protocol::scene_file::SceneFile;
@@ -264,7 +370,7 @@ mod tests {
         let volume = Volume::new(&scene.contact);
         Setting {
             membrane: sheet.start(),
-            zcoll: Zcoll::new(volume, &sheet),
+            zcoll: Zcoll::new(volume, &sheet.triangles, sheet.nodes()).unwrap(),
             light: InstrumentImage::new(Tool::LightPipe, 0.25, &volume),
             sheet,
         }
@@ -277,7 +383,7 @@ mod tests {
 
     fn look(s: &mut Setting, eye_from_instrument: &Isometry3<f64>) -> Found {
         s.light.prepare(0.0, s.zcoll.volume());
-        s.zcoll.look(&s.light, &eye_from_instrument.inverse(), &s.sheet, &s.membrane)
+        s.zcoll.look(&s.light, &eye_from_instrument.inverse(), &s.membrane.surface(&s.sheet))
     }
 
     #[test]
@@ -356,6 +462,7 @@ mod tests {
         let mut nodes: Vec<_> = s.zcoll.displaced().collect();
         nodes.sort_unstable();
         s.sheet.triangles.reverse();
+        s.zcoll = Zcoll::new(*s.zcoll.volume(), &s.sheet.triangles, s.sheet.nodes()).unwrap();
         assert_eq!(look(&mut s, &pose), first);
         let mut again: Vec<_> = s.zcoll.displaced().collect();
         again.sort_unstable();

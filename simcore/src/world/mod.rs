@@ -9,6 +9,7 @@ pub use plan::start_instrument;
 
 use crate::checkpoint::{self, CheckpointError};
 use crate::collision::instrument_image::{InstrumentImage, Volume};
+use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
@@ -29,6 +30,9 @@ use protocol::steps::StepTimes;
 /// Why a scene cannot be simulated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WorldError {
+    /// The collision volume or the mesh cannot be used.
+    #[error("contact: {0}")]
+    Collision(#[from] Unusable),
     /// The mesh does not fit the block that carries it to the renderer.
     #[error(
         "membrane.squares {squares:?}: the scene block would take {bytes} bytes, there is room for {room}"
@@ -101,7 +105,7 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
-            zcoll: Zcoll::new(volume, &sheet),
+            zcoll: Zcoll::new(volume, &sheet.triangles, sheet.nodes())?,
             images: std::array::from_fn(image),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),

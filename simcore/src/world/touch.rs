@@ -2,9 +2,10 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
+use crate::collision::continuous::crosses;
 use crate::collision::eyeball;
 use crate::collision::zcoll::{self, Found};
-use crate::constants::{FOLD_QUIET_NS, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM};
+use crate::constants::{FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM};
 use crate::event_log::Happening;
 use crate::state::MarkState;
 use nalgebra::{UnitVector3, Vector3};
@@ -31,14 +32,28 @@ impl World {
             let pose = &poses.eye_from_instrument[i];
             self.images[i].prepare(instrument.jaw_rad, self.zcoll.volume());
             let (image, membrane) = (&self.images[i], &self.state.membrane);
-            let found = self.zcoll.look(image, &pose.inverse(), &self.sheet, membrane);
+            let found = self.zcoll.look(image, &pose.inverse(), &membrane.surface(&self.sheet));
             self.tell_fold(i, &found);
+            if found.pixels == 0 && self.jumped_through(i, plan) {
+                let instrument = &mut self.state.instruments[i];
+                (instrument.in_contact, instrument.under, instrument.travelled_mm) = (true, true, 0.0);
+                continue;
+            }
             if self.passed_through(i, &found) {
                 let ahead = -(pose.rotation * Vector3::z_axis());
                 let speed = poses.tip_step_mm[i].dot(&ahead) / SUBSTEP_S;
                 self.displace(&ahead, speed);
             }
         }
+    }
+
+    /// True if a fast tip crossed the membrane on its way in this step so far, as it lies now, and went so far beyond it that the
+    /// collision volume no longer holds it. The instrument is then under the membrane.
+    fn jumped_through(&self, i: usize, plan: &Plan) -> bool {
+        let from = plan.pose(i, 0.0).translation.vector;
+        let to = self.state.instruments[i].tip_in_eye_mm;
+        let fast = (to - from).norm() > LOOKED_WAY_MM;
+        fast && crosses(from.into(), to.into(), &self.state.membrane.surface(&self.sheet))
     }
 
     /// True if what was found is membrane that the instrument pushes. Contact that is at once deeper than the

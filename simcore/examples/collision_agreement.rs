@@ -1,0 +1,146 @@
+//! Counts where ZCOLL and the truth agree, and what the image misses at a resolution.
+//!
+//! `cargo run --release -p simcore --example collision_agreement [-- SCENES [PICTURE.png]]` compares SCENES (10,000) random
+//! π-convex scenes with exact rays through the pixel centres, to the bit; then draws the same 400 scenes at 8 to 256
+//! pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
+
+#[path = "../tests/rays/mod.rs"]
+mod rays;
+
+use rays::{RADIUS_MM, Random, Scene, collisions};
+use simcore::collision::exact::{Exact, StaticMesh};
+use simcore::collision::instrument_image::InstrumentImage;
+use simcore::collision::surface::Surface;
+use simcore::collision::zcoll::Zcoll;
+use std::collections::BTreeSet;
+use std::process::ExitCode;
+
+/// Scenes whose misses are counted.
+const MISS_SCENES: usize = 400;
+/// Resolutions of the count.
+const RESOLUTIONS: [usize; 11] = [8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256];
+
+/// What ZCOLL reports on a scene: pixels with triangle and way, and the triangles.
+fn look(scene: &Scene) -> Vec<(u32, (u32, i32))> {
+    let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
+    image.prepare(scene.jaw_rad, &scene.volume);
+    let nodes = scene.position_mm[0].len();
+    let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).expect("a scene is usable");
+    zcoll.look(&image, &scene.instrument_from_eye, &surface(scene));
+    zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect()
+}
+
+fn surface(scene: &Scene) -> Surface<'_> {
+    let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
+    Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive }
+}
+
+/// Compares scenes; how many differ.
+fn compare(scenes: usize) -> usize {
+    let mut random = Random(20_021_109);
+    let (mut differ, mut colliding, mut pixels) = (0, 0, 0);
+    for number in 0..scenes {
+        // One in fifty is large, because the rays take their time.
+        let sizes: &[usize] = if number % 50 == 0 { &[128, 256] } else { &[8, 16, 32, 32, 64] };
+        let scene = Scene::random(&mut random, sizes);
+        let expected: Vec<_> = collisions(&scene).into_iter().collect();
+        if look(&scene) != expected {
+            differ += 1;
+            eprintln!("scene {number} differs");
+        }
+        colliding += usize::from(!expected.is_empty());
+        pixels += expected.len();
+    }
+    println!(
+        "{scenes} scenes, {colliding} with a collision, {pixels} colliding pixels: {differ} scenes differ from exact rays"
+    );
+    differ
+}
+
+/// Triangles of the scene that meet the instrument inside the volume, exactly. `None` if the membrane meets it outside as well, where
+/// the image does not look.
+fn exact_triangles(scene: &Scene) -> BTreeSet<u32> {
+    let v = &scene.volume;
+    let within = |p: &[f64; 3]| {
+        p[0].abs() < v.half_mm && p[1].abs() < v.half_mm && p[2] > v.near_mm && p[2] < v.near_mm + v.depth_mm
+    };
+    let mesh = StaticMesh::new(&scene.facets()).expect("an instrument is a mesh");
+    let mut exact = Exact::new(&scene.triangles, scene.position_mm[0].len()).expect("a scene is usable");
+    exact.find(&mesh, &scene.instrument_from_eye, &surface(scene));
+    let inside = |t: &u32| {
+        scene.triangles[*t as usize].iter().all(|&n| {
+            let p = scene.position_mm.each_ref().map(|a| f64::from(a[n as usize]));
+            within(&(scene.instrument_from_eye * nalgebra::Point3::from(p)).coords.into())
+        })
+    };
+    exact.pairs().iter().map(|p| p.membrane).filter(inside).collect()
+}
+
+/// Share of the exactly meeting triangles that no pixel reports, by resolution.
+fn misses() -> Vec<(usize, usize, usize)> {
+    let mut counts = vec![(0, 0); RESOLUTIONS.len()];
+    let mut random = Random(7);
+    for _ in 0..MISS_SCENES {
+        let mut scene = Scene::random(&mut random, &[32]);
+        let exact = exact_triangles(&scene);
+        for (count, resolution) in counts.iter_mut().zip(RESOLUTIONS) {
+            scene.volume.resolution = resolution;
+            let reported: BTreeSet<u32> = look(&scene).into_iter().map(|(_, (t, _))| t).collect();
+            count.0 += exact.difference(&reported).count();
+            count.1 += exact.len();
+        }
+    }
+    RESOLUTIONS.iter().zip(counts).map(|(r, (missed, all))| (*r, missed, all)).collect()
+}
+
+/// Bars of the missed share over the resolution, a line every tenth.
+fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
+    let (bar, gap, height) = (44u32, 12u32, 400u32);
+    let width = gap + misses.len() as u32 * (bar + gap);
+    let mut picture = image::RgbImage::from_pixel(width, height + 1, image::Rgb([255; 3]));
+    for tenth in 0..=10 {
+        let y = height * tenth / 10;
+        (0..width).for_each(|x| picture.put_pixel(x, y, image::Rgb([if tenth == 10 { 0 } else { 205 }; 3])));
+    }
+    for (i, &(_, missed, all)) in misses.iter().enumerate() {
+        let left = gap + i as u32 * (bar + gap);
+        let top = height - (f64::from(height) * missed as f64 / all.max(1) as f64).round() as u32;
+        for (x, y) in (left..left + bar).flat_map(|x| (top..height).map(move |y| (x, y))) {
+            picture.put_pixel(x, y, image::Rgb([40, 90, 160]));
+        }
+    }
+    picture.save(path)
+}
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1);
+    let scenes = match arguments.next().map(|a| a.parse()) {
+        None => 10_000,
+        Some(Ok(scenes)) => scenes,
+        Some(Err(_)) => {
+            eprintln!("usage: collision_agreement [SCENES [PICTURE.png]]; SCENES is a whole number");
+            return ExitCode::from(2);
+        }
+    };
+    let differ = compare(scenes);
+    println!(
+        "\nresolution  missed  meeting  share   ({MISS_SCENES} scenes, triangles of 0.04 to 0.25 mm, volume 1.5 mm wide)"
+    );
+    let misses = misses();
+    for &(resolution, missed, all) in &misses {
+        println!(
+            "{resolution:>10}  {missed:>6}  {all:>7}  {:>5.1} %",
+            100.0 * missed as f64 / all.max(1) as f64
+        );
+    }
+    if let Some(path) = arguments.next() {
+        if let Err(error) = plot(&misses, &path) {
+            eprintln!("{path}: {error}");
+            return ExitCode::FAILURE;
+        }
+        eprintln!(
+            "wrote {path}: share of meeting triangles that the image misses, one bar a resolution, a line every 10 %"
+        );
+    }
+    if differ > 0 { ExitCode::from(5) } else { ExitCode::SUCCESS }
+}

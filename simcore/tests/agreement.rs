@@ -1,0 +1,126 @@
+//! ZCOLL against exact rays on random scenes. The example `collision_agreement` does the same for 10,000 and more.
+
+mod rays;
+
+use rays::{Collisions, RADIUS_MM, Random, Scene, collisions};
+use simcore::collision::instrument_image::InstrumentImage;
+use simcore::collision::surface::Surface;
+use simcore::collision::zcoll::{Found, Zcoll};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Scenes of the quick test.
+const SCENES: usize = 250;
+
+struct Looked {
+    found: Found,
+    hits: Collisions,
+    triangles: BTreeMap<usize, i32>,
+    nodes: BTreeMap<usize, i32>,
+    touches: bool,
+}
+
+fn look(scene: &Scene, simd: bool) -> Looked {
+    let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
+    image.prepare(scene.jaw_rad, &scene.volume);
+    let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, scene.position_mm[0].len()).unwrap();
+    if !simd {
+        zcoll = zcoll.without_simd();
+    }
+    let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
+    let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
+    let touches = zcoll.touches(&image, &scene.instrument_from_eye, &surface);
+    let found = zcoll.look(&image, &scene.instrument_from_eye, &surface);
+    Looked {
+        found,
+        hits: zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect(),
+        triangles: zcoll.triangles().collect(),
+        nodes: zcoll.displaced().collect(),
+        touches,
+    }
+}
+
+/// Colliding pixels, their triangles and vectors to the bit; from them the triangles, and by Eq. 1 the nodes.
+#[test]
+fn collisions_are_those_of_exact_rays() {
+    let mut random = Random(1);
+    let (mut colliding, mut pixels) = (0, 0);
+    for number in 0..SCENES {
+        let scene = Scene::random(&mut random, &[8, 16, 32, 32, 32, 64]);
+        let expected = collisions(&scene);
+        let looked = look(&scene, true);
+        assert_eq!(looked.hits, expected, "scene {number}");
+        assert_eq!(looked.found.pixels as usize, expected.len(), "scene {number}");
+        assert_eq!(looked.touches, !expected.is_empty(), "scene {number}");
+        let (mut triangles, mut nodes) = (BTreeMap::new(), BTreeMap::new());
+        for &(t, way) in expected.values() {
+            let deepest = triangles.entry(t as usize).or_insert(0);
+            *deepest = way.max(*deepest);
+        }
+        for (t, way) in &triangles {
+            for &node in &scene.triangles[*t] {
+                let deepest = nodes.entry(node as usize).or_insert(0);
+                *deepest = *way.max(deepest);
+            }
+        }
+        assert_eq!((looked.triangles, looked.nodes), (triangles, nodes), "scene {number}");
+        assert_eq!(looked.found.folded, 0, "scene {number} is π-convex");
+        colliding += usize::from(looked.touches);
+        pixels += expected.len();
+    }
+    assert!(colliding > SCENES / 2 && pixels > 20 * SCENES, "{colliding} scenes collide, {pixels} pixels");
+}
+
+#[test]
+fn the_base_instruction_set_gives_the_same_bits() {
+    let mut random = Random(2);
+    for _ in 0..60 {
+        let scene = Scene::random(&mut random, &[32, 128, 256]);
+        let (fast, plain) = (look(&scene, true), look(&scene, false));
+        assert_eq!((fast.found, fast.hits, fast.nodes), (plain.found, plain.hits, plain.nodes));
+    }
+}
+
+/// A vertex is reported if and only if the instrument is nearer in its pixel; compared with the pixels of the images.
+#[test]
+fn vertices_are_reported_with_their_own_depth() {
+    let mut random = Random(3);
+    let mut reported = 0;
+    for _ in 0..90 {
+        let scene = Scene::random(&mut random, &[16, 32, 64]);
+        let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
+        image.prepare(scene.jaw_rad, &scene.volume);
+        let nodes = scene.position_mm[0].len();
+        let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).unwrap();
+        let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
+        let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
+        zcoll.look(&image, &scene.instrument_from_eye, &surface);
+        let found: BTreeMap<u32, i32> = zcoll.vertices(&image, &surface).iter().copied().collect();
+        reported += found.len();
+        let living: BTreeSet<u32> = (0..scene.triangles.len())
+            .filter(|t| scene.alive[*t] != 0)
+            .flat_map(|t| scene.triangles[t])
+            .collect();
+        let v = &scene.volume;
+        for node in 0..nodes as u32 {
+            let p = scene.instrument_from_eye
+                * nalgebra::Point3::from(scene.position_mm.each_ref().map(|a| f64::from(a[node as usize])));
+            let pixel = [p.x, p.y].map(|c| (c + v.half_mm) / (2.0 * v.half_mm) * v.resolution as f64);
+            let z = (p.z - v.near_mm) / v.depth_mm * 65536.0;
+            // Vertices within a step of a border may fall on either side of it.
+            let sure = pixel.iter().all(|c| (c - c.round()).abs() > 0.01) && (0.0..65536.0).contains(&z);
+            let inside = pixel.iter().all(|c| (0.0..v.resolution as f64).contains(c));
+            if !sure || !inside {
+                continue;
+            }
+            let z_i = image.depth[pixel[1] as usize * v.resolution + pixel[0] as usize];
+            let way = z - f64::from(z_i);
+            if living.contains(&node) && way > 3.0 {
+                let told = found.get(&node).copied();
+                assert!(told.is_some_and(|t| (f64::from(t) - way).abs() < 3.0), "{told:?} {way}");
+            } else if way < -3.0 || !living.contains(&node) {
+                assert!(!found.contains_key(&node));
+            }
+        }
+    }
+    assert!(reported > 500, "the test must see something: {reported}");
+}
