@@ -67,8 +67,9 @@ pub struct Tuning {
     /// Whether blobs are brighter or darker than what is around them.
     #[arg(long, default_value = "bright")]
     pub polarity: Polarity,
-    /// Level of the background: fixed=LEVEL (luma, 16 is black), or tracked. A still image is then shown 16
-    /// times before it counts, until the background has settled.
+    /// Level of the background: fixed=LEVEL (luma, 16 is black), or tracked; if not given, it is tracked in the
+    /// fields of cameras and the camera hardware's in other pictures, whose objects may be larger than the blocks
+    /// of the background. A still image is shown 16 times before it counts, until a tracked background has settled.
     #[arg(long, value_name = "LEVEL", value_parser = Ground::parse)]
     pub background: Option<Ground>,
     /// Grey levels above the background that every pixel of a blob has, and its brightest one.
@@ -110,9 +111,9 @@ impl Tuning {
         colours.apply(&mut settings);
         settings.frame_lines = if shot.is_field { 2 } else { 1 };
         match self.background {
-            None => {}
+            None if !shot.is_field => {}
             Some(Ground::Fixed(level)) => settings.level = Level::Fixed(level),
-            Some(Ground::Tracked) => settings.level = Level::Tracked(median(shot)),
+            None | Some(Ground::Tracked) => settings.level = Level::Tracked(median(shot)),
         }
         if let Some(Threshold { low, high }) = self.threshold {
             settings.low = low;
