@@ -127,6 +127,18 @@ impl FrameAssembler {
         &self.used
     }
 
+    /// Takes a field of a stream in at `now` and tells `closed` every frame that waited long enough before
+    /// it or is complete with it, with the fields that it uses. A field that makes no sense is counted only.
+    pub fn take_in(&mut self, field: &BlobField, now: Nanos, mut closed: impl FnMut(&[BlobField], Closed)) {
+        while let Some(frame) = self.expired(now) {
+            closed(&self.used, frame);
+        }
+        let _ = self.push(field, now);
+        while let Some(frame) = self.complete(now) {
+            closed(&self.used, frame);
+        }
+    }
+
     /// Takes a field in at `now`. Afterwards [`FrameAssembler::complete`] must be asked until it
     /// says `None`.
     pub fn push(&mut self, field: &BlobField, now: Nanos) -> Result<(), Refusal> {

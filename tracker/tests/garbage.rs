@@ -67,13 +67,7 @@ fn feed(
     now: u64,
 ) -> Vec<TrackerFrame> {
     let mut frames = Vec::new();
-    while let Some(closed) = assembler.expired(now) {
-        frames.push(tracker.track(assembler.used(), &closed.reference));
-    }
-    let _ = assembler.push(field, now);
-    while let Some(closed) = assembler.complete(now) {
-        frames.push(tracker.track(assembler.used(), &closed.reference));
-    }
+    assembler.take_in(field, now, |used, closed| frames.push(tracker.track(used, &closed.reference)));
     frames
 }
 

@@ -10,7 +10,7 @@ use protocol::poses::{EYE, TrackerFrame};
 use protocol::rig::Rig;
 use std::collections::HashMap;
 use std::path::PathBuf;
-use tracker::assembler::FrameAssembler;
+use tracker::calibrate::sightings::track;
 use tracker::script::FieldStore;
 use tracker::{Reference, Tracker};
 
@@ -53,32 +53,17 @@ fn load(name: &str) -> Stream {
 
 /// Runs the fields on their own clock; also the scripts by which the run can be repeated.
 fn run(rig: &Rig, fields: &[BlobField]) -> (Vec<TrackerFrame>, Vec<FrameScript>) {
-    let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
     let (mut frames, mut scripts) = (Vec::new(), Vec::new());
-    let mut now = 0;
-    let mut close = |assembler: &FrameAssembler, closed: tracker::assembler::Closed| {
-        let frame = tracker.track(assembler.used(), &closed.reference);
+    let mut close = |frame: &TrackerFrame, _: &[BlobField]| {
         frame.validate().unwrap();
         let mut script: FrameScript = bytemuck::Zeroable::zeroed();
         (script.frame, script.field, script.camera) = (frame.frame, frame.field, frame.camera);
         script.exposed_ns = frame.instants.exposed;
         (script.used, script.used_count) = (frame.used, frame.used_count);
         scripts.push(script);
-        frames.push(frame);
+        frames.push(*frame);
     };
-    for field in fields {
-        now = field.blobs_out_ns.max(now);
-        while let Some(closed) = assembler.expired(now) {
-            close(&assembler, closed);
-        }
-        let _ = assembler.push(field, now);
-        while let Some(closed) = assembler.complete(now) {
-            close(&assembler, closed);
-        }
-    }
-    while let Some(closed) = assembler.flush(now) {
-        close(&assembler, closed);
-    }
+    track(rig, fields, &mut close);
     (frames, scripts)
 }
 

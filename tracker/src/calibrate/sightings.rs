@@ -95,23 +95,13 @@ fn drop_hidden(cameras: usize, instants: &mut [Instant]) {
 pub fn track(rig: &Rig, fields: &[BlobField], visit: &mut dyn FnMut(&TrackerFrame, &[BlobField])) {
     let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
     let mut now = 0;
-    let mut close = |assembler: &FrameAssembler, closed: Closed| {
-        let frame = tracker.track(assembler.used(), &closed.reference);
-        visit(&frame, assembler.used());
-    };
+    let mut close = |used: &[BlobField], closed: Closed| visit(&tracker.track(used, &closed.reference), used);
     for field in fields {
         now = field.blobs_out_ns.max(now);
-        while let Some(closed) = assembler.expired(now) {
-            close(&assembler, closed);
-        }
-        // A field that makes no sense is left away, as in the running tracker.
-        let _ = assembler.push(field, now);
-        while let Some(closed) = assembler.complete(now) {
-            close(&assembler, closed);
-        }
+        assembler.take_in(field, now, &mut close);
     }
     while let Some(closed) = assembler.flush(now) {
-        close(&assembler, closed);
+        close(assembler.used(), closed);
     }
 }
 

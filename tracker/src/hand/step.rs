@@ -1,0 +1,57 @@
+//! What a time does to the states of a hand: the transition of every chain, applied to rows of a
+//! covariance or to the states themselves.
+
+use super::{
+    N, PLAY, PLAY_MODEL, ROLL, ROLL_MODEL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, TREMORS, VECTORS,
+    roll_tremor_model, smooth_model, tremor_model,
+};
+use crate::block::{blend, mix};
+use nalgebra::Vector3;
+
+/// What a time does to the states.
+pub(super) struct Step {
+    pub smooth: [[f64; 4]; 4],
+    pub tremor: [[[f64; 2]; 2]; TREMORS],
+    pub play: [[f64; 2]; 2],
+    pub roll: [[f64; 3]; 3],
+    pub roll_tremor: [[[f64; 2]; 2]; ROLL_TREMORS],
+}
+
+impl Step {
+    /// After `dt` seconds.
+    pub fn new(dt: f64) -> Self {
+        let roll = ROLL_MODEL.transition(dt);
+        Step {
+            smooth: smooth_model(1.0).transition(dt),
+            tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
+            play: PLAY_MODEL.transition(dt),
+            roll: [[1.0, roll.dt, roll.h], [0.0, 1.0, roll.g], [0.0, 0.0, roll.e]],
+            roll_tremor: std::array::from_fn(|i| roll_tremor_model(i).transition(dt)),
+        }
+    }
+
+    /// F·M, where `rows` are the rows of M, three for each vector.
+    pub fn apply(&self, rows: &mut [Row; N]) {
+        for axis in 0..3 {
+            mix(rows, [axis, axis + 3, axis + 6, axis + 9], &self.smooth);
+            for (i, f) in self.tremor.iter().enumerate() {
+                let first = 3 * (TREMOR + 2 * i) + axis;
+                mix(rows, [first, first + 3], f);
+            }
+            mix(rows, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &self.play);
+        }
+        mix(rows, [ROLL, ROLL + 1, ROLL + 2], &self.roll);
+        for (i, f) in self.roll_tremor.iter().enumerate() {
+            mix(rows, [ROLL_TREMOR + 2 * i, ROLL_TREMOR + 2 * i + 1], f);
+        }
+    }
+
+    /// The same for the states themselves.
+    pub fn apply_to_vectors(&self, vectors: &mut [Vector3<f64>; VECTORS]) {
+        blend(&mut vectors[..TREMOR], &self.smooth);
+        for (i, f) in self.tremor.iter().enumerate() {
+            blend(&mut vectors[TREMOR + 2 * i..TREMOR + 2 * i + 2], f);
+        }
+        blend(&mut vectors[PLAY..], &self.play);
+    }
+}
