@@ -8,7 +8,7 @@
 use crate::state::{MembraneState, NODE_PINNED};
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;
-use protocol::scene_file::SceneFile;
+use protocol::scene_file::{MembraneScene, SceneFile};
 
 /// No triangle on that side.
 pub const NONE: u32 = u32::MAX;
@@ -27,7 +27,7 @@ pub struct Run {
 }
 
 /// Connections and rest lengths.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Sheet {
     /// Ends of each spring: first the structural ones, then the bending ones.
     pub springs: Vec<[u32; 2]>,
@@ -84,24 +84,16 @@ impl Grid {
 }
 
 impl Sheet {
-    /// The sheet of a scene.
+    /// The sheet of a scene; without nodes where the scene has no membrane.
     pub fn new(scene: &SceneFile) -> Self {
-        let [nx, ny] = scene.membrane.squares;
+        let radius_mm = scene.eye.retina_radius_mm;
+        scene.membrane.as_ref().map_or_else(Self::default, |m| Self::of(m, radius_mm))
+    }
+
+    fn of(m: &MembraneScene, radius_mm: f64) -> Self {
+        let [nx, ny] = m.squares;
         let grid = Grid { nx, ny };
-        let mut sheet = Sheet {
-            springs: Vec::new(),
-            rest_mm: Vec::new(),
-            runs: Vec::new(),
-            structural: 0,
-            bends: Vec::new(),
-            triangles: Vec::new(),
-            triangle_springs: Vec::new(),
-            spring_triangles: Vec::new(),
-            node_start: Vec::new(),
-            node_triangles: Vec::new(),
-            rim: Vec::new(),
-            start_mm: start_positions(scene, grid),
-        };
+        let mut sheet = Sheet { start_mm: start_positions(m, radius_mm, grid), ..Self::default() };
         sheet.add_structural(grid);
         sheet.add_bending(grid);
         sheet.add_triangles(grid);
@@ -217,8 +209,7 @@ impl Sheet {
 
 /// Nodes by rows: distances from the middle are kept along the retina (azimuthal equidistant), and
 /// the height over the retina is `lift`·(1 − u²)(1 − v²) with u and v from −1 to 1 over the sheet.
-fn start_positions(scene: &SceneFile, g: Grid) -> [Vec<f32>; 3] {
-    let (m, radius) = (&scene.membrane, scene.eye.retina_radius_mm);
+fn start_positions(m: &MembraneScene, radius: f64, g: Grid) -> [Vec<f32>; 3] {
     let towards = Vector3::from(m.towards_in_eye).normalize();
     // Any direction that is not parallel to `towards` gives the first axis of the sheet.
     let seed = if towards.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
