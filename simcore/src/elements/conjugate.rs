@@ -51,16 +51,16 @@ impl Conjugate {
                 return iteration;
             }
             let step = rho / curvature;
-            for i in 0..right.len() {
+            for (i, held) in held.iter().enumerate() {
                 self.solution[i] += self.direction[i] * step;
-                if !held[i] {
+                if !held {
                     self.residual[i] -= self.product[i] * step;
                 }
             }
             let next = self.weighted_square(mass_g);
             let keep = next / rho;
-            for i in 0..right.len() {
-                self.direction[i] = self.residual[i] / mass_g[i] + self.direction[i] * keep;
+            for (i, mass) in mass_g.iter().enumerate() {
+                self.direction[i] = self.residual[i] / *mass + self.direction[i] * keep;
             }
             rho = next;
         }

@@ -196,11 +196,7 @@ fn cofactor(f: &Matrix3<f64>) -> Matrix3<f64> {
 fn cofactor_change(f: &Matrix3<f64>, d: &Matrix3<f64>) -> Matrix3<f64> {
     let (a, b, c) = (f.column(0), f.column(1), f.column(2));
     let (p, q, r) = (d.column(0), d.column(1), d.column(2));
-    Matrix3::from_columns(&[
-        q.cross(&c) + b.cross(&r),
-        r.cross(&a) + c.cross(&p),
-        p.cross(&b) + a.cross(&q),
-    ])
+    Matrix3::from_columns(&[q.cross(&c) + b.cross(&r), r.cross(&a) + c.cross(&p), p.cross(&b) + a.cross(&q)])
 }
 
 /// The rotation nearest to F: R of the polar decomposition F = R S. Newton's iteration (Higham 1986) where F
@@ -309,7 +305,10 @@ mod tests {
         assert!((change - SOLIDS[1].tangent(&f).stress_change(&d)).norm() < 1e-5);
         for bad in [Matrix3::from_diagonal(&Vector3::new(1.0, 2.0, -0.5)), Matrix3::zeros()] {
             let r = rotation(&bad);
-            assert!((r.determinant() - 1.0).abs() < 1e-9 && (r * r.transpose() - Matrix3::identity()).norm() < 1e-9);
+            assert!(
+                (r.determinant() - 1.0).abs() < 1e-9
+                    && (r * r.transpose() - Matrix3::identity()).norm() < 1e-9
+            );
         }
         assert_eq!(rotation(&Matrix3::from_element(f64::NAN)), Matrix3::identity());
     }

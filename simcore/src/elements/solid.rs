@@ -124,11 +124,7 @@ fn points(nodes: usize) -> &'static [[f64; 4]] {
     /// (5 − √5)/20 and (5 + 3√5)/20: degree 2.
     const A: f64 = 0.138_196_601_125_010_5;
     const B: f64 = 0.585_410_196_624_968_5;
-    if nodes == 4 {
-        &[[0.25; 4]]
-    } else {
-        &[[B, A, A, A], [A, B, A, A], [A, A, B, A], [A, A, A, B]]
-    }
+    if nodes == 4 { &[[0.25; 4]] } else { &[[B, A, A, A], [A, B, A, A], [A, A, B, A], [A, A, A, B]] }
 }
 
 /// Gradients of the barycentric coordinates, 1/mm, and the volume, mm³.
