@@ -55,7 +55,7 @@ pub fn plan(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> Pla
         radius_mm: scene.instruments[i].shaft_radius_mm as f32,
         length_mm: rig.body(BODY_NAMES[i]).and_then(|b| b.length).unwrap_or(SHAFT_LENGTH_MM) as f32,
     });
-    let [w, h] = scene.membrane.squares.map(|n| n as usize);
+    let [w, h] = scene.membrane.as_ref().map_or([0; 2], |m| m.squares.map(|n| n as usize));
     Plan {
         side: scene.eye.side,
         retina_radius_mm: scene.eye.retina_radius_mm,

@@ -57,8 +57,9 @@ fn a_weak_grip_slips_before_anything_tears() {
 #[test]
 fn a_rim_pulled_too_hard_comes_off_after_the_warning() {
     let (rehearsal, mut world) = peel(|s| {
-        s.membrane.rim_tear_un = 100.0;
-        s.membrane.tear_tension_n_per_m = 0.0;
+        let membrane = s.membrane.as_mut().unwrap();
+        membrane.rim_tear_un = 100.0;
+        membrane.tear_tension_n_per_m = 0.0;
     });
     let pinned = |w: &World| w.state().membrane.flag.iter().filter(|&&f| f == NODE_PINNED).count();
     let before = pinned(&world);

@@ -53,7 +53,7 @@ pub fn scene(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, grabbed_m
 
 /// The sheet over the pole, lifted in the middle and drawn towards the tip of `forceps`.
 fn membrane(file: &SceneFile, forceps: &Pose, grabbed_mm: f64) -> (Vec<SceneNode>, Vec<SceneTriangle>) {
-    let m = &file.membrane;
+    let m = file.membrane.as_ref().expect("the shipped scene has a membrane");
     let [nx, ny] = m.squares;
     let radius = file.eye.retina_radius_mm;
     let tip = DVec3::from(forceps.position_mm);

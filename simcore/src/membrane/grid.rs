@@ -3,7 +3,7 @@
 
 use super::sheet::{Bend, Sheet};
 use nalgebra::Vector3;
-use protocol::scene_file::SceneFile;
+use protocol::scene_file::{MembraneScene, SceneFile};
 
 /// Rows and columns of the sheet.
 #[derive(Clone, Copy)]
@@ -34,11 +34,16 @@ impl Grid {
 }
 
 impl Sheet {
-    /// The sheet of a scene.
+    /// The sheet of a scene; without nodes where the scene has no membrane.
     pub fn new(scene: &SceneFile) -> Self {
-        let [nx, ny] = scene.membrane.squares;
+        let radius_mm = scene.eye.retina_radius_mm;
+        scene.membrane.as_ref().map_or_else(Self::default, |m| Self::of(m, radius_mm))
+    }
+
+    fn of(m: &MembraneScene, radius_mm: f64) -> Self {
+        let [nx, ny] = m.squares;
         let grid = Grid { nx, ny };
-        let start_mm = start_positions(scene, grid);
+        let start_mm = start_positions(m, radius_mm, grid);
         let mut sheet = Sheet { start_mm, order: (0..grid.nodes()).collect(), ..Sheet::default() };
         sheet.add_structural(grid);
         sheet.add_bending(grid);
@@ -98,8 +103,7 @@ impl Sheet {
 
 /// Nodes by rows: distances from the middle are kept along the retina (azimuthal equidistant), and
 /// the height over the retina is `lift`·(1 − u²)(1 − v²) with u and v from −1 to 1 over the sheet.
-fn start_positions(scene: &SceneFile, g: Grid) -> [Vec<f32>; 3] {
-    let (m, radius) = (&scene.membrane, scene.eye.retina_radius_mm);
+fn start_positions(m: &MembraneScene, radius: f64, g: Grid) -> [Vec<f32>; 3] {
     let towards = Vector3::from(m.towards_in_eye).normalize();
     // Any direction that is not parallel to `towards` gives the first axis of the sheet.
     let seed = if towards.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };

@@ -22,7 +22,7 @@ use super::sheet::{Run, Sheet};
 use crate::constants::{SUBSTEP_S, TINY_LENGTH2_MM2};
 use crate::state::MembraneState;
 use protocol::scene::NODE_FREE;
-use protocol::scene_file::SceneFile;
+use protocol::scene_file::{MembraneScene, SceneFile};
 
 /// Figures of the tissue as the solver needs them.
 #[derive(Debug, Clone, Copy)]
@@ -49,9 +49,27 @@ pub struct Tissue {
 }
 
 impl Tissue {
-    /// The tissue of a scene.
+    const INERT: Tissue = Tissue {
+        dt_s: SUBSTEP_S as f32,
+        inverse_mass: 0.0,
+        fluid_per_s: 0.0,
+        a_max: 0.0,
+        v_max: 0.0,
+        a_tear: f32::INFINITY,
+        radius_mm: f32::INFINITY,
+        stiffness: 0.0,
+        bending: 0.0,
+        damping: 0.0,
+        tear_un_per_mm: f32::INFINITY,
+    };
+
+    /// The tissue of a scene; of one without a membrane, figures that move nothing.
     pub fn new(scene: &SceneFile) -> Self {
-        let m = &scene.membrane;
+        let radius_mm = scene.eye.retina_radius_mm as f32;
+        scene.membrane.as_ref().map_or(Self { radius_mm, ..Self::INERT }, |m| Self::of(m, radius_mm))
+    }
+
+    fn of(m: &MembraneScene, radius_mm: f32) -> Self {
         let tear = if m.tear_tension_n_per_m > 0.0 { m.tear_tension_n_per_m * 1e3 } else { f64::INFINITY };
         Tissue {
             dt_s: SUBSTEP_S as f32,
@@ -60,7 +78,7 @@ impl Tissue {
             a_max: m.a_max_mm_s2 as f32,
             v_max: m.v_max_mm_s as f32,
             a_tear: (m.a_max_mm_s2 * (1.0 + m.p_tear)) as f32,
-            radius_mm: scene.eye.retina_radius_mm as f32,
+            radius_mm,
             stiffness: m.stiffness_un_per_mm as f32,
             bending: m.bending_un_per_mm as f32,
             damping: m.spring_damping_un_s_per_mm as f32,
@@ -276,9 +294,9 @@ impl Sheet {
 mod tests {
     use super::*;
 
-    fn peel(change: impl FnOnce(&mut SceneFile)) -> (Sheet, MembraneState, Solver, Tissue) {
+    fn peel(change: impl FnOnce(&mut MembraneScene)) -> (Sheet, MembraneState, Solver, Tissue) {
         let mut scene = SceneFile::load("peel").unwrap();
-        change(&mut scene);
+        change(scene.membrane.as_mut().unwrap());
         let sheet = Sheet::new(&scene);
         let state = sheet.start();
         let tissue = Tissue::new(&scene);
@@ -306,7 +324,7 @@ mod tests {
 
     #[test]
     fn springs_obey_hooke_and_newtons_third_law() {
-        let (sheet, mut state, mut solver, tissue) = peel(|s| s.membrane.bending_un_per_mm = 0.0);
+        let (sheet, mut state, mut solver, tissue) = peel(|m| m.bending_un_per_mm = 0.0);
         let node = centre(&sheet);
         state.position_mm[2][node] += 0.05;
         solver.accelerate(&sheet, &state, &tissue);
@@ -327,7 +345,7 @@ mod tests {
     #[test]
     fn a_pulled_sheet_comes_to_rest_in_both_modes() {
         for v_max in [300.0, 0.0] {
-            let (sheet, mut state, mut solver, tissue) = peel(|s| s.membrane.v_max_mm_s = v_max);
+            let (sheet, mut state, mut solver, tissue) = peel(|m| m.v_max_mm_s = v_max);
             let node = centre(&sheet);
             state.position_mm[2][node] += 0.1;
             let mut energy = Vec::new();
@@ -342,9 +360,9 @@ mod tests {
 
     #[test]
     fn limits_hold() {
-        let (sheet, mut state, mut solver, tissue) = peel(|s| {
-            s.membrane.a_max_mm_s2 = 1000.0;
-            s.membrane.v_max_mm_s = 5.0;
+        let (sheet, mut state, mut solver, tissue) = peel(|m| {
+            m.a_max_mm_s2 = 1000.0;
+            m.v_max_mm_s = 5.0;
         });
         let node = centre(&sheet);
         state.position_mm[2][node] += 0.2;
@@ -372,7 +390,7 @@ mod tests {
 
     #[test]
     fn a_shipped_scene_is_within_the_stability_bound() {
-        let m = SceneFile::load("peel").unwrap().membrane;
+        let m = SceneFile::load("peel").unwrap().membrane.unwrap();
         let springs = 6.0 * m.stiffness_un_per_mm + 4.0 * m.bending_un_per_mm;
         let share = springs / m.stiffness_un_per_mm;
         let lambda = 2.0 * springs / m.node_mass_g;

@@ -138,7 +138,7 @@ mod tests {
     #[test]
     fn the_hardest_pulling_spring_of_an_overloaded_node_tears() {
         let mut scene = SceneFile::load("peel").unwrap();
-        scene.membrane.tear_tension_n_per_m = 0.0;
+        scene.membrane.as_mut().unwrap().tear_tension_n_per_m = 0.0;
         let (sheet, tissue) = (Sheet::new(&scene), Tissue::new(&scene));
         let (mut state, mut solver) = (sheet.start(), Solver::new(&sheet));
         solver.refresh(&sheet, &state, &tissue);

@@ -78,7 +78,9 @@ pub struct World {
     tissue: Tissue,
     state: State,
     solver: Solver,
-    zcoll: Zcoll,
+    volume: Volume,
+    /// Collision images of the membrane, where there is one.
+    zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
     last_good: LastGood,
     log: EventLog,
@@ -92,11 +94,14 @@ impl World {
         let sheet = Sheet::new(scene);
         let bytes = crate::scene_block::bytes_needed(&sheet);
         if bytes > MAX_SCENE_BYTES {
-            let squares = scene.membrane.squares;
+            let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
         let state = start_state(scene, &sheet);
         let volume = Volume::new(&scene.contact);
+        volume.check()?;
+        let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
+        let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
         let image = |i: usize| {
             let instrument = &scene.instruments[i];
             InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &volume)
@@ -105,7 +110,8 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
-            zcoll: Zcoll::new(volume, &sheet.triangles, sheet.nodes())?,
+            volume,
+            zcoll,
             images: std::array::from_fn(image),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
@@ -195,7 +201,7 @@ impl World {
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.state.instruments) {
             if let Some(tool) = Tool::from_wire(instrument.tool) {
-                image.set_tool(tool, self.zcoll.volume());
+                image.set_tool(tool, &self.volume);
             }
         }
         self.refresh();
@@ -207,7 +213,7 @@ impl World {
         self.state = start_state(&self.scene, &self.sheet);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
-            image.set_tool(instrument.tool, self.zcoll.volume());
+            image.set_tool(instrument.tool, &self.volume);
         }
         self.refresh();
     }
@@ -262,5 +268,30 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rehearsal::Rehearsal;
+
+    #[test]
+    fn an_eye_without_a_membrane_runs() {
+        let mut scene = SceneFile::load("peel").unwrap();
+        scene.membrane = None;
+        let scene = SceneFile::parse(&scene.to_toml(), "bare").unwrap();
+        let mut world = World::new(&scene).unwrap();
+        let rehearsal = Rehearsal::shipped(&scene);
+        (0..500).for_each(|field| {
+            rehearsal.play(&mut world, field, &mut no_clock);
+        });
+        assert_eq!((world.state().step, world.sheet().nodes()), (500, 0));
+        let mut bytes = Vec::new();
+        world.save(&mut bytes).unwrap();
+        let hash = world.state_hash();
+        world.reset();
+        world.restore(&bytes).unwrap();
+        assert_eq!(world.state_hash(), hash);
     }
 }

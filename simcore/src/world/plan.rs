@@ -84,7 +84,7 @@ impl World {
         }
         for i in 0..INSTRUMENTS {
             if let Some(tool) = Tool::from_wire(self.state.instruments[i].tool) {
-                self.images[i].set_tool(tool, self.zcoll.volume());
+                self.images[i].set_tool(tool, &self.volume);
             }
             if !forceps::has_jaws(self.state.instruments[i].tool) {
                 self.let_go(i);

@@ -91,7 +91,8 @@ impl World {
 
     /// Force on the pinned nodes: the largest is kept for the warning, too large a one detaches.
     fn watch_rim(&mut self) {
-        let tear2 = (self.scene.membrane.rim_tear_un * self.scene.membrane.rim_tear_un) as f32;
+        let Some(scene) = &self.scene.membrane else { return };
+        let tear2 = (scene.rim_tear_un * scene.rim_tear_un) as f32;
         let [fx, fy, fz] = &self.solver.force_un;
         let before = self.toll.detached;
         for &node in &self.sheet.rim {
@@ -174,7 +175,7 @@ impl World {
     /// Raises the events of the toll.
     pub(super) fn tell_toll(&mut self) {
         let toll = self.toll;
-        let scene = &self.scene.membrane;
+        let Some(scene) = &self.scene.membrane else { return };
         let at = |node: usize| self.state.membrane.position(node).map(f64::from);
         let event = |kind, severity, value: f64, limit, node: usize, at: Vector3<f64>| Happening {
             limit,

@@ -4,7 +4,7 @@ use super::World;
 use super::plan::{Plan, Poses};
 use crate::collision::continuous::crosses;
 use crate::collision::eyeball;
-use crate::collision::zcoll::{self, Found};
+use crate::collision::zcoll::{self, Found, Zcoll};
 use crate::constants::{FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM};
 use crate::event_log::Happening;
 use crate::state::MarkState;
@@ -21,7 +21,8 @@ const MARK_MERGE_MM: f32 = 0.2;
 impl World {
     /// ZCOLL for every instrument near the membrane; jaws that hold tissue push none.
     pub(super) fn push_membrane(&mut self, plan: &Plan, poses: &Poses) {
-        let reach = self.zcoll.volume().reach_mm();
+        let Some(mut zcoll) = self.zcoll.take() else { return };
+        let reach = self.volume.reach_mm();
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
             let near = zcoll::near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach);
@@ -30,9 +31,9 @@ impl World {
                 continue;
             }
             let pose = &poses.eye_from_instrument[i];
-            self.images[i].prepare(instrument.jaw_rad, self.zcoll.volume());
+            self.images[i].prepare(instrument.jaw_rad, &self.volume);
             let (image, membrane) = (&self.images[i], &self.state.membrane);
-            let found = self.zcoll.look(image, &pose.inverse(), &membrane.surface(&self.sheet));
+            let found = zcoll.look(image, &pose.inverse(), &membrane.surface(&self.sheet));
             self.tell_fold(i, &found);
             if found.pixels == 0 && self.jumped_through(i, plan) {
                 let instrument = &mut self.state.instruments[i];
@@ -42,9 +43,10 @@ impl World {
             if self.passed_through(i, &found) {
                 let ahead = -(pose.rotation * Vector3::z_axis());
                 let speed = poses.tip_step_mm[i].dot(&ahead) / SUBSTEP_S;
-                self.displace(&ahead, speed);
+                self.displace(&zcoll, &ahead, speed);
             }
         }
+        self.zcoll = Some(zcoll);
     }
 
     /// True if a fast tip crossed the membrane on its way in this step so far, as it lies now, and went so far beyond it that the
@@ -60,7 +62,7 @@ impl World {
     /// instrument's way since the last look came round an edge: the instrument is **under** the membrane, and
     /// pushes nothing until it is clear. (Lifting from below, for the pick, is not part of the step yet.)
     fn passed_through(&mut self, i: usize, found: &Found) -> bool {
-        let deepest_mm = self.zcoll.volume().depth_steps_mm(found.deepest);
+        let deepest_mm = self.volume.depth_steps_mm(found.deepest);
         let instrument = &mut self.state.instruments[i];
         let touching = found.pixels > 0;
         if !touching {
@@ -74,16 +76,16 @@ impl World {
     }
 
     /// Moves the colliding nodes `ahead` (Eq. 1); they then move no slower than the tip.
-    fn displace(&mut self, ahead: &UnitVector3<f64>, tip_speed_mm_s: f64) {
+    fn displace(&mut self, zcoll: &Zcoll, ahead: &UnitVector3<f64>, tip_speed_mm_s: f64) {
         let membrane = &mut self.state.membrane;
         let ahead = ahead.map(|c| c as f32);
         let speed = if tip_speed_mm_s > 0.0 { tip_speed_mm_s as f32 } else { 0.0 };
         let radius = self.tissue.radius_mm;
-        for (node, steps) in self.zcoll.displaced() {
+        for (node, steps) in zcoll.displaced() {
             if membrane.flag[node] != NODE_FREE {
                 continue;
             }
-            let way = self.zcoll.volume().depth_steps_mm(steps) as f32;
+            let way = self.volume.depth_steps_mm(steps) as f32;
             let p = membrane.position(node) + ahead * way;
             let distance = p.norm();
             membrane.set_position(node, if distance > radius { p * (radius / distance) } else { p });

@@ -1,6 +1,10 @@
 //! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
+mod membrane;
+
+pub use membrane::MembraneScene;
+
 use crate::handles::Tool;
 use crate::limits::INSTRUMENTS;
 use serde::{Deserialize, Serialize};
@@ -13,7 +17,7 @@ pub const FORMAT: &str = "vitreo-scene-1";
 pub const DEFAULT_SCENE: &str = "peel";
 
 /// Shipped scenes: name and text.
-pub const SHIPPED: [(&str, &str); 1] = [("peel", include_str!("../../assets/scenes/peel.toml"))];
+pub const SHIPPED: [(&str, &str); 1] = [("peel", include_str!("../../../assets/scenes/peel.toml"))];
 
 /// Why a scene was refused.
 #[derive(Debug, thiserror::Error)]
@@ -56,7 +60,10 @@ pub enum SceneError {
     },
 }
 
-/// A scene.
+/// A key with its value, and the lowest and highest value allowed.
+type Range = (&'static str, f64, f64, f64);
+
+/// A scene: an eye, whatever lies in it (each subject a table of its own that may be absent), and who works on it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
@@ -66,8 +73,9 @@ pub struct SceneFile {
     pub title: String,
     /// The eye.
     pub eye: EyeScene,
-    /// The epiretinal membrane.
-    pub membrane: MembraneScene,
+    /// The epiretinal membrane; a scene may do without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub membrane: Option<MembraneScene>,
     /// How instruments act on tissue and retina.
     pub contact: ContactScene,
     /// The microscope at the start.
@@ -95,42 +103,6 @@ pub struct EyeScene {
     pub side: Side,
     /// Inner radius of the retina, mm.
     pub retina_radius_mm: f64,
-}
-
-/// A rectangular sheet before the retina, its rim attached to the retina.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MembraneScene {
-    /// Direction from the eye's centre to the middle of the sheet, eye frame (any length).
-    pub towards_in_eye: [f64; 3],
-    /// Width and height of the sheet, mm.
-    pub size_mm: [f64; 2],
-    /// Squares along width and height; each square is two triangles.
-    pub squares: [u32; 2],
-    /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
-    pub lift_mm: f64,
-    /// Spring stiffness, µN/mm.
-    pub stiffness_un_per_mm: f64,
-    /// Stiffness of the bending springs, µN/mm; 0 for none.
-    pub bending_un_per_mm: f64,
-    /// Damping along a spring, µN·s/mm.
-    pub spring_damping_un_s_per_mm: f64,
-    /// Damping of a node by the fluid, 1/s.
-    pub fluid_damping_per_s: f64,
-    /// Mass of a node, g. Scaled up from the true mass so that a step of 1 ms is stable.
-    pub node_mass_g: f64,
-    /// Limit of a node's acceleration, mm/s².
-    pub a_max_mm_s2: f64,
-    /// Limit of a node's velocity, mm/s; 0 gives the quasi-static system of the paper.
-    pub v_max_mm_s: f64,
-    /// Share by which `a_max` must be exceeded for the hardest pulling spring to tear.
-    pub p_tear: f64,
-    /// Spring tension per length of edge at which it tears, N/m; 0 switches this rule off.
-    pub tear_tension_n_per_m: f64,
-    /// Force on a rim node that warns, µN.
-    pub rim_warn_un: f64,
-    /// Force on a rim node that tears it off the retina, µN.
-    pub rim_tear_un: f64,
 }
 
 /// How instruments act.
@@ -263,13 +235,8 @@ impl SceneFile {
                 return refuse(field, &format!("{low} to {high}"), value.to_string());
             }
         }
-        let m = &self.membrane;
-        if m.squares.iter().any(|&n| !(2..=800).contains(&n)) {
-            return refuse("membrane.squares", "2 to 800", format!("{:?}", m.squares));
-        }
-        let towards: f64 = m.towards_in_eye.iter().map(|c| c * c).sum();
-        if !(towards.is_finite() && towards > 1e-12) {
-            return refuse("membrane.towards_in_eye", "a direction", format!("{:?}", m.towards_in_eye));
+        if let Some((field, expected, found)) = self.membrane.as_ref().and_then(|m| m.defect()) {
+            return refuse(field, &expected, found);
         }
         if !(8..=256).contains(&self.contact.resolution) {
             return refuse("contact.resolution", "8 to 256", self.contact.resolution.to_string());
@@ -302,24 +269,10 @@ impl SceneFile {
     }
 
     /// Every plain number with its allowed range, both ends included.
-    fn ranges(&self) -> Vec<(&'static str, f64, f64, f64)> {
-        let (m, c, s, v) = (&self.membrane, &self.contact, &self.script, &self.microscope);
-        vec![
+    fn ranges(&self) -> Vec<Range> {
+        let (c, s, v) = (&self.contact, &self.script, &self.microscope);
+        let mut ranges = vec![
             ("eye.retina_radius_mm", self.eye.retina_radius_mm, 5.0, 20.0),
-            ("membrane.size_mm[0]", m.size_mm[0], 0.1, 20.0),
-            ("membrane.size_mm[1]", m.size_mm[1], 0.1, 20.0),
-            ("membrane.lift_mm", m.lift_mm, 0.0, 5.0),
-            ("membrane.stiffness_un_per_mm", m.stiffness_un_per_mm, 0.0, 1e7),
-            ("membrane.bending_un_per_mm", m.bending_un_per_mm, 0.0, 1e7),
-            ("membrane.spring_damping_un_s_per_mm", m.spring_damping_un_s_per_mm, 0.0, 1e6),
-            ("membrane.fluid_damping_per_s", m.fluid_damping_per_s, 0.0, 1e5),
-            ("membrane.node_mass_g", m.node_mass_g, 1e-9, 1e3),
-            ("membrane.a_max_mm_s2", m.a_max_mm_s2, 0.0, 1e12),
-            ("membrane.v_max_mm_s", m.v_max_mm_s, 0.0, 1e6),
-            ("membrane.p_tear", m.p_tear, 0.0, 1e9),
-            ("membrane.tear_tension_n_per_m", m.tear_tension_n_per_m, 0.0, 1e6),
-            ("membrane.rim_warn_un", m.rim_warn_un, 0.0, 1e9),
-            ("membrane.rim_tear_un", m.rim_tear_un, 0.0, 1e9),
             ("contact.graze_mm", c.graze_mm, 0.0, 5.0),
             ("contact.touch_mm", c.touch_mm, 0.0, c.graze_mm),
             ("contact.volume_mm[0]", c.volume_mm[0], 0.1, 5.0),
@@ -339,7 +292,9 @@ impl SceneFile {
             ("microscope.target_in_world_mm[0]", v.target_in_world_mm[0], -50.0, 50.0),
             ("microscope.target_in_world_mm[1]", v.target_in_world_mm[1], -50.0, 50.0),
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
-        ]
+        ];
+        ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges
     }
 }
 
@@ -358,8 +313,15 @@ mod tests {
     #[test]
     fn demo_membrane_has_the_size_of_the_paper() {
         let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
-        let [w, h] = scene.membrane.squares;
+        let [w, h] = scene.membrane.unwrap().squares;
         assert_eq!(2 * w * h, 1000, "triangles");
+    }
+
+    #[test]
+    fn a_scene_does_without_a_membrane() {
+        let mut scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        scene.membrane = None;
+        assert_eq!(scene, SceneFile::parse(&scene.to_toml(), "again").unwrap());
     }
 
     #[test]

@@ -1,0 +1,75 @@
+//! The epiretinal membrane of a scene: key `membrane`.
+
+use super::Range;
+use serde::{Deserialize, Serialize};
+
+/// A rectangular sheet before the retina, its rim attached to the retina.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MembraneScene {
+    /// Direction from the eye's centre to the middle of the sheet, eye frame (any length).
+    pub towards_in_eye: [f64; 3],
+    /// Width and height of the sheet, mm.
+    pub size_mm: [f64; 2],
+    /// Squares along width and height; each square is two triangles.
+    pub squares: [u32; 2],
+    /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
+    pub lift_mm: f64,
+    /// Spring stiffness, µN/mm.
+    pub stiffness_un_per_mm: f64,
+    /// Stiffness of the bending springs, µN/mm; 0 for none.
+    pub bending_un_per_mm: f64,
+    /// Damping along a spring, µN·s/mm.
+    pub spring_damping_un_s_per_mm: f64,
+    /// Damping of a node by the fluid, 1/s.
+    pub fluid_damping_per_s: f64,
+    /// Mass of a node, g. Scaled up from the true mass so that a step of 1 ms is stable.
+    pub node_mass_g: f64,
+    /// Limit of a node's acceleration, mm/s².
+    pub a_max_mm_s2: f64,
+    /// Limit of a node's velocity, mm/s; 0 gives the quasi-static system of the paper.
+    pub v_max_mm_s: f64,
+    /// Share by which `a_max` must be exceeded for the hardest pulling spring to tear.
+    pub p_tear: f64,
+    /// Spring tension per length of edge at which it tears, N/m; 0 switches this rule off.
+    pub tear_tension_n_per_m: f64,
+    /// Force on a rim node that warns, µN.
+    pub rim_warn_un: f64,
+    /// Force on a rim node that tears it off the retina, µN.
+    pub rim_tear_un: f64,
+}
+
+impl MembraneScene {
+    /// Its plain numbers with their allowed ranges, both ends included.
+    pub(super) fn ranges(&self) -> Vec<Range> {
+        vec![
+            ("membrane.size_mm[0]", self.size_mm[0], 0.1, 20.0),
+            ("membrane.size_mm[1]", self.size_mm[1], 0.1, 20.0),
+            ("membrane.lift_mm", self.lift_mm, 0.0, 5.0),
+            ("membrane.stiffness_un_per_mm", self.stiffness_un_per_mm, 0.0, 1e7),
+            ("membrane.bending_un_per_mm", self.bending_un_per_mm, 0.0, 1e7),
+            ("membrane.spring_damping_un_s_per_mm", self.spring_damping_un_s_per_mm, 0.0, 1e6),
+            ("membrane.fluid_damping_per_s", self.fluid_damping_per_s, 0.0, 1e5),
+            ("membrane.node_mass_g", self.node_mass_g, 1e-9, 1e3),
+            ("membrane.a_max_mm_s2", self.a_max_mm_s2, 0.0, 1e12),
+            ("membrane.v_max_mm_s", self.v_max_mm_s, 0.0, 1e6),
+            ("membrane.p_tear", self.p_tear, 0.0, 1e9),
+            ("membrane.tear_tension_n_per_m", self.tear_tension_n_per_m, 0.0, 1e6),
+            ("membrane.rim_warn_un", self.rim_warn_un, 0.0, 1e9),
+            ("membrane.rim_tear_un", self.rim_tear_un, 0.0, 1e9),
+        ]
+    }
+
+    /// What is wrong beyond the ranges: key, what would be right, what is there.
+    pub(super) fn defect(&self) -> Option<(&'static str, String, String)> {
+        if self.squares.iter().any(|&n| !(2..=800).contains(&n)) {
+            return Some(("membrane.squares", "2 to 800".into(), format!("{:?}", self.squares)));
+        }
+        let towards: f64 = self.towards_in_eye.iter().map(|c| c * c).sum();
+        if !(towards.is_finite() && towards > 1e-12) {
+            let found = format!("{:?}", self.towards_in_eye);
+            return Some(("membrane.towards_in_eye", "a direction".into(), found));
+        }
+        None
+    }
+}
