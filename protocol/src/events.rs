@@ -40,11 +40,29 @@ pub enum EventKind {
     InputRefused = 41,
     /// The simulation resumed from a checkpoint; steps recomputed.
     Resumed = 42,
+    /// A needle went through the retina; mm of depth.
+    RetinaPierced = 70,
+    /// A needle left the retina; mm³ that it injected.
+    NeedleLeft = 71,
+    /// A needle in the retina moves along it too fast; mm/s.
+    NeedleFast = 72,
+    /// The retina tore; springs torn in this step.
+    RetinaTorn = 73,
+    /// The retina came off the choroid; nodes in this step.
+    RetinaDetached = 74,
+    /// Blebs became one; mm³ under it.
+    BlebsMerged = 75,
+    /// The retina lies on the choroid again; nodes in this step.
+    RetinaLying = 76,
+    /// The injection flows faster than advised; µl/min.
+    InjectionFast = 77,
+    /// Air takes the place of fluid (1), or fluid that of air (0).
+    AirExchange = 78,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 16] = [
+    pub const ALL: [EventKind; 25] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -61,6 +79,15 @@ impl EventKind {
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
+        EventKind::RetinaPierced,
+        EventKind::NeedleLeft,
+        EventKind::NeedleFast,
+        EventKind::RetinaTorn,
+        EventKind::RetinaDetached,
+        EventKind::BlebsMerged,
+        EventKind::RetinaLying,
+        EventKind::InjectionFast,
+        EventKind::AirExchange,
     ];
 
     /// From the wire.
@@ -87,6 +114,15 @@ impl EventKind {
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
+            EventKind::RetinaPierced => ("needle in the retina", "mm"),
+            EventKind::NeedleLeft => ("needle withdrawn", "mm³"),
+            EventKind::NeedleFast => ("needle tears at the retina", "mm/s"),
+            EventKind::RetinaTorn => ("retina torn", "springs"),
+            EventKind::RetinaDetached => ("retina lifts", "nodes"),
+            EventKind::BlebsMerged => ("blebs merged", "mm³"),
+            EventKind::RetinaLying => ("retina lies on", "nodes"),
+            EventKind::InjectionFast => ("injection too fast", "µl/min"),
+            EventKind::AirExchange => ("fluid–air exchange", ""),
         }
     }
 }

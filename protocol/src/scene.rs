@@ -44,7 +44,7 @@ pub struct SceneNode {
 pub struct SceneTriangle {
     /// Nodes, counter-clockwise seen from the inside of the eye.
     pub nodes: [u32; 3],
-    /// Tissue: 0 epiretinal membrane.
+    /// Tissue: 0 epiretinal membrane, 1 retina that is off the choroid.
     pub tissue: u32,
 }
 

@@ -6,6 +6,7 @@
 //! ```text
 //! process ── StepInput ──▶ world::step ──▶ sweep      instruments between two poses
 //!                                     ├──▶ membrane   mass-spring sheet, limits, tearing
+//!                                     ├──▶ retina     the whole retina, blebs, their fluid
 //!                                     ├──▶ tools      what forceps do to nodes
 //!                                     ├──▶ collision  ZCOLL, tip against retina
 //!                                     ├──▶ guard      finite check, last good state
@@ -27,6 +28,7 @@ pub mod microscope;
 pub mod process;
 pub mod rehearsal;
 pub mod resume;
+pub mod retina;
 pub mod scene_block;
 pub mod state;
 pub mod sweep;

@@ -3,6 +3,7 @@
 
 use crate::collision::surface::Surface;
 use crate::membrane::sheet::Sheet;
+use crate::retina::state::RetinaState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -51,6 +52,8 @@ pub struct State {
     pub notice_kind: u32,
     /// Until when (exposure) it is shown.
     pub notice_until_ns: Nanos,
+    /// The whole retina, where the scene has it as tissue.
+    pub retina: Option<RetinaState>,
 }
 
 /// Whether a body is tracked.

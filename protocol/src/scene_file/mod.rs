@@ -2,9 +2,11 @@
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
 mod membrane;
+mod retina;
 mod tools;
 
 pub use membrane::MembraneScene;
+pub use retina::RetinaScene;
 pub use tools::{NeedleScene, VitrectorScene};
 
 use crate::handles::{PedalMode, Tool};
@@ -19,7 +21,10 @@ pub const FORMAT: &str = "vitreo-scene-1";
 pub const DEFAULT_SCENE: &str = "peel";
 
 /// Shipped scenes: name and text.
-pub const SHIPPED: [(&str, &str); 1] = [("peel", include_str!("../../../assets/scenes/peel.toml"))];
+pub const SHIPPED: [(&str, &str); 2] = [
+    ("peel", include_str!("../../../assets/scenes/peel.toml")),
+    ("relocation", include_str!("../../../assets/scenes/relocation.toml")),
+];
 
 /// Why a scene was refused.
 #[derive(Debug, thiserror::Error)]
@@ -78,6 +83,9 @@ pub struct SceneFile {
     /// The epiretinal membrane; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
+    /// The whole retina as tissue; without it the retina is a sphere that nothing lifts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retina: Option<RetinaScene>,
     /// What the vitrector can do, if other than usual.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vitrector: Option<VitrectorScene>,
@@ -328,6 +336,7 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.retina.iter().flat_map(|r| r.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
         ranges

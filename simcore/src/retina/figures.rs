@@ -49,14 +49,17 @@ pub struct Figures {
     pub membrane_un_per_mm: f64,
     /// Tension of the retina as it lies, µN/mm: √3·k·ε, the same lattice stretched by ε in both directions.
     pub prestress_un_per_mm: f64,
+    /// Area of a needle's hole, mm².
+    pub hole_mm2: f64,
 }
 
 impl Figures {
     /// Of a scene.
-    pub fn new(scene: &RetinaScene, radius_mm: f64) -> Self {
+    pub fn new(scene: &RetinaScene, radius_mm: f64, needle_radius_mm: f64) -> Self {
         let (k, root3) = (scene.stiffness_un_per_mm, libm::sqrt(3.0));
         Figures {
             radius_mm,
+            hole_mm2: std::f64::consts::PI * needle_radius_mm * needle_radius_mm,
             adhesion_un_per_mm: scene.adhesion_n_per_m * 1e3,
             membrane_un_per_mm: 2.0 * k / root3,
             prestress_un_per_mm: root3 * k * scene.prestrain,
@@ -112,7 +115,7 @@ mod tests {
 
     fn figures() -> Figures {
         let scene = SceneFile::load("relocation").unwrap();
-        Figures::new(scene.retina.as_ref().unwrap(), scene.eye.retina_radius_mm)
+        Figures::new(scene.retina.as_ref().unwrap(), scene.eye.retina_radius_mm, 0.05)
     }
 
     #[test]

@@ -41,6 +41,11 @@ pub(super) fn shift(tissue: &mut MembraneState, node: u32, way: &Vector3<f64>, d
 }
 
 impl Retina {
+    /// Moves a node by `way`, at most onto the choroid.
+    pub fn shift(&self, state: &mut RetinaState, node: u32, way: &Vector3<f64>) {
+        shift(&mut state.tissue, node, way, None, self.figures.radius_mm);
+    }
+
     /// The worst node of each bleb's front comes off if it releases as much as the adhesion.
     pub(super) fn advance_front(&mut self, state: &mut RetinaState) {
         self.load_front(state);
@@ -189,6 +194,7 @@ impl Retina {
                 *parent = if *parent == 0 { was } else { *parent };
             }
         }
+        state.tissue.topology += 1;
         state.bleb_of.copy_from_slice(&self.pieces.label);
         self.hand_on(state, &old[..old_count], &parent);
         self.solver.refresh(&self.sheet, &state.tissue, &self.tissue);

@@ -96,10 +96,10 @@ impl Retina {
         let mut ora = vec![false; sheet.nodes()];
         sheet.rim.iter().for_each(|&n| ora[n as usize] = true);
         let mut retina = Retina {
-            figures: Figures::new(table, radius_mm),
+            figures: Figures::new(table, radius_mm, scene.needle.unwrap_or_default().radius_mm),
             pieces: Pieces::new(&sheet),
             toll: Toll::default(),
-            tissue: Tissue::of(&table.as_membrane(), radius_mm as f32),
+            tissue: Tissue::of_retina(table, radius_mm as f32),
             solver: Solver::new(&sheet),
             home_mm2: pieces::home_areas(&sheet, &home_mm),
             home_mm,
@@ -111,6 +111,18 @@ impl Retina {
         };
         retina.find_again(&state);
         Ok(Some((retina, state)))
+    }
+
+    /// The state before anything happened.
+    pub fn start(&self) -> RetinaState {
+        state::start(self.sheet.start())
+    }
+
+    /// True if an instrument's tip comes within `reach_mm` of loose retina, axis by axis.
+    pub fn reaches(&self, state: &RetinaState, tip_mm: &Vector3<f64>, reach_mm: f64) -> bool {
+        let tissue = &state.tissue;
+        let near = |&n: &u32| (volume::at(tissue, n) - tip_mm).iter().all(|c| c.abs() < reach_mm);
+        self.pieces.loose().iter().any(near)
     }
 
     /// Derives everything from a state that was not reached by steps: a restored or a fresh one.

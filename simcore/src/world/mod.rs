@@ -2,6 +2,7 @@
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
 mod plan;
+mod retina;
 mod tissue;
 mod touch;
 
@@ -14,9 +15,11 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;
+use crate::membrane::mesh::MeshError;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
+use crate::retina::Retina;
 use crate::state::State;
 use nalgebra::Isometry3;
 use protocol::events::Event;
@@ -33,6 +36,9 @@ pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
     Collision(#[from] Unusable),
+    /// The retina's mesh cannot be built.
+    #[error("retina: {0}")]
+    Retina(#[from] MeshError),
     /// The mesh does not fit the block that carries it to the renderer.
     #[error(
         "membrane.squares {squares:?}: the scene block would take {bytes} bytes, there is room for {room}"
@@ -86,22 +92,26 @@ pub struct World {
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
+    /// The whole retina as tissue, where the scene has it.
+    retina: Option<retina::RetinaPart>,
 }
 
 impl World {
     /// The world of a scene, before its first step.
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
         let sheet = Sheet::new(scene);
-        let bytes = crate::scene_block::bytes_needed(&sheet);
+        let (model, retina) = Retina::new(scene)?.unzip();
+        let bytes = crate::scene_block::bytes_needed(&sheet, model.as_ref().map(|m| &m.sheet));
         if bytes > MAX_SCENE_BYTES {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let state = start_state(scene, &sheet);
+        let state = State { retina, ..start_state(scene, &sheet) };
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
         let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
+        let retina = model.map(|m| retina::RetinaPart::new(m, volume)).transpose()?;
         let image = |i: usize| {
             let instrument = &scene.instruments[i];
             InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &volume)
@@ -116,6 +126,7 @@ impl World {
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
+            retina,
             scene: scene.clone(),
             sheet,
             state,
@@ -132,23 +143,28 @@ impl World {
         self.begin_step(input.frame);
         self.take_handles(input.handles);
         self.take_pedals(input.pedals);
+        self.exchange_air();
         let plan = self.plan(input.frame);
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
+            self.note_ways(&poses);
             let tissue_begin = clock();
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
+            self.move_retina(&plan, &poses, k);
             let tissue_end = clock();
             times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
             self.state.substeps += 1;
             self.touch_retina(&plan);
             if self.state.substeps.is_multiple_of(COLLISION_EVERY) {
                 self.push_membrane(&plan, &poses);
+                self.push_retina(&plan, &poses);
                 times.collision_ns += clock().saturating_sub(tissue_end);
             }
         }
         self.tell_toll();
         self.check_finite();
+        self.end_retina();
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
         let all = clock().saturating_sub(begin);
@@ -193,7 +209,9 @@ impl World {
 
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        self.check_retina(&state).map_err(CheckpointError::Content)?;
+        self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
         }
@@ -205,17 +223,20 @@ impl World {
             }
         }
         self.refresh();
+        self.refind_retina();
         Ok(())
     }
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet);
+        let retina = self.retina.as_ref().map(|part| part.model.start());
+        self.state = State { retina, ..start_state(&self.scene, &self.sheet) };
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
         }
         self.refresh();
+        self.refind_retina();
     }
 
     /// Derives the solver's figures from the living springs and the flags.
@@ -227,6 +248,7 @@ impl World {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
         self.last_good.remember(&self.state.membrane);
+        self.begin_retina();
     }
 
     fn end_step(&mut self, plan: &plan::Plan) {
@@ -268,6 +290,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,
+        retina: None,
     }
 }
 
