@@ -53,6 +53,8 @@ pub struct RetinaScene {
     pub hole_close_s: f64,
     /// Pressure by which air drives fluid out from under the retina, Pa.
     pub air_pa: f64,
+    /// Under air, fluid without a hole of its own seeps away under the pressed retina: height lost, µm/s.
+    pub seep_um_per_s: f64,
     /// Share of a pressing tip's sideways way by which it drags loose retina along.
     pub drag: f64,
 }
@@ -84,6 +86,7 @@ impl RetinaScene {
             ("retina.hole_open_share", self.hole_open_share, 0.0, 1.0),
             ("retina.hole_close_s", self.hole_close_s, 1e-3, 1e4),
             ("retina.air_pa", self.air_pa, 0.0, 1e5),
+            ("retina.seep_um_per_s", self.seep_um_per_s, 0.0, 1e4),
             ("retina.drag", self.drag, 0.0, 1.0),
         ]
     }

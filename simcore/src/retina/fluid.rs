@@ -50,8 +50,16 @@ impl Retina {
                 state.account.leaked_mm3 += self.figures.drain(&mut state.blebs[usize::from(bleb) - 1], area, state.air);
             }
         }
-        for bleb in state.blebs.iter_mut().filter(|b| b.torn_mm2 > 0.0) {
-            state.account.leaked_mm3 += self.figures.drain(bleb, bleb.torn_mm2, state.air);
+        for (bleb, area_mm2) in state.blebs.iter_mut().zip(&self.pieces.area_mm2) {
+            if bleb.torn_mm2 > 0.0 {
+                state.account.leaked_mm3 += self.figures.drain(bleb, bleb.torn_mm2, state.air);
+            }
+            if state.air && bleb.pressure_pa + scene.air_pa > 0.0 {
+                let seeped = area_mm2 * scene.seep_um_per_s * 1e-3 * SUBSTEP_S;
+                let lost = seeped.min(LARGEST_LOSS * bleb.volume_mm3.max(0.0));
+                bleb.volume_mm3 -= lost;
+                state.account.leaked_mm3 += lost;
+            }
         }
     }
 

@@ -136,9 +136,7 @@ impl Retina {
     pub(super) fn lie_on_under_air(&mut self, state: &mut RetinaState) {
         let mut laid = false;
         for bleb in 0..self.pieces.count() {
-            let area: f64 =
-                self.pieces.triangles_of(bleb).iter().map(|&t| f64::from(self.home_mm2[t as usize])).sum();
-            let film = state.blebs[bleb].volume_mm3 < FILM_MM * area;
+            let film = state.blebs[bleb].volume_mm3 < FILM_MM * self.pieces.area_mm2[bleb];
             for i in 0..self.pieces.nodes_of(bleb).len() {
                 let n = self.pieces.nodes_of(bleb)[i];
                 laid |= (film || self.beside_lying(state, n)) && self.lie_on(state, n);

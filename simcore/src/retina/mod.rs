@@ -160,9 +160,10 @@ impl Retina {
         self.solver.integrate(&mut state.tissue, &self.tissue);
         self.hold_volumes(state);
         if substep.is_multiple_of(FRONT_EVERY) {
-            self.advance_front(state);
             if state.air {
                 self.lie_on_under_air(state);
+            } else {
+                self.advance_front(state);
             }
         }
     }

@@ -51,6 +51,8 @@ pub struct Pieces {
     pub loose_alive: Vec<u8>,
     /// Area of dead triangles of each bleb as they lay at the start, mm².
     pub torn_mm2: Vec<f64>,
+    /// Area of each bleb as it lay at the start, mm².
+    pub area_mm2: Vec<f64>,
     taken_triangle: Vec<bool>,
     taken_spring: Vec<bool>,
     slot: Vec<u32>,
@@ -71,6 +73,7 @@ impl Pieces {
             pulls: Vec::with_capacity(springs),
             loose_alive: vec![0; triangles],
             torn_mm2: Vec::with_capacity(MAX_BLEBS),
+            area_mm2: Vec::with_capacity(MAX_BLEBS),
             taken_triangle: vec![false; triangles],
             taken_spring: vec![false; springs],
             slot: vec![NONE; nodes],
@@ -114,10 +117,13 @@ impl Pieces {
         for bleb in 0..self.count() {
             self.take_triangles(sheet, bleb);
             self.find_front(sheet, state, bleb);
-            let dead = |&&t: &&u32| state.tissue.triangle_alive[t as usize] == 0;
-            let torn = self.triangles_of(bleb).iter().filter(dead);
-            let torn: f64 = torn.map(|&t| f64::from(home_mm2[t as usize])).sum();
-            self.torn_mm2.push(torn);
+            let (mut torn, mut area) = (0.0, 0.0);
+            for &t in self.triangles_of(bleb) {
+                area += f64::from(home_mm2[t as usize]);
+                let dead = state.tissue.triangle_alive[t as usize] == 0;
+                torn += if dead { f64::from(home_mm2[t as usize]) } else { 0.0 };
+            }
+            (self.torn_mm2.push(torn), self.area_mm2.push(area));
         }
         for &t in &self.triangles {
             self.loose_alive[t as usize] = state.tissue.triangle_alive[t as usize];
@@ -131,7 +137,7 @@ impl Pieces {
         self.taken_spring.fill(false);
         self.slot.fill(NONE);
         (self.nodes.clear(), self.node_start.clear(), self.triangles.clear(), self.triangle_start.clear());
-        (self.front.clear(), self.pulls.clear(), self.torn_mm2.clear());
+        (self.front.clear(), self.pulls.clear(), self.torn_mm2.clear(), self.area_mm2.clear());
     }
 
     /// The nodes found from here on are a new bleb; called once more after the last.
