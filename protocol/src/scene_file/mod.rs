@@ -4,7 +4,7 @@
 mod membrane;
 mod tools;
 
-pub use membrane::MembraneScene;
+pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use tools::{NeedleScene, VitrectorScene};
 
 use crate::handles::{PedalMode, Tool};
