@@ -3,6 +3,7 @@
 
 mod plan;
 mod tissue;
+mod tools;
 mod touch;
 
 pub use plan::start_instrument;
@@ -19,6 +20,7 @@ use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::state::State;
+use crate::tools::{ToolFigures, ToolsState};
 use nalgebra::Isometry3;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -85,6 +87,10 @@ pub struct World {
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
+    /// What the scene says of its tools.
+    figures: ToolFigures,
+    /// Where vitrectors and needles are in this substep.
+    aimed: tools::Aimed,
     last_good: LastGood,
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
@@ -118,6 +124,8 @@ impl World {
             volume,
             zcoll,
             images: std::array::from_fn(image),
+            figures: ToolFigures::new(scene),
+            aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
@@ -141,6 +149,7 @@ impl World {
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
             let tissue_begin = clock();
+            self.aim_tools(&plan, &poses);
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             let tissue_end = clock();
@@ -273,6 +282,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane: sheet.start(),
         microscope: microscope::start(&scene.microscope),
+        tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,
