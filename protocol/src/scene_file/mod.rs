@@ -5,7 +5,7 @@ mod membrane;
 mod retina;
 mod tools;
 
-pub use membrane::MembraneScene;
+pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use retina::RetinaScene;
 pub use tools::{NeedleScene, VitrectorScene};
 

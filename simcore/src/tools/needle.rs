@@ -99,7 +99,7 @@ impl Needle {
         let along = from.cross(&ab);
         let v = self.axis_in_eye.dot(&along) / determinant;
         let s = ac.dot(&along) / determinant;
-        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && s > 0.0).then(|| (s, [1.0 - u - v, u, v]))
+        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && s > 0.0).then_some((s, [1.0 - u - v, u, v]))
     }
 
     fn penetration(

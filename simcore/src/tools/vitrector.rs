@@ -122,6 +122,11 @@ pub struct Blade {
 }
 
 impl Cutter {
+    /// True if a state may hold this number.
+    pub fn is_sound(&self) -> bool {
+        self.turned < TURN
+    }
+
     /// Turns the blade for `dt_ns`. `open_share` is the share of a turn for which the port is open (duty cycle, above 0 and
     /// below 1). At most one cut is made: rates above 60·10⁹/`dt_ns` per minute are cut down to it.
     pub fn turn(&mut self, cuts_per_min: u32, open_share: f64, dt_ns: u64) -> Blade {

@@ -4,6 +4,7 @@
 mod plan;
 mod retina;
 mod tissue;
+mod tools;
 mod touch;
 
 pub use plan::start_instrument;
@@ -15,12 +16,14 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;
+use crate::membrane::implicit::Implicit;
 use crate::membrane::mesh::MeshError;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::retina::Retina;
 use crate::state::State;
+use crate::tools::{ToolFigures, ToolsState};
 use nalgebra::Isometry3;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -84,10 +87,16 @@ pub struct World {
     tissue: Tissue,
     state: State,
     solver: Solver,
+    /// What makes the substeps where the scene asks for more than the explicit core.
+    implicit: Option<Implicit>,
     volume: Volume,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
+    /// What the scene says of its tools.
+    figures: ToolFigures,
+    /// Where vitrectors and needles are in this substep.
+    aimed: tools::Aimed,
     last_good: LastGood,
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
@@ -107,6 +116,7 @@ impl World {
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
         let state = State { retina, ..start_state(scene, &sheet) };
+        let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -120,9 +130,12 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
+            implicit: Implicit::of(integrator, &sheet),
             volume,
             zcoll,
             images: std::array::from_fn(image),
+            figures: ToolFigures::new(scene),
+            aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
@@ -149,6 +162,7 @@ impl World {
             let poses = self.move_instruments(&plan, k);
             self.note_ways(&poses);
             let tissue_begin = clock();
+            self.aim_tools(&plan, &poses);
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             self.move_retina(&plan, &poses, k);
@@ -242,6 +256,9 @@ impl World {
     /// Derives the solver's figures from the living springs and the flags.
     fn refresh(&mut self) {
         self.solver.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        if let Some(implicit) = &mut self.implicit {
+            implicit.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        }
     }
 
     fn begin_step(&mut self, frame: &TrackerFrame) {
@@ -287,6 +304,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane: sheet.start(),
         microscope: microscope::start(&scene.microscope),
+        tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,

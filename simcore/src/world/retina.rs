@@ -4,14 +4,13 @@ use super::World;
 use super::plan::{Plan, Poses};
 use crate::collision::surface::{Surface, Unusable};
 use crate::collision::zcoll::Zcoll;
-use crate::constants::{SUBSTEP_S, UNDER_MARGIN_MM};
+use crate::constants::UNDER_MARGIN_MM;
 use crate::event_log::Happening;
 use crate::retina::Retina;
 use crate::retina::state::RetinaState;
 use crate::state::State;
 use crate::tools::forceps::{self, Grasp};
-use crate::tools::needle::Needle;
-use nalgebra::{UnitVector3, Vector3};
+use nalgebra::Vector3;
 use protocol::events::{EventKind, NO_INSTRUMENT, Severity};
 use protocol::handles::{PedalMode, Tool};
 use protocol::limits::INSTRUMENTS;
@@ -51,7 +50,7 @@ impl World {
         let mut pressure = [None; INSTRUMENTS];
         for i in 0..INSTRUMENTS {
             self.use_jaws_on_retina(model, &mut retina, plan, poses, (i, k));
-            let needle = self.needle(i, plan, poses);
+            let needle = self.aimed.needles[i];
             let news = model.follow_needle(&mut retina, i, needle.as_ref());
             self.tell_needle(i, &news, model.figures.scene.needle_warn_mm_s);
             let in_place = needle.filter(|_| retina.needles[i].inside);
@@ -60,23 +59,6 @@ impl World {
         model.flow(&mut retina, pressure);
         model.substep(&mut retina, self.state.substeps);
         (self.retina, self.state.retina) = (Some(part), Some(retina));
-    }
-
-    /// An instrument as a needle, if it is one and touches.
-    fn needle(&self, i: usize, plan: &Plan, poses: &Poses) -> Option<Needle> {
-        if !plan.touches[i] || self.state.instruments[i].tool != Tool::Needle as u32 {
-            return None;
-        }
-        let (pose, scene) = (&poses.eye_from_instrument[i], self.scene.needle.unwrap_or_default());
-        let foot = &self.state.microscope;
-        let pressed = foot.mode == PedalMode::Inject as u32 && foot.axes[0] > 0.0;
-        Some(Needle {
-            tip_in_eye_mm: pose.translation.vector,
-            axis_in_eye: UnitVector3::new_normalize(pose.rotation * Vector3::z()),
-            velocity_mm_s: poses.tip_step_mm[i] / SUBSTEP_S,
-            radius_mm: scene.radius_mm,
-            pressure_pa: if pressed { foot.axes[0] * scene.pressure_pa } else { 0.0 },
-        })
     }
 
     fn tell_needle(&mut self, i: usize, news: &crate::retina::NeedleNews, limit: f64) {
@@ -203,11 +185,10 @@ impl World {
     /// Takes the pedal's fluid–air exchange: its first axis lets air in, its second one fluid.
     pub(super) fn exchange_air(&mut self) {
         let foot = &self.state.microscope;
+        let (in_mode, exchange) = (foot.mode == PedalMode::Exchange as u32, self.state.tools.exchange);
         let Some(retina) = &mut self.state.retina else { return };
-        if foot.mode != PedalMode::Exchange as u32 {
-            return;
-        }
-        let air = if foot.axes[0] > 0.0 { true } else if foot.axes[1] > 0.0 { false } else { retina.air };
+        let fluid = in_mode && foot.axes[1] > 0.0;
+        let air = exchange > 0.0 || (retina.air && !fluid);
         if air != retina.air {
             retina.air = air;
             let value = if air { 1.0 } else { 0.0 };
