@@ -1,8 +1,10 @@
 //! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
+mod adhesion;
 mod membrane;
 
+pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use membrane::MembraneScene;
 
 use crate::handles::Tool;

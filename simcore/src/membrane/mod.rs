@@ -4,6 +4,8 @@
 //! [`MembraneState`](crate::state::MembraneState) what does; [`solver`] moves it and [`tear`]
 //! removes springs, triangles and nodes so that the mesh stays consistent.
 
+pub mod adhesion;
+pub mod curl;
 pub mod sheet;
 pub mod solver;
 pub mod tear;

@@ -1,6 +1,7 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod peel;
 mod plan;
 mod tissue;
 mod touch;
@@ -14,6 +15,8 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;
+use crate::membrane::adhesion::Adhesion;
+use crate::membrane::curl::Curl;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
@@ -78,6 +81,8 @@ pub struct World {
     tissue: Tissue,
     state: State,
     solver: Solver,
+    adhesion: Option<Adhesion>,
+    curl: Option<Curl>,
     volume: Volume,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
@@ -86,6 +91,8 @@ pub struct World {
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
+    /// What happened to the glue in this step, for its events.
+    parting: peel::StepParting,
 }
 
 impl World {
@@ -97,7 +104,8 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let state = start_state(scene, &sheet);
+        let adhesion = peel::adhesion(scene, &sheet);
+        let state = start_state(scene, &sheet, adhesion.as_ref());
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -110,12 +118,15 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
+            adhesion,
+            curl: peel::curl(scene, &sheet),
             volume,
             zcoll,
             images: std::array::from_fn(image),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
+            parting: peel::StepParting::default(),
             scene: scene.clone(),
             sheet,
             state,
@@ -148,6 +159,7 @@ impl World {
             }
         }
         self.tell_toll();
+        self.tell_peel();
         self.check_finite();
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
@@ -193,7 +205,9 @@ impl World {
 
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
+        self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
         }
@@ -210,7 +224,7 @@ impl World {
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet);
+        self.state = start_state(&self.scene, &self.sheet, self.adhesion.as_ref());
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
@@ -226,6 +240,7 @@ impl World {
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
+        self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
     }
 
@@ -248,7 +263,7 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) -> State {
     State {
         step: 0,
         field: 0,
@@ -263,7 +278,8 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane: sheet.start(),
+        membrane: peel::start_membrane(sheet, adhesion),
+        adhesion: adhesion.map(Adhesion::start),
         microscope: microscope::start(&scene.microscope),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,

@@ -33,6 +33,7 @@ impl World {
                 forceps::carry(&self.state.instruments[i], membrane, pose, SUBSTEP_S);
             }
         }
+        self.pull_at_glue();
         let alarms = self.solver.accelerate(&self.sheet, membrane, &self.tissue);
         if alarms.not_finite {
             self.contain();
