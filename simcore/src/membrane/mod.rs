@@ -6,6 +6,9 @@
 
 pub mod adhesion;
 pub mod curl;
+mod grid;
+pub mod mesh;
+mod order;
 pub mod sheet;
 pub mod solver;
 pub mod tear;

@@ -27,6 +27,7 @@ pub struct Toll {
 impl World {
     /// One substep of the membrane.
     pub(super) fn move_tissue(&mut self, plan: &Plan, poses: &Poses) {
+        self.solver.clear_outer();
         let membrane = &mut self.state.membrane;
         for (i, pose) in poses.eye_from_instrument.iter().enumerate() {
             if plan.touches[i] {
@@ -34,7 +35,7 @@ impl World {
             }
         }
         self.pull_at_glue();
-        let alarms = self.solver.accelerate(&self.sheet, membrane, &self.tissue);
+        let alarms = self.solver.accelerate(&self.sheet, &self.state.membrane, &self.tissue);
         if alarms.not_finite {
             self.contain();
         }
