@@ -77,28 +77,8 @@ impl PeelTest {
         y * ((lever * lever + 2.0 * self.energy_un_per_mm / y).sqrt() - lever)
     }
 
-    fn sheet(&self) -> (Sheet, Vec<u32>) {
-        let (h, columns) = (self.spacing_mm, (self.length_mm / self.spacing_mm).round() as u32 + 1);
-        let at = |r: u32, c: u32| {
-            let x = h * (f64::from(c) + if r % 2 == 1 { 0.5 } else { 0.0 });
-            [x as f32, (h * 0.75_f64.sqrt() * f64::from(r)) as f32, 0.0]
-        };
-        let positions: Vec<[f32; 3]> =
-            (0..self.rows).flat_map(|r| (0..columns).map(move |c| (r, c))).map(|(r, c)| at(r, c)).collect();
-        let node = |r: u32, c: u32| r * columns + c;
-        let mut triangles = Vec::new();
-        for (r, c) in (0..self.rows - 1).flat_map(|r| (0..columns - 1).map(move |c| (r, c))) {
-            let (a, b, d, e) = (node(r, c), node(r, c + 1), node(r + 1, c), node(r + 1, c + 1));
-            let halves = if r % 2 == 0 { [[a, b, d], [b, e, d]] } else { [[a, b, e], [a, e, d]] };
-            triangles.extend(halves);
-        }
-        let grip: Vec<u32> = (0..self.rows).map(|r| node(r, 0)).collect();
-        let sheet = Sheet::from_triangles(&positions, &triangles, &grip).expect("a lattice is a mesh");
-        let grip = grip.iter().map(|&n| sheet.order[n as usize]).collect();
-        (sheet, grip)
-    }
-
-    fn tissue(&self) -> Tissue {
+    /// The strip's tissue, with a step of the chosen share of the longest stable one.
+    pub fn tissue(&self) -> Tissue {
         let mut scene = SceneFile::load("peel").expect("the shipped scene is tested");
         scene.eye.retina_radius_mm = 1e9;
         let m = scene.membrane.as_mut().expect("it has a membrane");
@@ -110,11 +90,12 @@ impl PeelTest {
         m.spring_damping_un_s_per_mm = 0.25 * (k * m.node_mass_g).sqrt();
         m.fluid_damping_per_s = 0.5;
         (m.a_max_mm_s2, m.v_max_mm_s, m.tear_tension_n_per_m) = (1e9, 1e5, 0.0);
-        let tissue = Tissue::new(&scene);
         // Gershgorin, see the solver's opening: λ dt² + 2 δ dt < 4.
         let (lambda, delta) = (12.0 * k / m.node_mass_g, 12.0 * m.spring_damping_un_s_per_mm / m.node_mass_g);
+        let mut tissue = Tissue::new(&scene);
         let longest = ((delta * delta + 4.0 * lambda).sqrt() - delta) / lambda;
-        Tissue { dt_s: (self.step * longest) as f32, ..tissue }
+        tissue.dt_s = (self.step * longest) as f32;
+        tissue
     }
 
     /// Runs the test.
@@ -131,7 +112,8 @@ impl PeelTest {
         let direction = [-self.angle_rad.cos(), 0.0, self.angle_rad.sin()];
         let stretch = 1.0 + self.kendall_un_per_mm() / self.stiffness_un_per_mm;
         // The grip goes with the front, so that the arm keeps its angle.
-        let velocity = [self.speed_mm_s * (1.0 + stretch * direction[0]), 0.0, self.speed_mm_s * stretch * direction[2]];
+        let velocity =
+            [self.speed_mm_s * (1.0 + stretch * direction[0]), 0.0, self.speed_mm_s * stretch * direction[2]];
         let start = membrane.position_mm.clone();
         let (mut sum, mut low, mut high, mut count) = (0.0, f64::INFINITY, 0.0f64, 0u64);
         let (mut work, mut at_half) = (0.0, (0.0, 0.0));
@@ -145,7 +127,8 @@ impl PeelTest {
             }
             substep(&sheet, &mut membrane, &mut solver, &tissue, (&adhesion, &mut bonds));
             let force: [f64; 3] = std::array::from_fn(|axis| {
-                -grip.iter().map(|&n| f64::from(solver.force_un[axis][n as usize])).sum::<f64>() / self.width_mm()
+                -grip.iter().map(|&n| f64::from(solver.force_un[axis][n as usize])).sum::<f64>()
+                    / self.width_mm()
             });
             let dot = |v: [f64; 3]| force.iter().zip(v).map(|(f, v)| f * v).sum::<f64>();
             work += dot(velocity) * dt * self.width_mm();
@@ -166,6 +149,15 @@ impl PeelTest {
         }
     }
 
+    fn sheet(&self) -> (Sheet, Vec<u32>) {
+        let columns = (self.length_mm / self.spacing_mm).round() as u32 + 1;
+        let (positions, triangles) = lattice(self.spacing_mm, self.rows, columns);
+        let grip: Vec<u32> = (0..self.rows).map(|r| r * columns).collect();
+        let sheet = Sheet::from_triangles(&positions, &triangles, &grip).expect("a lattice is a mesh");
+        let grip = grip.iter().map(|&n| sheet.order[n as usize]).collect();
+        (sheet, grip)
+    }
+
     fn glue(&self) -> AdhesionScene {
         AdhesionScene {
             energy_un_per_mm: self.energy_un_per_mm,
@@ -178,6 +170,22 @@ impl PeelTest {
             patches: Vec::new(),
         }
     }
+}
+
+/// Rows of nodes along x, every other one moved by half a spacing, and their equilateral triangles; node (r, c) is r·columns + c.
+pub fn lattice(spacing_mm: f64, rows: u32, columns: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
+    let all = (0..rows).flat_map(|r| (0..columns).map(move |c| (r, c)));
+    let at = |(r, c): (u32, u32)| {
+        let x = spacing_mm * (f64::from(c) + 0.5 * f64::from(r % 2));
+        [x as f32, (spacing_mm * 0.75_f64.sqrt() * f64::from(r)) as f32, 0.0]
+    };
+    let node = |r: u32, c: u32| r * columns + c;
+    let squares = (0..rows - 1).flat_map(|r| (0..columns - 1).map(move |c| (r, c)));
+    let halves = |(r, c): (u32, u32)| {
+        let (a, b, d, e) = (node(r, c), node(r, c + 1), node(r + 1, c), node(r + 1, c + 1));
+        if r % 2 == 0 { [[a, b, d], [b, e, d]] } else { [[a, b, e], [a, e, d]] }
+    };
+    (all.map(at).collect(), squares.flat_map(halves).collect())
 }
 
 /// Elastic energy of the springs, µN·mm.

@@ -4,17 +4,17 @@
 //! (positive where the hollow faces the side of the triangles' normals) and ψ = 2 tan(θ/2),
 //!
 //! ```text
-//! moment  M = w (ψ − ψ̄)          w = 2 D |e|²/(A₁ + A₂)       D: bending stiffness, µN·mm
-//! θ̄ = ¾ κ d                        d = 2 (A₁ + A₂)/(3 |e|)      κ: curvature of the roll, 1/mm
+//! moment  M = w (ψ − ψ̄)          w = D |e|²/(A₁ + A₂)      D: bending stiffness, µN·mm
+//! θ̄ = κ (A₁ + A₂)/|e|                                       κ: curvature of the roll, 1/mm
 //! f = −M ∇θ                        ∇θ after Bridson, Marino and Fedkiw (2003), Wardetzky et al. (2007)
 //! ```
 //!
-//! d is the distance of the triangles' centroids across the edge. On a roll of curvature κ a hinge whose normal
-//! makes the angle φ with the direction of rolling turns by κ d cos²φ. Edges in all directions, as those of an equilateral
-//! lattice, average cos⁴φ to ⅜ and cos²φ to ½: that gives w from the energy ½ D κ² per area, and the ¾ from the
-//! sheet rolling to κ when every hinge wants the same turn. A lattice of right triangles rolls tighter or wider
-//! by up to 11 % along its sides. A wide sheet cannot curve both ways without stretching, so it rolls; hence the
-//! definition by the roll.
+//! Both factors follow from a sheet z = ½ (κ₁ x² + κ₂ y²) on an equilateral lattice: a hinge whose edge has the
+//! direction t and the normal n turns by θ = (3 κₙₙ − κₜₜ)/2 · d with d = 2 (A₁ + A₂)/(3 |e|), the distance of the
+//! centroids. Summed over the three directions, with H = κ₁ + κ₂ and K = κ₁ κ₂, the energy per area is
+//! ½ D (H² − 8/3 K) − D κ H: Seung and Nelson (1988). A wide sheet cannot curve both ways without stretching, so
+//! K = 0 and it rolls to H = κ. On a lattice of right triangles the same factors give the same roll along its sides.
+//! Narrow strips (against √R (D/Y)^¼, some tenths of a millimetre) and free edges curve both ways, and more.
 //!
 //! ψ grows without bound as a hinge folds, which keeps it from folding through. Neither angle nor arctangent is
 //! needed: ψ = 2 sin θ/(1 + cos θ).
@@ -90,12 +90,15 @@ impl Hinge {
         }
         let at = |n: u32| start.position(n as usize).map(f64::from);
         let edge = (at(ends[1]) - at(ends[0])).norm();
-        let areas: f64 = across.map(|c| 0.5 * (at(ends[1]) - at(ends[0])).cross(&(at(c) - at(ends[0]))).norm()).iter().sum();
-        let turn = 0.75 / scene.radius_mm * 2.0 * areas / (3.0 * edge);
+        let areas: f64 = across
+            .map(|c| 0.5 * (at(ends[1]) - at(ends[0])).cross(&(at(c) - at(ends[0]))).norm())
+            .iter()
+            .sum();
+        let turn = areas / (edge * scene.radius_mm);
         Hinge {
             nodes: [ends[0], ends[1], across[0], across[1]],
             triangles: sides,
-            stiffness: (2.0 * scene.stiffness_un_mm * edge * edge / areas) as f32,
+            stiffness: (scene.stiffness_un_mm * edge * edge / areas) as f32,
             rest: (2.0 * libm::tan(0.5 * turn.min(3.0))) as f32,
         }
     }
@@ -137,4 +140,52 @@ fn turn(
     let at_q = -(up_a * sa + up_b * sb);
     let at_p = -(up_a * (1.0 - sa) + up_b * (1.0 - sb));
     Some((psi.clamp(-MAX_PSI, MAX_PSI), [at_p, at_q, up_a, up_b]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = Vector3<f32>> {
+        prop::array::uniform3(-0.3f32..0.3).prop_map(Vector3::from)
+    }
+
+    /// θ from its definition, in double precision.
+    fn angle(at: [Vector3<f64>; 4]) -> f64 {
+        let [p, q, a, b] = at;
+        let (n1, n2) = ((q - p).cross(&(a - p)).normalize(), (b - p).cross(&(q - p)).normalize());
+        n2.cross(&n1).dot(&(q - p).normalize()).atan2(n1.dot(&n2))
+    }
+
+    proptest! {
+        #[test]
+        fn angle_and_gradient_are_those_of_the_definition(jitter in prop::array::uniform4(point())) {
+            let flat = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.9, 0.0], [0.5, -0.9, 0.0]];
+            let at: [Vector3<f32>; 4] = std::array::from_fn(|i| Vector3::from(flat[i]) + jitter[i]);
+            let wide = at.map(|p| p.map(f64::from));
+            let (psi, gradient) = turn(at[0], at[1], at[2], at[3]).unwrap();
+            let theta = angle(wide);
+            prop_assert!((f64::from(psi) - 2.0 * (0.5 * theta).tan()).abs() < 1e-4);
+            for (node, axis) in (0..4).flat_map(|n| (0..3).map(move |a| (n, a))) {
+                let moved = |by: f64| {
+                    let mut at = wide;
+                    at[node][axis] += by;
+                    angle(at)
+                };
+                let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+                prop_assert!((slope - f64::from(gradient[node][axis])).abs() < 2e-3 * (1.0 + slope.abs()));
+            }
+        }
+    }
+
+    #[test]
+    fn a_raised_corner_is_a_hollow_towards_the_normals() {
+        let at = |x, y, z| Vector3::new(x, y, z);
+        let (psi, _) =
+            turn(at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(0.5, 1.0, 0.3), at(0.5, -1.0, 0.0)).unwrap();
+        assert!(psi > 0.25);
+        let flat = turn(at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(0.5, 0.0, 0.0), at(0.5, -1.0, 0.0));
+        assert!(flat.is_none(), "a triangle without area has no direction");
+    }
 }
