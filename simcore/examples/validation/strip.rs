@@ -3,8 +3,9 @@
 //!
 //! The lattice is equilateral, with springs of stiffness k: an isotropic membrane with Y = E t = 2k/√3 and ν = ⅓.
 
-use protocol::scene_file::{AdhesionScene, SceneFile};
+use protocol::scene_file::{AdhesionScene, CurlScene, SceneFile};
 use simcore::membrane::adhesion::{Adhesion, AdhesionState};
+use simcore::membrane::curl::Curl;
 use simcore::membrane::sheet::Sheet;
 use simcore::membrane::solver::{Solver, Tissue};
 use simcore::state::{MembraneState, NODE_PINNED};
@@ -20,12 +21,16 @@ pub struct PeelTest {
     pub length_mm: f64,
     /// Membrane stiffness Y, µN/mm.
     pub stiffness_un_per_mm: f64,
+    /// Bending stiffness D, µN·mm; 0 for none. Without it a strip that is folded back flutters at the fold, and that costs.
+    pub bending_un_mm: f64,
     /// Adhesion energy Γ, µN/mm.
     pub energy_un_per_mm: f64,
     /// Separation at which a bond has broken, mm.
     pub range_mm: f64,
     /// Angle between the free arm and what is still glued, rad: 0 along the strip, π folded back on it.
     pub angle_rad: f64,
+    /// Height of the grip over where the angle says, mm: an arm that is folded back needs room for its fold.
+    pub lift_mm: f64,
     /// Speed of the front, mm/s.
     pub speed_mm_s: f64,
     /// Mass of the strip per area, g/mm².
@@ -41,9 +46,11 @@ impl Default for PeelTest {
             rows: 9,
             length_mm: 4.0,
             stiffness_un_per_mm: 20_000.0,
+            bending_un_mm: 0.0,
             energy_un_per_mm: 1000.0,
             range_mm: 0.2,
             angle_rad: std::f64::consts::FRAC_PI_2,
+            lift_mm: 0.0,
             speed_mm_s: 0.2,
             density_g_per_mm2: 10.0,
             step: 0.7,
@@ -105,6 +112,8 @@ impl PeelTest {
         let (mut membrane, mut solver) = (sheet.start(), Solver::new(&sheet));
         solver.refresh(&sheet, &membrane, &tissue);
         assert!(grip.iter().all(|&n| membrane.flag[n as usize] == NODE_PINNED));
+        let curl = CurlScene { stiffness_un_mm: self.bending_un_mm, radius_mm: 1e6 };
+        let curl = (self.bending_un_mm > 0.0).then(|| Curl::new(&sheet, &curl));
         let adhesion = Adhesion::new(&sheet, &self.glue(), 1e9);
         let mut bonds = adhesion.start();
         let dt = f64::from(tissue.dt_s);
@@ -120,12 +129,14 @@ impl PeelTest {
         for step in 0..steps {
             let t = (step + 1) as f64 * dt;
             for (axis, speed) in velocity.iter().enumerate() {
+                let lifted = if axis == 2 { self.lift_mm.min(self.speed_mm_s * t) as f32 } else { 0.0 };
                 for &n in &grip {
-                    membrane.position_mm[axis][n as usize] = start[axis][n as usize] + (speed * t) as f32;
+                    membrane.position_mm[axis][n as usize] =
+                        start[axis][n as usize] + (speed * t) as f32 + lifted;
                     membrane.velocity_mm_s[axis][n as usize] = *speed as f32;
                 }
             }
-            substep(&sheet, &mut membrane, &mut solver, &tissue, (&adhesion, &mut bonds));
+            substep(&sheet, &mut membrane, &mut solver, &tissue, (&adhesion, &mut bonds), curl.as_ref());
             let force: [f64; 3] = std::array::from_fn(|axis| {
                 -grip.iter().map(|&n| f64::from(solver.force_un[axis][n as usize])).sum::<f64>()
                     / self.width_mm()
@@ -200,9 +211,13 @@ fn substep(
     solver: &mut Solver,
     tissue: &Tissue,
     (adhesion, bonds): (&Adhesion, &mut AdhesionState),
+    curl: Option<&Curl>,
 ) {
     solver.clear_outer();
     adhesion.pull(membrane, bonds, &mut solver.outer_un, tissue.dt_s);
+    if let Some(curl) = curl {
+        curl.bend(membrane, None, &mut solver.outer_un);
+    }
     let alarms = solver.accelerate(sheet, membrane, tissue);
     assert!(!alarms.not_finite, "the strip ran away");
     solver.integrate(membrane, tissue);

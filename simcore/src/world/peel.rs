@@ -8,6 +8,7 @@ use crate::membrane::adhesion::{Adhesion, AdhesionState, LIFTED_MM, Parting};
 use crate::membrane::curl::Curl;
 use crate::membrane::sheet::Sheet;
 use crate::state::MembraneState;
+use crate::tools::forceps;
 use protocol::events::{EventKind, Severity};
 use protocol::scene::{NODE_DEAD, NODE_FREE};
 use protocol::scene_file::SceneFile;
@@ -58,6 +59,11 @@ impl World {
     /// Bonds of the membrane, where the scene has glue.
     pub fn adhesion(&self) -> Option<&Adhesion> {
         self.adhesion.as_ref()
+    }
+
+    /// Force that the tissue in the jaws of an instrument pulls with, µN.
+    pub fn pull_un(&self, instrument: usize) -> f64 {
+        forceps::pull_un(&self.state.instruments[instrument], &self.solver)
     }
 
     /// Adds the forces of glue and curl on the nodes to the solver's outer forces.
