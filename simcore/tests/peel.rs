@@ -86,12 +86,12 @@ fn curvatures_of_a_free_sheet(radius_mm: f64) -> [f64; 2] {
     let columns = 29;
     let (positions, triangles) = lattice(strip.spacing_mm, strip.rows, columns);
     let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
-    let curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm: 0.5, radius_mm });
+    let curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm: 5.0, radius_mm });
     let mut tissue = strip.tissue();
     tissue.fluid_per_s = 1.5;
     let (mut membrane, mut solver) = (sheet.start(), Solver::new(&sheet));
     solver.refresh(&sheet, &membrane, &tissue);
-    for step in 0..(25.0 / tissue.dt_s) as u64 {
+    for step in 0..(20.0 / tissue.dt_s) as u64 {
         solver.clear_outer();
         curl.bend(&membrane, None, &mut solver.outer_un);
         if step == 0 {

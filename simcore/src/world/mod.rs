@@ -4,6 +4,7 @@
 mod peel;
 mod plan;
 mod tissue;
+mod tools;
 mod touch;
 
 pub use plan::start_instrument;
@@ -17,10 +18,12 @@ use crate::event_log::EventLog;
 use crate::guard::LastGood;
 use crate::membrane::adhesion::Adhesion;
 use crate::membrane::curl::Curl;
+use crate::membrane::implicit::Implicit;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::state::State;
+use crate::tools::{ToolFigures, ToolsState};
 use nalgebra::Isometry3;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -47,6 +50,19 @@ pub enum WorldError {
         bytes: usize,
         /// Bytes there are.
         room: usize,
+    },
+    /// The glue is too stiff for the nodes' mass and the substep.
+    #[error(
+        "membrane.node_mass_g: expected at least {least_g:.3} g for glue of {stiffness_un_per_mm:.0} µN/mm a node, \
+         found {found_g}; or give membrane.adhesion a longer range_mm"
+    )]
+    Glue {
+        /// Stiffness of the stiffest bond, µN/mm.
+        stiffness_un_per_mm: f64,
+        /// Mass that would do, g.
+        least_g: f64,
+        /// Mass there is, g.
+        found_g: f64,
     },
 }
 
@@ -83,10 +99,16 @@ pub struct World {
     solver: Solver,
     adhesion: Option<Adhesion>,
     curl: Option<Curl>,
+    /// What makes the substeps where the scene asks for more than the explicit core.
+    implicit: Option<Implicit>,
     volume: Volume,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
+    /// What the scene says of its tools.
+    figures: ToolFigures,
+    /// Where vitrectors and needles are in this substep.
+    aimed: tools::Aimed,
     last_good: LastGood,
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
@@ -104,8 +126,9 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let adhesion = peel::adhesion(scene, &sheet);
+        let adhesion = peel::adhesion(scene, &sheet)?;
         let state = start_state(scene, &sheet, adhesion.as_ref());
+        let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -120,9 +143,12 @@ impl World {
             solver: Solver::new(&sheet),
             adhesion,
             curl: peel::curl(scene, &sheet),
+            implicit: Implicit::of(integrator, &sheet),
             volume,
             zcoll,
             images: std::array::from_fn(image),
+            figures: ToolFigures::new(scene),
+            aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
@@ -147,6 +173,7 @@ impl World {
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
             let tissue_begin = clock();
+            self.aim_tools(&plan, &poses);
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             let tissue_end = clock();
@@ -235,6 +262,9 @@ impl World {
     /// Derives the solver's figures from the living springs and the flags.
     fn refresh(&mut self) {
         self.solver.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        if let Some(implicit) = &mut self.implicit {
+            implicit.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        }
     }
 
     fn begin_step(&mut self, frame: &TrackerFrame) {
@@ -281,6 +311,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) ->
         membrane: peel::start_membrane(sheet, adhesion),
         adhesion: adhesion.map(Adhesion::start),
         microscope: microscope::start(&scene.microscope),
+        tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,

@@ -1,6 +1,6 @@
 //! The glue's share of a step: it pulls, breaks, and pulls at the retina; what is free curls.
 
-use super::World;
+use super::{World, WorldError};
 use crate::checkpoint::CheckpointError;
 use crate::constants::{RIM_REARM, SUBSTEP_S};
 use crate::event_log::Happening;
@@ -24,10 +24,18 @@ pub struct StepParting {
     begun: bool,
 }
 
-/// The bonds of a scene.
-pub fn adhesion(scene: &SceneFile, sheet: &Sheet) -> Option<Adhesion> {
-    let glue = scene.membrane.as_ref()?.adhesion.as_ref()?;
-    Some(Adhesion::new(sheet, glue, scene.eye.retina_radius_mm))
+/// The bonds of a scene; refuses those that an explicit substep cannot carry. They move with the substep whatever
+/// the integrator of the springs, and share the bound of [`crate::membrane::solver`] with them: here half of it.
+pub fn adhesion(scene: &SceneFile, sheet: &Sheet) -> Result<Option<Adhesion>, WorldError> {
+    let Some(membrane) = &scene.membrane else { return Ok(None) };
+    let Some(glue) = &membrane.adhesion else { return Ok(None) };
+    let adhesion = Adhesion::new(sheet, glue, scene.eye.retina_radius_mm);
+    let stiffness_un_per_mm = f64::from(adhesion.stiffest_un_per_mm());
+    let (least_g, found_g) = (0.5 * SUBSTEP_S * SUBSTEP_S * stiffness_un_per_mm, membrane.node_mass_g);
+    if found_g < least_g {
+        return Err(WorldError::Glue { stiffness_un_per_mm, least_g, found_g });
+    }
+    Ok(Some(adhesion))
 }
 
 /// The hinges of a scene.
