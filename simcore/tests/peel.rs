@@ -6,16 +6,20 @@ mod strip;
 use std::f64::consts::{FRAC_PI_2, PI};
 use strip::PeelTest;
 
-/// Force over the formula, less one; says what was measured.
+/// Force over the formula, less one. The work per area must be Γ, and a little that the fold's snapping costs.
 fn error(test: &PeelTest) -> f64 {
     let (found, expected) = (test.run(), test.kendall_un_per_mm());
     let error = found.force_un_per_mm / expected - 1.0;
+    let (degrees, [low, high]) = (test.angle_rad.to_degrees(), found.range_un_per_mm);
     println!(
-        "{:.0}°, {} mm: {found:?}, expected {expected:.1}, {:+.1} %",
-        test.angle_rad.to_degrees(),
+        "{degrees:.0}°, mesh {} mm: {:.1} µN/mm ({low:.0} to {high:.0}), expected {expected:.1}, {:+.1} %; work {:.1} µN/mm",
         test.spacing_mm,
-        100.0 * error
+        found.force_un_per_mm,
+        100.0 * error,
+        found.energy_un_per_mm
     );
+    let work = found.energy_un_per_mm / test.energy_un_per_mm;
+    assert!((0.98..1.08).contains(&work), "{work}");
     error
 }
 

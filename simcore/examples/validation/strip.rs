@@ -67,8 +67,6 @@ pub struct Measured {
     pub range_un_per_mm: [f64; 2],
     /// Work of the grip less what the arm stores, over the area parted, µN/mm.
     pub energy_un_per_mm: f64,
-    /// Steps done.
-    pub steps: u64,
 }
 
 impl PeelTest {
@@ -156,7 +154,6 @@ impl PeelTest {
             force_un_per_mm: sum / count as f64,
             range_un_per_mm: [low, high],
             energy_un_per_mm: spent / (bonds.freed_mm2 - at_half.1),
-            steps,
         }
     }
 
