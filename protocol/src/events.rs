@@ -40,14 +40,24 @@ pub enum EventKind {
     InputRefused = 41,
     /// The simulation resumed from a checkpoint; steps recomputed.
     Resumed = 42,
+    /// More of the membrane is off the retina; mm² in all.
+    MembranePeeled = 60,
+    /// The whole membrane is off the retina; mm².
+    MembraneOff = 61,
+    /// The membrane pulls hard at the retina under it; Pa.
+    RetinaPulled = 62,
+    /// The retina came off the choroid and follows the membrane; mm of height.
+    RetinaLifted = 63,
+    /// Lifted retina tore; mm² in all.
+    RetinaTorn = 64,
     /// A needle went through the retina; mm of depth.
     RetinaPierced = 70,
     /// A needle left the retina; mm³ that it injected.
     NeedleLeft = 71,
     /// A needle in the retina moves along it too fast; mm/s.
     NeedleFast = 72,
-    /// The retina tore; springs torn in this step.
-    RetinaTorn = 73,
+    /// The whole retina ripped; springs torn in this step.
+    RetinaRipped = 73,
     /// The retina came off the choroid; nodes in this step.
     RetinaDetached = 74,
     /// Blebs became one; mm³ under it.
@@ -62,7 +72,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 25] = [
+    pub const ALL: [EventKind; 30] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -79,10 +89,15 @@ impl EventKind {
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
+        EventKind::MembranePeeled,
+        EventKind::MembraneOff,
+        EventKind::RetinaPulled,
+        EventKind::RetinaLifted,
+        EventKind::RetinaTorn,
         EventKind::RetinaPierced,
         EventKind::NeedleLeft,
         EventKind::NeedleFast,
-        EventKind::RetinaTorn,
+        EventKind::RetinaRipped,
         EventKind::RetinaDetached,
         EventKind::BlebsMerged,
         EventKind::RetinaLying,
@@ -114,10 +129,15 @@ impl EventKind {
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
+            EventKind::MembranePeeled => ("membrane peeled", "mm²"),
+            EventKind::MembraneOff => ("the whole membrane is off", "mm²"),
+            EventKind::RetinaPulled => ("membrane pulls hard at the retina", "Pa"),
+            EventKind::RetinaLifted => ("retina lifted with the membrane", "mm"),
+            EventKind::RetinaTorn => ("retina torn", "mm²"),
             EventKind::RetinaPierced => ("needle in the retina", "mm"),
             EventKind::NeedleLeft => ("needle withdrawn", "mm³"),
             EventKind::NeedleFast => ("needle tears at the retina", "mm/s"),
-            EventKind::RetinaTorn => ("retina torn", "springs"),
+            EventKind::RetinaRipped => ("retina ripped", "springs"),
             EventKind::RetinaDetached => ("retina lifts", "nodes"),
             EventKind::BlebsMerged => ("blebs merged", "mm³"),
             EventKind::RetinaLying => ("retina lies on", "nodes"),

@@ -60,7 +60,7 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
     let merged = values(&events, EventKind::BlebsMerged);
     assert!((20.0..most_under).contains(&merged[0]), "two blebs became one under the fovea: {merged:?}");
     assert!(!values(&events, EventKind::TissueGrabbed).is_empty());
-    for kind in [EventKind::RetinaTorn, EventKind::NeedleFast, EventKind::RetinaPenetrated, EventKind::TissueDisabled] {
+    for kind in [EventKind::RetinaRipped, EventKind::NeedleFast, EventKind::RetinaPenetrated, EventKind::TissueDisabled] {
         assert!(values(&events, kind).is_empty(), "{kind:?}");
     }
     assert!(most_under > 30.0, "{most_under}");

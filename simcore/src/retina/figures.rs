@@ -12,6 +12,9 @@ pub const PRESSURE_S: f64 = 0.02;
 /// The front looks at itself every so many substeps; a node that comes off changes the pull on its neighbours, so that only the worst
 /// node of a bleb goes at a time. At most 250 nodes a second: faster than any fluid can follow.
 pub const FRONT_EVERY: u64 = 4;
+/// Rounds in which a front node's load is added to its neighbours': after two it stands for five nodes of front. Fewer let the corners of
+/// the lattice unzip the front far below its adhesion, more would round off a real corner.
+pub const FRONT_SMOOTHING: u32 = 2;
 /// Time over which the speed of a needle is smoothed, s: half a field, so that a pose's noise is not a speed.
 pub const SPEED_S: f64 = 0.01;
 /// A warning is armed again below this share of its limit.

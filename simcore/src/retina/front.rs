@@ -1,12 +1,12 @@
 //! The front: where the retina comes off the choroid, where it comes to lie on it again, and what that does to the blebs.
 //!
 //! A node of the front carries the pull of the springs to its loose neighbours and its share of the fluid's push. Divided by the length of
-//! rim that it holds, that is a force per length with a part away from the choroid and one along it. The node comes off when what
-//! that releases ([`Figures::release_un_per_mm`](super::figures::Figures::release_un_per_mm)) reaches the adhesion. Over the whole rim of a round bleb the
+//! rim that it holds, that is a force per length with a part away from the choroid and one along it. A lattice loads its corners unevenly, so
+//! that force and rim are added up over a few neighbours along the front first. A node comes off when what that releases ([`Figures::release_un_per_mm`](super::figures::Figures::release_un_per_mm)) reaches the adhesion. Over the whole rim of a round bleb the
 //! carried force is that of Laplace's law, because the push of the fluid on bleb and choroid is the same.
 
 use super::Retina;
-use super::figures::{FILM_MM, MAX_BLEBS};
+use super::figures::{FILM_MM, FRONT_SMOOTHING, MAX_BLEBS};
 use super::state::{Bleb, RetinaState};
 use super::volume::at;
 use crate::state::{MembraneState, NODE_PINNED};
@@ -52,7 +52,7 @@ impl Retina {
         let mut worst = [(self.figures.adhesion_un_per_mm, u32::MAX); MAX_BLEBS];
         for slot in 0..self.pieces.front.len() {
             let front = self.pieces.front[slot];
-            let release = self.release_of(state, slot);
+            let release = self.release_of(slot);
             let most = &mut worst[usize::from(front.bleb)];
             if release >= most.0 && !self.ora[front.node as usize] {
                 *most = (release, front.node);
@@ -62,7 +62,7 @@ impl Retina {
         self.take_off(state, nodes);
     }
 
-    /// Adds up what the front carries.
+    /// Adds up what the front carries: away from the choroid, along it towards the bleb, and the rim that carries it.
     fn load_front(&mut self, state: &RetinaState) {
         let (pieces, tissue) = (&self.pieces, &state.tissue);
         let push = |f: &super::pieces::FrontNode| {
@@ -80,26 +80,43 @@ impl Retina {
                 *inward += way / length;
             }
         }
+        let carried = |(front, [force, inward]): (&super::pieces::FrontNode, &[Vector3<f64>; 2])| {
+            let foot = at(tissue, front.node);
+            let up = -foot / foot.norm();
+            let along = inward - up * inward.dot(&up);
+            let length = along.norm();
+            let towards = if length > 0.0 { force.dot(&along) / length } else { 0.0 };
+            Vector3::new(force.dot(&up), towards, front.rim_mm)
+        };
+        self.front_load.clear();
+        self.front_load.extend(pieces.front.iter().zip(&self.front_force).map(carried));
+        for _ in 0..FRONT_SMOOTHING {
+            self.front_sum.clear();
+            self.front_sum.extend_from_slice(&self.front_load);
+            for &[a, b] in &pieces.rims {
+                self.front_sum[a as usize] += self.front_load[b as usize];
+                self.front_sum[b as usize] += self.front_load[a as usize];
+            }
+            std::mem::swap(&mut self.front_sum, &mut self.front_load);
+        }
     }
 
-    /// What a front node would release if it came off, µN/mm.
-    fn release_of(&self, state: &RetinaState, slot: usize) -> f64 {
-        let front = &self.pieces.front[slot];
-        let [force, inward] = &self.front_force[slot];
-        let foot = at(&state.tissue, front.node);
-        let up = -foot / foot.norm();
-        let along = inward - up * inward.dot(&up);
-        let along = if along.norm() > 0.0 { along.normalize() } else { Vector3::zeros() };
-        // A node that loose ones surround holds no edge of its own: half the mean edge at least.
-        let least = 0.25 * f64::from(self.sheet.rest_mm[0]);
-        let rim = if front.rim_mm > least { front.rim_mm } else { least };
-        self.figures.release_un_per_mm(force.dot(&up) / rim, force.dot(&along) / rim)
+    /// What a front node would release if it came off, µN/mm. One that loose nodes surround holds no rim, and lets go.
+    fn release_of(&self, slot: usize) -> f64 {
+        let load = &self.front_load[slot];
+        if load.z > 0.0 {
+            self.figures.release_un_per_mm(load.x / load.z, load.y / load.z)
+        } else if load.x > 0.0 {
+            f64::MAX
+        } else {
+            0.0
+        }
     }
 
     /// Largest release of the front against the adhesion; 1 is about to come off. For judging a state, not part of a step.
     pub fn front_load(&mut self, state: &RetinaState) -> f64 {
         self.load_front(state);
-        let all = (0..self.pieces.front.len()).map(|slot| self.release_of(state, slot));
+        let all = (0..self.pieces.front.len()).map(|slot| self.release_of(slot));
         all.fold(0.0, f64::max) / self.figures.adhesion_un_per_mm
     }
 

@@ -77,6 +77,9 @@ pub struct Retina {
     push: Vec<Vector3<f64>>,
     /// Force on each front node, and where the bleb lies seen from it.
     front_force: Vec<[Vector3<f64>; 2]>,
+    /// What each front node and its neighbours carry: µN away from the choroid, µN along it, mm of rim.
+    front_load: Vec<Vector3<f64>>,
+    front_sum: Vec<Vector3<f64>>,
     last_good: LastGood,
 }
 
@@ -106,6 +109,8 @@ impl Retina {
             ora,
             push: vec![Vector3::zeros(); sheet.nodes()],
             front_force: Vec::with_capacity(sheet.structural),
+            front_load: Vec::with_capacity(sheet.structural),
+            front_sum: Vec::with_capacity(sheet.structural),
             last_good: LastGood::new(&state.tissue),
             sheet,
         };

@@ -47,6 +47,8 @@ pub struct Pieces {
     pub front: Vec<FrontNode>,
     /// What pulls at it.
     pub pulls: Vec<Pull>,
+    /// Places in [`Self::front`] of front nodes that are joined along the rim.
+    pub rims: Vec<[u32; 2]>,
     /// 1 for a living triangle with a loose node.
     pub loose_alive: Vec<u8>,
     /// Area of dead triangles of each bleb as they lay at the start, mm².
@@ -71,6 +73,7 @@ impl Pieces {
             // A front node may hold several blebs, each by another spring.
             front: Vec::with_capacity(springs),
             pulls: Vec::with_capacity(springs),
+            rims: Vec::with_capacity(2 * springs),
             loose_alive: vec![0; triangles],
             torn_mm2: Vec::with_capacity(MAX_BLEBS),
             area_mm2: Vec::with_capacity(MAX_BLEBS),
@@ -137,7 +140,7 @@ impl Pieces {
         self.taken_spring.fill(false);
         self.slot.fill(NONE);
         (self.nodes.clear(), self.node_start.clear(), self.triangles.clear(), self.triangle_start.clear());
-        (self.front.clear(), self.pulls.clear(), self.torn_mm2.clear(), self.area_mm2.clear());
+        (self.front.clear(), self.pulls.clear(), self.rims.clear(), self.torn_mm2.clear(), self.area_mm2.clear());
     }
 
     /// The nodes found from here on are a new bleb; called once more after the last.
@@ -193,10 +196,9 @@ impl Pieces {
                     (true, true) => {
                         let length = state.tissue.position(a as usize) - state.tissue.position(b as usize);
                         let half = 0.5 * f64::from(length.norm());
-                        for n in [a, b] {
-                            let slot = self.slot(n, bleb as u8);
-                            self.front[slot].rim_mm += half;
-                        }
+                        let slots = [a, b].map(|n| self.slot(n, bleb as u8));
+                        slots.iter().for_each(|&slot| self.front[slot].rim_mm += half);
+                        self.rims.push(slots.map(|slot| slot as u32));
                     }
                     (true, false) => self.add_pull(s, a, b, label),
                     (false, true) => self.add_pull(s, b, a, label),

@@ -1,6 +1,7 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod peel;
 mod plan;
 mod retina;
 mod tissue;
@@ -16,6 +17,8 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;
+use crate::membrane::adhesion::Adhesion;
+use crate::membrane::curl::Curl;
 use crate::membrane::implicit::Implicit;
 use crate::membrane::mesh::MeshError;
 use crate::membrane::sheet::Sheet;
@@ -54,6 +57,19 @@ pub enum WorldError {
         /// Bytes there are.
         room: usize,
     },
+    /// The glue is too stiff for the nodes' mass and the substep.
+    #[error(
+        "membrane.node_mass_g: expected at least {least_g:.3} g for glue of {stiffness_un_per_mm:.0} µN/mm a node, \
+         found {found_g}; or give membrane.adhesion a longer range_mm"
+    )]
+    Glue {
+        /// Stiffness of the stiffest bond, µN/mm.
+        stiffness_un_per_mm: f64,
+        /// Mass that would do, g.
+        least_g: f64,
+        /// Mass there is, g.
+        found_g: f64,
+    },
 }
 
 /// What one step consumes.
@@ -87,6 +103,8 @@ pub struct World {
     tissue: Tissue,
     state: State,
     solver: Solver,
+    adhesion: Option<Adhesion>,
+    curl: Option<Curl>,
     /// What makes the substeps where the scene asks for more than the explicit core.
     implicit: Option<Implicit>,
     volume: Volume,
@@ -103,6 +121,8 @@ pub struct World {
     toll: tissue::Toll,
     /// The whole retina as tissue, where the scene has it.
     retina: Option<retina::RetinaPart>,
+    /// What happened to the glue in this step, for its events.
+    parting: peel::StepParting,
 }
 
 impl World {
@@ -115,7 +135,8 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let state = State { retina, ..start_state(scene, &sheet) };
+        let adhesion = peel::adhesion(scene, &sheet)?;
+        let state = State { retina, ..start_state(scene, &sheet, adhesion.as_ref()) };
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
@@ -130,6 +151,8 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
+            adhesion,
+            curl: peel::curl(scene, &sheet),
             implicit: Implicit::of(integrator, &sheet),
             volume,
             zcoll,
@@ -140,6 +163,7 @@ impl World {
             log: EventLog::default(),
             toll: tissue::Toll::default(),
             retina,
+            parting: peel::StepParting::default(),
             scene: scene.clone(),
             sheet,
             state,
@@ -177,6 +201,7 @@ impl World {
             }
         }
         self.tell_toll();
+        self.tell_peel();
         self.check_finite();
         self.end_retina();
         self.end_step(&plan);
@@ -225,6 +250,7 @@ impl World {
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
         self.check_retina(&state).map_err(CheckpointError::Content)?;
+        peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
         self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
@@ -244,7 +270,7 @@ impl World {
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
         let retina = self.retina.as_ref().map(|part| part.model.start());
-        self.state = State { retina, ..start_state(&self.scene, &self.sheet) };
+        self.state = State { retina, ..start_state(&self.scene, &self.sheet, self.adhesion.as_ref()) };
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
@@ -264,6 +290,7 @@ impl World {
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
+        self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
         self.begin_retina();
     }
@@ -287,7 +314,7 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) -> State {
     State {
         step: 0,
         field: 0,
@@ -302,7 +329,8 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane: sheet.start(),
+        membrane: peel::start_membrane(sheet, adhesion),
+        adhesion: adhesion.map(Adhesion::start),
         microscope: microscope::start(&scene.microscope),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),

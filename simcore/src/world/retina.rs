@@ -204,7 +204,7 @@ impl World {
         let counts = [
             (EventKind::RetinaDetached, Severity::Info, toll.detached),
             (EventKind::RetinaLying, Severity::Info, toll.lying),
-            (EventKind::RetinaTorn, Severity::Injury, toll.torn),
+            (EventKind::RetinaRipped, Severity::Injury, toll.torn),
             (EventKind::TissueDisabled, Severity::Injury, toll.disabled),
         ];
         for (kind, severity, (count, node)) in counts.into_iter().filter(|c| c.2.0 > 0) {
