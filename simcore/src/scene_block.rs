@@ -25,7 +25,8 @@ const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 102
 
 /// Room that the scene of a membrane's sheet, and of a retina's, takes at most, bytes.
 pub fn bytes_needed(sheet: &Sheet, retina: Option<&Sheet>) -> usize {
-    let mesh = |s: &Sheet| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
+    let mesh =
+        |s: &Sheet| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
     mesh(sheet) + retina.map_or(0, mesh) + BESIDE_THE_MESH
 }
 

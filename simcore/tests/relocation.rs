@@ -24,7 +24,10 @@ fn check_fluid(world: &World, field: u64) {
     assert!(balance.abs() < 1e-9, "field {field}: in − out − under = {balance:e}");
     for (bleb, kept) in state.blebs.iter().enumerate() {
         let error = model.measured_mm3(state, bleb) - kept.volume_mm3;
-        assert!(error.abs() < 2e-4, "field {field}, bleb {bleb}: the mesh holds {error:e} mm³ more than its account");
+        assert!(
+            error.abs() < 2e-4,
+            "field {field}, bleb {bleb}: the mesh holds {error:e} mm³ more than its account"
+        );
     }
     state.check(&model.sheet).unwrap_or_else(|e| panic!("field {field}: {e}"));
 }
@@ -40,27 +43,22 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
         check_fluid(&world, field);
         most_under = most_under.max(retina(&world).under_mm3());
         most_turn = most_turn.max(retina(&world).turn_rad(&world.retina().unwrap().home_mm));
-        if field % 50 == 49 {
-            let (s, m) = (retina(&world), world.retina().unwrap());
-            println!(
-                "{:5.1} s: under {:8.4} blebs {} p {:?} loose {} held {} turn {:.4} holes {} air {} open {:?}",
-                field as f64 * 0.02, s.under_mm3(), s.blebs.len(), s.blebs.first().map(|b| b.pressure_pa), m.pieces.loose().len(),
-                s.held[0].len(), s.turn_rad(&m.home_mm), s.holes.len(), s.air, s.holes.last().map(|h| h.open_mm2)
-            );
-        }
         if field == 1300 {
             world.save(&mut saved).unwrap();
         }
     }
     let state = retina(&world);
-    println!("{:?} under at most {most_under} turned at most {most_turn}", state.account);
-    println!("left {:?}", values(&events, EventKind::NeedleLeft));
     assert_eq!(values(&events, EventKind::RetinaPierced).len(), 2);
     assert!(values(&events, EventKind::NeedleLeft).iter().all(|v| *v > 15.0), "each bleb took its fluid");
     let merged = values(&events, EventKind::BlebsMerged);
     assert!((20.0..most_under).contains(&merged[0]), "two blebs became one under the fovea: {merged:?}");
     assert!(!values(&events, EventKind::TissueGrabbed).is_empty());
-    for kind in [EventKind::RetinaRipped, EventKind::NeedleFast, EventKind::RetinaPenetrated, EventKind::TissueDisabled] {
+    for kind in [
+        EventKind::RetinaRipped,
+        EventKind::NeedleFast,
+        EventKind::RetinaPenetrated,
+        EventKind::TissueDisabled,
+    ] {
         assert!(values(&events, kind).is_empty(), "{kind:?}");
     }
     assert!(most_under > 30.0, "{most_under}");

@@ -47,7 +47,8 @@ impl Retina {
             let bleb = self.pieces.label[hole.node as usize];
             if !plugged && bleb > 0 {
                 let area = if state.air { full } else { hole.open_mm2 };
-                state.account.leaked_mm3 += self.figures.drain(&mut state.blebs[usize::from(bleb) - 1], area, state.air);
+                state.account.leaked_mm3 +=
+                    self.figures.drain(&mut state.blebs[usize::from(bleb) - 1], area, state.air);
             }
         }
         for (bleb, area_mm2) in state.blebs.iter_mut().zip(&self.pieces.area_mm2) {

@@ -24,7 +24,13 @@ pub(super) fn lay(tissue: &mut MembraneState, node: u32, radius_mm: f64) {
 }
 
 /// Moves a node by `way`, at most onto the choroid; with `dt_s` its velocity follows.
-pub(super) fn shift(tissue: &mut MembraneState, node: u32, way: &Vector3<f64>, dt_s: Option<f64>, radius_mm: f64) {
+pub(super) fn shift(
+    tissue: &mut MembraneState,
+    node: u32,
+    way: &Vector3<f64>,
+    dt_s: Option<f64>,
+    radius_mm: f64,
+) {
     let n = node as usize;
     let p = at(tissue, node) + way;
     let length = p.norm();
@@ -121,7 +127,13 @@ impl Retina {
     }
 
     /// Takes every node within `d_mm` of `from` off the choroid, and `nearest` in any case.
-    pub(super) fn take_off_around(&mut self, state: &mut RetinaState, from: &Vector3<f64>, d_mm: f64, nearest: u32) {
+    pub(super) fn take_off_around(
+        &mut self,
+        state: &mut RetinaState,
+        from: &Vector3<f64>,
+        d_mm: f64,
+        nearest: u32,
+    ) {
         let holds = |tissue: &MembraneState, n: u32| tissue.flag[n as usize] == NODE_PINNED;
         let before = self.toll.detached.0;
         for n in 0..self.sheet.nodes() as u32 {
@@ -165,7 +177,8 @@ impl Retina {
     }
 
     fn beside_lying(&self, state: &RetinaState, node: u32) -> bool {
-        let around = self.sheet.triangles_of(node as usize).iter().flat_map(|&t| self.sheet.triangles[t as usize]);
+        let around =
+            self.sheet.triangles_of(node as usize).iter().flat_map(|&t| self.sheet.triangles[t as usize]);
         around.into_iter().any(|n| state.tissue.flag[n as usize] == NODE_PINNED)
     }
 
@@ -218,14 +231,14 @@ impl Retina {
     fn hand_on(&mut self, state: &mut RetinaState, old: &[(Bleb, f64, u8)], parent: &[u8; MAX_BLEBS]) {
         let all: f64 = old.iter().map(|(bleb, ..)| bleb.volume_mm3).sum();
         state.blebs.clear();
-        for new in 0..self.pieces.count() {
+        for (new, was) in parent.iter().enumerate().take(self.pieces.count()) {
             let mine = || old.iter().filter(|o| usize::from(o.2) == new + 1);
             let rest: f64 = mine().map(|o| o.1).sum();
             // Pressures mix by volume; a piece that broke off has that of the whole.
             let weight = |o: &(Bleb, f64, u8)| o.0.volume_mm3.max(f64::MIN_POSITIVE);
             let weights: f64 = mine().map(weight).sum();
             let mixed: f64 = mine().map(|o| o.0.pressure_pa * (weight(o) / weights)).sum();
-            let inherited = parent[new].checked_sub(1).map_or(0.0, |was| old[usize::from(was)].0.pressure_pa);
+            let inherited = was.checked_sub(1).map_or(0.0, |was| old[usize::from(was)].0.pressure_pa);
             let volume_mm3 = self.measured_mm3(state, new) + rest;
             let pressure_pa = if mine().next().is_some() { mixed } else { inherited };
             state.blebs.push(Bleb { volume_mm3, pressure_pa, torn_mm2: self.pieces.torn_mm2[new] });

@@ -39,7 +39,12 @@ impl Retina {
     }
 
     /// Follows instrument `i` as a needle for one substep; `None` for an instrument that is none, or is not tracked.
-    pub fn follow_needle(&mut self, state: &mut RetinaState, i: usize, needle: Option<&Needle>) -> NeedleNews {
+    pub fn follow_needle(
+        &mut self,
+        state: &mut RetinaState,
+        i: usize,
+        needle: Option<&Needle>,
+    ) -> NeedleNews {
         let mut news = NeedleNews::default();
         let Some(needle) = needle else {
             news.left_mm3 = state.needles[i].inside.then_some(state.needles[i].injected_mm3);
@@ -89,7 +94,13 @@ impl Retina {
 
     /// Watches the speed along the retina (paper, section 4.5): over one limit it warns, over a higher one a spring tears for each mean edge
     /// of way. Returns the speed where the warning is new.
-    fn drag(&mut self, state: &mut RetinaState, i: usize, needle: &Needle, found: &Penetration) -> Option<f64> {
+    fn drag(
+        &mut self,
+        state: &mut RetinaState,
+        i: usize,
+        needle: &Needle,
+        found: &Penetration,
+    ) -> Option<f64> {
         let scene = &self.figures.scene;
         let (warn, tears) = (scene.needle_warn_mm_s, scene.needle_tear_mm_s);
         let mine = &mut state.needles[i];
@@ -110,7 +121,8 @@ impl Retina {
     /// Tears the spring that lies most across the way of the needle at the nearest living node.
     fn rip(&mut self, state: &mut RetinaState, at_mm: &Vector3<f64>, velocity_mm_s: &Vector3<f64>) {
         let node = self.nearest_node(state, at_mm) as usize;
-        let around = self.sheet.triangles_of(node).iter().flat_map(|&t| self.sheet.triangle_springs[t as usize]);
+        let around =
+            self.sheet.triangles_of(node).iter().flat_map(|&t| self.sheet.triangle_springs[t as usize]);
         let mut best: Option<(f64, u32)> = None;
         for s in around {
             let [a, b] = self.sheet.springs[s as usize].map(|n| at(&state.tissue, n));

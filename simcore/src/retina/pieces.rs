@@ -126,7 +126,8 @@ impl Pieces {
                 let dead = state.tissue.triangle_alive[t as usize] == 0;
                 torn += if dead { f64::from(home_mm2[t as usize]) } else { 0.0 };
             }
-            (self.torn_mm2.push(torn), self.area_mm2.push(area));
+            self.torn_mm2.push(torn);
+            self.area_mm2.push(area);
         }
         for &t in &self.triangles {
             self.loose_alive[t as usize] = state.tissue.triangle_alive[t as usize];
@@ -139,8 +140,14 @@ impl Pieces {
         self.taken_triangle.fill(false);
         self.taken_spring.fill(false);
         self.slot.fill(NONE);
-        (self.nodes.clear(), self.node_start.clear(), self.triangles.clear(), self.triangle_start.clear());
-        (self.front.clear(), self.pulls.clear(), self.rims.clear(), self.torn_mm2.clear(), self.area_mm2.clear());
+        self.front.clear();
+        self.pulls.clear();
+        self.rims.clear();
+        for list in [&mut self.nodes, &mut self.node_start, &mut self.triangles, &mut self.triangle_start] {
+            list.clear();
+        }
+        self.torn_mm2.clear();
+        self.area_mm2.clear();
     }
 
     /// The nodes found from here on are a new bleb; called once more after the last.

@@ -148,7 +148,8 @@ impl RetinaState {
         if !crate::guard::all_finite(t) || !t.flag.iter().all(|&f| is_known_flag(f)) {
             return Err("numbers of the retina are out of range");
         }
-        tear::check_mesh(sheet, t).map_err(|_| "springs, triangles and nodes of the retina do not fit together")?;
+        tear::check_mesh(sheet, t)
+            .map_err(|_| "springs, triangles and nodes of the retina do not fit together")?;
         self.check_lists(nodes)?;
         self.check_held()
     }
@@ -156,7 +157,8 @@ impl RetinaState {
     fn check_lists(&self, nodes: usize) -> Result<(), &'static str> {
         let numbers = self.blebs.iter().flat_map(|b| [b.volume_mm3, b.pressure_pa, b.torn_mm2]);
         let holes = self.holes.iter().flat_map(|h| [h.open_mm2, h.at_mm[0], h.at_mm[1], h.at_mm[2]]);
-        let needles = self.needles.iter().flat_map(|n| [n.speed_mm_s, n.detached_mm, n.dragged_mm, n.injected_mm3]);
+        let needles =
+            self.needles.iter().flat_map(|n| [n.speed_mm_s, n.detached_mm, n.dragged_mm, n.injected_mm3]);
         let entries = self.needles.iter().flat_map(|n| n.entry_mm);
         let presses = self.presses.iter().flat_map(|p| [p.jaw_rad, p.way_mm[0], p.way_mm[1], p.way_mm[2]]);
         let account = [self.account.injected_mm3, self.account.leaked_mm3];

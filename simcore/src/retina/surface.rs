@@ -28,7 +28,8 @@ impl Retina {
                 continue;
             }
             let [a, b, c] = self.corners(state, t);
-            let weights = [point_mm.dot(&b.cross(&c)), point_mm.dot(&c.cross(&a)), point_mm.dot(&a.cross(&b))];
+            let weights =
+                [point_mm.dot(&b.cross(&c)), point_mm.dot(&c.cross(&a)), point_mm.dot(&a.cross(&b))];
             let sum: f64 = weights.iter().sum();
             // Corners are counter-clockwise seen from the centre, so that all three are below 0 inside the triangle's cone.
             if sum >= 0.0 || weights.iter().any(|&w| w > 0.0) {

@@ -48,13 +48,13 @@ impl World {
         };
         let model = &mut part.model;
         let mut pressure = [None; INSTRUMENTS];
-        for i in 0..INSTRUMENTS {
+        for (i, pressure) in pressure.iter_mut().enumerate() {
             self.use_jaws_on_retina(model, &mut retina, plan, poses, (i, k));
             let needle = self.aimed.needles[i];
             let news = model.follow_needle(&mut retina, i, needle.as_ref());
             self.tell_needle(i, &news, model.figures.scene.needle_warn_mm_s);
             let in_place = needle.filter(|_| retina.needles[i].inside);
-            pressure[i] = in_place.filter(|n| n.pressure_pa > 0.0).map(|n| n.pressure_pa);
+            *pressure = in_place.filter(|n| n.pressure_pa > 0.0).map(|n| n.pressure_pa);
         }
         model.flow(&mut retina, pressure);
         model.substep(&mut retina, self.state.substeps);
@@ -130,11 +130,17 @@ impl World {
 
     /// ZCOLL for every instrument that presses on loose retina; a needle pierces and does not press.
     pub(super) fn push_retina(&mut self, plan: &Plan, poses: &Poses) {
-        let (Some(mut part), Some(mut retina)) = (self.retina.take(), self.state.retina.take()) else { return };
+        let (Some(mut part), Some(mut retina)) = (self.retina.take(), self.state.retina.take()) else {
+            return;
+        };
         for i in 0..INSTRUMENTS {
             let way = Vector3::from(retina.presses[i].way_mm);
             let needle = self.state.instruments[i].tool == Tool::Needle as u32;
-            let near = part.model.reaches(&retina, &poses.eye_from_instrument[i].translation.vector, self.volume.reach_mm());
+            let near = part.model.reaches(
+                &retina,
+                &poses.eye_from_instrument[i].translation.vector,
+                self.volume.reach_mm(),
+            );
             let press = &mut retina.presses[i];
             press.way_mm = [0.0; 3];
             if !plan.touches[i] || needle || !near || !retina.held[i].is_empty() {
@@ -146,7 +152,13 @@ impl World {
         (self.retina, self.state.retina) = (Some(part), Some(retina));
     }
 
-    fn press(&mut self, part: &mut RetinaPart, retina: &mut RetinaState, poses: &Poses, at: (usize, Vector3<f64>)) {
+    fn press(
+        &mut self,
+        part: &mut RetinaPart,
+        retina: &mut RetinaState,
+        poses: &Poses,
+        at: (usize, Vector3<f64>),
+    ) {
         let ((i, way), pose) = (at, &poses.eye_from_instrument[at.0]);
         self.images[i].prepare(self.state.instruments[i].jaw_rad, &self.volume);
         let position_mm = retina.tissue.position_mm.each_ref().map(Vec::as_slice);
@@ -210,7 +222,12 @@ impl World {
         for (kind, severity, (count, node)) in counts.into_iter().filter(|c| c.2.0 > 0) {
             let position_in_eye_mm = retina.tissue.position(node as usize).map(f64::from).into();
             let event = Happening::new(kind, severity, f64::from(count));
-            self.log.raise(Happening { subject: node, position_in_eye_mm, instrument: NO_INSTRUMENT, ..event });
+            self.log.raise(Happening {
+                subject: node,
+                position_in_eye_mm,
+                instrument: NO_INSTRUMENT,
+                ..event
+            });
         }
         if toll.merged.0 > 0 {
             self.log.raise(Happening::new(EventKind::BlebsMerged, Severity::Info, toll.merged.1));
@@ -240,7 +257,11 @@ impl World {
             (None, None) => Ok(()),
             (Some(part), Some(retina)) => {
                 retina.check(&part.model.sheet)?;
-                if part.model.agrees(retina) { Ok(()) } else { Err("the blebs are not those of the loose retina") }
+                if part.model.agrees(retina) {
+                    Ok(())
+                } else {
+                    Err("the blebs are not those of the loose retina")
+                }
             }
             _ => Err("the scene has a retina and the state has none, or the reverse"),
         }
