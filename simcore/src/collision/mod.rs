@@ -9,6 +9,8 @@
 pub mod continuous;
 pub mod exact;
 pub mod eyeball;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod instrument_image;
 pub mod placing;
 pub mod raster;
