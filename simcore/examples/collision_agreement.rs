@@ -52,8 +52,9 @@ mod adapter {
     pub fn differs(device: &GpuDevice, scene: &Scene) -> bool {
         let (mut zcoll, image) = instruments(scene);
         let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
-        let mut told = |zcoll: &mut Zcoll| {
-            let (touches, found) = (zcoll.touches(&image, pose, &surface), zcoll.look(&image, pose, &surface));
+        let told = |zcoll: &mut Zcoll| {
+            let (touches, found) =
+                (zcoll.touches(&image, pose, &surface), zcoll.look(&image, pose, &surface));
             let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
                 (zcoll.triangles().collect(), zcoll.displaced().collect());
             triangles.sort_unstable();

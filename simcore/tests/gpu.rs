@@ -4,7 +4,7 @@
 
 mod rays;
 
-use rays::{RADIUS_MM, Random, Scene};
+use rays::{RADIUS_MM, Random, Scene, collisions};
 use simcore::collision::gpu::{GpuDevice, GpuZcoll};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
@@ -54,6 +54,9 @@ fn an_adapter_gives_the_same_bits() {
         let scene = Scene::random(&mut random, &[8, 32, 32, 64, 256]);
         let [cpu, gpu] = both(&device, &scene);
         assert_eq!(cpu, gpu, "scene {number}");
+        // Not only with each other: with exact rays.
+        let hits = gpu.1.iter().map(|h| (h.pixel, (h.triangle, h.way)));
+        assert!(hits.eq(collisions(&scene)), "scene {number}");
         pixels += cpu.1.len();
     }
     assert!(pixels > 20 * SCENES, "{pixels}");

@@ -81,7 +81,11 @@ fn transport_and_graphics_stay_behind_their_borders() {
     for (library, owners) in only {
         for name in ["protocol", "fpga-model", "tracker", "simcore", "renderer", "launcher"] {
             let has = dependencies(&metadata, name).contains(&library.to_owned());
-            assert_eq!(has, owners.contains(&name), "{library} belongs to {owners:?}; found wrong for {name}");
+            assert_eq!(
+                has,
+                owners.contains(&name),
+                "{library} belongs to {owners:?}; found wrong for {name}"
+            );
         }
     }
     for (path, text) in sources() {

@@ -309,7 +309,19 @@ mod tests {
 
     #[test]
     fn each_process_gets_what_it_understands() {
-        let args = parse(&["--rig", "r.json", "--scene", "peel", "--seed", "9", "--stills", "s", "--collision", "cpu"]).unwrap();
+        let args = parse(&[
+            "--rig",
+            "r.json",
+            "--scene",
+            "peel",
+            "--seed",
+            "9",
+            "--stills",
+            "s",
+            "--collision",
+            "cpu",
+        ])
+        .unwrap();
         let of = |p| args.arguments_of(p, View::Headless, Some(2.5), 0).join(" ");
         assert_eq!(of(Process::FpgaModel), "--rig r.json --scene peel --seed 9 --duration 2.5");
         assert_eq!(of(Process::Tracker), "--rig r.json");
