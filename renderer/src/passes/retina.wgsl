@@ -40,8 +40,8 @@ fn fs_sheet(in: Sheet) -> @location(0) vec4f {
     let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z).rgb;
     // Without the choroid behind it the retina turns pale and grey; its vessels stay.
     let lifted = smoothstep(0.02, 0.5, in.more.x);
-    let pale = vec3f(0.44, 0.36, 0.31) * (0.35 + 1.5 * photo.g);
-    let albedo = mix(photo * photo, pale, 0.75 * lifted);
+    let pale = vec3f(0.46, 0.34, 0.27) * (0.1 + 2.0 * photo.g);
+    let albedo = mix(photo * photo, pale, 0.6 * lifted);
     let v = normalize(view.camera.xyz - in.p);
     var n = normalize(in.n);
     n = n * sign(dot(n, v) + 1e-6);
