@@ -1,6 +1,6 @@
 //! The epiretinal membrane of a scene: key `membrane`.
 
-use super::Range;
+use super::{AdhesionScene, CurlScene, Range};
 use serde::{Deserialize, Serialize};
 
 /// A rectangular sheet before the retina, its rim attached to the retina.
@@ -21,6 +21,12 @@ pub struct MembraneScene {
     pub bending_un_per_mm: f64,
     /// Damping along a spring, µN·s/mm.
     pub spring_damping_un_s_per_mm: f64,
+    /// How a substep is made.
+    #[serde(default, skip_serializing_if = "MembraneIntegrator::is_default")]
+    pub integrator: MembraneIntegrator,
+    /// Strain over which springs are drawn together again at the end of each substep; 0 for no limit.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub strain_limit: f64,
     /// Damping of a node by the fluid, 1/s.
     pub fluid_damping_per_s: f64,
     /// Mass of a node, g. Scaled up from the true mass so that a step of 1 ms is stable.
@@ -37,18 +43,50 @@ pub struct MembraneScene {
     pub rim_warn_un: f64,
     /// Force on a rim node that tears it off the retina, µN.
     pub rim_tear_un: f64,
+    /// Glue under the whole sheet; without it the rim alone is fixed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adhesion: Option<AdhesionScene>,
+    /// Rolling up of what is free; without it the sheet stays as it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub curl: Option<CurlScene>,
+}
+
+/// How a substep of the membrane is made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MembraneIntegrator {
+    /// The new velocity moves the nodes: the fast core, for masses scaled to the substep.
+    #[default]
+    SemiImplicit,
+    /// The old velocity moves them, as in the paper.
+    Explicit,
+    /// Backward Euler: stable for any stiffness and mass.
+    Implicit,
+    /// Each substep goes to where all forces balance; mass plays no part.
+    QuasiStatic,
+}
+
+impl MembraneIntegrator {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
 }
 
 impl MembraneScene {
     /// Its plain numbers with their allowed ranges, both ends included.
     pub(super) fn ranges(&self) -> Vec<Range> {
-        vec![
+        let mut ranges = vec![
             ("membrane.size_mm[0]", self.size_mm[0], 0.1, 20.0),
             ("membrane.size_mm[1]", self.size_mm[1], 0.1, 20.0),
             ("membrane.lift_mm", self.lift_mm, 0.0, 5.0),
             ("membrane.stiffness_un_per_mm", self.stiffness_un_per_mm, 0.0, 1e7),
             ("membrane.bending_un_per_mm", self.bending_un_per_mm, 0.0, 1e7),
             ("membrane.spring_damping_un_s_per_mm", self.spring_damping_un_s_per_mm, 0.0, 1e6),
+            ("membrane.strain_limit", self.strain_limit, 0.0, 10.0),
             ("membrane.fluid_damping_per_s", self.fluid_damping_per_s, 0.0, 1e5),
             ("membrane.node_mass_g", self.node_mass_g, 1e-9, 1e3),
             ("membrane.a_max_mm_s2", self.a_max_mm_s2, 0.0, 1e12),
@@ -57,7 +95,10 @@ impl MembraneScene {
             ("membrane.tear_tension_n_per_m", self.tear_tension_n_per_m, 0.0, 1e6),
             ("membrane.rim_warn_un", self.rim_warn_un, 0.0, 1e9),
             ("membrane.rim_tear_un", self.rim_tear_un, 0.0, 1e9),
-        ]
+        ];
+        ranges.extend(self.adhesion.iter().flat_map(AdhesionScene::ranges));
+        ranges.extend(self.curl.iter().flat_map(CurlScene::ranges));
+        ranges
     }
 
     /// What is wrong beyond the ranges: key, what would be right, what is there.
@@ -70,6 +111,6 @@ impl MembraneScene {
             let found = format!("{:?}", self.towards_in_eye);
             return Some(("membrane.towards_in_eye", "a direction".into(), found));
         }
-        None
+        self.adhesion.as_ref().and_then(AdhesionScene::defect)
     }
 }
