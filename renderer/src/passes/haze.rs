@@ -111,8 +111,9 @@ fn cell(lattice: &Lattice, corner: [f32; 3]) -> [u32; 3] {
 /// The lattice on which all bricks lie, if there is one.
 fn lattice_of(bricks: &[SceneBrick]) -> Option<Lattice> {
     let edge = bricks.first()?.edge_mm;
-    let finite = |b: &SceneBrick| b.edge_mm == edge && b.corner_mm.iter().all(|c| c.abs() < 1e3);
-    if !(edge > 0.0 && edge < 1e3) || !bricks.iter().all(finite) {
+    let sound = |b: &SceneBrick| b.edge_mm == edge && b.corner_mm.iter().all(|c| c.abs() < 1e3);
+    let possible = edge > 0.0 && edge < 1e3;
+    if !possible || !bricks.iter().all(sound) {
         return None;
     }
     let least = |c: usize| bricks.iter().map(|b| b.corner_mm[c]).fold(f32::MAX, f32::min);
