@@ -2,8 +2,10 @@
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
 mod membrane;
+mod vitreous;
 
 pub use membrane::MembraneScene;
+pub use vitreous::{AdhesionScene, GelScene, RelaxationScene, SuctionScene, VitreousScene, ZoneScene};
 
 use crate::handles::Tool;
 use crate::limits::INSTRUMENTS;
@@ -17,7 +19,10 @@ pub const FORMAT: &str = "vitreo-scene-1";
 pub const DEFAULT_SCENE: &str = "peel";
 
 /// Shipped scenes: name and text.
-pub const SHIPPED: [(&str, &str); 1] = [("peel", include_str!("../../../assets/scenes/peel.toml"))];
+pub const SHIPPED: &[(&str, &str)] = &[
+    ("peel", include_str!("../../../assets/scenes/peel.toml")),
+    ("vitrectomy", include_str!("../../../assets/scenes/vitrectomy.toml")),
+];
 
 /// Why a scene was refused.
 #[derive(Debug, thiserror::Error)]
@@ -76,6 +81,9 @@ pub struct SceneFile {
     /// The epiretinal membrane; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
+    /// The vitreous body; a scene may do without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vitreous: Option<VitreousScene>,
     /// How instruments act on tissue and retina.
     pub contact: ContactScene,
     /// The microscope at the start.
@@ -197,7 +205,7 @@ impl SceneFile {
         let shipped = SHIPPED.iter().find(|(n, _)| *n == name);
         let (_, text) = shipped.ok_or_else(|| SceneError::Missing {
             name: name.into(),
-            shipped: SHIPPED.map(|(n, _)| n).join(", "),
+            shipped: SHIPPED.iter().map(|(n, _)| *n).collect::<Vec<_>>().join(", "),
         })?;
         Self::parse(text, name)
     }
@@ -237,6 +245,10 @@ impl SceneFile {
         }
         if let Some((field, expected, found)) = self.membrane.as_ref().and_then(|m| m.defect()) {
             return refuse(field, &expected, found);
+        }
+        let radius_mm = self.eye.retina_radius_mm;
+        if let Some((field, expected, found)) = self.vitreous.as_ref().and_then(|v| v.defect(radius_mm)) {
+            return refuse(&field, &expected, found);
         }
         if !(8..=256).contains(&self.contact.resolution) {
             return refuse("contact.resolution", "8 to 256", self.contact.resolution.to_string());
@@ -294,6 +306,7 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
         ranges
     }
 }
