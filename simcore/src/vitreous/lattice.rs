@@ -33,6 +33,8 @@ pub struct Row {
     pub yz: [u16; 2],
     /// From an element to its neighbours, where it has them.
     pub steps: [i32; LINKS],
+    /// Rows beside it at −y, +y, −z and +z; itself where there is none.
+    pub beside: [u16; 4],
 }
 
 /// How an element at the wall holds to the retina.
@@ -174,6 +176,7 @@ impl Lattice {
                 len: len as u16,
                 yz: [y as u16, z as u16],
                 steps: [-1, 1, 0, 0, 0, 0],
+                beside: [number; 4],
             });
             self.row_of.extend(std::iter::repeat_n(number, len));
         }
@@ -194,8 +197,10 @@ impl Lattice {
                 let (y, z) = (y + dy, z + dz);
                 let exists = [y, z].iter().all(|c| (0..n as i32).contains(c));
                 let other = if exists { number_of[y as usize + n * z as usize] } else { None };
-                let Some(other) = other.map(|o| self.rows[o]) else { continue };
+                let Some(other_row) = other else { continue };
+                let other = self.rows[other_row];
                 if k >= 2 {
+                    self.rows[i].beside[k - 2] = other_row as u16;
                     let shift = i32::from(row.x0) - i32::from(other.x0);
                     self.rows[i].steps[k] = other.start as i32 - row.start as i32 + shift;
                 }

@@ -13,23 +13,15 @@
 //! nothing moves any more sleep, until something moves in them or beside them.
 
 use super::chainmail::Mail;
-use super::lattice::{COMPRESS, LINKS, PAD, Row, SHEAR, STRETCH};
+use super::lattice::{COMPRESS, LINKS, Lattice, PAD, Row, SHEAR, STRETCH};
 use super::state::{ADHERED, ALIVE, VitreousState, is_inside};
 
-/// Wakes the row of an element that moved, and the rows beside it.
-pub fn wake(mail: Mail, state: &mut VitreousState, element: usize) {
-    let number = usize::from(mail.lattice.row_of[element]);
-    let row = &mail.lattice.rows[number];
-    set(state, number);
-    for k in 2..LINKS {
-        if mail.links[element] >> k & 1 == 1 {
-            set(state, usize::from(mail.lattice.row_of[(element as i32 + row.steps[k]) as usize]));
-        }
+/// Wakes a row in which something moved, and the rows beside it.
+pub fn wake(lattice: &Lattice, state: &mut VitreousState, row: usize) {
+    let beside = lattice.rows[row].beside.map(usize::from);
+    for row in beside.into_iter().chain([row]) {
+        state.awake.iter_mut().for_each(|a| a[row / 64] |= 1 << (row % 64));
     }
-}
-
-fn set(state: &mut VitreousState, row: usize) {
-    state.awake.iter_mut().for_each(|a| a[row / 64] |= 1 << (row % 64));
 }
 
 /// How an element goes back.
@@ -118,8 +110,10 @@ impl Relaxer {
             if is_inside(mail.lattice, place) {
                 state.shift_um.iter_mut().zip(to).for_each(|(s, to)| s[e] = to);
                 moved = true;
-                wake(mail, state, e);
             }
+        }
+        if moved {
+            wake(mail.lattice, state, number);
         }
         moved
     }
@@ -202,7 +196,7 @@ mod tests {
         let mail = Mail { lattice: &lattice, links: &links };
         let e = lattice.element([5, 6, 6]).unwrap();
         state.shift_um[1][e] = 100;
-        wake(mail, &mut state, e);
+        wake(&lattice, &mut state, usize::from(lattice.row_of[e]));
         let held = vec![0; lattice.len()];
         let mut relaxer = Relaxer::default();
         // 5 + 6 + 6 is odd: the first pass moves its even neighbours, the second moves it.
@@ -229,7 +223,7 @@ mod tests {
         let mail = Mail { lattice: &lattice, links: &links };
         let e = lattice.element([6, 6, 6]).unwrap();
         state.shift_um[0][e] = 90;
-        wake(mail, &mut state, e);
+        wake(&lattice, &mut state, usize::from(lattice.row_of[e]));
         let mut held = vec![0; lattice.len()];
         held[e] = 1;
         Relaxer::default().relax(mail, &mut state, HOW, &held, 2000, &mut |_| ());
@@ -256,7 +250,7 @@ mod tests {
                 let e = (PAD + i % lattice.elements()) as u32;
                 let mut moved = Vec::new();
                 chainmail.push(mail, &mut state, axis, &[(e, way)], &mut |e| moved.push(e));
-                moved.into_iter().for_each(|e| wake(mail, &mut state, e));
+                moved.into_iter().for_each(|e| wake(&lattice, &mut state, usize::from(lattice.row_of[e])));
             }
             let held = vec![0; lattice.len()];
             let mut relaxer = Relaxer::default();
