@@ -4,6 +4,9 @@
 //! [`MembraneState`](crate::state::MembraneState) what does; [`solver`] moves it and [`tear`]
 //! removes springs, triangles and nodes so that the mesh stays consistent.
 
+mod grid;
+pub mod mesh;
+mod order;
 pub mod sheet;
 pub mod solver;
 pub mod tear;

@@ -108,7 +108,10 @@ pub struct Solver {
     row: [Vec<f32>; 3],
     /// Elastic pull of each spring, µN.
     pub tension_un: Vec<f32>,
-    /// Sum of the springs' forces on each node, µN.
+    /// Forces on each node from outside the sheet, µN: set by others before [`Self::accelerate`], which adds them to the
+    /// springs' forces. They stay until they are changed or [cleared](Self::clear_outer).
+    pub outer_un: [Vec<f32>; 3],
+    /// Sum of the springs' and the outer forces on each node, µN.
     pub force_un: [Vec<f32>; 3],
     acceleration: [Vec<f32>; 3],
     /// Square of each node's acceleration, mm²/s⁴.
@@ -128,6 +131,7 @@ impl Solver {
             mobile: vec![0.0; nodes],
             row: three(longest),
             tension_un: vec![0.0; springs],
+            outer_un: three(nodes),
             force_un: three(nodes),
             acceleration: three(nodes),
             acceleration2: vec![0.0; nodes],
@@ -139,14 +143,13 @@ impl Solver {
         for s in 0..sheet.springs.len() {
             let (alive, stiffness) = match s.checked_sub(sheet.structural) {
                 None => (state.spring_alive[s] != 0, tissue.stiffness),
-                Some(bend) => {
-                    let alive = sheet.bends[bend].iter().all(|&b| state.spring_alive[b as usize] != 0);
-                    (alive && tissue.bending > 0.0, tissue.bending)
-                }
+                Some(bend) => (sheet.bends[bend].is_whole(state) && tissue.bending > 0.0, tissue.bending),
             };
             let share = if tissue.stiffness > 0.0 { stiffness / tissue.stiffness } else { 1.0 };
-            self.stiffness[s] = if alive { stiffness } else { 0.0 };
-            self.damping[s] = if alive { tissue.damping * share } else { 0.0 };
+            let factor = |list: &[f32]| list.get(s).copied().unwrap_or(1.0);
+            let damping = tissue.damping * share * factor(&sheet.damping_factor);
+            self.stiffness[s] = if alive { stiffness * factor(&sheet.stiffness_factor) } else { 0.0 };
+            self.damping[s] = if alive { damping } else { 0.0 };
             if s < sheet.structural && alive {
                 self.tension_limit[s] = tissue.tear_un_per_mm * sheet.rest_mm[s];
             } else {
@@ -158,9 +161,16 @@ impl Solver {
         }
     }
 
+    /// Takes all outer forces away.
+    pub fn clear_outer(&mut self) {
+        self.outer_un.iter_mut().for_each(|f| f.fill(0.0));
+    }
+
     /// Forces and accelerations of every node.
     pub fn accelerate(&mut self, sheet: &Sheet, state: &MembraneState, tissue: &Tissue) -> Alarms {
-        self.force_un.iter_mut().for_each(|f| f.fill(0.0));
+        for (force, outer) in self.force_un.iter_mut().zip(&self.outer_un) {
+            force.copy_from_slice(outer);
+        }
         let runs = if tissue.bending > 0.0 { sheet.runs.len() } else { sheet.structural_runs() };
         for run in &sheet.runs[..runs] {
             self.pull_run(run, &sheet.rest_mm, state);

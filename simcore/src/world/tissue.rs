@@ -27,6 +27,7 @@ pub struct Toll {
 impl World {
     /// One substep of the membrane.
     pub(super) fn move_tissue(&mut self, plan: &Plan, poses: &Poses) {
+        self.solver.clear_outer();
         let membrane = &mut self.state.membrane;
         for (i, pose) in poses.eye_from_instrument.iter().enumerate() {
             if plan.touches[i] {
