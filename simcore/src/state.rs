@@ -3,6 +3,7 @@
 
 use crate::collision::surface::Surface;
 use crate::membrane::sheet::Sheet;
+use crate::vitreous::state::VitreousState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -43,6 +44,8 @@ pub struct State {
     pub instruments: [InstrumentState; INSTRUMENTS],
     /// The membrane.
     pub membrane: MembraneState,
+    /// The vitreous, where there is one.
+    pub vitreous: Option<VitreousState>,
     /// The microscope and its pedal.
     pub microscope: MicroscopeState,
     /// Bleeding points on the retina.

@@ -21,6 +21,8 @@ pub struct VitreousScene {
     pub zones: Vec<ZoneScene>,
     /// How it holds to the retina.
     pub adhesion: AdhesionScene,
+    /// How far a shaft takes the gel along before it slips through it, mm along each axis.
+    pub slip_mm: f64,
     /// How it comes back.
     pub relaxation: RelaxationScene,
     /// How the vitrector takes it.
@@ -98,7 +100,7 @@ pub struct RelaxationScene {
     pub share: f64,
     /// Weight of an element's own rest place beside one neighbour's.
     pub rest_weight: f64,
-    /// Rows of the lattice done every 4 ms; a bound on the work.
+    /// Rows of the lattice done every 20 ms; a bound on the work.
     pub rows: u32,
 }
 
@@ -149,6 +151,7 @@ impl VitreousScene {
         vec![
             ("vitreous.lattice", f64::from(self.lattice), 8.0, 96.0),
             ("vitreous.front_mm", self.front_mm, -5.0, 20.0),
+            ("vitreous.slip_mm", self.slip_mm, 0.0, 10.0),
             ("vitreous.adhesion.base_from_z_mm", a.base_from_z_mm, -20.0, 20.0),
             ("vitreous.adhesion.warn_pa", a.warn_pa, 0.0, 1e9),
             ("vitreous.adhesion.tear_pa", a.tear_pa, 0.0, 1e9),

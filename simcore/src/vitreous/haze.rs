@@ -2,7 +2,7 @@
 //!
 //! Every living element gives its density to the eight cells around its place, in sixteenths along each axis, as
 //! whole numbers: a sum of them does not depend on the order in which elements moved. So only elements that
-//! moved or went since the last picture are taken out and put in again, and only their bricks are written anew.
+//! moved by a sixteenth, or went, since the last picture are taken out and put in again, and only their bricks are written anew.
 
 use super::lattice::Lattice;
 use super::state::VitreousState;
@@ -26,8 +26,10 @@ pub struct Haze {
     number: Vec<u32>,
     /// Bricks to write anew.
     dirty: Vec<bool>,
-    /// Where elements were when they were put in.
-    drawn_um: Vec<[i16; 3]>,
+    /// Where elements were when they were put in, sixteenths of a cell from rest.
+    drawn_at: Vec<[i16; 3]>,
+    /// Sixteenths of a cell in a µm.
+    fine_per_um: f32,
     drawn: Vec<bool>,
 }
 
@@ -61,7 +63,8 @@ impl Haze {
             dirty: vec![false; bricks.len()],
             bricks,
             number,
-            drawn_um: vec![[0; 3]; lattice.len()],
+            drawn_at: vec![[0; 3]; lattice.len()],
+            fine_per_um: (1 << FINE_BITS) as f32 / lattice.pitch_um as f32,
             drawn: vec![false; lattice.len()],
         }
     }
@@ -76,29 +79,35 @@ impl Haze {
         let row = &lattice.rows[row];
         let start = row.start as usize;
         for e in start..start + usize::from(row.len) {
-            let now = state.shift_um.each_ref().map(|s| s[e]);
+            let now = state.shift_um.each_ref().map(|s| self.fine(s[e]));
             let alive = state.is_alive(e);
-            if alive == self.drawn[e] && (!alive || now == self.drawn_um[e]) {
+            if alive == self.drawn[e] && (!alive || now == self.drawn_at[e]) {
                 continue;
             }
             if self.drawn[e] {
-                self.put(lattice, e, self.drawn_um[e], false);
+                self.put(lattice, e, self.drawn_at[e], false);
             }
             if alive {
                 self.put(lattice, e, now, true);
             }
-            (self.drawn_um[e], self.drawn[e]) = (now, alive);
+            (self.drawn_at[e], self.drawn[e]) = (now, alive);
         }
     }
 
+    /// A displacement in whole sixteenths of a cell, rounded down; the same for the same displacement, and that is all it must be.
+    fn fine(&self, shift_um: i16) -> i16 {
+        const LIFT: f32 = 8192.0;
+        (f32::from(shift_um) * self.fine_per_um + LIFT) as i16 - LIFT as i16
+    }
+
     /// Adds an element's density to the cells around its place, or takes it away.
-    fn put(&mut self, lattice: &Lattice, e: usize, shift_um: [i16; 3], add: bool) {
-        let (cell, pitch) = (lattice.cell(e), lattice.pitch_um);
-        let last = (lattice.cells as i32 - 1) * pitch;
+    fn put(&mut self, lattice: &Lattice, e: usize, at: [i16; 3], add: bool) {
+        let cell = lattice.cell(e);
+        let last = (lattice.cells as i32 - 1) << FINE_BITS;
         // Along each axis: the lower cell, and sixteenths of the way to the next one.
         let fine: [(usize, u32); 3] = std::array::from_fn(|c| {
-            let at = (cell[c] * pitch + i32::from(shift_um[c])).clamp(0, last);
-            ((at / pitch) as usize, ((at % pitch << FINE_BITS) / pitch) as u32)
+            let at = ((cell[c] << FINE_BITS) + i32::from(at[c])).clamp(0, last) as usize;
+            (at >> FINE_BITS, (at & ((1 << FINE_BITS) - 1)) as u32)
         });
         let side = self.along * BRICK;
         for corner in 0..8 {

@@ -60,6 +60,7 @@ pub struct Vitreous {
     haze: Haze,
     how: Relaxation,
     rows: u32,
+    slip_um: i16,
     /// Elements in an instrument: 1. They do not relax.
     held: Vec<u8>,
     held_list: Vec<u32>,
@@ -88,6 +89,7 @@ impl Vitreous {
                 rest_weight: relaxation.rest_weight as f32,
             },
             rows: relaxation.rows,
+            slip_um: (vitreous.slip_mm * 1e3) as i16,
             held: vec![0; lattice.len()],
             held_list: Vec::with_capacity(lattice.len()),
             seeds: std::array::from_fn(|_| Vec::with_capacity(lattice.len())),
@@ -156,13 +158,17 @@ impl Vitreous {
         let touch_um = TOUCH * f64::from(self.lattice.pitch_um);
         let radius_um = if shaft_um > touch_um { shaft_um } else { touch_um };
         let capsule = Capsule { from_um: tip0, along: along0, length_um, radius_um };
-        let Vitreous { finder, lattice, seeds, held, held_list, .. } = self;
+        let Vitreous { finder, lattice, seeds, held, held_list, slip_um, .. } = self;
         finder.find(lattice, state, &capsule, |e, _, t, _| {
             let from = tip0 + along0 * t;
             let way = tip1 + along1 * t - from;
             let slips = if t < radius_um { 0.0 } else { 1.0 - SLIP };
             let to = from + way - along0 * (way.dot(&along0) * slips);
             add_seeds(seeds, e, from, to);
+            for (axis, seeds) in seeds.iter_mut().enumerate() {
+                let Some((_, way)) = seeds.last_mut().filter(|(last, _)| *last == e as u32) else { continue };
+                *way = slipping(state.shift_um[axis][e], *way, *slip_um);
+            }
             hold(held, held_list, e);
         });
         self.push(state)
@@ -284,6 +290,11 @@ fn add_seeds(seeds: &mut [Vec<Seed>; 3], e: usize, from_um: Vector3<f64>, to_um:
             seeds.push((e as u32, way as i16));
         }
     }
+}
+
+/// The part of a way that a shaft takes an element along before it slips: up to `slip_um` from its rest place.
+fn slipping(shift: i16, way: i16, slip_um: i16) -> i16 {
+    if way > 0 { way.min(slip_um.saturating_sub(shift)).max(0) } else { way.max((-slip_um).saturating_sub(shift)).min(0) }
 }
 
 fn hold(held: &mut [u8], list: &mut Vec<u32>, e: usize) {

@@ -27,24 +27,32 @@ pub fn wake(lattice: &Lattice, state: &mut VitreousState, row: usize) {
 /// How an element goes back.
 #[derive(Debug, Clone, Copy)]
 pub struct Relaxation {
-    /// Share of the way at a time.
+    /// Share of the way at a time, in steps of 1/256.
     pub share: f32,
     /// Weight of the rest place beside one neighbour's.
     pub rest_weight: f32,
 }
 
-/// Work space for a row.
+/// Bounds and sums of a row.
 #[derive(Debug, Clone)]
-pub struct Relaxer {
+struct Space {
     low: [i16; PAD],
     high: [i16; PAD],
     sum: [i32; PAD],
+}
+
+/// Work space for a row.
+#[derive(Debug, Clone)]
+pub struct Relaxer {
+    simd: pulp::Arch,
+    space: Space,
     wanted: [[i16; PAD]; 3],
 }
 
 impl Default for Relaxer {
     fn default() -> Self {
-        Relaxer { low: [0; PAD], high: [0; PAD], sum: [0; PAD], wanted: [[0; PAD]; 3] }
+        let space = Space { low: [0; PAD], high: [0; PAD], sum: [0; PAD] };
+        Relaxer { simd: pulp::Arch::new(), space, wanted: [[0; PAD]; 3] }
     }
 }
 
@@ -91,12 +99,13 @@ impl Relaxer {
         number: usize,
     ) -> bool {
         let row = &mail.lattice.rows[number];
-        for axis in 0..3 {
-            self.want(mail, &state.shift_um[axis], how, row, axis);
+        for (axis, wanted) in self.wanted.iter_mut().enumerate() {
+            let (shift, space) = (&state.shift_um[axis][..], &mut self.space);
+            self.simd.dispatch(Want { mail, shift, how, row, axis, space, wanted });
         }
         let (start, len) = (row.start as usize, usize::from(row.len));
         let odd = u32::from(row.x0) + u32::from(row.yz[0]) + u32::from(row.yz[1]) + state.parity & 1;
-        let mut moved = false;
+        let (mut moved, first) = (false, mail.lattice.rest_um(start));
         for i in (odd as usize..len).step_by(2) {
             let e = start + i;
             let free = state.status[e] & (ALIVE | ADHERED) == ALIVE && held[e] == 0;
@@ -105,7 +114,7 @@ impl Relaxer {
             if !free || to == now {
                 continue;
             }
-            let rest = mail.lattice.rest_um(e);
+            let rest = [first[0] + i as i32 * mail.lattice.pitch_um, first[1], first[2]];
             let place = std::array::from_fn(|c| rest[c] + i32::from(to[c]));
             if is_inside(mail.lattice, place) {
                 state.shift_um.iter_mut().zip(to).for_each(|(s, to)| s[e] = to);
@@ -117,13 +126,30 @@ impl Relaxer {
         }
         moved
     }
+}
 
-    /// Where the elements of a row want to go along an axis, within their links' limits. Plain loops over the row,
-    /// one per link, so that the compiler takes many elements at a time.
-    fn want(&mut self, mail: Mail, shift: &[i16], how: Relaxation, row: &Row, axis: usize) {
-        let (start, len) = (row.start as usize, usize::from(row.len));
-        let links = &mail.links[start..start + len];
-        let (low, high, sum) = (&mut self.low[..len], &mut self.high[..len], &mut self.sum[..len]);
+/// Where the elements of a row want to go along an axis, within their links' limits. Plain loops over the row, one
+/// per link, so that the compiler takes many elements at a time; whole numbers and one division, so that
+/// every instruction set gives the same.
+struct Want<'a> {
+    mail: Mail<'a>,
+    shift: &'a [i16],
+    how: Relaxation,
+    row: &'a Row,
+    axis: usize,
+    space: &'a mut Space,
+    wanted: &'a mut [i16; PAD],
+}
+
+impl pulp::NullaryFnOnce for Want<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Want { mail, shift, how, row, axis, space, wanted } = self;
+        let (start, len) = (row.start as usize, usize::from(row.len).min(PAD));
+        let links = &mail.links[start..][..len];
+        let (low, high, sum) = (&mut space.low[..len], &mut space.high[..len], &mut space.sum[..len]);
         low.fill(i16::MIN);
         high.fill(i16::MAX);
         sum.fill(0);
@@ -137,8 +163,8 @@ impl Relaxer {
                 (true, true) => (COMPRESS, STRETCH),
                 (true, false) => (STRETCH, COMPRESS),
             };
-            let [over, under] = [over, under].map(|kind| &limits[kind][lower..lower + len]);
-            let shift = &shift[other..other + len];
+            let (over, under) = (&limits[over][lower..][..len], &limits[under][lower..][..len]);
+            let shift = &shift[other..][..len];
             for i in 0..len {
                 let mask = -i16::from(links[i] >> k & 1);
                 let top = shift[i].saturating_add(over[i] as i16);
@@ -148,14 +174,15 @@ impl Relaxer {
                 sum[i] += i32::from(shift[i] & mask);
             }
         }
-        let now = &shift[start..start + len];
-        let wanted = &mut self.wanted[axis][..len];
+        let now = &shift[start..][..len];
+        let share = (how.share * 256.0) as i32;
+        let wanted = &mut wanted[..len];
         for i in 0..len {
             let neighbours = links[i].count_ones() as f32;
             let middle = (sum[i] as f32 / (neighbours + how.rest_weight)) as i32;
             let way = middle - i32::from(now[i]);
             // Rounded away from zero, and never past the middle: the share is at most 1.
-            let part = (way.abs() as f32 * how.share).ceil() as i32;
+            let part = (way.abs() * share + 255) >> 8;
             let to = i32::from(now[i]) + if way < 0 { -part } else { part };
             wanted[i] = (to as i16).max(low[i]).min(high[i]);
         }
@@ -228,6 +255,27 @@ mod tests {
         held[e] = 1;
         Relaxer::default().relax(mail, &mut state, HOW, &held, 2000, &mut |_| ());
         assert_eq!(state.shift(e), [90, 0, 0]);
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same() {
+        let lattice = lattice(24);
+        let mut states = [VitreousState::new(&lattice), VitreousState::new(&lattice)];
+        let links = living_links(&lattice, &states[0]);
+        let mail = Mail { lattice: &lattice, links: &links };
+        let mut chainmail = Chainmail::new(&lattice);
+        let plain = Relaxer { simd: pulp::Arch::Scalar, ..Relaxer::default() };
+        for (state, mut relaxer) in states.iter_mut().zip([Relaxer::default(), plain]) {
+            for (axis, way) in [(0, 700), (1, -650), (2, 433)] {
+                let e = lattice.element([12, 11, 9]).unwrap() as u32;
+                let mut rows = Vec::new();
+                let note = &mut |e: usize| rows.push(usize::from(lattice.row_of[e]));
+                chainmail.push(mail, state, axis, &[(e, way), (e + 3, way)], note);
+                rows.into_iter().for_each(|row| wake(&lattice, state, row));
+                relaxer.relax(mail, state, HOW, &vec![0; lattice.len()], 300, &mut |_| ());
+            }
+        }
+        assert!(states[0] == states[1] && largest(&states[0]) > 0);
     }
 
     proptest! {

@@ -30,6 +30,8 @@ pub struct VitreousState {
     pub released: u64,
     /// Milestones of the removed volume that were told.
     pub milestones: u64,
+    /// No detachment is told before this exposure, ns.
+    pub quiet_until_ns: u64,
     /// The warning about traction is out.
     pub warned: bool,
     /// The warning about a tear at the base is out.
@@ -54,6 +56,7 @@ impl VitreousState {
             removed: 0,
             released: 0,
             milestones: 0,
+            quiet_until_ns: 0,
             warned: false,
             tear_warned: false,
         }

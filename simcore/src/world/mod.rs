@@ -4,6 +4,7 @@
 mod plan;
 mod tissue;
 mod touch;
+mod vitreous;
 
 pub use plan::start_instrument;
 
@@ -18,6 +19,7 @@ use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::state::State;
+use crate::vitreous::Vitreous;
 use nalgebra::Isometry3;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -86,18 +88,21 @@ pub struct World {
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
+    /// The vitreous, where there is one.
+    vitreous: Option<Vitreous>,
 }
 
 impl World {
     /// The world of a scene, before its first step.
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
         let sheet = Sheet::new(scene);
-        let bytes = crate::scene_block::bytes_needed(&sheet);
+        let vitreous = Vitreous::new(scene);
+        let bytes = crate::scene_block::bytes_needed(&sheet, vitreous.as_ref());
         if bytes > MAX_SCENE_BYTES {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let state = start_state(scene, &sheet);
+        let state = start_state(scene, &sheet, vitreous.as_ref());
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -116,6 +121,7 @@ impl World {
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
+            vitreous,
             scene: scene.clone(),
             sheet,
             state,
@@ -147,6 +153,9 @@ impl World {
                 times.collision_ns += clock().saturating_sub(tissue_end);
             }
         }
+        let gel_begin = clock();
+        self.move_vitreous(&plan);
+        times.tissue_ns += clock().saturating_sub(gel_begin);
         self.tell_toll();
         self.check_finite();
         self.end_step(&plan);
@@ -193,7 +202,9 @@ impl World {
 
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        self.check_vitreous(&state)?;
+        self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
         }
@@ -205,17 +216,19 @@ impl World {
             }
         }
         self.refresh();
+        self.refresh_vitreous();
         Ok(())
     }
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet);
+        self.state = start_state(&self.scene, &self.sheet, self.vitreous.as_ref());
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
         }
         self.refresh();
+        self.refresh_vitreous();
     }
 
     /// Derives the solver's figures from the living springs and the flags.
@@ -248,7 +261,7 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, vitreous: Option<&Vitreous>) -> State {
     State {
         step: 0,
         field: 0,
@@ -264,6 +277,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane: sheet.start(),
+        vitreous: vitreous.map(Vitreous::start),
         microscope: microscope::start(&scene.microscope),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
