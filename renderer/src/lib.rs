@@ -12,6 +12,7 @@ pub mod governor;
 pub mod gpu;
 pub mod lamp;
 pub mod latch;
+pub mod layers;
 pub mod layout;
 pub mod output;
 pub mod pacing;

@@ -50,6 +50,10 @@ pub const TRACTION_REARM: f64 = 0.8;
 /// A detachment that goes on is told at most once in this time, ns.
 pub const VITREOUS_QUIET_NS: u64 = 1_000_000_000;
 
+/// Sweeps of strain limiting in a substep, at most. One draws a spring; more carry that on to its neighbours, so that a
+/// pulled edge of fewer springs than this is rigid beyond the limit, and a longer one gives a little.
+pub const STRAIN_SWEEPS: u32 = 8;
+
 /// Events of one step; more are counted and left out.
 pub const MAX_EVENTS: usize = 256;
 /// Nodes one instrument can hold.

@@ -21,6 +21,12 @@ pub struct MembraneScene {
     pub bending_un_per_mm: f64,
     /// Damping along a spring, µN·s/mm.
     pub spring_damping_un_s_per_mm: f64,
+    /// How a substep is made.
+    #[serde(default, skip_serializing_if = "MembraneIntegrator::is_default")]
+    pub integrator: MembraneIntegrator,
+    /// Strain over which springs are drawn together again at the end of each substep; 0 for no limit.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub strain_limit: f64,
     /// Damping of a node by the fluid, 1/s.
     pub fluid_damping_per_s: f64,
     /// Mass of a node, g. Scaled up from the true mass so that a step of 1 ms is stable.
@@ -39,6 +45,31 @@ pub struct MembraneScene {
     pub rim_tear_un: f64,
 }
 
+/// How a substep of the membrane is made.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MembraneIntegrator {
+    /// The new velocity moves the nodes: the fast core, for masses scaled to the substep.
+    #[default]
+    SemiImplicit,
+    /// The old velocity moves them, as in the paper.
+    Explicit,
+    /// Backward Euler: stable for any stiffness and mass.
+    Implicit,
+    /// Each substep goes to where all forces balance; mass plays no part.
+    QuasiStatic,
+}
+
+impl MembraneIntegrator {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
+}
+
 impl MembraneScene {
     /// Its plain numbers with their allowed ranges, both ends included.
     pub(super) fn ranges(&self) -> Vec<Range> {
@@ -49,6 +80,7 @@ impl MembraneScene {
             ("membrane.stiffness_un_per_mm", self.stiffness_un_per_mm, 0.0, 1e7),
             ("membrane.bending_un_per_mm", self.bending_un_per_mm, 0.0, 1e7),
             ("membrane.spring_damping_un_s_per_mm", self.spring_damping_un_s_per_mm, 0.0, 1e6),
+            ("membrane.strain_limit", self.strain_limit, 0.0, 10.0),
             ("membrane.fluid_damping_per_s", self.fluid_damping_per_s, 0.0, 1e5),
             ("membrane.node_mass_g", self.node_mass_g, 1e-9, 1e3),
             ("membrane.a_max_mm_s2", self.a_max_mm_s2, 0.0, 1e12),

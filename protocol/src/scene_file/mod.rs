@@ -4,7 +4,7 @@
 mod membrane;
 mod vitreous;
 
-pub use membrane::MembraneScene;
+pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use vitreous::{AdhesionScene, GelScene, RelaxationScene, SuctionScene, VitreousScene, ZoneScene};
 
 use crate::handles::Tool;

@@ -10,7 +10,7 @@
 //! x ← x + v dt,   |x| ≤ R                the retina
 //! ```
 //!
-//! v_max = 0 is the paper's quasi-static system: all kinetic energy is gone within a step, x moves by
+//! Explicit Euler moves x by the old velocity instead. v_max = 0 is the paper's quasi-static system: all kinetic energy is gone within a step, x moves by
 //! a dt² and the velocity is 0. Stable while dt²·λ + 2·dt·δ < 4 with λ ≤ 2Σk/m and δ ≤ 2Σc/m + g
 //! (Σ over the springs of a node; Gershgorin), quasi-static while dt²·λ < 2.
 //!
@@ -22,7 +22,7 @@ use super::sheet::{Run, Sheet};
 use crate::constants::{SUBSTEP_S, TINY_LENGTH2_MM2};
 use crate::state::MembraneState;
 use protocol::scene::NODE_FREE;
-use protocol::scene_file::{MembraneScene, SceneFile};
+use protocol::scene_file::{MembraneIntegrator, MembraneScene, SceneFile};
 
 /// Figures of the tissue as the solver needs them.
 #[derive(Debug, Clone, Copy)]
@@ -46,6 +46,10 @@ pub struct Tissue {
     damping: f32,
     /// Tension per length at which a spring tears, µN/mm; infinite when the rule is off.
     tear_un_per_mm: f32,
+    /// The old velocity moves the nodes.
+    pub explicit: bool,
+    /// Strain over which springs are drawn together again; 0 for no limit.
+    pub strain_limit: f32,
 }
 
 impl Tissue {
@@ -61,6 +65,8 @@ impl Tissue {
         bending: 0.0,
         damping: 0.0,
         tear_un_per_mm: f32::INFINITY,
+        explicit: false,
+        strain_limit: 0.0,
     };
 
     /// The tissue of a scene; of one without a membrane, figures that move nothing.
@@ -83,7 +89,23 @@ impl Tissue {
             bending: m.bending_un_per_mm as f32,
             damping: m.spring_damping_un_s_per_mm as f32,
             tear_un_per_mm: tear as f32,
+            explicit: m.integrator == MembraneIntegrator::Explicit,
+            strain_limit: m.strain_limit as f32,
         }
+    }
+
+    /// Stiffness (µN/mm) and damping (µN·s/mm) of a spring of the sheet; 0 where it is not alive.
+    pub fn spring(&self, sheet: &Sheet, state: &MembraneState, s: usize) -> (f32, f32) {
+        let (alive, stiffness) = match s.checked_sub(sheet.structural) {
+            None => (state.spring_alive[s] != 0, self.stiffness),
+            Some(bend) => (sheet.bends[bend].is_whole(state) && self.bending > 0.0, self.bending),
+        };
+        if !alive {
+            return (0.0, 0.0);
+        }
+        let share = if self.stiffness > 0.0 { stiffness / self.stiffness } else { 1.0 };
+        let factor = |list: &[f32]| list.get(s).copied().unwrap_or(1.0);
+        (stiffness * factor(&sheet.stiffness_factor), self.damping * share * factor(&sheet.damping_factor))
     }
 }
 
@@ -141,16 +163,8 @@ impl Solver {
     /// Derives stiffness and mobility anew, after springs or flags have changed.
     pub fn refresh(&mut self, sheet: &Sheet, state: &MembraneState, tissue: &Tissue) {
         for s in 0..sheet.springs.len() {
-            let (alive, stiffness) = match s.checked_sub(sheet.structural) {
-                None => (state.spring_alive[s] != 0, tissue.stiffness),
-                Some(bend) => (sheet.bends[bend].is_whole(state) && tissue.bending > 0.0, tissue.bending),
-            };
-            let share = if tissue.stiffness > 0.0 { stiffness / tissue.stiffness } else { 1.0 };
-            let factor = |list: &[f32]| list.get(s).copied().unwrap_or(1.0);
-            let damping = tissue.damping * share * factor(&sheet.damping_factor);
-            self.stiffness[s] = if alive { stiffness * factor(&sheet.stiffness_factor) } else { 0.0 };
-            self.damping[s] = if alive { damping } else { 0.0 };
-            if s < sheet.structural && alive {
+            (self.stiffness[s], self.damping[s]) = tissue.spring(sheet, state, s);
+            if s < sheet.structural && state.spring_alive[s] != 0 {
                 self.tension_limit[s] = tissue.tear_un_per_mm * sheet.rest_mm[s];
             } else {
                 self.tension_limit[s] = f32::INFINITY;
@@ -252,13 +266,15 @@ impl Solver {
         let (dt, a_max, a_max2) = (tissue.dt_s, tissue.a_max, tissue.a_max * tissue.a_max);
         let (v_max, v_max2) = (tissue.v_max, tissue.v_max * tissue.v_max);
         let quasi_static = v_max == 0.0;
+        let explicit = tissue.explicit && !quasi_static;
         for i in 0..n {
             let limit = if a2[i] > a_max2 { a_max / a2[i].sqrt() } else { 1.0 } * dt;
             let (px, py, pz) = (vx[i] + ax[i] * limit, vy[i] + ay[i] * limit, vz[i] + az[i] * limit);
             let v2 = px * px + py * py + pz * pz;
             let slow = if v2 > v_max2 && !quasi_static { v_max / v2.sqrt() } else { 1.0 };
-            let way = slow * dt * mobile[i];
-            (x[i], y[i], z[i]) = (x[i] + px * way, y[i] + py * way, z[i] + pz * way);
+            let way = if explicit { 1.0 } else { slow } * dt * mobile[i];
+            let (ux, uy, uz) = if explicit { (vx[i], vy[i], vz[i]) } else { (px, py, pz) };
+            (x[i], y[i], z[i]) = (x[i] + ux * way, y[i] + uy * way, z[i] + uz * way);
             let kept = if quasi_static { 0.0 } else { slow };
             (vx[i], vy[i], vz[i]) = (px * kept, py * kept, pz * kept);
         }
@@ -266,7 +282,7 @@ impl Solver {
     }
 
     /// Puts free nodes that passed the retina back on it and takes their outward velocity.
-    fn stay_inside(&self, state: &mut MembraneState, radius: f32) {
+    pub fn stay_inside(&self, state: &mut MembraneState, radius: f32) {
         for i in 0..self.mobile.len() {
             let p = state.position(i);
             let r2 = p.dot(&p);

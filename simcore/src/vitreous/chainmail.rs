@@ -189,7 +189,13 @@ impl Chainmail {
         self.moved.clear();
         let slack: [&[u16]; LINKS] = std::array::from_fn(|k| {
             let ahead = (k % 2 == 1) == up;
-            let kind = if k / 2 != axis { SHEAR } else if ahead { COMPRESS } else { STRETCH };
+            let kind = if k / 2 != axis {
+                SHEAR
+            } else if ahead {
+                COMPRESS
+            } else {
+                STRETCH
+            };
             mail.lattice.limit[k / 2][kind].as_slice()
         });
         let sign = if up { 1 } else { -1 };
@@ -252,7 +258,13 @@ mod tests {
                     let other = mail.lattice.neighbour(e, k);
                     let lower = e.min(other);
                     let plus = if sign > 0 { other > e } else { other < e };
-                    let kind = if k / 2 != axis { SHEAR } else if plus { COMPRESS } else { STRETCH };
+                    let kind = if k / 2 != axis {
+                        SHEAR
+                    } else if plus {
+                        COMPRESS
+                    } else {
+                        STRETCH
+                    };
                     let least = y[e] - i32::from(mail.lattice.limit[k / 2][kind][lower]);
                     if y[other] < least {
                         (y[other], changed) = (least, true);

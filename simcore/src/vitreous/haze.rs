@@ -48,7 +48,15 @@ impl Haze {
             let corner_mm = [i % along, i / along % along, i / along / along].map(corner);
             // Distance of the brick from the eye's centre.
             let apart2: f32 = corner_mm
-                .map(|c| if c > 0.0 { c } else if c + edge_mm < 0.0 { c + edge_mm } else { 0.0 })
+                .map(|c| {
+                    if c > 0.0 {
+                        c
+                    } else if c + edge_mm < 0.0 {
+                        c + edge_mm
+                    } else {
+                        0.0
+                    }
+                })
                 .iter()
                 .map(|d| d * d)
                 .sum();
@@ -168,8 +176,11 @@ mod tests {
     }
 
     fn at(haze: &Haze, lattice: &Lattice, cell: [i32; 3]) -> u8 {
-        let place = cell.map(|c| ((2 * c + 1) as f32 - lattice.cells as f32) * 0.5 * lattice.pitch_um as f32 * 1e-3);
-        let inside = |b: &&SceneBrick| (0..3).all(|c| (b.corner_mm[c]..b.corner_mm[c] + b.edge_mm).contains(&place[c]));
+        let place =
+            cell.map(|c| ((2 * c + 1) as f32 - lattice.cells as f32) * 0.5 * lattice.pitch_um as f32 * 1e-3);
+        let inside = |b: &&SceneBrick| {
+            (0..3).all(|c| (b.corner_mm[c]..b.corner_mm[c] + b.edge_mm).contains(&place[c]))
+        };
         let brick = haze.bricks.iter().find(inside).expect("a brick");
         let [x, y, z] = [0, 1, 2].map(|c| ((place[c] - brick.corner_mm[c]) / brick.edge_mm * 8.0) as usize);
         brick.density[x + 8 * (y + 8 * z)]

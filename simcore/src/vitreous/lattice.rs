@@ -282,8 +282,7 @@ impl Lattice {
             let at = self.rest_um(e).map(|c| f64::from(c) * 1e-3);
             let base = at[2] >= adhesion.base_from_z_mm;
             let pole = [0.0, 0.0, -1.0];
-            let strong =
-                within(at, disc, adhesion.strong_rad) || within(at, pole, adhesion.strong_rad);
+            let strong = within(at, disc, adhesion.strong_rad) || within(at, pole, adhesion.strong_rad);
             let release = if strong { adhesion.strong_release_pa } else { adhesion.release_pa };
             let release_pa = if base { f32::INFINITY } else { release as f32 };
             let detached = !base && within(at, pole, adhesion.detached_rad);

@@ -84,10 +84,7 @@ impl Vitreous {
             finder: Finder::new(&lattice),
             relaxer: Relaxer::default(),
             haze: Haze::new(&lattice),
-            how: Relaxation {
-                share: relaxation.share as f32,
-                rest_weight: relaxation.rest_weight as f32,
-            },
+            how: Relaxation { share: relaxation.share as f32, rest_weight: relaxation.rest_weight as f32 },
             rows: relaxation.rows,
             slip_um: (vitreous.slip_mm * 1e3) as i16,
             held: vec![0; lattice.len()],
@@ -143,7 +140,12 @@ impl Vitreous {
         let pose = |s: f64| (tip0 + (tip1 - tip0) * s, (along0 + (along1 - along0) * s).normalize());
         for piece in 0..pieces {
             let (from, to) = (f64::from(piece) / f64::from(pieces), f64::from(piece + 1) / f64::from(pieces));
-            outcome = outcome.and(self.carry_piece(state, [pose(from), pose(to)], shaft.radius_mm * 1e3, length_um));
+            outcome = outcome.and(self.carry_piece(
+                state,
+                [pose(from), pose(to)],
+                shaft.radius_mm * 1e3,
+                length_um,
+            ));
         }
         outcome
     }
@@ -294,7 +296,11 @@ fn add_seeds(seeds: &mut [Vec<Seed>; 3], e: usize, from_um: Vector3<f64>, to_um:
 
 /// The part of a way that a shaft takes an element along before it slips: up to `slip_um` from its rest place.
 fn slipping(shift: i16, way: i16, slip_um: i16) -> i16 {
-    if way > 0 { way.min(slip_um.saturating_sub(shift)).max(0) } else { way.max((-slip_um).saturating_sub(shift)).min(0) }
+    if way > 0 {
+        way.min(slip_um.saturating_sub(shift)).max(0)
+    } else {
+        way.max((-slip_um).saturating_sub(shift)).min(0)
+    }
 }
 
 fn hold(held: &mut [u8], list: &mut Vec<u32>, e: usize) {

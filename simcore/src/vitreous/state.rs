@@ -1,7 +1,7 @@
 //! The vitreous' share of the state: displacements in whole µm, so that every operation on them is exact and a
 //! checkpoint is small (7 bytes an element).
 
-use super::lattice::{LINKS, Lattice, SHEAR, STRETCH, COMPRESS};
+use super::lattice::{COMPRESS, LINKS, Lattice, SHEAR, STRETCH};
 use serde::{Deserialize, Serialize};
 
 /// Bit of [`VitreousState::status`]: the element is there.

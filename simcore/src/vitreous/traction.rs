@@ -91,9 +91,11 @@ mod tests {
         let links = living_links(&lattice, &state);
         let mail = Mail { lattice: &lattice, links: &links };
         // At the posterior pole, where the only link inwards is +z.
-        let wall = lattice.walls.iter().map(|w| w.element as usize).find(|&e| {
-            lattice.cell(e)[..2] == [12, 12] && lattice.rest_um(e)[2] < 0
-        });
+        let wall = lattice
+            .walls
+            .iter()
+            .map(|w| w.element as usize)
+            .find(|&e| lattice.cell(e)[..2] == [12, 12] && lattice.rest_um(e)[2] < 0);
         let wall = wall.unwrap();
         let inner = lattice.neighbour(wall, 5);
         assert_eq!(stress_pa(mail, &state, wall), 0.0);
@@ -113,9 +115,8 @@ mod tests {
         let mail = Mail { lattice: &lattice, links: &links };
         let inner = |base: bool| {
             let wall = lattice.walls.iter().find(|w| w.base == base).unwrap().element as usize;
-            let k = (0..LINKS).find(|k| {
-                links[wall] >> k & 1 == 1 && !state.is_adhered(lattice.neighbour(wall, *k))
-            });
+            let k = (0..LINKS)
+                .find(|k| links[wall] >> k & 1 == 1 && !state.is_adhered(lattice.neighbour(wall, *k)));
             (wall, k.map(|k| lattice.neighbour(wall, k)))
         };
         let (posterior, at_posterior) = inner(false);

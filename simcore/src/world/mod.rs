@@ -15,6 +15,7 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;
+use crate::membrane::implicit::Implicit;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
@@ -80,6 +81,8 @@ pub struct World {
     tissue: Tissue,
     state: State,
     solver: Solver,
+    /// What makes the substeps where the scene asks for more than the explicit core.
+    implicit: Option<Implicit>,
     volume: Volume,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
@@ -103,6 +106,7 @@ impl World {
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
         let state = start_state(scene, &sheet, vitreous.as_ref());
+        let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -115,6 +119,7 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
+            implicit: Implicit::of(integrator, &sheet),
             volume,
             zcoll,
             images: std::array::from_fn(image),
@@ -234,6 +239,9 @@ impl World {
     /// Derives the solver's figures from the living springs and the flags.
     fn refresh(&mut self) {
         self.solver.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        if let Some(implicit) = &mut self.implicit {
+            implicit.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        }
     }
 
     fn begin_step(&mut self, frame: &TrackerFrame) {

@@ -27,7 +27,12 @@ impl World {
         if let Some(mut state) = self.state.vitreous.take() {
             let parts = plan.substeps.div_ceil(VITREOUS_SUBSTEPS);
             for part in 0..parts {
-                self.drag_vitreous(plan, [part, part + 1].map(|p| p as f64 / parts as f64), &mut gel, &mut state);
+                self.drag_vitreous(
+                    plan,
+                    [part, part + 1].map(|p| p as f64 / parts as f64),
+                    &mut gel,
+                    &mut state,
+                );
                 gel.relax(&mut state);
                 gel.free();
             }
@@ -42,7 +47,13 @@ impl World {
     }
 
     /// The shafts from one share of their way to another.
-    fn drag_vitreous(&mut self, plan: &Plan, [from, to]: [f64; 2], gel: &mut Vitreous, state: &mut VitreousState) {
+    fn drag_vitreous(
+        &mut self,
+        plan: &Plan,
+        [from, to]: [f64; 2],
+        gel: &mut Vitreous,
+        state: &mut VitreousState,
+    ) {
         for i in (0..INSTRUMENTS).filter(|&i| plan.touches[i]) {
             let way = [plan.pose(i, from), plan.pose(i, to)];
             gel.carry(state, &Shaft { way, radius_mm: self.scene.instruments[i].shaft_radius_mm });
@@ -91,9 +102,7 @@ impl World {
     /// Refuses the vitreous of a foreign state.
     pub(super) fn check_vitreous(&self, state: &State) -> Result<(), CheckpointError> {
         match (&self.vitreous, &state.vitreous) {
-            (Some(gel), Some(state)) => {
-                state::check(gel.lattice(), state).map_err(CheckpointError::Content)
-            }
+            (Some(gel), Some(state)) => state::check(gel.lattice(), state).map_err(CheckpointError::Content),
             (None, None) => Ok(()),
             _ => Err(CheckpointError::Content("a vitreous where the scene has none, or the reverse")),
         }
