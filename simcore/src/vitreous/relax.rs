@@ -104,9 +104,9 @@ impl Relaxer {
             self.simd.dispatch(Want { mail, shift, how, row, axis, space, wanted });
         }
         let (start, len) = (row.start as usize, usize::from(row.len));
-        let odd = u32::from(row.x0) + u32::from(row.yz[0]) + u32::from(row.yz[1]) + state.parity & 1;
+        let odd = u32::from(row.x0) + u32::from(row.yz[0]) + u32::from(row.yz[1]) + state.parity;
         let (mut moved, first) = (false, mail.lattice.rest_um(start));
-        for i in (odd as usize..len).step_by(2) {
+        for i in ((odd & 1) as usize..len).step_by(2) {
             let e = start + i;
             let free = state.status[e] & (ALIVE | ADHERED) == ALIVE && held[e] == 0;
             let now: [i16; 3] = std::array::from_fn(|c| state.shift_um[c][e]);
