@@ -108,9 +108,9 @@ pub struct RelaxationScene {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SuctionScene {
-    /// Speed towards the port, at 1 mm from it and full suction, mm/s; it falls with 1/distance.
-    pub speed_mm_s: f64,
-    /// Elements nearer than this to the port's middle when it cuts are gone, mm.
+    /// Speed at which gel flows towards the port for each kPa of suction where it is, mm/s.
+    pub speed_mm_s_per_kpa: f64,
+    /// Elements nearer than this to the port's middle when it cuts and sucks are gone, mm.
     pub bite_mm: f64,
     /// An event tells whenever so much more is removed, ml.
     pub milestone_ml: f64,
@@ -162,7 +162,7 @@ impl VitreousScene {
             ("vitreous.relaxation.share", r.share, 0.0, 1.0),
             ("vitreous.relaxation.rest_weight", r.rest_weight, 0.001, 10.0),
             ("vitreous.relaxation.rows", f64::from(r.rows), 0.0, 100_000.0),
-            ("vitreous.suction.speed_mm_s", s.speed_mm_s, 0.0, 100.0),
+            ("vitreous.suction.speed_mm_s_per_kpa", s.speed_mm_s_per_kpa, 0.0, 100.0),
             ("vitreous.suction.bite_mm", s.bite_mm, 0.0, 3.0),
             ("vitreous.suction.milestone_ml", s.milestone_ml, 0.001, 100.0),
         ]

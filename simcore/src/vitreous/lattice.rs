@@ -224,10 +224,10 @@ impl Lattice {
         for e in self.numbers() {
             let gel = self.gel_at(e, vitreous);
             (self.density[e], self.modulus_pa[e]) = (gel.density as u8, gel.modulus_pa as f32);
-            for axis in 0..3 {
+            for (axis, half) in half.iter_mut().enumerate() {
                 let shares = [gel.compress[axis], gel.stretch[axis], gel.shear[axis]];
-                for (kind, share) in shares.into_iter().enumerate() {
-                    half[axis][kind][e] = (0.5 * share * f64::from(self.pitch_um)) as u16;
+                for (half, share) in half.iter_mut().zip(shares) {
+                    half[e] = (0.5 * share * f64::from(self.pitch_um)) as u16;
                 }
             }
         }

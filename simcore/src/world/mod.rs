@@ -3,6 +3,7 @@
 
 mod plan;
 mod tissue;
+mod tools;
 mod touch;
 mod vitreous;
 
@@ -20,6 +21,8 @@ use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::state::State;
+use crate::tools::vitrector::Port;
+use crate::tools::{ToolFigures, ToolsState};
 use crate::vitreous::Vitreous;
 use nalgebra::Isometry3;
 use protocol::events::Event;
@@ -87,12 +90,18 @@ pub struct World {
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
+    /// What the scene says of its tools.
+    figures: ToolFigures,
+    /// Where vitrectors and needles are in this substep.
+    aimed: tools::Aimed,
     last_good: LastGood,
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
     /// The vitreous, where there is one.
     vitreous: Option<Vitreous>,
+    /// Ports that sucked at the vitreous in this step: substeps open, and the last of them.
+    sucking: [Option<(u32, Port)>; INSTRUMENTS],
 }
 
 impl World {
@@ -123,10 +132,13 @@ impl World {
             volume,
             zcoll,
             images: std::array::from_fn(image),
+            figures: ToolFigures::new(scene),
+            aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
             vitreous,
+            sucking: Default::default(),
             scene: scene.clone(),
             sheet,
             state,
@@ -147,6 +159,8 @@ impl World {
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
             let tissue_begin = clock();
+            self.aim_tools(&plan, &poses);
+            self.use_ports();
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             let tissue_end = clock();
@@ -247,6 +261,7 @@ impl World {
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
+        self.sucking = Default::default();
         self.last_good.remember(&self.state.membrane);
     }
 
@@ -287,6 +302,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, vitreous: Option<&Vitreous>) ->
         membrane: sheet.start(),
         vitreous: vitreous.map(Vitreous::start),
         microscope: microscope::start(&scene.microscope),
+        tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,

@@ -6,9 +6,10 @@
 use super::World;
 use super::plan::Plan;
 use crate::checkpoint::CheckpointError;
-use crate::constants::{TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
+use crate::constants::{SUBSTEP_S, TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
 use crate::event_log::Happening;
 use crate::state::State;
+use crate::tools::vitrector::Port;
 use crate::vitreous::state::VitreousState;
 use crate::vitreous::traction::{Stress, Traction};
 use crate::vitreous::{Shaft, Vitreous, state};
@@ -19,6 +20,35 @@ impl World {
     /// The vitreous and its state, if the scene has one.
     pub fn vitreous(&self) -> Option<(&Vitreous, &VitreousState)> {
         self.vitreous.as_ref().zip(self.state.vitreous.as_ref())
+    }
+
+    /// A substep of the vitrectors: what the open ones will have sucked by the end of the step, and what the closing ones cut.
+    pub(super) fn use_ports(&mut self) {
+        let (Some(gel), Some(scene)) = (&mut self.vitreous, &self.scene.vitreous) else { return };
+        let Some(state) = &mut self.state.vitreous else { return };
+        for (port, sucking) in self.aimed.ports.iter().zip(&mut self.sucking) {
+            let Some(port) = port.filter(|p| p.suction_pa > 0.0) else { continue };
+            if port.open {
+                *sucking = Some((sucking.map_or(0, |(substeps, _)| substeps) + 1, port));
+            }
+            if port.cuts {
+                let middle =
+                    port.cone.apex_in_eye_mm + port.cone.axis_in_eye.scale(port.depth_mm - port.radius_mm);
+                gel.bite(state, middle, scene.suction.bite_mm);
+            }
+        }
+    }
+
+    /// Pulls the gel in the suction cones, for the substeps in which their ports were open.
+    fn suck_vitreous(&mut self, gel: &mut Vitreous, state: &mut VitreousState) {
+        let Some(scene) = &self.scene.vitreous else { return };
+        for (substeps, port) in self.sucking.iter_mut().filter_map(Option::take) {
+            let mm_per_pa = scene.suction.speed_mm_s_per_kpa * 1e-3 * SUBSTEP_S * f64::from(substeps);
+            let open = Port { open: true, ..port };
+            gel.suck(state, port.cone.apex_in_eye_mm, port.cone.reach_mm, |at| {
+                port.cone.distance_mm(at).map(|distance| mm_per_pa * open.pressure_pa(distance))
+            });
+        }
     }
 
     /// A step of the vitreous.
@@ -33,6 +63,9 @@ impl World {
                     &mut gel,
                     &mut state,
                 );
+                if part + 1 == parts {
+                    self.suck_vitreous(&mut gel, &mut state);
+                }
                 gel.relax(&mut state);
                 gel.free();
             }
@@ -113,5 +146,106 @@ impl World {
         if let (Some(gel), Some(state)) = (&mut self.vitreous, &self.state.vitreous) {
             gel.refresh(state);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::rehearsal::Rehearsal;
+    use crate::scene_block::{SceneWriter, bytes_needed};
+    use crate::vitreous::state;
+    use crate::world::{World, no_clock};
+    use protocol::events::EventKind;
+    use protocol::limits::MAX_CHECKPOINT_BYTES;
+    use protocol::scene::{SceneBrick, section};
+    use protocol::scene_file::SceneFile;
+
+    fn densities(world: &World) -> u64 {
+        let mut writer = SceneWriter::new(world);
+        let bytes = bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v));
+        let mut payload = vec![0u128; bytes.div_ceil(16)];
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+        let header = writer.write(world, bytemuck::Zeroable::zeroed(), 0, payload);
+        let bricks = section::<SceneBrick>(payload, header.bricks).unwrap();
+        assert!(!bricks.is_empty());
+        bricks.iter().flat_map(|b| b.density).map(u64::from).sum()
+    }
+
+    #[test]
+    fn the_shipped_vitrectomy_takes_gel_and_the_account_balances() {
+        let scene = SceneFile::load("vitrectomy").unwrap();
+        let rehearsal = Rehearsal::shipped(&scene);
+        let mut world = World::new(&scene).unwrap();
+        let start = densities(&world);
+        let (mut milestones, mut saved) = (Vec::new(), Vec::new());
+        let mut hash = 0;
+        for field in 0..350 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            let told = world.events().iter().filter(|e| e.kind == EventKind::VitreousRemoved as u32);
+            milestones.extend(told.map(|e| e.value));
+            if field == 300 {
+                world.save(&mut saved).unwrap();
+                assert!(saved.len() < MAX_CHECKPOINT_BYTES / 2, "{} bytes", saved.len());
+            }
+            hash = world.state_hash();
+        }
+        let (gel, state) = world.vitreous().unwrap();
+        let lattice = gel.lattice();
+        assert_eq!(state::check(lattice, state), Ok(()));
+        let whole = lattice.elements() as u64 * lattice.cell_um3();
+        assert_eq!(state.removed_um3(lattice) + state.remaining_um3(lattice), whole, "to the last µm³");
+        assert!(state.removed > 500, "{} elements", state.removed);
+        assert!(!milestones.is_empty() && milestones.is_sorted());
+        // Where gel went there is no haze: removed elements take their densities with them, but for rounding down in cells.
+        let gone = start - densities(&world);
+        let least = state.removed * 25;
+        assert!(gone > least, "{gone} of {start} gone with {} elements", state.removed);
+
+        // The same from a checkpoint, in another world; and a foreign one is refused.
+        let mut other = World::new(&scene).unwrap();
+        other.restore(&saved).unwrap();
+        (301..350).for_each(|field| {
+            rehearsal.play(&mut other, field, &mut no_clock);
+        });
+        assert_eq!(other.state_hash(), hash);
+        let (_, same) = other.vitreous().unwrap();
+        assert!(same == world.vitreous().unwrap().1);
+        assert_eq!(densities(&other), densities(&world));
+        let at = saved.len() / 2;
+        saved[at] ^= 0x40;
+        assert!(other.restore(&saved).is_err() || other.state_hash() != hash);
+        assert!(World::new(&SceneFile::load("peel").unwrap()).unwrap().restore(&saved).is_err());
+        other.reset();
+        assert_eq!(other.vitreous().unwrap().1.removed, 0);
+    }
+
+    #[test]
+    fn suction_that_pulls_at_the_retina_warns_and_lets_the_gel_off() {
+        let mut scene = SceneFile::load("vitrectomy").unwrap();
+        // Over the posterior pole, suction without the cutter, drawn away from it.
+        scene.script.pedal.truncate(1);
+        scene.script.pedal[0].axes = [1.0, 0.0];
+        scene.script.period_s = 8.0;
+        let mut keys = scene.script.keys.clone();
+        keys.retain(|k| k.at_s == 0.0);
+        keys[0].tip_in_eye_mm = [1.0, 0.0, -10.3];
+        let mut away = keys[0].clone();
+        (away.at_s, away.tip_in_eye_mm) = (5.0, [1.0, 0.0, -5.0]);
+        keys.push(away);
+        scene.script.keys = keys;
+        let vitreous = scene.vitreous.as_mut().unwrap();
+        vitreous.lattice = 40;
+        vitreous.slip_mm = 3.0;
+        let rehearsal = Rehearsal::shipped(&scene);
+        let mut world = World::new(&scene).unwrap();
+        let mut kinds = Vec::new();
+        for field in 0..300 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            kinds.extend(world.events().iter().map(|e| e.kind));
+        }
+        let (gel, state) = world.vitreous().unwrap();
+        assert!(kinds.contains(&(EventKind::VitreousTraction as u32)), "{kinds:?}");
+        assert!(state.released > 0 && kinds.contains(&(EventKind::VitreousDetached as u32)));
+        assert_eq!((state.removed, state::check(gel.lattice(), state)), (0, Ok(())));
     }
 }
