@@ -2,7 +2,7 @@
 //! searched capsule misses is skipped, so that a search looks at a few thousand elements and not at all of them.
 
 use super::lattice::Lattice;
-use super::state::VitreousState;
+use super::state::{ALIVE, VitreousState};
 use nalgebra::Vector3;
 
 /// A piece of a straight line with a thickness, eye frame, µm; of length 0 it is a ball.
@@ -125,17 +125,20 @@ impl Finder {
 
 fn bounds(lattice: &Lattice, state: &VitreousState, number: usize) -> [[i16; 3]; 2] {
     let row = &lattice.rows[number];
-    let start = row.start as usize;
+    let (start, len) = (row.start as usize, usize::from(row.len));
+    let status = &state.status[start..][..len];
+    let rest = lattice.rest_um(start);
     let (mut low, mut high) = ([i16::MAX; 3], [i16::MIN; 3]);
-    let mut rest = lattice.rest_um(start);
-    for e in start..start + usize::from(row.len) {
-        if state.is_alive(e) {
-            for c in 0..3 {
-                let place = (rest[c] + i32::from(state.shift_um[c][e])) as i16;
-                (low[c], high[c]) = (low[c].min(place), high[c].max(place));
-            }
+    for c in 0..3 {
+        let shift = &state.shift_um[c][start..][..len];
+        // Along the row the places at rest go up by the spacing.
+        let (mut at, step) = (rest[c] as i16, if c == 0 { lattice.pitch_um as i16 } else { 0 });
+        for (&status, &shift) in status.iter().zip(shift) {
+            let (place, alive) = (at + shift, status & ALIVE != 0);
+            low[c] = low[c].min(if alive { place } else { i16::MAX });
+            high[c] = high[c].max(if alive { place } else { i16::MIN });
+            at = at.wrapping_add(step);
         }
-        rest[0] += lattice.pitch_um;
     }
     [low, high]
 }

@@ -1,8 +1,8 @@
 //! The vitreous as the renderer draws it: densities on the cells of the lattice at rest, in bricks of 8³.
 //!
-//! Every living element gives its density to the eight cells around its place, in sixteenths along each axis, as
+//! Every living element gives its density to the eight cells around its place, in eighths along each axis, as
 //! whole numbers: a sum of them does not depend on the order in which elements moved. So only elements that
-//! moved by a sixteenth, or went, since the last picture are taken out and put in again, and only their bricks are written anew.
+//! moved by an eighth, or went, since the last picture are taken out and put in again, and only their bricks are written anew.
 
 use super::lattice::Lattice;
 use super::state::VitreousState;
@@ -12,12 +12,12 @@ use protocol::scene::SceneBrick;
 /// Cells along a brick.
 const BRICK: usize = 8;
 /// Steps between two cells along an axis, as a power of two.
-const FINE_BITS: u32 = 4;
+const FINE_BITS: u32 = 3;
 
 /// The densities, and what they were made from.
 #[derive(Debug, Clone)]
 pub struct Haze {
-    /// Sum of densities · 16³ of a cell, x fastest.
+    /// Sum of densities · 8³ of a cell, x fastest.
     sums: Vec<u32>,
     /// Bricks along an axis.
     along: usize,
@@ -26,9 +26,9 @@ pub struct Haze {
     number: Vec<u32>,
     /// Bricks to write anew.
     dirty: Vec<bool>,
-    /// Where elements were when they were put in, sixteenths of a cell from rest.
+    /// Where elements were when they were put in, eighths of a cell from rest.
     drawn_at: Vec<[i16; 3]>,
-    /// Sixteenths of a cell in a µm.
+    /// Eighths of a cell in a µm.
     fine_per_um: f32,
     drawn: Vec<bool>,
 }
@@ -87,7 +87,8 @@ impl Haze {
         let row = &lattice.rows[row];
         let start = row.start as usize;
         for e in start..start + usize::from(row.len) {
-            let now = state.shift_um.each_ref().map(|s| self.fine(s[e]));
+            let [x, y, z] = &state.shift_um;
+            let now = [self.fine(x[e]), self.fine(y[e]), self.fine(z[e])];
             let alive = state.is_alive(e);
             if alive == self.drawn[e] && (!alive || now == self.drawn_at[e]) {
                 continue;
@@ -102,7 +103,7 @@ impl Haze {
         }
     }
 
-    /// A displacement in whole sixteenths of a cell, rounded down; the same for the same displacement, and that is all it must be.
+    /// A displacement in whole eighths of a cell, rounded down; the same for the same displacement, and that is all it must be.
     fn fine(&self, shift_um: i16) -> i16 {
         const LIFT: f32 = 8192.0;
         (f32::from(shift_um) * self.fine_per_um + LIFT) as i16 - LIFT as i16
@@ -112,7 +113,7 @@ impl Haze {
     fn put(&mut self, lattice: &Lattice, e: usize, at: [i16; 3], add: bool) {
         let cell = lattice.cell(e);
         let last = (lattice.cells as i32 - 1) << FINE_BITS;
-        // Along each axis: the lower cell, and sixteenths of the way to the next one.
+        // Along each axis: the lower cell, and eighths of the way to the next one.
         let fine: [(usize, u32); 3] = std::array::from_fn(|c| {
             let at = ((cell[c] << FINE_BITS) + i32::from(at[c])).clamp(0, last) as usize;
             (at >> FINE_BITS, (at & ((1 << FINE_BITS) - 1)) as u32)

@@ -109,15 +109,17 @@ impl Relaxer {
         for i in ((odd & 1) as usize..len).step_by(2) {
             let e = start + i;
             let free = state.status[e] & (ALIVE | ADHERED) == ALIVE && held[e] == 0;
-            let now: [i16; 3] = std::array::from_fn(|c| state.shift_um[c][e]);
-            let to: [i16; 3] = std::array::from_fn(|c| self.wanted[c][i]);
-            if !free || to == now {
+            let [x, y, z] = &mut state.shift_um;
+            let to = [self.wanted[0][i], self.wanted[1][i], self.wanted[2][i]];
+            if !free || to == [x[e], y[e], z[e]] {
                 continue;
             }
-            let rest = [first[0] + i as i32 * mail.lattice.pitch_um, first[1], first[2]];
-            let place = std::array::from_fn(|c| rest[c] + i32::from(to[c]));
+            let along = i as i32 * mail.lattice.pitch_um;
+            let place = [first[0] + along, first[1], first[2]];
+            let place =
+                [place[0] + i32::from(to[0]), place[1] + i32::from(to[1]), place[2] + i32::from(to[2])];
             if is_inside(mail.lattice, place) {
-                state.shift_um.iter_mut().zip(to).for_each(|(s, to)| s[e] = to);
+                (x[e], y[e], z[e]) = (to[0], to[1], to[2]);
                 moved = true;
             }
         }

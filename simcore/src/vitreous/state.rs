@@ -64,13 +64,14 @@ impl VitreousState {
 
     /// Displacement of an element, µm.
     pub fn shift(&self, element: usize) -> [i32; 3] {
-        self.shift_um.each_ref().map(|s| i32::from(s[element]))
+        let [x, y, z] = &self.shift_um;
+        [i32::from(x[element]), i32::from(y[element]), i32::from(z[element])]
     }
 
     /// Place of an element, eye frame, µm.
     pub fn place_um(&self, lattice: &Lattice, element: usize) -> [i32; 3] {
         let (rest, shift) = (lattice.rest_um(element), self.shift(element));
-        std::array::from_fn(|c| rest[c] + shift[c])
+        [rest[0] + shift[0], rest[1] + shift[1], rest[2] + shift[2]]
     }
 
     /// True if the element is there.
