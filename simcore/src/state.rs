@@ -2,6 +2,7 @@
 //! hash and the checkpoints are made from this structure as a whole.
 
 use crate::collision::surface::Surface;
+use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
 use crate::tools::ToolsState;
 use crate::vitreous::state::VitreousState;
@@ -47,6 +48,8 @@ pub struct State {
     pub membrane: MembraneState,
     /// The vitreous, where there is one.
     pub vitreous: Option<VitreousState>,
+    /// The glue under the membrane, where the scene has one.
+    pub adhesion: Option<AdhesionState>,
     /// The microscope and its pedal.
     pub microscope: MicroscopeState,
     /// Pump, blade and syringe.

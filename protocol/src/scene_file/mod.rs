@@ -1,13 +1,17 @@
 //! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
+mod adhesion;
 mod membrane;
 mod tools;
 mod vitreous;
 
+pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use tools::{NeedleScene, VitrectorScene};
-pub use vitreous::{AdhesionScene, GelScene, RelaxationScene, SuctionScene, VitreousScene, ZoneScene};
+pub use vitreous::{
+    GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
+};
 
 use crate::handles::{PedalMode, Tool};
 use crate::limits::INSTRUMENTS;
@@ -24,6 +28,7 @@ pub const DEFAULT_SCENE: &str = "peel";
 pub const SHIPPED: &[(&str, &str)] = &[
     ("peel", include_str!("../../../assets/scenes/peel.toml")),
     ("vitrectomy", include_str!("../../../assets/scenes/vitrectomy.toml")),
+    ("erm", include_str!("../../../assets/scenes/erm.toml")),
 ];
 
 /// Why a scene was refused.
@@ -376,7 +381,7 @@ mod tests {
     #[test]
     fn defects_are_named() {
         let text = SHIPPED[0].1;
-        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel"));
+        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, erm"));
         let unknown = format!("{text}\n[membrain]\nx = 1\n");
         assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
         let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);

@@ -20,7 +20,7 @@ pub struct VitreousScene {
     #[serde(default)]
     pub zones: Vec<ZoneScene>,
     /// How it holds to the retina.
-    pub adhesion: AdhesionScene,
+    pub adhesion: VitreousAdhesionScene,
     /// How far a shaft takes the gel along before it slips through it, mm along each axis.
     pub slip_mm: f64,
     /// How it comes back.
@@ -75,7 +75,7 @@ fn everywhere() -> f64 {
 /// How the gel holds to the retina. Stresses are those of the gel at the wall, Pa.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct AdhesionScene {
+pub struct VitreousAdhesionScene {
     /// From this z on it is the vitreous base, which never lets go, mm.
     pub base_from_z_mm: f64,
     /// Stress that warns.

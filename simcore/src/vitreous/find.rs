@@ -134,7 +134,7 @@ fn bounds(lattice: &Lattice, state: &VitreousState, number: usize) -> [[i16; 3];
         // Along the row the places at rest go up by the spacing.
         let (mut at, step) = (rest[c] as i16, if c == 0 { lattice.pitch_um as i16 } else { 0 });
         for (&status, &shift) in status.iter().zip(shift) {
-            let (place, alive) = (at + shift, status & ALIVE != 0);
+            let (place, alive) = (at.saturating_add(shift), status & ALIVE != 0);
             low[c] = low[c].min(if alive { place } else { i16::MAX });
             high[c] = high[c].max(if alive { place } else { i16::MIN });
             at = at.wrapping_add(step);

@@ -1,6 +1,7 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod peel;
 mod plan;
 mod tissue;
 mod tools;
@@ -16,6 +17,8 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;
+use crate::membrane::adhesion::Adhesion;
+use crate::membrane::curl::Curl;
 use crate::membrane::implicit::Implicit;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
@@ -51,6 +54,19 @@ pub enum WorldError {
         /// Bytes there are.
         room: usize,
     },
+    /// The glue is too stiff for the nodes' mass and the substep.
+    #[error(
+        "membrane.node_mass_g: expected at least {least_g:.3} g for glue of {stiffness_un_per_mm:.0} µN/mm a node, \
+         found {found_g}; or give membrane.adhesion a longer range_mm"
+    )]
+    Glue {
+        /// Stiffness of the stiffest bond, µN/mm.
+        stiffness_un_per_mm: f64,
+        /// Mass that would do, g.
+        least_g: f64,
+        /// Mass there is, g.
+        found_g: f64,
+    },
 }
 
 /// What one step consumes.
@@ -84,6 +100,8 @@ pub struct World {
     tissue: Tissue,
     state: State,
     solver: Solver,
+    adhesion: Option<Adhesion>,
+    curl: Option<Curl>,
     /// What makes the substeps where the scene asks for more than the explicit core.
     implicit: Option<Implicit>,
     volume: Volume,
@@ -102,6 +120,8 @@ pub struct World {
     vitreous: Option<Vitreous>,
     /// Ports that sucked at the vitreous in this step: substeps open, and the last of them.
     sucking: [Option<(u32, Port)>; INSTRUMENTS],
+    /// What happened to the glue in this step, for its events.
+    parting: peel::StepParting,
 }
 
 impl World {
@@ -114,7 +134,9 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let state = start_state(scene, &sheet, vitreous.as_ref());
+        let adhesion = peel::adhesion(scene, &sheet)?;
+        let mut state = start_state(scene, &sheet, adhesion.as_ref());
+        state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
@@ -128,6 +150,8 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
+            adhesion,
+            curl: peel::curl(scene, &sheet),
             implicit: Implicit::of(integrator, &sheet),
             volume,
             zcoll,
@@ -139,6 +163,7 @@ impl World {
             toll: tissue::Toll::default(),
             vitreous,
             sucking: Default::default(),
+            parting: peel::StepParting::default(),
             scene: scene.clone(),
             sheet,
             state,
@@ -176,6 +201,7 @@ impl World {
         self.move_vitreous(&plan);
         times.tissue_ns += clock().saturating_sub(gel_begin);
         self.tell_toll();
+        self.tell_peel();
         self.check_finite();
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
@@ -223,6 +249,7 @@ impl World {
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
         self.check_vitreous(&state)?;
+        peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
         self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
@@ -241,7 +268,8 @@ impl World {
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet, self.vitreous.as_ref());
+        self.state = start_state(&self.scene, &self.sheet, self.adhesion.as_ref());
+        self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
@@ -262,6 +290,7 @@ impl World {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
         self.sucking = Default::default();
+        self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
     }
 
@@ -284,7 +313,7 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet, vitreous: Option<&Vitreous>) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) -> State {
     State {
         step: 0,
         field: 0,
@@ -299,8 +328,9 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, vitreous: Option<&Vitreous>) ->
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane: sheet.start(),
-        vitreous: vitreous.map(Vitreous::start),
+        membrane: peel::start_membrane(sheet, adhesion),
+        adhesion: adhesion.map(Adhesion::start),
+        vitreous: None,
         microscope: microscope::start(&scene.microscope),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
