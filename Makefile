@@ -65,6 +65,7 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p simcore --bench collision
 	cargo bench -p renderer --bench frame
+	cargo bench -p simcore --bench vitreous
 	cargo build --release --workspace
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
