@@ -34,6 +34,16 @@ pub enum EventKind {
     TrackingRegained = 30,
     /// A body is lost and touches nothing.
     TrackingLost = 31,
+    /// The vitrector cut membrane away; mm² in this step.
+    TissueCut = 50,
+    /// Hook or jaws lift the membrane from below; nodes.
+    TissueHooked = 51,
+    /// The needle went through the membrane; µN along the shaft.
+    MembranePierced = 52,
+    /// The needle left the membrane.
+    NeedleOut = 53,
+    /// Another tool is in the hand; its number.
+    ToolChanged = 54,
     /// A part of the tissue was disabled because its numbers ran away; node.
     TissueDisabled = 40,
     /// An input was refused by its validation.
@@ -54,7 +64,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 21] = [
+    pub const ALL: [EventKind; 26] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -68,6 +78,11 @@ impl EventKind {
         EventKind::NotPiConvex,
         EventKind::TrackingRegained,
         EventKind::TrackingLost,
+        EventKind::TissueCut,
+        EventKind::TissueHooked,
+        EventKind::MembranePierced,
+        EventKind::NeedleOut,
+        EventKind::ToolChanged,
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
@@ -99,6 +114,11 @@ impl EventKind {
             EventKind::NotPiConvex => ("membrane folded in the collision volume", "pixels"),
             EventKind::TrackingRegained => ("tracking regained", "s"),
             EventKind::TrackingLost => ("tracking lost", ""),
+            EventKind::TissueCut => ("membrane cut away", "mm²"),
+            EventKind::TissueHooked => ("membrane lifted from below", "nodes"),
+            EventKind::MembranePierced => ("needle through the membrane", "µN"),
+            EventKind::NeedleOut => ("needle out of the membrane", ""),
+            EventKind::ToolChanged => ("another tool in the hand", ""),
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),

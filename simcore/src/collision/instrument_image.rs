@@ -100,7 +100,8 @@ pub struct Side<'a> {
 pub struct InstrumentImage {
     mesh: ToolMesh,
     tool: u32,
-    radius_mm: f64,
+    /// Radius of the shaft, and of a needle in this hand, mm.
+    radius_mm: [f64; 2],
     /// Opening in [`JAW_STEP_RAD`], −1 before the first.
     opening: i64,
     /// Depth of each pixel in depth steps, or [`NOTHING`]; row by row.
@@ -116,8 +117,13 @@ pub struct InstrumentImage {
 impl InstrumentImage {
     /// An image yet to be drawn.
     pub fn new(tool: Tool, radius_mm: f64, volume: &Volume) -> Self {
+        Self::with_needle(tool, [radius_mm; 2], volume)
+    }
+
+    /// The same, with the radius of the shaft and that of a needle.
+    pub fn with_needle(tool: Tool, radius_mm: [f64; 2], volume: &Volume) -> Self {
         let pixels = volume.resolution * volume.resolution;
-        let mesh = ToolMesh::new(tool, radius_mm, volume.depth_mm);
+        let mesh = ToolMesh::new(tool, radius_mm[usize::from(tool == Tool::Needle)], volume.depth_mm);
         let depth = vec![NOTHING; pixels];
         InstrumentImage {
             mesh,
@@ -150,7 +156,7 @@ impl InstrumentImage {
     /// Takes another tool into the hand; it allocates, but only at a change of tools.
     pub fn set_tool(&mut self, tool: Tool, volume: &Volume) {
         if self.tool != tool as u32 {
-            *self = Self::new(tool, self.radius_mm, volume);
+            *self = Self::with_needle(tool, self.radius_mm, volume);
         }
     }
 
