@@ -208,10 +208,13 @@ impl World {
         true
     }
 
-    /// Force with which the nodes that were passed press back along the shaft, µN.
+    /// Force with which the nodes that were passed press back along the shaft, µN. Added up in whole pN, so that the order of the
+    /// nodes does not matter.
     fn resistance_un(&self, zcoll: &Zcoll, towards_handle: &UnitVector3<f64>) -> f64 {
         let force = |n: usize| Vector3::from(self.solver.force_un.each_ref().map(|f| f64::from(f[n])));
-        zcoll.displaced().map(|(n, _)| force(n).dot(towards_handle)).sum()
+        let along = |n: usize| (force(n).dot(towards_handle) * 1e6) as i64;
+        let sum = zcoll.displaced().fold(0i64, |sum, (n, _)| sum.saturating_add(along(n)));
+        sum as f64 * 1e-6
     }
 
     /// Moves the corners around a hole so that it lies on the needle's shaft.

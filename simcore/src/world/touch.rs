@@ -223,3 +223,23 @@ impl World {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Coulomb: what sticks goes with the tip, what slides is dragged by its share of the push, and what keeps up is left alone.
+    #[test]
+    fn friction_drags_no_farther_than_the_tip_and_no_more_than_its_share() {
+        let slide = Vector3::new(0.003f32, -0.004, 0.0);
+        let looks = COLLISION_EVERY as f32;
+        let rest = Vector3::zeros();
+        let stuck = dragged(&slide, &rest, 1.0);
+        assert!((stuck - slide * looks).norm() < 1e-7, "{stuck}");
+        let limit = 0.4 * slide.norm() * looks;
+        let slipping = dragged(&slide, &rest, limit);
+        assert!((slipping.norm() - limit).abs() < 1e-7 && slipping.dot(&slide) > 0.0);
+        let along = slide / SUBSTEP_S as f32;
+        assert!(dragged(&slide, &along, 1.0).norm() < 1e-7);
+    }
+}
