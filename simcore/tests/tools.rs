@@ -175,10 +175,12 @@ fn a_needle_pushes_goes_through_and_takes_the_hole_along() {
         at(&mut world, field, [0.35, 0.03, -11.35 + 0.01 * (field - 129) as f64]);
     }
     assert!(hole(&world).is_none());
-    assert_eq!(of(&events, EventKind::MembranePierced).len(), 1);
-    let pierced = of(&events, EventKind::MembranePierced)[0];
+    // The sheet that springs back may meet the tip again; but what went in came out.
+    let pierced = of(&events, EventKind::MembranePierced);
+    assert_eq!(pierced.iter().filter(|e| e.field < 130).count(), 1, "once on the way down and sideways");
+    assert_eq!(pierced.len(), of(&events, EventKind::NeedleOut).len());
+    let pierced = pierced[0];
     assert!(pierced.value > pierced.limit && pierced.limit == 2.0, "{}", pierced.value);
-    assert_eq!(of(&events, EventKind::NeedleOut).len(), 1);
 }
 
 #[test]

@@ -267,3 +267,52 @@ impl World {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rehearsal::Rehearsal;
+    use crate::world::no_clock;
+    use protocol::handles::PORT_RADIUS_MM;
+    use protocol::scene_file::SceneFile;
+
+    /// In the scene, with the edge before the port: every force is p₀·(r/d) on a third of each triangle seen, towards the apex.
+    #[test]
+    fn suction_on_the_membrane_is_proportional_to_the_reciprocal_distance() {
+        let mut scene = SceneFile::load("trim").unwrap();
+        scene.script.pedal[0].axes = [1.0, 0.0];
+        let rehearsal = Rehearsal::shipped(&scene);
+        let mut world = World::new(&scene).unwrap();
+        for field in 130..150 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+        }
+        let pose = world.state.instruments.each_ref().map(|i| i.eye_from_instrument);
+        let poses = Poses { eye_from_instrument: pose, tip_step_mm: [Vector3::zeros(); INSTRUMENTS] };
+        let port = world.aimed.ports[0].unwrap();
+        world.solver.clear_outer();
+        world.suck_membrane(&poses);
+        let (start, sheet) = (world.sheet.start(), &world.sheet);
+        let seen = world.cutting.as_ref().unwrap().camera.triangles();
+        let mut sucked = 0;
+        for node in 0..sheet.nodes() {
+            let around = seen.iter().filter(|&&t| sheet.triangles[t as usize].contains(&(node as u32)));
+            let area = |&t: &u32| {
+                let [a, b, c] =
+                    sheet.triangles[t as usize].map(|n| start.position(n as usize).map(f64::from));
+                (b - a).cross(&(c - a)).norm() / 6.0
+            };
+            let share: f64 = around.map(area).sum();
+            let force = Vector3::from(world.solver.outer_un.each_ref().map(|f| f64::from(f[node])));
+            let way = port.cone.apex_in_eye_mm - world.state.membrane.position(node).map(f64::from);
+            if way.norm() > PORT_RADIUS_MM {
+                let expected = way / way.norm() * (port.suction_pa * PORT_RADIUS_MM * share / way.norm());
+                assert!(
+                    (force - expected).norm() <= 1e-4 * expected.norm(),
+                    "node {node}: {force} {expected}"
+                );
+                sucked += usize::from(share > 0.0);
+            }
+        }
+        assert!(sucked > 5, "the test must see something: {sucked} nodes");
+    }
+}
