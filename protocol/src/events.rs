@@ -40,11 +40,21 @@ pub enum EventKind {
     InputRefused = 41,
     /// The simulation resumed from a checkpoint; steps recomputed.
     Resumed = 42,
+    /// More of the membrane is off the retina; mm² in all.
+    MembranePeeled = 60,
+    /// The whole membrane is off the retina; mm².
+    MembraneOff = 61,
+    /// The membrane pulls hard at the retina under it; Pa.
+    RetinaPulled = 62,
+    /// The retina came off the choroid and follows the membrane; mm of height.
+    RetinaLifted = 63,
+    /// Lifted retina tore; mm² in all.
+    RetinaTorn = 64,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 16] = [
+    pub const ALL: [EventKind; 21] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -61,6 +71,11 @@ impl EventKind {
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
+        EventKind::MembranePeeled,
+        EventKind::MembraneOff,
+        EventKind::RetinaPulled,
+        EventKind::RetinaLifted,
+        EventKind::RetinaTorn,
     ];
 
     /// From the wire.
@@ -87,6 +102,11 @@ impl EventKind {
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
+            EventKind::MembranePeeled => ("membrane peeled", "mm²"),
+            EventKind::MembraneOff => ("the whole membrane is off", "mm²"),
+            EventKind::RetinaPulled => ("membrane pulls hard at the retina", "Pa"),
+            EventKind::RetinaLifted => ("retina lifted with the membrane", "mm"),
+            EventKind::RetinaTorn => ("retina torn", "mm²"),
         }
     }
 }

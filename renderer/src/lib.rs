@@ -21,6 +21,7 @@ pub mod present;
 pub mod process;
 pub mod readback;
 pub mod start;
+pub mod stereo;
 pub mod target;
 pub mod tissue;
 pub mod tools;

@@ -2,7 +2,9 @@
 //! hash and the checkpoints are made from this structure as a whole.
 
 use crate::collision::surface::Surface;
+use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
+use crate::tools::ToolsState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -43,8 +45,12 @@ pub struct State {
     pub instruments: [InstrumentState; INSTRUMENTS],
     /// The membrane.
     pub membrane: MembraneState,
+    /// The glue under the membrane, where the scene has one.
+    pub adhesion: Option<AdhesionState>,
     /// The microscope and its pedal.
     pub microscope: MicroscopeState,
+    /// Pump, blade and syringe.
+    pub tools: ToolsState,
     /// Bleeding points on the retina.
     pub marks: Vec<MarkState>,
     /// Kind of the newest warning, 0 for none.

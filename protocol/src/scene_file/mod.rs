@@ -1,11 +1,15 @@
 //! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
+mod adhesion;
 mod membrane;
+mod tools;
 
+pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
+pub use tools::{NeedleScene, VitrectorScene};
 
-use crate::handles::Tool;
+use crate::handles::{PedalMode, Tool};
 use crate::limits::INSTRUMENTS;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -17,7 +21,10 @@ pub const FORMAT: &str = "vitreo-scene-1";
 pub const DEFAULT_SCENE: &str = "peel";
 
 /// Shipped scenes: name and text.
-pub const SHIPPED: [(&str, &str); 1] = [("peel", include_str!("../../../assets/scenes/peel.toml"))];
+pub const SHIPPED: &[(&str, &str)] = &[
+    ("peel", include_str!("../../../assets/scenes/peel.toml")),
+    ("erm", include_str!("../../../assets/scenes/erm.toml")),
+];
 
 /// Why a scene was refused.
 #[derive(Debug, thiserror::Error)]
@@ -76,6 +83,12 @@ pub struct SceneFile {
     /// The epiretinal membrane; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
+    /// What the vitrector can do, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vitrector: Option<VitrectorScene>,
+    /// What the needle can do, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub needle: Option<NeedleScene>,
     /// How instruments act on tissue and retina.
     pub contact: ContactScene,
     /// The microscope at the start.
@@ -165,6 +178,22 @@ pub struct ScriptScene {
     pub eye_turn_rad: [f64; 2],
     /// Key frames of instrument 0 and 1.
     pub keys: Vec<ScriptKey>,
+    /// What the foot does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pedal: Vec<PedalKey>,
+}
+
+/// What the pedal is from an instant of the round until the next key; before the first as after the last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PedalKey {
+    /// Instant in the round, s.
+    pub at_s: f64,
+    /// What the axes mean.
+    pub mode: PedalMode,
+    /// Two axes, −1 to 1.
+    #[serde(default)]
+    pub axes: [f64; 2],
 }
 
 /// Where an instrument is at an instant of the round.
@@ -183,6 +212,9 @@ pub struct ScriptKey {
     /// Jaw opening, rad.
     #[serde(default)]
     pub jaw_rad: f64,
+    /// Tool in the hand from here on; without it the one before. A round begins with the instrument's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool: Option<Tool>,
 }
 
 impl SceneFile {
@@ -197,7 +229,7 @@ impl SceneFile {
         let shipped = SHIPPED.iter().find(|(n, _)| *n == name);
         let (_, text) = shipped.ok_or_else(|| SceneError::Missing {
             name: name.into(),
-            shipped: SHIPPED.map(|(n, _)| n).join(", "),
+            shipped: SHIPPED.iter().map(|(n, _)| *n).collect::<Vec<_>>().join(", "),
         })?;
         Self::parse(text, name)
     }
@@ -260,6 +292,13 @@ impl SceneFile {
                 );
             }
         }
+        for (i, key) in self.script.pedal.iter().enumerate() {
+            let inside = (0.0..self.script.period_s).contains(&key.at_s);
+            if !inside || !key.axes.iter().all(|a| (-1.0..=1.0).contains(a)) {
+                let field = format!("script.pedal[{i}]");
+                return refuse(&field, "instant inside the period, axes −1 to 1", format!("{key:?}"));
+            }
+        }
         for instrument in 0..INSTRUMENTS as u32 {
             if !self.script.keys.iter().any(|k| k.instrument == instrument) {
                 return refuse("script.keys", "a key for each instrument", format!("none for {instrument}"));
@@ -294,6 +333,8 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
+        ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
         ranges
     }
 }
@@ -327,10 +368,17 @@ mod tests {
     #[test]
     fn defects_are_named() {
         let text = SHIPPED[0].1;
-        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel"));
+        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, erm"));
         let unknown = format!("{text}\n[membrain]\nx = 1\n");
         assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
         let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);
         assert!(SceneFile::parse(&broken, "s.toml").unwrap_err().to_string().contains("membrane.p_tear"));
+        let pressed =
+            format!("{text}\n[[script.pedal]]\nat_s = 1.0\nmode = \"aspirate\"\naxes = [0.0, 1.5]\n");
+        assert!(SceneFile::parse(&pressed, "s.toml").unwrap_err().to_string().contains("script.pedal[0]"));
+        let pump = format!("{text}\n[vitrector]\ncuts_per_min = 90000\n");
+        assert!(
+            SceneFile::parse(&pump, "s.toml").unwrap_err().to_string().contains("vitrector.cuts_per_min")
+        );
     }
 }

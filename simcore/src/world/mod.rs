@@ -1,8 +1,10 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod peel;
 mod plan;
 mod tissue;
+mod tools;
 mod touch;
 
 pub use plan::start_instrument;
@@ -14,11 +16,14 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::EventLog;
 use crate::guard::LastGood;
+use crate::membrane::adhesion::Adhesion;
+use crate::membrane::curl::Curl;
 use crate::membrane::implicit::Implicit;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::state::State;
+use crate::tools::{ToolFigures, ToolsState};
 use nalgebra::Isometry3;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -45,6 +50,19 @@ pub enum WorldError {
         bytes: usize,
         /// Bytes there are.
         room: usize,
+    },
+    /// The glue is too stiff for the nodes' mass and the substep.
+    #[error(
+        "membrane.node_mass_g: expected at least {least_g:.3} g for glue of {stiffness_un_per_mm:.0} µN/mm a node, \
+         found {found_g}; or give membrane.adhesion a longer range_mm"
+    )]
+    Glue {
+        /// Stiffness of the stiffest bond, µN/mm.
+        stiffness_un_per_mm: f64,
+        /// Mass that would do, g.
+        least_g: f64,
+        /// Mass there is, g.
+        found_g: f64,
     },
 }
 
@@ -79,16 +97,24 @@ pub struct World {
     tissue: Tissue,
     state: State,
     solver: Solver,
+    adhesion: Option<Adhesion>,
+    curl: Option<Curl>,
     /// What makes the substeps where the scene asks for more than the explicit core.
     implicit: Option<Implicit>,
     volume: Volume,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
+    /// What the scene says of its tools.
+    figures: ToolFigures,
+    /// Where vitrectors and needles are in this substep.
+    aimed: tools::Aimed,
     last_good: LastGood,
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
+    /// What happened to the glue in this step, for its events.
+    parting: peel::StepParting,
 }
 
 impl World {
@@ -100,7 +126,8 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let state = start_state(scene, &sheet);
+        let adhesion = peel::adhesion(scene, &sheet)?;
+        let state = start_state(scene, &sheet, adhesion.as_ref());
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
@@ -114,13 +141,18 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue: Tissue::new(scene),
             solver: Solver::new(&sheet),
+            adhesion,
+            curl: peel::curl(scene, &sheet),
             implicit: Implicit::of(integrator, &sheet),
             volume,
             zcoll,
             images: std::array::from_fn(image),
+            figures: ToolFigures::new(scene),
+            aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
+            parting: peel::StepParting::default(),
             scene: scene.clone(),
             sheet,
             state,
@@ -141,6 +173,7 @@ impl World {
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
             let tissue_begin = clock();
+            self.aim_tools(&plan, &poses);
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             let tissue_end = clock();
@@ -153,6 +186,7 @@ impl World {
             }
         }
         self.tell_toll();
+        self.tell_peel();
         self.check_finite();
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
@@ -198,7 +232,9 @@ impl World {
 
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
+        self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
         }
@@ -215,7 +251,7 @@ impl World {
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet);
+        self.state = start_state(&self.scene, &self.sheet, self.adhesion.as_ref());
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
@@ -234,6 +270,7 @@ impl World {
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
+        self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
     }
 
@@ -256,7 +293,7 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) -> State {
     State {
         step: 0,
         field: 0,
@@ -271,8 +308,10 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane: sheet.start(),
+        membrane: peel::start_membrane(sheet, adhesion),
+        adhesion: adhesion.map(Adhesion::start),
         microscope: microscope::start(&scene.microscope),
+        tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,

@@ -35,7 +35,8 @@ impl World {
                 forceps::carry(&self.state.instruments[i], membrane, pose, SUBSTEP_S);
             }
         }
-        let alarms = self.solver.accelerate(&self.sheet, membrane, &self.tissue);
+        self.pull_at_glue();
+        let alarms = self.solver.accelerate(&self.sheet, &self.state.membrane, &self.tissue);
         if alarms.not_finite {
             self.contain();
         }
