@@ -5,6 +5,8 @@
 mod balloon;
 #[path = "../examples/validation/beam.rs"]
 mod beam;
+// Titles and curves are for the pictures alone.
+#[allow(dead_code)]
 #[path = "../examples/validation/case.rs"]
 mod case;
 #[path = "../examples/validation/chain.rs"]

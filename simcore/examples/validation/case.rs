@@ -77,7 +77,7 @@ pub struct Row {
     pub ours: f64,
     /// That resolution.
     pub resolution: String,
-    /// Error ∝ size^order over the last two resolutions; `None` where nothing is refined.
+    /// Order of convergence; `None` where nothing is refined.
     pub order: Option<f64>,
     /// Error that is allowed, as a share of the reference.
     pub allowed: f64,
@@ -158,7 +158,7 @@ impl Outcome {
             reference: series.reference,
             ours: last,
             resolution: resolution.into(),
-            order: order(&errors),
+            order: order(&series.found, series.reference),
             allowed,
         });
         self.refinement.line(&series.quantity, errors);
@@ -172,10 +172,15 @@ impl Outcome {
     }
 }
 
-/// Slope of the last two errors over their sizes, both as logarithms.
-fn order(errors: &[[f64; 2]]) -> Option<f64> {
-    let [.., [h1, e1], [h2, e2]] = errors else { return None };
-    (*e1 > 0.0 && *e2 > 0.0).then(|| libm::log(e1 / e2) / libm::log(h1 / h2))
+/// Order of convergence. Of three resolutions or more from the differences of the last three figures, so that what the
+/// reference itself neglects (a beam's shear) does not hide it; of two from their errors.
+fn order(found: &[[f64; 2]], reference: f64) -> Option<f64> {
+    let share = |a: f64, b: f64| (a != 0.0 && b != 0.0).then(|| libm::log((a / b).abs()));
+    match found {
+        [.., [h1, f1], [h2, f2], [_, f3]] => Some(share(f1 - f2, f2 - f3)? / libm::log(h1 / h2)),
+        [[h1, f1], [h2, f2]] => Some(share(f1 - reference, f2 - reference)? / libm::log(h1 / h2)),
+        _ => None,
+    }
 }
 
 /// A number of the reference by its path, such as `catenary/sag`.

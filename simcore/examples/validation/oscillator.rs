@@ -88,13 +88,13 @@ fn stability_limit(omega: f64) -> f64 {
     low
 }
 
-/// exp(−g t)(cos w t + g/w sin w t) with w² = ω² − g², g = 3: its value where t = 0.5 s.
+/// exp(−g t)(cos w t + g/w sin w t) with w² = ω² − g², g = 3: its value where t = 0.43 s.
 fn damped(name: &str, omega: f64, [fluid, damping]: [f64; 2], depth: Depth) -> (Series, Chart) {
     let g = 3.0;
     let w = libm::sqrt(omega * omega - g * g);
     let exact = |t: f64| AMPLITUDE * libm::exp(-g * t) * (libm::cos(w * t) + g / w * libm::sin(w * t));
-    let end = 0.5;
-    let mut series = Series::new(format!("{name}: place after 0.5 s, mm"), exact(end));
+    let end = 0.43;
+    let mut series = Series::new(format!("{name}: place after 0.43 s, mm"), exact(end));
     let mut chart = Chart::new("time, s", "displacement, mm");
     chart.line(
         "reference",

@@ -137,6 +137,9 @@ impl Canvas {
         let (far, low) = (right - wide - 10.0, bottom - high - 14.0);
         let corners = [[far, low], [left + 16.0, top + 8.0], [far, top + 8.0], [left + 16.0, low]];
         let corner = corners.iter().min_by_key(|c| inside(c)).copied().unwrap_or([far, low]);
+        for y in 0..high as i64 {
+            (-8..wide as i64).for_each(|x| self.dot(corner[0] as i64 + x, corner[1] as i64 + y, [255; 3]));
+        }
         for (i, curve) in chart.curves.iter().enumerate() {
             let y = corner[1] + line * i as f64;
             let colour = COLOURS[i % COLOURS.len()];
