@@ -38,7 +38,7 @@ pub fn draw(title: &str, outcome: &Outcome) -> RgbImage {
     let [w, h] = SIZE.map(|s| s * SCALE as u32);
     let mut canvas = Canvas { image: RgbImage::from_pixel(w, h, image::Rgb([255; 3])) };
     canvas.text(title, [w as f64 * 0.5, 16.0], 0.5, INK);
-    let (top, bottom) = (70.0, f64::from(h) - 100.0);
+    let (top, bottom) = (96.0, f64::from(h) - 100.0);
     let half = f64::from(w) * 0.5;
     canvas.chart(&outcome.solution, [150.0, top, half - 40.0, bottom]);
     canvas.chart(&outcome.refinement, [half + 150.0, top, f64::from(w) - 40.0, bottom]);
