@@ -60,7 +60,7 @@ fn matrix(rows: &Value) -> Matrix3<f64> {
 /// Stress over `share` in every sample of a block whose inner nodes were moved at random.
 fn stresses<const N: usize>(law: SolidLaw, gradient: &Matrix3<f64>, share: f64) -> Vec<Matrix3<f64>> {
     let (mut x, corners) = block([1.0, 1.0, 1.0], [3, 3, 3]);
-    let on_surface = |x: &Point| x.iter().any(|&c| c < 1e-9 || c > 1.0 - 1e-9);
+    let on_surface = |x: &Point| x.iter().any(|c| !(1e-9..=1.0 - 1e-9).contains(c));
     let mut turn = 1.0;
     for x in x.iter_mut().filter(|x| !on_surface(x)) {
         turn *= -1.3;

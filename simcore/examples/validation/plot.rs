@@ -47,10 +47,11 @@ pub fn draw(title: &str, outcome: &Outcome) -> RgbImage {
 
 impl Canvas {
     fn dot(&mut self, x: i64, y: i64, colour: [u8; 3]) {
-        if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) {
-            if x < self.image.width() && y < self.image.height() {
-                self.image.put_pixel(x, y, image::Rgb(colour));
-            }
+        if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
+            && x < self.image.width()
+            && y < self.image.height()
+        {
+            self.image.put_pixel(x, y, image::Rgb(colour));
         }
     }
 
