@@ -44,6 +44,14 @@ pub enum EventKind {
     NeedleOut = 53,
     /// Another tool is in the hand; its number.
     ToolChanged = 54,
+    /// Vitreous was removed, another milestone; ml in all.
+    VitreousRemoved = 80,
+    /// The vitreous pulls at the retina; Pa.
+    VitreousTraction = 81,
+    /// The vitreous came off the retina; mm² in all.
+    VitreousDetached = 82,
+    /// The vitreous base is pulled so hard that the retina may tear; Pa.
+    BaseTraction = 83,
     /// A part of the tissue was disabled because its numbers ran away; node.
     TissueDisabled = 40,
     /// An input was refused by its validation.
@@ -64,7 +72,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 26] = [
+    pub const ALL: [EventKind; 30] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -83,6 +91,10 @@ impl EventKind {
         EventKind::MembranePierced,
         EventKind::NeedleOut,
         EventKind::ToolChanged,
+        EventKind::VitreousRemoved,
+        EventKind::VitreousTraction,
+        EventKind::VitreousDetached,
+        EventKind::BaseTraction,
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
@@ -119,6 +131,10 @@ impl EventKind {
             EventKind::MembranePierced => ("needle through the membrane", "µN"),
             EventKind::NeedleOut => ("needle out of the membrane", ""),
             EventKind::ToolChanged => ("another tool in the hand", ""),
+            EventKind::VitreousRemoved => ("vitreous removed", "ml"),
+            EventKind::VitreousTraction => ("vitreous pulls at the retina", "Pa"),
+            EventKind::VitreousDetached => ("vitreous came off the retina", "mm²"),
+            EventKind::BaseTraction => ("vitreous base pulled, the retina may tear", "Pa"),
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
