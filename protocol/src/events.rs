@@ -40,11 +40,13 @@ pub enum EventKind {
     InputRefused = 41,
     /// The simulation resumed from a checkpoint; steps recomputed.
     Resumed = 42,
+    /// The tissue is too stiff for a whole substep; parts into which each is split.
+    TimeStepSplit = 100,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 16] = [
+    pub const ALL: [EventKind; 17] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -61,6 +63,7 @@ impl EventKind {
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
+        EventKind::TimeStepSplit,
     ];
 
     /// From the wire.
@@ -86,6 +89,7 @@ impl EventKind {
             EventKind::TrackingLost => ("tracking lost", ""),
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
+            EventKind::TimeStepSplit => ("substeps split for stability", "parts"),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
         }
     }

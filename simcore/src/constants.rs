@@ -5,6 +5,9 @@ use protocol::limits::SUBSTEP_NS;
 /// A substep, s. Explicit integration is stable only while dt·√(2·Σk/m) stays below 2 (see
 /// [`crate::membrane::solver`]); a longer one breaks that for the shipped scene.
 pub const SUBSTEP_S: f64 = SUBSTEP_NS as f64 * 1e-9;
+/// A substep is split into at most so many parts where its springs are too stiff for it; a tissue that needs more is refused,
+/// because a step could no longer be computed in time.
+pub const MAX_SPLITS: u32 = 64;
 /// ZCOLL runs every so many substeps: 4 ms, in which a tip at a surgeon's 10 mm/s moves 40 µm,
 /// less than a pixel of the collision image.
 pub const COLLISION_EVERY: u64 = 4;

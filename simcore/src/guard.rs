@@ -95,7 +95,7 @@ pub fn contain(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::membrane::solver::Tissue;
+    use crate::membrane::tissue::Tissue;
     use protocol::scene_file::SceneFile;
 
     #[test]

@@ -3,7 +3,7 @@
 
 mod membrane;
 
-pub use membrane::MembraneScene;
+pub use membrane::{Integrator, MembraneScene};
 
 use crate::handles::Tool;
 use crate::limits::INSTRUMENTS;

@@ -5,8 +5,11 @@
 //! removes springs, triangles and nodes so that the mesh stays consistent.
 
 mod grid;
+pub mod lanes;
 pub mod mesh;
 mod order;
 pub mod sheet;
 pub mod solver;
 pub mod tear;
+pub mod tissue;
+pub mod web;

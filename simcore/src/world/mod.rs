@@ -12,14 +12,15 @@ use crate::collision::instrument_image::{InstrumentImage, Volume};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
-use crate::event_log::EventLog;
+use crate::event_log::{EventLog, Happening};
 use crate::guard::LastGood;
 use crate::membrane::sheet::Sheet;
-use crate::membrane::solver::{Solver, Tissue};
+use crate::membrane::solver::Solver;
+use crate::membrane::tissue::{Tissue, Unstable};
 use crate::microscope;
 use crate::state::State;
 use nalgebra::Isometry3;
-use protocol::events::Event;
+use protocol::events::{Event, EventKind, Severity};
 use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
@@ -33,6 +34,9 @@ pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
     Collision(#[from] Unusable),
+    /// The tissue is too stiff for its time step.
+    #[error(transparent)]
+    Unstable(#[from] Unstable),
     /// The mesh does not fit the block that carries it to the renderer.
     #[error(
         "membrane.squares {squares:?}: the scene block would take {bytes} bytes, there is room for {room}"
@@ -76,6 +80,8 @@ pub struct World {
     fingerprint: u64,
     sheet: Sheet,
     tissue: Tissue,
+    /// Parts of a substep that its stability needs.
+    splits: u32,
     state: State,
     solver: Solver,
     volume: Volume,
@@ -97,7 +103,9 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
-        let state = start_state(scene, &sheet);
+        let mut tissue = Tissue::new(scene);
+        let splits = tissue.split(&sheet)?;
+        let state = start_state(scene, &sheet, &tissue);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -108,7 +116,8 @@ impl World {
         };
         let mut world = World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
-            tissue: Tissue::new(scene),
+            tissue,
+            splits,
             solver: Solver::new(&sheet),
             volume,
             zcoll,
@@ -210,7 +219,7 @@ impl World {
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet);
+        self.state = start_state(&self.scene, &self.sheet, &self.tissue);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
@@ -227,6 +236,10 @@ impl World {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
         self.last_good.remember(&self.state.membrane);
+        if self.state.step == 0 && self.splits > 1 {
+            let parts = f64::from(self.splits);
+            self.log.raise(Happening::new(EventKind::TimeStepSplit, Severity::Info, parts));
+        }
     }
 
     fn end_step(&mut self, plan: &plan::Plan) {
@@ -248,7 +261,11 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue) -> State {
+    let mut membrane = sheet.start();
+    if tissue.is_plastic() {
+        membrane.rest_mm.clone_from(&sheet.rest_mm);
+    }
     State {
         step: 0,
         field: 0,
@@ -263,7 +280,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet) -> State {
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane: sheet.start(),
+        membrane,
         microscope: microscope::start(&scene.microscope),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,

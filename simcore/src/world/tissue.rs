@@ -34,12 +34,22 @@ impl World {
                 forceps::carry(&self.state.instruments[i], membrane, pose, SUBSTEP_S);
             }
         }
-        let alarms = self.solver.accelerate(&self.sheet, membrane, &self.tissue);
+        for _ in 0..self.splits {
+            self.advance_membrane();
+        }
+    }
+
+    /// One part of a substep: forces, what they tear, motion.
+    fn advance_membrane(&mut self) {
+        let alarms = self.solver.accelerate(&self.sheet, &self.state.membrane, &self.tissue);
         if alarms.not_finite {
             self.contain();
         }
         if alarms.over_acceleration || alarms.over_tension {
             self.tear(alarms.over_acceleration);
+        }
+        if self.tissue.is_plastic() {
+            self.solver.creep(&self.sheet, &mut self.state.membrane, &self.tissue);
         }
         self.solver.integrate(&mut self.state.membrane, &self.tissue);
         self.watch_rim();
