@@ -20,7 +20,7 @@ use anyhow::{Context, Result, ensure};
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::control::Command;
-use protocol::handles::{HandleState, PedalState};
+use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::health::{Process, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
 use protocol::ipc::{Instance, Sender, wait};
 use protocol::limits::{INSTRUMENTS, MAX_WAIT_MS};
@@ -33,7 +33,7 @@ use protocol::time::{Nanos, now, sleep_until};
 const LEAD_NS: u64 = 20_000_000;
 /// The last stretch before a deadline is slept through without looking at requests, ns.
 const FINE_NS: u64 = 1_000_000;
-/// The pedal is sent with every fifth field: 10 times a second.
+/// The pedal is sent when it changes, and with every fifth field: 10 times a second.
 const PEDAL_EVERY: u64 = 5;
 /// Fields in a row that must be in time before the machine counts as fast enough again.
 const RECOVERED_AFTER: u64 = 50;
@@ -50,7 +50,7 @@ pub fn run(config: &Config) -> Result<()> {
     }
     if let Some(path) = &config.blobs {
         let stream = BlobStream::load(path, &rig)?;
-        return Station::open(config, &rig, &scene, surgeon)?.play(&stream);
+        return Station::open(config, &rig, surgeon)?.play(&stream);
     }
     let path = if config.direct { Path::Direct } else { Path::Pixels };
     let faults = match &config.faults.faults {
@@ -63,7 +63,7 @@ pub fn run(config: &Config) -> Result<()> {
         .as_deref()
         .map(|path| FaultLog::create(path).with_context(|| format!("cannot write {}", path.display())));
     let mut cameras = Cameras::with_faults(&rig, path, config.seed, faults)?;
-    let mut station = Station::open(config, &rig, &scene, surgeon)?;
+    let mut station = Station::open(config, &rig, surgeon)?;
     station.late = config.late_camera;
     station.fault_log = log.transpose()?;
     station.simulate(&mut cameras)?;
@@ -93,6 +93,18 @@ struct Hands {
     due_ns: u64,
     field: u64,
     jaw_rad: [f64; INSTRUMENTS],
+    tool: [Tool; INSTRUMENTS],
+    /// Number and instant are set when it is sent.
+    pedal: PedalState,
+}
+
+impl Hands {
+    /// What hands and foot do `t_ns` after the start.
+    fn at(surgeon: &mut MotionSource, t_ns: u64, field: u64, due_ns: u64) -> Self {
+        let motion = surgeon.at(t_ns);
+        let pedal = surgeon.pedal_at(t_ns, 0, 0);
+        Hands { due_ns, field, jaw_rad: motion.jaw_rad, tool: motion.tool, pedal }
+    }
 }
 
 /// Channels and schedule.
@@ -102,7 +114,6 @@ struct Station {
     handles: Sender<HandleState>,
     pedal: Sender<PedalState>,
     surgeon: MotionSource,
-    tools: [u32; INSTRUMENTS],
     /// Start of the schedule; a pause moves it.
     t0: Nanos,
     paused_since: Option<Nanos>,
@@ -119,12 +130,14 @@ struct Station {
     text: String,
     /// Field with which the pedal is due again.
     next_pedal: u64,
+    /// As it was sent last, but for number and instant.
+    last_pedal: PedalState,
     /// Keeps the node alive; dropped last.
     _instance: Instance,
 }
 
 impl Station {
-    fn open(config: &Config, rig: &Rig, scene: &SceneFile, surgeon: MotionSource) -> Result<Self> {
+    fn open(config: &Config, rig: &Rig, surgeon: MotionSource) -> Result<Self> {
         let (instance, shell) = Shell::start(Process::FpgaModel, &config.shell).context("cannot start")?;
         let mut station = Station {
             shell,
@@ -132,7 +145,6 @@ impl Station {
             handles: instance.sender()?,
             pedal: instance.sender()?,
             surgeon,
-            tools: std::array::from_fn(|i| scene.instruments[i].tool as u32),
             t0: 0,
             paused_since: None,
             period_ns: rig.field_period_ns(),
@@ -145,6 +157,7 @@ impl Station {
             note: "",
             text: String::with_capacity(256),
             next_pedal: 0,
+            last_pedal: PedalState::zeroed(),
             _instance: instance,
         };
         station.enter(STATE_RUNNING, "")?;
@@ -166,8 +179,8 @@ impl Station {
                     let number = groups.exposed(i);
                     let first = self.expose(cameras, &groups.0[i].cameras, number, &mut outbox);
                     if i == 0 {
-                        let jaw_rad = self.surgeon.at(groups.0[i].clock.exposed_ns(number)).jaw_rad;
-                        hands = Some(Hands { due_ns: first, field: number, jaw_rad });
+                        let exposed = groups.0[i].clock.exposed_ns(number);
+                        hands = Some(Hands::at(&mut self.surgeon, exposed, number, first));
                     }
                     continue;
                 }
@@ -184,7 +197,7 @@ impl Station {
                 Wake::Due => {
                     let elapsed = now().saturating_sub(self.t0);
                     if let Some(due) = hands.take_if(|h| h.due_ns <= elapsed) {
-                        self.send_hands(due.field, due.jaw_rad)?;
+                        self.send_hands(&due)?;
                     }
                     while let Some(mut field) = outbox.take(elapsed) {
                         field.exposed_ns += self.t0;
@@ -265,8 +278,8 @@ impl Station {
             // The stream says nothing of the hands: the script's jaws, as often as fields come.
             let elapsed = stream.due_ns(i);
             if elapsed >= beats * self.period_ns {
-                let jaws = self.surgeon.at(elapsed).jaw_rad;
-                self.send_hands(beats, jaws)?;
+                let hands = Hands::at(&mut self.surgeon, elapsed, beats, elapsed);
+                self.send_hands(&hands)?;
                 beats = elapsed / self.period_ns + 1;
             }
             stream.field(i, self.t0, &mut field);
@@ -283,24 +296,25 @@ impl Station {
         Ok(())
     }
 
-    /// Handles with every field, the pedal with some.
-    fn send_hands(&mut self, field: u64, jaw_rad: [f64; INSTRUMENTS]) -> Result<()> {
+    /// Handles with every field, the pedal when it changes and with some.
+    fn send_hands(&mut self, hands: &Hands) -> Result<()> {
         let instant_ns = now();
-        for (i, jaw_rad) in jaw_rad.into_iter().enumerate() {
-            let (seq, tool) = (self.handles.sent(), self.tools[i]);
+        for i in 0..INSTRUMENTS {
             self.handles.send(&HandleState {
-                seq,
-                field,
+                seq: self.handles.sent(),
+                field: hands.field,
                 instant_ns,
                 instrument: i as u32,
-                tool,
-                jaw_rad,
+                tool: hands.tool[i] as u32,
+                jaw_rad: hands.jaw_rad[i],
             })?;
         }
-        if field >= self.next_pedal || field == 0 {
-            self.next_pedal = field + PEDAL_EVERY;
+        let changed = hands.pedal != self.last_pedal;
+        if changed || hands.field >= self.next_pedal || hands.field == 0 {
+            self.next_pedal = hands.field + PEDAL_EVERY;
+            self.last_pedal = hands.pedal;
             let seq = self.pedal.sent();
-            self.pedal.send(&PedalState { seq, instant_ns, axes: [0.0; 2], buttons: 0, mode: 0 })?;
+            self.pedal.send(&PedalState { seq, instant_ns, ..hands.pedal })?;
         }
         Ok(())
     }

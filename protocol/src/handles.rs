@@ -33,6 +33,15 @@ pub const JAW_LENGTH_MM: f64 = 1.5;
 /// Radius of a jaw at its tip as a share of the shaft's.
 pub const JAW_TAPER: f64 = 0.35;
 
+/// Height of the middle of the vitrector's port over the tip, mm (23 to 25 gauge: 0.2 to 0.4 mm). The port lies along +x.
+pub const PORT_HEIGHT_MM: f64 = 0.3;
+/// Radius of the vitrector's port, mm.
+pub const PORT_RADIUS_MM: f64 = 0.15;
+/// How far the pick's hook reaches from the shaft's axis along +x, mm.
+pub const HOOK_LENGTH_MM: f64 = 0.6;
+/// Thickness of the hook along the shaft, and its width where it begins, mm.
+pub const HOOK_THICKNESS_MM: f64 = 0.12;
+
 /// State of one handle.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -68,6 +77,31 @@ impl Message for HandleState {
     }
 }
 
+/// What the pedal's axes mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[repr(u32)]
+pub enum PedalMode {
+    /// Both axes move the microscope.
+    Move = 0,
+    /// The first axis zooms, the second focuses.
+    Zoom = 1,
+    /// The first axis is the share of the full suction, the second that of the full cut rate; below 0 counts as 0.
+    Aspirate = 2,
+    /// The first axis is the share of the full injection pressure; below 0 counts as 0.
+    Inject = 3,
+    /// Fluid–air exchange: the first axis is its share of the full flow; below 0 counts as 0.
+    Exchange = 4,
+}
+
+impl PedalMode {
+    /// From the wire.
+    pub fn from_wire(code: u32) -> Option<Self> {
+        use PedalMode::{Aspirate, Exchange, Inject, Move, Zoom};
+        [Move, Zoom, Aspirate, Inject, Exchange].into_iter().find(|&m| m as u32 == code)
+    }
+}
+
 /// State of the foot pedal.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -80,13 +114,14 @@ pub struct PedalState {
     pub axes: [f64; 2],
     /// Pressed buttons, one bit each.
     pub buttons: u32,
-    /// Meaning of the axes: 0 microscope X–Y, 1 zoom and focus, 2 aspiration.
+    /// Meaning of the axes: [`PedalMode`] on the wire.
     pub mode: u32,
 }
 
 impl Message for PedalState {
     const CHANNEL: &'static str = "pedal";
-    const VERSION: u32 = 1;
+    /// 2: modes 3 (injection) and 4 (fluid–air exchange); states of version 1 mean what they meant.
+    const VERSION: u32 = 2;
     const QUEUE: usize = 256;
     const FIELDS: &'static [FieldLayout] =
         crate::fields!(PedalState { seq, instant_ns, axes, buttons, mode });
@@ -95,6 +130,23 @@ impl Message for PedalState {
         for axis in self.axes {
             require((-1.0..=1.0).contains(&axis), "PedalState", "axes", "−1 to 1", axis)?;
         }
-        require(self.mode <= 2, "PedalState", "mode", "0 to 2", f64::from(self.mode))
+        let known = PedalMode::from_wire(self.mode).is_some();
+        require(known, "PedalState", "mode", "0 to 4", f64::from(self.mode))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_mode_of_the_pedal_is_taken_and_no_other() {
+        for mode in 0..5 {
+            let pedal = PedalState { mode, ..PedalState::zeroed() };
+            pedal.validate().unwrap();
+            assert_eq!(PedalMode::from_wire(mode).map(|m| m as u32), Some(mode));
+        }
+        let unknown = PedalState { mode: 5, ..PedalState::zeroed() };
+        assert!(unknown.validate().unwrap_err().to_string().contains("mode"));
     }
 }

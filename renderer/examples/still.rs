@@ -19,13 +19,13 @@ use renderer::start::plan;
 const FRAMES: usize = 40;
 
 fn main() -> Result<()> {
+    env_logger::init();
     let mut args = std::env::args().skip(1);
     let out = args.next().unwrap_or_else(|| "still.png".into());
     let tier: usize = args.next().map_or(Ok(2), |t| t.parse())?;
     let (file, rig) = (SceneFile::load(DEFAULT_SCENE)?, Rig::load_or_shipped(None)?);
     let gpu = Gpu::headless()?;
-    let map_px = if gpu.is_software { 512 } else { 2048 };
-    let mut renderer = Renderer::new(&gpu, plan(&file, &rig, 0, map_px))?;
+    let mut renderer = Renderer::new(&gpu, plan(&file, &rig, 0, renderer::start::map_px(&gpu)))?;
     let scene = common::scene(&file, &rig, [0.9, 0.5, -10.1], 0.06, 0.3);
     renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload))?;
     let latched = latch_scene(&scene.header);

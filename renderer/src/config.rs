@@ -1,5 +1,7 @@
 //! Arguments of the program.
 
+use crate::present::window::WindowPlan;
+use crate::stereo::Arrangement;
 use protocol::shell::ShellArgs;
 use std::path::PathBuf;
 
@@ -33,6 +35,15 @@ pub struct Config {
     /// Show the picture in a window.
     #[arg(long)]
     pub window: bool,
+    /// How the two channels share the picture, in the window and in files.
+    #[arg(long, value_enum, value_name = "HOW", default_value_t)]
+    pub arrange: Arrangement,
+    /// Fill the monitor (F11 or F switches, Escape leaves).
+    #[arg(long, requires = "window")]
+    pub full_screen: bool,
+    /// The monitor to fill, by name or number.
+    #[arg(long, requires = "full_screen", value_name = "NAME|N")]
+    pub monitor: Option<String>,
     /// Save a still every second, and the last picture as last.png, in this folder.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
@@ -45,6 +56,18 @@ pub struct Config {
     /// Draw at this quality tier (0 is the best) instead of letting the governor choose.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
     pub tier: Option<u32>,
+}
+
+impl Config {
+    /// The window, if one is wanted.
+    pub fn window_plan(&self) -> Option<WindowPlan> {
+        let plan = WindowPlan {
+            arrangement: self.arrange,
+            full_screen: self.full_screen,
+            monitor: self.monitor.clone(),
+        };
+        self.window.then_some(plan)
+    }
 }
 
 fn pictures_hz(text: &str) -> Result<f64, String> {
@@ -67,6 +90,8 @@ mod tests {
         let parse = |args: &[&str]| Config::try_parse_from([&["vitreo-renderer"], args].concat());
         assert!(parse(&["--headless", "--stills", "out", "--tier", "5"]).is_ok());
         assert!(parse(&["--headless", "--window"]).is_err());
+        assert!(parse(&["--window", "--full-screen", "--monitor", "1", "--arrange", "sequential"]).is_ok());
+        assert!(parse(&["--full-screen"]).is_err() && parse(&["--arrange", "cross-eyed"]).is_err());
         assert!(parse(&["--pictures-hz", "nan"]).is_err() && parse(&["--tier", "99"]).is_err());
     }
 }

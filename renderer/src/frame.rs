@@ -1,10 +1,11 @@
 //! `Renderer`: takes a scene, encodes its passes in order, then latches the poses and draws.
 
 use crate::fundus_map;
-use crate::governor::{SHADINGS, TIERS, Tier};
+use crate::governor::{TIERS, Tier};
 use crate::gpu::Gpu;
 use crate::lamp::{Lamp, lamp_index};
 use crate::latch::Latched;
+use crate::layers::Layers;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::instruments::{Instruments, Meshes, Shaft};
@@ -74,6 +75,7 @@ pub struct Renderer {
     microscope: Microscope,
     scene_text: String,
     lost_before: [bool; INSTRUMENTS],
+    eye_lost_before: bool,
 }
 
 impl Renderer {
@@ -83,21 +85,24 @@ impl Renderer {
         let uniforms = Uniforms::new(device);
         let layout = light_layout(device);
         let map = FundusMap::new(device, queue, &fundus_map::photograph()?, plan.map_px, plan.side);
-        let shadow_maps = shadow_sizes(plan.first_tier).map(|size| {
-            let shadow = ShadowMap::new(device, size);
-            let group = light_group(device, &layout, &map, &shadow.view);
-            (shadow, group)
-        });
+        let mut shadow_maps: Vec<(ShadowMap, BindGroup)> = Vec::new();
+        for tier in &TIERS[plan.first_tier..] {
+            if !shadow_maps.iter().any(|(map, _)| map.serves(tier)) {
+                let shadow = ShadowMap::new(device, tier);
+                let group = light_group(device, &layout, &map, &shadow);
+                shadow_maps.push((shadow, group));
+            }
+        }
         let target = |(i, tier)| (i >= plan.first_tier).then(|| Target::new(device, tier));
         Ok(Self {
             plan,
-            shadow_maps: shadow_maps.collect(),
+            shadow_maps,
             targets: TIERS.iter().enumerate().map(target).collect(),
             meshes: Meshes::new(device, queue, &plan.shafts),
             sheet: Sheet::new(device, plan.tissue[0], plan.tissue[1]),
             tissue: Tissue::with_capacity(plan.tissue[0], plan.tissue[1]),
             shadow: Shadow::new(device, &uniforms),
-            fundus: Fundus::new(device, &uniforms, &layout),
+            fundus: Fundus::new(device, queue, &uniforms, &layout),
             instruments: Instruments::new(device, &uniforms, &layout),
             membrane: Membrane::new(device, &uniforms, &layout),
             overlay: Overlay::new(device, &uniforms),
@@ -108,6 +113,7 @@ impl Renderer {
             microscope: Microscope::zeroed(),
             scene_text: String::with_capacity(256),
             lost_before: [false; INSTRUMENTS],
+            eye_lost_before: false,
         })
     }
 
@@ -143,13 +149,19 @@ impl Renderer {
 
     /// Records the passes of a stereo frame, in order. No pose is needed yet.
     pub fn encode(&self, gpu: &Gpu, tier_index: usize) -> CommandBuffer {
+        self.encode_layers(gpu, tier_index, Layers::ALL)
+    }
+
+    /// As [`Self::encode`], with some layers only, to measure what each costs.
+    pub fn encode_layers(&self, gpu: &Gpu, tier_index: usize, layers: Layers) -> CommandBuffer {
         let tier = &TIERS[tier_index];
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let (shadow_map, light) = self.light_for(tier);
-        let lamp = lamp_index(&self.tools);
-        let casters = [0, 1].map(|i| self.tools[i].filter(|_| lamp != Some(i)));
-        let sheet = SHADINGS[tier.shading].membrane_shadow.then_some(&self.sheet);
-        self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), sheet);
+        if layers.has(Layers::SHADOW) {
+            let lamp = lamp_index(&self.tools);
+            let casters = [0, 1].map(|i| self.tools[i].filter(|_| lamp != Some(i)));
+            self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), &self.sheet);
+        }
 
         let target = self.target(tier_index);
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
@@ -167,39 +179,49 @@ impl Renderer {
             ..wgpu::RenderPassDescriptor::default()
         });
         for channel in 0..CHANNELS as u32 {
-            self.draw_channel(&mut pass, target, channel, light, tier.shading);
+            self.set_channel(&mut pass, target, channel, light);
+            self.draw_channel(&mut pass, tier, layers);
+            if layers.has(Layers::TEXT) && !self.overlay.is_empty() {
+                let (width, height) = (target.width_px as f32, target.height_px as f32);
+                self.overlay.draw(&mut pass, channel as f32 * width, width, height);
+            }
         }
         drop(pass);
         encoder.finish()
     }
 
     fn light_for(&self, tier: &Tier) -> &(ShadowMap, BindGroup) {
-        let fits = |m: &&(ShadowMap, BindGroup)| m.0.size == tier.shadow_px;
+        let fits = |m: &&(ShadowMap, BindGroup)| m.0.serves(tier);
         self.shadow_maps.iter().find(fits).expect("a shadow map for each tier that was planned for")
     }
 
-    /// Solid instruments hide the retina; lost ones show it through.
-    fn draw_channel(
-        &self,
-        pass: &mut RenderPass<'_>,
-        target: &Target,
-        channel: u32,
-        light: &BindGroup,
-        shading: usize,
-    ) {
+    /// Viewport, scissor and groups of a channel.
+    fn set_channel(&self, pass: &mut RenderPass<'_>, target: &Target, channel: u32, light: &BindGroup) {
         let (width, height) = (target.width_px as f32, target.height_px as f32);
-        let left = channel as f32 * width;
-        pass.set_viewport(left, 0.0, width, height, 0.0, 1.0);
+        pass.set_viewport(channel as f32 * width, 0.0, width, height, 0.0, 1.0);
         // Overlong triangles must not reach into the other channel.
         pass.set_scissor_rect(channel * target.width_px, 0, target.width_px, target.height_px);
         pass.set_bind_group(0, &self.uniforms.group, &[channel * VIEW_STRIDE]);
         pass.set_bind_group(1, light, &[]);
-        self.draw_instruments(pass, false);
-        self.fundus.draw(pass, shading);
-        self.draw_instruments(pass, true);
-        self.membrane.draw(pass, &self.sheet, shading);
-        if !self.overlay.is_empty() {
-            self.overlay.draw(pass, left, width, height);
+    }
+
+    /// Solid instruments hide the retina; lost ones show it through.
+    fn draw_channel(&self, pass: &mut RenderPass<'_>, tier: &Tier, layers: Layers) {
+        self.fundus.close_outside(pass);
+        if layers.has(Layers::INSTRUMENTS) {
+            self.draw_instruments(pass, false);
+        }
+        if layers.has(Layers::RETINA) {
+            self.fundus.draw(pass, tier.shading);
+        }
+        if layers.has(Layers::INSTRUMENTS) {
+            self.draw_instruments(pass, true);
+        }
+        if layers.has(Layers::MEMBRANE) {
+            self.membrane.draw(pass, &self.sheet, tier.shading);
+        }
+        if self.lost_before.contains(&true) || self.eye_lost_before {
+            self.fundus.draw_lost_ring(pass);
         }
     }
 
@@ -229,6 +251,7 @@ impl Renderer {
         gpu.queue.submit([commands]);
         self.overlay.set(&gpu.queue, [lost_text(latched), "", &self.scene_text]);
         self.lost_before = latched.tracked.map(|t| !t);
+        self.eye_lost_before = !latched.eye_tracked;
     }
 
     fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
@@ -240,8 +263,7 @@ impl Renderer {
         let px_per_mm = tier.height_px as f32 / self.microscope.field_mm.max(0.1) as f32;
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
         uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), FILM];
-        let lost = f32::from(u8::from(!latched.all_tracked()));
-        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, lost, WRINKLES];
+        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, 0.0, WRINKLES];
         let poses = latched.eye_from_instrument();
         let lamp = lamp_index(&self.tools);
         uniform.instruments = std::array::from_fn(|i| InstrumentUniform {
@@ -269,14 +291,4 @@ fn lost_text(latched: &Latched) -> &'static str {
         ([true, false], false) => "TRACKING LOST: INST1 EYE",
         ([false, false], false) => "TRACKING LOST: INST0 INST1 EYE",
     }
-}
-
-/// The different shadow map sizes of the tiers from `first` on.
-fn shadow_sizes(first: usize) -> impl Iterator<Item = u32> {
-    let tiers = &TIERS[first..];
-    tiers
-        .iter()
-        .enumerate()
-        .filter(|(i, t)| tiers[..*i].iter().all(|o| o.shadow_px != t.shadow_px))
-        .map(|(_, t)| t.shadow_px)
 }

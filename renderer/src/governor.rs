@@ -13,49 +13,68 @@ pub struct Tier {
     pub height_px: u32,
     /// Edge of a shadow map, px.
     pub shadow_px: u32,
-    /// Index into [`SHADINGS`].
-    pub shading: usize,
+    /// What is computed.
+    pub shading: Shading,
 }
 
 /// What the shaders compute; a pipeline is made for each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shading {
-    /// Four taps on a shadow's edge instead of one.
-    pub soft_shadow: bool,
-    /// The membrane's own shadow on the retina.
-    pub membrane_shadow: bool,
-    /// Specular film of the retina and wrinkles of the membrane.
-    pub detail: bool,
+pub enum Shading {
+    /// Every pixel is lit; soft shadows from a depth map.
+    Full,
+    /// Corners are lit; one fetch from a mask of shadows.
+    Lean,
 }
 
-/// From the full picture to the bare one.
-pub const SHADINGS: [Shading; 3] = [
-    Shading { soft_shadow: true, membrane_shadow: true, detail: true },
-    Shading { soft_shadow: false, membrane_shadow: true, detail: true },
-    Shading { soft_shadow: false, membrane_shadow: false, detail: false },
-];
+impl Shading {
+    /// Both, in the order in which passes keep their pipelines.
+    pub const ALL: [Shading; 2] = [Shading::Full, Shading::Lean];
 
-const fn tier(width_px: u32, height_px: u32, shadow_px: u32, shading: usize) -> Tier {
-    Tier { width_px, height_px, shadow_px, shading }
+    /// Name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Shading::Full => "full",
+            Shading::Lean => "lean",
+        }
+    }
+}
+
+const fn full(width_px: u32, height_px: u32, shadow_px: u32) -> Tier {
+    Tier { width_px, height_px, shadow_px, shading: Shading::Full }
+}
+
+const fn lean(width_px: u32, height_px: u32, shadow_px: u32) -> Tier {
+    Tier { width_px, height_px, shadow_px, shading: Shading::Lean }
+}
+
+impl Tier {
+    /// About what a frame costs, compared with other tiers: a fully shaded pixel takes four times
+    /// a lean one (`docs/rendering.md`).
+    fn cost(&self) -> f64 {
+        let pixel = if self.shading == Shading::Full { 4.0 } else { 1.0 };
+        pixel * f64::from(self.width_px * self.height_px)
+    }
 }
 
 /// All tiers, the best first.
 pub const TIERS: [Tier; 9] = [
-    tier(1280, 1024, 2048, 0),
-    tier(800, 640, 1024, 0),
-    tier(640, 512, 1024, 0),
-    tier(480, 384, 512, 1),
-    tier(400, 320, 512, 1),
-    tier(320, 256, 256, 1),
-    tier(240, 192, 256, 1),
-    tier(200, 160, 256, 1),
-    tier(160, 128, 128, 2),
+    full(1280, 1024, 2048),
+    full(800, 640, 1024),
+    full(640, 512, 1024),
+    lean(640, 512, 512),
+    lean(480, 384, 512),
+    lean(400, 320, 256),
+    lean(320, 256, 256),
+    lean(240, 192, 256),
+    lean(160, 128, 128),
 ];
 
 /// The tier a software adapter starts at.
-pub const SOFTWARE_START: usize = 6;
+pub const SOFTWARE_START: usize = 5;
 /// The tier a real GPU starts at.
 pub const HARDWARE_START: usize = 1;
+/// The least tier that a surgeon can train with; a frame at a lower one breaks the budget.
+pub const FLOOR: usize = 6;
 /// Frames looked at for an overload.
 const RECENT: usize = 5;
 /// This many late ones among them are an overload.
@@ -156,8 +175,7 @@ impl Governor {
         if self.tier == 0 || self.waited < self.back_off {
             return false;
         }
-        let pixels = |t: &Tier| f64::from(t.width_px * t.height_px);
-        let ratio = pixels(&TIERS[self.tier - 1]) / pixels(&TIERS[self.tier]);
+        let ratio = TIERS[self.tier - 1].cost() / TIERS[self.tier].cost();
         if p95 as f64 * ratio > self.budget_ns as f64 * MARGIN {
             return false;
         }
@@ -264,7 +282,7 @@ mod tests {
     #[test]
     fn tiers_fall_and_keep_their_shape() {
         for pair in TIERS.windows(2) {
-            assert!(pair[1].width_px * pair[1].height_px < pair[0].width_px * pair[0].height_px);
+            assert!(pair[1].cost() < pair[0].cost() && pair[1].width_px <= pair[0].width_px);
         }
         assert!(TIERS.iter().all(|t| t.width_px * 4 == t.height_px * 5), "5:4");
     }

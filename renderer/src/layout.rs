@@ -30,7 +30,7 @@ pub struct FrameUniform {
     pub ambient: [f32; 4],
     /// Radius (mm), map scale, mip level, strength of the specular film.
     pub retina: [f32; 4],
-    /// Depth bias, half width of the soft edge (share of a tile), lost ring, membrane detail.
+    /// Depth bias, half width of the soft edge (share of a tile), 0, membrane detail.
     pub shadow: [f32; 4],
     /// The instruments.
     pub instruments: [InstrumentUniform; INSTRUMENTS],

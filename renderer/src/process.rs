@@ -28,7 +28,7 @@ pub fn run(config: &Config) -> Result<()> {
     let _ = rustix::process::nice(NICENESS);
     let (instance, shell) = Shell::start(Process::Renderer, &config.shell)?;
     let scene = start::load_scene(config)?;
-    let (gpu, present) = Present::open(config.window)?;
+    let (gpu, present) = Present::open(config.window_plan().as_ref())?;
     let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
     let fixed = config.tier.map(|t| t as usize);
     let first_tier = start::first_tier(&gpu, fixed);
@@ -38,6 +38,7 @@ pub fn run(config: &Config) -> Result<()> {
         video: config.video.clone(),
         video_px: start::video_px(&gpu, fixed),
         video_hz: VIDEO_HZ,
+        arrangement: config.arrange.for_files(),
     };
     let output = Output::start(&output_plan, first_tier).context("files for stills or video")?;
     let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
@@ -157,7 +158,7 @@ impl Running {
         let drawn = now();
         self.last_drawn = drawn;
         // Handing over may take its time where the processor copies the picture to the display.
-        let shown = if self.present.show(&self.gpu) { now() } else { drawn };
+        let shown = if self.present.show(&self.gpu, self.renderer.target(tier)) { now() } else { drawn };
         self.pacing.note(latched_at, shown);
         let displayed = self.pacing.seen(shown, refreshed);
         if let Some(period) = self.present.refresh_ns().filter(|&p| p > 0) {

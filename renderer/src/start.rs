@@ -66,12 +66,16 @@ pub fn plan(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> Pla
     }
 }
 
+/// Edge of the fundus map for this kind of device.
+pub fn map_px(gpu: &Gpu) -> u32 {
+    if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX }
+}
+
 /// A renderer for `scene` that has drawn its first frame.
 pub fn renderer(gpu: &Gpu, scene: &SceneFile, config: &Config, first_tier: usize) -> Result<Renderer> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-    let map_px = if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX };
     let mut renderer =
-        Renderer::new(gpu, plan(scene, &rig, first_tier, map_px)).context("fundus photograph")?;
+        Renderer::new(gpu, plan(scene, &rig, first_tier, map_px(gpu))).context("fundus photograph")?;
     warm_up(gpu, &mut renderer, scene, first_tier)?;
     Ok(renderer)
 }

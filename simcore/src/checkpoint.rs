@@ -111,6 +111,9 @@ fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
     crate::membrane::tear::check_mesh(sheet, m)
         .map_err(|_| CheckpointError::Content("springs, triangles and nodes do not fit together"))?;
     check_instruments(state)?;
+    if !state.tools.is_sound() {
+        return Err(CheckpointError::Content("pump, blade or syringe are out of range"));
+    }
     let poses = state.instruments.iter().flat_map(|i| [&i.eye_from_instrument, &i.world_from_instrument]);
     let mut poses = poses.chain([&state.world_from_eye]);
     if !poses.all(|p| protocol::geometry::Pose::from_isometry(p).is_valid()) {

@@ -19,6 +19,7 @@ pub mod checkpoint;
 pub mod collision;
 pub mod config;
 pub mod constants;
+pub mod elements;
 pub mod event_log;
 pub mod guard;
 pub mod membrane;

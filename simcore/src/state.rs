@@ -3,6 +3,7 @@
 
 use crate::collision::surface::Surface;
 use crate::membrane::sheet::Sheet;
+use crate::tools::ToolsState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -45,6 +46,8 @@ pub struct State {
     pub membrane: MembraneState,
     /// The microscope and its pedal.
     pub microscope: MicroscopeState,
+    /// Pump, blade and syringe.
+    pub tools: ToolsState,
     /// Bleeding points on the retina.
     pub marks: Vec<MarkState>,
     /// Kind of the newest warning, 0 for none.

@@ -6,17 +6,17 @@
 
 pub mod eye_spring;
 pub mod hand;
-pub mod script;
 pub mod tremor;
 
 use eye_spring::EyeSpring;
 use hand::Hand;
-use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use protocol::handles::{PedalState, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
 use protocol::scene_file::SceneFile;
-use script::{Gesture, Script};
+use protocol::script::{Gesture, Script};
 use std::f64::consts::TAU;
 use tremor::Tremor;
 
@@ -38,6 +38,8 @@ pub struct Motion {
     pub world_from_eye: UnitQuaternion<f64>,
     /// Jaw opening of each instrument, rad.
     pub jaw_rad: [f64; INSTRUMENTS],
+    /// What is in each hand.
+    pub tool: [Tool; INSTRUMENTS],
 }
 
 impl Motion {
@@ -72,7 +74,7 @@ impl MotionSource {
     /// The surgeon of a scene, at the instruments of a rig. A recorded hand takes the place of the
     /// tremor of instrument 0 (`Shakes`) or of its movement too (`Leads`, fitted to the workspace).
     pub fn new(scene: &SceneFile, rig: &Rig, hand: Option<HandRole>, seed: u64) -> Self {
-        let script = Script::new(&scene.script);
+        let script = Script::new(scene);
         let hand = hand.map(|role| match role {
             HandRole::Shakes(hand) => HandRole::Shakes(hand.fast_part()),
             HandRole::Leads(hand) => {
@@ -108,10 +110,16 @@ impl MotionSource {
         let world_from_eye = self.eye.world_from_eye(t_ns, |t| load.at(script, t));
         let gestures: [Gesture; INSTRUMENTS] = std::array::from_fn(|i| self.gesture(i, t_s));
         let world_from_instrument = std::array::from_fn(|i| {
-            let eye_from_instrument = shaft_through(self.trocars_in_eye[i], &gestures[i]);
+            let eye_from_instrument = gestures[i].eye_from_instrument(self.trocars_in_eye[i]);
             Isometry3::from_parts(Translation3::identity(), world_from_eye) * eye_from_instrument
         });
-        Motion { world_from_instrument, world_from_eye, jaw_rad: gestures.map(|g| g.jaw_rad) }
+        let (jaw_rad, tool) = (gestures.map(|g| g.jaw_rad), gestures.map(|g| g.tool));
+        Motion { world_from_instrument, world_from_eye, jaw_rad, tool }
+    }
+
+    /// The pedal `t_ns` after the start, as message `seq` of the instant `instant_ns`.
+    pub fn pedal_at(&self, t_ns: u64, seq: u64, instant_ns: u64) -> PedalState {
+        self.script.pedal_at(t_ns as f64 * 1e-9, seq, instant_ns)
     }
 
     /// Script, tremor and recorded hand together.
@@ -154,18 +162,6 @@ impl Load {
         // about +x; one that moves towards +x turns it about −y.
         swing + Vector3::new(lever.y, -lever.x, 0.0)
     }
-}
-
-/// `eye_from_instrument` of a shaft whose axis runs from the tip through the trocar. With no roll,
-/// +x is as near to the eye's +y (superior) as the shaft allows.
-fn shaft_through(trocar_in_eye: Vector3<f64>, gesture: &Gesture) -> Isometry3<f64> {
-    let tip = gesture.tip_in_eye_mm;
-    let along = (trocar_in_eye - tip).try_normalize(1e-6).unwrap_or(Vector3::z());
-    let upright = if along.y.abs() < 0.99 { Vector3::y() } else { Vector3::x() };
-    let x = (upright - along * along.dot(&upright)).normalize();
-    let unrolled = Rotation3::from_basis_unchecked(&[x, along.cross(&x), along]);
-    let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), gesture.roll_rad);
-    Isometry3::from_parts(Translation3::from(tip), UnitQuaternion::from_rotation_matrix(&unrolled) * roll)
 }
 
 #[cfg(test)]

@@ -60,6 +60,16 @@ pub struct RunArgs {
     /// Draw in a window [default where there is a display].
     #[arg(long, conflicts_with = "no_picture")]
     pub window: bool,
+    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential, left or right; of
+    /// these, files take all but sequential.
+    #[arg(long, value_name = "HOW", value_parser = ARRANGEMENTS, conflicts_with = "no_picture")]
+    pub arrange: Option<String>,
+    /// Fill the monitor; F11 or F switches, Escape leaves.
+    #[arg(long, conflicts_with_all = ["headless", "no_picture"])]
+    pub full_screen: bool,
+    /// The monitor to fill, by name or number.
+    #[arg(long, value_name = "NAME|N", requires = "full_screen")]
+    pub monitor: Option<String>,
     /// Draw nothing; run and measure the rest.
     #[arg(long, conflicts_with_all = ["stills", "video"])]
     pub no_picture: bool,
@@ -76,6 +86,9 @@ pub struct RunArgs {
     #[arg(long, value_name = "STAGE=MS", value_parser = injected_delay, hide = true)]
     pub inject_delay: Vec<(Stage, f64)>,
 }
+
+/// What the renderer calls its arrangements.
+const ARRANGEMENTS: [&str; 6] = ["side-by-side", "anaglyph", "interleaved", "sequential", "left", "right"];
 
 /// What becomes of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -149,7 +162,7 @@ impl Arguments {
 impl RunArgs {
     /// What becomes of the picture, given whether there is a display.
     pub fn view(&self, has_display: bool) -> View {
-        match (self.no_picture, self.headless, self.window || has_display) {
+        match (self.no_picture, self.headless, self.window || self.full_screen || has_display) {
             (true, _, _) => View::None,
             (_, true, _) | (_, _, false) => View::Headless,
             _ => View::Window,
@@ -184,6 +197,9 @@ impl RunArgs {
             Process::FpgaModel => self.camera_arguments(&mut args, remaining_s, restarts),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
+                args.value("--arrange", self.arrange.as_ref());
+                args.flag("--full-screen", self.full_screen);
+                args.value("--monitor", self.monitor.as_ref());
                 for (name, output) in [("--stills", &self.stills), ("--video", &self.video)] {
                     args.path(name, output.as_deref().map(|o| numbered(o, restarts)).as_deref());
                 }
@@ -311,6 +327,15 @@ mod tests {
         assert_eq!(of(Process::Tracker), "--rig r.json");
         assert_eq!(of(Process::Simcore), "--scene peel");
         assert_eq!(of(Process::Renderer), "--rig r.json --scene peel --headless --stills s");
+    }
+
+    #[test]
+    fn the_renderer_learns_how_the_channels_share_the_display() {
+        let args = parse(&["--full-screen", "--monitor", "1", "--arrange", "interleaved"]).unwrap();
+        let given = args.arguments_of(Process::Renderer, args.view(false), None, 0).join(" ");
+        assert_eq!(given, "--window --arrange interleaved --full-screen --monitor 1");
+        assert!(parse(&["--monitor", "1"]).is_err() && parse(&["--headless", "--full-screen"]).is_err());
+        assert!(parse(&["--arrange", "cross-eyed"]).unwrap_err().contains("anaglyph"));
     }
 
     #[test]

@@ -96,7 +96,7 @@ fn handle(handle: &mut HandleState) {
 
 fn pedal(pedal: &mut PedalState) {
     pedal.axes = pedal.axes.map(|a| a.clamp(-1.0, 1.0));
-    pedal.mode %= 3;
+    pedal.mode %= 5;
 }
 
 fn payload() -> impl Strategy<Value = Vec<u8>> {

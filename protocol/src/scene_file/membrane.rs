@@ -21,6 +21,12 @@ pub struct MembraneScene {
     pub bending_un_per_mm: f64,
     /// Damping along a spring, µN·s/mm.
     pub spring_damping_un_s_per_mm: f64,
+    /// How a substep is made.
+    #[serde(default, skip_serializing_if = "MembraneIntegrator::is_default")]
+    pub integrator: MembraneIntegrator,
+    /// Strain over which springs are drawn together again at the end of each substep; 0 for no limit.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub strain_limit: f64,
     /// Damping of a node by the fluid, 1/s.
     pub fluid_damping_per_s: f64,
     /// Mass of a node, g. Scaled up from the true mass so that a step of 1 ms is stable.
@@ -29,9 +35,6 @@ pub struct MembraneScene {
     pub a_max_mm_s2: f64,
     /// Limit of a node's velocity, mm/s; 0 gives the quasi-static system of the paper.
     pub v_max_mm_s: f64,
-    /// How velocity moves a node.
-    #[serde(default, skip_serializing_if = "Integrator::is_default")]
-    pub integrator: Integrator,
     /// Strain beyond which rest lengths creep; 0 for tissue that is elastic for ever.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub yield_strain: f64,
@@ -48,25 +51,29 @@ pub struct MembraneScene {
     pub rim_tear_un: f64,
 }
 
-/// Euler's two methods.
+/// How a substep of the membrane is made.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Integrator {
-    /// The new velocity moves the node; stable without damping.
+pub enum MembraneIntegrator {
+    /// The new velocity moves the nodes: the fast core, for masses scaled to the substep.
     #[default]
     SemiImplicit,
-    /// The old velocity moves the node; stable only with damping.
+    /// The old velocity moves them, as in the paper.
     Explicit,
+    /// Backward Euler: stable for any stiffness and mass.
+    Implicit,
+    /// Each substep goes to where all forces balance; mass plays no part.
+    QuasiStatic,
 }
 
-impl Integrator {
+impl MembraneIntegrator {
     fn is_default(&self) -> bool {
-        *self == Integrator::default()
+        *self == Self::default()
     }
 }
 
-fn is_zero(x: &f64) -> bool {
-    *x == 0.0
+fn is_zero(number: &f64) -> bool {
+    *number == 0.0
 }
 
 impl MembraneScene {
@@ -79,6 +86,7 @@ impl MembraneScene {
             ("membrane.stiffness_un_per_mm", self.stiffness_un_per_mm, 0.0, 1e7),
             ("membrane.bending_un_per_mm", self.bending_un_per_mm, 0.0, 1e7),
             ("membrane.spring_damping_un_s_per_mm", self.spring_damping_un_s_per_mm, 0.0, 1e6),
+            ("membrane.strain_limit", self.strain_limit, 0.0, 10.0),
             ("membrane.fluid_damping_per_s", self.fluid_damping_per_s, 0.0, 1e5),
             ("membrane.node_mass_g", self.node_mass_g, 1e-9, 1e3),
             ("membrane.a_max_mm_s2", self.a_max_mm_s2, 0.0, 1e12),
@@ -101,6 +109,16 @@ impl MembraneScene {
         if !(towards.is_finite() && towards > 1e-12) {
             let found = format!("{:?}", self.towards_in_eye);
             return Some(("membrane.towards_in_eye", "a direction".into(), found));
+        }
+        let springs =
+            matches!(self.integrator, MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit);
+        if self.yield_strain > 0.0 && !springs {
+            let found = format!("{} with {:?}", self.yield_strain, self.integrator);
+            return Some((
+                "membrane.yield_strain",
+                "0 unless the integrator is semi-implicit or explicit".into(),
+                found,
+            ));
         }
         None
     }

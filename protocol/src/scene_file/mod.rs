@@ -2,10 +2,12 @@
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
 mod membrane;
+mod tools;
 
-pub use membrane::{Integrator, MembraneScene};
+pub use membrane::{MembraneIntegrator, MembraneScene};
+pub use tools::{NeedleScene, VitrectorScene};
 
-use crate::handles::Tool;
+use crate::handles::{PedalMode, Tool};
 use crate::limits::INSTRUMENTS;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -76,6 +78,12 @@ pub struct SceneFile {
     /// The epiretinal membrane; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
+    /// What the vitrector can do, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vitrector: Option<VitrectorScene>,
+    /// What the needle can do, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub needle: Option<NeedleScene>,
     /// How instruments act on tissue and retina.
     pub contact: ContactScene,
     /// The microscope at the start.
@@ -165,6 +173,22 @@ pub struct ScriptScene {
     pub eye_turn_rad: [f64; 2],
     /// Key frames of instrument 0 and 1.
     pub keys: Vec<ScriptKey>,
+    /// What the foot does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pedal: Vec<PedalKey>,
+}
+
+/// What the pedal is from an instant of the round until the next key; before the first as after the last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PedalKey {
+    /// Instant in the round, s.
+    pub at_s: f64,
+    /// What the axes mean.
+    pub mode: PedalMode,
+    /// Two axes, −1 to 1.
+    #[serde(default)]
+    pub axes: [f64; 2],
 }
 
 /// Where an instrument is at an instant of the round.
@@ -183,6 +207,9 @@ pub struct ScriptKey {
     /// Jaw opening, rad.
     #[serde(default)]
     pub jaw_rad: f64,
+    /// Tool in the hand from here on; without it the one before. A round begins with the instrument's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool: Option<Tool>,
 }
 
 impl SceneFile {
@@ -260,6 +287,13 @@ impl SceneFile {
                 );
             }
         }
+        for (i, key) in self.script.pedal.iter().enumerate() {
+            let inside = (0.0..self.script.period_s).contains(&key.at_s);
+            if !inside || !key.axes.iter().all(|a| (-1.0..=1.0).contains(a)) {
+                let field = format!("script.pedal[{i}]");
+                return refuse(&field, "instant inside the period, axes −1 to 1", format!("{key:?}"));
+            }
+        }
         for instrument in 0..INSTRUMENTS as u32 {
             if !self.script.keys.iter().any(|k| k.instrument == instrument) {
                 return refuse("script.keys", "a key for each instrument", format!("none for {instrument}"));
@@ -294,6 +328,8 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
+        ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
         ranges
     }
 }
@@ -332,5 +368,12 @@ mod tests {
         assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
         let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);
         assert!(SceneFile::parse(&broken, "s.toml").unwrap_err().to_string().contains("membrane.p_tear"));
+        let pressed =
+            format!("{text}\n[[script.pedal]]\nat_s = 1.0\nmode = \"aspirate\"\naxes = [0.0, 1.5]\n");
+        assert!(SceneFile::parse(&pressed, "s.toml").unwrap_err().to_string().contains("script.pedal[0]"));
+        let pump = format!("{text}\n[vitrector]\ncuts_per_min = 90000\n");
+        assert!(
+            SceneFile::parse(&pump, "s.toml").unwrap_err().to_string().contains("vitrector.cuts_per_min")
+        );
     }
 }

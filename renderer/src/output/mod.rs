@@ -5,6 +5,7 @@ pub mod picture;
 pub mod y4m;
 
 use crate::readback::Picture;
+use crate::stereo::{Arrangement, arrange};
 use protocol::time::Nanos;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -27,6 +28,8 @@ pub struct OutputPlan {
     pub video_px: [u32; 2],
     /// Pictures a second of the video.
     pub video_hz: u32,
+    /// How the channels share a still or a picture of the video; small pictures keep them side by side.
+    pub arrangement: Arrangement,
 }
 
 /// What is wanted of a picture.
@@ -86,8 +89,11 @@ impl Output {
         if let Some(folder) = &plan.stills {
             std::fs::create_dir_all(folder)?;
         }
-        let video = plan.video.as_deref().map(|path| Y4m::create(path, plan.video_px, plan.video_hz));
-        let mut writer = Writer { stills: plan.stills.clone(), video: video.transpose()? };
+        let [both_px, height_px] = plan.video_px;
+        let video_px = plan.arrangement.size_px(both_px / 2, height_px);
+        let video = plan.video.as_deref().map(|path| Y4m::create(path, video_px, plan.video_hz));
+        let (stills, arrangement) = (plan.stills.clone(), plan.arrangement);
+        let mut writer = Writer { stills, video: video.transpose()?, arrangement };
         let (jobs, inbox) = sync_channel::<Job>(POOL);
         let (outbox, done) = sync_channel::<Job>(POOL);
         let thread = std::thread::Builder::new().name("pictures".into()).spawn(move || {
@@ -172,6 +178,7 @@ impl Output {
 struct Writer {
     stills: Option<PathBuf>,
     video: Option<Y4m>,
+    arrangement: Arrangement,
 }
 
 impl Writer {
@@ -179,6 +186,7 @@ impl Writer {
         if job.wanted.jpeg {
             picture::small_jpeg(&job.picture, &mut job.jpeg)?;
         }
+        arrange(&mut job.picture, self.arrangement);
         if let Some(folder) = &self.stills {
             if job.wanted.still {
                 save_png(&folder.join(format!("frame-{:06}.png", job.wanted.frame)), &job.picture)?;
@@ -225,15 +233,20 @@ mod tests {
         Picture { width_px: 8, height_px: 4, rgba: vec![value; 8 * 4 * 4] }
     }
 
+    fn plan(folder: Option<&Path>, arrangement: Arrangement) -> OutputPlan {
+        OutputPlan {
+            stills: folder.map(Into::into),
+            video: folder.map(|f| f.join("v.y4m")),
+            video_px: [8, 4],
+            video_hz: 25,
+            arrangement,
+        }
+    }
+
     #[test]
     fn stills_video_and_jpeg_are_written() {
         let folder = std::env::temp_dir().join(format!("vitreo-output-{}", std::process::id()));
-        let plan = OutputPlan {
-            stills: Some(folder.clone()),
-            video: Some(folder.join("v.y4m")),
-            video_px: [8, 4],
-            video_hz: 25,
-        };
+        let plan = plan(Some(&folder), Arrangement::SideBySide);
         std::fs::create_dir_all(&folder).unwrap();
         let mut output = Output::start(&plan, 8).unwrap();
         let wanted = Wanted { frame: 7, still: true, last: true, jpeg: true, video: 2, ..Wanted::default() };
@@ -253,8 +266,38 @@ mod tests {
     }
 
     #[test]
+    fn files_are_arranged_and_small_pictures_are_not() {
+        let folder = std::env::temp_dir().join(format!("vitreo-arranged-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let mut output = Output::start(&plan(Some(&folder), Arrangement::Right), 8).unwrap();
+        let fill = |p: &mut Picture| {
+            *p = picture(90);
+            p.rgba.chunks_mut(32).for_each(|row| row[16..].fill(30));
+            Ok::<(), ()>(())
+        };
+        let wanted = Wanted { still: true, jpeg: true, video: 1, ..Wanted::default() };
+        output.hand_over(wanted, fill).unwrap();
+        let mut jpeg = None;
+        while jpeg.is_none() {
+            output.collect(|f| {
+                if let Finished::Jpeg(_, bytes) = f {
+                    jpeg = Some(bytes.to_vec());
+                }
+            });
+            std::thread::yield_now();
+        }
+        assert_eq!(output.finish(), None);
+        let still = image::open(folder.join("frame-000000.png")).unwrap().to_rgb8();
+        assert_eq!((still.dimensions(), still.get_pixel(1, 1).0), ((4, 4), [30; 3]));
+        let video = std::fs::read(folder.join("v.y4m")).unwrap();
+        assert!(video.starts_with(b"YUV4MPEG2 W4 H4 "));
+        assert_eq!(image::load_from_memory(&jpeg.unwrap()).unwrap().width(), 8);
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
     fn a_full_pool_drops_and_counts() {
-        let plan = OutputPlan { stills: None, video: None, video_px: [8, 4], video_hz: 25 };
+        let plan = plan(None, Arrangement::default());
         let mut output = Output::start(&plan, 8).unwrap();
         let held: Vec<Job> = output.pool.drain(..).collect();
         let filled = output.hand_over(Wanted { jpeg: true, ..Wanted::default() }, |_| Err("not asked"));
@@ -264,12 +307,7 @@ mod tests {
 
     #[test]
     fn an_impossible_folder_is_an_error() {
-        let plan = OutputPlan {
-            stills: Some("/proc/nowhere/stills".into()),
-            video: None,
-            video_px: [8, 4],
-            video_hz: 25,
-        };
-        assert!(Output::start(&plan, 8).is_err());
+        let impossible = plan(Some(Path::new("/proc/nowhere/stills")), Arrangement::default());
+        assert!(Output::start(&impossible, 8).is_err());
     }
 }

@@ -19,7 +19,7 @@ struct Frame {
     ambient: vec4f,
     // radius (mm), map scale, mip level, strength of the specular film
     retina: vec4f,
-    // bias, half width of the soft edge, strength of the tracking-lost ring, membrane detail
+    // bias, half width of the soft edge, 0, membrane detail
     shadow: vec4f,
     instruments: array<Instrument, 2>,
 }
@@ -35,20 +35,17 @@ struct View {
     field: vec4f,
 }
 
-// Chosen when a pipeline is made: software drivers execute both sides of an `if`.
-// Several taps on the edge of a shadow:
-override SOFT_SHADOW: bool = true;
-// The membrane's own shadow:
-override MEMBRANE_SHADOW: bool = true;
-// The retina's specular film and the membrane's wrinkles:
-override DETAIL: bool = true;
-
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> view: View;
 @group(1) @binding(0) var fundus_map: texture_2d<f32>;
 @group(1) @binding(1) var fundus_sampler: sampler;
 @group(1) @binding(2) var shadow_map: texture_depth_2d;
 @group(1) @binding(3) var shadow_sampler: sampler_comparison;
+// Of the lean tiers: r light past the instruments, g distance of what holds it up (share of MASK_FAR), b light past the membrane.
+@group(1) @binding(4) var shadow_mask: texture_2d<f32>;
+
+// Distance from the lamp at which the mask's second channel is 1, mm.
+const MASK_FAR: f32 = 26.0;
 
 // Exposure is fixed, so highlights roll off; by the strongest colour, so that they keep their hue.
 // The target holds square roots of linear light, a close and cheap stand-in for sRGB.
@@ -83,12 +80,44 @@ fn lamp_coordinates(p: vec3f) -> vec3f {
 
 fn lit_past_instruments(uv: vec2f, depth: f32) -> f32 {
     let soft = frame.shadow.y;
-    if !SOFT_SHADOW {
-        return lit_by_tile(uv, depth, 0.0);
-    }
     let a = lit_by_tile(uv + vec2f(-soft, -0.4 * soft), depth, 0.0);
     let b = lit_by_tile(uv + vec2f(0.4 * soft, -soft), depth, 0.0);
     let c = lit_by_tile(uv + vec2f(soft, 0.4 * soft), depth, 0.0);
     let d = lit_by_tile(uv + vec2f(-0.4 * soft, soft), depth, 0.0);
     return 0.25 * (a + b + c + d);
+}
+
+struct Lamp {
+    // Unit, towards the lamp.
+    l: vec3f,
+    // Irradiance of a surface that faces it, without shadow.
+    strength: f32,
+}
+
+fn lamp_at(p: vec3f) -> Lamp {
+    let to_lamp = frame.lamp_position.xyz - p;
+    let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);
+    let l = to_lamp * sqrt(inverse_square);
+    return Lamp(l, spot(-l) * frame.lamp_position.w * inverse_square);
+}
+
+// (n·h)^32 by five products.
+fn gloss(cosine: f32) -> f32 {
+    let h2 = cosine * cosine;
+    let h4 = h2 * h2;
+    let h8 = h4 * h4;
+    let h16 = h8 * h8;
+    return h16 * h16;
+}
+
+// For lean_mask: coordinates in the mask times w, and w. Linear in p, so exact when interpolated over a triangle.
+fn mask_coordinates(p: vec3f) -> vec3f {
+    let c = frame.lamp_from_eye * vec4f(p, 1.0);
+    return vec3f(0.5 * (c.w + c.x), 0.5 * (c.w - c.y), c.w);
+}
+
+// One fetch; its filter softens the edge.
+fn lean_mask(coordinates: vec3f) -> vec3f {
+    let uv = coordinates.xy / max(coordinates.z, 0.01);
+    return textureSampleLevel(shadow_mask, fundus_sampler, uv, 0.0).rgb;
 }

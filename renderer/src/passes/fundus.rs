@@ -1,48 +1,91 @@
 //! The retina: fundus photograph on the inside of a sphere, lit by the lamp, with its shadows.
 //! This module owns group 1, the map and the shadow map, which the other lit passes share.
 
-use super::{PipelinePlan, Uniforms, pipeline};
+use super::shadow::ShadowMap;
+use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
 use crate::fundus_map;
-use crate::governor::SHADINGS;
+use crate::governor::Shading;
 use image::RgbImage;
 use protocol::scene_file::Side;
 use wgpu::{
-    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, CompareFunction, Device, Queue,
-    RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages, TextureView,
+    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, Buffer, BufferUsages, CompareFunction,
+    Device, IndexFormat, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages,
+    TextureView,
 };
 
-/// Corners drawn: 48 triangles, as in the shader.
-const CORNERS: u32 = 48 * 3;
+/// Segments of a ring of the disc, as in the shader.
+const SEGMENTS: u32 = 48;
+/// Rings of the disc without its centre, as in the shader. A ring every 0.7 mm of a field of 16 mm: between corners the
+/// sphere bulges by 5 µm, a tenth of a pixel.
+const RINGS: u32 = 12;
 
 /// The pass.
 pub struct Fundus {
-    pipelines: [RenderPipeline; SHADINGS.len()],
+    full: RenderPipeline,
+    lean: RenderPipeline,
+    frame: RenderPipeline,
+    ring: RenderPipeline,
+    indices: Buffer,
 }
 
 impl Fundus {
-    /// Makes a pipeline for each shading.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    /// Makes the pipelines and the disc.
+    pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let plan = |shading| PipelinePlan {
-            shader: "fundus",
-            vertex: "vs_main",
-            fragment: Some("fs_main"),
-            groups: &groups,
-            vertices: false,
-            strip: false,
-            // At the far plane, after the instruments: what they cover is not shaded.
-            depth: Some((CompareFunction::LessEqual, false)),
-            blend: None,
-            shading: Some(shading),
+        let plan = |vertex, fragment| PipelinePlan {
+            fragment: Some(fragment),
+            depth: Some((CompareFunction::Less, true)),
+            ..PipelinePlan::new("fundus", vertex, &groups)
         };
-        Self { pipelines: SHADINGS.each_ref().map(|shading| pipeline(device, &plan(shading))) }
+        let ring =
+            PipelinePlan { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..plan("vs_ring", "fs_ring") };
+        let frame = PipelinePlan { writes: wgpu::ColorWrites::empty(), ..plan("vs_frame", "fs_ring") };
+        let disc = disc();
+        let indices = geometry_buffer(device, "disc", disc.len() * 4, BufferUsages::INDEX);
+        queue.write_buffer(&indices, 0, bytemuck::cast_slice(&disc));
+        Self {
+            full: pipeline(device, &plan("vs_main", "fs_main")),
+            lean: pipeline(device, &plan("vs_lean", "fs_lean")),
+            frame: pipeline(device, &frame),
+            // Over everything.
+            ring: pipeline(device, &PipelinePlan { depth: Some((CompareFunction::Always, false)), ..ring }),
+            indices,
+        }
     }
 
     /// Draws into the present viewport; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, shading: usize) {
-        pass.set_pipeline(&self.pipelines[shading]);
-        pass.draw(0..CORNERS, 0..1);
+    pub fn draw(&self, pass: &mut RenderPass<'_>, shading: Shading) {
+        let lean = shading == Shading::Lean;
+        self.draw_rings(pass, if lean { &self.lean } else { &self.full }, RINGS);
     }
+
+    /// Closes everything outside the round field; first in a channel.
+    pub fn close_outside(&self, pass: &mut RenderPass<'_>) {
+        self.draw_rings(pass, &self.frame, 1);
+    }
+
+    /// The ring that says that tracking is lost.
+    pub fn draw_lost_ring(&self, pass: &mut RenderPass<'_>) {
+        self.draw_rings(pass, &self.ring, 1);
+    }
+
+    fn draw_rings(&self, pass: &mut RenderPass<'_>, pipeline: &RenderPipeline, rings: u32) {
+        pass.set_pipeline(pipeline);
+        pass.set_index_buffer(self.indices.slice(..), IndexFormat::Uint32);
+        pass.draw_indexed(0..rings * SEGMENTS * 6, 0, 0..1);
+    }
+}
+
+/// Indices of the disc's triangles, the inner ring first.
+fn disc() -> Vec<u32> {
+    let quads = (0..RINGS).flat_map(|ring| (0..SEGMENTS).map(move |segment| (ring, segment)));
+    let corners = quads.flat_map(|(ring, segment)| {
+        let at = |ring: u32, segment: u32| ring * SEGMENTS + segment % SEGMENTS;
+        let (a, b) = (at(ring, segment), at(ring, segment + 1));
+        let (c, d) = (at(ring + 1, segment), at(ring + 1, segment + 1));
+        [a, c, d, a, d, b]
+    });
+    corners.collect()
 }
 
 /// The map of the retina on the device.
@@ -91,7 +134,7 @@ impl FundusMap {
     }
 }
 
-/// Layout of group 1: map and shadow map with their samplers.
+/// Layout of group 1: map, shadow map with their samplers, shadow mask.
 pub fn light_layout(device: &Device) -> BindGroupLayout {
     let entry =
         |binding, ty| BindGroupLayoutEntry { binding, visibility: ShaderStages::FRAGMENT, ty, count: None };
@@ -107,6 +150,7 @@ pub fn light_layout(device: &Device) -> BindGroupLayout {
             entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
             entry(2, texture(wgpu::TextureSampleType::Depth)),
             entry(3, BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
+            entry(4, texture(wgpu::TextureSampleType::Float { filterable: true })),
         ],
     })
 }
@@ -116,7 +160,7 @@ pub fn light_group(
     device: &Device,
     layout: &BindGroupLayout,
     map: &FundusMap,
-    shadow: &TextureView,
+    shadow: &ShadowMap,
 ) -> BindGroup {
     let linear = wgpu::SamplerDescriptor {
         label: Some("map"),
@@ -137,8 +181,9 @@ pub fn light_group(
         entries: &[
             entry(0, wgpu::BindingResource::TextureView(&map.view)),
             entry(1, wgpu::BindingResource::Sampler(&sampler)),
-            entry(2, wgpu::BindingResource::TextureView(shadow)),
+            entry(2, wgpu::BindingResource::TextureView(&shadow.depth)),
             entry(3, wgpu::BindingResource::Sampler(&comparison)),
+            entry(4, wgpu::BindingResource::TextureView(&shadow.mask)),
         ],
     })
 }

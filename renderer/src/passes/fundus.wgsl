@@ -1,68 +1,137 @@
-// The retina: the inside of a sphere, found by ray, with one fetch of the fundus photograph.
-// Drawn as a disc that covers the round field, so that nothing outside it is shaded.
+// The retina: the inside of a sphere, with one fetch of the fundus photograph. Drawn as a disc of rings that covers the
+// round field, its corners cast onto the sphere; nothing outside the field is shaded.
+//
+// Full tiers cast every pixel's ray onto the sphere and light it there. Lean tiers light the corners: the beam, the
+// vignette and the film are smooth, so a pixel costs two fetches and the tone curve.
 
 struct Disc {
     @builtin(position) clip: vec4f,
     @location(0) field_xy: vec2f,
-    @location(1) plane_point: vec3f,
+    @location(1) p: vec3f,
 }
 
-const SEGMENTS: f32 = 48.0;
+struct LeanDisc {
+    @builtin(position) clip: vec4f,
+    @location(0) uv: vec2f,
+    @location(1) mask: vec3f,
+    // Irradiance without shadow, film, vignette.
+    @location(2) light: vec3f,
+}
+
+// As in fundus.rs.
+const SEGMENTS: u32 = 48u;
+const RINGS: u32 = 12u;
+// The disc's depth lies so far behind the retina (mm) that tissue on it is seen, and a tip a little inside it as well.
+const BEHIND: f32 = 0.1;
+
+fn on_circle(segment: u32, radius: f32) -> vec2f {
+    let angle = f32(segment) * (6.2831853 / f32(SEGMENTS));
+    return radius * vec2f(cos(angle), sin(angle));
+}
+
+// Field coordinates of a corner of the disc: even rings up to the soft border, one beyond the rim, pushed out so that
+// its chords clear the unit circle.
+fn corner(index: u32) -> vec2f {
+    let ring = index / SEGMENTS;
+    let inner = sqrt(view.field.z) * f32(ring) / f32(RINGS - 1u);
+    return on_circle(index % SEGMENTS, select(inner, 1.0022, ring == RINGS));
+}
+
+// Where the ray through `at` from the objective leaves the eye: |at + t ray| = radius, the farther root.
+fn to_retina(at: vec3f) -> vec3f {
+    let ray = normalize(at - view.camera.xyz);
+    let radius = frame.retina.x;
+    let b = dot(at, ray);
+    let root = b * b - dot(at, at) + radius * radius;
+    return at + (sqrt(max(root, 0.0)) - b) * ray;
+}
+
+fn corner_on_retina(field_xy: vec2f) -> vec3f {
+    let ndc = field_xy / view.field.xy;
+    return to_retina(view.plane_origin.xyz + ndc.x * view.plane_x.xyz + ndc.y * view.plane_y.xyz);
+}
+
+fn behind(p: vec3f, field_xy: vec2f) -> vec4f {
+    let w = (view.clip_from_eye * vec4f(p, 1.0)).w;
+    let pushed = view.clip_from_eye * vec4f(p * (1.0 + BEHIND / frame.retina.x), 1.0);
+    return vec4f(field_xy / view.field.xy * w, pushed.z / pushed.w * w, w);
+}
+
+// Lambert's azimuthal equal-area map about the pole at -z: (x, y) sqrt(2 / (1 - z)).
+fn map_coordinates(q: vec3f) -> vec2f {
+    return vec2f(0.5) + q.xy * (inverseSqrt(max(0.5 - 0.5 * q.z, 1e-4)) * frame.retina.y);
+}
+
+// The inner limiting membrane reflects like a wet film.
+fn film(q: vec3f, l: vec3f, ray: vec3f) -> f32 {
+    return frame.retina.w * gloss(max(-dot(q, normalize(l - ray)), 0.0));
+}
 
 @vertex
 fn vs_main(@builtin(vertex_index) index: u32) -> Disc {
-    // A fan of triangles; the rim is pushed out so that its chords clear the unit circle.
-    let corner = index % 3u;
-    let step = f32(index / 3u + select(0u, 1u, corner == 2u));
-    let angle = step * (6.2831853 / SEGMENTS);
-    let radius = select(1.0022, 0.0, corner == 0u);
     var out: Disc;
-    out.field_xy = radius * vec2f(cos(angle), sin(angle));
-    let ndc = out.field_xy / view.field.xy;
-    out.plane_point = view.plane_origin.xyz + ndc.x * view.plane_x.xyz + ndc.y * view.plane_y.xyz;
-    out.clip = vec4f(ndc, 1.0, 1.0);
+    out.field_xy = corner(index);
+    out.p = corner_on_retina(out.field_xy);
+    out.clip = behind(out.p, out.field_xy);
     return out;
 }
 
 @fragment
 fn fs_main(in: Disc) -> @location(0) vec4f {
-    let shade = vignette(in.field_xy);
-    // |plane_point + t ray| = radius, the farther root: the far side of the eye.
-    let ray = normalize(in.plane_point - view.camera.xyz);
-    let radius = frame.retina.x;
-    let b = dot(in.plane_point, ray);
-    let root = b * b - dot(in.plane_point, in.plane_point) + radius * radius;
-    let p = in.plane_point + (sqrt(max(root, 0.0)) - b) * ray;
-    let q = p / radius;
-
-    // Lambert's azimuthal equal-area map about the pole at -z: (x, y) sqrt(2 / (1 - z)).
-    let uv = vec2f(0.5) + q.xy * (inverseSqrt(max(0.5 - 0.5 * q.z, 1e-4)) * frame.retina.y);
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, uv, frame.retina.z).rgb;
+    let p = to_retina(in.p);
+    let q = p / frame.retina.x;
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, map_coordinates(q), frame.retina.z).rgb;
     let albedo = photo * photo;
-
-    let to_lamp = frame.lamp_position.xyz - p;
-    let inverse_square = 1.0 / dot(to_lamp, to_lamp);
-    let l = to_lamp * sqrt(inverse_square);
-    let beam = spot(-l);
+    let lamp = lamp_at(p);
     let at = lamp_coordinates(p);
-    var strength = lit_past_instruments(at.xy, at.z) * beam * frame.lamp_position.w * inverse_square;
-    if MEMBRANE_SHADOW {
-        strength *= 1.0 - frame.ambient.w * (1.0 - lit_by_tile(at.xy, at.z, 1.0));
-    }
-    let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * max(-dot(q, l), 0.0));
-    var film = 0.0;
-    if DETAIL {
-        // The inner limiting membrane reflects like a wet film: (n·h)^32, brighter off the vessels.
-        let h = max(-dot(q, normalize(l - ray)), 0.0);
-        let h2 = h * h;
-        let h4 = h2 * h2;
-        let h8 = h4 * h4;
-        let h16 = h8 * h8;
-        film = frame.retina.w * strength * h16 * h16 * (0.4 + albedo.g);
-    }
-    var colour = to_display(albedo * light + vec3f(film)) * select(0.0, shade, root > 0.0);
-    // An amber ring says that tracking is lost.
-    let ring = clamp(1.0 - abs(dot(in.field_xy, in.field_xy) - 0.93) * 22.0, 0.0, 1.0) * frame.shadow.z;
-    colour = mix(colour, vec3f(1.0, 0.62, 0.05), ring);
-    return vec4f(colour, 1.0);
+    let membrane = 1.0 - frame.ambient.w * (1.0 - lit_by_tile(at.xy, at.z, 1.0));
+    let strength = lit_past_instruments(at.xy, at.z) * membrane * lamp.strength;
+    let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * max(-dot(q, lamp.l), 0.0));
+    let wet = strength * film(q, lamp.l, normalize(p - view.camera.xyz)) * (0.4 + albedo.g);
+    return vec4f(to_display(albedo * light + vec3f(wet)) * vignette(in.field_xy), 1.0);
+}
+
+@vertex
+fn vs_lean(@builtin(vertex_index) index: u32) -> LeanDisc {
+    let field_xy = corner(index);
+    let p = corner_on_retina(field_xy);
+    let q = p / frame.retina.x;
+    let lamp = lamp_at(p);
+    let wet = film(q, lamp.l, normalize(p - view.camera.xyz));
+    var out: LeanDisc;
+    out.clip = behind(p, field_xy);
+    out.uv = map_coordinates(q);
+    out.mask = mask_coordinates(p);
+    out.light = vec3f(lamp.strength * max(-dot(q, lamp.l), 0.0), lamp.strength * wet, vignette(field_xy));
+    return out;
+}
+
+@fragment
+fn fs_lean(in: LeanDisc) -> @location(0) vec4f {
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z).rgb;
+    let albedo = photo * photo;
+    let mask = lean_mask(in.mask);
+    let past = mask.r * mask.b;
+    let light = frame.ambient.rgb + frame.lamp_colour.rgb * (past * in.light.x);
+    let wet = past * in.light.y * (0.4 + albedo.g);
+    return vec4f(to_display(albedo * light + vec3f(wet)) * in.light.z, 1.0);
+}
+
+// The black round the field: nearest depth, so that nothing is shaded there.
+@vertex
+fn vs_frame(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    let field_xy = on_circle(index % SEGMENTS, select(1.0, 2.0, index >= SEGMENTS));
+    return vec4f(field_xy / view.field.xy, 0.0, 1.0);
+}
+
+// An amber ring just inside the border says that tracking is lost.
+@vertex
+fn vs_ring(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
+    let field_xy = on_circle(index % SEGMENTS, select(0.945, 0.985, index >= SEGMENTS));
+    return vec4f(field_xy / view.field.xy, 0.0, 1.0);
+}
+
+@fragment
+fn fs_ring() -> @location(0) vec4f {
+    return vec4f(1.0, 0.62, 0.05, 0.75);
 }

@@ -69,16 +69,13 @@ impl Instruments {
     /// Makes the pipeline. Blending serves instruments that fade because they are lost; a faded
     /// one is drawn after the retina, a solid one before it.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+        let groups = [&uniforms.layout, light];
         let plan = PipelinePlan {
-            shader: "instruments",
-            vertex: "vs_main",
             fragment: Some("fs_main"),
-            groups: &[&uniforms.layout, light],
             vertices: true,
-            strip: false,
             depth: Some((CompareFunction::Less, true)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            shading: None,
+            ..PipelinePlan::new("instruments", "vs_main", &groups)
         };
         Self { pipeline: pipeline(device, &plan) }
     }

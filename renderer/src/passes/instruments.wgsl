@@ -1,4 +1,4 @@
-// Instruments as lit metal. What lies behind the retina is cut off, since the retina writes no depth.
+// Instruments as lit metal.
 
 struct Metal {
     @builtin(position) clip: vec4f,
@@ -31,11 +31,7 @@ fn vs_main(
 
 @fragment
 fn fs_main(in: Metal) -> @location(0) vec4f {
-    let radius = frame.retina.x + 0.03;
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
-    if (in.p.z < 0.0 && dot(in.p, in.p) > radius * radius) || shade <= 0.0 {
-        discard;
-    }
     let n = normalize(in.n);
     let v = normalize(view.camera.xyz - in.p);
     let r = reflect(-v, n);
@@ -48,15 +44,9 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
     let glint = towards_viewer * towards_viewer * towards_viewer;
     light += vec3f(0.020, 0.022, 0.025) * (0.12 + 2.6 * glint * glint * glint * glint);
     if in.surface.z > 0.0 {
-        let to_lamp = frame.lamp_position.xyz - in.p;
-        let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);
-        let l = to_lamp * sqrt(inverse_square);
-        let strength = spot(-l) * frame.lamp_position.w * inverse_square;
-        let h = max(dot(n, normalize(l + v)), 0.0);
-        let h2 = h * h;
-        let h4 = h2 * h2;
-        let h8 = h4 * h4;
-        light += frame.lamp_colour.rgb * (strength * (0.30 * max(dot(n, l), 0.0) + 1.6 * h8 * h8 * h8));
+        let lamp = lamp_at(in.p);
+        let h = max(dot(n, normalize(lamp.l + v)), 0.0);
+        light += frame.lamp_colour.rgb * (lamp.strength * (0.30 * max(dot(n, lamp.l), 0.0) + 1.6 * gloss(h)));
     }
     var colour = vec3f(0.72, 0.74, 0.78) * light;
     if in.surface.x > 1.5 {

@@ -1,7 +1,7 @@
 //! The membrane: its buffers and its translucent pass.
 
 use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
-use crate::governor::SHADINGS;
+use crate::governor::Shading;
 use crate::layout::SheetVertex;
 use wgpu::{
     BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
@@ -56,30 +56,30 @@ impl Sheet {
 
 /// The pass.
 pub struct Membrane {
-    pipelines: [RenderPipeline; SHADINGS.len()],
+    full: RenderPipeline,
+    lean: RenderPipeline,
 }
 
 impl Membrane {
     /// Makes a pipeline for each shading: both sides, tested against the instruments, blended.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let plan = |shading| PipelinePlan {
-            shader: "membrane",
-            vertex: "vs_main",
-            fragment: Some("fs_main"),
-            groups: &groups,
+        let plan = |vertex, fragment| PipelinePlan {
+            fragment: Some(fragment),
             vertices: true,
-            strip: false,
             depth: Some((CompareFunction::Less, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            shading: Some(shading),
+            ..PipelinePlan::new("membrane", vertex, &groups)
         };
-        Self { pipelines: SHADINGS.each_ref().map(|shading| pipeline(device, &plan(shading))) }
+        Self {
+            full: pipeline(device, &plan("vs_main", "fs_main")),
+            lean: pipeline(device, &plan("vs_lean", "fs_lean")),
+        }
     }
 
     /// Draws; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet, shading: usize) {
-        pass.set_pipeline(&self.pipelines[shading]);
+    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet, shading: Shading) {
+        pass.set_pipeline(if shading == Shading::Lean { &self.lean } else { &self.full });
         sheet.draw(pass);
     }
 }

@@ -28,32 +28,69 @@ fn vs_main(
     return out;
 }
 
+struct Shaded {
+    // Light of the lamp that the sheet sends to the viewer, linear.
+    lit: vec3f,
+    opacity: f32,
+}
+
+const TINT: vec3f = vec3f(0.66, 0.74, 0.70);
+
+// Without shadow; the scattered light comes on top.
+fn shaded(p: vec3f, normal: vec3f, edge: f32, past: f32) -> Shaded {
+    let v = normalize(view.camera.xyz - p);
+    let facing = abs(dot(normal, v));
+    let n = normal * sign(dot(normal, v) + 1e-6);
+    let lamp = lamp_at(p);
+    let strength = lamp.strength * past;
+    let rim = (1.0 - facing) * (1.0 - facing);
+    let sheen = strength * gloss(max(dot(n, normalize(lamp.l + v)), 0.0)) * (0.5 + rim);
+    let lit = TINT * (strength * (0.25 + 0.6 * abs(dot(n, lamp.l)))) + vec3f(sheen);
+    let opacity = clamp(0.15 + 0.6 * rim + 0.25 * edge * edge + 0.4 * sheen, 0.0, 0.92);
+    return Shaded(frame.lamp_colour.rgb * lit, opacity);
+}
+
 @fragment
 fn fs_main(in: Sheet) -> @location(0) vec4f {
-    let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
-    let v = normalize(view.camera.xyz - in.p);
-    var n = normalize(in.n);
-    if DETAIL {
-        // Fine wrinkles of two sizes that run in different directions.
-        let fine = sin(in.rest.x * 7.0 + in.rest.y * 3.0 + 1.5 * sin(in.rest.y * 2.0));
-        let coarse = sin(in.rest.y * 3.7 - in.rest.x * 1.9 + 2.0 * sin(in.rest.x * 1.3));
-        n = normalize(n + vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0) * frame.shadow.w);
-    }
-    let facing = abs(dot(n, v));
-    n = n * sign(dot(n, v) + 1e-6);
-    let to_lamp = frame.lamp_position.xyz - in.p;
-    let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);
-    let l = to_lamp * sqrt(inverse_square);
+    // Fine wrinkles of two sizes that run in different directions.
+    let fine = sin(in.rest.x * 7.0 + in.rest.y * 3.0 + 1.5 * sin(in.rest.y * 2.0));
+    let coarse = sin(in.rest.y * 3.7 - in.rest.x * 1.9 + 2.0 * sin(in.rest.x * 1.3));
+    let wrinkles = vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0) * frame.shadow.w;
     let at = lamp_coordinates(in.p);
-    let strength = spot(-l) * lit_by_tile(at.xy, at.z, 0.0) * frame.lamp_position.w * inverse_square;
-    let rim = (1.0 - facing) * (1.0 - facing);
-    let h = max(dot(n, normalize(l + v)), 0.0);
-    let h2 = h * h;
-    let h4 = h2 * h2;
-    let h8 = h4 * h4;
-    let sheen = strength * h8 * h8 * h8 * (0.5 + rim);
-    let light = frame.ambient.rgb + frame.lamp_colour.rgb * strength * (0.25 + 0.6 * abs(dot(n, l)));
-    let colour = vec3f(0.66, 0.74, 0.70) * light + frame.lamp_colour.rgb * sheen;
-    let opacity = clamp(0.15 + 0.6 * rim + 0.25 * in.edge * in.edge + 0.4 * sheen, 0.0, 0.92);
-    return vec4f(to_display(colour) * shade, opacity * select(0.0, 1.0, shade > 0.0));
+    let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge, lit_by_tile(at.xy, at.z, 0.0));
+    let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
+    return vec4f(to_display(TINT * frame.ambient.rgb + sheet.lit) * shade, sheet.opacity);
+}
+
+struct LeanSheet {
+    @builtin(position) clip: vec4f,
+    @location(0) lit: vec4f,
+    @location(1) mask: vec3f,
+    // Distance from the lamp (share of MASK_FAR), vignette.
+    @location(2) far: vec2f,
+}
+
+@vertex
+fn vs_lean(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @location(2) edge: f32,
+    @location(3) number: f32,
+) -> LeanSheet {
+    let sheet = shaded(position, normal, edge, 1.0);
+    var out: LeanSheet;
+    out.clip = view.clip_from_eye * vec4f(position, 1.0);
+    out.lit = vec4f(sheet.lit, sheet.opacity);
+    out.mask = mask_coordinates(position);
+    let field_xy = out.clip.xy * view.field.xy / out.clip.w;
+    out.far = vec2f(distance(position, frame.lamp_position.xyz) / MASK_FAR, vignette(field_xy));
+    return out;
+}
+
+@fragment
+fn fs_lean(in: LeanSheet) -> @location(0) vec4f {
+    // What holds the light up shades only what lies beyond it, by more than a step of the mask's 8 bits.
+    let mask = lean_mask(in.mask);
+    let past = select(1.0, mask.r, in.far.x > mask.g + 0.006);
+    return vec4f(to_display(TINT * frame.ambient.rgb + in.lit.rgb * past) * in.far.y, in.lit.a);
 }

@@ -6,12 +6,11 @@ pub mod membrane;
 pub mod overlay;
 pub mod shadow;
 
-use crate::governor::Shading;
 use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
 use std::num::NonZeroU64;
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages,
-    CompareFunction, Device, RenderPipeline, ShaderStages, TextureFormat,
+    ColorWrites, CompareFunction, Device, RenderPipeline, ShaderStages, TextureFormat,
 };
 
 /// Format of the pictures: square roots of linear light, 8 bits.
@@ -104,6 +103,7 @@ impl Uniforms {
 }
 
 /// What distinguishes the pipelines of this crate.
+#[derive(Debug, Clone, Copy)]
 pub struct PipelinePlan<'a> {
     /// Name of the shader.
     pub shader: &'a str,
@@ -121,30 +121,35 @@ pub struct PipelinePlan<'a> {
     pub depth: Option<(CompareFunction, bool)>,
     /// Blending of the picture.
     pub blend: Option<BlendState>,
-    /// What the shader computes; the default is everything, for shaders that do not ask.
-    pub shading: Option<&'a Shading>,
+    /// Channels of the picture that are written.
+    pub writes: ColorWrites,
+}
+
+impl<'a> PipelinePlan<'a> {
+    /// An opaque list of triangles without buffers, tested against nothing.
+    pub fn new(shader: &'a str, vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> Self {
+        Self {
+            shader,
+            vertex,
+            fragment: None,
+            groups,
+            vertices: false,
+            strip: false,
+            depth: None,
+            blend: None,
+            writes: ColorWrites::ALL,
+        }
+    }
 }
 
 /// Position, normal and two numbers, as in [`crate::layout`].
 const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
 
-/// A shading as the shaders' override constants.
-fn overrides(shading: &Shading) -> [(&'static str, f64); 3] {
-    let number = |b: bool| f64::from(u8::from(b));
-    [
-        ("SOFT_SHADOW", number(shading.soft_shadow)),
-        ("MEMBRANE_SHADOW", number(shading.membrane_shadow)),
-        ("DETAIL", number(shading.detail)),
-    ]
-}
-
 /// Makes a pipeline.
 pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
     let module = shader(device, plan.shader);
-    let constants = plan.shading.map(overrides);
-    let constants: &[(&str, f64)] = constants.as_ref().map_or(&[], |c| c);
-    let options = wgpu::PipelineCompilationOptions { constants, ..Default::default() };
+    let options = wgpu::PipelineCompilationOptions::default();
     let groups: Vec<_> = plan.groups.iter().map(|&g| Some(g)).collect();
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(plan.shader),
@@ -157,11 +162,8 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
         attributes: &ATTRIBUTES,
     };
     let buffers = [Some(buffer)];
-    let target = [Some(wgpu::ColorTargetState {
-        format: COLOUR,
-        blend: plan.blend,
-        write_mask: wgpu::ColorWrites::ALL,
-    })];
+    let target =
+        [Some(wgpu::ColorTargetState { format: COLOUR, blend: plan.blend, write_mask: plan.writes })];
     let topology = if plan.strip {
         wgpu::PrimitiveTopology::TriangleStrip
     } else {

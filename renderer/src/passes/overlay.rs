@@ -50,16 +50,13 @@ impl Overlay {
                 entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
             ],
         });
+        let groups = [&uniforms.layout, &layout];
         let plan = PipelinePlan {
-            shader: "overlay",
-            vertex: "vs_main",
             fragment: Some("fs_main"),
-            groups: &[&uniforms.layout, &layout],
-            vertices: false,
             strip: true,
             depth: Some((CompareFunction::Always, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            shading: None,
+            ..PipelinePlan::new("overlay", "vs_main", &groups)
         };
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("text"),

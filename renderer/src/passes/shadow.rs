@@ -1,62 +1,89 @@
-//! The shadow map: what the lamp sees. One depth pass, two tiles: instruments, which cast full
-//! shadows, and the membrane, which dims. The lamp's own body is left out.
+//! What the lamp sees, in one pass; the lamp's own body is left out. Full tiers: a depth map of two
+//! tiles, instruments, which cast full shadows, and the membrane, which dims. Lean tiers: a mask of
+//! light, which costs a pixel of the picture one fetch instead of several comparisons.
 
 use super::instruments::Meshes;
 use super::membrane::Sheet;
-use super::{DEPTH, PipelinePlan, Uniforms, pipeline};
+use super::{COLOUR, DEPTH, PipelinePlan, Uniforms, pipeline};
+use crate::governor::{Shading, Tier};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
-use wgpu::{CommandEncoder, CompareFunction, Device, RenderPipeline, TextureUsages, TextureView};
+use wgpu::{
+    BlendComponent, BlendFactor, BlendOperation, BlendState, ColorWrites, CommandEncoder, CompareFunction,
+    Device, RenderPass, RenderPipeline, TextureFormat, TextureUsages, TextureView,
+};
 
-/// A shadow map of two square tiles.
+/// A shadow map for one shading: the texture that the other shading would use is a single pixel.
 pub struct ShadowMap {
-    /// The depth texture.
-    pub view: TextureView,
-    /// Edge of a tile, px.
+    /// Depth of two square tiles, side by side.
+    pub depth: TextureView,
+    /// Light past instruments, their distance from the lamp, light past the membrane.
+    pub mask: TextureView,
+    /// Edge of a tile or of the mask, px.
     pub size: u32,
+    shading: Shading,
 }
 
 impl ShadowMap {
-    /// With tiles of `size` pixels.
-    pub fn new(device: &Device, size: u32) -> Self {
-        let texture = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("shadow map"),
-            size: wgpu::Extent3d { width: 2 * size, height: size, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: DEPTH,
-            usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        });
-        Self { view: texture.create_view(&wgpu::TextureViewDescriptor::default()), size }
+    /// For `tier`.
+    pub fn new(device: &Device, tier: &Tier) -> Self {
+        let texture = |format, [width, height]: [u32; 2]| {
+            let texture = device.create_texture(&wgpu::TextureDescriptor {
+                label: Some("shadow map"),
+                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: wgpu::TextureDimension::D2,
+                format,
+                usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            });
+            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        };
+        let size = tier.shadow_px;
+        let (depth, mask): (_, TextureFormat) = (DEPTH, COLOUR);
+        let (depth_px, mask_px) = match tier.shading {
+            Shading::Full => ([2 * size, size], [1, 1]),
+            Shading::Lean => ([1, 1], [size, size]),
+        };
+        Self { depth: texture(depth, depth_px), mask: texture(mask, mask_px), size, shading: tier.shading }
     }
+
+    /// True if it serves `tier`.
+    pub fn serves(&self, tier: &Tier) -> bool {
+        (self.size, self.shading) == (tier.shadow_px, tier.shading)
+    }
+}
+
+/// The pipelines of one shading.
+struct Casters {
+    instruments: RenderPipeline,
+    membrane: RenderPipeline,
 }
 
 /// The pass.
 pub struct Shadow {
-    instruments: RenderPipeline,
-    membrane: RenderPipeline,
+    full: Casters,
+    lean: Casters,
 }
 
 impl Shadow {
     /// Makes the pipelines.
     pub fn new(device: &Device, uniforms: &Uniforms) -> Self {
-        let make = |vertex| {
-            let plan = PipelinePlan {
-                shader: "shadow",
-                vertex,
-                fragment: None,
-                groups: &[&uniforms.layout],
-                vertices: true,
-                strip: false,
-                depth: Some((CompareFunction::Less, true)),
-                blend: None,
-                shading: None,
-            };
-            pipeline(device, &plan)
+        let groups = [&uniforms.layout];
+        let plan = |vertex| PipelinePlan { vertices: true, ..PipelinePlan::new("shadow", vertex, &groups) };
+        let depth = |vertex| {
+            let depth = Some((CompareFunction::Less, true));
+            pipeline(device, &PipelinePlan { depth, ..plan(vertex) })
         };
-        Self { instruments: make("vs_instrument"), membrane: make("vs_membrane") }
+        let writes = ColorWrites::RED | ColorWrites::GREEN;
+        let solid = PipelinePlan { fragment: Some("fs_solid"), writes, ..plan("vs_instrument") };
+        let sheet =
+            PipelinePlan { fragment: Some("fs_sheet"), blend: Some(multiplied()), ..plan("vs_membrane") };
+        Self {
+            full: Casters { instruments: depth("vs_instrument"), membrane: depth("vs_membrane") },
+            lean: Casters { instruments: pipeline(device, &solid), membrane: pipeline(device, &sheet) },
+        }
     }
 
     /// Draws the map. `casters` are the tools that cast a shadow; the lamp is `None`.
@@ -66,26 +93,49 @@ impl Shadow {
         map: &ShadowMap,
         uniforms: &Uniforms,
         (meshes, casters): (&Meshes, &[Option<Tool>; INSTRUMENTS]),
-        sheet: Option<&Sheet>,
+        sheet: &Sheet,
     ) {
-        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: Some("shadow"),
-            depth_stencil_attachment: Some(super::clear_depth(&map.view, true)),
-            ..wgpu::RenderPassDescriptor::default()
-        });
+        let mut pass = begin(encoder, map);
+        let pipelines = if map.shading == Shading::Lean { &self.lean } else { &self.full };
         let size = map.size as f32;
         pass.set_bind_group(0, &uniforms.group, &[0]);
         pass.set_viewport(0.0, 0.0, size, size, 0.0, 1.0);
-        pass.set_pipeline(&self.instruments);
+        pass.set_pipeline(&pipelines.instruments);
         for (which, tool) in casters.iter().enumerate() {
             if let Some(tool) = tool {
                 meshes.draw(&mut pass, which, *tool);
             }
         }
-        if let Some(sheet) = sheet {
+        if map.shading == Shading::Full {
             pass.set_viewport(size, 0.0, size, size, 0.0, 1.0);
-            pass.set_pipeline(&self.membrane);
-            sheet.draw(&mut pass);
         }
+        pass.set_pipeline(&pipelines.membrane);
+        sheet.draw(&mut pass);
     }
+}
+
+/// What is there times what comes.
+fn multiplied() -> BlendState {
+    let product = BlendComponent {
+        src_factor: BlendFactor::Dst,
+        dst_factor: BlendFactor::Zero,
+        operation: BlendOperation::Add,
+    };
+    BlendState { color: product, alpha: product }
+}
+
+fn begin<'a>(encoder: &'a mut CommandEncoder, map: &ShadowMap) -> RenderPass<'a> {
+    let lean = map.shading == Shading::Lean;
+    let mask = [Some(wgpu::RenderPassColorAttachment {
+        view: &map.mask,
+        depth_slice: None,
+        resolve_target: None,
+        ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::WHITE), store: wgpu::StoreOp::Store },
+    })];
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: Some("shadow"),
+        color_attachments: if lean { &mask } else { &[] },
+        depth_stencil_attachment: (!lean).then(|| super::clear_depth(&map.depth, true)),
+        ..wgpu::RenderPassDescriptor::default()
+    })
 }

@@ -1,4 +1,10 @@
-// Depth as the lamp sees it: instruments into the left tile, the membrane into the right one.
+// What the lamp sees. Full tiers: depth, instruments into the left tile, the membrane into the right one.
+// Lean tiers: a mask of light; nothing but the retina lies behind, so no depth is needed to shade it.
+
+struct Caster {
+    @builtin(position) clip: vec4f,
+    @location(0) to_lamp: vec3f,
+}
 
 @vertex
 fn vs_instrument(
@@ -7,8 +13,9 @@ fn vs_instrument(
     @location(2) part: f32,
     @location(3) material: f32,
     @builtin(instance_index) which: u32,
-) -> @builtin(position) vec4f {
-    return frame.lamp_from_eye * vec4f(place_instrument(position, normal, part, which).p, 1.0);
+) -> Caster {
+    let p = place_instrument(position, normal, part, which).p;
+    return Caster(frame.lamp_from_eye * vec4f(p, 1.0), frame.lamp_position.xyz - p);
 }
 
 @vertex
@@ -17,6 +24,18 @@ fn vs_membrane(
     @location(1) normal: vec3f,
     @location(2) edge: f32,
     @location(3) number: f32,
-) -> @builtin(position) vec4f {
-    return frame.lamp_from_eye * vec4f(position, 1.0);
+) -> Caster {
+    return Caster(frame.lamp_from_eye * vec4f(position, 1.0), frame.lamp_position.xyz - position);
+}
+
+// No light passes, and this is how far away it ends.
+@fragment
+fn fs_solid(in: Caster) -> @location(0) vec4f {
+    return vec4f(0.0, length(in.to_lamp) / MASK_FAR, 1.0, 1.0);
+}
+
+// Multiplied with what the mask has: a sheet takes its share of the light.
+@fragment
+fn fs_sheet(in: Caster) -> @location(0) vec4f {
+    return vec4f(1.0, 1.0, 1.0 - frame.ambient.w, 1.0);
 }

@@ -1,11 +1,12 @@
 //! Where finished pictures go: nowhere (headless), or into a window.
 
+pub mod blit;
 pub mod window;
 
 use crate::gpu::{Gpu, GpuError};
 use crate::target::Target;
 use protocol::time::Nanos;
-use window::Window;
+use window::{Window, WindowPlan};
 
 /// Why there is no window.
 #[derive(Debug, thiserror::Error)]
@@ -41,12 +42,13 @@ pub enum Ready {
 
 impl Present {
     /// Opens the device and, if asked for, a window.
-    pub fn open(window: bool) -> Result<(Gpu, Self), PresentError> {
-        if window {
-            let (gpu, window) = Window::open()?;
-            Ok((gpu, Present::Window(Box::new(window))))
-        } else {
-            Ok((Gpu::headless()?, Present::Headless))
+    pub fn open(window: Option<&WindowPlan>) -> Result<(Gpu, Self), PresentError> {
+        match window {
+            Some(plan) => {
+                let (gpu, window) = Window::open(plan)?;
+                Ok((gpu, Present::Window(Box::new(window))))
+            }
+            None => Ok((Gpu::headless()?, Present::Headless)),
         }
     }
 
@@ -74,11 +76,11 @@ impl Present {
     }
 
     /// Lets the display have it, if there is one.
-    pub fn show(&mut self, gpu: &Gpu) -> bool {
+    pub fn show(&mut self, gpu: &Gpu, target: &Target) -> bool {
         match self {
             Present::Headless => false,
             Present::Window(window) => {
-                window.show(gpu);
+                window.show(gpu, target);
                 true
             }
         }

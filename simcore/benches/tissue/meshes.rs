@@ -80,7 +80,7 @@ impl Mesh {
         let mut beside: HashMap<[u32; 2], usize> = HashMap::new();
         let halves = |t: [u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
         for (t, &nodes) in self.triangles.iter().enumerate() {
-            halves(nodes).into_iter().for_each(|h| drop(beside.insert(h, t)));
+            halves(nodes).into_iter().for_each(|h| _ = beside.insert(h, t));
         }
         for _ in 0..self.triangles.len() {
             let first = random.below(self.triangles.len());
@@ -95,11 +95,11 @@ impl Mesh {
                 continue;
             }
             for t in [self.triangles[first], self.triangles[second]] {
-                halves(t).into_iter().for_each(|h| drop(beside.remove(&h)));
+                halves(t).into_iter().for_each(|h| _ = beside.remove(&h));
             }
             for (t, nodes) in [(first, [c, a, d]), (second, [d, b, c])] {
                 self.triangles[t] = nodes;
-                halves(nodes).into_iter().for_each(|h| drop(beside.insert(h, t)));
+                halves(nodes).into_iter().for_each(|h| _ = beside.insert(h, t));
             }
         }
     }

@@ -20,12 +20,11 @@
 use super::lanes::kernel::Forces;
 use super::lanes::{Isa, rsqrt};
 use super::sheet::Sheet;
-use super::tissue::Tissue;
+pub use super::tissue::Tissue;
 use super::web::Web;
 use crate::constants::TINY_LENGTH2_MM2;
 use crate::state::MembraneState;
 use protocol::scene::NODE_FREE;
-use protocol::scene_file::Integrator;
 
 /// What the forces of a substep demand besides moving.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -89,16 +88,9 @@ impl Solver {
         let tables = &mut self.web.tables;
         for (s, &slot) in self.web.slot_of.iter().enumerate() {
             let slot = slot as usize;
-            let alive = match s.checked_sub(sheet.structural) {
-                None => state.spring_alive[s] != 0,
-                Some(bend) => sheet.bends[bend].is_whole(state),
-            };
-            let rest = state.rest_mm.get(s).copied().unwrap_or(sheet.rest_mm[s]);
-            let [stiffness, damping] = tissue.spring(sheet, s);
-            tables.rest[slot] = rest;
-            tables.stiffness[slot] = if alive { stiffness } else { 0.0 };
-            tables.damping[slot] = if alive { damping } else { 0.0 };
-            let tears = s < sheet.structural && alive;
+            (tables.stiffness[slot], tables.damping[slot]) = tissue.spring(sheet, state, s);
+            tables.rest[slot] = state.rest_mm.get(s).copied().unwrap_or(sheet.rest_mm[s]);
+            let tears = s < sheet.structural && state.spring_alive[s] != 0;
             tables.limit[slot] = if tears { tissue.tear_un_per_mm * sheet.rest_mm[s] } else { f32::INFINITY };
         }
         for (mobile, &flag) in self.mobile.iter_mut().zip(&state.flag) {
@@ -189,7 +181,7 @@ impl Solver {
     }
 
     /// Puts free nodes that passed the retina back on it and takes their outward velocity.
-    fn stay_inside(&self, state: &mut MembraneState, radius: f32) {
+    pub fn stay_inside(&self, state: &mut MembraneState, radius: f32) {
         for i in 0..self.mobile.len() {
             let p = state.position(i);
             let r2 = p.dot(&p);
@@ -232,8 +224,7 @@ impl pulp::NullaryFnOnce for Move<'_> {
         let (v_max, radius2) = (t.v_max, t.radius_mm * t.radius_mm);
         let quasi_static = v_max == 0.0;
         let v_max2 = if quasi_static { f32::INFINITY } else { v_max * v_max };
-        let (keep, old) =
-            (if quasi_static { 0.0 } else { 1.0 }, t.integrator == Integrator::Explicit && !quasi_static);
+        let (keep, old) = (if quasi_static { 0.0 } else { 1.0 }, t.explicit && !quasi_static);
         // Weights of the new and the old velocity in the way.
         let (new_dt, old_dt) = if old { (0.0, dt) } else { (dt, 0.0) };
         let mut outside = 0;
@@ -258,7 +249,7 @@ impl pulp::NullaryFnOnce for Move<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::scene_file::{MembraneScene, SceneFile};
+    use protocol::scene_file::{MembraneIntegrator, MembraneScene, SceneFile};
 
     fn peel(change: impl FnOnce(&mut MembraneScene)) -> (Sheet, MembraneState, Solver, Tissue) {
         let mut scene = SceneFile::load("peel").unwrap();
@@ -436,7 +427,7 @@ mod tests {
 
     #[test]
     fn explicit_euler_moves_by_the_old_velocity_and_semi_implicit_by_the_new() {
-        for integrator in [Integrator::SemiImplicit, Integrator::Explicit] {
+        for integrator in [MembraneIntegrator::SemiImplicit, MembraneIntegrator::Explicit] {
             let (sheet, mut state, mut solver, tissue) = oscillator(|m| m.integrator = integrator);
             let node = sheet.order[1] as usize;
             state.set_velocity(node, nalgebra::Vector3::new(2.0, 0.0, 0.0));
@@ -444,7 +435,7 @@ mod tests {
             solver.accelerate(&sheet, &state, &tissue);
             solver.integrate(&mut state, &tissue);
             // a = F/m = 30/0.01 = 3,000 mm/s²; dt = 1 ms.
-            let way = if integrator == Integrator::Explicit { 2.0e-3 } else { 5.0e-3 };
+            let way = if integrator == MembraneIntegrator::Explicit { 2.0e-3 } else { 5.0e-3 };
             assert!((state.velocity(node).x - 5.0).abs() < 1e-4);
             assert!((state.position(node).x - 1.0 - way).abs() < 1e-6, "{integrator:?}");
         }
@@ -465,8 +456,9 @@ mod tests {
             let stored: f64 = (0..3).map(|s| f64::from(solver.tension_un(s)).powi(2) / 200.0).sum();
             stored + 0.005 * f64::from(state.velocity(node).norm_squared())
         };
-        let (kept, fed) = (energy(Integrator::SemiImplicit, 200), energy(Integrator::Explicit, 200));
-        let first = energy(Integrator::SemiImplicit, 0);
+        let (kept, fed) =
+            (energy(MembraneIntegrator::SemiImplicit, 200), energy(MembraneIntegrator::Explicit, 200));
+        let first = energy(MembraneIntegrator::SemiImplicit, 0);
         assert!((kept / first - 1.0).abs() < 0.12, "{kept} {first}");
         // ω² is between k/m for the spring in line and a little more for the one across.
         let growth = (fed / first).powf(1.0 / 200.0) - 1.0;

@@ -14,7 +14,8 @@
 
 use super::sheet::Sheet;
 use crate::constants::{MAX_SPLITS, SUBSTEP_S};
-use protocol::scene_file::{Integrator, MembraneScene, SceneFile};
+use crate::state::MembraneState;
+use protocol::scene_file::{MembraneIntegrator, MembraneScene, SceneFile};
 
 /// Figures of the tissue as the solver needs them.
 #[derive(Debug, Clone, Copy)]
@@ -33,8 +34,10 @@ pub struct Tissue {
     pub a_tear: f32,
     /// Radius of the retina, mm.
     pub radius_mm: f32,
-    /// Which velocity moves a node: the new one, or the old one.
-    pub integrator: Integrator,
+    /// The old velocity moves the nodes.
+    pub explicit: bool,
+    /// Strain over which springs are drawn together again; 0 for no limit.
+    pub strain_limit: f32,
     /// Strain beyond which a spring's rest length creeps; infinite where the tissue is elastic.
     pub yield_strain: f32,
     /// Share of the strain beyond the yield by which the rest length follows, 1/s.
@@ -75,7 +78,8 @@ impl Tissue {
         v_max: 0.0,
         a_tear: f32::INFINITY,
         radius_mm: f32::INFINITY,
-        integrator: Integrator::SemiImplicit,
+        explicit: false,
+        strain_limit: 0.0,
         yield_strain: f32::INFINITY,
         creep_per_s: 0.0,
         stiffness: 0.0,
@@ -100,7 +104,8 @@ impl Tissue {
             v_max: m.v_max_mm_s as f32,
             a_tear: (m.a_max_mm_s2 * (1.0 + m.p_tear)) as f32,
             radius_mm,
-            integrator: m.integrator,
+            explicit: m.integrator == MembraneIntegrator::Explicit,
+            strain_limit: m.strain_limit as f32,
             yield_strain: or_never(m.yield_strain) as f32,
             creep_per_s: m.creep_per_s as f32,
             stiffness: m.stiffness_un_per_mm as f32,
@@ -115,15 +120,21 @@ impl Tissue {
         self.yield_strain.is_finite() && self.creep_per_s > 0.0
     }
 
-    /// Stiffness (µN/mm) and damping (µN·s/mm) of a spring while it lives.
-    pub fn spring(&self, sheet: &Sheet, spring: usize) -> [f32; 2] {
-        let stiffness = if spring < sheet.structural { self.stiffness } else { self.bending };
+    /// Stiffness (µN/mm) and damping (µN·s/mm) of a spring of the sheet; 0 where it is not alive.
+    pub fn spring(&self, sheet: &Sheet, state: &MembraneState, s: usize) -> (f32, f32) {
+        let (alive, stiffness) = match s.checked_sub(sheet.structural) {
+            None => (state.spring_alive[s] != 0, self.stiffness),
+            Some(bend) => (sheet.bends[bend].is_whole(state) && self.bending > 0.0, self.bending),
+        };
+        if !alive {
+            return (0.0, 0.0);
+        }
         let share = if self.stiffness > 0.0 { stiffness / self.stiffness } else { 1.0 };
-        let factor = |list: &[f32]| list.get(spring).copied().unwrap_or(1.0);
-        [stiffness * factor(&sheet.stiffness_factor), self.damping * share * factor(&sheet.damping_factor)]
+        let factor = |list: &[f32]| list.get(s).copied().unwrap_or(1.0);
+        (stiffness * factor(&sheet.stiffness_factor), self.damping * share * factor(&sheet.damping_factor))
     }
 
-    /// Splits the substep into as many equal parts as its stability needs; returns how many.
+    /// Splits the substep into as many equal parts as the stability of Euler's methods needs; returns how many.
     pub fn split(&mut self, sheet: &Sheet) -> Result<u32, Unstable> {
         let bound = Bound::new(self, sheet);
         let parts = (1..=MAX_SPLITS).find(|&parts| bound.holds(self, SUBSTEP_S / f64::from(parts)));
@@ -150,8 +161,10 @@ impl Bound {
     fn new(tissue: &Tissue, sheet: &Sheet) -> Self {
         let mut sums = vec![[0.0f64; 2]; sheet.nodes()];
         let mut beta = f64::INFINITY;
+        let whole = sheet.start();
         for (s, ends) in sheet.springs.iter().enumerate() {
-            let [k, c] = tissue.spring(sheet, s).map(f64::from);
+            let (k, c) = tissue.spring(sheet, &whole, s);
+            let (k, c) = (f64::from(k), f64::from(c));
             beta = if k > 0.0 && c / k < beta { c / k } else { beta };
             for &end in ends {
                 let [stiffness, damping] = &mut sums[end as usize];
@@ -165,14 +178,14 @@ impl Bound {
 
     fn holds(&self, tissue: &Tissue, dt: f64) -> bool {
         let (lambda, delta) = (self.lambda, self.delta);
-        match tissue.integrator {
-            _ if tissue.v_max == 0.0 => dt * dt * lambda < 2.0,
-            Integrator::SemiImplicit => dt * dt * lambda + 2.0 * dt * delta < 4.0,
-            Integrator::Explicit => {
-                let still = lambda == 0.0;
-                (still || dt < self.beta + f64::from(tissue.fluid_per_s) / lambda) && dt * delta < 2.0
-            }
+        if tissue.v_max == 0.0 {
+            return dt * dt * lambda < 2.0;
         }
+        if !tissue.explicit {
+            return dt * dt * lambda + 2.0 * dt * delta < 4.0;
+        }
+        let still = lambda == 0.0;
+        (still || dt < self.beta + f64::from(tissue.fluid_per_s) / lambda) && dt * delta < 2.0
     }
 }
 
@@ -215,18 +228,18 @@ mod tests {
     #[test]
     fn explicit_euler_asks_for_damping() {
         let (sheet, mut tissue) = peel(|m| {
-            (m.integrator, m.spring_damping_un_s_per_mm) = (Integrator::Explicit, 0.0);
+            (m.integrator, m.spring_damping_un_s_per_mm) = (MembraneIntegrator::Explicit, 0.0);
             m.fluid_damping_per_s = 0.0;
         });
         assert!(tissue.split(&sheet).is_err());
-        let (sheet, mut tissue) = peel(|m| m.integrator = Integrator::Explicit);
+        let (sheet, mut tissue) = peel(|m| m.integrator = MembraneIntegrator::Explicit);
         assert!(tissue.split(&sheet).unwrap() > 1, "0.375 ms of damping do not carry 1 ms");
     }
 
     /// Energy of a crumpled sheet after many steps of a share of the substep that the bound allows just so.
     #[test]
     fn what_the_bound_allows_stays_bounded() {
-        for integrator in [Integrator::SemiImplicit, Integrator::Explicit] {
+        for integrator in [MembraneIntegrator::SemiImplicit, MembraneIntegrator::Explicit] {
             let (sheet, mut tissue) = peel(|m| {
                 (m.integrator, m.tear_tension_n_per_m) = (integrator, 0.0);
                 (m.stiffness_un_per_mm, m.spring_damping_un_s_per_mm) = (20_000.0, 2.0);

@@ -3,6 +3,7 @@
 
 mod plan;
 mod tissue;
+mod tools;
 mod touch;
 
 pub use plan::start_instrument;
@@ -11,14 +12,16 @@ use crate::checkpoint::{self, CheckpointError};
 use crate::collision::instrument_image::{InstrumentImage, Volume};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
-use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
+use crate::constants::{MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::{EventLog, Happening};
 use crate::guard::LastGood;
+use crate::membrane::implicit::Implicit;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::Solver;
 use crate::membrane::tissue::{Tissue, Unstable};
 use crate::microscope;
 use crate::state::State;
+use crate::tools::{ToolFigures, ToolsState};
 use nalgebra::Isometry3;
 use protocol::events::{Event, EventKind, Severity};
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -84,10 +87,16 @@ pub struct World {
     splits: u32,
     state: State,
     solver: Solver,
+    /// What makes the substeps where the scene asks for more than the explicit core.
+    implicit: Option<Implicit>,
     volume: Volume,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
+    /// What the scene says of its tools.
+    figures: ToolFigures,
+    /// Where vitrectors and needles are in this substep.
+    aimed: tools::Aimed,
     last_good: LastGood,
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
@@ -103,8 +112,10 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
+        let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
+        let implicit = Implicit::of(integrator, &sheet);
         let mut tissue = Tissue::new(scene);
-        let splits = tissue.split(&sheet)?;
+        let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
         let state = start_state(scene, &sheet, &tissue);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
@@ -119,9 +130,12 @@ impl World {
             tissue,
             splits,
             solver: Solver::new(&sheet),
+            implicit,
             volume,
             zcoll,
             images: std::array::from_fn(image),
+            figures: ToolFigures::new(scene),
+            aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
@@ -145,16 +159,15 @@ impl World {
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
             let tissue_begin = clock();
+            self.aim_tools(&plan, &poses);
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             let tissue_end = clock();
             times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
             self.state.substeps += 1;
             self.touch_retina(&plan);
-            if self.state.substeps.is_multiple_of(COLLISION_EVERY) {
-                self.push_membrane(&plan, &poses);
-                times.collision_ns += clock().saturating_sub(tissue_end);
-            }
+            self.push_membrane(&plan, &poses);
+            times.collision_ns += clock().saturating_sub(tissue_end);
         }
         self.tell_toll();
         self.check_finite();
@@ -230,6 +243,9 @@ impl World {
     /// Derives the solver's figures from the living springs and the flags.
     fn refresh(&mut self) {
         self.solver.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        if let Some(implicit) = &mut self.implicit {
+            implicit.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+        }
     }
 
     fn begin_step(&mut self, frame: &TrackerFrame) {
@@ -282,6 +298,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue) -> State {
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane,
         microscope: microscope::start(&scene.microscope),
+        tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,

@@ -100,6 +100,7 @@ impl World {
                 continue;
             }
             microscope::press(&mut self.state.microscope, pedal);
+            self.state.tools.press(pedal, &self.figures);
             self.state.pedals_below = pedal.seq + 1;
         }
     }

@@ -2,9 +2,10 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::constants::{RIM_REARM, SUBSTEP_S};
+use crate::constants::{RIM_REARM, STRAIN_SWEEPS, SUBSTEP_S};
 use crate::event_log::Happening;
 use crate::guard;
+use crate::membrane::strain::limit_strain;
 use crate::membrane::tear;
 use crate::state::NODE_PINNED;
 use crate::tools::forceps::{self, Grasp};
@@ -46,13 +47,28 @@ impl World {
             self.contain();
         }
         if alarms.over_acceleration || alarms.over_tension {
-            self.tear(alarms.over_acceleration);
+            // Accelerations of stiff tissue at the begin of a substep say nothing about its end.
+            self.tear(alarms.over_acceleration && self.implicit.is_none());
         }
         if self.tissue.is_plastic() {
             self.solver.creep(&self.sheet, &mut self.state.membrane, &self.tissue);
         }
-        self.solver.integrate(&mut self.state.membrane, &self.tissue);
+        self.integrate();
         self.watch_rim();
+    }
+
+    fn integrate(&mut self) {
+        let (state, tissue) = (&mut self.state.membrane, &self.tissue);
+        match &mut self.implicit {
+            Some(implicit) => _ = implicit.integrate(state, tissue, &self.solver),
+            None => self.solver.integrate(state, tissue),
+        }
+        if tissue.strain_limit > 0.0 {
+            let drawn = limit_strain(&self.sheet, state, tissue.dt_s, tissue.strain_limit, STRAIN_SWEEPS);
+            if drawn > 0 {
+                self.solver.stay_inside(state, tissue.radius_mm);
+            }
+        }
     }
 
     fn contain(&mut self) {
