@@ -40,13 +40,23 @@ pub enum EventKind {
     InputRefused = 41,
     /// The simulation resumed from a checkpoint; steps recomputed.
     Resumed = 42,
+    /// More of the membrane is off the retina; mm² in all.
+    MembranePeeled = 60,
+    /// The whole membrane is off the retina; mm².
+    MembraneOff = 61,
+    /// The membrane pulls hard at the retina under it; Pa.
+    RetinaPulled = 62,
+    /// The retina came off the choroid and follows the membrane; mm of height.
+    RetinaLifted = 63,
+    /// Lifted retina tore; mm² in all.
+    RetinaTorn = 64,
     /// The tissue is too stiff for a whole substep; parts into which each is split.
     TimeStepSplit = 100,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 17] = [
+    pub const ALL: [EventKind; 22] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -63,6 +73,11 @@ impl EventKind {
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
+        EventKind::MembranePeeled,
+        EventKind::MembraneOff,
+        EventKind::RetinaPulled,
+        EventKind::RetinaLifted,
+        EventKind::RetinaTorn,
         EventKind::TimeStepSplit,
     ];
 
@@ -91,6 +106,11 @@ impl EventKind {
             EventKind::InputRefused => ("input refused", ""),
             EventKind::TimeStepSplit => ("substeps split for stability", "parts"),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
+            EventKind::MembranePeeled => ("membrane peeled", "mm²"),
+            EventKind::MembraneOff => ("the whole membrane is off", "mm²"),
+            EventKind::RetinaPulled => ("membrane pulls hard at the retina", "Pa"),
+            EventKind::RetinaLifted => ("retina lifted with the membrane", "mm"),
+            EventKind::RetinaTorn => ("retina torn", "mm²"),
         }
     }
 }

@@ -2,6 +2,7 @@
 //! hash and the checkpoints are made from this structure as a whole.
 
 use crate::collision::surface::Surface;
+use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
 use crate::tools::ToolsState;
 use nalgebra::{Isometry3, Vector3};
@@ -44,6 +45,8 @@ pub struct State {
     pub instruments: [InstrumentState; INSTRUMENTS],
     /// The membrane.
     pub membrane: MembraneState,
+    /// The glue under the membrane, where the scene has one.
+    pub adhesion: Option<AdhesionState>,
     /// The microscope and its pedal.
     pub microscope: MicroscopeState,
     /// Pump, blade and syringe.

@@ -1,6 +1,6 @@
 //! The epiretinal membrane of a scene: key `membrane`.
 
-use super::Range;
+use super::{AdhesionScene, CurlScene, Range};
 use serde::{Deserialize, Serialize};
 
 /// A rectangular sheet before the retina, its rim attached to the retina.
@@ -49,6 +49,12 @@ pub struct MembraneScene {
     pub rim_warn_un: f64,
     /// Force on a rim node that tears it off the retina, µN.
     pub rim_tear_un: f64,
+    /// Glue under the whole sheet; without it the rim alone is fixed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub adhesion: Option<AdhesionScene>,
+    /// Rolling up of what is free; without it the sheet stays as it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub curl: Option<CurlScene>,
 }
 
 /// How a substep of the membrane is made.
@@ -79,7 +85,7 @@ fn is_zero(number: &f64) -> bool {
 impl MembraneScene {
     /// Its plain numbers with their allowed ranges, both ends included.
     pub(super) fn ranges(&self) -> Vec<Range> {
-        vec![
+        let mut ranges = vec![
             ("membrane.size_mm[0]", self.size_mm[0], 0.1, 20.0),
             ("membrane.size_mm[1]", self.size_mm[1], 0.1, 20.0),
             ("membrane.lift_mm", self.lift_mm, 0.0, 5.0),
@@ -97,7 +103,10 @@ impl MembraneScene {
             ("membrane.tear_tension_n_per_m", self.tear_tension_n_per_m, 0.0, 1e6),
             ("membrane.rim_warn_un", self.rim_warn_un, 0.0, 1e9),
             ("membrane.rim_tear_un", self.rim_tear_un, 0.0, 1e9),
-        ]
+        ];
+        ranges.extend(self.adhesion.iter().flat_map(AdhesionScene::ranges));
+        ranges.extend(self.curl.iter().flat_map(CurlScene::ranges));
+        ranges
     }
 
     /// What is wrong beyond the ranges: key, what would be right, what is there.
@@ -120,6 +129,6 @@ impl MembraneScene {
                 found,
             ));
         }
-        None
+        self.adhesion.as_ref().and_then(AdhesionScene::defect)
     }
 }

@@ -1,9 +1,11 @@
 //! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
+mod adhesion;
 mod membrane;
 mod tools;
 
+pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use tools::{NeedleScene, VitrectorScene};
 
@@ -19,7 +21,10 @@ pub const FORMAT: &str = "vitreo-scene-1";
 pub const DEFAULT_SCENE: &str = "peel";
 
 /// Shipped scenes: name and text.
-pub const SHIPPED: [(&str, &str); 1] = [("peel", include_str!("../../../assets/scenes/peel.toml"))];
+pub const SHIPPED: &[(&str, &str)] = &[
+    ("peel", include_str!("../../../assets/scenes/peel.toml")),
+    ("erm", include_str!("../../../assets/scenes/erm.toml")),
+];
 
 /// Why a scene was refused.
 #[derive(Debug, thiserror::Error)]
@@ -224,7 +229,7 @@ impl SceneFile {
         let shipped = SHIPPED.iter().find(|(n, _)| *n == name);
         let (_, text) = shipped.ok_or_else(|| SceneError::Missing {
             name: name.into(),
-            shipped: SHIPPED.map(|(n, _)| n).join(", "),
+            shipped: SHIPPED.iter().map(|(n, _)| *n).collect::<Vec<_>>().join(", "),
         })?;
         Self::parse(text, name)
     }
@@ -363,7 +368,7 @@ mod tests {
     #[test]
     fn defects_are_named() {
         let text = SHIPPED[0].1;
-        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel"));
+        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, erm"));
         let unknown = format!("{text}\n[membrain]\nx = 1\n");
         assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
         let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);

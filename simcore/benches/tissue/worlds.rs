@@ -11,7 +11,7 @@ const STEPS: usize = 400;
 const ASKED_US: [f64; 2] = [250.0, 450.0];
 
 fn key(at_s: f64, instrument: u32, tip_in_eye_mm: [f64; 3]) -> ScriptKey {
-    ScriptKey { at_s, instrument, tip_in_eye_mm, roll_rad: 0.0, jaw_rad: 0.5 }
+    ScriptKey { at_s, instrument, tip_in_eye_mm, roll_rad: 0.0, jaw_rad: 0.5, tool: None }
 }
 
 /// The shipped scene with open jaws that press on the membrane for most of the round, and the other instrument beside it or far away.

@@ -5,6 +5,8 @@
 //! too stiff for that, [`strain`] where they must not grow too long) and [`tear`]
 //! removes springs, triangles and nodes so that the mesh stays consistent.
 
+pub mod adhesion;
+pub mod curl;
 mod grid;
 pub mod implicit;
 pub mod lanes;

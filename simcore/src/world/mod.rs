@@ -1,6 +1,7 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod peel;
 mod plan;
 mod tissue;
 mod tools;
@@ -15,6 +16,8 @@ use crate::collision::zcoll::Zcoll;
 use crate::constants::{MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::{EventLog, Happening};
 use crate::guard::LastGood;
+use crate::membrane::adhesion::Adhesion;
+use crate::membrane::curl::Curl;
 use crate::membrane::implicit::Implicit;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::Solver;
@@ -52,6 +55,19 @@ pub enum WorldError {
         /// Bytes there are.
         room: usize,
     },
+    /// The glue is too stiff for the nodes' mass and the substep.
+    #[error(
+        "membrane.node_mass_g: expected at least {least_g:.3} g for glue of {stiffness_un_per_mm:.0} µN/mm a node, \
+         found {found_g}; or give membrane.adhesion a longer range_mm"
+    )]
+    Glue {
+        /// Stiffness of the stiffest bond, µN/mm.
+        stiffness_un_per_mm: f64,
+        /// Mass that would do, g.
+        least_g: f64,
+        /// Mass there is, g.
+        found_g: f64,
+    },
 }
 
 /// What one step consumes.
@@ -87,6 +103,8 @@ pub struct World {
     splits: u32,
     state: State,
     solver: Solver,
+    adhesion: Option<Adhesion>,
+    curl: Option<Curl>,
     /// What makes the substeps where the scene asks for more than the explicit core.
     implicit: Option<Implicit>,
     volume: Volume,
@@ -101,6 +119,8 @@ pub struct World {
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
+    /// What happened to the glue in this step, for its events.
+    parting: peel::StepParting,
 }
 
 impl World {
@@ -112,11 +132,12 @@ impl World {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
+        let adhesion = peel::adhesion(scene, &sheet)?;
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let implicit = Implicit::of(integrator, &sheet);
         let mut tissue = Tissue::new(scene);
         let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
-        let state = start_state(scene, &sheet, &tissue);
+        let state = start_state(scene, &sheet, &tissue, adhesion.as_ref());
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -130,6 +151,8 @@ impl World {
             tissue,
             splits,
             solver: Solver::new(&sheet),
+            adhesion,
+            curl: peel::curl(scene, &sheet),
             implicit,
             volume,
             zcoll,
@@ -139,6 +162,7 @@ impl World {
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
+            parting: peel::StepParting::default(),
             scene: scene.clone(),
             sheet,
             state,
@@ -170,6 +194,7 @@ impl World {
             times.collision_ns += clock().saturating_sub(tissue_end);
         }
         self.tell_toll();
+        self.tell_peel();
         self.check_finite();
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
@@ -215,7 +240,9 @@ impl World {
 
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        self.state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
+        self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
         }
@@ -232,7 +259,7 @@ impl World {
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet, &self.tissue);
+        self.state = start_state(&self.scene, &self.sheet, &self.tissue, self.adhesion.as_ref());
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
@@ -251,6 +278,7 @@ impl World {
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
+        self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
         if self.state.step == 0 && self.splits > 1 {
             let parts = f64::from(self.splits);
@@ -277,8 +305,8 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue) -> State {
-    let mut membrane = sheet.start();
+fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Option<&Adhesion>) -> State {
+    let mut membrane = peel::start_membrane(sheet, adhesion);
     if tissue.is_plastic() {
         membrane.rest_mm.clone_from(&sheet.rest_mm);
     }
@@ -297,6 +325,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue) -> State {
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane,
+        adhesion: adhesion.map(Adhesion::start),
         microscope: microscope::start(&scene.microscope),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),

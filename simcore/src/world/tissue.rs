@@ -35,6 +35,7 @@ impl World {
                 forceps::carry(&self.state.instruments[i], membrane, pose, SUBSTEP_S);
             }
         }
+        self.pull_at_glue();
         for _ in 0..self.splits {
             self.advance_membrane();
         }

@@ -130,7 +130,7 @@ impl World {
     }
 
     /// Marks where the retina was hurt; a wound that is there already grows.
-    fn bleed(&mut self, tip: Vector3<f64>, depth_mm: f64) {
+    pub(super) fn bleed(&mut self, tip: Vector3<f64>, depth_mm: f64) {
         let at = (tip.normalize() * self.scene.eye.retina_radius_mm).map(|c| c as f32);
         let radius_mm = (MARK_RADIUS_MM + 0.5 * depth_mm.clamp(0.0, 1.0)) as f32;
         let marks = &mut self.state.marks;

@@ -1,0 +1,191 @@
+//! Bending with a natural curvature: what is free of the retina rolls up.
+//!
+//! Every inner edge is a hinge between two triangles. With θ the angle by which the sheet turns there
+//! (positive where the hollow faces the side of the triangles' normals) and ψ = 2 tan(θ/2),
+//!
+//! ```text
+//! moment  M = w (ψ − ψ̄)          w = D |e|²/(A₁ + A₂)      D: bending stiffness, µN·mm
+//! θ̄ = κ (A₁ + A₂)/|e|                                       κ: curvature of the roll, 1/mm
+//! f = −M ∇θ                        ∇θ after Bridson, Marino and Fedkiw (2003), Wardetzky et al. (2007)
+//! ```
+//!
+//! Both factors follow from a sheet z = ½ (κ₁ x² + κ₂ y²) on an equilateral lattice: a hinge whose edge has the
+//! direction t and the normal n turns by θ = (3 κₙₙ − κₜₜ)/2 · d with d = 2 (A₁ + A₂)/(3 |e|), the distance of the
+//! centroids. Summed over the three directions, with H = κ₁ + κ₂ and K = κ₁ κ₂, the energy per area is
+//! ½ D (H² − 8/3 K) − D κ H: Seung and Nelson (1988). A wide sheet cannot curve both ways without stretching, so
+//! K = 0 and it rolls to H = κ. On a lattice of right triangles the same factors give the same roll along its sides.
+//! Narrow strips (against √R (D/Y)^¼, some tenths of a millimetre) and free edges curve both ways, and more.
+//!
+//! ψ grows without bound as a hinge folds, which keeps it from folding through. Neither angle nor arctangent is
+//! needed: ψ = 2 sin θ/(1 + cos θ).
+
+use super::adhesion::{Adhesion, AdhesionState};
+use super::sheet::{NONE, Sheet};
+use crate::state::MembraneState;
+use nalgebra::Vector3;
+use protocol::scene_file::CurlScene;
+
+/// Largest ψ: a hinge folded to 168°. Protects the moment of a hinge that other forces folded flat.
+const MAX_PSI: f32 = 20.0;
+/// Twice the area of a triangle below which a hinge has no direction, mm².
+const TINY_MM2: f32 = 1e-7;
+
+/// Hinges of a sheet.
+#[derive(Debug, Clone)]
+pub struct Curl {
+    hinges: Vec<Hinge>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Hinge {
+    /// The edge's ends, then the corners of the two triangles off it.
+    nodes: [u32; 4],
+    triangles: [u32; 2],
+    /// w, µN·mm.
+    stiffness: f32,
+    /// ψ̄.
+    rest: f32,
+}
+
+impl Curl {
+    /// Hinges of `sheet` as it lies at the start.
+    pub fn new(sheet: &Sheet, scene: &CurlScene) -> Self {
+        let start = sheet.start();
+        let inner = |(s, sides): (usize, &[u32; 2])| {
+            let [ends, sides] = [sheet.springs[s], *sides];
+            (sides[1] != NONE).then(|| Hinge::new(sheet, &start, ends, sides, scene))
+        };
+        Curl { hinges: sheet.spring_triangles.iter().enumerate().filter_map(inner).collect() }
+    }
+
+    /// Adds the hinges' forces to `outer_un`. A hinge whose four nodes are all glued has none: there the adhesion,
+    /// thousands of times stiffer, says where the sheet is.
+    pub fn bend(
+        &self,
+        membrane: &MembraneState,
+        glue: Option<(&Adhesion, &AdhesionState)>,
+        outer_un: &mut [Vec<f32>; 3],
+    ) {
+        for hinge in &self.hinges {
+            let alive = hinge.triangles.iter().all(|&t| membrane.triangle_alive[t as usize] != 0);
+            let glued = glue.is_some_and(|(a, s)| hinge.nodes.iter().all(|&n| a.holds(s, n as usize)));
+            if alive && !glued {
+                hinge.bend(membrane, outer_un);
+            }
+        }
+    }
+}
+
+impl Hinge {
+    fn new(sheet: &Sheet, start: &MembraneState, ends: [u32; 2], sides: [u32; 2], scene: &CurlScene) -> Self {
+        let mut across = sides.map(|t| {
+            let other = |n: &&u32| !ends.contains(n);
+            *sheet.triangles[t as usize].iter().find(other).expect("a triangle has a corner off each edge")
+        });
+        // The first triangle is the one that runs along the edge from its first end to its second.
+        let [a, b, c] = sheet.triangles[sides[0] as usize];
+        let along = [[a, b], [b, c], [c, a]].contains(&ends);
+        if !along {
+            across.swap(0, 1);
+        }
+        let at = |n: u32| start.position(n as usize).map(f64::from);
+        let edge = (at(ends[1]) - at(ends[0])).norm();
+        let areas: f64 = across
+            .map(|c| 0.5 * (at(ends[1]) - at(ends[0])).cross(&(at(c) - at(ends[0]))).norm())
+            .iter()
+            .sum();
+        let turn = areas / (edge * scene.radius_mm);
+        Hinge {
+            nodes: [ends[0], ends[1], across[0], across[1]],
+            triangles: sides,
+            stiffness: (scene.stiffness_un_mm * edge * edge / areas) as f32,
+            rest: (2.0 * libm::tan(0.5 * turn.min(3.0))) as f32,
+        }
+    }
+
+    fn bend(&self, membrane: &MembraneState, outer_un: &mut [Vec<f32>; 3]) {
+        let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
+        let Some((psi, gradient)) = turn(p, q, a, b) else { return };
+        let moment = -self.stiffness * (psi - self.rest);
+        for (&node, gradient) in self.nodes.iter().zip(gradient) {
+            for (outer, g) in outer_un.iter_mut().zip(gradient.iter()) {
+                outer[node as usize] += moment * g;
+            }
+        }
+    }
+}
+
+/// ψ of the hinge `p`–`q` with the corners `a` (counter-clockwise p, q, a) and `b`, and the gradient of θ at p, q, a and b,
+/// rad/mm; `None` where a triangle has no area.
+fn turn(
+    p: Vector3<f32>,
+    q: Vector3<f32>,
+    a: Vector3<f32>,
+    b: Vector3<f32>,
+) -> Option<(f32, [Vector3<f32>; 4])> {
+    let edge = q - p;
+    let (n1, n2) = (edge.cross(&(a - p)), (b - p).cross(&edge));
+    let (l1, l2, length) = (n1.norm_squared(), n2.norm_squared(), edge.norm());
+    if !(l1 > TINY_MM2 * TINY_MM2 && l2 > TINY_MM2 * TINY_MM2) {
+        return None;
+    }
+    let scale = 1.0 / (l1.sqrt() * l2.sqrt());
+    let cos = n1.dot(&n2) * scale;
+    let sin = n2.cross(&n1).dot(&edge) * scale / length;
+    let psi = if 1.0 + cos > 1e-6 { 2.0 * sin / (1.0 + cos) } else { MAX_PSI.copysign(sin) };
+    // Moving a corner off the edge turns its triangle about it; the ends balance force and moment.
+    let (up_a, up_b) = (n1 * (length / l1), n2 * (length / l2));
+    let share = |c: Vector3<f32>| (c - p).dot(&edge) / (length * length);
+    let (sa, sb) = (share(a), share(b));
+    let at_q = -(up_a * sa + up_b * sb);
+    let at_p = -(up_a * (1.0 - sa) + up_b * (1.0 - sb));
+    Some((psi.clamp(-MAX_PSI, MAX_PSI), [at_p, at_q, up_a, up_b]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = Vector3<f32>> {
+        prop::array::uniform3(-0.3f32..0.3).prop_map(Vector3::from)
+    }
+
+    /// θ from its definition, in double precision.
+    fn angle(at: [Vector3<f64>; 4]) -> f64 {
+        let [p, q, a, b] = at;
+        let (n1, n2) = ((q - p).cross(&(a - p)).normalize(), (b - p).cross(&(q - p)).normalize());
+        n2.cross(&n1).dot(&(q - p).normalize()).atan2(n1.dot(&n2))
+    }
+
+    proptest! {
+        #[test]
+        fn angle_and_gradient_are_those_of_the_definition(jitter in prop::array::uniform4(point())) {
+            let flat = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.9, 0.0], [0.5, -0.9, 0.0]];
+            let at: [Vector3<f32>; 4] = std::array::from_fn(|i| Vector3::from(flat[i]) + jitter[i]);
+            let wide = at.map(|p| p.map(f64::from));
+            let (psi, gradient) = turn(at[0], at[1], at[2], at[3]).unwrap();
+            let theta = angle(wide);
+            prop_assert!((f64::from(psi) - 2.0 * (0.5 * theta).tan()).abs() < 1e-4);
+            for (node, axis) in (0..4).flat_map(|n| (0..3).map(move |a| (n, a))) {
+                let moved = |by: f64| {
+                    let mut at = wide;
+                    at[node][axis] += by;
+                    angle(at)
+                };
+                let slope = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+                prop_assert!((slope - f64::from(gradient[node][axis])).abs() < 2e-3 * (1.0 + slope.abs()));
+            }
+        }
+    }
+
+    #[test]
+    fn a_raised_corner_is_a_hollow_towards_the_normals() {
+        let at = |x, y, z| Vector3::new(x, y, z);
+        let (psi, _) =
+            turn(at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(0.5, 1.0, 0.3), at(0.5, -1.0, 0.0)).unwrap();
+        assert!(psi > 0.25);
+        let flat = turn(at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(0.5, 0.0, 0.0), at(0.5, -1.0, 0.0));
+        assert!(flat.is_none(), "a triangle without area has no direction");
+    }
+}
