@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test test-python bench golden pictures clean
+.PHONY: help setup setup-python demo test test-python bench validation golden pictures clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -71,6 +71,9 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
 	$(RELEASE) run --headless --instance bench --duration 30 --report out/bench-headless.json
+
+validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
+	cargo run --release -p simcore --example validation
 
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace
