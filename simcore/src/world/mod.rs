@@ -15,7 +15,7 @@ use crate::collision::choice::{self, Backend, Choice};
 use crate::collision::instrument_image::{InstrumentImage, Volume};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
-use crate::constants::{MAX_HELD, MAX_MARKS, NOTICE_NS};
+use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
 use crate::event_log::{EventLog, Happening};
 use crate::guard::LastGood;
 use crate::membrane::adhesion::Adhesion;
@@ -117,6 +117,8 @@ pub struct World {
     images: [InstrumentImage; INSTRUMENTS],
     /// What the scene says of its tools.
     figures: ToolFigures,
+    /// The port's camera and the membrane's areas, where there is a membrane.
+    cutting: Option<tools::Cutting>,
     /// Where vitrectors and needles are in this substep.
     aimed: tools::Aimed,
     last_good: LastGood,
@@ -152,9 +154,13 @@ impl World {
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
         let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
+        let figures = ToolFigures::new(scene);
+        let cutting = || tools::Cutting::new(&figures, &sheet);
+        let cutting = scene.membrane.is_some().then(cutting).transpose()?;
         let image = |i: usize| {
             let instrument = &scene.instruments[i];
-            InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &volume)
+            let radius = [instrument.shaft_radius_mm, figures.needle.radius_mm];
+            InstrumentImage::with_needle(instrument.tool, radius, &volume)
         };
         let mut world = World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
@@ -167,7 +173,8 @@ impl World {
             volume,
             zcoll,
             images: std::array::from_fn(image),
-            figures: ToolFigures::new(scene),
+            figures,
+            cutting,
             aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
@@ -209,17 +216,21 @@ impl World {
             self.use_ports();
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
+            self.cut_membrane(&poses);
             let tissue_end = clock();
             times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
             self.state.substeps += 1;
             self.touch_retina(&plan);
-            self.push_membrane(&plan, &poses);
-            times.collision_ns += clock().saturating_sub(tissue_end);
+            if self.state.substeps.is_multiple_of(COLLISION_EVERY) {
+                self.push_membrane(&plan, &poses);
+                times.collision_ns += clock().saturating_sub(tissue_end);
+            }
         }
         let gel_begin = clock();
         self.move_vitreous(&plan);
         times.tissue_ns += clock().saturating_sub(gel_begin);
         self.tell_toll();
+        self.tell_cuts();
         self.tell_peel();
         self.check_finite();
         self.end_step(&plan);

@@ -36,6 +36,7 @@ impl World {
             }
         }
         self.pull_at_glue();
+        self.suck_membrane(poses);
         for _ in 0..self.splits {
             self.advance_membrane();
         }
@@ -104,7 +105,7 @@ impl World {
     }
 
     /// After triangles have gone: the solver and the jaws forget what belonged to them.
-    fn after_loss(&mut self) {
+    pub(super) fn after_loss(&mut self) {
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
             if forceps::drop_dead(instrument, &self.state.membrane) && instrument.held.is_empty() {
