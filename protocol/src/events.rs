@@ -86,11 +86,13 @@ pub enum EventKind {
     InjectionFast = 77,
     /// Air takes the place of fluid (1), or fluid that of air (0).
     AirExchange = 78,
+    /// The tissue is too stiff for a whole substep; parts into which each is split.
+    TimeStepSplit = 100,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 39] = [
+    pub const ALL: [EventKind; 40] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -130,6 +132,7 @@ impl EventKind {
         EventKind::RetinaLying,
         EventKind::InjectionFast,
         EventKind::AirExchange,
+        EventKind::TimeStepSplit,
     ];
 
     /// From the wire.
@@ -164,6 +167,7 @@ impl EventKind {
             EventKind::BaseTraction => ("vitreous base pulled, the retina may tear", "Pa"),
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
+            EventKind::TimeStepSplit => ("substeps split for stability", "parts"),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
             EventKind::MembranePeeled => ("membrane peeled", "mm²"),
             EventKind::MembraneOff => ("the whole membrane is off", "mm²"),

@@ -100,6 +100,13 @@ impl Retina {
                     break;
                 }
             }
+            // Jaws that hold every node of a bleb decide its volume: they press out what does not fit, or draw in what is lacking.
+            let free = |n: &u32| state.tissue.flag[*n as usize] == NODE_FREE;
+            if !self.pieces.nodes_of(bleb).iter().any(free) {
+                let pressed = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
+                state.blebs[bleb].volume_mm3 -= pressed;
+                state.account.leaked_mm3 += pressed;
+            }
         }
     }
 

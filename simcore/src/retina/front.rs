@@ -82,7 +82,7 @@ impl Retina {
             let length = way.norm();
             if length > 0.0 {
                 let [force, inward] = &mut self.front_force[pull.front as usize];
-                *force += way * (f64::from(self.solver.tension_un[pull.spring as usize]) / length);
+                *force += way * (f64::from(self.solver.tension_un(pull.spring as usize)) / length);
                 *inward += way / length;
             }
         }

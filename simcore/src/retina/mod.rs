@@ -27,8 +27,9 @@ pub use surface::Clearance;
 use crate::guard::{self, LastGood};
 use crate::membrane::mesh::MeshError;
 use crate::membrane::sheet::Sheet;
-use crate::membrane::solver::{Solver, Tissue};
+use crate::membrane::solver::Solver;
 use crate::membrane::tear;
+use crate::membrane::tissue::{Tissue, Unstable};
 use figures::{FRONT_EVERY, Figures};
 use nalgebra::Vector3;
 use pieces::Pieces;
@@ -36,6 +37,17 @@ use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_DEAD;
 use protocol::scene_file::SceneFile;
 use state::RetinaState;
+
+/// Why a scene's retina cannot be simulated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RetinaError {
+    /// Its mesh cannot be built.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// Its springs are too stiff for their mass.
+    #[error(transparent)]
+    Unstable(#[from] Unstable),
+}
 
 /// What happened to the retina in a step, added up so that a step raises one event of a kind.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -70,6 +82,8 @@ pub struct Retina {
     /// Springs' forces.
     pub solver: Solver,
     tissue: Tissue,
+    /// Parts into which a substep is split for stability.
+    splits: u32,
     home_mm2: Vec<f32>,
     /// Nodes of the last ring, which always hold.
     ora: Vec<bool>,
@@ -85,7 +99,7 @@ pub struct Retina {
 
 impl Retina {
     /// The retina of a scene and its state at the start; `None` where the scene has none.
-    pub fn new(scene: &SceneFile) -> Result<Option<(Self, RetinaState)>, MeshError> {
+    pub fn new(scene: &SceneFile) -> Result<Option<(Self, RetinaState)>, RetinaError> {
         let Some(table) = &scene.retina else { return Ok(None) };
         let radius_mm = scene.eye.retina_radius_mm;
         let (axes, triangles) = mesh::hemisphere(radius_mm, table.rings);
@@ -94,6 +108,8 @@ impl Retina {
         let mut sheet = Sheet::from_triangles(&positions, &triangles, &mesh::ora(table.rings))?;
         // Shorter at rest than as it lies: the retina's own tension.
         sheet.rest_mm.iter_mut().for_each(|l| *l = (f64::from(*l) / (1.0 + table.prestrain)) as f32);
+        let mut tissue = Tissue::of_retina(table, radius_mm as f32);
+        let splits = tissue.split(&sheet)?;
         let state = state::start(sheet.start());
         let home_mm: Vec<_> = (0..sheet.nodes()).map(|n| state.tissue.position(n)).collect();
         let mut ora = vec![false; sheet.nodes()];
@@ -102,7 +118,8 @@ impl Retina {
             figures: Figures::new(table, radius_mm, scene.needle.unwrap_or_default().radius_mm),
             pieces: Pieces::new(&sheet),
             toll: Toll::default(),
-            tissue: Tissue::of_retina(table, radius_mm as f32),
+            tissue,
+            splits,
             solver: Solver::new(&sheet),
             home_mm2: pieces::home_areas(&sheet, &home_mm),
             home_mm,
@@ -155,14 +172,9 @@ impl Retina {
         if self.pieces.count() == 0 {
             return;
         }
-        let alarms = self.solver.accelerate(&self.sheet, &state.tissue, &self.tissue);
-        if alarms.not_finite {
-            self.contain(state);
+        for _ in 0..self.splits {
+            self.advance(state);
         }
-        if alarms.over_acceleration || alarms.over_tension {
-            self.tear(state, alarms.over_acceleration);
-        }
-        self.solver.integrate(&mut state.tissue, &self.tissue);
         self.hold_volumes(state);
         if substep.is_multiple_of(FRONT_EVERY) {
             if state.air {
@@ -171,6 +183,18 @@ impl Retina {
                 self.advance_front(state);
             }
         }
+    }
+
+    /// One part of a substep: forces, what they tear, motion.
+    fn advance(&mut self, state: &mut RetinaState) {
+        let alarms = self.solver.accelerate(&self.sheet, &state.tissue, &self.tissue);
+        if alarms.not_finite {
+            self.contain(state);
+        }
+        if alarms.over_acceleration || alarms.over_tension {
+            self.tear(state, alarms.over_acceleration);
+        }
+        self.solver.integrate(&mut state.tissue, &self.tissue);
     }
 
     /// The last corrections of a step: the mesh holds the accounts' volumes, and every number is finite.

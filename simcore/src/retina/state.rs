@@ -140,6 +140,7 @@ impl RetinaState {
         let lengths = t.position_mm.iter().chain(&t.velocity_mm_s).all(|v| v.len() == nodes);
         let fits = lengths
             && [t.flag.len(), self.bleb_of.len()] == [nodes; 2]
+            && t.rest_mm.is_empty()
             && t.spring_alive.len() == sheet.structural
             && t.triangle_alive.len() == sheet.triangles.len();
         if !fits {

@@ -17,22 +17,22 @@ use crate::collision::instrument_image::{InstrumentImage, Volume};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
-use crate::event_log::EventLog;
+use crate::event_log::{EventLog, Happening};
 use crate::guard::LastGood;
 use crate::membrane::adhesion::Adhesion;
 use crate::membrane::curl::Curl;
 use crate::membrane::implicit::Implicit;
-use crate::membrane::mesh::MeshError;
 use crate::membrane::sheet::Sheet;
-use crate::membrane::solver::{Solver, Tissue};
+use crate::membrane::solver::Solver;
+use crate::membrane::tissue::{Tissue, Unstable};
 use crate::microscope;
-use crate::retina::Retina;
+use crate::retina::{Retina, RetinaError};
 use crate::state::State;
 use crate::tools::vitrector::Port;
 use crate::tools::{ToolFigures, ToolsState};
 use crate::vitreous::Vitreous;
 use nalgebra::Isometry3;
-use protocol::events::Event;
+use protocol::events::{Event, EventKind, Severity};
 use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
@@ -46,9 +46,12 @@ pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
     Collision(#[from] Unusable),
-    /// The retina's mesh cannot be built.
+    /// The retina cannot be simulated.
     #[error("retina: {0}")]
-    Retina(#[from] MeshError),
+    Retina(#[from] RetinaError),
+    /// The tissue is too stiff for its time step.
+    #[error(transparent)]
+    Unstable(#[from] Unstable),
     /// The mesh does not fit the block that carries it to the renderer.
     #[error(
         "membrane.squares {squares:?}: the scene block would take {bytes} bytes, there is room for {room}"
@@ -105,6 +108,8 @@ pub struct World {
     fingerprint: u64,
     sheet: Sheet,
     tissue: Tissue,
+    /// Parts of a substep that its stability needs.
+    splits: u32,
     state: State,
     solver: Solver,
     adhesion: Option<Adhesion>,
@@ -148,9 +153,12 @@ impl World {
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
         let adhesion = peel::adhesion(scene, &sheet)?;
-        let mut state = State { retina, ..start_state(scene, &sheet, adhesion.as_ref()) };
-        state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
+        let implicit = Implicit::of(integrator, &sheet);
+        let mut tissue = Tissue::new(scene);
+        let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
+        let mut state = State { retina, ..start_state(scene, &sheet, &tissue, adhesion.as_ref()) };
+        state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -166,11 +174,12 @@ impl World {
         };
         let mut world = World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
-            tissue: Tissue::new(scene),
+            tissue,
+            splits,
             solver: Solver::new(&sheet),
             adhesion,
             curl: peel::curl(scene, &sheet),
-            implicit: Implicit::of(integrator, &sheet),
+            implicit,
             volume,
             zcoll,
             images: std::array::from_fn(image),
@@ -308,7 +317,8 @@ impl World {
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
         let retina = self.retina.as_ref().map(|part| part.model.start());
-        self.state = State { retina, ..start_state(&self.scene, &self.sheet, self.adhesion.as_ref()) };
+        self.state =
+            State { retina, ..start_state(&self.scene, &self.sheet, &self.tissue, self.adhesion.as_ref()) };
         self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
@@ -334,6 +344,10 @@ impl World {
         self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
         self.begin_retina();
+        if self.state.step == 0 && self.splits > 1 {
+            let parts = f64::from(self.splits);
+            self.log.raise(Happening::new(EventKind::TimeStepSplit, Severity::Info, parts));
+        }
     }
 
     fn end_step(&mut self, plan: &plan::Plan) {
@@ -355,7 +369,11 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Option<&Adhesion>) -> State {
+    let mut membrane = peel::start_membrane(sheet, adhesion);
+    if tissue.is_plastic() {
+        membrane.rest_mm.clone_from(&sheet.rest_mm);
+    }
     State {
         step: 0,
         field: 0,
@@ -370,7 +388,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) ->
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane: peel::start_membrane(sheet, adhesion),
+        membrane,
         adhesion: adhesion.map(Adhesion::start),
         vitreous: None,
         microscope: microscope::start(&scene.microscope),
