@@ -76,6 +76,9 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
     assert!(moved.len() >= 8, "what the jaws led lies elsewhere: {}", moved.len());
     for n in moved {
         let (was, is) = (home[n], state.tissue.position(n));
+        if was.xy().norm() < 0.3 {
+            continue; // The fovea itself has no direction to turn from.
+        }
         let angle = (was.x * is.y - was.y * is.x).atan2(was.x * is.x + was.y * is.y);
         assert!(angle > 0.1, "node {n} has turned by {angle} rad about the fovea");
     }
