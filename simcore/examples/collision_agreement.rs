@@ -1,7 +1,8 @@
 //! Counts where ZCOLL and the truth agree, and what the image misses at a resolution.
 //!
 //! `cargo run --release -p simcore --example collision_agreement [-- SCENES [PICTURE.png]]` compares SCENES (10,000) random
-//! π-convex scenes with exact rays through the pixel centres, to the bit; then draws the same 400 scenes at 8 to 256
+//! π-convex scenes with exact rays through the pixel centres, to the bit, and the processor with a graphics adapter where there
+//! is one; then draws the same 400 scenes at 8 to 256
 //! pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
 
 #[path = "../tests/rays/mod.rs"]
@@ -22,12 +23,64 @@ const RESOLUTIONS: [usize; 11] = [8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256];
 
 /// What ZCOLL reports on a scene: pixels with triangle and way, and the triangles.
 fn look(scene: &Scene) -> Vec<(u32, (u32, i32))> {
+    let (mut zcoll, image) = instruments(scene);
+    zcoll.look(&image, &scene.instrument_from_eye, &surface(scene));
+    zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect()
+}
+
+fn instruments(scene: &Scene) -> (Zcoll, InstrumentImage) {
     let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
     image.prepare(scene.jaw_rad, &scene.volume);
     let nodes = scene.position_mm[0].len();
-    let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).expect("a scene is usable");
-    zcoll.look(&image, &scene.instrument_from_eye, &surface(scene));
-    zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect()
+    (Zcoll::new(scene.volume, &scene.triangles, nodes).expect("a scene is usable"), image)
+}
+
+#[cfg(feature = "gpu")]
+mod adapter {
+    use super::{Scene, instruments, surface};
+    use simcore::collision::gpu::{GpuDevice, GpuZcoll};
+    use simcore::collision::zcoll::Zcoll;
+
+    /// The adapter, if this machine has one.
+    pub fn open() -> Option<GpuDevice> {
+        let opened = GpuDevice::open().map_err(|e| eprintln!("processor and adapter not compared: {e}"));
+        opened.inspect(|device| eprintln!("comparing with {}", device.name())).ok()
+    }
+
+    /// True if the adapter tells something else about a scene than the processor: counters, pixels, triangles, nodes,
+    /// vertices, or whether there is any collision.
+    pub fn differs(device: &GpuDevice, scene: &Scene) -> bool {
+        let (mut zcoll, image) = instruments(scene);
+        let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
+        let told = |zcoll: &mut Zcoll| {
+            let (touches, found) =
+                (zcoll.touches(&image, pose, &surface), zcoll.look(&image, pose, &surface));
+            let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
+                (zcoll.triangles().collect(), zcoll.displaced().collect());
+            triangles.sort_unstable();
+            nodes.sort_unstable();
+            let hits = zcoll.hits().to_vec();
+            (touches, found, hits, triangles, nodes, zcoll.vertices(&image, &surface).to_vec())
+        };
+        let cpu = told(&mut zcoll);
+        let gpu = GpuZcoll::new(device.clone(), scene.volume, &scene.triangles, surface.position_mm[0].len());
+        zcoll.set_gpu(Some(gpu.expect("a scene fits")));
+        let gpu = told(&mut zcoll);
+        cpu != gpu || !zcoll.is_on_gpu()
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+mod adapter {
+    /// This program was built without adapters.
+    pub fn open() -> Option<()> {
+        None
+    }
+
+    /// Nothing to compare with.
+    pub fn differs(_: &(), _: &super::Scene) -> bool {
+        false
+    }
 }
 
 fn surface(scene: &Scene) -> Surface<'_> {
@@ -39,6 +92,7 @@ fn surface(scene: &Scene) -> Surface<'_> {
 fn compare(scenes: usize) -> usize {
     let mut random = Random(20_021_109);
     let (mut differ, mut colliding, mut pixels) = (0, 0, 0);
+    let device = adapter::open();
     for number in 0..scenes {
         // One in fifty is large, because the rays take their time.
         let sizes: &[usize] = if number % 50 == 0 { &[128, 256] } else { &[8, 16, 32, 32, 64] };
@@ -46,13 +100,18 @@ fn compare(scenes: usize) -> usize {
         let expected: Vec<_> = collisions(&scene).into_iter().collect();
         if look(&scene) != expected {
             differ += 1;
-            eprintln!("scene {number} differs");
+            eprintln!("scene {number} differs from exact rays");
+        }
+        if device.as_ref().is_some_and(|device| adapter::differs(device, &scene)) {
+            differ += 1;
+            eprintln!("scene {number} differs between processor and adapter");
         }
         colliding += usize::from(!expected.is_empty());
         pixels += expected.len();
     }
+    let compared = if device.is_some() { "exact rays and the adapter" } else { "exact rays" };
     println!(
-        "{scenes} scenes, {colliding} with a collision, {pixels} colliding pixels: {differ} scenes differ from exact rays"
+        "{scenes} scenes, {colliding} with a collision, {pixels} colliding pixels: {differ} differ from {compared}"
     );
     differ
 }

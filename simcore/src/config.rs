@@ -1,5 +1,6 @@
 //! Arguments of the process.
 
+use crate::collision::choice::Backend;
 use protocol::scene_file::DEFAULT_SCENE;
 use protocol::shell::ShellArgs;
 use std::path::PathBuf;
@@ -14,6 +15,9 @@ pub struct Args {
     /// Scene: a shipped one by name, or a TOML file.
     #[arg(long, default_value = DEFAULT_SCENE)]
     pub scene: String,
+    /// Who looks for collisions; it changes no result. `auto` measures at start-up which is faster.
+    #[arg(long, value_enum, default_value_t, value_name = "WHO")]
+    pub collision: Backend,
     /// Recording to go on from: its newest checkpoint, and the steps since.
     #[arg(long, value_name = "FILE.mcap")]
     pub resume: Option<PathBuf>,

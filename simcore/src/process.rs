@@ -1,6 +1,7 @@
 //! The loop: poses, handles and pedal in; steps, scene, events and checkpoints out. The only module
 //! that knows the transport and the clock.
 
+use crate::collision::choice::Backend;
 use crate::config::Args;
 use crate::resume::{Past, Resumed};
 use crate::scene_block::{SceneWriter, bytes_needed};
@@ -26,6 +27,7 @@ use std::path::Path;
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let scene = SceneFile::load(&args.scene)?;
     let mut world = World::new(&scene).context("scene")?;
+    choose_collision(&mut world, args.collision);
     let (instance, mut shell) = Shell::start(Process::Simcore, &args.shell)?;
     let mut desk = Desk::open(&instance, &world)?;
     if let Some(file) = &args.resume {
@@ -58,6 +60,16 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         desk.report(&mut shell, &world);
     }
     Ok(())
+}
+
+/// Chooses who looks for collisions, and says so.
+fn choose_collision(world: &mut World, wanted: Backend) {
+    let Some(choice) = world.choose_collision(wanted, &mut now) else { return };
+    if wanted == Backend::Gpu && !choice.on_gpu {
+        log::warn!("{choice}");
+    } else {
+        log::info!("{choice}");
+    }
 }
 
 /// The channels, and what is kept between steps.

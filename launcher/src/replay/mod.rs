@@ -65,6 +65,9 @@ pub struct ReplayArgs {
     /// Write the blob stream that was replayed.
     #[arg(long, value_name = "OUT.jsonl")]
     pub blobs: Option<PathBuf>,
+    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu or gpu. It changes no result.
+    #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
+    pub collision: Option<String>,
     /// Write figures as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
@@ -130,7 +133,7 @@ fn play(
 ) -> anyhow::Result<Option<RecordingError>> {
     let default_name = format!("replay-{}", std::process::id());
     let name = args.instance.as_deref().unwrap_or(&default_name);
-    let mut stage = Stage::start(name, recording.provenance(), mode, stop)?;
+    let mut stage = Stage::start(name, recording.provenance(), mode, args.collision.as_deref(), stop)?;
     let mut pace = Pace::new(args, stop);
     loop {
         let begun = Instant::now();

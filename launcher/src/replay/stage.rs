@@ -156,11 +156,12 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Starts both processes with the recording's rig and scene, in instances `<name>-t` and `<name>-s`.
+    /// Starts both processes with the recording's rig and scene (`collision`: who looks for collisions), in instances `<name>-t` and `<name>-s`.
     pub fn start(
         name: &str,
         provenance: &Provenance,
         mode: TrackerMode,
+        collision: Option<&str>,
         stop: &Arc<AtomicBool>,
     ) -> anyhow::Result<Self> {
         let tracker = Side::open(&format!("{name}-t"), stop)?;
@@ -183,7 +184,9 @@ impl Stage {
             TrackerMode::StreamClock => "--stream-clock",
         };
         stage.tracker.start(Process::Tracker, &["--rig".into(), rig, how.into()])?;
-        stage.world.start(Process::Simcore, &["--scene".into(), scene])?;
+        let mut of_world = vec!["--scene".to_owned(), scene];
+        of_world.extend(collision.into_iter().flat_map(|who| ["--collision".to_owned(), who.to_owned()]));
+        stage.world.start(Process::Simcore, &of_world)?;
         Ok(stage)
     }
 

@@ -11,6 +11,9 @@ pub struct RunArgs {
     /// What is in the eye: a shipped scene's name or a scene file [default: peel].
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
+    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu or gpu. It changes no result.
+    #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
+    pub collision: Option<String>,
     /// Cameras, markers and trocars [default: the shipped rig].
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
@@ -204,7 +207,8 @@ impl RunArgs {
                     args.path(name, output.as_deref().map(|o| numbered(o, restarts)).as_deref());
                 }
             }
-            Process::Tracker | Process::Simcore => {}
+            Process::Simcore => args.value("--collision", self.collision.as_ref()),
+            Process::Tracker => {}
         }
         args.0
     }
@@ -321,11 +325,23 @@ mod tests {
 
     #[test]
     fn each_process_gets_what_it_understands() {
-        let args = parse(&["--rig", "r.json", "--scene", "peel", "--seed", "9", "--stills", "s"]).unwrap();
+        let args = parse(&[
+            "--rig",
+            "r.json",
+            "--scene",
+            "peel",
+            "--seed",
+            "9",
+            "--stills",
+            "s",
+            "--collision",
+            "cpu",
+        ])
+        .unwrap();
         let of = |p| args.arguments_of(p, View::Headless, Some(2.5), 0).join(" ");
         assert_eq!(of(Process::FpgaModel), "--rig r.json --scene peel --seed 9 --duration 2.5");
         assert_eq!(of(Process::Tracker), "--rig r.json");
-        assert_eq!(of(Process::Simcore), "--scene peel");
+        assert_eq!(of(Process::Simcore), "--scene peel --collision cpu");
         assert_eq!(of(Process::Renderer), "--rig r.json --scene peel --headless --stills s");
     }
 

@@ -29,21 +29,22 @@ pub trait Method {
     fn pairs(&self) -> Vec<(u32, u32)>;
 }
 
-/// Makes a method for a setting.
-pub type Make = fn(&Setting) -> Box<dyn Method>;
+/// Makes a method for a setting, where this machine has it.
+pub type Make = fn(&Setting) -> Option<Box<dyn Method>>;
 
 /// The methods in the order of the table; brute force only where it ends.
 pub fn methods(triangles: usize) -> Vec<Make> {
     let mut all: Vec<Make> = vec![
-        |s| Box::new(Image::new(s)),
-        |s| Box::new(Ours::new(s)),
-        |s| Box::new(ParryBvh::new(s)),
-        |s| Box::new(ParryManifolds::new(s)),
-        |s| Box::new(HashedGrid::new(s)),
-        |s| Box::new(SphereTrees::new(s)),
+        |s| Some(Box::new(Image::new(s))),
+        adapter,
+        |s| Some(Box::new(Ours::new(s))),
+        |s| Some(Box::new(ParryBvh::new(s))),
+        |s| Some(Box::new(ParryManifolds::new(s))),
+        |s| Some(Box::new(HashedGrid::new(s))),
+        |s| Some(Box::new(SphereTrees::new(s))),
     ];
     if triangles < 50_000 {
-        all.push(|_| Box::new(Brute::default()));
+        all.push(|_| Some(Box::new(Brute::default())));
     }
     all
 }
@@ -87,6 +88,69 @@ impl Method for Image {
     fn query(&mut self, frame: &Frame) -> usize {
         self.zcoll.look(&self.image, &frame.instrument_from_eye, &frame.surface);
         self.zcoll.triangles().count()
+    }
+    fn pairs(&self) -> Vec<(u32, u32)> {
+        Vec::new()
+    }
+}
+
+/// ZCOLL on an adapter.
+#[cfg(feature = "gpu")]
+struct OnAdapter {
+    image: Image,
+    about: &'static str,
+}
+
+#[cfg(feature = "gpu")]
+fn adapter(setting: &Setting) -> Option<Box<dyn Method>> {
+    use simcore::collision::gpu::{GpuDevice, GpuZcoll};
+    use std::sync::OnceLock;
+    static DEVICE: OnceLock<Option<(GpuDevice, &'static str)>> = OnceLock::new();
+    let device = DEVICE.get_or_init(|| match GpuDevice::open() {
+        Ok(device) => {
+            let about = format!("as zcoll-cpu; {}", device.name());
+            Some((device, about.leak()))
+        }
+        Err(error) => {
+            eprintln!("zcoll-gpu left out: {error}");
+            None
+        }
+    });
+    let (device, about) = device.clone()?;
+    let mut image = Image::new(setting);
+    let gpu = GpuZcoll::new(device, *image.zcoll.volume(), &setting.triangles, setting.nodes());
+    match gpu {
+        Ok(gpu) => image.zcoll.set_gpu(Some(gpu)),
+        Err(error) => {
+            eprintln!("zcoll-gpu left out: {error}");
+            return None;
+        }
+    };
+    Some(Box::new(OnAdapter { image, about }))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn adapter(_: &Setting) -> Option<Box<dyn Method>> {
+    eprintln!("zcoll-gpu left out: built without the feature gpu");
+    None
+}
+
+#[cfg(feature = "gpu")]
+impl Method for OnAdapter {
+    fn name(&self) -> &'static str {
+        "zcoll-gpu"
+    }
+    fn exact(&self) -> bool {
+        false
+    }
+    fn returns(&self) -> &'static str {
+        self.about
+    }
+    fn update(&mut self, _: &Frame) {}
+    fn query(&mut self, frame: &Frame) -> usize {
+        let found = self.image.query(frame);
+        assert!(self.image.zcoll.is_on_gpu(), "the adapter failed");
+        found
     }
     fn pairs(&self) -> Vec<(u32, u32)> {
         Vec::new()

@@ -6,9 +6,12 @@
 //! [`continuous`] tests what happens between two looks. [`eyeball`] compares the tip with the retina's sphere (the paper's
 //! case 2), [`rigid`] instruments with convex bodies (case 3). `docs/collision.md` tells the whole.
 
+pub mod choice;
 pub mod continuous;
 pub mod exact;
 pub mod eyeball;
+#[cfg(feature = "gpu")]
+pub mod gpu;
 pub mod instrument_image;
 pub mod placing;
 pub mod raster;

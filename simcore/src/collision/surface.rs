@@ -86,6 +86,16 @@ impl Frame {
         Frame { turn: [row(0), row(1), row(2)], tip: tip.into() }
     }
 
+    /// Rows of the rotation.
+    pub fn turn(&self) -> &[[f32; 3]; 3] {
+        &self.turn
+    }
+
+    /// The tip in the eye frame, mm.
+    pub fn tip(&self) -> &[f32; 3] {
+        &self.tip
+    }
+
     /// A point of the eye frame along one axis of the instrument's; the order of sums is part of the format.
     #[inline(always)]
     pub fn along(&self, axis: usize, x: f32, y: f32, z: f32) -> f32 {

@@ -17,6 +17,8 @@
 //! is not drawn. Only pixels that have instrument are drawn, because others never collide. Images are drawn in
 //! integers ([`super::raster`]), so that any other back end can give the same answer to the bit.
 
+#[cfg(feature = "gpu")]
+use super::gpu::{GpuError, GpuZcoll};
 use super::instrument_image::{InstrumentImage, NOTHING, Volume};
 use super::placing::{PLANES, Placed, Placing, REFUSED};
 use super::raster::{self, DEPTH_STEPS, Drawn, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
@@ -66,6 +68,12 @@ pub struct Zcoll {
     triangles: Vec<u32>,
     nodes: Vec<u32>,
     vertex_hits: Vec<(u32, i32)>,
+    /// Looks in place of all this, where there is one.
+    #[cfg(feature = "gpu")]
+    gpu: Option<Box<GpuZcoll>>,
+    /// Pose of the last look of `gpu`.
+    #[cfg(feature = "gpu")]
+    looked_from: Isometry3<f64>,
 }
 
 /// The membrane's images and the vertices drawn into them.
@@ -99,7 +107,26 @@ impl Zcoll {
             triangles: Vec::with_capacity(pixels.min(triangles.len())),
             nodes: Vec::with_capacity(nodes.min(3 * pixels)),
             vertex_hits: Vec::with_capacity(nodes),
+            #[cfg(feature = "gpu")]
+            gpu: None,
+            #[cfg(feature = "gpu")]
+            looked_from: Isometry3::identity(),
         })
+    }
+
+    /// Looks on an adapter from now on, or no longer. Nothing that is found depends on it; if the adapter fails, one line is
+    /// logged and the processor goes on.
+    #[cfg(feature = "gpu")]
+    pub fn set_gpu(&mut self, gpu: Option<GpuZcoll>) -> Option<GpuZcoll> {
+        std::mem::replace(&mut self.gpu, gpu.map(Box::new)).map(|gpu| *gpu)
+    }
+
+    /// True while an adapter does the looking.
+    pub fn is_on_gpu(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.gpu.is_some();
+        #[cfg(not(feature = "gpu"))]
+        false
     }
 
     /// Uses the base instruction set only: for the proof that every path gives the same bits.
@@ -126,6 +153,10 @@ impl Zcoll {
         if image.rect.is_empty() {
             return found;
         }
+        #[cfg(feature = "gpu")]
+        if let Some(found) = self.look_on_gpu(image, instrument_from_eye, surface) {
+            return found;
+        }
         self.draw_membrane(image, instrument_from_eye, surface, &mut found);
         self.compare(image, &mut found);
         self.spread_to_nodes(surface.triangles);
@@ -143,6 +174,10 @@ impl Zcoll {
         if image.rect.is_empty() {
             return false;
         }
+        #[cfg(feature = "gpu")]
+        if let Some(touches) = self.ask_gpu(|gpu| gpu.touches(image, instrument_from_eye, surface)) {
+            return touches;
+        }
         self.draw_membrane(image, instrument_from_eye, surface, &mut Found::default());
         self.canvas.rows(image).any(|(_, z_m, z_i)| z_m.iter().zip(z_i).any(|(m, i)| *m != NOTHING && i < m))
     }
@@ -151,6 +186,18 @@ impl Zcoll {
     /// own depth below the instrument's, in depth steps. Unlike triangles they are not limited to one per
     /// pixel. Of the last [`Self::look`], which must have had the same arguments.
     pub fn vertices(&mut self, image: &InstrumentImage, surface: &Surface) -> &[(u32, i32)] {
+        #[cfg(feature = "gpu")]
+        if self.gpu.is_some() {
+            let mut hits = std::mem::take(&mut self.vertex_hits);
+            hits.clear();
+            let told = self.ask_gpu(|gpu| gpu.vertices().map(|found| hits.extend_from_slice(found)));
+            self.vertex_hits = hits;
+            if told.is_some() {
+                return &self.vertex_hits;
+            }
+            // The processor has not seen the last look yet.
+            self.look(image, &{ self.looked_from }, surface);
+        }
         let width = self.canvas.resolution as i32;
         let context = &mut (&self.canvas.vertex, &mut self.vertex_hits);
         context.1.clear();
@@ -196,6 +243,42 @@ impl Zcoll {
         self.hits.clear();
         self.triangles.drain(..).for_each(|t| self.triangle_depth[t as usize] = 0);
         self.nodes.drain(..).for_each(|n| self.node_depth[n as usize] = 0);
+    }
+
+    /// Asks the adapter, if there is one; after an error there is none any more.
+    #[cfg(feature = "gpu")]
+    fn ask_gpu<T>(&mut self, ask: impl FnOnce(&mut GpuZcoll) -> Result<T, GpuError>) -> Option<T> {
+        match ask(self.gpu.as_mut()?) {
+            Ok(answer) => Some(answer),
+            Err(error) => {
+                log::warn!("collision goes on on the processor: {error}");
+                self.gpu = None;
+                None
+            }
+        }
+    }
+
+    /// A look of the adapter, if there is one, taken into the lists of this one.
+    #[cfg(feature = "gpu")]
+    fn look_on_gpu(
+        &mut self,
+        image: &InstrumentImage,
+        instrument_from_eye: &Isometry3<f64>,
+        surface: &Surface,
+    ) -> Option<Found> {
+        self.looked_from = *instrument_from_eye;
+        let found = self.ask_gpu(|gpu| gpu.look(image, instrument_from_eye, surface))?;
+        let gpu = self.gpu.as_ref()?;
+        self.hits.extend_from_slice(gpu.hits());
+        for &(triangle, way) in gpu.triangles() {
+            self.triangles.push(triangle);
+            self.triangle_depth[triangle as usize] = way;
+        }
+        for &(node, way) in gpu.displaced() {
+            self.nodes.push(node);
+            self.node_depth[node as usize] = way;
+        }
+        Some(found)
     }
 
     fn draw_membrane(

@@ -11,6 +11,7 @@ mod touch;
 pub use plan::start_instrument;
 
 use crate::checkpoint::{self, CheckpointError};
+use crate::collision::choice::{self, Backend, Choice};
 use crate::collision::instrument_image::{InstrumentImage, Volume};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
@@ -160,6 +161,16 @@ impl World {
         };
         world.refresh();
         Ok(world)
+    }
+
+    /// Chooses who looks for collisions with the membrane; `None` where there is none. It changes no result.
+    pub fn choose_collision(&mut self, wanted: Backend, clock: &mut dyn FnMut() -> u64) -> Option<Choice> {
+        let zcoll = self.zcoll.as_mut()?;
+        let instrument = &self.scene.instruments[0];
+        let mut image = InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &self.volume);
+        image.prepare(0.0, &self.volume);
+        let surface = self.state.membrane.surface(&self.sheet);
+        Some(choice::choose(zcoll, wanted, &image, &surface, clock))
     }
 
     /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's times and
