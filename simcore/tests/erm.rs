@@ -26,7 +26,7 @@ fn at(events: &[Event], kind: EventKind) -> Option<u64> {
 }
 
 /// One published figure was fitted (23G forceps, 6.63 mN: Velez-Montoya et al. 2013), one is predicted: the RMS while
-/// experts peeled in rabbits, 7.41 mN (Zheng et al. 2023). docs/tissue.md has what is not predicted.
+/// experts peeled in rabbits, 7.41 mN (Zheng et al. 2023). docs/peeling.md has what is not predicted.
 #[test]
 fn the_scripted_peel_costs_what_was_measured() {
     let (rehearsal, mut world) = erm(|_| {});
@@ -49,7 +49,9 @@ fn the_scripted_peel_costs_what_was_measured() {
     let peeled = at(&events, EventKind::MembranePeeled).expect("peeled");
     let pulled = at(&events, EventKind::RetinaPulled).expect("the epicentre pulls at the retina");
     assert!(grabbed < peeled && peeled < pulled, "{grabbed} {peeled} {pulled}");
-    for never in [EventKind::RetinaLifted, EventKind::RetinaTorn, EventKind::GripSlipped, EventKind::TissueDisabled] {
+    for never in
+        [EventKind::RetinaLifted, EventKind::RetinaTorn, EventKind::GripSlipped, EventKind::TissueDisabled]
+    {
         assert_eq!(at(&events, never), None, "{never:?}");
     }
     assert!(freed > 0.6 * world.adhesion().unwrap().glued_mm2(), "most of it is off: {freed} mm²");
