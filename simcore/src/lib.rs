@@ -7,6 +7,7 @@
 //! process ── StepInput ──▶ world::step ──▶ sweep      instruments between two poses
 //!                                     ├──▶ membrane   mass-spring sheet, limits, tearing
 //!                                     ├──▶ tools      what forceps do to nodes
+//!                                     ├──▶ vitreous   the gel, a chain mail of elements
 //!                                     ├──▶ collision  ZCOLL, tip against retina
 //!                                     ├──▶ guard      finite check, last good state
 //!                                     └──▶ checkpoint state hash, save and restore
@@ -32,4 +33,5 @@ pub mod soak;
 pub mod state;
 pub mod sweep;
 pub mod tools;
+pub mod vitreous;
 pub mod world;

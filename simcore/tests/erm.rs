@@ -80,14 +80,16 @@ fn the_loose_edge_curls_away_from_the_retina() {
         let (rehearsal, mut world) = erm(|s| {
             let m = s.membrane.as_mut().unwrap();
             m.curl = m.curl.take().filter(|_| curls);
+            m.adhesion.as_mut().unwrap().patches.last_mut().unwrap().radius_mm = 1.5;
         });
-        play(&rehearsal, &mut world, 0..100);
+        play(&rehearsal, &mut world, 0..150);
         let m = &world.state().membrane;
         (0..m.nodes()).map(|n| 11.5 - m.position(n).norm()).fold(0.0, f32::max)
     };
-    // A roll of 1.2 mm that is free over 0.5 to 0.7 mm rises by 0.5²/2.4 to 0.7²/2.4 mm and a little more at corners.
+    // A roll of 1.2 mm that is free over 1.5 mm would rise by 0.8 mm; the glue around it holds it back.
     let (with, without) = (height_mm(true), height_mm(false));
-    assert!((0.08..0.35).contains(&with) && without < 1e-3, "{with} {without}");
+    println!("{with} mm with curl, {without} without");
+    assert!((0.1..0.85).contains(&with) && without < 1e-3, "{with} {without}");
 }
 
 #[test]
