@@ -16,6 +16,9 @@ pub fn random_scene(draw: &mut Draw) -> SceneFile {
     if let Some(membrane) = &mut scene.membrane {
         vary_membrane(membrane, draw);
     }
+    if let Some(vitreous) = &mut scene.vitreous {
+        vitreous.lattice = 12 + draw.below(21) as u32;
+    }
     let contact = &mut scene.contact;
     contact.volume_mm = [draw.between(0.4, 1.2), draw.between(0.8, 2.0)];
     contact.resolution = [16, 32, 64][draw.below(3)];

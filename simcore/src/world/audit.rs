@@ -12,6 +12,7 @@ impl World {
             return Err("the membrane has numbers that are not finite".into());
         }
         tear::check_mesh(&self.sheet, &self.state.membrane)?;
+        self.check_vitreous(&self.state).map_err(|e| e.to_string())?;
         self.audit_glue()
     }
 }
