@@ -23,6 +23,9 @@ pub const UNDER_MARGIN_MM: f64 = 0.25;
 /// Up to so long a way in a step, mm, the collision volume cannot miss the membrane that the tip crosses, and the tip's path is not
 /// tested beside it: less than the volume's depth behind the tip.
 pub const LOOKED_WAY_MM: f64 = 1.0;
+/// A needle is out of its hole when the tip is so far before it, mm: a membrane that swings as it is pierced does not flood the
+/// events; less than what a hand moves in 0.1 s.
+pub const NEEDLE_OUT_MM: f64 = 0.02;
 /// Steps of jaw opening for which an instrument image is drawn, rad.
 pub const JAW_STEP_RAD: f64 = 0.01;
 
