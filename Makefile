@@ -67,6 +67,7 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p simcore --bench collision
+	cargo bench -p simcore --bench tissue
 	cargo bench -p renderer --bench frame
 	cargo bench -p simcore --bench vitreous
 	cargo build --release --workspace

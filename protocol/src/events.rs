@@ -68,11 +68,13 @@ pub enum EventKind {
     RetinaLifted = 63,
     /// Lifted retina tore; mm² in all.
     RetinaTorn = 64,
+    /// The tissue is too stiff for a whole substep; parts into which each is split.
+    TimeStepSplit = 100,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 30] = [
+    pub const ALL: [EventKind; 31] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -103,6 +105,7 @@ impl EventKind {
         EventKind::RetinaPulled,
         EventKind::RetinaLifted,
         EventKind::RetinaTorn,
+        EventKind::TimeStepSplit,
     ];
 
     /// From the wire.
@@ -137,6 +140,7 @@ impl EventKind {
             EventKind::BaseTraction => ("vitreous base pulled, the retina may tear", "Pa"),
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
+            EventKind::TimeStepSplit => ("substeps split for stability", "parts"),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
             EventKind::MembranePeeled => ("membrane peeled", "mm²"),
             EventKind::MembraneOff => ("the whole membrane is off", "mm²"),
