@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test test-python bench validation golden pictures clean
+.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -48,6 +48,9 @@ test: setup ## Format, lint, build and run every check
 	cargo clippy --workspace --all-targets -- -D warnings
 	cargo build --workspace
 	cargo test --workspace
+
+soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (hours; SOAK="--programmes 20")
+	cargo run --release -p simcore --example soak -- $(SOAK)
 
 setup-python:
 	@python3 -c 'import venv, ensurepip' 2>/dev/null || { $(AS_ROOT) apt-get update -qq; \

@@ -1,6 +1,7 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod audit;
 mod peel;
 mod plan;
 mod retina;
