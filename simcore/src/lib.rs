@@ -6,6 +6,7 @@
 //! ```text
 //! process ── StepInput ──▶ world::step ──▶ sweep      instruments between two poses
 //!                                     ├──▶ membrane   mass-spring sheet, limits, tearing
+//!                                     ├──▶ retina     the whole retina, blebs, their fluid
 //!                                     ├──▶ tools      what forceps do to nodes
 //!                                     ├──▶ vitreous   the gel, a chain mail of elements
 //!                                     ├──▶ collision  ZCOLL, tip against retina
@@ -28,6 +29,7 @@ pub mod microscope;
 pub mod process;
 pub mod rehearsal;
 pub mod resume;
+pub mod retina;
 pub mod scene_block;
 pub mod soak;
 pub mod state;

@@ -3,11 +3,13 @@
 
 mod adhesion;
 mod membrane;
+mod retina;
 mod tools;
 mod vitreous;
 
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
+pub use retina::RetinaScene;
 pub use tools::{NeedleScene, VitrectorScene};
 pub use vitreous::{
     GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
@@ -31,6 +33,7 @@ pub const SHIPPED: &[(&str, &str)] = &[
     ("erm", include_str!("../../../assets/scenes/erm.toml")),
     ("lift", include_str!("../../../assets/scenes/lift.toml")),
     ("trim", include_str!("../../../assets/scenes/trim.toml")),
+    ("relocation", include_str!("../../../assets/scenes/relocation.toml")),
 ];
 
 /// Why a scene was refused.
@@ -90,6 +93,9 @@ pub struct SceneFile {
     /// The epiretinal membrane; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
+    /// The whole retina as tissue; without it the retina is a sphere that nothing lifts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retina: Option<RetinaScene>,
     /// The vitreous body; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vitreous: Option<VitreousScene>,
@@ -355,6 +361,7 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.retina.iter().flat_map(|r| r.ranges()));
         ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
