@@ -50,11 +50,15 @@ pub enum EventKind {
     RetinaLifted = 63,
     /// Lifted retina tore; mm² in all.
     RetinaTorn = 64,
+    /// The jaws hold a rigid body; rad of opening.
+    BodyGripped = 90,
+    /// The jaws let a rigid body go; mm from the retina to its centre.
+    BodyReleased = 91,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 21] = [
+    pub const ALL: [EventKind; 23] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -76,6 +80,8 @@ impl EventKind {
         EventKind::RetinaPulled,
         EventKind::RetinaLifted,
         EventKind::RetinaTorn,
+        EventKind::BodyGripped,
+        EventKind::BodyReleased,
     ];
 
     /// From the wire.
@@ -107,6 +113,8 @@ impl EventKind {
             EventKind::RetinaPulled => ("membrane pulls hard at the retina", "Pa"),
             EventKind::RetinaLifted => ("retina lifted with the membrane", "mm"),
             EventKind::RetinaTorn => ("retina torn", "mm²"),
+            EventKind::BodyGripped => ("body gripped", "rad"),
+            EventKind::BodyReleased => ("body placed", "mm"),
         }
     }
 }

@@ -7,6 +7,7 @@
 //! process ── StepInput ──▶ world::step ──▶ sweep      instruments between two poses
 //!                                     ├──▶ membrane   mass-spring sheet, limits, tearing
 //!                                     ├──▶ tools      what forceps do to nodes
+//!                                     ├──▶ bodies     rigid bodies pushed and carried
 //!                                     ├──▶ collision  ZCOLL, tip against retina
 //!                                     ├──▶ guard      finite check, last good state
 //!                                     └──▶ checkpoint state hash, save and restore
@@ -15,6 +16,7 @@
 //! Units are mm, g, s, hence µN and Pa; tissue lives in the eye frame. Results are the same to the
 //! bit in every build: no fused operations, fixed order of sums, transcendentals from `libm`.
 
+pub mod bodies;
 pub mod checkpoint;
 pub mod collision;
 pub mod config;

@@ -2,10 +2,12 @@
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
 mod adhesion;
+mod bodies;
 mod membrane;
 mod tools;
 
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
+pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use tools::{NeedleScene, VitrectorScene};
 
@@ -24,6 +26,7 @@ pub const DEFAULT_SCENE: &str = "peel";
 pub const SHIPPED: &[(&str, &str)] = &[
     ("peel", include_str!("../../../assets/scenes/peel.toml")),
     ("erm", include_str!("../../../assets/scenes/erm.toml")),
+    ("bodies", include_str!("../../../assets/scenes/bodies.toml")),
 ];
 
 /// Why a scene was refused.
@@ -83,6 +86,9 @@ pub struct SceneFile {
     /// The epiretinal membrane; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
+    /// Rigid bodies to push, pick up and place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bodies: Option<BodiesScene>,
     /// What the vitrector can do, if other than usual.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vitrector: Option<VitrectorScene>,
@@ -267,7 +273,9 @@ impl SceneFile {
                 return refuse(field, &format!("{low} to {high}"), value.to_string());
             }
         }
-        if let Some((field, expected, found)) = self.membrane.as_ref().and_then(|m| m.defect()) {
+        let of_bodies = || self.bodies.as_ref().and_then(|b| b.defect(self.eye.retina_radius_mm));
+        let defect = self.membrane.as_ref().and_then(|m| m.defect()).or_else(of_bodies);
+        if let Some((field, expected, found)) = defect {
             return refuse(field, &expected, found);
         }
         if !(8..=256).contains(&self.contact.resolution) {
@@ -333,6 +341,7 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.bodies.iter().flat_map(|b| b.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
         ranges

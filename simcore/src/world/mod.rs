@@ -1,6 +1,7 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod bodies;
 mod peel;
 mod plan;
 mod tissue;
@@ -9,6 +10,7 @@ mod touch;
 
 pub use plan::start_instrument;
 
+use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
 use crate::collision::choice::{self, Backend, Choice};
 use crate::collision::instrument_image::{InstrumentImage, Volume};
@@ -103,6 +105,8 @@ pub struct World {
     /// What makes the substeps where the scene asks for more than the explicit core.
     implicit: Option<Implicit>,
     volume: Volume,
+    /// Shapes of the rigid bodies and the instruments, where there are some.
+    bodies: Option<bodies::Bodies>,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
@@ -146,6 +150,7 @@ impl World {
             curl: peel::curl(scene, &sheet),
             implicit: Implicit::of(integrator, &sheet),
             volume,
+            bodies: bodies::Bodies::new(scene)?,
             zcoll,
             images: std::array::from_fn(image),
             figures: ToolFigures::new(scene),
@@ -187,6 +192,7 @@ impl World {
             self.aim_tools(&plan, &poses);
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
+            self.move_bodies(&plan, &poses, k);
             let tissue_end = clock();
             times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
             self.state.substeps += 1;
@@ -245,6 +251,7 @@ impl World {
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
         peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
+        BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
         self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
@@ -320,6 +327,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) ->
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane: peel::start_membrane(sheet, adhesion),
+        bodies: scene.bodies.as_ref().map(BodiesState::start),
         adhesion: adhesion.map(Adhesion::start),
         microscope: microscope::start(&scene.microscope),
         tools: ToolsState::default(),
