@@ -64,6 +64,7 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p simcore --bench collision
+	cargo bench -p simcore --bench vitreous
 	cargo build --release --workspace
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json

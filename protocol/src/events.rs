@@ -34,6 +34,14 @@ pub enum EventKind {
     TrackingRegained = 30,
     /// A body is lost and touches nothing.
     TrackingLost = 31,
+    /// Vitreous was removed, another milestone; ml in all.
+    VitreousRemoved = 80,
+    /// The vitreous pulls at the retina; Pa.
+    VitreousTraction = 81,
+    /// The vitreous came off the retina; mm² in all.
+    VitreousDetached = 82,
+    /// The vitreous base is pulled so hard that the retina may tear; Pa.
+    BaseTraction = 83,
     /// A part of the tissue was disabled because its numbers ran away; node.
     TissueDisabled = 40,
     /// An input was refused by its validation.
@@ -58,7 +66,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 23] = [
+    pub const ALL: [EventKind; 27] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -72,6 +80,10 @@ impl EventKind {
         EventKind::NotPiConvex,
         EventKind::TrackingRegained,
         EventKind::TrackingLost,
+        EventKind::VitreousRemoved,
+        EventKind::VitreousTraction,
+        EventKind::VitreousDetached,
+        EventKind::BaseTraction,
         EventKind::TissueDisabled,
         EventKind::InputRefused,
         EventKind::Resumed,
@@ -105,6 +117,10 @@ impl EventKind {
             EventKind::NotPiConvex => ("membrane folded in the collision volume", "pixels"),
             EventKind::TrackingRegained => ("tracking regained", "s"),
             EventKind::TrackingLost => ("tracking lost", ""),
+            EventKind::VitreousRemoved => ("vitreous removed", "ml"),
+            EventKind::VitreousTraction => ("vitreous pulls at the retina", "Pa"),
+            EventKind::VitreousDetached => ("vitreous came off the retina", "mm²"),
+            EventKind::BaseTraction => ("vitreous base pulled, the retina may tear", "Pa"),
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),

@@ -8,6 +8,7 @@
 //!                                     ├──▶ membrane   mass-spring sheet, limits, tearing
 //!                                     ├──▶ tools      what forceps do to nodes
 //!                                     ├──▶ bodies     rigid bodies pushed and carried
+//!                                     ├──▶ vitreous   the gel, a chain mail of elements
 //!                                     ├──▶ collision  ZCOLL, tip against retina
 //!                                     ├──▶ guard      finite check, last good state
 //!                                     └──▶ checkpoint state hash, save and restore
@@ -33,4 +34,5 @@ pub mod scene_block;
 pub mod state;
 pub mod sweep;
 pub mod tools;
+pub mod vitreous;
 pub mod world;

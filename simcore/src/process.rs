@@ -94,7 +94,7 @@ struct Desk {
 
 impl Desk {
     fn open(instance: &Instance, world: &World) -> Result<Self, IpcError> {
-        let scene_bytes = bytes_needed(world.sheet());
+        let scene_bytes = bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v));
         Ok(Desk {
             poses: instance.receiver(Queue::InOrder)?,
             handles: instance.receiver(Queue::InOrder)?,

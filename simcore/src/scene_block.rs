@@ -4,6 +4,7 @@ use crate::bodies::state::BodyState;
 use crate::membrane::sheet::Sheet;
 use crate::microscope;
 use crate::state::{InstrumentState, is_bound};
+use crate::vitreous::Vitreous;
 use crate::world::World;
 use protocol::events::EventKind;
 use protocol::geometry::Pose;
@@ -24,10 +25,11 @@ const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
 const _: () = assert!(MAX_BODIES * size_of::<SceneBody>() <= 1536);
 const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 2048 < BESIDE_THE_MESH);
 
-/// Room that the scene of a sheet takes at most, bytes.
-pub fn bytes_needed(sheet: &Sheet) -> usize {
+/// Room that the scene of a sheet and a vitreous takes at most, bytes.
+pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>) -> usize {
     let mesh = sheet.nodes() * size_of::<SceneNode>() + sheet.triangles.len() * size_of::<SceneTriangle>();
-    mesh + BESIDE_THE_MESH
+    let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
+    mesh + bricks + BESIDE_THE_MESH
 }
 
 /// Fills scene blocks; keeps the lists that are copied into them.
@@ -93,7 +95,7 @@ impl SceneWriter {
             triangles: writer.write(&self.triangles).unwrap_or_default(),
             marks: writer.write(&self.marks).unwrap_or_default(),
             bodies: writer.write(&self.bodies).unwrap_or_default(),
-            bricks: Section::default(),
+            bricks: world.vitreous().and_then(|(v, _)| writer.write(v.haze().bricks())).unwrap_or_default(),
             text: writer.write(text.as_bytes()).unwrap_or_default(),
         }
     }
@@ -188,7 +190,7 @@ mod tests {
             field += 1;
             assert!(field < 50 * 16, "the script grabs");
         }
-        let mut payload = block(bytes_needed(world.sheet()));
+        let mut payload = block(bytes_needed(world.sheet(), None));
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
         let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 5, bytes);
         header.validate().unwrap();
@@ -215,7 +217,7 @@ mod tests {
     fn a_reset_changes_the_topology_number() {
         let world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
         let mut writer = SceneWriter::new(&world);
-        let mut payload = block(bytes_needed(world.sheet()));
+        let mut payload = block(bytes_needed(world.sheet(), None));
         let mut topology = |writer: &mut SceneWriter| {
             let bytes = bytemuck::cast_slice_mut(&mut payload);
             writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes).topology

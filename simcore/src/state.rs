@@ -6,6 +6,7 @@ use crate::collision::surface::Surface;
 use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
 use crate::tools::ToolsState;
+use crate::vitreous::state::VitreousState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -48,6 +49,8 @@ pub struct State {
     pub membrane: MembraneState,
     /// Rigid bodies, where the scene has some.
     pub bodies: Option<BodiesState>,
+    /// The vitreous, where there is one.
+    pub vitreous: Option<VitreousState>,
     /// The glue under the membrane, where the scene has one.
     pub adhesion: Option<AdhesionState>,
     /// The microscope and its pedal.

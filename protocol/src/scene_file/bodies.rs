@@ -84,7 +84,8 @@ impl BodiesScene {
                 let found = format!("{:?} of a {:?}, body {i}", body.half_extents_mm, body.shape);
                 return Some(("bodies.body.half_extents_mm", expected.into(), found));
             }
-            let reach = norm(body.position_in_eye_mm) + norm(body.half_extents_mm);
+            let radius = if body.shape == BodyShape::Box { norm([x, y, z]) } else { z };
+            let reach = norm(body.position_in_eye_mm) + radius;
             if reach > retina_radius_mm {
                 let expected = format!("the whole body within {retina_radius_mm} mm of the eye's centre");
                 return Some((

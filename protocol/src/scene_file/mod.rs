@@ -5,11 +5,15 @@ mod adhesion;
 mod bodies;
 mod membrane;
 mod tools;
+mod vitreous;
 
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use tools::{NeedleScene, VitrectorScene};
+pub use vitreous::{
+    GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
+};
 
 use crate::handles::{PedalMode, Tool};
 use crate::limits::INSTRUMENTS;
@@ -25,6 +29,7 @@ pub const DEFAULT_SCENE: &str = "peel";
 /// Shipped scenes: name and text.
 pub const SHIPPED: &[(&str, &str)] = &[
     ("peel", include_str!("../../../assets/scenes/peel.toml")),
+    ("vitrectomy", include_str!("../../../assets/scenes/vitrectomy.toml")),
     ("erm", include_str!("../../../assets/scenes/erm.toml")),
     ("bodies", include_str!("../../../assets/scenes/bodies.toml")),
 ];
@@ -89,6 +94,9 @@ pub struct SceneFile {
     /// Rigid bodies to push, pick up and place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bodies: Option<BodiesScene>,
+    /// The vitreous body; a scene may do without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vitreous: Option<VitreousScene>,
     /// What the vitrector can do, if other than usual.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vitrector: Option<VitrectorScene>,
@@ -278,6 +286,10 @@ impl SceneFile {
         if let Some((field, expected, found)) = defect {
             return refuse(field, &expected, found);
         }
+        let radius_mm = self.eye.retina_radius_mm;
+        if let Some((field, expected, found)) = self.vitreous.as_ref().and_then(|v| v.defect(radius_mm)) {
+            return refuse(&field, &expected, found);
+        }
         if !(8..=256).contains(&self.contact.resolution) {
             return refuse("contact.resolution", "8 to 256", self.contact.resolution.to_string());
         }
@@ -342,6 +354,7 @@ impl SceneFile {
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
         ranges.extend(self.bodies.iter().flat_map(|b| b.ranges()));
+        ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
         ranges
@@ -377,7 +390,7 @@ mod tests {
     #[test]
     fn defects_are_named() {
         let text = SHIPPED[0].1;
-        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, erm"));
+        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, "));
         let unknown = format!("{text}\n[membrain]\nx = 1\n");
         assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
         let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);

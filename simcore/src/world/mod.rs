@@ -7,6 +7,7 @@ mod plan;
 mod tissue;
 mod tools;
 mod touch;
+mod vitreous;
 
 pub use plan::start_instrument;
 
@@ -26,7 +27,9 @@ use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::{Solver, Tissue};
 use crate::microscope;
 use crate::state::State;
+use crate::tools::vitrector::Port;
 use crate::tools::{ToolFigures, ToolsState};
+use crate::vitreous::Vitreous;
 use nalgebra::Isometry3;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
@@ -118,6 +121,10 @@ pub struct World {
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
+    /// The vitreous, where there is one.
+    vitreous: Option<Vitreous>,
+    /// Ports that sucked at the vitreous in this step: substeps open, and the last of them.
+    sucking: [Option<(u32, Port)>; INSTRUMENTS],
     /// What happened to the glue in this step, for its events.
     parting: peel::StepParting,
 }
@@ -126,13 +133,15 @@ impl World {
     /// The world of a scene, before its first step.
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
         let sheet = Sheet::new(scene);
-        let bytes = crate::scene_block::bytes_needed(&sheet);
+        let vitreous = Vitreous::new(scene);
+        let bytes = crate::scene_block::bytes_needed(&sheet, vitreous.as_ref());
         if bytes > MAX_SCENE_BYTES {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
         let adhesion = peel::adhesion(scene, &sheet)?;
-        let state = start_state(scene, &sheet, adhesion.as_ref());
+        let mut state = start_state(scene, &sheet, adhesion.as_ref());
+        state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
@@ -158,6 +167,8 @@ impl World {
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
+            vitreous,
+            sucking: Default::default(),
             parting: peel::StepParting::default(),
             scene: scene.clone(),
             sheet,
@@ -190,6 +201,7 @@ impl World {
             let poses = self.move_instruments(&plan, k);
             let tissue_begin = clock();
             self.aim_tools(&plan, &poses);
+            self.use_ports();
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             self.move_bodies(&plan, &poses, k);
@@ -202,6 +214,9 @@ impl World {
                 times.collision_ns += clock().saturating_sub(tissue_end);
             }
         }
+        let gel_begin = clock();
+        self.move_vitreous(&plan);
+        times.tissue_ns += clock().saturating_sub(gel_begin);
         self.tell_toll();
         self.tell_peel();
         self.check_finite();
@@ -250,6 +265,7 @@ impl World {
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        self.check_vitreous(&state)?;
         peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
         BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
         self.state = state;
@@ -264,17 +280,20 @@ impl World {
             }
         }
         self.refresh();
+        self.refresh_vitreous();
         Ok(())
     }
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
         self.state = start_state(&self.scene, &self.sheet, self.adhesion.as_ref());
+        self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
         }
         self.refresh();
+        self.refresh_vitreous();
     }
 
     /// Derives the solver's figures from the living springs and the flags.
@@ -288,6 +307,7 @@ impl World {
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         self.toll = tissue::Toll::default();
+        self.sucking = Default::default();
         self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
     }
@@ -329,6 +349,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) ->
         membrane: peel::start_membrane(sheet, adhesion),
         bodies: scene.bodies.as_ref().map(BodiesState::start),
         adhesion: adhesion.map(Adhesion::start),
+        vitreous: None,
         microscope: microscope::start(&scene.microscope),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),

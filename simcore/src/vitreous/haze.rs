@@ -1,0 +1,240 @@
+//! The vitreous as the renderer draws it: densities on the cells of the lattice at rest, in bricks of 8³.
+//!
+//! Every living element gives its density to the eight cells around its place, in eighths along each axis, as
+//! whole numbers: a sum of them does not depend on the order in which elements moved. So only elements that
+//! moved by an eighth, or went, since the last picture are taken out and put in again, and only their bricks are written anew.
+
+use super::lattice::Lattice;
+use super::state::VitreousState;
+use bytemuck::Zeroable;
+use protocol::scene::SceneBrick;
+
+/// Cells along a brick.
+const BRICK: usize = 8;
+/// Steps between two cells along an axis, as a power of two.
+const FINE_BITS: u32 = 3;
+
+/// The densities, and what they were made from.
+#[derive(Debug, Clone)]
+pub struct Haze {
+    /// Sum of densities · 8³ of a cell, x fastest.
+    sums: Vec<u32>,
+    /// Bricks along an axis.
+    along: usize,
+    bricks: Vec<SceneBrick>,
+    /// Brick in `bricks` by its place, x fastest; [`NO_BRICK`] where nothing can be.
+    number: Vec<u32>,
+    /// Bricks to write anew.
+    dirty: Vec<bool>,
+    /// Where elements were when they were put in, eighths of a cell from rest.
+    drawn_at: Vec<[i16; 3]>,
+    /// Eighths of a cell in a µm.
+    fine_per_um: f32,
+    drawn: Vec<bool>,
+}
+
+const NO_BRICK: u32 = u32::MAX;
+
+impl Haze {
+    /// Nothing drawn yet.
+    pub fn new(lattice: &Lattice) -> Self {
+        let along = lattice.cells.div_ceil(BRICK);
+        let pitch_mm = lattice.pitch_um as f32 * 1e-3;
+        let edge_mm = BRICK as f32 * pitch_mm;
+        let corner = |c: usize| (c as f32 * BRICK as f32 - lattice.cells as f32 * 0.5) * pitch_mm;
+        let radius = lattice.radius_um as f32 * 1e-3 + pitch_mm;
+        let (mut bricks, mut number) = (Vec::new(), vec![NO_BRICK; along * along * along]);
+        for (i, slot) in number.iter_mut().enumerate() {
+            let corner_mm = [i % along, i / along % along, i / along / along].map(corner);
+            // Distance of the brick from the eye's centre.
+            let apart2: f32 = corner_mm
+                .map(|c| {
+                    if c > 0.0 {
+                        c
+                    } else if c + edge_mm < 0.0 {
+                        c + edge_mm
+                    } else {
+                        0.0
+                    }
+                })
+                .iter()
+                .map(|d| d * d)
+                .sum();
+            if apart2 <= radius * radius {
+                *slot = bricks.len() as u32;
+                bricks.push(SceneBrick { corner_mm, edge_mm, ..SceneBrick::zeroed() });
+            }
+        }
+        Haze {
+            sums: vec![0; (along * BRICK).pow(3)],
+            along,
+            dirty: vec![false; bricks.len()],
+            bricks,
+            number,
+            drawn_at: vec![[0; 3]; lattice.len()],
+            fine_per_um: (1 << FINE_BITS) as f32 / lattice.pitch_um as f32,
+            drawn: vec![false; lattice.len()],
+        }
+    }
+
+    /// The bricks, in an order that never changes.
+    pub fn bricks(&self) -> &[SceneBrick] {
+        &self.bricks
+    }
+
+    /// Follows what moved or went in a row.
+    pub fn follow(&mut self, lattice: &Lattice, state: &VitreousState, row: usize) {
+        let row = &lattice.rows[row];
+        let start = row.start as usize;
+        for e in start..start + usize::from(row.len) {
+            let [x, y, z] = &state.shift_um;
+            let now = [self.fine(x[e]), self.fine(y[e]), self.fine(z[e])];
+            let alive = state.is_alive(e);
+            if alive == self.drawn[e] && (!alive || now == self.drawn_at[e]) {
+                continue;
+            }
+            if self.drawn[e] {
+                self.put(lattice, e, self.drawn_at[e], false);
+            }
+            if alive {
+                self.put(lattice, e, now, true);
+            }
+            (self.drawn_at[e], self.drawn[e]) = (now, alive);
+        }
+    }
+
+    /// A displacement in whole eighths of a cell, rounded down; the same for the same displacement, and that is all it must be.
+    fn fine(&self, shift_um: i16) -> i16 {
+        const LIFT: f32 = 8192.0;
+        (f32::from(shift_um) * self.fine_per_um + LIFT) as i16 - LIFT as i16
+    }
+
+    /// Adds an element's density to the cells around its place, or takes it away.
+    fn put(&mut self, lattice: &Lattice, e: usize, at: [i16; 3], add: bool) {
+        let cell = lattice.cell(e);
+        let last = (lattice.cells as i32 - 1) << FINE_BITS;
+        // Along each axis: the lower cell, and eighths of the way to the next one.
+        let fine: [(usize, u32); 3] = std::array::from_fn(|c| {
+            let at = ((cell[c] << FINE_BITS) + i32::from(at[c])).clamp(0, last) as usize;
+            (at >> FINE_BITS, (at & ((1 << FINE_BITS) - 1)) as u32)
+        });
+        let side = self.along * BRICK;
+        for corner in 0..8 {
+            let mut weight = u32::from(lattice.density[e]);
+            let mut at = [0; 3];
+            for c in 0..3 {
+                let upper = corner >> c & 1;
+                let (lower, part) = fine[c];
+                weight *= if upper == 1 { part } else { (1 << FINE_BITS) - part };
+                at[c] = lower + upper;
+            }
+            if weight == 0 {
+                continue;
+            }
+            let sum = &mut self.sums[at[0] + side * (at[1] + side * at[2])];
+            *sum = if add { *sum + weight } else { *sum - weight };
+            let [x, y, z] = at.map(|c| c / BRICK);
+            let brick = self.number[x + self.along * (y + self.along * z)];
+            if brick != NO_BRICK {
+                self.dirty[brick as usize] = true;
+            }
+        }
+    }
+
+    /// Writes the bricks that changed; returns how many.
+    pub fn write(&mut self) -> usize {
+        let side = self.along * BRICK;
+        let mut written = 0;
+        for (i, &number) in self.number.iter().enumerate() {
+            if number == NO_BRICK || !std::mem::take(&mut self.dirty[number as usize]) {
+                continue;
+            }
+            written += 1;
+            let first = [i % self.along, i / self.along % self.along, i / self.along / self.along];
+            let [x, y, z] = first.map(|c| c * BRICK);
+            let rows = self.bricks[number as usize].density.chunks_exact_mut(BRICK).enumerate();
+            for (row, out) in rows {
+                let start = x + side * (y + row % BRICK + side * (z + row / BRICK));
+                for (out, &sum) in out.iter_mut().zip(&self.sums[start..start + BRICK]) {
+                    *out = (sum >> (3 * FINE_BITS)).min(255) as u8;
+                }
+            }
+        }
+        written
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lattice::tests::lattice;
+    use super::*;
+
+    fn drawn(lattice: &Lattice, state: &VitreousState) -> Haze {
+        let mut haze = Haze::new(lattice);
+        (0..lattice.rows.len()).for_each(|row| haze.follow(lattice, state, row));
+        haze.write();
+        haze
+    }
+
+    fn at(haze: &Haze, lattice: &Lattice, cell: [i32; 3]) -> u8 {
+        let place =
+            cell.map(|c| ((2 * c + 1) as f32 - lattice.cells as f32) * 0.5 * lattice.pitch_um as f32 * 1e-3);
+        let inside = |b: &&SceneBrick| {
+            (0..3).all(|c| (b.corner_mm[c]..b.corner_mm[c] + b.edge_mm).contains(&place[c]))
+        };
+        let brick = haze.bricks.iter().find(inside).expect("a brick");
+        let [x, y, z] = [0, 1, 2].map(|c| ((place[c] - brick.corner_mm[c]) / brick.edge_mm * 8.0) as usize);
+        brick.density[x + 8 * (y + 8 * z)]
+    }
+
+    #[test]
+    fn at_rest_every_cell_has_its_elements_density() {
+        let lattice = lattice(20);
+        let haze = drawn(&lattice, &VitreousState::new(&lattice));
+        for e in lattice.numbers() {
+            assert_eq!(at(&haze, &lattice, lattice.cell(e)), lattice.density[e]);
+        }
+        let sum: u64 = haze.bricks.iter().flat_map(|b| b.density).map(u64::from).sum();
+        assert_eq!(sum, lattice.density.iter().map(|&d| u64::from(d)).sum::<u64>());
+    }
+
+    #[test]
+    fn following_gives_what_drawing_anew_gives_and_removal_leaves_a_hole() {
+        let lattice = lattice(20);
+        let mut state = VitreousState::new(&lattice);
+        let mut haze = drawn(&lattice, &state);
+        let mut seed = 7u32;
+        for round in 0..20 {
+            for _ in 0..30 {
+                seed = seed.wrapping_mul(1664525).wrapping_add(1013904223);
+                let e = super::super::lattice::PAD + (seed >> 8) as usize % lattice.elements();
+                if round % 2 == 0 {
+                    state.shift_um[(seed % 3) as usize][e] = (seed >> 20) as i16 % 2000 - 1000;
+                } else {
+                    state.status[e] = 0;
+                }
+                haze.follow(&lattice, &state, usize::from(lattice.row_of[e]));
+            }
+            haze.write();
+            assert!(haze.bricks == drawn(&lattice, &state).bricks, "round {round}");
+        }
+        lattice.numbers().for_each(|e| state.status[e] = 0);
+        (0..lattice.rows.len()).for_each(|row| haze.follow(&lattice, &state, row));
+        haze.write();
+        assert!(haze.bricks.iter().all(|b| b.density.iter().all(|&d| d == 0)));
+        assert_eq!(haze.write(), 0, "nothing changed since");
+    }
+
+    #[test]
+    fn an_element_half_way_between_two_cells_is_seen_in_both() {
+        let lattice = lattice(20);
+        let mut state = VitreousState::new(&lattice);
+        let cell = [9, 9, 14];
+        let e = lattice.element(cell).unwrap();
+        lattice.numbers().filter(|&o| o != e).for_each(|o| state.status[o] = 0);
+        state.shift_um[0][e] = (lattice.pitch_um / 2) as i16;
+        let haze = drawn(&lattice, &state);
+        let half = lattice.density[e] / 2;
+        assert_eq!([9, 10, 11].map(|x| at(&haze, &lattice, [x, 9, 14])), [half, half, 0]);
+    }
+}

@@ -1,0 +1,251 @@
+//! The vitreous' share of a step: shafts drag it, the vitrector takes it, it comes back, and the retina feels it.
+//!
+//! It moves in parts of a step of about [`VITREOUS_SUBSTEPS`] substeps, after the substeps of the membrane: the gel is slow,
+//! and a part covers the instruments' whole way, so that nothing is lost between two of them.
+
+use super::World;
+use super::plan::Plan;
+use crate::checkpoint::CheckpointError;
+use crate::constants::{SUBSTEP_S, TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
+use crate::event_log::Happening;
+use crate::state::State;
+use crate::tools::vitrector::Port;
+use crate::vitreous::state::VitreousState;
+use crate::vitreous::traction::{Stress, Traction};
+use crate::vitreous::{Shaft, Vitreous, state};
+use protocol::events::{EventKind, Severity};
+use protocol::limits::INSTRUMENTS;
+
+impl World {
+    /// The vitreous and its state, if the scene has one.
+    pub fn vitreous(&self) -> Option<(&Vitreous, &VitreousState)> {
+        self.vitreous.as_ref().zip(self.state.vitreous.as_ref())
+    }
+
+    /// A substep of the vitrectors: what the open ones will have sucked by the end of the step, and what the closing ones cut.
+    pub(super) fn use_ports(&mut self) {
+        let (Some(gel), Some(scene)) = (&mut self.vitreous, &self.scene.vitreous) else { return };
+        let Some(state) = &mut self.state.vitreous else { return };
+        for (port, sucking) in self.aimed.ports.iter().zip(&mut self.sucking) {
+            let Some(port) = port.filter(|p| p.suction_pa > 0.0) else { continue };
+            if port.open {
+                *sucking = Some((sucking.map_or(0, |(substeps, _)| substeps) + 1, port));
+            }
+            if port.cuts {
+                let middle =
+                    port.cone.apex_in_eye_mm + port.cone.axis_in_eye.scale(port.depth_mm - port.radius_mm);
+                gel.bite(state, middle, scene.suction.bite_mm);
+            }
+        }
+    }
+
+    /// Pulls the gel in the suction cones, for the substeps in which their ports were open.
+    fn suck_vitreous(&mut self, gel: &mut Vitreous, state: &mut VitreousState) {
+        let Some(scene) = &self.scene.vitreous else { return };
+        for (substeps, port) in self.sucking.iter_mut().filter_map(Option::take) {
+            let mm_per_pa = scene.suction.speed_mm_s_per_kpa * 1e-3 * SUBSTEP_S * f64::from(substeps);
+            let open = Port { open: true, ..port };
+            gel.suck(state, port.cone.apex_in_eye_mm, port.cone.reach_mm, |at| {
+                port.cone.distance_mm(at).map(|distance| mm_per_pa * open.pressure_pa(distance))
+            });
+        }
+    }
+
+    /// A step of the vitreous.
+    pub(super) fn move_vitreous(&mut self, plan: &Plan) {
+        let Some(mut gel) = self.vitreous.take() else { return };
+        if let Some(mut state) = self.state.vitreous.take() {
+            let parts = plan.substeps.div_ceil(VITREOUS_SUBSTEPS);
+            for part in 0..parts {
+                self.drag_vitreous(
+                    plan,
+                    [part, part + 1].map(|p| p as f64 / parts as f64),
+                    &mut gel,
+                    &mut state,
+                );
+                if part + 1 == parts {
+                    self.suck_vitreous(&mut gel, &mut state);
+                }
+                gel.relax(&mut state);
+                gel.free();
+            }
+            if parts > 0 && self.state.step.is_multiple_of(TRACTION_EVERY) {
+                let traction = gel.look(&mut state);
+                self.tell_vitreous(&gel, &mut state, &traction);
+            }
+            gel.draw(&state);
+            self.state.vitreous = Some(state);
+        }
+        self.vitreous = Some(gel);
+    }
+
+    /// The shafts from one share of their way to another.
+    fn drag_vitreous(
+        &mut self,
+        plan: &Plan,
+        [from, to]: [f64; 2],
+        gel: &mut Vitreous,
+        state: &mut VitreousState,
+    ) {
+        for i in (0..INSTRUMENTS).filter(|&i| plan.touches[i]) {
+            let way = [plan.pose(i, from), plan.pose(i, to)];
+            gel.carry(state, &Shaft { way, radius_mm: self.scene.instruments[i].shaft_radius_mm });
+        }
+    }
+
+    /// Raises the events of a step.
+    fn tell_vitreous(&mut self, gel: &Vitreous, state: &mut VitreousState, traction: &Traction) {
+        let Some(scene) = &self.scene.vitreous else { return };
+        let lattice = gel.lattice();
+        let at = |element: u32| state.place_um(lattice, element as usize).map(|c| f64::from(c) * 1e-3);
+        let pulled = |kind, severity, stress: Stress, limit| Happening {
+            limit,
+            subject: stress.element,
+            position_in_eye_mm: at(stress.element),
+            ..Happening::new(kind, severity, f64::from(stress.pa))
+        };
+        let (greatest, base, adhesion) = (traction.greatest, traction.base, &scene.adhesion);
+        let warning = pulled(EventKind::VitreousTraction, Severity::Warning, greatest, adhesion.warn_pa);
+        let danger = pulled(EventKind::BaseTraction, Severity::Injury, base, adhesion.tear_pa);
+        let released_at = at(traction.released_at);
+        for (event, out) in [(warning, &mut state.warned), (danger, &mut state.tear_warned)] {
+            if event.value > event.limit && !*out {
+                *out = true;
+                self.log.raise(event);
+            } else if event.value < TRACTION_REARM * event.limit {
+                *out = false;
+            }
+        }
+        let now = self.state.exposed_ns;
+        if traction.released > 0 && now >= state.quiet_until_ns {
+            state.quiet_until_ns = now + VITREOUS_QUIET_NS;
+            let pitch_mm = f64::from(lattice.pitch_um) * 1e-3;
+            let area_mm2 = state.released as f64 * pitch_mm * pitch_mm;
+            let event = Happening::new(EventKind::VitreousDetached, Severity::Info, area_mm2);
+            self.log.raise(Happening { position_in_eye_mm: released_at, ..event });
+        }
+        let removed_ml = state.removed_um3(lattice) as f64 * 1e-12;
+        let milestones = (removed_ml / scene.suction.milestone_ml) as u64;
+        if milestones > state.milestones {
+            state.milestones = milestones;
+            self.log.raise(Happening::new(EventKind::VitreousRemoved, Severity::Info, removed_ml));
+        }
+    }
+
+    /// Refuses the vitreous of a foreign state.
+    pub(super) fn check_vitreous(&self, state: &State) -> Result<(), CheckpointError> {
+        match (&self.vitreous, &state.vitreous) {
+            (Some(gel), Some(state)) => state::check(gel.lattice(), state).map_err(CheckpointError::Content),
+            (None, None) => Ok(()),
+            _ => Err(CheckpointError::Content("a vitreous where the scene has none, or the reverse")),
+        }
+    }
+
+    /// After another state took the place of the last one.
+    pub(super) fn refresh_vitreous(&mut self) {
+        if let (Some(gel), Some(state)) = (&mut self.vitreous, &self.state.vitreous) {
+            gel.refresh(state);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::rehearsal::Rehearsal;
+    use crate::scene_block::{SceneWriter, bytes_needed};
+    use crate::vitreous::state;
+    use crate::world::{World, no_clock};
+    use protocol::events::EventKind;
+    use protocol::limits::MAX_CHECKPOINT_BYTES;
+    use protocol::scene::{SceneBrick, section};
+    use protocol::scene_file::SceneFile;
+
+    fn densities(world: &World) -> u64 {
+        let mut writer = SceneWriter::new(world);
+        let bytes = bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v));
+        let mut payload = vec![0u128; bytes.div_ceil(16)];
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+        let header = writer.write(world, bytemuck::Zeroable::zeroed(), 0, payload);
+        let bricks = section::<SceneBrick>(payload, header.bricks).unwrap();
+        assert!(!bricks.is_empty());
+        bricks.iter().flat_map(|b| b.density).map(u64::from).sum()
+    }
+
+    #[test]
+    fn the_shipped_vitrectomy_takes_gel_and_the_account_balances() {
+        let scene = SceneFile::load("vitrectomy").unwrap();
+        let rehearsal = Rehearsal::shipped(&scene);
+        let mut world = World::new(&scene).unwrap();
+        let start = densities(&world);
+        let (mut milestones, mut saved) = (Vec::new(), Vec::new());
+        let mut hash = 0;
+        for field in 0..350 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            let told = world.events().iter().filter(|e| e.kind == EventKind::VitreousRemoved as u32);
+            milestones.extend(told.map(|e| e.value));
+            if field == 300 {
+                world.save(&mut saved).unwrap();
+                assert!(saved.len() < MAX_CHECKPOINT_BYTES / 2, "{} bytes", saved.len());
+            }
+            hash = world.state_hash();
+        }
+        let (gel, state) = world.vitreous().unwrap();
+        let lattice = gel.lattice();
+        assert_eq!(state::check(lattice, state), Ok(()));
+        let whole = lattice.elements() as u64 * lattice.cell_um3();
+        assert_eq!(state.removed_um3(lattice) + state.remaining_um3(lattice), whole, "to the last µm³");
+        assert!(state.removed > 500, "{} elements", state.removed);
+        assert!(!milestones.is_empty() && milestones.is_sorted());
+        // Where gel went there is no haze: removed elements take their densities with them, but for rounding down in cells.
+        let gone = start - densities(&world);
+        let least = state.removed * 25;
+        assert!(gone > least, "{gone} of {start} gone with {} elements", state.removed);
+
+        // The same from a checkpoint, in another world; and a foreign one is refused.
+        let mut other = World::new(&scene).unwrap();
+        other.restore(&saved).unwrap();
+        (301..350).for_each(|field| {
+            rehearsal.play(&mut other, field, &mut no_clock);
+        });
+        assert_eq!(other.state_hash(), hash);
+        let (_, same) = other.vitreous().unwrap();
+        assert!(same == world.vitreous().unwrap().1);
+        assert_eq!(densities(&other), densities(&world));
+        let at = saved.len() / 2;
+        saved[at] ^= 0x40;
+        assert!(other.restore(&saved).is_err() || other.state_hash() != hash);
+        assert!(World::new(&SceneFile::load("peel").unwrap()).unwrap().restore(&saved).is_err());
+        other.reset();
+        assert_eq!(other.vitreous().unwrap().1.removed, 0);
+    }
+
+    #[test]
+    fn suction_that_pulls_at_the_retina_warns_and_lets_the_gel_off() {
+        let mut scene = SceneFile::load("vitrectomy").unwrap();
+        // Over the posterior pole, suction without the cutter, drawn away from it.
+        scene.script.pedal.truncate(1);
+        scene.script.pedal[0].axes = [1.0, 0.0];
+        scene.script.period_s = 8.0;
+        let mut keys = scene.script.keys.clone();
+        keys.retain(|k| k.at_s == 0.0);
+        keys[0].tip_in_eye_mm = [1.0, 0.0, -10.3];
+        let mut away = keys[0].clone();
+        (away.at_s, away.tip_in_eye_mm) = (5.0, [1.0, 0.0, -5.0]);
+        keys.push(away);
+        scene.script.keys = keys;
+        let vitreous = scene.vitreous.as_mut().unwrap();
+        vitreous.lattice = 40;
+        vitreous.slip_mm = 3.0;
+        let rehearsal = Rehearsal::shipped(&scene);
+        let mut world = World::new(&scene).unwrap();
+        let mut kinds = Vec::new();
+        for field in 0..300 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            kinds.extend(world.events().iter().map(|e| e.kind));
+        }
+        let (gel, state) = world.vitreous().unwrap();
+        assert!(kinds.contains(&(EventKind::VitreousTraction as u32)), "{kinds:?}");
+        assert!(state.released > 0 && kinds.contains(&(EventKind::VitreousDetached as u32)));
+        assert_eq!((state.removed, state::check(gel.lattice(), state)), (0, Ok(())));
+    }
+}
