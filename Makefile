@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test test-python bench golden clean
+.PHONY: help setup setup-python demo test test-python bench validation golden pictures clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -64,15 +64,22 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p simcore --bench collision
+	cargo bench -p renderer --bench frame
 	cargo bench -p simcore --bench vitreous
 	cargo build --release --workspace
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
 	$(RELEASE) run --headless --instance bench --duration 30 --report out/bench-headless.json
 
+validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
+	cargo run --release -p simcore --example validation
+
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace
 	$(RELEASE) run --no-picture --instance golden --duration 2 --record tests/data/golden/peel-2s.mcap
+
+pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
+	cargo run --release -p renderer --example pictures -- tests/data/pictures
 
 vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
 	cargo run -p fpga-model -- vectors fpga-model/vectors

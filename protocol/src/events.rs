@@ -34,6 +34,16 @@ pub enum EventKind {
     TrackingRegained = 30,
     /// A body is lost and touches nothing.
     TrackingLost = 31,
+    /// The vitrector cut membrane away; mm² in this step.
+    TissueCut = 50,
+    /// Hook or jaws lift the membrane from below; nodes.
+    TissueHooked = 51,
+    /// The needle went through the membrane; µN along the shaft.
+    MembranePierced = 52,
+    /// The needle left the membrane.
+    NeedleOut = 53,
+    /// Another tool is in the hand; its number.
+    ToolChanged = 54,
     /// Vitreous was removed, another milestone; ml in all.
     VitreousRemoved = 80,
     /// The vitreous pulls at the retina; Pa.
@@ -66,7 +76,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 27] = [
+    pub const ALL: [EventKind; 32] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -80,6 +90,11 @@ impl EventKind {
         EventKind::NotPiConvex,
         EventKind::TrackingRegained,
         EventKind::TrackingLost,
+        EventKind::TissueCut,
+        EventKind::TissueHooked,
+        EventKind::MembranePierced,
+        EventKind::NeedleOut,
+        EventKind::ToolChanged,
         EventKind::VitreousRemoved,
         EventKind::VitreousTraction,
         EventKind::VitreousDetached,
@@ -117,6 +132,11 @@ impl EventKind {
             EventKind::NotPiConvex => ("membrane folded in the collision volume", "pixels"),
             EventKind::TrackingRegained => ("tracking regained", "s"),
             EventKind::TrackingLost => ("tracking lost", ""),
+            EventKind::TissueCut => ("membrane cut away", "mm²"),
+            EventKind::TissueHooked => ("membrane lifted from below", "nodes"),
+            EventKind::MembranePierced => ("needle through the membrane", "µN"),
+            EventKind::NeedleOut => ("needle out of the membrane", ""),
+            EventKind::ToolChanged => ("another tool in the hand", ""),
             EventKind::VitreousRemoved => ("vitreous removed", "ml"),
             EventKind::VitreousTraction => ("vitreous pulls at the retina", "Pa"),
             EventKind::VitreousDetached => ("vitreous came off the retina", "mm²"),

@@ -44,7 +44,7 @@ pub struct SceneNode {
 pub struct SceneTriangle {
     /// Nodes, counter-clockwise seen from the inside of the eye.
     pub nodes: [u32; 3],
-    /// Tissue: 0 epiretinal membrane.
+    /// Tissue: 0 epiretinal membrane, 1 retina that is off the choroid.
     pub tissue: u32,
 }
 
@@ -70,7 +70,7 @@ pub struct SceneBody {
     pub shape: u32,
     /// Rotation (x, y, z, w).
     pub rotation_xyzw: [f32; 4],
-    /// Half extents, mm.
+    /// Half extents, mm; a capsule lies along z, its caps inside, its radius is that of x.
     pub half_extents_mm: [f32; 3],
     /// 0.
     pub reserved: u32,

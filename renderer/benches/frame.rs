@@ -1,7 +1,8 @@
 //! What a stereo frame costs, by tier and by layer: wall time and processor time, which on a software driver is the true
 //! cost, however busy the machine is.
 //!
-//! `cargo bench -p renderer --bench frame` prints tables; with `-- --json` one object a line, with `-- --tier N` one tier only.
+//! `cargo bench -p renderer --bench frame` prints tables; with `-- --json` one object a line, with `-- --tier N` one tier only, with `-- --subject NAME`
+//! another scene than `peel`: bleb, vitreous, bodies.
 
 #[path = "../examples/common/mod.rs"]
 mod common;
@@ -74,9 +75,14 @@ fn main() -> Result<()> {
     let gpu = Gpu::headless()?;
     let map_px = renderer::start::map_px(&gpu);
     let mut renderer = Renderer::new(&gpu, plan(&file, &rig, 0, map_px))?;
-    let scene = common::scene(&file, &rig, [0.9, 0.5, -10.1], 0.06, 0.3);
-    renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload))?;
-    let mut bench = Bench { latched: latch_scene(&scene.header), gpu, renderer };
+    let subject =
+        args.iter().position(|a| a == "--subject").and_then(|i| args.get(i + 1)).map_or("peel", |s| s);
+    let mut latched = None;
+    for scene in common::subject(&file, &rig, subject) {
+        renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload))?;
+        latched = Some(latch_scene(&scene.header));
+    }
+    let mut bench = Bench { latched: latched.expect("a scene"), gpu, renderer };
     let name = bench.gpu.name.clone();
     if !json {
         println!("{name}; ms of a stereo frame, median; of a layer: what leaving it out saves");

@@ -7,10 +7,14 @@ use crate::lamp::{Lamp, lamp_index};
 use crate::latch::Latched;
 use crate::layers::Layers;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
+use crate::passes::bodies::Bodies;
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
+use crate::passes::haze::Haze;
 use crate::passes::instruments::{Instruments, Meshes, Shaft};
+use crate::passes::marks::Marks;
 use crate::passes::membrane::{Membrane, Sheet};
 use crate::passes::overlay::Overlay;
+use crate::passes::retina::Retina;
 use crate::passes::shadow::{Shadow, ShadowMap};
 use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
 use crate::target::Target;
@@ -21,7 +25,9 @@ use bytemuck::Zeroable;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::message::Invalid;
-use protocol::scene::{Microscope, SceneHeader, SceneNode, SceneTriangle, section};
+use protocol::scene::{
+    Microscope, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle, section,
+};
 use protocol::scene_file::Side;
 use wgpu::{BindGroup, CommandBuffer, RenderPass};
 
@@ -69,6 +75,10 @@ pub struct Renderer {
     fundus: Fundus,
     instruments: Instruments,
     membrane: Membrane,
+    retina: Retina,
+    bodies: Bodies,
+    marks: Marks,
+    haze: Haze,
     overlay: Overlay,
     tools: [Option<Tool>; INSTRUMENTS],
     jaws_rad: [f64; INSTRUMENTS],
@@ -105,6 +115,10 @@ impl Renderer {
             fundus: Fundus::new(device, queue, &uniforms, &layout),
             instruments: Instruments::new(device, &uniforms, &layout),
             membrane: Membrane::new(device, &uniforms, &layout),
+            retina: Retina::new(device, &uniforms, &layout),
+            bodies: Bodies::new(device, queue, &uniforms, &layout),
+            marks: Marks::new(device, &uniforms, &layout),
+            haze: Haze::new(device, &uniforms, &layout),
             overlay: Overlay::new(device, &uniforms),
             uniforms,
             map,
@@ -121,10 +135,16 @@ impl Renderer {
     pub fn take_scene(&mut self, gpu: &Gpu, header: &SceneHeader, payload: &[u8]) -> Result<(), Invalid> {
         let nodes: &[SceneNode] = section(payload, header.nodes)?;
         let triangles: &[SceneTriangle] = section(payload, header.triangles)?;
+        let (marks, bodies): (&[SceneMark], &[SceneBody]) =
+            (section(payload, header.marks)?, section(payload, header.bodies)?);
+        let bricks: &[SceneBrick] = section(payload, header.bricks)?;
         let text = section::<u8>(payload, header.text)?;
+        self.marks.set(&gpu.queue, marks);
+        self.bodies.set(&gpu.queue, bodies);
+        self.haze.set(&gpu.device, &gpu.queue, bricks);
         self.sheet.reserve(&gpu.device, nodes.len(), triangles.len());
         if self.tissue.take(nodes, triangles, header.topology) {
-            self.sheet.set_triangles(&gpu.queue, self.tissue.triangles());
+            self.sheet.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.membrane_triangles());
         }
         self.microscope = header.microscope;
         self.tools = header.instruments.map(|i| Tool::from_wire(i.tool));
@@ -160,7 +180,8 @@ impl Renderer {
         if layers.has(Layers::SHADOW) {
             let lamp = lamp_index(&self.tools);
             let casters = [0, 1].map(|i| self.tools[i].filter(|_| lamp != Some(i)));
-            self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), &self.sheet);
+            let others = (&self.bodies, &self.sheet);
+            self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), others);
         }
 
         let target = self.target(tier_index);
@@ -211,14 +232,24 @@ impl Renderer {
         if layers.has(Layers::INSTRUMENTS) {
             self.draw_instruments(pass, false);
         }
+        if layers.has(Layers::BODIES) {
+            self.bodies.draw(pass, tier.shading);
+        }
         if layers.has(Layers::RETINA) {
+            self.retina.draw(pass, &self.sheet, tier.shading);
             self.fundus.draw(pass, tier.shading);
+        }
+        if layers.has(Layers::BODIES) {
+            self.marks.draw(pass, tier.shading);
         }
         if layers.has(Layers::INSTRUMENTS) {
             self.draw_instruments(pass, true);
         }
         if layers.has(Layers::MEMBRANE) {
             self.membrane.draw(pass, &self.sheet, tier.shading);
+        }
+        if layers.has(Layers::HAZE) {
+            self.haze.draw(pass, &self.fundus, tier.shading);
         }
         if self.lost_before.contains(&true) || self.eye_lost_before {
             self.fundus.draw_lost_ring(pass);
@@ -265,6 +296,7 @@ impl Renderer {
         uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), FILM];
         uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, 0.0, WRINKLES];
         let poses = latched.eye_from_instrument();
+        self.haze.write(&mut uniform);
         let lamp = lamp_index(&self.tools);
         uniform.instruments = std::array::from_fn(|i| InstrumentUniform {
             eye_from_instrument: poses[i].as_mat4().to_cols_array_2d(),
@@ -273,6 +305,12 @@ impl Renderer {
                 JAW_LENGTH_MM,
                 if latched.tracked[i] { 1.0 } else { LOST_OPACITY },
                 if lamp == Some(i) { 0.0 } else { 1.0 },
+            ],
+            shaft: [
+                self.plan.shafts[i].radius_mm,
+                self.plan.shafts[i].length_mm,
+                f32::from(u8::from(self.tools[i].is_some())),
+                0.0,
             ],
         });
         uniform

@@ -30,6 +30,14 @@ pub fn map_scale() -> f32 {
     0.5 / equal_area(MAP_ANGLE)
 }
 
+/// Map coordinates (0 to 1) of the direction of `position` from the eye's centre, as the shader finds them.
+pub fn coordinates(position: [f32; 3]) -> [f32; 2] {
+    let [x, y, z] = position;
+    let length = (x * x + y * y + z * z).sqrt().max(1e-6);
+    let scale = map_scale() / (length * (0.5 - 0.5 * z / length).max(1e-4).sqrt());
+    [x, y].map(|c| 0.5 + c * scale)
+}
+
 /// Radius 2 sin(θ/2) at which the projection shows the angle θ from the pole.
 fn equal_area(theta: f32) -> f32 {
     2.0 * (0.5 * theta).sin()

@@ -17,14 +17,20 @@ impl Layers {
     pub const MEMBRANE: Layers = Layers(8);
     /// Text on the picture.
     pub const TEXT: Layers = Layers(16);
+    /// Bodies of abstract tasks and marks.
+    pub const BODIES: Layers = Layers(32);
+    /// The vitreous.
+    pub const HAZE: Layers = Layers(64);
     /// Every layer.
     pub const ALL: Layers = Layers(u32::MAX);
     /// Each layer with its name.
-    pub const EACH: [(&'static str, Layers); 5] = [
+    pub const EACH: [(&'static str, Layers); 7] = [
         ("shadow", Layers::SHADOW),
         ("retina", Layers::RETINA),
         ("instruments", Layers::INSTRUMENTS),
         ("membrane", Layers::MEMBRANE),
+        ("bodies", Layers::BODIES),
+        ("haze", Layers::HAZE),
         ("text", Layers::TEXT),
     ];
 

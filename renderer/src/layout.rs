@@ -12,6 +12,8 @@ pub struct InstrumentUniform {
     pub eye_from_instrument: [[f32; 4]; 4],
     /// Half the jaw opening (rad), z of the pivot (mm), opacity, 1 if the lamp lights it.
     pub shape: [f32; 4],
+    /// Radius and length of the shaft (mm), 1 if it is drawn, 0.
+    pub shaft: [f32; 4],
 }
 
 /// What is the same for both channels.
@@ -32,6 +34,11 @@ pub struct FrameUniform {
     pub retina: [f32; 4],
     /// Depth bias, half width of the soft edge (share of a tile), 0, membrane detail.
     pub shadow: [f32; 4],
+    /// Corner of the vitreous' densities with the smallest coordinates, and extinction at full
+    /// density (1/mm).
+    pub haze_corner: [f32; 4],
+    /// Edges of their box, 0.
+    pub haze_size: [f32; 4],
     /// The instruments.
     pub instruments: [InstrumentUniform; INSTRUMENTS],
 }
@@ -68,18 +75,17 @@ pub struct MetalVertex {
     pub material: f32,
 }
 
-/// A vertex of the membrane, eye frame.
+/// A vertex of the membrane or of lifted retina, eye frame.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct SheetVertex {
     /// mm.
     pub position: [f32; 3],
-    /// Unit, or zero where the node has no triangle.
+    /// Unit.
     pub normal: [f32; 3],
-    /// 1 on an edge of the sheet.
-    pub edge: f32,
-    /// Number of the node.
-    pub number: f32,
+    /// Membrane: 1 on an edge of the sheet, and the node's number. Retina: place in the fundus map,
+    /// 0 to 1.
+    pub more: [f32; 2],
 }
 
 /// Both vertex types look the same to the GPU: two vectors of three, two numbers.

@@ -14,7 +14,10 @@ use protocol::geometry::Pose;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
-use protocol::scene::{Microscope, NODE_FREE, SceneHeader, SceneNode, SceneTriangle, SectionWriter};
+use protocol::scene::{
+    Microscope, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle,
+    SectionWriter,
+};
 use protocol::scene_file::{MicroscopeScene, SceneFile};
 
 /// The best tier for which a software driver makes room.
@@ -93,14 +96,26 @@ pub fn microscope(scene: &MicroscopeScene) -> Microscope {
 
 /// Draws every kind of thing once, tracked and lost, at every tier from the start on.
 fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: usize) -> Result<()> {
-    let mut payload = [0u128; 16];
+    let mut payload = [0u128; 96];
     let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
     let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE };
     let nodes = writer.write(&[node(0.0, 0.0), node(1.0, 0.0), node(0.0, 1.0)]);
-    let triangles = writer.write(&[SceneTriangle { nodes: [0, 1, 2], tissue: 0 }]);
+    let triangles = writer.write(&[0, 1].map(|tissue| SceneTriangle { nodes: [0, 1, 2], tissue }));
+    let body = |shape| SceneBody {
+        shape,
+        half_extents_mm: [0.5; 3],
+        rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
+        rgba: [1.0; 4],
+        ..SceneBody::zeroed()
+    };
+    let bodies = writer.write(&[body(0), body(1), body(2)]);
+    let marks = writer.write(&[SceneMark { position_mm: [0.0, 0.0, -11.5], radius_mm: 1.0, rgba: [1.0; 4] }]);
+    let bricks = writer.write(&[SceneBrick { edge_mm: 8.0, ..SceneBrick::zeroed() }]);
     let mut header = SceneHeader::zeroed();
     header.microscope = microscope(&scene.microscope);
     (header.nodes, header.triangles) = (nodes.unwrap_or_default(), triangles.unwrap_or_default());
+    (header.bodies, header.marks) = (bodies.unwrap_or_default(), marks.unwrap_or_default());
+    header.bricks = bricks.unwrap_or_default();
     // No real scene has this number, so the first one brings its triangles.
     header.topology = u64::MAX;
     for (i, instrument) in header.instruments.iter_mut().enumerate() {

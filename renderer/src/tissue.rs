@@ -1,9 +1,11 @@
 //! The tissue mesh of a scene block, made ready for the GPU: bound nodes moved with the latched
-//! instruments, normals from the triangles, edges of the sheet marked.
+//! instruments, normals from the triangles, edges of the membrane marked, and for retina the place
+//! in the fundus map where it lay when it was first seen, so that its picture moves with it.
 //!
 //! What comes in is checked: a triangle with a node that does not exist or is not a finite point
 //! is left out and counted.
 
+use crate::fundus_map;
 use crate::layout::SheetVertex;
 use glam::{Mat4, Vec3};
 use protocol::limits::INSTRUMENTS;
@@ -12,11 +14,19 @@ use protocol::scene::{NODE_BOUND, SceneNode, SceneTriangle};
 /// Farthest that a node may be from the eye's centre, mm; farther ones are broken numbers.
 const FARTHEST_MM: f32 = 1e3;
 
-/// The membrane as it is drawn.
+/// The epiretinal membrane in [`SceneTriangle::tissue`]; anything else is retina.
+const MEMBRANE: u32 = 0;
+
+/// Membrane and lifted retina as they are drawn.
 #[derive(Debug, Default)]
 pub struct Tissue {
     nodes: Vec<SceneNode>,
+    /// Those of the membrane first.
     triangles: Vec<[u32; 3]>,
+    membrane: usize,
+    /// Place in the fundus map of each node when it was first seen.
+    at_first: Vec<[f32; 2]>,
+    is_retina: Vec<bool>,
     vertices: Vec<SheetVertex>,
     edges: Vec<(u32, u32)>,
     is_edge: Vec<bool>,
@@ -31,6 +41,9 @@ impl Tissue {
         Self {
             nodes: Vec::with_capacity(nodes),
             triangles: Vec::with_capacity(triangles),
+            membrane: 0,
+            at_first: Vec::with_capacity(nodes),
+            is_retina: Vec::with_capacity(nodes),
             vertices: Vec::with_capacity(nodes),
             edges: Vec::with_capacity(3 * triangles),
             is_edge: Vec::with_capacity(nodes),
@@ -44,16 +57,30 @@ impl Tissue {
         self.nodes.clear();
         self.nodes.extend_from_slice(nodes);
         let count = self.nodes.len() as u32;
+        // The upper half of the number counts resets of the simulation: everything lies as at first.
+        let reset = self.topology.is_none_or(|before| before >> 32 != topology >> 32);
+        if reset || self.at_first.len() != nodes.len() {
+            self.at_first.clear();
+            self.at_first.extend(nodes.iter().map(|n| fundus_map::coordinates(n.position_mm)));
+        }
         let changed = self.topology != Some(topology) || self.is_edge.len() != self.nodes.len();
         if changed {
             self.topology = Some(topology);
             self.triangles.clear();
             let fits = |t: &&SceneTriangle| t.nodes.iter().all(|&n| n < count);
-            self.triangles.extend(triangles.iter().filter(fits).map(|t| t.nodes));
+            let of = |membrane: bool| triangles.iter().filter(move |t| (t.tissue == MEMBRANE) == membrane);
+            self.triangles.extend(of(true).filter(fits).map(|t| t.nodes));
+            self.membrane = self.triangles.len();
+            self.triangles.extend(of(false).filter(fits).map(|t| t.nodes));
             self.refused = (triangles.len() - self.triangles.len()) as u64;
             self.mark_edges();
         }
         changed
+    }
+
+    /// How many of the triangles belong to the membrane; they come first.
+    pub fn membrane_triangles(&self) -> usize {
+        self.membrane
     }
 
     /// Triangles to draw.
@@ -64,7 +91,12 @@ impl Tissue {
     /// An edge that belongs to one triangle only is an edge of the sheet.
     fn mark_edges(&mut self) {
         self.edges.clear();
-        for t in &self.triangles {
+        self.is_retina.clear();
+        self.is_retina.resize(self.nodes.len(), false);
+        for &n in self.triangles[self.membrane..].iter().flatten() {
+            self.is_retina[n as usize] = true;
+        }
+        for t in &self.triangles[..self.membrane] {
             for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 self.edges.push((a.min(b), a.max(b)));
             }
@@ -83,13 +115,12 @@ impl Tissue {
     /// Vertices in the eye frame, bound nodes carried by `eye_from_instrument`.
     pub fn place(&mut self, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> &[SheetVertex] {
         self.vertices.clear();
-        for (i, (node, &edge)) in self.nodes.iter().zip(&self.is_edge).enumerate() {
-            let position = in_eye(node, eye_from_instrument);
+        for (i, node) in self.nodes.iter().enumerate() {
+            let edge = f32::from(u8::from(self.is_edge[i]));
             self.vertices.push(SheetVertex {
-                position: position.to_array(),
+                position: in_eye(node, eye_from_instrument).to_array(),
                 normal: [0.0; 3],
-                edge: f32::from(u8::from(edge)),
-                number: i as f32,
+                more: if self.is_retina[i] { self.at_first[i] } else { [edge, i as f32] },
             });
         }
         self.add_normals();
@@ -149,7 +180,7 @@ mod tests {
         assert!(!tissue.take(&nodes, &triangles, 1), "same topology");
         let v = tissue.place(&[Mat4::IDENTITY; 2]);
         assert!(v.iter().all(|v| (v.normal[2] - 1.0).abs() < 1e-6));
-        assert_eq!(v.iter().map(|v| v.edge).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
+        assert_eq!(v.iter().map(|v| v.more[0]).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
     }
 
     #[test]
@@ -161,6 +192,22 @@ mod tests {
         let moved = Mat4::from_translation(Vec3::new(0.0, 2.0, -9.0));
         let v = tissue.place(&[Mat4::IDENTITY, moved]);
         assert_eq!(v[0].position, [0.1, 2.0, -9.0]);
+    }
+
+    #[test]
+    fn retina_keeps_its_place_in_the_map_when_it_moves() {
+        let (mut nodes, mut triangles) = square();
+        triangles[3].tissue = 1;
+        let mut tissue = Tissue::default();
+        tissue.take(&nodes, &triangles, 1);
+        assert_eq!((tissue.membrane_triangles(), tissue.triangles()[3]), (3, triangles[3].nodes));
+        let first = tissue.place(&[Mat4::IDENTITY; 2])[4].more;
+        assert_eq!(first, fundus_map::coordinates([0.0, -1.0, -11.0]));
+        nodes[4].position_mm = [3.0, 1.0, -9.0];
+        tissue.take(&nodes, &triangles, 2);
+        assert_eq!(tissue.place(&[Mat4::IDENTITY; 2])[4].more, first);
+        tissue.take(&nodes, &triangles, 1 << 32);
+        assert_ne!(tissue.place(&[Mat4::IDENTITY; 2])[4].more, first, "a reset lays everything down again");
     }
 
     #[test]

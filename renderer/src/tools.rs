@@ -129,6 +129,11 @@ impl Mesh {
         self.cap(rings[rings.len() - 1], 1.0, part, material);
     }
 
+    /// Two triangles over four corners, counter-clockwise from outside, or clockwise where `flip`.
+    pub fn quad(&mut self, [a, b, c, d]: [u32; 4], flip: bool) {
+        self.indices.extend(if flip { [a, c, b, a, d, c] } else { [a, b, c, a, c, d] });
+    }
+
     fn cap(&mut self, ring: Ring, facing: f32, part: f32, material: f32) {
         let first = self.vertices.len() as u32;
         for k in 0..CORNERS {

@@ -49,11 +49,13 @@ fn structs_agree() {
         ambient,
         retina,
         shadow,
+        haze_corner,
+        haze_size,
         instruments,
     });
     assert_eq!(members(&module, "Frame"), (frame, size_of::<FrameUniform>()));
     let view = offsets!(ViewUniform { clip_from_eye, camera, plane_origin, plane_x, plane_y, field });
     assert_eq!(members(&module, "View"), (view, size_of::<ViewUniform>()));
-    let instrument = offsets!(InstrumentUniform { eye_from_instrument, shape });
+    let instrument = offsets!(InstrumentUniform { eye_from_instrument, shape, shaft });
     assert_eq!(members(&module, "Instrument"), (instrument, size_of::<InstrumentUniform>()));
 }

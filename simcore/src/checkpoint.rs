@@ -131,6 +131,13 @@ fn check_instruments(state: &State) -> Result<(), CheckpointError> {
         }
         held += instrument.held.len();
         let jaws = [instrument.jaw_rad, instrument.jaw_target_rad];
+        let triangles = state.membrane.triangle_alive.len();
+        let sound = |p: crate::state::Pierced| {
+            (p.triangle as usize) < triangles && p.weights.iter().all(|w| (0.0..=1.0).contains(w))
+        };
+        if !instrument.pierced.is_none_or(sound) {
+            return Err(CheckpointError::Content("a needle's hole is not in the membrane"));
+        }
         let jaws_ok = jaws.iter().all(|j| (0.0..=std::f64::consts::PI).contains(j));
         if !jaws_ok || Tool::from_wire(instrument.tool).is_none() || instrument.held.len() > MAX_HELD {
             return Err(CheckpointError::Content("an instrument is out of range"));

@@ -10,7 +10,7 @@ use protocol::events::EventKind;
 use protocol::geometry::Pose;
 use protocol::scene::{
     NODE_DEAD, NODE_FREE, SceneBody, SceneHeader, SceneInstrument, SceneMark, SceneNode, SceneTriangle,
-    Section, SectionWriter,
+    SectionWriter,
 };
 use protocol::scene_file::{BodyScene, BodyShape, MAX_BODIES};
 use protocol::time::Instants;

@@ -95,14 +95,27 @@ pub struct InstrumentState {
     pub held: Vec<HeldNode>,
     /// Contact with the retina.
     pub retina: RetinaContact,
-    /// It came round an edge and is under the membrane: it pushes nothing until it is clear.
+    /// It came round an edge and is under the membrane: it pushes nothing, and its hook or jaws lift, until it is clear.
     pub under: bool,
+    /// It has lifted tissue since it came under the membrane.
+    pub hooked: bool,
+    /// Where its needle has gone through the membrane.
+    pub pierced: Option<Pierced>,
     /// The last collision image had colliding pixels.
     pub in_contact: bool,
     /// Way of tip and jaws since the last collision image, mm.
     pub travelled_mm: f64,
     /// No fold is reported before this exposure.
     pub fold_quiet_ns: Nanos,
+}
+
+/// A needle's hole in the membrane.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pierced {
+    /// The triangle.
+    pub triangle: u32,
+    /// Weights of its corners.
+    pub weights: [f64; 3],
 }
 
 /// A node in the jaws.

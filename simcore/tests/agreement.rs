@@ -2,7 +2,8 @@
 
 mod rays;
 
-use rays::{Collisions, RADIUS_MM, Random, Scene, collisions};
+use protocol::handles::Tool;
+use rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
 use simcore::collision::zcoll::{Found, Zcoll};
@@ -68,6 +69,37 @@ fn collisions_are_those_of_exact_rays() {
         pixels += expected.len();
     }
     assert!(colliding > SCENES / 2 && pixels > 20 * SCENES, "{colliding} scenes collide, {pixels} pixels");
+}
+
+/// The reversed camera of an instrument under the membrane, against rays of its own; and every colliding vector leads from the
+/// membrane to the top of what lifts it.
+#[test]
+fn the_reversed_camera_sees_what_exact_rays_see() {
+    let mut random = Random(4);
+    let (mut colliding, mut pixels) = (0, 0);
+    for number in 0..SCENES {
+        let mut scene = Scene::random(&mut random, &[8, 16, 32, 32, 32, 64]);
+        scene.tool = if number % 3 == 0 { Tool::Forceps } else { Tool::Pick };
+        let expected = collisions_back(&scene);
+        let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
+        image.prepare(scene.jaw_rad, &scene.volume);
+        let nodes = scene.position_mm[0].len();
+        let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).unwrap();
+        let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
+        let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
+        let look = |zcoll: &mut Zcoll| -> (Found, Collisions) {
+            let found = zcoll.look_back(&image, &scene.instrument_from_eye, &surface);
+            (found, zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect())
+        };
+        let (found, hits) = look(&mut zcoll);
+        assert_eq!(hits, expected, "scene {number}");
+        assert_eq!((found.pixels as usize, found.folded), (expected.len(), 0), "scene {number}");
+        let mut plain = Zcoll::new(scene.volume, &scene.triangles, nodes).unwrap().without_simd();
+        assert_eq!(look(&mut plain), (found, hits), "scene {number}, base instruction set");
+        colliding += usize::from(!expected.is_empty());
+        pixels += expected.len();
+    }
+    assert!(colliding > SCENES / 3 && pixels > 5 * SCENES, "{colliding} scenes collide, {pixels} pixels");
 }
 
 #[test]

@@ -15,6 +15,9 @@ pub struct MembraneScene {
     pub squares: [u32; 2],
     /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
     pub lift_mm: f64,
+    /// One edge (that at the end of the sheet's first axis) hangs free, and the sheet rises towards it instead of its middle.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub loose_edge: bool,
     /// Spring stiffness, µN/mm.
     pub stiffness_un_per_mm: f64,
     /// Stiffness of the bending springs, µN/mm; 0 for none.

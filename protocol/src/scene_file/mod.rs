@@ -32,6 +32,8 @@ pub const SHIPPED: &[(&str, &str)] = &[
     ("vitrectomy", include_str!("../../../assets/scenes/vitrectomy.toml")),
     ("erm", include_str!("../../../assets/scenes/erm.toml")),
     ("bodies", include_str!("../../../assets/scenes/bodies.toml")),
+    ("lift", include_str!("../../../assets/scenes/lift.toml")),
+    ("trim", include_str!("../../../assets/scenes/trim.toml")),
 ];
 
 /// Why a scene was refused.
@@ -152,6 +154,13 @@ pub struct ContactScene {
     pub grab_reach_mm: f64,
     /// Force at which the grip slips, µN.
     pub grip_un: f64,
+    /// Friction of instruments on the membrane (Coulomb): sideways drag as a share of the push.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub friction: f64,
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 /// The microscope at the start.
@@ -340,6 +349,7 @@ impl SceneFile {
             ("contact.release_above_rad", c.release_above_rad, 0.0, 3.2),
             ("contact.grab_reach_mm", c.grab_reach_mm, 0.0, 5.0),
             ("contact.grip_un", c.grip_un, 0.0, 1e9),
+            ("contact.friction", c.friction, 0.0, 2.0),
             ("microscope.working_distance_mm", v.working_distance_mm, 50.0, 1000.0),
             ("microscope.stereo_base_mm", v.stereo_base_mm, 0.0, 100.0),
             ("microscope.field_mm", v.field_mm, 1.0, 60.0),

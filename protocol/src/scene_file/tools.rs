@@ -46,7 +46,7 @@ impl VitrectorScene {
             ("vitrector.suction_pa", self.suction_pa, 0.0, 100_000.0),
             ("vitrector.cuts_per_min", f64::from(self.cuts_per_min), 0.0, 30_000.0),
             ("vitrector.open_share", self.open_share, 0.05, 0.95),
-            ("vitrector.cone_half_angle_rad", self.cone_half_angle_rad, 0.05, 1.3),
+            ("vitrector.cone_half_angle_rad", self.cone_half_angle_rad, 0.2, 1.3),
             ("vitrector.cone_reach_mm", self.cone_reach_mm, 0.1, 10.0),
             ("vitrector.resolution", f64::from(self.resolution), 8.0, 256.0),
             ("vitrector.membrane_thickness_mm", self.membrane_thickness_mm, 0.0, 1.0),

@@ -1,11 +1,16 @@
-//! A scene made from the shipped scene file, as the simulation would send it: for the example and
-//! the picture test.
+//! Scenes made from the shipped scene file, as the simulation would send them: for the examples, the
+//! bench and the tests of pictures.
+
+pub mod stage;
 
 use bytemuck::Zeroable;
 use glam::{DMat3, DQuat, DVec3};
 use protocol::geometry::Pose;
 use protocol::rig::Rig;
-use protocol::scene::{NODE_BOUND, NODE_FREE, SceneHeader, SceneNode, SceneTriangle, SectionWriter};
+use protocol::scene::{
+    NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle,
+    SectionWriter,
+};
 use protocol::scene_file::SceneFile;
 use renderer::start::microscope;
 
@@ -28,8 +33,26 @@ pub fn through_trocar(rig: &Rig, which: usize, tip: [f64; 3]) -> Pose {
     Pose { position_mm: tip.to_array(), rotation_wxyz: [q.w, q.x, q.y, q.z] }
 }
 
+/// What is in the eye beside the instruments.
+#[derive(Default)]
+#[allow(missing_docs)]
+pub struct Contents {
+    pub nodes: Vec<SceneNode>,
+    pub triangles: Vec<SceneTriangle>,
+    pub marks: Vec<SceneMark>,
+    pub bodies: Vec<SceneBody>,
+    pub bricks: Vec<SceneBrick>,
+}
+
 /// The scene with the forceps at `tip`; `grabbed` binds the nodes within so many mm of them.
+#[allow(dead_code)]
 pub fn scene(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, grabbed_mm: f64) -> Scene {
+    let (nodes, triangles) = membrane(file, &through_trocar(rig, 0, tip), grabbed_mm);
+    scene_of(file, rig, tip, jaw_rad, &Contents { nodes, triangles, ..Contents::default() })
+}
+
+/// The scene with these contents.
+pub fn scene_of(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, contents: &Contents) -> Scene {
     let mut header = SceneHeader::zeroed();
     header.world_from_eye = Pose::IDENTITY;
     header.microscope = microscope(&file.microscope);
@@ -42,13 +65,127 @@ pub fn scene(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, grabbed_m
     }
     header.instants.exposed = 1_000_000_000;
     header.topology = 1;
-    let (nodes, triangles) = membrane(file, &header.instruments[0].world_from_instrument, grabbed_mm);
-    let bytes = nodes.len() * 16 + triangles.len() * 16;
-    let mut payload = vec![0u128; bytes / 16 + 2];
+    let c = contents;
+    let bytes = size_of_val(&*c.nodes)
+        + size_of_val(&*c.triangles)
+        + size_of_val(&*c.marks)
+        + size_of_val(&*c.bodies)
+        + size_of_val(&*c.bricks);
+    let mut payload = vec![0u128; bytes / 16 + 8];
     let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
-    header.nodes = writer.write(&nodes).expect("room for the nodes");
-    header.triangles = writer.write(&triangles).expect("room for the triangles");
+    header.nodes = writer.write(&c.nodes).expect("room for the nodes");
+    header.triangles = writer.write(&c.triangles).expect("room for the triangles");
+    header.marks = writer.write(&c.marks).expect("room for the marks");
+    header.bodies = writer.write(&c.bodies).expect("room for the bodies");
+    header.bricks = writer.write(&c.bricks).expect("room for the bricks");
     Scene { header, payload }
+}
+
+/// Scenes of every subject.
+#[allow(dead_code)]
+pub const SUBJECTS: [&str; 4] = ["peel", "bleb", "vitreous", "bodies"];
+
+/// The scenes that lead to the picture of a subject, one after the other.
+///
+/// # Panics
+/// If there is no such subject.
+#[allow(dead_code)]
+pub fn subject(file: &SceneFile, rig: &Rig, name: &str) -> Vec<Scene> {
+    match name {
+        "peel" => {
+            let tip = [0.9, 0.5, -10.1];
+            let (nodes, triangles) = membrane(file, &through_trocar(rig, 0, tip), 0.3);
+            let marks = vec![mark([2.4, 1.9], 0.3), mark([-2.0, 2.2], 0.18)];
+            vec![scene_of(file, rig, tip, 0.06, &Contents { nodes, triangles, marks, ..Contents::default() })]
+        }
+        "bleb" => {
+            let mut scenes =
+                [0.0, 1.3].map(|height| scene_of(file, rig, [0.6, 1.2, -9.2], 0.3, &bleb(height)));
+            scenes[1].header.topology += 1;
+            scenes.into()
+        }
+        "vitreous" => {
+            let contents = Contents { bricks: bricks([0.6, 0.4, -6.5]), ..Contents::default() };
+            vec![scene_of(file, rig, [0.6, 0.4, -6.5], 0.3, &contents)]
+        }
+        "bodies" => vec![scene_of(file, rig, [0.9, 0.5, -8.5], 0.3, &bodies())],
+        _ => panic!("no subject {name}"),
+    }
+}
+
+fn mark([x, y]: [f32; 2], radius_mm: f32) -> SceneMark {
+    let position_mm = [x, y, -(11.5f32.powi(2) - x * x - y * y).sqrt()];
+    SceneMark { position_mm, radius_mm, rgba: [0.25, 0.005, 0.005, 0.9] }
+}
+
+/// A dome of lifted retina, a disc of 2.6 mm round a place beside the macula, so high in its middle (mm).
+fn bleb(height: f32) -> Contents {
+    const RINGS: u32 = 10;
+    const AROUND: u32 = 32;
+    let centre = glam::Vec3::new(0.6, 1.4, -11.4).normalize();
+    let side = centre.cross(glam::Vec3::X).normalize();
+    let mut contents = Contents::default();
+    for ring in 0..=RINGS {
+        for k in 0..AROUND {
+            let share = ring as f32 / RINGS as f32;
+            let (sin, cos) = (k as f32 / AROUND as f32 * std::f32::consts::TAU).sin_cos();
+            let away = (side * cos + centre.cross(side) * sin) * (2.6 / 11.5 * share);
+            let lift = height * (1.0 - share * share);
+            let p = (centre + away).normalize() * (11.5 - lift);
+            contents.nodes.push(SceneNode { position_mm: p.to_array(), flag: NODE_FREE });
+        }
+    }
+    // Lying on, no triangle is off the choroid.
+    let rings = if height > 0.0 { RINGS } else { 0 };
+    for (ring, k) in (0..rings).flat_map(|r| (0..AROUND).map(move |k| (r, k))) {
+        let at = |r: u32, k: u32| r * AROUND + k % AROUND;
+        let (a, b, c, d) = (at(ring, k), at(ring, k + 1), at(ring + 1, k + 1), at(ring + 1, k));
+        contents.triangles.extend([[a, b, c], [a, c, d]].map(|nodes| SceneTriangle { nodes, tissue: 1 }));
+    }
+    contents
+}
+
+/// A vitreous as dense as one with tracer, removed 2.5 mm round `tip`.
+fn bricks(tip: [f32; 3]) -> Vec<SceneBrick> {
+    const ALONG: usize = 8;
+    const EDGE: f32 = 3.0;
+    let mut bricks = Vec::new();
+    for number in 0..ALONG * ALONG * ALONG {
+        let cell = [number % ALONG, number / ALONG % ALONG, number / ALONG / ALONG];
+        let corner_mm = cell.map(|c| (c as f32 - ALONG as f32 / 2.0) * EDGE);
+        let mut brick = SceneBrick { corner_mm, edge_mm: EDGE, ..SceneBrick::zeroed() };
+        for (i, density) in brick.density.iter_mut().enumerate() {
+            let at: [f32; 3] = std::array::from_fn(|c| {
+                corner_mm[c] + ([i % 8, i / 8 % 8, i / 64][c] as f32 + 0.5) * EDGE / 8.0
+            });
+            let p = glam::Vec3::from(at);
+            let strands = 1.0 + 0.35 * (p.x * 2.3 + (p.z * 1.1).sin()).sin() * (p.y * 1.9 + p.z).sin();
+            let inside = p.length() < 11.3 && p.z < 6.5 && p.distance(tip.into()) > 2.5;
+            *density = if inside { (110.0 * strands) as u8 } else { 0 };
+        }
+        bricks.push(brick);
+    }
+    bricks
+}
+
+/// A sphere, a box and a capsule over the retina.
+fn bodies() -> Contents {
+    let turned = glam::Quat::from_rotation_x(0.6) * glam::Quat::from_rotation_y(0.5);
+    let body = |shape, position_mm, half_extents_mm, rgba| SceneBody {
+        position_mm,
+        shape,
+        rotation_xyzw: turned.to_array(),
+        half_extents_mm,
+        reserved: 0,
+        rgba,
+    };
+    let bodies = vec![
+        body(0, [-1.5, 1.5, -9.5], [0.5; 3], [0.7, 0.1, 0.08, 1.0]),
+        body(1, [1.8, 1.6, -9.8], [0.6, 0.4, 0.3], [0.1, 0.3, 0.7, 1.0]),
+        body(2, [0.5, -2.0, -9.5], [0.3, 0.3, 0.9], [0.1, 0.55, 0.2, 1.0]),
+        body(0, [3.0, -1.5, -9.0], [0.6; 3], [0.9, 0.8, 0.2, 0.4]),
+    ];
+    Contents { bodies, ..Contents::default() }
 }
 
 /// The sheet over the pole, lifted in the middle and drawn towards the tip of `forceps`.

@@ -5,6 +5,8 @@ struct Instrument {
     eye_from_instrument: mat4x4f,
     // half the jaw opening (rad), z of the jaws' pivot (mm), opacity, 1 if the lamp lights it
     shape: vec4f,
+    // radius and length of the shaft (mm), 1 if it is drawn, 0
+    shaft: vec4f,
 }
 
 struct Frame {
@@ -21,6 +23,10 @@ struct Frame {
     retina: vec4f,
     // bias, half width of the soft edge, 0, membrane detail
     shadow: vec4f,
+    // Corner of the vitreous' densities with the smallest coordinates, then extinction at full density (1/mm)
+    haze_corner: vec4f,
+    // Edges of their box, 0
+    haze_size: vec4f,
     instruments: array<Instrument, 2>,
 }
 
@@ -34,6 +40,9 @@ struct View {
     // (x, y) of the field's radius-1 coordinates per NDC, squared inner edge of the soft border, 0
     field: vec4f,
 }
+
+// Chosen when a pipeline is made, since software drivers execute both sides of an `if`.
+override LEAN: bool = false;
 
 @group(0) @binding(0) var<uniform> frame: Frame;
 @group(0) @binding(1) var<uniform> view: View;
@@ -120,4 +129,19 @@ fn mask_coordinates(p: vec3f) -> vec3f {
 fn lean_mask(coordinates: vec3f) -> vec3f {
     let uv = coordinates.xy / max(coordinates.z, 0.01);
     return textureSampleLevel(shadow_mask, fundus_sampler, uv, 0.0).rgb;
+}
+
+// Share of the lamp's light that instruments and bodies let through to `p`, for things that lie anywhere in the eye.
+fn past_casters(p: vec3f) -> f32 {
+    if LEAN {
+        // What holds the light up shades only what lies beyond it, by more than a step of the mask's 8 bits.
+        let mask = lean_mask(mask_coordinates(p));
+        return select(1.0, mask.r, distance(p, frame.lamp_position.xyz) / MASK_FAR > mask.g + 0.006);
+    }
+    let at = lamp_coordinates(p);
+    return lit_past_instruments(at.xy, at.z);
+}
+
+fn field_shade(clip: vec4f) -> f32 {
+    return vignette(clip.xy / clip.w * view.field.xy);
 }

@@ -59,6 +59,11 @@ impl Fundus {
         self.draw_rings(pass, if lean { &self.lean } else { &self.full }, RINGS);
     }
 
+    /// Draws the disc with a pipeline of another pass.
+    pub fn draw_with(&self, pass: &mut RenderPass<'_>, pipeline: &RenderPipeline) {
+        self.draw_rings(pass, pipeline, RINGS);
+    }
+
     /// Closes everything outside the round field; first in a channel.
     pub fn close_outside(&self, pass: &mut RenderPass<'_>) {
         self.draw_rings(pass, &self.frame, 1);

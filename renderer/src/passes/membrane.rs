@@ -1,8 +1,9 @@
-//! The membrane: its buffers and its translucent pass.
+//! The membrane: its translucent pass, and the buffers that it shares with lifted retina.
 
 use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
 use crate::governor::Shading;
 use crate::layout::SheetVertex;
+use std::ops::Range;
 use wgpu::{
     BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
     RenderPass, RenderPipeline,
@@ -12,7 +13,8 @@ use wgpu::{
 pub struct Sheet {
     vertices: Buffer,
     indices: Buffer,
-    corners: u32,
+    /// Corners of membrane triangles, which come first, and of retina.
+    corners: [u32; 2],
 }
 
 impl Sheet {
@@ -21,7 +23,7 @@ impl Sheet {
         let vertices =
             geometry_buffer(device, "sheet", nodes * size_of::<SheetVertex>(), BufferUsages::VERTEX);
         let indices = geometry_buffer(device, "sheet", triangles * 12, BufferUsages::INDEX);
-        Self { vertices, indices, corners: 0 }
+        Self { vertices, indices, corners: [0; 2] }
     }
 
     /// Makes room where a scene brings more than was foreseen.
@@ -33,10 +35,10 @@ impl Sheet {
         }
     }
 
-    /// Takes the triangles in.
-    pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]]) {
+    /// Takes the triangles in, `membrane` of which come before those of lifted retina.
+    pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]], membrane: usize) {
         queue.write_buffer(&self.indices, 0, bytemuck::cast_slice(triangles));
-        self.corners = 3 * triangles.len() as u32;
+        self.corners = [membrane, triangles.len() - membrane].map(|n| 3 * n as u32);
     }
 
     /// Takes the vertices in.
@@ -44,12 +46,21 @@ impl Sheet {
         queue.write_buffer(&self.vertices, 0, bytemuck::cast_slice(vertices));
     }
 
-    /// Draws it with the pipeline that is set.
+    /// Draws the membrane with the pipeline that is set.
     pub fn draw(&self, pass: &mut RenderPass<'_>) {
-        if self.corners > 0 {
+        self.draw_range(pass, 0..self.corners[0]);
+    }
+
+    /// Draws lifted retina with the pipeline that is set.
+    pub fn draw_retina(&self, pass: &mut RenderPass<'_>) {
+        self.draw_range(pass, self.corners[0]..self.corners[0] + self.corners[1]);
+    }
+
+    fn draw_range(&self, pass: &mut RenderPass<'_>, range: Range<u32>) {
+        if !range.is_empty() {
             pass.set_vertex_buffer(0, self.vertices.slice(..));
             pass.set_index_buffer(self.indices.slice(..), IndexFormat::Uint32);
-            pass.draw_indexed(0..self.corners, 0, 0..1);
+            pass.draw_indexed(range, 0, 0..1);
         }
     }
 }

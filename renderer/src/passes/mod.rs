@@ -1,11 +1,16 @@
 //! The passes, one file each beside its shader, and what they share: bindings and pipelines.
 
+pub mod bodies;
 pub mod fundus;
+pub mod haze;
 pub mod instruments;
+pub mod marks;
 pub mod membrane;
 pub mod overlay;
+pub mod retina;
 pub mod shadow;
 
+use crate::governor::Shading;
 use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
 use std::num::NonZeroU64;
 use wgpu::{
@@ -25,12 +30,16 @@ const PLACE: &str = include_str!("place.wgsl");
 const QUAD: &str = include_str!("quad.wgsl");
 
 /// Whole text of every shader, by name, for the device and for the validation test.
-pub fn shader_sources() -> [(&'static str, String); 6] {
+pub fn shader_sources() -> [(&'static str, String); 10] {
     [
         ("shadow", [COMMON, PLACE, include_str!("shadow.wgsl")].concat()),
         ("fundus", [COMMON, include_str!("fundus.wgsl")].concat()),
         ("instruments", [COMMON, PLACE, include_str!("instruments.wgsl")].concat()),
         ("membrane", [COMMON, include_str!("membrane.wgsl")].concat()),
+        ("retina", [COMMON, include_str!("retina.wgsl")].concat()),
+        ("bodies", [COMMON, include_str!("bodies.wgsl")].concat()),
+        ("marks", [COMMON, include_str!("marks.wgsl")].concat()),
+        ("haze", [COMMON, include_str!("fundus.wgsl"), include_str!("haze.wgsl")].concat()),
         ("overlay", [QUAD, include_str!("overlay.wgsl")].concat()),
         ("blit", [QUAD, include_str!("../present/blit.wgsl")].concat()),
     ]
@@ -123,6 +132,10 @@ pub struct PipelinePlan<'a> {
     pub blend: Option<BlendState>,
     /// Channels of the picture that are written.
     pub writes: ColorWrites,
+    /// A buffer of instances: bytes of one, and its attributes.
+    pub instances: Option<(u64, &'a [wgpu::VertexAttribute])>,
+    /// For shaders that serve both: which.
+    pub shading: Shading,
 }
 
 impl<'a> PipelinePlan<'a> {
@@ -138,6 +151,8 @@ impl<'a> PipelinePlan<'a> {
             depth: None,
             blend: None,
             writes: ColorWrites::ALL,
+            instances: None,
+            shading: Shading::Full,
         }
     }
 }
@@ -149,19 +164,25 @@ const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
 /// Makes a pipeline.
 pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
     let module = shader(device, plan.shader);
-    let options = wgpu::PipelineCompilationOptions::default();
+    let constants = [("LEAN", 1.0)];
+    let constants: &[(&str, f64)] = if plan.shading == Shading::Lean { &constants } else { &[] };
+    let options = wgpu::PipelineCompilationOptions { constants, ..Default::default() };
     let groups: Vec<_> = plan.groups.iter().map(|&g| Some(g)).collect();
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(plan.shader),
         bind_group_layouts: &groups,
         immediate_size: 0,
     });
-    let buffer = wgpu::VertexBufferLayout {
-        array_stride: VERTEX_STRIDE,
-        step_mode: wgpu::VertexStepMode::Vertex,
-        attributes: &ATTRIBUTES,
+    let buffer = |array_stride, step_mode, attributes| {
+        Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes })
     };
-    let buffers = [Some(buffer)];
+    let mut buffers = Vec::new();
+    if plan.vertices {
+        buffers.push(buffer(VERTEX_STRIDE, wgpu::VertexStepMode::Vertex, &ATTRIBUTES[..]));
+    }
+    if let Some((stride, attributes)) = plan.instances {
+        buffers.push(buffer(stride, wgpu::VertexStepMode::Instance, attributes));
+    }
     let target =
         [Some(wgpu::ColorTargetState { format: COLOUR, blend: plan.blend, write_mask: plan.writes })];
     let topology = if plan.strip {
@@ -176,7 +197,7 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
             module: &module,
             entry_point: Some(plan.vertex),
             compilation_options: options.clone(),
-            buffers: if plan.vertices { &buffers } else { &[] },
+            buffers: &buffers,
         },
         primitive: wgpu::PrimitiveState { topology, ..wgpu::PrimitiveState::default() },
         depth_stencil: plan.depth.map(|(compare, write)| wgpu::DepthStencilState {

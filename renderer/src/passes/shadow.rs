@@ -2,6 +2,7 @@
 //! tiles, instruments, which cast full shadows, and the membrane, which dims. Lean tiers: a mask of
 //! light, which costs a pixel of the picture one fetch instead of several comparisons.
 
+use super::bodies::Bodies;
 use super::instruments::Meshes;
 use super::membrane::Sheet;
 use super::{COLOUR, DEPTH, PipelinePlan, Uniforms, pipeline};
@@ -93,7 +94,7 @@ impl Shadow {
         map: &ShadowMap,
         uniforms: &Uniforms,
         (meshes, casters): (&Meshes, &[Option<Tool>; INSTRUMENTS]),
-        sheet: &Sheet,
+        (bodies, sheet): (&Bodies, &Sheet),
     ) {
         let mut pass = begin(encoder, map);
         let pipelines = if map.shading == Shading::Lean { &self.lean } else { &self.full };
@@ -106,6 +107,7 @@ impl Shadow {
                 meshes.draw(&mut pass, which, *tool);
             }
         }
+        bodies.cast(&mut pass, map.shading);
         if map.shading == Shading::Full {
             pass.set_viewport(size, 0.0, size, size, 0.0, 1.0);
         }

@@ -4,7 +4,7 @@
 use super::placing::to_fixed;
 use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
 use super::surface::Unusable;
-use super::tool_mesh::ToolMesh;
+use super::tool_mesh::{Facet, ToolMesh};
 use crate::constants::{JAW_STEP_RAD, VOLUME_BEYOND_TIP};
 use protocol::handles::Tool;
 use protocol::scene_file::ContactScene;
@@ -64,6 +64,12 @@ impl Volume {
         [low, high]
     }
 
+    /// Scale and offset to fixed point along z for the camera at the handle: from the far plane towards the tip.
+    pub fn format_back(&self) -> (f32, f32) {
+        let z = f64::from(DEPTH_STEPS) / self.depth_mm;
+        (-z as f32, ((self.near_mm + self.depth_mm) * z) as f32)
+    }
+
     /// Scale and offset to fixed point along x (and y), then along z.
     pub fn format(&self) -> [(f32, f32); 2] {
         let width = (self.resolution as i32 * SUBPIXELS) as f64;
@@ -78,27 +84,68 @@ impl Volume {
     }
 }
 
+/// What a look compares the membrane with: an instrument seen from one end.
+#[derive(Debug, Clone, Copy)]
+pub struct Side<'a> {
+    /// Depth of each pixel in depth steps, or [`NOTHING`]; row by row.
+    pub depth: &'a [i32],
+    /// Pixels that may hold instrument.
+    pub rect: Rect,
+    /// Seen from the handle, with depth growing towards the tip.
+    pub reversed: bool,
+}
+
 /// Depth image of an instrument for one opening of its jaws.
 #[derive(Debug)]
 pub struct InstrumentImage {
     mesh: ToolMesh,
     tool: u32,
-    radius_mm: f64,
+    /// Radius of the shaft, and of a needle in this hand, mm.
+    radius_mm: [f64; 2],
     /// Opening in [`JAW_STEP_RAD`], −1 before the first.
     opening: i64,
     /// Depth of each pixel in depth steps, or [`NOTHING`]; row by row.
     pub depth: Vec<i32>,
     /// Pixels that may hold instrument.
     pub rect: Rect,
+    /// Depths below the far plane of what reaches beside the shaft, seen from the handle.
+    back_depth: Vec<i32>,
+    /// Pixels that may hold such.
+    back_rect: Rect,
 }
 
 impl InstrumentImage {
     /// An image yet to be drawn.
     pub fn new(tool: Tool, radius_mm: f64, volume: &Volume) -> Self {
+        Self::with_needle(tool, [radius_mm; 2], volume)
+    }
+
+    /// The same, with the radius of the shaft and that of a needle.
+    pub fn with_needle(tool: Tool, radius_mm: [f64; 2], volume: &Volume) -> Self {
         let pixels = volume.resolution * volume.resolution;
-        let mesh = ToolMesh::new(tool, radius_mm, volume.depth_mm);
+        let mesh = ToolMesh::new(tool, radius_mm[usize::from(tool == Tool::Needle)], volume.depth_mm);
         let depth = vec![NOTHING; pixels];
-        InstrumentImage { mesh, tool: tool as u32, radius_mm, opening: -1, depth, rect: Rect::EMPTY }
+        InstrumentImage {
+            mesh,
+            tool: tool as u32,
+            radius_mm,
+            opening: -1,
+            back_depth: depth.clone(),
+            back_rect: Rect::EMPTY,
+            depth,
+            rect: Rect::EMPTY,
+        }
+    }
+
+    /// The instrument as the camera beyond the tip sees it.
+    pub fn ahead(&self) -> Side<'_> {
+        Side { depth: &self.depth, rect: self.rect, reversed: false }
+    }
+
+    /// What of the instrument can lift tissue, as a camera at the handle sees it: hook and jaws. Where they reach out of the volume
+    /// there is shaft behind them, and nothing that could lie on it. Empty for an instrument that is all shaft.
+    pub fn back(&self) -> Side<'_> {
+        Side { depth: &self.back_depth, rect: self.back_rect, reversed: true }
     }
 
     /// An image of a shape of one's own, for a bench or a test.
@@ -109,7 +156,7 @@ impl InstrumentImage {
     /// Takes another tool into the hand; it allocates, but only at a change of tools.
     pub fn set_tool(&mut self, tool: Tool, volume: &Volume) {
         if self.tool != tool as u32 {
-            *self = Self::new(tool, self.radius_mm, volume);
+            *self = Self::with_needle(tool, self.radius_mm, volume);
         }
     }
 
@@ -123,22 +170,42 @@ impl InstrumentImage {
         self.opening = opening;
         self.depth.fill(NOTHING);
         self.rect = Rect::EMPTY;
-        let (whole, width) = (Rect::whole(volume.resolution), volume.resolution);
-        let [xy, z] = volume.format();
-        let (depth, rect) = (&mut self.depth, &mut self.rect);
-        self.mesh.for_each(opening as f64 * JAW_STEP_RAD, |facet| {
-            let vertices = facet.map(|p| {
-                let [x, y, d] = p.map(|c| c as f32);
-                [to_fixed(x, xy, XY_LIMIT - 1), to_fixed(y, xy, XY_LIMIT - 1), to_fixed(d, z, Z_LIMIT - 1)]
-            });
-            raster::triangle(vertices, whole, |x, y, d| {
-                let d = d.steps();
-                if d <= DEPTH_STEPS {
-                    let pixel = &mut depth[y as usize * width + x as usize];
-                    *pixel = (*pixel).min(d.max(0));
-                    rect.include(x, y);
-                }
-            });
+        let jaw_rad = opening as f64 * JAW_STEP_RAD;
+        let mut ahead = Pen { volume, z: volume.format()[1], depth: &mut self.depth, rect: &mut self.rect };
+        self.mesh.for_each(jaw_rad, |facet| ahead.draw(facet, 0));
+        self.back_depth.fill(NOTHING);
+        self.back_rect = Rect::EMPTY;
+        let (depth, rect) = (&mut self.back_depth, &mut self.back_rect);
+        let mut back = Pen { volume, z: volume.format_back(), depth, rect };
+        self.mesh.for_each_aside(jaw_rad, |facet| back.draw(facet, -1));
+        self.back_depth.iter_mut().filter(|d| **d < 0).for_each(|d| *d = NOTHING);
+    }
+}
+
+/// Draws facets into a depth image, the nearest wins.
+struct Pen<'a> {
+    volume: &'a Volume,
+    z: (f32, f32),
+    depth: &'a mut [i32],
+    rect: &'a mut Rect,
+}
+
+impl Pen<'_> {
+    /// `nearest` stands for whatever lies before the near plane.
+    fn draw(&mut self, facet: Facet, nearest: i32) {
+        let (whole, width) = (Rect::whole(self.volume.resolution), self.volume.resolution);
+        let [xy, _] = self.volume.format();
+        let vertices = facet.map(|p| {
+            let [x, y, d] = p.map(|c| c as f32);
+            [to_fixed(x, xy, XY_LIMIT - 1), to_fixed(y, xy, XY_LIMIT - 1), to_fixed(d, self.z, Z_LIMIT - 1)]
+        });
+        raster::triangle(vertices, whole, |x, y, d| {
+            let d = d.steps();
+            if d <= DEPTH_STEPS {
+                let pixel = &mut self.depth[y as usize * width + x as usize];
+                *pixel = (*pixel).min(d.max(nearest));
+                self.rect.include(x, y);
+            }
         });
     }
 }
@@ -146,6 +213,7 @@ impl InstrumentImage {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::handles::{HOOK_LENGTH_MM, HOOK_THICKNESS_MM};
     use protocol::scene_file::SceneFile;
 
     #[test]
@@ -172,5 +240,25 @@ mod tests {
         let middle = image.depth[16 * 32 + 16];
         assert!((volume.depth_steps_mm(middle) - 0.25).abs() < 1e-4, "{middle}");
         assert_eq!(image.depth[0], NOTHING);
+    }
+
+    #[test]
+    fn only_what_reaches_beside_the_shaft_lifts() {
+        let volume = Volume::new(&SceneFile::load("peel").unwrap().contact);
+        for (tool, lifts) in [(Tool::Pick, true), (Tool::LightPipe, false), (Tool::Vitrector, false)] {
+            let mut image = InstrumentImage::new(tool, 0.25, &volume);
+            image.prepare(0.0, &volume);
+            assert_eq!(!image.back().rect.is_empty(), lifts, "{tool:?}");
+        }
+        // The top of the hook near its end, seen from the far plane 1.25 mm over the tip.
+        let mut image = InstrumentImage::new(Tool::Pick, 0.25, &volume);
+        image.prepare(0.0, &volume);
+        let (row, column) = (16, 16 + (0.5 / 1.5 * 32.0) as usize);
+        let x = (column as f64 + 0.5) / 32.0 * 1.5 - 0.75;
+        let top = HOOK_THICKNESS_MM * (1.0 - 0.5 * x / HOOK_LENGTH_MM);
+        let seen = 1.25 - volume.depth_steps_mm(image.back().depth[row * 32 + column]);
+        assert!((seen - top).abs() < 1e-4, "{seen} {top}");
+        let under = volume.depth_steps_mm(image.depth[row * 32 + column]) - 0.25;
+        assert!(under.abs() < 1e-4, "its under side lies at the tip's height: {under}");
     }
 }

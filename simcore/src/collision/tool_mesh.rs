@@ -1,8 +1,8 @@
 //! Shapes of the instruments as closed low-poly meshes, in the instrument's frame: tip at the
-//! origin, +z to the handle, jaws open in the x–z plane.
+//! origin, +z to the handle, jaws open in the x–z plane, the pick's hook along +x.
 
 use protocol::handles::Tool;
-use protocol::handles::{JAW_LENGTH_MM, JAW_TAPER};
+use protocol::handles::{HOOK_LENGTH_MM, HOOK_THICKNESS_MM, JAW_LENGTH_MM, JAW_TAPER};
 
 /// A triangle, mm.
 pub type Facet = [[f64; 3]; 3];
@@ -14,7 +14,14 @@ pub struct ToolMesh {
     pub shaft: Vec<Facet>,
     /// The jaw on the +x side, closed; the other is its mirror image. Empty without jaws.
     pub jaw: Vec<Facet>,
+    /// What reaches out to the side and can lift tissue; it does not move. Empty without a hook.
+    pub hook: Vec<Facet>,
 }
+
+/// Height at which a pick's shaft has its full radius, mm.
+const NECK_MM: f64 = 0.8;
+/// Thickness and width of the hook at its end as a share of those at its root.
+const HOOK_TAPER: f64 = 0.5;
 
 /// How finely a shape is cut into triangles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,15 +45,16 @@ impl ToolMesh {
 
     /// The same shape, more finely.
     pub fn with_detail(tool: Tool, radius_mm: f64, length_mm: f64, detail: Detail) -> Self {
+        let bare = |shaft| ToolMesh { shaft, jaw: Vec::new(), hook: Vec::new() };
+        let end = length_mm + 1.0;
         match tool {
-            Tool::Forceps => ToolMesh {
-                shaft: tube(radius_mm, JAW_LENGTH_MM, length_mm.max(JAW_LENGTH_MM) + 1.0, detail),
-                jaw: half_cone(radius_mm, detail),
-            },
-            // Their working ends differ by far less than a pixel of the collision image.
-            Tool::LightPipe | Tool::Pick | Tool::Vitrector | Tool::Needle => {
-                ToolMesh { shaft: tube(radius_mm, 0.0, length_mm + 1.0, detail), jaw: Vec::new() }
+            Tool::Forceps => {
+                let shaft = tube(radius_mm, JAW_LENGTH_MM, length_mm.max(JAW_LENGTH_MM) + 1.0, detail);
+                ToolMesh { jaw: half_cone(radius_mm, detail), ..bare(shaft) }
             }
+            Tool::Pick => ToolMesh { hook: hook(), ..bare(necked(radius_mm, end, detail)) },
+            // The port is a hole in the shaft, smaller than a few pixels of the collision image. A needle's radius is given.
+            Tool::LightPipe | Tool::Vitrector | Tool::Needle => bare(tube(radius_mm, 0.0, end, detail)),
         }
     }
 
@@ -60,6 +68,12 @@ impl ToolMesh {
     /// Calls `draw` for each triangle with the jaws opened by `jaw_rad` (angle between them).
     pub fn for_each(&self, jaw_rad: f64, mut draw: impl FnMut(Facet)) {
         self.shaft.iter().for_each(|f| draw(*f));
+        self.for_each_aside(jaw_rad, draw);
+    }
+
+    /// Calls `draw` for each triangle of what reaches beside the shaft: hook and jaws.
+    pub fn for_each_aside(&self, jaw_rad: f64, mut draw: impl FnMut(Facet)) {
+        self.hook.iter().for_each(|f| draw(*f));
         let (sin, cos) = (libm::sin(jaw_rad * 0.5), libm::cos(jaw_rad * 0.5));
         for facet in &self.jaw {
             let open = facet.map(|p| open_about_pivot(p, sin, cos));
@@ -111,6 +125,23 @@ fn tube(radius: f64, from_z: f64, to_z: f64, detail: Detail) -> Vec<Facet> {
     solid(&heights(from_z, to_z, detail.rings).map(ring).collect::<Vec<_>>())
 }
 
+/// A shaft that begins as thin as the hook is thick.
+fn necked(radius: f64, to_z: f64, detail: Detail) -> Vec<Facet> {
+    let ring = |radius, z| arc(radius, z, detail.sides, detail.sides);
+    let end = HOOK_THICKNESS_MM * 0.5;
+    let neck = if end < radius { end } else { radius };
+    solid(&[ring(neck, 0.0), ring(radius, NECK_MM), ring(radius, to_z.max(NECK_MM) + 1.0)])
+}
+
+/// A tapering bar from the axis along +x; its under side lies at the tip's height.
+fn hook() -> Vec<Facet> {
+    let outline = |x: f64, share: f64| {
+        let (half, high) = (HOOK_THICKNESS_MM * 0.5 * share, HOOK_THICKNESS_MM * share);
+        vec![[x, -half, 0.0], [x, half, 0.0], [x, half, high], [x, -half, high]]
+    };
+    solid(&[outline(0.0, 1.0), outline(HOOK_LENGTH_MM, HOOK_TAPER)])
+}
+
 /// Half of a cone on the +x side, from the narrow tip to the pivot.
 fn half_cone(radius: f64, detail: Detail) -> Vec<Facet> {
     let half = |z: f64| {
@@ -142,10 +173,12 @@ mod tests {
 
     #[test]
     fn meshes_are_closed() {
-        for (tool, detail) in [Tool::Forceps, Tool::LightPipe].map(|t| [(t, PLAIN), (t, FINE)]).concat() {
+        let tools = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle];
+        for (tool, detail) in tools.map(|t| [(t, PLAIN), (t, FINE)]).concat() {
             let mesh = ToolMesh::with_detail(tool, 0.25, 2.0, detail);
             assert!(closed(&mesh.shaft), "{tool:?} shaft");
             assert!(closed(&mesh.jaw), "{tool:?} jaw");
+            assert!(closed(&mesh.hook), "{tool:?} hook");
         }
     }
 
@@ -165,9 +198,22 @@ mod tests {
 
     #[test]
     fn the_tip_is_the_origin() {
-        let mut lowest = f64::INFINITY;
-        ToolMesh::new(Tool::LightPipe, 0.25, 2.0)
-            .for_each(0.0, |f| f.iter().for_each(|p| lowest = lowest.min(p[2])));
-        assert_eq!(lowest, 0.0);
+        for tool in [Tool::LightPipe, Tool::Pick] {
+            let mut lowest = f64::INFINITY;
+            ToolMesh::new(tool, 0.25, 2.0)
+                .for_each(0.0, |f| f.iter().for_each(|p| lowest = lowest.min(p[2])));
+            assert_eq!(lowest, 0.0);
+        }
+    }
+
+    #[test]
+    fn the_hook_reaches_beyond_the_shaft_on_one_side() {
+        let mesh = ToolMesh::new(Tool::Pick, 0.25, 2.0);
+        let mut ends = [0.0f64; 2];
+        mesh.for_each(0.0, |f| {
+            f.iter().for_each(|p| ends = [ends[0].min(p[0]), ends[1].max(p[0])]);
+        });
+        assert_eq!(ends[1], HOOK_LENGTH_MM);
+        assert!((ends[0] + 0.25).abs() < 1e-9, "the shaft's radius on the other side");
     }
 }

@@ -12,6 +12,9 @@
 //! i, length max |d| and direction that of the sum. All vectors of one view point along −ẑ, so that
 //! direction is −ẑ and the length of each node is all that is computed here.
 //!
+//! An instrument that came round an edge is under the membrane. Then the camera is reversed ([`Zcoll::look_back`]): it sits at the
+//! handle, looks along −z and sees what reaches beside the shaft (hook, jaws); vectors point along +ẑ and lift.
+//!
 //! The membrane must meet each line of view at most once inside the volume (π-convex); pixels that see
 //! a second layer are counted. Instrument depth is clamped at the near plane; membrane outside the volume
 //! is not drawn. Only pixels that have instrument are drawn, because others never collide. Images are drawn in
@@ -19,7 +22,7 @@
 
 #[cfg(feature = "gpu")]
 use super::gpu::{GpuError, GpuZcoll};
-use super::instrument_image::{InstrumentImage, NOTHING, Volume};
+use super::instrument_image::{InstrumentImage, NOTHING, Side, Volume};
 use super::placing::{PLANES, Placed, Placing, REFUSED};
 use super::raster::{self, DEPTH_STEPS, Drawn, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
 use super::surface::{Cull, Frame, Surface, Unusable};
@@ -157,8 +160,28 @@ impl Zcoll {
         if let Some(found) = self.look_on_gpu(image, instrument_from_eye, surface) {
             return found;
         }
-        self.draw_membrane(image, instrument_from_eye, surface, &mut found);
-        self.compare(image, &mut found);
+        self.draw_membrane(&image.ahead(), instrument_from_eye, surface, &mut found);
+        self.compare(&image.ahead(), &mut found);
+        self.spread_to_nodes(surface.triangles);
+        found
+    }
+
+    /// The same from the handle: where hook or jaws of an instrument **under** the membrane have come up through it. Depth
+    /// grows towards the tip, and all vectors point along +ẑ: they lift. It is always the processor that looks back: only few pixels
+    /// lie beside a shaft.
+    pub fn look_back(
+        &mut self,
+        image: &InstrumentImage,
+        instrument_from_eye: &Isometry3<f64>,
+        surface: &Surface,
+    ) -> Found {
+        self.forget();
+        let mut found = Found::default();
+        if image.back().rect.is_empty() {
+            return found;
+        }
+        self.draw_membrane(&image.back(), instrument_from_eye, surface, &mut found);
+        self.compare(&image.back(), &mut found);
         self.spread_to_nodes(surface.triangles);
         found
     }
@@ -178,8 +201,9 @@ impl Zcoll {
         if let Some(touches) = self.ask_gpu(|gpu| gpu.touches(image, instrument_from_eye, surface)) {
             return touches;
         }
-        self.draw_membrane(image, instrument_from_eye, surface, &mut Found::default());
-        self.canvas.rows(image).any(|(_, z_m, z_i)| z_m.iter().zip(z_i).any(|(m, i)| *m != NOTHING && i < m))
+        let side = image.ahead();
+        self.draw_membrane(&side, instrument_from_eye, surface, &mut Found::default());
+        self.canvas.rows(&side).any(|(_, z_m, z_i)| z_m.iter().zip(z_i).any(|(m, i)| *m != NOTHING && i < m))
     }
 
     /// Vertices as features: the vertices of living triangles that lie in the volume and behind the instrument, each with its
@@ -283,28 +307,28 @@ impl Zcoll {
 
     fn draw_membrane(
         &mut self,
-        image: &InstrumentImage,
+        side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
         found: &mut Found,
     ) {
-        self.canvas.clear(image.rect);
+        self.canvas.clear(side.rect);
         let frame = Frame::new(instrument_from_eye);
-        let [low, high] = self.volume.box_around(image.rect, CULL_MARGIN);
+        let [low, high] = self.volume.box_around(side.rect, CULL_MARGIN);
         self.cull.sort(surface, &frame, low, high);
-        let placing = placing(frame, &self.volume, image.rect);
+        let placing = placing(frame, &self.volume, side);
         let simd = self.cull.simd();
         self.cull.survivors(
             surface.triangles.len(),
             &mut (&mut self.canvas, found),
             |(canvas, _), block| placing.block(simd, surface, block, &mut canvas.vertex),
-            |(canvas, found), from, to| canvas.draw(image, surface, from..to, found),
+            |(canvas, found), from, to| canvas.draw(side, surface, from..to, found),
         );
     }
 
     /// Colliding pixels give their triangles the deepest of their vectors.
-    fn compare(&mut self, image: &InstrumentImage, found: &mut Found) {
-        for (first, z_m, z_i) in self.canvas.rows(image) {
+    fn compare(&mut self, side: &Side, found: &mut Found) {
+        for (first, z_m, z_i) in self.canvas.rows(side) {
             for (i, (&z_m, &z_i)) in z_m.iter().zip(z_i).enumerate() {
                 if z_m == NOTHING || z_i >= z_m {
                     continue;
@@ -338,9 +362,10 @@ impl Zcoll {
 }
 
 /// How a look maps the eye to the image.
-fn placing(frame: Frame, volume: &Volume, rect: Rect) -> Placing {
-    let [low, high] = [rect.min, rect.max].map(|p| p.map(|p| p * SUBPIXELS));
-    let [xy, z] = volume.format();
+fn placing(frame: Frame, volume: &Volume, side: &Side) -> Placing {
+    let [low, high] = [side.rect.min, side.rect.max].map(|p| p.map(|p| p * SUBPIXELS));
+    let [xy, ahead] = volume.format();
+    let z = if side.reversed { volume.format_back() } else { ahead };
     Placing {
         frame,
         format: [xy, xy, z],
@@ -360,13 +385,7 @@ impl Canvas {
         }
     }
 
-    fn draw(
-        &mut self,
-        image: &InstrumentImage,
-        surface: &Surface,
-        range: std::ops::Range<usize>,
-        found: &mut Found,
-    ) {
+    fn draw(&mut self, side: &Side, surface: &Surface, range: std::ops::Range<usize>, found: &mut Found) {
         let (triangles, alive) = (&surface.triangles[range.clone()], &surface.alive[range.clone()]);
         for ((nodes, alive), t) in triangles.iter().zip(alive).zip(range) {
             let [a, b, c] = nodes.map(|n| self.vertex[n as usize]);
@@ -377,21 +396,15 @@ impl Canvas {
                 found.refused += 1;
                 continue;
             }
-            self.draw_one(image, [a.at, b.at, c.at], t as u32, found);
+            self.draw_one(side, [a.at, b.at, c.at], t as u32, found);
         }
     }
 
-    fn draw_one(
-        &mut self,
-        image: &InstrumentImage,
-        vertices: [raster::Fixed; 3],
-        triangle: u32,
-        found: &mut Found,
-    ) {
+    fn draw_one(&mut self, side: &Side, vertices: [raster::Fixed; 3], triangle: u32, found: &mut Found) {
         let Canvas { depth, id, second, resolution, .. } = self;
-        let drawn = raster::triangle(vertices, image.rect, |x, y, z| {
+        let drawn = raster::triangle(vertices, side.rect, |x, y, z| {
             let pixel = y as usize * *resolution + x as usize;
-            if image.depth[pixel] == NOTHING {
+            if side.depth[pixel] == NOTHING {
                 return;
             }
             let z = z.steps();
@@ -410,11 +423,11 @@ impl Canvas {
     }
 
     /// The rows of the instrument's rectangle: number of the first pixel, membrane depths, instrument depths.
-    fn rows<'a>(&'a self, image: &'a InstrumentImage) -> impl Iterator<Item = (usize, &'a [i32], &'a [i32])> {
-        (image.rect.min[1] as usize..image.rect.max[1] as usize).map(move |row| {
-            let first = row * self.resolution + image.rect.min[0] as usize;
-            let pixels = first..row * self.resolution + image.rect.max[0] as usize;
-            (first, &self.depth[pixels.clone()], &image.depth[pixels])
+    fn rows<'a>(&'a self, side: &'a Side) -> impl Iterator<Item = (usize, &'a [i32], &'a [i32])> {
+        (side.rect.min[1] as usize..side.rect.max[1] as usize).map(move |row| {
+            let first = row * self.resolution + side.rect.min[0] as usize;
+            let pixels = first..row * self.resolution + side.rect.max[0] as usize;
+            (first, &self.depth[pixels.clone()], &side.depth[pixels])
         })
     }
 }

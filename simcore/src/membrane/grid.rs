@@ -10,6 +10,8 @@ use protocol::scene_file::{MembraneScene, SceneFile};
 struct Grid {
     nx: u32,
     ny: u32,
+    /// The last column hangs free.
+    loose: bool,
 }
 
 impl Grid {
@@ -29,7 +31,7 @@ impl Grid {
         (self.ny + 1) * self.nx + self.node(self.ny, 0) + r * self.nx + c
     }
     fn is_rim(self, r: u32, c: u32) -> bool {
-        r == 0 || c == 0 || r == self.ny || c == self.nx
+        r == 0 || c == 0 || r == self.ny || (c == self.nx && !self.loose)
     }
 }
 
@@ -42,7 +44,7 @@ impl Sheet {
 
     fn of(m: &MembraneScene, radius_mm: f64) -> Self {
         let [nx, ny] = m.squares;
-        let grid = Grid { nx, ny };
+        let grid = Grid { nx, ny, loose: m.loose_edge };
         let start_mm = start_positions(m, radius_mm, grid);
         let mut sheet = Sheet { start_mm, order: (0..grid.nodes()).collect(), ..Sheet::default() };
         sheet.add_structural(grid);
@@ -102,7 +104,8 @@ impl Sheet {
 }
 
 /// Nodes by rows: distances from the middle are kept along the retina (azimuthal equidistant), and
-/// the height over the retina is `lift`·(1 − u²)(1 − v²) with u and v from −1 to 1 over the sheet.
+/// the height over the retina is `lift`·(1 − u²)(1 − v²) with u and v from −1 to 1 over the sheet; with a loose edge u runs from −1
+/// to 0, so that the sheet is highest there.
 fn start_positions(m: &MembraneScene, radius: f64, g: Grid) -> [Vec<f32>; 3] {
     let towards = Vector3::from(m.towards_in_eye).normalize();
     // Any direction that is not parallel to `towards` gives the first axis of the sheet.
@@ -118,7 +121,8 @@ fn start_positions(m: &MembraneScene, radius: f64, g: Grid) -> [Vec<f32>; 3] {
         let sideways = if way > 0.0 { flat / way } else { Vector3::zeros() };
         let angle = way / radius;
         let direction = towards * libm::cos(angle) + sideways * libm::sin(angle);
-        let height = if g.is_rim(r, c) { 0.0 } else { m.lift_mm * (1.0 - u * u) * (1.0 - v * v) };
+        let rise = if g.loose { (u - 1.0) * 0.5 } else { u };
+        let height = if g.is_rim(r, c) { 0.0 } else { m.lift_mm * (1.0 - rise * rise) * (1.0 - v * v) };
         let p = direction * (radius - height);
         (0..3).for_each(|axis| out[axis].push(p[axis] as f32));
     }
@@ -138,6 +142,18 @@ mod tests {
         let s = sheet();
         assert_eq!((s.triangles.len(), s.structural, s.nodes()), (1000, 1545, 546));
         assert_eq!(s.springs.len() - s.structural, s.bends.len());
+    }
+
+    #[test]
+    fn a_loose_edge_is_no_rim_and_the_highest() {
+        let mut scene = SceneFile::load("peel").unwrap();
+        scene.membrane.as_mut().unwrap().loose_edge = true;
+        let (whole, loose) = (sheet(), Sheet::new(&scene));
+        assert_eq!(whole.rim.len() - loose.rim.len(), 19, "20 squares along the edge, without the corners");
+        let height = |n: u32| 11.5 - loose.at(n).norm();
+        let highest = (0..loose.nodes() as u32).max_by(|&a, &b| height(a).total_cmp(&height(b))).unwrap();
+        assert_eq!(highest % 26, 25, "in the last column");
+        assert!((height(highest) - 0.5).abs() < 1e-3);
     }
 
     #[test]

@@ -100,6 +100,14 @@ impl Port {
         let near = distance_mm <= self.radius_mm;
         if near { self.suction_pa } else { self.suction_pa * self.radius_mm / distance_mm }
     }
+
+    /// Force on a piece of tissue of `area_mm2` that lies `way_mm` before the apex (vector from the tissue to the apex), µN. Within
+    /// the port's radius it falls to 0 with the distance, so that what is in the port is not thrown about.
+    pub fn pull_un(&self, way_mm: &Vector3<f64>, area_mm2: f64) -> Vector3<f64> {
+        let distance = way_mm.norm();
+        let length = if distance > self.radius_mm { distance } else { self.radius_mm };
+        way_mm * (self.pressure_pa(distance) * area_mm2 / length)
+    }
 }
 
 /// One turn of the blade in the unit of [`Cutter::turned`]: 1 cut/min for 60·10⁹ ns.
@@ -177,6 +185,9 @@ mod tests {
         let products = [0.2, 0.5, 1.3].map(|d| port.pressure_pa(d) * d);
         assert!(products.iter().all(|p| (p - 30_000.0 * PORT_RADIUS_MM).abs() < 1e-9), "{products:?}");
         assert_eq!(port.pressure_pa(0.01), 30_000.0, "never more than at the port");
+        let pull = port.pull_un(&Vector3::new(0.0, -0.6, 0.0), 0.05);
+        assert!((pull - Vector3::new(0.0, -30_000.0 * PORT_RADIUS_MM / 0.6 * 0.05, 0.0)).norm() < 1e-9);
+        assert!(port.pull_un(&Vector3::new(0.0, 0.0, 1e-6), 0.05).norm() < 0.1, "nothing at the apex");
         port.open = false;
         assert_eq!(port.pressure_pa(0.5), 0.0);
     }

@@ -115,6 +115,8 @@ pub struct World {
     images: [InstrumentImage; INSTRUMENTS],
     /// What the scene says of its tools.
     figures: ToolFigures,
+    /// The port's camera and the membrane's areas, where there is a membrane.
+    cutting: Option<tools::Cutting>,
     /// Where vitrectors and needles are in this substep.
     aimed: tools::Aimed,
     last_good: LastGood,
@@ -147,9 +149,13 @@ impl World {
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
         let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
+        let figures = ToolFigures::new(scene);
+        let cutting = || tools::Cutting::new(&figures, &sheet);
+        let cutting = scene.membrane.is_some().then(cutting).transpose()?;
         let image = |i: usize| {
             let instrument = &scene.instruments[i];
-            InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &volume)
+            let radius = [instrument.shaft_radius_mm, figures.needle.radius_mm];
+            InstrumentImage::with_needle(instrument.tool, radius, &volume)
         };
         let mut world = World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
@@ -162,7 +168,8 @@ impl World {
             bodies: bodies::Bodies::new(scene)?,
             zcoll,
             images: std::array::from_fn(image),
-            figures: ToolFigures::new(scene),
+            figures,
+            cutting,
             aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
@@ -205,6 +212,7 @@ impl World {
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             self.move_bodies(&plan, &poses, k);
+            self.cut_membrane(&poses);
             let tissue_end = clock();
             times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
             self.state.substeps += 1;
@@ -218,6 +226,7 @@ impl World {
         self.move_vitreous(&plan);
         times.tissue_ns += clock().saturating_sub(gel_begin);
         self.tell_toll();
+        self.tell_cuts();
         self.tell_peel();
         self.check_finite();
         self.end_step(&plan);

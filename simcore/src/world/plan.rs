@@ -64,6 +64,8 @@ pub fn start_instrument(tool: Tool) -> InstrumentState {
         held: Vec::with_capacity(MAX_HELD),
         retina: AWAY,
         under: false,
+        hooked: false,
+        pierced: None,
         in_contact: false,
         travelled_mm: 0.0,
         fold_quiet_ns: 0,
@@ -79,16 +81,27 @@ impl World {
                 continue;
             }
             let instrument = &mut self.state.instruments[handle.instrument as usize];
+            if instrument.tool != handle.tool {
+                let event = Happening::new(EventKind::ToolChanged, Severity::Info, f64::from(handle.tool));
+                self.log.raise(event.by(handle.instrument as usize, instrument.tip_in_eye_mm.into()));
+                // Another shape is somewhere else: it has no way, and no contact.
+                instrument.touches = false;
+            }
             (instrument.tool, instrument.jaw_target_rad) = (handle.tool, handle.jaw_rad);
             self.state.handles_below = handle.seq + 1;
         }
         for i in 0..INSTRUMENTS {
-            if let Some(tool) = Tool::from_wire(self.state.instruments[i].tool) {
-                self.images[i].set_tool(tool, &self.volume);
-            }
+            self.change_tool(i);
             if !forceps::has_jaws(self.state.instruments[i].tool) {
                 self.let_go(i);
             }
+        }
+    }
+
+    /// Gives the collision image the shape of what is in the hand.
+    fn change_tool(&mut self, i: usize) {
+        if let Some(tool) = Tool::from_wire(self.state.instruments[i].tool) {
+            self.images[i].set_tool(tool, &self.volume);
         }
     }
 
@@ -160,7 +173,8 @@ impl World {
             (state.eye_from_instrument, state.world_from_instrument) = (to, world_from_instrument);
         }
         if !sweeps {
-            (state.in_contact, state.under, state.travelled_mm) = (false, false, 0.0);
+            (state.in_contact, state.under, state.hooked, state.travelled_mm) = (false, false, false, 0.0);
+            state.pierced = None;
             state.tip_in_eye_mm = plan.sweeps[i].to.translation.vector;
             plan.jaws[i][0] = state.jaw_target_rad;
             state.jaw_rad = state.jaw_target_rad;

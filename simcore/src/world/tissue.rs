@@ -36,6 +36,7 @@ impl World {
             }
         }
         self.pull_at_glue();
+        self.suck_membrane(poses);
         let alarms = self.solver.accelerate(&self.sheet, &self.state.membrane, &self.tissue);
         if alarms.not_finite {
             self.contain();
@@ -94,7 +95,7 @@ impl World {
     }
 
     /// After triangles have gone: the solver and the jaws forget what belonged to them.
-    fn after_loss(&mut self) {
+    pub(super) fn after_loss(&mut self) {
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
             if forceps::drop_dead(instrument, &self.state.membrane) && instrument.held.is_empty() {

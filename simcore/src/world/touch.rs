@@ -4,12 +4,17 @@ use super::World;
 use super::plan::{Plan, Poses};
 use crate::collision::continuous::crosses;
 use crate::collision::eyeball;
+use crate::collision::instrument_image::{InstrumentImage, NOTHING};
+use crate::collision::raster::DEPTH_STEPS;
 use crate::collision::zcoll::{self, Found, Zcoll};
-use crate::constants::{FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM};
+use crate::constants::{
+    COLLISION_EVERY, FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM,
+};
 use crate::event_log::Happening;
 use crate::state::MarkState;
 use nalgebra::{UnitVector3, Vector3};
 use protocol::events::{EventKind, Severity};
+use protocol::handles::{HOOK_THICKNESS_MM, JAW_LENGTH_MM, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
 
@@ -17,6 +22,37 @@ use protocol::scene::NODE_FREE;
 const MARK_RADIUS_MM: f64 = 0.08;
 /// Bleeding points nearer than this to an old one make it grow instead, mm.
 const MARK_MERGE_MM: f32 = 0.2;
+
+/// What an instrument has done to the membrane that a look found.
+enum Passed {
+    Nothing,
+    /// It came through from above, and pushes.
+    Through,
+    /// It came round an edge, and lifts.
+    Under,
+}
+
+/// Of the pixels of hook and jaws in which the membrane was passed: does it lie above their middle in most? `None` where only shaft was.
+fn above_middle(image: &InstrumentImage, zcoll: &Zcoll) -> Option<bool> {
+    let (mut above, mut below) = (0, 0);
+    for hit in zcoll.hits() {
+        let pixel = hit.pixel as usize;
+        let (bottom, back) = (image.depth[pixel], image.back().depth[pixel]);
+        if back != NOTHING {
+            let top = DEPTH_STEPS - back;
+            let higher = 2 * (bottom + hit.way) > bottom + top;
+            (above, below) = (above + i32::from(higher), below + i32::from(!higher));
+        }
+    }
+    (above + below > 0).then_some(above > below)
+}
+
+/// Way of a node sideways between two looks by friction: towards the tip's own, at most `limit_mm`.
+fn dragged(slide_mm: &Vector3<f32>, velocity_mm_s: &Vector3<f32>, limit_mm: f32) -> Vector3<f32> {
+    let lag = (slide_mm - velocity_mm_s * SUBSTEP_S as f32) * COLLISION_EVERY as f32;
+    let length = lag.norm();
+    if length > limit_mm { lag * (limit_mm / length) } else { lag }
+}
 
 impl World {
     /// ZCOLL for every instrument near the membrane; jaws that hold tissue push none.
@@ -28,6 +64,7 @@ impl World {
             let near = zcoll::near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach);
             if !plan.touches[i] || !instrument.held.is_empty() || !near {
                 (instrument.in_contact, instrument.under, instrument.travelled_mm) = (false, false, 0.0);
+                (instrument.hooked, instrument.pierced) = (false, None);
                 continue;
             }
             let pose = &poses.eye_from_instrument[i];
@@ -40,10 +77,24 @@ impl World {
                 (instrument.in_contact, instrument.under, instrument.travelled_mm) = (true, true, 0.0);
                 continue;
             }
-            if self.passed_through(i, &found) {
-                let ahead = -(pose.rotation * Vector3::z_axis());
-                let speed = poses.tip_step_mm[i].dot(&ahead) / SUBSTEP_S;
-                self.displace(&zcoll, &ahead, speed);
+            if self.pierces(i, &zcoll) {
+                let instrument = &mut self.state.instruments[i];
+                (instrument.in_contact, instrument.under, instrument.travelled_mm) = (true, false, 0.0);
+                continue;
+            }
+            let handle = pose.rotation * Vector3::z_axis();
+            match self.passed(i, &zcoll, &found) {
+                Passed::Nothing => {}
+                Passed::Through => self.displace(&zcoll, &-handle, &poses.tip_step_mm[i]),
+                Passed::Under => {
+                    let image = &self.images[i];
+                    let surface = self.state.membrane.surface(&self.sheet);
+                    let lifted = zcoll.look_back(image, &pose.inverse(), &surface);
+                    if self.lifts(i, &lifted) {
+                        self.displace(&zcoll, &handle, &poses.tip_step_mm[i]);
+                        self.tell_hooked(i, &zcoll);
+                    }
+                }
             }
         }
         self.zcoll = Some(zcoll);
@@ -58,38 +109,68 @@ impl World {
         fast && crosses(from.into(), to.into(), &self.state.membrane.surface(&self.sheet))
     }
 
-    /// True if what was found is membrane that the instrument pushes. Contact that is at once deeper than the
-    /// instrument's way since the last look came round an edge: the instrument is **under** the membrane, and
-    /// pushes nothing until it is clear. (Lifting from below, for the pick, is not part of the step yet.)
-    fn passed_through(&mut self, i: usize, found: &Found) -> bool {
+    /// What became of the membrane that was found. Contact that began on the far side of the instrument came round an edge: the
+    /// instrument is **under** the membrane until it is clear. Where hook or jaws were passed, that is so if most pixels have the
+    /// membrane above their middle; where only shaft was, if the first contact is deeper than the instrument's way since
+    /// the last look.
+    fn passed(&mut self, i: usize, zcoll: &Zcoll, found: &Found) -> Passed {
         let deepest_mm = self.volume.depth_steps_mm(found.deepest);
+        let above = above_middle(&self.images[i], zcoll);
         let instrument = &mut self.state.instruments[i];
         let touching = found.pixels > 0;
         if !touching {
-            instrument.under = false;
-        } else if !instrument.in_contact && deepest_mm > instrument.travelled_mm + UNDER_MARGIN_MM {
-            instrument.under = true;
+            (instrument.under, instrument.hooked) = (false, false);
+        } else if !instrument.in_contact {
+            let deep = deepest_mm > instrument.travelled_mm + UNDER_MARGIN_MM;
+            instrument.under = above.unwrap_or(deep);
         }
         instrument.in_contact = touching;
         instrument.travelled_mm = 0.0;
-        touching && !instrument.under
+        match (touching, instrument.under) {
+            (false, _) => Passed::Nothing,
+            (true, false) => Passed::Through,
+            (true, true) => Passed::Under,
+        }
     }
 
-    /// Moves the colliding nodes `ahead` (Eq. 1); they then move no slower than the tip.
-    fn displace(&mut self, zcoll: &Zcoll, ahead: &UnitVector3<f64>, tip_speed_mm_s: f64) {
+    /// True if what the reversed camera found can be lifted: not so deep that it lies below hook and jaws.
+    fn lifts(&self, i: usize, lifted: &Found) -> bool {
+        let jaws = self.state.instruments[i].tool == Tool::Forceps as u32;
+        let thick = if jaws { JAW_LENGTH_MM } else { HOOK_THICKNESS_MM };
+        lifted.pixels > 0 && self.volume.depth_steps_mm(lifted.deepest) <= thick + UNDER_MARGIN_MM
+    }
+
+    fn tell_hooked(&mut self, i: usize, zcoll: &Zcoll) {
+        let instrument = &mut self.state.instruments[i];
+        if !instrument.hooked {
+            instrument.hooked = true;
+            let nodes = zcoll.displaced().count() as f64;
+            let event = Happening::new(EventKind::TissueHooked, Severity::Info, nodes);
+            self.log.raise(event.by(i, instrument.tip_in_eye_mm.into()));
+        }
+    }
+
+    /// Moves the colliding nodes along `along` (Eq. 1); they then move no slower than the tip. Friction takes them sideways with the tip
+    /// (which moved by `tip_step_mm` in this substep), by no more than its share of the push.
+    fn displace(&mut self, zcoll: &Zcoll, along: &UnitVector3<f64>, tip_step_mm: &Vector3<f64>) {
         let membrane = &mut self.state.membrane;
-        let ahead = ahead.map(|c| c as f32);
+        let tip_speed_mm_s = tip_step_mm.dot(along) / SUBSTEP_S;
         let speed = if tip_speed_mm_s > 0.0 { tip_speed_mm_s as f32 } else { 0.0 };
-        let radius = self.tissue.radius_mm;
+        let slide = (tip_step_mm - along.into_inner() * tip_step_mm.dot(along)).map(|c| c as f32);
+        let (ahead, radius) = (along.map(|c| c as f32), self.tissue.radius_mm);
+        let friction = self.scene.contact.friction as f32;
         for (node, steps) in zcoll.displaced() {
             if membrane.flag[node] != NODE_FREE {
                 continue;
             }
             let way = self.volume.depth_steps_mm(steps) as f32;
-            let p = membrane.position(node) + ahead * way;
+            let v = membrane.velocity(node);
+            let mut p = membrane.position(node) + ahead * way;
+            if friction > 0.0 {
+                p += dragged(&slide, &(v - ahead * v.dot(&ahead)), friction * way);
+            }
             let distance = p.norm();
             membrane.set_position(node, if distance > radius { p * (radius / distance) } else { p });
-            let v = membrane.velocity(node);
             let lacking = speed - v.dot(&ahead);
             if lacking > 0.0 {
                 membrane.set_velocity(node, v + ahead * lacking);
@@ -140,5 +221,25 @@ impl World {
         } else if marks.len() < MAX_MARKS {
             marks.push(MarkState { position_mm: at.into(), radius_mm });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Coulomb: what sticks goes with the tip, what slides is dragged by its share of the push, and what keeps up is left alone.
+    #[test]
+    fn friction_drags_no_farther_than_the_tip_and_no_more_than_its_share() {
+        let slide = Vector3::new(0.003f32, -0.004, 0.0);
+        let looks = COLLISION_EVERY as f32;
+        let rest = Vector3::zeros();
+        let stuck = dragged(&slide, &rest, 1.0);
+        assert!((stuck - slide * looks).norm() < 1e-7, "{stuck}");
+        let limit = 0.4 * slide.norm() * looks;
+        let slipping = dragged(&slide, &rest, limit);
+        assert!((slipping.norm() - limit).abs() < 1e-7 && slipping.dot(&slide) > 0.0);
+        let along = slide / SUBSTEP_S as f32;
+        assert!(dragged(&slide, &along, 1.0).norm() < 1e-7);
     }
 }

@@ -103,8 +103,15 @@ impl Scene {
 /// Whole steps: 1/256 pixel, 1/256 pixel, 1/65536 of the depth.
 type Steps = [i128; 3];
 
+/// Which end of the instrument the camera is at.
+#[derive(Clone, Copy, PartialEq)]
+enum End {
+    Tip,
+    Handle,
+}
+
 /// The documented rounding: value · scale + offset in `f32`, then halves up after adding the limit.
-fn steps(scene: &Scene, [x, y, z]: [f32; 3]) -> Steps {
+fn steps(scene: &Scene, end: End, [x, y, z]: [f32; 3]) -> Steps {
     let v = &scene.volume;
     let across = (v.resolution as f64 * 256.0 / (2.0 * v.half_mm)) as f32;
     let middle = (v.resolution as f64 * 128.0) as f32;
@@ -115,7 +122,10 @@ fn steps(scene: &Scene, [x, y, z]: [f32; 3]) -> Steps {
     [
         round(x, across, middle, 524_288.0),
         round(y, across, middle, 524_288.0),
-        round(z, deep as f32, (-v.near_mm * deep) as f32, 1_048_576.0),
+        match end {
+            End::Tip => round(z, deep as f32, (-v.near_mm * deep) as f32, 1_048_576.0),
+            End::Handle => round(z, -deep as f32, ((v.near_mm + v.depth_mm) * deep) as f32, 1_048_576.0),
+        },
     ]
 }
 
@@ -169,7 +179,7 @@ pub fn collisions(scene: &Scene) -> Collisions {
     let (resolution, deep) = (scene.volume.resolution, 65536);
     let mut instrument = vec![None; resolution * resolution];
     for facet in scene.facets() {
-        let corners = facet.map(|p| steps(scene, p.map(|c| c as f32)));
+        let corners = facet.map(|p| steps(scene, End::Tip, p.map(|c| c as f32)));
         meet(corners, resolution, |pixel, depth| {
             if depth <= deep {
                 let depth = depth.max(0);
@@ -178,6 +188,30 @@ pub fn collisions(scene: &Scene) -> Collisions {
             }
         });
     }
+    compare(scene, End::Tip, &instrument)
+}
+
+/// The same from the handle: hook and jaws alone, and only where they end inside the volume.
+#[allow(dead_code)] // The example looks from the tip only.
+pub fn collisions_back(scene: &Scene) -> Collisions {
+    let (resolution, deep) = (scene.volume.resolution, 65536);
+    let mut nearest = vec![None; resolution * resolution];
+    let mesh = ToolMesh::with_detail(scene.tool, RADIUS_MM, scene.volume.depth_mm, PLAIN);
+    mesh.for_each_aside(scene.jaw_rad, |facet| {
+        let corners = facet.map(|p| steps(scene, End::Handle, p.map(|c| c as f32)));
+        meet(corners, resolution, |pixel, depth| {
+            if depth <= deep {
+                nearest[pixel] = Some(nearest[pixel].map_or(depth, |old: i128| old.min(depth)));
+            }
+        });
+    });
+    let instrument: Vec<_> = nearest.into_iter().map(|d| d.filter(|d| *d >= 0)).collect();
+    compare(scene, End::Handle, &instrument)
+}
+
+/// The membrane as the camera at an end sees it, compared with the instrument's depths.
+fn compare(scene: &Scene, end: End, instrument: &[Option<i128>]) -> Collisions {
+    let (resolution, deep) = (scene.volume.resolution, 65536);
     let turn: Matrix3<f32> =
         scene.instrument_from_eye.rotation.to_rotation_matrix().matrix().map(|c| c as f32);
     let tip: Vector3<f32> = scene.instrument_from_eye.inverse().translation.vector.map(|c| c as f32);
@@ -185,7 +219,7 @@ pub fn collisions(scene: &Scene) -> Collisions {
         .map(|i| {
             let d: [f32; 3] = std::array::from_fn(|k| scene.position_mm[k][i] - tip[k]);
             let along = |k: usize| turn[(k, 0)] * d[0] + turn[(k, 1)] * d[1] + turn[(k, 2)] * d[2];
-            steps(scene, [along(0), along(1), along(2)])
+            steps(scene, end, [along(0), along(1), along(2)])
         })
         .collect();
     let mut membrane = vec![None; resolution * resolution];
@@ -197,7 +231,7 @@ pub fn collisions(scene: &Scene) -> Collisions {
             }
         });
     }
-    let both = membrane.iter().zip(&instrument).enumerate();
+    let both = membrane.iter().zip(instrument).enumerate();
     both.filter_map(|(pixel, pair)| match pair {
         (Some((z_m, t)), Some(z_i)) if z_i < z_m => Some((pixel as u32, (*t as u32, (z_m - z_i) as i32))),
         _ => None,

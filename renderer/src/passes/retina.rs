@@ -1,0 +1,39 @@
+//! Retina that is off the choroid, and the bare choroid under it.
+
+use super::membrane::Sheet;
+use super::{PipelinePlan, Uniforms, pipeline};
+use crate::governor::Shading;
+use wgpu::{BindGroupLayout, CompareFunction, Device, RenderPass, RenderPipeline};
+
+/// The pass.
+pub struct Retina {
+    /// Sheet and choroid, for each shading.
+    pipelines: [[RenderPipeline; 2]; 2],
+}
+
+impl Retina {
+    /// Makes the pipelines: both sides, opaque.
+    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+        let groups = [&uniforms.layout, light];
+        let make = |shading, vertex, fragment| {
+            let plan = PipelinePlan {
+                fragment: Some(fragment),
+                vertices: true,
+                depth: Some((CompareFunction::Less, true)),
+                shading,
+                ..PipelinePlan::new("retina", vertex, &groups)
+            };
+            pipeline(device, &plan)
+        };
+        let both = |s| [make(s, "vs_sheet", "fs_sheet"), make(s, "vs_choroid", "fs_choroid")];
+        Self { pipelines: Shading::ALL.map(both) }
+    }
+
+    /// Draws before the fundus, which then shades only what is still seen of it; groups 0 and 1 are set.
+    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet, shading: Shading) {
+        for pipeline in &self.pipelines[shading as usize] {
+            pass.set_pipeline(pipeline);
+            sheet.draw_retina(pass);
+        }
+    }
+}

@@ -1,0 +1,86 @@
+// Retina that is off the choroid: an opaque sheet that carries its own piece of the photograph, and under it, where it
+// lay at rest, the bare choroid.
+
+struct Sheet {
+    @builtin(position) clip: vec4f,
+    @location(0) p: vec3f,
+    @location(1) n: vec3f,
+    @location(2) uv: vec2f,
+    // Height over the choroid (mm), vignette.
+    @location(3) more: vec2f,
+}
+
+// Place on the unit sphere of coordinates in the map: the inverse of Lambert's projection.
+fn from_map(uv: vec2f) -> vec3f {
+    let flat = (uv - vec2f(0.5)) / frame.retina.y;
+    let half_rho2 = min(dot(flat, flat) * 0.5, 2.0);
+    // At the angle θ from the pole, |flat| is 2 sin(θ/2); z is -cos θ and 0.5 - 0.5 z the square of cos(θ/2).
+    let z = half_rho2 - 1.0;
+    return vec3f(flat * sqrt(max(0.5 - 0.5 * z, 0.0)), z);
+}
+
+@vertex
+fn vs_sheet(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @location(2) u: f32,
+    @location(3) v: f32,
+) -> Sheet {
+    var out: Sheet;
+    out.p = position;
+    out.n = normal;
+    out.uv = vec2f(u, v);
+    out.clip = view.clip_from_eye * vec4f(position, 1.0);
+    out.more = vec2f(frame.retina.x - length(position), field_shade(out.clip));
+    return out;
+}
+
+@fragment
+fn fs_sheet(in: Sheet) -> @location(0) vec4f {
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z).rgb;
+    // Without the choroid behind it the retina turns pale and grey; its vessels stay.
+    let lifted = smoothstep(0.02, 0.5, in.more.x);
+    let pale = vec3f(0.46, 0.34, 0.27) * (0.1 + 2.0 * photo.g);
+    let albedo = mix(photo * photo, pale, 0.6 * lifted);
+    let v = normalize(view.camera.xyz - in.p);
+    var n = normalize(in.n);
+    n = n * sign(dot(n, v) + 1e-6);
+    let lamp = lamp_at(in.p);
+    let strength = lamp.strength * past_casters(in.p);
+    let h = max(dot(n, normalize(lamp.l + v)), 0.0);
+    // Light also comes through from behind.
+    let facing = dot(n, lamp.l);
+    let diffuse = max(facing, 0.0) + 0.25 * lifted * max(-facing, 0.0);
+    let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * diffuse);
+    let wet = strength * frame.retina.w * (1.0 + lifted) * gloss(h);
+    return vec4f(to_display(albedo * light + vec3f(wet)) * in.more.y, 1.0);
+}
+
+@vertex
+fn vs_choroid(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @location(2) u: f32,
+    @location(3) v: f32,
+) -> Sheet {
+    let q = from_map(vec2f(u, v));
+    var out: Sheet;
+    // Between the disc's depth and tissue that lies on.
+    out.p = q * (frame.retina.x + 0.05);
+    out.n = -q;
+    out.uv = vec2f(u, v);
+    out.clip = view.clip_from_eye * vec4f(out.p, 1.0);
+    out.more = vec2f(0.0, field_shade(out.clip));
+    return out;
+}
+
+@fragment
+fn fs_choroid(in: Sheet) -> @location(0) vec4f {
+    // Orange-brown with coarse mottling and broad vessels, which no photograph of a healthy fundus shows bare.
+    let at = in.p.xy;
+    let mottling = sin(at.x * 2.1 + 1.3 * sin(at.y * 1.7)) * sin(at.y * 2.6 + 1.1 * sin(at.x * 1.9));
+    let albedo = vec3f(0.30, 0.085, 0.035) * (1.0 + 0.22 * mottling);
+    let lamp = lamp_at(in.p);
+    let strength = lamp.strength * past_casters(in.p) * max(dot(normalize(in.n), lamp.l), 0.0);
+    return vec4f(to_display(albedo * (frame.ambient.rgb + frame.lamp_colour.rgb * strength)) * in.more.y, 1.0);
+}
