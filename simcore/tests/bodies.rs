@@ -28,7 +28,11 @@ fn the_script_picks_a_bead_up_and_places_it() {
         }
         highest = highest.max(depth(&world, 0));
         if field == 400 {
-            assert!(world.state().bodies.as_ref().unwrap().grip[0].is_some(), "carried");
+            assert!(
+                world.state().bodies.as_ref().unwrap().grip[0].is_some(),
+                "carried: {:?}",
+                world.state().bodies
+            );
             world.save(&mut saved).unwrap();
         }
     }

@@ -389,31 +389,59 @@ impl BodySolver {
             ),
         };
         let depth = (q - p).dot(&contact.normal);
-        if depth <= 0.0 {
-            return;
+        if depth > 0.0 {
+            contact.push += self.shift(bodies, contact, [p, q], contact.normal * depth);
         }
-        contact.push += self.shift(bodies, contact, [p, q], contact.normal * depth);
-        let p_before = self.before[b].eye_from_body * contact.in_body;
-        let (p, q) = self.places(bodies, contact, hands, q);
-        let q_way = if contact.other == Party::Retina { Vector3::zeros() } else { q - q_before };
-        let way = (p - p_before) - q_way;
-        let sliding = way - contact.normal * way.dot(&contact.normal);
-        let slid = sliding.norm();
-        if slid < 1e-12 {
-            return;
+        if contact.push > 0.0 {
+            self.resist_rolling(&mut bodies[b], contact);
+            let still = if contact.other == Party::Retina { None } else { Some(q_before) };
+            self.rub(bodies, contact, hands, q, still);
         }
-        // What the friction could take back at most: what is left of its share of the push, for this direction's mobility.
-        let mobility = self.mobility(bodies, contact, [p, q], &(sliding / slid));
-        let most = (contact.friction * contact.push - contact.rubbed) * mobility;
-        let back = if slid > most { most / slid } else { 1.0 };
-        if back > 0.0 {
-            contact.rubbed += self.shift(bodies, contact, [p, q], -sliding * back);
-        }
-        self.resist_rolling(&mut bodies[b], contact);
     }
 
-    /// Takes back rolling, with a moment of at most [`ROLLING_MM`] times the push: a ball stays where it lies on a gentle slope.
+    /// Takes back what slides, as far as friction holds. `q` is the counterpart's point, `q_before` where it was if it moves.
+    fn rub(
+        &self,
+        bodies: &mut [BodyState],
+        contact: &mut Contact,
+        hands: &[Hand; INSTRUMENTS],
+        q: Point3<f64>,
+        q_before: Option<Point3<f64>>,
+    ) {
+        let b = contact.body;
+        let p_before = self.before[b].eye_from_body * contact.in_body;
+        let (p, q) = self.places(bodies, contact, hands, q);
+        let way = (p - p_before) - q_before.map_or(Vector3::zeros(), |before| q - before);
+        let sliding = way - contact.normal * way.dot(&contact.normal);
+        let slid = sliding.norm();
+        let left = contact.friction * contact.push - contact.rubbed;
+        if slid < 1e-12 || left <= 0.0 {
+            return;
+        }
+        // If the resistance to rolling bears the moment, the body is held as a whole, without turning.
+        let (mass, arm) =
+            (self.models[b].mass_g(), (p.coords - bodies[b].eye_from_body.translation.vector).norm());
+        let whole = slid * mass;
+        let moment = whole * arm;
+        if contact.other == Party::Retina
+            && whole <= left
+            && contact.rolled + moment <= ROLLING_MM * contact.push
+        {
+            bodies[b].eye_from_body.translation.vector -= sliding;
+            (contact.rubbed, contact.rolled) = (contact.rubbed + whole, contact.rolled + moment);
+            return;
+        }
+        // What the friction could take back at most, for this direction's mobility.
+        let most = left * self.mobility(bodies, contact, [p, q], &(sliding / slid));
+        let back = if slid > most { most / slid } else { 1.0 };
+        contact.rubbed += self.shift(bodies, contact, [p, q], -sliding * back);
+    }
+
+    /// Takes back rolling on the retina, with a moment of at most [`ROLLING_MM`] times the push: a ball stays where it lies on a gentle slope.
     fn resist_rolling(&self, body: &mut BodyState, contact: &mut Contact) {
+        if contact.other != Party::Retina {
+            return;
+        }
         let model = &self.models[contact.body];
         let before = &self.before[contact.body].eye_from_body.rotation;
         let turn = body.eye_from_body.rotation * before.inverse();
