@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test test-python bench validation golden pictures clean
+.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -49,6 +49,9 @@ test: setup ## Format, lint, build and run every check
 	cargo build --workspace
 	cargo test --workspace
 
+soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (hours; SOAK="--programmes 20")
+	cargo run --release -p simcore --example soak -- $(SOAK)
+
 setup-python:
 	@python3 -c 'import venv, ensurepip' 2>/dev/null || { $(AS_ROOT) apt-get update -qq; \
 		$(AS_ROOT) env $(INSTALL) python3 python3-venv; }
@@ -64,6 +67,7 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p simcore --bench collision
+	cargo bench -p simcore --bench tissue
 	cargo bench -p renderer --bench frame
 	cargo bench -p simcore --bench vitreous
 	cargo build --release --workspace

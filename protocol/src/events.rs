@@ -72,11 +72,13 @@ pub enum EventKind {
     BodyGripped = 90,
     /// The jaws let a rigid body go; mm from the retina to its centre.
     BodyReleased = 91,
+    /// The tissue is too stiff for a whole substep; parts into which each is split.
+    TimeStepSplit = 100,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 32] = [
+    pub const ALL: [EventKind; 33] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -109,6 +111,7 @@ impl EventKind {
         EventKind::RetinaTorn,
         EventKind::BodyGripped,
         EventKind::BodyReleased,
+        EventKind::TimeStepSplit,
     ];
 
     /// From the wire.
@@ -143,6 +146,7 @@ impl EventKind {
             EventKind::BaseTraction => ("vitreous base pulled, the retina may tear", "Pa"),
             EventKind::TissueDisabled => ("tissue disabled", "node"),
             EventKind::InputRefused => ("input refused", ""),
+            EventKind::TimeStepSplit => ("substeps split for stability", "parts"),
             EventKind::Resumed => ("simulation resumed from a checkpoint", "steps"),
             EventKind::MembranePeeled => ("membrane peeled", "mm²"),
             EventKind::MembraneOff => ("the whole membrane is off", "mm²"),

@@ -10,6 +10,9 @@ pub const DISPLAY_ESTIMATED: u32 = 1;
 pub const TIER_CHANGED: u32 = 2;
 /// A body was not tracked and was drawn faded.
 pub const TRACKING_LOST_SHOWN: u32 = 4;
+/// The machine could not hold a picture that one can train with (2×320×256 with shadows): this frame breaks the
+/// rendering budget, however quickly it was drawn.
+pub const BELOW_FLOOR: u32 = 8;
 
 /// Instants and figures of one displayed stereo frame.
 #[repr(C)]
@@ -41,7 +44,7 @@ pub struct FrameRecord {
     pub width_px: u32,
     /// Height of one channel, px.
     pub height_px: u32,
-    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`.
+    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`.
     pub flags: u32,
 }
 

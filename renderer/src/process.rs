@@ -2,7 +2,7 @@
 
 use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STILL_NS, VIDEO_HZ};
 use crate::frame::Renderer;
-use crate::governor::{Governor, TIERS};
+use crate::governor::{FLOOR, Governor, TIERS};
 use crate::gpu::Gpu;
 use crate::latch::{Latched, latch, latch_scene};
 use crate::output::{Finished, Output, OutputPlan, Wanted};
@@ -13,7 +13,9 @@ use crate::start;
 use anyhow::{Context, Result};
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
-use protocol::frames::{DISPLAY_ESTIMATED, FrameRecord, PictureHeader, TIER_CHANGED, TRACKING_LOST_SHOWN};
+use protocol::frames::{
+    BELOW_FLOOR, DISPLAY_ESTIMATED, FrameRecord, PictureHeader, TIER_CHANGED, TRACKING_LOST_SHOWN,
+};
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
 use protocol::ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
 use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
@@ -209,7 +211,8 @@ impl Running {
             height_px: TIERS[tier].height_px,
             flags: flag(self.present.refresh_ns().is_some(), DISPLAY_ESTIMATED)
                 | flag(changed, TIER_CHANGED)
-                | flag(!latched.all_tracked(), TRACKING_LOST_SHOWN),
+                | flag(!latched.all_tracked(), TRACKING_LOST_SHOWN)
+                | flag(tier > FLOOR, BELOW_FLOOR),
         }
     }
 

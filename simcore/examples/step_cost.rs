@@ -1,5 +1,5 @@
 //! Time of `World::step` over a round of the shipped script, median and p99 by phase:
-//! `cargo run --release -p simcore --example step_cost [ROUNDS]`.
+//! `cargo run --release -p simcore --example step_cost [ROUNDS [SCENE]]`.
 
 use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use protocol::time::now;
@@ -8,9 +8,10 @@ use simcore::world::World;
 
 fn main() {
     let rounds: u64 = std::env::args().nth(1).and_then(|a| a.parse().ok()).unwrap_or(3);
-    let scene = SceneFile::load(DEFAULT_SCENE).expect("the shipped scene is tested");
+    let name = std::env::args().nth(2).unwrap_or_else(|| DEFAULT_SCENE.to_owned());
+    let scene = SceneFile::load(&name).expect("a scene");
     let rehearsal = Rehearsal::shipped(&scene);
-    let mut world = World::new(&scene).expect("the shipped scene is tested");
+    let mut world = World::new(&scene).expect("a scene that fits");
     let mut rows: [(&str, Vec<u64>); 4] =
         ["whole step", "collision", "tissue", "misc"].map(|name| (name, Vec::new()));
     for field in 0..rehearsal.fields() * rounds {

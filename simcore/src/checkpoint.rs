@@ -98,12 +98,14 @@ fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
     let lengths = m.position_mm.iter().chain(&m.velocity_mm_s).all(|v| v.len() == nodes);
     let fits = lengths
         && m.flag.len() == nodes
+        && [0, sheet.springs.len()].contains(&m.rest_mm.len())
         && m.spring_alive.len() == sheet.structural
         && m.triangle_alive.len() == sheet.triangles.len();
     if !fits {
         return Err(CheckpointError::Content("the membrane has another size than the scene's"));
     }
-    if !crate::guard::all_finite(m) || !m.flag.iter().all(|&f| is_known_flag(f)) {
+    let lasting = m.rest_mm.iter().all(|&l| l.is_finite() && l > 0.0);
+    if !lasting || !crate::guard::all_finite(m) || !m.flag.iter().all(|&f| is_known_flag(f)) {
         return Err(CheckpointError::Content("numbers of the membrane are out of range"));
     }
     crate::membrane::tear::check_mesh(sheet, m)

@@ -5,14 +5,24 @@ use protocol::limits::SUBSTEP_NS;
 /// A substep, s. Explicit integration is stable only while dt·√(2·Σk/m) stays below 2 (see
 /// [`crate::membrane::solver`]); a longer one breaks that for the shipped scene.
 pub const SUBSTEP_S: f64 = SUBSTEP_NS as f64 * 1e-9;
-/// ZCOLL runs every so many substeps: 4 ms, in which a tip at a surgeon's 10 mm/s moves 40 µm,
-/// less than a pixel of the collision image.
-pub const COLLISION_EVERY: u64 = 4;
+/// A substep is split into at most so many parts where its springs are too stiff for it; a tissue that needs more is refused,
+/// because a step could no longer be computed in time.
+pub const MAX_SPLITS: u32 = 64;
+/// ZCOLL runs every so many substeps: in each, since a look costs 4 µs beside the 5 µs of the tissue's substep. Larger would let tips
+/// come deeper before they push.
+pub const COLLISION_EVERY: u64 = 1;
 /// Faster than this a tip does not move, mm/s; a tracker that says so has jumped, and a jump
 /// sweeps nothing. Surgeons stay below 20 mm/s.
 pub const MAX_TIP_SPEED_MM_S: f64 = 1_000.0;
 /// A tip farther from the eye's centre than so many retina radii touches nothing.
 pub const MAX_TIP_RADII: f64 = 2.0;
+
+/// A node farther from the eye's centre than this has run away, mm: farther than [`MAX_TIP_RADII`] of the largest retina with a tool's
+/// length on top, so that held tissue never is.
+pub const RUNAWAY_MM: f32 = 100.0;
+/// A node faster than this has run away, mm/s: ten times the largest v_max that a scene can ask for; smaller would catch nodes
+/// that are only fast.
+pub const RUNAWAY_MM_S: f32 = 1e7;
 
 /// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the handle.
 pub const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
@@ -23,6 +33,9 @@ pub const UNDER_MARGIN_MM: f64 = 0.25;
 /// Up to so long a way in a step, mm, the collision volume cannot miss the membrane that the tip crosses, and the tip's path is not
 /// tested beside it: less than the volume's depth behind the tip.
 pub const LOOKED_WAY_MM: f64 = 1.0;
+/// A needle is out of its hole when the tip is so far before it, mm: a membrane that swings as it is pierced does not flood the
+/// events; less than what a hand moves in 0.1 s.
+pub const NEEDLE_OUT_MM: f64 = 0.02;
 /// Steps of jaw opening for which an instrument image is drawn, rad.
 pub const JAW_STEP_RAD: f64 = 0.01;
 

@@ -1,8 +1,9 @@
-//! The chokepoint for bad numbers. A node whose position, velocity or acceleration is not finite is
-//! put back where it last was good and taken out with its triangles; the rest goes on. Accelerations
+//! The chokepoint for bad numbers. A node whose position, velocity or acceleration is not finite, or beyond
+//! what an eye can hold ([`RUNAWAY_MM`], [`RUNAWAY_MM_S`]; so is its energy bounded), is put back where it last was good and taken out with its triangles; the rest goes on. Accelerations
 //! are looked at before they move anything, so that a bad number stays in one node and does not
 //! run through the sheet with the next substeps.
 
+use crate::constants::{RUNAWAY_MM, RUNAWAY_MM_S};
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::Solver;
 use crate::membrane::tear;
@@ -36,16 +37,27 @@ impl LastGood {
     }
 }
 
-/// True if a node's position and velocity are finite.
-fn is_finite(state: &MembraneState, node: usize) -> bool {
-    let all = state.position_mm.iter().chain(&state.velocity_mm_s);
-    all.into_iter().all(|v| v[node].is_finite())
+/// True if a node is where and as fast as something in an eye can be; never for what is not finite.
+fn is_sane(state: &MembraneState, node: usize) -> bool {
+    let squares = |v: &[Vec<f32>; 3]| v.iter().map(|v| v[node] * v[node]).sum::<f32>();
+    squares(&state.position_mm) <= RUNAWAY_MM * RUNAWAY_MM
+        && squares(&state.velocity_mm_s) <= RUNAWAY_MM_S * RUNAWAY_MM_S
 }
 
-/// True if everything is finite; adding up keeps the loop free of branches (0·NaN is NaN).
+/// True if everything is finite and nothing has run away. Counting keeps the loop free of branches; every comparison with
+/// what is not a number is false.
 pub fn all_finite(state: &MembraneState) -> bool {
-    let all = state.position_mm.iter().chain(&state.velocity_mm_s);
-    all.map(|v| v.iter().map(|x| x * 0.0).sum::<f32>()).sum::<f32>() == 0.0
+    let n = state.nodes();
+    let ([x, y, z], [u, v, w]) = (&state.position_mm, &state.velocity_mm_s);
+    let lists = [x, y, z, u, v, w].map(|list| &list[..n]);
+    let [x, y, z, u, v, w] = lists;
+    let mut sane = 0usize;
+    for i in 0..n {
+        let near = x[i] * x[i] + y[i] * y[i] + z[i] * z[i] <= RUNAWAY_MM * RUNAWAY_MM;
+        let slow = u[i] * u[i] + v[i] * v[i] + w[i] * w[i] <= RUNAWAY_MM_S * RUNAWAY_MM_S;
+        sane += usize::from(near & slow);
+    }
+    sane == n
 }
 
 /// Disables nodes with bad numbers of their own; calls `culprit` for each.
@@ -56,7 +68,7 @@ pub fn disable_bad_nodes(
     mut culprit: impl FnMut(usize),
 ) {
     for node in 0..state.nodes() {
-        if !is_finite(state, node) {
+        if !is_sane(state, node) {
             last_good.restore(state, node);
             tear::remove_node(sheet, state, node);
             culprit(node);
@@ -95,7 +107,7 @@ pub fn contain(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::membrane::solver::Tissue;
+    use crate::membrane::tissue::Tissue;
     use protocol::scene_file::SceneFile;
 
     #[test]
@@ -122,5 +134,32 @@ mod tests {
         assert!(all_finite(&state));
         assert_eq!(tear::check_mesh(&sheet, &state), Ok(()));
         assert_eq!(state.triangle_alive.iter().filter(|&&a| a == 0).count(), 6);
+    }
+
+    #[test]
+    fn any_bad_number_anywhere_costs_its_node_and_no_other() {
+        let scene = SceneFile::load("peel").unwrap();
+        let (sheet, tissue) = (Sheet::new(&scene), Tissue::new(&scene));
+        let numbers = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e30, 1e20, 2.0 * RUNAWAY_MM_S];
+        for (number, list) in numbers.into_iter().flat_map(|x| (0..6).map(move |list| (x, list))) {
+            for node in [0, 1, sheet.nodes() / 2, sheet.nodes() - 1] {
+                let (mut state, mut solver) = (sheet.start(), Solver::new(&sheet));
+                let last_good = LastGood::new(&state);
+                let lists = state.position_mm.iter_mut().chain(&mut state.velocity_mm_s);
+                lists.into_iter().nth(list).unwrap()[node] = number;
+                assert!(!all_finite(&state), "{number} in list {list} of node {node}");
+                let mut culprits = Vec::new();
+                disable_bad_nodes(&sheet, &mut state, &last_good, |n| culprits.push(n));
+                assert_eq!(culprits, [node]);
+                assert_eq!(state.flag[node], protocol::scene::NODE_DEAD);
+                solver.refresh(&sheet, &state, &tissue);
+                for _ in 0..5 {
+                    assert!(!solver.accelerate(&sheet, &state, &tissue).not_finite);
+                    solver.integrate(&mut state, &tissue);
+                }
+                assert!(all_finite(&state));
+                assert_eq!(tear::check_mesh(&sheet, &state), Ok(()));
+            }
+        }
     }
 }

@@ -31,6 +31,7 @@ pub mod process;
 pub mod rehearsal;
 pub mod resume;
 pub mod scene_block;
+pub mod soak;
 pub mod state;
 pub mod sweep;
 pub mod tools;

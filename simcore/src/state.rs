@@ -157,6 +157,8 @@ pub struct MembraneState {
     pub velocity_mm_s: [Vec<f32>; 3],
     /// `NODE_FREE`, `NODE_DEAD`, [`NODE_PINNED`] or `NODE_BOUND` + instrument.
     pub flag: Vec<u32>,
+    /// Rest lengths of the springs where they creep, mm; empty where the tissue is elastic.
+    pub rest_mm: Vec<f32>,
     /// 1 for a living structural spring.
     pub spring_alive: Vec<u8>,
     /// 1 for a living triangle.

@@ -1,10 +1,15 @@
-//! The peel force against Rivlin's and Kendall's formulas.
+//! The peel force against Rivlin's and Kendall's formulas, and what a free sheet rolls up to.
 
 #[path = "../examples/validation/strip.rs"]
 mod strip;
 
+use nalgebra::Vector3;
+use protocol::scene_file::CurlScene;
+use simcore::membrane::curl::Curl;
+use simcore::membrane::sheet::Sheet;
+use simcore::membrane::solver::Solver;
 use std::f64::consts::{FRAC_PI_2, PI};
-use strip::PeelTest;
+use strip::{PeelTest, lattice};
 
 /// Force over the formula, less one. The work per area must be Γ, and a little that the fold's snapping costs.
 fn error(test: &PeelTest) -> f64 {
@@ -60,4 +65,103 @@ fn peel_force_knows_neither_mesh_nor_step_nor_range_nor_speed() {
         let e = error(&test);
         assert!(e.abs() < 0.05, "{e} {test:?}");
     }
+}
+
+/// Near its edges a sheet curves both ways, and as a whole it is a little flatter for it. The roll must be between the
+/// asked-for radius and 15 % more.
+#[test]
+fn a_free_sheet_rolls_up_towards_its_normals() {
+    let [along_x, along_y] = curvatures_of_a_free_sheet(1.0, 5.0);
+    println!("curvatures {along_x:.3} and {along_y:.3} 1/mm, asked for a roll of 1");
+    assert!((1.0..1.15).contains(&(1.0 / (along_x + along_y))));
+}
+
+/// On cylinders of curvature κ the work of the hinges' forces is that of a plate with the natural curvature asked for,
+/// dE/dκ = D·area·(κ − κ₀): its zero gives the radius, its slope the stiffness.
+#[test]
+fn a_cylinder_is_in_balance_at_the_radius_asked_for() {
+    let (rows, columns, h, stiffness_un_mm, radius_mm) = (23, 29, 0.15, 2.0, 1.5);
+    let (positions, triangles) = lattice(h, rows, columns);
+    let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
+    let curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm });
+    for along in [0, 1] {
+        let rolled = |curvature: f64| {
+            let mut membrane = sheet.start();
+            for n in 0..membrane.nodes() {
+                let mut p = membrane.position(n).map(f64::from);
+                let arc = p[along] * curvature;
+                (p[along], p[2]) = (arc.sin() / curvature, (1.0 - arc.cos()) / curvature);
+                membrane.set_position(n, p.map(|c| c as f32));
+            }
+            membrane
+        };
+        let work = |curvature: f64| {
+            let membrane = rolled(curvature);
+            let (less, more) = (rolled(curvature - 1e-3), rolled(curvature + 1e-3));
+            let mut force = [0, 1, 2].map(|_| vec![0.0; membrane.nodes()]);
+            curl.bend(&membrane, None, &mut force);
+            let way = |n: usize| (more.position(n) - less.position(n)).map(|c| f64::from(c) / 2e-3);
+            (0..membrane.nodes())
+                .map(|n| -(0..3).map(|axis| f64::from(force[axis][n]) * way(n)[axis]).sum::<f64>())
+                .sum::<f64>()
+        };
+        let (low, high) = (work(0.4), work(0.9));
+        let slope = (high - low) / 0.5;
+        let found_mm = 1.0 / (0.4 - low / slope);
+        let area: f64 = f64::from(rows - 1) * f64::from(columns - 1) * h * h * 0.75_f64.sqrt();
+        println!("rolled along axis {along}: balance at {found_mm:.3} mm, D {:.3} µN·mm", slope / area);
+        assert!((found_mm / radius_mm - 1.0).abs() < 0.02, "{found_mm}");
+        assert!(
+            (slope / area / stiffness_un_mm - 1.0).abs() < 0.08,
+            "edges have fewer hinges: {}",
+            slope / area
+        );
+    }
+}
+
+/// Lays a free sheet of 4.2 by 2.9 mm flat, waits until it has rolled up one way or the other, and measures two
+/// curvatures of its middle at right angles, 1/mm: their sum is that of the roll, whichever way it goes.
+fn curvatures_of_a_free_sheet(radius_mm: f64, stiffness_un_mm: f64) -> [f64; 2] {
+    let strip = PeelTest {
+        spacing_mm: 0.15,
+        rows: 23,
+        stiffness_un_per_mm: 2000.0,
+        step: 0.5,
+        ..PeelTest::default()
+    };
+    let columns = 29;
+    let (positions, triangles) = lattice(strip.spacing_mm, strip.rows, columns);
+    let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
+    let curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm });
+    let mut tissue = strip.tissue();
+    // Near the critical damping of the sheet's slowest bending, so that it is at rest after some ten of its periods.
+    let slowest_per_s = 22.4 / (2.9 * 2.9) * (stiffness_un_mm / strip.density_g_per_mm2).sqrt();
+    tissue.fluid_per_s = slowest_per_s as f32;
+    let (mut membrane, mut solver) = (sheet.start(), Solver::new(&sheet));
+    solver.refresh(&sheet, &membrane, &tissue);
+    for step in 0..(30.0 / slowest_per_s / f64::from(tissue.dt_s)) as u64 {
+        solver.clear_outer();
+        curl.bend(&membrane, None, &mut solver.outer_un);
+        if step == 0 {
+            let sums = solver.outer_un.each_ref().map(|f| f.iter().sum::<f32>().abs());
+            assert!(sums.iter().all(|s| *s < 1e-3), "inner forces cancel: {sums:?}");
+        }
+        solver.accelerate(&sheet, &membrane, &tissue);
+        solver.integrate(&mut membrane, &tissue);
+    }
+    let at =
+        |r: u32, c: u32| membrane.position(sheet.order[(r * columns + c) as usize] as usize).map(f64::from);
+    let normal = (at(11, 15) - at(11, 13)).cross(&(at(13, 14) - at(9, 14)));
+    let lines = [[(11, 10), (11, 14), (11, 18)], [(7, 14), (11, 14), (15, 14)]];
+    lines.map(|line| {
+        let [a, b, c] = line.map(|(row, column)| at(row, column));
+        let hollow = (a + c - b * 2.0).dot(&normal);
+        hollow.signum() / circle(a, b, c)
+    })
+}
+
+/// Radius of the circle through three points: a b c/(4 area).
+fn circle(a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>) -> f64 {
+    let doubled = (b - a).cross(&(c - a)).norm();
+    (b - a).norm() * (c - b).norm() * (a - c).norm() / (2.0 * doubled)
 }

@@ -165,14 +165,14 @@ fn a_needle_pushes_goes_through_and_takes_the_hole_along() {
     let first = hole(&world).expect("pierced");
     assert!(first.z > -11.3, "the membrane stays behind the tip: {first}");
     assert_eq!(world.state().tools.injection_pa, 0.5 * 82_740.0);
-    // Sideways: the hole follows the shaft. Out again: it is left.
+    // Sideways, by less than tears the sheet: the hole follows the shaft. Out again: it is left.
     for field in 100..130 {
-        at(&mut world, field, [0.05 + 0.01 * (field - 99) as f64, 0.03, -11.35]);
+        at(&mut world, field, [0.05 + 0.005 * (field - 99) as f64, 0.03, -11.35]);
     }
     let moved = hole(&world).expect("still in") - first;
-    assert!((moved.x - 0.3).abs() < 0.05, "{moved}");
+    assert!((moved.x - 0.15).abs() < 0.03, "{moved}");
     for field in 130..190 {
-        at(&mut world, field, [0.35, 0.03, -11.35 + 0.01 * (field - 129) as f64]);
+        at(&mut world, field, [0.2, 0.03, -11.35 + 0.01 * (field - 129) as f64]);
     }
     assert!(hole(&world).is_none());
     // The sheet that springs back may meet the tip again; but what went in came out.

@@ -25,6 +25,10 @@ mod net;
 mod oscillator;
 #[path = "../examples/validation/patch.rs"]
 mod patch;
+#[path = "../examples/validation/peel.rs"]
+mod peel;
+#[path = "../examples/validation/strip.rs"]
+mod strip;
 
 use case::{Case, Depth};
 

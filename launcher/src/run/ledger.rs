@@ -6,7 +6,7 @@
 
 use hdrhistogram::Histogram;
 use protocol::budget::{Budget, Budgets, Stage, frame_latencies, pose_latencies, step_latencies};
-use protocol::frames::FrameRecord;
+use protocol::frames::{BELOW_FLOOR, FrameRecord};
 use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
@@ -93,6 +93,8 @@ pub struct Ledger {
     /// Latencies left out because the run was not warm.
     pub warm_up: u64,
     warm_from_ns: Option<Nanos>,
+    /// Frames drawn at a tier too low to train with.
+    below_floor: u64,
 }
 
 impl Ledger {
@@ -140,6 +142,7 @@ impl Ledger {
     pub fn note_frame(&mut self, frame: &FrameRecord) {
         if self.is_warm(frame.instants.exposed) {
             self.note_all(&frame_latencies(frame), frame.field);
+            self.below_floor += u64::from(frame.flags & BELOW_FLOOR != 0);
         }
     }
 
@@ -153,7 +156,15 @@ impl Ledger {
 
     /// The figures of every stage beside its budget.
     pub fn judge(&self, budgets: &Budgets) -> Vec<StageFigures> {
-        Stage::ALL.into_iter().map(|s| figures(s, self.stage(s), budgets)).collect()
+        let mut all: Vec<_> = Stage::ALL.into_iter().map(|s| figures(s, self.stage(s), budgets)).collect();
+        let drawn = &mut all[Stage::Rendering as usize];
+        drawn.below_floor = self.below_floor;
+        // As with latencies: the share that the judged percentile leaves may be bad.
+        let allowed = (1.0 - 0.01 * budgets.percentile) * drawn.count as f64;
+        if drawn.budget_ms > 0.0 && self.below_floor as f64 > allowed {
+            (drawn.verdict, drawn.broken) = (Verdict::Broken, true);
+        }
+        all
     }
 }
 
@@ -208,6 +219,8 @@ pub struct StageFigures {
     pub mean_budget_ms: f64,
     /// How many were longer than `budget_ms`.
     pub violations: u64,
+    /// Rendering: frames drawn at a tier too low to train with.
+    pub below_floor: u64,
     pub verdict: Verdict,
     pub broken: bool,
 }
@@ -238,6 +251,7 @@ fn figures(stage: Stage, durations: &Durations, budgets: &Budgets) -> StageFigur
         budget_ms: limit_ms,
         mean_budget_ms: mean_limit_ms,
         violations: if limit_ms > 0.0 { durations.above(limit_ms) } else { 0 },
+        below_floor: 0,
         verdict,
         broken: verdict == Verdict::Broken,
     }
@@ -256,6 +270,9 @@ impl StageFigures {
         }
         if self.mean_budget_ms > 0.0 && self.mean_ms > self.mean_budget_ms {
             broken.push(format!("mean is {:.2} ms, budget {:.2} ms", self.mean_ms, self.mean_budget_ms));
+        }
+        if self.below_floor > 0 {
+            broken.push(format!("{} of {} frames smaller than 2×320×256", self.below_floor, self.count));
         }
         let worst = self.worst_field.unwrap_or_default();
         let (what, max) = (broken.join("; "), self.max_ms);
@@ -323,6 +340,22 @@ mod tests {
         let judged = ledger.judge(&strict);
         assert!(judged[Stage::Tracking as usize].broken);
         assert_eq!(judged[Stage::Tracking as usize].violations, 1);
+    }
+
+    #[test]
+    fn pictures_too_small_to_train_with_break_the_rendering_budget() {
+        let mut ledger = warm();
+        for i in 0..1000 {
+            let instants = Instants { exposed: 1 + i, ..Instants::zeroed() };
+            let flags = if i < 30 { BELOW_FLOOR } else { 0 };
+            let (frame_start, drawn) = (1, 5 * MS);
+            ledger.note_frame(&FrameRecord { instants, flags, frame_start, drawn, ..FrameRecord::zeroed() });
+        }
+        assert_eq!(broken(&ledger), [Stage::Rendering], "3 % of quick frames, where 1 % is allowed");
+        let line = ledger.judge(&Budgets::default())[Stage::Rendering as usize].blame();
+        assert!(line.contains("30 of 1000 frames smaller"), "{line}");
+        let lenient = Budgets { percentile: 95.0, ..Budgets::default() };
+        assert!(!ledger.judge(&lenient)[Stage::Rendering as usize].broken);
     }
 
     #[test]

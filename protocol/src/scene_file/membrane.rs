@@ -38,6 +38,12 @@ pub struct MembraneScene {
     pub a_max_mm_s2: f64,
     /// Limit of a node's velocity, mm/s; 0 gives the quasi-static system of the paper.
     pub v_max_mm_s: f64,
+    /// Strain beyond which rest lengths creep; 0 for tissue that is elastic for ever.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub yield_strain: f64,
+    /// Share of the strain beyond the yield by which rest lengths follow, 1/s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub creep_per_s: f64,
     /// Share by which `a_max` must be exceeded for the hardest pulling spring to tear.
     pub p_tear: f64,
     /// Spring tension per length of edge at which it tears, N/m; 0 switches this rule off.
@@ -94,6 +100,8 @@ impl MembraneScene {
             ("membrane.node_mass_g", self.node_mass_g, 1e-9, 1e3),
             ("membrane.a_max_mm_s2", self.a_max_mm_s2, 0.0, 1e12),
             ("membrane.v_max_mm_s", self.v_max_mm_s, 0.0, 1e6),
+            ("membrane.yield_strain", self.yield_strain, 0.0, 1e3),
+            ("membrane.creep_per_s", self.creep_per_s, 0.0, 1e6),
             ("membrane.p_tear", self.p_tear, 0.0, 1e9),
             ("membrane.tear_tension_n_per_m", self.tear_tension_n_per_m, 0.0, 1e6),
             ("membrane.rim_warn_un", self.rim_warn_un, 0.0, 1e9),
@@ -113,6 +121,16 @@ impl MembraneScene {
         if !(towards.is_finite() && towards > 1e-12) {
             let found = format!("{:?}", self.towards_in_eye);
             return Some(("membrane.towards_in_eye", "a direction".into(), found));
+        }
+        let springs =
+            matches!(self.integrator, MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit);
+        if self.yield_strain > 0.0 && !springs {
+            let found = format!("{} with {:?}", self.yield_strain, self.integrator);
+            return Some((
+                "membrane.yield_strain",
+                "0 unless the integrator is semi-implicit or explicit".into(),
+                found,
+            ));
         }
         self.adhesion.as_ref().and_then(AdhesionScene::defect)
     }

@@ -16,7 +16,9 @@ mod modes;
 mod net;
 mod oscillator;
 mod patch;
+mod peel;
 mod plot;
+mod strip;
 
 use case::{ALL, Case, Depth, Outcome};
 use std::path::{Path, PathBuf};

@@ -199,7 +199,7 @@ pub fn lattice(spacing_mm: f64, rows: u32, columns: u32) -> (Vec<[f32; 3]>, Vec<
 /// Elastic energy of the springs, µN·mm.
 fn stored(sheet: &Sheet, solver: &Solver, stiffness_un_per_mm: f64) -> f64 {
     let k = stiffness_un_per_mm * 0.75_f64.sqrt();
-    solver.tension_un[..sheet.structural].iter().map(|&t| 0.5 * f64::from(t * t) / k).sum()
+    (0..sheet.structural).map(|s| solver.tension_un(s)).map(|t| 0.5 * f64::from(t * t) / k).sum()
 }
 
 fn substep(

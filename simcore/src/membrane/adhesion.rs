@@ -133,6 +133,12 @@ impl Adhesion {
         glued.map(|(a, _)| f64::from(*a)).sum()
     }
 
+    /// Area of the bonds that are broken and were not so from the start, mm².
+    pub fn broken_mm2(&self, state: &AdhesionState) -> f64 {
+        let broken = |n: &usize| self.strength_un[*n] > 0.0 && !self.holds(state, *n);
+        (0..self.area_mm2.len()).filter(broken).map(|n| f64::from(self.area_mm2[n])).sum()
+    }
+
     /// Where the retina under a node is now, eye frame, mm.
     pub fn place(&self, state: &AdhesionState, node: usize) -> Vector3<f32> {
         let [x, y, z] = &self.place_mm;

@@ -157,20 +157,6 @@ mod tests {
     }
 
     #[test]
-    fn runs_cover_every_spring_once() {
-        let s = sheet();
-        let mut next = 0;
-        for run in &s.runs {
-            assert_eq!(run.first, next);
-            for j in 0..run.len {
-                assert_eq!(s.springs[(next + j) as usize], [run.a + j, run.b + j]);
-            }
-            next += run.len;
-        }
-        assert_eq!(next as usize, s.springs.len());
-    }
-
-    #[test]
     fn springs_of_a_triangle_join_its_nodes() {
         let s = sheet();
         for (nodes, springs) in s.triangles.iter().zip(&s.triangle_springs) {

@@ -1,29 +1,14 @@
 //! The sheet: nodes joined by structural springs (the edges of its triangles) and bending springs. Scenes have a
 //! regular one (`grid`), any other manifold mesh will do ([`super::mesh`]).
-//!
-//! Springs lie in **runs**: spring `first + j` joins nodes `a + j` and `b + j`. A regular sheet is
-//! a few dozen long runs, so that the solver reads and writes plain consecutive numbers; an
-//! irregular mesh would be runs of length one.
 
+use super::lanes::rsqrt;
+use crate::constants::TINY_LENGTH2_MM2;
 use crate::state::{MembraneState, NODE_PINNED};
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;
 
 /// No triangle on that side.
 pub const NONE: u32 = u32::MAX;
-
-/// Consecutive springs between consecutive nodes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Run {
-    /// First spring.
-    pub first: u32,
-    /// Node at one end of the first spring.
-    pub a: u32,
-    /// Node at its other end.
-    pub b: u32,
-    /// Springs.
-    pub len: u32,
-}
 
 /// What a bending spring stiffens; it goes when one of the two goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,8 +36,6 @@ pub struct Sheet {
     pub springs: Vec<[u32; 2]>,
     /// Rest length of each spring, mm.
     pub rest_mm: Vec<f32>,
-    /// The springs in runs.
-    pub runs: Vec<Run>,
     /// How many springs are structural.
     pub structural: usize,
     /// For each bending spring, what it stiffens.
@@ -91,6 +74,7 @@ impl Sheet {
             position_mm: self.start_mm.clone(),
             velocity_mm_s: std::array::from_fn(|_| vec![0.0; nodes]),
             flag,
+            rest_mm: Vec::new(),
             spring_alive: vec![1; self.structural],
             triangle_alive: vec![1; self.triangles.len()],
             topology: 0,
@@ -113,14 +97,16 @@ impl Sheet {
         Vector3::new(x[node as usize], y[node as usize], z[node as usize])
     }
 
+    /// As the solver computes lengths, so that a sheet at rest pulls with nothing at all.
     fn distance(&self, [a, b]: [u32; 2]) -> f32 {
-        (self.at(a) - self.at(b)).norm()
+        let d = self.at(b) - self.at(a);
+        let length2 = d.x * d.x + d.y * d.y + d.z * d.z + TINY_LENGTH2_MM2;
+        length2 * rsqrt(length2)
     }
 
-    /// Derives what follows from nodes, springs and triangles: rest lengths, runs, triangles around springs and nodes.
+    /// Derives what follows from nodes, springs and triangles: rest lengths, triangles around springs and nodes.
     pub(super) fn index(&mut self) {
         self.rest_mm = self.springs.iter().map(|&s| self.distance(s)).collect();
-        self.runs = runs_of(&self.springs, self.structural);
         self.spring_triangles = vec![[NONE; 2]; self.structural];
         for (t, springs) in self.triangle_springs.iter().enumerate() {
             for &s in springs {
@@ -138,18 +124,4 @@ impl Sheet {
             self.node_start.push(self.node_triangles.len() as u32);
         }
     }
-}
-
-/// Consecutive springs between consecutive nodes; structural and bending springs share no run.
-fn runs_of(springs: &[[u32; 2]], structural: usize) -> Vec<Run> {
-    let mut runs: Vec<Run> = Vec::new();
-    for (s, &[a, b]) in springs.iter().enumerate() {
-        match runs.last_mut() {
-            Some(r) if s != structural && [r.a + r.len, r.b + r.len] == [a, b] && r.b - r.a == b - a => {
-                r.len += 1
-            }
-            _ => runs.push(Run { first: s as u32, a, b, len: 1 }),
-        }
-    }
-    runs
 }

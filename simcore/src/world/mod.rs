@@ -1,6 +1,7 @@
 //! The world and its step: a pure function of the previous state and of what a tracker frame, the
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
+mod audit;
 mod bodies;
 mod peel;
 mod plan;
@@ -18,20 +19,21 @@ use crate::collision::instrument_image::{InstrumentImage, Volume};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
-use crate::event_log::EventLog;
+use crate::event_log::{EventLog, Happening};
 use crate::guard::LastGood;
 use crate::membrane::adhesion::Adhesion;
 use crate::membrane::curl::Curl;
 use crate::membrane::implicit::Implicit;
 use crate::membrane::sheet::Sheet;
-use crate::membrane::solver::{Solver, Tissue};
+use crate::membrane::solver::Solver;
+use crate::membrane::tissue::{Tissue, Unstable};
 use crate::microscope;
 use crate::state::State;
 use crate::tools::vitrector::Port;
 use crate::tools::{ToolFigures, ToolsState};
 use crate::vitreous::Vitreous;
 use nalgebra::Isometry3;
-use protocol::events::Event;
+use protocol::events::{Event, EventKind, Severity};
 use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
@@ -45,6 +47,9 @@ pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
     Collision(#[from] Unusable),
+    /// The tissue is too stiff for its time step.
+    #[error(transparent)]
+    Unstable(#[from] Unstable),
     /// The mesh does not fit the block that carries it to the renderer.
     #[error(
         "membrane.squares {squares:?}: the scene block would take {bytes} bytes, there is room for {room}"
@@ -101,6 +106,8 @@ pub struct World {
     fingerprint: u64,
     sheet: Sheet,
     tissue: Tissue,
+    /// Parts of a substep that its stability needs.
+    splits: u32,
     state: State,
     solver: Solver,
     adhesion: Option<Adhesion>,
@@ -142,9 +149,12 @@ impl World {
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
         }
         let adhesion = peel::adhesion(scene, &sheet)?;
-        let mut state = start_state(scene, &sheet, adhesion.as_ref());
-        state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
+        let implicit = Implicit::of(integrator, &sheet);
+        let mut tissue = Tissue::new(scene);
+        let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
+        let mut state = start_state(scene, &sheet, &tissue, adhesion.as_ref());
+        state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
@@ -159,11 +169,12 @@ impl World {
         };
         let mut world = World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
-            tissue: Tissue::new(scene),
+            tissue,
+            splits,
             solver: Solver::new(&sheet),
             adhesion,
             curl: peel::curl(scene, &sheet),
-            implicit: Implicit::of(integrator, &sheet),
+            implicit,
             volume,
             bodies: bodies::Bodies::new(scene)?,
             zcoll,
@@ -295,7 +306,7 @@ impl World {
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet, self.adhesion.as_ref());
+        self.state = start_state(&self.scene, &self.sheet, &self.tissue, self.adhesion.as_ref());
         self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
@@ -319,6 +330,10 @@ impl World {
         self.sucking = Default::default();
         self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
+        if self.state.step == 0 && self.splits > 1 {
+            let parts = f64::from(self.splits);
+            self.log.raise(Happening::new(EventKind::TimeStepSplit, Severity::Info, parts));
+        }
     }
 
     fn end_step(&mut self, plan: &plan::Plan) {
@@ -340,7 +355,11 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) -> State {
+fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Option<&Adhesion>) -> State {
+    let mut membrane = peel::start_membrane(sheet, adhesion);
+    if tissue.is_plastic() {
+        membrane.rest_mm.clone_from(&sheet.rest_mm);
+    }
     State {
         step: 0,
         field: 0,
@@ -355,7 +374,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, adhesion: Option<&Adhesion>) ->
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane: peel::start_membrane(sheet, adhesion),
+        membrane,
         bodies: scene.bodies.as_ref().map(BodiesState::start),
         adhesion: adhesion.map(Adhesion::start),
         vitreous: None,

@@ -74,6 +74,21 @@ impl World {
         forceps::pull_un(&self.state.instruments[instrument], &self.solver)
     }
 
+    /// The area of the broken bonds is the area that was freed, and every number is in range.
+    pub(super) fn audit_glue(&self) -> Result<(), String> {
+        let (Some(adhesion), Some(bonds)) = (&self.adhesion, &self.state.adhesion) else { return Ok(()) };
+        if !adhesion.accepts(bonds) {
+            return Err("the glue has numbers out of range".into());
+        }
+        let (broken, freed) = (adhesion.broken_mm2(bonds), bonds.freed_mm2);
+        let balanced = (broken - freed).abs() <= 1e-9 * adhesion.glued_mm2().max(1.0);
+        if balanced {
+            Ok(())
+        } else {
+            Err(format!("{freed} mm² were freed, the broken bonds have {broken} mm²"))
+        }
+    }
+
     /// Adds the forces of glue and curl on the nodes to the solver's outer forces.
     pub(super) fn pull_at_glue(&mut self) {
         let (membrane, outer_un) = (&self.state.membrane, &mut self.solver.outer_un);

@@ -37,6 +37,13 @@ impl World {
         }
         self.pull_at_glue();
         self.suck_membrane(poses);
+        for _ in 0..self.splits {
+            self.advance_membrane();
+        }
+    }
+
+    /// One part of a substep: forces, what they tear, motion.
+    fn advance_membrane(&mut self) {
         let alarms = self.solver.accelerate(&self.sheet, &self.state.membrane, &self.tissue);
         if alarms.not_finite {
             self.contain();
@@ -44,6 +51,9 @@ impl World {
         if alarms.over_acceleration || alarms.over_tension {
             // Accelerations of stiff tissue at the begin of a substep say nothing about its end.
             self.tear(alarms.over_acceleration && self.implicit.is_none());
+        }
+        if self.tissue.is_plastic() {
+            self.solver.creep(&self.sheet, &mut self.state.membrane, &self.tissue);
         }
         self.integrate();
         self.watch_rim();

@@ -5,7 +5,7 @@ use super::plan::{Plan, Poses};
 use crate::collision::suction::{Suction, View};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::{self, Zcoll};
-use crate::constants::SUBSTEP_S;
+use crate::constants::{NEEDLE_OUT_MM, SUBSTEP_S};
 use crate::event_log::Happening;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::tear;
@@ -183,18 +183,17 @@ impl World {
             self.state.instruments[i].pierced = None;
             return false;
         };
-        let surface = self.state.membrane.surface(&self.sheet);
-        let inside = needle.in_mesh(&surface, self.volume.depth_mm);
         let tip = needle.tip_in_eye_mm.into();
         if self.state.instruments[i].pierced.is_some() {
-            self.drag_hole(i, &needle);
-            if inside.is_none() {
+            if !self.drag_hole(i, &needle) {
                 self.state.instruments[i].pierced = None;
                 let event = Happening::new(EventKind::NeedleOut, Severity::Info, 0.0);
                 self.log.raise(event.by(i, tip));
             }
             return true;
         }
+        let surface = self.state.membrane.surface(&self.sheet);
+        let inside = needle.in_mesh(&surface, self.volume.depth_mm);
         let resistance = self.resistance_un(zcoll, &needle.axis_in_eye);
         let Some(place) = inside.and_then(|p| p.place) else { return false };
         let limit = self.figures.needle.pierce_un;
@@ -217,18 +216,22 @@ impl World {
         sum as f64 * 1e-6
     }
 
-    /// Moves the corners around a hole so that it lies on the needle's shaft.
-    fn drag_hole(&mut self, i: usize, needle: &Needle) {
-        let Some(hole) = self.state.instruments[i].pierced else { return };
+    /// Moves the corners around a hole so that it lies on the needle's shaft; `false` if the needle is out of it, or the hole is gone.
+    fn drag_hole(&mut self, i: usize, needle: &Needle) -> bool {
+        let Some(hole) = self.state.instruments[i].pierced else { return false };
         let membrane = &mut self.state.membrane;
         if membrane.triangle_alive[hole.triangle as usize] == 0 {
-            return;
+            return false;
         }
         let nodes = self.sheet.triangles[hole.triangle as usize].map(|n| n as usize);
         let corner = |k: usize| membrane.position(nodes[k]).map(f64::from) * hole.weights[k];
         let at = corner(0) + corner(1) + corner(2);
         let way = needle.tip_in_eye_mm - at;
-        let aside = way - needle.axis_in_eye.into_inner() * way.dot(&needle.axis_in_eye);
+        let before_hole_mm = way.dot(&needle.axis_in_eye);
+        if before_hole_mm > NEEDLE_OUT_MM {
+            return false;
+        }
+        let aside = way - needle.axis_in_eye.into_inner() * before_hole_mm;
         let squares: f64 = hole.weights.iter().map(|w| w * w).sum();
         for (&node, weight) in nodes.iter().zip(hole.weights) {
             if membrane.flag[node] == NODE_FREE {
@@ -236,6 +239,7 @@ impl World {
                 membrane.set_position(node, membrane.position(node) + move_mm);
             }
         }
+        true
     }
 
     /// Turns the blade and finds where ports and needles are at the end of the substep.
