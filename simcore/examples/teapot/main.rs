@@ -21,7 +21,7 @@ const SCALE: f64 = 0.1;
 const SQUARES: [usize; 2] = [230, 130];
 const SIDE_MM: f64 = 0.018;
 /// How deep the teapot is pressed in, mm, and by how much in each step.
-const DEPTH_MM: f64 = 0.85;
+const DEPTH_MM: f64 = 0.95;
 const STEP_MM: f64 = 0.05;
 /// One panel of the picture, px.
 const PANEL: [u32; 2] = [760, 560];
@@ -86,7 +86,8 @@ impl Membrane {
 /// Presses the teapot in; where its lowest point is then.
 fn press(membrane: &mut Membrane, facets: Vec<Facet>) -> anyhow::Result<f64> {
     let volume = Volume { half_mm: 2.1, near_mm: -0.25, depth_mm: 2.5, resolution: 256 };
-    let mut image = InstrumentImage::of_mesh(ToolMesh { shaft: facets, jaw: Vec::new() }, &volume);
+    let mut image =
+        InstrumentImage::of_mesh(ToolMesh { shaft: facets, jaw: Vec::new(), hook: Vec::new() }, &volume);
     image.prepare(0.0, &volume);
     let mut zcoll = Zcoll::new(volume, &membrane.triangles, membrane.rest.len())?;
     let alive = vec![1; membrane.triangles.len()];
@@ -121,13 +122,18 @@ fn draw(
     gloss: f64,
 ) {
     let mut normals = vec![Vector3::zeros(); points.len()];
+    // Corners at one place are one corner: the teapot's patches share none.
+    let mut first = std::collections::HashMap::new();
+    let key = |p: &Point3<f64>| p.coords.map(f64::to_bits).data.0[0];
+    let corner: Vec<usize> =
+        points.iter().enumerate().map(|(i, p)| *first.entry(key(p)).or_insert(i)).collect();
     for t in triangles.clone() {
         let [a, b, c] = t.map(|i| points[i]);
         let normal = (b - a).cross(&(c - a));
-        t.iter().for_each(|&i| normals[i] += normal);
+        t.iter().for_each(|&i| normals[corner[i]] += normal);
     }
     for t in triangles {
-        canvas.triangle(t.map(|i| -> Corner { (points[i], normals[i]) }), colour, gloss);
+        canvas.triangle(t.map(|i| -> Corner { (points[i], normals[corner[i]]) }), colour, gloss);
     }
 }
 
@@ -149,10 +155,11 @@ fn main() -> anyhow::Result<()> {
     let mut picture = image::RgbImage::new(2 * PANEL[0], PANEL[1]);
     let nodes: Vec<Point3<f64>> = (0..membrane.rest.len()).map(|n| membrane.point(n)).collect();
     for panel in 0..2 {
-        let (eye, target) = (Point3::new(0.9, -4.6, 4.6), Point3::new(0.0, -0.1, -0.15));
-        let mut canvas = Canvas::new(PANEL[0], PANEL[1], eye, target, 0.55);
+        let (eye, target) = (Point3::new(0.5, -3.9, 5.4), Point3::new(0.0, -0.05, -0.1));
+        let mut canvas = Canvas::new(PANEL[0], PANEL[1], eye, target, 0.47);
         let sheet = membrane.triangles.iter().map(|t| t.map(|n| n as usize));
         draw(&mut canvas, &nodes, sheet, &Colour::new(0.72, 0.42, 0.36), 0.12);
+        grid(&mut canvas, &nodes);
         if panel == 0 {
             let raised: Vec<_> = points.iter().map(|p| p + Vector3::z() * at_mm).collect();
             draw(&mut canvas, &raised, triangles.iter().copied(), &Colour::new(0.55, 0.6, 0.66), 0.5);
@@ -164,6 +171,20 @@ fn main() -> anyhow::Result<()> {
     picture.save(&path).with_context(|| path.clone())?;
     eprintln!("wrote {path}");
     Ok(())
+}
+
+/// Every tenth line of the membrane.
+fn grid(canvas: &mut Canvas, nodes: &[Point3<f64>]) {
+    let across = SQUARES[0] + 1;
+    for n in 0..nodes.len() {
+        let (row, column) = (n / across, n % across);
+        if column + 1 < across && row % 10 == 0 {
+            canvas.line(&nodes[n], &nodes[n + 1], 0.7, &Colour::new(0.3, 0.12, 0.1));
+        }
+        if row < SQUARES[1] && column % 10 == 0 {
+            canvas.line(&nodes[n], &nodes[n + across], 0.7, &Colour::new(0.3, 0.12, 0.1));
+        }
+    }
 }
 
 /// The way of every sixth node that was moved, by its length.
