@@ -26,8 +26,11 @@ const STEP_MM: f64 = 0.05;
 /// One panel of the picture, px.
 const PANEL: [u32; 2] = [760, 560];
 
+/// Vertices, and the three of each triangle.
+type Mesh = (Vec<Point3<f64>>, Vec<[usize; 3]>);
+
 /// Vertices and triangles of the teapot, lying on its side, its lowest point at the origin's height.
-fn teapot() -> anyhow::Result<(Vec<Point3<f64>>, Vec<[usize; 3]>)> {
+fn teapot() -> anyhow::Result<Mesh> {
     let (mut points, mut triangles) = (Vec::new(), Vec::new());
     for (number, line) in TEAPOT.lines().enumerate() {
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -192,7 +195,7 @@ fn vectors(canvas: &mut Canvas, membrane: &Membrane, nodes: &[Point3<f64>]) {
     let across = SQUARES[0] + 1;
     for (n, (rest, now)) in membrane.rest.iter().zip(nodes).enumerate() {
         let way = (now - rest).norm();
-        if n / across % 6 == 0 && n % across % 6 == 0 && way > 0.01 {
+        if (n / across).is_multiple_of(6) && (n % across).is_multiple_of(6) && way > 0.01 {
             canvas.line(rest, now, 1.6, &scale(way / DEPTH_MM));
         }
     }
