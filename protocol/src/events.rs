@@ -72,13 +72,31 @@ pub enum EventKind {
     BodyGripped = 90,
     /// The jaws let a rigid body go; mm from the retina to its centre.
     BodyReleased = 91,
+    /// A needle went through the retina; mm of depth.
+    RetinaPierced = 70,
+    /// A needle left the retina; mm³ that it injected.
+    NeedleLeft = 71,
+    /// A needle in the retina moves along it too fast; mm/s.
+    NeedleFast = 72,
+    /// The whole retina ripped; springs torn in this step.
+    RetinaRipped = 73,
+    /// The retina came off the choroid; nodes in this step.
+    RetinaDetached = 74,
+    /// Blebs became one; mm³ under it.
+    BlebsMerged = 75,
+    /// The retina lies on the choroid again; nodes in this step.
+    RetinaLying = 76,
+    /// The injection flows faster than advised; µl/min.
+    InjectionFast = 77,
+    /// Air takes the place of fluid (1), or fluid that of air (0).
+    AirExchange = 78,
     /// The tissue is too stiff for a whole substep; parts into which each is split.
     TimeStepSplit = 100,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 33] = [
+    pub const ALL: [EventKind; 42] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -111,6 +129,15 @@ impl EventKind {
         EventKind::RetinaTorn,
         EventKind::BodyGripped,
         EventKind::BodyReleased,
+        EventKind::RetinaPierced,
+        EventKind::NeedleLeft,
+        EventKind::NeedleFast,
+        EventKind::RetinaRipped,
+        EventKind::RetinaDetached,
+        EventKind::BlebsMerged,
+        EventKind::RetinaLying,
+        EventKind::InjectionFast,
+        EventKind::AirExchange,
         EventKind::TimeStepSplit,
     ];
 
@@ -155,6 +182,15 @@ impl EventKind {
             EventKind::RetinaTorn => ("retina torn", "mm²"),
             EventKind::BodyGripped => ("body gripped", "rad"),
             EventKind::BodyReleased => ("body placed", "mm"),
+            EventKind::RetinaPierced => ("needle in the retina", "mm"),
+            EventKind::NeedleLeft => ("needle withdrawn", "mm³"),
+            EventKind::NeedleFast => ("needle tears at the retina", "mm/s"),
+            EventKind::RetinaRipped => ("retina ripped", "springs"),
+            EventKind::RetinaDetached => ("retina lifts", "nodes"),
+            EventKind::BlebsMerged => ("blebs merged", "mm³"),
+            EventKind::RetinaLying => ("retina lies on", "nodes"),
+            EventKind::InjectionFast => ("injection too fast", "µl/min"),
+            EventKind::AirExchange => ("fluid–air exchange", ""),
         }
     }
 }

@@ -90,7 +90,7 @@ pub enum PedalMode {
     Aspirate = 2,
     /// The first axis is the share of the full injection pressure; below 0 counts as 0.
     Inject = 3,
-    /// Fluid–air exchange: the first axis is its share of the full flow; below 0 counts as 0.
+    /// Fluid–air exchange: the first axis lets air in, its share of the full flow; the second lets fluid in again. Below 0 counts as 0.
     Exchange = 4,
 }
 

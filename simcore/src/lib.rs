@@ -6,6 +6,7 @@
 //! ```text
 //! process ── StepInput ──▶ world::step ──▶ sweep      instruments between two poses
 //!                                     ├──▶ membrane   mass-spring sheet, limits, tearing
+//!                                     ├──▶ retina     the whole retina, blebs, their fluid
 //!                                     ├──▶ tools      what forceps do to nodes
 //!                                     ├──▶ bodies     rigid bodies pushed and carried
 //!                                     ├──▶ vitreous   the gel, a chain mail of elements
@@ -30,6 +31,7 @@ pub mod microscope;
 pub mod process;
 pub mod rehearsal;
 pub mod resume;
+pub mod retina;
 pub mod scene_block;
 pub mod soak;
 pub mod state;

@@ -94,7 +94,8 @@ struct Desk {
 
 impl Desk {
     fn open(instance: &Instance, world: &World) -> Result<Self, IpcError> {
-        let scene_bytes = bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v));
+        let (vitreous, retina) = (world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
+        let scene_bytes = bytes_needed(world.sheet(), vitreous, retina);
         Ok(Desk {
             poses: instance.receiver(Queue::InOrder)?,
             handles: instance.receiver(Queue::InOrder)?,

@@ -19,17 +19,20 @@ use protocol::time::Instants;
 const BESIDE_THE_MESH: usize = 8 << 10;
 /// The epiretinal membrane in [`SceneTriangle::tissue`].
 const TISSUE_MEMBRANE: u32 = 0;
+/// The retina in it.
+const TISSUE_RETINA: u32 = 1;
 /// Dark red, linear RGB and opacity.
 const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
 
 const _: () = assert!(MAX_BODIES * size_of::<SceneBody>() <= 1536);
 const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 2048 < BESIDE_THE_MESH);
 
-/// Room that the scene of a sheet and a vitreous takes at most, bytes.
-pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>) -> usize {
-    let mesh = sheet.nodes() * size_of::<SceneNode>() + sheet.triangles.len() * size_of::<SceneTriangle>();
+/// Room that the scene of a membrane's sheet, a vitreous and a retina's sheet takes at most, bytes.
+pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>, retina: Option<&Sheet>) -> usize {
+    let mesh =
+        |s: &Sheet| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
     let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
-    mesh + bricks + BESIDE_THE_MESH
+    mesh(sheet) + retina.map_or(0, mesh) + bricks + BESIDE_THE_MESH
 }
 
 /// Fills scene blocks; keeps the lists that are copied into them.
@@ -48,10 +51,10 @@ pub struct SceneWriter {
 impl SceneWriter {
     /// Lists for a world.
     pub fn new(world: &World) -> Self {
-        let sheet = world.sheet();
+        let (sheet, retina) = (world.sheet(), world.retina().map(|r| &r.sheet));
         SceneWriter {
-            nodes: Vec::with_capacity(sheet.nodes()),
-            triangles: Vec::with_capacity(sheet.triangles.len()),
+            nodes: Vec::with_capacity(sheet.nodes() + retina.map_or(0, |s| s.nodes())),
+            triangles: Vec::with_capacity(sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len())),
             topology: None,
             marks: Vec::with_capacity(crate::constants::MAX_MARKS),
             bodies: Vec::with_capacity(MAX_BODIES),
@@ -82,7 +85,7 @@ impl SceneWriter {
             field: state.field,
             instants,
             state_hash,
-            topology: self.generation + state.membrane.topology,
+            topology: self.generation + topology(world),
             world_from_eye: Pose::from_isometry(&state.world_from_eye),
             instruments: std::array::from_fn(|i| {
                 // A body between them keeps the jaws open.
@@ -111,16 +114,45 @@ impl SceneWriter {
         for held in state.instruments.iter().flat_map(|i| &i.held) {
             self.nodes[held.node as usize].position_mm = held.at_in_instrument_mm;
         }
-        if self.topology != Some(membrane.topology) {
-            self.topology = Some(membrane.topology);
+        let base = self.nodes.len() as u32;
+        self.collect_retina_nodes(world);
+        if self.topology != Some(topology(world)) {
+            self.topology = Some(topology(world));
             let alive = sheet.triangles.iter().zip(&membrane.triangle_alive).filter(|(_, a)| **a != 0);
             self.triangles.clear();
             self.triangles.extend(alive.map(|(t, _)| SceneTriangle { nodes: *t, tissue: TISSUE_MEMBRANE }));
+            self.collect_retina_triangles(world, base);
         }
         self.bodies.clear();
         let models = world.scene().bodies.iter().flat_map(|b| &b.body);
         let states = state.bodies.iter().flat_map(|b| &b.body);
         self.bodies.extend(models.zip(states).map(body));
+        self.collect_marks(world);
+    }
+
+    /// Every node of the retina, so that a node keeps its number while the retina comes off and lies on.
+    fn collect_retina_nodes(&mut self, world: &World) {
+        let Some(retina) = &world.state().retina else { return };
+        let base = self.nodes.len();
+        self.nodes.extend((0..retina.tissue.nodes()).map(|i| SceneNode {
+            position_mm: retina.tissue.position(i).into(),
+            flag: shown_flag(retina.tissue.flag[i]),
+        }));
+        for held in retina.held.iter().flatten() {
+            self.nodes[base + held.node as usize].position_mm = held.at_in_instrument_mm;
+        }
+    }
+
+    /// Only triangles of the retina that are loose, with the nodes that they hang on: what lies on is the fundus itself.
+    fn collect_retina_triangles(&mut self, world: &World, base: u32) {
+        let Some(retina) = world.retina() else { return };
+        let loose = retina.sheet.triangles.iter().zip(&retina.pieces.loose_alive).filter(|(_, a)| **a != 0);
+        let triangle = |t: &[u32; 3]| SceneTriangle { nodes: t.map(|n| n + base), tissue: TISSUE_RETINA };
+        self.triangles.extend(loose.map(|(t, _)| triangle(t)));
+    }
+
+    fn collect_marks(&mut self, world: &World) {
+        let state = world.state();
         self.marks.clear();
         self.marks.extend(state.marks.iter().map(|m| SceneMark {
             position_mm: m.position_mm,
@@ -128,6 +160,11 @@ impl SceneWriter {
             rgba: BLOOD,
         }));
     }
+}
+
+/// Changes with every change of the triangles that are sent.
+fn topology(world: &World) -> u64 {
+    world.state().membrane.topology + world.state().retina.as_ref().map_or(0, |r| r.tissue.topology)
 }
 
 /// What the renderer is told about a node: pinned ones are drawn like free ones.
@@ -190,7 +227,7 @@ mod tests {
             field += 1;
             assert!(field < 50 * 16, "the script grabs");
         }
-        let mut payload = block(bytes_needed(world.sheet(), None));
+        let mut payload = block(bytes_needed(world.sheet(), None, None));
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
         let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 5, bytes);
         header.validate().unwrap();
@@ -217,7 +254,7 @@ mod tests {
     fn a_reset_changes_the_topology_number() {
         let world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
         let mut writer = SceneWriter::new(&world);
-        let mut payload = block(bytes_needed(world.sheet(), None));
+        let mut payload = block(bytes_needed(world.sheet(), None, None));
         let mut topology = |writer: &mut SceneWriter| {
             let bytes = bytemuck::cast_slice_mut(&mut payload);
             writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes).topology

@@ -5,6 +5,7 @@ use crate::bodies::state::BodiesState;
 use crate::collision::surface::Surface;
 use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
+use crate::retina::state::RetinaState;
 use crate::tools::ToolsState;
 use crate::vitreous::state::VitreousState;
 use nalgebra::{Isometry3, Vector3};
@@ -63,6 +64,8 @@ pub struct State {
     pub notice_kind: u32,
     /// Until when (exposure) it is shown.
     pub notice_until_ns: Nanos,
+    /// The whole retina, where the scene has it as tissue.
+    pub retina: Option<RetinaState>,
 }
 
 /// Whether a body is tracked.

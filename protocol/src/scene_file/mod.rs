@@ -4,12 +4,14 @@
 mod adhesion;
 mod bodies;
 mod membrane;
+mod retina;
 mod tools;
 mod vitreous;
 
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
+pub use retina::RetinaScene;
 pub use tools::{NeedleScene, VitrectorScene};
 pub use vitreous::{
     GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
@@ -34,6 +36,7 @@ pub const SHIPPED: &[(&str, &str)] = &[
     ("bodies", include_str!("../../../assets/scenes/bodies.toml")),
     ("lift", include_str!("../../../assets/scenes/lift.toml")),
     ("trim", include_str!("../../../assets/scenes/trim.toml")),
+    ("relocation", include_str!("../../../assets/scenes/relocation.toml")),
 ];
 
 /// Why a scene was refused.
@@ -96,6 +99,9 @@ pub struct SceneFile {
     /// Rigid bodies to push, pick up and place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bodies: Option<BodiesScene>,
+    /// The whole retina as tissue; without it the retina is a sphere that nothing lifts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retina: Option<RetinaScene>,
     /// The vitreous body; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vitreous: Option<VitreousScene>,
@@ -364,6 +370,7 @@ impl SceneFile {
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
         ranges.extend(self.bodies.iter().flat_map(|b| b.ranges()));
+        ranges.extend(self.retina.iter().flat_map(|r| r.ranges()));
         ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));

@@ -15,7 +15,7 @@
 use super::sheet::Sheet;
 use crate::constants::{MAX_SPLITS, SUBSTEP_S};
 use crate::state::MembraneState;
-use protocol::scene_file::{MembraneIntegrator, MembraneScene, SceneFile};
+use protocol::scene_file::{MembraneIntegrator, MembraneScene, RetinaScene, SceneFile};
 
 /// Figures of the tissue as the solver needs them.
 #[derive(Debug, Clone, Copy)]
@@ -92,6 +92,24 @@ impl Tissue {
     pub fn new(scene: &SceneFile) -> Self {
         let radius_mm = scene.eye.retina_radius_mm as f32;
         scene.membrane.as_ref().map_or(Self { radius_mm, ..Self::INERT }, |m| Self::of(m, radius_mm))
+    }
+
+    /// The tissue of a whole retina, a sphere of radius `radius_mm` while it lies on.
+    pub fn of_retina(r: &RetinaScene, radius_mm: f32) -> Self {
+        let tear = if r.tear_tension_n_per_m > 0.0 { r.tear_tension_n_per_m * 1e3 } else { f64::INFINITY };
+        Tissue {
+            inverse_mass: (1.0 / r.node_mass_g) as f32,
+            fluid_per_s: r.fluid_damping_per_s as f32,
+            a_max: r.a_max_mm_s2 as f32,
+            v_max: r.v_max_mm_s as f32,
+            a_tear: (r.a_max_mm_s2 * (1.0 + r.p_tear)) as f32,
+            radius_mm,
+            stiffness: r.stiffness_un_per_mm as f32,
+            bending: r.bending_un_per_mm as f32,
+            damping: r.spring_damping_un_s_per_mm as f32,
+            tear_un_per_mm: tear as f32,
+            ..Self::INERT
+        }
     }
 
     fn of(m: &MembraneScene, radius_mm: f32) -> Self {

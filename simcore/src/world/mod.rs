@@ -5,6 +5,7 @@ mod audit;
 mod bodies;
 mod peel;
 mod plan;
+mod retina;
 mod tissue;
 mod tools;
 mod touch;
@@ -28,6 +29,7 @@ use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::Solver;
 use crate::membrane::tissue::{Tissue, Unstable};
 use crate::microscope;
+use crate::retina::{Retina, RetinaError};
 use crate::state::State;
 use crate::tools::vitrector::Port;
 use crate::tools::{ToolFigures, ToolsState};
@@ -47,6 +49,9 @@ pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
     Collision(#[from] Unusable),
+    /// The retina cannot be simulated.
+    #[error("retina: {0}")]
+    Retina(#[from] RetinaError),
     /// The tissue is too stiff for its time step.
     #[error(transparent)]
     Unstable(#[from] Unstable),
@@ -130,6 +135,8 @@ pub struct World {
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
     toll: tissue::Toll,
+    /// The whole retina as tissue, where the scene has it.
+    retina: Option<retina::RetinaPart>,
     /// The vitreous, where there is one.
     vitreous: Option<Vitreous>,
     /// Ports that sucked at the vitreous in this step: substeps open, and the last of them.
@@ -142,8 +149,10 @@ impl World {
     /// The world of a scene, before its first step.
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
         let sheet = Sheet::new(scene);
+        let (model, retina) = Retina::new(scene)?.unzip();
         let vitreous = Vitreous::new(scene);
-        let bytes = crate::scene_block::bytes_needed(&sheet, vitreous.as_ref());
+        let retina_sheet = model.as_ref().map(|m| &m.sheet);
+        let bytes = crate::scene_block::bytes_needed(&sheet, vitreous.as_ref(), retina_sheet);
         if bytes > MAX_SCENE_BYTES {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
@@ -153,12 +162,13 @@ impl World {
         let implicit = Implicit::of(integrator, &sheet);
         let mut tissue = Tissue::new(scene);
         let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
-        let mut state = start_state(scene, &sheet, &tissue, adhesion.as_ref());
+        let mut state = State { retina, ..start_state(scene, &sheet, &tissue, adhesion.as_ref()) };
         state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
         let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
+        let retina = model.map(|m| retina::RetinaPart::new(m, volume)).transpose()?;
         let figures = ToolFigures::new(scene);
         let cutting = || tools::Cutting::new(&figures, &sheet);
         let cutting = scene.membrane.is_some().then(cutting).transpose()?;
@@ -185,6 +195,7 @@ impl World {
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
             toll: tissue::Toll::default(),
+            retina,
             vitreous,
             sucking: Default::default(),
             parting: peel::StepParting::default(),
@@ -214,15 +225,18 @@ impl World {
         self.begin_step(input.frame);
         self.take_handles(input.handles);
         self.take_pedals(input.pedals);
+        self.exchange_air();
         let plan = self.plan(input.frame);
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
+            self.note_ways(&poses);
             let tissue_begin = clock();
             self.aim_tools(&plan, &poses);
             self.use_ports();
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
             self.move_bodies(&plan, &poses, k);
+            self.move_retina(&plan, &poses, k);
             self.cut_membrane(&poses);
             let tissue_end = clock();
             times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
@@ -230,6 +244,7 @@ impl World {
             self.touch_retina(&plan);
             if self.state.substeps.is_multiple_of(COLLISION_EVERY) {
                 self.push_membrane(&plan, &poses);
+                self.push_retina(&plan, &poses);
                 times.collision_ns += clock().saturating_sub(tissue_end);
             }
         }
@@ -240,6 +255,7 @@ impl World {
         self.tell_cuts();
         self.tell_peel();
         self.check_finite();
+        self.end_retina();
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
         let all = clock().saturating_sub(begin);
@@ -285,6 +301,7 @@ impl World {
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
+        self.check_retina(&state).map_err(CheckpointError::Content)?;
         self.check_vitreous(&state)?;
         peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
         BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
@@ -300,19 +317,23 @@ impl World {
             }
         }
         self.refresh();
+        self.refind_retina();
         self.refresh_vitreous();
         Ok(())
     }
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        self.state = start_state(&self.scene, &self.sheet, &self.tissue, self.adhesion.as_ref());
+        let retina = self.retina.as_ref().map(|part| part.model.start());
+        self.state =
+            State { retina, ..start_state(&self.scene, &self.sheet, &self.tissue, self.adhesion.as_ref()) };
         self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
         }
         self.refresh();
+        self.refind_retina();
         self.refresh_vitreous();
     }
 
@@ -330,6 +351,7 @@ impl World {
         self.sucking = Default::default();
         self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
+        self.begin_retina();
         if self.state.step == 0 && self.splits > 1 {
             let parts = f64::from(self.splits);
             self.log.raise(Happening::new(EventKind::TimeStepSplit, Severity::Info, parts));
@@ -383,6 +405,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,
         notice_until_ns: 0,
+        retina: None,
     }
 }
 

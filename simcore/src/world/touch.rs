@@ -194,9 +194,9 @@ impl World {
             if !plan.touches[i] {
                 continue;
             }
+            let clearance = self.retina_clearance(i);
             let instrument = &mut self.state.instruments[i];
             let tip = instrument.tip_in_eye_mm;
-            let clearance = self.scene.eye.retina_radius_mm - tip.norm();
             let substep = self.state.substeps;
             let contact = &self.scene.contact;
             let Some(change) = eyeball::follow(&mut instrument.retina, clearance, substep, contact) else {

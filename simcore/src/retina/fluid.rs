@@ -1,0 +1,168 @@
+//! The fluid: what flows in and out, and the volumes that the mesh is kept at.
+//!
+//! A bleb's volume is a constraint. After the springs have moved the nodes, each loose node is moved along the push p_i of the fluid (the
+//! force of 1 Pa on it, [`super::volume`]) until the measured volume V is the account's V₀; the same impulse goes into the
+//! velocity, and the pressure is what makes that impulse:
+//!
+//! ```text
+//! λ = (V₀ − V) / Σ p_i²        x_i += λ p_i,   v_i += λ p_i / dt,   P = λ m / dt²
+//! ```
+//!
+//! over the free nodes (a held one does not yield, nor does one that lies on the choroid while the volume must shrink). One such step
+//! leaves an error of second order; at the end of a field's step it is repeated until the rounding of the positions is reached.
+
+use super::figures::{Figures, LARGEST_LOSS, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES};
+use super::state::{Bleb, RetinaState};
+use super::volume::{add_push, at, under_triangle};
+use super::{Retina, front};
+use crate::constants::SUBSTEP_S;
+use nalgebra::Vector3;
+use protocol::limits::INSTRUMENTS;
+use protocol::scene::NODE_FREE;
+
+impl Retina {
+    /// Lets fluid in through needles at `pressure_pa` (`None`: not through this one) and out through holes and tears, for one substep.
+    pub fn flow(&mut self, state: &mut RetinaState, pressure_pa: [Option<f64>; INSTRUMENTS]) {
+        for (i, pressure) in pressure_pa.into_iter().enumerate() {
+            let bleb = self.pieces.label[state.needles[i].node as usize];
+            let (Some(pressure), 1..) = (pressure, bleb) else { continue };
+            let bleb = &mut state.blebs[usize::from(bleb) - 1];
+            let flow = self.figures.flow_mm3_s(pressure, bleb.pressure_pa);
+            bleb.volume_mm3 += flow * SUBSTEP_S;
+            state.account.injected_mm3 += flow * SUBSTEP_S;
+            state.needles[i].injected_mm3 += flow * SUBSTEP_S;
+            self.toll.flow_mm3_s[i] = self.toll.flow_mm3_s[i].max(flow);
+        }
+        self.leak(state);
+    }
+
+    /// Holes close on their own to a rest, unless air holds them open; a needle in its hole plugs it.
+    fn leak(&mut self, state: &mut RetinaState) {
+        let (full, scene) = (self.figures.hole_mm2, &self.figures.scene);
+        let rest = full * scene.hole_open_share;
+        let closing = (SUBSTEP_S / scene.hole_close_s).min(1.0);
+        for hole in &mut state.holes {
+            let plugged = state.needles.iter().any(|n| n.inside && n.entry_mm == hole.at_mm);
+            hole.open_mm2 += (rest - hole.open_mm2) * if plugged { 0.0 } else { closing };
+            let bleb = self.pieces.label[hole.node as usize];
+            if !plugged && bleb > 0 {
+                let area = if state.air { full } else { hole.open_mm2 };
+                state.account.leaked_mm3 +=
+                    self.figures.drain(&mut state.blebs[usize::from(bleb) - 1], area, state.air);
+            }
+        }
+        for (bleb, area_mm2) in state.blebs.iter_mut().zip(&self.pieces.area_mm2) {
+            if bleb.torn_mm2 > 0.0 {
+                state.account.leaked_mm3 += self.figures.drain(bleb, bleb.torn_mm2, state.air);
+            }
+            if state.air && bleb.pressure_pa + scene.air_pa > 0.0 {
+                let seeped = area_mm2 * scene.seep_um_per_s * 1e-3 * SUBSTEP_S;
+                let lost = seeped.min(LARGEST_LOSS * bleb.volume_mm3.max(0.0));
+                bleb.volume_mm3 -= lost;
+                state.account.leaked_mm3 += lost;
+            }
+        }
+    }
+
+    /// Volume under a bleb as the mesh has it, mm³.
+    pub fn measured_mm3(&self, state: &RetinaState, bleb: usize) -> f64 {
+        let triangles = self.pieces.triangles_of(bleb).iter();
+        triangles.map(|&t| under_triangle(&self.corners(state, t), self.figures.radius_mm)).sum()
+    }
+
+    /// Volume under the whole retina as the mesh has it, mm³.
+    pub fn measured_all_mm3(&self, state: &RetinaState) -> f64 {
+        (0..self.pieces.count()).map(|b| self.measured_mm3(state, b)).sum()
+    }
+
+    pub(super) fn corners(&self, state: &RetinaState, triangle: u32) -> [Vector3<f64>; 3] {
+        self.sheet.triangles[triangle as usize].map(|n| at(&state.tissue, n))
+    }
+
+    /// Brings every bleb to its account's volume, once, and takes the pressure from what that takes.
+    pub(super) fn hold_volumes(&mut self, state: &mut RetinaState) {
+        self.clear_push();
+        for bleb in 0..self.pieces.count() {
+            let lambda = self.correct(state, bleb, Some(SUBSTEP_S));
+            let pressure_pa = lambda * self.figures.scene.node_mass_g / (SUBSTEP_S * SUBSTEP_S);
+            let kept = &mut state.blebs[bleb].pressure_pa;
+            *kept += (pressure_pa - *kept) * (SUBSTEP_S / PRESSURE_S);
+        }
+    }
+
+    /// Brings every bleb to its account's volume as nearly as f32 positions can.
+    pub(super) fn settle_volumes(&mut self, state: &mut RetinaState) {
+        for bleb in 0..self.pieces.count() {
+            for _ in 0..VOLUME_TRIES {
+                self.clear_push();
+                let error = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
+                if error.abs() <= VOLUME_ERROR_MM3 || self.correct(state, bleb, None) == 0.0 {
+                    break;
+                }
+            }
+            // Jaws that hold every node of a bleb decide its volume: they press out what does not fit, or draw in what is lacking.
+            let free = |n: &u32| state.tissue.flag[*n as usize] == NODE_FREE;
+            if !self.pieces.nodes_of(bleb).iter().any(free) {
+                let pressed = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
+                state.blebs[bleb].volume_mm3 -= pressed;
+                state.account.leaked_mm3 += pressed;
+            }
+        }
+    }
+
+    fn clear_push(&mut self) {
+        for &t in (0..self.pieces.count()).flat_map(|b| self.pieces.triangles_of(b)) {
+            for n in self.sheet.triangles[t as usize] {
+                self.push[n as usize] = Vector3::zeros();
+            }
+        }
+    }
+
+    /// Moves the free nodes of a bleb along their push until its volume is right to first order; with `dt_s` their velocities too. Returns
+    /// λ, 1/mm; 0 where nothing can yield.
+    fn correct(&mut self, state: &mut RetinaState, bleb: usize, dt_s: Option<f64>) -> f64 {
+        let radius = self.figures.radius_mm;
+        let mut measured = 0.0;
+        for &t in self.pieces.triangles_of(bleb) {
+            let nodes = &self.sheet.triangles[t as usize];
+            let corners = nodes.map(|n| at(&state.tissue, n));
+            measured += under_triangle(&corners, radius);
+            add_push(&mut self.push, nodes, &corners);
+        }
+        let missing = state.blebs[bleb].volume_mm3 - measured;
+        // A node on the choroid cannot make way downwards. One nanometre tells lying from hovering.
+        let lies = |n: u32| missing < 0.0 && at(&state.tissue, n).norm() >= radius - 1e-6;
+        let (mut yields, mut longest2) = (0.0, 0.0);
+        for &n in self.pieces.nodes_of(bleb) {
+            if state.tissue.flag[n as usize] == NODE_FREE && !lies(n) {
+                let square = self.push[n as usize].norm_squared();
+                yields += square;
+                longest2 = if square > longest2 { square } else { longest2 };
+            }
+        }
+        let lambda = missing / yields;
+        if !lambda.is_finite() {
+            return 0.0;
+        }
+        let most = self.figures.scene.v_max_mm_s * SUBSTEP_S / libm::sqrt(longest2);
+        let lambda = lambda.clamp(-most, most);
+        for &n in self.pieces.nodes_of(bleb) {
+            if state.tissue.flag[n as usize] == NODE_FREE {
+                let way = self.push[n as usize] * lambda;
+                front::shift(&mut state.tissue, n, &way, dt_s, radius);
+            }
+        }
+        lambda
+    }
+}
+
+impl Figures {
+    /// Takes out of a bleb what leaks through `area_mm2` in a substep; returns it, mm³ (below 0 for what it sucks in).
+    fn drain(&self, bleb: &mut Bleb, area_mm2: f64, air: bool) -> f64 {
+        let pressure = bleb.pressure_pa + if air { self.scene.air_pa } else { 0.0 };
+        let most = LARGEST_LOSS * bleb.volume_mm3.max(0.0);
+        let lost = (Figures::leak_mm3_s(area_mm2, pressure) * SUBSTEP_S).min(most);
+        bleb.volume_mm3 -= lost;
+        lost
+    }
+}

@@ -1,0 +1,154 @@
+//! A needle in the retina: it goes in, takes the retina off while it injects, tears when it moves too fast, and leaves a hole.
+
+use super::Retina;
+use super::figures::{LEFT_MM, MAX_HOLES, REARM, SHAFT_MM, SPEED_S};
+use super::state::{Hole, NeedleState, RetinaState};
+use super::volume::at;
+use crate::collision::surface::Surface;
+use crate::constants::SUBSTEP_S;
+use crate::membrane::tear;
+use crate::tools::needle::{Needle, Penetration};
+use nalgebra::Vector3;
+
+/// What a needle did in a substep that somebody should hear of.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct NeedleNews {
+    /// It went in, so deep, mm.
+    pub pierced_mm: Option<f64>,
+    /// It left, and had injected so much, mm³.
+    pub left_mm3: Option<f64>,
+    /// It moves along the retina faster than the warning, mm/s.
+    pub fast_mm_s: Option<f64>,
+}
+
+impl Retina {
+    /// Where a needle is in the retina: through a loose part, or through one that lies on.
+    pub fn penetration(&self, state: &RetinaState, needle: &Needle) -> Option<Penetration> {
+        let loose = || {
+            let position_mm = state.tissue.position_mm.each_ref().map(Vec::as_slice);
+            let (triangles, alive) = (&self.sheet.triangles[..], &self.pieces.loose_alive[..]);
+            needle.in_mesh(&Surface { position_mm, triangles, alive }, SHAFT_MM)
+        };
+        let any = self.pieces.count() > 0;
+        any.then(loose).flatten().or_else(|| {
+            let found = needle.in_sphere(self.figures.radius_mm)?;
+            // Where the retina is off, the sphere is the choroid alone.
+            let place = self.nearest_node(state, &found.at_in_eye_mm);
+            (self.pieces.label[place as usize] == 0).then_some(found)
+        })
+    }
+
+    /// Follows instrument `i` as a needle for one substep; `None` for an instrument that is none, or is not tracked.
+    pub fn follow_needle(
+        &mut self,
+        state: &mut RetinaState,
+        i: usize,
+        needle: Option<&Needle>,
+    ) -> NeedleNews {
+        let mut news = NeedleNews::default();
+        let Some(needle) = needle else {
+            news.left_mm3 = state.needles[i].inside.then_some(state.needles[i].injected_mm3);
+            state.needles[i] = NeedleState::default();
+            return news;
+        };
+        let found = self.penetration(state, needle);
+        let was_inside = state.needles[i].inside;
+        match found {
+            Some(found) if !was_inside => {
+                self.pierce(state, i, &found);
+                news.pierced_mm = Some(found.depth_mm);
+            }
+            None if was_inside && self.clearance(state, &needle.tip_in_eye_mm).mm > LEFT_MM => {
+                news.left_mm3 = Some(state.needles[i].injected_mm3);
+                state.needles[i] = NeedleState::default();
+            }
+            _ => {}
+        }
+        if let Some(found) = found {
+            news.fast_mm_s = self.drag(state, i, needle, &found);
+            self.inject(state, i, needle.pressure_pa);
+        }
+        news
+    }
+
+    fn pierce(&mut self, state: &mut RetinaState, i: usize, found: &Penetration) {
+        let node = self.nearest_node(state, &found.at_in_eye_mm);
+        let entry_mm = found.at_in_eye_mm.into();
+        state.needles[i] = NeedleState { inside: true, node, entry_mm, ..NeedleState::default() };
+        if state.holes.len() == MAX_HOLES {
+            state.holes.remove(0);
+        }
+        state.holes.push(Hole { node, open_mm2: self.figures.hole_mm2, at_mm: entry_mm });
+    }
+
+    /// The injection takes the retina off within d(p) of where the needle went in.
+    fn inject(&mut self, state: &mut RetinaState, i: usize, pressure_pa: f64) {
+        let d_mm = self.figures.detach_mm(pressure_pa);
+        let needle = &mut state.needles[i];
+        if d_mm > needle.detached_mm {
+            needle.detached_mm = d_mm;
+            let (from, nearest) = (Vector3::from(needle.entry_mm), needle.node);
+            self.take_off_around(state, &from, d_mm, nearest);
+        }
+    }
+
+    /// Watches the speed along the retina (paper, section 4.5): over one limit it warns, over a higher one a spring tears for each mean edge
+    /// of way. Returns the speed where the warning is new.
+    fn drag(
+        &mut self,
+        state: &mut RetinaState,
+        i: usize,
+        needle: &Needle,
+        found: &Penetration,
+    ) -> Option<f64> {
+        let scene = &self.figures.scene;
+        let (warn, tears) = (scene.needle_warn_mm_s, scene.needle_tear_mm_s);
+        let mine = &mut state.needles[i];
+        mine.speed_mm_s += (found.tangential_mm_s - mine.speed_mm_s) * (SUBSTEP_S / SPEED_S);
+        let fast = mine.speed_mm_s > warn;
+        let news = (fast && !mine.warned).then_some(mine.speed_mm_s);
+        mine.warned = fast || (mine.warned && mine.speed_mm_s > REARM * warn);
+        if mine.speed_mm_s > tears {
+            mine.dragged_mm += found.tangential_mm_s * SUBSTEP_S;
+            if mine.dragged_mm > f64::from(self.sheet.rest_mm[0]) {
+                mine.dragged_mm = 0.0;
+                self.rip(state, &found.at_in_eye_mm, &needle.velocity_mm_s);
+            }
+        }
+        news
+    }
+
+    /// Tears the spring that lies most across the way of the needle at the nearest living node.
+    fn rip(&mut self, state: &mut RetinaState, at_mm: &Vector3<f64>, velocity_mm_s: &Vector3<f64>) {
+        let node = self.nearest_node(state, at_mm) as usize;
+        let around =
+            self.sheet.triangles_of(node).iter().flat_map(|&t| self.sheet.triangle_springs[t as usize]);
+        let mut best: Option<(f64, u32)> = None;
+        for s in around {
+            let [a, b] = self.sheet.springs[s as usize].map(|n| at(&state.tissue, n));
+            let along = ((b - a).normalize().dot(velocity_mm_s)).abs();
+            let alive = state.tissue.spring_alive[s as usize] != 0;
+            if alive && best.is_none_or(|(least, _)| along < least) {
+                best = Some((along, s));
+            }
+        }
+        let Some((_, spring)) = best else { return };
+        if tear::tear_spring(&self.sheet, &mut state.tissue, spring as usize) {
+            self.toll.torn = (self.toll.torn.0 + 1, node as u32);
+            self.after_loss(state);
+        }
+    }
+
+    /// The node nearest to a point.
+    pub(super) fn nearest_node(&self, state: &RetinaState, point_mm: &Vector3<f64>) -> u32 {
+        let p = point_mm.map(|c| c as f32);
+        let [x, y, z] = &state.tissue.position_mm;
+        let mut best = (f32::INFINITY, 0);
+        for n in 0..x.len() {
+            let (dx, dy, dz) = (x[n] - p.x, y[n] - p.y, z[n] - p.z);
+            let distance2 = dx * dx + dy * dy + dz * dz;
+            best = if distance2 < best.0 { (distance2, n as u32) } else { best };
+        }
+        best.1
+    }
+}

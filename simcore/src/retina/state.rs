@@ -1,0 +1,210 @@
+//! What the next step must know about the retina.
+
+use super::figures::{MAX_BLEBS, MAX_HOLES};
+use crate::constants::MAX_HELD;
+use crate::membrane::sheet::Sheet;
+use crate::membrane::tear;
+use crate::state::{HeldNode, MembraneState, NODE_PINNED, is_bound, is_known_flag};
+use nalgebra::Vector3;
+use protocol::limits::INSTRUMENTS;
+use protocol::scene::{NODE_BOUND, NODE_FREE};
+use serde::{Deserialize, Serialize};
+
+/// The retina.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RetinaState {
+    /// Its mesh. `NODE_PINNED` is a node that lies on the choroid and holds there; free and bound ones are **loose**.
+    pub tissue: MembraneState,
+    /// For each node the number of its bleb + 1; 0 for a node that is not loose. Blebs count in the order of their first nodes.
+    pub bleb_of: Vec<u8>,
+    /// Connected pieces of loose retina, each with the fluid under it.
+    pub blebs: Vec<Bleb>,
+    /// Holes that needles left; the oldest gives way to a new one when all places are taken.
+    pub holes: Vec<Hole>,
+    /// The fluid since the start.
+    pub account: Account,
+    /// The instruments as needles.
+    pub needles: [NeedleState; INSTRUMENTS],
+    /// The instruments as things that press on loose retina.
+    pub presses: [PressState; INSTRUMENTS],
+    /// Nodes that jaws hold.
+    pub held: [Vec<HeldNode>; INSTRUMENTS],
+    /// The eye is filled with air: holes stay open, and what comes to lie on the choroid stays there.
+    pub air: bool,
+}
+
+/// Retina that came off in one piece, and the fluid under it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Bleb {
+    /// Fluid that must be there, mm³; the mesh is kept at it.
+    pub volume_mm3: f64,
+    /// Pressure over the vitreous that keeps it there, Pa; smoothed over [`super::figures::PRESSURE_S`].
+    pub pressure_pa: f64,
+    /// Gaps torn into it, mm².
+    pub torn_mm2: f64,
+}
+
+/// A hole that a needle made.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Hole {
+    /// The nearest node.
+    pub node: u32,
+    /// Open area, mm².
+    pub open_mm2: f64,
+    /// Where it is, eye frame, mm, when it was made.
+    pub at_mm: [f64; 3],
+}
+
+/// Fluid since the start; `injected` = Σ blebs + `leaked`, always.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Account {
+    /// Through needles, mm³.
+    pub injected_mm3: f64,
+    /// Net out of the blebs through holes and tears (what a lifted retina sucks in counts against it), and the films that the choroid took up
+    /// where retina came to lie on it again, mm³.
+    pub leaked_mm3: f64,
+}
+
+/// An instrument that pierces.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct NeedleState {
+    /// Its tip is behind the retina.
+    pub inside: bool,
+    /// The node nearest to where it went in.
+    pub node: u32,
+    /// Where it went in (x₀ of the paper), eye frame, mm.
+    pub entry_mm: [f64; 3],
+    /// Speed of the tip along the retina, smoothed, mm/s.
+    pub speed_mm_s: f64,
+    /// The warning about the speed is out.
+    pub warned: bool,
+    /// The warning about the flow is out.
+    pub flow_warned: bool,
+    /// Distance from the entry within which its injection has taken the retina off, mm.
+    pub detached_mm: f64,
+    /// Way at tearing speed since the last spring tore, mm.
+    pub dragged_mm: f64,
+    /// Injected since it went in, mm³.
+    pub injected_mm3: f64,
+}
+
+/// An instrument that presses on loose retina.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct PressState {
+    /// The last collision image had colliding pixels.
+    pub in_contact: bool,
+    /// It came round an edge and is under the retina.
+    pub under: bool,
+    /// Way of the tip since the last image, mm.
+    pub way_mm: [f64; 3],
+    /// Jaw opening at the last substep, rad.
+    pub jaw_rad: f64,
+}
+
+impl RetinaState {
+    /// Fluid under the retina by the accounts, mm³.
+    pub fn under_mm3(&self) -> f64 {
+        self.blebs.iter().map(|b| b.volume_mm3).sum()
+    }
+
+    /// True if a node is off the choroid.
+    pub fn is_loose(&self, node: usize) -> bool {
+        let flag = self.tissue.flag[node];
+        flag == NODE_FREE || is_bound(flag)
+    }
+
+    /// How far the retina that came off at any time has turned about the axis through the fovea, rad; counter-clockwise seen from the
+    /// inside. `home_mm` is where the nodes lay at the start.
+    pub fn turn_rad(&self, home_mm: &[Vector3<f32>]) -> f64 {
+        let (mut sine, mut cosine) = (0.0, 0.0);
+        for (node, home) in home_mm.iter().enumerate() {
+            let (h, now) = (home.map(f64::from), self.tissue.position(node).map(f64::from));
+            if self.is_loose(node) || (now - h).norm_squared() > 0.0 {
+                sine += h.x * now.y - h.y * now.x;
+                cosine += h.x * now.x + h.y * now.y;
+            }
+        }
+        if sine == 0.0 { 0.0 } else { libm::atan2(sine, cosine) }
+    }
+
+    /// Gives every list its full capacity, so that no step allocates.
+    pub fn reserve(&mut self) {
+        self.blebs.reserve_exact(MAX_BLEBS - self.blebs.len());
+        self.holes.reserve_exact(MAX_HOLES - self.holes.len());
+        self.held.iter_mut().for_each(|h| h.reserve_exact(MAX_HELD - h.len()));
+    }
+
+    /// What does not fit the mesh, or holds bad numbers.
+    pub fn check(&self, sheet: &Sheet) -> Result<(), &'static str> {
+        let (t, nodes) = (&self.tissue, sheet.nodes());
+        let lengths = t.position_mm.iter().chain(&t.velocity_mm_s).all(|v| v.len() == nodes);
+        let fits = lengths
+            && [t.flag.len(), self.bleb_of.len()] == [nodes; 2]
+            && t.rest_mm.is_empty()
+            && t.spring_alive.len() == sheet.structural
+            && t.triangle_alive.len() == sheet.triangles.len();
+        if !fits {
+            return Err("the retina has another size than the scene's");
+        }
+        if !crate::guard::all_finite(t) || !t.flag.iter().all(|&f| is_known_flag(f)) {
+            return Err("numbers of the retina are out of range");
+        }
+        tear::check_mesh(sheet, t)
+            .map_err(|_| "springs, triangles and nodes of the retina do not fit together")?;
+        self.check_lists(nodes)?;
+        self.check_held()
+    }
+
+    fn check_lists(&self, nodes: usize) -> Result<(), &'static str> {
+        let numbers = self.blebs.iter().flat_map(|b| [b.volume_mm3, b.pressure_pa, b.torn_mm2]);
+        let holes = self.holes.iter().flat_map(|h| [h.open_mm2, h.at_mm[0], h.at_mm[1], h.at_mm[2]]);
+        let needles =
+            self.needles.iter().flat_map(|n| [n.speed_mm_s, n.detached_mm, n.dragged_mm, n.injected_mm3]);
+        let entries = self.needles.iter().flat_map(|n| n.entry_mm);
+        let presses = self.presses.iter().flat_map(|p| [p.jaw_rad, p.way_mm[0], p.way_mm[1], p.way_mm[2]]);
+        let account = [self.account.injected_mm3, self.account.leaked_mm3];
+        let mut all = numbers.chain(holes).chain(needles).chain(entries).chain(presses).chain(account);
+        let nodes_ok = self.holes.iter().map(|h| h.node).chain(self.needles.iter().map(|n| n.node));
+        let counts = self.blebs.len() <= MAX_BLEBS && self.holes.len() <= MAX_HOLES;
+        let labels = self.bleb_of.iter().all(|&b| usize::from(b) <= self.blebs.len());
+        if all.all(f64::is_finite) && nodes_ok.into_iter().all(|n| (n as usize) < nodes) && counts && labels {
+            Ok(())
+        } else {
+            Err("blebs, holes or needles of the retina are out of range")
+        }
+    }
+
+    fn check_held(&self) -> Result<(), &'static str> {
+        let flag = &self.tissue.flag;
+        let mine = |(i, held): (usize, &Vec<HeldNode>)| {
+            let bound = NODE_BOUND + i as u32;
+            held.len() <= MAX_HELD && held.iter().all(|h| flag.get(h.node as usize) == Some(&bound))
+        };
+        let held: usize = self.held.iter().map(Vec::len).sum();
+        let bound = flag.iter().filter(|&&f| is_bound(f)).count();
+        let placed = self.held.iter().flatten().all(|h| h.at_in_instrument_mm.iter().all(|c| c.is_finite()));
+        if self.held.iter().enumerate().all(mine) && held == bound && placed {
+            Ok(())
+        } else {
+            Err("a held node of the retina is not bound to its instrument")
+        }
+    }
+}
+
+/// The retina before anything happened: every node holds.
+pub fn start(mut tissue: MembraneState) -> RetinaState {
+    tissue.flag.fill(NODE_PINNED);
+    let mut state = RetinaState {
+        bleb_of: vec![0; tissue.flag.len()],
+        tissue,
+        blebs: Vec::new(),
+        holes: Vec::new(),
+        account: Account::default(),
+        needles: [NeedleState::default(); INSTRUMENTS],
+        presses: [PressState::default(); INSTRUMENTS],
+        held: [const { Vec::new() }; INSTRUMENTS],
+        air: false,
+    };
+    state.reserve();
+    state
+}

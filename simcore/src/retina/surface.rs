@@ -1,0 +1,47 @@
+//! How far a point is before the retina, wherever the retina is.
+
+use super::Retina;
+use super::state::RetinaState;
+use nalgebra::Vector3;
+
+/// Distance of a point from the retina.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Clearance {
+    /// Towards the eye's centre above 0, behind the retina below, mm.
+    pub mm: f64,
+    /// The retina there is off the choroid.
+    pub loose: bool,
+}
+
+impl Retina {
+    /// Clearance of a point from the retina on the ray from the eye's centre through it; of several layers the one nearest to the
+    /// centre counts, which a tip meets first. Over gaps that were torn it is that from the choroid.
+    pub fn clearance(&self, state: &RetinaState, point_mm: &Vector3<f64>) -> Clearance {
+        let distance = point_mm.norm();
+        let mut found = Clearance { mm: self.figures.radius_mm - distance, loose: false };
+        if distance == 0.0 {
+            return found;
+        }
+        let mut nearest = self.figures.radius_mm;
+        for &t in (0..self.pieces.count()).flat_map(|b| self.pieces.triangles_of(b)) {
+            if self.pieces.loose_alive[t as usize] == 0 {
+                continue;
+            }
+            let [a, b, c] = self.corners(state, t);
+            let weights =
+                [point_mm.dot(&b.cross(&c)), point_mm.dot(&c.cross(&a)), point_mm.dot(&a.cross(&b))];
+            let sum: f64 = weights.iter().sum();
+            // Corners are counter-clockwise seen from the centre, so that all three are below 0 inside the triangle's cone.
+            if sum >= 0.0 || weights.iter().any(|&w| w > 0.0) {
+                continue;
+            }
+            let share = a.dot(&b.cross(&c)) / sum;
+            if share > 0.0 && share * distance < nearest {
+                nearest = share * distance;
+                let normal = (b - a).cross(&(c - a)).normalize();
+                found = Clearance { mm: (a - point_mm).dot(&-normal), loose: true };
+            }
+        }
+        found
+    }
+}

@@ -1,0 +1,113 @@
+//! The shipped relocation, from the first prick to the turned retina: what must have happened, and what must hold all the way.
+
+use protocol::events::EventKind;
+use protocol::scene_file::SceneFile;
+use simcore::rehearsal::Rehearsal;
+use simcore::retina::state::RetinaState;
+use simcore::state::NODE_PINNED;
+use simcore::world::{World, no_clock};
+
+/// The retina of a world.
+fn retina(world: &World) -> &RetinaState {
+    world.state().retina.as_ref().expect("the scene has a retina")
+}
+
+/// The figures of the events of a kind.
+fn values(events: &[(EventKind, f64)], kind: EventKind) -> Vec<f64> {
+    events.iter().filter(|e| e.0 == kind).map(|e| e.1).collect()
+}
+
+fn check_fluid(world: &World, field: u64) {
+    let (state, model) = (retina(world), world.retina().unwrap());
+    let account = state.account;
+    let balance = account.injected_mm3 - account.leaked_mm3 - state.under_mm3();
+    assert!(balance.abs() < 1e-9, "field {field}: in − out − under = {balance:e}");
+    for (bleb, kept) in state.blebs.iter().enumerate() {
+        let error = model.measured_mm3(state, bleb) - kept.volume_mm3;
+        assert!(
+            error.abs() < 2e-4,
+            "field {field}, bleb {bleb}: the mesh holds {error:e} mm³ more than its account"
+        );
+    }
+    state.check(&model.sheet).unwrap_or_else(|e| panic!("field {field}: {e}"));
+}
+
+#[test]
+fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
+    let scene = SceneFile::load("relocation").unwrap();
+    let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+    let (mut events, mut most_under, mut most_turn, mut saved) = (Vec::new(), 0.0f64, 0.0f64, Vec::new());
+    for field in 0..rehearsal.fields() {
+        rehearsal.play(&mut world, field, &mut no_clock);
+        events.extend(world.events().iter().map(|e| (EventKind::from_wire(e.kind).unwrap(), e.value)));
+        check_fluid(&world, field);
+        most_under = most_under.max(retina(&world).under_mm3());
+        most_turn = most_turn.max(retina(&world).turn_rad(&world.retina().unwrap().home_mm));
+        if field == 1300 {
+            world.save(&mut saved).unwrap();
+        }
+        if field == 1400 {
+            assert_eq!(retina(&world).blebs.len(), 1, "two blebs became one under the fovea");
+        }
+    }
+    let state = retina(&world);
+    assert_eq!(values(&events, EventKind::RetinaPierced).len(), 2);
+    assert!(values(&events, EventKind::NeedleLeft).iter().all(|v| *v > 15.0), "each bleb took its fluid");
+    assert!(!values(&events, EventKind::TissueGrabbed).is_empty());
+    for kind in [
+        EventKind::RetinaRipped,
+        EventKind::NeedleFast,
+        EventKind::RetinaPenetrated,
+        EventKind::TissueDisabled,
+    ] {
+        assert!(values(&events, kind).is_empty(), "{kind:?}");
+    }
+    assert!(most_under > 30.0, "{most_under}");
+    // All of it lies on the choroid again, at another place.
+    assert_eq!((state.blebs.len(), state.under_mm3()), (0, 0.0));
+    assert!(state.tissue.flag.iter().all(|&f| f == NODE_PINNED));
+    let off = |n: usize| (state.tissue.position(n).norm() - 11.5).abs();
+    assert!((0..state.tissue.nodes()).all(|n| off(n) < 1e-5));
+    let turned = state.turn_rad(&world.retina().unwrap().home_mm);
+    assert!(turned > 0.004 && most_turn > turned, "{turned} rad on average, {most_turn} while held");
+    let home = &world.retina().unwrap().home_mm;
+    let moved: Vec<usize> =
+        (0..home.len()).filter(|&n| (state.tissue.position(n) - home[n]).norm() > 0.5).collect();
+    assert!(moved.len() >= 8, "what the jaws led lies elsewhere: {}", moved.len());
+    for n in moved {
+        let (was, is) = (home[n], state.tissue.position(n));
+        if was.xy().norm() < 0.3 {
+            continue; // The fovea itself has no direction to turn from.
+        }
+        let angle = (was.x * is.y - was.y * is.x).atan2(was.x * is.x + was.y * is.y);
+        assert!(angle > 0.1, "node {n} has turned by {angle} rad about the fovea");
+    }
+    replay_from(&scene, &rehearsal, &saved);
+}
+
+/// A checkpoint in the middle of it goes on like the first run: nothing of the retina is outside the state.
+fn replay_from(scene: &SceneFile, rehearsal: &Rehearsal, saved: &[u8]) {
+    let mut hashes = [0; 2];
+    for hash in &mut hashes {
+        let mut world = World::new(scene).unwrap();
+        world.restore(saved).unwrap();
+        assert!(!retina(&world).blebs.is_empty(), "in the middle of it");
+        for field in 1301..1340 {
+            *hash = rehearsal.play(&mut world, field, &mut no_clock).state_hash;
+        }
+        world.reset();
+        assert_eq!(world.state_hash(), World::new(scene).unwrap().state_hash());
+    }
+    assert_eq!(hashes[0], hashes[1]);
+}
+
+#[test]
+fn a_checkpoint_that_does_not_fit_is_refused() {
+    let with = SceneFile::load("relocation").unwrap();
+    let mut finer = with.clone();
+    finer.retina.as_mut().unwrap().rings += 1;
+    let (world, mut other) = (World::new(&with).unwrap(), World::new(&finer).unwrap());
+    let mut bytes = Vec::new();
+    world.save(&mut bytes).unwrap();
+    assert!(other.restore(&bytes).is_err());
+}
