@@ -22,7 +22,7 @@ fn stiff(integrator: MembraneIntegrator, strain_limit: f64) -> SceneFile {
 fn play(scene: &SceneFile) -> (World, Vec<u64>) {
     let (rehearsal, mut world) = (Rehearsal::shipped(scene), World::new(scene).unwrap());
     let mut hashes = Vec::new();
-    for field in 261..268 {
+    for field in 255..262 {
         hashes.push(rehearsal.play(&mut world, field, &mut no_clock).state_hash);
         let disabled = world.events().iter().any(|e| e.kind == EventKind::TissueDisabled as u32);
         assert!(!disabled, "field {field}: a node had to be taken out");

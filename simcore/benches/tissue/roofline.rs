@@ -25,23 +25,26 @@ pub struct Share {
     pub bound: &'static str,
 }
 
-/// Independent multiplications and additions in registers, not fused, as the core's are.
-struct Arithmetic(usize);
+/// Multiplications and additions of numbers in the first cache, sixteen of each on every number between load and store; not
+/// fused, as the core's are not.
+struct Arithmetic<'a>(&'a mut [f32]);
 
-impl NullaryFnOnce for Arithmetic {
-    type Output = f32;
+/// Numbers, and operations on each.
+const NUMBERS: usize = 1024;
+const OPERATIONS: usize = 32;
+
+impl NullaryFnOnce for Arithmetic<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn call(self) -> f32 {
-        let mut lanes = [[1.0f32; 16]; 12];
-        for _ in 0..self.0 {
-            for row in &mut lanes {
-                for x in row.iter_mut() {
-                    *x = *x * 0.999_9 + 0.000_1;
-                }
+    fn call(self) {
+        for x in self.0.iter_mut() {
+            let mut y = *x;
+            for _ in 0..OPERATIONS / 2 {
+                y = y * 0.999_9 + 0.000_1;
             }
+            *x = y;
         }
-        lanes.iter().flatten().sum()
     }
 }
 
@@ -71,11 +74,13 @@ impl Machine {
     /// Takes about half a second.
     pub fn measure() -> Self {
         let arch = Arch::new();
-        let rounds = 100_000;
-        let seconds = fastest(9, || {
-            black_box(arch.dispatch(Arithmetic(black_box(rounds))));
+        let (rounds, mut numbers) = (1000, vec![1.0f32; NUMBERS]);
+        let seconds = fastest(31, || {
+            for _ in 0..rounds {
+                arch.dispatch(Arithmetic(black_box(&mut numbers)));
+            }
         });
-        let gflops = (rounds * 12 * 16 * 2) as f64 / seconds * 1e-9;
+        let gflops = (rounds * NUMBERS * OPERATIONS) as f64 / seconds * 1e-9;
         let bandwidth = [32 << 10, 256 << 10, 768 << 10, 4 << 20, 16 << 20].map(|bytes: usize| {
             let half = bytes / 8;
             let (from, mut to) = (vec![1.0f32; half], vec![0.0f32; half]);

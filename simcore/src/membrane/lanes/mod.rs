@@ -8,6 +8,8 @@
 //! Memory order within a block of sixteen: item `n` lies at [`place`]`(n)`, so that registers of four quads are
 //! stored as they come out of a 4×4 transposition. This is the one folder of the simulation with `unsafe`.
 #![allow(unsafe_code)]
+// The trait states once what holds for each of its methods; lanes are numbers, not items of one list.
+#![allow(clippy::missing_safety_doc, clippy::needless_range_loop)]
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
