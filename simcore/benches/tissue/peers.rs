@@ -108,9 +108,9 @@ impl Peer for EdgeLoop {
             let [a, b] = p.ends[s].map(|n| n as usize);
             let (f, pull) = p.force(a, b, p.rest[s]);
             p.torn += usize::from(pull > TEAR * p.rest[s]);
-            for k in 0..3 {
-                p.f[a][k] += f[k];
-                p.f[b][k] -= f[k];
+            for (k, f) in f.into_iter().enumerate() {
+                p.f[a][k] += f;
+                p.f[b][k] -= f;
             }
         }
         p.integrate();
