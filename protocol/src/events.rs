@@ -68,6 +68,10 @@ pub enum EventKind {
     RetinaLifted = 63,
     /// Lifted retina tore; mm² in all.
     RetinaTorn = 64,
+    /// The jaws hold a rigid body; rad of opening.
+    BodyGripped = 90,
+    /// The jaws let a rigid body go; mm from the retina to its centre.
+    BodyReleased = 91,
     /// A needle went through the retina; mm of depth.
     RetinaPierced = 70,
     /// A needle left the retina; mm³ that it injected.
@@ -92,7 +96,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 40] = [
+    pub const ALL: [EventKind; 42] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -123,6 +127,8 @@ impl EventKind {
         EventKind::RetinaPulled,
         EventKind::RetinaLifted,
         EventKind::RetinaTorn,
+        EventKind::BodyGripped,
+        EventKind::BodyReleased,
         EventKind::RetinaPierced,
         EventKind::NeedleLeft,
         EventKind::NeedleFast,
@@ -174,6 +180,8 @@ impl EventKind {
             EventKind::RetinaPulled => ("membrane pulls hard at the retina", "Pa"),
             EventKind::RetinaLifted => ("retina lifted with the membrane", "mm"),
             EventKind::RetinaTorn => ("retina torn", "mm²"),
+            EventKind::BodyGripped => ("body gripped", "rad"),
+            EventKind::BodyReleased => ("body placed", "mm"),
             EventKind::RetinaPierced => ("needle in the retina", "mm"),
             EventKind::NeedleLeft => ("needle withdrawn", "mm³"),
             EventKind::NeedleFast => ("needle tears at the retina", "mm/s"),

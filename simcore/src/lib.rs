@@ -8,6 +8,7 @@
 //!                                     ├──▶ membrane   mass-spring sheet, limits, tearing
 //!                                     ├──▶ retina     the whole retina, blebs, their fluid
 //!                                     ├──▶ tools      what forceps do to nodes
+//!                                     ├──▶ bodies     rigid bodies pushed and carried
 //!                                     ├──▶ vitreous   the gel, a chain mail of elements
 //!                                     ├──▶ collision  ZCOLL, tip against retina
 //!                                     ├──▶ guard      finite check, last good state
@@ -17,6 +18,7 @@
 //! Units are mm, g, s, hence µN and Pa; tissue lives in the eye frame. Results are the same to the
 //! bit in every build: no fused operations, fixed order of sums, transcendentals from `libm`.
 
+pub mod bodies;
 pub mod checkpoint;
 pub mod collision;
 pub mod config;

@@ -1,5 +1,6 @@
 //! The scene as the renderer draws it, written straight into the lent block.
 
+use crate::bodies::state::BodyState;
 use crate::membrane::sheet::Sheet;
 use crate::microscope;
 use crate::state::{InstrumentState, is_bound};
@@ -8,12 +9,13 @@ use crate::world::World;
 use protocol::events::EventKind;
 use protocol::geometry::Pose;
 use protocol::scene::{
-    NODE_DEAD, NODE_FREE, SceneHeader, SceneInstrument, SceneMark, SceneNode, SceneTriangle, Section,
+    NODE_DEAD, NODE_FREE, SceneBody, SceneHeader, SceneInstrument, SceneMark, SceneNode, SceneTriangle,
     SectionWriter,
 };
+use protocol::scene_file::{BodyScene, BodyShape, MAX_BODIES};
 use protocol::time::Instants;
 
-/// Bytes kept for marks and text beside the mesh.
+/// Bytes kept for marks, bodies and text beside the mesh.
 const BESIDE_THE_MESH: usize = 8 << 10;
 /// The epiretinal membrane in [`SceneTriangle::tissue`].
 const TISSUE_MEMBRANE: u32 = 0;
@@ -22,7 +24,8 @@ const TISSUE_RETINA: u32 = 1;
 /// Dark red, linear RGB and opacity.
 const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
 
-const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 1024 < BESIDE_THE_MESH);
+const _: () = assert!(MAX_BODIES * size_of::<SceneBody>() <= 1536);
+const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 2048 < BESIDE_THE_MESH);
 
 /// Room that the scene of a membrane's sheet, a vitreous and a retina's sheet takes at most, bytes.
 pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>, retina: Option<&Sheet>) -> usize {
@@ -40,6 +43,7 @@ pub struct SceneWriter {
     /// Topology for which `triangles` holds.
     topology: Option<u64>,
     marks: Vec<SceneMark>,
+    bodies: Vec<SceneBody>,
     /// A reset world counts its topology from 0 again, but the renderer must see a change.
     generation: u64,
 }
@@ -53,6 +57,7 @@ impl SceneWriter {
             triangles: Vec::with_capacity(sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len())),
             topology: None,
             marks: Vec::with_capacity(crate::constants::MAX_MARKS),
+            bodies: Vec::with_capacity(MAX_BODIES),
             generation: 0,
         }
     }
@@ -82,12 +87,17 @@ impl SceneWriter {
             state_hash,
             topology: self.generation + topology(world),
             world_from_eye: Pose::from_isometry(&state.world_from_eye),
-            instruments: state.instruments.each_ref().map(instrument),
+            instruments: std::array::from_fn(|i| {
+                // A body between them keeps the jaws open.
+                let stop = state.bodies.as_ref().and_then(|b| b.grip[i]).map_or(0.0, |grip| grip.opening_rad);
+                let shown = instrument(&state.instruments[i]);
+                SceneInstrument { jaw_rad: shown.jaw_rad.max(stop), ..shown }
+            }),
             microscope: microscope::view(&state.microscope, &scene.microscope),
             nodes: writer.write(&self.nodes).unwrap_or_default(),
             triangles: writer.write(&self.triangles).unwrap_or_default(),
             marks: writer.write(&self.marks).unwrap_or_default(),
-            bodies: Section::default(),
+            bodies: writer.write(&self.bodies).unwrap_or_default(),
             bricks: world.vitreous().and_then(|(v, _)| writer.write(v.haze().bricks())).unwrap_or_default(),
             text: writer.write(text.as_bytes()).unwrap_or_default(),
         }
@@ -113,6 +123,10 @@ impl SceneWriter {
             self.triangles.extend(alive.map(|(t, _)| SceneTriangle { nodes: *t, tissue: TISSUE_MEMBRANE }));
             self.collect_retina_triangles(world, base);
         }
+        self.bodies.clear();
+        let models = world.scene().bodies.iter().flat_map(|b| &b.body);
+        let states = state.bodies.iter().flat_map(|b| &b.body);
+        self.bodies.extend(models.zip(states).map(body));
         self.collect_marks(world);
     }
 
@@ -156,6 +170,22 @@ fn topology(world: &World) -> u64 {
 /// What the renderer is told about a node: pinned ones are drawn like free ones.
 fn shown_flag(flag: u32) -> u32 {
     if is_bound(flag) || flag == NODE_DEAD { flag } else { NODE_FREE }
+}
+
+fn body((scene, state): (&BodyScene, &BodyState)) -> SceneBody {
+    let q = state.eye_from_body.rotation.coords;
+    SceneBody {
+        position_mm: state.eye_from_body.translation.vector.map(|c| c as f32).into(),
+        shape: match scene.shape {
+            BodyShape::Sphere => 0,
+            BodyShape::Box => 1,
+            BodyShape::Capsule => 2,
+        },
+        rotation_xyzw: q.map(|c| c as f32).into(),
+        half_extents_mm: scene.half_extents_mm.map(|h| h as f32),
+        reserved: 0,
+        rgba: scene.rgba,
+    }
 }
 
 fn instrument(state: &InstrumentState) -> SceneInstrument {

@@ -1,6 +1,7 @@
 //! Everything the next step depends on. What is not in here cannot influence a result: the state
 //! hash and the checkpoints are made from this structure as a whole.
 
+use crate::bodies::state::BodiesState;
 use crate::collision::surface::Surface;
 use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
@@ -47,6 +48,8 @@ pub struct State {
     pub instruments: [InstrumentState; INSTRUMENTS],
     /// The membrane.
     pub membrane: MembraneState,
+    /// Rigid bodies, where the scene has some.
+    pub bodies: Option<BodiesState>,
     /// The vitreous, where there is one.
     pub vitreous: Option<VitreousState>,
     /// The glue under the membrane, where the scene has one.

@@ -2,12 +2,14 @@
 //! edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
 mod adhesion;
+mod bodies;
 mod membrane;
 mod retina;
 mod tools;
 mod vitreous;
 
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
+pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use retina::RetinaScene;
 pub use tools::{NeedleScene, VitrectorScene};
@@ -31,6 +33,7 @@ pub const SHIPPED: &[(&str, &str)] = &[
     ("peel", include_str!("../../../assets/scenes/peel.toml")),
     ("vitrectomy", include_str!("../../../assets/scenes/vitrectomy.toml")),
     ("erm", include_str!("../../../assets/scenes/erm.toml")),
+    ("bodies", include_str!("../../../assets/scenes/bodies.toml")),
     ("lift", include_str!("../../../assets/scenes/lift.toml")),
     ("trim", include_str!("../../../assets/scenes/trim.toml")),
     ("relocation", include_str!("../../../assets/scenes/relocation.toml")),
@@ -93,6 +96,9 @@ pub struct SceneFile {
     /// The epiretinal membrane; a scene may do without.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
+    /// Rigid bodies to push, pick up and place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bodies: Option<BodiesScene>,
     /// The whole retina as tissue; without it the retina is a sphere that nothing lifts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub retina: Option<RetinaScene>,
@@ -290,7 +296,9 @@ impl SceneFile {
                 return refuse(field, &format!("{low} to {high}"), value.to_string());
             }
         }
-        if let Some((field, expected, found)) = self.membrane.as_ref().and_then(|m| m.defect()) {
+        let of_bodies = || self.bodies.as_ref().and_then(|b| b.defect(self.eye.retina_radius_mm));
+        let defect = self.membrane.as_ref().and_then(|m| m.defect()).or_else(of_bodies);
+        if let Some((field, expected, found)) = defect {
             return refuse(field, &expected, found);
         }
         let radius_mm = self.eye.retina_radius_mm;
@@ -361,6 +369,7 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.bodies.iter().flat_map(|b| b.ranges()));
         ranges.extend(self.retina.iter().flat_map(|r| r.ranges()));
         ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));

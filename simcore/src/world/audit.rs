@@ -1,6 +1,7 @@
 //! What must hold after every step, whatever was done. Each subject adds its own line.
 
 use super::World;
+use crate::bodies::state::BodiesState;
 use crate::guard;
 use crate::membrane::tear;
 
@@ -12,6 +13,8 @@ impl World {
             return Err("the membrane has numbers that are not finite".into());
         }
         tear::check_mesh(&self.sheet, &self.state.membrane)?;
+        BodiesState::check(self.state.bodies.as_ref(), self.scene.bodies.as_ref())
+            .map_err(|e| e.to_string())?;
         self.check_vitreous(&self.state).map_err(|e| e.to_string())?;
         self.audit_glue()
     }

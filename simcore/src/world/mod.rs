@@ -2,6 +2,7 @@
 //! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
 
 mod audit;
+mod bodies;
 mod peel;
 mod plan;
 mod retina;
@@ -12,6 +13,7 @@ mod vitreous;
 
 pub use plan::start_instrument;
 
+use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
 use crate::collision::choice::{self, Backend, Choice};
 use crate::collision::instrument_image::{InstrumentImage, Volume};
@@ -118,6 +120,8 @@ pub struct World {
     /// What makes the substeps where the scene asks for more than the explicit core.
     implicit: Option<Implicit>,
     volume: Volume,
+    /// Shapes of the rigid bodies and the instruments, where there are some.
+    bodies: Option<bodies::Bodies>,
     /// Collision images of the membrane, where there is one.
     zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
@@ -182,6 +186,7 @@ impl World {
             curl: peel::curl(scene, &sheet),
             implicit,
             volume,
+            bodies: bodies::Bodies::new(scene)?,
             zcoll,
             images: std::array::from_fn(image),
             figures,
@@ -230,6 +235,7 @@ impl World {
             self.use_ports();
             self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
+            self.move_bodies(&plan, &poses, k);
             self.move_retina(&plan, &poses, k);
             self.cut_membrane(&poses);
             let tissue_end = clock();
@@ -298,6 +304,7 @@ impl World {
         self.check_retina(&state).map_err(CheckpointError::Content)?;
         self.check_vitreous(&state)?;
         peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
+        BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
         self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
@@ -390,6 +397,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
         membrane,
+        bodies: scene.bodies.as_ref().map(BodiesState::start),
         adhesion: adhesion.map(Adhesion::start),
         vitreous: None,
         microscope: microscope::start(&scene.microscope),
