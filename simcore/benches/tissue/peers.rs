@@ -108,9 +108,9 @@ impl Peer for EdgeLoop {
             let [a, b] = p.ends[s].map(|n| n as usize);
             let (f, pull) = p.force(a, b, p.rest[s]);
             p.torn += usize::from(pull > TEAR * p.rest[s]);
-            for (k, f) in f.into_iter().enumerate() {
-                p.f[a][k] += f;
-                p.f[b][k] -= f;
+            for (k, part) in f.into_iter().enumerate() {
+                p.f[a][k] += part;
+                p.f[b][k] -= part;
             }
         }
         p.integrate();
