@@ -8,8 +8,8 @@ pub const SUBSTEP_S: f64 = SUBSTEP_NS as f64 * 1e-9;
 /// A substep is split into at most so many parts where its springs are too stiff for it; a tissue that needs more is refused,
 /// because a step could no longer be computed in time.
 pub const MAX_SPLITS: u32 = 64;
-/// ZCOLL runs every so many substeps: in each, since a look costs 4 µs beside the 5 µs of the tissue's substep. Larger would let tips
-/// come deeper before they push.
+/// ZCOLL runs every so many substeps: in each, since a look costs no more than the tissue's substep. Larger would let tips come
+/// deeper before they push.
 pub const COLLISION_EVERY: u64 = 1;
 /// Faster than this a tip does not move, mm/s; a tracker that says so has jumped, and a jump
 /// sweeps nothing. Surgeons stay below 20 mm/s.
