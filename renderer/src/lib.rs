@@ -5,7 +5,6 @@
 //! are pure. Shaders lie beside their pass. wgpu is used in this crate only, windows in `present`.
 
 pub mod config;
-pub mod font;
 pub mod frame;
 pub mod fundus_map;
 pub mod governor;
