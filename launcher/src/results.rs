@@ -220,7 +220,8 @@ fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result
 
 fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
     let (trainee, module) = (args.trainee.clone(), args.module.clone());
-    let attempts = Store::open(&args.place.path()?)?.attempts(&Filter { trainee, module, level: args.level })?;
+    let attempts =
+        Store::open(&args.place.path()?)?.attempts(&Filter { trainee, module, level: args.level })?;
     let told = [args.plot.is_some(), args.csv.is_some(), args.parquet.is_some()].contains(&true);
     if !told {
         print!("{}", list(&attempts));
@@ -269,7 +270,8 @@ fn list(attempts: &[Stored]) -> String {
         let heads = ["attempt", "when", "trainee", "module", "level", "score", "time"];
         let [id, at, trainee, module, level, score, took] = heads;
         // Writing into a string cannot fail.
-        let _ = writeln!(text, "{id:>7}  {at:<20}  {trainee:<16} {module:<14} {level:>5} {score:>15} {took:>8}");
+        let _ =
+            writeln!(text, "{id:>7}  {at:<20}  {trainee:<16} {module:<14} {level:>5} {score:>15} {took:>8}");
     }
     for Stored { id, trainee, at, attempt: a } in attempts {
         let score = format!("{:.2} ± {:.2}", a.total, a.sigma);
@@ -311,15 +313,22 @@ mod tests {
     #[test]
     fn deleting_needs_a_name() {
         assert!(parse(&["delete"]).is_err() && parse(&["delete", "t7", "--store", "s"]).is_ok());
-        assert!(parse(&["--module", "shadow", "delete", "t7"]).is_err(), "filters do not choose what is deleted");
+        assert!(
+            parse(&["--module", "shadow", "delete", "t7"]).is_err(),
+            "filters do not choose what is deleted"
+        );
     }
 
     #[test]
     fn a_list_shows_what_was_not_finished() {
-        let attempt = Attempt { module: "shadow".into(), level: 2, total: 40.0, took_s: 9.5, ..Attempt::default() };
+        let attempt =
+            Attempt { module: "shadow".into(), level: 2, total: 40.0, took_s: 9.5, ..Attempt::default() };
         let stored = Stored { id: 3, trainee: "t7".into(), at: "2002-09-25T08:30:00Z".into(), attempt };
         let text = list(&[stored]);
-        assert!(text.contains("t7") && text.contains("40.00 ± 0.00") && text.contains("not finished"), "{text}");
+        assert!(
+            text.contains("t7") && text.contains("40.00 ± 0.00") && text.contains("not finished"),
+            "{text}"
+        );
         assert_eq!(list(&[]), "0 attempts\n");
     }
 }

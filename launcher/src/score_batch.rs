@@ -36,7 +36,8 @@ pub struct BatchArgs {
 impl BatchArgs {
     /// Whether it is a batch: several recordings or a folder are named, or something is asked for that only batches have.
     pub fn wanted(&self, named: &[PathBuf]) -> bool {
-        let asked = self.manifest.is_some() || self.shard.is_some() || self.out.is_some() || self.csv.is_some();
+        let asked =
+            self.manifest.is_some() || self.shard.is_some() || self.out.is_some() || self.csv.is_some();
         asked || named.iter().any(|path| path.is_dir())
     }
 }

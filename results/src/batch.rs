@@ -210,7 +210,8 @@ mod tests {
         std::fs::write(at("list.txt"), "# made by hand\nday/a.mcap\r\n\n/far/x y.mcap\n").unwrap();
         std::os::unix::fs::symlink(at("day"), at("day/b/circle")).unwrap();
         let found = list(&[at("day"), at("single")], Some(&at("list.txt"))).unwrap();
-        let expected = [at("day/a.mcap"), at("day/b/z.mcap"), at("day/c.mcap"), at("single"), "/far/x y.mcap".into()];
+        let expected =
+            [at("day/a.mcap"), at("day/b/z.mcap"), at("day/c.mcap"), at("single"), "/far/x y.mcap".into()];
         assert_eq!(found, expected);
         std::fs::create_dir(at("bare")).unwrap();
         assert!(list(&[at("bare")], None).unwrap_err().to_string().contains("bare"));

@@ -41,8 +41,14 @@ pub(crate) mod tests {
     use crate::attempt::Attempt;
 
     pub(crate) fn stored(trainee: &str, module: &str, score_version: u32, total: f64) -> Stored {
-        let attempt =
-            Attempt { module: module.into(), level: 1, score_version, total, sigma: 1.5, ..Attempt::default() };
+        let attempt = Attempt {
+            module: module.into(),
+            level: 1,
+            score_version,
+            total,
+            sigma: 1.5,
+            ..Attempt::default()
+        };
         Stored { id: 0, trainee: trainee.into(), at: String::new(), attempt }
     }
 

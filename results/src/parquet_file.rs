@@ -29,10 +29,11 @@ pub struct WriteError {
 pub fn write(table: &Table, path: &Path, notes: &[(&str, &str)]) -> Result<(), WriteError> {
     let told = |problem: String| WriteError { file: path.display().to_string(), problem };
     let unfinished = path.with_extension("parquet.part");
-    let written = File::create(&unfinished).map_err(|e| told(e.to_string())).and_then(|file| {
-        into(table, file, notes).map_err(|e| told(e.to_string()))
-    });
-    let done = written.and_then(|()| std::fs::rename(&unfinished, path).map_err(|e: io::Error| told(e.to_string())));
+    let written = File::create(&unfinished)
+        .map_err(|e| told(e.to_string()))
+        .and_then(|file| into(table, file, notes).map_err(|e| told(e.to_string())));
+    let done =
+        written.and_then(|()| std::fs::rename(&unfinished, path).map_err(|e: io::Error| told(e.to_string())));
     if done.is_err() {
         // The first problem is the one to tell.
         let _ = std::fs::remove_file(&unfinished);
@@ -85,7 +86,9 @@ fn put<W: io::Write + Send>(
     end: usize,
 ) -> Result<(), ParquetError> {
     match &column.cells {
-        Cells::Text(c) => cells::<ByteArrayType, _, _>(group, &c[start..end], |t| ByteArray::from(t.as_str())),
+        Cells::Text(c) => {
+            cells::<ByteArrayType, _, _>(group, &c[start..end], |t| ByteArray::from(t.as_str()))
+        }
         Cells::Whole(c) => cells::<Int64Type, _, _>(group, &c[start..end], |n| *n),
         // The format keeps unsigned numbers in the same bits.
         Cells::Natural(c) => cells::<Int64Type, _, _>(group, &c[start..end], |n| *n as i64),
@@ -149,7 +152,8 @@ mod tests {
         let reader = SerializedFileReader::new(File::open(&path).unwrap()).unwrap();
         assert_eq!(reader.metadata().file_metadata().num_rows(), 0);
         assert!(reader.metadata().file_metadata().schema().get_fields().len() > 10);
-        let nowhere = write(&Table::default(), &folder.path().join("none/a.parquet"), &[]).unwrap_err().to_string();
+        let nowhere =
+            write(&Table::default(), &folder.path().join("none/a.parquet"), &[]).unwrap_err().to_string();
         assert!(nowhere.contains("none/a.parquet"), "{nowhere}");
     }
 }

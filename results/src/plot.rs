@@ -177,7 +177,8 @@ mod tests {
 
     #[test]
     fn odd_numbers_and_crowds_are_drawn_too() {
-        let crowd: Vec<Curve> = (0..40).map(|i| curve(&"wide name ".repeat(12), &[f64::from(i); 300])).collect();
+        let crowd: Vec<Curve> =
+            (0..40).map(|i| curve(&"wide name ".repeat(12), &[f64::from(i); 300])).collect();
         plot(&crowd);
         plot(&[]);
         plot(&[curve("a", &[f64::NAN, f64::INFINITY, -1e300])]);

@@ -15,7 +15,9 @@ const MAX_NAME: usize = 64;
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
     /// Another program holds it.
-    #[error("results store {file}: locked by another program for more than {seconds} s; end that program or try later")]
+    #[error(
+        "results store {file}: locked by another program for more than {seconds} s; end that program or try later"
+    )]
     Locked {
         /// The file.
         file: String,
@@ -43,7 +45,9 @@ pub enum StoreError {
         found: String,
     },
     /// Made by a newer program.
-    #[error("results store {file}: expected a schema up to {newest}, found {found}; use the newer vitreo that made it")]
+    #[error(
+        "results store {file}: expected a schema up to {newest}, found {found}; use the newer vitreo that made it"
+    )]
     Newer {
         /// The file.
         file: String,
@@ -109,11 +113,16 @@ pub fn default_place(data_home: Option<&Path>, home: Option<&Path>) -> Option<Pa
 /// Checks a pseudonym: short, and nothing that spoils a table or a file name.
 pub fn check_name(name: &str) -> Result<(), StoreError> {
     let plain = |c: char| c.is_alphanumeric() || "-_.@".contains(c);
-    let good = !name.is_empty() && name.chars().count() <= MAX_NAME && name.chars().all(plain) && !name.starts_with(['-', '.']);
+    let good = !name.is_empty()
+        && name.chars().count() <= MAX_NAME
+        && name.chars().all(plain)
+        && !name.starts_with(['-', '.']);
     if good {
         return Ok(());
     }
-    let expected = format!("a pseudonym of 1 to {MAX_NAME} letters, digits, '-', '_', '.' or '@', begun with a letter or digit");
+    let expected = format!(
+        "a pseudonym of 1 to {MAX_NAME} letters, digits, '-', '_', '.' or '@', begun with a letter or digit"
+    );
     Err(StoreError::Value { field: "trainee", expected, found: format!("'{name}'") })
 }
 
@@ -122,7 +131,8 @@ impl Store {
     pub fn open_or_create(path: &Path) -> Result<Self, StoreError> {
         if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
             let file = path.display().to_string();
-            let told = |e: std::io::Error| StoreError::Other { file, problem: format!("make its folder: {e}") };
+            let told =
+                |e: std::io::Error| StoreError::Other { file, problem: format!("make its folder: {e}") };
             std::fs::create_dir_all(folder).map_err(told)?;
         }
         Self::open_with(path, PATIENCE)
@@ -190,7 +200,7 @@ impl Store {
     /// All of `what` or nothing.
     fn change<T>(&mut self, what: impl FnOnce(&Transaction) -> rusqlite::Result<T>) -> Result<T, StoreError> {
         let Store { path, connection, patience } = self;
-        let mut all = || {
+        let all = || {
             let change = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
             let done = what(&change)?;
             change.commit()?;
@@ -204,9 +214,11 @@ impl Store {
     pub fn add(&mut self, trainee: &str, attempt: &Attempt) -> Result<Option<i64>, StoreError> {
         check_name(trainee)?;
         self.change(|change| {
-            change.execute("INSERT INTO trainees (pseudonym) VALUES (?1) ON CONFLICT DO NOTHING", [trainee])?;
+            change
+                .execute("INSERT INTO trainees (pseudonym) VALUES (?1) ON CONFLICT DO NOTHING", [trainee])?;
             let own: i64 =
-                change.query_row("SELECT id FROM trainees WHERE pseudonym = ?1", [trainee], |row| row.get(0))?;
+                change
+                    .query_row("SELECT id FROM trainees WHERE pseudonym = ?1", [trainee], |row| row.get(0))?;
             let Some(id) = insert(change, own, attempt)? else { return Ok(None) };
             for (kind, points) in [("category", &attempt.categories), ("metric", &attempt.metrics)] {
                 for (place, p) in points.iter().enumerate() {
@@ -228,7 +240,8 @@ impl Store {
         let attempts = self.attempts(&filter)?;
         let deleted =
             self.change(|change| change.execute("DELETE FROM trainees WHERE pseudonym = ?1", [trainee]))?;
-        let mut recordings: Vec<String> = attempts.iter().filter_map(|s| s.attempt.recording.clone()).collect();
+        let mut recordings: Vec<String> =
+            attempts.iter().filter_map(|s| s.attempt.recording.clone()).collect();
         recordings.sort();
         recordings.dedup();
         Ok((deleted > 0).then_some((attempts.len(), recordings)))
@@ -286,8 +299,20 @@ fn insert(change: &Transaction, trainee: i64, a: &Attempt) -> rusqlite::Result<O
                VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)
                ON CONFLICT (trainee, recording_sha256, score_version) DO NOTHING RETURNING id";
     let values = params![
-        trainee, a.at_s, a.module, a.level, a.surgeon, a.program, a.score_version, seed, a.total, a.sigma, a.finished,
-        a.took_s, a.recording, a.recording_sha256
+        trainee,
+        a.at_s,
+        a.module,
+        a.level,
+        a.surgeon,
+        a.program,
+        a.score_version,
+        seed,
+        a.total,
+        a.sigma,
+        a.finished,
+        a.took_s,
+        a.recording,
+        a.recording_sha256
     ];
     change.query_row(row, values, |row| row.get(0)).optional()
 }
@@ -309,7 +334,12 @@ fn stored(row: &Row) -> rusqlite::Result<Stored> {
         recording_sha256: row.get(15)?,
         ..Attempt::default()
     };
-    Ok(Stored { id: row.get(0)?, trainee: row.get(1)?, at: row.get::<_, Option<String>>(2)?.unwrap_or_default(), attempt })
+    Ok(Stored {
+        id: row.get(0)?,
+        trainee: row.get(1)?,
+        at: row.get::<_, Option<String>>(2)?.unwrap_or_default(),
+        attempt,
+    })
 }
 
 /// SQLite's error in words that say what to do.
@@ -321,7 +351,9 @@ fn told(path: &Path, patience: Duration, error: rusqlite::Error) -> StoreError {
         }
         Some(ErrorCode::DiskFull) => StoreError::Full { file },
         Some(ErrorCode::ReadOnly) => StoreError::ReadOnly { file },
-        Some(ErrorCode::NotADatabase) => StoreError::Foreign { file, found: "a file that is no database".into() },
+        Some(ErrorCode::NotADatabase) => {
+            StoreError::Foreign { file, found: "a file that is no database".into() }
+        }
         Some(ErrorCode::DatabaseCorrupt) => StoreError::Foreign { file, found: "a damaged database".into() },
         _ => StoreError::Other { file, problem: error.to_string() },
     }

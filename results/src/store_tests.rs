@@ -48,7 +48,10 @@ fn an_attempt_comes_back_as_it_was_added_and_once() {
     let store = Store::open(&path).unwrap();
     let all = store.attempts(&Filter::default()).unwrap();
     assert_eq!(all.len(), 3);
-    assert_eq!((all[0].id, all[0].trainee.as_str(), all[0].at.as_str()), (id, "trainee-7", "2002-09-25T08:30:00Z"));
+    assert_eq!(
+        (all[0].id, all[0].trainee.as_str(), all[0].at.as_str()),
+        (id, "trainee-7", "2002-09-25T08:30:00Z")
+    );
     assert_eq!(all[0].attempt, first, "to the bit");
 }
 
@@ -56,7 +59,9 @@ fn an_attempt_comes_back_as_it_was_added_and_once() {
 fn filters_choose_and_time_orders() {
     let (_folder, path) = place();
     let mut store = Store::open_or_create(&path).unwrap();
-    for (at, trainee, module) in [(30, "a", "shadow"), (10, "a", "forceps"), (20, "b", "shadow"), (5, "a", "shadow")] {
+    for (at, trainee, module) in
+        [(30, "a", "shadow"), (10, "a", "forceps"), (20, "b", "shadow"), (5, "a", "shadow")]
+    {
         store.add(trainee, &attempt(at, module, at as f64)).unwrap();
     }
     let of = |trainee: Option<&str>, module: Option<&str>, level| {
@@ -140,7 +145,11 @@ fn a_newer_schema_and_foreign_files_are_refused_untouched() {
     assert!(matches!(&error, StoreError::Newer { found: 99, .. }), "{error}");
     assert!(error.to_string().contains("results.sqlite"));
     let text = path.with_file_name("notes.txt");
-    std::fs::write(&text, "not a database, but long enough to have a header of one hundred bytes. ".repeat(4)).unwrap();
+    std::fs::write(
+        &text,
+        "not a database, but long enough to have a header of one hundred bytes. ".repeat(4),
+    )
+    .unwrap();
     let before = std::fs::read(&text).unwrap();
     assert!(matches!(Store::open(&text), Err(StoreError::Foreign { .. })));
     assert_eq!(std::fs::read(&text).unwrap(), before);
@@ -185,7 +194,10 @@ fn odd_names_are_refused() {
     let (_folder, path) = place();
     let mut store = Store::open_or_create(&path).unwrap();
     for wrong in ["", "-x", "a b", "a,b", "a/b", "..", "x\n", &"n".repeat(65)] {
-        assert!(matches!(store.add(wrong, &attempt(1, "m", 1.0)), Err(StoreError::Value { .. })), "{wrong:?}");
+        assert!(
+            matches!(store.add(wrong, &attempt(1, "m", 1.0)), Err(StoreError::Value { .. })),
+            "{wrong:?}"
+        );
     }
     for right in ["t7", "Ärztin_3", "a.b@c-d"] {
         check_name(right).unwrap();

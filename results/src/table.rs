@@ -86,7 +86,9 @@ pub struct Keys {
 impl Keys {
     /// Adds what an attempt has and the keys lack (an older version of the score had other metrics).
     pub fn widen(&mut self, attempt: &Attempt) {
-        for (keys, points) in [(&mut self.categories, &attempt.categories), (&mut self.metrics, &attempt.metrics)] {
+        for (keys, points) in
+            [(&mut self.categories, &attempt.categories), (&mut self.metrics, &attempt.metrics)]
+        {
             for p in points {
                 if !keys.contains(&p.key) {
                     keys.push(p.key.clone());
@@ -153,7 +155,10 @@ impl Table {
         }
         for key in &keys.metrics {
             self.put(&format!("value_{key}"), Cells::Real(each(all, |a| find(&a.metrics, key)?.value)));
-            self.put(&format!("points_{key}"), Cells::Real(each(all, |a| Some(find(&a.metrics, key)?.points))));
+            self.put(
+                &format!("points_{key}"),
+                Cells::Real(each(all, |a| Some(find(&a.metrics, key)?.points))),
+            );
         }
         self.put("recording", Cells::Text(each(all, |a| a.recording.clone())));
         self.put("recording_sha256", Cells::Text(each(all, |a| a.recording_sha256.clone())));
@@ -182,7 +187,8 @@ pub(crate) mod tests {
 
     /// A scored recording, one without a value, and one that could not be read.
     pub(crate) fn rows() -> Vec<Row> {
-        let metric = |value| Points { key: "speed-near-retina".into(), value, points: 0.1 + 0.2, ..Points::default() };
+        let metric =
+            |value| Points { key: "speed-near-retina".into(), value, points: 0.1 + 0.2, ..Points::default() };
         let attempt = Attempt {
             module: "shadow".into(),
             level: 1,
@@ -216,7 +222,10 @@ pub(crate) mod tests {
         let text = String::from_utf8(out).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 4);
-        assert!(lines[0].starts_with("file,problem,seconds,ended,agrees,module,level,") && lines[0].contains(",value_speed_near_retina,"));
+        assert!(
+            lines[0].starts_with("file,problem,seconds,ended,agrees,module,level,")
+                && lines[0].contains(",value_speed_near_retina,")
+        );
         assert!(lines[1].contains(",18446744073709551615,") && lines[1].contains(",33.333333333333336,"));
         assert!(lines[2].starts_with("\"b, c.mcap\",\"cut at \"\"9\"\"\",2.5,true,,shadow,1,"));
         assert_eq!(lines[3], format!("d.mcap,no recording,2.5{}", ",".repeat(table.columns.len() - 3)));
@@ -229,7 +238,10 @@ pub(crate) mod tests {
         };
         assert_eq!(names(&rows()), names(&[]));
         let mut wide = keys();
-        wide.widen(&Attempt { metrics: vec![Points { key: "old".into(), ..Points::default() }], ..Attempt::default() });
+        wide.widen(&Attempt {
+            metrics: vec![Points { key: "old".into(), ..Points::default() }],
+            ..Attempt::default()
+        });
         assert_eq!(wide.metrics, ["speed-near-retina", "old"]);
     }
 }

@@ -61,7 +61,10 @@ mod tests {
 
     #[test]
     fn points_stand_where_their_scores_are() {
-        let curve = |label: &str, scores: &[f64]| Curve { label: label.into(), scores: scores.iter().map(|s| (*s, 0.5)).collect() };
+        let curve = |label: &str, scores: &[f64]| Curve {
+            label: label.into(),
+            scores: scores.iter().map(|s| (*s, 0.5)).collect(),
+        };
         let text = plot(&[curve("a", &[0.0, 50.0, 100.0]), curve("b", &[-20.0])]);
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], format!(" 100 ┤{}o", " ".repeat(12)));
