@@ -140,8 +140,11 @@ mod tests {
             told = events.iter().find(|e| e.kind == EventKind::ScoreTotal as u32).map(|e| e.value).or(told);
             if field == 300 {
                 world.save(&mut saved).unwrap();
+                let (hash, before) = (world.state_hash(), world.state().task.clone());
                 world = World::new(&scene).unwrap();
+                assert_ne!(world.state().task, before);
                 world.restore(&saved).unwrap();
+                assert_eq!((world.state_hash(), &world.state().task), (hash, &before));
             }
             // As a recorder may get them: events before poses.
             events.into_iter().for_each(|e| reader.take(Item::Event(e)));
