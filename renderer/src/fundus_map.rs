@@ -8,9 +8,6 @@
 use image::RgbImage;
 use protocol::scene_file::Side;
 
-/// The photograph (see `assets/README.md`).
-pub const PHOTOGRAPH: &[u8] = include_bytes!("../../assets/fundus.jpg");
-
 /// Fovea in the photograph, share of its width.
 const FOVEA: [f32; 2] = [0.503, 0.497];
 /// Radius of the photograph's round field about the fovea that is used, share of its width.
@@ -105,11 +102,6 @@ pub fn half(pixels: &[u8], size: u32) -> Vec<u8> {
     out
 }
 
-/// The photograph, decoded.
-pub fn photograph() -> Result<RgbImage, image::ImageError> {
-    Ok(image::load_from_memory_with_format(PHOTOGRAPH, image::ImageFormat::Jpeg)?.to_rgb8())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,7 +109,7 @@ mod tests {
     /// Brightest place of the green channel, smoothed: the optic disc. Map coordinates −1 to 1.
     fn disc(side: Side) -> [f32; 2] {
         let size = 128u32;
-        let map = bake(&photograph().unwrap(), size, side);
+        let map = bake(&crate::assets::shipped_photograph().unwrap(), size, side);
         let green = |x: u32, y: u32| u32::from(map[((y * size + x) * 4 + 1) as usize]);
         let score = |x: u32, y: u32| {
             (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| green(x + i, y + j)).sum::<u32>()
