@@ -38,6 +38,8 @@ const LOST_OPACITY: f32 = 0.35;
 const MEMBRANE_SHADE: f32 = 0.30;
 /// Strength of the retina's specular film at full detail.
 const FILM: f32 = 0.07;
+/// Tilt of the retina where a vessel rises by its full height within a texel.
+const RELIEF: f32 = 0.55;
 /// Tilt of the membrane's fine wrinkles.
 const WRINKLES: f32 = 0.045;
 /// Depth bias of the shadow map, in its depth.
@@ -300,7 +302,7 @@ impl Renderer {
         let px_per_mm = tier.height_px as f32 / self.microscope.field_mm.max(0.1) as f32;
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
         uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), FILM];
-        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, 0.0, WRINKLES];
+        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);
         let lamp = lamp_index(&self.tools);

@@ -23,8 +23,8 @@ use protocol::scene_file::{MicroscopeScene, SceneFile};
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
-/// Edge of the fundus map on a software driver: about the texels that its tiers can show.
-const SOFTWARE_MAP_PX: u32 = 512;
+/// Edge of the fundus map on a software driver: about the texels that its best tiers can show; the others use its mip levels.
+const SOFTWARE_MAP_PX: u32 = 1024;
 /// Edge of the fundus map on a GPU.
 const HARDWARE_MAP_PX: u32 = 2048;
 /// Length of a shaft that the rig does not tell, mm.
