@@ -13,6 +13,8 @@ pub const STILL_NS: u64 = 1_000_000_000;
 pub const IDLE_REDRAW_NS: u64 = 50_000_000;
 /// Niceness of the process: tracking and simulation come first.
 pub const NICENESS: i32 = 5;
+/// The picture tells a new tier and its reason for so long, ns.
+pub const STATUS_NS: u64 = 4_000_000_000;
 /// Most small pictures a second.
 pub const MAX_PICTURES_HZ: f64 = 15.0;
 

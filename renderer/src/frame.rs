@@ -14,9 +14,9 @@ use crate::passes::haze::Haze;
 use crate::passes::instruments::{Instruments, Meshes};
 use crate::passes::marks::Marks;
 use crate::passes::membrane::{Membrane, Sheet};
-use crate::passes::overlay::Overlay;
 use crate::passes::retina::Retina;
 use crate::passes::shadow::{Shadow, ShadowMap};
+use crate::passes::text::Text;
 use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
 use crate::target::Target;
 use crate::tissue::Tissue;
@@ -30,6 +30,7 @@ use protocol::scene::{
     Microscope, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle, section,
 };
 use protocol::scene_file::Side;
+use protocol::scene_text::{Place, push_line};
 use wgpu::{BindGroup, CommandBuffer, RenderPass};
 
 /// Opacity of an instrument that is not tracked.
@@ -82,11 +83,13 @@ pub struct Renderer {
     bodies: Bodies,
     marks: Marks,
     haze: Haze,
-    overlay: Overlay,
+    text: Text,
     tools: [Option<Tool>; INSTRUMENTS],
     jaws_rad: [f64; INSTRUMENTS],
     microscope: Microscope,
     scene_text: String,
+    status: String,
+    lines: String,
     lost_before: [bool; INSTRUMENTS],
     eye_lost_before: bool,
 }
@@ -127,13 +130,15 @@ impl Renderer {
             bodies: Bodies::new(device, queue, &uniforms, &layout),
             marks: Marks::new(device, &uniforms, &layout),
             haze: Haze::new(device, &uniforms, &layout),
-            overlay: Overlay::new(device, &uniforms),
+            text: Text::new(device, queue, &uniforms),
             uniforms,
             map,
             tools: [None; INSTRUMENTS],
             jaws_rad: [0.0; INSTRUMENTS],
             microscope: Microscope::zeroed(),
             scene_text: String::with_capacity(256),
+            status: String::with_capacity(64),
+            lines: String::with_capacity(512),
             lost_before: [false; INSTRUMENTS],
             eye_lost_before: false,
         }
@@ -210,9 +215,9 @@ impl Renderer {
         for channel in 0..CHANNELS as u32 {
             self.set_channel(&mut pass, target, channel, light);
             self.draw_channel(&mut pass, tier, layers);
-            if layers.has(Layers::TEXT) && !self.overlay.is_empty() {
-                let (width, height) = (target.width_px as f32, target.height_px as f32);
-                self.overlay.draw(&mut pass, channel as f32 * width, width, height);
+            if layers.has(Layers::TEXT) {
+                let size = [target.width_px, target.height_px].map(|n| n as f32);
+                self.text.draw(&mut pass, channel as f32 * size[0], size);
             }
         }
         drop(pass);
@@ -288,9 +293,26 @@ impl Renderer {
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         self.sheet.set_vertices(&gpu.queue, self.tissue.place(&eye_from_instrument));
         gpu.queue.submit([commands]);
-        self.overlay.set(&gpu.queue, [lost_text(latched), "", &self.scene_text]);
+        self.collect_text(latched);
+        self.text.set(&gpu.queue, &self.lines);
         self.lost_before = latched.tracked.map(|t| !t);
         self.eye_lost_before = !latched.eye_tracked;
+    }
+
+    /// A line in a corner of the picture from the next frame on; empty for none.
+    pub fn say(&mut self, status: &str) {
+        self.status.clear();
+        self.status.push_str(status);
+    }
+
+    /// Every line that the next frame shows.
+    fn collect_text(&mut self, latched: &Latched) {
+        self.lines.clear();
+        for line in self.status.lines() {
+            push_line(&mut self.lines, Place::TopLeft, line);
+        }
+        push_line(&mut self.lines, Place::Bottom, lost_text(latched));
+        self.lines.push_str(&self.scene_text);
     }
 
     fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
