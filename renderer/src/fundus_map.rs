@@ -186,7 +186,8 @@ mod tests {
         let score = |x: u32, y: u32| {
             (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| green(x + i, y + j)).sum::<u32>()
         };
-        let places = (0..size - 3).flat_map(|y| (0..size - 3).map(move |x| (x, y)));
+        // The sclera is bright too, but lies at the border.
+        let places = (size / 4..size * 3 / 4).flat_map(|y| (size / 4..size * 3 / 4).map(move |x| (x, y)));
         let (x, y) = places.max_by_key(|&(x, y)| score(x, y)).unwrap();
         [x, y].map(|c| (c as f32 + 1.5) / size as f32 * 2.0 - 1.0)
     }
@@ -194,11 +195,45 @@ mod tests {
     #[test]
     fn optic_disc_is_nasal_at_its_distance() {
         let right = disc(Side::Right);
-        assert!(right[0] > 0.2, "nasal is +x in a right eye: {right:?}");
-        assert!(disc(Side::Left)[0] < -0.2, "and −x in a left one");
+        assert!(right[0] > 0.15, "nasal is +x in a right eye: {right:?}");
+        assert!(disc(Side::Left)[0] < -0.15, "and −x in a left one");
         let rho = (right[0] * right[0] + right[1] * right[1]).sqrt() * equal_area(MAP_ANGLE);
         let arc_mm = 11.5 * 2.0 * (0.5 * rho).asin();
         assert!((3.6..5.4).contains(&arc_mm), "disc to fovea {arc_mm} mm");
+    }
+
+    /// Red, green, blue and height at the angle `theta` from the pole towards eye (x, y).
+    fn at(map: &[u8], size: u32, theta: f32, unit: [f32; 2]) -> [u8; 4] {
+        let place = unit.map(|c| ((0.5 + c * equal_area(theta) * map_scale()) * size as f32) as u32);
+        let i = ((place[1] * size + place[0]) * 4) as usize;
+        [map[i], map[i + 1], map[i + 2], map[i + 3]]
+    }
+
+    #[test]
+    fn the_retina_ends_at_the_ora_serrata() {
+        let size = 256;
+        let map = bake(&crate::assets::shipped_photograph().unwrap(), size, Side::Right);
+        for unit in [[1.0, 0.0], [0.0, 1.0], [-0.6, 0.8], [0.6, -0.8]] {
+            let [retina, plana, sclera] =
+                [-0.15, 0.15, 0.36].map(|past| at(&map, size, ORA_ANGLE + past, unit));
+            assert!(retina[0] > 130 && retina[0] > 2 * retina[1], "orange: {retina:?}");
+            assert!((60..130).contains(&plana[0]) && plana[1] < 80, "brown: {plana:?}");
+            assert!(sclera[1] > 140, "white: {sclera:?}");
+        }
+    }
+
+    #[test]
+    fn vessels_stand_out_and_flat_colour_does_not() {
+        // A dark line on an even ground, away from the fovea.
+        let mut photograph = RgbImage::from_pixel(1024, 1024, image::Rgb([180, 80, 50]));
+        (0..1024)
+            .for_each(|y| (700..706).for_each(|x| photograph.put_pixel(x, y, image::Rgb([140, 40, 35]))));
+        let (size, map) = (1024, bake(&photograph, 1024, Side::Left));
+        let theta = (702.5 / 1024.0 - FOVEA[0]) / FIELD_RADIUS * FIELD_ANGLE;
+        let heights: Vec<u8> = [-0.05, -0.02, 0.0].map(|d| at(&map, size, theta + d, [1.0, 0.0])[3]).to_vec();
+        assert!(heights[0] < 30 && heights[2] > 180, "{heights:?}");
+        let vessel = at(&map, size, theta, [1.0, 0.0]);
+        assert!(vessel[1] < 40, "sharper than the photograph: {vessel:?}");
     }
 
     #[test]

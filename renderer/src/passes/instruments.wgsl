@@ -33,7 +33,7 @@ fn vs_main(
 }
 
 // Mean colour of the fundus, linear: what a mirror in the eye shows of it.
-const FUNDUS: vec3f = vec3f(0.42, 0.17, 0.11);
+const FUNDUS: vec3f = vec3f(0.38, 0.20, 0.145);
 // Share of the light that bare steel mirrors.
 const STEEL: vec3f = vec3f(0.66, 0.67, 0.69);
 
@@ -57,7 +57,7 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
     let grooves = normalize(cross(in.axis, n) + vec3f(1e-5, 0.0, 0.0));
     let facing = max(dot(n, v), 0.0);
     // The microscope's own light, from where one looks, keeps the shaft readable against the dark.
-    let coaxial = vec3f(0.055, 0.058, 0.062) * (facing * facing * facing * facing);
+    let coaxial = vec3f(0.078, 0.082, 0.088) * (facing * facing * facing * facing);
     var light = STEEL * (0.55 * mirrored(in.p, reflect(-v, n)) + 0.3 * frame.ambient.rgb + coaxial);
     if in.surface.z > 0.0 {
         let lamp = lamp_at(in.p);

@@ -127,7 +127,7 @@ fn add(part: &mut Part, primitive: &Primitive<'_>, buffer: &[u8], side: f32) -> 
     let positions: Vec<[f32; 3]> = reader.read_positions().ok_or("it has no positions")?.collect();
     let normals: Vec<[f32; 3]> = reader.read_normals().ok_or("it has no normals")?.collect();
     let indices: Vec<u32> = reader.read_indices().ok_or("it has no indices")?.into_u32().collect();
-    if normals.len() != positions.len() || indices.len() % 3 != 0 {
+    if normals.len() != positions.len() || !indices.len().is_multiple_of(3) {
         return Err("expected a normal for each position, and three indices for each triangle".into());
     }
     let first = part.vertices.len() as u32;
