@@ -138,7 +138,11 @@ fn text(attempt: &Attempt) -> String {
     };
     // Writing into a string cannot fail.
     let _ = writeln!(out, "  {} level {}: {end} after {:.2} s", attempt.module, attempt.level, score.took_s);
-    let _ = writeln!(out, "  score {:.2} ± {:.2} of 100 (version {}; {live})", score.total, score.sigma, score.version);
+    let _ = writeln!(
+        out,
+        "  score {:.2} ± {:.2} of 100 (version {}; {live})",
+        score.total, score.sigma, score.version
+    );
     for category in Category::ALL {
         let points = score.categories[category as usize];
         let _ = writeln!(out, "  {:<22} {points:>7.2} of {:>5.1}", category.name(), category.points());
@@ -146,7 +150,11 @@ fn text(attempt: &Attempt) -> String {
         for (metric, reading) in own {
             let Some(value) = reading.value else { continue };
             let (points, of) = (reading.points, reading.of);
-            let _ = writeln!(out, "    {:<32} {value:>9.3} {:<20} {points:>7.2} of {of:>5.1}", metric.name, metric.unit);
+            let _ = writeln!(
+                out,
+                "    {:<32} {value:>9.3} {:<20} {points:>7.2} of {of:>5.1}",
+                metric.name, metric.unit
+            );
         }
     }
     for (penalty, count) in PENALTIES.iter().zip(score.injuries).filter(|(_, n)| *n > 0) {

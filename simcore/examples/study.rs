@@ -40,7 +40,12 @@ fn options() -> Result<Options, Box<dyn std::error::Error>> {
 }
 
 /// One attempt: until it ends, or the surgeon's script does.
-fn attempt(module: &Module, level: u32, surgeon: &Surgeon, seed: u64) -> Result<Score, Box<dyn std::error::Error>> {
+fn attempt(
+    module: &Module,
+    level: u32,
+    surgeon: &Surgeon,
+    seed: u64,
+) -> Result<Score, Box<dyn std::error::Error>> {
     let scene = module.compose(level, surgeon, seed)?;
     let rehearsal = Rehearsal::shipped(&scene).with_tremor(seed);
     let mut world = World::new(&scene)?;
@@ -72,7 +77,9 @@ fn effect(better: &[f64], worse: &[f64]) -> f64 {
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let options = options()?;
     let mut broken = Vec::new();
-    println!("| module | expert | average | novice | careless | d expert–average | d average–novice | d novice–careless |");
+    println!(
+        "| module | expert | average | novice | careless | d expert–average | d average–novice | d novice–careless |"
+    );
     println!("|---|---|---|---|---|---|---|---|");
     let mut details = String::new();
     for name in &options.modules {
@@ -85,7 +92,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             totals.push(scores.iter().map(|s| s.total).collect());
             details.push_str(&detail(name, surgeon, &scores, options.verbose));
         }
-        let cells: Vec<String> = totals.iter().map(|t| format!("{:.1} ± {:.1}", mean(t), deviation(t))).collect();
+        let cells: Vec<String> =
+            totals.iter().map(|t| format!("{:.1} ± {:.1}", mean(t), deviation(t))).collect();
         let d: Vec<String> = totals.windows(2).map(|w| format!("{:.1}", effect(&w[0], &w[1]))).collect();
         println!("| {} | {} | {} |", module.name, cells.join(" | "), d.join(" | "));
         let ordered = totals.windows(2).all(|w| mean(&w[0]) > mean(&w[1]));
@@ -94,14 +102,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     print!("\n{details}");
-    if broken.is_empty() { Ok(()) } else { Err(format!("order or bounds broken in {}", broken.join(", ")).into()) }
+    if broken.is_empty() {
+        Ok(())
+    } else {
+        Err(format!("order or bounds broken in {}", broken.join(", ")).into())
+    }
 }
 
 /// A line of means by category, and on demand every metric.
 fn detail(module: &str, surgeon: &Surgeon, scores: &[Score], verbose: bool) -> String {
     use std::fmt::Write;
     let of = |f: &dyn Fn(&Score) -> f64| mean(&scores.iter().map(f).collect::<Vec<_>>());
-    let categories: Vec<String> = (0..CATEGORIES).map(|c| format!("{:6.1}", of(&|s| s.categories[c]))).collect();
+    let categories: Vec<String> =
+        (0..CATEGORIES).map(|c| format!("{:6.1}", of(&|s| s.categories[c]))).collect();
     let finished = scores.iter().filter(|s| s.finished).count();
     let mut out = format!(
         "{module:<13} {:<9} categories {}  finished {finished} of {}\n",
@@ -113,7 +126,13 @@ fn detail(module: &str, surgeon: &Surgeon, scores: &[Score], verbose: bool) -> S
         for (i, metric) in METRICS.iter().enumerate() {
             let value = of(&|s| s.metrics[i].value.unwrap_or(0.0));
             // Writing into a string cannot fail.
-            let _ = writeln!(out, "    {:<32} {value:9.3} {:<20} {:6.2}", metric.name, metric.unit, of(&|s| s.metrics[i].points));
+            let _ = writeln!(
+                out,
+                "    {:<32} {value:9.3} {:<20} {:6.2}",
+                metric.name,
+                metric.unit,
+                of(&|s| s.metrics[i].points)
+            );
         }
         for (i, penalty) in PENALTIES.iter().enumerate() {
             let _ = writeln!(out, "    {:<32} {:9.2} times", penalty.name, of(&|s| f64::from(s.injuries[i])));

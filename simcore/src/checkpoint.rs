@@ -88,7 +88,8 @@ pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, Checkpoi
     let (mut state, mut rest): (State, usize) =
         bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
     if read + rest < bytes.len() {
-        let (task, more) = bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
+        let (task, more) =
+            bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
         state.task = Some(task);
         rest += more;
     }

@@ -107,7 +107,9 @@ fn transport_and_graphics_stay_behind_their_borders() {
 #[test]
 fn pure_modules_know_neither_transport_nor_clock() {
     for (path, text) in sources() {
-        let Some(krate) = PROCESS_CRATES.iter().chain(&["modules"]).find(|c| path.starts_with(&format!("{c}/src/"))) else {
+        let Some(krate) =
+            PROCESS_CRATES.iter().chain(&["modules"]).find(|c| path.starts_with(&format!("{c}/src/")))
+        else {
             continue;
         };
         let inside = &path[krate.len() + 5..];
@@ -154,9 +156,14 @@ fn every_module_says_what_it_is_and_stays_readable() {
 
 #[test]
 fn paths_named_in_the_documents_exist() {
-    for document in
-        ["ARCHITECTURE.md", "README.md", "docs/modules.md", "docs/conventions.md", "docs/recording.md", "docs/calibration.md"]
-    {
+    for document in [
+        "ARCHITECTURE.md",
+        "README.md",
+        "docs/modules.md",
+        "docs/conventions.md",
+        "docs/recording.md",
+        "docs/calibration.md",
+    ] {
         let text = std::fs::read_to_string(repository().join(document)).expect(document);
         let mut named = 0;
         for word in text.split('`').skip(1).step_by(2) {

@@ -108,7 +108,11 @@ impl World {
             (Some(part), Some((attempt, meter))) => attempt.fits(&part.task) && meter.is_sound(),
             _ => false,
         };
-        if sound { Ok(()) } else { Err(CheckpointError::Content("the attempt does not fit the scene's task")) }
+        if sound {
+            Ok(())
+        } else {
+            Err(CheckpointError::Content("the attempt does not fit the scene's task"))
+        }
     }
 }
 
