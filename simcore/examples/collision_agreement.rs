@@ -2,17 +2,18 @@
 //!
 //! `cargo run --release -p simcore --example collision_agreement [-- SCENES [PICTURE.png]]` compares SCENES (10,000) random
 //! π-convex scenes with exact rays through the pixel centres, to the bit, and the processor with a graphics adapter where there
-//! is one; then draws the same 400 scenes at 8 to 256
-//! pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
+//! is one; then as many with the reversed camera, from the handle of a pick or a forceps. Then it draws the same 400 scenes at 8
+//! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
 
 #[path = "../tests/rays/mod.rs"]
 mod rays;
 
-use rays::{RADIUS_MM, Random, Scene, collisions};
+use protocol::handles::Tool;
+use rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back};
 use simcore::collision::exact::{Exact, StaticMesh};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
-use simcore::collision::zcoll::Zcoll;
+use simcore::collision::zcoll::{Found, Zcoll};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 
@@ -21,10 +22,36 @@ const MISS_SCENES: usize = 400;
 /// Resolutions of the count.
 const RESOLUTIONS: [usize; 11] = [8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256];
 
-/// What ZCOLL reports on a scene: pixels with triangle and way, and the triangles.
-fn look(scene: &Scene) -> Vec<(u32, (u32, i32))> {
+/// Which end of the instrument the camera is at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum End {
+    Tip,
+    Handle,
+}
+
+impl End {
+    /// A look from this end.
+    fn look(self, zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> Found {
+        let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
+        match self {
+            End::Tip => zcoll.look(image, pose, &surface),
+            End::Handle => zcoll.look_back(image, pose, &surface),
+        }
+    }
+
+    /// What exact rays find.
+    fn rays(self, scene: &Scene) -> Collisions {
+        match self {
+            End::Tip => collisions(scene),
+            End::Handle => collisions_back(scene),
+        }
+    }
+}
+
+/// What ZCOLL reports on a scene: pixels with triangle and way.
+fn look(scene: &Scene, end: End) -> Vec<(u32, (u32, i32))> {
     let (mut zcoll, image) = instruments(scene);
-    zcoll.look(&image, &scene.instrument_from_eye, &surface(scene));
+    end.look(&mut zcoll, &image, scene);
     zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect()
 }
 
@@ -37,7 +64,7 @@ fn instruments(scene: &Scene) -> (Zcoll, InstrumentImage) {
 
 #[cfg(feature = "gpu")]
 mod adapter {
-    use super::{Scene, instruments, surface};
+    use super::{End, Scene, instruments, surface};
     use simcore::collision::gpu::{GpuDevice, GpuZcoll};
     use simcore::collision::zcoll::Zcoll;
 
@@ -49,12 +76,11 @@ mod adapter {
 
     /// True if the adapter tells something else about a scene than the processor: counters, pixels, triangles, nodes,
     /// vertices, or whether there is any collision.
-    pub fn differs(device: &GpuDevice, scene: &Scene) -> bool {
+    pub fn differs(device: &GpuDevice, scene: &Scene, end: End) -> bool {
         let (mut zcoll, image) = instruments(scene);
         let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
         let told = |zcoll: &mut Zcoll| {
-            let (touches, found) =
-                (zcoll.touches(&image, pose, &surface), zcoll.look(&image, pose, &surface));
+            let (touches, found) = (zcoll.touches(&image, pose, &surface), end.look(zcoll, &image, scene));
             let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
                 (zcoll.triangles().collect(), zcoll.displaced().collect());
             triangles.sort_unstable();
@@ -78,7 +104,7 @@ mod adapter {
     }
 
     /// Nothing to compare with.
-    pub fn differs(_: &(), _: &super::Scene) -> bool {
+    pub fn differs(_: &(), _: &super::Scene, _: super::End) -> bool {
         false
     }
 }
@@ -88,21 +114,25 @@ fn surface(scene: &Scene) -> Surface<'_> {
     Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive }
 }
 
-/// Compares scenes; how many differ.
-fn compare(scenes: usize) -> usize {
+/// Compares scenes as seen from an end; how many differ.
+fn compare(scenes: usize, end: End) -> usize {
     let mut random = Random(20_021_109);
     let (mut differ, mut colliding, mut pixels) = (0, 0, 0);
     let device = adapter::open();
     for number in 0..scenes {
         // One in fifty is large, because the rays take their time.
         let sizes: &[usize] = if number % 50 == 0 { &[128, 256] } else { &[8, 16, 32, 32, 64] };
-        let scene = Scene::random(&mut random, sizes);
-        let expected: Vec<_> = collisions(&scene).into_iter().collect();
-        if look(&scene) != expected {
+        let mut scene = Scene::random(&mut random, sizes);
+        if end == End::Handle {
+            // Only these lift.
+            scene.tool = if number % 3 == 0 { Tool::Forceps } else { Tool::Pick };
+        }
+        let expected: Vec<_> = end.rays(&scene).into_iter().collect();
+        if look(&scene, end) != expected {
             differ += 1;
             eprintln!("scene {number} differs from exact rays");
         }
-        if device.as_ref().is_some_and(|device| adapter::differs(device, &scene)) {
+        if device.as_ref().is_some_and(|device| adapter::differs(device, &scene, end)) {
             differ += 1;
             eprintln!("scene {number} differs between processor and adapter");
         }
@@ -111,7 +141,8 @@ fn compare(scenes: usize) -> usize {
     }
     let compared = if device.is_some() { "exact rays and the adapter" } else { "exact rays" };
     println!(
-        "{scenes} scenes, {colliding} with a collision, {pixels} colliding pixels: {differ} differ from {compared}"
+        "{scenes} scenes from the {}, {colliding} with a collision, {pixels} colliding pixels: {differ} differ from {compared}",
+        if end == End::Tip { "tip" } else { "handle" }
     );
     differ
 }
@@ -144,7 +175,7 @@ fn misses() -> Vec<(usize, usize, usize)> {
         let exact = exact_triangles(&scene);
         for (count, resolution) in counts.iter_mut().zip(RESOLUTIONS) {
             scene.volume.resolution = resolution;
-            let reported: BTreeSet<u32> = look(&scene).into_iter().map(|(_, (t, _))| t).collect();
+            let reported: BTreeSet<u32> = look(&scene, End::Tip).into_iter().map(|(_, (t, _))| t).collect();
             count.0 += exact.difference(&reported).count();
             count.1 += exact.len();
         }
@@ -181,7 +212,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let differ = compare(scenes);
+    let differ = compare(scenes, End::Tip) + compare(scenes, End::Handle);
     println!(
         "\nresolution  missed  meeting  share   ({MISS_SCENES} scenes, triangles of 0.04 to 0.25 mm, volume 1.5 mm wide)"
     );

@@ -192,7 +192,6 @@ pub fn collisions(scene: &Scene) -> Collisions {
 }
 
 /// The same from the handle: hook and jaws alone, and only where they end inside the volume.
-#[allow(dead_code)] // The example looks from the tip only.
 pub fn collisions_back(scene: &Scene) -> Collisions {
     let (resolution, deep) = (scene.volume.resolution, 65536);
     let mut nearest = vec![None; resolution * resolution];
