@@ -6,7 +6,7 @@ mod rays;
 
 use nalgebra::Isometry3;
 use protocol::handles::Tool;
-use rays::{RADIUS_MM, Random, Scene, collisions, collisions_back};
+use rays::{RADIUS_MM, Random, Scene, collisions, collisions_back, truth};
 use simcore::collision::gpu::{GpuDevice, GpuZcoll};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
@@ -85,28 +85,38 @@ fn bad_input_is_counted_alike() {
     let mut counted = [0; 3];
     for number in 0..40 {
         let mut scene = Scene::random(&mut random, &[32, 64]);
-        let nodes = scene.position_mm[0].len();
-        for _ in 0..6 {
-            let node = random.between(0.0, nodes as f64) as usize;
-            let axis = random.between(0.0, 3.0) as usize;
-            let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -3e4, 1e-40, 0.0, f32::MAX];
-            scene.position_mm[axis][node] = random.one_of(&bad);
-            let (from, to) =
-                (random.between(0.0, nodes as f64) as usize, random.between(0.0, nodes as f64) as usize);
-            scene.position_mm.iter_mut().for_each(|p| p[to] = p[from]);
-        }
+        scene.spoil(&mut random);
         if number % 8 == 0 {
             // A pose that is none.
             scene.instrument_from_eye.translation.vector.x = random.one_of(&[f64::NAN, 1e300, 1e9]);
         }
         let [cpu, gpu] = both(&device, &scene);
         assert_eq!(cpu, gpu, "scene {number}");
-        let found = cpu.0[0].0;
+        let (found, expected) = (cpu.0[0].0, truth(&scene));
+        let counts = [found.refused, found.flat, found.folded];
+        assert_eq!(counts, [expected.refused, expected.flat, expected.folded], "scene {number}");
         for (sum, count) in counted.iter_mut().zip([found.refused, found.flat, found.folded]) {
             *sum += count;
         }
     }
     assert!(counted.iter().all(|&c| c > 0), "refused, flat, folded: {counted:?}");
+}
+
+/// Triangles from one limit of the number format to the other: the 64 bits made of two words do not overflow either.
+#[test]
+fn extremes_of_the_format_are_exact_on_an_adapter() {
+    let Some(device) = device() else { return };
+    let mut random = Random(14);
+    let mut pixels = 0;
+    for number in 0..60 {
+        let scene = Scene::extreme(&mut random, [8, 32, 256][number % 3]);
+        let [cpu, gpu] = both(&device, &scene);
+        assert_eq!(cpu, gpu, "scene {number}");
+        let hits: rays::Collisions = gpu.0[0].1.iter().map(|h| (h.pixel, (h.triangle, h.way))).collect();
+        assert_eq!(hits, collisions(&scene), "scene {number}");
+        pixels += hits.len();
+    }
+    assert!(pixels > 1000, "{pixels}");
 }
 
 /// Looks that follow each other on one adapter forget each other, and more results than come at once all come.
