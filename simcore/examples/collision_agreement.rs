@@ -5,9 +5,13 @@
 //! is one; then as many with the reversed camera, from the handle of a pick or a forceps. Then it draws the same 400 scenes at 8
 //! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
 
+#[path = "validation/font.rs"]
+mod font;
 #[path = "../tests/rays/mod.rs"]
 mod rays;
 
+use font::{HIGH, WIDE, glyph};
+use image::{Rgb, RgbImage};
 use protocol::handles::Tool;
 use rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back};
 use simcore::collision::exact::{Exact, StaticMesh};
@@ -183,23 +187,45 @@ fn misses() -> Vec<(usize, usize, usize)> {
     RESOLUTIONS.iter().zip(counts).map(|(r, (missed, all))| (*r, missed, all)).collect()
 }
 
-/// Bars of the missed share over the resolution, a line every tenth.
-fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
-    let (bar, gap, height) = (44u32, 12u32, 400u32);
-    let width = gap + misses.len() as u32 * (bar + gap);
-    let mut picture = image::RgbImage::from_pixel(width, height + 1, image::Rgb([255; 3]));
-    for tenth in 0..=10 {
-        let y = height * tenth / 10;
-        (0..width).for_each(|x| picture.put_pixel(x, y, image::Rgb([if tenth == 10 { 0 } else { 205 }; 3])));
-    }
-    for (i, &(_, missed, all)) in misses.iter().enumerate() {
-        let left = gap + i as u32 * (bar + gap);
-        let top = height - (f64::from(height) * missed as f64 / all.max(1) as f64).round() as u32;
-        for (x, y) in (left..left + bar).flat_map(|x| (top..height).map(move |y| (x, y))) {
-            picture.put_pixel(x, y, image::Rgb([40, 90, 160]));
+/// Writes into a picture, centred on a column; letters of dots.
+fn write(picture: &mut RgbImage, text: &str, middle: u32, top: u32) {
+    let left = i64::from(middle) - (text.chars().count() * WIDE) as i64 / 2;
+    for (i, character) in text.chars().enumerate() {
+        for (row, bits) in glyph(character).iter().enumerate() {
+            for column in (0..5).filter(|c| bits >> (4 - c) & 1 == 1) {
+                let x = (left + (i * WIDE + column) as i64).max(0) as u32;
+                picture.put_pixel(x.min(picture.width() - 1), top + row as u32, Rgb([40; 3]));
+            }
         }
     }
-    picture.save(path)
+}
+
+/// Bars of the missed share over the resolution, a line every tenth; drawn small and doubled, so that the letters can be read.
+fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
+    let (bar, gap, height) = (22u32, 10u32, 200u32);
+    let (left, top) = (34u32, 28u32);
+    let width = left + gap + misses.len() as u32 * (bar + gap);
+    let mut picture = RgbImage::from_pixel(width, top + height + 34, Rgb([255; 3]));
+    for tenth in 0..=10 {
+        let y = top + height * tenth / 10;
+        let grey = if tenth == 10 { 40 } else { 215 };
+        (left..width).for_each(|x| picture.put_pixel(x, y, Rgb([grey; 3])));
+        write(&mut picture, &format!("{} %", 100 - 10 * tenth), left / 2, y - HIGH as u32 / 2);
+    }
+    for (i, &(resolution, missed, all)) in misses.iter().enumerate() {
+        let from = left + gap + i as u32 * (bar + gap);
+        let share = missed as f64 / all.max(1) as f64;
+        let above = top + height - (f64::from(height) * share).round() as u32;
+        for (x, y) in (from..from + bar).flat_map(|x| (above..top + height).map(move |y| (x, y))) {
+            picture.put_pixel(x, y, Rgb([40, 90, 160]));
+        }
+        write(&mut picture, &format!("{:.1}", 100.0 * share), from + bar / 2, above - HIGH as u32 - 1);
+        write(&mut picture, &resolution.to_string(), from + bar / 2, top + height + 5);
+    }
+    write(&mut picture, "meeting triangles that no pixel reports", width / 2, 2);
+    write(&mut picture, "pixels along a side of the image, R", width / 2, top + height + 20);
+    let (w, h) = picture.dimensions();
+    image::imageops::resize(&picture, 2 * w, 2 * h, image::imageops::FilterType::Nearest).save(path)
 }
 
 fn main() -> ExitCode {
@@ -228,9 +254,7 @@ fn main() -> ExitCode {
             eprintln!("{path}: {error}");
             return ExitCode::FAILURE;
         }
-        eprintln!(
-            "wrote {path}: share of meeting triangles that the image misses, one bar a resolution, a line every 10 %"
-        );
+        eprintln!("wrote {path}: share of meeting triangles that the image misses, one bar a resolution");
     }
     if differ > 0 { ExitCode::from(5) } else { ExitCode::SUCCESS }
 }

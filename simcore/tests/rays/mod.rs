@@ -94,6 +94,7 @@ impl Scene {
         Scene { position_mm, triangles, alive, instrument_from_eye, volume, tool, jaw_rad }
     }
 
+    #[allow(dead_code)] // The example has no such scenes.
     /// Triangles with corners at the extremes of the number format, seen in the eye frame itself; all of them lie across the image.
     pub fn extreme(random: &mut Random, resolution: usize) -> Self {
         let mut scene = Scene::random(random, &[resolution]);
@@ -118,6 +119,7 @@ impl Scene {
         scene
     }
 
+    #[allow(dead_code)]
     /// Makes some corners what no corner should be: not a number, infinite, far away, on top of each other.
     pub fn spoil(&mut self, random: &mut Random) {
         let nodes = self.position_mm[0].len() as f64;
@@ -209,6 +211,7 @@ fn meet(corners: [Steps; 3], resolution: usize, mut met: impl FnMut(usize, i128)
 pub type Collisions = BTreeMap<u32, (u32, i32)>;
 
 /// All that a look should tell.
+#[allow(dead_code)] // The example compares vectors only.
 #[derive(Debug, Default, PartialEq)]
 pub struct Truth {
     /// Vectors.
