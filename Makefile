@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures clean
+.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures gallery instruments vectors study clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -78,12 +78,18 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
 	cargo run --release -p simcore --example validation
 
+study: setup ## Let four scripted surgeons do every training module 20 times, without cameras; the tables of docs/study.md
+	cargo run --release -p simcore --example study
+
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace
 	$(RELEASE) run --no-picture --instance golden --duration 2 --record tests/data/golden/peel-2s.mcap
 
 pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
 	cargo run --release -p renderer --example pictures -- tests/data/pictures
+
+instruments: setup ## Renew the instruments' meshes
+	cargo run --release -p renderer --example instruments -- assets/instruments
 
 vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
 	cargo run -p fpga-model -- vectors fpga-model/vectors

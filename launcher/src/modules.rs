@@ -38,7 +38,11 @@ pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
             let line = serde_json::json!({ "name": name, "kind": kind, "levels": levels, "title": module.file.title });
             println!("{line}");
         } else {
-            println!("{name:<14} {kind:<10} {levels} level{}  {}", if levels == 1 { " " } else { "s" }, module.file.title);
+            println!(
+                "{name:<14} {kind:<10} {levels} level{}  {}",
+                if levels == 1 { " " } else { "s" },
+                module.file.title
+            );
         }
     }
     Ok(ExitCode::SUCCESS)

@@ -173,8 +173,16 @@ impl Module {
         let scene = match (&file.scene, scene) {
             (Some(shipped), None) => SceneFile::load(shipped).map_err(of_scene)?,
             (None, Some(text)) => SceneFile::parse(text, &format!("{name}/scene.toml")).map_err(of_scene)?,
-            (Some(_), Some(_)) => return refuse("scene", "a shipped scene or a scene.toml, not both", "both".into()),
-            (None, None) => return refuse("scene", "a shipped scene, or a scene.toml beside the module", "neither".into()),
+            (Some(_), Some(_)) => {
+                return refuse("scene", "a shipped scene or a scene.toml, not both", "both".into());
+            }
+            (None, None) => {
+                return refuse(
+                    "scene",
+                    "a shipped scene, or a scene.toml beside the module",
+                    "neither".into(),
+                );
+            }
         };
         if scene.task.is_some() {
             return refuse("scene", "a scene without a task", "one with a task".into());
@@ -194,7 +202,8 @@ impl Module {
     /// The scene of a level, with its task, and with the script of a surgeon's attempt drawn from a seed.
     pub fn compose(&self, level: u32, surgeon: &Surgeon, seed: u64) -> Result<SceneFile, ModuleError> {
         let number = level;
-        let missing = || ModuleError::Level { name: self.name.clone(), levels: self.file.level.len(), found: level };
+        let missing =
+            || ModuleError::Level { name: self.name.clone(), levels: self.file.level.len(), found: level };
         let level = level.checked_sub(1).and_then(|i| self.file.level.get(i as usize)).ok_or_else(missing)?;
         let mut scene = self.scene.clone();
         let mut task = TaskScene {
@@ -247,7 +256,10 @@ mod tests {
                     let task = scene.task.unwrap();
                     assert_eq!((task.module.as_str(), task.level), (name, level));
                     assert!(task.limit_s > task.par_s && task.par_mm > 1.0, "{name}");
-                    assert!(task.instructions.iter().all(|line| line.len() <= 72), "{name}: lines fit the picture");
+                    assert!(
+                        task.instructions.iter().all(|line| line.len() <= 72),
+                        "{name}: lines fit the picture"
+                    );
                 }
             }
         }

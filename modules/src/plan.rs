@@ -56,8 +56,7 @@ pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> Plan {
     let hand = |i: usize| Hand { tip: first(i).0, jaw_rad: first(i).1, at_s: 0.0 };
     let radius_mm = scene.eye.retina_radius_mm;
     let bodies = scene.bodies.iter().flat_map(|b| &b.body).map(|b| lying(b, radius_mm)).collect();
-    let mut planner =
-        Planner { keys: Vec::new(), hands: std::array::from_fn(hand), bodies, radius_mm };
+    let mut planner = Planner { keys: Vec::new(), hands: std::array::from_fn(hand), bodies, radius_mm };
     (0..INSTRUMENTS).for_each(|i| planner.stay(i, 0.0));
     for goal in &task.goals {
         planner.reach(goal);
@@ -83,7 +82,8 @@ fn lying(body: &protocol::scene_file::BodyScene, radius_mm: f64) -> Vector3<f64>
 pub fn way_mm(keys: &[ScriptKey]) -> f64 {
     let of = |i: usize| {
         let own: Vec<_> = keys.iter().filter(|k| k.instrument as usize == i).collect();
-        let step = |w: &[&ScriptKey]| (Vector3::from(w[1].tip_in_eye_mm) - Vector3::from(w[0].tip_in_eye_mm)).norm();
+        let step =
+            |w: &[&ScriptKey]| (Vector3::from(w[1].tip_in_eye_mm) - Vector3::from(w[0].tip_in_eye_mm)).norm();
         own.windows(2).map(step).sum::<f64>()
     };
     (0..INSTRUMENTS).map(of).sum()
@@ -122,7 +122,9 @@ impl Planner {
                 (0..INSTRUMENTS).for_each(|i| self.stay(i, hold_s + HOLD_MORE_S));
             }
             Goal::Grip { body, instrument } => self.grip(*instrument as usize, *body as usize),
-            Goal::Place { body, at_in_eye_mm, .. } => self.place(*body as usize, Vector3::from(*at_in_eye_mm)),
+            Goal::Place { body, at_in_eye_mm, .. } => {
+                self.place(*body as usize, Vector3::from(*at_in_eye_mm))
+            }
             Goal::Event { .. } => {}
         }
         // The other hand waits where it is.
@@ -212,7 +214,8 @@ mod tests {
     #[test]
     fn the_plan_is_where_the_goals_are_for_as_long_as_they_ask() {
         let mut scene = SceneFile::load("bodies").unwrap();
-        let hold = |x| Goal::Hold { instrument: 0, at_in_eye_mm: [x, 0.0, -6.0], radius_mm: 0.3, hold_s: 1.0 };
+        let hold =
+            |x| Goal::Hold { instrument: 0, at_in_eye_mm: [x, 0.0, -6.0], radius_mm: 0.3, hold_s: 1.0 };
         let task = TaskScene {
             module: "m".into(),
             level: 1,

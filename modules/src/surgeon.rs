@@ -241,7 +241,13 @@ mod tests {
     fn the_careless_go_further_and_deeper_than_the_expert() {
         let scene = SceneFile::load("peel").unwrap();
         let deepest = |s: Surgeon| {
-            let of = |seed| s.perform(&scene.script, 11.5, seed).keys.iter().map(|k| Vector3::from(k.tip_in_eye_mm).norm()).fold(0.0, f64::max);
+            let of = |seed| {
+                s.perform(&scene.script, 11.5, seed)
+                    .keys
+                    .iter()
+                    .map(|k| Vector3::from(k.tip_in_eye_mm).norm())
+                    .fold(0.0, f64::max)
+            };
             (0..20).map(of).sum::<f64>() / 20.0
         };
         let way = |s: Surgeon| crate::plan::way_mm(&s.perform(&scene.script, 11.5, 1).keys);

@@ -107,7 +107,9 @@ impl SceneWriter {
             marks: writer.write(&self.marks).unwrap_or_default(),
             bodies: writer.write(&self.bodies).unwrap_or_default(),
             bricks: world.vitreous().and_then(|(v, _)| writer.write(v.haze().bricks())).unwrap_or_default(),
-            text: writer.write(self.task.lines(world, text, state.notice_kind).as_bytes()).unwrap_or_default(),
+            text: writer
+                .write(self.task.lines(world, text, state.notice_kind).as_bytes())
+                .unwrap_or_default(),
         }
     }
 

@@ -68,7 +68,9 @@ pub struct State {
     pub notice_until_ns: Nanos,
     /// The whole retina, where the scene has it as tissue.
     pub retina: Option<RetinaState>,
-    /// The attempt at the scene's task, and what its score is made from.
+    /// The attempt at the scene's task, and what its score is made from. Hashed and saved after all else, and only where there is a
+    /// task, so that scenes without one stay what they were.
+    #[serde(skip)]
     pub task: Option<(TaskState, Meter)>,
 }
 

@@ -40,7 +40,9 @@ pub fn balls(world: &World, out: &mut Vec<SceneBody>) {
             }
         };
         match goal {
-            Goal::Hold { at_in_eye_mm, radius_mm, .. } => ball(Vector3::from(*at_in_eye_mm), *radius_mm, rgb, CLEAR),
+            Goal::Hold { at_in_eye_mm, radius_mm, .. } => {
+                ball(Vector3::from(*at_in_eye_mm), *radius_mm, rgb, CLEAR)
+            }
             Goal::Near { towards_in_eye, .. } => {
                 let out = Vector3::from(*towards_in_eye).try_normalize(1e-6).unwrap_or(-Vector3::z());
                 ball(out * (radius_mm + 0.05), 0.25, rgb, 1.0);
@@ -115,7 +117,11 @@ impl TaskText {
             self.made_for = Some(key);
             self.text.clear();
             // Writing into a string cannot fail.
-            let _ = if over { end_screen(world, &mut self.text) } else { running(task, state, notice, &mut self.text) };
+            let _ = if over {
+                end_screen(world, &mut self.text)
+            } else {
+                running(task, state, notice, &mut self.text)
+            };
             self.text.truncate(self.text.floor_char_boundary(MAX_TEXT));
         }
         &self.text
@@ -129,11 +135,20 @@ fn running(task: &Task, state: &TaskState, notice: &str, out: &mut String) -> st
     }
     let left_s = (scene.limit_s - state.elapsed_s()).max(0.0) as u64;
     let (reached, all) = (state.reached(), scene.goals.len());
-    writeln!(out, "{}, level {}   {reached}/{all}   {}:{:02}", scene.title, scene.level, left_s / 60, left_s % 60)?;
+    writeln!(
+        out,
+        "{}, level {}   {reached}/{all}   {}:{:02}",
+        scene.title,
+        scene.level,
+        left_s / 60,
+        left_s % 60
+    )?;
     let next = scene.goals.iter().enumerate().find(|(i, _)| task.is_open(state, *i)).map(|(_, g)| g);
     match next {
         Some(Goal::Event { what, .. }) => writeln!(out, "next: {what}")?,
-        Some(Goal::Grip { instrument, .. }) => writeln!(out, "next: pick it up with instrument {instrument}")?,
+        Some(Goal::Grip { instrument, .. }) => {
+            writeln!(out, "next: pick it up with instrument {instrument}")?
+        }
         Some(Goal::Place { .. }) => writeln!(out, "next: place it on the mark")?,
         _ => {}
     }

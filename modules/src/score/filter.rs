@@ -29,7 +29,8 @@ impl Section {
     fn new(hz: f64, q: f64, high: bool) -> Self {
         let w = std::f64::consts::TAU * hz * FIELD_PERIOD_NS as f64 * 1e-9;
         let (cos, alpha) = (libm::cos(w), libm::sin(w) / (2.0 * q));
-        let (edge, middle) = if high { (0.5 * (1.0 + cos), -(1.0 + cos)) } else { (0.5 * (1.0 - cos), 1.0 - cos) };
+        let (edge, middle) =
+            if high { (0.5 * (1.0 + cos), -(1.0 + cos)) } else { (0.5 * (1.0 - cos), 1.0 - cos) };
         let a0 = 1.0 + alpha;
         Section { b: [edge / a0, middle / a0, edge / a0], a: [-2.0 * cos / a0, (1.0 - alpha) / a0] }
     }
@@ -170,6 +171,9 @@ mod tests {
         let at = Vector3::new(1.0, 2.0, 3.0);
         assert!(filter.pass(&band, &at, FIELD_PERIOD_NS).is_none());
         assert_eq!(filter.pass(&band, &at, 2 * FIELD_PERIOD_NS).unwrap().way_mm, 0.0);
-        assert!(filter.pass(&band, &(at * 2.0), 9 * FIELD_PERIOD_NS).is_none(), "a jump after a gap is no way");
+        assert!(
+            filter.pass(&band, &(at * 2.0), 9 * FIELD_PERIOD_NS).is_none(),
+            "a jump after a gap is no way"
+        );
     }
 }

@@ -2,7 +2,9 @@
 //! runs it live, the launcher over recordings, with the same bits.
 
 use super::filter::{Band, NOISE_SHARE, TipFilter};
-use super::table::{INJURIES, Injury, LIGHT_HALF_ANGLE_RAD, LIGHT_MW, MACULA_MM, NEAR_RETINA_MM, SIGMAS, injury_of};
+use super::table::{
+    INJURIES, Injury, LIGHT_HALF_ANGLE_RAD, LIGHT_MW, MACULA_MM, NEAR_RETINA_MM, SIGMAS, injury_of,
+};
 use crate::sample::{Sample, Tip};
 use nalgebra::Vector3;
 use protocol::events::{Event, EventKind};
@@ -210,7 +212,9 @@ impl Scorer {
                 meter.out_ns[hand] = 0;
             }
             EventKind::GripSlipped => meter.slips += 1,
-            EventKind::RetinaTouched | EventKind::RetinaPenetrated => self.note_contact(meter, hand, event, tips),
+            EventKind::RetinaTouched | EventKind::RetinaPenetrated => {
+                self.note_contact(meter, hand, event, tips)
+            }
             EventKind::RetinaLeft => end_contact(meter, hand),
             _ => {}
         }

@@ -175,7 +175,15 @@ fn penalty(m: &Meter) -> f64 {
 
 /// Share of its points that a figure brings: 1 at `full_at` and better, 0 at `none_at` and worse.
 fn ramp(metric: &table::Metric, value: f64) -> f64 {
-    ((value - metric.none_at) / (metric.full_at - metric.none_at)).clamp(0.0, 1.0)
+    let share = (value - metric.none_at) / (metric.full_at - metric.none_at);
+    // Written out, so that no point is a negative zero.
+    if share <= 0.0 {
+        0.0
+    } else if share >= 1.0 {
+        1.0
+    } else {
+        share
+    }
 }
 
 fn reading(figures: &[Option<(f64, f64)>; COUNT], i: usize) -> Reading {
@@ -186,8 +194,10 @@ fn reading(figures: &[Option<(f64, f64)>; COUNT], i: usize) -> Reading {
     // What a task has nothing for is shared out among the others of the category; injuries keep their own scale.
     let own = |j: &usize| METRICS[*j].category == metric.category;
     let injuries = Id::Injuries as usize;
-    let shared: f64 = (0..COUNT).filter(own).filter(|&j| figures[j].is_none()).map(|j| METRICS[j].points).sum();
-    let there: f64 = (0..COUNT).filter(own).filter(|&j| figures[j].is_some()).map(|j| METRICS[j].points).sum();
+    let shared: f64 =
+        (0..COUNT).filter(own).filter(|&j| figures[j].is_none()).map(|j| METRICS[j].points).sum();
+    let there: f64 =
+        (0..COUNT).filter(own).filter(|&j| figures[j].is_some()).map(|j| METRICS[j].points).sum();
     let of = metric.points * (1.0 + if there > 0.0 { shared / there } else { 0.0 });
     let points = if i == injuries { of - value } else { of * ramp(metric, value) };
     Reading { key: metric.key, value: Some(value), sigma, points, of }

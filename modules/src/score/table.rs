@@ -24,8 +24,13 @@ pub const CATEGORIES: usize = 5;
 
 impl Category {
     /// Every one, by number.
-    pub const ALL: [Category; CATEGORIES] =
-        [Category::Target, Category::Efficiency, Category::Instruments, Category::Microscope, Category::Tissue];
+    pub const ALL: [Category; CATEGORIES] = [
+        Category::Target,
+        Category::Efficiency,
+        Category::Instruments,
+        Category::Microscope,
+        Category::Tissue,
+    ];
 
     /// Name for people.
     pub fn name(self) -> &'static str {
@@ -344,7 +349,9 @@ mod tests {
     fn the_lens_is_far_above_the_macula_and_that_above_tears_and_contacts() {
         let points = |i: Injury| PENALTIES[i as usize].points;
         assert!(points(Injury::Lens) >= 2.0 * points(Injury::Macula));
-        assert!(points(Injury::Macula) > points(Injury::Tear) && points(Injury::Tear) > points(Injury::Contact));
+        assert!(
+            points(Injury::Macula) > points(Injury::Tear) && points(Injury::Tear) > points(Injury::Contact)
+        );
         assert!(points(Injury::Macula) > points(Injury::Haemorrhage));
     }
 }

@@ -1,7 +1,7 @@
 //! Construct checks: a clean attempt made by hand brings all points; one fault changes one category, by the amount that the table
 //! says. The attempt is a reach and a hold with a light pipe beside it; events are injected where the simulation would tell them.
 
-use super::table::{Category, METRICS, MACULA_MM, PENALTIES, Injury};
+use super::table::{Category, Injury, MACULA_MM, METRICS, PENALTIES};
 use super::*;
 use crate::sample::Sample;
 use crate::surgeon::Tremor;
@@ -103,7 +103,8 @@ fn score(attempt: &Attempt) -> Score {
             (body.world_from_body, body.validity) = (Pose::from_isometry(&pose), 2);
             [0, 6, 11].iter().for_each(|&k| body.covariance[k] = attempt.variance_mm2);
         }
-        let told: Vec<Event> = attempt.events.iter().filter(|(at, _)| *at == field).map(|(_, e)| *e).collect();
+        let told: Vec<Event> =
+            attempt.events.iter().filter(|(at, _)| *at == field).map(|(_, e)| *e).collect();
         scorer.note(&mut meter, &Sample::new(&frame, &told));
     }
     scorer.score(&meter)
@@ -139,9 +140,12 @@ fn goals_precision_and_the_path_are_target_achievement() {
     let missing = lost(|a| a.events.retain(|(_, e)| e.subject != 1));
     // The way is judged by the share of goals too: it stays below its threshold here or the category moves as well.
     assert!((missing[0] - 12.5).abs() < 1e-9 && missing[2..] == [0.0; 3], "{missing:?}");
-    let far = lost(|a| a.events.iter_mut().for_each(|(_, e)| e.value = if e.kind == 111 { 0.4 } else { e.value }));
+    let far =
+        lost(|a| a.events.iter_mut().for_each(|(_, e)| e.value = if e.kind == 111 { 0.4 } else { e.value }));
     assert!(only(Category::Target, far, "precision") > 3.0);
-    let outside = lost(|a| a.events.extend([event(200, EventKind::PathLeft, 0.1), event(250, EventKind::PathRegained, 1.0)]));
+    let outside = lost(|a| {
+        a.events.extend([event(200, EventKind::PathLeft, 0.1), event(250, EventKind::PathRegained, 1.0)])
+    });
     assert!((only(Category::Target, outside, "path") - 5.0 * (1.0 / 9.98) / 0.2).abs() < 1e-9);
 }
 
@@ -168,11 +172,23 @@ fn tremor_speed_and_slips_are_instrument_handling() {
     let points = only(Category::Instruments, shaken, "tremor");
     assert!((points - 6.0 * (100.0 - 30.0) / 90.0).abs() < 0.6, "{points}");
     let jerked = lost(|a| {
-        let jerk = |t: f64| if (5.0..5.4).contains(&t) { 6.0 * (t - 5.0) / 0.4 } else if t < 5.0 { 0.0 } else { 6.0 };
+        let jerk = |t: f64| {
+            if (5.0..5.4).contains(&t) {
+                6.0 * (t - 5.0) / 0.4
+            } else if t < 5.0 {
+                0.0
+            } else {
+                6.0
+            }
+        };
         a.tip = Box::new(move |t| [6.0 * (0.05 * std::f64::consts::TAU * t).sin() - jerk(t), 0.0, -8.0]);
     });
     assert!(only(Category::Instruments, jerked, "speed") > 0.05);
-    let near = lost(|a| a.tip = Box::new(|t| [6.0 * (0.1 * std::f64::consts::TAU * t).sin(), 0.0, -11.2 + if t < 5.0 { 3.2 } else { 0.0 }]));
+    let near = lost(|a| {
+        a.tip = Box::new(|t| {
+            [6.0 * (0.1 * std::f64::consts::TAU * t).sin(), 0.0, -11.2 + if t < 5.0 { 3.2 } else { 0.0 }]
+        })
+    });
     assert!(near[2] > 0.0, "{near:?}");
     let slipped = lost(|a| a.events.push(by_tip(100, EventKind::GripSlipped, 500.0, [0.0, 0.0, -10.0])));
     assert!((only(Category::Instruments, slipped, "grip") - 1.0).abs() < 1e-9);
@@ -182,7 +198,10 @@ fn tremor_speed_and_slips_are_instrument_handling() {
 fn view_and_light_are_microscope_handling_and_the_light_dose_is_tissue_treatment() {
     let at = [6.0, 0.0, -8.0];
     let blind = lost(|a| {
-        a.events.extend([by_tip(100, EventKind::TipOutOfView, 0.1, at), by_tip(200, EventKind::TipInView, 2.0, at)]);
+        a.events.extend([
+            by_tip(100, EventKind::TipOutOfView, 0.1, at),
+            by_tip(200, EventKind::TipInView, 2.0, at),
+        ]);
     });
     assert!((only(Category::Microscope, blind, "view") - 6.0 * (2.0 / 9.98 - 0.02) / 0.28).abs() < 1e-6);
     let dark = lost(|a| a.tip = Box::new(|t| [6.0 * (0.1 * std::f64::consts::TAU * t).sin(), 0.0, -3.0]));
@@ -203,7 +222,10 @@ fn each_injury_costs_what_the_table_says_and_nothing_else() {
         (
             "haemorrhage",
             points(Injury::Haemorrhage),
-            vec![by_tip(100, EventKind::RetinaTouched, 0.04, away), by_tip(101, EventKind::RetinaPenetrated, 0.1, away)],
+            vec![
+                by_tip(100, EventKind::RetinaTouched, 0.04, away),
+                by_tip(101, EventKind::RetinaPenetrated, 0.1, away),
+            ],
         ),
         (
             "macula",
@@ -215,8 +237,16 @@ fn each_injury_costs_what_the_table_says_and_nothing_else() {
                 by_tip(120, EventKind::RetinaLeft, 0.4, macula),
             ],
         ),
-        ("tear", points(Injury::Tear), vec![event(100, EventKind::RetinaRipped, 3.0), event(110, EventKind::RetinaRipped, 3.0)]),
-        ("two tears", 2.0 * points(Injury::Tear), vec![event(100, EventKind::RetinaTorn, 3.0), event(200, EventKind::RetinaTorn, 3.0)]),
+        (
+            "tear",
+            points(Injury::Tear),
+            vec![event(100, EventKind::RetinaRipped, 3.0), event(110, EventKind::RetinaRipped, 3.0)],
+        ),
+        (
+            "two tears",
+            2.0 * points(Injury::Tear),
+            vec![event(100, EventKind::RetinaTorn, 3.0), event(200, EventKind::RetinaTorn, 3.0)],
+        ),
         ("pull", points(Injury::Pull), vec![event(100, EventKind::RetinaPulled, 9e3)]),
     ];
     for (what, points, events) in cases {
@@ -236,19 +266,28 @@ fn what_is_below_tracking_noise_does_not_count_but_is_doubted() {
         score(&attempt)
     };
     let (sure, doubtful) = (touch(1e-6), touch(1e-4));
-    assert_eq!((sure.injuries[Injury::Contact as usize], doubtful.injuries[Injury::Contact as usize]), (1, 0));
+    assert_eq!(
+        (sure.injuries[Injury::Contact as usize], doubtful.injuries[Injury::Contact as usize]),
+        (1, 0)
+    );
     assert!(doubtful.sigma > 1.0 && doubtful.sigma > 10.0 * sure.sigma, "{} {}", doubtful.sigma, sure.sigma);
     // White noise as large as its covariance says is no tremor.
     let mut noisy = clean();
     let mut random = crate::random::Random::new(3, 0);
     let noise: Vec<[f64; 3]> = (0..FIELDS).map(|_| (random.vector() * 0.05).into()).collect();
     let still = std::mem::replace(&mut noisy.tip, Box::new(|_| [0.0; 3]));
-    noisy.tip = Box::new(move |t| (Vector3::from(still(t)) + Vector3::from(noise[(t * 50.0).round() as usize])).into());
+    noisy.tip = Box::new(move |t| {
+        (Vector3::from(still(t)) + Vector3::from(noise[(t * 50.0).round() as usize])).into()
+    });
     let tremor = |s: &Score| s.metrics[Id::Tremor as usize].value.unwrap();
     let blamed = tremor(&score(&noisy));
     noisy.variance_mm2 = 0.0025;
     let judged = score(&noisy);
-    assert!(blamed > 35.0 && tremor(&judged) < 20.0, "{blamed} µm without covariance, {} with", tremor(&judged));
+    assert!(
+        blamed > 35.0 && tremor(&judged) < 20.0,
+        "{blamed} µm without covariance, {} with",
+        tremor(&judged)
+    );
 }
 
 #[test]

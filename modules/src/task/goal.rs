@@ -89,7 +89,8 @@ impl Check<'_> {
                 self.keep(own, near, *hold_s);
             }
             Goal::Align { at_in_eye_mm, radius_mm, hold_s } => {
-                let off = [0, 1].map(|i| self.off_mm(i, &at_in_eye_mm[i]).filter(|(raw, _)| raw <= radius_mm));
+                let off =
+                    [0, 1].map(|i| self.off_mm(i, &at_in_eye_mm[i]).filter(|(raw, _)| raw <= radius_mm));
                 let both = off[0].zip(off[1]).map(|((_, a), (_, b))| 0.5 * (a + b));
                 self.keep(own, both, *hold_s);
             }
@@ -97,7 +98,8 @@ impl Check<'_> {
                 self.follow(*instrument as usize, path_in_eye_mm, *radius_mm, own, index, say);
             }
             Goal::Grip { body, instrument } => {
-                own.reached = self.seen.bodies.get(*body as usize).is_some_and(|b| b.held_by == Some(*instrument));
+                own.reached =
+                    self.seen.bodies.get(*body as usize).is_some_and(|b| b.held_by == Some(*instrument));
             }
             Goal::Place { body, at_in_eye_mm, radius_mm, along_in_eye, within_rad } => {
                 let placed = self.placed_mm(*body as usize, at_in_eye_mm, along_in_eye.as_ref(), *within_rad);
@@ -126,7 +128,13 @@ impl Check<'_> {
     }
 
     /// Distance of a tip from the line over a point of the retina, mm, if it is in its place.
-    fn near_mm(&self, instrument: usize, towards: &[f64; 3], radius_mm: f64, clearance: &[f64; 2]) -> Option<f64> {
+    fn near_mm(
+        &self,
+        instrument: usize,
+        towards: &[f64; 3],
+        radius_mm: f64,
+        clearance: &[f64; 2],
+    ) -> Option<f64> {
         let tip = self.seen.tips[instrument]?.tip_in_eye_mm;
         let towards = Vector3::from(*towards).try_normalize(1e-6)?;
         let beside = |p: &Vector3<f64>| (p - towards * p.dot(&towards)).norm();
@@ -136,7 +144,13 @@ impl Check<'_> {
     }
 
     /// Distance of a body from its place, mm, if it lies free and along the axis asked for.
-    fn placed_mm(&self, body: usize, at: &[f64; 3], along: Option<&[f64; 3]>, within_rad: f64) -> Option<f64> {
+    fn placed_mm(
+        &self,
+        body: usize,
+        at: &[f64; 3],
+        along: Option<&[f64; 3]>,
+        within_rad: f64,
+    ) -> Option<f64> {
         let body = self.seen.bodies.get(body).filter(|b| b.held_by.is_none())?;
         if let Some(along) = along {
             let wanted = Vector3::from(*along).try_normalize(1e-6)?;

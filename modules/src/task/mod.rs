@@ -233,7 +233,8 @@ impl Task {
             say(Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskFinished, took_s) });
         } else if took_s >= self.scene.limit_s {
             state.phase = Phase::TimedOut;
-            let over = Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskTimedOut, open as f64) };
+            let over =
+                Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskTimedOut, open as f64) };
             say(Signal { severity: Severity::Warning, ..over });
         }
     }

@@ -26,10 +26,15 @@ fn hold(x: f64) -> Goal {
 }
 
 /// Plays tips of instrument 0 from field 1 on, one a field; returns what was said.
-fn play(task: &Task, tips: impl IntoIterator<Item = [f64; 3]>, events: &[(u64, Event)]) -> (TaskState, Vec<Signal>) {
+fn play(
+    task: &Task,
+    tips: impl IntoIterator<Item = [f64; 3]>,
+    events: &[(u64, Event)],
+) -> (TaskState, Vec<Signal>) {
     let (mut state, mut said) = (task.start(), Vec::new());
     for (field, tip) in tips.into_iter().enumerate() {
-        let tip = Tip { tip_in_eye_mm: tip.into(), to_handle: Vector3::x(), covariance_mm2: Matrix3::zeros() };
+        let tip =
+            Tip { tip_in_eye_mm: tip.into(), to_handle: Vector3::x(), covariance_mm2: Matrix3::zeros() };
         let now: Vec<Event> = events.iter().filter(|(at, _)| *at == field as u64).map(|(_, e)| *e).collect();
         let seen = Observation {
             now_ns: (field as u64 + 1) * NS,
@@ -63,7 +68,8 @@ fn goals_count_in_their_order_and_the_task_ends_with_the_last() {
 
 #[test]
 fn the_mean_distance_is_told_with_the_goal() {
-    let (_, said) = play(&task(GoalOrder::Any, vec![hold(1.0)]), std::iter::repeat_n([1.0, 0.1, -6.0], 20), &[]);
+    let (_, said) =
+        play(&task(GoalOrder::Any, vec![hold(1.0)]), std::iter::repeat_n([1.0, 0.1, -6.0], 20), &[]);
     assert!((said[1].value - 0.1).abs() < 1e-12, "{}", said[1].value);
 }
 
@@ -104,7 +110,8 @@ fn near_the_retina_is_reached_in_its_band_only() {
 fn a_path_is_followed_and_leaving_it_is_told_with_its_time() {
     use EventKind::{GoalReached, PathLeft, PathRegained, TaskFinished, TaskStarted};
     let path = vec![[0.0, 0.0, -6.0], [3.0, 0.0, -6.0]];
-    let task = task(GoalOrder::Any, vec![Goal::Follow { instrument: 0, path_in_eye_mm: path, radius_mm: 0.3 }]);
+    let task =
+        task(GoalOrder::Any, vec![Goal::Follow { instrument: 0, path_in_eye_mm: path, radius_mm: 0.3 }]);
     let way = (0..130).map(|k| [f64::from(k) * 0.025, if (40..50).contains(&k) { 0.5 } else { 0.0 }, -6.0]);
     let (_, said) = play(&task, way, &[]);
     assert_eq!(kinds(&said), [TaskStarted, PathLeft, PathRegained, GoalReached, TaskFinished]);

@@ -485,7 +485,8 @@ mod tests {
         let handle: crate::handles::HandleState = bytemuck::Zeroable::zeroed();
         written(&path, &[note(1), Item::Handle(handle), note(2)]);
         let recording = Recording::open(&path).unwrap();
-        let of = |topics: &[&'static str]| recording.items_of(topics).map(|i| i.unwrap().0).collect::<Vec<_>>();
+        let of =
+            |topics: &[&'static str]| recording.items_of(topics).map(|i| i.unwrap().0).collect::<Vec<_>>();
         assert_eq!((of(&["handles"]), of(&["notes"]), of(&[])), (vec![1001], vec![1000, 1002], vec![]));
     }
 

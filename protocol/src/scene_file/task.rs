@@ -191,15 +191,18 @@ impl Goal {
     }
 
     fn defect(&self, radius_mm: f64, bodies: usize) -> Option<Defect> {
-        let refuse = |field: &str, expected: &str, found: String| {
-            Some((field.to_owned(), expected.to_owned(), found))
-        };
+        let refuse =
+            |field: &str, expected: &str, found: String| Some((field.to_owned(), expected.to_owned(), found));
         if let Some(i) = self.instrument().filter(|&i| i as usize >= INSTRUMENTS) {
             return refuse("instrument", "0 or 1", i.to_string());
         }
         let outside = |p: &[f64; 3]| !(p.iter().map(|c| c * c).sum::<f64>() <= radius_mm * radius_mm);
         if let Some(p) = self.places().iter().find(|p| outside(p)) {
-            return refuse("at_in_eye_mm", &format!("within {radius_mm} mm of the eye's centre"), format!("{p:?}"));
+            return refuse(
+                "at_in_eye_mm",
+                &format!("within {radius_mm} mm of the eye's centre"),
+                format!("{p:?}"),
+            );
         }
         let positive = |value: f64| value > 0.0 && value <= 30.0;
         let radius = match self {
@@ -225,7 +228,11 @@ impl Goal {
                 }
                 let rises = *low >= 0.0 && low < high && *high <= radius_mm;
                 if !rises {
-                    return refuse("clearance_mm", "0 ≤ least < greatest ≤ the eye's radius", format!("[{low}, {high}]"));
+                    return refuse(
+                        "clearance_mm",
+                        "0 ≤ least < greatest ≤ the eye's radius",
+                        format!("[{low}, {high}]"),
+                    );
                 }
                 None
             }
@@ -235,7 +242,9 @@ impl Goal {
             Goal::Grip { body, .. } | Goal::Place { body, .. } if *body as usize >= bodies => {
                 refuse("body", &format!("one of the scene's {bodies} bodies"), body.to_string())
             }
-            Goal::Place { along_in_eye: Some(along), .. } if !(along.iter().map(|c| c * c).sum::<f64>() > 1e-6) => {
+            Goal::Place { along_in_eye: Some(along), .. }
+                if !(along.iter().map(|c| c * c).sum::<f64>() > 1e-6) =>
+            {
                 refuse("along_in_eye", "a direction", format!("{along:?}"))
             }
             Goal::Place { within_rad, .. } if !(*within_rad > 0.0 && *within_rad <= 3.2) => {
@@ -302,7 +311,11 @@ mod tests {
             ("level = 1", "level = 0", "task.level"),
             ("what =", "whatever = 1\nwhat =", "whatever"),
             ("kind = \"event\"", "kind = \"dance\"", "dance"),
-            ("kind = \"event\"\n        event = 61\n        what = \"membrane off\"", "kind = \"grip\"\ninstrument = 0\nbody = 0", "goals[1].body"),
+            (
+                "kind = \"event\"\n        event = 61\n        what = \"membrane off\"",
+                "kind = \"grip\"\ninstrument = 0\nbody = 0",
+                "goals[1].body",
+            ),
         ] {
             assert!(TASK.contains(from), "{from}");
             let problem = parse(&TASK.replace(from, to)).unwrap_err();

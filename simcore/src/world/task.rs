@@ -108,7 +108,11 @@ impl World {
             (Some(part), Some((attempt, meter))) => attempt.fits(&part.task) && meter.is_sound(),
             _ => false,
         };
-        if sound { Ok(()) } else { Err(CheckpointError::Content("the attempt does not fit the scene's task")) }
+        if sound {
+            Ok(())
+        } else {
+            Err(CheckpointError::Content("the attempt does not fit the scene's task"))
+        }
     }
 }
 
@@ -140,8 +144,11 @@ mod tests {
             told = events.iter().find(|e| e.kind == EventKind::ScoreTotal as u32).map(|e| e.value).or(told);
             if field == 300 {
                 world.save(&mut saved).unwrap();
+                let (hash, before) = (world.state_hash(), world.state().task.clone());
                 world = World::new(&scene).unwrap();
+                assert_ne!(world.state().task, before);
                 world.restore(&saved).unwrap();
+                assert_eq!((world.state_hash(), &world.state().task), (hash, &before));
             }
             // As a recorder may get them: events before poses.
             events.into_iter().for_each(|e| reader.take(Item::Event(e)));
