@@ -311,6 +311,27 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_becomes_an_attempt_and_one_broken_off_is_not_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, store) = (folder.path().join("a.mcap"), folder.path().join("r.sqlite"));
+        crate::score_batch::tests::broken_off(&file);
+        let mut store = Store::open_or_create(&store).unwrap();
+        let problem = keep(&mut store, "t7", &file).unwrap_err().to_string();
+        assert!(problem.contains("a.mcap") && problem.contains("not kept"), "{problem}");
+        let attempt = attempt_of(&Recording::open(&file).unwrap(), &score::score_file(&file).unwrap());
+        assert_eq!((attempt.at_s, attempt.seed, attempt.surgeon.as_deref()), (1_032_942_600, Some(42), None));
+        assert_eq!(attempt.categories.iter().map(|c| c.of).sum::<f64>(), 100.0);
+        store.add("t7", &attempt).unwrap();
+        let kept = store.attempts(&Filter::default()).unwrap();
+        assert_eq!(kept[0].attempt, attempt);
+        let table = Table::of_store(&kept, keys());
+        let mut fresh = keys();
+        fresh.widen(&attempt);
+        assert_eq!(fresh, keys(), "the table has a column for everything that this build scores");
+        assert!(table.columns.iter().any(|c| c.name == "value_speed_near_retina"));
+    }
+
+    #[test]
     fn deleting_needs_a_name() {
         assert!(parse(&["delete"]).is_err() && parse(&["delete", "t7", "--store", "s"]).is_ok());
         assert!(

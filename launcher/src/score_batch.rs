@@ -88,7 +88,12 @@ fn row(path: &Path, resimulate: bool) -> Row {
             agrees: scored.agrees,
             attempt: Some(attempt),
         },
-        Err(problem) => Row { file: path.into(), problem: Some(format!("{problem:#}")), ..Row::default() },
+        Err(problem) => {
+            // The row names the file already.
+            let (told, name) = (format!("{problem:#}"), format!("{}: ", path.display()));
+            let problem = told.strip_prefix(&name).unwrap_or(&told).to_owned();
+            Row { file: path.into(), problem: Some(problem), ..Row::default() }
+        }
     }
 }
 
@@ -138,8 +143,61 @@ fn summary(rows: &[Row], wall_s: f64) -> u8 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
+    use modules::module::Module;
+    use modules::surgeon::EXPERT;
+    use protocol::recording::{Provenance, Writer};
+
+    /// A recording of an attempt that was broken off before anything happened.
+    pub(crate) fn broken_off(file: &Path) {
+        let scene = Module::load("navigation").unwrap().compose(1, &EXPERT, 1).unwrap();
+        let mut provenance = Provenance { scene_toml: scene.to_toml(), ..Provenance::default() };
+        provenance.rig_json = protocol::rig::Rig::load_or_shipped(None).unwrap().to_json();
+        provenance.seeds.insert("cameras".into(), "42".into());
+        provenance.config.insert(crate::results::BEGAN.into(), "1032942600".into());
+        Writer::create(file, &provenance).unwrap().finish().unwrap();
+    }
+
+    #[test]
+    fn a_batch_scores_what_it_can_and_writes_its_shards() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("in")).unwrap();
+        for name in ["a", "b", "c", "d"] {
+            broken_off(&at("in").join(format!("{name}.mcap")));
+        }
+        std::fs::write(at("in/c.mcap"), "torn").unwrap();
+        std::fs::write(at("list.txt"), "in/a.mcap\nin/b.mcap\nin/c.mcap\nin/d.mcap\n").unwrap();
+        let shard = |index| {
+            let args = BatchArgs {
+                manifest: Some(at("list.txt")),
+                shard: Some(Shard { index, count: 2 }),
+                out: Some(at("out")),
+                csv: Some(at(&format!("{index}.csv"))),
+                jobs: Some(2),
+            };
+            let code = run(&args, &[], false).unwrap();
+            (format!("{code:?}"), std::fs::read_to_string(at(&format!("{index}.csv"))).unwrap())
+        };
+        let ((damaged, first), (whole, second)) = (shard(0), shard(1));
+        assert_eq!([damaged, whole], [LOSS, 0].map(|code| format!("{:?}", ExitCode::from(code))));
+        let rows: Vec<&str> = first.lines().skip(1).chain(second.lines().skip(1)).collect();
+        let names: Vec<&str> = rows.iter().map(|r| &r[r.find(".mcap").unwrap() - 1..][..1]).collect();
+        assert_eq!(names, ["a", "c", "b", "d"], "every second one");
+        assert!(
+            rows[0].contains(",navigation,1,") && rows[0].contains(",42,") && !rows[1].contains("navigation")
+        );
+        assert!(
+            rows[1].contains("c.mcap") && rows[1].contains("does not begin as an MCAP file"),
+            "{}",
+            rows[1]
+        );
+        assert!(
+            at("out/scores-00000-of-00002.parquet").is_file()
+                && at("out/scores-00001-of-00002.parquet").is_file()
+        );
+    }
 
     #[test]
     fn what_cannot_be_scored_is_a_row_with_its_reason() {
@@ -147,7 +205,7 @@ mod tests {
         let file = folder.path().join("a.mcap");
         std::fs::write(&file, "torn").unwrap();
         let damaged = row(&file, false);
-        assert!(damaged.attempt.is_none() && damaged.problem.as_ref().is_some_and(|p| p.contains("a.mcap")));
+        assert!(damaged.attempt.is_none() && damaged.problem.as_ref().is_some_and(|p| !p.contains("a.mcap")));
         let good = Row { attempt: Some(results::Attempt::default()), ended: true, ..Row::default() };
         let differing = Row { agrees: Some(false), ..good.clone() };
         assert_eq!(summary(&[good.clone()], 1.0), 0);

@@ -28,6 +28,7 @@ pub struct RunArgs {
     /// Keep the attempt under this pseudonym in the results store; without --record its recording goes beside the store.
     #[arg(long, value_name = "NAME", requires = "module")]
     pub trainee: Option<String>,
+    /// Where the store lies.
     #[command(flatten)]
     pub store: Place,
     /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu or gpu. It changes no result.
