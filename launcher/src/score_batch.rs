@@ -208,7 +208,7 @@ pub(crate) mod tests {
         assert!(damaged.attempt.is_none() && damaged.problem.as_ref().is_some_and(|p| !p.contains("a.mcap")));
         let good = Row { attempt: Some(results::Attempt::default()), ended: true, ..Row::default() };
         let differing = Row { agrees: Some(false), ..good.clone() };
-        assert_eq!(summary(&[good.clone()], 1.0), 0);
+        assert_eq!(summary(std::slice::from_ref(&good), 1.0), 0);
         assert_eq!(summary(&[good.clone(), damaged.clone()], 1.0), LOSS);
         assert_eq!(summary(&[damaged, differing.clone(), good], 1.0), DIFFERS);
         assert!(line(&differing).contains("differs"));

@@ -176,14 +176,8 @@ fn penalty(m: &Meter) -> f64 {
 /// Share of its points that a figure brings: 1 at `full_at` and better, 0 at `none_at` and worse.
 fn ramp(metric: &table::Metric, value: f64) -> f64 {
     let share = (value - metric.none_at) / (metric.full_at - metric.none_at);
-    // Written out, so that no point is a negative zero.
-    if share <= 0.0 {
-        0.0
-    } else if share >= 1.0 {
-        1.0
-    } else {
-        share
-    }
+    // The sum makes a negative zero a plain one.
+    share.clamp(0.0, 1.0) + 0.0
 }
 
 fn reading(figures: &[Option<(f64, f64)>; COUNT], i: usize) -> Reading {

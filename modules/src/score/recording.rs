@@ -117,8 +117,8 @@ impl Reader {
                     return;
                 }
                 self.last_step = step.step;
-                let of_step = |p: &Box<TrackerFrame>| p.field == step.field && p.frame == step.frame;
-                match self.poses.iter().rposition(of_step).and_then(|at| self.poses.remove(at)) {
+                let of_step = |p: &TrackerFrame| p.field == step.field && p.frame == step.frame;
+                match self.poses.iter().rposition(|p| of_step(p)).and_then(|at| self.poses.remove(at)) {
                     Some(frame) => self.steps.push_back(frame),
                     None => self.unmatched += 1,
                 }

@@ -131,6 +131,11 @@ pub enum Goal {
     },
 }
 
+/// Whether a vector points anywhere; one that is not a number does not.
+fn has_direction(along: &[f64; 3]) -> bool {
+    along.iter().map(|c| c * c).sum::<f64>() > 1e-6
+}
+
 fn quarter_turn() -> f64 {
     std::f64::consts::FRAC_PI_2
 }
@@ -196,8 +201,9 @@ impl Goal {
         if let Some(i) = self.instrument().filter(|&i| i as usize >= INSTRUMENTS) {
             return refuse("instrument", "0 or 1", i.to_string());
         }
-        let outside = |p: &[f64; 3]| !(p.iter().map(|c| c * c).sum::<f64>() <= radius_mm * radius_mm);
-        if let Some(p) = self.places().iter().find(|p| outside(p)) {
+        // A sum that is not a number lies nowhere, so it must not pass as inside.
+        let inside = |p: &[f64; 3]| p.iter().map(|c| c * c).sum::<f64>() <= radius_mm * radius_mm;
+        if let Some(p) = self.places().iter().find(|p| !inside(p)) {
             return refuse(
                 "at_in_eye_mm",
                 &format!("within {radius_mm} mm of the eye's centre"),
@@ -242,9 +248,7 @@ impl Goal {
             Goal::Grip { body, .. } | Goal::Place { body, .. } if *body as usize >= bodies => {
                 refuse("body", &format!("one of the scene's {bodies} bodies"), body.to_string())
             }
-            Goal::Place { along_in_eye: Some(along), .. }
-                if !(along.iter().map(|c| c * c).sum::<f64>() > 1e-6) =>
-            {
+            Goal::Place { along_in_eye: Some(along), .. } if !has_direction(along) => {
                 refuse("along_in_eye", "a direction", format!("{along:?}"))
             }
             Goal::Place { within_rad, .. } if !(*within_rad > 0.0 && *within_rad <= 3.2) => {
