@@ -40,8 +40,8 @@ pub fn adhesion(scene: &SceneFile, sheet: &Sheet) -> Result<Option<Adhesion>, Wo
 
 /// The hinges of a scene.
 pub fn curl(scene: &SceneFile, sheet: &Sheet) -> Option<Curl> {
-    let curl = scene.membrane.as_ref()?.curl.as_ref()?;
-    Some(Curl::new(sheet, curl))
+    let membrane = scene.membrane.as_ref()?;
+    Some(Curl::new(sheet, membrane.curl.as_ref()?).limited(membrane.node_mass_g, SUBSTEP_S))
 }
 
 /// The membrane at the start: glue takes the place of pins.
