@@ -90,13 +90,15 @@ pub enum EventKind {
     InjectionFast = 77,
     /// Air takes the place of fluid (1), or fluid that of air (0).
     AirExchange = 78,
+    /// A vitrector took retina; value: mm² at rest.
+    RetinaCut = 79,
     /// The tissue is too stiff for a whole substep; parts into which each is split.
     TimeStepSplit = 100,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 42] = [
+    pub const ALL: [EventKind; 43] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -138,6 +140,7 @@ impl EventKind {
         EventKind::RetinaLying,
         EventKind::InjectionFast,
         EventKind::AirExchange,
+        EventKind::RetinaCut,
         EventKind::TimeStepSplit,
     ];
 
@@ -191,6 +194,7 @@ impl EventKind {
             EventKind::RetinaLying => ("retina lies on", "nodes"),
             EventKind::InjectionFast => ("injection too fast", "µl/min"),
             EventKind::AirExchange => ("fluid–air exchange", ""),
+            EventKind::RetinaCut => ("retina cut away", "mm²"),
         }
     }
 }

@@ -128,7 +128,10 @@ fn print_tables(results: &Results, seconds: f64) {
         let (ms, seed) = (slowest.0 as f64 * 1e-6, slowest.1);
         let (steps, events) = (sum(|o| o.steps), sum(|o| o.events));
         let count = entries.len();
-        println!("{count:>10} {steps:>9} {events:>9} {:>6.3} % {ms:>10.2} ms ({seed:>5})  {scene}", 100.0 * energy);
+        println!(
+            "{count:>10} {steps:>9} {events:>9} {:>6.3} % {ms:>10.2} ms ({seed:>5})  {scene}",
+            100.0 * energy
+        );
     }
     println!("energy: largest kinetic energy of the tissue as a share of what its limits of speed allow");
     let tools = (0..TOOLS).filter_map(|t| Tool::from_wire(t as u32).map(|tool| (t, tool)));
@@ -138,8 +141,7 @@ fn print_tables(results: &Results, seconds: f64) {
     for failure in &results.failed {
         println!("FAILED {failure}\n{}", again(failure, seconds));
     }
-    let (steps, events) =
-        results.done.iter().fold((0, 0), |(s, e), (_, o)| (s + o.steps, e + o.events));
+    let (steps, events) = results.done.iter().fold((0, 0), |(s, e), (_, o)| (s + o.steps, e + o.events));
     println!(
         "{} programmes of {seconds} s, {steps} steps (each done twice), {events} events, {} failed",
         results.done.len() + results.failed.len(),

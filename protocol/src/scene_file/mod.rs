@@ -11,7 +11,7 @@ mod vitreous;
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
-pub use retina::RetinaScene;
+pub use retina::{RetinaOperation, RetinaScene};
 pub use tools::{NeedleScene, VitrectorScene};
 pub use vitreous::{
     GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
@@ -37,6 +37,7 @@ pub const SHIPPED: &[(&str, &str)] = &[
     ("lift", include_str!("../../../assets/scenes/lift.toml")),
     ("trim", include_str!("../../../assets/scenes/trim.toml")),
     ("relocation", include_str!("../../../assets/scenes/relocation.toml")),
+    ("translocation", include_str!("../../../assets/scenes/translocation.toml")),
 ];
 
 /// Why a scene was refused.
