@@ -167,7 +167,7 @@ pub struct SceneHeader {
     pub bodies: Section,
     /// [`SceneBrick`].
     pub bricks: Section,
-    /// Bytes of UTF-8 shown on the picture.
+    /// Bytes of UTF-8 shown on the picture: lines as in [`crate::scene_text`].
     pub text: Section,
     /// [`SceneHome`].
     pub homes: Section,

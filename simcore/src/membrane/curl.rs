@@ -19,9 +19,9 @@
 //! ψ grows without bound as a hinge folds, which keeps it from folding through. Neither angle nor arctangent is
 //! needed: ψ = 2 sin θ/(1 + cos θ).
 //!
-//! A crumpled sheet has thin triangles and hinges folded flat, where the stiffness w (1 + ψ²/4) |∇θ|² grows past what an
-//! explicit substep can follow; such hinges would feed it energy for ever. Above [`STABLE_SHARE`] of m/dt² a hinge's force is scaled down by
-//! as much ([`Curl::limited`]). A sheet that rolls stays far below.
+//! ∇θ grows as one over a triangle's height, so in crumpled tissue, whose triangles have nearly none, a hinge would be
+//! stiffer than any explicit step bears, and feed energy to it for ever. Its stiffness w (1 + ψ²/4) Σ|∇θ|² is held below a
+//! share of m/Δt²: there the hinge turns slower than its material would, and stable.
 
 use super::adhesion::{Adhesion, AdhesionState};
 use super::sheet::{NONE, Sheet};
@@ -34,15 +34,16 @@ const MAX_PSI: f32 = 20.0;
 /// Twice the area of a triangle below which a hinge has no direction, mm².
 const TINY_MM2: f32 = 1e-7;
 
-/// Largest stiffness of a hinge as a share of m/dt². A node is in some twenty hinges, and the stability limit of Euler's method is 4.
-const STABLE_SHARE: f64 = 0.1;
+/// Stiffness of a hinge that is let through, as a share of node mass over the square of a substep. A node belongs to a
+/// dozen hinges.
+const MAX_STIFFNESS: f64 = 0.1;
 
 /// Hinges of a sheet.
 #[derive(Debug, Clone)]
 pub struct Curl {
     hinges: Vec<Hinge>,
     /// Largest stiffness of a hinge, µN/mm.
-    stiffest: f32,
+    most_un_per_mm: f32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -56,22 +57,20 @@ struct Hinge {
     rest: f32,
 }
 
+/// The stiffness of a hinge that explicit steps of `dt_s` bear on nodes of `node_mass_g`, µN/mm.
+pub fn stiffest_un_per_mm(node_mass_g: f64, dt_s: f64) -> f32 {
+    (MAX_STIFFNESS * node_mass_g / (dt_s * dt_s)) as f32
+}
+
 impl Curl {
-    /// Hinges of `sheet` as it lies at the start.
-    pub fn new(sheet: &Sheet, scene: &CurlScene) -> Self {
+    /// Hinges of `sheet` as it lies at the start; none becomes stiffer than `most_un_per_mm`, see [`stiffest_un_per_mm`].
+    pub fn new(sheet: &Sheet, scene: &CurlScene, most_un_per_mm: f32) -> Self {
         let start = sheet.start();
         let inner = |(s, sides): (usize, &[u32; 2])| {
             let [ends, sides] = [sheet.springs[s], *sides];
             (sides[1] != NONE).then(|| Hinge::new(sheet, &start, ends, sides, scene))
         };
-        let hinges = sheet.spring_triangles.iter().enumerate().filter_map(inner).collect();
-        Curl { hinges, stiffest: f32::INFINITY }
-    }
-
-    /// Keeps hinges on nodes of `node_mass_g` stable under explicit substeps of `dt_s`.
-    pub fn limited(mut self, node_mass_g: f64, dt_s: f64) -> Self {
-        self.stiffest = (STABLE_SHARE * node_mass_g / (dt_s * dt_s)) as f32;
-        self
+        Curl { hinges: sheet.spring_triangles.iter().enumerate().filter_map(inner).collect(), most_un_per_mm }
     }
 
     /// Adds the hinges' forces to `outer_un`. A hinge whose four nodes are all glued has none: there the adhesion,
@@ -86,7 +85,7 @@ impl Curl {
             let alive = hinge.triangles.iter().all(|&t| membrane.triangle_alive[t as usize] != 0);
             let glued = glue.is_some_and(|(a, s)| hinge.nodes.iter().all(|&n| a.holds(s, n as usize)));
             if alive && !glued {
-                hinge.bend(membrane, self.stiffest, outer_un);
+                hinge.bend(membrane, self.most_un_per_mm, outer_un);
             }
         }
     }
@@ -119,13 +118,12 @@ impl Hinge {
         }
     }
 
-    fn bend(&self, membrane: &MembraneState, stiffest: f32, outer_un: &mut [Vec<f32>; 3]) {
+    fn bend(&self, membrane: &MembraneState, most_un_per_mm: f32, outer_un: &mut [Vec<f32>; 3]) {
         let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
         let Some((psi, gradient)) = turn(p, q, a, b) else { return };
-        let squares: f32 = gradient.iter().map(Vector3::norm_squared).sum();
-        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * squares;
-        let share = if stiffness > stiffest { stiffest / stiffness } else { 1.0 };
-        let moment = -self.stiffness * (psi - self.rest) * share;
+        let slopes: f32 = gradient.iter().map(Vector3::norm_squared).sum();
+        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * slopes;
+        let moment = -self.stiffness * (psi - self.rest) * (most_un_per_mm / stiffness).min(1.0);
         for (&node, gradient) in self.nodes.iter().zip(gradient) {
             for (outer, g) in outer_un.iter_mut().zip(gradient.iter()) {
                 outer[node as usize] += moment * g;
@@ -163,12 +161,8 @@ fn turn(
 
 #[cfg(test)]
 mod tests {
-    use super::super::solver::{Solver, Tissue};
     use super::*;
-    use crate::constants::SUBSTEP_S;
-    use crate::soak::Draw;
     use proptest::prelude::*;
-    use protocol::scene_file::SceneFile;
 
     fn point() -> impl Strategy<Value = Vector3<f32>> {
         prop::array::uniform3(-0.3f32..0.3).prop_map(Vector3::from)
@@ -210,31 +204,5 @@ mod tests {
         assert!(psi > 0.25);
         let flat = turn(at(0.0, 0.0, 0.0), at(1.0, 0.0, 0.0), at(0.5, 0.0, 0.0), at(0.5, -1.0, 0.0));
         assert!(flat.is_none(), "a triangle without area has no direction");
-    }
-
-    /// A sheet off the retina, crumpled into a ball: thin triangles, hinges folded flat. It must come to rest all the same.
-    #[test]
-    fn a_crumpled_sheet_comes_to_rest() {
-        let scene = SceneFile::load("erm").unwrap();
-        let table = scene.membrane.as_ref().unwrap();
-        let (sheet, tissue) = (Sheet::new(&scene), Tissue::new(&scene));
-        let curl = table.curl.as_ref().unwrap();
-        let curl = Curl::new(&sheet, curl).limited(table.node_mass_g, SUBSTEP_S);
-        let (mut state, mut solver, mut draw) = (sheet.start(), Solver::new(&sheet), Draw::new(4));
-        state.flag.fill(protocol::scene::NODE_FREE);
-        for n in 0..sheet.nodes() {
-            let p = [0; 3].map(|_| draw.between(-0.8, 0.8) as f32);
-            state.set_position(n, Vector3::from(p));
-        }
-        solver.refresh(&sheet, &state, &tissue);
-        for _ in 0..3000 {
-            solver.clear_outer();
-            curl.bend(&state, None, &mut solver.outer_un);
-            solver.accelerate(&sheet, &state, &tissue);
-            solver.integrate(&mut state, &tissue);
-        }
-        let speed: f32 = (0..sheet.nodes()).map(|n| state.velocity(n).norm()).sum();
-        let mean = speed / sheet.nodes() as f32;
-        assert!(mean < 2.0, "{mean} mm/s after three seconds");
     }
 }
