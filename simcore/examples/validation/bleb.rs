@@ -86,7 +86,11 @@ impl Bleb {
         for t in (0..sheet.triangles.len()).filter(inner) {
             let [a, b, c] = sheet.triangles[t].map(|n| self.at(n));
             area += 0.5 * (b - a).cross(&(c - a)).norm();
-            virial += sheet.triangle_springs[t].iter().map(|&s| self.spring(s)).map(|[f, l]| 0.5 * f * l).sum::<f64>();
+            virial += sheet.triangle_springs[t]
+                .iter()
+                .map(|&s| self.spring(s))
+                .map(|[f, l]| 0.5 * f * l)
+                .sum::<f64>();
         }
         virial / (2.0 * area)
     }
@@ -117,7 +121,8 @@ fn run(_: &Value, depth: Depth) -> Outcome {
         let slope = (more.energy() - less.energy()) / (0.1 * fluid);
         work.found.push([size, bleb.pressure() / slope]);
         outcome.solution = Chart::new("distance from the middle, mm", "height, mm");
-        let round = |r: f64| [r, libm::sqrt(cap.radius_mm() * cap.radius_mm() - r * r) - cap.radius_mm() + HEIGHT_MM];
+        let round =
+            |r: f64| [r, libm::sqrt(cap.radius_mm() * cap.radius_mm() - r * r) - cap.radius_mm() + HEIGHT_MM];
         outcome.solution.line("reference", (0..=50).map(|i| round(base_mm * f64::from(i) / 50.0)).collect());
         let spoke = |ring: u32| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
         let spokes = (0..=rings / 4).map(|r| bleb.at(spoke(r)));
@@ -151,7 +156,9 @@ fn inject() -> (f64, f64) {
     let injected = bleb.state.needles[0].injected_mm3;
     bleb.run(1000, None);
     let pinned = bleb.state.tissue.flag.iter().filter(|&&f| f == NODE_PINNED).count();
-    assert!(pinned < bleb.state.tissue.nodes() && bleb.state.account.leaked_mm3 > 0.0 && injected < PI * 100.0);
+    assert!(
+        pinned < bleb.state.tissue.nodes() && bleb.state.account.leaked_mm3 > 0.0 && injected < PI * 100.0
+    );
     // What lies under it as the mesh has it, not as the account says, to the rounding of its positions (1e-6 mm³).
     let mesh = bleb.model.measured_all_mm3(&bleb.state);
     assert!((mesh - bleb.state.under_mm3()).abs() < 2e-4, "{mesh}");

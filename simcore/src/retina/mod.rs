@@ -226,7 +226,24 @@ impl Retina {
             self.toll.disabled = (count, last);
             self.after_loss(state);
         }
+        self.contain_fluid(state);
         self.settle_volumes(state);
+    }
+
+    /// A bleb whose account or pressure is not a number gets what the mesh holds, and the leaks take up the difference.
+    fn contain_fluid(&mut self, state: &mut RetinaState) {
+        let bad = |b: &state::Bleb| !(b.volume_mm3.is_finite() && b.pressure_pa.is_finite());
+        if state.account.leaked_mm3.is_finite() && !state.blebs.iter().any(bad) {
+            return;
+        }
+        for bleb in 0..self.pieces.count() {
+            if bad(&state.blebs[bleb]) {
+                let volume_mm3 = self.measured_mm3(state, bleb);
+                state.blebs[bleb] = state::Bleb { volume_mm3, pressure_pa: 0.0, ..state.blebs[bleb] };
+                self.toll.disabled = (self.toll.disabled.0 + 1, self.pieces.nodes_of(bleb)[0]);
+            }
+        }
+        state.account.leaked_mm3 = state.account.injected_mm3 - state.under_mm3();
     }
 
     fn contain(&mut self, state: &mut RetinaState) {
