@@ -39,6 +39,8 @@ pub enum Command {
     Modules(crate::modules::ModulesArgs),
     /// Score recorded attempts at a module.
     Score(crate::score::ScoreArgs),
+    /// List, plot, export and delete what trainees achieved.
+    Results(crate::results::ResultsArgs),
     /// Find the blobs in pictures and clips.
     Blobs(ForwardArgs),
     /// Learn, show and check the camera's colour classes.
@@ -65,6 +67,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Trace(args) => crate::trace::run(args),
         Command::Modules(args) => crate::modules::run(args),
         Command::Score(args) => crate::score::run(args),
+        Command::Results(args) => crate::results::run(args),
         Command::Blobs(args) => forward::to(CAMERA, "blobs", args),
         Command::Colours(args) => forward::to(CAMERA, "colours", args),
         Command::Hardware(args) => forward::to(CAMERA, "hardware", args),

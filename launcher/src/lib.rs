@@ -16,6 +16,8 @@ pub mod poses_csv;
 pub mod progress;
 pub mod recover;
 pub mod replay;
+pub mod results;
 pub mod run;
 pub mod score;
+pub mod score_batch;
 pub mod trace;

@@ -1,6 +1,8 @@
 //! `vitreo score`: the score of recordings, without simulating again.
 
+use crate::children::find_binary;
 use crate::exit::{DIFFERS, LOSS};
+use crate::score_batch::{self, BatchArgs};
 use anyhow::{Context, bail};
 use modules::score::recording::{Live, Reader, Verdict};
 use modules::score::table::{Category, METRICS, PENALTIES};
@@ -8,16 +10,21 @@ use protocol::recording::Recording;
 use protocol::scene_file::SceneFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 
 /// Arguments of `vitreo score`.
 #[derive(Debug, clap::Args)]
 pub struct ScoreArgs {
-    /// The recordings.
-    #[arg(value_name = "FILE.mcap", required_unless_present = "doc")]
+    /// The recordings; of a folder every *.mcap in it and below.
+    #[arg(value_name = "FILE.mcap|DIR", required_unless_present_any = ["doc", "manifest"])]
     pub files: Vec<PathBuf>,
-    /// One line of JSON for each recording.
+    #[command(flatten)]
+    batch: BatchArgs,
+    /// Let the simulation do every step again from the recorded poses and handles, and score what comes of it.
     #[arg(long)]
+    pub resimulate: bool,
+    /// One line of JSON for each recording.
+    #[arg(long, conflicts_with_all = ["out", "csv"])]
     pub json: bool,
     /// Print docs/score.md, which is made from the table of metrics.
     #[arg(long, conflicts_with = "files")]
@@ -35,6 +42,8 @@ pub struct Attempt {
     pub level: u32,
     /// The attempt ended in the recording; else it is scored as far as it went.
     pub ended: bool,
+    /// Time that passes in the recording, s.
+    pub seconds: f64,
     /// Steps whose poses the recording misses.
     pub unmatched: u64,
     /// What the live run told, if it did.
@@ -56,10 +65,13 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
     let Some((mut reader, task)) = Reader::new(&scene).zip(scene.task) else {
         bail!("{name}: its scene '{}' has no task: nothing to score", recording.provenance().scene_name);
     };
-    let mut damage = None;
+    let (mut damage, mut span) = (None, [u64::MAX, 0]);
     for item in recording.items_of(&Reader::TOPICS) {
         match item {
-            Ok((_, item)) => reader.take(item),
+            Ok((at, item)) => {
+                span = [span[0].min(at), span[1].max(at)];
+                reader.take(item);
+            }
             Err(problem) => {
                 damage = Some(problem.to_string());
                 break;
@@ -72,11 +84,40 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
         module: task.module,
         level: task.level,
         ended: verdict.ended,
+        seconds: span[1].saturating_sub(span[0]) as f64 * 1e-9,
         unmatched: verdict.unmatched,
         live_total: verdict.live.total.map(|(points, _)| points),
         agrees: verdict.agrees(),
         damage,
         score: verdict.score,
+    })
+}
+
+/// Scores what the simulation makes of a recording's poses, handles and pedal when it does every step again.
+pub fn score_again(file: &Path) -> anyhow::Result<Attempt> {
+    let again = tempfile::Builder::new().prefix("vitreo-").suffix(".mcap").tempfile()?;
+    let told = Command::new(find_binary("vitreo-simcore")?)
+        .arg("--again")
+        .args([file, again.path()])
+        .output()
+        .context("start vitreo-simcore")?;
+    if !told.status.success() {
+        let why = String::from_utf8_lossy(&told.stderr);
+        let why = why.lines().last().unwrap_or("it ended without a word");
+        bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-simcore: "));
+    }
+    eprint!("{}", String::from_utf8_lossy(&told.stderr));
+    // What the live run told stands in the recording; the steps in the copy tell their own.
+    let (told, scored) = (score_file(file)?, score_file(again.path())?);
+    let same = |a: f64, b: f64| a.to_bits() == b.to_bits();
+    let agrees = told.live_total.map(|live| same(live, scored.score.total));
+    Ok(Attempt {
+        file: told.file,
+        seconds: told.seconds,
+        live_total: told.live_total,
+        agrees,
+        damage: told.damage,
+        ..scored
     })
 }
 
@@ -86,9 +127,12 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
         print!("{}", modules::score::doc::page());
         return Ok(ExitCode::SUCCESS);
     }
+    if args.batch.wanted(&args.files) {
+        return score_batch::run(&args.batch, &args.files, args.resimulate);
+    }
     let (mut code, alone) = (0, args.files.len() == 1);
     for file in &args.files {
-        match score_file(file) {
+        match if args.resimulate { score_again(file) } else { score_file(file) } {
             Ok(attempt) => {
                 code = code.max(code_of(&attempt));
                 if args.json {

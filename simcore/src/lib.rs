@@ -18,6 +18,7 @@
 //! Units are mm, g, s, hence µN and Pa; tissue lives in the eye frame. Results are the same to the
 //! bit in every build: no fused operations, fixed order of sums, transcendentals from `libm`.
 
+pub mod again;
 pub mod bodies;
 pub mod checkpoint;
 pub mod collision;

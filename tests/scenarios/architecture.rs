@@ -16,7 +16,7 @@ const UNSAFE_ALLOWED: [&str; 3] =
 /// Every Rust source of the repository, by path from its root.
 fn sources() -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
-    let crates = ["protocol", "modules", "launcher", "tests"].into_iter().chain(PROCESS_CRATES);
+    let crates = ["protocol", "modules", "results", "launcher", "tests"].into_iter().chain(PROCESS_CRATES);
     for folder in crates {
         collect(&repository().join(folder), &mut found);
     }
@@ -61,11 +61,12 @@ fn dependencies(metadata: &serde_json::Value, name: &str) -> Vec<String> {
 #[test]
 fn crates_point_downwards_only() {
     let metadata = metadata();
-    let ours = ["protocol", "modules", "fpga-model", "tracker", "simcore", "renderer", "launcher"];
+    let ours = ["protocol", "modules", "results", "fpga-model", "tracker", "simcore", "renderer", "launcher"];
     for name in ours {
         let allowed: &[&str] = match name {
             "protocol" => &[],
-            "simcore" | "launcher" => &["protocol", "modules"],
+            "simcore" => &["protocol", "modules"],
+            "launcher" => &["protocol", "modules", "results"],
             _ => &["protocol"],
         };
         for dependency in dependencies(&metadata, name) {
@@ -78,14 +79,16 @@ fn crates_point_downwards_only() {
 #[test]
 fn transport_and_graphics_stay_behind_their_borders() {
     let metadata = metadata();
-    let only: [(&str, &[&str]); 4] = [
+    let only: [(&str, &[&str]); 6] = [
         ("iceoryx2", &["protocol"]),
         ("wgpu", &["renderer", "simcore"]),
         ("winit", &["renderer"]),
         ("mcap", &["protocol"]),
+        ("rusqlite", &["results"]),
+        ("parquet", &["results"]),
     ];
     for (library, owners) in only {
-        for name in ["protocol", "fpga-model", "tracker", "simcore", "renderer", "launcher"] {
+        for name in ["protocol", "results", "fpga-model", "tracker", "simcore", "renderer", "launcher"] {
             let has = dependencies(&metadata, name).contains(&library.to_owned());
             assert_eq!(
                 has,
@@ -160,6 +163,8 @@ fn paths_named_in_the_documents_exist() {
         "ARCHITECTURE.md",
         "README.md",
         "docs/modules.md",
+        "docs/results.md",
+        "deploy/README.md",
         "docs/conventions.md",
         "docs/recording.md",
         "docs/calibration.md",

@@ -1,10 +1,14 @@
 //! What `vitreo run` takes, and what each process is given of it.
 
 use crate::modules::Composed;
+use crate::results::{Place, seconds_since_1970};
 use anyhow::{Context, bail};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::Process;
+use results::Store;
+use results::store::check_name;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 /// Arguments of `vitreo run`.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -21,6 +25,12 @@ pub struct RunArgs {
     /// Who works where no person does: expert, average, novice or careless.
     #[arg(long, value_name = "WHO", default_value = "expert", requires = "module")]
     pub surgeon: String,
+    /// Keep the attempt under this pseudonym in the results store; without --record its recording goes beside the store.
+    #[arg(long, value_name = "NAME", requires = "module")]
+    pub trainee: Option<String>,
+    /// Where the store lies.
+    #[command(flatten)]
+    pub store: Place,
     /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu or gpu. It changes no result.
     #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
     pub collision: Option<String>,
@@ -187,6 +197,21 @@ impl RunArgs {
         let Some(composed) = composed else { return self.clone() };
         let attempt = (self.blobs.is_none()).then_some(composed.period_s + AFTER_S);
         RunArgs { scene: Some(composed.name()), duration: self.duration.or(attempt), ..self.clone() }
+    }
+
+    /// With a place for the recording of a trainee's attempt where none is given. Refuses odd names and a store that cannot be
+    /// used, before anybody works for nothing.
+    pub fn with_recording_of_trainee(self) -> anyhow::Result<Self> {
+        let Some(trainee) = &self.trainee else { return Ok(self) };
+        check_name(trainee)?;
+        let path = self.store.path()?;
+        Store::open_or_create(&path)?;
+        // The name stays out of the file name: whoever deletes a trainee deletes the name.
+        let module = self.module.as_deref().and_then(|m| Path::new(m).file_name()).unwrap_or_default();
+        let began = seconds_since_1970(SystemTime::now());
+        let name = format!("{}-{}-{began}-{}.mcap", module.display(), self.level, std::process::id());
+        let beside = path.with_file_name("recordings").join(name);
+        Ok(RunArgs { record: Some(self.record.clone().unwrap_or(beside)), ..self })
     }
 
     /// What becomes of the picture, given whether there is a display.
