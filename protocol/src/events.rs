@@ -90,6 +90,8 @@ pub enum EventKind {
     InjectionFast = 77,
     /// Air takes the place of fluid (1), or fluid that of air (0).
     AirExchange = 78,
+    /// A vitrector took retina; value: mm² at rest.
+    RetinaCut = 79,
     /// The tissue is too stiff for a whole substep; parts into which each is split.
     TimeStepSplit = 100,
     /// The attempt at a task began; s allowed for it.
@@ -120,7 +122,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 54] = [
+    pub const ALL: [EventKind; 55] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -162,6 +164,7 @@ impl EventKind {
         EventKind::RetinaLying,
         EventKind::InjectionFast,
         EventKind::AirExchange,
+        EventKind::RetinaCut,
         EventKind::TimeStepSplit,
         EventKind::TaskStarted,
         EventKind::GoalReached,
@@ -227,6 +230,7 @@ impl EventKind {
             EventKind::RetinaLying => ("retina lies on", "nodes"),
             EventKind::InjectionFast => ("injection too fast", "µl/min"),
             EventKind::AirExchange => ("fluid–air exchange", ""),
+            EventKind::RetinaCut => ("retina cut away", "mm²"),
             EventKind::TaskStarted => ("task begun", "s"),
             EventKind::GoalReached => ("goal reached", "mm"),
             EventKind::TaskFinished => ("task finished", "s"),

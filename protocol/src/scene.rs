@@ -38,14 +38,31 @@ pub struct SceneNode {
     pub flag: u32,
 }
 
+/// Epiretinal membrane.
+pub const TISSUE_MEMBRANE: u32 = 0;
+/// Retina that is off the choroid, or lies on it elsewhere than at the start.
+pub const TISSUE_RETINA: u32 = 1;
+/// Retina that is gone: nothing is drawn but the choroid where it lay.
+pub const TISSUE_GONE: u32 = 2;
+
 /// A triangle of a tissue mesh.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 pub struct SceneTriangle {
     /// Nodes, counter-clockwise seen from the inside of the eye.
     pub nodes: [u32; 3],
-    /// Tissue: 0 epiretinal membrane, 1 retina that is off the choroid.
+    /// `TISSUE_…`.
     pub tissue: u32,
+}
+
+/// Where a node of the retina lay at the start, which is its place in the photograph of the fundus.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct SceneHome {
+    /// Eye frame, mm.
+    pub position_mm: [f32; 3],
+    /// Number of the node in the section of nodes.
+    pub node: u32,
 }
 
 /// A mark on the retina or the tissue.
@@ -152,11 +169,13 @@ pub struct SceneHeader {
     pub bricks: Section,
     /// Bytes of UTF-8 shown on the picture: lines as in [`crate::scene_text`].
     pub text: Section,
+    /// [`SceneHome`].
+    pub homes: Section,
 }
 
 impl Message for SceneHeader {
     const CHANNEL: &'static str = "scene";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     const QUEUE: usize = 1;
     const FIELDS: &'static [FieldLayout] = crate::fields!(SceneHeader {
         step,
@@ -172,7 +191,8 @@ impl Message for SceneHeader {
         marks,
         bodies,
         bricks,
-        text
+        text,
+        homes
     });
 
     fn validate(&self) -> Result<(), Invalid> {
@@ -193,6 +213,7 @@ pub trait Element: Pod {}
 impl Element for SceneNode {}
 impl Element for SceneTriangle {}
 impl Element for SceneMark {}
+impl Element for SceneHome {}
 impl Element for SceneBody {}
 impl Element for SceneBrick {}
 impl Element for u8 {}

@@ -27,7 +27,7 @@ use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::message::Invalid;
 use protocol::scene::{
-    Microscope, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle, section,
+    Microscope, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode, SceneTriangle, section,
 };
 use protocol::scene_file::Side;
 use protocol::scene_text::{Place, push_line};
@@ -152,12 +152,13 @@ impl Renderer {
             (section(payload, header.marks)?, section(payload, header.bodies)?);
         let bricks: &[SceneBrick] = section(payload, header.bricks)?;
         let text = section::<u8>(payload, header.text)?;
+        let homes: &[SceneHome] = section(payload, header.homes)?;
         self.marks.set(&gpu.queue, marks);
         self.bodies.set(&gpu.queue, bodies);
         self.haze.set(&gpu.device, &gpu.queue, bricks);
         self.sheet.reserve(&gpu.device, nodes.len(), triangles.len());
-        if self.tissue.take(nodes, triangles, header.topology) {
-            self.sheet.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.membrane_triangles());
+        if self.tissue.take(nodes, triangles, homes, header.topology) {
+            self.sheet.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
         }
         self.microscope = header.microscope;
         self.tools = header.instruments.map(|i| Tool::from_wire(i.tool));

@@ -1,6 +1,6 @@
 //! The tissue mesh of a scene block, made ready for the GPU: bound nodes moved with the latched
 //! instruments, normals from the triangles, edges of the membrane marked, and for retina the place
-//! in the fundus map where it lay when it was first seen, so that its picture moves with it.
+//! in the fundus map where it lay at the start, so that its picture moves with it.
 //!
 //! What comes in is checked: a triangle with a node that does not exist or is not a finite point
 //! is left out and counted.
@@ -9,23 +9,21 @@ use crate::fundus_map;
 use crate::layout::SheetVertex;
 use glam::{Mat4, Vec3};
 use protocol::limits::INSTRUMENTS;
-use protocol::scene::{NODE_BOUND, SceneNode, SceneTriangle};
+use protocol::scene::{NODE_BOUND, SceneHome, SceneNode, SceneTriangle, TISSUE_GONE, TISSUE_MEMBRANE};
 
 /// Farthest that a node may be from the eye's centre, mm; farther ones are broken numbers.
 const FARTHEST_MM: f32 = 1e3;
-
-/// The epiretinal membrane in [`SceneTriangle::tissue`]; anything else is retina.
-const MEMBRANE: u32 = 0;
 
 /// Membrane and lifted retina as they are drawn.
 #[derive(Debug, Default)]
 pub struct Tissue {
     nodes: Vec<SceneNode>,
-    /// Those of the membrane first.
+    /// Those of the membrane first, then those of the retina, then those that are gone.
     triangles: Vec<[u32; 3]>,
     membrane: usize,
-    /// Place in the fundus map of each node when it was first seen.
-    at_first: Vec<[f32; 2]>,
+    retina: usize,
+    /// Place in the fundus map of each node of the retina.
+    in_map: Vec<[f32; 2]>,
     is_retina: Vec<bool>,
     vertices: Vec<SheetVertex>,
     edges: Vec<(u32, u32)>,
@@ -42,7 +40,8 @@ impl Tissue {
             nodes: Vec::with_capacity(nodes),
             triangles: Vec::with_capacity(triangles),
             membrane: 0,
-            at_first: Vec::with_capacity(nodes),
+            retina: 0,
+            in_map: Vec::with_capacity(nodes),
             is_retina: Vec::with_capacity(nodes),
             vertices: Vec::with_capacity(nodes),
             edges: Vec::with_capacity(3 * triangles),
@@ -53,34 +52,46 @@ impl Tissue {
     }
 
     /// Takes in a scene's arrays; true if the triangles have changed.
-    pub fn take(&mut self, nodes: &[SceneNode], triangles: &[SceneTriangle], topology: u64) -> bool {
+    pub fn take(
+        &mut self,
+        nodes: &[SceneNode],
+        triangles: &[SceneTriangle],
+        homes: &[SceneHome],
+        topology: u64,
+    ) -> bool {
         self.nodes.clear();
         self.nodes.extend_from_slice(nodes);
         let count = self.nodes.len() as u32;
-        // The upper half of the number counts resets of the simulation: everything lies as at first.
-        let reset = self.topology.is_none_or(|before| before >> 32 != topology >> 32);
-        if reset || self.at_first.len() != nodes.len() {
-            self.at_first.clear();
-            self.at_first.extend(nodes.iter().map(|n| fundus_map::coordinates(n.position_mm)));
-        }
         let changed = self.topology != Some(topology) || self.is_edge.len() != self.nodes.len();
         if changed {
             self.topology = Some(topology);
             self.triangles.clear();
+            self.in_map.clear();
+            self.in_map.resize(self.nodes.len(), [0.0; 2]);
+            for home in homes.iter().filter(|h| h.node < count) {
+                self.in_map[home.node as usize] = fundus_map::coordinates(home.position_mm);
+            }
             let fits = |t: &&SceneTriangle| t.nodes.iter().all(|&n| n < count);
-            let of = |membrane: bool| triangles.iter().filter(move |t| (t.tissue == MEMBRANE) == membrane);
-            self.triangles.extend(of(true).filter(fits).map(|t| t.nodes));
+            let kind = |t: &SceneTriangle| match t.tissue {
+                TISSUE_MEMBRANE => 0,
+                TISSUE_GONE => 2,
+                _ => 1,
+            };
+            let of = |which: u32| triangles.iter().filter(move |t| kind(t) == which);
+            self.triangles.extend(of(0).filter(fits).map(|t| t.nodes));
             self.membrane = self.triangles.len();
-            self.triangles.extend(of(false).filter(fits).map(|t| t.nodes));
+            self.triangles.extend(of(1).filter(fits).map(|t| t.nodes));
+            self.retina = self.triangles.len() - self.membrane;
+            self.triangles.extend(of(2).filter(fits).map(|t| t.nodes));
             self.refused = (triangles.len() - self.triangles.len()) as u64;
             self.mark_edges();
         }
         changed
     }
 
-    /// How many of the triangles belong to the membrane; they come first.
-    pub fn membrane_triangles(&self) -> usize {
-        self.membrane
+    /// How many of the triangles belong to the membrane, which come first, and how many to the retina, which follow; the rest are gone.
+    pub fn counts(&self) -> [usize; 2] {
+        [self.membrane, self.retina]
     }
 
     /// Triangles to draw.
@@ -120,7 +131,7 @@ impl Tissue {
             self.vertices.push(SheetVertex {
                 position: in_eye(node, eye_from_instrument).to_array(),
                 normal: [0.0; 3],
-                more: if self.is_retina[i] { self.at_first[i] } else { [edge, i as f32] },
+                more: if self.is_retina[i] { self.in_map[i] } else { [edge, i as f32] },
             });
         }
         self.add_normals();
@@ -128,7 +139,7 @@ impl Tissue {
     }
 
     fn add_normals(&mut self) {
-        for t in &self.triangles {
+        for t in &self.triangles[..self.membrane + self.retina] {
             let [a, b, c] = t.map(|n| Vec3::from(self.vertices[n as usize].position));
             // Not normalised: large triangles count more.
             let normal = (b - a).cross(c - a);
@@ -176,8 +187,8 @@ mod tests {
     fn normals_look_into_the_eye_and_edges_are_found() {
         let (nodes, triangles) = square();
         let mut tissue = Tissue::default();
-        assert!(tissue.take(&nodes, &triangles, 1));
-        assert!(!tissue.take(&nodes, &triangles, 1), "same topology");
+        assert!(tissue.take(&nodes, &triangles, &[], 1));
+        assert!(!tissue.take(&nodes, &triangles, &[], 1), "same topology");
         let v = tissue.place(&[Mat4::IDENTITY; 2]);
         assert!(v.iter().all(|v| (v.normal[2] - 1.0).abs() < 1e-6));
         assert_eq!(v.iter().map(|v| v.more[0]).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
@@ -188,26 +199,27 @@ mod tests {
         let (mut nodes, triangles) = square();
         nodes[0] = node([0.1, 0.0, 0.0], NODE_BOUND + 1);
         let mut tissue = Tissue::default();
-        tissue.take(&nodes, &triangles, 1);
+        tissue.take(&nodes, &triangles, &[], 1);
         let moved = Mat4::from_translation(Vec3::new(0.0, 2.0, -9.0));
         let v = tissue.place(&[Mat4::IDENTITY, moved]);
         assert_eq!(v[0].position, [0.1, 2.0, -9.0]);
     }
 
     #[test]
-    fn retina_keeps_its_place_in_the_map_when_it_moves() {
+    fn retina_keeps_its_place_in_the_map_when_it_moves_and_what_is_gone_comes_last() {
         let (mut nodes, mut triangles) = square();
-        triangles[3].tissue = 1;
+        (triangles[1].tissue, triangles[3].tissue) = (2, 1);
+        let home = SceneHome { position_mm: [1.0, -2.0, -11.0], node: 4 };
+        let beyond = SceneHome { node: 99, ..home };
         let mut tissue = Tissue::default();
-        tissue.take(&nodes, &triangles, 1);
-        assert_eq!((tissue.membrane_triangles(), tissue.triangles()[3]), (3, triangles[3].nodes));
+        tissue.take(&nodes, &triangles, &[home, beyond], 1);
+        assert_eq!(tissue.counts(), [2, 1]);
+        assert_eq!(tissue.triangles()[2..], [triangles[3].nodes, triangles[1].nodes]);
         let first = tissue.place(&[Mat4::IDENTITY; 2])[4].more;
-        assert_eq!(first, fundus_map::coordinates([0.0, -1.0, -11.0]));
+        assert_eq!(first, fundus_map::coordinates(home.position_mm));
         nodes[4].position_mm = [3.0, 1.0, -9.0];
-        tissue.take(&nodes, &triangles, 2);
+        tissue.take(&nodes, &triangles, &[home], 2);
         assert_eq!(tissue.place(&[Mat4::IDENTITY; 2])[4].more, first);
-        tissue.take(&nodes, &triangles, 1 << 32);
-        assert_ne!(tissue.place(&[Mat4::IDENTITY; 2])[4].more, first, "a reset lays everything down again");
     }
 
     #[test]
@@ -216,12 +228,12 @@ mod tests {
         nodes[2].position_mm[0] = f32::NAN;
         triangles.push(SceneTriangle { nodes: [0, 1, 99], tissue: 0 });
         let mut tissue = Tissue::default();
-        tissue.take(&nodes, &triangles, 1);
+        tissue.take(&nodes, &triangles, &[], 1);
         assert_eq!((tissue.triangles().len(), tissue.refused), (4, 1));
         let finite = |v: &SheetVertex| v.position.iter().chain(&v.normal).all(|c| c.is_finite());
         assert!(tissue.place(&[Mat4::IDENTITY; 2]).iter().all(finite));
         // Fewer nodes under the same topology number must not leave dangling indices.
-        assert!(tissue.take(&nodes[..3], &triangles, 1));
+        assert!(tissue.take(&nodes[..3], &triangles, &[], 1));
         assert!(tissue.triangles().iter().flatten().all(|&n| n < 3));
     }
 }

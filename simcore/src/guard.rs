@@ -14,12 +14,14 @@ use nalgebra::Vector3;
 #[derive(Debug, Clone)]
 pub struct LastGood {
     position_mm: [Vec<f32>; 3],
+    /// Those of the first copy, for a node that was bad already when a step began.
+    first_mm: [Vec<f32>; 3],
 }
 
 impl LastGood {
     /// Takes a first copy.
     pub fn new(state: &MembraneState) -> Self {
-        LastGood { position_mm: state.position_mm.clone() }
+        LastGood { position_mm: state.position_mm.clone(), first_mm: state.position_mm.clone() }
     }
 
     /// Copies the positions, without allocating.
@@ -30,7 +32,9 @@ impl LastGood {
     }
 
     fn restore(&self, state: &mut MembraneState, node: usize) {
-        for (kept, now) in self.position_mm.iter().zip(&mut state.position_mm) {
+        let square: f32 = self.position_mm.iter().map(|kept| kept[node] * kept[node]).sum();
+        let good = if square <= RUNAWAY_MM * RUNAWAY_MM { &self.position_mm } else { &self.first_mm };
+        for (kept, now) in good.iter().zip(&mut state.position_mm) {
             now[node] = kept[node];
         }
         state.set_velocity(node, Vector3::zeros());

@@ -10,18 +10,14 @@ use crate::world::World;
 use protocol::events::EventKind;
 use protocol::geometry::Pose;
 use protocol::scene::{
-    NODE_DEAD, NODE_FREE, SceneBody, SceneHeader, SceneInstrument, SceneMark, SceneNode, SceneTriangle,
-    SectionWriter,
+    NODE_DEAD, NODE_FREE, SceneBody, SceneHeader, SceneHome, SceneInstrument, SceneMark, SceneNode,
+    SceneTriangle, SectionWriter, TISSUE_GONE, TISSUE_MEMBRANE, TISSUE_RETINA,
 };
 use protocol::scene_file::{BodyScene, BodyShape, MAX_BODIES};
 use protocol::time::Instants;
 
 /// Bytes kept for marks, bodies and text beside the mesh.
 const BESIDE_THE_MESH: usize = 16 << 10;
-/// The epiretinal membrane in [`SceneTriangle::tissue`].
-const TISSUE_MEMBRANE: u32 = 0;
-/// The retina in it.
-const TISSUE_RETINA: u32 = 1;
 /// Dark red, linear RGB and opacity.
 const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
 
@@ -38,7 +34,8 @@ pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>, retina: Option<&
     let mesh =
         |s: &Sheet| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
     let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
-    mesh(sheet) + retina.map_or(0, mesh) + bricks + BESIDE_THE_MESH
+    let homes = retina.map_or(0, |s| s.nodes() * size_of::<SceneHome>());
+    mesh(sheet) + retina.map_or(0, mesh) + homes + bricks + BESIDE_THE_MESH
 }
 
 /// Fills scene blocks; keeps the lists that are copied into them.
@@ -48,6 +45,8 @@ pub struct SceneWriter {
     triangles: Vec<SceneTriangle>,
     /// Topology for which `triangles` holds.
     topology: Option<u64>,
+    /// Where the retina's nodes lay at the start; it never changes.
+    homes: Vec<SceneHome>,
     marks: Vec<SceneMark>,
     bodies: Vec<SceneBody>,
     task: TaskText,
@@ -59,7 +58,12 @@ impl SceneWriter {
     /// Lists for a world.
     pub fn new(world: &World) -> Self {
         let (sheet, retina) = (world.sheet(), world.retina().map(|r| &r.sheet));
+        let homes = world.retina().map_or(&[][..], |r| &r.home_mm).iter().enumerate();
+        let base = sheet.nodes();
         SceneWriter {
+            homes: homes
+                .map(|(n, p)| SceneHome { position_mm: (*p).into(), node: (base + n) as u32 })
+                .collect(),
             nodes: Vec::with_capacity(sheet.nodes() + retina.map_or(0, |s| s.nodes())),
             triangles: Vec::with_capacity(sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len())),
             topology: None,
@@ -110,6 +114,7 @@ impl SceneWriter {
             text: writer
                 .write(self.task.lines(world, text, state.notice_kind).as_bytes())
                 .unwrap_or_default(),
+            homes: writer.write(&self.homes).unwrap_or_default(),
         }
     }
 
@@ -154,12 +159,17 @@ impl SceneWriter {
         }
     }
 
-    /// Only triangles of the retina that are loose, with the nodes that they hang on: what lies on is the fundus itself.
+    /// Only triangles of the retina that are loose, lie elsewhere than at the start, or are gone: what lies where it lay is the fundus itself.
     fn collect_retina_triangles(&mut self, world: &World, base: u32) {
-        let Some(retina) = world.retina() else { return };
-        let loose = retina.sheet.triangles.iter().zip(&retina.pieces.loose_alive).filter(|(_, a)| **a != 0);
-        let triangle = |t: &[u32; 3]| SceneTriangle { nodes: t.map(|n| n + base), tissue: TISSUE_RETINA };
-        self.triangles.extend(loose.map(|(t, _)| triangle(t)));
+        let (Some(model), Some(retina)) = (world.retina(), &world.state().retina) else { return };
+        for (t, nodes) in model.sheet.triangles.iter().enumerate() {
+            let gone = retina.tissue.triangle_alive[t] == 0;
+            let loose = model.pieces.loose_alive[t] != 0;
+            if gone || loose || nodes.iter().any(|&n| model.has_moved(retina, n)) {
+                let tissue = if gone { TISSUE_GONE } else { TISSUE_RETINA };
+                self.triangles.push(SceneTriangle { nodes: nodes.map(|n| n + base), tissue });
+            }
+        }
     }
 
     fn collect_marks(&mut self, world: &World) {

@@ -5,6 +5,8 @@
 mod balloon;
 #[path = "../examples/validation/beam.rs"]
 mod beam;
+#[path = "../examples/validation/bleb.rs"]
+mod bleb;
 // Titles and curves are for the pictures alone.
 #[allow(dead_code)]
 #[path = "../examples/validation/case.rs"]
@@ -102,4 +104,14 @@ fn tetrahedra_pass_the_patch_test() {
 #[test]
 fn a_beam_bends_and_rings_as_it_should() {
     check(&beam::CASE, 0.03);
+}
+
+#[test]
+fn a_strip_peels_at_rivlins_and_kendalls_force() {
+    check(&peel::CASE, 0.08);
+}
+
+#[test]
+fn a_bleb_of_the_retina_is_a_cap_under_laplaces_pressure() {
+    check(&bleb::CASE, 0.05);
 }

@@ -12,7 +12,7 @@ mod vitreous;
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
-pub use retina::RetinaScene;
+pub use retina::{RetinaOperation, RetinaScene};
 pub use task::{Goal, GoalOrder, MAX_GOALS, MAX_PATH, TaskScene};
 pub use tools::{NeedleScene, VitrectorScene};
 pub use vitreous::{
@@ -39,6 +39,7 @@ pub const SHIPPED: &[(&str, &str)] = &[
     ("lift", include_str!("../../../assets/scenes/lift.toml")),
     ("trim", include_str!("../../../assets/scenes/trim.toml")),
     ("relocation", include_str!("../../../assets/scenes/relocation.toml")),
+    ("translocation", include_str!("../../../assets/scenes/translocation.toml")),
 ];
 
 /// Why a scene was refused.

@@ -57,12 +57,33 @@ pub struct RetinaScene {
     pub seep_um_per_s: f64,
     /// Share of a pressing tip's sideways way by which it drags loose retina along.
     pub drag: f64,
+    /// Place of the optic disc, eye frame, mm: the nearest node never comes off, and a retina that is free all round turns about it.
+    /// Left out, nothing but the ora holds.
+    #[serde(default)]
+    pub disc_in_eye_mm: Option<[f64; 3]>,
+    /// What was done before the scene begins.
+    #[serde(default)]
+    pub operation: Option<RetinaOperation>,
+}
+
+/// An operation that has begun: the retina is off within a circle about the fovea, and may be cut along another one.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RetinaOperation {
+    /// Polar angle from the fovea up to which it is off the choroid, rad.
+    pub detached_rad: f64,
+    /// Fluid under it, mm³; 0 with a cut, through which it would flow.
+    #[serde(default)]
+    pub fluid_mm3: f64,
+    /// Polar angle of a retinotomy all round, rad; 0 for none.
+    #[serde(default)]
+    pub cut_rad: f64,
 }
 
 impl RetinaScene {
     /// Its plain numbers with their allowed ranges, both ends included.
     pub(super) fn ranges(&self) -> Vec<Range> {
-        vec![
+        let mut ranges = vec![
             ("retina.rings", f64::from(self.rings), 4.0, 64.0),
             ("retina.stiffness_un_per_mm", self.stiffness_un_per_mm, 0.0, 1e7),
             ("retina.bending_un_per_mm", self.bending_un_per_mm, 0.0, 1e7),
@@ -88,6 +109,17 @@ impl RetinaScene {
             ("retina.air_pa", self.air_pa, 0.0, 1e5),
             ("retina.seep_um_per_s", self.seep_um_per_s, 0.0, 1e4),
             ("retina.drag", self.drag, 0.0, 1.0),
-        ]
+        ];
+        let disc = self.disc_in_eye_mm.iter().flatten();
+        ranges.extend(disc.map(|&c| ("retina.disc_in_eye_mm", c, -20.0, 20.0)));
+        if let Some(begun) = &self.operation {
+            let fluid_mm3 = if begun.cut_rad > 0.0 { 0.0 } else { 2000.0 };
+            ranges.extend([
+                ("retina.operation.detached_rad", begun.detached_rad, 0.05, 1.5),
+                ("retina.operation.fluid_mm3", begun.fluid_mm3, 0.0, fluid_mm3),
+                ("retina.operation.cut_rad", begun.cut_rad, 0.0, begun.detached_rad),
+            ]);
+        }
+        ranges
     }
 }

@@ -8,8 +8,8 @@ use glam::{DMat3, DQuat, DVec3};
 use protocol::geometry::Pose;
 use protocol::rig::Rig;
 use protocol::scene::{
-    NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle,
-    SectionWriter,
+    NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode,
+    SceneTriangle, SectionWriter,
 };
 use protocol::scene_file::SceneFile;
 use renderer::start::microscope;
@@ -42,6 +42,7 @@ pub struct Contents {
     pub marks: Vec<SceneMark>,
     pub bodies: Vec<SceneBody>,
     pub bricks: Vec<SceneBrick>,
+    pub homes: Vec<SceneHome>,
 }
 
 /// The scene with the forceps at `tip`; `grabbed` binds the nodes within so many mm of them.
@@ -70,7 +71,8 @@ pub fn scene_of(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, conten
         + size_of_val(&*c.triangles)
         + size_of_val(&*c.marks)
         + size_of_val(&*c.bodies)
-        + size_of_val(&*c.bricks);
+        + size_of_val(&*c.bricks)
+        + size_of_val(&*c.homes);
     let mut payload = vec![0u128; bytes / 16 + 8];
     let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
     header.nodes = writer.write(&c.nodes).expect("room for the nodes");
@@ -78,6 +80,7 @@ pub fn scene_of(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, conten
     header.marks = writer.write(&c.marks).expect("room for the marks");
     header.bodies = writer.write(&c.bodies).expect("room for the bodies");
     header.bricks = writer.write(&c.bricks).expect("room for the bricks");
+    header.homes = writer.write(&c.homes).expect("room for the homes");
     Scene { header, payload }
 }
 
@@ -131,7 +134,10 @@ fn bleb(height: f32) -> Contents {
             let (sin, cos) = (k as f32 / AROUND as f32 * std::f32::consts::TAU).sin_cos();
             let away = (side * cos + centre.cross(side) * sin) * (2.6 / 11.5 * share);
             let lift = height * (1.0 - share * share);
-            let p = (centre + away).normalize() * (11.5 - lift);
+            let out = (centre + away).normalize();
+            let p = out * (11.5 - lift);
+            let node = contents.nodes.len() as u32;
+            contents.homes.push(SceneHome { position_mm: (out * 11.5).to_array(), node });
             contents.nodes.push(SceneNode { position_mm: p.to_array(), flag: NODE_FREE });
         }
     }

@@ -13,8 +13,8 @@ use wgpu::{
 pub struct Sheet {
     vertices: Buffer,
     indices: Buffer,
-    /// Corners of membrane triangles, which come first, and of retina.
-    corners: [u32; 2],
+    /// Corners of membrane triangles, which come first, of retina, and of retina that is gone.
+    corners: [u32; 3],
 }
 
 impl Sheet {
@@ -23,7 +23,7 @@ impl Sheet {
         let vertices =
             geometry_buffer(device, "sheet", nodes * size_of::<SheetVertex>(), BufferUsages::VERTEX);
         let indices = geometry_buffer(device, "sheet", triangles * 12, BufferUsages::INDEX);
-        Self { vertices, indices, corners: [0; 2] }
+        Self { vertices, indices, corners: [0; 3] }
     }
 
     /// Makes room where a scene brings more than was foreseen.
@@ -35,10 +35,10 @@ impl Sheet {
         }
     }
 
-    /// Takes the triangles in, `membrane` of which come before those of lifted retina.
-    pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]], membrane: usize) {
+    /// Takes the triangles in: so many of the membrane and of the retina, then those of retina that is gone.
+    pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]], [membrane, retina]: [usize; 2]) {
         queue.write_buffer(&self.indices, 0, bytemuck::cast_slice(triangles));
-        self.corners = [membrane, triangles.len() - membrane].map(|n| 3 * n as u32);
+        self.corners = [membrane, retina, triangles.len() - membrane - retina].map(|n| 3 * n as u32);
     }
 
     /// Takes the vertices in.
@@ -54,6 +54,11 @@ impl Sheet {
     /// Draws lifted retina with the pipeline that is set.
     pub fn draw_retina(&self, pass: &mut RenderPass<'_>) {
         self.draw_range(pass, self.corners[0]..self.corners[0] + self.corners[1]);
+    }
+
+    /// Draws the places at which retina lay that is lifted, moved or gone, with the pipeline that is set.
+    pub fn draw_bare(&self, pass: &mut RenderPass<'_>) {
+        self.draw_range(pass, self.corners[0]..self.corners.iter().sum());
     }
 
     fn draw_range(&self, pass: &mut RenderPass<'_>, range: Range<u32>) {

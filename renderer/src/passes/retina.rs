@@ -31,9 +31,10 @@ impl Retina {
 
     /// Draws before the fundus, which then shades only what is still seen of it; groups 0 and 1 are set.
     pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet, shading: Shading) {
-        for pipeline in &self.pipelines[shading as usize] {
-            pass.set_pipeline(pipeline);
-            sheet.draw_retina(pass);
-        }
+        let [lifted, choroid] = &self.pipelines[shading as usize];
+        pass.set_pipeline(lifted);
+        sheet.draw_retina(pass);
+        pass.set_pipeline(choroid);
+        sheet.draw_bare(pass);
     }
 }

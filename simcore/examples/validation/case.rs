@@ -1,6 +1,6 @@
 //! What a case of the validation is, and the list of them all. A new case is a file with a `CASE` and a line in [`ALL`].
 
-use crate::{balloon, beam, chain, hencky, lattice, modes, oscillator, patch, peel};
+use crate::{balloon, beam, bleb, chain, hencky, lattice, modes, oscillator, patch, peel};
 use serde_json::Value;
 use simcore::elements::conjugate::Limits;
 use simcore::elements::integrator::Settings;
@@ -19,6 +19,7 @@ pub const ALL: &[Case] = &[
     patch::CASE,
     beam::CASE,
     peel::CASE,
+    bleb::CASE,
 ];
 
 /// How hard a quasi-static step tries: far beyond what a comparison within 0.1 % needs.

@@ -6,6 +6,7 @@
 
 mod balloon;
 mod beam;
+mod bleb;
 mod case;
 mod chain;
 mod font;

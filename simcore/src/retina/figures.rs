@@ -25,6 +25,13 @@ pub const DISCHARGE: f64 = 0.62;
 pub const DENSITY: f64 = 1.0e-3;
 /// A bleb loses at most this share of its fluid in a substep, so that a large tear does not empty it past 0.
 pub const LARGEST_LOSS: f64 = 0.1;
+/// A bleb with larger gaps than this, mm², is open: fluid passes freely, and nothing is left of a pressure. By Torricelli's law a pascal
+/// would drive more than the largest bleb's fluid through them in a second.
+pub const OPEN_MM2: f64 = 5.0;
+/// Flow at which a fluid–air exchange drives fluid out of an open bleb, mm³/s: 12 ml/min, what an air pump delivers through its line.
+pub const EXCHANGE_MM3_S: f64 = 200.0;
+/// A node that lies farther than this from where it lay at the start, mm, is drawn there: more than the rounding of a place on the choroid.
+pub const MOVED_MM: f32 = 0.01;
 /// Retina this near to a loose node of its own bleb that holds less than this over its area counts as lying on: the film that is left,
 /// mm, is taken up by the choroid.
 pub const FILM_MM: f64 = 0.005;

@@ -10,8 +10,11 @@
 //!
 //! over the free nodes (a held one does not yield, nor does one that lies on the choroid while the volume must shrink). One such step
 //! leaves an error of second order; at the end of a field's step it is repeated until the rounding of the positions is reached.
+//!
+//! A bleb that gapes ([`Pieces::open`](super::pieces::Pieces::open)), such as a retina that was cut all round, holds no pressure: its account
+//! follows its mesh, and what passes the gap is leaked. Only a fluid–air exchange drives it to the choroid, at the flow of the air pump.
 
-use super::figures::{Figures, LARGEST_LOSS, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES};
+use super::figures::{EXCHANGE_MM3_S, Figures, LARGEST_LOSS, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES};
 use super::state::{Bleb, RetinaState};
 use super::volume::{add_push, at, under_triangle};
 use super::{Retina, front};
@@ -51,8 +54,13 @@ impl Retina {
                     self.figures.drain(&mut state.blebs[usize::from(bleb) - 1], area, state.air);
             }
         }
-        for (bleb, area_mm2) in state.blebs.iter_mut().zip(&self.pieces.area_mm2) {
-            if bleb.torn_mm2 > 0.0 {
+        for (number, (bleb, area_mm2)) in state.blebs.iter_mut().zip(&self.pieces.area_mm2).enumerate() {
+            if self.pieces.open[number] {
+                let driven = if state.air { EXCHANGE_MM3_S * SUBSTEP_S } else { 0.0 };
+                let lost = driven.min(LARGEST_LOSS * bleb.volume_mm3.max(0.0));
+                bleb.volume_mm3 -= lost;
+                state.account.leaked_mm3 += lost;
+            } else if bleb.torn_mm2 > 0.0 {
                 state.account.leaked_mm3 += self.figures.drain(bleb, bleb.torn_mm2, state.air);
             }
             if state.air && bleb.pressure_pa + scene.air_pa > 0.0 {
@@ -66,8 +74,22 @@ impl Retina {
 
     /// Volume under a bleb as the mesh has it, mm³.
     pub fn measured_mm3(&self, state: &RetinaState, bleb: usize) -> f64 {
-        let triangles = self.pieces.triangles_of(bleb).iter();
+        let triangles = self.pieces.triangles_of(bleb).iter().filter(|&&t| self.spans(state, bleb, t));
         triangles.map(|&t| under_triangle(&self.corners(state, t), self.figures.radius_mm)).sum()
+    }
+
+    /// True if a triangle of a bleb has fluid under it: a dead one is a film over the gap, unless the bleb is open.
+    fn spans(&self, state: &RetinaState, bleb: usize, triangle: u32) -> bool {
+        !self.pieces.open[bleb] || state.tissue.triangle_alive[triangle as usize] != 0
+    }
+
+    /// Lets an open bleb's account follow its mesh; with air in the eye fluid only leaves.
+    fn level(&self, state: &mut RetinaState, bleb: usize) {
+        let passed = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
+        if !state.air || passed > 0.0 {
+            state.blebs[bleb].volume_mm3 -= passed;
+            state.account.leaked_mm3 += passed;
+        }
     }
 
     /// Volume under the whole retina as the mesh has it, mm³.
@@ -83,6 +105,13 @@ impl Retina {
     pub(super) fn hold_volumes(&mut self, state: &mut RetinaState) {
         self.clear_push();
         for bleb in 0..self.pieces.count() {
+            if self.pieces.open[bleb] {
+                self.level(state, bleb);
+                if !state.air {
+                    state.blebs[bleb].pressure_pa = 0.0;
+                    continue;
+                }
+            }
             let lambda = self.correct(state, bleb, Some(SUBSTEP_S));
             let pressure_pa = lambda * self.figures.scene.node_mass_g / (SUBSTEP_S * SUBSTEP_S);
             let kept = &mut state.blebs[bleb].pressure_pa;
@@ -93,6 +122,9 @@ impl Retina {
     /// Brings every bleb to its account's volume as nearly as f32 positions can.
     pub(super) fn settle_volumes(&mut self, state: &mut RetinaState) {
         for bleb in 0..self.pieces.count() {
+            if self.pieces.open[bleb] {
+                self.level(state, bleb);
+            }
             for _ in 0..VOLUME_TRIES {
                 self.clear_push();
                 let error = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
@@ -124,6 +156,9 @@ impl Retina {
         let radius = self.figures.radius_mm;
         let mut measured = 0.0;
         for &t in self.pieces.triangles_of(bleb) {
+            if !self.spans(state, bleb, t) {
+                continue;
+            }
             let nodes = &self.sheet.triangles[t as usize];
             let corners = nodes.map(|n| at(&state.tissue, n));
             measured += under_triangle(&corners, radius);

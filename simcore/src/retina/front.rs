@@ -60,7 +60,7 @@ impl Retina {
             let front = self.pieces.front[slot];
             let release = self.release_of(slot);
             let most = &mut worst[usize::from(front.bleb)];
-            if release >= most.0 && !self.ora[front.node as usize] {
+            if release >= most.0 && !self.fixed[front.node as usize] {
                 *most = (release, front.node);
             }
         }
@@ -138,7 +138,7 @@ impl Retina {
         let before = self.toll.detached.0;
         for n in 0..self.sheet.nodes() as u32 {
             let near = n == nearest || (at(&state.tissue, n) - from).norm_squared() <= d_mm * d_mm;
-            if near && holds(&state.tissue, n) && !self.ora[n as usize] {
+            if near && holds(&state.tissue, n) && !self.fixed[n as usize] {
                 state.tissue.flag[n as usize] = NODE_FREE;
                 self.toll.detached = (self.toll.detached.0 + 1, n);
             }

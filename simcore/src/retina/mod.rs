@@ -16,6 +16,7 @@ mod front;
 mod hold;
 pub mod mesh;
 mod needle;
+mod operation;
 pub mod pieces;
 pub mod state;
 mod surface;
@@ -85,8 +86,10 @@ pub struct Retina {
     /// Parts into which a substep is split for stability.
     splits: u32,
     home_mm2: Vec<f32>,
-    /// Nodes of the last ring, which always hold.
-    ora: Vec<bool>,
+    /// Nodes that always hold: the last ring, and the optic disc where the scene says where it is.
+    fixed: Vec<bool>,
+    /// The state before the first step.
+    begun: RetinaState,
     /// Force of a pressure of 1 Pa on each node, µN.
     push: Vec<Vector3<f64>>,
     /// Force on each front node, and where the bleb lies seen from it.
@@ -110,10 +113,10 @@ impl Retina {
         sheet.rest_mm.iter_mut().for_each(|l| *l = (f64::from(*l) / (1.0 + table.prestrain)) as f32);
         let mut tissue = Tissue::of_retina(table, radius_mm as f32);
         let splits = tissue.split(&sheet)?;
-        let state = state::start(sheet.start());
+        let mut state = state::start(sheet.start());
         let home_mm: Vec<_> = (0..sheet.nodes()).map(|n| state.tissue.position(n)).collect();
-        let mut ora = vec![false; sheet.nodes()];
-        sheet.rim.iter().for_each(|&n| ora[n as usize] = true);
+        let mut fixed = vec![false; sheet.nodes()];
+        sheet.rim.iter().for_each(|&n| fixed[n as usize] = true);
         let mut retina = Retina {
             figures: Figures::new(table, radius_mm, scene.needle.unwrap_or_default().radius_mm),
             pieces: Pieces::new(&sheet),
@@ -123,7 +126,8 @@ impl Retina {
             solver: Solver::new(&sheet),
             home_mm2: pieces::home_areas(&sheet, &home_mm),
             home_mm,
-            ora,
+            fixed,
+            begun: state.clone(),
             push: vec![Vector3::zeros(); sheet.nodes()],
             front_force: Vec::with_capacity(sheet.structural),
             front_load: Vec::with_capacity(sheet.structural),
@@ -132,12 +136,28 @@ impl Retina {
             sheet,
         };
         retina.find_again(&state);
+        if let Some(disc) = table.disc_in_eye_mm {
+            let node = retina.nearest_node(&state, &disc.into());
+            retina.fixed[node as usize] = true;
+        }
+        if let Some(operation) = &table.operation {
+            retina.operate(&mut state, operation);
+        }
+        retina.begun.clone_from(&state);
         Ok(Some((retina, state)))
     }
 
-    /// The state before anything happened.
+    /// The state before the first step.
     pub fn start(&self) -> RetinaState {
-        state::start(self.sheet.start())
+        let mut state = self.begun.clone();
+        state.reserve();
+        state
+    }
+
+    /// True if a node lies elsewhere than at the start.
+    pub fn has_moved(&self, state: &RetinaState, node: u32) -> bool {
+        let home = self.home_mm[node as usize];
+        (state.tissue.position(node as usize) - home).norm_squared() > figures::MOVED_MM * figures::MOVED_MM
     }
 
     /// True if an instrument's tip comes within `reach_mm` of loose retina, axis by axis.
@@ -206,7 +226,24 @@ impl Retina {
             self.toll.disabled = (count, last);
             self.after_loss(state);
         }
+        self.contain_fluid(state);
         self.settle_volumes(state);
+    }
+
+    /// A bleb whose account or pressure is not a number gets what the mesh holds, and the leaks take up the difference.
+    fn contain_fluid(&mut self, state: &mut RetinaState) {
+        let bad = |b: &state::Bleb| !(b.volume_mm3.is_finite() && b.pressure_pa.is_finite());
+        if state.account.leaked_mm3.is_finite() && !state.blebs.iter().any(bad) {
+            return;
+        }
+        for bleb in 0..self.pieces.count() {
+            if bad(&state.blebs[bleb]) {
+                let volume_mm3 = self.measured_mm3(state, bleb);
+                state.blebs[bleb] = state::Bleb { volume_mm3, pressure_pa: 0.0, ..state.blebs[bleb] };
+                self.toll.disabled = (self.toll.disabled.0 + 1, self.pieces.nodes_of(bleb)[0]);
+            }
+        }
+        state.account.leaked_mm3 = state.account.injected_mm3 - state.under_mm3();
     }
 
     fn contain(&mut self, state: &mut RetinaState) {
@@ -231,7 +268,7 @@ impl Retina {
     }
 
     /// After triangles have gone: what hung on them sinks to the choroid, and the fluid that was under it is lost.
-    fn after_loss(&mut self, state: &mut RetinaState) {
+    pub fn after_loss(&mut self, state: &mut RetinaState) {
         for bleb in 0..self.pieces.count() {
             let dead = |n: &u32| state.tissue.flag[*n as usize] == NODE_DEAD;
             if !self.pieces.nodes_of(bleb).iter().any(dead) {

@@ -3,7 +3,7 @@
 //! Everything here follows from flags and living triangles alone, and is made anew when those change; nothing of it is state. A gap that
 //! was torn into a bleb is still spanned by its dead triangles for the sake of the volume, as if by a film.
 
-use super::figures::MAX_BLEBS;
+use super::figures::{MAX_BLEBS, OPEN_MM2};
 use super::state::RetinaState;
 use crate::membrane::sheet::{NONE, Sheet};
 use crate::state::NODE_PINNED;
@@ -53,6 +53,8 @@ pub struct Pieces {
     pub loose_alive: Vec<u8>,
     /// Area of dead triangles of each bleb as they lay at the start, mm².
     pub torn_mm2: Vec<f64>,
+    /// Blebs whose gaps are so large that fluid passes freely. What is under one is measured under its living triangles alone.
+    pub open: Vec<bool>,
     /// Area of each bleb as it lay at the start, mm².
     pub area_mm2: Vec<f64>,
     taken_triangle: Vec<bool>,
@@ -76,6 +78,7 @@ impl Pieces {
             rims: Vec::with_capacity(2 * springs),
             loose_alive: vec![0; triangles],
             torn_mm2: Vec::with_capacity(MAX_BLEBS),
+            open: Vec::with_capacity(MAX_BLEBS),
             area_mm2: Vec::with_capacity(MAX_BLEBS),
             taken_triangle: vec![false; triangles],
             taken_spring: vec![false; springs],
@@ -127,6 +130,7 @@ impl Pieces {
                 torn += if dead { f64::from(home_mm2[t as usize]) } else { 0.0 };
             }
             self.torn_mm2.push(torn);
+            self.open.push(torn > OPEN_MM2);
             self.area_mm2.push(area);
         }
         for &t in &self.triangles {
@@ -147,6 +151,7 @@ impl Pieces {
             list.clear();
         }
         self.torn_mm2.clear();
+        self.open.clear();
         self.area_mm2.clear();
     }
 

@@ -5,7 +5,8 @@ use crate::constants::MAX_HELD;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::tear;
 use crate::state::{HeldNode, MembraneState, NODE_PINNED, is_bound, is_known_flag};
-use nalgebra::Vector3;
+use crate::tools::Removed;
+use nalgebra::{UnitVector3, Vector3};
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::{NODE_BOUND, NODE_FREE};
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,8 @@ pub struct RetinaState {
     pub held: [Vec<HeldNode>; INSTRUMENTS],
     /// The eye is filled with air: holes stay open, and what comes to lie on the choroid stays there.
     pub air: bool,
+    /// What vitrectors have taken of it.
+    pub removed: Removed,
 }
 
 /// Retina that came off in one piece, and the fluid under it.
@@ -113,18 +116,23 @@ impl RetinaState {
         flag == NODE_FREE || is_bound(flag)
     }
 
-    /// How far the retina that came off at any time has turned about the axis through the fovea, rad; counter-clockwise seen from the
-    /// inside. `home_mm` is where the nodes lay at the start.
-    pub fn turn_rad(&self, home_mm: &[Vector3<f32>]) -> f64 {
+    /// How far the retina that came off at any time has turned about `axis` from the eye's centre, rad; counter-clockwise seen against
+    /// it. `home_mm` is where the nodes lay at the start. It is the turn that leaves the least sum of squared distances.
+    pub fn turn_about_rad(&self, home_mm: &[Vector3<f32>], axis: &UnitVector3<f64>) -> f64 {
         let (mut sine, mut cosine) = (0.0, 0.0);
         for (node, home) in home_mm.iter().enumerate() {
             let (h, now) = (home.map(f64::from), self.tissue.position(node).map(f64::from));
             if self.is_loose(node) || (now - h).norm_squared() > 0.0 {
-                sine += h.x * now.y - h.y * now.x;
-                cosine += h.x * now.x + h.y * now.y;
+                sine += h.cross(&now).dot(axis);
+                cosine += h.dot(&now) - h.dot(axis) * now.dot(axis);
             }
         }
         if sine == 0.0 { 0.0 } else { libm::atan2(sine, cosine) }
+    }
+
+    /// The turn about the axis from the fovea to the lens, counter-clockwise seen from the inside, rad.
+    pub fn turn_rad(&self, home_mm: &[Vector3<f32>]) -> f64 {
+        self.turn_about_rad(home_mm, &Vector3::z_axis())
     }
 
     /// Gives every list its full capacity, so that no step allocates.
@@ -204,6 +212,7 @@ pub fn start(mut tissue: MembraneState) -> RetinaState {
         presses: [PressState::default(); INSTRUMENTS],
         held: [const { Vec::new() }; INSTRUMENTS],
         air: false,
+        removed: Removed::default(),
     };
     state.reserve();
     state

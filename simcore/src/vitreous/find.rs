@@ -54,13 +54,18 @@ pub struct Finder {
     boxes: Vec<[[i16; 3]; 2]>,
     /// Rows whose box is out of date, a bit each.
     stale: Vec<u64>,
+    simd: pulp::Arch,
 }
 
 impl Finder {
     /// All boxes out of date.
     pub fn new(lattice: &Lattice) -> Self {
         let rows = lattice.rows.len();
-        Finder { boxes: vec![[[0; 3]; 2]; rows], stale: vec![u64::MAX; rows.div_ceil(64)] }
+        Finder {
+            boxes: vec![[[0; 3]; 2]; rows],
+            stale: vec![u64::MAX; rows.div_ceil(64)],
+            simd: pulp::Arch::new(),
+        }
     }
 
     /// To be called for every row in which something moved or went.
@@ -79,7 +84,7 @@ impl Finder {
                 let row = word * 64 + bits.trailing_zeros() as usize;
                 *bits &= *bits - 1;
                 if row < self.boxes.len() {
-                    self.boxes[row] = bounds(lattice, state, row);
+                    self.boxes[row] = self.simd.dispatch(Bounds { lattice, state, row });
                 }
             }
         }
@@ -123,24 +128,39 @@ impl Finder {
     }
 }
 
-fn bounds(lattice: &Lattice, state: &VitreousState, number: usize) -> [[i16; 3]; 2] {
-    let row = &lattice.rows[number];
-    let (start, len) = (row.start as usize, usize::from(row.len));
-    let status = &state.status[start..][..len];
-    let rest = lattice.rest_um(start);
-    let (mut low, mut high) = ([i16::MAX; 3], [i16::MIN; 3]);
-    for c in 0..3 {
-        let shift = &state.shift_um[c][start..][..len];
-        // Along the row the places at rest go up by the spacing.
-        let (mut at, step) = (rest[c] as i16, if c == 0 { lattice.pitch_um as i16 } else { 0 });
-        for (&status, &shift) in status.iter().zip(shift) {
-            let (place, alive) = (at.saturating_add(shift), status & ALIVE != 0);
-            low[c] = low[c].min(if alive { place } else { i16::MAX });
-            high[c] = high[c].max(if alive { place } else { i16::MIN });
-            at = at.wrapping_add(step);
+/// The box around the living elements of a row.
+struct Bounds<'a> {
+    lattice: &'a Lattice,
+    state: &'a VitreousState,
+    row: usize,
+}
+
+impl pulp::NullaryFnOnce for Bounds<'_> {
+    type Output = [[i16; 3]; 2];
+
+    #[inline(always)]
+    fn call(self) -> [[i16; 3]; 2] {
+        let Bounds { lattice, state, row } = self;
+        let row = &lattice.rows[row];
+        let (start, len) = (row.start as usize, usize::from(row.len));
+        let status = &state.status[start..][..len];
+        let rest = lattice.rest_um(start);
+        let (mut low, mut high) = ([i16::MAX; 3], [i16::MIN; 3]);
+        for c in 0..3 {
+            let shift = &state.shift_um[c][start..][..len];
+            // Along the row the places at rest go up by the spacing.
+            let (first, step) = (rest[c] as i16, if c == 0 { lattice.pitch_um as i16 } else { 0 });
+            let (mut least, mut most) = (i16::MAX, i16::MIN);
+            for i in 0..len {
+                let place = first.wrapping_add(step.wrapping_mul(i as i16)).saturating_add(shift[i]);
+                let alive = -i16::from(status[i] & ALIVE);
+                least = least.min(place & alive | i16::MAX & !alive);
+                most = most.max(place & alive | i16::MIN & !alive);
+            }
+            (low[c], high[c]) = (least, most);
         }
+        [low, high]
     }
-    [low, high]
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@
 //! whole numbers: a sum of them does not depend on the order in which elements moved. So only elements that
 //! moved by an eighth, or went, since the last picture are taken out and put in again, and only their bricks are written anew.
 
-use super::lattice::Lattice;
-use super::state::VitreousState;
+use super::lattice::{Lattice, PAD};
+use super::state::{ALIVE, VitreousState};
 use bytemuck::Zeroable;
 use protocol::scene::SceneBrick;
 
@@ -26,11 +26,22 @@ pub struct Haze {
     number: Vec<u32>,
     /// Bricks to write anew.
     dirty: Vec<bool>,
-    /// Where elements were when they were put in, eighths of a cell from rest.
-    drawn_at: Vec<[i16; 3]>,
+    /// Where elements were when they were put in, eighths of a cell from rest along x, y and z.
+    drawn_at: [Vec<i16>; 3],
     /// Eighths of a cell in a µm.
     fine_per_um: f32,
-    drawn: Vec<bool>,
+    /// [`ALIVE`] for elements that are put in.
+    drawn: Vec<u8>,
+    simd: pulp::Arch,
+    row: RowNow,
+}
+
+/// A row as it is now, for its comparison with what was drawn.
+#[derive(Debug, Clone)]
+struct RowNow {
+    at: [[i16; PAD]; 3],
+    /// Not 0 for elements that moved or went.
+    differs: [u8; PAD],
 }
 
 const NO_BRICK: u32 = u32::MAX;
@@ -71,9 +82,11 @@ impl Haze {
             dirty: vec![false; bricks.len()],
             bricks,
             number,
-            drawn_at: vec![[0; 3]; lattice.len()],
+            drawn_at: std::array::from_fn(|_| vec![0; lattice.len()]),
             fine_per_um: (1 << FINE_BITS) as f32 / lattice.pitch_um as f32,
-            drawn: vec![false; lattice.len()],
+            drawn: vec![0; lattice.len()],
+            simd: pulp::Arch::new(),
+            row: RowNow { at: [[0; PAD]; 3], differs: [0; PAD] },
         }
     }
 
@@ -85,58 +98,62 @@ impl Haze {
     /// Follows what moved or went in a row.
     pub fn follow(&mut self, lattice: &Lattice, state: &VitreousState, row: usize) {
         let row = &lattice.rows[row];
-        let start = row.start as usize;
-        for e in start..start + usize::from(row.len) {
-            let [x, y, z] = &state.shift_um;
-            let now = [self.fine(x[e]), self.fine(y[e]), self.fine(z[e])];
-            let alive = state.is_alive(e);
-            if alive == self.drawn[e] && (!alive || now == self.drawn_at[e]) {
+        let (start, len) = (row.start as usize, usize::from(row.len).min(PAD));
+        let now = Compare {
+            shift: state.shift_um.each_ref().map(|s| &s[start..][..len]),
+            status: &state.status[start..][..len],
+            drawn_at: self.drawn_at.each_ref().map(|d| &d[start..][..len]),
+            drawn: &self.drawn[start..][..len],
+            fine_per_um: self.fine_per_um,
+            row: &mut self.row,
+        };
+        if !self.simd.dispatch(now) {
+            return;
+        }
+        for i in 0..len {
+            if self.row.differs[i] == 0 {
                 continue;
             }
-            if self.drawn[e] {
-                self.put(lattice, e, self.drawn_at[e], false);
+            let (e, alive) = (start + i, state.status[start + i] & ALIVE);
+            if self.drawn[e] != 0 {
+                let was = self.drawn_at.each_ref().map(|d| d[e]);
+                self.put(lattice, e, was, false);
             }
-            if alive {
+            let now = self.row.at.each_ref().map(|at| at[i]);
+            if alive != 0 {
                 self.put(lattice, e, now, true);
             }
-            (self.drawn_at[e], self.drawn[e]) = (now, alive);
+            self.drawn_at.iter_mut().zip(now).for_each(|(d, now)| d[e] = now);
+            self.drawn[e] = alive;
         }
-    }
-
-    /// A displacement in whole eighths of a cell, rounded down; the same for the same displacement, and that is all it must be.
-    fn fine(&self, shift_um: i16) -> i16 {
-        const LIFT: f32 = 8192.0;
-        (f32::from(shift_um) * self.fine_per_um + LIFT) as i16 - LIFT as i16
     }
 
     /// Adds an element's density to the cells around its place, or takes it away.
     fn put(&mut self, lattice: &Lattice, e: usize, at: [i16; 3], add: bool) {
+        const WHOLE: u32 = 1 << FINE_BITS;
         let cell = lattice.cell(e);
         let last = (lattice.cells as i32 - 1) << FINE_BITS;
-        // Along each axis: the lower cell, and eighths of the way to the next one.
-        let fine: [(usize, u32); 3] = std::array::from_fn(|c| {
+        // Along each axis: the lower cell, and the shares of it and the next one in eighths.
+        let fine: [(usize, [u32; 2]); 3] = std::array::from_fn(|c| {
             let at = ((cell[c] << FINE_BITS) + i32::from(at[c])).clamp(0, last) as usize;
-            (at >> FINE_BITS, (at & ((1 << FINE_BITS) - 1)) as u32)
+            let part = (at & (WHOLE as usize - 1)) as u32;
+            (at >> FINE_BITS, [WHOLE - part, part])
         });
-        let side = self.along * BRICK;
-        for corner in 0..8 {
-            let mut weight = u32::from(lattice.density[e]);
-            let mut at = [0; 3];
-            for c in 0..3 {
-                let upper = corner >> c & 1;
-                let (lower, part) = fine[c];
-                weight *= if upper == 1 { part } else { (1 << FINE_BITS) - part };
-                at[c] = lower + upper;
-            }
-            if weight == 0 {
-                continue;
-            }
-            let sum = &mut self.sums[at[0] + side * (at[1] + side * at[2])];
-            *sum = if add { *sum + weight } else { *sum - weight };
-            let [x, y, z] = at.map(|c| c / BRICK);
-            let brick = self.number[x + self.along * (y + self.along * z)];
-            if brick != NO_BRICK {
-                self.dirty[brick as usize] = true;
+        let [(x, in_x), (y, in_y), (z, in_z)] = fine;
+        let (side, density) = (self.along * BRICK, u32::from(lattice.density[e]));
+        for (k, wz) in in_z.into_iter().enumerate().filter(|(_, w)| *w != 0) {
+            for (j, wy) in in_y.into_iter().enumerate().filter(|(_, w)| *w != 0) {
+                let row = side * (y + j + side * (z + k));
+                let bricks = self.along * ((y + j) / BRICK + self.along * ((z + k) / BRICK));
+                for (i, wx) in in_x.into_iter().enumerate().filter(|(_, w)| *w != 0) {
+                    let weight = density * wx * wy * wz;
+                    let sum = &mut self.sums[row + x + i];
+                    *sum = if add { *sum + weight } else { *sum - weight };
+                    let brick = self.number[bricks + (x + i) / BRICK];
+                    if brick != NO_BRICK {
+                        self.dirty[brick as usize] = true;
+                    }
+                }
             }
         }
     }
@@ -162,6 +179,47 @@ impl Haze {
         }
         written
     }
+}
+
+/// Compares a row with what was drawn of it: plain loops, so that the compiler takes many elements at a time. `true` if anything differs.
+struct Compare<'a> {
+    shift: [&'a [i16]; 3],
+    status: &'a [u8],
+    drawn_at: [&'a [i16]; 3],
+    drawn: &'a [u8],
+    fine_per_um: f32,
+    row: &'a mut RowNow,
+}
+
+impl pulp::NullaryFnOnce for Compare<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn call(self) -> bool {
+        let Compare { shift, status, drawn_at, drawn, fine_per_um, row } = self;
+        let len = status.len().min(PAD);
+        let differs = &mut row.differs[..len];
+        let (status, drawn) = (&status[..len], &drawn[..len]);
+        for i in 0..len {
+            differs[i] = (status[i] & ALIVE) ^ drawn[i];
+        }
+        for axis in 0..3 {
+            let (shift, was, now) = (&shift[axis][..len], &drawn_at[axis][..len], &mut row.at[axis][..len]);
+            for i in 0..len {
+                now[i] = fine(shift[i], fine_per_um);
+                // What is neither there nor drawn may have moved.
+                differs[i] |= u8::from(now[i] != was[i]) & status[i] & drawn[i];
+            }
+        }
+        differs.iter().fold(0, |any, d| any | d) != 0
+    }
+}
+
+/// A displacement in whole eighths of a cell, rounded down; the same for the same displacement, and that is all it must be.
+#[inline(always)]
+fn fine(shift_um: i16, fine_per_um: f32) -> i16 {
+    const LIFT: f32 = 8192.0;
+    ((f32::from(shift_um) * fine_per_um + LIFT) as i32 - LIFT as i32) as i16
 }
 
 #[cfg(test)]

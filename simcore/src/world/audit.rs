@@ -15,7 +15,130 @@ impl World {
         tear::check_mesh(&self.sheet, &self.state.membrane)?;
         BodiesState::check(self.state.bodies.as_ref(), self.scene.bodies.as_ref())
             .map_err(|e| e.to_string())?;
+        self.audit_retina()?;
         self.check_vitreous(&self.state).map_err(|e| e.to_string())?;
         self.audit_glue()
+    }
+
+    /// The retina's mesh is whole, its blebs are those of its flags, and the fluid balances: injected = under it + leaked.
+    fn audit_retina(&self) -> Result<(), String> {
+        self.check_retina(&self.state).map_err(|e| e.to_string())?;
+        let Some(retina) = &self.state.retina else { return Ok(()) };
+        let account = &retina.account;
+        let missing = account.injected_mm3 - account.leaked_mm3 - retina.under_mm3();
+        let rounding = 1e-9 * (1.0 + account.injected_mm3.abs() + account.leaked_mm3.abs());
+        if missing.abs() <= rounding {
+            Ok(())
+        } else {
+            Err(format!("{missing:e} mm³ of the fluid under the retina are missing from its account"))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rehearsal::Rehearsal;
+    use crate::world::{StepInput, no_clock};
+    use protocol::events::EventKind;
+    use protocol::scene_file::{RetinaOperation, SceneFile};
+
+    /// Plays a scene for a while, spoils its state, plays on: the events of the second part. The audit must pass after every step.
+    fn spoiled(scene: &SceneFile, fields: u64, spoil: impl FnOnce(&mut World)) -> (World, Vec<u32>) {
+        let (rehearsal, mut world) = (Rehearsal::shipped(scene), World::new(scene).unwrap());
+        let mut events = Vec::new();
+        let mut spoil = Some(spoil);
+        for field in 0..fields + 25 {
+            if field == fields {
+                spoil.take().unwrap()(&mut world);
+                events.clear();
+            }
+            rehearsal.play(&mut world, field, &mut no_clock);
+            events.extend(world.events().iter().map(|e| e.kind));
+            world.audit().unwrap_or_else(|e| panic!("field {field}: {e}"));
+        }
+        (world, events)
+    }
+
+    const DISABLED: u32 = EventKind::TissueDisabled as u32;
+
+    #[test]
+    fn a_bad_number_in_the_membrane_costs_its_node_and_the_rest_goes_on() {
+        let scene = SceneFile::load("peel").unwrap();
+        for bad in [f32::NAN, f32::NEG_INFINITY, 3e20] {
+            let node = 250;
+            let (world, events) = spoiled(&scene, 5, |w| w.state.membrane.position_mm[2][node] = bad);
+            let alive = |a: &&u8| **a != 0;
+            let lost = 1000 - world.state.membrane.triangle_alive.iter().filter(alive).count();
+            assert!(events.contains(&DISABLED) && (1..=40).contains(&lost), "{bad}: {lost} triangles");
+            let (_, events) = spoiled(&scene, 5, |w| w.state.membrane.velocity_mm_s[0][node] = bad);
+            assert!(events.contains(&DISABLED), "{bad} as a velocity");
+        }
+    }
+
+    #[test]
+    fn a_bad_number_in_the_retina_or_its_fluid_costs_its_culprit_and_the_rest_goes_on() {
+        let mut scene = SceneFile::load("relocation").unwrap();
+        let operation = RetinaOperation { detached_rad: 0.4, fluid_mm3: 30.0, cut_rad: 0.0 };
+        scene.retina.as_mut().unwrap().operation = Some(operation);
+        let retina = |w: &mut World, spoil: fn(&mut crate::retina::state::RetinaState)| {
+            spoil(w.state.retina.as_mut().unwrap())
+        };
+        let spoils: [fn(&mut crate::retina::state::RetinaState); 4] = [
+            |r| r.tissue.position_mm[0][7] = f32::NAN,
+            |r| r.tissue.velocity_mm_s[1][7] = f32::INFINITY,
+            |r| r.blebs[0].volume_mm3 = f64::NAN,
+            |r| r.blebs[0].pressure_pa = f64::NEG_INFINITY,
+        ];
+        for (i, spoil) in spoils.into_iter().enumerate() {
+            let (world, events) = spoiled(&scene, 3, |w| retina(w, spoil));
+            assert!(events.contains(&DISABLED), "number {i}");
+            let loose = world.retina().unwrap().pieces.loose().len();
+            assert!(loose > 100, "number {i}: the rest is still lifted: {loose} nodes");
+        }
+    }
+
+    /// Bodies stop where they last were; an instrument whose pose is not a number is refused, and nothing else notices.
+    #[test]
+    fn bad_numbers_in_bodies_and_poses_touch_nothing_else() {
+        let scene = SceneFile::load("bodies").unwrap();
+        let (world, _) = spoiled(&scene, 5, |w| {
+            let body = &mut w.state.bodies.as_mut().unwrap().body[0];
+            body.velocity_mm_s.x = f64::NAN;
+        });
+        assert_eq!(world.state.step, 30);
+        for name in ["peel", "relocation", "vitrectomy", "bodies"] {
+            let scene = SceneFile::load(name).unwrap();
+            let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+            rehearsal.play(&mut world, 0, &mut no_clock);
+            let (mut frame, handles) = rehearsal.field(1);
+            frame.bodies[0].world_from_body.position_mm = [f64::NAN, 1e300, f64::INFINITY];
+            let input = StepInput { frame: &frame, handles: &handles, pedals: &[] };
+            world.step(&input, &mut no_clock);
+            let told = world.events().iter().any(|e| {
+                e.kind == EventKind::InputRefused as u32 || e.kind == EventKind::TrackingLost as u32
+            });
+            assert!(told, "{name}");
+            world.audit().unwrap_or_else(|e| panic!("{name}: {e}"));
+        }
+    }
+
+    /// The vitreous has whole numbers only, and every move ends at a limit: the fastest way through it, there and back, breaks none.
+    #[test]
+    fn the_vitreous_cannot_run_away() {
+        let mut scene = SceneFile::load("vitrectomy").unwrap();
+        scene.vitreous.as_mut().unwrap().lattice = 24;
+        let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+        for field in 0..40u64 {
+            let (mut frame, handles) = rehearsal.field(field);
+            let side = if field % 2 == 0 { 9.0 } else { -9.0 };
+            frame.bodies[0].world_from_body.position_mm = [side, 0.5 * side, -3.0];
+            let input = StepInput { frame: &frame, handles: &handles, pedals: &[] };
+            world.step(&input, &mut no_clock);
+            world.audit().unwrap_or_else(|e| panic!("field {field}: {e}"));
+        }
+        let (gel, state) = world.vitreous().unwrap();
+        let moved = state.shift_um.iter().flatten().filter(|&&s| s != 0).count();
+        assert!(moved > 20 && state.remaining_um3(gel.lattice()) > 0, "{moved}");
     }
 }

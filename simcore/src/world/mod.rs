@@ -3,6 +3,7 @@
 
 mod audit;
 mod bodies;
+mod cutting;
 mod peel;
 mod plan;
 mod retina;
@@ -129,7 +130,7 @@ pub struct World {
     /// What the scene says of its tools.
     figures: ToolFigures,
     /// The port's camera and the membrane's areas, where there is a membrane.
-    cutting: Option<tools::Cutting>,
+    cutting: Option<cutting::Cutting>,
     /// Where vitrectors and needles are in this substep.
     aimed: tools::Aimed,
     last_good: LastGood,
@@ -171,9 +172,10 @@ impl World {
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
         let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
-        let retina = model.map(|m| retina::RetinaPart::new(m, volume)).transpose()?;
+        let retina =
+            model.map(|m| retina::RetinaPart::new(m, volume, &ToolFigures::new(scene))).transpose()?;
         let figures = ToolFigures::new(scene);
-        let cutting = || tools::Cutting::new(&figures, &sheet);
+        let cutting = || cutting::Cutting::new(&figures, &sheet);
         let cutting = scene.membrane.is_some().then(cutting).transpose()?;
         let image = |i: usize| {
             let instrument = &scene.instruments[i];

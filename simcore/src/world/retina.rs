@@ -1,6 +1,7 @@
 //! The retina's share of a step: needles, jaws and tips on it, its own movement, and what happened to it.
 
 use super::World;
+use super::cutting::Cutting;
 use super::plan::{Plan, Poses};
 use crate::collision::surface::{Surface, Unusable};
 use crate::collision::zcoll::Zcoll;
@@ -9,7 +10,9 @@ use crate::event_log::Happening;
 use crate::retina::Retina;
 use crate::retina::state::RetinaState;
 use crate::state::State;
+use crate::tools::ToolFigures;
 use crate::tools::forceps::{self, Grasp};
+use crate::tools::vitrector::Port;
 use nalgebra::Vector3;
 use protocol::events::{EventKind, NO_INSTRUMENT, Severity};
 use protocol::handles::{PedalMode, Tool};
@@ -24,12 +27,48 @@ const UL_PER_MIN: f64 = 60.0;
 pub(super) struct RetinaPart {
     pub model: Retina,
     zcoll: Zcoll,
+    cutting: Cutting,
+    /// A port drew at it in the last substep: its outer forces are not 0.
+    sucked: bool,
 }
 
 impl RetinaPart {
-    pub fn new(model: Retina, volume: crate::collision::instrument_image::Volume) -> Result<Self, Unusable> {
+    pub fn new(
+        model: Retina,
+        volume: crate::collision::instrument_image::Volume,
+        figures: &ToolFigures,
+    ) -> Result<Self, Unusable> {
         let zcoll = Zcoll::new(volume, &model.sheet.triangles, model.sheet.nodes())?;
-        Ok(RetinaPart { model, zcoll })
+        let cutting = Cutting::new(figures, &model.sheet)?;
+        Ok(RetinaPart { model, zcoll, cutting, sucked: false })
+    }
+
+    /// Vitrectors at loose retina: open ports draw it, closing ones take what is in them. Retina that lies on is out of their reach.
+    fn use_ports(&mut self, retina: &mut RetinaState, ports: &[Option<Port>; INSTRUMENTS], poses: &Poses) {
+        if std::mem::take(&mut self.sucked) {
+            self.model.solver.clear_outer();
+        }
+        for (i, port) in ports.iter().enumerate() {
+            let Some(port) = port.filter(|p| p.cuts || (p.open && p.suction_pa > 0.0)) else { continue };
+            if !self.model.reaches(retina, &port.cone.apex_in_eye_mm, self.cutting.reach_mm()) {
+                continue;
+            }
+            let position_mm = retina.tissue.position_mm.each_ref().map(Vec::as_slice);
+            let (triangles, alive) = (&self.model.sheet.triangles[..], &self.model.pieces.loose_alive[..]);
+            let surface = Surface { position_mm, triangles, alive };
+            if !self.cutting.look(&poses.eye_from_instrument[i], &surface) {
+                continue;
+            }
+            if port.open {
+                let Retina { sheet, solver, .. } = &mut self.model;
+                self.cutting.suck(&port, sheet, &retina.tissue, &mut solver.outer_un);
+                self.sucked = true;
+            }
+            let RetinaState { tissue, removed, .. } = retina;
+            if port.cuts && self.cutting.cut(&port, &self.model.sheet, tissue, removed, i) {
+                self.model.after_loss(retina);
+            }
+        }
     }
 }
 
@@ -46,6 +85,7 @@ impl World {
             self.retina = Some(part);
             return;
         };
+        part.use_ports(&mut retina, &self.aimed.ports, poses);
         let model = &mut part.model;
         let mut pressure = [None; INSTRUMENTS];
         for (i, pressure) in pressure.iter_mut().enumerate() {
@@ -231,6 +271,10 @@ impl World {
         }
         if toll.merged.0 > 0 {
             self.log.raise(Happening::new(EventKind::BlebsMerged, Severity::Info, toll.merged.1));
+        }
+        for (i, cut_mm2) in part.cutting.take_cuts() {
+            let event = Happening::new(EventKind::RetinaCut, Severity::Injury, cut_mm2);
+            self.log.raise(event.by(i, self.state.instruments[i].tip_in_eye_mm.into()));
         }
         for i in 0..INSTRUMENTS {
             let (flow, limit) = (toll.flow_mm3_s[i] * UL_PER_MIN, scene.flow_warn_ul_per_min);

@@ -2,15 +2,10 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::collision::suction::{Suction, View};
-use crate::collision::surface::Unusable;
 use crate::collision::zcoll::{self, Zcoll};
 use crate::constants::{NEEDLE_OUT_MM, SUBSTEP_S};
 use crate::event_log::Happening;
-use crate::membrane::sheet::Sheet;
-use crate::membrane::tear;
 use crate::state::Pierced;
-use crate::tools::ToolFigures;
 use crate::tools::needle::Needle;
 use crate::tools::vitrector::Port;
 use nalgebra::{UnitVector3, Vector3};
@@ -28,151 +23,44 @@ pub struct Aimed {
     pub needles: [Option<Needle>; INSTRUMENTS],
 }
 
-/// What suction and cutting need beside the state.
-#[derive(Debug)]
-pub struct Cutting {
-    camera: Suction,
-    view: View,
-    /// Area of each triangle at rest, µm², rounded.
-    rest_um2: Vec<u32>,
-    /// Area at rest of the triangles seen around each node, thirds added up, mm²; all 0 between two looks.
-    share_mm2: Vec<f64>,
-    nodes: Vec<u32>,
-    /// Triangles in the port.
-    caught: Vec<u32>,
-    /// Area cut away in this step by each instrument, µm².
-    cut_um2: [u64; INSTRUMENTS],
-}
-
-impl Cutting {
-    /// For the membrane of a sheet.
-    pub fn new(figures: &ToolFigures, sheet: &Sheet) -> Result<Self, Unusable> {
-        let start = sheet.start();
-        let area_um2 = |t: &[u32; 3]| {
-            let [a, b, c] = t.map(|n| start.position(n as usize).map(f64::from));
-            (0.5e6 * (b - a).cross(&(c - a)).norm() + 0.5) as u32
-        };
-        let vitrector = &figures.vitrector;
-        Ok(Cutting {
-            camera: Suction::new(vitrector.resolution as usize, &sheet.triangles, sheet.nodes())?,
-            view: View {
-                tan_half_angle: libm::tan(vitrector.cone_half_angle_rad),
-                reach_mm: vitrector.cone_reach_mm,
-            },
-            rest_um2: sheet.triangles.iter().map(area_um2).collect(),
-            share_mm2: vec![0.0; sheet.nodes()],
-            nodes: Vec::with_capacity(sheet.nodes()),
-            caught: Vec::with_capacity(sheet.triangles.len()),
-            cut_um2: [0; INSTRUMENTS],
-        })
-    }
-
-    /// Adds up the areas that the camera sees by nodes.
-    fn share(&mut self, triangles: &[[u32; 3]]) {
-        for &t in self.camera.triangles() {
-            let third = f64::from(self.rest_um2[t as usize]) * (1e-6 / 3.0);
-            for &node in &triangles[t as usize] {
-                let share = &mut self.share_mm2[node as usize];
-                if *share == 0.0 {
-                    self.nodes.push(node);
-                }
-                *share += third;
-            }
-        }
-    }
-}
-
 impl World {
     /// Suction on what the ports see: each node is drawn to the port by the pressure at its distance on its share of the area seen.
     pub(super) fn suck_membrane(&mut self, poses: &Poses) {
-        let Some(mut cutting) = self.cutting.take() else { return };
+        let Some(cutting) = &mut self.cutting else { return };
         for i in 0..INSTRUMENTS {
             let Some(port) = self.aimed.ports[i].filter(|p| p.open && p.suction_pa > 0.0) else { continue };
-            if !self.look_out(&mut cutting, i, poses) {
-                continue;
-            }
-            cutting.share(&self.sheet.triangles);
-            for node in cutting.nodes.drain(..) {
-                let n = node as usize;
-                let way = port.cone.apex_in_eye_mm - self.state.membrane.position(n).map(f64::from);
-                let pull = port.pull_un(&way, cutting.share_mm2[n]).map(|f| f as f32);
-                cutting.share_mm2[n] = 0.0;
-                for (axis, force) in self.solver.outer_un.iter_mut().enumerate() {
-                    force[n] += pull[axis];
-                }
+            let membrane = &self.state.membrane;
+            let near = zcoll::near_membrane(membrane, &port.cone.apex_in_eye_mm, cutting.reach_mm());
+            let eye_from_instrument = &poses.eye_from_instrument[i];
+            if near && cutting.look(eye_from_instrument, &membrane.surface(&self.sheet)) {
+                cutting.suck(&port, &self.sheet, membrane, &mut self.solver.outer_un);
             }
         }
-        self.cutting = Some(cutting);
     }
 
-    /// Draws the image of a port; `false` where no membrane is near.
-    fn look_out(&self, cutting: &mut Cutting, i: usize, poses: &Poses) -> bool {
-        let pose = &poses.eye_from_instrument[i];
-        let Some(port) = self.aimed.ports[i] else { return false };
-        let wide = libm::sqrt(1.0 + cutting.view.tan_half_angle * cutting.view.tan_half_angle);
-        let reach = cutting.view.reach_mm * wide;
-        let membrane = &self.state.membrane;
-        if !zcoll::near_membrane(membrane, &port.cone.apex_in_eye_mm, reach) {
-            return false;
-        }
-        let surface = membrane.surface(&self.sheet);
-        cutting.camera.look(&pose.inverse(), &cutting.view, &surface).pixels > 0
-    }
-
-    /// The blades that close in this substep take away what is in their ports: every triangle that the port sees within itself,
-    /// and every one seen that has a corner there.
+    /// The blades that close in this substep take away what is in their ports.
     pub(super) fn cut_membrane(&mut self, poses: &Poses) {
-        let Some(mut cutting) = self.cutting.take() else { return };
         for i in 0..INSTRUMENTS {
             let Some(port) = self.aimed.ports[i].filter(|p| p.cuts) else { continue };
-            if !self.look_out(&mut cutting, i, poses) {
-                continue;
-            }
-            self.catch(&mut cutting, &port);
-            let removed = &mut self.state.tools.removed;
-            let before = removed.area_um2;
-            for t in cutting.caught.drain(..).map(|t| t as usize) {
-                if self.state.membrane.triangle_alive[t] != 0 {
-                    tear::remove_triangle(&self.sheet, &mut self.state.membrane, t);
-                    removed.area_um2 += u64::from(cutting.rest_um2[t]);
-                    removed.triangles += 1;
+            let Some(cutting) = &mut self.cutting else { return };
+            let membrane = &mut self.state.membrane;
+            let near = zcoll::near_membrane(membrane, &port.cone.apex_in_eye_mm, cutting.reach_mm());
+            let eye_from_instrument = &poses.eye_from_instrument[i];
+            if near && cutting.look(eye_from_instrument, &membrane.surface(&self.sheet)) {
+                let removed = &mut self.state.tools.removed;
+                if cutting.cut(&port, &self.sheet, membrane, removed, i) {
+                    self.after_loss();
                 }
             }
-            let cut = removed.area_um2 - before;
-            if cut > 0 {
-                removed.cuts += 1;
-                cutting.cut_um2[i] += cut;
-                self.after_loss();
-            }
         }
-        self.cutting = Some(cutting);
-    }
-
-    fn catch(&self, cutting: &mut Cutting, port: &Port) {
-        cutting.caught.clear();
-        for spot in cutting.camera.spots() {
-            let [along, aside] = cutting.camera.place_mm(&spot, &cutting.view);
-            if along <= port.depth_mm && aside <= port.radius_mm {
-                cutting.caught.push(spot.triangle);
-            }
-        }
-        let at = |n: u32| self.state.membrane.position(n as usize).map(f64::from);
-        for &t in cutting.camera.triangles() {
-            if self.sheet.triangles[t as usize].iter().any(|&n| port.holds(&at(n))) {
-                cutting.caught.push(t);
-            }
-        }
-        cutting.caught.sort_unstable();
-        cutting.caught.dedup();
     }
 
     /// One event for what each vitrector cut away in this step.
     pub(super) fn tell_cuts(&mut self) {
         let Some(cutting) = &mut self.cutting else { return };
-        for (i, cut) in cutting.cut_um2.iter_mut().enumerate().filter(|(_, cut)| **cut > 0) {
-            let event = Happening::new(EventKind::TissueCut, Severity::Info, *cut as f64 * 1e-6);
+        for (i, cut_mm2) in cutting.take_cuts() {
+            let event = Happening::new(EventKind::TissueCut, Severity::Info, cut_mm2);
             self.log.raise(event.by(i, self.state.instruments[i].tip_in_eye_mm.into()));
-            *cut = 0;
         }
     }
 
@@ -298,7 +186,7 @@ mod tests {
         world.solver.clear_outer();
         world.suck_membrane(&poses);
         let (start, sheet) = (world.sheet.start(), &world.sheet);
-        let seen = world.cutting.as_ref().unwrap().camera.triangles();
+        let seen = world.cutting.as_ref().unwrap().seen();
         let mut sucked = 0;
         for node in 0..sheet.nodes() {
             let around = seen.iter().filter(|&&t| sheet.triangles[t as usize].contains(&(node as u32)));

@@ -1,0 +1,155 @@
+//! A scene that begins in the middle of an operation: the retina is off within a circle, over fluid, or cut free all round.
+
+use super::Retina;
+use super::figures::VOLUME_ERROR_MM3;
+use super::state::{Bleb, RetinaState};
+use crate::membrane::tear;
+use crate::state::NODE_PINNED;
+use protocol::scene::NODE_FREE;
+use protocol::scene_file::RetinaOperation;
+
+/// Corrections in which a bleb is filled at the start: each moves nodes by at most v_max · 1 ms, 0.2 mm in the shipped scenes.
+const FILLS: u32 = 400;
+
+impl Retina {
+    /// Brings a retina that lies on to where a scene's operation has come.
+    pub(super) fn operate(&mut self, state: &mut RetinaState, operation: &RetinaOperation) {
+        let polar: Vec<f64> = self
+            .home_mm
+            .iter()
+            .map(|p| libm::acos((-f64::from(p.z) / self.figures.radius_mm).clamp(-1.0, 1.0)))
+            .collect();
+        for (t, nodes) in self.sheet.triangles.iter().enumerate() {
+            let outside = nodes.iter().filter(|&&n| polar[n as usize] > operation.cut_rad).count();
+            if operation.cut_rad > 0.0 && (1..3).contains(&outside) {
+                tear::remove_triangle(&self.sheet, &mut state.tissue, t);
+            }
+        }
+        for (n, polar) in polar.iter().enumerate() {
+            if *polar <= operation.detached_rad && !self.fixed[n] && state.tissue.flag[n] == NODE_PINNED {
+                state.tissue.flag[n] = NODE_FREE;
+            }
+        }
+        self.find_again(state);
+        state.bleb_of.copy_from_slice(&self.pieces.label);
+        let pieces = self.pieces.count();
+        let share = operation.fluid_mm3 / pieces.max(1) as f64;
+        for bleb in 0..pieces {
+            let torn_mm2 = self.pieces.torn_mm2[bleb];
+            state.blebs.push(Bleb { volume_mm3: share, pressure_pa: 0.0, torn_mm2 });
+            state.account.injected_mm3 += share;
+        }
+        self.fill(state);
+        state.tissue.velocity_mm_s.iter_mut().for_each(|v| v.fill(0.0));
+        self.find_again(state);
+    }
+
+    /// Moves the mesh until it holds what the accounts say.
+    fn fill(&mut self, state: &mut RetinaState) {
+        for _ in 0..FILLS {
+            self.settle_volumes(state);
+            let short = (0..self.pieces.count())
+                .any(|b| (state.blebs[b].volume_mm3 - self.measured_mm3(state, b)).abs() > VOLUME_ERROR_MM3);
+            if !short {
+                break;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Retina;
+    use super::*;
+    use nalgebra::{UnitVector3, Vector3};
+    use protocol::scene::NODE_DEAD;
+    use protocol::scene_file::SceneFile;
+
+    fn begun(operation: RetinaOperation) -> (Retina, RetinaState) {
+        let mut scene = SceneFile::load("relocation").unwrap();
+        let retina = scene.retina.as_mut().unwrap();
+        retina.disc_in_eye_mm = Some([4.3, 0.4, -10.6]);
+        retina.operation = Some(operation);
+        let scene = SceneFile::parse(&scene.to_toml(), "begun").unwrap();
+        Retina::new(&scene).unwrap().unwrap()
+    }
+
+    #[test]
+    fn a_retina_begins_over_fluid_and_stays_there() {
+        let operation = RetinaOperation { detached_rad: 0.5, fluid_mm3: 60.0, cut_rad: 0.0 };
+        let (mut model, mut state) = begun(operation);
+        assert_eq!((state.blebs.len(), state.under_mm3()), (1, 60.0));
+        assert_eq!(state.check(&model.sheet), Ok(()));
+        for substep in 0..1000 {
+            if substep % 20 == 0 {
+                model.begin_step(&state);
+            }
+            model.flow(&mut state, [None; 2]);
+            model.substep(&mut state, substep);
+            if substep % 20 == 19 {
+                model.end_step(&mut state);
+            }
+        }
+        assert!((model.measured_all_mm3(&state) - 60.0).abs() < 1e-4, "{}", model.measured_all_mm3(&state));
+        assert!((state.under_mm3() - 60.0).abs() < 1e-9 && state.blebs[0].pressure_pa > 0.0);
+        assert_eq!(model.start().under_mm3(), 60.0, "a reset begins there again");
+    }
+
+    /// A cut retina holds no pressure, hangs on its disc alone, and a turn about the disc costs nothing: put there as a rigid whole, it stays.
+    #[test]
+    fn a_retina_that_is_cut_all_round_hangs_on_its_disc_and_turns_freely() {
+        let operation = RetinaOperation { detached_rad: 1.2, fluid_mm3: 0.0, cut_rad: 1.1 };
+        let (mut model, mut state) = begun(operation);
+        assert!(model.pieces.open[0] && state.tissue.flag.iter().all(|&f| f != NODE_DEAD));
+        let disc = (0..model.home_mm.len()).find(|&n| model.fixed[n] && model.home_mm[n].z < -9.0).unwrap();
+        assert_eq!(state.tissue.flag[disc], NODE_PINNED);
+        let axis = UnitVector3::new_normalize(model.home_mm[disc].map(f64::from));
+        let turn = nalgebra::Rotation3::from_axis_angle(&axis, 0.4);
+        let whole: Vec<usize> = model.pieces.nodes_of(0).iter().map(|&n| n as usize).collect();
+        for &n in &whole {
+            let p = turn * model.home_mm[n].map(f64::from);
+            state.tissue.set_position(n, p.map(|c| c as f32));
+        }
+        for substep in 0..500 {
+            if substep % 20 == 0 {
+                model.begin_step(&state);
+            }
+            model.flow(&mut state, [None; 2]);
+            model.substep(&mut state, substep);
+            if substep % 20 == 19 {
+                model.end_step(&mut state);
+            }
+        }
+        let mean = whole.iter().map(|&n| turn_of(&model, &state, n, &axis)).sum::<f64>() / whole.len() as f64;
+        assert!((mean - 0.4).abs() < 0.01, "{mean}");
+        assert_eq!(state.blebs[0].pressure_pa, 0.0);
+        let account = state.account;
+        assert!((account.injected_mm3 - account.leaked_mm3 - state.under_mm3()).abs() < 1e-9);
+        // Air drives it on, and it holds where it is.
+        state.air = true;
+        for substep in 500..8000 {
+            if substep % 20 == 0 {
+                model.begin_step(&state);
+            }
+            model.flow(&mut state, [None; 2]);
+            model.substep(&mut state, substep);
+            if substep % 20 == 19 {
+                model.end_step(&mut state);
+            }
+        }
+        assert_eq!(state.blebs.len(), 0, "{:?}", state.blebs);
+        // A few nodes near folds aside, it lies where it was put.
+        let mut lying: Vec<f64> = whole.iter().map(|&n| turn_of(&model, &state, n, &axis)).collect();
+        lying.sort_by(f64::total_cmp);
+        let [least, middle, most] = [10, 50, 90].map(|percent| lying[(lying.len() - 1) * percent / 100]);
+        assert!(least > 0.34 && most < 0.46 && (middle - 0.4).abs() < 0.02, "{least} {middle} {most}");
+    }
+
+    /// Angle of a node about the axis against its home, rad; for nodes near the axis that of the whole.
+    fn turn_of(model: &Retina, state: &RetinaState, n: usize, axis: &UnitVector3<f64>) -> f64 {
+        let flat = |p: Vector3<f64>| p - axis.into_inner() * p.dot(axis);
+        let (home, now) =
+            (flat(model.home_mm[n].map(f64::from)), flat(state.tissue.position(n).map(f64::from)));
+        if home.norm() < 1.0 { 0.4 } else { home.cross(&now).dot(axis).atan2(home.dot(&now)) }
+    }
+}

@@ -1,0 +1,140 @@
+//! What a vitrector's port does to a sheet, membrane or retina: it draws what its camera sees, and takes what is in it.
+
+use crate::collision::suction::{Suction, View};
+use crate::collision::surface::{Surface, Unusable};
+use crate::membrane::sheet::Sheet;
+use crate::membrane::tear;
+use crate::state::MembraneState;
+use crate::tools::vitrector::Port;
+use crate::tools::{Removed, ToolFigures};
+use nalgebra::Isometry3;
+use protocol::limits::INSTRUMENTS;
+
+/// What suction and cutting of a sheet need beside its state.
+#[derive(Debug)]
+pub struct Cutting {
+    camera: Suction,
+    view: View,
+    /// Area of each triangle at rest, µm², rounded.
+    rest_um2: Vec<u32>,
+    /// Area at rest of the triangles seen around each node, thirds added up, mm²; all 0 between two looks.
+    share_mm2: Vec<f64>,
+    nodes: Vec<u32>,
+    /// Triangles in the port.
+    caught: Vec<u32>,
+    /// Area cut away in this step by each instrument, µm².
+    cut_um2: [u64; INSTRUMENTS],
+}
+
+impl Cutting {
+    /// For a sheet.
+    pub fn new(figures: &ToolFigures, sheet: &Sheet) -> Result<Self, Unusable> {
+        let start = sheet.start();
+        let area_um2 = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|n| start.position(n as usize).map(f64::from));
+            (0.5e6 * (b - a).cross(&(c - a)).norm() + 0.5) as u32
+        };
+        let vitrector = &figures.vitrector;
+        Ok(Cutting {
+            camera: Suction::new(vitrector.resolution as usize, &sheet.triangles, sheet.nodes())?,
+            view: View {
+                tan_half_angle: libm::tan(vitrector.cone_half_angle_rad),
+                reach_mm: vitrector.cone_reach_mm,
+            },
+            rest_um2: sheet.triangles.iter().map(area_um2).collect(),
+            share_mm2: vec![0.0; sheet.nodes()],
+            nodes: Vec::with_capacity(sheet.nodes()),
+            caught: Vec::with_capacity(sheet.triangles.len()),
+            cut_um2: [0; INSTRUMENTS],
+        })
+    }
+
+    /// Distance from a port's apex beyond which it sees nothing, mm.
+    pub fn reach_mm(&self) -> f64 {
+        let wide = libm::sqrt(1.0 + self.view.tan_half_angle * self.view.tan_half_angle);
+        self.view.reach_mm * wide
+    }
+
+    /// Draws the image of the port of an instrument; `false` where it sees nothing.
+    pub fn look(&mut self, eye_from_instrument: &Isometry3<f64>, surface: &Surface) -> bool {
+        self.camera.look(&eye_from_instrument.inverse(), &self.view, surface).pixels > 0
+    }
+
+    /// Triangles that the last look saw.
+    #[cfg(test)]
+    pub fn seen(&self) -> &[u32] {
+        self.camera.triangles()
+    }
+
+    /// Adds to `outer_un` what an open port draws of its last look: on each node the pressure at its distance on its share of the area.
+    pub fn suck(&mut self, port: &Port, sheet: &Sheet, tissue: &MembraneState, outer_un: &mut [Vec<f32>; 3]) {
+        for &t in self.camera.triangles() {
+            let third = f64::from(self.rest_um2[t as usize]) * (1e-6 / 3.0);
+            for &node in &sheet.triangles[t as usize] {
+                let share = &mut self.share_mm2[node as usize];
+                if *share == 0.0 {
+                    self.nodes.push(node);
+                }
+                *share += third;
+            }
+        }
+        for node in self.nodes.drain(..) {
+            let n = node as usize;
+            let way = port.cone.apex_in_eye_mm - tissue.position(n).map(f64::from);
+            let pull = port.pull_un(&way, self.share_mm2[n]).map(|f| f as f32);
+            self.share_mm2[n] = 0.0;
+            for (axis, force) in outer_un.iter_mut().enumerate() {
+                force[n] += pull[axis];
+            }
+        }
+    }
+
+    /// The blade of instrument `i` takes every triangle that its port saw within itself, and every one seen that has a corner there. Returns
+    /// whether anything went; `removed` has what.
+    pub fn cut(
+        &mut self,
+        port: &Port,
+        sheet: &Sheet,
+        tissue: &mut MembraneState,
+        removed: &mut Removed,
+        i: usize,
+    ) -> bool {
+        self.catch(port, sheet, tissue);
+        let before = removed.area_um2;
+        for t in self.caught.drain(..).map(|t| t as usize) {
+            if tissue.triangle_alive[t] != 0 {
+                tear::remove_triangle(sheet, tissue, t);
+                removed.area_um2 += u64::from(self.rest_um2[t]);
+                removed.triangles += 1;
+            }
+        }
+        let cut = removed.area_um2 - before;
+        removed.cuts += u64::from(cut > 0);
+        self.cut_um2[i] += cut;
+        cut > 0
+    }
+
+    fn catch(&mut self, port: &Port, sheet: &Sheet, tissue: &MembraneState) {
+        self.caught.clear();
+        for spot in self.camera.spots() {
+            let [along, aside] = self.camera.place_mm(&spot, &self.view);
+            if along <= port.depth_mm && aside <= port.radius_mm {
+                self.caught.push(spot.triangle);
+            }
+        }
+        let at = |n: u32| tissue.position(n as usize).map(f64::from);
+        for &t in self.camera.triangles() {
+            if sheet.triangles[t as usize].iter().any(|&n| port.holds(&at(n))) {
+                self.caught.push(t);
+            }
+        }
+        self.caught.sort_unstable();
+        self.caught.dedup();
+    }
+
+    /// Instruments that cut since the last call, and how much, mm².
+    pub fn take_cuts(&mut self) -> impl Iterator<Item = (usize, f64)> {
+        let cut = std::mem::take(&mut self.cut_um2);
+        cut.into_iter().enumerate().filter(|(_, cut)| *cut > 0).map(|(i, cut)| (i, cut as f64 * 1e-6))
+    }
+}
