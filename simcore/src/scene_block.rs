@@ -354,4 +354,27 @@ mod tests {
         let told = numbers.windows(2).all(|w| w[0].1 == w[1].1 || w[0].0 != w[1].0);
         assert!(told, "another number of triangles is another topology");
     }
+
+    /// Tissue that tears in a step is gone from the block of the same step, and what is sent is what lives.
+    #[test]
+    fn torn_triangles_leave_the_picture_in_the_same_step() {
+        let mut scene = SceneFile::load("peel").unwrap();
+        scene.membrane.as_mut().unwrap().tear_tension_n_per_m *= 0.25;
+        let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+        let mut writer = SceneWriter::new(&world);
+        let mut payload = block(bytes_needed(world.sheet(), false, None, None));
+        let (mut before, mut changes) = (None, 0);
+        for field in 150..500 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+            let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes);
+            let sent = section::<SceneTriangle>(bytes, header.triangles).unwrap();
+            let alive = &world.state().membrane.triangle_alive;
+            let living = world.sheet().triangles.iter().zip(alive).filter(|(_, a)| **a != 0).map(|(t, _)| *t);
+            assert!(sent.iter().map(|t| t.nodes).eq(living), "field {field}");
+            changes += usize::from(before.is_some_and(|b| b != (header.topology, sent.len())));
+            before = Some((header.topology, sent.len()));
+        }
+        assert!(changes > 3, "it must tear: {changes}");
+    }
 }
