@@ -17,6 +17,11 @@ pub fn bytes_bar(bytes: u64, what: &'static str) -> ProgressBar {
     styled(Some(bytes), "{msg} {wide_bar} {bytes}/{total_bytes} {eta}", what)
 }
 
+/// A bar over a known number of files.
+pub fn files_bar(files: u64, what: &'static str) -> ProgressBar {
+    styled(Some(files), "{msg} {wide_bar} {pos}/{len} {eta}", what)
+}
+
 /// A count of something whose amount is not known beforehand.
 pub fn counter(what: &'static str) -> ProgressBar {
     styled(None, "{spinner} {human_pos} {msg} ({per_sec})", what)

@@ -27,6 +27,7 @@ pub mod budget;
 pub mod camera;
 pub mod control;
 pub mod events;
+pub mod font;
 pub mod frames;
 pub mod geometry;
 pub mod handles;

@@ -6,7 +6,6 @@
 
 pub mod assets;
 pub mod config;
-pub mod font;
 pub mod frame;
 pub mod fundus_map;
 pub mod governor;

@@ -21,4 +21,7 @@ pub struct Args {
     /// Recording to go on from: its newest checkpoint, and the steps since.
     #[arg(long, value_name = "FILE.mcap")]
     pub resume: Option<PathBuf>,
+    /// Do every step of a recording again, alone, write what comes of it into another, and end.
+    #[arg(long, num_args = 2, value_names = ["FILE.mcap", "OUT.mcap"], conflicts_with = "resume")]
+    pub again: Option<Vec<PathBuf>>,
 }

@@ -18,6 +18,7 @@
 //! Units are mm, g, s, hence µN and Pa; tissue lives in the eye frame. Results are the same to the
 //! bit in every build: no fused operations, fixed order of sums, transcendentals from `libm`.
 
+pub mod again;
 pub mod bodies;
 pub mod checkpoint;
 pub mod collision;
@@ -36,6 +37,7 @@ pub mod scene_block;
 pub mod soak;
 pub mod state;
 pub mod sweep;
+pub mod task_view;
 pub mod tools;
 pub mod vitreous;
 pub mod world;

@@ -72,7 +72,7 @@ impl Past {
         }
         let mut steps = 0;
         while let Some(step) = self.steps.front().copied() {
-            let Some(hash) = self.repeat_step(world, &step) else { break };
+            let Some((_, hash)) = self.repeat_step(world, &step) else { break };
             agrees = hash == step.state_hash;
             self.steps.pop_front();
             steps += 1;
@@ -80,8 +80,32 @@ impl Past {
         Ok(Resumed { steps, missing: self.steps.len() as u64, agrees })
     }
 
-    /// One recorded step; `None` where an input is missing.
-    fn repeat_step(&mut self, world: &mut World, step: &StepRecord) -> Option<u64> {
+    /// Does the oldest recorded step that is waiting, from where `world` stands; its pose, its record and the hash of the
+    /// state it led to. `None` while an input is missing. A record that begins anew resets the world.
+    pub fn advance(&mut self, world: &mut World) -> Option<(Box<TrackerFrame>, StepRecord, u64)> {
+        loop {
+            let step = *self.steps.front()?;
+            let done = world.state().step;
+            if step.step == 1 && done > 0 {
+                world.reset();
+            } else if step.step <= done {
+                // A restarted simulation tells again what it had done.
+                self.steps.pop_front();
+                continue;
+            }
+            let (frame, hash) = self.repeat_step(world, &step)?;
+            self.steps.pop_front();
+            return Some((frame, step, hash));
+        }
+    }
+
+    /// The oldest recorded step that is waiting.
+    pub fn waiting(&self) -> Option<&StepRecord> {
+        self.steps.front()
+    }
+
+    /// One recorded step: its pose and the hash of the state; `None` where an input is missing.
+    fn repeat_step(&mut self, world: &mut World, step: &StepRecord) -> Option<(Box<TrackerFrame>, u64)> {
         let state = world.state();
         if step.step != state.step + 1 {
             return None;
@@ -92,7 +116,8 @@ impl Past {
         let pedals = take(&mut self.pedals, state.pedals_below, step.pedals_below, |p| p.seq)?;
         let frame = self.poses.drain(..=pose).next_back()?;
         let input = StepInput { frame: &frame, handles: &handles, pedals: &pedals };
-        Some(world.step(&input, &mut no_clock).state_hash)
+        let state_hash = world.step(&input, &mut no_clock).state_hash;
+        Some((frame, state_hash))
     }
 }
 

@@ -22,6 +22,8 @@ pub use options::RunArgs;
 
 use crate::exit::{BUDGET, FAILED, LOSS};
 use crate::machine::has_display;
+use crate::modules::Composed;
+use crate::results::{BEGAN, SURGEON, keep, seconds_since_1970};
 use anyhow::Context;
 use options::View;
 use protocol::budget::Stage;
@@ -29,6 +31,7 @@ use protocol::recording::Provenance;
 use protocol::rig::Rig;
 use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use report::{Report, Versions};
+use results::Store;
 use session::Session;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::collections::BTreeMap;
@@ -36,9 +39,14 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::SystemTime;
 
 /// Runs it.
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    // The composed scene lasts as long as this does.
+    let composed = args.module.as_deref().map(|m| Composed::new(m, args.level, &args.surgeon, args.seed));
+    let composed = composed.transpose()?;
+    let args = &args.with_scene_of(composed.as_ref()).with_recording_of_trainee()?;
     let view = args.view(has_display());
     let budgets = args.budget_table()?;
     let provenance = provenance(args)?;
@@ -46,6 +54,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let stop = stop_flag()?;
     let mut session = Session::open(args, view, &budgets, &provenance, stop)?;
     let outcome = session.run();
+    let live = session.live_score();
     let ended_by = match &outcome {
         Ok(why) => (*why).to_string(),
         Err(error) => format!("failure: {error:#}"),
@@ -57,8 +66,13 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let ran = report.duration_s > 0.0;
     if ran {
         print!("{}", report.text());
+        print!("{}", crate::score::live_text(&live));
     }
     outcome?;
+    if let (Some(trainee), Some(file)) = (&args.trainee, &args.record) {
+        let mut store = Store::open_or_create(&args.store.path()?)?;
+        keep(&mut store, trainee, file).context("the attempt is not in the results store")?;
+    }
     Ok(ExitCode::from(verdict(&report, args.assert_budgets, view)))
 }
 
@@ -77,8 +91,12 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let rig = Rig::load_or_shipped(args.rig.as_deref())?;
     let scene_name = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let scene = SceneFile::load(scene_name)?;
+    let scene_name = args.module.as_deref().unwrap_or(scene_name);
     let file = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
     let config = [
+        ("module", args.module.as_ref().map(|m| format!("{m} level {}, {}", args.level, args.surgeon))),
+        (BEGAN, Some(seconds_since_1970(SystemTime::now()).to_string())),
+        (SURGEON, (args.module.is_some() && args.blobs.is_none()).then(|| args.surgeon.clone())),
         ("motion", file(&args.motion)),
         ("motion-full", args.motion_full.then(|| "true".into())),
         ("blobs", file(&args.blobs)),

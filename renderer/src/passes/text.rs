@@ -2,8 +2,8 @@
 //! place, so it floats in the plane of the target. Letters are sent to the device only when the text changes.
 
 use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
-use crate::font::{self, CELL_H, CELL_W};
 use bytemuck::{Pod, Zeroable};
+use protocol::font::{self, CELL_H, CELL_W};
 use protocol::scene_text::{Place, lines};
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages,

@@ -1,0 +1,37 @@
+#!/bin/sh
+# Scores the recordings of a manifest as a Slurm array job, one shard a task:
+#
+#   sbatch --array=0-63 deploy/slurm-score.sh MANIFEST OUT [more options of vitreo score]
+#
+# The number of shards is that of the array, which must begin at 0 and leave none out.
+# A task that failed is run again by its number with the number of shards said:
+#   sbatch --array=17 --export=ALL,SHARDS=64 deploy/slurm-score.sh MANIFEST OUT
+#SBATCH --job-name=vitreo-score
+#SBATCH --cpus-per-task=4
+#SBATCH --mem=4G
+#SBATCH --time=01:00:00
+#SBATCH --output=vitreo-score-%A-%a.log
+set -eu
+
+if [ "$#" -lt 2 ]; then
+    echo "usage: sbatch --array=0-N $0 MANIFEST OUT [options of vitreo score]" >&2
+    exit 2
+fi
+if [ -z "${SLURM_ARRAY_TASK_ID:-}" ]; then
+    echo "$0: SLURM_ARRAY_TASK_ID is not set; start it with sbatch --array=0-N" >&2
+    exit 2
+fi
+manifest=$1 out=$2
+shift 2
+shards=${SHARDS:-${SLURM_ARRAY_TASK_COUNT:?not set by this Slurm; give --export=ALL,SHARDS=N}}
+if [ -z "${SHARDS:-}" ] && [ "$((SLURM_ARRAY_TASK_MAX + 1))" -ne "$shards" ]; then
+    echo "$0: the array must run from 0 to N without gaps, or SHARDS say how many shards there are" >&2
+    exit 2
+fi
+
+code=0
+vitreo score --manifest "$manifest" --shard "$SLURM_ARRAY_TASK_ID/$shards" --out "$out" \
+    --jobs "${SLURM_CPUS_PER_TASK:-1}" "$@" || code=$?
+# 3: some recordings are damaged and listed in the table; trying again would not mend them.
+[ "$code" -eq 3 ] && code=0
+exit "$code"

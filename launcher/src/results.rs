@@ -1,0 +1,355 @@
+//! `vitreo results`: what trainees achieved, from the results store.
+
+use crate::score;
+use anyhow::{Context, bail};
+use modules::score::table::{Category, METRICS};
+use protocol::recording::Recording;
+use results::attempt::sha256_of;
+use results::store::{Filter, default_place};
+use results::table::{Keys, Table};
+use results::{Attempt, Points, Store, Stored, curve, parquet_file, plot, terminal};
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Key under which a recording's configuration says when the run began, seconds since 1970.
+pub const BEGAN: &str = "began-s";
+/// Key under which it says which scripted surgeon worked.
+pub const SURGEON: &str = "surgeon";
+/// Value of `--plot` without a file.
+const TERMINAL: &str = "terminal";
+
+/// Arguments of `vitreo results`.
+#[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true)]
+pub struct ResultsArgs {
+    #[command(subcommand)]
+    what: Option<What>,
+    #[command(flatten)]
+    place: Place,
+    /// Only this trainee's attempts.
+    #[arg(long, value_name = "NAME")]
+    trainee: Option<String>,
+    /// Only attempts at this module.
+    #[arg(long, value_name = "NAME")]
+    module: Option<String>,
+    /// Only attempts at this level.
+    #[arg(long, value_name = "N")]
+    level: Option<u32>,
+    /// Draw the learning curve, here or into a picture.
+    #[arg(long, value_name = "FILE.png", num_args = 0..=1, default_missing_value = TERMINAL)]
+    plot: Option<PathBuf>,
+    /// Write every figure as comma-separated values; - is standard output.
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
+    /// Write every figure as Parquet.
+    #[arg(long, value_name = "FILE.parquet")]
+    parquet: Option<PathBuf>,
+}
+
+/// Where the store lies.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct Place {
+    /// The results store [default: vitreo/results.sqlite in $XDG_DATA_HOME or ~/.local/share].
+    #[arg(long, value_name = "FILE")]
+    pub store: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum What {
+    /// Add the attempts in recordings.
+    Add {
+        #[command(flatten)]
+        place: Place,
+        /// Pseudonym of who made them.
+        trainee: String,
+        /// The recordings.
+        #[arg(value_name = "FILE.mcap", required = true)]
+        files: Vec<PathBuf>,
+    },
+    /// Delete a trainee and every attempt.
+    Delete {
+        #[command(flatten)]
+        place: Place,
+        /// The pseudonym.
+        trainee: String,
+        /// Delete the recordings too.
+        #[arg(long)]
+        recordings: bool,
+    },
+    /// List the trainees.
+    Trainees {
+        #[command(flatten)]
+        place: Place,
+    },
+}
+
+impl Place {
+    /// The file.
+    pub fn path(&self) -> anyhow::Result<PathBuf> {
+        let variable = |name: &str| std::env::var_os(name).map(PathBuf::from);
+        let (data, home) = (variable("XDG_DATA_HOME"), variable("HOME"));
+        let chosen = self.store.clone().or_else(|| default_place(data.as_deref(), home.as_deref()));
+        chosen.context("neither --store nor HOME says where the results store lies")
+    }
+}
+
+/// Columns of the table of scores: those of this build's score.
+pub fn keys() -> Keys {
+    Keys {
+        categories: Category::ALL.iter().map(|c| c.key().to_owned()).collect(),
+        metrics: METRICS.iter().map(|m| m.key.to_owned()).collect(),
+    }
+}
+
+/// Seconds since 1970.
+pub fn seconds_since_1970(at: SystemTime) -> i64 {
+    at.duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs() as i64)
+}
+
+/// The attempt in a recording as the store keeps it, without the recording's hash.
+pub fn attempt_of(recording: &Recording, scored: &score::Attempt) -> Attempt {
+    let provenance = recording.provenance();
+    let began = provenance.config.get(BEGAN).and_then(|s| s.parse().ok());
+    // Older recordings do not say when they were made; the file does, nearly.
+    let written = || std::fs::metadata(recording.path()).and_then(|m| m.modified()).ok();
+    let (score, own) = (&scored.score, recording.path());
+    let category = |(c, points): (&Category, &f64)| Points {
+        key: c.key().into(),
+        points: *points,
+        of: c.points(),
+        ..Points::default()
+    };
+    let metric = |m: &modules::score::Reading| Points {
+        key: m.key.into(),
+        value: m.value,
+        sigma: m.value.map(|_| m.sigma),
+        points: m.points,
+        of: m.of,
+    };
+    Attempt {
+        at_s: began.or_else(|| written().map(seconds_since_1970)).unwrap_or(0),
+        module: scored.module.clone(),
+        level: scored.level,
+        surgeon: provenance.config.get(SURGEON).cloned(),
+        program: provenance.versions.get("vitreo").cloned().unwrap_or_default(),
+        score_version: score.version,
+        seed: provenance.seeds.get("cameras").and_then(|s| s.parse().ok()),
+        total: score.total,
+        sigma: score.sigma,
+        finished: score.finished,
+        took_s: score.took_s,
+        categories: Category::ALL.iter().zip(&score.categories).map(category).collect(),
+        metrics: score.metrics.iter().map(metric).collect(),
+        recording: Some(own.canonicalize().unwrap_or_else(|_| own.to_path_buf()).display().to_string()),
+        recording_sha256: None,
+    }
+}
+
+/// Scores a recording and adds it to the store; says on standard error what became of it.
+pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()> {
+    let scored = score::score_file(file)?;
+    if let Some(damage) = &scored.damage {
+        bail!("{damage}; an attempt that cannot be read to its end is not kept");
+    }
+    if !scored.ended {
+        bail!("{}: the attempt does not end in it and is not kept", file.display());
+    }
+    let mut attempt = attempt_of(&Recording::open(file)?, &scored);
+    attempt.recording_sha256 = Some(sha256_of(file).with_context(|| file.display().to_string())?);
+    match store.add(trainee, &attempt)? {
+        Some(id) => eprintln!("vitreo: kept as attempt {id} of {trainee}: {:.2} points", attempt.total),
+        None => eprintln!("vitreo: {}: {trainee} has this attempt already", file.display()),
+    }
+    Ok(())
+}
+
+/// Runs it.
+pub fn run(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
+    match &args.what {
+        None => show(args),
+        Some(What::Add { place, trainee, files }) => add(place, trainee, files),
+        Some(What::Delete { place, trainee, recordings }) => delete(place, trainee, *recordings),
+        Some(What::Trainees { place }) => {
+            for (name, attempts) in Store::open(&place.path()?)?.trainees()? {
+                println!("{name:<24} {attempts:>6} attempts");
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}
+
+fn add(place: &Place, trainee: &str, files: &[PathBuf]) -> anyhow::Result<ExitCode> {
+    results::store::check_name(trainee)?;
+    let mut store = Store::open_or_create(&place.path()?)?;
+    let mut code = 0;
+    for file in files {
+        if let Err(problem) = keep(&mut store, trainee, file) {
+            if files.len() == 1 {
+                return Err(problem);
+            }
+            eprintln!("vitreo: not kept: {problem:#}");
+            code = crate::exit::LOSS;
+        }
+    }
+    Ok(ExitCode::from(code))
+}
+
+fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result<ExitCode> {
+    let path = place.path()?;
+    let Some((attempts, recordings)) = Store::open(&path)?.delete(trainee)? else {
+        bail!("{}: no trainee '{trainee}'", path.display());
+    };
+    println!("{trainee} and {attempts} attempts deleted");
+    let left: Vec<&String> = recordings.iter().filter(|r| Path::new(r).exists()).collect();
+    let mut code = ExitCode::SUCCESS;
+    for recording in left {
+        match with_recordings.then(|| std::fs::remove_file(recording)) {
+            None => println!("left in place (--recordings deletes it): {recording}"),
+            Some(Ok(())) => println!("deleted: {recording}"),
+            Some(Err(problem)) => {
+                eprintln!("vitreo: not deleted: {recording}: {problem}");
+                code = ExitCode::from(crate::exit::LOSS);
+            }
+        }
+    }
+    Ok(code)
+}
+
+fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
+    let (trainee, module) = (args.trainee.clone(), args.module.clone());
+    let attempts =
+        Store::open(&args.place.path()?)?.attempts(&Filter { trainee, module, level: args.level })?;
+    let told = [args.plot.is_some(), args.csv.is_some(), args.parquet.is_some()].contains(&true);
+    if !told {
+        print!("{}", list(&attempts));
+    }
+    if let Some(file) = &args.plot {
+        draw(&attempts, file)?;
+    }
+    if args.csv.is_some() || args.parquet.is_some() {
+        write_tables(&Table::of_store(&attempts, keys()), args.csv.as_deref(), args.parquet.as_deref())?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn draw(attempts: &[Stored], file: &Path) -> anyhow::Result<()> {
+    let (curves, left_out) = curve::curves(attempts);
+    if left_out > 0 {
+        eprintln!("vitreo: {left_out} attempts have a score of an older version and are left out");
+    }
+    if file == Path::new(TERMINAL) {
+        print!("{}", terminal::plot(&curves));
+        return Ok(());
+    }
+    plot::plot(&curves).save(file).with_context(|| file.display().to_string())
+}
+
+/// Writes a table into the files that are asked for.
+pub fn write_tables(table: &Table, csv: Option<&Path>, parquet: Option<&Path>) -> anyhow::Result<()> {
+    if let Some(file) = csv {
+        let written = match file == Path::new("-") {
+            true => table.write_csv(&mut std::io::stdout().lock()),
+            false => File::create(file).and_then(|f| table.write_csv(&mut BufWriter::new(f))),
+        };
+        written.with_context(|| file.display().to_string())?;
+    }
+    if let Some(file) = parquet {
+        parquet_file::write(table, file, &[])?;
+    }
+    Ok(())
+}
+
+/// The attempts, a line each.
+fn list(attempts: &[Stored]) -> String {
+    use std::fmt::Write;
+    let mut text = String::new();
+    if !attempts.is_empty() {
+        let heads = ["attempt", "when", "trainee", "module", "level", "score", "time"];
+        let [id, at, trainee, module, level, score, took] = heads;
+        // Writing into a string cannot fail.
+        let _ =
+            writeln!(text, "{id:>7}  {at:<20}  {trainee:<16} {module:<14} {level:>5} {score:>15} {took:>8}");
+    }
+    for Stored { id, trainee, at, attempt: a } in attempts {
+        let score = format!("{:.2} ± {:.2}", a.total, a.sigma);
+        let end = if a.finished { "" } else { "  not finished" };
+        let _ = writeln!(
+            text,
+            "{id:>7}  {at:<20}  {trainee:<16} {:<14} {:>5} {score:>15} {:>6.1} s{end}",
+            a.module, a.level, a.took_s
+        );
+    }
+    let _ = writeln!(text, "{} attempts", attempts.len());
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        results: ResultsArgs,
+    }
+
+    fn parse(words: &[&str]) -> Result<ResultsArgs, String> {
+        let line = Line::try_parse_from(std::iter::once(&"results").chain(words));
+        line.map(|l| l.results).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_plot_goes_to_the_terminal_or_into_a_file() {
+        let plot = |words: &[&str]| parse(words).unwrap().plot;
+        assert_eq!(plot(&[]), None);
+        assert_eq!(plot(&["--plot"]), Some(TERMINAL.into()));
+        assert_eq!(plot(&["--plot", "a.png", "--module", "shadow"]), Some("a.png".into()));
+    }
+
+    #[test]
+    fn a_recording_becomes_an_attempt_and_one_broken_off_is_not_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, store) = (folder.path().join("a.mcap"), folder.path().join("r.sqlite"));
+        crate::score_batch::tests::broken_off(&file);
+        let mut store = Store::open_or_create(&store).unwrap();
+        let problem = keep(&mut store, "t7", &file).unwrap_err().to_string();
+        assert!(problem.contains("a.mcap") && problem.contains("not kept"), "{problem}");
+        let attempt = attempt_of(&Recording::open(&file).unwrap(), &score::score_file(&file).unwrap());
+        assert_eq!((attempt.at_s, attempt.seed, attempt.surgeon.as_deref()), (1_032_942_600, Some(42), None));
+        assert_eq!(attempt.categories.iter().map(|c| c.of).sum::<f64>(), 100.0);
+        store.add("t7", &attempt).unwrap();
+        let kept = store.attempts(&Filter::default()).unwrap();
+        assert_eq!(kept[0].attempt, attempt);
+        let table = Table::of_store(&kept, keys());
+        let mut fresh = keys();
+        fresh.widen(&attempt);
+        assert_eq!(fresh, keys(), "the table has a column for everything that this build scores");
+        assert!(table.columns.iter().any(|c| c.name == "value_speed_near_retina"));
+    }
+
+    #[test]
+    fn deleting_needs_a_name() {
+        assert!(parse(&["delete"]).is_err() && parse(&["delete", "t7", "--store", "s"]).is_ok());
+        assert!(
+            parse(&["--module", "shadow", "delete", "t7"]).is_err(),
+            "filters do not choose what is deleted"
+        );
+    }
+
+    #[test]
+    fn a_list_shows_what_was_not_finished() {
+        let attempt =
+            Attempt { module: "shadow".into(), level: 2, total: 40.0, took_s: 9.5, ..Attempt::default() };
+        let stored = Stored { id: 3, trainee: "t7".into(), at: "2002-09-25T08:30:00Z".into(), attempt };
+        let text = list(&[stored]);
+        assert!(
+            text.contains("t7") && text.contains("40.00 ± 0.00") && text.contains("not finished"),
+            "{text}"
+        );
+        assert_eq!(list(&[]), "0 attempts\n");
+    }
+}

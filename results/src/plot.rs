@@ -1,0 +1,186 @@
+//! Learning curves as a picture.
+
+use crate::curve::{Curve, longest};
+use image::{Rgb, RgbImage};
+use protocol::font::{CELL_H, CELL_W, number, strip};
+
+/// Size of the picture, px.
+pub const SIZE: [u32; 2] = [960, 600];
+/// The field of the plot: left, top, right, bottom, px.
+const FIELD: [f64; 4] = [70.0, 40.0, 930.0, 470.0];
+/// Enlargement of letters.
+const LETTER: i64 = 2;
+/// Rows and columns of the legend below.
+const LEGEND: [usize; 2] = [4, 2];
+
+const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
+const INK: Rgb<u8> = Rgb([40, 40, 40]);
+const GRID: Rgb<u8> = Rgb([222, 222, 222]);
+/// Colours that people with any colour vision tell apart (Okabe and Ito 2008, without yellow).
+const COLOURS: [Rgb<u8>; 7] = [
+    Rgb([0, 114, 178]),
+    Rgb([213, 94, 0]),
+    Rgb([0, 158, 115]),
+    Rgb([204, 121, 167]),
+    Rgb([86, 180, 233]),
+    Rgb([230, 159, 0]),
+    Rgb([0, 0, 0]),
+];
+
+/// A picture of the curves: a point an attempt, its deviation as a bar, joined by lines.
+pub fn plot(curves: &[Curve]) -> RgbImage {
+    let mut sheet = Sheet { picture: RgbImage::from_pixel(SIZE[0], SIZE[1], PAPER), letters: strip() };
+    let most = longest(curves);
+    sheet.frame(most);
+    for (curve, colour) in curves.iter().zip(COLOURS.iter().cycle()) {
+        let place = |(i, (score, _)): (usize, &(f64, f64))| [across(i, most), up(*score)];
+        let points: Vec<[f64; 2]> = curve.scores.iter().enumerate().map(place).collect();
+        for pair in points.windows(2) {
+            sheet.line(pair[0], pair[1], 2, *colour);
+        }
+        for ([x, y], (score, sigma)) in points.iter().zip(&curve.scores) {
+            sheet.line([*x, up(score - sigma)], [*x, up(score + sigma)], 2, *colour);
+            sheet.block(*x as i64 - 4, *y as i64 - 4, 9, 9, *colour);
+        }
+    }
+    sheet.legend(curves);
+    sheet.picture
+}
+
+/// Where an attempt stands, px.
+fn across(attempt: usize, most: usize) -> f64 {
+    let [left, _, right, _] = FIELD;
+    left + (right - left) * (attempt as f64 + 0.5) / most.max(1) as f64
+}
+
+/// Where a score stands, px.
+fn up(score: f64) -> f64 {
+    let [_, top, _, bottom] = FIELD;
+    bottom - (bottom - top) * score.clamp(0.0, 100.0) / 100.0
+}
+
+struct Sheet {
+    picture: RgbImage,
+    letters: (Vec<u8>, u32),
+}
+
+impl Sheet {
+    /// A filled block; what is beyond the picture is left out.
+    fn block(&mut self, left: i64, top: i64, width: i64, height: i64, colour: Rgb<u8>) {
+        for y in top..top + height {
+            for x in left..left + width {
+                if let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y))
+                    && let Some(pixel) = self.picture.get_pixel_mut_checked(x, y)
+                {
+                    *pixel = colour;
+                }
+            }
+        }
+    }
+
+    fn line(&mut self, from: [f64; 2], to: [f64; 2], thick: i64, colour: Rgb<u8>) {
+        let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+        let steps = dx.abs().max(dy.abs()).ceil().max(1.0);
+        for s in 0..=steps as u32 {
+            let along = f64::from(s) / steps;
+            let [x, y] = [from[0] + dx * along, from[1] + dy * along];
+            self.block(x.round() as i64 - thick / 2, y.round() as i64 - thick / 2, thick, thick, colour);
+        }
+    }
+
+    /// Writes with the upper left corner at (x, y).
+    fn write(&mut self, x: i64, y: i64, text: &str, colour: Rgb<u8>) {
+        for (i, character) in text.chars().enumerate() {
+            let left = x + (i * CELL_W) as i64 * LETTER;
+            for row in 0..CELL_H {
+                for column in 0..CELL_W {
+                    let at = row * self.letters.1 as usize + number(character) * CELL_W + column;
+                    if self.letters.0[at] > 0 {
+                        let (column, row) = (column as i64 * LETTER, row as i64 * LETTER);
+                        self.block(left + column, y + row, LETTER, LETTER, colour);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Axes, grid and their numbers.
+    fn frame(&mut self, most: usize) {
+        let [left, top, right, bottom] = FIELD;
+        let letter_h = CELL_H as i64 * LETTER;
+        for points in (0..=100).step_by(10) {
+            let y = up(f64::from(points));
+            self.line([left, y], [right, y], 1, GRID);
+            if points % 20 == 0 {
+                let text = format!("{points:>3}");
+                let x = left as i64 - 10 - text.len() as i64 * CELL_W as i64 * LETTER;
+                self.write(x, y as i64 - letter_h / 2 + 1, &text, INK);
+            }
+        }
+        let every = most.div_ceil(20).max(1);
+        for attempt in (0..most).step_by(every) {
+            let (x, text) = (across(attempt, most), (attempt + 1).to_string());
+            let half = text.len() as i64 * CELL_W as i64 * LETTER / 2;
+            self.line([x, bottom], [x, bottom + 5.0], 1, INK);
+            self.write(x as i64 - half + 1, bottom as i64 + 9, &text, INK);
+        }
+        self.line([left, top], [left, bottom], 2, INK);
+        self.line([left, bottom], [right, bottom], 2, INK);
+        self.write(left as i64 - 46, 12, "points", INK);
+        self.write(right as i64 - 84, bottom as i64 + 30, "attempt", INK);
+    }
+
+    /// Names of the curves; where there are more than fit, the last line says how many are not named.
+    fn legend(&mut self, curves: &[Curve]) {
+        let [rows, columns] = LEGEND;
+        let (places, width) = (rows * columns, (SIZE[0] as i64 - 40) / columns as i64);
+        let fits = width as usize / (CELL_W * LETTER as usize) - 3;
+        let named = if curves.len() > places { places - 1 } else { curves.len() };
+        for (i, (curve, colour)) in curves.iter().zip(COLOURS.iter().cycle()).take(named).enumerate() {
+            let (x, y) = place_in_legend(i, width);
+            self.block(x, y + 2, 12, 12, *colour);
+            let label: String = curve.label.chars().take(fits).collect();
+            self.write(x + 20, y, &label, INK);
+        }
+        if named < curves.len() {
+            let (x, y) = place_in_legend(named, width);
+            self.write(x + 20, y, &format!("and {} more", curves.len() - named), INK);
+        }
+    }
+}
+
+fn place_in_legend(i: usize, width: i64) -> (i64, i64) {
+    let [rows, _] = LEGEND;
+    (20 + (i / rows) as i64 * width, FIELD[3] as i64 + 52 + (i % rows) as i64 * 20)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn curve(label: &str, scores: &[f64]) -> Curve {
+        Curve { label: label.into(), scores: scores.iter().map(|s| (*s, 3.0)).collect() }
+    }
+
+    #[test]
+    fn points_stand_where_their_scores_are() {
+        let picture = plot(&[curve("a", &[0.0, 60.0, 100.0])]);
+        for (i, score) in [0.0, 60.0, 100.0].into_iter().enumerate() {
+            let (x, y) = (across(i, 3) as u32, up(score) as u32);
+            assert_eq!(*picture.get_pixel(x + 3, y + 3), COLOURS[0], "attempt {i}");
+        }
+        assert_eq!(up(50.0), (FIELD[1] + FIELD[3]) / 2.0);
+        assert_eq!(*picture.get_pixel(across(0, 3) as u32, 60), PAPER, "nothing above a score of 0");
+        let inked = picture.pixels().filter(|p| **p == COLOURS[1]).count();
+        assert_eq!(inked, 0, "one curve, one colour");
+    }
+
+    #[test]
+    fn odd_numbers_and_crowds_are_drawn_too() {
+        let crowd: Vec<Curve> =
+            (0..40).map(|i| curve(&"wide name ".repeat(12), &[f64::from(i); 300])).collect();
+        plot(&crowd);
+        plot(&[]);
+        plot(&[curve("a", &[f64::NAN, f64::INFINITY, -1e300])]);
+    }
+}

@@ -1,0 +1,364 @@
+//! The store: one SQLite file. Every change is one transaction, so that a crash leaves it as it was before.
+
+use crate::attempt::{Attempt, Points, Stored};
+use crate::schema::{APPLICATION_ID, STEPS, VERSION};
+use rusqlite::{Connection, ErrorCode, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long somebody else's change is waited for before the store counts as locked.
+pub const PATIENCE: Duration = Duration::from_secs(5);
+/// Longest pseudonym, letters.
+const MAX_NAME: usize = 64;
+
+/// Why the store could not do it.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// Another program holds it.
+    #[error(
+        "results store {file}: locked by another program for more than {seconds} s; end that program or try later"
+    )]
+    Locked {
+        /// The file.
+        file: String,
+        /// How long it was waited for, s.
+        seconds: u64,
+    },
+    /// No room is left.
+    #[error("results store {file}: the disk is full; nothing was changed")]
+    Full {
+        /// The file.
+        file: String,
+    },
+    /// It may be read only.
+    #[error("results store {file}: not writable")]
+    ReadOnly {
+        /// The file.
+        file: String,
+    },
+    /// Something else lies there.
+    #[error("results store {file}: expected a results store, found {found}")]
+    Foreign {
+        /// The file.
+        file: String,
+        /// What it is.
+        found: String,
+    },
+    /// Made by a newer program.
+    #[error(
+        "results store {file}: expected a schema up to {newest}, found {found}; use the newer vitreo that made it"
+    )]
+    Newer {
+        /// The file.
+        file: String,
+        /// The newest schema this build knows.
+        newest: usize,
+        /// The store's.
+        found: i64,
+    },
+    /// There is none.
+    #[error("results store {file}: no such file; `vitreo run --module NAME --trainee NAME` makes it")]
+    Missing {
+        /// The file.
+        file: String,
+    },
+    /// A value makes no sense.
+    #[error("{field}: expected {expected}, found {found}")]
+    Value {
+        /// What was given.
+        field: &'static str,
+        /// What would be right.
+        expected: String,
+        /// What it was.
+        found: String,
+    },
+    /// Anything else, in SQLite's words.
+    #[error("results store {file}: {problem}")]
+    Other {
+        /// The file.
+        file: String,
+        /// Why.
+        problem: String,
+    },
+}
+
+/// Which attempts to give; every condition that is set must hold.
+#[derive(Debug, Clone, Default)]
+pub struct Filter {
+    /// The trainee's pseudonym.
+    pub trainee: Option<String>,
+    /// The module's name.
+    pub module: Option<String>,
+    /// The level.
+    pub level: Option<u32>,
+}
+
+/// The store, open.
+#[derive(Debug)]
+pub struct Store {
+    path: PathBuf,
+    connection: Connection,
+    patience: Duration,
+}
+
+/// Where the store lies if nobody says otherwise, after the XDG base directory specification. `data_home` is the value of
+/// `XDG_DATA_HOME`, `home` that of `HOME`.
+pub fn default_place(data_home: Option<&Path>, home: Option<&Path>) -> Option<PathBuf> {
+    // A relative path is to be passed over, says the specification.
+    let data = data_home.filter(|p| p.is_absolute()).map(Path::to_path_buf);
+    let data = data.or_else(|| Some(home.filter(|h| h.is_absolute())?.join(".local/share")))?;
+    Some(data.join("vitreo/results.sqlite"))
+}
+
+/// Checks a pseudonym: short, and nothing that spoils a table or a file name.
+pub fn check_name(name: &str) -> Result<(), StoreError> {
+    let plain = |c: char| c.is_alphanumeric() || "-_.@".contains(c);
+    let good = !name.is_empty()
+        && name.chars().count() <= MAX_NAME
+        && name.chars().all(plain)
+        && !name.starts_with(['-', '.']);
+    if good {
+        return Ok(());
+    }
+    let expected = format!(
+        "a pseudonym of 1 to {MAX_NAME} letters, digits, '-', '_', '.' or '@', begun with a letter or digit"
+    );
+    Err(StoreError::Value { field: "trainee", expected, found: format!("'{name}'") })
+}
+
+impl Store {
+    /// Opens a store and brings its schema up to date; makes one where there is none.
+    pub fn open_or_create(path: &Path) -> Result<Self, StoreError> {
+        if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
+            let file = path.display().to_string();
+            let told =
+                |e: std::io::Error| StoreError::Other { file, problem: format!("make its folder: {e}") };
+            std::fs::create_dir_all(folder).map_err(told)?;
+        }
+        Self::open_with(path, PATIENCE)
+    }
+
+    /// Opens a store that is there and brings its schema up to date.
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        if !path.exists() {
+            return Err(StoreError::Missing { file: path.display().to_string() });
+        }
+        Self::open_with(path, PATIENCE)
+    }
+
+    /// As [`Store::open_or_create`] without making folders, with another patience.
+    pub fn open_with(path: &Path, patience: Duration) -> Result<Self, StoreError> {
+        let told = |e| told(path, patience, e);
+        let connection = Connection::open(path).map_err(told)?;
+        connection.busy_timeout(patience).map_err(told)?;
+        connection.pragma_update(None, "foreign_keys", true).map_err(told)?;
+        // What a trainee has deleted is overwritten, not only forgotten.
+        connection.pragma_update(None, "secure_delete", true).map_err(told)?;
+        let mut store = Store { path: path.into(), connection, patience };
+        store.migrate()?;
+        Ok(store)
+    }
+
+    fn told(&self, error: rusqlite::Error) -> StoreError {
+        told(&self.path, self.patience, error)
+    }
+
+    fn number(&self, pragma: &str) -> Result<i64, StoreError> {
+        self.connection.pragma_query_value(None, pragma, |row| row.get(0)).map_err(|e| self.told(e))
+    }
+
+    /// Brings the schema up to date.
+    fn migrate(&mut self) -> Result<(), StoreError> {
+        let file = self.path.display().to_string();
+        let (found, owner) = (self.number("user_version")?, self.number("application_id")?);
+        let is_empty = found == 0 && owner == 0 && self.is_empty()?;
+        if !is_empty && owner != i64::from(APPLICATION_ID) {
+            return Err(StoreError::Foreign { file, found: "a database of another program".into() });
+        }
+        let known = usize::try_from(found).ok().filter(|&v| v <= VERSION);
+        let Some(known) = known else { return Err(StoreError::Newer { file, newest: VERSION, found }) };
+        if known == VERSION {
+            return Ok(());
+        }
+        self.change(|change| {
+            // Somebody else may have been quicker.
+            let now: i64 = change.pragma_query_value(None, "user_version", |row| row.get(0))?;
+            for step in STEPS.get(now as usize..).unwrap_or(&[]) {
+                change.execute_batch(step)?;
+            }
+            change.pragma_update(None, "application_id", APPLICATION_ID)?;
+            change.pragma_update(None, "user_version", VERSION as i64)
+        })
+    }
+
+    fn is_empty(&self) -> Result<bool, StoreError> {
+        let tables = "SELECT count(*) FROM sqlite_schema";
+        let count: i64 = self.connection.query_row(tables, [], |row| row.get(0)).map_err(|e| self.told(e))?;
+        Ok(count == 0)
+    }
+
+    /// All of `what` or nothing.
+    fn change<T>(&mut self, what: impl FnOnce(&Transaction) -> rusqlite::Result<T>) -> Result<T, StoreError> {
+        let Store { path, connection, patience } = self;
+        let all = || {
+            let change = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            let done = what(&change)?;
+            change.commit()?;
+            Ok(done)
+        };
+        all().map_err(|e| told(path, *patience, e))
+    }
+
+    /// Adds an attempt of a trainee; a trainee who is not there yet is added too. `None` if the store holds this recording's
+    /// score in this version already.
+    pub fn add(&mut self, trainee: &str, attempt: &Attempt) -> Result<Option<i64>, StoreError> {
+        check_name(trainee)?;
+        self.change(|change| {
+            change
+                .execute("INSERT INTO trainees (pseudonym) VALUES (?1) ON CONFLICT DO NOTHING", [trainee])?;
+            let own: i64 =
+                change
+                    .query_row("SELECT id FROM trainees WHERE pseudonym = ?1", [trainee], |row| row.get(0))?;
+            let Some(id) = insert(change, own, attempt)? else { return Ok(None) };
+            for (kind, points) in [("category", &attempt.categories), ("metric", &attempt.metrics)] {
+                for (place, p) in points.iter().enumerate() {
+                    change.execute(
+                        "INSERT INTO points (attempt, kind, place, key, value, sigma, points, of)
+                         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)",
+                        params![id, kind, place as i64, p.key, p.value, p.sigma, p.points, p.of],
+                    )?;
+                }
+            }
+            Ok(Some(id))
+        })
+    }
+
+    /// Deletes a trainee with every attempt; tells how many those were and which recordings they name. `None` if there is no
+    /// such trainee.
+    pub fn delete(&mut self, trainee: &str) -> Result<Option<(usize, Vec<String>)>, StoreError> {
+        let filter = Filter { trainee: Some(trainee.into()), ..Filter::default() };
+        let attempts = self.attempts(&filter)?;
+        let deleted =
+            self.change(|change| change.execute("DELETE FROM trainees WHERE pseudonym = ?1", [trainee]))?;
+        let mut recordings: Vec<String> =
+            attempts.iter().filter_map(|s| s.attempt.recording.clone()).collect();
+        recordings.sort();
+        recordings.dedup();
+        Ok((deleted > 0).then_some((attempts.len(), recordings)))
+    }
+
+    /// Pseudonyms and how many attempts each has made, in the order of the alphabet.
+    pub fn trainees(&self) -> Result<Vec<(String, usize)>, StoreError> {
+        let all = "SELECT pseudonym, count(attempts.id) FROM trainees LEFT JOIN attempts ON attempts.trainee = trainees.id
+                   GROUP BY trainees.id ORDER BY pseudonym";
+        let query = || {
+            let mut statement = self.connection.prepare(all)?;
+            let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get::<_, i64>(1)? as usize)))?;
+            rows.collect::<rusqlite::Result<Vec<_>>>()
+        };
+        query().map_err(|e| self.told(e))
+    }
+
+    /// Attempts in the order in which they were made.
+    pub fn attempts(&self, filter: &Filter) -> Result<Vec<Stored>, StoreError> {
+        self.query(filter).map_err(|e| self.told(e))
+    }
+
+    fn query(&self, filter: &Filter) -> rusqlite::Result<Vec<Stored>> {
+        let mut statement = self.connection.prepare(
+            "SELECT attempts.id, pseudonym, strftime('%Y-%m-%dT%H:%M:%SZ', at_s, 'unixepoch'), at_s, module, level, surgeon,
+                 program, score_version, seed, total, attempts.sigma, finished, took_s, recording, recording_sha256
+             FROM attempts JOIN trainees ON attempts.trainee = trainees.id
+             WHERE (?1 IS NULL OR pseudonym = ?1) AND (?2 IS NULL OR module = ?2) AND (?3 IS NULL OR level = ?3)
+             ORDER BY at_s, attempts.id",
+        )?;
+        let rows = statement.query_map(params![filter.trainee, filter.module, filter.level], stored)?;
+        let mut found = rows.collect::<rusqlite::Result<Vec<_>>>()?;
+        let mut points = self.connection.prepare(
+            "SELECT key, value, sigma, points, of FROM points WHERE attempt = ?1 AND kind = ?2 ORDER BY place",
+        )?;
+        for Stored { id, attempt, .. } in &mut found {
+            for (kind, into) in [("category", &mut attempt.categories), ("metric", &mut attempt.metrics)] {
+                let rows = points.query_map(params![*id, kind], |row| {
+                    let (key, value, sigma) = (row.get(0)?, row.get(1)?, row.get(2)?);
+                    Ok(Points { key, value, sigma, points: row.get(3)?, of: row.get(4)? })
+                })?;
+                *into = rows.collect::<rusqlite::Result<_>>()?;
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// The row of an attempt; `None` where the trainee has it already.
+fn insert(change: &Transaction, trainee: i64, a: &Attempt) -> rusqlite::Result<Option<i64>> {
+    // SQLite's integers have a sign; the seed's bits are what counts.
+    let seed = a.seed.map(|seed| seed as i64);
+    let row = "INSERT INTO attempts (trainee, at_s, module, level, surgeon, program, score_version, seed, total, sigma, finished,
+                   took_s, recording, recording_sha256)
+               VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14)
+               ON CONFLICT (trainee, recording_sha256, score_version) DO NOTHING RETURNING id";
+    let values = params![
+        trainee,
+        a.at_s,
+        a.module,
+        a.level,
+        a.surgeon,
+        a.program,
+        a.score_version,
+        seed,
+        a.total,
+        a.sigma,
+        a.finished,
+        a.took_s,
+        a.recording,
+        a.recording_sha256
+    ];
+    change.query_row(row, values, |row| row.get(0)).optional()
+}
+
+fn stored(row: &Row) -> rusqlite::Result<Stored> {
+    let attempt = Attempt {
+        at_s: row.get(3)?,
+        module: row.get(4)?,
+        level: row.get(5)?,
+        surgeon: row.get(6)?,
+        program: row.get(7)?,
+        score_version: row.get(8)?,
+        seed: row.get::<_, Option<i64>>(9)?.map(|seed| seed as u64),
+        total: row.get(10)?,
+        sigma: row.get(11)?,
+        finished: row.get(12)?,
+        took_s: row.get(13)?,
+        recording: row.get(14)?,
+        recording_sha256: row.get(15)?,
+        ..Attempt::default()
+    };
+    Ok(Stored {
+        id: row.get(0)?,
+        trainee: row.get(1)?,
+        at: row.get::<_, Option<String>>(2)?.unwrap_or_default(),
+        attempt,
+    })
+}
+
+/// SQLite's error in words that say what to do.
+fn told(path: &Path, patience: Duration, error: rusqlite::Error) -> StoreError {
+    let file = path.display().to_string();
+    match error.sqlite_error_code() {
+        Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
+            StoreError::Locked { file, seconds: patience.as_secs() }
+        }
+        Some(ErrorCode::DiskFull) => StoreError::Full { file },
+        Some(ErrorCode::ReadOnly) => StoreError::ReadOnly { file },
+        Some(ErrorCode::NotADatabase) => {
+            StoreError::Foreign { file, found: "a file that is no database".into() }
+        }
+        Some(ErrorCode::DatabaseCorrupt) => StoreError::Foreign { file, found: "a damaged database".into() },
+        _ => StoreError::Other { file, problem: error.to_string() },
+    }
+}
+
+#[cfg(test)]
+#[path = "store_tests.rs"]
+mod tests;

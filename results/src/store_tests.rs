@@ -1,0 +1,215 @@
+//! Checks of the store against a file on disk, partly through connections of SQLite's own.
+
+use super::*;
+use tempfile::TempDir;
+
+fn place() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("deep/results.sqlite");
+    (folder, path)
+}
+
+fn points(key: &str, value: Option<f64>, points: f64) -> Points {
+    Points { key: key.into(), value, sigma: value.map(|v| v / 16.0), points, of: 20.0 }
+}
+
+fn attempt(at_s: i64, module: &str, total: f64) -> Attempt {
+    Attempt {
+        at_s,
+        module: module.into(),
+        level: 2,
+        surgeon: Some("novice".into()),
+        program: "0.1.0".into(),
+        score_version: 3,
+        seed: Some(u64::MAX - 4),
+        total,
+        sigma: 0.1 + 0.2,
+        finished: true,
+        took_s: 31.25,
+        categories: vec![points("target", None, 19.0), points("tissue", None, -7.5)],
+        metrics: vec![points("goals", Some(1.0 / 3.0), 12.0), points("grip", None, 0.0)],
+        recording: Some(format!("/data/{at_s}.mcap")),
+        recording_sha256: Some(format!("{at_s:064x}")),
+    }
+}
+
+#[test]
+fn an_attempt_comes_back_as_it_was_added_and_once() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    // 2002-09-25 is the day on which the paper was given; `date -d 2002-09-25T08:30:00Z +%s`.
+    let first = attempt(1_032_942_600, "navigation", 81.5);
+    let id = store.add("trainee-7", &first).unwrap().unwrap();
+    assert_eq!(store.add("trainee-7", &first).unwrap(), None, "the same recording counts once");
+    let other = store.add("trainee-8", &first).unwrap().unwrap();
+    let again = store.add("trainee-7", &Attempt { score_version: 4, ..first.clone() }).unwrap();
+    assert!(again.is_some_and(|n| n > other), "another version of the score is another row");
+    drop(store);
+    let store = Store::open(&path).unwrap();
+    let all = store.attempts(&Filter::default()).unwrap();
+    assert_eq!(all.len(), 3);
+    assert_eq!(
+        (all[0].id, all[0].trainee.as_str(), all[0].at.as_str()),
+        (id, "trainee-7", "2002-09-25T08:30:00Z")
+    );
+    assert_eq!(all[0].attempt, first, "to the bit");
+}
+
+#[test]
+fn filters_choose_and_time_orders() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    for (at, trainee, module) in
+        [(30, "a", "shadow"), (10, "a", "forceps"), (20, "b", "shadow"), (5, "a", "shadow")]
+    {
+        store.add(trainee, &attempt(at, module, at as f64)).unwrap();
+    }
+    let of = |trainee: Option<&str>, module: Option<&str>, level| {
+        let filter = Filter { trainee: trainee.map(Into::into), module: module.map(Into::into), level };
+        store.attempts(&filter).unwrap().iter().map(|s| s.attempt.at_s).collect::<Vec<_>>()
+    };
+    assert_eq!(of(None, None, None), [5, 10, 20, 30]);
+    assert_eq!(of(Some("a"), Some("shadow"), Some(2)), [5, 30]);
+    assert_eq!(of(Some("a"), None, Some(1)), [0; 0]);
+    assert_eq!(of(Some("' OR 1 = 1 --"), None, None), [0; 0]);
+    assert_eq!(store.trainees().unwrap(), [("a".into(), 3), ("b".into(), 1)]);
+}
+
+#[test]
+fn a_deleted_trainee_leaves_no_trace_in_the_file() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    store.add("Pseudonym-Magnolia", &attempt(1, "shadow", 1.0)).unwrap();
+    store.add("Pseudonym-Magnolia", &attempt(2, "shadow", 2.0)).unwrap();
+    store.add("other", &attempt(3, "shadow", 3.0)).unwrap();
+    let bytes = || std::fs::read(&path).unwrap();
+    let holds = |needle: &str| bytes().windows(needle.len()).any(|w| w == needle.as_bytes());
+    assert!(holds("Pseudonym-Magnolia") && holds("/data/2.mcap"));
+    let (attempts, recordings) = store.delete("Pseudonym-Magnolia").unwrap().unwrap();
+    assert_eq!((attempts, recordings), (2, vec!["/data/1.mcap".into(), "/data/2.mcap".into()]));
+    assert_eq!(store.delete("Pseudonym-Magnolia").unwrap(), None);
+    drop(store);
+    assert!(!holds("Magnolia") && !holds("/data/1.mcap") && !holds("/data/2.mcap"));
+    let raw = Connection::open(&path).unwrap();
+    let left: i64 = raw.query_row("SELECT count(*) FROM points", [], |r| r.get(0)).unwrap();
+    assert_eq!(left, 4, "only the points of the other's attempt");
+}
+
+/// A store as version 1 of the schema had it, written with SQL alone.
+fn old_store(path: &Path) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let old = Connection::open(path).unwrap();
+    old.execute_batch(STEPS[0]).unwrap();
+    old.execute_batch(
+        "PRAGMA application_id = 1986622578; PRAGMA user_version = 1;
+         INSERT INTO trainees VALUES (4, 'veteran');
+         INSERT INTO attempts VALUES (9, 4, 100, 'peeling', 1, '0.0.9', 1, NULL, 55.5, 0, 12.0, '/r.mcap', 'ab');
+         INSERT INTO attempts VALUES (10, 4, 101, 'peeling', 1, '0.0.9', 1, NULL, 55.5, 0, 12.0, '/r.mcap', 'ab');
+         INSERT INTO points VALUES (9, 'metric', 0, 'goals', 0.5, 10.0, 20.0);
+         INSERT INTO points VALUES (10, 'metric', 0, 'goals', 0.5, 10.0, 20.0);",
+    )
+    .unwrap();
+}
+
+#[test]
+fn an_older_schema_is_brought_up_to_date() {
+    let (_folder, path) = place();
+    old_store(&path);
+    let mut store = Store::open(&path).unwrap();
+    let all = store.attempts(&Filter::default()).unwrap();
+    assert_eq!(all.len(), 1, "what was there twice is there once");
+    let Stored { id, trainee, attempt: a, .. } = &all[0];
+    assert_eq!((*id, trainee.as_str(), a.total, a.sigma, &a.surgeon), (9, "veteran", 55.5, 0.0, &None));
+    assert_eq!((a.metrics[0].value, a.metrics[0].sigma), (Some(0.5), None));
+    store.add("veteran", &attempt(1, "shadow", 3.0)).unwrap().unwrap();
+    let fresh = path.with_file_name("fresh.sqlite");
+    let schema = |store: &Store| -> Vec<String> {
+        let mut columns = store
+            .connection
+            .prepare("SELECT m.name || '.' || c.name || ' ' || c.type FROM sqlite_schema m, pragma_table_info(m.name) c")
+            .unwrap();
+        let mut all: Vec<String> = columns.query_map([], |r| r.get(0)).unwrap().map(Result::unwrap).collect();
+        all.sort();
+        all
+    };
+    assert_eq!(schema(&store), schema(&Store::open_or_create(&fresh).unwrap()));
+    assert_eq!(store.number("user_version").unwrap(), VERSION as i64);
+}
+
+#[test]
+fn a_newer_schema_and_foreign_files_are_refused_untouched() {
+    let (_folder, path) = place();
+    drop(Store::open_or_create(&path).unwrap());
+    Connection::open(&path).unwrap().pragma_update(None, "user_version", 99).unwrap();
+    let error = Store::open(&path).unwrap_err();
+    assert!(matches!(&error, StoreError::Newer { found: 99, .. }), "{error}");
+    assert!(error.to_string().contains("results.sqlite"));
+    let text = path.with_file_name("notes.txt");
+    std::fs::write(
+        &text,
+        "not a database, but long enough to have a header of one hundred bytes. ".repeat(4),
+    )
+    .unwrap();
+    let before = std::fs::read(&text).unwrap();
+    assert!(matches!(Store::open(&text), Err(StoreError::Foreign { .. })));
+    assert_eq!(std::fs::read(&text).unwrap(), before);
+    let other = path.with_file_name("other.sqlite");
+    Connection::open(&other).unwrap().execute_batch("CREATE TABLE trainees (name TEXT)").unwrap();
+    assert!(matches!(Store::open(&other), Err(StoreError::Foreign { .. })));
+    assert!(matches!(Store::open(&path.with_file_name("none")), Err(StoreError::Missing { .. })));
+}
+
+#[test]
+fn a_locked_store_says_so_and_changes_nothing() {
+    let (_folder, path) = place();
+    drop(Store::open_or_create(&path).unwrap());
+    let holder = Connection::open(&path).unwrap();
+    let mut store = Store::open_with(&path, Duration::ZERO).unwrap();
+    holder.execute_batch("BEGIN EXCLUSIVE").unwrap();
+    let error = store.add("a", &attempt(1, "shadow", 1.0)).unwrap_err();
+    assert!(matches!(error, StoreError::Locked { .. }), "{error}");
+    assert!(matches!(store.attempts(&Filter::default()), Err(StoreError::Locked { .. })));
+    assert!(matches!(Store::open_with(&path, Duration::ZERO), Err(StoreError::Locked { .. })));
+    holder.execute_batch("ROLLBACK").unwrap();
+    assert!(store.add("a", &attempt(1, "shadow", 1.0)).unwrap().is_some());
+}
+
+#[test]
+fn a_full_disk_says_so_and_leaves_what_was_there() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    store.add("a", &attempt(1, "shadow", 1.0)).unwrap();
+    // SQLite answers a full disk and its own limit of pages alike (SQLITE_FULL).
+    store.connection.pragma_update(None, "max_page_count", 1).unwrap();
+    let long = Attempt { recording: Some("x".repeat(200_000)), ..attempt(2, "shadow", 2.0) };
+    let error = store.add("newcomer", &long).unwrap_err();
+    assert!(matches!(error, StoreError::Full { .. }), "{error}");
+    drop(store);
+    let store = Store::open(&path).unwrap();
+    assert_eq!(store.trainees().unwrap(), [("a".into(), 1)], "half an attempt is none");
+}
+
+#[test]
+fn odd_names_are_refused() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    for wrong in ["", "-x", "a b", "a,b", "a/b", "..", "x\n", &"n".repeat(65)] {
+        assert!(
+            matches!(store.add(wrong, &attempt(1, "m", 1.0)), Err(StoreError::Value { .. })),
+            "{wrong:?}"
+        );
+    }
+    for right in ["t7", "Ärztin_3", "a.b@c-d"] {
+        check_name(right).unwrap();
+    }
+}
+
+#[test]
+fn the_default_place_follows_the_specification() {
+    let place = |data: Option<&str>, home: Option<&str>| {
+        default_place(data.map(Path::new), home.map(Path::new)).map(|p| p.display().to_string())
+    };
+    assert_eq!(place(Some("/d"), Some("/h")).as_deref(), Some("/d/vitreo/results.sqlite"));
+    assert_eq!(place(Some("relative"), Some("/h")).as_deref(), Some("/h/.local/share/vitreo/results.sqlite"));
+    assert_eq!(place(None, None), None);
+}

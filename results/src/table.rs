@@ -1,0 +1,247 @@
+//! Attempts as a table: one row each, the same columns for every batch that is given the same keys, so that the tables of
+//! many machines can be put together.
+
+use crate::attempt::{Attempt, Points, Stored};
+use crate::batch::Row;
+use std::io::{self, Write};
+
+/// The cells of a column; a cell may be empty.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs)]
+pub enum Cells {
+    Text(Vec<Option<String>>),
+    Whole(Vec<Option<i64>>),
+    Natural(Vec<Option<u64>>),
+    Real(Vec<Option<f64>>),
+    Truth(Vec<Option<bool>>),
+}
+
+impl Cells {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Cells::Text(c) => c.len(),
+            Cells::Whole(c) => c.len(),
+            Cells::Natural(c) => c.len(),
+            Cells::Real(c) => c.len(),
+            Cells::Truth(c) => c.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// A cell for people and CSV. Real numbers have as many digits as lead back to the same bits.
+    fn told(&self, row: usize) -> String {
+        fn text<T: ToString>(cell: &Option<T>) -> String {
+            cell.as_ref().map_or_else(String::new, T::to_string)
+        }
+        match self {
+            Cells::Text(c) => c[row].as_deref().map_or_else(String::new, quoted),
+            Cells::Whole(c) => text(&c[row]),
+            Cells::Natural(c) => text(&c[row]),
+            Cells::Real(c) => text(&c[row]),
+            Cells::Truth(c) => text(&c[row]),
+        }
+    }
+}
+
+/// A text cell after RFC 4180.
+fn quoted(text: &str) -> String {
+    match text.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
+    }
+}
+
+/// A column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Column {
+    /// Its name: small letters, digits, `_`.
+    pub name: String,
+    /// Its cells, as many as those of every other column.
+    pub cells: Cells,
+}
+
+/// Columns of one length.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Table {
+    /// The columns.
+    pub columns: Vec<Column>,
+    /// The rows that each has.
+    pub rows: usize,
+}
+
+/// Categories and metrics that get columns, in this order.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Keys {
+    /// Categories.
+    pub categories: Vec<String>,
+    /// Metrics.
+    pub metrics: Vec<String>,
+}
+
+impl Keys {
+    /// Adds what an attempt has and the keys lack (an older version of the score had other metrics).
+    pub fn widen(&mut self, attempt: &Attempt) {
+        for (keys, points) in
+            [(&mut self.categories, &attempt.categories), (&mut self.metrics, &attempt.metrics)]
+        {
+            for p in points {
+                if !keys.contains(&p.key) {
+                    keys.push(p.key.clone());
+                }
+            }
+        }
+    }
+}
+
+impl Table {
+    fn of(rows: usize) -> Self {
+        Table { columns: Vec::new(), rows }
+    }
+
+    fn put(&mut self, name: &str, cells: Cells) {
+        debug_assert_eq!(cells.len(), self.rows);
+        self.columns.push(Column { name: name.replace('-', "_"), cells });
+    }
+
+    /// Attempts of the store.
+    pub fn of_store(all: &[Stored], mut keys: Keys) -> Self {
+        all.iter().for_each(|s| keys.widen(&s.attempt));
+        let mut table = Table::of(all.len());
+        table.put("id", Cells::Whole(all.iter().map(|s| Some(s.id)).collect()));
+        table.put("trainee", Cells::Text(all.iter().map(|s| Some(s.trainee.clone())).collect()));
+        table.put("at", Cells::Text(all.iter().map(|s| Some(s.at.clone())).collect()));
+        let attempts: Vec<_> = all.iter().map(|s| Some(&s.attempt)).collect();
+        table.attempts(&attempts, &keys);
+        table
+    }
+
+    /// The rows of a batch; attempts have no cells where a recording could not be scored.
+    pub fn of_batch(rows: &[Row], keys: &Keys) -> Self {
+        let mut table = Table::of(rows.len());
+        let attempts: Vec<_> = rows.iter().map(|r| r.attempt.as_ref()).collect();
+        table.put("file", Cells::Text(rows.iter().map(|r| Some(r.file.display().to_string())).collect()));
+        table.put("problem", Cells::Text(rows.iter().map(|r| r.problem.clone()).collect()));
+        table.put("seconds", Cells::Real(rows.iter().map(|r| Some(r.seconds)).collect()));
+        let ended = rows.iter().map(|r| r.attempt.as_ref().map(|_| r.ended));
+        table.put("ended", Cells::Truth(ended.collect()));
+        table.put("agrees", Cells::Truth(rows.iter().map(|r| r.agrees).collect()));
+        table.attempts(&attempts, keys);
+        table
+    }
+
+    fn attempts(&mut self, all: &[Option<&Attempt>], keys: &Keys) {
+        fn each<T>(all: &[Option<&Attempt>], of: impl Fn(&Attempt) -> Option<T>) -> Vec<Option<T>> {
+            all.iter().map(|a| a.and_then(&of)).collect()
+        }
+        self.put("module", Cells::Text(each(all, |a| Some(a.module.clone()))));
+        self.put("level", Cells::Natural(each(all, |a| Some(u64::from(a.level)))));
+        self.put("surgeon", Cells::Text(each(all, |a| a.surgeon.clone())));
+        self.put("seed", Cells::Natural(each(all, |a| a.seed)));
+        self.put("program", Cells::Text(each(all, |a| Some(a.program.clone()))));
+        self.put("score_version", Cells::Natural(each(all, |a| Some(u64::from(a.score_version)))));
+        self.put("finished", Cells::Truth(each(all, |a| Some(a.finished))));
+        self.put("took_s", Cells::Real(each(all, |a| Some(a.took_s))));
+        self.put("total", Cells::Real(each(all, |a| Some(a.total))));
+        self.put("sigma", Cells::Real(each(all, |a| Some(a.sigma))));
+        let find = |points: &[Points], key: &str| points.iter().find(|p| p.key == key).cloned();
+        for key in &keys.categories {
+            let points = each(all, |a| Some(find(&a.categories, key)?.points));
+            self.put(&format!("category_{key}"), Cells::Real(points));
+        }
+        for key in &keys.metrics {
+            self.put(&format!("value_{key}"), Cells::Real(each(all, |a| find(&a.metrics, key)?.value)));
+            self.put(
+                &format!("points_{key}"),
+                Cells::Real(each(all, |a| Some(find(&a.metrics, key)?.points))),
+            );
+        }
+        self.put("recording", Cells::Text(each(all, |a| a.recording.clone())));
+        self.put("recording_sha256", Cells::Text(each(all, |a| a.recording_sha256.clone())));
+    }
+
+    /// Writes comma-separated values after RFC 4180, with a line of names.
+    pub fn write_csv(&self, out: &mut impl Write) -> io::Result<()> {
+        let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
+        writeln!(out, "{}", names.join(","))?;
+        for row in 0..self.rows {
+            let cells: Vec<String> = self.columns.iter().map(|c| c.cells.told(row)).collect();
+            writeln!(out, "{}", cells.join(","))?;
+        }
+        out.flush()
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    pub(crate) fn keys() -> Keys {
+        Keys { categories: vec!["target".into()], metrics: vec!["speed-near-retina".into()] }
+    }
+
+    /// A scored recording, one without a value, and one that could not be read.
+    pub(crate) fn rows() -> Vec<Row> {
+        let metric =
+            |value| Points { key: "speed-near-retina".into(), value, points: 0.1 + 0.2, ..Points::default() };
+        let attempt = Attempt {
+            module: "shadow".into(),
+            level: 1,
+            seed: Some(u64::MAX),
+            total: 100.0 / 3.0,
+            categories: vec![Points { key: "target".into(), points: 8.0, ..Points::default() }],
+            metrics: vec![metric(Some(-0.0))],
+            ..Attempt::default()
+        };
+        let other = Attempt { metrics: vec![metric(None)], ..attempt.clone() };
+        let row = |file: &str, problem: Option<&str>, attempt| Row {
+            file: PathBuf::from(file),
+            problem: problem.map(Into::into),
+            seconds: 2.5,
+            ended: true,
+            agrees: None,
+            attempt,
+        };
+        vec![
+            row("a.mcap", None, Some(attempt)),
+            row("b, c.mcap", Some("cut at \"9\""), Some(other)),
+            row("d.mcap", Some("no recording"), None),
+        ]
+    }
+
+    #[test]
+    fn csv_has_a_cell_for_every_column_and_quotes_what_needs_it() {
+        let table = Table::of_batch(&rows(), &keys());
+        let mut out = Vec::new();
+        table.write_csv(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines.len(), 4);
+        assert!(
+            lines[0].starts_with("file,problem,seconds,ended,agrees,module,level,")
+                && lines[0].contains(",value_speed_near_retina,")
+        );
+        assert!(lines[1].contains(",18446744073709551615,") && lines[1].contains(",33.333333333333336,"));
+        assert!(lines[2].starts_with("\"b, c.mcap\",\"cut at \"\"9\"\"\",2.5,true,,shadow,1,"));
+        assert_eq!(lines[3], format!("d.mcap,no recording,2.5{}", ",".repeat(table.columns.len() - 3)));
+    }
+
+    #[test]
+    fn columns_depend_on_the_keys_alone() {
+        let names = |rows: &[Row]| -> Vec<String> {
+            Table::of_batch(rows, &keys()).columns.into_iter().map(|c| c.name).collect()
+        };
+        assert_eq!(names(&rows()), names(&[]));
+        let mut wide = keys();
+        wide.widen(&Attempt {
+            metrics: vec![Points { key: "old".into(), ..Points::default() }],
+            ..Attempt::default()
+        });
+        assert_eq!(wide.metrics, ["speed-near-retina", "old"]);
+    }
+}
