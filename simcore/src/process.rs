@@ -95,7 +95,7 @@ struct Desk {
 impl Desk {
     fn open(instance: &Instance, world: &World) -> Result<Self, IpcError> {
         let (vitreous, retina) = (world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
-        let scene_bytes = bytes_needed(world.sheet(), vitreous, retina);
+        let scene_bytes = bytes_needed(world.sheet(), world.adhesion().is_some(), vitreous, retina);
         Ok(Desk {
             poses: instance.receiver(Queue::InOrder)?,
             handles: instance.receiver(Queue::InOrder)?,

@@ -29,13 +29,21 @@ const _: () = assert!(
         < BESIDE_THE_MESH
 );
 
-/// Room that the scene of a membrane's sheet, a vitreous and a retina's sheet takes at most, bytes.
-pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>, retina: Option<&Sheet>) -> usize {
+/// Height from which retina under glue is drawn as lifted, mm: a twentieth of its thickness, nothing that an eye would see.
+const SHOWN_MM: f32 = 0.005;
+
+/// Room that the scene of a membrane's sheet, `glued` to the retina or not, a vitreous and a retina's sheet takes at most, bytes.
+pub fn bytes_needed(
+    sheet: &Sheet,
+    glued: bool,
+    vitreous: Option<&Vitreous>,
+    retina: Option<&Sheet>,
+) -> usize {
     let mesh =
         |s: &Sheet| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
     let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
     let homes = retina.map_or(0, |s| s.nodes() * size_of::<SceneHome>());
-    mesh(sheet) + retina.map_or(0, mesh) + homes + bricks + BESIDE_THE_MESH
+    mesh(sheet) * (1 + usize::from(glued)) + retina.map_or(0, mesh) + homes + bricks + BESIDE_THE_MESH
 }
 
 /// Fills scene blocks; keeps the lists that are copied into them.
@@ -49,6 +57,7 @@ pub struct SceneWriter {
     homes: Vec<SceneHome>,
     marks: Vec<SceneMark>,
     bodies: Vec<SceneBody>,
+    elevation: Elevation,
     task: TaskText,
     /// A reset world counts its topology from 0 again, but the renderer must see a change.
     generation: u64,
@@ -59,16 +68,19 @@ impl SceneWriter {
     pub fn new(world: &World) -> Self {
         let (sheet, retina) = (world.sheet(), world.retina().map(|r| &r.sheet));
         let homes = world.retina().map_or(&[][..], |r| &r.home_mm).iter().enumerate();
-        let base = sheet.nodes();
+        let sheets = 1 + usize::from(world.adhesion().is_some());
+        let triangles = sheets * sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len());
+        let base = sheets * sheet.nodes();
         SceneWriter {
             homes: homes
                 .map(|(n, p)| SceneHome { position_mm: (*p).into(), node: (base + n) as u32 })
                 .collect(),
-            nodes: Vec::with_capacity(sheet.nodes() + retina.map_or(0, |s| s.nodes())),
-            triangles: Vec::with_capacity(sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len())),
+            nodes: Vec::with_capacity(sheets * sheet.nodes() + retina.map_or(0, |s| s.nodes())),
+            triangles: Vec::with_capacity(triangles),
             topology: None,
             marks: Vec::with_capacity(crate::constants::MAX_MARKS),
             bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
+            elevation: Elevation { raised: vec![false; sheet.triangles.len()], changes: 0 },
             task: TaskText::default(),
             generation: 0,
         }
@@ -97,7 +109,7 @@ impl SceneWriter {
             field: state.field,
             instants,
             state_hash,
-            topology: self.generation + topology(world),
+            topology: self.generation + self.topology_of(world),
             world_from_eye: Pose::from_isometry(&state.world_from_eye),
             instruments: std::array::from_fn(|i| {
                 // A body between them keeps the jaws open.
@@ -130,13 +142,18 @@ impl SceneWriter {
             self.nodes[held.node as usize].position_mm = held.at_in_instrument_mm;
         }
         let base = self.nodes.len() as u32;
+        self.elevation.follow(world);
+        self.elevation.nodes(world, &mut self.nodes);
+        let retina_base = self.nodes.len() as u32;
         self.collect_retina_nodes(world);
-        if self.topology != Some(topology(world)) {
-            self.topology = Some(topology(world));
+        let topology = self.topology_of(world);
+        if self.topology != Some(topology) {
+            self.topology = Some(topology);
             let alive = sheet.triangles.iter().zip(&membrane.triangle_alive).filter(|(_, a)| **a != 0);
             self.triangles.clear();
             self.triangles.extend(alive.map(|(t, _)| SceneTriangle { nodes: *t, tissue: TISSUE_MEMBRANE }));
-            self.collect_retina_triangles(world, base);
+            self.triangles.extend(self.elevation.triangles(world, base));
+            self.collect_retina_triangles(world, retina_base);
         }
         self.bodies.clear();
         let models = world.scene().bodies.iter().flat_map(|b| &b.body);
@@ -172,6 +189,12 @@ impl SceneWriter {
         }
     }
 
+    /// Changes with every change of the triangles that are sent.
+    fn topology_of(&self, world: &World) -> u64 {
+        let retina = world.state().retina.as_ref().map_or(0, |r| r.tissue.topology);
+        world.state().membrane.topology + retina + self.elevation.changes
+    }
+
     fn collect_marks(&mut self, world: &World) {
         let state = world.state();
         self.marks.clear();
@@ -183,9 +206,42 @@ impl SceneWriter {
     }
 }
 
-/// Changes with every change of the triangles that are sent.
-fn topology(world: &World) -> u64 {
-    world.state().membrane.topology + world.state().retina.as_ref().map_or(0, |r| r.tissue.topology)
+/// Retina that a glued membrane has lifted: the membrane's triangles once more, between the places of its nodes on the retina.
+#[derive(Debug)]
+struct Elevation {
+    /// Triangles of the sheet with a lifted corner.
+    raised: Vec<bool>,
+    /// How often that changed.
+    changes: u64,
+}
+
+impl Elevation {
+    /// Which triangles are raised now. One raised corner is enough: so the sheet comes down to the choroid all round.
+    fn follow(&mut self, world: &World) {
+        let Some(bonds) = &world.state().adhesion else { return };
+        let mut changed = false;
+        for (raised, nodes) in self.raised.iter_mut().zip(&world.sheet().triangles) {
+            let now = nodes.iter().any(|&n| bonds.lifted_mm[n as usize] > SHOWN_MM);
+            changed |= now != *raised;
+            *raised = now;
+        }
+        self.changes += u64::from(changed);
+    }
+
+    /// Every node, so that a node keeps its number.
+    fn nodes(&self, world: &World, out: &mut Vec<SceneNode>) {
+        let (Some(adhesion), Some(bonds)) = (world.adhesion(), &world.state().adhesion) else { return };
+        let radius_mm = world.scene().eye.retina_radius_mm as f32;
+        out.extend(bonds.lifted_mm.iter().enumerate().map(|(node, lifted_mm)| {
+            let up = adhesion.place(bonds, node).normalize();
+            SceneNode { position_mm: (up * (radius_mm - lifted_mm)).into(), flag: NODE_FREE }
+        }));
+    }
+
+    fn triangles<'a>(&'a self, world: &'a World, base: u32) -> impl Iterator<Item = SceneTriangle> + 'a {
+        let raised = world.sheet().triangles.iter().zip(&self.raised).filter(|(_, raised)| **raised);
+        raised.map(move |(t, _)| SceneTriangle { nodes: t.map(|n| n + base), tissue: TISSUE_RETINA })
+    }
 }
 
 /// What the renderer is told about a node: pinned ones are drawn like free ones.
@@ -248,7 +304,7 @@ mod tests {
             field += 1;
             assert!(field < 50 * 16, "the script grabs");
         }
-        let mut payload = block(bytes_needed(world.sheet(), None, None));
+        let mut payload = block(bytes_needed(world.sheet(), false, None, None));
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
         let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 5, bytes);
         header.validate().unwrap();
@@ -275,7 +331,7 @@ mod tests {
     fn a_reset_changes_the_topology_number() {
         let world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
         let mut writer = SceneWriter::new(&world);
-        let mut payload = block(bytes_needed(world.sheet(), None, None));
+        let mut payload = block(bytes_needed(world.sheet(), false, None, None));
         let mut topology = |writer: &mut SceneWriter| {
             let bytes = bytemuck::cast_slice_mut(&mut payload);
             writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes).topology
@@ -283,5 +339,63 @@ mod tests {
         let first = topology(&mut writer);
         writer.forget();
         assert_ne!(topology(&mut writer), first);
+    }
+
+    /// A retina that holds less than the glue comes up in the picture where the state has it, under the membrane, and goes down again.
+    #[test]
+    fn lifted_retina_is_sent_where_the_glue_has_lifted_it() {
+        let mut scene = SceneFile::load("erm").unwrap();
+        let glue = scene.membrane.as_mut().unwrap().adhesion.as_mut().unwrap();
+        (glue.retina_lift_pa, glue.retina_tear_mm) = (9000.0, 0.3);
+        let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+        let mut writer = SceneWriter::new(&world);
+        let mut payload = block(bytes_needed(world.sheet(), true, None, None));
+        let (sheet_nodes, mut most, mut numbers) = (world.sheet().nodes(), 0, Vec::new());
+        for field in 190..420 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+            let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes);
+            header.validate().unwrap();
+            let nodes = section::<SceneNode>(bytes, header.nodes).unwrap();
+            let triangles = section::<SceneTriangle>(bytes, header.triangles).unwrap();
+            assert_eq!(nodes.len(), 2 * sheet_nodes);
+            let lifted_mm = &world.state().adhesion.as_ref().unwrap().lifted_mm;
+            for (node, lifted_mm) in nodes[sheet_nodes..].iter().zip(lifted_mm) {
+                let height_mm = 11.5 - nalgebra::Vector3::from(node.position_mm).norm();
+                assert!((height_mm - lifted_mm).abs() < 1e-5, "{height_mm} {lifted_mm}");
+            }
+            let retina: Vec<_> = triangles.iter().filter(|t| t.tissue == TISSUE_RETINA).collect();
+            let shown = |n: usize| retina.iter().any(|t| t.nodes.contains(&((sheet_nodes + n) as u32)));
+            let high = lifted_mm.iter().enumerate().filter(|(_, mm)| **mm > SHOWN_MM);
+            assert!(high.into_iter().all(|(n, _)| shown(n)), "field {field}");
+            most = most.max(retina.len());
+            numbers.push((header.topology, retina.len()));
+        }
+        assert!(most > 10, "{most}");
+        let told = numbers.windows(2).all(|w| w[0].1 == w[1].1 || w[0].0 != w[1].0);
+        assert!(told, "another number of triangles is another topology");
+    }
+
+    /// Tissue that tears in a step is gone from the block of the same step, and what is sent is what lives.
+    #[test]
+    fn torn_triangles_leave_the_picture_in_the_same_step() {
+        let mut scene = SceneFile::load("peel").unwrap();
+        scene.membrane.as_mut().unwrap().tear_tension_n_per_m *= 0.25;
+        let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+        let mut writer = SceneWriter::new(&world);
+        let mut payload = block(bytes_needed(world.sheet(), false, None, None));
+        let (mut before, mut changes) = (None, 0);
+        for field in 150..500 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+            let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes);
+            let sent = section::<SceneTriangle>(bytes, header.triangles).unwrap();
+            let alive = &world.state().membrane.triangle_alive;
+            let living = world.sheet().triangles.iter().zip(alive).filter(|(_, a)| **a != 0).map(|(t, _)| *t);
+            assert!(sent.iter().map(|t| t.nodes).eq(living), "field {field}");
+            changes += usize::from(before.is_some_and(|b| b != (header.topology, sent.len())));
+            before = Some((header.topology, sent.len()));
+        }
+        assert!(changes > 3, "it must tear: {changes}");
     }
 }

@@ -212,11 +212,14 @@ fn view_and_light_are_microscope_handling_and_the_light_dose_is_tissue_treatment
     assert!((close[0], close[1], close[2]) == (0.0, 0.0, 0.0));
 }
 
+/// What is done to the tissue, the points that it must cost, and the events with their steps.
+type Harm = (&'static str, f64, Vec<(u64, Event)>);
+
 #[test]
 fn each_injury_costs_what_the_table_says_and_nothing_else() {
     let points = |i: Injury| PENALTIES[i as usize].points;
     let (macula, away) = ([0.5, 0.0, -11.49], [6.0, 0.0, -9.81]);
-    let cases: [(&str, f64, Vec<(u64, Event)>); 7] = [
+    let cases: [Harm; 7] = [
         ("lens", points(Injury::Lens), vec![by_tip(100, EventKind::LensTouched, 0.2, [0.0, 0.0, 5.0])]),
         ("contact", points(Injury::Contact), vec![by_tip(100, EventKind::RetinaTouched, 0.04, away)]),
         (
@@ -253,7 +256,7 @@ fn each_injury_costs_what_the_table_says_and_nothing_else() {
         let lost = lost(|a| a.events.extend(events));
         assert!((only(Category::Tissue, lost, what) - points).abs() < 1e-9, "{what}: {lost:?}");
     }
-    assert!(MACULA_MM < 6.0);
+    const { assert!(MACULA_MM < 6.0) };
 }
 
 #[test]

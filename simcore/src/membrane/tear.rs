@@ -116,8 +116,39 @@ pub fn check_mesh(sheet: &Sheet, state: &MembraneState) -> Result<(), String> {
 mod tests {
     use super::super::tissue::Tissue;
     use super::*;
+    use crate::collision::instrument_image::{InstrumentImage, Volume};
+    use crate::collision::zcoll::Zcoll;
+    use nalgebra::Isometry3;
     use proptest::prelude::*;
+    use protocol::handles::Tool;
     use protocol::scene_file::SceneFile;
+    use std::collections::BTreeSet;
+
+    /// A grid of 8 × 8 squares of 0.5 mm that is jittered, cut along either diagonal, and lacks some triangles.
+    fn irregular(jitter: &[[f32; 3]], diagonals: &[bool], holes: &[usize]) -> Sheet {
+        let at = |i: usize| (i as f32 - 4.0) * 0.5;
+        let moved = |i: usize| std::array::from_fn(|k| 0.4 * jitter[i][k] + [at(i % 9), at(i / 9), 0.0][k]);
+        let positions: Vec<[f32; 3]> = (0..81).map(moved).collect();
+        let mut triangles = Vec::new();
+        for (square, &turned) in diagonals.iter().enumerate() {
+            let a = (square / 8 * 9 + square % 8) as u32;
+            let [b, c, d] = [a + 1, a + 10, a + 9];
+            triangles.extend(if turned { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] });
+        }
+        let mut left = 0..triangles.len();
+        triangles.retain(|_| left.next().is_some_and(|t| !holes.contains(&t)));
+        // Nodes without a triangle are no part of a mesh.
+        let used: Vec<u32> =
+            triangles.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect();
+        let name = |n: u32| used.binary_search(&n).unwrap() as u32;
+        let triangles: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(name)).collect();
+        let positions: Vec<[f32; 3]> = used.iter().map(|&n| positions[n as usize]).collect();
+        Sheet::from_triangles(&positions, &triangles, &[]).unwrap()
+    }
+
+    fn living<'a>(sheet: &'a Sheet, state: &'a MembraneState) -> impl Iterator<Item = [u32; 3]> + 'a {
+        sheet.triangles.iter().zip(&state.triangle_alive).filter(|(_, alive)| **alive != 0).map(|(t, _)| *t)
+    }
 
     fn peel() -> (Sheet, MembraneState) {
         let sheet = Sheet::new(&SceneFile::load("peel").unwrap());
@@ -162,6 +193,51 @@ mod tests {
                 tear_spring(&sheet, &mut state, s);
             }
             prop_assert_eq!(check_mesh(&sheet, &state), Ok(()));
+        }
+
+        /// Irregular meshes with holes, torn at random by springs, triangles and nodes: what is alive is what the living triangles are
+        /// made of, found anew from their corners, and a collision view sees living triangles only.
+        #[test]
+        fn irregular_meshes_tear_consistently(
+            jitter in prop::collection::vec(prop::array::uniform3(-0.3f32..0.3), 81),
+            diagonals in prop::collection::vec(any::<bool>(), 64),
+            holes in prop::collection::vec(0usize..128, 0..20),
+            tears in prop::collection::vec((0u8..3, 0usize..1000), 1..60),
+        ) {
+            let sheet = irregular(&jitter, &diagonals, &holes);
+            let mut state = sheet.start();
+            let volume = Volume { half_mm: 2.0, near_mm: -1.0, depth_mm: 4.0, resolution: 64 };
+            let mut zcoll = Zcoll::new(volume, &sheet.triangles, sheet.nodes()).unwrap();
+            let mut image = InstrumentImage::new(Tool::LightPipe, 1.5, &volume);
+            image.prepare(0.0, &volume);
+            for (what, which) in tears {
+                let topology = state.topology;
+                match what {
+                    0 => { tear_spring(&sheet, &mut state, which % sheet.structural); }
+                    1 => remove_triangle(&sheet, &mut state, which % sheet.triangles.len()),
+                    _ => remove_node(&sheet, &mut state, which % sheet.nodes()),
+                }
+                let alive: Vec<[u32; 3]> = living(&sheet, &state).collect();
+                prop_assert_eq!(check_mesh(&sheet, &state), Ok(()));
+                let edges: BTreeSet<[u32; 2]> = alive.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+                    .map(|[a, b]| [a.min(b), a.max(b)]).collect();
+                let springs: BTreeSet<[u32; 2]> =
+                    (0..sheet.structural).filter(|&s| state.spring_alive[s] != 0).map(|s| sheet.springs[s]).collect();
+                prop_assert_eq!(springs, edges);
+                let corners: BTreeSet<u32> = alive.iter().flatten().copied().collect();
+                let nodes: BTreeSet<u32> =
+                    (0..sheet.nodes() as u32).filter(|&n| state.flag[n as usize] != NODE_DEAD).collect();
+                prop_assert_eq!(nodes, corners);
+                let lost = alive.len() != sheet.triangles.len();
+                prop_assert!(state.topology >= topology && (state.topology > 0) == lost);
+                // From below: the whole sheet lies over the camera's tip.
+                let pose = Isometry3::translation(0.0, 0.0, 0.5);
+                zcoll.look(&image, &pose, &state.surface(&sheet));
+                prop_assert!(zcoll.triangles().all(|(t, _)| state.triangle_alive[t] != 0));
+                let under = |t: &&[u32; 3]| t.iter().all(|&n| state.position(n as usize).xy().norm() < 1.2);
+                let central = alive.iter().filter(under).count();
+                prop_assert!(zcoll.triangles().count() > 0 || central == 0);
+            }
         }
     }
 }

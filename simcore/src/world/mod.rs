@@ -156,7 +156,8 @@ impl World {
         let (model, retina) = Retina::new(scene)?.unzip();
         let vitreous = Vitreous::new(scene);
         let retina_sheet = model.as_ref().map(|m| &m.sheet);
-        let bytes = crate::scene_block::bytes_needed(&sheet, vitreous.as_ref(), retina_sheet);
+        let glued = scene.membrane.as_ref().is_some_and(|m| m.adhesion.is_some());
+        let bytes = crate::scene_block::bytes_needed(&sheet, glued, vitreous.as_ref(), retina_sheet);
         if bytes > MAX_SCENE_BYTES {
             let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
             return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });

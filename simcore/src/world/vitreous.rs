@@ -162,7 +162,7 @@ mod tests {
 
     fn densities(world: &World) -> u64 {
         let mut writer = SceneWriter::new(world);
-        let bytes = bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v), None);
+        let bytes = bytes_needed(world.sheet(), false, world.vitreous().map(|(v, _)| v), None);
         let mut payload = vec![0u128; bytes.div_ceil(16)];
         let payload: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
         let header = writer.write(world, bytemuck::Zeroable::zeroed(), 0, payload);
