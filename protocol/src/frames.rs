@@ -13,6 +13,52 @@ pub const TRACKING_LOST_SHOWN: u32 = 4;
 /// The machine could not hold a picture that one can train with (2×320×256 with shadows): this frame breaks the
 /// rendering budget, however quickly it was drawn.
 pub const BELOW_FLOOR: u32 = 8;
+/// The flags carry a [`TierReason`] from this bit on, four bits wide.
+const REASON_SHIFT: u32 = 8;
+
+/// Why the renderer draws at the tier at which it draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum TierReason {
+    /// Not told; recordings of before.
+    Unknown = 0,
+    /// Where devices of this kind begin.
+    Start = 1,
+    /// The command line says so.
+    Fixed = 2,
+    /// Several of the last five frames were over the budget.
+    Overload = 3,
+    /// More than one frame in twenty was over the budget.
+    Slow = 4,
+    /// A whole window of frames left room for a better picture.
+    Room = 5,
+}
+
+impl TierReason {
+    /// The reason that a record's flags carry.
+    pub fn of_flags(flags: u32) -> Self {
+        use TierReason::{Fixed, Overload, Room, Slow, Start, Unknown};
+        let code = flags >> REASON_SHIFT & 15;
+        [Start, Fixed, Overload, Slow, Room].into_iter().find(|&r| r as u32 == code).unwrap_or(Unknown)
+    }
+
+    /// The bits that carry it in a record's flags.
+    pub fn flags(self) -> u32 {
+        (self as u32) << REASON_SHIFT
+    }
+
+    /// For people.
+    pub fn text(self) -> &'static str {
+        match self {
+            TierReason::Unknown => "reason not told",
+            TierReason::Start => "where such a device begins",
+            TierReason::Fixed => "fixed by --tier",
+            TierReason::Overload => "frames over the budget",
+            TierReason::Slow => "more than one frame in twenty over the budget",
+            TierReason::Room => "room for a better picture",
+        }
+    }
+}
 
 /// Instants and figures of one displayed stereo frame.
 #[repr(C)]
@@ -44,7 +90,7 @@ pub struct FrameRecord {
     pub width_px: u32,
     /// Height of one channel, px.
     pub height_px: u32,
-    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`.
+    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`, and a [`TierReason`].
     pub flags: u32,
 }
 
@@ -97,5 +143,20 @@ impl Message for PictureHeader {
 
     fn validate(&self) -> Result<(), Invalid> {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_travel_beside_the_other_flags() {
+        for reason in [TierReason::Start, TierReason::Overload, TierReason::Room] {
+            let flags = BELOW_FLOOR | DISPLAY_ESTIMATED | reason.flags();
+            assert_eq!(TierReason::of_flags(flags), reason);
+            assert_eq!(flags & BELOW_FLOOR, BELOW_FLOOR);
+        }
+        assert_eq!(TierReason::of_flags(BELOW_FLOOR), TierReason::Unknown, "a record of before");
     }
 }

@@ -150,7 +150,7 @@ pub struct SceneHeader {
     pub bodies: Section,
     /// [`SceneBrick`].
     pub bricks: Section,
-    /// Bytes of UTF-8 shown on the picture.
+    /// Bytes of UTF-8 shown on the picture: lines as in [`crate::scene_text`].
     pub text: Section,
 }
 

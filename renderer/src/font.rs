@@ -55,26 +55,38 @@ fn glyph(character: char) -> [u8; 7] {
         ')' => [8, 4, 2, 2, 2, 4, 8],
         '%' => [24, 25, 2, 4, 8, 19, 3],
         '!' => [4, 4, 4, 4, 4, 0, 4],
+        '?' => [14, 17, 1, 2, 4, 0, 4],
+        '=' => [0, 0, 31, 0, 31, 0, 0],
+        '<' => [2, 4, 8, 16, 8, 4, 2],
+        '>' => [8, 4, 2, 1, 2, 4, 8],
+        '\'' => [4, 4, 8, 0, 0, 0, 0],
+        '*' => [0, 21, 14, 31, 14, 21, 0],
+        '#' => [10, 10, 31, 10, 31, 10, 10],
         _ => [0; 7],
     }
 }
 
-/// Draws `line` centred into row `row` of a picture of one byte a pixel, `width` pixels wide.
-/// What does not fit is cut off.
-pub fn draw_line(picture: &mut [u8], width: usize, row: usize, line: &str) {
-    let room = width / CELL_W;
-    let count = line.chars().count().min(room);
-    let left = (width - count * CELL_W) / 2;
-    for (i, character) in line.chars().take(room).enumerate() {
+/// Letters of the strip: the printable characters of ASCII.
+pub const LETTERS: usize = 96;
+const FIRST: char = ' ';
+
+/// Number of a character in the strip; one that the font lacks is a blank.
+pub fn number(character: char) -> usize {
+    (character as usize).checked_sub(FIRST as usize).filter(|&n| n < LETTERS).unwrap_or(0)
+}
+
+/// All letters beside each other, a byte a pixel (0 or 255), and the strip's width in pixels.
+pub fn strip() -> (Vec<u8>, u32) {
+    let width = LETTERS * CELL_W;
+    let mut pixels = vec![0; width * CELL_H];
+    for (n, character) in (FIRST..).take(LETTERS).enumerate() {
         for (y, bits) in glyph(character).into_iter().enumerate() {
-            for x in 0..5 {
-                let at = (row * CELL_H + y) * width + left + i * CELL_W + x;
-                if let (true, Some(pixel)) = (bits >> (4 - x) & 1 == 1, picture.get_mut(at)) {
-                    *pixel = 255;
-                }
+            for x in (0..5).filter(|x| bits >> (4 - x) & 1 == 1) {
+                pixels[y * width + n * CELL_W + x] = 255;
             }
         }
     }
+    (pixels, width as u32)
 }
 
 #[cfg(test)]
@@ -92,12 +104,16 @@ mod tests {
     }
 
     #[test]
-    fn lines_are_centred_and_cut() {
-        let mut picture = vec![0; 30 * 16];
-        draw_line(&mut picture, 30, 1, "I");
-        assert_eq!(picture.iter().filter(|&&p| p > 0).count(), 3 + 5 + 3);
-        assert_eq!(picture[8 * 30 + 12 + 2], 255, "the middle of the letter's first row");
-        draw_line(&mut picture, 30, 1, "HHHHHHHHHHHHHH");
-        draw_line(&mut picture, 30, 9, "BEYOND THE PICTURE");
+    fn letters_stand_in_the_strip_by_their_number() {
+        let (pixels, width) = strip();
+        let ink = |character: char| {
+            let left = number(character) * CELL_W;
+            (0..CELL_H)
+                .flat_map(|y| &pixels[y * width as usize + left..][..CELL_W])
+                .filter(|p| **p > 0)
+                .count()
+        };
+        assert_eq!((ink('I'), ink('i'), ink(' '), ink('µ')), (3 + 5 + 3, 3 + 5 + 3, 0, 0));
+        assert_eq!((number('~'), number('\u{7f}'), number('\n')), (94, 95, 0));
     }
 }

@@ -1,5 +1,6 @@
 //! `Renderer`: takes a scene, encodes its passes in order, then latches the poses and draws.
 
+use crate::assets::{AssetError, Assets};
 use crate::fundus_map;
 use crate::governor::{TIERS, Tier};
 use crate::gpu::Gpu;
@@ -10,16 +11,16 @@ use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
 use crate::passes::bodies::Bodies;
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::haze::Haze;
-use crate::passes::instruments::{Instruments, Meshes, Shaft};
+use crate::passes::instruments::{Instruments, Meshes};
 use crate::passes::marks::Marks;
 use crate::passes::membrane::{Membrane, Sheet};
-use crate::passes::overlay::Overlay;
 use crate::passes::retina::Retina;
 use crate::passes::shadow::{Shadow, ShadowMap};
+use crate::passes::text::Text;
 use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
 use crate::target::Target;
 use crate::tissue::Tissue;
-use crate::tools::JAW_LENGTH_MM;
+use crate::tools::{JAW_LENGTH_MM, Shaft};
 use crate::view::{CHANNELS, view};
 use bytemuck::Zeroable;
 use protocol::handles::Tool;
@@ -29,6 +30,7 @@ use protocol::scene::{
     Microscope, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle, section,
 };
 use protocol::scene_file::Side;
+use protocol::scene_text::{Place, push_line};
 use wgpu::{BindGroup, CommandBuffer, RenderPass};
 
 /// Opacity of an instrument that is not tracked.
@@ -37,6 +39,8 @@ const LOST_OPACITY: f32 = 0.35;
 const MEMBRANE_SHADE: f32 = 0.30;
 /// Strength of the retina's specular film at full detail.
 const FILM: f32 = 0.07;
+/// Tilt of the retina where a vessel rises by its full height within a texel.
+const RELIEF: f32 = 0.55;
 /// Tilt of the membrane's fine wrinkles.
 const WRINKLES: f32 = 0.045;
 /// Depth bias of the shadow map, in its depth.
@@ -79,22 +83,29 @@ pub struct Renderer {
     bodies: Bodies,
     marks: Marks,
     haze: Haze,
-    overlay: Overlay,
+    text: Text,
     tools: [Option<Tool>; INSTRUMENTS],
     jaws_rad: [f64; INSTRUMENTS],
     microscope: Microscope,
     scene_text: String,
+    status: String,
+    lines: String,
     lost_before: [bool; INSTRUMENTS],
     eye_lost_before: bool,
 }
 
 impl Renderer {
     /// Makes every resource; nothing is made later, unless a scene is larger than foreseen.
-    pub fn new(gpu: &Gpu, plan: Plan) -> Result<Self, image::ImageError> {
+    pub fn new(gpu: &Gpu, plan: Plan) -> Result<Self, AssetError> {
+        Ok(Self::with_assets(gpu, plan, &Assets::shipped()?))
+    }
+
+    /// As [`Self::new`], with a photograph and meshes that are not the shipped ones.
+    pub fn with_assets(gpu: &Gpu, plan: Plan, assets: &Assets) -> Self {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let uniforms = Uniforms::new(device);
         let layout = light_layout(device);
-        let map = FundusMap::new(device, queue, &fundus_map::photograph()?, plan.map_px, plan.side);
+        let map = FundusMap::new(device, queue, &assets.photograph, plan.map_px, plan.side);
         let mut shadow_maps: Vec<(ShadowMap, BindGroup)> = Vec::new();
         for tier in &TIERS[plan.first_tier..] {
             if !shadow_maps.iter().any(|(map, _)| map.serves(tier)) {
@@ -104,11 +115,11 @@ impl Renderer {
             }
         }
         let target = |(i, tier)| (i >= plan.first_tier).then(|| Target::new(device, tier));
-        Ok(Self {
+        Self {
             plan,
             shadow_maps,
             targets: TIERS.iter().enumerate().map(target).collect(),
-            meshes: Meshes::new(device, queue, &plan.shafts),
+            meshes: Meshes::new(device, queue, &assets.models, &plan.shafts),
             sheet: Sheet::new(device, plan.tissue[0], plan.tissue[1]),
             tissue: Tissue::with_capacity(plan.tissue[0], plan.tissue[1]),
             shadow: Shadow::new(device, &uniforms),
@@ -119,16 +130,18 @@ impl Renderer {
             bodies: Bodies::new(device, queue, &uniforms, &layout),
             marks: Marks::new(device, &uniforms, &layout),
             haze: Haze::new(device, &uniforms, &layout),
-            overlay: Overlay::new(device, &uniforms),
+            text: Text::new(device, queue, &uniforms),
             uniforms,
             map,
             tools: [None; INSTRUMENTS],
             jaws_rad: [0.0; INSTRUMENTS],
             microscope: Microscope::zeroed(),
             scene_text: String::with_capacity(256),
+            status: String::with_capacity(64),
+            lines: String::with_capacity(512),
             lost_before: [false; INSTRUMENTS],
             eye_lost_before: false,
-        })
+        }
     }
 
     /// Takes a scene in; refuses one whose sections do not lie in its payload.
@@ -202,9 +215,9 @@ impl Renderer {
         for channel in 0..CHANNELS as u32 {
             self.set_channel(&mut pass, target, channel, light);
             self.draw_channel(&mut pass, tier, layers);
-            if layers.has(Layers::TEXT) && !self.overlay.is_empty() {
-                let (width, height) = (target.width_px as f32, target.height_px as f32);
-                self.overlay.draw(&mut pass, channel as f32 * width, width, height);
+            if layers.has(Layers::TEXT) {
+                let size = [target.width_px, target.height_px].map(|n| n as f32);
+                self.text.draw(&mut pass, channel as f32 * size[0], size);
             }
         }
         drop(pass);
@@ -280,9 +293,26 @@ impl Renderer {
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         self.sheet.set_vertices(&gpu.queue, self.tissue.place(&eye_from_instrument));
         gpu.queue.submit([commands]);
-        self.overlay.set(&gpu.queue, [lost_text(latched), "", &self.scene_text]);
+        self.collect_text(latched);
+        self.text.set(&gpu.queue, &self.lines);
         self.lost_before = latched.tracked.map(|t| !t);
         self.eye_lost_before = !latched.eye_tracked;
+    }
+
+    /// A line in a corner of the picture from the next frame on; empty for none.
+    pub fn say(&mut self, status: &str) {
+        self.status.clear();
+        self.status.push_str(status);
+    }
+
+    /// Every line that the next frame shows.
+    fn collect_text(&mut self, latched: &Latched) {
+        self.lines.clear();
+        for line in self.status.lines() {
+            push_line(&mut self.lines, Place::TopLeft, line);
+        }
+        push_line(&mut self.lines, Place::Bottom, lost_text(latched));
+        self.lines.push_str(&self.scene_text);
     }
 
     fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
@@ -294,7 +324,7 @@ impl Renderer {
         let px_per_mm = tier.height_px as f32 / self.microscope.field_mm.max(0.1) as f32;
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
         uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), FILM];
-        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, 0.0, WRINKLES];
+        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);
         let lamp = lamp_index(&self.tools);

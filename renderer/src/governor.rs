@@ -4,6 +4,9 @@
 //! comes back slowly, only where the cost expected there fits with a margin, and waits longer
 //! after every return that failed.
 
+use protocol::frames::TierReason;
+use std::fmt;
+
 /// A quality tier.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tier {
@@ -88,6 +91,29 @@ const REST: u32 = 5;
 /// Longest back-off, in windows.
 const MAX_BACK_OFF: u32 = 32;
 
+/// Why the governor is at its tier, with the figure that decided.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reason {
+    /// Why.
+    pub why: TierReason,
+    /// Time of the worst frame, or that under which 95 of 100 frames stayed, ms; 0 where none was measured.
+    pub took_ms: f64,
+    /// Time a frame may take, ms.
+    pub budget_ms: f64,
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Reason { why, took_ms, budget_ms } = self;
+        match why {
+            TierReason::Overload => write!(out, "frames of up to {took_ms:.0} ms, {budget_ms:.0} allowed"),
+            TierReason::Slow => write!(out, "1 frame in 20 over {took_ms:.0} ms, {budget_ms:.0} allowed"),
+            TierReason::Room => write!(out, "room: 19 frames in 20 under {took_ms:.0} ms"),
+            other => out.write_str(other.text()),
+        }
+    }
+}
+
 /// State of the governor.
 #[derive(Debug, Clone)]
 pub struct Governor {
@@ -102,6 +128,7 @@ pub struct Governor {
     waited: u32,
     /// The last change went up, and is on trial.
     on_trial: bool,
+    reason: Reason,
 }
 
 impl Governor {
@@ -117,7 +144,17 @@ impl Governor {
             back_off: 1,
             waited: 0,
             on_trial: false,
+            reason: Reason {
+                why: if fixed.is_some() { TierReason::Fixed } else { TierReason::Start },
+                took_ms: 0.0,
+                budget_ms: budget_ns as f64 * 1e-6,
+            },
         }
+    }
+
+    /// Why it is at this tier.
+    pub fn reason(&self) -> Reason {
+        self.reason
     }
 
     /// Index of the tier to draw with.
@@ -138,7 +175,7 @@ impl Governor {
         if self.rest > 0 {
             // Far too long is believed at once: the start may be hopelessly high.
             self.rest -= 1;
-            return frame_ns > 4 * self.budget_ns && self.step_down(2);
+            return frame_ns > 4 * self.budget_ns && self.step_down(2, TierReason::Overload, frame_ns);
         }
         self.times_ns[self.count % WINDOW] = frame_ns;
         self.count += 1;
@@ -146,7 +183,8 @@ impl Governor {
         let late = (1..=recent).filter(|&k| self.nth_last(k) > self.budget_ns).count();
         if late >= LATE {
             let worst = (1..=recent).map(|k| self.nth_last(k)).max().unwrap_or(0);
-            return self.step_down(if worst > 2 * self.budget_ns { 2 } else { 1 });
+            let steps = if worst > 2 * self.budget_ns { 2 } else { 1 };
+            return self.step_down(steps, TierReason::Overload, worst);
         }
         if self.count < WINDOW {
             return false;
@@ -164,7 +202,7 @@ impl Governor {
         let p95 = self.times_ns[WINDOW * 95 / 100 - 1];
         self.count = 0;
         if p95 > self.budget_ns {
-            return self.step_down(1);
+            return self.step_down(1, TierReason::Slow, p95);
         }
         if self.on_trial {
             // A whole window held: the doubt is over.
@@ -180,10 +218,10 @@ impl Governor {
             return false;
         }
         self.on_trial = true;
-        self.change_to(self.tier - 1)
+        self.change_to(self.tier - 1, TierReason::Room, p95)
     }
 
-    fn step_down(&mut self, steps: usize) -> bool {
+    fn step_down(&mut self, steps: usize, why: TierReason, took_ns: u64) -> bool {
         if self.on_trial {
             self.back_off = (self.back_off * 2).min(MAX_BACK_OFF);
             self.on_trial = false;
@@ -193,10 +231,11 @@ impl Governor {
             self.count = 0;
             return false;
         }
-        self.change_to(to)
+        self.change_to(to, why, took_ns)
     }
 
-    fn change_to(&mut self, tier: usize) -> bool {
+    fn change_to(&mut self, tier: usize, why: TierReason, took_ns: u64) -> bool {
+        self.reason = Reason { why, took_ms: took_ns as f64 * 1e-6, ..self.reason };
         self.tier = tier;
         self.count = 0;
         self.waited = 0;
@@ -234,6 +273,7 @@ mod tests {
         let mut fast = Governor::new(BUDGET, HARDWARE_START, None);
         run(&mut fast, 1, 2_000);
         assert_eq!(fast.tier_index(), 0);
+        assert_eq!((fast.reason().why, fast.reason().took_ms), (TierReason::Room, 2.024));
     }
 
     #[test]
@@ -243,6 +283,7 @@ mod tests {
         let answered = (0..5).position(|_| governor.note(16_000_000));
         assert!(answered.is_some());
         assert_eq!(governor.tier_index(), 4);
+        assert_eq!(governor.reason().to_string(), "frames of up to 16 ms, 15 allowed");
     }
 
     #[test]
@@ -274,9 +315,22 @@ mod tests {
         let mut governor = Governor::new(BUDGET, 0, None);
         assert!(governor.note(300_000_000));
         assert_eq!(governor.tier_index(), 2);
+        assert_eq!(governor.reason().why, TierReason::Overload);
         let mut fixed = Governor::new(BUDGET, 0, Some(99));
+        assert_eq!(fixed.reason().to_string(), "fixed by --tier");
         assert_eq!(fixed.tier_index(), TIERS.len() - 1);
         assert!((0..500).all(|_| !fixed.note(300_000_000)));
+    }
+
+    #[test]
+    fn slow_frames_that_never_crowd_are_named_as_such() {
+        let mut governor = Governor::new(BUDGET, 3, None);
+        // One in ten is late, and never two among five.
+        let moved =
+            (0..150).filter(|i| governor.note(if i % 10 == 0 { 16_000_000 } else { 9_000_000 })).count();
+        assert_eq!(moved, 1);
+        assert_eq!((governor.tier_index(), governor.reason().why), (4, TierReason::Slow));
+        assert_eq!(governor.reason().to_string(), "1 frame in 20 over 16 ms, 15 allowed");
     }
 
     #[test]

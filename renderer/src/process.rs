@@ -1,6 +1,6 @@
 //! The loop: a new scene wakes it, it draws one stereo frame with the newest pose, and says when.
 
-use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STILL_NS, VIDEO_HZ};
+use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO_HZ};
 use crate::frame::Renderer;
 use crate::governor::{FLOOR, Governor, TIERS};
 use crate::gpu::Gpu;
@@ -68,6 +68,7 @@ pub fn run(config: &Config) -> Result<()> {
         missed: 0,
         last_drawn: 0,
         shown_tier: None,
+        status_until: None,
         write_failed: false,
     };
     running.shell.report.state = STATE_RUNNING;
@@ -105,6 +106,8 @@ struct Running {
     missed: u64,
     last_drawn: Nanos,
     shown_tier: Option<usize>,
+    /// Until when the picture tells the tier; `None` before the first such picture.
+    status_until: Option<Nanos>,
     write_failed: bool,
 }
 
@@ -166,6 +169,7 @@ impl Running {
         if let Some(period) = self.present.refresh_ns().filter(|&p| p > 0) {
             self.missed += ((displayed - refreshed) / period).saturating_sub(1);
         }
+        self.end_status(displayed);
         let record = self.record(&latched, tier, [frame_start, latched_at, drawn, displayed]);
         self.frames.send(&record)?;
         self.frame += 1;
@@ -173,6 +177,13 @@ impl Running {
             self.say_tier(true);
         }
         self.hand_out(tier, &record)
+    }
+
+    /// Takes the words about the tier from the picture when they have been read.
+    fn end_status(&mut self, shown: Nanos) {
+        if shown > *self.status_until.get_or_insert(shown + STATUS_NS) {
+            self.renderer.say("");
+        }
     }
 
     /// The newest pose, predicted to `at`.
@@ -212,7 +223,8 @@ impl Running {
             flags: flag(self.present.refresh_ns().is_some(), DISPLAY_ESTIMATED)
                 | flag(changed, TIER_CHANGED)
                 | flag(!latched.all_tracked(), TRACKING_LOST_SHOWN)
-                | flag(tier > FLOOR, BELOW_FLOOR),
+                | flag(tier > FLOOR, BELOW_FLOOR)
+                | self.governor.reason().why.flags(),
         }
     }
 
@@ -297,16 +309,13 @@ impl Running {
         Ok(())
     }
 
-    /// Names the tier in the next heartbeat; on a change of tier only.
+    /// Names tier and reason in the next heartbeat and, for a while, on the picture; on a change of tier only.
     fn say_tier(&mut self, changed: bool) {
-        let t = self.governor.tier();
-        let text = format!(
-            "tier {}: 2×{}×{}, {}",
-            self.governor.tier_index(),
-            t.width_px,
-            t.height_px,
-            self.gpu.name
-        );
+        let (index, t, reason) = (self.governor.tier_index(), self.governor.tier(), self.governor.reason());
+        let (width, height) = (t.width_px, t.height_px);
+        let text = format!("tier {index}: 2×{width}×{height} ({reason}), {}", self.gpu.name);
+        self.renderer.say(&format!("tier {index}: {width}*{height}\n{reason}"));
+        self.status_until = None;
         if changed {
             log::info!("{text}");
         }

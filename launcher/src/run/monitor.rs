@@ -1,8 +1,8 @@
 //! What the launcher hears, condensed for the screen and the report. Pure.
 
-use super::report::Picture;
+use super::report::{Picture, TierChoice};
 use protocol::events::{Event, EventKind, Severity};
-use protocol::frames::FrameRecord;
+use protocol::frames::{FrameRecord, TierReason};
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
 use protocol::recording::Item;
 use protocol::time::Nanos;
@@ -10,6 +10,8 @@ use std::collections::{BTreeMap, VecDeque};
 
 /// The channels that are counted, in the order of the data path.
 pub const CHANNELS: [&str; 7] = ["blobs", "handles", "pedal", "poses", "steps", "frames", "events"];
+/// Choices of a tier kept for the report.
+const TIER_CHOICES: usize = 100;
 /// Warnings kept for the screen.
 const WARNINGS: usize = 3;
 
@@ -53,6 +55,7 @@ pub struct Monitor {
     /// The newest frame shown.
     pub frame: Option<FrameRecord>,
     frames_by_tier: BTreeMap<u32, u64>,
+    tiers: Vec<TierChoice>,
     first_frame_ns: Nanos,
     measured_ns: Nanos,
 }
@@ -95,6 +98,12 @@ impl Monitor {
             self.first_frame_ns = frame.displayed;
         }
         *self.frames_by_tier.entry(frame.tier).or_default() += 1;
+        let changed = self.frame.is_none_or(|before| before.tier != frame.tier);
+        if changed && self.tiers.len() < TIER_CHOICES {
+            let at_s = frame.displayed.saturating_sub(self.first_frame_ns) as f64 * 1e-9;
+            let reason = TierReason::of_flags(frame.flags).text();
+            self.tiers.push(TierChoice { at_s, tier: frame.tier, reason });
+        }
         self.frame = Some(*frame);
     }
 
@@ -119,6 +128,7 @@ impl Monitor {
             missed: frame.missed,
             tier: frame.tier,
             frames_by_tier: self.frames_by_tier.clone(),
+            tiers: self.tiers.clone(),
             width_px: frame.width_px,
             height_px: frame.height_px,
             renderer,
@@ -164,11 +174,16 @@ mod tests {
         for i in 0..11u64 {
             let tier = u32::from(i > 2);
             let displayed = 1 + i * 100_000_000;
-            monitor.note(&Item::Frame(FrameRecord { displayed, tier, ..FrameRecord::zeroed() }));
+            let why = if tier == 0 { TierReason::Start } else { TierReason::Overload };
+            let frame = FrameRecord { displayed, tier, flags: why.flags(), ..FrameRecord::zeroed() };
+            monitor.note(&Item::Frame(frame));
         }
         let picture = monitor.picture("x".into()).unwrap();
         assert_eq!((picture.frames, picture.tier), (11, 1));
         assert!((picture.frames_per_second - 10.0).abs() < 1e-9);
         assert_eq!(picture.frames_by_tier, BTreeMap::from([(0, 3), (1, 8)]));
+        let choices: Vec<_> = picture.tiers.iter().map(|c| (c.tier, c.reason)).collect();
+        assert_eq!(choices, [(0, TierReason::Start.text()), (1, TierReason::Overload.text())]);
+        assert!((picture.tiers[1].at_s - 0.3).abs() < 1e-9);
     }
 }

@@ -103,11 +103,24 @@ pub struct Picture {
     pub tier: u32,
     /// Frames shown at each tier.
     pub frames_by_tier: BTreeMap<u32, u64>,
+    /// Every choice of a tier, the first included; the first hundred.
+    pub tiers: Vec<TierChoice>,
     /// Of one channel, last frame.
     pub width_px: u32,
     pub height_px: u32,
     /// In the renderer's own words: adapter, tier.
     pub renderer: String,
+}
+
+/// A choice of the quality governor.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TierChoice {
+    /// Since the first frame, s.
+    pub at_s: f64,
+    /// The tier, 0 is the best.
+    pub tier: u32,
+    /// Why.
+    pub reason: &'static str,
 }
 
 /// Figures of a process.
@@ -240,7 +253,9 @@ impl Report {
                 "\npicture: {} frames, {:.1} a second, {} missed, ",
                 p.frames, p.frames_per_second, p.missed
             )?;
-            writeln!(out, "2 × {width} × {height} px, tier {}", p.tier)?;
+            write!(out, "2 × {width} × {height} px, tier {}", p.tier)?;
+            let why = p.tiers.last().map_or("", |choice| choice.reason);
+            writeln!(out, " ({why}; {} choices)", p.tiers.len())?;
         }
         if !self.events.is_empty() {
             let events: Vec<String> = self.events.iter().map(|(k, n)| format!("{k} {n}")).collect();

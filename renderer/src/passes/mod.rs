@@ -6,9 +6,9 @@ pub mod haze;
 pub mod instruments;
 pub mod marks;
 pub mod membrane;
-pub mod overlay;
 pub mod retina;
 pub mod shadow;
+pub mod text;
 
 use crate::governor::Shading;
 use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
@@ -40,7 +40,7 @@ pub fn shader_sources() -> [(&'static str, String); 10] {
         ("bodies", [COMMON, include_str!("bodies.wgsl")].concat()),
         ("marks", [COMMON, include_str!("marks.wgsl")].concat()),
         ("haze", [COMMON, include_str!("fundus.wgsl"), include_str!("haze.wgsl")].concat()),
-        ("overlay", [QUAD, include_str!("overlay.wgsl")].concat()),
+        ("text", include_str!("text.wgsl").to_owned()),
         ("blit", [QUAD, include_str!("../present/blit.wgsl")].concat()),
     ]
 }
