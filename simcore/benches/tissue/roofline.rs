@@ -4,12 +4,14 @@ use pulp::{Arch, NullaryFnOnce};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Arithmetic of a structural spring with its third of a node: 47 and 33/3 additions, multiplications and comparisons.
-const FLOPS_A_SPRING: f64 = 58.0;
-/// Bytes a spring must move at least if every array is read and written once: far end, rest length, stiffness, damping and limit
-/// (20), its force written and read (32) and its number at the far node (4); a third of a node's state read and written (48), its copy
-/// for the springs written and read (64), forces and accelerations (56), outer forces and mobility (16).
-const BYTES_A_SPRING: f64 = 56.0 + 184.0 / 3.0;
+/// Operations on numbers of a structural spring, counted in `simcore/src/membrane/lanes/kernel.rs`: differences 6, squared length 6, root
+/// 12, length 1, rate 6, elastic force 3 with its limit, force 6, sums of both ends 6; and of a third of a node: acceleration 23,
+/// and in `motion.rs` 33.
+const FLOPS_A_SPRING: f64 = 46.0 + 56.0 / 3.0;
+/// Bytes that a spring must move at least if every array is read and written once and the rings stay in the first cache: number of its far end,
+/// rest length, stiffness, damping, limit and pull (24) and one of sixteen lanes of a pick (1.5); a third of a node: place and velocity read twice
+/// and written once (72), outer force and mobility (20), force, acceleration and its square written and the latter two read again (44).
+const BYTES_A_SPRING: f64 = 25.5 + 136.0 / 3.0;
 
 /// Measured limits of one core.
 pub struct Machine {
@@ -25,27 +27,33 @@ pub struct Share {
     pub bound: &'static str,
 }
 
-/// Multiplications and additions of numbers in the first cache, sixteen of each on every number between load and store; not
-/// fused, as the core's are not.
-struct Arithmetic<'a>(&'a mut [f32]);
+/// Multiplications and additions of `N` numbers that stay in registers, in chains side by side so that none waits for another; not fused, as the
+/// core's are not.
+struct Arithmetic<'a, const N: usize>(&'a mut [f32; N]);
 
-/// Numbers, and operations on each.
-const NUMBERS: usize = 1024;
-const OPERATIONS: usize = 32;
+/// Operations on each number.
+const OPERATIONS: usize = 20_000;
 
-impl NullaryFnOnce for Arithmetic<'_> {
+impl<const N: usize> NullaryFnOnce for Arithmetic<'_, N> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        for x in self.0.iter_mut() {
-            let mut y = *x;
-            for _ in 0..OPERATIONS / 2 {
-                y = y * 0.999_9 + 0.000_1;
+        let mut numbers = *self.0;
+        for _ in 0..OPERATIONS / 2 {
+            for x in &mut numbers {
+                *x = *x * 0.999_9 + 0.000_1;
             }
-            *x = y;
         }
+        *self.0 = numbers;
     }
+}
+
+/// Thousand million operations a second on `N` numbers side by side.
+fn gflops<const N: usize>(arch: Arch) -> f64 {
+    let mut numbers = [1.0f32; N];
+    let seconds = fastest(31, || arch.dispatch(Arithmetic(black_box(&mut numbers))));
+    (N * OPERATIONS) as f64 / seconds * 1e-9
 }
 
 /// Reads one array and writes another, as the passes of the core do.
@@ -74,13 +82,9 @@ impl Machine {
     /// Takes about half a second.
     pub fn measure() -> Self {
         let arch = Arch::new();
-        let (rounds, mut numbers) = (1000, vec![1.0f32; NUMBERS]);
-        let seconds = fastest(31, || {
-            for _ in 0..rounds {
-                arch.dispatch(Arithmetic(black_box(&mut numbers)));
-            }
-        });
-        let gflops = (rounds * NUMBERS * OPERATIONS) as f64 / seconds * 1e-9;
+        // As many chains as registers hold: six or twelve of AVX2, twelve or twenty-four of AVX-512.
+        let tries = [gflops::<48>(arch), gflops::<96>(arch), gflops::<192>(arch), gflops::<384>(arch)];
+        let gflops = tries.into_iter().fold(0.0, f64::max);
         let bandwidth = [32 << 10, 256 << 10, 768 << 10, 4 << 20, 16 << 20].map(|bytes: usize| {
             let half = bytes / 8;
             let (from, mut to) = (vec![1.0f32; half], vec![0.0f32; half]);

@@ -17,8 +17,10 @@
 //! order, so that every instruction set gives the same bits. Dead springs have k = c = 0, immobile nodes
 //! mobility 0.
 
+use super::lanes::Isa;
+use super::lanes::aligned::Aligned;
 use super::lanes::kernel::Forces;
-use super::lanes::{Isa, rsqrt};
+use super::lanes::motion::Motion;
 use super::sheet::Sheet;
 pub use super::tissue::Tissue;
 use super::web::Web;
@@ -41,33 +43,32 @@ pub struct Alarms {
 #[derive(Debug)]
 pub struct Solver {
     isa: Isa,
-    arch: pulp::Arch,
     web: Web,
-    mobile: Vec<f32>,
+    mobile: Aligned,
     /// Forces on each node from outside the sheet, µN: set by others before [`Self::accelerate`], which adds them to the
     /// springs' forces. They stay until they are changed or [cleared](Self::clear_outer).
     pub outer_un: [Vec<f32>; 3],
     /// Sum of the springs' and the outer forces on each node, µN: what a pin or a jaw that holds it must bear.
-    pub force_un: [Vec<f32>; 3],
-    acceleration: [Vec<f32>; 3],
+    pub force_un: [Aligned; 3],
+    acceleration: [Aligned; 3],
     /// Square of each node's acceleration, mm²/s⁴.
-    pub acceleration2: Vec<f32>,
+    pub acceleration2: Aligned,
 }
 
 impl Solver {
     /// Arrays for a sheet. Nothing pulls until [`Self::refresh`].
     pub fn new(sheet: &Sheet) -> Self {
         let nodes = sheet.nodes();
-        let three = || std::array::from_fn(|_| vec![0.0; nodes]);
+        let list = || Aligned::new(nodes, 0.0);
+        let three = || std::array::from_fn(|_| list());
         Solver {
             isa: Isa::best(),
-            arch: pulp::Arch::new(),
             web: Web::new(nodes, &sheet.springs[..sheet.structural]),
-            mobile: vec![0.0; nodes],
-            outer_un: three(),
+            mobile: list(),
+            outer_un: std::array::from_fn(|_| vec![0.0; nodes]),
             force_un: three(),
             acceleration: three(),
-            acceleration2: vec![0.0; nodes],
+            acceleration2: list(),
         }
     }
 
@@ -75,7 +76,6 @@ impl Solver {
     pub fn with_isa(mut self, isa: Isa) -> Self {
         assert!(Isa::available().contains(&isa), "{isa:?} is not available here");
         self.isa = isa;
-        self.arch = if isa == Isa::Portable { pulp::Arch::Scalar } else { self.arch };
         self
     }
 
@@ -113,8 +113,8 @@ impl Solver {
                 velocity: state.velocity_mm_s.each_ref().map(Vec::as_slice),
                 outer: self.outer_un.each_ref().map(Vec::as_slice),
                 mobile: &self.mobile,
-                force: self.force_un.each_mut().map(Vec::as_mut_slice),
-                acceleration: self.acceleration.each_mut().map(Vec::as_mut_slice),
+                force: self.force_un.each_mut().map(|v| &mut **v),
+                acceleration: self.acceleration.each_mut().map(|v| &mut **v),
                 acceleration2: &mut self.acceleration2,
                 inverse_mass: tissue.inverse_mass,
                 fluid_per_s: tissue.fluid_per_s,
@@ -167,15 +167,14 @@ impl Solver {
 
     /// Moves the free nodes, within the limits and inside the retina.
     pub fn integrate(&mut self, state: &mut MembraneState, tissue: &Tissue) {
-        let outside = self.arch.dispatch(Move {
-            acceleration: self.acceleration.each_ref().map(Vec::as_slice),
+        let mut motion = Motion {
+            acceleration: self.acceleration.each_ref().map(|v| &**v),
             acceleration2: &self.acceleration2,
             mobile: &self.mobile,
             position: state.position_mm.each_mut().map(Vec::as_mut_slice),
             velocity: state.velocity_mm_s.each_mut().map(Vec::as_mut_slice),
-            tissue: *tissue,
-        });
-        if outside > 0 {
+        };
+        if motion.advance(self.isa, tissue) {
             self.stay_inside(state, tissue.radius_mm);
         }
     }
@@ -195,54 +194,6 @@ impl Solver {
                 }
             }
         }
-    }
-}
-
-/// The integration of every node; plain loops that compilers make vectors of.
-struct Move<'a> {
-    acceleration: [&'a [f32]; 3],
-    acceleration2: &'a [f32],
-    mobile: &'a [f32],
-    position: [&'a mut [f32]; 3],
-    velocity: [&'a mut [f32]; 3],
-    tissue: Tissue,
-}
-
-impl pulp::NullaryFnOnce for Move<'_> {
-    /// Mobile nodes that are now beyond the retina.
-    type Output = u32;
-
-    #[inline(always)]
-    fn call(self) -> u32 {
-        let n = self.mobile.len();
-        let [ax, ay, az] = self.acceleration.map(|v| &v[..n]);
-        let (a2, mobile) = (&self.acceleration2[..n], &self.mobile[..n]);
-        let [x, y, z] = self.position.map(|v| &mut v[..n]);
-        let [vx, vy, vz] = self.velocity.map(|v| &mut v[..n]);
-        let t = &self.tissue;
-        let (dt, a_max, a_max2) = (t.dt_s, t.a_max, t.a_max * t.a_max);
-        let (v_max, radius2) = (t.v_max, t.radius_mm * t.radius_mm);
-        let quasi_static = v_max == 0.0;
-        let v_max2 = if quasi_static { f32::INFINITY } else { v_max * v_max };
-        let (keep, old) = (if quasi_static { 0.0 } else { 1.0 }, t.explicit && !quasi_static);
-        // Weights of the new and the old velocity in the way.
-        let (new_dt, old_dt) = if old { (0.0, dt) } else { (dt, 0.0) };
-        let mut outside = 0;
-        for i in 0..n {
-            let limit = if a2[i] > a_max2 { a_max * rsqrt(a2[i]) } else { 1.0 } * dt;
-            let (px, py, pz) = (vx[i] + ax[i] * limit, vy[i] + ay[i] * limit, vz[i] + az[i] * limit);
-            let v2 = px * px + py * py + pz * pz;
-            let slow = if v2 > v_max2 { v_max * rsqrt(v2) } else { 1.0 };
-            let (new, before) = (slow * new_dt * mobile[i], old_dt * mobile[i]);
-            x[i] += px * new + vx[i] * before;
-            y[i] += py * new + vy[i] * before;
-            z[i] += pz * new + vz[i] * before;
-            let kept = slow * keep;
-            (vx[i], vy[i], vz[i]) = (px * kept, py * kept, pz * kept);
-            let r2 = x[i] * x[i] + y[i] * y[i] + z[i] * z[i];
-            outside += u32::from(r2 > radius2 && mobile[i] > 0.0);
-        }
-        outside
     }
 }
 

@@ -5,8 +5,9 @@
 //! fewer, and then turning springs along shortest ways from nodes with too many to nodes with room. So a block
 //! of sixteen nodes is `slots` full vectors of springs whose near ends lie side by side.
 
-use super::lanes::kernel::Tables;
-use super::lanes::{NODE, QUAD, WIDE, place};
+use super::lanes::aligned::Aligned;
+use super::lanes::kernel::{Pick, TRIPLE, Tables};
+use super::lanes::{ABSENT, NODE, WIDE, place};
 
 /// The packed springs and where each of them went.
 #[derive(Debug)]
@@ -84,6 +85,51 @@ impl Owners<'_> {
     }
 }
 
+/// A force on its way: from lane `source` of spring block `from` to a lane of a node block.
+#[derive(Clone, Copy)]
+struct Arrival {
+    from: usize,
+    source: u8,
+    lane: u8,
+}
+
+/// What two spring blocks bring to a node block.
+struct Two {
+    from: [usize; 2],
+    index: [u8; WIDE],
+}
+
+/// Takes as many forces as two blocks of springs can bring at once, one for each node.
+fn take_most(arrivals: &mut Vec<Arrival>) -> Two {
+    let mut blocks: Vec<(usize, u16)> = Vec::new();
+    for arrival in &*arrivals {
+        let lane = 1 << arrival.lane;
+        match blocks.iter_mut().find(|(from, _)| *from == arrival.from) {
+            Some((_, lanes)) => *lanes |= lane,
+            None => blocks.push((arrival.from, lane)),
+        }
+    }
+    let mut best = (0, [0; 2]);
+    for (i, &(a, lanes)) in blocks.iter().enumerate() {
+        for &(b, more) in &blocks[i..] {
+            let count = (lanes | more).count_ones();
+            if count > best.0 {
+                best = (count, [a, b]);
+            }
+        }
+    }
+    let from = best.1;
+    let mut index = [ABSENT; WIDE];
+    arrivals.retain(|arrival| {
+        let block = from.iter().position(|&f| f == arrival.from);
+        let taken = &mut index[usize::from(arrival.lane)];
+        let Some(block) = block.filter(|_| *taken == ABSENT) else { return true };
+        *taken = (block * WIDE) as u8 + arrival.source;
+        false
+    });
+    Two { from, index }
+}
+
 impl Web {
     /// Packs springs between `nodes` nodes; both ends of each must be below that. Stiffness and damping are 0 until they are set.
     pub fn new(nodes: usize, springs: &[[u32; 2]]) -> Self {
@@ -94,63 +140,78 @@ impl Web {
             owners.own[owner as usize].push(s as u32);
         }
         let slots = owners.settle();
-        let (mut web, arriving) = Self::place(&mut owners, nodes, slots);
-        web.receive(arriving);
+        let (mut web, far) = Self::place(&mut owners, nodes, slots);
+        web.make_rings(&far);
+        web.receive(&far);
         web.tables.check();
         web
     }
 
-    /// Gives every spring its slot; returns for each node the springs that end there.
-    fn place(owners: &mut Owners, nodes: usize, slots: usize) -> (Self, Vec<Vec<u32>>) {
-        let blocks = nodes.div_ceil(WIDE);
-        let n = blocks * slots * WIDE;
+    /// Gives every spring its slot. A node's own springs are in the order of their far ends, so that neighbours' springs in a slot lead the same
+    /// way and arrive together. Returns the far end of each slot's spring.
+    fn place(owners: &mut Owners, nodes: usize, slots: usize) -> (Self, Vec<Option<usize>>) {
+        let n = nodes.div_ceil(WIDE) * slots * WIDE;
+        let list = |value| Aligned::new(n, value);
         let mut tables = Tables {
             nodes,
             slots,
-            far: vec![0; n],
-            rest: vec![0.0; n],
-            stiffness: vec![0.0; n],
-            damping: vec![0.0; n],
-            limit: vec![f32::INFINITY; n],
-            pull: vec![0.0; n],
-            node: vec![0.0; blocks * WIDE * NODE],
-            own: std::array::from_fn(|_| vec![0.0; blocks * WIDE]),
-            quads: vec![0.0; (n + 1) * QUAD],
+            rest: list(0.0),
+            stiffness: list(0.0),
+            damping: list(0.0),
+            limit: list(f32::INFINITY),
+            pull: list(0.0),
             ..Tables::default()
         };
-        let mut slot_of = vec![0; owners.springs.len()];
-        let mut arriving = vec![Vec::new(); nodes];
+        let (mut slot_of, mut far) = (vec![0; owners.springs.len()], vec![None; n]);
         for node in 0..nodes {
-            owners.own[node].sort_unstable();
+            let mut own: Vec<[u32; 2]> =
+                owners.own[node].iter().map(|&s| [owners.other_end(s, node as u32), s]).collect();
+            own.sort_unstable();
             let (block, lane) = (node / WIDE, node % WIDE);
-            for slot in 0..slots {
+            for (slot, [end, spring]) in own.into_iter().enumerate() {
                 let at = (block * slots + slot) * WIDE + lane;
-                // An empty slot is a spring of no stiffness from the node to itself.
-                let far = owners.own[node].get(slot).map_or(node as u32, |&s| {
-                    let far = owners.other_end(s, node as u32);
-                    slot_of[s as usize] = at as u32;
-                    arriving[far as usize].push(at as u32);
-                    far
-                });
-                tables.far[at] = (place(far as usize) * NODE) as u32;
+                (slot_of[spring as usize], far[at]) = (at as u32, Some(end as usize));
+                let (here, there) = (block, end as usize / WIDE);
+                let [ahead, behind] = &mut tables.reach;
+                *ahead = (*ahead).max(there.saturating_sub(here));
+                *behind = (*behind).max(here.saturating_sub(there));
             }
         }
-        (Web { tables, slot_of }, arriving)
+        (Web { tables, slot_of }, far)
     }
 
-    fn receive(&mut self, arriving: Vec<Vec<u32>>) {
+    /// Work space, and where in it the far ends are. An empty slot is a spring of no stiffness from the node to itself.
+    fn make_rings(&mut self, far: &[Option<usize>]) {
         let tables = &mut self.tables;
-        let nothing = (tables.quads.len() - QUAD) as u32;
-        tables.row_start.push(0);
-        for block in arriving.chunks(WIDE) {
-            let rows = block.iter().map(Vec::len).max().unwrap_or(0);
-            for row in 0..rows {
-                for lane in 0..WIDE {
-                    let spring = block.get(lane).and_then(|list| list.get(row));
-                    tables.incoming.push(spring.map_or(nothing, |&s| (place(s as usize) * QUAD) as u32));
-                }
+        let (ring, slots) = (tables.ring(), tables.slots);
+        tables.node = Aligned::new(ring * WIDE * NODE, 0.0);
+        tables.own = Aligned::new(ring * TRIPLE, 0.0);
+        tables.force = Aligned::new(ring * slots * TRIPLE, 0.0);
+        let itself = |at: usize| at / WIDE / slots * WIDE + at % WIDE;
+        let in_ring = |node: usize| node / WIDE % ring * WIDE + place(node) % WIDE;
+        let ends = far.iter().enumerate().map(|(at, far)| in_ring(far.unwrap_or(itself(at))) * NODE);
+        tables.far = ends.map(|at| at as u32).collect();
+    }
+
+    /// How every block of nodes fetches the forces of the springs that end in it.
+    fn receive(&mut self, far: &[Option<usize>]) {
+        let tables = &mut self.tables;
+        let (ring, slots) = (tables.ring(), tables.slots);
+        let mut arriving = vec![Vec::new(); tables.nodes.div_ceil(WIDE)];
+        for (at, far) in far.iter().enumerate() {
+            if let Some(end) = far {
+                let (from, source, lane) = (at / WIDE, (at % WIDE) as u8, (end % WIDE) as u8);
+                arriving[end / WIDE].push(Arrival { from, source, lane });
             }
-            tables.row_start.push((tables.incoming.len() / WIDE) as u32);
+        }
+        let place = |from: usize| ((from / slots % ring * slots + from % slots) * TRIPLE) as u32;
+        tables.pick_start.push(0);
+        for mut arrivals in arriving {
+            while !arrivals.is_empty() {
+                let Two { from, index } = take_most(&mut arrivals);
+                tables.picks.push(Pick { from: from.map(place), index });
+            }
+            tables.pick_start.push(tables.picks.len() as u32);
         }
     }
 }
@@ -180,6 +241,44 @@ mod tests {
         springs
     }
 
+    /// Owner of each spring, from its slot, and the node that picks its force up; every force is picked up once.
+    fn ends(web: &Web) -> Vec<[u32; 2]> {
+        let tables = &web.tables;
+        let (slots, ring) = (tables.slots, tables.ring());
+        let mut picked: Vec<(usize, usize, u32)> = Vec::new();
+        for block in 0..tables.pick_start.len() - 1 {
+            let picks = tables.pick_start[block] as usize..tables.pick_start[block + 1] as usize;
+            for pick in &tables.picks[picks] {
+                for (lane, &index) in pick.index.iter().enumerate().filter(|(_, i)| **i != ABSENT) {
+                    let from = pick.from[usize::from(index) / WIDE] as usize / TRIPLE;
+                    picked.push((from, usize::from(index) % WIDE, (block * WIDE + lane) as u32));
+                }
+            }
+        }
+        assert_eq!(picked.len(), web.slot_of.len());
+        let ends = web.slot_of.iter().map(|&at| {
+            let (from, lane) = (at as usize / WIDE, at as usize % WIDE);
+            let (block, slot) = (from / slots, from % slots);
+            // A place in the ring is used by every ring-th block: of those, the one that reaches the node.
+            let owner = (block * WIDE + lane) as u32;
+            let far = tables.far[at as usize] as usize / NODE;
+            let same_ring = |n: u32| n as usize / WIDE % ring * WIDE + place(n as usize) % WIDE == far;
+            let found: Vec<u32> = picked
+                .iter()
+                .filter(|&&(f, l, n)| f == block % ring * slots + slot && l == lane && same_ring(n))
+                .map(|p| p.2)
+                .filter(|&n| {
+                    let there = n as usize / WIDE;
+                    let [ahead, behind] = tables.reach;
+                    there <= block + ahead && block <= there + behind
+                })
+                .collect();
+            assert_eq!(found.len(), 1);
+            [owner, found[0]]
+        });
+        ends.collect()
+    }
+
     proptest! {
         #[test]
         fn every_spring_of_a_planar_mesh_finds_a_place_in_three_slots(side in 2u32..20, seed: u64) {
@@ -192,16 +291,9 @@ mod tests {
             used.sort_unstable();
             used.dedup();
             prop_assert_eq!(used.len(), springs.len());
-            for (spring, &slot) in springs.iter().zip(&web.slot_of) {
-                let owner = slot as usize / (slots * WIDE) * WIDE + slot as usize % WIDE;
-                let far = web.tables.far[slot as usize] as usize / NODE;
-                let far = (0..nodes).find(|&n| place(n) == far).unwrap();
-                let ends = [owner.min(far) as u32, owner.max(far) as u32];
-                prop_assert_eq!(ends, [spring[0].min(spring[1]), spring[0].max(spring[1])]);
+            for (&[a, b], found) in springs.iter().zip(ends(&web)) {
+                prop_assert!(found == [a, b] || found == [b, a], "{:?} {:?}", found, [a, b]);
             }
-            let mut arrived: Vec<u32> = web.tables.incoming.clone();
-            arrived.retain(|&q| q as usize != web.tables.quads.len() - QUAD);
-            prop_assert_eq!(arrived.len(), springs.len());
         }
 
         #[test]
@@ -209,6 +301,9 @@ mod tests {
             let springs: Vec<[u32; 2]> = springs.into_iter().map(|(a, b)| [a, b]).collect();
             let web = Web::new(30, &springs);
             prop_assert_eq!(web.slot_of.len(), springs.len());
+            for (&[a, b], found) in springs.iter().zip(ends(&web)) {
+                prop_assert!(found == [a, b] || found == [b, a], "{:?} {:?}", found, [a, b]);
+            }
         }
     }
 }

@@ -1,6 +1,6 @@
 //! AVX2: sixteen lanes in two registers, the first eight in the first.
 
-use super::{Lanes, MAGIC, NODE, QUAD, WIDE};
+use super::{Lanes, NODE, ROOT};
 use std::arch::x86_64::*;
 
 /// Sixteen numbers in two registers of 256 bits.
@@ -35,6 +35,14 @@ fn quads(x: __m256, y: __m256, z: __m256) -> [__m256; 4] {
     ]
 }
 
+/// The sign bit of the lanes below `count`, in both registers.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn first(count: usize) -> [__m256i; 2] {
+    let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+    [0, 8].map(|from| _mm256_cmpgt_epi32(_mm256_set1_epi32(count as i32 - from), lanes))
+}
+
 // SAFETY: used only where `Isa::available` found the instructions; pointers are used as the trait says, unaligned.
 unsafe impl Lanes for Avx2 {
     type V = V;
@@ -61,6 +69,25 @@ unsafe impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    unsafe fn load_first(from: *const f32, count: usize) -> V {
+        // SAFETY: as the trait says; lanes that are masked are not touched.
+        unsafe {
+            let [low, high] = first(count);
+            [_mm256_maskload_ps(from, low), _mm256_maskload_ps(from.wrapping_add(8), high)]
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn store_first(to: *mut f32, count: usize, v: V) {
+        // SAFETY: as the trait says; lanes that are masked are not touched.
+        unsafe {
+            let [low, high] = first(count);
+            _mm256_maskstore_ps(to, low, v[0]);
+            _mm256_maskstore_ps(to.wrapping_add(8), high, v[1]);
+        }
+    }
+
+    #[inline(always)]
     unsafe fn add(a: V, b: V) -> V {
         // SAFETY: the caller has the instructions.
         unsafe { [_mm256_add_ps(a[0], b[0]), _mm256_add_ps(a[1], b[1])] }
@@ -82,15 +109,14 @@ unsafe impl Lanes for Avx2 {
     unsafe fn rsqrt(x: V) -> V {
         // SAFETY: the caller has the instructions.
         unsafe {
+            let [guess, first, second, half, newton] = ROOT.map(|x| _mm256_set1_ps(x));
             x.map(|x| {
-                let half = _mm256_mul_ps(x, _mm256_set1_ps(0.5));
                 let bits = _mm256_srli_epi32::<1>(_mm256_castps_si256(x));
-                let mut y = _mm256_castsi256_ps(_mm256_sub_epi32(_mm256_set1_epi32(MAGIC as i32), bits));
-                for _ in 0..3 {
-                    let share = _mm256_mul_ps(_mm256_mul_ps(half, y), y);
-                    y = _mm256_mul_ps(y, _mm256_sub_ps(_mm256_set1_ps(1.5), share));
-                }
-                y
+                let y = _mm256_castsi256_ps(_mm256_sub_epi32(_mm256_castps_si256(guess), bits));
+                let share = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(x, first), y), y);
+                let y = _mm256_mul_ps(y, _mm256_sub_ps(second, share));
+                let share = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(x, half), y), y);
+                _mm256_mul_ps(y, _mm256_sub_ps(newton, share))
             })
         }
     }
@@ -101,6 +127,15 @@ unsafe impl Lanes for Avx2 {
         unsafe {
             let mask = |h: usize| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(a[h], b[h])) as u16;
             mask(0) | mask(1) << 8
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn if_above(a: V, b: V, x: V, y: V) -> V {
+        // SAFETY: the caller has the instructions.
+        unsafe {
+            let half = |h: usize| _mm256_blendv_ps(y[h], x[h], _mm256_cmp_ps::<_CMP_GT_OQ>(a[h], b[h]));
+            [half(0), half(1)]
         }
     }
 
@@ -136,35 +171,32 @@ unsafe impl Lanes for Avx2 {
         }
     }
 
+    type Index = [__m256i; 2];
+
     #[inline(always)]
-    unsafe fn store_quads(to: *mut f32, [x, y, z]: [V; 3]) {
-        // SAFETY: eight stores of eight numbers fill the block of the trait.
+    unsafe fn index(from: *const u8) -> [__m256i; 2] {
+        // SAFETY: the caller lends sixteen.
         unsafe {
-            for h in 0..2 {
-                for (r, two) in quads(x[h], y[h], z[h]).into_iter().enumerate() {
-                    _mm256_storeu_ps(to.add((4 * r + 2 * h) * QUAD), two);
-                }
-            }
+            let half = |h: usize| _mm256_cvtepu8_epi32(_mm_loadl_epi64(from.add(8 * h).cast()));
+            [half(0), half(1)]
         }
     }
 
     #[inline(always)]
-    unsafe fn sum_quads(quads: *const f32, at: *const u32, rows: usize) -> [V; 3] {
-        // SAFETY: the caller lends an offset for each row and node, and a force behind each.
+    unsafe fn pick(first: *const f32, second: *const f32, index: [__m256i; 2]) -> V {
+        // SAFETY: the caller lends sixteen numbers at both.
         unsafe {
-            let half = |h: usize| {
-                let mut sums = [_mm256_setzero_ps(); 4];
-                for row in 0..rows {
-                    let quad = |i: usize| _mm_loadu_ps(quads.add(*at.add(row * WIDE + 8 * h + i) as usize));
-                    for (r, sum) in sums.iter_mut().enumerate() {
-                        let two = _mm256_insertf128_ps::<1>(_mm256_castps128_ps256(quad(r)), quad(4 + r));
-                        *sum = _mm256_add_ps(*sum, two);
-                    }
-                }
-                columns(sums)
-            };
-            let (low, high) = (half(0), half(1));
-            std::array::from_fn(|k| [low[k], high[k]])
+            let (first, second) = (Self::load(first), Self::load(second));
+            index.map(|index| {
+                // The sign of a lane chooses: bits 3, 4 and 5 of its index come to stand there.
+                let low = |half: __m256| _mm256_permutevar8x32_ps(half, index);
+                let high = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index));
+                let later = _mm256_castsi256_ps(_mm256_slli_epi32::<27>(index));
+                let absent = _mm256_castsi256_ps(_mm256_slli_epi32::<26>(index));
+                let of = |block: V| _mm256_blendv_ps(low(block[0]), low(block[1]), high);
+                let found = _mm256_blendv_ps(of(first), of(second), later);
+                _mm256_blendv_ps(found, _mm256_setzero_ps(), absent)
+            })
         }
     }
 }

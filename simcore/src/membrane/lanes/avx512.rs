@@ -1,6 +1,6 @@
 //! AVX-512: sixteen lanes in one register.
 
-use super::{Lanes, MAGIC, NODE, QUAD, WIDE};
+use super::{ABSENT, Lanes, NODE, ROOT};
 use std::arch::x86_64::*;
 
 /// Sixteen numbers in a register of 512 bits.
@@ -56,6 +56,18 @@ unsafe impl Lanes for Avx512 {
     }
 
     #[inline(always)]
+    unsafe fn load_first(from: *const f32, count: usize) -> __m512 {
+        // SAFETY: as the trait says; lanes that are masked are not touched.
+        unsafe { _mm512_maskz_loadu_ps(((1u32 << count) - 1) as u16, from) }
+    }
+
+    #[inline(always)]
+    unsafe fn store_first(to: *mut f32, count: usize, v: __m512) {
+        // SAFETY: as the trait says; lanes that are masked are not touched.
+        unsafe { _mm512_mask_storeu_ps(to, ((1u32 << count) - 1) as u16, v) }
+    }
+
+    #[inline(always)]
     unsafe fn add(a: __m512, b: __m512) -> __m512 {
         // SAFETY: the caller has the instructions.
         unsafe { _mm512_add_ps(a, b) }
@@ -77,14 +89,13 @@ unsafe impl Lanes for Avx512 {
     unsafe fn rsqrt(x: __m512) -> __m512 {
         // SAFETY: the caller has the instructions.
         unsafe {
-            let half = _mm512_mul_ps(x, _mm512_set1_ps(0.5));
+            let [guess, first, second, half, newton] = ROOT.map(|x| _mm512_set1_ps(x));
             let bits = _mm512_srli_epi32::<1>(_mm512_castps_si512(x));
-            let mut y = _mm512_castsi512_ps(_mm512_sub_epi32(_mm512_set1_epi32(MAGIC as i32), bits));
-            for _ in 0..3 {
-                let share = _mm512_mul_ps(_mm512_mul_ps(half, y), y);
-                y = _mm512_mul_ps(y, _mm512_sub_ps(_mm512_set1_ps(1.5), share));
-            }
-            y
+            let y = _mm512_castsi512_ps(_mm512_sub_epi32(_mm512_castps_si512(guess), bits));
+            let share = _mm512_mul_ps(_mm512_mul_ps(_mm512_mul_ps(x, first), y), y);
+            let y = _mm512_mul_ps(y, _mm512_sub_ps(second, share));
+            let share = _mm512_mul_ps(_mm512_mul_ps(_mm512_mul_ps(x, half), y), y);
+            _mm512_mul_ps(y, _mm512_sub_ps(newton, share))
         }
     }
 
@@ -92,6 +103,12 @@ unsafe impl Lanes for Avx512 {
     unsafe fn above(a: __m512, b: __m512) -> u16 {
         // SAFETY: the caller has the instructions.
         unsafe { _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b) }
+    }
+
+    #[inline(always)]
+    unsafe fn if_above(a: __m512, b: __m512, x: __m512, y: __m512) -> __m512 {
+        // SAFETY: the caller has the instructions.
+        unsafe { _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b), y, x) }
     }
 
     #[inline(always)]
@@ -127,31 +144,23 @@ unsafe impl Lanes for Avx512 {
         }
     }
 
+    type Index = (__m512i, __mmask16);
+
     #[inline(always)]
-    unsafe fn store_quads(to: *mut f32, force: [__m512; 3]) {
-        // SAFETY: four stores of sixteen numbers fill the block of the trait.
+    unsafe fn index(from: *const u8) -> Self::Index {
+        // SAFETY: the caller lends sixteen.
         unsafe {
-            for (r, four) in quads(force).into_iter().enumerate() {
-                _mm512_storeu_ps(to.add(4 * r * QUAD), four);
-            }
+            let index = _mm512_cvtepu8_epi32(_mm_loadu_si128(from.cast()));
+            (index, _mm512_testn_epi32_mask(index, _mm512_set1_epi32(i32::from(ABSENT))))
         }
     }
 
     #[inline(always)]
-    unsafe fn sum_quads(quads: *const f32, at: *const u32, rows: usize) -> [__m512; 3] {
-        // SAFETY: the caller lends an offset for each row and node, and a force behind each.
+    unsafe fn pick(first: *const f32, second: *const f32, (index, present): Self::Index) -> __m512 {
+        // SAFETY: the caller lends sixteen numbers at both.
         unsafe {
-            let mut sums = [_mm512_setzero_ps(); 4];
-            for row in 0..rows {
-                let quad = |i: usize| _mm_loadu_ps(quads.add(*at.add(row * WIDE + i) as usize));
-                for (r, sum) in sums.iter_mut().enumerate() {
-                    let four = _mm512_castps128_ps512(quad(r));
-                    let four = _mm512_insertf32x4::<1>(four, quad(4 + r));
-                    let four = _mm512_insertf32x4::<2>(four, quad(8 + r));
-                    *sum = _mm512_add_ps(*sum, _mm512_insertf32x4::<3>(four, quad(12 + r)));
-                }
-            }
-            columns(sums)
+            let (first, second) = (_mm512_loadu_ps(first), _mm512_loadu_ps(second));
+            _mm512_maskz_permutex2var_ps(present, first, index, second)
         }
     }
 }

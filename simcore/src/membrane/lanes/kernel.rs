@@ -1,12 +1,31 @@
-//! The three passes of a substep's forces, written once for every instruction set.
+//! The forces of a substep, written once for every instruction set.
+//!
+//! Three things happen to each block of sixteen nodes:
 //!
 //! 1. Nodes are copied from arrays of x, y, z … into eight consecutive numbers each, so that a spring reads its far end
 //!    with one load.
-//! 2. Blocks of sixteen nodes. In slot j each node has its j-th own spring: the near ends are consecutive, the far ends
-//!    gathered; the near ends' forces stay in registers, the springs' forces are written as quads.
-//! 3. Blocks again: each node subtracts the quads of the springs whose far end it is, and divides by its mass.
+//! 2. In slot j each node has its j-th own spring: the near ends are consecutive, the far ends are fetched and transposed; the near ends'
+//!    forces stay in registers, the springs' forces are written as blocks of x, y and z.
+//! 3. Each node subtracts the forces of the springs whose far end it is, and divides by its mass. They are picked out of two springs' blocks at a
+//!    time, in registers.
+//!
+//! All three go through the sheet together. Neighbours have near numbers, so that what one hands to the next is still in the
+//! first cache, in rings of as many blocks as neighbours are apart.
 
-use super::{Isa, Lanes, NODE, Portable, QUAD, WIDE};
+use super::aligned::Aligned;
+use super::{ABSENT, Isa, Lanes, NODE, Portable, WIDE};
+
+/// Numbers of the force of a spring block, and of the sum of a node block: sixteen of x, y and z.
+pub const TRIPLE: usize = 3 * WIDE;
+
+/// Takes forces of two blocks of springs to the nodes of one block; see [`Lanes::pick`].
+#[derive(Debug, Clone, Copy)]
+pub struct Pick {
+    /// Where the blocks begin in `force`.
+    pub from: [u32; 2],
+    /// Which of them goes to each lane.
+    pub index: [u8; WIDE],
+}
 
 /// Springs in the order of the kernel; see [`crate::membrane::web`] for how it comes about.
 #[derive(Debug, Default)]
@@ -15,28 +34,30 @@ pub struct Tables {
     pub nodes: usize,
     /// Own springs of a node, at most.
     pub slots: usize,
+    /// Blocks by which the far end of a spring lies ahead of its owner or behind, at most.
+    pub reach: [usize; 2],
     /// For each block, slot and lane: where the far end begins in `node`, in numbers.
     pub far: Vec<u32>,
     /// Rest length, mm.
-    pub rest: Vec<f32>,
+    pub rest: Aligned,
     /// Stiffness, µN/mm.
-    pub stiffness: Vec<f32>,
+    pub stiffness: Aligned,
     /// Damping, µN·s/mm.
-    pub damping: Vec<f32>,
+    pub damping: Aligned,
     /// Tension at which it tears, µN.
-    pub limit: Vec<f32>,
+    pub limit: Aligned,
     /// Elastic pull, µN: a result.
-    pub pull: Vec<f32>,
-    /// First row of each block in `incoming`; one more entry than blocks.
-    pub row_start: Vec<u32>,
-    /// For each row and lane: where a quad of a spring that ends in the node begins in `quads`, in numbers.
-    pub incoming: Vec<u32>,
-    /// Work space: nodes.
-    pub node: Vec<f32>,
-    /// Work space: forces of own springs.
-    pub own: [Vec<f32>; 3],
-    /// Work space: forces of springs; the last quad is 0.
-    pub quads: Vec<f32>,
+    pub pull: Aligned,
+    /// First pick of each block in `picks`; one more entry than blocks.
+    pub pick_start: Vec<u32>,
+    /// How each block fetches the forces of springs that end in it.
+    pub picks: Vec<Pick>,
+    /// Work space, a ring: nodes.
+    pub node: Aligned,
+    /// Work space, a ring: sums of the forces of own springs.
+    pub own: Aligned,
+    /// Work space, a ring: forces of springs.
+    pub force: Aligned,
 }
 
 /// What goes into the forces of a substep and what comes out; every slice has a number for each node.
@@ -74,19 +95,27 @@ impl Tables {
         self.nodes.div_ceil(WIDE)
     }
 
+    /// Blocks in the rings.
+    pub fn ring(&self) -> usize {
+        (self.reach[0] + self.reach[1] + 1).min(self.blocks()).max(1)
+    }
+
     /// Panics if the tables would lead a pass outside its arrays: whoever fills them calls this once.
     pub fn check(&self) {
-        let (blocks, n) = (self.blocks(), self.blocks() * self.slots * WIDE);
+        let (blocks, ring) = (self.blocks(), self.ring());
+        let n = blocks * self.slots * WIDE;
         let lists = [&self.rest, &self.stiffness, &self.damping, &self.limit, &self.pull];
         assert!(lists.iter().all(|l| l.len() == n) && self.far.len() == n);
+        assert_eq!(self.node.len(), ring * WIDE * NODE);
+        assert_eq!(self.own.len(), ring * TRIPLE);
+        assert_eq!(self.force.len(), ring * self.slots * TRIPLE);
         assert!(self.far.iter().all(|&at| at as usize + NODE <= self.node.len()));
-        assert_eq!(self.node.len(), blocks * WIDE * NODE);
-        assert!(self.own.iter().all(|o| o.len() == blocks * WIDE));
-        assert_eq!(self.quads.len(), (n + 1) * QUAD);
-        assert!(self.incoming.iter().all(|&at| at as usize + QUAD <= self.quads.len()));
-        assert_eq!(self.row_start.len(), blocks + 1);
-        assert!(self.row_start.is_sorted());
-        assert_eq!(self.row_start[blocks] as usize * WIDE, self.incoming.len());
+        let inside = |at: u32| at as usize + TRIPLE <= self.force.len();
+        assert!(self.picks.iter().all(|p| p.from.into_iter().all(inside)));
+        assert!(self.picks.iter().flat_map(|p| p.index).all(|i| i <= ABSENT));
+        assert_eq!(self.pick_start.len(), blocks + 1);
+        assert!(self.pick_start.is_sorted());
+        assert_eq!(self.pick_start[blocks] as usize, self.picks.len());
     }
 
     /// Forces and accelerations with the instructions of `isa`, which must come from [`Isa::available`].
@@ -126,138 +155,220 @@ fn accelerate_avx2(tables: &mut Tables, forces: &mut Forces) -> Passed {
 /// SAFETY: the processor has the instructions of `L`, the tables passed their check, the slices have a number a node.
 #[inline(always)]
 unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Passed {
-    // SAFETY: handed on.
+    let (nodes, blocks, ring) = (tables.nodes, tables.blocks(), tables.ring());
+    let [ahead, behind] = tables.reach;
+    let next = |at: usize| if at + 1 == ring { 0 } else { at + 1 };
+    let (mut spread_at, mut pull_at, mut collect_at) = (0, 0, 0);
+    let (mut tension, mut finite, mut over) = (0, u16::MAX, 0);
+    // SAFETY: handed on. A ring's block is written again only after the last who reads it.
     unsafe {
-        spread::<L>(tables, forces);
-        let tension = pull::<L>(tables, forces);
-        let (infinite, over) = collect::<L>(tables, forces);
-        Passed { not_finite: infinite != 0, acceleration: over != 0, tension: tension != 0 }
-    }
-}
-
-/// Sixteen numbers from `at` on; behind the end 0.
-#[inline(always)]
-unsafe fn part<L: Lanes>(list: &[f32], at: usize) -> L::V {
-    // SAFETY: whole blocks lie inside the list; the others are copied.
-    unsafe {
-        if at + WIDE <= list.len() {
-            return L::load(list.as_ptr().add(at));
+        let sweep = Sweep::<L>::new(tables, forces);
+        for step in 0..blocks + ahead + behind {
+            if step < blocks {
+                let parts = node_parts::<L>(&sweep, Span::new(step, nodes));
+                L::spread(sweep.node.add(spread_at * WIDE * NODE), parts);
+                spread_at = next(spread_at);
+            }
+            if step >= ahead && step < blocks + ahead {
+                tension |= pull(&sweep, Span::new(step - ahead, nodes), pull_at);
+                pull_at = next(pull_at);
+            }
+            if step >= ahead + behind {
+                let (good, torn) = collect(&sweep, Span::new(step - ahead - behind, nodes), collect_at);
+                (finite, over) = (finite & good, over | torn);
+                collect_at = next(collect_at);
+            }
         }
-        let mut last = [0.0; WIDE];
-        last[..list.len() - at].copy_from_slice(&list[at..]);
-        L::load(last.as_ptr())
     }
+    Passed { not_finite: finite != u16::MAX, acceleration: over != 0, tension: tension != 0 }
 }
 
-/// Writes sixteen numbers from `at` on; those behind the end are dropped.
-#[inline(always)]
-unsafe fn put<L: Lanes>(list: &mut [f32], at: usize, v: L::V) {
-    // SAFETY: whole blocks lie inside the list; the others are copied.
-    unsafe {
-        if at + WIDE <= list.len() {
-            return L::store(list.as_mut_ptr().add(at), v);
+/// A block of nodes; the last one may have fewer than sixteen.
+#[derive(Clone, Copy)]
+pub(super) struct Span {
+    block: usize,
+    at: usize,
+    count: usize,
+}
+
+impl Span {
+    #[inline(always)]
+    pub(super) fn new(block: usize, nodes: usize) -> Self {
+        let at = block * WIDE;
+        Span { block, at, count: nodes - at }
+    }
+
+    /// Its numbers of a list; behind the end 0.
+    #[inline(always)]
+    pub(super) unsafe fn part<L: Lanes>(self, list: *const f32) -> L::V {
+        // SAFETY: the caller's list has a number for each node.
+        unsafe {
+            let from = list.add(self.at);
+            if self.count >= WIDE { L::load(from) } else { L::load_first(from, self.count) }
         }
-        let mut last = [0.0; WIDE];
-        L::store(last.as_mut_ptr(), v);
-        let rest = list.len() - at;
-        list[at..].copy_from_slice(&last[..rest]);
+    }
+
+    /// Writes its numbers into a list.
+    #[inline(always)]
+    pub(super) unsafe fn put<L: Lanes>(self, list: *mut f32, v: L::V) {
+        // SAFETY: the caller's list has room for a number for each node.
+        unsafe {
+            let to = list.add(self.at);
+            if self.count >= WIDE { L::store(to, v) } else { L::store_first(to, self.count, v) }
+        }
+    }
+}
+
+/// Where everything lies, and the figures in all lanes: copied so that no write to an array can seem to change them.
+#[derive(Clone, Copy)]
+struct Sweep<L: Lanes> {
+    slots: usize,
+    far: *const u32,
+    rest: *const f32,
+    stiffness: *const f32,
+    damping: *const f32,
+    limit: *const f32,
+    pull: *mut f32,
+    pick_start: *const u32,
+    picks: *const Pick,
+    node: *mut f32,
+    own: *mut f32,
+    force: *mut f32,
+    position: [*const f32; 3],
+    velocity: [*const f32; 3],
+    outer: [*const f32; 3],
+    mobile: *const f32,
+    force_un: [*mut f32; 3],
+    acceleration: [*mut f32; 3],
+    acceleration2: *mut f32,
+    inverse_mass: L::V,
+    fluid: L::V,
+    tear2: L::V,
+    tiny2: L::V,
+}
+
+impl<L: Lanes> Sweep<L> {
+    #[inline(always)]
+    unsafe fn new(tables: &mut Tables, forces: &mut Forces) -> Self {
+        let read = |lists: [&[f32]; 3]| [lists[0].as_ptr(), lists[1].as_ptr(), lists[2].as_ptr()];
+        let write = |[x, y, z]: &mut [&mut [f32]; 3]| [x.as_mut_ptr(), y.as_mut_ptr(), z.as_mut_ptr()];
+        // SAFETY: the caller has the instructions.
+        let splat = |x| unsafe { L::splat(x) };
+        Sweep {
+            slots: tables.slots,
+            far: tables.far.as_ptr(),
+            rest: tables.rest.as_ptr(),
+            stiffness: tables.stiffness.as_ptr(),
+            damping: tables.damping.as_ptr(),
+            limit: tables.limit.as_ptr(),
+            pull: tables.pull.as_mut_ptr(),
+            pick_start: tables.pick_start.as_ptr(),
+            picks: tables.picks.as_ptr(),
+            node: tables.node.as_mut_ptr(),
+            own: tables.own.as_mut_ptr(),
+            force: tables.force.as_mut_ptr(),
+            position: read(forces.position),
+            velocity: read(forces.velocity),
+            outer: read(forces.outer),
+            mobile: forces.mobile.as_ptr(),
+            force_un: write(&mut forces.force),
+            acceleration: write(&mut forces.acceleration),
+            acceleration2: forces.acceleration2.as_mut_ptr(),
+            inverse_mass: splat(forces.inverse_mass),
+            fluid: splat(forces.fluid_per_s),
+            tear2: splat(forces.tear2),
+            tiny2: splat(forces.tiny2),
+        }
     }
 }
 
 #[inline(always)]
-unsafe fn node_parts<L: Lanes>(forces: &Forces, at: usize) -> [L::V; 6] {
-    let ([x, y, z], [u, v, w]) = (forces.position, forces.velocity);
-    // SAFETY: `at` is below the number of nodes.
+unsafe fn node_parts<L: Lanes>(sweep: &Sweep<L>, span: Span) -> [L::V; 6] {
+    let ([x, y, z], [u, v, w]) = (sweep.position, sweep.velocity);
+    // SAFETY: the lists have a number for each node.
     unsafe {
         [
-            part::<L>(x, at),
-            part::<L>(y, at),
-            part::<L>(z, at),
-            part::<L>(u, at),
-            part::<L>(v, at),
-            part::<L>(w, at),
+            span.part::<L>(x),
+            span.part::<L>(y),
+            span.part::<L>(z),
+            span.part::<L>(u),
+            span.part::<L>(v),
+            span.part::<L>(w),
         ]
-    }
-}
-
-#[inline(always)]
-unsafe fn spread<L: Lanes>(tables: &mut Tables, forces: &Forces) {
-    for block in 0..tables.blocks() {
-        // SAFETY: `node` has room for every block.
-        unsafe {
-            let parts = node_parts::<L>(forces, block * WIDE);
-            L::spread(tables.node.as_mut_ptr().add(block * WIDE * NODE), parts);
-        }
     }
 }
 
 /// f = k (l − l₀) + c u·Δv along u = d/l, with 1/l from [`super::rsqrt`] and l = l²·(1/l).
 #[inline(always)]
-unsafe fn pull<L: Lanes>(tables: &mut Tables, forces: &Forces) -> u16 {
+unsafe fn pull<L: Lanes>(sweep: &Sweep<L>, span: Span, ring_at: usize) -> u16 {
     let mut over = 0;
-    let Tables { slots, far, rest, stiffness, damping, limit, pull, node, own, quads, nodes, .. } = tables;
-    let slots = *slots;
-    for block in 0..nodes.div_ceil(WIDE) {
-        // SAFETY: `check` holds the lengths of the tables and every far end.
-        unsafe {
-            let [x, y, z, u, v, w] = node_parts::<L>(forces, block * WIDE);
-            let mut sum = [L::splat(0.0); 3];
-            for slot in 0..slots {
-                let s = (block * slots + slot) * WIDE;
-                let [bx, by, bz, bu, bv, bw] = L::neighbours(node.as_ptr(), far.as_ptr().add(s));
-                let (dx, dy, dz) = (L::sub(bx, x), L::sub(by, y), L::sub(bz, z));
-                let (du, dv, dw) = (L::sub(bu, u), L::sub(bv, v), L::sub(bw, w));
-                let length2 = L::add(L::add(L::mul(dx, dx), L::mul(dy, dy)), L::mul(dz, dz));
-                let length2 = L::add(length2, L::splat(forces.tiny2));
-                let inverse = L::rsqrt(length2);
-                let length = L::mul(length2, inverse);
-                let rate = L::add(L::add(L::mul(du, dx), L::mul(dv, dy)), L::mul(dw, dz));
-                let rate = L::mul(rate, inverse);
-                let at = |list: &[f32]| L::load(list.as_ptr().add(s));
-                let elastic = L::mul(at(stiffness), L::sub(length, at(rest)));
-                over |= L::above(elastic, at(limit));
-                L::store(pull.as_mut_ptr().add(s), elastic);
-                let f = L::mul(L::add(elastic, L::mul(at(damping), rate)), inverse);
-                let force = [L::mul(f, dx), L::mul(f, dy), L::mul(f, dz)];
-                L::store_quads(quads.as_mut_ptr().add(s * QUAD), force);
-                (0..3).for_each(|k| sum[k] = L::add(sum[k], force[k]));
-            }
-            for (own, sum) in own.iter_mut().zip(sum) {
-                L::store(own.as_mut_ptr().add(block * WIDE), sum);
-            }
+    // SAFETY: `check` holds the lengths of the tables and every far end.
+    unsafe {
+        let [x, y, z, u, v, w] = node_parts(sweep, span);
+        let mut sum = [L::splat(0.0); 3];
+        for slot in 0..sweep.slots {
+            let s = (span.block * sweep.slots + slot) * WIDE;
+            let [bx, by, bz, bu, bv, bw] = L::neighbours(sweep.node, sweep.far.add(s));
+            let (dx, dy, dz) = (L::sub(bx, x), L::sub(by, y), L::sub(bz, z));
+            let (du, dv, dw) = (L::sub(bu, u), L::sub(bv, v), L::sub(bw, w));
+            let length2 = L::add(L::add(L::mul(dx, dx), L::mul(dy, dy)), L::mul(dz, dz));
+            let length2 = L::add(length2, sweep.tiny2);
+            let inverse = L::rsqrt(length2);
+            let length = L::mul(length2, inverse);
+            let rate = L::add(L::add(L::mul(du, dx), L::mul(dv, dy)), L::mul(dw, dz));
+            let rate = L::mul(rate, inverse);
+            let stretch = L::sub(length, L::load(sweep.rest.add(s)));
+            let elastic = L::mul(L::load(sweep.stiffness.add(s)), stretch);
+            over |= L::above(elastic, L::load(sweep.limit.add(s)));
+            L::store(sweep.pull.add(s), elastic);
+            let f = L::mul(L::add(elastic, L::mul(L::load(sweep.damping.add(s)), rate)), inverse);
+            let to = sweep.force.add((ring_at * sweep.slots + slot) * TRIPLE);
+            let parts = [L::mul(f, dx), L::mul(f, dy), L::mul(f, dz)];
+            store_triple::<L>(to, parts);
+            sum = [L::add(sum[0], parts[0]), L::add(sum[1], parts[1]), L::add(sum[2], parts[2])];
         }
+        store_triple::<L>(sweep.own.add(ring_at * TRIPLE), sum);
     }
     over
 }
 
-/// a = (F/m − g v)·mobile, with F = own − incoming + outer.
 #[inline(always)]
-unsafe fn collect<L: Lanes>(tables: &Tables, forces: &mut Forces) -> (u16, u16) {
-    let (mut finite, mut over) = (u16::MAX, 0);
-    // SAFETY: `check` holds the lengths of the tables and every incoming quad.
+unsafe fn store_triple<L: Lanes>(to: *mut f32, [x, y, z]: [L::V; 3]) {
+    // SAFETY: the caller lends the room.
     unsafe {
-        let (inverse_mass, fluid) = (L::splat(forces.inverse_mass), L::splat(forces.fluid_per_s));
-        let (infinity, tear2) = (L::splat(f32::INFINITY), L::splat(forces.tear2));
-        for block in 0..tables.blocks() {
-            let n = block * WIDE;
-            let [from, to] = [tables.row_start[block] as usize, tables.row_start[block + 1] as usize];
-            let rows = tables.incoming.as_ptr().add(from * WIDE);
-            let incoming = L::sum_quads(tables.quads.as_ptr(), rows, to - from);
-            let mobile = part::<L>(forces.mobile, n);
-            let mut square = L::splat(0.0);
-            for axis in 0..3 {
-                let own = L::load(tables.own[axis].as_ptr().add(n));
-                let force = L::add(L::sub(own, incoming[axis]), part::<L>(forces.outer[axis], n));
-                put::<L>(forces.force[axis], n, force);
-                let drag = L::mul(fluid, part::<L>(forces.velocity[axis], n));
-                let a = L::mul(L::sub(L::mul(force, inverse_mass), drag), mobile);
-                put::<L>(forces.acceleration[axis], n, a);
-                square = L::add(square, L::mul(a, a));
-            }
-            put::<L>(forces.acceleration2, n, square);
-            finite &= L::above(infinity, square);
-            over |= L::above(square, tear2);
-        }
+        L::store(to, x);
+        L::store(to.add(WIDE), y);
+        L::store(to.add(2 * WIDE), z);
     }
-    (!finite, over)
+}
+
+/// a = (F/m − g v)·mobile, with F = own − incoming + outer. Returns lanes where all is finite, and those beyond the limit of tearing.
+#[inline(always)]
+unsafe fn collect<L: Lanes>(sweep: &Sweep<L>, span: Span, ring_at: usize) -> (u16, u16) {
+    // SAFETY: `check` holds the lengths of the tables and every pick.
+    unsafe {
+        let own = sweep.own.add(ring_at * TRIPLE);
+        let mut sum = [L::load(own), L::load(own.add(WIDE)), L::load(own.add(2 * WIDE))];
+        let last = *sweep.pick_start.add(span.block + 1) as usize;
+        for at in *sweep.pick_start.add(span.block) as usize..last {
+            let Pick { from, index } = &*sweep.picks.add(at);
+            let (index, [a, b]) = (L::index(index.as_ptr()), *from);
+            let (a, b) = (sweep.force.add(a as usize), sweep.force.add(b as usize));
+            for axis in 0..3 {
+                sum[axis] = L::sub(sum[axis], L::pick(a.add(axis * WIDE), b.add(axis * WIDE), index));
+            }
+        }
+        let mobile = span.part::<L>(sweep.mobile);
+        let mut square = L::splat(0.0);
+        for axis in 0..3 {
+            let force = L::add(sum[axis], span.part::<L>(sweep.outer[axis]));
+            span.put::<L>(sweep.force_un[axis], force);
+            let drag = L::mul(sweep.fluid, span.part::<L>(sweep.velocity[axis]));
+            let a = L::mul(L::sub(L::mul(force, sweep.inverse_mass), drag), mobile);
+            span.put::<L>(sweep.acceleration[axis], a);
+            square = L::add(square, L::mul(a, a));
+        }
+        span.put::<L>(sweep.acceleration2, square);
+        (L::above(L::splat(f32::INFINITY), square), L::above(square, sweep.tear2))
+    }
 }

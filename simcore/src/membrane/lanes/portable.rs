@@ -1,6 +1,6 @@
 //! Plain code for every processor; the definition that the vector paths must meet to the bit.
 
-use super::{Lanes, NODE, QUAD, WIDE, place, rsqrt};
+use super::{ABSENT, Lanes, NODE, WIDE, place, rsqrt};
 
 /// Sixteen numbers in an array.
 #[derive(Debug)]
@@ -35,6 +35,20 @@ unsafe impl Lanes for Portable {
     }
 
     #[inline(always)]
+    unsafe fn load_first(from: *const f32, count: usize) -> V {
+        // SAFETY: the caller lends so many numbers.
+        each(|i| if i < count { unsafe { from.add(i).read() } } else { 0.0 })
+    }
+
+    #[inline(always)]
+    unsafe fn store_first(to: *mut f32, count: usize, v: V) {
+        for (i, x) in v.into_iter().enumerate().take(count) {
+            // SAFETY: the caller lends room for so many numbers.
+            unsafe { to.add(i).write(x) };
+        }
+    }
+
+    #[inline(always)]
     unsafe fn add(a: V, b: V) -> V {
         each(|i| a[i] + b[i])
     }
@@ -60,6 +74,11 @@ unsafe impl Lanes for Portable {
     }
 
     #[inline(always)]
+    unsafe fn if_above(a: V, b: V, x: V, y: V) -> V {
+        each(|i| if a[i] > b[i] { x[i] } else { y[i] })
+    }
+
+    #[inline(always)]
     unsafe fn spread(to: *mut f32, [x, y, z, u, v, w]: [V; 6]) {
         for i in 0..WIDE {
             let node = [x[i], y[i], z[i], 0.0, u[i], v[i], w[i], 0.0];
@@ -74,32 +93,26 @@ unsafe impl Lanes for Portable {
         for i in 0..WIDE {
             // SAFETY: the caller lends sixteen offsets and a node behind each.
             let node = unsafe { nodes.add(*at.add(i) as usize).cast::<[f32; NODE]>().read_unaligned() };
-            (0..3).for_each(|k| (parts[k][i], parts[3 + k][i]) = (node[k], node[QUAD + k]));
+            (0..3).for_each(|k| (parts[k][i], parts[3 + k][i]) = (node[k], node[4 + k]));
         }
         parts
     }
 
+    type Index = [u8; WIDE];
+
     #[inline(always)]
-    unsafe fn store_quads(to: *mut f32, [x, y, z]: [V; 3]) {
-        for i in 0..WIDE {
-            let quad = [x[i], y[i], z[i], 0.0];
-            // SAFETY: `place` stays below sixteen, the room of the block.
-            unsafe { to.add(place(i) * QUAD).cast::<[f32; QUAD]>().write_unaligned(quad) };
-        }
+    unsafe fn index(from: *const u8) -> [u8; WIDE] {
+        // SAFETY: the caller lends sixteen.
+        unsafe { from.cast::<[u8; WIDE]>().read_unaligned() }
     }
 
     #[inline(always)]
-    unsafe fn sum_quads(quads: *const f32, at: *const u32, rows: usize) -> [V; 3] {
-        let mut sums = [[0.0; WIDE]; 3];
-        for row in 0..rows {
-            for i in 0..WIDE {
-                // SAFETY: the caller lends an offset for each row and node, and a force behind each.
-                let quad = unsafe {
-                    quads.add(*at.add(row * WIDE + i) as usize).cast::<[f32; QUAD]>().read_unaligned()
-                };
-                (0..3).for_each(|k| sums[k][i] += quad[k]);
-            }
-        }
-        sums
+    unsafe fn pick(first: *const f32, second: *const f32, index: [u8; WIDE]) -> V {
+        // SAFETY: the caller lends sixteen numbers at both.
+        let blocks = unsafe { [Self::load(first), Self::load(second)] };
+        each(|i| {
+            let (at, block) = (usize::from(index[i]), usize::from(index[i] >> 4 & 1));
+            if index[i] & ABSENT != 0 { 0.0 } else { blocks[block][at & 15] }
+        })
     }
 }
