@@ -7,6 +7,7 @@ use crate::lamp::{Lamp, lamp_index};
 use crate::latch::Latched;
 use crate::layers::Layers;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
+use crate::optics;
 use crate::passes::bodies::Bodies;
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::haze::Haze;
@@ -20,11 +21,12 @@ use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
 use crate::target::Target;
 use crate::tissue::Tissue;
 use crate::tools::JAW_LENGTH_MM;
-use crate::view::{CHANNELS, view};
+use crate::view::{CHANNELS, FIELD_FILL, view};
 use bytemuck::Zeroable;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::message::Invalid;
+use protocol::optics::Filter;
 use protocol::scene::{
     Microscope, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle, section,
 };
@@ -84,6 +86,7 @@ pub struct Renderer {
     tools: [Option<Tool>; INSTRUMENTS],
     jaws_rad: [f64; INSTRUMENTS],
     microscope: Microscope,
+    filter: Filter,
     scene_text: String,
     status: String,
     lines: String,
@@ -128,6 +131,7 @@ impl Renderer {
             tools: [None; INSTRUMENTS],
             jaws_rad: [0.0; INSTRUMENTS],
             microscope: Microscope::zeroed(),
+            filter: Filter::Clear,
             scene_text: String::with_capacity(256),
             status: String::with_capacity(64),
             lines: String::with_capacity(512),
@@ -152,6 +156,7 @@ impl Renderer {
             self.sheet.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.membrane_triangles());
         }
         self.microscope = header.microscope;
+        self.filter = Filter::from_wire(header.filter);
         self.tools = header.instruments.map(|i| Tool::from_wire(i.tool));
         self.scene_text.clear();
         self.scene_text.push_str(std::str::from_utf8(text).unwrap_or_default());
@@ -310,12 +315,15 @@ impl Renderer {
     fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
         let tier = &TIERS[tier_index];
         let mut uniform = FrameUniform::zeroed();
-        Lamp::find(&self.tools, latched).write(&mut uniform);
+        Lamp::find(&self.tools, latched).write(&mut uniform, self.filter);
         uniform.ambient[3] = MEMBRANE_SHADE;
         let radius = self.plan.retina_radius_mm as f32;
-        let px_per_mm = tier.height_px as f32 / self.microscope.field_mm.max(0.1) as f32;
+        let px_per_mm = f64::from(tier.height_px) / optics::field_in_eye_mm(&self.microscope);
+        // Where no pass blurs what is out of focus, a coarser level of the photograph does it for the retina.
+        let blur = blur_at_target_px(&self.microscope, tier).max(1.0).log2().round();
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
-        uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), FILM];
+        uniform.retina =
+            [radius, fundus_map::map_scale(), self.map.level(px_per_mm as f32, radius) + blur as f32, FILM];
         uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, 0.0, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);
@@ -337,6 +345,12 @@ impl Renderer {
         });
         uniform
     }
+}
+
+/// Diameter of the patch that a point at the target's height makes, px.
+fn blur_at_target_px(microscope: &Microscope, tier: &Tier) -> f64 {
+    let px_per_mm = f64::from(tier.height_px) * FIELD_FILL / microscope.field_mm.max(0.1);
+    optics::blur_mm(microscope, microscope.working_distance_mm) * px_per_mm
 }
 
 /// What the picture says about bodies that are not tracked.

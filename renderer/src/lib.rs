@@ -14,6 +14,7 @@ pub mod lamp;
 pub mod latch;
 pub mod layers;
 pub mod layout;
+pub mod optics;
 pub mod output;
 pub mod pacing;
 pub mod passes;

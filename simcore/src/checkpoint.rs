@@ -15,7 +15,7 @@ use protocol::scene::NODE_BOUND;
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's meaning; another one is refused.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// Why a checkpoint was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -234,6 +234,14 @@ pub struct MicroscopeState {
     pub axes: [f64; 2],
     /// Pedal mode.
     pub mode: u32,
+    /// Buttons held at the last pedal state.
+    pub buttons: u32,
+    /// [`protocol::optics::Lens`] on the wire.
+    pub lens: u32,
+    /// The inverter is on.
+    pub inverter: bool,
+    /// [`protocol::optics::Filter`] of the lamp, on the wire.
+    pub filter: u32,
 }
 
 /// A bleeding point.

@@ -112,7 +112,7 @@ impl World {
                 self.refuse();
                 continue;
             }
-            microscope::press(&mut self.state.microscope, pedal);
+            microscope::press(&mut self.state.microscope, pedal, &self.scene);
             self.state.tools.press(pedal, &self.figures);
             self.state.pedals_below = pedal.seq + 1;
         }
