@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures clean
+.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures gallery instruments vectors clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -84,6 +84,9 @@ golden: setup ## Renew the recording that every build must replay to the bit; sa
 
 pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
 	cargo run --release -p renderer --example pictures -- tests/data/pictures
+
+instruments: setup ## Renew the instruments' meshes
+	cargo run --release -p renderer --example instruments -- assets/instruments
 
 vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
 	cargo run -p fpga-model -- vectors fpga-model/vectors

@@ -1,5 +1,6 @@
 //! `Renderer`: takes a scene, encodes its passes in order, then latches the poses and draws.
 
+use crate::assets::{AssetError, Assets};
 use crate::fundus_map;
 use crate::governor::{TIERS, Tier};
 use crate::gpu::Gpu;
@@ -11,7 +12,7 @@ use crate::optics;
 use crate::passes::bodies::Bodies;
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::haze::Haze;
-use crate::passes::instruments::{Instruments, Meshes, Shaft};
+use crate::passes::instruments::{Instruments, Meshes};
 use crate::passes::marks::Marks;
 use crate::passes::membrane::{Membrane, Sheet};
 use crate::passes::retina::Retina;
@@ -20,7 +21,7 @@ use crate::passes::text::Text;
 use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
 use crate::target::Target;
 use crate::tissue::Tissue;
-use crate::tools::JAW_LENGTH_MM;
+use crate::tools::{JAW_LENGTH_MM, Shaft};
 use crate::view::{CHANNELS, FIELD_FILL, view};
 use bytemuck::Zeroable;
 use protocol::handles::Tool;
@@ -40,6 +41,8 @@ const LOST_OPACITY: f32 = 0.35;
 const MEMBRANE_SHADE: f32 = 0.30;
 /// Strength of the retina's specular film at full detail.
 const FILM: f32 = 0.07;
+/// Tilt of the retina where a vessel rises by its full height within a texel.
+const RELIEF: f32 = 0.55;
 /// Tilt of the membrane's fine wrinkles.
 const WRINKLES: f32 = 0.045;
 /// Depth bias of the shadow map, in its depth.
@@ -96,11 +99,16 @@ pub struct Renderer {
 
 impl Renderer {
     /// Makes every resource; nothing is made later, unless a scene is larger than foreseen.
-    pub fn new(gpu: &Gpu, plan: Plan) -> Result<Self, image::ImageError> {
+    pub fn new(gpu: &Gpu, plan: Plan) -> Result<Self, AssetError> {
+        Ok(Self::with_assets(gpu, plan, &Assets::shipped()?))
+    }
+
+    /// As [`Self::new`], with a photograph and meshes that are not the shipped ones.
+    pub fn with_assets(gpu: &Gpu, plan: Plan, assets: &Assets) -> Self {
         let (device, queue) = (&gpu.device, &gpu.queue);
         let uniforms = Uniforms::new(device);
         let layout = light_layout(device);
-        let map = FundusMap::new(device, queue, &fundus_map::photograph()?, plan.map_px, plan.side);
+        let map = FundusMap::new(device, queue, &assets.photograph, plan.map_px, plan.side);
         let mut shadow_maps: Vec<(ShadowMap, BindGroup)> = Vec::new();
         for tier in &TIERS[plan.first_tier..] {
             if !shadow_maps.iter().any(|(map, _)| map.serves(tier)) {
@@ -110,11 +118,11 @@ impl Renderer {
             }
         }
         let target = |(i, tier)| (i >= plan.first_tier).then(|| Target::new(device, tier));
-        Ok(Self {
+        Self {
             plan,
             shadow_maps,
             targets: TIERS.iter().enumerate().map(target).collect(),
-            meshes: Meshes::new(device, queue, &plan.shafts),
+            meshes: Meshes::new(device, queue, &assets.models, &plan.shafts),
             sheet: Sheet::new(device, plan.tissue[0], plan.tissue[1]),
             tissue: Tissue::with_capacity(plan.tissue[0], plan.tissue[1]),
             shadow: Shadow::new(device, &uniforms),
@@ -137,7 +145,7 @@ impl Renderer {
             lines: String::with_capacity(512),
             lost_before: [false; INSTRUMENTS],
             eye_lost_before: false,
-        })
+        }
     }
 
     /// Takes a scene in; refuses one whose sections do not lie in its payload.
@@ -322,9 +330,9 @@ impl Renderer {
         // Where no pass blurs what is out of focus, a coarser level of the photograph does it for the retina.
         let blur = blur_at_target_px(&self.microscope, tier).max(1.0).log2().round();
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
-        uniform.retina =
-            [radius, fundus_map::map_scale(), self.map.level(px_per_mm as f32, radius) + blur as f32, FILM];
-        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, 0.0, WRINKLES];
+        let level = self.map.level(px_per_mm as f32, radius) + blur as f32;
+        uniform.retina = [radius, fundus_map::map_scale(), level, FILM];
+        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);
         let lamp = lamp_index(&self.tools);

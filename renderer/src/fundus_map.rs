@@ -3,13 +3,14 @@
 //! The photograph shows a round part of a **left** eye, the fovea in its middle. The map is in
 //! Lambert's azimuthal equal-area projection about the posterior pole, so that the shader finds
 //! its coordinates with one inverse square root. Beyond the photograph's border the picture is
-//! stretched outwards and fades into its mean colour: the periphery has few marks.
+//! stretched outwards and fades into its mean colour: the periphery has few marks. It ends at the
+//! ora serrata; before that lie the brown pars plana and the pale sclera round it.
+//!
+//! The map's fourth channel is the height of vessels, found as what is darker than its
+//! surroundings in green, where blood absorbs most. The same difference sharpens the picture.
 
 use image::RgbImage;
 use protocol::scene_file::Side;
-
-/// The photograph (see `assets/README.md`).
-pub const PHOTOGRAPH: &[u8] = include_bytes!("../../assets/fundus.jpg");
 
 /// Fovea in the photograph, share of its width.
 const FOVEA: [f32; 2] = [0.503, 0.497];
@@ -19,11 +20,28 @@ const FIELD_RADIUS: f32 = 0.478;
 /// 0.345 widths from the fovea in the picture and 4.5 mm on a retina of 11.5 mm radius.
 const FIELD_ANGLE: f32 = 4.5 / 11.5 * FIELD_RADIUS / 0.345;
 /// The map reaches to this angle from the pole, rad.
-const MAP_ANGLE: f32 = 1.45;
+const MAP_ANGLE: f32 = 2.2;
+/// Angle from the pole to the ora serrata, where the retina ends: about 21 mm from the fovea, rad.
+const ORA_ANGLE: f32 = 21.0 / 11.5;
+/// Its teeth, and how far they reach, rad.
+const ORA_TEETH: f32 = 40.0;
+const ORA_TOOTH: f32 = 0.022;
+/// Width of the pars plana before it (about 4 mm), rad.
+const PARS_PLANA: f32 = 0.30;
 /// Slope with which the picture goes on beyond its border.
 const STRETCH: f32 = 0.35;
 /// Mean colour towards the periphery, of the photograph's 255.
 const PERIPHERY: [f32; 3] = [168.0, 66.0, 44.0];
+/// Colours of the line along the ora serrata, of the pars plana and of the sclera, of 255.
+const ORA: [f32; 3] = [196.0, 150.0, 122.0];
+const PLANA: [f32; 3] = [96.0, 58.0, 42.0];
+const SCLERA: [f32; 3] = [206.0, 186.0, 170.0];
+/// Half width of the surroundings with which vessels are compared, share of the retina's radius.
+const SURROUNDINGS: f32 = 0.030;
+/// Difference to the surroundings (of 255) at which a vessel has its full height.
+const FULL_HEIGHT: f32 = 26.0;
+/// How much more strongly the picture shows its differences to the surroundings.
+const SHARPER: [f32; 3] = [0.20, 0.35, 0.25];
 
 /// Map coordinates (0 to 1) per unit of equal-area radius: the shader's scale.
 pub fn map_scale() -> f32 {
@@ -54,7 +72,43 @@ pub fn bake(photograph: &RgbImage, size: u32, side: Side) -> Vec<u8> {
             let theta = 2.0 * (0.5 * rho).asin();
             let rgb = colour(photograph, [x, y].map(|c| c / rho.max(1e-6)), theta, side);
             out.extend(rgb.map(|c| (c + 0.5) as u8));
-            out.push(255);
+            out.push(0);
+        }
+    }
+    raise_vessels(&mut out, size as usize);
+    out
+}
+
+/// Fills the fourth channel with the height of vessels, and sharpens the others.
+fn raise_vessels(pixels: &mut [u8], size: usize) {
+    let half = (SURROUNDINGS * map_scale() * size as f32).round().max(1.0) as usize;
+    let means: [Vec<f32>; 3] = std::array::from_fn(|c| {
+        let mut plane: Vec<f32> = pixels.chunks_exact(4).map(|p| f32::from(p[c])).collect();
+        // Twice along rows, with rows and columns exchanged in between: a square of means.
+        for _ in 0..2 {
+            plane = means_along_rows(&plane, size, half);
+        }
+        plane
+    });
+    for (i, pixel) in pixels.chunks_exact_mut(4).enumerate() {
+        let darker: [f32; 3] = std::array::from_fn(|c| means[c][i] - f32::from(pixel[c]));
+        for c in 0..3 {
+            pixel[c] = (f32::from(pixel[c]) - SHARPER[c] * darker[c]).clamp(0.0, 255.0) as u8;
+        }
+        pixel[3] = (darker[1] / FULL_HEIGHT * 255.0).clamp(0.0, 255.0) as u8;
+    }
+}
+
+/// Means over `half` pixels to both sides along each row, given back with rows and columns exchanged.
+fn means_along_rows(plane: &[f32], size: usize, half: usize) -> Vec<f32> {
+    let mut out = vec![0.0; plane.len()];
+    for (y, row) in plane.chunks_exact(size).enumerate() {
+        let at = |i: isize| row[i.clamp(0, size as isize - 1) as usize];
+        let reach = half as isize;
+        let mut sum: f32 = (-reach..=reach).map(at).sum();
+        for x in 0..size {
+            out[x * size + y] = sum / (2 * half + 1) as f32;
+            sum += at(x as isize + reach + 1) - at(x as isize - reach);
         }
     }
     out
@@ -73,7 +127,22 @@ fn colour(photograph: &RgbImage, unit: [f32; 2], theta: f32, side: Side) -> [f32
     let v = (FOVEA[1] - unit[1] * radius) * width - 0.5;
     let fade = (beyond / 0.5).min(1.0) * 0.8;
     let photo = bilinear(photograph, u, v);
-    std::array::from_fn(|c| photo[c] + (PERIPHERY[c] - photo[c]) * fade)
+    let retina = std::array::from_fn(|c| photo[c] + (PERIPHERY[c] - photo[c]) * fade);
+    if theta < ORA_ANGLE - 0.1 { retina } else { before_the_ora(retina, unit, theta) }
+}
+
+/// What lies about the retina's border: its teeth, the streaked pars plana, the sclera.
+fn before_the_ora(retina: [f32; 3], unit: [f32; 2], theta: f32) -> [f32; 3] {
+    let bearing = unit[1].atan2(unit[0]);
+    let uneven = (3.0 * bearing).sin() + 0.7 * (7.0 * bearing + 1.0).sin();
+    let tooth = (0.5 * ORA_TEETH * bearing + 0.8 * uneven).sin().abs();
+    let past = theta - ORA_ANGLE - ORA_TOOTH * (tooth * 2.0 - 1.0 + 0.5 * uneven);
+    let step = |from: f32, to: f32| ((past - from) / (to - from)).clamp(0.0, 1.0);
+    let mix = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share);
+    let streaks = 1.0 + 0.12 * (70.0 * bearing + 2.0 * uneven).sin() * step(0.0, 0.1);
+    let line = mix(retina, ORA, step(-0.02, 0.0));
+    let plana = mix(line, PLANA.map(|c| c * streaks), step(0.004, 0.02));
+    mix(plana, SCLERA, step(PARS_PLANA, PARS_PLANA + 0.05))
 }
 
 fn bilinear(picture: &RgbImage, u: f32, v: f32) -> [f32; 3] {
@@ -105,11 +174,6 @@ pub fn half(pixels: &[u8], size: u32) -> Vec<u8> {
     out
 }
 
-/// The photograph, decoded.
-pub fn photograph() -> Result<RgbImage, image::ImageError> {
-    Ok(image::load_from_memory_with_format(PHOTOGRAPH, image::ImageFormat::Jpeg)?.to_rgb8())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -117,12 +181,13 @@ mod tests {
     /// Brightest place of the green channel, smoothed: the optic disc. Map coordinates −1 to 1.
     fn disc(side: Side) -> [f32; 2] {
         let size = 128u32;
-        let map = bake(&photograph().unwrap(), size, side);
+        let map = bake(&crate::assets::shipped_photograph().unwrap(), size, side);
         let green = |x: u32, y: u32| u32::from(map[((y * size + x) * 4 + 1) as usize]);
         let score = |x: u32, y: u32| {
             (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| green(x + i, y + j)).sum::<u32>()
         };
-        let places = (0..size - 3).flat_map(|y| (0..size - 3).map(move |x| (x, y)));
+        // The sclera is bright too, but lies at the border.
+        let places = (size / 4..size * 3 / 4).flat_map(|y| (size / 4..size * 3 / 4).map(move |x| (x, y)));
         let (x, y) = places.max_by_key(|&(x, y)| score(x, y)).unwrap();
         [x, y].map(|c| (c as f32 + 1.5) / size as f32 * 2.0 - 1.0)
     }
@@ -130,11 +195,45 @@ mod tests {
     #[test]
     fn optic_disc_is_nasal_at_its_distance() {
         let right = disc(Side::Right);
-        assert!(right[0] > 0.2, "nasal is +x in a right eye: {right:?}");
-        assert!(disc(Side::Left)[0] < -0.2, "and −x in a left one");
+        assert!(right[0] > 0.15, "nasal is +x in a right eye: {right:?}");
+        assert!(disc(Side::Left)[0] < -0.15, "and −x in a left one");
         let rho = (right[0] * right[0] + right[1] * right[1]).sqrt() * equal_area(MAP_ANGLE);
         let arc_mm = 11.5 * 2.0 * (0.5 * rho).asin();
         assert!((3.6..5.4).contains(&arc_mm), "disc to fovea {arc_mm} mm");
+    }
+
+    /// Red, green, blue and height at the angle `theta` from the pole towards eye (x, y).
+    fn at(map: &[u8], size: u32, theta: f32, unit: [f32; 2]) -> [u8; 4] {
+        let place = unit.map(|c| ((0.5 + c * equal_area(theta) * map_scale()) * size as f32) as u32);
+        let i = ((place[1] * size + place[0]) * 4) as usize;
+        [map[i], map[i + 1], map[i + 2], map[i + 3]]
+    }
+
+    #[test]
+    fn the_retina_ends_at_the_ora_serrata() {
+        let size = 256;
+        let map = bake(&crate::assets::shipped_photograph().unwrap(), size, Side::Right);
+        for unit in [[1.0, 0.0], [0.0, 1.0], [-0.6, 0.8], [0.6, -0.8]] {
+            let [retina, plana, sclera] =
+                [-0.15, 0.15, 0.36].map(|past| at(&map, size, ORA_ANGLE + past, unit));
+            assert!(retina[0] > 130 && retina[0] > 2 * retina[1], "orange: {retina:?}");
+            assert!((60..130).contains(&plana[0]) && plana[1] < 80, "brown: {plana:?}");
+            assert!(sclera[1] > 140, "white: {sclera:?}");
+        }
+    }
+
+    #[test]
+    fn vessels_stand_out_and_flat_colour_does_not() {
+        // A dark line on an even ground, away from the fovea.
+        let mut photograph = RgbImage::from_pixel(1024, 1024, image::Rgb([180, 80, 50]));
+        (0..1024)
+            .for_each(|y| (700..706).for_each(|x| photograph.put_pixel(x, y, image::Rgb([140, 40, 35]))));
+        let (size, map) = (1024, bake(&photograph, 1024, Side::Left));
+        let theta = (702.5 / 1024.0 - FOVEA[0]) / FIELD_RADIUS * FIELD_ANGLE;
+        let heights: Vec<u8> = [-0.05, -0.02, 0.0].map(|d| at(&map, size, theta + d, [1.0, 0.0])[3]).to_vec();
+        assert!(heights[0] < 30 && heights[2] > 180, "{heights:?}");
+        let vessel = at(&map, size, theta, [1.0, 0.0]);
+        assert!(vessel[1] < 40, "sharper than the photograph: {vessel:?}");
     }
 
     #[test]

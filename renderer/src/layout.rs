@@ -32,7 +32,7 @@ pub struct FrameUniform {
     pub ambient: [f32; 4],
     /// Radius (mm), map scale, mip level, strength of the specular film.
     pub retina: [f32; 4],
-    /// Depth bias, half width of the soft edge (share of a tile), 0, membrane detail.
+    /// Depth bias, half width of the soft edge (share of a tile), relief of the vessels, membrane detail.
     pub shadow: [f32; 4],
     /// Corner of the vitreous' densities with the smallest coordinates, and extinction at full
     /// density (1/mm).

@@ -4,6 +4,7 @@
 //! `governor` decide what pose is shown, when it will be seen and how fine the picture may be, and
 //! are pure. Shaders lie beside their pass. wgpu is used in this crate only, windows in `present`.
 
+pub mod assets;
 pub mod config;
 pub mod font;
 pub mod frame;

@@ -1,12 +1,13 @@
 //! What is decided once, before the loop: scene and rig, tiers, and a first frame that makes the
 //! driver compile its programs (60 to 700 ms on a software driver, too long for the first picture).
 
+use crate::assets::Assets;
 use crate::config::Config;
 use crate::frame::{Plan, Renderer};
 use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
 use crate::gpu::Gpu;
 use crate::latch::Latched;
-use crate::passes::instruments::Shaft;
+use crate::tools::{NOMINAL_CANNULA_MM, Shaft};
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use glam::{DMat4, DVec3};
@@ -22,8 +23,8 @@ use protocol::scene_file::SceneFile;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
-/// Edge of the fundus map on a software driver: about the texels that its tiers can show.
-const SOFTWARE_MAP_PX: u32 = 512;
+/// Edge of the fundus map on a software driver: about the texels that its best tiers can show; the others use its mip levels.
+const SOFTWARE_MAP_PX: u32 = 1024;
 /// Edge of the fundus map on a GPU.
 const HARDWARE_MAP_PX: u32 = 2048;
 /// Length of a shaft that the rig does not tell, mm.
@@ -57,6 +58,7 @@ pub fn plan(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> Pla
     let shafts: [Shaft; INSTRUMENTS] = std::array::from_fn(|i| Shaft {
         radius_mm: scene.instruments[i].shaft_radius_mm as f32,
         length_mm: rig.body(BODY_NAMES[i]).and_then(|b| b.length).unwrap_or(SHAFT_LENGTH_MM) as f32,
+        cannula_mm: scene.needle.as_ref().map_or(NOMINAL_CANNULA_MM, |n| n.radius_mm as f32),
     });
     let [w, h] = scene.membrane.as_ref().map_or([0; 2], |m| m.squares.map(|n| n as usize));
     Plan {
@@ -77,8 +79,8 @@ pub fn map_px(gpu: &Gpu) -> u32 {
 /// A renderer for `scene` that has drawn its first frame.
 pub fn renderer(gpu: &Gpu, scene: &SceneFile, config: &Config, first_tier: usize) -> Result<Renderer> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-    let mut renderer =
-        Renderer::new(gpu, plan(scene, &rig, first_tier, map_px(gpu))).context("fundus photograph")?;
+    let assets = Assets::load(config.fundus.as_deref(), config.instruments.as_deref())?;
+    let mut renderer = Renderer::with_assets(gpu, plan(scene, &rig, first_tier, map_px(gpu)), &assets);
     warm_up(gpu, &mut renderer, scene, first_tier)?;
     Ok(renderer)
 }

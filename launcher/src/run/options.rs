@@ -63,6 +63,12 @@ pub struct RunArgs {
     /// Draw in a window [default where there is a display].
     #[arg(long, conflicts_with = "no_picture")]
     pub window: bool,
+    /// Fundus photograph to lay on the retina: a square JPEG or PNG of a left eye, the fovea in its middle.
+    #[arg(long, value_name = "PHOTO", conflicts_with = "no_picture")]
+    pub fundus: Option<PathBuf>,
+    /// Folder with the instruments' meshes to draw instead of the shipped ones.
+    #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
+    pub instruments: Option<PathBuf>,
     /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential, left or right; of
     /// these, files take all but sequential.
     #[arg(long, value_name = "HOW", value_parser = ARRANGEMENTS, conflicts_with = "no_picture")]
@@ -200,6 +206,8 @@ impl RunArgs {
             Process::FpgaModel => self.camera_arguments(&mut args, remaining_s, restarts),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
+                args.path("--fundus", self.fundus.as_deref());
+                args.path("--instruments", self.instruments.as_deref());
                 args.value("--arrange", self.arrange.as_ref());
                 args.flag("--full-screen", self.full_screen);
                 args.value("--monitor", self.monitor.as_ref());

@@ -21,7 +21,7 @@ struct Frame {
     ambient: vec4f,
     // radius (mm), map scale, mip level, strength of the specular film
     retina: vec4f,
-    // bias, half width of the soft edge, 0, membrane detail
+    // bias, half width of the soft edge, relief of the vessels, membrane detail
     shadow: vec4f,
     // Corner of the vitreous' densities with the smallest coordinates, then extinction at full density (1/mm)
     haze_corner: vec4f,

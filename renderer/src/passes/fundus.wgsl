@@ -67,6 +67,19 @@ fn film(q: vec3f, l: vec3f, ray: vec3f) -> f32 {
     return frame.retina.w * gloss(max(-dot(q, normalize(l - ray)), 0.0));
 }
 
+// Vessels stand out of the retina and carry a reflex along their middle.
+fn wetness(photo: vec4f) -> f32 {
+    return 0.4 + photo.g * photo.g + 2.0 * photo.a;
+}
+
+// Normal towards the inside of the eye, tilted by the slope of the map's fourth channel, the height of vessels.
+fn relief(q: vec3f, uv: vec2f, height: f32) -> vec3f {
+    let step = exp2(frame.retina.z) / f32(textureDimensions(fundus_map).x);
+    let right = textureSampleLevel(fundus_map, fundus_sampler, uv + vec2f(step, 0.0), frame.retina.z).a;
+    let up = textureSampleLevel(fundus_map, fundus_sampler, uv + vec2f(0.0, step), frame.retina.z).a;
+    return normalize(vec3f(height - right, height - up, 0.0) * frame.shadow.z - q);
+}
+
 @vertex
 fn vs_main(@builtin(vertex_index) index: u32) -> Disc {
     var out: Disc;
@@ -80,14 +93,16 @@ fn vs_main(@builtin(vertex_index) index: u32) -> Disc {
 fn fs_main(in: Disc) -> @location(0) vec4f {
     let p = to_retina(in.p);
     let q = p / frame.retina.x;
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, map_coordinates(q), frame.retina.z).rgb;
-    let albedo = photo * photo;
+    let uv = map_coordinates(q);
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, uv, frame.retina.z);
+    let albedo = photo.rgb * photo.rgb;
+    let inwards = relief(q, uv, photo.a);
     let lamp = lamp_at(p);
     let at = lamp_coordinates(p);
     let membrane = 1.0 - frame.ambient.w * (1.0 - lit_by_tile(at.xy, at.z, 1.0));
     let strength = lit_past_instruments(at.xy, at.z) * membrane * lamp.strength;
-    let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * max(-dot(q, lamp.l), 0.0));
-    let wet = strength * film(q, lamp.l, normalize(p - view.camera.xyz)) * (0.4 + albedo.g);
+    let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * max(dot(inwards, lamp.l), 0.0));
+    let wet = strength * film(-inwards, lamp.l, normalize(p - view.camera.xyz)) * wetness(photo);
     return vec4f(to_display(albedo * light + vec3f(wet)) * vignette(in.field_xy), 1.0);
 }
 
@@ -108,12 +123,12 @@ fn vs_lean(@builtin(vertex_index) index: u32) -> LeanDisc {
 
 @fragment
 fn fs_lean(in: LeanDisc) -> @location(0) vec4f {
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z).rgb;
-    let albedo = photo * photo;
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z);
+    let albedo = photo.rgb * photo.rgb;
     let mask = lean_mask(in.mask);
     let past = mask.r * mask.b;
     let light = frame.ambient.rgb + frame.lamp_colour.rgb * (past * in.light.x);
-    let wet = past * in.light.y * (0.4 + albedo.g);
+    let wet = past * in.light.y * wetness(photo);
     return vec4f(to_display(albedo * light + vec3f(wet)) * in.light.z, 1.0);
 }
 

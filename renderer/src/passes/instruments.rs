@@ -2,24 +2,13 @@
 
 use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
 use crate::layout::MetalVertex;
-use crate::tools::{self, Mesh};
+use crate::tools::{Mesh, Models, Shaft, TOOLS};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{
     BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
     RenderPass, RenderPipeline,
 };
-
-const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle];
-
-/// Shaft of an instrument.
-#[derive(Debug, Clone, Copy)]
-pub struct Shaft {
-    /// Outer radius, mm.
-    pub radius_mm: f32,
-    /// Length from the tip, mm.
-    pub length_mm: f32,
-}
 
 /// Meshes of every tool for each of the two shafts, so that a change of tool costs nothing.
 pub struct Meshes {
@@ -30,12 +19,12 @@ pub struct Meshes {
 }
 
 impl Meshes {
-    /// Makes and uploads them.
-    pub fn new(device: &Device, queue: &Queue, shafts: &[Shaft; INSTRUMENTS]) -> Self {
+    /// Fits and uploads them.
+    pub fn new(device: &Device, queue: &Queue, models: &Models, shafts: &[Shaft; INSTRUMENTS]) -> Self {
         let mut all = Mesh::default();
         let ranges = shafts.map(|shaft| {
             TOOLS.map(|tool| {
-                let mesh = tools::mesh(tool, shaft.radius_mm, shaft.length_mm);
+                let mesh = models.of(tool).mesh(&shaft);
                 let (base, first) = (all.vertices.len() as u32, all.indices.len() as u32);
                 all.vertices.extend(&mesh.vertices);
                 all.indices.extend(mesh.indices.iter().map(|i| i + base));

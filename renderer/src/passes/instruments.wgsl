@@ -8,6 +8,8 @@ struct Metal {
     @location(2) field_xyw: vec3f,
     // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp
     @location(3) surface: vec3f,
+    // of the shaft, towards the handle
+    @location(4) @interpolate(flat) axis: vec3f,
 }
 
 @vertex
@@ -26,7 +28,24 @@ fn vs_main(
     out.field_xyw = vec3f(out.clip.xy * view.field.xy, out.clip.w);
     let shape = frame.instruments[which].shape;
     out.surface = vec3f(material, shape.z, shape.w);
+    out.axis = frame.instruments[which].eye_from_instrument[2].xyz;
     return out;
+}
+
+// Mean colour of the fundus, linear: what a mirror in the eye shows of it.
+const FUNDUS: vec3f = vec3f(0.38, 0.20, 0.145);
+// Share of the light that bare steel mirrors.
+const STEEL: vec3f = vec3f(0.66, 0.67, 0.69);
+
+// What a mirrored ray from `p` meets: the lit retina, the dark before it, where the ray leaves through the pupil.
+fn mirrored(p: vec3f, ray: vec3f) -> vec3f {
+    let radius = frame.retina.x;
+    let b = dot(p, ray);
+    let hit = p + (sqrt(max(b * b - dot(p, p) + radius * radius, 0.0)) - b) * ray;
+    let lamp = lamp_at(hit);
+    let lit = lamp.strength * max(-dot(hit, lamp.l) / radius, 0.0);
+    let behind = 1.0 - smoothstep(-0.2 * radius, 0.5 * radius, hit.z);
+    return FUNDUS * behind * (2.0 * frame.ambient.rgb + frame.lamp_colour.rgb * min(lit, 3.0));
 }
 
 @fragment
@@ -34,25 +53,24 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
     let n = normalize(in.n);
     let v = normalize(view.camera.xyz - in.p);
-    let r = reflect(-v, n);
-    // The lit retina below is a large warm lamp; above is the dark of the vitreous.
-    let from_retina = clamp(0.5 - 0.5 * n.z, 0.0, 1.0);
-    let mirrored = clamp(-r.z * 1.4 + 0.1, 0.0, 1.0);
-    // The microscope's own rim of light keeps the shaft readable against the dark.
-    let towards_viewer = clamp(dot(n, v), 0.0, 1.0);
-    var light = frame.ambient.rgb * (0.08 + 2.2 * from_retina * from_retina + 6.0 * mirrored * mirrored);
-    let glint = towards_viewer * towards_viewer * towards_viewer;
-    light += vec3f(0.020, 0.022, 0.025) * (0.12 + 2.6 * glint * glint * glint * glint);
+    // Steel turned on a lathe: grooves run round the shaft and draw every light out along it.
+    let grooves = normalize(cross(in.axis, n) + vec3f(1e-5, 0.0, 0.0));
+    let facing = max(dot(n, v), 0.0);
+    // The microscope's own light, from where one looks, keeps the shaft readable against the dark.
+    let coaxial = vec3f(0.078, 0.082, 0.088) * (facing * facing * facing * facing);
+    var light = STEEL * (0.55 * mirrored(in.p, reflect(-v, n)) + 0.3 * frame.ambient.rgb + coaxial);
     if in.surface.z > 0.0 {
         let lamp = lamp_at(in.p);
-        let h = max(dot(n, normalize(lamp.l + v)), 0.0);
-        light += frame.lamp_colour.rgb * (lamp.strength * (0.30 * max(dot(n, lamp.l), 0.0) + 1.6 * gloss(h)));
+        let half_way = normalize(lamp.l + v);
+        let across = dot(grooves, half_way);
+        let streak = gloss(sqrt(max(1.0 - across * across, 0.0))) * smoothstep(-0.1, 0.3, dot(n, lamp.l));
+        let direct = 0.14 * max(dot(n, lamp.l), 0.0) + 0.35 * streak + 0.9 * gloss(max(dot(n, half_way), 0.0));
+        light += STEEL * frame.lamp_colour.rgb * (min(lamp.strength, 4.0) * direct);
     }
-    var colour = vec3f(0.72, 0.74, 0.78) * light;
     if in.surface.x > 1.5 {
-        colour = colour * 0.08;
+        light = light * 0.12;
     } else if in.surface.x > 0.5 {
-        colour = frame.lamp_colour.rgb * 2.5;
+        light = frame.lamp_colour.rgb * 4.0;
     }
-    return vec4f(to_display(colour) * shade, in.surface.y);
+    return vec4f(to_display(light) * shade, in.surface.y);
 }

@@ -111,7 +111,7 @@ impl PeelTest {
         solver.refresh(&sheet, &membrane, &tissue);
         assert!(grip.iter().all(|&n| membrane.flag[n as usize] == NODE_PINNED));
         let curl = CurlScene { stiffness_un_mm: self.bending_un_mm, radius_mm: 1e6 };
-        let curl = (self.bending_un_mm > 0.0).then(|| Curl::new(&sheet, &curl));
+        let curl = (self.bending_un_mm > 0.0).then(|| Curl::new(&sheet, &curl, f32::INFINITY));
         let adhesion = Adhesion::new(&sheet, &self.glue(), 1e9);
         let mut bonds = adhesion.start();
         let dt = f64::from(tissue.dt_s);

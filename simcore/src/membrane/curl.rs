@@ -18,6 +18,10 @@
 //!
 //! ψ grows without bound as a hinge folds, which keeps it from folding through. Neither angle nor arctangent is
 //! needed: ψ = 2 sin θ/(1 + cos θ).
+//!
+//! ∇θ grows as one over a triangle's height, so in crumpled tissue, whose triangles have nearly none, a hinge would be
+//! stiffer than any explicit step bears, and feed energy to it for ever. Its stiffness w (1 + ψ²/4) Σ|∇θ|² is held below a
+//! share of m/Δt²: there the hinge turns slower than its material would, and stable.
 
 use super::adhesion::{Adhesion, AdhesionState};
 use super::sheet::{NONE, Sheet};
@@ -30,10 +34,16 @@ const MAX_PSI: f32 = 20.0;
 /// Twice the area of a triangle below which a hinge has no direction, mm².
 const TINY_MM2: f32 = 1e-7;
 
+/// Stiffness of a hinge that is let through, as a share of node mass over the square of a substep. A node belongs to a
+/// dozen hinges.
+const MAX_STIFFNESS: f64 = 0.1;
+
 /// Hinges of a sheet.
 #[derive(Debug, Clone)]
 pub struct Curl {
     hinges: Vec<Hinge>,
+    /// Largest stiffness of a hinge, µN/mm.
+    most_un_per_mm: f32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -47,15 +57,20 @@ struct Hinge {
     rest: f32,
 }
 
+/// The stiffness of a hinge that explicit steps of `dt_s` bear on nodes of `node_mass_g`, µN/mm.
+pub fn stiffest_un_per_mm(node_mass_g: f64, dt_s: f64) -> f32 {
+    (MAX_STIFFNESS * node_mass_g / (dt_s * dt_s)) as f32
+}
+
 impl Curl {
-    /// Hinges of `sheet` as it lies at the start.
-    pub fn new(sheet: &Sheet, scene: &CurlScene) -> Self {
+    /// Hinges of `sheet` as it lies at the start; none becomes stiffer than `most_un_per_mm`, see [`stiffest_un_per_mm`].
+    pub fn new(sheet: &Sheet, scene: &CurlScene, most_un_per_mm: f32) -> Self {
         let start = sheet.start();
         let inner = |(s, sides): (usize, &[u32; 2])| {
             let [ends, sides] = [sheet.springs[s], *sides];
             (sides[1] != NONE).then(|| Hinge::new(sheet, &start, ends, sides, scene))
         };
-        Curl { hinges: sheet.spring_triangles.iter().enumerate().filter_map(inner).collect() }
+        Curl { hinges: sheet.spring_triangles.iter().enumerate().filter_map(inner).collect(), most_un_per_mm }
     }
 
     /// Adds the hinges' forces to `outer_un`. A hinge whose four nodes are all glued has none: there the adhesion,
@@ -70,7 +85,7 @@ impl Curl {
             let alive = hinge.triangles.iter().all(|&t| membrane.triangle_alive[t as usize] != 0);
             let glued = glue.is_some_and(|(a, s)| hinge.nodes.iter().all(|&n| a.holds(s, n as usize)));
             if alive && !glued {
-                hinge.bend(membrane, outer_un);
+                hinge.bend(membrane, self.most_un_per_mm, outer_un);
             }
         }
     }
@@ -103,10 +118,12 @@ impl Hinge {
         }
     }
 
-    fn bend(&self, membrane: &MembraneState, outer_un: &mut [Vec<f32>; 3]) {
+    fn bend(&self, membrane: &MembraneState, most_un_per_mm: f32, outer_un: &mut [Vec<f32>; 3]) {
         let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
         let Some((psi, gradient)) = turn(p, q, a, b) else { return };
-        let moment = -self.stiffness * (psi - self.rest);
+        let slopes: f32 = gradient.iter().map(Vector3::norm_squared).sum();
+        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * slopes;
+        let moment = -self.stiffness * (psi - self.rest) * (most_un_per_mm / stiffness).min(1.0);
         for (&node, gradient) in self.nodes.iter().zip(gradient) {
             for (outer, g) in outer_un.iter_mut().zip(gradient.iter()) {
                 outer[node as usize] += moment * g;

@@ -5,7 +5,7 @@ use crate::checkpoint::CheckpointError;
 use crate::constants::{RIM_REARM, SUBSTEP_S};
 use crate::event_log::Happening;
 use crate::membrane::adhesion::{Adhesion, AdhesionState, LIFTED_MM, Parting};
-use crate::membrane::curl::Curl;
+use crate::membrane::curl::{Curl, stiffest_un_per_mm};
 use crate::membrane::sheet::Sheet;
 use crate::state::MembraneState;
 use crate::tools::forceps;
@@ -40,8 +40,9 @@ pub fn adhesion(scene: &SceneFile, sheet: &Sheet) -> Result<Option<Adhesion>, Wo
 
 /// The hinges of a scene.
 pub fn curl(scene: &SceneFile, sheet: &Sheet) -> Option<Curl> {
-    let curl = scene.membrane.as_ref()?.curl.as_ref()?;
-    Some(Curl::new(sheet, curl))
+    let membrane = scene.membrane.as_ref()?;
+    let most_un_per_mm = stiffest_un_per_mm(membrane.node_mass_g, SUBSTEP_S);
+    Some(Curl::new(sheet, membrane.curl.as_ref()?, most_un_per_mm))
 }
 
 /// The membrane at the start: glue takes the place of pins.

@@ -1,0 +1,118 @@
+//! What the picture is made from besides the scene: the fundus photograph and the instruments' meshes, built in or from files.
+
+use crate::tools::{ModelError, Models};
+use image::RgbImage;
+use std::path::Path;
+
+/// The photograph that is built in (see `assets/README.md`).
+const PHOTOGRAPH: &[u8] = include_bytes!("../../assets/fundus.jpg");
+/// Least width of a photograph, px: a software driver's map shows as many.
+const LEAST_PX: u32 = 512;
+/// Most that width and height of a photograph may differ, share of the width.
+const SQUARE: f64 = 0.02;
+
+/// Why an asset cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum AssetError {
+    /// An instrument's mesh.
+    #[error("instrument: {0}")]
+    Model(#[from] ModelError),
+    /// The fundus photograph.
+    #[error("fundus photograph {file}: {problem}")]
+    Photograph {
+        /// Its path.
+        file: String,
+        /// What is wrong, and what was expected.
+        problem: String,
+    },
+}
+
+/// Photograph and meshes.
+#[derive(Debug, Clone)]
+pub struct Assets {
+    /// The fundus of a **left** eye, the fovea in its middle; see [`crate::fundus_map`].
+    pub photograph: RgbImage,
+    /// The instruments.
+    pub models: Models,
+}
+
+impl Assets {
+    /// Those that are built in.
+    pub fn shipped() -> Result<Self, AssetError> {
+        Self::load(None, None)
+    }
+
+    /// From a photograph and a folder of meshes, where they are given.
+    pub fn load(photograph: Option<&Path>, instruments: Option<&Path>) -> Result<Self, AssetError> {
+        let photograph = match photograph {
+            Some(path) => self::photograph(path)?,
+            None => shipped_photograph()?,
+        };
+        let models = instruments.map_or_else(Models::shipped, Models::from_folder)?;
+        Ok(Self { photograph, models })
+    }
+}
+
+/// The photograph that is built in, decoded.
+pub fn shipped_photograph() -> Result<RgbImage, AssetError> {
+    decode("assets/fundus.jpg", PHOTOGRAPH)
+}
+
+fn photograph(path: &Path) -> Result<RgbImage, AssetError> {
+    let file = path.display().to_string();
+    let bytes = std::fs::read(path)
+        .map_err(|e| AssetError::Photograph { file: file.clone(), problem: e.to_string() })?;
+    decode(&file, &bytes)
+}
+
+fn decode(file: &str, bytes: &[u8]) -> Result<RgbImage, AssetError> {
+    let refused = |problem: String| AssetError::Photograph { file: file.to_owned(), problem };
+    let picture = image::load_from_memory(bytes);
+    let picture = picture.map_err(|e| refused(format!("expected a JPEG or PNG picture: {e}")))?;
+    if !picture.color().has_color() {
+        return Err(refused(format!("expected colours, found {:?}", picture.color())));
+    }
+    let (width, height) = (picture.width(), picture.height());
+    let square = (f64::from(width) - f64::from(height)).abs() <= SQUARE * f64::from(width);
+    if width < LEAST_PX || !square {
+        return Err(refused(format!(
+            "expected a square of at least {LEAST_PX} px, the fovea in its middle; found {width}×{height} px"
+        )));
+    }
+    Ok(picture.to_rgb8())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn problem(bytes: &[u8]) -> String {
+        decode("eye.png", bytes).unwrap_err().to_string()
+    }
+
+    fn png(width: u32, height: u32, colour: image::ColorType) -> Vec<u8> {
+        let mut out = std::io::Cursor::new(Vec::new());
+        image::DynamicImage::new(width, height, colour).write_to(&mut out, image::ImageFormat::Png).unwrap();
+        out.into_inner()
+    }
+
+    #[test]
+    fn wrong_photographs_are_refused_by_name_and_reason() {
+        assert!(problem(b"not a picture").starts_with("fundus photograph eye.png: expected a JPEG or PNG"));
+        let whole = png(600, 600, image::ColorType::Rgb8);
+        assert!(problem(&whole[..whole.len() / 2]).contains("expected a JPEG or PNG"), "cut off");
+        assert!(problem(&png(600, 600, image::ColorType::L8)).contains("colours, found L8"));
+        assert!(problem(&png(600, 400, image::ColorType::Rgb8)).contains("600×400"));
+        assert!(problem(&png(100, 100, image::ColorType::Rgb8)).contains("at least 512 px"));
+        assert!(decode("eye.png", &whole).is_ok() && shipped_photograph().is_ok());
+    }
+
+    #[test]
+    fn missing_files_are_named() {
+        let nowhere = Path::new("/nowhere/at/all");
+        let e = Assets::load(Some(nowhere), None).unwrap_err().to_string();
+        assert!(e.starts_with("fundus photograph /nowhere/at/all: "), "{e}");
+        let e = Assets::load(None, Some(nowhere)).unwrap_err().to_string();
+        assert!(e.starts_with("instrument: /nowhere/at/all/forceps.glb: "), "{e}");
+    }
+}
