@@ -20,6 +20,7 @@ use crate::passes::shadow::{Shadow, ShadowMap};
 use crate::passes::text::Text;
 use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
 use crate::target::Target;
+use crate::timing::{Pass, PassTimes, Timing};
 use crate::tissue::Tissue;
 use crate::tools::{JAW_LENGTH_MM, Shaft};
 use crate::view::{CHANNELS, FIELD_FILL, view};
@@ -86,6 +87,7 @@ pub struct Renderer {
     marks: Marks,
     haze: Haze,
     text: Text,
+    timing: Option<Timing>,
     tools: [Option<Tool>; INSTRUMENTS],
     jaws_rad: [f64; INSTRUMENTS],
     microscope: Microscope,
@@ -134,6 +136,7 @@ impl Renderer {
             marks: Marks::new(device, &uniforms, &layout),
             haze: Haze::new(device, &uniforms, &layout),
             text: Text::new(device, queue, &uniforms),
+            timing: Timing::new(gpu),
             uniforms,
             map,
             tools: [None; INSTRUMENTS],
@@ -177,6 +180,11 @@ impl Renderer {
         self.tissue.refused
     }
 
+    /// What the last frame took by the device's own clock, once, after the device is done; `None` where it stamps nothing.
+    pub fn pass_times(&mut self) -> Option<PassTimes> {
+        self.timing.as_mut()?.read()
+    }
+
     /// The picture of a tier.
     ///
     /// # Panics
@@ -193,13 +201,17 @@ impl Renderer {
     /// As [`Self::encode`], with some layers only, to measure what each costs.
     pub fn encode_layers(&self, gpu: &Gpu, tier_index: usize, layers: Layers) -> CommandBuffer {
         let tier = &TIERS[tier_index];
+        // A pass that is left out would leave its stamps unwritten.
+        let timing = self.timing.as_ref().filter(|_| layers == Layers::ALL);
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let (shadow_map, light) = self.light_for(tier);
         if layers.has(Layers::SHADOW) {
             let lamp = lamp_index(&self.tools);
             let casters = [0, 1].map(|i| self.tools[i].filter(|_| lamp != Some(i)));
             let others = (&self.bodies, &self.sheet);
-            self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), others);
+            let timed = timing.map(|t| t.writes(Pass::Shadow));
+            let meshes = (&self.meshes, &casters);
+            self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, meshes, others, timed);
         }
 
         let target = self.target(tier_index);
@@ -215,6 +227,7 @@ impl Renderer {
                 },
             })],
             depth_stencil_attachment: Some(clear_depth(&target.depth, false)),
+            timestamp_writes: timing.map(|t| t.writes(Pass::Picture)),
             ..wgpu::RenderPassDescriptor::default()
         });
         for channel in 0..CHANNELS as u32 {
@@ -226,6 +239,9 @@ impl Renderer {
             }
         }
         drop(pass);
+        if let Some(timing) = timing {
+            timing.resolve(&mut encoder);
+        }
         encoder.finish()
     }
 
@@ -297,7 +313,9 @@ impl Renderer {
         gpu.queue.write_buffer(&self.uniforms.views, 0, &views);
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         self.sheet.set_vertices(&gpu.queue, self.tissue.place(&eye_from_instrument));
+        self.timing.iter_mut().for_each(Timing::before_submit);
         gpu.queue.submit([commands]);
+        self.timing.iter_mut().for_each(Timing::after_submit);
         self.collect_text(latched);
         self.text.set(&gpu.queue, &self.lines);
         self.lost_before = latched.tracked.map(|t| !t);
