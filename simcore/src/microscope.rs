@@ -3,7 +3,7 @@
 use crate::constants::{
     FIELD_RANGE_MM, FOCUS_REACH_MM, MICROSCOPE_REACH_MM, PEDAL_FOCUS_MM_S, PEDAL_MOVE_MM_S, PEDAL_ZOOM_PER_S,
 };
-use crate::state::MicroscopeState;
+use crate::state::{MicroscopeState, OpticsState};
 use protocol::handles::PedalState;
 use protocol::optics::{Filter, Lens, PedalButton};
 use protocol::scene::Microscope;
@@ -18,28 +18,40 @@ pub const MODE_ZOOM: u32 = 1;
 
 /// The microscope at the start of a scene, the pedal at rest.
 pub fn start(scene: &SceneFile) -> MicroscopeState {
-    let (microscope, optics) = (&scene.microscope, scene.optics_or_usual());
+    let microscope = &scene.microscope;
     MicroscopeState {
         target_in_world_mm: microscope.target_in_world_mm,
         field_mm: microscope.field_mm,
         focus_mm: 0.0,
         axes: [0.0; 2],
         mode: MODE_MOVE,
+    }
+}
+
+/// Its optics at the start, where the scene says something of them.
+pub fn start_optics(scene: &SceneFile) -> Option<OpticsState> {
+    scene.optics.as_ref().map(|optics| OpticsState {
         buttons: 0,
         lens: optics.lens as u32,
         inverter: optics.inverter,
         filter: optics.filter as u32,
-    }
+    })
 }
 
 /// Takes a pedal state in. A button acts when it was not held before.
-pub fn press(state: &mut MicroscopeState, pedal: &PedalState, scene: &SceneFile) {
+pub fn press(
+    state: &mut MicroscopeState,
+    optics: &mut Option<OpticsState>,
+    pedal: &PedalState,
+    scene: &SceneFile,
+) {
     (state.axes, state.mode) = (pedal.axes, pedal.mode);
-    let fresh = pedal.buttons & !state.buttons;
-    state.buttons = pedal.buttons;
-    if fresh == 0 {
+    if pedal.buttons == 0 && optics.is_none() {
         return;
     }
+    let optics = optics.get_or_insert_default();
+    let fresh = pedal.buttons & !optics.buttons;
+    optics.buttons = pedal.buttons;
     let steps = &scene.optics_or_usual().steps_mm;
     if PedalButton::Magnify.is_in(fresh) {
         state.field_mm =
@@ -50,33 +62,33 @@ pub fn press(state: &mut MicroscopeState, pedal: &PedalState, scene: &SceneFile)
         state.field_mm = larger.unwrap_or(state.field_mm);
     }
     if PedalButton::Lens.is_in(fresh) {
-        let lens = Lens::from_wire(state.lens).swung();
-        (state.lens, state.inverter) = (lens as u32, lens == Lens::WideAngle);
+        let lens = Lens::from_wire(optics.lens).swung();
+        (optics.lens, optics.inverter) = (lens as u32, lens == Lens::WideAngle);
     }
     if PedalButton::Inverter.is_in(fresh) {
-        state.inverter = !state.inverter;
+        optics.inverter = !optics.inverter;
     }
     if PedalButton::Filter.is_in(fresh) {
-        state.filter = Filter::from_wire(state.filter).next() as u32;
+        optics.filter = Filter::from_wire(optics.filter).next() as u32;
     }
 }
 
 /// True if the picture stands on its head: one of lens and inverter turns it, not both.
-pub fn is_inverted(state: &MicroscopeState) -> bool {
-    (Lens::from_wire(state.lens) == Lens::WideAngle) != state.inverter
+pub fn is_inverted(optics: &OpticsState) -> bool {
+    (Lens::from_wire(optics.lens) == Lens::WideAngle) != optics.inverter
 }
 
 /// Moves the microscope for `dt_s` seconds. In the upright picture right is −x and up is −y of the world,
 /// so the first axis, pressed to the right, moves the target to −x, and the second one to −y. Where the picture stands on its
 /// head the drive is reversed, so that right stays right.
-pub fn advance(state: &mut MicroscopeState, dt_s: f64) {
+pub fn advance(state: &mut MicroscopeState, optics: &Option<OpticsState>, dt_s: f64) {
     let [right, up] = state.axes;
     if right == 0.0 && up == 0.0 {
         return;
     }
     match state.mode {
         MODE_MOVE => {
-            let sense = if is_inverted(state) { 1.0 } else { -1.0 };
+            let sense = if optics.as_ref().is_some_and(is_inverted) { 1.0 } else { -1.0 };
             for (target, axis) in state.target_in_world_mm.iter_mut().zip([right, up]) {
                 let moved = *target + sense * axis * PEDAL_MOVE_MM_S * dt_s;
                 *target = moved.clamp(-MICROSCOPE_REACH_MM, MICROSCOPE_REACH_MM);
@@ -93,13 +105,14 @@ pub fn advance(state: &mut MicroscopeState, dt_s: f64) {
 }
 
 /// As the renderer wants it.
-pub fn view(state: &MicroscopeState, scene: &SceneFile) -> Microscope {
+pub fn view(state: &MicroscopeState, optics: &Option<OpticsState>, scene: &SceneFile) -> Microscope {
+    let optics = optics.unwrap_or_default();
     Microscope {
         target_in_world_mm: state.target_in_world_mm,
         field_mm: state.field_mm,
         focus_mm: state.focus_mm,
-        lens: state.lens,
-        inverter: u32::from(state.inverter),
+        lens: optics.lens,
+        inverter: u32::from(optics.inverter),
         ..Microscope::of_scene(scene)
     }
 }
@@ -119,65 +132,64 @@ mod tests {
 
     fn pressed(mode: u32, axes: [f64; 2]) -> MicroscopeState {
         let mut state = start(&peel());
-        press(&mut state, &pedal(mode, axes, 0), &peel());
+        press(&mut state, &mut None, &pedal(mode, axes, 0), &peel());
         state
     }
 
     #[test]
     fn the_pedal_moves_to_the_right_and_up_in_the_picture() {
         let mut state = pressed(MODE_MOVE, [1.0, 0.5]);
-        advance(&mut state, 0.2);
+        advance(&mut state, &None, 0.2);
         assert!((state.target_in_world_mm[0] + 1.0).abs() < 1e-12);
         assert!((state.target_in_world_mm[1] + 0.5).abs() < 1e-12);
-        state.inverter = true;
-        advance(&mut state, 0.2);
+        let mut optics = OpticsState { inverter: true, ..OpticsState::default() };
+        advance(&mut state, &Some(optics), 0.2);
         assert!(state.target_in_world_mm[0].abs() < 1e-12, "reversed in an inverted picture");
-        state.lens = Lens::WideAngle as u32;
-        advance(&mut state, 0.2);
+        optics.lens = Lens::WideAngle as u32;
+        advance(&mut state, &Some(optics), 0.2);
         assert!((state.target_in_world_mm[0] + 1.0).abs() < 1e-12, "upright again");
     }
 
     #[test]
     fn zoom_and_focus_stay_in_range() {
         let mut state = pressed(MODE_ZOOM, [1.0, -1.0]);
-        advance(&mut state, 1000.0);
+        advance(&mut state, &None, 1000.0);
         assert_eq!((state.field_mm, state.focus_mm), (FIELD_RANGE_MM[0], -FOCUS_REACH_MM));
     }
 
     #[test]
     fn buttons_act_once_when_pressed() {
         let scene = peel();
-        let mut state = start(&scene);
+        let (mut state, mut optics) = (start(&scene), start_optics(&scene));
+        press(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
+        assert_eq!(optics, None, "nothing is kept that nobody asked for");
         let mut hold = |button: PedalButton, times: usize| {
             for _ in 0..times {
-                press(&mut state, &pedal(PedalMode::Aspirate as u32, [0.0; 2], button as u32), &scene);
+                let held = pedal(PedalMode::Aspirate as u32, [0.0; 2], button as u32);
+                press(&mut state, &mut optics, &held, &scene);
             }
-            press(&mut state, &pedal(0, [0.0; 2], 0), &scene);
-            state
+            press(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
+            (state.field_mm, optics.unwrap())
         };
-        assert_eq!(
-            hold(PedalButton::Magnify, 3).field_mm,
-            10.0,
-            "one step from 16 mm, however long it is held"
-        );
-        assert_eq!(hold(PedalButton::Magnify, 1).field_mm, 6.4);
-        assert_eq!(hold(PedalButton::Reduce, 1).field_mm, 10.0);
-        let wide = hold(PedalButton::Lens, 2);
+        assert_eq!(hold(PedalButton::Magnify, 3).0, 10.0, "one step from 16 mm, however long it is held");
+        assert_eq!(hold(PedalButton::Magnify, 1).0, 6.4);
+        assert_eq!(hold(PedalButton::Reduce, 1).0, 10.0);
+        let wide = hold(PedalButton::Lens, 2).1;
         assert_eq!((wide.lens, wide.inverter, is_inverted(&wide)), (Lens::WideAngle as u32, true, false));
-        assert!(is_inverted(&hold(PedalButton::Inverter, 1)), "whoever forgets the prism sees it");
-        let flat = hold(PedalButton::Lens, 1);
+        assert!(is_inverted(&hold(PedalButton::Inverter, 1).1), "whoever forgets the prism sees it");
+        let flat = hold(PedalButton::Lens, 1).1;
         assert_eq!((flat.lens, flat.inverter), (Lens::Flat as u32, false));
-        assert_eq!(hold(PedalButton::Filter, 1).filter, Filter::Yellow as u32);
+        assert_eq!(hold(PedalButton::Filter, 1).1.filter, Filter::Yellow as u32);
     }
 
     #[test]
     fn steps_end_at_the_last_one_and_join_the_zoom() {
         let scene = peel();
-        let mut state = start(&scene);
+        let (mut state, mut optics) = (start(&scene), None);
         state.field_mm = 13.0;
         let mut once = |button: PedalButton| {
-            press(&mut state, &pedal(0, [0.0; 2], button as u32), &scene);
-            press(&mut state, &pedal(0, [0.0; 2], 0), &scene);
+            press(&mut state, &mut optics, &pedal(0, [0.0; 2], button as u32), &scene);
+            press(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
             state.field_mm
         };
         assert_eq!(

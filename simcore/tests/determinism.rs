@@ -6,7 +6,7 @@ use simcore::world::{World, no_clock};
 
 /// Hash after the fields [`GOLDEN_FIELDS`] of the shipped scene's script: forceps push, grab, lift and tear.
 /// It moves when the scene, the state's content or any arithmetic of the step changes; say so in the commit.
-const GOLDEN_HASH: u64 = 0xa887_a0b7_18f8_822a;
+const GOLDEN_HASH: u64 = 0xb1fe_ed76_e0f9_9d2a;
 const GOLDEN_FIELDS: std::ops::Range<u64> = 190..390;
 
 fn peel() -> (Rehearsal, World) {
