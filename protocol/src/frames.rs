@@ -13,6 +13,8 @@ pub const TRACKING_LOST_SHOWN: u32 = 4;
 /// The machine could not hold a picture that one can train with (2×320×256 with shadows): this frame breaks the
 /// rendering budget, however quickly it was drawn.
 pub const BELOW_FLOOR: u32 = 8;
+/// `drawn` comes from the graphics device's own clock.
+pub const DEVICE_CLOCK: u32 = 16;
 /// The flags carry a [`TierReason`] from this bit on, four bits wide.
 const REASON_SHIFT: u32 = 8;
 
@@ -90,7 +92,7 @@ pub struct FrameRecord {
     pub width_px: u32,
     /// Height of one channel, px.
     pub height_px: u32,
-    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`, and a [`TierReason`].
+    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`, `DEVICE_CLOCK`, and a [`TierReason`].
     pub flags: u32,
 }
 

@@ -112,7 +112,7 @@ pub struct PedalState {
     pub instant_ns: Nanos,
     /// Two axes, −1 to 1.
     pub axes: [f64; 2],
-    /// Pressed buttons, one bit each.
+    /// Held buttons: bits of [`crate::optics::PedalButton`].
     pub buttons: u32,
     /// Meaning of the axes: [`PedalMode`] on the wire.
     pub mode: u32,

@@ -35,6 +35,7 @@ pub mod health;
 pub mod ipc;
 pub mod limits;
 pub mod message;
+pub mod optics;
 pub mod poses;
 pub mod predict;
 pub mod recording;

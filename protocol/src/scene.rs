@@ -121,7 +121,8 @@ pub struct SceneInstrument {
     pub touches: u32,
 }
 
-/// The surgical microscope. World frame; it looks along −z.
+/// The surgical microscope with what stands before it. World frame; it looks along −z. Distances and field are those of
+/// the picture that it looks at: without a lens the eye itself, else the picture of it that the lens makes in the air.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 pub struct Microscope {
@@ -135,6 +136,16 @@ pub struct Microscope {
     pub field_mm: f64,
     /// Height of the plane of focus over the target, mm.
     pub focus_mm: f64,
+    /// Diameter of a channel's beam at the objective, mm.
+    pub aperture_mm: f64,
+    /// Focal length of the wide-angle lens, mm.
+    pub lens_focal_mm: f64,
+    /// Height of the wide-angle lens over the eye's centre, mm.
+    pub lens_height_mm: f64,
+    /// [`crate::optics::Lens`] on the wire.
+    pub lens: u32,
+    /// 1 if the inverter is on.
+    pub inverter: u32,
 }
 
 /// Header of a scene block.
@@ -157,6 +168,10 @@ pub struct SceneHeader {
     pub instruments: [SceneInstrument; INSTRUMENTS],
     /// The microscope.
     pub microscope: Microscope,
+    /// [`crate::optics::Filter`] of the lamp, on the wire.
+    pub filter: u32,
+    /// 0.
+    pub reserved: u32,
     /// [`SceneNode`].
     pub nodes: Section,
     /// [`SceneTriangle`].
@@ -175,6 +190,7 @@ pub struct SceneHeader {
 
 impl Message for SceneHeader {
     const CHANNEL: &'static str = "scene";
+    /// 2: lens, inverter, aperture and filter; homes of the retina's nodes.
     const VERSION: u32 = 2;
     const QUEUE: usize = 1;
     const FIELDS: &'static [FieldLayout] = crate::fields!(SceneHeader {
@@ -186,6 +202,8 @@ impl Message for SceneHeader {
         world_from_eye,
         instruments,
         microscope,
+        filter,
+        reserved,
         nodes,
         triangles,
         marks,
@@ -203,8 +221,13 @@ impl Message for SceneHeader {
             check(ok, "instruments", "rigid poses")?;
         }
         let m = &self.microscope;
-        let figures = [m.working_distance_mm, m.stereo_base_mm, m.field_mm, m.focus_mm];
-        check(all_finite(&figures) && all_finite(&m.target_in_world_mm), "microscope", "finite numbers")
+        let figures = [m.working_distance_mm, m.stereo_base_mm, m.field_mm, m.focus_mm, m.aperture_mm];
+        let lens = [m.lens_focal_mm, m.lens_height_mm];
+        check(
+            all_finite(&figures) && all_finite(&lens) && all_finite(&m.target_in_world_mm),
+            "microscope",
+            "finite numbers",
+        )
     }
 }
 

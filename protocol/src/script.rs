@@ -119,7 +119,8 @@ impl Script {
         let after = self.pedal.partition_point(|k| k.at_s <= self.within_round(t_s));
         let last = if after > 0 { self.pedal.get(after - 1) } else { self.pedal.last() };
         let (mode, axes) = last.map_or((PedalMode::Move, [0.0; 2]), |k| (k.mode, k.axes));
-        PedalState { seq, instant_ns, axes, buttons: 0, mode: mode as u32 }
+        let buttons = last.map_or(0, |k| k.buttons.iter().fold(0, |bits, &b| bits | b as u32));
+        PedalState { seq, instant_ns, axes, buttons, mode: mode as u32 }
     }
 
     /// Mean of an instrument's key positions, mm in the eye frame.
@@ -139,6 +140,7 @@ pub fn minimum_jerk(s: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::PedalButton;
     use crate::scene_file::DEFAULT_SCENE;
     use proptest::prelude::*;
 
@@ -191,7 +193,7 @@ mod tests {
     fn the_pedal_is_held_as_the_last_key_left_it() {
         let (_, mut scene) = script();
         assert_eq!(Script::new(&scene).pedal_at(3.0, 7, 9).mode, PedalMode::Move as u32);
-        let key = |at_s: f64, mode, axes| PedalKey { at_s, mode, axes };
+        let key = |at_s: f64, mode, axes| PedalKey { at_s, mode, axes, buttons: vec![] };
         scene.script.pedal =
             vec![key(5.0, PedalMode::Aspirate, [0.5, 1.0]), key(2.0, PedalMode::Inject, [0.25, 0.0])];
         let scene = SceneFile::parse(&scene.to_toml(), "again").unwrap();
@@ -203,6 +205,10 @@ mod tests {
         };
         assert_eq!([1.0, 2.0, 4.9].map(at), [(2, 0.5), (3, 0.25), (3, 0.25)]);
         assert_eq!([5.0, 15.0, 17.0, 18.0].map(at), [(2, 0.5), (2, 0.5), (2, 0.5), (3, 0.25)]);
+        let mut scene = scene;
+        scene.script.pedal[1].buttons = vec![PedalButton::Lens, PedalButton::Filter];
+        let script = Script::new(&SceneFile::parse(&scene.to_toml(), "again").unwrap());
+        assert_eq!([1.0, 2.0, 5.0].map(|t_s| script.pedal_at(t_s, 7, 9).buttons), [0, 20, 0]);
     }
 
     #[test]

@@ -1,9 +1,11 @@
 //! Draws one still without any other process:
-//! `cargo run --release -p renderer --example still -- OUT.png [TIER [peel|bleb|vitreous|bodies]]`.
+//! `cargo run --release -p renderer --example still -- OUT.png [TIER [peel|bleb|vitreous|bodies
+//! [none|flat|wide-angle [FIELD_MM [FOCUS_MM]]]]]`; the inverter goes with the wide-angle lens.
 
 mod common;
 
 use anyhow::Result;
+use protocol::optics::Lens;
 use protocol::rig::Rig;
 use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use renderer::frame::Renderer;
@@ -19,11 +21,23 @@ fn main() -> Result<()> {
     let out = args.next().unwrap_or_else(|| "still.png".into());
     let tier: usize = args.next().map_or(Ok(2), |t| t.parse())?;
     let subject = args.next().unwrap_or_else(|| "peel".into());
+    let lens = match args.next().as_deref() {
+        None | Some("none") => Lens::None,
+        Some("flat") => Lens::Flat,
+        Some("wide-angle") => Lens::WideAngle,
+        Some(other) => anyhow::bail!("lens {other}: expected none, flat or wide-angle"),
+    };
+    let field_mm: Option<f64> = args.next().map(|f| f.parse()).transpose()?;
+    let focus_mm: f64 = args.next().map_or(Ok(0.0), |f| f.parse())?;
     let (file, rig) = (SceneFile::load(DEFAULT_SCENE)?, Rig::load_or_shipped(None)?);
     let gpu = Gpu::headless()?;
     let mut renderer = Renderer::new(&gpu, plan(&file, &rig, 0, renderer::start::map_px(&gpu)))?;
     let mut latched = None;
-    for scene in common::subject(&file, &rig, &subject) {
+    for mut scene in common::subject(&file, &rig, &subject) {
+        let microscope = &mut scene.header.microscope;
+        (microscope.lens, microscope.inverter) = (lens as u32, u32::from(lens == Lens::WideAngle));
+        microscope.field_mm = field_mm.unwrap_or(microscope.field_mm);
+        microscope.focus_mm = focus_mm;
         renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload))?;
         latched = Some(latch_scene(&scene.header));
     }

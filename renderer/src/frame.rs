@@ -8,6 +8,7 @@ use crate::lamp::{Lamp, lamp_index};
 use crate::latch::Latched;
 use crate::layers::Layers;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
+use crate::optics;
 use crate::passes::bodies::Bodies;
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::haze::Haze;
@@ -19,13 +20,15 @@ use crate::passes::shadow::{Shadow, ShadowMap};
 use crate::passes::text::Text;
 use crate::passes::{Uniforms, VIEW_STRIDE, clear_depth};
 use crate::target::Target;
+use crate::timing::{Pass, PassTimes, Timing};
 use crate::tissue::Tissue;
 use crate::tools::{JAW_LENGTH_MM, Shaft};
-use crate::view::{CHANNELS, view};
+use crate::view::{CHANNELS, FIELD_FILL, view};
 use bytemuck::Zeroable;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::message::Invalid;
+use protocol::optics::Filter;
 use protocol::scene::{
     Microscope, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode, SceneTriangle, section,
 };
@@ -84,9 +87,11 @@ pub struct Renderer {
     marks: Marks,
     haze: Haze,
     text: Text,
+    timing: Option<Timing>,
     tools: [Option<Tool>; INSTRUMENTS],
     jaws_rad: [f64; INSTRUMENTS],
     microscope: Microscope,
+    filter: Filter,
     scene_text: String,
     status: String,
     lines: String,
@@ -131,11 +136,13 @@ impl Renderer {
             marks: Marks::new(device, &uniforms, &layout),
             haze: Haze::new(device, &uniforms, &layout),
             text: Text::new(device, queue, &uniforms),
+            timing: Timing::new(gpu),
             uniforms,
             map,
             tools: [None; INSTRUMENTS],
             jaws_rad: [0.0; INSTRUMENTS],
             microscope: Microscope::zeroed(),
+            filter: Filter::Clear,
             scene_text: String::with_capacity(256),
             status: String::with_capacity(64),
             lines: String::with_capacity(512),
@@ -161,6 +168,7 @@ impl Renderer {
             self.sheet.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
         }
         self.microscope = header.microscope;
+        self.filter = Filter::from_wire(header.filter);
         self.tools = header.instruments.map(|i| Tool::from_wire(i.tool));
         self.scene_text.clear();
         self.scene_text.push_str(std::str::from_utf8(text).unwrap_or_default());
@@ -171,6 +179,11 @@ impl Renderer {
     /// Triangles of the present scene that could not be drawn.
     pub fn refused_triangles(&self) -> u64 {
         self.tissue.refused
+    }
+
+    /// What the last frame took by the device's own clock, once, after the device is done; `None` where it stamps nothing.
+    pub fn pass_times(&mut self) -> Option<PassTimes> {
+        self.timing.as_mut()?.read()
     }
 
     /// The picture of a tier.
@@ -189,13 +202,17 @@ impl Renderer {
     /// As [`Self::encode`], with some layers only, to measure what each costs.
     pub fn encode_layers(&self, gpu: &Gpu, tier_index: usize, layers: Layers) -> CommandBuffer {
         let tier = &TIERS[tier_index];
+        // A pass that is left out would leave its stamps unwritten.
+        let timing = self.timing.as_ref().filter(|_| layers == Layers::ALL);
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let (shadow_map, light) = self.light_for(tier);
         if layers.has(Layers::SHADOW) {
             let lamp = lamp_index(&self.tools);
             let casters = [0, 1].map(|i| self.tools[i].filter(|_| lamp != Some(i)));
             let others = (&self.bodies, &self.sheet);
-            self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, (&self.meshes, &casters), others);
+            let timed = timing.map(|t| t.writes(Pass::Shadow));
+            let meshes = (&self.meshes, &casters);
+            self.shadow.draw(&mut encoder, shadow_map, &self.uniforms, meshes, others, timed);
         }
 
         let target = self.target(tier_index);
@@ -211,6 +228,7 @@ impl Renderer {
                 },
             })],
             depth_stencil_attachment: Some(clear_depth(&target.depth, false)),
+            timestamp_writes: timing.map(|t| t.writes(Pass::Picture)),
             ..wgpu::RenderPassDescriptor::default()
         });
         for channel in 0..CHANNELS as u32 {
@@ -222,6 +240,9 @@ impl Renderer {
             }
         }
         drop(pass);
+        if let Some(timing) = timing {
+            timing.resolve(&mut encoder);
+        }
         encoder.finish()
     }
 
@@ -293,7 +314,9 @@ impl Renderer {
         gpu.queue.write_buffer(&self.uniforms.views, 0, &views);
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         self.sheet.set_vertices(&gpu.queue, self.tissue.place(&eye_from_instrument));
+        self.timing.iter_mut().for_each(Timing::before_submit);
         gpu.queue.submit([commands]);
+        self.timing.iter_mut().for_each(Timing::after_submit);
         self.collect_text(latched);
         self.text.set(&gpu.queue, &self.lines);
         self.lost_before = latched.tracked.map(|t| !t);
@@ -319,12 +342,15 @@ impl Renderer {
     fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
         let tier = &TIERS[tier_index];
         let mut uniform = FrameUniform::zeroed();
-        Lamp::find(&self.tools, latched).write(&mut uniform);
+        Lamp::find(&self.tools, latched).write(&mut uniform, self.filter);
         uniform.ambient[3] = MEMBRANE_SHADE;
         let radius = self.plan.retina_radius_mm as f32;
-        let px_per_mm = tier.height_px as f32 / self.microscope.field_mm.max(0.1) as f32;
+        let px_per_mm = f64::from(tier.height_px) / optics::field_in_eye_mm(&self.microscope);
+        // Where no pass blurs what is out of focus, a coarser level of the photograph does it for the retina.
+        let blur = blur_at_target_px(&self.microscope, tier).max(1.0).log2().round();
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
-        uniform.retina = [radius, fundus_map::map_scale(), self.map.level(px_per_mm, radius), FILM];
+        let level = self.map.level(px_per_mm as f32, radius) + blur as f32;
+        uniform.retina = [radius, fundus_map::map_scale(), level, FILM];
         uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);
@@ -346,6 +372,12 @@ impl Renderer {
         });
         uniform
     }
+}
+
+/// Diameter of the patch that a point at the target's height makes, px.
+fn blur_at_target_px(microscope: &Microscope, tier: &Tier) -> f64 {
+    let px_per_mm = f64::from(tier.height_px) * FIELD_FILL / microscope.field_mm.max(0.1);
+    optics::blur_mm(microscope, microscope.working_distance_mm) * px_per_mm
 }
 
 /// What the picture says about bodies that are not tracked.

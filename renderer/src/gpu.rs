@@ -72,6 +72,7 @@ impl Gpu {
         let request = wgpu::DeviceDescriptor {
             label: Some("vitreo"),
             required_limits: limits,
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             ..wgpu::DeviceDescriptor::default()
         };
         let opened = pollster::block_on(adapter.request_device(&request));

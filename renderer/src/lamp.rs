@@ -8,6 +8,7 @@ use glam::dcamera::rh::view::look_at_mat4;
 use glam::{DMat4, DVec3};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
+use protocol::optics::Filter;
 
 /// Half angle of the cone, where the light ends, rad. Light pipes spread 50 to 80 degrees in all.
 const OUTER_RAD: f64 = 0.82;
@@ -71,15 +72,17 @@ impl Lamp {
         clip * look_at_mat4(self.position, self.position + self.direction, self.up)
     }
 
-    /// Fills in the lamp's part of the uniform.
-    pub fn write(&self, uniform: &mut FrameUniform) {
+    /// Fills in the lamp's part of the uniform, its light seen through `filter`. What is scattered about passed the filter too.
+    pub fn write(&self, uniform: &mut FrameUniform, filter: Filter) {
         let vec4 = |v: DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
         let (outer, inner) = (OUTER_RAD.cos(), INNER_RAD.cos());
         uniform.lamp_from_eye = self.lamp_from_eye().as_mat4().to_cols_array_2d();
         uniform.lamp_position = vec4(self.position, self.strength);
         uniform.lamp_direction = vec4(self.direction, outer as f32);
-        uniform.lamp_colour = [COLOUR[0], COLOUR[1], COLOUR[2], (1.0 / (inner - outer)) as f32];
-        uniform.ambient[..3].copy_from_slice(&SCATTERED);
+        let through = |light: [f32; 3]| std::array::from_fn(|i| light[i] * filter.passes()[i]);
+        let [red, green, blue]: [f32; 3] = through(COLOUR);
+        uniform.lamp_colour = [red, green, blue, (1.0 / (inner - outer)) as f32];
+        uniform.ambient[..3].copy_from_slice(&through(SCATTERED));
     }
 }
 
@@ -118,6 +121,25 @@ mod tests {
         assert!(p.truncate().length() < 1e-9 && (0.0..1.0).contains(&p.z), "{p}");
         let rim = DVec3::new(1.0 + 6.5 * OUTER_RAD.tan(), 2.0, -11.5);
         assert!(lamp.lamp_from_eye().project_point3(rim).x.abs() < 1.0, "the cone fits the map");
+    }
+
+    #[test]
+    fn a_filter_takes_its_colours_from_all_light() {
+        let lamp = Lamp::find(&[None, Some(Tool::LightPipe)], &latched([0.0, 0.0, -5.0]));
+        let written = |filter| {
+            let mut uniform: FrameUniform = bytemuck::Zeroable::zeroed();
+            lamp.write(&mut uniform, filter);
+            (uniform.lamp_colour, uniform.ambient)
+        };
+        let ((clear, scattered), (amber, dim)) = (written(Filter::Clear), written(Filter::Amber));
+        assert_eq!((clear[..3].to_vec(), clear[3]), (COLOUR.to_vec(), amber[3]));
+        for i in 0..3 {
+            let share = Filter::Amber.passes()[i];
+            assert!(
+                (amber[i] - clear[i] * share).abs() < 1e-6 && (dim[i] - scattered[i] * share).abs() < 1e-6
+            );
+        }
+        assert!(amber[2] < 0.1 * clear[2], "little blue is left");
     }
 
     #[test]

@@ -5,10 +5,18 @@ use protocol::time::Nanos;
 /// Share by which a new measurement moves an estimate.
 const GAIN: f64 = 0.1;
 
-/// Estimates how long it takes from the latch until the picture is seen.
+/// Spreads of the time a frame takes by which it begins earlier than its mean asks for.
+const SPREADS: f64 = 3.0;
+/// Time by which it begins earlier still, ns: a wake-up on a quiet machine.
+const WAKE_NS: f64 = 500_000.0;
+
+/// Estimates how long it takes from the latch until the picture is seen, and when a frame must begin.
 #[derive(Debug, Clone, Copy)]
 pub struct Pacing {
     latch_to_seen_ns: f64,
+    start_to_seen_ns: f64,
+    /// Mean deviation of the latter.
+    spread_ns: f64,
     /// Period of the display; `None` without one.
     refresh_ns: Option<u64>,
 }
@@ -16,7 +24,8 @@ pub struct Pacing {
 impl Pacing {
     /// For a display with a refresh period, or none; begins with a guess of half the budget.
     pub fn new(refresh_ns: Option<u64>, budget_ns: u64) -> Self {
-        Self { latch_to_seen_ns: budget_ns as f64 * 0.5, refresh_ns }
+        let guess = budget_ns as f64 * 0.5;
+        Self { latch_to_seen_ns: guess, start_to_seen_ns: guess, spread_ns: 0.1 * guess, refresh_ns }
     }
 
     /// Instant at which a picture latched at `latched` will be seen, as far as one can tell;
@@ -36,10 +45,29 @@ impl Pacing {
         }
     }
 
+    /// The latest instant from `earliest` on at which a frame may begin and still be seen at a refresh as early as if it began
+    /// at once: so the pose it takes is the newest possible. `earliest` itself without a display.
+    pub fn start_at(&self, earliest: Nanos, refreshed: Nanos) -> Nanos {
+        let Some(period) = self.refresh_ns.filter(|&p| p > 0) else { return earliest };
+        let lead = (self.start_to_seen_ns + SPREADS * self.spread_ns + WAKE_NS) as u64;
+        let seen = self.seen(earliest + lead, refreshed);
+        // Nothing is gained by waiting longer than for one refresh, whatever was handed in.
+        seen.saturating_sub(lead).clamp(earliest, earliest + period)
+    }
+
+    /// Refreshes that showed nothing new because a picture begun after the refresh at `refreshed` came at `displayed` only.
+    pub fn missed(&self, refreshed: Nanos, displayed: Nanos) -> u64 {
+        let period = self.refresh_ns.filter(|&p| p > 0);
+        period.map_or(0, |p| (displayed.saturating_sub(refreshed) / p).saturating_sub(1))
+    }
+
     /// Learns from a frame.
-    pub fn note(&mut self, latched: Nanos, drawn: Nanos) {
-        let took = drawn.saturating_sub(latched) as f64;
+    pub fn note(&mut self, start: Nanos, latched: Nanos, seen: Nanos) {
+        let took = seen.saturating_sub(latched) as f64;
         self.latch_to_seen_ns += GAIN * (took - self.latch_to_seen_ns);
+        let off = seen.saturating_sub(start) as f64 - self.start_to_seen_ns;
+        self.start_to_seen_ns += GAIN * off;
+        self.spread_ns += GAIN * (off.abs() - self.spread_ns);
     }
 }
 
@@ -79,7 +107,7 @@ mod tests {
     #[test]
     fn headless_pictures_are_seen_when_drawn() {
         let mut pacing = Pacing::new(None, 15_000_000);
-        (0..200).for_each(|_| pacing.note(1_000, 9_001_000));
+        (0..200).for_each(|_| pacing.note(0, 1_000, 9_001_000));
         let expected = pacing.expected(50_000_000, 0);
         assert!((expected as i64 - 59_000_000).abs() < 10_000, "{expected}");
         assert_eq!(pacing.seen(7, 0), 7);
@@ -92,6 +120,38 @@ mod tests {
         assert_eq!(pacing.seen(110, 100), 110);
         assert_eq!(pacing.seen(100, 100), 110, "the refresh at which it was begun is over");
         assert_eq!(pacing.seen(125, 100), 130);
+    }
+
+    #[test]
+    fn a_frame_begins_as_late_as_its_refresh_allows() {
+        const PERIOD: u64 = 11_764_706;
+        let mut pacing = Pacing::new(Some(PERIOD), 15_000_000);
+        (0..300).for_each(|_| pacing.note(0, 100_000, 4_000_000));
+        // 4 ms of work and 0.5 for waking: it begins 7.26 ms after the refresh, and is seen at the next.
+        let begin = pacing.start_at(1_000, 1_000);
+        assert!((begin as i64 - (1_000 + PERIOD as i64 - 4_500_000)).abs() < 10_000, "{begin}");
+        assert_eq!(pacing.seen(begin + 4_000_000, 1_000), 1_000 + PERIOD);
+        // With a spread of 1 ms it begins earlier; where only the refresh after can be met, later.
+        (0..300).for_each(|i| pacing.note(0, 100_000, 4_000_000 + 2_000_000 * (i % 2) - 1_000_000));
+        assert!(pacing.start_at(1_000, 1_000) < begin - 2_000_000);
+        let late = pacing.start_at(1_000 + PERIOD - 1_000_000, 1_000);
+        assert!(late > 1_000 + PERIOD && late + 4_000_000 < 1_000 + 2 * PERIOD);
+        assert_eq!(Pacing::new(None, 15_000_000).start_at(77, 0), 77, "no display, no waiting");
+    }
+
+    #[test]
+    fn a_refresh_without_a_new_picture_is_missed_and_nothing_is_caught_up() {
+        let pacing = Pacing::new(Some(10), 0);
+        // Frames of 8, 27 and 8: seen at 10, 40 and 50. The refreshes at 20 and 30 showed nothing new.
+        let (mut refreshed, mut missed, mut seen) = (0, 0, Vec::new());
+        for took in [8, 27, 8] {
+            let displayed = pacing.seen(refreshed + took, refreshed);
+            missed += pacing.missed(refreshed, displayed);
+            seen.push(displayed);
+            refreshed = displayed;
+        }
+        assert_eq!((seen, missed), (vec![10, 40, 50], 2));
+        assert_eq!(Pacing::new(None, 0).missed(0, 1_000), 0);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO
 use crate::frame::Renderer;
 use crate::governor::{FLOOR, Governor, TIERS};
 use crate::gpu::Gpu;
+use crate::gpu_clock::GpuClock;
 use crate::latch::{Latched, latch, latch_scene};
 use crate::output::{Finished, Output, OutputPlan, Wanted};
 use crate::pacing::{Pacing, Ticks};
@@ -14,7 +15,8 @@ use anyhow::{Context, Result};
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
-    BELOW_FLOOR, DISPLAY_ESTIMATED, FrameRecord, PictureHeader, TIER_CHANGED, TRACKING_LOST_SHOWN,
+    BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PictureHeader, TIER_CHANGED,
+    TRACKING_LOST_SHOWN,
 };
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
 use protocol::ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
@@ -22,7 +24,7 @@ use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::shell::Shell;
-use protocol::time::{Nanos, now};
+use protocol::time::{Nanos, now, sleep_until};
 
 /// Runs until it is told to stop.
 pub fn run(config: &Config) -> Result<()> {
@@ -49,6 +51,7 @@ pub fn run(config: &Config) -> Result<()> {
         scenes: instance.block_receiver()?,
         frames: instance.sender()?,
         pictures: instance.block_sender(MAX_PICTURE_BYTES)?,
+        clock: GpuClock::default(),
         governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed),
         pacing: Pacing::new(present.refresh_ns(), limit_ns),
         read_back: ReadBack::new(&gpu, first_tier),
@@ -90,6 +93,7 @@ struct Running {
     present: Present,
     renderer: Renderer,
     governor: Governor,
+    clock: GpuClock,
     pacing: Pacing,
     output: Output,
     read_back: ReadBack,
@@ -126,7 +130,11 @@ impl Running {
         if self.scene.is_some() && (fresh || !waits || idle) {
             match self.present.begin(&self.gpu, now) {
                 Ready::At(refreshed) => {
-                    self.draw_frame(if headless { woken } else { refreshed }, refreshed)?
+                    // A GPU waits for the last moment; a processor that draws has none to lose.
+                    if !waits {
+                        sleep_until(self.pacing.start_at(now(), refreshed));
+                    }
+                    self.draw_frame(if headless { woken } else { now() }, refreshed)?
                 }
                 Ready::NotNow => wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000),
                 Ready::Closed => self.shell.stop(),
@@ -160,20 +168,21 @@ impl Running {
         self.renderer.submit(&self.gpu, tier, &latched, commands);
         self.present.copy(&self.gpu, self.renderer.target(tier));
         self.gpu.wait()?;
-        let drawn = now();
-        self.last_drawn = drawn;
+        let done = now();
+        let stamped = self.renderer.pass_times();
+        let drawn = stamped.map_or(done, |times| self.clock.drawn(latched_at, times.whole, done));
+        self.last_drawn = done;
         // Handing over may take its time where the processor copies the picture to the display.
         let shown = if self.present.show(&self.gpu, self.renderer.target(tier)) { now() } else { drawn };
-        self.pacing.note(latched_at, shown);
+        self.pacing.note(frame_start, latched_at, shown);
         let displayed = self.pacing.seen(shown, refreshed);
-        if let Some(period) = self.present.refresh_ns().filter(|&p| p > 0) {
-            self.missed += ((displayed - refreshed) / period).saturating_sub(1);
-        }
+        self.missed += self.pacing.missed(refreshed, displayed);
         self.end_status(displayed);
-        let record = self.record(&latched, tier, [frame_start, latched_at, drawn, displayed]);
+        let mut record = self.record(&latched, tier, [frame_start, latched_at, drawn, displayed]);
+        record.flags |= if stamped.is_some() { DEVICE_CLOCK } else { 0 };
         self.frames.send(&record)?;
         self.frame += 1;
-        if self.governor.note(drawn - frame_start) {
+        if self.governor.note(done - frame_start) {
             self.say_tier(true);
         }
         self.hand_out(tier, &record)

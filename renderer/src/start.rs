@@ -19,7 +19,7 @@ use protocol::scene::{
     Microscope, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle,
     SectionWriter,
 };
-use protocol::scene_file::{MicroscopeScene, SceneFile};
+use protocol::scene_file::SceneFile;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
@@ -85,17 +85,6 @@ pub fn renderer(gpu: &Gpu, scene: &SceneFile, config: &Config, first_tier: usize
     Ok(renderer)
 }
 
-/// Microscope of a scene file as a scene block carries it.
-pub fn microscope(scene: &MicroscopeScene) -> Microscope {
-    Microscope {
-        target_in_world_mm: scene.target_in_world_mm,
-        working_distance_mm: scene.working_distance_mm,
-        stereo_base_mm: scene.stereo_base_mm,
-        field_mm: scene.field_mm,
-        focus_mm: 0.0,
-    }
-}
-
 /// Draws every kind of thing once, tracked and lost, at every tier from the start on.
 fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: usize) -> Result<()> {
     let mut payload = [0u128; 96];
@@ -114,7 +103,7 @@ fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: us
     let marks = writer.write(&[SceneMark { position_mm: [0.0, 0.0, -11.5], radius_mm: 1.0, rgba: [1.0; 4] }]);
     let bricks = writer.write(&[SceneBrick { edge_mm: 8.0, ..SceneBrick::zeroed() }]);
     let mut header = SceneHeader::zeroed();
-    header.microscope = microscope(&scene.microscope);
+    header.microscope = Microscope::of_scene(scene);
     (header.nodes, header.triangles) = (nodes.unwrap_or_default(), triangles.unwrap_or_default());
     (header.bodies, header.marks) = (bodies.unwrap_or_default(), marks.unwrap_or_default());
     header.bricks = bricks.unwrap_or_default();

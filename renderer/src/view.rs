@@ -1,9 +1,10 @@
-//! The optics of the stereo microscope: two channels whose axes meet in the target.
+//! The stereo microscope: two channels whose axes meet in the target, or in the picture of it that a lens makes.
 
 use crate::layout::ViewUniform;
+use crate::optics::{image_from_world, target_in_image};
 use glam::dcamera::rh::proj::directx::perspective;
 use glam::dcamera::rh::view::look_at_mat4;
-use glam::{DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3};
 use protocol::scene::Microscope;
 
 /// Channels: left, right.
@@ -22,47 +23,79 @@ const UP_IN_WORLD: DVec3 = DVec3::NEG_Y;
 /// Right in the picture, world frame.
 const RIGHT_IN_WORLD: DVec3 = DVec3::NEG_X;
 
-/// Objective of `channel` (0 left, 1 right) in the world, mm.
-pub fn objective_in_world(microscope: &Microscope, channel: usize) -> DVec3 {
-    let side = if channel == 0 { -0.5 } else { 0.5 };
+/// Objective of `channel` (0 left, 1 right), where the lens's picture lies as it lies in the world, mm. The inverter exchanges the
+/// channels: turned by itself, each channel's picture would show what is near as far.
+pub fn objective_in_image(microscope: &Microscope, channel: usize) -> DVec3 {
+    let left = (channel == 0) != (microscope.inverter != 0);
+    let side = if left { -0.5 } else { 0.5 };
     let height = DVec3::Z * microscope.working_distance_mm.max(1.0);
-    DVec3::from(microscope.target_in_world_mm) + height + RIGHT_IN_WORLD * (side * microscope.stereo_base_mm)
+    target_in_image(microscope) + height + RIGHT_IN_WORLD * (side * microscope.stereo_base_mm)
+}
+
+/// Nearest and farthest distance along a channel's axis that is drawn, mm of the picture looked at.
+pub fn depth_range_mm(microscope: &Microscope) -> [f64; 2] {
+    let distance = objective_in_image(microscope, 0).distance(target_in_image(microscope));
+    [(distance - NEAR_SIDE_MM).max(1.0), distance + FAR_SIDE_MM]
+}
+
+/// Projection of `channel` on a picture of `aspect` (width by height): lens, microscope, inverter.
+fn clip_from_world(microscope: &Microscope, channel: usize, aspect: f64) -> DMat4 {
+    let target = target_in_image(microscope);
+    let objective = objective_in_image(microscope, channel);
+    let half_height = 0.5 * microscope.field_mm.max(0.1) / FIELD_FILL;
+    let fov_y = 2.0 * (half_height / objective.distance(target)).atan();
+    let [near, far] = depth_range_mm(microscope);
+    let clip_from_camera = perspective(fov_y, aspect, near, far);
+    let camera_from_image = look_at_mat4(objective, target, UP_IN_WORLD);
+    let turned = if microscope.inverter != 0 { DVec3::new(-1.0, -1.0, 1.0) } else { DVec3::ONE };
+    DMat4::from_scale(turned) * clip_from_camera * camera_from_image * image_from_world(microscope)
 }
 
 /// The view of `channel` on a picture of `aspect` (width by height).
 pub fn view(microscope: &Microscope, channel: usize, aspect: f64, eye_from_world: &DMat4) -> ViewUniform {
-    let target = DVec3::from(microscope.target_in_world_mm);
-    let objective = objective_in_world(microscope, channel);
-    let forward = (target - objective).normalize();
-    let right = forward.cross(UP_IN_WORLD).normalize();
-    let up = right.cross(forward);
-    let distance = objective.distance(target);
-    let half_height = 0.5 * microscope.field_mm.max(0.1) / FIELD_FILL;
-
-    let fov_y = 2.0 * (half_height / distance).atan();
-    let near = (distance - NEAR_SIDE_MM).max(1.0);
-    let camera_from_world = look_at_mat4(objective, target, UP_IN_WORLD);
-    let clip_from_camera = perspective(fov_y, aspect, near, distance + FAR_SIDE_MM);
-    let world_from_eye = eye_from_world.inverse();
-
-    let point = |p: DVec3| eye_from_world.transform_point3(p).extend(0.0).as_vec4().to_array();
-    let vector = |v: DVec3| eye_from_world.transform_vector3(v).extend(0.0).as_vec4().to_array();
+    let clip_from_eye = clip_from_world(microscope, channel, aspect) * eye_from_world.inverse();
+    let rays = Rays::of(&clip_from_eye);
+    let target = eye_from_world.transform_point3(DVec3::from(microscope.target_in_world_mm));
+    // One unit of w along each ray ends in a plane; so many end in the one through the target.
+    let units = (clip_from_eye * target.extend(1.0)).w;
+    let vec4 = |v: DVec3| v.extend(0.0).as_vec4().to_array();
     let inner = (1.0 - BORDER) * (1.0 - BORDER);
     let field = [aspect / FIELD_FILL, 1.0 / FIELD_FILL, inner, 0.0];
     ViewUniform {
-        clip_from_eye: (clip_from_camera * camera_from_world * world_from_eye).as_mat4().to_cols_array_2d(),
-        camera: point(objective),
-        plane_origin: point(target),
-        plane_x: vector(right * (half_height * aspect)),
-        plane_y: vector(up * half_height),
+        clip_from_eye: clip_from_eye.as_mat4().to_cols_array_2d(),
+        camera: vec4(rays.from),
+        plane_origin: vec4(rays.from + rays.middle * units),
+        plane_x: vec4(rays.per_x * units),
+        plane_y: vec4(rays.per_y * units),
         field: field.map(|x| x as f32),
+    }
+}
+
+/// The rays that a projection shows as points: those of NDC (x, y) run from one point along `middle + x per_x + y per_y`. Behind a
+/// lens that point is not the objective but the objective's image in the eye.
+struct Rays {
+    from: DVec3,
+    middle: DVec3,
+    per_x: DVec3,
+    per_y: DVec3,
+}
+
+impl Rays {
+    fn of(clip: &DMat4) -> Self {
+        let [x, y, w] = [clip.row(0), clip.row(1), clip.row(3)];
+        let rows = DMat3::from_cols(x.truncate(), y.truncate(), w.truncate()).transpose();
+        let back = rows.inverse();
+        let from = back * DVec3::new(-x.w, -y.w, -w.w);
+        Self { from, middle: back.z_axis, per_x: back.x_axis, per_y: back.y_axis }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bytemuck::Zeroable;
     use glam::{Mat4, Vec3};
+    use protocol::optics::Lens;
 
     fn microscope() -> Microscope {
         Microscope {
@@ -70,13 +103,23 @@ mod tests {
             working_distance_mm: 200.0,
             stereo_base_mm: 22.0,
             field_mm: 16.0,
-            focus_mm: 0.0,
+            lens_focal_mm: 12.0,
+            lens_height_mm: 21.5,
+            ..Microscope::zeroed()
         }
     }
 
-    fn ndc(channel: usize, p: [f32; 3]) -> Vec3 {
-        let v = view(&microscope(), channel, 1.25, &DMat4::IDENTITY);
+    fn through(lens: Lens, inverter: bool) -> Microscope {
+        Microscope { lens: lens as u32, inverter: u32::from(inverter), ..microscope() }
+    }
+
+    fn ndc_of(m: &Microscope, channel: usize, p: [f32; 3]) -> Vec3 {
+        let v = view(m, channel, 1.25, &DMat4::IDENTITY);
         Mat4::from_cols_array_2d(&v.clip_from_eye).project_point3(Vec3::from(p))
+    }
+
+    fn ndc(channel: usize, p: [f32; 3]) -> Vec3 {
+        ndc_of(&microscope(), channel, p)
     }
 
     #[test]
@@ -100,15 +143,67 @@ mod tests {
         assert!(r < 0.01, "8 mm lie on the border of a field of 16 mm: {r}");
     }
 
+    const EVERY: [(Lens, bool); 6] = [
+        (Lens::None, false),
+        (Lens::None, true),
+        (Lens::Flat, false),
+        (Lens::Flat, true),
+        (Lens::WideAngle, false),
+        (Lens::WideAngle, true),
+    ];
+
+    #[test]
+    fn a_wide_angle_lens_inverts_and_the_inverter_sets_upright() {
+        for (lens, inverter) in EVERY {
+            let upright = (lens == Lens::WideAngle) == inverter;
+            let sense = if upright { 1.0 } else { -1.0 };
+            let m = through(lens, inverter);
+            assert!(sense * ndc_of(&m, 0, [0.0, -3.0, -11.0]).y > 0.1, "{lens:?}, {inverter}: up");
+            assert!(sense * ndc_of(&m, 1, [-3.0, 0.0, -11.0]).x > 0.1, "{lens:?}, {inverter}: right");
+        }
+    }
+
+    #[test]
+    fn what_is_nearer_is_seen_nearer_through_every_lens() {
+        for (lens, inverter) in EVERY {
+            let m = through(lens, inverter);
+            for z in [-10.5, -8.0, -3.0, 2.0] {
+                let crossed = ndc_of(&m, 0, [0.0, 0.0, z]).x - ndc_of(&m, 1, [0.0, 0.0, z]).x;
+                assert!(crossed > 0.0, "{lens:?}, {inverter}, {z}: disparity {crossed}");
+                assert!(
+                    ndc_of(&m, 0, [0.0, 0.0, z]).z < ndc_of(&m, 0, [0.0, 0.0, -11.0]).z,
+                    "{lens:?}: depth"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_wide_angle_lens_sees_from_the_pupil() {
+        let v = view(&through(Lens::WideAngle, true), 0, 1.25, &DMat4::IDENTITY);
+        // The objectives' images: 8.8 mm over the centre, 1.3 mm apart.
+        assert!(
+            (v.camera[2] - 8.8).abs() < 0.05 && (v.camera[0].abs() - 0.64).abs() < 0.02,
+            "{:?}",
+            v.camera
+        );
+    }
+
     #[test]
     fn plane_and_projection_agree() {
         let eye_from_world = DMat4::from_rotation_x(0.1) * DMat4::from_rotation_y(-0.07);
-        let v = view(&microscope(), 0, 1.25, &eye_from_world);
-        let (x, y) = (0.4f32, -0.6f32);
-        let p = Vec3::from_slice(&v.plane_origin)
-            + Vec3::from_slice(&v.plane_x) * x
-            + Vec3::from_slice(&v.plane_y) * y;
-        let back = Mat4::from_cols_array_2d(&v.clip_from_eye).project_point3(p);
-        assert!((back.x - x).abs() < 1e-4 && (back.y - y).abs() < 1e-4, "{back}");
+        for (lens, inverter) in EVERY {
+            let v = view(&through(lens, inverter), 0, 1.25, &eye_from_world);
+            let (x, y) = (0.4f32, -0.6f32);
+            let along = Vec3::from_slice(&v.plane_origin)
+                + Vec3::from_slice(&v.plane_x) * x
+                + Vec3::from_slice(&v.plane_y) * y;
+            let from = Vec3::from_slice(&v.camera);
+            for share in [0.8, 1.0, 1.1] {
+                let p = from + (along - from) * share;
+                let back = Mat4::from_cols_array_2d(&v.clip_from_eye).project_point3(p);
+                assert!((back.x - x).abs() < 1e-4 && (back.y - y).abs() < 1e-4, "{lens:?}: {back}");
+            }
+        }
     }
 }

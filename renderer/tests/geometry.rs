@@ -4,41 +4,17 @@
 #[path = "../examples/common/mod.rs"]
 mod common;
 
+use common::markers::{BLUE, ball, blue_centroid, centroid, is_blue, scene};
 use common::stage::Stage;
-use common::{Contents, Scene, scene_of};
 use glam::DVec3;
-use protocol::scene::SceneBody;
 use renderer::readback::Picture;
 
 /// A fully shaded tier and a lean one.
 const TIERS: [usize; 2] = [2, 6];
 /// Share of the picture's height that the round field fills.
 const FILL: f64 = 0.98;
-/// A tool number that no tool has: nothing is drawn, and a chandelier lights the eye.
-const NO_TOOL: u32 = 99;
 
 const RED: [f32; 4] = [0.9, 0.02, 0.02, 1.0];
-const BLUE: [f32; 4] = [0.02, 0.05, 0.9, 1.0];
-
-fn ball(at: [f64; 3], radius: f32, rgba: [f32; 4]) -> SceneBody {
-    SceneBody {
-        position_mm: at.map(|c| c as f32),
-        shape: 0,
-        rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
-        half_extents_mm: [radius; 3],
-        reserved: 0,
-        rgba,
-    }
-}
-
-fn scene(stage: &Stage, bodies: Vec<SceneBody>, tools: bool) -> Scene {
-    let contents = Contents { bodies, ..Contents::default() };
-    let mut scene = scene_of(&stage.file, &stage.rig, [6.0, 3.0, 2.0], 0.3, &contents);
-    if !tools {
-        scene.header.instruments.iter_mut().for_each(|i| i.tool = NO_TOOL);
-    }
-    scene
-}
 
 /// Pinhole projection of `p` into `channel`, px of the channel; the surgeon's right is −x, up is −y.
 fn project(stage: &Stage, picture: &Picture, channel: u32, p: DVec3) -> [f64; 2] {
@@ -54,34 +30,6 @@ fn project(stage: &Stage, picture: &Picture, channel: u32, p: DVec3) -> [f64; 2]
     let to = p - objective;
     let slope = |v: DVec3| to.dot(v) / to.dot(axis);
     [0.5 * w + px_per_slope * slope(right), 0.5 * h + px_per_slope * slope(down)]
-}
-
-/// Mean place of the pixels of `channel` within `reach` px of `about` that `counts` weighs, px from the corner.
-fn centroid(
-    picture: &Picture,
-    channel: u32,
-    about: [f64; 2],
-    reach: f64,
-    counts: impl Fn(u32, u32) -> f64,
-) -> Option<[f64; 2]> {
-    let width = picture.width_px / 2;
-    let mut sums = [0.0; 3];
-    for (y, x) in (0..picture.height_px).flat_map(|y| (0..width).map(move |x| (y, x))) {
-        let at = [f64::from(x) + 0.5, f64::from(y) + 0.5];
-        if (at[0] - about[0]).hypot(at[1] - about[1]) < reach {
-            let weight = counts(channel * width + x, y);
-            sums = [sums[0] + weight * at[0], sums[1] + weight * at[1], sums[2] + weight];
-        }
-    }
-    (sums[2] > 0.0).then(|| [sums[0] / sums[2], sums[1] / sums[2]])
-}
-
-fn is_blue(p: [u8; 3]) -> bool {
-    p[2] > 40 && u16::from(p[2]) > u16::from(p[0]) + 20
-}
-
-fn blue_centroid(picture: &Picture, channel: u32, about: [f64; 2], reach: f64) -> Option<[f64; 2]> {
-    centroid(picture, channel, about, reach, |x, y| f64::from(u8::from(is_blue(picture.rgb(x, y)))))
 }
 
 /// Places over the retina, at three heights.

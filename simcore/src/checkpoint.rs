@@ -5,10 +5,12 @@
 
 use crate::constants::{MAX_HELD, MAX_MARKS};
 use crate::membrane::sheet::Sheet;
-use crate::state::{State, is_bound, is_known_flag};
+use crate::state::{OpticsState, State, is_bound, is_known_flag};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use bincode::enc::write::Writer;
 use bincode::error::EncodeError;
+use modules::score::Meter;
+use modules::task::TaskState;
 use protocol::handles::Tool;
 use protocol::limits::MAX_CHECKPOINT_BYTES;
 use protocol::scene::NODE_BOUND;
@@ -59,6 +61,11 @@ fn config() -> Config {
     bincode::config::standard().with_fixed_int_encoding().with_limit::<MAX_CHECKPOINT_BYTES>()
 }
 
+/// What is hashed and saved after all else, and only where one of both is there.
+fn tail(state: &State) -> Option<(&Option<(TaskState, Meter)>, &Option<OpticsState>)> {
+    (state.task.is_some() || state.optics.is_some()).then_some((&state.task, &state.optics))
+}
+
 /// Encodes a state into `out`, whose memory is used again.
 pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), CheckpointError> {
     out.clear();
@@ -66,8 +73,8 @@ pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), Checkp
     let header = Header { version: VERSION, scene };
     bincode::serde::encode_into_std_write(&header, out, config()).map_err(fail)?;
     bincode::serde::encode_into_std_write(state, out, config()).map_err(fail)?;
-    if let Some(task) = &state.task {
-        bincode::serde::encode_into_std_write(task, out, config()).map_err(fail)?;
+    if let Some(tail) = tail(state) {
+        bincode::serde::encode_into_std_write(tail, out, config()).map_err(fail)?;
     }
     Ok(())
 }
@@ -88,10 +95,10 @@ pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, Checkpoi
     let (mut state, mut rest): (State, usize) =
         bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
     if read + rest < bytes.len() {
-        let (task, more) =
+        let more;
+        ((state.task, state.optics), more) =
             bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
-        state.task = Some(task);
-        rest += more;
+        rest += if tail(&state).is_some() { more } else { 0 };
     }
     if read + rest != bytes.len() {
         return Err(CheckpointError::Content("bytes after its end"));
@@ -183,8 +190,8 @@ pub fn state_hash(state: &State) -> u64 {
     let mut writer = HashWriter(FNV_BASIS);
     // The writer cannot fail, and a state is plain tables; a failure would show as a hash that differs.
     let _ = bincode::serde::encode_into_writer(state, &mut writer, config());
-    if let Some(task) = &state.task {
-        let _ = bincode::serde::encode_into_writer(task, &mut writer, config());
+    if let Some(tail) = tail(state) {
+        let _ = bincode::serde::encode_into_writer(tail, &mut writer, config());
     }
     writer.0
 }
@@ -226,6 +233,17 @@ mod tests {
     }
 
     #[test]
+    fn optics_are_saved_where_there_are_some() {
+        let world = world();
+        let mut bytes = Vec::new();
+        let mut state = world.state().clone();
+        assert_eq!(state.optics, None);
+        state.optics = Some(OpticsState { buttons: 4, lens: 2, inverter: true, filter: 3 });
+        encode(&state, 7, &mut bytes).unwrap();
+        assert_eq!(decode(&bytes, 7, world.sheet()).unwrap(), state);
+    }
+
+    #[test]
     fn random_damage_never_panics() {
         let world = world();
         let mut bytes = Vec::new();
@@ -246,12 +264,13 @@ mod tests {
     fn the_hash_sees_every_part() {
         let world = world();
         let hash = state_hash(world.state());
-        let changes: [fn(&mut State); 6] = [
+        let changes: [fn(&mut State); 7] = [
             |s| s.step += 1,
             |s| s.membrane.velocity_mm_s[2][5] = 1e-30,
             |s| s.membrane.triangle_alive[3] = 0,
             |s| s.instruments[1].under = true,
             |s| s.microscope.focus_mm = 0.1,
+            |s| s.optics = Some(OpticsState::default()),
             |s| s.remainder_ns = 1,
         ];
         for change in changes {

@@ -117,7 +117,9 @@ impl SceneWriter {
                 let shown = instrument(&state.instruments[i]);
                 SceneInstrument { jaw_rad: shown.jaw_rad.max(stop), ..shown }
             }),
-            microscope: microscope::view(&state.microscope, &scene.microscope),
+            microscope: microscope::view(&state.microscope, &state.optics, scene),
+            filter: state.optics.map_or(0, |o| o.filter),
+            reserved: 0,
             nodes: writer.write(&self.nodes).unwrap_or_default(),
             triangles: writer.write(&self.triangles).unwrap_or_default(),
             marks: writer.write(&self.marks).unwrap_or_default(),

@@ -72,6 +72,9 @@ pub struct State {
     /// task, so that scenes without one stay what they were.
     #[serde(skip)]
     pub task: Option<(TaskState, Meter)>,
+    /// Lens, inverter and filter; `None` as long as the scene asks for none and no button was pressed. Saved like the task.
+    #[serde(skip)]
+    pub optics: Option<OpticsState>,
 }
 
 /// Whether a body is tracked.
@@ -240,6 +243,19 @@ pub struct MicroscopeState {
     pub axes: [f64; 2],
     /// Pedal mode.
     pub mode: u32,
+}
+
+/// What stands between microscope and eye.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct OpticsState {
+    /// Buttons held at the last pedal state.
+    pub buttons: u32,
+    /// [`protocol::optics::Lens`] on the wire.
+    pub lens: u32,
+    /// The inverter is on.
+    pub inverter: bool,
+    /// [`protocol::optics::Filter`] of the lamp, on the wire.
+    pub filter: u32,
 }
 
 /// A bleeding point.

@@ -4,6 +4,7 @@
 mod adhesion;
 mod bodies;
 mod membrane;
+mod optics;
 mod retina;
 mod task;
 mod tools;
@@ -12,6 +13,7 @@ mod vitreous;
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
+pub use optics::OpticsScene;
 pub use retina::{RetinaOperation, RetinaScene};
 pub use task::{Goal, GoalOrder, MAX_GOALS, MAX_PATH, TaskScene};
 pub use tools::{NeedleScene, VitrectorScene};
@@ -21,6 +23,7 @@ pub use vitreous::{
 
 use crate::handles::{PedalMode, Tool};
 use crate::limits::INSTRUMENTS;
+use crate::optics::PedalButton;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -121,6 +124,9 @@ pub struct SceneFile {
     pub contact: ContactScene,
     /// The microscope at the start.
     pub microscope: MicroscopeScene,
+    /// Its lens, inverter and steps, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub optics: Option<OpticsScene>,
     /// The two instruments, in the order of the rig.
     pub instruments: Vec<InstrumentScene>,
     /// What the scripted surgeon does.
@@ -229,6 +235,9 @@ pub struct PedalKey {
     /// Two axes, −1 to 1.
     #[serde(default)]
     pub axes: [f64; 2],
+    /// Buttons that are held.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub buttons: Vec<PedalButton>,
 }
 
 /// Where an instrument is at an instant of the round.
@@ -304,6 +313,7 @@ impl SceneFile {
         }
         let of_bodies = || self.bodies.as_ref().and_then(|b| b.defect(self.eye.retina_radius_mm));
         let defect = self.membrane.as_ref().and_then(|m| m.defect()).or_else(of_bodies);
+        let defect = defect.or_else(|| self.optics.as_ref().and_then(|o| o.defect(&self.microscope)));
         if let Some((field, expected, found)) = defect {
             return refuse(field, &expected, found);
         }
@@ -379,6 +389,7 @@ impl SceneFile {
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.optics.iter().flat_map(|o| o.ranges()));
         ranges.extend(self.bodies.iter().flat_map(|b| b.ranges()));
         ranges.extend(self.retina.iter().flat_map(|r| r.ranges()));
         ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));

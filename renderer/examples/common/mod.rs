@@ -1,6 +1,7 @@
 //! Scenes made from the shipped scene file, as the simulation would send them: for the examples, the
 //! bench and the tests of pictures.
 
+pub mod markers;
 pub mod stage;
 
 use bytemuck::Zeroable;
@@ -8,11 +9,10 @@ use glam::{DMat3, DQuat, DVec3};
 use protocol::geometry::Pose;
 use protocol::rig::Rig;
 use protocol::scene::{
-    NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode,
+    Microscope, NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode,
     SceneTriangle, SectionWriter,
 };
 use protocol::scene_file::SceneFile;
-use renderer::start::microscope;
 
 /// A scene block.
 pub struct Scene {
@@ -56,7 +56,7 @@ pub fn scene(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, grabbed_m
 pub fn scene_of(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, contents: &Contents) -> Scene {
     let mut header = SceneHeader::zeroed();
     header.world_from_eye = Pose::IDENTITY;
-    header.microscope = microscope(&file.microscope);
+    header.microscope = Microscope::of_scene(file);
     let lamp = [-2.6, 0.6, -5.0];
     for (which, at) in [tip, lamp].into_iter().enumerate() {
         let instrument = &mut header.instruments[which];

@@ -11,7 +11,7 @@ use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{
     BlendComponent, BlendFactor, BlendOperation, BlendState, ColorWrites, CommandEncoder, CompareFunction,
-    Device, RenderPass, RenderPipeline, TextureFormat, TextureUsages, TextureView,
+    Device, RenderPass, RenderPassTimestampWrites, RenderPipeline, TextureFormat, TextureUsages, TextureView,
 };
 
 /// A shadow map for one shading: the texture that the other shading would use is a single pixel.
@@ -95,8 +95,9 @@ impl Shadow {
         uniforms: &Uniforms,
         (meshes, casters): (&Meshes, &[Option<Tool>; INSTRUMENTS]),
         (bodies, sheet): (&Bodies, &Sheet),
+        timed: Option<RenderPassTimestampWrites<'_>>,
     ) {
-        let mut pass = begin(encoder, map);
+        let mut pass = begin(encoder, map, timed);
         let pipelines = if map.shading == Shading::Lean { &self.lean } else { &self.full };
         let size = map.size as f32;
         pass.set_bind_group(0, &uniforms.group, &[0]);
@@ -126,7 +127,11 @@ fn multiplied() -> BlendState {
     BlendState { color: product, alpha: product }
 }
 
-fn begin<'a>(encoder: &'a mut CommandEncoder, map: &ShadowMap) -> RenderPass<'a> {
+fn begin<'a>(
+    encoder: &'a mut CommandEncoder,
+    map: &ShadowMap,
+    timestamp_writes: Option<RenderPassTimestampWrites<'_>>,
+) -> RenderPass<'a> {
     let lean = map.shading == Shading::Lean;
     let mask = [Some(wgpu::RenderPassColorAttachment {
         view: &map.mask,
@@ -137,6 +142,7 @@ fn begin<'a>(encoder: &'a mut CommandEncoder, map: &ShadowMap) -> RenderPass<'a>
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("shadow"),
         color_attachments: if lean { &mask } else { &[] },
+        timestamp_writes,
         depth_stencil_attachment: (!lean).then(|| super::clear_depth(&map.depth, true)),
         ..wgpu::RenderPassDescriptor::default()
     })

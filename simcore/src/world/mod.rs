@@ -369,7 +369,7 @@ impl World {
 
     fn end_step(&mut self, plan: &plan::Plan) {
         let state = &mut self.state;
-        microscope::advance(&mut state.microscope, plan.advance_ns as f64 * 1e-9);
+        microscope::advance(&mut state.microscope, &state.optics, plan.advance_ns as f64 * 1e-9);
         if self.log.warning() != 0 {
             state.notice_kind = self.log.warning();
             state.notice_until_ns = state.exposed_ns + NOTICE_NS;
@@ -409,7 +409,8 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
         bodies: scene.bodies.as_ref().map(BodiesState::start),
         adhesion: adhesion.map(Adhesion::start),
         vitreous: None,
-        microscope: microscope::start(&scene.microscope),
+        microscope: microscope::start(scene),
+        optics: microscope::start_optics(scene),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,

@@ -112,7 +112,8 @@ impl World {
                 self.refuse();
                 continue;
             }
-            microscope::press(&mut self.state.microscope, pedal);
+            let state = &mut self.state;
+            microscope::press(&mut state.microscope, &mut state.optics, pedal, &self.scene);
             self.state.tools.press(pedal, &self.figures);
             self.state.pedals_below = pedal.seq + 1;
         }

@@ -1,0 +1,123 @@
+//! What each pass of a frame took, stamped by the device itself where it can.
+
+use crate::gpu::Gpu;
+use crate::gpu_clock::Span;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, QuerySet, RenderPassTimestampWrites};
+
+/// A pass that is timed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Pass {
+    Shadow = 0,
+    Picture = 1,
+}
+
+/// Passes in their order.
+pub const PASSES: [(&str, Pass); 2] = [("shadow", Pass::Shadow), ("picture", Pass::Picture)];
+const STAMPS: u32 = 2 * PASSES.len() as u32;
+const BYTES: u64 = STAMPS as u64 * 8;
+
+/// What a frame took on the device, by its own clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PassTimes {
+    /// Begin of the first pass to end of the last.
+    pub whole: Span,
+    /// Each of [`PASSES`], ns.
+    pub passes_ns: [u64; PASSES.len()],
+}
+
+/// Stamps of one frame on the device, and their way back.
+pub struct Timing {
+    stamps: QuerySet,
+    resolved: Buffer,
+    back: Buffer,
+    period_ns: f64,
+    /// The way back was asked for, and whether the stamps are there.
+    asked: bool,
+    arrived: Arc<AtomicBool>,
+}
+
+impl Timing {
+    /// `None` where the adapter stamps nothing.
+    pub fn new(gpu: &Gpu) -> Option<Self> {
+        if !gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
+            return None;
+        }
+        let buffer = |label, usage| {
+            let mapped_at_creation = false;
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some(label),
+                size: BYTES,
+                usage,
+                mapped_at_creation,
+            })
+        };
+        Some(Self {
+            stamps: gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("stamps"),
+                ty: wgpu::QueryType::Timestamp,
+                count: STAMPS,
+            }),
+            resolved: buffer("stamps", BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC),
+            back: buffer("stamps back", BufferUsages::COPY_DST | BufferUsages::MAP_READ),
+            period_ns: f64::from(gpu.queue.get_timestamp_period()),
+            asked: false,
+            arrived: Arc::default(),
+        })
+    }
+
+    /// For the descriptor of `pass`.
+    pub fn writes(&self, pass: Pass) -> RenderPassTimestampWrites<'_> {
+        let first = 2 * pass as u32;
+        RenderPassTimestampWrites {
+            query_set: &self.stamps,
+            beginning_of_pass_write_index: Some(first),
+            end_of_pass_write_index: Some(first + 1),
+        }
+    }
+
+    /// Ends a frame's commands: the stamps go to where they can be read.
+    pub fn resolve(&self, encoder: &mut CommandEncoder) {
+        encoder.resolve_query_set(&self.stamps, 0..STAMPS, &self.resolved, 0);
+        encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.back, 0, BYTES);
+    }
+
+    /// Before a frame is submitted: stamps of the one before that nobody read are given up.
+    pub fn before_submit(&mut self) {
+        if std::mem::take(&mut self.asked) {
+            self.back.unmap();
+        }
+        self.arrived.store(false, Ordering::Release);
+    }
+
+    /// After a frame was submitted: asks for its stamps; they are there when the device is done.
+    pub fn after_submit(&mut self) {
+        let arrived = Arc::clone(&self.arrived);
+        self.back.slice(..).map_async(MapMode::Read, move |result| {
+            arrived.store(result.is_ok(), Ordering::Release);
+        });
+        self.asked = true;
+    }
+
+    /// What the last frame took; `None` before it is done, or if it was read already.
+    pub fn read(&mut self) -> Option<PassTimes> {
+        if !self.asked || !self.arrived.load(Ordering::Acquire) {
+            return None;
+        }
+        let mapped = self.back.slice(..).get_mapped_range().ok()?;
+        let mut ns = [0u64; STAMPS as usize];
+        for (ns, ticks) in ns.iter_mut().zip(mapped.chunks_exact(8)) {
+            let ticks = u64::from_le_bytes(ticks.try_into().unwrap_or_default());
+            // Whole ticks first: their product with the period may need more than the 53 bits of a number.
+            let whole = self.period_ns.floor();
+            *ns = ticks.wrapping_mul(whole as u64) + (ticks as f64 * (self.period_ns - whole)) as u64;
+        }
+        drop(mapped);
+        self.before_submit();
+        let pass = |i: usize| ns[2 * i + 1].saturating_sub(ns[2 * i]);
+        let whole = Span { begin_ns: ns[0], end_ns: ns[STAMPS as usize - 1] };
+        Some(PassTimes { whole, passes_ns: std::array::from_fn(pass) })
+    }
+}
