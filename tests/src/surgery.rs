@@ -6,6 +6,7 @@ use protocol::scene::SceneHeader;
 use protocol::scene_file::SceneFile;
 use protocol::time::Instants;
 use renderer::frame::Renderer;
+use renderer::governor::{Shading, TIERS};
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
 use renderer::readback::{Picture, ReadBack};
@@ -81,10 +82,38 @@ impl Surgery {
 }
 
 fn block(world: &World, writer: &mut SceneWriter) -> Block {
-    let bytes = bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
+    let bytes =
+        bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
     let mut payload = vec![0u128; bytes.div_ceil(16)];
     // Instants of 0 mean "not yet".
     let instants = Instants { exposed: 1, ..bytemuck::Zeroable::zeroed() };
     let header = writer.write(world, instants, 0, bytemuck::cast_slice_mut(&mut payload));
     Block { header, payload }
+}
+
+/// Every shipped scene, and a moment of it that shows what it is about, s.
+pub const MOMENTS: [(&str, f64); 7] = [
+    ("peel", 6.0),
+    ("erm", 6.0),
+    ("lift", 4.5),
+    ("trim", 5.0),
+    ("vitrectomy", 3.0),
+    ("relocation", 7.0),
+    ("bodies", 4.0),
+];
+
+/// Width of a reference picture, both channels, px.
+pub const REFERENCE_PX: u32 = 320;
+/// Edge of the fundus map of reference pictures, whatever the device.
+pub const REFERENCE_MAP_PX: u32 = 512;
+
+/// The smallest tier of each shading that is no smaller than a reference picture, with the shading's name.
+///
+/// # Panics
+/// If a shading has no tier.
+pub fn reference_tiers() -> [(&'static str, usize); 2] {
+    Shading::ALL.map(|shading| {
+        let tier = TIERS.iter().rposition(|t| t.shading == shading && t.width_px >= REFERENCE_PX);
+        (shading.name(), tier.expect("a tier of each shading"))
+    })
 }
