@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures gallery instruments vectors clean
+.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures gallery instruments vectors study clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -77,6 +77,9 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
 	cargo run --release -p simcore --example validation
+
+study: setup ## Let four scripted surgeons do every training module 20 times, without cameras; the tables of docs/study.md
+	cargo run --release -p simcore --example study
 
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace

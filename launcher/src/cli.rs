@@ -37,6 +37,10 @@ pub enum Command {
     Info(crate::info::InfoArgs),
     /// Show the way of one field through all instants.
     Trace(crate::trace::TraceArgs),
+    /// List the training modules.
+    Modules(crate::modules::ModulesArgs),
+    /// Score recorded attempts at a module.
+    Score(crate::score::ScoreArgs),
     /// Find the blobs in pictures and clips.
     Blobs(ForwardArgs),
     /// Learn, show and check the camera's colour classes.
@@ -63,6 +67,8 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Recover(args) => crate::recover::run(args),
         Command::Info(args) => crate::info::run(args),
         Command::Trace(args) => crate::trace::run(args),
+        Command::Modules(args) => crate::modules::run(args),
+        Command::Score(args) => crate::score::run(args),
         Command::Blobs(args) => forward::to(CAMERA, "blobs", args),
         Command::Colours(args) => forward::to(CAMERA, "colours", args),
         Command::Hardware(args) => forward::to(CAMERA, "hardware", args),

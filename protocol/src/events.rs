@@ -92,11 +92,35 @@ pub enum EventKind {
     AirExchange = 78,
     /// The tissue is too stiff for a whole substep; parts into which each is split.
     TimeStepSplit = 100,
+    /// The attempt at a task began; s allowed for it.
+    TaskStarted = 110,
+    /// A goal of the task is reached (`subject`); mm that it was missed by on average.
+    GoalReached = 111,
+    /// Every goal is reached; s since the begin.
+    TaskFinished = 112,
+    /// The time of the task is over; goals that are open.
+    TaskTimedOut = 113,
+    /// The tip left the tube; mm outside.
+    PathLeft = 114,
+    /// The tip is in the tube again; s outside.
+    PathRegained = 115,
+    /// A shaft touches the lens; mm of depth.
+    LensTouched = 116,
+    /// The shaft left the lens; s that the contact lasted.
+    LensLeft = 117,
+    /// A tip left the microscope's field of view; mm beyond its rim.
+    TipOutOfView = 118,
+    /// The tip is in the field of view again; s outside.
+    TipInView = 119,
+    /// The score of the attempt (`subject`: version of the score); points of 100.
+    ScoreTotal = 120,
+    /// The points of a category (`subject`); points.
+    ScoreCategory = 121,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 42] = [
+    pub const ALL: [EventKind; 54] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -139,6 +163,18 @@ impl EventKind {
         EventKind::InjectionFast,
         EventKind::AirExchange,
         EventKind::TimeStepSplit,
+        EventKind::TaskStarted,
+        EventKind::GoalReached,
+        EventKind::TaskFinished,
+        EventKind::TaskTimedOut,
+        EventKind::PathLeft,
+        EventKind::PathRegained,
+        EventKind::LensTouched,
+        EventKind::LensLeft,
+        EventKind::TipOutOfView,
+        EventKind::TipInView,
+        EventKind::ScoreTotal,
+        EventKind::ScoreCategory,
     ];
 
     /// From the wire.
@@ -191,6 +227,18 @@ impl EventKind {
             EventKind::RetinaLying => ("retina lies on", "nodes"),
             EventKind::InjectionFast => ("injection too fast", "µl/min"),
             EventKind::AirExchange => ("fluid–air exchange", ""),
+            EventKind::TaskStarted => ("task begun", "s"),
+            EventKind::GoalReached => ("goal reached", "mm"),
+            EventKind::TaskFinished => ("task finished", "s"),
+            EventKind::TaskTimedOut => ("time is over", "goals open"),
+            EventKind::PathLeft => ("tip outside the path", "mm"),
+            EventKind::PathRegained => ("tip back on the path", "s"),
+            EventKind::LensTouched => ("instrument touches the lens", "mm"),
+            EventKind::LensLeft => ("instrument left the lens", "s"),
+            EventKind::TipOutOfView => ("instrument out of view", "mm"),
+            EventKind::TipInView => ("instrument in view again", "s"),
+            EventKind::ScoreTotal => ("score", "points"),
+            EventKind::ScoreCategory => ("score of a category", "points"),
         }
     }
 }

@@ -2,17 +2,22 @@
 //!
 //! `cargo run --release -p simcore --example collision_agreement [-- SCENES [PICTURE.png]]` compares SCENES (10,000) random
 //! π-convex scenes with exact rays through the pixel centres, to the bit, and the processor with a graphics adapter where there
-//! is one; then draws the same 400 scenes at 8 to 256
-//! pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
+//! is one; then as many with the reversed camera, from the handle of a pick or a forceps. Then it draws the same 400 scenes at 8
+//! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
 
+#[path = "validation/font.rs"]
+mod font;
 #[path = "../tests/rays/mod.rs"]
 mod rays;
 
-use rays::{RADIUS_MM, Random, Scene, collisions};
+use font::{HIGH, WIDE, glyph};
+use image::{Rgb, RgbImage};
+use protocol::handles::Tool;
+use rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back};
 use simcore::collision::exact::{Exact, StaticMesh};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
-use simcore::collision::zcoll::Zcoll;
+use simcore::collision::zcoll::{Found, Zcoll};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 
@@ -21,10 +26,36 @@ const MISS_SCENES: usize = 400;
 /// Resolutions of the count.
 const RESOLUTIONS: [usize; 11] = [8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256];
 
-/// What ZCOLL reports on a scene: pixels with triangle and way, and the triangles.
-fn look(scene: &Scene) -> Vec<(u32, (u32, i32))> {
+/// Which end of the instrument the camera is at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum End {
+    Tip,
+    Handle,
+}
+
+impl End {
+    /// A look from this end.
+    fn look(self, zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> Found {
+        let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
+        match self {
+            End::Tip => zcoll.look(image, pose, &surface),
+            End::Handle => zcoll.look_back(image, pose, &surface),
+        }
+    }
+
+    /// What exact rays find.
+    fn rays(self, scene: &Scene) -> Collisions {
+        match self {
+            End::Tip => collisions(scene),
+            End::Handle => collisions_back(scene),
+        }
+    }
+}
+
+/// What ZCOLL reports on a scene: pixels with triangle and way.
+fn look(scene: &Scene, end: End) -> Vec<(u32, (u32, i32))> {
     let (mut zcoll, image) = instruments(scene);
-    zcoll.look(&image, &scene.instrument_from_eye, &surface(scene));
+    end.look(&mut zcoll, &image, scene);
     zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect()
 }
 
@@ -37,7 +68,7 @@ fn instruments(scene: &Scene) -> (Zcoll, InstrumentImage) {
 
 #[cfg(feature = "gpu")]
 mod adapter {
-    use super::{Scene, instruments, surface};
+    use super::{End, Scene, instruments, surface};
     use simcore::collision::gpu::{GpuDevice, GpuZcoll};
     use simcore::collision::zcoll::Zcoll;
 
@@ -49,12 +80,11 @@ mod adapter {
 
     /// True if the adapter tells something else about a scene than the processor: counters, pixels, triangles, nodes,
     /// vertices, or whether there is any collision.
-    pub fn differs(device: &GpuDevice, scene: &Scene) -> bool {
+    pub fn differs(device: &GpuDevice, scene: &Scene, end: End) -> bool {
         let (mut zcoll, image) = instruments(scene);
         let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
         let told = |zcoll: &mut Zcoll| {
-            let (touches, found) =
-                (zcoll.touches(&image, pose, &surface), zcoll.look(&image, pose, &surface));
+            let (touches, found) = (zcoll.touches(&image, pose, &surface), end.look(zcoll, &image, scene));
             let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
                 (zcoll.triangles().collect(), zcoll.displaced().collect());
             triangles.sort_unstable();
@@ -78,7 +108,7 @@ mod adapter {
     }
 
     /// Nothing to compare with.
-    pub fn differs(_: &(), _: &super::Scene) -> bool {
+    pub fn differs(_: &(), _: &super::Scene, _: super::End) -> bool {
         false
     }
 }
@@ -88,21 +118,25 @@ fn surface(scene: &Scene) -> Surface<'_> {
     Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive }
 }
 
-/// Compares scenes; how many differ.
-fn compare(scenes: usize) -> usize {
+/// Compares scenes as seen from an end; how many differ.
+fn compare(scenes: usize, end: End) -> usize {
     let mut random = Random(20_021_109);
     let (mut differ, mut colliding, mut pixels) = (0, 0, 0);
     let device = adapter::open();
     for number in 0..scenes {
         // One in fifty is large, because the rays take their time.
         let sizes: &[usize] = if number % 50 == 0 { &[128, 256] } else { &[8, 16, 32, 32, 64] };
-        let scene = Scene::random(&mut random, sizes);
-        let expected: Vec<_> = collisions(&scene).into_iter().collect();
-        if look(&scene) != expected {
+        let mut scene = Scene::random(&mut random, sizes);
+        if end == End::Handle {
+            // Only these lift.
+            scene.tool = if number % 3 == 0 { Tool::Forceps } else { Tool::Pick };
+        }
+        let expected: Vec<_> = end.rays(&scene).into_iter().collect();
+        if look(&scene, end) != expected {
             differ += 1;
             eprintln!("scene {number} differs from exact rays");
         }
-        if device.as_ref().is_some_and(|device| adapter::differs(device, &scene)) {
+        if device.as_ref().is_some_and(|device| adapter::differs(device, &scene, end)) {
             differ += 1;
             eprintln!("scene {number} differs between processor and adapter");
         }
@@ -111,7 +145,8 @@ fn compare(scenes: usize) -> usize {
     }
     let compared = if device.is_some() { "exact rays and the adapter" } else { "exact rays" };
     println!(
-        "{scenes} scenes, {colliding} with a collision, {pixels} colliding pixels: {differ} differ from {compared}"
+        "{scenes} scenes from the {}, {colliding} with a collision, {pixels} colliding pixels: {differ} differ from {compared}",
+        if end == End::Tip { "tip" } else { "handle" }
     );
     differ
 }
@@ -144,7 +179,7 @@ fn misses() -> Vec<(usize, usize, usize)> {
         let exact = exact_triangles(&scene);
         for (count, resolution) in counts.iter_mut().zip(RESOLUTIONS) {
             scene.volume.resolution = resolution;
-            let reported: BTreeSet<u32> = look(&scene).into_iter().map(|(_, (t, _))| t).collect();
+            let reported: BTreeSet<u32> = look(&scene, End::Tip).into_iter().map(|(_, (t, _))| t).collect();
             count.0 += exact.difference(&reported).count();
             count.1 += exact.len();
         }
@@ -152,23 +187,45 @@ fn misses() -> Vec<(usize, usize, usize)> {
     RESOLUTIONS.iter().zip(counts).map(|(r, (missed, all))| (*r, missed, all)).collect()
 }
 
-/// Bars of the missed share over the resolution, a line every tenth.
-fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
-    let (bar, gap, height) = (44u32, 12u32, 400u32);
-    let width = gap + misses.len() as u32 * (bar + gap);
-    let mut picture = image::RgbImage::from_pixel(width, height + 1, image::Rgb([255; 3]));
-    for tenth in 0..=10 {
-        let y = height * tenth / 10;
-        (0..width).for_each(|x| picture.put_pixel(x, y, image::Rgb([if tenth == 10 { 0 } else { 205 }; 3])));
-    }
-    for (i, &(_, missed, all)) in misses.iter().enumerate() {
-        let left = gap + i as u32 * (bar + gap);
-        let top = height - (f64::from(height) * missed as f64 / all.max(1) as f64).round() as u32;
-        for (x, y) in (left..left + bar).flat_map(|x| (top..height).map(move |y| (x, y))) {
-            picture.put_pixel(x, y, image::Rgb([40, 90, 160]));
+/// Writes into a picture, centred on a column; letters of dots.
+fn write(picture: &mut RgbImage, text: &str, middle: u32, top: u32) {
+    let left = i64::from(middle) - (text.chars().count() * WIDE) as i64 / 2;
+    for (i, character) in text.chars().enumerate() {
+        for (row, bits) in glyph(character).iter().enumerate() {
+            for column in (0..5).filter(|c| bits >> (4 - c) & 1 == 1) {
+                let x = (left + (i * WIDE + column) as i64).max(0) as u32;
+                picture.put_pixel(x.min(picture.width() - 1), top + row as u32, Rgb([40; 3]));
+            }
         }
     }
-    picture.save(path)
+}
+
+/// Bars of the missed share over the resolution, a line every tenth; drawn small and doubled, so that the letters can be read.
+fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
+    let (bar, gap, height) = (22u32, 10u32, 200u32);
+    let (left, top) = (34u32, 28u32);
+    let width = left + gap + misses.len() as u32 * (bar + gap);
+    let mut picture = RgbImage::from_pixel(width, top + height + 34, Rgb([255; 3]));
+    for tenth in 0..=10 {
+        let y = top + height * tenth / 10;
+        let grey = if tenth == 10 { 40 } else { 215 };
+        (left..width).for_each(|x| picture.put_pixel(x, y, Rgb([grey; 3])));
+        write(&mut picture, &format!("{} %", 100 - 10 * tenth), left / 2, y - HIGH as u32 / 2);
+    }
+    for (i, &(resolution, missed, all)) in misses.iter().enumerate() {
+        let from = left + gap + i as u32 * (bar + gap);
+        let share = missed as f64 / all.max(1) as f64;
+        let above = top + height - (f64::from(height) * share).round() as u32;
+        for (x, y) in (from..from + bar).flat_map(|x| (above..top + height).map(move |y| (x, y))) {
+            picture.put_pixel(x, y, Rgb([40, 90, 160]));
+        }
+        write(&mut picture, &format!("{:.1}", 100.0 * share), from + bar / 2, above - HIGH as u32 - 1);
+        write(&mut picture, &resolution.to_string(), from + bar / 2, top + height + 5);
+    }
+    write(&mut picture, "meeting triangles that no pixel reports", width / 2, 2);
+    write(&mut picture, "pixels along a side of the image, R", width / 2, top + height + 20);
+    let (w, h) = picture.dimensions();
+    image::imageops::resize(&picture, 2 * w, 2 * h, image::imageops::FilterType::Nearest).save(path)
 }
 
 fn main() -> ExitCode {
@@ -181,7 +238,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    let differ = compare(scenes);
+    let differ = compare(scenes, End::Tip) + compare(scenes, End::Handle);
     println!(
         "\nresolution  missed  meeting  share   ({MISS_SCENES} scenes, triangles of 0.04 to 0.25 mm, volume 1.5 mm wide)"
     );
@@ -197,9 +254,7 @@ fn main() -> ExitCode {
             eprintln!("{path}: {error}");
             return ExitCode::FAILURE;
         }
-        eprintln!(
-            "wrote {path}: share of meeting triangles that the image misses, one bar a resolution, a line every 10 %"
-        );
+        eprintln!("wrote {path}: share of meeting triangles that the image misses, one bar a resolution");
     }
     if differ > 0 { ExitCode::from(5) } else { ExitCode::SUCCESS }
 }

@@ -66,6 +66,9 @@ pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), Checkp
     let header = Header { version: VERSION, scene };
     bincode::serde::encode_into_std_write(&header, out, config()).map_err(fail)?;
     bincode::serde::encode_into_std_write(state, out, config()).map_err(fail)?;
+    if let Some(task) = &state.task {
+        bincode::serde::encode_into_std_write(task, out, config()).map_err(fail)?;
+    }
     Ok(())
 }
 
@@ -82,8 +85,14 @@ pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, Checkpoi
     if header.scene != scene {
         return Err(CheckpointError::Scene { expected: scene, found: header.scene });
     }
-    let (state, rest): (State, usize) =
+    let (mut state, mut rest): (State, usize) =
         bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
+    if read + rest < bytes.len() {
+        let (task, more) =
+            bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
+        state.task = Some(task);
+        rest += more;
+    }
     if read + rest != bytes.len() {
         return Err(CheckpointError::Content("bytes after its end"));
     }
@@ -174,6 +183,9 @@ pub fn state_hash(state: &State) -> u64 {
     let mut writer = HashWriter(FNV_BASIS);
     // The writer cannot fail, and a state is plain tables; a failure would show as a hash that differs.
     let _ = bincode::serde::encode_into_writer(state, &mut writer, config());
+    if let Some(task) = &state.task {
+        let _ = bincode::serde::encode_into_writer(task, &mut writer, config());
+    }
     writer.0
 }
 

@@ -36,6 +36,7 @@ pub mod scene_block;
 pub mod soak;
 pub mod state;
 pub mod sweep;
+pub mod task_view;
 pub mod tools;
 pub mod vitreous;
 pub mod world;

@@ -3,6 +3,7 @@
 
 use crate::world::{StepInput, StepReport, World};
 use bytemuck::Zeroable;
+use modules::surgeon::Tremor;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use protocol::geometry::{Pose, Validity};
 use protocol::handles::{HandleState, PedalState};
@@ -22,6 +23,8 @@ pub struct Rehearsal {
     script: Script,
     /// Where the shafts pass the eye's wall, eye frame, mm.
     trocars: [Vector3<f64>; INSTRUMENTS],
+    /// What shakes the tips, if anything does.
+    tremor: Option<[Tremor; INSTRUMENTS]>,
 }
 
 impl Rehearsal {
@@ -39,7 +42,15 @@ impl Rehearsal {
             let place = rig.trocars.get(i).map_or([0.0, 0.0, 10.0], |t| t.p_eye);
             Vector3::from(place)
         };
-        Rehearsal { scene: scene.clone(), script: Script::new(scene), trocars: std::array::from_fn(trocar) }
+        let trocars = std::array::from_fn(trocar);
+        Rehearsal { scene: scene.clone(), script: Script::new(scene), trocars, tremor: None }
+    }
+
+    /// With the tremor that the scene's script has, drawn from a seed.
+    pub fn with_tremor(mut self, seed: u64) -> Self {
+        let (um, hz) = (self.scene.script.tremor_um, self.scene.script.tremor_hz);
+        self.tremor = Some(std::array::from_fn(|i| Tremor::new(um, hz, seed, i as u64)));
+        self
     }
 
     /// Fields in a round of the script.
@@ -61,7 +72,10 @@ impl Rehearsal {
         (frame.field, frame.frame) = (field, field);
         frame.instants.exposed = FIRST_NS + field * FIELD_PERIOD_NS;
         let world_from_eye = self.world_from_eye(at_s);
-        let gestures: [Gesture; INSTRUMENTS] = std::array::from_fn(|i| self.script.at(i, at_s));
+        let mut gestures: [Gesture; INSTRUMENTS] = std::array::from_fn(|i| self.script.at(i, at_s));
+        for (gesture, tremor) in gestures.iter_mut().zip(self.tremor.iter().flatten()) {
+            gesture.tip_in_eye_mm += tremor.at(at_s);
+        }
         for (i, gesture) in gestures.iter().enumerate() {
             let pose = world_from_eye * gesture.eye_from_instrument(self.trocars[i]);
             frame.bodies[i].world_from_body = Pose::from_isometry(&pose);

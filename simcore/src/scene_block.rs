@@ -4,6 +4,7 @@ use crate::bodies::state::BodyState;
 use crate::membrane::sheet::Sheet;
 use crate::microscope;
 use crate::state::{InstrumentState, is_bound};
+use crate::task_view::{self, MAX_BALLS, MAX_TEXT, TaskText};
 use crate::vitreous::Vitreous;
 use crate::world::World;
 use protocol::events::EventKind;
@@ -16,7 +17,7 @@ use protocol::scene_file::{BodyScene, BodyShape, MAX_BODIES};
 use protocol::time::Instants;
 
 /// Bytes kept for marks, bodies and text beside the mesh.
-const BESIDE_THE_MESH: usize = 8 << 10;
+const BESIDE_THE_MESH: usize = 16 << 10;
 /// The epiretinal membrane in [`SceneTriangle::tissue`].
 const TISSUE_MEMBRANE: u32 = 0;
 /// The retina in it.
@@ -24,8 +25,13 @@ const TISSUE_RETINA: u32 = 1;
 /// Dark red, linear RGB and opacity.
 const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
 
-const _: () = assert!(MAX_BODIES * size_of::<SceneBody>() <= 1536);
-const _: () = assert!(crate::constants::MAX_MARKS * size_of::<SceneMark>() + 2048 < BESIDE_THE_MESH);
+const _: () = assert!(
+    (MAX_BODIES + MAX_BALLS) * size_of::<SceneBody>()
+        + crate::constants::MAX_MARKS * size_of::<SceneMark>()
+        + MAX_TEXT
+        + 256
+        < BESIDE_THE_MESH
+);
 
 /// Room that the scene of a membrane's sheet, a vitreous and a retina's sheet takes at most, bytes.
 pub fn bytes_needed(sheet: &Sheet, vitreous: Option<&Vitreous>, retina: Option<&Sheet>) -> usize {
@@ -44,6 +50,7 @@ pub struct SceneWriter {
     topology: Option<u64>,
     marks: Vec<SceneMark>,
     bodies: Vec<SceneBody>,
+    task: TaskText,
     /// A reset world counts its topology from 0 again, but the renderer must see a change.
     generation: u64,
 }
@@ -57,7 +64,8 @@ impl SceneWriter {
             triangles: Vec::with_capacity(sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len())),
             topology: None,
             marks: Vec::with_capacity(crate::constants::MAX_MARKS),
-            bodies: Vec::with_capacity(MAX_BODIES),
+            bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
+            task: TaskText::default(),
             generation: 0,
         }
     }
@@ -99,7 +107,9 @@ impl SceneWriter {
             marks: writer.write(&self.marks).unwrap_or_default(),
             bodies: writer.write(&self.bodies).unwrap_or_default(),
             bricks: world.vitreous().and_then(|(v, _)| writer.write(v.haze().bricks())).unwrap_or_default(),
-            text: writer.write(text.as_bytes()).unwrap_or_default(),
+            text: writer
+                .write(self.task.lines(world, text, state.notice_kind).as_bytes())
+                .unwrap_or_default(),
         }
     }
 
@@ -127,6 +137,7 @@ impl SceneWriter {
         let models = world.scene().bodies.iter().flat_map(|b| &b.body);
         let states = state.bodies.iter().flat_map(|b| &b.body);
         self.bodies.extend(models.zip(states).map(body));
+        task_view::balls(world, &mut self.bodies);
         self.collect_marks(world);
     }
 

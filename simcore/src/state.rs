@@ -8,6 +8,8 @@ use crate::membrane::sheet::Sheet;
 use crate::retina::state::RetinaState;
 use crate::tools::ToolsState;
 use crate::vitreous::state::VitreousState;
+use modules::score::Meter;
+use modules::task::TaskState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -66,6 +68,10 @@ pub struct State {
     pub notice_until_ns: Nanos,
     /// The whole retina, where the scene has it as tissue.
     pub retina: Option<RetinaState>,
+    /// The attempt at the scene's task, and what its score is made from. Hashed and saved after all else, and only where there is a
+    /// task, so that scenes without one stay what they were.
+    #[serde(skip)]
+    pub task: Option<(TaskState, Meter)>,
 }
 
 /// Whether a body is tracked.

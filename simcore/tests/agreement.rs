@@ -2,10 +2,13 @@
 
 mod rays;
 
+use proptest::prelude::*;
 use protocol::handles::Tool;
-use rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back};
+use rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back, truth};
 use simcore::collision::instrument_image::InstrumentImage;
+use simcore::collision::instrument_image::Volume;
 use simcore::collision::surface::Surface;
+use simcore::collision::surface::Unusable;
 use simcore::collision::zcoll::{Found, Zcoll};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -155,4 +158,85 @@ fn vertices_are_reported_with_their_own_depth() {
         }
     }
     assert!(reported > 500, "the test must see something: {reported}");
+}
+
+fn check_against_rays(scene: &Scene) -> Result<(), TestCaseError> {
+    let expected = truth(scene);
+    for simd in [true, false] {
+        let looked = look(scene, simd);
+        prop_assert_eq!(&looked.hits, &expected.collisions);
+        let Found { pixels, folded, refused, flat, .. } = looked.found;
+        prop_assert_eq!(pixels as usize, expected.collisions.len());
+        prop_assert_eq!([folded, refused, flat], [expected.folded, expected.refused, expected.flat]);
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+
+    /// Corners that are no numbers, infinite, too far away, on top of each other: what can be drawn is drawn as if the rest were not
+    /// there, and the rest is counted, one by one.
+    #[test]
+    fn spoilt_corners_are_counted_and_the_rest_is_seen(seed in any::<u64>(), pose in 0usize..20) {
+        let mut random = Random(seed);
+        let mut scene = Scene::random(&mut random, &[8, 16, 32]);
+        scene.spoil(&mut random);
+        if let Some(x) = [f64::NAN, f64::INFINITY, 1e300, 1e9].get(pose) {
+            scene.instrument_from_eye.translation.vector.x = *x;
+        }
+        check_against_rays(&scene)?;
+    }
+
+    /// Triangles from one limit of the format to the other, to the bit: nothing overflows.
+    #[test]
+    fn extremes_of_the_format_are_exact(seed in any::<u64>(), resolution in prop::sample::select(vec![8usize, 32, 256])) {
+        check_against_rays(&Scene::extreme(&mut Random(seed), resolution))?;
+    }
+
+    /// A volume is refused if and only if it has no extent or its image no size, with the figures that it was given.
+    #[test]
+    fn volumes_without_extent_are_refused(
+        half_mm in prop_oneof![Just(0.0), Just(f64::NAN), Just(f64::INFINITY), -1.0f64..1.0],
+        depth_mm in prop_oneof![Just(0.0), Just(f64::NAN), Just(f64::INFINITY), -1.0f64..1.0],
+        resolution in 0usize..300,
+    ) {
+        let volume = Volume { half_mm, near_mm: -depth_mm / 6.0, depth_mm, resolution };
+        let extent = half_mm > 0.0 && depth_mm > 0.0 && half_mm.is_finite() && depth_mm.is_finite();
+        match Zcoll::new(volume, &[[0, 1, 2]], 3) {
+            Ok(_) => prop_assert!(extent && (8..=256).contains(&resolution)),
+            Err(Unusable::NoVolume { .. }) => prop_assert!(!extent),
+            Err(refused) => {
+                prop_assert_eq!(refused, Unusable::Resolution { resolution });
+                prop_assert!(extent && !(8..=256).contains(&resolution));
+            }
+        }
+    }
+
+    /// A mesh is refused if and only if it is empty or names a vertex that is not there; a look at any other does no harm.
+    #[test]
+    fn meshes_are_refused_by_what_is_wrong_with_them(
+        triangles in prop::collection::vec(prop::array::uniform3(0u32..12), 0..40), nodes in 0usize..14,
+    ) {
+        let volume = Volume { half_mm: 0.75, near_mm: -0.25, depth_mm: 1.5, resolution: 8 };
+        let stray = triangles.as_flattened().iter().position(|&v| v as usize >= nodes);
+        match Zcoll::new(volume, &triangles, nodes) {
+            Err(refused) if triangles.is_empty() => prop_assert_eq!(refused, Unusable::Empty),
+            Err(refused) => {
+                let at = stray.unwrap();
+                let vertex = triangles.as_flattened()[at];
+                prop_assert_eq!(refused, Unusable::NoSuchVertex { triangle: at / 3, vertex, vertices: nodes });
+            }
+            Ok(mut zcoll) => {
+                prop_assert!(stray.is_none() && !triangles.is_empty());
+                let mut image = InstrumentImage::new(Tool::Forceps, RADIUS_MM, &volume);
+                image.prepare(0.2, &volume);
+                // All vertices on one place: no triangle has an area.
+                let (axis, alive) = (vec![0.1f32; nodes], vec![1; triangles.len()]);
+                let surface = Surface { position_mm: [&axis; 3], triangles: &triangles, alive: &alive };
+                let found = zcoll.look(&image, &nalgebra::Isometry3::identity(), &surface);
+                prop_assert_eq!((found.pixels, found.flat as usize), (0, triangles.len()));
+            }
+        }
+    }
 }

@@ -4,7 +4,9 @@
 
 mod rays;
 
-use rays::{RADIUS_MM, Random, Scene, collisions};
+use nalgebra::Isometry3;
+use protocol::handles::Tool;
+use rays::{RADIUS_MM, Random, Scene, collisions, collisions_back, truth};
 use simcore::collision::gpu::{GpuDevice, GpuZcoll};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
@@ -14,26 +16,32 @@ use simcore::collision::zcoll::{Found, Hit, Zcoll};
 const SCENES: usize = 200;
 
 /// Everything that a look tells, in one order.
-type Told = (Found, Vec<Hit>, Vec<(usize, i32)>, Vec<(usize, i32)>, Vec<(u32, i32)>, bool);
+type Told = (Found, Vec<Hit>, Vec<(usize, i32)>, Vec<(usize, i32)>, Vec<(u32, i32)>);
 
-fn told(zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> Told {
+/// What a look from the tip tells, one from the handle, and whether there is a collision at all.
+fn told(zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> ([Told; 2], bool) {
     let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
     let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
     let touches = zcoll.touches(image, &scene.instrument_from_eye, &surface);
-    let found = zcoll.look(image, &scene.instrument_from_eye, &surface);
-    let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
-        (zcoll.triangles().collect(), zcoll.displaced().collect());
-    triangles.sort_unstable();
-    nodes.sort_unstable();
-    let hits = zcoll.hits().to_vec();
-    (found, hits, triangles, nodes, zcoll.vertices(image, &surface).to_vec(), touches)
+    type Look = fn(&mut Zcoll, &InstrumentImage, &Isometry3<f64>, &Surface) -> Found;
+    let ends: [Look; 2] = [Zcoll::look, Zcoll::look_back];
+    let looks = ends.map(|look| {
+        let found = look(zcoll, image, &scene.instrument_from_eye, &surface);
+        let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
+            (zcoll.triangles().collect(), zcoll.displaced().collect());
+        triangles.sort_unstable();
+        nodes.sort_unstable();
+        let hits = zcoll.hits().to_vec();
+        (found, hits, triangles, nodes, zcoll.vertices(image, &surface).to_vec())
+    });
+    (looks, touches)
 }
 
 fn device() -> Option<GpuDevice> {
     GpuDevice::open().map_err(|e| eprintln!("adapter and processor not compared: {e}")).ok()
 }
 
-fn both(device: &GpuDevice, scene: &Scene) -> [Told; 2] {
+fn both(device: &GpuDevice, scene: &Scene) -> [([Told; 2], bool); 2] {
     let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
     image.prepare(scene.jaw_rad, &scene.volume);
     let nodes = scene.position_mm[0].len();
@@ -49,17 +57,23 @@ fn both(device: &GpuDevice, scene: &Scene) -> [Told; 2] {
 fn an_adapter_gives_the_same_bits() {
     let Some(device) = device() else { return };
     let mut random = Random(11);
-    let mut pixels = 0;
+    let mut pixels = [0; 2];
     for number in 0..SCENES {
-        let scene = Scene::random(&mut random, &[8, 32, 32, 64, 256]);
+        let mut scene = Scene::random(&mut random, &[8, 32, 32, 64, 256]);
+        if number % 2 == 0 {
+            scene.tool = Tool::Pick;
+        }
         let [cpu, gpu] = both(&device, &scene);
         assert_eq!(cpu, gpu, "scene {number}");
-        // Not only with each other: with exact rays.
-        let hits = gpu.1.iter().map(|h| (h.pixel, (h.triangle, h.way)));
-        assert!(hits.eq(collisions(&scene)), "scene {number}");
-        pixels += cpu.1.len();
+        // Not only with each other: with exact rays, from both ends.
+        let rays = [collisions(&scene), collisions_back(&scene)];
+        for ((seen, rays), pixels) in gpu.0.iter().zip(rays).zip(&mut pixels) {
+            let hits = seen.1.iter().map(|h| (h.pixel, (h.triangle, h.way)));
+            assert!(hits.eq(rays), "scene {number}");
+            *pixels += seen.1.len();
+        }
     }
-    assert!(pixels > 20 * SCENES, "{pixels}");
+    assert!(pixels[0] > 20 * SCENES && pixels[1] > 5 * SCENES, "{pixels:?}");
 }
 
 /// Corners that are no numbers or infinite, vertices on top of each other, triangles far too large, flags that change between
@@ -71,28 +85,38 @@ fn bad_input_is_counted_alike() {
     let mut counted = [0; 3];
     for number in 0..40 {
         let mut scene = Scene::random(&mut random, &[32, 64]);
-        let nodes = scene.position_mm[0].len();
-        for _ in 0..6 {
-            let node = random.between(0.0, nodes as f64) as usize;
-            let axis = random.between(0.0, 3.0) as usize;
-            let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -3e4, 1e-40, 0.0, f32::MAX];
-            scene.position_mm[axis][node] = random.one_of(&bad);
-            let (from, to) =
-                (random.between(0.0, nodes as f64) as usize, random.between(0.0, nodes as f64) as usize);
-            scene.position_mm.iter_mut().for_each(|p| p[to] = p[from]);
-        }
+        scene.spoil(&mut random);
         if number % 8 == 0 {
             // A pose that is none.
             scene.instrument_from_eye.translation.vector.x = random.one_of(&[f64::NAN, 1e300, 1e9]);
         }
         let [cpu, gpu] = both(&device, &scene);
         assert_eq!(cpu, gpu, "scene {number}");
-        let found = cpu.0;
+        let (found, expected) = (cpu.0[0].0, truth(&scene));
+        let counts = [found.refused, found.flat, found.folded];
+        assert_eq!(counts, [expected.refused, expected.flat, expected.folded], "scene {number}");
         for (sum, count) in counted.iter_mut().zip([found.refused, found.flat, found.folded]) {
             *sum += count;
         }
     }
     assert!(counted.iter().all(|&c| c > 0), "refused, flat, folded: {counted:?}");
+}
+
+/// Triangles from one limit of the number format to the other: the 64 bits made of two words do not overflow either.
+#[test]
+fn extremes_of_the_format_are_exact_on_an_adapter() {
+    let Some(device) = device() else { return };
+    let mut random = Random(14);
+    let mut pixels = 0;
+    for number in 0..60 {
+        let scene = Scene::extreme(&mut random, [8, 32, 256][number % 3]);
+        let [cpu, gpu] = both(&device, &scene);
+        assert_eq!(cpu, gpu, "scene {number}");
+        let hits: rays::Collisions = gpu.0[0].1.iter().map(|h| (h.pixel, (h.triangle, h.way))).collect();
+        assert_eq!(hits, collisions(&scene), "scene {number}");
+        pixels += hits.len();
+    }
+    assert!(pixels > 1000, "{pixels}");
 }
 
 /// Looks that follow each other on one adapter forget each other, and more results than come at once all come.
@@ -114,7 +138,7 @@ fn a_second_look_knows_nothing_of_the_first() {
         scene.alive[dead] = 0;
         let [gpu, cpu] = [&mut zcoll, &mut plain].map(|z| told(z, &image, &scene));
         assert_eq!(gpu, cpu, "look {turn}");
-        most = most.max(cpu.1.len());
+        most = most.max(cpu.0[0].1.len());
     }
     assert!(most > 1024, "more than one transfer must be seen: {most}");
 }

@@ -22,6 +22,7 @@ pub use options::RunArgs;
 
 use crate::exit::{BUDGET, FAILED, LOSS};
 use crate::machine::has_display;
+use crate::modules::Composed;
 use anyhow::Context;
 use options::View;
 use protocol::budget::Stage;
@@ -39,6 +40,10 @@ use std::sync::atomic::AtomicBool;
 
 /// Runs it.
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    // The composed scene lasts as long as this does.
+    let composed = args.module.as_deref().map(|m| Composed::new(m, args.level, &args.surgeon, args.seed));
+    let composed = composed.transpose()?;
+    let args = &args.with_scene_of(composed.as_ref());
     let view = args.view(has_display());
     let budgets = args.budget_table()?;
     let provenance = provenance(args)?;
@@ -46,6 +51,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let stop = stop_flag()?;
     let mut session = Session::open(args, view, &budgets, &provenance, stop)?;
     let outcome = session.run();
+    let live = session.live_score();
     let ended_by = match &outcome {
         Ok(why) => (*why).to_string(),
         Err(error) => format!("failure: {error:#}"),
@@ -57,6 +63,7 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let ran = report.duration_s > 0.0;
     if ran {
         print!("{}", report.text());
+        print!("{}", crate::score::live_text(&live));
     }
     outcome?;
     Ok(ExitCode::from(verdict(&report, args.assert_budgets, view)))
@@ -77,8 +84,10 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let rig = Rig::load_or_shipped(args.rig.as_deref())?;
     let scene_name = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let scene = SceneFile::load(scene_name)?;
+    let scene_name = args.module.as_deref().unwrap_or(scene_name);
     let file = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
     let config = [
+        ("module", args.module.as_ref().map(|m| format!("{m} level {}, {}", args.level, args.surgeon))),
         ("motion", file(&args.motion)),
         ("motion-full", args.motion_full.then(|| "true".into())),
         ("blobs", file(&args.blobs)),

@@ -1,5 +1,6 @@
 //! What `vitreo run` takes, and what each process is given of it.
 
+use crate::modules::Composed;
 use anyhow::{Context, bail};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::Process;
@@ -11,6 +12,15 @@ pub struct RunArgs {
     /// What is in the eye: a shipped scene's name or a scene file [default: peel].
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
+    /// Train: a module's name or folder (vitreo modules lists them). It takes the place of the scene.
+    #[arg(long, value_name = "NAME|FOLDER", conflicts_with = "scene")]
+    pub module: Option<String>,
+    /// Level of the module, from 1 on.
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "module")]
+    pub level: u32,
+    /// Who works where no person does: expert, average, novice or careless.
+    #[arg(long, value_name = "WHO", default_value = "expert", requires = "module")]
+    pub surgeon: String,
     /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu or gpu. It changes no result.
     #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
     pub collision: Option<String>,
@@ -96,6 +106,9 @@ pub struct RunArgs {
     pub inject_delay: Vec<(Stage, f64)>,
 }
 
+/// The end screen of a scripted attempt stands for so long, s.
+const AFTER_S: f64 = 3.0;
+
 /// What the renderer calls its arrangements.
 const ARRANGEMENTS: [&str; 6] = ["side-by-side", "anaglyph", "interleaved", "sequential", "left", "right"];
 
@@ -169,6 +182,13 @@ impl Arguments {
 }
 
 impl RunArgs {
+    /// With the scene of a module, and the length of its attempt where no other duration is asked for.
+    pub fn with_scene_of(&self, composed: Option<&Composed>) -> Self {
+        let Some(composed) = composed else { return self.clone() };
+        let attempt = (self.blobs.is_none()).then_some(composed.period_s + AFTER_S);
+        RunArgs { scene: Some(composed.name()), duration: self.duration.or(attempt), ..self.clone() }
+    }
+
     /// What becomes of the picture, given whether there is a display.
     pub fn view(&self, has_display: bool) -> View {
         match (self.no_picture, self.headless, self.window || self.full_screen || has_display) {

@@ -13,6 +13,7 @@ use super::tap::Tap;
 use crate::children::realtime_allowed;
 use crate::machine::Machine;
 use anyhow::{Context, bail};
+use modules::score::recording::Live;
 use protocol::budget::Budgets;
 use protocol::health::Process;
 use protocol::ipc::Instance;
@@ -56,6 +57,7 @@ struct Hearing {
     monitor: Monitor,
     resume: Resume,
     recorder: Option<Recorder>,
+    score: Live,
     lost_before: u64,
 }
 
@@ -65,6 +67,7 @@ impl Hearing {
             Item::Poses(pose) => self.ledger.note_pose(pose),
             Item::Step(step) => self.ledger.note_step(step),
             Item::Frame(frame) => self.ledger.note_frame(frame),
+            Item::Event(event) => self.score.note(event),
             _ => {}
         }
         self.monitor.note(&item);
@@ -100,7 +103,7 @@ impl<'a> Session<'a> {
             provenance,
             stop,
             tap: Tap::open(&instance)?,
-            hearing: Hearing { ledger, monitor, resume, recorder, lost_before: 0 },
+            hearing: Hearing { ledger, monitor, resume, recorder, score: Live::default(), lost_before: 0 },
             supervisor: Supervisor::new(&instance, args, view)?,
             screen: Screen::new(),
             happenings: Vec::new(),
@@ -117,6 +120,11 @@ impl<'a> Session<'a> {
         let why = self.work()?;
         self.linger()?;
         Ok(why)
+    }
+
+    /// The score of the attempt, as far as the simulation has told it.
+    pub fn live_score(&self) -> Live {
+        self.hearing.score
     }
 
     /// Starts what receives and waits until it works, so that the first field finds everybody.

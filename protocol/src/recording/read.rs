@@ -89,8 +89,14 @@ impl Recording {
     /// After an error the iterator goes on behind the damage where it can find the next record
     /// (`vitreo recover` makes use of that); whoever needs an unbroken record stops there.
     pub fn items(&self) -> Items {
+        self.items_of(&Item::TOPICS)
+    }
+
+    /// As [`Recording::items`], of these topics only: the rest is not decoded, which is most of the work.
+    pub fn items_of(&self, topics: &[&'static str]) -> Items {
         Items {
             records: Records::open(&self.path).map_err(Some),
+            wanted: topics.to_vec(),
             topics: HashMap::new(),
             ready: VecDeque::new(),
             ended: false,
@@ -224,7 +230,9 @@ fn chunk_records(chunk: &[u8]) -> McapResult<Vec<Record<'static>>> {
 pub struct Items {
     /// The error stands here until it has been given out.
     records: Result<Records, Option<RecordingError>>,
-    /// Topic by channel.
+    /// Topics to decode.
+    wanted: Vec<&'static str>,
+    /// Topic by channel, of those.
     topics: HashMap<u16, String>,
     /// What the last chunk held.
     ready: VecDeque<Result<(Nanos, Item), RecordingError>>,
@@ -260,7 +268,7 @@ impl Items {
     /// Decodes a message, or notes a channel.
     fn take(&mut self, file: &str, record: Record<'_>) {
         match record {
-            Record::Channel(channel) => {
+            Record::Channel(channel) if self.wanted.contains(&channel.topic.as_str()) => {
                 self.topics.insert(channel.id, channel.topic);
             }
             Record::Message { header, data } => {
@@ -468,6 +476,18 @@ mod tests {
         let error = items[1].as_ref().unwrap_err();
         assert!(matches!(error, RecordingError::Damaged { offset, .. } if *offset == ends[0]), "{error}");
         assert!(matches!(&items[2], Ok((2, Item::Note(n))) if n.count == 2));
+    }
+
+    #[test]
+    fn topics_that_are_not_wanted_are_passed_over() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let handle: crate::handles::HandleState = bytemuck::Zeroable::zeroed();
+        written(&path, &[note(1), Item::Handle(handle), note(2)]);
+        let recording = Recording::open(&path).unwrap();
+        let of =
+            |topics: &[&'static str]| recording.items_of(topics).map(|i| i.unwrap().0).collect::<Vec<_>>();
+        assert_eq!((of(&["handles"]), of(&["notes"]), of(&[])), (vec![1001], vec![1000, 1002], vec![]));
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod adhesion;
 mod bodies;
 mod membrane;
 mod retina;
+mod task;
 mod tools;
 mod vitreous;
 
@@ -12,6 +13,7 @@ pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use retina::RetinaScene;
+pub use task::{Goal, GoalOrder, MAX_GOALS, MAX_PATH, TaskScene};
 pub use tools::{NeedleScene, VitrectorScene};
 pub use vitreous::{
     GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
@@ -111,6 +113,9 @@ pub struct SceneFile {
     /// What the needle can do, if other than usual.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub needle: Option<NeedleScene>,
+    /// What the trainee is asked to do; a scene may be there to look at only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<TaskScene>,
     /// How instruments act on tissue and retina.
     pub contact: ContactScene,
     /// The microscope at the start.
@@ -305,6 +310,10 @@ impl SceneFile {
         if let Some((field, expected, found)) = self.vitreous.as_ref().and_then(|v| v.defect(radius_mm)) {
             return refuse(&field, &expected, found);
         }
+        let bodies = self.bodies.as_ref().map_or(0, |b| b.body.len());
+        if let Some((field, expected, found)) = self.task.as_ref().and_then(|t| t.defect(radius_mm, bodies)) {
+            return refuse(&field, &expected, found);
+        }
         if !(8..=256).contains(&self.contact.resolution) {
             return refuse("contact.resolution", "8 to 256", self.contact.resolution.to_string());
         }
@@ -373,6 +382,7 @@ impl SceneFile {
         ranges.extend(self.retina.iter().flat_map(|r| r.ranges()));
         ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
+        ranges.extend(self.task.iter().flat_map(|t| t.ranges()));
         ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
         ranges
     }

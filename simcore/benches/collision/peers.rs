@@ -1,6 +1,7 @@
 //! The methods and what they have in common.
 
 use crate::grid::HashedGrid;
+use crate::looks::{Back, Port, YesNo};
 use crate::parry::{ParryBvh, ParryManifolds};
 use crate::setting::{Frame, Setting};
 use crate::spheres::SphereTrees;
@@ -37,6 +38,9 @@ pub fn methods(triangles: usize) -> Vec<Make> {
     let mut all: Vec<Make> = vec![
         |s| Some(Box::new(Image::new(s))),
         adapter,
+        |s| Some(Box::new(YesNo::new(s))),
+        |s| Some(Box::new(Back::new(s))),
+        |s| Some(Box::new(Port::new(s))),
         |s| Some(Box::new(Ours::new(s))),
         |s| Some(Box::new(ParryBvh::new(s))),
         |s| Some(Box::new(ParryManifolds::new(s))),

@@ -30,6 +30,12 @@ const RADIUS_MM: f64 = 0.25;
 /// Length of the instrument that can collide, mm.
 const LENGTH_MM: f64 = 1.5;
 
+/// A slanting pose, eye frame to instrument frame, with the tip so far beyond the sheet, mm.
+pub fn pose(beyond_mm: f64) -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.5);
+    Isometry3::from_parts(Translation3::new(0.03, -0.02, -beyond_mm), turn).inverse()
+}
+
 /// A sheet, an instrument, a pose.
 pub struct Setting {
     position_mm: [Vec<f32>; 3],
@@ -77,14 +83,12 @@ impl Setting {
         let nodes = (0..=ny).flat_map(|r| (0..=nx).map(move |c| (r, c)));
         let at = |i: usize, n: usize| (i as f32 - n as f32 * 0.5) * SIDE_MM;
         let (x, y): (Vec<f32>, Vec<f32>) = nodes.map(|(r, c)| (at(c, nx), at(r, ny))).unzip();
-        let turn = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.5);
-        let eye_from_instrument = Isometry3::from_parts(Translation3::new(0.03, -0.02, -0.8), turn);
         let facets = ToolMesh::with_detail(Tool::Forceps, RADIUS_MM, LENGTH_MM, FINE).facets(JAW_RAD);
         Setting {
             position_mm: [x.clone(), y, vec![0.0; x.len()]],
             alive: vec![1; triangles.len()],
             triangles,
-            instrument_from_eye: eye_from_instrument.inverse(),
+            instrument_from_eye: pose(0.8),
             mesh: StaticMesh::new(&facets).expect("a forceps is a mesh"),
         }
     }

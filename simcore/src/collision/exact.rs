@@ -2,7 +2,7 @@
 //!
 //! The membrane is put into the instrument's frame, where the instrument never moves: a static tree over the instrument
 //! serves every pose, and none is needed over the membrane, which is culled by the instrument's box
-//! ([`super::surface`]). What is left goes down the tree, eight boxes at a time, and at the end an exact test
+//! ([`super::surface`]). What is left goes down the tree, sixteen boxes at a time, and at the end an exact test
 //! ([`super::tritri`]) decides.
 //!
 //! Exact means: with respect to corners rounded to a grid that follows from the instrument's size (a power of two of mm; 31 nm
@@ -15,9 +15,9 @@ use super::tritri::{Corner, LIMIT, Triangle};
 use nalgebra::Isometry3;
 
 /// Children of a node of the instrument's tree.
-const WIDE: usize = 8;
-/// Levels of the largest tree: 8¹¹ > 2³².
-const MAX_LEVELS: usize = 11;
+const WIDE: usize = 16;
+/// Levels of the largest tree: 16⁸ = 2³².
+const MAX_LEVELS: usize = 8;
 /// The instrument's box takes at most this part of the grid; a membrane triangle that reaches into the box may be three
 /// times as large as the instrument before it leaves the grid.
 const BOX_LIMIT: i32 = LIMIT / 4;
@@ -33,7 +33,7 @@ pub struct Pair {
     pub instrument: u32,
 }
 
-/// Eight boxes side by side.
+/// Sixteen boxes side by side: one AVX-512 register each of their six bounds.
 #[derive(Debug, Clone)]
 struct Boxes {
     low: [[i32; WIDE]; 3],
@@ -55,9 +55,9 @@ impl Boxes {
         [low, self.high.map(|h| h.into_iter().fold(i32::MIN, Ord::max))]
     }
 
-    /// Byte i is 1 if box i meets the given one, else 0.
+    /// Bit i is 1 if box i meets the given one, else 0.
     #[inline(always)]
-    fn meets(&self, [low, high]: &[Corner; 2]) -> u64 {
+    fn meets(&self, [low, high]: &[Corner; 2]) -> u32 {
         // A word a lane and selections: the form that becomes vector code.
         let mut apart = [0u32; WIDE];
         for k in 0..3 {
@@ -66,7 +66,7 @@ impl Boxes {
                 *apart |= if self.high[k][i] < low[k] { 1 } else { 0 };
             }
         }
-        u64::from_le_bytes(apart.map(|a| (a ^ 1) as u8))
+        apart.iter().enumerate().fold(0, |mask, (i, &a)| mask | u32::from(a == 0) << i)
     }
 }
 
@@ -119,9 +119,9 @@ impl StaticMesh {
         let mut boxes: Vec<[Corner; 2]> = self.triangles.iter().map(|(t, _)| t.bounds()).collect();
         loop {
             let mut level = Vec::with_capacity(boxes.len().div_ceil(WIDE));
-            for eight in boxes.chunks(WIDE) {
+            for children in boxes.chunks(WIDE) {
                 let mut node = Boxes::NONE;
-                eight.iter().enumerate().for_each(|(i, b)| node.set(i, *b));
+                children.iter().enumerate().for_each(|(i, b)| node.set(i, *b));
                 level.push(node);
             }
             boxes = level.iter().map(Boxes::around).collect();
@@ -147,11 +147,14 @@ impl StaticMesh {
     /// tree together, which is worth it if they are neighbours.
     #[inline(always)]
     pub fn meeting(&self, triangles: &[Triangle], mut met: impl FnMut(usize, u32)) {
-        let boxes = triangles.iter().map(Triangle::bounds);
-        let Some(bounds) = boxes.reduce(|a, b| join(&a, &b)) else { return };
+        let Some(first) = triangles.first() else { return };
+        let mut bounds = first.bounds();
+        for other in &triangles[1..] {
+            bounds = join(&bounds, &other.bounds());
+        }
         let top = self.levels.len() - 1;
         // Which children of the node in work on each level still wait.
-        let (mut node, mut waiting) = ([0usize; MAX_LEVELS], [0u64; MAX_LEVELS]);
+        let (mut node, mut waiting) = ([0usize; MAX_LEVELS], [0u32; MAX_LEVELS]);
         let mut level = top;
         waiting[top] = self.levels[top][0].meets(&bounds);
         loop {
@@ -162,7 +165,7 @@ impl StaticMesh {
                 level += 1;
                 continue;
             }
-            let child = node[level] * WIDE + waiting[level].trailing_zeros() as usize / 8;
+            let child = node[level] * WIDE + waiting[level].trailing_zeros() as usize;
             waiting[level] &= waiting[level] - 1;
             if level > 0 {
                 level -= 1;
@@ -338,7 +341,7 @@ struct Together {
 impl Together {
     #[inline(always)]
     fn new() -> Self {
-        let none = Triangle { corners: [[0; 3]; 3], normal: [0; 3] };
+        let none = Triangle { corners: [[0; 3]; 3], normal: [0; 3], height: 0 };
         Together { triangles: [none; TOGETHER], numbers: [0; TOGETHER], count: 0 }
     }
 }

@@ -1,7 +1,8 @@
 //! Do two triangles in space have a point in common? Decided exactly, in integers.
 //!
 //! Corners are whole numbers below 2¹⁹ in size. Differences of two stay within 2²⁰, a component of a normal (two products)
-//! within 2⁴¹, its product with a difference, three terms, within 3 · 2⁶¹ < 2⁶³: an `i64` holds every sign exactly.
+//! within 2⁴¹, its product with a difference, three terms, within 3 · 2⁶¹ < 2⁶³: an `i64` holds every sign exactly. The side of a
+//! plane is a difference of two heights along its normal, each within 3 · 2⁶⁰: within 6 · 2⁶⁰ < 2⁶³.
 //!
 //! Method: if all corners of one triangle lie strictly on one side of the other's plane, no. Otherwise each triangle meets the
 //! line that the two planes share in an interval, whose ends lie on the two edges from the corner that is alone on its
@@ -20,6 +21,8 @@ const _: () = {
     let normal = 2 * difference + 1;
     // Three terms are less than four.
     assert!(normal + difference + 2 <= 63, "an orientation fits an i64");
+    // Two heights of three terms each are less than eight terms.
+    assert!(normal + LIMIT.trailing_zeros() + 3 <= 63, "so does the side of a plane");
 };
 
 /// A triangle with its normal.
@@ -29,6 +32,8 @@ pub struct Triangle {
     pub corners: [Corner; 3],
     /// (b − a) × (c − a).
     pub normal: [i64; 3],
+    /// Of the corners along the normal: a point is above the plane if it lies farther along.
+    pub height: i64,
 }
 
 #[inline(always)]
@@ -52,7 +57,8 @@ impl Triangle {
     pub fn new(corners: [Corner; 3]) -> Option<Self> {
         debug_assert!(corners.iter().flatten().all(|c| c.abs() < LIMIT));
         let normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]));
-        (normal != [0; 3]).then_some(Triangle { corners, normal })
+        let height = dot(normal, corners[0].map(i64::from));
+        (normal != [0; 3]).then_some(Triangle { corners, normal, height })
     }
 
     /// Lower and upper corner of the box around it.
@@ -66,7 +72,7 @@ impl Triangle {
     /// Six times the volume between this triangle and a point: its sign is the side of the plane.
     #[inline(always)]
     fn side(&self, point: Corner) -> i64 {
-        dot(self.normal, minus(point, self.corners[0]))
+        dot(self.normal, point.map(i64::from)) - self.height
     }
 
     /// True if the triangles have a point in common.

@@ -74,9 +74,8 @@ pub struct Zcoll {
     /// Looks in place of all this, where there is one.
     #[cfg(feature = "gpu")]
     gpu: Option<Box<GpuZcoll>>,
-    /// Pose of the last look of `gpu`.
-    #[cfg(feature = "gpu")]
-    looked_from: Isometry3<f64>,
+    /// Pose of the last look, and whether it was one from the handle.
+    looked: (Isometry3<f64>, bool),
 }
 
 /// The membrane's images and the vertices drawn into them.
@@ -112,8 +111,7 @@ impl Zcoll {
             vertex_hits: Vec::with_capacity(nodes),
             #[cfg(feature = "gpu")]
             gpu: None,
-            #[cfg(feature = "gpu")]
-            looked_from: Isometry3::identity(),
+            looked: (Isometry3::identity(), false),
         })
     }
 
@@ -151,37 +149,33 @@ impl Zcoll {
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Found {
-        self.forget();
-        let mut found = Found::default();
-        if image.rect.is_empty() {
-            return found;
-        }
-        #[cfg(feature = "gpu")]
-        if let Some(found) = self.look_on_gpu(image, instrument_from_eye, surface) {
-            return found;
-        }
-        self.draw_membrane(&image.ahead(), instrument_from_eye, surface, &mut found);
-        self.compare(&image.ahead(), &mut found);
-        self.spread_to_nodes(surface.triangles);
-        found
+        self.look_from(&image.ahead(), instrument_from_eye, surface)
     }
 
     /// The same from the handle: where hook or jaws of an instrument **under** the membrane have come up through it. Depth
-    /// grows towards the tip, and all vectors point along +ẑ: they lift. It is always the processor that looks back: only few pixels
-    /// lie beside a shaft.
+    /// grows towards the tip, and all vectors point along +ẑ: they lift.
     pub fn look_back(
         &mut self,
         image: &InstrumentImage,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Found {
+        self.look_from(&image.back(), instrument_from_eye, surface)
+    }
+
+    fn look_from(&mut self, side: &Side, instrument_from_eye: &Isometry3<f64>, surface: &Surface) -> Found {
         self.forget();
+        self.looked = (*instrument_from_eye, side.reversed);
         let mut found = Found::default();
-        if image.back().rect.is_empty() {
+        if side.rect.is_empty() {
             return found;
         }
-        self.draw_membrane(&image.back(), instrument_from_eye, surface, &mut found);
-        self.compare(&image.back(), &mut found);
+        #[cfg(feature = "gpu")]
+        if let Some(found) = self.look_on_gpu(side, instrument_from_eye, surface) {
+            return found;
+        }
+        self.draw_membrane(side, instrument_from_eye, surface, &mut found);
+        self.compare(side, &mut found);
         self.spread_to_nodes(surface.triangles);
         found
     }
@@ -198,7 +192,7 @@ impl Zcoll {
             return false;
         }
         #[cfg(feature = "gpu")]
-        if let Some(touches) = self.ask_gpu(|gpu| gpu.touches(image, instrument_from_eye, surface)) {
+        if let Some(touches) = self.ask_gpu(|gpu| gpu.touches(&image.ahead(), instrument_from_eye, surface)) {
             return touches;
         }
         let side = image.ahead();
@@ -208,23 +202,29 @@ impl Zcoll {
 
     /// Vertices as features: the vertices of living triangles that lie in the volume and behind the instrument, each with its
     /// own depth below the instrument's, in depth steps. Unlike triangles they are not limited to one per
-    /// pixel. Of the last [`Self::look`], which must have had the same arguments.
+    /// pixel. Of the last [`Self::look`] or [`Self::look_back`], which must have had the same arguments.
     pub fn vertices(&mut self, image: &InstrumentImage, surface: &Surface) -> &[(u32, i32)] {
+        let (looked_from, reversed) = self.looked;
+        let side = if reversed { image.back() } else { image.ahead() };
+        self.vertex_hits.clear();
+        if side.rect.is_empty() {
+            return &self.vertex_hits;
+        }
         #[cfg(feature = "gpu")]
         if self.gpu.is_some() {
             let mut hits = std::mem::take(&mut self.vertex_hits);
-            hits.clear();
             let told = self.ask_gpu(|gpu| gpu.vertices().map(|found| hits.extend_from_slice(found)));
             self.vertex_hits = hits;
             if told.is_some() {
                 return &self.vertex_hits;
             }
             // The processor has not seen the last look yet.
-            self.look(image, &{ self.looked_from }, surface);
+            self.look_from(&side, &looked_from, surface);
         }
+        #[cfg(not(feature = "gpu"))]
+        let _ = looked_from;
         let width = self.canvas.resolution as i32;
         let context = &mut (&self.canvas.vertex, &mut self.vertex_hits);
-        context.1.clear();
         self.cull.survivors(
             surface.triangles.len(),
             context,
@@ -235,7 +235,7 @@ impl Zcoll {
                     let Placed { at: [x, y, z], code } = vertex[v as usize];
                     let [column, row] = [x.div_euclid(SUBPIXELS), y.div_euclid(SUBPIXELS)];
                     let inside = (0..width).contains(&column) && (0..width).contains(&row);
-                    let z_i = if inside { image.depth[(row * width + column) as usize] } else { NOTHING };
+                    let z_i = if inside { side.depth[(row * width + column) as usize] } else { NOTHING };
                     if code == 0 && z_i < z {
                         hits.push((v, z - z_i));
                     }
@@ -286,12 +286,11 @@ impl Zcoll {
     #[cfg(feature = "gpu")]
     fn look_on_gpu(
         &mut self,
-        image: &InstrumentImage,
+        side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Option<Found> {
-        self.looked_from = *instrument_from_eye;
-        let found = self.ask_gpu(|gpu| gpu.look(image, instrument_from_eye, surface))?;
+        let found = self.ask_gpu(|gpu| gpu.look(side, instrument_from_eye, surface))?;
         let gpu = self.gpu.as_ref()?;
         self.hits.extend_from_slice(gpu.hits());
         for &(triangle, way) in gpu.triangles() {

@@ -6,6 +6,7 @@ mod bodies;
 mod peel;
 mod plan;
 mod retina;
+mod task;
 mod tissue;
 mod tools;
 mod touch;
@@ -143,6 +144,8 @@ pub struct World {
     sucking: [Option<(u32, Port)>; INSTRUMENTS],
     /// What happened to the glue in this step, for its events.
     parting: peel::StepParting,
+    /// What the trainee is asked to do, where the scene says so.
+    task: Option<task::TaskPart>,
 }
 
 impl World {
@@ -199,6 +202,7 @@ impl World {
             vitreous,
             sucking: Default::default(),
             parting: peel::StepParting::default(),
+            task: task::TaskPart::of(scene),
             scene: scene.clone(),
             sheet,
             state,
@@ -256,6 +260,7 @@ impl World {
         self.tell_peel();
         self.check_finite();
         self.end_retina();
+        self.end_task(input.frame);
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
         let all = clock().saturating_sub(begin);
@@ -305,6 +310,7 @@ impl World {
         self.check_vitreous(&state)?;
         peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
         BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
+        self.check_task(&state)?;
         self.state = state;
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
@@ -406,6 +412,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
         notice_kind: 0,
         notice_until_ns: 0,
         retina: None,
+        task: task::start(scene),
     }
 }
 

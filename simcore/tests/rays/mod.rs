@@ -94,6 +94,43 @@ impl Scene {
         Scene { position_mm, triangles, alive, instrument_from_eye, volume, tool, jaw_rad }
     }
 
+    #[allow(dead_code)] // The example has no such scenes.
+    /// Triangles with corners at the extremes of the number format, seen in the eye frame itself; all of them lie across the image.
+    pub fn extreme(random: &mut Random, resolution: usize) -> Self {
+        let mut scene = Scene::random(random, &[resolution]);
+        scene.instrument_from_eye = Isometry3::identity();
+        let volume = scene.volume;
+        let pixel_mm = 2.0 * volume.half_mm / volume.resolution as f64;
+        // Just inside 2,048 pixels from the image's edge and 16 depths from the near plane; f32 rounds by 1e-4 of a pixel.
+        let across = |steps: f64| steps * 2047.9 * pixel_mm - volume.half_mm;
+        let deep = |steps: f64| steps * 15.999 * volume.depth_mm + volume.near_mm;
+        scene.position_mm = Default::default();
+        for _ in 0..72 {
+            let at = [1.0, 1.0, -1.0, -1.0, 0.0, random.between(-1.0, 1.0)];
+            let [x, y] = [random.one_of(&at), random.one_of(&at)];
+            let near = random.between(-0.1, 0.1);
+            let z = random.one_of(&[1.0, -1.0, 0.01, 0.02, near]);
+            for (axis, value) in scene.position_mm.iter_mut().zip([across(x), across(y), deep(z)]) {
+                axis.push(value as f32);
+            }
+        }
+        scene.triangles = (0..24).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+        scene.alive = vec![1; 24];
+        scene
+    }
+
+    #[allow(dead_code)]
+    /// Makes some corners what no corner should be: not a number, infinite, far away, on top of each other.
+    pub fn spoil(&mut self, random: &mut Random) {
+        let nodes = self.position_mm[0].len() as f64;
+        let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -3e4, 1e-40, 0.0, f32::MAX];
+        for _ in 0..6 {
+            let [node, from, to] = [(); 3].map(|()| random.between(0.0, nodes) as usize);
+            self.position_mm[random.between(0.0, 3.0) as usize][node] = random.one_of(&bad);
+            self.position_mm.iter_mut().for_each(|p| p[to] = p[from]);
+        }
+    }
+
     /// The instrument's triangles, in its frame.
     pub fn facets(&self) -> Vec<[[f64; 3]; 3]> {
         ToolMesh::with_detail(self.tool, RADIUS_MM, self.volume.depth_mm, PLAIN).facets(self.jaw_rad)
@@ -117,7 +154,7 @@ fn steps(scene: &Scene, end: End, [x, y, z]: [f32; 3]) -> Steps {
     let middle = (v.resolution as f64 * 128.0) as f32;
     let deep = 65536.0 / v.depth_mm;
     let round = |value: f32, scale: f32, offset: f32, limit: f32| {
-        i128::from((f64::from(value * scale + offset + limit + 0.5)).floor() as i64 - limit as i64)
+        i128::from((f64::from(value * scale + offset + limit + 0.5)).floor() as i64) - limit as i128
     };
     [
         round(x, across, middle, 524_288.0),
@@ -173,9 +210,28 @@ fn meet(corners: [Steps; 3], resolution: usize, mut met: impl FnMut(usize, i128)
 /// Colliding pixels: triangle seen there and length of its vector, steps.
 pub type Collisions = BTreeMap<u32, (u32, i32)>;
 
+/// All that a look should tell.
+#[allow(dead_code)] // The example compares vectors only.
+#[derive(Debug, Default, PartialEq)]
+pub struct Truth {
+    /// Vectors.
+    pub collisions: Collisions,
+    /// Pixels of the instrument that see the membrane more than once.
+    pub folded: u32,
+    /// Triangles with a corner beyond the format, or that is no number, and not all beyond one plane of the instrument's box.
+    pub refused: u32,
+    /// Triangles without area, and not all beyond one plane of the instrument's box.
+    pub flat: u32,
+}
+
 /// What rays find: for every pixel the nearest membrane in the volume and the nearest instrument, and a collision where the
 /// instrument is nearer.
 pub fn collisions(scene: &Scene) -> Collisions {
+    truth(scene).collisions
+}
+
+/// The same, with what is counted.
+pub fn truth(scene: &Scene) -> Truth {
     let (resolution, deep) = (scene.volume.resolution, 65536);
     let mut instrument = vec![None; resolution * resolution];
     for facet in scene.facets() {
@@ -192,7 +248,6 @@ pub fn collisions(scene: &Scene) -> Collisions {
 }
 
 /// The same from the handle: hook and jaws alone, and only where they end inside the volume.
-#[allow(dead_code)] // The example looks from the tip only.
 pub fn collisions_back(scene: &Scene) -> Collisions {
     let (resolution, deep) = (scene.volume.resolution, 65536);
     let mut nearest = vec![None; resolution * resolution];
@@ -206,35 +261,78 @@ pub fn collisions_back(scene: &Scene) -> Collisions {
         });
     });
     let instrument: Vec<_> = nearest.into_iter().map(|d| d.filter(|d| *d >= 0)).collect();
-    compare(scene, End::Handle, &instrument)
+    compare(scene, End::Handle, &instrument).collisions
 }
 
-/// The membrane as the camera at an end sees it, compared with the instrument's depths.
-fn compare(scene: &Scene, end: End, instrument: &[Option<i128>]) -> Collisions {
-    let (resolution, deep) = (scene.volume.resolution, 65536);
+/// The membrane's corners in steps as the camera at an end sees them, and whether a coordinate is no number.
+fn place(scene: &Scene, end: End) -> Vec<(Steps, [bool; 3])> {
     let turn: Matrix3<f32> =
         scene.instrument_from_eye.rotation.to_rotation_matrix().matrix().map(|c| c as f32);
     let tip: Vector3<f32> = scene.instrument_from_eye.inverse().translation.vector.map(|c| c as f32);
-    let placed: Vec<Steps> = (0..scene.position_mm[0].len())
+    let nodes = 0..scene.position_mm[0].len();
+    nodes
         .map(|i| {
             let d: [f32; 3] = std::array::from_fn(|k| scene.position_mm[k][i] - tip[k]);
             let along = |k: usize| turn[(k, 0)] * d[0] + turn[(k, 1)] * d[1] + turn[(k, 2)] * d[2];
-            steps(scene, end, [along(0), along(1), along(2)])
+            let at = [along(0), along(1), along(2)];
+            (steps(scene, end, at), at.map(f32::is_nan))
         })
-        .collect();
+        .collect()
+}
+
+/// Limits of the format, steps.
+const LIMITS: Steps = [1 << 19, 1 << 19, 1 << 20];
+
+/// The box around the instrument's pixels and the volume's depth, steps. `None` without instrument.
+fn box_of(instrument: &[Option<i128>], resolution: usize) -> Option<[Steps; 2]> {
+    let pixels = || instrument.iter().enumerate().filter(|(_, d)| d.is_some()).map(|(pixel, _)| pixel);
+    let [columns, rows]: [Vec<usize>; 2] =
+        [pixels().map(|p| p % resolution).collect(), pixels().map(|p| p / resolution).collect()];
+    let low = |v: &[usize]| v.iter().min().map(|p| *p as i128 * 256);
+    let high = |v: &[usize]| v.iter().max().map(|p| (*p as i128 + 1) * 256);
+    Some([[low(&columns)?, low(&rows)?, 0], [high(&columns)?, high(&rows)?, 65536]])
+}
+
+/// The membrane as the camera at an end sees it, compared with the instrument's depths.
+fn compare(scene: &Scene, end: End, instrument: &[Option<i128>]) -> Truth {
+    let (resolution, deep) = (scene.volume.resolution, 65536);
+    let mut truth = Truth::default();
+    let Some([low, high]) = box_of(instrument, resolution) else { return truth };
+    let placed = place(scene, end);
     let mut membrane = vec![None; resolution * resolution];
+    let mut layers = vec![0; resolution * resolution];
     for (t, nodes) in scene.triangles.iter().enumerate().filter(|(t, _)| scene.alive[*t] != 0) {
-        meet(nodes.map(|n| placed[n as usize]), resolution, |pixel, depth| {
+        let corners = nodes.map(|n| placed[n as usize]);
+        // What is no number lies beyond no plane.
+        let all = |beyond: &dyn Fn(i128, usize) -> bool, k: usize| {
+            corners.iter().all(|(p, nan)| !nan[k] && beyond(p[k], k))
+        };
+        if (0..3).any(|k| all(&|p, k| p < low[k], k) || all(&|p, k| p > high[k], k)) {
+            continue;
+        }
+        let fits = |(p, nan): &(Steps, [bool; 3])| (0..3).all(|k| !nan[k] && p[k].abs() < LIMITS[k]);
+        if !corners.iter().all(fits) {
+            truth.refused += 1;
+            continue;
+        }
+        let [a, b, c] = corners.map(|(p, _)| p);
+        truth.flat += u32::from((b[0] - a[0]) * (c[1] - a[1]) == (b[1] - a[1]) * (c[0] - a[0]));
+        meet([a, b, c], resolution, |pixel, depth| {
             let nearest: &mut Option<(i128, usize)> = &mut membrane[pixel];
-            if (0..=deep).contains(&depth) && nearest.is_none_or(|old| depth < old.0) {
-                *nearest = Some((depth, t));
+            if (0..=deep).contains(&depth) {
+                layers[pixel] += 1;
+                if nearest.is_none_or(|old| depth < old.0) {
+                    *nearest = Some((depth, t));
+                }
             }
         });
     }
     let both = membrane.iter().zip(instrument).enumerate();
-    both.filter_map(|(pixel, pair)| match pair {
+    let passed = both.filter_map(|(pixel, pair)| match pair {
         (Some((z_m, t)), Some(z_i)) if z_i < z_m => Some((pixel as u32, (*t as u32, (z_m - z_i) as i32))),
         _ => None,
-    })
-    .collect()
+    });
+    truth.collisions = passed.collect();
+    truth.folded = layers.iter().zip(instrument).map(|(n, i)| u32::from(*n > 1 && i.is_some())).sum();
+    truth
 }

@@ -1,6 +1,6 @@
 //! What the shaders see: the block of a look, and where things lie in the buffers.
 
-use crate::collision::instrument_image::{InstrumentImage, Volume};
+use crate::collision::instrument_image::{Side, Volume};
 use crate::collision::raster::{DEPTH_STEPS, XY_LIMIT, Z_LIMIT};
 use crate::collision::surface::Frame;
 use bytemuck::{Pod, Zeroable};
@@ -40,15 +40,16 @@ pub struct Look {
 }
 
 impl Look {
-    /// A look of an instrument at a mesh.
-    pub(super) fn new(frame: &Frame, volume: &Volume, image: &InstrumentImage, lists: &Lists) -> Self {
-        let [(xy, middle), (z, near)] = volume.format();
+    /// A look of an instrument at a mesh, from either of its ends.
+    pub(super) fn new(frame: &Frame, volume: &Volume, side: &Side, lists: &Lists) -> Self {
+        let [(xy, middle), ahead] = volume.format();
+        let (z, near) = if side.reversed { volume.format_back() } else { ahead };
         let (turn, tip) = (frame.turn(), frame.tip());
         let row = |i: usize| [turn[i][0], turn[i][1], turn[i][2], tip[i]].map(f32::to_bits);
         let estimable = tip.iter().all(|c| c.abs() < FAR_MM) && turn.iter().flatten().all(|c| c.abs() < 2.0);
-        let [low, high] = volume.box_around(image.rect, CULL_MARGIN);
+        let [low, high] = volume.box_around(side.rect, CULL_MARGIN);
         let wide = |v: [f32; 3]| [v[0], v[1], v[2], 0.0];
-        let (min, max) = (image.rect.min, image.rect.max);
+        let (min, max) = (side.rect.min, side.rect.max);
         Look {
             turn: [row(0), row(1), row(2)],
             format: [xy, middle, z, near].map(f32::to_bits),

@@ -22,7 +22,7 @@ pub use device::{GpuDevice, GpuError};
 pub use layout::Look;
 pub use passes::SHADER;
 
-use super::instrument_image::{InstrumentImage, Volume};
+use super::instrument_image::{Side, Volume};
 use super::surface::{Frame, Surface};
 use super::zcoll::{Found, Hit};
 use layout::{COUNTERS, Lists, WORDS};
@@ -163,18 +163,19 @@ impl GpuZcoll {
         &self.gpu
     }
 
-    /// As [`super::zcoll::Zcoll::look`]. On an error nothing was found, and the adapter is better left alone.
+    /// As [`super::zcoll::Zcoll::look`], or [`super::zcoll::Zcoll::look_back`] for an instrument seen from its handle: to the shaders
+    /// these differ by the image and by the scale of depth, which is negative from the handle. On an error nothing was found, and the adapter is better left alone.
     pub fn look(
         &mut self,
-        image: &InstrumentImage,
+        side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Result<Found, GpuError> {
         self.forget();
-        if image.rect.is_empty() {
+        if side.rect.is_empty() {
             return Ok(Found::default());
         }
-        self.send(image, instrument_from_eye, surface)?;
+        self.send(side, instrument_from_eye, surface)?;
         let mut encoder = self.begin();
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
@@ -202,15 +203,15 @@ impl GpuZcoll {
     /// As [`super::zcoll::Zcoll::touches`]; one word comes back.
     pub fn touches(
         &mut self,
-        image: &InstrumentImage,
+        side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Result<bool, GpuError> {
         self.forget();
-        if image.rect.is_empty() {
+        if side.rect.is_empty() {
             return Ok(false);
         }
-        self.send(image, instrument_from_eye, surface)?;
+        self.send(side, instrument_from_eye, surface)?;
         let mut encoder = self.begin();
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
@@ -268,13 +269,13 @@ impl GpuZcoll {
     /// Positions and pose go to the adapter each time, flags and instrument image when they changed.
     fn send(
         &mut self,
-        image: &InstrumentImage,
+        side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Result<(), GpuError> {
         self.gpu.check()?;
         let (queue, memory) = (&self.gpu.queue, &self.memory);
-        let look = Look::new(&Frame::new(instrument_from_eye), &self.volume, image, &self.lists);
+        let look = Look::new(&Frame::new(instrument_from_eye), &self.volume, side, &self.lists);
         queue.write_buffer(&memory.look, 0, bytemuck::bytes_of(&look));
         for (axis, values) in surface.position_mm.iter().enumerate() {
             let values = &values[..self.lists.nodes];
@@ -284,8 +285,9 @@ impl GpuZcoll {
                 bytemuck::cast_slice(values),
             );
         }
-        if self.sent_image != image.depth {
-            self.sent_image.clone_from(&image.depth);
+        if self.sent_image != side.depth {
+            self.sent_image.clear();
+            self.sent_image.extend_from_slice(side.depth);
             queue.write_buffer(&memory.instrument, 0, bytemuck::cast_slice(&self.sent_image));
         }
         if self.sent_alive != surface.alive {

@@ -1,0 +1,76 @@
+//! `vitreo modules`: what there is to train; and the scene that `vitreo run --module` composes.
+
+use anyhow::bail;
+use modules::module::{Kind, Module, names};
+use modules::surgeon::{SURGEONS, by_name};
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Arguments of `vitreo modules`.
+#[derive(Debug, clap::Args)]
+pub struct ModulesArgs {
+    /// Print the scene of a module's level, with the expert's script: what every process gets.
+    #[arg(long, value_name = "NAME|FOLDER")]
+    pub scene: Option<String>,
+    /// Level, with --scene.
+    #[arg(long, default_value_t = 1, requires = "scene")]
+    pub level: u32,
+    /// As JSON, for programs.
+    #[arg(long, conflicts_with = "scene")]
+    pub json: bool,
+}
+
+/// Runs it.
+pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
+    if let Some(name) = &args.scene {
+        let scene = Module::load(name)?.compose(args.level, &SURGEONS[0], 1)?;
+        print!("{}", scene.to_toml());
+        return Ok(ExitCode::SUCCESS);
+    }
+    for name in names() {
+        let module = Module::load(name)?;
+        let kind = match module.file.kind {
+            Kind::Abstract => "abstract",
+            Kind::Operation => "operation",
+        };
+        let levels = module.levels();
+        if args.json {
+            let line = serde_json::json!({ "name": name, "kind": kind, "levels": levels, "title": module.file.title });
+            println!("{line}");
+        } else {
+            println!(
+                "{name:<14} {kind:<10} {levels} level{}  {}",
+                if levels == 1 { " " } else { "s" },
+                module.file.title
+            );
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A composed scene in a file that lasts as long as this value, for the processes to read.
+#[derive(Debug)]
+pub struct Composed {
+    file: tempfile::NamedTempFile,
+    /// Length of the surgeon's attempt, s.
+    pub period_s: f64,
+}
+
+impl Composed {
+    /// The module's level with the script of a surgeon, drawn from a seed.
+    pub fn new(module: &str, level: u32, surgeon: &str, seed: u64) -> anyhow::Result<Self> {
+        let Some(surgeon) = by_name(surgeon) else {
+            let known: Vec<&str> = SURGEONS.iter().map(|s| s.name).collect();
+            bail!("--surgeon: expected one of {}, found {surgeon}", known.join(", "));
+        };
+        let scene = Module::load(module)?.compose(level, &surgeon, seed)?;
+        let mut file = tempfile::Builder::new().prefix("vitreo-").suffix(".toml").tempfile()?;
+        file.write_all(scene.to_toml().as_bytes())?;
+        Ok(Composed { file, period_s: scene.script.period_s })
+    }
+
+    /// Its name.
+    pub fn name(&self) -> String {
+        self.file.path().display().to_string()
+    }
+}

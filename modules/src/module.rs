@@ -1,0 +1,285 @@
+//! Module files: `assets/modules/NAME/module.toml`, and the scene beside it (`scene.toml`) or a shipped one. A module, a level
+//! and a surgeon are composed into one scene file, which every process understands.
+
+use crate::plan;
+use crate::surgeon::Surgeon;
+use protocol::scene_file::{Goal, GoalOrder, SceneError, SceneFile, TaskScene};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The one format this build reads.
+pub const FORMAT: &str = "vitreo-module-1";
+/// Shipped modules: name, module file, scene file where it has its own.
+const SHIPPED: &[(&str, &str, Option<&str>)] = include!(concat!(env!("OUT_DIR"), "/shipped.rs"));
+/// An attempt may take so many times the plan's time where a level does not say.
+const LIMIT_PARS: f64 = 3.0;
+
+/// Why a module was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ModuleError {
+    /// Neither a folder nor a shipped module.
+    #[error("module {name}: no such folder, and no shipped module of that name (shipped: {shipped})")]
+    Missing {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        shipped: String,
+    },
+    /// A file cannot be read.
+    #[error("module file {name}: {source}")]
+    Read {
+        /// The file.
+        name: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not a module in TOML; the message has the line.
+    #[error("module file {name}: {source}")]
+    Parse {
+        /// The file.
+        name: String,
+        /// Why, with the line.
+        source: Box<toml::de::Error>,
+    },
+    /// A value makes no sense.
+    #[error("module file {name}: {field}: expected {expected}, found {found}")]
+    Value {
+        /// The file.
+        name: String,
+        /// The key.
+        field: String,
+        /// What would be right.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// Its scene, or the scene that a level makes of it, is refused.
+    #[error("module {name}: {source}")]
+    Scene {
+        /// The module.
+        name: String,
+        /// Why.
+        source: SceneError,
+    },
+    /// There is no such level.
+    #[error("module {name}: expected a level from 1 to {levels}, found {found}")]
+    Level {
+        /// The module.
+        name: String,
+        /// How many levels it has.
+        levels: usize,
+        /// What was asked for.
+        found: u32,
+    },
+}
+
+/// What a module trains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// A skill, without tissue.
+    Abstract,
+    /// An operation, or a part of one.
+    Operation,
+}
+
+/// A module file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModuleFile {
+    /// [`FORMAT`].
+    pub format: String,
+    /// One line for people.
+    pub title: String,
+    /// What it trains.
+    pub kind: Kind,
+    /// A shipped scene; without it the folder's `scene.toml`.
+    #[serde(default)]
+    pub scene: Option<String>,
+    /// What to read, a line each.
+    pub instructions: Vec<String>,
+    /// In which order goals count.
+    #[serde(default)]
+    pub order: GoalOrder,
+    /// From the easiest on.
+    pub level: Vec<LevelFile>,
+}
+
+/// A level.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LevelFile {
+    /// Time limit, s; without it three times the plan's time.
+    #[serde(default)]
+    pub limit_s: Option<f64>,
+    /// Time that the plan needs until the last goal, s; without it the length of the plan.
+    #[serde(default)]
+    pub par_s: Option<f64>,
+    /// What to do.
+    pub goals: Vec<Goal>,
+}
+
+/// A module, ready to be composed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Module {
+    /// Name of its folder.
+    pub name: String,
+    /// Its file.
+    pub file: ModuleFile,
+    /// Its scene, without a task.
+    pub scene: SceneFile,
+}
+
+/// Names of the shipped modules.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    SHIPPED.iter().map(|(name, ..)| *name)
+}
+
+impl Module {
+    /// Loads a module by its folder, or a shipped one by its name.
+    pub fn load(name: &str) -> Result<Self, ModuleError> {
+        let folder = Path::new(name);
+        let file = folder.join("module.toml");
+        if file.is_file() {
+            let text = read(&file)?;
+            let scene = folder.join("scene.toml");
+            let scene = if scene.is_file() { Some(read(&scene)?) } else { None };
+            let short = folder.file_name().map_or(name.into(), |n| n.to_string_lossy().into_owned());
+            return Self::parse(&short, &text, scene.as_deref());
+        }
+        let shipped = SHIPPED.iter().find(|(n, ..)| *n == name);
+        let (_, text, scene) = shipped.ok_or_else(|| ModuleError::Missing {
+            name: name.into(),
+            shipped: names().collect::<Vec<_>>().join(", "),
+        })?;
+        Self::parse(name, text, *scene)
+    }
+
+    /// Parses and checks a module; every level is composed once, so that a module that loads can be played.
+    pub fn parse(name: &str, text: &str, scene: Option<&str>) -> Result<Self, ModuleError> {
+        let file: ModuleFile = toml::from_str(text)
+            .map_err(|source| ModuleError::Parse { name: name.into(), source: Box::new(source) })?;
+        let refuse = |field: &str, expected: &str, found: String| {
+            let (field, expected) = (field.to_owned(), expected.to_owned());
+            Err(ModuleError::Value { name: name.into(), field, expected, found })
+        };
+        if file.format != FORMAT {
+            return refuse("format", FORMAT, file.format);
+        }
+        if file.level.is_empty() {
+            return refuse("level", "at least one level", "none".into());
+        }
+        let of_scene = |source| ModuleError::Scene { name: name.into(), source };
+        let scene = match (&file.scene, scene) {
+            (Some(shipped), None) => SceneFile::load(shipped).map_err(of_scene)?,
+            (None, Some(text)) => SceneFile::parse(text, &format!("{name}/scene.toml")).map_err(of_scene)?,
+            (Some(_), Some(_)) => {
+                return refuse("scene", "a shipped scene or a scene.toml, not both", "both".into());
+            }
+            (None, None) => {
+                return refuse(
+                    "scene",
+                    "a shipped scene, or a scene.toml beside the module",
+                    "neither".into(),
+                );
+            }
+        };
+        if scene.task.is_some() {
+            return refuse("scene", "a scene without a task", "one with a task".into());
+        }
+        let module = Module { name: name.into(), file, scene };
+        for level in 1..=module.levels() {
+            module.compose(level, &crate::surgeon::EXPERT, 0)?;
+        }
+        Ok(module)
+    }
+
+    /// Levels.
+    pub fn levels(&self) -> u32 {
+        self.file.level.len() as u32
+    }
+
+    /// The scene of a level, with its task, and with the script of a surgeon's attempt drawn from a seed.
+    pub fn compose(&self, level: u32, surgeon: &Surgeon, seed: u64) -> Result<SceneFile, ModuleError> {
+        let number = level;
+        let missing =
+            || ModuleError::Level { name: self.name.clone(), levels: self.file.level.len(), found: level };
+        let level = level.checked_sub(1).and_then(|i| self.file.level.get(i as usize)).ok_or_else(missing)?;
+        let mut scene = self.scene.clone();
+        let mut task = TaskScene {
+            module: self.name.clone(),
+            level: number,
+            title: self.file.title.clone(),
+            limit_s: 60.0,
+            par_s: 20.0,
+            par_mm: 0.0,
+            order: self.file.order,
+            instructions: self.file.instructions.clone(),
+            goals: level.goals.clone(),
+        };
+        // Goals must make sense before anything is planned from them.
+        let name = format!("{} level {number}", self.name);
+        let of_scene = |source| ModuleError::Scene { name: self.name.clone(), source };
+        scene.task = Some(task.clone());
+        let scene = SceneFile::parse(&scene.to_toml(), &name).map_err(of_scene)?;
+        let mut script = scene.script.clone();
+        if self.file.kind == Kind::Abstract {
+            let plan = plan::of_goals(&scene, &task);
+            (script.keys, script.period_s, script.pedal) = (plan.keys, plan.period_s, Vec::new());
+        }
+        task.par_s = level.par_s.unwrap_or(script.period_s);
+        task.par_mm = plan::way_mm(&script.keys);
+        task.limit_s = level.limit_s.unwrap_or(LIMIT_PARS * task.par_s);
+        let script = surgeon.perform(&script, scene.eye.retina_radius_mm, seed);
+        let composed = SceneFile { title: self.file.title.clone(), task: Some(task), script, ..scene };
+        SceneFile::parse(&composed.to_toml(), &name).map_err(of_scene)
+    }
+}
+
+fn read(path: &Path) -> Result<String, ModuleError> {
+    std::fs::read_to_string(path)
+        .map_err(|source| ModuleError::Read { name: path.display().to_string(), source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::surgeon::{EXPERT, SURGEONS};
+
+    #[test]
+    fn every_shipped_module_can_be_played_by_every_surgeon() {
+        for name in names() {
+            let module = Module::load(name).unwrap_or_else(|e| panic!("{e}"));
+            for level in 1..=module.levels() {
+                for surgeon in SURGEONS {
+                    let scene = module.compose(level, &surgeon, 7).unwrap_or_else(|e| panic!("{e}"));
+                    let task = scene.task.unwrap();
+                    assert_eq!((task.module.as_str(), task.level), (name, level));
+                    assert!(task.limit_s > task.par_s && task.par_mm > 1.0, "{name}");
+                    assert!(
+                        task.instructions.iter().all(|line| line.len() <= 72),
+                        "{name}: lines fit the picture"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn contradictions_are_refused_by_name_and_field() {
+        let (_, text, scene) = SHIPPED.iter().find(|(n, ..)| *n == "navigation").unwrap();
+        let parse = |text: &str, scene| Module::parse("navigation", text, scene).map_err(|e| e.to_string());
+        let problem = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            parse(&text.replacen(from, to, 1), *scene).unwrap_err()
+        };
+        assert!(problem("vitreo-module-1", "vitreo-module-9").contains("format"));
+        assert!(problem("kind = \"abstract\"", "kind = \"abstract\"\ncolour = 3").contains("colour"));
+        assert!(problem("instrument = 0", "instrument = 4").contains("goals[0].instrument"));
+        assert!(parse(text, None).unwrap_err().contains("neither"));
+        let module = Module::load("navigation").unwrap();
+        let missing = module.compose(99, &EXPERT, 0).unwrap_err().to_string();
+        assert!(missing.contains("1 to") && missing.contains("99"), "{missing}");
+        assert!(Module::load("juggling").unwrap_err().to_string().contains("navigation"));
+    }
+}

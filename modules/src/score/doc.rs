@@ -1,0 +1,75 @@
+//! `docs/score.md`, made from the table.
+
+use super::table::{Category, METRICS, MOST_PENALTY, PENALTIES, VERSION};
+use std::fmt::Write;
+
+const BEGIN: &str = "\
+An attempt at a module brings up to 100 points in five categories, those that studies of the commercial device report
+(Vergmann et al. 2016, doi 10.1111/aos.13209). Every figure is a pure function of what a recording holds: the tracker's poses
+with their covariance, and the events. `vitreo score FILE.mcap` computes it from a recording, the simulation computes it live, both by
+the same code; they agree to the bit, and the command says so.
+
+This page is made from the table in `modules/src/score/table.rs` by `vitreo score --doc`; a test keeps it current. A score names the
+version of its table; scores of different versions are not compared.
+";
+
+const HOW: &str = "\
+## How points are made
+
+Each metric brings all of its points up to one threshold, none beyond the other, and a share in a straight line between. What a task
+has nothing for (no path, no light pipe) is shared out among the other metrics of the category. An attempt begins when an instrument
+is first seen in the eye (event 110) and ends with the last goal (112) or with its time (113); what stands at its end counts.
+
+Positions are those of the tip in the eye's frame. *Smoothed* keeps what a hand intends and drops its tremor, so that tremor is judged
+once, as tremor.
+
+## Tracking noise
+
+What is below tracking noise does not count. The power that the tracker's covariance puts into the tremor's band is taken off the
+tremor. A contact with retina or lens counts when it was deeper than its threshold by two deviations of the tracked tip along that
+direction. Every total carries a deviation (`±`): that of the figures, carried through the slopes below, and p(1 − p) for contacts
+that may or may not have been. It holds tracking noise only, not how a surgeon varies from day to day; for that see `docs/study.md`.
+";
+
+/// The page.
+pub fn page() -> String {
+    let mut text = format!("# The score, version {VERSION}\n\n{BEGIN}\n{HOW}\n## Metrics\n");
+    for category in Category::ALL {
+        let _ = write!(text, "\n### {}: {} points\n\n", capital(category.name()), category.points());
+        text.push_str("| metric | key | unit | points | all up to | none from | formula |\n|---|---|---|---|---|---|---|\n");
+        for m in METRICS.iter().filter(|m| m.category == category) {
+            let (name, key, unit) = (m.name, m.key, m.unit);
+            let _ = writeln!(
+                text,
+                "| {name} | `{key}` | {unit} | {} | {} | {} | {} |",
+                m.points, m.full_at, m.none_at, m.formula
+            );
+        }
+    }
+    let _ = write!(
+        text,
+        "\n## Injuries\n\nThey are taken off tissue treatment, which may fall below 0; together they take at most {MOST_PENALTY} points. The \
+         order is that of their consequences: a contact with the lens far above a haemorrhage of the macula, that above a tear, that above \
+         a contact. The figures are this project's own choice, not taken from a study.\n\n"
+    );
+    text.push_str("| injury | points each | at most | what counts |\n|---|---|---|---|\n");
+    for p in &PENALTIES {
+        let _ = writeln!(text, "| {} | {} | {} | {} |", p.name, p.points, p.most, p.what);
+    }
+    text
+}
+
+fn capital(name: &str) -> String {
+    let mut letters = name.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_page_in_the_repository_is_current() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/score.md");
+        let there = std::fs::read_to_string(path).expect("docs/score.md");
+        assert!(there == super::page(), "docs/score.md is old: vitreo score --doc > docs/score.md");
+    }
+}

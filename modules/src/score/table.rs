@@ -1,0 +1,357 @@
+//! The table of the score: every category, metric, weight, threshold and penalty, in one place. `docs/score.md` is made from
+//! it, and the code has no other.
+
+use protocol::events::EventKind;
+
+/// Version of the score. Whoever changes a formula, weight, threshold or penalty counts it up.
+pub const VERSION: u32 = 1;
+
+/// What is judged: the five categories that studies of the commercial device report (Vergmann et al. 2016, Acta
+/// Ophthalmologica, doi 10.1111/aos.13209).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+#[allow(missing_docs)]
+pub enum Category {
+    Target = 0,
+    Efficiency = 1,
+    Instruments = 2,
+    Microscope = 3,
+    Tissue = 4,
+}
+
+/// Categories.
+pub const CATEGORIES: usize = 5;
+
+impl Category {
+    /// Every one, by number.
+    pub const ALL: [Category; CATEGORIES] = [
+        Category::Target,
+        Category::Efficiency,
+        Category::Instruments,
+        Category::Microscope,
+        Category::Tissue,
+    ];
+
+    /// Name for people.
+    pub fn name(self) -> &'static str {
+        ["target achievement", "efficiency", "instrument handling", "microscope handling", "tissue treatment"]
+            [self as usize]
+    }
+
+    /// Name for programs.
+    pub fn key(self) -> &'static str {
+        ["target", "efficiency", "instruments", "microscope", "tissue"][self as usize]
+    }
+
+    /// Most points.
+    pub fn points(self) -> f64 {
+        METRICS.iter().filter(|m| m.category == self).map(|m| m.points).sum()
+    }
+}
+
+/// A metric: a figure of the attempt and the points that it brings. Between the two thresholds points fall in a straight line.
+#[derive(Debug, Clone, Copy)]
+pub struct Metric {
+    /// Name for programs.
+    pub key: &'static str,
+    /// Name for people.
+    pub name: &'static str,
+    /// Where it counts.
+    pub category: Category,
+    /// Unit of the figure.
+    pub unit: &'static str,
+    /// Most points.
+    pub points: f64,
+    /// Figure from which on all points are given.
+    pub full_at: f64,
+    /// Figure from which on none are.
+    pub none_at: f64,
+    /// How the figure is computed.
+    pub formula: &'static str,
+}
+
+/// Numbers of the metrics in [`METRICS`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+#[allow(missing_docs)]
+pub enum Id {
+    Goals,
+    Precision,
+    OffPath,
+    Time,
+    Way,
+    Tremor,
+    Speed,
+    SpeedNearRetina,
+    Grip,
+    OutOfView,
+    Unlit,
+    LightDose,
+    Injuries,
+}
+
+/// How many metrics there are.
+pub const COUNT: usize = 13;
+
+/// Tips within this distance of the retina are near it, mm.
+pub const NEAR_RETINA_MM: f64 = 1.0;
+/// Half angle of the light pipe's cone within which a tip is lit, rad.
+pub const LIGHT_HALF_ANGLE_RAD: f64 = 0.6;
+/// Light that leaves the pipe, mW: light sources for surgery give 5 to 20 through a 25-gauge fibre.
+pub const LIGHT_MW: f64 = 10.0;
+/// Band of tremor, Hz.
+pub const TREMOR_BAND_HZ: [f64; 2] = [6.0, 14.0];
+/// Retina within this distance of the fovea is macula, mm (its diameter is 5.5 mm).
+pub const MACULA_MM: f64 = 2.75;
+/// A contact counts when it was deeper than its threshold by so many deviations of the tracked tip.
+pub const SIGMAS: f64 = 2.0;
+/// Injuries take no more points than this, those of [`Id::Injuries`] included.
+pub const MOST_PENALTY: f64 = 60.0;
+
+/// Every metric, by [`Id`].
+pub const METRICS: [Metric; COUNT] = [
+    Metric {
+        key: "goals",
+        name: "goals reached",
+        category: Category::Target,
+        unit: "share",
+        points: 25.0,
+        full_at: 1.0,
+        none_at: 0.0,
+        formula: "goals reached / goals of the task (events 111)",
+    },
+    Metric {
+        key: "precision",
+        name: "distance from the goals",
+        category: Category::Target,
+        unit: "share of the radius",
+        points: 5.0,
+        full_at: 0.4,
+        none_at: 1.0,
+        formula: "mean over the goals reached that have a radius: mean distance of the smoothed tip (time constant 0.1 s) or body \
+                  from the goal while it was held / radius of the goal",
+    },
+    Metric {
+        key: "off-path",
+        name: "time outside the tube",
+        category: Category::Target,
+        unit: "share",
+        points: 5.0,
+        full_at: 0.0,
+        none_at: 0.2,
+        formula: "sum of the times from event 114 to event 115 (or the end) / time of the attempt; only tasks with a path",
+    },
+    Metric {
+        key: "time",
+        name: "time",
+        category: Category::Efficiency,
+        unit: "× the plan's",
+        points: 12.0,
+        full_at: 1.3,
+        none_at: 3.0,
+        formula: "time of the attempt / par_s of the task; an attempt that is not finished gets no points",
+    },
+    Metric {
+        key: "way",
+        name: "way of the tips",
+        category: Category::Efficiency,
+        unit: "× the plan's",
+        points: 8.0,
+        full_at: 1.25,
+        none_at: 3.0,
+        formula: "sum over both instruments of the way of the smoothed tip (two time constants of 0.1 s, one after the other) in the \
+                  eye / (par_mm of the task × share of goals reached)",
+    },
+    Metric {
+        key: "tremor",
+        name: "tremor",
+        category: Category::Instruments,
+        unit: "µm RMS",
+        points: 6.0,
+        full_at: 30.0,
+        none_at: 120.0,
+        formula: "root of the mean square of the tip in the eye, all axes together, between 6 and 14 Hz (Butterworth, 4 poles at each \
+                  end), less what the tracker's covariance puts into the band; the worse of the two hands",
+    },
+    Metric {
+        key: "speed",
+        name: "greatest speed",
+        category: Category::Instruments,
+        unit: "mm/s",
+        points: 3.0,
+        full_at: 12.0,
+        none_at: 40.0,
+        formula: "greatest speed of a smoothed tip in the eye",
+    },
+    Metric {
+        key: "speed-near-retina",
+        name: "greatest speed near the retina",
+        category: Category::Instruments,
+        unit: "mm/s",
+        points: 3.0,
+        full_at: 4.0,
+        none_at: 16.0,
+        formula: "greatest speed of a smoothed tip within 1 mm of the retina, of those that are",
+    },
+    Metric {
+        key: "grip",
+        name: "grips that slipped",
+        category: Category::Instruments,
+        unit: "times",
+        points: 3.0,
+        full_at: 0.0,
+        none_at: 3.0,
+        formula: "number of events 12",
+    },
+    Metric {
+        key: "out-of-view",
+        name: "working out of view",
+        category: Category::Microscope,
+        unit: "share",
+        points: 6.0,
+        full_at: 0.02,
+        none_at: 0.3,
+        formula: "sum of the times from event 118 to event 119 (or the end), both instruments, no light pipes / time of the attempt",
+    },
+    Metric {
+        key: "unlit",
+        name: "working in the dark",
+        category: Category::Microscope,
+        unit: "share",
+        points: 4.0,
+        full_at: 0.05,
+        none_at: 0.5,
+        formula: "share of the time in which the tip of instrument 0 is more than 0.6 rad off the axis of the light pipe in hand 1; only \
+                  tasks that begin with one there",
+    },
+    Metric {
+        key: "light-dose",
+        name: "light on the retina",
+        category: Category::Tissue,
+        unit: "mJ/mm²",
+        points: 5.0,
+        full_at: 60.0,
+        none_at: 600.0,
+        formula: "sum over time of 10 mW / (π (d · tan 0.6)²), where d is the distance along the light pipe from its tip to the retina, \
+                  at least 0.5 mm; only tasks that begin with a light pipe in hand 1",
+    },
+    Metric {
+        key: "injuries",
+        name: "points lost to injuries",
+        category: Category::Tissue,
+        unit: "points",
+        points: 15.0,
+        full_at: 0.0,
+        none_at: 15.0,
+        formula: "sum of the penalties below, at most 60; the category falls below 0 where they exceed 15",
+    },
+];
+
+/// An injury and what it costs.
+#[derive(Debug, Clone, Copy)]
+pub struct Penalty {
+    /// Name for people and programs.
+    pub name: &'static str,
+    /// Points for each.
+    pub points: f64,
+    /// Most that this kind takes.
+    pub most: f64,
+    /// What counts as one.
+    pub what: &'static str,
+}
+
+/// Numbers of the injuries in [`PENALTIES`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
+#[allow(missing_docs)]
+pub enum Injury {
+    Lens,
+    Macula,
+    Haemorrhage,
+    Tear,
+    Contact,
+    Pull,
+}
+
+/// How many kinds of injuries there are.
+pub const INJURIES: usize = 6;
+
+/// Every injury, by [`Injury`]. Proportions: contact with the lens far above haemorrhage of the macula, that above a tear,
+/// and above contact.
+pub const PENALTIES: [Penalty; INJURIES] = [
+    Penalty {
+        name: "lens contact",
+        points: 24.0,
+        most: 48.0,
+        what: "event 116 whose depth is beyond tracking noise",
+    },
+    Penalty {
+        name: "macular haemorrhage",
+        points: 10.0,
+        most: 30.0,
+        what: "a contact with the retina that goes into it (event 3) within 2.75 mm of the fovea",
+    },
+    Penalty {
+        name: "haemorrhage",
+        points: 7.0,
+        most: 28.0,
+        what: "a contact with the retina that goes into it (event 3) elsewhere",
+    },
+    Penalty {
+        name: "retinal tear",
+        points: 6.0,
+        most: 24.0,
+        what: "event 15, 64 or 73 (rim torn off, retina torn, retina ripped), at most one a second",
+    },
+    Penalty {
+        name: "retina contact",
+        points: 4.0,
+        most: 20.0,
+        what: "a contact with the retina (event 2) that does not go into it",
+    },
+    Penalty {
+        name: "pull at the retina",
+        points: 1.5,
+        most: 6.0,
+        what: "event 14, 62, 72, 77, 81 or 83 (pull of membrane or vitreous, needle or injection too fast), at most one a second",
+    },
+];
+
+/// The injury that an event is by itself; contacts with the retina are followed, see the scorer.
+pub fn injury_of(kind: EventKind) -> Option<Injury> {
+    use EventKind::{
+        BaseTraction, InjectionFast, NeedleFast, RetinaPulled, RetinaRipped, RetinaTorn, RimDetached,
+        RimForceHigh, VitreousTraction,
+    };
+    match kind {
+        EventKind::LensTouched => Some(Injury::Lens),
+        RimDetached | RetinaTorn | RetinaRipped => Some(Injury::Tear),
+        RimForceHigh | RetinaPulled | NeedleFast | InjectionFast | VitreousTraction | BaseTraction => {
+            Some(Injury::Pull)
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_hundred_points_in_five_categories() {
+        assert_eq!(Category::ALL.map(Category::points), [35.0, 20.0, 15.0, 10.0, 20.0]);
+        assert_eq!(METRICS.iter().map(|m| m.points).sum::<f64>(), 100.0);
+        assert_eq!(METRICS[Id::Injuries as usize].key, "injuries");
+        assert_eq!(METRICS[Id::Unlit as usize].key, "unlit");
+    }
+
+    #[test]
+    fn the_lens_is_far_above_the_macula_and_that_above_tears_and_contacts() {
+        let points = |i: Injury| PENALTIES[i as usize].points;
+        assert!(points(Injury::Lens) >= 2.0 * points(Injury::Macula));
+        assert!(
+            points(Injury::Macula) > points(Injury::Tear) && points(Injury::Tear) > points(Injury::Contact)
+        );
+        assert!(points(Injury::Macula) > points(Injury::Haemorrhage));
+    }
+}

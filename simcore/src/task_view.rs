@@ -1,0 +1,187 @@
+//! How a task looks: balls where goals are, and its lines of text. Text is made when something changes, and at most once a second.
+
+use crate::world::World;
+use modules::task::{Phase, Task, TaskState};
+use nalgebra::Vector3;
+use protocol::scene::SceneBody;
+use protocol::scene_file::{Goal, MAX_GOALS};
+use std::fmt::Write;
+
+/// Balls that a task may show: goals, and beads along a path.
+pub const MAX_BALLS: usize = MAX_GOALS + MAX_BEADS;
+/// Bytes of text that a task may show.
+pub const MAX_TEXT: usize = 1024;
+/// Beads along a path.
+const MAX_BEADS: usize = 40;
+/// Radius of a bead, as a share of the tube's; the tube itself would hide the tip.
+const BEAD_SHARE: f64 = 0.25;
+/// Opacity of a ball that a tip must come into.
+const CLEAR: f32 = 0.45;
+/// Linear RGB of goals: open, later, done.
+const OPEN: [f32; 3] = [0.9, 0.6, 0.05];
+const LATER: [f32; 3] = [0.25, 0.3, 0.35];
+const DONE: [f32; 3] = [0.05, 0.5, 0.12];
+
+/// Appends the balls of the world's task.
+pub fn balls(world: &World, out: &mut Vec<SceneBody>) {
+    let Some((task, state)) = world.task() else { return };
+    let radius_mm = world.scene().eye.retina_radius_mm;
+    for (i, goal) in task.scene().goals.iter().enumerate() {
+        let rgb = if state.goals[i].reached {
+            DONE
+        } else if task.is_open(state, i) {
+            OPEN
+        } else {
+            LATER
+        };
+        let mut ball = |at: Vector3<f64>, radius: f64, rgb: [f32; 3], clear: f32| {
+            if out.len() < out.capacity() {
+                out.push(sphere(at, radius, rgb, clear));
+            }
+        };
+        match goal {
+            Goal::Hold { at_in_eye_mm, radius_mm, .. } => {
+                ball(Vector3::from(*at_in_eye_mm), *radius_mm, rgb, CLEAR)
+            }
+            Goal::Near { towards_in_eye, .. } => {
+                let out = Vector3::from(*towards_in_eye).try_normalize(1e-6).unwrap_or(-Vector3::z());
+                ball(out * (radius_mm + 0.05), 0.25, rgb, 1.0);
+            }
+            Goal::Align { at_in_eye_mm, radius_mm, .. } => {
+                at_in_eye_mm.iter().for_each(|p| ball(Vector3::from(*p), *radius_mm, rgb, CLEAR));
+            }
+            Goal::Place { at_in_eye_mm, radius_mm: near, .. } if task.is_open(state, i) => {
+                // A mark under the place, so that the body itself stays in sight.
+                let at = Vector3::from(*at_in_eye_mm);
+                let low = at.try_normalize(1e-6).map_or(at, |out| out * (radius_mm + 0.3 * near));
+                ball(low, 0.5 * near, rgb, 0.8);
+            }
+            Goal::Follow { path_in_eye_mm, radius_mm, .. } => {
+                let done_mm = state.goals[i].along_mm();
+                beads(path_in_eye_mm, &mut |at, along| {
+                    let passed = state.goals[i].reached || along < done_mm;
+                    ball(at, radius_mm * BEAD_SHARE, if passed { DONE } else { rgb }, 0.8);
+                });
+            }
+            Goal::Place { .. } | Goal::Grip { .. } | Goal::Event { .. } => {}
+        }
+    }
+}
+
+/// Beads evenly along a path, with their way along it, mm.
+fn beads(path: &[[f64; 3]], bead: &mut dyn FnMut(Vector3<f64>, f64)) {
+    let length: f64 = path.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum();
+    let gap = length / (MAX_BEADS as f64 - 1.0);
+    let (mut begin, mut next) = (0.0, 0.0);
+    for ends in path.windows(2) {
+        let (a, b) = (Vector3::from(ends[0]), Vector3::from(ends[1]));
+        let part = (b - a).norm();
+        while part > 0.0 && next <= begin + part + 1e-9 {
+            bead(a + (b - a) * ((next - begin) / part), next);
+            next += gap;
+        }
+        begin += part;
+    }
+}
+
+fn sphere(at: Vector3<f64>, radius_mm: f64, rgb: [f32; 3], opacity: f32) -> SceneBody {
+    SceneBody {
+        position_mm: at.map(|c| c as f32).into(),
+        shape: 0,
+        rotation_xyzw: [0.0, 0.0, 0.0, 1.0],
+        half_extents_mm: [radius_mm as f32; 3],
+        reserved: 0,
+        rgba: [rgb[0], rgb[1], rgb[2], opacity],
+    }
+}
+
+/// The lines of a task, kept until they change.
+#[derive(Debug, Default)]
+pub struct TaskText {
+    text: String,
+    /// Step, phase, goals reached and second for which it was made.
+    made_for: Option<(bool, usize, u64, u32)>,
+}
+
+impl TaskText {
+    /// The lines for the world as it is, the newest warning first; `notice` is that warning.
+    pub fn lines(&mut self, world: &World, notice: &str, notice_kind: u32) -> &str {
+        let Some((task, state)) = world.task() else {
+            self.text.clear();
+            self.text.push_str(notice);
+            return &self.text;
+        };
+        let over = matches!(state.phase, Phase::Finished | Phase::TimedOut);
+        let key = (over, state.reached(), state.elapsed_s() as u64, notice_kind);
+        if self.made_for != Some(key) {
+            self.made_for = Some(key);
+            self.text.clear();
+            // Writing into a string cannot fail.
+            let _ = if over {
+                end_screen(world, &mut self.text)
+            } else {
+                running(task, state, notice, &mut self.text)
+            };
+            self.text.truncate(self.text.floor_char_boundary(MAX_TEXT));
+        }
+        &self.text
+    }
+}
+
+fn running(task: &Task, state: &TaskState, notice: &str, out: &mut String) -> std::fmt::Result {
+    let scene = task.scene();
+    if !notice.is_empty() {
+        writeln!(out, "{notice}")?;
+    }
+    let left_s = (scene.limit_s - state.elapsed_s()).max(0.0) as u64;
+    let (reached, all) = (state.reached(), scene.goals.len());
+    writeln!(
+        out,
+        "{}, level {}   {reached}/{all}   {}:{:02}",
+        scene.title,
+        scene.level,
+        left_s / 60,
+        left_s % 60
+    )?;
+    let next = scene.goals.iter().enumerate().find(|(i, _)| task.is_open(state, *i)).map(|(_, g)| g);
+    match next {
+        Some(Goal::Event { what, .. }) => writeln!(out, "next: {what}")?,
+        Some(Goal::Grip { instrument, .. }) => {
+            writeln!(out, "next: pick it up with instrument {instrument}")?
+        }
+        Some(Goal::Place { .. }) => writeln!(out, "next: place it on the mark")?,
+        _ => {}
+    }
+    if state.elapsed_s() < 15.0 {
+        scene.instructions.iter().try_for_each(|line| writeln!(out, "{line}"))?;
+    }
+    Ok(())
+}
+
+fn end_screen(world: &World, out: &mut String) -> std::fmt::Result {
+    let (Some((task, _)), Some(score)) = (world.task(), world.score()) else { return Ok(()) };
+    let end = if score.finished { "finished" } else { "time is over" };
+    writeln!(out, "{}, level {}: {end}", task.scene().title, task.scene().level)?;
+    writeln!(out, "score {:.0} of 100 (± {:.1})", score.total, score.sigma)?;
+    for category in modules::score::table::Category::ALL {
+        let points = score.categories[category as usize];
+        writeln!(out, "{} {points:.0} of {:.0}", category.name(), category.points())?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn beads_lie_on_the_path_from_its_first_point_to_its_last() {
+        let path = [[0.0; 3], [3.0, 0.0, 0.0], [3.0, 1.0, 0.0]];
+        let mut seen = Vec::new();
+        beads(&path, &mut |at, along| seen.push((at, along)));
+        assert!((MAX_BEADS - 1..=MAX_BEADS).contains(&seen.len()));
+        assert_eq!(seen[0].0, Vector3::zeros());
+        let last = seen[seen.len() - 1];
+        assert!((last.1 - 4.0).abs() < 4.0 / 38.0 && last.0.x == 3.0);
+    }
+}

@@ -1,0 +1,166 @@
+//! The task's share of a step: what it sees, what it says, and the score when it ends. What counts as done and how it is judged
+//! is decided in the crate `modules`.
+
+use super::World;
+use crate::checkpoint::CheckpointError;
+use crate::event_log::{EventLog, Happening};
+use crate::state::State;
+use modules::sample::Sample;
+use modules::score::recording::is_over;
+use modules::score::{Meter, Scorer};
+use modules::task::{BodySeen, Observation, Signal, Task, TaskState};
+use nalgebra::Isometry3;
+use protocol::poses::TrackerFrame;
+use protocol::scene_file::{MAX_BODIES, SceneFile};
+
+/// A scene's task at work.
+#[derive(Debug)]
+pub struct TaskPart {
+    task: Task,
+    scorer: Scorer,
+}
+
+impl TaskPart {
+    /// Of a scene, if it has a task.
+    pub fn of(scene: &SceneFile) -> Option<Self> {
+        Some(TaskPart { task: Task::of(scene)?, scorer: Scorer::of(scene)? })
+    }
+}
+
+/// The attempt before its first step.
+pub fn start(scene: &SceneFile) -> Option<(TaskState, Meter)> {
+    let part = TaskPart::of(scene)?;
+    Some((part.task.start(), part.scorer.start()))
+}
+
+fn raise(log: &mut EventLog, signal: Signal) {
+    log.raise(Happening {
+        kind: signal.kind,
+        severity: signal.severity,
+        instrument: signal.instrument,
+        subject: signal.subject,
+        value: signal.value,
+        limit: signal.limit,
+        position_in_eye_mm: signal.position_in_eye_mm,
+    });
+}
+
+impl World {
+    /// Shows the step to the task and to the score; when the attempt ends its score is told.
+    pub(super) fn end_task(&mut self, frame: &TrackerFrame) {
+        let (Some(part), Some((attempt, meter))) = (&self.task, &mut self.state.task) else { return };
+        let was_over = is_over(attempt);
+        if was_over {
+            return;
+        }
+        let log = &mut self.log;
+        let tips = modules::sample::tips(frame);
+        let mut bodies = [BodySeen { eye_from_body: Isometry3::identity(), held_by: None }; MAX_BODIES];
+        let there = self.state.bodies.as_ref().map_or(&[][..], |b| &b.body);
+        for (seen, body) in bodies.iter_mut().zip(there) {
+            seen.eye_from_body = body.eye_from_body;
+        }
+        let grips = self.state.bodies.iter().flat_map(|b| b.grip.iter().enumerate());
+        for (hand, grip) in grips.filter_map(|(i, g)| Some((i, (*g)?))) {
+            if let Some(seen) = bodies.get_mut(grip.body as usize) {
+                seen.held_by = Some(hand as u32);
+            }
+        }
+        // What the task says goes into the log, whose events it must not see twice.
+        let mut said = [None; MAX_SAID];
+        let mut count = 0;
+        let seen = Observation {
+            now_ns: frame.instants.exposed,
+            tips,
+            tools: self.state.instruments.each_ref().map(|i| i.tool),
+            bodies: &bodies[..there.len().min(MAX_BODIES)],
+            world_from_eye: self.state.world_from_eye,
+            microscope_target_mm: self.state.microscope.target_in_world_mm,
+            field_mm: self.state.microscope.field_mm,
+            events: log.events(),
+        };
+        part.task.advance(attempt, &seen, &mut |signal| {
+            if let Some(slot) = said.get_mut(count) {
+                *slot = Some(signal);
+                count += 1;
+            }
+        });
+        said.iter().flatten().for_each(|signal| raise(log, *signal));
+        part.scorer.note(meter, &Sample { exposed_ns: frame.instants.exposed, tips, events: log.events() });
+        if is_over(attempt) {
+            part.scorer.score(meter).signals().into_iter().for_each(|signal| raise(log, signal));
+        }
+    }
+
+    /// The task and how far the attempt is, where the scene has one.
+    pub fn task(&self) -> Option<(&Task, &TaskState)> {
+        Some((&self.task.as_ref()?.task, &self.state.task.as_ref()?.0))
+    }
+
+    /// The score of the attempt as it stands, where the scene has a task.
+    pub fn score(&self) -> Option<modules::score::Score> {
+        Some(self.task.as_ref()?.scorer.score(&self.state.task.as_ref()?.1))
+    }
+
+    pub(super) fn check_task(&self, state: &State) -> Result<(), CheckpointError> {
+        let sound = match (&self.task, &state.task) {
+            (None, None) => true,
+            (Some(part), Some((attempt, meter))) => attempt.fits(&part.task) && meter.is_sound(),
+            _ => false,
+        };
+        if sound {
+            Ok(())
+        } else {
+            Err(CheckpointError::Content("the attempt does not fit the scene's task"))
+        }
+    }
+}
+
+/// Most signals of a step: every goal at once, and what is told of two instruments.
+const MAX_SAID: usize = 2 * protocol::scene_file::MAX_GOALS + 8;
+
+#[cfg(test)]
+mod tests {
+    use crate::rehearsal::Rehearsal;
+    use crate::world::{World, no_clock};
+    use modules::module::Module;
+    use modules::surgeon::EXPERT;
+    use protocol::events::{Event, EventKind};
+    use protocol::recording::Item;
+
+    /// The live score of a rehearsed attempt is what the same poses, steps and events give afterwards, to the bit; and a checkpoint in
+    /// the middle changes nothing.
+    #[test]
+    fn the_live_score_is_the_recordings_score() {
+        let module = Module::load("navigation").unwrap();
+        let scene = module.compose(1, &EXPERT, 1).unwrap();
+        let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+        let mut reader = modules::score::recording::Reader::new(&scene).unwrap();
+        let (mut told, mut saved) = (None, Vec::new());
+        for field in 0..rehearsal.fields() {
+            let report = rehearsal.play(&mut world, field, &mut no_clock);
+            let (frame, _) = rehearsal.field(field);
+            let events: Vec<Event> = world.events().to_vec();
+            told = events.iter().find(|e| e.kind == EventKind::ScoreTotal as u32).map(|e| e.value).or(told);
+            if field == 300 {
+                world.save(&mut saved).unwrap();
+                let (hash, before) = (world.state_hash(), world.state().task.clone());
+                world = World::new(&scene).unwrap();
+                assert_ne!(world.state().task, before);
+                world.restore(&saved).unwrap();
+                assert_eq!((world.state_hash(), &world.state().task), (hash, &before));
+            }
+            // As a recorder may get them: events before poses.
+            events.into_iter().for_each(|e| reader.take(Item::Event(e)));
+            reader.take(Item::Poses(Box::new(frame)));
+            let mut step: protocol::steps::StepRecord = bytemuck::Zeroable::zeroed();
+            (step.step, step.field, step.frame) = (field + 1, field, field);
+            step.state_hash = report.state_hash;
+            reader.take(Item::Step(step));
+        }
+        let verdict = reader.finish();
+        assert_eq!((verdict.agrees(), verdict.unmatched, verdict.ended), (Some(true), 0, true));
+        assert_eq!(told, Some(verdict.score.total));
+        assert!(verdict.score.finished && verdict.score.total > 85.0, "{:?}", verdict.score);
+    }
+}
