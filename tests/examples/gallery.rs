@@ -17,7 +17,7 @@ use vitreo_tests::surgery::{Block, MOMENTS, REFERENCE_MAP_PX, REFERENCE_PX, Surg
 const MAP_PX: u32 = 2048;
 /// Tier of the pictures: 2×800×640 px.
 const TIER: usize = 1;
-/// A tool number that no tool has: nothing is drawn, and a chandelier lights the eye.
+/// A tool number that no tool has: nothing is drawn.
 const NO_TOOL: u32 = 99;
 /// Largest file, bytes.
 const MOST_BYTES: usize = 150_000;
@@ -47,13 +47,16 @@ fn close_up(block: &mut Block) {
     block.header.microscope.field_mm = 7.0;
 }
 
-/// Without the vitreous, the eye turned towards the border of its retina, lit from the middle.
+/// Without the vitreous, the eye turned until the border of its retina comes into view, the light pipe pointed at it.
 fn to_the_rim(block: &mut Block) {
     block.header.bricks = Section::default();
     let half = 0.5f64 * 0.95;
     block.header.world_from_eye.rotation_wxyz = [half.cos(), half.sin(), 0.0, 0.0];
-    block.header.instruments.iter_mut().for_each(|i| i.tool = NO_TOOL);
-    block.header.microscope.target_in_world_mm = [0.0, 7.0, -7.0];
+    block.header.instruments[0].tool = NO_TOOL;
+    let lean = -0.5f64 * 0.85;
+    let light = &mut block.header.instruments[1].world_from_instrument;
+    (light.position_mm, light.rotation_wxyz) = ([1.0, -3.5, -2.5], [lean.cos(), lean.sin(), 0.0, 0.0]);
+    block.header.microscope.target_in_world_mm = [0.0, -5.5, -9.0];
     block.header.microscope.field_mm = 12.0;
 }
 
