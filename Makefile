@@ -68,7 +68,7 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p simcore --bench collision
 	cargo bench -p simcore --bench tissue
-	cargo bench -p renderer --bench frame
+	cargo run --release -p renderer -- bench render
 	cargo bench -p simcore --bench vitreous
 	cargo build --release --workspace
 	@mkdir -p out
@@ -87,6 +87,10 @@ golden: setup ## Renew the recording that every build must replay to the bit; sa
 
 pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
 	cargo run --release -p renderer --example pictures -- tests/data/pictures
+	cargo run --release -p vitreo-tests --example gallery -- --reference tests/data/pictures
+
+gallery: setup ## Renew the pictures that the documentation shows
+	cargo run --release -p vitreo-tests --example gallery -- docs/pictures
 
 instruments: setup ## Renew the instruments' meshes
 	cargo run --release -p renderer --example instruments -- assets/instruments

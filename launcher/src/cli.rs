@@ -6,6 +6,8 @@ use std::process::ExitCode;
 
 /// The binary of the camera hardware.
 const CAMERA: &str = "vitreo-fpga-model";
+/// The binary of the picture.
+const RENDERER: &str = "vitreo-renderer";
 /// The binary of the tracker.
 const TRACKER: &str = "vitreo-tracker";
 
@@ -51,6 +53,8 @@ pub enum Command {
     Vectors(ForwardArgs),
     /// Find lenses, places of cameras, markers and trocars; check whether they still hold.
     Calibrate(ForwardArgs),
+    /// Measure what a part costs on this machine.
+    Bench(ForwardArgs),
     /// Say what this machine has and lacks.
     Doctor(crate::doctor::DoctorArgs),
 }
@@ -73,6 +77,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Hardware(args) => forward::to(CAMERA, "hardware", args),
         Command::Vectors(args) => forward::to(CAMERA, "vectors", args),
         Command::Calibrate(args) => forward::to(TRACKER, "calibrate", args),
+        Command::Bench(args) => forward::to(RENDERER, "bench", args),
         Command::Doctor(args) => crate::doctor::run(args),
     }
 }

@@ -20,7 +20,7 @@ pub const MAX_PICTURES_HZ: f64 = 15.0;
 
 /// Draws the surgeon's stereo view.
 #[derive(Debug, Clone, clap::Parser)]
-#[command(name = "vitreo-renderer", version, about)]
+#[command(name = "vitreo-renderer")]
 pub struct Config {
     /// What every process takes.
     #[command(flatten)]

@@ -43,7 +43,7 @@ const MEMBRANE_SHADE: f32 = 0.30;
 /// Strength of the retina's specular film at full detail.
 const FILM: f32 = 0.07;
 /// Tilt of the retina where a vessel rises by its full height within a texel.
-const RELIEF: f32 = 0.55;
+const RELIEF: f32 = 0.35;
 /// Tilt of the membrane's fine wrinkles.
 const WRINKLES: f32 = 0.045;
 /// Depth bias of the shadow map, in its depth.

@@ -2,8 +2,9 @@
 //!
 //! The photograph shows a round part of a **left** eye, the fovea in its middle. The map is in
 //! Lambert's azimuthal equal-area projection about the posterior pole, so that the shader finds
-//! its coordinates with one inverse square root. Beyond the photograph's border the picture is
-//! stretched outwards and fades into its mean colour: the periphery has few marks. It ends at the
+//! its coordinates with one inverse square root. Beyond the photograph's border what lies there
+//! runs on outwards and fades into the mean colour: the periphery has few marks, and its vessels
+//! run outwards. It ends at the
 //! ora serrata; before that lie the brown pars plana and the pale sclera round it.
 //!
 //! The map's fourth channel is the height of vessels, found as what is darker than its
@@ -28,8 +29,8 @@ const ORA_TEETH: f32 = 40.0;
 const ORA_TOOTH: f32 = 0.022;
 /// Width of the pars plana before it (about 4 mm), rad.
 const PARS_PLANA: f32 = 0.30;
-/// Slope with which the picture goes on beyond its border.
-const STRETCH: f32 = 0.35;
+/// Angle beyond the photograph's border within which it fades, rad.
+const FADE: f32 = 0.45;
 /// Mean colour towards the periphery, of the photograph's 255.
 const PERIPHERY: [f32; 3] = [168.0, 66.0, 44.0];
 /// Colours of the line along the ora serrata, of the pars plana and of the sclera, of 255.
@@ -117,15 +118,14 @@ fn means_along_rows(plane: &[f32], size: usize, half: usize) -> Vec<f32> {
 /// Colour in direction `unit` (eye x and y) at the angle `theta` from the pole.
 fn colour(photograph: &RgbImage, unit: [f32; 2], theta: f32, side: Side) -> [f32; 3] {
     let beyond = (theta - FIELD_ANGLE).max(0.0);
-    let angle = theta.min(FIELD_ANGLE) - STRETCH * beyond;
-    let radius = FIELD_RADIUS * (angle / FIELD_ANGLE).max(0.0);
+    let radius = FIELD_RADIUS * (theta / FIELD_ANGLE).min(1.0);
     // In a left eye +x is temporal and the photograph's right is temporal as well; a right eye
     // is its mirror image, and its +x is nasal: there the disc lies on the photograph's left.
     let mirror = if side == Side::Left { 1.0 } else { -1.0 };
     let width = photograph.width() as f32;
     let u = (FOVEA[0] + mirror * unit[0] * radius) * width - 0.5;
     let v = (FOVEA[1] - unit[1] * radius) * width - 0.5;
-    let fade = (beyond / 0.5).min(1.0) * 0.8;
+    let fade = (beyond / FADE).min(1.0) * 0.9;
     let photo = bilinear(photograph, u, v);
     let retina = std::array::from_fn(|c| photo[c] + (PERIPHERY[c] - photo[c]) * fade);
     if theta < ORA_ANGLE - 0.1 { retina } else { before_the_ora(retina, unit, theta) }

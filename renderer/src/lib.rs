@@ -22,6 +22,7 @@ pub mod passes;
 pub mod present;
 pub mod process;
 pub mod readback;
+pub mod similarity;
 pub mod start;
 pub mod stereo;
 pub mod target;

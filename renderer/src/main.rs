@@ -1,15 +1,64 @@
-//! `vitreo-renderer`: the surgeon's stereo view.
+//! `vitreo-renderer`: the surgeon's stereo view, and the measurement of what it costs.
+
+mod bench;
 
 use clap::Parser;
+use renderer::config::Config;
 use std::process::ExitCode;
+
+/// Draws the surgeon's stereo view.
+#[derive(Debug, Parser)]
+#[command(name = "vitreo-renderer", version, about, args_conflicts_with_subcommands = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    config: Config,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Measure what a part costs on this machine.
+    #[command(subcommand)]
+    Bench(Bench),
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Bench {
+    /// What a stereo frame costs, by tier and by layer.
+    Render(bench::RenderArgs),
+}
 
 fn main() -> ExitCode {
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
-    match renderer::process::run(&renderer::config::Config::parse()) {
+    let cli = Cli::parse();
+    let done = match &cli.command {
+        Some(Command::Bench(Bench::Render(args))) => bench::render(args),
+        None => renderer::process::run(&cli.config),
+    };
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("vitreo-renderer: {}", protocol::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn arguments_are_consistent() {
+        Cli::command().debug_assert();
+        let parse = |args: &[&str]| Cli::try_parse_from([&["vitreo-renderer"], args].concat());
+        assert!(parse(&["--headless", "--tier", "5"]).unwrap().command.is_none());
+        let bench = parse(&["bench", "render", "--json", "--tier", "3", "--subject", "bleb"]).unwrap();
+        let Some(Command::Bench(Bench::Render(args))) = bench.command else { panic!("no bench") };
+        assert!(args.json && args.tier == Some(3));
+        assert!(parse(&["bench", "render", "--tier", "99"]).is_err());
+        assert!(parse(&["bench", "render", "--subject", "teapot"]).is_err() && parse(&["bench"]).is_err());
     }
 }

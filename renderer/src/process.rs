@@ -139,6 +139,8 @@ impl Running {
                 Ready::NotNow => wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000),
                 Ready::Closed => self.shell.stop(),
             }
+        } else if self.scene.is_none() && self.present.is_closed() {
+            self.shell.stop();
         }
         self.collect_pictures()?;
         self.serve()

@@ -12,49 +12,13 @@ mod common;
 use common::stage::{Stage, small, tier_of};
 use renderer::governor::Shading;
 use renderer::readback::Picture;
+use renderer::similarity::{colour_difference, similarity};
 use std::path::PathBuf;
 
 /// Least similarity where the adapter is the one that made the pictures, and elsewhere.
 const SIMILAR: [f64; 2] = [0.99, 0.95];
 /// Largest mean difference of colour, of 255, in the same order.
 const COLOUR: [f64; 2] = [1.0, 4.0];
-
-const WINDOW: u32 = 8;
-
-fn luma(p: [u8; 3]) -> f64 {
-    0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2])
-}
-
-/// Structural similarity of two pictures of the same size, 1 where they are the same.
-fn similarity(a: &Picture, b: &Picture) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for y in (0..=a.height_px - WINDOW).step_by(4) {
-        for x in (0..=a.width_px - WINDOW).step_by(4) {
-            sum += window_similarity(a, b, x, y);
-            count += 1.0;
-        }
-    }
-    sum / count
-}
-
-fn window_similarity(a: &Picture, b: &Picture, x: u32, y: u32) -> f64 {
-    let n = f64::from(WINDOW * WINDOW);
-    let pairs: Vec<[f64; 2]> = (0..WINDOW * WINDOW)
-        .map(|i| (x + i % WINDOW, y + i / WINDOW))
-        .map(|(x, y)| [luma(a.rgb(x, y)), luma(b.rgb(x, y))])
-        .collect();
-    let mean = |f: &dyn Fn(&[f64; 2]) -> f64| pairs.iter().map(f).sum::<f64>() / n;
-    let (ma, mb) = (mean(&|p| p[0]), mean(&|p| p[1]));
-    let (va, vb) = (mean(&|p| (p[0] - ma).powi(2)), mean(&|p| (p[1] - mb).powi(2)));
-    let both = mean(&|p| (p[0] - ma) * (p[1] - mb));
-    let (c1, c2) = ((0.01f64 * 255.0).powi(2), (0.03f64 * 255.0).powi(2));
-    (2.0 * ma * mb + c1) * (2.0 * both + c2) / ((ma * ma + mb * mb + c1) * (va + vb + c2))
-}
-
-fn colour_difference(a: &Picture, b: &Picture) -> f64 {
-    let sum: u64 = a.rgba.iter().zip(&b.rgba).map(|(x, y)| u64::from(x.abs_diff(*y))).sum();
-    sum as f64 / (0.75 * a.rgba.len() as f64)
-}
 
 fn reference(name: &str) -> Picture {
     let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/pictures")).join(name);

@@ -6,5 +6,7 @@ mod bad_input;
 mod budgets;
 mod crash;
 mod faults;
+mod instruments;
+mod pictures;
 mod record_replay;
 mod streams;

@@ -1,5 +1,7 @@
 //! Harness of the cross-process checks: own instance names, a watchdog on every child, clean-up.
 
+pub mod surgery;
+
 use protocol::health::{Health, Process};
 use protocol::ipc::{Instance, Queue, Receiver, wait};
 use protocol::message::Message;

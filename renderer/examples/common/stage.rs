@@ -57,15 +57,5 @@ pub fn tier_of(shading: Shading) -> usize {
 
 /// `picture` at [`SMALL_PX`], each pixel the mean of those it stands for.
 pub fn small(picture: &Picture) -> Picture {
-    let n = picture.height_px / SMALL_PX[1];
-    let [width_px, height_px] = [2 * SMALL_PX[0], SMALL_PX[1]];
-    let mut rgba = Vec::new();
-    for (y, x) in (0..height_px).flat_map(|y| (0..width_px).map(move |x| (y, x))) {
-        for c in 0..4 {
-            let at = |i: u32| (((y * n + i / n) * picture.width_px + x * n + i % n) * 4 + c) as usize;
-            let sum: u32 = (0..n * n).map(|i| u32::from(picture.rgba[at(i)])).sum();
-            rgba.push(((sum + n * n / 2) / (n * n)) as u8);
-        }
-    }
-    Picture { width_px, height_px, rgba }
+    renderer::similarity::reduced(picture, 2 * SMALL_PX[0])
 }

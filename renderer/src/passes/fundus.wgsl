@@ -67,9 +67,9 @@ fn film(q: vec3f, l: vec3f, ray: vec3f) -> f32 {
     return frame.retina.w * gloss(max(-dot(q, normalize(l - ray)), 0.0));
 }
 
-// Vessels stand out of the retina and carry a reflex along their middle.
+// Vessels stand out of the retina and carry a reflex, too faint to hide their colour.
 fn wetness(photo: vec4f) -> f32 {
-    return 0.4 + photo.g * photo.g + 2.0 * photo.a;
+    return 0.4 + photo.g * photo.g + 0.25 * photo.a;
 }
 
 // Normal towards the inside of the eye, tilted by the slope of the map's fourth channel, the height of vessels.

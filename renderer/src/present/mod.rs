@@ -68,6 +68,14 @@ impl Present {
         }
     }
 
+    /// Serves the window's events while there is nothing to show yet; true if the person closed it.
+    pub fn is_closed(&mut self) -> bool {
+        match self {
+            Present::Headless => false,
+            Present::Window(window) => window.is_closed(),
+        }
+    }
+
     /// Copies the picture into the window; part of drawing.
     pub fn copy(&mut self, gpu: &Gpu, target: &Target) {
         if let Present::Window(window) = self {

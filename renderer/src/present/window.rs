@@ -171,8 +171,7 @@ impl Window {
 
     /// Serves events, then waits for a free picture of the surface.
     pub fn begin(&mut self, gpu: &Gpu, now: impl Fn() -> Nanos) -> Ready {
-        let status = self.events.pump_app_events(Some(Duration::ZERO), &mut self.state);
-        if self.state.closed || matches!(status, PumpStatus::Exit(_)) {
+        if self.is_closed() {
             return Ready::Closed;
         }
         if self.state.resized {
@@ -180,6 +179,12 @@ impl Window {
             self.configure(gpu);
         }
         if self.acquire(gpu) { Ready::At(now()) } else { Ready::NotNow }
+    }
+
+    /// Serves events; true if the person closed the window.
+    pub fn is_closed(&mut self) -> bool {
+        let status = self.events.pump_app_events(Some(Duration::ZERO), &mut self.state);
+        self.state.closed || matches!(status, PumpStatus::Exit(_))
     }
 
     /// Waits for a free picture of the surface; false if it has none to give now.

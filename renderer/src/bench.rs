@@ -1,0 +1,157 @@
+//! `vitreo bench render`: what a stereo frame costs, by tier and by layer. Wall time, and processor time, which on a software
+//! driver is the true cost, however busy the machine is. What a layer costs is what leaving it out saves.
+
+// The same scenes as those of the examples and tests.
+#[allow(dead_code)]
+#[path = "../examples/common/mod.rs"]
+mod common;
+
+use anyhow::Result;
+use protocol::rig::Rig;
+use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+use protocol::time::now;
+use renderer::frame::Renderer;
+use renderer::governor::{TIERS, Tier};
+use renderer::gpu::Gpu;
+use renderer::latch::{Latched, latch_scene};
+use renderer::layers::Layers;
+use renderer::start::{map_px, plan};
+
+/// Frames of a measurement, and time after which it ends early, ns.
+const FRAMES: usize = 60;
+const LONGEST_NS: u64 = 1_500_000_000;
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct RenderArgs {
+    /// One JSON object a tier.
+    #[arg(long)]
+    pub json: bool,
+    /// One tier only.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..TIERS.len() as i64))]
+    pub tier: Option<u32>,
+    /// What is in the eye.
+    #[arg(long, default_value = "peel", value_parser = common::SUBJECTS)]
+    pub subject: String,
+}
+
+struct Bench {
+    gpu: Gpu,
+    renderer: Renderer,
+    latched: Latched,
+}
+
+/// Medians, ms.
+struct Cost {
+    wall: f64,
+    processor: f64,
+}
+
+/// What a tier costs.
+struct Row {
+    whole: Cost,
+    /// Processor time (software driver) or wall time that leaving a layer out saves, ms; last, what is left without any.
+    layers: Vec<(&'static str, f64)>,
+}
+
+impl Bench {
+    fn open(subject: &str) -> Result<Self> {
+        let (file, rig) = (SceneFile::load(DEFAULT_SCENE)?, Rig::load_or_shipped(None)?);
+        let gpu = Gpu::headless()?;
+        let mut renderer = Renderer::new(&gpu, plan(&file, &rig, 0, map_px(&gpu)))?;
+        let scenes = common::subject(&file, &rig, subject);
+        for scene in &scenes {
+            renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload))?;
+        }
+        let latched = latch_scene(&scenes[scenes.len() - 1].header);
+        Ok(Self { gpu, renderer, latched })
+    }
+
+    fn frame(&mut self, tier: usize, layers: Layers) -> Result<()> {
+        let commands = self.renderer.encode_layers(&self.gpu, tier, layers);
+        self.renderer.submit(&self.gpu, tier, &self.latched, commands);
+        Ok(self.gpu.wait()?)
+    }
+
+    fn measure(&mut self, tier: usize, layers: Layers) -> Result<Cost> {
+        (0..3).try_for_each(|_| self.frame(tier, layers))?;
+        let (mut wall, mut processor) = (Vec::new(), Vec::new());
+        let begun = now();
+        while wall.len() < FRAMES && now() - begun < LONGEST_NS {
+            let (start, used) = (now(), processor_ms());
+            self.frame(tier, layers)?;
+            wall.push((now() - start) as f64 * 1e-6);
+            processor.push(processor_ms() - used);
+        }
+        Ok(Cost { wall: median(wall), processor: median(processor) })
+    }
+
+    fn row(&mut self, tier: usize) -> Result<Row> {
+        let software = self.gpu.is_software;
+        let of = |cost: &Cost| if software { cost.processor } else { cost.wall };
+        let whole = self.measure(tier, Layers::ALL)?;
+        let mut layers = Vec::new();
+        for (layer, bit) in Layers::EACH {
+            let rest = self.measure(tier, Layers::ALL.without(bit))?;
+            layers.push((layer, of(&whole) - of(&rest)));
+        }
+        layers.push(("rest", of(&self.measure(tier, Layers::NONE)?)));
+        Ok(Row { whole, layers })
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// Processor time of all threads of this process, ms.
+fn processor_ms() -> f64 {
+    let t = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+    t.tv_sec as f64 * 1e3 + t.tv_nsec as f64 * 1e-6
+}
+
+/// Measures and prints, a line a tier.
+pub fn render(args: &RenderArgs) -> Result<()> {
+    let mut bench = Bench::open(&args.subject)?;
+    let name = bench.gpu.name.clone();
+    if !args.json {
+        let layer = if bench.gpu.is_software { "processor time" } else { "wall time" };
+        println!(
+            "{name}; scene {}; ms of a stereo frame, medians; of a layer: {layer} that leaving it out saves",
+            args.subject
+        );
+        print!("tier  picture      shading   wall  processor");
+        Layers::EACH.iter().for_each(|(layer, _)| print!("  {layer:>11}"));
+        println!("         rest");
+    }
+    let wanted = |index: usize| args.tier.is_none_or(|only| only as usize == index);
+    for (index, tier) in TIERS.iter().enumerate().filter(|(index, _)| wanted(*index)) {
+        let row = bench.row(index)?;
+        if args.json {
+            print_json(&name, &args.subject, index, tier, &row)
+        } else {
+            print_row(index, tier, &row)
+        }
+    }
+    Ok(())
+}
+
+fn print_row(index: usize, tier: &Tier, row: &Row) {
+    let (w, h, shading) = (tier.width_px, tier.height_px, tier.shading.name());
+    print!("{index:>4}  2×{w:<4}×{h:<4}  {shading:<7} {:>6.2}  {:>9.2}", row.whole.wall, row.whole.processor);
+    row.layers.iter().for_each(|(_, ms)| print!("  {ms:>11.2}"));
+    println!();
+}
+
+fn print_json(adapter: &str, subject: &str, index: usize, tier: &Tier, row: &Row) {
+    let (w, h, shading) = (tier.width_px, tier.height_px, tier.shading.name());
+    let each: Vec<String> = row.layers.iter().map(|(l, ms)| format!("\"{l}\":{ms:.3}")).collect();
+    println!(
+        "{{\"adapter\":{adapter:?},\"subject\":\"{subject}\",\"tier\":{index},\"width_px\":{w},\"height_px\":{h},\
+         \"shading\":\"{shading}\",\"wall_ms\":{:.3},\"processor_ms\":{:.3},\"layers_ms\":{{{}}}}}",
+        row.whole.wall,
+        row.whole.processor,
+        each.join(",")
+    );
+}

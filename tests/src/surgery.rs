@@ -1,0 +1,119 @@
+//! Moments of the shipped scenes: the script played without cameras, and the picture that the renderer draws of it. For reference
+//! pictures and for those that the documentation shows.
+
+use protocol::rig::Rig;
+use protocol::scene::SceneHeader;
+use protocol::scene_file::SceneFile;
+use protocol::time::Instants;
+use renderer::frame::Renderer;
+use renderer::governor::{Shading, TIERS};
+use renderer::gpu::Gpu;
+use renderer::latch::latch_scene;
+use renderer::readback::{Picture, ReadBack};
+use simcore::rehearsal::Rehearsal;
+use simcore::scene_block::{SceneWriter, bytes_needed};
+use simcore::world::{World, no_clock};
+
+/// Steps a second of the script.
+const FIELDS_PER_S: f64 = 50.0;
+
+/// A scene block as the simulation sends it.
+pub struct Block {
+    /// Header.
+    pub header: SceneHeader,
+    /// Payload, in units of 16 bytes.
+    pub payload: Vec<u128>,
+}
+
+/// A scene that is being played.
+pub struct Surgery {
+    /// Its file.
+    pub scene: SceneFile,
+    rehearsal: Rehearsal,
+    world: World,
+    writer: SceneWriter,
+    field: u64,
+    /// What the renderer needs to have seen: how everything lay at first.
+    first: Block,
+}
+
+impl Surgery {
+    /// The beginning of `scene`.
+    ///
+    /// # Panics
+    /// If the simulation refuses it.
+    pub fn begin(scene: SceneFile) -> Self {
+        let rehearsal = Rehearsal::shipped(&scene);
+        let world = World::new(&scene).expect("a scene that can be simulated");
+        let mut writer = SceneWriter::new(&world);
+        let first = block(&world, &mut writer);
+        Self { scene, rehearsal, world, writer, field: 0, first }
+    }
+
+    /// Plays on until `at_s` seconds after the beginning; gives what the simulation then sends.
+    pub fn play_to(&mut self, at_s: f64) -> Block {
+        let until = (at_s * FIELDS_PER_S).round() as u64;
+        while self.field < until {
+            self.rehearsal.play(&mut self.world, self.field, &mut no_clock);
+            self.field += 1;
+        }
+        block(&self.world, &mut self.writer)
+    }
+
+    /// The picture of `block` at `tier`, drawn by a fresh renderer that saw the beginning, with a fundus map of `map_px`.
+    ///
+    /// # Panics
+    /// If the shipped meshes or the graphics driver fail.
+    pub fn draw(&self, gpu: &Gpu, block: &Block, tier: usize, map_px: u32) -> Picture {
+        let rig = Rig::load_or_shipped(None).expect("the shipped rig");
+        let plan = renderer::start::plan(&self.scene, &rig, tier, map_px);
+        let mut renderer = Renderer::new(gpu, plan).expect("shipped meshes and photograph");
+        for block in [&self.first, block] {
+            let payload = bytemuck::cast_slice(&block.payload);
+            renderer.take_scene(gpu, &block.header, payload).expect("a block of the simulation");
+        }
+        let commands = renderer.encode(gpu, tier);
+        renderer.submit(gpu, tier, &latch_scene(&block.header), commands);
+        let mut picture = Picture::default();
+        let read_back = ReadBack::new(gpu, tier).read(gpu, renderer.target(tier), &mut picture);
+        read_back.expect("the picture");
+        picture
+    }
+}
+
+fn block(world: &World, writer: &mut SceneWriter) -> Block {
+    let bytes =
+        bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
+    let mut payload = vec![0u128; bytes.div_ceil(16)];
+    // Instants of 0 mean "not yet".
+    let instants = Instants { exposed: 1, ..bytemuck::Zeroable::zeroed() };
+    let header = writer.write(world, instants, 0, bytemuck::cast_slice_mut(&mut payload));
+    Block { header, payload }
+}
+
+/// Every shipped scene, and a moment of it that shows what it is about, s.
+pub const MOMENTS: [(&str, f64); 7] = [
+    ("peel", 6.0),
+    ("erm", 6.0),
+    ("lift", 4.5),
+    ("trim", 5.0),
+    ("vitrectomy", 3.0),
+    ("relocation", 7.0),
+    ("bodies", 4.0),
+];
+
+/// Width of a reference picture, both channels, px.
+pub const REFERENCE_PX: u32 = 320;
+/// Edge of the fundus map of reference pictures, whatever the device.
+pub const REFERENCE_MAP_PX: u32 = 512;
+
+/// The smallest tier of each shading that is no smaller than a reference picture, with the shading's name.
+///
+/// # Panics
+/// If a shading has no tier.
+pub fn reference_tiers() -> [(&'static str, usize); 2] {
+    Shading::ALL.map(|shading| {
+        let tier = TIERS.iter().rposition(|t| t.shading == shading && t.width_px >= REFERENCE_PX);
+        (shading.name(), tier.expect("a tier of each shading"))
+    })
+}
