@@ -35,6 +35,7 @@ pub struct Plan {
 struct Hand {
     tip: Vector3<f64>,
     jaw_rad: f64,
+    roll_rad: f64,
     at_s: f64,
 }
 
@@ -43,6 +44,8 @@ struct Planner {
     hands: [Hand; INSTRUMENTS],
     /// Where each body is when its turn comes.
     bodies: Vec<Vector3<f64>>,
+    /// Longest axis of each at the start, eye frame.
+    axes: Vec<Vector3<f64>>,
     radius_mm: f64,
 }
 
@@ -53,10 +56,11 @@ pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> Plan {
         let key = own.min_by(|a, b| a.at_s.total_cmp(&b.at_s));
         key.map_or((Vector3::new(0.0, 0.0, -4.0), 0.0), |k| (Vector3::from(k.tip_in_eye_mm), k.jaw_rad))
     };
-    let hand = |i: usize| Hand { tip: first(i).0, jaw_rad: first(i).1, at_s: 0.0 };
+    let hand = |i: usize| Hand { tip: first(i).0, jaw_rad: first(i).1, roll_rad: 0.0, at_s: 0.0 };
     let radius_mm = scene.eye.retina_radius_mm;
     let bodies = scene.bodies.iter().flat_map(|b| &b.body).map(|b| lying(b, radius_mm)).collect();
-    let mut planner = Planner { keys: Vec::new(), hands: std::array::from_fn(hand), bodies, radius_mm };
+    let axes = scene.bodies.iter().flat_map(|b| &b.body).map(crate::task::longest_axis).collect();
+    let mut planner = Planner { keys: Vec::new(), hands: std::array::from_fn(hand), bodies, axes, radius_mm };
     (0..INSTRUMENTS).for_each(|i| planner.stay(i, 0.0));
     for goal in &task.goals {
         planner.reach(goal);
@@ -122,8 +126,9 @@ impl Planner {
                 (0..INSTRUMENTS).for_each(|i| self.stay(i, hold_s + HOLD_MORE_S));
             }
             Goal::Grip { body, instrument } => self.grip(*instrument as usize, *body as usize),
-            Goal::Place { body, at_in_eye_mm, .. } => {
-                self.place(*body as usize, Vector3::from(*at_in_eye_mm))
+            Goal::Place { body, at_in_eye_mm, along_in_eye, .. } => {
+                let turn = along_in_eye.map_or(0.0, |along| self.turn(*body as usize, &Vector3::from(along)));
+                self.place(*body as usize, Vector3::from(*at_in_eye_mm), turn);
             }
             Goal::Event { .. } => {}
         }
@@ -142,7 +147,7 @@ impl Planner {
     }
 
     /// Whoever is nearest to the body carries it.
-    fn place(&mut self, body: usize, to: Vector3<f64>) {
+    fn place(&mut self, body: usize, to: Vector3<f64>, turn_rad: f64) {
         let from = self.bodies[body];
         let away = |h: &Hand| (h.tip - from).norm();
         let i = if away(&self.hands[0]) <= away(&self.hands[1]) { 0 } else { 1 };
@@ -151,13 +156,24 @@ impl Planner {
         }
         let (lifted, over) = (self.above(from), self.above(to));
         self.go(i, lifted, CAREFUL_MM_S);
+        self.hands[i].roll_rad = turn_rad;
         self.go(i, over, REACH_MM_S);
         self.go(i, to, CAREFUL_MM_S);
         self.stay(i, HOLD_MORE_S);
         self.jaws(i, OPEN_RAD);
         self.stay(i, HOLD_MORE_S);
         self.go(i, over, CAREFUL_MM_S);
+        self.hands[i].roll_rad = 0.0;
+        self.stay(i, JAWS_S);
         self.bodies[body] = to;
+    }
+
+    /// Turn about the shaft that lays a body along a direction, rad, the short way: shafts stand nearly upright in the eye.
+    fn turn(&self, body: usize, along: &Vector3<f64>) -> f64 {
+        let axis = self.axes[body];
+        let angle = libm::atan2(along.y, along.x) - libm::atan2(axis.y, axis.x);
+        let half = std::f64::consts::PI;
+        angle - libm::round(angle / half) * half
     }
 
     fn above(&self, at: Vector3<f64>) -> Vector3<f64> {
@@ -198,7 +214,7 @@ impl Planner {
             at_s: hand.at_s,
             instrument: i as u32,
             tip_in_eye_mm: hand.tip.into(),
-            roll_rad: 0.0,
+            roll_rad: hand.roll_rad,
             jaw_rad: hand.jaw_rad,
             tool: None,
         });

@@ -5,7 +5,7 @@ use modules::task::{Phase, Task, TaskState};
 use nalgebra::Vector3;
 use protocol::scene::SceneBody;
 use protocol::scene_file::{Goal, MAX_GOALS};
-use std::fmt::Write;
+use protocol::scene_text::{Place, push_line};
 
 /// Balls that a task may show: goals, and beads along a path.
 pub const MAX_BALLS: usize = MAX_GOALS + MAX_BEADS;
@@ -15,6 +15,8 @@ pub const MAX_TEXT: usize = 1024;
 const MAX_BEADS: usize = 40;
 /// Radius of a bead, as a share of the tube's; the tube itself would hide the tip.
 const BEAD_SHARE: f64 = 0.25;
+/// The instructions stand in the picture for so long, s.
+const INSTRUCTIONS_S: f64 = 6.0;
 /// Opacity of a ball that a tip must come into.
 const CLEAR: f32 = 0.45;
 /// Linear RGB of goals: open, later, done.
@@ -116,11 +118,13 @@ impl TaskText {
         if self.made_for != Some(key) {
             self.made_for = Some(key);
             self.text.clear();
-            // Writing into a string cannot fail.
-            let _ = if over {
+            if !notice.is_empty() {
+                push_line(&mut self.text, Place::Bottom, notice);
+            }
+            if over {
                 end_screen(world, &mut self.text)
             } else {
-                running(task, state, notice, &mut self.text)
+                running(task, state, &mut self.text)
             };
             self.text.truncate(self.text.floor_char_boundary(MAX_TEXT));
         }
@@ -128,46 +132,43 @@ impl TaskText {
     }
 }
 
-fn running(task: &Task, state: &TaskState, notice: &str, out: &mut String) -> std::fmt::Result {
+fn running(task: &Task, state: &TaskState, out: &mut String) {
     let scene = task.scene();
-    if !notice.is_empty() {
-        writeln!(out, "{notice}")?;
-    }
     let left_s = (scene.limit_s - state.elapsed_s()).max(0.0) as u64;
-    let (reached, all) = (state.reached(), scene.goals.len());
-    writeln!(
-        out,
-        "{}, level {}   {reached}/{all}   {}:{:02}",
-        scene.title,
-        scene.level,
-        left_s / 60,
-        left_s % 60
-    )?;
+    push_line(out, Place::TopLeft, &format!("level {}", scene.level));
+    push_line(out, Place::TopLeft, &format!("{} of {}", state.reached(), scene.goals.len()));
+    push_line(out, Place::TopRight, &format!("{}:{:02}", left_s / 60, left_s % 60));
     let next = scene.goals.iter().enumerate().find(|(i, _)| task.is_open(state, *i)).map(|(_, g)| g);
-    match next {
-        Some(Goal::Event { what, .. }) => writeln!(out, "next: {what}")?,
-        Some(Goal::Grip { instrument, .. }) => {
-            writeln!(out, "next: pick it up with instrument {instrument}")?
-        }
-        Some(Goal::Place { .. }) => writeln!(out, "next: place it on the mark")?,
-        _ => {}
+    let hint = match next {
+        Some(Goal::Event { what, .. }) => format!("next: {what}"),
+        Some(Goal::Grip { instrument, .. }) => format!("next: pick up, {} hand", hand(*instrument)),
+        Some(Goal::Place { .. }) => "next: place it on the mark".into(),
+        _ => String::new(),
+    };
+    push_line(out, Place::Bottom, &hint);
+    if state.elapsed_s() < INSTRUCTIONS_S {
+        push_line(out, Place::Middle, &scene.title);
+        scene.instructions.iter().for_each(|line| push_line(out, Place::Middle, line));
     }
-    if state.elapsed_s() < 15.0 {
-        scene.instructions.iter().try_for_each(|line| writeln!(out, "{line}"))?;
-    }
-    Ok(())
 }
 
-fn end_screen(world: &World, out: &mut String) -> std::fmt::Result {
-    let (Some((task, _)), Some(score)) = (world.task(), world.score()) else { return Ok(()) };
+fn hand(instrument: u32) -> &'static str {
+    if instrument == 0 { "first" } else { "second" }
+}
+
+fn end_screen(world: &World, out: &mut String) {
+    let (Some((task, _)), Some(score)) = (world.task(), world.score()) else { return };
     let end = if score.finished { "finished" } else { "time is over" };
-    writeln!(out, "{}, level {}: {end}", task.scene().title, task.scene().level)?;
-    writeln!(out, "score {:.0} of 100 (± {:.1})", score.total, score.sigma)?;
+    push_line(out, Place::Middle, &format!("{}, level {}: {end}", task.scene().module, task.scene().level));
+    push_line(out, Place::Middle, &format!("{:.0} of 100 points (± {:.1})", score.total, score.sigma));
     for category in modules::score::table::Category::ALL {
         let points = score.categories[category as usize];
-        writeln!(out, "{} {points:.0} of {:.0}", category.name(), category.points())?;
+        push_line(
+            out,
+            Place::Middle,
+            &format!("{} {points:.0} of {:.0}", category.name(), category.points()),
+        );
     }
-    Ok(())
 }
 
 #[cfg(test)]

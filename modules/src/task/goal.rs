@@ -74,6 +74,7 @@ pub(super) struct Check<'a> {
     pub seen: &'a Observation<'a>,
     pub smooth_mm: &'a [Option<Vector3<f64>>; INSTRUMENTS],
     pub radius_mm: f64,
+    pub axes: &'a [Vector3<f64>],
 }
 
 impl Check<'_> {
@@ -151,10 +152,11 @@ impl Check<'_> {
         along: Option<&[f64; 3]>,
         within_rad: f64,
     ) -> Option<f64> {
+        let axis = self.axes.get(body).copied().unwrap_or(Vector3::z());
         let body = self.seen.bodies.get(body).filter(|b| b.held_by.is_none())?;
         if let Some(along) = along {
             let wanted = Vector3::from(*along).try_normalize(1e-6)?;
-            let cosine = (body.eye_from_body.rotation * Vector3::z()).dot(&wanted).abs();
+            let cosine = (body.eye_from_body.rotation * axis).dot(&wanted).abs();
             if cosine < libm::cos(within_rad) {
                 return None;
             }

@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, Vector3};
 use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
-use protocol::scene_file::{GoalOrder, SceneFile, TaskScene};
+use protocol::scene_file::{BodyScene, GoalOrder, SceneFile, TaskScene};
 use protocol::time::Nanos;
 use serde::{Deserialize, Serialize};
 
@@ -150,6 +150,8 @@ pub struct Task {
     radius_mm: f64,
     /// Back of the lens, z in the eye frame, mm.
     lens_back_mm: f64,
+    /// Longest axis of each body, in its own frame.
+    axes: Vec<Vector3<f64>>,
 }
 
 impl Task {
@@ -157,7 +159,8 @@ impl Task {
     pub fn of(scene: &SceneFile) -> Option<Self> {
         let lens_back_mm = scene.vitreous.as_ref().map_or(eye::LENS_BACK_MM, |v| v.front_mm);
         let task = scene.task.clone()?;
-        Some(Task { scene: task, radius_mm: scene.eye.retina_radius_mm, lens_back_mm })
+        let axes = scene.bodies.iter().flat_map(|b| &b.body).map(longest_axis).collect();
+        Some(Task { scene: task, radius_mm: scene.eye.retina_radius_mm, lens_back_mm, axes })
     }
 
     /// What was asked.
@@ -215,7 +218,8 @@ impl Task {
             if !self.is_open(state, index) {
                 continue;
             }
-            let check = Check { seen, smooth_mm: &state.smooth_mm, radius_mm: self.radius_mm };
+            let check =
+                Check { seen, smooth_mm: &state.smooth_mm, radius_mm: self.radius_mm, axes: &self.axes };
             let own = &mut state.goals[index];
             check.advance(&self.scene.goals[index], own, index as u32, say);
             if own.reached {
@@ -272,6 +276,18 @@ impl Task {
                 say(Signal::new(EventKind::LensLeft, lasted_s).by(i, &tip.tip_in_eye_mm));
             }
         }
+    }
+}
+
+/// The axis along which a body is longest, in its own frame; the first of equals.
+pub fn longest_axis(body: &BodyScene) -> Vector3<f64> {
+    let [x, y, z] = body.half_extents_mm;
+    if x >= y && x >= z {
+        Vector3::x()
+    } else if y >= z {
+        Vector3::y()
+    } else {
+        Vector3::z()
     }
 }
 

@@ -18,7 +18,7 @@ fn task(order: GoalOrder, goals: Vec<Goal>) -> Task {
         instructions: Vec::new(),
         goals,
     };
-    Task { scene, radius_mm: 11.5, lens_back_mm: 6.5 }
+    Task { scene, radius_mm: 11.5, lens_back_mm: 6.5, axes: Vec::new() }
 }
 
 fn hold(x: f64) -> Goal {

@@ -109,7 +109,7 @@ pub enum Goal {
         at_in_eye_mm: [f64; 3],
         /// How far it may be off, mm.
         radius_mm: f64,
-        /// Direction along which the body's z axis must lie, either way, if that matters.
+        /// Direction along which the body's longest axis must lie, either way, if that matters.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         along_in_eye: Option<[f64; 3]>,
         /// How far the axis may be off, rad.
