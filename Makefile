@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak test-python bench validation golden pictures gallery instruments vectors study clean
+.PHONY: help setup setup-python demo test soak test-python bench bench-score validation golden pictures gallery instruments vectors study clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -74,6 +74,14 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
 	$(RELEASE) run --headless --instance bench --duration 30 --report out/bench-headless.json
+
+bench-score: setup ## Measure how fast recordings are scored on one core, without and with simulating again
+	cargo build --release --workspace
+	@mkdir -p out/score
+	for m in navigation shadow peeling; do \
+		$(RELEASE) run --module $$m --no-picture --instance bench --record out/score/$$m.mcap >/dev/null || exit 1; done
+	for how in "" --resimulate; do for m in navigation shadow peeling; do \
+		$(RELEASE) score out/score/$$m.mcap --jobs 1 --csv out/score/$$m.csv $$how || exit 1; done; done
 
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
 	cargo run --release -p simcore --example validation
