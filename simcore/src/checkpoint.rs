@@ -61,8 +61,11 @@ fn config() -> Config {
     bincode::config::standard().with_fixed_int_encoding().with_limit::<MAX_CHECKPOINT_BYTES>()
 }
 
+/// Task and optics of a state.
+type Tail<'a> = (&'a Option<(TaskState, Meter)>, &'a Option<OpticsState>);
+
 /// What is hashed and saved after all else, and only where one of both is there.
-fn tail(state: &State) -> Option<(&Option<(TaskState, Meter)>, &Option<OpticsState>)> {
+fn tail(state: &State) -> Option<Tail<'_>> {
     (state.task.is_some() || state.optics.is_some()).then_some((&state.task, &state.optics))
 }
 

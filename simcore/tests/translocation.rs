@@ -78,7 +78,7 @@ fn the_shipped_translocation_turns_the_retina_as_a_whole_and_lays_it_on() {
 /// The scene block has every triangle that lies elsewhere than at the start, those that are gone, and where all of it lay.
 fn the_picture_turns_with_it(world: &World, whole: usize) {
     let mut payload =
-        vec![0u128; bytes_needed(world.sheet(), None, world.retina().map(|r| &r.sheet)).div_ceil(16)];
+        vec![0u128; bytes_needed(world.sheet(), false, None, world.retina().map(|r| &r.sheet)).div_ceil(16)];
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
     let header = SceneWriter::new(world).write(world, Zeroable::zeroed(), 0, bytes);
     let triangles = section::<SceneTriangle>(bytes, header.triangles).unwrap();

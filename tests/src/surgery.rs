@@ -82,8 +82,12 @@ impl Surgery {
 }
 
 fn block(world: &World, writer: &mut SceneWriter) -> Block {
-    let bytes =
-        bytes_needed(world.sheet(), world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
+    let bytes = bytes_needed(
+        world.sheet(),
+        world.adhesion().is_some(),
+        world.vitreous().map(|(v, _)| v),
+        world.retina().map(|r| &r.sheet),
+    );
     let mut payload = vec![0u128; bytes.div_ceil(16)];
     // Instants of 0 mean "not yet".
     let instants = Instants { exposed: 1, ..bytemuck::Zeroable::zeroed() };
