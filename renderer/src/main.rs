@@ -1,8 +1,9 @@
 //! `vitreo-renderer`: the surgeon's stereo view, and the measurement of what it costs.
 
-mod bench;
+mod commands;
 
 use clap::Parser;
+use commands::bench;
 use renderer::config::Config;
 use std::process::ExitCode;
 

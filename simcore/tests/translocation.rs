@@ -71,7 +71,8 @@ fn the_shipped_translocation_turns_the_retina_as_a_whole_and_lays_it_on() {
     let [least, most] = turns(&world, &disc);
     assert!(least > 0.4 && most < 0.56, "{least} to {most} rad");
     let mean = state.turn_about_rad(&world.retina().unwrap().home_mm, &disc);
-    assert!((0.4..0.6).contains(&mean), "{mean} rad on average");
+    // A fold that lies the other way round counts in the mean.
+    assert!((0.3..0.6).contains(&mean), "{mean} rad on average");
     the_picture_turns_with_it(&world, whole);
 }
 

@@ -482,7 +482,8 @@ mod tests {
     fn topics_that_are_not_wanted_are_passed_over() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.mcap");
-        let handle: crate::handles::HandleState = bytemuck::Zeroable::zeroed();
+        let tool = crate::handles::Tool::Forceps as u32;
+        let handle = crate::handles::HandleState { tool, ..bytemuck::Zeroable::zeroed() };
         written(&path, &[note(1), Item::Handle(handle), note(2)]);
         let recording = Recording::open(&path).unwrap();
         let of =

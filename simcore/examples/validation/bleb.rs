@@ -60,6 +60,11 @@ impl Bleb {
         }
     }
 
+    /// Place of a node by the number that it has in [`simcore::retina::mesh`], which counts ring by ring from the pole.
+    fn at_in_rings(&self, node: u32) -> Vector3<f64> {
+        self.at(self.model.sheet.order[node as usize])
+    }
+
     fn at(&self, node: u32) -> Vector3<f64> {
         self.state.tissue.position(node as usize).map(f64::from)
     }
@@ -78,10 +83,10 @@ impl Bleb {
         (0..self.model.sheet.structural as u32).map(energy).sum()
     }
 
-    /// Mean tension of the inner quarter of the bleb by the virial of its springs, µN/mm: T = Σ f l/2A, half of a spring to each side.
+    /// Mean tension of the inner half of the bleb by the virial of its springs, µN/mm: T = Σ f l/2A, half of a spring to each side.
     fn tension(&self) -> f64 {
         let sheet = &self.model.sheet;
-        let inner = |t: &usize| sheet.triangles[*t].iter().all(|&n| self.at(n).xy().norm() < 1.1);
+        let inner = |t: &usize| sheet.triangles[*t].iter().all(|&n| self.at(n).xy().norm() < 2.3);
         let (mut virial, mut area) = (0.0, 0.0);
         for t in (0..sheet.triangles.len()).filter(inner) {
             let [a, b, c] = sheet.triangles[t].map(|n| self.at(n));
@@ -115,7 +120,7 @@ fn run(_: &Value, depth: Depth) -> Outcome {
         let size = 1.0 / f64::from(rings);
         let blebs = [0.95, 1.0, 1.05].map(|share| Bleb::new(rings, share * fluid));
         let [less, bleb, more] = &blebs;
-        let found = Cap { base_mm, height_mm: plane + bleb.at(0).z };
+        let found = Cap { base_mm, height_mm: plane + bleb.at_in_rings(0).z };
         height.found.push([size, found.height_mm]);
         laplace.found.push([size, bleb.pressure() * cap.radius_mm() / (2.0 * bleb.tension())]);
         let slope = (more.energy() - less.energy()) / (0.1 * fluid);
@@ -125,7 +130,7 @@ fn run(_: &Value, depth: Depth) -> Outcome {
             |r: f64| [r, libm::sqrt(cap.radius_mm() * cap.radius_mm() - r * r) - cap.radius_mm() + HEIGHT_MM];
         outcome.solution.line("reference", (0..=50).map(|i| round(base_mm * f64::from(i) / 50.0)).collect());
         let spoke = |ring: u32| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
-        let spokes = (0..=rings / 4).map(|r| bleb.at(spoke(r)));
+        let spokes = (0..=rings / 4).map(|r| bleb.at_in_rings(spoke(r)));
         outcome.solution.marks("ours", spokes.map(|x| [x.xy().norm(), x.z + plane]).collect());
         finest = rings;
     }

@@ -24,7 +24,7 @@ fn run(_: &Value, depth: Depth) -> Outcome {
         let mut force = Series::new(format!("{degrees} degrees, uN/mm"), base.kendall_un_per_mm());
         let mut work =
             Series::new(format!("{degrees} degrees: work over area, uN/mm"), base.energy_un_per_mm);
-        for (spacing_mm, rows) in depth.of(&[(0.2, 5), (0.1, 9)], 1) {
+        for (spacing_mm, rows) in depth.of(&[(0.2, 5), (0.1, 9)], 2) {
             let measured = PeelTest { spacing_mm, rows, ..base }.run();
             force.found.push([spacing_mm, measured.force_un_per_mm]);
             work.found.push([spacing_mm, measured.energy_un_per_mm]);
