@@ -3,7 +3,7 @@
 
 // The same scenes as those of the examples and tests.
 #[allow(dead_code)]
-#[path = "../examples/common/mod.rs"]
+#[path = "../../examples/common/mod.rs"]
 mod common;
 
 use anyhow::Result;
