@@ -151,16 +151,16 @@ pub const MOMENTS: [Moment; 16] = [
     scene("trim", 5.0),
     scene("vitrectomy", 3.0),
     scene("relocation", 7.0),
-    scene("translocation", 6.0),
+    scene("translocation", 9.0),
     scene("bodies", 4.0),
     training("navigation", 4.0),
     training("shadow", 4.0),
     training("bimanual", 4.0),
     training("forceps", 4.0),
     training("steady-path", 4.0),
-    training("peeling", 4.0),
-    training("relocation", 4.0),
-    training("vitrectomy", 4.0),
+    training("peeling", 9.0),
+    training("relocation", 8.0),
+    training("vitrectomy", 6.0),
 ];
 
 /// Width of a reference picture, both channels, px.
