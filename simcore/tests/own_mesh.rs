@@ -71,6 +71,9 @@ fn a_mesh_beside_the_scene_is_held_by_its_edge_grabbed_and_recorded_whole() {
     assert!((b - a).cross(&(c - a)).dot(&a) < 0.0, "turned so that its front looks into the eye");
 }
 
+/// What is done to a good mesh, and what must be told.
+type Spoiled<'a> = (&'a dyn Fn(&mut MeshScene), String);
+
 #[test]
 fn what_cannot_be_a_sheet_is_refused_by_its_element() {
     let refused = |change: &dyn Fn(&mut MeshScene)| {
@@ -84,11 +87,14 @@ fn what_cannot_be_a_sheet_is_refused_by_its_element() {
         scene.and_then(|s| World::new(&s).map(|_| ()).map_err(|e| e.to_string())).unwrap_err()
     };
     let last = mesh().triangles.len() - 1;
-    let cases: [(&dyn Fn(&mut MeshScene), String); 6] = [
+    let cases: [Spoiled; 6] = [
         (&|m| m.triangles.push(m.triangles[3]), "expected at most two triangles, found 3".into()),
         (&|m| m.triangles[5] = [7, 7, 8], "triangle 5 names node 7 twice".into()),
         (&|m| m.triangles[last][0] = 1_000_000, format!("triangle {last} names node 1000000")),
-        (&|m| m.positions_mm[9] = m.positions_mm[10], "spring between nodes [9, 10] has length 0e0 mm".into()),
+        (
+            &|m| m.positions_mm[9] = m.positions_mm[10],
+            "spring between nodes [9, 10] has length 0e0 mm".into(),
+        ),
         (&|m| m.triangles[3].swap(0, 1), "wound in opposite senses".into()),
         (&|m| m.positions_mm.clear(), "membrane.mesh.positions_mm: expected 3 to".into()),
     ];

@@ -67,12 +67,15 @@ impl MeshScene {
     }
 }
 
+/// Corners, mm, and triangles.
+type Mesh = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
 /// A line that was refused: its number, what was expected, what it says.
 type Refused = (usize, &'static str, String);
 
 /// Corners and triangles of a Wavefront text: its `v` and `f` lines, faces with more corners as fans. Texture and normal numbers are
 /// passed over, as are all other lines.
-fn parse_obj(text: &str) -> Result<(Vec<[f32; 3]>, Vec<[u32; 3]>), Refused> {
+fn parse_obj(text: &str) -> Result<Mesh, Refused> {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for (number, line) in text.lines().enumerate() {
         let refused = |expected| (number + 1, expected, line.trim().chars().take(80).collect());
