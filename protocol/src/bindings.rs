@@ -138,16 +138,38 @@ pub fn rows() -> impl Iterator<Item = (String, &'static str)> {
     moves.chain(BINDINGS.iter().map(|b| (b.keys.join(", "), b.text)))
 }
 
-/// The table as the help of a window: a line each, of keyboard and mouse only.
+/// What the help of a window groups in a line.
+const HELP: &[(&[Action], &str)] = &[
+    (&[Action::Left, Action::Right, Action::Up, Action::Down], "tip sideways"),
+    (&[Action::Deeper, Action::Higher], "tip deeper, higher"),
+    (&[Action::RollLeft, Action::RollRight], "turn"),
+    (&[Action::Fine], "finer"),
+    (&[Action::OtherHand], "other hand"),
+    (&[Action::NextTool], "next tool"),
+    (&[Action::Use], "jaws, cut, inject"),
+    (&[Action::Keep], "keep it so"),
+    (&[Action::Suck], "suction"),
+    (&[Action::Air, Action::Fluid], "air, fluid in"),
+    (&[Action::ScopeLeft, Action::ScopeRight, Action::ScopeUp, Action::ScopeDown], "microscope"),
+    (&[Action::ZoomIn, Action::ZoomOut], "zoom"),
+    (&[Action::FocusUp, Action::FocusDown], "focus"),
+    (&[Action::Magnify, Action::Reduce], "magnify, reduce"),
+    (&[Action::Lens, Action::Inverter, Action::Filter], "lens, inverter, filter"),
+    (&[Action::Pause, Action::Restart, Action::Next], "pause, restart, next"),
+    (&[Action::Mouse, Action::FullScreen], "free mouse, full screen"),
+    (&[Action::Help, Action::Quit], "this help, quit"),
+];
+
+/// The help of a window: a line each, with the first key of keyboard or mouse of each action.
 pub fn help() -> String {
-    let mut text = String::new();
-    for (what, meaning) in &MOVEMENTS[..2] {
-        text.push_str(&format!("{what}: {meaning}\n"));
-    }
-    for binding in BINDINGS {
-        let keys: Vec<&str> =
-            binding.keys.iter().filter(|k| !k.starts_with("pad-")).take(2).copied().collect();
-        text.push_str(&format!("{}: {}\n", keys.join(" "), binding.text));
+    let key = |action: &Action| {
+        let own = BINDINGS.iter().filter(|b| b.action == *action).flat_map(|b| b.keys);
+        own.copied().find(|k| !k.starts_with("pad-")).unwrap_or_default()
+    };
+    let mut text = String::from("mouse: tip sideways\nwheel: tip deeper, higher\n");
+    for (actions, meaning) in HELP {
+        let keys: Vec<&str> = actions.iter().map(key).collect();
+        text.push_str(&format!("{}: {meaning}\n", keys.join(" ")));
     }
     text
 }
@@ -175,8 +197,10 @@ mod tests {
     #[test]
     fn the_help_fits_the_picture() {
         let help = help();
-        assert!(help.lines().count() <= 40 && help.chars().count() < 1_900, "letters that a picture holds");
-        assert!(help.lines().all(|l| l.chars().count() <= 72));
+        assert!(help.lines().count() <= 30 && help.chars().count() < 1_900, "letters that a picture holds");
+        assert!(help.lines().all(|l| l.chars().count() <= 60));
         assert!(!help.contains("pad-"), "{help}");
+        let told = |b: &Binding| HELP.iter().any(|(actions, _)| actions.contains(&b.action));
+        assert!(BINDINGS.iter().all(told), "every action is told");
     }
 }

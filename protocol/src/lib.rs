@@ -46,6 +46,7 @@ pub mod recording;
 pub mod rig;
 pub mod scene;
 pub mod scene_file;
+pub mod scene_stream;
 pub mod scene_text;
 pub mod script;
 pub mod shell;
