@@ -67,8 +67,7 @@ mod tests {
 
     #[test]
     fn frames_are_valid_and_their_prediction_is_where_the_hand_goes() {
-        let mut desk =
-            Desk::new(&SceneFile::load("peel").unwrap(), &Rig::load_or_shipped(None).unwrap());
+        let mut desk = Desk::new(&SceneFile::load("peel").unwrap(), &Rig::load_or_shipped(None).unwrap());
         desk.take(Input::Move([400.0, 0.0]));
         (0..20).for_each(|_| desk.advance(0.02));
         let frame = poses(&desk, 20, 1_000_000_000);

@@ -77,7 +77,9 @@ impl Gamepad {
             Ok(events) => {
                 for event in events {
                     match event.destructure() {
-                        EventSummary::Key(_, code, value) => button(code, value).into_iter().for_each(&mut done),
+                        EventSummary::Key(_, code, value) => {
+                            button(code, value).into_iter().for_each(&mut done)
+                        }
                         EventSummary::AbsoluteAxis(_, code, value) => {
                             let own = ranges.iter().find(|(c, _)| *c == code);
                             let range = own.map_or(Range { low: -1, high: 1 }, |(_, r)| *r);

@@ -252,10 +252,8 @@ impl Desk {
             self.between(Action::ScopeLeft, Action::ScopeRight),
             self.between(Action::ScopeDown, Action::ScopeUp),
         ];
-        let zoom = [
-            self.between(Action::ZoomOut, Action::ZoomIn),
-            self.between(Action::FocusDown, Action::FocusUp),
-        ];
+        let zoom =
+            [self.between(Action::ZoomOut, Action::ZoomIn), self.between(Action::FocusDown, Action::FocusUp)];
         let (air, fluid) = (self.holds(Action::Air), self.holds(Action::Fluid));
         let (cuts, sucks) = (uses(Tool::Vitrector), self.holds(Action::Suck));
         let (mode, axes) = if air || fluid {

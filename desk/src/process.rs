@@ -242,7 +242,9 @@ impl Station {
                 self.last_hint.clear();
             }
             Command::Ping | Command::Flush | Command::Shutdown => {}
-            Command::Snapshot | Command::Next => anyhow::bail!("the desk knows start, pause, reset and load only"),
+            Command::Snapshot | Command::Next => {
+                anyhow::bail!("the desk knows start, pause, reset and load only")
+            }
         }
         Ok(())
     }

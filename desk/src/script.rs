@@ -23,7 +23,8 @@ const LATEST_S: f64 = 86_400.0;
 /// Without a line `end` a file ends so long after its last line, s.
 const AFTER_S: f64 = 1.0;
 /// What a line may say.
-const WORDS: &str = "press KEY, release KEY, tap KEY, move RIGHT DOWN, wheel NOTCHES, axis NAME PLACE, let-go or end";
+const WORDS: &str =
+    "press KEY, release KEY, tap KEY, move RIGHT DOWN, wheel NOTCHES, axis NAME PLACE, let-go or end";
 
 /// Why a file of inputs was refused.
 #[derive(Debug, thiserror::Error)]
@@ -80,8 +81,7 @@ impl Inputs {
             if index >= MOST_LINES {
                 return Err(refuse(&format!("at most {MOST_LINES} lines"), "more"));
             }
-            let words: Vec<&str> =
-                line.split('#').next().unwrap_or("").split_whitespace().collect();
+            let words: Vec<&str> = line.split('#').next().unwrap_or("").split_whitespace().collect();
             let Some((at, what)) = words.split_first() else { continue };
             if end_s.is_some() {
                 return Err(refuse("nothing after end", at));

@@ -78,7 +78,8 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     ended(&mut renderer, "the picture")?;
     ended(&mut simulation, "the simulation")?;
     let shown_s = carried? as f64 / PICTURES_PER_S;
-    let whole = if shown_s + 0.1 < whole_s { format!(" of {whole_s:.0} s") } else { ": the whole of it".into() };
+    let whole =
+        if shown_s + 0.1 < whole_s { format!(" of {whole_s:.0} s") } else { ": the whole of it".into() };
     eprintln!("vitreo: {shown_s:.1} s{whole}");
     for path in film.iter().chain(&args.stills) {
         println!("{}", path.display());
@@ -91,7 +92,8 @@ fn simulate(args: &FilmArgs, composed: &Composed, length_s: f64) -> anyhow::Resu
     let mut command = Command::new(find_binary("vitreo-simcore")?);
     command.args(["--scene", &composed.name(), "--film", &FIELDS_PER_PICTURE.to_string()]);
     command.args(["--film-seed", &args.seed.to_string(), "--film-length", &length_s.to_string()]);
-    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("start the simulation")?;
+    let mut child =
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("start the simulation")?;
     let scenes = child.stdout.take().context("the simulation's output")?;
     Ok((child, scenes))
 }
@@ -111,7 +113,8 @@ fn draw(args: &FilmArgs, composed: &Composed, film: Option<&Path>) -> anyhow::Re
     if let Some(kb) = args.jpeg {
         command.args(["--jpeg", &(u64::from(kb) * 1000).to_string()]);
     }
-    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().context("start the renderer")?;
+    let mut child =
+        command.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().context("start the renderer")?;
     let pictures = child.stdin.take().context("the renderer's input")?;
     Ok((child, pictures))
 }

@@ -14,6 +14,7 @@ use crate::present::{Present, Ready};
 use crate::readback::ReadBack;
 use crate::start;
 use anyhow::{Context, Result};
+use person::Person;
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
@@ -26,7 +27,6 @@ use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::shell::Shell;
-use person::Person;
 use protocol::time::{Nanos, now, sleep_until};
 
 /// Runs until it is told to stop.

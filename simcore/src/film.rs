@@ -66,7 +66,7 @@ impl Film {
     }
 }
 
-/// Writes the scene of every `every`-th field, the first one before anything moved, for `seconds` or a round of the
+/// Writes the scene of every `every`-th field, from the first on, for `seconds` or a round of the
 /// script; how many.
 pub fn write(
     scene: &SceneFile,
@@ -80,7 +80,8 @@ pub fn write(
     let (mut field, mut written) = (0, 0);
     let end = seconds.map_or(film.fields(), |s| (s * FIELDS_PER_S) as u64);
     while field <= end {
-        film.play_to(field);
+        // Before the first step no instrument has been seen.
+        film.play_to(field + 1);
         let (header, payload) = film.scene();
         scene_stream::write(out, &header, payload)?;
         written += 1;
@@ -105,7 +106,7 @@ mod tests {
             steps.push(header.step);
             assert!(header.nodes.count > 100 && payload.len() > 1000);
         }
-        assert_eq!(steps, [0, 10, 20, 30, 40, 50]);
+        assert_eq!(steps, [1, 11, 21, 31, 41, 51]);
         let mut nothing = std::io::sink();
         let mut short = scene;
         short.script.period_s = 16.0;

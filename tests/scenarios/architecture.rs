@@ -61,8 +61,17 @@ fn dependencies(metadata: &serde_json::Value, name: &str) -> Vec<String> {
 #[test]
 fn crates_point_downwards_only() {
     let metadata = metadata();
-    let ours =
-        ["protocol", "modules", "results", "fpga-model", "desk", "tracker", "simcore", "renderer", "launcher"];
+    let ours = [
+        "protocol",
+        "modules",
+        "results",
+        "fpga-model",
+        "desk",
+        "tracker",
+        "simcore",
+        "renderer",
+        "launcher",
+    ];
     for name in ours {
         let allowed: &[&str] = match name {
             "protocol" => &[],
@@ -90,7 +99,9 @@ fn transport_and_graphics_stay_behind_their_borders() {
         ("parquet", &["results"]),
     ];
     for (library, owners) in only {
-        for name in ["protocol", "results", "fpga-model", "desk", "tracker", "simcore", "renderer", "launcher"] {
+        for name in
+            ["protocol", "results", "fpga-model", "desk", "tracker", "simcore", "renderer", "launcher"]
+        {
             let has = dependencies(&metadata, name).contains(&library.to_owned());
             assert_eq!(
                 has,

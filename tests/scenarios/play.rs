@@ -38,6 +38,8 @@ fn level_1_of_navigation_is_finished_by_inputs_alone() {
     // The recording holds every input since the restart: simulated again it gives the same score.
     assert_eq!(scored(&finished, &["--resimulate"])["agrees"], true);
     assert_eq!(scored(&begun, &[])["level"], 2);
+    let replay = vitreo(&["replay", &finished.display().to_string(), "--lockstep"]).expect_code(1);
+    assert!(replay.stderr.contains("--resimulate"), "{}", replay.stderr);
     // What was finished is kept, what was broken off is not.
     let list = vitreo(&["results", "--store", &store, "--csv", "-"]).expect_code(0).stdout;
     assert_eq!(list.lines().count(), 2, "{list}");
@@ -87,7 +89,8 @@ fn inputs_that_make_no_sense_are_refused_by_file_and_line() {
     let file = folder.path().join("bad.txt");
     std::fs::write(&file, "0.5 tap tab\n1.0 press any-key\n").expect("written");
     let file = file.display().to_string();
-    let play = |words: &[&str]| vitreo(&[&["play", "--no-picture", "--instance", &instance_name()], words].concat());
+    let play =
+        |words: &[&str]| vitreo(&[&["play", "--no-picture", "--instance", &instance_name()], words].concat());
     let told = play(&["--inputs", &file]).expect_code(1).stderr;
     for word in ["bad.txt", "line 2", "any-key", "mouse-left"] {
         assert!(told.contains(word), "{word} is missing: {told}");

@@ -206,7 +206,9 @@ impl Tracking {
             }
             Command::Flush => result = self.flush()?,
             Command::Start | Command::Pause | Command::Ping | Command::Shutdown => {}
-            Command::Snapshot | Command::Next => result = Err("the tracker has neither picture nor levels".to_owned()),
+            Command::Snapshot | Command::Next => {
+                result = Err("the tracker has neither picture nor levels".to_owned())
+            }
         }
         let answer = match &result {
             Ok(()) => Ok(()),

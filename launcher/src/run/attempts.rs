@@ -10,7 +10,10 @@ impl Session<'_> {
         }
         while let Some(request) = self.tap.request()? {
             if let Some(seq) = self.course.note_request(&request) {
-                self.answer(seq, Err("the launcher knows start, pause, reset, next and shutdown only".into()))?;
+                self.answer(
+                    seq,
+                    Err("the launcher knows start, pause, reset, next and shutdown only".into()),
+                )?;
             }
         }
         let (awaited, waiting, problems) = &mut self.awaited;

@@ -131,8 +131,14 @@ mod tests {
         for buttons in [32, 33, 1, 0, 64, 64, 128, 0] {
             press(&mut course, buttons);
         }
-        assert_eq!(all(&mut course), [Wish::PauseOrResume, Wish::Restart, Wish::Next], "not while they are held");
-        for (seq, command) in [(1, Command::Pause), (2, Command::Start), (3, Command::Reset), (4, Command::Next)] {
+        assert_eq!(
+            all(&mut course),
+            [Wish::PauseOrResume, Wish::Restart, Wish::Next],
+            "not while they are held"
+        );
+        for (seq, command) in
+            [(1, Command::Pause), (2, Command::Start), (3, Command::Reset), (4, Command::Next)]
+        {
             let request = Request { seq, argument: 0, target: LAUNCHER, command: command as u32 };
             assert_eq!(course.note_request(&request), None);
         }

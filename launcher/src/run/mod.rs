@@ -25,7 +25,7 @@ pub use options::{DeskArgs, RunArgs};
 use crate::exit::{BUDGET, FAILED, LOSS};
 use crate::machine::has_display;
 use crate::modules::Composed;
-use crate::results::{BEGAN, SURGEON, keep, seconds_since_1970};
+use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use anyhow::Context;
 use options::View;
 use protocol::budget::Stage;
@@ -118,7 +118,7 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         ("module", args.module.as_ref().map(|m| module(args, m, scripted))),
         (BEGAN, Some(seconds_since_1970(SystemTime::now()).to_string())),
         (SURGEON, scripted.then(|| args.surgeon.clone())),
-        ("desk", args.desk.as_ref().map(|d| file(&d.inputs).unwrap_or_else(|| d.input.clone()))),
+        (DESK, args.desk.as_ref().map(|d| file(&d.inputs).unwrap_or_else(|| d.input.clone()))),
         ("motion", file(&args.motion)),
         ("motion-full", args.motion_full.then(|| "true".into())),
         ("blobs", file(&args.blobs)),

@@ -168,7 +168,6 @@ impl<'a> Session<'a> {
         Ok(why)
     }
 
-
     /// Starts what receives and waits until it works, so that the first field finds everybody.
     fn start_receivers(&mut self) -> anyhow::Result<()> {
         let picture = (self.view != View::None).then_some(Process::Renderer);

@@ -169,7 +169,11 @@ fn no_clock_of_an_attempt_runs_while_everything_stands_still() {
         task.advance(&mut state, &seen, &mut |s| said.push((field, s)));
     }
     let end = said.last().unwrap();
-    assert_eq!((end.1.kind, state.phase), (EventKind::TaskFinished, Phase::Finished), "the limit of 4 s is not over");
+    assert_eq!(
+        (end.1.kind, state.phase),
+        (EventKind::TaskFinished, Phase::Finished),
+        "the limit of 4 s is not over"
+    );
     // A hold of 0.2 s that began at field 3 ends at field 13; the field after the pause counts for none.
     assert_eq!(end.0, 14);
     assert!((end.1.value - 0.02 * 12.0).abs() < 1e-9, "{}", end.1.value);

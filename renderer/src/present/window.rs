@@ -13,7 +13,9 @@ use std::time::Duration;
 use wgpu::{CurrentSurfaceTexture, Surface, SurfaceConfiguration, SurfaceTexture};
 use winit::application::ApplicationHandler;
 use winit::dpi::LogicalSize;
-use winit::event::{DeviceEvent, DeviceId, ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::event::{
+    DeviceEvent, DeviceId, ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent,
+};
 use winit::event_loop::{ActiveEventLoop, EventLoop};
 use winit::keyboard::{Key, KeyCode, NamedKey, PhysicalKey};
 use winit::monitor::MonitorHandle;
@@ -116,10 +118,12 @@ impl ApplicationHandler for State {
             }
             WindowEvent::MouseInput { state, button, .. } => self.click(button, state),
             WindowEvent::CursorMoved { position, .. } => self.follow([position.x, position.y]),
-            WindowEvent::MouseWheel { delta, .. } if self.mouse != Mouse::Free => self.tell(Input::Wheel(match delta {
-                MouseScrollDelta::LineDelta(_, lines) => f64::from(lines),
-                MouseScrollDelta::PixelDelta(px) => px.y / NOTCH_PX,
-            })),
+            WindowEvent::MouseWheel { delta, .. } if self.mouse != Mouse::Free => {
+                self.tell(Input::Wheel(match delta {
+                    MouseScrollDelta::LineDelta(_, lines) => f64::from(lines),
+                    MouseScrollDelta::PixelDelta(px) => px.y / NOTCH_PX,
+                }))
+            }
             WindowEvent::Focused(false) => {
                 self.free_mouse();
                 self.tell(Input::LetGo);

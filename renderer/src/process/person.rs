@@ -68,7 +68,7 @@ fn lines(hint: &str, paused: bool, shows_help: bool) -> String {
         push_line(&mut text, Place::BottomLeft, hint);
     }
     if paused {
-        push_line(&mut text, Place::Bottom, "paused: p goes on, f5 begins again");
+        push_line(&mut text, Place::Middle, "paused");
     }
     if shows_help {
         help().lines().for_each(|line| push_line(&mut text, Place::Middle, line));
@@ -84,7 +84,7 @@ mod tests {
     fn help_pause_and_hint_stand_at_their_places() {
         assert_eq!(lines("", false, false), "");
         let told = lines("hand 2: light", true, false);
-        assert!(told.contains("[hand 2: light\n") && told.contains("_paused"), "{told}");
+        assert!(told.contains("[hand 2: light\n") && told.contains("=paused"), "{told}");
         assert!(lines("", false, true).lines().all(|l| l.starts_with('=')));
     }
 }
