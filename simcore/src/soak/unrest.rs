@@ -2,15 +2,17 @@
 //!
 //! Limits hold tissue that explodes at v_max, where every number is finite and the mesh may stay whole; what gives it away is that it
 //! does not slow down. So, once the hands have been off for [`SETTLE_STEPS`], the mean square of the nodes' speeds over the square of
-//! their limit may be above [`RESTLESS`] in fewer than [`LASTING`] steps on end, and nothing may tear. Tissue that springs back loses
-//! its energy to the fluid faster than that.
+//! their limit may be above [`RESTLESS`] in fewer than [`LASTING`] steps on end. Tissue that springs back loses its energy to the fluid
+//! faster than that. Once no tip has been near for as long, nothing may tear.
 //!
 //! In the paper's quasi-static system (v_max = 0) nodes have no velocity: a substep moves each by its acceleration, and the share is that
 //! of a_max. Where an implicit integrator places the nodes, their way since the step before counts as well.
 
 use crate::state::MembraneState;
 use crate::world::World;
+use nalgebra::Vector3;
 use protocol::events::EventKind;
+use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
 use protocol::scene_file::MembraneIntegrator;
 
@@ -20,6 +22,8 @@ pub const SETTLE_STEPS: u32 = 10;
 pub const RESTLESS: f64 = 0.03;
 /// Steps on end that tissue must be above it to fail.
 pub const LASTING: usize = 5;
+/// A tip within this distance of tissue may have touched it between two looks, mm; so may one that moved by half of it in a step.
+const NEAR_MM: f64 = 4.0;
 /// Speed that stands for the limit where a scene sets none, mm/s.
 const FAST_MM_S: f64 = 100.0;
 
@@ -27,6 +31,8 @@ const FAST_MM_S: f64 = 100.0;
 #[derive(Debug, Clone, Default)]
 pub struct Unrest {
     quiet_steps: u32,
+    far_steps: u32,
+    tips_mm: [Vector3<f64>; INSTRUMENTS],
     before: [Vec<[f32; 3]>; 2],
     last: [[f64; LASTING]; 2],
     /// Steps in which the tissue was looked at.
@@ -42,6 +48,7 @@ impl Unrest {
         if advanced_s == 0.0 {
             return Ok(());
         }
+        self.far_steps = if self.is_near(world) { 0 } else { self.far_steps.saturating_add(1) };
         self.quiet_steps = if world.is_handled() { 0 } else { self.quiet_steps.saturating_add(1) };
         if self.quiet_steps <= SETTLE_STEPS {
             self.last = Default::default();
@@ -58,10 +65,29 @@ impl Unrest {
                 return Err(format!("the {name} is restless: {percent:.1} % of its largest energy"));
             }
         }
+        if self.far_steps <= SETTLE_STEPS {
+            return Ok(());
+        }
         match world.events().iter().find(|e| tears(e.kind)) {
             Some(torn) => Err(format!("{} springs tore though no hand was near", torn.value)),
             None => Ok(()),
         }
+    }
+
+    /// True if a tip may have touched tissue in this step.
+    fn is_near(&mut self, world: &World) -> bool {
+        let state = world.state();
+        let tips = state.instruments.each_ref().map(|i| i.tip_in_eye_mm);
+        let before = std::mem::replace(&mut self.tips_mm, tips);
+        let retina = state.retina.as_ref().map(|r| &r.tissue);
+        let near = |tip: &Vector3<f64>, tissue: &MembraneState| {
+            let way = |n: usize| tissue.position(n).map(f64::from) - tip;
+            (0..tissue.nodes()).any(|n| way(n).norm() < NEAR_MM)
+        };
+        (0..INSTRUMENTS).any(|i| {
+            let moved = (tips[i] - before[i]).norm() > 0.5 * NEAR_MM;
+            moved || [Some(&state.membrane), retina].into_iter().flatten().any(|t| near(&tips[i], t))
+        })
     }
 
     /// Kinetic energy of membrane and retina as shares of what their limits allow.
