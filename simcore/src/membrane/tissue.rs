@@ -15,8 +15,11 @@
 
 use super::sheet::Sheet;
 use crate::constants::{MAX_SPLITS, SUBSTEP_S};
+use crate::elements::law::PlaneLaw;
 use crate::state::MembraneState;
-use protocol::scene_file::{MembraneIntegrator, MembraneScene, RetinaScene, SceneFile};
+use protocol::scene_file::{
+    ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, RetinaScene, SceneFile,
+};
 
 /// Largest strain for which explicit Euler is kept stable across taut springs: beyond twice its length no tissue holds.
 const TAUT_STRAIN: f64 = 1.0;
@@ -46,8 +49,10 @@ pub struct Tissue {
     pub yield_strain: f32,
     /// Share of the strain beyond the yield by which the rest length follows, 1/s.
     pub creep_per_s: f32,
-    /// Of structural springs, µN/mm.
+    /// Of structural springs, µN/mm; where elements carry the sheet it only tells how bending springs are damped.
     pub(super) stiffness: f32,
+    /// The law of the elements that carry the sheet in place of its structural springs.
+    pub(super) elements: Option<PlaneLaw>,
     /// Of bending springs, µN/mm.
     pub(super) bending: f32,
     /// Of structural springs, µN·s/mm; bending springs have it in proportion to their stiffness.
@@ -87,6 +92,7 @@ impl Tissue {
         yield_strain: f32::INFINITY,
         creep_per_s: 0.0,
         stiffness: 0.0,
+        elements: None,
         bending: 0.0,
         damping: 0.0,
         tear_un_per_mm: f32::INFINITY,
@@ -131,6 +137,7 @@ impl Tissue {
             yield_strain: or_never(m.yield_strain) as f32,
             creep_per_s: m.creep_per_s as f32,
             stiffness: m.stiffness_un_per_mm as f32,
+            elements: m.elements.map(plane_law),
             bending: m.bending_un_per_mm as f32,
             damping: m.spring_damping_un_s_per_mm as f32,
             tear_un_per_mm: (or_never(m.tear_tension_n_per_m) * 1e3) as f32,
@@ -145,6 +152,10 @@ impl Tissue {
     /// Stiffness (µN/mm) and damping (µN·s/mm) of a spring of the sheet; 0 where it is not alive.
     pub fn spring(&self, sheet: &Sheet, state: &MembraneState, s: usize) -> (f32, f32) {
         let (alive, stiffness) = match s.checked_sub(sheet.structural) {
+            None if self.elements.is_some() => {
+                let alive = state.spring_alive[s] != 0;
+                return (0.0, if alive { self.damping * factor(&sheet.damping_factor, s) } else { 0.0 });
+            }
             None => (state.spring_alive[s] != 0, self.stiffness),
             Some(bend) => (sheet.bends[bend].is_whole(state) && self.bending > 0.0, self.bending),
         };
@@ -152,8 +163,8 @@ impl Tissue {
             return (0.0, 0.0);
         }
         let share = if self.stiffness > 0.0 { stiffness / self.stiffness } else { 1.0 };
-        let factor = |list: &[f32]| list.get(s).copied().unwrap_or(1.0);
-        (stiffness * factor(&sheet.stiffness_factor), self.damping * share * factor(&sheet.damping_factor))
+        let damping = self.damping * share * factor(&sheet.damping_factor, s);
+        (stiffness * factor(&sheet.stiffness_factor, s), damping)
     }
 
     /// Splits the substep into as many equal parts as the stability of Euler's methods needs; returns how many.
@@ -168,6 +179,22 @@ impl Tissue {
         })?;
         self.dt_s = (SUBSTEP_S / f64::from(parts)) as f32;
         Ok(parts)
+    }
+}
+
+/// A spring's own factor of a list that has one for each, or none.
+fn factor(list: &[f32], spring: usize) -> f32 {
+    list.get(spring).copied().unwrap_or(1.0)
+}
+
+/// The law of a scene's elements. Of an incompressible sheet Young's modulus is three times the shear modulus.
+fn plane_law(elements: ElementsScene) -> PlaneLaw {
+    let young_un_per_mm = elements.young_un_per_mm;
+    match elements.law {
+        ElementsLaw::StVenantKirchhoff => {
+            PlaneLaw::StVenantKirchhoff { young_un_per_mm, poisson: elements.poisson() }
+        }
+        ElementsLaw::NeoHookean => PlaneLaw::NeoHookean { shear_un_per_mm: young_un_per_mm / 3.0 },
     }
 }
 
@@ -229,7 +256,7 @@ mod tests {
     fn peel(change: impl FnOnce(&mut MembraneScene)) -> (Sheet, Tissue) {
         let mut scene = SceneFile::load("peel").unwrap();
         change(scene.membrane.as_mut().unwrap());
-        (Sheet::new(&scene), Tissue::new(&scene))
+        (Sheet::new(&scene).unwrap(), Tissue::new(&scene))
     }
 
     #[test]
