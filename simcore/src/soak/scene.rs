@@ -7,7 +7,8 @@ use modules::module::{self, Module};
 use modules::surgeon::NOVICE;
 use protocol::handles::Tool;
 use protocol::scene_file::{
-    MembraneIntegrator, MembraneScene, RetinaOperation, RetinaScene, SHIPPED, SceneFile,
+    ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, RetinaOperation, RetinaScene, SHIPPED,
+    SceneFile,
 };
 
 const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle];
@@ -63,7 +64,8 @@ fn shipped(draw: &mut Draw) -> SceneFile {
 
 /// Explicit Euler needs damping, which not every tissue has: what cannot be split into stable parts moves by the new velocity instead.
 fn keep_stable(scene: &mut SceneFile) {
-    let unstable = Tissue::new(scene).split(&Sheet::new(scene)).is_err();
+    let sheet = Sheet::new(scene).expect("a sheet of squares");
+    let unstable = Tissue::new(scene).split(&sheet).is_err();
     if let Some(membrane) = &mut scene.membrane
         && membrane.integrator == MembraneIntegrator::Explicit
         && unstable
@@ -119,6 +121,15 @@ fn choose_integrator(m: &mut MembraneScene, draw: &mut Draw) {
     let springs = matches!(m.integrator, MembraneIntegrator::Explicit | MembraneIntegrator::SemiImplicit);
     if m.integrator == MembraneIntegrator::Explicit {
         m.spring_damping_un_s_per_mm *= draw.between(1.0, 3.0);
+    }
+    if !springs && draw.once_in(2) {
+        let young_un_per_mm = m.stiffness_un_per_mm * draw.factor(3.0);
+        m.elements = Some(if draw.once_in(2) {
+            ElementsScene { young_un_per_mm, poisson: None, law: ElementsLaw::NeoHookean }
+        } else {
+            let poisson = Some(draw.between(0.0, 0.49));
+            ElementsScene { young_un_per_mm, poisson, law: ElementsLaw::StVenantKirchhoff }
+        });
     }
     if draw.once_in(4) {
         m.strain_limit = draw.between(0.02, 0.5);
