@@ -8,5 +8,6 @@ mod crash;
 mod faults;
 mod instruments;
 mod pictures;
+mod play;
 mod record_replay;
 mod streams;
