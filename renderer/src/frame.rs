@@ -99,6 +99,8 @@ pub struct Renderer {
     filter: Filter,
     scene_text: String,
     status: String,
+    overlay: String,
+    overlay_alone: bool,
     lines: String,
     lost_before: [bool; INSTRUMENTS],
     eye_lost_before: bool,
@@ -159,6 +161,8 @@ impl Renderer {
             filter: Filter::Clear,
             scene_text: String::with_capacity(256),
             status: String::with_capacity(64),
+            overlay: String::new(),
+            overlay_alone: false,
             lines: String::with_capacity(512),
             lost_before: [false; INSTRUMENTS],
             eye_lost_before: false,
@@ -383,6 +387,13 @@ impl Renderer {
         self.status.push_str(status);
     }
 
+    /// Lines of `protocol::scene_text` over the picture from the next frame on; `alone`: in place of the scene's.
+    pub fn overlay(&mut self, lines: &str, alone: bool) {
+        self.overlay.clear();
+        self.overlay.push_str(lines);
+        self.overlay_alone = alone;
+    }
+
     /// Every line that the next frame shows.
     fn collect_text(&mut self, latched: &Latched) {
         self.lines.clear();
@@ -390,7 +401,10 @@ impl Renderer {
             push_line(&mut self.lines, Place::TopLeft, line);
         }
         push_line(&mut self.lines, Place::Bottom, lost_text(latched));
-        self.lines.push_str(&self.scene_text);
+        self.lines.push_str(&self.overlay);
+        if !self.overlay_alone {
+            self.lines.push_str(&self.scene_text);
+        }
     }
 
     fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
