@@ -8,7 +8,6 @@ mod crash;
 mod faults;
 mod film;
 mod instruments;
-mod picture_stream;
 mod pictures;
 mod play;
 mod record_replay;
