@@ -321,16 +321,16 @@ mod tests {
         assert_eq!(count(&told, EventKind::NotPiConvex), 1, "{told:?}");
     }
 
-    /// The image's numbers reach 2,048 pixels far (51 mm here): a triangle with a corner 90 mm away does not fit.
+    /// A triangle with a corner far behind the handle does not fit the image's depth.
     #[test]
     fn a_triangle_too_large_for_the_image_is_told() {
-        let mut scene = untearable();
-        scene.contact.volume_mm = [0.4, 1.5];
+        let scene = untearable();
         let told = looked_at(&scene, [1.2, 0.4, -10.9], |w| {
             let way = |n: usize| (w.state.membrane.position(n) - Vector3::new(1.2, 0.4, -11.0)).norm();
             let nearest = (0..w.sheet.nodes()).min_by(|&a, &b| way(a).total_cmp(&way(b))).unwrap();
             w.state.membrane.flag[nearest] = crate::state::NODE_PINNED;
-            w.state.membrane.set_position(nearest, Vector3::new(90.0, 0.0, -11.0));
+            w.state.membrane.set_position(nearest, Vector3::new(1.2, 0.4, 80.0));
+            w.refresh();
         });
         assert_eq!(count(&told, EventKind::TrianglesRefused), 1, "{told:?}");
     }
