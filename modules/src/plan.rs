@@ -15,7 +15,7 @@ const HOLD_MORE_S: f64 = 0.4;
 /// Height over a place at which an instrument arrives before it comes down, mm.
 const ABOVE_MM: f64 = 1.6;
 /// Opening of the jaws before they grip and after they let go, rad.
-const OPEN_RAD: f64 = 0.9;
+const OPEN_RAD: f64 = 1.2;
 /// What the jaws are asked for when they grip: a body between them stops them, rad.
 const CLOSED_RAD: f64 = 0.1;
 /// Time to close or open the jaws, s.
@@ -130,7 +130,7 @@ impl Planner {
                 let turn = along_in_eye.map_or(0.0, |along| self.turn(*body as usize, &Vector3::from(along)));
                 self.place(*body as usize, Vector3::from(*at_in_eye_mm), turn);
             }
-            Goal::Event { .. } => {}
+            Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => {}
         }
         // The other hand waits where it is.
         self.meet();

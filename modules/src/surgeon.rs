@@ -14,6 +14,9 @@ const SHORT_MM: f64 = 0.6;
 const WANDER_MM: f64 = 1.0;
 /// Longest way over a goal, mm.
 const OVERSHOOT_MM: f64 = 1.0;
+/// Mean speed at which movements go astray and over their goals by the whole share, mm/s. The spread of a movement's end grows with
+/// its mean speed (Schmidt et al. 1979, Psychological Review 86(5), 415): slow movements keep nearer to what is aimed at.
+const FREE_MM_S: f64 = 3.0;
 
 /// How a surgeon works.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -133,12 +136,14 @@ impl Surgeon {
                 keys.push(ScriptKey { at_s, tip_in_eye_mm, jaw_rad, tool: None, ..before.clone() });
             };
             let moves = way.norm() > SHORT_MM;
+            let pace_mm_s = way.norm() / (took_s * self.pace).max(1e-3);
+            let loose = (pace_mm_s / FREE_MM_S).min(1.0);
             let keeps_shut = before.jaw_rad == key.jaw_rad && key.jaw_rad < 0.3;
             if moves {
-                let astray = random.vector() * (self.detour * way.norm() / 3f64.sqrt());
+                let astray = random.vector() * (loose * self.detour * way.norm() / 3f64.sqrt());
                 let opens = keeps_shut && random.chance(self.slips * 0.5);
                 between(0.45, from + way * 0.5 + astray, if opens { 0.9 } else { before.jaw_rad });
-                let over = way * (self.overshoot * random.uniform() * 2.0);
+                let over = way * (loose * self.overshoot * random.uniform() * 2.0);
                 let over = over * (OVERSHOOT_MM / over.norm().max(OVERSHOOT_MM));
                 let jaw_rad = 0.5 * (before.jaw_rad + key.jaw_rad);
                 between(0.8, aimed[i] + over, jaw_rad);
@@ -160,13 +165,15 @@ impl Surgeon {
                 continue;
             }
             let tip = Vector3::from(key.tip_in_eye_mm);
-            let mut aim = tip + random.vector() * self.waver_mm;
+            let mut astray = random.vector() * self.waver_mm;
             let [mean, spread] = self.depth_mm;
             let deeper = mean + spread * random.normal();
             if radius_mm - tip.norm() < DEPTH_FROM_MM {
-                aim += aim.try_normalize(1e-6).unwrap_or(-Vector3::z()) * deeper;
+                // How deep the hand goes there is judged by the shadow, which is another error than that of the aim.
+                let out = tip.try_normalize(1e-6).unwrap_or(-Vector3::z());
+                astray += out * (deeper - astray.dot(&out));
             }
-            aimed.push(kept_inside(aim, radius_mm));
+            aimed.push(kept_inside(tip + astray, radius_mm));
         }
         aimed
     }

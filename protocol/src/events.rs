@@ -118,11 +118,13 @@ pub enum EventKind {
     ScoreTotal = 120,
     /// The points of a category (`subject`); points.
     ScoreCategory = 121,
+    /// Dye has coloured more of the membrane; percent of its nodes.
+    MembraneStained = 122,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 55] = [
+    pub const ALL: [EventKind; 56] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -178,6 +180,7 @@ impl EventKind {
         EventKind::TipInView,
         EventKind::ScoreTotal,
         EventKind::ScoreCategory,
+        EventKind::MembraneStained,
     ];
 
     /// From the wire.
@@ -243,6 +246,7 @@ impl EventKind {
             EventKind::TipInView => ("instrument in view again", "s"),
             EventKind::ScoreTotal => ("score", "points"),
             EventKind::ScoreCategory => ("score of a category", "points"),
+            EventKind::MembraneStained => ("membrane stained", "%"),
         }
     }
 }

@@ -7,6 +7,7 @@ mod budgets;
 mod crash;
 mod faults;
 mod instruments;
+mod modules;
 mod pictures;
 mod record_replay;
 mod streams;

@@ -43,6 +43,10 @@ pub(super) struct Hand {
     pub tremor_samples: u32,
     /// Contact with the retina that lasts.
     contact: Option<Contact>,
+    /// Its jaws hold tissue, or its needle is in the retina: what touches then is work.
+    at_work: bool,
+    /// Last contact that was counted.
+    counted_ns: Nanos,
 }
 
 /// A contact with the retina.
@@ -211,11 +215,16 @@ impl Scorer {
                 meter.out_of_view_s += event.value;
                 meter.out_ns[hand] = 0;
             }
-            EventKind::GripSlipped => meter.slips += 1,
+            EventKind::GripSlipped => {
+                meter.slips += 1;
+                meter.hands[hand].at_work = false;
+            }
             EventKind::RetinaTouched | EventKind::RetinaPenetrated => {
                 self.note_contact(meter, hand, event, tips)
             }
             EventKind::RetinaLeft => end_contact(meter, hand),
+            EventKind::TissueGrabbed | EventKind::RetinaPierced => begin_work(meter, hand),
+            EventKind::TissueReleased | EventKind::NeedleLeft => meter.hands[hand].at_work = false,
             _ => {}
         }
         match injury_of(kind) {
@@ -244,7 +253,7 @@ impl Scorer {
             | Goal::Follow { radius_mm, .. }
             | Goal::Align { radius_mm, .. }
             | Goal::Place { radius_mm, .. } => *radius_mm,
-            Goal::Grip { .. } | Goal::Event { .. } => return,
+            Goal::Grip { .. } | Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => return,
         };
         let hand = goal.instrument().unwrap_or(0) as usize;
         let variance = tips[hand].map_or(0.0, |t| t.covariance_mm2.trace());
@@ -341,8 +350,23 @@ impl Tally {
     }
 }
 
+/// The touch by which jaws take hold, or through which a needle goes in, is work; one that went into the retina before is not.
+fn begin_work(meter: &mut Meter, hand: usize) {
+    if meter.hands[hand].contact.is_some_and(|c| !c.inside) {
+        meter.hands[hand].contact = None;
+    }
+    meter.hands[hand].at_work = true;
+}
+
+/// A contact counts when it has ended; a hand that trembles at the retina makes one contact a second.
 fn end_contact(meter: &mut Meter, hand: usize) {
-    let Some(contact) = meter.hands[hand].contact.take() else { return };
+    let now = meter.last_ns;
+    let own = &mut meter.hands[hand];
+    let Some(contact) = own.contact.take() else { return };
+    if (own.at_work && !contact.inside) || (own.counted_ns > 0 && now < own.counted_ns + ONCE_NS) {
+        return;
+    }
+    own.counted_ns = now;
     let injury = match (contact.inside, contact.macula) {
         (true, true) => Injury::Macula,
         (true, false) => Injury::Haemorrhage,
