@@ -93,12 +93,12 @@ fn gallery(gpu: &Gpu, folder: &Path) -> Result<()> {
 
 fn reference(gpu: &Gpu, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)?;
-    for (scene, at_s) in MOMENTS {
-        let mut surgery = Surgery::begin(SceneFile::load(scene)?);
-        let block = surgery.play_to(at_s);
+    for moment in MOMENTS {
+        let mut surgery = moment.begin();
+        let block = surgery.play_to(moment.at_s);
         for (shading, tier) in reference_tiers() {
             let picture = reduced(&surgery.draw(gpu, &block, tier, REFERENCE_MAP_PX), REFERENCE_PX);
-            let path = folder.join(format!("{scene}-{shading}.png"));
+            let path = folder.join(format!("{}-{shading}.png", moment.file()));
             save_png(&path, &picture)?;
             println!("{}", path.display());
         }

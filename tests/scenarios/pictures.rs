@@ -1,15 +1,14 @@
-//! A moment of every shipped scene, in both shadings, against pictures kept in `tests/data/pictures/scenes`. `make pictures` renews
+//! A moment of every shipped scene and training module, in both shadings, against pictures kept in `tests/data/pictures/scenes`. `make pictures` renews
 //! them; say in the commit why.
 //!
 //! The pictures were made by Mesa's llvmpipe 22.3.6 (LLVM 15), where another run differs by nothing. Other adapters rasterise
 //! edges differently. Tissue that moves a little otherwise stays within these bounds; a tool or a tear in another place does not.
 
-use protocol::scene_file::SceneFile;
 use renderer::gpu::Gpu;
 use renderer::readback::Picture;
 use renderer::similarity::{colour_difference, reduced, similarity};
 use vitreo_tests::repository;
-use vitreo_tests::surgery::{MOMENTS, REFERENCE_MAP_PX, REFERENCE_PX, Surgery, reference_tiers};
+use vitreo_tests::surgery::{MOMENTS, Moment, REFERENCE_MAP_PX, REFERENCE_PX, reference_tiers};
 
 /// Least similarity where the adapter is the one that made the pictures, and elsewhere.
 const SIMILAR: [f64; 2] = [0.985, 0.95];
@@ -22,9 +21,10 @@ fn reference(name: &str) -> Picture {
     Picture { width_px: image.width(), height_px: image.height(), rgba: image.into_raw() }
 }
 
-fn looks_as_it_did(gpu: &Gpu, name: &str, at_s: f64) {
-    let mut surgery = Surgery::begin(SceneFile::load(name).unwrap());
-    let block = surgery.play_to(at_s);
+fn looks_as_it_did(gpu: &Gpu, moment: &Moment) {
+    let name = moment.file();
+    let mut surgery = moment.begin();
+    let block = surgery.play_to(moment.at_s);
     let other = usize::from(!gpu.name.starts_with("llvmpipe"));
     for (shading, tier) in reference_tiers() {
         let picture = reduced(&surgery.draw(gpu, &block, tier, REFERENCE_MAP_PX), REFERENCE_PX);
@@ -39,24 +39,27 @@ fn looks_as_it_did(gpu: &Gpu, name: &str, at_s: f64) {
 }
 
 #[test]
-fn every_shipped_scene_looks_as_it_did() {
+fn every_moment_looks_as_it_did() {
     let Ok(gpu) = Gpu::headless().map_err(|e| println!("skipped: {e}")) else { return };
-    // Each scene is played on a thread of its own.
+    // Each is played on a thread of its own.
     std::thread::scope(|threads| {
-        let played = MOMENTS.map(|(name, at_s)| {
-            let gpu = &gpu;
-            threads.spawn(move || looks_as_it_did(gpu, name, at_s))
-        });
+        let gpu = &gpu;
+        let played = MOMENTS.map(|moment| threads.spawn(move || looks_as_it_did(gpu, &moment)));
         let failed = played.map(|thread| thread.join().is_err());
         assert!(!failed.contains(&true), "a scene looks different");
     });
 }
 
 #[test]
-fn every_shipped_scene_has_its_moment() {
+fn every_shipped_scene_and_module_has_its_moment() {
     let shipped = std::fs::read_dir(repository().join("assets/scenes")).unwrap().flatten();
-    for file in shipped.map(|f| f.path()).filter(|p| p.extension().is_some_and(|e| e == "toml")) {
-        let name = file.file_stem().unwrap().to_string_lossy();
-        assert!(MOMENTS.iter().any(|(n, _)| *n == name), "{name} has no reference picture");
+    let scenes = shipped.map(|f| f.path()).filter(|p| p.extension().is_some_and(|e| e == "toml"));
+    let scenes = scenes.map(|p| p.file_stem().unwrap().to_string_lossy().into_owned());
+    let named: Vec<_> =
+        scenes.map(|n| (n, false)).chain(modules::module::names().map(|n| (n.into(), true))).collect();
+    assert!(named.len() > 12, "{named:?}");
+    for (name, is_module) in named {
+        let found = MOMENTS.iter().any(|m| m.name == name && m.is_module == is_module);
+        assert!(found, "{name} (a module: {is_module}) has no reference picture");
     }
 }

@@ -1,6 +1,8 @@
-//! Moments of the shipped scenes: the script played without cameras, and the picture that the renderer draws of it. For reference
+//! Moments of the shipped scenes and training modules: the script played without cameras, and the picture that the renderer draws of it. For reference
 //! pictures and for those that the documentation shows.
 
+use modules::module::Module;
+use modules::surgeon::EXPERT;
 use protocol::rig::Rig;
 use protocol::scene::SceneHeader;
 use protocol::scene_file::SceneFile;
@@ -95,15 +97,70 @@ fn block(world: &World, writer: &mut SceneWriter) -> Block {
     Block { header, payload }
 }
 
-/// Every shipped scene, and a moment of it that shows what it is about, s.
-pub const MOMENTS: [(&str, f64); 7] = [
-    ("peel", 6.0),
-    ("erm", 6.0),
-    ("lift", 4.5),
-    ("trim", 5.0),
-    ("vitrectomy", 3.0),
-    ("relocation", 7.0),
-    ("bodies", 4.0),
+/// A moment that shows what a scene or a training module is about.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moment {
+    /// Name of the shipped scene or module.
+    pub name: &'static str,
+    /// True for a module: its first level, done by the expert.
+    pub is_module: bool,
+    /// s after the beginning.
+    pub at_s: f64,
+}
+
+impl Moment {
+    /// Name of its files, without shading and ending.
+    pub fn file(&self) -> String {
+        let kind = if self.is_module { "module-" } else { "" };
+        format!("{kind}{}", self.name)
+    }
+
+    /// Its beginning.
+    ///
+    /// # Panics
+    /// If there is no such scene or module.
+    pub fn begin(&self) -> Surgery {
+        let scene = if self.is_module {
+            module(self.name)
+        } else {
+            SceneFile::load(self.name).map_err(|e| e.to_string())
+        };
+        Surgery::begin(scene.unwrap_or_else(|e| panic!("{e}")))
+    }
+}
+
+/// The first level of a module with the script of its expert.
+fn module(name: &str) -> Result<SceneFile, String> {
+    let module = Module::load(name).map_err(|e| e.to_string())?;
+    module.compose(1, &EXPERT, 1).map_err(|e| e.to_string())
+}
+
+const fn scene(name: &'static str, at_s: f64) -> Moment {
+    Moment { name, is_module: false, at_s }
+}
+
+const fn training(name: &'static str, at_s: f64) -> Moment {
+    Moment { name, is_module: true, at_s }
+}
+
+/// A moment of every shipped scene and module.
+pub const MOMENTS: [Moment; 16] = [
+    scene("peel", 6.0),
+    scene("erm", 6.0),
+    scene("lift", 4.5),
+    scene("trim", 5.0),
+    scene("vitrectomy", 3.0),
+    scene("relocation", 7.0),
+    scene("translocation", 9.0),
+    scene("bodies", 4.0),
+    training("navigation", 4.0),
+    training("shadow", 4.0),
+    training("bimanual", 4.0),
+    training("forceps", 4.0),
+    training("steady-path", 4.0),
+    training("peeling", 9.0),
+    training("relocation", 8.0),
+    training("vitrectomy", 6.0),
 ];
 
 /// Width of a reference picture, both channels, px.
