@@ -194,9 +194,14 @@ impl Module {
             return refuse("scene", "a scene without a task", "one with a task".into());
         }
         if file.kind == Kind::Abstract && file.script.is_some() {
-            return refuse("script", "none: the plan of an abstract module is made from its goals", "a script".into());
+            return refuse(
+                "script",
+                "none: the plan of an abstract module is made from its goals",
+                "a script".into(),
+            );
         }
-        let scene = SceneFile { script: file.script.clone().unwrap_or_else(|| scene.script.clone()), ..scene };
+        let scene =
+            SceneFile { script: file.script.clone().unwrap_or_else(|| scene.script.clone()), ..scene };
         let module = Module { name: name.into(), file, scene };
         for level in 1..=module.levels() {
             module.compose(level, &crate::surgeon::EXPERT, 0)?;

@@ -3,7 +3,8 @@
 
 use crate::random::Random;
 use nalgebra::Vector3;
-use protocol::scene_file::{ScriptKey, ScriptScene};
+use protocol::handles::PedalMode;
+use protocol::scene_file::{PedalKey, ScriptKey, ScriptScene};
 use std::f64::consts::TAU;
 
 /// Keys nearer to the retina than this are subject to the depth bias, mm.
@@ -110,11 +111,25 @@ impl Surgeon {
             let own: Vec<&ScriptKey> = sorted(plan, instrument);
             keys.extend(self.hand(&own, radius_mm, &mut random));
         }
-        let mut pedal = plan.pedal.clone();
-        pedal.iter_mut().for_each(|key| key.at_s *= self.pace);
+        let pedal = self.foot(&plan.pedal);
         let period_s = plan.period_s * self.pace;
         keys.iter_mut().for_each(|k| k.at_s *= self.pace);
         ScriptScene { period_s, tremor_um: self.tremor_um, keys, pedal, ..plan.clone() }
+    }
+
+    /// The foot at this surgeon's pace. An injection lasts as long as planned, whatever the pace: it is ended when the fluid is in.
+    fn foot(&self, plan: &[PedalKey]) -> Vec<PedalKey> {
+        let mut pedal = plan.to_vec();
+        pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        let planned: Vec<f64> = pedal.iter().map(|key| key.at_s).collect();
+        pedal.iter_mut().for_each(|key| key.at_s *= self.pace);
+        for i in 1..pedal.len() {
+            let before = &pedal[i - 1];
+            if before.mode == PedalMode::Inject && before.axes[0] > 0.0 {
+                pedal[i].at_s = before.at_s + planned[i] - planned[i - 1];
+            }
+        }
+        pedal
     }
 
     /// One hand's keys, still at the plan's times.
@@ -260,6 +275,19 @@ mod tests {
         let way = |s: Surgeon| crate::plan::way_mm(&s.perform(&scene.script, 11.5, 1).keys);
         assert!(deepest(CARELESS) > deepest(EXPERT) + 0.3);
         assert!(way(CARELESS) > 1.2 * way(EXPERT));
+    }
+
+    #[test]
+    fn an_injection_lasts_as_long_as_planned_and_all_else_follows_the_pace() {
+        let plan = SceneFile::load("relocation").unwrap().script;
+        let novice = NOVICE.perform(&plan, 11.5, 1);
+        for (own, planned) in novice.pedal.windows(2).zip(plan.pedal.windows(2)) {
+            let [lasts, should] = [own, planned].map(|w| w[1].at_s - w[0].at_s);
+            if planned[0].mode == PedalMode::Inject {
+                assert!((lasts - should).abs() < 1e-9, "{lasts} s instead of {should} s");
+                assert!((own[0].at_s - NOVICE.pace * planned[0].at_s).abs() < 1e-9);
+            }
+        }
     }
 
     #[test]

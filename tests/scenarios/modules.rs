@@ -80,7 +80,7 @@ fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
     }
     let still = Surgeon { tremor_um: 0.0, ..EXPERT };
     let scene = Module::load("navigation").unwrap().compose(1, &still, 1).unwrap();
-    let score = |hand| Chain::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _, _| {});
+    let score = |hand| Chain::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});
     let (calm, shaken) = (score(None), score(Some(HandRole::Shakes(Hand::load(&file).unwrap()))));
     for category in Category::ALL {
         let lost = calm.categories[category as usize] - shaken.categories[category as usize];

@@ -21,6 +21,9 @@ const FIRST_NS: u64 = 1_000_000_000;
 /// A live run goes on for so long after the script's round, fields: the last frames are still on their way.
 const AFTER_FIELDS: u64 = 50;
 
+/// Told of every step: the frame, and the world after it with the hash of its state.
+pub type Told<'a> = dyn FnMut(&TrackerFrame, &World, u64) + 'a;
+
 /// A scene that is played through cameras and tracker.
 pub struct Chain {
     cameras: Cameras,
@@ -58,8 +61,8 @@ impl Chain {
     }
 
     /// Exposes the next field of every camera, and steps the simulation with every frame that is complete by then; tells each
-    /// step: the frame, the handles, and the world after it with the hash of its state.
-    pub fn field(&mut self, told: &mut dyn FnMut(&TrackerFrame, &[HandleState], &World, u64)) {
+    /// step.
+    pub fn field(&mut self, told: &mut Told) {
         let Chain { cameras, surgeon, assembler, tracker, world, next, .. } = self;
         let number = *next;
         *next += 1;
@@ -89,7 +92,7 @@ impl Chain {
                 let (handles, pedals) = if new { (&handles[..], &pedal[..]) } else { (&[][..], &[][..]) };
                 steps += 1;
                 let report = world.step(&StepInput { frame: &frame, handles, pedals }, &mut no_clock);
-                told(&frame, handles, world, report.state_hash);
+                told(&frame, world, report.state_hash);
             });
         }
     }
@@ -98,7 +101,7 @@ impl Chain {
     ///
     /// # Panics
     /// If the scene has no task.
-    pub fn attempt(mut self, told: &mut dyn FnMut(&TrackerFrame, &[HandleState], &World, u64)) -> Score {
+    pub fn attempt(mut self, told: &mut Told) -> Score {
         while self.next < self.fields + AFTER_FIELDS && !self.world.task().is_some_and(|(_, s)| is_over(s)) {
             self.field(told);
         }
@@ -111,7 +114,7 @@ impl Chain {
     /// If the recording cannot be written.
     pub fn record(self, mut writer: Writer) -> Result<Score, RecordingError> {
         let (mut step, mut problem) = (0, None);
-        let score = self.attempt(&mut |frame, _, world, state_hash| {
+        let score = self.attempt(&mut |frame, world, state_hash| {
             step += 1;
             let mut record: StepRecord = bytemuck::Zeroable::zeroed();
             (record.step, record.field, record.frame) = (step, frame.field, frame.frame);

@@ -52,11 +52,11 @@ pub(super) struct Hand {
 /// A contact with the retina.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Contact {
-    /// Deepest beyond the clearance that counts as touching, in mm and in deviations.
-    beyond_mm: f64,
+    /// Deepest beyond the clearance that counts as touching, in deviations.
     sigmas: f64,
-    /// It went into the retina, and where.
-    inside: bool,
+    /// Deepest beyond the retina itself, in deviations.
+    inside_sigmas: f64,
+    /// Where it went into the retina, if it did: in the macula.
     macula: bool,
 }
 
@@ -161,7 +161,7 @@ impl Scorer {
         let Some(tip) = tip else { return hand.filter.lose() };
         let clearance = self.radius_mm - tip.tip_in_eye_mm.norm();
         if let Some(contact) = &mut hand.contact {
-            contact.deepen(self.touch_mm - clearance, tip);
+            contact.deepen(self.touch_mm, -clearance, tip);
         }
         let Some(moved) = hand.filter.pass(&self.band, &tip.tip_in_eye_mm, at_ns) else { return };
         hand.way_mm += moved.way_mm;
@@ -269,14 +269,12 @@ impl Scorer {
         }
         let at = Vector3::from(event.position_in_eye_mm);
         let fovea = Vector3::new(0.0, 0.0, -self.radius_mm);
-        let beyond = self.touch_mm + if inside { event.value } else { -event.value };
-        let fresh = Contact { beyond_mm: 0.0, sigmas: 0.0, inside: false, macula: false };
+        let depth_mm = if inside { event.value } else { -event.value };
+        let fresh = Contact { sigmas: 0.0, inside_sigmas: 0.0, macula: false };
         let contact = meter.hands[hand].contact.get_or_insert(fresh);
-        contact.inside |= inside;
         contact.macula |= inside && (at - fovea).norm() < MACULA_MM;
-        match &tips[hand] {
-            Some(tip) => contact.deepen(beyond, tip),
-            None => contact.beyond_mm = larger(contact.beyond_mm, beyond),
+        if let Some(tip) = &tips[hand] {
+            contact.deepen(self.touch_mm, depth_mm, tip);
         }
     }
 
@@ -329,10 +327,17 @@ impl Meter {
 }
 
 impl Contact {
-    fn deepen(&mut self, beyond_mm: f64, tip: &Tip) {
+    /// The tip is so deep in the retina, or by so little above it where that is below 0; contact begins `touch_mm` above it.
+    fn deepen(&mut self, touch_mm: f64, depth_mm: f64, tip: &Tip) {
         let outwards = tip.tip_in_eye_mm.try_normalize(1e-6).unwrap_or(-Vector3::z());
-        self.beyond_mm = larger(self.beyond_mm, beyond_mm);
-        self.sigmas = larger(self.sigmas, in_sigmas(beyond_mm, tip.sigma_along_mm(&outwards)));
+        let sigma = tip.sigma_along_mm(&outwards);
+        self.sigmas = larger(self.sigmas, in_sigmas(touch_mm + depth_mm, sigma));
+        self.inside_sigmas = larger(self.inside_sigmas, in_sigmas(depth_mm, sigma));
+    }
+
+    /// It went into the retina, beyond tracking noise.
+    fn is_inside(&self) -> bool {
+        self.inside_sigmas >= SIGMAS
     }
 }
 
@@ -352,7 +357,7 @@ impl Tally {
 
 /// The touch by which jaws take hold, or through which a needle goes in, is work; one that went into the retina before is not.
 fn begin_work(meter: &mut Meter, hand: usize) {
-    if meter.hands[hand].contact.is_some_and(|c| !c.inside) {
+    if meter.hands[hand].contact.is_some_and(|c| !c.is_inside()) {
         meter.hands[hand].contact = None;
     }
     meter.hands[hand].at_work = true;
@@ -363,11 +368,11 @@ fn end_contact(meter: &mut Meter, hand: usize) {
     let now = meter.last_ns;
     let own = &mut meter.hands[hand];
     let Some(contact) = own.contact.take() else { return };
-    if (own.at_work && !contact.inside) || (own.counted_ns > 0 && now < own.counted_ns + ONCE_NS) {
+    if (own.at_work && !contact.is_inside()) || (own.counted_ns > 0 && now < own.counted_ns + ONCE_NS) {
         return;
     }
     own.counted_ns = now;
-    let injury = match (contact.inside, contact.macula) {
+    let injury = match (contact.is_inside(), contact.macula) {
         (true, true) => Injury::Macula,
         (true, false) => Injury::Haemorrhage,
         (false, _) => Injury::Contact,

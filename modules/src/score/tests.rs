@@ -328,8 +328,7 @@ fn fault(id: Id, a: &mut Attempt) {
         Id::Way => a.tip = Box::new(move |t| [sine(6.0, 0.25)(t), 0.0, -8.0]),
         Id::Tremor => {
             let tremor = Tremor::new(100.0, 9.0, 5, 0);
-            a.tip =
-                Box::new(move |t| (Vector3::new(sine(6.0, 0.1)(t), 0.0, -8.0) + tremor.at(t)).into());
+            a.tip = Box::new(move |t| (Vector3::new(sine(6.0, 0.1)(t), 0.0, -8.0) + tremor.at(t)).into());
         }
         Id::Speed => {
             let jerk = |t: f64| 6.0 * ((t - 5.0) / 0.3).clamp(0.0, 1.0);
@@ -384,7 +383,11 @@ fn one_fault_lowers_one_metric_and_one_category() {
         let (name, category) = (METRICS[i].name, METRICS[i].category);
         for (j, (before, after)) in whole.metrics.iter().zip(&hurt.metrics).enumerate() {
             let lost = before.points - after.points;
-            assert!(if j == i { lost > 0.02 } else { lost.abs() < 0.02 }, "{name}: {} lost {lost}", METRICS[j].name);
+            assert!(
+                if j == i { lost > 0.02 } else { lost.abs() < 0.02 },
+                "{name}: {} lost {lost}",
+                METRICS[j].name
+            );
         }
         for other in Category::ALL {
             let lost = whole.categories[other as usize] - hurt.categories[other as usize];
@@ -396,7 +399,12 @@ fn one_fault_lowers_one_metric_and_one_category() {
 #[test]
 fn the_retina_in_jaws_and_under_a_needle_is_work_and_trembling_is_one_contact_a_second() {
     let away = [6.0, 0.0, -9.81];
-    let touch = |field| [by_tip(field, EventKind::RetinaTouched, 0.04, away), by_tip(field + 4, EventKind::RetinaLeft, 0.1, away)];
+    let touch = |field| {
+        [
+            by_tip(field, EventKind::RetinaTouched, 0.04, away),
+            by_tip(field + 4, EventKind::RetinaLeft, 0.1, away),
+        ]
+    };
     let contacts = |events: Vec<(u64, Event)>| {
         let mut attempt = clean();
         attempt.events.extend(events);

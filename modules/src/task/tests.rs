@@ -148,10 +148,15 @@ fn gel_counts_by_its_zone_and_the_retina_by_turn_and_hold() {
     use protocol::scene_file::GelZone::{Core, Periphery};
     let reached = |goal| play(&task(GoalOrder::Any, vec![goal]), vec![[0.0, 0.0, -6.0]; 20], &[]).0.reached();
     let gel = |zone, removed_ml| Goal::Gel { what: "g".into(), zone, removed_ml };
-    assert_eq!([gel(Core, 0.2), gel(Core, 0.3), gel(Periphery, 0.1), gel(Periphery, 0.2)].map(reached), [1, 0, 1, 0]);
+    assert_eq!(
+        [gel(Core, 0.2), gel(Core, 0.3), gel(Periphery, 0.1), gel(Periphery, 0.2)].map(reached),
+        [1, 0, 1, 0]
+    );
     // By the last of 20 fields 5 % are loose; a quarter or less since the fifth before it.
-    let retina = |turned_rad, loose_share, hold_s| Goal::Retina { what: "r".into(), turned_rad, loose_share, hold_s };
-    let goals = [retina(0.3, 0.26, 0.08), retina(0.4, 0.26, 0.08), retina(0.3, 0.04, 0.0), retina(0.3, 0.26, 0.1)];
+    let retina =
+        |turned_rad, loose_share, hold_s| Goal::Retina { what: "r".into(), turned_rad, loose_share, hold_s };
+    let goals =
+        [retina(0.3, 0.26, 0.08), retina(0.4, 0.26, 0.08), retina(0.3, 0.04, 0.0), retina(0.3, 0.26, 0.1)];
     assert_eq!(goals.map(reached), [1, 0, 0, 0]);
 }
 

@@ -112,12 +112,14 @@ impl World {
                 seen.held_by = Some(hand as u32);
             }
         }
-        let gel_ml = part.zones.as_ref().filter(|_| self.state.step.is_multiple_of(GEL_EVERY)).and_then(|zones| {
-            let (gel, state) = self.vitreous.as_ref().zip(self.state.vitreous.as_ref())?;
-            let cell_ml = gel.lattice().cell_um3() as f64 * 1e-12;
-            let gone = |zone: &Vec<u32>| zone.iter().filter(|&&e| !state.is_alive(e as usize)).count() as f64;
-            Some(zones.each_ref().map(|zone| gone(zone) * cell_ml))
-        });
+        let gel_ml =
+            part.zones.as_ref().filter(|_| self.state.step.is_multiple_of(GEL_EVERY)).and_then(|zones| {
+                let (gel, state) = self.vitreous.as_ref().zip(self.state.vitreous.as_ref())?;
+                let cell_ml = gel.lattice().cell_um3() as f64 * 1e-12;
+                let gone =
+                    |zone: &Vec<u32>| zone.iter().filter(|&&e| !state.is_alive(e as usize)).count() as f64;
+                Some(zones.each_ref().map(|zone| gone(zone) * cell_ml))
+            });
         let retina = self.retina.as_ref().zip(self.state.retina.as_ref()).filter(|_| part.asks_retina);
         let retina = retina.map(|(retina, state)| retina_seen(&retina.model, state));
         // What the task says goes into the log, whose events it must not see twice.

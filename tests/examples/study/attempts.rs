@@ -52,18 +52,19 @@ pub fn scores(modules: &[Module], jobs: &[Job], threads: usize) -> Result<Vec<Sc
 
 fn attempt(module: &Module, job: &Job) -> Result<Score> {
     let scene = module.compose(job.level, &job.surgeon, job.seed)?;
-    Ok(Chain::new(&scene, Path::Direct, job.hand.clone(), job.seed).attempt(&mut |_, _, _, _| {}))
+    Ok(Chain::new(&scene, Path::Direct, job.hand.clone(), job.seed).attempt(&mut |_, _, _| {}))
 }
 
 /// Prints an attempt event by event, with the bodies of the scene where jaws or goals are concerned: to tune a module by.
 pub fn tell(module: &Module, level: u32, surgeon: &Surgeon, seed: u64) -> Result<()> {
     let scene = module.compose(level, surgeon, seed)?;
     let mut begin = None;
-    let score = Chain::new(&scene, Path::Direct, None, seed).attempt(&mut |frame, _, world, _| {
+    let score = Chain::new(&scene, Path::Direct, None, seed).attempt(&mut |frame, world, _| {
         let exposed = frame.instants.exposed;
         let at_s = (exposed - *begin.get_or_insert(exposed)) as f64 * 1e-9;
         for body in world.state().bodies.iter().flat_map(|b| &b.body).filter(|_| frame.field % 10 == 0) {
-            let (at, tip) = (body.eye_from_body.translation.vector, world.state().instruments[0].tip_in_eye_mm);
+            let (at, tip) =
+                (body.eye_from_body.translation.vector, world.state().instruments[0].tip_in_eye_mm);
             let jaw = world.state().instruments[0].jaw_rad;
             let [a, b] = [at, tip].map(|p| format!("({:.2}, {:.2}, {:.2})", p.x, p.y, p.z));
             println!("{at_s:7.2} s  body {a} tip {b} jaws {jaw:.2}");
@@ -71,7 +72,10 @@ pub fn tell(module: &Module, level: u32, surgeon: &Surgeon, seed: u64) -> Result
         for event in world.events() {
             let (text, unit) = EventKind::from_wire(event.kind).map_or(("", ""), EventKind::text);
             let ([x, y, z], hand, about) = (event.position_in_eye_mm, event.instrument as i32, event.subject);
-            println!("{at_s:7.2} s  {hand:2} {about:4}  {text}: {:.3} {unit} at ({x:.2}, {y:.2}, {z:.2})", event.value);
+            println!(
+                "{at_s:7.2} s  {hand:2} {about:4}  {text}: {:.3} {unit} at ({x:.2}, {y:.2}, {z:.2})",
+                event.value
+            );
         }
     });
     println!("{:.2} points, finished: {}", score.total, score.finished);

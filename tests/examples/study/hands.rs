@@ -35,8 +35,16 @@ struct Figure {
 
 const FIGURES: [Figure; 4] = [
     Figure { name: "tremor, µm", of: |s| s.metrics[Id::Tremor as usize].value.unwrap_or(0.0), more: false },
-    Figure { name: "instrument handling, points", of: |s| s.categories[Category::Instruments as usize], more: true },
-    Figure { name: "target achievement, points", of: |s| s.categories[Category::Target as usize], more: true },
+    Figure {
+        name: "instrument handling, points",
+        of: |s| s.categories[Category::Instruments as usize],
+        more: true,
+    },
+    Figure {
+        name: "target achievement, points",
+        of: |s| s.categories[Category::Target as usize],
+        more: true,
+    },
     Figure { name: "score, points", of: |s| s.total, more: true },
 ];
 
@@ -105,7 +113,10 @@ used: this says whether tremor as it is scored here tells these hands apart, not
 ";
 
 fn section(out: &mut String, module: &str, recordings: &[Recording], scores: &[Vec<Score>]) {
-    let _ = writeln!(out, "### {module}\n\n| figure | surgeons | novices | difference | d |\n|---|---|---|---|---|");
+    let _ = writeln!(
+        out,
+        "### {module}\n\n| figure | surgeons | novices | difference | d |\n|---|---|---|---|---|"
+    );
     let mut verdicts = Vec::new();
     for figure in &FIGURES {
         let group = |surgeon: bool| -> Vec<f64> {
@@ -128,8 +139,11 @@ fn section(out: &mut String, module: &str, recordings: &[Recording], scores: &[V
         verdicts.push((figure.name, low, high));
     }
     let sure = |better: bool| -> String {
-        let names: Vec<&str> =
-            verdicts.iter().filter(|(_, l, h)| if better { *l > 0.0 } else { *h < 0.0 }).map(|v| v.0).collect();
+        let names: Vec<&str> = verdicts
+            .iter()
+            .filter(|(_, l, h)| if better { *l > 0.0 } else { *h < 0.0 })
+            .map(|v| v.0)
+            .collect();
         if names.is_empty() { "in nothing".into() } else { format!("in {}", names.join("; ")) }
     };
     let _ = writeln!(
@@ -138,13 +152,17 @@ fn section(out: &mut String, module: &str, recordings: &[Recording], scores: &[V
         sure(true),
         sure(false)
     );
-    let _ = writeln!(out, "| recording | tremor, µm | instrument handling | score | finished |\n|---|---|---|---|---|");
+    let _ = writeln!(
+        out,
+        "| recording | tremor, µm | instrument handling | score | finished |\n|---|---|---|---|---|"
+    );
     for (recording, scores) in recordings.iter().zip(scores) {
         let of = |f: fn(&Score) -> f64| mean(&scores.iter().map(f).collect::<Vec<_>>());
         let finished = scores.iter().filter(|s| s.finished).count();
         let (tremor, handling, total) = (of(FIGURES[0].of), of(FIGURES[1].of), of(FIGURES[3].of));
         let (name, all) = (&recording.name, scores.len());
-        let _ = writeln!(out, "| `{name}` | {tremor:.0} | {handling:.1} | {total:.1} | {finished} of {all} |");
+        let _ =
+            writeln!(out, "| `{name}` | {tremor:.0} | {handling:.1} | {total:.1} | {finished} of {all} |");
     }
     out.push('\n');
 }

@@ -112,7 +112,10 @@ fn main() -> Result<()> {
         .iter()
         .map(|module| {
             let mut of_surgeon = |_: &Surgeon| scores.by_ref().take(options.seeds as usize).collect();
-            Outcome { module: module.name.clone(), scores: options.surgeons.iter().map(&mut of_surgeon).collect() }
+            Outcome {
+                module: module.name.clone(),
+                scores: options.surgeons.iter().map(&mut of_surgeon).collect(),
+            }
         })
         .collect();
     let part1 = page::Part1 { outcomes: &outcomes, surgeons: &options.surgeons, seeds: options.seeds };

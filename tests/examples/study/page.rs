@@ -47,7 +47,8 @@ impl Part1<'_> {
         for outcome in self.outcomes {
             for (surgeon, scores) in self.surgeons.iter().zip(&outcome.scores) {
                 let finished = scores.iter().filter(|s| s.finished).count();
-                let _ = write!(out, "| {} | {} | {finished} of {} |", outcome.module, surgeon.name, scores.len());
+                let _ =
+                    write!(out, "| {} | {} | {finished} of {} |", outcome.module, surgeon.name, scores.len());
                 for c in 0..CATEGORIES {
                     let _ = write!(out, " {:.1} |", of(scores, |s| s.categories[c]));
                 }
@@ -89,9 +90,14 @@ fn of(scores: &[Score], f: impl Fn(&Score) -> f64) -> f64 {
 
 fn metrics(out: &mut String, scores: &[Score]) {
     for (i, metric) in METRICS.iter().enumerate() {
-        let (value, points) = (of(scores, |s| s.metrics[i].value.unwrap_or(0.0)), of(scores, |s| s.metrics[i].points));
+        let (value, points) =
+            (of(scores, |s| s.metrics[i].value.unwrap_or(0.0)), of(scores, |s| s.metrics[i].points));
         let most = of(scores, |s| s.metrics[i].of);
-        let _ = writeln!(out, "    {:<32} {value:9.3} {:<20} {points:6.2} of {most:.1}", metric.name, metric.unit);
+        let _ = writeln!(
+            out,
+            "    {:<32} {value:9.3} {:<20} {points:6.2} of {most:.1}",
+            metric.name, metric.unit
+        );
     }
     for (i, penalty) in PENALTIES.iter().enumerate() {
         let times = of(scores, |s| f64::from(s.injuries[i]));
@@ -108,7 +114,13 @@ pub fn page(part1: &Part1, level: u32, part2: &str) -> String {
     let all = part1.outcomes.len();
     let expert: usize = part1.outcomes.iter().flat_map(|o| &o.scores[0]).filter(|s| s.finished).count();
     let above = part1.outcomes.iter().flat_map(|o| &o.scores[0]).filter(|s| s.total >= EXPERT_FROM).count();
-    let below = part1.outcomes.iter().filter_map(|o| o.scores.get(3)).flatten().filter(|s| s.total < CARELESS_BELOW).count();
+    let below = part1
+        .outcomes
+        .iter()
+        .filter_map(|o| o.scores.get(3))
+        .flatten()
+        .filter(|s| s.total < CARELESS_BELOW)
+        .count();
     let each = all * seeds as usize;
     format!(
         "# Study: does the score tell surgeons apart?

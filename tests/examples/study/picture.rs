@@ -29,7 +29,8 @@ struct Sheet {
 pub fn draw(outcomes: &[Outcome], surgeons: &[Surgeon]) -> RgbImage {
     let rows = outcomes.len().div_ceil(IN_A_ROW) as i64;
     let (width, height) = (FIELD[0] * IN_A_ROW as i64, FIELD[1] * rows + 34);
-    let mut sheet = Sheet { picture: RgbImage::from_pixel(width as u32, height as u32, PAPER), letters: strip() };
+    let mut sheet =
+        Sheet { picture: RgbImage::from_pixel(width as u32, height as u32, PAPER), letters: strip() };
     for (i, outcome) in outcomes.iter().enumerate() {
         let corner = [FIELD[0] * (i % IN_A_ROW) as i64, FIELD[1] * (i / IN_A_ROW) as i64];
         sheet.field(corner, outcome);
