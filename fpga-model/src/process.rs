@@ -40,10 +40,7 @@ const RECOVERED_AFTER: u64 = 50;
 /// Runs until told to stop.
 pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-    let scene = SceneFile::load(&config.scene)?;
-    let hand = config.motion.as_deref().map(Hand::load).transpose()?;
-    let hand = hand.map(if config.motion_full { HandRole::Leads } else { HandRole::Shakes });
-    let surgeon = MotionSource::new(&scene, &rig, hand, config.seed);
+    let surgeon = surgeon(config, &rig)?;
     if let Some(late) = config.late_camera {
         let known = rig.cameras.iter().any(|c| c.id == late.camera);
         ensure!(known, "--late-camera: the rig has no camera {}", late.camera);
@@ -73,6 +70,14 @@ pub fn run(config: &Config) -> Result<()> {
         eprintln!("vitreo-fpga-model: {told}");
     }
     Ok(())
+}
+
+/// The surgeon of the scene, with the recorded hand that was asked for.
+fn surgeon(config: &Config, rig: &Rig) -> Result<MotionSource> {
+    let scene = SceneFile::load(&config.scene)?;
+    let hand = config.motion.as_deref().map(Hand::load).transpose()?;
+    let hand = hand.map(if config.motion_full { HandRole::Leads } else { HandRole::Shakes });
+    Ok(MotionSource::new(&scene, rig, hand, config.seed))
 }
 
 /// Why a wait ended.
@@ -114,6 +119,8 @@ struct Station {
     handles: Sender<HandleState>,
     pedal: Sender<PedalState>,
     surgeon: MotionSource,
+    config: Config,
+    rig: Rig,
     /// Start of the schedule; a pause moves it.
     t0: Nanos,
     paused_since: Option<Nanos>,
@@ -145,6 +152,8 @@ impl Station {
             handles: instance.sender()?,
             pedal: instance.sender()?,
             surgeon,
+            config: config.clone(),
+            rig: rig.clone(),
             t0: 0,
             paused_since: None,
             period_ns: rig.field_period_ns(),
@@ -380,17 +389,32 @@ impl Station {
                     self.t0 += stood_still;
                     Ok(())
                 }
-                Command::Reset => {
+                Command::Reset | Command::Load => {
+                    if command == Command::Load
+                        && let Err(problem) = self.load(request.argument)
+                    {
+                        self.shell.answer(&request, Err(&format!("{problem:#}")))?;
+                        continue;
+                    }
                     self.t0 = now() + LEAD_NS;
                     self.paused_since = self.paused_since.map(|_| self.t0);
                     restart = true;
                     Ok(())
                 }
-                _ => Err("the camera hardware knows start, pause and reset only"),
+                _ => Err("the camera hardware knows start, pause, reset and load only"),
             };
             self.shell.answer(&request, answer)?;
         }
         Ok(restart)
+    }
+
+    /// Takes the surgeon of the scene that the file holds now; `duration_ms` 0 leaves the duration.
+    fn load(&mut self, duration_ms: u64) -> Result<()> {
+        self.surgeon = surgeon(&self.config, &self.rig)?;
+        if duration_ms > 0 {
+            self.duration_ns = duration_ms * 1_000_000;
+        }
+        Ok(())
     }
 
     fn enter(&mut self, state: u32, note: &'static str) -> Result<()> {

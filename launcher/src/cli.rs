@@ -25,6 +25,10 @@ pub struct Cli {
 pub enum Command {
     /// Run the simulator: cameras, tracker, tissue and picture.
     Run(Box<crate::run::RunArgs>),
+    /// Move the instruments yourself, by mouse, keyboard or gamepad.
+    Play(Box<crate::play::PlayArgs>),
+    /// Pause, restart, take the next level of or end a running simulator.
+    Ctl(crate::ctl::CtlArgs),
     /// Run a recording through tracker and tissue again.
     Replay(crate::replay::ReplayArgs),
     /// Make a recording from a rig and a blob stream.
@@ -37,6 +41,8 @@ pub enum Command {
     Info(crate::info::InfoArgs),
     /// Show the way of one field through all instants.
     Trace(crate::trace::TraceArgs),
+    /// Make a film of a module as a scripted surgeon does it.
+    Film(crate::film::FilmArgs),
     /// List the training modules.
     Modules(crate::modules::ModulesArgs),
     /// Score recorded attempts at a module.
@@ -63,12 +69,15 @@ pub enum Command {
 pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
     match &cli.command {
         Command::Run(args) => crate::run::run(args),
+        Command::Play(args) => crate::play::run(args),
+        Command::Ctl(args) => crate::ctl::run(args),
         Command::Replay(args) => crate::replay::run(args),
         Command::Import(args) => crate::import::run(args),
         Command::Export(args) => crate::export::run(args),
         Command::Recover(args) => crate::recover::run(args),
         Command::Info(args) => crate::info::run(args),
         Command::Trace(args) => crate::trace::run(args),
+        Command::Film(args) => crate::film::run(args),
         Command::Modules(args) => crate::modules::run(args),
         Command::Score(args) => crate::score::run(args),
         Command::Results(args) => crate::results::run(args),

@@ -4,14 +4,17 @@
 
 pub mod children;
 pub mod cli;
+pub mod ctl;
 pub mod doctor;
 pub mod exit;
 pub mod export;
+pub mod film;
 pub mod forward;
 pub mod import;
 pub mod info;
 pub mod machine;
 pub mod modules;
+pub mod play;
 pub mod poses_csv;
 pub mod progress;
 pub mod recover;

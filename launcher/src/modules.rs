@@ -2,8 +2,8 @@
 
 use anyhow::bail;
 use modules::module::{Kind, Module, names};
-use modules::surgeon::{SURGEONS, by_name};
-use std::io::Write;
+use modules::surgeon::{SURGEONS, Surgeon, by_name};
+use std::io::{Seek, Write};
 use std::process::ExitCode;
 
 /// Arguments of `vitreo modules`.
@@ -52,6 +52,10 @@ pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
 #[derive(Debug)]
 pub struct Composed {
     file: tempfile::NamedTempFile,
+    module: Module,
+    surgeon: Surgeon,
+    seed: u64,
+    level: u32,
     /// Length of the surgeon's attempt, s.
     pub period_s: f64,
 }
@@ -63,14 +67,52 @@ impl Composed {
             let known: Vec<&str> = SURGEONS.iter().map(|s| s.name).collect();
             bail!("--surgeon: expected one of {}, found {surgeon}", known.join(", "));
         };
-        let scene = Module::load(module)?.compose(level, &surgeon, seed)?;
-        let mut file = tempfile::Builder::new().prefix("vitreo-").suffix(".toml").tempfile()?;
+        let file = tempfile::Builder::new().prefix("vitreo-").suffix(".toml").tempfile()?;
+        let module = Module::load(module)?;
+        let mut composed = Composed { file, module, surgeon, seed, level, period_s: 0.0 };
+        composed.write()?;
+        Ok(composed)
+    }
+
+    fn write(&mut self) -> anyhow::Result<()> {
+        let scene = self.module.compose(self.level, &self.surgeon, self.seed)?;
+        let file = self.file.as_file_mut();
+        file.set_len(0)?;
+        file.rewind()?;
         file.write_all(scene.to_toml().as_bytes())?;
-        Ok(Composed { file, period_s: scene.script.period_s })
+        self.period_s = scene.script.period_s;
+        Ok(())
+    }
+
+    /// Puts the next level's scene into the same file; its number.
+    pub fn next_level(&mut self) -> anyhow::Result<u32> {
+        if self.level >= self.module.levels() {
+            bail!("level {} of {} is the last", self.level, self.module.name);
+        }
+        self.level += 1;
+        self.write()?;
+        Ok(self.level)
     }
 
     /// Its name.
     pub fn name(&self) -> String {
         self.file.path().display().to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::scene_file::SceneFile;
+
+    #[test]
+    fn the_next_level_takes_the_place_of_the_one_before_until_the_last() {
+        let mut composed = Composed::new("navigation", 2, "expert", 1).unwrap();
+        let level = |c: &Composed| SceneFile::load(&c.name()).unwrap().task.unwrap().level;
+        assert_eq!(level(&composed), 2);
+        assert_eq!((composed.next_level().unwrap(), level(&composed)), (3, 3));
+        let problem = composed.next_level().unwrap_err().to_string();
+        assert!(problem.contains("level 3 of navigation is the last"), "{problem}");
+        assert_eq!(level(&composed), 3);
     }
 }

@@ -26,3 +26,8 @@ pub fn files_bar(files: u64, what: &'static str) -> ProgressBar {
 pub fn counter(what: &'static str) -> ProgressBar {
     styled(None, "{spinner} {human_pos} {msg} ({per_sec})", what)
 }
+
+/// A bar over a known number of pictures.
+pub fn pictures_bar(pictures: u64, what: &'static str) -> ProgressBar {
+    styled(Some(pictures), "{msg} {wide_bar} {pos}/{len} {per_sec} {eta}", what)
+}

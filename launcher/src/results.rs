@@ -18,6 +18,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub const BEGAN: &str = "began-s";
 /// Key under which it says which scripted surgeon worked.
 pub const SURGEON: &str = "surgeon";
+/// Key under which it says what a person at the desk worked with.
+pub const DESK: &str = "desk";
 /// Value of `--plot` without a file.
 const TERMINAL: &str = "terminal";
 

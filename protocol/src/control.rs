@@ -25,18 +25,25 @@ pub enum Command {
     Shutdown = 5,
     /// Save a still picture (renderer).
     Snapshot = 6,
+    /// Read the scene file again, which holds another one now, and begin anew; the argument is the new duration in ms, 0 for
+    /// none (camera hardware).
+    Load = 7,
+    /// The module's next level (launcher).
+    Next = 8,
 }
 
 impl Command {
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {
         use Command::*;
-        [Ping, Start, Pause, Reset, Flush, Shutdown, Snapshot].get(code as usize).copied()
+        [Ping, Start, Pause, Reset, Flush, Shutdown, Snapshot, Load, Next].get(code as usize).copied()
     }
 }
 
 /// Addressed to every process.
 pub const EVERY_PROCESS: u32 = u32::MAX;
+/// Addressed to the launcher, which is none of the [`Process`]es; in answers, sent by it.
+pub const LAUNCHER: u32 = u32::MAX - 1;
 
 /// A request.
 #[repr(C)]
@@ -61,13 +68,14 @@ impl Request {
 
 impl Message for Request {
     const CHANNEL: &'static str = "control";
-    const VERSION: u32 = 1;
+    /// 2: commands 7 and 8, and requests to the launcher.
+    const VERSION: u32 = 2;
     const QUEUE: usize = 32;
     const FIELDS: &'static [FieldLayout] = crate::fields!(Request { seq, argument, target, command });
 
     fn validate(&self) -> Result<(), Invalid> {
         let command = f64::from(self.command);
-        require(Command::from_wire(self.command).is_some(), "Request", "command", "0 to 6", command)
+        require(Command::from_wire(self.command).is_some(), "Request", "command", "0 to 8", command)
     }
 }
 
@@ -122,7 +130,7 @@ impl Message for FrameScript {
 pub struct Answer {
     /// `seq` of the request.
     pub seq: u64,
-    /// [`Process`] on the wire.
+    /// [`Process`] on the wire, or [`LAUNCHER`].
     pub process: u32,
     /// 0: done; 1: not possible, and `text` says why.
     pub result: u32,
@@ -139,12 +147,14 @@ impl Answer {
 
 impl Message for Answer {
     const CHANNEL: &'static str = "answers";
-    const VERSION: u32 = 1;
+    /// 2: answers of the launcher.
+    const VERSION: u32 = 2;
     const QUEUE: usize = 64;
     const FIELDS: &'static [FieldLayout] = crate::fields!(Answer { seq, process, result, text });
 
     fn validate(&self) -> Result<(), Invalid> {
         let process = f64::from(self.process);
-        require(Process::from_wire(self.process).is_some(), "Answer", "process", "0 to 3", process)
+        let known = Process::from_wire(self.process).is_some() || self.process == LAUNCHER;
+        require(known, "Answer", "process", "0 to 4, or the launcher", process)
     }
 }

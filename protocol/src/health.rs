@@ -5,7 +5,7 @@ use crate::message::{FieldLayout, Invalid, Message, require, text_of};
 use crate::time::Nanos;
 use bytemuck::{Pod, Zeroable};
 
-/// The four processes.
+/// The processes of a simulator. Either camera hardware and tracker run, or the desk in their place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 #[allow(missing_docs)]
@@ -14,11 +14,13 @@ pub enum Process {
     Tracker = 1,
     Simcore = 2,
     Renderer = 3,
+    Desk = 4,
 }
 
 impl Process {
     /// In the order of the data path.
-    pub const ALL: [Process; 4] = [Process::FpgaModel, Process::Tracker, Process::Simcore, Process::Renderer];
+    pub const ALL: [Process; 5] =
+        [Process::FpgaModel, Process::Tracker, Process::Simcore, Process::Renderer, Process::Desk];
 
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {
@@ -32,6 +34,7 @@ impl Process {
             Process::Tracker => "tracker",
             Process::Simcore => "simcore",
             Process::Renderer => "renderer",
+            Process::Desk => "desk",
         }
     }
 
@@ -42,6 +45,7 @@ impl Process {
             Process::Tracker => "vitreo-tracker",
             Process::Simcore => "vitreo-simcore",
             Process::Renderer => "vitreo-renderer",
+            Process::Desk => "vitreo-desk",
         }
     }
 }
@@ -110,7 +114,7 @@ impl Message for Health {
 
     fn validate(&self) -> Result<(), Invalid> {
         let process = f64::from(self.process);
-        require(Process::from_wire(self.process).is_some(), "Health", "process", "0 to 3", process)?;
+        require(Process::from_wire(self.process).is_some(), "Health", "process", "0 to 4", process)?;
         require(self.state <= STATE_FINISHED, "Health", "state", "0 to 3", f64::from(self.state))
     }
 }

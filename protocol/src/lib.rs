@@ -3,9 +3,9 @@
 //! | channel | block | sender → receivers | rate | rule |
 //! |---|---|---|---|---|
 //! | `blobs` | [`blobs::BlobField`] | fpga-model or driver → tracker, recorder | 3 × 50 Hz | every one |
-//! | `handles` | [`handles::HandleState`] | fpga-model or driver → simcore, recorder | 50 Hz | every one |
+//! | `handles` | [`handles::HandleState`] | fpga-model, driver or desk → simcore, recorder | 50 Hz | every one |
 //! | `pedal` | [`handles::PedalState`] | input → simcore, recorder | ≥ 10 Hz | every one |
-//! | `poses` | [`poses::TrackerFrame`] | tracker → simcore, renderer, recorder | 50 Hz | in order, or newest |
+//! | `poses` | [`poses::TrackerFrame`] | tracker or desk → simcore, renderer, recorder | 50 Hz | in order, or newest |
 //! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer | per step | newest wins |
 //! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
 //! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | every 5 s | newest wins |
@@ -13,14 +13,17 @@
 //! | `frames` | [`frames::FrameRecord`] | renderer → launcher | per frame | every one |
 //! | `pictures` | [`frames::PictureHeader`] + JPEG | renderer → recorder | ≤ 15 Hz | newest wins |
 //! | `health` | [`health::Health`] | each → launcher | 10 Hz | every one |
-//! | `control` | [`control::Request`] | launcher → each | on demand | every one |
+//! | `control` | [`control::Request`] | launcher → each; `vitreo ctl` → launcher | on demand | every one |
 //! | `script` | [`control::FrameScript`] | launcher → tracker (replay) | per frame | every one |
 //! | `answers` | [`control::Answer`] | each → launcher | on demand | every one |
+//! | `inputs` | [`inputs::InputEvent`] | window, gamepad or file → desk, launcher | on change | every one |
+//! | `hints` | [`inputs::Hint`] | desk → renderer | on change | newest wins |
 //!
 //! Units are mm, g, s (so force is µN and pressure Pa); angles are radians; time is integer
 //! nanoseconds of `CLOCK_MONOTONIC`. Frames are `world`, `eye`, `instrument`, `camera`
 //! (see `docs/conventions.md`); transforms are named `target_from_source`.
 
+pub mod bindings;
 pub mod blob_stream;
 pub mod blobs;
 pub mod budget;
@@ -32,6 +35,7 @@ pub mod frames;
 pub mod geometry;
 pub mod handles;
 pub mod health;
+pub mod inputs;
 pub mod ipc;
 pub mod limits;
 pub mod message;
@@ -42,6 +46,7 @@ pub mod recording;
 pub mod rig;
 pub mod scene;
 pub mod scene_file;
+pub mod scene_stream;
 pub mod scene_text;
 pub mod script;
 pub mod shell;

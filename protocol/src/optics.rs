@@ -85,6 +85,12 @@ pub enum PedalButton {
     Inverter = 8,
     /// The next colour filter of the lamp.
     Filter = 16,
+    /// Pause, and go on. The launcher serves this button and the two after it.
+    Pause = 32,
+    /// The attempt from its beginning.
+    Restart = 64,
+    /// The module's next level.
+    Next = 128,
 }
 
 impl PedalButton {

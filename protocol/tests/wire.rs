@@ -8,6 +8,7 @@ use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::geometry::Validity;
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::Health;
+use protocol::inputs::{Hint, InputEvent};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::predict::predict;
@@ -97,6 +98,8 @@ fn channel_names_and_schemas_differ() {
         (Request::CHANNEL, Request::SCHEMA),
         (Answer::CHANNEL, Answer::SCHEMA),
         (FrameScript::CHANNEL, FrameScript::SCHEMA),
+        (InputEvent::CHANNEL, InputEvent::SCHEMA),
+        (Hint::CHANNEL, Hint::SCHEMA),
     ];
     let names: std::collections::BTreeSet<_> = all.iter().map(|a| a.0).collect();
     let schemas: std::collections::BTreeSet<_> = all.iter().map(|a| a.1).collect();

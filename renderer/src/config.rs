@@ -54,6 +54,9 @@ pub struct Config {
     /// The monitor to fill, by name or number.
     #[arg(long, requires = "full_screen", value_name = "NAME|N")]
     pub monitor: Option<String>,
+    /// A person works by mouse and keyboard: a click takes the mouse, Escape frees it.
+    #[arg(long, requires = "window")]
+    pub desk: bool,
     /// Save a still every second, and the last picture as last.png, in this folder.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
@@ -74,6 +77,7 @@ impl Config {
         let plan = WindowPlan {
             arrangement: self.arrange,
             full_screen: self.full_screen,
+            desk: self.desk,
             monitor: self.monitor.clone(),
         };
         self.window.then_some(plan)

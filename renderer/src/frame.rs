@@ -2,14 +2,15 @@
 
 use crate::assets::{AssetError, Assets};
 use crate::fundus_map;
-use crate::governor::{TIERS, Tier};
+use crate::governor::{Shading, TIERS, Tier};
 use crate::gpu::Gpu;
-use crate::lamp::{Lamp, lamp_index};
+use crate::lamp::{self, Lamp, lamp_index};
 use crate::latch::Latched;
 use crate::layers::Layers;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
 use crate::optics;
 use crate::passes::bodies::Bodies;
+use crate::passes::focus::{self, Focus, Tiles};
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::haze::Haze;
 use crate::passes::instruments::{Instruments, Meshes};
@@ -23,7 +24,7 @@ use crate::target::Target;
 use crate::timing::{Pass, PassTimes, Timing};
 use crate::tissue::Tissue;
 use crate::tools::{JAW_LENGTH_MM, Shaft};
-use crate::view::{CHANNELS, FIELD_FILL, view};
+use crate::view::{CHANNELS, FIELD_FILL, focus_plane, view};
 use bytemuck::Zeroable;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
@@ -34,7 +35,7 @@ use protocol::scene::{
 };
 use protocol::scene_file::Side;
 use protocol::scene_text::{Place, push_line};
-use wgpu::{BindGroup, CommandBuffer, RenderPass};
+use wgpu::{BindGroup, CommandBuffer, CommandEncoder, RenderPass};
 
 /// Opacity of an instrument that is not tracked.
 const LOST_OPACITY: f32 = 0.35;
@@ -48,8 +49,10 @@ const RELIEF: f32 = 0.35;
 const WRINKLES: f32 = 0.045;
 /// Depth bias of the shadow map, in its depth.
 const SHADOW_BIAS: f32 = 2e-5;
-/// Half width of the soft edge of a shadow, share of the map.
+/// Least half width of the soft edge of a shadow, share of the map: about a texel.
 const SHADOW_SOFT: f32 = 1.2e-3;
+/// Greatest half width, share of the map: that of a caster 1.5 mm from the lamp.
+const SHADOW_WIDEST: f32 = 0.03;
 
 /// What a renderer is made for.
 #[derive(Debug, Clone, Copy)]
@@ -75,6 +78,7 @@ pub struct Renderer {
     map: FundusMap,
     shadow_maps: Vec<(ShadowMap, BindGroup)>,
     targets: Vec<Option<Target>>,
+    tiles: Vec<Option<Tiles>>,
     meshes: Meshes,
     sheet: Sheet,
     tissue: Tissue,
@@ -86,6 +90,7 @@ pub struct Renderer {
     bodies: Bodies,
     marks: Marks,
     haze: Haze,
+    focus: Focus,
     text: Text,
     timing: Option<Timing>,
     tools: [Option<Tool>; INSTRUMENTS],
@@ -94,6 +99,8 @@ pub struct Renderer {
     filter: Filter,
     scene_text: String,
     status: String,
+    overlay: String,
+    overlay_alone: bool,
     lines: String,
     lost_before: [bool; INSTRUMENTS],
     eye_lost_before: bool,
@@ -120,10 +127,18 @@ impl Renderer {
             }
         }
         let target = |(i, tier)| (i >= plan.first_tier).then(|| Target::new(device, tier));
+        let targets: Vec<Option<Target>> = TIERS.iter().enumerate().map(target).collect();
+        let focus = Focus::new(device);
+        let tiles = |target: &Option<Target>| {
+            let target = target.as_ref()?;
+            let size_px = [2 * target.width_px, target.height_px];
+            Some(focus.tiles(device, target.fine.as_ref()?, size_px))
+        };
         Self {
             plan,
             shadow_maps,
-            targets: TIERS.iter().enumerate().map(target).collect(),
+            tiles: targets.iter().map(tiles).collect(),
+            targets,
             meshes: Meshes::new(device, queue, &assets.models, &plan.shafts),
             sheet: Sheet::new(device, plan.tissue[0], plan.tissue[1]),
             tissue: Tissue::with_capacity(plan.tissue[0], plan.tissue[1]),
@@ -135,6 +150,7 @@ impl Renderer {
             bodies: Bodies::new(device, queue, &uniforms, &layout),
             marks: Marks::new(device, &uniforms, &layout),
             haze: Haze::new(device, &uniforms, &layout),
+            focus,
             text: Text::new(device, queue, &uniforms),
             timing: Timing::new(gpu),
             uniforms,
@@ -145,6 +161,8 @@ impl Renderer {
             filter: Filter::Clear,
             scene_text: String::with_capacity(256),
             status: String::with_capacity(64),
+            overlay: String::new(),
+            overlay_alone: false,
             lines: String::with_capacity(512),
             lost_before: [false; INSTRUMENTS],
             eye_lost_before: false,
@@ -216,34 +234,73 @@ impl Renderer {
         }
 
         let target = self.target(tier_index);
+        let focus = self.tiles[tier_index].as_ref().filter(|_| layers.has(Layers::FOCUS));
+        // Without the layer the samples make the picture at once.
+        let resolved = target.fine.as_ref().map(|f| if focus.is_some() { &f.drawn } else { &target.colour });
+        let kept = if resolved.is_some() { wgpu::StoreOp::Discard } else { wgpu::StoreOp::Store };
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("picture"),
             color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-                view: &target.colour,
+                view: target.fine.as_ref().map_or(&target.colour, |f| &f.samples),
                 depth_slice: None,
-                resolve_target: None,
-                ops: wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(wgpu::Color::BLACK),
-                    store: wgpu::StoreOp::Store,
-                },
+                resolve_target: resolved,
+                ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: kept },
             })],
-            depth_stencil_attachment: Some(clear_depth(&target.depth, false)),
+            depth_stencil_attachment: Some(clear_depth(&target.depth, focus.is_some())),
             timestamp_writes: timing.map(|t| t.writes(Pass::Picture)),
             ..wgpu::RenderPassDescriptor::default()
         });
         for channel in 0..CHANNELS as u32 {
             self.set_channel(&mut pass, target, channel, light);
             self.draw_channel(&mut pass, tier, layers);
-            if layers.has(Layers::TEXT) {
-                let size = [target.width_px, target.height_px].map(|n| n as f32);
-                self.text.draw(&mut pass, channel as f32 * size[0], size);
+            if target.fine.is_none() {
+                self.draw_over(&mut pass, target, channel, (tier, layers));
             }
         }
         drop(pass);
+        if let Some(tiles) = focus {
+            self.draw_focused(&mut encoder, (target, tiles), light, (tier, layers), timing);
+        }
         if let Some(timing) = timing {
-            timing.resolve(&mut encoder);
+            timing.resolve(&mut encoder, if focus.is_some() { Pass::Focus } else { Pass::Picture });
         }
         encoder.finish()
+    }
+
+    /// Of full tiers: the picture with what is out of focus spread, and what lies over it.
+    fn draw_focused(
+        &self,
+        encoder: &mut CommandEncoder,
+        (target, tiles): (&Target, &Tiles),
+        light: &BindGroup,
+        (tier, layers): (&Tier, Layers),
+        timing: Option<&Timing>,
+    ) {
+        self.focus.find_reach(encoder, tiles);
+        let timed = timing.map(|t| t.writes(Pass::Focus));
+        let mut pass = focus::begin(encoder, &target.colour, "focus", timed);
+        self.focus.draw(&mut pass, tiles);
+        for channel in 0..CHANNELS as u32 {
+            self.set_channel(&mut pass, target, channel, light);
+            self.draw_over(&mut pass, target, channel, (tier, layers));
+        }
+    }
+
+    /// What lies over a channel, whatever is in focus: the ring of lost bodies, text.
+    fn draw_over(
+        &self,
+        pass: &mut RenderPass<'_>,
+        target: &Target,
+        channel: u32,
+        (tier, layers): (&Tier, Layers),
+    ) {
+        if self.lost_before.contains(&true) || self.eye_lost_before {
+            self.fundus.draw_lost_ring(pass, tier.shading);
+        }
+        if layers.has(Layers::TEXT) {
+            let size = [target.width_px, target.height_px].map(|n| n as f32);
+            self.text.draw(pass, channel as f32 * size[0], size, tier.shading);
+        }
     }
 
     fn light_for(&self, tier: &Tier) -> &(ShadowMap, BindGroup) {
@@ -263,9 +320,9 @@ impl Renderer {
 
     /// Solid instruments hide the retina; lost ones show it through.
     fn draw_channel(&self, pass: &mut RenderPass<'_>, tier: &Tier, layers: Layers) {
-        self.fundus.close_outside(pass);
+        self.fundus.close_outside(pass, tier.shading);
         if layers.has(Layers::INSTRUMENTS) {
-            self.draw_instruments(pass, false);
+            self.draw_instruments(pass, false, tier.shading);
         }
         if layers.has(Layers::BODIES) {
             self.bodies.draw(pass, tier.shading);
@@ -278,7 +335,7 @@ impl Renderer {
             self.marks.draw(pass, tier.shading);
         }
         if layers.has(Layers::INSTRUMENTS) {
-            self.draw_instruments(pass, true);
+            self.draw_instruments(pass, true, tier.shading);
         }
         if layers.has(Layers::MEMBRANE) {
             self.membrane.draw(pass, &self.sheet, tier.shading);
@@ -286,15 +343,15 @@ impl Renderer {
         if layers.has(Layers::HAZE) {
             self.haze.draw(pass, &self.fundus, tier.shading);
         }
-        if self.lost_before.contains(&true) || self.eye_lost_before {
-            self.fundus.draw_lost_ring(pass);
+        if layers.has(Layers::MEMBRANE) && tier.shading == Shading::Full {
+            self.membrane.draw_depth(pass, &self.sheet);
         }
     }
 
-    fn draw_instruments(&self, pass: &mut RenderPass<'_>, lost: bool) {
+    fn draw_instruments(&self, pass: &mut RenderPass<'_>, lost: bool, shading: Shading) {
         for which in 0..INSTRUMENTS {
             if let (Some(tool), true) = (self.tools[which], self.lost_before[which] == lost) {
-                self.instruments.draw(pass, &self.meshes, which, tool);
+                self.instruments.draw(pass, &self.meshes, (which, tool), shading);
             }
         }
     }
@@ -312,6 +369,7 @@ impl Renderer {
             slot[..size_of::<ViewUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
         }
         gpu.queue.write_buffer(&self.uniforms.views, 0, &views);
+        self.focus.set(&gpu.queue, &focus_plane(&self.microscope), px_per_mm(&self.microscope, &TIERS[tier]));
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         self.sheet.set_vertices(&gpu.queue, self.tissue.place(&eye_from_instrument));
         self.timing.iter_mut().for_each(Timing::before_submit);
@@ -329,6 +387,13 @@ impl Renderer {
         self.status.push_str(status);
     }
 
+    /// Lines of `protocol::scene_text` over the picture from the next frame on; `alone`: in place of the scene's.
+    pub fn overlay(&mut self, lines: &str, alone: bool) {
+        self.overlay.clear();
+        self.overlay.push_str(lines);
+        self.overlay_alone = alone;
+    }
+
     /// Every line that the next frame shows.
     fn collect_text(&mut self, latched: &Latched) {
         self.lines.clear();
@@ -336,7 +401,10 @@ impl Renderer {
             push_line(&mut self.lines, Place::TopLeft, line);
         }
         push_line(&mut self.lines, Place::Bottom, lost_text(latched));
-        self.lines.push_str(&self.scene_text);
+        self.lines.push_str(&self.overlay);
+        if !self.overlay_alone {
+            self.lines.push_str(&self.scene_text);
+        }
     }
 
     fn frame_uniform(&self, tier_index: usize, latched: &Latched) -> FrameUniform {
@@ -347,21 +415,23 @@ impl Renderer {
         let radius = self.plan.retina_radius_mm as f32;
         let px_per_mm = f64::from(tier.height_px) / optics::field_in_eye_mm(&self.microscope);
         // Where no pass blurs what is out of focus, a coarser level of the photograph does it for the retina.
-        let blur = blur_at_target_px(&self.microscope, tier).max(1.0).log2().round();
+        let lean = tier.shading == Shading::Lean;
+        let blur = if lean { blur_at_target_px(&self.microscope, tier).max(1.0).log2().round() } else { 0.0 };
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
         let level = self.map.level(px_per_mm as f32, radius) + blur as f32;
         uniform.retina = [radius, fundus_map::map_scale(), level, FILM];
+        uniform.penumbra = [lamp::soft_edge_per_depth() as f32, SHADOW_WIDEST, 0.0, 0.0];
         uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);
-        let lamp = lamp_index(&self.tools);
+        let pipe = lamp_index(&self.tools);
         uniform.instruments = std::array::from_fn(|i| InstrumentUniform {
             eye_from_instrument: poses[i].as_mat4().to_cols_array_2d(),
             shape: [
                 (0.5 * self.jaws_rad[i]) as f32,
                 JAW_LENGTH_MM,
                 if latched.tracked[i] { 1.0 } else { LOST_OPACITY },
-                if lamp == Some(i) { 0.0 } else { 1.0 },
+                if pipe == Some(i) { 0.0 } else { 1.0 },
             ],
             shaft: [
                 self.plan.shafts[i].radius_mm,
@@ -376,8 +446,12 @@ impl Renderer {
 
 /// Diameter of the patch that a point at the target's height makes, px.
 fn blur_at_target_px(microscope: &Microscope, tier: &Tier) -> f64 {
-    let px_per_mm = f64::from(tier.height_px) * FIELD_FILL / microscope.field_mm.max(0.1);
-    optics::blur_mm(microscope, microscope.working_distance_mm) * px_per_mm
+    optics::blur_mm(microscope, microscope.working_distance_mm) * px_per_mm(microscope, tier)
+}
+
+/// Pixels of a millimetre of the plane of focus.
+fn px_per_mm(microscope: &Microscope, tier: &Tier) -> f64 {
+    f64::from(tier.height_px) * FIELD_FILL / microscope.field_mm.max(0.1)
 }
 
 /// What the picture says about bodies that are not tracked.

@@ -33,6 +33,14 @@ impl Shading {
     /// Both, in the order in which passes keep their pipelines.
     pub const ALL: [Shading; 2] = [Shading::Full, Shading::Lean];
 
+    /// Samples of a pixel, which smooth the edges of what is drawn.
+    pub fn samples(self) -> u32 {
+        match self {
+            Shading::Full => 4,
+            Shading::Lean => 1,
+        }
+    }
+
     /// Name in tables.
     pub fn name(self) -> &'static str {
         match self {

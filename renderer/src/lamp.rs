@@ -26,6 +26,8 @@ const STRENGTH: f32 = 46.0;
 const COLOUR: [f32; 3] = [1.0, 0.95, 0.86];
 /// Light scattered back from the retina onto everything, linear.
 const SCATTERED: [f32; 3] = [0.045, 0.032, 0.026];
+/// Radius of the fibre's bright face, mm: half the outer radius of a 25 gauge pipe, as its mesh has it. It makes shadows soft.
+pub const FIBRE_RADIUS_MM: f64 = 0.125;
 /// Stands in for the light pipe where there is none: a chandelier light at the pars plana,
 /// position in the eye, mm.
 const CHANDELIER_IN_EYE: DVec3 = DVec3::new(0.0, -7.5, 7.0);
@@ -86,6 +88,14 @@ impl Lamp {
     }
 }
 
+/// Half width of a shadow's soft edge, share of the map, for a difference of 1 between the depths of surface and caster. The edge of a
+/// caster at the distance c hides the lamp's disc over a half width of r (d − c) / c on a surface at the distance d; the map is
+/// 2 d tan(half angle) wide there. Depth is (1 − near / d) far / (far − near), so 1/c − 1/d is the difference of depths by
+/// near far / (far − near).
+pub fn soft_edge_per_depth() -> f64 {
+    FIBRE_RADIUS_MM / (2.0 * MAP_RAD.tan()) * (FAR_MM - NEAR_MM) / (NEAR_MM * FAR_MM)
+}
+
 /// Which instrument is the lamp.
 pub fn lamp_index(tools: &[Option<Tool>; INSTRUMENTS]) -> Option<usize> {
     tools.iter().position(|&t| t == Some(Tool::LightPipe))
@@ -121,6 +131,18 @@ mod tests {
         assert!(p.truncate().length() < 1e-9 && (0.0..1.0).contains(&p.z), "{p}");
         let rim = DVec3::new(1.0 + 6.5 * OUTER_RAD.tan(), 2.0, -11.5);
         assert!(lamp.lamp_from_eye().project_point3(rim).x.abs() < 1.0, "the cone fits the map");
+    }
+
+    #[test]
+    fn soft_edges_are_those_of_similar_triangles() {
+        let lamp = Lamp::find(&[None, Some(Tool::LightPipe)], &latched([0.0, 0.0, -5.0]));
+        let depth = |d: f64| lamp.lamp_from_eye().project_point3(lamp.position + lamp.direction * d).z;
+        for (caster, surface) in [(5.5, 6.0), (3.0, 6.0), (1.6, 9.0)] {
+            let half_mm = FIBRE_RADIUS_MM * (surface - caster) / caster;
+            let share = half_mm / (2.0 * surface * MAP_RAD.tan());
+            let found = soft_edge_per_depth() * (depth(surface) - depth(caster));
+            assert!((found / share - 1.0).abs() < 1e-9, "{caster}, {surface}: {found}, expected {share}");
+        }
     }
 
     #[test]

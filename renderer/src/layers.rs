@@ -21,16 +21,19 @@ impl Layers {
     pub const BODIES: Layers = Layers(32);
     /// The vitreous.
     pub const HAZE: Layers = Layers(64);
+    /// Depth of field.
+    pub const FOCUS: Layers = Layers(128);
     /// Every layer.
     pub const ALL: Layers = Layers(u32::MAX);
     /// Each layer with its name.
-    pub const EACH: [(&'static str, Layers); 7] = [
+    pub const EACH: [(&'static str, Layers); 8] = [
         ("shadow", Layers::SHADOW),
         ("retina", Layers::RETINA),
         ("instruments", Layers::INSTRUMENTS),
         ("membrane", Layers::MEMBRANE),
         ("bodies", Layers::BODIES),
         ("haze", Layers::HAZE),
+        ("focus", Layers::FOCUS),
         ("text", Layers::TEXT),
     ];
 

@@ -34,6 +34,9 @@ pub struct FrameUniform {
     pub retina: [f32; 4],
     /// Depth bias, half width of the soft edge (share of a tile), relief of the vessels, membrane detail.
     pub shadow: [f32; 4],
+    /// Growth of a shadow's soft edge with the difference of depths in the map, widest half width that is looked for (shares of a
+    /// tile), 0, 0.
+    pub penumbra: [f32; 4],
     /// Corner of the vitreous' densities with the smallest coordinates, and extinction at full
     /// density (1/mm).
     pub haze_corner: [f32; 4],

@@ -3,7 +3,7 @@
 mod commands;
 
 use clap::Parser;
-use commands::bench;
+use commands::{bench, film};
 use renderer::config::Config;
 use std::process::ExitCode;
 
@@ -22,6 +22,8 @@ enum Command {
     /// Measure what a part costs on this machine.
     #[command(subcommand)]
     Bench(Bench),
+    /// Draw a stream of scenes without a clock.
+    Film(film::FilmArgs),
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -35,6 +37,7 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     let done = match &cli.command {
         Some(Command::Bench(Bench::Render(args))) => bench::render(args),
+        Some(Command::Film(args)) => film::film(args),
         None => renderer::process::run(&cli.config),
     };
     match done {

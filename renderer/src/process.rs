@@ -1,5 +1,7 @@
 //! The loop: a new scene wakes it, it draws one stereo frame with the newest pose, and says when.
 
+mod person;
+
 use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO_HZ};
 use crate::frame::Renderer;
 use crate::governor::{FLOOR, Governor, TIERS};
@@ -12,6 +14,7 @@ use crate::present::{Present, Ready};
 use crate::readback::ReadBack;
 use crate::start;
 use anyhow::{Context, Result};
+use person::Person;
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
@@ -47,6 +50,7 @@ pub fn run(config: &Config) -> Result<()> {
     let output = Output::start(&output_plan, first_tier).context("files for stills or video")?;
     let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
     let mut running = Running {
+        person: Person::open(&instance)?,
         poses: instance.receiver(Queue::Newest)?,
         scenes: instance.block_receiver()?,
         frames: instance.sender()?,
@@ -85,6 +89,7 @@ pub fn run(config: &Config) -> Result<()> {
 
 struct Running {
     shell: Shell,
+    person: Person,
     poses: Receiver<TrackerFrame>,
     scenes: BlockReceiver<SceneHeader>,
     frames: Sender<FrameRecord>,
@@ -118,6 +123,7 @@ struct Running {
 impl Running {
     fn turn(&mut self) -> Result<()> {
         let headless = matches!(self.present, Present::Headless);
+        self.hear_person()?;
         // A GPU draws at the display's rate, with a newer prediction each time; a processor, which
         // the simulation needs too, only what is new.
         let waits = headless || self.gpu.is_software || self.scene.is_none();
@@ -144,6 +150,18 @@ impl Running {
         }
         self.collect_pictures()?;
         self.serve()
+    }
+
+    /// Serves the window, and puts onto the picture what a person shall know.
+    fn hear_person(&mut self) -> Result<()> {
+        if self.present.is_closed() {
+            self.shell.stop();
+        }
+        self.person.hear(&mut self.present, now())?;
+        if let Some((lines, alone)) = self.person.overlay() {
+            self.renderer.overlay(&lines, alone);
+        }
+        Ok(())
     }
 
     /// The newest scene, if there is one since the last call.
@@ -203,7 +221,9 @@ impl Running {
             self.pose = Some(newest);
         }
         let from_scene = || self.scene.as_ref().map(latch_scene);
-        Ok(self.pose.as_ref().map(|pose| latch(pose, at)).or_else(from_scene))
+        // While everything stands still nobody is lost, and nothing moves on.
+        let at = |pose: &TrackerFrame| if self.person.is_paused() { pose.instants.exposed } else { at };
+        Ok(self.pose.as_ref().map(|pose| latch(pose, at(pose))).or_else(from_scene))
     }
 
     fn record(
@@ -306,13 +326,18 @@ impl Running {
         report.sent = self.frames.sent();
         report.lost = self.output.dropped;
         while let Some((request, command)) = self.shell.serve(now())? {
+            match command {
+                Command::Pause => self.person.pause(true),
+                Command::Start => self.person.pause(false),
+                _ => {}
+            }
             let answer = match command {
                 Command::Snapshot if self.keeps_last => {
                     self.snapshot = true;
                     Ok(())
                 }
                 Command::Snapshot => Err("no folder for stills: start with --stills DIR"),
-                // It has no state to pause or reset: it draws whatever scene comes.
+                // It has no other state to pause or reset: it draws whatever scene comes.
                 _ => Ok(()),
             };
             self.shell.answer(&request, answer)?;

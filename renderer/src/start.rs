@@ -60,12 +60,18 @@ pub fn plan(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> Pla
         length_mm: rig.body(BODY_NAMES[i]).and_then(|b| b.length).unwrap_or(SHAFT_LENGTH_MM) as f32,
         cannula_mm: scene.needle.as_ref().map_or(NOMINAL_CANNULA_MM, |n| n.radius_mm as f32),
     });
-    let [w, h] = scene.membrane.as_ref().map_or([0; 2], |m| m.squares.map(|n| n as usize));
+    let tissue = scene.membrane.as_ref().map_or([1, 0], |m| match &m.mesh {
+        Some(mesh) => [mesh.positions_mm.len(), mesh.triangles.len()],
+        None => {
+            let [w, h] = m.squares.map(|n| n as usize);
+            [(w + 1) * (h + 1), 2 * w * h]
+        }
+    });
     Plan {
         side: scene.eye.side,
         retina_radius_mm: scene.eye.retina_radius_mm,
         shafts,
-        tissue: [(w + 1) * (h + 1), 2 * w * h],
+        tissue,
         first_tier,
         map_px,
     }

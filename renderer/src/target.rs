@@ -10,12 +10,24 @@ pub struct Target {
     pub texture: Texture,
     /// Its view.
     pub colour: TextureView,
-    /// Depth.
+    /// Depth; of full tiers that of the samples.
     pub depth: TextureView,
+    /// Of full tiers.
+    pub fine: Option<Fine>,
     /// Width of a channel, px.
     pub width_px: u32,
     /// Height, px.
     pub height_px: u32,
+}
+
+/// What a full tier draws into before its picture is finished.
+pub struct Fine {
+    /// Several samples a pixel.
+    pub samples: TextureView,
+    /// The same, one value a pixel.
+    pub drawn: TextureView,
+    /// Depth of the samples, to be read.
+    pub depth: TextureView,
 }
 
 impl Target {
@@ -23,22 +35,30 @@ impl Target {
     pub fn new(device: &Device, tier: &Tier) -> Self {
         let size =
             wgpu::Extent3d { width: 2 * tier.width_px, height: tier.height_px, depth_or_array_layers: 1 };
-        let make = |format, usage| {
+        let samples = tier.shading.samples();
+        let make = |format, sample_count, usage| {
             device.create_texture(&TextureDescriptor {
                 label: Some("picture"),
                 size,
                 mip_level_count: 1,
-                sample_count: 1,
+                sample_count,
                 dimension: wgpu::TextureDimension::D2,
                 format,
                 usage: TextureUsages::RENDER_ATTACHMENT | usage,
                 view_formats: &[],
             })
         };
-        let texture = make(COLOUR, TextureUsages::COPY_SRC | TextureUsages::TEXTURE_BINDING);
-        let depth = make(DEPTH, TextureUsages::empty());
+        let seen = TextureUsages::TEXTURE_BINDING;
+        let texture = make(COLOUR, 1, TextureUsages::COPY_SRC | seen);
+        let depth = make(DEPTH, samples, if samples > 1 { seen } else { TextureUsages::empty() });
         let view = |t: &Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
+        let fine = || Fine {
+            samples: view(&make(COLOUR, samples, TextureUsages::empty())),
+            drawn: view(&make(COLOUR, 1, seen)),
+            depth: view(&depth),
+        };
         Self {
+            fine: (samples > 1).then(fine),
             colour: view(&texture),
             depth: view(&depth),
             texture,

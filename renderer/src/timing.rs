@@ -12,10 +12,12 @@ use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, QuerySet, RenderPassTi
 pub enum Pass {
     Shadow = 0,
     Picture = 1,
+    Focus = 2,
 }
 
 /// Passes in their order.
-pub const PASSES: [(&str, Pass); 2] = [("shadow", Pass::Shadow), ("picture", Pass::Picture)];
+pub const PASSES: [(&str, Pass); 3] =
+    [("shadow", Pass::Shadow), ("picture", Pass::Picture), ("focus", Pass::Focus)];
 const STAMPS: u32 = 2 * PASSES.len() as u32;
 const BYTES: u64 = STAMPS as u64 * 8;
 
@@ -24,7 +26,7 @@ const BYTES: u64 = STAMPS as u64 * 8;
 pub struct PassTimes {
     /// Begin of the first pass to end of the last.
     pub whole: Span,
-    /// Each of [`PASSES`], ns.
+    /// Each of [`PASSES`], ns; 0 where a tier has none.
     pub passes_ns: [u64; PASSES.len()],
 }
 
@@ -60,7 +62,10 @@ impl Timing {
                 ty: wgpu::QueryType::Timestamp,
                 count: STAMPS,
             }),
-            resolved: buffer("stamps", BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC),
+            resolved: buffer(
+                "stamps",
+                BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST,
+            ),
             back: buffer("stamps back", BufferUsages::COPY_DST | BufferUsages::MAP_READ),
             period_ns: f64::from(gpu.queue.get_timestamp_period()),
             asked: false,
@@ -78,9 +83,11 @@ impl Timing {
         }
     }
 
-    /// Ends a frame's commands: the stamps go to where they can be read.
-    pub fn resolve(&self, encoder: &mut CommandEncoder) {
-        encoder.resolve_query_set(&self.stamps, 0..STAMPS, &self.resolved, 0);
+    /// Ends a frame's commands, the last of whose passes was `last`: the stamps go to where they can be read.
+    pub fn resolve(&self, encoder: &mut CommandEncoder, last: Pass) {
+        let written = 2 * last as u32 + 2;
+        encoder.clear_buffer(&self.resolved, 0, None);
+        encoder.resolve_query_set(&self.stamps, 0..written, &self.resolved, 0);
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.back, 0, BYTES);
     }
 
@@ -117,7 +124,7 @@ impl Timing {
         drop(mapped);
         self.before_submit();
         let pass = |i: usize| ns[2 * i + 1].saturating_sub(ns[2 * i]);
-        let whole = Span { begin_ns: ns[0], end_ns: ns[STAMPS as usize - 1] };
+        let whole = Span { begin_ns: ns[0], end_ns: ns.into_iter().max().unwrap_or_default() };
         Some(PassTimes { whole, passes_ns: std::array::from_fn(pass) })
     }
 }

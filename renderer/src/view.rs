@@ -38,6 +38,30 @@ pub fn depth_range_mm(microscope: &Microscope) -> [f64; 2] {
     [(distance - NEAR_SIDE_MM).max(1.0), distance + FAR_SIDE_MM]
 }
 
+/// What is in focus, for a pass that knows depths.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FocusPlane {
+    /// A and B: what has the depth z on the picture has the distance B / (A − z) from the objective along the channel's axis, mm of
+    /// the picture looked at.
+    pub distance_of_depth: [f64; 2],
+    /// Distance of the plane in focus, mm.
+    pub distance_mm: f64,
+    /// A channel's beam at the objective, mm.
+    pub aperture_mm: f64,
+}
+
+/// The plane of focus of both channels. Depths are those of a perspective: (1 − near / d) far / (far − near).
+pub fn focus_plane(microscope: &Microscope) -> FocusPlane {
+    let [near, far] = depth_range_mm(microscope);
+    let target = objective_in_image(microscope, 0).distance(target_in_image(microscope));
+    let a = far / (far - near);
+    FocusPlane {
+        distance_of_depth: [a, a * near],
+        distance_mm: (target - microscope.focus_mm).max(1.0),
+        aperture_mm: microscope.aperture_mm.max(0.0),
+    }
+}
+
 /// Projection of `channel` on a picture of `aspect` (width by height): lens, microscope, inverter.
 fn clip_from_world(microscope: &Microscope, channel: usize, aspect: f64) -> DMat4 {
     let target = target_in_image(microscope);
@@ -175,6 +199,24 @@ mod tests {
                     "{lens:?}: depth"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn depths_lead_back_to_distances() {
+        for (lens, inverter) in EVERY {
+            let m = Microscope { focus_mm: 3.0, aperture_mm: 4.0, ..through(lens, inverter) };
+            let plane = focus_plane(&m);
+            let [a, b] = plane.distance_of_depth;
+            let objective = objective_in_image(&m, 0);
+            let axis = (target_in_image(&m) - objective).normalize();
+            for p in [[0.0, 0.0, -11.0], [1.0, -2.0, -9.0], [-3.0, 1.0, -4.0]] {
+                let depth = f64::from(ndc_of(&m, 0, p.map(|c| c as f32)).z);
+                let seen = image_from_world(&m).project_point3(DVec3::from(p));
+                let expected = (seen - objective).dot(axis);
+                assert!((b / (a - depth) - expected).abs() < 2e-3, "{lens:?}: {p:?}");
+            }
+            assert!((plane.distance_mm - (200.0f64.hypot(11.0) - 3.0)).abs() < 1e-9);
         }
     }
 

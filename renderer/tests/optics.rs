@@ -55,7 +55,8 @@ fn pinhole(m: &Microscope, channel: u32, size: [f64; 2], target: DVec3, seen: DV
 fn through(stage: &Stage, lens: Lens, inverter: bool) -> Microscope {
     let start = Microscope::of_scene(&stage.file);
     assert_eq!((start.lens_focal_mm, start.lens_height_mm), (FOCAL_MM, LENS_MM));
-    Microscope { lens: lens as u32, inverter: u32::from(inverter), ..start }
+    // A pinhole: places are measured, and what is out of focus has no sharp border.
+    Microscope { lens: lens as u32, inverter: u32::from(inverter), aperture_mm: 0.0, ..start }
 }
 
 /// Off the axes: a disc that lies even to the pixels' rows loses or wins whole columns, a quarter of a pixel.

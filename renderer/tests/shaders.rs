@@ -49,6 +49,7 @@ fn structs_agree() {
         ambient,
         retina,
         shadow,
+        penumbra,
         haze_corner,
         haze_size,
         instruments,

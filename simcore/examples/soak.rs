@@ -120,20 +120,22 @@ fn print_tables(results: &Results, seconds: f64) {
     for entry in &results.done {
         scenes.entry(&entry.1.scene).or_default().push(entry);
     }
-    println!("programmes     steps    events  energy    longest step (seed)  scene");
+    println!("programmes     steps     quiet    events  energy    longest step (seed)  scene");
     for (scene, entries) in &scenes {
         let sum = |of: fn(&Outcome) -> u64| entries.iter().map(|e| of(&e.1)).sum::<u64>();
-        let energy = entries.iter().map(|e| e.1.most_energy).fold(0.0, f64::max);
+        let energy = entries.iter().map(|e| e.1.lasting_energy).fold(0.0, f64::max);
         let slowest = entries.iter().map(|e| (e.1.slowest.0, e.0)).max().unwrap_or_default();
         let (ms, seed) = (slowest.0 as f64 * 1e-6, slowest.1);
-        let (steps, events) = (sum(|o| o.steps), sum(|o| o.events));
+        let (steps, quiet, events) = (sum(|o| o.steps), sum(|o| o.quiet_steps), sum(|o| o.events));
         let count = entries.len();
         println!(
-            "{count:>10} {steps:>9} {events:>9} {:>6.3} % {ms:>10.2} ms ({seed:>5})  {scene}",
+            "{count:>10} {steps:>9} {quiet:>9} {events:>9} {:>6.3} % {ms:>10.2} ms ({seed:>5})  {scene}",
             100.0 * energy
         );
     }
-    println!("energy: largest kinetic energy of the tissue as a share of what its limits of speed allow");
+    println!(
+        "quiet: steps in which nobody handled tissue; energy: largest that lasted in them, as a share of what the limits of speed allow"
+    );
     let tools = (0..TOOLS).filter_map(|t| Tool::from_wire(t as u32).map(|tool| (t, tool)));
     let steps = |t: usize| results.done.iter().map(|e| e.1.tool_steps[t]).sum::<u64>();
     let tools: Vec<String> = tools.map(|(t, tool)| format!("{tool:?} {}", steps(t))).collect();

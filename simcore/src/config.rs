@@ -24,4 +24,13 @@ pub struct Args {
     /// Do every step of a recording again, alone, write what comes of it into another, and end.
     #[arg(long, num_args = 2, value_names = ["FILE.mcap", "OUT.mcap"], conflicts_with = "resume")]
     pub again: Option<Vec<PathBuf>>,
+    /// Play the scene's script alone, write the scene of every N-th field to standard output, and end.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), conflicts_with_all = ["resume", "again"])]
+    pub film: Option<u64>,
+    /// Seed of the tremor in a film; none without it.
+    #[arg(long, value_name = "SEED", requires = "film")]
+    pub film_seed: Option<u64>,
+    /// Length of a film, s; without it a round of the script.
+    #[arg(long, value_name = "S", requires = "film")]
+    pub film_length: Option<f64>,
 }

@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn one_bad_node_is_taken_out_and_the_rest_goes_on() {
         let scene = SceneFile::load("peel").unwrap();
-        let (sheet, tissue) = (Sheet::new(&scene), Tissue::new(&scene));
+        let (sheet, tissue) = (Sheet::new(&scene).unwrap(), Tissue::new(&scene));
         let (mut state, mut solver) = (sheet.start(), Solver::new(&sheet));
         solver.refresh(&sheet, &state, &tissue);
         let last_good = LastGood::new(&state);
@@ -143,7 +143,7 @@ mod tests {
     #[test]
     fn any_bad_number_anywhere_costs_its_node_and_no_other() {
         let scene = SceneFile::load("peel").unwrap();
-        let (sheet, tissue) = (Sheet::new(&scene), Tissue::new(&scene));
+        let (sheet, tissue) = (Sheet::new(&scene).unwrap(), Tissue::new(&scene));
         let numbers = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -1e30, 1e20, 2.0 * RUNAWAY_MM_S];
         for (number, list) in numbers.into_iter().flat_map(|x| (0..6).map(move |list| (x, list))) {
             for node in [0, 1, sheet.nodes() / 2, sheet.nodes() - 1] {

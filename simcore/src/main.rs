@@ -15,6 +15,12 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &simcore::config::Args) -> anyhow::Result<()> {
+    if let Some(every) = args.film {
+        let scene = protocol::scene_file::SceneFile::load(&args.scene)?;
+        let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+        simcore::film::write(&scene, args.film_seed, every, args.film_length, &mut out)?;
+        return Ok(());
+    }
     let Some([file, out]) = args.again.as_deref() else { return simcore::process::run(args) };
     let again = simcore::again::run(file, out)?;
     if let Some(step) = again.differs_at {

@@ -40,17 +40,16 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         // Handles and pedal are taken with the next pose: they need not wake this process.
         wait(&[&desk.poses, shell.control()], MAX_WAIT_MS * 1_000_000);
         if let Some((request, command)) = shell.serve(now())? {
-            let result = match command {
-                Command::Snapshot => Err("the simulation takes no pictures"),
-                _ => Ok(()),
-            };
+            let mut result = Ok(());
             match command {
                 Command::Start => paused = false,
                 Command::Pause => paused = true,
-                Command::Reset => desk.reset(&mut world),
+                Command::Reset => desk.reset(&mut world)?,
+                Command::Load => result = desk.load(&mut world, args).map_err(|e| format!("{e:#}")),
+                Command::Snapshot => result = Err("the simulation takes no pictures".into()),
                 _ => {}
             }
-            shell.answer(&request, result)?;
+            shell.answer(&request, result.as_ref().map(|_| ()).map_err(String::as_str))?;
         }
         while let Some(frame) = desk.poses.next_valid()? {
             if !paused {
@@ -94,8 +93,7 @@ struct Desk {
 
 impl Desk {
     fn open(instance: &Instance, world: &World) -> Result<Self, IpcError> {
-        let (vitreous, retina) = (world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
-        let scene_bytes = bytes_needed(world.sheet(), world.adhesion().is_some(), vitreous, retina);
+        let scene_bytes = Self::bytes(world);
         Ok(Desk {
             poses: instance.receiver(Queue::InOrder)?,
             handles: instance.receiver(Queue::InOrder)?,
@@ -240,10 +238,34 @@ impl Desk {
         Ok(())
     }
 
-    fn reset(&mut self, world: &mut World) {
+    fn reset(&mut self, world: &mut World) -> Result<(), IpcError> {
+        // What hands and foot did before belongs to the past that is forgotten.
+        self.drain()?;
         world.reset();
         self.writer.forget();
         self.next_checkpoint_ns = 0;
+        Ok(())
+    }
+
+    /// Takes the scene that its file holds now in place of the old one; on an error nothing changes.
+    fn load(&mut self, world: &mut World, args: &Args) -> anyhow::Result<()> {
+        let mut fresh = World::new(&SceneFile::load(&args.scene)?).context("scene")?;
+        let needed = Self::bytes(&fresh);
+        anyhow::ensure!(
+            needed <= self.scene_bytes,
+            "the new scene takes {needed} bytes, there is room for the {} of the first one",
+            self.scene_bytes
+        );
+        choose_collision(&mut fresh, args.collision);
+        *world = fresh;
+        self.writer = self.writer.successor(world);
+        Ok(self.reset(world)?)
+    }
+
+    /// Room that the scene of a world takes, bytes.
+    fn bytes(world: &World) -> usize {
+        let (vitreous, retina) = (world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
+        bytes_needed(world.sheet(), world.adhesion().is_some(), vitreous, retina)
     }
 
     fn report(&self, shell: &mut Shell, world: &World) {

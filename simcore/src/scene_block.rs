@@ -98,6 +98,11 @@ impl SceneWriter {
         self.generation += 1 << 32;
     }
 
+    /// Lists for another world, whose topology no reader takes for this one's.
+    pub fn successor(&self, world: &World) -> Self {
+        SceneWriter { generation: self.generation, ..SceneWriter::new(world) }
+    }
+
     /// Writes the world into `payload`; sections that do not fit are left empty.
     pub fn write(
         &mut self,

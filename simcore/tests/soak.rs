@@ -34,6 +34,6 @@ fn four_short_programmes_run_in_a_debug_build() {
     assert!(overflows.is_err(), "overflow checks are on in this profile");
     for seed in 100..104 {
         let outcome = run(seed, 2.0, &mut no_clock).unwrap_or_else(|e| panic!("{e}"));
-        assert!(outcome.most_energy < 1.0 && outcome.tool_steps.iter().sum::<u64>() == 2 * outcome.steps);
+        assert!(outcome.tool_steps.iter().sum::<u64>() == 2 * outcome.steps);
     }
 }

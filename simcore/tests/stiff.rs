@@ -1,7 +1,7 @@
 //! Tissue of published stiffness and real mass through the shipped script, under the integrators made for it.
 
 use protocol::events::EventKind;
-use protocol::scene_file::{MembraneIntegrator, SceneFile};
+use protocol::scene_file::{ElementsLaw, ElementsScene, MembraneIntegrator, SceneFile};
 use simcore::guard::all_finite;
 use simcore::membrane::tear::check_mesh;
 use simcore::rehearsal::Rehearsal;
@@ -30,10 +30,23 @@ fn play(scene: &SceneFile) -> (World, Vec<u64>) {
     (world, hashes)
 }
 
+/// The same sheet as a continuum of the same stiffness.
+fn continuum(law: ElementsLaw, integrator: MembraneIntegrator) -> SceneFile {
+    let mut scene = stiff(integrator, 0.0);
+    let membrane = scene.membrane.as_mut().unwrap();
+    membrane.elements = Some(ElementsScene { law, young_un_per_mm: 2000.0, poisson: None });
+    scene
+}
+
 #[test]
 fn stiff_tissue_goes_through_the_script_and_gives_the_same_bits_again() {
-    for (integrator, limit) in [(MembraneIntegrator::Implicit, 0.1), (MembraneIntegrator::QuasiStatic, 0.0)] {
-        let scene = stiff(integrator, limit);
+    use ElementsLaw::{NeoHookean, StVenantKirchhoff};
+    use MembraneIntegrator::{Implicit, QuasiStatic};
+    let scenes = [stiff(Implicit, 0.1), stiff(QuasiStatic, 0.0)];
+    let elements = [continuum(NeoHookean, Implicit), continuum(StVenantKirchhoff, QuasiStatic)];
+    for scene in scenes.into_iter().chain(elements) {
+        let membrane = scene.membrane.as_ref().unwrap();
+        let integrator = (membrane.integrator, membrane.elements.map(|e| e.law));
         let again = SceneFile::parse(&scene.to_toml(), "again").unwrap();
         let (world, hashes) = play(&scene);
         let membrane = &world.state().membrane;
@@ -44,4 +57,21 @@ fn stiff_tissue_goes_through_the_script_and_gives_the_same_bits_again() {
         assert!(!world.state().instruments.iter().all(|i| i.held.is_empty()), "{integrator:?}: nothing held");
         assert_eq!(play(&again).1, hashes, "{integrator:?}");
     }
+}
+
+/// A scene whose elements tear at a tension that the jaws reach loses triangles, and the mesh stays whole.
+#[test]
+fn a_continuum_tears_where_its_tension_passes_the_limit() {
+    let mut scene = continuum(ElementsLaw::NeoHookean, MembraneIntegrator::Implicit);
+    scene.membrane.as_mut().unwrap().tear_tension_n_per_m = 0.004;
+    let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
+    let mut torn = 0.0;
+    for field in 255..264 {
+        rehearsal.play(&mut world, field, &mut no_clock);
+        let events = world.events().iter().filter(|e| e.kind == EventKind::TissueTorn as u32);
+        torn += events.map(|e| e.value).sum::<f64>();
+        assert_eq!(check_mesh(world.sheet(), &world.state().membrane), Ok(()), "field {field}");
+    }
+    let lost = world.state().membrane.triangle_alive.iter().filter(|&&alive| alive == 0).count();
+    assert!(torn > 0.0 && lost > 0 && lost < world.sheet().triangles.len() / 2, "{torn} torn, {lost} lost");
 }

@@ -1,9 +1,13 @@
 //! Pictures of moments of the shipped scenes. `cargo run --release -p vitreo-tests --example gallery -- FOLDER` (`make gallery`)
 //! makes those of the documentation; with `--reference FOLDER` those that `tests/scenarios/pictures.rs` compares with (`make
-//! pictures`); with `[--tier N] FOLDER SCENE SECONDS…` any others, to look at while a scene is tuned.
+//! pictures`); with `[--tier N] FOLDER SCENE SECONDS…` any others
+//! (`module NAME` for a module), to look at while a scene is tuned.
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
+use modules::module::Module;
+use modules::surgeon::CARELESS;
+use protocol::optics::Lens;
 use protocol::scene::Section;
 use protocol::scene_file::SceneFile;
 use renderer::gpu::Gpu;
@@ -25,14 +29,14 @@ const MOST_BYTES: usize = 150_000;
 /// The pictures of the documentation: file, scene, instant (s), and what is changed of what the simulation sent.
 const GALLERY: [(&str, &str, f64, Change); 10] = [
     ("forceps-open", "peel", 4.0, as_it_is),
-    ("peeling", "erm", 12.0, as_it_is),
-    ("membrane-torn-off", "erm", 22.0, as_it_is),
+    ("peeling", "erm", 9.0, close_up),
+    ("flap", "erm", 22.0, as_it_is),
     ("pick-under-the-edge", "lift", 9.0, close_up),
     ("trimming", "trim", 13.0, as_it_is),
-    ("vitreous", "vitrectomy", 12.0, as_it_is),
-    ("bleb", "relocation", 8.0, as_it_is),
-    ("retina-lifted", "relocation", 24.0, as_it_is),
-    ("bodies", "bodies", 12.0, as_it_is),
+    ("vitreous", "vitrectomy", 16.0, as_it_is),
+    ("bleb", "relocation", 10.0, as_it_is),
+    ("retina-turned", "translocation", 20.0, wide_angle),
+    ("bleeding", "module shadow", 30.0, as_it_is),
     ("ora-serrata", "vitrectomy", 0.0, to_the_rim),
 ];
 
@@ -60,6 +64,22 @@ fn to_the_rim(block: &mut Block) {
     block.header.microscope.field_mm = 12.0;
 }
 
+/// Through the wide-angle lens, set upright.
+fn wide_angle(block: &mut Block) {
+    block.header.microscope.lens = Lens::WideAngle as u32;
+    block.header.microscope.inverter = 1;
+    block.header.microscope.field_mm = 16.0;
+}
+
+/// A shipped scene, or the first level of a module (`module NAME`) done by a careless surgeon.
+fn begin(name: &str) -> Result<Surgery> {
+    let scene = match name.strip_prefix("module ") {
+        Some(module) => Module::load(module)?.compose(1, &CARELESS, 1)?,
+        None => SceneFile::load(name)?,
+    };
+    Ok(Surgery::begin(scene))
+}
+
 fn main() -> Result<()> {
     let mut args: Vec<String> = std::env::args().skip(1).collect();
     let mut tier = TIER;
@@ -83,7 +103,7 @@ fn made(folder: &str) -> Result<PathBuf> {
 
 fn gallery(gpu: &Gpu, folder: &Path) -> Result<()> {
     for (file, scene, at_s, change) in GALLERY {
-        let mut surgery = Surgery::begin(SceneFile::load(scene)?);
+        let mut surgery = begin(scene)?;
         let mut block = surgery.play_to(at_s);
         change(&mut block);
         save(&folder.join(format!("{file}.jpg")), &surgery.draw(gpu, &block, TIER, MAP_PX))?;
@@ -107,7 +127,7 @@ fn reference(gpu: &Gpu, folder: &Path) -> Result<()> {
 }
 
 fn moments(gpu: &Gpu, folder: &Path, tier: usize, scene: &str, instants: &[&str]) -> Result<()> {
-    let mut surgery = Surgery::begin(SceneFile::load(scene)?);
+    let mut surgery = begin(scene)?;
     for at in instants {
         let block = surgery.play_to(at.parse().with_context(|| format!("expected seconds, found '{at}'"))?);
         let picture = surgery.draw(gpu, &block, tier, MAP_PX);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use vitreo_tests::repository;
 
-const PROCESS_CRATES: [&str; 4] = ["fpga-model", "tracker", "simcore", "renderer"];
+const PROCESS_CRATES: [&str; 5] = ["fpga-model", "tracker", "simcore", "renderer", "desk"];
 /// Longest source file, lines.
 const FILE_CAP: usize = 800;
 /// Where `unsafe` may be used: the transport, the vectors of the springs' kernel, and the allocator with which a check counts
@@ -61,7 +61,17 @@ fn dependencies(metadata: &serde_json::Value, name: &str) -> Vec<String> {
 #[test]
 fn crates_point_downwards_only() {
     let metadata = metadata();
-    let ours = ["protocol", "modules", "results", "fpga-model", "tracker", "simcore", "renderer", "launcher"];
+    let ours = [
+        "protocol",
+        "modules",
+        "results",
+        "fpga-model",
+        "desk",
+        "tracker",
+        "simcore",
+        "renderer",
+        "launcher",
+    ];
     for name in ours {
         let allowed: &[&str] = match name {
             "protocol" => &[],
@@ -79,16 +89,19 @@ fn crates_point_downwards_only() {
 #[test]
 fn transport_and_graphics_stay_behind_their_borders() {
     let metadata = metadata();
-    let only: [(&str, &[&str]); 6] = [
+    let only: [(&str, &[&str]); 7] = [
         ("iceoryx2", &["protocol"]),
         ("wgpu", &["renderer", "simcore"]),
         ("winit", &["renderer"]),
         ("mcap", &["protocol"]),
+        ("evdev", &["desk"]),
         ("rusqlite", &["results"]),
         ("parquet", &["results"]),
     ];
     for (library, owners) in only {
-        for name in ["protocol", "results", "fpga-model", "tracker", "simcore", "renderer", "launcher"] {
+        for name in
+            ["protocol", "results", "fpga-model", "desk", "tracker", "simcore", "renderer", "launcher"]
+        {
             let has = dependencies(&metadata, name).contains(&library.to_owned());
             assert_eq!(
                 has,
@@ -163,6 +176,7 @@ fn paths_named_in_the_documents_exist() {
         "ARCHITECTURE.md",
         "README.md",
         "docs/modules.md",
+        "docs/play.md",
         "docs/results.md",
         "deploy/README.md",
         "docs/conventions.md",

@@ -9,5 +9,6 @@ mod faults;
 mod instruments;
 mod modules;
 mod pictures;
+mod play;
 mod record_replay;
 mod streams;

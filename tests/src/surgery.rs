@@ -6,18 +6,12 @@ use modules::surgeon::EXPERT;
 use protocol::rig::Rig;
 use protocol::scene::SceneHeader;
 use protocol::scene_file::SceneFile;
-use protocol::time::Instants;
 use renderer::frame::Renderer;
 use renderer::governor::{Shading, TIERS};
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
 use renderer::readback::{Picture, ReadBack};
-use simcore::rehearsal::Rehearsal;
-use simcore::scene_block::{SceneWriter, bytes_needed};
-use simcore::world::{World, no_clock};
-
-/// Steps a second of the script.
-const FIELDS_PER_S: f64 = 50.0;
+use simcore::film::{FIELDS_PER_S, Film};
 
 /// A scene block as the simulation sends it.
 pub struct Block {
@@ -31,10 +25,7 @@ pub struct Block {
 pub struct Surgery {
     /// Its file.
     pub scene: SceneFile,
-    rehearsal: Rehearsal,
-    world: World,
-    writer: SceneWriter,
-    field: u64,
+    film: Film,
     /// What the renderer needs to have seen: how everything lay at first.
     first: Block,
 }
@@ -45,21 +36,15 @@ impl Surgery {
     /// # Panics
     /// If the simulation refuses it.
     pub fn begin(scene: SceneFile) -> Self {
-        let rehearsal = Rehearsal::shipped(&scene);
-        let world = World::new(&scene).expect("a scene that can be simulated");
-        let mut writer = SceneWriter::new(&world);
-        let first = block(&world, &mut writer);
-        Self { scene, rehearsal, world, writer, field: 0, first }
+        let mut film = Film::begin(&scene, None).expect("a scene that can be simulated");
+        let first = block(&mut film);
+        Self { scene, film, first }
     }
 
     /// Plays on until `at_s` seconds after the beginning; gives what the simulation then sends.
     pub fn play_to(&mut self, at_s: f64) -> Block {
-        let until = (at_s * FIELDS_PER_S).round() as u64;
-        while self.field < until {
-            self.rehearsal.play(&mut self.world, self.field, &mut no_clock);
-            self.field += 1;
-        }
-        block(&self.world, &mut self.writer)
+        self.film.play_to((at_s * FIELDS_PER_S).round() as u64);
+        block(&mut self.film)
     }
 
     /// The picture of `block` at `tier`, drawn by a fresh renderer that saw the beginning, with a fundus map of `map_px`.
@@ -83,18 +68,11 @@ impl Surgery {
     }
 }
 
-fn block(world: &World, writer: &mut SceneWriter) -> Block {
-    let bytes = bytes_needed(
-        world.sheet(),
-        world.adhesion().is_some(),
-        world.vitreous().map(|(v, _)| v),
-        world.retina().map(|r| &r.sheet),
-    );
-    let mut payload = vec![0u128; bytes.div_ceil(16)];
-    // Instants of 0 mean "not yet".
-    let instants = Instants { exposed: 1, ..bytemuck::Zeroable::zeroed() };
-    let header = writer.write(world, instants, 0, bytemuck::cast_slice_mut(&mut payload));
-    Block { header, payload }
+fn block(film: &mut Film) -> Block {
+    let (header, payload) = film.scene();
+    let mut units = vec![0u128; payload.len().div_ceil(16)];
+    bytemuck::cast_slice_mut(&mut units)[..payload.len()].copy_from_slice(payload);
+    Block { header, payload: units }
 }
 
 /// A moment that shows what a scene or a training module is about.

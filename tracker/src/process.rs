@@ -194,7 +194,7 @@ impl Tracking {
     fn obey(&mut self, request: &Request, command: Command) -> anyhow::Result<()> {
         let mut result = Ok(());
         match command {
-            Command::Reset => {
+            Command::Reset | Command::Load => {
                 self.tracker.reset();
                 self.drift_told = false;
                 self.assembler.reset();
@@ -206,7 +206,9 @@ impl Tracking {
             }
             Command::Flush => result = self.flush()?,
             Command::Start | Command::Pause | Command::Ping | Command::Shutdown => {}
-            Command::Snapshot => result = Err("the tracker has no picture".to_owned()),
+            Command::Snapshot | Command::Next => {
+                result = Err("the tracker has neither picture nor levels".to_owned())
+            }
         }
         let answer = match &result {
             Ok(()) => Ok(()),

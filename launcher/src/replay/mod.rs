@@ -13,6 +13,7 @@ mod turns;
 mod verify;
 
 use crate::exit::{DIFFERS, LOSS};
+use crate::results::DESK;
 use crate::run::stop_flag;
 use anyhow::bail;
 use outputs::{Figures, Outputs};
@@ -90,6 +91,12 @@ fn positive(text: &str) -> Result<f64, String> {
 /// Runs it.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
+    if recording.provenance().config.contains_key(DESK) {
+        let file = args.file.display();
+        bail!(
+            "{file}: made at a desk, without cameras: there are no blobs to replay; vitreo score --resimulate simulates it again"
+        );
+    }
     let mode = match recording.provenance().source {
         Source::Live => TrackerMode::Script,
         Source::Import => TrackerMode::StreamClock,

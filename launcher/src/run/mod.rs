@@ -2,10 +2,12 @@
 //!
 //! - `options`: the command line, and what each process is given of it
 //! - `session`: the loop that hears, watches, records and shows
+//! - `course`: who may ask for a pause, a restart or the next level
 //! - `supervisor`, `policy`: starting, restarting, bounding restarts
 //! - `tap`, `recorder`, `resume`: what is heard, written, and kept for a restarted simulation
 //! - `ledger`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
+mod course;
 mod ledger;
 mod monitor;
 mod options;
@@ -18,12 +20,12 @@ mod session;
 mod supervisor;
 mod tap;
 
-pub use options::RunArgs;
+pub use options::{DeskArgs, RunArgs};
 
 use crate::exit::{BUDGET, FAILED, LOSS};
 use crate::machine::has_display;
 use crate::modules::Composed;
-use crate::results::{BEGAN, SURGEON, keep, seconds_since_1970};
+use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use anyhow::Context;
 use options::View;
 use protocol::budget::Stage;
@@ -32,7 +34,7 @@ use protocol::rig::Rig;
 use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use report::{Report, Versions};
 use results::Store;
-use session::Session;
+use session::{Attempt, Session};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -45,35 +47,53 @@ use std::time::SystemTime;
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     // The composed scene lasts as long as this does.
     let composed = args.module.as_deref().map(|m| Composed::new(m, args.level, &args.surgeon, args.seed));
-    let composed = composed.transpose()?;
+    let mut composed = composed.transpose()?;
     let args = &args.with_scene_of(composed.as_ref()).with_recording_of_trainee()?;
     let view = args.view(has_display());
     let budgets = args.budget_table()?;
-    let provenance = provenance(args)?;
     args.prepare()?;
     let stop = stop_flag()?;
-    let mut session = Session::open(args, view, &budgets, &provenance, stop)?;
+    let mut session = Session::open(args, composed.as_mut(), view, &budgets, stop)?;
     let outcome = session.run();
-    let live = session.live_score();
     let ended_by = match &outcome {
         Ok(why) => (*why).to_string(),
         Err(error) => format!("failure: {error:#}"),
     };
-    let report = session.close(ended_by);
+    let (report, attempts) = session.close(ended_by);
     if let Some(file) = &args.report {
         write_report(&report, file)?;
     }
     let ran = report.duration_s > 0.0;
     if ran {
         print!("{}", report.text());
-        print!("{}", crate::score::live_text(&live));
+        attempts.iter().for_each(|a| print!("{}", attempt_text(a, attempts.len())));
     }
     outcome?;
-    if let (Some(trainee), Some(file)) = (&args.trainee, &args.record) {
-        let mut store = Store::open_or_create(&args.store.path()?)?;
-        keep(&mut store, trainee, file).context("the attempt is not in the results store")?;
+    if let Some(trainee) = &args.trainee {
+        keep_all(args, trainee, &attempts)?;
     }
     Ok(ExitCode::from(verdict(&report, args.assert_budgets, view)))
+}
+
+/// The score of an attempt, with its level where there were several.
+fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
+    let text = crate::score::live_text(&attempt.live);
+    if attempts > 1 && !text.is_empty() { format!("level {}: {text}", attempt.level) } else { text }
+}
+
+/// Keeps the attempts in the results store. Those broken off by a restart are left out; a single one that did not end is an error.
+fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
+    let mut store = Store::open_or_create(&args.store.path()?)?;
+    let open_end = args.stay || args.desk.is_some() || attempts.len() > 1;
+    for attempt in attempts {
+        let Some(file) = &attempt.record else { continue };
+        if open_end && attempt.live.total.is_none() {
+            eprintln!("vitreo: {}: broken off, and not kept", file.display());
+            continue;
+        }
+        keep(&mut store, trainee, file).context("the attempt is not in the results store")?;
+    }
+    Ok(())
 }
 
 /// Raised by Ctrl-C, SIGTERM and SIGHUP; a second Ctrl-C ends the program at once.
@@ -93,10 +113,12 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     let scene = SceneFile::load(scene_name)?;
     let scene_name = args.module.as_deref().unwrap_or(scene_name);
     let file = |p: &Option<std::path::PathBuf>| p.as_ref().map(|p| p.display().to_string());
+    let scripted = args.module.is_some() && args.blobs.is_none() && args.desk.is_none();
     let config = [
-        ("module", args.module.as_ref().map(|m| format!("{m} level {}, {}", args.level, args.surgeon))),
+        ("module", args.module.as_ref().map(|m| module(args, m, scripted))),
         (BEGAN, Some(seconds_since_1970(SystemTime::now()).to_string())),
-        (SURGEON, (args.module.is_some() && args.blobs.is_none()).then(|| args.surgeon.clone())),
+        (SURGEON, scripted.then(|| args.surgeon.clone())),
+        (DESK, args.desk.as_ref().map(|d| file(&d.inputs).unwrap_or_else(|| d.input.clone()))),
         ("motion", file(&args.motion)),
         ("motion-full", args.motion_full.then(|| "true".into())),
         ("blobs", file(&args.blobs)),
@@ -116,6 +138,12 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
         versions: versions.map(|(k, v)| (k.to_string(), v.to_string())).into(),
         ..Provenance::default()
     })
+}
+
+/// The module, its level, and who works where it is no person.
+fn module(args: &RunArgs, name: &str, scripted: bool) -> String {
+    let who = if scripted { format!(", {}", args.surgeon) } else { String::new() };
+    format!("{name} level {}{who}", args.level)
 }
 
 fn write_report(report: &Report, file: &Path) -> anyhow::Result<()> {

@@ -111,9 +111,24 @@ pub struct RunArgs {
     /// Save a film.
     #[arg(long, value_name = "FILE.y4m")]
     pub video: Option<PathBuf>,
+    /// Go on when the attempt is over: its end screen stands until a restart, the next level (vitreo ctl, pedal or keys) or the end.
+    #[arg(long, requires = "module")]
+    pub stay: bool,
+    /// A person at the desk in place of cameras and tracker: vitreo play.
+    #[arg(skip)]
+    pub desk: Option<DeskArgs>,
     /// Slow a stage down, to see that its budget notices.
     #[arg(long, value_name = "STAGE=MS", value_parser = injected_delay, hide = true)]
     pub inject_delay: Vec<(Stage, f64)>,
+}
+
+/// What the desk listens to.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct DeskArgs {
+    /// auto, mouse or gamepad.
+    pub input: String,
+    /// A file of inputs to play instead.
+    pub inputs: Option<PathBuf>,
 }
 
 /// The end screen of a scripted attempt stands for so long, s.
@@ -156,8 +171,8 @@ fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
     if (0.0..=10_000.0).contains(&delay) { Ok((stage, delay)) } else { Err("expected 0 to 10000 ms".into()) }
 }
 
-/// Where a restarted renderer puts its film or stills, beside those of its predecessor: `a-2.y4m`.
-fn numbered(file: &Path, restarts: u32) -> PathBuf {
+/// Where a restarted renderer puts its film or stills, and a new attempt its recording, beside those before: `a-2.y4m`.
+pub(super) fn numbered(file: &Path, restarts: u32) -> PathBuf {
     if restarts == 0 {
         return file.to_path_buf();
     }
@@ -195,8 +210,19 @@ impl RunArgs {
     /// With the scene of a module, and the length of its attempt where no other duration is asked for.
     pub fn with_scene_of(&self, composed: Option<&Composed>) -> Self {
         let Some(composed) = composed else { return self.clone() };
-        let attempt = (self.blobs.is_none()).then_some(composed.period_s + AFTER_S);
+        let scripted = self.blobs.is_none() && self.desk.is_none() && !self.stay;
+        let attempt = scripted.then(|| self.attempt_s(composed));
         RunArgs { scene: Some(composed.name()), duration: self.duration.or(attempt), ..self.clone() }
+    }
+
+    /// Length of a scripted attempt with its end screen, s.
+    pub fn attempt_s(&self, composed: &Composed) -> f64 {
+        composed.period_s + AFTER_S
+    }
+
+    /// The process that begins a run and ends it: the camera hardware, or the desk in its and the tracker's place.
+    pub fn source(&self) -> Process {
+        if self.desk.is_some() { Process::Desk } else { Process::FpgaModel }
     }
 
     /// With a place for the recording of a trainee's attempt where none is given. Refuses odd names and a store that cannot be
@@ -243,6 +269,8 @@ impl RunArgs {
             Process::Tracker => (Stage::Tracking, true, false),
             Process::Simcore => (Stage::Simulation, false, true),
             Process::Renderer => (Stage::Rendering, true, true),
+            // It has no cameras to wait for: what it does is tracking.
+            Process::Desk => (Stage::Tracking, true, true),
         };
         args.path("--rig", self.rig.as_deref().filter(|_| takes_rig));
         args.value("--scene", self.scene.as_ref().filter(|_| takes_scene));
@@ -255,6 +283,7 @@ impl RunArgs {
                 args.path("--instruments", self.instruments.as_deref());
                 args.value("--arrange", self.arrange.as_ref());
                 args.flag("--full-screen", self.full_screen);
+                args.flag("--desk", self.desk.is_some() && view == View::Window);
                 args.value("--monitor", self.monitor.as_ref());
                 for (name, output) in [("--stills", &self.stills), ("--video", &self.video)] {
                     args.path(name, output.as_deref().map(|o| numbered(o, restarts)).as_deref());
@@ -262,6 +291,13 @@ impl RunArgs {
             }
             Process::Simcore => args.value("--collision", self.collision.as_ref()),
             Process::Tracker => {}
+            Process::Desk => {
+                let desk = self.desk.clone().unwrap_or_default();
+                match desk.inputs {
+                    Some(file) => args.path("--inputs", Some(&file)),
+                    None => args.value("--input", Some(desk.input)),
+                }
+            }
         }
         args.0
     }
@@ -296,7 +332,8 @@ impl RunArgs {
 
     /// Looks at every file before anything is started, and makes the folders of the outputs.
     pub fn prepare(&self) -> anyhow::Result<()> {
-        for (what, file) in [("--motion", &self.motion), ("--blobs", &self.blobs)] {
+        let inputs = self.desk.as_ref().and_then(|d| d.inputs.clone());
+        for (what, file) in [("--motion", &self.motion), ("--blobs", &self.blobs), ("--inputs", &inputs)] {
             if let Some(file) = file.as_deref().filter(|f| !f.is_file()) {
                 bail!("{what} {}: no such file", file.display());
             }
@@ -366,6 +403,7 @@ mod tests {
             let args = parse(&["--inject-delay", &format!("{stage}=7")]).unwrap();
             let delayed: Vec<Process> = Process::ALL
                 .into_iter()
+                .filter(|&p| p != Process::Desk)
                 .filter(|&p| {
                     let given = args.arguments_of(p, View::Headless, None, 0);
                     given.windows(2).any(|w| w == ["--inject-delay-ms", "7"] || w == ["--late-camera", "2=7"])
@@ -405,6 +443,18 @@ mod tests {
         assert_eq!(given, "--window --arrange interleaved --full-screen --monitor 1");
         assert!(parse(&["--monitor", "1"]).is_err() && parse(&["--headless", "--full-screen"]).is_err());
         assert!(parse(&["--arrange", "cross-eyed"]).unwrap_err().contains("anaglyph"));
+    }
+
+    #[test]
+    fn the_desk_takes_the_place_of_cameras_and_tracker() {
+        let mut args = parse(&["--module", "navigation"]).unwrap();
+        assert_eq!(args.source(), Process::FpgaModel);
+        args.desk = Some(DeskArgs { input: "mouse".into(), inputs: None });
+        let given = |args: &RunArgs, p| args.arguments_of(p, View::Window, None, 0).join(" ");
+        assert_eq!((args.source(), given(&args, Process::Desk).as_str()), (Process::Desk, "--input mouse"));
+        assert_eq!(given(&args, Process::Renderer), "--window --desk");
+        args.desk = Some(DeskArgs { input: "auto".into(), inputs: Some("moves.txt".into()) });
+        assert_eq!(given(&args, Process::Desk), "--inputs moves.txt");
     }
 
     #[test]

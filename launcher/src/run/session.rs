@@ -1,8 +1,9 @@
 //! A run from its first process to its last: the loop that hears, watches, records and shows.
 
+use super::course::{Asked, Course, Wish};
 use super::ledger::{Ledger, WARM_UP_NS};
 use super::monitor::{CHANNELS, Monitor};
-use super::options::{RunArgs, View};
+use super::options::{RunArgs, View, numbered};
 use super::policy::CpuAccount;
 use super::recorder::Recorder;
 use super::report::{FORMAT, Happened, ProcessFigures, Report, Setup, Versions, paper_table_4};
@@ -12,16 +13,23 @@ use super::supervisor::{Happening, Slot, Supervisor};
 use super::tap::Tap;
 use crate::children::realtime_allowed;
 use crate::machine::Machine;
+use crate::modules::Composed;
 use anyhow::{Context, bail};
 use modules::score::recording::Live;
 use protocol::budget::Budgets;
+use protocol::control::{Answer, Command, EVERY_PROCESS, LAUNCHER};
 use protocol::health::Process;
-use protocol::ipc::Instance;
+use protocol::ipc::{Instance, Sender};
+use protocol::message::text_bytes;
 use protocol::recording::{Item, Note, NoteKind, Provenance};
 use protocol::time::{Nanos, now, sleep_until};
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+#[path = "attempts.rs"]
+mod attempts;
 
 /// Period of the launcher's looking, ns. Its queues reach for a second and more.
 const TICK_NS: u64 = 10_000_000;
@@ -29,15 +37,31 @@ const TICK_NS: u64 = 10_000_000;
 const LINGER_NS: u64 = 300_000_000;
 /// A duration is kept by the cameras; this much later the launcher ends the run by itself, ns.
 const OVERTIME_NS: u64 = 3_000_000_000;
+/// How long processes may take to obey a command before the launcher goes on without their answer, ns. A new scene's tissue takes a
+/// second on a slow machine.
+const OBEY_NS: u64 = 15_000_000_000;
 /// Period of the messages while the processes start, ns.
 const PATIENCE_NS: u64 = 5_000_000_000;
 
 /// A run that is going on.
 pub struct Session<'a> {
-    args: &'a RunArgs,
+    /// With level and recording of the attempt that is going on.
+    args: RunArgs,
     view: View,
     budgets: &'a Budgets,
-    provenance: &'a Provenance,
+    provenance: Provenance,
+    /// The module's scene, where one is trained.
+    composed: Option<&'a mut Composed>,
+    course: Course,
+    answers: Sender<Answer>,
+    /// Number of the command that is being obeyed, who has not answered yet, and who could not.
+    awaited: (u64, Vec<u32>, Vec<String>),
+    /// Since when everything stands still.
+    paused_ns: Option<Nanos>,
+    /// The attempts that are over.
+    attempts: Vec<Attempt>,
+    /// Where the first attempt is recorded.
+    first_record: Option<PathBuf>,
     stop: Arc<AtomicBool>,
     tap: Tap,
     hearing: Hearing,
@@ -46,9 +70,22 @@ pub struct Session<'a> {
     happenings: Vec<Happened>,
     /// When the cameras were ready; 0 before.
     started_ns: Nanos,
+    /// When the attempt began, moved by every pause; 0 before.
+    attempt_ns: Nanos,
     own_cpu: CpuAccount,
     // Last, so that the directory goes when nobody uses it any more.
     instance: Instance,
+}
+
+/// What is left of an attempt.
+#[derive(Debug, Clone)]
+pub struct Attempt {
+    /// Its level.
+    pub level: u32,
+    /// Its recording.
+    pub record: Option<PathBuf>,
+    /// The score as the simulation told it.
+    pub live: Live,
 }
 
 /// Everything that listens to the items.
@@ -87,20 +124,28 @@ impl Hearing {
 impl<'a> Session<'a> {
     /// Opens the instance, its channels and the recording. Nothing runs yet.
     pub fn open(
-        args: &'a RunArgs,
+        args: &RunArgs,
+        composed: Option<&'a mut Composed>,
         view: View,
         budgets: &'a Budgets,
-        provenance: &'a Provenance,
         stop: Arc<AtomicBool>,
     ) -> anyhow::Result<Self> {
+        let provenance = super::provenance(args)?;
         let instance = Instance::own(&args.instance)?;
-        let recorder = args.record.as_deref().map(|file| Recorder::start(file, provenance)).transpose()?;
+        let recorder = args.record.as_deref().map(|file| Recorder::start(file, &provenance)).transpose()?;
         let (ledger, monitor, resume) = (Ledger::default(), Monitor::default(), Resume::default());
         Ok(Session {
-            args,
+            args: args.clone(),
             view,
             budgets,
             provenance,
+            composed,
+            course: Course::default(),
+            answers: instance.sender()?,
+            awaited: (0, Vec::new(), Vec::new()),
+            paused_ns: None,
+            attempts: Vec::new(),
+            first_record: args.record.clone(),
             stop,
             tap: Tap::open(&instance)?,
             hearing: Hearing { ledger, monitor, resume, recorder, score: Live::default(), lost_before: 0 },
@@ -108,6 +153,7 @@ impl<'a> Session<'a> {
             screen: Screen::new(),
             happenings: Vec::new(),
             started_ns: 0,
+            attempt_ns: 0,
             own_cpu: CpuAccount::default(),
             instance,
         })
@@ -116,21 +162,18 @@ impl<'a> Session<'a> {
     /// Starts everything, runs to the end, and says why it ended.
     pub fn run(&mut self) -> anyhow::Result<&'static str> {
         self.start_receivers()?;
-        self.supervisor.start(Process::FpgaModel, self.args.duration, now())?;
+        self.supervisor.start(self.args.source(), self.args.duration, now())?;
         let why = self.work()?;
         self.linger()?;
         Ok(why)
     }
 
-    /// The score of the attempt, as far as the simulation has told it.
-    pub fn live_score(&self) -> Live {
-        self.hearing.score
-    }
-
     /// Starts what receives and waits until it works, so that the first field finds everybody.
     fn start_receivers(&mut self) -> anyhow::Result<()> {
         let picture = (self.view != View::None).then_some(Process::Renderer);
-        for process in picture.into_iter().chain([Process::Simcore, Process::Tracker]) {
+        // The desk sends poses itself.
+        let tracker = self.args.desk.is_none().then_some(Process::Tracker);
+        for process in picture.into_iter().chain([Process::Simcore]).chain(tracker) {
             self.supervisor.start(process, None, now())?;
         }
         self.screen.say(&format!("starting {}", self.supervisor.awaited().join(", ")));
@@ -164,13 +207,16 @@ impl<'a> Session<'a> {
             if self.remaining_ns().is_some_and(|left| left < -(OVERTIME_NS as i64)) {
                 return Ok("duration (the cameras did not say so)");
             }
+            if let Some(why) = self.serve_wishes()? {
+                return Ok(why);
+            }
             self.show();
         }
     }
 
     /// Lets the cameras end first, and the last fields arrive.
     fn linger(&mut self) -> anyhow::Result<()> {
-        self.supervisor.ask_to_end(Process::FpgaModel);
+        self.supervisor.ask_to_end(self.args.source());
         let until = now() + LINGER_NS;
         while now() < until {
             sleep_until(now() + TICK_NS);
@@ -184,7 +230,7 @@ impl<'a> Session<'a> {
         sleep_until(now() + TICK_NS);
         let mut happenings = self.hear()?;
         let remaining_s = self.remaining_ns().map(|left| (left as f64 * 1e-9).max(0.1));
-        let (instance, provenance, hearing) = (&self.instance, self.provenance, &mut self.hearing);
+        let (instance, provenance, hearing) = (&self.instance, &self.provenance, &mut self.hearing);
         let found = self.supervisor.look(now(), remaining_s, |process, was_at_work| {
             instance.clean_up_after_the_dead();
             match process {
@@ -203,11 +249,18 @@ impl<'a> Session<'a> {
     fn hear(&mut self) -> anyhow::Result<Vec<Happening>> {
         let at = now();
         let hearing = &mut self.hearing;
-        self.tap.drain(at, |filed_at, item| hearing.take(filed_at, item))?;
+        let course = &mut self.course;
+        self.tap.drain(at, |filed_at, item| {
+            if let Item::Pedal(pedal) = &item {
+                course.note_pedal(pedal);
+            }
+            hearing.take(filed_at, item);
+        })?;
         let mut happenings = Vec::new();
         while let Some(beat) = self.tap.heartbeat()? {
             happenings.extend(self.supervisor.note(&beat, at));
         }
+        self.hear_wishes()?;
         self.note_losses(at);
         Ok(happenings)
     }
@@ -229,8 +282,8 @@ impl<'a> Session<'a> {
         let at = now();
         match happening {
             Happening::Ready(process) => {
-                if *process == Process::FpgaModel && self.started_ns == 0 {
-                    self.started_ns = at;
+                if *process == self.args.source() && self.started_ns == 0 {
+                    (self.started_ns, self.attempt_ns) = (at, at);
                     self.note_own_cpu(at);
                     self.hearing.monitor.measure(at);
                 }
@@ -260,7 +313,8 @@ impl<'a> Session<'a> {
     /// What is left of the duration, ns; negative in overtime; `None` where there is no end.
     fn remaining_ns(&self) -> Option<i64> {
         let duration_ns = (self.args.duration? * 1e9) as i64;
-        let begun = if self.started_ns == 0 { 0 } else { now() as i64 - self.started_ns as i64 };
+        let until = self.paused_ns.unwrap_or_else(now);
+        let begun = if self.attempt_ns == 0 { 0 } else { until as i64 - self.attempt_ns as i64 };
         Some(duration_ns - begun)
     }
 
@@ -280,7 +334,8 @@ impl<'a> Session<'a> {
                 None => "recording".into(),
             },
         };
-        let happening = self.happenings.last().map_or("", |h| h.what.lines().next().unwrap_or(""));
+        let newest = self.happenings.last().map_or("", |h| h.what.lines().next().unwrap_or(""));
+        let happening = if self.paused_ns.is_some() { "paused" } else { newest };
         let status = Status {
             now: at,
             elapsed_s: self.elapsed_s(at),
@@ -302,7 +357,7 @@ impl<'a> Session<'a> {
     }
 
     /// Ends the processes and the recording, and sums up.
-    pub fn close(mut self, ended_by: String) -> Report {
+    pub fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
         let at = now();
         self.note_own_cpu(at);
         for process in self.supervisor.end() {
@@ -311,7 +366,7 @@ impl<'a> Session<'a> {
         }
         // What was sent on the way out; a channel that fails now has nothing more to say.
         let _ = self.hear();
-        let recording = self.hearing.recorder.take().map(Recorder::finish);
+        let recording = self.end_attempt();
         let slots = &self.supervisor.slots;
         let renderer = slots.iter().find(|s| s.process == Process::Renderer);
         let words = renderer.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default();
@@ -319,12 +374,12 @@ impl<'a> Session<'a> {
         processes.sort_by_key(|p| Process::ALL.iter().position(|q| q.name() == p.process));
         processes.push(self.own_figures());
         let stages = self.hearing.ledger.judge(self.budgets);
-        Report {
+        let report = Report {
             format: FORMAT,
             budgets_kept: stages.iter().all(|s| !s.broken),
             ended_by,
             duration_s: self.elapsed_s(at),
-            setup: setup(self.args, self.view, self.provenance),
+            setup: setup(&self.args, self.view, &self.provenance),
             machine: Machine::look(),
             versions: Versions::of_this_build(),
             stages,
@@ -338,7 +393,8 @@ impl<'a> Session<'a> {
             received: CHANNELS.into_iter().zip(self.hearing.monitor.traffic.map(|t| t.count)).collect(),
             events: self.hearing.monitor.events.clone(),
             recording,
-        }
+        };
+        (report, self.attempts)
     }
 
     fn own_figures(&self) -> ProcessFigures {
@@ -392,9 +448,13 @@ fn process_figures(slot: &Slot) -> ProcessFigures {
 
 fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
     let path = |p: &std::path::Path| p.display().to_string();
-    let source = match (&args.blobs, &args.motion) {
-        (Some(blobs), _) => format!("blob stream {}", path(blobs)),
-        (_, Some(motion)) => format!("script with the hand of {}", path(motion)),
+    let source = match (&args.desk, &args.blobs, &args.motion) {
+        (Some(desk), ..) => match &desk.inputs {
+            Some(file) => format!("inputs of {}", path(file)),
+            None => format!("desk, {}", desk.input),
+        },
+        (_, Some(blobs), _) => format!("blob stream {}", path(blobs)),
+        (_, _, Some(motion)) => format!("script with the hand of {}", path(motion)),
         _ => "script".into(),
     };
     let delays = args.inject_delay.iter().map(|(stage, ms)| (stage.name(), *ms));

@@ -133,11 +133,12 @@ impl Supervisor {
         slot.cpu.note(beat.pid, beat.cpu_ns, beat.instant_ns);
         let first = !slot.ready;
         (slot.ready, slot.was_ready) = (true, true);
-        if beat.state == STATE_FINISHED && beat.process == Process::FpgaModel as u32 && !self.stream_ended {
+        let process = slot.process;
+        if beat.state == STATE_FINISHED && beat.process == self.args.source() as u32 && !self.stream_ended {
             self.stream_ended = true;
             return Some(Happening::StreamEnded);
         }
-        first.then_some(Happening::Ready(slot.process))
+        first.then_some(Happening::Ready(process))
     }
 
     /// How often a process was restarted.
@@ -166,7 +167,7 @@ impl Supervisor {
                 happenings.push(Happening::WindowClosed);
                 continue;
             }
-            if end.orderly && slot.process == Process::FpgaModel && self.stream_ended {
+            if end.orderly && slot.process == self.args.source() && self.stream_ended {
                 continue;
             }
             slot.may_restart(now, &end.how)?;
@@ -181,13 +182,28 @@ impl Supervisor {
         Ok(happenings)
     }
 
+    /// The level that is trained.
+    pub fn level(&self) -> u32 {
+        self.args.level
+    }
+
+    /// The level that restarted processes shall know of.
+    pub fn set_level(&mut self, level: u32) {
+        self.args.level = level;
+    }
+
     /// Asks one process to end.
     pub fn ask_to_end(&mut self, process: Process) {
-        let command = Command::Shutdown as u32;
-        let request = Request { seq: self.requests_sent, argument: 0, target: process as u32, command };
+        self.ask(process as u32, Command::Shutdown, 0);
+    }
+
+    /// Sends a request; the number by which its answers can be told.
+    pub fn ask(&mut self, target: u32, command: Command, argument: u64) -> u64 {
+        let seq = self.requests_sent;
         self.requests_sent += 1;
-        // One that does not hear is ended by signal.
-        let _ = self.requests.send(&request);
+        // One that does not hear does not answer, or is ended by signal.
+        let _ = self.requests.send(&Request { seq, argument, target, command: command as u32 });
+        seq
     }
 
     /// Ends every process in order, and says who had to be killed.

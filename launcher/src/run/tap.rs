@@ -1,10 +1,12 @@
 //! The launcher's ears: a receiver on every channel, drained at each tick.
 
 use protocol::blobs::BlobField;
+use protocol::control::{Answer, Request};
 use protocol::events::Event;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::Health;
+use protocol::inputs::InputEvent;
 use protocol::ipc::{BlockReceiver, Instance, IpcError, Queue, Receiver, wait};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
@@ -25,6 +27,9 @@ pub struct Tap {
     checkpoints: BlockReceiver<CheckpointHeader>,
     pictures: BlockReceiver<PictureHeader>,
     health: Receiver<Health>,
+    inputs: Receiver<InputEvent>,
+    requests: Receiver<Request>,
+    answers: Receiver<Answer>,
 }
 
 /// The instant by which an item is filed, ns; `now` for those that carry none.
@@ -68,6 +73,9 @@ impl Tap {
             checkpoints: instance.block_receiver()?,
             pictures: instance.block_receiver()?,
             health: instance.receiver(Queue::InOrder)?,
+            inputs: instance.receiver(Queue::InOrder)?,
+            requests: instance.receiver(Queue::InOrder)?,
+            answers: instance.receiver(Queue::InOrder)?,
         })
     }
 
@@ -103,11 +111,27 @@ impl Tap {
     fn forget_wake_ups(&self) {
         wait(&[&self.blobs, &self.handles, &self.pedal, &self.poses, &self.steps], 0);
         wait(&[&self.events, &self.frames, &self.checkpoints, &self.pictures, &self.health], 0);
+        wait(&[&self.inputs, &self.requests, &self.answers], 0);
     }
 
     /// The next heartbeat.
     pub fn heartbeat(&mut self) -> Result<Option<Health>, IpcError> {
         self.health.next_valid()
+    }
+
+    /// What a person did last at keyboard, mouse or gamepad.
+    pub fn input(&mut self) -> Result<Option<InputEvent>, IpcError> {
+        self.inputs.next_valid()
+    }
+
+    /// The next request, whoever sent it to whom.
+    pub fn request(&mut self) -> Result<Option<Request>, IpcError> {
+        self.requests.next_valid()
+    }
+
+    /// The next answer of a process.
+    pub fn answer(&mut self) -> Result<Option<Answer>, IpcError> {
+        self.answers.next_valid()
     }
 
     /// Blocks that were overwritten before the launcher read them, by channel. Checkpoints and

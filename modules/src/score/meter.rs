@@ -9,7 +9,7 @@ use crate::sample::{Sample, Tip};
 use nalgebra::Vector3;
 use protocol::events::{Event, EventKind};
 use protocol::handles::Tool;
-use protocol::limits::INSTRUMENTS;
+use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
 use protocol::scene_file::{Goal, SceneFile, TaskScene};
 use protocol::time::Nanos;
 use serde::{Deserialize, Serialize};
@@ -143,8 +143,12 @@ impl Scorer {
             }
             (meter.begun_ns, meter.last_ns) = (sample.exposed_ns, sample.exposed_ns);
         }
-        let dt_s = sample.exposed_ns.saturating_sub(meter.last_ns) as f64 * 1e-9;
+        let gap_ns = sample.exposed_ns.saturating_sub(meter.last_ns);
         meter.last_ns = sample.exposed_ns;
+        if gap_ns > MAX_STEP_NS {
+            meter.stand_still(gap_ns);
+        }
+        let dt_s = if gap_ns > MAX_STEP_NS { 0.0 } else { gap_ns as f64 * 1e-9 };
         for (hand, tip) in meter.hands.iter_mut().zip(&sample.tips) {
             self.note_tip(hand, tip.as_ref(), sample.exposed_ns);
         }
@@ -303,6 +307,12 @@ impl Meter {
     /// True once the attempt has ended.
     pub fn has_ended(&self) -> bool {
         self.ended
+    }
+
+    /// A pause, or another gap so long that the simulation stood still: it is no part of the attempt.
+    fn stand_still(&mut self, gap_ns: u64) {
+        let clocks = self.out_ns.iter_mut().chain([&mut self.begun_ns, &mut self.off_path_ns]);
+        clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
     }
 
     /// Time of the attempt so far, s.

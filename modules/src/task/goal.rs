@@ -50,6 +50,12 @@ impl GoalState {
         self.along_mm.is_finite() && self.sum_mm.is_finite()
     }
 
+    /// Nothing moved for so long.
+    pub(super) fn stand_still(&mut self, gap_ns: u64) {
+        let clocks = [&mut self.since_ns, &mut self.outside_ns];
+        clocks.into_iter().filter(|since| **since > 0).for_each(|since| *since += gap_ns);
+    }
+
     fn miss(&mut self, mm: f64) {
         self.sum_mm += mm;
         self.samples += 1;

@@ -12,7 +12,7 @@ use goal::{Check, GoalState};
 use nalgebra::{Isometry3, Vector3};
 use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
 use protocol::handles::Tool;
-use protocol::limits::INSTRUMENTS;
+use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
 use protocol::scene_file::{BodyScene, GoalOrder, SceneFile, TaskScene};
 use protocol::time::Nanos;
 use serde::{Deserialize, Serialize};
@@ -149,6 +149,13 @@ impl TaskState {
         if self.begun_ns == 0 { 0.0 } else { self.last_ns.saturating_sub(self.begun_ns) as f64 * 1e-9 }
     }
 
+    /// A pause, or another gap so long that the simulation stood still: no clock of the attempt runs in it.
+    fn stand_still(&mut self, gap_ns: u64) {
+        let clocks = self.out_since_ns.iter_mut().chain(&mut self.lens_since_ns).chain([&mut self.begun_ns]);
+        clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
+        self.goals.iter_mut().for_each(|goal| goal.stand_still(gap_ns));
+    }
+
     /// True if it could be the state of `task`: for checkpoints.
     pub fn fits(&self, task: &Task) -> bool {
         let finite = self.smooth_mm.iter().flatten().all(|p| p.iter().all(|c| c.is_finite()));
@@ -205,9 +212,13 @@ impl Task {
 
     /// Goes on by one step. Allocates nothing.
     pub fn advance(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
-        let dt_s = seen.now_ns.saturating_sub(state.last_ns) as f64 * 1e-9;
         let first = state.last_ns == 0;
+        let gap_ns = if first { 0 } else { seen.now_ns.saturating_sub(state.last_ns) };
         state.last_ns = seen.now_ns;
+        if gap_ns > MAX_STEP_NS {
+            state.stand_still(gap_ns);
+        }
+        let dt_s = if gap_ns > MAX_STEP_NS { 0.0 } else { gap_ns as f64 * 1e-9 };
         if matches!(state.phase, Phase::Finished | Phase::TimedOut) {
             return;
         }

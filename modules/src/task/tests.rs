@@ -172,3 +172,40 @@ fn leaving_the_picture_and_touching_the_lens_are_told_once_each() {
     assert_eq!(kinds(&said), [TaskStarted, LensTouched, LensLeft]);
     assert_eq!(said[1].severity, Severity::Injury);
 }
+
+#[test]
+fn no_clock_of_an_attempt_runs_while_everything_stands_still() {
+    let task = task(GoalOrder::Any, vec![hold(1.0)]);
+    // In the ball from the third field on; after 0.1 s there a pause of a minute.
+    let mut state = task.start();
+    let mut said = Vec::new();
+    for field in 1..40u64 {
+        let x = if field < 3 { 3.0 } else { 1.0 };
+        let tip = Tip {
+            tip_in_eye_mm: Vector3::new(x, 0.0, -6.0),
+            to_handle: Vector3::x(),
+            covariance_mm2: Matrix3::zeros(),
+        };
+        let paused_ns = if field > 8 { 60_000_000_000 } else { 0 };
+        let seen = Observation {
+            now_ns: field * NS + paused_ns,
+            tips: [Some(tip), None],
+            tools: [Tool::Pick as u32, Tool::LightPipe as u32],
+            bodies: &[],
+            world_from_eye: Isometry3::identity(),
+            microscope_target_mm: [0.0, 0.0, -11.0],
+            field_mm: 16.0,
+            events: &[],
+        };
+        task.advance(&mut state, &seen, &mut |s| said.push((field, s)));
+    }
+    let end = said.last().unwrap();
+    assert_eq!(
+        (end.1.kind, state.phase),
+        (EventKind::TaskFinished, Phase::Finished),
+        "the limit of 4 s is not over"
+    );
+    // A hold of 0.2 s that began at field 3 ends at field 13; the field after the pause counts for none.
+    assert_eq!(end.0, 14);
+    assert!((end.1.value - 0.02 * 12.0).abs() < 1e-9, "{}", end.1.value);
+}

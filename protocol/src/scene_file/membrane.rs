@@ -1,19 +1,23 @@
 //! The epiretinal membrane of a scene: key `membrane`.
 
-use super::{AdhesionScene, CurlScene, Range};
+use super::{AdhesionScene, CurlScene, ElementsScene, MeshScene, Range};
 use serde::{Deserialize, Serialize};
 
-/// A rectangular sheet before the retina, its rim attached to the retina.
+/// A sheet before the retina, its rim attached to the retina: squares, or any mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MembraneScene {
     /// Direction from the eye's centre to the middle of the sheet, eye frame (any length).
+    #[serde(default, skip_serializing_if = "is_unset")]
     pub towards_in_eye: [f64; 3],
     /// Width and height of the sheet, mm.
+    #[serde(default, skip_serializing_if = "is_unset")]
     pub size_mm: [f64; 2],
     /// Squares along width and height; each square is two triangles.
+    #[serde(default, skip_serializing_if = "is_unset")]
     pub squares: [u32; 2],
     /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub lift_mm: f64,
     /// One edge (that at the end of the sheet's first axis) hangs free, and the sheet rises towards it instead of its middle.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -52,6 +56,13 @@ pub struct MembraneScene {
     pub rim_warn_un: f64,
     /// Force on a rim node that tears it off the retina, µN.
     pub rim_tear_un: f64,
+    /// A mesh of its own. `towards_in_eye`, `size_mm`, `squares`, `lift_mm` and `loose_edge` are those of a sheet of squares; only one of both
+    /// may be there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshScene>,
+    /// A continuum in place of the springs; without it springs carry the sheet.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub elements: Option<ElementsScene>,
     /// Glue under the whole sheet; without it the rim alone is fixed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adhesion: Option<AdhesionScene>,
@@ -81,6 +92,10 @@ impl MembraneIntegrator {
     }
 }
 
+fn is_unset<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
 fn is_zero(number: &f64) -> bool {
     *number == 0.0
 }
@@ -89,9 +104,6 @@ impl MembraneScene {
     /// Its plain numbers with their allowed ranges, both ends included.
     pub(super) fn ranges(&self) -> Vec<Range> {
         let mut ranges = vec![
-            ("membrane.size_mm[0]", self.size_mm[0], 0.1, 20.0),
-            ("membrane.size_mm[1]", self.size_mm[1], 0.1, 20.0),
-            ("membrane.lift_mm", self.lift_mm, 0.0, 5.0),
             ("membrane.stiffness_un_per_mm", self.stiffness_un_per_mm, 0.0, 1e7),
             ("membrane.bending_un_per_mm", self.bending_un_per_mm, 0.0, 1e7),
             ("membrane.spring_damping_un_s_per_mm", self.spring_damping_un_s_per_mm, 0.0, 1e6),
@@ -107,6 +119,12 @@ impl MembraneScene {
             ("membrane.rim_warn_un", self.rim_warn_un, 0.0, 1e9),
             ("membrane.rim_tear_un", self.rim_tear_un, 0.0, 1e9),
         ];
+        if self.mesh.is_none() {
+            ranges.push(("membrane.size_mm[0]", self.size_mm[0], 0.1, 20.0));
+            ranges.push(("membrane.size_mm[1]", self.size_mm[1], 0.1, 20.0));
+            ranges.push(("membrane.lift_mm", self.lift_mm, 0.0, 5.0));
+        }
+        ranges.extend(self.elements.iter().flat_map(ElementsScene::ranges));
         ranges.extend(self.adhesion.iter().flat_map(AdhesionScene::ranges));
         ranges.extend(self.curl.iter().flat_map(CurlScene::ranges));
         ranges
@@ -114,6 +132,23 @@ impl MembraneScene {
 
     /// What is wrong beyond the ranges: key, what would be right, what is there.
     pub(super) fn defect(&self) -> Option<(&'static str, String, String)> {
+        self.shape_defect().or_else(|| self.material_defect())
+    }
+
+    fn shape_defect(&self) -> Option<(&'static str, String, String)> {
+        if let Some(mesh) = &self.mesh {
+            let beside = [
+                ("membrane.towards_in_eye", !is_unset(&self.towards_in_eye)),
+                ("membrane.size_mm", !is_unset(&self.size_mm)),
+                ("membrane.squares", !is_unset(&self.squares)),
+                ("membrane.lift_mm", self.lift_mm != 0.0),
+                ("membrane.loose_edge", self.loose_edge),
+            ];
+            let beside = beside.into_iter().find(|(_, is_set)| *is_set);
+            let beside =
+                beside.map(|(key, _)| (key, "no such key beside membrane.mesh".into(), "one".into()));
+            return beside.or_else(|| mesh.defect());
+        }
         if self.squares.iter().any(|&n| !(2..=800).contains(&n)) {
             return Some(("membrane.squares", "2 to 800".into(), format!("{:?}", self.squares)));
         }
@@ -122,6 +157,10 @@ impl MembraneScene {
             let found = format!("{:?}", self.towards_in_eye);
             return Some(("membrane.towards_in_eye", "a direction".into(), found));
         }
+        None
+    }
+
+    fn material_defect(&self) -> Option<(&'static str, String, String)> {
         let springs =
             matches!(self.integrator, MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit);
         if self.yield_strain > 0.0 && !springs {
@@ -132,6 +171,12 @@ impl MembraneScene {
                 found,
             ));
         }
-        self.adhesion.as_ref().and_then(AdhesionScene::defect)
+        if self.elements.is_some() && springs {
+            let expected =
+                "the integrator \"implicit\" or \"quasi-static\": explicit substeps carry springs only";
+            return Some(("membrane.elements", expected.into(), format!("{:?}", self.integrator)));
+        }
+        let elements = self.elements.as_ref().and_then(ElementsScene::defect);
+        elements.or_else(|| self.adhesion.as_ref().and_then(AdhesionScene::defect))
     }
 }

@@ -3,7 +3,9 @@
 
 mod adhesion;
 mod bodies;
+mod elements;
 mod membrane;
+mod mesh;
 mod optics;
 mod retina;
 mod task;
@@ -12,7 +14,9 @@ mod vitreous;
 
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
+pub use elements::{ElementsLaw, ElementsScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
+pub use mesh::{MeshScene, Pinned};
 pub use optics::OpticsScene;
 pub use retina::{RetinaOperation, RetinaScene};
 pub use task::{CORE_MM, GelZone, Goal, GoalOrder, MAX_GOALS, MAX_PATH, PERIPHERY_FROM_Z_MM, TaskScene};
@@ -268,7 +272,12 @@ impl SceneFile {
         if path.is_file() {
             let text = std::fs::read_to_string(path)
                 .map_err(|source| SceneError::Read { name: name.into(), source })?;
-            return Self::parse(&text, name);
+            let mut scene = Self::read(&text, name)?;
+            if let Some(mesh) = scene.membrane.as_mut().and_then(|m| m.mesh.as_mut()) {
+                mesh.resolve(name)?;
+            }
+            scene.check(name)?;
+            return Ok(scene);
         }
         let shipped = SHIPPED.iter().find(|(n, _)| *n == name);
         let (_, text) = shipped.ok_or_else(|| SceneError::Missing {
@@ -280,10 +289,14 @@ impl SceneFile {
 
     /// Parses and checks the text of a scene; `name` is for error messages.
     pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
-        let scene: SceneFile = toml::from_str(text)
-            .map_err(|source| SceneError::Parse { name: name.into(), source: Box::new(source) })?;
+        let scene = Self::read(text, name)?;
         scene.check(name)?;
         Ok(scene)
+    }
+
+    fn read(text: &str, name: &str) -> Result<Self, SceneError> {
+        toml::from_str(text)
+            .map_err(|source| SceneError::Parse { name: name.into(), source: Box::new(source) })
     }
 
     /// As TOML, for recordings.

@@ -27,6 +27,8 @@ pub fn ball(at: [f64; 3], radius: f32, rgba: [f32; 4]) -> SceneBody {
 pub fn scene(stage: &Stage, bodies: Vec<SceneBody>, tools: bool) -> Scene {
     let contents = Contents { bodies, ..Contents::default() };
     let mut scene = scene_of(&stage.file, &stage.rig, [6.0, 3.0, 2.0], 0.3, &contents);
+    // A pinhole: places are measured, and what is out of focus has no sharp border.
+    scene.header.microscope.aperture_mm = 0.0;
     if !tools {
         scene.header.instruments.iter_mut().for_each(|i| i.tool = NO_TOOL);
     }
@@ -60,5 +62,8 @@ pub fn is_blue(p: [u8; 3]) -> bool {
 
 /// Middle of the marker near `about`.
 pub fn blue_centroid(picture: &Picture, channel: u32, about: [f64; 2], reach: f64) -> Option<[f64; 2]> {
-    centroid(picture, channel, about, reach, |x, y| f64::from(u8::from(is_blue(picture.rgb(x, y)))))
+    // Pixels that the marker covers in part count in part, whatever lights it.
+    let covered = |[r, _, b]: [u8; 3]| ((f64::from(b) - f64::from(r)) / 40.0).clamp(0.0, 1.0);
+    let counts = |p| if is_blue(p) { covered(p) } else { 0.0 };
+    centroid(picture, channel, about, reach, |x, y| counts(picture.rgb(x, y)))
 }

@@ -54,10 +54,9 @@ impl Bodies {
                 fragment: Some("fs_main"),
                 depth: Some((CompareFunction::Less, true)),
                 blend: Some(BlendState::ALPHA_BLENDING),
-                shading,
                 ..bodies_plan("vs_main", &groups)
             };
-            pipeline(device, &plan)
+            pipeline(device, &plan.shaded(shading))
         };
         let mut all = Mesh::default();
         let ranges = [round_mesh(0.0), box_mesh(), round_mesh(1.0)].map(|mesh| {

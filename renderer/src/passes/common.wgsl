@@ -23,6 +23,9 @@ struct Frame {
     retina: vec4f,
     // bias, half width of the soft edge, relief of the vessels, membrane detail
     shadow: vec4f,
+    // growth of a shadow's soft edge with the difference of depths in the map, widest half width that is looked for (shares of a
+    // tile), 0, 0
+    penumbra: vec4f,
     // Corner of the vitreous' densities with the smallest coordinates, then extinction at full density (1/mm)
     haze_corner: vec4f,
     // Edges of their box, 0
@@ -52,6 +55,8 @@ override LEAN: bool = false;
 @group(1) @binding(3) var shadow_sampler: sampler_comparison;
 // Of the lean tiers: r light past the instruments, g distance of what holds it up (share of MASK_FAR), b light past the membrane.
 @group(1) @binding(4) var shadow_mask: texture_2d<f32>;
+// The shadow map's depths as they are: OpenGL reads none from a texture that compares.
+@group(1) @binding(5) var shadow_depths: texture_2d<f32>;
 
 // Distance from the lamp at which the mask's second channel is 1, mm.
 const MASK_FAR: f32 = 26.0;
@@ -87,13 +92,51 @@ fn lamp_coordinates(p: vec3f) -> vec3f {
     return vec3f(0.5 + 0.5 * ndc.x, 0.5 - 0.5 * ndc.y, ndc.z - frame.shadow.x);
 }
 
+// Taps that look for what holds the light up, and that measure how much of it.
+const LOOKS: u32 = 14u;
+const TAPS: u32 = 16u;
+
+// A step on a spiral whose steps spread evenly over all directions.
+fn on_spiral(i: u32, radius: f32) -> vec2f {
+    let angle = 2.3999632 * f32(i);
+    return radius * vec2f(cos(angle), sin(angle));
+}
+
+// Half width of the soft edge at `uv`, share of a tile; 0 where nothing holds the light up. The lamp is a disc: behind an edge at
+// the distance c from it, a surface at the distance d sees it appear over (1/c - 1/d) times its radius, in units of the map. In
+// the map's depth that difference is linear.
+fn soft_edge(uv: vec2f, depth: f32, tile: f32) -> f32 {
+    let size = f32(textureDimensions(shadow_depths).y);
+    var sum = 0.0;
+    var found = 0.0;
+    for (var i = 0u; i < LOOKS; i++) {
+        let look = uv + on_spiral(i, frame.penumbra.y * (f32(i) + 0.5) / f32(LOOKS));
+        let inside = clamp(look, vec2f(0.0), vec2f(0.9999)) + vec2f(tile, 0.0);
+        let nearest = textureLoad(shadow_depths, vec2i(inside * size), 0).r;
+        let holds = select(0.0, 1.0, nearest < depth);
+        sum += holds * nearest;
+        found += holds;
+    }
+    let wide = frame.penumbra.x * (depth - sum / max(found, 1.0));
+    return select(0.0, clamp(wide, frame.shadow.y, frame.penumbra.y), found > 0.0);
+}
+
+// Share of the lamp's disc that is seen from `uv` past what the tile shows.
+fn lit_softly(uv: vec2f, depth: f32, tile: f32) -> f32 {
+    let soft = soft_edge(uv, depth, tile);
+    if soft == 0.0 {
+        return 1.0;
+    }
+    var lit = 0.0;
+    for (var i = 0u; i < TAPS; i++) {
+        let at = uv + on_spiral(i, soft * sqrt((f32(i) + 0.5) / f32(TAPS)));
+        lit += lit_by_tile(clamp(at, vec2f(0.0), vec2f(1.0)), depth, tile);
+    }
+    return lit / f32(TAPS);
+}
+
 fn lit_past_instruments(uv: vec2f, depth: f32) -> f32 {
-    let soft = frame.shadow.y;
-    let a = lit_by_tile(uv + vec2f(-soft, -0.4 * soft), depth, 0.0);
-    let b = lit_by_tile(uv + vec2f(0.4 * soft, -soft), depth, 0.0);
-    let c = lit_by_tile(uv + vec2f(soft, 0.4 * soft), depth, 0.0);
-    let d = lit_by_tile(uv + vec2f(-0.4 * soft, soft), depth, 0.0);
-    return 0.25 * (a + b + c + d);
+    return lit_softly(uv, depth, 0.0);
 }
 
 struct Lamp {

@@ -1,5 +1,5 @@
-//! Depth of field of the full tiers: points out of focus are spread over the patches that [`crate::optics::blur_mm`] gives. Two small
-//! passes find how far patches reach in each tile of the picture; where nothing is out of focus, the last one only copies.
+//! Depth of field of the full tiers: points out of focus are spread over the patches that [`crate::optics::blur_mm`] gives. Three
+//! passes find how wide a pixel's patch is and how far patches reach in each tile of the picture; where nothing is out of focus, the last one only copies.
 
 use super::{PipelinePlan, pipeline};
 use crate::target::Fine;
@@ -7,14 +7,15 @@ use crate::view::FocusPlane;
 use bytemuck::{Pod, Zeroable};
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, Buffer, BufferUsages, CommandEncoder,
-    Device, Queue, RenderPass, RenderPipeline, Sampler, ShaderStages, TextureFormat, TextureUsages,
-    TextureView,
+    Device, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages, TextureView,
 };
 
 /// Edge of a tile, px, as in the shader.
 const TILE_PX: u32 = 16;
 /// How wide patches are in a tile: a share of the largest.
 const REACH: TextureFormat = TextureFormat::R8Unorm;
+/// How wide a pixel's patch is.
+const RADIUS: TextureFormat = TextureFormat::R16Float;
 
 /// What the shader is told.
 #[repr(C)]
@@ -28,7 +29,7 @@ struct FocusUniform {
 pub struct Focus {
     uniform: Buffer,
     layout: BindGroupLayout,
-    sampler: Sampler,
+    radius: RenderPipeline,
     tile: RenderPipeline,
     reach: RenderPipeline,
     spread: RenderPipeline,
@@ -36,9 +37,10 @@ pub struct Focus {
 
 /// What the pass needs beside a target.
 pub struct Tiles {
-    views: [TextureView; 2],
-    /// For the first pass, which reads no tiles, the second and the last.
-    groups: [BindGroup; 3],
+    /// Radii of the pixels' patches; the widest of each tile, and of its neighbours too.
+    views: [TextureView; 3],
+    /// For the passes that write these, and the last.
+    groups: [BindGroup; 4],
 }
 
 impl Focus {
@@ -53,6 +55,7 @@ impl Focus {
             ..PipelinePlan::new("focus", "vs_main", &groups)
         };
         Self {
+            radius: pipeline(device, &plan("fs_radius", RADIUS)),
             tile: pipeline(device, &plan("fs_tile", REACH)),
             reach: pipeline(device, &plan("fs_reach", REACH)),
             spread: pipeline(device, &plan("fs_main", super::COLOUR)),
@@ -62,37 +65,35 @@ impl Focus {
                 usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             }),
-            sampler: device.create_sampler(&wgpu::SamplerDescriptor {
-                mag_filter: wgpu::FilterMode::Linear,
-                min_filter: wgpu::FilterMode::Linear,
-                ..wgpu::SamplerDescriptor::default()
-            }),
             layout,
         }
     }
 
     /// Room for the tiles of a target of `size_px`, both channels.
     pub fn tiles(&self, device: &Device, fine: &Fine, size_px: [u32; 2]) -> Tiles {
-        let [width, height] = size_px.map(|n| n.div_ceil(TILE_PX));
-        let views = [0, 1].map(|_| {
+        let make = |format, [width, height]: [u32; 2]| {
             let texture = device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("focus tiles"),
+                label: Some("focus"),
                 size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: wgpu::TextureDimension::D2,
-                format: REACH,
+                format,
                 usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
                 view_formats: &[],
             });
             texture.create_view(&wgpu::TextureViewDescriptor::default())
-        });
-        // The first pass writes tiles 0 and reads none of them; tiles 1 stand in.
-        let groups = [1, 0, 1].map(|i: usize| self.group(device, fine, &views[i]));
-        Tiles { views, groups }
+        };
+        let tiles_px = size_px.map(|n| n.div_ceil(TILE_PX));
+        let [radii, tiles, reach] =
+            [(RADIUS, size_px), (REACH, tiles_px), (REACH, tiles_px)].map(|(f, s)| make(f, s));
+        // What a pass writes it must not be given to read; another texture stands in.
+        let groups = [(&fine.drawn, &tiles), (&radii, &reach), (&radii, &tiles), (&radii, &reach)];
+        let groups = groups.map(|(radii, tiles)| self.group(device, fine, radii, tiles));
+        Tiles { views: [radii, tiles, reach], groups }
     }
 
-    fn group(&self, device: &Device, fine: &Fine, tiles: &TextureView) -> BindGroup {
+    fn group(&self, device: &Device, fine: &Fine, radii: &TextureView, tiles: &TextureView) -> BindGroup {
         let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("focus"),
@@ -101,8 +102,8 @@ impl Focus {
                 entry(0, self.uniform.as_entire_binding()),
                 entry(1, wgpu::BindingResource::TextureView(&fine.drawn)),
                 entry(2, wgpu::BindingResource::TextureView(&fine.depth)),
-                entry(3, wgpu::BindingResource::Sampler(&self.sampler)),
-                entry(4, wgpu::BindingResource::TextureView(tiles)),
+                entry(3, wgpu::BindingResource::TextureView(tiles)),
+                entry(4, wgpu::BindingResource::TextureView(radii)),
             ],
         })
     }
@@ -117,8 +118,8 @@ impl Focus {
 
     /// Finds how far patches reach.
     pub fn find_reach(&self, encoder: &mut CommandEncoder, tiles: &Tiles) {
-        for (i, pipeline) in [&self.tile, &self.reach].into_iter().enumerate() {
-            let mut pass = begin(encoder, &tiles.views[i], "focus tiles", None);
+        for (i, pipeline) in [&self.radius, &self.tile, &self.reach].into_iter().enumerate() {
+            let mut pass = begin(encoder, &tiles.views[i], "reach of patches", None);
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &tiles.groups[i], &[]);
             pass.draw(0..3, 0..1);
@@ -128,7 +129,7 @@ impl Focus {
     /// Draws the picture, spread, into the pass that is begun.
     pub fn draw(&self, pass: &mut RenderPass<'_>, tiles: &Tiles) {
         pass.set_pipeline(&self.spread);
-        pass.set_bind_group(0, &tiles.groups[2], &[]);
+        pass.set_bind_group(0, &tiles.groups[3], &[]);
         pass.draw(0..3, 0..1);
     }
 }
@@ -169,7 +170,7 @@ fn layout(device: &Device) -> BindGroupLayout {
             entry(0, uniform),
             entry(1, texture(true, false)),
             entry(2, texture(false, true)),
-            entry(3, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
+            entry(3, texture(true, false)),
             entry(4, texture(true, false)),
         ],
     })

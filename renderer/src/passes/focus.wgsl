@@ -7,12 +7,13 @@ struct Focus {
 }
 
 @group(0) @binding(0) var<uniform> focus: Focus;
-// The drawn picture, and the first sample of its depth.
+// The drawn picture, and the depths of its samples.
 @group(0) @binding(1) var drawn: texture_2d<f32>;
 @group(0) @binding(2) var depths: texture_multisampled_2d<f32>;
-@group(0) @binding(3) var drawn_sampler: sampler;
 // Widest patch in each tile, as a share of MOST; then of its neighbours too.
-@group(0) @binding(4) var tiles: texture_2d<f32>;
+@group(0) @binding(3) var tiles: texture_2d<f32>;
+// Radius of each pixel's patch, px.
+@group(0) @binding(4) var radii: texture_2d<f32>;
 
 // As in focus.rs: pixels of a tile, and the largest radius of a patch, px, no more than two tiles.
 const TILE: i32 = 16;
@@ -20,25 +21,35 @@ const MOST: f32 = 32.0;
 // A patch of a smaller radius is a point, px.
 const SHARP: f32 = 0.5;
 const TAPS: u32 = 56u;
+const SAMPLES: i32 = 4;
 
 @vertex
 fn vs_main(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return vec4f(f32(index & 1u) * 4.0 - 1.0, f32((index >> 1u) & 1u) * 4.0 - 1.0, 0.0, 1.0);
 }
 
-// Radius of the patch of the point at `at`, px, with its sign: negative for a point nearer than the plane of focus. Outside the
-// field, which is closed by the nearest depth, nothing is spread.
-fn patch_radius(at: vec2i) -> f32 {
-    let depth = textureLoad(depths, at, 0).r;
+// Radius of a pixel's patch with its sign: negative for a point nearer than the plane of focus. The nearest sample counts, or the
+// rim of what is in focus would be spread like what lies behind it. Outside the field, which is closed by the nearest depth,
+// nothing is spread.
+@fragment
+fn fs_radius(@builtin(position) clip: vec4f) -> @location(0) vec4f {
+    var depth = 1.0;
+    for (var i = 0; i < SAMPLES; i++) {
+        depth = min(depth, textureLoad(depths, vec2i(clip.xy), i).r);
+    }
     let distance = focus.optics.y / (focus.optics.x - depth);
     let radius = focus.optics.w * (distance - focus.optics.z) / distance;
-    return select(clamp(radius, -MOST, MOST), 0.0, depth <= 0.0);
+    return vec4f(select(clamp(radius, -MOST, MOST), 0.0, depth <= 0.0), 0.0, 0.0, 1.0);
+}
+
+fn patch_radius(at: vec2i) -> f32 {
+    return textureLoad(radii, at, 0).r;
 }
 
 @fragment
 fn fs_tile(@builtin(position) clip: vec4f) -> @location(0) vec4f {
     let corner = vec2i(clip.xy) * TILE;
-    let last = vec2i(textureDimensions(depths)) - 1;
+    let last = vec2i(textureDimensions(radii)) - 1;
     var widest = 0.0;
     for (var y = 0; y < TILE; y++) {
         for (var x = 0; x < TILE; x++) {
@@ -62,10 +73,16 @@ fn fs_reach(@builtin(position) clip: vec4f) -> @location(0) vec4f {
     return vec4f(widest, 0.0, 0.0, 1.0);
 }
 
-// Light at a place in pixels: the picture holds square roots of it.
-fn light_at(place: vec2f) -> vec3f {
-    let root = textureSampleLevel(drawn, drawn_sampler, place / vec2f(textureDimensions(drawn)), 0.0).rgb;
+// Light of a pixel: the picture holds square roots of it. Without a filter, which would take some of its neighbour's.
+fn light_of(at: vec2i) -> vec3f {
+    let root = textureLoad(drawn, at, 0).rgb;
     return root * root;
+}
+
+// Share of a point's light that each pixel of its patch has.
+fn share(radius: f32) -> f32 {
+    let wide = max(abs(radius), SHARP);
+    return 1.0 / (3.1415927 * wide * wide);
 }
 
 @fragment
@@ -78,12 +95,11 @@ fn fs_main(@builtin(position) clip: vec4f) -> @location(0) vec4f {
         return vec4f(own_root, 1.0);
     }
     let own = patch_radius(at);
-    let own_spread = max(abs(own), SHARP);
     let own_light = own_root * own_root;
     // Light of the layers in front of the plane of focus, how much of the pixel it covers, and of what lies behind them.
     var before = vec4f(0.0);
     var behind = vec4f(0.0);
-    let own_share = 1.0 / (3.1415927 * own_spread * own_spread);
+    let own_share = share(own);
     if own < -SHARP {
         before = vec4f(own_light, 1.0) * own_share;
     } else {
@@ -99,17 +115,17 @@ fn fs_main(@builtin(position) clip: vec4f) -> @location(0) vec4f {
         let radius = patch_radius(q);
         // Pixels that this tap stands for.
         let area = 6.2831853 * away * reach / f32(TAPS);
-        let light = vec4f(light_at(place), 1.0);
+        let light = vec4f(light_of(q), 1.0);
         if radius < -SHARP {
             let covers = clamp(-radius - away + 0.5, 0.0, 1.0);
-            before += light * (covers * area / (3.1415927 * radius * radius));
+            before += light * (covers * area * share(radius));
         } else {
             // What lies farther is hidden by the pixel's own point and spreads no wider than that; what is seen past a patch in
             // front is taken from all round.
-            let spread = select(min(abs(radius), select(abs(radius), own_spread, radius > own)), own_spread, own < -SHARP);
-            let wide = max(spread, SHARP);
-            let covers = clamp(wide - away + 0.5, 0.0, 1.0);
-            behind += light * (covers * area / (3.1415927 * wide * wide));
+            let hidden = select(abs(radius), min(abs(radius), abs(own)), radius > own);
+            let spread = select(hidden, abs(own), own < -SHARP);
+            let covers = clamp(spread - away + 0.5, 0.0, 1.0);
+            behind += light * (covers * area * share(spread));
         }
     }
     let cover = select(clamp(before.a, 0.0, 1.0), 1.0, behind.a <= 1e-4);

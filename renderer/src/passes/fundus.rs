@@ -23,8 +23,8 @@ const RINGS: u32 = 12;
 pub struct Fundus {
     full: RenderPipeline,
     lean: RenderPipeline,
-    frame: RenderPipeline,
-    ring: RenderPipeline,
+    frames: [RenderPipeline; 2],
+    rings: [RenderPipeline; 2],
     indices: Buffer,
 }
 
@@ -40,15 +40,16 @@ impl Fundus {
         let ring =
             PipelinePlan { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..plan("vs_ring", "fs_ring") };
         let frame = PipelinePlan { writes: wgpu::ColorWrites::empty(), ..plan("vs_frame", "fs_ring") };
+        // Over everything; in full tiers over the finished picture.
+        let over = |shading| PipelinePlan { depth: super::over_everything(shading), ..ring };
         let disc = disc();
         let indices = geometry_buffer(device, "disc", disc.len() * 4, BufferUsages::INDEX);
         queue.write_buffer(&indices, 0, bytemuck::cast_slice(&disc));
         Self {
-            full: pipeline(device, &plan("vs_main", "fs_main")),
-            lean: pipeline(device, &plan("vs_lean", "fs_lean")),
-            frame: pipeline(device, &frame),
-            // Over everything.
-            ring: pipeline(device, &PipelinePlan { depth: Some((CompareFunction::Always, false)), ..ring }),
+            full: pipeline(device, &plan("vs_main", "fs_main").shaded(Shading::Full)),
+            lean: pipeline(device, &plan("vs_lean", "fs_lean").shaded(Shading::Lean)),
+            frames: Shading::ALL.map(|shading| pipeline(device, &frame.shaded(shading))),
+            rings: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
             indices,
         }
     }
@@ -65,13 +66,13 @@ impl Fundus {
     }
 
     /// Closes everything outside the round field; first in a channel.
-    pub fn close_outside(&self, pass: &mut RenderPass<'_>) {
-        self.draw_rings(pass, &self.frame, 1);
+    pub fn close_outside(&self, pass: &mut RenderPass<'_>, shading: Shading) {
+        self.draw_rings(pass, &self.frames[shading as usize], 1);
     }
 
     /// The ring that says that tracking is lost.
-    pub fn draw_lost_ring(&self, pass: &mut RenderPass<'_>) {
-        self.draw_rings(pass, &self.ring, 1);
+    pub fn draw_lost_ring(&self, pass: &mut RenderPass<'_>, shading: Shading) {
+        self.draw_rings(pass, &self.rings[shading as usize], 1);
     }
 
     fn draw_rings(&self, pass: &mut RenderPass<'_>, pipeline: &RenderPipeline, rings: u32) {
@@ -139,7 +140,7 @@ impl FundusMap {
     }
 }
 
-/// Layout of group 1: map, shadow map with their samplers, shadow mask.
+/// Layout of group 1: map, shadow map with their samplers, shadow mask, the shadow map's depths.
 pub fn light_layout(device: &Device) -> BindGroupLayout {
     let entry =
         |binding, ty| BindGroupLayoutEntry { binding, visibility: ShaderStages::FRAGMENT, ty, count: None };
@@ -156,6 +157,7 @@ pub fn light_layout(device: &Device) -> BindGroupLayout {
             entry(2, texture(wgpu::TextureSampleType::Depth)),
             entry(3, BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
             entry(4, texture(wgpu::TextureSampleType::Float { filterable: true })),
+            entry(5, texture(wgpu::TextureSampleType::Float { filterable: false })),
         ],
     })
 }
@@ -189,6 +191,7 @@ pub fn light_group(
             entry(2, wgpu::BindingResource::TextureView(&shadow.depth)),
             entry(3, wgpu::BindingResource::Sampler(&comparison)),
             entry(4, wgpu::BindingResource::TextureView(&shadow.mask)),
+            entry(5, wgpu::BindingResource::TextureView(&shadow.depth)),
         ],
     })
 }

@@ -99,7 +99,7 @@ fn fs_main(in: Disc) -> @location(0) vec4f {
     let inwards = relief(q, uv, photo.a);
     let lamp = lamp_at(p);
     let at = lamp_coordinates(p);
-    let membrane = 1.0 - frame.ambient.w * (1.0 - lit_by_tile(at.xy, at.z, 1.0));
+    let membrane = 1.0 - frame.ambient.w * (1.0 - lit_softly(at.xy, at.z, 1.0));
     let strength = lit_past_instruments(at.xy, at.z) * membrane * lamp.strength;
     let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * max(dot(inwards, lamp.l), 0.0));
     let wet = strength * film(-inwards, lamp.l, normalize(p - view.camera.xyz)) * wetness(photo);

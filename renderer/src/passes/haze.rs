@@ -43,19 +43,19 @@ impl Haze {
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let layout = layout(device);
         let groups = [&uniforms.layout, light, &layout];
-        let make = |vertex, fragment, compare| {
+        let make = |vertex, fragment, compare, shading| {
             let plan = PipelinePlan {
                 fragment: Some(fragment),
                 depth: Some((compare, false)),
                 blend: Some(BlendState::ALPHA_BLENDING),
                 ..PipelinePlan::new("haze", vertex, &groups)
             };
-            pipeline(device, &plan)
+            pipeline(device, &plan.shaded(shading))
         };
         let pipelines = [
             // The march stops at the shafts, so this haze covers instruments as well.
-            make("vs_haze", "fs_haze", CompareFunction::Always),
-            make("vs_haze_lean", "fs_haze_lean", CompareFunction::Less),
+            make("vs_haze", "fs_haze", CompareFunction::Always, Shading::Full),
+            make("vs_haze_lean", "fs_haze_lean", CompareFunction::Less, Shading::Lean),
         ];
         Self { layout, pipelines, volume: None, known: Vec::new() }
     }

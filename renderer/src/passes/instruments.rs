@@ -1,6 +1,7 @@
 //! The two instruments.
 
 use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use crate::governor::Shading;
 use crate::layout::MetalVertex;
 use crate::tools::{Mesh, Models, Shaft, TOOLS};
 use protocol::handles::Tool;
@@ -51,11 +52,11 @@ impl Meshes {
 
 /// The pass.
 pub struct Instruments {
-    pipeline: RenderPipeline,
+    pipelines: [RenderPipeline; 2],
 }
 
 impl Instruments {
-    /// Makes the pipeline. Blending serves instruments that fade because they are lost; a faded
+    /// Makes a pipeline for each shading. Blending serves instruments that fade because they are lost; a faded
     /// one is drawn after the retina, a solid one before it.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
@@ -66,12 +67,18 @@ impl Instruments {
             blend: Some(BlendState::ALPHA_BLENDING),
             ..PipelinePlan::new("instruments", "vs_main", &groups)
         };
-        Self { pipeline: pipeline(device, &plan) }
+        Self { pipelines: Shading::ALL.map(|shading| pipeline(device, &plan.shaded(shading))) }
     }
 
     /// Draws instrument `which`; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, meshes: &Meshes, which: usize, tool: Tool) {
-        pass.set_pipeline(&self.pipeline);
+    pub fn draw(
+        &self,
+        pass: &mut RenderPass<'_>,
+        meshes: &Meshes,
+        (which, tool): (usize, Tool),
+        shading: Shading,
+    ) {
+        pass.set_pipeline(&self.pipelines[shading as usize]);
         meshes.draw(pass, which, tool);
     }
 }

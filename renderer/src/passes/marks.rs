@@ -33,10 +33,9 @@ impl Marks {
                 depth: Some((CompareFunction::Less, false)),
                 blend: Some(BlendState::ALPHA_BLENDING),
                 instances: Some((size_of::<SceneMark>() as u64, &ATTRIBUTES)),
-                shading,
                 ..PipelinePlan::new("marks", "vs_main", &groups)
             };
-            pipeline(device, &plan)
+            pipeline(device, &plan.shaded(shading))
         };
         let marks = geometry_buffer(device, "marks", MOST * size_of::<SceneMark>(), BufferUsages::VERTEX);
         Self { pipelines: Shading::ALL.map(make), marks, count: 0 }

@@ -74,6 +74,7 @@ impl Sheet {
 pub struct Membrane {
     full: RenderPipeline,
     lean: RenderPipeline,
+    depth: RenderPipeline,
 }
 
 impl Membrane {
@@ -87,10 +88,22 @@ impl Membrane {
             blend: Some(BlendState::ALPHA_BLENDING),
             ..PipelinePlan::new("membrane", vertex, &groups)
         };
+        let depth = PipelinePlan {
+            depth: Some((CompareFunction::Less, true)),
+            writes: wgpu::ColorWrites::empty(),
+            ..plan("vs_main", "fs_depth")
+        };
         Self {
-            full: pipeline(device, &plan("vs_main", "fs_main")),
-            lean: pipeline(device, &plan("vs_lean", "fs_lean")),
+            full: pipeline(device, &plan("vs_main", "fs_main").shaded(Shading::Full)),
+            lean: pipeline(device, &plan("vs_lean", "fs_lean").shaded(Shading::Lean)),
+            depth: pipeline(device, &depth.shaded(Shading::Full)),
         }
+    }
+
+    /// Writes the depth of what is seen of it rather than seen through, for the focus.
+    pub fn draw_depth(&self, pass: &mut RenderPass<'_>, sheet: &Sheet) {
+        pass.set_pipeline(&self.depth);
+        sheet.draw(pass);
     }
 
     /// Draws; groups 0 and 1 are set.

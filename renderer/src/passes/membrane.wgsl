@@ -10,6 +10,11 @@ struct Sheet {
     @location(4) rest: vec2f,
 }
 
+// Grain of the sheet: a smooth pattern of the place, and a faint one of the node's number.
+fn grain(position: vec3f, number: f32) -> vec2f {
+    return position.xy * 2.1 + vec2f(0.13 * sin(number * 2.399), 0.13 * cos(number * 2.399));
+}
+
 @vertex
 fn vs_main(
     @location(0) position: vec3f,
@@ -23,8 +28,7 @@ fn vs_main(
     out.clip = view.clip_from_eye * vec4f(position, 1.0);
     out.field_xyw = vec3f(out.clip.xy * view.field.xy, out.clip.w);
     out.edge = edge;
-    // Grain of the sheet: a smooth pattern of the place, and a faint one of the node's number.
-    out.rest = position.xy * 2.1 + vec2f(0.13 * sin(number * 2.399), 0.13 * cos(number * 2.399));
+    out.rest = grain(position, number);
     return out;
 }
 
@@ -34,10 +38,20 @@ struct Shaded {
     opacity: f32,
 }
 
+// Opacity from which the sheet itself, not what lies behind it, is in or out of focus.
+const SEEN: f32 = 0.4;
 const TINT: vec3f = vec3f(0.66, 0.74, 0.70);
 
+// Scar tissue grows in patches and strands: 0 where it is a mere film, 1 where it is white.
+fn thickness(rest: vec2f) -> f32 {
+    let bent = rest + 0.7 * vec2f(sin(rest.y * 0.9 + 0.4), sin(rest.x * 0.7 - 1.1));
+    let patches = sin(bent.x * 0.8 + 0.6 * sin(bent.y * 0.5)) * sin(bent.y * 0.9 - 0.3 * bent.x + 1.7);
+    let strands = sin(bent.x * 2.1 + 3.3 * bent.y + 1.6 * sin(bent.x * 0.6));
+    return smoothstep(-0.7, 1.1, patches + 0.45 * strands * strands * strands);
+}
+
 // Without shadow; the scattered light comes on top.
-fn shaded(p: vec3f, normal: vec3f, edge: f32, past: f32) -> Shaded {
+fn shaded(p: vec3f, normal: vec3f, edge: f32, past: f32, rest: vec2f) -> Shaded {
     let v = normalize(view.camera.xyz - p);
     let facing = abs(dot(normal, v));
     let n = normal * sign(dot(normal, v) + 1e-6);
@@ -46,7 +60,7 @@ fn shaded(p: vec3f, normal: vec3f, edge: f32, past: f32) -> Shaded {
     let rim = (1.0 - facing) * (1.0 - facing);
     let sheen = strength * gloss(max(dot(n, normalize(lamp.l + v)), 0.0)) * (0.5 + rim);
     let lit = TINT * (strength * (0.25 + 0.6 * abs(dot(n, lamp.l)))) + vec3f(sheen);
-    let opacity = clamp(0.15 + 0.6 * rim + 0.25 * edge * edge + 0.4 * sheen, 0.0, 0.92);
+    let opacity = clamp(0.07 + 0.19 * thickness(rest) + 0.6 * rim + 0.25 * edge * edge + 0.4 * sheen, 0.0, 0.92);
     return Shaded(frame.lamp_colour.rgb * lit, opacity);
 }
 
@@ -57,9 +71,18 @@ fn fs_main(in: Sheet) -> @location(0) vec4f {
     let coarse = sin(in.rest.y * 3.7 - in.rest.x * 1.9 + 2.0 * sin(in.rest.x * 1.3));
     let wrinkles = vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0) * frame.shadow.w;
     let at = lamp_coordinates(in.p);
-    let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge, lit_by_tile(at.xy, at.z, 0.0));
+    let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge, lit_past_instruments(at.xy, at.z), in.rest);
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
     return vec4f(to_display(TINT * frame.ambient.rgb + sheet.lit) * shade, sheet.opacity);
+}
+
+// Depth of what is seen rather than seen through: folds, edges, sheen.
+@fragment
+fn fs_depth(in: Sheet) -> @location(0) vec4f {
+    if shaded(in.p, normalize(in.n), in.edge, 1.0, in.rest).opacity < SEEN {
+        discard;
+    }
+    return vec4f(0.0);
 }
 
 struct LeanSheet {
@@ -77,7 +100,7 @@ fn vs_lean(
     @location(2) edge: f32,
     @location(3) number: f32,
 ) -> LeanSheet {
-    let sheet = shaded(position, normal, edge, 1.0);
+    let sheet = shaded(position, normal, edge, 1.0, grain(position, number));
     var out: LeanSheet;
     out.clip = view.clip_from_eye * vec4f(position, 1.0);
     out.lit = vec4f(sheet.lit, sheet.opacity);

@@ -1,6 +1,7 @@
 //! The passes, one file each beside its shader, and what they share: bindings and pipelines.
 
 pub mod bodies;
+pub mod focus;
 pub mod fundus;
 pub mod haze;
 pub mod instruments;
@@ -30,7 +31,7 @@ const PLACE: &str = include_str!("place.wgsl");
 const QUAD: &str = include_str!("quad.wgsl");
 
 /// Whole text of every shader, by name, for the device and for the validation test.
-pub fn shader_sources() -> [(&'static str, String); 10] {
+pub fn shader_sources() -> [(&'static str, String); 11] {
     [
         ("shadow", [COMMON, PLACE, include_str!("shadow.wgsl")].concat()),
         ("fundus", [COMMON, include_str!("fundus.wgsl")].concat()),
@@ -40,6 +41,7 @@ pub fn shader_sources() -> [(&'static str, String); 10] {
         ("bodies", [COMMON, include_str!("bodies.wgsl")].concat()),
         ("marks", [COMMON, include_str!("marks.wgsl")].concat()),
         ("haze", [COMMON, include_str!("fundus.wgsl"), include_str!("haze.wgsl")].concat()),
+        ("focus", include_str!("focus.wgsl").to_owned()),
         ("text", include_str!("text.wgsl").to_owned()),
         ("blit", [QUAD, include_str!("../present/blit.wgsl")].concat()),
     ]
@@ -136,6 +138,10 @@ pub struct PipelinePlan<'a> {
     pub instances: Option<(u64, &'a [wgpu::VertexAttribute])>,
     /// For shaders that serve both: which.
     pub shading: Shading,
+    /// Samples of a pixel of the picture.
+    pub samples: u32,
+    /// Format of the picture.
+    pub format: TextureFormat,
 }
 
 impl<'a> PipelinePlan<'a> {
@@ -153,13 +159,26 @@ impl<'a> PipelinePlan<'a> {
             writes: ColorWrites::ALL,
             instances: None,
             shading: Shading::Full,
+            samples: 1,
+            format: COLOUR,
         }
+    }
+
+    /// For the picture of a tier with this shading.
+    pub fn shaded(self, shading: Shading) -> Self {
+        Self { shading, samples: shading.samples(), ..self }
     }
 }
 
 /// Position, normal and two numbers, as in [`crate::layout`].
 const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
+
+/// Depth of what is drawn over everything else: lean tiers draw it in the pass of the picture, full tiers after it, where there is
+/// no depth.
+pub fn over_everything(shading: Shading) -> Option<(CompareFunction, bool)> {
+    (shading == Shading::Lean).then_some((CompareFunction::Always, false))
+}
 
 /// Makes a pipeline.
 pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
@@ -184,7 +203,7 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
         buffers.push(buffer(stride, wgpu::VertexStepMode::Instance, attributes));
     }
     let target =
-        [Some(wgpu::ColorTargetState { format: COLOUR, blend: plan.blend, write_mask: plan.writes })];
+        [Some(wgpu::ColorTargetState { format: plan.format, blend: plan.blend, write_mask: plan.writes })];
     let topology = if plan.strip {
         wgpu::PrimitiveTopology::TriangleStrip
     } else {
@@ -207,7 +226,7 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
             stencil: wgpu::StencilState::default(),
             bias: wgpu::DepthBiasState::default(),
         }),
-        multisample: wgpu::MultisampleState::default(),
+        multisample: wgpu::MultisampleState { count: plan.samples, ..wgpu::MultisampleState::default() },
         fragment: plan.fragment.map(|entry| wgpu::FragmentState {
             module: &module,
             entry_point: Some(entry),

@@ -20,10 +20,9 @@ impl Retina {
                 fragment: Some(fragment),
                 vertices: true,
                 depth: Some((CompareFunction::Less, true)),
-                shading,
                 ..PipelinePlan::new("retina", vertex, &groups)
             };
-            pipeline(device, &plan)
+            pipeline(device, &plan.shaded(shading))
         };
         let both = |s| [make(s, "vs_sheet", "fs_sheet"), make(s, "vs_choroid", "fs_choroid")];
         Self { pipelines: Shading::ALL.map(both) }

@@ -1,13 +1,14 @@
 //! Lines of text on the picture, at the places of [`protocol::scene_text`]. Both channels show a line at the same
 //! place, so it floats in the plane of the target. Letters are sent to the device only when the text changes.
 
-use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelinePlan, Uniforms, geometry_buffer, over_everything, pipeline};
+use crate::governor::Shading;
 use bytemuck::{Pod, Zeroable};
 use protocol::font::{self, CELL_H, CELL_W};
 use protocol::scene_text::{Place, lines};
 use wgpu::{
-    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages,
-    CompareFunction, Device, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages,
+    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages, Device,
+    Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages,
 };
 
 /// Letters drawn at most; what comes after is left out.
@@ -43,7 +44,7 @@ struct Block {
 
 /// The pass.
 pub struct Text {
-    pipeline: RenderPipeline,
+    pipelines: [RenderPipeline; 2],
     group: BindGroup,
     buffer: Buffer,
     shown: String,
@@ -59,13 +60,13 @@ impl Text {
         let plan = PipelinePlan {
             fragment: Some("fs_main"),
             strip: true,
-            depth: Some((CompareFunction::Always, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
             instances: Some((size_of::<Letter>() as u64, &ATTRIBUTES)),
             ..PipelinePlan::new("text", "vs_main", &groups)
         };
+        let over = |shading| PipelinePlan { depth: over_everything(shading), ..plan };
         Self {
-            pipeline: pipeline(device, &plan),
+            pipelines: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
             group: font_group(device, queue, &layout),
             buffer: geometry_buffer(device, "text", MOST * size_of::<Letter>(), BufferUsages::VERTEX),
             shown: String::with_capacity(256),
@@ -86,11 +87,11 @@ impl Text {
     }
 
     /// Draws into the channel that begins at `left_px`.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, left_px: f32, size_px: [f32; 2]) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, left_px: f32, size_px: [f32; 2], shading: Shading) {
         if self.blocks.is_empty() {
             return;
         }
-        pass.set_pipeline(&self.pipeline);
+        pass.set_pipeline(&self.pipelines[shading as usize]);
         pass.set_bind_group(1, &self.group, &[]);
         pass.set_vertex_buffer(0, self.buffer.slice(..));
         for block in &self.blocks {

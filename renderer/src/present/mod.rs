@@ -5,6 +5,7 @@ pub mod window;
 
 use crate::gpu::{Gpu, GpuError};
 use crate::target::Target;
+use protocol::inputs::Input;
 use protocol::time::Nanos;
 use window::{Window, WindowPlan};
 
@@ -73,6 +74,13 @@ impl Present {
         match self {
             Present::Headless => false,
             Present::Window(window) => window.is_closed(),
+        }
+    }
+
+    /// Hands on what a person did in the window since the last call.
+    pub fn take_inputs(&mut self, done: impl FnMut(Input)) {
+        if let Present::Window(window) = self {
+            window.take_inputs(done);
         }
     }
 

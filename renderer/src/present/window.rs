@@ -5,18 +5,22 @@ use super::{PresentError, Ready};
 use crate::gpu::Gpu;
 use crate::stereo::Arrangement;
 use crate::target::Target;
+use protocol::bindings::Action;
+use protocol::inputs::{Input, Key as OurKey};
 use protocol::time::Nanos;
 use std::sync::Arc;
 use std::time::Duration;
 use wgpu::{CurrentSurfaceTexture, Surface, SurfaceConfiguration, SurfaceTexture};
 use winit::application::ApplicationHandler;
 use winit::dpi::LogicalSize;
-use winit::event::{ElementState, KeyEvent, WindowEvent};
+use winit::event::{
+    DeviceEvent, DeviceId, ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent,
+};
 use winit::event_loop::{ActiveEventLoop, EventLoop};
-use winit::keyboard::{Key, NamedKey};
+use winit::keyboard::{Key, KeyCode, NamedKey, PhysicalKey};
 use winit::monitor::MonitorHandle;
 use winit::platform::pump_events::{EventLoopExtPumpEvents, PumpStatus};
-use winit::window::{Fullscreen, WindowId};
+use winit::window::{CursorGrabMode, Fullscreen, WindowId};
 
 /// Size of the window at the start: two channels of 5:4.
 const SIZE: LogicalSize<u32> = LogicalSize::new(1280, 512);
@@ -32,6 +36,8 @@ pub struct WindowPlan {
     pub arrangement: Arrangement,
     /// It fills its monitor from the start.
     pub full_screen: bool,
+    /// A person works by mouse and keyboard: a click takes the mouse, and letters are for the hands.
+    pub desk: bool,
     /// The monitor to fill: its name, or its number from 0; the one where the window opens if `None`.
     pub monitor: Option<String>,
 }
@@ -57,7 +63,27 @@ struct State {
     monitor: Option<MonitorHandle>,
     resized: bool,
     closed: bool,
+    /// What the person did since it was asked for last.
+    inputs: Vec<Input>,
+    mouse: Mouse,
 }
+
+/// Who has the mouse.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+enum Mouse {
+    /// The person.
+    #[default]
+    Free,
+    /// The instruments; the pointer is hidden and held, its movements come from the device.
+    Held,
+    /// The instruments, on a display that holds no pointer: movements are those of the pointer, which was here last, px.
+    Followed(Option<[f64; 2]>),
+}
+
+/// A notch of a wheel that tells pixels, px.
+const NOTCH_PX: f64 = 40.0;
+/// Inputs that wait at most; a person does not make so many between two frames.
+const MOST_INPUTS: usize = 256;
 
 impl ApplicationHandler for State {
     fn resumed(&mut self, events: &ActiveEventLoop) {
@@ -86,14 +112,122 @@ impl ApplicationHandler for State {
         match event {
             WindowEvent::CloseRequested | WindowEvent::Destroyed => self.closed = true,
             WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => self.resized = true,
-            WindowEvent::KeyboardInput { event, .. } => self.key(&event),
+            WindowEvent::KeyboardInput { event, .. } => {
+                self.key(&event);
+                self.tell_key(&event);
+            }
+            WindowEvent::MouseInput { state, button, .. } => self.click(button, state),
+            WindowEvent::CursorMoved { position, .. } => self.follow([position.x, position.y]),
+            WindowEvent::MouseWheel { delta, .. } if self.mouse != Mouse::Free => {
+                self.tell(Input::Wheel(match delta {
+                    MouseScrollDelta::LineDelta(_, lines) => f64::from(lines),
+                    MouseScrollDelta::PixelDelta(px) => px.y / NOTCH_PX,
+                }))
+            }
+            WindowEvent::Focused(false) => {
+                self.free_mouse();
+                self.tell(Input::LetGo);
+            }
             _ => {}
+        }
+    }
+
+    fn device_event(&mut self, _: &ActiveEventLoop, _: DeviceId, event: DeviceEvent) {
+        if let (DeviceEvent::MouseMotion { delta: (right, down) }, Mouse::Held) = (event, self.mouse) {
+            self.tell(Input::Move([right, down]));
         }
     }
 }
 
+/// The key's name for `protocol::inputs`, by its place on the keyboard: `w`, `a`, `s` and `d` lie together on any layout.
+fn name_of(code: KeyCode) -> Option<String> {
+    let name = format!("{code:?}");
+    let known = match code {
+        KeyCode::Minus | KeyCode::NumpadSubtract => "minus",
+        KeyCode::Equal | KeyCode::NumpadAdd => "plus",
+        KeyCode::PageUp => "page-up",
+        KeyCode::PageDown => "page-down",
+        KeyCode::ShiftLeft | KeyCode::ShiftRight => "shift",
+        KeyCode::ControlLeft | KeyCode::ControlRight => "control",
+        KeyCode::AltLeft => "alt",
+        _ => {
+            let short = ["Key", "Digit", "Arrow"].iter().find_map(|prefix| name.strip_prefix(prefix));
+            return Some(short.unwrap_or(&name).to_ascii_lowercase());
+        }
+    };
+    Some(known.to_owned())
+}
+
 impl State {
-    /// F11 and F switch between window and full screen, Escape leaves it.
+    fn tell(&mut self, input: Input) {
+        if self.inputs.len() < MOST_INPUTS {
+            self.inputs.push(input);
+        }
+    }
+
+    fn tell_key(&mut self, event: &KeyEvent) {
+        let PhysicalKey::Code(code) = event.physical_key else { return };
+        let Some(key) = name_of(code).and_then(|name| OurKey::named(&name)) else { return };
+        if event.repeat {
+            return;
+        }
+        let pressed = event.state == ElementState::Pressed;
+        if pressed && Action::of(key) == Some(Action::Mouse) {
+            self.free_mouse();
+        }
+        self.tell(if pressed { Input::Press(key) } else { Input::Release(key) });
+    }
+
+    /// The first click takes the mouse; later ones are for the hands.
+    fn click(&mut self, button: MouseButton, state: ElementState) {
+        if self.mouse == Mouse::Free {
+            if self.plan.desk && state == ElementState::Pressed {
+                self.take_mouse();
+            }
+            return;
+        }
+        let name = match button {
+            MouseButton::Left => "mouse-left",
+            MouseButton::Middle => "mouse-middle",
+            MouseButton::Right => "mouse-right",
+            MouseButton::Back => "mouse-back",
+            MouseButton::Forward => "mouse-forward",
+            MouseButton::Other(_) => return,
+        };
+        let Some(key) = OurKey::named(name) else { return };
+        self.tell(if state == ElementState::Pressed { Input::Press(key) } else { Input::Release(key) });
+    }
+
+    /// The pointer moved to `at`.
+    fn follow(&mut self, at: [f64; 2]) {
+        let Mouse::Followed(last) = self.mouse else { return };
+        self.mouse = Mouse::Followed(Some(at));
+        if let Some([x, y]) = last {
+            self.tell(Input::Move([at[0] - x, at[1] - y]));
+        }
+    }
+
+    fn take_mouse(&mut self) {
+        let Some(window) = &self.window else { return };
+        let held = [CursorGrabMode::Locked, CursorGrabMode::Confined]
+            .into_iter()
+            .any(|mode| window.set_cursor_grab(mode).is_ok());
+        window.set_cursor_visible(!held);
+        self.mouse = if held { Mouse::Held } else { Mouse::Followed(None) };
+    }
+
+    fn free_mouse(&mut self) {
+        if let (Some(window), Mouse::Held) = (&self.window, self.mouse) {
+            // A pointer that cannot be let go is let go when the window closes.
+            let _ = window.set_cursor_grab(CursorGrabMode::None);
+            window.set_cursor_visible(true);
+        }
+        self.mouse = Mouse::Free;
+    }
+}
+
+impl State {
+    /// F11 and F switch between window and full screen, Escape leaves it; F is for a hand where one works by the keyboard.
     fn key(&mut self, event: &KeyEvent) {
         let Some(window) = &self.window else { return };
         if event.state != ElementState::Pressed || event.repeat {
@@ -102,7 +236,7 @@ impl State {
         let full = window.fullscreen().is_some();
         let wanted = match &event.logical_key {
             Key::Named(NamedKey::F11) => !full,
-            Key::Character(key) if key.eq_ignore_ascii_case("f") => !full,
+            Key::Character(key) if key.eq_ignore_ascii_case("f") && !self.plan.desk => !full,
             Key::Named(NamedKey::Escape) => false,
             _ => return,
         };
@@ -181,6 +315,11 @@ impl Window {
         if self.acquire(gpu) { Ready::At(now()) } else { Ready::NotNow }
     }
 
+    /// Hands on what the person did since the last call.
+    pub fn take_inputs(&mut self, mut done: impl FnMut(Input)) {
+        self.state.inputs.drain(..).for_each(&mut done);
+    }
+
     /// Serves events; true if the person closed the window.
     pub fn is_closed(&mut self) -> bool {
         let status = self.events.pump_app_events(Some(Duration::ZERO), &mut self.state);
@@ -235,5 +374,46 @@ impl Window {
                 gpu.queue.present(acquired);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_that_mean_something_have_their_names() {
+        let named = [
+            (KeyCode::KeyW, "w"),
+            (KeyCode::Digit3, "3"),
+            (KeyCode::ArrowLeft, "left"),
+            (KeyCode::F10, "f10"),
+            (KeyCode::Tab, "tab"),
+            (KeyCode::Space, "space"),
+            (KeyCode::Escape, "escape"),
+            (KeyCode::PageDown, "page-down"),
+            (KeyCode::ShiftRight, "shift"),
+            (KeyCode::NumpadAdd, "plus"),
+            (KeyCode::Pause, "pause"),
+        ];
+        for (code, name) in named {
+            assert_eq!(name_of(code).as_deref(), Some(name));
+            assert!(OurKey::named(name).is_some(), "{name}");
+        }
+        assert_eq!(OurKey::named(&name_of(KeyCode::Backquote).unwrap()), None);
+    }
+
+    #[test]
+    fn the_pointer_leads_only_after_a_click() {
+        let mut state = State::default();
+        state.follow([10.0, 10.0]);
+        state.click(MouseButton::Left, ElementState::Pressed);
+        assert!(state.inputs.is_empty() && state.mouse == Mouse::Free, "no desk, no hands");
+        state.mouse = Mouse::Followed(None);
+        state.follow([10.0, 10.0]);
+        state.follow([13.0, 6.0]);
+        state.click(MouseButton::Back, ElementState::Pressed);
+        let back = OurKey::named("mouse-back").unwrap();
+        assert_eq!(state.inputs, [Input::Move([3.0, -4.0]), Input::Press(back)]);
     }
 }

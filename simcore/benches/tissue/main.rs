@@ -96,7 +96,7 @@ impl Core {
 /// The same sheet with an integrator for stiff tissue.
 fn stiff(sheet: &Sheet, choice: MembraneIntegrator, method: &str) -> Row {
     let mut core = Core::new(sheet.clone(), tissue(false));
-    let mut implicit = Implicit::of(choice, sheet).expect("not the explicit core");
+    let mut implicit = Implicit::of(choice, sheet, &core.tissue).expect("not the explicit core");
     implicit.refresh(sheet, &core.state, &core.tissue);
     let time = measure(sheet.structural, || {
         core.solver.accelerate(&core.sheet, &core.state, &core.tissue);

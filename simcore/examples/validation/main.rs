@@ -64,7 +64,8 @@ fn tell(case: &Case, outcome: &Outcome) -> usize {
             row.reference,
             row.ours,
             100.0 * row.error(),
-            100.0 * row.allowed,
+            // Rounded, so that 1e-9 is not told with seventeen digits.
+            (1e12 * row.allowed).round() / 1e10,
             row.resolution,
         );
     }

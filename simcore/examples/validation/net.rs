@@ -119,7 +119,7 @@ impl Net {
 
     /// Brings the net to where all forces balance; returns what is left of the imbalance as a share.
     pub fn balance(&mut self, settings: &Settings) -> f64 {
-        let mut implicit = Implicit::new(&self.sheet, Rule::QuasiStatic, *settings);
+        let mut implicit = Implicit::new(&self.sheet, &self.tissue, Rule::QuasiStatic, *settings);
         implicit.refresh(&self.sheet, &self.state, &self.tissue);
         implicit.integrate(&mut self.state, &self.tissue, &self.solver).residual
     }

@@ -167,11 +167,13 @@ mod tests {
     #[test]
     fn the_choice_changes_no_result() {
         let scene = SceneFile::load("peel").unwrap();
-        let look = |backend, step: u64| {
+        // The clock goes by `step` a call, and from the thirtieth on by `later`: by then the processor's looks are measured.
+        let look_by = |backend, step: u64, later: u64| {
             let mut world = World::new(&scene).unwrap();
-            let mut now = 0;
+            let (mut now, mut calls) = (0, 0);
             let choice = world.choose_collision(backend, &mut || {
-                now += step;
+                calls += 1;
+                now += if calls < 30 { step } else { later };
                 now
             });
             let rehearsal = crate::rehearsal::Rehearsal::shipped(&scene);
@@ -180,6 +182,7 @@ mod tests {
             }
             (choice.unwrap(), world.state_hash())
         };
+        let look = |backend, step| look_by(backend, step, step);
         let (cpu, expected) = look(Backend::Cpu, 0);
         assert!(!cpu.on_gpu && cpu.gpu_us.is_none());
         let (quick, hash) = look(Backend::Auto, 1_000);
@@ -188,6 +191,9 @@ mod tests {
         let (slow, hash) = look(Backend::Auto, 100_000);
         // Equally slow: the processor stays.
         assert!(!slow.on_gpu && slow.cpu_us == Some(100.0), "{slow}");
+        assert_eq!(hash, expected);
+        let (won, hash) = look_by(Backend::Auto, 100_000, 1_000);
+        assert_eq!(won.on_gpu, won.gpu_us.is_some(), "an adapter that is there has won: {won}");
         assert_eq!(hash, expected);
         let (gpu, hash) = look(Backend::Gpu, 100_000);
         assert_eq!(gpu.on_gpu, gpu.gpu_us.is_some(), "{gpu}");

@@ -461,7 +461,7 @@ mod tests {
 
     fn setting() -> Setting {
         let scene = SceneFile::load("peel").unwrap();
-        let sheet = Sheet::new(&scene);
+        let sheet = Sheet::new(&scene).unwrap();
         let volume = Volume::new(&scene.contact);
         Setting {
             membrane: sheet.start(),

@@ -44,7 +44,7 @@ pub trait Elastic {
 }
 
 /// Two elastic things that share their nodes.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Both<A, B>(pub A, pub B);
 
 impl<A: Elastic, B: Elastic> Elastic for Both<A, B> {

@@ -73,6 +73,12 @@ impl Triangles {
         Ok(Triangles { law, alive: vec![true; shapes.len()], tangent: vec![none; shapes.len()], shapes })
     }
 
+    /// No triangles, and no law that would matter.
+    pub fn none() -> Self {
+        let law = PlaneLaw::Taut { tension_un_per_mm: 0.0 };
+        Triangles { law, shapes: Vec::new(), alive: Vec::new(), tangent: Vec::new() }
+    }
+
     /// Removes a triangle or brings it back.
     pub fn set_alive(&mut self, triangle: usize, alive: bool) {
         self.alive[triangle] = alive;

@@ -1,6 +1,7 @@
 //! The sheet of a scene: nodes in rows on the retina, its middle lifted, joined by structural springs
 //! (along rows, columns and one diagonal of each square) and bending springs over two squares.
 
+use super::mesh::MeshError;
 use super::sheet::{Bend, Sheet};
 use nalgebra::Vector3;
 use protocol::scene_file::{MembraneScene, SceneFile};
@@ -36,13 +37,16 @@ impl Grid {
 }
 
 impl Sheet {
-    /// The sheet of a scene; without nodes where the scene has no membrane.
-    pub fn new(scene: &SceneFile) -> Self {
-        let radius_mm = scene.eye.retina_radius_mm;
-        scene.membrane.as_ref().map_or_else(Self::default, |m| Self::of(m, radius_mm))
+    /// The sheet of a scene; without nodes where the scene has no membrane. A mesh of the scene's own may be refused.
+    pub fn new(scene: &SceneFile) -> Result<Self, MeshError> {
+        let Some(membrane) = &scene.membrane else { return Ok(Self::default()) };
+        match &membrane.mesh {
+            Some(mesh) => Self::of_mesh(mesh),
+            None => Ok(Self::of_squares(membrane, scene.eye.retina_radius_mm)),
+        }
     }
 
-    fn of(m: &MembraneScene, radius_mm: f64) -> Self {
+    fn of_squares(m: &MembraneScene, radius_mm: f64) -> Self {
         let [nx, ny] = m.squares;
         let grid = Grid { nx, ny, loose: m.loose_edge };
         let start_mm = start_positions(m, radius_mm, grid);
@@ -134,7 +138,7 @@ mod tests {
     use super::*;
 
     fn sheet() -> Sheet {
-        Sheet::new(&SceneFile::load("peel").unwrap())
+        Sheet::new(&SceneFile::load("peel").unwrap()).unwrap()
     }
 
     #[test]
@@ -148,7 +152,7 @@ mod tests {
     fn a_loose_edge_is_no_rim_and_the_highest() {
         let mut scene = SceneFile::load("peel").unwrap();
         scene.membrane.as_mut().unwrap().loose_edge = true;
-        let (whole, loose) = (sheet(), Sheet::new(&scene));
+        let (whole, loose) = (sheet(), Sheet::new(&scene).unwrap());
         assert_eq!(whole.rim.len() - loose.rim.len(), 19, "20 squares along the edge, without the corners");
         let height = |n: u32| 11.5 - loose.at(n).norm();
         let highest = (0..loose.nodes() as u32).max_by(|&a, &b| height(a).total_cmp(&height(b))).unwrap();

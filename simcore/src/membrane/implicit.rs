@@ -6,14 +6,20 @@
 //! springs. Of the limits, v_max holds; a_max and with it the rule of p_tear do not: the acceleration
 //! of a stiff node at the begin of a substep says nothing about where it comes to rest.
 //!
+//! A scene may ask for a continuum in place of the springs (`membrane.elements`): then structural springs only damp, triangles of
+//! [`crate::elements::triangle`] carry the sheet, and [`Implicit::bear`] adds their forces to those that pins and jaws must bear. Such a sheet
+//! tears where a triangle's larger tension passes the limit.
+//!
 //! Inside, numbers are f64; the state keeps f32. Nothing allocates after the first substep at full size.
 
 use super::sheet::Sheet;
 use super::solver::{Solver, Tissue};
 use crate::elements::conjugate::Limits;
 use crate::elements::integrator::{Effort, Integrator, Rule, Settings};
+use crate::elements::law::PlaneLaw;
 use crate::elements::springs::{Spring, Springs};
-use crate::elements::{Nodes, Point};
+use crate::elements::triangle::Triangles;
+use crate::elements::{Both, Elastic, Nodes, Point};
 use crate::state::MembraneState;
 use protocol::scene::NODE_FREE;
 use protocol::scene_file::MembraneIntegrator;
@@ -31,27 +37,38 @@ pub struct Implicit {
     rule: Rule,
     settings: Settings,
     nodes: Nodes,
-    springs: Springs,
+    /// Springs, and triangles where the tissue asks for them.
+    elastic: Both<Springs, Triangles>,
+    /// Forces of the elements, µN.
+    borne_un: Vec<Point>,
+    /// Triangles beyond the limit of tearing.
+    rent: Vec<usize>,
     integrator: Integrator,
 }
 
 impl Implicit {
     /// The integrator a scene asks for; `None` where the explicit core does it.
-    pub fn of(choice: MembraneIntegrator, sheet: &Sheet) -> Option<Self> {
+    pub fn of(choice: MembraneIntegrator, sheet: &Sheet, tissue: &Tissue) -> Option<Self> {
         match choice {
             MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit => None,
-            MembraneIntegrator::Implicit => Some(Self::new(sheet, Rule::Implicit, STEP)),
-            MembraneIntegrator::QuasiStatic => Some(Self::new(sheet, Rule::QuasiStatic, BALANCE)),
+            MembraneIntegrator::Implicit => Some(Self::new(sheet, tissue, Rule::Implicit, STEP)),
+            MembraneIntegrator::QuasiStatic => Some(Self::new(sheet, tissue, Rule::QuasiStatic, BALANCE)),
         }
     }
 
     /// Any rule with any effort.
-    pub fn new(sheet: &Sheet, rule: Rule, settings: Settings) -> Self {
+    pub fn new(sheet: &Sheet, tissue: &Tissue, rule: Rule, settings: Settings) -> Self {
+        let triangles = match tissue.elements {
+            Some(law) => elements(sheet, law),
+            None => Triangles::none(),
+        };
         Implicit {
             rule,
             settings,
             nodes: Nodes::at_rest(vec![Point::zeros(); sheet.nodes()], 1.0),
-            springs: Springs::new(vec![NO_SPRING; sheet.springs.len()]),
+            elastic: Both(Springs::new(vec![NO_SPRING; sheet.springs.len()]), triangles),
+            borne_un: vec![Point::zeros(); if tissue.elements.is_some() { sheet.nodes() } else { 0 }],
+            rent: Vec::with_capacity(if tissue.elements.is_some() { sheet.triangles.len() } else { 0 }),
             integrator: Integrator::default(),
         }
     }
@@ -68,9 +85,13 @@ impl Implicit {
             }
         };
         let all = (0..sheet.springs.len()).map(spring);
-        self.springs.replace(all.filter(|s| s.stiffness_un_per_mm > 0.0 || s.damping_un_s_per_mm > 0.0));
+        self.elastic.0.replace(all.filter(|s| s.stiffness_un_per_mm > 0.0 || s.damping_un_s_per_mm > 0.0));
         for (held, &flag) in self.nodes.held.iter_mut().zip(&state.flag) {
             *held = flag != NODE_FREE;
+        }
+        if !self.borne_un.is_empty() {
+            let alive = state.triangle_alive.iter().enumerate();
+            alive.for_each(|(t, &alive)| self.elastic.1.set_alive(t, alive != 0));
         }
         self.nodes.mass_g.fill(1.0 / f64::from(tissue.inverse_mass));
     }
@@ -79,11 +100,37 @@ impl Implicit {
     pub fn integrate(&mut self, state: &mut MembraneState, tissue: &Tissue, solver: &Solver) -> Effort {
         self.read(state, solver);
         let figures = [f64::from(tissue.dt_s), f64::from(tissue.fluid_per_s)];
-        let (nodes, springs) = (&mut self.nodes, &mut self.springs);
-        let effort = self.integrator.step(nodes, springs, self.rule, &self.settings, figures);
+        let (nodes, elastic) = (&mut self.nodes, &mut self.elastic);
+        let effort = self.integrator.step(nodes, elastic, self.rule, &self.settings, figures);
         self.write(state, tissue);
         solver.stay_inside(state, tissue.radius_mm);
         effort
+    }
+
+    /// Adds the elements' forces on every node to those of the solver, and looks for [triangles to tear](Self::rent).
+    pub fn bear(&mut self, state: &MembraneState, solver: &mut Solver, tissue: &Tissue) {
+        if self.borne_un.is_empty() {
+            return;
+        }
+        self.read(state, solver);
+        self.borne_un.fill(Point::zeros());
+        let (x, triangles) = (&self.nodes.x_mm, &self.elastic.1);
+        triangles.add_forces(x, &self.nodes.v_mm_s, &mut self.borne_un);
+        for (axis, force) in solver.force_un.iter_mut().enumerate() {
+            force.iter_mut().zip(&self.borne_un).for_each(|(f, more)| *f += more[axis] as f32);
+        }
+        let limit = f64::from(tissue.tear_un_per_mm);
+        let beyond = |t: &usize| triangles.tensions_un_per_mm(*t, x)[0] > limit;
+        self.rent.clear();
+        if limit.is_finite() {
+            let alive = state.triangle_alive.iter().enumerate().filter(|(_, alive)| **alive != 0);
+            self.rent.extend(alive.map(|(t, _)| t).filter(beyond));
+        }
+    }
+
+    /// Triangles whose larger tension passed the limit of tearing at the last [`Self::bear`].
+    pub fn rent(&self) -> &[usize] {
+        &self.rent
     }
 
     fn read(&mut self, state: &MembraneState, solver: &Solver) {
@@ -116,6 +163,12 @@ impl Implicit {
     }
 }
 
+/// The sheet's triangles, at rest as they are at the start.
+fn elements(sheet: &Sheet, law: PlaneLaw) -> Triangles {
+    let rest: Vec<Point> = (0..sheet.nodes() as u32).map(|n| sheet.at(n).map(f64::from)).collect();
+    Triangles::new(&rest, &sheet.triangles, law).expect("a sheet's triangles have corners and area")
+}
+
 /// Keeps room for every spring of the sheet.
 const NO_SPRING: Spring =
     Spring { ends: [0, 0], stiffness_un_per_mm: 0.0, damping_un_s_per_mm: 0.0, rest_mm: 0.0 };
@@ -136,12 +189,12 @@ mod tests {
         membrane.stiffness_un_per_mm = 2000.0;
         membrane.bending_un_per_mm = 20.0;
         membrane.node_mass_g = 29e-5 / 546.0;
-        let sheet = Sheet::new(&scene);
+        let sheet = Sheet::new(&scene).unwrap();
         let state = sheet.start();
         let tissue = Tissue::new(&scene);
         let mut solver = Solver::new(&sheet);
         solver.refresh(&sheet, &state, &tissue);
-        let mut implicit = Implicit::of(choice, &sheet).unwrap();
+        let mut implicit = Implicit::of(choice, &sheet, &tissue).unwrap();
         implicit.refresh(&sheet, &state, &tissue);
         (sheet, state, solver, tissue, implicit)
     }
@@ -227,5 +280,48 @@ mod tests {
                 assert!((state.position(n) - before.position(n)).norm() < 5.01e-3);
             }
         }
+    }
+
+    /// A sheet of 4 × 4 mm drawn out by e while its breadth is held bears E t e/(1 − ν²) per breadth, and ν of that across (textbook, plane stress);
+    /// its pins bear the same, and nothing is left inside.
+    #[test]
+    fn a_continuum_bears_hookes_tension_and_its_pins_tell() {
+        let (n, e, young, poisson) = (8usize, 1e-3f32, 2000.0, 0.3);
+        let at = |i: usize| [(i % (n + 1)) as f32 * 0.5, (i / (n + 1)) as f32 * 0.5, 0.0];
+        let points: Vec<[f32; 3]> = (0..(n + 1) * (n + 1)).map(at).collect();
+        let corner = |r: usize, c: usize| (r * (n + 1) + c) as u32;
+        let square = |r, c| {
+            let [a, b, d, f] = [corner(r, c), corner(r, c + 1), corner(r + 1, c + 1), corner(r + 1, c)];
+            [[a, b, d], [a, d, f]]
+        };
+        let triangles: Vec<[u32; 3]> = (0..n * n).flat_map(|s| square(s / n, s % n)).collect();
+        let sheet = Sheet::from_triangles(&points, &triangles, &[]).unwrap();
+        let law = PlaneLaw::StVenantKirchhoff { young_un_per_mm: young, poisson };
+        let scene = SceneFile::load("peel").unwrap();
+        let tissue = Tissue { elements: Some(law), bending: 0.0, radius_mm: 1e3, ..Tissue::new(&scene) };
+        let mut state = sheet.start();
+        state.position_mm[0].iter_mut().for_each(|x| *x *= 1.0 + e);
+        let (mut solver, mut implicit) =
+            (Solver::new(&sheet), Implicit::of(MembraneIntegrator::Implicit, &sheet, &tissue).unwrap());
+        solver.refresh(&sheet, &state, &tissue);
+        implicit.refresh(&sheet, &state, &tissue);
+        solver.accelerate(&sheet, &state, &tissue);
+        implicit.bear(&state, &mut solver, &tissue);
+        let (mut along, mut across, mut inside) = (0.0, 0.0, 0.0f32);
+        for (old, p) in points.iter().enumerate() {
+            let force = solver.force_un.each_ref().map(|f| f[sheet.order[old] as usize]);
+            along += if p[0] == 4.0 { -f64::from(force[0]) } else { 0.0 };
+            across += if p[1] == 4.0 { -f64::from(force[1]) } else { 0.0 };
+            let inner = p[..2].iter().all(|c| *c > 0.0 && *c < 4.0);
+            inside = if inner { inside.max(force[0].hypot(force[1])) } else { inside };
+        }
+        let hooke = young * f64::from(e) / (1.0 - poisson * poisson) * 4.0;
+        assert!((along / hooke - 1.0).abs() < 0.003, "{along} {hooke}");
+        assert!((across / (poisson * hooke) - 1.0).abs() < 0.003, "{across} {}", poisson * hooke);
+        assert!(inside < 0.02, "{inside}");
+        assert!(implicit.rent().is_empty());
+        let weak = Tissue { tear_un_per_mm: (0.9 * hooke / 4.0) as f32, ..tissue };
+        implicit.bear(&state, &mut solver, &weak);
+        assert_eq!(implicit.rent().len(), triangles.len(), "all are as taut as each other");
     }
 }

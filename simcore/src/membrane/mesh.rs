@@ -6,6 +6,7 @@
 use super::order::cuthill_mckee;
 use super::sheet::{Bend, NONE, Sheet};
 use nalgebra::Vector3;
+use protocol::scene_file::{MeshScene, Pinned};
 
 /// Shortest edge and smallest triangle height that still has a direction in single precision, mm: 1 nm.
 const SMALLEST_MM: f64 = 1e-6;
@@ -76,6 +77,25 @@ impl Sheet {
         let sheet = Sheet::renumbered(positions_mm, triangles, pinned, order)?;
         sheet.check_lengths(&named)?;
         Ok(sheet)
+    }
+
+    /// The sheet of a scene's own mesh, turned so that its front looks into the eye, held by its edge or by nothing.
+    pub(super) fn of_mesh(mesh: &MeshScene) -> Result<Sheet, MeshError> {
+        let positions = &mesh.positions_mm;
+        check_nodes(positions, &mesh.triangles, &[])?;
+        check_areas(positions, &mesh.triangles)?;
+        let edges = edges_of(&mesh.triangles)?;
+        let inwards = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|n| Vector3::from(positions[n as usize]).map(f64::from));
+            -(b - a).cross(&(c - a)).dot(&(a + b + c))
+        };
+        let mut triangles = mesh.triangles.clone();
+        if triangles.iter().map(inwards).sum::<f64>() < 0.0 {
+            triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+        let outer = edges.iter().filter(|e| e.triangles[1] == NONE && mesh.pinned == Pinned::Edge);
+        let pinned: Vec<u32> = outer.flat_map(|e| e.nodes).collect();
+        Sheet::from_triangles(positions, &triangles, &pinned)
     }
 
     fn renumbered(

@@ -205,7 +205,7 @@ mod tests {
     fn peel(change: impl FnOnce(&mut MembraneScene)) -> (Sheet, MembraneState, Solver, Tissue) {
         let mut scene = SceneFile::load("peel").unwrap();
         change(scene.membrane.as_mut().unwrap());
-        let sheet = Sheet::new(&scene);
+        let sheet = Sheet::new(&scene).unwrap();
         let state = sheet.start();
         let tissue = Tissue::new(&scene);
         let mut solver = Solver::new(&sheet);

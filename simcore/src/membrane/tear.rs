@@ -151,7 +151,7 @@ mod tests {
     }
 
     fn peel() -> (Sheet, MembraneState) {
-        let sheet = Sheet::new(&SceneFile::load("peel").unwrap());
+        let sheet = Sheet::new(&SceneFile::load("peel").unwrap()).unwrap();
         let state = sheet.start();
         (sheet, state)
     }
@@ -170,7 +170,7 @@ mod tests {
     fn the_hardest_pulling_spring_of_an_overloaded_node_tears() {
         let mut scene = SceneFile::load("peel").unwrap();
         scene.membrane.as_mut().unwrap().tear_tension_n_per_m = 0.0;
-        let (sheet, tissue) = (Sheet::new(&scene), Tissue::new(&scene));
+        let (sheet, tissue) = (Sheet::new(&scene).unwrap(), Tissue::new(&scene));
         let (mut state, mut solver) = (sheet.start(), Solver::new(&sheet));
         solver.refresh(&sheet, &state, &tissue);
         let node = sheet.nodes() / 2;

@@ -6,16 +6,23 @@
 //! ```text
 //! semi-implicit   dt²·λ + 2·dt·δ < 4
 //! quasi-static    dt²·λ < 2
-//! explicit        dt < β + g/λ  and  dt·δ < 2        β: smallest c/k of a spring
+//! explicit        dt < β + g/λ,  dt·τ λ < g  and  dt·δ < 2        β: smallest c/k of a spring
 //! ```
 //!
 //! The last line follows from the roots of z² − (2 − δ dt) z + 1 − δ dt + λ dt² for every mode with δ ≥ β λ + g: explicit
-//! Euler feeds energy into what is not damped.
+//! Euler feeds energy into what is not damped. A taut spring holds its ends across its direction, too, by k ε/(1 + ε) at the strain ε,
+//! and there only the fluid damps: τ is that share at the strain at which springs tear or are limited, at most [`TAUT_STRAIN`].
 
 use super::sheet::Sheet;
 use crate::constants::{MAX_SPLITS, SUBSTEP_S};
+use crate::elements::law::PlaneLaw;
 use crate::state::MembraneState;
-use protocol::scene_file::{MembraneIntegrator, MembraneScene, RetinaScene, SceneFile};
+use protocol::scene_file::{
+    ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, RetinaScene, SceneFile,
+};
+
+/// Largest strain for which explicit Euler is kept stable across taut springs: beyond twice its length no tissue holds.
+const TAUT_STRAIN: f64 = 1.0;
 
 /// Figures of the tissue as the solver needs them.
 #[derive(Debug, Clone, Copy)]
@@ -42,8 +49,10 @@ pub struct Tissue {
     pub yield_strain: f32,
     /// Share of the strain beyond the yield by which the rest length follows, 1/s.
     pub creep_per_s: f32,
-    /// Of structural springs, µN/mm.
+    /// Of structural springs, µN/mm; where elements carry the sheet it only tells how bending springs are damped.
     pub(super) stiffness: f32,
+    /// The law of the elements that carry the sheet in place of its structural springs.
+    pub(super) elements: Option<PlaneLaw>,
     /// Of bending springs, µN/mm.
     pub(super) bending: f32,
     /// Of structural springs, µN·s/mm; bending springs have it in proportion to their stiffness.
@@ -83,6 +92,7 @@ impl Tissue {
         yield_strain: f32::INFINITY,
         creep_per_s: 0.0,
         stiffness: 0.0,
+        elements: None,
         bending: 0.0,
         damping: 0.0,
         tear_un_per_mm: f32::INFINITY,
@@ -127,6 +137,7 @@ impl Tissue {
             yield_strain: or_never(m.yield_strain) as f32,
             creep_per_s: m.creep_per_s as f32,
             stiffness: m.stiffness_un_per_mm as f32,
+            elements: m.elements.map(plane_law),
             bending: m.bending_un_per_mm as f32,
             damping: m.spring_damping_un_s_per_mm as f32,
             tear_un_per_mm: (or_never(m.tear_tension_n_per_m) * 1e3) as f32,
@@ -141,6 +152,10 @@ impl Tissue {
     /// Stiffness (µN/mm) and damping (µN·s/mm) of a spring of the sheet; 0 where it is not alive.
     pub fn spring(&self, sheet: &Sheet, state: &MembraneState, s: usize) -> (f32, f32) {
         let (alive, stiffness) = match s.checked_sub(sheet.structural) {
+            None if self.elements.is_some() => {
+                let alive = state.spring_alive[s] != 0;
+                return (0.0, if alive { self.damping * factor(&sheet.damping_factor, s) } else { 0.0 });
+            }
             None => (state.spring_alive[s] != 0, self.stiffness),
             Some(bend) => (sheet.bends[bend].is_whole(state) && self.bending > 0.0, self.bending),
         };
@@ -148,8 +163,8 @@ impl Tissue {
             return (0.0, 0.0);
         }
         let share = if self.stiffness > 0.0 { stiffness / self.stiffness } else { 1.0 };
-        let factor = |list: &[f32]| list.get(s).copied().unwrap_or(1.0);
-        (stiffness * factor(&sheet.stiffness_factor), self.damping * share * factor(&sheet.damping_factor))
+        let damping = self.damping * share * factor(&sheet.damping_factor, s);
+        (stiffness * factor(&sheet.stiffness_factor, s), damping)
     }
 
     /// Splits the substep into as many equal parts as the stability of Euler's methods needs; returns how many.
@@ -164,6 +179,22 @@ impl Tissue {
         })?;
         self.dt_s = (SUBSTEP_S / f64::from(parts)) as f32;
         Ok(parts)
+    }
+}
+
+/// A spring's own factor of a list that has one for each, or none.
+fn factor(list: &[f32], spring: usize) -> f32 {
+    list.get(spring).copied().unwrap_or(1.0)
+}
+
+/// The law of a scene's elements. Of an incompressible sheet Young's modulus is three times the shear modulus.
+fn plane_law(elements: ElementsScene) -> PlaneLaw {
+    let young_un_per_mm = elements.young_un_per_mm;
+    match elements.law {
+        ElementsLaw::StVenantKirchhoff => {
+            PlaneLaw::StVenantKirchhoff { young_un_per_mm, poisson: elements.poisson() }
+        }
+        ElementsLaw::NeoHookean => PlaneLaw::NeoHookean { shear_un_per_mm: young_un_per_mm / 3.0 },
     }
 }
 
@@ -203,8 +234,18 @@ impl Bound {
             return dt * dt * lambda + 2.0 * dt * delta < 4.0;
         }
         let still = lambda == 0.0;
-        (still || dt < self.beta + f64::from(tissue.fluid_per_s) / lambda) && dt * delta < 2.0
+        let fluid = f64::from(tissue.fluid_per_s);
+        let along = dt < self.beta + fluid / lambda;
+        (still || (along && dt * lambda * taut_share(tissue) < fluid)) && dt * delta < 2.0
     }
+}
+
+/// Stiffness of the tautest spring across its direction, as a share of that along it.
+fn taut_share(tissue: &Tissue) -> f64 {
+    let tears = f64::from(tissue.tear_un_per_mm / tissue.stiffness);
+    let limit = if tissue.strain_limit > 0.0 { f64::from(tissue.strain_limit) } else { f64::INFINITY };
+    let strain = tears.min(limit).min(TAUT_STRAIN);
+    strain / (1.0 + strain)
 }
 
 #[cfg(test)]
@@ -215,7 +256,7 @@ mod tests {
     fn peel(change: impl FnOnce(&mut MembraneScene)) -> (Sheet, Tissue) {
         let mut scene = SceneFile::load("peel").unwrap();
         change(scene.membrane.as_mut().unwrap());
-        (Sheet::new(&scene), Tissue::new(&scene))
+        (Sheet::new(&scene).unwrap(), Tissue::new(&scene))
     }
 
     #[test]
@@ -254,6 +295,32 @@ mod tests {
         assert!(tissue.split(&sheet).unwrap() > 1, "0.375 ms of damping do not carry 1 ms");
     }
 
+    /// A sheet drawn out by a half swings across its springs, which damp nothing there: the bound keeps explicit Euler from feeding that.
+    #[test]
+    fn explicit_euler_keeps_a_taut_sheet_calm() {
+        let (sheet, mut tissue) = peel(|m| {
+            (m.integrator, m.spring_damping_un_s_per_mm) = (MembraneIntegrator::Explicit, 0.4);
+            (m.bending_un_per_mm, m.tear_tension_n_per_m) = (0.0, 0.0);
+        });
+        let along_only = Tissue { strain_limit: 1e-6, ..tissue };
+        let fed = { along_only }.split(&sheet).unwrap();
+        assert!(tissue.split(&sheet).unwrap() > 4 * fed, "across costs more than along");
+        let swing = |tissue: &Tissue| {
+            let (mut state, mut solver) = (sheet.start(), Solver::new(&sheet));
+            state.rest_mm = sheet.rest_mm.iter().map(|l| l / 1.5).collect();
+            solver.refresh(&sheet, &state, tissue);
+            state.position_mm[2][sheet.nodes() / 2] += 1e-3;
+            let parts = (SUBSTEP_S / f64::from(tissue.dt_s) + 0.5) as usize;
+            for _ in 0..400 * parts {
+                solver.accelerate(&sheet, &state, tissue);
+                solver.integrate(&mut state, tissue);
+            }
+            (0..state.nodes()).map(|n| f64::from(state.velocity(n).norm_squared())).sum::<f64>()
+        };
+        let coarse = Tissue { dt_s: (SUBSTEP_S / f64::from(fed)) as f32, ..tissue };
+        assert!(swing(&tissue) < 1e-2 * swing(&coarse), "{} {}", swing(&tissue), swing(&coarse));
+    }
+
     /// Energy of a crumpled sheet after many steps of a share of the substep that the bound allows just so.
     #[test]
     fn what_the_bound_allows_stays_bounded() {
@@ -261,7 +328,8 @@ mod tests {
             let (sheet, mut tissue) = peel(|m| {
                 (m.integrator, m.tear_tension_n_per_m) = (integrator, 0.0);
                 (m.stiffness_un_per_mm, m.spring_damping_un_s_per_mm) = (20_000.0, 2.0);
-                (m.a_max_mm_s2, m.v_max_mm_s) = (1e12, 1e6);
+                (m.a_max_mm_s2, m.v_max_mm_s, m.strain_limit) = (1e12, 1e6, 0.01);
+                m.fluid_damping_per_s = 60.0;
             });
             let parts = tissue.split(&sheet).unwrap();
             assert!(parts > 1);

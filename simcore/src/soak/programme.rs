@@ -7,12 +7,15 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 use protocol::geometry::{Pose, Validity};
 use protocol::handles::{HandleState, PedalState};
 use protocol::limits::{BODIES, FIELD_PERIOD_NS, INSTRUMENTS};
+use protocol::optics::PedalButton;
 use protocol::poses::{EYE, TrackerFrame};
 use protocol::rig::Rig;
 use protocol::scene_file::SceneFile;
 
 /// Exposure of the first field, ns.
 const FIRST_NS: u64 = 1_000_000_000;
+/// Every combination of the pedal's buttons is below this.
+const BUTTONS: usize = 2 * PedalButton::Filter as usize;
 
 /// One step's inputs.
 #[derive(Debug, Clone)]
@@ -93,6 +96,9 @@ impl Programme {
             self.pedal.axes = [draw.between(-1.0, 1.0), draw.between(-1.0, 1.0)];
             self.pedal.mode = draw.below(5) as u32;
         }
+        if draw.once_in(25) {
+            self.pedal.buttons = if draw.once_in(2) { 0 } else { draw.below(BUTTONS) as u32 };
+        }
         // Mostly the regular period; sometimes fields are missing, or the clock jumps so far that the world pauses.
         let fields = match draw.below(200) {
             0 => 60,
@@ -109,7 +115,7 @@ impl Programme {
             (hand.from, hand.to, hand.way) = (hand.trocar * 1.2, hand.trocar * 1.2, (0, 0));
             (hand.jaw_rad, hand.jaw_to_rad, hand.lost) = (1.0, 1.0, 0);
         }
-        self.pedal.axes = [0.0; 2];
+        (self.pedal.axes, self.pedal.buttons) = ([0.0; 2], 0);
         self.exposed_ns += FIELD_PERIOD_NS;
         self.input()
     }

@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn bound_nodes_follow_the_tip_and_are_free_again() {
         let scene = SceneFile::load("peel").unwrap();
-        let mut membrane = Sheet::new(&scene).start();
+        let mut membrane = Sheet::new(&scene).unwrap().start();
         let mut inst = start_instrument(Tool::Forceps);
         let pose = Isometry3::translation(0.0, 0.0, -10.9);
         let count = bind(&mut inst, 0, &mut membrane, &pose, 0.45);

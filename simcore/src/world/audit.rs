@@ -4,6 +4,10 @@ use super::World;
 use crate::bodies::state::BodiesState;
 use crate::guard;
 use crate::membrane::tear;
+#[cfg(test)]
+use crate::membrane::tissue::Tissue;
+use crate::state::InstrumentState;
+use protocol::handles::Tool;
 
 impl World {
     /// Checks the state: numbers finite, mesh whole, accounts balanced. The text names the first thing that is wrong.
@@ -18,6 +22,31 @@ impl World {
         self.audit_retina()?;
         self.check_vitreous(&self.state).map_err(|e| e.to_string())?;
         self.audit_glue()
+    }
+
+    /// True while something acts on tissue: an instrument holds, touches or has pierced it, or a vitrector sucks.
+    pub(crate) fn is_handled(&self) -> bool {
+        let vitrector = Tool::Vitrector as u32;
+        let sucks = |i: &InstrumentState| i.tool == vitrector && self.state.tools.suction_pa > 0.0;
+        let acts =
+            |i: &InstrumentState| !i.held.is_empty() || i.in_contact || i.pierced.is_some() || sucks(i);
+        let on_retina = self.state.retina.as_ref().is_some_and(|r| {
+            let held = r.held.iter().any(|h| !h.is_empty());
+            held || r.needles.iter().any(|n| n.inside) || r.presses.iter().any(|p| p.in_contact)
+        });
+        on_retina || self.state.instruments.iter().any(acts)
+    }
+
+    /// Square of the acceleration of each node of the membrane in the last part of a substep, before its limit, mm²/s⁴.
+    pub(crate) fn membrane_acceleration2(&self) -> &[f32] {
+        &self.solver.acceleration2
+    }
+
+    /// Changes the figures by which the membrane moves into what no scene can ask for.
+    #[cfg(test)]
+    pub(crate) fn spoil_membrane(&mut self, spoil: impl FnOnce(&mut Tissue)) {
+        spoil(&mut self.tissue);
+        self.refresh();
     }
 
     /// The retina's mesh is whole, its blebs are those of its flags, and the fluid balances: injected = under it + leaked.

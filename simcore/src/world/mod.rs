@@ -28,6 +28,7 @@ use crate::guard::LastGood;
 use crate::membrane::adhesion::Adhesion;
 use crate::membrane::curl::Curl;
 use crate::membrane::implicit::Implicit;
+use crate::membrane::mesh::MeshError;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::Solver;
 use crate::membrane::stain::StainState;
@@ -53,6 +54,9 @@ pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
     Collision(#[from] Unusable),
+    /// The membrane's own mesh cannot be a sheet.
+    #[error("membrane.mesh: {0}")]
+    Mesh(#[from] MeshError),
     /// The retina cannot be simulated.
     #[error("retina: {0}")]
     Retina(#[from] RetinaError),
@@ -61,11 +65,12 @@ pub enum WorldError {
     Unstable(#[from] Unstable),
     /// The mesh does not fit the block that carries it to the renderer.
     #[error(
-        "membrane.squares {squares:?}: the scene block would take {bytes} bytes, there is room for {room}"
+        "membrane of {nodes} nodes: the scene block would take {bytes} bytes, there is room for {room}; \
+         make membrane.squares or membrane.mesh coarser"
     )]
     TooLarge {
-        /// Asked for.
-        squares: [u32; 2],
+        /// Nodes asked for.
+        nodes: usize,
         /// Bytes it would take.
         bytes: usize,
         /// Bytes there are.
@@ -156,20 +161,19 @@ pub struct World {
 impl World {
     /// The world of a scene, before its first step.
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
-        let sheet = Sheet::new(scene);
+        let sheet = Sheet::new(scene)?;
         let (model, retina) = Retina::new(scene)?.unzip();
         let vitreous = Vitreous::new(scene);
         let retina_sheet = model.as_ref().map(|m| &m.sheet);
         let glued = scene.membrane.as_ref().is_some_and(|m| m.adhesion.is_some());
         let bytes = crate::scene_block::bytes_needed(&sheet, glued, vitreous.as_ref(), retina_sheet);
         if bytes > MAX_SCENE_BYTES {
-            let squares = scene.membrane.as_ref().map_or([0; 2], |m| m.squares);
-            return Err(WorldError::TooLarge { squares, bytes, room: MAX_SCENE_BYTES });
+            return Err(WorldError::TooLarge { nodes: sheet.nodes(), bytes, room: MAX_SCENE_BYTES });
         }
         let adhesion = peel::adhesion(scene, &sheet)?;
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
-        let implicit = Implicit::of(integrator, &sheet);
         let mut tissue = Tissue::new(scene);
+        let implicit = Implicit::of(integrator, &sheet, &tissue);
         let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
         let mut state = State { retina, ..start_state(scene, &sheet, &tissue, adhesion.as_ref()) };
         state.vitreous = vitreous.as_ref().map(Vitreous::start);

@@ -48,6 +48,7 @@ impl World {
         if alarms.not_finite {
             self.contain();
         }
+        self.bear_elements();
         if alarms.over_acceleration || alarms.over_tension {
             // Accelerations of stiff tissue at the begin of a substep say nothing about its end.
             self.tear(alarms.over_acceleration && self.implicit.is_none());
@@ -71,6 +72,18 @@ impl World {
                 self.solver.stay_inside(state, tissue.radius_mm);
             }
         }
+    }
+
+    /// The share of elements that carry the sheet in place of springs: forces for pins and jaws, and what they tear.
+    fn bear_elements(&mut self) {
+        let Some(implicit) = &mut self.implicit else { return };
+        implicit.bear(&self.state.membrane, &mut self.solver, &self.tissue);
+        let Some(&first) = implicit.rent().first() else { return };
+        let (sheet, state) = (&self.sheet, &mut self.state.membrane);
+        implicit.rent().iter().for_each(|&t| tear::remove_triangle(sheet, state, t));
+        let (torn, place) = (implicit.rent().len() as u32, sheet.triangles[first][0] as usize);
+        (self.toll.torn, self.toll.torn_at) = (self.toll.torn + torn, place);
+        self.after_loss();
     }
 
     fn contain(&mut self) {

@@ -1,0 +1,89 @@
+//! `vitreo ctl`: asks a running simulator for a pause, a restart, the next level or its end.
+
+use anyhow::bail;
+use clap::ValueEnum;
+use protocol::control::{Answer, Command, LAUNCHER, Request};
+use protocol::ipc::{Instance, Queue, instance_directory, wait};
+use protocol::limits::MAX_WAIT_MS;
+use protocol::time::now;
+use std::process::ExitCode;
+
+/// How long the launcher may take to obey, ns: for the next level it makes new tissue.
+const ANSWER_NS: u64 = 60_000_000_000;
+
+/// Arguments of `vitreo ctl`.
+#[derive(Debug, clap::Args)]
+pub struct CtlArgs {
+    /// What is asked.
+    #[arg(value_enum)]
+    pub what: What,
+    /// Name of the simulator.
+    #[arg(long, value_name = "NAME", default_value = "main")]
+    pub instance: String,
+}
+
+/// What can be asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum What {
+    /// Everything stands still; time does not run.
+    Pause,
+    /// It goes on.
+    Resume,
+    /// The attempt from its beginning, at once.
+    Restart,
+    /// The module's next level.
+    Next,
+    /// The end of the run, in order.
+    Quit,
+}
+
+impl What {
+    fn command(self) -> Command {
+        match self {
+            What::Pause => Command::Pause,
+            What::Resume => Command::Start,
+            What::Restart => Command::Reset,
+            What::Next => Command::Next,
+            What::Quit => Command::Shutdown,
+        }
+    }
+}
+
+/// Runs it.
+pub fn run(args: &CtlArgs) -> anyhow::Result<ExitCode> {
+    let name = &args.instance;
+    if !instance_directory(name)?.join("nodes").exists() {
+        bail!("no simulator runs as '{name}'; vitreo run --instance {name} starts one");
+    }
+    let instance = Instance::join(name)?;
+    let mut answers = instance.receiver::<Answer>(Queue::InOrder)?;
+    let mut requests = instance.sender::<Request>()?;
+    // A number that no other sender uses.
+    let seq = now();
+    requests.send(&Request { seq, argument: 0, target: LAUNCHER, command: args.what.command() as u32 })?;
+    while now() < seq + ANSWER_NS {
+        wait(&[&answers], MAX_WAIT_MS * 1_000_000);
+        while let Some(answer) = answers.next_valid()? {
+            if answer.seq == seq && answer.process == LAUNCHER {
+                if answer.result != 0 {
+                    bail!("{}", answer.text());
+                }
+                return Ok(ExitCode::SUCCESS);
+            }
+        }
+    }
+    bail!("the simulator '{name}' gave no answer for {} s", ANSWER_NS / 1_000_000_000)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_simulator_that_does_not_run_is_named() {
+        let args = CtlArgs { what: What::Pause, instance: "nobody-here-7".into() };
+        let problem = run(&args).unwrap_err().to_string();
+        assert!(problem.contains("nobody-here-7") && problem.contains("vitreo run"), "{problem}");
+        assert!(!instance_directory("nobody-here-7").unwrap().exists(), "asking leaves nothing behind");
+    }
+}

@@ -1,0 +1,164 @@
+//! `vitreo play`: a person at a desk moves the instruments by mouse, keyboard or gamepad.
+
+use crate::machine::has_display;
+use crate::results::Place;
+use crate::run::{self, DeskArgs, RunArgs};
+use anyhow::bail;
+use protocol::bindings::rows;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The module where none is named: the easiest one.
+const FIRST_MODULE: &str = "navigation";
+
+/// Arguments of `vitreo play`.
+#[derive(Debug, clap::Args)]
+pub struct PlayArgs {
+    /// What to train (vitreo modules lists them) [default: navigation].
+    #[arg(value_name = "MODULE", conflicts_with = "scene")]
+    pub module: Option<String>,
+    /// Level of the module, from 1 on.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub level: u32,
+    /// A scene without a task instead: a shipped one's name or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub scene: Option<String>,
+    /// What to listen to: auto (the window, and a gamepad where there is one), mouse or gamepad.
+    #[arg(long, value_name = "WHAT", default_value = "auto", value_parser = ["auto", "mouse", "gamepad"])]
+    pub input: String,
+    /// Play a file of inputs instead of a person's; needs no display. See docs/play.md.
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
+    pub inputs: Option<PathBuf>,
+    /// Print what keys, mouse and gamepad do, and end.
+    #[arg(long)]
+    pub keys: bool,
+    /// Keep the attempts under this pseudonym in the results store.
+    #[arg(long, value_name = "NAME", conflicts_with = "scene")]
+    pub trainee: Option<String>,
+    /// Where the store lies.
+    #[command(flatten)]
+    pub store: Place,
+    /// Record everything; a restart or the next level begins another file, with a number.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub record: Option<PathBuf>,
+    /// Write the figures of the run.
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
+    /// Cameras, markers and trocars [default: the shipped rig]; of these the trocars count.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Draw without a window.
+    #[arg(long, requires = "inputs", conflicts_with = "no_picture")]
+    pub headless: bool,
+    /// Draw nothing.
+    #[arg(long, requires = "inputs")]
+    pub no_picture: bool,
+    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential, left or right.
+    #[arg(long, value_name = "HOW")]
+    pub arrange: Option<String>,
+    /// Fill the monitor.
+    #[arg(long, conflicts_with_all = ["headless", "no_picture"])]
+    pub full_screen: bool,
+    /// Save stereo pictures.
+    #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
+    pub stills: Option<PathBuf>,
+    /// Save a film.
+    #[arg(long, value_name = "FILE.y4m", conflicts_with = "no_picture")]
+    pub video: Option<PathBuf>,
+    /// Name of this simulator.
+    #[arg(long, value_name = "NAME", default_value = "main")]
+    pub instance: String,
+}
+
+/// Runs it.
+pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
+    if args.keys {
+        print!("{}", table());
+        return Ok(ExitCode::SUCCESS);
+    }
+    if args.inputs.is_none() && !has_display() {
+        bail!(
+            "no display: mouse and keyboard are heard by the window with the picture; on a machine without one, \
+             --inputs FILE plays a file of inputs"
+        );
+    }
+    run::run(&args.run_args())
+}
+
+impl PlayArgs {
+    /// As a run with a person at the desk.
+    fn run_args(&self) -> RunArgs {
+        let module = self.module.clone().or_else(|| self.scene.is_none().then(|| FIRST_MODULE.into()));
+        RunArgs {
+            stay: module.is_some(),
+            module,
+            level: self.level,
+            surgeon: "expert".into(),
+            scene: self.scene.clone(),
+            trainee: self.trainee.clone(),
+            store: self.store.clone(),
+            record: self.record.clone(),
+            report: self.report.clone(),
+            rig: self.rig.clone(),
+            seed: 1,
+            headless: self.headless || (self.inputs.is_some() && !self.no_picture && !has_display()),
+            window: self.inputs.is_none(),
+            no_picture: self.no_picture,
+            arrange: self.arrange.clone(),
+            full_screen: self.full_screen,
+            stills: self.stills.clone(),
+            video: self.video.clone(),
+            instance: self.instance.clone(),
+            desk: Some(DeskArgs { input: self.input.clone(), inputs: self.inputs.clone() }),
+            ..RunArgs::default()
+        }
+    }
+}
+
+/// What keys, mouse and gamepad do, as a table of Markdown.
+pub fn table() -> String {
+    let line = |(keys, text): (String, &str)| format!("| {keys} | {text} |\n");
+    format!("| key | what it does |\n|---|---|\n{}", rows().map(line).collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use std::path::Path;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        play: PlayArgs,
+    }
+
+    fn parse(words: &[&str]) -> Result<RunArgs, String> {
+        let line = Line::try_parse_from(std::iter::once(&"play").chain(words));
+        line.map(|l| l.play.run_args()).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn a_module_is_played_unless_a_scene_is_named() {
+        assert_eq!(parse(&[]).unwrap().module.as_deref(), Some(FIRST_MODULE));
+        let shadow = parse(&["shadow", "--level", "2", "--input", "mouse"]).unwrap();
+        assert_eq!((shadow.module.as_deref(), shadow.level, shadow.stay), (Some("shadow"), 2, true));
+        let scene = parse(&["--scene", "trim"]).unwrap();
+        assert_eq!((scene.module, scene.scene.as_deref(), scene.stay), (None, Some("trim"), false));
+        for wrong in [
+            &["shadow", "--scene", "trim"][..],
+            &["--input", "feet"],
+            &["--headless"],
+            &["--input", "mouse", "--inputs", "f"],
+        ] {
+            assert!(parse(wrong).is_err(), "{wrong:?} was taken");
+        }
+    }
+
+    #[test]
+    fn the_page_shows_the_table_of_this_build() {
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/play.md");
+        let page = std::fs::read_to_string(page).unwrap();
+        assert!(page.contains(&table()), "renew it: vitreo play --keys");
+    }
+}

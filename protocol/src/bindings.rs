@@ -1,0 +1,206 @@
+//! What keys, mouse and gamepad mean, in one table: the desk moves instruments by it, the launcher hears pause and restart by it,
+//! the window shows it as help, and `vitreo play --keys` prints it for `docs/play.md`.
+
+use crate::inputs::Key;
+
+/// What a key asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Action {
+    // While they are held: the chosen hand.
+    Left,
+    Right,
+    Up,
+    Down,
+    Deeper,
+    Higher,
+    RollLeft,
+    RollRight,
+    Fine,
+    Use,
+    // While they are held: the pedal.
+    Suck,
+    Air,
+    Fluid,
+    ScopeLeft,
+    ScopeRight,
+    ScopeUp,
+    ScopeDown,
+    ZoomIn,
+    ZoomOut,
+    FocusUp,
+    FocusDown,
+    // The pedal's buttons.
+    Magnify,
+    Reduce,
+    Lens,
+    Inverter,
+    Filter,
+    // When they are pressed: the hands.
+    OtherHand,
+    NextTool,
+    Keep,
+    // When they are pressed: the course of the attempt.
+    Pause,
+    Restart,
+    Next,
+    Quit,
+    // When they are pressed: the window.
+    Help,
+    FullScreen,
+    Mouse,
+}
+
+/// Keys of one action.
+#[derive(Debug, Clone, Copy)]
+pub struct Binding {
+    /// What it does.
+    pub action: Action,
+    /// Names of the keys, see [`Key::named`].
+    pub keys: &'static [&'static str],
+    /// In words.
+    pub text: &'static str,
+}
+
+const fn bind(action: Action, keys: &'static [&'static str], text: &'static str) -> Binding {
+    Binding { action, keys, text }
+}
+
+/// Every action with its keys.
+pub const BINDINGS: &[Binding] = &[
+    bind(Action::OtherHand, &["tab", "mouse-back", "mouse-forward", "pad-l1", "pad-r1"], "the other hand"),
+    bind(Action::Left, &["a"], "tip to the left"),
+    bind(Action::Right, &["d"], "tip to the right"),
+    bind(Action::Up, &["w"], "tip up in the picture"),
+    bind(Action::Down, &["s"], "tip down in the picture"),
+    bind(Action::Deeper, &["f"], "tip deeper"),
+    bind(Action::Higher, &["r"], "tip higher"),
+    bind(Action::RollLeft, &["q"], "turn to the left"),
+    bind(Action::RollRight, &["e"], "turn to the right"),
+    bind(Action::Fine, &["shift", "pad-l2"], "a quarter of the movement, while held"),
+    bind(
+        Action::Use,
+        &["space", "mouse-left", "pad-r2"],
+        "jaws close; vitrector sucks and cuts; needle injects",
+    ),
+    bind(Action::Keep, &["c", "mouse-middle", "pad-south"], "keep jaws closed or pedal down; again: let go"),
+    bind(Action::NextTool, &["t", "pad-north"], "the next tool into the hand"),
+    bind(Action::Suck, &["v", "mouse-right", "pad-west"], "suction without cutting"),
+    bind(Action::Air, &["x"], "let air in"),
+    bind(Action::Fluid, &["z"], "let fluid in"),
+    bind(Action::ScopeLeft, &["left"], "microscope to the left"),
+    bind(Action::ScopeRight, &["right"], "microscope to the right"),
+    bind(Action::ScopeUp, &["up"], "microscope up"),
+    bind(Action::ScopeDown, &["down"], "microscope down"),
+    bind(Action::ZoomIn, &["plus"], "zoom in"),
+    bind(Action::ZoomOut, &["minus"], "zoom out"),
+    bind(Action::FocusUp, &["page-up"], "focus higher"),
+    bind(Action::FocusDown, &["page-down"], "focus deeper"),
+    bind(Action::Magnify, &["1", "pad-up"], "next step of magnification"),
+    bind(Action::Reduce, &["2", "pad-down"], "step of magnification back"),
+    bind(Action::Lens, &["3", "pad-right"], "wide-angle lens in or out"),
+    bind(Action::Inverter, &["4"], "inverter on or off"),
+    bind(Action::Filter, &["5", "pad-left"], "next filter of the lamp"),
+    bind(Action::Pause, &["p", "pause", "pad-start"], "pause, go on"),
+    bind(Action::Restart, &["f5", "pad-select"], "begin the attempt again"),
+    bind(Action::Next, &["n"], "next level"),
+    bind(Action::Quit, &["f10"], "end the program"),
+    bind(Action::Help, &["f1", "h"], "show or hide these keys"),
+    bind(Action::FullScreen, &["f11"], "full screen or window"),
+    bind(Action::Mouse, &["escape"], "free the mouse; a click takes it again"),
+];
+
+/// What mouse and sticks do, in words.
+pub const MOVEMENTS: [(&str, &str); 4] = [
+    ("mouse", "tip sideways"),
+    ("wheel", "tip deeper (away from you) or higher"),
+    ("left stick", "tip sideways"),
+    ("right stick", "tip deeper or higher; turn"),
+];
+
+impl Action {
+    /// What a key asks for, if anything.
+    pub fn of(key: Key) -> Option<Action> {
+        let own = |b: &&Binding| b.keys.contains(&key.name());
+        BINDINGS.iter().find(own).map(|b| b.action)
+    }
+
+    /// Bits of all its keys.
+    pub fn keys(self) -> u128 {
+        let own = BINDINGS.iter().filter(|b| b.action == self).flat_map(|b| b.keys);
+        own.filter_map(|name| Key::named(name)).fold(0, |bits, key| bits | key.bit())
+    }
+}
+
+/// The table in rows: keys, and what they do.
+pub fn rows() -> impl Iterator<Item = (String, &'static str)> {
+    let moves = MOVEMENTS.iter().map(|(what, text)| ((*what).to_owned(), *text));
+    moves.chain(BINDINGS.iter().map(|b| (b.keys.join(", "), b.text)))
+}
+
+/// What the help of a window groups in a line.
+const HELP: &[(&[Action], &str)] = &[
+    (&[Action::Left, Action::Right, Action::Up, Action::Down], "tip sideways"),
+    (&[Action::Deeper, Action::Higher], "tip deeper, higher"),
+    (&[Action::RollLeft, Action::RollRight], "turn"),
+    (&[Action::Fine], "finer"),
+    (&[Action::OtherHand], "other hand"),
+    (&[Action::NextTool], "next tool"),
+    (&[Action::Use], "jaws, cut, inject"),
+    (&[Action::Keep], "keep it so"),
+    (&[Action::Suck], "suction"),
+    (&[Action::Air, Action::Fluid], "air, fluid in"),
+    (&[Action::ScopeLeft, Action::ScopeRight, Action::ScopeUp, Action::ScopeDown], "microscope"),
+    (&[Action::ZoomIn, Action::ZoomOut], "zoom"),
+    (&[Action::FocusUp, Action::FocusDown], "focus"),
+    (&[Action::Magnify, Action::Reduce], "magnify, reduce"),
+    (&[Action::Lens, Action::Inverter, Action::Filter], "lens, inverter, filter"),
+    (&[Action::Pause, Action::Restart, Action::Next], "pause, restart, next"),
+    (&[Action::Mouse, Action::FullScreen], "free mouse, full screen"),
+    (&[Action::Help, Action::Quit], "this help, quit"),
+];
+
+/// The help of a window: a line each, with the first key of keyboard or mouse of each action.
+pub fn help() -> String {
+    let key = |action: &Action| {
+        let own = BINDINGS.iter().filter(|b| b.action == *action).flat_map(|b| b.keys);
+        own.copied().find(|k| !k.starts_with("pad-")).unwrap_or_default()
+    };
+    let mut text = String::from("mouse: tip sideways\nwheel: tip deeper, higher\n");
+    for (actions, meaning) in HELP {
+        let keys: Vec<&str> = actions.iter().map(key).collect();
+        text.push_str(&format!("{}: {meaning}\n", keys.join(" ")));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_exists_and_means_one_thing() {
+        let mut seen = 0u128;
+        for binding in BINDINGS {
+            for name in binding.keys {
+                let key = Key::named(name).unwrap_or_else(|| panic!("no key {name}"));
+                assert_eq!(seen & key.bit(), 0, "{name} means two things");
+                seen |= key.bit();
+                assert_eq!(Action::of(key), Some(binding.action));
+                assert!(binding.action.keys() & key.bit() != 0);
+            }
+            assert_eq!(BINDINGS.iter().filter(|b| b.action == binding.action).count(), 1);
+        }
+        assert_eq!(Action::of(Key::named("y").unwrap()), None);
+    }
+
+    #[test]
+    fn the_help_fits_the_picture() {
+        let help = help();
+        assert!(help.lines().count() <= 30 && help.chars().count() < 1_900, "letters that a picture holds");
+        assert!(help.lines().all(|l| l.chars().count() <= 60));
+        assert!(!help.contains("pad-"), "{help}");
+        let told = |b: &Binding| HELP.iter().any(|(actions, _)| actions.contains(&b.action));
+        assert!(BINDINGS.iter().all(told), "every action is told");
+    }
+}

@@ -1,0 +1,140 @@
+//! A membrane of any shape: key `membrane.mesh`.
+
+use super::SceneError;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Corners that a mesh may have; the largest sheet of squares has as many.
+const MAX_NODES: usize = 641_601;
+
+/// A triangle mesh in place of a sheet of squares. It must be manifold and wound one way; which way is up does not matter.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshScene {
+    /// Wavefront file with its corners and triangles, beside the scene file. When the scene is loaded they take its place below, so that a
+    /// recording holds the mesh.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub obj: Option<String>,
+    /// What holds it from the start.
+    #[serde(default)]
+    pub pinned: Pinned,
+    /// Corners in the eye frame, mm.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub positions_mm: Vec<[f32; 3]>,
+    /// Corners of each triangle, counted from 0.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Nodes of a mesh that are attached to the retina where they are.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pinned {
+    /// Those on its edge.
+    #[default]
+    Edge,
+    /// None: glue holds it, or nothing.
+    Nothing,
+}
+
+impl MeshScene {
+    /// Reads the file that is named, if one is, from the folder of the scene file `scene`.
+    pub(super) fn resolve(&mut self, scene: &str) -> Result<(), SceneError> {
+        let Some(obj) = self.obj.take() else { return Ok(()) };
+        let path = Path::new(scene).parent().unwrap_or(Path::new("")).join(&obj);
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(&path)
+            .map_err(|source| SceneError::Read { name: name.clone(), source })?;
+        (self.positions_mm, self.triangles) = parse_obj(&text).map_err(|(line, expected, found)| {
+            SceneError::Value { name, field: format!("line {line}"), expected: expected.into(), found }
+        })?;
+        Ok(())
+    }
+
+    pub(super) fn defect(&self) -> Option<(&'static str, String, String)> {
+        if let Some(obj) = &self.obj {
+            let expected = "a scene that is loaded from a file, which the mesh lies beside";
+            return Some(("membrane.mesh.obj", expected.into(), obj.clone()));
+        }
+        let nodes = self.positions_mm.len();
+        if !(3..=MAX_NODES).contains(&nodes) {
+            let expected = format!("3 to {MAX_NODES} corners");
+            return Some(("membrane.mesh.positions_mm", expected, nodes.to_string()));
+        }
+        let few = self.triangles.is_empty() || self.triangles.len() > 2 * MAX_NODES;
+        let expected = format!("1 to {} triangles", 2 * MAX_NODES);
+        few.then(|| ("membrane.mesh.triangles", expected, self.triangles.len().to_string()))
+    }
+}
+
+/// Corners, mm, and triangles.
+type Mesh = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+/// A line that was refused: its number, what was expected, what it says.
+type Refused = (usize, &'static str, String);
+
+/// Corners and triangles of a Wavefront text: its `v` and `f` lines, faces with more corners as fans. Texture and normal numbers are
+/// passed over, as are all other lines.
+fn parse_obj(text: &str) -> Result<Mesh, Refused> {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for (number, line) in text.lines().enumerate() {
+        let refused = |expected| (number + 1, expected, line.trim().chars().take(80).collect());
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") => {
+                let numbers: Vec<f32> = words.map_while(|w| w.parse().ok()).take(3).collect();
+                let position: [f32; 3] =
+                    numbers.try_into().map_err(|_| refused("\"v\" and three numbers, mm"))?;
+                positions.push(position);
+            }
+            Some("f") => {
+                let corner = |w: &str| corner(w, positions.len());
+                let corners: Option<Vec<u32>> = words.map(corner).collect();
+                let corners = corners.filter(|c| c.len() >= 3);
+                let corners =
+                    corners.ok_or_else(|| refused("\"f\" and at least three corners that come before it"))?;
+                triangles.extend(corners[1..].windows(2).map(|pair| [corners[0], pair[0], pair[1]]));
+            }
+            _ => {}
+        }
+    }
+    Ok((positions, triangles))
+}
+
+/// Number of a corner, from 0, of those so far: `7`, `7/1`, `7//3`, or `-1` for the last.
+fn corner(word: &str, count: usize) -> Option<u32> {
+    let number: i64 = word.split('/').next()?.parse().ok()?;
+    let from_zero = if number < 0 { number + count as i64 } else { number - 1 };
+    (0..count as i64).contains(&from_zero).then_some(from_zero as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn corners_and_fans_are_read() {
+        let text =
+            "# a square\nv 0 0 -11\nv 1 0 -11 1.0\nv 1 1 -11\nv 0 1 -11\nvn 0 0 1\nf 1/1 2/2/2 3//3 -1\n";
+        let (positions, triangles) = parse_obj(text).unwrap();
+        assert_eq!((positions.len(), positions[2]), (4, [1.0, 1.0, -11.0]));
+        assert_eq!(triangles, [[0, 1, 2], [0, 2, 3]]);
+    }
+
+    #[test]
+    fn bad_lines_are_named() {
+        for (text, line) in [("v 0 0\n", 1), ("v 0 0 0\nf 1 2 3\n", 2), ("v 0 0 x", 1), ("\nf 0 0 0", 2)] {
+            assert_eq!(parse_obj(text).unwrap_err().0, line, "{text}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_read_or_refused(text in "([vf]( -?[0-9]{1,3}(/[0-9])?){0,5}\n|.{0,20}\n){0,20}") {
+            if let Ok((positions, triangles)) = parse_obj(&text) {
+                prop_assert!(triangles.iter().flatten().all(|&n| (n as usize) < positions.len()));
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! `vitreo-renderer film`: draws a stream of scenes without a clock, into a film and stills. Each scene is drawn as the simulation
+//! left it, however long that takes.
+
+use anyhow::{Context, Result};
+use image::codecs::jpeg::JpegEncoder;
+use protocol::rig::Rig;
+use protocol::scene_file::SceneFile;
+use protocol::scene_stream::Reader;
+use renderer::assets::Assets;
+use renderer::config::VIDEO_HZ;
+use renderer::frame::Renderer;
+use renderer::governor::TIERS;
+use renderer::gpu::Gpu;
+use renderer::latch::latch_scene;
+use renderer::output::picture::rgb;
+use renderer::output::save_png;
+use renderer::output::y4m::Y4m;
+use renderer::readback::{Picture, ReadBack};
+use renderer::start::{map_px, plan};
+use renderer::stereo::{Arrangement, arrange};
+use std::path::{Path, PathBuf};
+
+/// Qualities of JPEG that are tried until a still is small enough.
+const QUALITIES: [u8; 8] = [92, 88, 84, 80, 74, 66, 55, 40];
+
+/// Arguments.
+#[derive(Debug, clap::Args)]
+pub struct FilmArgs {
+    /// Scene by name or file, whose stream comes on standard input.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub scene: String,
+    /// Quality tier, 0 is the best.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..TIERS.len() as i64))]
+    pub tier: u32,
+    /// How the two channels share the picture.
+    #[arg(long, value_enum, value_name = "HOW", default_value_t)]
+    pub arrange: Arrangement,
+    /// Write the film.
+    #[arg(long, value_name = "FILE.y4m")]
+    pub video: Option<PathBuf>,
+    /// Write stills into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub stills: Option<PathBuf>,
+    /// Scenes from one still to the next.
+    #[arg(long, value_name = "N", default_value_t = u64::from(VIDEO_HZ), value_parser = clap::value_parser!(u64).range(1..))]
+    pub every: u64,
+    /// Stills are JPEG of at most so many bytes instead of PNG.
+    #[arg(long, value_name = "BYTES")]
+    pub jpeg: Option<usize>,
+}
+
+/// Draws the stream on standard input.
+pub fn film(args: &FilmArgs) -> Result<()> {
+    let scene = SceneFile::load(&args.scene)?;
+    let (gpu, rig, tier) = (Gpu::headless()?, Rig::load_or_shipped(None)?, args.tier as usize);
+    let plan = plan(&scene, &rig, tier, map_px(&gpu));
+    let mut renderer = Renderer::with_assets(&gpu, plan, &Assets::shipped()?);
+    let read_back = ReadBack::new(&gpu, tier);
+    let mut reader = Reader::new(std::io::stdin().lock())?;
+    let (mut picture, mut video, mut number) = (Picture::default(), None, 0u64);
+    while let Some((header, payload)) = reader.next_scene()? {
+        renderer.take_scene(&gpu, &header, payload)?;
+        // The first frame of a renderer lacks its text, which goes up after the drawing.
+        for _ in 0..if number == 0 { 2 } else { 1 } {
+            let commands = renderer.encode(&gpu, tier);
+            renderer.submit(&gpu, tier, &latch_scene(&header), commands);
+        }
+        let still = args.stills.as_deref().filter(|_| number.is_multiple_of(args.every));
+        if args.video.is_some() || still.is_some() {
+            read_back.read(&gpu, renderer.target(tier), &mut picture)?;
+            arrange(&mut picture, args.arrange.for_files());
+        }
+        if let Some(path) = &args.video {
+            let size = [picture.width_px & !1, picture.height_px & !1];
+            let open = || Y4m::create(path, size, VIDEO_HZ).with_context(|| path.display().to_string());
+            let file = match &mut video {
+                Some(file) => file,
+                none => none.insert(open()?),
+            };
+            file.write(&picture, 1).with_context(|| path.display().to_string())?;
+        }
+        if let Some(folder) = still {
+            save(args, folder, number, &picture)?;
+        }
+        number += 1;
+    }
+    if let Some(file) = &mut video {
+        file.flush()?;
+    }
+    Ok(())
+}
+
+/// A still, named by its instant in seconds.
+fn save(args: &FilmArgs, folder: &Path, number: u64, picture: &Picture) -> Result<()> {
+    let name = format!("still-{:05.1}", number as f64 / f64::from(VIDEO_HZ));
+    let Some(most) = args.jpeg else {
+        return save_png(&folder.join(name + ".png"), picture).context("a still");
+    };
+    let (path, pixels) = (folder.join(name + ".jpg"), rgb(picture));
+    let (width, height) = (picture.width_px, picture.height_px);
+    let mut file = Vec::new();
+    for quality in QUALITIES {
+        file.clear();
+        let encoder = JpegEncoder::new_with_quality(&mut file, quality);
+        let colour = image::ExtendedColorType::Rgb8;
+        image::ImageEncoder::write_image(encoder, &pixels, width, height, colour)?;
+        if file.len() <= most {
+            break;
+        }
+    }
+    std::fs::write(&path, file).with_context(|| path.display().to_string())
+}

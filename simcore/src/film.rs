@@ -1,0 +1,115 @@
+//! A scene's script played without cameras and without a clock, field by field, and what the simulation sends of it: for films and
+//! for pictures of a moment.
+
+use crate::rehearsal::Rehearsal;
+use crate::scene_block::{SceneWriter, bytes_needed};
+use crate::world::{World, WorldError, no_clock};
+use anyhow::Context;
+use protocol::scene::SceneHeader;
+use protocol::scene_file::SceneFile;
+use protocol::scene_stream;
+use protocol::time::Instants;
+use std::io::Write;
+
+/// Steps a second of the script.
+pub const FIELDS_PER_S: f64 = 50.0;
+
+/// A scene that is being played.
+#[derive(Debug)]
+pub struct Film {
+    rehearsal: Rehearsal,
+    world: World,
+    writer: SceneWriter,
+    field: u64,
+    payload: Vec<u128>,
+}
+
+impl Film {
+    /// The beginning of a scene. With a seed the surgeon's tips shake as the script says.
+    pub fn begin(scene: &SceneFile, seed: Option<u64>) -> Result<Self, WorldError> {
+        let mut rehearsal = Rehearsal::shipped(scene);
+        if let Some(seed) = seed {
+            rehearsal = rehearsal.with_tremor(seed);
+        }
+        let world = World::new(scene)?;
+        let bytes = bytes_needed(
+            world.sheet(),
+            world.adhesion().is_some(),
+            world.vitreous().map(|(v, _)| v),
+            world.retina().map(|r| &r.sheet),
+        );
+        let payload = vec![0; bytes.div_ceil(size_of::<u128>())];
+        Ok(Film { rehearsal, writer: SceneWriter::new(&world), world, field: 0, payload })
+    }
+
+    /// Fields of the script's round.
+    pub fn fields(&self) -> u64 {
+        self.rehearsal.fields()
+    }
+
+    /// Plays on until `field` fields after the beginning.
+    pub fn play_to(&mut self, field: u64) {
+        while self.field < field {
+            self.rehearsal.play(&mut self.world, self.field, &mut no_clock);
+            self.field += 1;
+        }
+    }
+
+    /// What the simulation sends now: header and payload.
+    pub fn scene(&mut self) -> (SceneHeader, &[u8]) {
+        // Instants of 0 mean "not yet".
+        let exposed = self.world.state().exposed_ns.max(1);
+        let instants = Instants { exposed, ..bytemuck::Zeroable::zeroed() };
+        let payload = bytemuck::cast_slice_mut(&mut self.payload);
+        let header = self.writer.write(&self.world, instants, 0, payload);
+        (header, bytemuck::cast_slice(&self.payload))
+    }
+}
+
+/// Writes the scene of every `every`-th field, from the first on, for `seconds` or a round of the
+/// script; how many.
+pub fn write(
+    scene: &SceneFile,
+    seed: Option<u64>,
+    every: u64,
+    seconds: Option<f64>,
+    out: &mut impl Write,
+) -> anyhow::Result<u64> {
+    let mut film = Film::begin(scene, seed).context("scene")?;
+    scene_stream::begin(out)?;
+    let (mut field, mut written) = (0, 0);
+    let end = seconds.map_or(film.fields(), |s| (s * FIELDS_PER_S) as u64);
+    while field <= end {
+        // Before the first step no instrument has been seen.
+        film.play_to(field + 1);
+        let (header, payload) = film.scene();
+        scene_stream::write(out, &header, payload)?;
+        written += 1;
+        field += every.max(1);
+    }
+    out.flush()?;
+    Ok(written)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_film_is_as_long_as_asked_or_as_the_script() {
+        let scene = SceneFile::load("peel").unwrap();
+        let mut bytes = Vec::new();
+        assert_eq!(write(&scene, Some(3), 10, Some(1.0), &mut bytes).unwrap(), 6);
+        let mut reader = scene_stream::Reader::new(&bytes[..]).unwrap();
+        let mut steps = Vec::new();
+        while let Some((header, payload)) = reader.next_scene().unwrap() {
+            steps.push(header.step);
+            assert!(header.nodes.count > 100 && payload.len() > 1000);
+        }
+        assert_eq!(steps, [1, 11, 21, 31, 41, 51]);
+        let mut nothing = std::io::sink();
+        let mut short = scene;
+        short.script.period_s = 16.0;
+        assert_eq!(write(&short, None, 400, None, &mut nothing).unwrap(), 3, "a round of 800 fields");
+    }
+}

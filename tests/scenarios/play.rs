@@ -1,0 +1,104 @@
+//! A person at the desk: level 1 of navigation is finished by inputs alone, through every process, with a restart, a pause and the
+//! next level; and what the launcher says to inputs and requests that make no sense.
+
+use protocol::health::{Process, STATE_RUNNING};
+use protocol::limits::MAX_STEP_NS;
+use protocol::steps::StepRecord;
+use std::path::Path;
+use vitreo_tests::{Observer, Running, instance_name, next, vitreo};
+
+/// The inputs: six balls, 2.2 s each.
+const INPUTS: &str = "tests/data/inputs/navigation-1.txt";
+
+fn scored(file: &Path, how: &[&str]) -> serde_json::Value {
+    let file = file.display().to_string();
+    let told = vitreo(&[&["score", "--json", &file], how].concat()).expect_code(0);
+    serde_json::from_str(&told.stdout).expect("JSON")
+}
+
+#[test]
+fn level_1_of_navigation_is_finished_by_inputs_alone() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (record, store, name) = (path("a.mcap"), path("results.sqlite"), instance_name());
+    let play = ["play", "navigation", "--inputs", INPUTS, "--no-picture", "--instance", &name];
+    let kept = ["--record", &record, "--trainee", "t7", "--store", &store];
+    let told = vitreo(&[&play[..], &kept].concat()).expect_code(0);
+    // Three attempts, three recordings: broken off, finished, begun.
+    let [broken, finished, begun] = ["a.mcap", "a-2.mcap", "a-3.mcap"].map(|f| folder.path().join(f));
+    let first = scored(&broken, &[]);
+    assert_eq!((&first["ended"], &first["level"]), (&false.into(), &1.into()), "{first}");
+    let score = scored(&finished, &[]);
+    assert_eq!((&score["ended"], &score["finished"]), (&true.into(), &true.into()), "{score}");
+    assert_eq!((&score["agrees"], &score["unmatched"]), (&true.into(), &0.into()), "{score}");
+    assert!(score["total"].as_f64().expect("points") > 60.0, "{score}");
+    // Six balls; the pause of 3 s is not among it.
+    let took = score["took_s"].as_f64().expect("time");
+    assert!((10.0..15.5).contains(&took), "{took}");
+    // The recording holds every input since the restart: simulated again it gives the same score.
+    assert_eq!(scored(&finished, &["--resimulate"])["agrees"], true);
+    assert_eq!(scored(&begun, &[])["level"], 2);
+    let replay = vitreo(&["replay", &finished.display().to_string(), "--lockstep"]).expect_code(1);
+    assert!(replay.stderr.contains("--resimulate"), "{}", replay.stderr);
+    // What was finished is kept, what was broken off is not.
+    let list = vitreo(&["results", "--store", &store, "--csv", "-"]).expect_code(0).stdout;
+    assert_eq!(list.lines().count(), 2, "{list}");
+    assert!(told.stdout.contains("level 1: score"), "{}", told.stdout);
+}
+
+#[test]
+fn a_run_is_paused_restarted_and_ended_from_a_command_line() {
+    let name = instance_name();
+    let run = ["run", "--module", "navigation", "--stay", "--no-picture", "--direct", "--instance", &name];
+    let running = Running::start(&run);
+    let ctl = |what: &str| vitreo(&["ctl", what, "--instance", &name]);
+    let mut observer = Observer::join(&name);
+    let mut steps = observer.receiver::<StepRecord>();
+    observer.health(Process::FpgaModel, |h| h.state == STATE_RUNNING);
+    let before = next(&mut steps, |s| s.step >= 40);
+    ctl("pause").expect_code(0);
+    // Everything that was on its way is in the queue now; nothing follows.
+    let mut last = before;
+    while let Some(step) = steps.next_valid().expect("steps") {
+        last = step;
+    }
+    ctl("pause").expect_code(0);
+    assert!(steps.next_valid().expect("steps").is_none(), "a step while everything stands still");
+    ctl("resume").expect_code(0);
+    let on = next(&mut steps, |_| true);
+    let gap_ns = on.instants.exposed - last.instants.exposed;
+    let advances = on.advanced_ns > 0;
+    assert_eq!((on.step, advances), (last.step + 1, gap_ns <= MAX_STEP_NS), "time does not run in a pause");
+    ctl("restart").expect_code(0);
+    next(&mut steps, |s| s.step == 1);
+    ctl("next").expect_code(0);
+    next(&mut steps, |s| s.step == 1);
+    ctl("next").expect_code(0);
+    let refused = ctl("next").expect_code(1);
+    assert!(refused.stderr.contains("level 3 of navigation is the last"), "{}", refused.stderr);
+    ctl("quit").expect_code(0);
+    drop((steps, observer));
+    running.finish().expect_code(0);
+    let gone = ctl("pause").expect_code(1);
+    assert!(gone.stderr.contains(&name) && gone.stderr.contains("no simulator"), "{}", gone.stderr);
+}
+
+#[test]
+fn inputs_that_make_no_sense_are_refused_by_file_and_line() {
+    let folder = tempfile::tempdir().expect("folder");
+    let file = folder.path().join("bad.txt");
+    std::fs::write(&file, "0.5 tap tab\n1.0 press any-key\n").expect("written");
+    let file = file.display().to_string();
+    let play =
+        |words: &[&str]| vitreo(&[&["play", "--no-picture", "--instance", &instance_name()], words].concat());
+    let told = play(&["--inputs", &file]).expect_code(1).stderr;
+    for word in ["bad.txt", "line 2", "any-key", "mouse-left"] {
+        assert!(told.contains(word), "{word} is missing: {told}");
+    }
+    let missing = play(&["--inputs", "/nowhere/moves.txt"]).expect_code(1).stderr;
+    assert!(missing.contains("/nowhere/moves.txt"), "{missing}");
+    let module = play(&["juggling", "--inputs", INPUTS]).expect_code(1).stderr;
+    assert!(module.contains("juggling") && module.contains("navigation"), "{module}");
+    let level = play(&["navigation", "--level", "9", "--inputs", INPUTS]).expect_code(1).stderr;
+    assert!(level.contains("1 to 3") && level.contains('9'), "{level}");
+}
