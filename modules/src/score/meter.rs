@@ -164,7 +164,8 @@ impl Scorer {
     fn note_tip(&self, hand: &mut Hand, tip: Option<&Tip>, at_ns: Nanos) {
         let Some(tip) = tip else { return hand.filter.lose() };
         let clearance = self.radius_mm - tip.tip_in_eye_mm.norm();
-        if let Some(contact) = &mut hand.contact {
+        // At work the retina is not where the sphere is: then only the simulation knows how deep a tip is.
+        if let Some(contact) = hand.contact.as_mut().filter(|_| !hand.at_work) {
             contact.deepen(self.touch_mm, -clearance, tip);
         }
         let Some(moved) = hand.filter.pass(&self.band, &tip.tip_in_eye_mm, at_ns) else { return };
@@ -365,11 +366,9 @@ impl Tally {
     }
 }
 
-/// The touch by which jaws take hold, or through which a needle goes in, is work; one that went into the retina before is not.
+/// The touch by which jaws take hold, or through which a needle goes in, is work.
 fn begin_work(meter: &mut Meter, hand: usize) {
-    if meter.hands[hand].contact.is_some_and(|c| !c.is_inside()) {
-        meter.hands[hand].contact = None;
-    }
+    meter.hands[hand].contact = None;
     meter.hands[hand].at_work = true;
 }
 
