@@ -82,6 +82,11 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
              --inputs FILE plays a file of inputs"
         );
     }
+    if args.inputs.is_none() {
+        eprintln!(
+            "vitreo: click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends"
+        );
+    }
     run::run(&args.run_args())
 }
 

@@ -156,18 +156,26 @@ const HELP: &[(&[Action], &str)] = &[
     (&[Action::Magnify, Action::Reduce], "magnify, reduce"),
     (&[Action::Lens, Action::Inverter, Action::Filter], "lens, inverter, filter"),
     (&[Action::Pause, Action::Restart, Action::Next], "pause, restart, next"),
-    (&[Action::Mouse, Action::FullScreen], "free mouse, full screen"),
+    (&[Action::Mouse], "free the mouse"),
+    (&[Action::FullScreen], "full screen"),
     (&[Action::Help, Action::Quit], "this help, quit"),
 ];
 
-/// The help of a window: a line each, with the first key of keyboard or mouse of each action.
-pub fn help() -> String {
+/// Of these, what a window can do where no person is at a desk: a rig or a script moves the hands.
+const WITHOUT_DESK: [Action; 6] =
+    [Action::Pause, Action::Restart, Action::Next, Action::FullScreen, Action::Help, Action::Quit];
+
+/// The help of a window: a line each, with the first key of keyboard or mouse of each action; `at_desk`: a person moves the hands by
+/// them.
+pub fn help(at_desk: bool) -> String {
     let key = |action: &Action| {
         let own = BINDINGS.iter().filter(|b| b.action == *action).flat_map(|b| b.keys);
         own.copied().find(|k| !k.starts_with("pad-")).unwrap_or_default()
     };
-    let mut text = String::from("mouse: tip sideways\nwheel: tip deeper, higher\n");
-    for (actions, meaning) in HELP {
+    let mut text =
+        if at_desk { "mouse: tip sideways\nwheel: tip deeper, higher\n".to_owned() } else { String::new() };
+    let useful = |actions: &[Action]| at_desk || actions.iter().all(|a| WITHOUT_DESK.contains(a));
+    for (actions, meaning) in HELP.iter().filter(|(actions, _)| useful(actions)) {
         let keys: Vec<&str> = actions.iter().map(key).collect();
         text.push_str(&format!("{}: {meaning}\n", keys.join(" ")));
     }
@@ -196,11 +204,13 @@ mod tests {
 
     #[test]
     fn the_help_fits_the_picture() {
-        let help = help();
+        let help = help(true);
         assert!(help.lines().count() <= 30 && help.chars().count() < 1_900, "letters that a picture holds");
         assert!(help.lines().all(|l| l.chars().count() <= 60));
         assert!(!help.contains("pad-"), "{help}");
         let told = |b: &Binding| HELP.iter().any(|(actions, _)| actions.contains(&b.action));
         assert!(BINDINGS.iter().all(told), "every action is told");
+        let few = super::help(false);
+        assert!(few.contains("p f5 n: pause") && few.contains("f10") && !few.contains("tip"), "{few}");
     }
 }

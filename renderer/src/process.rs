@@ -50,7 +50,7 @@ pub fn run(config: &Config) -> Result<()> {
     let output = Output::start(&output_plan, first_tier).context("files for stills or video")?;
     let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
     let mut running = Running {
-        person: Person::open(&instance)?,
+        person: Person::open(&instance, config.desk)?,
         poses: instance.receiver(Queue::Newest)?,
         scenes: instance.block_receiver()?,
         frames: instance.sender()?,

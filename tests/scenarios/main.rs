@@ -6,6 +6,7 @@ mod bad_input;
 mod budgets;
 mod crash;
 mod faults;
+mod film;
 mod instruments;
 mod modules;
 mod pictures;

@@ -77,8 +77,10 @@ impl Session<'_> {
         let Some(composed) = &mut self.composed else {
             bail!("there is no next level: no module is trained (--module)");
         };
+        // A duration that somebody asked for stays.
+        let scripted = self.args.duration == Some(self.args.attempt_s(composed));
         let level = composed.next_level()?;
-        if self.args.duration.is_some() {
+        if scripted {
             self.args.duration = Some(self.args.attempt_s(composed));
         }
         self.supervisor.set_level(level);

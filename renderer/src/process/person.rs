@@ -12,6 +12,7 @@ pub struct Person {
     inputs: Sender<InputEvent>,
     hints: Receiver<Hint>,
     hint: String,
+    at_desk: bool,
     help: bool,
     paused: bool,
     /// The overlay has to be made anew.
@@ -19,10 +20,11 @@ pub struct Person {
 }
 
 impl Person {
-    /// Joins the channels.
-    pub fn open(instance: &Instance) -> Result<Self, IpcError> {
+    /// Joins the channels; `at_desk`: the person moves the instruments from here.
+    pub fn open(instance: &Instance, at_desk: bool) -> Result<Self, IpcError> {
         let (inputs, hints) = (instance.sender()?, instance.receiver(Queue::Newest)?);
-        Ok(Person { inputs, hints, hint: String::new(), help: false, paused: false, changed: false })
+        let (hint, help) = (String::new(), false);
+        Ok(Person { inputs, hints, hint, at_desk, help, paused: false, changed: false })
     }
 
     /// True while everything stands still.
@@ -57,12 +59,13 @@ impl Person {
 
     /// The lines over the picture, if they have changed, and whether they stand in place of the scene's.
     pub fn overlay(&mut self) -> Option<(String, bool)> {
-        std::mem::take(&mut self.changed).then(|| (lines(&self.hint, self.paused, self.help), self.help))
+        let help = if self.help { help(self.at_desk) } else { String::new() };
+        std::mem::take(&mut self.changed).then(|| (lines(&self.hint, self.paused, &help), self.help))
     }
 }
 
 /// What is told.
-fn lines(hint: &str, paused: bool, shows_help: bool) -> String {
+fn lines(hint: &str, paused: bool, help: &str) -> String {
     let mut text = String::new();
     if !hint.is_empty() {
         push_line(&mut text, Place::BottomLeft, hint);
@@ -70,9 +73,7 @@ fn lines(hint: &str, paused: bool, shows_help: bool) -> String {
     if paused {
         push_line(&mut text, Place::Middle, "paused");
     }
-    if shows_help {
-        help().lines().for_each(|line| push_line(&mut text, Place::Middle, line));
-    }
+    help.lines().for_each(|line| push_line(&mut text, Place::Middle, line));
     text
 }
 
@@ -82,9 +83,9 @@ mod tests {
 
     #[test]
     fn help_pause_and_hint_stand_at_their_places() {
-        assert_eq!(lines("", false, false), "");
-        let told = lines("hand 2: light", true, false);
+        assert_eq!(lines("", false, ""), "");
+        let told = lines("hand 2: light", true, "");
         assert!(told.contains("[hand 2: light\n") && told.contains("=paused"), "{told}");
-        assert!(lines("", false, true).lines().all(|l| l.starts_with('=')));
+        assert!(lines("", false, &help(true)).lines().all(|l| l.starts_with('=')));
     }
 }
