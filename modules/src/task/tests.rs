@@ -192,6 +192,8 @@ fn no_clock_of_an_attempt_runs_while_everything_stands_still() {
             tips: [Some(tip), None],
             tools: [Tool::Pick as u32, Tool::LightPipe as u32],
             bodies: &[],
+            gel_ml: None,
+            retina: None,
             world_from_eye: Isometry3::identity(),
             microscope_target_mm: [0.0, 0.0, -11.0],
             field_mm: 16.0,

@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn dye_reaches_what_is_near_and_no_more_and_is_told_in_steps() {
-        let membrane = Sheet::new(&SceneFile::load("erm").unwrap()).start();
+        let membrane = Sheet::new(&SceneFile::load("erm").unwrap()).unwrap().start();
         let mut stain = StainState::new(membrane.nodes());
         let tip = Vector3::new(1.0, 0.0, -10.0);
         assert!(!stain.wash(&membrane, &Vector3::new(0.0, 0.0, -5.0), 1.0, 0.02));
