@@ -1,5 +1,6 @@
 //! The graphics device: Vulkan where there is one, else OpenGL; for a window or headless.
 
+use std::sync::{Arc, OnceLock};
 use wgpu::{Adapter, Backends, Device, DeviceType, Instance, Queue, Surface, SurfaceTarget};
 
 /// Why nothing can be drawn.
@@ -36,6 +37,8 @@ pub struct Gpu {
     pub name: String,
     /// True if the processor draws.
     pub is_software: bool,
+    /// Why the device went away, once it has.
+    lost: Arc<OnceLock<String>>,
 }
 
 impl Gpu {
@@ -79,14 +82,30 @@ impl Gpu {
         let (device, queue) =
             opened.map_err(|e| GpuError::Refused { name: name.clone(), problem: e.to_string() })?;
         // A refused command spoils one picture; it is no reason to end the simulator.
-        device.on_uncaptured_error(std::sync::Arc::new(|e| log::error!("graphics: {e}")));
-        Ok(Self { adapter, device, queue, name, is_software: info.device_type == DeviceType::Cpu })
+        let lost = Arc::new(OnceLock::new());
+        let name_of_device = name.clone();
+        let known = Arc::clone(&lost);
+        device.on_uncaptured_error(Arc::new(move |e| {
+            // Of a device that is gone every command is refused; that is told once, as an error of the process.
+            if known.get().is_none() {
+                log::error!("graphics: {e}");
+            }
+        }));
+        let tell = Arc::clone(&lost);
+        device.set_device_lost_callback(move |reason, message| {
+            let _ = tell.set(format!("{name_of_device}: {reason:?}, {message}"));
+        });
+        Ok(Self { adapter, device, queue, name, is_software: info.device_type == DeviceType::Cpu, lost })
     }
 
-    /// Waits until everything submitted is done.
+    /// Waits until everything submitted is done; tells if the device went away.
     pub fn wait(&self) -> Result<(), GpuError> {
         let done = self.device.poll(wgpu::PollType::wait_indefinitely());
-        done.map(|_| ()).map_err(|e| GpuError::Lost(e.to_string()))
+        match (self.lost.get(), done) {
+            (Some(why), _) => Err(GpuError::Lost(why.clone())),
+            (None, Err(e)) => Err(GpuError::Lost(e.to_string())),
+            (None, Ok(_)) => Ok(()),
+        }
     }
 }
 
