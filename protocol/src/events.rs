@@ -30,6 +30,8 @@ pub enum EventKind {
     RimDetached = 15,
     /// An image pixel saw the membrane twice; pixels.
     NotPiConvex = 20,
+    /// Triangles that a collision image cannot hold: too large, or with a bad corner; triangles.
+    TrianglesRefused = 21,
     /// A body that was lost is tracked again; s that it was lost.
     TrackingRegained = 30,
     /// A body is lost and touches nothing.
@@ -72,6 +74,8 @@ pub enum EventKind {
     BodyGripped = 90,
     /// The jaws let a rigid body go; mm from the retina to its centre.
     BodyReleased = 91,
+    /// A rigid body was stopped because its numbers ran away; times in this step.
+    BodyStopped = 92,
     /// A needle went through the retina; mm of depth.
     RetinaPierced = 70,
     /// A needle left the retina; mm³ that it injected.
@@ -124,7 +128,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 56] = [
+    pub const ALL: [EventKind; 58] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -136,6 +140,7 @@ impl EventKind {
         EventKind::RimForceHigh,
         EventKind::RimDetached,
         EventKind::NotPiConvex,
+        EventKind::TrianglesRefused,
         EventKind::TrackingRegained,
         EventKind::TrackingLost,
         EventKind::TissueCut,
@@ -157,6 +162,7 @@ impl EventKind {
         EventKind::RetinaTorn,
         EventKind::BodyGripped,
         EventKind::BodyReleased,
+        EventKind::BodyStopped,
         EventKind::RetinaPierced,
         EventKind::NeedleLeft,
         EventKind::NeedleFast,
@@ -201,7 +207,8 @@ impl EventKind {
             EventKind::TissueTorn => ("tissue torn", "springs"),
             EventKind::RimForceHigh => ("membrane pulls at the retina", "µN"),
             EventKind::RimDetached => ("membrane rim came off", "µN"),
-            EventKind::NotPiConvex => ("membrane folded in the collision volume", "pixels"),
+            EventKind::NotPiConvex => ("tissue folded in the collision volume", "pixels"),
+            EventKind::TrianglesRefused => ("tissue too large for the collision image", "triangles"),
             EventKind::TrackingRegained => ("tracking regained", "s"),
             EventKind::TrackingLost => ("tracking lost", ""),
             EventKind::TissueCut => ("membrane cut away", "mm²"),
@@ -224,6 +231,7 @@ impl EventKind {
             EventKind::RetinaTorn => ("retina torn", "mm²"),
             EventKind::BodyGripped => ("body gripped", "rad"),
             EventKind::BodyReleased => ("body placed", "mm"),
+            EventKind::BodyStopped => ("body stopped, its numbers ran away", "times"),
             EventKind::RetinaPierced => ("needle in the retina", "mm"),
             EventKind::NeedleLeft => ("needle withdrawn", "mm³"),
             EventKind::NeedleFast => ("needle tears at the retina", "mm/s"),

@@ -8,7 +8,7 @@
 //!    would slide, as far as friction holds it (Coulomb, on positions).
 //! 4. Velocities are what has become of the poses. Contacts do not bounce.
 
-use super::state::{BodyState, Grip};
+use super::state::{BodiesState, BodyState, Grip};
 use crate::collision::rigid::{Convex, RigidBody, RigidContact};
 use crate::collision::surface::Unusable;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -164,6 +164,10 @@ struct Contact {
 pub struct BodySolver {
     models: Vec<BodyModel>,
     before: Vec<BodyState>,
+    /// The bodies of the scene at its begin.
+    begin: Vec<BodyState>,
+    /// Bodies stopped because their numbers ran away, and the last of them.
+    stopped: (u32, u32),
     contacts: Vec<Contact>,
     found: Vec<RigidContact>,
     /// Bodies that an instrument's jaws touch: which body, by which part, its normal in the eye frame.
@@ -192,6 +196,8 @@ impl BodySolver {
         let n = models.len();
         Ok(BodySolver {
             before: Vec::with_capacity(n),
+            begin: BodiesState::start(scene).body,
+            stopped: (0, 0),
             contacts: Vec::with_capacity(n * (8 + 3 * INSTRUMENTS + n)),
             found: Vec::with_capacity(8),
             touched: Vec::with_capacity(3 * INSTRUMENTS * n),
@@ -241,9 +247,17 @@ impl BodySolver {
             }
             self.contacts = contacts;
         }
-        for (body, before) in bodies.iter_mut().zip(&self.before) {
-            settle(body, before, around.dt_s);
+        for (b, (body, before)) in bodies.iter_mut().zip(&self.before).enumerate() {
+            if !settle(body, before, around.dt_s) {
+                stop(body, before, &self.begin[b]);
+                self.stopped = (self.stopped.0 + 1, b as u32);
+            }
         }
+    }
+
+    /// Bodies stopped since the last call because their numbers ran away, and the last of them.
+    pub fn take_stopped(&mut self) -> Option<(u32, u32)> {
+        Some(std::mem::take(&mut self.stopped)).filter(|s| s.0 > 0)
     }
 
     /// Finds the contacts at the predicted poses.
@@ -541,16 +555,21 @@ fn predict(body: &mut BodyState, around: &Surroundings) {
     body.eye_from_body.rotation = turned(&body.eye_from_body.rotation, &(body.spin_rad_s * around.dt_s));
 }
 
-/// The velocities that lead from `before` to where the body is now, within their limits; a body whose numbers ran away stays
-/// where it was, at rest.
-fn settle(body: &mut BodyState, before: &BodyState, dt_s: f64) {
+/// The velocities that lead from `before` to where the body is now, within their limits; `false` for a body whose numbers ran away.
+fn settle(body: &mut BodyState, before: &BodyState, dt_s: f64) -> bool {
     let way = body.eye_from_body.translation.vector - before.eye_from_body.translation.vector;
     let turn = body.eye_from_body.rotation * before.eye_from_body.rotation.inverse();
     let sign = if turn.w < 0.0 { -2.0 } else { 2.0 };
     body.velocity_mm_s = within(way / dt_s, MAX_SPEED_MM_S);
     body.spin_rad_s = within(turn.imag() * (sign / dt_s), MAX_SPIN_RAD_S);
+    body.is_sound()
+}
+
+/// A body whose numbers ran away stays where it was, at rest; where that is no place either, it goes to where it began.
+fn stop(body: &mut BodyState, before: &BodyState, begin: &BodyState) {
+    *body = BodyState { velocity_mm_s: Vector3::zeros(), spin_rad_s: Vector3::zeros(), ..*before };
     if !body.is_sound() {
-        *body = BodyState { velocity_mm_s: Vector3::zeros(), spin_rad_s: Vector3::zeros(), ..*before };
+        *body = *begin;
     }
 }
 

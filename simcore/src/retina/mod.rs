@@ -181,6 +181,11 @@ impl Retina {
         pieces.label == state.bleb_of && pieces.count() == state.blebs.len()
     }
 
+    /// Parts into which each substep is split for stability.
+    pub fn splits(&self) -> u32 {
+        self.splits
+    }
+
     /// Begins a step.
     pub fn begin_step(&mut self, state: &RetinaState) {
         self.toll = Toll::default();
@@ -219,15 +224,26 @@ impl Retina {
 
     /// The last corrections of a step: the mesh holds the accounts' volumes, and every number is finite.
     pub fn end_step(&mut self, state: &mut RetinaState) {
-        if !guard::all_finite(&state.tissue) {
-            let (mut count, mut last) = self.toll.disabled;
-            let culprit = |node: usize| (count, last) = (count + 1, node as u32);
-            guard::disable_bad_nodes(&self.sheet, &mut state.tissue, &self.last_good, culprit);
-            self.toll.disabled = (count, last);
-            self.after_loss(state);
-        }
+        // Before volumes are measured, and again after nodes were moved to hold them.
+        self.check_finite(state);
         self.contain_fluid(state);
         self.settle_volumes(state);
+        if self.check_finite(state) {
+            self.contain_fluid(state);
+        }
+    }
+
+    /// Takes nodes with bad numbers out; true if there were some.
+    fn check_finite(&mut self, state: &mut RetinaState) -> bool {
+        if guard::all_finite(&state.tissue) {
+            return false;
+        }
+        let (mut count, mut last) = self.toll.disabled;
+        let culprit = |node: usize| (count, last) = (count + 1, node as u32);
+        guard::disable_bad_nodes(&self.sheet, &mut state.tissue, &self.last_good, culprit);
+        self.toll.disabled = (count, last);
+        self.after_loss(state);
+        true
     }
 
     /// A bleb whose account or pressure is not a number gets what the mesh holds, and the leaks take up the difference.

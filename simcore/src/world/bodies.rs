@@ -60,6 +60,15 @@ impl World {
         self.bodies = Some(bodies);
     }
 
+    /// One event for the bodies that were stopped in this step.
+    pub(super) fn tell_stopped(&mut self) {
+        let Some((times, body)) = self.bodies.as_mut().and_then(|b| b.solver.take_stopped()) else { return };
+        let state = self.state.bodies.as_ref().map(|s| s.body[body as usize]);
+        let at = state.map_or_else(Vector3::zeros, |b| b.eye_from_body.translation.vector);
+        let event = Happening::new(EventKind::BodyStopped, Severity::Injury, f64::from(times));
+        self.log.raise(Happening { subject: body, position_in_eye_mm: at.into(), ..event });
+    }
+
     fn use_bodies(
         &mut self,
         bodies: &mut Bodies,

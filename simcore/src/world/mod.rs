@@ -272,6 +272,7 @@ impl World {
         self.tell_cuts();
         self.tell_peel();
         self.stain_membrane(&plan);
+        self.tell_stopped();
         self.check_finite();
         self.end_retina();
         self.end_task(input.frame);
@@ -374,8 +375,10 @@ impl World {
         self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);
         self.begin_retina();
-        if self.state.step == 0 && self.splits > 1 {
-            let parts = f64::from(self.splits);
+        let retina_splits = self.retina.as_ref().map_or(1, |part| part.model.splits());
+        let splits = self.splits.max(retina_splits);
+        if self.state.step == 0 && splits > 1 {
+            let parts = f64::from(splits);
             self.log.raise(Happening::new(EventKind::TimeStepSplit, Severity::Info, parts));
         }
     }

@@ -205,6 +205,7 @@ impl World {
         let (triangles, alive) = (&part.model.sheet.triangles[..], &part.model.pieces.loose_alive[..]);
         let surface = Surface { position_mm, triangles, alive };
         let found = part.zcoll.look(&self.images[i], &pose.inverse(), &surface);
+        self.tell_look(i, &found);
         let press = &mut retina.presses[i];
         let deepest = self.volume.depth_steps_mm(found.deepest);
         if found.pixels == 0 {

@@ -71,7 +71,7 @@ impl World {
             self.images[i].prepare(instrument.jaw_rad, &self.volume);
             let (image, membrane) = (&self.images[i], &self.state.membrane);
             let found = zcoll.look(image, &pose.inverse(), &membrane.surface(&self.sheet));
-            self.tell_fold(i, &found);
+            self.tell_look(i, &found);
             if found.pixels == 0 && self.jumped_through(i, plan) {
                 let instrument = &mut self.state.instruments[i];
                 (instrument.in_contact, instrument.under, instrument.travelled_mm) = (true, true, 0.0);
@@ -90,6 +90,7 @@ impl World {
                     let image = &self.images[i];
                     let surface = self.state.membrane.surface(&self.sheet);
                     let lifted = zcoll.look_back(image, &pose.inverse(), &surface);
+                    self.tell_look(i, &lifted);
                     if self.lifts(i, &lifted) {
                         self.displace(&zcoll, &handle, &poses.tip_step_mm[i]);
                         self.tell_hooked(i, &zcoll);
@@ -178,14 +179,23 @@ impl World {
         }
     }
 
-    fn tell_fold(&mut self, i: usize, found: &Found) {
+    /// Events for what a look at membrane or retina could not see rightly: second layers, and triangles that its image cannot hold. Triangles
+    /// seen from their edge are no loss: their neighbours fill the image.
+    pub(super) fn tell_look(&mut self, i: usize, found: &Found) {
         let instrument = &mut self.state.instruments[i];
-        if found.folded == 0 || self.state.exposed_ns < instrument.fold_quiet_ns {
+        let troubled = found.folded > 0 || found.refused > 0;
+        if !troubled || self.state.exposed_ns < instrument.fold_quiet_ns {
             return;
         }
         instrument.fold_quiet_ns = self.state.exposed_ns + FOLD_QUIET_NS;
-        let event = Happening::new(EventKind::NotPiConvex, Severity::Info, f64::from(found.folded));
-        self.log.raise(event.by(i, instrument.tip_in_eye_mm.into()));
+        let tip = instrument.tip_in_eye_mm.into();
+        let told = [
+            (EventKind::NotPiConvex, Severity::Info, found.folded),
+            (EventKind::TrianglesRefused, Severity::Warning, found.refused),
+        ];
+        for (kind, severity, count) in told.into_iter().filter(|t| t.2 > 0) {
+            self.log.raise(Happening::new(kind, severity, f64::from(count)).by(i, tip));
+        }
     }
 
     /// The tips against the retina's sphere.
@@ -227,6 +237,11 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rehearsal::Rehearsal;
+    use crate::world::{StepInput, no_clock};
+    use nalgebra::Isometry3;
+    use protocol::geometry::Pose;
+    use protocol::scene_file::{RetinaOperation, SceneFile};
 
     /// Coulomb: what sticks goes with the tip, what slides is dragged by its share of the push, and what keeps up is left alone.
     #[test]
@@ -241,5 +256,82 @@ mod tests {
         assert!((slipping.norm() - limit).abs() < 1e-7 && slipping.dot(&slide) > 0.0);
         let along = slide / SUBSTEP_S as f32;
         assert!(dragged(&slide, &along, 1.0).norm() < 1e-7);
+    }
+
+    /// Two steps of a scene with an instrument's tip at a place, over tissue that was changed before: kinds and values of the events.
+    fn looked_at(scene: &SceneFile, tip_mm: [f64; 3], change: impl FnOnce(&mut World)) -> Vec<(u32, f64)> {
+        let (rehearsal, mut world) = (Rehearsal::shipped(scene), World::new(scene).unwrap());
+        let mut told = Vec::new();
+        let mut change = Some(change);
+        for field in 0..4 {
+            if field == 2 {
+                change.take().unwrap()(&mut world);
+            }
+            let (mut frame, mut handles) = rehearsal.field(field);
+            frame.bodies[0].world_from_body.position_mm = tip_mm;
+            frame.bodies[protocol::poses::EYE].world_from_body = Pose::from_isometry(&Isometry3::identity());
+            handles.iter_mut().for_each(|h| h.jaw_rad = 0.5);
+            world.step(&StepInput { frame: &frame, handles: &handles, pedals: &[] }, &mut no_clock);
+            told.extend(world.events().iter().map(|e| (e.kind, e.value)));
+        }
+        told
+    }
+
+    fn count(told: &[(u32, f64)], kind: EventKind) -> usize {
+        told.iter().filter(|e| e.0 == kind as u32 && e.1 > 0.0).count()
+    }
+
+    /// Folds a sheet over the plane x = 0, the folded half a little higher.
+    fn fold(tissue: &mut crate::state::MembraneState) {
+        for n in 0..tissue.nodes() {
+            let p = tissue.position(n);
+            if p.x < 0.0 {
+                tissue.set_position(n, Vector3::new(-p.x, p.y, p.z + 0.15));
+            }
+        }
+    }
+
+    fn untearable() -> SceneFile {
+        let mut scene = SceneFile::load("peel").unwrap();
+        let membrane = scene.membrane.as_mut().unwrap();
+        (membrane.tear_tension_n_per_m, membrane.p_tear, membrane.rim_tear_un) = (0.0, 1e9, 1e9);
+        scene
+    }
+
+    #[test]
+    fn a_folded_membrane_is_told_once_in_a_while() {
+        let scene = untearable();
+        let tip = [1.2, 0.4, -10.9];
+        assert_eq!(count(&looked_at(&scene, tip, |_| {}), EventKind::NotPiConvex), 0);
+        let told = looked_at(&scene, tip, |w| fold(&mut w.state.membrane));
+        assert_eq!(count(&told, EventKind::NotPiConvex), 1, "{told:?}");
+    }
+
+    #[test]
+    fn a_folded_retina_is_told_too() {
+        let mut scene = SceneFile::load("relocation").unwrap();
+        scene.instruments[0].tool = Tool::Pick;
+        scene.script.keys.iter_mut().for_each(|k| k.tool = None);
+        let retina = scene.retina.as_mut().unwrap();
+        (retina.tear_tension_n_per_m, retina.p_tear) = (0.0, 1e9);
+        retina.operation = Some(RetinaOperation { detached_rad: 0.9, fluid_mm3: 60.0, cut_rad: 0.0 });
+        let tip = [1.0, 0.2, -10.9];
+        assert_eq!(count(&looked_at(&scene, tip, |_| {}), EventKind::NotPiConvex), 0);
+        let told = looked_at(&scene, tip, |w| fold(&mut w.state.retina.as_mut().unwrap().tissue));
+        assert_eq!(count(&told, EventKind::NotPiConvex), 1, "{told:?}");
+    }
+
+    /// A triangle with a corner far behind the handle does not fit the image's depth.
+    #[test]
+    fn a_triangle_too_large_for_the_image_is_told() {
+        let scene = untearable();
+        let told = looked_at(&scene, [1.2, 0.4, -10.9], |w| {
+            let way = |n: usize| (w.state.membrane.position(n) - Vector3::new(1.2, 0.4, -11.0)).norm();
+            let nearest = (0..w.sheet.nodes()).min_by(|&a, &b| way(a).total_cmp(&way(b))).unwrap();
+            w.state.membrane.flag[nearest] = crate::state::NODE_PINNED;
+            w.state.membrane.set_position(nearest, Vector3::new(1.2, 0.4, 80.0));
+            w.refresh();
+        });
+        assert_eq!(count(&told, EventKind::TrianglesRefused), 1, "{told:?}");
     }
 }
