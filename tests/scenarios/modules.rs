@@ -1,6 +1,6 @@
 //! Training modules through the chain of a live run: cameras, tracker, simulation, task, score, recording. One seed of each here; `make
 //! study` plays many. Modules without tissue go through drawn fields of pixels; operations, whose steps cost more, through markers made
-//! straight into blobs. Those in which bodies are gripped are left out: blind hands miss one grip in ten, see `docs/study.md`.
+//! straight into blobs. Those in which bodies are gripped are left out: blind hands miss some grips.
 
 use fpga_model::cameras::Path;
 use fpga_model::motion::HandRole;
@@ -80,11 +80,11 @@ fn the_expert_finishes_and_the_careless_one_does_not() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// A recorded hand at an otherwise still one: its tremor costs instrument handling, and nothing else.
+/// The shakiest recorded hand at an otherwise still one: its tremor costs instrument handling, and nothing else.
 #[test]
 fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
     let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
-    let file = PathBuf::from(data).join("motion/m2s2_tremor/N_pointingxyzAI_mag1_force01_bu02.csv");
+    let file = PathBuf::from(data).join("motion/m2s2_tremor/S_tracingxyzAI_mag1_force01_sh02.csv");
     if !file.is_file() {
         println!("skipped: no motion/m2s2_tremor under VITREO_DATA");
         return;

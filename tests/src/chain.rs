@@ -118,7 +118,7 @@ impl Chain {
             step += 1;
             let mut record: StepRecord = bytemuck::Zeroable::zeroed();
             (record.step, record.field, record.frame) = (step, frame.field, frame.frame);
-            record.state_hash = state_hash;
+            (record.instants, record.state_hash) = (frame.instants, state_hash);
             let at = frame.instants.exposed;
             let items = [Item::Poses(Box::new(*frame)), Item::Step(record)];
             let events = world.events().iter().map(|e| Item::Event(*e));

@@ -84,7 +84,9 @@ mod tests {
         }
         for node in 0..membrane.nodes() {
             let away = (membrane.position(node).map(f64::from) - tip).norm();
-            assert_eq!(stain.dye[node] > 0, away < REACH_MM - 0.01, "node {node}, {away} mm away");
+            // Towards the end of its reach a step of half a jet brings less than half of the smallest amount: nothing.
+            assert!(stain.dye[node] == 0 || away < REACH_MM, "node {node}, {away} mm away");
+            assert!(stain.dye[node] > 0 || away > 0.9 * REACH_MM, "node {node}, {away} mm away");
         }
         assert!(told.len() >= 2 && told.windows(2).all(|w| w[1] as u32 / 10 > w[0] as u32 / 10), "{told:?}");
         assert!((20.0..80.0).contains(&stain.percent(&membrane)));
