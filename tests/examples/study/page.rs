@@ -125,7 +125,7 @@ pub fn page(part1: &Part1, level: u32, part2: &str) -> String {
     format!(
         "# Study: does the score tell surgeons apart?
 
-Made by `make study STUDY="--level {level} --seeds {seeds}"`, which plays {attempts} attempts without pixels: the script of a scripted surgeon with their tremor, markers made
+Made by `make study STUDY=\"--level {level} --seeds {seeds}\"`, which plays {attempts} attempts without pixels: the script of a scripted surgeon with their tremor, markers made
 straight into blobs with noise, then tracker, simulation, task and score as in a live run (`tests/src/chain.rs`). Version {VERSION} of the
 score, level {level} of each module, {seeds} seeds for each surgeon.
 
