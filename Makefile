@@ -86,8 +86,8 @@ bench-score: setup ## Measure how fast recordings are scored on one core, withou
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
 	cargo run --release -p simcore --example validation
 
-study: setup ## Let four scripted surgeons do every training module 20 times, without cameras; the tables of docs/study.md
-	cargo run --release -p simcore --example study
+study: setup ## Let four scripted surgeons and recorded hands do the training modules; docs/study.md and its picture (STUDY="--seeds 4")
+	cargo run --release -p vitreo-tests --example study -- --page docs/study.md $(STUDY)
 
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace

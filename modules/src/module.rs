@@ -3,7 +3,7 @@
 
 use crate::plan;
 use crate::surgeon::Surgeon;
-use protocol::scene_file::{Goal, GoalOrder, SceneError, SceneFile, TaskScene};
+use protocol::scene_file::{Goal, GoalOrder, SceneError, SceneFile, ScriptScene, TaskScene};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -96,6 +96,9 @@ pub struct ModuleFile {
     /// A shipped scene; without it the folder's `scene.toml`.
     #[serde(default)]
     pub scene: Option<String>,
+    /// The plan of an operation, in the place of the scene's script.
+    #[serde(default)]
+    pub script: Option<ScriptScene>,
     /// What to read, a line each.
     pub instructions: Vec<String>,
     /// In which order goals count.
@@ -115,6 +118,9 @@ pub struct LevelFile {
     /// Time that the plan needs until the last goal, s; without it the length of the plan.
     #[serde(default)]
     pub par_s: Option<f64>,
+    /// A shipped scene in the place of the module's, and then the plan of that scene in the place of the module's.
+    #[serde(default)]
+    pub scene: Option<String>,
     /// What to do.
     pub goals: Vec<Goal>,
 }
@@ -187,6 +193,15 @@ impl Module {
         if scene.task.is_some() {
             return refuse("scene", "a scene without a task", "one with a task".into());
         }
+        if file.kind == Kind::Abstract && file.script.is_some() {
+            return refuse(
+                "script",
+                "none: the plan of an abstract module is made from its goals",
+                "a script".into(),
+            );
+        }
+        let scene =
+            SceneFile { script: file.script.clone().unwrap_or_else(|| scene.script.clone()), ..scene };
         let module = Module { name: name.into(), file, scene };
         for level in 1..=module.levels() {
             module.compose(level, &crate::surgeon::EXPERT, 0)?;
@@ -205,7 +220,9 @@ impl Module {
         let missing =
             || ModuleError::Level { name: self.name.clone(), levels: self.file.level.len(), found: level };
         let level = level.checked_sub(1).and_then(|i| self.file.level.get(i as usize)).ok_or_else(missing)?;
-        let mut scene = self.scene.clone();
+        let of_scene = |source| ModuleError::Scene { name: self.name.clone(), source };
+        let own = level.scene.as_ref().map(|name| SceneFile::load(name)).transpose().map_err(of_scene)?;
+        let mut scene = own.unwrap_or_else(|| self.scene.clone());
         let mut task = TaskScene {
             module: self.name.clone(),
             level: number,
@@ -219,7 +236,6 @@ impl Module {
         };
         // Goals must make sense before anything is planned from them.
         let name = format!("{} level {number}", self.name);
-        let of_scene = |source| ModuleError::Scene { name: self.name.clone(), source };
         scene.task = Some(task.clone());
         let scene = SceneFile::parse(&scene.to_toml(), &name).map_err(of_scene)?;
         let mut script = scene.script.clone();

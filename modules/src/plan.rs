@@ -14,8 +14,10 @@ const CAREFUL_MM_S: f64 = 1.2;
 const HOLD_MORE_S: f64 = 0.4;
 /// Height over a place at which an instrument arrives before it comes down, mm.
 const ABOVE_MM: f64 = 1.6;
+/// The tips of the jaws go so much deeper than a body's middle, mm: what they close on below its middle is squeezed out of them.
+const DEEPER_MM: f64 = 0.12;
 /// Opening of the jaws before they grip and after they let go, rad.
-const OPEN_RAD: f64 = 0.9;
+const OPEN_RAD: f64 = 1.2;
 /// What the jaws are asked for when they grip: a body between them stops them, rad.
 const CLOSED_RAD: f64 = 0.1;
 /// Time to close or open the jaws, s.
@@ -82,6 +84,10 @@ fn lying(body: &protocol::scene_file::BodyScene, radius_mm: f64) -> Vector3<f64>
     at.try_normalize(1e-6).map_or(at, |out| out * (radius_mm - lowest))
 }
 
+fn deeper(at: Vector3<f64>) -> Vector3<f64> {
+    at * ((at.norm() + DEEPER_MM) / at.norm())
+}
+
 /// Length of the tips' ways in a script, mm.
 pub fn way_mm(keys: &[ScriptKey]) -> f64 {
     let of = |i: usize| {
@@ -130,7 +136,7 @@ impl Planner {
                 let turn = along_in_eye.map_or(0.0, |along| self.turn(*body as usize, &Vector3::from(along)));
                 self.place(*body as usize, Vector3::from(*at_in_eye_mm), turn);
             }
-            Goal::Event { .. } => {}
+            Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => {}
         }
         // The other hand waits where it is.
         self.meet();
@@ -141,7 +147,7 @@ impl Planner {
         let above = self.above(at);
         self.jaws(i, OPEN_RAD);
         self.go(i, above, REACH_MM_S);
-        self.go(i, at, CAREFUL_MM_S);
+        self.go(i, deeper(at), CAREFUL_MM_S);
         self.jaws(i, CLOSED_RAD);
         self.stay(i, HOLD_MORE_S);
     }
@@ -158,7 +164,7 @@ impl Planner {
         self.go(i, lifted, CAREFUL_MM_S);
         self.hands[i].roll_rad = turn_rad;
         self.go(i, over, REACH_MM_S);
-        self.go(i, to, CAREFUL_MM_S);
+        self.go(i, deeper(to), CAREFUL_MM_S);
         self.stay(i, HOLD_MORE_S);
         self.jaws(i, OPEN_RAD);
         self.stay(i, HOLD_MORE_S);
@@ -255,7 +261,11 @@ mod tests {
         }
         let body = Vector3::new(1.4, 0.3, -10.95).normalize() * 11.1;
         let closed = (0..(plan.period_s * 50.0) as u32).map(|k| script.at(0, f64::from(k) * 0.02));
-        assert!(closed.into_iter().any(|g| (g.tip_in_eye_mm - body).norm() < 0.05 && g.jaw_rad < 0.15));
+        assert!(
+            closed
+                .into_iter()
+                .any(|g| (g.tip_in_eye_mm - body).norm() < DEEPER_MM + 0.05 && g.jaw_rad < 0.15)
+        );
         assert!(way_mm(&plan.keys) > 15.0);
         SceneFile::parse(&scene.to_toml(), "plan").expect("a plan is a valid script");
     }

@@ -3,7 +3,8 @@
 
 use crate::random::Random;
 use nalgebra::Vector3;
-use protocol::scene_file::{ScriptKey, ScriptScene};
+use protocol::handles::PedalMode;
+use protocol::scene_file::{PedalKey, ScriptKey, ScriptScene};
 use std::f64::consts::TAU;
 
 /// Keys nearer to the retina than this are subject to the depth bias, mm.
@@ -14,6 +15,9 @@ const SHORT_MM: f64 = 0.6;
 const WANDER_MM: f64 = 1.0;
 /// Longest way over a goal, mm.
 const OVERSHOOT_MM: f64 = 1.0;
+/// Mean speed at which movements go astray and over their goals by the whole share, mm/s. The spread of a movement's end grows with
+/// its mean speed (Schmidt et al. 1979, Psychological Review 86(5), 415): slow movements keep nearer to what is aimed at.
+const FREE_MM_S: f64 = 3.0;
 
 /// How a surgeon works.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -107,11 +111,25 @@ impl Surgeon {
             let own: Vec<&ScriptKey> = sorted(plan, instrument);
             keys.extend(self.hand(&own, radius_mm, &mut random));
         }
-        let mut pedal = plan.pedal.clone();
-        pedal.iter_mut().for_each(|key| key.at_s *= self.pace);
+        let pedal = self.foot(&plan.pedal);
         let period_s = plan.period_s * self.pace;
         keys.iter_mut().for_each(|k| k.at_s *= self.pace);
         ScriptScene { period_s, tremor_um: self.tremor_um, keys, pedal, ..plan.clone() }
+    }
+
+    /// The foot at this surgeon's pace. An injection lasts as long as planned, whatever the pace: it is ended when the fluid is in.
+    fn foot(&self, plan: &[PedalKey]) -> Vec<PedalKey> {
+        let mut pedal = plan.to_vec();
+        pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        let planned: Vec<f64> = pedal.iter().map(|key| key.at_s).collect();
+        pedal.iter_mut().for_each(|key| key.at_s *= self.pace);
+        for i in 1..pedal.len() {
+            let before = &pedal[i - 1];
+            if before.mode == PedalMode::Inject && before.axes[0] > 0.0 {
+                pedal[i].at_s = before.at_s + planned[i] - planned[i - 1];
+            }
+        }
+        pedal
     }
 
     /// One hand's keys, still at the plan's times.
@@ -133,12 +151,14 @@ impl Surgeon {
                 keys.push(ScriptKey { at_s, tip_in_eye_mm, jaw_rad, tool: None, ..before.clone() });
             };
             let moves = way.norm() > SHORT_MM;
+            let pace_mm_s = way.norm() / (took_s * self.pace).max(1e-3);
+            let loose = (pace_mm_s / FREE_MM_S).min(1.0);
             let keeps_shut = before.jaw_rad == key.jaw_rad && key.jaw_rad < 0.3;
             if moves {
-                let astray = random.vector() * (self.detour * way.norm() / 3f64.sqrt());
+                let astray = random.vector() * (loose * self.detour * way.norm() / 3f64.sqrt());
                 let opens = keeps_shut && random.chance(self.slips * 0.5);
                 between(0.45, from + way * 0.5 + astray, if opens { 0.9 } else { before.jaw_rad });
-                let over = way * (self.overshoot * random.uniform() * 2.0);
+                let over = way * (loose * self.overshoot * random.uniform() * 2.0);
                 let over = over * (OVERSHOOT_MM / over.norm().max(OVERSHOOT_MM));
                 let jaw_rad = 0.5 * (before.jaw_rad + key.jaw_rad);
                 between(0.8, aimed[i] + over, jaw_rad);
@@ -160,13 +180,15 @@ impl Surgeon {
                 continue;
             }
             let tip = Vector3::from(key.tip_in_eye_mm);
-            let mut aim = tip + random.vector() * self.waver_mm;
+            let mut astray = random.vector() * self.waver_mm;
             let [mean, spread] = self.depth_mm;
             let deeper = mean + spread * random.normal();
             if radius_mm - tip.norm() < DEPTH_FROM_MM {
-                aim += aim.try_normalize(1e-6).unwrap_or(-Vector3::z()) * deeper;
+                // How deep the hand goes there is judged by the shadow, which is another error than that of the aim.
+                let out = tip.try_normalize(1e-6).unwrap_or(-Vector3::z());
+                astray += out * (deeper - astray.dot(&out));
             }
-            aimed.push(kept_inside(aim, radius_mm));
+            aimed.push(kept_inside(tip + astray, radius_mm));
         }
         aimed
     }
@@ -253,6 +275,19 @@ mod tests {
         let way = |s: Surgeon| crate::plan::way_mm(&s.perform(&scene.script, 11.5, 1).keys);
         assert!(deepest(CARELESS) > deepest(EXPERT) + 0.3);
         assert!(way(CARELESS) > 1.2 * way(EXPERT));
+    }
+
+    #[test]
+    fn an_injection_lasts_as_long_as_planned_and_all_else_follows_the_pace() {
+        let plan = SceneFile::load("relocation").unwrap().script;
+        let novice = NOVICE.perform(&plan, 11.5, 1);
+        for (own, planned) in novice.pedal.windows(2).zip(plan.pedal.windows(2)) {
+            let [lasts, should] = [own, planned].map(|w| w[1].at_s - w[0].at_s);
+            if planned[0].mode == PedalMode::Inject {
+                assert!((lasts - should).abs() < 1e-9, "{lasts} s instead of {should} s");
+                assert!((own[0].at_s - NOVICE.pace * planned[0].at_s).abs() < 1e-9);
+            }
+        }
     }
 
     #[test]

@@ -122,11 +122,13 @@ pub enum EventKind {
     ScoreTotal = 120,
     /// The points of a category (`subject`); points.
     ScoreCategory = 121,
+    /// Dye has coloured more of the membrane; percent of its nodes.
+    MembraneStained = 122,
 }
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 57] = [
+    pub const ALL: [EventKind; 58] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -184,6 +186,7 @@ impl EventKind {
         EventKind::TipInView,
         EventKind::ScoreTotal,
         EventKind::ScoreCategory,
+        EventKind::MembraneStained,
     ];
 
     /// From the wire.
@@ -251,6 +254,7 @@ impl EventKind {
             EventKind::TipInView => ("instrument in view again", "s"),
             EventKind::ScoreTotal => ("score", "points"),
             EventKind::ScoreCategory => ("score of a category", "points"),
+            EventKind::MembraneStained => ("membrane stained", "%"),
         }
     }
 }

@@ -5,6 +5,7 @@
 
 use crate::constants::{MAX_HELD, MAX_MARKS};
 use crate::membrane::sheet::Sheet;
+use crate::membrane::stain::StainState;
 use crate::state::{OpticsState, State, is_bound, is_known_flag};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use bincode::enc::write::Writer;
@@ -17,7 +18,7 @@ use protocol::scene::NODE_BOUND;
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's meaning; another one is refused.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// Why a checkpoint was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -61,12 +62,13 @@ fn config() -> Config {
     bincode::config::standard().with_fixed_int_encoding().with_limit::<MAX_CHECKPOINT_BYTES>()
 }
 
-/// Task and optics of a state.
-type Tail<'a> = (&'a Option<(TaskState, Meter)>, &'a Option<OpticsState>);
+/// Task, optics and dye of a state.
+type Tail<'a> = (&'a Option<(TaskState, Meter)>, &'a Option<OpticsState>, &'a Option<StainState>);
 
-/// What is hashed and saved after all else, and only where one of both is there.
+/// What is hashed and saved after all else, and only where one of them is there.
 fn tail(state: &State) -> Option<Tail<'_>> {
-    (state.task.is_some() || state.optics.is_some()).then_some((&state.task, &state.optics))
+    let any = state.task.is_some() || state.optics.is_some() || state.stain.is_some();
+    any.then_some((&state.task, &state.optics, &state.stain))
 }
 
 /// Encodes a state into `out`, whose memory is used again.
@@ -99,7 +101,7 @@ pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, Checkpoi
         bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
     if read + rest < bytes.len() {
         let more;
-        ((state.task, state.optics), more) =
+        ((state.task, state.optics, state.stain), more) =
             bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
         rest += if tail(&state).is_some() { more } else { 0 };
     }
@@ -120,6 +122,7 @@ fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
         && [0, sheet.springs.len()].contains(&m.rest_mm.len())
         && m.spring_alive.len() == sheet.structural
         && m.triangle_alive.len() == sheet.triangles.len();
+    let fits = fits && state.stain.as_ref().is_none_or(|s| s.dye.len() == nodes);
     if !fits {
         return Err(CheckpointError::Content("the membrane has another size than the scene's"));
     }
@@ -267,13 +270,14 @@ mod tests {
     fn the_hash_sees_every_part() {
         let world = world();
         let hash = state_hash(world.state());
-        let changes: [fn(&mut State); 7] = [
+        let changes: [fn(&mut State); 8] = [
             |s| s.step += 1,
             |s| s.membrane.velocity_mm_s[2][5] = 1e-30,
             |s| s.membrane.triangle_alive[3] = 0,
             |s| s.instruments[1].under = true,
             |s| s.microscope.focus_mm = 0.1,
             |s| s.optics = Some(OpticsState::default()),
+            |s| s.stain = Some(StainState::new(s.membrane.nodes())),
             |s| s.remainder_ns = 1,
         ];
         for change in changes {

@@ -2,6 +2,7 @@
 
 use crate::bodies::state::BodyState;
 use crate::membrane::sheet::Sheet;
+use crate::membrane::stain::SEEN;
 use crate::microscope;
 use crate::state::{InstrumentState, is_bound};
 use crate::task_view::{self, MAX_BALLS, MAX_TEXT, TaskText};
@@ -20,10 +21,15 @@ use protocol::time::Instants;
 const BESIDE_THE_MESH: usize = 16 << 10;
 /// Dark red, linear RGB and opacity.
 const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
+/// Brilliant blue, linear RGB, and its opacity where a node has taken all the dye it can.
+const DYE: [f32; 4] = [0.01, 0.09, 0.35, 0.4];
+/// Spots of dye that are drawn at most, and their radius, mm.
+const MAX_DYE: usize = 128;
+const DYE_MM: f32 = 0.4;
 
 const _: () = assert!(
     (MAX_BODIES + MAX_BALLS) * size_of::<SceneBody>()
-        + crate::constants::MAX_MARKS * size_of::<SceneMark>()
+        + (crate::constants::MAX_MARKS + MAX_DYE) * size_of::<SceneMark>()
         + MAX_TEXT
         + 256
         < BESIDE_THE_MESH
@@ -78,7 +84,7 @@ impl SceneWriter {
             nodes: Vec::with_capacity(sheets * sheet.nodes() + retina.map_or(0, |s| s.nodes())),
             triangles: Vec::with_capacity(triangles),
             topology: None,
-            marks: Vec::with_capacity(crate::constants::MAX_MARKS),
+            marks: Vec::with_capacity(crate::constants::MAX_MARKS + MAX_DYE),
             bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
             elevation: Elevation { raised: vec![false; sheet.triangles.len()], changes: 0 },
             task: TaskText::default(),
@@ -209,6 +215,17 @@ impl SceneWriter {
             position_mm: m.position_mm,
             radius_mm: m.radius_mm,
             rgba: BLOOD,
+        }));
+        let Some(stain) = &state.stain else { return };
+        let membrane = &state.membrane;
+        let seen = |n: &usize| membrane.flag[*n] == NODE_FREE && stain.dye[*n] >= SEEN;
+        // One of a few nodes, spread over the sheet: the spots of its neighbours meet.
+        let every = membrane.nodes().div_ceil(MAX_DYE).max(1);
+        let places = (0..membrane.nodes()).step_by(every).filter(seen);
+        self.marks.extend(places.map(|n| SceneMark {
+            position_mm: membrane.position(n).into(),
+            radius_mm: DYE_MM,
+            rgba: [DYE[0], DYE[1], DYE[2], DYE[3] * f32::from(stain.dye[n]) / 255.0],
         }));
     }
 }

@@ -5,6 +5,7 @@ use crate::bodies::state::BodiesState;
 use crate::collision::surface::Surface;
 use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
+use crate::membrane::stain::StainState;
 use crate::retina::state::RetinaState;
 use crate::tools::ToolsState;
 use crate::vitreous::state::VitreousState;
@@ -75,6 +76,9 @@ pub struct State {
     /// Lens, inverter and filter; `None` as long as the scene asks for none and no button was pressed. Saved like the task.
     #[serde(skip)]
     pub optics: Option<OpticsState>,
+    /// Dye on the membrane, once a jet has reached it. Saved like the task.
+    #[serde(skip)]
+    pub stain: Option<StainState>,
 }
 
 /// Whether a body is tracked.

@@ -65,7 +65,8 @@ pub fn balls(world: &World, out: &mut Vec<SceneBody>) {
                     ball(at, radius_mm * BEAD_SHARE, if passed { DONE } else { rgb }, 0.8);
                 });
             }
-            Goal::Place { .. } | Goal::Grip { .. } | Goal::Event { .. } => {}
+            Goal::Place { .. } | Goal::Grip { .. } => {}
+            Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => {}
         }
     }
 }
@@ -140,7 +141,9 @@ fn running(task: &Task, state: &TaskState, out: &mut String) {
     push_line(out, Place::TopRight, &format!("{}:{:02}", left_s / 60, left_s % 60));
     let next = scene.goals.iter().enumerate().find(|(i, _)| task.is_open(state, *i)).map(|(_, g)| g);
     let hint = match next {
-        Some(Goal::Event { what, .. }) => format!("next: {what}"),
+        Some(Goal::Event { what, .. } | Goal::Gel { what, .. } | Goal::Retina { what, .. }) => {
+            format!("next: {what}")
+        }
         Some(Goal::Grip { instrument, .. }) => format!("next: pick up, {} hand", hand(*instrument)),
         Some(Goal::Place { .. }) => "next: place it on the mark".into(),
         _ => String::new(),

@@ -8,6 +8,7 @@ mod crash;
 mod faults;
 mod film;
 mod instruments;
+mod modules;
 mod pictures;
 mod play;
 mod record_replay;

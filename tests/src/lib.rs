@@ -1,5 +1,6 @@
 //! Harness of the cross-process checks: own instance names, a watchdog on every child, clean-up.
 
+pub mod chain;
 pub mod surgery;
 
 use protocol::health::{Health, Process};

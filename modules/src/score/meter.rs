@@ -43,16 +43,20 @@ pub(super) struct Hand {
     pub tremor_samples: u32,
     /// Contact with the retina that lasts.
     contact: Option<Contact>,
+    /// Its jaws hold tissue, or its needle is in the retina: what touches then is work.
+    at_work: bool,
+    /// Last contact that was counted.
+    counted_ns: Nanos,
 }
 
 /// A contact with the retina.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Contact {
-    /// Deepest beyond the clearance that counts as touching, in mm and in deviations.
-    beyond_mm: f64,
+    /// Deepest beyond the clearance that counts as touching, in deviations.
     sigmas: f64,
-    /// It went into the retina, and where.
-    inside: bool,
+    /// Deepest beyond the retina itself, in deviations.
+    inside_sigmas: f64,
+    /// Where it went into the retina, if it did: in the macula.
     macula: bool,
 }
 
@@ -160,8 +164,9 @@ impl Scorer {
     fn note_tip(&self, hand: &mut Hand, tip: Option<&Tip>, at_ns: Nanos) {
         let Some(tip) = tip else { return hand.filter.lose() };
         let clearance = self.radius_mm - tip.tip_in_eye_mm.norm();
-        if let Some(contact) = &mut hand.contact {
-            contact.deepen(self.touch_mm - clearance, tip);
+        // At work the retina is not where the sphere is: then only the simulation knows how deep a tip is.
+        if let Some(contact) = hand.contact.as_mut().filter(|_| !hand.at_work) {
+            contact.deepen(self.touch_mm, -clearance, tip);
         }
         let Some(moved) = hand.filter.pass(&self.band, &tip.tip_in_eye_mm, at_ns) else { return };
         hand.way_mm += moved.way_mm;
@@ -215,11 +220,16 @@ impl Scorer {
                 meter.out_of_view_s += event.value;
                 meter.out_ns[hand] = 0;
             }
-            EventKind::GripSlipped => meter.slips += 1,
+            EventKind::GripSlipped => {
+                meter.slips += 1;
+                meter.hands[hand].at_work = false;
+            }
             EventKind::RetinaTouched | EventKind::RetinaPenetrated => {
                 self.note_contact(meter, hand, event, tips)
             }
             EventKind::RetinaLeft => end_contact(meter, hand),
+            EventKind::TissueGrabbed | EventKind::RetinaPierced => begin_work(meter, hand),
+            EventKind::TissueReleased | EventKind::NeedleLeft => meter.hands[hand].at_work = false,
             _ => {}
         }
         match injury_of(kind) {
@@ -248,7 +258,7 @@ impl Scorer {
             | Goal::Follow { radius_mm, .. }
             | Goal::Align { radius_mm, .. }
             | Goal::Place { radius_mm, .. } => *radius_mm,
-            Goal::Grip { .. } | Goal::Event { .. } => return,
+            Goal::Grip { .. } | Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => return,
         };
         let hand = goal.instrument().unwrap_or(0) as usize;
         let variance = tips[hand].map_or(0.0, |t| t.covariance_mm2.trace());
@@ -264,14 +274,12 @@ impl Scorer {
         }
         let at = Vector3::from(event.position_in_eye_mm);
         let fovea = Vector3::new(0.0, 0.0, -self.radius_mm);
-        let beyond = self.touch_mm + if inside { event.value } else { -event.value };
-        let fresh = Contact { beyond_mm: 0.0, sigmas: 0.0, inside: false, macula: false };
+        let depth_mm = if inside { event.value } else { -event.value };
+        let fresh = Contact { sigmas: 0.0, inside_sigmas: 0.0, macula: false };
         let contact = meter.hands[hand].contact.get_or_insert(fresh);
-        contact.inside |= inside;
         contact.macula |= inside && (at - fovea).norm() < MACULA_MM;
-        match &tips[hand] {
-            Some(tip) => contact.deepen(beyond, tip),
-            None => contact.beyond_mm = larger(contact.beyond_mm, beyond),
+        if let Some(tip) = &tips[hand] {
+            contact.deepen(self.touch_mm, depth_mm, tip);
         }
     }
 
@@ -330,10 +338,17 @@ impl Meter {
 }
 
 impl Contact {
-    fn deepen(&mut self, beyond_mm: f64, tip: &Tip) {
+    /// The tip is so deep in the retina, or by so little above it where that is below 0; contact begins `touch_mm` above it.
+    fn deepen(&mut self, touch_mm: f64, depth_mm: f64, tip: &Tip) {
         let outwards = tip.tip_in_eye_mm.try_normalize(1e-6).unwrap_or(-Vector3::z());
-        self.beyond_mm = larger(self.beyond_mm, beyond_mm);
-        self.sigmas = larger(self.sigmas, in_sigmas(beyond_mm, tip.sigma_along_mm(&outwards)));
+        let sigma = tip.sigma_along_mm(&outwards);
+        self.sigmas = larger(self.sigmas, in_sigmas(touch_mm + depth_mm, sigma));
+        self.inside_sigmas = larger(self.inside_sigmas, in_sigmas(depth_mm, sigma));
+    }
+
+    /// It went into the retina, beyond tracking noise.
+    fn is_inside(&self) -> bool {
+        self.inside_sigmas >= SIGMAS
     }
 }
 
@@ -351,9 +366,22 @@ impl Tally {
     }
 }
 
+/// The touch by which jaws take hold, or through which a needle goes in, is work.
+fn begin_work(meter: &mut Meter, hand: usize) {
+    meter.hands[hand].contact = None;
+    meter.hands[hand].at_work = true;
+}
+
+/// A contact counts when it has ended; a hand that trembles at the retina makes one contact a second.
 fn end_contact(meter: &mut Meter, hand: usize) {
-    let Some(contact) = meter.hands[hand].contact.take() else { return };
-    let injury = match (contact.inside, contact.macula) {
+    let now = meter.last_ns;
+    let own = &mut meter.hands[hand];
+    let Some(contact) = own.contact.take() else { return };
+    if (own.at_work && !contact.is_inside()) || (own.counted_ns > 0 && now < own.counted_ns + ONCE_NS) {
+        return;
+    }
+    own.counted_ns = now;
+    let injury = match (contact.is_inside(), contact.macula) {
         (true, true) => Injury::Macula,
         (true, false) => Injury::Haemorrhage,
         (false, _) => Injury::Contact,

@@ -136,8 +136,8 @@ impl Score {
 }
 
 fn has_radius(goal: &protocol::scene_file::Goal) -> bool {
-    use protocol::scene_file::Goal::{Event, Grip};
-    !matches!(goal, Grip { .. } | Event { .. })
+    use protocol::scene_file::Goal::{Event, Gel, Grip, Retina};
+    !matches!(goal, Grip { .. } | Event { .. } | Gel { .. } | Retina { .. })
 }
 
 fn larger(a: f64, b: f64) -> f64 {

@@ -4,7 +4,7 @@
 use protocol::events::EventKind;
 
 /// Version of the score. Whoever changes a formula, weight, threshold or penalty counts it up.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// What is judged: the five categories that studies of the commercial device report (Vergmann et al. 2016, Acta
 /// Ophthalmologica, doi 10.1111/aos.13209).
@@ -289,13 +289,13 @@ pub const PENALTIES: [Penalty; INJURIES] = [
         name: "macular haemorrhage",
         points: 10.0,
         most: 30.0,
-        what: "a contact with the retina that goes into it (event 3) within 2.75 mm of the fovea",
+        what: "a contact with the retina that goes into it (event 3) beyond tracking noise, within 2.75 mm of the fovea",
     },
     Penalty {
         name: "haemorrhage",
         points: 7.0,
         most: 28.0,
-        what: "a contact with the retina that goes into it (event 3) elsewhere",
+        what: "a contact with the retina that goes into it (event 3) beyond tracking noise, elsewhere",
     },
     Penalty {
         name: "retinal tear",
@@ -307,7 +307,8 @@ pub const PENALTIES: [Penalty; INJURIES] = [
         name: "retina contact",
         points: 4.0,
         most: 20.0,
-        what: "a contact with the retina (event 2) that does not go into it",
+        what: "a contact with the retina (event 2) that does not go into it, at most one a second for each hand; what jaws hold, or a needle is in \
+               (events 10 and 70 to 11, 12 and 71), is work",
     },
     Penalty {
         name: "pull at the retina",

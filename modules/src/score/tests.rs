@@ -302,3 +302,124 @@ fn an_attempt_that_is_broken_off_is_scored_as_it_stands() {
     assert_eq!(score.metrics[Id::Time as usize].points, 0.0, "unfinished");
     assert_eq!(METRICS[Id::Time as usize].key, score.metrics[Id::Time as usize].key);
 }
+
+/// One fault for each metric, of such a kind that no other category has a reason to fall. A metric without a case does not compile.
+fn fault(id: Id, a: &mut Attempt) {
+    let sine = |mm: f64, hz: f64| move |t: f64| mm * (hz * std::f64::consts::TAU * t).sin();
+    match id {
+        Id::Goals => {
+            a.events.retain(|(_, e)| e.subject != 1);
+            // Half of the goals is half of the way, or the way would fall, too.
+            a.tip = Box::new(move |t| [sine(3.0, 0.1)(t), 0.0, -8.0]);
+        }
+        Id::Precision => {
+            let goals = a.events.iter_mut().filter(|(_, e)| e.kind == EventKind::GoalReached as u32);
+            goals.for_each(|(_, e)| e.value = 0.4);
+        }
+        Id::OffPath => {
+            a.events.extend([event(200, EventKind::PathLeft, 0.1), event(250, EventKind::PathRegained, 1.0)]);
+        }
+        Id::Time => {
+            a.fields = 1000;
+            a.tip = Box::new(move |t| [sine(6.0, 0.05)(t), 0.0, -8.0]);
+            a.events.retain(|(_, e)| e.kind != EventKind::TaskFinished as u32);
+            a.events.push(event(999, EventKind::TaskFinished, 20.0));
+        }
+        Id::Way => a.tip = Box::new(move |t| [sine(6.0, 0.25)(t), 0.0, -8.0]),
+        Id::Tremor => {
+            let tremor = Tremor::new(100.0, 9.0, 5, 0);
+            a.tip = Box::new(move |t| (Vector3::new(sine(6.0, 0.1)(t), 0.0, -8.0) + tremor.at(t)).into());
+        }
+        Id::Speed => {
+            let jerk = |t: f64| 6.0 * ((t - 5.0) / 0.3).clamp(0.0, 1.0);
+            a.tip = Box::new(move |t| [sine(3.0, 0.05)(t) - jerk(t), 0.0, -8.0]);
+        }
+        Id::SpeedNearRetina => {
+            let hurry = move |t: f64| if (4.0..6.0).contains(&t) { sine(1.6, 1.5)(t - 4.0) } else { 0.0 };
+            a.tip = Box::new(move |t| [hurry(t), 0.0, -10.9]);
+        }
+        Id::Grip => a.events.push(by_tip(100, EventKind::GripSlipped, 500.0, [0.0, 0.0, -10.0])),
+        Id::OutOfView => a.events.extend([
+            by_tip(100, EventKind::TipOutOfView, 0.1, [6.0, 0.0, -8.0]),
+            by_tip(200, EventKind::TipInView, 2.0, [6.0, 0.0, -8.0]),
+        ]),
+        Id::Unlit => a.tip = Box::new(move |t| [sine(6.0, 0.1)(t), 0.0, -3.0]),
+        Id::LightDose => {
+            // The tip stays in the light, between the pipe and the retina.
+            a.pipe = [0.0, 0.0, -10.7];
+            a.tip = Box::new(|_| [0.0, 0.0, -11.0]);
+        }
+        Id::Injuries => {
+            a.events.push(by_tip(100, EventKind::RetinaTouched, 0.04, [6.0, 0.0, -9.81]));
+            a.events.push(by_tip(110, EventKind::RetinaLeft, 0.2, [6.0, 0.0, -9.81]));
+        }
+    }
+}
+
+#[test]
+fn one_fault_lowers_one_metric_and_one_category() {
+    const ALL: [Id; COUNT] = [
+        Id::Goals,
+        Id::Precision,
+        Id::OffPath,
+        Id::Time,
+        Id::Way,
+        Id::Tremor,
+        Id::Speed,
+        Id::SpeedNearRetina,
+        Id::Grip,
+        Id::OutOfView,
+        Id::Unlit,
+        Id::LightDose,
+        Id::Injuries,
+    ];
+    let whole = score(&clean());
+    for (i, id) in ALL.into_iter().enumerate() {
+        assert_eq!(id as usize, i, "every metric once");
+        let mut attempt = clean();
+        fault(id, &mut attempt);
+        attempt.events.sort_by_key(|(field, _)| *field);
+        let hurt = score(&attempt);
+        let (name, category) = (METRICS[i].name, METRICS[i].category);
+        for (j, (before, after)) in whole.metrics.iter().zip(&hurt.metrics).enumerate() {
+            let lost = before.points - after.points;
+            assert!(
+                if j == i { lost > 0.02 } else { lost.abs() < 0.02 },
+                "{name}: {} lost {lost}",
+                METRICS[j].name
+            );
+        }
+        for other in Category::ALL {
+            let lost = whole.categories[other as usize] - hurt.categories[other as usize];
+            assert!((other == category) == (lost.abs() > 0.02), "{name}: {} lost {lost}", other.name());
+        }
+    }
+}
+
+#[test]
+fn the_retina_in_jaws_and_under_a_needle_is_work_and_trembling_is_one_contact_a_second() {
+    let away = [6.0, 0.0, -9.81];
+    let touch = |field| {
+        [
+            by_tip(field, EventKind::RetinaTouched, 0.04, away),
+            by_tip(field + 4, EventKind::RetinaLeft, 0.1, away),
+        ]
+    };
+    let contacts = |events: Vec<(u64, Event)>| {
+        let mut attempt = clean();
+        attempt.events.extend(events);
+        attempt.events.sort_by_key(|(field, _)| *field);
+        score(&attempt).injuries[Injury::Contact as usize]
+    };
+    assert_eq!(contacts(touch(100).to_vec()), 1);
+    let trembling: Vec<_> = (0..5).flat_map(|k| touch(100 + 8 * k)).collect();
+    assert_eq!(contacts(trembling), 1, "0.8 s of it");
+    assert_eq!(contacts([touch(100), touch(200)].concat()), 2);
+    let grab = |field, kind| by_tip(field, kind, 5.0, away);
+    let held = vec![grab(102, EventKind::TissueGrabbed), grab(300, EventKind::TissueReleased)];
+    assert_eq!(contacts([touch(100).to_vec(), held.clone()].concat()), 0, "the touch that takes hold");
+    assert_eq!(contacts([held.clone(), touch(200).to_vec()].concat()), 0, "what is in the jaws");
+    assert_eq!(contacts([held, touch(350).to_vec()].concat()), 1, "after it was let go");
+    let pierced = vec![grab(102, EventKind::RetinaPierced), grab(300, EventKind::NeedleLeft)];
+    assert_eq!(contacts([touch(100).to_vec(), pierced, touch(290).to_vec()].concat()), 0);
+}

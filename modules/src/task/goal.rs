@@ -112,6 +112,16 @@ impl Check<'_> {
                 let placed = self.placed_mm(*body as usize, at_in_eye_mm, along_in_eye.as_ref(), *within_rad);
                 self.keep(own, placed.filter(|mm| mm <= radius_mm), PLACED_S);
             }
+            Goal::Gel { zone, removed_ml, .. } => {
+                own.reached = self.seen.gel_ml.is_some_and(|ml| ml[*zone as usize] >= *removed_ml);
+            }
+            Goal::Retina { turned_rad, loose_share, hold_s, .. } => {
+                let there = self
+                    .seen
+                    .retina
+                    .filter(|r| r.turned_rad.abs() >= *turned_rad && r.loose_share <= *loose_share);
+                self.keep(own, there.map(|_| 0.0), *hold_s);
+            }
             Goal::Event { event, at_least, count, .. } => {
                 let kind = self.seen.events.iter().filter(|e| e.kind == *event && e.value >= *at_least);
                 own.count = own.count.saturating_add(kind.count() as u32);

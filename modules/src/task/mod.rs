@@ -72,6 +72,15 @@ pub struct BodySeen {
     pub held_by: Option<u32>,
 }
 
+/// The retina as the task sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RetinaSeen {
+    /// How far what came off has turned, rad.
+    pub turned_rad: f64,
+    /// Share of its nodes that are off the choroid.
+    pub loose_share: f64,
+}
+
 /// What the task knows of a step.
 #[derive(Debug, Clone, Copy)]
 pub struct Observation<'a> {
@@ -83,6 +92,10 @@ pub struct Observation<'a> {
     pub tools: [u32; INSTRUMENTS],
     /// The scene's bodies, in their order.
     pub bodies: &'a [BodySeen],
+    /// Vitreous removed from core and periphery, ml; only in the steps in which it was looked at.
+    pub gel_ml: Option<[f64; 2]>,
+    /// The retina, where the scene has it as tissue.
+    pub retina: Option<RetinaSeen>,
     /// `world_from_eye`.
     pub world_from_eye: Isometry3<f64>,
     /// Point that the microscope looks at, world frame, mm.
@@ -236,6 +249,10 @@ impl Task {
             if own.reached {
                 let missed = own.mean_mm();
                 say(Signal::new(EventKind::GoalReached, missed).about(index as u32));
+                // What reached this goal must not reach the next one, too.
+                if self.scene.order == GoalOrder::Sequence {
+                    return;
+                }
             }
         }
     }

@@ -41,6 +41,8 @@ fn play(
             tips: [Some(tip), None],
             tools: [Tool::Pick as u32, Tool::LightPipe as u32],
             bodies: &[],
+            gel_ml: (field == 9).then_some([0.2, 0.1]),
+            retina: Some(RetinaSeen { turned_rad: -0.3, loose_share: 1.0 - 0.05 * field as f64 }),
             world_from_eye: Isometry3::identity(),
             microscope_target_mm: [0.0, 0.0, -11.0],
             field_mm: 16.0,
@@ -130,6 +132,35 @@ fn events_are_counted_from_their_figure_on() {
 }
 
 #[test]
+fn one_event_reaches_one_goal_of_a_sequence() {
+    let mut event: Event = bytemuck::Zeroable::zeroed();
+    (event.kind, event.value) = (EventKind::NeedleLeft as u32, 20.0);
+    let goal = || Goal::Event { event: event.kind, what: "bleb".into(), at_least: 10.0, count: 1 };
+    let reached = |told: &[(u64, Event)]| {
+        let task = task(GoalOrder::Sequence, vec![goal(), goal()]);
+        play(&task, vec![[0.0, 0.0, -6.0]; 20], told).0.reached()
+    };
+    assert_eq!((reached(&[(3, event)]), reached(&[(3, event), (9, event)])), (1, 2));
+}
+
+#[test]
+fn gel_counts_by_its_zone_and_the_retina_by_turn_and_hold() {
+    use protocol::scene_file::GelZone::{Core, Periphery};
+    let reached = |goal| play(&task(GoalOrder::Any, vec![goal]), vec![[0.0, 0.0, -6.0]; 20], &[]).0.reached();
+    let gel = |zone, removed_ml| Goal::Gel { what: "g".into(), zone, removed_ml };
+    assert_eq!(
+        [gel(Core, 0.2), gel(Core, 0.3), gel(Periphery, 0.1), gel(Periphery, 0.2)].map(reached),
+        [1, 0, 1, 0]
+    );
+    // By the last of 20 fields 5 % are loose; a quarter or less since the fifth before it.
+    let retina =
+        |turned_rad, loose_share, hold_s| Goal::Retina { what: "r".into(), turned_rad, loose_share, hold_s };
+    let goals =
+        [retina(0.3, 0.26, 0.08), retina(0.4, 0.26, 0.08), retina(0.3, 0.04, 0.0), retina(0.3, 0.26, 0.1)];
+    assert_eq!(goals.map(reached), [1, 0, 0, 0]);
+}
+
+#[test]
 fn leaving_the_picture_and_touching_the_lens_are_told_once_each() {
     use EventKind::{LensLeft, LensTouched, TaskStarted, TipInView, TipOutOfView};
     let task = task(GoalOrder::Any, vec![hold(1.0)]);
@@ -161,6 +192,8 @@ fn no_clock_of_an_attempt_runs_while_everything_stands_still() {
             tips: [Some(tip), None],
             tools: [Tool::Pick as u32, Tool::LightPipe as u32],
             bodies: &[],
+            gel_ml: None,
+            retina: None,
             world_from_eye: Isometry3::identity(),
             microscope_target_mm: [0.0, 0.0, -11.0],
             field_mm: 16.0,

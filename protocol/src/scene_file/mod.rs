@@ -19,7 +19,7 @@ pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use mesh::{MeshScene, Pinned};
 pub use optics::OpticsScene;
 pub use retina::{RetinaOperation, RetinaScene};
-pub use task::{Goal, GoalOrder, MAX_GOALS, MAX_PATH, TaskScene};
+pub use task::{CORE_MM, GelZone, Goal, GoalOrder, MAX_GOALS, MAX_PATH, PERIPHERY_FROM_Z_MM, TaskScene};
 pub use tools::{NeedleScene, VitrectorScene};
 pub use vitreous::{
     GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,

@@ -116,6 +116,30 @@ pub enum Goal {
         #[serde(default = "quarter_turn")]
         within_rad: f64,
     },
+    /// Take vitreous away.
+    Gel {
+        /// In words, for the picture.
+        what: String,
+        /// Where.
+        zone: GelZone,
+        /// How much, ml.
+        removed_ml: f64,
+    },
+    /// Bring the retina where it is to be.
+    Retina {
+        /// In words, for the picture.
+        what: String,
+        /// How far the retina that came off has turned, rad, either way: about the optic disc where the scene has one, else about the
+        /// fovea.
+        #[serde(default)]
+        turned_rad: f64,
+        /// At most this share of its nodes is off the choroid.
+        #[serde(default = "whole")]
+        loose_share: f64,
+        /// For how long, s.
+        #[serde(default)]
+        hold_s: f64,
+    },
     /// Wait for what the simulation tells: an event whose figure comes to a value, or so many of them.
     Event {
         /// Number of the kind, see `protocol::events`.
@@ -131,6 +155,21 @@ pub enum Goal {
     },
 }
 
+/// A part of the vitreous, by where it lies at rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GelZone {
+    /// Within [`CORE_MM`] of the eye's centre.
+    Core,
+    /// Beyond that, in front of [`PERIPHERY_FROM_Z_MM`].
+    Periphery,
+}
+
+/// Radius of the vitreous' core, mm.
+pub const CORE_MM: f64 = 7.0;
+/// The periphery lies in front of this plane, z in the eye frame, mm.
+pub const PERIPHERY_FROM_Z_MM: f64 = -6.0;
+
 /// Whether a vector points anywhere; one that is not a number does not.
 fn has_direction(along: &[f64; 3]) -> bool {
     along.iter().map(|c| c * c).sum::<f64>() > 1e-6
@@ -138,6 +177,10 @@ fn has_direction(along: &[f64; 3]) -> bool {
 
 fn quarter_turn() -> f64 {
     std::f64::consts::FRAC_PI_2
+}
+
+fn whole() -> f64 {
+    1.0
 }
 
 fn one() -> u32 {
@@ -181,7 +224,8 @@ impl Goal {
             | Goal::Near { instrument, .. }
             | Goal::Follow { instrument, .. }
             | Goal::Grip { instrument, .. } => Some(*instrument),
-            Goal::Align { .. } | Goal::Place { .. } | Goal::Event { .. } => None,
+            Goal::Align { .. } | Goal::Place { .. } => None,
+            Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => None,
         }
     }
 
@@ -191,7 +235,8 @@ impl Goal {
             Goal::Hold { at_in_eye_mm, .. } | Goal::Place { at_in_eye_mm, .. } => vec![*at_in_eye_mm],
             Goal::Align { at_in_eye_mm, .. } => at_in_eye_mm.to_vec(),
             Goal::Follow { path_in_eye_mm, .. } => path_in_eye_mm.clone(),
-            Goal::Near { .. } | Goal::Grip { .. } | Goal::Event { .. } => Vec::new(),
+            Goal::Near { .. } | Goal::Grip { .. } => Vec::new(),
+            Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => Vec::new(),
         }
     }
 
@@ -221,7 +266,7 @@ impl Goal {
                 *radius_mm
             }
             Goal::Follow { radius_mm, .. } | Goal::Place { radius_mm, .. } => *radius_mm,
-            Goal::Grip { .. } | Goal::Event { .. } => 1.0,
+            Goal::Grip { .. } | Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => 1.0,
         };
         if !positive(radius) {
             return refuse("radius_mm", "above 0, at most 30", radius.to_string());
@@ -259,6 +304,18 @@ impl Goal {
             }
             Goal::Event { at_least, .. } if !at_least.is_finite() => {
                 refuse("at_least", "a number", at_least.to_string())
+            }
+            Goal::Gel { removed_ml, .. } if !(*removed_ml > 0.0 && *removed_ml <= 10.0) => {
+                refuse("removed_ml", "above 0, at most 10", removed_ml.to_string())
+            }
+            Goal::Retina { turned_rad, .. } if !(0.0..=3.0).contains(turned_rad) => {
+                refuse("turned_rad", "0 to 3", turned_rad.to_string())
+            }
+            Goal::Retina { loose_share, .. } if !(0.0..=1.0).contains(loose_share) => {
+                refuse("loose_share", "0 to 1", loose_share.to_string())
+            }
+            Goal::Retina { hold_s, .. } if !(0.0..=60.0).contains(hold_s) => {
+                refuse("hold_s", "0 to 60", hold_s.to_string())
             }
             Goal::Event { count: 0, .. } => refuse("count", "1 or more", "0".into()),
             _ => None,
@@ -319,6 +376,16 @@ mod tests {
                 "kind = \"event\"\n        event = 61\n        what = \"membrane off\"",
                 "kind = \"grip\"\ninstrument = 0\nbody = 0",
                 "goals[1].body",
+            ),
+            (
+                "kind = \"event\"\n        event = 61\n        what = \"membrane off\"",
+                "kind = \"gel\"\nwhat = \"core\"\nzone = \"core\"\nremoved_ml = 0.0",
+                "goals[1].removed_ml",
+            ),
+            (
+                "kind = \"event\"\n        event = 61\n        what = \"membrane off\"",
+                "kind = \"retina\"\nwhat = \"turn\"\nturned_rad = -0.5",
+                "goals[1].turned_rad",
             ),
         ] {
             assert!(TASK.contains(from), "{from}");

@@ -14,6 +14,7 @@ pub mod mesh;
 mod order;
 pub mod sheet;
 pub mod solver;
+pub mod stain;
 pub mod strain;
 pub mod tear;
 pub mod tissue;

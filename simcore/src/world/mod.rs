@@ -7,6 +7,7 @@ mod cutting;
 mod peel;
 mod plan;
 mod retina;
+mod stain;
 mod task;
 mod tissue;
 mod tools;
@@ -30,6 +31,7 @@ use crate::membrane::implicit::Implicit;
 use crate::membrane::mesh::MeshError;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::solver::Solver;
+use crate::membrane::stain::StainState;
 use crate::membrane::tissue::{Tissue, Unstable};
 use crate::microscope;
 use crate::retina::{Retina, RetinaError};
@@ -152,6 +154,8 @@ pub struct World {
     parting: peel::StepParting,
     /// What the trainee is asked to do, where the scene says so.
     task: Option<task::TaskPart>,
+    /// Room for the dye, until the first jet reaches the membrane.
+    no_stain: Option<StainState>,
 }
 
 impl World {
@@ -187,6 +191,7 @@ impl World {
             let radius = [instrument.shaft_radius_mm, figures.needle.radius_mm];
             InstrumentImage::with_needle(instrument.tool, radius, &volume)
         };
+        let task = task::TaskPart::of(scene).map(|part| part.with_gel(vitreous.as_ref()));
         let mut world = World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue,
@@ -209,7 +214,8 @@ impl World {
             vitreous,
             sucking: Default::default(),
             parting: peel::StepParting::default(),
-            task: task::TaskPart::of(scene),
+            task,
+            no_stain: stain::room(scene, &sheet),
             scene: scene.clone(),
             sheet,
             state,
@@ -265,6 +271,7 @@ impl World {
         self.tell_toll();
         self.tell_cuts();
         self.tell_peel();
+        self.stain_membrane(&plan);
         self.tell_stopped();
         self.check_finite();
         self.end_retina();
@@ -320,6 +327,7 @@ impl World {
         BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
         self.check_task(&state)?;
         self.state = state;
+        self.no_stain = stain::room(&self.scene, &self.sheet);
         for instrument in &mut self.state.instruments {
             instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
         }
@@ -342,6 +350,7 @@ impl World {
         self.state =
             State { retina, ..start_state(&self.scene, &self.sheet, &self.tissue, self.adhesion.as_ref()) };
         self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
+        self.no_stain = stain::room(&self.scene, &self.sheet);
         self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
@@ -418,6 +427,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
         vitreous: None,
         microscope: microscope::start(scene),
         optics: microscope::start_optics(scene),
+        stain: None,
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,

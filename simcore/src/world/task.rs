@@ -4,26 +4,72 @@
 use super::World;
 use crate::checkpoint::CheckpointError;
 use crate::event_log::{EventLog, Happening};
+use crate::retina::Retina;
+use crate::retina::state::RetinaState;
 use crate::state::State;
+use crate::vitreous::Vitreous;
+use crate::vitreous::lattice::Lattice;
 use modules::sample::Sample;
 use modules::score::recording::is_over;
 use modules::score::{Meter, Scorer};
-use modules::task::{BodySeen, Observation, Signal, Task, TaskState};
-use nalgebra::Isometry3;
+use modules::task::{BodySeen, Observation, RetinaSeen, Signal, Task, TaskState};
+use nalgebra::{Isometry3, UnitVector3, Vector3};
 use protocol::poses::TrackerFrame;
-use protocol::scene_file::{MAX_BODIES, SceneFile};
+use protocol::scene_file::{CORE_MM, Goal, MAX_BODIES, PERIPHERY_FROM_Z_MM, SceneFile};
 
 /// A scene's task at work.
 #[derive(Debug)]
 pub struct TaskPart {
     task: Task,
     scorer: Scorer,
+    /// Elements of the vitreous' core and periphery, where a goal asks for them.
+    zones: Option<[Vec<u32>; 2]>,
+    /// A goal asks for the retina's place.
+    asks_retina: bool,
 }
+
+/// What was removed of the vitreous is looked at every so many steps.
+const GEL_EVERY: u64 = 10;
 
 impl TaskPart {
     /// Of a scene, if it has a task.
     pub fn of(scene: &SceneFile) -> Option<Self> {
-        Some(TaskPart { task: Task::of(scene)?, scorer: Scorer::of(scene)? })
+        let task = Task::of(scene)?;
+        let asks_retina = task.scene().goals.iter().any(|g| matches!(g, Goal::Retina { .. }));
+        Some(TaskPart { task, scorer: Scorer::of(scene)?, zones: None, asks_retina })
+    }
+
+    /// With the zones of the vitreous, where a goal asks for them.
+    pub fn with_gel(mut self, gel: Option<&Vitreous>) -> Self {
+        let asks = self.task.scene().goals.iter().any(|g| matches!(g, Goal::Gel { .. }));
+        self.zones = gel.filter(|_| asks).map(|gel| zones(gel.lattice()));
+        self
+    }
+}
+
+/// Elements of core and periphery.
+fn zones(lattice: &Lattice) -> [Vec<u32>; 2] {
+    let (mut core, mut periphery) = (Vec::new(), Vec::new());
+    for e in lattice.numbers() {
+        let [x, y, z] = lattice.rest_um(e).map(|c| f64::from(c) * 1e-3);
+        if x * x + y * y + z * z <= CORE_MM * CORE_MM {
+            core.push(e as u32);
+        } else if z >= PERIPHERY_FROM_Z_MM {
+            periphery.push(e as u32);
+        }
+    }
+    [core, periphery]
+}
+
+/// Where the retina is: its turn about the optic disc where the scene has one, else about the fovea.
+fn retina_seen(model: &Retina, state: &RetinaState) -> RetinaSeen {
+    let disc = model.figures.scene.disc_in_eye_mm.map(Vector3::from);
+    let about = disc.map_or(Vector3::z_axis(), |disc| UnitVector3::new_normalize(-disc));
+    let nodes = state.tissue.nodes();
+    let loose = (0..nodes).filter(|&n| state.is_loose(n)).count();
+    RetinaSeen {
+        turned_rad: state.turn_about_rad(&model.home_mm, &about),
+        loose_share: loose as f64 / nodes as f64,
     }
 }
 
@@ -66,6 +112,16 @@ impl World {
                 seen.held_by = Some(hand as u32);
             }
         }
+        let gel_ml =
+            part.zones.as_ref().filter(|_| self.state.step.is_multiple_of(GEL_EVERY)).and_then(|zones| {
+                let (gel, state) = self.vitreous.as_ref().zip(self.state.vitreous.as_ref())?;
+                let cell_ml = gel.lattice().cell_um3() as f64 * 1e-12;
+                let gone =
+                    |zone: &Vec<u32>| zone.iter().filter(|&&e| !state.is_alive(e as usize)).count() as f64;
+                Some(zones.each_ref().map(|zone| gone(zone) * cell_ml))
+            });
+        let retina = self.retina.as_ref().zip(self.state.retina.as_ref()).filter(|_| part.asks_retina);
+        let retina = retina.map(|(retina, state)| retina_seen(&retina.model, state));
         // What the task says goes into the log, whose events it must not see twice.
         let mut said = [None; MAX_SAID];
         let mut count = 0;
@@ -74,6 +130,8 @@ impl World {
             tips,
             tools: self.state.instruments.each_ref().map(|i| i.tool),
             bodies: &bodies[..there.len().min(MAX_BODIES)],
+            gel_ml,
+            retina,
             world_from_eye: self.state.world_from_eye,
             microscope_target_mm: self.state.microscope.target_in_world_mm,
             field_mm: self.state.microscope.field_mm,

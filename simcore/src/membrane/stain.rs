@@ -1,0 +1,94 @@
+//! Dye on the membrane: what a needle that injects before it colours, so that a surgeon sees the sheet that is to be peeled.
+//!
+//! Each node within [`REACH_MM`] of the needle's tip takes dye while the syringe is pressed, the more the nearer it is and the harder the
+//! foot presses; whole numbers, so that no order of sums matters. Dye stays where it is: it is washed out in minutes, which no
+//! attempt takes. It changes no force.
+
+use crate::state::MembraneState;
+use nalgebra::Vector3;
+use protocol::scene::NODE_DEAD;
+use serde::{Deserialize, Serialize};
+
+/// How far a jet of dye colours, mm: a heavy dye sinks onto the macula and spreads over it.
+pub const REACH_MM: f64 = 2.5;
+/// A node right before the needle is coloured fully after so long, s, with the foot fully pressed.
+const FULL_S: f64 = 0.6;
+/// A node counts as stained, and is seen as such, from so much dye on.
+pub const SEEN: u8 = 64;
+/// The share is told whenever it has grown by this much, percent.
+const TOLD_PERCENT: u32 = 10;
+
+/// Dye of every node.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StainState {
+    /// 0 none, 255 full.
+    pub dye: Vec<u8>,
+    /// Steps of the share that were told.
+    pub told: u32,
+}
+
+impl StainState {
+    /// No dye on so many nodes.
+    pub fn new(nodes: usize) -> Self {
+        StainState { dye: vec![0; nodes], told: 0 }
+    }
+
+    /// A jet from a tip (eye frame, mm) for `dt_s`, `share` of the full pressure. Returns whether it reached anything.
+    pub fn wash(&mut self, membrane: &MembraneState, tip: &Vector3<f64>, share: f64, dt_s: f64) -> bool {
+        let mut reached = false;
+        for (node, dye) in self.dye.iter_mut().enumerate() {
+            let away = (membrane.position(node).map(f64::from) - tip).norm();
+            if membrane.flag[node] == NODE_DEAD || away >= REACH_MM {
+                continue;
+            }
+            reached = true;
+            let more = 255.0 * (dt_s / FULL_S) * share * (1.0 - away / REACH_MM);
+            *dye = dye.saturating_add((more + 0.5) as u8);
+        }
+        reached
+    }
+
+    /// Share of the living nodes that are stained, percent.
+    pub fn percent(&self, membrane: &MembraneState) -> f64 {
+        let living = || (0..self.dye.len()).filter(|&n| membrane.flag[n] != NODE_DEAD);
+        let stained = living().filter(|&n| self.dye[n] >= SEEN).count();
+        100.0 * stained as f64 / living().count().max(1) as f64
+    }
+
+    /// The share, if it has grown by another step since it was told last.
+    pub fn tell(&mut self, membrane: &MembraneState) -> Option<f64> {
+        let percent = self.percent(membrane);
+        let steps = percent as u32 / TOLD_PERCENT;
+        let grown = steps > self.told;
+        self.told = self.told.max(steps);
+        grown.then_some(percent)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::membrane::sheet::Sheet;
+    use protocol::scene_file::SceneFile;
+
+    #[test]
+    fn dye_reaches_what_is_near_and_no_more_and_is_told_in_steps() {
+        let membrane = Sheet::new(&SceneFile::load("erm").unwrap()).unwrap().start();
+        let mut stain = StainState::new(membrane.nodes());
+        let tip = Vector3::new(1.0, 0.0, -10.0);
+        assert!(!stain.wash(&membrane, &Vector3::new(0.0, 0.0, -5.0), 1.0, 0.02));
+        let mut told = Vec::new();
+        for _ in 0..100 {
+            assert!(stain.wash(&membrane, &tip, 0.5, 0.02));
+            told.extend(stain.tell(&membrane));
+        }
+        for node in 0..membrane.nodes() {
+            let away = (membrane.position(node).map(f64::from) - tip).norm();
+            // Towards the end of its reach a step of half a jet brings less than half of the smallest amount: nothing.
+            assert!(stain.dye[node] == 0 || away < REACH_MM, "node {node}, {away} mm away");
+            assert!(stain.dye[node] > 0 || away > 0.9 * REACH_MM, "node {node}, {away} mm away");
+        }
+        assert!(told.len() >= 2 && told.windows(2).all(|w| w[1] as u32 / 10 > w[0] as u32 / 10), "{told:?}");
+        assert!((20.0..80.0).contains(&stain.percent(&membrane)));
+    }
+}

@@ -1,0 +1,91 @@
+//! Dye: needles that inject before the membrane colour it.
+
+use super::World;
+use super::plan::Plan;
+use crate::event_log::Happening;
+use crate::membrane::sheet::Sheet;
+use crate::membrane::stain::StainState;
+use protocol::events::{EventKind, Severity};
+use protocol::handles::Tool;
+use protocol::limits::INSTRUMENTS;
+use protocol::scene_file::SceneFile;
+
+/// Room for the dye of a scene's membrane.
+pub(super) fn room(scene: &SceneFile, sheet: &Sheet) -> Option<StainState> {
+    scene.membrane.as_ref().map(|_| StainState::new(sheet.nodes()))
+}
+
+impl World {
+    /// A step of the jets. There is no dye, and nothing is kept of it, before the first jet has reached the membrane.
+    pub(super) fn stain_membrane(&mut self, plan: &Plan) {
+        let pressure = self.state.tools.injection_pa;
+        if self.scene.membrane.is_none() || pressure <= 0.0 || self.figures.needle.pressure_pa <= 0.0 {
+            return;
+        }
+        let share = pressure / self.figures.needle.pressure_pa;
+        let dt_s = plan.advance_ns as f64 * 1e-9;
+        for i in 0..INSTRUMENTS {
+            let instrument = &self.state.instruments[i];
+            if !plan.touches[i] || instrument.tool != Tool::Needle as u32 || instrument.pierced.is_some() {
+                continue;
+            }
+            let (membrane, tip) = (&self.state.membrane, instrument.tip_in_eye_mm);
+            let fresh = self.state.stain.is_none();
+            let Some(mut stain) = self.state.stain.take().or_else(|| self.no_stain.take()) else { return };
+            let reached = stain.wash(membrane, &tip, share, dt_s);
+            if let Some(percent) = stain.tell(membrane) {
+                let event = Happening::new(EventKind::MembraneStained, Severity::Info, percent);
+                self.log.raise(event.by(i, tip.into()));
+            }
+            let place = if fresh && !reached { &mut self.no_stain } else { &mut self.state.stain };
+            *place = Some(stain);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::rehearsal::Rehearsal;
+    use crate::world::{World, no_clock};
+    use protocol::events::EventKind;
+    use protocol::handles::{PedalMode, Tool};
+    use protocol::scene_file::{PedalKey, SceneFile};
+
+    /// A needle over the membrane of `erm`, the foot pressed or not.
+    fn dyed(axes: [f64; 2]) -> (World, Vec<f64>) {
+        let mut scene = SceneFile::load("erm").unwrap();
+        let script = &mut scene.script;
+        script.keys.retain(|k| k.at_s == 0.0);
+        script.keys[0].tip_in_eye_mm = [0.0, 0.0, -9.8];
+        script.keys[0].tool = Some(Tool::Needle);
+        script.pedal = vec![PedalKey { at_s: 0.0, mode: PedalMode::Inject, axes, buttons: Vec::new() }];
+        let rehearsal = Rehearsal::shipped(&scene);
+        let (mut world, mut told) = (World::new(&scene).unwrap(), Vec::new());
+        for field in 0..100 {
+            rehearsal.play(&mut world, field, &mut no_clock);
+            let events = world.events().iter().filter(|e| e.kind == EventKind::MembraneStained as u32);
+            told.extend(events.map(|e| e.value));
+        }
+        (world, told)
+    }
+
+    #[test]
+    fn a_jet_colours_the_membrane_and_a_checkpoint_keeps_it() {
+        let (world, told) = dyed([1.0, 0.0]);
+        assert!(told.len() >= 2 && told.is_sorted(), "{told:?}");
+        let mut saved = Vec::new();
+        world.save(&mut saved).unwrap();
+        let mut other = World::new(world.scene()).unwrap();
+        assert_ne!(other.state_hash(), world.state_hash());
+        other.restore(&saved).unwrap();
+        assert_eq!((other.state_hash(), &other.state().stain), (world.state_hash(), &world.state().stain));
+        other.reset();
+        assert_eq!(other.state().stain, None);
+    }
+
+    #[test]
+    fn without_pressure_nothing_is_coloured() {
+        let (world, told) = dyed([0.0, 0.0]);
+        assert!(told.is_empty() && world.state().stain.is_none());
+    }
+}

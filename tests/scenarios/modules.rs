@@ -1,0 +1,104 @@
+//! Training modules through the chain of a live run: cameras, tracker, simulation, task, score, recording. One seed of each here; `make
+//! study` plays many. Modules without tissue go through drawn fields of pixels; operations, whose steps cost more, through markers made
+//! straight into blobs. Those in which bodies are gripped are left out: blind hands miss some grips.
+
+use fpga_model::cameras::Path;
+use fpga_model::motion::HandRole;
+use fpga_model::motion::hand::Hand;
+use modules::module::Module;
+use modules::score::Score;
+use modules::score::recording::Reader;
+use modules::score::table::Category;
+use modules::surgeon::{CARELESS, EXPERT, Surgeon};
+use protocol::recording::{Provenance, Recording, Source, Writer};
+use protocol::scene_file::SceneFile;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use vitreo_tests::chain::Chain;
+
+/// What every recording says of itself.
+fn provenance(scene: &SceneFile) -> Provenance {
+    Provenance {
+        rig_json: "{}".into(),
+        scene_name: scene.title.clone(),
+        scene_toml: scene.to_toml(),
+        source: Source::Live,
+        seeds: BTreeMap::new(),
+        config: BTreeMap::new(),
+        versions: BTreeMap::new(),
+    }
+}
+
+/// Modules, and how their fields come about.
+const PLAYED: [(&str, Path); 6] = [
+    ("navigation", Path::Pixels),
+    ("shadow", Path::Pixels),
+    ("steady-path", Path::Pixels),
+    ("peeling", Path::Direct),
+    ("relocation", Path::Direct),
+    ("vitrectomy", Path::Direct),
+];
+
+/// An attempt, recorded; the recording must give the same score, to the bit.
+fn attempt(name: &str, path: Path, surgeon: &Surgeon) -> Score {
+    let scene = Module::load(name).unwrap().compose(1, surgeon, 1).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    let writer = Writer::create(&file, &provenance(&scene)).unwrap();
+    let score = Chain::new(&scene, path, None, 1).record(writer).unwrap();
+    let mut reader = Reader::new(&scene).unwrap();
+    let recording = Recording::open(&file).unwrap();
+    recording.items_of(&Reader::TOPICS).for_each(|item| reader.take(item.unwrap().1));
+    let verdict = reader.finish();
+    let told = verdict.agrees();
+    assert!(verdict.score == score, "{name}, {}: {:?}\n{score:?}", surgeon.name, verdict.score);
+    assert_eq!((told.unwrap_or(true), verdict.unmatched), (true, 0), "{name}, {}", surgeon.name);
+    score
+}
+
+#[test]
+fn the_expert_finishes_and_the_careless_one_does_not() {
+    let jobs: Vec<_> = PLAYED.iter().flat_map(|(n, p)| [(*n, *p, EXPERT), (*n, *p, CARELESS)]).collect();
+    let (jobs, wrong) = (Mutex::new(jobs), Mutex::new(Vec::new()));
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some((name, path, surgeon)) = { jobs.lock().unwrap().pop() } {
+                    let score = attempt(name, path, &surgeon);
+                    let good = score.finished && score.total >= 85.0;
+                    let bad = score.total < 50.0;
+                    if (surgeon == EXPERT && !good) || (surgeon == CARELESS && !bad) {
+                        let (who, points) = (surgeon.name, score.total);
+                        wrong.lock().unwrap().push(format!("{name}, {who}: {points:.1}, {}", score.finished));
+                    }
+                }
+            });
+        }
+    });
+    let wrong = wrong.into_inner().unwrap();
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+/// The shakiest recorded hand at an otherwise still one: its tremor costs instrument handling, and nothing else.
+#[test]
+fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
+    let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
+    let file = PathBuf::from(data).join("motion/m2s2_tremor/S_tracingxyzAI_mag1_force01_sh02.csv");
+    if !file.is_file() {
+        println!("skipped: no motion/m2s2_tremor under VITREO_DATA");
+        return;
+    }
+    let still = Surgeon { tremor_um: 0.0, ..EXPERT };
+    let scene = Module::load("navigation").unwrap().compose(1, &still, 1).unwrap();
+    let score = |hand| Chain::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});
+    let (calm, shaken) = (score(None), score(Some(HandRole::Shakes(Hand::load(&file).unwrap()))));
+    for category in Category::ALL {
+        let lost = calm.categories[category as usize] - shaken.categories[category as usize];
+        if category == Category::Instruments {
+            assert!(lost > 0.5, "{lost} points of instrument handling");
+        } else {
+            assert!(lost.abs() < 0.25, "{}: {lost} points", category.name());
+        }
+    }
+}
