@@ -1,6 +1,7 @@
 //! `Renderer`: takes a scene, encodes its passes in order, then latches the poses and draws.
 
 use crate::assets::{AssetError, Assets};
+use crate::cells::{Cells, cell_ndc};
 use crate::fundus_map;
 use crate::governor::{Shading, TIERS, Tier};
 use crate::gpu::Gpu;
@@ -252,7 +253,7 @@ impl Renderer {
         });
         for channel in 0..CHANNELS as u32 {
             self.set_channel(&mut pass, target, channel, light);
-            self.draw_channel(&mut pass, tier, layers);
+            self.draw_channel(&mut pass, &target.cells, (tier, layers));
             if target.fine.is_none() {
                 self.draw_over(&mut pass, target, channel, (tier, layers));
             }
@@ -319,7 +320,7 @@ impl Renderer {
     }
 
     /// Solid instruments hide the retina; lost ones show it through.
-    fn draw_channel(&self, pass: &mut RenderPass<'_>, tier: &Tier, layers: Layers) {
+    fn draw_channel(&self, pass: &mut RenderPass<'_>, cells: &Cells, (tier, layers): (&Tier, Layers)) {
         self.fundus.close_outside(pass, tier.shading);
         if layers.has(Layers::INSTRUMENTS) {
             self.draw_instruments(pass, false, tier.shading);
@@ -329,7 +330,7 @@ impl Renderer {
         }
         if layers.has(Layers::RETINA) {
             self.retina.draw(pass, &self.sheet, tier.shading);
-            self.fundus.draw(pass, tier.shading);
+            self.fundus.draw(pass, cells, tier.shading);
         }
         if layers.has(Layers::BODIES) {
             self.marks.draw(pass, tier.shading);
@@ -341,7 +342,7 @@ impl Renderer {
             self.membrane.draw(pass, &self.sheet, tier.shading);
         }
         if layers.has(Layers::HAZE) {
-            self.haze.draw(pass, &self.fundus, tier.shading);
+            self.haze.draw(pass, (&self.fundus, cells), tier.shading);
         }
         if layers.has(Layers::MEMBRANE) && tier.shading == Shading::Full {
             self.membrane.draw_depth(pass, &self.sheet);
@@ -365,7 +366,8 @@ impl Renderer {
         let aspect = f64::from(TIERS[tier].width_px) / f64::from(TIERS[tier].height_px);
         let mut views = [0u8; CHANNELS * VIEW_STRIDE as usize];
         for (channel, slot) in views.chunks_exact_mut(VIEW_STRIDE as usize).enumerate() {
-            let uniform = view(&self.microscope, channel, aspect, &eye_from_world);
+            let mut uniform = view(&self.microscope, channel, aspect, &eye_from_world);
+            [uniform.plane_x[3], uniform.plane_y[3]] = cell_ndc(&TIERS[tier]);
             slot[..size_of::<ViewUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
         }
         gpu.queue.write_buffer(&self.uniforms.views, 0, &views);
@@ -420,7 +422,7 @@ impl Renderer {
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
         let level = self.map.level(px_per_mm as f32, radius) + blur as f32;
         uniform.retina = [radius, fundus_map::map_scale(), level, FILM];
-        uniform.penumbra = [lamp::soft_edge_per_depth() as f32, SHADOW_WIDEST, 0.0, 0.0];
+        uniform.penumbra = [lamp::soft_edge_per_depth() as f32, SHADOW_WIDEST, radius.recip(), 0.0];
         uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);

@@ -39,7 +39,7 @@ pub fn run(config: &Config) -> Result<()> {
     let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
     let fixed = config.tier.map(|t| t as usize);
     let first_tier = start::first_tier(&gpu, fixed);
-    let renderer = start::renderer(&gpu, &scene, config, first_tier)?;
+    let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier)?;
     let output_plan = OutputPlan {
         stills: config.stills.clone(),
         video: config.video.clone(),
@@ -56,7 +56,7 @@ pub fn run(config: &Config) -> Result<()> {
         frames: instance.sender()?,
         pictures: instance.block_sender(MAX_PICTURE_BYTES)?,
         clock: GpuClock::default(),
-        governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed),
+        governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed, costs),
         pacing: Pacing::new(present.refresh_ns(), limit_ns),
         read_back: ReadBack::new(&gpu, first_tier),
         stills: rate(config.stills.is_some(), 1e9 / STILL_NS as f64),

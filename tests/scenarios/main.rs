@@ -9,6 +9,7 @@ mod faults;
 mod film;
 mod instruments;
 mod modules;
+mod picture_stream;
 mod pictures;
 mod play;
 mod record_replay;

@@ -128,6 +128,8 @@ pub struct PipelinePlan<'a> {
     pub vertices: bool,
     /// Drawn as a strip of triangles.
     pub strip: bool,
+    /// Of closed bodies: only what faces the viewer is drawn, half of the triangles.
+    pub closed: bool,
     /// Depth: test and write.
     pub depth: Option<(CompareFunction, bool)>,
     /// Blending of the picture.
@@ -154,6 +156,7 @@ impl<'a> PipelinePlan<'a> {
             groups,
             vertices: false,
             strip: false,
+            closed: false,
             depth: None,
             blend: None,
             writes: ColorWrites::ALL,
@@ -218,7 +221,11 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
             compilation_options: options.clone(),
             buffers: &buffers,
         },
-        primitive: wgpu::PrimitiveState { topology, ..wgpu::PrimitiveState::default() },
+        primitive: wgpu::PrimitiveState {
+            topology,
+            cull_mode: plan.closed.then_some(wgpu::Face::Back),
+            ..wgpu::PrimitiveState::default()
+        },
         depth_stencil: plan.depth.map(|(compare, write)| wgpu::DepthStencilState {
             format: DEPTH,
             depth_write_enabled: Some(write),
