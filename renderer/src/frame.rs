@@ -11,6 +11,7 @@ use crate::layers::Layers;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
 use crate::optics;
 use crate::passes::bodies::Bodies;
+use crate::passes::dose::Dose;
 use crate::passes::focus::{self, Focus, Tiles};
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::haze::Haze;
@@ -91,6 +92,7 @@ pub struct Renderer {
     bodies: Bodies,
     marks: Marks,
     haze: Haze,
+    dose: Dose,
     focus: Focus,
     text: Text,
     timing: Option<Timing>,
@@ -151,6 +153,7 @@ impl Renderer {
             bodies: Bodies::new(device, queue, &uniforms, &layout),
             marks: Marks::new(device, &uniforms, &layout),
             haze: Haze::new(device, &uniforms, &layout),
+            dose: Dose::new(device, &uniforms, &layout),
             focus,
             text: Text::new(device, queue, &uniforms),
             timing: Timing::new(gpu),
@@ -179,9 +182,11 @@ impl Renderer {
         let bricks: &[SceneBrick] = section(payload, header.bricks)?;
         let text = section::<u8>(payload, header.text)?;
         let homes: &[SceneHome] = section(payload, header.homes)?;
+        let doses: &[f32] = section(payload, header.doses)?;
         self.marks.set(&gpu.queue, marks);
         self.bodies.set(&gpu.queue, bodies);
         self.haze.set(&gpu.device, &gpu.queue, bricks);
+        self.dose.set(&gpu.queue, doses);
         self.sheet.reserve(&gpu.device, nodes.len(), triangles.len());
         if self.tissue.take(nodes, triangles, homes, header.topology) {
             self.sheet.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
@@ -331,6 +336,7 @@ impl Renderer {
         if layers.has(Layers::RETINA) {
             self.retina.draw(pass, &self.sheet, tier.shading);
             self.fundus.draw(pass, cells, tier.shading);
+            self.dose.draw(pass, (&self.fundus, cells), tier.shading);
         }
         if layers.has(Layers::BODIES) {
             self.marks.draw(pass, tier.shading);
@@ -381,6 +387,11 @@ impl Renderer {
         self.text.set(&gpu.queue, &self.lines);
         self.lost_before = latched.tracked.map(|t| !t);
         self.eye_lost_before = !latched.eye_tracked;
+    }
+
+    /// Draws the dose of light over the retina from the next frame on, or no longer.
+    pub fn show_dose(&mut self, gpu: &Gpu, shown: bool) {
+        self.dose.show(&gpu.queue, shown);
     }
 
     /// A line in a corner of the picture from the next frame on; empty for none.

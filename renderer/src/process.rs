@@ -50,7 +50,7 @@ pub fn run(config: &Config) -> Result<()> {
     let output = Output::start(&output_plan, first_tier).context("files for stills or video")?;
     let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
     let mut running = Running {
-        person: Person::open(&instance, config.desk)?,
+        person: Person::open(&instance, config.desk, config.show_dose)?,
         poses: instance.receiver(Queue::Newest)?,
         scenes: instance.block_receiver()?,
         frames: instance.sender()?,
@@ -64,6 +64,7 @@ pub fn run(config: &Config) -> Result<()> {
         small: Ticks::new(config.pictures_hz),
         keeps_last: config.stills.is_some(),
         snapshot: false,
+        lose_device_after: config.lose_device_after,
         shell,
         gpu,
         present,
@@ -107,6 +108,8 @@ struct Running {
     small: Ticks,
     keeps_last: bool,
     snapshot: bool,
+    /// Frames after which the device is given away, to rehearse its loss.
+    lose_device_after: Option<u64>,
     /// Header of the scene that is drawn.
     scene: Option<SceneHeader>,
     pose: Option<TrackerFrame>,
@@ -158,6 +161,7 @@ impl Running {
             self.shell.stop();
         }
         self.person.hear(&mut self.present, now())?;
+        self.renderer.show_dose(&self.gpu, self.person.shows_dose());
         if let Some((lines, alone)) = self.person.overlay() {
             self.renderer.overlay(&lines, alone);
         }
@@ -181,6 +185,9 @@ impl Running {
     /// One stereo frame: commands first, then the newest pose, then the device.
     fn draw_frame(&mut self, frame_start: Nanos, refreshed: Nanos) -> Result<()> {
         let tier = self.governor.tier_index();
+        if self.lose_device_after == Some(self.frame) {
+            self.gpu.device.destroy();
+        }
         let commands = self.renderer.encode(&self.gpu, tier);
         self.shell.inject_delay();
         let latched_at = now();

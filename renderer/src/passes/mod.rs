@@ -1,6 +1,7 @@
 //! The passes, one file each beside its shader, and what they share: bindings and pipelines.
 
 pub mod bodies;
+pub mod dose;
 pub mod focus;
 pub mod fundus;
 pub mod haze;
@@ -31,7 +32,7 @@ const PLACE: &str = include_str!("place.wgsl");
 const QUAD: &str = include_str!("quad.wgsl");
 
 /// Whole text of every shader, by name, for the device and for the validation test.
-pub fn shader_sources() -> [(&'static str, String); 11] {
+pub fn shader_sources() -> [(&'static str, String); 12] {
     [
         ("shadow", [COMMON, PLACE, include_str!("shadow.wgsl")].concat()),
         ("fundus", [COMMON, include_str!("fundus.wgsl")].concat()),
@@ -41,6 +42,7 @@ pub fn shader_sources() -> [(&'static str, String); 11] {
         ("bodies", [COMMON, include_str!("bodies.wgsl")].concat()),
         ("marks", [COMMON, include_str!("marks.wgsl")].concat()),
         ("haze", [COMMON, include_str!("fundus.wgsl"), include_str!("haze.wgsl")].concat()),
+        ("dose", [COMMON, include_str!("fundus.wgsl"), include_str!("dose.wgsl")].concat()),
         ("focus", include_str!("focus.wgsl").to_owned()),
         ("text", include_str!("text.wgsl").to_owned()),
         ("blit", [QUAD, include_str!("../present/blit.wgsl")].concat()),
