@@ -16,6 +16,18 @@ pub const REACH_RAD: f64 = 2.0;
 /// Radius of the map at [`REACH_RAD`], of the unit sphere: 2 sin(1).
 pub const REACH: f64 = 1.682_941_969_615_793;
 
+/// Half angle of a light pipe's cone, where its light ends, rad. Light pipes spread 50 to 80 degrees in all.
+pub const BEAM_OUTER_RAD: f64 = 0.82;
+/// Half angle up to which its beam has the full intensity, rad.
+pub const BEAM_INNER_RAD: f64 = 0.30;
+
+/// Share of the full intensity in a direction off the beam's axis, by the cosine of the angle between them: a smooth step.
+pub fn beam_share(cosine: f64) -> f64 {
+    let (outer, inner) = (libm::cos(BEAM_OUTER_RAD), libm::cos(BEAM_INNER_RAD));
+    let s = ((cosine - outer) / (inner - outer)).clamp(0.0, 1.0);
+    s * s * (3.0 - 2.0 * s)
+}
+
 /// Direction of a cell's centre from the eye's centre (unit, eye frame); `None` where it lies beyond the reach.
 pub fn direction(cell: usize) -> Option<[f64; 3]> {
     let along = |i: usize| ((i as f64 + 0.5) / ALONG as f64 * 2.0 - 1.0) * REACH;

@@ -83,6 +83,9 @@ pub const FLOOR: usize = 6;
 const RECENT: usize = 5;
 /// This many late ones among them are an overload: the typical one is late.
 const LATE: usize = 3;
+/// The same from the floor on, where the next step would break the budget with every frame: only what lasts counts.
+const LASTING: usize = 25;
+const LASTING_LATE: usize = 13;
 /// Frames looked at before going up, and below the floor, where every frame breaks the budget.
 const WINDOW: usize = 100;
 const WINDOW_BELOW_FLOOR: usize = 25;
@@ -119,9 +122,6 @@ impl fmt::Display for Reason {
         }
     }
 }
-
-/// Times of the frames looked at for an overload, ns.
-type Recent = [u64; RECENT];
 
 /// State of the governor.
 #[derive(Debug, Clone)]
@@ -191,10 +191,12 @@ impl Governor {
         }
         self.times_ns[self.count % WINDOW] = frame_ns;
         self.count += 1;
-        let recent = RECENT.min(self.count);
+        let (most, enough) = if self.tier < FLOOR { (RECENT, LATE) } else { (LASTING, LASTING_LATE) };
+        let recent = most.min(self.count);
         let late = (1..=recent).filter(|&k| self.nth_last(k) > self.budget_ns).count();
-        if late >= LATE {
-            let mut last: Recent = std::array::from_fn(|k| if k < recent { self.nth_last(k + 1) } else { 0 });
+        if late >= enough {
+            let mut last = [0; LASTING];
+            (0..recent).for_each(|k| last[k] = self.nth_last(k + 1));
             last[..recent].sort_unstable();
             let (typical, worst) = (last[recent / 2], last[recent - 1]);
             return self.step_down(self.tier_for(typical), TierReason::Overload, worst);
@@ -235,7 +237,7 @@ impl Governor {
         self.count = 0;
         if p95 > self.budget_ns {
             // Below the floor all frames would break the budget to save a few.
-            return self.tier != FLOOR && self.step_down(self.tier + 1, TierReason::Slow, p95);
+            return self.tier < FLOOR && self.step_down(self.tier + 1, TierReason::Slow, p95);
         }
         if self.on_trial {
             // A whole window held: the doubt is over.
@@ -338,9 +340,13 @@ mod tests {
         assert_eq!(disturbed.tier_index(), 4, "for the typical one, 16 ms");
         // Below the floor only what lasts at the floor leads.
         let mut long = governor(SOFTWARE_START);
-        let changes: Vec<usize> =
-            (0..13).filter_map(|_| long.note(200_000_000).then(|| long.tier_index())).collect();
-        assert_eq!(changes, [6, 7]);
+        let mut changes = Vec::new();
+        for _ in 0..70 {
+            if long.note(200_000_000) {
+                changes.push(long.tier_index());
+            }
+        }
+        assert_eq!(changes, [6, 7, 8], "after 2, 18 and 18 frames");
     }
 
     #[test]

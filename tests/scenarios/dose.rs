@@ -1,7 +1,7 @@
 //! The dose of light, from the simulation that counts it to the picture that shows it.
 
 use glam::{DMat4, DVec3, Mat4};
-use protocol::dose::{cell_of, direction};
+use protocol::dose::direction;
 use protocol::scene::section;
 use protocol::scene_file::SceneFile;
 use renderer::frame::Renderer;
@@ -12,13 +12,12 @@ use renderer::readback::Picture;
 use renderer::view::view;
 use vitreo_tests::surgery::{Block, REFERENCE_MAP_PX, Surgery, reference_tiers};
 
-/// Where the axis of the light pipe meets the retina, eye frame, mm.
-fn lamp_meets(scene: &SceneFile, block: &Block) -> DVec3 {
+/// Angle between the light pipe's axis and the way from its tip to `p` (eye frame, mm), rad.
+fn off_the_axis(block: &Block, p: DVec3) -> f64 {
     let tools = block.header.instruments.map(|i| protocol::handles::Tool::from_wire(i.tool));
     let pipe = latch_scene(&block.header).eye_from_instrument()[lamp_index(&tools).expect("a light pipe")];
-    let (tip, ray) = (pipe.transform_point3(DVec3::ZERO), pipe.transform_vector3(DVec3::NEG_Z).normalize());
-    let b = tip.dot(ray);
-    tip + ray * ((b * b - tip.length_squared() + scene.eye.retina_radius_mm.powi(2)).sqrt() - b)
+    let (tip, ray) = (pipe.transform_point3(DVec3::ZERO), pipe.transform_vector3(DVec3::NEG_Z));
+    (p - tip).angle_between(ray)
 }
 
 /// Mean place of what differs between two pictures of the left channel, px, and how many pixels differ in either channel.
@@ -46,9 +45,9 @@ fn the_picture_shows_most_light_where_the_lamp_points() {
     let doses = section::<f32>(bytemuck::cast_slice(&block.payload), at).expect("doses").to_vec();
     let most = (0..doses.len()).max_by(|&a, &b| doses[a].total_cmp(&doses[b])).expect("cells");
     let centre = DVec3::from(direction(most).expect("a place on the retina")) * radius;
-    let meets = lamp_meets(&surgery.scene, &block);
-    assert!(doses[most] > 0.0 && cell_of(meets.into()).is_some());
-    assert!(centre.distance(meets) < 1.3, "{centre} for {meets}: cells are 1.2 mm wide");
+    // A slanting beam has retina nearer to it than on its axis, but at the full intensity; half a cell is 0.1 rad from there.
+    let off = off_the_axis(&block, centre);
+    assert!(doses[most] > 0.0 && off < 0.30 + 0.1, "{off} rad off the axis, {centre}");
 
     // That cell alone, at the end of the scale: a spot about its centre.
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut block.payload);
