@@ -577,6 +577,36 @@ mod tests {
         assert!(look(&mut s, &upright(-11.1)).folded > 0);
     }
 
+    /// Hook down, a pick is under two layers; the camera at the handle sees both.
+    #[test]
+    fn a_fold_is_counted_from_the_handle_too() {
+        let mut s = setting();
+        let mut pick = InstrumentImage::new(Tool::Pick, 0.25, s.zcoll.volume());
+        pick.prepare(0.0, s.zcoll.volume());
+        let (pose, half) = (upright(-11.1).inverse(), s.zcoll.volume.half_mm);
+        let single = s.zcoll.look_back(&pick, &pose, &s.membrane.surface(&s.sheet));
+        assert!(single.pixels > 0 && single.folded == 0, "{single:?}");
+        // The half beyond the middle of the hook over the other half, a little higher.
+        let (middle, before) = (0.33f32, s.membrane.clone());
+        for n in 0..s.sheet.nodes() {
+            let p = before.position(n);
+            if p.x > middle {
+                s.membrane.set_position(n, Vector3::new(2.0 * middle - p.x, p.y, p.z + 0.05));
+            }
+        }
+        let found = s.zcoll.look_back(&pick, &pose, &s.membrane.surface(&s.sheet));
+        // Pixels of the hook before the fold, by their centres; the fold may run through a column of them.
+        let width = 2.0 * half / s.zcoll.volume.resolution as f64;
+        let seen = |column: usize| (column as f64 + 0.5) * width - half + 0.03 < f64::from(middle) - width;
+        let resolution = s.zcoll.volume.resolution;
+        let hooks = pick.back().depth.iter().enumerate().filter(|(_, z)| **z != NOTHING);
+        let under_both = hooks.filter(|(pixel, _)| seen(pixel % resolution)).count();
+        assert!(
+            under_both > 5 && found.folded as usize >= under_both,
+            "{found:?}, {under_both} pixels under both"
+        );
+    }
+
     #[test]
     fn membrane_far_away_is_not_near() {
         let s = setting();

@@ -6,6 +6,7 @@ mod bodies;
 mod cutting;
 mod peel;
 mod plan;
+mod removed;
 mod retina;
 mod stain;
 mod task;
@@ -15,6 +16,7 @@ mod touch;
 mod vitreous;
 
 pub use plan::start_instrument;
+pub use removed::RemovedTissue;
 
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
