@@ -5,8 +5,9 @@ use super::plan::{Plan, Poses};
 use crate::collision::continuous::crosses;
 use crate::collision::eyeball;
 use crate::collision::instrument_image::{InstrumentImage, NOTHING};
+use crate::collision::near::near_membrane;
 use crate::collision::raster::DEPTH_STEPS;
-use crate::collision::zcoll::{self, Found, Zcoll};
+use crate::collision::zcoll::{Found, Zcoll};
 use crate::constants::{
     COLLISION_EVERY, FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM,
 };
@@ -61,7 +62,7 @@ impl World {
         let reach = self.volume.reach_mm();
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
-            let near = zcoll::near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach);
+            let near = near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach);
             if !plan.touches[i] || !instrument.held.is_empty() || !near {
                 (instrument.in_contact, instrument.under, instrument.travelled_mm) = (false, false, 0.0);
                 (instrument.hooked, instrument.pierced) = (false, None);
