@@ -39,7 +39,7 @@ pub fn run(config: &Config) -> Result<()> {
     let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
     let fixed = config.tier.map(|t| t as usize);
     let first_tier = start::first_tier(&gpu, fixed);
-    let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier)?;
+    let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier, now)?;
     let output_plan = OutputPlan {
         stills: config.stills.clone(),
         video: config.video.clone(),

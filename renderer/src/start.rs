@@ -21,7 +21,7 @@ use protocol::scene::{
     SectionWriter,
 };
 use protocol::scene_file::SceneFile;
-use protocol::time::now;
+use protocol::time::Nanos;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
@@ -86,23 +86,29 @@ pub fn map_px(gpu: &Gpu) -> u32 {
     if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX }
 }
 
-/// A renderer for `scene` that has drawn its first frames, and what these told about the costs of the tiers.
+/// A renderer for `scene` that has drawn its first frames, and what these told about the costs of the tiers; `clock` gives ns.
 pub fn renderer(
     gpu: &Gpu,
     scene: &SceneFile,
     config: &Config,
     first_tier: usize,
+    clock: fn() -> Nanos,
 ) -> Result<(Renderer, Costs)> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
     let assets = Assets::load(config.fundus.as_deref(), config.instruments.as_deref())?;
     let mut renderer = Renderer::with_assets(gpu, plan(scene, &rig, first_tier, map_px(gpu)), &assets);
-    let costs = warm_up(gpu, &mut renderer, scene, first_tier)?;
+    let costs = warm_up(gpu, &mut renderer, scene, (first_tier, clock))?;
     Ok((renderer, costs))
 }
 
 /// Draws every kind of thing, tracked and lost, at every tier from the start on. Frames that come after each kind was drawn once
 /// tell what the tiers cost.
-fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: usize) -> Result<Costs> {
+fn warm_up(
+    gpu: &Gpu,
+    renderer: &mut Renderer,
+    scene: &SceneFile,
+    (first_tier, clock): (usize, fn() -> Nanos),
+) -> Result<Costs> {
     let mut payload = [0u128; 96];
     let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
     let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE as u16, dye: 0 };
@@ -145,11 +151,11 @@ fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: us
             eye_tracked: tracked,
         };
         for (tier, shortest) in shortest_ns.iter_mut().enumerate().skip(first_tier) {
-            let begun = now();
+            let begun = clock();
             let commands = renderer.encode(gpu, tier);
             renderer.submit(gpu, tier, &latched, commands);
             gpu.wait()?;
-            let took = now() - begun;
+            let took = clock() - begun;
             if round >= COMPILED_AFTER {
                 *shortest = Some(shortest.map_or(took, |before| before.min(took)));
             }

@@ -1,5 +1,5 @@
 //! The governor on a recorded series: what frames of 2×400×320 took on a software driver while other programs kept both cores busy. Most
-//! would have fitted at that tier; two in five were late, often two or three at a time.
+//! fitted at that tier; one in nine was late, now and then two or three at a time.
 
 use renderer::costs::Costs;
 use renderer::governor::{FLOOR, Governor, SOFTWARE_START, TIERS};
@@ -21,16 +21,16 @@ fn a_busy_machine_does_not_push_it_below_the_floor() {
     let mut governor = Governor::new(BUDGET_NS, SOFTWARE_START, None, costs.clone());
     let (mut late, mut late_ungoverned, mut changes) = (0, 0, 0);
     let series = series();
-    assert!(series.len() > 300);
+    assert!(series.len() > 200);
     for at_5 in &series {
         let took = (*at_5 as f64 * costs.ratio(SOFTWARE_START, governor.tier_index())) as u64;
         late += usize::from(took > BUDGET_NS);
         late_ungoverned += usize::from(*at_5 > BUDGET_NS);
         changes += usize::from(governor.note(took));
-        assert!((SOFTWARE_START - 1..=FLOOR).contains(&governor.tier_index()));
+        assert!(governor.tier_index() <= FLOOR, "tier {}", governor.tier_index());
     }
-    assert!(changes > 0 && changes < 8, "{changes} changes");
-    assert!(late < late_ungoverned / 2, "{late} of {late_ungoverned} late frames are left");
+    assert!((1..4).contains(&changes), "{changes} changes");
+    assert!(3 * late < 2 * late_ungoverned, "{late} of {late_ungoverned} late frames are left");
     // And it still answers what is no disturbance.
     let mut governor = Governor::new(BUDGET_NS, SOFTWARE_START, None, costs);
     series.iter().filter(|t| **t < BUDGET_NS).for_each(|t| assert!(!governor.note(*t)));

@@ -64,7 +64,7 @@ fn a_lost_graphics_device_costs_a_restart_and_nobody_else_anything() {
     }
     let folder = tempfile::tempdir().expect("folder");
     let (report, name) = (folder.path().join("report.json").display().to_string(), instance_name());
-    let run = ["run", "--headless", "--direct", "--duration", "9", "--lose-device-after", "40"];
+    let run = ["run", "--headless", "--direct", "--duration", "90", "--lose-device-after", "40"];
     let running = Running::start(&[&run[..], &["--instance", &name, "--report", &report]].concat());
     let mut observer = Observer::join(&name);
     let (mut steps, mut frames) = (observer.receiver::<StepRecord>(), observer.receiver::<FrameRecord>());
@@ -79,6 +79,7 @@ fn a_lost_graphics_device_costs_a_restart_and_nobody_else_anything() {
         last = step.step;
     }
     drop((steps, frames, observer));
+    vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
     let finished = running.finish();
     assert!(finished.stderr.contains("graphics device lost"), "{finished:#?}");
     finished.expect_code(0);
