@@ -80,7 +80,7 @@ impl SceneWriter {
             nodes: Vec::with_capacity(sheets * sheet.nodes() + retina.map_or(0, |s| s.nodes())),
             triangles: Vec::with_capacity(triangles),
             topology: None,
-            marks: Vec::with_capacitycrate::constants::MAX_MARKS,
+            marks: Vec::with_capacity(crate::constants::MAX_MARKS),
             bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
             doses: vec![0.0; protocol::dose::CELLS],
             elevation: Elevation { raised: vec![false; sheet.triangles.len()], changes: 0 },
