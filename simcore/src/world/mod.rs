@@ -7,6 +7,7 @@ mod cutting;
 mod dose;
 mod peel;
 mod plan;
+mod removed;
 mod retina;
 mod stain;
 mod task;
@@ -16,6 +17,7 @@ mod touch;
 mod vitreous;
 
 pub use plan::start_instrument;
+pub use removed::RemovedTissue;
 
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
