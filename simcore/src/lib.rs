@@ -26,6 +26,7 @@ pub mod config;
 pub mod constants;
 pub mod elements;
 pub mod event_log;
+pub mod eyes;
 pub mod film;
 pub mod guard;
 pub mod membrane;
