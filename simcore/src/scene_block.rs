@@ -2,7 +2,7 @@
 
 use crate::bodies::state::BodyState;
 use crate::membrane::sheet::Sheet;
-use crate::membrane::stain::SEEN;
+use crate::membrane::stain::{FULL, SEEN};
 use crate::microscope;
 use crate::state::{InstrumentState, is_bound};
 use crate::task_view::{self, MAX_BALLS, MAX_TEXT, TaskText};
@@ -225,7 +225,7 @@ impl SceneWriter {
         self.marks.extend(places.map(|n| SceneMark {
             position_mm: membrane.position(n).into(),
             radius_mm: DYE_MM,
-            rgba: [DYE[0], DYE[1], DYE[2], DYE[3] * f32::from(stain.dye[n]) / 255.0],
+            rgba: [DYE[0], DYE[1], DYE[2], DYE[3] * f32::from(stain.dye[n]) / f32::from(FULL)],
         }));
     }
 }

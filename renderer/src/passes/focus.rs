@@ -7,7 +7,7 @@ use crate::view::FocusPlane;
 use bytemuck::{Pod, Zeroable};
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, Buffer, BufferUsages, CommandEncoder,
-    Device, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages, TextureView,
+    Device, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureView,
 };
 
 /// Edge of a tile, px, as in the shader.
@@ -71,18 +71,9 @@ impl Focus {
 
     /// Room for the tiles of a target of `size_px`, both channels.
     pub fn tiles(&self, device: &Device, fine: &Fine, size_px: [u32; 2]) -> Tiles {
-        let make = |format, [width, height]: [u32; 2]| {
-            let texture = device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("focus"),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            });
-            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        let make = |format, size_px| {
+            super::drawn_and_read(device, "focus", format, size_px)
+                .create_view(&wgpu::TextureViewDescriptor::default())
         };
         let tiles_px = size_px.map(|n| n.div_ceil(TILE_PX));
         let [radii, tiles, reach] =

@@ -54,7 +54,7 @@ impl Haze {
         };
         let pipelines = [
             // The march stops at the shafts, so this haze covers instruments as well.
-            make("vs_haze", "fs_haze", CompareFunction::Always, Shading::Full),
+            make("vs_main", "fs_haze", CompareFunction::Always, Shading::Full),
             make("vs_haze_lean", "fs_haze_lean", CompareFunction::Less, Shading::Lean),
         ];
         Self { layout, pipelines, volume: None, known: Vec::new() }

@@ -80,15 +80,6 @@ fn fs_haze_lean(in: LeanHaze) -> @location(0) vec4f {
     return in.rgba;
 }
 
-@vertex
-fn vs_haze(@builtin(vertex_index) index: u32) -> Disc {
-    var out: Disc;
-    out.field_xy = corner(index);
-    out.p = corner_on_retina(out.field_xy);
-    out.clip = behind(out.p, out.field_xy);
-    return out;
-}
-
 @fragment
 fn fs_haze(in: Disc) -> @location(0) vec4f {
     let ground = to_retina(in.p);

@@ -16,7 +16,8 @@ use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
 use std::num::NonZeroU64;
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages,
-    ColorWrites, CompareFunction, Device, RenderPipeline, ShaderStages, TextureFormat,
+    ColorWrites, CompareFunction, Device, RenderPipeline, ShaderStages, Texture, TextureFormat,
+    TextureUsages,
 };
 
 /// Format of the pictures: square roots of linear light, 8 bits.
@@ -57,6 +58,25 @@ pub fn shader(device: &Device, name: &str) -> wgpu::ShaderModule {
     device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some(label),
         source: wgpu::ShaderSource::Wgsl(text.into()),
+    })
+}
+
+/// A texture that a pass draws into and a later one reads.
+pub fn drawn_and_read(
+    device: &Device,
+    label: &str,
+    format: TextureFormat,
+    [width, height]: [u32; 2],
+) -> Texture {
+    device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
+        view_formats: &[],
     })
 }
 

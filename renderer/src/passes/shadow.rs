@@ -11,7 +11,7 @@ use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{
     BlendComponent, BlendFactor, BlendOperation, BlendState, ColorWrites, CommandEncoder, CompareFunction,
-    Device, RenderPass, RenderPassTimestampWrites, RenderPipeline, TextureFormat, TextureUsages, TextureView,
+    Device, RenderPass, RenderPassTimestampWrites, RenderPipeline, TextureFormat, TextureView,
 };
 
 /// A shadow map for one shading: the texture that the other shading would use is a single pixel.
@@ -28,18 +28,9 @@ pub struct ShadowMap {
 impl ShadowMap {
     /// For `tier`.
     pub fn new(device: &Device, tier: &Tier) -> Self {
-        let texture = |format, [width, height]: [u32; 2]| {
-            let texture = device.create_texture(&wgpu::TextureDescriptor {
-                label: Some("shadow map"),
-                size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            });
-            texture.create_view(&wgpu::TextureViewDescriptor::default())
+        let texture = |format, size_px| {
+            super::drawn_and_read(device, "shadow map", format, size_px)
+                .create_view(&wgpu::TextureViewDescriptor::default())
         };
         let size = tier.shadow_px;
         let (depth, mask): (_, TextureFormat) = (DEPTH, COLOUR);

@@ -66,7 +66,7 @@ pub fn parts(tool: Tool) -> &'static [&'static str] {
 /// The mesh of `tool` from the bytes of `file`.
 pub fn load(tool: Tool, file: &str, bytes: &[u8]) -> Result<Model, ModelError> {
     let whole = |problem: String| ModelError::File { file: file.to_owned(), problem };
-    let gltf = Gltf::from_slice(bytes).map_err(|e| whole(format!("no glTF file: {e}")))?;
+    let gltf = parse(bytes).map_err(whole)?;
     let buffer = gltf.blob.as_deref().ok_or_else(|| whole("expected a binary glTF file (.glb)".into()))?;
     let expected = format!("expected a root node '{}'", name(tool));
     let root = gltf.nodes().find(|n| n.name() == Some(name(tool))).ok_or_else(|| whole(expected))?;
@@ -82,6 +82,21 @@ pub fn load(tool: Tool, file: &str, bytes: &[u8]) -> Result<Model, ModelError> {
     let model = Model { parts: parts(tool).iter().map(part).collect::<Result<_, _>>()? };
     check_tool(tool, &model).map_err(whole)?;
     Ok(model)
+}
+
+/// The file's parsed and validated contents.
+fn parse(bytes: &[u8]) -> Result<Gltf, String> {
+    let no_file = |e: gltf::Error| format!("no glTF file: {e}");
+    let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(no_file)?;
+    let root = document.into_json();
+    // The library's validation looks up the positions' accessor before it checks that there is one.
+    let known = |accessor: &gltf::json::Index<gltf::json::Accessor>| accessor.value() < root.accessors.len();
+    let mut primitives = root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    if !primitives.all(|p| p.attributes.values().all(known)) {
+        return Err("no glTF file: an attribute of a mesh names an accessor that is not there".into());
+    }
+    let document = gltf::Document::from_json(root).map_err(no_file)?;
+    Ok(Gltf { document, blob })
 }
 
 fn missing(root: &Node<'_>) -> String {
@@ -260,6 +275,8 @@ mod tests {
         assert_eq!(wrong, "x.glb: expected a root node 'pick'");
         let short = altered(Tool::Needle, "\"byteOffset\":0,", "\"byteOffset\":9,");
         assert!(short.starts_with("x.glb"), "{short}");
+        let without = altered(Tool::Needle, "\"accessors\":", "\"Accessors\":");
+        assert!(without.contains("names an accessor that is not there"), "{without}");
         assert!(
             load(Tool::Pick, "x.glb", b"teapot").unwrap_err().to_string().starts_with("x.glb: no glTF file")
         );

@@ -74,22 +74,27 @@ mod tests {
         Retina::new(&scene).unwrap().unwrap()
     }
 
+    /// So many substeps in which nobody touches it.
+    fn run(model: &mut Retina, state: &mut RetinaState, substeps: u64) {
+        for substep in 0..substeps {
+            if substep % 20 == 0 {
+                model.begin_step(state);
+            }
+            model.flow(state, [None; 2]);
+            model.substep(state, substep);
+            if substep % 20 == 19 {
+                model.end_step(state);
+            }
+        }
+    }
+
     #[test]
     fn a_retina_begins_over_fluid_and_stays_there() {
         let operation = RetinaOperation { detached_rad: 0.5, fluid_mm3: 60.0, cut_rad: 0.0 };
         let (mut model, mut state) = begun(operation);
         assert_eq!((state.blebs.len(), state.under_mm3()), (1, 60.0));
         assert_eq!(state.check(&model.sheet), Ok(()));
-        for substep in 0..1000 {
-            if substep % 20 == 0 {
-                model.begin_step(&state);
-            }
-            model.flow(&mut state, [None; 2]);
-            model.substep(&mut state, substep);
-            if substep % 20 == 19 {
-                model.end_step(&mut state);
-            }
-        }
+        run(&mut model, &mut state, 1000);
         assert!((model.measured_all_mm3(&state) - 60.0).abs() < 1e-4, "{}", model.measured_all_mm3(&state));
         assert!((state.under_mm3() - 60.0).abs() < 1e-9 && state.blebs[0].pressure_pa > 0.0);
         assert_eq!(model.start().under_mm3(), 60.0, "a reset begins there again");
@@ -110,16 +115,7 @@ mod tests {
             let p = turn * model.home_mm[n].map(f64::from);
             state.tissue.set_position(n, p.map(|c| c as f32));
         }
-        for substep in 0..500 {
-            if substep % 20 == 0 {
-                model.begin_step(&state);
-            }
-            model.flow(&mut state, [None; 2]);
-            model.substep(&mut state, substep);
-            if substep % 20 == 19 {
-                model.end_step(&mut state);
-            }
-        }
+        run(&mut model, &mut state, 500);
         let mean = whole.iter().map(|&n| turn_of(&model, &state, n, &axis)).sum::<f64>() / whole.len() as f64;
         assert!((mean - 0.4).abs() < 0.01, "{mean}");
         assert_eq!(state.blebs[0].pressure_pa, 0.0);

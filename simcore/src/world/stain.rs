@@ -73,6 +73,8 @@ mod tests {
     fn a_jet_colours_the_membrane_and_a_checkpoint_keeps_it() {
         let (world, told) = dyed([1.0, 0.0]);
         assert!(told.len() >= 2 && told.is_sorted(), "{told:?}");
+        let percent = world.state().stain.as_ref().unwrap().percent(&world.state().membrane);
+        assert_eq!(told.last().map(|&t| t as u32 / 10), Some(percent as u32 / 10), "{percent}");
         let mut saved = Vec::new();
         world.save(&mut saved).unwrap();
         let mut other = World::new(world.scene()).unwrap();
