@@ -47,6 +47,7 @@ pub enum Action {
     Quit,
     // When they are pressed: the window.
     Help,
+    Dose,
     FullScreen,
     Mouse,
 }
@@ -106,6 +107,7 @@ pub const BINDINGS: &[Binding] = &[
     bind(Action::Next, &["n", "pad-mode"], "next level"),
     bind(Action::Quit, &["f10"], "end the program"),
     bind(Action::Help, &["f1", "h"], "show or hide these keys"),
+    bind(Action::Dose, &["l"], "show or hide the light that fell on the retina"),
     bind(Action::FullScreen, &["f11"], "full screen or window"),
     bind(Action::Mouse, &["escape"], "free the mouse; a click takes it again"),
 ];
@@ -157,6 +159,7 @@ const HELP: &[(&[Action], &str)] = &[
     (&[Action::Lens, Action::Inverter, Action::Filter], "lens, inverter, filter"),
     (&[Action::Pause, Action::Restart, Action::Next], "pause, restart, next"),
     (&[Action::Mouse], "free the mouse"),
+    (&[Action::Dose], "light on the retina"),
     (&[Action::FullScreen], "full screen"),
     (&[Action::Help, Action::Quit], "this help, quit"),
 ];

@@ -32,6 +32,8 @@ pub enum EventKind {
     NotPiConvex = 20,
     /// Triangles that a collision image cannot hold: too large, or with a bad corner; triangles.
     TrianglesRefused = 21,
+    /// Triangles without area in a collision image: degenerate, or seen from their edge; triangles.
+    TrianglesFlat = 22,
     /// A body that was lost is tracked again; s that it was lost.
     TrackingRegained = 30,
     /// A body is lost and touches nothing.
@@ -128,7 +130,7 @@ pub enum EventKind {
 
 impl EventKind {
     /// Every kind.
-    pub const ALL: [EventKind; 58] = [
+    pub const ALL: [EventKind; 59] = [
         EventKind::RetinaGrazed,
         EventKind::RetinaTouched,
         EventKind::RetinaPenetrated,
@@ -141,6 +143,7 @@ impl EventKind {
         EventKind::RimDetached,
         EventKind::NotPiConvex,
         EventKind::TrianglesRefused,
+        EventKind::TrianglesFlat,
         EventKind::TrackingRegained,
         EventKind::TrackingLost,
         EventKind::TissueCut,
@@ -209,6 +212,7 @@ impl EventKind {
             EventKind::RimDetached => ("membrane rim came off", "µN"),
             EventKind::NotPiConvex => ("tissue folded in the collision volume", "pixels"),
             EventKind::TrianglesRefused => ("tissue too large for the collision image", "triangles"),
+            EventKind::TrianglesFlat => ("tissue seen from its edge in the collision image", "triangles"),
             EventKind::TrackingRegained => ("tracking regained", "s"),
             EventKind::TrackingLost => ("tracking lost", ""),
             EventKind::TissueCut => ("membrane cut away", "mm²"),

@@ -29,6 +29,7 @@ pub mod blobs;
 pub mod budget;
 pub mod camera;
 pub mod control;
+pub mod dose;
 pub mod events;
 pub mod font;
 pub mod frames;

@@ -186,12 +186,14 @@ pub struct SceneHeader {
     pub text: Section,
     /// [`SceneHome`].
     pub homes: Section,
+    /// `f32`: doses of light on the retina, mJ/mm², in the cells of [`crate::dose`].
+    pub doses: Section,
 }
 
 impl Message for SceneHeader {
     const CHANNEL: &'static str = "scene";
-    /// 2: lens, inverter, aperture and filter; homes of the retina's nodes.
-    const VERSION: u32 = 2;
+    /// 2: lens, inverter, aperture and filter; homes of the retina's nodes. 3: doses of light.
+    const VERSION: u32 = 3;
     const QUEUE: usize = 1;
     const FIELDS: &'static [FieldLayout] = crate::fields!(SceneHeader {
         step,
@@ -210,7 +212,8 @@ impl Message for SceneHeader {
         bodies,
         bricks,
         text,
-        homes
+        homes,
+        doses
     });
 
     fn validate(&self) -> Result<(), Invalid> {
@@ -240,6 +243,7 @@ impl Element for SceneHome {}
 impl Element for SceneBody {}
 impl Element for SceneBrick {}
 impl Element for u8 {}
+impl Element for f32 {}
 
 /// The elements of `section` in `payload`, or an error where it does not lie inside.
 pub fn section<T: Element>(payload: &[u8], section: Section) -> Result<&[T], Invalid> {

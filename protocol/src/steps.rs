@@ -44,11 +44,20 @@ pub struct StepRecord {
     pub inputs_refused: u64,
     /// Tracker frames lost in the queue since the start.
     pub frames_lost: u64,
+    /// Membrane that vitrectors have cut away, area at rest, µm².
+    pub membrane_cut_um2: u64,
+    /// Retina that vitrectors have cut away, area at rest, µm².
+    pub retina_cut_um2: u64,
+    /// Vitreous that vitrectors have removed, volume at rest, µm³.
+    pub vitreous_removed_um3: u64,
+    /// Vitreous that is left, volume at rest, µm³.
+    pub vitreous_left_um3: u64,
 }
 
 impl Message for StepRecord {
     const CHANNEL: &'static str = "steps";
-    const VERSION: u32 = 1;
+    /// 2: what vitrectors have taken.
+    const VERSION: u32 = 2;
     const QUEUE: usize = 512;
     const FIELDS: &'static [FieldLayout] = crate::fields!(StepRecord {
         step,
@@ -61,7 +70,11 @@ impl Message for StepRecord {
         state_hash,
         times,
         inputs_refused,
-        frames_lost
+        frames_lost,
+        membrane_cut_um2,
+        retina_cut_um2,
+        vitreous_removed_um3,
+        vitreous_left_um3
     });
 
     fn validate(&self) -> Result<(), Invalid> {

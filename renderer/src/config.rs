@@ -57,6 +57,9 @@ pub struct Config {
     /// A person works by mouse and keyboard: a click takes the mouse, Escape frees it.
     #[arg(long, requires = "window")]
     pub desk: bool,
+    /// Draw the dose of light over the retina (L in the window shows and hides it).
+    #[arg(long)]
+    pub show_dose: bool,
     /// Save a still every second, and the last picture as last.png, in this folder.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
@@ -66,6 +69,9 @@ pub struct Config {
     /// Small pictures a second for console and recorder, 0 to 15.
     #[arg(long, value_name = "HZ", default_value_t = 2.0, value_parser = pictures_hz)]
     pub pictures_hz: f64,
+    /// Lose the graphics device after so many frames, to see that the others go on.
+    #[arg(long, value_name = "FRAMES", hide = true)]
+    pub lose_device_after: Option<u64>,
     /// Draw at this quality tier (0 is the best) instead of letting the governor choose.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
     pub tier: Option<u32>,

@@ -1,6 +1,7 @@
 //! `Renderer`: takes a scene, encodes its passes in order, then latches the poses and draws.
 
 use crate::assets::{AssetError, Assets};
+use crate::cells::{Cells, cell_ndc};
 use crate::fundus_map;
 use crate::governor::{Shading, TIERS, Tier};
 use crate::gpu::Gpu;
@@ -10,6 +11,7 @@ use crate::layers::Layers;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
 use crate::optics;
 use crate::passes::bodies::Bodies;
+use crate::passes::dose::Dose;
 use crate::passes::focus::{self, Focus, Tiles};
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
 use crate::passes::haze::Haze;
@@ -90,6 +92,7 @@ pub struct Renderer {
     bodies: Bodies,
     marks: Marks,
     haze: Haze,
+    dose: Dose,
     focus: Focus,
     text: Text,
     timing: Option<Timing>,
@@ -150,6 +153,7 @@ impl Renderer {
             bodies: Bodies::new(device, queue, &uniforms, &layout),
             marks: Marks::new(device, &uniforms, &layout),
             haze: Haze::new(device, &uniforms, &layout),
+            dose: Dose::new(device, &uniforms, &layout),
             focus,
             text: Text::new(device, queue, &uniforms),
             timing: Timing::new(gpu),
@@ -178,9 +182,11 @@ impl Renderer {
         let bricks: &[SceneBrick] = section(payload, header.bricks)?;
         let text = section::<u8>(payload, header.text)?;
         let homes: &[SceneHome] = section(payload, header.homes)?;
+        let doses: &[f32] = section(payload, header.doses)?;
         self.marks.set(&gpu.queue, marks);
         self.bodies.set(&gpu.queue, bodies);
         self.haze.set(&gpu.device, &gpu.queue, bricks);
+        self.dose.set(&gpu.queue, doses);
         self.sheet.reserve(&gpu.device, nodes.len(), triangles.len());
         if self.tissue.take(nodes, triangles, homes, header.topology) {
             self.sheet.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
@@ -252,7 +258,7 @@ impl Renderer {
         });
         for channel in 0..CHANNELS as u32 {
             self.set_channel(&mut pass, target, channel, light);
-            self.draw_channel(&mut pass, tier, layers);
+            self.draw_channel(&mut pass, &target.cells, (tier, layers));
             if target.fine.is_none() {
                 self.draw_over(&mut pass, target, channel, (tier, layers));
             }
@@ -319,7 +325,7 @@ impl Renderer {
     }
 
     /// Solid instruments hide the retina; lost ones show it through.
-    fn draw_channel(&self, pass: &mut RenderPass<'_>, tier: &Tier, layers: Layers) {
+    fn draw_channel(&self, pass: &mut RenderPass<'_>, cells: &Cells, (tier, layers): (&Tier, Layers)) {
         self.fundus.close_outside(pass, tier.shading);
         if layers.has(Layers::INSTRUMENTS) {
             self.draw_instruments(pass, false, tier.shading);
@@ -329,7 +335,8 @@ impl Renderer {
         }
         if layers.has(Layers::RETINA) {
             self.retina.draw(pass, &self.sheet, tier.shading);
-            self.fundus.draw(pass, tier.shading);
+            self.fundus.draw(pass, cells, tier.shading);
+            self.dose.draw(pass, (&self.fundus, cells), tier.shading);
         }
         if layers.has(Layers::BODIES) {
             self.marks.draw(pass, tier.shading);
@@ -341,7 +348,7 @@ impl Renderer {
             self.membrane.draw(pass, &self.sheet, tier.shading);
         }
         if layers.has(Layers::HAZE) {
-            self.haze.draw(pass, &self.fundus, tier.shading);
+            self.haze.draw(pass, (&self.fundus, cells), tier.shading);
         }
         if layers.has(Layers::MEMBRANE) && tier.shading == Shading::Full {
             self.membrane.draw_depth(pass, &self.sheet);
@@ -365,7 +372,8 @@ impl Renderer {
         let aspect = f64::from(TIERS[tier].width_px) / f64::from(TIERS[tier].height_px);
         let mut views = [0u8; CHANNELS * VIEW_STRIDE as usize];
         for (channel, slot) in views.chunks_exact_mut(VIEW_STRIDE as usize).enumerate() {
-            let uniform = view(&self.microscope, channel, aspect, &eye_from_world);
+            let mut uniform = view(&self.microscope, channel, aspect, &eye_from_world);
+            [uniform.plane_x[3], uniform.plane_y[3]] = cell_ndc(&TIERS[tier]);
             slot[..size_of::<ViewUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
         }
         gpu.queue.write_buffer(&self.uniforms.views, 0, &views);
@@ -379,6 +387,11 @@ impl Renderer {
         self.text.set(&gpu.queue, &self.lines);
         self.lost_before = latched.tracked.map(|t| !t);
         self.eye_lost_before = !latched.eye_tracked;
+    }
+
+    /// Draws the dose of light over the retina from the next frame on, or no longer.
+    pub fn show_dose(&mut self, gpu: &Gpu, shown: bool) {
+        self.dose.show(&gpu.queue, shown);
     }
 
     /// A line in a corner of the picture from the next frame on; empty for none.
@@ -420,7 +433,7 @@ impl Renderer {
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.
         let level = self.map.level(px_per_mm as f32, radius) + blur as f32;
         uniform.retina = [radius, fundus_map::map_scale(), level, FILM];
-        uniform.penumbra = [lamp::soft_edge_per_depth() as f32, SHADOW_WIDEST, 0.0, 0.0];
+        uniform.penumbra = [lamp::soft_edge_per_depth() as f32, SHADOW_WIDEST, radius.recip(), 0.0];
         uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);

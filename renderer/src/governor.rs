@@ -1,9 +1,11 @@
 //! The quality governor: picks resolution and shading so that frames keep their budget.
 //!
-//! Pure: fed with measured frame times. It steps down within five frames of an overload and
-//! comes back slowly, only where the cost expected there fits with a margin, and waits longer
-//! after every return that failed.
+//! Pure: fed with measured frame times. It steps down within five frames of an overload, as far as the typical one among them
+//! tells that it must: a few late ones are a disturbance, which a lower tier would not help. It comes back slowly, only where the
+//! cost expected there fits with a margin, and waits longer after every return that failed. What other tiers cost was measured on
+//! this adapter (`costs`). A frame below the floor breaks the budget by itself, so only lasting overload leads there.
 
+use crate::costs::Costs;
 use protocol::frames::TierReason;
 use std::fmt;
 
@@ -58,15 +60,6 @@ const fn lean(width_px: u32, height_px: u32, shadow_px: u32) -> Tier {
     Tier { width_px, height_px, shadow_px, shading: Shading::Lean }
 }
 
-impl Tier {
-    /// About what a frame costs, compared with other tiers: a fully shaded pixel takes four times
-    /// a lean one (`docs/rendering.md`).
-    fn cost(&self) -> f64 {
-        let pixel = if self.shading == Shading::Full { 4.0 } else { 1.0 };
-        pixel * f64::from(self.width_px * self.height_px)
-    }
-}
-
 /// All tiers, the best first.
 pub const TIERS: [Tier; 9] = [
     full(1280, 1024, 2048),
@@ -88,12 +81,20 @@ pub const HARDWARE_START: usize = 1;
 pub const FLOOR: usize = 6;
 /// Frames looked at for an overload.
 const RECENT: usize = 5;
-/// This many late ones among them are an overload.
-const LATE: usize = 2;
-/// Frames looked at before going up.
+/// This many late ones among them are an overload: the typical one is late.
+const LATE: usize = 3;
+/// The same from the floor on, where the next step would break the budget with every frame: only what lasts counts.
+const LASTING: usize = 25;
+const LASTING_LATE: usize = 13;
+/// Frames looked at before going up, and below the floor, where every frame breaks the budget.
 const WINDOW: usize = 100;
+const WINDOW_BELOW_FLOOR: usize = 25;
 /// Share of the budget that the expected time of the better tier may take.
 const MARGIN: f64 = 0.75;
+/// The same for a typical frame of a tier to step down to.
+const MARGIN_DOWN: f64 = 0.9;
+/// Right after a change only frames so many budgets long count, and so many of them in a row.
+const HOPELESS: (u64, u32) = (4, 2);
 /// Frames of rest after a change, so that a single hiccup does not count twice.
 const REST: u32 = 5;
 /// Longest back-off, in windows.
@@ -131,6 +132,9 @@ pub struct Governor {
     times_ns: [u64; WINDOW],
     count: usize,
     rest: u32,
+    /// Hopeless frames in a row since the last change.
+    hopeless: u32,
+    costs: Costs,
     /// Windows to wait before the next try upwards.
     back_off: u32,
     waited: u32,
@@ -141,7 +145,7 @@ pub struct Governor {
 
 impl Governor {
     /// Starts at `start`, or stays at `fixed` for ever; both are limited to the tiers there are.
-    pub fn new(budget_ns: u64, start: usize, fixed: Option<usize>) -> Self {
+    pub fn new(budget_ns: u64, start: usize, fixed: Option<usize>, costs: Costs) -> Self {
         Self {
             budget_ns,
             tier: fixed.unwrap_or(start).min(TIERS.len() - 1),
@@ -149,6 +153,8 @@ impl Governor {
             times_ns: [0; WINDOW],
             count: 0,
             rest: REST,
+            hopeless: 0,
+            costs,
             back_off: 1,
             waited: 0,
             on_trial: false,
@@ -181,23 +187,43 @@ impl Governor {
             return false;
         }
         if self.rest > 0 {
-            // Far too long is believed at once: the start may be hopelessly high.
-            self.rest -= 1;
-            return frame_ns > 4 * self.budget_ns && self.step_down(2, TierReason::Overload, frame_ns);
+            return self.note_at_rest(frame_ns);
         }
         self.times_ns[self.count % WINDOW] = frame_ns;
         self.count += 1;
-        let recent = RECENT.min(self.count);
+        let (most, enough) = if self.tier < FLOOR { (RECENT, LATE) } else { (LASTING, LASTING_LATE) };
+        let recent = most.min(self.count);
         let late = (1..=recent).filter(|&k| self.nth_last(k) > self.budget_ns).count();
-        if late >= LATE {
-            let worst = (1..=recent).map(|k| self.nth_last(k)).max().unwrap_or(0);
-            let steps = if worst > 2 * self.budget_ns { 2 } else { 1 };
-            return self.step_down(steps, TierReason::Overload, worst);
+        if late >= enough {
+            let mut last = [0; LASTING];
+            (0..recent).for_each(|k| last[k] = self.nth_last(k + 1));
+            last[..recent].sort_unstable();
+            let (typical, worst) = (last[recent / 2], last[recent - 1]);
+            return self.step_down(self.tier_for(typical), TierReason::Overload, worst);
         }
-        if self.count < WINDOW {
+        let window = if self.tier > FLOOR { WINDOW_BELOW_FLOOR } else { WINDOW };
+        if self.count < window {
             return false;
         }
-        self.end_of_window()
+        self.end_of_window(window)
+    }
+
+    /// Soon after a change: the start may be hopelessly high, which two frames tell, not one.
+    fn note_at_rest(&mut self, frame_ns: u64) -> bool {
+        self.rest -= 1;
+        let (budgets, in_a_row) = HOPELESS;
+        self.hopeless = if frame_ns > budgets * self.budget_ns { self.hopeless + 1 } else { 0 };
+        let tells = self.hopeless >= in_a_row && self.tier < FLOOR;
+        tells && self.step_down(self.tier_for(frame_ns), TierReason::Overload, frame_ns)
+    }
+
+    /// The best lower tier at which a frame that took `typical_ns` here fits; below the floor only from the floor on.
+    fn tier_for(&self, typical_ns: u64) -> usize {
+        let fits = |&to: &usize| {
+            typical_ns as f64 * self.costs.ratio(self.tier, to) <= MARGIN_DOWN * self.budget_ns as f64
+        };
+        let next = self.tier + 1;
+        (next..TIERS.len()).find(fits).unwrap_or(TIERS.len() - 1).min(next.max(FLOOR))
     }
 
     fn nth_last(&self, k: usize) -> u64 {
@@ -205,12 +231,13 @@ impl Governor {
     }
 
     /// A full window: leave if more than one frame in twenty was late, try upwards if it fits.
-    fn end_of_window(&mut self) -> bool {
-        self.times_ns.sort_unstable();
-        let p95 = self.times_ns[WINDOW * 95 / 100 - 1];
+    fn end_of_window(&mut self, window: usize) -> bool {
+        self.times_ns[..window].sort_unstable();
+        let p95 = self.times_ns[window * 95 / 100 - 1];
         self.count = 0;
         if p95 > self.budget_ns {
-            return self.step_down(1, TierReason::Slow, p95);
+            // Below the floor all frames would break the budget to save a few.
+            return self.tier < FLOOR && self.step_down(self.tier + 1, TierReason::Slow, p95);
         }
         if self.on_trial {
             // A whole window held: the doubt is over.
@@ -221,20 +248,19 @@ impl Governor {
         if self.tier == 0 || self.waited < self.back_off {
             return false;
         }
-        let ratio = TIERS[self.tier - 1].cost() / TIERS[self.tier].cost();
-        if p95 as f64 * ratio > self.budget_ns as f64 * MARGIN {
+        if p95 as f64 * self.costs.ratio(self.tier, self.tier - 1) > self.budget_ns as f64 * MARGIN {
             return false;
         }
         self.on_trial = true;
         self.change_to(self.tier - 1, TierReason::Room, p95)
     }
 
-    fn step_down(&mut self, steps: usize, why: TierReason, took_ns: u64) -> bool {
+    fn step_down(&mut self, to: usize, why: TierReason, took_ns: u64) -> bool {
         if self.on_trial {
             self.back_off = (self.back_off * 2).min(MAX_BACK_OFF);
             self.on_trial = false;
         }
-        let to = (self.tier + steps).min(TIERS.len() - 1);
+        let to = to.min(TIERS.len() - 1);
         if to == self.tier {
             self.count = 0;
             return false;
@@ -248,6 +274,7 @@ impl Governor {
         self.count = 0;
         self.waited = 0;
         self.rest = REST;
+        self.hopeless = 0;
         true
     }
 }
@@ -258,12 +285,17 @@ mod tests {
 
     const BUDGET: u64 = 15_000_000;
 
-    /// A machine that needs `ns_per_px` for each pixel of both channels and 1 ms besides.
+    fn governor(start: usize) -> Governor {
+        Governor::new(BUDGET, start, None, Costs::default())
+    }
+
+    /// A machine that needs `ns_per_px` for each pixel of both channels, 20 times as long for a fully shaded one, and 1 ms besides.
     fn run(governor: &mut Governor, ns_per_px: u64, frames: usize) -> usize {
         let mut late = 0;
         for _ in 0..frames {
             let t = governor.tier();
-            let time = 1_000_000 + 2 * u64::from(t.width_px * t.height_px) * ns_per_px;
+            let dearer = if t.shading == Shading::Full { 20 } else { 1 };
+            let time = 1_000_000 + 2 * dearer * u64::from(t.width_px * t.height_px) * ns_per_px;
             late += usize::from(time > BUDGET);
             governor.note(time);
         }
@@ -273,20 +305,21 @@ mod tests {
     #[test]
     fn settles_where_the_budget_holds() {
         for ns_per_px in [1, 10, 40, 100, 200] {
-            let mut governor = Governor::new(BUDGET, SOFTWARE_START, None);
+            let mut governor = governor(SOFTWARE_START);
             run(&mut governor, ns_per_px, 3_000);
             let settled = governor.tier_index();
             assert_eq!(run(&mut governor, ns_per_px, 2_000), 0, "{ns_per_px} ns/px at tier {settled}");
         }
-        let mut fast = Governor::new(BUDGET, HARDWARE_START, None);
-        run(&mut fast, 1, 2_000);
+        let alike = Costs::measured(&[Some(1_000_000); TIERS.len()]);
+        let mut fast = Governor::new(BUDGET, HARDWARE_START, None, alike);
+        run(&mut fast, 0, 2_000);
         assert_eq!(fast.tier_index(), 0);
-        assert_eq!((fast.reason().why, fast.reason().took_ms), (TierReason::Room, 2.024));
+        assert_eq!((fast.reason().why, fast.reason().took_ms), (TierReason::Room, 1.0));
     }
 
     #[test]
     fn overload_is_answered_within_five_frames() {
-        let mut governor = Governor::new(BUDGET, 3, None);
+        let mut governor = governor(3);
         (0..50).for_each(|_| assert!(!governor.note(8_000_000)));
         let answered = (0..5).position(|_| governor.note(16_000_000));
         assert!(answered.is_some());
@@ -295,17 +328,48 @@ mod tests {
     }
 
     #[test]
-    fn a_single_late_frame_changes_nothing() {
-        let mut governor = Governor::new(BUDGET, 3, None);
+    fn it_falls_no_further_than_it_must() {
+        // Twice the budget at 2×640×512: the next tier would need 17 ms, the one after that 12.
+        let mut steady = governor(3);
+        (0..20).any(|_| steady.note(30_000_000));
+        assert_eq!(steady.tier_index(), 5);
+        // Two frames of 100 ms among good ones do not count, and one more does not make the good ones bad.
+        let mut disturbed = governor(3);
+        (0..20).for_each(|_| assert!(!disturbed.note(14_000_000)));
+        assert!(!disturbed.note(100_000_000) && !disturbed.note(100_000_000) && disturbed.note(16_000_000));
+        assert_eq!(disturbed.tier_index(), 4, "for the typical one, 16 ms");
+        // Below the floor only what lasts at the floor leads.
+        let mut long = governor(SOFTWARE_START);
+        let mut changes = Vec::new();
+        for _ in 0..70 {
+            if long.note(200_000_000) {
+                changes.push(long.tier_index());
+            }
+        }
+        assert_eq!(changes, [6, 7, 8], "after 2, 18 and 18 frames");
+    }
+
+    #[test]
+    fn a_hiccup_right_after_a_change_is_none() {
+        let mut governor = governor(SOFTWARE_START);
+        assert!(!governor.note(90_000_000));
+        (0..90).for_each(|i| assert!(!governor.note(8_000_000), "frame {i}"));
+        assert_eq!(governor.tier_index(), SOFTWARE_START);
+    }
+
+    #[test]
+    fn a_few_late_frames_change_nothing() {
+        let mut governor = governor(3);
         for i in 0..400 {
-            assert!(!governor.note(if i % 50 == 20 { 40_000_000 } else { 11_000_000 }), "frame {i}");
+            let late = i % 50 == 20 || i % 50 == 21;
+            assert!(!governor.note(if late { 40_000_000 } else { 11_000_000 }), "frame {i}");
         }
     }
 
     #[test]
     fn failed_returns_become_rare() {
         // Tier 5 always fails although its expected cost fits.
-        let mut governor = Governor::new(BUDGET, 6, None);
+        let mut governor = governor(6);
         let mut tries = Vec::new();
         for i in 0..20_000 {
             let before = governor.tier_index();
@@ -320,31 +384,42 @@ mod tests {
 
     #[test]
     fn hopeless_start_is_left_at_once_and_fixed_stays() {
-        let mut governor = Governor::new(BUDGET, 0, None);
-        assert!(governor.note(300_000_000));
-        assert_eq!(governor.tier_index(), 2);
+        let mut governor = governor(HARDWARE_START);
+        assert!(!governor.note(300_000_000) && governor.note(300_000_000));
+        assert_eq!(governor.tier_index(), 3, "a thirtieth: a twentieth for its shading, and fewer pixels");
         assert_eq!(governor.reason().why, TierReason::Overload);
-        let mut fixed = Governor::new(BUDGET, 0, Some(99));
+        let mut fixed = Governor::new(BUDGET, 0, Some(99), Costs::default());
         assert_eq!(fixed.reason().to_string(), "fixed by --tier");
         assert_eq!(fixed.tier_index(), TIERS.len() - 1);
         assert!((0..500).all(|_| !fixed.note(300_000_000)));
     }
 
     #[test]
-    fn slow_frames_that_never_crowd_are_named_as_such() {
-        let mut governor = Governor::new(BUDGET, 3, None);
+    fn slow_frames_that_never_crowd_are_named_as_such_and_do_not_lead_below_the_floor() {
+        let mut governor = governor(3);
         // One in ten is late, and never two among five.
-        let moved =
-            (0..150).filter(|i| governor.note(if i % 10 == 0 { 16_000_000 } else { 9_000_000 })).count();
-        assert_eq!(moved, 1);
-        assert_eq!((governor.tier_index(), governor.reason().why), (4, TierReason::Slow));
+        let mut note = |frames: usize| {
+            (0..frames).filter(|i| governor.note(if i % 10 == 0 { 16_000_000 } else { 9_000_000 })).count()
+        };
+        assert_eq!(note(150), 1);
+        assert_eq!(note(1_000), 2);
+        assert_eq!((governor.tier_index(), governor.reason().why), (FLOOR, TierReason::Slow));
         assert_eq!(governor.reason().to_string(), "1 frame in 20 over 16 ms, 15 allowed");
+    }
+
+    #[test]
+    fn it_leaves_the_depths_below_the_floor_soon() {
+        let mut governor = governor(FLOOR + 1);
+        let frames = (0..100).position(|_| governor.note(5_000_000));
+        assert!(frames.is_some_and(|n| n <= 30), "{frames:?}");
+        assert_eq!(governor.tier_index(), FLOOR);
     }
 
     #[test]
     fn tiers_fall_and_keep_their_shape() {
         for pair in TIERS.windows(2) {
-            assert!(pair[1].cost() < pair[0].cost() && pair[1].width_px <= pair[0].width_px);
+            assert!(pair[1].width_px <= pair[0].width_px);
+            assert!(pair[1].width_px < pair[0].width_px || pair[1].shading != pair[0].shading);
         }
         assert!(TIERS.iter().all(|t| t.width_px * 4 == t.height_px * 5), "5:4");
     }

@@ -6,14 +6,11 @@ use crate::tools::FIBRE_FACE_MM;
 use glam::dcamera::rh::proj::directx::perspective;
 use glam::dcamera::rh::view::look_at_mat4;
 use glam::{DMat4, DVec3};
+use protocol::dose::{BEAM_INNER_RAD, BEAM_OUTER_RAD};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::optics::Filter;
 
-/// Half angle of the cone, where the light ends, rad. Light pipes spread 50 to 80 degrees in all.
-const OUTER_RAD: f64 = 0.82;
-/// Half angle up to which the beam is at full strength, rad.
-const INNER_RAD: f64 = 0.30;
 /// The shadow map reaches a little beyond the cone, rad.
 const MAP_RAD: f64 = 0.86;
 /// What lies nearer to the lamp casts no shadow, mm.
@@ -77,7 +74,7 @@ impl Lamp {
     /// Fills in the lamp's part of the uniform, its light seen through `filter`. What is scattered about passed the filter too.
     pub fn write(&self, uniform: &mut FrameUniform, filter: Filter) {
         let vec4 = |v: DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
-        let (outer, inner) = (OUTER_RAD.cos(), INNER_RAD.cos());
+        let (outer, inner) = (BEAM_OUTER_RAD.cos(), BEAM_INNER_RAD.cos());
         uniform.lamp_from_eye = self.lamp_from_eye().as_mat4().to_cols_array_2d();
         uniform.lamp_position = vec4(self.position, self.strength);
         uniform.lamp_direction = vec4(self.direction, outer as f32);
@@ -129,7 +126,7 @@ mod tests {
         assert_eq!(lamp.direction, DVec3::NEG_Z);
         let p = lamp.lamp_from_eye().project_point3(DVec3::new(1.0, 2.0, -11.5));
         assert!(p.truncate().length() < 1e-9 && (0.0..1.0).contains(&p.z), "{p}");
-        let rim = DVec3::new(1.0 + 6.5 * OUTER_RAD.tan(), 2.0, -11.5);
+        let rim = DVec3::new(1.0 + 6.5 * BEAM_OUTER_RAD.tan(), 2.0, -11.5);
         assert!(lamp.lamp_from_eye().project_point3(rim).x.abs() < 1.0, "the cone fits the map");
     }
 

@@ -35,7 +35,7 @@ pub struct FrameUniform {
     /// Depth bias, half width of the soft edge (share of a tile), relief of the vessels, membrane detail.
     pub shadow: [f32; 4],
     /// Growth of a shadow's soft edge with the difference of depths in the map, widest half width that is looked for (shares of a
-    /// tile), 0, 0.
+    /// tile), 1 / radius of the retina (1/mm), 0.
     pub penumbra: [f32; 4],
     /// Corner of the vitreous' densities with the smallest coordinates, and extinction at full
     /// density (1/mm).
@@ -56,11 +56,11 @@ pub struct ViewUniform {
     pub camera: [f32; 4],
     /// Middle of the plane through the target.
     pub plane_origin: [f32; 4],
-    /// Way of one unit of NDC x in that plane.
+    /// Way of one unit of NDC x in that plane; width of a cell of the retina in NDC.
     pub plane_x: [f32; 4],
-    /// Way of one unit of NDC y.
+    /// Way of one unit of NDC y; height of a cell.
     pub plane_y: [f32; 4],
-    /// Field coordinates per NDC x and y, squared inner edge of the border, 0.
+    /// Field coordinates per NDC x and y, squared inner edge of the border, 1 / (1 − that).
     pub field: [f32; 4],
 }
 

@@ -5,7 +5,9 @@
 //! are pure. Shaders lie beside their pass. wgpu is used in this crate only, windows in `present`.
 
 pub mod assets;
+pub mod cells;
 pub mod config;
+pub mod costs;
 pub mod frame;
 pub mod fundus_map;
 pub mod governor;

@@ -39,7 +39,7 @@ pub fn run(config: &Config) -> Result<()> {
     let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
     let fixed = config.tier.map(|t| t as usize);
     let first_tier = start::first_tier(&gpu, fixed);
-    let renderer = start::renderer(&gpu, &scene, config, first_tier)?;
+    let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier, now)?;
     let output_plan = OutputPlan {
         stills: config.stills.clone(),
         video: config.video.clone(),
@@ -50,13 +50,13 @@ pub fn run(config: &Config) -> Result<()> {
     let output = Output::start(&output_plan, first_tier).context("files for stills or video")?;
     let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
     let mut running = Running {
-        person: Person::open(&instance, config.desk)?,
+        person: Person::open(&instance, config.desk, config.show_dose)?,
         poses: instance.receiver(Queue::Newest)?,
         scenes: instance.block_receiver()?,
         frames: instance.sender()?,
         pictures: instance.block_sender(MAX_PICTURE_BYTES)?,
         clock: GpuClock::default(),
-        governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed),
+        governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed, costs),
         pacing: Pacing::new(present.refresh_ns(), limit_ns),
         read_back: ReadBack::new(&gpu, first_tier),
         stills: rate(config.stills.is_some(), 1e9 / STILL_NS as f64),
@@ -64,6 +64,7 @@ pub fn run(config: &Config) -> Result<()> {
         small: Ticks::new(config.pictures_hz),
         keeps_last: config.stills.is_some(),
         snapshot: false,
+        lose_device_after: config.lose_device_after,
         shell,
         gpu,
         present,
@@ -107,6 +108,8 @@ struct Running {
     small: Ticks,
     keeps_last: bool,
     snapshot: bool,
+    /// Frames after which the device is given away, to rehearse its loss.
+    lose_device_after: Option<u64>,
     /// Header of the scene that is drawn.
     scene: Option<SceneHeader>,
     pose: Option<TrackerFrame>,
@@ -158,6 +161,7 @@ impl Running {
             self.shell.stop();
         }
         self.person.hear(&mut self.present, now())?;
+        self.renderer.show_dose(&self.gpu, self.person.shows_dose());
         if let Some((lines, alone)) = self.person.overlay() {
             self.renderer.overlay(&lines, alone);
         }
@@ -181,6 +185,9 @@ impl Running {
     /// One stereo frame: commands first, then the newest pose, then the device.
     fn draw_frame(&mut self, frame_start: Nanos, refreshed: Nanos) -> Result<()> {
         let tier = self.governor.tier_index();
+        if self.lose_device_after == Some(self.frame) {
+            self.gpu.device.destroy();
+        }
         let commands = self.renderer.encode(&self.gpu, tier);
         self.shell.inject_delay();
         let latched_at = now();

@@ -3,6 +3,7 @@
 
 use crate::assets::Assets;
 use crate::config::Config;
+use crate::costs::Costs;
 use crate::frame::{Plan, Renderer};
 use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
 use crate::gpu::Gpu;
@@ -20,6 +21,7 @@ use protocol::scene::{
     SectionWriter,
 };
 use protocol::scene_file::SceneFile;
+use protocol::time::Nanos;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
@@ -27,6 +29,8 @@ const SOFTWARE_BEST: usize = 3;
 const SOFTWARE_MAP_PX: u32 = 1024;
 /// Edge of the fundus map on a GPU.
 const HARDWARE_MAP_PX: u32 = 2048;
+/// Rounds of the warm-up after which the driver has compiled everything.
+const COMPILED_AFTER: usize = 2;
 /// Length of a shaft that the rig does not tell, mm.
 const SHAFT_LENGTH_MM: f64 = 60.0;
 
@@ -82,17 +86,29 @@ pub fn map_px(gpu: &Gpu) -> u32 {
     if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX }
 }
 
-/// A renderer for `scene` that has drawn its first frame.
-pub fn renderer(gpu: &Gpu, scene: &SceneFile, config: &Config, first_tier: usize) -> Result<Renderer> {
+/// A renderer for `scene` that has drawn its first frames, and what these told about the costs of the tiers; `clock` gives ns.
+pub fn renderer(
+    gpu: &Gpu,
+    scene: &SceneFile,
+    config: &Config,
+    first_tier: usize,
+    clock: fn() -> Nanos,
+) -> Result<(Renderer, Costs)> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
     let assets = Assets::load(config.fundus.as_deref(), config.instruments.as_deref())?;
     let mut renderer = Renderer::with_assets(gpu, plan(scene, &rig, first_tier, map_px(gpu)), &assets);
-    warm_up(gpu, &mut renderer, scene, first_tier)?;
-    Ok(renderer)
+    let costs = warm_up(gpu, &mut renderer, scene, (first_tier, clock))?;
+    Ok((renderer, costs))
 }
 
-/// Draws every kind of thing once, tracked and lost, at every tier from the start on.
-fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: usize) -> Result<()> {
+/// Draws every kind of thing, tracked and lost, at every tier from the start on. Frames that come after each kind was drawn once
+/// tell what the tiers cost.
+fn warm_up(
+    gpu: &Gpu,
+    renderer: &mut Renderer,
+    scene: &SceneFile,
+    (first_tier, clock): (usize, fn() -> Nanos),
+) -> Result<Costs> {
     let mut payload = [0u128; 96];
     let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
     let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE };
@@ -121,7 +137,10 @@ fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: us
     }
     renderer.take_scene(gpu, &header, bytemuck::cast_slice(&payload))?;
     let tip = |x: f64| DMat4::from_translation(DVec3::new(x, 0.0, -6.0));
-    for tracked in [true, false, true] {
+    let mut shortest_ns = [None::<u64>; TIERS.len()];
+    // What a person may ask for later is compiled too; it is not part of what is measured.
+    for (round, tracked) in [true, false, true, true, true].into_iter().enumerate() {
+        renderer.show_dose(gpu, round < COMPILED_AFTER);
         let latched = Latched {
             field: 0,
             instants: Zeroable::zeroed(),
@@ -131,11 +150,16 @@ fn warm_up(gpu: &Gpu, renderer: &mut Renderer, scene: &SceneFile, first_tier: us
             tracked: [tracked; INSTRUMENTS],
             eye_tracked: tracked,
         };
-        for tier in first_tier..TIERS.len() {
+        for (tier, shortest) in shortest_ns.iter_mut().enumerate().skip(first_tier) {
+            let begun = clock();
             let commands = renderer.encode(gpu, tier);
             renderer.submit(gpu, tier, &latched, commands);
             gpu.wait()?;
+            let took = clock() - begun;
+            if round >= COMPILED_AFTER {
+                *shortest = Some(shortest.map_or(took, |before| before.min(took)));
+            }
         }
     }
-    Ok(())
+    Ok(Costs::measured(&shortest_ns))
 }

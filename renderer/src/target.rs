@@ -1,5 +1,6 @@
 //! Pictures to draw into: one for each tier, made at start-up, both channels side by side.
 
+use crate::cells::Cells;
 use crate::governor::Tier;
 use crate::passes::{COLOUR, DEPTH};
 use wgpu::{Device, Texture, TextureDescriptor, TextureUsages, TextureView};
@@ -14,6 +15,8 @@ pub struct Target {
     pub depth: TextureView,
     /// Of full tiers.
     pub fine: Option<Fine>,
+    /// What the retina is drawn as.
+    pub cells: Cells,
     /// Width of a channel, px.
     pub width_px: u32,
     /// Height, px.
@@ -62,6 +65,7 @@ impl Target {
             colour: view(&texture),
             depth: view(&depth),
             texture,
+            cells: Cells::new(device, tier),
             width_px: tier.width_px,
             height_px: tier.height_px,
         }

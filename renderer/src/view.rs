@@ -84,7 +84,7 @@ pub fn view(microscope: &Microscope, channel: usize, aspect: f64, eye_from_world
     let units = (clip_from_eye * target.extend(1.0)).w;
     let vec4 = |v: DVec3| v.extend(0.0).as_vec4().to_array();
     let inner = (1.0 - BORDER) * (1.0 - BORDER);
-    let field = [aspect / FIELD_FILL, 1.0 / FIELD_FILL, inner, 0.0];
+    let field = [aspect / FIELD_FILL, 1.0 / FIELD_FILL, inner, 1.0 / (1.0 - inner)];
     ViewUniform {
         clip_from_eye: clip_from_eye.as_mat4().to_cols_array_2d(),
         camera: vec4(rays.from),

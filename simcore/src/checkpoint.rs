@@ -1,7 +1,7 @@
 //! The state as bytes: checkpoints, and the state hash. The only module that names bincode.
 //!
-//! Both come from the one serialisation of [`State`], so that the hash covers exactly what a checkpoint
-//! would restore, and nothing that is left out of it can influence a later step.
+//! Both come from the one serialisation of [`State`], so that the hash covers what a checkpoint would restore, and nothing that is
+//! left out of it can influence a later step. The doses of light are restored and not hashed: they influence nothing.
 
 use crate::constants::{MAX_HELD, MAX_MARKS};
 use crate::membrane::sheet::Sheet;
@@ -18,7 +18,7 @@ use protocol::scene::NODE_BOUND;
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's meaning; another one is refused.
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 
 /// Why a checkpoint was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -78,6 +78,7 @@ pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), Checkp
     let header = Header { version: VERSION, scene };
     bincode::serde::encode_into_std_write(&header, out, config()).map_err(fail)?;
     bincode::serde::encode_into_std_write(state, out, config()).map_err(fail)?;
+    bincode::serde::encode_into_std_write(&state.dose.mj_mm2, out, config()).map_err(fail)?;
     if let Some(tail) = tail(state) {
         bincode::serde::encode_into_std_write(tail, out, config()).map_err(fail)?;
     }
@@ -99,6 +100,10 @@ pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, Checkpoi
     }
     let (mut state, mut rest): (State, usize) =
         bincode::serde::decode_from_slice(&bytes[read..], config()).map_err(fail)?;
+    let doses;
+    (state.dose.mj_mm2, doses) =
+        bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
+    rest += doses;
     if read + rest < bytes.len() {
         let more;
         ((state.task, state.optics, state.stain), more) =
@@ -133,6 +138,9 @@ fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
     crate::membrane::tear::check_mesh(sheet, m)
         .map_err(|_| CheckpointError::Content("springs, triangles and nodes do not fit together"))?;
     check_instruments(state)?;
+    if !state.dose.is_sound() {
+        return Err(CheckpointError::Content("doses of light are out of range"));
+    }
     if !state.tools.is_sound() {
         return Err(CheckpointError::Content("pump, blade or syringe are out of range"));
     }

@@ -24,6 +24,7 @@ pub mod checkpoint;
 pub mod collision;
 pub mod config;
 pub mod constants;
+pub mod dose;
 pub mod elements;
 pub mod event_log;
 pub mod eyes;

@@ -126,7 +126,7 @@ impl Desk {
         self.scenes.send(self.scene_bytes, |payload| writer.write(world, instants, hash, payload))?;
         let mut times = report.times;
         times.transfer_ns = now() - transfer_begin;
-        let state = world.state();
+        let (state, removed) = (world.state(), world.removed());
         self.steps.send(&StepRecord {
             step: state.step,
             field: frame.field,
@@ -139,6 +139,10 @@ impl Desk {
             times,
             inputs_refused: state.refused + self.refused_by_channels(),
             frames_lost: self.poses.counts().lost,
+            membrane_cut_um2: removed.membrane_um2,
+            retina_cut_um2: removed.retina_um2,
+            vitreous_removed_um3: removed.vitreous_um3,
+            vitreous_left_um3: removed.vitreous_left_um3,
         })?;
         self.tell(world, frame)?;
         self.save_if_due(world, hash)

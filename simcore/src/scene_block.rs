@@ -17,8 +17,8 @@ use protocol::scene::{
 use protocol::scene_file::{BodyScene, BodyShape, MAX_BODIES};
 use protocol::time::Instants;
 
-/// Bytes kept for marks, bodies and text beside the mesh.
-const BESIDE_THE_MESH: usize = 16 << 10;
+/// Bytes kept for marks, bodies, doses and text beside the mesh.
+const BESIDE_THE_MESH: usize = 24 << 10;
 /// Dark red, linear RGB and opacity.
 const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
 /// Brilliant blue, linear RGB, and its opacity where a node has taken all the dye it can.
@@ -30,6 +30,7 @@ const DYE_MM: f32 = 0.4;
 const _: () = assert!(
     (MAX_BODIES + MAX_BALLS) * size_of::<SceneBody>()
         + (crate::constants::MAX_MARKS + MAX_DYE) * size_of::<SceneMark>()
+        + protocol::dose::CELLS * size_of::<f32>()
         + MAX_TEXT
         + 256
         < BESIDE_THE_MESH
@@ -63,6 +64,7 @@ pub struct SceneWriter {
     homes: Vec<SceneHome>,
     marks: Vec<SceneMark>,
     bodies: Vec<SceneBody>,
+    doses: Vec<f32>,
     elevation: Elevation,
     task: TaskText,
     /// A reset world counts its topology from 0 again, but the renderer must see a change.
@@ -86,6 +88,7 @@ impl SceneWriter {
             topology: None,
             marks: Vec::with_capacity(crate::constants::MAX_MARKS + MAX_DYE),
             bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
+            doses: vec![0.0; protocol::dose::CELLS],
             elevation: Elevation { raised: vec![false; sheet.triangles.len()], changes: 0 },
             task: TaskText::default(),
             generation: 0,
@@ -140,6 +143,7 @@ impl SceneWriter {
                 .write(self.task.lines(world, text, state.notice_kind).as_bytes())
                 .unwrap_or_default(),
             homes: writer.write(&self.homes).unwrap_or_default(),
+            doses: writer.write(&self.doses).unwrap_or_default(),
         }
     }
 
@@ -174,6 +178,9 @@ impl SceneWriter {
         self.bodies.extend(models.zip(states).map(body));
         task_view::balls(world, &mut self.bodies);
         self.collect_marks(world);
+        for (shown, dose) in self.doses.iter_mut().zip(&state.dose.mj_mm2) {
+            *shown = *dose as f32;
+        }
     }
 
     /// Every node of the retina, so that a node keeps its number while the retina comes off and lies on.

@@ -3,6 +3,7 @@
 
 use crate::bodies::state::BodiesState;
 use crate::collision::surface::Surface;
+use crate::dose::DoseState;
 use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::stain::StainState;
@@ -79,6 +80,9 @@ pub struct State {
     /// Dye on the membrane, once a jet has reached it. Saved like the task.
     #[serde(skip)]
     pub stain: Option<StainState>,
+    /// Light on the retina, by place. Saved, but not hashed: no result depends on it.
+    #[serde(skip, default = "DoseState::start")]
+    pub dose: DoseState,
 }
 
 /// Whether a body is tracked.

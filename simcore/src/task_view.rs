@@ -19,6 +19,8 @@ const BEAD_SHARE: f64 = 0.25;
 const INSTRUCTIONS_S: f64 = 6.0;
 /// Opacity of a ball that a tip must come into.
 const CLEAR: f32 = 0.45;
+/// Vitreous by whose removal the line about it is made anew, µm³ (0.01 ml).
+const GEL_STEP_UM3: u64 = 10_000_000_000;
 /// Linear RGB of goals: open, later, done.
 const OPEN: [f32; 3] = [0.9, 0.6, 0.05];
 const LATER: [f32; 3] = [0.25, 0.3, 0.35];
@@ -102,31 +104,34 @@ fn sphere(at: Vector3<f64>, radius_mm: f64, rgb: [f32; 3], opacity: f32) -> Scen
 #[derive(Debug, Default)]
 pub struct TaskText {
     text: String,
-    /// Step, phase, goals reached and second for which it was made.
-    made_for: Option<(bool, usize, u64, u32)>,
+    /// Phase, goals reached, second, warning and 0.01 ml of vitreous removed for which it was made.
+    made_for: Option<(bool, usize, u64, u32, u64)>,
 }
 
 impl TaskText {
-    /// The lines for the world as it is, the newest warning first; `notice` is that warning.
+    /// The lines for the world as it is, the newest warning first; `notice` is that warning. Once vitreous was removed, one says what is left.
     pub fn lines(&mut self, world: &World, notice: &str, notice_kind: u32) -> &str {
-        let Some((task, state)) = world.task() else {
-            self.text.clear();
-            self.text.push_str(notice);
-            return &self.text;
-        };
-        let over = matches!(state.phase, Phase::Finished | Phase::TimedOut);
-        let key = (over, state.reached(), state.elapsed_s() as u64, notice_kind);
+        let removed = world.removed();
+        let (gone, task) = (removed.vitreous_um3 / GEL_STEP_UM3, world.task());
+        let over = task.is_some_and(|(_, state)| matches!(state.phase, Phase::Finished | Phase::TimedOut));
+        let key = task.map_or((over, 0, 0, notice_kind, gone), |(_, state)| {
+            (over, state.reached(), state.elapsed_s() as u64, notice_kind, gone)
+        });
         if self.made_for != Some(key) {
             self.made_for = Some(key);
             self.text.clear();
             if !notice.is_empty() {
                 push_line(&mut self.text, Place::Bottom, notice);
             }
-            if over {
-                end_screen(world, &mut self.text)
-            } else {
-                running(task, state, &mut self.text)
-            };
+            match task {
+                Some(_) if over => end_screen(world, &mut self.text),
+                Some((task, state)) => running(task, state, &mut self.text),
+                None => {}
+            }
+            if gone > 0 {
+                let left_ml = removed.vitreous_left_um3 as f64 * 1e-12;
+                push_line(&mut self.text, Place::BottomRight, &format!("vitreous {left_ml:.2} ml"));
+            }
             self.text.truncate(self.text.floor_char_boundary(MAX_TEXT));
         }
         &self.text
@@ -187,5 +192,21 @@ mod tests {
         assert_eq!(seen[0].0, Vector3::zeros());
         let last = seen[seen.len() - 1];
         assert!((last.1 - 4.0).abs() < 4.0 / 38.0 && last.0.x == 3.0);
+    }
+
+    #[test]
+    fn what_is_left_of_the_vitreous_stands_in_the_picture_once_some_is_gone() {
+        let scene = protocol::scene_file::SceneFile::load("vitrectomy").unwrap();
+        let rehearsal = crate::rehearsal::Rehearsal::shipped(&scene);
+        let (mut world, mut text) = (World::new(&scene).unwrap(), TaskText::default());
+        assert_eq!(text.lines(&world, "", 0), "");
+        for field in 0..300 {
+            rehearsal.play(&mut world, field, &mut crate::world::no_clock);
+        }
+        let left_ml = world.removed().vitreous_left_um3 as f64 * 1e-12;
+        let shown = text.lines(&world, "warned", 7).to_owned();
+        let lines: Vec<_> = protocol::scene_text::lines(&shown).collect();
+        let left = format!("vitreous {left_ml:.2} ml");
+        assert_eq!(lines, [(Place::Bottom, "warned"), (Place::BottomRight, left.as_str())]);
     }
 }

@@ -1,5 +1,6 @@
 //! Processes die; the run goes on and says so, and recordings stay whole.
 
+use protocol::frames::FrameRecord;
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::steps::StepRecord;
 use vitreo_tests::{Observer, Running, instance_name, json, kill, next, vitreo};
@@ -54,6 +55,39 @@ fn a_dead_simcore_resumes_where_it_was() {
     let (report, folder) = run_and_kill(Process::Simcore);
     assert_eq!(report["restarts"]["simcore"], 1, "{}", report["restarts"]);
     replays_to_the_bit(&folder);
+}
+
+#[test]
+fn a_lost_graphics_device_costs_a_restart_and_nobody_else_anything() {
+    if let Err(e) = renderer::gpu::Gpu::headless() {
+        return println!("skipped: {e}");
+    }
+    let folder = tempfile::tempdir().expect("folder");
+    let (report, name) = (folder.path().join("report.json").display().to_string(), instance_name());
+    let run = ["run", "--headless", "--direct", "--duration", "90", "--lose-device-after", "40"];
+    let running = Running::start(&[&run[..], &["--instance", &name, "--report", &report]].concat());
+    let mut observer = Observer::join(&name);
+    let (mut steps, mut frames) = (observer.receiver::<StepRecord>(), observer.receiver::<FrameRecord>());
+    let health = observer.health(Process::Renderer, |h| h.state == STATE_RUNNING);
+    let reborn = observer.health(Process::Renderer, |h| h.pid != health.pid && h.state == STATE_RUNNING);
+    // A renderer counts its frames from 0: the new one draws more than the old one could.
+    next(&mut frames, |f| f.frame > 45);
+    assert_ne!(reborn.pid, health.pid);
+    let mut last = next(&mut steps, |_| true).step;
+    while let Some(step) = steps.next_valid().expect("channel works") {
+        assert_eq!(step.step, last + 1, "the simulation waited for nobody");
+        last = step.step;
+    }
+    drop((steps, frames, observer));
+    vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
+    let finished = running.finish();
+    assert!(finished.stderr.contains("graphics device lost"), "{finished:#?}");
+    finished.expect_code(0);
+    let report = json(&folder.path().join("report.json"));
+    for (process, restarts) in [("renderer", 1), ("simcore", 0), ("tracker", 0), ("fpga-model", 0)] {
+        let found = &report["restarts"][process];
+        assert_eq!(found.as_u64().unwrap_or(0), restarts, "{process}: {}", report["restarts"]);
+    }
 }
 
 #[test]

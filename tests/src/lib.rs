@@ -3,8 +3,9 @@
 pub mod chain;
 pub mod surgery;
 
+use protocol::frames::PictureHeader;
 use protocol::health::{Health, Process};
-use protocol::ipc::{Instance, Queue, Receiver, wait};
+use protocol::ipc::{BlockReceiver, Instance, Queue, Receiver, wait};
 use protocol::message::Message;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -169,6 +170,11 @@ impl Observer {
     /// Opens a channel.
     pub fn receiver<M: Message + std::fmt::Debug>(&self) -> Receiver<M> {
         self.instance.receiver(Queue::InOrder).expect("channel")
+    }
+
+    /// Opens the channel of small pictures, of which the newest wins.
+    pub fn pictures(&self) -> BlockReceiver<PictureHeader> {
+        self.instance.block_receiver().expect("channel")
     }
 
     /// Waits for a heartbeat of `process` that satisfies `wanted`.

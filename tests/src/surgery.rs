@@ -52,9 +52,25 @@ impl Surgery {
     /// # Panics
     /// If the shipped meshes or the graphics driver fail.
     pub fn draw(&self, gpu: &Gpu, block: &Block, tier: usize, map_px: u32) -> Picture {
+        self.draw_with(gpu, block, tier, map_px, |_| {})
+    }
+
+    /// As [`Self::draw`], after `ask` has asked the renderer for something.
+    ///
+    /// # Panics
+    /// If the shipped meshes or the graphics driver fail.
+    pub fn draw_with(
+        &self,
+        gpu: &Gpu,
+        block: &Block,
+        tier: usize,
+        map_px: u32,
+        ask: impl FnOnce(&mut Renderer),
+    ) -> Picture {
         let rig = Rig::load_or_shipped(None).expect("the shipped rig");
         let plan = renderer::start::plan(&self.scene, &rig, tier, map_px);
         let mut renderer = Renderer::new(gpu, plan).expect("shipped meshes and photograph");
+        ask(&mut renderer);
         for block in [&self.first, block] {
             let payload = bytemuck::cast_slice(&block.payload);
             renderer.take_scene(gpu, &block.header, payload).expect("a block of the simulation");

@@ -1,6 +1,6 @@
 //! What the launcher hears, condensed for the screen and the report. Pure.
 
-use super::report::{Picture, TierChoice};
+use super::report::{Picture, Removed, TierChoice};
 use protocol::events::{Event, EventKind, Severity};
 use protocol::frames::{FrameRecord, TierReason};
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
@@ -54,6 +54,8 @@ pub struct Monitor {
     pub warnings: VecDeque<Event>,
     /// The newest frame shown.
     pub frame: Option<FrameRecord>,
+    /// What vitrectors have taken by the newest step; `None` before the first.
+    pub removed: Option<Removed>,
     frames_by_tier: BTreeMap<u32, u64>,
     tiers: Vec<TierChoice>,
     first_frame_ns: Nanos,
@@ -72,6 +74,7 @@ impl Monitor {
             Item::Poses(pose) => self.note_pose(pose),
             Item::Event(event) => self.note_event(event),
             Item::Frame(frame) => self.note_frame(frame),
+            Item::Step(step) => self.removed = Some(Removed::of(step)),
             _ => {}
         }
     }

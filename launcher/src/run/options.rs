@@ -96,6 +96,9 @@ pub struct RunArgs {
     /// these, files take all but sequential.
     #[arg(long, value_name = "HOW", value_parser = ARRANGEMENTS, conflicts_with = "no_picture")]
     pub arrange: Option<String>,
+    /// Draw the dose of light over the retina; L shows and hides it.
+    #[arg(long, conflicts_with = "no_picture")]
+    pub show_dose: bool,
     /// Fill the monitor; F11 or F switches, Escape leaves.
     #[arg(long, conflicts_with_all = ["headless", "no_picture"])]
     pub full_screen: bool,
@@ -123,6 +126,9 @@ pub struct RunArgs {
     /// Slow a stage down, to see that its budget notices.
     #[arg(long, value_name = "STAGE=MS", value_parser = injected_delay, hide = true)]
     pub inject_delay: Vec<(Stage, f64)>,
+    /// Lose the graphics device after so many frames, once, to see that the picture comes back.
+    #[arg(long, value_name = "FRAMES", hide = true, conflicts_with = "no_picture")]
+    pub lose_device_after: Option<u64>,
 }
 
 /// What the desk listens to.
@@ -288,6 +294,8 @@ impl RunArgs {
                 args.path("--instruments", self.instruments.as_deref());
                 args.value("--arrange", self.arrange.as_ref());
                 args.flag("--full-screen", self.full_screen);
+                args.flag("--show-dose", self.show_dose);
+                args.value("--lose-device-after", self.lose_device_after.filter(|_| restarts == 0));
                 args.flag("--desk", self.desk.is_some() && view == View::Window);
                 args.value("--monitor", self.monitor.as_ref());
                 for (name, output) in [("--stills", &self.stills), ("--video", &self.video)] {

@@ -3,6 +3,7 @@
 use super::ledger::{Ledger, StageFigures};
 use crate::machine::Machine;
 use protocol::budget::Stage;
+use protocol::steps::StepRecord;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -47,6 +48,8 @@ pub struct Report {
     pub received: BTreeMap<&'static str, u64>,
     /// Events by kind.
     pub events: BTreeMap<&'static str, u64>,
+    /// What vitrectors took of the tissue, and what is left of the vitreous.
+    pub removed: Option<Removed>,
     /// The recording, where there was one.
     pub recording: Option<RecordingFigures>,
 }
@@ -121,6 +124,39 @@ pub struct TierChoice {
     pub tier: u32,
     /// Why.
     pub reason: &'static str,
+}
+
+/// What vitrectors took by the end of the run (of its last attempt), and what is left of the vitreous, at rest.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[allow(missing_docs)]
+pub struct Removed {
+    pub membrane_mm2: f64,
+    pub retina_mm2: f64,
+    pub vitreous_ml: f64,
+    pub vitreous_left_ml: f64,
+}
+
+impl Removed {
+    /// By a step.
+    pub fn of(step: &StepRecord) -> Self {
+        Removed {
+            membrane_mm2: step.membrane_cut_um2 as f64 * 1e-6,
+            retina_mm2: step.retina_cut_um2 as f64 * 1e-6,
+            vitreous_ml: step.vitreous_removed_um3 as f64 * 1e-12,
+            vitreous_left_ml: step.vitreous_left_um3 as f64 * 1e-12,
+        }
+    }
+
+    /// In words; empty if nothing is gone.
+    pub fn text(&self) -> String {
+        let areas = [("membrane", self.membrane_mm2), ("retina", self.retina_mm2)];
+        let areas = areas.into_iter().filter(|(_, mm2)| *mm2 > 0.0);
+        let mut gone: Vec<String> = areas.map(|(what, mm2)| format!("{what} {mm2:.2} mm²")).collect();
+        if self.vitreous_ml > 0.0 {
+            gone.push(format!("vitreous {:.2} ml ({:.2} ml left)", self.vitreous_ml, self.vitreous_left_ml));
+        }
+        gone.join(", ")
+    }
 }
 
 /// Figures of a process.
@@ -261,6 +297,10 @@ impl Report {
             let events: Vec<String> = self.events.iter().map(|(k, n)| format!("{k} {n}")).collect();
             writeln!(out, "events: {}", events.join(", "))?;
         }
+        let removed = self.removed.map(|r| r.text()).unwrap_or_default();
+        if !removed.is_empty() {
+            writeln!(out, "removed: {removed}")?;
+        }
         if let Some(r) = &self.recording {
             let mib = r.bytes as f64 / f64::from(1 << 20);
             writeln!(out, "recording: {}, {} items, {mib:.1} MiB, {} lost", r.file, r.items, r.lost)?;
@@ -277,7 +317,7 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use protocol::budget::Budgets;
-    use protocol::steps::{StepRecord, StepTimes};
+    use protocol::steps::StepTimes;
 
     fn ledger() -> Ledger {
         let mut ledger = Ledger::default();
@@ -319,6 +359,7 @@ mod tests {
             lost: BTreeMap::new(),
             received: BTreeMap::new(),
             events: BTreeMap::new(),
+            removed: Some(Removed { vitreous_ml: 0.5, vitreous_left_ml: 3.25, ..Removed::default() }),
             recording: None,
         }
     }
@@ -341,6 +382,7 @@ mod tests {
             assert!(text.contains(stage.name()) && text.contains(stage.span()), "{text}");
         }
         assert!(text.contains("tracker restarted") && text.contains("tissue simulation"), "{text}");
+        assert!(text.contains("removed: vitreous 0.50 ml (3.25 ml left)\n"), "{text}");
     }
 
     #[test]
@@ -352,5 +394,14 @@ mod tests {
         assert_eq!(json["stages"][3]["broken"], false);
         assert_eq!(json["stages"][5]["verdict"], "no-samples");
         assert_eq!(json["paper_table_4"][1]["paper_ms"], 1.5);
+        assert_eq!(json["removed"]["vitreous_left_ml"], 3.25);
+    }
+
+    #[test]
+    fn what_was_removed_is_told_in_its_units_and_only_where_something_was() {
+        let step = StepRecord { vitreous_left_um3: 4_000_000_000_000, ..StepRecord::zeroed() };
+        assert_eq!(Removed::of(&step).text(), "");
+        let step = StepRecord { membrane_cut_um2: 2_310_000, vitreous_removed_um3: 420_000_000_000, ..step };
+        assert_eq!(Removed::of(&step).text(), "membrane 2.31 mm², vitreous 0.42 ml (4.00 ml left)");
     }
 }

@@ -67,6 +67,10 @@ impl Status<'_> {
             format!("picture 2 × {} × {} px, tier {}, {} missed", f.width_px, f.height_px, f.tier, f.missed)
         });
         lines.push(format!("{}   {}", bodies.join(", "), picture.unwrap_or_default()));
+        let removed = self.monitor.removed.map(|r| r.text()).unwrap_or_default();
+        if !removed.is_empty() {
+            lines.push(format!("removed: {removed}"));
+        }
     }
 
     fn latencies(&self, lines: &mut Vec<String>) {

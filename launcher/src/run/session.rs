@@ -392,6 +392,7 @@ impl<'a> Session<'a> {
             lost: self.tap.lost(),
             received: CHANNELS.into_iter().zip(self.hearing.monitor.traffic.map(|t| t.count)).collect(),
             events: self.hearing.monitor.events.clone(),
+            removed: self.hearing.monitor.removed,
             recording,
         };
         (report, self.attempts)

@@ -101,7 +101,7 @@ impl Supervisor {
         args.extend_from_slice(extra);
         let surroundings = match process {
             Process::Renderer => Surroundings {
-                environment: vec![("LP_NUM_THREADS", software_threads().to_string())],
+                environment: vec![("LP_NUM_THREADS", software_threads(realtime_allowed()).to_string())],
                 nice: if realtime_allowed() { 0 } else { RENDERER_NICE },
                 realtime: false,
             },
@@ -263,10 +263,11 @@ fn start_failure(process: Process, how: &str) -> String {
     format!("the {} did not start: {how}{hint}", process.name())
 }
 
-/// Threads of Mesa's software renderer: one core stays free for tracker and tissue.
-fn software_threads() -> usize {
+/// Threads of Mesa's software renderer. Where tracker and simulation are real-time processes they take a core whenever they need one, and
+/// the picture may use them all (with half of them it takes half as long again: `docs/rendering.md`); else one stays free.
+fn software_threads(others_are_realtime: bool) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
-    cores.saturating_sub(1).max(1)
+    if others_are_realtime { cores } else { cores.saturating_sub(1).max(1) }
 }
 
 #[cfg(test)]

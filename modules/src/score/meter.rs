@@ -3,7 +3,8 @@
 
 use super::filter::{Band, NOISE_SHARE, TipFilter};
 use super::table::{
-    INJURIES, Injury, LIGHT_HALF_ANGLE_RAD, LIGHT_MW, MACULA_MM, NEAR_RETINA_MM, SIGMAS, injury_of,
+    INJURIES, Injury, LIGHT_HALF_ANGLE_RAD, LIGHT_MW, MACULA_MM, NEAR_RETINA_MM, NEAREST_LIGHT_MM, SIGMAS,
+    injury_of,
 };
 use crate::sample::{Sample, Tip};
 use nalgebra::Vector3;
@@ -14,8 +15,6 @@ use protocol::scene_file::{Goal, SceneFile, TaskScene};
 use protocol::time::Nanos;
 use serde::{Deserialize, Serialize};
 
-/// Nearest distance of the light pipe from the retina that is believed, mm: its cone ends on it.
-const NEAREST_LIGHT_MM: f64 = 0.5;
 /// Tears and pulls are told again and again while they last; one counts in this time, ns.
 const ONCE_NS: u64 = 1_000_000_000;
 

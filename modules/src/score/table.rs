@@ -99,6 +99,8 @@ pub const NEAR_RETINA_MM: f64 = 1.0;
 pub const LIGHT_HALF_ANGLE_RAD: f64 = 0.6;
 /// Light that leaves the pipe, mW: light sources for surgery give 5 to 20 through a 25-gauge fibre.
 pub const LIGHT_MW: f64 = 10.0;
+/// Nearest distance of the light pipe from the retina that is believed, mm: its cone ends on it.
+pub const NEAREST_LIGHT_MM: f64 = 0.5;
 /// Band of tremor, Hz.
 pub const TREMOR_BAND_HZ: [f64; 2] = [6.0, 14.0];
 /// Retina within this distance of the fovea is macula, mm (its diameter is 5.5 mm).

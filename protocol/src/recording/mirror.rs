@@ -129,7 +129,8 @@ mirror!(BodyState {
 mirror!(FieldUsed { field, exposed_ns, camera, blobs_used });
 mirror!(StepTimes { collision_ns, tissue_ns, transfer_ns, misc_ns });
 mirror!(StepRecord {
-    step, field, frame, handles_below, pedals_below, advanced_ns, state_hash, inputs_refused, frames_lost
+    step, field, frame, handles_below, pedals_below, advanced_ns, state_hash, inputs_refused, frames_lost,
+    membrane_cut_um2, retina_cut_um2, vitreous_removed_um3, vitreous_left_um3
 } [instants, times]);
 mirror!(Event {
     seq,

@@ -17,9 +17,10 @@ use renderer::latch::{Latched, latch_scene};
 use renderer::layers::Layers;
 use renderer::start::{map_px, plan};
 
-/// Frames of a measurement, and time after which it ends early, ns.
-const FRAMES: usize = 60;
-const LONGEST_NS: u64 = 1_500_000_000;
+/// Turns of a measurement, time after which it ends early (ns), and turns that it has at least.
+const TURNS: usize = 60;
+const LONGEST_NS: u64 = 15_000_000_000;
+const FEWEST: usize = 3;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -41,7 +42,8 @@ struct Bench {
     latched: Latched,
 }
 
-/// Medians, ms.
+/// Of a frame, ms.
+#[derive(Clone, Copy)]
 struct Cost {
     wall: f64,
     processor: f64,
@@ -49,6 +51,7 @@ struct Cost {
 
 /// What a tier costs.
 struct Row {
+    /// Medians.
     whole: Cost,
     /// Processor time (software driver) or wall time that leaving a layer out saves, ms; last, what is left without any.
     layers: Vec<(&'static str, f64)>,
@@ -73,29 +76,37 @@ impl Bench {
         Ok(self.gpu.wait()?)
     }
 
-    fn measure(&mut self, tier: usize, layers: Layers) -> Result<Cost> {
-        (0..3).try_for_each(|_| self.frame(tier, layers))?;
-        let (mut wall, mut processor) = (Vec::new(), Vec::new());
-        let begun = now();
-        while wall.len() < FRAMES && now() - begun < LONGEST_NS {
-            let (start, used) = (now(), processor_ms());
-            self.frame(tier, layers)?;
-            wall.push((now() - start) as f64 * 1e-6);
-            processor.push(processor_ms() - used);
-        }
-        Ok(Cost { wall: median(wall), processor: median(processor) })
+    /// One frame after another that is not counted: what was drawn before with other layers has left the caches.
+    fn measured(&mut self, tier: usize, layers: Layers) -> Result<Cost> {
+        self.frame(tier, layers)?;
+        let (start, used) = (now(), processor_ms());
+        self.frame(tier, layers)?;
+        Ok(Cost { wall: (now() - start) as f64 * 1e-6, processor: processor_ms() - used })
     }
 
+    /// In turns: all layers, all but one, none. So a load that comes and goes burdens every one of them alike, and a layer's cost
+    /// is the median of differences within a turn.
     fn row(&mut self, tier: usize) -> Result<Row> {
+        let without = |&(_, bit): &(&str, Layers)| Layers::ALL.without(bit);
+        let variants: Vec<Layers> = Layers::EACH.iter().map(without).chain([Layers::NONE]).collect();
+        let (mut wholes, mut rests) = (Vec::new(), vec![Vec::new(); variants.len()]);
+        let begun = now();
+        while wholes.len() < TURNS && now() - begun < LONGEST_NS || wholes.len() < FEWEST {
+            wholes.push(self.measured(tier, Layers::ALL)?);
+            for (rest, &layers) in rests.iter_mut().zip(&variants) {
+                rest.push(self.measured(tier, layers)?);
+            }
+        }
         let software = self.gpu.is_software;
         let of = |cost: &Cost| if software { cost.processor } else { cost.wall };
-        let whole = self.measure(tier, Layers::ALL)?;
-        let mut layers = Vec::new();
-        for (layer, bit) in Layers::EACH {
-            let rest = self.measure(tier, Layers::ALL.without(bit))?;
-            layers.push((layer, of(&whole) - of(&rest)));
-        }
-        layers.push(("rest", of(&self.measure(tier, Layers::NONE)?)));
+        let saved = |rest: &[Cost]| median(wholes.iter().zip(rest).map(|(w, r)| of(w) - of(r)).collect());
+        let names = Layers::EACH.iter().map(|(name, _)| *name);
+        let mut layers: Vec<_> = names.zip(rests.iter().map(|rest| saved(rest))).collect();
+        layers.push(("rest", median(rests[variants.len() - 1].iter().map(of).collect())));
+        let whole = Cost {
+            wall: median(wholes.iter().map(|c| c.wall).collect()),
+            processor: median(wholes.iter().map(|c| c.processor).collect()),
+        };
         Ok(Row { whole, layers })
     }
 }

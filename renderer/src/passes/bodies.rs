@@ -124,7 +124,7 @@ impl Bodies {
 
 fn bodies_plan<'a>(vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> PipelinePlan<'a> {
     let instances = Some((STRIDE, &ATTRIBUTES[..]));
-    PipelinePlan { vertices: true, instances, ..PipelinePlan::new("bodies", vertex, groups) }
+    PipelinePlan { vertices: true, closed: true, instances, ..PipelinePlan::new("bodies", vertex, groups) }
 }
 
 /// Depth for full tiers, the mask for lean ones.

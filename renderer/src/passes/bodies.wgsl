@@ -1,5 +1,18 @@
 // Rigid bodies of abstract tasks: unit shapes, scaled, turned and placed by each body.
 
+// A corner of a unit shape, and the body of which it is one.
+struct Corner {
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    // ±1 on the halves of a capsule (along z, with its caps inside the half extents), 0 elsewhere.
+    @location(2) cap: f32,
+    @location(3) unused: f32,
+    @location(4) at: vec3f,
+    @location(5) rotation: vec4f,
+    @location(6) half: vec3f,
+    @location(7) rgba: vec4f,
+}
+
 struct Placed {
     p: vec3f,
     n: vec3f,
@@ -16,31 +29,21 @@ fn turned(q: vec4f, v: vec3f) -> vec3f {
     return v + 2.0 * cross(q.xyz, cross(q.xyz, v) + q.w * v);
 }
 
-// `cap` is ±1 on the halves of a capsule (along z, with its caps inside the half extents), 0 elsewhere.
-fn place_body(position: vec3f, normal: vec3f, cap: f32, at: vec3f, rotation: vec4f, half: vec3f) -> Placed {
-    let straight = vec3f(0.0, 0.0, cap * max(half.z - half.x, 0.0));
-    let extents = select(max(half, vec3f(1e-4)), vec3f(max(half.x, 1e-4)), cap != 0.0);
-    let p = turned(rotation, position * extents + straight) + at;
-    return Placed(p, turned(rotation, normalize(normal / extents)));
+fn place_body(in: Corner) -> Placed {
+    let straight = vec3f(0.0, 0.0, in.cap * max(in.half.z - in.half.x, 0.0));
+    let extents = select(max(in.half, vec3f(1e-4)), vec3f(max(in.half.x, 1e-4)), in.cap != 0.0);
+    let p = turned(in.rotation, in.position * extents + straight) + in.at;
+    return Placed(p, turned(in.rotation, normalize(in.normal / extents)));
 }
 
 @vertex
-fn vs_main(
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-    @location(2) cap: f32,
-    @location(3) unused: f32,
-    @location(4) at: vec3f,
-    @location(5) rotation: vec4f,
-    @location(6) half: vec3f,
-    @location(7) rgba: vec4f,
-) -> Body {
-    let placed = place_body(position, normal, cap, at, rotation, half);
+fn vs_main(in: Corner) -> Body {
+    let placed = place_body(in);
     var out: Body;
     out.clip = view.clip_from_eye * vec4f(placed.p, 1.0);
     out.p = placed.p;
     out.n = placed.n;
-    out.rgba = rgba;
+    out.rgba = in.rgba;
     return out;
 }
 
@@ -64,17 +67,8 @@ struct Caster {
 }
 
 @vertex
-fn vs_shadow(
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-    @location(2) cap: f32,
-    @location(3) unused: f32,
-    @location(4) at: vec3f,
-    @location(5) rotation: vec4f,
-    @location(6) half: vec3f,
-    @location(7) rgba: vec4f,
-) -> Caster {
-    let p = place_body(position, normal, cap, at, rotation, half).p;
+fn vs_shadow(in: Corner) -> Caster {
+    let p = place_body(in).p;
     return Caster(frame.lamp_from_eye * vec4f(p, 1.0), frame.lamp_position.xyz - p);
 }
 

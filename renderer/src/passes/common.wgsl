@@ -24,7 +24,7 @@ struct Frame {
     // bias, half width of the soft edge, relief of the vessels, membrane detail
     shadow: vec4f,
     // growth of a shadow's soft edge with the difference of depths in the map, widest half width that is looked for (shares of a
-    // tile), 0, 0
+    // tile), 1 / radius of the retina (1/mm), 0
     penumbra: vec4f,
     // Corner of the vitreous' densities with the smallest coordinates, then extinction at full density (1/mm)
     haze_corner: vec4f,
@@ -36,11 +36,11 @@ struct Frame {
 struct View {
     clip_from_eye: mat4x4f,
     camera: vec4f,
-    // Plane through the target: its middle, and the way of one unit of NDC along x and y.
+    // Plane through the target: its middle, and the way of one unit of NDC along x and y; then width and height of a cell in NDC.
     plane_origin: vec4f,
     plane_x: vec4f,
     plane_y: vec4f,
-    // (x, y) of the field's radius-1 coordinates per NDC, squared inner edge of the soft border, 0
+    // (x, y) of the field's radius-1 coordinates per NDC, squared inner edge of the soft border, 1 / (1 - that)
     field: vec4f,
 }
 
@@ -71,7 +71,7 @@ fn to_display(linear: vec3f) -> vec3f {
 // 1 inside the round field, 0 outside, with a soft border and a slight fall-off before it.
 fn vignette(field_xy: vec2f) -> f32 {
     let r2 = dot(field_xy, field_xy);
-    let border = clamp((1.0 - r2) / (1.0 - view.field.z), 0.0, 1.0);
+    let border = clamp((1.0 - r2) * view.field.w, 0.0, 1.0);
     return border * (1.0 - 0.3 * r2 * r2);
 }
 
@@ -155,7 +155,11 @@ fn lamp_at(p: vec3f) -> Lamp {
 
 // (n·h)^32 by five products.
 fn gloss(cosine: f32) -> f32 {
-    let h2 = cosine * cosine;
+    return gloss_of_square(cosine * cosine);
+}
+
+// The same of the square of n·h, which spares a root.
+fn gloss_of_square(h2: f32) -> f32 {
     let h4 = h2 * h2;
     let h8 = h4 * h4;
     let h16 = h8 * h8;
@@ -170,7 +174,7 @@ fn mask_coordinates(p: vec3f) -> vec3f {
 
 // One fetch; its filter softens the edge.
 fn lean_mask(coordinates: vec3f) -> vec3f {
-    let uv = coordinates.xy / max(coordinates.z, 0.01);
+    let uv = coordinates.xy * (1.0 / max(coordinates.z, 0.01));
     return textureSampleLevel(shadow_mask, fundus_sampler, uv, 0.0).rgb;
 }
 

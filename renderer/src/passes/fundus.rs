@@ -3,6 +3,7 @@
 
 use super::shadow::ShadowMap;
 use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use crate::cells::Cells;
 use crate::fundus_map;
 use crate::governor::Shading;
 use image::RgbImage;
@@ -13,11 +14,8 @@ use wgpu::{
     TextureView,
 };
 
-/// Segments of a ring of the disc, as in the shader.
+/// Segments of a ring, as in the shader.
 const SEGMENTS: u32 = 48;
-/// Rings of the disc without its centre, as in the shader. A ring every 0.7 mm of a field of 16 mm: between corners the
-/// sphere bulges by 5 µm, a tenth of a pixel.
-const RINGS: u32 = 12;
 
 /// The pass.
 pub struct Fundus {
@@ -25,11 +23,11 @@ pub struct Fundus {
     lean: RenderPipeline,
     frames: [RenderPipeline; 2],
     rings: [RenderPipeline; 2],
-    indices: Buffer,
+    ring: Buffer,
 }
 
 impl Fundus {
-    /// Makes the pipelines and the disc.
+    /// Makes the pipelines and a ring.
     pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let plan = |vertex, fragment| PipelinePlan {
@@ -42,53 +40,52 @@ impl Fundus {
         let frame = PipelinePlan { writes: wgpu::ColorWrites::empty(), ..plan("vs_frame", "fs_ring") };
         // Over everything; in full tiers over the finished picture.
         let over = |shading| PipelinePlan { depth: super::over_everything(shading), ..ring };
-        let disc = disc();
-        let indices = geometry_buffer(device, "disc", disc.len() * 4, BufferUsages::INDEX);
-        queue.write_buffer(&indices, 0, bytemuck::cast_slice(&disc));
+        let triangles = ring_triangles();
+        let indices = geometry_buffer(device, "ring", triangles.len() * 4, BufferUsages::INDEX);
+        queue.write_buffer(&indices, 0, bytemuck::cast_slice(&triangles));
         Self {
             full: pipeline(device, &plan("vs_main", "fs_main").shaded(Shading::Full)),
             lean: pipeline(device, &plan("vs_lean", "fs_lean").shaded(Shading::Lean)),
             frames: Shading::ALL.map(|shading| pipeline(device, &frame.shaded(shading))),
             rings: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
-            indices,
+            ring: indices,
         }
     }
 
     /// Draws into the present viewport; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, shading: Shading) {
-        let lean = shading == Shading::Lean;
-        self.draw_rings(pass, if lean { &self.lean } else { &self.full }, RINGS);
+    pub fn draw(&self, pass: &mut RenderPass<'_>, cells: &Cells, shading: Shading) {
+        self.draw_with(pass, cells, if shading == Shading::Lean { &self.lean } else { &self.full });
     }
 
-    /// Draws the disc with a pipeline of another pass.
-    pub fn draw_with(&self, pass: &mut RenderPass<'_>, pipeline: &RenderPipeline) {
-        self.draw_rings(pass, pipeline, RINGS);
+    /// Draws the cells with a pipeline of another pass.
+    pub fn draw_with(&self, pass: &mut RenderPass<'_>, cells: &Cells, pipeline: &RenderPipeline) {
+        pass.set_pipeline(pipeline);
+        pass.set_index_buffer(cells.indices.slice(..), IndexFormat::Uint32);
+        pass.draw_indexed(0..cells.count, 0, 0..1);
     }
 
     /// Closes everything outside the round field; first in a channel.
     pub fn close_outside(&self, pass: &mut RenderPass<'_>, shading: Shading) {
-        self.draw_rings(pass, &self.frames[shading as usize], 1);
+        self.draw_ring(pass, &self.frames[shading as usize]);
     }
 
     /// The ring that says that tracking is lost.
     pub fn draw_lost_ring(&self, pass: &mut RenderPass<'_>, shading: Shading) {
-        self.draw_rings(pass, &self.rings[shading as usize], 1);
+        self.draw_ring(pass, &self.rings[shading as usize]);
     }
 
-    fn draw_rings(&self, pass: &mut RenderPass<'_>, pipeline: &RenderPipeline, rings: u32) {
+    fn draw_ring(&self, pass: &mut RenderPass<'_>, pipeline: &RenderPipeline) {
         pass.set_pipeline(pipeline);
-        pass.set_index_buffer(self.indices.slice(..), IndexFormat::Uint32);
-        pass.draw_indexed(0..rings * SEGMENTS * 6, 0, 0..1);
+        pass.set_index_buffer(self.ring.slice(..), IndexFormat::Uint32);
+        pass.draw_indexed(0..SEGMENTS * 6, 0, 0..1);
     }
 }
 
-/// Indices of the disc's triangles, the inner ring first.
-fn disc() -> Vec<u32> {
-    let quads = (0..RINGS).flat_map(|ring| (0..SEGMENTS).map(move |segment| (ring, segment)));
-    let corners = quads.flat_map(|(ring, segment)| {
-        let at = |ring: u32, segment: u32| ring * SEGMENTS + segment % SEGMENTS;
-        let (a, b) = (at(ring, segment), at(ring, segment + 1));
-        let (c, d) = (at(ring + 1, segment), at(ring + 1, segment + 1));
+/// Indices of a ring's triangles: inner corners first, then outer ones.
+fn ring_triangles() -> Vec<u32> {
+    let corners = (0..SEGMENTS).flat_map(|segment| {
+        let (a, b) = (segment, (segment + 1) % SEGMENTS);
+        let (c, d) = (SEGMENTS + a, SEGMENTS + b);
         [a, c, d, a, d, b]
     });
     corners.collect()

@@ -1,8 +1,8 @@
-// The retina: the inside of a sphere, with one fetch of the fundus photograph. Drawn as a disc of rings that covers the
-// round field, its corners cast onto the sphere; nothing outside the field is shaded.
+// The retina: the inside of a sphere, with one fetch of the fundus photograph. Drawn as the square cells that cover the
+// round field, their corners cast onto the sphere; nothing outside the field is shaded.
 //
-// Full tiers cast every pixel's ray onto the sphere and light it there. Lean tiers light the corners: the beam, the
-// vignette and the film are smooth, so a pixel costs two fetches and the tone curve.
+// Full tiers cast every pixel's ray onto the sphere and light it there. Lean tiers light the corners: the beam and the
+// film are smooth, so a pixel costs two fetches, the vignette and the tone curve.
 
 struct Disc {
     @builtin(position) clip: vec4f,
@@ -14,13 +14,14 @@ struct LeanDisc {
     @builtin(position) clip: vec4f,
     @location(0) uv: vec2f,
     @location(1) mask: vec3f,
-    // Irradiance without shadow, film, vignette.
-    @location(2) light: vec3f,
+    // Irradiance without shadow, film; field coordinates.
+    @location(2) light: vec4f,
 }
 
+// As in cells.rs: corners of a row of cells.
+const ROW: u32 = 32u;
 // As in fundus.rs.
 const SEGMENTS: u32 = 48u;
-const RINGS: u32 = 12u;
 // The disc's depth lies so far behind the retina (mm) that tissue on it is seen, and a tip a little inside it as well.
 const BEHIND: f32 = 0.1;
 
@@ -29,12 +30,10 @@ fn on_circle(segment: u32, radius: f32) -> vec2f {
     return radius * vec2f(cos(angle), sin(angle));
 }
 
-// Field coordinates of a corner of the disc: even rings up to the soft border, one beyond the rim, pushed out so that
-// its chords clear the unit circle.
+// Field coordinates of a corner of the cells, which begin at the top left.
 fn corner(index: u32) -> vec2f {
-    let ring = index / SEGMENTS;
-    let inner = sqrt(view.field.z) * f32(ring) / f32(RINGS - 1u);
-    return on_circle(index % SEGMENTS, select(inner, 1.0022, ring == RINGS));
+    let steps = vec2f(f32(index % ROW), f32(index / ROW));
+    return (vec2f(-1.0, 1.0) + steps * vec2f(view.plane_x.w, -view.plane_y.w)) * view.field.xy;
 }
 
 // Where the ray through `at` from the objective leaves the eye: |at + t ray| = radius, the farther root.
@@ -117,7 +116,7 @@ fn vs_lean(@builtin(vertex_index) index: u32) -> LeanDisc {
     out.clip = behind(p, field_xy);
     out.uv = map_coordinates(q);
     out.mask = mask_coordinates(p);
-    out.light = vec3f(lamp.strength * max(-dot(q, lamp.l), 0.0), lamp.strength * wet, vignette(field_xy));
+    out.light = vec4f(lamp.strength * max(-dot(q, lamp.l), 0.0), lamp.strength * wet, field_xy);
     return out;
 }
 
@@ -129,7 +128,7 @@ fn fs_lean(in: LeanDisc) -> @location(0) vec4f {
     let past = mask.r * mask.b;
     let light = frame.ambient.rgb + frame.lamp_colour.rgb * (past * in.light.x);
     let wet = past * in.light.y * wetness(photo);
-    return vec4f(to_display(albedo * light + vec3f(wet)) * in.light.z, 1.0);
+    return vec4f(to_display(albedo * light + vec3f(wet)) * vignette(in.light.zw), 1.0);
 }
 
 // The black round the field: nearest depth, so that nothing is shaded there.

@@ -2,6 +2,7 @@
 
 use super::fundus::Fundus;
 use super::{PipelinePlan, Uniforms, pipeline};
+use crate::cells::Cells;
 use crate::governor::Shading;
 use crate::layout::FrameUniform;
 use protocol::scene::SceneBrick;
@@ -95,10 +96,10 @@ impl Haze {
     }
 
     /// Draws; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, fundus: &Fundus, shading: Shading) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, (fundus, cells): (&Fundus, &Cells), shading: Shading) {
         if let Some((_, _, group)) = &self.volume {
             pass.set_bind_group(2, group, &[]);
-            fundus.draw_with(pass, &self.pipelines[shading as usize]);
+            fundus.draw_with(pass, cells, &self.pipelines[shading as usize]);
         }
     }
 }

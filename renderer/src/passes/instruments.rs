@@ -63,6 +63,7 @@ impl Instruments {
         let plan = PipelinePlan {
             fragment: Some("fs_main"),
             vertices: true,
+            closed: true,
             depth: Some((CompareFunction::Less, true)),
             blend: Some(BlendState::ALPHA_BLENDING),
             ..PipelinePlan::new("instruments", "vs_main", &groups)

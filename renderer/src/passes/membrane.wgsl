@@ -85,12 +85,14 @@ fn fs_depth(in: Sheet) -> @location(0) vec4f {
     return vec4f(0.0);
 }
 
+// The sheet's triangles are a few pixels large, so a pixel is shaded several times: all but the shadow is done at the nodes.
 struct LeanSheet {
     @builtin(position) clip: vec4f,
+    // As it is shown in the lamp's light, and opacity.
     @location(0) lit: vec4f,
     @location(1) mask: vec3f,
-    // Distance from the lamp (share of MASK_FAR), vignette.
-    @location(2) far: vec2f,
+    // As it is shown in shadow, and distance from the lamp (share of MASK_FAR).
+    @location(2) dark: vec4f,
 }
 
 @vertex
@@ -103,10 +105,11 @@ fn vs_lean(
     let sheet = shaded(position, normal, edge, 1.0, grain(position, number));
     var out: LeanSheet;
     out.clip = view.clip_from_eye * vec4f(position, 1.0);
-    out.lit = vec4f(sheet.lit, sheet.opacity);
+    let scattered = TINT * frame.ambient.rgb;
+    let shade = field_shade(out.clip);
+    out.lit = vec4f(to_display(scattered + sheet.lit) * shade, sheet.opacity);
     out.mask = mask_coordinates(position);
-    let field_xy = out.clip.xy * view.field.xy / out.clip.w;
-    out.far = vec2f(distance(position, frame.lamp_position.xyz) / MASK_FAR, vignette(field_xy));
+    out.dark = vec4f(to_display(scattered) * shade, distance(position, frame.lamp_position.xyz) / MASK_FAR);
     return out;
 }
 
@@ -114,6 +117,6 @@ fn vs_lean(
 fn fs_lean(in: LeanSheet) -> @location(0) vec4f {
     // What holds the light up shades only what lies beyond it, by more than a step of the mask's 8 bits.
     let mask = lean_mask(in.mask);
-    let past = select(1.0, mask.r, in.far.x > mask.g + 0.006);
-    return vec4f(to_display(TINT * frame.ambient.rgb + in.lit.rgb * past) * in.far.y, in.lit.a);
+    let past = select(1.0, mask.r, in.dark.w > mask.g + 0.006);
+    return vec4f(mix(in.dark.rgb, in.lit.rgb, past), in.lit.a);
 }

@@ -1,6 +1,7 @@
 //! The passes, one file each beside its shader, and what they share: bindings and pipelines.
 
 pub mod bodies;
+pub mod dose;
 pub mod focus;
 pub mod fundus;
 pub mod haze;
@@ -32,7 +33,7 @@ const PLACE: &str = include_str!("place.wgsl");
 const QUAD: &str = include_str!("quad.wgsl");
 
 /// Whole text of every shader, by name, for the device and for the validation test.
-pub fn shader_sources() -> [(&'static str, String); 11] {
+pub fn shader_sources() -> [(&'static str, String); 12] {
     [
         ("shadow", [COMMON, PLACE, include_str!("shadow.wgsl")].concat()),
         ("fundus", [COMMON, include_str!("fundus.wgsl")].concat()),
@@ -42,6 +43,7 @@ pub fn shader_sources() -> [(&'static str, String); 11] {
         ("bodies", [COMMON, include_str!("bodies.wgsl")].concat()),
         ("marks", [COMMON, include_str!("marks.wgsl")].concat()),
         ("haze", [COMMON, include_str!("fundus.wgsl"), include_str!("haze.wgsl")].concat()),
+        ("dose", [COMMON, include_str!("fundus.wgsl"), include_str!("dose.wgsl")].concat()),
         ("focus", include_str!("focus.wgsl").to_owned()),
         ("text", include_str!("text.wgsl").to_owned()),
         ("blit", [QUAD, include_str!("../present/blit.wgsl")].concat()),
@@ -148,6 +150,8 @@ pub struct PipelinePlan<'a> {
     pub vertices: bool,
     /// Drawn as a strip of triangles.
     pub strip: bool,
+    /// Of closed bodies: only what faces the viewer is drawn, half of the triangles.
+    pub closed: bool,
     /// Depth: test and write.
     pub depth: Option<(CompareFunction, bool)>,
     /// Blending of the picture.
@@ -174,6 +178,7 @@ impl<'a> PipelinePlan<'a> {
             groups,
             vertices: false,
             strip: false,
+            closed: false,
             depth: None,
             blend: None,
             writes: ColorWrites::ALL,
@@ -238,7 +243,11 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
             compilation_options: options.clone(),
             buffers: &buffers,
         },
-        primitive: wgpu::PrimitiveState { topology, ..wgpu::PrimitiveState::default() },
+        primitive: wgpu::PrimitiveState {
+            topology,
+            cull_mode: plan.closed.then_some(wgpu::Face::Back),
+            ..wgpu::PrimitiveState::default()
+        },
         depth_stencil: plan.depth.map(|(compare, write)| wgpu::DepthStencilState {
             format: DEPTH,
             depth_write_enabled: Some(write),

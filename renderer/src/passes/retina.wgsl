@@ -65,7 +65,7 @@ fn vs_choroid(
 ) -> Sheet {
     let q = from_map(vec2f(u, v));
     var out: Sheet;
-    // Between the disc's depth and tissue that lies on.
+    // Between the retina's depth and tissue that lies on.
     out.p = q * (frame.retina.x + 0.05);
     out.n = -q;
     out.uv = vec2f(u, v);

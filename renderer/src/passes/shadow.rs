@@ -64,16 +64,20 @@ impl Shadow {
     pub fn new(device: &Device, uniforms: &Uniforms) -> Self {
         let groups = [&uniforms.layout];
         let plan = |vertex| PipelinePlan { vertices: true, ..PipelinePlan::new("shadow", vertex, &groups) };
-        let depth = |vertex| {
+        let depth = |vertex, closed| {
             let depth = Some((CompareFunction::Less, true));
-            pipeline(device, &PipelinePlan { depth, ..plan(vertex) })
+            pipeline(device, &PipelinePlan { depth, closed, ..plan(vertex) })
         };
         let writes = ColorWrites::RED | ColorWrites::GREEN;
-        let solid = PipelinePlan { fragment: Some("fs_solid"), writes, ..plan("vs_instrument") };
+        let solid =
+            PipelinePlan { fragment: Some("fs_solid"), writes, closed: true, ..plan("vs_instrument") };
         let sheet =
             PipelinePlan { fragment: Some("fs_sheet"), blend: Some(multiplied()), ..plan("vs_membrane") };
         Self {
-            full: Casters { instruments: depth("vs_instrument"), membrane: depth("vs_membrane") },
+            full: Casters {
+                instruments: depth("vs_instrument", true),
+                membrane: depth("vs_membrane", false),
+            },
             lean: Casters { instruments: pipeline(device, &solid), membrane: pipeline(device, &sheet) },
         }
     }

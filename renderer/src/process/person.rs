@@ -14,17 +14,23 @@ pub struct Person {
     hint: String,
     at_desk: bool,
     help: bool,
+    dose: bool,
     paused: bool,
     /// The overlay has to be made anew.
     changed: bool,
 }
 
 impl Person {
-    /// Joins the channels; `at_desk`: the person moves the instruments from here.
-    pub fn open(instance: &Instance, at_desk: bool) -> Result<Self, IpcError> {
+    /// Joins the channels; `at_desk`: the person moves the instruments from here; `dose`: the dose of light is shown from the start.
+    pub fn open(instance: &Instance, at_desk: bool, dose: bool) -> Result<Self, IpcError> {
         let (inputs, hints) = (instance.sender()?, instance.receiver(Queue::Newest)?);
         let (hint, help) = (String::new(), false);
-        Ok(Person { inputs, hints, hint, at_desk, help, paused: false, changed: false })
+        Ok(Person { inputs, hints, hint, at_desk, help, dose, paused: false, changed: false })
+    }
+
+    /// True while the dose of light shall be shown.
+    pub fn shows_dose(&self) -> bool {
+        self.dose
     }
 
     /// True while everything stands still.
@@ -41,9 +47,11 @@ impl Person {
     /// Sends what the window heard, and takes the newest hint.
     pub fn hear(&mut self, present: &mut Present, at: Nanos) -> Result<(), IpcError> {
         let (inputs, mut sent, mut help) = (&mut self.inputs, Ok(()), self.help);
+        let dose = &mut self.dose;
         present.take_inputs(|input| {
-            let asks = |key| Action::of(key) == Some(Action::Help);
-            help ^= matches!(input, Input::Press(key) if asks(key));
+            let asks = |action| matches!(input, Input::Press(key) if Action::of(key) == Some(action));
+            help ^= asks(Action::Help);
+            *dose ^= asks(Action::Dose);
             if sent.is_ok() {
                 sent = inputs.send(&InputEvent::new(input, Origin::Window, at));
             }

@@ -4,8 +4,10 @@
 mod audit;
 mod bodies;
 mod cutting;
+mod dose;
 mod peel;
 mod plan;
+mod removed;
 mod retina;
 mod stain;
 mod task;
@@ -15,6 +17,7 @@ mod touch;
 mod vitreous;
 
 pub use plan::start_instrument;
+pub use removed::RemovedTissue;
 
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
@@ -23,6 +26,7 @@ use crate::collision::instrument_image::{InstrumentImage, Volume};
 use crate::collision::surface::Unusable;
 use crate::collision::zcoll::Zcoll;
 use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
+use crate::dose::{DoseState, LitRetina};
 use crate::event_log::{EventLog, Happening};
 use crate::guard::LastGood;
 use crate::membrane::adhesion::Adhesion;
@@ -156,6 +160,8 @@ pub struct World {
     task: Option<task::TaskPart>,
     /// Room for the dye, until the first jet reaches the membrane.
     no_stain: Option<StainState>,
+    /// The retina's cells in which light is counted.
+    lit_retina: LitRetina,
 }
 
 impl World {
@@ -216,6 +222,7 @@ impl World {
             parting: peel::StepParting::default(),
             task,
             no_stain: stain::room(scene, &sheet),
+            lit_retina: LitRetina::new(scene.eye.retina_radius_mm),
             scene: scene.clone(),
             sheet,
             state,
@@ -272,6 +279,7 @@ impl World {
         self.tell_cuts();
         self.tell_peel();
         self.stain_membrane(&plan);
+        self.shine(&plan);
         self.tell_stopped();
         self.check_finite();
         self.end_retina();
@@ -428,6 +436,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
         microscope: microscope::start(scene),
         optics: microscope::start_optics(scene),
         stain: None,
+        dose: DoseState::start(),
         tools: ToolsState::default(),
         marks: Vec::with_capacity(MAX_MARKS),
         notice_kind: 0,

@@ -5,8 +5,9 @@ use super::plan::{Plan, Poses};
 use crate::collision::continuous::crosses;
 use crate::collision::eyeball;
 use crate::collision::instrument_image::{InstrumentImage, NOTHING};
+use crate::collision::near::near_membrane;
 use crate::collision::raster::DEPTH_STEPS;
-use crate::collision::zcoll::{self, Found, Zcoll};
+use crate::collision::zcoll::{Found, Zcoll};
 use crate::constants::{
     COLLISION_EVERY, FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM,
 };
@@ -61,7 +62,7 @@ impl World {
         let reach = self.volume.reach_mm();
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
-            let near = zcoll::near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach);
+            let near = near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach);
             if !plan.touches[i] || !instrument.held.is_empty() || !near {
                 (instrument.in_contact, instrument.under, instrument.travelled_mm) = (false, false, 0.0);
                 (instrument.hooked, instrument.pierced) = (false, None);
@@ -179,11 +180,11 @@ impl World {
         }
     }
 
-    /// Events for what a look at membrane or retina could not see rightly: second layers, and triangles that its image cannot hold. Triangles
-    /// seen from their edge are no loss: their neighbours fill the image.
+    /// Events for what a look at membrane or retina could not see rightly: second layers, triangles that its image cannot hold, and triangles
+    /// without area in it. The last ones are seldom a loss: their neighbours fill the image.
     pub(super) fn tell_look(&mut self, i: usize, found: &Found) {
         let instrument = &mut self.state.instruments[i];
-        let troubled = found.folded > 0 || found.refused > 0;
+        let troubled = found.folded > 0 || found.refused > 0 || found.flat > 0;
         if !troubled || self.state.exposed_ns < instrument.fold_quiet_ns {
             return;
         }
@@ -192,6 +193,7 @@ impl World {
         let told = [
             (EventKind::NotPiConvex, Severity::Info, found.folded),
             (EventKind::TrianglesRefused, Severity::Warning, found.refused),
+            (EventKind::TrianglesFlat, Severity::Info, found.flat),
         ];
         for (kind, severity, count) in told.into_iter().filter(|t| t.2 > 0) {
             self.log.raise(Happening::new(kind, severity, f64::from(count)).by(i, tip));
@@ -333,5 +335,28 @@ mod tests {
             w.refresh();
         });
         assert_eq!(count(&told, EventKind::TrianglesRefused), 1, "{told:?}");
+    }
+
+    /// Two corners of a triangle under the tip lie on each other: it has no area from anywhere.
+    #[test]
+    fn a_triangle_without_area_is_told() {
+        let scene = untearable();
+        let tip = [1.2, 0.4, -10.9];
+        let told = looked_at(&scene, tip, |_| {});
+        assert_eq!(count(&told, EventKind::TrianglesFlat), 0, "{told:?}");
+        let told = looked_at(&scene, tip, |w| {
+            let middle = |t: &[u32; 3]| {
+                t.iter().map(|&n| w.state.membrane.position(n as usize)).sum::<Vector3<f32>>() / 3.0
+            };
+            let way = |t: &[u32; 3]| (middle(t) - Vector3::new(1.2, 0.4, -11.0)).norm();
+            let nearest = w.sheet.triangles.iter().min_by(|a, b| way(a).total_cmp(&way(b))).unwrap();
+            let [a, b] = [nearest[0] as usize, nearest[1] as usize];
+            let place = w.state.membrane.position(a);
+            w.state.membrane.set_position(b, place);
+            // Both stay there.
+            [a, b].iter().for_each(|&n| w.state.membrane.flag[n] = crate::state::NODE_PINNED);
+            w.refresh();
+        });
+        assert_eq!(count(&told, EventKind::TrianglesFlat), 1, "{told:?}");
     }
 }

@@ -20,15 +20,18 @@
 //! is not drawn. Only pixels that have instrument are drawn, because others never collide. Images are drawn in
 //! integers ([`super::raster`]), so that any other back end can give the same answer to the bit.
 
+mod adapter;
+mod canvas;
+mod vertices;
+
 #[cfg(feature = "gpu")]
-use super::gpu::{GpuError, GpuZcoll};
+use super::gpu::GpuZcoll;
 use super::instrument_image::{InstrumentImage, NOTHING, Side, Volume};
-use super::placing::{PLANES, Placed, Placing, REFUSED};
-use super::raster::{self, DEPTH_STEPS, Drawn, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
+use super::placing::{Placed, Placing};
+use super::raster::{DEPTH_STEPS, SUBPIXELS, XY_LIMIT, Z_LIMIT};
 use super::surface::{Cull, Frame, Surface, Unusable};
-use crate::state::MembraneState;
-use nalgebra::{Isometry3, Vector3};
-use protocol::scene::NODE_DEAD;
+use canvas::Canvas;
+use nalgebra::Isometry3;
 
 /// What a look found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -78,16 +81,6 @@ pub struct Zcoll {
     looked: (Isometry3<f64>, bool),
 }
 
-/// The membrane's images and the vertices drawn into them.
-#[derive(Debug)]
-struct Canvas {
-    resolution: usize,
-    vertex: Vec<Placed>,
-    depth: Vec<i32>,
-    id: Vec<u32>,
-    second: Vec<u8>,
-}
-
 impl Zcoll {
     /// Images of a volume, lists for a membrane of these triangles between so many nodes.
     pub fn new(volume: Volume, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, Unusable> {
@@ -113,21 +106,6 @@ impl Zcoll {
             gpu: None,
             looked: (Isometry3::identity(), false),
         })
-    }
-
-    /// Looks on an adapter from now on, or no longer. Nothing that is found depends on it; if the adapter fails, one line is
-    /// logged and the processor goes on.
-    #[cfg(feature = "gpu")]
-    pub fn set_gpu(&mut self, gpu: Option<GpuZcoll>) -> Option<GpuZcoll> {
-        std::mem::replace(&mut self.gpu, gpu.map(Box::new)).map(|gpu| *gpu)
-    }
-
-    /// True while an adapter does the looking.
-    pub fn is_on_gpu(&self) -> bool {
-        #[cfg(feature = "gpu")]
-        return self.gpu.is_some();
-        #[cfg(not(feature = "gpu"))]
-        false
     }
 
     /// Uses the base instruction set only: for the proof that every path gives the same bits.
@@ -200,53 +178,6 @@ impl Zcoll {
         self.canvas.rows(&side).any(|(_, z_m, z_i)| z_m.iter().zip(z_i).any(|(m, i)| *m != NOTHING && i < m))
     }
 
-    /// Vertices as features: the vertices of living triangles that lie in the volume and behind the instrument, each with its
-    /// own depth below the instrument's, in depth steps. Unlike triangles they are not limited to one per
-    /// pixel. Of the last [`Self::look`] or [`Self::look_back`], which must have had the same arguments.
-    pub fn vertices(&mut self, image: &InstrumentImage, surface: &Surface) -> &[(u32, i32)] {
-        let (looked_from, reversed) = self.looked;
-        let side = if reversed { image.back() } else { image.ahead() };
-        self.vertex_hits.clear();
-        if side.rect.is_empty() {
-            return &self.vertex_hits;
-        }
-        #[cfg(feature = "gpu")]
-        if self.gpu.is_some() {
-            let mut hits = std::mem::take(&mut self.vertex_hits);
-            let told = self.ask_gpu(|gpu| gpu.vertices().map(|found| hits.extend_from_slice(found)));
-            self.vertex_hits = hits;
-            if told.is_some() {
-                return &self.vertex_hits;
-            }
-            // The processor has not seen the last look yet.
-            self.look_from(&side, &looked_from, surface);
-        }
-        #[cfg(not(feature = "gpu"))]
-        let _ = looked_from;
-        let width = self.canvas.resolution as i32;
-        let context = &mut (&self.canvas.vertex, &mut self.vertex_hits);
-        self.cull.survivors(
-            surface.triangles.len(),
-            context,
-            |_, _| (),
-            |(vertex, hits), from, to| {
-                let alive = (from..to).filter(|&t| surface.alive[t] != 0);
-                for &v in alive.flat_map(|t| &surface.triangles[t]) {
-                    let Placed { at: [x, y, z], code } = vertex[v as usize];
-                    let [column, row] = [x.div_euclid(SUBPIXELS), y.div_euclid(SUBPIXELS)];
-                    let inside = (0..width).contains(&column) && (0..width).contains(&row);
-                    let z_i = if inside { side.depth[(row * width + column) as usize] } else { NOTHING };
-                    if code == 0 && z_i < z {
-                        hits.push((v, z - z_i));
-                    }
-                }
-            },
-        );
-        self.vertex_hits.sort_unstable();
-        self.vertex_hits.dedup();
-        &self.vertex_hits
-    }
-
     /// Nodes to be moved along −ẑ of the instrument, each with its way in depth steps (Eq. 1).
     pub fn displaced(&self) -> impl Iterator<Item = (usize, i32)> + '_ {
         self.nodes.iter().map(|&n| (n as usize, self.node_depth[n as usize]))
@@ -267,41 +198,6 @@ impl Zcoll {
         self.hits.clear();
         self.triangles.drain(..).for_each(|t| self.triangle_depth[t as usize] = 0);
         self.nodes.drain(..).for_each(|n| self.node_depth[n as usize] = 0);
-    }
-
-    /// Asks the adapter, if there is one; after an error there is none any more.
-    #[cfg(feature = "gpu")]
-    fn ask_gpu<T>(&mut self, ask: impl FnOnce(&mut GpuZcoll) -> Result<T, GpuError>) -> Option<T> {
-        match ask(self.gpu.as_mut()?) {
-            Ok(answer) => Some(answer),
-            Err(error) => {
-                log::warn!("collision goes on on the processor: {error}");
-                self.gpu = None;
-                None
-            }
-        }
-    }
-
-    /// A look of the adapter, if there is one, taken into the lists of this one.
-    #[cfg(feature = "gpu")]
-    fn look_on_gpu(
-        &mut self,
-        side: &Side,
-        instrument_from_eye: &Isometry3<f64>,
-        surface: &Surface,
-    ) -> Option<Found> {
-        let found = self.ask_gpu(|gpu| gpu.look(side, instrument_from_eye, surface))?;
-        let gpu = self.gpu.as_ref()?;
-        self.hits.extend_from_slice(gpu.hits());
-        for &(triangle, way) in gpu.triangles() {
-            self.triangles.push(triangle);
-            self.triangle_depth[triangle as usize] = way;
-        }
-        for &(node, way) in gpu.displaced() {
-            self.nodes.push(node);
-            self.node_depth[node as usize] = way;
-        }
-        Some(found)
     }
 
     fn draw_membrane(
@@ -374,81 +270,12 @@ fn placing(frame: Frame, volume: &Volume, side: &Side) -> Placing {
     }
 }
 
-impl Canvas {
-    fn clear(&mut self, rect: Rect) {
-        for row in rect.min[1] as usize..rect.max[1] as usize {
-            let first = row * self.resolution;
-            let pixels = first + rect.min[0] as usize..first + rect.max[0] as usize;
-            self.depth[pixels.clone()].fill(NOTHING);
-            self.second[pixels].fill(0);
-        }
-    }
-
-    fn draw(&mut self, side: &Side, surface: &Surface, range: std::ops::Range<usize>, found: &mut Found) {
-        let (triangles, alive) = (&surface.triangles[range.clone()], &surface.alive[range.clone()]);
-        for ((nodes, alive), t) in triangles.iter().zip(alive).zip(range) {
-            let [a, b, c] = nodes.map(|n| self.vertex[n as usize]);
-            if a.code & b.code & c.code & PLANES != 0 || *alive == 0 {
-                continue;
-            }
-            if (a.code | b.code | c.code) & REFUSED != 0 {
-                found.refused += 1;
-                continue;
-            }
-            self.draw_one(side, [a.at, b.at, c.at], t as u32, found);
-        }
-    }
-
-    fn draw_one(&mut self, side: &Side, vertices: [raster::Fixed; 3], triangle: u32, found: &mut Found) {
-        let Canvas { depth, id, second, resolution, .. } = self;
-        let drawn = raster::triangle(vertices, side.rect, |x, y, z| {
-            let pixel = y as usize * *resolution + x as usize;
-            if side.depth[pixel] == NOTHING {
-                return;
-            }
-            let z = z.steps();
-            if !(0..=DEPTH_STEPS).contains(&z) {
-                return;
-            }
-            if depth[pixel] != NOTHING && second[pixel] == 0 {
-                second[pixel] = 1;
-                found.folded += 1;
-            }
-            if z < depth[pixel] {
-                (depth[pixel], id[pixel]) = (z, triangle);
-            }
-        });
-        found.flat += u32::from(drawn == Drawn::Flat);
-    }
-
-    /// The rows of the instrument's rectangle: number of the first pixel, membrane depths, instrument depths.
-    fn rows<'a>(&'a self, side: &'a Side) -> impl Iterator<Item = (usize, &'a [i32], &'a [i32])> {
-        (side.rect.min[1] as usize..side.rect.max[1] as usize).map(move |row| {
-            let first = row * self.resolution + side.rect.min[0] as usize;
-            let pixels = first..row * self.resolution + side.rect.max[0] as usize;
-            (first, &self.depth[pixels.clone()], &side.depth[pixels])
-        })
-    }
-}
-
-/// True if the box around the living nodes comes within `reach_mm` of `tip_in_eye`, axis by axis.
-pub fn near_membrane(membrane: &MembraneState, tip_in_eye: &Vector3<f64>, reach_mm: f64) -> bool {
-    (0..3).all(|axis| {
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-        for (&p, &flag) in membrane.position_mm[axis].iter().zip(&membrane.flag) {
-            let dead = flag == NODE_DEAD;
-            low = if !dead && p < low { p } else { low };
-            high = if !dead && p > high { p } else { high };
-        }
-        f64::from(low) < tip_in_eye[axis] + reach_mm && f64::from(high) > tip_in_eye[axis] - reach_mm
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::membrane::sheet::Sheet;
-    use nalgebra::{Point3, Translation3, UnitQuaternion};
+    use crate::state::MembraneState;
+    use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
     use protocol::handles::Tool;
     use protocol::scene_file::SceneFile;
 
@@ -577,10 +404,33 @@ mod tests {
         assert!(look(&mut s, &upright(-11.1)).folded > 0);
     }
 
+    /// Hook down, a pick is under two layers; the camera at the handle sees both.
     #[test]
-    fn membrane_far_away_is_not_near() {
-        let s = setting();
-        assert!(near_membrane(&s.membrane, &Vector3::new(0.0, 0.0, -10.0), 1.6));
-        assert!(!near_membrane(&s.membrane, &Vector3::new(0.0, 0.0, -5.0), 1.6));
+    fn a_fold_is_counted_from_the_handle_too() {
+        let mut s = setting();
+        let mut pick = InstrumentImage::new(Tool::Pick, 0.25, s.zcoll.volume());
+        pick.prepare(0.0, s.zcoll.volume());
+        let (pose, half) = (upright(-11.1).inverse(), s.zcoll.volume.half_mm);
+        let single = s.zcoll.look_back(&pick, &pose, &s.membrane.surface(&s.sheet));
+        assert!(single.pixels > 0 && single.folded == 0, "{single:?}");
+        // The half beyond the middle of the hook over the other half, a little higher.
+        let (middle, before) = (0.33f32, s.membrane.clone());
+        for n in 0..s.sheet.nodes() {
+            let p = before.position(n);
+            if p.x > middle {
+                s.membrane.set_position(n, Vector3::new(2.0 * middle - p.x, p.y, p.z + 0.05));
+            }
+        }
+        let found = s.zcoll.look_back(&pick, &pose, &s.membrane.surface(&s.sheet));
+        // Pixels of the hook before the fold, by their centres; the fold may run through a column of them.
+        let width = 2.0 * half / s.zcoll.volume.resolution as f64;
+        let seen = |column: usize| (column as f64 + 0.5) * width - half + 0.03 < f64::from(middle) - width;
+        let resolution = s.zcoll.volume.resolution;
+        let hooks = pick.back().depth.iter().enumerate().filter(|(_, z)| **z != NOTHING);
+        let under_both = hooks.filter(|(pixel, _)| seen(pixel % resolution)).count();
+        assert!(
+            under_both > 5 && found.folded as usize >= under_both,
+            "{found:?}, {under_both} pixels under both"
+        );
     }
 }

@@ -1,0 +1,143 @@
+//! The dose of light on the retina, drawn over it on request: the cells of `protocol::dose` as a small texture.
+
+use super::fundus::Fundus;
+use super::{PipelinePlan, Uniforms, pipeline};
+use crate::cells::Cells;
+use crate::governor::Shading;
+use protocol::dose::{ALONG, CELLS};
+use wgpu::{
+    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, CompareFunction, Device,
+    Extent3d, Queue, RenderPass, RenderPipeline, ShaderStages, Texture, TextureFormat, TextureUsages,
+};
+
+/// Dose at which the scale ends, mJ/mm²: where the score has no points left for light.
+const WORST_MJ_MM2: f32 = 600.0;
+
+/// Place of a dose on the scale, of 255: by its logarithm, since a minute gives 10 mJ/mm² from afar and 1,000 from near.
+fn on_scale(mj_mm2: f32) -> u8 {
+    ((1.0 + mj_mm2.max(0.0)).ln() / (1.0 + WORST_MJ_MM2).ln() * 255.0).min(255.0) as u8
+}
+
+/// The pass.
+pub struct Dose {
+    pipelines: [RenderPipeline; 2],
+    texture: Texture,
+    group: BindGroup,
+    /// Of the newest scene, mJ/mm².
+    doses: [f32; CELLS],
+    shown: bool,
+}
+
+impl Dose {
+    /// Makes pipelines and texture.
+    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+        let layout = layout(device);
+        let groups = [&uniforms.layout, light, &layout];
+        let make = |shading| {
+            let plan = PipelinePlan {
+                fragment: Some("fs_dose"),
+                depth: Some((CompareFunction::Less, false)),
+                blend: Some(BlendState::ALPHA_BLENDING),
+                ..PipelinePlan::new("dose", "vs_dose", &groups)
+            };
+            pipeline(device, &plan.shaded(shading))
+        };
+        let texture = device.create_texture(&wgpu::TextureDescriptor {
+            label: Some("dose"),
+            size: extent(),
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: TextureFormat::R8Unorm,
+            usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
+            view_formats: &[],
+        });
+        let group = group(device, &layout, &texture);
+        Self { pipelines: Shading::ALL.map(make), texture, group, doses: [0.0; CELLS], shown: false }
+    }
+
+    /// Shows it from now on, or no longer.
+    pub fn show(&mut self, queue: &Queue, shown: bool) {
+        let fresh = shown && !self.shown;
+        self.shown = shown;
+        if fresh {
+            self.upload(queue);
+        }
+    }
+
+    /// Takes the doses of a scene in, mJ/mm²; only while they are shown they go to the device.
+    pub fn set(&mut self, queue: &Queue, doses: &[f32]) {
+        self.doses.fill(0.0);
+        let known = doses.len().min(CELLS);
+        self.doses[..known].copy_from_slice(&doses[..known]);
+        if self.shown {
+            self.upload(queue);
+        }
+    }
+
+    fn upload(&self, queue: &Queue) {
+        let rows = wgpu::TexelCopyBufferLayout {
+            offset: 0,
+            bytes_per_row: Some(ALONG as u32),
+            rows_per_image: None,
+        };
+        queue.write_texture(self.texture.as_image_copy(), &self.doses.map(on_scale), rows, extent());
+    }
+
+    /// Draws where it is shown; groups 0 and 1 are set.
+    pub fn draw(&self, pass: &mut RenderPass<'_>, (fundus, cells): (&Fundus, &Cells), shading: Shading) {
+        if self.shown {
+            pass.set_bind_group(2, &self.group, &[]);
+            fundus.draw_with(pass, cells, &self.pipelines[shading as usize]);
+        }
+    }
+}
+
+fn extent() -> Extent3d {
+    Extent3d { width: ALONG as u32, height: ALONG as u32, depth_or_array_layers: 1 }
+}
+
+fn layout(device: &Device) -> BindGroupLayout {
+    let entry =
+        |binding, ty| BindGroupLayoutEntry { binding, visibility: ShaderStages::FRAGMENT, ty, count: None };
+    let doses = BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: true },
+        view_dimension: wgpu::TextureViewDimension::D2,
+        multisampled: false,
+    };
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("dose"),
+        entries: &[entry(0, doses), entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
+    })
+}
+
+fn group(device: &Device, layout: &BindGroupLayout, texture: &Texture) -> BindGroup {
+    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+    let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+        mag_filter: wgpu::FilterMode::Linear,
+        min_filter: wgpu::FilterMode::Linear,
+        ..wgpu::SamplerDescriptor::default()
+    });
+    device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("dose"),
+        layout,
+        entries: &[
+            wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) },
+            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&sampler) },
+        ],
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scale_rises_from_no_light_to_far_too_much() {
+        assert_eq!(on_scale(0.0), 0);
+        assert_eq!([on_scale(WORST_MJ_MM2), on_scale(1e9), on_scale(f32::INFINITY)], [255; 3]);
+        assert_eq!([on_scale(f32::NAN), on_scale(-5.0)], [0; 2]);
+        let rising: Vec<u8> = [0.1, 1.0, 10.0, 60.0, 200.0].map(on_scale).into();
+        assert!(rising.windows(2).all(|w| w[0] < w[1]), "{rising:?}");
+    }
+}

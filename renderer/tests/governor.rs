@@ -1,0 +1,39 @@
+//! The governor on a recorded series: what frames of 2×400×320 took on a software driver while other programs kept both cores busy. Most
+//! fitted at that tier; one in nine was late, now and then two or three at a time.
+
+use renderer::costs::Costs;
+use renderer::governor::{FLOOR, Governor, SOFTWARE_START, TIERS};
+
+const BUDGET_NS: u64 = 15_000_000;
+
+/// Times at tier 5, ns.
+fn series() -> Vec<u64> {
+    let text = include_str!("../../tests/data/frame-times/busy.txt");
+    text.split_whitespace().map(|tenths| tenths.parse::<u64>().expect("a number") * 100_000).collect()
+}
+
+/// What a frame cost on that driver, tenths of a ms: processor time, docs/gpu.md.
+const COSTS: [u64; TIERS.len()] = [36_000, 14_000, 3_600, 190, 130, 100, 70, 50, 33];
+
+#[test]
+fn a_busy_machine_does_not_push_it_below_the_floor() {
+    let costs = Costs::measured(&COSTS.map(Some));
+    let mut governor = Governor::new(BUDGET_NS, SOFTWARE_START, None, costs.clone());
+    let (mut late, mut late_ungoverned, mut changes) = (0, 0, 0);
+    let series = series();
+    assert!(series.len() > 200);
+    for at_5 in &series {
+        let took = (*at_5 as f64 * costs.ratio(SOFTWARE_START, governor.tier_index())) as u64;
+        late += usize::from(took > BUDGET_NS);
+        late_ungoverned += usize::from(*at_5 > BUDGET_NS);
+        changes += usize::from(governor.note(took));
+        assert!(governor.tier_index() <= FLOOR, "tier {}", governor.tier_index());
+    }
+    assert!((1..4).contains(&changes), "{changes} changes");
+    assert!(3 * late < 2 * late_ungoverned, "{late} of {late_ungoverned} late frames are left");
+    // And it still answers what is no disturbance.
+    let mut governor = Governor::new(BUDGET_NS, SOFTWARE_START, None, costs);
+    series.iter().filter(|t| **t < BUDGET_NS).for_each(|t| assert!(!governor.note(*t)));
+    let answered = (0..5).position(|_| governor.note(2 * BUDGET_NS));
+    assert!(answered.is_some() && governor.tier_index() == FLOOR);
+}

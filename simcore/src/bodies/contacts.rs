@@ -1,0 +1,135 @@
+//! Where bodies touch at their predicted poses: each other and the instruments by parry3d, the retina in closed form (a sphere from
+//! inside: the centre of a ball, the ends of a rod, the corners of a box). Found once in a substep.
+
+use super::solve::{BodySolver, Hand, Surroundings, Touched};
+use super::state::{BodyState, Grip};
+use crate::collision::rigid::RigidBody;
+use nalgebra::{Isometry3, Point3, Vector3};
+use protocol::limits::INSTRUMENTS;
+
+/// A contact may hold that is so far from closing, mm: it keeps a resting body's friction from flickering.
+const TOUCH_MM: f64 = 1e-4;
+
+/// One party of a contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Party {
+    Body(usize),
+    /// Yields to nothing.
+    Hand(usize),
+    Retina,
+}
+
+/// A contact: a point of a body and one of its counterpart, each in its own frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Contact {
+    pub(super) body: usize,
+    pub(super) other: Party,
+    pub(super) in_body: Point3<f64>,
+    pub(super) in_other: Point3<f64>,
+    /// Out of the counterpart, eye frame.
+    pub(super) normal: Vector3<f64>,
+    /// Sum of pushes so far, g·mm.
+    pub(super) push: f64,
+    /// What friction has used of its share of it, g·mm.
+    pub(super) rubbed: f64,
+    /// What resistance to rolling has used of its share, g·mm².
+    pub(super) rolled: f64,
+    pub(super) friction: f64,
+}
+
+impl BodySolver {
+    /// Finds the contacts at the predicted poses.
+    pub(super) fn find(
+        &mut self,
+        bodies: &[BodyState],
+        grips: &[Option<Grip>; INSTRUMENTS],
+        tools: &[RigidBody; INSTRUMENTS],
+        hands: &[Hand; INSTRUMENTS],
+        around: &Surroundings,
+    ) {
+        self.contacts.clear();
+        self.touched.clear();
+        for (b, body) in bodies.iter().enumerate() {
+            self.find_retina(b, body, around.retina_radius_mm);
+            for (h, hand) in hands.iter().enumerate() {
+                let held = grips[h].is_some_and(|g| g.body as usize == b);
+                if hand.touches && !held {
+                    self.find_tool(b, body, h, &tools[h], &hand.pose);
+                }
+            }
+            for (other, pose) in bodies.iter().enumerate().skip(b + 1) {
+                self.find_pair([b, other], [&body.eye_from_body, &pose.eye_from_body]);
+            }
+        }
+    }
+
+    fn find_retina(&mut self, b: usize, body: &BodyState, retina_radius_mm: f64) {
+        let model = &self.models[b];
+        let (corners, count, round) = model.corners();
+        for corner in &corners[..count] {
+            let p = body.eye_from_body * Point3::from(*corner);
+            let far = p.coords.norm();
+            if far + round < retina_radius_mm - TOUCH_MM || far < 1e-9 {
+                continue;
+            }
+            let out = p.coords / far;
+            let at = Point3::from(p.coords + out * round);
+            self.contacts.push(Contact {
+                body: b,
+                other: Party::Retina,
+                in_body: body.eye_from_body.inverse_transform_point(&at),
+                in_other: Point3::from(out * retina_radius_mm),
+                normal: -out,
+                push: 0.0,
+                rubbed: 0.0,
+                rolled: 0.0,
+                friction: model.friction,
+            });
+        }
+    }
+
+    fn find_tool(&mut self, b: usize, body: &BodyState, h: usize, tool: &RigidBody, hand: &Isometry3<f64>) {
+        let eye_from_body = &body.eye_from_body;
+        let model = &self.models[b];
+        model.solid.contacts(tool, &(eye_from_body.inverse() * hand), &mut self.found);
+        for found in &self.found {
+            // The contact lies at the tool's deepest point; its counterpart is on the body's surface.
+            let normal = eye_from_body.rotation * found.normal.into_inner();
+            let in_tool = eye_from_body * found.at_mm;
+            let on_body = in_tool + normal * found.depth_mm;
+            self.touched.push(Touched { hand: h, part: found.instrument_part, body: b, normal });
+            self.contacts.push(Contact {
+                body: b,
+                other: Party::Hand(h),
+                in_body: eye_from_body.inverse_transform_point(&on_body),
+                in_other: hand.inverse_transform_point(&in_tool),
+                normal: -normal,
+                push: 0.0,
+                rubbed: 0.0,
+                rolled: 0.0,
+                friction: model.friction,
+            });
+        }
+    }
+
+    fn find_pair(&mut self, [b, other]: [usize; 2], [pose, other_pose]: [&Isometry3<f64>; 2]) {
+        let (model, counterpart) = (&self.models[b], &self.models[other]);
+        model.solid.contacts(&counterpart.solid, &(pose.inverse() * other_pose), &mut self.found);
+        for found in &self.found {
+            let normal = pose.rotation * found.normal.into_inner();
+            let in_other = pose * found.at_mm;
+            let on_body = in_other + normal * found.depth_mm;
+            self.contacts.push(Contact {
+                body: b,
+                other: Party::Body(other),
+                in_body: pose.inverse_transform_point(&on_body),
+                in_other: other_pose.inverse_transform_point(&in_other),
+                normal: -normal,
+                push: 0.0,
+                rubbed: 0.0,
+                rolled: 0.0,
+                friction: libm::sqrt(model.friction * counterpart.friction),
+            });
+        }
+    }
+}
