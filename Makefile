@@ -9,6 +9,8 @@ export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 RELEASE := $(TARGET)/release/vitreo
 DEBUG := $(TARGET)/debug/vitreo
+# Modules whose recordings bench-score scores.
+SCORED := navigation shadow steady-path forceps bimanual vitrectomy peeling relocation
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
@@ -78,9 +80,9 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 bench-score: setup ## Measure how fast recordings are scored on one core, without and with simulating again
 	cargo build --release --workspace
 	@mkdir -p out/score
-	for m in navigation shadow peeling; do \
-		$(RELEASE) run --module $$m --no-picture --instance bench --record out/score/$$m.mcap >/dev/null || exit 1; done
-	for how in "" --resimulate; do for m in navigation shadow peeling; do \
+	for m in $(SCORED); do \
+		$(RELEASE) run --module $$m --no-picture --direct --instance bench --record out/score/$$m.mcap >/dev/null || exit 1; done
+	for how in "" --resimulate; do for m in $(SCORED); do \
 		$(RELEASE) score out/score/$$m.mcap --jobs 1 --csv out/score/$$m.csv $$how || exit 1; done; done
 
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation

@@ -172,6 +172,17 @@ mod tests {
     }
 
     #[test]
+    fn the_buttons_in_the_middle_are_the_course_of_the_attempt() {
+        use protocol::bindings::Action;
+        let asked = |code| match button(code, 1) {
+            Some(Input::Press(key)) => Action::of(key),
+            _ => None,
+        };
+        let buttons = [KeyCode::BTN_START, KeyCode::BTN_SELECT, KeyCode::BTN_MODE];
+        assert_eq!(buttons.map(asked), [Action::Pause, Action::Restart, Action::Next].map(Some));
+    }
+
+    #[test]
     fn sticks_are_axes_and_triggers_keys() {
         let range = Range { low: 0, high: 255 };
         assert_eq!((range.place(0), range.place(255), range.place(900)), (-1.0, 1.0, 1.0));

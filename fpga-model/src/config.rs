@@ -46,6 +46,9 @@ pub struct Config {
     /// Finish after so many seconds.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,
+    /// Finish so many seconds after the script's round, with what the surgeon does again, if that is before the duration.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub after_round: Option<f64>,
     /// Send the fields of camera CAM so many ms too late.
     #[arg(long, value_name = "CAM=MS", value_parser = late_camera, hide = true)]
     pub late_camera: Option<LateCamera>,

@@ -14,17 +14,20 @@ use crate::faults::spec::FaultSpec;
 use crate::groups::{Groups, Step};
 use crate::motion::hand::Hand;
 use crate::motion::{HandRole, MotionSource};
+use crate::onlooker::Seen;
 use crate::outbox::Outbox;
 use crate::stream::BlobStream;
 use anyhow::{Context, Result, ensure};
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::control::Command;
+use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::health::{Process, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
-use protocol::ipc::{Instance, Sender, wait};
+use protocol::ipc::{BlockReceiver, Instance, Queue, Receiver, Sender, wait};
 use protocol::limits::{INSTRUMENTS, MAX_WAIT_MS};
 use protocol::rig::Rig;
+use protocol::scene::SceneHeader;
 use protocol::scene_file::SceneFile;
 use protocol::shell::Shell;
 use protocol::time::{Nanos, now, sleep_until};
@@ -112,6 +115,40 @@ impl Hands {
     }
 }
 
+/// What the surgeon looks at, and what was seen last.
+struct Sights {
+    scenes: BlockReceiver<SceneHeader>,
+    events: Receiver<Event>,
+    seen: Seen,
+    /// A scene has come.
+    any: bool,
+}
+
+impl Sights {
+    fn open(instance: &Instance) -> Result<Self> {
+        let (scenes, events) = (instance.block_receiver()?, instance.receiver(Queue::InOrder)?);
+        Ok(Sights { scenes, events, seen: Seen::default(), any: false })
+    }
+
+    /// Takes in what was told; where the surgeon looks, the newest scene too. Hands are blind until there is one.
+    fn show(&mut self, surgeon: &mut MotionSource, exposed_ns: u64) -> Result<()> {
+        while let Some(event) = self.events.next_valid()? {
+            self.seen.take_event(&event);
+        }
+        if !surgeon.looks_now(exposed_ns) {
+            return Ok(());
+        }
+        if let Some(sample) = self.scenes.receive()? {
+            self.seen.take_scene(sample.header(), sample.payload());
+            self.any = true;
+        }
+        if self.any {
+            surgeon.see(exposed_ns, &self.seen);
+        }
+        Ok(())
+    }
+}
+
 /// Channels and schedule.
 struct Station {
     shell: Shell,
@@ -119,6 +156,9 @@ struct Station {
     handles: Sender<HandleState>,
     pedal: Sender<PedalState>,
     surgeon: MotionSource,
+    /// The surgeon before the first field, who has seen nothing.
+    fresh: MotionSource,
+    sights: Option<Sights>,
     config: Config,
     rig: Rig,
     /// Start of the schedule; a pause moves it.
@@ -151,6 +191,8 @@ impl Station {
             blobs: instance.sender()?,
             handles: instance.sender()?,
             pedal: instance.sender()?,
+            sights: surgeon.has_eyes().then(|| Sights::open(&instance)).transpose()?,
+            fresh: surgeon.clone(),
             surgeon,
             config: config.clone(),
             rig: rig.clone(),
@@ -181,7 +223,7 @@ impl Station {
         loop {
             let elapsed = now().saturating_sub(self.t0);
             let send = outbox.due_ns().into_iter().chain(hands.map(|h| h.due_ns)).min();
-            let wake = match groups.step(elapsed, send, self.duration_ns) {
+            let wake = match groups.step(elapsed, send, self.end_ns()) {
                 Step::Expose(i) => {
                     let missed = groups.leave_out_missed(i, elapsed);
                     self.judge(missed, groups.0[i].cameras.len() as u64)?;
@@ -190,6 +232,9 @@ impl Station {
                     if i == 0 {
                         let exposed = groups.0[i].clock.exposed_ns(number);
                         hands = Some(Hands::at(&mut self.surgeon, exposed, number, first));
+                        if let Some(sights) = &mut self.sights {
+                            sights.show(&mut self.surgeon, exposed)?;
+                        }
                     }
                     continue;
                 }
@@ -217,6 +262,12 @@ impl Station {
                 }
             }
         }
+    }
+
+    /// When the last field has been exposed, ns after the start.
+    fn end_ns(&self) -> u64 {
+        let after = |s: f64| ((self.surgeon.period_s() + s) * 1e9) as u64;
+        self.config.after_round.map_or(u64::MAX, after).min(self.duration_ns)
     }
 
     /// Exposes and stamps field `number` of some cameras. Returns when its first blobs are due, ns after
@@ -396,6 +447,7 @@ impl Station {
                         self.shell.answer(&request, Err(&format!("{problem:#}")))?;
                         continue;
                     }
+                    self.surgeon = self.fresh.clone();
                     self.t0 = now() + LEAD_NS;
                     self.paused_since = self.paused_since.map(|_| self.t0);
                     restart = true;
@@ -410,7 +462,7 @@ impl Station {
 
     /// Takes the surgeon of the scene that the file holds now; `duration_ms` 0 leaves the duration.
     fn load(&mut self, duration_ms: u64) -> Result<()> {
-        self.surgeon = surgeon(&self.config, &self.rig)?;
+        self.fresh = surgeon(&self.config, &self.rig)?;
         if duration_ms > 0 {
             self.duration_ns = duration_ms * 1_000_000;
         }

@@ -14,8 +14,6 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
 const PICTURES_PER_S: f64 = 25.0;
 /// Fields of the simulation from one picture to the next.
 const FIELDS_PER_PICTURE: u32 = 2;
-/// The end screen stands for so long, s.
-const AFTER_S: f64 = 2.0;
 
 /// Arguments of `vitreo film`.
 #[derive(Debug, clap::Args)]
@@ -69,18 +67,15 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     for folder in folders.into_iter().flatten().filter(|f| !f.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).with_context(|| format!("make folder {}", folder.display()))?;
     }
-    let whole_s = composed.period_s + AFTER_S;
-    let length_s = args.length.min(whole_s);
-    let (mut simulation, scenes) = simulate(args, &composed, length_s)?;
+    let (mut simulation, scenes) = simulate(args, &composed)?;
     let (mut renderer, pictures) = draw(args, &composed, film.as_deref())?;
-    let carried = carry(scenes, pictures, (length_s * PICTURES_PER_S) as u64 + 1);
+    let carried = carry(scenes, pictures, (args.length.min(composed.longest_s) * PICTURES_PER_S) as u64 + 1);
     // Its pipe is closed now: whoever failed has said why, and the other ends.
     ended(&mut renderer, "the picture")?;
     ended(&mut simulation, "the simulation")?;
     let shown_s = carried? as f64 / PICTURES_PER_S;
-    let whole =
-        if shown_s + 0.1 < whole_s { format!(" of {whole_s:.0} s") } else { ": the whole of it".into() };
-    eprintln!("vitreo: {shown_s:.1} s{whole}");
+    let whole = if shown_s + 0.1 < args.length { "the whole of it" } else { "as long as asked for" };
+    eprintln!("vitreo: {shown_s:.1} s: {whole}");
     for path in film.iter().chain(&args.stills) {
         println!("{}", path.display());
     }
@@ -88,10 +83,10 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Starts the simulation, which writes scenes.
-fn simulate(args: &FilmArgs, composed: &Composed, length_s: f64) -> anyhow::Result<(Child, ChildStdout)> {
+fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, ChildStdout)> {
     let mut command = Command::new(find_binary("vitreo-simcore")?);
     command.args(["--scene", &composed.name(), "--film", &FIELDS_PER_PICTURE.to_string()]);
-    command.args(["--film-seed", &args.seed.to_string(), "--film-length", &length_s.to_string()]);
+    command.args(["--film-seed", &args.seed.to_string(), "--film-length", &args.length.to_string()]);
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("start the simulation")?;
     let scenes = child.stdout.take().context("the simulation's output")?;

@@ -56,8 +56,8 @@ pub struct Composed {
     surgeon: Surgeon,
     seed: u64,
     level: u32,
-    /// Length of the surgeon's attempt, s.
-    pub period_s: f64,
+    /// Longest attempt of the surgeon, s: everything that can be done again is.
+    pub longest_s: f64,
 }
 
 impl Composed {
@@ -69,7 +69,7 @@ impl Composed {
         };
         let file = tempfile::Builder::new().prefix("vitreo-").suffix(".toml").tempfile()?;
         let module = Module::load(module)?;
-        let mut composed = Composed { file, module, surgeon, seed, level, period_s: 0.0 };
+        let mut composed = Composed { file, module, surgeon, seed, level, longest_s: 0.0 };
         composed.write()?;
         Ok(composed)
     }
@@ -80,7 +80,8 @@ impl Composed {
         file.set_len(0)?;
         file.rewind()?;
         file.write_all(scene.to_toml().as_bytes())?;
-        self.period_s = scene.script.period_s;
+        let again = scene.script.looks.iter().map(|l| (l.at_s - l.from_s) * l.takes.len() as f64);
+        self.longest_s = scene.script.period_s + again.sum::<f64>();
         Ok(())
     }
 

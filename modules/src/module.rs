@@ -242,6 +242,7 @@ impl Module {
         if self.file.kind == Kind::Abstract {
             let plan = plan::of_goals(&scene, &task);
             (script.keys, script.period_s, script.pedal) = (plan.keys, plan.period_s, Vec::new());
+            (script.aims, script.looks) = (plan.aims, plan.looks);
         }
         task.par_s = level.par_s.unwrap_or(script.period_s);
         task.par_mm = plan::way_mm(&script.keys);

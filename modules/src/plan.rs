@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 use protocol::limits::INSTRUMENTS;
-use protocol::scene_file::{Goal, SceneFile, ScriptKey, TaskScene};
+use protocol::scene_file::{AimScene, Goal, LookScene, SceneFile, ScriptKey, TaskScene};
 
 /// Mean speed on the way to a goal, mm/s, and what each way takes besides, s.
 const REACH_MM_S: f64 = 3.5;
@@ -22,6 +22,8 @@ const OPEN_RAD: f64 = 1.2;
 const CLOSED_RAD: f64 = 0.1;
 /// Time to close or open the jaws, s.
 const JAWS_S: f64 = 1.0;
+/// Rest over a place, in which the surgeon looks how a body hangs in the jaws, s.
+const LOOK_S: f64 = 0.3;
 
 /// Key frames, and how long they take.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +32,10 @@ pub struct Plan {
     pub keys: Vec<ScriptKey>,
     /// Length of the round, s; it ends where it began.
     pub period_s: f64,
+    /// Where the surgeon looks for bodies.
+    pub aims: Vec<AimScene>,
+    /// Grips and places that are looked at when they are done; who does them again says how.
+    pub looks: Vec<LookScene>,
 }
 
 /// A hand as the plan leaves it.
@@ -43,6 +49,10 @@ struct Hand {
 
 struct Planner {
     keys: Vec<ScriptKey>,
+    aims: Vec<AimScene>,
+    looks: Vec<LookScene>,
+    /// The body that was gripped last, and since when the hand has been on its way to it, s.
+    gripped: Option<(u32, f64)>,
     hands: [Hand; INSTRUMENTS],
     /// Where each body is when its turn comes.
     bodies: Vec<Vector3<f64>>,
@@ -62,19 +72,29 @@ pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> Plan {
     let radius_mm = scene.eye.retina_radius_mm;
     let bodies = scene.bodies.iter().flat_map(|b| &b.body).map(|b| lying(b, radius_mm)).collect();
     let axes = scene.bodies.iter().flat_map(|b| &b.body).map(crate::task::longest_axis).collect();
-    let mut planner = Planner { keys: Vec::new(), hands: std::array::from_fn(hand), bodies, axes, radius_mm };
+    let mut planner = Planner {
+        keys: Vec::new(),
+        aims: Vec::new(),
+        looks: Vec::new(),
+        gripped: None,
+        hands: std::array::from_fn(hand),
+        bodies,
+        axes,
+        radius_mm,
+    };
     (0..INSTRUMENTS).for_each(|i| planner.stay(i, 0.0));
-    for goal in &task.goals {
+    for (number, goal) in task.goals.iter().enumerate() {
         planner.reach(goal);
+        planner.look(number, goal);
     }
     let home: [Hand; INSTRUMENTS] = std::array::from_fn(hand);
     for (i, home) in home.iter().enumerate() {
         planner.go(i, home.tip, REACH_MM_S);
     }
     let period_s = planner.hands.iter().map(|h| h.at_s).fold(0.0, f64::max) + 1.0;
-    let mut keys = planner.keys;
+    let Planner { mut keys, aims, looks, .. } = planner;
     keys.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    Plan { keys, period_s }
+    Plan { keys, period_s, aims, looks }
 }
 
 /// Where a body comes to lie: on the retina, straight outwards.
@@ -133,8 +153,7 @@ impl Planner {
             }
             Goal::Grip { body, instrument } => self.grip(*instrument as usize, *body as usize),
             Goal::Place { body, at_in_eye_mm, along_in_eye, .. } => {
-                let turn = along_in_eye.map_or(0.0, |along| self.turn(*body as usize, &Vector3::from(along)));
-                self.place(*body as usize, Vector3::from(*at_in_eye_mm), turn);
+                self.place(*body as usize, Vector3::from(*at_in_eye_mm), *along_in_eye);
             }
             Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => {}
         }
@@ -142,18 +161,40 @@ impl Planner {
         self.meet();
     }
 
+    /// Looks whether a grip or a place has come about. A body that is not in its place is picked up again.
+    fn look(&mut self, number: usize, goal: &Goal) {
+        let (Goal::Grip { body, .. } | Goal::Place { body, .. }) = goal else { return };
+        let Some((_, from_s)) = self.gripped.filter(|(gripped, _)| gripped == body) else { return };
+        let at_s = self.hands[0].at_s;
+        self.looks.push(LookScene { at_s, from_s, goal: number as u32, takes: Vec::new() });
+    }
+
     fn grip(&mut self, i: usize, body: usize) {
         let at = self.bodies[body];
         let above = self.above(at);
         self.jaws(i, OPEN_RAD);
+        self.meet();
+        let begin_s = self.hands[i].at_s;
+        self.gripped = Some((body as u32, begin_s));
         self.go(i, above, REACH_MM_S);
         self.go(i, deeper(at), CAREFUL_MM_S);
         self.jaws(i, CLOSED_RAD);
         self.stay(i, HOLD_MORE_S);
+        let along_in_eye = Some(self.axes[body].into());
+        self.aims.push(AimScene {
+            at_s: begin_s,
+            until_s: self.hands[i].at_s,
+            instrument: i as u32,
+            body: Some(body as u32),
+            place_in_eye_mm: at.into(),
+            along_in_eye,
+            carries: false,
+        });
     }
 
     /// Whoever is nearest to the body carries it.
-    fn place(&mut self, body: usize, to: Vector3<f64>, turn_rad: f64) {
+    fn place(&mut self, body: usize, to: Vector3<f64>, along: Option<[f64; 3]>) {
+        let turn_rad = along.map_or(0.0, |along| self.turn(body, &Vector3::from(along)));
         let from = self.bodies[body];
         let away = |h: &Hand| (h.tip - from).norm();
         let i = if away(&self.hands[0]) <= away(&self.hands[1]) { 0 } else { 1 };
@@ -164,10 +205,21 @@ impl Planner {
         self.go(i, lifted, CAREFUL_MM_S);
         self.hands[i].roll_rad = turn_rad;
         self.go(i, over, REACH_MM_S);
+        self.stay(i, LOOK_S);
+        let over_s = self.hands[i].at_s;
         self.go(i, deeper(to), CAREFUL_MM_S);
         self.stay(i, HOLD_MORE_S);
         self.jaws(i, OPEN_RAD);
         self.stay(i, HOLD_MORE_S);
+        self.aims.push(AimScene {
+            at_s: over_s,
+            until_s: self.hands[i].at_s,
+            instrument: i as u32,
+            body: Some(body as u32),
+            place_in_eye_mm: (over * ((over.norm() - DEEPER_MM) / over.norm())).into(),
+            along_in_eye: along,
+            carries: true,
+        });
         self.go(i, over, CAREFUL_MM_S);
         self.hands[i].roll_rad = 0.0;
         self.stay(i, JAWS_S);
@@ -193,6 +245,7 @@ impl Planner {
             let wait = latest - self.hands[i].at_s;
             if wait > 0.0 {
                 self.stay(i, wait);
+                self.hands[i].at_s = latest;
             }
         }
     }

@@ -4,7 +4,9 @@
 use crate::random::Random;
 use nalgebra::Vector3;
 use protocol::handles::PedalMode;
-use protocol::scene_file::{PedalKey, ScriptKey, ScriptScene};
+use protocol::scene_file::{
+    AimScene, LookScene, PedalKey, SAME_INSTANT_S, ScriptKey, ScriptScene, TakeScene,
+};
 use std::f64::consts::TAU;
 
 /// Keys nearer to the retina than this are subject to the depth bias, mm.
@@ -40,6 +42,8 @@ pub struct Surgeon {
     pub hasty: f64,
     /// Probability that the jaws open on the way.
     pub slips: f64,
+    /// How often what was missed is tried again.
+    pub patience: u32,
 }
 
 /// Steady, direct, on time.
@@ -53,6 +57,7 @@ pub const EXPERT: Surgeon = Surgeon {
     tremor_um: 20.0,
     hasty: 0.0,
     slips: 0.0,
+    patience: 3,
 };
 
 /// A practised hand.
@@ -66,6 +71,7 @@ pub const AVERAGE: Surgeon = Surgeon {
     tremor_um: 55.0,
     hasty: 0.03,
     slips: 0.03,
+    patience: 3,
 };
 
 /// Slow and unsure, but careful.
@@ -79,6 +85,7 @@ pub const NOVICE: Surgeon = Surgeon {
     tremor_um: 85.0,
     hasty: 0.12,
     slips: 0.1,
+    patience: 3,
 };
 
 /// Fast, rough, too deep.
@@ -92,6 +99,7 @@ pub const CARELESS: Surgeon = Surgeon {
     tremor_um: 130.0,
     hasty: 0.5,
     slips: 0.5,
+    patience: 1,
 };
 
 /// Every shipped one, best first.
@@ -114,7 +122,31 @@ impl Surgeon {
         let pedal = self.foot(&plan.pedal);
         let period_s = plan.period_s * self.pace;
         keys.iter_mut().for_each(|k| k.at_s *= self.pace);
-        ScriptScene { period_s, tremor_um: self.tremor_um, keys, pedal, ..plan.clone() }
+        let aim =
+            |a: &AimScene| AimScene { at_s: a.at_s * self.pace, until_s: a.until_s * self.pace, ..a.clone() };
+        let aims = plan.aims.iter().map(aim).collect();
+        let mut random = Random::new(seed, 2);
+        let looks = plan.looks.iter().map(|look| self.look(look, plan, radius_mm, &mut random)).collect();
+        ScriptScene { period_s, tremor_um: self.tremor_um, keys, pedal, aims, looks, ..plan.clone() }
+    }
+
+    /// A look at this surgeon's pace, with as many takes as there is patience: each is drawn anew, none is better than the first.
+    fn look(&self, look: &LookScene, plan: &ScriptScene, radius_mm: f64, random: &mut Random) -> LookScene {
+        let (from_s, at_s) = (look.from_s, look.at_s);
+        let within = |k: &&ScriptKey| k.at_s > from_s - SAME_INSTANT_S && k.at_s < at_s + SAME_INSTANT_S;
+        let mut take = || {
+            let mut keys: Vec<ScriptKey> = Vec::new();
+            for instrument in 0..2 {
+                let own: Vec<&ScriptKey> = sorted(plan, instrument).into_iter().filter(within).collect();
+                // Where the hand was at first is not where it is now.
+                let again = self.hand(&own, radius_mm, random).into_iter();
+                keys.extend(again.filter(|k| k.at_s > from_s + SAME_INSTANT_S));
+            }
+            keys.iter_mut().for_each(|k| k.at_s *= self.pace);
+            TakeScene { keys }
+        };
+        let takes = (0..self.patience).map(|_| take()).collect();
+        LookScene { at_s: at_s * self.pace, from_s: from_s * self.pace, takes, ..look.clone() }
     }
 
     /// The foot at this surgeon's pace. An injection lasts as long as planned, whatever the pace: it is ended when the fluid is in.

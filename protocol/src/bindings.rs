@@ -104,7 +104,7 @@ pub const BINDINGS: &[Binding] = &[
     bind(Action::Filter, &["5", "pad-left"], "next filter of the lamp"),
     bind(Action::Pause, &["p", "pause", "pad-start"], "pause, go on"),
     bind(Action::Restart, &["f5", "pad-select"], "begin the attempt again"),
-    bind(Action::Next, &["n"], "next level"),
+    bind(Action::Next, &["n", "pad-mode"], "next level"),
     bind(Action::Quit, &["f10"], "end the program"),
     bind(Action::Help, &["f1", "h"], "show or hide these keys"),
     bind(Action::Dose, &["l"], "show or hide the light that fell on the retina"),

@@ -1,10 +1,16 @@
 //! The scripted surgeon: key frames, joined by minimum-jerk movements; tools changed and the pedal pressed in between. The
-//! camera hardware's model plays it live, the simulation's rehearsal without cameras; both hold the instruments alike.
+//! camera hardware's model plays it live, the simulation's rehearsal without cameras; both hold the instruments alike, and both
+//! show it what has come about ([`Script::see`]).
+
+mod eyes;
+
+pub use eyes::{BodySeen, LOOK_AHEAD_S, Sight};
 
 use crate::handles::{PedalMode, PedalState, Tool};
 use crate::limits::INSTRUMENTS;
 use crate::scene_file::{PedalKey, SceneFile, ScriptKey};
 use crate::time::Nanos;
+use eyes::Eyes;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// What the script asks of one instrument at an instant.
@@ -62,6 +68,8 @@ pub struct Script {
     keys: [Vec<(f64, Gesture)>; INSTRUMENTS],
     /// Sorted by instant.
     pedal: Vec<PedalKey>,
+    /// Where the surgeon looks; what was seen changes what comes after.
+    eyes: Eyes,
 }
 
 impl Script {
@@ -82,7 +90,12 @@ impl Script {
         };
         let mut pedal = script.pedal.clone();
         pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-        Script { period_s: script.period_s, keys: std::array::from_fn(keys_of), pedal }
+        Script {
+            period_s: script.period_s,
+            keys: std::array::from_fn(keys_of),
+            pedal,
+            eyes: Eyes::of(script),
+        }
     }
 
     /// Length of a round, s.

@@ -5,6 +5,7 @@ use crate::rehearsal::Rehearsal;
 use crate::scene_block::{SceneWriter, bytes_needed};
 use crate::world::{World, WorldError, no_clock};
 use anyhow::Context;
+use modules::score::recording::is_over;
 use protocol::scene::SceneHeader;
 use protocol::scene_file::SceneFile;
 use protocol::scene_stream;
@@ -13,6 +14,8 @@ use std::io::Write;
 
 /// Steps a second of the script.
 pub const FIELDS_PER_S: f64 = 50.0;
+/// The end screen of an attempt stands for so long, s.
+const END_SCREEN_S: f64 = 3.0;
 
 /// A scene that is being played.
 #[derive(Debug)]
@@ -47,10 +50,21 @@ impl Film {
         self.rehearsal.fields()
     }
 
+    /// The last field of a film that is at most so long, as far as is known by now: an attempt's ends with its end screen.
+    fn last_field(&self, seconds: Option<f64>, over_since: Option<u64>) -> u64 {
+        let end_screen = (END_SCREEN_S * FIELDS_PER_S) as u64;
+        let round = match self.world.task() {
+            Some(_) => over_since.unwrap_or(self.fields()) + end_screen,
+            None if seconds.is_some() => u64::MAX,
+            None => self.fields(),
+        };
+        seconds.map_or(round, |s| round.min((s * FIELDS_PER_S) as u64))
+    }
+
     /// Plays on until `field` fields after the beginning.
     pub fn play_to(&mut self, field: u64) {
         while self.field < field {
-            self.rehearsal.play(&mut self.world, self.field, &mut no_clock);
+            self.rehearsal.perform(&mut self.world, self.field, &mut no_clock);
             self.field += 1;
         }
     }
@@ -66,8 +80,8 @@ impl Film {
     }
 }
 
-/// Writes the scene of every `every`-th field, from the first on, for `seconds` or a round of the
-/// script; how many.
+/// Writes the scene of every `every`-th field, from the first on: an attempt at a task until its end screen, else a round of the
+/// script, or for `seconds`, whatever the script; how many.
 pub fn write(
     scene: &SceneFile,
     seed: Option<u64>,
@@ -77,11 +91,11 @@ pub fn write(
 ) -> anyhow::Result<u64> {
     let mut film = Film::begin(scene, seed).context("scene")?;
     scene_stream::begin(out)?;
-    let (mut field, mut written) = (0, 0);
-    let end = seconds.map_or(film.fields(), |s| (s * FIELDS_PER_S) as u64);
-    while field <= end {
+    let (mut field, mut written, mut over) = (0, 0, None);
+    while field <= film.last_field(seconds, over) {
         // Before the first step no instrument has been seen.
         film.play_to(field + 1);
+        over = over.or_else(|| film.world.task().is_some_and(|(_, s)| is_over(s)).then_some(field));
         let (header, payload) = film.scene();
         scene_stream::write(out, &header, payload)?;
         written += 1;

@@ -27,6 +27,7 @@ pub mod constants;
 pub mod dose;
 pub mod elements;
 pub mod event_log;
+pub mod eyes;
 pub mod film;
 pub mod guard;
 pub mod membrane;

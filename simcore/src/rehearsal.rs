@@ -53,9 +53,9 @@ impl Rehearsal {
         self
     }
 
-    /// Fields in a round of the script.
+    /// Fields in a round of the script, with what the surgeon has done again so far.
     pub fn fields(&self) -> u64 {
-        (self.scene.script.period_s * 1e9) as u64 / FIELD_PERIOD_NS
+        (self.script.period_s() * 1e9) as u64 / FIELD_PERIOD_NS
     }
 
     fn world_from_eye(&self, at_s: f64) -> Isometry3<f64> {
@@ -99,7 +99,17 @@ impl Rehearsal {
         self.script.pedal_at(at_ns as f64 * 1e-9, field, FIRST_NS + at_ns)
     }
 
-    /// Steps a world by one field.
+    /// Steps a world by one field, and lets the surgeon see what came of it.
+    pub fn perform(&mut self, world: &mut World, field: u64, clock: &mut dyn FnMut() -> u64) -> StepReport {
+        let report = self.play(world, field, clock);
+        let at_s = (field * FIELD_PERIOD_NS) as f64 * 1e-9;
+        if self.script.looks_now(at_s) {
+            self.script.see(at_s, world);
+        }
+        report
+    }
+
+    /// Steps a world by one field; the surgeon is blind.
     pub fn play(&self, world: &mut World, field: u64, clock: &mut dyn FnMut() -> u64) -> StepReport {
         let (frame, handles) = self.field(field);
         let pedals = [self.pedal(field)];

@@ -1,6 +1,6 @@
 //! Training modules through the chain of a live run: cameras, tracker, simulation, task, score, recording. One seed of each here; `make
-//! study` plays many. Modules without tissue go through drawn fields of pixels; operations, whose steps cost more, through markers made
-//! straight into blobs. Those in which bodies are gripped are left out: blind hands miss some grips.
+//! study` plays many. Modules of one hand go through drawn fields of pixels; the longer ones, and operations, whose steps cost more,
+//! through markers made straight into blobs, with the noise that the pixels' blobs have.
 
 use fpga_model::cameras::Path;
 use fpga_model::motion::HandRole;
@@ -31,7 +31,9 @@ fn provenance(scene: &SceneFile) -> Provenance {
 }
 
 /// Modules, and how their fields come about.
-const PLAYED: [(&str, Path); 6] = [
+const PLAYED: [(&str, Path); 8] = [
+    ("bimanual", Path::Direct),
+    ("forceps", Path::Direct),
     ("navigation", Path::Pixels),
     ("shadow", Path::Pixels),
     ("steady-path", Path::Pixels),

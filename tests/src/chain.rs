@@ -31,8 +31,6 @@ pub struct Chain {
     assembler: FrameAssembler,
     tracker: Tracker,
     world: World,
-    /// Fields of the script's round.
-    fields: u64,
     next: u64,
 }
 
@@ -50,9 +48,13 @@ impl Chain {
             assembler: FrameAssembler::new(&rig),
             tracker: Tracker::new(&rig),
             world: World::new(scene).expect("a scene that can be simulated"),
-            fields: (scene.script.period_s * 1e9) as u64 / FIELD_PERIOD_NS,
             next: 0,
         }
+    }
+
+    /// Fields of the script's round, with what the surgeon has done again so far.
+    fn fields(&self) -> u64 {
+        (self.surgeon.period_s() * 1e9) as u64 / FIELD_PERIOD_NS
     }
 
     /// The simulation.
@@ -95,6 +97,9 @@ impl Chain {
                 told(&frame, world, report.state_hash);
             });
         }
+        if surgeon.looks_now(exposed_ns) {
+            surgeon.see(exposed_ns, world);
+        }
     }
 
     /// Plays one round of the script, or until the attempt at the scene's task is over; its score, and whether it ended.
@@ -102,7 +107,8 @@ impl Chain {
     /// # Panics
     /// If the scene has no task.
     pub fn attempt(mut self, told: &mut Told) -> Score {
-        while self.next < self.fields + AFTER_FIELDS && !self.world.task().is_some_and(|(_, s)| is_over(s)) {
+        while self.next < self.fields() + AFTER_FIELDS && !self.world.task().is_some_and(|(_, s)| is_over(s))
+        {
             self.field(told);
         }
         self.world.score().expect("a module has a task")

@@ -2,7 +2,8 @@
 //!
 //! Tips follow the script in the eye frame, shaken by tremor or by a recorded hand. A shaft always
 //! passes through its trocar, which the eye carries along; the eye turns under the shafts' load and
-//! springs back. Everything is a function of the time since the start and of the seed.
+//! springs back. Everything is a function of the time since the start, of the seed, and of what the surgeon was shown
+//! ([`MotionSource::see`]).
 
 pub mod eye_spring;
 pub mod hand;
@@ -16,7 +17,7 @@ use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
 use protocol::scene_file::SceneFile;
-use protocol::script::{Gesture, Script};
+use protocol::script::{Gesture, Script, Sight};
 use std::f64::consts::TAU;
 use tremor::Tremor;
 
@@ -102,7 +103,27 @@ impl MotionSource {
         }
     }
 
-    /// The instant `t_ns` after the start. The answer depends on `t_ns` alone; rising instants are
+    /// Length of a round of the script, s, with what the surgeon has done again so far.
+    pub fn period_s(&self) -> f64 {
+        self.script.period_s()
+    }
+
+    /// Whether the surgeon has eyes at all.
+    pub fn has_eyes(&self) -> bool {
+        self.script.has_eyes()
+    }
+
+    /// Whether the surgeon looks at anything when everything until `t_ns` after the start has been exposed.
+    pub fn looks_now(&self, t_ns: u64) -> bool {
+        self.script.looks_now(t_ns as f64 * 1e-9)
+    }
+
+    /// The surgeon looks, after everything until `t_ns` after the start has been exposed.
+    pub fn see(&mut self, t_ns: u64, sight: &dyn Sight) {
+        self.script.see(t_ns as f64 * 1e-9, sight);
+    }
+
+    /// The instant `t_ns` after the start. The answer depends on `t_ns` and on what was seen before it; rising instants are
     /// cheapest, because the eye's swing is integrated from the start on.
     pub fn at(&mut self, t_ns: u64) -> Motion {
         let t_s = t_ns as f64 * 1e-9;

@@ -62,6 +62,9 @@ pub struct RunArgs {
     /// End after so many seconds [default: at the end of the stream, or Ctrl-C].
     #[arg(long, value_name = "S", value_parser = positive)]
     pub duration: Option<f64>,
+    /// End so many seconds after the scripted surgeon's round.
+    #[arg(skip)]
+    pub after_round: Option<f64>,
     /// Record everything.
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
@@ -218,12 +221,14 @@ impl RunArgs {
         let Some(composed) = composed else { return self.clone() };
         let scripted = self.blobs.is_none() && self.desk.is_none() && !self.stay;
         let attempt = scripted.then(|| self.attempt_s(composed));
-        RunArgs { scene: Some(composed.name()), duration: self.duration.or(attempt), ..self.clone() }
+        let after_round = attempt.filter(|_| self.duration.is_none()).map(|_| AFTER_S);
+        let duration = self.duration.or(attempt);
+        RunArgs { scene: Some(composed.name()), duration, after_round, ..self.clone() }
     }
 
-    /// Length of a scripted attempt with its end screen, s.
+    /// Longest scripted attempt with its end screen, s; it ends with the script's round.
     pub fn attempt_s(&self, composed: &Composed) -> f64 {
-        composed.period_s + AFTER_S
+        composed.longest_s + AFTER_S
     }
 
     /// The process that begins a run and ends it: the camera hardware, or the desk in its and the tracker's place.
@@ -320,6 +325,7 @@ impl RunArgs {
         let log = self.fault_log.as_deref().map(|file| numbered(file, restarts));
         args.path("--fault-log", log.as_deref());
         args.value("--duration", remaining_s);
+        args.value("--after-round", self.after_round);
         let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));
         args.value("--late-camera", late);
     }

@@ -264,7 +264,7 @@ fn start_failure(process: Process, how: &str) -> String {
 }
 
 /// Threads of Mesa's software renderer. Where tracker and simulation are real-time processes they take a core whenever they need one, and
-/// the picture may use them all (with half of them it takes half as long again: `docs/rendering.md`); else one stays free.
+/// the picture may use them all (with half of them it takes half as long again: `docs/gpu.md`); else one stays free.
 fn software_threads(others_are_realtime: bool) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     if others_are_realtime { cores } else { cores.saturating_sub(1).max(1) }

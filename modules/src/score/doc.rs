@@ -19,6 +19,8 @@ const HOW: &str = "\
 Each metric brings all of its points up to one threshold, none beyond the other, and a share in a straight line between. What a task
 has nothing for (no path, no light pipe) is shared out among the other metrics of the category. An attempt begins when an instrument
 is first seen in the eye (event 110) and ends with the last goal (112) or with its time (113); what stands at its end counts.
+A gap of more than 0.2 s between two poses of a recording (a pause, or a tracker that said nothing) is no part of the attempt: no time
+passes in it, and no way, speed or tremor is taken across it.
 
 Positions are those of the tip in the eye's frame. *Smoothed* keeps what a hand intends and drops its tremor, so that tremor is judged
 once, as tremor.

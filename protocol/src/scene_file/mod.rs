@@ -4,6 +4,7 @@
 mod adhesion;
 mod bodies;
 mod elements;
+mod looks;
 mod membrane;
 mod mesh;
 mod optics;
@@ -15,6 +16,7 @@ mod vitreous;
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use elements::{ElementsLaw, ElementsScene};
+pub use looks::{AimScene, LookScene, SAME_INSTANT_S, TakeScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use mesh::{MeshScene, Pinned};
 pub use optics::OpticsScene;
@@ -226,6 +228,12 @@ pub struct ScriptScene {
     /// What the foot does.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub pedal: Vec<PedalKey>,
+    /// Where the surgeon looks before a movement.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub aims: Vec<AimScene>,
+    /// Where the surgeon looks whether a goal is reached.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub looks: Vec<LookScene>,
 }
 
 /// What the pedal is from an instant of the round until the next key; before the first as after the last.
@@ -347,12 +355,7 @@ impl SceneFile {
         }
         for (i, key) in self.script.keys.iter().enumerate() {
             let inside = (0.0..self.script.period_s).contains(&key.at_s);
-            let numbers = key.tip_in_eye_mm.iter().all(|c| c.abs() <= 30.0) && key.roll_rad.abs() < 100.0;
-            if !inside
-                || !numbers
-                || key.instrument as usize >= INSTRUMENTS
-                || !(0.0..=3.2).contains(&key.jaw_rad)
-            {
+            if !inside || !key.is_sound() {
                 return refuse(
                     &format!("script.keys[{i}]"),
                     "instant inside the period, instrument 0 or 1, tip within 30 mm, jaw 0 to 3.2",
@@ -371,6 +374,11 @@ impl SceneFile {
             if !self.script.keys.iter().any(|k| k.instrument == instrument) {
                 return refuse("script.keys", "a key for each instrument", format!("none for {instrument}"));
             }
+        }
+        let goals = self.task.as_ref().map_or(0, |t| t.goals.len());
+        let bodies = self.bodies.as_ref().map_or(0, |b| b.body.len());
+        if let Some((field, expected, found)) = self.script.defect_of_looks(goals, bodies) {
+            return refuse(&field, &expected, found);
         }
         Ok(())
     }

@@ -122,15 +122,16 @@ impl Bodies {
     }
 }
 
+/// Bodies may be translucent: then their backs are seen too.
 fn bodies_plan<'a>(vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> PipelinePlan<'a> {
     let instances = Some((STRIDE, &ATTRIBUTES[..]));
-    PipelinePlan { vertices: true, closed: true, instances, ..PipelinePlan::new("bodies", vertex, groups) }
+    PipelinePlan { vertices: true, instances, ..PipelinePlan::new("bodies", vertex, groups) }
 }
 
 /// Depth for full tiers, the mask for lean ones.
 fn casters(device: &Device, uniforms: &Uniforms) -> [RenderPipeline; 2] {
     let groups = [&uniforms.layout];
-    let plan = bodies_plan("vs_shadow", &groups);
+    let plan = PipelinePlan { closed: true, ..bodies_plan("vs_shadow", &groups) };
     let depth = PipelinePlan { depth: Some((CompareFunction::Less, true)), ..plan };
     let writes = ColorWrites::RED | ColorWrites::GREEN;
     let mask = PipelinePlan { fragment: Some("fs_shadow"), writes, ..plan };
