@@ -35,7 +35,9 @@ pub struct SceneNode {
     /// Eye frame, or an instrument's (see [`NODE_BOUND`]), mm.
     pub position_mm: [f32; 3],
     /// `NODE_…`.
-    pub flag: u32,
+    pub flag: u16,
+    /// Dye that the node has taken: 0 none, `u16::MAX` all that it can.
+    pub dye: u16,
 }
 
 /// Epiretinal membrane.

@@ -86,7 +86,7 @@ pub struct SheetVertex {
     pub position: [f32; 3],
     /// Unit.
     pub normal: [f32; 3],
-    /// Membrane: 1 on an edge of the sheet, and the node's number. Retina: place in the fundus map,
+    /// Membrane: 1 on an edge of the sheet, and the share of the dye that it can take. Retina: place in the fundus map,
     /// 0 to 1.
     pub more: [f32; 2],
 }

@@ -111,7 +111,7 @@ fn warm_up(
 ) -> Result<Costs> {
     let mut payload = [0u128; 96];
     let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
-    let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE };
+    let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE as u16, dye: 0 };
     let nodes = writer.write(&[node(0.0, 0.0), node(1.0, 0.0), node(0.0, 1.0)]);
     let triangles = writer.write(&[0, 1].map(|tissue| SceneTriangle { nodes: [0, 1, 2], tissue }));
     let body = |shape| SceneBody {

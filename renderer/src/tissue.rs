@@ -128,10 +128,11 @@ impl Tissue {
         self.vertices.clear();
         for (i, node) in self.nodes.iter().enumerate() {
             let edge = f32::from(u8::from(self.is_edge[i]));
+            let dye = f32::from(node.dye) / f32::from(u16::MAX);
             self.vertices.push(SheetVertex {
                 position: in_eye(node, eye_from_instrument).to_array(),
                 normal: [0.0; 3],
-                more: if self.is_retina[i] { self.in_map[i] } else { [edge, i as f32] },
+                more: if self.is_retina[i] { self.in_map[i] } else { [edge, dye] },
             });
         }
         self.add_normals();
@@ -157,7 +158,8 @@ impl Tissue {
 /// Position in the eye frame; broken numbers are put out of sight, far behind the camera.
 fn in_eye(node: &SceneNode, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> Vec3 {
     let p = Vec3::from(node.position_mm);
-    let bound = node.flag.checked_sub(NODE_BOUND).and_then(|i| eye_from_instrument.get(i as usize));
+    let bound =
+        u32::from(node.flag).checked_sub(NODE_BOUND).and_then(|i| eye_from_instrument.get(i as usize));
     let p = bound.map_or(p, |m| m.transform_point3(p));
     if p.is_finite() && p.length_squared() < FARTHEST_MM * FARTHEST_MM {
         p
@@ -172,7 +174,7 @@ mod tests {
     use protocol::scene::NODE_FREE;
 
     fn node(position_mm: [f32; 3], flag: u32) -> SceneNode {
-        SceneNode { position_mm, flag }
+        SceneNode { position_mm, flag: flag as u16, dye: 0 }
     }
 
     fn square() -> (Vec<SceneNode>, Vec<SceneTriangle>) {
@@ -189,8 +191,10 @@ mod tests {
         let mut tissue = Tissue::default();
         assert!(tissue.take(&nodes, &triangles, &[], 1));
         assert!(!tissue.take(&nodes, &triangles, &[], 1), "same topology");
+        tissue.nodes[2].dye = u16::MAX;
         let v = tissue.place(&[Mat4::IDENTITY; 2]);
         assert!(v.iter().all(|v| (v.normal[2] - 1.0).abs() < 1e-6));
+        assert_eq!(v.iter().map(|v| v.more[1]).collect::<Vec<_>>(), [0.0, 0.0, 1.0, 0.0, 0.0]);
         assert_eq!(v.iter().map(|v| v.more[0]).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
     }
 

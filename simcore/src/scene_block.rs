@@ -2,7 +2,6 @@
 
 use crate::bodies::state::BodyState;
 use crate::membrane::sheet::Sheet;
-use crate::membrane::stain::{FULL, SEEN};
 use crate::microscope;
 use crate::state::{InstrumentState, is_bound};
 use crate::task_view::{self, MAX_BALLS, MAX_TEXT, TaskText};
@@ -21,15 +20,10 @@ use protocol::time::Instants;
 const BESIDE_THE_MESH: usize = 24 << 10;
 /// Dark red, linear RGB and opacity.
 const BLOOD: [f32; 4] = [0.25, 0.005, 0.005, 0.9];
-/// Brilliant blue, linear RGB, and its opacity where a node has taken all the dye it can.
-const DYE: [f32; 4] = [0.01, 0.09, 0.35, 0.4];
-/// Spots of dye that are drawn at most, and their radius, mm.
-const MAX_DYE: usize = 128;
-const DYE_MM: f32 = 0.4;
 
 const _: () = assert!(
     (MAX_BODIES + MAX_BALLS) * size_of::<SceneBody>()
-        + (crate::constants::MAX_MARKS + MAX_DYE) * size_of::<SceneMark>()
+        + crate::constants::MAX_MARKS * size_of::<SceneMark>()
         + protocol::dose::CELLS * size_of::<f32>()
         + MAX_TEXT
         + 256
@@ -86,7 +80,7 @@ impl SceneWriter {
             nodes: Vec::with_capacity(sheets * sheet.nodes() + retina.map_or(0, |s| s.nodes())),
             triangles: Vec::with_capacity(triangles),
             topology: None,
-            marks: Vec::with_capacity(crate::constants::MAX_MARKS + MAX_DYE),
+            marks: Vec::with_capacity(crate::constants::MAX_MARKS),
             bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
             doses: vec![0.0; protocol::dose::CELLS],
             elevation: Elevation { raised: vec![false; sheet.triangles.len()], changes: 0 },
@@ -154,6 +148,7 @@ impl SceneWriter {
         self.nodes.extend((0..membrane.nodes()).map(|i| SceneNode {
             position_mm: membrane.position(i).into(),
             flag: shown_flag(membrane.flag[i]),
+            dye: state.stain.as_ref().map_or(0, |s| s.dye[i]),
         }));
         for held in state.instruments.iter().flat_map(|i| &i.held) {
             self.nodes[held.node as usize].position_mm = held.at_in_instrument_mm;
@@ -190,6 +185,7 @@ impl SceneWriter {
         self.nodes.extend((0..retina.tissue.nodes()).map(|i| SceneNode {
             position_mm: retina.tissue.position(i).into(),
             flag: shown_flag(retina.tissue.flag[i]),
+            dye: 0,
         }));
         for held in retina.held.iter().flatten() {
             self.nodes[base + held.node as usize].position_mm = held.at_in_instrument_mm;
@@ -223,17 +219,6 @@ impl SceneWriter {
             radius_mm: m.radius_mm,
             rgba: BLOOD,
         }));
-        let Some(stain) = &state.stain else { return };
-        let membrane = &state.membrane;
-        let seen = |n: &usize| membrane.flag[*n] == NODE_FREE && stain.dye[*n] >= SEEN;
-        // One of a few nodes, spread over the sheet: the spots of its neighbours meet.
-        let every = membrane.nodes().div_ceil(MAX_DYE).max(1);
-        let places = (0..membrane.nodes()).step_by(every).filter(seen);
-        self.marks.extend(places.map(|n| SceneMark {
-            position_mm: membrane.position(n).into(),
-            radius_mm: DYE_MM,
-            rgba: [DYE[0], DYE[1], DYE[2], DYE[3] * f32::from(stain.dye[n]) / f32::from(FULL)],
-        }));
     }
 }
 
@@ -265,7 +250,7 @@ impl Elevation {
         let radius_mm = world.scene().eye.retina_radius_mm as f32;
         out.extend(bonds.lifted_mm.iter().enumerate().map(|(node, lifted_mm)| {
             let up = adhesion.place(bonds, node).normalize();
-            SceneNode { position_mm: (up * (radius_mm - lifted_mm)).into(), flag: NODE_FREE }
+            SceneNode { position_mm: (up * (radius_mm - lifted_mm)).into(), flag: NODE_FREE as u16, dye: 0 }
         }));
     }
 
@@ -276,8 +261,8 @@ impl Elevation {
 }
 
 /// What the renderer is told about a node: pinned ones are drawn like free ones.
-fn shown_flag(flag: u32) -> u32 {
-    if is_bound(flag) || flag == NODE_DEAD { flag } else { NODE_FREE }
+fn shown_flag(flag: u32) -> u16 {
+    (if is_bound(flag) || flag == NODE_DEAD { flag } else { NODE_FREE }) as u16
 }
 
 fn body((scene, state): (&BodyScene, &BodyState)) -> SceneBody {
@@ -343,7 +328,7 @@ mod tests {
         let triangles = section::<SceneTriangle>(bytes, header.triangles).unwrap();
         assert_eq!((nodes.len(), triangles.len()), (546, 1000));
         let held = &world.state().instruments[0].held;
-        let bound: Vec<_> = nodes.iter().filter(|n| n.flag == NODE_BOUND).collect();
+        let bound: Vec<_> = nodes.iter().filter(|n| u32::from(n.flag) == NODE_BOUND).collect();
         assert_eq!(bound.len(), held.len());
         assert!(bound.iter().all(|n| n.position_mm.iter().all(|c| c.abs() < 0.5)), "near the tip");
         assert!(header.instruments[0].touches == 1);

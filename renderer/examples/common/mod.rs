@@ -138,7 +138,7 @@ fn bleb(height: f32) -> Contents {
             let p = out * (11.5 - lift);
             let node = contents.nodes.len() as u32;
             contents.homes.push(SceneHome { position_mm: (out * 11.5).to_array(), node });
-            contents.nodes.push(SceneNode { position_mm: p.to_array(), flag: NODE_FREE });
+            contents.nodes.push(SceneNode { position_mm: p.to_array(), flag: NODE_FREE as u16, dye: 0 });
         }
     }
     // Lying on, no triangle is off the choroid.
@@ -220,7 +220,11 @@ fn membrane(file: &SceneFile, forceps: &Pose, grabbed_mm: f64) -> (Vec<SceneNode
             } else {
                 (nalgebra::Point3::new(p.x, p.y, p.z), NODE_FREE)
             };
-            nodes.push(SceneNode { position_mm: [q.x as f32, q.y as f32, q.z as f32], flag });
+            nodes.push(SceneNode {
+                position_mm: [q.x as f32, q.y as f32, q.z as f32],
+                flag: flag as u16,
+                dye: 0,
+            });
         }
     }
     let at = |i: u32, j: u32| j * (nx + 1) + i;

@@ -6,13 +6,15 @@ struct Sheet {
     @location(1) n: vec3f,
     // field coordinates times w, and w: divided in the fragment, since they bend over long triangles
     @location(2) field_xyw: vec3f,
-    @location(3) edge: f32,
+    // 1 on an edge of the sheet; share of the dye that it can take.
+    @location(3) edge_dye: vec2f,
     @location(4) rest: vec2f,
 }
 
 // Grain of the sheet: a smooth pattern of the place, and a faint one of the node's number.
-fn grain(position: vec3f, number: f32) -> vec2f {
-    return position.xy * 2.1 + vec2f(0.13 * sin(number * 2.399), 0.13 * cos(number * 2.399));
+fn grain(position: vec3f, number: u32) -> vec2f {
+    let turn = f32(number) * 2.399;
+    return position.xy * 2.1 + 0.13 * vec2f(sin(turn), cos(turn));
 }
 
 @vertex
@@ -20,14 +22,15 @@ fn vs_main(
     @location(0) position: vec3f,
     @location(1) normal: vec3f,
     @location(2) edge: f32,
-    @location(3) number: f32,
+    @location(3) dye: f32,
+    @builtin(vertex_index) number: u32,
 ) -> Sheet {
     var out: Sheet;
     out.p = position;
     out.n = normal;
     out.clip = view.clip_from_eye * vec4f(position, 1.0);
     out.field_xyw = vec3f(out.clip.xy * view.field.xy, out.clip.w);
-    out.edge = edge;
+    out.edge_dye = vec2f(edge, dye);
     out.rest = grain(position, number);
     return out;
 }
@@ -41,6 +44,12 @@ struct Shaded {
 // Opacity from which the sheet itself, not what lies behind it, is in or out of focus.
 const SEEN: f32 = 0.4;
 const TINT: vec3f = vec3f(0.66, 0.74, 0.70);
+// Brilliant blue G, with which surgeons stain it.
+const DYE: vec3f = vec3f(0.04, 0.16, 0.62);
+
+fn tint(dye: f32) -> vec3f {
+    return mix(TINT, DYE, dye);
+}
 
 // Scar tissue grows in patches and strands: 0 where it is a mere film, 1 where it is white.
 fn thickness(rest: vec2f) -> f32 {
@@ -51,7 +60,7 @@ fn thickness(rest: vec2f) -> f32 {
 }
 
 // Without shadow; the scattered light comes on top.
-fn shaded(p: vec3f, normal: vec3f, edge: f32, past: f32, rest: vec2f) -> Shaded {
+fn shaded(p: vec3f, normal: vec3f, edge_dye: vec2f, past: f32, rest: vec2f) -> Shaded {
     let v = normalize(view.camera.xyz - p);
     let facing = abs(dot(normal, v));
     let n = normal * sign(dot(normal, v) + 1e-6);
@@ -59,8 +68,9 @@ fn shaded(p: vec3f, normal: vec3f, edge: f32, past: f32, rest: vec2f) -> Shaded 
     let strength = lamp.strength * past;
     let rim = (1.0 - facing) * (1.0 - facing);
     let sheen = strength * gloss(max(dot(n, normalize(lamp.l + v)), 0.0)) * (0.5 + rim);
-    let lit = TINT * (strength * (0.25 + 0.6 * abs(dot(n, lamp.l)))) + vec3f(sheen);
-    let opacity = clamp(0.07 + 0.19 * thickness(rest) + 0.6 * rim + 0.25 * edge * edge + 0.4 * sheen, 0.0, 0.92);
+    let lit = tint(edge_dye.y) * (strength * (0.25 + 0.6 * abs(dot(n, lamp.l)))) + vec3f(sheen);
+    let body = 0.07 + 0.19 * thickness(rest) + 0.25 * edge_dye.x * edge_dye.x + 0.32 * edge_dye.y;
+    let opacity = clamp(body + 0.6 * rim + 0.4 * sheen, 0.0, 0.92);
     return Shaded(frame.lamp_colour.rgb * lit, opacity);
 }
 
@@ -71,15 +81,15 @@ fn fs_main(in: Sheet) -> @location(0) vec4f {
     let coarse = sin(in.rest.y * 3.7 - in.rest.x * 1.9 + 2.0 * sin(in.rest.x * 1.3));
     let wrinkles = vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0) * frame.shadow.w;
     let at = lamp_coordinates(in.p);
-    let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge, lit_past_instruments(at.xy, at.z), in.rest);
+    let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge_dye, lit_past_instruments(at.xy, at.z), in.rest);
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
-    return vec4f(to_display(TINT * frame.ambient.rgb + sheet.lit) * shade, sheet.opacity);
+    return vec4f(to_display(tint(in.edge_dye.y) * frame.ambient.rgb + sheet.lit) * shade, sheet.opacity);
 }
 
 // Depth of what is seen rather than seen through: folds, edges, sheen.
 @fragment
 fn fs_depth(in: Sheet) -> @location(0) vec4f {
-    if shaded(in.p, normalize(in.n), in.edge, 1.0, in.rest).opacity < SEEN {
+    if shaded(in.p, normalize(in.n), in.edge_dye, 1.0, in.rest).opacity < SEEN {
         discard;
     }
     return vec4f(0.0);
@@ -100,12 +110,13 @@ fn vs_lean(
     @location(0) position: vec3f,
     @location(1) normal: vec3f,
     @location(2) edge: f32,
-    @location(3) number: f32,
+    @location(3) dye: f32,
+    @builtin(vertex_index) number: u32,
 ) -> LeanSheet {
-    let sheet = shaded(position, normal, edge, 1.0, grain(position, number));
+    let sheet = shaded(position, normal, vec2f(edge, dye), 1.0, grain(position, number));
     var out: LeanSheet;
     out.clip = view.clip_from_eye * vec4f(position, 1.0);
-    let scattered = TINT * frame.ambient.rgb;
+    let scattered = tint(dye) * frame.ambient.rgb;
     let shade = field_shade(out.clip);
     out.lit = vec4f(to_display(scattered + sheet.lit) * shade, sheet.opacity);
     out.mask = mask_coordinates(position);

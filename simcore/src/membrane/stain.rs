@@ -14,9 +14,9 @@ pub const REACH_MM: f64 = 2.5;
 /// A node right before the needle is coloured fully after so long, s, with the foot fully pressed.
 const FULL_S: f64 = 0.6;
 /// Full dye: so fine that a short, weak jet at the end of its reach counts too.
-pub const FULL: u16 = u16::MAX;
-/// A node counts as stained, and is seen as such, from so much dye on.
-pub const SEEN: u16 = FULL / 4;
+const FULL: u16 = u16::MAX;
+/// A node counts as stained from so much dye on.
+const SEEN: u16 = FULL / 4;
 /// The share is told whenever it has grown by this much, percent.
 const TOLD_PERCENT: u32 = 10;
 

@@ -46,9 +46,11 @@ impl World {
 #[cfg(test)]
 mod tests {
     use crate::rehearsal::Rehearsal;
+    use crate::scene_block::SceneWriter;
     use crate::world::{World, no_clock};
     use protocol::events::EventKind;
     use protocol::handles::{PedalMode, Tool};
+    use protocol::scene::{SceneNode, section};
     use protocol::scene_file::{PedalKey, SceneFile};
 
     /// A needle over the membrane of `erm`, the foot pressed or not.
@@ -69,12 +71,22 @@ mod tests {
         (world, told)
     }
 
+    /// The dye of every node that the picture is told.
+    fn shown(world: &World) -> Vec<u16> {
+        let mut payload = vec![0u128; 1 << 14];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
+        let header = SceneWriter::new(world).write(world, bytemuck::Zeroable::zeroed(), 0, bytes);
+        let nodes = section::<SceneNode>(bytes, header.nodes).unwrap();
+        nodes[..world.sheet().nodes()].iter().map(|n| n.dye).collect()
+    }
+
     #[test]
     fn a_jet_colours_the_membrane_and_a_checkpoint_keeps_it() {
         let (world, told) = dyed([1.0, 0.0]);
         assert!(told.len() >= 2 && told.is_sorted(), "{told:?}");
         let percent = world.state().stain.as_ref().unwrap().percent(&world.state().membrane);
         assert_eq!(told.last().map(|&t| t as u32 / 10), Some(percent as u32 / 10), "{percent}");
+        assert_eq!(shown(&world), world.state().stain.as_ref().unwrap().dye);
         let mut saved = Vec::new();
         world.save(&mut saved).unwrap();
         let mut other = World::new(world.scene()).unwrap();
