@@ -51,7 +51,7 @@ impl Sight for Seen {
     }
 
     fn tissue_near(&self, place_in_eye_mm: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let free = self.nodes.iter().filter(|n| n.flag == NODE_FREE);
+        let free = self.nodes.iter().filter(|n| u32::from(n.flag) == NODE_FREE);
         let places = free.map(|n| Vector3::from(n.position_mm.map(f64::from)));
         places.min_by(|a, b| {
             (a - place_in_eye_mm).norm_squared().total_cmp(&(b - place_in_eye_mm).norm_squared())
@@ -74,7 +74,7 @@ mod tests {
         seen.take_event(&told(EventKind::TaskStarted, 0));
         assert!(!seen.reached(3), "a new attempt");
         seen.nodes = [(0.0, NODE_FREE), (1.0, 16), (3.0, NODE_FREE)]
-            .map(|(x, flag)| SceneNode { position_mm: [x, 0.0, 0.0], flag })
+            .map(|(x, flag)| SceneNode { position_mm: [x, 0.0, 0.0], flag: flag as u16, dye: 0 })
             .to_vec();
         let near = seen.tissue_near(&Vector3::new(1.2, 0.0, 0.0));
         assert_eq!(near, Some(Vector3::zeros()), "what is held is not taken again");
