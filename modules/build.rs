@@ -5,7 +5,9 @@ use std::path::Path;
 use std::{env, fs};
 
 fn main() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/modules");
+    // Asked for when it runs, since a checkout may be moved after this was built.
+    let folder = env::var("CARGO_MANIFEST_DIR").expect("CARGO_MANIFEST_DIR");
+    let root = Path::new(&folder).join("../assets/modules");
     println!("cargo:rerun-if-changed={}", root.display());
     let mut names: Vec<String> = fs::read_dir(&root)
         .unwrap_or_else(|e| panic!("{}: {e}", root.display()))
