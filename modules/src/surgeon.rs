@@ -93,7 +93,7 @@ pub const CARELESS: Surgeon = Surgeon {
     name: "careless",
     pace: 0.7,
     waver_mm: 0.4,
-    depth_mm: [0.5, 0.2],
+    depth_mm: [0.75, 0.2],
     overshoot: 0.25,
     detour: 0.6,
     tremor_um: 130.0,
