@@ -114,9 +114,9 @@ mod tests {
 
     #[test]
     fn a_resting_lamp_gives_what_the_closed_formula_says() {
-        // 6 mm over the pole, for ten seconds: 10 mW over a disc of the radius 6 tan 0.6.
-        let dose = dose(&pipe([0.0, 0.0, 6.0 - R], [0.0, 0.0, -R]), 10.0);
-        let disc = std::f64::consts::PI * (6.0 * 0.6f64.tan()).powi(2);
+        // 8 mm over the pole, for ten seconds: 10 mW over a disc of the radius 8 tan 0.6.
+        let dose = dose(&pipe([0.0, 0.0, 8.0 - R], [0.0, 0.0, -R]), 10.0);
+        let disc = std::f64::consts::PI * (8.0 * 0.6f64.tan()).powi(2);
         let (most, place) =
             dose.mj_mm2.iter().zip(0..).fold((0.0, 0), |a, (&d, i)| if d > a.0 { (d, i) } else { a });
         assert!((most / (10.0 * 10.0 / disc) - 1.0).abs() < 0.01, "{most}");
@@ -125,10 +125,10 @@ mod tests {
         // A place beside the axis, by the angle between the ray and the sphere written out.
         let beside = cell_of([0.17, 0.0, -1.0]).unwrap();
         let p = Vector3::from(direction(beside).unwrap()) * R;
-        let (dx, dz) = (p.x.hypot(p.y), 6.0 - R - p.z);
+        let (dx, dz) = (p.x.hypot(p.y), 8.0 - R - p.z);
         let (theta, polar) = (dx.atan2(dz), p.x.hypot(p.y).atan2(-p.z));
-        let at_6_mm = 10.0 * 10.0 / disc;
-        let expected = at_6_mm * 36.0 / (dx * dx + dz * dz) * (theta - polar).cos();
+        let at_8_mm = 10.0 * 10.0 / disc;
+        let expected = at_8_mm * 64.0 / (dx * dx + dz * dz) * (theta - polar).cos();
         assert!(theta < 0.3, "at full intensity: {theta}");
         assert!((dose.mj_mm2[beside] / expected - 1.0).abs() < 1e-9);
     }

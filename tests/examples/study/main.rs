@@ -18,6 +18,19 @@ use modules::score::Score;
 use modules::surgeon::{SURGEONS, Surgeon};
 use std::path::PathBuf;
 
+const USAGE: &str = "How far apart surgeons come at the training modules
+
+Usage: study [OPTIONS]
+
+  --seeds N         attempts of each surgeon at each module [20]
+  --level N         level of the modules [1]
+  --module NAME     a module, or a folder with one; again for more [all]
+  --surgeon NAME    expert, average, novice or careless; again for more [all]
+  --threads N       attempts at the same time [all cores]
+  --verbose         the metrics of every surgeon
+  --events SEED     tells one attempt of the first module and surgeon event by event
+  --page FILE       writes the page, with recorded hands, and the picture beside it";
+
 /// Every attempt of the expert brings at least this, every one of the careless one less than that, points.
 const EXPERT_FROM: f64 = 85.0;
 const CARELESS_BELOW: f64 = 50.0;
@@ -61,7 +74,11 @@ fn options() -> Result<Options> {
             "--verbose" => options.verbose = true,
             "--events" => options.events = Some(value()?.parse()?),
             "--page" => options.page = Some(value()?.into()),
-            other => bail!("unknown argument {other}"),
+            "--help" | "-h" => {
+                println!("{USAGE}");
+                std::process::exit(0)
+            }
+            other => bail!("unknown argument {other}\n\n{USAGE}"),
         }
     }
     if options.modules.is_empty() {
