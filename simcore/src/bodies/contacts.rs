@@ -3,7 +3,7 @@
 
 use super::solve::{BodySolver, Hand, Surroundings, Touched};
 use super::state::{BodyState, Grip};
-use crate::collision::rigid::RigidBody;
+use crate::collision::rigid::{RigidBody, RigidContact};
 use nalgebra::{Isometry3, Point3, Vector3};
 use protocol::limits::INSTRUMENTS;
 
@@ -35,6 +35,29 @@ pub(super) struct Contact {
     /// What resistance to rolling has used of its share, g·mm².
     pub(super) rolled: f64,
     pub(super) friction: f64,
+}
+
+/// A contact that parry3d found between two parties at these poses. It lies at the other's deepest point; its counterpart is on the body's surface.
+fn contact(
+    (body, other): (usize, Party),
+    [pose, other_pose]: [&Isometry3<f64>; 2],
+    found: &RigidContact,
+    friction: f64,
+) -> Contact {
+    let normal = pose.rotation * found.normal.into_inner();
+    let in_eye = pose * found.at_mm;
+    let on_body = in_eye + normal * found.depth_mm;
+    Contact {
+        body,
+        other,
+        in_body: pose.inverse_transform_point(&on_body),
+        in_other: other_pose.inverse_transform_point(&in_eye),
+        normal: -normal,
+        push: 0.0,
+        rubbed: 0.0,
+        rolled: 0.0,
+        friction,
+    }
 }
 
 impl BodySolver {
@@ -93,43 +116,19 @@ impl BodySolver {
         let model = &self.models[b];
         model.solid.contacts(tool, &(eye_from_body.inverse() * hand), &mut self.found);
         for found in &self.found {
-            // The contact lies at the tool's deepest point; its counterpart is on the body's surface.
             let normal = eye_from_body.rotation * found.normal.into_inner();
-            let in_tool = eye_from_body * found.at_mm;
-            let on_body = in_tool + normal * found.depth_mm;
             self.touched.push(Touched { hand: h, part: found.instrument_part, body: b, normal });
-            self.contacts.push(Contact {
-                body: b,
-                other: Party::Hand(h),
-                in_body: eye_from_body.inverse_transform_point(&on_body),
-                in_other: hand.inverse_transform_point(&in_tool),
-                normal: -normal,
-                push: 0.0,
-                rubbed: 0.0,
-                rolled: 0.0,
-                friction: model.friction,
-            });
+            let parties = (b, Party::Hand(h));
+            self.contacts.push(contact(parties, [eye_from_body, hand], found, model.friction));
         }
     }
 
     fn find_pair(&mut self, [b, other]: [usize; 2], [pose, other_pose]: [&Isometry3<f64>; 2]) {
         let (model, counterpart) = (&self.models[b], &self.models[other]);
         model.solid.contacts(&counterpart.solid, &(pose.inverse() * other_pose), &mut self.found);
+        let friction = libm::sqrt(model.friction * counterpart.friction);
         for found in &self.found {
-            let normal = pose.rotation * found.normal.into_inner();
-            let in_other = pose * found.at_mm;
-            let on_body = in_other + normal * found.depth_mm;
-            self.contacts.push(Contact {
-                body: b,
-                other: Party::Body(other),
-                in_body: pose.inverse_transform_point(&on_body),
-                in_other: other_pose.inverse_transform_point(&in_other),
-                normal: -normal,
-                push: 0.0,
-                rubbed: 0.0,
-                rolled: 0.0,
-                friction: libm::sqrt(model.friction * counterpart.friction),
-            });
+            self.contacts.push(contact((b, Party::Body(other)), [pose, other_pose], found, friction));
         }
     }
 }
