@@ -1,13 +1,13 @@
 //! The dose of light on the retina, drawn over it on request: the cells of `protocol::dose` as a small texture.
 
 use super::fundus::Fundus;
-use super::{PipelinePlan, Uniforms, pipeline};
+use super::{PipelinePlan, Uniforms, pipeline, sampled_group, sampled_layout};
 use crate::cells::Cells;
 use crate::governor::Shading;
 use protocol::dose::{ALONG, CELLS};
 use wgpu::{
-    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, CompareFunction, Device,
-    Extent3d, Queue, RenderPass, RenderPipeline, ShaderStages, Texture, TextureFormat, TextureUsages,
+    BindGroup, BindGroupLayout, BlendState, CompareFunction, Device, Extent3d, FilterMode, Queue, RenderPass,
+    RenderPipeline, Texture, TextureFormat, TextureUsages, TextureViewDimension,
 };
 
 /// Dose at which the scale ends, mJ/mm²: where the score has no points left for light.
@@ -31,7 +31,7 @@ pub struct Dose {
 impl Dose {
     /// Makes pipelines and texture.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
-        let layout = layout(device);
+        let layout = sampled_layout(device, "dose", TextureViewDimension::D2);
         let groups = [&uniforms.layout, light, &layout];
         let make = |shading| {
             let plan = PipelinePlan {
@@ -52,7 +52,7 @@ impl Dose {
             usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
             view_formats: &[],
         });
-        let group = group(device, &layout, &texture);
+        let group = sampled_group(device, "dose", &layout, &texture, FilterMode::Linear);
         Self { pipelines: Shading::ALL.map(make), texture, group, doses: [0.0; CELLS], shown: false }
     }
 
@@ -95,37 +95,6 @@ impl Dose {
 
 fn extent() -> Extent3d {
     Extent3d { width: ALONG as u32, height: ALONG as u32, depth_or_array_layers: 1 }
-}
-
-fn layout(device: &Device) -> BindGroupLayout {
-    let entry =
-        |binding, ty| BindGroupLayoutEntry { binding, visibility: ShaderStages::FRAGMENT, ty, count: None };
-    let doses = BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("dose"),
-        entries: &[entry(0, doses), entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
-    })
-}
-
-fn group(device: &Device, layout: &BindGroupLayout, texture: &Texture) -> BindGroup {
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        ..wgpu::SamplerDescriptor::default()
-    });
-    device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("dose"),
-        layout,
-        entries: &[
-            wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) },
-            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&sampler) },
-        ],
-    })
 }
 
 #[cfg(test)]

@@ -1,14 +1,14 @@
 //! The vitreous: bricks of densities gathered in one 3D texture, drawn as a haze.
 
 use super::fundus::Fundus;
-use super::{PipelinePlan, Uniforms, pipeline};
+use super::{PipelinePlan, Uniforms, pipeline, sampled_group, sampled_layout};
 use crate::cells::Cells;
 use crate::governor::Shading;
 use crate::layout::FrameUniform;
 use protocol::scene::SceneBrick;
 use wgpu::{
-    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, CompareFunction, Device,
-    Extent3d, Queue, RenderPass, RenderPipeline, ShaderStages, Texture, TextureFormat, TextureUsages,
+    BindGroup, BindGroupLayout, BlendState, CompareFunction, Device, Extent3d, FilterMode, Queue, RenderPass,
+    RenderPipeline, Texture, TextureFormat, TextureUsages, TextureViewDimension,
 };
 
 /// Densities along a brick.
@@ -42,7 +42,7 @@ pub struct Haze {
 impl Haze {
     /// Makes the pipelines.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
-        let layout = layout(device);
+        let layout = sampled_layout(device, "haze", TextureViewDimension::D3);
         let groups = [&uniforms.layout, light, &layout];
         let make = |vertex, fragment, compare, shading| {
             let plan = PipelinePlan {
@@ -71,7 +71,7 @@ impl Haze {
             self.known.clear();
             self.volume = lattice_of(bricks).map(|lattice| {
                 let texture = texture(device, &lattice);
-                let group = group(device, &self.layout, &texture);
+                let group = sampled_group(device, "haze", &self.layout, &texture, FilterMode::Linear);
                 (lattice, texture, group)
             });
         }
@@ -133,22 +133,6 @@ fn lattice_of(bricks: &[SceneBrick]) -> Option<Lattice> {
     Some(lattice)
 }
 
-fn layout(device: &Device) -> BindGroupLayout {
-    let entry = |binding, ty| {
-        let visibility = ShaderStages::VERTEX_FRAGMENT;
-        BindGroupLayoutEntry { binding, visibility, ty, count: None }
-    };
-    let densities = BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D3,
-        multisampled: false,
-    };
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("haze"),
-        entries: &[entry(0, densities), entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
-    })
-}
-
 fn texture(device: &Device, lattice: &Lattice) -> Texture {
     let [width, height, depth_or_array_layers] = lattice.along.map(|n| n * BRICK);
     device.create_texture(&wgpu::TextureDescriptor {
@@ -160,23 +144,6 @@ fn texture(device: &Device, lattice: &Lattice) -> Texture {
         format: TextureFormat::R8Unorm,
         usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
         view_formats: &[],
-    })
-}
-
-fn group(device: &Device, layout: &BindGroupLayout, texture: &Texture) -> BindGroup {
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        ..wgpu::SamplerDescriptor::default()
-    });
-    device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("haze"),
-        layout,
-        entries: &[
-            wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) },
-            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&sampler) },
-        ],
     })
 }
 

@@ -17,8 +17,8 @@ use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
 use std::num::NonZeroU64;
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages,
-    ColorWrites, CompareFunction, Device, RenderPipeline, ShaderStages, Texture, TextureFormat,
-    TextureUsages,
+    ColorWrites, CompareFunction, Device, FilterMode, RenderPipeline, ShaderStages, Texture, TextureFormat,
+    TextureUsages, TextureViewDimension,
 };
 
 /// Format of the pictures: square roots of linear light, 8 bits.
@@ -133,6 +133,44 @@ impl Uniforms {
         });
         Self { frame, views, layout, group }
     }
+}
+
+/// Bindings of a texture of floats and its sampler, for a pass of its own.
+pub fn sampled_layout(device: &Device, label: &str, view_dimension: TextureViewDimension) -> BindGroupLayout {
+    let entry = |binding, ty| {
+        let visibility = ShaderStages::VERTEX_FRAGMENT;
+        BindGroupLayoutEntry { binding, visibility, ty, count: None }
+    };
+    let sample_type = wgpu::TextureSampleType::Float { filterable: true };
+    let texture = BindingType::Texture { sample_type, view_dimension, multisampled: false };
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some(label),
+        entries: &[entry(0, texture), entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
+    })
+}
+
+/// A texture and its sampler in a layout of [`sampled_layout`]; what is smaller than the texture is smoothed, what is larger as told.
+pub fn sampled_group(
+    device: &Device,
+    label: &str,
+    layout: &BindGroupLayout,
+    texture: &Texture,
+    mag_filter: FilterMode,
+) -> BindGroup {
+    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
+    let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
+        mag_filter,
+        min_filter: FilterMode::Linear,
+        ..wgpu::SamplerDescriptor::default()
+    });
+    device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some(label),
+        layout,
+        entries: &[
+            wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) },
+            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&sampler) },
+        ],
+    })
 }
 
 /// What distinguishes the pipelines of this crate.

@@ -1,14 +1,16 @@
 //! Lines of text on the picture, at the places of [`protocol::scene_text`]. Both channels show a line at the same
 //! place, so it floats in the plane of the target. Letters are sent to the device only when the text changes.
 
-use super::{PipelinePlan, Uniforms, geometry_buffer, over_everything, pipeline};
+use super::{
+    PipelinePlan, Uniforms, geometry_buffer, over_everything, pipeline, sampled_group, sampled_layout,
+};
 use crate::governor::Shading;
 use bytemuck::{Pod, Zeroable};
 use protocol::font::{self, CELL_H, CELL_W};
 use protocol::scene_text::{Place, lines};
 use wgpu::{
-    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, BlendState, Buffer, BufferUsages, Device,
-    Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages,
+    BindGroup, BindGroupLayout, BlendState, Buffer, BufferUsages, Device, FilterMode, Queue, RenderPass,
+    RenderPipeline, TextureFormat, TextureUsages, TextureViewDimension,
 };
 
 /// Letters drawn at most; what comes after is left out.
@@ -55,7 +57,7 @@ pub struct Text {
 impl Text {
     /// Makes pipeline and font.
     pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms) -> Self {
-        let layout = layout(device);
+        let layout = sampled_layout(device, "text", TextureViewDimension::D2);
         let groups = [&uniforms.layout, &layout];
         let plan = PipelinePlan {
             fragment: Some("fs_main"),
@@ -152,22 +154,6 @@ fn rectangle(block: &Block, [width, height]: [f32; 2]) -> [f32; 4] {
     [x.floor().clamp(0.0, width - w), y.floor().clamp(0.0, height - h), w, h]
 }
 
-fn layout(device: &Device) -> BindGroupLayout {
-    let entry = |binding, ty| {
-        let visibility = ShaderStages::FRAGMENT;
-        BindGroupLayoutEntry { binding, visibility, ty, count: None }
-    };
-    let font = BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("text"),
-        entries: &[entry(0, font), entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
-    })
-}
-
 /// The font as a strip of cells on the device.
 fn font_group(device: &Device, queue: &Queue, layout: &BindGroupLayout) -> BindGroup {
     let (strip, width) = font::strip();
@@ -184,19 +170,7 @@ fn font_group(device: &Device, queue: &Queue, layout: &BindGroupLayout) -> BindG
     });
     let rows = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width), rows_per_image: None };
     queue.write_texture(texture.as_image_copy(), &strip, rows, size);
-    let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
-    let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
-        min_filter: wgpu::FilterMode::Linear,
-        ..wgpu::SamplerDescriptor::default()
-    });
-    device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("text"),
-        layout,
-        entries: &[
-            wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) },
-            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&sampler) },
-        ],
-    })
+    sampled_group(device, "text", layout, &texture, FilterMode::Nearest)
 }
 
 #[cfg(test)]
