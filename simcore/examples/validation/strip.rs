@@ -211,7 +211,7 @@ fn substep(
     curl: Option<&Curl>,
 ) {
     solver.clear_outer();
-    adhesion.pull(membrane, bonds, &mut solver.outer_un, tissue.dt_s);
+    adhesion.pull(membrane, bonds, solver, tissue.dt_s);
     if let Some(curl) = curl {
         curl.bend(membrane, None, &mut solver.outer_un);
     }

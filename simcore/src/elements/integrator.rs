@@ -71,6 +71,8 @@ const MU_CEILING: f64 = 1e12;
 /// The integrator with its arrays.
 #[derive(Debug, Clone, Default)]
 pub struct Integrator {
+    /// Imbalance that is no more than rounding of the positions a step is given, µN: a quasi-static step leaves that alone.
+    pub floor_un: f64,
     conjugate: Conjugate,
     force: Vec<Point>,
     change: Vec<Point>,
@@ -200,7 +202,9 @@ impl Integrator {
                 let size = self.imbalance(nodes, elastic);
                 first = if effort.newton == 0 { size } else { first };
                 effort.residual = if first > 0.0 { size / first } else { 0.0 };
-                if effort.residual.is_nan() || effort.residual <= settings.share {
+                let floor = if effort.newton == 0 { self.floor_un } else { 0.0 };
+                let balanced = effort.residual <= settings.share || size <= floor;
+                if effort.residual.is_nan() || balanced {
                     break;
                 }
                 elastic.linearise(&nodes.x_mm);

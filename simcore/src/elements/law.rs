@@ -60,6 +60,17 @@ impl PlaneLaw {
         }
     }
 
+    /// Stiffness at rest against a stretch whose breadth is held, µN/mm.
+    pub fn stiffness_un_per_mm(&self) -> f64 {
+        match *self {
+            PlaneLaw::StVenantKirchhoff { young_un_per_mm, poisson } => {
+                young_un_per_mm / (1.0 - poisson * poisson)
+            }
+            PlaneLaw::NeoHookean { shear_un_per_mm } => 4.0 * shear_un_per_mm,
+            PlaneLaw::Taut { tension_un_per_mm } => tension_un_per_mm,
+        }
+    }
+
     /// Change of the stress with a change `dc` of C, µN/mm.
     pub fn stress_change(&self, c: &Matrix2<f64>, dc: &Matrix2<f64>) -> Matrix2<f64> {
         match *self {

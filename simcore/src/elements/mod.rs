@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! Elastic   forces, tangent and energy of something elastic:
+//!             anchors::Anchors      outer forces that grow with the way, such as glue
 //!             springs::Springs      Hooke springs with dampers
 //!             triangle::Triangles   constant-strain membrane triangles (plane stress)
 //!             solid::Solid          tetrahedra of 4 or 10 nodes
@@ -14,6 +15,7 @@
 //! [`conjugate`] solves with them. Everything is f64, in a fixed order of sums, on one thread; nothing
 //! allocates after the first step. Units are mm, g, s, hence µN, Pa, and nJ (µN·mm) for energy.
 
+pub mod anchors;
 pub mod conjugate;
 pub mod integrator;
 pub mod law;

@@ -21,6 +21,7 @@
 //! lifted to `retina_tear_mm` it tears, and its bond with it.
 
 use super::sheet::Sheet;
+use super::solver::Solver;
 use crate::state::MembraneState;
 use nalgebra::Vector3;
 use protocol::scene::NODE_DEAD;
@@ -152,12 +153,13 @@ impl Adhesion {
         self.strength_un.iter().fold(0.0, |a: f32, &s| a.max(s / (ONSET * self.range_mm)))
     }
 
-    /// Adds the bonds' forces on the nodes to `outer_un` and lets bonds and retina give way for a time of `dt_s`.
+    /// Adds the bonds' forces on the nodes to the solver's outer forces, with what they gain on the way, and lets bonds and
+    /// retina give way for a time of `dt_s`.
     pub fn pull(
         &self,
         membrane: &MembraneState,
         state: &mut AdhesionState,
-        outer_un: &mut [Vec<f32>; 3],
+        solver: &mut Solver,
         dt_s: f32,
     ) -> Parting {
         let mut parting = Parting::default();
@@ -176,7 +178,8 @@ impl Adhesion {
                 parting.broken += 1;
                 continue;
             }
-            for (outer, way) in outer_un.iter_mut().zip(way.iter()) {
+            solver.outer_un_per_mm[node] += stiffness;
+            for (outer, way) in solver.outer_un.iter_mut().zip(way.iter()) {
                 outer[node] += stiffness * way;
             }
             let traction = stiffness * distance / self.area_mm2[node];

@@ -81,13 +81,33 @@ impl Curl {
         glue: Option<(&Adhesion, &AdhesionState)>,
         outer_un: &mut [Vec<f32>; 3],
     ) {
-        for hinge in &self.hinges {
+        for hinge in self.acting(membrane, glue) {
+            hinge.bend(membrane, self.most_un_per_mm, outer_un);
+        }
+    }
+
+    /// Adds a bound of what those forces lose on the way of each node to `un_per_mm`: for integrators that look ahead.
+    pub fn stiffen(
+        &self,
+        membrane: &MembraneState,
+        glue: Option<(&Adhesion, &AdhesionState)>,
+        un_per_mm: &mut [f32],
+    ) {
+        for hinge in self.acting(membrane, glue) {
+            hinge.stiffen(membrane, self.most_un_per_mm, un_per_mm);
+        }
+    }
+
+    fn acting<'a>(
+        &'a self,
+        membrane: &'a MembraneState,
+        glue: Option<(&'a Adhesion, &'a AdhesionState)>,
+    ) -> impl Iterator<Item = &'a Hinge> {
+        self.hinges.iter().filter(move |hinge| {
             let alive = hinge.triangles.iter().all(|&t| membrane.triangle_alive[t as usize] != 0);
             let glued = glue.is_some_and(|(a, s)| hinge.nodes.iter().all(|&n| a.holds(s, n as usize)));
-            if alive && !glued {
-                hinge.bend(membrane, self.most_un_per_mm, outer_un);
-            }
-        }
+            alive && !glued
+        })
     }
 }
 
@@ -121,14 +141,29 @@ impl Hinge {
     fn bend(&self, membrane: &MembraneState, most_un_per_mm: f32, outer_un: &mut [Vec<f32>; 3]) {
         let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
         let Some((psi, gradient)) = turn(p, q, a, b) else { return };
-        let slopes: f32 = gradient.iter().map(Vector3::norm_squared).sum();
-        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * slopes;
-        let moment = -self.stiffness * (psi - self.rest) * (most_un_per_mm / stiffness).min(1.0);
+        let moment = -self.stiffness * (psi - self.rest) * self.held(psi, &gradient, most_un_per_mm);
         for (&node, gradient) in self.nodes.iter().zip(gradient) {
             for (outer, g) in outer_un.iter_mut().zip(gradient.iter()) {
                 outer[node as usize] += moment * g;
             }
         }
+    }
+
+    /// Each node's share of the tangent, four times its diagonal: (Σ aᵢ)² ≤ 4 Σ aᵢ², so all four together are never below the hinge.
+    fn stiffen(&self, membrane: &MembraneState, most_un_per_mm: f32, un_per_mm: &mut [f32]) {
+        let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
+        let Some((psi, gradient)) = turn(p, q, a, b) else { return };
+        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * self.held(psi, &gradient, most_un_per_mm);
+        for (&node, gradient) in self.nodes.iter().zip(gradient) {
+            un_per_mm[node as usize] += 4.0 * stiffness * gradient.norm_squared();
+        }
+    }
+
+    /// Share of the moment that is let through, so that the hinge is not stiffer than `most_un_per_mm`.
+    fn held(&self, psi: f32, gradient: &[Vector3<f32>; 4], most_un_per_mm: f32) -> f32 {
+        let slopes: f32 = gradient.iter().map(Vector3::norm_squared).sum();
+        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * slopes;
+        (most_un_per_mm / stiffness).min(1.0)
     }
 }
 

@@ -14,6 +14,7 @@
 
 use super::sheet::Sheet;
 use super::solver::{Solver, Tissue};
+use crate::elements::anchors::Anchors;
 use crate::elements::conjugate::Limits;
 use crate::elements::integrator::{Effort, Integrator, Rule, Settings};
 use crate::elements::law::PlaneLaw;
@@ -37,13 +38,17 @@ pub struct Implicit {
     rule: Rule,
     settings: Settings,
     nodes: Nodes,
-    /// Springs, and triangles where the tissue asks for them.
-    elastic: Both<Springs, Triangles>,
+    /// Springs, triangles where the tissue asks for them, and what outer forces gain on the way.
+    elastic: Both<Springs, Both<Triangles, Anchors>>,
+    /// Stiffness of all elements, as a norm, µN/mm.
+    stiffness_un_per_mm: f64,
     /// Forces of the elements, µN.
     borne_un: Vec<Point>,
     /// Triangles beyond the limit of tearing.
     rent: Vec<usize>,
     integrator: Integrator,
+    /// Forces that are but rounding are no reason to move.
+    leaves_rounding: bool,
 }
 
 impl Implicit {
@@ -52,7 +57,10 @@ impl Implicit {
         match choice {
             MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit => None,
             MembraneIntegrator::Implicit => Some(Self::new(sheet, tissue, Rule::Implicit, STEP)),
-            MembraneIntegrator::QuasiStatic => Some(Self::new(sheet, tissue, Rule::QuasiStatic, BALANCE)),
+            MembraneIntegrator::QuasiStatic => {
+                let new = Self::new(sheet, tissue, Rule::QuasiStatic, BALANCE);
+                Some(Implicit { leaves_rounding: true, ..new })
+            }
         }
     }
 
@@ -62,14 +70,17 @@ impl Implicit {
             Some(law) => elements(sheet, law),
             None => Triangles::none(),
         };
+        let springs = Springs::new(vec![NO_SPRING; sheet.springs.len()]);
         Implicit {
             rule,
             settings,
             nodes: Nodes::at_rest(vec![Point::zeros(); sheet.nodes()], 1.0),
-            elastic: Both(Springs::new(vec![NO_SPRING; sheet.springs.len()]), triangles),
+            elastic: Both(springs, Both(triangles, Anchors::none(sheet.nodes()))),
+            stiffness_un_per_mm: 0.0,
             borne_un: vec![Point::zeros(); if tissue.elements.is_some() { sheet.nodes() } else { 0 }],
             rent: Vec::with_capacity(if tissue.elements.is_some() { sheet.triangles.len() } else { 0 }),
             integrator: Integrator::default(),
+            leaves_rounding: false,
         }
     }
 
@@ -91,14 +102,25 @@ impl Implicit {
         }
         if !self.borne_un.is_empty() {
             let alive = state.triangle_alive.iter().enumerate();
-            alive.for_each(|(t, &alive)| self.elastic.1.set_alive(t, alive != 0));
+            alive.for_each(|(t, &alive)| self.elastic.1.0.set_alive(t, alive != 0));
         }
         self.nodes.mass_g.fill(1.0 / f64::from(tissue.inverse_mass));
+        self.stiffness_un_per_mm = self.stiffness_un_per_mm(sheet, tissue);
+    }
+
+    /// What a change of 1 mm of the length of each element does, as a norm of the forces on the nodes, µN/mm.
+    fn stiffness_un_per_mm(&self, sheet: &Sheet, tissue: &Tissue) -> f64 {
+        let springs = self.elastic.0.springs().iter().map(|s| s.stiffness_un_per_mm.powi(2));
+        // A triangle resists along each of its edges as its plate does, roughly.
+        let edges = 3.0 * sheet.triangles.len() as f64;
+        let plates = tissue.elements.map_or(0.0, |law| edges * law.stiffness_un_per_mm().powi(2));
+        (2.0 * (springs.sum::<f64>() + plates)).sqrt()
     }
 
     /// Moves the free nodes by a substep, within v_max and inside the retina.
     pub fn integrate(&mut self, state: &mut MembraneState, tissue: &Tissue, solver: &Solver) -> Effort {
         self.read(state, solver);
+        self.anchor(solver);
         let figures = [f64::from(tissue.dt_s), f64::from(tissue.fluid_per_s)];
         let (nodes, elastic) = (&mut self.nodes, &mut self.elastic);
         let effort = self.integrator.step(nodes, elastic, self.rule, &self.settings, figures);
@@ -114,7 +136,7 @@ impl Implicit {
         }
         self.read(state, solver);
         self.borne_un.fill(Point::zeros());
-        let (x, triangles) = (&self.nodes.x_mm, &self.elastic.1);
+        let (x, triangles) = (&self.nodes.x_mm, &self.elastic.1.0);
         triangles.add_forces(x, &self.nodes.v_mm_s, &mut self.borne_un);
         for (axis, force) in solver.force_un.iter_mut().enumerate() {
             force.iter_mut().zip(&self.borne_un).for_each(|(f, more)| *f += more[axis] as f32);
@@ -141,6 +163,24 @@ impl Implicit {
                 to.iter_mut().zip(from).for_each(|(to, &from)| to[axis] = f64::from(from));
             }
         }
+    }
+
+    /// Lets the outer forces grow from where the nodes are now, and says which forces are but rounding of that: the state holds
+    /// places in f32.
+    fn anchor(&mut self, solver: &Solver) {
+        let anchors = &mut self.elastic.1.1;
+        anchors.place_mm.copy_from_slice(&self.nodes.x_mm);
+        let mut squares = 0.0;
+        for (to, from) in anchors.stiffness_un_per_mm.iter_mut().zip(&solver.outer_un_per_mm) {
+            *to = f64::from(*from);
+            squares += *to * *to;
+        }
+        if !self.leaves_rounding {
+            return;
+        }
+        let farthest_mm = self.nodes.x_mm.iter().fold(0.0, |far: f64, x| far.max(x.amax()));
+        let last_place_mm = f64::from(f32::EPSILON) * farthest_mm;
+        self.integrator.floor_un = last_place_mm * self.stiffness_un_per_mm.hypot(squares.sqrt());
     }
 
     fn write(&self, state: &mut MembraneState, tissue: &Tissue) {

@@ -48,6 +48,8 @@ pub struct Solver {
     /// Forces on each node from outside the sheet, µN: set by others before [`Self::accelerate`], which adds them to the
     /// springs' forces. They stay until they are changed or [cleared](Self::clear_outer).
     pub outer_un: [Vec<f32>; 3],
+    /// What those grow by against the way of each node in a substep, µN/mm: for integrators that look ahead.
+    pub outer_un_per_mm: Vec<f32>,
     /// Sum of the springs' and the outer forces on each node, µN: what a pin or a jaw that holds it must bear.
     pub force_un: [Aligned; 3],
     acceleration: [Aligned; 3],
@@ -65,6 +67,7 @@ impl Solver {
             isa: Isa::best(),
             web: Web::new(nodes, &sheet.springs[..sheet.structural]),
             mobile: list(),
+            outer_un_per_mm: vec![0.0; nodes],
             outer_un: std::array::from_fn(|_| vec![0.0; nodes]),
             force_un: three(),
             acceleration: three(),
@@ -101,6 +104,7 @@ impl Solver {
     /// Takes all outer forces away.
     pub fn clear_outer(&mut self) {
         self.outer_un.iter_mut().for_each(|f| f.fill(0.0));
+        self.outer_un_per_mm.fill(0.0);
     }
 
     /// Forces and accelerations of every node.

@@ -92,17 +92,21 @@ impl World {
 
     /// Adds the forces of glue and curl on the nodes to the solver's outer forces.
     pub(super) fn pull_at_glue(&mut self) {
-        let (membrane, outer_un) = (&self.state.membrane, &mut self.solver.outer_un);
+        let (membrane, solver) = (&self.state.membrane, &mut self.solver);
         let mut glue = self.adhesion.as_ref().zip(self.state.adhesion.as_mut());
         if let Some((adhesion, bonds)) = &mut glue {
             if !self.parting.begun {
                 (self.parting.begun, self.parting.freed_before_mm2) = (true, bonds.freed_mm2);
             }
-            let parting = adhesion.pull(membrane, bonds, outer_un, SUBSTEP_S as f32);
+            let parting = adhesion.pull(membrane, bonds, solver, SUBSTEP_S as f32);
             self.parting.add(&parting);
         }
         if let Some(curl) = &self.curl {
-            curl.bend(membrane, glue.map(|(a, s)| (a, &*s)), outer_un);
+            let glue = glue.map(|(a, s)| (a, &*s));
+            curl.bend(membrane, glue, &mut solver.outer_un);
+            if self.implicit.is_some() {
+                curl.stiffen(membrane, glue, &mut solver.outer_un_per_mm);
+            }
         }
     }
 
