@@ -1,0 +1,182 @@
+//! Finding a roll that went another way than foreseen: the shaft is known from the markers on it, so
+//! that every marker beside it lies on a known ring, and each blob on that ring tells a roll.
+//!
+//! The gate of the association follows the ring's tangent, the ring does not: beyond some 0.2 rad a
+//! marker is outside of it, however wide it is. Then the roll would be carried on by its old rate for
+//! ever, while the markers on the shaft fit well.
+
+use crate::associate::{Expected, Group};
+use crate::constants as k;
+use crate::filter::exp;
+use crate::fit::{Match, carried, pose_jacobian};
+use crate::model::BodyModel;
+use crate::sight::{Image, Placed, Sight, View, camera_of, covariance_as, image_of};
+use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
+use protocol::camera::Camera;
+use protocol::limits::BODIES;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Blobs considered; more are clutter.
+const MAX_VOTES: usize = 32;
+
+/// A blob on the ring of a marker.
+#[derive(Debug, Clone, Copy, Default)]
+struct Vote {
+    camera: usize,
+    turn_rad: f64,
+}
+
+/// How an instrument is rolled against where it was thought to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turn {
+    /// About the shaft, rad, −π to π.
+    pub rad: f64,
+    /// Cameras that agree on it.
+    pub cameras: u32,
+}
+
+/// The roll on which more cameras agree than have found a marker beside the shaft where it was expected;
+/// `None` where there is no such. `matches` are those of all bodies, `own` is the body's number.
+pub fn find(
+    group: &Group<'_>,
+    own: usize,
+    expected: &Expected,
+    matches: &[Vec<Match>; BODIES],
+) -> Option<Turn> {
+    let body = &group.rig.bodies[own];
+    let tells = |m: &&Match| !m.out && body.tells_roll(m.marker) && m.tells_place();
+    let found = matches[own].iter().filter(tells).fold(0u32, |set, m| set | 1 << m.camera);
+    let mut votes = [Vote::default(); MAX_VOTES];
+    let mut count = 0;
+    for view in group.views.iter().filter(|v| group.cameras & (1 << v.camera) != 0) {
+        let ring = Ring { group, body, expected, view };
+        for marker in (0..body.markers.len()).filter(|&m| body.tells_roll(m)) {
+            ring.votes(marker, |blob| !is_taken(matches, own, view.camera, marker, blob), |vote| {
+                if let Some(place) = votes.get_mut(count) {
+                    *place = vote;
+                    count += 1;
+                }
+            });
+        }
+    }
+    let turn = agreed(&votes[..count])?;
+    (turn.cameras > found.count_ones()).then_some(turn)
+}
+
+/// True if a blob was taken for another marker.
+fn is_taken(matches: &[Vec<Match>; BODIES], own: usize, camera: usize, marker: usize, blob: usize) -> bool {
+    let by = |body: usize, m: &Match| {
+        !m.out && m.camera == camera && m.blob == blob && !(body == own && m.marker == marker)
+    };
+    matches.iter().enumerate().any(|(body, list)| list.iter().any(|m| by(body, m)))
+}
+
+/// The turn on which most cameras agree; of equals the smallest.
+fn agreed(votes: &[Vote]) -> Option<Turn> {
+    let apart = |a: f64, b: f64| {
+        let d = a - b;
+        d - libm::round(d / TAU) * TAU
+    };
+    let mut best: Option<Turn> = None;
+    for centre in votes {
+        let near = |v: &&Vote| apart(v.turn_rad, centre.turn_rad).abs() < k::ROLL_AGREES_RAD;
+        let set = votes.iter().filter(near).fold(0u32, |set, v| set | 1 << v.camera);
+        let (cameras, number) = (set.count_ones(), votes.iter().filter(near).count());
+        let off: f64 = votes.iter().filter(near).map(|v| apart(v.turn_rad, centre.turn_rad)).sum();
+        let turn = Turn { rad: apart(centre.turn_rad + off / number as f64, 0.0), cameras };
+        let better = |b: &Turn| cameras > b.cameras || (cameras == b.cameras && turn.rad.abs() < b.rad.abs());
+        if best.as_ref().is_none_or(better) {
+            best = Some(turn);
+        }
+    }
+    best
+}
+
+/// The markers beside the shaft of a body in one view, at any roll.
+struct Ring<'a> {
+    group: &'a Group<'a>,
+    body: &'a BodyModel,
+    expected: &'a Expected,
+    view: &'a View,
+}
+
+impl Ring<'_> {
+    /// Tells every blob that is on the ring of a marker, if it is free.
+    fn votes(&self, marker: usize, free: impl Fn(usize) -> bool, mut tell: impl FnMut(Vote)) {
+        let Some(camera) = camera_of(self.group.rig, self.view) else { return };
+        let dt_s =
+            (self.view.exposed_ns as i64).wrapping_sub(self.group.base_ns as i64) as f64 * 1e-9;
+        let pose = carried(&self.expected.pose, &self.expected.motion, dt_s);
+        let Some((centre, frame)) = self.ellipse(camera, &pose, marker) else { return };
+        let colour = self.body.markers[marker].colour;
+        for (blob, sight) in self.view.sights().iter().enumerate() {
+            if sight.colour != colour || !free(blob) {
+                continue;
+            }
+            let on = frame * (sight.pixel - centre);
+            if (on.norm() - 1.0).abs() > k::ROLL_RING {
+                continue;
+            }
+            let guess = libm::atan2(on.y, on.x);
+            if let Some(turn_rad) = self.refined(camera, &pose, marker, sight, guess) {
+                tell(Vote { camera: self.view.camera, turn_rad });
+            }
+        }
+    }
+
+    /// Centre of the ring in the picture, and what makes a circle of it: to first order.
+    fn ellipse(
+        &self,
+        camera: &Camera,
+        pose: &Isometry3<f64>,
+        marker: usize,
+    ) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        let at = |turn: f64| Some(self.image(camera, pose, marker, turn)?.0.pixel);
+        let [a, b, c] = [at(0.0)?, at(FRAC_PI_2)?, at(PI)?];
+        let centre = (a + c) * 0.5;
+        let (u, v) = (a - centre, b - centre);
+        // From the side front and back cannot be told apart.
+        let round = (u.x * v.y - u.y * v.x).abs() / u.norm_squared().max(v.norm_squared());
+        (round > k::ROLL_FLAT).then(|| Matrix2::from_columns(&[u, v]).try_inverse())?.map(|m| (centre, m))
+    }
+
+    fn image(
+        &self,
+        camera: &Camera,
+        pose: &Isometry3<f64>,
+        marker: usize,
+        turn_rad: f64,
+    ) -> Option<(Image, Placed, Vector3<f64>)> {
+        let axis = pose.rotation * Vector3::z();
+        let turned = Isometry3::from_parts(pose.translation, exp(axis * turn_rad) * pose.rotation);
+        let placed = Placed::from(&turned);
+        Some((image_of(&self.body.markers[marker], &placed, camera)?, placed, axis))
+    }
+
+    /// The turn at which a blob is nearest to the marker, from one nearby; `None` if it is not on the
+    /// ring, or its size does not tell its place.
+    fn refined(
+        &self,
+        camera: &Camera,
+        pose: &Isometry3<f64>,
+        marker: usize,
+        sight: &Sight,
+        guess: f64,
+    ) -> Option<f64> {
+        let mut turn = guess;
+        for _ in 0..3 {
+            let (image, placed, axis) = self.image(camera, pose, marker, turn)?;
+            let tangent = image.jacobian * axis.cross(&(image.point - placed.origin));
+            turn += tangent.dot(&(sight.pixel - image.pixel)) / tangent.norm_squared();
+        }
+        let (image, placed, _) = self.image(camera, pose, marker, turn)?;
+        let scale = self.group.area_scales[self.view.camera];
+        let covariance = covariance_as(sight, &image, scale, k::AREA_RATIO)?;
+        let jacobian = pose_jacobian(&image, &placed);
+        let predicted = jacobian * self.expected.covariance * jacobian.transpose();
+        let inverse = (predicted + covariance * self.expected.variance_scale).try_inverse()?;
+        let r = sight.pixel - image.pixel;
+        let told = covariance.trace() < 2.0 * k::ROLL_TOLD_PX * k::ROLL_TOLD_PX;
+        (told && r.dot(&(inverse * r)) < k::GATE && turn.is_finite()).then_some(turn)
+    }
+}
