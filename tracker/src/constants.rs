@@ -88,9 +88,9 @@ pub const STARTLED_ROLL_RAD_S2: f64 = 150.0;
 /// For so long it may have gone that way at the least and at the most, s.
 pub const STARTLED_ROLL_S: (f64, f64) = (0.02, 0.04);
 /// A roll that no blob has told for longer than this comes to rest, ns, …
-pub const ROLL_COASTS_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
+pub const ROLL_COASTS_NS: u64 = LOST_AFTER_NS;
 /// … with this time constant, s: hands do not turn on and on.
-pub const ROLL_CALMS_S: f64 = 0.1;
+pub const ROLL_CALMS_S: f64 = 0.2;
 /// Singer model of an instrument's roll, rad/s².
 pub const TURN_ACCELERATION_RAD_S2: f64 = 8.0;
 /// Its time constant, s.

@@ -51,12 +51,16 @@ pub fn find(
     for view in group.views.iter().filter(|v| group.cameras & (1 << v.camera) != 0) {
         let ring = Ring { group, body, expected, view };
         for marker in (0..body.markers.len()).filter(|&m| body.tells_roll(m)) {
-            ring.votes(marker, |blob| !is_taken(matches, own, view.camera, marker, blob), |vote| {
-                if let Some(place) = votes.get_mut(count) {
-                    *place = vote;
-                    count += 1;
-                }
-            });
+            ring.votes(
+                marker,
+                |blob| !is_taken(matches, own, view.camera, marker, blob),
+                |vote| {
+                    if let Some(place) = votes.get_mut(count) {
+                        *place = vote;
+                        count += 1;
+                    }
+                },
+            );
         }
     }
     let turn = agreed(&votes[..count])?;
@@ -104,8 +108,7 @@ impl Ring<'_> {
     /// Tells every blob that is on the ring of a marker, if it is free.
     fn votes(&self, marker: usize, free: impl Fn(usize) -> bool, mut tell: impl FnMut(Vote)) {
         let Some(camera) = camera_of(self.group.rig, self.view) else { return };
-        let dt_s =
-            (self.view.exposed_ns as i64).wrapping_sub(self.group.base_ns as i64) as f64 * 1e-9;
+        let dt_s = (self.view.exposed_ns as i64).wrapping_sub(self.group.base_ns as i64) as f64 * 1e-9;
         let pose = carried(&self.expected.pose, &self.expected.motion, dt_s);
         let Some((centre, frame)) = self.ellipse(camera, &pose, marker) else { return };
         let colour = self.body.markers[marker].colour;
@@ -178,5 +181,102 @@ impl Ring<'_> {
         let r = sight.pixel - image.pixel;
         let told = covariance.trace() < 2.0 * k::ROLL_TOLD_PX * k::ROLL_TOLD_PX;
         (told && r.dot(&(inverse * r)) < k::GATE && turn.is_finite()).then_some(turn)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::filter::Matrix6;
+    use crate::model::RigModel;
+    use bytemuck::Zeroable;
+    use nalgebra::{Point3, Translation3, UnitQuaternion};
+    use proptest::prelude::*;
+    use protocol::blobs::{Blob, BlobField, DEFAULT_VARIANCE_PX2};
+    use protocol::limits::MAX_CAMERAS;
+    use protocol::rig::Rig;
+
+    /// The marker beside the shaft of `inst0`, as the cameras see it.
+    fn views(rig: &Rig, pose: &Isometry3<f64>, cameras: u32) -> [View; MAX_CAMERAS] {
+        let mut views = std::array::from_fn(View::empty);
+        let marker = &rig.bodies[0].markers[3];
+        let point = pose * Point3::from(Vector3::from(marker.p));
+        for camera in rig.cameras().iter().filter(|c| cameras & (1 << c.id) != 0) {
+            let (pixel, mut field) = (camera.project(&point).unwrap(), BlobField::zeroed());
+            let radii = camera.focal_px * (marker.r / camera.in_camera(&point).z);
+            (field.camera, field.exposed_ns) = (camera.id, 20_000_000);
+            field.push(Blob {
+                x_px: pixel.x,
+                y_field_px: 0.5 * pixel.y,
+                area_px: 0.5 * PI * radii.x * radii.y,
+                width_px: 2.0 * radii.x,
+                height_px: radii.y,
+                var_x_px2: DEFAULT_VARIANCE_PX2,
+                var_y_px2: DEFAULT_VARIANCE_PX2,
+                cov_xy_px2: 0.0,
+                colour: marker.colour as u32,
+                flags: 0,
+            });
+            views[camera.id as usize].fill(&field, camera);
+        }
+        views
+    }
+
+    fn found(rig: &Rig, views: &[View; MAX_CAMERAS], pose: Isometry3<f64>) -> Option<Turn> {
+        let model = RigModel::new(rig);
+        let area_scales = [1.0; MAX_CAMERAS];
+        let group =
+            Group { rig: &model, views, cameras: 0b111, base_ns: 20_000_000, area_scales: &area_scales };
+        let expected = Expected {
+            pose,
+            covariance: Matrix6::identity() * 1e-6,
+            motion: [Vector3::zeros(); 2],
+            variance_scale: 1.0,
+        };
+        find(&group, 0, &expected, &Default::default())
+    }
+
+    fn through_trocar(rig: &Rig, tip: Vector3<f64>, roll: f64) -> Isometry3<f64> {
+        let axis = Vector3::from(rig.trocar("inst0").unwrap().p_eye) - tip;
+        let upright = UnitQuaternion::rotation_between(&Vector3::z(), &axis).unwrap();
+        let rotation = upright * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
+        Isometry3::from_parts(Translation3::from(tip), rotation)
+    }
+
+    proptest! {
+        #[test]
+        fn any_turn_is_found(
+            x in -4.0..4.0f64, y in -4.0..4.0f64, z in -10.0..0.0f64, roll in -PI..PI, turn in -3.1..3.1f64,
+        ) {
+            let rig = Rig::load_or_shipped(None).unwrap();
+            let [before, after] = [roll, roll + turn].map(|r| through_trocar(&rig, Vector3::new(x, y, z), r));
+            let all = found(&rig, &views(&rig, &after, 0b111), before).unwrap();
+            // One of them may see the ring from the side.
+            prop_assert!((all.rad - turn).abs() < 1e-4 && all.cameras >= 2, "{:?}", all);
+            let alone = |c: u32| found(&rig, &views(&rig, &after, 1 << c), before);
+            let agree: Vec<Turn> = (0..3).filter_map(alone).collect();
+            prop_assert!(agree.len() == all.cameras as usize, "{:?}", agree);
+            prop_assert!(agree.iter().all(|t| (t.rad - turn).abs() < 1e-4 && t.cameras == 1), "{:?}", agree);
+        }
+
+        #[test]
+        fn a_blob_beside_the_ring_tells_nothing(turn in -3.1..3.1f64, off in 0.15..0.5f64) {
+            let rig = Rig::load_or_shipped(None).unwrap();
+            let [before, after] = [0.0, turn].map(|r| through_trocar(&rig, Vector3::new(1.0, 0.0, -9.0), r));
+            let beside = after * Translation3::new(off, 0.0, 0.0);
+            prop_assert_eq!(found(&rig, &views(&rig, &beside, 0b111), before), None);
+        }
+    }
+
+    #[test]
+    fn most_cameras_decide_then_the_smaller_turn() {
+        let vote = |camera: usize, turn_rad: f64| Vote { camera, turn_rad };
+        let turn = agreed(&[vote(0, 0.2), vote(1, 2.0), vote(2, 2.02), vote(2, -1.0)]).unwrap();
+        assert!(turn.cameras == 2 && (turn.rad - 2.01).abs() < 1e-12, "{turn:?}");
+        assert_eq!(agreed(&[vote(0, 2.0), vote(1, -0.5)]), Some(Turn { rad: -0.5, cameras: 1 }));
+        let across = agreed(&[vote(0, PI - 0.01), vote(1, 0.01 - PI)]).unwrap();
+        assert!(across.cameras == 2 && (across.rad.abs() - PI).abs() < 1e-9, "{across:?}");
+        assert_eq!(agreed(&[vote(0, 1.0), vote(0, 1.01)]).unwrap().cameras, 1);
+        assert_eq!(agreed(&[]), None);
     }
 }

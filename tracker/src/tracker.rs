@@ -244,7 +244,9 @@ impl Tracker {
             Group { rig: &self.rig, views: &self.views, cameras, base_ns, area_scales: &self.area_scales };
         std::array::from_fn(|body| {
             let track = &mut self.tracks[body];
-            let (Some(mut expected), Some(fit)) = (track.expected(), &mut self.fits[body]) else { return false };
+            let (Some(mut expected), Some(fit)) = (track.expected(), &mut self.fits[body]) else {
+                return false;
+            };
             let Some(Estimate::Hand(hand)) = &mut track.filter else { return false };
             (expected.pose, expected.covariance) = (fit.pose, fit.covariance);
             let Some(turn) = roll::find(&group, body, &expected, &self.matches) else { return false };
