@@ -8,7 +8,7 @@ use crate::fit::{Fit, Match};
 use crate::forecast::Forecast;
 use crate::hand::Pivot;
 use crate::model::{BodyModel, Marker, RigModel};
-use crate::sight::{Placed, seen_by_two};
+use crate::sight::{Placed, seen_by_two, tells_place};
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};
@@ -188,7 +188,7 @@ impl Track {
 
     /// Books when a marker beside the shaft told the roll.
     pub fn note_roll(&mut self, model: &BodyModel, matches: &[Match], base_ns: u64) {
-        if matches.iter().any(|m| !m.out && model.tells_roll(m.marker) && m.tells_place()) {
+        if matches.iter().any(|m| !m.out && model.tells_roll(m.marker) && tells_place(&m.covariance)) {
             self.roll_ns = base_ns;
         }
     }

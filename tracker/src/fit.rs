@@ -46,13 +46,6 @@ pub struct Match {
     pub out: bool,
 }
 
-impl Match {
-    /// True if the blob is not so doubtful, by its size, that it might be anywhere on its marker.
-    pub fn tells_place(&self) -> bool {
-        self.covariance.trace() < 2.0 * k::ROLL_TOLD_PX * k::ROLL_TOLD_PX
-    }
-}
-
 /// Where a trocar is in the world, and how sure that is (standard deviation, mm).
 pub type TrocarInWorld = (Point3<f64>, f64);
 

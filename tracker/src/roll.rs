@@ -10,7 +10,7 @@ use crate::constants as k;
 use crate::filter::exp;
 use crate::fit::{Match, carried, pose_jacobian};
 use crate::model::BodyModel;
-use crate::sight::{Image, Placed, Sight, View, camera_of, covariance_as, image_of};
+use crate::sight::{Image, Placed, Sight, View, camera_of, covariance_as, image_of, tells_place};
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;
@@ -44,24 +44,33 @@ pub fn find(
     matches: &[Vec<Match>; BODIES],
 ) -> Option<Turn> {
     let body = &group.rig.bodies[own];
-    let tells = |m: &&Match| !m.out && body.tells_roll(m.marker) && m.tells_place();
+    let tells = |m: &&Match| !m.out && body.tells_roll(m.marker) && tells_place(&m.covariance);
     let found = matches[own].iter().filter(tells).fold(0u32, |set, m| set | 1 << m.camera);
+    let rings = || {
+        let views = group.views.iter().filter(|v| group.cameras & (1 << v.camera) != 0);
+        let markers = (0..body.markers.len()).filter(|&m| body.tells_roll(m));
+        views.flat_map(move |view| {
+            markers.clone().map(move |marker| Ring { group, body, expected, view, marker })
+        })
+    };
+    let free = |ring: &Ring<'_>, blob: usize| !is_taken(matches, own, ring.view.camera, ring.marker, blob);
+    // Nothing to find where all that could tell the roll already does.
+    if !rings().any(|r| found & (1 << r.view.camera) == 0 && r.blobs(|blob| free(&r, blob)).next().is_some())
+    {
+        return None;
+    }
     let mut votes = [Vote::default(); MAX_VOTES];
     let mut count = 0;
-    for view in group.views.iter().filter(|v| group.cameras & (1 << v.camera) != 0) {
-        let ring = Ring { group, body, expected, view };
-        for marker in (0..body.markers.len()).filter(|&m| body.tells_roll(m)) {
-            ring.votes(
-                marker,
-                |blob| !is_taken(matches, own, view.camera, marker, blob),
-                |vote| {
-                    if let Some(place) = votes.get_mut(count) {
-                        *place = vote;
-                        count += 1;
-                    }
-                },
-            );
-        }
+    for ring in rings() {
+        ring.votes(
+            |blob| free(&ring, blob),
+            |vote| {
+                if let Some(place) = votes.get_mut(count) {
+                    *place = vote;
+                    count += 1;
+                }
+            },
+        );
     }
     let turn = agreed(&votes[..count])?;
     (turn.cameras > found.count_ones()).then_some(turn)
@@ -96,45 +105,44 @@ fn agreed(votes: &[Vote]) -> Option<Turn> {
     best
 }
 
-/// The markers beside the shaft of a body in one view, at any roll.
+/// A marker beside the shaft of a body in one view, at any roll.
 struct Ring<'a> {
     group: &'a Group<'a>,
     body: &'a BodyModel,
     expected: &'a Expected,
     view: &'a View,
+    marker: usize,
 }
 
 impl Ring<'_> {
-    /// Tells every blob that is on the ring of a marker, if it is free.
-    fn votes(&self, marker: usize, free: impl Fn(usize) -> bool, mut tell: impl FnMut(Vote)) {
+    /// Free blobs of the marker's colour.
+    fn blobs(&self, free: impl Fn(usize) -> bool) -> impl Iterator<Item = &Sight> {
+        let colour = self.body.markers[self.marker].colour;
+        let sights = self.view.sights().iter().enumerate();
+        sights.filter(move |(blob, sight)| sight.colour == colour && free(*blob)).map(|(_, sight)| sight)
+    }
+
+    /// Tells every blob that is on the ring, if it is free.
+    fn votes(&self, free: impl Fn(usize) -> bool, mut tell: impl FnMut(Vote)) {
         let Some(camera) = camera_of(self.group.rig, self.view) else { return };
         let dt_s = (self.view.exposed_ns as i64).wrapping_sub(self.group.base_ns as i64) as f64 * 1e-9;
         let pose = carried(&self.expected.pose, &self.expected.motion, dt_s);
-        let Some((centre, frame)) = self.ellipse(camera, &pose, marker) else { return };
-        let colour = self.body.markers[marker].colour;
-        for (blob, sight) in self.view.sights().iter().enumerate() {
-            if sight.colour != colour || !free(blob) {
-                continue;
-            }
+        let Some((centre, frame)) = self.ellipse(camera, &pose) else { return };
+        for sight in self.blobs(free) {
             let on = frame * (sight.pixel - centre);
             if (on.norm() - 1.0).abs() > k::ROLL_RING {
                 continue;
             }
             let guess = libm::atan2(on.y, on.x);
-            if let Some(turn_rad) = self.refined(camera, &pose, marker, sight, guess) {
+            if let Some(turn_rad) = self.refined(camera, &pose, sight, guess) {
                 tell(Vote { camera: self.view.camera, turn_rad });
             }
         }
     }
 
     /// Centre of the ring in the picture, and what makes a circle of it: to first order.
-    fn ellipse(
-        &self,
-        camera: &Camera,
-        pose: &Isometry3<f64>,
-        marker: usize,
-    ) -> Option<(Vector2<f64>, Matrix2<f64>)> {
-        let at = |turn: f64| Some(self.image(camera, pose, marker, turn)?.0.pixel);
+    fn ellipse(&self, camera: &Camera, pose: &Isometry3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
+        let at = |turn: f64| Some(self.image(camera, pose, turn)?.0.pixel);
         let [a, b, c] = [at(0.0)?, at(FRAC_PI_2)?, at(PI)?];
         let centre = (a + c) * 0.5;
         let (u, v) = (a - centre, b - centre);
@@ -147,40 +155,31 @@ impl Ring<'_> {
         &self,
         camera: &Camera,
         pose: &Isometry3<f64>,
-        marker: usize,
         turn_rad: f64,
     ) -> Option<(Image, Placed, Vector3<f64>)> {
         let axis = pose.rotation * Vector3::z();
         let turned = Isometry3::from_parts(pose.translation, exp(axis * turn_rad) * pose.rotation);
         let placed = Placed::from(&turned);
-        Some((image_of(&self.body.markers[marker], &placed, camera)?, placed, axis))
+        Some((image_of(&self.body.markers[self.marker], &placed, camera)?, placed, axis))
     }
 
     /// The turn at which a blob is nearest to the marker, from one nearby; `None` if it is not on the
     /// ring, or its size does not tell its place.
-    fn refined(
-        &self,
-        camera: &Camera,
-        pose: &Isometry3<f64>,
-        marker: usize,
-        sight: &Sight,
-        guess: f64,
-    ) -> Option<f64> {
+    fn refined(&self, camera: &Camera, pose: &Isometry3<f64>, sight: &Sight, guess: f64) -> Option<f64> {
         let mut turn = guess;
         for _ in 0..3 {
-            let (image, placed, axis) = self.image(camera, pose, marker, turn)?;
+            let (image, placed, axis) = self.image(camera, pose, turn)?;
             let tangent = image.jacobian * axis.cross(&(image.point - placed.origin));
             turn += tangent.dot(&(sight.pixel - image.pixel)) / tangent.norm_squared();
         }
-        let (image, placed, _) = self.image(camera, pose, marker, turn)?;
+        let (image, placed, _) = self.image(camera, pose, turn)?;
         let scale = self.group.area_scales[self.view.camera];
         let covariance = covariance_as(sight, &image, scale, k::AREA_RATIO)?;
         let jacobian = pose_jacobian(&image, &placed);
         let predicted = jacobian * self.expected.covariance * jacobian.transpose();
         let inverse = (predicted + covariance * self.expected.variance_scale).try_inverse()?;
         let r = sight.pixel - image.pixel;
-        let told = covariance.trace() < 2.0 * k::ROLL_TOLD_PX * k::ROLL_TOLD_PX;
-        (told && r.dot(&(inverse * r)) < k::GATE && turn.is_finite()).then_some(turn)
+        (tells_place(&covariance) && r.dot(&(inverse * r)) < k::GATE && turn.is_finite()).then_some(turn)
     }
 }
 
