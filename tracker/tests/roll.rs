@@ -143,7 +143,7 @@ fn it_is_found_again_by_free_running_cameras() {
             turned(by, 0.2),
             |_, _| true,
             |t_s, _, off| {
-                let rests = t_s < 0.5 || t_s > 0.75;
+                let rests = !(0.5..=0.75).contains(&t_s);
                 assert!(!rests || off.abs() < 0.03, "{by} rad at {tip:?}, {t_s:.2} s: {off} rad off");
             },
         );
