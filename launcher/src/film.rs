@@ -4,6 +4,7 @@
 use crate::children::find_binary;
 use crate::modules::Composed;
 use crate::progress::pictures_bar;
+use ::modules::module::Module;
 use anyhow::{Context, bail};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
@@ -21,9 +22,9 @@ pub struct FilmArgs {
     /// The module: its name or folder (vitreo modules lists them).
     #[arg(value_name = "MODULE")]
     pub module: String,
-    /// Level of the module, from 1 on.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub level: u32,
+    /// Level of the module, from 1 on [default: the last, which shows most].
+    #[arg(long, value_name = "N")]
+    pub level: Option<u32>,
     /// Who works: expert, average, novice or careless.
     #[arg(long, value_name = "WHO", default_value = "expert")]
     pub surgeon: String,
@@ -61,7 +62,8 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Runs it.
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
-    let composed = Composed::new(&args.module, args.level, &args.surgeon, args.seed)?;
+    let level = args.level.map_or_else(|| Ok(Module::load(&args.module)?.levels()), anyhow::Ok)?;
+    let composed = Composed::new(&args.module, level, &args.surgeon, args.seed)?;
     let film = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.y4m".into()));
     let folders = [film.as_deref().and_then(Path::parent), args.stills.as_deref()];
     for folder in folders.into_iter().flatten().filter(|f| !f.as_os_str().is_empty()) {
@@ -154,7 +156,7 @@ mod tests {
     fn odd_wishes_are_refused() {
         let parse = |words: &[&str]| Line::try_parse_from(std::iter::once(&"film").chain(words));
         let film = parse(&["peeling", "--length", "30", "-o", "a.y4m", "--tier", "3"]).unwrap().film;
-        assert_eq!((film.module.as_str(), film.length, film.tier), ("peeling", 30.0, 3));
+        assert_eq!((film.module.as_str(), film.level, film.length, film.tier), ("peeling", None, 30.0, 3));
         for wrong in [
             &[][..],
             &["peeling", "--length", "0"],

@@ -121,6 +121,12 @@ pub struct LevelFile {
     /// A shipped scene in the place of the module's, and then the plan of that scene in the place of the module's.
     #[serde(default)]
     pub scene: Option<String>,
+    /// A plan of its own for an operation, in the place of both.
+    #[serde(default)]
+    pub script: Option<ScriptScene>,
+    /// What to read, in the place of the module's instructions.
+    #[serde(default)]
+    pub instructions: Option<Vec<String>>,
     /// What to do.
     pub goals: Vec<Goal>,
 }
@@ -193,7 +199,8 @@ impl Module {
         if scene.task.is_some() {
             return refuse("scene", "a scene without a task", "one with a task".into());
         }
-        if file.kind == Kind::Abstract && file.script.is_some() {
+        let has_script = file.script.is_some() || file.level.iter().any(|level| level.script.is_some());
+        if file.kind == Kind::Abstract && has_script {
             return refuse(
                 "script",
                 "none: the plan of an abstract module is made from its goals",
@@ -223,6 +230,7 @@ impl Module {
         let of_scene = |source| ModuleError::Scene { name: self.name.clone(), source };
         let own = level.scene.as_ref().map(|name| SceneFile::load(name)).transpose().map_err(of_scene)?;
         let mut scene = own.unwrap_or_else(|| self.scene.clone());
+        scene.script = level.script.clone().unwrap_or(scene.script);
         let mut task = TaskScene {
             module: self.name.clone(),
             level: number,
@@ -231,7 +239,7 @@ impl Module {
             par_s: 20.0,
             par_mm: 0.0,
             order: self.file.order,
-            instructions: self.file.instructions.clone(),
+            instructions: level.instructions.as_ref().unwrap_or(&self.file.instructions).clone(),
             goals: level.goals.clone(),
         };
         // Goals must make sense before anything is planned from them.
@@ -294,6 +302,10 @@ mod tests {
         assert!(problem("kind = \"abstract\"", "kind = \"abstract\"\ncolour = 3").contains("colour"));
         assert!(problem("instrument = 0", "instrument = 4").contains("goals[0].instrument"));
         assert!(parse(text, None).unwrap_err().contains("neither"));
+        let script = format!(
+            "{text}\n[level.script]\nperiod_s = 9.0\ntremor_um = 40.0\ntremor_hz = 9.0\neye_turn_rad = [0.0, 0.0]\nkeys = []\n"
+        );
+        assert!(parse(&script, *scene).unwrap_err().contains("script: expected none"));
         let module = Module::load("navigation").unwrap();
         let missing = module.compose(99, &EXPERT, 0).unwrap_err().to_string();
         assert!(missing.contains("1 to") && missing.contains("99"), "{missing}");

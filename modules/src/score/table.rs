@@ -4,7 +4,7 @@
 use protocol::events::EventKind;
 
 /// Version of the score. Whoever changes a formula, weight, threshold or penalty counts it up.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// What is judged: the five categories that studies of the commercial device report (Vergmann et al. 2016, Acta
 /// Ophthalmologica, doi 10.1111/aos.13209).
@@ -278,8 +278,8 @@ pub enum Injury {
 /// How many kinds of injuries there are.
 pub const INJURIES: usize = 6;
 
-/// Every injury, by [`Injury`]. Proportions: contact with the lens far above haemorrhage of the macula, that above a tear,
-/// and above contact.
+/// Every injury, by [`Injury`]. The first four are in the proportions of [`STUDIED`], to half a point; what the study does not list, a contact that
+/// goes into nothing and a pull, is less than each of them.
 pub const PENALTIES: [Penalty; INJURIES] = [
     Penalty {
         name: "lens contact",
@@ -289,14 +289,14 @@ pub const PENALTIES: [Penalty; INJURIES] = [
     },
     Penalty {
         name: "macular haemorrhage",
-        points: 10.0,
-        most: 30.0,
+        points: 8.5,
+        most: 25.5,
         what: "a contact with the retina that goes into it (event 3) beyond tracking noise, within 2.75 mm of the fovea",
     },
     Penalty {
         name: "haemorrhage",
-        points: 7.0,
-        most: 28.0,
+        points: 7.5,
+        most: 30.0,
         what: "a contact with the retina that goes into it (event 3) beyond tracking noise, elsewhere",
     },
     Penalty {
@@ -319,6 +319,12 @@ pub const PENALTIES: [Penalty; INJURIES] = [
         what: "event 14, 62, 72, 77, 81 or 83 (pull of membrane or vitreous, needle or injection too fast), at most one a second",
     },
 ];
+
+/// What the commercial device took off for injuries in a study of surgeons who trained on it, points in all (Deuchler et al. 2016, PLoS ONE 11(3),
+/// e0150690, doi 10.1371/journal.pone.0150690, table of the most prominent faults): injured lens, macular spotted haemorrhages, injured
+/// extramacular retina, retinal tear.
+pub const STUDIED: [(Injury, f64); 4] =
+    [(Injury::Lens, 346.0), (Injury::Macula, 125.0), (Injury::Haemorrhage, 106.0), (Injury::Tear, 90.0)];
 
 /// The injury that an event is by itself; contacts with the retina are followed, see the scorer.
 pub fn injury_of(kind: EventKind) -> Option<Injury> {
@@ -356,5 +362,9 @@ mod tests {
             points(Injury::Macula) > points(Injury::Tear) && points(Injury::Tear) > points(Injury::Contact)
         );
         assert!(points(Injury::Macula) > points(Injury::Haemorrhage));
+        for (injury, studied) in STUDIED {
+            let share = points(Injury::Lens) * studied / STUDIED[0].1;
+            assert!((points(injury) - share).abs() <= 0.25, "{injury:?}: {share} by the study");
+        }
     }
 }
