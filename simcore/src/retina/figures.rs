@@ -30,6 +30,8 @@ pub const LARGEST_LOSS: f64 = 0.1;
 pub const OPEN_MM2: f64 = 5.0;
 /// Flow at which a fluid–air exchange drives fluid out of an open bleb, mm³/s: 12 ml/min, what an air pump delivers through its line.
 pub const EXCHANGE_MM3_S: f64 = 200.0;
+/// An open bleb may lag behind the pump by so much of its flow, s; a larger lag is none that the pump could make good by pressing on it.
+pub const OPEN_LAG_S: f64 = 0.01;
 /// A node that lies farther than this from where it lay at the start, mm, is drawn there: more than the rounding of a place on the choroid.
 pub const MOVED_MM: f32 = 0.01;
 /// Retina this near to a loose node of its own bleb that holds less than this over its area counts as lying on: the film that is left,

@@ -13,10 +13,22 @@
 //!
 //! A bleb that gapes ([`Pieces::open`](super::pieces::Pieces::open)), such as a retina that was cut all round, holds no pressure: its account
 //! follows its mesh, and what passes the gap is leaked. Only a fluid–air exchange drives it to the choroid, at the flow of the air pump.
+//! At a gap the triangles do not surround their nodes, so that the parts of the feet do not cancel and p_i is not ∂V/∂x_i. A velocity α p_i
+//! of all nodes takes α dt Σ p_i·∂V/∂x_i from the volume, and the correction makes of it
+//!
+//! ```text
+//! α ← (1 − c) α        c = Σ p_i·∂V/∂x_i / Σ p_i²
+//! ```
+//!
+//! which grows unless 0 < c < 2: a retina that stands far off the choroid would fly apart. There, and where more is missing than the pump
+//! drives in [`OPEN_LAG_S`], air gets under it through the gap, and the pump lays it on along the radius, where the feet stay and p_i is the
+//! derivative of V; it moves places alone, no more than its flow, and gives no velocity.
 
-use super::figures::{EXCHANGE_MM3_S, Figures, LARGEST_LOSS, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES};
+use super::figures::{
+    EXCHANGE_MM3_S, Figures, LARGEST_LOSS, OPEN_LAG_S, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES,
+};
 use super::state::{Bleb, RetinaState};
-use super::volume::{add_push, at, under_triangle};
+use super::volume::{add_push, at, slope, under_triangle};
 use super::{Retina, front};
 use crate::constants::SUBSTEP_S;
 use nalgebra::Vector3;
@@ -150,26 +162,18 @@ impl Retina {
         }
     }
 
-    /// Moves the free nodes of a bleb along their push until its volume is right to first order; with `dt_s` their velocities too. Returns
-    /// λ, 1/mm; 0 where nothing can yield.
+    /// Moves the free nodes of a bleb along their push until its volume is right to first order; with `dt_s` their velocities too, but of an
+    /// open bleb only where that is stable. Returns λ, 1/mm; 0 where nothing can yield, or no pressure holds it.
     fn correct(&mut self, state: &mut RetinaState, bleb: usize, dt_s: Option<f64>) -> f64 {
         let radius = self.figures.radius_mm;
-        let mut measured = 0.0;
-        for &t in self.pieces.triangles_of(bleb) {
-            if !self.spans(state, bleb, t) {
-                continue;
-            }
-            let nodes = &self.sheet.triangles[t as usize];
-            let corners = nodes.map(|n| at(&state.tissue, n));
-            measured += under_triangle(&corners, radius);
-            add_push(&mut self.push, nodes, &corners);
+        let mut missing = state.blebs[bleb].volume_mm3 - self.gather(state, bleb);
+        let steady = !self.pieces.open[bleb] || self.is_steady(state, bleb, missing);
+        if !steady {
+            missing = self.let_air_under(state, bleb, missing);
         }
-        let missing = state.blebs[bleb].volume_mm3 - measured;
-        // A node on the choroid cannot make way downwards. One nanometre tells lying from hovering.
-        let lies = |n: u32| missing < 0.0 && at(&state.tissue, n).norm() >= radius - 1e-6;
         let (mut yields, mut longest2) = (0.0, 0.0);
         for &n in self.pieces.nodes_of(bleb) {
-            if state.tissue.flag[n as usize] == NODE_FREE && !lies(n) {
+            if self.yields(state, n, missing) {
                 let square = self.push[n as usize].norm_squared();
                 yields += square;
                 longest2 = if square > longest2 { square } else { longest2 };
@@ -184,10 +188,69 @@ impl Retina {
         for &n in self.pieces.nodes_of(bleb) {
             if state.tissue.flag[n as usize] == NODE_FREE {
                 let way = self.push[n as usize] * lambda;
-                front::shift(&mut state.tissue, n, &way, dt_s, radius);
+                front::shift(&mut state.tissue, n, &way, dt_s.filter(|_| steady), radius);
             }
         }
-        lambda
+        if steady || dt_s.is_none() { lambda } else { 0.0 }
+    }
+
+    /// Adds up the push on the nodes of a bleb; returns the volume under it, mm³.
+    fn gather(&mut self, state: &RetinaState, bleb: usize) -> f64 {
+        let mut measured = 0.0;
+        for &t in self.pieces.triangles_of(bleb) {
+            if !self.spans(state, bleb, t) {
+                continue;
+            }
+            let nodes = &self.sheet.triangles[t as usize];
+            let corners = nodes.map(|n| at(&state.tissue, n));
+            measured += under_triangle(&corners, self.figures.radius_mm);
+            add_push(&mut self.push, nodes, &corners);
+        }
+        measured
+    }
+
+    /// True if a node gives way to what is missing: one on the choroid cannot downwards. One nanometre tells lying from hovering.
+    fn yields(&self, state: &RetinaState, node: u32, missing_mm3: f64) -> bool {
+        let lies = missing_mm3 < 0.0 && at(&state.tissue, node).norm() >= self.figures.radius_mm - 1e-6;
+        state.tissue.flag[node as usize] == NODE_FREE && !lies
+    }
+
+    /// True if corrections along the gathered push make an open bleb's velocities no larger (0 < c < 2), and the pump keeps up.
+    fn is_steady(&self, state: &RetinaState, bleb: usize, missing_mm3: f64) -> bool {
+        let (mut made, mut wanted) = (0.0, 0.0);
+        for &t in self.pieces.triangles_of(bleb) {
+            if !self.spans(state, bleb, t) {
+                continue;
+            }
+            let nodes = self.sheet.triangles[t as usize];
+            let [a, b, c] = nodes.map(|n| at(&state.tissue, n));
+            for (n, corners) in nodes.into_iter().zip([[a, b, c], [b, c, a], [c, a, b]]) {
+                if self.yields(state, n, missing_mm3) {
+                    made += self.push[n as usize].dot(&slope(&corners, self.figures.radius_mm));
+                }
+            }
+        }
+        for &n in self.pieces.nodes_of(bleb) {
+            if self.yields(state, n, missing_mm3) {
+                wanted += self.push[n as usize].norm_squared();
+            }
+        }
+        missing_mm3.abs() <= EXCHANGE_MM3_S * OPEN_LAG_S && made > 0.0 && made < 2.0 * wanted
+    }
+
+    /// Leaves of an open bleb's push the part along the radius, and of what is missing what the pump drives in a substep: for the rest air
+    /// gets under it. Returns what is missing then, mm³.
+    fn let_air_under(&mut self, state: &mut RetinaState, bleb: usize, missing_mm3: f64) -> f64 {
+        for &n in self.pieces.nodes_of(bleb) {
+            let (push, foot) = (&mut self.push[n as usize], at(&state.tissue, n));
+            let length2 = foot.norm_squared();
+            *push = if length2 > 0.0 { foot * (push.dot(&foot) / length2) } else { Vector3::zeros() };
+        }
+        let driven = EXCHANGE_MM3_S * SUBSTEP_S;
+        let passed = missing_mm3 - missing_mm3.clamp(-driven, driven);
+        state.blebs[bleb].volume_mm3 -= passed;
+        state.account.leaked_mm3 += passed;
+        missing_mm3 - passed
     }
 }
 

@@ -60,14 +60,21 @@ impl Retina {
 #[cfg(test)]
 mod tests {
     use super::super::Retina;
+    use super::super::figures::EXCHANGE_MM3_S;
     use super::*;
+    use crate::constants::SUBSTEP_S;
     use nalgebra::{UnitVector3, Vector3};
     use protocol::scene::NODE_DEAD;
     use protocol::scene_file::SceneFile;
 
     fn begun(operation: RetinaOperation) -> (Retina, RetinaState) {
+        begun_of(28, operation)
+    }
+
+    fn begun_of(rings: u32, operation: RetinaOperation) -> (Retina, RetinaState) {
         let mut scene = SceneFile::load("relocation").unwrap();
         let retina = scene.retina.as_mut().unwrap();
+        retina.rings = rings;
         retina.disc_in_eye_mm = Some([4.3, 0.4, -10.6]);
         retina.operation = Some(operation);
         let scene = SceneFile::parse(&scene.to_toml(), "begun").unwrap();
@@ -139,6 +146,50 @@ mod tests {
         lying.sort_by(f64::total_cmp);
         let [least, middle, most] = [10, 50, 90].map(|percent| lying[(lying.len() - 1) * percent / 100]);
         assert!(least > 0.34 && most < 0.46 && (middle - 0.4).abs() < 0.02, "{least} {middle} {most}");
+    }
+
+    /// Kinetic energy and that of the springs, nJ.
+    fn energy_nj(model: &Retina, state: &RetinaState) -> f64 {
+        let tissue = &state.tissue;
+        let squares = (0..tissue.nodes()).filter(|&n| tissue.flag[n] == NODE_FREE);
+        let squares = squares.map(|n| f64::from(tissue.velocity(n).norm_squared()));
+        let kinetic = 0.5 * model.figures.scene.node_mass_g * squares.sum::<f64>();
+        let spring = |(s, ends): (usize, &[u32; 2])| {
+            let [a, b] = ends.map(|n| tissue.position(n as usize));
+            let stretch = f64::from((b - a).norm() - model.sheet.rest_mm[s]);
+            0.5 * f64::from(model.tissue.spring(&model.sheet, tissue, s).0) * stretch * stretch
+        };
+        kinetic + model.sheet.springs.iter().enumerate().map(spring).sum::<f64>()
+    }
+
+    /// Retina at rest whose free edge stands millimetres off the choroid: whatever the air does to it costs no more than its pressure
+    /// does on what the pump drives.
+    #[test]
+    fn air_does_no_more_work_on_a_standing_retina_than_its_pump() {
+        let operation = RetinaOperation { detached_rad: 1.3, fluid_mm3: 0.0, cut_rad: 1.2 };
+        let (mut model, mut state) = begun_of(14, operation);
+        let disc = (0..model.home_mm.len()).find(|&n| model.fixed[n] && model.home_mm[n].z < -9.0).unwrap();
+        for &n in model.pieces.nodes_of(0) {
+            let home = model.home_mm[n as usize];
+            let far = ((home - model.home_mm[disc]).norm() / 6.0).min(1.0);
+            state.tissue.set_position(n as usize, home * (1.0 - 0.5 * far));
+        }
+        run(&mut model, &mut state, 1500);
+        let edge = model.pieces.nodes_of(0).iter().map(|&n| state.tissue.position(n as usize).norm());
+        assert!(model.pieces.open[0] && edge.fold(11.5, f32::min) < 9.5, "it stands");
+        state.air = true;
+        model.begin_step(&state);
+        let begin_nj = energy_nj(&model, &state);
+        for substep in 1..=60 {
+            model.flow(&mut state, [None; 2]);
+            model.substep(&mut state, substep);
+            let work_nj = energy_nj(&model, &state) - begin_nj;
+            let driven_mm3 = EXCHANGE_MM3_S * SUBSTEP_S * substep as f64;
+            assert!(work_nj < model.figures.scene.air_pa * driven_mm3, "{work_nj} nJ in {substep} ms");
+        }
+        model.end_step(&mut state);
+        let account = state.account;
+        assert!((account.injected_mm3 - account.leaked_mm3 - state.under_mm3()).abs() < 1e-9);
     }
 
     /// Angle of a node about the axis against its home, rad; for nodes near the axis that of the whole.

@@ -50,6 +50,18 @@ pub fn add_push(push: &mut [Vector3<f64>], nodes: &[u32; 3], corners: &[Vector3<
     }
 }
 
+/// How much the volume under a triangle grows with the way of its first corner, mm²: all of ∂V/∂a, what the moving foot adds too; the other
+/// corners follow by turning them round. 0 where a node lies in the eye's centre.
+pub fn slope(corners: &[Vector3<f64>; 3], radius_mm: f64) -> Vector3<f64> {
+    let [a, b, c] = corners;
+    let lengths = a.norm() * b.norm() * c.norm();
+    if lengths == 0.0 {
+        return Vector3::zeros();
+    }
+    let foot = radius_mm * radius_mm * radius_mm / lengths;
+    (b.cross(c) * (1.0 - foot) + a * (det(a, b, c) * foot / a.norm_squared())) / 6.0
+}
+
 /// A spherical cap: base radius c, height h, mm (reference: `spherical_cap` of the analytic cases).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cap {
@@ -167,6 +179,19 @@ mod tests {
             add_push(&mut push, &[0, 1, 2], &place(heights));
             let inwards = -feet[corner].normalize();
             prop_assert!((push[corner].dot(&inwards) - slope).abs() < 1e-6 * (1.0 + slope.abs()));
+        }
+
+        /// The slope is the derivative in every direction, wherever the feet go.
+        #[test]
+        fn slope_is_the_derivative(corners in prop::array::uniform9(-3.0f64..3.0), axis in 0usize..3) {
+            let place = |i: usize| Vector3::new(corners[3 * i], corners[3 * i + 1], corners[3 * i + 2] - 7.0);
+            let places: [Vector3<f64>; 3] = std::array::from_fn(place);
+            let (mut up, mut down) = (places, places);
+            up[0][axis] += 1e-4;
+            down[0][axis] -= 1e-4;
+            let found = (under_triangle(&up, R) - under_triangle(&down, R)) / 2e-4;
+            let expected = slope(&places, R)[axis];
+            prop_assert!((found - expected).abs() < 1e-5 * (1.0 + slope(&places, R).norm()), "{found} {expected}");
         }
     }
 }
