@@ -8,7 +8,7 @@ use crate::fit::{Fit, Match};
 use crate::forecast::Forecast;
 use crate::hand::Pivot;
 use crate::model::{BodyModel, Marker, RigModel};
-use crate::sight::{Placed, seen_by_two};
+use crate::sight::{Placed, seen_by_two, tells_place};
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};
@@ -27,6 +27,8 @@ pub struct Track {
     /// Last instant at which two cameras saw it.
     pub good_ns: u64,
     measured_ns: u64,
+    /// Last instant at which a marker beside the shaft told the roll.
+    pub roll_ns: u64,
     last_pose: Isometry3<f64>,
     last_covariance: Matrix6,
     frame: InFrame,
@@ -54,6 +56,7 @@ impl Default for Track {
             seen_ns: [0; MAX_CAMERAS],
             good_ns: 0,
             measured_ns: 0,
+            roll_ns: 0,
             last_pose: Isometry3::identity(),
             last_covariance: Matrix6::identity(),
             frame: InFrame::default(),
@@ -73,6 +76,11 @@ impl Track {
     pub fn advance(&mut self, base_ns: u64, pivot: Option<Pivot>) {
         let stale = base_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
         if let Some(filter) = &mut self.filter {
+            if let Estimate::Hand(hand) = filter
+                && base_ns.saturating_sub(self.roll_ns) > k::ROLL_COASTS_NS
+            {
+                hand.calm_roll(base_ns.saturating_sub(hand.time_ns) as f64 * 1e-9);
+            }
             filter.advance(base_ns, pivot);
         }
         if stale {
@@ -156,6 +164,7 @@ impl Track {
         let (low, high) = k::CHI2_RANGE;
         self.variance_scale = fit.reduced_chi2().unwrap_or(1.0).clamp(low, high);
         self.good_ns = base_ns;
+        self.roll_ns = base_ns;
         self.note(fit, matches, base_ns, in_frame);
     }
 
@@ -174,6 +183,13 @@ impl Track {
         let eyes = self.seen_ns.iter().filter(|&&t| t > 0 && base_ns.saturating_sub(t) <= k::SEEN_NS).count();
         if eyes >= 2 {
             self.good_ns = base_ns;
+        }
+    }
+
+    /// Books when a marker beside the shaft told the roll.
+    pub fn note_roll(&mut self, model: &BodyModel, matches: &[Match], base_ns: u64) {
+        if matches.iter().any(|m| !m.out && model.tells_roll(m.marker) && tells_place(&m.covariance)) {
+            self.roll_ns = base_ns;
         }
     }
 
@@ -241,6 +257,9 @@ impl Track {
         let placed = Placed::from(pose);
         let disturbing = frame.thrown_out + frame.strays;
         let leaves = |m: &Marker| !seen_by_two(rig, m, &placed, cameras);
+        let model = &rig.bodies[body];
+        let in_a_line = !model.is_eye
+            && (0..model.markers.len()).all(|m| frame.markers & (1 << m) == 0 || !model.tells_roll(m));
         if validity == Validity::Lost {
             BodyStatus::Lost
         } else if frame.bad_fit {
@@ -251,7 +270,7 @@ impl Track {
             BodyStatus::Predicted
         } else if cameras.count_ones() >= 2 && rig.bodies[body].markers.iter().any(leaves) {
             BodyStatus::PartlyOutOfVolume
-        } else if frame.markers.count_ones() < 3 || frame.cameras.count_ones() < 2 {
+        } else if in_a_line || frame.markers.count_ones() < 3 || frame.cameras.count_ones() < 2 {
             BodyStatus::TooFewMarkers
         } else if validity == Validity::Measured {
             BodyStatus::Tracked

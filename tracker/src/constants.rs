@@ -70,6 +70,27 @@ pub const FREE_PIVOT_MM: f64 = 12.0;
 pub const SHORTEST_LEVER_MM: f64 = 4.0;
 /// Longest step of the filter's prediction, ns.
 pub const LONGEST_STEP_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
+/// A marker nearer to the shaft than this does not tell the roll, mm.
+pub const ROLL_LEVER_MM: f64 = 0.3;
+/// A blob whose place is less certain than this, by its size, tells no roll, px.
+pub const ROLL_TOLD_PX: f64 = 1.0;
+/// Blobs that tell one roll agree within this, rad: noise, a rig that has drifted by a third of a pixel, and 1 ms between
+/// cameras in a turn of 10 rad/s.
+pub const ROLL_AGREES_RAD: f64 = 0.06;
+/// How far a blob may lie beside the ring of its marker at first sight, as a share of its radius: the ring is not quite an
+/// ellipse.
+pub const ROLL_RING: f64 = 0.3;
+/// A ring flatter than this is seen from the side: it cannot tell front from back.
+pub const ROLL_FLAT: f64 = 0.15;
+/// Acceleration of a roll that went another way than foreseen, rad/s²: fingers that turn a handle by 45° in a quarter of a
+/// second reach 75 (minimum jerk).
+pub const STARTLED_ROLL_RAD_S2: f64 = 150.0;
+/// For so long it may have gone that way at the least and at the most, s.
+pub const STARTLED_ROLL_S: (f64, f64) = (0.02, 0.04);
+/// A roll that no blob has told for longer than this comes to rest, ns, …
+pub const ROLL_COASTS_NS: u64 = LOST_AFTER_NS;
+/// … with this time constant, s: hands do not turn on and on.
+pub const ROLL_CALMS_S: f64 = 0.2;
 /// Singer model of an instrument's roll, rad/s².
 pub const TURN_ACCELERATION_RAD_S2: f64 = 8.0;
 /// Its time constant, s.

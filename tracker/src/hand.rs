@@ -407,6 +407,29 @@ impl HandFilter {
         self.smooth_variance = k::SMOOTH_RANGE_MM2_S4.1;
     }
 
+    /// The roll is found `turn_rad` from where it was foreseen, not having been seen for `since_s`: the hand
+    /// has turned otherwise, which tells of its rate too.
+    pub fn startle_roll(&mut self, turn_rad: f64, since_s: f64) {
+        let dt = since_s.clamp(k::STARTLED_ROLL_S.0, k::STARTLED_ROLL_S.1);
+        let push = [0.5 * dt * dt, dt, 1.0].map(|g| g * k::STARTLED_ROLL_RAD_S2);
+        for r in 0..3 {
+            for c in 0..3 {
+                self.covariance[ROLL + r][ROLL + c] += push[r] * push[c];
+            }
+        }
+        // It goes on as unsteadily; and what no such push explains tells of no rate.
+        self.covariance[ROLL + 2][ROLL + 2] += push[2] * push[2];
+        let rest = (turn_rad.abs() - 2.0 * push[0]).max(0.0);
+        self.covariance[ROLL][ROLL] += rest * rest;
+    }
+
+    /// The roll has not been seen for long: it comes to rest over `dt` seconds.
+    pub fn calm_roll(&mut self, dt: f64) {
+        let kept = libm::exp(-dt / k::ROLL_CALMS_S);
+        self.roll_rate *= kept;
+        self.roll_acceleration *= kept;
+    }
+
     /// Poses further from what was foreseen than they should be, one by much or several in a row: the
     /// hand does something new, and the smooth movement is believed less at once.
     fn notice(&mut self, surprise: f64, expected: f64) {

@@ -28,6 +28,7 @@ pub mod hand;
 pub mod learner;
 pub mod model;
 pub mod process;
+pub mod roll;
 pub mod script;
 pub mod seed;
 pub mod sight;

@@ -126,6 +126,12 @@ impl BodyModel {
             start,
         }
     }
+
+    /// True if a marker stands so far beside the shaft that it tells the roll.
+    pub fn tells_roll(&self, marker: usize) -> bool {
+        let beside = self.markers.get(marker).map_or(0.0, |m| m.position.coords.xy().norm());
+        !self.is_eye && beside > k::ROLL_LEVER_MM
+    }
 }
 
 /// Every three markers whose triangle is not flat: its height over the longest side is at least

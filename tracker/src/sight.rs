@@ -227,6 +227,11 @@ pub fn covariance_as(
     Some(sight.covariance + Matrix2::identity() * (shift * shift))
 }
 
+/// True if a blob is not so doubtful, by its size, that it might be anywhere on its marker.
+pub fn tells_place(covariance: &Matrix2<f64>) -> bool {
+    covariance.trace() < 2.0 * k::ROLL_TOLD_PX * k::ROLL_TOLD_PX
+}
+
 /// The camera of a view.
 pub fn camera_of<'a>(rig: &'a RigModel, view: &View) -> Option<&'a Camera> {
     rig.cameras[view.camera].as_ref()

@@ -5,13 +5,15 @@ use crate::body::Track;
 use crate::constants as k;
 use crate::drift::{Drift, Report};
 use crate::estimate::Estimate;
+use crate::filter::exp;
 use crate::fit::{Fit, MAX_MATCHES, Match, Problem, TrocarInWorld, trocar_miss};
 use crate::hand::Pivot;
 use crate::model::RigModel;
+use crate::roll;
 use crate::seed::{Scene, Searcher};
 use crate::sight::View;
 use bytemuck::Zeroable;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
@@ -215,6 +217,8 @@ impl Tracker {
         for body in ORDER {
             self.fits[body] = self.fit(body);
         }
+        let rolled = self.find_rolls(cameras, base_ns);
+        let no_choice = no_choice && rolled == [false; BODIES];
         if no_choice && self.fits.iter().flatten().all(|fit| fit.thrown_out == 0) {
             for body in ORDER {
                 self.take(body, base_ns);
@@ -224,13 +228,40 @@ impl Tracker {
         std::mem::swap(&mut self.matches, &mut self.first_matches);
         self.assign(cameras, base_ns);
         for body in ORDER {
-            if same_assignment(&self.first_matches[body], &self.matches[body]) {
+            if !rolled[body] && same_assignment(&self.first_matches[body], &self.matches[body]) {
                 std::mem::swap(&mut self.matches[body], &mut self.first_matches[body]);
             } else {
                 self.fits[body] = self.fit(body);
             }
             self.take(body, base_ns);
         }
+    }
+
+    /// Looks for instruments that rolled otherwise than foreseen, by the markers beside their shafts, and
+    /// turns their fits there. True for those that did.
+    fn find_rolls(&mut self, cameras: u32, base_ns: u64) -> [bool; BODIES] {
+        let group =
+            Group { rig: &self.rig, views: &self.views, cameras, base_ns, area_scales: &self.area_scales };
+        std::array::from_fn(|body| {
+            let track = &mut self.tracks[body];
+            let (Some(mut expected), Some(fit)) = (track.expected(), &mut self.fits[body]) else {
+                return false;
+            };
+            let Some(Estimate::Hand(hand)) = &mut track.filter else { return false };
+            (expected.pose, expected.covariance) = (fit.pose, fit.covariance);
+            let Some(turn) = roll::find(&group, body, &expected, &self.matches) else { return false };
+            let since_ns = base_ns.saturating_sub(track.roll_ns);
+            // One camera alone may see something else.
+            if turn.cameras < 2 && since_ns < k::SEARCH_AFTER_NS {
+                return false;
+            }
+            hand.startle_roll(turn.rad, since_ns as f64 * 1e-9);
+            let axis = fit.pose.rotation * Vector3::z();
+            fit.pose.rotation = exp(axis * turn.rad) * fit.pose.rotation;
+            let mut doubt = fit.covariance.fixed_view_mut::<3, 3>(3, 3);
+            doubt += axis * axis.transpose() * (k::ROLL_AGREES_RAD * k::ROLL_AGREES_RAD);
+            true
+        })
     }
 
     /// The drift learns from one body per frame, from the blobs of its newest update.
@@ -312,6 +343,7 @@ impl Tracker {
         if !track.take_fit(&fit, &prior.inverse(), &self.matches[body], base_ns) {
             return;
         }
+        track.note_roll(&self.rig.bodies[body], &self.matches[body], base_ns);
         self.updates[body] = Some(fit);
         for m in self.matches[body].iter().filter(|m| !m.out) {
             self.views[m.camera].take(m.blob);
