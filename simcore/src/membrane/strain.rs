@@ -10,6 +10,7 @@
 //!
 //! Masses are equal, so the impulses are opposite; and because they act along the line that joined the ends when
 //! the substep began, the semi-implicit step keeps linear *and* angular momentum to rounding.
+//! l₀ is the rest length that a plastic spring has by now: held to its first one, a spring that crept longer would push against the limit for ever.
 //! Springs follow in their order, in sweeps: what a sweep does to its neighbours the next one mends.
 
 use super::sheet::Sheet;
@@ -25,7 +26,8 @@ pub fn limit_strain(sheet: &Sheet, state: &mut MembraneState, dt_s: f32, limit: 
     for _ in 0..sweeps {
         let before = corrected;
         for spring in 0..sheet.structural {
-            let longest = sheet.rest_mm[spring] * (1.0 + limit);
+            let rest_mm = state.rest_mm.get(spring).copied().unwrap_or(sheet.rest_mm[spring]);
+            let longest = rest_mm * (1.0 + limit);
             corrected += u32::from(
                 state.spring_alive[spring] != 0 && draw(state, sheet.springs[spring], longest, dt_s),
             );
@@ -132,6 +134,16 @@ mod tests {
         }
         limit_strain(&sheet, &mut state, DT, 0.1, 200);
         assert!(longest_strain(&sheet, &state) < 0.101, "{}", longest_strain(&sheet, &state));
+    }
+
+    #[test]
+    fn what_crept_is_limited_by_the_length_it_has_now() {
+        let (sheet, mut state) = patch();
+        state.rest_mm = sheet.rest_mm.iter().map(|l| l * 1.3).collect();
+        for n in 0..25 {
+            state.set_position(n, state.position(n) * 1.3);
+        }
+        assert_eq!(limit_strain(&sheet, &mut state, DT, 0.1, 200), 0, "all springs are at rest");
     }
 
     #[test]
