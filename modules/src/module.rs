@@ -121,6 +121,9 @@ pub struct LevelFile {
     /// A shipped scene in the place of the module's, and then the plan of that scene in the place of the module's.
     #[serde(default)]
     pub scene: Option<String>,
+    /// Keys of the scene that are other in this level.
+    #[serde(default)]
+    pub changes: Option<toml::Table>,
     /// A plan of its own for an operation, in the place of both.
     #[serde(default)]
     pub script: Option<ScriptScene>,
@@ -245,7 +248,8 @@ impl Module {
         // Goals must make sense before anything is planned from them.
         let name = format!("{} level {number}", self.name);
         scene.task = Some(task.clone());
-        let scene = SceneFile::parse(&scene.to_toml(), &name).map_err(of_scene)?;
+        let text = changed(scene.to_toml(), level.changes.as_ref());
+        let scene = SceneFile::parse(&text, &name).map_err(of_scene)?;
         let mut script = scene.script.clone();
         if self.file.kind == Kind::Abstract {
             let plan = plan::of_goals(&scene, &task);
@@ -258,6 +262,24 @@ impl Module {
         let script = surgeon.perform(&script, scene.eye.retina_radius_mm, seed);
         let composed = SceneFile { title: self.file.title.clone(), task: Some(task), script, ..scene };
         SceneFile::parse(&composed.to_toml(), &name).map_err(of_scene)
+    }
+}
+
+/// A scene with a level's changes.
+fn changed(scene: String, changes: Option<&toml::Table>) -> String {
+    let Some(changes) = changes else { return scene };
+    let mut table: toml::Table = scene.parse().expect("a scene is TOML");
+    merge(&mut table, changes);
+    table.to_string()
+}
+
+/// Puts the keys of `changes` into `table`; tables into each other, everything else in the place of what is there.
+fn merge(table: &mut toml::Table, changes: &toml::Table) {
+    for (key, change) in changes {
+        match (table.get_mut(key), change) {
+            (Some(toml::Value::Table(inner)), toml::Value::Table(changes)) => merge(inner, changes),
+            _ => _ = table.insert(key.clone(), change.clone()),
+        }
     }
 }
 
@@ -288,6 +310,19 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_level_changes_keys_of_its_scene_alone() {
+        let [first, second] =
+            [1, 2].map(|level| Module::load("peeling").unwrap().compose(level, &EXPERT, 0).unwrap());
+        let [first, second] = [first, second].map(|scene| scene.membrane.unwrap());
+        assert_eq!((first.fluid_damping_per_s, second.fluid_damping_per_s), (2.0, 20.0));
+        assert_eq!(second.node_mass_g, first.node_mass_g);
+        let (_, text, scene) = SHIPPED.iter().find(|(n, ..)| *n == "peeling").unwrap();
+        let wrong = text.replace("fluid_damping_per_s = 20.0", "fluid_damping_per_h = 20.0");
+        let told = Module::parse("peeling", &wrong, *scene).unwrap_err().to_string();
+        assert!(told.contains("peeling level 2") && told.contains("fluid_damping_per_h"), "{told}");
     }
 
     #[test]
