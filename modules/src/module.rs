@@ -292,6 +292,7 @@ fn read(path: &Path) -> Result<String, ModuleError> {
 mod tests {
     use super::*;
     use crate::surgeon::{EXPERT, SURGEONS};
+    use protocol::font;
 
     #[test]
     fn every_shipped_module_can_be_played_by_every_surgeon() {
@@ -304,8 +305,8 @@ mod tests {
                     assert_eq!((task.module.as_str(), task.level), (name, level));
                     assert!(task.limit_s > task.par_s && task.par_mm > 1.0, "{name}");
                     assert!(
-                        task.instructions.iter().all(|line| line.len() <= 72),
-                        "{name}: lines fit the picture"
+                        task.instructions.iter().all(|line| line.len() <= 72 && line.chars().all(font::has)),
+                        "{name}: lines fit the picture, and its font has their signs"
                     );
                 }
             }

@@ -48,6 +48,7 @@ fn glyph(character: char) -> [u8; 7] {
         '.' => [0, 0, 0, 0, 0, 12, 12],
         ',' => [0, 0, 0, 0, 12, 4, 8],
         ':' => [0, 12, 12, 0, 12, 12, 0],
+        ';' => [0, 12, 12, 0, 12, 4, 8],
         '-' => [0, 0, 0, 14, 0, 0, 0],
         '+' => [0, 4, 4, 31, 4, 4, 0],
         '/' => [1, 1, 2, 4, 8, 16, 16],
@@ -64,6 +65,11 @@ fn glyph(character: char) -> [u8; 7] {
         '#' => [10, 10, 31, 10, 31, 10, 10],
         _ => [0; 7],
     }
+}
+
+/// True if the font shows a character as it is, or as its capital.
+pub fn has(character: char) -> bool {
+    character == ' ' || glyph(character) != [0; 7]
 }
 
 /// Letters of the strip: the printable characters of ASCII.
@@ -101,6 +107,7 @@ mod tests {
             assert!(glyph(*a).iter().all(|row| *row < 32) && glyph(*a) != [0; 7]);
         }
         assert_eq!(glyph('q'), glyph('Q'));
+        assert!(has('q') && has(';') && has(' ') && !has('µ'));
     }
 
     #[test]

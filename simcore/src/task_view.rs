@@ -130,7 +130,7 @@ impl TaskText {
             }
             if gone > 0 {
                 let left_ml = removed.vitreous_left_um3 as f64 * 1e-12;
-                push_line(&mut self.text, Place::BottomRight, &format!("vitreous {left_ml:.2} ml"));
+                push_line(&mut self.text, Place::TopRight, &format!("vitreous {left_ml:.2} ml"));
             }
             self.text.truncate(self.text.floor_char_boundary(MAX_TEXT));
         }
@@ -207,6 +207,6 @@ mod tests {
         let shown = text.lines(&world, "warned", 7).to_owned();
         let lines: Vec<_> = protocol::scene_text::lines(&shown).collect();
         let left = format!("vitreous {left_ml:.2} ml");
-        assert_eq!(lines, [(Place::Bottom, "warned"), (Place::BottomRight, left.as_str())]);
+        assert_eq!(lines, [(Place::Bottom, "warned"), (Place::TopRight, left.as_str())]);
     }
 }
