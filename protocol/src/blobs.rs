@@ -1,9 +1,11 @@
 //! `blobs`: what one camera saw in one field.
 
+use crate::camera::Camera;
 use crate::limits::MAX_BLOBS;
 use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
 use crate::time::Nanos;
 use bytemuck::{Pod, Zeroable};
+use nalgebra::Point3;
 
 /// Colour class of a marker, as the camera's look-up table knows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
@@ -90,6 +92,33 @@ pub struct Blob {
     pub colour: u32,
     /// Bits `BLOB_…`.
     pub flags: u32,
+}
+
+impl Blob {
+    /// What a ball at `centre` (world frame, mm) leaves in a field of a camera: without noise, and as if its outline were not distorted.
+    /// `None` behind the camera.
+    pub fn of_ball(
+        camera: &Camera,
+        centre: &Point3<f64>,
+        radius_mm: f64,
+        colour: Colour,
+        parity: u32,
+    ) -> Option<Self> {
+        let pixel = camera.project(centre)?;
+        let radii = camera.focal_px * (radius_mm / camera.in_camera(centre).z);
+        Some(Blob {
+            x_px: pixel.x,
+            y_field_px: (pixel.y - f64::from(parity)) / 2.0,
+            area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
+            width_px: 2.0 * radii.x,
+            height_px: radii.y,
+            var_x_px2: DEFAULT_VARIANCE_PX2,
+            var_y_px2: DEFAULT_VARIANCE_PX2,
+            cov_xy_px2: 0.0,
+            colour: colour as u32,
+            flags: 0,
+        })
+    }
 }
 
 /// All blobs of one camera-field.

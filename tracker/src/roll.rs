@@ -191,7 +191,7 @@ mod tests {
     use bytemuck::Zeroable;
     use nalgebra::{Point3, Translation3, UnitQuaternion};
     use proptest::prelude::*;
-    use protocol::blobs::{Blob, BlobField, DEFAULT_VARIANCE_PX2};
+    use protocol::blobs::{Blob, BlobField};
     use protocol::limits::MAX_CAMERAS;
     use protocol::rig::Rig;
 
@@ -201,21 +201,9 @@ mod tests {
         let marker = &rig.bodies[0].markers[3];
         let point = pose * Point3::from(Vector3::from(marker.p));
         for camera in rig.cameras().iter().filter(|c| cameras & (1 << c.id) != 0) {
-            let (pixel, mut field) = (camera.project(&point).unwrap(), BlobField::zeroed());
-            let radii = camera.focal_px * (marker.r / camera.in_camera(&point).z);
+            let mut field = BlobField::zeroed();
             (field.camera, field.exposed_ns) = (camera.id, 20_000_000);
-            field.push(Blob {
-                x_px: pixel.x,
-                y_field_px: 0.5 * pixel.y,
-                area_px: 0.5 * PI * radii.x * radii.y,
-                width_px: 2.0 * radii.x,
-                height_px: radii.y,
-                var_x_px2: DEFAULT_VARIANCE_PX2,
-                var_y_px2: DEFAULT_VARIANCE_PX2,
-                cov_xy_px2: 0.0,
-                colour: marker.colour as u32,
-                flags: 0,
-            });
+            field.push(Blob::of_ball(camera, &point, marker.r, marker.colour, field.parity).unwrap());
             views[camera.id as usize].fill(&field, camera);
         }
         views

@@ -6,7 +6,7 @@
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
-use protocol::blobs::{Blob, BlobField, DEFAULT_VARIANCE_PX2};
+use protocol::blobs::{Blob, BlobField};
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, EYE};
 use protocol::rig::Rig;
@@ -65,20 +65,7 @@ fn fields(rig: &Rig, poses: &Poses, number: u64) -> Vec<BlobField> {
         for (pose, name) in poses.iter().zip(BODY_NAMES) {
             for marker in &rig.body(name).unwrap().markers {
                 let point = pose * Point3::from(Vector3::from(marker.p));
-                let pixel = camera.project(&point).unwrap();
-                let radii = camera.focal_px * (marker.r / camera.in_camera(&point).z);
-                field.push(Blob {
-                    x_px: pixel.x,
-                    y_field_px: (pixel.y - f64::from(field.parity)) / 2.0,
-                    area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
-                    width_px: 2.0 * radii.x,
-                    height_px: radii.y,
-                    var_x_px2: DEFAULT_VARIANCE_PX2,
-                    var_y_px2: DEFAULT_VARIANCE_PX2,
-                    cov_xy_px2: 0.0,
-                    colour: marker.colour as u32,
-                    flags: 0,
-                });
+                field.push(Blob::of_ball(camera, &point, marker.r, marker.colour, field.parity).unwrap());
             }
         }
         field

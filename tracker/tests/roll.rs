@@ -2,7 +2,7 @@
 
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
-use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
+use protocol::blobs::{Blob, BlobField, Colour};
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, BodyState, BodyStatus};
 use protocol::rig::Rig;
@@ -49,22 +49,9 @@ impl Scene {
                 let pose = self.pose(body, roll(t_s));
                 for marker in &self.rig.body(name).unwrap().markers {
                     let point = pose * Point3::from(Vector3::from(marker.p));
-                    let (pixel, depth_mm) = (camera.project(&point).unwrap(), camera.in_camera(&point).z);
-                    let radii = camera.focal_px * (marker.r / depth_mm);
-                    let blob = Blob {
-                        x_px: pixel.x,
-                        y_field_px: (pixel.y - f64::from(field.parity)) / 2.0,
-                        area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
-                        width_px: 2.0 * radii.x,
-                        height_px: radii.y,
-                        var_x_px2: DEFAULT_VARIANCE_PX2,
-                        var_y_px2: DEFAULT_VARIANCE_PX2,
-                        cov_xy_px2: 0.0,
-                        colour: marker.colour as u32,
-                        flags: 0,
-                    };
+                    let blob = Blob::of_ball(camera, &point, marker.r, marker.colour, field.parity);
                     if shown(t_s, marker.colour) {
-                        field.push(blob);
+                        field.push(blob.unwrap());
                     }
                 }
             }
