@@ -178,7 +178,9 @@ impl Adhesion {
                 parting.broken += 1;
                 continue;
             }
-            solver.outer_un_per_mm[node] += stiffness;
+            if let Some(growth) = solver.outer_un_per_mm.get_mut(node) {
+                *growth += stiffness;
+            }
             for (outer, way) in solver.outer_un.iter_mut().zip(way.iter()) {
                 outer[node] += stiffness * way;
             }

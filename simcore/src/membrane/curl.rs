@@ -153,16 +153,21 @@ impl Hinge {
     fn stiffen(&self, membrane: &MembraneState, most_un_per_mm: f32, un_per_mm: &mut [f32]) {
         let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
         let Some((psi, gradient)) = turn(p, q, a, b) else { return };
-        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * self.held(psi, &gradient, most_un_per_mm);
+        let stiffness = self.tangent(psi) * self.held(psi, &gradient, most_un_per_mm);
         for (&node, gradient) in self.nodes.iter().zip(gradient) {
             un_per_mm[node as usize] += 4.0 * stiffness * gradient.norm_squared();
         }
     }
 
+    /// dM/dθ, µN·mm: of ψ = 2 tan(θ/2) it is w (1 + ψ²/4).
+    fn tangent(&self, psi: f32) -> f32 {
+        self.stiffness * (1.0 + 0.25 * psi * psi)
+    }
+
     /// Share of the moment that is let through, so that the hinge is not stiffer than `most_un_per_mm`.
     fn held(&self, psi: f32, gradient: &[Vector3<f32>; 4], most_un_per_mm: f32) -> f32 {
         let slopes: f32 = gradient.iter().map(Vector3::norm_squared).sum();
-        let stiffness = self.stiffness * (1.0 + 0.25 * psi * psi) * slopes;
+        let stiffness = self.tangent(psi) * slopes;
         (most_un_per_mm / stiffness).min(1.0)
     }
 }

@@ -48,7 +48,7 @@ pub struct Solver {
     /// Forces on each node from outside the sheet, µN: set by others before [`Self::accelerate`], which adds them to the
     /// springs' forces. They stay until they are changed or [cleared](Self::clear_outer).
     pub outer_un: [Vec<f32>; 3],
-    /// What those grow by against the way of each node in a substep, µN/mm: for integrators that look ahead.
+    /// What those grow by against the way of each node in a substep, µN/mm: for integrators that look ahead, and empty without one.
     pub outer_un_per_mm: Vec<f32>,
     /// Sum of the springs' and the outer forces on each node, µN: what a pin or a jaw that holds it must bear.
     pub force_un: [Aligned; 3],
@@ -67,7 +67,7 @@ impl Solver {
             isa: Isa::best(),
             web: Web::new(nodes, &sheet.springs[..sheet.structural]),
             mobile: list(),
-            outer_un_per_mm: vec![0.0; nodes],
+            outer_un_per_mm: Vec::new(),
             outer_un: std::array::from_fn(|_| vec![0.0; nodes]),
             force_un: three(),
             acceleration: three(),
@@ -99,6 +99,11 @@ impl Solver {
         for (mobile, &flag) in self.mobile.iter_mut().zip(&state.flag) {
             *mobile = if flag == NODE_FREE { 1.0 } else { 0.0 };
         }
+    }
+
+    /// Makes room for what outer forces grow by.
+    pub fn look_ahead(&mut self) {
+        self.outer_un_per_mm.resize(self.outer_un[0].len(), 0.0);
     }
 
     /// Takes all outer forces away.

@@ -180,6 +180,10 @@ impl World {
         let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
         let mut tissue = Tissue::new(scene);
         let implicit = Implicit::of(integrator, &sheet, &tissue);
+        let mut solver = Solver::new(&sheet);
+        if implicit.is_some() {
+            solver.look_ahead();
+        }
         let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
         let mut state = State { retina, ..start_state(scene, &sheet, &tissue, adhesion.as_ref()) };
         state.vitreous = vitreous.as_ref().map(Vitreous::start);
@@ -202,7 +206,7 @@ impl World {
             fingerprint: fnv1a(scene.to_toml().as_bytes()),
             tissue,
             splits,
-            solver: Solver::new(&sheet),
+            solver,
             adhesion,
             curl: peel::curl(scene, &sheet),
             implicit,
