@@ -1,12 +1,13 @@
 //! `vitreo run`: the simulator, live.
 //!
-//! - `options`: the command line, and what each process is given of it
+//! - `options`, `arguments`: the command line, and what each process is given of it
 //! - `session`: the loop that hears, watches, records and shows
 //! - `course`: who may ask for a pause, a restart or the next level
 //! - `supervisor`, `policy`: starting, restarting, bounding restarts
 //! - `tap`, `recorder`, `resume`: what is heard, written, and kept for a restarted simulation
 //! - `ledger`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
+mod arguments;
 mod course;
 mod ledger;
 mod monitor;

@@ -1,5 +1,6 @@
 //! What `vitreo run` takes, and what each process is given of it.
 
+use super::arguments::{Arguments, injected_delay, percentile, positive};
 use crate::modules::Composed;
 use crate::results::{Place, seconds_since_1970};
 use anyhow::{Context, bail};
@@ -157,29 +158,6 @@ pub enum View {
     None,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("expected seconds, found '{text}'"))?;
-    let range = 0.0..=86_400.0 * 365.0;
-    if value > 0.0 && range.contains(&value) { Ok(value) } else { Err("expected more than 0 s".into()) }
-}
-
-fn percentile(text: &str) -> Result<f64, String> {
-    let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
-    if (0.0..=100.0).contains(&value) { Ok(value) } else { Err("expected 0 to 100".into()) }
-}
-
-fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
-    let names = || {
-        let single = Stage::ALL.iter().filter(|&&s| s != Stage::WholeSystem);
-        single.map(|s| s.name()).collect::<Vec<_>>().join(", ")
-    };
-    let (name, delay) = text.split_once('=').ok_or("expected STAGE=MS")?;
-    let stage = Stage::ALL.into_iter().find(|s| s.name() == name && *s != Stage::WholeSystem);
-    let stage = stage.ok_or_else(|| format!("unknown stage '{name}'; known: {}", names()))?;
-    let delay: f64 = delay.parse().map_err(|_| format!("expected milliseconds, found '{delay}'"))?;
-    if (0.0..=10_000.0).contains(&delay) { Ok((stage, delay)) } else { Err("expected 0 to 10000 ms".into()) }
-}
-
 /// Where a restarted renderer puts its film or stills, and a new attempt its recording, beside those before: `a-2.y4m`.
 pub(super) fn numbered(file: &Path, restarts: u32) -> PathBuf {
     if restarts == 0 {
@@ -192,28 +170,6 @@ pub(super) fn numbered(file: &Path, restarts: u32) -> PathBuf {
 
 /// The camera that `--inject-delay camera-wait=MS` makes late.
 const LATE_CAMERA: u32 = 2;
-
-/// Collects command-line arguments.
-#[derive(Default)]
-struct Arguments(Vec<String>);
-
-impl Arguments {
-    fn flag(&mut self, name: &str, given: bool) {
-        if given {
-            self.0.push(name.into());
-        }
-    }
-
-    fn value(&mut self, name: &str, value: Option<impl ToString>) {
-        if let Some(value) = value {
-            self.0.extend([name.into(), value.to_string()]);
-        }
-    }
-
-    fn path(&mut self, name: &str, path: Option<&Path>) {
-        self.value(name, path.map(Path::display));
-    }
-}
 
 impl RunArgs {
     /// With the scene of a module, and the length of its attempt where no other duration is asked for.

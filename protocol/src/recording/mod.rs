@@ -16,6 +16,7 @@ mod display;
 mod mirror;
 mod read;
 mod record;
+mod records;
 mod wire;
 mod write;
 

@@ -1,0 +1,52 @@
+//! Values of `vitreo run`'s options as they are read, and arguments as a process gets them.
+
+use protocol::budget::Stage;
+use std::path::Path;
+
+/// A duration, s.
+pub(super) fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected seconds, found '{text}'"))?;
+    let range = 0.0..=86_400.0 * 365.0;
+    if value > 0.0 && range.contains(&value) { Ok(value) } else { Err("expected more than 0 s".into()) }
+}
+
+/// A percentile, 0 to 100.
+pub(super) fn percentile(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
+    if (0.0..=100.0).contains(&value) { Ok(value) } else { Err("expected 0 to 100".into()) }
+}
+
+/// `STAGE=MS`: a stage of the data path and what to delay it by, ms.
+pub(super) fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
+    let names = || {
+        let single = Stage::ALL.iter().filter(|&&s| s != Stage::WholeSystem);
+        single.map(|s| s.name()).collect::<Vec<_>>().join(", ")
+    };
+    let (name, delay) = text.split_once('=').ok_or("expected STAGE=MS")?;
+    let stage = Stage::ALL.into_iter().find(|s| s.name() == name && *s != Stage::WholeSystem);
+    let stage = stage.ok_or_else(|| format!("unknown stage '{name}'; known: {}", names()))?;
+    let delay: f64 = delay.parse().map_err(|_| format!("expected milliseconds, found '{delay}'"))?;
+    if (0.0..=10_000.0).contains(&delay) { Ok((stage, delay)) } else { Err("expected 0 to 10000 ms".into()) }
+}
+
+/// Collects command-line arguments.
+#[derive(Default)]
+pub(super) struct Arguments(pub Vec<String>);
+
+impl Arguments {
+    pub fn flag(&mut self, name: &str, given: bool) {
+        if given {
+            self.0.push(name.into());
+        }
+    }
+
+    pub fn value(&mut self, name: &str, value: Option<impl ToString>) {
+        if let Some(value) = value {
+            self.0.extend([name.into(), value.to_string()]);
+        }
+    }
+
+    pub fn path(&mut self, name: &str, path: Option<&Path>) {
+        self.value(name, path.map(Path::display));
+    }
+}
