@@ -176,6 +176,8 @@ fn tissue_of_limited_strain_comes_back() {
     for integrator in [SemiImplicit, Implicit] {
         comes_back(|m| (m.integrator, m.strain_limit) = (integrator, 0.02));
     }
+    is_back(|m| (m.integrator, m.strain_limit) = (MembraneIntegrator::QuasiStatic, 0.02), EARLY_END);
+    comes_back(|m| (m.v_max_mm_s, m.node_mass_g, m.strain_limit) = (0.0, 0.004, 0.02));
 }
 
 #[test]

@@ -8,26 +8,31 @@
 //! |d − s u| = (1 + limit) l₀    s = d·u − √((d·u)² − d² + (1 + limit)² l₀²), or d·u where there is no root
 //! ```
 //!
+//! Where no velocity outlives a substep, places alone are corrected: a velocity that was made up here would move the nodes
+//! once more in the next substep, and be damped as if it were real.
+//!
 //! Masses are equal, so the impulses are opposite; and because they act along the line that joined the ends when
 //! the substep began, the semi-implicit step keeps linear *and* angular momentum to rounding.
 //! l₀ is the rest length that a plastic spring has by now: held to its first one, a spring that crept longer would push against the limit for ever.
 //! Springs follow in their order, in sweeps: what a sweep does to its neighbours the next one mends.
 
 use super::sheet::Sheet;
+use super::tissue::Tissue;
 use crate::constants::TINY_LENGTH2_MM2;
 use crate::state::MembraneState;
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;
 
-/// Limits strains of the sheet to `limit` (0.1: a tenth of the rest length) with at most `sweeps` sweeps;
-/// `dt_s` is the substep that has just been made. Returns how many corrections it took.
-pub fn limit_strain(sheet: &Sheet, state: &mut MembraneState, dt_s: f32, limit: f32, sweeps: u32) -> u32 {
+/// Limits strains of the sheet to the tissue's limit (0.1: a tenth of the rest length) with at most `sweeps` sweeps, after a
+/// substep has just been made. Returns how many corrections it took.
+pub fn limit_strain(sheet: &Sheet, state: &mut MembraneState, tissue: &Tissue, sweeps: u32) -> u32 {
+    let dt_s = tissue.keeps_velocity.then_some(tissue.dt_s);
     let mut corrected = 0;
     for _ in 0..sweeps {
         let before = corrected;
         for spring in 0..sheet.structural {
             let rest_mm = state.rest_mm.get(spring).copied().unwrap_or(sheet.rest_mm[spring]);
-            let longest = rest_mm * (1.0 + limit);
+            let longest = rest_mm * (1.0 + tissue.strain_limit);
             corrected += u32::from(
                 state.spring_alive[spring] != 0 && draw(state, sheet.springs[spring], longest, dt_s),
             );
@@ -39,8 +44,8 @@ pub fn limit_strain(sheet: &Sheet, state: &mut MembraneState, dt_s: f32, limit: 
     corrected
 }
 
-/// Draws the ends of a spring together if it is too long; `true` if it was.
-fn draw(state: &mut MembraneState, ends: [u32; 2], longest: f32, dt_s: f32) -> bool {
+/// Draws the ends of a spring together if it is too long; `true` if it was. `dt_s`: over what time velocities change, if they do.
+fn draw(state: &mut MembraneState, ends: [u32; 2], longest: f32, dt_s: Option<f32>) -> bool {
     let [a, b] = ends.map(|n| n as usize);
     let d = state.position(b) - state.position(a);
     let long2 = d.norm_squared();
@@ -50,7 +55,7 @@ fn draw(state: &mut MembraneState, ends: [u32; 2], longest: f32, dt_s: f32) -> b
     if !too_long || mobile == [0.0, 0.0] {
         return false;
     }
-    let start = d - (state.velocity(b) - state.velocity(a)) * dt_s;
+    let start = dt_s.map_or(d, |dt| d - (state.velocity(b) - state.velocity(a)) * dt);
     let u = start / (start.norm_squared() + TINY_LENGTH2_MM2).sqrt();
     let along = d.dot(&u);
     let root = along * along - long2 + longest * longest;
@@ -61,10 +66,12 @@ fn draw(state: &mut MembraneState, ends: [u32; 2], longest: f32, dt_s: f32) -> b
     true
 }
 
-fn shift(state: &mut MembraneState, node: usize, by: Vector3<f32>, dt_s: f32) {
+fn shift(state: &mut MembraneState, node: usize, by: Vector3<f32>, dt_s: Option<f32>) {
     if state.flag[node] == NODE_FREE {
         state.set_position(node, state.position(node) + by);
-        state.set_velocity(node, state.velocity(node) + by / dt_s);
+        if let Some(dt_s) = dt_s {
+            state.set_velocity(node, state.velocity(node) + by / dt_s);
+        }
     }
 }
 
@@ -72,8 +79,16 @@ fn shift(state: &mut MembraneState, node: usize, by: Vector3<f32>, dt_s: f32) {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use protocol::scene_file::SceneFile;
 
     const DT: f32 = 1e-3;
+
+    /// Tissue that stretches by at most so much.
+    fn limited(strain_limit: f32) -> Tissue {
+        let tissue = Tissue::new(&SceneFile::load("peel").unwrap());
+        assert_eq!((tissue.dt_s, tissue.keeps_velocity), (DT, true));
+        Tissue { strain_limit, ..tissue }
+    }
 
     /// A free patch of 5 × 5 nodes.
     fn patch() -> (Sheet, MembraneState) {
@@ -117,7 +132,7 @@ mod tests {
             }
             let before = momenta(&state);
             prop_assume!(longest_strain(&sheet, &state) > 0.05);
-            prop_assert!(limit_strain(&sheet, &mut state, DT, 0.05, 8) > 0);
+            prop_assert!(limit_strain(&sheet, &mut state, &limited(0.05), 8) > 0);
             let after = momenta(&state);
             // Velocities of some 400 mm/s in 25 nodes, 24 bits each.
             prop_assert!((after[0] - before[0]).norm() < 2e-2, "{:?} {:?}", before[0], after[0]);
@@ -132,8 +147,20 @@ mod tests {
             let p = state.position(n);
             state.set_position(n, Vector3::new(p.x * 1.3, p.y, 0.0));
         }
-        limit_strain(&sheet, &mut state, DT, 0.1, 200);
+        limit_strain(&sheet, &mut state, &limited(0.1), 200);
         assert!(longest_strain(&sheet, &state) < 0.101, "{}", longest_strain(&sheet, &state));
+    }
+
+    #[test]
+    fn without_velocity_places_alone_are_corrected() {
+        let (sheet, mut state) = patch();
+        for n in 0..25 {
+            state.set_position(n, state.position(n) * 1.3);
+        }
+        let tissue = Tissue { keeps_velocity: false, ..limited(0.1) };
+        assert!(limit_strain(&sheet, &mut state, &tissue, 200) > 0);
+        assert!(longest_strain(&sheet, &state) < 0.101, "{}", longest_strain(&sheet, &state));
+        assert!((0..25).all(|n| state.velocity(n).norm() == 0.0), "nothing moves of itself");
     }
 
     #[test]
@@ -143,7 +170,7 @@ mod tests {
         for n in 0..25 {
             state.set_position(n, state.position(n) * 1.3);
         }
-        assert_eq!(limit_strain(&sheet, &mut state, DT, 0.1, 200), 0, "all springs are at rest");
+        assert_eq!(limit_strain(&sheet, &mut state, &limited(0.1), 200), 0, "all springs are at rest");
     }
 
     #[test]
@@ -153,7 +180,7 @@ mod tests {
         state.flag[held] = crate::state::NODE_PINNED;
         state.set_position(held, Vector3::new(-1.0, 0.0, 0.0));
         state.set_position(bad, Vector3::new(f32::NAN, 0.0, 0.0));
-        limit_strain(&sheet, &mut state, DT, 0.1, 100);
+        limit_strain(&sheet, &mut state, &limited(0.1), 100);
         assert_eq!(state.position(held), Vector3::new(-1.0, 0.0, 0.0));
         let finite = |n: usize| state.position(n).iter().all(|c| c.is_finite());
         assert_eq!(

@@ -43,6 +43,8 @@ pub struct Tissue {
     pub radius_mm: f32,
     /// The old velocity moves the nodes.
     pub explicit: bool,
+    /// A node's velocity outlives the substep; not where substeps seek a balance, nor in the paper's quasi-static system.
+    pub keeps_velocity: bool,
     /// Strain over which springs are drawn together again; 0 for no limit.
     pub strain_limit: f32,
     /// Strain beyond which a spring's rest length creeps; infinite where the tissue is elastic.
@@ -88,6 +90,7 @@ impl Tissue {
         a_tear: f32::INFINITY,
         radius_mm: f32::INFINITY,
         explicit: false,
+        keeps_velocity: false,
         strain_limit: 0.0,
         yield_strain: f32::INFINITY,
         creep_per_s: 0.0,
@@ -112,6 +115,7 @@ impl Tissue {
             fluid_per_s: r.fluid_damping_per_s as f32,
             a_max: r.a_max_mm_s2 as f32,
             v_max: r.v_max_mm_s as f32,
+            keeps_velocity: r.v_max_mm_s > 0.0,
             a_tear: (r.a_max_mm_s2 * (1.0 + r.p_tear)) as f32,
             radius_mm,
             stiffness: r.stiffness_un_per_mm as f32,
@@ -133,6 +137,7 @@ impl Tissue {
             a_tear: (m.a_max_mm_s2 * (1.0 + m.p_tear)) as f32,
             radius_mm,
             explicit: m.integrator == MembraneIntegrator::Explicit,
+            keeps_velocity: m.v_max_mm_s > 0.0 && m.integrator != MembraneIntegrator::QuasiStatic,
             strain_limit: m.strain_limit as f32,
             yield_strain: or_never(m.yield_strain) as f32,
             creep_per_s: m.creep_per_s as f32,

@@ -67,7 +67,7 @@ impl World {
             None => self.solver.integrate(state, tissue),
         }
         if tissue.strain_limit > 0.0 {
-            let drawn = limit_strain(&self.sheet, state, tissue.dt_s, tissue.strain_limit, STRAIN_SWEEPS);
+            let drawn = limit_strain(&self.sheet, state, tissue, STRAIN_SWEEPS);
             if drawn > 0 {
                 self.solver.stay_inside(state, tissue.radius_mm);
             }
