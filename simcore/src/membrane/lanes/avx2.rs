@@ -88,6 +88,18 @@ unsafe impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    unsafe fn div(a: V, b: V) -> V {
+        // SAFETY: the caller has the instructions.
+        unsafe { [_mm256_div_ps(a[0], b[0]), _mm256_div_ps(a[1], b[1])] }
+    }
+
+    #[inline(always)]
+    unsafe fn sqrt(x: V) -> V {
+        // SAFETY: the caller has the instructions.
+        unsafe { [_mm256_sqrt_ps(x[0]), _mm256_sqrt_ps(x[1])] }
+    }
+
+    #[inline(always)]
     unsafe fn add(a: V, b: V) -> V {
         // SAFETY: the caller has the instructions.
         unsafe { [_mm256_add_ps(a[0], b[0]), _mm256_add_ps(a[1], b[1])] }

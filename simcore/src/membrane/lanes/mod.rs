@@ -2,7 +2,7 @@
 //! plain code at run time.
 //!
 //! Every path does the same additions, multiplications and comparisons in the same order and fuses nothing, so that all
-//! give the same bits. There is no square root and no division: [`rsqrt`] starts from the bits of its argument and takes
+//! give the same bits. The springs take no square root and no division: [`rsqrt`] starts from the bits of its argument and takes
 //! three Newton steps, which costs a third of what the two instructions do.
 //!
 //! Memory order within a block of sixteen: item `n` lies at [`place`]`(n)`, so that registers of four quads are
@@ -16,6 +16,7 @@ pub mod aligned;
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+pub mod hinges;
 pub mod kernel;
 pub mod motion;
 mod portable;
@@ -75,6 +76,10 @@ pub unsafe trait Lanes {
     unsafe fn sub(a: Self::V, b: Self::V) -> Self::V;
     /// a · b.
     unsafe fn mul(a: Self::V, b: Self::V) -> Self::V;
+    /// a / b, rounded as the standard says.
+    unsafe fn div(a: Self::V, b: Self::V) -> Self::V;
+    /// √x, rounded as the standard says.
+    unsafe fn sqrt(x: Self::V) -> Self::V;
     /// [`rsqrt`].
     unsafe fn rsqrt(x: Self::V) -> Self::V;
     /// One bit for each lane with a > b; none where one is not a number.
@@ -152,6 +157,8 @@ mod tests {
             for (i, v) in [L::add(a, b), L::sub(a, b), L::mul(a, b), L::splat(3.0)].into_iter().enumerate() {
                 L::store(to.add(16 * i), v);
             }
+            L::store(to.add(960), L::div(a, b));
+            L::store(to.add(976), L::sqrt(L::mul(a, a)));
             L::store(to.add(64), L::rsqrt(L::add(L::mul(a, a), L::splat(1e-12))));
             let parts = L::neighbours(numbers.as_ptr(), at.as_ptr());
             (0..6).for_each(|i| L::store(to.add(80 + 16 * i), parts[i]));

@@ -49,6 +49,16 @@ unsafe impl Lanes for Portable {
     }
 
     #[inline(always)]
+    unsafe fn div(a: V, b: V) -> V {
+        each(|i| a[i] / b[i])
+    }
+
+    #[inline(always)]
+    unsafe fn sqrt(x: V) -> V {
+        each(|i| x[i].sqrt())
+    }
+
+    #[inline(always)]
     unsafe fn add(a: V, b: V) -> V {
         each(|i| a[i] + b[i])
     }
