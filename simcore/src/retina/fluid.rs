@@ -28,12 +28,15 @@ use super::figures::{
     EXCHANGE_MM3_S, Figures, LARGEST_LOSS, OPEN_LAG_S, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES,
 };
 use super::state::{Bleb, RetinaState};
-use super::volume::{add_push, at, slope, under_triangle};
+use super::volume::{add_push, at, slope, under_corners, under_triangle};
 use super::{Retina, front};
 use crate::constants::SUBSTEP_S;
 use nalgebra::Vector3;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
+
+/// No distance.
+const UNKNOWN: f64 = -1.0;
 
 impl Retina {
     /// Lets fluid in through needles at `pressure_pa` (`None`: not through this one) and out through holes and tears, for one substep.
@@ -197,15 +200,26 @@ impl Retina {
     /// Adds up the push on the nodes of a bleb; returns the volume under it, mm³.
     fn gather(&mut self, state: &RetinaState, bleb: usize) -> f64 {
         let mut measured = 0.0;
+        // A node is a corner of six triangles, and a root is the dearest thing here.
+        let mut distances = std::mem::take(&mut self.distances_mm);
+        distances.fill(UNKNOWN);
         for &t in self.pieces.triangles_of(bleb) {
             if !self.spans(state, bleb, t) {
                 continue;
             }
             let nodes = &self.sheet.triangles[t as usize];
             let corners = nodes.map(|n| at(&state.tissue, n));
-            measured += under_triangle(&corners, self.figures.radius_mm);
+            let known: [f64; 3] = std::array::from_fn(|i| {
+                let distance = &mut distances[nodes[i] as usize];
+                if *distance == UNKNOWN {
+                    *distance = corners[i].norm();
+                }
+                *distance
+            });
+            measured += under_corners(&corners, known, self.figures.radius_mm);
             add_push(&mut self.push, nodes, &corners);
         }
+        self.distances_mm = distances;
         measured
     }
 

@@ -28,11 +28,15 @@ impl Retina {
                 continue;
             }
             let [a, b, c] = self.corners(state, t);
-            let weights =
-                [point_mm.dot(&b.cross(&c)), point_mm.dot(&c.cross(&a)), point_mm.dot(&a.cross(&b))];
-            let sum: f64 = weights.iter().sum();
-            // Corners are counter-clockwise seen from the centre, so that all three are below 0 inside the triangle's cone.
-            if sum >= 0.0 || weights.iter().any(|&w| w > 0.0) {
+            // Corners are counter-clockwise seen from the centre, so that all three weights are below 0 inside the triangle's cone.
+            // Most triangles are passed over by their first.
+            let mut sum = 0.0;
+            let outside = [(&b, &c), (&c, &a), (&a, &b)].into_iter().any(|(from, to)| {
+                let weight = point_mm.dot(&from.cross(to));
+                sum += weight;
+                weight > 0.0
+            });
+            if outside || sum >= 0.0 {
                 continue;
             }
             let share = a.dot(&b.cross(&c)) / sum;

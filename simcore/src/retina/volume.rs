@@ -28,8 +28,12 @@ pub fn at(state: &MembraneState, node: u32) -> Vector3<f64> {
 
 /// Volume under one triangle, mm³; 0 where a node lies in the eye's centre.
 pub fn under_triangle(corners: &[Vector3<f64>; 3], radius_mm: f64) -> f64 {
-    let [a, b, c] = corners;
-    let lengths = a.norm() * b.norm() * c.norm();
+    under_corners(corners, corners.each_ref().map(Vector3::norm), radius_mm)
+}
+
+/// The same for corners whose distances from the eye's centre are known.
+pub fn under_corners([a, b, c]: &[Vector3<f64>; 3], distances_mm: [f64; 3], radius_mm: f64) -> f64 {
+    let lengths = distances_mm[0] * distances_mm[1] * distances_mm[2];
     let whole = det(a, b, c);
     if lengths > 0.0 { whole * (1.0 - radius_mm * radius_mm * radius_mm / lengths) / 6.0 } else { 0.0 }
 }

@@ -96,10 +96,14 @@ impl Needle {
         }
         let from = self.tip_in_eye_mm - a;
         let u = from.dot(&across) / determinant;
+        // Most triangles are passed over here.
+        if !(0.0..=1.0).contains(&u) {
+            return None;
+        }
         let along = from.cross(&ab);
         let v = self.axis_in_eye.dot(&along) / determinant;
         let s = ac.dot(&along) / determinant;
-        (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && s > 0.0).then_some((s, [1.0 - u - v, u, v]))
+        (v >= 0.0 && u + v <= 1.0 && s > 0.0).then_some((s, [1.0 - u - v, u, v]))
     }
 
     fn penetration(
