@@ -1,5 +1,5 @@
 //! A recording simulated again, in one go and without the other processes: every step from the recorded poses, handles and
-//! pedal, written as a recording of poses, steps and events. Pure but for the two files; the same bits as in the live run.
+//! pedal, written as a recording of poses, steps and events that is read once. Pure but for the two files; the same bits as in the live run.
 
 use crate::resume::Past;
 use crate::world::World;
@@ -26,8 +26,8 @@ pub fn run(file: &Path, out: &Path) -> anyhow::Result<Again> {
     let recording = Recording::open(file)?;
     let provenance = recording.provenance();
     let scene = SceneFile::parse(&provenance.scene_toml, &file.display().to_string()).context("its scene")?;
-    let mut world = World::new(&scene).context("scene")?;
-    let mut writer = Writer::create(out, provenance)?;
+    let mut world = World::new(&scene).context("scene")?.unseen();
+    let mut writer = Writer::scratch(out, provenance)?;
     let (mut past, mut again) = (Past::default(), Again::default());
     for item in recording.items_of(&TOPICS) {
         let Ok((_, item)) = item else { break };

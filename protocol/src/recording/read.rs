@@ -222,7 +222,10 @@ mod tests {
     }
 
     fn written(path: &Path, items: &[Item]) {
-        let mut writer = Writer::create(path, &provenance()).unwrap();
+        write(Writer::create(path, &provenance()).unwrap(), items);
+    }
+
+    fn write(mut writer: Writer, items: &[Item]) {
         for (i, item) in items.iter().enumerate() {
             writer.write(1000 + i as u64, item).unwrap();
         }
@@ -255,14 +258,18 @@ mod tests {
             let directory = tempfile::tempdir().unwrap();
             let path = directory.path().join("a.mcap");
             written(&path, &items);
-            let recording = Recording::open(&path).unwrap();
-            prop_assert!(recording.is_finished());
-            prop_assert_eq!(recording.provenance(), &provenance());
-            let back: Vec<_> = recording.items().collect::<Result<_, _>>().unwrap();
-            prop_assert_eq!(back.len(), items.len());
-            for (i, ((time, item), original)) in back.iter().zip(&items).enumerate() {
-                prop_assert_eq!(*time, 1000 + i as u64);
-                prop_assert_eq!(bits(item), bits(original));
+            let scratch = directory.path().join("scratch.mcap");
+            write(Writer::scratch(&scratch, &provenance()).unwrap(), &items);
+            for path in [&path, &scratch] {
+                let recording = Recording::open(path).unwrap();
+                prop_assert!(recording.is_finished());
+                prop_assert_eq!(recording.provenance(), &provenance());
+                let back: Vec<_> = recording.items().collect::<Result<_, _>>().unwrap();
+                prop_assert_eq!(back.len(), items.len());
+                for (i, ((time, item), original)) in back.iter().zip(&items).enumerate() {
+                    prop_assert_eq!(*time, 1000 + i as u64);
+                    prop_assert_eq!(bits(item), bits(original));
+                }
             }
         }
 

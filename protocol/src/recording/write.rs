@@ -24,7 +24,8 @@ pub struct Writer {
     file: String,
     mcap: mcap::Writer<BufWriter<File>>,
     channels: [u16; Item::TOPICS.len()],
-    viewers: [u16; display::TOPICS.len()],
+    /// Channels of the forms for viewers; none in a file that nobody looks at.
+    viewers: Option<[u16; display::TOPICS.len()]>,
     sequences: BTreeMap<u16, u32>,
     buffer: Vec<u8>,
     /// When [`Writer::keep_up`] first saw the open chunk.
@@ -35,6 +36,15 @@ pub struct Writer {
 impl Writer {
     /// Makes the file (an old one is overwritten) and writes the provenance at its start.
     pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
+        Self::begin(path, provenance, true)
+    }
+
+    /// The same for a file that is read once and thrown away: not compressed, and without what only viewers need.
+    pub fn scratch(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
+        Self::begin(path, provenance, false)
+    }
+
+    fn begin(path: &Path, provenance: &Provenance, lasting: bool) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
         let io = |problem| RecordingError::Io { file: file.clone(), problem };
         let target = BufWriter::with_capacity(64 << 10, File::create(path).map_err(io)?);
@@ -43,7 +53,7 @@ impl Writer {
         let options = WriteOptions::new()
             .profile(PROFILE)
             .library(format!("vitreo {}", env!("CARGO_PKG_VERSION")))
-            .compression(Some(Compression::Zstd))
+            .compression(lasting.then_some(Compression::Zstd))
             .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(true);
         let mut mcap = options.create(target).map_err(fail)?;
@@ -52,6 +62,7 @@ impl Writer {
         let (channels, viewers) = add_channels(&mut mcap).map_err(fail)?;
         mcap.flush().map_err(fail)?;
         let (sequences, buffer) = (BTreeMap::new(), Vec::new());
+        let viewers = lasting.then_some(viewers);
         Ok(Writer { file, mcap, channels, viewers, sequences, buffer, open_since: None, open: false })
     }
 
@@ -61,9 +72,10 @@ impl Writer {
         self.buffer.clear();
         record::encode(item, &mut self.buffer);
         self.append(self.channels[item.topic_index()], log_time_ns)?;
+        let Some(viewers) = self.viewers else { return Ok(()) };
         self.buffer.clear();
         if let Some(viewer) = display::encode(item, &mut self.buffer) {
-            self.append(self.viewers[viewer], log_time_ns)?;
+            self.append(viewers[viewer], log_time_ns)?;
         }
         Ok(())
     }

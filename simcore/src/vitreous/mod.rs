@@ -58,6 +58,8 @@ pub struct Vitreous {
     finder: Finder,
     relaxer: Relaxer,
     haze: Haze,
+    /// Somebody draws the densities.
+    seen: bool,
     how: Relaxation,
     rows: u32,
     slip_um: i16,
@@ -84,6 +86,7 @@ impl Vitreous {
             finder: Finder::new(&lattice),
             relaxer: Relaxer::default(),
             haze: Haze::new(&lattice),
+            seen: true,
             how: Relaxation { share: relaxation.share as f32, rest_weight: relaxation.rest_weight as f32 },
             rows: relaxation.rows,
             slip_um: (vitreous.slip_mm * 1e3) as i16,
@@ -262,8 +265,16 @@ impl Vitreous {
         traction
     }
 
-    /// Brings the densities up to date; returns how many bricks changed.
+    /// Leaves the densities as they are from now on: nobody draws them.
+    pub fn leave_unseen(&mut self) {
+        self.seen = false;
+    }
+
+    /// Brings the densities up to date, if anybody draws them; returns how many bricks changed.
     pub fn draw(&mut self, state: &VitreousState) -> usize {
+        if !self.seen {
+            return 0;
+        }
         let (haze, lattice) = (&mut self.haze, &self.lattice);
         drain(&mut self.changed, |row| haze.follow(lattice, state, row));
         haze.write()

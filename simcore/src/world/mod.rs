@@ -235,6 +235,14 @@ impl World {
         Ok(world)
     }
 
+    /// The same world, of which nobody will draw a picture: what only pictures need is left out. It changes no state.
+    pub fn unseen(mut self) -> Self {
+        if let Some(gel) = &mut self.vitreous {
+            gel.leave_unseen();
+        }
+        self
+    }
+
     /// Chooses who looks for collisions with the membrane; `None` where there is none. It changes no result.
     pub fn choose_collision(&mut self, wanted: Backend, clock: &mut dyn FnMut() -> u64) -> Option<Choice> {
         let zcoll = self.zcoll.as_mut()?;
