@@ -28,15 +28,12 @@ use super::figures::{
     EXCHANGE_MM3_S, Figures, LARGEST_LOSS, OPEN_LAG_S, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES,
 };
 use super::state::{Bleb, RetinaState};
-use super::volume::{add_push, at, slope, under_corners, under_triangle};
+use super::volume::{Block, at, slope, under_triangle};
 use super::{Retina, front};
 use crate::constants::SUBSTEP_S;
 use nalgebra::Vector3;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
-
-/// No distance.
-const UNKNOWN: f64 = -1.0;
 
 impl Retina {
     /// Lets fluid in through needles at `pressure_pa` (`None`: not through this one) and out through holes and tears, for one substep.
@@ -127,7 +124,8 @@ impl Retina {
                     continue;
                 }
             }
-            let lambda = self.correct(state, bleb, Some(SUBSTEP_S));
+            let missing = self.gather(state, bleb);
+            let lambda = self.correct(state, bleb, missing, Some(SUBSTEP_S));
             let pressure_pa = lambda * self.figures.scene.node_mass_g / (SUBSTEP_S * SUBSTEP_S);
             let kept = &mut state.blebs[bleb].pressure_pa;
             *kept += (pressure_pa - *kept) * (SUBSTEP_S / PRESSURE_S);
@@ -142,8 +140,8 @@ impl Retina {
             }
             for _ in 0..VOLUME_TRIES {
                 self.clear_push();
-                let error = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
-                if error.abs() <= VOLUME_ERROR_MM3 || self.correct(state, bleb, None) == 0.0 {
+                let missing = self.gather(state, bleb);
+                if missing.abs() <= VOLUME_ERROR_MM3 || self.correct(state, bleb, missing, None) == 0.0 {
                     break;
                 }
             }
@@ -165,11 +163,10 @@ impl Retina {
         }
     }
 
-    /// Moves the free nodes of a bleb along their push until its volume is right to first order; with `dt_s` their velocities too, but of an
+    /// Moves the free nodes of a bleb along the gathered push until the `missing` volume is there to first order, mm³; with `dt_s` their velocities too, but of an
     /// open bleb only where that is stable. Returns λ, 1/mm; 0 where nothing can yield, or no pressure holds it.
-    fn correct(&mut self, state: &mut RetinaState, bleb: usize, dt_s: Option<f64>) -> f64 {
+    fn correct(&mut self, state: &mut RetinaState, bleb: usize, mut missing: f64, dt_s: Option<f64>) -> f64 {
         let radius = self.figures.radius_mm;
-        let mut missing = state.blebs[bleb].volume_mm3 - self.gather(state, bleb);
         let steady = !self.pieces.open[bleb] || self.is_steady(state, bleb, missing);
         if !steady {
             missing = self.let_air_under(state, bleb, missing);
@@ -197,30 +194,14 @@ impl Retina {
         if steady || dt_s.is_none() { lambda } else { 0.0 }
     }
 
-    /// Adds up the push on the nodes of a bleb; returns the volume under it, mm³.
+    /// Adds up the push on the nodes of a bleb; returns what is missing of its volume, mm³.
     fn gather(&mut self, state: &RetinaState, bleb: usize) -> f64 {
-        let mut measured = 0.0;
-        // A node is a corner of six triangles, and a root is the dearest thing here.
-        let mut distances = std::mem::take(&mut self.distances_mm);
-        distances.fill(UNKNOWN);
-        for &t in self.pieces.triangles_of(bleb) {
-            if !self.spans(state, bleb, t) {
-                continue;
-            }
-            let nodes = &self.sheet.triangles[t as usize];
-            let corners = nodes.map(|n| at(&state.tissue, n));
-            let known: [f64; 3] = std::array::from_fn(|i| {
-                let distance = &mut distances[nodes[i] as usize];
-                if *distance == UNKNOWN {
-                    *distance = corners[i].norm();
-                }
-                *distance
-            });
-            measured += under_corners(&corners, known, self.figures.radius_mm);
-            add_push(&mut self.push, nodes, &corners);
-        }
-        self.distances_mm = distances;
-        measured
+        let mut push = std::mem::take(&mut self.push);
+        let triangles = self.pieces.triangles_of(bleb).iter().filter(|&&t| self.spans(state, bleb, t));
+        let triangles = triangles.map(|&t| &self.sheet.triangles[t as usize]);
+        let measured = Block::gather(self.simd, &state.tissue, triangles, self.figures.radius_mm, &mut push);
+        self.push = push;
+        state.blebs[bleb].volume_mm3 - measured
     }
 
     /// True if a node gives way to what is missing: one on the choroid cannot downwards. One nanometre tells lying from hovering.

@@ -92,8 +92,7 @@ pub struct Retina {
     begun: RetinaState,
     /// Force of a pressure of 1 Pa on each node, µN.
     push: Vec<Vector3<f64>>,
-    /// Distance of each node from the eye's centre while a bleb's push is gathered, mm.
-    distances_mm: Vec<f64>,
+    simd: pulp::Arch,
     /// Force on each front node, and where the bleb lies seen from it.
     front_force: Vec<[Vector3<f64>; 2]>,
     /// What each front node and its neighbours carry: µN away from the choroid, µN along it, mm of rim.
@@ -131,7 +130,7 @@ impl Retina {
             fixed,
             begun: state.clone(),
             push: vec![Vector3::zeros(); sheet.nodes()],
-            distances_mm: vec![0.0; sheet.nodes()],
+            simd: pulp::Arch::new(),
             front_force: Vec::with_capacity(sheet.structural),
             front_load: Vec::with_capacity(sheet.structural),
             front_sum: Vec::with_capacity(sheet.structural),

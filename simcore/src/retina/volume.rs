@@ -28,12 +28,8 @@ pub fn at(state: &MembraneState, node: u32) -> Vector3<f64> {
 
 /// Volume under one triangle, mm³; 0 where a node lies in the eye's centre.
 pub fn under_triangle(corners: &[Vector3<f64>; 3], radius_mm: f64) -> f64 {
-    under_corners(corners, corners.each_ref().map(Vector3::norm), radius_mm)
-}
-
-/// The same for corners whose distances from the eye's centre are known.
-pub fn under_corners([a, b, c]: &[Vector3<f64>; 3], distances_mm: [f64; 3], radius_mm: f64) -> f64 {
-    let lengths = distances_mm[0] * distances_mm[1] * distances_mm[2];
+    let [a, b, c] = corners;
+    let lengths = a.norm() * b.norm() * c.norm();
     let whole = det(a, b, c);
     if lengths > 0.0 { whole * (1.0 - radius_mm * radius_mm * radius_mm / lengths) / 6.0 } else { 0.0 }
 }
@@ -47,10 +43,96 @@ pub fn under<'a>(
     triangles.into_iter().map(|t| under_triangle(&t.map(|n| at(state, n)), radius_mm)).sum()
 }
 
-/// Adds to `push` (one entry a node) what a pressure of 1 Pa does to the corners of a triangle, µN: the area vector's third.
-pub fn add_push(push: &mut [Vector3<f64>], nodes: &[u32; 3], corners: &[Vector3<f64>; 3]) {
-    for i in 0..3 {
-        push[nodes[i] as usize] += corners[(i + 1) % 3].cross(&corners[(i + 2) % 3]) / 6.0;
+/// Triangles that are computed together.
+const TOGETHER: usize = 8;
+
+/// Some triangles side by side: corners, then axes, mm; and of each the volume under it, as [`under_triangle`] has
+/// it to the bit, and what a pressure of 1 Pa does to its corners, µN: a third of the area vector, seen from the eye's centre.
+#[derive(Debug, Default)]
+pub struct Block {
+    count: usize,
+    nodes: [[u32; 3]; TOGETHER],
+    corner: [[[f64; TOGETHER]; 3]; 3],
+    radius_mm: f64,
+    under: [f64; TOGETHER],
+    push: [[[f64; TOGETHER]; 3]; 3],
+}
+
+impl Block {
+    /// Goes through `triangles`: adds to `push`, and returns the volume under them, mm³. Both in the order of the triangles.
+    pub fn gather<'a>(
+        simd: pulp::Arch,
+        state: &MembraneState,
+        triangles: impl Iterator<Item = &'a [u32; 3]>,
+        radius_mm: f64,
+        push: &mut [Vector3<f64>],
+    ) -> f64 {
+        let (mut block, mut volume) = (Block { radius_mm, ..Block::default() }, 0.0);
+        for nodes in triangles {
+            block.put(state, nodes);
+            if block.count == TOGETHER {
+                simd.dispatch(Gather(&mut block));
+                volume = block.take(volume, push);
+            }
+        }
+        simd.dispatch(Gather(&mut block));
+        block.take(volume, push)
+    }
+
+    fn put(&mut self, state: &MembraneState, nodes: &[u32; 3]) {
+        self.nodes[self.count] = *nodes;
+        for (corner, &node) in self.corner.iter_mut().zip(nodes) {
+            for (to, from) in corner.iter_mut().zip(&state.position_mm) {
+                to[self.count] = f64::from(from[node as usize]);
+            }
+        }
+        self.count += 1;
+    }
+
+    /// Empties the block; returns `volume` with what it held.
+    fn take(&mut self, mut volume: f64, push: &mut [Vector3<f64>]) -> f64 {
+        for i in 0..std::mem::take(&mut self.count) {
+            volume += self.under[i];
+            for (corner, &node) in self.push.iter().zip(&self.nodes[i]) {
+                push[node as usize] += Vector3::new(corner[0][i], corner[1][i], corner[2][i]);
+            }
+        }
+        volume
+    }
+}
+
+/// Plain loops over numbers, so that the compiler takes all triangles of a block at a time.
+struct Gather<'a>(&'a mut Block);
+
+impl pulp::NullaryFnOnce for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Block { corner, radius_mm, under, push, .. } = self.0;
+        let whole_eye = *radius_mm * *radius_mm * *radius_mm;
+        let mut lengths = [1.0; TOGETHER];
+        for [x, y, z] in corner.iter() {
+            for i in 0..TOGETHER {
+                lengths[i] *= (x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt();
+            }
+        }
+        let mut whole = [0.0; TOGETHER];
+        for n in 0..3 {
+            let (b, c) = (&corner[(n + 1) % 3], &corner[(n + 2) % 3]);
+            for axis in 0..3 {
+                let (j, k) = ((axis + 1) % 3, (axis + 2) % 3);
+                for i in 0..TOGETHER {
+                    let across = b[j][i] * c[k][i] - b[k][i] * c[j][i];
+                    push[n][axis][i] = across / 6.0;
+                    whole[i] += if n == 0 { corner[0][axis][i] * across } else { 0.0 };
+                }
+            }
+        }
+        for i in 0..TOGETHER {
+            let volume = whole[i] * (1.0 - whole_eye / lengths[i]) / 6.0;
+            under[i] = if lengths[i] > 0.0 { volume } else { 0.0 };
+        }
     }
 }
 
@@ -100,9 +182,11 @@ impl Cap {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Retina;
     use super::super::mesh::hemisphere;
     use super::*;
     use proptest::prelude::*;
+    use protocol::scene_file::SceneFile;
 
     const R: f64 = 11.5;
 
@@ -128,6 +212,41 @@ mod tests {
         let nodes = p[0].len();
         let at = |n: usize| Vector3::from(p.each_ref().map(|axis| f64::from(axis[n])));
         ((0..nodes).map(|n| move_up(at(n))).collect(), t)
+    }
+
+    /// What a pressure of 1 Pa does to the corners of a triangle, µN.
+    fn add_push(push: &mut [Vector3<f64>], nodes: &[u32; 3], corners: &[Vector3<f64>; 3]) {
+        for i in 0..3 {
+            push[nodes[i] as usize] += corners[(i + 1) % 3].cross(&corners[(i + 2) % 3]) / 6.0;
+        }
+    }
+
+    #[test]
+    fn triangles_together_give_the_bits_of_each_alone() {
+        let mut scene = SceneFile::load("relocation").unwrap();
+        scene.retina.as_mut().unwrap().rings = 9;
+        let (retina, state) = Retina::new(&scene).unwrap().unwrap();
+        let (sheet, mut tissue) = (&retina.sheet, state.tissue);
+        for (i, z) in tissue.position_mm[2].iter_mut().enumerate() {
+            *z += 0.01 * (i % 13) as f32;
+        }
+        // A corner in the eye's centre: no volume, but a push.
+        tissue.set_position(7, Vector3::zeros());
+        for count in [0, 1, 7, 8, 9, sheet.triangles.len()] {
+            let zeros = || vec![Vector3::zeros(); sheet.nodes()];
+            let (mut push, mut alone, mut volume) = (zeros(), zeros(), 0.0);
+            for nodes in &sheet.triangles[..count] {
+                let corners = nodes.map(|n| at(&tissue, n));
+                volume += under_triangle(&corners, R);
+                add_push(&mut alone, nodes, &corners);
+            }
+            for simd in [pulp::Arch::new(), pulp::Arch::Scalar] {
+                push.fill(Vector3::zeros());
+                let found = Block::gather(simd, &tissue, sheet.triangles[..count].iter(), R, &mut push);
+                assert_eq!(found.to_bits(), f64::to_bits(volume), "{count} triangles");
+                assert_eq!(push, alone);
+            }
+        }
     }
 
     fn measured(rings: u32, cap: Cap) -> f64 {

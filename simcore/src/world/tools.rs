@@ -81,16 +81,16 @@ impl World {
             }
             return true;
         }
+        let (resistance, limit) =
+            (self.resistance_un(zcoll, &needle.axis_in_eye), self.figures.needle.pierce_un);
+        if resistance <= limit {
+            return false;
+        }
         let surface = self.state.membrane.surface(&self.sheet);
         // A look in every substep keeps the sheet just ahead of the tip that presses on it: the tip's point lies there, too.
         let ahead = needle.tip_in_eye_mm - needle.axis_in_eye.into_inner() * NEEDLE_OUT_MM;
         let inside = Needle { tip_in_eye_mm: ahead, ..needle }.in_mesh(&surface, self.volume.depth_mm);
-        let resistance = self.resistance_un(zcoll, &needle.axis_in_eye);
         let Some(place) = inside.and_then(|p| p.place) else { return false };
-        let limit = self.figures.needle.pierce_un;
-        if resistance <= limit {
-            return false;
-        }
         let hole = Pierced { triangle: place.triangle, weights: place.weights };
         self.state.instruments[i].pierced = Some(hole);
         let event = Happening::new(EventKind::MembranePierced, Severity::Info, resistance);
