@@ -51,7 +51,7 @@ test: setup ## Format, lint, build and run every check
 	cargo build --workspace
 	cargo test --workspace
 
-soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (hours; SOAK="--programmes 20")
+soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (three quarters of an hour on two cores; SOAK="--programmes 20")
 	cargo run --release -p simcore --example soak -- $(SOAK)
 
 setup-python:
@@ -83,7 +83,8 @@ bench-score: setup ## Measure how fast recordings are scored on one core, withou
 	for m in $(SCORED); do \
 		$(RELEASE) run --module $$m --no-picture --direct --instance bench --record out/score/$$m.mcap >/dev/null || exit 1; done
 	for how in "" --resimulate; do for m in $(SCORED); do \
-		$(RELEASE) score out/score/$$m.mcap --jobs 1 --csv out/score/$$m.csv $$how || exit 1; done; done
+		$(RELEASE) score out/score/$$m.mcap --jobs 1 --csv out/score/$$m.csv $$how || exit 1; done; \
+		$(RELEASE) score $(SCORED:%=out/score/%.mcap) --jobs 1 --csv out/score/all.csv $$how || exit 1; done
 
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
 	cargo run --release -p simcore --example validation
