@@ -97,11 +97,13 @@ impl Curl {
         let mut block = Hinges::default();
         let mut acting = self.acting(membrane, glue);
         loop {
-            let mut count = 0;
             let mut taken = [None; WIDE];
-            for (i, hinge) in acting.by_ref().take(WIDE).enumerate() {
+            for ((i, slot), hinge) in taken.iter_mut().enumerate().zip(&mut acting) {
                 hinge.put(membrane, &mut block, i);
-                (taken[i], count) = (Some(hinge), i + 1);
+                *slot = Some(hinge);
+            }
+            if taken[0].is_none() {
+                return;
             }
             let open = block.bend(self.isa, &limits);
             // In the order of the hinges, so that sums do not depend on how many are computed at a time.
@@ -111,9 +113,6 @@ impl Curl {
                 } else {
                     hinge.bend(membrane, self.most_un_per_mm, outer_un);
                 }
-            }
-            if count < WIDE {
-                return;
             }
         }
     }

@@ -163,23 +163,29 @@ impl Retina {
         }
     }
 
-    /// Moves the free nodes of a bleb along the gathered push until the `missing` volume is there to first order, mm³; with `dt_s` their velocities too, but of an
-    /// open bleb only where that is stable. Returns λ, 1/mm; 0 where nothing can yield, or no pressure holds it.
-    fn correct(&mut self, state: &mut RetinaState, bleb: usize, mut missing: f64, dt_s: Option<f64>) -> f64 {
+    /// Moves the free nodes of a bleb along the gathered push until the missing volume is there to first order; with `dt_s` their velocities
+    /// too, but of an open bleb only where that is stable. Returns λ, 1/mm; 0 where nothing can yield, or no pressure holds it.
+    fn correct(
+        &mut self,
+        state: &mut RetinaState,
+        bleb: usize,
+        mut missing_mm3: f64,
+        dt_s: Option<f64>,
+    ) -> f64 {
         let radius = self.figures.radius_mm;
-        let steady = !self.pieces.open[bleb] || self.is_steady(state, bleb, missing);
+        let steady = !self.pieces.open[bleb] || self.is_steady(state, bleb, missing_mm3);
         if !steady {
-            missing = self.let_air_under(state, bleb, missing);
+            missing_mm3 = self.let_air_under(state, bleb, missing_mm3);
         }
         let (mut yields, mut longest2) = (0.0, 0.0);
         for &n in self.pieces.nodes_of(bleb) {
-            if self.yields(state, n, missing) {
+            if self.yields(state, n, missing_mm3) {
                 let square = self.push[n as usize].norm_squared();
                 yields += square;
                 longest2 = if square > longest2 { square } else { longest2 };
             }
         }
-        let lambda = missing / yields;
+        let lambda = missing_mm3 / yields;
         if !lambda.is_finite() {
             return 0.0;
         }

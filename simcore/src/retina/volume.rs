@@ -75,7 +75,9 @@ impl Block {
                 volume = block.take(volume, push);
             }
         }
-        simd.dispatch(Gather(&mut block));
+        if block.count > 0 {
+            simd.dispatch(Gather(&mut block));
+        }
         block.take(volume, push)
     }
 
