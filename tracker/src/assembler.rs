@@ -13,6 +13,10 @@
 //! field that comes after its frame was closed goes into the next one. A camera that has been silent
 //! for several periods is not waited for until it speaks again.
 
+mod refusal;
+
+pub use refusal::Refusal;
+
 use crate::tracker::Reference;
 use protocol::blobs::BlobField;
 use protocol::limits::{CAMERA_WAIT_NS, MAX_CAMERAS, MAX_FIELDS_USED};
@@ -27,30 +31,6 @@ const GENLOCK_NS: u64 = 500_000;
 const ALIVE_PERIODS: u64 = 4;
 /// So many fields of one camera in a row that seem old mean that its clock was set back.
 const CLOCK_SET_BACK: u32 = 25;
-
-/// Why a field was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Refusal {
-    /// The rig has no such camera.
-    #[error("camera {0} is not in the rig")]
-    UnknownCamera(u32),
-    /// The numbers make no sense.
-    #[error("the field's numbers make no sense")]
-    Invalid,
-    /// The same field again, or one older than this camera's last.
-    #[error("camera {camera}: exposure {exposed_ns} ns is not after its last one, {last_ns} ns")]
-    NotNewer {
-        /// Camera id.
-        camera: u32,
-        /// Of the field refused.
-        exposed_ns: Nanos,
-        /// Of the last field taken.
-        last_ns: Nanos,
-    },
-    /// Exposed after it was received.
-    #[error("camera {0}: exposed in the future")]
-    FromTheFuture(u32),
-}
 
 /// What the assembler knows of a camera.
 #[derive(Debug, Clone, Copy, Default)]

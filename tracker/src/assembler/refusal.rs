@@ -1,0 +1,27 @@
+//! What is wrong with a field that no frame is made of.
+
+use protocol::time::Nanos;
+
+/// Why a field was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// The rig has no such camera.
+    #[error("camera {0} is not in the rig")]
+    UnknownCamera(u32),
+    /// The numbers make no sense.
+    #[error("the field's numbers make no sense")]
+    Invalid,
+    /// The same field again, or one older than this camera's last.
+    #[error("camera {camera}: exposure {exposed_ns} ns is not after its last one, {last_ns} ns")]
+    NotNewer {
+        /// Camera id.
+        camera: u32,
+        /// Of the field refused.
+        exposed_ns: Nanos,
+        /// Of the last field taken.
+        last_ns: Nanos,
+    },
+    /// Exposed after it was received.
+    #[error("camera {0}: exposed in the future")]
+    FromTheFuture(u32),
+}
