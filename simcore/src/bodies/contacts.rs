@@ -10,6 +10,20 @@ use protocol::limits::INSTRUMENTS;
 /// A contact may hold that is so far from closing, mm: it keeps a resting body's friction from flickering.
 const TOUCH_MM: f64 = 1e-4;
 
+/// Contacts that are taken together at most.
+pub(super) const TOGETHER: usize = 4;
+
+/// How many of the first contacts have no body in common: in which order they are pushed apart makes no difference.
+pub(super) fn apart(contacts: &[Contact]) -> usize {
+    let bodies = |c: &Contact| {
+        let other = if let Party::Body(other) = c.other { Some(other) } else { None };
+        std::iter::once(c.body).chain(other)
+    };
+    let shared = |i: &usize| bodies(&contacts[*i]).any(|b| contacts[..*i].iter().flat_map(bodies).any(|a| a == b));
+    let most = contacts.len().min(TOGETHER);
+    (1..most).find(shared).unwrap_or(most)
+}
+
 /// One party of a contact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Party {
@@ -35,6 +49,8 @@ pub(super) struct Contact {
     /// What resistance to rolling has used of its share, g·mm².
     pub(super) rolled: f64,
     pub(super) friction: f64,
+    /// Contacts of its body before it.
+    turn: u32,
 }
 
 /// A contact that parry3d found between two parties at these poses. It lies at the other's deepest point; its counterpart is on the body's surface.
@@ -57,6 +73,7 @@ fn contact(
         rubbed: 0.0,
         rolled: 0.0,
         friction,
+        turn: 0,
     }
 }
 
@@ -84,6 +101,21 @@ impl BodySolver {
                 self.find_pair([b, other], [&body.eye_from_body, &pose.eye_from_body]);
             }
         }
+        self.interleave();
+    }
+
+    /// Takes contacts of the bodies in turn where no two bodies touch: nothing comes out differently, and more of them are
+    /// [`apart`].
+    fn interleave(&mut self) {
+        if self.contacts.iter().any(|c| matches!(c.other, Party::Body(_))) {
+            return;
+        }
+        let (mut turn, mut last) = (0, None);
+        for contact in &mut self.contacts {
+            turn = if last == Some(contact.body) { turn + 1 } else { 0 };
+            (contact.turn, last) = (turn, Some(contact.body));
+        }
+        self.contacts.sort_by_key(|c| c.turn);
     }
 
     fn find_retina(&mut self, b: usize, body: &BodyState, retina_radius_mm: f64) {
@@ -107,6 +139,7 @@ impl BodySolver {
                 rubbed: 0.0,
                 rolled: 0.0,
                 friction: model.friction,
+                turn: 0,
             });
         }
     }

@@ -1,7 +1,7 @@
 //! What a contact does to its parties: pushes them apart by their generalised inverse masses, and takes back what would slide or
 //! roll, as far as friction holds it (Coulomb, on positions).
 
-use super::contacts::{Contact, Party};
+use super::contacts::{Contact, Party, TOGETHER};
 use super::motion::turned;
 use super::solve::{BodySolver, Hand, Surroundings};
 use super::state::BodyState;
@@ -12,55 +12,81 @@ use protocol::limits::INSTRUMENTS;
 /// on slopes up to 14°, which is as far as 2.8 mm from the bottom of an eye; soft tissue resists more than glass.
 pub(super) const ROLLING_MM: f64 = 0.1;
 
+/// Where the parties of a contact are at the begin of a round.
+#[derive(Debug, Clone, Copy, Default)]
+struct Meet {
+    /// The body's point, eye frame, mm.
+    p: Point3<f64>,
+    /// Its counterpart's.
+    q: Point3<f64>,
+    /// Where that was at the begin of the substep, if it moves.
+    q_before: Option<Point3<f64>>,
+}
+
 impl BodySolver {
-    /// Pushes a contact apart, and takes back sliding as far as friction holds.
+    /// Pushes contacts apart, and takes back sliding as far as friction holds. No body is in two of them, so all may go through
+    /// each stage together: one is a long chain of roots and quotients, which a processor computes beside the others'.
     pub(super) fn separate(
         &self,
         bodies: &mut [BodyState],
-        contact: &mut Contact,
+        contacts: &mut [Contact],
         hands: &[Hand; INSTRUMENTS],
         around: &Surroundings,
     ) {
-        let b = contact.body;
-        let p = bodies[b].eye_from_body * contact.in_body;
-        let (q, q_before) = match contact.other {
-            Party::Retina => {
-                // The nearest point of the sphere to where the body is now.
-                let far = p.coords.norm();
-                contact.normal = if far > 1e-9 { -p.coords / far } else { contact.normal };
-                let q = Point3::from(-contact.normal * around.retina_radius_mm);
-                (q, q)
-            }
-            Party::Hand(h) => (hands[h].pose * contact.in_other, hands[h].before * contact.in_other),
-            Party::Body(other) => (
-                bodies[other].eye_from_body * contact.in_other,
-                self.before[other].eye_from_body * contact.in_other,
-            ),
-        };
-        let depth = (q - p).dot(&contact.normal);
-        if depth > 0.0 {
-            contact.push += self.shift(bodies, contact, [p, q], contact.normal * depth);
+        let mut meets = [Meet::default(); TOGETHER];
+        for (meet, contact) in meets.iter_mut().zip(&mut *contacts) {
+            *meet = self.meet(bodies, contact, hands, around);
         }
-        if contact.push > 0.0 {
-            self.resist_rolling(&mut bodies[b], contact);
-            let still = if contact.other == Party::Retina { None } else { Some(q_before) };
-            self.rub(bodies, contact, hands, q, still);
+        for (meet, contact) in meets.iter().zip(&mut *contacts) {
+            let depth = (meet.q - meet.p).dot(&contact.normal);
+            if depth > 0.0 {
+                contact.push += self.shift(bodies, contact, [meet.p, meet.q], contact.normal * depth);
+            }
+        }
+        for contact in contacts.iter_mut().filter(|c| c.push > 0.0 && c.other == Party::Retina) {
+            self.resist_rolling(&mut bodies[contact.body], contact);
+        }
+        for (meet, contact) in meets.iter().zip(&mut *contacts).filter(|(_, c)| c.push > 0.0) {
+            self.rub(bodies, contact, hands, meet);
         }
     }
 
-    /// Takes back what slides, as far as friction holds. `q` is the counterpart's point, `q_before` where it was if it moves.
+    /// Where the parties are; turns the normal of a contact with the retina to the point of the sphere nearest to where the body is now.
+    fn meet(
+        &self,
+        bodies: &[BodyState],
+        contact: &mut Contact,
+        hands: &[Hand; INSTRUMENTS],
+        around: &Surroundings,
+    ) -> Meet {
+        let p = bodies[contact.body].eye_from_body * contact.in_body;
+        let (q, q_before) = match contact.other {
+            Party::Retina => {
+                let far = p.coords.norm();
+                contact.normal = if far > 1e-9 { -p.coords / far } else { contact.normal };
+                (Point3::from(-contact.normal * around.retina_radius_mm), None)
+            }
+            Party::Hand(h) => (hands[h].pose * contact.in_other, Some(hands[h].before * contact.in_other)),
+            Party::Body(other) => (
+                bodies[other].eye_from_body * contact.in_other,
+                Some(self.before[other].eye_from_body * contact.in_other),
+            ),
+        };
+        Meet { p, q, q_before }
+    }
+
+    /// Takes back what slides, as far as friction holds.
     fn rub(
         &self,
         bodies: &mut [BodyState],
         contact: &mut Contact,
         hands: &[Hand; INSTRUMENTS],
-        q: Point3<f64>,
-        q_before: Option<Point3<f64>>,
+        meet: &Meet,
     ) {
         let b = contact.body;
         let p_before = self.before[b].eye_from_body * contact.in_body;
-        let (p, q) = self.places(bodies, contact, hands, q);
-        let way = (p - p_before) - q_before.map_or(Vector3::zeros(), |before| q - before);
+        let (p, q) = self.places(bodies, contact, hands, meet.q);
+        let way = (p - p_before) - meet.q_before.map_or(Vector3::zeros(), |before| q - before);
         let sliding = way - contact.normal * way.dot(&contact.normal);
         let slid = sliding.norm();
         let left = contact.friction * contact.push - contact.rubbed;
@@ -81,16 +107,18 @@ impl BodySolver {
             return;
         }
         // What the friction could take back at most, for this direction's mobility.
-        let most = left * self.mobility(bodies, contact, [p, q], &(sliding / slid));
-        let back = if slid > most { most / slid } else { 1.0 };
-        contact.rubbed += self.shift(bodies, contact, [p, q], -sliding * back);
+        let along = sliding / slid;
+        let mobility = self.mobility(bodies, contact, [p, q], &along);
+        let most = left * mobility;
+        contact.rubbed += if slid > most {
+            self.shift(bodies, contact, [p, q], -sliding * (most / slid))
+        } else {
+            self.give(bodies, contact, [p, q], -along, slid / mobility)
+        };
     }
 
     /// Takes back rolling on the retina, with a moment of at most [`ROLLING_MM`] times the push: a ball stays where it lies on a gentle slope.
     fn resist_rolling(&self, body: &mut BodyState, contact: &mut Contact) {
-        if contact.other != Party::Retina {
-            return;
-        }
         let model = &self.models[contact.body];
         let before = &self.before[contact.body].eye_from_body.rotation;
         let turn = body.eye_from_body.rotation * before.inverse();
@@ -157,6 +185,18 @@ impl BodySolver {
         }
         let along = way / size;
         let push = size / self.mobility(bodies, contact, [p, q], &along);
+        self.give(bodies, contact, [p, q], along, push)
+    }
+
+    /// Gives both parties a push, g·mm, the body's along `along`; returns it.
+    fn give(
+        &self,
+        bodies: &mut [BodyState],
+        contact: &Contact,
+        [p, q]: [Point3<f64>; 2],
+        along: Vector3<f64>,
+        push: f64,
+    ) -> f64 {
         self.push(&mut bodies[contact.body], contact.body, &p, &(along * push));
         if let Party::Body(other) = contact.other {
             self.push(&mut bodies[other], other, &q, &(-along * push));

@@ -8,7 +8,7 @@
 //!    would slide, as far as friction holds it (Coulomb, on positions).
 //! 4. Velocities are what has become of the poses. Contacts do not bounce.
 
-use super::contacts::Contact;
+use super::contacts::{self, Contact};
 use super::model::BodyModel;
 use super::motion::{predict, settle, stop};
 use super::state::{BodiesState, BodyState, Grip};
@@ -130,8 +130,11 @@ impl BodySolver {
                 }
             }
             let mut contacts = std::mem::take(&mut self.contacts);
-            for contact in &mut contacts {
-                self.separate(bodies, contact, hands, around);
+            let mut rest = &mut contacts[..];
+            while !rest.is_empty() {
+                let (apart, after) = rest.split_at_mut(contacts::apart(rest));
+                self.separate(bodies, apart, hands, around);
+                rest = after;
             }
             self.contacts = contacts;
         }

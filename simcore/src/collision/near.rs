@@ -6,14 +6,13 @@ use protocol::scene::NODE_DEAD;
 
 /// True if the box around the living nodes comes within `reach_mm` of `tip_in_eye`, axis by axis.
 pub fn near_membrane(membrane: &MembraneState, tip_in_eye: &Vector3<f64>, reach_mm: f64) -> bool {
+    let living = |axis: usize| {
+        let places = membrane.position_mm[axis].iter().zip(&membrane.flag);
+        places.filter(|(_, flag)| **flag != NODE_DEAD).map(|(&p, _)| f64::from(p))
+    };
     (0..3).all(|axis| {
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-        for (&p, &flag) in membrane.position_mm[axis].iter().zip(&membrane.flag) {
-            let dead = flag == NODE_DEAD;
-            low = if !dead && p < low { p } else { low };
-            high = if !dead && p > high { p } else { high };
-        }
-        f64::from(low) < tip_in_eye[axis] + reach_mm && f64::from(high) > tip_in_eye[axis] - reach_mm
+        let at = tip_in_eye[axis];
+        living(axis).any(|p| p < at + reach_mm) && living(axis).any(|p| p > at - reach_mm)
     })
 }
 

@@ -43,7 +43,10 @@ struct Part {
     /// Body frame from part frame.
     pose: Isometry3<f64>,
     shape: SharedShape,
+    /// In the body frame.
     bounds: Aabb,
+    /// In the part's own frame.
+    own_bounds: Aabb,
 }
 
 impl fmt::Debug for Part {
@@ -51,6 +54,9 @@ impl fmt::Debug for Part {
         write!(f, "{:?} at {}", self.shape.shape_type(), self.pose)
     }
 }
+
+/// Far above the rounding of a part's place, mm.
+const CLEAR_MM: f64 = 1e-2;
 
 fn vector(v: [f64; 3]) -> Vector {
     Vector::new(v[0] as f32, v[1] as f32, v[2] as f32)
@@ -97,8 +103,17 @@ impl Part {
                 }
             }
         };
-        let bounds = shape.compute_aabb(&pose(&at));
-        Ok(Part { pose: at, shape, bounds })
+        let (bounds, own_bounds) = (shape.compute_aabb(&pose(&at)), shape.compute_local_aabb());
+        Ok(Part { pose: at, shape, bounds, own_bounds })
+    }
+
+    /// True if nothing of `other`, a part of a body, can be near: the ball around its bounds is clear of this part's.
+    fn is_clear_of(&self, own_from_body: &Isometry3<f64>, other: &Part) -> bool {
+        let centre = own_from_body * Point3::from(back(other.bounds.center()));
+        let own = &self.own_bounds;
+        let beyond = centre.coords.sup(&back(own.mins)).inf(&back(own.maxs)) - centre.coords;
+        let reach = f64::from(other.bounds.half_extents().length()) + CLEAR_MM;
+        beyond.norm_squared() > reach * reach
     }
 }
 
@@ -181,11 +196,17 @@ impl RigidBody {
         out: &mut Vec<RigidContact>,
     ) {
         out.clear();
-        if !body_from_instrument.to_homogeneous().iter().all(|c| c.is_finite()) {
+        let finite = |v: &[f64]| v.iter().all(|c| c.is_finite());
+        let (way, turn) = (&body_from_instrument.translation.vector, &body_from_instrument.rotation.coords);
+        if !finite(way.as_slice()) || !finite(turn.as_slice()) {
             return;
         }
         for (i, tool) in instrument.parts.iter().enumerate() {
             let body_from_tool = body_from_instrument * tool.pose;
+            let tool_from_body = body_from_tool.inverse();
+            if self.parts.iter().all(|part| tool.is_clear_of(&tool_from_body, part)) {
+                continue;
+            }
             let bounds = tool.shape.compute_aabb(&pose(&body_from_tool));
             for (j, part) in self.parts.iter().enumerate() {
                 if !bounds.intersects(&part.bounds) {

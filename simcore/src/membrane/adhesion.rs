@@ -128,6 +128,13 @@ impl Adhesion {
         state.parted_mm[node] < self.range_mm
     }
 
+    /// Marks the nodes whose bonds hold with 1, the others with 0.
+    pub fn mark_held(&self, state: &AdhesionState, held: &mut [u8]) {
+        for (held, &parted) in held.iter_mut().zip(&state.parted_mm) {
+            *held = u8::from(parted < self.range_mm);
+        }
+    }
+
     /// Area that was glued at the start, mm².
     pub fn glued_mm2(&self) -> f64 {
         let glued = self.area_mm2.iter().zip(&self.strength_un).filter(|(_, s)| **s > 0.0);
@@ -141,6 +148,7 @@ impl Adhesion {
     }
 
     /// Where the retina under a node is now, eye frame, mm.
+    #[inline]
     pub fn place(&self, state: &AdhesionState, node: usize) -> Vector3<f32> {
         let [x, y, z] = &self.place_mm;
         let place = Vector3::new(x[node], y[node], z[node]);

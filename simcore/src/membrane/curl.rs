@@ -43,6 +43,9 @@ const FOLDED: f32 = 1e-6;
 /// dozen hinges.
 const MAX_STIFFNESS: f64 = 0.1;
 
+/// Blocks that are filled before the first of them is computed: what was just written in small pieces is slow to read in one.
+const GROUP: usize = 4;
+
 /// Hinges of a sheet.
 #[derive(Debug, Clone)]
 pub struct Curl {
@@ -50,6 +53,30 @@ pub struct Curl {
     isa: Isa,
     /// Largest stiffness of a hinge, µN/mm.
     most_un_per_mm: f32,
+    acting: Acting,
+    /// Of each node x, y, z and 0: where it is, mm, and what acts on it, µN.
+    place: Vec<[f32; 4]>,
+    pull: Vec<[f32; 4]>,
+}
+
+/// The hinges that act: those of living triangles that are not glued down.
+#[derive(Debug, Clone, Default)]
+struct Acting {
+    /// What it was chosen by: 1 for every living triangle and for every node that is glued.
+    alive: Vec<u8>,
+    glued: Vec<u8>,
+    /// Glued nodes now.
+    glued_now: Vec<u8>,
+    hinges: Vec<Hinge>,
+    /// The same, sixteen at a time.
+    blocks: Vec<Block>,
+}
+
+/// Hinges that are computed together; where the last block is not full, its rest repeats node 0 and is not read.
+#[derive(Debug, Clone, Default)]
+struct Block {
+    nodes: [[u32; WIDE]; 4],
+    side_by_side: Hinges,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -76,69 +103,135 @@ impl Curl {
             let [ends, sides] = [sheet.springs[s], *sides];
             (sides[1] != NONE).then(|| Hinge::new(sheet, &start, ends, sides, scene))
         };
-        let hinges = sheet.spring_triangles.iter().enumerate().filter_map(inner).collect();
-        Curl { hinges, isa: Isa::best(), most_un_per_mm }
+        let hinges = sheet.spring_triangles.iter().enumerate().filter_map(inner).collect::<Vec<_>>();
+        let (place, pull) = (vec![[0.0; 4]; sheet.nodes()], vec![[0.0; 4]; sheet.nodes()]);
+        let acting = Acting::for_up_to(&hinges);
+        Curl { hinges, isa: Isa::best(), most_un_per_mm, acting, place, pull }
     }
 
     /// Adds the hinges' forces to `outer_un`. A hinge whose four nodes are all glued has none: there the adhesion,
     /// thousands of times stiffer, says where the sheet is.
     pub fn bend(
-        &self,
+        &mut self,
         membrane: &MembraneState,
         glue: Option<(&Adhesion, &AdhesionState)>,
         outer_un: &mut [Vec<f32>; 3],
     ) {
+        self.acting.choose(&self.hinges, membrane, glue);
+        if self.acting.hinges.is_empty() {
+            return;
+        }
         let limits = HingeLimits {
             tiny2: TINY_MM2 * TINY_MM2,
             folded: FOLDED,
             psi: MAX_PSI,
             stiffness_un_per_mm: self.most_un_per_mm,
         };
-        let mut block = Hinges::default();
-        let mut acting = self.acting(membrane, glue);
-        loop {
-            let mut taken = [None; WIDE];
-            for ((i, slot), hinge) in taken.iter_mut().enumerate().zip(&mut acting) {
-                hinge.put(membrane, &mut block, i);
-                *slot = Some(hinge);
+        together(&membrane.position_mm, &mut self.place);
+        together(outer_un, &mut self.pull);
+        let groups = self.acting.hinges.chunks(GROUP * WIDE).zip(self.acting.blocks.chunks_mut(GROUP));
+        for (hinges, blocks) in groups {
+            blocks.iter_mut().for_each(|block| block.gather(&self.place));
+            let mut open = [0; GROUP];
+            for (open, block) in open.iter_mut().zip(&mut *blocks) {
+                *open = block.side_by_side.bend(self.isa, &limits);
             }
-            if taken[0].is_none() {
-                return;
-            }
-            let open = block.bend(self.isa, &limits);
             // In the order of the hinges, so that sums do not depend on how many are computed at a time.
-            for (i, hinge) in taken.into_iter().flatten().enumerate() {
-                if open >> i & 1 == 1 {
-                    hinge.take(&block, i, outer_un);
-                } else {
-                    hinge.bend(membrane, self.most_un_per_mm, outer_un);
+            for (i, hinge) in hinges.iter().enumerate() {
+                if open[i / WIDE] >> (i % WIDE) & 1 == 1 {
+                    hinge.take(&blocks[i / WIDE].side_by_side, i % WIDE, &mut self.pull);
+                } else if let Some(force) = hinge.bend(membrane, self.most_un_per_mm) {
+                    add(&mut self.pull, &hinge.nodes, force);
                 }
             }
+        }
+        for (axis, outer) in outer_un.iter_mut().enumerate() {
+            outer.iter_mut().zip(&self.pull).for_each(|(to, from)| *to = from[axis]);
         }
     }
 
     /// Adds a bound of what those forces lose on the way of each node to `un_per_mm`: for integrators that look ahead.
     pub fn stiffen(
-        &self,
+        &mut self,
         membrane: &MembraneState,
         glue: Option<(&Adhesion, &AdhesionState)>,
         un_per_mm: &mut [f32],
     ) {
-        for hinge in self.acting(membrane, glue) {
+        self.acting.choose(&self.hinges, membrane, glue);
+        for hinge in &self.acting.hinges {
             hinge.stiffen(membrane, self.most_un_per_mm, un_per_mm);
         }
     }
+}
 
-    fn acting<'a>(
-        &'a self,
-        membrane: &'a MembraneState,
-        glue: Option<(&'a Adhesion, &'a AdhesionState)>,
-    ) -> impl Iterator<Item = &'a Hinge> {
-        self.hinges.iter().filter(move |hinge| {
-            let alive = hinge.triangles.iter().all(|&t| membrane.triangle_alive[t as usize] != 0);
-            let glued = glue.is_some_and(|(a, s)| hinge.nodes.iter().all(|&n| a.holds(s, n as usize)));
-            alive && !glued
-        })
+/// The three numbers of every node side by side.
+fn together(apart: &[Vec<f32>; 3], to: &mut [[f32; 4]]) {
+    let [x, y, z] = apart;
+    for (((to, x), y), z) in to.iter_mut().zip(x).zip(y).zip(z) {
+        *to = [*x, *y, *z, 0.0];
+    }
+}
+
+fn add(pull: &mut [[f32; 4]], nodes: &[u32; 4], force: [Vector3<f32>; 4]) {
+    for (&node, force) in nodes.iter().zip(force) {
+        pull[node as usize].iter_mut().zip(force.iter()).for_each(|(to, f)| *to += f);
+    }
+}
+
+impl Acting {
+    /// None yet, and room for all.
+    fn for_up_to(hinges: &[Hinge]) -> Self {
+        let (list, blocks) = (hinges.len(), hinges.len().div_ceil(WIDE));
+        Acting { hinges: Vec::with_capacity(list), blocks: Vec::with_capacity(blocks), ..Acting::default() }
+    }
+
+    /// Chooses anew if triangles or glue have changed.
+    fn choose(
+        &mut self,
+        hinges: &[Hinge],
+        membrane: &MembraneState,
+        glue: Option<(&Adhesion, &AdhesionState)>,
+    ) {
+        self.glued_now.resize(membrane.nodes(), 0);
+        if let Some((adhesion, state)) = glue {
+            adhesion.mark_held(state, &mut self.glued_now);
+        }
+        if self.alive == membrane.triangle_alive && self.glued == self.glued_now {
+            return;
+        }
+        self.alive.clone_from(&membrane.triangle_alive);
+        self.glued.clone_from(&self.glued_now);
+        let acts = |hinge: &&Hinge| {
+            let alive = hinge.triangles.iter().all(|&t| self.alive[t as usize] != 0);
+            alive && !hinge.nodes.iter().all(|&n| self.glued[n as usize] != 0)
+        };
+        self.hinges.clear();
+        self.hinges.extend(hinges.iter().filter(acts));
+        self.blocks.clear();
+        self.blocks.extend(self.hinges.chunks(WIDE).map(Block::of));
+    }
+}
+
+impl Block {
+    fn of(hinges: &[Hinge]) -> Self {
+        let mut block = Block::default();
+        for (i, hinge) in hinges.iter().enumerate() {
+            block.nodes.iter_mut().zip(hinge.nodes).for_each(|(to, node)| to[i] = node);
+            (block.side_by_side.stiffness[i], block.side_by_side.rest[i]) = (hinge.stiffness, hinge.rest);
+        }
+        block
+    }
+
+    /// Lays the places of the nodes side by side, four hinges at a time, which the compiler turns in registers.
+    fn gather(&mut self, place: &[[f32; 4]]) {
+        for (to, nodes) in self.side_by_side.position.iter_mut().zip(&self.nodes) {
+            for i in (0..WIDE).step_by(4) {
+                let four: [[f32; 4]; 4] = std::array::from_fn(|k| place[nodes[i + k] as usize]);
+                for (axis, to) in to.iter_mut().enumerate() {
+                    to[i..i + 4].copy_from_slice(&four.map(|p| p[axis]));
+                }
+            }
+        }
     }
 }
 
@@ -169,35 +262,20 @@ impl Hinge {
         }
     }
 
-    /// Lays the hinge into a block.
-    fn put(&self, membrane: &MembraneState, block: &mut Hinges, at: usize) {
-        (block.stiffness[at], block.rest[at]) = (self.stiffness, self.rest);
-        for (position, &node) in block.position.iter_mut().zip(&self.nodes) {
-            for (to, from) in position.iter_mut().zip(&membrane.position_mm) {
-                to[at] = from[node as usize];
-            }
+    /// Adds the forces that a block has for it.
+    fn take(&self, block: &Hinges, at: usize, pull: &mut [[f32; 4]]) {
+        for ([x, y, z], &node) in block.force.iter().zip(&self.nodes) {
+            let pull = &mut pull[node as usize];
+            *pull = [pull[0] + x[at], pull[1] + y[at], pull[2] + z[at], pull[3] + 0.0];
         }
     }
 
-    /// Adds the forces that the block has for it.
-    fn take(&self, block: &Hinges, at: usize, outer_un: &mut [Vec<f32>; 3]) {
-        for (force, &node) in block.force.iter().zip(&self.nodes) {
-            for (outer, force) in outer_un.iter_mut().zip(force) {
-                outer[node as usize] += force[at];
-            }
-        }
-    }
-
-    /// The same for any hinge, folded or without area, by itself.
-    fn bend(&self, membrane: &MembraneState, most_un_per_mm: f32, outer_un: &mut [Vec<f32>; 3]) {
+    /// Forces of any hinge, folded or not, by itself; `None` where a triangle has no area.
+    fn bend(&self, membrane: &MembraneState, most_un_per_mm: f32) -> Option<[Vector3<f32>; 4]> {
         let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
-        let Some((psi, gradient)) = turn(p, q, a, b) else { return };
+        let (psi, gradient) = turn(p, q, a, b)?;
         let moment = -self.stiffness * (psi - self.rest) * self.held(psi, &gradient, most_un_per_mm);
-        for (&node, gradient) in self.nodes.iter().zip(gradient) {
-            for (outer, g) in outer_un.iter_mut().zip(gradient.iter()) {
-                outer[node as usize] += moment * g;
-            }
-        }
+        Some(gradient.map(|g| g * moment))
     }
 
     /// Each node's share of the tangent, four times its diagonal: (Σ aᵢ)² ≤ 4 Σ aᵢ², so all four together are never below the hinge.
@@ -308,13 +386,21 @@ mod tests {
             membrane.set_position(n, Vector3::new(flat.x, flat.y, -11.0));
         }
         membrane.triangle_alive[5] = 0;
-        let mut outer = std::array::from_fn(|_| vec![0.0; membrane.nodes()]);
+        let mut outer: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; membrane.nodes()]);
         match isa {
             Some(isa) => {
                 curl.isa = isa;
                 curl.bend(&membrane, None, &mut outer);
             }
-            None => curl.acting(&membrane, None).for_each(|h| h.bend(&membrane, 50.0, &mut outer)),
+            None => {
+                curl.acting.choose(&curl.hinges, &membrane, None);
+                for hinge in &curl.acting.hinges {
+                    let Some(force) = hinge.bend(&membrane, 50.0) else { continue };
+                    for (&node, force) in hinge.nodes.iter().zip(force) {
+                        outer.iter_mut().zip(force.iter()).for_each(|(to, f)| to[node as usize] += f);
+                    }
+                }
+            }
         }
         outer
     }

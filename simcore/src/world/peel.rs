@@ -101,7 +101,7 @@ impl World {
             let parting = adhesion.pull(membrane, bonds, solver, SUBSTEP_S as f32);
             self.parting.add(&parting);
         }
-        if let Some(curl) = &self.curl {
+        if let Some(curl) = &mut self.curl {
             let glue = glue.map(|(a, s)| (a, &*s));
             curl.bend(membrane, glue, &mut solver.outer_un);
             if self.implicit.is_some() {

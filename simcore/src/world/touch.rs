@@ -62,8 +62,8 @@ impl World {
         let reach = self.volume.reach_mm();
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
-            let near = near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach);
-            if !plan.touches[i] || !instrument.held.is_empty() || !near {
+            let free = plan.touches[i] && instrument.held.is_empty();
+            if !free || !near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach) {
                 (instrument.in_contact, instrument.under, instrument.travelled_mm) = (false, false, 0.0);
                 (instrument.hooked, instrument.pierced) = (false, None);
                 continue;
