@@ -14,6 +14,7 @@ pub mod figures;
 mod fluid;
 mod front;
 mod hold;
+mod line;
 pub mod mesh;
 mod needle;
 mod operation;
@@ -92,6 +93,8 @@ pub struct Retina {
     begun: RetinaState,
     /// Force of a pressure of 1 Pa on each node, µN.
     push: Vec<Vector3<f64>>,
+    /// Work space of the searches along a line.
+    sides: line::Sides,
     simd: pulp::Arch,
     /// Force on each front node, and where the bleb lies seen from it.
     front_force: Vec<[Vector3<f64>; 2]>,
@@ -130,6 +133,7 @@ impl Retina {
             fixed,
             begun: state.clone(),
             push: vec![Vector3::zeros(); sheet.nodes()],
+            sides: line::Sides::new(sheet.nodes()),
             simd: pulp::Arch::new(),
             front_force: Vec::with_capacity(sheet.structural),
             front_load: Vec::with_capacity(sheet.structural),

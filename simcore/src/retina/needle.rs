@@ -2,6 +2,7 @@
 
 use super::Retina;
 use super::figures::{LEFT_MM, MAX_HOLES, REARM, SHAFT_MM, SPEED_S};
+use super::line::Line;
 use super::state::{Hole, NeedleState, RetinaState};
 use super::volume::at;
 use crate::collision::surface::Surface;
@@ -23,19 +24,27 @@ pub struct NeedleNews {
 
 impl Retina {
     /// Where a needle is in the retina: through a loose part, or through one that lies on.
-    pub fn penetration(&self, state: &RetinaState, needle: &Needle) -> Option<Penetration> {
-        let loose = || {
-            let position_mm = state.tissue.position_mm.each_ref().map(Vec::as_slice);
-            let (triangles, alive) = (&self.sheet.triangles[..], &self.pieces.loose_alive[..]);
-            needle.in_mesh(&Surface { position_mm, triangles, alive }, SHAFT_MM)
-        };
-        let any = self.pieces.count() > 0;
-        any.then(loose).flatten().or_else(|| {
+    pub fn penetration(&mut self, state: &RetinaState, needle: &Needle) -> Option<Penetration> {
+        self.penetration_of_loose(state, needle).or_else(|| {
             let found = needle.in_sphere(self.figures.radius_mm)?;
             // Where the retina is off, the sphere is the choroid alone.
             let place = self.nearest_node(state, &found.at_in_eye_mm);
             (self.pieces.label[place as usize] == 0).then_some(found)
         })
+    }
+
+    fn penetration_of_loose(&mut self, state: &RetinaState, needle: &Needle) -> Option<Penetration> {
+        if self.pieces.count() == 0 {
+            return None;
+        }
+        let (from_mm, along) = (needle.tip_in_eye_mm, needle.axis_in_eye.into_inner());
+        self.sides.compare(&Line { from_mm, along, reach_mm: SHAFT_MM }, &state.tissue.position_mm);
+        let position_mm = state.tissue.position_mm.each_ref().map(Vec::as_slice);
+        let triangles = &self.sheet.triangles[..];
+        let surface = Surface { position_mm, triangles, alive: &self.pieces.loose_alive };
+        let loose = (0..self.pieces.count()).flat_map(|b| self.pieces.triangles_of(b));
+        let met = loose.copied().filter(|&t| self.sides.may_meet(&triangles[t as usize]));
+        needle.in_triangles(&surface, met, SHAFT_MM)
     }
 
     /// Follows instrument `i` as a needle for one substep; `None` for an instrument that is none, or is not tracked.

@@ -1,6 +1,7 @@
 //! How far a point is before the retina, wherever the retina is.
 
 use super::Retina;
+use super::line::Line;
 use super::state::RetinaState;
 use nalgebra::Vector3;
 
@@ -16,27 +17,26 @@ pub struct Clearance {
 impl Retina {
     /// Clearance of a point from the retina on the ray from the eye's centre through it; of several layers the one nearest to the
     /// centre counts, which a tip meets first. Over gaps that were torn it is that from the choroid.
-    pub fn clearance(&self, state: &RetinaState, point_mm: &Vector3<f64>) -> Clearance {
+    pub fn clearance(&mut self, state: &RetinaState, point_mm: &Vector3<f64>) -> Clearance {
         let distance = point_mm.norm();
         let mut found = Clearance { mm: self.figures.radius_mm - distance, loose: false };
-        if distance == 0.0 {
+        if distance == 0.0 || self.pieces.count() == 0 {
             return found;
         }
         let mut nearest = self.figures.radius_mm;
+        let along = point_mm / distance;
+        let line = Line { from_mm: Vector3::zeros(), along, reach_mm: nearest };
+        self.sides.compare(&line, &state.tissue.position_mm);
         for &t in (0..self.pieces.count()).flat_map(|b| self.pieces.triangles_of(b)) {
-            if self.pieces.loose_alive[t as usize] == 0 {
+            let meets = self.sides.may_meet(&self.sheet.triangles[t as usize]);
+            if !meets || self.pieces.loose_alive[t as usize] == 0 {
                 continue;
             }
             let [a, b, c] = self.corners(state, t);
             // Corners are counter-clockwise seen from the centre, so that all three weights are below 0 inside the triangle's cone.
-            // Most triangles are passed over by their first.
-            let mut sum = 0.0;
-            let outside = [(&b, &c), (&c, &a), (&a, &b)].into_iter().any(|(from, to)| {
-                let weight = point_mm.dot(&from.cross(to));
-                sum += weight;
-                weight > 0.0
-            });
-            if outside || sum >= 0.0 {
+            let weights = [(&b, &c), (&c, &a), (&a, &b)].map(|(from, to)| point_mm.dot(&from.cross(to)));
+            let sum: f64 = weights.iter().sum();
+            if weights.iter().any(|w| *w > 0.0) || sum >= 0.0 {
                 continue;
             }
             let share = a.dot(&b.cross(&c)) / sum;

@@ -67,17 +67,28 @@ impl Needle {
 
     /// Penetration into a mesh, looked for up to `length_mm` behind the tip; the crossing nearest to the tip.
     pub fn in_mesh(&self, surface: &Surface, length_mm: f64) -> Option<Penetration> {
+        self.in_triangles(surface, 0..surface.triangles.len() as u32, length_mm)
+    }
+
+    /// Penetration into those triangles of a mesh.
+    pub fn in_triangles(
+        &self,
+        surface: &Surface,
+        triangles: impl Iterator<Item = u32>,
+        length_mm: f64,
+    ) -> Option<Penetration> {
         let corner = |v: u32| Vector3::from(surface.position_mm.map(|axis| f64::from(axis[v as usize])));
         let mut nearest: Option<(f64, u32, [f64; 3], Vector3<f64>)> = None;
-        for (t, nodes) in surface.triangles.iter().enumerate() {
+        for t in triangles {
+            let (triangle, t) = (t, t as usize);
             if surface.alive[t] == 0 {
                 continue;
             }
-            let corners = nodes.map(corner);
+            let corners = surface.triangles[t].map(corner);
             let Some((s, weights)) = self.crossing(&corners) else { continue };
             if s <= length_mm && nearest.is_none_or(|n| s < n.0) {
                 let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-                nearest = Some((s, t as u32, weights, normal));
+                nearest = Some((s, triangle, weights, normal));
             }
         }
         let (depth_mm, triangle, weights, normal) = nearest?;

@@ -155,10 +155,10 @@ impl World {
 
     /// Distance of a tip from the retina as the touch events see it, mm: from the lifted retina where it is lifted; a needle in it is a
     /// touch until it reaches the choroid's depth.
-    pub(super) fn retina_clearance(&self, i: usize) -> f64 {
+    pub(super) fn retina_clearance(&mut self, i: usize) -> f64 {
         let tip = &self.state.instruments[i].tip_in_eye_mm;
         let over_choroid = self.scene.eye.retina_radius_mm - tip.norm();
-        let (Some(part), Some(retina)) = (&self.retina, &self.state.retina) else { return over_choroid };
+        let (Some(part), Some(retina)) = (&mut self.retina, &self.state.retina) else { return over_choroid };
         let deep = part.model.figures.scene.deep_mm;
         if retina.needles[i].inside {
             return if over_choroid < -deep { over_choroid + deep } else { 0.0 };
