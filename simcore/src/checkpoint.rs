@@ -18,7 +18,7 @@ use protocol::scene::NODE_BOUND;
 use serde::{Deserialize, Serialize};
 
 /// Version of the state's meaning; another one is refused.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 /// Why a checkpoint was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -181,19 +181,40 @@ fn check_instruments(state: &State) -> Result<(), CheckpointError> {
     Ok(())
 }
 
-/// FNV-1a over words of eight bytes: every number of the state is one word. A single changed word always
-/// changes the hash, because each round is a bijection.
+/// FNV-1a over words of eight bytes: a number of the state is one word, and of a list of numbers eight bytes are. A single
+/// changed word always changes the hash, because each round is a bijection. Long lists go through eight such hashes in
+/// turn, whose rounds a processor does side by side, and those into the one.
 struct HashWriter(u64);
 
 const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
 const FNV_PRIME: u64 = 0x0000_0100_0000_01b3;
+const WORD: usize = size_of::<u64>();
+/// Hashes of a long list.
+const LANES: usize = 8;
+
+impl HashWriter {
+    fn round(hash: &mut u64, bytes: &[u8]) {
+        let mut word = [0; WORD];
+        word[..bytes.len()].copy_from_slice(bytes);
+        *hash = (*hash ^ u64::from_le_bytes(word)).wrapping_mul(FNV_PRIME);
+    }
+}
 
 impl Writer for HashWriter {
     fn write(&mut self, bytes: &[u8]) -> Result<(), EncodeError> {
-        for chunk in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..chunk.len()].copy_from_slice(chunk);
-            self.0 = (self.0 ^ u64::from_le_bytes(word)).wrapping_mul(FNV_PRIME);
+        let turns = bytes.chunks_exact(LANES * WORD);
+        let mut rest = turns.remainder();
+        if rest.len() < bytes.len() {
+            let mut lanes = [FNV_BASIS; LANES];
+            for turn in turns {
+                lanes.iter_mut().zip(turn.chunks_exact(WORD)).for_each(|(lane, word)| Self::round(lane, word));
+            }
+            lanes.iter().for_each(|lane| Self::round(&mut self.0, &lane.to_le_bytes()));
+        }
+        while !rest.is_empty() {
+            let (word, after) = rest.split_at(rest.len().min(WORD));
+            Self::round(&mut self.0, word);
+            rest = after;
         }
         Ok(())
     }
@@ -214,6 +235,7 @@ pub fn state_hash(state: &State) -> u64 {
 mod tests {
     use super::*;
     use crate::world::World;
+    use proptest::prelude::*;
     use protocol::scene_file::SceneFile;
 
     fn world() -> World {
@@ -271,6 +293,25 @@ mod tests {
                 broken[at] = (seed >> 20) as u8;
             }
             let _ = decode(&broken, 7, world.sheet());
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_hash_sees_every_byte_and_the_order(
+            bytes in prop::collection::vec(any::<u8>(), 1..400), at in any::<prop::sample::Index>(), flip in 1u8..,
+        ) {
+            let hash = |bytes: &[u8]| {
+                let mut writer = HashWriter(FNV_BASIS);
+                writer.write(bytes).unwrap();
+                writer.0
+            };
+            let (at, mut other) = (at.index(bytes.len()), bytes.clone());
+            other[at] ^= flip;
+            prop_assert_ne!(hash(&bytes), hash(&other));
+            let mut turned = bytes.clone();
+            turned.rotate_left(WORD);
+            prop_assert!(bytes.len() < WORD || turned == bytes || hash(&bytes) != hash(&turned));
         }
     }
 

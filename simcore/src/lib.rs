@@ -32,6 +32,7 @@ pub mod film;
 pub mod guard;
 pub mod membrane;
 pub mod microscope;
+mod plain;
 pub mod process;
 pub mod rehearsal;
 pub mod resume;

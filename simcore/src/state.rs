@@ -172,16 +172,22 @@ pub struct RetinaContact {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MembraneState {
     /// Positions in the eye frame, mm.
+    #[serde(with = "crate::plain::lists")]
     pub position_mm: [Vec<f32>; 3],
     /// Velocities in the eye frame, mm/s.
+    #[serde(with = "crate::plain::lists")]
     pub velocity_mm_s: [Vec<f32>; 3],
     /// `NODE_FREE`, `NODE_DEAD`, [`NODE_PINNED`] or `NODE_BOUND` + instrument.
+    #[serde(with = "crate::plain::list")]
     pub flag: Vec<u32>,
     /// Rest lengths of the springs where they creep, mm; empty where the tissue is elastic.
+    #[serde(with = "crate::plain::list")]
     pub rest_mm: Vec<f32>,
     /// 1 for a living structural spring.
+    #[serde(with = "crate::plain::list")]
     pub spring_alive: Vec<u8>,
     /// 1 for a living triangle.
+    #[serde(with = "crate::plain::list")]
     pub triangle_alive: Vec<u8>,
     /// Counts the changes of triangles.
     pub topology: u64,

@@ -17,6 +17,7 @@ pub struct RetinaState {
     /// Its mesh. `NODE_PINNED` is a node that lies on the choroid and holds there; free and bound ones are **loose**.
     pub tissue: MembraneState,
     /// For each node the number of its bleb + 1; 0 for a node that is not loose. Blebs count in the order of their first nodes.
+    #[serde(with = "crate::plain::list")]
     pub bleb_of: Vec<u8>,
     /// Connected pieces of loose retina, each with the fluid under it.
     pub blebs: Vec<Bleb>,

@@ -13,10 +13,10 @@ pub const ADHERED: u8 = 2;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VitreousState {
     /// Way from the rest place along x, y and z of the eye frame, µm.
-    #[serde(with = "whole_um")]
+    #[serde(with = "crate::plain::lists")]
     pub shift_um: [Vec<i16>; 3],
     /// [`ALIVE`] and [`ADHERED`].
-    #[serde(with = "flags")]
+    #[serde(with = "crate::plain::list")]
     pub status: Vec<u8>,
     /// Rows that may not be at rest, a bit each, for elements of even and odd cells.
     pub awake: [Vec<u64>; 2],
@@ -166,69 +166,6 @@ pub fn check(lattice: &Lattice, state: &VitreousState) -> Result<(), &'static st
         return Err("an element of the vitreous is out of its limits");
     }
     Ok(())
-}
-
-/// Displacements as plain bytes, least significant first: one block each, so that saving and hashing them is
-/// a copy.
-mod whole_um {
-    use serde::de::Error;
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    pub fn serialize<S: Serializer>(shift: &[Vec<i16>; 3], to: S) -> Result<S::Ok, S::Error> {
-        shift.each_ref().map(|s| super::Block(bytemuck::cast_slice(s))).serialize(to)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<[Vec<i16>; 3], D::Error> {
-        let blocks: [super::OwnedBlock; 3] = Deserialize::deserialize(from)?;
-        if blocks.iter().any(|b| b.0.len() % 2 != 0) {
-            return Err(D::Error::custom("half a displacement"));
-        }
-        let pair = |b: &[u8]| i16::from_le_bytes([b[0], b[1]]);
-        Ok(blocks.map(|b| b.0.chunks_exact(2).map(pair).collect()))
-    }
-}
-
-mod flags {
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    pub fn serialize<S: Serializer>(flags: &[u8], to: S) -> Result<S::Ok, S::Error> {
-        super::Block(flags).serialize(to)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<u8>, D::Error> {
-        super::OwnedBlock::deserialize(from).map(|b| b.0)
-    }
-}
-
-const _: () = assert!(cfg!(target_endian = "little"), "displacements are saved as they lie in memory");
-
-struct Block<'a>(&'a [u8]);
-
-impl Serialize for Block<'_> {
-    fn serialize<S: serde::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        to.serialize_bytes(self.0)
-    }
-}
-
-struct OwnedBlock(Vec<u8>);
-
-impl<'de> Deserialize<'de> for OwnedBlock {
-    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        struct Bytes;
-        impl serde::de::Visitor<'_> for Bytes {
-            type Value = Vec<u8>;
-            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-                f.write_str("a block of bytes")
-            }
-            fn visit_bytes<E>(self, bytes: &[u8]) -> Result<Vec<u8>, E> {
-                Ok(bytes.to_vec())
-            }
-            fn visit_byte_buf<E>(self, bytes: Vec<u8>) -> Result<Vec<u8>, E> {
-                Ok(bytes)
-            }
-        }
-        from.deserialize_byte_buf(Bytes).map(OwnedBlock)
-    }
 }
 
 #[cfg(test)]
