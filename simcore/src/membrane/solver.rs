@@ -25,7 +25,7 @@ use super::sheet::Sheet;
 pub use super::tissue::Tissue;
 use super::web::Web;
 use crate::constants::TINY_LENGTH2_MM2;
-use crate::state::MembraneState;
+use crate::state::{MembraneState, is_bound};
 use protocol::scene::NODE_FREE;
 
 /// What the forces of a substep demand besides moving.
@@ -55,6 +55,8 @@ pub struct Solver {
     acceleration: [Aligned; 3],
     /// Square of each node's acceleration, mm²/s⁴.
     pub acceleration2: Aligned,
+    /// Forces on pinned and dead nodes are left out.
+    without_pinned: bool,
 }
 
 impl Solver {
@@ -72,7 +74,15 @@ impl Solver {
             force_un: three(),
             acceleration: three(),
             acceleration2: list(),
+            without_pinned: false,
         }
+    }
+
+    /// For a sheet of which most is pinned, and where nobody asks what pins bear: leaves out whole blocks of nodes from the next
+    /// [`Self::refresh`] on.
+    pub fn without_pinned(mut self) -> Self {
+        self.without_pinned = true;
+        self
     }
 
     /// Uses this instruction set, which must be [available](Isa::available): for the proof that all give the same bits.
@@ -98,6 +108,13 @@ impl Solver {
         }
         for (mobile, &flag) in self.mobile.iter_mut().zip(&state.flag) {
             *mobile = if flag == NODE_FREE { 1.0 } else { 0.0 };
+        }
+        if self.without_pinned {
+            let wanted = |node: usize| state.flag[node] == NODE_FREE || is_bound(state.flag[node]);
+            self.web.tables.work_for(wanted);
+            for node in (0..state.nodes()).filter(|&node| !wanted(node)) {
+                self.hold_still(node);
+            }
         }
     }
 

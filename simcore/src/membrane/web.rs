@@ -6,7 +6,7 @@
 //! of sixteen nodes is `slots` full vectors of springs whose near ends lie side by side.
 
 use super::lanes::aligned::Aligned;
-use super::lanes::kernel::{Pick, TRIPLE, Tables};
+use super::lanes::kernel::{COLLECT, PULL, Pick, SPREAD, TRIPLE, Tables};
 use super::lanes::{ABSENT, NODE, WIDE, place};
 
 /// The packed springs and where each of them went.
@@ -141,6 +141,7 @@ impl Web {
         }
         let slots = owners.settle();
         let (mut web, far) = Self::place(&mut owners, nodes, slots);
+        web.link(&far);
         web.make_rings(&far);
         web.receive(&far);
         web.tables.check();
@@ -178,6 +179,17 @@ impl Web {
             }
         }
         (Web { tables, slot_of }, far)
+    }
+
+    /// Which blocks have springs in common, and everything to be done for all.
+    fn link(&mut self, far: &[Option<usize>]) {
+        let tables = &mut self.tables;
+        let of_slot = |at: usize| (at / WIDE / tables.slots) as u32;
+        let ends = far.iter().enumerate().filter_map(|(at, end)| Some([of_slot(at), ((*end)? / WIDE) as u32]));
+        tables.links = ends.collect();
+        tables.links.sort_unstable();
+        tables.links.dedup();
+        tables.work = vec![SPREAD | PULL | COLLECT; tables.nodes.div_ceil(WIDE)];
     }
 
     /// Work space, and where in it the far ends are. An empty slot is a spring of no stiffness from the node to itself.

@@ -127,7 +127,7 @@ impl Retina {
             toll: Toll::default(),
             tissue,
             splits,
-            solver: Solver::new(&sheet),
+            solver: Solver::new(&sheet).without_pinned(),
             home_mm2: pieces::home_areas(&sheet, &home_mm),
             home_mm,
             fixed,

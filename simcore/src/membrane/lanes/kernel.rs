@@ -27,6 +27,13 @@ pub struct Pick {
     pub index: [u8; WIDE],
 }
 
+/// The nodes of a block are copied for springs that end in it.
+pub const SPREAD: u8 = 1;
+/// The forces of its own springs are computed.
+pub const PULL: u8 = 2;
+/// The forces on its nodes are added up.
+pub const COLLECT: u8 = 4;
+
 /// Springs in the order of the kernel; see [`crate::membrane::web`] for how it comes about.
 #[derive(Debug, Default)]
 pub struct Tables {
@@ -36,6 +43,10 @@ pub struct Tables {
     pub slots: usize,
     /// Blocks by which the far end of a spring lies ahead of its owner or behind, at most.
     pub reach: [usize; 2],
+    /// What is to be done for each block: a sum of [`SPREAD`], [`PULL`] and [`COLLECT`].
+    pub work: Vec<u8>,
+    /// Blocks of the two ends of springs, the owner's first, each pair once.
+    pub links: Vec<[u32; 2]>,
     /// For each block, slot and lane: where the far end begins in `node`, in numbers.
     pub far: Vec<u32>,
     /// Rest length, mm.
@@ -113,9 +124,31 @@ impl Tables {
         let inside = |at: u32| at as usize + TRIPLE <= self.force.len();
         assert!(self.picks.iter().all(|p| p.from.into_iter().all(inside)));
         assert!(self.picks.iter().flat_map(|p| p.index).all(|i| i <= ABSENT));
-        assert_eq!(self.pick_start.len(), blocks + 1);
+        assert_eq!((self.pick_start.len(), self.work.len()), (blocks + 1, blocks));
         assert!(self.pick_start.is_sorted());
         assert_eq!(self.pick_start[blocks] as usize, self.picks.len());
+    }
+
+    /// Leaves out from now on what only matters to blocks of nodes of which none is `wanted`.
+    pub fn work_for(&mut self, wanted: impl Fn(usize) -> bool) {
+        self.work.fill(0);
+        for node in (0..self.nodes).filter(|&node| wanted(node)) {
+            self.work[node / WIDE] = COLLECT;
+        }
+        for [owner, end] in self.links.iter().map(|ends| ends.map(|b| b as usize)) {
+            if (self.work[owner] | self.work[end]) & COLLECT != 0 {
+                self.work[owner] |= PULL;
+            }
+        }
+        // Empty slots end in their own block.
+        for work in self.work.iter_mut().filter(|w| **w != 0) {
+            *work |= PULL | SPREAD;
+        }
+        for [owner, end] in self.links.iter().map(|ends| ends.map(|b| b as usize)) {
+            if self.work[owner] & PULL != 0 {
+                self.work[end] |= SPREAD;
+            }
+        }
     }
 
     /// Forces and accelerations with the instructions of `isa`, which must come from [`Isa::available`].
@@ -164,18 +197,26 @@ unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Pass
     unsafe {
         let sweep = Sweep::<L>::new(tables, forces);
         for step in 0..blocks + ahead + behind {
+            let has = |behind: usize, work: u8| tables.work.get(step.wrapping_sub(behind)).is_some_and(|w| w & work != 0);
             if step < blocks {
-                let parts = node_parts::<L>(&sweep, Span::new(step, nodes));
-                L::spread(sweep.node.add(spread_at * WIDE * NODE), parts);
+                if has(0, SPREAD) {
+                    let parts = node_parts::<L>(&sweep, Span::new(step, nodes));
+                    L::spread(sweep.node.add(spread_at * WIDE * NODE), parts);
+                }
                 spread_at = next(spread_at);
             }
             if step >= ahead && step < blocks + ahead {
-                tension |= pull(&sweep, Span::new(step - ahead, nodes), pull_at);
+                if has(ahead, PULL) {
+                    tension |= pull(&sweep, Span::new(step - ahead, nodes), pull_at);
+                }
                 pull_at = next(pull_at);
             }
             if step >= ahead + behind {
-                let (good, torn) = collect(&sweep, Span::new(step - ahead - behind, nodes), collect_at);
-                (finite, over) = (finite & good, over | torn);
+                if has(ahead + behind, COLLECT) {
+                    let span = Span::new(step - ahead - behind, nodes);
+                    let (good, torn) = collect(&sweep, span, collect_at);
+                    (finite, over) = (finite & good, over | torn);
+                }
                 collect_at = next(collect_at);
             }
         }
