@@ -207,7 +207,10 @@ impl Writer for HashWriter {
         if rest.len() < bytes.len() {
             let mut lanes = [FNV_BASIS; LANES];
             for turn in turns {
-                lanes.iter_mut().zip(turn.chunks_exact(WORD)).for_each(|(lane, word)| Self::round(lane, word));
+                lanes
+                    .iter_mut()
+                    .zip(turn.chunks_exact(WORD))
+                    .for_each(|(lane, word)| Self::round(lane, word));
             }
             lanes.iter().for_each(|lane| Self::round(&mut self.0, &lane.to_le_bytes()));
         }

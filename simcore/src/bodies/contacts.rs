@@ -19,7 +19,8 @@ pub(super) fn apart(contacts: &[Contact]) -> usize {
         let other = if let Party::Body(other) = c.other { Some(other) } else { None };
         std::iter::once(c.body).chain(other)
     };
-    let shared = |i: &usize| bodies(&contacts[*i]).any(|b| contacts[..*i].iter().flat_map(bodies).any(|a| a == b));
+    let shared =
+        |i: &usize| bodies(&contacts[*i]).any(|b| contacts[..*i].iter().flat_map(bodies).any(|a| a == b));
     let most = contacts.len().min(TOGETHER);
     (1..most).find(shared).unwrap_or(most)
 }

@@ -76,13 +76,7 @@ impl BodySolver {
     }
 
     /// Takes back what slides, as far as friction holds.
-    fn rub(
-        &self,
-        bodies: &mut [BodyState],
-        contact: &mut Contact,
-        hands: &[Hand; INSTRUMENTS],
-        meet: &Meet,
-    ) {
+    fn rub(&self, bodies: &mut [BodyState], contact: &mut Contact, hands: &[Hand; INSTRUMENTS], meet: &Meet) {
         let b = contact.body;
         let p_before = self.before[b].eye_from_body * contact.in_body;
         let (p, q) = self.places(bodies, contact, hands, meet.q);

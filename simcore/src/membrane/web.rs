@@ -185,7 +185,8 @@ impl Web {
     fn link(&mut self, far: &[Option<usize>]) {
         let tables = &mut self.tables;
         let of_slot = |at: usize| (at / WIDE / tables.slots) as u32;
-        let ends = far.iter().enumerate().filter_map(|(at, end)| Some([of_slot(at), ((*end)? / WIDE) as u32]));
+        let ends =
+            far.iter().enumerate().filter_map(|(at, end)| Some([of_slot(at), ((*end)? / WIDE) as u32]));
         tables.links = ends.collect();
         tables.links.sort_unstable();
         tables.links.dedup();

@@ -33,26 +33,16 @@ pub struct Relaxation {
     pub rest_weight: f32,
 }
 
-/// Bounds and sums of a row.
-#[derive(Debug, Clone)]
-struct Space {
-    low: [i16; PAD],
-    high: [i16; PAD],
-    sum: [i32; PAD],
-}
-
 /// Work space for a row.
 #[derive(Debug, Clone)]
 pub struct Relaxer {
     simd: pulp::Arch,
-    space: Space,
     wanted: [[i16; PAD]; 3],
 }
 
 impl Default for Relaxer {
     fn default() -> Self {
-        let space = Space { low: [0; PAD], high: [0; PAD], sum: [0; PAD] };
-        Relaxer { simd: pulp::Arch::new(), space, wanted: [[0; PAD]; 3] }
+        Relaxer { simd: pulp::Arch::new(), wanted: [[0; PAD]; 3] }
     }
 }
 
@@ -100,8 +90,7 @@ impl Relaxer {
     ) -> bool {
         let row = &mail.lattice.rows[number];
         for (axis, wanted) in self.wanted.iter_mut().enumerate() {
-            let (shift, space) = (&state.shift_um[axis][..], &mut self.space);
-            self.simd.dispatch(Want { mail, shift, how, row, axis, space, wanted });
+            self.simd.dispatch(Want { mail, shift: &state.shift_um[axis], how, row, axis, wanted });
         }
         let (start, len) = (row.start as usize, usize::from(row.len));
         let odd = u32::from(row.x0) + u32::from(row.yz[0]) + u32::from(row.yz[1]) + state.parity;
@@ -130,16 +119,18 @@ impl Relaxer {
     }
 }
 
-/// Where the elements of a row want to go along an axis, within their links' limits. Plain loops over the row, one
-/// per link, so that the compiler takes many elements at a time; whole numbers and one division, so that
-/// every instruction set gives the same.
+/// Elements that are computed together.
+const TOGETHER: usize = 32;
+
+/// Where the elements of a row want to go along an axis, within their links' limits. Plain loops over a number of elements that the
+/// compiler knows, so that it takes all of them at a time and keeps them in registers; whole numbers and one division, so that
+/// every instruction set gives the same. What comes out behind the row's end, which the lattice's padding allows, is not used.
 struct Want<'a> {
     mail: Mail<'a>,
     shift: &'a [i16],
     how: Relaxation,
     row: &'a Row,
     axis: usize,
-    space: &'a mut Space,
     wanted: &'a mut [i16; PAD],
 }
 
@@ -147,27 +138,49 @@ impl pulp::NullaryFnOnce for Want<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
-        let Want { mail, shift, how, row, axis, space, wanted } = self;
-        let (start, len) = (row.start as usize, usize::from(row.len).min(PAD));
-        let links = &mail.links[start..][..len];
-        let (low, high, sum) = (&mut space.low[..len], &mut space.high[..len], &mut space.sum[..len]);
-        low.fill(i16::MIN);
-        high.fill(i16::MAX);
-        sum.fill(0);
+    fn call(mut self) {
+        let len = usize::from(self.row.len).min(PAD);
+        for from in (0..len).step_by(TOGETHER) {
+            self.together(from);
+        }
+    }
+}
+
+/// The elements of a list from `at` on.
+#[inline(always)]
+fn block<T>(list: &[T], at: usize) -> &[T; TOGETHER] {
+    list[at..].first_chunk().expect("the lattice's padding is longer")
+}
+
+/// `x as i32` for what is below 2²⁴, and for what is not a number; a conversion that saturates would be done one by one.
+#[inline(always)]
+fn towards_zero(x: f32) -> i32 {
+    let bits = x.to_bits();
+    let places = 150u32.wrapping_sub(bits >> 23 & 0xff).min(31);
+    let whole = ((bits & 0x7f_ffff | 0x80_0000) >> places) as i32;
+    if bits >> 31 == 0 { whole } else { -whole }
+}
+
+impl Want<'_> {
+    #[inline(always)]
+    fn together(&mut self, from: usize) {
+        let start = self.row.start as usize + from;
+        let links = block(self.mail.links, start);
+        let (mut low, mut high) = ([i16::MIN; TOGETHER], [i16::MAX; TOGETHER]);
+        let mut sum = [0i32; TOGETHER];
         for k in 0..LINKS {
-            let other = (start as i32 + row.steps[k]) as usize;
+            let other = (start as i32 + self.row.steps[k]) as usize;
             let lower = if k % 2 == 1 { start } else { other };
-            let limits = &mail.lattice.limit[k / 2];
+            let limits = &self.mail.lattice.limit[k / 2];
             // Up to where it may go over and under the neighbour: towards it the link is compressed.
-            let (over, under) = match (k / 2 == axis, k % 2 == 1) {
+            let (over, under) = match (k / 2 == self.axis, k % 2 == 1) {
                 (false, _) => (SHEAR, SHEAR),
                 (true, true) => (COMPRESS, STRETCH),
                 (true, false) => (STRETCH, COMPRESS),
             };
-            let (over, under) = (&limits[over][lower..][..len], &limits[under][lower..][..len]);
-            let shift = &shift[other..][..len];
-            for i in 0..len {
+            let (over, under) = (block(&limits[over], lower), block(&limits[under], lower));
+            let shift = block(self.shift, other);
+            for i in 0..TOGETHER {
                 let mask = -i16::from(links[i] >> k & 1);
                 let top = shift[i].saturating_add(over[i] as i16);
                 let bottom = shift[i].saturating_sub(under[i] as i16);
@@ -176,12 +189,12 @@ impl pulp::NullaryFnOnce for Want<'_> {
                 sum[i] += i32::from(shift[i] & mask);
             }
         }
-        let now = &shift[start..][..len];
-        let share = (how.share * 256.0) as i32;
-        let wanted = &mut wanted[..len];
-        for i in 0..len {
+        let now = block(self.shift, start);
+        let share = (self.how.share * 256.0) as i32;
+        let wanted = &mut self.wanted[from..][..TOGETHER];
+        for i in 0..TOGETHER {
             let neighbours = links[i].count_ones() as f32;
-            let middle = (sum[i] as f32 / (neighbours + how.rest_weight)) as i32;
+            let middle = towards_zero(sum[i] as f32 / (neighbours + self.how.rest_weight));
             let way = middle - i32::from(now[i]);
             // Rounded away from zero, and never past the middle: the share is at most 1.
             let part = (way.abs() * share + 255) >> 8;
@@ -278,6 +291,15 @@ mod tests {
             }
         }
         assert!(states[0] == states[1] && largest(&states[0]) > 0);
+    }
+
+    proptest! {
+        #[test]
+        fn towards_zero_is_the_conversion(x in -16_777_215.9f32..16_777_215.9, near in -3.0f32..3.0) {
+            for x in [x, near, x.trunc(), near.trunc(), 0.0, -0.0, f32::NAN] {
+                prop_assert_eq!(towards_zero(x), x as i32);
+            }
+        }
     }
 
     proptest! {

@@ -197,7 +197,9 @@ unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Pass
     unsafe {
         let sweep = Sweep::<L>::new(tables, forces);
         for step in 0..blocks + ahead + behind {
-            let has = |behind: usize, work: u8| tables.work.get(step.wrapping_sub(behind)).is_some_and(|w| w & work != 0);
+            let has = |behind: usize, work: u8| {
+                tables.work.get(step.wrapping_sub(behind)).is_some_and(|w| w & work != 0)
+            };
             if step < blocks {
                 if has(0, SPREAD) {
                     let parts = node_parts::<L>(&sweep, Span::new(step, nodes));
