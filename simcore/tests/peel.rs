@@ -90,7 +90,7 @@ fn a_crumpled_sheet_comes_to_rest() {
     (tissue.fluid_per_s, tissue.v_max) = (1.2, 300.0);
     let node_mass_g = strip.density_g_per_mm2 * strip.spacing_mm * strip.spacing_mm * 0.75_f64.sqrt();
     let most = stiffest_un_per_mm(node_mass_g, f64::from(tissue.dt_s));
-    let curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm: 2.0, radius_mm: 1.6 }, most);
+    let mut curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm: 2.0, radius_mm: 1.6 }, most);
     let (mut membrane, mut solver) = (sheet.start(), Solver::new(&sheet));
     let mut draw = Draw::new(604);
     for n in 0..membrane.nodes() {
@@ -116,7 +116,7 @@ fn a_cylinder_is_in_balance_at_the_radius_asked_for() {
     let (rows, columns, h, stiffness_un_mm, radius_mm) = (23, 29, 0.15, 2.0, 1.5);
     let (positions, triangles) = lattice(h, rows, columns);
     let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
-    let curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm }, f32::INFINITY);
+    let mut curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm }, f32::INFINITY);
     for along in [0, 1] {
         let rolled = |curvature: f64| {
             let mut membrane = sheet.start();
@@ -128,7 +128,7 @@ fn a_cylinder_is_in_balance_at_the_radius_asked_for() {
             }
             membrane
         };
-        let work = |curvature: f64| {
+        let mut work = |curvature: f64| {
             let membrane = rolled(curvature);
             let (less, more) = (rolled(curvature - 1e-3), rolled(curvature + 1e-3));
             let mut force = [0, 1, 2].map(|_| vec![0.0; membrane.nodes()]);
@@ -165,7 +165,7 @@ fn curvatures_of_a_free_sheet(radius_mm: f64, stiffness_un_mm: f64) -> [f64; 2] 
     let columns = 29;
     let (positions, triangles) = lattice(strip.spacing_mm, strip.rows, columns);
     let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
-    let curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm }, f32::INFINITY);
+    let mut curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm }, f32::INFINITY);
     let mut tissue = strip.tissue();
     // Near the critical damping of the sheet's slowest bending, so that it is at rest after some ten of its periods.
     let slowest_per_s = 22.4 / (2.9 * 2.9) * (stiffness_un_mm / strip.density_g_per_mm2).sqrt();

@@ -111,7 +111,7 @@ impl PeelTest {
         solver.refresh(&sheet, &membrane, &tissue);
         assert!(grip.iter().all(|&n| membrane.flag[n as usize] == NODE_PINNED));
         let curl = CurlScene { stiffness_un_mm: self.bending_un_mm, radius_mm: 1e6 };
-        let curl = (self.bending_un_mm > 0.0).then(|| Curl::new(&sheet, &curl, f32::INFINITY));
+        let mut curl = (self.bending_un_mm > 0.0).then(|| Curl::new(&sheet, &curl, f32::INFINITY));
         let adhesion = Adhesion::new(&sheet, &self.glue(), 1e9);
         let mut bonds = adhesion.start();
         let dt = f64::from(tissue.dt_s);
@@ -134,7 +134,7 @@ impl PeelTest {
                     membrane.velocity_mm_s[axis][n as usize] = *speed as f32;
                 }
             }
-            substep(&sheet, &mut membrane, &mut solver, &tissue, (&adhesion, &mut bonds), curl.as_ref());
+            substep(&sheet, &mut membrane, &mut solver, &tissue, (&adhesion, &mut bonds), curl.as_mut());
             let force: [f64; 3] = std::array::from_fn(|axis| {
                 -grip.iter().map(|&n| f64::from(solver.force_un[axis][n as usize])).sum::<f64>()
                     / self.width_mm()
@@ -208,7 +208,7 @@ fn substep(
     solver: &mut Solver,
     tissue: &Tissue,
     (adhesion, bonds): (&Adhesion, &mut AdhesionState),
-    curl: Option<&Curl>,
+    curl: Option<&mut Curl>,
 ) {
     solver.clear_outer();
     adhesion.pull(membrane, bonds, solver, tissue.dt_s);

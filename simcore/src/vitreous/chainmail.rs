@@ -227,6 +227,9 @@ impl Chainmail {
 
 /// How far an element is out of the eye after it moved along `axis`, µm; before, it was inside.
 fn beyond_um(lattice: &Lattice, state: &VitreousState, element: usize, axis: usize, up: bool) -> u16 {
+    if lattice.has_room(element, state.shift(element)) {
+        return 0;
+    }
     let place = state.place_um(lattice, element);
     if super::state::is_inside(lattice, place) {
         return 0;

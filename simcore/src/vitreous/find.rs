@@ -1,7 +1,7 @@
 //! Which elements are near an instrument. Every row keeps the box around its elements; a row whose box the
 //! searched capsule misses is skipped, so that a search looks at a few thousand elements and not at all of them.
 
-use super::lattice::Lattice;
+use super::lattice::{Lattice, TOGETHER, block};
 use super::state::{ALIVE, VitreousState};
 use nalgebra::Vector3;
 
@@ -25,25 +25,25 @@ impl Capsule {
         (t, (place - self.from_um - self.along * t).norm_squared())
     }
 
-    /// The part of the line, by its distances from the first end, that may be within reach of a box.
-    fn clip(&self, low: &[i16; 3], high: &[i16; 3]) -> Option<(f64, f64)> {
+    /// The part of the line, by its distances from the first end, that may be within reach of a box. `inverse` has 1 over `along`.
+    fn clip(&self, inverse: &Vector3<f64>, low: &[i16; 3], high: &[i16; 3]) -> Option<(f64, f64)> {
         let (mut t0, mut t1) = (0.0, self.length_um);
         for c in 0..3 {
             let bottom = f64::from(low[c]) - self.radius_um - self.from_um[c];
             let top = f64::from(high[c]) + self.radius_um - self.from_um[c];
-            let d = self.along[c];
-            if d.abs() < 1e-9 {
+            if self.along[c].abs() < 1e-9 {
                 if bottom > 0.0 || top < 0.0 {
                     return None;
                 }
                 continue;
             }
-            let (a, b) = (bottom / d, top / d);
+            let (a, b) = (bottom * inverse[c], top * inverse[c]);
             let (near, far) = if a < b { (a, b) } else { (b, a) };
             t0 = if near > t0 { near } else { t0 };
             t1 = if far < t1 { far } else { t1 };
         }
-        (t0 <= t1).then_some((t0, t1))
+        // Far above the rounding: what is found is looked at again, element by element.
+        (t0 <= t1 + 1e-3).then_some((t0, t1))
     }
 }
 
@@ -101,11 +101,12 @@ impl Finder {
     ) {
         self.renew(lattice, state);
         let radius2 = capsule.radius_um * capsule.radius_um;
+        let inverse = capsule.along.map(|c| 1.0 / c);
         for (row, [low, high]) in lattice.rows.iter().zip(&self.boxes) {
             if low[0] > high[0] {
                 continue;
             }
-            let Some((t0, t1)) = capsule.clip(low, high) else { continue };
+            let Some((t0, t1)) = capsule.clip(&inverse, low, high) else { continue };
             let (x0, x1) = (capsule.along.x * t0, capsule.along.x * t1);
             let (x0, x1) = if x0 < x1 { (x0, x1) } else { (x1, x0) };
             let left = (capsule.from_um.x + x0 - capsule.radius_um) as i32 - 1;
@@ -143,21 +144,26 @@ impl pulp::NullaryFnOnce for Bounds<'_> {
         let Bounds { lattice, state, row } = self;
         let row = &lattice.rows[row];
         let (start, len) = (row.start as usize, usize::from(row.len));
-        let status = &state.status[start..][..len];
         let rest = lattice.rest_um(start);
         let (mut low, mut high) = ([i16::MAX; 3], [i16::MIN; 3]);
-        for c in 0..3 {
-            let shift = &state.shift_um[c][start..][..len];
-            // Along the row the places at rest go up by the spacing.
-            let (first, step) = (rest[c] as i16, if c == 0 { lattice.pitch_um as i16 } else { 0 });
-            let (mut least, mut most) = (i16::MAX, i16::MIN);
-            for i in 0..len {
-                let place = first.wrapping_add(step.wrapping_mul(i as i16)).saturating_add(shift[i]);
-                let alive = -i16::from(status[i] & ALIVE);
-                least = least.min(place & alive | i16::MAX & !alive);
-                most = most.max(place & alive | i16::MIN & !alive);
+        for from in (0..len).step_by(TOGETHER) {
+            let status = block(&state.status, start + from);
+            let mut there = [0; TOGETHER];
+            for i in 0..TOGETHER {
+                there[i] = -i16::from(status[i] & ALIVE) & -i16::from(from + i < len);
             }
-            (low[c], high[c]) = (least, most);
+            for c in 0..3 {
+                let shift = block(&state.shift_um[c], start + from);
+                // Along the row the places at rest go up by the spacing.
+                let step = if c == 0 { lattice.pitch_um } else { 0 };
+                let first = (rest[c] + from as i32 * step) as i16;
+                for i in 0..TOGETHER {
+                    let place =
+                        first.wrapping_add((step as i16).wrapping_mul(i as i16)).saturating_add(shift[i]);
+                    low[c] = low[c].min(place & there[i] | i16::MAX & !there[i]);
+                    high[c] = high[c].max(place & there[i] | i16::MIN & !there[i]);
+                }
+            }
         }
         [low, high]
     }

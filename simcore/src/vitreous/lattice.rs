@@ -9,6 +9,9 @@ use protocol::scene_file::{GelScene, SceneFile, Side, VitreousScene, ZoneScene};
 
 /// Unused numbers before the first and after the last element; a row is never longer.
 pub const PAD: usize = 96;
+/// Elements of a row that are computed together: a number that the compiler knows and that divides [`PAD`], so that a row's last ones
+/// may reach beyond it.
+pub const TOGETHER: usize = 32;
 /// Links of an element: −x, +x, −y, +y, −z, +z.
 pub const LINKS: usize = 6;
 /// Kinds of a link's limits, indices of [`Lattice::limit`].
@@ -35,6 +38,12 @@ pub struct Row {
     pub steps: [i32; LINKS],
     /// Rows beside it at −y, +y, −z and +z; itself where there is none.
     pub beside: [u16; 4],
+}
+
+/// The numbers of a list over elements from `at` on.
+#[inline(always)]
+pub fn block<T>(list: &[T], at: usize) -> &[T; TOGETHER] {
+    list[at..].first_chunk().expect("the lattice's padding is longer")
 }
 
 /// How an element at the wall holds to the retina.
@@ -67,6 +76,8 @@ pub struct Lattice {
     pub row_of: Vec<u16>,
     /// One bit per neighbour that exists.
     pub links: Vec<u8>,
+    /// How far an element may go from its rest place, in whatever direction, and be inside the eye and behind the lens for sure, µm.
+    pub room_um: Vec<u16>,
     /// Density that is drawn.
     pub density: Vec<u8>,
     /// Shear modulus, Pa.
@@ -91,6 +102,7 @@ impl Lattice {
             rows: Vec::new(),
             row_of: Vec::new(),
             links: Vec::new(),
+            room_um: Vec::new(),
             density: Vec::new(),
             modulus_pa: Vec::new(),
             limit: Default::default(),
@@ -98,6 +110,7 @@ impl Lattice {
         };
         lattice.add_rows();
         lattice.add_links();
+        lattice.add_room();
         lattice.add_gel(vitreous);
         lattice.add_walls(scene, vitreous);
         lattice
@@ -150,6 +163,12 @@ impl Lattice {
         let row = self.rows.iter().find(|r| r.yz.map(i32::from) == [cell[1], cell[2]])?;
         let x = cell[0] - i32::from(row.x0);
         (0..i32::from(row.len)).contains(&x).then(|| row.start as usize + x as usize)
+    }
+
+    /// True if an element that is so far from its rest place, µm, is inside the eye and behind the lens by far: no need to compute where
+    /// it is.
+    pub fn has_room(&self, element: usize, shift_um: [i32; 3]) -> bool {
+        shift_um.iter().map(|c| c.abs()).sum::<i32>() <= i32::from(self.room_um[element])
     }
 
     /// The neighbour of an element over link `k`; only where the link exists.
@@ -210,6 +229,16 @@ impl Lattice {
                     self.links[(row.start as i32 + e) as usize] |= u8::from(linked) << k;
                 }
             }
+        }
+    }
+
+    fn add_room(&mut self) {
+        self.room_um = vec![0; self.len()];
+        for e in self.numbers() {
+            let rest = self.rest_um(e);
+            let r2: i64 = rest.iter().map(|&c| i64::from(c) * i64::from(c)).sum();
+            let to_wall = self.radius_um - r2.isqrt() as i32 - 1;
+            self.room_um[e] = to_wall.min(self.front_um - rest[2]).clamp(0, u16::MAX.into()) as u16;
         }
     }
 
@@ -349,6 +378,24 @@ pub(super) mod tests {
             assert!(at_wall || at_lens);
         }
         assert!(lattice.walls.iter().any(|w| w.base) && lattice.walls.iter().any(|w| !w.base));
+    }
+
+    #[test]
+    fn who_has_room_is_inside() {
+        let lattice = lattice(24);
+        assert!(lattice.numbers().filter(|&e| lattice.room_um[e] > 2_000).count() > lattice.elements() / 2);
+        for e in lattice.numbers() {
+            let room = i32::from(lattice.room_um[e]);
+            for way in
+                [[room, 0, 0], [-room, 0, 0], [0, room, 0], [0, 0, room], [room / 2, 0, room - room / 2]]
+            {
+                assert!(
+                    lattice.has_room(e, way) && !lattice.has_room(e, [way[0], way[1], way[2] + room + 1])
+                );
+                let rest = lattice.rest_um(e);
+                assert!(super::super::state::is_inside(&lattice, std::array::from_fn(|c| rest[c] + way[c])));
+            }
+        }
     }
 
     #[test]

@@ -13,7 +13,7 @@
 //! nothing moves any more sleep, until something moves in them or beside them.
 
 use super::chainmail::Mail;
-use super::lattice::{COMPRESS, LINKS, Lattice, PAD, Row, SHEAR, STRETCH};
+use super::lattice::{COMPRESS, LINKS, Lattice, PAD, Row, SHEAR, STRETCH, TOGETHER, block};
 use super::state::{ADHERED, ALIVE, VitreousState, is_inside};
 
 /// Wakes a row in which something moved, and the rows beside it.
@@ -119,9 +119,6 @@ impl Relaxer {
     }
 }
 
-/// Elements that are computed together.
-const TOGETHER: usize = 32;
-
 /// Where the elements of a row want to go along an axis, within their links' limits. Plain loops over a number of elements that the
 /// compiler knows, so that it takes all of them at a time and keeps them in registers; whole numbers and one division, so that
 /// every instruction set gives the same. What comes out behind the row's end, which the lattice's padding allows, is not used.
@@ -144,12 +141,6 @@ impl pulp::NullaryFnOnce for Want<'_> {
             self.together(from);
         }
     }
-}
-
-/// The elements of a list from `at` on.
-#[inline(always)]
-fn block<T>(list: &[T], at: usize) -> &[T; TOGETHER] {
-    list[at..].first_chunk().expect("the lattice's padding is longer")
 }
 
 /// `x as i32` for what is below 2²⁴, and for what is not a number; a conversion that saturates would be done one by one.

@@ -45,11 +45,12 @@ pub struct Traction {
 /// Stress on an element of the wall, Pa.
 pub fn stress_pa(mail: Mail, state: &VitreousState, element: usize) -> f32 {
     let mut strain = [0i32; 3];
-    for k in (0..LINKS).filter(|k| mail.links[element] >> k & 1 == 1) {
-        let other = mail.lattice.neighbour(element, k);
+    let (links, here) = (mail.links[element], state.shift(element));
+    let steps = &mail.lattice.rows[mail.lattice.row_of[element] as usize].steps;
+    for k in (0..LINKS).filter(|k| links >> k & 1 == 1) {
+        let there = state.shift((element as i32 + steps[k]) as usize);
         for (c, strain) in strain.iter_mut().enumerate() {
-            let apart = i32::from(state.shift_um[c][other]) - i32::from(state.shift_um[c][element]);
-            *strain += apart * if c == k / 2 { YOUNG } else { 1 };
+            *strain += (there[c] - here[c]) * if c == k / 2 { YOUNG } else { 1 };
         }
     }
     let [x, y, z] = strain.map(|s| s as f32 / mail.lattice.pitch_um as f32);
