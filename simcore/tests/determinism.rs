@@ -6,7 +6,7 @@ use simcore::world::{World, no_clock};
 
 /// Hash after the fields [`GOLDEN_FIELDS`] of the shipped scene's script: forceps push, grab, lift and tear.
 /// It moves when the scene, the state's content or any arithmetic of the step changes; say so in the commit.
-const GOLDEN_HASH: u64 = 0x4665_8b3b_cc60_af5c;
+const GOLDEN_HASH: u64 = 0x48bb_d8ed_9c0b_9cd8;
 const GOLDEN_FIELDS: std::ops::Range<u64> = 190..390;
 
 fn peel() -> (Rehearsal, World) {

@@ -211,7 +211,7 @@ mod tests {
 
     /// The body after so many substeps without instruments.
     fn left_alone(scene: &BodiesScene, around: &Surroundings, substeps: usize) -> BodyState {
-        let mut bodies = super::super::state::BodiesState::start(scene);
+        let mut bodies = BodiesState::start(scene);
         let (mut solver, tools) = (BodySolver::new(scene).unwrap(), tools());
         for _ in 0..substeps {
             solver.step(&mut bodies.body, &bodies.grip, &tools, &[away(); INSTRUMENTS], around);
@@ -261,9 +261,27 @@ mod tests {
     }
 
     #[test]
+    fn bodies_that_do_not_touch_move_as_each_would_alone() {
+        let at =
+            [[0.0, 0.2, -11.0], [2.5, 0.0, -10.7], [-2.0, 2.0, -10.6], [0.0, -3.0, -10.5], [4.5, 1.0, -9.8]];
+        let alone = at.map(|at| scene(BodyShape::Box, [0.5, 0.3, 0.3], at, 0.5));
+        let mut together = alone[0].clone();
+        together.body = alone.iter().flat_map(|s| s.body.clone()).collect();
+        let around = around([300.0, 0.0, -5900.0], 12.0, 11.5);
+        let (mut bodies, tools) = (BodiesState::start(&together), tools());
+        let mut solver = BodySolver::new(&together).unwrap();
+        for _ in 0..500 {
+            solver.step(&mut bodies.body, &bodies.grip, &tools, &[away(); INSTRUMENTS], &around);
+        }
+        for (scene, body) in alone.iter().zip(&bodies.body) {
+            assert_eq!(&left_alone(scene, &around, 500), body);
+        }
+    }
+
+    #[test]
     fn a_tip_pushes_a_ball_ahead_of_it() {
         let scene = scene(BodyShape::Sphere, [0.5; 3], [0.0, 0.0, -0.52], 0.3);
-        let mut bodies = super::super::state::BodiesState::start(&scene);
+        let mut bodies = BodiesState::start(&scene);
         let (mut solver, tools) = (BodySolver::new(&scene).unwrap(), tools());
         let around = around([0.0; 3], 10.0, 1e4);
         let tip = |k: usize| Isometry3::translation(0.0, 0.0, -5.0 * DT_S * k as f64);
@@ -284,7 +302,7 @@ mod tests {
         let scene = scene(BodyShape::Sphere, [0.5; 3], [0.0, 0.0, -3.0], 0.3);
         let (m, g) = (0.002, 6_000.0);
         for (grip_un, carried) in [(1.2 * m * g, true), (0.8 * m * g, false)] {
-            let mut bodies = super::super::state::BodiesState::start(&scene);
+            let mut bodies = BodiesState::start(&scene);
             let hand = Hand { pose: Isometry3::identity(), before: Isometry3::identity(), touches: true };
             bodies.grip[0] = Some(super::super::grip::take(0, &bodies.body[0], &hand.pose, 0.3));
             let (mut solver, tools) = (BodySolver::new(&scene).unwrap(), tools());
@@ -302,7 +320,7 @@ mod tests {
     #[test]
     fn numbers_that_run_away_stop_the_body() {
         let scene = scene(BodyShape::Box, [0.5; 3], [0.0, 0.0, -3.0], 0.3);
-        let mut bodies = super::super::state::BodiesState::start(&scene);
+        let mut bodies = BodiesState::start(&scene);
         let (mut solver, tools) = (BodySolver::new(&scene).unwrap(), tools());
         let bad = Hand {
             pose: Isometry3::translation(f64::NAN, 0.0, 0.0),

@@ -334,6 +334,35 @@ mod tests {
     }
 
     #[test]
+    fn leaving_pinned_blocks_out_changes_no_bit() {
+        let (sheet, start, full, tissue) = peel(|_| {});
+        // What is loose: nothing, one node, a strip, every second node, all.
+        let loose: [&dyn Fn(usize) -> bool; 5] =
+            [&|_| false, &|n| n == 40, &|n| (100..130).contains(&n), &|n| n % 2 == 0, &|_| true];
+        let mut solvers = [full, Solver::new(&sheet).without_pinned()];
+        for loose in loose {
+            let mut states = [start.clone(), start.clone()];
+            for (solver, state) in solvers.iter_mut().zip(&mut states) {
+                let pinned = |n: usize| if loose(n) { NODE_FREE } else { crate::state::NODE_PINNED };
+                state.flag.iter_mut().enumerate().for_each(|(n, flag)| *flag = pinned(n));
+                crumple(state, 3);
+                solver.refresh(&sheet, state, &tissue);
+                for _ in 0..20 {
+                    solver.accelerate(&sheet, state, &tissue);
+                    solver.integrate(state, &tissue);
+                }
+            }
+            assert!(states[0] == states[1]);
+            let of_loose = |s: &[u32; 2]| s.iter().any(|&n| loose(n as usize));
+            for (s, _) in
+                sheet.springs[..sheet.structural].iter().enumerate().filter(|(_, ends)| of_loose(ends))
+            {
+                assert_eq!(solvers[0].tension_un(s), solvers[1].tension_un(s));
+            }
+        }
+    }
+
+    #[test]
     fn every_instruction_set_gives_the_same_bits() {
         for bending in [0.0, 4.0] {
             let runs: Vec<MembraneState> = Isa::available()
