@@ -46,6 +46,8 @@ pub struct Adhesion {
     area_mm2: Vec<f32>,
     /// Greatest force of each bond, σc·A, µN; 0 where there is none.
     strength_un: Vec<f32>,
+    /// Of each bond before δ₀, µN/mm.
+    stiffness_un_per_mm: Vec<f32>,
     range_mm: f32,
     lift_pa: f32,
     tear_mm: f32,
@@ -90,11 +92,14 @@ impl Adhesion {
         let area_mm2 = areas_mm2(sheet, &start);
         let range = scene.range_mm as f32;
         let energy = |node: usize| energy_un_per_mm(sheet, &start, scene, radius_mm, node) as f32;
-        let strength_un = (0..start.nodes()).map(|n| 2.0 * energy(n) * area_mm2[n] / range).collect();
+        let strength_un: Vec<f32> =
+            (0..start.nodes()).map(|n| 2.0 * energy(n) * area_mm2[n] / range).collect();
+        let stiffness_un_per_mm = strength_un.iter().map(|strength| strength / (ONSET * range)).collect();
         Adhesion {
             place_mm: start.position_mm,
             area_mm2,
             strength_un,
+            stiffness_un_per_mm,
             range_mm: range,
             lift_pa: scene.retina_lift_pa as f32,
             tear_mm: scene.retina_tear_mm as f32,
@@ -160,7 +165,7 @@ impl Adhesion {
 
     /// Greatest stiffness of a bond, µN/mm: for the bound of a stable step.
     pub fn stiffest_un_per_mm(&self) -> f32 {
-        self.strength_un.iter().fold(0.0, |a: f32, &s| a.max(s / (ONSET * self.range_mm)))
+        self.stiffness_un_per_mm.iter().fold(0.0, |a: f32, &s| a.max(s))
     }
 
     /// Adds the bonds' forces on the nodes to the solver's outer forces, with what they gain on the way, and lets bonds and
@@ -211,7 +216,7 @@ impl Adhesion {
     fn secant(&self, node: usize, parted: f32) -> f32 {
         let onset = ONSET * self.range_mm;
         if parted <= onset {
-            self.strength_un[node] / onset
+            self.stiffness_un_per_mm[node]
         } else if parted < self.range_mm {
             self.strength_un[node] * (self.range_mm - parted) / ((self.range_mm - onset) * parted)
         } else {

@@ -17,10 +17,10 @@
 //! order, so that every instruction set gives the same bits. Dead springs have k = c = 0, immobile nodes
 //! mobility 0.
 
-use super::lanes::Isa;
 use super::lanes::aligned::Aligned;
 use super::lanes::kernel::Forces;
 use super::lanes::motion::Motion;
+use super::lanes::{Isa, WIDE};
 use super::sheet::Sheet;
 pub use super::tissue::Tissue;
 use super::web::Web;
@@ -207,17 +207,28 @@ impl Solver {
 
     /// Puts free nodes that passed the retina back on it and takes their outward velocity.
     pub fn stay_inside(&self, state: &mut MembraneState, radius: f32) {
-        for i in 0..self.mobile.len() {
-            let p = state.position(i);
-            let r2 = p.dot(&p);
-            if r2 > radius * radius && self.mobile[i] > 0.0 {
-                let out = p / r2.sqrt();
-                state.set_position(i, out * radius);
-                let v = state.velocity(i);
-                let outward = v.dot(&out);
-                if outward > 0.0 {
-                    state.set_velocity(i, v - out * outward);
-                }
+        let nodes = state.nodes();
+        for from in (0..nodes).step_by(WIDE) {
+            let block = from..nodes.min(from + WIDE);
+            // Most blocks are passed over, all of their nodes at a time.
+            let [x, y, z] = state.position_mm.each_ref().map(|axis| &axis[block.clone()]);
+            let squares = x.iter().zip(y).zip(z).map(|((x, y), z)| x * x + y * y + z * z);
+            if squares.fold(false, |any, r2| any | (r2 > radius * radius)) {
+                block.for_each(|node| self.put_back(state, node, radius));
+            }
+        }
+    }
+
+    fn put_back(&self, state: &mut MembraneState, node: usize, radius: f32) {
+        let p = state.position(node);
+        let r2 = p.dot(&p);
+        if r2 > radius * radius && self.mobile[node] > 0.0 {
+            let out = p / r2.sqrt();
+            state.set_position(node, out * radius);
+            let v = state.velocity(node);
+            let outward = v.dot(&out);
+            if outward > 0.0 {
+                state.set_velocity(node, v - out * outward);
             }
         }
     }

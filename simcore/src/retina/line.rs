@@ -4,6 +4,7 @@
 //! [`MARGIN_MM`] of a plane, and nodes or lines that are not numbers, lie beyond none.
 
 use nalgebra::Vector3;
+use std::ops::Range;
 
 /// Far above the rounding of a place in an eye of 16 mm, twice.
 const MARGIN_MM: f32 = 1e-4;
@@ -33,13 +34,15 @@ impl Sides {
         Sides { simd: pulp::Arch::new(), beyond: vec![0; nodes] }
     }
 
-    /// Compares all nodes with the planes around a line.
-    pub fn compare(&mut self, line: &Line, position_mm: &[Vec<f32>; 3]) {
+    /// Compares `nodes` with the planes around a line; the others lie beyond none.
+    pub fn compare(&mut self, line: &Line, position_mm: &[Vec<f32>; 3], nodes: Range<usize>) {
         let least = line.along.iamin();
         let across = line.along.cross(&Vector3::ith(least, 1.0)).normalize();
         let axes = [across, line.along.cross(&across), line.along].map(|a| a.map(|c| c as f32));
         let (from, reach) = (line.from_mm.map(|c| c as f32), line.reach_mm as f32);
-        self.simd.dispatch(Compare { axes, from, reach, position_mm, beyond: &mut self.beyond });
+        self.beyond.fill(0);
+        let position_mm = position_mm.each_ref().map(|axis| &axis[nodes.clone()]);
+        self.simd.dispatch(Compare { axes, from, reach, position_mm, beyond: &mut self.beyond[nodes] });
     }
 
     /// False for a triangle that the line cannot meet.
@@ -55,7 +58,7 @@ struct Compare<'a> {
     axes: [Vector3<f32>; 3],
     from: Vector3<f32>,
     reach: f32,
-    position_mm: &'a [Vec<f32>; 3],
+    position_mm: [&'a [f32]; 3],
     beyond: &'a mut [u8],
 }
 
@@ -102,8 +105,10 @@ mod tests {
             prop_assume!(way.norm() > 1e-3);
             let line = Line { from_mm, along: way.normalize(), reach_mm: way.norm() + further };
             let mut sides = Sides::new(3);
-            sides.compare(&line, &corners);
+            sides.compare(&line, &corners, 0..3);
             prop_assert!(sides.may_meet(&[0, 1, 2]));
+            sides.compare(&line, &corners, 1..2);
+            prop_assert!(sides.may_meet(&[0, 1, 2]), "what is not compared may be met");
         }
     }
 
@@ -114,7 +119,7 @@ mod tests {
         for reach_mm in [2.0, f64::INFINITY] {
             let line = Line { from_mm: Vector3::zeros(), along: Vector3::z(), reach_mm };
             let mut meets = |x: f32, z: f32| {
-                sides.compare(&line, &corners(x, z));
+                sides.compare(&line, &corners(x, z), 0..3);
                 sides.may_meet(&[0, 1, 2])
             };
             assert!(meets(-0.2, 1.0) && meets(f32::NAN, 1.0));

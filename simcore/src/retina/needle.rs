@@ -38,7 +38,11 @@ impl Retina {
             return None;
         }
         let (from_mm, along) = (needle.tip_in_eye_mm, needle.axis_in_eye.into_inner());
-        self.sides.compare(&Line { from_mm, along, reach_mm: SHAFT_MM }, &state.tissue.position_mm);
+        self.sides.compare(
+            &Line { from_mm, along, reach_mm: SHAFT_MM },
+            &state.tissue.position_mm,
+            self.pieces.span(),
+        );
         let position_mm = state.tissue.position_mm.each_ref().map(Vec::as_slice);
         let triangles = &self.sheet.triangles[..];
         let surface = Surface { position_mm, triangles, alive: &self.pieces.loose_alive };

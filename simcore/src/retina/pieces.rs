@@ -40,6 +40,7 @@ pub struct Pieces {
     /// Loose nodes, bleb by bleb.
     nodes: Vec<u32>,
     node_start: Vec<u32>,
+    span: Range<usize>,
     /// Triangles with a loose node, dead ones too, bleb by bleb.
     triangles: Vec<u32>,
     triangle_start: Vec<u32>,
@@ -70,6 +71,7 @@ impl Pieces {
             label: vec![0; nodes],
             nodes: Vec::with_capacity(nodes),
             node_start: Vec::with_capacity(MAX_BLEBS + 1),
+            span: 0..0,
             triangles: Vec::with_capacity(triangles),
             triangle_start: Vec::with_capacity(MAX_BLEBS + 1),
             // A front node may hold several blebs, each by another spring.
@@ -106,6 +108,11 @@ impl Pieces {
         &self.nodes
     }
 
+    /// Numbers from the lowest to the highest of a loose node; most of a retina that lies on is outside.
+    pub fn span(&self) -> Range<usize> {
+        self.span.clone()
+    }
+
     /// Finds the pieces of a state. `home_mm2` has the area of each triangle as it lay at the start.
     pub fn find(&mut self, sheet: &Sheet, state: &RetinaState, home_mm2: &[f32]) {
         self.clear();
@@ -120,6 +127,8 @@ impl Pieces {
         if self.node_start.last().is_some_and(|&s| (s as usize) < self.nodes.len()) {
             self.begin();
         }
+        let lowest = self.nodes.iter().min().map_or(0, |&n| n as usize);
+        self.span = lowest..self.nodes.iter().max().map_or(0, |&n| n as usize + 1);
         for bleb in 0..self.count() {
             self.take_triangles(sheet, bleb);
             self.find_front(sheet, state, bleb);

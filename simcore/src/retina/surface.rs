@@ -26,7 +26,7 @@ impl Retina {
         let mut nearest = self.figures.radius_mm;
         let along = point_mm / distance;
         let line = Line { from_mm: Vector3::zeros(), along, reach_mm: nearest };
-        self.sides.compare(&line, &state.tissue.position_mm);
+        self.sides.compare(&line, &state.tissue.position_mm, self.pieces.span());
         for &t in (0..self.pieces.count()).flat_map(|b| self.pieces.triangles_of(b)) {
             let meets = self.sides.may_meet(&self.sheet.triangles[t as usize]);
             if !meets || self.pieces.loose_alive[t as usize] == 0 {
