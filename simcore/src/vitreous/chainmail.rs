@@ -203,22 +203,19 @@ impl Chainmail {
             let e = element as usize;
             shift[e] += sign as i16 * violation as i16;
             self.moved.push((element, violation));
-            let here = i32::from(shift[e]);
+            let here = sign * i32::from(shift[e]);
             let steps = &mail.lattice.rows[mail.lattice.row_of[e] as usize].steps;
-            // All neighbours first and without a branch, as few of them follow: an absent one is a place of the lattice's padding.
-            let (mut follow, mut behind) = (0, [0; LINKS]);
+            let links = mail.links[e];
             for k in 0..LINKS {
+                if links >> k & 1 == 0 {
+                    continue;
+                }
                 let other = (e as i32 + steps[k]) as usize;
                 let lower = if k % 2 == 1 { e } else { other };
-                behind[k] = sign * (here - i32::from(shift[other])) - i32::from(slack[k][lower]);
-                let overdue = i32::from(self.overdue_um[other]);
-                follow |= u8::from(behind[k] > overdue) << k;
-            }
-            follow &= mail.links[e];
-            while follow != 0 {
-                let k = follow.trailing_zeros() as usize;
-                follow &= follow - 1;
-                self.wait((e as i32 + steps[k]) as u32, behind[k] as u16);
+                let behind = here - sign * i32::from(shift[other]) - i32::from(slack[k][lower]);
+                if behind > 0 {
+                    self.wait(other as u32, behind as u16);
+                }
             }
         }
         self.entries.clear();
