@@ -193,8 +193,9 @@ impl Acting {
         glue: Option<(&Adhesion, &AdhesionState)>,
     ) {
         self.glued_now.resize(membrane.nodes(), 0);
-        if let Some((adhesion, state)) = glue {
-            adhesion.mark_held(state, &mut self.glued_now);
+        match glue {
+            Some((adhesion, state)) => adhesion.mark_held(state, &mut self.glued_now),
+            None => self.glued_now.fill(0),
         }
         if self.alive == membrane.triangle_alive && self.glued == self.glued_now {
             return;

@@ -78,8 +78,8 @@ impl Solver {
         }
     }
 
-    /// For a sheet of which most is pinned, and where nobody asks what pins bear: leaves out whole blocks of nodes from the next
-    /// [`Self::refresh`] on.
+    /// For a sheet of which most is pinned, and where nobody asks what pins bear: leaves out blocks of nodes that are all pinned or dead
+    /// from the next [`Self::refresh`] on. Springs that only they have neither pull nor tear.
     pub fn without_pinned(mut self) -> Self {
         self.without_pinned = true;
         self
@@ -112,6 +112,7 @@ impl Solver {
         if self.without_pinned {
             let wanted = |node: usize| state.flag[node] == NODE_FREE || is_bound(state.flag[node]);
             self.web.tables.work_for(wanted);
+            self.web.tables.forget_pulls();
             for node in (0..state.nodes()).filter(|&node| !wanted(node)) {
                 self.hold_still(node);
             }

@@ -151,6 +151,13 @@ impl Tables {
         }
     }
 
+    /// Springs that are not computed do not pull.
+    pub fn forget_pulls(&mut self) {
+        let of_block = self.pull.chunks_mut((self.slots * WIDE).max(1));
+        let left_out = of_block.zip(&self.work).filter(|(_, work)| **work & PULL == 0);
+        left_out.for_each(|(pulls, _)| pulls.fill(0.0));
+    }
+
     /// Forces and accelerations with the instructions of `isa`, which must come from [`Isa::available`].
     pub fn accelerate(&mut self, isa: Isa, forces: &mut Forces) -> Passed {
         let n = self.nodes;
