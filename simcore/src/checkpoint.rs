@@ -1,4 +1,5 @@
-//! The state as bytes: checkpoints, and the state hash. The only module that names bincode.
+//! The state as bytes: checkpoints, and the state hash. The only module that names bincode, but for the tests of
+//! [`crate::plain`].
 //!
 //! Both come from the one serialisation of [`State`], so that the hash covers what a checkpoint would restore, and nothing that is
 //! left out of it can influence a later step. The doses of light are restored and not hashed: they influence nothing.

@@ -116,7 +116,7 @@ impl BodySolver {
             turn = if last == Some(contact.body) { turn + 1 } else { 0 };
             (contact.turn, last) = (turn, Some(contact.body));
         }
-        self.contacts.sort_by_key(|c| c.turn);
+        self.contacts.sort_unstable_by_key(|c| (c.turn, c.body));
     }
 
     fn find_retina(&mut self, b: usize, body: &BodyState, retina_radius_mm: f64) {

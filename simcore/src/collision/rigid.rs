@@ -6,7 +6,7 @@
 use super::surface::Unusable;
 use super::tool_mesh::{Facet, ToolMesh};
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
-use parry3d::bounding_volume::{Aabb, BoundingVolume};
+use parry3d::bounding_volume::Aabb;
 use parry3d::math::{Pose, Rotation, Vector};
 use parry3d::query;
 use parry3d::shape::SharedShape;
@@ -43,10 +43,8 @@ struct Part {
     /// Body frame from part frame.
     pose: Isometry3<f64>,
     shape: SharedShape,
-    /// In the body frame.
-    bounds: Aabb,
     /// In the part's own frame.
-    own_bounds: Aabb,
+    bounds: Aabb,
 }
 
 impl fmt::Debug for Part {
@@ -103,15 +101,13 @@ impl Part {
                 }
             }
         };
-        let (bounds, own_bounds) = (shape.compute_aabb(&pose(&at)), shape.compute_local_aabb());
-        Ok(Part { pose: at, shape, bounds, own_bounds })
+        Ok(Part { pose: at, bounds: shape.compute_local_aabb(), shape })
     }
 
-    /// True if nothing of `other`, a part of a body, can be near: the ball around its bounds is clear of this part's.
-    fn is_clear_of(&self, own_from_body: &Isometry3<f64>, other: &Part) -> bool {
-        let centre = own_from_body * Point3::from(back(other.bounds.center()));
-        let own = &self.own_bounds;
-        let beyond = centre.coords.sup(&back(own.mins)).inf(&back(own.maxs)) - centre.coords;
+    /// True if nothing of `other` can touch this part: the ball around its bounds is clear of this part's bounds.
+    fn is_clear_of(&self, other: &Part, other_from_own: &Isometry3<f64>) -> bool {
+        let centre = other_from_own.inverse_transform_point(&back(other.bounds.center()).into()).coords;
+        let beyond = centre.sup(&back(self.bounds.mins)).inf(&back(self.bounds.maxs)) - centre;
         let reach = f64::from(other.bounds.half_extents().length()) + CLEAR_MM;
         beyond.norm_squared() > reach * reach
     }
@@ -183,7 +179,6 @@ impl RigidBody {
         for (part, sign) in self.parts.iter_mut().skip(1).zip([-0.5, 0.5]) {
             let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), jaw_rad * sign);
             part.pose = Isometry3::from_parts(Translation3::new(0.0, 0.0, JAW_LENGTH_MM), turn);
-            part.bounds = part.shape.compute_aabb(&pose(&part.pose));
         }
     }
 
@@ -203,16 +198,11 @@ impl RigidBody {
         }
         for (i, tool) in instrument.parts.iter().enumerate() {
             let body_from_tool = body_from_instrument * tool.pose;
-            let tool_from_body = body_from_tool.inverse();
-            if self.parts.iter().all(|part| tool.is_clear_of(&tool_from_body, part)) {
-                continue;
-            }
-            let bounds = tool.shape.compute_aabb(&pose(&body_from_tool));
             for (j, part) in self.parts.iter().enumerate() {
-                if !bounds.intersects(&part.bounds) {
+                let part_from_tool = part.pose.inverse() * body_from_tool;
+                if tool.is_clear_of(part, &part_from_tool) {
                     continue;
                 }
-                let part_from_tool = part.pose.inverse() * body_from_tool;
                 let found =
                     query::contact(&Pose::IDENTITY, &*part.shape, &pose(&part_from_tool), &*tool.shape, 0.0);
                 // Every pair of these shapes is supported; one that is not would touch nothing.

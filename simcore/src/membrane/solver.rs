@@ -112,7 +112,6 @@ impl Solver {
         if self.without_pinned {
             let wanted = |node: usize| state.flag[node] == NODE_FREE || is_bound(state.flag[node]);
             self.web.tables.work_for(wanted);
-            self.web.tables.forget_pulls();
             for node in (0..state.nodes()).filter(|&node| !wanted(node)) {
                 self.hold_still(node);
             }

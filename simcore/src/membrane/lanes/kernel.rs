@@ -149,10 +149,7 @@ impl Tables {
                 self.work[end] |= SPREAD;
             }
         }
-    }
-
-    /// Springs that are not computed do not pull.
-    pub fn forget_pulls(&mut self) {
+        // Springs that are left out do not pull.
         let of_block = self.pull.chunks_mut((self.slots * WIDE).max(1));
         let left_out = of_block.zip(&self.work).filter(|(_, work)| **work & PULL == 0);
         left_out.for_each(|(pulls, _)| pulls.fill(0.0));
@@ -204,9 +201,7 @@ unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Pass
     unsafe {
         let sweep = Sweep::<L>::new(tables, forces);
         for step in 0..blocks + ahead + behind {
-            let has = |behind: usize, work: u8| {
-                tables.work.get(step.wrapping_sub(behind)).is_some_and(|w| w & work != 0)
-            };
+            let has = |behind: usize, work: u8| tables.work[step - behind] & work != 0;
             if step < blocks {
                 if has(0, SPREAD) {
                     let parts = node_parts::<L>(&sweep, Span::new(step, nodes));
