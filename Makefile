@@ -52,7 +52,7 @@ test: setup ## Format, lint, build and run every check
 	cargo test --workspace
 
 soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (three quarters of an hour on two cores; SOAK="--programmes 20")
-	cargo run --release -p simcore --example soak -- $(SOAK)
+	cargo run --release -p validation --example soak -- $(SOAK)
 
 setup-python:
 	@python3 -c 'import venv, ensurepip' 2>/dev/null || { $(AS_ROOT) apt-get update -qq; \
@@ -68,10 +68,10 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
-	cargo bench -p simcore --bench collision
-	cargo bench -p simcore --bench tissue
+	cargo bench -p validation --bench collision
+	cargo bench -p validation --bench tissue
 	cargo run --release -p renderer -- bench render
-	cargo bench -p simcore --bench vitreous
+	cargo bench -p validation --bench vitreous
 	cargo build --release --workspace
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
@@ -87,10 +87,10 @@ bench-score: setup ## Measure how fast recordings are scored on one core, withou
 		$(RELEASE) score $(SCORED:%=out/score/%.mcap) --jobs 1 --csv out/score/all.csv $$how || exit 1; done
 
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
-	cargo run --release -p simcore --example validation
+	cargo run --release -p validation --example validation
 
 study: setup ## Let four scripted surgeons and recorded hands do the training modules; docs/study.md and its picture (STUDY="--seeds 4")
-	cargo run --release -p vitreo-tests --example study -- --page docs/study.md $(STUDY)
+	cargo run --release -p validation --example study -- --page docs/study.md $(STUDY)
 
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace
@@ -98,10 +98,10 @@ golden: setup ## Renew the recording that every build must replay to the bit; sa
 
 pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
 	cargo run --release -p renderer --example pictures -- tests/data/pictures
-	cargo run --release -p vitreo-tests --example gallery -- --reference tests/data/pictures
+	cargo run --release -p validation --example gallery -- --reference tests/data/pictures
 
 gallery: setup ## Renew the pictures that the documentation shows
-	cargo run --release -p vitreo-tests --example gallery -- docs/pictures
+	cargo run --release -p validation --example gallery -- docs/pictures
 
 instruments: setup ## Renew the instruments' meshes
 	cargo run --release -p renderer --example instruments -- assets/instruments

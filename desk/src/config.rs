@@ -1,7 +1,7 @@
 //! Arguments of the process.
 
-use protocol::scene_file::DEFAULT_SCENE;
-use protocol::shell::ShellArgs;
+use ipc::shell::ShellArgs;
+use scene::DEFAULT_SCENE;
 use std::path::PathBuf;
 
 /// Moves two instruments by mouse, keyboard or gamepad.

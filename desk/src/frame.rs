@@ -63,7 +63,7 @@ mod tests {
     use protocol::message::Message;
     use protocol::predict::predict;
     use protocol::rig::Rig;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     #[test]
     fn frames_are_valid_and_their_prediction_is_where_the_hand_goes() {

@@ -6,13 +6,13 @@
 use crate::reach::Reach;
 use nalgebra::{Isometry3, Vector3};
 use protocol::bindings::Action;
+use protocol::geometry::shaft_pose;
 use protocol::handles::{PedalMode, PedalState, Tool};
 use protocol::inputs::{AXIS_COUNT, Axis, Input, Key};
 use protocol::limits::INSTRUMENTS;
 use protocol::optics::PedalButton;
 use protocol::rig::Rig;
-use protocol::scene_file::SceneFile;
-use protocol::script::Gesture;
+use scene::SceneFile;
 
 /// A tip moves so far for a pixel of the mouse, mm.
 pub const MM_PER_PX: f64 = 0.02;
@@ -64,8 +64,7 @@ pub struct Hand {
 impl Hand {
     /// `eye_from_instrument`: the shaft passes its trocar.
     pub fn pose(&self) -> Isometry3<f64> {
-        let (tip_in_eye_mm, roll_rad, jaw_rad, tool) = (self.tip_mm, self.roll_rad, self.jaw_rad, self.tool);
-        Gesture { tip_in_eye_mm, roll_rad, jaw_rad, tool }.eye_from_instrument(self.trocar_mm)
+        shaft_pose(&self.tip_mm, &self.trocar_mm, self.roll_rad)
     }
 
     /// Leads the aim by `by`, mm.

@@ -8,7 +8,7 @@ fn main() -> ExitCode {
     match desk::process::run(&desk::config::Config::parse()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("vitreo-desk: {}", protocol::shell::told(error.as_ref()));
+            eprintln!("vitreo-desk: {}", ipc::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
     }

@@ -7,18 +7,19 @@ use crate::hands::Desk;
 use crate::script::{Inputs, Player};
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
+use ipc::clock::{now, sleep_until};
+use ipc::shell::Shell;
+use ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::control::{Command, Request};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
-use protocol::ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_WAIT_MS};
 use protocol::message::text_bytes;
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
-use protocol::scene_file::SceneFile;
-use protocol::shell::Shell;
-use protocol::time::{Nanos, now, sleep_until};
+use protocol::time::Nanos;
+use scene::SceneFile;
 
 /// The last stretch before a field is slept through without looking at requests, ns.
 const FINE_NS: u64 = 1_000_000;

@@ -6,7 +6,7 @@ use fpga_model::motion::MotionSource;
 use fpga_model::picture::{FieldPicture, Light, Painter, Patch};
 use fpga_model::sight::Markers;
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;
 

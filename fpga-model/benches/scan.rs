@@ -11,7 +11,7 @@ use fpga_model::scan::{Scanner, Settings};
 use fpga_model::sight::Markers;
 use protocol::blobs::{BlobField, Colour};
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;
 

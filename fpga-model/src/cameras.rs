@@ -272,7 +272,7 @@ impl View {
 mod tests {
     use super::*;
     use crate::motion::MotionSource;
-    use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+    use scene::{DEFAULT_SCENE, SceneFile};
 
     #[test]
     fn both_paths_see_the_same_markers() {

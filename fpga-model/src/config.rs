@@ -1,8 +1,8 @@
 //! Arguments of `vitreo-fpga-model`.
 
 use crate::commands::Command;
-use protocol::scene_file::DEFAULT_SCENE;
-use protocol::shell::ShellArgs;
+use ipc::shell::ShellArgs;
+use scene::DEFAULT_SCENE;
 use std::path::PathBuf;
 
 /// Longest delay of a late camera, ms.

@@ -79,7 +79,7 @@ mod tests {
     use crate::sight::Markers;
     use bytemuck::Zeroable;
     use protocol::rig::Rig;
-    use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+    use scene::{DEFAULT_SCENE, SceneFile};
 
     #[test]
     fn centres_scatter_by_the_stated_noise() {

@@ -16,7 +16,7 @@ fn main() -> ExitCode {
             // The launcher starts sub-commands under its own name.
             let called = std::env::args_os().next().map(std::path::PathBuf::from);
             let name = called.as_deref().and_then(std::path::Path::file_name).unwrap_or_default();
-            eprintln!("{}: {}", name.display(), protocol::shell::told(error.as_ref()));
+            eprintln!("{}: {}", name.display(), ipc::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::events::{Event, EventKind};
 use protocol::scene::{NODE_FREE, SceneBody, SceneHeader, SceneNode, section};
-use protocol::script::{BodySeen, Sight};
+use surgeon::script::{BodySeen, Sight};
 
 /// What the surgeon sees.
 #[derive(Debug, Clone, Default)]

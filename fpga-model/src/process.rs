@@ -19,18 +19,19 @@ use crate::outbox::Outbox;
 use crate::stream::BlobStream;
 use anyhow::{Context, Result, ensure};
 use bytemuck::Zeroable;
+use ipc::clock::{now, sleep_until};
+use ipc::shell::Shell;
+use ipc::{BlockReceiver, Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::events::Event;
 use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::health::{Process, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
-use protocol::ipc::{BlockReceiver, Instance, Queue, Receiver, Sender, wait};
 use protocol::limits::{INSTRUMENTS, MAX_WAIT_MS};
 use protocol::rig::Rig;
 use protocol::scene::SceneHeader;
-use protocol::scene_file::SceneFile;
-use protocol::shell::Shell;
-use protocol::time::{Nanos, now, sleep_until};
+use protocol::time::Nanos;
+use scene::SceneFile;
 
 /// From the start of the loop to the first exposure, ns.
 const LEAD_NS: u64 = 20_000_000;

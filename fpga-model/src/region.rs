@@ -99,7 +99,7 @@ mod tests {
     use super::*;
     use crate::motion::MotionSource;
     use crate::sight::Markers;
-    use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+    use scene::{DEFAULT_SCENE, SceneFile};
 
     #[test]
     fn no_marker_is_ever_seen_below_the_region() {

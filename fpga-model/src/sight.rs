@@ -137,7 +137,7 @@ mod tests {
     use crate::motion::MotionSource;
     use nalgebra::Matrix3;
     use proptest::prelude::*;
-    use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+    use scene::{DEFAULT_SCENE, SceneFile};
 
     fn rig() -> Rig {
         Rig::load_or_shipped(None).unwrap()

@@ -1,7 +1,7 @@
 //! A recorded blob stream, read at the start and played with its own spacing.
 
+use blob_stream::{BlobReader, BlobStreamError};
 use bytemuck::Zeroable;
-use protocol::blob_stream::{BlobReader, BlobStreamError};
 use protocol::blobs::{Blob, BlobField};
 use protocol::rig::Rig;
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Fields of cameras whose black nobody told: the background is followed.
 
+use blob_stream::parse_line;
 use fpga_model::colours::reference;
-use protocol::blob_stream::parse_line;
 use protocol::blobs::{BlobField, Colour};
 use std::process::Command;
 

@@ -1,10 +1,10 @@
 //! The process itself: schedule, pause, reset, late cameras, end of a stream, shutdown.
 
+use ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Answer, Command as Ask, Request};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Health, Process, STATE_FINISHED, STATE_RUNNING};
-use protocol::ipc::{Instance, Queue, Receiver, Sender, wait};
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 

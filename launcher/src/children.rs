@@ -5,11 +5,12 @@
 //! that lives as long as they shall: the kernel ties them to the thread that started them.
 
 use anyhow::{Context, bail};
+use ipc::clock::{now, sleep_until};
+use ipc::{Receiver, Sender, instance_directory, wait};
 use protocol::control::{Command as Order, EVERY_PROCESS, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
-use protocol::ipc::{Receiver, Sender, instance_directory, wait};
 use protocol::limits::MAX_WAIT_MS;
-use protocol::time::{Nanos, now, sleep_until};
+use protocol::time::Nanos;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Write};

@@ -2,10 +2,10 @@
 
 use anyhow::bail;
 use clap::ValueEnum;
+use ipc::clock::now;
+use ipc::{Instance, Queue, instance_directory, wait};
 use protocol::control::{Answer, Command, LAUNCHER, Request};
-use protocol::ipc::{Instance, Queue, instance_directory, wait};
 use protocol::limits::MAX_WAIT_MS;
-use protocol::time::now;
 use std::process::ExitCode;
 
 /// How long the launcher may take to obey, ns: for the next level it makes new tissue.

@@ -3,9 +3,9 @@
 use crate::poses_csv::PosesCsv;
 use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
-use protocol::blob_stream::write_line;
-use protocol::recording::{Item, Recording};
+use blob_stream::write_line;
 use protocol::time::Nanos;
+use recording::{Item, Recording};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write, stdout};
 use std::path::{Path, PathBuf};
@@ -233,7 +233,7 @@ fn quoted(text: &str) -> String {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use protocol::recording::{Note, NoteKind};
+    use recording::{Note, NoteKind};
 
     #[test]
     fn every_table_has_as_many_cells_as_its_header() {

@@ -4,7 +4,6 @@
 use crate::children::find_binary;
 use crate::modules::Composed;
 use crate::progress::pictures_bar;
-use ::modules::module::Module;
 use anyhow::{Context, bail};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
@@ -62,7 +61,7 @@ fn seconds(text: &str) -> Result<f64, String> {
 
 /// Runs it.
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
-    let level = args.level.map_or_else(|| Ok(Module::load(&args.module)?.levels()), anyhow::Ok)?;
+    let level = args.level.map_or_else(|| Ok(surgeon::load(&args.module)?.levels()), anyhow::Ok)?;
     let composed = Composed::new(&args.module, level, &args.surgeon, args.seed)?;
     let film = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.y4m".into()));
     let folders = [film.as_deref().and_then(Path::parent), args.stills.as_deref()];
@@ -86,9 +85,9 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
 
 /// Starts the simulation, which writes scenes.
 fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, ChildStdout)> {
-    let mut command = Command::new(find_binary("vitreo-simcore")?);
-    command.args(["--scene", &composed.name(), "--film", &FIELDS_PER_PICTURE.to_string()]);
-    command.args(["--film-seed", &args.seed.to_string(), "--film-length", &args.length.to_string()]);
+    let mut command = Command::new(find_binary("vitreo-offline")?);
+    command.args(["film", "--scene", &composed.name(), "--every", &FIELDS_PER_PICTURE.to_string()]);
+    command.args(["--seed", &args.seed.to_string(), "--length", &args.length.to_string()]);
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("start the simulation")?;
     let scenes = child.stdout.take().context("the simulation's output")?;

@@ -2,11 +2,11 @@
 
 use crate::progress::counter;
 use anyhow::Context;
-use protocol::blob_stream::BlobReader;
+use blob_stream::BlobReader;
 use protocol::limits::MAX_BLOBS;
-use protocol::recording::{Item, Provenance, Source, Writer};
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+use recording::{Item, Provenance, Source, Writer};
+use scene::{DEFAULT_SCENE, SceneFile};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -87,7 +87,7 @@ fn copy(blobs: &Path, output: &Path, provenance: &Provenance) -> anyhow::Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::recording::Recording;
+    use recording::Recording;
 
     const LINE: &str = r#"{"cam":0,"seq":3,"t_ns":40,"t_rx_ns":70,"parity":1,"blobs":[{"x":1.5,"y":2.5,"area":3.0,"colour":"red","w":1.0,"h":1.0}]}"#;
 

@@ -1,6 +1,6 @@
 //! `vitreo info`: what a recording holds.
 
-use protocol::recording::{Item, NoteKind, Recording};
+use recording::{Item, NoteKind, Recording};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -137,7 +137,7 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::recording::Note;
+    use recording::Note;
 
     #[test]
     fn losses_and_spans_are_counted() {

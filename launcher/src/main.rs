@@ -9,7 +9,7 @@ fn main() -> ExitCode {
     match launcher::cli::dispatch(&cli) {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("vitreo: {}", protocol::shell::told(error.as_ref()));
+            eprintln!("vitreo: {}", ipc::shell::told(error.as_ref()));
             ExitCode::from(launcher::exit::FAILED)
         }
     }

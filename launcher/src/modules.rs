@@ -1,10 +1,10 @@
 //! `vitreo modules`: what there is to train; and the scene that `vitreo run --module` composes.
 
 use anyhow::bail;
-use modules::module::{Kind, Module, names};
-use modules::surgeon::{SURGEONS, Surgeon, by_name};
+use scene::module::{Kind, Module, names};
 use std::io::{Seek, Write};
 use std::process::ExitCode;
+use surgeon::skill::{SURGEONS, Surgeon, by_name};
 
 /// Arguments of `vitreo modules`.
 #[derive(Debug, clap::Args)]
@@ -23,12 +23,12 @@ pub struct ModulesArgs {
 /// Runs it.
 pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
     if let Some(name) = &args.scene {
-        let scene = Module::load(name)?.compose(args.level, &SURGEONS[0], 1)?;
+        let scene = surgeon::compose(&surgeon::load(name)?, args.level, &SURGEONS[0], 1)?;
         print!("{}", scene.to_toml());
         return Ok(ExitCode::SUCCESS);
     }
     for name in names() {
-        let module = Module::load(name)?;
+        let module = surgeon::load(name)?;
         let kind = match module.file.kind {
             Kind::Abstract => "abstract",
             Kind::Operation => "operation",
@@ -68,14 +68,14 @@ impl Composed {
             bail!("--surgeon: expected one of {}, found {surgeon}", known.join(", "));
         };
         let file = tempfile::Builder::new().prefix("vitreo-").suffix(".toml").tempfile()?;
-        let module = Module::load(module)?;
+        let module = surgeon::load(module)?;
         let mut composed = Composed { file, module, surgeon, seed, level, longest_s: 0.0 };
         composed.write()?;
         Ok(composed)
     }
 
     fn write(&mut self) -> anyhow::Result<()> {
-        let scene = self.module.compose(self.level, &self.surgeon, self.seed)?;
+        let scene = surgeon::compose(&self.module, self.level, &self.surgeon, self.seed)?;
         let file = self.file.as_file_mut();
         file.set_len(0)?;
         file.rewind()?;
@@ -104,7 +104,7 @@ impl Composed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     #[test]
     fn the_next_level_takes_the_place_of_the_one_before_until_the_last() {

@@ -6,8 +6,8 @@ use crate::exit::LOSS;
 use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
 use protocol::message::fnv1a;
-use protocol::recording::{Item, Note, NoteKind, Recording, RecordingError, Writer};
 use protocol::time::Nanos;
+use recording::{Item, Note, NoteKind, Recording, RecordingError, Writer};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -112,7 +112,7 @@ fn read_back(output: &Path) -> anyhow::Result<Tally> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::recording::Provenance;
+    use recording::Provenance;
 
     fn note(count: u64) -> Item {
         let text = format!("note {count} {}", "x".repeat(60));

@@ -2,8 +2,7 @@
 
 use crate::score;
 use anyhow::{Context, bail};
-use modules::score::table::{Category, METRICS};
-use protocol::recording::Recording;
+use recording::Recording;
 use results::attempt::sha256_of;
 use results::store::{Filter, default_place};
 use results::table::{Keys, Table};
@@ -13,6 +12,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{SystemTime, UNIX_EPOCH};
+use training::score::table::{Category, METRICS};
 
 /// Key under which a recording's configuration says when the run began, seconds since 1970.
 pub const BEGAN: &str = "began-s";
@@ -124,7 +124,7 @@ pub fn attempt_of(recording: &Recording, scored: &score::Attempt) -> Attempt {
         of: c.points(),
         ..Points::default()
     };
-    let metric = |m: &modules::score::Reading| Points {
+    let metric = |m: &training::score::Reading| Points {
         key: m.key.into(),
         value: m.value,
         sigma: m.value.map(|_| m.sigma),

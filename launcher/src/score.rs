@@ -4,13 +4,13 @@ use crate::children::find_binary;
 use crate::exit::{DIFFERS, LOSS};
 use crate::score_batch::{self, BatchArgs};
 use anyhow::{Context, bail};
-use modules::score::recording::{Live, Reader, Verdict};
-use modules::score::table::{Category, METRICS, PENALTIES};
-use protocol::recording::Recording;
-use protocol::scene_file::SceneFile;
+use recording::{Item, Recording};
+use scene::SceneFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
+use training::score::recording::{Live, Reader, Verdict};
+use training::score::table::{Category, METRICS, PENALTIES};
 
 /// Arguments of `vitreo score`.
 #[derive(Debug, clap::Args)]
@@ -54,7 +54,17 @@ pub struct Attempt {
     pub damage: Option<String>,
     /// The score.
     #[serde(flatten)]
-    pub score: modules::score::Score,
+    pub score: training::score::Score,
+}
+
+/// Gives a recording's item to the score.
+fn take(reader: &mut Reader, item: Item) {
+    match item {
+        Item::Poses(frame) => reader.take_poses(frame),
+        Item::Event(event) => reader.take_event(event),
+        Item::Step(step) => reader.take_step(&step),
+        _ => {}
+    }
 }
 
 /// Scores a recording. Damage ends it early and is told; a recording without a task is an error.
@@ -70,7 +80,7 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
         match item {
             Ok((at, item)) => {
                 span = [span[0].min(at), span[1].max(at)];
-                reader.take(item);
+                take(&mut reader, item);
             }
             Err(problem) => {
                 damage = Some(problem.to_string());
@@ -94,17 +104,17 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
 }
 
 /// Scores what the simulation makes of a recording's poses, handles and pedal when it does every step again.
-pub fn score_again(file: &Path) -> anyhow::Result<Attempt> {
+pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     let again = tempfile::Builder::new().prefix("vitreo-").suffix(".mcap").tempfile()?;
-    let told = Command::new(find_binary("vitreo-simcore")?)
-        .arg("--again")
+    let told = Command::new(find_binary("vitreo-offline")?)
+        .arg("resimulate")
         .args([file, again.path()])
         .output()
-        .context("start vitreo-simcore")?;
+        .context("start vitreo-offline")?;
     if !told.status.success() {
         let why = String::from_utf8_lossy(&told.stderr);
         let why = why.lines().last().unwrap_or("it ended without a word");
-        bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-simcore: "));
+        bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-offline: "));
     }
     eprint!("{}", String::from_utf8_lossy(&told.stderr));
     // What the live run told stands in the recording; the steps in the copy tell their own.
@@ -124,7 +134,7 @@ pub fn score_again(file: &Path) -> anyhow::Result<Attempt> {
 /// Runs it. Exit code 3 where a recording could not be scored whole, 5 where a score differs from what the run told.
 pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
     if args.doc {
-        print!("{}", modules::score::doc::page());
+        print!("{}", training::score::doc::page());
         return Ok(ExitCode::SUCCESS);
     }
     if args.batch.wanted(&args.files) {
@@ -132,7 +142,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
     }
     let (mut code, alone) = (0, args.files.len() == 1);
     for file in &args.files {
-        match if args.resimulate { score_again(file) } else { score_file(file) } {
+        match if args.resimulate { score_resimulated(file) } else { score_file(file) } {
             Ok(attempt) => {
                 code = code.max(code_of(&attempt));
                 if args.json {

@@ -5,7 +5,7 @@ use crate::progress::files_bar;
 use crate::results::{attempt_of, keys, write_tables};
 use crate::score::{self, score_file};
 use anyhow::{Context, bail};
-use protocol::recording::Recording;
+use recording::Recording;
 use results::batch::{Row, Shard, list, work};
 use results::parquet_file;
 use results::table::Table;
@@ -78,7 +78,7 @@ pub fn run(args: &BatchArgs, named: &[PathBuf], resimulate: bool) -> anyhow::Res
 
 /// Scores one recording; what is wrong with it stands in the row.
 fn row(path: &Path, resimulate: bool) -> Row {
-    let scored = if resimulate { score::score_again(path) } else { score_file(path) };
+    let scored = if resimulate { score::score_resimulated(path) } else { score_file(path) };
     match scored.and_then(|scored| Ok((attempt_of(&Recording::open(path)?, &scored), scored))) {
         Ok((attempt, scored)) => Row {
             file: path.into(),
@@ -145,13 +145,12 @@ fn summary(rows: &[Row], wall_s: f64) -> u8 {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use modules::module::Module;
-    use modules::surgeon::EXPERT;
-    use protocol::recording::{Provenance, Writer};
+    use recording::{Provenance, Writer};
+    use surgeon::skill::EXPERT;
 
     /// A recording of an attempt that was broken off before anything happened.
     pub(crate) fn broken_off(file: &Path) {
-        let scene = Module::load("navigation").unwrap().compose(1, &EXPERT, 1).unwrap();
+        let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &EXPERT, 1).unwrap();
         let mut provenance = Provenance { scene_toml: scene.to_toml(), ..Provenance::default() };
         provenance.rig_json = protocol::rig::Rig::load_or_shipped(None).unwrap().to_json();
         provenance.seeds.insert("cameras".into(), "42".into());

@@ -2,10 +2,10 @@
 
 use anyhow::bail;
 use protocol::frames::FrameRecord;
-use protocol::recording::{Item, Recording};
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
 use protocol::{blobs::BlobField, poses::TrackerFrame};
+use recording::{Item, Recording};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;

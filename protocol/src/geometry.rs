@@ -1,7 +1,7 @@
 //! Poses and their validity.
 
 use bytemuck::{Pod, Zeroable};
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Point3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// A rigid transform `target_from_source` as it travels: position in mm, unit quaternion (w, x, y, z).
 #[repr(C)]
@@ -71,6 +71,17 @@ impl Validity {
             _ => None,
         }
     }
+}
+
+/// `eye_from_instrument` of a shaft whose axis runs from the tip through the trocar, turned by `roll_rad` about it. With no
+/// roll, +x is as near to the eye's +y (superior) as the shaft allows. Places in the eye frame, mm.
+pub fn shaft_pose(tip: &Vector3<f64>, trocar: &Vector3<f64>, roll_rad: f64) -> Isometry3<f64> {
+    let along = (trocar - tip).try_normalize(1e-6).unwrap_or(Vector3::z());
+    let upright = if along.y.abs() < 0.99 { Vector3::y() } else { Vector3::x() };
+    let x = (upright - along * along.dot(&upright)).normalize();
+    let unrolled = Rotation3::from_basis_unchecked(&[x, along.cross(&x), along]);
+    let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll_rad);
+    Isometry3::from_parts(Translation3::from(*tip), UnitQuaternion::from_rotation_matrix(&unrolled) * roll)
 }
 
 #[cfg(test)]

@@ -24,32 +24,27 @@
 //! (see `docs/conventions.md`); transforms are named `target_from_source`.
 
 pub mod bindings;
-pub mod blob_stream;
 pub mod blobs;
 pub mod budget;
 pub mod camera;
 pub mod control;
 pub mod dose;
 pub mod events;
-pub mod font;
 pub mod frames;
 pub mod geometry;
 pub mod handles;
 pub mod health;
 pub mod inputs;
-pub mod ipc;
+pub mod journal;
 pub mod limits;
 pub mod message;
 pub mod optics;
 pub mod poses;
 pub mod predict;
-pub mod recording;
+pub mod random;
 pub mod rig;
 pub mod scene;
-pub mod scene_file;
 pub mod scene_stream;
 pub mod scene_text;
-pub mod script;
-pub mod shell;
 pub mod steps;
 pub mod time;

@@ -1,8 +1,39 @@
 //! `steps` and `checkpoints`: what a simulation step consumed and became.
 
+use crate::handles::{HandleState, PedalState};
 use crate::message::{FieldLayout, Invalid, Message, require};
+use crate::poses::TrackerFrame;
 use crate::time::Instants;
 use bytemuck::{Pod, Zeroable};
+
+/// What one step consumes.
+#[derive(Debug, Clone, Copy)]
+pub struct StepInput<'a> {
+    /// Poses.
+    pub frame: &'a TrackerFrame,
+    /// Handle states since the last step, in order.
+    pub handles: &'a [HandleState],
+    /// Pedal states since the last step, in order.
+    pub pedals: &'a [PedalState],
+}
+
+/// A [`StepInput`] that owns its parts.
+#[derive(Debug, Clone)]
+pub struct StepInputs {
+    /// Poses.
+    pub frame: Box<TrackerFrame>,
+    /// Handle states since the last step, in order.
+    pub handles: Vec<HandleState>,
+    /// Pedal states since the last step, in order.
+    pub pedals: Vec<PedalState>,
+}
+
+impl StepInputs {
+    /// As a step takes it.
+    pub fn input(&self) -> StepInput<'_> {
+        StepInput { frame: &self.frame, handles: &self.handles, pedals: &self.pedals }
+    }
+}
 
 /// Time spent in the phases of a step, ns (the paper's Table 4). Never part of the result.
 #[repr(C)]

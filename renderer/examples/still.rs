@@ -7,13 +7,13 @@ mod common;
 use anyhow::Result;
 use protocol::optics::Lens;
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use renderer::frame::Renderer;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
 use renderer::output::save_png;
 use renderer::readback::{Picture, ReadBack};
 use renderer::start::plan;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 fn main() -> Result<()> {
     env_logger::init();

@@ -2,7 +2,7 @@
 
 use crate::present::window::WindowPlan;
 use crate::stereo::Arrangement;
-use protocol::shell::ShellArgs;
+use ipc::shell::ShellArgs;
 use std::path::PathBuf;
 
 /// Pictures a second of a video.
@@ -29,7 +29,7 @@ pub struct Config {
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Scene by name or file; gives eye, membrane size and shafts.
-    #[arg(long, value_name = "NAME|FILE", default_value = protocol::scene_file::DEFAULT_SCENE)]
+    #[arg(long, value_name = "NAME|FILE", default_value = scene::DEFAULT_SCENE)]
     pub scene: String,
     /// Fundus photograph to lay on the retina instead of the shipped one: a square JPEG or PNG of a left eye, the fovea
     /// in its middle.

@@ -35,8 +35,8 @@ use protocol::optics::Filter;
 use protocol::scene::{
     Microscope, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode, SceneTriangle, section,
 };
-use protocol::scene_file::Side;
 use protocol::scene_text::{Place, push_line};
+use scene::Side;
 use wgpu::{BindGroup, CommandBuffer, CommandEncoder, RenderPass};
 
 /// Opacity of an instrument that is not tracked.

@@ -11,7 +11,7 @@
 //! surroundings in green, where blood absorbs most. The same difference sharpens the picture.
 
 use image::RgbImage;
-use protocol::scene_file::Side;
+use scene::Side;
 
 /// Fovea in the photograph, share of its width.
 const FOVEA: [f32; 2] = [0.503, 0.497];

@@ -43,7 +43,7 @@ fn main() -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("vitreo-renderer: {}", protocol::shell::told(error.as_ref()));
+            eprintln!("vitreo-renderer: {}", ipc::shell::told(error.as_ref()));
             ExitCode::FAILURE
         }
     }

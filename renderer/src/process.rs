@@ -14,6 +14,9 @@ use crate::present::{Present, Ready};
 use crate::readback::ReadBack;
 use crate::start;
 use anyhow::{Context, Result};
+use ipc::clock::{now, sleep_until};
+use ipc::shell::Shell;
+use ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
 use person::Person;
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
@@ -22,12 +25,10 @@ use protocol::frames::{
     TRACKING_LOST_SHOWN,
 };
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
-use protocol::ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
 use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
-use protocol::shell::Shell;
-use protocol::time::{Nanos, now, sleep_until};
+use protocol::time::Nanos;
 
 /// Runs until it is told to stop.
 pub fn run(config: &Config) -> Result<()> {

@@ -17,11 +17,10 @@ use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
 use protocol::scene::{
-    Microscope, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle,
-    SectionWriter,
+    NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle, SectionWriter,
 };
-use protocol::scene_file::SceneFile;
 use protocol::time::Nanos;
+use scene::SceneFile;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
@@ -125,7 +124,7 @@ fn warm_up(
     let marks = writer.write(&[SceneMark { position_mm: [0.0, 0.0, -11.5], radius_mm: 1.0, rgba: [1.0; 4] }]);
     let bricks = writer.write(&[SceneBrick { edge_mm: 8.0, ..SceneBrick::zeroed() }]);
     let mut header = SceneHeader::zeroed();
-    header.microscope = Microscope::of_scene(scene);
+    header.microscope = scene.start_microscope();
     (header.nodes, header.triangles) = (nodes.unwrap_or_default(), triangles.unwrap_or_default());
     (header.bodies, header.marks) = (bodies.unwrap_or_default(), marks.unwrap_or_default());
     header.bricks = bricks.unwrap_or_default();

@@ -5,12 +5,12 @@
 mod common;
 
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use renderer::frame::Renderer;
 use renderer::gpu::{Gpu, GpuError};
 use renderer::latch::latch_scene;
 use renderer::readback::{Picture, ReadBack};
 use renderer::start::plan;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 /// A tier with depth of field and one without.
 const TIERS: [usize; 2] = [2, 6];

@@ -20,7 +20,7 @@ const FOVEA: DVec3 = DVec3::new(0.0, 0.0, -11.5);
 
 fn looking_at_the_fovea(stage: &Stage, field_mm: f64, aperture_mm: f64, focus_mm: f64) -> Microscope {
     let target_in_world_mm = FOVEA.to_array();
-    Microscope { target_in_world_mm, field_mm, aperture_mm, focus_mm, ..Microscope::of_scene(&stage.file) }
+    Microscope { target_in_world_mm, field_mm, aperture_mm, focus_mm, ..stage.file.start_microscope() }
 }
 
 fn draw(stage: &mut Stage, microscope: &Microscope, bodies: Vec<SceneBody>) -> Picture {

@@ -53,7 +53,7 @@ fn pinhole(m: &Microscope, channel: u32, size: [f64; 2], target: DVec3, seen: DV
 }
 
 fn through(stage: &Stage, lens: Lens, inverter: bool) -> Microscope {
-    let start = Microscope::of_scene(&stage.file);
+    let start = stage.file.start_microscope();
     assert_eq!((start.lens_focal_mm, start.lens_height_mm), (FOCAL_MM, LENS_MM));
     // A pinhole: places are measured, and what is out of focus has no sharp border.
     Microscope { lens: lens as u32, inverter: u32::from(inverter), aperture_mm: 0.0, ..start }

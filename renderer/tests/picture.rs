@@ -5,12 +5,12 @@
 mod common;
 
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use renderer::frame::Renderer;
 use renderer::gpu::Gpu;
 use renderer::latch::{Latched, latch_scene};
 use renderer::readback::{Picture, ReadBack};
 use renderer::start::plan;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 /// The best tier that the tests draw at: small, for the software driver.
 const FIRST_TIER: usize = 5;

@@ -6,13 +6,13 @@ mod common;
 
 use common::{Contents, scene_of};
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use renderer::frame::Renderer;
 use renderer::governor::TIERS;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
 use renderer::readback::{Picture, ReadBack};
 use renderer::start::plan;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 const FIRST_TIER: usize = 5;
 

@@ -5,14 +5,14 @@
 mod common;
 
 use common::{Contents, scene_of};
+use ipc::clock::now;
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
-use protocol::time::now;
 use renderer::frame::Renderer;
 use renderer::gpu::Gpu;
 use renderer::gpu_clock::GpuClock;
 use renderer::latch::latch_scene;
 use renderer::start::plan;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 /// A tier with depth of field and one without, and how many passes they have.
 const TIERS: [(usize, usize); 2] = [(2, 3), (6, 2)];

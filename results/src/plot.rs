@@ -1,8 +1,8 @@
 //! Learning curves as a picture.
 
 use crate::curve::{Curve, longest};
+use font::{CELL_H, CELL_W, number, strip};
 use image::{Rgb, RgbImage};
-use protocol::font::{CELL_H, CELL_W, number, strip};
 
 /// Size of the picture, px.
 pub const SIZE: [u32; 2] = [960, 600];

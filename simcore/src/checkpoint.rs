@@ -11,12 +11,12 @@ use crate::state::{OpticsState, State, is_bound, is_known_flag};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use bincode::enc::write::Writer;
 use bincode::error::EncodeError;
-use modules::score::Meter;
-use modules::task::TaskState;
 use protocol::handles::Tool;
 use protocol::limits::MAX_CHECKPOINT_BYTES;
 use protocol::scene::NODE_BOUND;
 use serde::{Deserialize, Serialize};
+use training::score::Meter;
+use training::task::TaskState;
 
 /// Version of the state's meaning; another one is refused.
 pub const VERSION: u32 = 6;
@@ -240,7 +240,7 @@ mod tests {
     use super::*;
     use crate::world::World;
     use proptest::prelude::*;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     fn world() -> World {
         World::new(&SceneFile::load("peel").unwrap()).unwrap()

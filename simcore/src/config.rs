@@ -1,8 +1,8 @@
 //! Arguments of the process.
 
 use crate::collision::choice::Backend;
-use protocol::scene_file::DEFAULT_SCENE;
-use protocol::shell::ShellArgs;
+use ipc::shell::ShellArgs;
+use scene::DEFAULT_SCENE;
 use std::path::PathBuf;
 
 /// Collision and tissue of the vitreo eye.
@@ -18,19 +18,7 @@ pub struct Args {
     /// Who looks for collisions; it changes no result. `auto` measures at start-up which is faster.
     #[arg(long, value_enum, default_value_t, value_name = "WHO")]
     pub collision: Backend,
-    /// Recording to go on from: its newest checkpoint, and the steps since.
-    #[arg(long, value_name = "FILE.mcap")]
+    /// Journal to go on from: the newest checkpoint, and the inputs since.
+    #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
-    /// Do every step of a recording again, alone, write what comes of it into another, and end.
-    #[arg(long, num_args = 2, value_names = ["FILE.mcap", "OUT.mcap"], conflicts_with = "resume")]
-    pub again: Option<Vec<PathBuf>>,
-    /// Play the scene's script alone, write the scene of every N-th field to standard output, and end.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), conflicts_with_all = ["resume", "again"])]
-    pub film: Option<u64>,
-    /// Seed of the tremor in a film; none without it.
-    #[arg(long, value_name = "SEED", requires = "film")]
-    pub film_seed: Option<u64>,
-    /// Length of a film, s; without it a round of the script.
-    #[arg(long, value_name = "S", requires = "film")]
-    pub film_length: Option<f64>,
 }

@@ -11,9 +11,9 @@
 //! 0.77 P. The score follows the spot: it is the dose of a place that always lies under the pipe. Shadows are not taken off: what an
 //! instrument covers for a moment counts as lit.
 
-use modules::score::table::{LIGHT_HALF_ANGLE_RAD, LIGHT_MW, NEAREST_LIGHT_MM};
 use nalgebra::{Isometry3, Vector3};
 use protocol::dose::{BEAM_OUTER_RAD, CELLS, beam_share, cell_of, direction};
+use training::score::table::{LIGHT_HALF_ANGLE_RAD, LIGHT_MW, NEAREST_LIGHT_MM};
 
 /// Doses of all cells, mJ/mm². No result depends on them, so they are saved with the state and not hashed.
 #[derive(Debug, Clone, PartialEq)]

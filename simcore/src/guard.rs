@@ -112,7 +112,7 @@ pub fn contain(
 mod tests {
     use super::*;
     use crate::membrane::tissue::Tissue;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     #[test]
     fn one_bad_node_is_taken_out_and_the_rest_goes_on() {

@@ -18,7 +18,6 @@
 //! Units are mm, g, s, hence µN and Pa; tissue lives in the eye frame. Results are the same to the
 //! bit in every build: no fused operations, fixed order of sums, transcendentals from `libm`.
 
-pub mod again;
 pub mod bodies;
 pub mod checkpoint;
 pub mod collision;
@@ -27,18 +26,14 @@ pub mod constants;
 pub mod dose;
 pub mod elements;
 pub mod event_log;
-pub mod eyes;
-pub mod film;
 pub mod guard;
 pub mod membrane;
 pub mod microscope;
 mod plain;
 pub mod process;
-pub mod rehearsal;
 pub mod resume;
 pub mod retina;
 pub mod scene_block;
-pub mod soak;
 pub mod state;
 pub mod sweep;
 pub mod task_view;

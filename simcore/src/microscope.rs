@@ -7,7 +7,7 @@ use crate::state::{MicroscopeState, OpticsState};
 use protocol::handles::PedalState;
 use protocol::optics::{Filter, Lens, PedalButton};
 use protocol::scene::Microscope;
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 
 /// A field within this of a step is at it, mm.
 const STEP_MM: f64 = 0.01;
@@ -113,7 +113,7 @@ pub fn view(state: &MicroscopeState, optics: &Option<OpticsState>, scene: &Scene
         focus_mm: state.focus_mm,
         lens: optics.lens,
         inverter: u32::from(optics.inverter),
-        ..Microscope::of_scene(scene)
+        ..scene.start_microscope()
     }
 }
 

@@ -5,22 +5,24 @@ use crate::collision::choice::Backend;
 use crate::config::Args;
 use crate::resume::{Past, Resumed};
 use crate::scene_block::{SceneWriter, bytes_needed};
-use crate::world::{StepInput, World};
+use crate::world::World;
 use anyhow::Context;
+use ipc::clock::now;
+use ipc::shell::Shell;
+use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
 use protocol::control::Command;
 use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Process, STATE_RUNNING};
-use protocol::ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
+use protocol::journal::{JournalError, Reader};
 use protocol::limits::{CHECKPOINT_NS, MAX_CHECKPOINT_BYTES, MAX_WAIT_MS};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
-use protocol::recording::Recording;
 use protocol::scene::SceneHeader;
-use protocol::scene_file::SceneFile;
-use protocol::shell::Shell;
-use protocol::steps::{CheckpointHeader, StepRecord};
-use protocol::time::{Nanos, now};
+use protocol::steps::{CheckpointHeader, StepInput, StepRecord};
+use protocol::time::Nanos;
+use scene::SceneFile;
+use std::io::BufReader;
 use std::path::Path;
 
 /// Runs the simulation until it is told to stop.
@@ -218,13 +220,16 @@ impl Desk {
         Ok(())
     }
 
-    /// Brings the world to where the recording ends, and says so.
+    /// Brings the world to where the journal ends, and says so.
     fn resume(&mut self, world: &mut World, file: &Path) -> anyhow::Result<()> {
-        let recording = Recording::open(file).context("--resume")?;
+        let journal =
+            std::fs::File::open(file).map_err(JournalError::Io).and_then(|f| Reader::new(BufReader::new(f)));
+        let mut journal = journal.with_context(|| format!("--resume {}", file.display()))?;
         let mut past = Past::default();
-        for item in recording.items() {
-            match item {
-                Ok((_, item)) => past.note(item),
+        loop {
+            match journal.next_entry() {
+                Ok(Some(entry)) => past.note(entry),
+                Ok(None) => break,
                 Err(error) => {
                     log::warn!("--resume: {error}; going on with what comes before");
                     break;

@@ -1,12 +1,12 @@
 //! Going on where a predecessor stood: its newest checkpoint, and the recorded inputs since, stepped again
-//! in the recorded order. Pure: the items come from the caller.
+//! in the recorded order. Pure: the entries come from the caller.
 
 use crate::checkpoint::CheckpointError;
-use crate::world::{StepInput, World, no_clock};
+use crate::world::{World, no_clock};
 use protocol::handles::{HandleState, PedalState};
+use protocol::journal::Entry;
 use protocol::poses::TrackerFrame;
-use protocol::recording::Item;
-use protocol::steps::{CheckpointHeader, StepRecord};
+use protocol::steps::{CheckpointHeader, StepInput, StepRecord};
 use std::collections::VecDeque;
 
 /// What a recording knows since its newest checkpoint.
@@ -31,18 +31,17 @@ pub struct Resumed {
 }
 
 impl Past {
-    /// Takes the next item of the recording.
-    pub fn note(&mut self, item: Item) {
-        match item {
-            Item::Checkpoint(header, bytes) => {
+    /// Takes the next entry.
+    pub fn note(&mut self, entry: Entry) {
+        match entry {
+            Entry::Checkpoint(header, bytes) => {
                 self.trim(&header);
                 self.checkpoint = Some((header, bytes));
             }
-            Item::Step(step) => self.steps.push_back(step),
-            Item::Poses(frame) => self.poses.push_back(frame),
-            Item::Handle(handle) => self.handles.push_back(handle),
-            Item::Pedal(pedal) => self.pedals.push_back(pedal),
-            _ => {}
+            Entry::Step(step) => self.steps.push_back(step),
+            Entry::Poses(frame) => self.poses.push_back(frame),
+            Entry::Handle(handle) => self.handles.push_back(handle),
+            Entry::Pedal(pedal) => self.pedals.push_back(pedal),
         }
     }
 
@@ -134,21 +133,21 @@ fn take<T>(queue: &mut VecDeque<T>, before: u64, below: u64, seq: impl Fn(&T) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rehearsal::Rehearsal;
     use bytemuck::Zeroable;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
+    use surgeon::rehearsal::Rehearsal;
 
     /// A run of `fields` fields as a recorder sees it, with a checkpoint after each of `saves`.
-    fn record(fields: u64, saves: &[u64]) -> (World, Vec<Item>) {
+    fn record(fields: u64, saves: &[u64]) -> (World, Vec<Entry>) {
         let scene = SceneFile::load("peel").unwrap();
         let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
         let mut items = Vec::new();
         for field in 200..200 + fields {
             let (frame, handles) = rehearsal.field(field);
             let pedal = PedalState { seq: field, axes: [0.5, 0.1], ..PedalState::zeroed() };
-            items.extend(handles.map(Item::Handle));
-            items.push(Item::Pedal(pedal));
-            items.push(Item::Poses(Box::new(frame)));
+            items.extend(handles.map(Entry::Handle));
+            items.push(Entry::Pedal(pedal));
+            items.push(Entry::Poses(Box::new(frame)));
             let input = StepInput { frame: &frame, handles: &handles, pedals: &[pedal] };
             let report = world.step(&input, &mut no_clock);
             let mut step = StepRecord::zeroed();
@@ -156,7 +155,7 @@ mod tests {
             (step.instants, step.state_hash) = (frame.instants, report.state_hash);
             step.handles_below = world.state().handles_below;
             step.pedals_below = world.state().pedals_below;
-            items.push(Item::Step(step));
+            items.push(Entry::Step(step));
             if saves.contains(&(field - 200)) {
                 items.push(checkpoint(&world, &step));
             }
@@ -164,17 +163,17 @@ mod tests {
         (world, items)
     }
 
-    fn checkpoint(world: &World, step: &StepRecord) -> Item {
+    fn checkpoint(world: &World, step: &StepRecord) -> Entry {
         let mut bytes = Vec::new();
         world.save(&mut bytes).unwrap();
         let mut header = CheckpointHeader::zeroed();
         (header.step, header.field, header.state_hash) = (step.step, step.field, step.state_hash);
         (header.handles_below, header.pedals_below) = (step.handles_below, step.pedals_below);
         header.bytes = bytes.len() as u64;
-        Item::Checkpoint(header, bytes)
+        Entry::Checkpoint(header, bytes)
     }
 
-    fn repeat(items: Vec<Item>) -> (World, Resumed) {
+    fn repeat(items: Vec<Entry>) -> (World, Resumed) {
         let mut world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
         let mut past = Past::default();
         items.into_iter().for_each(|i| past.note(i));
@@ -201,7 +200,7 @@ mod tests {
     #[test]
     fn a_missing_pose_ends_it_there() {
         let (_, mut items) = record(40, &[5]);
-        let gone = items.iter().rposition(|i| matches!(i, Item::Poses(p) if p.field == 220)).unwrap();
+        let gone = items.iter().rposition(|i| matches!(i, Entry::Poses(p) if p.field == 220)).unwrap();
         items.remove(gone);
         let (world, resumed) = repeat(items);
         assert_eq!((resumed.missing, resumed.agrees), (20, true));
@@ -212,7 +211,7 @@ mod tests {
     fn another_state_is_noticed() {
         let (_, mut items) = record(20, &[5]);
         let last = items.last_mut().unwrap();
-        if let Item::Step(step) = last {
+        if let Entry::Step(step) = last {
             step.state_hash ^= 1;
         }
         assert!(!repeat(items).1.agrees);

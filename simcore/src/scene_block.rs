@@ -13,8 +13,8 @@ use protocol::scene::{
     NODE_DEAD, NODE_FREE, SceneBody, SceneHeader, SceneHome, SceneInstrument, SceneMark, SceneNode,
     SceneTriangle, SectionWriter, TISSUE_GONE, TISSUE_MEMBRANE, TISSUE_RETINA,
 };
-use protocol::scene_file::{BodyScene, BodyShape, MAX_BODIES};
 use protocol::time::Instants;
+use scene::{BodyScene, BodyShape, MAX_BODIES};
 
 /// Bytes kept for marks, bodies, doses and text beside the mesh.
 const BESIDE_THE_MESH: usize = 24 << 10;
@@ -297,11 +297,11 @@ fn notice(kind: u32) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rehearsal::Rehearsal;
     use crate::world::no_clock;
     use protocol::message::Message;
     use protocol::scene::{NODE_BOUND, section};
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
+    use surgeon::rehearsal::Rehearsal;
 
     /// A block as the transport lends it: aligned to sixteen bytes.
     fn block(bytes: usize) -> Vec<u128> {
@@ -316,7 +316,7 @@ mod tests {
         let mut writer = SceneWriter::new(&world);
         let mut field = 0;
         while world.state().instruments[0].held.is_empty() {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             field += 1;
             assert!(field < 50 * 16, "the script grabs");
         }
@@ -368,7 +368,7 @@ mod tests {
         let mut payload = block(bytes_needed(world.sheet(), true, None, None));
         let (sheet_nodes, mut most, mut numbers) = (world.sheet().nodes(), 0, Vec::new());
         for field in 190..420 {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
             let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes);
             header.validate().unwrap();
@@ -402,7 +402,7 @@ mod tests {
         let mut payload = block(bytes_needed(world.sheet(), false, None, None));
         let (mut before, mut changes) = (None, 0);
         for field in 150..500 {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
             let header = writer.write(&world, bytemuck::Zeroable::zeroed(), 0, bytes);
             let sent = section::<SceneTriangle>(bytes, header.triangles).unwrap();

@@ -10,13 +10,13 @@ use crate::membrane::stain::StainState;
 use crate::retina::state::RetinaState;
 use crate::tools::ToolsState;
 use crate::vitreous::state::VitreousState;
-use modules::score::Meter;
-use modules::task::TaskState;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
 use protocol::time::Nanos;
 use serde::{Deserialize, Serialize};
+use training::score::Meter;
+use training::task::TaskState;
 
 /// Node flag: fixed to the retina (drawn like a free node).
 pub const NODE_PINNED: u32 = 2;

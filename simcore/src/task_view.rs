@@ -1,11 +1,11 @@
 //! How a task looks: balls where goals are, and its lines of text. Text is made when something changes, and at most once a second.
 
 use crate::world::World;
-use modules::task::{Phase, Task, TaskState};
 use nalgebra::Vector3;
 use protocol::scene::SceneBody;
-use protocol::scene_file::{Goal, MAX_GOALS};
 use protocol::scene_text::{Place, push_line};
+use scene::{Goal, MAX_GOALS};
+use training::task::{Phase, Task, TaskState};
 
 /// Balls that a task may show: goals, and beads along a path.
 pub const MAX_BALLS: usize = MAX_GOALS + MAX_BEADS;
@@ -169,7 +169,7 @@ fn end_screen(world: &World, out: &mut String) {
     let end = if score.finished { "finished" } else { "time is over" };
     push_line(out, Place::Middle, &format!("{}, level {}: {end}", task.scene().module, task.scene().level));
     push_line(out, Place::Middle, &format!("{:.0} of 100 points (± {:.1})", score.total, score.sigma));
-    for category in modules::score::table::Category::ALL {
+    for category in training::score::table::Category::ALL {
         let points = score.categories[category as usize];
         push_line(
             out,
@@ -196,12 +196,12 @@ mod tests {
 
     #[test]
     fn what_is_left_of_the_vitreous_stands_in_the_picture_once_some_is_gone() {
-        let scene = protocol::scene_file::SceneFile::load("vitrectomy").unwrap();
-        let rehearsal = crate::rehearsal::Rehearsal::shipped(&scene);
+        let scene = scene::SceneFile::load("vitrectomy").unwrap();
+        let rehearsal = surgeon::rehearsal::Rehearsal::shipped(&scene);
         let (mut world, mut text) = (World::new(&scene).unwrap(), TaskText::default());
         assert_eq!(text.lines(&world, "", 0), "");
         for field in 0..300 {
-            rehearsal.play(&mut world, field, &mut crate::world::no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut crate::world::no_clock);
         }
         let left_ml = world.removed().vitreous_left_um3 as f64 * 1e-12;
         let shown = text.lines(&world, "warned", 7).to_owned();

@@ -7,11 +7,12 @@ use protocol::geometry::Pose;
 use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::message::Message;
 use protocol::poses::{EYE, TrackerFrame};
-use protocol::scene_file::SceneFile;
+use protocol::steps::StepInput;
+use scene::SceneFile;
 use simcore::guard::all_finite;
 use simcore::membrane::tear::check_mesh;
-use simcore::rehearsal::Rehearsal;
-use simcore::world::{StepInput, World, no_clock};
+use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 fn world() -> World {
     World::new(&SceneFile::load("peel").unwrap()).unwrap()
@@ -143,7 +144,7 @@ fn a_pause_advances_nothing_and_a_foreign_handle_is_refused() {
     let scene = SceneFile::load("peel").unwrap();
     let rehearsal = Rehearsal::shipped(&scene);
     let mut world = world();
-    rehearsal.play(&mut world, 0, &mut no_clock);
+    world.step(&rehearsal.inputs(0).input(), &mut no_clock);
     let (mut frame, mut handles) = rehearsal.field(1);
     frame.instants.exposed += 5_000_000_000;
     handles[1].jaw_rad = f64::NAN;

@@ -1,9 +1,9 @@
 //! The scene `bodies` as its script plays it: a bead is picked up, carried and placed.
 
 use protocol::events::EventKind;
-use protocol::scene_file::SceneFile;
-use simcore::rehearsal::Rehearsal;
+use scene::SceneFile;
 use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 #[test]
 fn the_script_picks_a_bead_up_and_places_it() {
@@ -17,7 +17,7 @@ fn the_script_picks_a_bead_up_and_places_it() {
     };
     let fields = rehearsal.fields() - 25;
     for field in 0..fields {
-        rehearsal.play(&mut world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         for event in world.events() {
             match EventKind::from_wire(event.kind) {
                 Some(EventKind::BodyGripped) => gripped.push((field, event.subject)),
@@ -53,7 +53,7 @@ fn the_script_picks_a_bead_up_and_places_it() {
     hash.get_or_insert(world.state_hash());
     world.restore(&saved).unwrap();
     for field in 401..fields {
-        rehearsal.play(&mut world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
     }
     assert_eq!(Some(world.state_hash()), hash);
 }

@@ -6,10 +6,11 @@ use protocol::geometry::Pose;
 use protocol::handles::{HandleState, Tool};
 use protocol::poses::TrackerFrame;
 use protocol::scene::NODE_BOUND;
-use protocol::scene_file::SceneFile;
-use simcore::rehearsal::Rehearsal;
+use protocol::steps::StepInput;
+use scene::SceneFile;
 use simcore::state::NODE_PINNED;
-use simcore::world::{StepInput, World, no_clock};
+use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 fn peel(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
     let mut scene = SceneFile::load("peel").unwrap();
@@ -20,7 +21,7 @@ fn peel(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
 fn play_round(rehearsal: &Rehearsal, world: &mut World) -> Vec<Event> {
     let mut events = Vec::new();
     for field in 190..rehearsal.fields() {
-        rehearsal.play(world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         events.extend(world.events());
     }
     events

@@ -1,8 +1,8 @@
 //! The same inputs give the same state, to the bit: on every run, in every build, across a checkpoint.
 
-use protocol::scene_file::SceneFile;
-use simcore::rehearsal::Rehearsal;
+use scene::SceneFile;
 use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 /// Hash after the fields [`GOLDEN_FIELDS`] of the shipped scene's script: forceps push, grab, lift and tear.
 /// It moves when the scene, the state's content or any arithmetic of the step changes; say so in the commit.
@@ -19,7 +19,7 @@ fn a_scripted_run_ends_in_the_golden_state() {
     let (rehearsal, mut world) = peel();
     let mut hash = 0;
     for field in GOLDEN_FIELDS {
-        hash = rehearsal.play(&mut world, field, &mut no_clock).state_hash;
+        hash = world.step(&rehearsal.inputs(field).input(), &mut no_clock).state_hash;
     }
     assert_eq!(hash, GOLDEN_HASH, "{hash:#018x}");
 }
@@ -30,8 +30,8 @@ fn the_clock_lent_for_times_changes_nothing() {
     let mut again = world_of(&world);
     let mut ticks = 0u64;
     for field in 225..275 {
-        let plain = rehearsal.play(&mut world, field, &mut no_clock);
-        let timed = rehearsal.play(&mut again, field, &mut || {
+        let plain = world.step(&rehearsal.inputs(field).input(), &mut no_clock);
+        let timed = again.step(&rehearsal.inputs(field).input(), &mut || {
             ticks += 7919;
             ticks
         });
@@ -47,15 +47,15 @@ fn a_checkpoint_continues_bit_for_bit() {
     // In the middle of a peel: nodes are held and springs are torn.
     let (begin, half, end) = (190, 390, 490);
     for field in begin..half {
-        rehearsal.play(&mut world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
     }
     world.save(&mut saved).unwrap();
     assert!(!world.state().instruments[0].held.is_empty());
     let mut restored = world_of(&world);
     restored.restore(&saved).unwrap();
     for field in half..end {
-        let straight = rehearsal.play(&mut world, field, &mut no_clock);
-        let resumed = rehearsal.play(&mut restored, field, &mut no_clock);
+        let straight = world.step(&rehearsal.inputs(field).input(), &mut no_clock);
+        let resumed = restored.step(&rehearsal.inputs(field).input(), &mut no_clock);
         assert_eq!(straight.state_hash, resumed.state_hash, "field {field}");
         assert_eq!(world.events(), restored.events());
     }
@@ -67,15 +67,15 @@ fn a_reset_world_is_a_new_world() {
     let (rehearsal, mut world) = peel();
     let fresh = world.state_hash();
     for field in 225..300 {
-        rehearsal.play(&mut world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
     }
     assert_ne!(world.state_hash(), fresh);
     world.reset();
     assert_eq!(world.state_hash(), fresh);
     let (_, mut new) = peel();
     for field in 225..240 {
-        let again = rehearsal.play(&mut world, field, &mut no_clock).state_hash;
-        assert_eq!(again, rehearsal.play(&mut new, field, &mut no_clock).state_hash);
+        let again = world.step(&rehearsal.inputs(field).input(), &mut no_clock).state_hash;
+        assert_eq!(again, new.step(&rehearsal.inputs(field).input(), &mut no_clock).state_hash);
     }
 }
 

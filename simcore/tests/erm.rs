@@ -7,10 +7,11 @@ use protocol::geometry::Pose;
 use protocol::handles::{HandleState, PORT_HEIGHT_MM, PedalMode, PedalState, Tool};
 use protocol::poses::TrackerFrame;
 use protocol::scene::NODE_DEAD;
-use protocol::scene_file::{SceneFile, VitrectorScene};
+use protocol::steps::StepInput;
+use scene::{SceneFile, VitrectorScene};
 use simcore::membrane::tear::check_mesh;
-use simcore::rehearsal::Rehearsal;
-use simcore::world::{StepInput, World, no_clock};
+use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 fn erm(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
     let mut scene = SceneFile::load("erm").unwrap();
@@ -21,7 +22,7 @@ fn erm(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
 fn play(rehearsal: &Rehearsal, world: &mut World, fields: std::ops::Range<u64>) -> Vec<Event> {
     let mut events = Vec::new();
     for field in fields {
-        rehearsal.play(world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         events.extend(world.events());
         world.audit().unwrap();
     }
@@ -108,7 +109,8 @@ fn a_peel_continues_bit_for_bit_from_a_checkpoint() {
     let mut restored = World::new(world.scene()).unwrap();
     restored.restore(&saved).unwrap();
     for field in 450..480 {
-        let [a, b] = [&mut world, &mut restored].map(|w| rehearsal.play(w, field, &mut no_clock).state_hash);
+        let [a, b] = [&mut world, &mut restored]
+            .map(|w| w.step(&rehearsal.inputs(field).input(), &mut no_clock).state_hash);
         assert_eq!(a, b, "field {field}");
     }
     let (_, mut other) = erm(|s| s.membrane.as_mut().unwrap().adhesion = None);

@@ -6,11 +6,10 @@ use protocol::events::EventKind;
 use protocol::geometry::Pose;
 use protocol::handles::{HandleState, Tool};
 use protocol::poses::TrackerFrame;
-use protocol::scene_file::{
-    ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, MeshScene, SceneFile,
-};
+use protocol::steps::StepInput;
+use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, MeshScene, SceneFile};
 use simcore::guard::all_finite;
-use simcore::world::{StepInput, World, no_clock};
+use simcore::world::{World, no_clock};
 
 /// Height of the sheet's middle, eye frame, mm.
 const TOP_MM: f64 = -11.0;

@@ -1,12 +1,12 @@
 //! A membrane from a Wavefront file: loaded beside its scene, simulated, recorded whole, refused by element.
 
-use protocol::scene_file::{MeshScene, Pinned, SceneFile};
+use scene::{MeshScene, Pinned, SceneFile};
 use simcore::membrane::sheet::Sheet;
 use simcore::membrane::tear::check_mesh;
-use simcore::rehearsal::Rehearsal;
 use simcore::world::{World, no_clock};
 use std::fmt::Write;
 use std::path::Path;
+use surgeon::rehearsal::Rehearsal;
 
 /// The shipped sheet as a mesh, its triangles turned over: whoever draws one need not know which side is front.
 fn mesh() -> MeshScene {
@@ -49,7 +49,8 @@ fn load_from(folder: &Path, table: &str) -> Result<SceneFile, String> {
 
 fn hashes(scene: &SceneFile) -> (World, Vec<u64>) {
     let (rehearsal, mut world) = (Rehearsal::shipped(scene), World::new(scene).unwrap());
-    let hashes = (250..300).map(|field| rehearsal.play(&mut world, field, &mut no_clock).state_hash);
+    let hashes =
+        (250..300).map(|field| world.step(&rehearsal.inputs(field).input(), &mut no_clock).state_hash);
     let hashes = hashes.collect();
     (world, hashes)
 }

@@ -1,11 +1,11 @@
 //! The shipped relocation, from the first prick to the turned retina: what must have happened, and what must hold all the way.
 
 use protocol::events::EventKind;
-use protocol::scene_file::SceneFile;
-use simcore::rehearsal::Rehearsal;
+use scene::SceneFile;
 use simcore::retina::state::RetinaState;
 use simcore::state::NODE_PINNED;
 use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 /// The retina of a world.
 fn retina(world: &World) -> &RetinaState {
@@ -39,7 +39,7 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
     let (mut events, mut most_under, mut most_turn, mut saved) = (Vec::new(), 0.0f64, 0.0f64, Vec::new());
     let mut led = Vec::new();
     for field in 0..rehearsal.fields() {
-        rehearsal.play(&mut world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         events.extend(world.events().iter().map(|e| (EventKind::from_wire(e.kind).unwrap(), e.value)));
         check_fluid(&world, field);
         most_under = most_under.max(retina(&world).under_mm3());
@@ -109,7 +109,7 @@ fn replay_from(scene: &SceneFile, rehearsal: &Rehearsal, saved: &[u8]) {
         world.restore(saved).unwrap();
         assert!(!retina(&world).blebs.is_empty(), "in the middle of it");
         for field in 1301..1340 {
-            *hash = rehearsal.play(&mut world, field, &mut no_clock).state_hash;
+            *hash = world.step(&rehearsal.inputs(field).input(), &mut no_clock).state_hash;
         }
         world.reset();
         assert_eq!(world.state_hash(), World::new(scene).unwrap().state_hash());

@@ -2,7 +2,7 @@
 //! happens, tears that leave a consistent mesh.
 
 use nalgebra::{UnitVector3, Vector3};
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 use simcore::membrane::tear::check_mesh;
 use simcore::retina::Retina;
 use simcore::retina::state::RetinaState;

@@ -3,10 +3,10 @@
 use protocol::events::{Event, EventKind};
 use protocol::limits::SUBSTEP_NS;
 use protocol::message::Message;
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 use simcore::membrane::tear::check_mesh;
-use simcore::rehearsal::Rehearsal;
 use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 struct Round {
     events: Vec<Event>,
@@ -22,7 +22,7 @@ fn fastest(world: &World) -> f32 {
 fn play(world: &mut World, rehearsal: &Rehearsal, fields: std::ops::Range<u64>) -> Round {
     let mut round = Round { events: Vec::new(), fastest_mm_s: 0.0, fastest_at_rest_mm_s: 0.0 };
     for field in fields {
-        rehearsal.play(world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         round.events.extend(world.events());
         round.fastest_mm_s = round.fastest_mm_s.max(fastest(world));
         assert_eq!(check_mesh(world.sheet(), &world.state().membrane), Ok(()), "field {field}");

@@ -1,11 +1,11 @@
 //! Tissue of published stiffness and real mass through the shipped script, under the integrators made for it.
 
 use protocol::events::EventKind;
-use protocol::scene_file::{ElementsLaw, ElementsScene, MembraneIntegrator, SceneFile};
+use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, SceneFile};
 use simcore::guard::all_finite;
 use simcore::membrane::tear::check_mesh;
-use simcore::rehearsal::Rehearsal;
 use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 /// The shipped scene with 2 N/m and 10 µm of water as mass, which explicit substeps of 1 ms cannot follow.
 fn stiff(integrator: MembraneIntegrator, strain_limit: f64) -> SceneFile {
@@ -23,7 +23,7 @@ fn play(scene: &SceneFile) -> (World, Vec<u64>) {
     let (rehearsal, mut world) = (Rehearsal::shipped(scene), World::new(scene).unwrap());
     let mut hashes = Vec::new();
     for field in 255..262 {
-        hashes.push(rehearsal.play(&mut world, field, &mut no_clock).state_hash);
+        hashes.push(world.step(&rehearsal.inputs(field).input(), &mut no_clock).state_hash);
         let disabled = world.events().iter().any(|e| e.kind == EventKind::TissueDisabled as u32);
         assert!(!disabled, "field {field}: a node had to be taken out");
     }
@@ -67,7 +67,7 @@ fn a_continuum_tears_where_its_tension_passes_the_limit() {
     let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
     let mut torn = 0.0;
     for field in 255..264 {
-        rehearsal.play(&mut world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         let events = world.events().iter().filter(|e| e.kind == EventKind::TissueTorn as u32);
         torn += events.map(|e| e.value).sum::<f64>();
         assert_eq!(check_mesh(world.sheet(), &world.state().membrane), Ok(()), "field {field}");

@@ -7,10 +7,11 @@ use protocol::geometry::Pose;
 use protocol::handles::{HandleState, PedalMode, PedalState, Tool};
 use protocol::poses::TrackerFrame;
 use protocol::scene::NODE_DEAD;
-use protocol::scene_file::{NeedleScene, SceneFile};
+use protocol::steps::StepInput;
+use scene::{NeedleScene, SceneFile};
 use simcore::membrane::tear::check_mesh;
-use simcore::rehearsal::Rehearsal;
-use simcore::world::{StepInput, World, no_clock};
+use simcore::world::{World, no_clock};
+use surgeon::rehearsal::Rehearsal;
 
 fn scene(name: &str) -> (Rehearsal, World) {
     let scene = SceneFile::load(name).unwrap();
@@ -21,7 +22,7 @@ fn scene(name: &str) -> (Rehearsal, World) {
 fn play(world: &mut World, rehearsal: &Rehearsal, from_s: f64, to_s: f64) -> Vec<Event> {
     let mut events = Vec::new();
     for field in (from_s * 50.0) as u64..(to_s * 50.0) as u64 {
-        rehearsal.play(world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         events.extend(world.events());
         assert_eq!(check_mesh(world.sheet(), &world.state().membrane), Ok(()), "field {field}");
     }

@@ -7,13 +7,14 @@ use protocol::geometry::Pose;
 use protocol::handles::{HandleState, PedalMode, PedalState, Tool};
 use protocol::poses::TrackerFrame;
 use protocol::scene::{NODE_FREE, SceneHome, SceneTriangle, TISSUE_GONE, TISSUE_RETINA, section};
-use protocol::scene_file::{RetinaOperation, SceneFile};
-use simcore::rehearsal::Rehearsal;
+use protocol::steps::StepInput;
+use scene::{RetinaOperation, SceneFile};
 use simcore::retina::state::RetinaState;
 use simcore::scene_block::{SceneWriter, bytes_needed};
 use simcore::state::NODE_PINNED;
-use simcore::world::{StepInput, World, no_clock};
+use simcore::world::{World, no_clock};
 use std::ops::Range;
+use surgeon::rehearsal::Rehearsal;
 
 /// Polar angles of what the scene has cut free; the cut goes round at 1.2 rad, along the ring of nodes before it.
 const CUT_FREE_RAD: Range<f64> = 0.0..1.15;
@@ -56,7 +57,7 @@ fn the_shipped_translocation_turns_the_retina_as_a_whole_and_lays_it_on() {
     let whole = retina(&world).tissue.flag.iter().filter(|&&f| f == NODE_FREE).count();
     let mut events = Vec::new();
     for field in 0..46 * 50 {
-        rehearsal.play(&mut world, field, &mut no_clock);
+        world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         events.extend(world.events());
         if field % 100 == 0 {
             world.audit().unwrap_or_else(|e| panic!("field {field}: {e}"));

@@ -1,6 +1,6 @@
 //! A recording that was altered or misses something is noticed, and the place is named.
 
-use protocol::recording::{Item, Note, NoteKind, Recording, Writer};
+use recording::{Item, Note, NoteKind, Recording, Writer};
 use std::path::Path;
 use vitreo_tests::{Finished, instance_name, vitreo};
 

@@ -134,7 +134,7 @@ fn pure_modules_know_neither_transport_nor_clock() {
         let shell = shell || inside.starts_with("commands/");
         let presents = inside.starts_with("present/");
         let code = code(text.split("#[cfg(test)]").next().expect("a first part"));
-        for forbidden in ["protocol::ipc", "SystemTime", "std::env::"] {
+        for forbidden in ["ipc", "SystemTime", "std::env::"] {
             assert!(
                 shell || !code.contains(forbidden),
                 "{path} uses {forbidden}; only its process shell may"

@@ -112,9 +112,9 @@ fn a_killed_recorder_loses_little_and_recover_mends_it() {
     kill(running.pid());
     running.finish();
     drop((steps, observer));
-    let items = protocol::recording::Recording::open(std::path::Path::new(&file)).expect("readable");
+    let items = recording::Recording::open(std::path::Path::new(&file)).expect("readable");
     let newest = items.items().map_while(Result::ok).filter_map(|(_, item)| match item {
-        protocol::recording::Item::Step(step) => Some(step.instants.exposed),
+        recording::Item::Step(step) => Some(step.instants.exposed),
         _ => None,
     });
     let newest = newest.last().expect("steps in the file");
@@ -127,5 +127,5 @@ fn a_killed_recorder_loses_little_and_recover_mends_it() {
     let verified = vitreo(&["replay", &mended, "--lockstep", "--verify", "--instance", &replay]);
     assert!(matches!(verified.code, Some(0 | 3)), "{verified:?}");
     // The next owner of the name takes away what the killed one left.
-    drop(protocol::ipc::Instance::own(&name).expect("the name is free again"));
+    drop(ipc::Instance::own(&name).expect("the name is free again"));
 }

@@ -3,14 +3,14 @@
 use glam::{DMat4, DVec3, Mat4};
 use protocol::dose::direction;
 use protocol::scene::section;
-use protocol::scene_file::SceneFile;
 use renderer::frame::Renderer;
 use renderer::gpu::Gpu;
 use renderer::lamp::lamp_index;
 use renderer::latch::latch_scene;
 use renderer::readback::Picture;
 use renderer::view::view;
-use vitreo_tests::surgery::{Block, REFERENCE_MAP_PX, Surgery, reference_tiers};
+use scene::SceneFile;
+use validation::surgery::{Block, REFERENCE_MAP_PX, Surgery, reference_tiers};
 
 /// Angle between the light pipe's axis and the way from its tip to `p` (eye frame, mm), rad.
 fn off_the_axis(block: &Block, p: DVec3) -> f64 {

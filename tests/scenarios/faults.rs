@@ -9,7 +9,7 @@ use protocol::geometry::Validity;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+use scene::{DEFAULT_SCENE, SceneFile};
 use std::collections::BTreeMap;
 use vitreo_tests::{Observer, Running, instance_name, json, next};
 

@@ -5,17 +5,17 @@
 use fpga_model::cameras::Path;
 use fpga_model::motion::HandRole;
 use fpga_model::motion::hand::Hand;
-use modules::module::Module;
-use modules::score::Score;
-use modules::score::recording::Reader;
-use modules::score::table::Category;
-use modules::surgeon::{CARELESS, EXPERT, Surgeon};
-use protocol::recording::{Provenance, Recording, Source, Writer};
-use protocol::scene_file::SceneFile;
+use recording::Item;
+use recording::{Provenance, Recording, Source, Writer};
+use scene::SceneFile;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
-use vitreo_tests::chain::Chain;
+use surgeon::skill::{CARELESS, EXPERT, Surgeon};
+use training::score::Score;
+use training::score::recording::Reader;
+use training::score::table::Category;
+use validation::chain::Chain;
 
 /// What every recording says of itself.
 fn provenance(scene: &SceneFile) -> Provenance {
@@ -44,14 +44,21 @@ const PLAYED: [(&str, Path); 8] = [
 
 /// An attempt, recorded; the recording must give the same score, to the bit.
 fn attempt(name: &str, path: Path, surgeon: &Surgeon) -> Score {
-    let scene = Module::load(name).unwrap().compose(1, surgeon, 1).unwrap();
+    let scene = surgeon::compose(&surgeon::load(name).unwrap(), 1, surgeon, 1).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.mcap");
     let writer = Writer::create(&file, &provenance(&scene)).unwrap();
     let score = Chain::new(&scene, path, None, 1).record(writer).unwrap();
     let mut reader = Reader::new(&scene).unwrap();
     let recording = Recording::open(&file).unwrap();
-    recording.items_of(&Reader::TOPICS).for_each(|item| reader.take(item.unwrap().1));
+    for item in recording.items_of(&Reader::TOPICS) {
+        match item.unwrap().1 {
+            Item::Poses(frame) => reader.take_poses(frame),
+            Item::Event(event) => reader.take_event(event),
+            Item::Step(step) => reader.take_step(&step),
+            other => panic!("{}", other.topic()),
+        }
+    }
     let verdict = reader.finish();
     let told = verdict.agrees();
     assert!(verdict.score == score, "{name}, {}: {:?}\n{score:?}", surgeon.name, verdict.score);
@@ -92,7 +99,7 @@ fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
         return;
     }
     let still = Surgeon { tremor_um: 0.0, ..EXPERT };
-    let scene = Module::load("navigation").unwrap().compose(1, &still, 1).unwrap();
+    let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &still, 1).unwrap();
     let score = |hand| Chain::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});
     let (calm, shaken) = (score(None), score(Some(HandRole::Shakes(Hand::load(&file).unwrap()))));
     for category in Category::ALL {

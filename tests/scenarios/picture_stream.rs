@@ -1,8 +1,8 @@
 //! The picture stream for a console: small JPEGs of both channels at a bounded rate, whoever reads them or not.
 
+use ipc::clock::now;
+use ipc::wait;
 use protocol::frames::FrameRecord;
-use protocol::ipc::wait;
-use protocol::time::now;
 use renderer::gpu::Gpu;
 use vitreo_tests::{Observer, Running, WATCHDOG, instance_name, next};
 

@@ -7,8 +7,8 @@
 use renderer::gpu::Gpu;
 use renderer::readback::Picture;
 use renderer::similarity::{colour_difference, reduced, similarity};
+use validation::surgery::{MOMENTS, Moment, REFERENCE_MAP_PX, REFERENCE_PX, reference_tiers};
 use vitreo_tests::repository;
-use vitreo_tests::surgery::{MOMENTS, Moment, REFERENCE_MAP_PX, REFERENCE_PX, reference_tiers};
 
 /// Least similarity where the adapter is the one that made the pictures, and elsewhere.
 const SIMILAR: [f64; 2] = [0.985, 0.95];
@@ -56,7 +56,7 @@ fn every_shipped_scene_and_module_has_its_moment() {
     let scenes = shipped.map(|f| f.path()).filter(|p| p.extension().is_some_and(|e| e == "toml"));
     let scenes = scenes.map(|p| p.file_stem().unwrap().to_string_lossy().into_owned());
     let named: Vec<_> =
-        scenes.map(|n| (n, false)).chain(modules::module::names().map(|n| (n.into(), true))).collect();
+        scenes.map(|n| (n, false)).chain(scene::module::names().map(|n| (n.into(), true))).collect();
     assert!(named.len() > 12, "{named:?}");
     for (name, is_module) in named {
         let found = MOMENTS.iter().any(|m| m.name == name && m.is_module == is_module);

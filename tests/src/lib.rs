@@ -1,11 +1,8 @@
 //! Harness of the cross-process checks: own instance names, a watchdog on every child, clean-up.
 
-pub mod chain;
-pub mod surgery;
-
+use ipc::{BlockReceiver, Instance, Queue, Receiver, wait};
 use protocol::frames::PictureHeader;
 use protocol::health::{Health, Process};
-use protocol::ipc::{BlockReceiver, Instance, Queue, Receiver, wait};
 use protocol::message::Message;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -156,10 +153,10 @@ impl Observer {
     /// # Panics
     /// If nobody sets it up in time.
     pub fn join(name: &str) -> Self {
-        let nodes = protocol::ipc::instance_directory(name).expect("valid name").join("nodes");
-        let deadline = protocol::time::now() + WATCHDOG.as_nanos() as u64;
+        let nodes = ipc::instance_directory(name).expect("valid name").join("nodes");
+        let deadline = ipc::clock::now() + WATCHDOG.as_nanos() as u64;
         while !nodes.exists() {
-            assert!(protocol::time::now() < deadline, "instance {name} was not set up in time");
+            assert!(ipc::clock::now() < deadline, "instance {name} was not set up in time");
             wait(&[], 5_000_000);
         }
         let instance = Instance::join(name).expect("instance");
@@ -191,8 +188,8 @@ impl Observer {
 /// # Panics
 /// If none comes before the watchdog's time.
 pub fn next<M: Message + std::fmt::Debug>(receiver: &mut Receiver<M>, wanted: impl Fn(&M) -> bool) -> M {
-    let deadline = protocol::time::now() + WATCHDOG.as_nanos() as u64;
-    while protocol::time::now() < deadline {
+    let deadline = ipc::clock::now() + WATCHDOG.as_nanos() as u64;
+    while ipc::clock::now() < deadline {
         while let Some(message) = receiver.next_valid().expect("channel works") {
             if wanted(&message) {
                 return message;

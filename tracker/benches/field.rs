@@ -7,7 +7,7 @@
 //! - `64 blobs a camera`: the same with false blobs of the markers' colours up to 64 in each field;
 //! - `search, 64 blobs a camera`: every body is lost before every frame.
 
-use protocol::blob_stream::BlobReader;
+use blob_stream::BlobReader;
 use protocol::blobs::{Blob, BlobField};
 use protocol::limits::MAX_BLOBS;
 use protocol::rig::Rig;

@@ -3,7 +3,7 @@
 //! `--fixed-rig` trusts the rig file, `--covariance` adds status, blobs and the tip's covariance (mm²).
 
 use anyhow::Context;
-use protocol::blob_stream::BlobReader;
+use blob_stream::BlobReader;
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, BodyState, TrackerFrame};
 use protocol::predict::predict;

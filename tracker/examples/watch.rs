@@ -2,11 +2,11 @@
 //! measured, residual, latency and CPU time.
 
 use anyhow::Context;
+use ipc::clock::now;
+use ipc::{Instance, Queue, wait};
 use protocol::geometry::Validity;
 use protocol::health::{Health, Process};
-use protocol::ipc::{Instance, Queue, wait};
 use protocol::poses::{BODY_NAMES, ClosedBy, TrackerFrame};
-use protocol::time::now;
 
 fn main() -> anyhow::Result<()> {
     let mut arguments = std::env::args().skip(1);

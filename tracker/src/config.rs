@@ -1,7 +1,7 @@
 //! Command line of `vitreo-tracker`.
 
 use crate::calibrate::cli::CalibrateArgs;
-use protocol::shell::ShellArgs;
+use ipc::shell::ShellArgs;
 use std::path::PathBuf;
 
 /// Turns marker blobs into poses.

@@ -6,16 +6,17 @@ use crate::fitness;
 use crate::script::FieldStore;
 use crate::tracker::{Reference, Tracker, close};
 use anyhow::Context;
+use ipc::clock::now;
+use ipc::shell::Shell;
+use ipc::{Queue, Receiver, Sender, Wakes, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Command, FrameScript, Request};
 use protocol::health::{Process, STATE_RUNNING};
-use protocol::ipc::{Queue, Receiver, Sender, Wakes, wait};
 use protocol::limits::MAX_WAIT_MS;
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::rig::Rig;
-use protocol::shell::Shell;
-use protocol::time::{Nanos, now};
+use protocol::time::Nanos;
 
 /// Runs until it is told to end.
 pub fn run(config: &Config) -> anyhow::Result<()> {

@@ -1,7 +1,7 @@
 //! Streams with truth: a rig that has drifted is noticed and brought back, one that has not is left alone.
 
+use blob_stream::BlobReader;
 use nalgebra::Vector3;
-use protocol::blob_stream::BlobReader;
 use protocol::blobs::BlobField;
 use protocol::rig::Rig;
 use std::collections::HashMap;

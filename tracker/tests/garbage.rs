@@ -56,7 +56,7 @@ fn rig() -> Rig {
 fn good_fields() -> Vec<BlobField> {
     let path =
         std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/tracker/static/blobs.jsonl");
-    let all = protocol::blob_stream::BlobReader::open(&path).unwrap();
+    let all = blob_stream::BlobReader::open(&path).unwrap();
     all.take(90).collect::<Result<_, _>>().unwrap()
 }
 

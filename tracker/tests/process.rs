@@ -1,11 +1,11 @@
 //! The process itself: fields in over shared memory, frames out, flush, reset, script, shutdown.
 
+use blob_stream::BlobReader;
 use bytemuck::Zeroable;
-use protocol::blob_stream::BlobReader;
+use ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Answer, Command as Ask, EVERY_PROCESS, FrameScript, Request};
 use protocol::health::{Health, Process, STATE_RUNNING};
-use protocol::ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::poses::TrackerFrame;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command};

@@ -6,7 +6,7 @@ use protocol::blobs::{Blob, BlobField, Colour};
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, BodyState, BodyStatus};
 use protocol::rig::Rig;
-use protocol::script::minimum_jerk;
+use surgeon::script::minimum_jerk;
 use tracker::{Reference, Tracker};
 
 const FIELD_S: f64 = 0.02;

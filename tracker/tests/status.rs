@@ -1,7 +1,7 @@
 //! Every status a body can have, each brought about by what causes it in an operating room.
 
+use blob_stream::BlobReader;
 use nalgebra::{Point3, Vector2};
-use protocol::blob_stream::BlobReader;
 use protocol::blobs::{Blob, BlobField};
 use protocol::camera::Camera;
 use protocol::geometry::Validity;

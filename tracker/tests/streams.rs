@@ -1,7 +1,7 @@
 //! Accuracy, identity and repeatability on streams with truth.
 
+use blob_stream::BlobReader;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
-use protocol::blob_stream::BlobReader;
 use protocol::blobs::BlobField;
 use protocol::control::FrameScript;
 use protocol::geometry::Validity;

@@ -5,8 +5,8 @@ use super::*;
 use crate::cameras::{Cameras, Path};
 use crate::motion::MotionSource;
 use crate::picture::{FieldPicture, Light};
+use ::scene::{DEFAULT_SCENE, SceneFile};
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 
 fn rig() -> Rig {
     Rig::load_or_shipped(None).unwrap()

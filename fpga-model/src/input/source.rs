@@ -11,7 +11,7 @@ use super::camera::Camera;
 use super::y4m::{Clip, MAGIC};
 use super::{Interlace, Picture, PictureError, View, still};
 use crate::colours::ColourTable;
-use protocol::blob_stream::{BlobStreamError, FieldHead, HeadReader};
+use blob_stream::{BlobStreamError, FieldHead, HeadReader};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
 use std::collections::VecDeque;
 use std::fs::File;

@@ -16,9 +16,9 @@ use protocol::handles::{PedalState, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
-use protocol::scene_file::SceneFile;
-use protocol::script::{Gesture, Script, Sight};
+use scene::SceneFile;
 use std::f64::consts::TAU;
+use surgeon::script::{Gesture, Script, Sight};
 use tremor::Tremor;
 
 /// Turn of the eye by a tip that moves sideways from the middle of its movements, rad/mm.
@@ -189,7 +189,7 @@ impl Load {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use protocol::scene_file::DEFAULT_SCENE;
+    use scene::DEFAULT_SCENE;
 
     fn source(hand: Option<HandRole>) -> (MotionSource, Rig) {
         let rig = Rig::load_or_shipped(None).unwrap();

@@ -12,7 +12,7 @@ use protocol::blobs::{BLOB_MERGED, Colour};
 use protocol::limits::MAX_BLOBS;
 use protocol::message::Message;
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
+use scene::{DEFAULT_SCENE, SceneFile};
 
 fn scan(picture: &FieldPicture) -> BlobField {
     let mut out = BlobField::zeroed();

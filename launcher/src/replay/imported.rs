@@ -3,11 +3,12 @@
 use super::outputs::Outputs;
 use super::pace::{Pace, Part};
 use super::stage::Stage;
+use ipc::clock::now;
 use protocol::blobs::BlobField;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
-use protocol::recording::{Item, Recording, RecordingError};
-use protocol::time::{Nanos, now};
+use protocol::time::Nanos;
+use recording::{Item, Recording, RecordingError};
 use std::collections::VecDeque;
 
 /// Camera-fields sent but not known to be taken in. Every field can close a frame, so this is also

@@ -18,7 +18,7 @@ use crate::run::stop_flag;
 use anyhow::bail;
 use outputs::{Figures, Outputs};
 use pace::Pace;
-use protocol::recording::{Recording, RecordingError, Source};
+use recording::{Recording, RecordingError, Source};
 use stage::{Stage, Stopped, TrackerMode};
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -4,7 +4,7 @@ use super::ReplayArgs;
 use super::verify::Verdict;
 use crate::poses_csv::{DisplayClock, PosesCsv};
 use anyhow::Context;
-use protocol::blob_stream::write_line;
+use blob_stream::write_line;
 use protocol::blobs::BlobField;
 use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::TrackerFrame;

@@ -2,7 +2,8 @@
 
 use super::ReplayArgs;
 use super::stage::Stopped;
-use protocol::time::{Nanos, now, sleep_until};
+use ipc::clock::{now, sleep_until};
+use protocol::time::Nanos;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 

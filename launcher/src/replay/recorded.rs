@@ -8,7 +8,7 @@ use super::turns::{StepTurn, Turn, Turns};
 use super::verify::Verdict;
 use anyhow::bail;
 use protocol::poses::TrackerFrame;
-use protocol::recording::{Recording, RecordingError};
+use recording::{Recording, RecordingError};
 use std::collections::VecDeque;
 
 /// Frames that the tracker may be ahead of the simulation. Each consumes at most 16 camera-fields,

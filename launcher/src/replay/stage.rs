@@ -5,16 +5,16 @@
 
 use crate::children::{Child, end_all, wait_until_running};
 use anyhow::{Context, bail};
+use ipc::clock::now;
+use ipc::{Instance, Queue, Receiver, Sender, Wakes, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Answer, Command, FrameScript, Request};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Health, Process};
-use protocol::ipc::{Instance, Queue, Receiver, Sender, Wakes, wait};
 use protocol::limits::MAX_WAIT_MS;
 use protocol::poses::TrackerFrame;
-use protocol::recording::Provenance;
 use protocol::steps::StepRecord;
-use protocol::time::now;
+use recording::Provenance;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 

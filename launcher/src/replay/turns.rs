@@ -10,9 +10,9 @@ use protocol::control::FrameScript;
 use protocol::handles::{HandleState, PedalState};
 use protocol::message::Message;
 use protocol::poses::{FieldUsed, TrackerFrame};
-use protocol::recording::{Item, NoteKind, RecordingError};
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
+use recording::{Item, NoteKind, RecordingError};
 use std::collections::VecDeque;
 
 /// How far a consumed block may stand behind what consumed it, ns.
@@ -321,7 +321,7 @@ impl<M: Message> Consumed<M> {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use protocol::recording::Note;
+    use recording::Note;
 
     const MS: u64 = 1_000_000;
 

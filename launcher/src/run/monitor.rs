@@ -4,8 +4,8 @@ use super::report::{Picture, Removed, TierChoice};
 use protocol::events::{Event, EventKind, Severity};
 use protocol::frames::{FrameRecord, TierReason};
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
-use protocol::recording::Item;
 use protocol::time::Nanos;
+use recording::Item;
 use std::collections::{BTreeMap, VecDeque};
 
 /// The channels that are counted, in the order of the data path.

@@ -2,8 +2,9 @@
 //! nobody. What does not fit the queue is counted, and the gap is recorded as a note.
 
 use super::report::RecordingFigures;
-use protocol::recording::{Item, Note, NoteKind, Provenance, RecordingError, Writer};
-use protocol::time::{Nanos, now};
+use ipc::clock::now;
+use protocol::time::Nanos;
+use recording::{Item, Note, NoteKind, Provenance, RecordingError, Writer};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;

@@ -1,9 +1,12 @@
 //! What a restarted simulation needs to go on where its predecessor stood: the newest checkpoint
 //! and every input since, in a bounded ring. Pure but for [`Resume::write`].
 
-use protocol::recording::{Item, Provenance, RecordingError, Writer};
+use protocol::journal::{self, Entry};
 use protocol::steps::{CheckpointHeader, StepRecord};
+use recording::Item;
 use std::collections::VecDeque;
+use std::fs::File;
+use std::io::BufWriter;
 use std::path::Path;
 
 /// Inputs and steps kept since the newest checkpoint. A checkpoint comes every 5 s, in which some
@@ -77,15 +80,11 @@ impl Resume {
         self.checkpoint.is_some() || (!self.gap && !self.items.is_empty())
     }
 
-    /// Writes the checkpoint and the inputs since as a recording.
-    pub fn write(&self, file: &Path, provenance: &Provenance) -> Result<(), RecordingError> {
-        let mut writer = Writer::create(file, provenance)?;
-        let items = self.checkpoint.iter().chain(&self.items);
-        for (order, item) in items.enumerate() {
-            // The order is what counts; the blocks carry their own instants.
-            writer.write(order as u64 + 1, item)?;
-        }
-        writer.finish()
+    /// Writes the checkpoint and the inputs since as a journal.
+    pub fn write(&self, file: &Path) -> std::io::Result<()> {
+        let entries: Vec<Entry> =
+            self.checkpoint.iter().chain(&self.items).filter_map(|i| i.clone().into_entry()).collect();
+        journal::write(&mut BufWriter::new(File::create(file)?), entries.iter())
     }
 }
 

@@ -212,8 +212,8 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use protocol::events::{Event, Severity};
-    use protocol::recording::Item;
     use protocol::steps::StepRecord;
+    use recording::Item;
 
     fn with_status(check: impl FnOnce(&Status<'_>)) {
         let (mut monitor, mut ledger) = (Monitor::default(), Ledger::default());

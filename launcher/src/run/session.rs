@@ -15,18 +15,19 @@ use crate::children::realtime_allowed;
 use crate::machine::Machine;
 use crate::modules::Composed;
 use anyhow::{Context, bail};
-use modules::score::recording::Live;
+use ipc::clock::{now, sleep_until};
+use ipc::{Instance, Sender};
 use protocol::budget::Budgets;
 use protocol::control::{Answer, Command, EVERY_PROCESS, LAUNCHER};
 use protocol::health::Process;
-use protocol::ipc::{Instance, Sender};
 use protocol::message::text_bytes;
-use protocol::recording::{Item, Note, NoteKind, Provenance};
-use protocol::time::{Nanos, now, sleep_until};
+use protocol::time::Nanos;
+use recording::{Item, Note, NoteKind, Provenance};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use training::score::recording::Live;
 
 #[path = "attempts.rs"]
 mod attempts;
@@ -230,11 +231,11 @@ impl<'a> Session<'a> {
         sleep_until(now() + TICK_NS);
         let mut happenings = self.hear()?;
         let remaining_s = self.remaining_ns().map(|left| (left as f64 * 1e-9).max(0.1));
-        let (instance, provenance, hearing) = (&self.instance, &self.provenance, &mut self.hearing);
+        let (instance, hearing) = (&self.instance, &mut self.hearing);
         let found = self.supervisor.look(now(), remaining_s, |process, was_at_work| {
             instance.clean_up_after_the_dead();
             match process {
-                Process::Simcore => resume_arguments(instance, provenance, &mut hearing.resume, was_at_work),
+                Process::Simcore => resume_arguments(instance, &mut hearing.resume, was_at_work),
                 _ => Vec::new(),
             }
         })?;
@@ -415,15 +416,10 @@ impl<'a> Session<'a> {
 
 /// Arguments with which a restarted simulation goes on where its predecessor stood. One that died
 /// while it was resuming begins anew: its past may be what kills it.
-fn resume_arguments(
-    instance: &Instance,
-    provenance: &Provenance,
-    resume: &mut Resume,
-    was_at_work: bool,
-) -> Vec<String> {
-    let file = instance.directory().join("resume.mcap");
+fn resume_arguments(instance: &Instance, resume: &mut Resume, was_at_work: bool) -> Vec<String> {
+    let file = instance.directory().join("resume.journal");
     if was_at_work && resume.is_usable() {
-        match resume.write(&file, provenance).context("write the resume file") {
+        match resume.write(&file).context("write the resume file") {
             Ok(()) => return vec!["--resume".into(), file.display().to_string()],
             Err(error) => log::warn!("simcore begins anew: {error:#}"),
         }

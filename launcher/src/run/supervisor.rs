@@ -4,9 +4,9 @@ use super::options::{RunArgs, View};
 use super::policy::{CpuAccount, MAX_RESTARTS, RestartLimit, WINDOW_NS};
 use crate::children::{self, Child, Surroundings, realtime_allowed};
 use anyhow::ensure;
+use ipc::{Instance, Sender};
 use protocol::control::{Command, Request};
 use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
-use protocol::ipc::{Instance, Sender};
 use protocol::limits::HEARTBEAT_LOST_NS;
 use protocol::time::Nanos;
 

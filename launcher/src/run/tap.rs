@@ -1,5 +1,6 @@
 //! The launcher's ears: a receiver on every channel, drained at each tick.
 
+use ipc::{BlockReceiver, Instance, IpcError, Queue, Receiver, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Answer, Request};
 use protocol::events::Event;
@@ -7,12 +8,11 @@ use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::Health;
 use protocol::inputs::InputEvent;
-use protocol::ipc::{BlockReceiver, Instance, IpcError, Queue, Receiver, wait};
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
-use protocol::recording::Item;
 use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::Nanos;
+use recording::Item;
 use std::collections::BTreeMap;
 
 /// A receiver on every channel of an instance.

@@ -9,10 +9,10 @@ use glam::{DMat3, DQuat, DVec3};
 use protocol::geometry::Pose;
 use protocol::rig::Rig;
 use protocol::scene::{
-    Microscope, NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode,
+    NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode,
     SceneTriangle, SectionWriter,
 };
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 
 /// A scene block.
 pub struct Scene {
@@ -56,7 +56,7 @@ pub fn scene(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, grabbed_m
 pub fn scene_of(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, contents: &Contents) -> Scene {
     let mut header = SceneHeader::zeroed();
     header.world_from_eye = Pose::IDENTITY;
-    header.microscope = Microscope::of_scene(file);
+    header.microscope = file.start_microscope();
     let lamp = [-2.6, 0.6, -5.0];
     for (which, at) in [tip, lamp].into_iter().enumerate() {
         let instrument = &mut header.instruments[which];

@@ -3,13 +3,13 @@
 
 use super::Scene;
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
 use renderer::frame::Renderer;
 use renderer::governor::{Shading, TIERS};
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
 use renderer::readback::{Picture, ReadBack};
 use renderer::start::plan;
+use scene::{DEFAULT_SCENE, SceneFile};
 
 /// Edge of the fundus map: that of a software driver, whatever the device.
 const MAP_PX: u32 = 512;

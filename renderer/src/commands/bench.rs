@@ -7,15 +7,15 @@
 mod common;
 
 use anyhow::Result;
+use ipc::clock::now;
 use protocol::rig::Rig;
-use protocol::scene_file::{DEFAULT_SCENE, SceneFile};
-use protocol::time::now;
 use renderer::frame::Renderer;
 use renderer::governor::{TIERS, Tier};
 use renderer::gpu::Gpu;
 use renderer::latch::{Latched, latch_scene};
 use renderer::layers::Layers;
 use renderer::start::{map_px, plan};
+use scene::{DEFAULT_SCENE, SceneFile};
 
 /// Turns of a measurement, time after which it ends early (ns), and turns that it has at least.
 const TURNS: usize = 60;

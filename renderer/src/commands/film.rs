@@ -4,7 +4,6 @@
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
 use protocol::rig::Rig;
-use protocol::scene_file::SceneFile;
 use protocol::scene_stream::Reader;
 use renderer::assets::Assets;
 use renderer::config::VIDEO_HZ;
@@ -18,6 +17,7 @@ use renderer::output::y4m::Y4m;
 use renderer::readback::{Picture, ReadBack};
 use renderer::start::{map_px, plan};
 use renderer::stereo::{Arrangement, arrange};
+use scene::SceneFile;
 use std::path::{Path, PathBuf};
 
 /// Qualities of JPEG that are tried until a still is small enough.

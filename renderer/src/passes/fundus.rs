@@ -7,7 +7,7 @@ use crate::cells::Cells;
 use crate::fundus_map;
 use crate::governor::Shading;
 use image::RgbImage;
-use protocol::scene_file::Side;
+use scene::Side;
 use wgpu::{
     BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, Buffer, BufferUsages, CompareFunction,
     Device, IndexFormat, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages,

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::governor::Shading;
 use bytemuck::{Pod, Zeroable};
-use protocol::font::{self, CELL_H, CELL_W};
+use font::{self, CELL_H, CELL_W};
 use protocol::scene_text::{Place, lines};
 use wgpu::{
     BindGroup, BindGroupLayout, BlendState, Buffer, BufferUsages, Device, FilterMode, Queue, RenderPass,

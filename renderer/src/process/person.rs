@@ -1,9 +1,9 @@
 //! The person at the window: what they do goes out on `inputs`; help, pause and the desk's hints come onto the picture.
 
 use crate::present::Present;
+use ipc::{Instance, IpcError, Queue, Receiver, Sender};
 use protocol::bindings::{Action, help};
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
-use protocol::ipc::{Instance, IpcError, Queue, Receiver, Sender};
 use protocol::scene_text::{Place, push_line};
 use protocol::time::Nanos;
 

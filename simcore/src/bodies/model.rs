@@ -3,7 +3,7 @@
 use crate::collision::rigid::{Convex, RigidBody};
 use crate::collision::surface::Unusable;
 use nalgebra::{Isometry3, Vector3};
-use protocol::scene_file::{BodyScene, BodyShape};
+use scene::{BodyScene, BodyShape};
 
 /// What does not change about a body.
 #[derive(Debug, Clone)]

@@ -16,7 +16,7 @@ use crate::collision::rigid::{RigidBody, RigidContact};
 use crate::collision::surface::Unusable;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::INSTRUMENTS;
-use protocol::scene_file::BodiesScene;
+use scene::BodiesScene;
 
 /// Rounds over the contacts of a substep.
 const ROUNDS: usize = 6;
@@ -180,7 +180,7 @@ mod tests {
     use super::super::push::ROLLING_MM;
     use super::*;
     use protocol::handles::Tool;
-    use protocol::scene_file::{BodyScene, BodyShape};
+    use scene::{BodyScene, BodyShape};
 
     const DT_S: f64 = 1e-3;
 

@@ -4,7 +4,7 @@ use crate::checkpoint::CheckpointError;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use protocol::geometry::Pose;
 use protocol::limits::INSTRUMENTS;
-use protocol::scene_file::{BodiesScene, BodyScene};
+use scene::{BodiesScene, BodyScene};
 use serde::{Deserialize, Serialize};
 
 /// All bodies of a scene, in the order of the scene file.

@@ -160,7 +160,7 @@ fn close(_: &mut Zcoll) {}
 mod tests {
     use super::*;
     use crate::world::World;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     /// The clock decides what is measured, never what is found: a clock by which the processor takes for ever, one by which
     /// it takes no time, and all wishes, lead to the same look.
@@ -176,9 +176,9 @@ mod tests {
                 now += if calls < 30 { step } else { later };
                 now
             });
-            let rehearsal = crate::rehearsal::Rehearsal::shipped(&scene);
+            let rehearsal = surgeon::rehearsal::Rehearsal::shipped(&scene);
             for field in 0..60 {
-                rehearsal.play(&mut world, field, &mut crate::world::no_clock);
+                world.step(&rehearsal.inputs(field).input(), &mut crate::world::no_clock);
             }
             (choice.unwrap(), world.state_hash())
         };

@@ -5,7 +5,7 @@
 use crate::constants::{PENETRATION_STEP_MM, RETINA_HYSTERESIS, RETINA_HYSTERESIS_MM, SUBSTEP_S};
 use crate::state::{RetinaContact, RetinaLevel};
 use protocol::events::{EventKind, Severity};
-use protocol::scene_file::ContactScene;
+use scene::ContactScene;
 
 /// What a change of the contact means.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,7 +86,7 @@ fn level_at(before: RetinaLevel, clearance_mm: f64, scene: &ContactScene) -> Ret
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     fn kinds(clearances: &[f64]) -> Vec<EventKind> {
         let scene = SceneFile::load("peel").unwrap().contact;

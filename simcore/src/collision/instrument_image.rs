@@ -7,7 +7,7 @@ use super::surface::Unusable;
 use super::tool_mesh::{Facet, ToolMesh};
 use crate::constants::{JAW_STEP_RAD, VOLUME_BEYOND_TIP};
 use protocol::handles::Tool;
-use protocol::scene_file::ContactScene;
+use scene::ContactScene;
 
 /// No instrument at this pixel.
 pub const NOTHING: i32 = i32::MAX;
@@ -214,7 +214,7 @@ impl Pen<'_> {
 mod tests {
     use super::*;
     use protocol::handles::{HOOK_LENGTH_MM, HOOK_THICKNESS_MM};
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     #[test]
     fn jaws_widen_the_image_and_only_their_change_draws_it() {

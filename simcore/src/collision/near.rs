@@ -20,7 +20,7 @@ pub fn near_membrane(membrane: &MembraneState, tip_in_eye: &Vector3<f64>, reach_
 mod tests {
     use super::*;
     use crate::membrane::sheet::Sheet;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     #[test]
     fn membrane_far_away_is_not_near() {

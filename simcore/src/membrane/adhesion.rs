@@ -25,7 +25,7 @@ use super::solver::Solver;
 use crate::state::MembraneState;
 use nalgebra::Vector3;
 use protocol::scene::NODE_DEAD;
-use protocol::scene_file::AdhesionScene;
+use scene::AdhesionScene;
 use serde::{Deserialize, Serialize};
 
 /// δ₀ as a share of δf. Smaller makes bonds stiffer, which costs stability and gives nothing: the energy is the same.

@@ -29,7 +29,7 @@ use super::lanes::{Isa, WIDE};
 use super::sheet::{NONE, Sheet};
 use crate::state::MembraneState;
 use nalgebra::Vector3;
-use protocol::scene_file::CurlScene;
+use scene::CurlScene;
 
 /// Largest ψ: a hinge folded to 168°. Protects the moment of a hinge that other forces folded flat.
 const MAX_PSI: f32 = 20.0;
@@ -333,7 +333,7 @@ fn turn(
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     fn point() -> impl Strategy<Value = Vector3<f32>> {
         prop::array::uniform3(-0.3f32..0.3).prop_map(Vector3::from)

@@ -4,7 +4,7 @@
 use super::mesh::MeshError;
 use super::sheet::{Bend, Sheet};
 use nalgebra::Vector3;
-use protocol::scene_file::{MembraneScene, SceneFile};
+use scene::{MembraneScene, SceneFile};
 
 /// Rows and columns of the sheet.
 #[derive(Clone, Copy)]

@@ -23,7 +23,7 @@ use crate::elements::triangle::Triangles;
 use crate::elements::{Both, Elastic, Nodes, Point};
 use crate::state::MembraneState;
 use protocol::scene::NODE_FREE;
-use protocol::scene_file::MembraneIntegrator;
+use scene::MembraneIntegrator;
 
 /// A substep of a scene: one linearised step, solved to a thousandth.
 const STEP: Settings =
@@ -219,7 +219,7 @@ mod tests {
     use super::*;
     use crate::guard::all_finite;
     use nalgebra::Vector3;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     /// The shipped sheet with published stiffness (2 N/m) and the mass of real tissue: 10 µm of water
     /// under 29 mm², shared by 546 nodes.

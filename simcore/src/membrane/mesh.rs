@@ -6,7 +6,7 @@
 use super::order::cuthill_mckee;
 use super::sheet::{Bend, NONE, Sheet};
 use nalgebra::Vector3;
-use protocol::scene_file::{MeshScene, Pinned};
+use scene::{MeshScene, Pinned};
 
 /// Shortest edge and smallest triangle height that still has a direction in single precision, mm: 1 nm.
 const SMALLEST_MM: f64 = 1e-6;

@@ -72,7 +72,7 @@ impl StainState {
 mod tests {
     use super::*;
     use crate::membrane::sheet::Sheet;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     #[test]
     fn dye_reaches_what_is_near_and_no_more_and_is_told_in_steps() {

@@ -79,7 +79,7 @@ fn shift(state: &mut MembraneState, node: usize, by: Vector3<f32>, dt_s: Option<
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     const DT: f32 = 1e-3;
 

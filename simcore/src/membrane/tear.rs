@@ -121,7 +121,7 @@ mod tests {
     use nalgebra::Isometry3;
     use proptest::prelude::*;
     use protocol::handles::Tool;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
     use std::collections::BTreeSet;
 
     /// A grid of 8 × 8 squares of 0.5 mm that is jittered, cut along either diagonal, and lacks some triangles.

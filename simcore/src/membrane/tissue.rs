@@ -17,9 +17,7 @@ use super::sheet::Sheet;
 use crate::constants::{MAX_SPLITS, SUBSTEP_S};
 use crate::elements::law::PlaneLaw;
 use crate::state::MembraneState;
-use protocol::scene_file::{
-    ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, RetinaScene, SceneFile,
-};
+use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, RetinaScene, SceneFile};
 
 /// Largest strain for which explicit Euler is kept stable across taut springs: beyond twice its length no tissue holds.
 const TAUT_STRAIN: f64 = 1.0;

@@ -1,7 +1,7 @@
 //! Figures of the retina: those of the scene in the units of the step, and the constants of the method.
 
 use crate::constants::SUBSTEP_S;
-use protocol::scene_file::RetinaScene;
+use scene::RetinaScene;
 
 /// Pieces of loose retina that have a fluid account of their own; more pieces share the last one's.
 pub const MAX_BLEBS: usize = 32;
@@ -123,7 +123,7 @@ impl Figures {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     fn figures() -> Figures {
         let scene = SceneFile::load("relocation").unwrap();

@@ -37,7 +37,7 @@ use nalgebra::Vector3;
 use pieces::Pieces;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_DEAD;
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 use state::RetinaState;
 
 /// Why a scene's retina cannot be simulated.

@@ -6,7 +6,7 @@ use super::state::{Bleb, RetinaState};
 use crate::membrane::tear;
 use crate::state::NODE_PINNED;
 use protocol::scene::NODE_FREE;
-use protocol::scene_file::RetinaOperation;
+use scene::RetinaOperation;
 
 /// Corrections in which a bleb is filled at the start: each moves nodes by at most v_max · 1 ms, 0.2 mm in the shipped scenes.
 const FILLS: u32 = 400;
@@ -65,7 +65,7 @@ mod tests {
     use crate::constants::SUBSTEP_S;
     use nalgebra::{UnitVector3, Vector3};
     use protocol::scene::NODE_DEAD;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     fn begun(operation: RetinaOperation) -> (Retina, RetinaState) {
         begun_of(28, operation)

@@ -188,7 +188,7 @@ mod tests {
     use super::super::mesh::hemisphere;
     use super::*;
     use proptest::prelude::*;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     const R: f64 = 11.5;
 

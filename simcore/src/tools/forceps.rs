@@ -8,7 +8,7 @@ use crate::state::{HeldNode, InstrumentState, MembraneState};
 use nalgebra::{Isometry3, Point3, Vector3};
 use protocol::handles::Tool;
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
-use protocol::scene_file::ContactScene;
+use scene::ContactScene;
 
 /// What the jaws' movement means.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,7 +114,7 @@ mod tests {
     use super::*;
     use crate::membrane::sheet::Sheet;
     use crate::world::start_instrument;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     #[test]
     fn jaws_grab_only_while_closing() {

@@ -5,7 +5,7 @@ pub mod needle;
 pub mod vitrector;
 
 use protocol::handles::{PedalMode, PedalState};
-use protocol::scene_file::{NeedleScene, SceneFile, VitrectorScene};
+use scene::{NeedleScene, SceneFile, VitrectorScene};
 use serde::{Deserialize, Serialize};
 use vitrector::Cutter;
 

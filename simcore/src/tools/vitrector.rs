@@ -10,7 +10,7 @@
 
 use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
 use protocol::handles::{PORT_HEIGHT_MM, PORT_RADIUS_MM};
-use protocol::scene_file::VitrectorScene;
+use scene::VitrectorScene;
 use serde::{Deserialize, Serialize};
 
 /// The suction cone of a port, eye frame.

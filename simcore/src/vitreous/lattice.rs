@@ -5,7 +5,7 @@
 //! lengths are whole µm. Elements are numbered row by row along x; [`PAD`] unused numbers on both sides let a
 //! loop over a row look at all six neighbours without testing for the ends.
 
-use protocol::scene_file::{GelScene, SceneFile, Side, VitreousScene, ZoneScene};
+use scene::{GelScene, SceneFile, Side, VitreousScene, ZoneScene};
 
 /// Unused numbers before the first and after the last element; a row is never longer.
 pub const PAD: usize = 96;

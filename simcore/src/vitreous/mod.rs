@@ -26,8 +26,8 @@ use find::{Capsule, Finder};
 use haze::Haze;
 use lattice::{LINKS, Lattice};
 use nalgebra::{Isometry3, Vector3};
-use protocol::scene_file::SceneFile;
 use relax::{Relaxation, Relaxer};
+use scene::SceneFile;
 use state::VitreousState;
 use traction::Traction;
 

@@ -4,7 +4,6 @@ use super::World;
 use crate::bodies::state::BodiesState;
 use crate::guard;
 use crate::membrane::tear;
-#[cfg(test)]
 use crate::membrane::tissue::Tissue;
 use crate::state::InstrumentState;
 use protocol::handles::Tool;
@@ -25,7 +24,7 @@ impl World {
     }
 
     /// True while something acts on tissue: an instrument holds, touches or has pierced it, or a vitrector sucks.
-    pub(crate) fn is_handled(&self) -> bool {
+    pub fn is_handled(&self) -> bool {
         let vitrector = Tool::Vitrector as u32;
         let sucks = |i: &InstrumentState| i.tool == vitrector && self.state.tools.suction_pa > 0.0;
         let acts =
@@ -38,13 +37,12 @@ impl World {
     }
 
     /// Square of the acceleration of each node of the membrane in the last part of a substep, before its limit, mm²/s⁴.
-    pub(crate) fn membrane_acceleration2(&self) -> &[f32] {
+    pub fn membrane_acceleration2(&self) -> &[f32] {
         &self.solver.acceleration2
     }
 
     /// Changes the figures by which the membrane moves into what no scene can ask for.
-    #[cfg(test)]
-    pub(crate) fn spoil_membrane(&mut self, spoil: impl FnOnce(&mut Tissue)) {
+    pub fn spoil_membrane(&mut self, spoil: impl FnOnce(&mut Tissue)) {
         spoil(&mut self.tissue);
         self.refresh();
     }
@@ -67,10 +65,11 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rehearsal::Rehearsal;
-    use crate::world::{StepInput, no_clock};
+    use crate::world::no_clock;
     use protocol::events::EventKind;
-    use protocol::scene_file::{RetinaOperation, SceneFile};
+    use protocol::steps::StepInput;
+    use scene::{RetinaOperation, SceneFile};
+    use surgeon::rehearsal::Rehearsal;
 
     /// Plays a scene for a while, spoils its state, plays on: the events of the second part. The audit must pass after every step.
     fn spoiled(scene: &SceneFile, fields: u64, spoil: impl FnOnce(&mut World)) -> (World, Vec<u32>) {
@@ -82,7 +81,7 @@ mod tests {
                 spoil.take().unwrap()(&mut world);
                 events.clear();
             }
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             events.extend(world.events().iter().map(|e| e.kind));
             world.audit().unwrap_or_else(|e| panic!("field {field}: {e}"));
         }
@@ -151,9 +150,9 @@ mod tests {
                 let split = |e: &&protocol::events::Event| e.kind == EventKind::TimeStepSplit as u32;
                 w.events().iter().filter(split).map(|e| e.value).collect::<Vec<_>>()
             };
-            rehearsal.play(&mut world, 0, &mut no_clock);
+            world.step(&rehearsal.inputs(0).input(), &mut no_clock);
             let first = told(&world);
-            rehearsal.play(&mut world, 1, &mut no_clock);
+            world.step(&rehearsal.inputs(1).input(), &mut no_clock);
             assert!(told(&world).is_empty(), "once");
             first
         };
@@ -186,7 +185,7 @@ mod tests {
         for name in ["peel", "relocation", "vitrectomy", "bodies"] {
             let scene = SceneFile::load(name).unwrap();
             let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
-            rehearsal.play(&mut world, 0, &mut no_clock);
+            world.step(&rehearsal.inputs(0).input(), &mut no_clock);
             let (mut frame, handles) = rehearsal.field(1);
             frame.bodies[0].world_from_body.position_mm = [f64::NAN, 1e300, f64::INFINITY];
             let input = StepInput { frame: &frame, handles: &handles, pedals: &[] };

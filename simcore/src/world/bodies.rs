@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use protocol::events::{EventKind, Severity};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 
 /// Length of an instrument that can touch bodies, in radii of the retina: from any tip to beyond the trocar.
 const LENGTH_RADII: f64 = 2.5;

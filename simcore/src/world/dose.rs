@@ -19,14 +19,14 @@ impl World {
 
 #[cfg(test)]
 mod tests {
-    use crate::rehearsal::Rehearsal;
     use crate::world::{World, no_clock};
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
+    use surgeon::rehearsal::Rehearsal;
 
     fn played(fields: std::ops::Range<u64>, world: &mut World) {
         let rehearsal = Rehearsal::shipped(world.scene());
         fields.for_each(|field| {
-            rehearsal.play(world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         });
     }
 

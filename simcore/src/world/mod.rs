@@ -45,12 +45,12 @@ use crate::tools::{ToolFigures, ToolsState};
 use crate::vitreous::Vitreous;
 use nalgebra::Isometry3;
 use protocol::events::{Event, EventKind, Severity};
-use protocol::handles::{HandleState, PedalState, Tool};
+use protocol::handles::Tool;
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
 use protocol::poses::TrackerFrame;
-use protocol::scene_file::SceneFile;
-use protocol::steps::StepTimes;
+use protocol::steps::{StepInput, StepTimes};
+use scene::SceneFile;
 
 /// Why a scene cannot be simulated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -93,17 +93,6 @@ pub enum WorldError {
         /// Mass there is, g.
         found_g: f64,
     },
-}
-
-/// What one step consumes.
-#[derive(Debug, Clone, Copy)]
-pub struct StepInput<'a> {
-    /// Poses.
-    pub frame: &'a TrackerFrame,
-    /// Handle states since the last step, in order.
-    pub handles: &'a [HandleState],
-    /// Pedal states since the last step, in order.
-    pub pedals: &'a [PedalState],
 }
 
 /// What one step did.
@@ -461,7 +450,7 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rehearsal::Rehearsal;
+    use surgeon::rehearsal::Rehearsal;
 
     #[test]
     fn an_eye_without_a_membrane_runs() {
@@ -471,7 +460,7 @@ mod tests {
         let mut world = World::new(&scene).unwrap();
         let rehearsal = Rehearsal::shipped(&scene);
         (0..500).for_each(|field| {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         });
         assert_eq!((world.state().step, world.sheet().nodes()), (500, 0));
         let mut bytes = Vec::new();

@@ -11,7 +11,7 @@ use crate::state::MembraneState;
 use crate::tools::forceps;
 use protocol::events::{EventKind, Severity};
 use protocol::scene::{NODE_DEAD, NODE_FREE};
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 
 /// The freed area is reported whenever another such share of the glued area is off.
 const PEELED_STEPS: f64 = 10.0;

@@ -36,10 +36,10 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rehearsal::Rehearsal;
     use crate::world::no_clock;
     use protocol::events::EventKind;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
+    use surgeon::rehearsal::Rehearsal;
 
     /// The shipped script of a scene up to a field; the sum of the values of a kind of event.
     fn played(name: &str, fields: u64, kind: EventKind) -> (World, f64) {
@@ -47,7 +47,7 @@ mod tests {
         let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
         let mut sum = 0.0;
         for field in 0..fields {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             let told = world.events().iter().filter(|e| e.kind == kind as u32);
             sum += told.map(|e| e.value).sum::<f64>();
         }

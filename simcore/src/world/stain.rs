@@ -8,7 +8,7 @@ use crate::membrane::stain::StainState;
 use protocol::events::{EventKind, Severity};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
-use protocol::scene_file::SceneFile;
+use scene::SceneFile;
 
 /// Room for the dye of a scene's membrane.
 pub(super) fn room(scene: &SceneFile, sheet: &Sheet) -> Option<StainState> {
@@ -45,13 +45,13 @@ impl World {
 
 #[cfg(test)]
 mod tests {
-    use crate::rehearsal::Rehearsal;
     use crate::scene_block::SceneWriter;
     use crate::world::{World, no_clock};
     use protocol::events::EventKind;
     use protocol::handles::{PedalMode, Tool};
     use protocol::scene::{SceneNode, section};
-    use protocol::scene_file::{PedalKey, SceneFile};
+    use scene::{PedalKey, SceneFile};
+    use surgeon::rehearsal::Rehearsal;
 
     /// A needle over the membrane of `erm`, the foot pressed or not.
     fn dyed(axes: [f64; 2]) -> (World, Vec<f64>) {
@@ -64,7 +64,7 @@ mod tests {
         let rehearsal = Rehearsal::shipped(&scene);
         let (mut world, mut told) = (World::new(&scene).unwrap(), Vec::new());
         for field in 0..100 {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             let events = world.events().iter().filter(|e| e.kind == EventKind::MembraneStained as u32);
             told.extend(events.map(|e| e.value));
         }

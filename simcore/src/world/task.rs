@@ -9,13 +9,13 @@ use crate::retina::state::RetinaState;
 use crate::state::State;
 use crate::vitreous::Vitreous;
 use crate::vitreous::lattice::Lattice;
-use modules::sample::Sample;
-use modules::score::recording::is_over;
-use modules::score::{Meter, Scorer};
-use modules::task::{BodySeen, Observation, RetinaSeen, Signal, Task, TaskState};
 use nalgebra::{Isometry3, UnitVector3, Vector3};
 use protocol::poses::TrackerFrame;
-use protocol::scene_file::{CORE_MM, Goal, MAX_BODIES, PERIPHERY_FROM_Z_MM, SceneFile};
+use scene::{CORE_MM, Goal, MAX_BODIES, PERIPHERY_FROM_Z_MM, SceneFile};
+use training::sample::Sample;
+use training::score::recording::is_over;
+use training::score::{Meter, Scorer};
+use training::task::{BodySeen, Observation, RetinaSeen, Signal, Task, TaskState};
 
 /// A scene's task at work.
 #[derive(Debug)]
@@ -100,7 +100,7 @@ impl World {
             return;
         }
         let log = &mut self.log;
-        let tips = modules::sample::tips(frame);
+        let tips = training::sample::tips(frame);
         let mut bodies = [BodySeen { eye_from_body: Isometry3::identity(), held_by: None }; MAX_BODIES];
         let there = self.state.bodies.as_ref().map_or(&[][..], |b| &b.body);
         for (seen, body) in bodies.iter_mut().zip(there) {
@@ -156,7 +156,7 @@ impl World {
     }
 
     /// The score of the attempt as it stands, where the scene has a task.
-    pub fn score(&self) -> Option<modules::score::Score> {
+    pub fn score(&self) -> Option<training::score::Score> {
         Some(self.task.as_ref()?.scorer.score(&self.state.task.as_ref()?.1))
     }
 
@@ -175,28 +175,26 @@ impl World {
 }
 
 /// Most signals of a step: every goal at once, and what is told of two instruments.
-const MAX_SAID: usize = 2 * protocol::scene_file::MAX_GOALS + 8;
+const MAX_SAID: usize = 2 * scene::MAX_GOALS + 8;
 
 #[cfg(test)]
 mod tests {
-    use crate::rehearsal::Rehearsal;
     use crate::world::{World, no_clock};
-    use modules::module::Module;
-    use modules::surgeon::EXPERT;
     use protocol::events::{Event, EventKind};
-    use protocol::recording::Item;
+    use surgeon::rehearsal::Rehearsal;
+    use surgeon::skill::EXPERT;
 
     /// The live score of a rehearsed attempt is what the same poses, steps and events give afterwards, to the bit; and a checkpoint in
     /// the middle changes nothing.
     #[test]
     fn the_live_score_is_the_recordings_score() {
-        let module = Module::load("navigation").unwrap();
-        let scene = module.compose(1, &EXPERT, 1).unwrap();
+        let module = surgeon::load("navigation").unwrap();
+        let scene = surgeon::compose(&module, 1, &EXPERT, 1).unwrap();
         let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
-        let mut reader = modules::score::recording::Reader::new(&scene).unwrap();
+        let mut reader = training::score::recording::Reader::new(&scene).unwrap();
         let (mut told, mut saved) = (None, Vec::new());
         for field in 0..rehearsal.fields() {
-            let report = rehearsal.play(&mut world, field, &mut no_clock);
+            let report = world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             let (frame, _) = rehearsal.field(field);
             let events: Vec<Event> = world.events().to_vec();
             told = events.iter().find(|e| e.kind == EventKind::ScoreTotal as u32).map(|e| e.value).or(told);
@@ -209,12 +207,12 @@ mod tests {
                 assert_eq!((world.state_hash(), &world.state().task), (hash, &before));
             }
             // As a recorder may get them: events before poses.
-            events.into_iter().for_each(|e| reader.take(Item::Event(e)));
-            reader.take(Item::Poses(Box::new(frame)));
+            events.into_iter().for_each(|e| reader.take_event(e));
+            reader.take_poses(Box::new(frame));
             let mut step: protocol::steps::StepRecord = bytemuck::Zeroable::zeroed();
             (step.step, step.field, step.frame) = (field + 1, field, field);
             step.state_hash = report.state_hash;
-            reader.take(Item::Step(step));
+            reader.take_step(&step);
         }
         let verdict = reader.finish();
         assert_eq!((verdict.agrees(), verdict.unmatched, verdict.ended), (Some(true), 0, true));

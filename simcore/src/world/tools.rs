@@ -166,10 +166,10 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rehearsal::Rehearsal;
     use crate::world::no_clock;
     use protocol::handles::PORT_RADIUS_MM;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
+    use surgeon::rehearsal::Rehearsal;
 
     /// In the scene, with the edge before the port: every force is p₀·(r/d) on a third of each triangle seen, towards the apex.
     #[test]
@@ -179,7 +179,7 @@ mod tests {
         let rehearsal = Rehearsal::shipped(&scene);
         let mut world = World::new(&scene).unwrap();
         for field in 130..150 {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         }
         let pose = world.state.instruments.each_ref().map(|i| i.eye_from_instrument);
         let poses = Poses { eye_from_instrument: pose, tip_step_mm: [Vector3::zeros(); INSTRUMENTS] };

@@ -239,11 +239,12 @@ impl World {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rehearsal::Rehearsal;
-    use crate::world::{StepInput, no_clock};
+    use crate::world::no_clock;
     use nalgebra::Isometry3;
     use protocol::geometry::Pose;
-    use protocol::scene_file::{RetinaOperation, SceneFile};
+    use protocol::steps::StepInput;
+    use scene::{RetinaOperation, SceneFile};
+    use surgeon::rehearsal::Rehearsal;
 
     /// Coulomb: what sticks goes with the tip, what slides is dragged by its share of the push, and what keeps up is left alone.
     #[test]

@@ -151,14 +151,14 @@ impl World {
 
 #[cfg(test)]
 mod tests {
-    use crate::rehearsal::Rehearsal;
     use crate::scene_block::{SceneWriter, bytes_needed};
     use crate::vitreous::state;
     use crate::world::{World, no_clock};
     use protocol::events::EventKind;
     use protocol::limits::MAX_CHECKPOINT_BYTES;
     use protocol::scene::{SceneBrick, section};
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
+    use surgeon::rehearsal::Rehearsal;
 
     fn densities(world: &World) -> u64 {
         let mut writer = SceneWriter::new(world);
@@ -180,7 +180,7 @@ mod tests {
         let (mut milestones, mut saved) = (Vec::new(), Vec::new());
         let mut hash = 0;
         for field in 0..350 {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             let told = world.events().iter().filter(|e| e.kind == EventKind::VitreousRemoved as u32);
             milestones.extend(told.map(|e| e.value));
             if field == 300 {
@@ -205,7 +205,7 @@ mod tests {
         let mut other = World::new(&scene).unwrap();
         other.restore(&saved).unwrap();
         (301..350).for_each(|field| {
-            rehearsal.play(&mut other, field, &mut no_clock);
+            other.step(&rehearsal.inputs(field).input(), &mut no_clock);
         });
         assert_eq!(other.state_hash(), hash);
         let (_, same) = other.vitreous().unwrap();
@@ -240,7 +240,7 @@ mod tests {
         let mut world = World::new(&scene).unwrap();
         let mut kinds = Vec::new();
         for field in 0..300 {
-            rehearsal.play(&mut world, field, &mut no_clock);
+            world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             kinds.extend(world.events().iter().map(|e| e.kind));
         }
         let (gel, state) = world.vitreous().unwrap();

@@ -277,7 +277,7 @@ mod tests {
     use crate::state::MembraneState;
     use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
     use protocol::handles::Tool;
-    use protocol::scene_file::SceneFile;
+    use scene::SceneFile;
 
     struct Setting {
         sheet: Sheet,

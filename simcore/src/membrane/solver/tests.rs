@@ -1,7 +1,7 @@
 //! Tests of the solver: forces, motion, limits, and the same bits on every instruction set.
 
 use super::*;
-use protocol::scene_file::{MembraneIntegrator, MembraneScene, SceneFile};
+use scene::{MembraneIntegrator, MembraneScene, SceneFile};
 
 fn peel(change: impl FnOnce(&mut MembraneScene)) -> (Sheet, MembraneState, Solver, Tissue) {
     let mut scene = SceneFile::load("peel").unwrap();

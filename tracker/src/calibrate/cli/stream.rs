@@ -10,12 +10,12 @@ use crate::calibrate::sightings::{Instant, collect};
 use crate::calibrate::targets::{rms, robust_sigma};
 use crate::calibrate::waved::{Waved, fitted, fitted_with, refine_stream, spread};
 use anyhow::{Context, ensure};
+use blob_stream::BlobReader;
 use nalgebra::{Point3, Vector3};
-use protocol::blob_stream::BlobReader;
 use protocol::blobs::BlobField;
 use protocol::poses::{BODY_NAMES, EYE};
-use protocol::recording::{Item, Recording};
 use protocol::rig::Rig;
+use recording::{Item, Recording};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

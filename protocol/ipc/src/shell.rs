@@ -1,0 +1,167 @@
+//! What the four process shells share: arguments, stop signals, heartbeat and control.
+
+use crate::clock::{now, sleep_until};
+use crate::{Instance, IpcError, Queue, Receiver, Sender, Wakes};
+use protocol::control::{Answer, Command, Request};
+use protocol::health::{Health, Process, STATE_STARTING};
+use protocol::limits::HEARTBEAT_NS;
+use protocol::message::text_bytes;
+use protocol::time::Nanos;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// An error with its causes for a person; a cause that the text before it tells already is passed over.
+pub fn told(error: &(dyn std::error::Error + 'static)) -> String {
+    let mut text = error.to_string();
+    let mut cause = error.source();
+    while let Some(inner) = cause {
+        let inner_text = inner.to_string();
+        if !text.contains(&inner_text) {
+            text = format!("{text}: {inner_text}");
+        }
+        cause = inner.source();
+    }
+    text
+}
+
+/// Arguments that every process takes.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ShellArgs {
+    /// Name of the simulator to join; several run side by side under different names.
+    #[arg(long, default_value = "main")]
+    pub instance: String,
+    /// End when the parent process ends.
+    #[arg(long, hide = true)]
+    pub supervised: bool,
+    /// Delay this process's work by so many milliseconds, to prove that the budgets notice.
+    #[arg(long, default_value_t = 0.0, hide = true)]
+    pub inject_delay_ms: f64,
+}
+
+/// A running process's ties to the launcher.
+pub struct Shell {
+    process: Process,
+    stop: Arc<AtomicBool>,
+    health: Sender<Health>,
+    control: Receiver<Request>,
+    answers: Sender<Answer>,
+    delay_ns: u64,
+    next_beat: Nanos,
+    /// What the next heartbeat will say; the process keeps it up to date.
+    pub report: Health,
+}
+
+impl Shell {
+    /// Joins the instance and listens for SIGTERM and SIGINT.
+    pub fn start(process: Process, args: &ShellArgs) -> Result<(Instance, Self), IpcError> {
+        let stop = Arc::new(AtomicBool::new(false));
+        for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+            let registered = signal_hook::flag::register(signal, Arc::clone(&stop));
+            registered.map_err(|e| IpcError::Transport {
+                channel: "node",
+                operation: "signal handler",
+                problem: e.to_string(),
+            })?;
+        }
+        if args.supervised {
+            let term = Some(rustix::process::Signal::TERM);
+            let _ = rustix::process::set_parent_process_death_signal(term);
+        }
+        let instance = Instance::join(&args.instance)?;
+        let mut report: Health = bytemuck::Zeroable::zeroed();
+        report.process = process as u32;
+        report.pid = std::process::id();
+        report.state = STATE_STARTING;
+        let shell = Shell {
+            process,
+            stop,
+            health: instance.sender()?,
+            control: instance.receiver(Queue::InOrder)?,
+            answers: instance.sender()?,
+            delay_ns: (args.inject_delay_ms.max(0.0) * 1e6) as u64,
+            next_beat: 0,
+            report,
+        };
+        Ok((instance, shell))
+    }
+
+    /// True once a signal or a shutdown request asked this process to end.
+    pub fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Ends the process's loop.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Puts a text into the next heartbeat.
+    pub fn say(&mut self, text: &str) {
+        self.report.text = text_bytes(text);
+    }
+
+    /// Sends the heartbeat at once, for instance when a state has changed.
+    pub fn beat_now(&mut self, at: Nanos) -> Result<(), IpcError> {
+        self.next_beat = at + HEARTBEAT_NS;
+        self.report.instant_ns = at;
+        let cpu = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        self.report.cpu_ns = cpu.tv_sec as u64 * 1_000_000_000 + cpu.tv_nsec as u64;
+        self.health.send(&self.report)
+    }
+
+    /// Sends the heartbeat if it is due, and returns the next command for this process.
+    /// `Shutdown` and `Ping` are served here; the others are the process's to serve and answer.
+    pub fn serve(&mut self, at: Nanos) -> Result<Option<(Request, Command)>, IpcError> {
+        if at >= self.next_beat {
+            self.beat_now(at)?;
+        }
+        while let Some(request) = self.control.next_valid()? {
+            if !request.is_for(self.process) {
+                continue;
+            }
+            match Command::from_wire(request.command) {
+                Some(Command::Shutdown) => {
+                    self.stop();
+                    self.answer(&request, Ok(()))?;
+                }
+                Some(Command::Ping) => self.answer(&request, Ok(()))?,
+                Some(command) => return Ok(Some((request, command))),
+                None => {}
+            }
+        }
+        Ok(None)
+    }
+
+    /// Answers a request.
+    pub fn answer(&mut self, request: &Request, result: Result<(), &str>) -> Result<(), IpcError> {
+        let text = text_bytes(result.err().unwrap_or(""));
+        let code = u32::from(result.is_err());
+        self.answers.send(&Answer { seq: request.seq, process: self.process as u32, result: code, text })
+    }
+
+    /// The channel of requests, to be waited on with the process's own.
+    pub fn control(&self) -> &dyn Wakes {
+        &self.control
+    }
+
+    /// Sleeps for the injected delay, if there is one.
+    pub fn inject_delay(&self) {
+        if self.delay_ns > 0 {
+            sleep_until(now() + self.delay_ns);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::rig::Rig;
+
+    #[test]
+    fn no_cause_is_told_twice() {
+        let error = Rig::load(std::path::Path::new("/nowhere/rig.json")).unwrap_err();
+        let text = told(&error);
+        assert_eq!(text.matches("No such file").count(), 1, "{text}");
+        assert!(text.contains("/nowhere/rig.json"), "{text}");
+    }
+}

@@ -1,0 +1,88 @@
+//! Waking up: one event service beside each channel, and a bounded wait on several of them.
+
+use super::instance::{Instance, Service};
+use super::{IpcError, transport};
+use iceoryx2::prelude::*;
+use std::os::fd::BorrowedFd;
+
+const MAX_SOURCES: usize = 8;
+
+fn event_service(
+    instance: &Instance,
+    channel: &'static str,
+) -> Result<iceoryx2::service::port_factory::event::PortFactory<Service>, IpcError> {
+    let name = channel.try_into().map_err(|e| transport(channel, "event name")(format!("{e:?}")))?;
+    instance
+        .node
+        .service_builder(&name)
+        .event()
+        .max_notifiers(super::channel::MAX_PUBLISHERS)
+        .max_listeners(super::channel::MAX_SUBSCRIBERS)
+        .open_or_create()
+        .map_err(|e| transport(channel, "event")(format!("{e:?}")))
+}
+
+/// Wakes the receivers of a channel.
+pub(super) struct Notifier(iceoryx2::port::notifier::Notifier<Service>);
+
+impl Notifier {
+    pub(super) fn open(instance: &Instance, channel: &'static str) -> Result<Self, IpcError> {
+        let notifier = event_service(instance, channel)?.notifier_builder().create();
+        Ok(Self(notifier.map_err(|e| transport(channel, "notifier")(format!("{e:?}")))?))
+    }
+
+    /// A notification that cannot be delivered is no error: every wait is bounded and looks.
+    pub(super) fn notify(&self) {
+        let _ = self.0.notify();
+    }
+}
+
+/// Hears the senders of a channel.
+pub struct Listener(iceoryx2::port::listener::Listener<Service>);
+
+impl Listener {
+    pub(super) fn open(instance: &Instance, channel: &'static str) -> Result<Self, IpcError> {
+        let listener = event_service(instance, channel)?.listener_builder().create();
+        Ok(Self(listener.map_err(|e| transport(channel, "listener")(format!("{e:?}")))?))
+    }
+
+    /// Takes all notifications away, until there are none.
+    fn drain(&self) {
+        while self.0.try_wait(|_| {}).unwrap_or(0) > 0 {}
+    }
+}
+
+/// A channel's receiving side that can wake a waiting process.
+pub trait Wakes {
+    /// Its listener.
+    fn listener(&self) -> &Listener;
+}
+
+/// Sleeps until one of `sources` is notified or `timeout_ns` has passed. The caller then looks at
+/// all of them, whatever the reason.
+///
+/// # Panics
+/// With more than eight sources.
+pub fn wait(sources: &[&dyn Wakes], timeout_ns: u64) {
+    assert!(sources.len() <= MAX_SOURCES, "at most eight sources");
+    let timeout = rustix::time::Timespec {
+        tv_sec: (timeout_ns / 1_000_000_000) as i64,
+        tv_nsec: (timeout_ns % 1_000_000_000) as _,
+    };
+    let poll_fd = |i: usize| {
+        let listener = sources[i.min(sources.len() - 1)].listener();
+        // SAFETY: the listener owns the descriptor and outlives this borrow, which ends below.
+        let fd = unsafe { BorrowedFd::borrow_raw(listener.0.file_descriptor().native_handle()) };
+        rustix::event::PollFd::from_borrowed_fd(fd, rustix::event::PollFlags::IN)
+    };
+    if sources.is_empty() {
+        crate::clock::sleep_until(crate::clock::now() + timeout_ns);
+        return;
+    }
+    let mut fds: [rustix::event::PollFd<'_>; MAX_SOURCES] = std::array::from_fn(poll_fd);
+    // An interrupted or failed poll is a wake-up like any other: the caller looks.
+    let _ = rustix::event::poll(&mut fds[..sources.len()], Some(&timeout));
+    for source in sources {
+        source.listener().drain();
+    }
+}

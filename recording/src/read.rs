@@ -1,0 +1,400 @@
+//! Reading a recording, whole or not.
+//!
+//! The file's outer records are framed here, so that every problem has a byte offset and a
+//! damaged chunk can be passed over; chunks and records are parsed by the `mcap` crate.
+
+use super::records::{Records, chunk_records};
+use super::write::METADATA;
+use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, record};
+use mcap::parse_record;
+use mcap::records::{Record, op};
+use protocol::time::Nanos;
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::path::{Path, PathBuf};
+
+/// A recording opened for reading.
+#[derive(Debug)]
+pub struct Recording {
+    path: PathBuf,
+    provenance: Provenance,
+    finished: bool,
+    bytes: u64,
+}
+
+impl Recording {
+    /// Opens a recording and reads its provenance; refuses what is none.
+    pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let mut records = Records::open(path)?;
+        let foreign = |problem: String| RecordingError::Foreign { file: path.display().to_string(), problem };
+        let early = |e: RecordingError| match e {
+            RecordingError::Truncated { .. } => foreign("ends before its provenance".into()),
+            other => other,
+        };
+        let provenance = loop {
+            let Some((offset, opcode, body)) = records.next_record().map_err(early)? else {
+                return Err(foreign("ends before its provenance".into()));
+            };
+            match opcode {
+                op::HEADER | op::METADATA => {}
+                _ => return Err(foreign("its provenance is not at the start".into())),
+            }
+            match parse_record(opcode, &body).map_err(|e| records.damaged(offset, e))? {
+                Record::Header(header) if header.profile != PROFILE => {
+                    return Err(foreign(format!("an MCAP file of profile '{}'", header.profile)));
+                }
+                Record::Metadata(data) if data.name == METADATA => {
+                    break provenance_of(data.metadata).map_err(foreign)?;
+                }
+                _ => {}
+            }
+        };
+        let finished = records.has_footer()?;
+        Ok(Recording { path: path.into(), provenance, finished, bytes: records.length })
+    }
+
+    /// Rig, scene, configuration, seeds and versions.
+    pub fn provenance(&self) -> &Provenance {
+        &self.provenance
+    }
+
+    /// True if the recorder closed the file in order; a crashed one leaves it without a footer.
+    pub fn is_finished(&self) -> bool {
+        self.finished
+    }
+
+    /// Size of the file, bytes.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// All items in the order of the file, which is the order in which the recorder got them,
+    /// with their log times.
+    ///
+    /// After an error the iterator goes on behind the damage where it can find the next record
+    /// (`vitreo recover` makes use of that); whoever needs an unbroken record stops there.
+    pub fn items(&self) -> Items {
+        self.items_of(&Item::TOPICS)
+    }
+
+    /// As [`Recording::items`], of these topics only: the rest is not decoded, which is most of the work.
+    pub fn items_of(&self, topics: &[&'static str]) -> Items {
+        Items {
+            records: Records::open(&self.path).map_err(Some),
+            wanted: topics.to_vec(),
+            topics: HashMap::new(),
+            ready: VecDeque::new(),
+            ended: false,
+        }
+    }
+}
+
+fn provenance_of(mut pairs: BTreeMap<String, String>) -> Result<Provenance, String> {
+    let mut take = |key: &str| pairs.remove(key).ok_or(format!("its provenance lacks '{key}'"));
+    let format = take("format")?;
+    if format != FORMAT {
+        return Err(format!("its format is '{format}'; this version reads '{FORMAT}'"));
+    }
+    let source = take("source")?;
+    let source = Source::from_name(&source).ok_or(format!("unknown source '{source}'"))?;
+    let (rig_json, scene_name) = (take("rig_json")?, take("scene_name")?);
+    let scene_toml = take("scene_toml")?;
+    let group = |prefix: &str| {
+        let members = pairs.iter().filter_map(|(k, v)| Some((k.strip_prefix(prefix)?.into(), v.clone())));
+        members.collect()
+    };
+    let (seeds, config, versions) = (group("seed."), group("config."), group("version."));
+    Ok(Provenance { rig_json, scene_name, scene_toml, source, seeds, config, versions })
+}
+
+/// Iterator over a recording's items.
+#[derive(Debug)]
+pub struct Items {
+    /// The error stands here until it has been given out.
+    records: Result<Records, Option<RecordingError>>,
+    /// Topics to decode.
+    wanted: Vec<&'static str>,
+    /// Topic by channel, of those.
+    topics: HashMap<u16, String>,
+    /// What the last chunk held.
+    ready: VecDeque<Result<(Nanos, Item), RecordingError>>,
+    ended: bool,
+}
+
+impl Items {
+    /// Bytes of the file read so far, for a progress bar.
+    pub fn bytes_read(&self) -> u64 {
+        self.records.as_ref().map_or(0, |r| r.offset)
+    }
+
+    /// Reads one outer record; false at the end of the data.
+    fn advance(&mut self) -> Result<bool, RecordingError> {
+        let records = match &mut self.records {
+            Ok(records) => records,
+            Err(failed) => return failed.take().map_or(Ok(false), Err),
+        };
+        let Some((offset, opcode, body)) = records.next_record()? else { return Ok(false) };
+        let parsed = match opcode {
+            // The summary repeats what stands before it.
+            op::DATA_END | op::FOOTER => return Ok(false),
+            op::CHUNK => chunk_records(&body),
+            op::CHANNEL | op::MESSAGE => parse_record(opcode, &body).map(|record| vec![record]),
+            _ => return Ok(true),
+        };
+        let parsed = parsed.map_err(|e| records.damaged(offset, e))?;
+        let file = records.file.clone();
+        parsed.into_iter().for_each(|record| self.take(&file, record));
+        Ok(true)
+    }
+
+    /// Decodes a message, or notes a channel.
+    fn take(&mut self, file: &str, record: Record<'_>) {
+        match record {
+            Record::Channel(channel) if self.wanted.contains(&channel.topic.as_str()) => {
+                self.topics.insert(channel.id, channel.topic);
+            }
+            Record::Message { header, data } => {
+                let Some(topic) = self.topics.get(&header.channel_id) else { return };
+                let log_time_ns = header.log_time;
+                let refused = |problem| {
+                    let (file, topic) = (file.into(), topic.clone());
+                    RecordingError::Message { file, topic, log_time_ns, problem }
+                };
+                let decoded = record::decode(topic, &data).map_err(refused);
+                self.ready.extend(decoded.map(|item| item.map(|item| (log_time_ns, item))).transpose());
+            }
+            _ => {}
+        }
+    }
+
+    /// Behind a damaged chunk the next record begins where it should; a broken frame leaves
+    /// nothing to go by.
+    fn can_go_on_after(&self, error: &RecordingError) -> bool {
+        matches!(error, RecordingError::Damaged { offset, .. } if *offset < self.bytes_read())
+    }
+}
+
+impl Iterator for Items {
+    type Item = Result<(Nanos, Item), RecordingError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(item) = self.ready.pop_front() {
+                return Some(item);
+            }
+            if self.ended {
+                return None;
+            }
+            match self.advance() {
+                Ok(more) => self.ended = !more,
+                Err(error) => {
+                    self.ended = !self.can_go_on_after(&error);
+                    return Some(Err(error));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::samples::{any_item, bits};
+    use super::super::{Note, NoteKind, Writer};
+    use super::*;
+    use proptest::prelude::*;
+    use std::fs;
+
+    fn provenance() -> Provenance {
+        let map = |key: &str, value: &str| BTreeMap::from([(key.to_string(), value.to_string())]);
+        Provenance {
+            rig_json: "{\"format\": \"vitreo-rig-1\"}".into(),
+            scene_name: "peel".into(),
+            scene_toml: "[eye]".into(),
+            source: Source::Live,
+            seeds: map("scene", "7"),
+            config: map("source", "pixels"),
+            versions: map("vitreo", "0.1.0"),
+        }
+    }
+
+    fn written(path: &Path, items: &[Item]) {
+        write(Writer::create(path, &provenance()).unwrap(), items);
+    }
+
+    fn write(mut writer: Writer, items: &[Item]) {
+        for (i, item) in items.iter().enumerate() {
+            writer.write(1000 + i as u64, item).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    fn note(count: u64) -> Item {
+        let text = "x".repeat(100);
+        Item::Note(Note { instant_ns: 5, kind: NoteKind::Log, process: None, count, text })
+    }
+
+    /// Counts of the notes that can be read before the first problem, and the problem.
+    fn notes_of(path: &Path) -> (Vec<u64>, Option<RecordingError>) {
+        let mut counts = Vec::new();
+        for item in Recording::open(path).unwrap().items() {
+            match item {
+                Ok((_, Item::Note(note))) => counts.push(note.count),
+                Ok((_, other)) => panic!("no note: {other:?}"),
+                Err(error) => return (counts, Some(error)),
+            }
+        }
+        (counts, None)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 32, failure_persistence: None, ..Default::default() })]
+
+        #[test]
+        fn a_file_gives_back_what_was_written(items in prop::collection::vec(any_item(), 0..60)) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            written(&path, &items);
+            let scratch = directory.path().join("scratch.mcap");
+            write(Writer::scratch(&scratch, &provenance()).unwrap(), &items);
+            for path in [&path, &scratch] {
+                let recording = Recording::open(path).unwrap();
+                prop_assert!(recording.is_finished());
+                prop_assert_eq!(recording.provenance(), &provenance());
+                let back: Vec<_> = recording.items().collect::<Result<_, _>>().unwrap();
+                prop_assert_eq!(back.len(), items.len());
+                for (i, ((time, item), original)) in back.iter().zip(&items).enumerate() {
+                    prop_assert_eq!(*time, 1000 + i as u64);
+                    prop_assert_eq!(bits(item), bits(original));
+                }
+            }
+        }
+
+        #[test]
+        fn damage_anywhere_is_an_error_or_leaves_true_items(
+            cut in any::<prop::sample::Index>(),
+            hits in prop::collection::vec((any::<prop::sample::Index>(), 1u8..), 1..4),
+            truncate in any::<bool>(),
+        ) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            written(&path, &(0..600).map(note).collect::<Vec<_>>());
+            let mut bytes = fs::read(&path).unwrap();
+            for (at, xor) in hits {
+                let at = at.index(bytes.len());
+                bytes[at] ^= xor;
+            }
+            if truncate {
+                bytes.truncate(cut.index(bytes.len()));
+            }
+            fs::write(&path, &bytes).unwrap();
+            if let Ok(recording) = Recording::open(&path) {
+                for (_, item) in recording.items().flatten() {
+                    prop_assert!(matches!(item, Item::Note(n) if n.count < 600 && n.text.len() == 100));
+                }
+            }
+        }
+
+        #[test]
+        fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), magic in any::<bool>()) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            let start: &[u8] = if magic { mcap::MAGIC } else { b"" };
+            fs::write(&path, [start, &bytes].concat()).unwrap();
+            let error = Recording::open(&path).unwrap_err().to_string();
+            prop_assert!(error.contains("a.mcap"), "{}", error);
+        }
+
+        #[test]
+        fn arbitrary_records_after_a_good_start_never_panic(
+            records in prop::collection::vec((0u8..0x12, prop::collection::vec(any::<u8>(), 0..120)), 1..6),
+        ) {
+            let directory = tempfile::tempdir().unwrap();
+            let path = directory.path().join("a.mcap");
+            let writer = Writer::create(&path, &provenance()).unwrap();
+            let mut bytes = fs::read(&path).unwrap();
+            drop(writer);
+            for (opcode, body) in records {
+                bytes.push(opcode);
+                bytes.extend((body.len() as u64).to_le_bytes());
+                bytes.extend(body);
+            }
+            fs::write(&path, &bytes).unwrap();
+            let recording = Recording::open(&path).unwrap();
+            prop_assert!(recording.items().count() < 100);
+        }
+    }
+
+    /// A file with one note in each of three chunks, and where the chunks end.
+    fn three_chunks(path: &Path) -> (Writer, Vec<u64>) {
+        const APART_NS: u64 = 1_000_000_000;
+        let mut writer = Writer::create(path, &provenance()).unwrap();
+        let ends = (0..3).map(|i| {
+            writer.write(i, &note(i)).unwrap();
+            writer.keep_up(i * APART_NS).unwrap();
+            writer.keep_up(i * APART_NS + APART_NS / 2).unwrap();
+            fs::metadata(path).unwrap().len()
+        });
+        let ends = ends.collect();
+        (writer, ends)
+    }
+
+    #[test]
+    fn a_cut_file_is_readable_up_to_the_cut_and_says_so() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let (writer, ends) = three_chunks(&path);
+        drop(writer);
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..ends[1] as usize + 20]).unwrap();
+        let (counts, problem) = notes_of(&path);
+        assert_eq!(counts, [0, 1]);
+        assert!(matches!(problem, Some(RecordingError::Truncated { offset, .. }) if offset == ends[1]));
+    }
+
+    #[test]
+    fn behind_a_damaged_chunk_reading_goes_on() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let (writer, ends) = three_chunks(&path);
+        writer.finish().unwrap();
+        let mut bytes = fs::read(&path).unwrap();
+        bytes[ends[0] as usize + 80] ^= 0xff;
+        fs::write(&path, &bytes).unwrap();
+        let items: Vec<_> = Recording::open(&path).unwrap().items().collect();
+        assert_eq!(items.len(), 3);
+        let error = items[1].as_ref().unwrap_err();
+        assert!(matches!(error, RecordingError::Damaged { offset, .. } if *offset == ends[0]), "{error}");
+        assert!(matches!(&items[2], Ok((2, Item::Note(n))) if n.count == 2));
+    }
+
+    #[test]
+    fn topics_that_are_not_wanted_are_passed_over() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let tool = protocol::handles::Tool::Forceps as u32;
+        let handle = protocol::handles::HandleState { tool, ..bytemuck::Zeroable::zeroed() };
+        written(&path, &[note(1), Item::Handle(handle), note(2)]);
+        let recording = Recording::open(&path).unwrap();
+        let of =
+            |topics: &[&'static str]| recording.items_of(topics).map(|i| i.unwrap().0).collect::<Vec<_>>();
+        assert_eq!((of(&["handles"]), of(&["notes"]), of(&[])), (vec![1001], vec![1000, 1002], vec![]));
+    }
+
+    #[test]
+    fn foreign_files_are_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.mcap");
+        let missing = Recording::open(&path).unwrap_err().to_string();
+        assert!(missing.contains("a.mcap"), "{missing}");
+        fs::write(&path, "t_ns,body\n").unwrap();
+        assert!(matches!(Recording::open(&path), Err(RecordingError::Foreign { .. })));
+        let other = mcap::WriteOptions::new().profile("ros2");
+        other.create(fs::File::create(&path).unwrap()).unwrap().finish().unwrap();
+        let error = Recording::open(&path).unwrap_err().to_string();
+        assert!(error.contains("ros2"), "{error}");
+    }
+}

@@ -1,0 +1,467 @@
+//! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
+//! edits; unknown keys are refused. Shipped scenes are built in and found by name.
+
+mod adhesion;
+mod bodies;
+mod elements;
+mod looks;
+mod membrane;
+mod mesh;
+pub mod module;
+mod optics;
+mod retina;
+mod task;
+mod tools;
+mod vitreous;
+
+pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
+pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
+pub use elements::{ElementsLaw, ElementsScene};
+pub use looks::{AimScene, LookScene, SAME_INSTANT_S, TakeScene};
+pub use membrane::{MembraneIntegrator, MembraneScene};
+pub use mesh::{MeshScene, Pinned};
+pub use optics::OpticsScene;
+pub use retina::{RetinaOperation, RetinaScene};
+pub use task::{CORE_MM, GelZone, Goal, GoalOrder, MAX_GOALS, MAX_PATH, PERIPHERY_FROM_Z_MM, TaskScene};
+pub use tools::{NeedleScene, VitrectorScene};
+pub use vitreous::{
+    GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
+};
+
+use protocol::handles::{PedalMode, Tool};
+use protocol::limits::INSTRUMENTS;
+use protocol::optics::PedalButton;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The one format this build reads.
+pub const FORMAT: &str = "vitreo-scene-1";
+
+/// The scene that runs when none is named.
+pub const DEFAULT_SCENE: &str = "peel";
+
+/// Shipped scenes: name and text.
+pub const SHIPPED: &[(&str, &str)] = &[
+    ("peel", include_str!("../../assets/scenes/peel.toml")),
+    ("vitrectomy", include_str!("../../assets/scenes/vitrectomy.toml")),
+    ("erm", include_str!("../../assets/scenes/erm.toml")),
+    ("bodies", include_str!("../../assets/scenes/bodies.toml")),
+    ("lift", include_str!("../../assets/scenes/lift.toml")),
+    ("trim", include_str!("../../assets/scenes/trim.toml")),
+    ("relocation", include_str!("../../assets/scenes/relocation.toml")),
+    ("translocation", include_str!("../../assets/scenes/translocation.toml")),
+];
+
+/// Why a scene was refused.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// Neither a file nor a shipped scene.
+    #[error("scene {name}: no such file, and no shipped scene of that name (shipped: {shipped})")]
+    Missing {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        shipped: String,
+    },
+    /// The file cannot be read.
+    #[error("scene file {name}: {source}")]
+    Read {
+        /// The file.
+        name: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not a scene in TOML; the message has the line.
+    #[error("scene file {name}: {source}")]
+    Parse {
+        /// The file.
+        name: String,
+        /// Why, with the line.
+        source: Box<toml::de::Error>,
+    },
+    /// A value makes no sense.
+    #[error("scene file {name}: {field}: expected {expected}, found {found}")]
+    Value {
+        /// The file.
+        name: String,
+        /// The key.
+        field: String,
+        /// What would be right.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+}
+
+/// A key with its value, and the lowest and highest value allowed.
+type Range = (&'static str, f64, f64, f64);
+
+/// A scene: an eye, whatever lies in it (each subject a table of its own that may be absent), and who works on it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// [`FORMAT`].
+    pub format: String,
+    /// One line for people.
+    pub title: String,
+    /// The eye.
+    pub eye: EyeScene,
+    /// The epiretinal membrane; a scene may do without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub membrane: Option<MembraneScene>,
+    /// Rigid bodies to push, pick up and place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bodies: Option<BodiesScene>,
+    /// The whole retina as tissue; without it the retina is a sphere that nothing lifts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retina: Option<RetinaScene>,
+    /// The vitreous body; a scene may do without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vitreous: Option<VitreousScene>,
+    /// What the vitrector can do, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub vitrector: Option<VitrectorScene>,
+    /// What the needle can do, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub needle: Option<NeedleScene>,
+    /// What the trainee is asked to do; a scene may be there to look at only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub task: Option<TaskScene>,
+    /// How instruments act on tissue and retina.
+    pub contact: ContactScene,
+    /// The microscope at the start.
+    pub microscope: MicroscopeScene,
+    /// Its lens, inverter and steps, if other than usual.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub optics: Option<OpticsScene>,
+    /// The two instruments, in the order of the rig.
+    pub instruments: Vec<InstrumentScene>,
+    /// What the scripted surgeon does.
+    pub script: ScriptScene,
+}
+
+/// Left or right eye: decides where the optic disc lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[allow(missing_docs)]
+pub enum Side {
+    Left,
+    Right,
+}
+
+/// The eye.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EyeScene {
+    /// Which eye.
+    pub side: Side,
+    /// Inner radius of the retina, mm.
+    pub retina_radius_mm: f64,
+}
+
+/// How instruments act.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactScene {
+    /// Clearance of a tip from the retina that counts as grazing, mm.
+    pub graze_mm: f64,
+    /// Clearance that counts as touching, mm.
+    pub touch_mm: f64,
+    /// Half width and depth of the collision volume at a tip, mm.
+    pub volume_mm: [f64; 2],
+    /// Resolution of the collision images.
+    pub resolution: u32,
+    /// Jaw opening under which closing jaws grab, rad.
+    pub grab_below_rad: f64,
+    /// Jaw opening over which opening jaws let go, rad.
+    pub release_above_rad: f64,
+    /// Distance from the tip within which nodes are grabbed, mm.
+    pub grab_reach_mm: f64,
+    /// Force at which the grip slips, µN.
+    pub grip_un: f64,
+    /// Friction of instruments on the membrane (Coulomb): sideways drag as a share of the push.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub friction: f64,
+}
+
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
+}
+
+/// The microscope at the start.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MicroscopeScene {
+    /// Point looked at, world frame, mm.
+    pub target_in_world_mm: [f64; 3],
+    /// mm.
+    pub working_distance_mm: f64,
+    /// mm.
+    pub stereo_base_mm: f64,
+    /// Diameter of the field of view, mm.
+    pub field_mm: f64,
+}
+
+/// An instrument.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InstrumentScene {
+    /// What it is.
+    pub tool: Tool,
+    /// Outer radius of the shaft, mm.
+    pub shaft_radius_mm: f64,
+}
+
+/// What the scripted surgeon does, over and over.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptScene {
+    /// Length of a round, s; key frames lie inside it and the last joins the first.
+    pub period_s: f64,
+    /// Tremor of the tips held still, µm RMS (all axes together).
+    pub tremor_um: f64,
+    /// Centre of the tremor's band, Hz.
+    pub tremor_hz: f64,
+    /// Rotation of the eye by the shafts: amplitude about x and y, rad.
+    pub eye_turn_rad: [f64; 2],
+    /// Key frames of instrument 0 and 1.
+    pub keys: Vec<ScriptKey>,
+    /// What the foot does.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pedal: Vec<PedalKey>,
+    /// Where the surgeon looks before a movement.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub aims: Vec<AimScene>,
+    /// Where the surgeon looks whether a goal is reached.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub looks: Vec<LookScene>,
+}
+
+/// What the pedal is from an instant of the round until the next key; before the first as after the last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PedalKey {
+    /// Instant in the round, s.
+    pub at_s: f64,
+    /// What the axes mean.
+    pub mode: PedalMode,
+    /// Two axes, −1 to 1.
+    #[serde(default)]
+    pub axes: [f64; 2],
+    /// Buttons that are held.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub buttons: Vec<PedalButton>,
+}
+
+/// Where an instrument is at an instant of the round.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptKey {
+    /// Instant in the round, s.
+    pub at_s: f64,
+    /// 0 or 1.
+    pub instrument: u32,
+    /// Tip in the eye frame, mm.
+    pub tip_in_eye_mm: [f64; 3],
+    /// Turn of the handle about the shaft, rad.
+    #[serde(default)]
+    pub roll_rad: f64,
+    /// Jaw opening, rad.
+    #[serde(default)]
+    pub jaw_rad: f64,
+    /// Tool in the hand from here on; without it the one before. A round begins with the instrument's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool: Option<Tool>,
+}
+
+impl SceneFile {
+    /// Loads a scene by file name, or a shipped one by its name.
+    pub fn load(name: &str) -> Result<Self, SceneError> {
+        let path = Path::new(name);
+        if path.is_file() {
+            let text = std::fs::read_to_string(path)
+                .map_err(|source| SceneError::Read { name: name.into(), source })?;
+            let mut scene = Self::read(&text, name)?;
+            if let Some(mesh) = scene.membrane.as_mut().and_then(|m| m.mesh.as_mut()) {
+                mesh.resolve(name)?;
+            }
+            scene.check(name)?;
+            return Ok(scene);
+        }
+        let shipped = SHIPPED.iter().find(|(n, _)| *n == name);
+        let (_, text) = shipped.ok_or_else(|| SceneError::Missing {
+            name: name.into(),
+            shipped: SHIPPED.iter().map(|(n, _)| *n).collect::<Vec<_>>().join(", "),
+        })?;
+        Self::parse(text, name)
+    }
+
+    /// Parses and checks the text of a scene; `name` is for error messages.
+    pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
+        let scene = Self::read(text, name)?;
+        scene.check(name)?;
+        Ok(scene)
+    }
+
+    fn read(text: &str, name: &str) -> Result<Self, SceneError> {
+        toml::from_str(text)
+            .map_err(|source| SceneError::Parse { name: name.into(), source: Box::new(source) })
+    }
+
+    /// As TOML, for recordings.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a scene is plain tables")
+    }
+
+    fn check(&self, name: &str) -> Result<(), SceneError> {
+        let refuse = |field: &str, expected: &str, found: String| {
+            Err(SceneError::Value {
+                name: name.into(),
+                field: field.into(),
+                expected: expected.into(),
+                found,
+            })
+        };
+        if self.format != FORMAT {
+            return refuse("format", FORMAT, self.format.clone());
+        }
+        if self.instruments.len() != INSTRUMENTS {
+            return refuse("instruments", "two of them", self.instruments.len().to_string());
+        }
+        for (field, value, low, high) in self.ranges() {
+            if !(low..=high).contains(&value) {
+                return refuse(field, &format!("{low} to {high}"), value.to_string());
+            }
+        }
+        let of_bodies = || self.bodies.as_ref().and_then(|b| b.defect(self.eye.retina_radius_mm));
+        let defect = self.membrane.as_ref().and_then(|m| m.defect()).or_else(of_bodies);
+        let defect = defect.or_else(|| self.optics.as_ref().and_then(|o| o.defect(&self.microscope)));
+        if let Some((field, expected, found)) = defect {
+            return refuse(field, &expected, found);
+        }
+        let radius_mm = self.eye.retina_radius_mm;
+        if let Some((field, expected, found)) = self.vitreous.as_ref().and_then(|v| v.defect(radius_mm)) {
+            return refuse(&field, &expected, found);
+        }
+        let bodies = self.bodies.as_ref().map_or(0, |b| b.body.len());
+        if let Some((field, expected, found)) = self.task.as_ref().and_then(|t| t.defect(radius_mm, bodies)) {
+            return refuse(&field, &expected, found);
+        }
+        if !(8..=256).contains(&self.contact.resolution) {
+            return refuse("contact.resolution", "8 to 256", self.contact.resolution.to_string());
+        }
+        if self.contact.grab_below_rad > self.contact.release_above_rad {
+            let found = format!("{} > {}", self.contact.grab_below_rad, self.contact.release_above_rad);
+            return refuse("contact.grab_below_rad", "not above release_above_rad", found);
+        }
+        for (i, key) in self.script.keys.iter().enumerate() {
+            let inside = (0.0..self.script.period_s).contains(&key.at_s);
+            if !inside || !key.is_sound() {
+                return refuse(
+                    &format!("script.keys[{i}]"),
+                    "instant inside the period, instrument 0 or 1, tip within 30 mm, jaw 0 to 3.2",
+                    format!("{key:?}"),
+                );
+            }
+        }
+        for (i, key) in self.script.pedal.iter().enumerate() {
+            let inside = (0.0..self.script.period_s).contains(&key.at_s);
+            if !inside || !key.axes.iter().all(|a| (-1.0..=1.0).contains(a)) {
+                let field = format!("script.pedal[{i}]");
+                return refuse(&field, "instant inside the period, axes −1 to 1", format!("{key:?}"));
+            }
+        }
+        for instrument in 0..INSTRUMENTS as u32 {
+            if !self.script.keys.iter().any(|k| k.instrument == instrument) {
+                return refuse("script.keys", "a key for each instrument", format!("none for {instrument}"));
+            }
+        }
+        let goals = self.task.as_ref().map_or(0, |t| t.goals.len());
+        let bodies = self.bodies.as_ref().map_or(0, |b| b.body.len());
+        if let Some((field, expected, found)) = self.script.defect_of_looks(goals, bodies) {
+            return refuse(&field, &expected, found);
+        }
+        Ok(())
+    }
+
+    /// Every plain number with its allowed range, both ends included.
+    fn ranges(&self) -> Vec<Range> {
+        let (c, s, v) = (&self.contact, &self.script, &self.microscope);
+        let mut ranges = vec![
+            ("eye.retina_radius_mm", self.eye.retina_radius_mm, 5.0, 20.0),
+            ("contact.graze_mm", c.graze_mm, 0.0, 5.0),
+            ("contact.touch_mm", c.touch_mm, 0.0, c.graze_mm),
+            ("contact.volume_mm[0]", c.volume_mm[0], 0.1, 5.0),
+            ("contact.volume_mm[1]", c.volume_mm[1], 0.1, 10.0),
+            ("contact.grab_below_rad", c.grab_below_rad, 0.0, 3.2),
+            ("contact.release_above_rad", c.release_above_rad, 0.0, 3.2),
+            ("contact.grab_reach_mm", c.grab_reach_mm, 0.0, 5.0),
+            ("contact.grip_un", c.grip_un, 0.0, 1e9),
+            ("contact.friction", c.friction, 0.0, 2.0),
+            ("microscope.working_distance_mm", v.working_distance_mm, 50.0, 1000.0),
+            ("microscope.stereo_base_mm", v.stereo_base_mm, 0.0, 100.0),
+            ("microscope.field_mm", v.field_mm, 1.0, 60.0),
+            ("script.period_s", s.period_s, 0.1, 3600.0),
+            ("script.tremor_um", s.tremor_um, 0.0, 5000.0),
+            ("script.tremor_hz", s.tremor_hz, 0.1, 24.0),
+            ("script.eye_turn_rad[0]", s.eye_turn_rad[0], -0.5, 0.5),
+            ("script.eye_turn_rad[1]", s.eye_turn_rad[1], -0.5, 0.5),
+            ("microscope.target_in_world_mm[0]", v.target_in_world_mm[0], -50.0, 50.0),
+            ("microscope.target_in_world_mm[1]", v.target_in_world_mm[1], -50.0, 50.0),
+            ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
+        ];
+        ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
+        ranges.extend(self.optics.iter().flat_map(|o| o.ranges()));
+        ranges.extend(self.bodies.iter().flat_map(|b| b.ranges()));
+        ranges.extend(self.retina.iter().flat_map(|r| r.ranges()));
+        ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
+        ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
+        ranges.extend(self.task.iter().flat_map(|t| t.ranges()));
+        ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
+        ranges
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_scenes_are_valid_and_round_trip() {
+        for (name, _) in SHIPPED {
+            let scene = SceneFile::load(name).unwrap();
+            assert_eq!(scene, SceneFile::parse(&scene.to_toml(), "again").unwrap());
+        }
+    }
+
+    #[test]
+    fn demo_membrane_has_the_size_of_the_paper() {
+        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        let [w, h] = scene.membrane.unwrap().squares;
+        assert_eq!(2 * w * h, 1000, "triangles");
+    }
+
+    #[test]
+    fn a_scene_does_without_a_membrane() {
+        let mut scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        scene.membrane = None;
+        assert_eq!(scene, SceneFile::parse(&scene.to_toml(), "again").unwrap());
+    }
+
+    #[test]
+    fn defects_are_named() {
+        let text = SHIPPED[0].1;
+        assert!(SceneFile::load("nowhere").unwrap_err().to_string().contains("shipped: peel, "));
+        let unknown = format!("{text}\n[membrain]\nx = 1\n");
+        assert!(SceneFile::parse(&unknown, "s.toml").unwrap_err().to_string().contains("membrain"));
+        let broken = text.replacen("p_tear = ", "p_tear = nan #", 1);
+        assert!(SceneFile::parse(&broken, "s.toml").unwrap_err().to_string().contains("membrane.p_tear"));
+        let pressed =
+            format!("{text}\n[[script.pedal]]\nat_s = 1.0\nmode = \"aspirate\"\naxes = [0.0, 1.5]\n");
+        assert!(SceneFile::parse(&pressed, "s.toml").unwrap_err().to_string().contains("script.pedal[0]"));
+        let pump = format!("{text}\n[vitrector]\ncuts_per_min = 90000\n");
+        assert!(
+            SceneFile::parse(&pump, "s.toml").unwrap_err().to_string().contains("vitrector.cuts_per_min")
+        );
+    }
+}

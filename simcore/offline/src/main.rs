@@ -1,0 +1,66 @@
+//! `vitreo-offline`: the simulation without cameras and clock, for `vitreo score --resimulate` and `vitreo film`.
+
+use anyhow::Context;
+use clap::Parser;
+use scene::{DEFAULT_SCENE, SceneFile};
+use std::io::BufWriter;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The simulation of vitreo without cameras and clock.
+#[derive(Debug, Parser)]
+#[command(name = "vitreo-offline", version)]
+enum Args {
+    /// Do every step of a recording again, and write what comes of it into another.
+    Resimulate {
+        /// The recording.
+        #[arg(value_name = "FILE.mcap")]
+        file: PathBuf,
+        /// Poses, steps and events of the resimulated run.
+        #[arg(value_name = "OUT.mcap")]
+        out: PathBuf,
+    },
+    /// Play a scene's script, and write the scene of every N-th field to standard output.
+    Film {
+        /// Scene: a shipped one by name, or a TOML file.
+        #[arg(long, default_value = DEFAULT_SCENE)]
+        scene: String,
+        /// One scene every so many fields.
+        #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
+        every: u64,
+        /// Seed of the tremor; none without it.
+        #[arg(long)]
+        seed: Option<u64>,
+        /// Length, s; without it a round of the script.
+        #[arg(long, value_name = "S")]
+        length: Option<f64>,
+    },
+}
+
+fn main() -> ExitCode {
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
+    match run(Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("vitreo-offline: {}", ipc::shell::told(error.as_ref()));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: Args) -> anyhow::Result<()> {
+    match args {
+        Args::Film { scene, every, seed, length } => {
+            let scene = SceneFile::load(&scene).context("scene")?;
+            let mut out = BufWriter::new(std::io::stdout().lock());
+            offline::film::write(&scene, seed, every, length, &mut out)?;
+        }
+        Args::Resimulate { file, out } => {
+            if let Some(step) = offline::resimulate::run(&file, &out)?.differs_at {
+                let file = file.display();
+                eprintln!("vitreo-offline: {file}: from step {step} on the state is not the recorded one");
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,109 @@
+//! A recording is resimulated, in one go and without the other processes: every step from the recorded poses, handles and
+//! pedal, written as a recording of poses, steps and events that is read once. Pure but for the two files; the same bits as in the live run.
+
+use anyhow::{Context, bail};
+use protocol::steps::StepRecord;
+use recording::{Item, Recording, Writer};
+use scene::SceneFile;
+use simcore::resume::Past;
+use simcore::world::World;
+use std::path::Path;
+
+/// What a step consumes, and what tells that it was made.
+const TOPICS: [&str; 4] = ["poses", "handles", "pedal", "steps"];
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Resimulated {
+    /// Steps done.
+    pub steps: u64,
+    /// The first of them whose state is not the recorded one.
+    pub differs_at: Option<u64>,
+}
+
+/// Resimulates `file` into `out`. A damaged recording is done up to its damage; one whose inputs are missing is refused.
+pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
+    let recording = Recording::open(file)?;
+    let provenance = recording.provenance();
+    let scene = SceneFile::parse(&provenance.scene_toml, &file.display().to_string()).context("its scene")?;
+    let mut world = World::new(&scene).context("scene")?.unseen();
+    let mut writer = Writer::scratch(out, provenance)?;
+    let (mut past, mut done) = (Past::default(), Resimulated::default());
+    for item in recording.items_of(&TOPICS) {
+        let Ok((_, item)) = item else { break };
+        past.note(item.into_entry().expect("only topics of the journal are asked for"));
+        while let Some((frame, recorded, state_hash)) = past.advance(&mut world) {
+            done.steps += 1;
+            let differs = state_hash != recorded.state_hash;
+            done.differs_at = done.differs_at.or(differs.then_some(recorded.step));
+            let at = frame.instants.exposed;
+            writer.write(at, &Item::Poses(frame))?;
+            writer.write(at, &Item::Step(StepRecord { state_hash, ..recorded }))?;
+            for event in world.events() {
+                writer.write(at, &Item::Event(*event))?;
+            }
+        }
+    }
+    if let Some(step) = past.waiting() {
+        bail!("{}: inputs of step {} (field {}) are missing", file.display(), step.step, step.field);
+    }
+    writer.finish()?;
+    Ok(done)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    fn golden() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/golden/peel-2s.mcap")
+    }
+
+    fn items(file: &Path, topics: &[&'static str]) -> Vec<Item> {
+        Recording::open(file).unwrap().items_of(topics).map(|i| i.unwrap().1).collect()
+    }
+
+    #[test]
+    fn a_live_run_comes_out_to_the_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("again.mcap");
+        let done = run(&golden(), &out).unwrap();
+        assert_eq!(done.differs_at, None);
+        let hashes = |file: &Path| -> Vec<(u64, u64)> {
+            let of = |item| {
+                if let Item::Step(s) = item { (s.step, s.state_hash) } else { unreachable!("steps only") }
+            };
+            items(file, &["steps"]).into_iter().map(of).collect()
+        };
+        assert!(done.steps > 50 && hashes(&out) == hashes(&golden()));
+        let events = |file: &Path| -> Vec<_> {
+            let of =
+                |item| if let Item::Event(e) = item { bytemuck::bytes_of(&e).to_vec() } else { Vec::new() };
+            items(file, &["events"]).into_iter().map(of).collect()
+        };
+        assert_eq!(events(&out), events(&golden()));
+    }
+
+    #[test]
+    fn missing_inputs_are_told_and_another_state_noticed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (bad, out) = (folder.path().join("bad.mcap"), folder.path().join("again.mcap"));
+        let provenance = Recording::open(&golden()).unwrap().provenance().clone();
+        let copy = |change: &dyn Fn(Item) -> Option<Item>| {
+            let mut writer = Writer::create(&bad, &provenance).unwrap();
+            for item in items(&golden(), &TOPICS).into_iter().filter_map(change) {
+                writer.write(1, &item).unwrap();
+            }
+            writer.finish().unwrap();
+        };
+        copy(&|item| Some(item).filter(|i| !matches!(i, Item::Poses(p) if p.frame == 40)));
+        let problem = run(&bad, &out).unwrap_err().to_string();
+        assert!(problem.contains("bad.mcap") && problem.contains("inputs of step"), "{problem}");
+        copy(&|item| match item {
+            Item::Step(s) if s.step == 30 => Some(Item::Step(StepRecord { state_hash: !s.state_hash, ..s })),
+            other => Some(other),
+        });
+        assert_eq!(run(&bad, &out).unwrap().differs_at, Some(30));
+    }
+}

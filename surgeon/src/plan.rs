@@ -1,0 +1,325 @@
+//! How a goal is reached without a fault: key frames for the scripted surgeon, derived from the goals of an abstract task. An
+//! operation brings its own script.
+
+use nalgebra::Vector3;
+use protocol::limits::INSTRUMENTS;
+use scene::{AimScene, Goal, LookScene, SceneFile, ScriptKey, TaskScene};
+
+/// Mean speed on the way to a goal, mm/s, and what each way takes besides, s.
+const REACH_MM_S: f64 = 3.5;
+const REACH_S: f64 = 0.5;
+/// Mean speed along a path and close to the retina, mm/s.
+const CAREFUL_MM_S: f64 = 1.2;
+/// A hold is planned this much longer than it must be, s.
+const HOLD_MORE_S: f64 = 0.4;
+/// Height over a place at which an instrument arrives before it comes down, mm.
+const ABOVE_MM: f64 = 1.6;
+/// The tips of the jaws go so much deeper than a body's middle, mm: what they close on below its middle is squeezed out of them.
+const DEEPER_MM: f64 = 0.12;
+/// Opening of the jaws before they grip and after they let go, rad.
+const OPEN_RAD: f64 = 1.2;
+/// What the jaws are asked for when they grip: a body between them stops them, rad.
+const CLOSED_RAD: f64 = 0.1;
+/// Time to close or open the jaws, s.
+const JAWS_S: f64 = 1.0;
+/// Rest over a place, in which the surgeon looks how a body hangs in the jaws, s.
+const LOOK_S: f64 = 0.3;
+
+/// Key frames, and how long they take.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// In the order of time, both instruments together.
+    pub keys: Vec<ScriptKey>,
+    /// Length of the round, s; it ends where it began.
+    pub period_s: f64,
+    /// Where the surgeon looks for bodies.
+    pub aims: Vec<AimScene>,
+    /// Grips and places that are looked at when they are done; who does them again says how.
+    pub looks: Vec<LookScene>,
+}
+
+/// A hand as the plan leaves it.
+#[derive(Debug, Clone, Copy)]
+struct Hand {
+    tip: Vector3<f64>,
+    jaw_rad: f64,
+    roll_rad: f64,
+    at_s: f64,
+}
+
+struct Planner {
+    keys: Vec<ScriptKey>,
+    aims: Vec<AimScene>,
+    looks: Vec<LookScene>,
+    /// The body that was gripped last, and since when the hand has been on its way to it, s.
+    gripped: Option<(u32, f64)>,
+    hands: [Hand; INSTRUMENTS],
+    /// Where each body is when its turn comes.
+    bodies: Vec<Vector3<f64>>,
+    /// Longest axis of each at the start, eye frame.
+    axes: Vec<Vector3<f64>>,
+    radius_mm: f64,
+}
+
+/// The plan of a task in its scene. Instruments begin where the scene's own script has them first.
+pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> Plan {
+    let first = |i: usize| {
+        let own = scene.script.keys.iter().filter(|k| k.instrument as usize == i);
+        let key = own.min_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        key.map_or((Vector3::new(0.0, 0.0, -4.0), 0.0), |k| (Vector3::from(k.tip_in_eye_mm), k.jaw_rad))
+    };
+    let hand = |i: usize| Hand { tip: first(i).0, jaw_rad: first(i).1, roll_rad: 0.0, at_s: 0.0 };
+    let radius_mm = scene.eye.retina_radius_mm;
+    let bodies = scene.bodies.iter().flat_map(|b| &b.body).map(|b| lying(b, radius_mm)).collect();
+    let axes = scene.bodies.iter().flat_map(|b| &b.body).map(scene::BodyScene::longest_axis).collect();
+    let mut planner = Planner {
+        keys: Vec::new(),
+        aims: Vec::new(),
+        looks: Vec::new(),
+        gripped: None,
+        hands: std::array::from_fn(hand),
+        bodies,
+        axes,
+        radius_mm,
+    };
+    (0..INSTRUMENTS).for_each(|i| planner.stay(i, 0.0));
+    for (number, goal) in task.goals.iter().enumerate() {
+        planner.reach(goal);
+        planner.look(number, goal);
+    }
+    let home: [Hand; INSTRUMENTS] = std::array::from_fn(hand);
+    for (i, home) in home.iter().enumerate() {
+        planner.go(i, home.tip, REACH_MM_S);
+    }
+    let period_s = planner.hands.iter().map(|h| h.at_s).fold(0.0, f64::max) + 1.0;
+    let Planner { mut keys, aims, looks, .. } = planner;
+    keys.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    Plan { keys, period_s, aims, looks }
+}
+
+/// Where a body comes to lie: on the retina, straight outwards.
+fn lying(body: &scene::BodyScene, radius_mm: f64) -> Vector3<f64> {
+    let at = Vector3::from(body.position_in_eye_mm);
+    let lowest = body.half_extents_mm.iter().copied().fold(f64::INFINITY, f64::min);
+    at.try_normalize(1e-6).map_or(at, |out| out * (radius_mm - lowest))
+}
+
+fn deeper(at: Vector3<f64>) -> Vector3<f64> {
+    at * ((at.norm() + DEEPER_MM) / at.norm())
+}
+
+/// Length of the tips' ways in a script, mm.
+pub fn way_mm(keys: &[ScriptKey]) -> f64 {
+    let of = |i: usize| {
+        let own: Vec<_> = keys.iter().filter(|k| k.instrument as usize == i).collect();
+        let step =
+            |w: &[&ScriptKey]| (Vector3::from(w[1].tip_in_eye_mm) - Vector3::from(w[0].tip_in_eye_mm)).norm();
+        own.windows(2).map(step).sum::<f64>()
+    };
+    (0..INSTRUMENTS).map(of).sum()
+}
+
+impl Planner {
+    fn reach(&mut self, goal: &Goal) {
+        match goal {
+            Goal::Hold { instrument, at_in_eye_mm, hold_s, .. } => {
+                let i = *instrument as usize;
+                self.go(i, Vector3::from(*at_in_eye_mm), REACH_MM_S);
+                self.stay(i, hold_s + HOLD_MORE_S);
+            }
+            Goal::Near { instrument, towards_in_eye, clearance_mm: [low, high], hold_s, .. } => {
+                let i = *instrument as usize;
+                let out = Vector3::from(*towards_in_eye).normalize();
+                let at = |clearance: f64| out * (self.radius_mm - clearance);
+                let (above, place) = (at(high + ABOVE_MM), at(0.5 * (low + high)));
+                self.go(i, above, REACH_MM_S);
+                self.go(i, place, CAREFUL_MM_S);
+                self.stay(i, hold_s + HOLD_MORE_S);
+                self.go(i, above, CAREFUL_MM_S);
+            }
+            Goal::Follow { instrument, path_in_eye_mm, .. } => {
+                let i = *instrument as usize;
+                self.go(i, Vector3::from(path_in_eye_mm[0]), REACH_MM_S);
+                self.stay(i, HOLD_MORE_S);
+                for p in &path_in_eye_mm[1..] {
+                    self.go(i, Vector3::from(*p), CAREFUL_MM_S);
+                }
+                self.stay(i, HOLD_MORE_S);
+            }
+            Goal::Align { at_in_eye_mm, hold_s, .. } => {
+                (0..INSTRUMENTS).for_each(|i| self.go(i, Vector3::from(at_in_eye_mm[i]), REACH_MM_S));
+                self.meet();
+                (0..INSTRUMENTS).for_each(|i| self.stay(i, hold_s + HOLD_MORE_S));
+            }
+            Goal::Grip { body, instrument } => self.grip(*instrument as usize, *body as usize),
+            Goal::Place { body, at_in_eye_mm, along_in_eye, .. } => {
+                self.place(*body as usize, Vector3::from(*at_in_eye_mm), *along_in_eye);
+            }
+            Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => {}
+        }
+        // The other hand waits where it is.
+        self.meet();
+    }
+
+    /// Looks whether a grip or a place has come about. A body that is not in its place is picked up again.
+    fn look(&mut self, number: usize, goal: &Goal) {
+        let (Goal::Grip { body, .. } | Goal::Place { body, .. }) = goal else { return };
+        let Some((_, from_s)) = self.gripped.filter(|(gripped, _)| gripped == body) else { return };
+        let at_s = self.hands[0].at_s;
+        self.looks.push(LookScene { at_s, from_s, goal: number as u32, takes: Vec::new() });
+    }
+
+    fn grip(&mut self, i: usize, body: usize) {
+        let at = self.bodies[body];
+        let above = self.above(at);
+        self.jaws(i, OPEN_RAD);
+        self.meet();
+        let begin_s = self.hands[i].at_s;
+        self.gripped = Some((body as u32, begin_s));
+        self.go(i, above, REACH_MM_S);
+        self.go(i, deeper(at), CAREFUL_MM_S);
+        self.jaws(i, CLOSED_RAD);
+        self.stay(i, HOLD_MORE_S);
+        let along_in_eye = Some(self.axes[body].into());
+        self.aims.push(AimScene {
+            at_s: begin_s,
+            until_s: self.hands[i].at_s,
+            instrument: i as u32,
+            body: Some(body as u32),
+            place_in_eye_mm: at.into(),
+            along_in_eye,
+            carries: false,
+        });
+    }
+
+    /// Whoever is nearest to the body carries it.
+    fn place(&mut self, body: usize, to: Vector3<f64>, along: Option<[f64; 3]>) {
+        let turn_rad = along.map_or(0.0, |along| self.turn(body, &Vector3::from(along)));
+        let from = self.bodies[body];
+        let away = |h: &Hand| (h.tip - from).norm();
+        let i = if away(&self.hands[0]) <= away(&self.hands[1]) { 0 } else { 1 };
+        if self.hands[i].jaw_rad > CLOSED_RAD {
+            self.grip(i, body);
+        }
+        let (lifted, over) = (self.above(from), self.above(to));
+        self.go(i, lifted, CAREFUL_MM_S);
+        self.hands[i].roll_rad = turn_rad;
+        self.go(i, over, REACH_MM_S);
+        self.stay(i, LOOK_S);
+        let over_s = self.hands[i].at_s;
+        self.go(i, deeper(to), CAREFUL_MM_S);
+        self.stay(i, HOLD_MORE_S);
+        self.jaws(i, OPEN_RAD);
+        self.stay(i, HOLD_MORE_S);
+        self.aims.push(AimScene {
+            at_s: over_s,
+            until_s: self.hands[i].at_s,
+            instrument: i as u32,
+            body: Some(body as u32),
+            place_in_eye_mm: (over * ((over.norm() - DEEPER_MM) / over.norm())).into(),
+            along_in_eye: along,
+            carries: true,
+        });
+        self.go(i, over, CAREFUL_MM_S);
+        self.hands[i].roll_rad = 0.0;
+        self.stay(i, JAWS_S);
+        self.bodies[body] = to;
+    }
+
+    /// Turn about the shaft that lays a body along a direction, rad, the short way: shafts stand nearly upright in the eye.
+    fn turn(&self, body: usize, along: &Vector3<f64>) -> f64 {
+        let axis = self.axes[body];
+        let angle = libm::atan2(along.y, along.x) - libm::atan2(axis.y, axis.x);
+        let half = std::f64::consts::PI;
+        angle - libm::round(angle / half) * half
+    }
+
+    fn above(&self, at: Vector3<f64>) -> Vector3<f64> {
+        at * ((at.norm() - ABOVE_MM) / at.norm())
+    }
+
+    /// Both hands wait for the later one.
+    fn meet(&mut self) {
+        let latest = self.hands.iter().map(|h| h.at_s).fold(0.0, f64::max);
+        for i in 0..INSTRUMENTS {
+            let wait = latest - self.hands[i].at_s;
+            if wait > 0.0 {
+                self.stay(i, wait);
+                self.hands[i].at_s = latest;
+            }
+        }
+    }
+
+    fn go(&mut self, i: usize, to: Vector3<f64>, mm_s: f64) {
+        let way = (to - self.hands[i].tip).norm();
+        if way > 1e-9 {
+            self.hands[i].tip = to;
+            self.stay(i, REACH_S + way / mm_s);
+        }
+    }
+
+    fn jaws(&mut self, i: usize, rad: f64) {
+        if self.hands[i].jaw_rad != rad {
+            self.hands[i].jaw_rad = rad;
+            self.stay(i, JAWS_S);
+        }
+    }
+
+    /// A key for the hand as it is, so much later.
+    fn stay(&mut self, i: usize, for_s: f64) {
+        let hand = &mut self.hands[i];
+        hand.at_s += for_s;
+        self.keys.push(ScriptKey {
+            at_s: hand.at_s,
+            instrument: i as u32,
+            tip_in_eye_mm: hand.tip.into(),
+            roll_rad: hand.roll_rad,
+            jaw_rad: hand.jaw_rad,
+            tool: None,
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::script::Script;
+    use scene::GoalOrder;
+
+    #[test]
+    fn the_plan_is_where_the_goals_are_for_as_long_as_they_ask() {
+        let mut scene = SceneFile::load("bodies").unwrap();
+        let hold =
+            |x| Goal::Hold { instrument: 0, at_in_eye_mm: [x, 0.0, -6.0], radius_mm: 0.3, hold_s: 1.0 };
+        let task = TaskScene {
+            module: "m".into(),
+            level: 1,
+            title: "t".into(),
+            limit_s: 60.0,
+            par_s: 1.0,
+            par_mm: 1.0,
+            order: GoalOrder::Sequence,
+            instructions: Vec::new(),
+            goals: vec![hold(2.0), Goal::Grip { body: 0, instrument: 0 }, hold(-2.0)],
+        };
+        let plan = of_goals(&scene, &task);
+        scene.script.keys = plan.keys.clone();
+        scene.script.period_s = plan.period_s;
+        let script = Script::new(&scene);
+        for x in [2.0, -2.0] {
+            let at = Vector3::new(x, 0.0, -6.0);
+            let inside = (0..(plan.period_s * 50.0) as u32)
+                .filter(|k| (script.at(0, f64::from(*k) * 0.02).tip_in_eye_mm - at).norm() < 0.3);
+            assert!(inside.count() >= 50, "a second at {x}");
+        }
+        let body = Vector3::new(1.4, 0.3, -10.95).normalize() * 11.1;
+        let closed = (0..(plan.period_s * 50.0) as u32).map(|k| script.at(0, f64::from(k) * 0.02));
+        assert!(
+            closed
+                .into_iter()
+                .any(|g| (g.tip_in_eye_mm - body).norm() < DEEPER_MM + 0.05 && g.jaw_rad < 0.15)
+        );
+        assert!(way_mm(&plan.keys) > 15.0);
+        SceneFile::parse(&scene.to_toml(), "plan").expect("a plan is a valid script");
+    }
+}

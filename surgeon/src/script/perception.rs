@@ -1,0 +1,364 @@
+//! The scripted surgeon's eyes: before a movement he looks where a thing is, after a stretch whether its goal is reached. What he sees
+//! changes only what has not been played yet, so that a script stays a function of time.
+
+use super::{Gesture, Script};
+use nalgebra::Vector3;
+use scene::{AimScene, LookScene, PedalKey, SAME_INSTANT_S, ScriptKey, ScriptScene};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// So long before an instant the surgeon looks, s: more than a field, so that nothing after it has been played.
+pub const LOOK_AHEAD_S: f64 = 0.03;
+/// So late may a look be, s: the movement that it changes has hardly begun.
+const LATE_S: f64 = 0.1;
+/// A thing that is further from where the plan has it is another one, or lost: the hand goes where it was planned, mm.
+const FAR_MM: f64 = 4.0;
+/// The same for a thing in the jaws, mm.
+const FAR_IN_JAWS_MM: f64 = 1.2;
+
+/// A rigid body as the surgeon sees it, eye frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodySeen {
+    /// Its middle, mm.
+    pub at_in_eye_mm: Vector3<f64>,
+    /// Direction of its longest axis, the first of equals.
+    pub along_in_eye: Vector3<f64>,
+    /// Half of its length along that axis, mm.
+    pub half_mm: f64,
+    /// All its sides are equal: a quarter turn looks the same.
+    pub square: bool,
+}
+
+impl BodySeen {
+    /// From its middle, the columns of its rotation and half its sides.
+    pub fn new(at_in_eye_mm: Vector3<f64>, axes: [Vector3<f64>; 3], half_mm: [f64; 3]) -> Self {
+        let [x, y, z] = half_mm;
+        let longest = if x >= y && x >= z { 0 } else { 1 + usize::from(z > y) };
+        let square = (x - y).abs() < 1e-6 && (y - z).abs() < 1e-6;
+        BodySeen { at_in_eye_mm, along_in_eye: axes[longest], half_mm: half_mm[longest], square }
+    }
+}
+
+/// What the surgeon can see.
+pub trait Sight {
+    /// Whether a goal of the task is reached.
+    fn reached(&self, goal: usize) -> bool;
+    /// A rigid body of the scene.
+    fn body(&self, number: usize) -> Option<BodySeen>;
+    /// The free tissue of a membrane that is nearest to a place, eye frame, mm.
+    fn tissue_near(&self, place_in_eye_mm: &Vector3<f64>) -> Option<Vector3<f64>>;
+}
+
+/// Where the surgeon looks.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Eyes {
+    /// Those that are done stay: a stretch that is done again has its aims again.
+    aims: Vec<(AimScene, bool)>,
+    /// Still to come.
+    looks: Vec<LookScene>,
+}
+
+impl Eyes {
+    pub(super) fn of(script: &ScriptScene) -> Self {
+        let mut looks = script.looks.clone();
+        looks.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        Eyes { aims: script.aims.iter().map(|a| (a.clone(), false)).collect(), looks }
+    }
+
+    /// Forgets what should have been looked at long ago: it would change what has been played.
+    fn forget(&mut self, before_s: f64) {
+        self.aims.iter_mut().filter(|(a, _)| a.at_s < before_s).for_each(|(_, done)| *done = true);
+        self.looks.retain(|l| l.at_s >= before_s);
+    }
+
+    /// The aim that is next until an instant.
+    fn next_aim(&mut self, until_s: f64) -> Option<AimScene> {
+        let due = self.aims.iter_mut().filter(|(a, done)| !done && a.at_s <= until_s);
+        let (aim, done) = due.min_by(|(a, _), (b, _)| a.at_s.total_cmp(&b.at_s))?;
+        *done = true;
+        Some(aim.clone())
+    }
+}
+
+impl Script {
+    /// Whether the surgeon has eyes at all.
+    pub fn has_eyes(&self) -> bool {
+        !self.eyes.aims.is_empty() || !self.eyes.looks.is_empty()
+    }
+
+    /// Whether the surgeon looks at anything until [`LOOK_AHEAD_S`] after `now_s`: sight may be costly.
+    pub fn looks_now(&self, now_s: f64) -> bool {
+        let due = |at_s: f64| at_s <= now_s + LOOK_AHEAD_S;
+        self.eyes.aims.iter().any(|(a, done)| !done && due(a.at_s))
+            || self.eyes.looks.iter().any(|l| due(l.at_s))
+    }
+
+    /// The surgeon looks, after everything until `now_s` (s after the start) has been played.
+    pub fn see(&mut self, now_s: f64, sight: &dyn Sight) {
+        let until_s = now_s + LOOK_AHEAD_S;
+        self.eyes.forget(now_s - LATE_S);
+        // A stretch that is done again comes before the aims of what follows it.
+        while self.eyes.looks.first().is_some_and(|l| l.at_s <= until_s) {
+            let look = self.eyes.looks.remove(0);
+            if !sight.reached(look.goal as usize) {
+                self.again(look);
+            }
+        }
+        while let Some(aim) = self.eyes.next_aim(until_s) {
+            self.aim(&aim, sight);
+        }
+    }
+
+    /// Moves the keys of an aim by how far the thing is from where it was planned.
+    fn aim(&mut self, aim: &AimScene, sight: &dyn Sight) {
+        let place = Vector3::from(aim.place_in_eye_mm);
+        let body = aim.body.map(|b| sight.body(b as usize));
+        let at = match body {
+            Some(body) => body.map(|b| b.at_in_eye_mm),
+            None => sight.tissue_near(&place),
+        };
+        let Some(off) = at.map(|at| at - place) else { return };
+        let far = if aim.carries { FAR_IN_JAWS_MM } else { FAR_MM };
+        if off.norm() > far {
+            return;
+        }
+        let sign = if aim.carries { -1.0 } else { 1.0 };
+        let turn = body.flatten().zip(aim.along_in_eye).map_or(0.0, |(b, along)| b.turned_rad(&along));
+        let (by, turn) = (off * sign, turn * sign);
+        let hangs_mm = body.flatten().filter(|_| aim.carries).map_or(0.0, |b| b.hangs_mm());
+        let within = |t: f64| t > aim.at_s + SAME_INSTANT_S && t < aim.until_s + SAME_INSTANT_S;
+        let Some(keys) = self.keys.get_mut(aim.instrument as usize) else { return };
+        for (_, gesture) in keys.iter_mut().filter(|(t, _)| within(*t)) {
+            let (deep, tip) = (gesture.tip_in_eye_mm.norm(), gesture.tip_in_eye_mm + by);
+            // Aside and up, but never deeper than was planned.
+            let most = deep - hangs_mm;
+            gesture.tip_in_eye_mm = if tip.norm() > most { tip * (most / tip.norm()) } else { tip };
+            gesture.roll_rad += turn;
+        }
+    }
+
+    /// Does a stretch again, with the next of its takes; what comes after it waits.
+    fn again(&mut self, mut look: LookScene) {
+        if look.takes.is_empty() {
+            return;
+        }
+        let take = look.takes.remove(0);
+        let (from_s, at_s, later_s) = (look.from_s, look.at_s, look.at_s - look.from_s);
+        let after = |t: f64| t > at_s + SAME_INSTANT_S;
+        let within = |t: f64| t > from_s + SAME_INSTANT_S && !after(t);
+        for (hand, keys) in self.keys.iter_mut().enumerate() {
+            keys.iter_mut().filter(|(t, _)| after(*t)).for_each(|(t, _)| *t += later_s);
+            let place = keys.partition_point(|(t, _)| !after(*t));
+            let added: Vec<(f64, Gesture)> = added(&keys[..place], &take.keys, hand, from_s)
+                .into_iter()
+                .map(|(t, gesture)| (t + later_s, gesture))
+                .collect();
+            keys.splice(place..place, added);
+        }
+        self.pedal.iter_mut().filter(|k| after(k.at_s)).for_each(|k| k.at_s += later_s);
+        let again = |k: &PedalKey| PedalKey { at_s: k.at_s + later_s, ..k.clone() };
+        let pressed: Vec<PedalKey> = self.pedal.iter().filter(|k| within(k.at_s)).map(again).collect();
+        self.pedal.extend(pressed);
+        self.pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        self.period_s += later_s;
+        self.eyes.again(look, later_s);
+    }
+}
+
+/// The gestures of a take at their instants in the plan; the tool is the one that was in the hand at `from_s`, until a key names another.
+fn added(played: &[(f64, Gesture)], take: &[ScriptKey], hand: usize, from_s: f64) -> Vec<(f64, Gesture)> {
+    let before = played.iter().rev().find(|(t, _)| *t < from_s + SAME_INSTANT_S).or(played.first());
+    let Some(mut tool) = before.map(|(_, gesture)| gesture.tool) else { return Vec::new() };
+    let mut own: Vec<&ScriptKey> = take.iter().filter(|k| k.instrument as usize == hand).collect();
+    own.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    let gesture = |k: &ScriptKey| {
+        tool = k.tool.unwrap_or(tool);
+        (k.at_s, Gesture::of(k, tool))
+    };
+    own.into_iter().map(gesture).collect()
+}
+
+impl Eyes {
+    /// What follows a look comes later by so much; its aims, and itself, come again.
+    fn again(&mut self, mut look: LookScene, later_s: f64) {
+        let (from_s, at_s) = (look.from_s, look.at_s);
+        let later =
+            |a: &AimScene| AimScene { at_s: a.at_s + later_s, until_s: a.until_s + later_s, ..a.clone() };
+        let of_stretch = |a: &AimScene| a.at_s > from_s - SAME_INSTANT_S && a.until_s < at_s + SAME_INSTANT_S;
+        let aims: Vec<_> =
+            self.aims.iter().filter(|(a, _)| of_stretch(a)).map(|(a, _)| (later(a), false)).collect();
+        self.aims.iter_mut().filter(|(a, _)| a.at_s > at_s - SAME_INSTANT_S).for_each(|(a, _)| *a = later(a));
+        self.aims.extend(aims);
+        // A stretch that has begun before is done again as it was planned, without what was inserted.
+        self.looks.iter_mut().for_each(|l| postpone(l, later_s));
+        postpone(&mut look, later_s);
+        let place = self.looks.partition_point(|l| l.at_s < look.at_s);
+        self.looks.insert(place, look);
+    }
+}
+
+fn postpone(look: &mut LookScene, by_s: f64) {
+    (look.from_s, look.at_s) = (look.from_s + by_s, look.at_s + by_s);
+    look.takes.iter_mut().flat_map(|t| &mut t.keys).for_each(|k| k.at_s += by_s);
+}
+
+impl BodySeen {
+    /// How much lower one end hangs than the middle, mm: so much higher it is let go.
+    fn hangs_mm(&self) -> f64 {
+        let out = self.at_in_eye_mm.try_normalize(1e-6).unwrap_or(-Vector3::z());
+        let slope = self.along_in_eye.dot(&out).abs();
+        if self.square { 0.0 } else { self.half_mm * slope }
+    }
+
+    /// How far it is turned from a direction about the view, rad, the short way.
+    fn turned_rad(&self, along: &[f64; 3]) -> f64 {
+        let flat = self.along_in_eye.xy().norm();
+        // A rod that stands upright points nowhere.
+        if flat < 0.3 {
+            return 0.0;
+        }
+        let turn = libm::atan2(self.along_in_eye.y, self.along_in_eye.x) - libm::atan2(along[1], along[0]);
+        let alike = if self.square { FRAC_PI_2 } else { PI };
+        turn - libm::round(turn / alike) * alike
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use scene::{Goal, GoalOrder, SceneFile, TakeScene, TaskScene};
+
+    struct Seen {
+        reached: bool,
+        body: Vector3<f64>,
+    }
+
+    impl Sight for Seen {
+        fn reached(&self, _: usize) -> bool {
+            self.reached
+        }
+
+        fn body(&self, _: usize) -> Option<BodySeen> {
+            let axes = [Vector3::y(), -Vector3::x(), Vector3::z()];
+            Some(BodySeen::new(self.body, axes, [0.6, 0.3, 0.3]))
+        }
+
+        fn tissue_near(&self, _: &Vector3<f64>) -> Option<Vector3<f64>> {
+            None
+        }
+    }
+
+    const PLACE: [f64; 3] = [1.0, 0.0, -10.0];
+
+    fn key(at_s: f64, instrument: u32, x: f64) -> ScriptKey {
+        ScriptKey {
+            at_s,
+            instrument,
+            tip_in_eye_mm: [x, 0.0, -10.0],
+            roll_rad: 0.0,
+            jaw_rad: 0.0,
+            tool: None,
+        }
+    }
+
+    /// Instrument 0 goes to the place from 2 s to 4 s and away until 6 s.
+    fn scene() -> SceneFile {
+        let mut scene = SceneFile::load("bodies").unwrap();
+        let script = &mut scene.script;
+        script.period_s = 8.0;
+        let hand = [(0.0, 0.0), (2.0, 0.0), (4.0, 1.0), (6.0, 3.0)];
+        script.keys = hand.iter().map(|(t, x)| key(*t, 0, *x)).collect();
+        script.keys.extend([0.0, 2.0, 4.0, 6.0].map(|t| key(t, 1, -2.0)));
+        script.aims = vec![AimScene {
+            at_s: 2.0,
+            until_s: 4.0,
+            instrument: 0,
+            body: Some(0),
+            place_in_eye_mm: PLACE,
+            along_in_eye: Some([1.0, 0.0, 0.0]),
+            carries: false,
+        }];
+        let take = TakeScene { keys: vec![key(4.0, 0, 1.1), key(4.0, 1, -2.0)] };
+        script.looks = vec![LookScene { at_s: 4.0, from_s: 2.0, goal: 0, takes: vec![take] }];
+        scene.task = Some(TaskScene {
+            module: "m".into(),
+            level: 1,
+            title: "t".into(),
+            limit_s: 60.0,
+            par_s: 1.0,
+            par_mm: 1.0,
+            order: GoalOrder::Any,
+            instructions: Vec::new(),
+            goals: vec![Goal::Grip { body: 0, instrument: 0 }],
+        });
+        SceneFile::parse(&scene.to_toml(), "s").unwrap()
+    }
+
+    fn played(seen: &Seen) -> Script {
+        let mut script = Script::new(&scene());
+        (0..500).for_each(|k| script.see(f64::from(k) * 0.02, seen));
+        script
+    }
+
+    #[test]
+    fn the_hand_goes_and_turns_to_where_the_body_lies() {
+        let script = played(&Seen { reached: true, body: Vector3::new(1.0, 0.5, -9.9) });
+        let there = script.at(0, 4.0);
+        assert!((there.tip_in_eye_mm - Vector3::new(1.0, 0.5, -9.9)).norm() < 1e-9);
+        assert!((there.roll_rad.abs() - FRAC_PI_2).abs() < 1e-9, "the rod lies across");
+        assert!((script.at(0, 6.0).tip_in_eye_mm.x - 3.0).abs() < 1e-9, "afterwards as planned");
+        assert!((script.period_s() - 8.0).abs() < 1e-12);
+        let far = played(&Seen { reached: true, body: Vector3::new(9.0, 0.0, 0.0) });
+        assert!((far.at(0, 4.0).tip_in_eye_mm - Vector3::from(PLACE)).norm() < 1e-9);
+        let deep = played(&Seen { reached: true, body: Vector3::new(1.0, 0.0, -11.0) });
+        assert!(deep.at(0, 4.0).tip_in_eye_mm.norm() < Vector3::from(PLACE).norm() + 1e-9);
+    }
+
+    #[test]
+    fn what_was_missed_is_done_again_once_a_take_and_all_else_waits() {
+        let script = played(&Seen { reached: false, body: Vector3::from(PLACE) });
+        assert!((script.period_s() - 10.0).abs() < 1e-12, "two seconds longer");
+        for (t, x) in [(4.0, 1.0), (6.0, 1.1), (8.0, 3.0)] {
+            assert!((script.at(0, t).tip_in_eye_mm.x - x).abs() < 1e-9, "{t} s");
+        }
+        assert_eq!(script.keys[1].len(), 5);
+    }
+
+    #[test]
+    fn the_pedal_is_pressed_again_with_the_stretch() {
+        let mut scene = scene();
+        let press = |at_s, x| PedalKey {
+            at_s,
+            mode: protocol::handles::PedalMode::Aspirate,
+            axes: [x, 0.0],
+            buttons: Vec::new(),
+        };
+        scene.script.pedal = vec![press(0.0, 0.0), press(2.5, 1.0), press(3.5, 0.0), press(5.0, 0.5)];
+        let mut script = Script::new(&scene);
+        let seen = Seen { reached: false, body: Vector3::from(PLACE) };
+        (0..500).for_each(|k| script.see(f64::from(k) * 0.02, &seen));
+        let at = |t: f64| script.pedal_at(t, 0, 0).axes[0];
+        assert_eq!([2.6, 3.6, 4.6, 5.6, 6.9, 7.1].map(at), [1.0, 0.0, 1.0, 0.0, 0.0, 0.5]);
+    }
+
+    proptest! {
+        /// What was played stays what it was, whatever is seen.
+        #[test]
+        fn the_past_does_not_change(x in -1.0..1.0f64, y in -1.0..1.0f64, first in 0u32..40, reached: bool) {
+            let mut script = Script::new(&scene());
+            let seen = Seen { reached, body: Vector3::from(PLACE) + Vector3::new(x, y, 0.0) };
+            let mut past = Vec::new();
+            for k in 0..500u32 {
+                let now_s = f64::from(k) * 0.02 + f64::from(first) * 5e-4;
+                past.push((now_s, [0, 1].map(|i| script.at(i, now_s))));
+                script.see(now_s, &seen);
+            }
+            for (t, gestures) in past.iter().filter(|(t, _)| *t < 7.9) {
+                for (i, before) in gestures.iter().enumerate() {
+                    let moved = (script.at(i, *t).tip_in_eye_mm - before.tip_in_eye_mm).norm();
+                    prop_assert!(moved < 1e-9, "{} mm at {} s", moved, t);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,404 @@
+//! What the score keeps while an attempt runs: sums over samples and events. A pure function of their sequence; the simulation
+//! runs it live, the launcher over recordings, with the same bits.
+
+use super::filter::{Band, NOISE_SHARE, TipFilter};
+use super::table::{
+    INJURIES, Injury, LIGHT_HALF_ANGLE_RAD, LIGHT_MW, MACULA_MM, NEAR_RETINA_MM, NEAREST_LIGHT_MM, SIGMAS,
+    injury_of,
+};
+use crate::sample::{Sample, Tip};
+use nalgebra::Vector3;
+use protocol::events::{Event, EventKind};
+use protocol::handles::Tool;
+use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
+use protocol::time::Nanos;
+use scene::{Goal, SceneFile, TaskScene};
+use serde::{Deserialize, Serialize};
+
+/// Tears and pulls are told again and again while they last; one counts in this time, ns.
+const ONCE_NS: u64 = 1_000_000_000;
+
+/// What a score must know of a scene.
+#[derive(Debug, Clone)]
+pub struct Scorer {
+    pub(super) task: TaskScene,
+    band: Band,
+    radius_mm: f64,
+    touch_mm: f64,
+    /// Hand 1 begins with a light pipe.
+    pub(super) lit: bool,
+}
+
+/// Sums over one instrument.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Hand {
+    filter: TipFilter,
+    pub way_mm: f64,
+    pub fastest_mm_s: f64,
+    pub fastest_near_mm_s: f64,
+    /// Sum of squares in the tremor's band and of what noise puts there, mm²; samples.
+    pub tremor_mm2: f64,
+    pub noise_mm2: f64,
+    pub tremor_samples: u32,
+    /// Contact with the retina that lasts.
+    contact: Option<Contact>,
+    /// Its jaws hold tissue, or its needle is in the retina: what touches then is work.
+    at_work: bool,
+    /// Last contact that was counted.
+    counted_ns: Nanos,
+}
+
+/// A contact with the retina.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Contact {
+    /// Deepest beyond the clearance that counts as touching, in deviations.
+    sigmas: f64,
+    /// Deepest beyond the retina itself, in deviations.
+    inside_sigmas: f64,
+    /// Where it went into the retina, if it did: in the macula.
+    macula: bool,
+}
+
+/// Injuries of a kind.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tally {
+    /// How many count.
+    pub count: u32,
+    /// Sum of p(1 − p), where p is the probability that it happened.
+    pub variance: f64,
+    /// Last that counted.
+    last_ns: Nanos,
+}
+
+/// What is kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Meter {
+    pub(super) begun_ns: Nanos,
+    pub(super) last_ns: Nanos,
+    pub(super) ended: bool,
+    pub(super) finished: bool,
+    pub(super) reached: u32,
+    /// Sum of distances as shares of radii, of their variances, and how many.
+    pub(super) missed: f64,
+    pub(super) missed_variance: f64,
+    pub(super) missed_count: u32,
+    pub(super) off_path_s: f64,
+    off_path_ns: Nanos,
+    pub(super) out_of_view_s: f64,
+    out_ns: [Nanos; INSTRUMENTS],
+    pub(super) slips: u32,
+    pub(super) seen_s: f64,
+    pub(super) unlit_s: f64,
+    pub(super) dose_mj_mm2: f64,
+    pub(super) hands: [Hand; INSTRUMENTS],
+    pub(super) injuries: [Tally; INJURIES],
+}
+
+impl Scorer {
+    /// For the task of a scene, if it has one.
+    pub fn of(scene: &SceneFile) -> Option<Self> {
+        Some(Scorer {
+            task: scene.task.clone()?,
+            band: Band::default(),
+            radius_mm: scene.eye.retina_radius_mm,
+            touch_mm: scene.contact.touch_mm,
+            lit: scene.instruments.get(1).is_some_and(|i| i.tool == Tool::LightPipe),
+        })
+    }
+
+    /// Before the attempt.
+    pub fn start(&self) -> Meter {
+        Meter {
+            begun_ns: 0,
+            last_ns: 0,
+            ended: false,
+            finished: false,
+            reached: 0,
+            missed: 0.0,
+            missed_variance: 0.0,
+            missed_count: 0,
+            off_path_s: 0.0,
+            off_path_ns: 0,
+            out_of_view_s: 0.0,
+            out_ns: [0; INSTRUMENTS],
+            slips: 0,
+            seen_s: 0.0,
+            unlit_s: 0.0,
+            dose_mj_mm2: 0.0,
+            hands: [Hand::default(); INSTRUMENTS],
+            injuries: [Tally::default(); INJURIES],
+        }
+    }
+
+    /// Takes a step in. Nothing counts before event 110 and after event 112 or 113.
+    pub fn note(&self, meter: &mut Meter, sample: &Sample) {
+        if meter.ended {
+            return;
+        }
+        let starts = |e: &Event| e.kind == EventKind::TaskStarted as u32;
+        if meter.begun_ns == 0 {
+            if !sample.events.iter().any(starts) {
+                return;
+            }
+            (meter.begun_ns, meter.last_ns) = (sample.exposed_ns, sample.exposed_ns);
+        }
+        let gap_ns = sample.exposed_ns.saturating_sub(meter.last_ns);
+        meter.last_ns = sample.exposed_ns;
+        if gap_ns > MAX_STEP_NS {
+            meter.stand_still(gap_ns);
+        }
+        let dt_s = if gap_ns > MAX_STEP_NS { 0.0 } else { gap_ns as f64 * 1e-9 };
+        for (hand, tip) in meter.hands.iter_mut().zip(&sample.tips) {
+            self.note_tip(hand, tip.as_ref(), sample.exposed_ns);
+        }
+        self.note_light(meter, &sample.tips, dt_s);
+        for event in sample.events {
+            self.note_event(meter, event, &sample.tips);
+        }
+        if meter.ended {
+            self.close(meter);
+        }
+    }
+
+    fn note_tip(&self, hand: &mut Hand, tip: Option<&Tip>, at_ns: Nanos) {
+        let Some(tip) = tip else { return hand.filter.lose() };
+        let clearance = self.radius_mm - tip.tip_in_eye_mm.norm();
+        // At work the retina is not where the sphere is: then only the simulation knows how deep a tip is.
+        if let Some(contact) = hand.contact.as_mut().filter(|_| !hand.at_work) {
+            contact.deepen(self.touch_mm, -clearance, tip);
+        }
+        let Some(moved) = hand.filter.pass(&self.band, &tip.tip_in_eye_mm, at_ns) else { return };
+        hand.way_mm += moved.way_mm;
+        hand.fastest_mm_s = larger(hand.fastest_mm_s, moved.speed_mm_s);
+        if clearance < NEAR_RETINA_MM {
+            hand.fastest_near_mm_s = larger(hand.fastest_near_mm_s, moved.speed_mm_s);
+        }
+        if let Some(shake) = moved.tremor_mm {
+            hand.tremor_mm2 += shake.norm_squared();
+            hand.noise_mm2 += tip.covariance_mm2.trace() * NOISE_SHARE;
+            hand.tremor_samples += 1;
+        }
+    }
+
+    /// Whether the light falls on the working tip, and what it does to the retina.
+    fn note_light(&self, meter: &mut Meter, tips: &[Option<Tip>; INSTRUMENTS], dt_s: f64) {
+        let (true, [_, Some(pipe)]) = (self.lit, tips) else { return };
+        let shines = -pipe.to_handle;
+        // The retina lies where the ray from inside meets the sphere.
+        let (p, r) = (pipe.tip_in_eye_mm, self.radius_mm);
+        let along = p.dot(&shines);
+        let under = along * along - (p.norm_squared() - r * r);
+        if p.norm() < r && under > 0.0 {
+            let distance = larger(libm::sqrt(under) - along, NEAREST_LIGHT_MM);
+            let spot = distance * libm::tan(LIGHT_HALF_ANGLE_RAD);
+            meter.dose_mj_mm2 += LIGHT_MW / (std::f64::consts::PI * spot * spot) * dt_s;
+        }
+        if let Some(tip) = tips[0] {
+            meter.seen_s += dt_s;
+            let to_tip = tip.tip_in_eye_mm - p;
+            if to_tip.dot(&shines) < to_tip.norm() * libm::cos(LIGHT_HALF_ANGLE_RAD) {
+                meter.unlit_s += dt_s;
+            }
+        }
+    }
+
+    fn note_event(&self, meter: &mut Meter, event: &Event, tips: &[Option<Tip>; INSTRUMENTS]) {
+        let Some(kind) = EventKind::from_wire(event.kind) else { return };
+        let hand = (event.instrument as usize).min(INSTRUMENTS - 1);
+        match kind {
+            EventKind::GoalReached => self.note_goal(meter, event, tips),
+            EventKind::TaskFinished => (meter.ended, meter.finished) = (true, true),
+            EventKind::TaskTimedOut => meter.ended = true,
+            EventKind::PathLeft => meter.off_path_ns = event.exposed_ns,
+            EventKind::PathRegained => {
+                meter.off_path_s += event.value;
+                meter.off_path_ns = 0;
+            }
+            EventKind::TipOutOfView => meter.out_ns[hand] = event.exposed_ns,
+            EventKind::TipInView => {
+                meter.out_of_view_s += event.value;
+                meter.out_ns[hand] = 0;
+            }
+            EventKind::GripSlipped => {
+                meter.slips += 1;
+                meter.hands[hand].at_work = false;
+            }
+            EventKind::RetinaTouched | EventKind::RetinaPenetrated => {
+                self.note_contact(meter, hand, event, tips)
+            }
+            EventKind::RetinaLeft => end_contact(meter, hand),
+            EventKind::TissueGrabbed | EventKind::RetinaPierced => begin_work(meter, hand),
+            EventKind::TissueReleased | EventKind::NeedleLeft => meter.hands[hand].at_work = false,
+            _ => {}
+        }
+        match injury_of(kind) {
+            Some(Injury::Lens) => {
+                let tip = tips[hand].as_ref();
+                let sigma = tip.map_or(0.0, |t| t.sigma_along_mm(&Vector3::z()));
+                let sigmas = in_sigmas(event.value, sigma);
+                meter.injuries[Injury::Lens as usize].add(sigmas, event.exposed_ns);
+            }
+            Some(injury) => {
+                let tally = &mut meter.injuries[injury as usize];
+                if tally.last_ns == 0 || event.exposed_ns >= tally.last_ns + ONCE_NS {
+                    tally.add(f64::INFINITY, event.exposed_ns);
+                }
+            }
+            None => {}
+        }
+    }
+
+    fn note_goal(&self, meter: &mut Meter, event: &Event, tips: &[Option<Tip>; INSTRUMENTS]) {
+        meter.reached += 1;
+        let Some(goal) = self.task.goals.get(event.subject as usize) else { return };
+        let radius_mm = match goal {
+            Goal::Hold { radius_mm, .. }
+            | Goal::Near { radius_mm, .. }
+            | Goal::Follow { radius_mm, .. }
+            | Goal::Align { radius_mm, .. }
+            | Goal::Place { radius_mm, .. } => *radius_mm,
+            Goal::Grip { .. } | Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => return,
+        };
+        let hand = goal.instrument().unwrap_or(0) as usize;
+        let variance = tips[hand].map_or(0.0, |t| t.covariance_mm2.trace());
+        meter.missed += event.value / radius_mm;
+        meter.missed_variance += variance / (radius_mm * radius_mm);
+        meter.missed_count += 1;
+    }
+
+    fn note_contact(&self, meter: &mut Meter, hand: usize, event: &Event, tips: &[Option<Tip>; INSTRUMENTS]) {
+        let inside = event.kind == EventKind::RetinaPenetrated as u32;
+        if !inside {
+            end_contact(meter, hand);
+        }
+        let at = Vector3::from(event.position_in_eye_mm);
+        let fovea = Vector3::new(0.0, 0.0, -self.radius_mm);
+        let depth_mm = if inside { event.value } else { -event.value };
+        let fresh = Contact { sigmas: 0.0, inside_sigmas: 0.0, macula: false };
+        let contact = meter.hands[hand].contact.get_or_insert(fresh);
+        contact.macula |= inside && (at - fovea).norm() < MACULA_MM;
+        if let Some(tip) = &tips[hand] {
+            contact.deepen(self.touch_mm, depth_mm, tip);
+        }
+    }
+
+    /// Ends what still lasts when the attempt ends.
+    fn close(&self, meter: &mut Meter) {
+        let since = |begin: Nanos| meter.last_ns.saturating_sub(begin) as f64 * 1e-9;
+        if meter.off_path_ns > 0 {
+            meter.off_path_s += since(meter.off_path_ns);
+        }
+        meter.out_of_view_s += meter.out_ns.iter().filter(|t| **t > 0).map(|t| since(*t)).sum::<f64>();
+        (meter.off_path_ns, meter.out_ns) = (0, [0; INSTRUMENTS]);
+        (0..INSTRUMENTS).for_each(|hand| end_contact(meter, hand));
+    }
+
+    /// The meter as if the attempt ended now.
+    pub fn closed(&self, meter: &Meter) -> Meter {
+        let mut closed = meter.clone();
+        if !closed.ended {
+            self.close(&mut closed);
+        }
+        closed
+    }
+}
+
+impl Meter {
+    /// True once the attempt has ended.
+    pub fn has_ended(&self) -> bool {
+        self.ended
+    }
+
+    /// A pause, or another gap so long that the simulation stood still: it is no part of the attempt.
+    fn stand_still(&mut self, gap_ns: u64) {
+        let clocks = self.out_ns.iter_mut().chain([&mut self.begun_ns, &mut self.off_path_ns]);
+        clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
+    }
+
+    /// Time of the attempt so far, s.
+    pub fn elapsed_s(&self) -> f64 {
+        self.last_ns.saturating_sub(self.begun_ns) as f64 * 1e-9
+    }
+
+    /// Injuries of each kind, by [`Injury`].
+    pub fn injuries(&self) -> &[Tally; INJURIES] {
+        &self.injuries
+    }
+
+    /// True if its numbers are finite: for checkpoints.
+    pub fn is_sound(&self) -> bool {
+        let hands = self.hands.iter().all(|h| {
+            let sums = [h.way_mm, h.fastest_mm_s, h.fastest_near_mm_s, h.tremor_mm2, h.noise_mm2];
+            h.filter.is_sound() && sums.iter().all(|s| s.is_finite())
+        });
+        let sums = [self.missed, self.missed_variance, self.off_path_s, self.out_of_view_s, self.dose_mj_mm2];
+        hands && sums.iter().all(|s| s.is_finite())
+    }
+}
+
+impl Contact {
+    /// The tip is so deep in the retina, or by so little above it where that is below 0; contact begins `touch_mm` above it.
+    fn deepen(&mut self, touch_mm: f64, depth_mm: f64, tip: &Tip) {
+        let outwards = tip.tip_in_eye_mm.try_normalize(1e-6).unwrap_or(-Vector3::z());
+        let sigma = tip.sigma_along_mm(&outwards);
+        self.sigmas = larger(self.sigmas, in_sigmas(touch_mm + depth_mm, sigma));
+        self.inside_sigmas = larger(self.inside_sigmas, in_sigmas(depth_mm, sigma));
+    }
+
+    /// It went into the retina, beyond tracking noise.
+    fn is_inside(&self) -> bool {
+        self.inside_sigmas >= SIGMAS
+    }
+}
+
+impl Tally {
+    /// Adds one that is `sigmas` deviations beyond its limit; it counts from [`SIGMAS`] on.
+    fn add(&mut self, sigmas: f64, at_ns: Nanos) {
+        if sigmas >= SIGMAS {
+            self.count += 1;
+            self.last_ns = at_ns;
+        }
+        if sigmas.is_finite() {
+            let p = 0.5 * (1.0 + libm::erf(sigmas * std::f64::consts::FRAC_1_SQRT_2));
+            self.variance += p * (1.0 - p);
+        }
+    }
+}
+
+/// The touch by which jaws take hold, or through which a needle goes in, is work.
+fn begin_work(meter: &mut Meter, hand: usize) {
+    meter.hands[hand].contact = None;
+    meter.hands[hand].at_work = true;
+}
+
+/// A contact counts when it has ended; a hand that trembles at the retina makes one contact a second.
+fn end_contact(meter: &mut Meter, hand: usize) {
+    let now = meter.last_ns;
+    let own = &mut meter.hands[hand];
+    let Some(contact) = own.contact.take() else { return };
+    if (own.at_work && !contact.is_inside()) || (own.counted_ns > 0 && now < own.counted_ns + ONCE_NS) {
+        return;
+    }
+    own.counted_ns = now;
+    let injury = match (contact.is_inside(), contact.macula) {
+        (true, true) => Injury::Macula,
+        (true, false) => Injury::Haemorrhage,
+        (false, _) => Injury::Contact,
+    };
+    meter.injuries[injury as usize].add(contact.sigmas, meter.last_ns);
+}
+
+fn in_sigmas(beyond_mm: f64, sigma_mm: f64) -> f64 {
+    if beyond_mm <= 0.0 {
+        0.0
+    } else if sigma_mm > 0.0 {
+        beyond_mm / sigma_mm
+    } else {
+        f64::INFINITY
+    }
+}
+
+/// The larger of two numbers; the first where the second is none.
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
+}

@@ -1,0 +1,322 @@
+//! The task as a small state machine: goals are reached one after the other (or as the trainee likes), a limit of time
+//! runs, and what a trainee must know is told by events. What it knows comes as an [`Observation`]; what it says goes out as
+//! [`Signal`]s, which the simulation records.
+
+mod eye;
+mod goal;
+
+pub use eye::{LENS_HALF_MM, LENS_RADIUS_MM, lens_depth_mm};
+
+use crate::sample::Tip;
+use goal::{Check, GoalState};
+use nalgebra::{Isometry3, Vector3};
+use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
+use protocol::handles::Tool;
+use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
+use protocol::time::Nanos;
+use scene::{BodyScene, GoalOrder, SceneFile, TaskScene};
+use serde::{Deserialize, Serialize};
+
+/// Tips are smoothed with this time constant before distances from goals are averaged, s: tremor is scored as tremor and
+/// not a second time as lack of aim.
+const SMOOTHING_S: f64 = 0.1;
+
+/// What the task says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Signal {
+    /// What happened.
+    pub kind: EventKind,
+    /// How serious.
+    pub severity: Severity,
+    /// Instrument or [`NO_INSTRUMENT`].
+    pub instrument: u32,
+    /// Goal or category.
+    pub subject: u32,
+    /// In the unit of the kind.
+    pub value: f64,
+    /// Limit passed, 0 if none.
+    pub limit: f64,
+    /// Eye frame, mm.
+    pub position_in_eye_mm: [f64; 3],
+}
+
+impl Signal {
+    /// With a figure and nothing else.
+    pub fn new(kind: EventKind, value: f64) -> Self {
+        Signal {
+            kind,
+            severity: Severity::Info,
+            instrument: NO_INSTRUMENT,
+            subject: 0,
+            value,
+            limit: 0.0,
+            position_in_eye_mm: [0.0; 3],
+        }
+    }
+
+    fn about(self, subject: u32) -> Self {
+        Signal { subject, ..self }
+    }
+
+    fn by(self, instrument: usize, at: &Vector3<f64>) -> Self {
+        Signal { instrument: instrument as u32, position_in_eye_mm: (*at).into(), ..self }
+    }
+}
+
+/// A rigid body as the task sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodySeen {
+    /// `eye_from_body`, mm.
+    pub eye_from_body: Isometry3<f64>,
+    /// The instrument whose jaws hold it.
+    pub held_by: Option<u32>,
+}
+
+/// The retina as the task sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RetinaSeen {
+    /// How far what came off has turned, rad.
+    pub turned_rad: f64,
+    /// Share of its nodes that are off the choroid.
+    pub loose_share: f64,
+}
+
+/// What the task knows of a step.
+#[derive(Debug, Clone, Copy)]
+pub struct Observation<'a> {
+    /// Exposure of the step.
+    pub now_ns: Nanos,
+    /// Instruments that are tracked.
+    pub tips: [Option<Tip>; INSTRUMENTS],
+    /// What is in the hands, [`Tool`] on the wire.
+    pub tools: [u32; INSTRUMENTS],
+    /// The scene's bodies, in their order.
+    pub bodies: &'a [BodySeen],
+    /// Vitreous removed from core and periphery, ml; only in the steps in which it was looked at.
+    pub gel_ml: Option<[f64; 2]>,
+    /// The retina, where the scene has it as tissue.
+    pub retina: Option<RetinaSeen>,
+    /// `world_from_eye`.
+    pub world_from_eye: Isometry3<f64>,
+    /// Point that the microscope looks at, world frame, mm.
+    pub microscope_target_mm: [f64; 3],
+    /// Diameter of its field of view, mm.
+    pub field_mm: f64,
+    /// What happened in the step.
+    pub events: &'a [Event],
+}
+
+/// How far the attempt is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Phase {
+    /// No instrument has been seen in the eye.
+    Waiting,
+    /// Time runs.
+    Running,
+    /// Every goal is reached.
+    Finished,
+    /// The time was over before.
+    TimedOut,
+}
+
+/// The attempt's state.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaskState {
+    /// How far it is.
+    pub phase: Phase,
+    /// Begin; 0 before.
+    pub begun_ns: Nanos,
+    /// Exposure of the last step seen.
+    pub last_ns: Nanos,
+    /// One for each goal.
+    pub goals: Vec<GoalState>,
+    /// Smoothed tips, eye frame, mm.
+    smooth_mm: [Option<Vector3<f64>>; INSTRUMENTS],
+    /// Since when a tip has been out of view; 0 while in view.
+    out_since_ns: [Nanos; INSTRUMENTS],
+    /// Since when a shaft has been in the lens; 0 while clear.
+    lens_since_ns: [Nanos; INSTRUMENTS],
+}
+
+impl TaskState {
+    /// Goals that are reached.
+    pub fn reached(&self) -> usize {
+        self.goals.iter().filter(|g| g.reached).count()
+    }
+
+    /// Time since the begin, s.
+    pub fn elapsed_s(&self) -> f64 {
+        if self.begun_ns == 0 { 0.0 } else { self.last_ns.saturating_sub(self.begun_ns) as f64 * 1e-9 }
+    }
+
+    /// A pause, or another gap so long that the simulation stood still: no clock of the attempt runs in it.
+    fn stand_still(&mut self, gap_ns: u64) {
+        let clocks = self.out_since_ns.iter_mut().chain(&mut self.lens_since_ns).chain([&mut self.begun_ns]);
+        clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
+        self.goals.iter_mut().for_each(|goal| goal.stand_still(gap_ns));
+    }
+
+    /// True if it could be the state of `task`: for checkpoints.
+    pub fn fits(&self, task: &Task) -> bool {
+        let finite = self.smooth_mm.iter().flatten().all(|p| p.iter().all(|c| c.is_finite()));
+        finite && self.goals.len() == task.scene.goals.len() && self.goals.iter().all(GoalState::is_sound)
+    }
+}
+
+/// A task of a scene.
+#[derive(Debug, Clone)]
+pub struct Task {
+    scene: TaskScene,
+    radius_mm: f64,
+    /// Back of the lens, z in the eye frame, mm.
+    lens_back_mm: f64,
+    /// Longest axis of each body, in its own frame.
+    axes: Vec<Vector3<f64>>,
+}
+
+impl Task {
+    /// The scene's task, if it has one.
+    pub fn of(scene: &SceneFile) -> Option<Self> {
+        let lens_back_mm = scene.vitreous.as_ref().map_or(eye::LENS_BACK_MM, |v| v.front_mm);
+        let task = scene.task.clone()?;
+        let axes = scene.bodies.iter().flat_map(|b| &b.body).map(BodyScene::longest_axis).collect();
+        Some(Task { scene: task, radius_mm: scene.eye.retina_radius_mm, lens_back_mm, axes })
+    }
+
+    /// What was asked.
+    pub fn scene(&self) -> &TaskScene {
+        &self.scene
+    }
+
+    /// Before the first step.
+    pub fn start(&self) -> TaskState {
+        TaskState {
+            phase: Phase::Waiting,
+            begun_ns: 0,
+            last_ns: 0,
+            goals: vec![GoalState::default(); self.scene.goals.len()],
+            smooth_mm: [None; INSTRUMENTS],
+            out_since_ns: [0; INSTRUMENTS],
+            lens_since_ns: [0; INSTRUMENTS],
+        }
+    }
+
+    /// True if goal `index` counts now.
+    pub fn is_open(&self, state: &TaskState, index: usize) -> bool {
+        let first = state.goals.iter().position(|g| !g.reached);
+        match self.scene.order {
+            GoalOrder::Sequence => first == Some(index),
+            GoalOrder::Any => !state.goals[index].reached,
+        }
+    }
+
+    /// Goes on by one step. Allocates nothing.
+    pub fn advance(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+        let first = state.last_ns == 0;
+        let gap_ns = if first { 0 } else { seen.now_ns.saturating_sub(state.last_ns) };
+        state.last_ns = seen.now_ns;
+        if gap_ns > MAX_STEP_NS {
+            state.stand_still(gap_ns);
+        }
+        let dt_s = if gap_ns > MAX_STEP_NS { 0.0 } else { gap_ns as f64 * 1e-9 };
+        if matches!(state.phase, Phase::Finished | Phase::TimedOut) {
+            return;
+        }
+        let within = |t: &Tip| t.tip_in_eye_mm.norm() < self.radius_mm;
+        if state.phase == Phase::Waiting {
+            if !seen.tips.iter().flatten().any(within) {
+                return;
+            }
+            (state.phase, state.begun_ns) = (Phase::Running, seen.now_ns);
+            say(Signal::new(EventKind::TaskStarted, self.scene.limit_s));
+        }
+        smooth(&mut state.smooth_mm, seen, if first { 0.0 } else { dt_s });
+        self.watch_view(state, seen, say);
+        self.watch_lens(state, seen, say);
+        self.check_goals(state, seen, say);
+        self.end(state, say);
+    }
+
+    fn check_goals(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+        for index in 0..self.scene.goals.len() {
+            if !self.is_open(state, index) {
+                continue;
+            }
+            let check =
+                Check { seen, smooth_mm: &state.smooth_mm, radius_mm: self.radius_mm, axes: &self.axes };
+            let own = &mut state.goals[index];
+            check.advance(&self.scene.goals[index], own, index as u32, say);
+            if own.reached {
+                let missed = own.mean_mm();
+                say(Signal::new(EventKind::GoalReached, missed).about(index as u32));
+                // What reached this goal must not reach the next one, too.
+                if self.scene.order == GoalOrder::Sequence {
+                    return;
+                }
+            }
+        }
+    }
+
+    fn end(&self, state: &mut TaskState, say: &mut dyn FnMut(Signal)) {
+        let open = state.goals.len() - state.reached();
+        let took_s = state.elapsed_s();
+        if open == 0 {
+            state.phase = Phase::Finished;
+            say(Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskFinished, took_s) });
+        } else if took_s >= self.scene.limit_s {
+            state.phase = Phase::TimedOut;
+            let over =
+                Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskTimedOut, open as f64) };
+            say(Signal { severity: Severity::Warning, ..over });
+        }
+    }
+
+    /// Tells when the tip of a working instrument leaves the picture and comes back. The light is not looked at.
+    fn watch_view(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+        for i in 0..INSTRUMENTS {
+            let inside = |t: &Tip| t.tip_in_eye_mm.norm() < self.radius_mm;
+            let works = seen.tools[i] != Tool::LightPipe as u32;
+            let Some(tip) = seen.tips[i].filter(inside).filter(|_| works) else { continue };
+            let beyond = eye::beyond_view_mm(seen, &tip);
+            let since = &mut state.out_since_ns[i];
+            if beyond > 0.0 && *since == 0 {
+                *since = seen.now_ns;
+                say(Signal::new(EventKind::TipOutOfView, beyond).by(i, &tip.tip_in_eye_mm));
+            } else if beyond <= 0.0 && *since > 0 {
+                let lasted_s = (seen.now_ns - *since) as f64 * 1e-9;
+                *since = 0;
+                say(Signal::new(EventKind::TipInView, lasted_s).by(i, &tip.tip_in_eye_mm));
+            }
+        }
+    }
+
+    fn watch_lens(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+        for i in 0..INSTRUMENTS {
+            let Some(tip) = seen.tips[i] else { continue };
+            let (depth, since) = (lens_depth_mm(&tip, self.lens_back_mm), &mut state.lens_since_ns[i]);
+            if depth > 0.0 && *since == 0 {
+                *since = seen.now_ns;
+                let touch = Signal::new(EventKind::LensTouched, depth).by(i, &tip.tip_in_eye_mm);
+                say(Signal { severity: Severity::Injury, ..touch });
+            } else if depth <= -eye::LENS_CLEAR_MM && *since > 0 {
+                let lasted_s = (seen.now_ns - *since) as f64 * 1e-9;
+                *since = 0;
+                say(Signal::new(EventKind::LensLeft, lasted_s).by(i, &tip.tip_in_eye_mm));
+            }
+        }
+    }
+}
+
+fn smooth(smooth_mm: &mut [Option<Vector3<f64>>; INSTRUMENTS], seen: &Observation, dt_s: f64) {
+    let share = 1.0 - libm::exp(-dt_s / SMOOTHING_S);
+    for (kept, tip) in smooth_mm.iter_mut().zip(&seen.tips) {
+        *kept = match (*kept, tip) {
+            (Some(old), Some(tip)) => Some(old + (tip.tip_in_eye_mm - old) * share),
+            (None, Some(tip)) => Some(tip.tip_in_eye_mm),
+            (_, None) => None,
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,159 @@
+//! Pictures of moments of the shipped scenes. `cargo run --release -p vitreo-tests --example gallery -- FOLDER` (`make gallery`)
+//! makes those of the documentation; with `--reference FOLDER` those that `tests/scenarios/pictures.rs` compares with (`make
+//! pictures`); with `[--tier N] FOLDER SCENE SECONDS…` any others
+//! (`module NAME` for a module), to look at while a scene is tuned.
+
+use anyhow::{Context, Result};
+use image::codecs::jpeg::JpegEncoder;
+use protocol::optics::Lens;
+use protocol::scene::Section;
+use renderer::gpu::Gpu;
+use renderer::output::{picture::rgb, save_png};
+use renderer::readback::Picture;
+use renderer::similarity::reduced;
+use scene::SceneFile;
+use std::path::{Path, PathBuf};
+use surgeon::skill::CARELESS;
+use validation::surgery::{Block, MOMENTS, REFERENCE_MAP_PX, REFERENCE_PX, Surgery, reference_tiers};
+
+/// Edge of the fundus map, px: as fine as the photograph.
+const MAP_PX: u32 = 2048;
+/// Tier of the pictures: 2×800×640 px.
+const TIER: usize = 1;
+/// A tool number that no tool has: nothing is drawn.
+const NO_TOOL: u32 = 99;
+/// Largest file, bytes.
+const MOST_BYTES: usize = 150_000;
+
+/// The pictures of the documentation: file, scene, instant (s), and what is changed of what the simulation sent.
+const GALLERY: [(&str, &str, f64, Change); 10] = [
+    ("forceps-open", "peel", 4.0, as_it_is),
+    ("peeling", "erm", 9.0, close_up),
+    ("flap", "erm", 22.0, as_it_is),
+    ("pick-under-the-edge", "lift", 9.0, close_up),
+    ("trimming", "trim", 13.0, as_it_is),
+    ("vitreous", "vitrectomy", 16.0, as_it_is),
+    ("bleb", "relocation", 10.0, as_it_is),
+    ("retina-turned", "translocation", 20.0, wide_angle),
+    ("bleeding", "module shadow", 30.0, as_it_is),
+    ("ora-serrata", "vitrectomy", 0.0, to_the_rim),
+];
+
+type Change = fn(&mut Block);
+
+fn as_it_is(_: &mut Block) {}
+
+/// A field of 7 mm round the tip of the first instrument.
+fn close_up(block: &mut Block) {
+    let tip = block.header.instruments[0].world_from_instrument.position_mm;
+    block.header.microscope.target_in_world_mm = tip;
+    block.header.microscope.field_mm = 7.0;
+}
+
+/// Without the vitreous, the eye turned until the border of its retina comes into view, the light pipe pointed at it.
+fn to_the_rim(block: &mut Block) {
+    block.header.bricks = Section::default();
+    let half = 0.5f64 * 0.95;
+    block.header.world_from_eye.rotation_wxyz = [half.cos(), half.sin(), 0.0, 0.0];
+    block.header.instruments[0].tool = NO_TOOL;
+    let lean = -0.5f64 * 0.85;
+    let light = &mut block.header.instruments[1].world_from_instrument;
+    (light.position_mm, light.rotation_wxyz) = ([1.0, -3.5, -2.5], [lean.cos(), lean.sin(), 0.0, 0.0]);
+    block.header.microscope.target_in_world_mm = [0.0, -5.5, -9.0];
+    block.header.microscope.field_mm = 12.0;
+}
+
+/// Through the wide-angle lens, set upright.
+fn wide_angle(block: &mut Block) {
+    block.header.microscope.lens = Lens::WideAngle as u32;
+    block.header.microscope.inverter = 1;
+    block.header.microscope.field_mm = 16.0;
+}
+
+/// A shipped scene, or the first level of a module (`module NAME`) done by a careless surgeon.
+fn begin(name: &str) -> Result<Surgery> {
+    let scene = match name.strip_prefix("module ") {
+        Some(module) => surgeon::compose(&surgeon::load(module)?, 1, &CARELESS, 1)?,
+        None => SceneFile::load(name)?,
+    };
+    Ok(Surgery::begin(scene))
+}
+
+fn main() -> Result<()> {
+    let mut args: Vec<String> = std::env::args().skip(1).collect();
+    let mut tier = TIER;
+    if let Some(i) = args.iter().position(|a| a == "--tier") {
+        tier = args.get(i + 1).context("a tier after --tier")?.parse()?;
+        args.drain(i..i + 2);
+    }
+    let gpu = Gpu::headless()?;
+    match args.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["--reference", folder] => reference(&gpu, &made(folder)?.join("scenes")),
+        [folder] => gallery(&gpu, &made(folder)?),
+        [folder, scene, ref instants @ ..] => moments(&gpu, &made(folder)?, tier, scene, instants),
+        [] => anyhow::bail!("usage: gallery [--reference] FOLDER | [--tier N] FOLDER SCENE SECONDS…"),
+    }
+}
+
+fn made(folder: &str) -> Result<PathBuf> {
+    std::fs::create_dir_all(folder).with_context(|| folder.to_owned())?;
+    Ok(folder.into())
+}
+
+fn gallery(gpu: &Gpu, folder: &Path) -> Result<()> {
+    for (file, scene, at_s, change) in GALLERY {
+        let mut surgery = begin(scene)?;
+        let mut block = surgery.play_to(at_s);
+        change(&mut block);
+        save(&folder.join(format!("{file}.jpg")), &surgery.draw(gpu, &block, TIER, MAP_PX))?;
+    }
+    Ok(())
+}
+
+fn reference(gpu: &Gpu, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder)?;
+    for moment in MOMENTS {
+        let mut surgery = moment.begin();
+        let block = surgery.play_to(moment.at_s);
+        for (shading, tier) in reference_tiers() {
+            let picture = reduced(&surgery.draw(gpu, &block, tier, REFERENCE_MAP_PX), REFERENCE_PX);
+            let path = folder.join(format!("{}-{shading}.png", moment.file()));
+            save_png(&path, &picture)?;
+            println!("{}", path.display());
+        }
+    }
+    Ok(())
+}
+
+fn moments(gpu: &Gpu, folder: &Path, tier: usize, scene: &str, instants: &[&str]) -> Result<()> {
+    let mut surgery = begin(scene)?;
+    for at in instants {
+        let block = surgery.play_to(at.parse().with_context(|| format!("expected seconds, found '{at}'"))?);
+        let picture = surgery.draw(gpu, &block, tier, MAP_PX);
+        let name = Path::new(scene).file_stem().context("a scene's name")?.to_string_lossy();
+        save(&folder.join(format!("{name}-{at}.jpg")), &picture)?;
+    }
+    Ok(())
+}
+
+/// Saves a JPEG as good as fits into [`MOST_BYTES`].
+fn save(path: &Path, picture: &Picture) -> Result<()> {
+    let pixels = rgb(picture);
+    for quality in [92, 88, 84, 80, 74, 66, 55] {
+        let mut file = Vec::new();
+        let encoder = JpegEncoder::new_with_quality(&mut file, quality);
+        image::ImageEncoder::write_image(
+            encoder,
+            &pixels,
+            picture.width_px,
+            picture.height_px,
+            image::ExtendedColorType::Rgb8,
+        )?;
+        if file.len() <= MOST_BYTES {
+            std::fs::write(path, file)?;
+            println!("{}, quality {quality}", path.display());
+            return Ok(());
+        }
+    }
+    anyhow::bail!("{}: larger than {MOST_BYTES} bytes", path.display())
+}

@@ -1,0 +1,151 @@
+//! How far apart surgeons come at the training modules, without pixels: markers straight into blobs, then tracker, simulation, task and
+//! score as in a live run. `cargo run --release -p vitreo-tests --example study -- [--seeds N] [--level N] [--module NAME|FOLDER]…
+//! [--surgeon NAME]… [--threads N] [--verbose] [--events SEED] [--page docs/study.md]` (`make study`).
+//!
+//! Part 1: four scripted surgeons at every module. Part 2: recorded hands of surgeons and of novices in the place of the
+//! tremor. `--events` tells one attempt event by event. With `--page` both become that page and the picture beside it. It fails where part 1 breaks a bound.
+
+mod attempts;
+mod hands;
+mod numbers;
+mod page;
+mod picture;
+
+use anyhow::{Context, Result, bail};
+use attempts::Job;
+use scene::module::names;
+use std::path::PathBuf;
+use surgeon::skill::{SURGEONS, Surgeon};
+use training::score::Score;
+
+const USAGE: &str = "How far apart surgeons come at the training modules
+
+Usage: study [OPTIONS]
+
+  --seeds N         attempts of each surgeon at each module [20]
+  --level N         level of the modules [1]
+  --module NAME     a module, or a folder with one; again for more [all]
+  --surgeon NAME    expert, average, novice or careless; again for more [all]
+  --threads N       attempts at the same time [all cores]
+  --verbose         the metrics of every surgeon
+  --events SEED     tells one attempt of the first module and surgeon event by event
+  --page FILE       writes the page, with recorded hands, and the picture beside it";
+
+/// Every attempt of the expert brings at least this, every one of the careless one less than that, points.
+const EXPERT_FROM: f64 = 85.0;
+const CARELESS_BELOW: f64 = 50.0;
+
+struct Options {
+    seeds: u64,
+    level: u32,
+    modules: Vec<String>,
+    surgeons: Vec<Surgeon>,
+    threads: usize,
+    verbose: bool,
+    events: Option<u64>,
+    page: Option<PathBuf>,
+}
+
+fn options() -> Result<Options> {
+    let threads = std::thread::available_parallelism()?.get();
+    let mut options = Options {
+        seeds: 20,
+        level: 1,
+        modules: Vec::new(),
+        surgeons: Vec::new(),
+        threads,
+        verbose: false,
+        events: None,
+        page: None,
+    };
+    let mut args = std::env::args().skip(1);
+    while let Some(arg) = args.next() {
+        let mut value = || args.next().with_context(|| format!("{arg} needs a value"));
+        match arg.as_str() {
+            "--seeds" => options.seeds = value()?.parse()?,
+            "--level" => options.level = value()?.parse()?,
+            "--module" => options.modules.push(value()?),
+            "--surgeon" => {
+                let name = value()?;
+                let known = surgeon::skill::by_name(&name);
+                options.surgeons.push(known.with_context(|| format!("no surgeon is called {name}"))?);
+            }
+            "--threads" => options.threads = value()?.parse()?,
+            "--verbose" => options.verbose = true,
+            "--events" => options.events = Some(value()?.parse()?),
+            "--page" => options.page = Some(value()?.into()),
+            "--help" | "-h" => {
+                println!("{USAGE}");
+                std::process::exit(0)
+            }
+            other => bail!("unknown argument {other}\n\n{USAGE}"),
+        }
+    }
+    if options.modules.is_empty() {
+        options.modules = names().map(str::to_owned).collect();
+    }
+    if options.surgeons.is_empty() {
+        options.surgeons = SURGEONS.to_vec();
+    }
+    Ok(options)
+}
+
+/// What came of a module: scores by surgeon.
+struct Outcome {
+    module: String,
+    scores: Vec<Vec<Score>>,
+}
+
+impl Outcome {
+    fn totals(&self, surgeon: usize) -> Vec<f64> {
+        self.scores[surgeon].iter().map(|s| s.total).collect()
+    }
+
+    /// Whether the order of the surgeons and the bounds hold.
+    fn holds(&self) -> bool {
+        let totals: Vec<Vec<f64>> = (0..self.scores.len()).map(|s| self.totals(s)).collect();
+        let ordered = totals.windows(2).all(|w| numbers::mean(&w[0]) > numbers::mean(&w[1]));
+        let expert = self.scores[0].iter().all(|s| s.finished && s.total >= EXPERT_FROM);
+        let careless = totals.len() < 4 || totals[3].iter().all(|t| *t < CARELESS_BELOW);
+        ordered && expert && careless
+    }
+}
+
+fn main() -> Result<()> {
+    let options = options()?;
+    let modules = options.modules.iter().map(|m| surgeon::load(m)).collect::<Result<Vec<_>, _>>()?;
+    if let Some(seed) = options.events {
+        return attempts::tell(&modules[0], options.level, &options.surgeons[0], seed);
+    }
+    let mut jobs = Vec::new();
+    for module in 0..modules.len() {
+        for &surgeon in &options.surgeons {
+            let job = |seed| Job { module, level: options.level, surgeon, hand: None, seed };
+            jobs.extend((1..=options.seeds).map(job));
+        }
+    }
+    let mut scores = attempts::scores(&modules, &jobs, options.threads)?.into_iter();
+    let outcomes: Vec<Outcome> = modules
+        .iter()
+        .map(|module| {
+            let mut of_surgeon = |_: &Surgeon| scores.by_ref().take(options.seeds as usize).collect();
+            Outcome {
+                module: module.name.clone(),
+                scores: options.surgeons.iter().map(&mut of_surgeon).collect(),
+            }
+        })
+        .collect();
+    let part1 = page::Part1 { outcomes: &outcomes, surgeons: &options.surgeons, seeds: options.seeds };
+    print!("{}\n{}", part1.table(), part1.details(options.verbose));
+    if let Some(file) = &options.page {
+        let part2 = hands::study(options.threads)?;
+        picture::draw(&outcomes, &options.surgeons).save(file.with_extension("png"))?;
+        std::fs::write(file, page::page(&part1, options.level, &part2))
+            .with_context(|| format!("cannot write {}", file.display()))?;
+    }
+    let broken: Vec<&str> = outcomes.iter().filter(|o| !o.holds()).map(|o| o.module.as_str()).collect();
+    if !broken.is_empty() {
+        bail!("order or bounds broken in {}", broken.join(", "));
+    }
+    Ok(())
+}

@@ -1,0 +1,140 @@
+//! The chain of a live run in one process: virtual cameras, assembler, tracker, simulation; no transport and no clock, so that an
+//! attempt takes as long as its arithmetic. Every part is that of the live run; only what waits and what carries is left out.
+
+use fpga_model::cameras::{Cameras, Path};
+use fpga_model::motion::{HandRole, MotionSource};
+use offline::perception::SeenWorld;
+use protocol::handles::HandleState;
+use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
+use protocol::poses::TrackerFrame;
+use protocol::rig::Rig;
+use protocol::steps::{StepInput, StepRecord};
+use recording::{Item, RecordingError, Writer};
+use scene::SceneFile;
+use simcore::world::{World, no_clock};
+use tracker::assembler::FrameAssembler;
+use tracker::tracker::{Tracker, close};
+use training::score::Score;
+use training::score::recording::is_over;
+
+/// Exposure of the first field, ns: instants of 0 mean "not yet".
+const FIRST_NS: u64 = 1_000_000_000;
+/// A live run goes on for so long after the script's round, fields: the last frames are still on their way.
+const AFTER_FIELDS: u64 = 50;
+
+/// Told of every step: the frame, and the world after it with the hash of its state.
+pub type Told<'a> = dyn FnMut(&TrackerFrame, &World, u64) + 'a;
+
+/// A scene that is played through cameras and tracker.
+pub struct Chain {
+    cameras: Cameras,
+    surgeon: MotionSource,
+    assembler: FrameAssembler,
+    tracker: Tracker,
+    world: World,
+    next: u64,
+}
+
+impl Chain {
+    /// The scene on the shipped rig: through drawn fields of pixels or with markers made straight into blobs, a recorded hand in the
+    /// place of the tremor where one is given, everything random drawn from `seed`.
+    ///
+    /// # Panics
+    /// If the scene cannot be simulated: callers have composed it.
+    pub fn new(scene: &SceneFile, path: Path, hand: Option<HandRole>, seed: u64) -> Self {
+        let rig = Rig::load_or_shipped(None).expect("the shipped rig is tested");
+        Chain {
+            cameras: Cameras::new(&rig, path, seed).expect("the shipped rig has sensors"),
+            surgeon: MotionSource::new(scene, &rig, hand, seed),
+            assembler: FrameAssembler::new(&rig),
+            tracker: Tracker::new(&rig),
+            world: World::new(scene).expect("a scene that can be simulated"),
+            next: 0,
+        }
+    }
+
+    /// Fields of the script's round, with what the surgeon has done again so far.
+    fn fields(&self) -> u64 {
+        (self.surgeon.period_s() * 1e9) as u64 / FIELD_PERIOD_NS
+    }
+
+    /// The simulation.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Exposes the next field of every camera, and steps the simulation with every frame that is complete by then; tells each
+    /// step.
+    pub fn field(&mut self, told: &mut Told) {
+        let Chain { cameras, surgeon, assembler, tracker, world, next, .. } = self;
+        let number = *next;
+        *next += 1;
+        let exposed_ns = number * FIELD_PERIOD_NS;
+        let motion = surgeon.at(exposed_ns);
+        let handles: [HandleState; INSTRUMENTS] = std::array::from_fn(|i| HandleState {
+            seq: number * INSTRUMENTS as u64 + i as u64,
+            field: number,
+            instant_ns: FIRST_NS + exposed_ns,
+            instrument: i as u32,
+            tool: motion.tool[i] as u32,
+            jaw_rad: motion.jaw_rad[i],
+        });
+        let pedal = [surgeon.pedal_at(exposed_ns, number, FIRST_NS + exposed_ns)];
+        let (mut steps, mut now) = (0, 0);
+        for i in 0..cameras.len() {
+            let exposed_ns = FIRST_NS + cameras.clock(i).exposed_ns(number);
+            let exposure = cameras.expose(i, surgeon, number);
+            let (mut field, out_clock) = (*exposure.field, exposure.out_clock);
+            (field.exposed_ns, field.read_out_ns) = (exposed_ns, exposed_ns + FIELD_PERIOD_NS);
+            field.blobs_out_ns = exposed_ns + cameras.after_exposure_ns(out_clock);
+            now = field.blobs_out_ns.max(now);
+            assembler.take_in(&field, now, |used, closed| {
+                let mut frame = tracker.track(used, &closed.reference);
+                close(&mut frame, closed.closed_by);
+                let new = steps == 0;
+                let (handles, pedals) = if new { (&handles[..], &pedal[..]) } else { (&[][..], &[][..]) };
+                steps += 1;
+                let report = world.step(&StepInput { frame: &frame, handles, pedals }, &mut no_clock);
+                told(&frame, world, report.state_hash);
+            });
+        }
+        if surgeon.looks_now(exposed_ns) {
+            surgeon.see(exposed_ns, &SeenWorld(world));
+        }
+    }
+
+    /// Plays one round of the script, or until the attempt at the scene's task is over; its score, and whether it ended.
+    ///
+    /// # Panics
+    /// If the scene has no task.
+    pub fn attempt(mut self, told: &mut Told) -> Score {
+        while self.next < self.fields() + AFTER_FIELDS && !self.world.task().is_some_and(|(_, s)| is_over(s))
+        {
+            self.field(told);
+        }
+        self.world.score().expect("a module has a task")
+    }
+
+    /// The same, recorded as far as a score needs it.
+    ///
+    /// # Errors
+    /// If the recording cannot be written.
+    pub fn record(self, mut writer: Writer) -> Result<Score, RecordingError> {
+        let (mut step, mut problem) = (0, None);
+        let score = self.attempt(&mut |frame, world, state_hash| {
+            step += 1;
+            let mut record: StepRecord = bytemuck::Zeroable::zeroed();
+            (record.step, record.field, record.frame) = (step, frame.field, frame.frame);
+            (record.instants, record.state_hash) = (frame.instants, state_hash);
+            let at = frame.instants.exposed;
+            let items = [Item::Poses(Box::new(*frame)), Item::Step(record)];
+            let events = world.events().iter().map(|e| Item::Event(*e));
+            for item in items.into_iter().chain(events) {
+                problem = problem.take().or(writer.write(at, &item).err());
+            }
+        });
+        problem.map_or(Ok(()), Err)?;
+        writer.finish()?;
+        Ok(score)
+    }
+}
