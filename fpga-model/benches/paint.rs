@@ -2,13 +2,13 @@
 //!
 //! `cargo bench -p fpga-model --bench paint` prints one line for each case.
 
-use fpga_model::motion::MotionSource;
 use fpga_model::picture::{FieldPicture, Light, Painter, Patch};
 use fpga_model::sight::Markers;
 use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;
+use surgeon::motion::MotionSource;
 
 /// Fields of each camera that are drawn for one measurement.
 const FIELDS: u64 = 100;

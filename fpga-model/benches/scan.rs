@@ -4,7 +4,6 @@
 
 use bytemuck::Zeroable;
 use fpga_model::colours::{DARK, reference};
-use fpga_model::motion::MotionSource;
 use fpga_model::picture::{FieldPicture, Painter};
 use fpga_model::scan::background::Level;
 use fpga_model::scan::{Scanner, Settings};
@@ -14,6 +13,7 @@ use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;
+use surgeon::motion::MotionSource;
 
 /// Pixels a second of the three cameras.
 const REAL_TIME: f64 = 3.0 * 50.0 * 720.0 * 288.0;

@@ -4,7 +4,6 @@ use crate::direct;
 use crate::faults::ledger::Ledger;
 use crate::faults::timing::Clock;
 use crate::faults::{Deed, Faults};
-use crate::motion::{Motion, MotionSource};
 use crate::picture::{FieldPicture, MAX_PATCHES, Painter, Patch};
 use crate::region;
 use crate::scan::limits::{CAMERA, DIVIDER_CLOCKS, LINE_CLOCKS};
@@ -14,6 +13,7 @@ use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::camera::Camera;
 use protocol::rig::Rig;
+use surgeon::motion::{Motion, MotionSource};
 
 /// Sides a sensor may have, px.
 const SENSOR_PX: std::ops::RangeInclusive<u32> = 16..=8192;
@@ -271,8 +271,8 @@ impl View {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::MotionSource;
     use scene::{DEFAULT_SCENE, SceneFile};
+    use surgeon::motion::MotionSource;
 
     #[test]
     fn both_paths_see_the_same_markers() {

@@ -1,12 +1,12 @@
 //! Blobs straight from the markers, with Gaussian noise and no pixels: for fast studies.
 
 use crate::faults::scene::TWIN;
-use crate::motion::tremor::uniform;
 use crate::picture::Patch;
 use nalgebra::Vector2;
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
 use protocol::camera::Camera;
-use rand::SeedableRng;
+use protocol::random::unit_interval;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{PI, TAU};
 
@@ -67,19 +67,20 @@ pub fn blobs(
 
 /// Two independent numbers of unit variance (Box and Muller 1958).
 fn gaussian_pair(random: &mut ChaCha8Rng) -> Vector2<f64> {
-    let radius = (-2.0 * libm::log(1.0 - uniform(random))).sqrt();
-    let angle = TAU * uniform(random);
+    let mut uniform = || unit_interval(random.next_u64());
+    let radius = (-2.0 * libm::log(1.0 - uniform())).sqrt();
+    let angle = TAU * uniform();
     Vector2::new(radius * libm::cos(angle), radius * libm::sin(angle))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::MotionSource;
     use crate::sight::Markers;
     use bytemuck::Zeroable;
     use protocol::rig::Rig;
     use scene::{DEFAULT_SCENE, SceneFile};
+    use surgeon::motion::MotionSource;
 
     #[test]
     fn centres_scatter_by_the_stated_noise() {

@@ -1,6 +1,6 @@
 //! Software twin of vitreo's camera hardware.
 //!
-//! A virtual surgeon ([`motion`]) moves two instruments, sees what comes of it ([`onlooker`]) and turns the eye; the cameras of the rig see
+//! A virtual surgeon ([`surgeon::motion`]) moves two instruments, sees what comes of it ([`onlooker`]) and turns the eye; the cameras of the rig see
 //! coloured markers ([`sight`]) in interlaced fields ([`picture`]), from which blobs are extracted line by
 //! line as the hardware does it ([`scan`], [`colours`]). Instead of pixels, blobs can be made straight from
 //! the markers ([`direct`]) or come from a recorded stream ([`stream`]). Things go wrong on the way if asked
@@ -17,7 +17,6 @@ pub mod faults;
 pub mod groups;
 pub mod hardware;
 pub mod input;
-pub mod motion;
 pub mod onlooker;
 pub mod outbox;
 pub mod picture;

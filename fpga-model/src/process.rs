@@ -12,8 +12,6 @@ use crate::faults::Faults;
 use crate::faults::ledger::{FaultLog, Ledger};
 use crate::faults::spec::FaultSpec;
 use crate::groups::{Groups, Step};
-use crate::motion::hand::Hand;
-use crate::motion::{HandRole, MotionSource};
 use crate::onlooker::Seen;
 use crate::outbox::Outbox;
 use crate::stream::BlobStream;
@@ -32,6 +30,8 @@ use protocol::rig::Rig;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
 use scene::SceneFile;
+use surgeon::motion::recorded::RecordedMotion;
+use surgeon::motion::{MotionSource, MotionUse};
 
 /// From the start of the loop to the first exposure, ns.
 const LEAD_NS: u64 = 20_000_000;
@@ -79,8 +79,8 @@ pub fn run(config: &Config) -> Result<()> {
 /// The surgeon of the scene, with the recorded hand that was asked for.
 fn surgeon(config: &Config, rig: &Rig) -> Result<MotionSource> {
     let scene = SceneFile::load(&config.scene)?;
-    let hand = config.motion.as_deref().map(Hand::load).transpose()?;
-    let hand = hand.map(if config.motion_full { HandRole::Leads } else { HandRole::Shakes });
+    let hand = config.motion.as_deref().map(RecordedMotion::load).transpose()?;
+    let hand = hand.map(if config.motion_full { MotionUse::Full } else { MotionUse::Tremor });
     Ok(MotionSource::new(&scene, rig, hand, config.seed))
 }
 

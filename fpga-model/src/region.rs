@@ -97,9 +97,9 @@ fn eye(markers: &[RigMarker], look: &mut impl FnMut(Point3<f64>, f64)) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::MotionSource;
     use crate::sight::Markers;
     use scene::{DEFAULT_SCENE, SceneFile};
+    use surgeon::motion::MotionSource;
 
     #[test]
     fn no_marker_is_ever_seen_below_the_region() {

@@ -1,13 +1,13 @@
 //! Where the markers appear in a camera's picture, without noise: the ideal that pixels, blobs and
 //! tests are measured against.
 
-use crate::motion::Motion;
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use protocol::blobs::Colour;
 use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_MARKERS};
 use protocol::poses::BODY_NAMES;
 use protocol::rig::{MarkerKind, Rig, RigMarker};
+use surgeon::motion::Motion;
 
 /// Tangent of the angle off the axis beyond which the lens model folds back on itself.
 const MAX_TANGENT: f64 = 0.7;
@@ -134,10 +134,10 @@ fn band_centre(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::MotionSource;
     use nalgebra::Matrix3;
     use proptest::prelude::*;
     use scene::{DEFAULT_SCENE, SceneFile};
+    use surgeon::motion::MotionSource;
 
     fn rig() -> Rig {
         Rig::load_or_shipped(None).unwrap()

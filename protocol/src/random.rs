@@ -2,6 +2,23 @@
 
 use nalgebra::Vector3;
 
+/// Increment of the state: 2⁶⁴ over the golden ratio, odd.
+const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// Number `i` of the sequence of `seed`, counted from 0, without drawing those before it; with
+/// `i` = 0 it is a hash of `seed`.
+pub const fn nth(seed: u64, i: u64) -> u64 {
+    let mut z = seed.wrapping_add(INCREMENT).wrapping_add(i.wrapping_mul(INCREMENT));
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// The number uniform from 0 up to 1 that the upper 53 of 64 random bits make.
+pub fn unit_interval(bits: u64) -> f64 {
+    (bits >> 11) as f64 / (1u64 << 53) as f64
+}
+
 /// A stream of random numbers.
 #[derive(Debug, Clone)]
 pub struct Random(u64);
@@ -21,16 +38,14 @@ impl Random {
 
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        let bits = nth(self.0, 0);
+        self.0 = self.0.wrapping_add(INCREMENT);
+        bits
     }
 
     /// Uniform from 0 up to 1.
     pub fn uniform(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+        unit_interval(self.bits())
     }
 
     /// Uniform from `low` to `high`.
@@ -41,6 +56,11 @@ impl Random {
     /// A whole number below `n`.
     pub fn below(&mut self, n: usize) -> usize {
         (self.bits() % n as u64) as usize
+    }
+
+    /// One of several.
+    pub fn one_of<T: Copy>(&mut self, of: &[T]) -> T {
+        of[self.below(of.len())]
     }
 
     /// True once in `n` times.
@@ -80,6 +100,7 @@ mod tests {
         let mut random = Random(1_234_567);
         let first = [6457827717110365317u64, 3203168211198807973, 9817491932198370423];
         assert_eq!([random.bits(), random.bits(), random.bits()], first);
+        assert_eq!([0, 1, 2].map(|i| nth(1_234_567, i)), first);
     }
 
     #[test]

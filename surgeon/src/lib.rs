@@ -3,9 +3,11 @@
 //! randomness without a seed.
 
 mod attempt;
+pub mod motion;
 pub mod plan;
 pub mod rehearsal;
 pub mod script;
 pub mod skill;
+pub mod tremor;
 
 pub use attempt::{compose, load};

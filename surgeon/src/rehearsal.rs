@@ -2,7 +2,7 @@
 //! and tuning of scenes; the live script with cameras and tremor is the camera hardware's.
 
 use crate::script::{Gesture, Script, Sight};
-use crate::skill::Tremor;
+use crate::tremor::Tremor;
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use protocol::geometry::{Pose, Validity};

@@ -1,11 +1,10 @@
 //! Scripted surgeons: what a hand makes of a plan. Each is a set of parameters; with a seed it turns the plan's key frames into
-//! those of one attempt. The tremor is played by whoever plays the script ([`Tremor`] in rehearsals, the virtual hands live).
+//! those of one attempt. The tremor is added when the script is played ([`crate::tremor`]).
 
 use nalgebra::Vector3;
 use protocol::handles::PedalMode;
 use protocol::random::Random;
 use scene::{AimScene, LookScene, PedalKey, SAME_INSTANT_S, ScriptKey, ScriptScene, TakeScene};
-use std::f64::consts::TAU;
 
 /// Keys nearer to the retina than this are subject to the depth bias, mm.
 const DEPTH_FROM_MM: f64 = 3.0;
@@ -238,38 +237,6 @@ fn sorted(plan: &ScriptScene, instrument: u32) -> Vec<&ScriptKey> {
     own
 }
 
-/// Tones of a tremor, per axis.
-const TONES: usize = 10;
-
-/// Physiological tremor for rehearsals: tones spread over 6 to 12 Hz about its centre.
-#[derive(Debug, Clone)]
-pub struct Tremor {
-    amplitude_mm: f64,
-    /// Angular frequency (rad/s) and phase (rad).
-    tones: [[(f64, f64); TONES]; 3],
-}
-
-impl Tremor {
-    /// Of `rms_um` (all axes together) about `centre_hz`, drawn from a seed and a stream of it.
-    pub fn new(rms_um: f64, centre_hz: f64, seed: u64, stream: u64) -> Self {
-        let mut random = Random::new(seed, 16 + stream);
-        let mut tone = |i: usize| {
-            let place = (i as f64 + random.uniform()) / TONES as f64;
-            (TAU * centre_hz * (2.0 + 2.0 * place) / 3.0, TAU * random.uniform())
-        };
-        let tones = std::array::from_fn(|_| std::array::from_fn(&mut tone));
-        Tremor { amplitude_mm: rms_um * 1e-3 * (2.0 / (3.0 * TONES as f64)).sqrt(), tones }
-    }
-
-    /// Displacement `t_s` seconds after the start, mm.
-    pub fn at(&self, t_s: f64) -> Vector3<f64> {
-        let axis = |tones: &[(f64, f64); TONES]| {
-            self.amplitude_mm * tones.iter().map(|(w, phase)| libm::sin(w * t_s + phase)).sum::<f64>()
-        };
-        Vector3::new(axis(&self.tones[0]), axis(&self.tones[1]), axis(&self.tones[2]))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -318,14 +285,5 @@ mod tests {
                 assert!((own[0].at_s - NOVICE.pace * planned[0].at_s).abs() < 1e-9);
             }
         }
-    }
-
-    #[test]
-    fn tremor_has_the_rms_asked_for() {
-        let tremor = Tremor::new(50.0, 9.0, 1, 0);
-        let n = 20_000;
-        let sum: f64 = (0..n).map(|k| tremor.at(f64::from(k) * 0.005).norm_squared()).sum();
-        let rms = (sum / f64::from(n)).sqrt();
-        assert!((rms - 0.05).abs() < 0.005, "{rms}");
     }
 }

@@ -3,7 +3,6 @@
 
 use fpga_model::faults::Faults;
 use fpga_model::faults::spec::FaultSpec;
-use fpga_model::motion::MotionSource;
 use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::limits::INSTRUMENTS;
@@ -11,6 +10,7 @@ use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::collections::BTreeMap;
+use surgeon::motion::MotionSource;
 use vitreo_tests::{Observer, Running, instance_name, json, next};
 
 /// Frames to look at, after those in which the tracker starts: 2 s and a half.

@@ -3,14 +3,14 @@
 //! through markers made straight into blobs, with the noise that the pixels' blobs have.
 
 use fpga_model::cameras::Path;
-use fpga_model::motion::HandRole;
-use fpga_model::motion::hand::Hand;
 use recording::Item;
 use recording::{Provenance, Recording, Source, Writer};
 use scene::SceneFile;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Mutex;
+use surgeon::motion::MotionUse;
+use surgeon::motion::recorded::RecordedMotion;
 use surgeon::skill::{CARELESS, EXPERT, Surgeon};
 use training::score::Score;
 use training::score::recording::Reader;
@@ -101,7 +101,7 @@ fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
     let still = Surgeon { tremor_um: 0.0, ..EXPERT };
     let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &still, 1).unwrap();
     let score = |hand| Chain::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});
-    let (calm, shaken) = (score(None), score(Some(HandRole::Shakes(Hand::load(&file).unwrap()))));
+    let (calm, shaken) = (score(None), score(Some(MotionUse::Tremor(RecordedMotion::load(&file).unwrap()))));
     for category in Category::ALL {
         let lost = calm.categories[category as usize] - shaken.categories[category as usize];
         if category == Category::Instruments {

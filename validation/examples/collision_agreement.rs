@@ -7,6 +7,7 @@
 
 use image::{Rgb, RgbImage};
 use protocol::handles::Tool;
+use protocol::random::Random;
 use simcore::collision::exact::{Exact, StaticMesh};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
@@ -14,7 +15,7 @@ use simcore::collision::zcoll::{Found, Zcoll};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use validation::closed_form::font::{HIGH, WIDE, glyph};
-use validation::rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back};
+use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back};
 
 /// Scenes whose misses are counted.
 const MISS_SCENES: usize = 400;
@@ -115,7 +116,7 @@ fn surface(scene: &Scene) -> Surface<'_> {
 
 /// Compares scenes as seen from an end; how many differ.
 fn compare(scenes: usize, end: End) -> usize {
-    let mut random = Random(20_021_109);
+    let mut random = Random::from_seed(20_021_109);
     let (mut differ, mut colliding, mut pixels) = (0, 0, 0);
     let device = adapter::open();
     for number in 0..scenes {
@@ -168,7 +169,7 @@ fn exact_triangles(scene: &Scene) -> BTreeSet<u32> {
 /// Share of the exactly meeting triangles that no pixel reports, by resolution.
 fn misses() -> Vec<(usize, usize, usize)> {
     let mut counts = vec![(0, 0); RESOLUTIONS.len()];
-    let mut random = Random(7);
+    let mut random = Random::from_seed(7);
     for _ in 0..MISS_SCENES {
         let mut scene = Scene::random(&mut random, &[32]);
         let exact = exact_triangles(&scene);

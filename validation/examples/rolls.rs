@@ -4,7 +4,6 @@
 
 use anyhow::{Context, bail};
 use fpga_model::cameras::{Cameras, Path};
-use fpga_model::motion::{Motion, MotionSource};
 use nalgebra::{UnitQuaternion, Vector3};
 use protocol::blobs::{BlobField, Colour};
 use protocol::limits::FIELD_PERIOD_NS;
@@ -12,6 +11,7 @@ use protocol::poses::{BodyState, BodyStatus};
 use protocol::rig::Rig;
 use scene::{SceneFile, ScriptKey};
 use std::f64::consts::{PI, TAU};
+use surgeon::motion::{Motion, MotionSource};
 use surgeon::script::Gesture;
 use tracker::assembler::FrameAssembler;
 use tracker::tracker::Tracker;

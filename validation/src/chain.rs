@@ -2,7 +2,6 @@
 //! attempt takes as long as its arithmetic. Every part is that of the live run; only what waits and what carries is left out.
 
 use fpga_model::cameras::{Cameras, Path};
-use fpga_model::motion::{HandRole, MotionSource};
 use offline::perception::SeenWorld;
 use protocol::handles::HandleState;
 use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
@@ -12,6 +11,7 @@ use protocol::steps::{StepInput, StepRecord};
 use recording::{Item, RecordingError, Writer};
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
+use surgeon::motion::{MotionSource, MotionUse};
 use tracker::assembler::FrameAssembler;
 use tracker::tracker::{Tracker, close};
 use training::score::Score;
@@ -41,7 +41,7 @@ impl Chain {
     ///
     /// # Panics
     /// If the scene cannot be simulated: callers have composed it.
-    pub fn new(scene: &SceneFile, path: Path, hand: Option<HandRole>, seed: u64) -> Self {
+    pub fn new(scene: &SceneFile, path: Path, hand: Option<MotionUse>, seed: u64) -> Self {
         let rig = Rig::load_or_shipped(None).expect("the shipped rig is tested");
         Chain {
             cameras: Cameras::new(&rig, path, seed).expect("the shipped rig has sensors"),

@@ -4,32 +4,10 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use protocol::handles::Tool;
+use protocol::random::Random;
 use simcore::collision::instrument_image::Volume;
 use simcore::collision::tool_mesh::{PLAIN, ToolMesh};
 use std::collections::BTreeMap;
-
-/// SplitMix64 (Steele, Lea and Flood 2014): a stream of random numbers from a seed.
-pub struct Random(pub u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// Evenly between two numbers.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    /// One of several.
-    pub fn one_of<T: Copy>(&mut self, of: &[T]) -> T {
-        of[(self.next() % of.len() as u64) as usize]
-    }
-}
 
 /// A membrane that each line of view meets at most once, and an instrument in it.
 pub struct Scene {

@@ -2,13 +2,14 @@
 
 use proptest::prelude::*;
 use protocol::handles::Tool;
+use protocol::random::Random;
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::instrument_image::Volume;
 use simcore::collision::surface::Surface;
 use simcore::collision::surface::Unusable;
 use simcore::collision::zcoll::{Found, Zcoll};
 use std::collections::{BTreeMap, BTreeSet};
-use validation::rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back, truth};
+use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back, truth};
 
 /// Scenes of the quick test.
 const SCENES: usize = 250;
@@ -44,7 +45,7 @@ fn look(scene: &Scene, simd: bool) -> Looked {
 /// Colliding pixels, their triangles and vectors to the bit; from them the triangles, and by Eq. 1 the nodes.
 #[test]
 fn collisions_are_those_of_exact_rays() {
-    let mut random = Random(1);
+    let mut random = Random::from_seed(1);
     let (mut colliding, mut pixels) = (0, 0);
     for number in 0..SCENES {
         let scene = Scene::random(&mut random, &[8, 16, 32, 32, 32, 64]);
@@ -76,7 +77,7 @@ fn collisions_are_those_of_exact_rays() {
 /// membrane to the top of what lifts it.
 #[test]
 fn the_reversed_camera_sees_what_exact_rays_see() {
-    let mut random = Random(4);
+    let mut random = Random::from_seed(4);
     let (mut colliding, mut pixels) = (0, 0);
     for number in 0..SCENES {
         let mut scene = Scene::random(&mut random, &[8, 16, 32, 32, 32, 64]);
@@ -105,7 +106,7 @@ fn the_reversed_camera_sees_what_exact_rays_see() {
 
 #[test]
 fn the_base_instruction_set_gives_the_same_bits() {
-    let mut random = Random(2);
+    let mut random = Random::from_seed(2);
     for _ in 0..60 {
         let scene = Scene::random(&mut random, &[32, 128, 256]);
         let (fast, plain) = (look(&scene, true), look(&scene, false));
@@ -116,7 +117,7 @@ fn the_base_instruction_set_gives_the_same_bits() {
 /// A vertex is reported if and only if the instrument is nearer in its pixel; compared with the pixels of the images.
 #[test]
 fn vertices_are_reported_with_their_own_depth() {
-    let mut random = Random(3);
+    let mut random = Random::from_seed(3);
     let mut reported = 0;
     for _ in 0..90 {
         let scene = Scene::random(&mut random, &[16, 32, 64]);
@@ -177,7 +178,7 @@ proptest! {
     /// there, and the rest is counted, one by one.
     #[test]
     fn spoilt_corners_are_counted_and_the_rest_is_seen(seed in any::<u64>(), pose in 0usize..20) {
-        let mut random = Random(seed);
+        let mut random = Random::from_seed(seed);
         let mut scene = Scene::random(&mut random, &[8, 16, 32]);
         scene.spoil(&mut random);
         if let Some(x) = [f64::NAN, f64::INFINITY, 1e300, 1e9].get(pose) {
@@ -189,7 +190,7 @@ proptest! {
     /// Triangles from one limit of the format to the other, to the bit: nothing overflows.
     #[test]
     fn extremes_of_the_format_are_exact(seed in any::<u64>(), resolution in prop::sample::select(vec![8usize, 32, 256])) {
-        check_against_rays(&Scene::extreme(&mut Random(seed), resolution))?;
+        check_against_rays(&Scene::extreme(&mut Random::from_seed(seed), resolution))?;
     }
 
     /// A volume is refused if and only if it has no extent or its image no size, with the figures that it was given.

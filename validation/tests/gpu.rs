@@ -4,11 +4,12 @@
 
 use nalgebra::Isometry3;
 use protocol::handles::Tool;
+use protocol::random::Random;
 use simcore::collision::gpu::{GpuDevice, GpuZcoll};
 use simcore::collision::instrument_image::InstrumentImage;
 use simcore::collision::surface::Surface;
 use simcore::collision::zcoll::{Found, Hit, Zcoll};
-use validation::rays::{Collisions, RADIUS_MM, Random, Scene, collisions, collisions_back, truth};
+use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back, truth};
 
 /// Scenes that are compared here; the example `collision_agreement` compares 10,000.
 const SCENES: usize = 200;
@@ -54,7 +55,7 @@ fn both(device: &GpuDevice, scene: &Scene) -> [([Told; 2], bool); 2] {
 #[test]
 fn an_adapter_gives_the_same_bits() {
     let Some(device) = device() else { return };
-    let mut random = Random(11);
+    let mut random = Random::from_seed(11);
     let mut pixels = [0; 2];
     for number in 0..SCENES {
         let mut scene = Scene::random(&mut random, &[8, 32, 32, 64, 256]);
@@ -79,7 +80,7 @@ fn an_adapter_gives_the_same_bits() {
 #[test]
 fn bad_input_is_counted_alike() {
     let Some(device) = device() else { return };
-    let mut random = Random(12);
+    let mut random = Random::from_seed(12);
     let mut counted = [0; 3];
     for number in 0..40 {
         let mut scene = Scene::random(&mut random, &[32, 64]);
@@ -104,7 +105,7 @@ fn bad_input_is_counted_alike() {
 #[test]
 fn extremes_of_the_format_are_exact_on_an_adapter() {
     let Some(device) = device() else { return };
-    let mut random = Random(14);
+    let mut random = Random::from_seed(14);
     let mut pixels = 0;
     for number in 0..60 {
         let scene = Scene::extreme(&mut random, [8, 32, 256][number % 3]);
@@ -121,7 +122,7 @@ fn extremes_of_the_format_are_exact_on_an_adapter() {
 #[test]
 fn a_second_look_knows_nothing_of_the_first() {
     let Some(device) = device() else { return };
-    let mut random = Random(13);
+    let mut random = Random::from_seed(13);
     let mut scene = Scene::random(&mut random, &[256]);
     let nodes = scene.position_mm[0].len();
     let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).unwrap();

@@ -1,7 +1,7 @@
 //! Chance as a pure function: the same question always has the same answer.
 
 use super::Kind;
-use crate::picture::scatter;
+use protocol::random::{nth, unit_interval};
 
 /// Answers questions about chance.
 #[derive(Debug, Clone, Copy)]
@@ -28,13 +28,13 @@ impl Dice {
     /// Of a seed.
     pub fn new(seed: u64) -> Self {
         // One round more than anything else that is drawn from the same seed.
-        Dice { seed: scatter(seed ^ 0xfa17) }
+        Dice { seed: nth(seed ^ 0xfa17, 0) }
     }
 
     /// The throw about a fault, a camera and a field.
     pub fn throw(&self, kind: Kind, camera: u32, field: u64) -> Throw {
         let who = (kind as u64) << 8 | u64::from(camera);
-        Throw { key: scatter(scatter(self.seed ^ who) ^ field) }
+        Throw { key: nth(nth(self.seed ^ who, 0) ^ field, 0) }
     }
 
     /// The newest episode that `field` lies in. One begins in a field with chance `rate` and lasts 1 to
@@ -53,12 +53,12 @@ impl Dice {
 impl Throw {
     /// Number `i` of this throw.
     pub fn number(&self, i: u64) -> u64 {
-        scatter(self.key.wrapping_add(i.wrapping_mul(0x9e37_79b9_7f4a_7c15)))
+        nth(self.key, i)
     }
 
     /// Number `i`, even in 0 to 1 (exclusive).
     pub fn uniform(&self, i: u64) -> f64 {
-        (self.number(i) >> 11) as f64 / (1u64 << 53) as f64
+        unit_interval(self.number(i))
     }
 
     /// Number `i`, even in 0 to `n` (exclusive); 0 for `n` = 0.

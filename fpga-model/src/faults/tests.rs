@@ -3,10 +3,10 @@
 use super::spec::FORMAT;
 use super::*;
 use crate::cameras::{Cameras, Path};
-use crate::motion::MotionSource;
 use crate::picture::{FieldPicture, Light};
 use ::scene::{DEFAULT_SCENE, SceneFile};
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
+use surgeon::motion::MotionSource;
 
 fn rig() -> Rig {
     Rig::load_or_shipped(None).unwrap()

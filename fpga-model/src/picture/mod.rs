@@ -14,7 +14,6 @@ pub use light::Light;
 pub use model::{BLACK, ImageModel};
 use model::{Carrier, Disc, GREY, carried};
 use nalgebra::Vector2;
-pub(crate) use noise::scatter;
 use noise::{Noise, STEP_BITS, STEPS};
 
 /// Patches that a field can hold; further ones are left out.

@@ -1,6 +1,7 @@
 //! Noise that is the same whenever the same field is drawn: a long tile, drawn once from the seed,
 //! of which each field takes another stretch.
 
+use protocol::random;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -35,7 +36,7 @@ impl Noise {
 
     /// The stretch of `n` samples that belongs to `key`.
     pub(super) fn stretch(&self, key: u64, n: usize) -> &[i16] {
-        let from = scatter(key) as usize % SHIFTS;
+        let from = random::nth(key, 0) as usize % SHIFTS;
         &self.tile[from..from + n]
     }
 }
@@ -52,14 +53,6 @@ fn white(seed: u64, stream: u64, n: usize) -> Vec<f32> {
         (sum as f32 - 12.0 * 127.5) / 255.998
     };
     (0..n).map(one).collect()
-}
-
-/// A well mixed number from any number (SplitMix64's finaliser, Steele et al. 2014).
-pub(crate) fn scatter(key: u64) -> u64 {
-    let mut z = key.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use super::*;
 use nalgebra::{Matrix2, Vector2};
 use protocol::blobs::Colour;
+use protocol::random::Random;
 
 fn marker(x: f64, y: f64) -> MarkerImage {
     MarkerImage {
@@ -87,11 +88,8 @@ fn covered_area_is_that_of_the_outline() {
     let model = ImageModel { side_shade: 0.0, rim_shade: 0.0, crosstalk: 0.0, ..flat() };
     let patch = Patch { smear_px: Vector2::new(2.5, 1.0), ..marker(31.0, 30.0).into() };
     let light = reference_luma();
-    let mut state = 9u64;
-    let mut uniform = || {
-        state = scatter(state);
-        (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
-    };
+    let mut random = Random::from_seed(9);
+    let mut uniform = || random.uniform() - 0.5;
     let metric = patch.image.shape_px2.try_inverse().unwrap();
     for (x, y) in [(20.0, 15.0), (21.0, 15.0), (22.0, 12.0), (31.0, 10.0), (38.0, 18.0), (40.0, 14.0)] {
         let n = 40_000;

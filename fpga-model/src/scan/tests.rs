@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::colours::{DARK, reference};
-use crate::motion::MotionSource;
 use crate::picture::Painter;
 use crate::sight::{MarkerImage, Markers};
 use bytemuck::Zeroable;
@@ -13,6 +12,7 @@ use protocol::limits::MAX_BLOBS;
 use protocol::message::Message;
 use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
+use surgeon::motion::MotionSource;
 
 fn scan(picture: &FieldPicture) -> BlobField {
     let mut out = BlobField::zeroed();

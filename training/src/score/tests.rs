@@ -10,7 +10,7 @@ use protocol::events::{Event, NO_INSTRUMENT};
 use protocol::geometry::Pose;
 use protocol::poses::TrackerFrame;
 use scene::SceneFile;
-use surgeon::skill::Tremor;
+use surgeon::tremor::Tremor;
 
 const FIELDS: u64 = 500;
 const PERIOD: u64 = 20_000_000;

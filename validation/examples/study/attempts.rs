@@ -2,11 +2,11 @@
 
 use anyhow::Result;
 use fpga_model::cameras::Path;
-use fpga_model::motion::HandRole;
 use protocol::events::EventKind;
 use scene::module::Module;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use surgeon::motion::MotionUse;
 use surgeon::skill::Surgeon;
 use training::score::Score;
 use validation::chain::Chain;
@@ -20,7 +20,7 @@ pub struct Job {
     /// Who does it.
     pub surgeon: Surgeon,
     /// A recorded hand in the place of the tremor.
-    pub hand: Option<HandRole>,
+    pub hand: Option<MotionUse>,
     /// Everything random comes from it.
     pub seed: u64,
 }

@@ -4,11 +4,11 @@
 use crate::attempts::{self, Job};
 use crate::numbers::{bootstrap, deviation, difference, effect, mean};
 use anyhow::{Context, Result};
-use fpga_model::motion::HandRole;
-use fpga_model::motion::hand::Hand;
 use scene::module::Module;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use surgeon::motion::MotionUse;
+use surgeon::motion::recorded::RecordedMotion;
 use surgeon::skill::EXPERT;
 use training::score::Score;
 use training::score::table::{Category, Id};
@@ -22,7 +22,7 @@ const SEEDS: u64 = 3;
 struct Recording {
     name: String,
     surgeon: bool,
-    hand: Hand,
+    hand: RecordedMotion,
 }
 
 /// A figure of an attempt.
@@ -56,7 +56,7 @@ fn recordings(folder: &Path) -> Result<Vec<Recording>> {
     files.sort();
     let read = |file: PathBuf| -> Result<Recording> {
         let name = file.file_stem().context("a name")?.to_string_lossy().into_owned();
-        Ok(Recording { surgeon: name.starts_with("S_"), hand: Hand::load(&file)?, name })
+        Ok(Recording { surgeon: name.starts_with("S_"), hand: RecordedMotion::load(&file)?, name })
     };
     files.into_iter().map(read).collect()
 }
@@ -77,7 +77,7 @@ pub fn study(threads: usize) -> Result<String> {
     for (module, file) in modules.iter().enumerate() {
         for recording in &recordings {
             for level in 1..=file.levels() {
-                let hand = || Some(HandRole::Shakes(recording.hand.clone()));
+                let hand = || Some(MotionUse::Tremor(recording.hand.clone()));
                 let job = |seed| Job { module, level, surgeon: EXPERT, hand: hand(), seed };
                 jobs.extend((1..=SEEDS).map(job));
             }

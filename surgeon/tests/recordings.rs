@@ -1,7 +1,7 @@
 //! Reads every recorded hand under `VITREO_DATA`; without the data the test says so and passes.
 
-use fpga_model::motion::hand::Hand;
 use std::path::PathBuf;
+use surgeon::motion::recorded::RecordedMotion;
 
 #[test]
 fn every_recorded_hand_is_read_and_split() {
@@ -14,7 +14,7 @@ fn every_recorded_hand_is_read_and_split() {
     let recordings: Vec<_> = paths.filter(|p| p.extension().is_some_and(|e| e == "csv")).collect();
     assert!(!recordings.is_empty(), "no CSV file in motion/m2s2_tremor");
     for path in recordings {
-        let hand = Hand::load(&path).unwrap_or_else(|e| panic!("{e}"));
+        let hand = RecordedMotion::load(&path).unwrap_or_else(|e| panic!("{e}"));
         let fast = hand.fast_part();
         // 5,001 or 7,502 samples at 250 Hz lie before the padding.
         assert!((19.9..30.1).contains(&hand.length_s()), "{}: {} s", path.display(), hand.length_s());

@@ -1,17 +1,15 @@
 //! Physiological tremor: noise limited to a band about its centre, as a function of time.
 
 use nalgebra::Vector3;
-use rand::Rng;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
+use protocol::random::Random;
 use std::f64::consts::TAU;
 
 /// Sinusoids per axis: enough that they do not repeat within an operation.
-const TONES: usize = 12;
-/// Half width of the band as a share of its centre: 6 to 12 Hz about 9 Hz.
-const HALF_BAND: f64 = 1.0 / 3.0;
+const TONES: usize = 10;
+/// First stream of random numbers that tremors draw from; those before it belong to the skills.
+const FIRST_STREAM: u64 = 16;
 
-/// Tremor of one tip.
+/// Tremor of one tip: on each axis a sum of sines with random frequencies and phases.
 #[derive(Debug, Clone)]
 pub struct Tremor {
     amplitude_mm: f64,
@@ -19,25 +17,19 @@ pub struct Tremor {
     tones: [[(f64, f64); TONES]; 3],
 }
 
-/// Uniform in 0 to 1, from the upper 53 bits.
-pub fn uniform(random: &mut ChaCha8Rng) -> f64 {
-    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
-}
-
 impl Tremor {
-    /// Tremor of `rms_mm` (all axes together) about `centre_hz`, drawn from `seed` and `stream`.
-    pub fn new(rms_mm: f64, centre_hz: f64, seed: u64, stream: u64) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        random.set_stream(stream);
+    /// Tremor of `rms_um` (all axes together), drawn from `seed` and `stream`. The band is a third of `centre_hz` wide on
+    /// either side: 6 to 12 Hz about 9 Hz.
+    pub fn new(rms_um: f64, centre_hz: f64, seed: u64, stream: u64) -> Self {
+        let mut random = Random::new(seed, FIRST_STREAM + stream);
         // One tone in each equal part of the band keeps the band evenly filled.
         let mut tone = |i: usize| {
-            let place = (i as f64 + uniform(&mut random)) / TONES as f64;
-            let hz = centre_hz * (1.0 + HALF_BAND * (2.0 * place - 1.0));
-            (TAU * hz, TAU * uniform(&mut random))
+            let place = (i as f64 + random.uniform()) / TONES as f64;
+            (TAU * centre_hz * (2.0 + 2.0 * place) / 3.0, TAU * random.uniform())
         };
         let tones = std::array::from_fn(|_| std::array::from_fn(&mut tone));
         // A sine has half its squared amplitude; three axes share the power.
-        let amplitude_mm = rms_mm * (2.0 / (3.0 * TONES as f64)).sqrt();
+        let amplitude_mm = rms_um * 1e-3 * (2.0 / (3.0 * TONES as f64)).sqrt();
         Tremor { amplitude_mm, tones }
     }
 
@@ -56,10 +48,10 @@ mod tests {
 
     #[test]
     fn has_the_rms_and_the_band_asked_for() {
-        let tremor = Tremor::new(0.05, 9.0, 1, 0);
+        let tremor = Tremor::new(50.0, 9.0, 1, 0);
         let n = 20_000;
-        let samples: Vec<_> = (0..n).map(|i| tremor.at(f64::from(i) * 0.005)).collect();
-        let rms = (samples.iter().map(|v| v.norm_squared()).sum::<f64>() / f64::from(n)).sqrt();
+        let sum: f64 = (0..n).map(|k| tremor.at(f64::from(k) * 0.005).norm_squared()).sum();
+        let rms = (sum / f64::from(n)).sqrt();
         assert!((rms - 0.05).abs() < 0.005, "{rms}");
         for tone in tremor.tones.iter().flatten() {
             assert!((6.0..=12.0).contains(&(tone.0 / TAU)), "{} Hz", tone.0 / TAU);
@@ -68,7 +60,7 @@ mod tests {
 
     #[test]
     fn seeds_and_streams_differ_and_repeat() {
-        let at = |seed, stream| Tremor::new(0.05, 9.0, seed, stream).at(1.234);
+        let at = |seed, stream| Tremor::new(50.0, 9.0, seed, stream).at(1.234);
         assert_eq!(at(1, 0), at(1, 0));
         assert!(at(1, 0) != at(1, 1) && at(1, 0) != at(2, 0));
     }

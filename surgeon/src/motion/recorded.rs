@@ -1,4 +1,4 @@
-//! A recorded hand: M2S2 recordings (250 Hz, `sample,x,y,z,grip`, mm, no header), played in a mirrored
+//! Recorded motion of a hand: M2S2 recordings (250 Hz, `sample,x,y,z,grip`, mm, no header), played in a mirrored
 //! loop so that their end joins their beginning without a jump.
 
 use nalgebra::Vector3;
@@ -7,7 +7,7 @@ use std::path::Path;
 
 /// Samples a second.
 const RATE_HZ: f64 = 250.0;
-/// Movement below this is the surgeon's intention, above it the hand's own, Hz.
+/// Movement below this is voluntary, above it tremor, Hz.
 const SPLIT_HZ: f64 = 1.0;
 /// Shortest recording that can be split at 1 Hz: two periods.
 const MIN_SAMPLES: usize = 500;
@@ -16,7 +16,7 @@ const MAX_MM: f64 = 1000.0;
 
 /// Why a recording was refused.
 #[derive(Debug, thiserror::Error)]
-pub enum HandError {
+pub enum RecordedMotionError {
     /// The file cannot be read.
     #[error("motion file {file}: {source}")]
     Read {
@@ -51,56 +51,63 @@ pub enum HandError {
 
 /// Displacements of a hand about its mean, 250 a second.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hand {
+pub struct RecordedMotion {
     /// mm.
     samples: Vec<Vector3<f64>>,
 }
 
-impl Hand {
+impl RecordedMotion {
     /// Reads a recording.
-    pub fn load(path: &Path) -> Result<Self, HandError> {
+    ///
+    /// # Errors
+    /// [`RecordedMotionError::Read`] where the file cannot be read, else as [`Self::parse`].
+    pub fn load(path: &Path) -> Result<Self, RecordedMotionError> {
         let file = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|source| HandError::Read { file: file.clone(), source })?;
+        let bytes =
+            std::fs::read(path).map_err(|source| RecordedMotionError::Read { file: file.clone(), source })?;
         Self::parse(&String::from_utf8_lossy(&bytes), &file)
     }
 
     /// Parses a recording; the padding of zeros at its end is dropped. `file` is for error messages.
-    pub fn parse(text: &str, file: &str) -> Result<Self, HandError> {
+    ///
+    /// # Errors
+    /// Where a line is not five finite numbers in order, or fewer than 500 samples are left.
+    pub fn parse(text: &str, file: &str) -> Result<Self, RecordedMotionError> {
         let mut samples = Vec::new();
         let mut previous = None;
         for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty()) {
             let (number, position) = parse_line(line, previous).map_err(|(expected, found)| {
-                HandError::Line { file: file.into(), line: i + 1, expected, found }
+                RecordedMotionError::Line { file: file.into(), line: i + 1, expected, found }
             })?;
             previous = Some(number);
             samples.push(position);
         }
         let used = samples.iter().rposition(|p| *p != Vector3::zeros()).map_or(0, |last| last + 1);
         if used < MIN_SAMPLES {
-            return Err(HandError::Short { file: file.into(), found: used });
+            return Err(RecordedMotionError::Short { file: file.into(), found: used });
         }
         samples.truncate(used);
         let mean = samples.iter().sum::<Vector3<f64>>() / used as f64;
         samples.iter_mut().for_each(|p| *p -= mean);
-        Ok(Hand { samples })
+        Ok(RecordedMotion { samples })
     }
 
-    /// What moves faster than [`SPLIT_HZ`]. The slow part is taken away without a shift in time: a
+    /// The part above [`SPLIT_HZ`]. The slow part is subtracted without a shift in phase: a
     /// second-order Butterworth filter run forward and backward over the mirrored loop.
-    pub fn fast_part(&self) -> Hand {
+    pub fn fast_part(&self) -> RecordedMotion {
         let mirrored = 2 * (self.samples.len() - 1);
         let looped: Vec<_> = (0..mirrored as i64).map(|i| self.sample(i)).collect();
         let forward = low_pass(&looped);
         let mut slow = low_pass(&forward.into_iter().rev().collect::<Vec<_>>());
         slow.reverse();
-        Hand { samples: self.samples.iter().zip(&slow).map(|(p, s)| p - s).collect() }
+        RecordedMotion { samples: self.samples.iter().zip(&slow).map(|(p, s)| p - s).collect() }
     }
 
     /// Shrunk, where it must be, so that no displacement is longer than `reach_mm`.
-    pub fn fitted(&self, reach_mm: f64) -> Hand {
+    pub fn fitted(&self, reach_mm: f64) -> RecordedMotion {
         let longest = self.samples.iter().map(|p| p.norm()).fold(0.0, f64::max);
         let scale = if longest > reach_mm { reach_mm / longest } else { 1.0 };
-        Hand { samples: self.samples.iter().map(|p| p * scale).collect() }
+        RecordedMotion { samples: self.samples.iter().map(|p| p * scale).collect() }
     }
 
     /// Displacement `t_s` seconds after the start, mm; Catmull–Rom between the samples.
@@ -188,7 +195,7 @@ mod tests {
 
     #[test]
     fn padding_is_dropped_and_the_loop_has_no_jump() {
-        let hand = Hand::parse(&recording(1000, |t| t), "h.csv").unwrap();
+        let hand = RecordedMotion::parse(&recording(1000, |t| t), "h.csv").unwrap();
         assert_eq!(hand.samples.len(), 1000);
         for i in 0..4000 {
             let t = f64::from(i) * 0.0031;
@@ -201,7 +208,8 @@ mod tests {
     fn fast_part_keeps_tremor_and_drops_drift() {
         let tremor = |t: f64| 0.05 * libm::sin(TAU * 9.0 * t);
         let whole =
-            Hand::parse(&recording(2500, |t| 3.0 * libm::cos(TAU * 0.1 * t) + tremor(t)), "h").unwrap();
+            RecordedMotion::parse(&recording(2500, |t| 3.0 * libm::cos(TAU * 0.1 * t) + tremor(t)), "h")
+                .unwrap();
         let fast = whole.fast_part();
         let error = rms((250..2250).map(|i| fast.samples[i].x - tremor(i as f64 / RATE_HZ)));
         assert!(error < 0.002, "{error}");
@@ -209,8 +217,8 @@ mod tests {
 
     #[test]
     fn fitted_hand_stays_within_reach() {
-        let hand = Hand::parse(&recording(1000, |t| 10.0 * libm::sin(t)), "h").unwrap();
-        let longest = |h: &Hand| h.samples.iter().map(|p| p.norm()).fold(0.0, f64::max);
+        let hand = RecordedMotion::parse(&recording(1000, |t| 10.0 * libm::sin(t)), "h").unwrap();
+        let longest = |h: &RecordedMotion| h.samples.iter().map(|p| p.norm()).fold(0.0, f64::max);
         assert!((longest(&hand.fitted(2.0)) - 2.0).abs() < 1e-9);
         assert_eq!(hand.fitted(100.0), hand);
     }
@@ -229,17 +237,19 @@ mod tests {
         for (from, to, line, named) in cases {
             let broken = good.replacen(from, to, 1);
             assert_ne!(broken, good, "{from} is not in the recording");
-            let error = Hand::parse(&broken, "h.csv").unwrap_err().to_string();
+            let error = RecordedMotion::parse(&broken, "h.csv").unwrap_err().to_string();
             assert!(error.contains("h.csv") && error.contains(line) && error.contains(named), "{error}");
         }
-        assert!(matches!(Hand::parse("", "h"), Err(HandError::Short { found: 0, .. })));
-        assert!(Hand::load(Path::new("/nonexistent/h.csv")).unwrap_err().to_string().contains("h.csv"));
+        assert!(matches!(RecordedMotion::parse("", "h"), Err(RecordedMotionError::Short { found: 0, .. })));
+        assert!(
+            RecordedMotion::load(Path::new("/nonexistent/h.csv")).unwrap_err().to_string().contains("h.csv")
+        );
     }
 
     proptest! {
         #[test]
         fn any_text_is_parsed_or_refused(text in "[-0-9.,eNan\n ]{0,300}") {
-            let _ = Hand::parse(&text, "f");
+            let _ = RecordedMotion::parse(&text, "f");
         }
     }
 }

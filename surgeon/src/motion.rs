@@ -1,31 +1,30 @@
-//! Where instruments and eye are at any instant: the virtual surgeon.
+//! Poses of the instruments and of the eye at any instant, as the scripted surgeon moves them.
 //!
-//! Tips follow the script in the eye frame, shaken by tremor or by a recorded hand. A shaft always
+//! Tips follow the script in the eye frame, with tremor or a recorded motion added. A shaft always
 //! passes through its trocar, which the eye carries along; the eye turns under the shafts' load and
-//! springs back. Everything is a function of the time since the start, of the seed, and of what the surgeon was shown
-//! ([`MotionSource::see`]).
+//! springs back. Everything is a function of the time since the start, of the seed, and of what the
+//! surgeon has seen ([`MotionSource::see`]).
 
 pub mod eye_spring;
-pub mod hand;
-pub mod tremor;
+pub mod recorded;
 
+use crate::script::{Gesture, Script, Sight};
+use crate::tremor::Tremor;
 use eye_spring::EyeSpring;
-use hand::Hand;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use protocol::handles::{PedalState, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
+use recorded::RecordedMotion;
 use scene::SceneFile;
 use std::f64::consts::TAU;
-use surgeon::script::{Gesture, Script, Sight};
-use tremor::Tremor;
 
 /// Turn of the eye by a tip that moves sideways from the middle of its movements, rad/mm.
 const TURN_PER_MM: f64 = 0.003;
 /// Turn about the line of sight as a share of the script's turn about x.
 const TORSION_SHARE: f64 = 0.3;
-/// Room kept between a fitted hand and the limit of the workspace, mm.
+/// Room kept between a fitted motion and the limit of the workspace, mm.
 const FIT_MARGIN_MM: f64 = 0.5;
 /// Height of a pivot where the rig has no trocar: straight above the eye, mm.
 const PIVOT_WITHOUT_TROCAR_MM: f64 = 12.0;
@@ -51,39 +50,39 @@ impl Motion {
     }
 }
 
-/// What a recorded hand does to instrument 0.
+/// How a recorded motion moves instrument 0.
 #[derive(Debug, Clone)]
-pub enum HandRole {
-    /// Its movement above 1 Hz shakes the scripted tip.
-    Shakes(Hand),
-    /// It leads the tip; the script only opens and closes the jaws.
-    Leads(Hand),
+pub enum MotionUse {
+    /// Its part above 1 Hz takes the place of the tremor.
+    Tremor(RecordedMotion),
+    /// It moves the tip; the script only opens and closes the jaws.
+    Full(RecordedMotion),
 }
 
-/// The virtual surgeon.
+/// A scripted surgeon with tremor, a recorded motion, and the eye that the shafts turn.
 #[derive(Debug, Clone)]
 pub struct MotionSource {
     script: Script,
     tremor: [Tremor; INSTRUMENTS],
-    hand: Option<HandRole>,
+    recorded: Option<MotionUse>,
     eye: EyeSpring,
     load: Load,
     trocars_in_eye: [Vector3<f64>; INSTRUMENTS],
 }
 
 impl MotionSource {
-    /// The surgeon of a scene, at the instruments of a rig. A recorded hand takes the place of the
-    /// tremor of instrument 0 (`Shakes`) or of its movement too (`Leads`, fitted to the workspace).
-    pub fn new(scene: &SceneFile, rig: &Rig, hand: Option<HandRole>, seed: u64) -> Self {
+    /// The surgeon of a scene, at the instruments of a rig. A recorded motion takes the place of the
+    /// tremor of instrument 0 or, fitted to the workspace, of its movement.
+    pub fn new(scene: &SceneFile, rig: &Rig, recorded: Option<MotionUse>, seed: u64) -> Self {
         let script = Script::new(scene);
-        let hand = hand.map(|role| match role {
-            HandRole::Shakes(hand) => HandRole::Shakes(hand.fast_part()),
-            HandRole::Leads(hand) => {
+        let recorded = recorded.map(|motion| match motion {
+            MotionUse::Tremor(motion) => MotionUse::Tremor(motion.fast_part()),
+            MotionUse::Full(motion) => {
                 let room = rig.workspace.tip_radius - script.mean_tip_in_eye_mm(0).norm() - FIT_MARGIN_MM;
-                HandRole::Leads(hand.fitted(room.max(FIT_MARGIN_MM)))
+                MotionUse::Full(motion.fitted(room.max(FIT_MARGIN_MM)))
             }
         });
-        let (rms_mm, hz) = (scene.script.tremor_um * 1e-3, scene.script.tremor_hz);
+        let (rms_um, hz) = (scene.script.tremor_um, scene.script.tremor_hz);
         let trocar = |name: &str| {
             let given = rig.trocar(name).map(|t| Vector3::from(t.p_eye));
             given.unwrap_or(Vector3::z() * PIVOT_WITHOUT_TROCAR_MM)
@@ -95,10 +94,10 @@ impl MotionSource {
         };
         MotionSource {
             eye: EyeSpring::new(load.at(&script, 0.0)),
-            tremor: std::array::from_fn(|i| Tremor::new(rms_mm, hz, seed, i as u64)),
+            tremor: std::array::from_fn(|i| Tremor::new(rms_um, hz, seed, i as u64)),
             trocars_in_eye: std::array::from_fn(|i| trocar(BODY_NAMES[i])),
             script,
-            hand,
+            recorded,
             load,
         }
     }
@@ -108,7 +107,7 @@ impl MotionSource {
         self.script.period_s()
     }
 
-    /// Whether the surgeon has eyes at all.
+    /// True if the script reacts to what the surgeon sees.
     pub fn has_eyes(&self) -> bool {
         self.script.has_eyes()
     }
@@ -143,13 +142,13 @@ impl MotionSource {
         self.script.pedal_at(t_ns as f64 * 1e-9, seq, instant_ns)
     }
 
-    /// Script, tremor and recorded hand together.
+    /// Script with tremor or recorded motion.
     fn gesture(&self, instrument: usize, t_s: f64) -> Gesture {
         let mut gesture = self.script.at(instrument, t_s);
-        match &self.hand {
-            Some(HandRole::Shakes(hand)) if instrument == 0 => gesture.tip_in_eye_mm += hand.at(t_s),
-            Some(HandRole::Leads(hand)) if instrument == 0 => {
-                gesture.tip_in_eye_mm = self.script.mean_tip_in_eye_mm(0) + hand.at(t_s);
+        match &self.recorded {
+            Some(MotionUse::Tremor(motion)) if instrument == 0 => gesture.tip_in_eye_mm += motion.at(t_s),
+            Some(MotionUse::Full(motion)) if instrument == 0 => {
+                gesture.tip_in_eye_mm = self.script.mean_tip_in_eye_mm(0) + motion.at(t_s);
             }
             _ => gesture.tip_in_eye_mm += self.tremor[instrument].at(t_s),
         }
@@ -191,17 +190,17 @@ mod tests {
     use proptest::prelude::*;
     use scene::DEFAULT_SCENE;
 
-    fn source(hand: Option<HandRole>) -> (MotionSource, Rig) {
+    fn source(recorded: Option<MotionUse>) -> (MotionSource, Rig) {
         let rig = Rig::load_or_shipped(None).unwrap();
         let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
-        (MotionSource::new(&scene, &rig, hand, 7), rig)
+        (MotionSource::new(&scene, &rig, recorded, 7), rig)
     }
 
-    fn recording(mm: f64) -> Hand {
+    fn recording(mm: f64) -> RecordedMotion {
         let row = |i: usize| {
             format!("{i},{},{},5,0\n", mm * libm::sin(i as f64 * 0.02), 0.03 * ((i / 14) % 2) as f64)
         };
-        Hand::parse(&(0..3000).map(row).collect::<String>(), "h").unwrap()
+        RecordedMotion::parse(&(0..3000).map(row).collect::<String>(), "h").unwrap()
     }
 
     proptest! {
@@ -247,10 +246,10 @@ mod tests {
     }
 
     #[test]
-    fn recorded_hand_shakes_or_leads_instrument_0_only() {
+    fn a_recorded_motion_moves_instrument_0_only() {
         let (mut plain, rig) = source(None);
-        let (mut shaken, _) = source(Some(HandRole::Shakes(recording(0.0))));
-        let (mut led, _) = source(Some(HandRole::Leads(recording(40.0))));
+        let (mut shaken, _) = source(Some(MotionUse::Tremor(recording(0.0))));
+        let (mut led, _) = source(Some(MotionUse::Full(recording(40.0))));
         let middle = led.script.mean_tip_in_eye_mm(0);
         let mut spread: f64 = 0.0;
         for k in 0..500 {
