@@ -8,8 +8,8 @@ use std::process::ExitCode;
 const CAMERA: &str = "vitreo-fpga-model";
 /// The binary of the picture.
 const RENDERER: &str = "vitreo-renderer";
-/// The binary of the tracker.
-const TRACKER: &str = "vitreo-tracker";
+/// The binary of the calibrations.
+pub const CALIBRATION: &str = "vitreo-calibration";
 
 /// A real-time simulator for training surgery inside the eye.
 #[derive(Debug, Parser)]
@@ -85,7 +85,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Colours(args) => forward::to(CAMERA, "colours", args),
         Command::Hardware(args) => forward::to(CAMERA, "hardware", args),
         Command::Vectors(args) => forward::to(CAMERA, "vectors", args),
-        Command::Calibrate(args) => forward::to(TRACKER, "calibrate", args),
+        Command::Calibrate(args) => forward::whole(CALIBRATION, "vitreo calibrate", args),
         Command::Bench(args) => forward::to(RENDERER, "bench", args),
         Command::Doctor(args) => crate::doctor::run(args),
     }

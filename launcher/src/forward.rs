@@ -2,9 +2,9 @@
 
 use crate::children::find_binary;
 use anyhow::Context;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::os::unix::process::CommandExt;
-use std::process::Command;
+use std::process::{Command, ExitCode};
 
 /// What follows the sub-command, handed on as it is.
 #[derive(Debug, clap::Args)]
@@ -17,10 +17,27 @@ pub struct ForwardArgs {
 
 /// Becomes `binary SUB_COMMAND …`: its output, help and exit code are those of this command. Returns only
 /// if the binary cannot be started.
-pub fn to(binary: &str, sub_command: &str, args: &ForwardArgs) -> anyhow::Result<std::process::ExitCode> {
-    let path = find_binary(binary)?;
+pub fn to(binary: &str, sub_command: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
     // Usage lines then say `vitreo blobs`, which is what was typed.
-    let error = Command::new(&path).arg0("vitreo").arg(sub_command).args(&args.rest).exec();
+    become_binary(binary, "vitreo", std::iter::once(sub_command.as_ref()).chain(rest(args)))
+}
+
+/// Becomes `binary …` under the name `called`; otherwise as [`to`].
+pub fn whole(binary: &str, called: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
+    become_binary(binary, called, rest(args))
+}
+
+fn rest(args: &ForwardArgs) -> impl Iterator<Item = &OsStr> {
+    args.rest.iter().map(OsString::as_os_str)
+}
+
+fn become_binary<'a>(
+    binary: &str,
+    called: &str,
+    args: impl Iterator<Item = &'a OsStr>,
+) -> anyhow::Result<ExitCode> {
+    let path = find_binary(binary)?;
+    let error = Command::new(&path).arg0(called).args(args).exec();
     Err(error).with_context(|| format!("start {}", path.display()))
 }
 

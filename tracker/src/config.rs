@@ -1,17 +1,12 @@
 //! Command line of `vitreo-tracker`.
 
-use crate::calibrate::cli::CalibrateArgs;
 use ipc::shell::ShellArgs;
 use std::path::PathBuf;
 
 /// Turns marker blobs into poses.
 #[derive(Debug, clap::Parser)]
 #[command(name = "vitreo-tracker", version)]
-#[command(args_conflicts_with_subcommands = true)]
 pub struct Config {
-    /// Something else than running as a process.
-    #[command(subcommand)]
-    pub command: Option<Command>,
     /// Name, supervision.
     #[command(flatten)]
     pub shell: ShellArgs,
@@ -27,11 +22,4 @@ pub struct Config {
     /// Trust the rig file: do not estimate how far the rig has drifted since it was calibrated.
     #[arg(long)]
     pub fixed_rig: bool,
-}
-
-/// What the program does besides tracking.
-#[derive(Debug, clap::Subcommand)]
-pub enum Command {
-    /// Find lenses, places of cameras, markers and trocars, or whether they still hold.
-    Calibrate(Box<CalibrateArgs>),
 }

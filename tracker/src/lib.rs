@@ -14,7 +14,6 @@ pub mod assembler;
 pub mod associate;
 pub mod block;
 pub mod body;
-pub mod calibrate;
 pub mod chain;
 pub mod config;
 pub mod constants;
@@ -32,6 +31,7 @@ pub mod roll;
 pub mod script;
 pub mod seed;
 pub mod sight;
+pub mod stream;
 pub mod tracker;
 
 pub use tracker::{Reference, Tracker};

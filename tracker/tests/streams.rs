@@ -10,8 +10,8 @@ use protocol::poses::{EYE, TrackerFrame};
 use protocol::rig::Rig;
 use std::collections::HashMap;
 use std::path::PathBuf;
-use tracker::calibrate::sightings::track;
 use tracker::script::FieldStore;
+use tracker::stream::track_stream;
 use tracker::{Reference, Tracker};
 
 /// Time given to the filter to settle, ns.
@@ -63,7 +63,7 @@ fn run(rig: &Rig, fields: &[BlobField]) -> (Vec<TrackerFrame>, Vec<FrameScript>)
         scripts.push(script);
         frames.push(*frame);
     };
-    track(rig, fields, &mut close);
+    track_stream(rig, fields, &mut close);
     (frames, scripts)
 }
 

@@ -29,6 +29,7 @@ pub(super) fn checks() -> Vec<Check> {
         leftovers(Path::new("/dev/shm")),
     ];
     checks.extend(Process::ALL.map(|p| binary(p.binary())));
+    checks.push(binary(crate::cli::CALIBRATION));
     checks
 }
 

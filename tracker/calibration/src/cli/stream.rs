@@ -1,14 +1,14 @@
 //! Calibrations that look at a stream of blobs: `waved`, `pivot`, `drift`.
 
 use super::{OutputArgs, bar, positive, spinner};
-use crate::calibrate::bundle::Known;
-use crate::calibrate::drift::{self, Drift};
-use crate::calibrate::pivot::{self, Pivot};
-use crate::calibrate::poses::{self, Poses};
-use crate::calibrate::report::{Report, camera_report};
-use crate::calibrate::sightings::{Instant, collect};
-use crate::calibrate::targets::{rms, robust_sigma};
-use crate::calibrate::waved::{Waved, fitted, fitted_with, refine_stream, spread};
+use crate::bundle::Known;
+use crate::drift_check::{self, Drift};
+use crate::observations::{Instant, collect};
+use crate::pivot::{self, Pivot};
+use crate::pose_file::{self, Poses};
+use crate::report::{Report, camera_report};
+use crate::self_calibration::{Waved, fitted, fitted_with, refine_stream, spread};
+use crate::target_problem::{rms, robust_sigma};
 use anyhow::{Context, ensure};
 use blob_stream::BlobReader;
 use nalgebra::{Point3, Vector3};
@@ -155,7 +155,7 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     progress.finish_and_clear();
     let seen = spread(collect(&rig, &fields), args.from.instants);
     // A rig so rough that hardly anything is tracked with it has surely drifted.
-    let drifted = drift::check(&rig, &seen, LIMIT_PX).map_or(true, |d| d.drifted());
+    let drifted = drift_check::check(&rig, &seen, LIMIT_PX).map_or(true, |d| d.drifted());
     let refined = found.bundle.rig(&rig);
     let report = waved_report(&rig, &found, drifted);
     args.output.tell(&report, &found.bundle.cameras, &found.residuals)?;
@@ -206,7 +206,7 @@ fn waved_report(rig: &Rig, found: &Waved, drifted: bool) -> Report {
 /// Runs `vitreo calibrate drift`; exit code 5 if a camera has drifted.
 pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let (rig, instants) = args.from.load(&args.stream)?;
-    let found = drift::check(&rig, &instants, args.limit_px)?;
+    let found = drift_check::check(&rig, &instants, args.limit_px)?;
     args.output.tell(&drift_report(&rig, &found, args.limit_px), &[], &[])?;
     let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(_, c)| c.drifted);
     for (camera, shift) in shifted {
@@ -244,7 +244,7 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
     let (mut rig, poses, centre) = match &args.poses {
         Some(path) => {
             let rig = args.from.rig.as_deref().context("--rig RIG.json is needed with --poses")?;
-            (Rig::load(rig)?, poses::load(path)?, None)
+            (Rig::load(rig)?, pose_file::load(path)?, None)
         }
         None => {
             let path = args.stream.as_deref().context("a stream is needed")?;

@@ -1,30 +1,30 @@
-//! Calibration of a rig: lenses, places of cameras, markers, trocars; and whether it still holds.
+//! Calibration of a rig: lenses, camera poses, marker positions, trocars; and whether it still holds.
 //!
 //! Nothing here runs on the hot path; matrices may grow. Files are read by [`cli`] and by the
-//! readers it calls, everything else is pure.
+//! readers it calls, everything else is pure. Bodies are tracked by the crate `tracker`.
 
 pub mod board;
 pub mod bundle;
 pub mod cli;
 pub mod corners;
 pub mod dots;
-pub mod drift;
-pub mod grey;
+pub mod drift_check;
+pub mod grey_image;
 pub mod grid;
 pub mod known_target;
 pub mod lens;
 pub mod linear;
-pub mod many;
-pub mod output;
-pub mod picture;
+pub mod multi_camera;
+pub mod observations;
 pub mod pivot;
-pub mod points;
-pub mod poses;
+pub mod point_lists;
+pub mod pose_file;
 pub mod report;
-pub mod sightings;
+pub mod residual_plot;
+pub mod rig_output;
+pub mod self_calibration;
 pub mod solve;
-pub mod targets;
-pub mod waved;
+pub mod target_problem;
 
 /// Why a calibration was refused.
 #[derive(Debug, thiserror::Error)]

@@ -5,8 +5,8 @@
 //! difference is about r²·tan(tilt)/(4·distance), in mm, and below a tenth of a pixel where dots
 //! are a few pixels wide.
 
-use super::grey::Grey;
-use super::grid::Node;
+use crate::grey_image::Grey;
+use crate::grid::Node;
 use nalgebra::{Matrix2, Vector2};
 
 /// A dot.
@@ -199,7 +199,7 @@ mod tests {
         for camera in 1..=3 {
             let picture = Grey::load(&folder.join(format!("cal{camera}.png"))).unwrap();
             let found = find(&picture, false);
-            let views = super::super::points::load(&folder.join(format!("cam{camera}_cal_points"))).unwrap();
+            let views = crate::point_lists::load(&folder.join(format!("cam{camera}_cal_points"))).unwrap();
             let nearest = |p: &Vector2<f64>| found.iter().map(|d| (d.at - p).norm()).fold(f64::MAX, f64::min);
             let off: Vec<f64> = views[0].samples.iter().map(|s| nearest(&s.pixel)).collect();
             let near = off.iter().filter(|d| **d < 1.5).count();

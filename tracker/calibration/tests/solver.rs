@@ -1,13 +1,13 @@
 //! Synthetic cameras with known truth: found to rounding without noise, and within the predicted
 //! covariance with noise.
 
+use calibration::CalibrationError;
+use calibration::lens::{LENS, lens_of, plain_camera};
+use calibration::multi_camera::{Before, Lenses, cameras_of_dots, cameras_of_views, triangulate};
+use calibration::target_problem::{Free, Robustness, Sample, Sheet, lens_of_views};
 use nalgebra::{Isometry3, Point3, Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
 use protocol::camera::Camera;
-use tracker::calibrate::CalibrationError;
-use tracker::calibrate::lens::{LENS, lens_of, plain_camera};
-use tracker::calibrate::many::{Before, Lenses, cameras_of_dots, cameras_of_views, triangulate};
-use tracker::calibrate::targets::{Free, Robustness, Sample, Sheet, lens_of_views};
 
 const SIZE: [u32; 2] = [720, 576];
 

@@ -1,15 +1,15 @@
-//! `vitreo-tracker calibrate`, the program: results, refusals, exit codes.
+//! The program `vitreo-calibration`: results, refusals, exit codes.
 
 use protocol::rig::Rig;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn data(path: &str) -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(path).display().to_string()
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data").join(path).display().to_string()
 }
 
 fn calibrate<S: AsRef<std::ffi::OsStr>>(args: &[S]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_vitreo-tracker")).arg("calibrate").args(args).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_vitreo-calibration")).args(args).output().unwrap()
 }
 
 /// Runs it and takes the report; panics with the program's own words where it fails.

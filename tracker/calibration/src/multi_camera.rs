@@ -1,9 +1,9 @@
 //! Several cameras: from views of a common target, or from dots whose places are known.
 
-use super::CalibrationError;
-use super::linear;
-use super::solve::Loss;
-use super::targets::{
+use crate::CalibrationError;
+use crate::linear;
+use crate::solve::Loss;
+use crate::target_problem::{
     Calibrated, Free, Residual, Robustness, Sample, Scene, Sheet, TargetProblem, calibrate, lens_of_views,
     place_of, put,
 };
@@ -30,7 +30,7 @@ pub enum Lenses {
 pub fn cameras_of_views(
     sizes_px: &[[u32; 2]],
     sheets: &[Sheet],
-    free: [bool; super::lens::LENS],
+    free: [bool; crate::lens::LENS],
     lenses: &Lenses,
     robustness: Robustness,
     progress: &mut Progress<'_>,
@@ -60,7 +60,7 @@ pub fn cameras_of_views(
         seen.into_iter().next().unwrap_or_else(Isometry3::identity)
     };
     let start = Scene { views: (0..views).map(place).collect(), cameras };
-    let lens = if matches!(lenses, Lenses::Refined) { free } else { [false; super::lens::LENS] };
+    let lens = if matches!(lenses, Lenses::Refined) { free } else { [false; crate::lens::LENS] };
     let problem = TargetProblem {
         sheets,
         free: (0..sizes_px.len()).map(|c| Free { lens, place: c > 0 }).collect(),
@@ -140,7 +140,7 @@ pub enum Before {
 pub fn cameras_of_dots(
     before: &[Before],
     sheets: &[Sheet],
-    free: [bool; super::lens::LENS],
+    free: [bool; crate::lens::LENS],
     robustness: Robustness,
     progress: &mut Progress<'_>,
 ) -> Result<Calibrated, CalibrationError> {
@@ -170,7 +170,7 @@ pub fn cameras_of_dots(
     }
     let free_of = |before: &Before| match before {
         Before::Size(_) => Free { lens: free, place: true },
-        Before::Lens(_) => Free { lens: [false; super::lens::LENS], place: true },
+        Before::Lens(_) => Free { lens: [false; crate::lens::LENS], place: true },
     };
     let problem = TargetProblem {
         sheets,
@@ -232,7 +232,7 @@ pub fn triangulate(sights: &[Sight<'_>]) -> Option<Point3<f64>> {
 pub fn held_out(
     before: &[Before],
     sheets: &[Sheet],
-    free: [bool; super::lens::LENS],
+    free: [bool; crate::lens::LENS],
     robustness: Robustness,
     chosen: &dyn Fn(usize) -> bool,
 ) -> Result<[f64; 3], CalibrationError> {

@@ -5,7 +5,7 @@
 //! changes side four times, and opposite sides are alike. The exact place is where all slopes around
 //! point past it: Σ ∇I ∇Iᵀ (q − p) = 0 over a window (Förstner & Gülch 1987).
 
-use super::grey::Grey;
+use crate::grey_image::Grey;
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
 

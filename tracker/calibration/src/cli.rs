@@ -3,10 +3,10 @@
 mod stream;
 mod target;
 
-use super::lens::LENS_NAMES;
-use super::picture::residual_picture;
-use super::report::Report;
-use super::targets::{Residual, Robustness};
+use crate::lens::LENS_NAMES;
+use crate::report::Report;
+use crate::residual_plot::residual_picture;
+use crate::target_problem::{Residual, Robustness};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use protocol::camera::Camera;
@@ -14,8 +14,9 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Arguments of `vitreo calibrate`.
-#[derive(Debug, Clone, clap::Args)]
+/// Finds lenses, camera poses, markers and trocars, and checks whether they still hold.
+#[derive(Debug, Clone, clap::Parser)]
+#[command(name = "vitreo-calibration", version)]
 pub struct CalibrateArgs {
     /// What to calibrate.
     #[command(subcommand)]
@@ -66,7 +67,7 @@ pub struct SolveArgs {
 
 impl SolveArgs {
     /// Which values of a lens are free.
-    fn free(&self) -> [bool; super::lens::LENS] {
+    fn free(&self) -> [bool; crate::lens::LENS] {
         LENS_NAMES.map(|name| !self.without.iter().any(|w| w == name))
     }
 }

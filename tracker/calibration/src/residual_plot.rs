@@ -1,6 +1,6 @@
 //! Pictures of residuals: vectors over the sensor, enlarged, with a bar for scale.
 
-use super::targets::Residual;
+use crate::target_problem::Residual;
 use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
 

@@ -4,10 +4,10 @@
 //! One camera and a board that is moved: the lens. Several cameras and a board: lenses and places.
 //! Several cameras and fixed dots: the places in the frame of the dots.
 
-use super::CalibrationError;
-use super::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
-use super::linear;
-use super::solve::{Column, Equations, Loss, Problem, Solution, Unknown, solve};
+use crate::CalibrationError;
+use crate::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
+use crate::linear;
+use crate::solve::{Column, Equations, Loss, Problem, Solution, Unknown, solve};
 use nalgebra::{
     DVector, Isometry3, Matrix3, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
 };

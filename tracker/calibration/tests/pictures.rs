@@ -1,19 +1,19 @@
 //! Real pictures of a chessboard and real dots before three cameras, against what others made of them.
 
+use calibration::board::{Board, Pattern};
+use calibration::grey_image::Grey;
+use calibration::lens::LENS;
+use calibration::multi_camera::{Lenses, cameras_of_views};
+use calibration::target_problem::{Calibrated, Free, Robustness, Sample, Sheet, lens_of_views};
 use nalgebra::Vector2;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
-use tracker::calibrate::board::{Board, Pattern};
-use tracker::calibrate::grey::Grey;
-use tracker::calibrate::lens::LENS;
-use tracker::calibrate::many::{Lenses, cameras_of_views};
-use tracker::calibrate::targets::{Calibrated, Free, Robustness, Sample, Sheet, lens_of_views};
 
 /// Size of the pictures, px.
 const SIZE: [u32; 2] = [640, 480];
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/chessboards")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/chessboards")
 }
 
 /// The boards of both sides; the picture with number 10 was never taken.

@@ -1,11 +1,6 @@
 //! Which marker was seen where, in a whole stream: the tracker finds the bodies with the rig as it
 //! is, then every marker takes the blob nearest to its image, if there is no doubt.
 
-use crate::assembler::{Closed, FrameAssembler};
-use crate::fit::carried;
-use crate::model::{Marker, RigModel};
-use crate::sight::{Image, Sight, View};
-use crate::tracker::Tracker;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
 use protocol::camera::Camera;
@@ -14,6 +9,10 @@ use protocol::limits::BODIES;
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
 use protocol::time::Nanos;
+use tracker::fit::carried;
+use tracker::model::{Marker, RigModel};
+use tracker::sight::{Image, Sight, View};
+use tracker::stream::track_stream;
 
 /// A marker's blob.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,7 +59,7 @@ const MOTION_DOUBT: (f64, f64) = (2.0, 200.0);
 /// The image of a marker of a body at `world_from_body`, by the tracker's own model; `None` behind the
 /// camera.
 pub fn image_of(marker: &Marker, world_from_body: &Isometry3<f64>, camera: &Camera) -> Option<Image> {
-    crate::sight::image_of(marker, &world_from_body.into(), camera)
+    tracker::sight::image_of(marker, &world_from_body.into(), camera)
 }
 
 /// Runs the tracker over a stream and collects what it saw.
@@ -68,7 +67,7 @@ pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<Instant> {
     let mut found = Vec::new();
     let model = RigModel::new(rig);
     let mut views: Vec<View> = rig.cameras.iter().map(|c| View::empty(c.id as usize)).collect();
-    track(rig, fields, &mut |frame, used| {
+    track_stream(rig, fields, |frame, used| {
         found.extend(instant(rig, &model, frame, used, &mut views));
     });
     drop_hidden(rig.cameras.len(), &mut found);
@@ -88,20 +87,6 @@ fn drop_hidden(cameras: usize, instants: &mut [Instant]) {
             let odd = |s: &Seen| s.camera == camera && (s.area_ratio / usual - 1.0).abs() > AREA;
             instant.seen.retain(|s| !odd(s));
         }
-    }
-}
-
-/// Runs the tracker over a stream on the fields' own clock.
-pub fn track(rig: &Rig, fields: &[BlobField], visit: &mut dyn FnMut(&TrackerFrame, &[BlobField])) {
-    let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
-    let mut now = 0;
-    let mut close = |used: &[BlobField], closed: Closed| visit(&tracker.track(used, &closed.reference), used);
-    for field in fields {
-        now = field.blobs_out_ns.max(now);
-        assembler.take_in(field, now, &mut close);
-    }
-    while let Some(closed) = assembler.flush(now) {
-        close(assembler.used(), closed);
     }
 }
 

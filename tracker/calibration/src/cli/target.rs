@@ -1,18 +1,18 @@
 //! Calibrations that look at a target: `intrinsics`, `stereo`, `dots`.
 
 use super::{OutputArgs, Pair, SolveArgs, bar, pair, positive, short, spinner};
-use crate::calibrate::CalibrationError;
-use crate::calibrate::board::{Board, Pattern};
-use crate::calibrate::dots;
-use crate::calibrate::grey::Grey;
-use crate::calibrate::known_target::match_dots;
-use crate::calibrate::lens::LENS;
-use crate::calibrate::linear::plane_of;
-use crate::calibrate::many::{Before, Lenses, cameras_of_dots, cameras_of_views, common_dots, held_out};
-use crate::calibrate::output::{rig_camera, rig_with, rig_with_lens};
-use crate::calibrate::points;
-use crate::calibrate::report::{Report, camera_report, sheet_reports};
-use crate::calibrate::targets::{Calibrated, Free, Robustness, Sheet, lens_of_views};
+use crate::CalibrationError;
+use crate::board::{Board, Pattern};
+use crate::dots;
+use crate::grey_image::Grey;
+use crate::known_target::match_dots;
+use crate::lens::LENS;
+use crate::linear::plane_of;
+use crate::multi_camera::{Before, Lenses, cameras_of_dots, cameras_of_views, common_dots, held_out};
+use crate::point_lists;
+use crate::report::{Report, camera_report, sheet_reports};
+use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
+use crate::target_problem::{Calibrated, Free, Robustness, Sheet, lens_of_views};
 use anyhow::{Context, bail, ensure};
 use protocol::rig::Rig;
 use std::path::PathBuf;
@@ -183,7 +183,7 @@ fn sheets_of(
 fn sheets_of_lists(lists: &[PathBuf], camera: usize, first_view: usize) -> anyhow::Result<Vec<Sheet>> {
     let mut sheets: Vec<Sheet> = Vec::new();
     for path in lists {
-        for view in points::load(path)? {
+        for view in point_lists::load(path)? {
             let name =
                 if view.name.is_empty() { short(path) } else { format!("{} {}", short(path), view.name) };
             sheets.push(Sheet { name, camera, view: first_view + sheets.len(), samples: view.samples });
@@ -258,7 +258,7 @@ fn sheets_of_cameras(args: &StereoArgs) -> anyhow::Result<Seen> {
     let size = size_of(args.size.context("--size is needed with --points")?);
     let (mut sheets, mut notes, mut names) = (Vec::new(), Vec::new(), Vec::<String>::new());
     for (camera, path) in args.points.iter().enumerate() {
-        for view in points::load(path)? {
+        for view in point_lists::load(path)? {
             let at = names.iter().position(|n| *n == view.name).unwrap_or(names.len());
             if at == names.len() {
                 names.push(view.name.clone());
@@ -317,7 +317,8 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<Sheet>> {
 
 /// The target's dots in a picture of each camera, and the pictures' size.
 fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<Sheet>, Option<[u32; 2]>)> {
-    let target = points::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
+    let target =
+        point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
     let (pictures, lists) = (args.pictures.len(), args.picked.len());
     ensure!(pictures == lists, "--picked: expected a list for each of {pictures} pictures, found {lists}");
     let progress = bar(pictures as u64, "pictures");
@@ -326,7 +327,7 @@ fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<Sheet>, Option<[u32;
         let picture = Grey::load(path)?;
         let own = [picture.width as u32, picture.height as u32];
         // Picking programs write (-1, -1) for a dot that was not seen.
-        let picked = points::load(picked)?.into_iter().flat_map(|v| v.samples);
+        let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
         let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
         let of_colour = |dark| match_dots(own, &dots::find(&picture, dark), &target, &picked);
         let (bright, dark) = (of_colour(false), of_colour(true));

@@ -1,10 +1,10 @@
 //! Which dot of a picture is which of a target whose dots are known: from a few that a person picked,
 //! by predicting where the others must be, ever more exactly.
 
-use super::CalibrationError;
-use super::dots::Dot;
-use super::linear::{camera_from_dots, plane_of};
-use super::targets::Sample;
+use crate::CalibrationError;
+use crate::dots::Dot;
+use crate::linear::{camera_from_dots, plane_of};
+use crate::target_problem::Sample;
 use nalgebra::{Matrix4, Matrix4x2, Point3, Vector2, Vector4};
 
 /// A dot may lie so far from where it is predicted, as a share of the distance between dots.
@@ -90,7 +90,7 @@ fn paired(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibrate::lens::plain_camera;
+    use crate::lens::plain_camera;
     use nalgebra::{Rotation3, Vector3};
     use protocol::camera::Camera;
 

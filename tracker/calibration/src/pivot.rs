@@ -1,6 +1,6 @@
 //! Points about which something pivots: the trocar about which a shaft turns, and the eye's centre.
 
-use super::CalibrationError;
+use crate::CalibrationError;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 /// Fewest poses; fewer leave no residual to judge by.

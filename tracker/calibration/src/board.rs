@@ -1,10 +1,10 @@
 //! Boards in pictures: chessboards and grids of dots, as points in a known order.
 
-use super::corners;
-use super::dots;
-use super::grey::Grey;
-use super::grid::{self, Node};
-use super::targets::Sample;
+use crate::corners;
+use crate::dots;
+use crate::grey_image::Grey;
+use crate::grid::{self, Node};
+use crate::target_problem::Sample;
 use nalgebra::{Point3, Vector2};
 
 /// What is printed on the board.
@@ -197,8 +197,7 @@ mod tests {
         let scale = f64::from(width) / 640.0;
         let size = [width, width * 3 / 4];
         let centre = Vector2::new(f64::from(size[0]), f64::from(size[1])) / 2.0;
-        let mut camera =
-            super::super::lens::plain_camera(0, size, Vector2::new(600.0, 600.0) * scale, centre);
+        let mut camera = crate::lens::plain_camera(0, size, Vector2::new(600.0, 600.0) * scale, centre);
         camera.distortion = [-0.2, 0.05, 0.0, 0.0, 0.0];
         camera
     }

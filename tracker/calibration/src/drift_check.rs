@@ -9,12 +9,12 @@
 //! It is a lower bound of the drift: what the poses can absorb (the rig turned as a whole about the
 //! eye's centre, markers moved together) leaves no residual.
 
-use super::CalibrationError;
-use super::bundle::Bundle;
-use super::lens::{PLACE, by_place, project};
-use super::sightings::Instant;
-use super::targets::rms;
-use super::waved::{camera_rms, every_camera_saw, fitted, residuals_of};
+use crate::CalibrationError;
+use crate::bundle::Bundle;
+use crate::lens::{PLACE, by_place, project};
+use crate::observations::Instant;
+use crate::self_calibration::{camera_rms, every_camera_saw, fitted, residuals_of};
+use crate::target_problem::rms;
 use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::rig::Rig;
 
@@ -116,11 +116,11 @@ type Row = (SMatrix<f64, 2, PLACE>, nalgebra::Vector2<f64>, Matrix2<f64>);
 
 /// Residuals of a camera at an instant, with how its place moves its image, and their weights.
 fn rows(instants: &[Instant], bundle: &Bundle, camera: usize, i: usize) -> Vec<Row> {
-    let row = |seen: &super::sightings::Seen| {
+    let row = |seen: &crate::observations::Seen| {
         let (pose, motion) = (bundle.poses[i][seen.body]?, &instants[i].poses[seen.body]?.1);
-        let pose = crate::fit::carried(&pose, motion, seen.dt_s);
+        let pose = tracker::fit::carried(&pose, motion, seen.dt_s);
         let model = &bundle.cameras[camera];
-        let image = super::sightings::image_of(&bundle.markers[seen.body][seen.marker], &pose, model)?;
+        let image = crate::observations::image_of(&bundle.markers[seen.body][seen.marker], &pose, model)?;
         let p = model.in_camera(&image.point);
         let slope = project(model, &p)?.by_point * by_place(model, &p);
         let error = seen.pixel - image.pixel;

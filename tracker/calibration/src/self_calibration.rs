@@ -7,18 +7,18 @@
 //! same to every camera; along those directions the answer stays at the mean of what was known. The
 //! eye's centre is the world's origin by definition; the markers' distances carry the scale.
 
-use super::CalibrationError;
-use super::bundle::{Bundle, HELD, Known, Value, WavedProblem};
-use super::lens::{LENS, PLACE, by_place, project};
-use super::sightings::{Instant, Seen, collect, image_of};
-use super::solve::{Problem, Solution, solve};
-use super::targets::{Residual, rms};
-use crate::fit::carried;
-use crate::model::RigModel;
+use crate::CalibrationError;
+use crate::bundle::{Bundle, HELD, Known, Value, WavedProblem};
+use crate::lens::{LENS, PLACE, by_place, project};
+use crate::observations::{Instant, Seen, collect, image_of};
+use crate::solve::{Problem, Solution, solve};
+use crate::target_problem::{Residual, rms};
 use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
 use protocol::rig::Rig;
+use tracker::fit::carried;
+use tracker::model::RigModel;
 
 /// Residuals (seen less computed) under a bundle; `sheet` is the instant.
 pub fn residuals_of(instants: &[Instant], bundle: &Bundle) -> Vec<Residual> {

@@ -8,7 +8,7 @@
 //!
 //! Points of one view (any text; the same for all where it is not told) lie on one target in one place.
 
-use super::targets::Sample;
+use crate::target_problem::Sample;
 use nalgebra::{Point3, Vector2};
 use serde::Deserialize;
 use std::path::Path;

@@ -1,16 +1,16 @@
 //! Streams with truth: a rig that has drifted is noticed and brought back, one that has not is left alone.
 
 use blob_stream::BlobReader;
+use calibration::bundle::Known;
+use calibration::drift_check;
+use calibration::observations::{Instant, collect};
+use calibration::self_calibration::{FEWEST_INSTANTS, fitted, refine, refine_stream};
+use calibration::target_problem::rms;
 use nalgebra::Vector3;
 use protocol::blobs::BlobField;
 use protocol::rig::Rig;
 use std::collections::HashMap;
 use std::path::PathBuf;
-use tracker::calibrate::bundle::Known;
-use tracker::calibrate::drift;
-use tracker::calibrate::sightings::{Instant, collect};
-use tracker::calibrate::targets::rms;
-use tracker::calibrate::waved::{FEWEST_INSTANTS, fitted, refine, refine_stream};
 
 /// Systematic shift that is tolerated, px: less than the program's default, since the blobs of these
 /// streams are centred on their markers' images.
@@ -24,7 +24,7 @@ struct Stream {
 }
 
 fn load(name: &str) -> Stream {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data/tracker").join(name);
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/tracker").join(name);
     let text = std::fs::read_to_string(folder.join("truth.csv")).unwrap();
     let row = |line: &str| {
         let (t, rest) = line.split_once(',').unwrap();
@@ -61,7 +61,7 @@ fn a_drifted_rig_is_noticed_and_brought_back() {
     let half_ns = 1_500_000_000;
     let first: Vec<BlobField> = stream.fields.iter().filter(|f| f.exposed_ns < half_ns).copied().collect();
     let seen = collect(&stream.rig, &first);
-    let found = drift::check(&stream.rig, &seen, LIMIT_PX).unwrap();
+    let found = drift_check::check(&stream.rig, &seen, LIMIT_PX).unwrap();
     assert!(found.cameras.iter().any(|c| c.systematic_px > 0.05 && c.drifted), "{found:?}");
     let refined = refine(&stream.rig, &seen, &Known::default(), &mut |_, _| {}).unwrap();
     let [before, after] = [&refined.before, &refined.residuals].map(|r| rms(r.iter().copied()));
@@ -72,7 +72,7 @@ fn a_drifted_rig_is_noticed_and_brought_back() {
     let [old, new] = [&stream.rig, &better].map(|rig| tips_um(&stream, rig, &rest));
     println!("residuals {before:.4} → {after:.4} px; tips of the other half {old:.2} → {new:.2} µm");
     assert!(new < 0.95 * old, "tips {old} µm, then {new} µm");
-    let again = drift::check(&better, &collect(&better, &rest), LIMIT_PX).unwrap();
+    let again = drift_check::check(&better, &collect(&better, &rest), LIMIT_PX).unwrap();
     assert!(!again.drifted(), "{again:?}");
 }
 
@@ -81,7 +81,7 @@ fn a_rig_that_holds_is_left_alone() {
     for name in ["static", "nominal"] {
         let stream = load(name);
         let seen = collect(&stream.rig, &stream.fields);
-        let found = drift::check(&stream.rig, &seen, LIMIT_PX).unwrap();
+        let found = drift_check::check(&stream.rig, &seen, LIMIT_PX).unwrap();
         assert!(!found.drifted(), "{name}: {found:?}");
         assert!(found.cameras.iter().all(|c| c.systematic_px < 0.01), "{name}: {found:?}");
         // Nothing to be gained, and little lost by refining all the same.
@@ -102,7 +102,7 @@ fn a_camera_that_was_knocked_is_the_one_that_is_named() {
     let (rotation, t) = (turn * old.camera_from_world, turn * old.translation_mm);
     knocked.cameras[1].rotation = std::array::from_fn(|r| std::array::from_fn(|c| rotation[(r, c)]));
     knocked.cameras[1].t = t.into();
-    let found = drift::check(&knocked, &collect(&knocked, &stream.fields), LIMIT_PX).unwrap();
+    let found = drift_check::check(&knocked, &collect(&knocked, &stream.fields), LIMIT_PX).unwrap();
     let worst =
         (0..3).max_by(|&a, &b| found.cameras[a].systematic_px.total_cmp(&found.cameras[b].systematic_px));
     assert!(found.drifted() && worst == Some(1), "{found:?}");
@@ -132,7 +132,7 @@ fn a_rough_rig_becomes_as_good_as_the_true_one() {
     println!("rough rig: residuals {:.2} → {after:.4} px", rms(found.before.iter().copied()));
     assert!(after < 0.11 && found.residuals.len() > 4000, "{after} px of {}", found.residuals.len());
     let better = found.bundle.rig(&rough);
-    let holds = drift::check(&better, &collect(&better, &stream.fields), LIMIT_PX).unwrap();
+    let holds = drift_check::check(&better, &collect(&better, &stream.fields), LIMIT_PX).unwrap();
     assert!(!holds.drifted(), "{holds:?}");
     println!("tips {:.1} µm", tips_um(&stream, &better, &stream.fields));
 }
@@ -143,7 +143,7 @@ fn too_short_a_stream_is_refused_in_words() {
     let few: Vec<Instant> = collect(&stream.rig, &stream.fields[..12]);
     let refused = refine(&stream.rig, &few, &Known::default(), &mut |_, _| {}).err().unwrap().to_string();
     assert!(refused.contains(&format!("at least {FEWEST_INSTANTS}")), "{refused}");
-    let refused = drift::check(&stream.rig, &few, LIMIT_PX).unwrap_err().to_string();
+    let refused = drift_check::check(&stream.rig, &few, LIMIT_PX).unwrap_err().to_string();
     assert!(refused.contains("at least"), "{refused}");
     assert!(refine(&stream.rig, &[], &Known::default(), &mut |_, _| {}).is_err());
 }

@@ -1,17 +1,17 @@
 //! The unknowns of a waved rig and how images depend on them: places of cameras (and their lenses),
 //! positions of markers, poses of bodies at every instant.
 
-use super::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
-use super::sightings::{Instant, Seen, image_of};
-use super::solve::{Column, Equations, Loss, Problem, Unknown};
-use super::targets::place_of;
-use crate::fit::carried;
-use crate::model::{Marker, RigModel};
+use crate::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
+use crate::observations::{Instant, Seen, image_of};
+use crate::solve::{Column, Equations, Loss, Problem, Unknown};
+use crate::target_problem::place_of;
 use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, UnitQuaternion, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
 use protocol::rig::Rig;
+use tracker::fit::carried;
+use tracker::model::{Marker, RigModel};
 
 /// How sure the rig is before (standard deviations). 0 holds a value where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,7 +79,7 @@ impl Bundle {
     pub fn rig(&self, rig: &Rig) -> Rig {
         let mut out = rig.clone();
         for (old, camera) in out.cameras.iter_mut().zip(&self.cameras) {
-            *old = super::output::rig_camera(camera);
+            *old = crate::rig_output::rig_camera(camera);
         }
         for (name, markers) in BODY_NAMES.iter().zip(&self.markers) {
             let Some(body) = out.bodies.iter_mut().find(|b| b.name == *name) else { continue };

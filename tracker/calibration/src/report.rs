@@ -1,7 +1,7 @@
 //! What a calibration found, for a person and for a program.
 
-use super::lens::{LENS, LENS_NAMES, PLACE, lens_of};
-use super::targets::{Residual, rms};
+use crate::lens::{LENS, LENS_NAMES, PLACE, lens_of};
+use crate::target_problem::{Residual, rms};
 use nalgebra::Vector3;
 use protocol::camera::Camera;
 use serde::Serialize;

@@ -3,9 +3,9 @@
 //!
 //! They ignore distortion and minimise algebraic errors; the least squares after them does the rest.
 
-use super::CalibrationError;
-use super::lens::plain_camera;
-use super::targets::Sample;
+use crate::CalibrationError;
+use crate::lens::plain_camera;
+use crate::target_problem::Sample;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix3, Matrix3x4, Point3, Rotation3, Translation3, UnitQuaternion,
     Vector2, Vector3,
