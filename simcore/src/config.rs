@@ -1,6 +1,7 @@
 //! Arguments of the process.
 
-use crate::collision::choice::Backend;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use collision::choice::Backend;
 use ipc::shell::ShellArgs;
 use scene::DEFAULT_SCENE;
 use std::path::PathBuf;
@@ -16,9 +17,13 @@ pub struct Args {
     #[arg(long, default_value = DEFAULT_SCENE)]
     pub scene: String,
     /// Who looks for collisions; it changes no result. `auto` measures at start-up which is faster.
-    #[arg(long, value_enum, default_value_t, value_name = "WHO")]
+    #[arg(long, default_value = "auto", value_parser = backend_parser(), value_name = "WHO")]
     pub collision: Backend,
     /// Journal to go on from: the newest checkpoint, and the inputs since.
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
+}
+
+fn backend_parser() -> impl TypedValueParser<Value = Backend> {
+    PossibleValuesParser::new(Backend::NAMES).map(|name| Backend::named(&name).unwrap_or_default())
 }

@@ -24,8 +24,6 @@ pub const RUNAWAY_MM: f32 = 100.0;
 /// that are only fast.
 pub const RUNAWAY_MM_S: f32 = 1e7;
 
-/// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the handle.
-pub const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
 /// A first contact deeper than the tip's way since the last look plus this, mm, did not come through
 /// the membrane: the instrument came round an edge and is under it. Larger than what the membrane
 /// itself moves in [`COLLISION_EVERY`] substeps; much larger would push what lies over the shaft.
@@ -36,16 +34,7 @@ pub const LOOKED_WAY_MM: f64 = 1.0;
 /// A needle is out of its hole when the tip is so far before it, mm: a membrane that swings as it is pierced does not flood the
 /// events; less than what a hand moves in 0.1 s.
 pub const NEEDLE_OUT_MM: f64 = 0.02;
-/// Steps of jaw opening for which an instrument image is drawn, rad.
-pub const JAW_STEP_RAD: f64 = 0.01;
 
-/// Hysteresis of the retina contact as a share of the grazing clearance: leaving a level needs so much more
-/// clearance than entering it, so that tremor at a threshold does not flood the events.
-pub const RETINA_HYSTERESIS: f64 = 0.1;
-/// Smallest hysteresis, mm.
-pub const RETINA_HYSTERESIS_MM: f64 = 0.02;
-/// A penetration is reported again whenever it is so much deeper, mm.
-pub const PENETRATION_STEP_MM: f64 = 0.1;
 /// The rim warning is armed again when the force falls below this share of its limit.
 pub const RIM_REARM: f32 = 0.8;
 /// A fold (second layer) is reported at most once in this time, ns.
@@ -90,5 +79,4 @@ pub const FIELD_RANGE_MM: [f64; 2] = [4.0, 30.0];
 pub const FOCUS_REACH_MM: f64 = 10.0;
 
 const _: () = assert!(COLLISION_EVERY >= 1);
-const _: () = assert!(VOLUME_BEYOND_TIP > 0.0 && VOLUME_BEYOND_TIP < 1.0);
 const _: () = assert!(RIM_REARM < 1.0);

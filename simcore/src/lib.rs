@@ -10,7 +10,7 @@
 //!                                     ├──▶ tools      what forceps do to nodes
 //!                                     ├──▶ bodies     rigid bodies pushed and carried
 //!                                     ├──▶ vitreous   the gel, a chain mail of elements
-//!                                     ├──▶ collision  ZCOLL, tip against retina
+//!                                     ├──▶ [collision] ZCOLL, tip against retina
 //!                                     ├──▶ guard      finite check, last good state
 //!                                     └──▶ checkpoint state hash, save and restore
 //! ```
@@ -20,7 +20,6 @@
 
 pub mod bodies;
 pub mod checkpoint;
-pub mod collision;
 pub mod config;
 pub mod constants;
 pub mod dose;

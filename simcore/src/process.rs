@@ -1,12 +1,12 @@
 //! The loop: poses, handles and pedal in; steps, scene, events and checkpoints out. The only module
 //! that knows the transport and the clock.
 
-use crate::collision::choice::Backend;
 use crate::config::Args;
 use crate::resume::{Past, Resumed};
 use crate::scene_block::{SceneWriter, bytes_needed};
 use crate::world::World;
 use anyhow::Context;
+use collision::choice::Backend;
 use ipc::clock::now;
 use ipc::shell::Shell;
 use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};

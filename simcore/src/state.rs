@@ -2,7 +2,6 @@
 //! hash and the checkpoints are made from this structure as a whole.
 
 use crate::bodies::state::BodiesState;
-use crate::collision::surface::Surface;
 use crate::dose::DoseState;
 use crate::membrane::adhesion::AdhesionState;
 use crate::membrane::sheet::Sheet;
@@ -10,6 +9,8 @@ use crate::membrane::stain::StainState;
 use crate::retina::state::RetinaState;
 use crate::tools::ToolsState;
 use crate::vitreous::state::VitreousState;
+use collision::eyeball::RetinaContact;
+use collision::surface::Surface;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -147,27 +148,6 @@ pub struct HeldNode {
     pub at_in_instrument_mm: [f32; 3],
 }
 
-/// How near a tip is to the retina.
-#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Serialize, Deserialize)]
-#[allow(missing_docs)]
-pub enum RetinaLevel {
-    Away,
-    Grazing,
-    Touching,
-    Inside,
-}
-
-/// A contact of a tip with the retina.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct RetinaContact {
-    /// How near.
-    pub level: RetinaLevel,
-    /// Begin of the contact, in substeps.
-    pub since_substep: u64,
-    /// Depth that was reported last, mm.
-    pub reported_mm: f64,
-}
-
 /// The membrane: arrays over nodes (x, y and z apart), springs and triangles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MembraneState {
@@ -228,6 +208,18 @@ impl MembraneState {
         }
     }
 
+    /// True if the box around the living nodes comes within `reach_mm` of `point`, axis by axis.
+    pub fn is_near(&self, point: &Vector3<f64>, reach_mm: f64) -> bool {
+        let living = |axis: usize| {
+            let places = self.position_mm[axis].iter().zip(&self.flag);
+            places.filter(|(_, flag)| **flag != NODE_DEAD).map(|(&p, _)| f64::from(p))
+        };
+        (0..3).all(|axis| {
+            let at = point[axis];
+            living(axis).any(|p| p < at + reach_mm) && living(axis).any(|p| p > at - reach_mm)
+        })
+    }
+
     /// Nodes.
     pub fn nodes(&self) -> usize {
         self.flag.len()
@@ -279,4 +271,17 @@ pub struct MarkState {
     pub position_mm: [f32; 3],
     /// mm.
     pub radius_mm: f32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene::SceneFile;
+
+    #[test]
+    fn membrane_far_away_is_not_near() {
+        let membrane = Sheet::new(&SceneFile::load("peel").unwrap()).unwrap().start();
+        assert!(membrane.is_near(&Vector3::new(0.0, 0.0, -10.0), 1.6));
+        assert!(!membrane.is_near(&Vector3::new(0.0, 0.0, -5.0), 1.6));
+    }
 }

@@ -1,9 +1,9 @@
 //! What is drawn is what touches: the instruments' drawn meshes and those of the collision have the same tips, hooks, shafts and
 //! jaw openings.
 
+use collision::tool_mesh::ToolMesh;
 use protocol::handles::Tool;
 use renderer::tools::{JAW_LENGTH_MM, Models, NOMINAL_CANNULA_MM, Shaft};
-use simcore::collision::tool_mesh::ToolMesh;
 
 /// Largest difference of a measure, mm.
 const SAME_MM: f64 = 0.005;

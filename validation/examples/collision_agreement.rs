@@ -5,13 +5,13 @@
 //! is one; then as many with the reversed camera, from the handle of a pick or a forceps. Then it draws the same 400 scenes at 8
 //! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
 
+use collision::exact::{Exact, StaticMesh};
+use collision::instrument_image::InstrumentImage;
+use collision::surface::Surface;
+use collision::zcoll::{Found, Zcoll};
 use image::{Rgb, RgbImage};
 use protocol::handles::Tool;
 use protocol::random::Random;
-use simcore::collision::exact::{Exact, StaticMesh};
-use simcore::collision::instrument_image::InstrumentImage;
-use simcore::collision::surface::Surface;
-use simcore::collision::zcoll::{Found, Zcoll};
 use std::collections::BTreeSet;
 use std::process::ExitCode;
 use validation::closed_form::font::{HIGH, WIDE, glyph};
@@ -65,8 +65,8 @@ fn instruments(scene: &Scene) -> (Zcoll, InstrumentImage) {
 #[cfg(feature = "gpu")]
 mod adapter {
     use super::{End, Scene, instruments, surface};
-    use simcore::collision::gpu::{GpuDevice, GpuZcoll};
-    use simcore::collision::zcoll::Zcoll;
+    use collision::gpu::{GpuDevice, GpuZcoll};
+    use collision::zcoll::Zcoll;
 
     /// The adapter, if this machine has one.
     pub fn open() -> Option<GpuDevice> {

@@ -2,11 +2,11 @@
 //! arithmetic (128 bits), written without the product's rasteriser. Also makes the random scenes. Shared by the test and
 //! by the example that counts more of them.
 
+use collision::instrument_image::Volume;
+use collision::tool_mesh::{PLAIN, ToolMesh};
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use protocol::handles::Tool;
 use protocol::random::Random;
-use simcore::collision::instrument_image::Volume;
-use simcore::collision::tool_mesh::{PLAIN, ToolMesh};
 use std::collections::BTreeMap;
 
 /// A membrane that each line of view meets at most once, and an instrument in it.

@@ -1,13 +1,13 @@
 //! ZCOLL against exact rays on random scenes. The example `collision_agreement` does the same for 10,000 and more.
 
+use collision::instrument_image::InstrumentImage;
+use collision::instrument_image::Volume;
+use collision::surface::Surface;
+use collision::surface::Unusable;
+use collision::zcoll::{Found, Zcoll};
 use proptest::prelude::*;
 use protocol::handles::Tool;
 use protocol::random::Random;
-use simcore::collision::instrument_image::InstrumentImage;
-use simcore::collision::instrument_image::Volume;
-use simcore::collision::surface::Surface;
-use simcore::collision::surface::Unusable;
-use simcore::collision::zcoll::{Found, Zcoll};
 use std::collections::{BTreeMap, BTreeSet};
 use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back, truth};
 

@@ -2,13 +2,13 @@
 //! none it says so and proves nothing.
 #![cfg(feature = "gpu")]
 
+use collision::gpu::{GpuDevice, GpuZcoll};
+use collision::instrument_image::InstrumentImage;
+use collision::surface::Surface;
+use collision::zcoll::{Found, Hit, Zcoll};
 use nalgebra::Isometry3;
 use protocol::handles::Tool;
 use protocol::random::Random;
-use simcore::collision::gpu::{GpuDevice, GpuZcoll};
-use simcore::collision::instrument_image::InstrumentImage;
-use simcore::collision::surface::Surface;
-use simcore::collision::zcoll::{Found, Hit, Zcoll};
 use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back, truth};
 
 /// Scenes that are compared here; the example `collision_agreement` compares 10,000.

@@ -3,7 +3,7 @@
 
 use super::solve::{BodySolver, Hand, Surroundings, Touched};
 use super::state::{BodyState, Grip};
-use crate::collision::rigid::{RigidBody, RigidContact};
+use collision::rigid::{RigidBody, RigidContact};
 use nalgebra::{Isometry3, Point3, Vector3};
 use protocol::limits::INSTRUMENTS;
 

@@ -1,5 +1,5 @@
 //! Rigid bodies of the abstract tasks: the paper's case 3 in the world. [`state`] is what is remembered of them, [`solve`] moves
-//! them over a substep, [`grip`] is what forceps do. Shapes and their contacts are [`crate::collision::rigid`]'s.
+//! them over a substep, [`grip`] is what forceps do. Shapes and their contacts are [`collision::rigid`]'s.
 //!
 //! ```text
 //! motion ──▶ contacts ──▶ push, a few rounds ──▶ motion

@@ -1,7 +1,7 @@
 //! What a rigid body is: shape, mass, inertia, friction, and the points by which it can touch the retina.
 
-use crate::collision::rigid::{Convex, RigidBody};
-use crate::collision::surface::Unusable;
+use collision::rigid::{Convex, RigidBody};
+use collision::surface::Unusable;
 use nalgebra::{Isometry3, Vector3};
 use scene::{BodyScene, BodyShape};
 

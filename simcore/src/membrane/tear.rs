@@ -116,8 +116,8 @@ pub fn check_mesh(sheet: &Sheet, state: &MembraneState) -> Result<(), String> {
 mod tests {
     use super::super::tissue::Tissue;
     use super::*;
-    use crate::collision::instrument_image::{InstrumentImage, Volume};
-    use crate::collision::zcoll::Zcoll;
+    use collision::instrument_image::{InstrumentImage, Volume};
+    use collision::zcoll::Zcoll;
     use nalgebra::Isometry3;
     use proptest::prelude::*;
     use protocol::handles::Tool;

@@ -5,10 +5,10 @@ use super::figures::{LEFT_MM, MAX_HOLES, REARM, SHAFT_MM, SPEED_S};
 use super::line::Line;
 use super::state::{Hole, NeedleState, RetinaState};
 use super::volume::at;
-use crate::collision::surface::Surface;
 use crate::constants::SUBSTEP_S;
 use crate::membrane::tear;
 use crate::tools::needle::{Needle, Penetration};
+use collision::surface::Surface;
 use nalgebra::Vector3;
 
 /// What a needle did in a substep that somebody should hear of.

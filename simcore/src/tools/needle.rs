@@ -4,7 +4,7 @@
 //! crosses it; depth is measured along the shaft from there to the tip. How fast the needle moves along the surface decides whether
 //! it tears.
 
-use crate::collision::surface::Surface;
+use collision::surface::Surface;
 use nalgebra::{UnitVector3, Vector3};
 
 /// A needle during a substep, eye frame.

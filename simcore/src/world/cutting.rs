@@ -1,12 +1,12 @@
 //! What a vitrector's port does to a sheet, membrane or retina: it draws what its camera sees, and takes what is in it.
 
-use crate::collision::suction::{Suction, View};
-use crate::collision::surface::{Surface, Unusable};
 use crate::membrane::sheet::Sheet;
 use crate::membrane::tear;
 use crate::state::MembraneState;
 use crate::tools::vitrector::Port;
 use crate::tools::{Removed, ToolFigures};
+use collision::suction::{Suction, View};
+use collision::surface::{Surface, Unusable};
 use nalgebra::Isometry3;
 use protocol::limits::INSTRUMENTS;
 

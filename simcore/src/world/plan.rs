@@ -1,13 +1,13 @@
 //! What a step will do, from its inputs: by how much it advances, and on which ways the instruments move.
 
 use super::World;
-use crate::collision::eyeball::AWAY;
 use crate::constants::{MAX_HELD, MAX_TIP_RADII, MAX_TIP_SPEED_MM_S};
 use crate::event_log::Happening;
 use crate::microscope;
 use crate::state::{InstrumentState, TrackingState};
 use crate::sweep::{Sweep, share};
 use crate::tools::forceps;
+use collision::eyeball::AWAY;
 use nalgebra::{Isometry3, Vector3};
 use protocol::events::{EventKind, Severity};
 use protocol::geometry::Validity;

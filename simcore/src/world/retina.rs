@@ -3,8 +3,6 @@
 use super::World;
 use super::cutting::Cutting;
 use super::plan::{Plan, Poses};
-use crate::collision::surface::{Surface, Unusable};
-use crate::collision::zcoll::Zcoll;
 use crate::constants::UNDER_MARGIN_MM;
 use crate::event_log::Happening;
 use crate::retina::Retina;
@@ -13,6 +11,8 @@ use crate::state::State;
 use crate::tools::ToolFigures;
 use crate::tools::forceps::{self, Grasp};
 use crate::tools::vitrector::Port;
+use collision::surface::{Surface, Unusable};
+use collision::zcoll::Zcoll;
 use nalgebra::Vector3;
 use protocol::events::{EventKind, NO_INSTRUMENT, Severity};
 use protocol::handles::{PedalMode, Tool};
@@ -35,7 +35,7 @@ pub(super) struct RetinaPart {
 impl RetinaPart {
     pub fn new(
         model: Retina,
-        volume: crate::collision::instrument_image::Volume,
+        volume: collision::instrument_image::Volume,
         figures: &ToolFigures,
     ) -> Result<Self, Unusable> {
         let zcoll = Zcoll::new(volume, &model.sheet.triangles, model.sheet.nodes())?;

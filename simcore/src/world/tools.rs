@@ -2,13 +2,12 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::collision::near::near_membrane;
-use crate::collision::zcoll::Zcoll;
 use crate::constants::{NEEDLE_OUT_MM, SUBSTEP_S};
 use crate::event_log::Happening;
 use crate::state::Pierced;
 use crate::tools::needle::Needle;
 use crate::tools::vitrector::Port;
+use collision::zcoll::Zcoll;
 use nalgebra::{UnitVector3, Vector3};
 use protocol::events::{EventKind, Severity};
 use protocol::handles::Tool;
@@ -31,7 +30,7 @@ impl World {
         for i in 0..INSTRUMENTS {
             let Some(port) = self.aimed.ports[i].filter(|p| p.open && p.suction_pa > 0.0) else { continue };
             let membrane = &self.state.membrane;
-            let near = near_membrane(membrane, &port.cone.apex_in_eye_mm, cutting.reach_mm());
+            let near = membrane.is_near(&port.cone.apex_in_eye_mm, cutting.reach_mm());
             let eye_from_instrument = &poses.eye_from_instrument[i];
             if near && cutting.look(eye_from_instrument, &membrane.surface(&self.sheet)) {
                 cutting.suck(&port, &self.sheet, membrane, &mut self.solver.outer_un);
@@ -45,7 +44,7 @@ impl World {
             let Some(port) = self.aimed.ports[i].filter(|p| p.cuts) else { continue };
             let Some(cutting) = &mut self.cutting else { return };
             let membrane = &mut self.state.membrane;
-            let near = near_membrane(membrane, &port.cone.apex_in_eye_mm, cutting.reach_mm());
+            let near = membrane.is_near(&port.cone.apex_in_eye_mm, cutting.reach_mm());
             let eye_from_instrument = &poses.eye_from_instrument[i];
             if near && cutting.look(eye_from_instrument, &membrane.surface(&self.sheet)) {
                 let removed = &mut self.state.tools.removed;

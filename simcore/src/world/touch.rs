@@ -2,17 +2,16 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::collision::continuous::crosses;
-use crate::collision::eyeball;
-use crate::collision::instrument_image::{InstrumentImage, NOTHING};
-use crate::collision::near::near_membrane;
-use crate::collision::raster::DEPTH_STEPS;
-use crate::collision::zcoll::{Found, Zcoll};
 use crate::constants::{
     COLLISION_EVERY, FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM,
 };
 use crate::event_log::Happening;
 use crate::state::MarkState;
+use collision::continuous::crosses;
+use collision::eyeball;
+use collision::instrument_image::{InstrumentImage, NOTHING};
+use collision::raster::DEPTH_STEPS;
+use collision::zcoll::{Found, Zcoll};
 use nalgebra::{UnitVector3, Vector3};
 use protocol::events::{EventKind, Severity};
 use protocol::handles::{HOOK_THICKNESS_MM, JAW_LENGTH_MM, Tool};
@@ -63,7 +62,7 @@ impl World {
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
             let free = plan.touches[i] && instrument.held.is_empty();
-            if !free || !near_membrane(&self.state.membrane, &instrument.tip_in_eye_mm, reach) {
+            if !free || !self.state.membrane.is_near(&instrument.tip_in_eye_mm, reach) {
                 (instrument.in_contact, instrument.under, instrument.travelled_mm) = (false, false, 0.0);
                 (instrument.hooked, instrument.pierced) = (false, None);
                 continue;

@@ -2,11 +2,11 @@
 
 use crate::peers::Method;
 use crate::setting::{Frame, Setting, pose};
+use collision::instrument_image::{InstrumentImage, Volume};
+use collision::suction::{Suction, View};
+use collision::zcoll::Zcoll;
 use nalgebra::Isometry3;
 use protocol::handles::Tool;
-use simcore::collision::instrument_image::{InstrumentImage, Volume};
-use simcore::collision::suction::{Suction, View};
-use simcore::collision::zcoll::Zcoll;
 
 /// The volume of the scenes, mm, at 32 × 32.
 pub const VOLUME: Volume = Volume { half_mm: 0.75, near_mm: -0.25, depth_mm: 1.5, resolution: 32 };

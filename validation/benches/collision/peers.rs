@@ -5,10 +5,10 @@ use crate::looks::{Back, Port, YesNo};
 use crate::parry::{ParryBvh, ParryManifolds};
 use crate::setting::{Frame, Setting};
 use crate::spheres::SphereTrees;
-use simcore::collision::exact::Exact;
-use simcore::collision::instrument_image::{InstrumentImage, Volume};
-use simcore::collision::tritri::{Corner, Triangle};
-use simcore::collision::zcoll::Zcoll;
+use collision::exact::Exact;
+use collision::instrument_image::{InstrumentImage, Volume};
+use collision::tritri::{Corner, Triangle};
+use collision::zcoll::Zcoll;
 
 /// A way to find collisions.
 pub trait Method {
@@ -57,7 +57,7 @@ pub fn methods(triangles: usize) -> Vec<Make> {
 #[inline]
 pub fn triangle(frame: &Frame, corners: &[Corner], t: usize) -> Option<Triangle> {
     let corners = frame.surface.triangles[t].map(|v| corners[v as usize]);
-    let on_grid = |c: &i32| c.abs() < simcore::collision::tritri::LIMIT;
+    let on_grid = |c: &i32| c.abs() < collision::tritri::LIMIT;
     if corners.as_flattened().iter().all(on_grid) { Triangle::new(corners) } else { None }
 }
 
@@ -107,7 +107,7 @@ struct OnAdapter {
 
 #[cfg(feature = "gpu")]
 fn adapter(setting: &Setting) -> Option<Box<dyn Method>> {
-    use simcore::collision::gpu::{GpuDevice, GpuZcoll};
+    use collision::gpu::{GpuDevice, GpuZcoll};
     use std::sync::OnceLock;
     static DEVICE: OnceLock<Option<(GpuDevice, &'static str)>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| match GpuDevice::open() {

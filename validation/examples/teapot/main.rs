@@ -8,11 +8,11 @@ mod canvas;
 
 use anyhow::Context;
 use canvas::{Canvas, Colour, Corner};
+use collision::instrument_image::{InstrumentImage, Volume};
+use collision::surface::Surface;
+use collision::tool_mesh::{Facet, ToolMesh};
+use collision::zcoll::Zcoll;
 use nalgebra::{Isometry3, Point3, Vector3};
-use simcore::collision::instrument_image::{InstrumentImage, Volume};
-use simcore::collision::surface::Surface;
-use simcore::collision::tool_mesh::{Facet, ToolMesh};
-use simcore::collision::zcoll::Zcoll;
 
 const TEAPOT: &str = include_str!("../../../assets/meshes/teapot.obj");
 /// mm in a unit of the mesh: the teapot becomes 3.2 mm long.

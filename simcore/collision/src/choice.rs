@@ -8,7 +8,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::fmt;
 
 /// What the user wants.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Backend {
     /// Whichever is faster for the scene's mesh, measured at start-up.
     #[default]
@@ -17,6 +17,17 @@ pub enum Backend {
     Cpu,
     /// A graphics adapter, or the processor where there is none.
     Gpu,
+}
+
+impl Backend {
+    /// The names of the wishes, as an argument gives them.
+    pub const NAMES: [&str; 3] = ["auto", "cpu", "gpu"];
+
+    /// The wish of a name of [`Self::NAMES`].
+    pub fn named(name: &str) -> Option<Self> {
+        let all = [Backend::Auto, Backend::Cpu, Backend::Gpu];
+        Self::NAMES.iter().zip(all).find(|(known, _)| **known == name).map(|(_, backend)| backend)
+    }
 }
 
 /// What was chosen, and why; told in one line of the log.
@@ -159,56 +170,17 @@ fn close(_: &mut Zcoll) {}
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::world::World;
     use scene::SceneFile;
-
-    /// The clock decides what is measured, never what is found: a clock by which the processor takes for ever, one by which
-    /// it takes no time, and all wishes, lead to the same look.
-    #[test]
-    fn the_choice_changes_no_result() {
-        let scene = SceneFile::load("peel").unwrap();
-        // The clock goes by `step` a call, and from the thirtieth on by `later`: by then the processor's looks are measured.
-        let look_by = |backend, step: u64, later: u64| {
-            let mut world = World::new(&scene).unwrap();
-            let (mut now, mut calls) = (0, 0);
-            let choice = world.choose_collision(backend, &mut || {
-                calls += 1;
-                now += if calls < 30 { step } else { later };
-                now
-            });
-            let rehearsal = surgeon::rehearsal::Rehearsal::shipped(&scene);
-            for field in 0..60 {
-                world.step(&rehearsal.inputs(field).input(), &mut crate::world::no_clock);
-            }
-            (choice.unwrap(), world.state_hash())
-        };
-        let look = |backend, step| look_by(backend, step, step);
-        let (cpu, expected) = look(Backend::Cpu, 0);
-        assert!(!cpu.on_gpu && cpu.gpu_us.is_none());
-        let (quick, hash) = look(Backend::Auto, 1_000);
-        assert!(!quick.on_gpu && quick.cpu_us == Some(1.0) && quick.gpu_us.is_none(), "{quick}");
-        assert_eq!(hash, expected);
-        let (slow, hash) = look(Backend::Auto, 100_000);
-        // Equally slow: the processor stays.
-        assert!(!slow.on_gpu && slow.cpu_us == Some(100.0), "{slow}");
-        assert_eq!(hash, expected);
-        let (won, hash) = look_by(Backend::Auto, 100_000, 1_000);
-        assert_eq!(won.on_gpu, won.gpu_us.is_some(), "an adapter that is there has won: {won}");
-        assert_eq!(hash, expected);
-        let (gpu, hash) = look(Backend::Gpu, 100_000);
-        assert_eq!(gpu.on_gpu, gpu.gpu_us.is_some(), "{gpu}");
-        assert_eq!(hash, expected);
-    }
 
     #[test]
     fn the_measured_pose_collides() {
         let scene = SceneFile::load("peel").unwrap();
-        let world = World::new(&scene).unwrap();
-        let surface = world.state().membrane.surface(world.sheet());
-        let volume = super::super::instrument_image::Volume::new(&scene.contact);
+        let mesh = crate::test_mesh::TestMesh::cap();
+        let surface = mesh.surface();
+        let volume = crate::instrument_image::Volume::new(&scene.contact);
         let mut image = InstrumentImage::new(scene.instruments[0].tool, 0.25, &volume);
         image.prepare(0.0, &volume);
-        let mut zcoll = Zcoll::new(volume, surface.triangles, world.sheet().nodes()).unwrap();
+        let mut zcoll = Zcoll::new(volume, surface.triangles, mesh.nodes()).unwrap();
         assert!(zcoll.look(&image, &pressing(&surface).unwrap(), &surface).pixels > 5);
         let dead = vec![0; surface.alive.len()];
         assert_eq!(pressing(&Surface { alive: &dead, ..surface }), None);

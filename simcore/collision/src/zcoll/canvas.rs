@@ -1,10 +1,10 @@
 //! The membrane's images of a look: its depth and its triangles, drawn in integers where there is instrument.
 
 use super::Found;
-use crate::collision::instrument_image::{NOTHING, Side};
-use crate::collision::placing::{PLANES, Placed, REFUSED};
-use crate::collision::raster::{self, DEPTH_STEPS, Drawn, Rect};
-use crate::collision::surface::Surface;
+use crate::instrument_image::{NOTHING, Side};
+use crate::placing::{PLANES, Placed, REFUSED};
+use crate::raster::{self, DEPTH_STEPS, Drawn, Rect};
+use crate::surface::Surface;
 
 /// The membrane's images and the vertices drawn into them.
 #[derive(Debug)]

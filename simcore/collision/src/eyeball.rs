@@ -2,10 +2,41 @@
 //! touching and being inside are different levels; each is entered at its own clearance and left only
 //! a little farther away, so that tremor at a threshold is one contact and not fifty.
 
-use crate::constants::{PENETRATION_STEP_MM, RETINA_HYSTERESIS, RETINA_HYSTERESIS_MM, SUBSTEP_S};
-use crate::state::{RetinaContact, RetinaLevel};
 use protocol::events::{EventKind, Severity};
+use protocol::limits::SUBSTEP_NS;
 use scene::ContactScene;
+use serde::{Deserialize, Serialize};
+
+/// Hysteresis of the retina contact as a share of the grazing clearance: leaving a level needs so much more
+/// clearance than entering it, so that tremor at a threshold does not flood the events.
+const RETINA_HYSTERESIS: f64 = 0.1;
+/// Smallest hysteresis, mm.
+const RETINA_HYSTERESIS_MM: f64 = 0.02;
+/// A penetration is reported again whenever it is so much deeper, mm.
+const PENETRATION_STEP_MM: f64 = 0.1;
+/// A substep, s.
+const SUBSTEP_S: f64 = SUBSTEP_NS as f64 * 1e-9;
+
+/// How near a tip is to the retina.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Serialize, Deserialize)]
+#[allow(missing_docs)]
+pub enum RetinaLevel {
+    Away,
+    Grazing,
+    Touching,
+    Inside,
+}
+
+/// A contact of a tip with the retina.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RetinaContact {
+    /// How near.
+    pub level: RetinaLevel,
+    /// Begin of the contact, in substeps.
+    pub since_substep: u64,
+    /// Depth that was reported last, mm.
+    pub reported_mm: f64,
+}
 
 /// What a change of the contact means.
 #[derive(Debug, Clone, Copy, PartialEq)]

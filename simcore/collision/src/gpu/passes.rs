@@ -92,7 +92,7 @@ fn entry(binding: u32) -> wgpu::BindGroupLayoutEntry {
 
 #[cfg(test)]
 mod tests {
-    use super::super::GpuDevice;
+    use crate::gpu::GpuDevice;
     use wgpu::BufferUsages;
 
     /// Runs a·b, a + b, a − b, a < b and the integer part of |a| for pairs of `f32` on the adapter.

@@ -360,21 +360,11 @@ impl TestChunk<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::collision::tool_mesh::{PLAIN, ToolMesh};
+    use crate::test_mesh::TestMesh;
+    use crate::tool_mesh::{PLAIN, ToolMesh};
     use nalgebra::{Translation3, UnitQuaternion};
     use proptest::prelude::*;
     use protocol::handles::Tool;
-
-    /// Heights of a sheet of 24 × 24 squares of 0.1 mm.
-    fn sheet(height: impl Fn(f32, f32) -> f32) -> ([Vec<f32>; 3], Vec<[u32; 3]>) {
-        let n = 25u32;
-        let at = |i: u32| (i as f32 - 12.0) * 0.1;
-        let nodes = || (0..n * n).map(|i| (at(i % n), at(i / n)));
-        let squares = (0..n * n).filter(|i| i % n < n - 1 && i / n < n - 1);
-        let triangles = squares.flat_map(|i| [[i, i + 1, i + n + 1], [i, i + n + 1, i + n]]).collect();
-        let z = nodes().map(|(x, y)| height(x, y)).collect();
-        ([nodes().map(|p| p.0).collect(), nodes().map(|p| p.1).collect(), z], triangles)
-    }
 
     fn brute(mesh: &StaticMesh, pose: &Isometry3<f64>, surface: &Surface) -> Vec<Pair> {
         let frame = Frame::new(pose);
@@ -404,9 +394,9 @@ mod tests {
         ) {
             let facets = ToolMesh::with_detail(Tool::Forceps, 0.25, 1.5, PLAIN).facets(jaw);
             let mesh = StaticMesh::new(&facets).unwrap();
-            let (mut position, triangles) = sheet(|x, y| wave * ((3.0 * x).sin() + (4.0 * y).cos()));
+            let TestMesh { position_mm: mut position, triangles, mut alive } =
+                TestMesh::grid([24, 24], 0.1, |x, y| wave * ((3.0 * x).sin() + (4.0 * y).cos()));
             if let Some(bad) = bad { position[bad % 3][bad] = f32::NAN; }
-            let mut alive = vec![1; triangles.len()];
             alive[torn] = 0;
             let turn = UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]);
             let pose = Isometry3::from_parts(Translation3::new(0.1, 0.05, depth), turn).inverse();

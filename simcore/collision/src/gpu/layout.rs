@@ -1,8 +1,8 @@
 //! What the shaders see: the block of a look, and where things lie in the buffers.
 
-use crate::collision::instrument_image::{Side, Volume};
-use crate::collision::raster::{DEPTH_STEPS, XY_LIMIT, Z_LIMIT};
-use crate::collision::surface::Frame;
+use crate::instrument_image::{Side, Volume};
+use crate::raster::{DEPTH_STEPS, XY_LIMIT, Z_LIMIT};
+use crate::surface::Frame;
 use bytemuck::{Pod, Zeroable};
 
 /// Words of counters before the images.

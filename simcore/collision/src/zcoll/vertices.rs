@@ -1,10 +1,10 @@
 //! Vertices as features of a look.
 
 use super::Zcoll;
-use crate::collision::instrument_image::{InstrumentImage, NOTHING};
-use crate::collision::placing::Placed;
-use crate::collision::raster::SUBPIXELS;
-use crate::collision::surface::Surface;
+use crate::instrument_image::{InstrumentImage, NOTHING};
+use crate::placing::Placed;
+use crate::raster::SUBPIXELS;
+use crate::surface::Surface;
 
 impl Zcoll {
     /// Vertices as features: the vertices of living triangles that lie in the volume and behind the instrument, each with its

@@ -5,9 +5,14 @@ use super::placing::to_fixed;
 use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
 use super::surface::Unusable;
 use super::tool_mesh::{Facet, ToolMesh};
-use crate::constants::{JAW_STEP_RAD, VOLUME_BEYOND_TIP};
 use protocol::handles::Tool;
 use scene::ContactScene;
+
+/// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the handle.
+const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
+/// Steps of jaw opening for which an instrument image is drawn, rad.
+const JAW_STEP_RAD: f64 = 0.01;
+const _: () = assert!(VOLUME_BEYOND_TIP > 0.0 && VOLUME_BEYOND_TIP < 1.0);
 
 /// No instrument at this pixel.
 pub const NOTHING: i32 = i32::MAX;

@@ -4,7 +4,7 @@ use super::Zcoll;
 #[cfg(feature = "gpu")]
 use super::{Found, Side, Surface};
 #[cfg(feature = "gpu")]
-use crate::collision::gpu::{GpuError, GpuZcoll};
+use crate::gpu::{GpuError, GpuZcoll};
 #[cfg(feature = "gpu")]
 use nalgebra::Isometry3;
 

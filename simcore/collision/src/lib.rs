@@ -3,7 +3,7 @@
 //! [`zcoll`] finds where an instrument has passed the membrane, from two small depth images that [`raster`] draws in
 //! integers; [`instrument_image`] keeps the instrument's, [`tool_mesh`] is its shape. [`exact`] finds the pairs of triangles
 //! that meet, which [`tritri`] decides. Both begin with [`surface`], the cull, and [`placing`], vertices into whole numbers.
-//! [`near`] tells whether a look is worth it. [`suction`] finds what a vitrector's port sees. [`continuous`] tests what happens between two looks. [`eyeball`] compares the tip with the retina's sphere (the paper's
+//! [`suction`] finds what a vitrector's port sees. [`continuous`] tests what happens between two looks. [`eyeball`] compares the tip with the retina's sphere (the paper's
 //! case 2), [`rigid`] instruments with convex bodies (case 3). `docs/collision.md` tells the whole.
 
 pub mod choice;
@@ -13,12 +13,13 @@ pub mod eyeball;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod instrument_image;
-pub mod near;
 pub mod placing;
 pub mod raster;
 pub mod rigid;
 pub mod suction;
 pub mod surface;
+#[cfg(test)]
+mod test_mesh;
 pub mod tool_mesh;
 pub mod tritri;
 pub mod zcoll;

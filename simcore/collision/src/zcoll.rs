@@ -273,28 +273,25 @@ fn placing(frame: Frame, volume: &Volume, side: &Side) -> Placing {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::membrane::sheet::Sheet;
-    use crate::state::MembraneState;
-    use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+    use crate::test_mesh::TestMesh;
+    use nalgebra::{Point3, Translation3, UnitQuaternion};
     use protocol::handles::Tool;
     use scene::SceneFile;
 
     struct Setting {
-        sheet: Sheet,
-        membrane: MembraneState,
+        mesh: TestMesh,
         zcoll: Zcoll,
         light: InstrumentImage,
     }
 
     fn setting() -> Setting {
         let scene = SceneFile::load("peel").unwrap();
-        let sheet = Sheet::new(&scene).unwrap();
+        let mesh = TestMesh::cap();
         let volume = Volume::new(&scene.contact);
         Setting {
-            membrane: sheet.start(),
-            zcoll: Zcoll::new(volume, &sheet.triangles, sheet.nodes()).unwrap(),
+            zcoll: Zcoll::new(volume, &mesh.triangles, mesh.nodes()).unwrap(),
             light: InstrumentImage::new(Tool::LightPipe, 0.25, &volume),
-            sheet,
+            mesh,
         }
     }
 
@@ -305,7 +302,7 @@ mod tests {
 
     fn look(s: &mut Setting, eye_from_instrument: &Isometry3<f64>) -> Found {
         s.light.prepare(0.0, s.zcoll.volume());
-        s.zcoll.look(&s.light, &eye_from_instrument.inverse(), &s.membrane.surface(&s.sheet))
+        s.zcoll.look(&s.light, &eye_from_instrument.inverse(), &s.mesh.surface())
     }
 
     #[test]
@@ -318,7 +315,7 @@ mod tests {
     #[test]
     fn depth_is_how_far_the_tip_has_passed() {
         let mut s = setting();
-        let top = (0..s.sheet.nodes()).map(|i| s.membrane.position(i).z).filter(|z| *z > -11.01).count();
+        let top = (0..s.mesh.nodes()).map(|i| s.mesh.position(i).z).filter(|z| *z > -11.01).count();
         assert!(top > 0, "the middle of the sheet is 11 mm deep");
         let found = look(&mut s, &upright(-11.1));
         let deepest = s.zcoll.volume.depth_steps_mm(found.deepest);
@@ -337,7 +334,7 @@ mod tests {
         let moves: Vec<_> = s.zcoll.displaced().collect();
         for (node, steps) in moves {
             let way = s.zcoll.volume.depth_steps_mm(steps) as f32;
-            s.membrane.position_mm[2][node] -= way;
+            s.mesh.position_mm[2][node] -= way;
         }
         let again = look(&mut s, &pose);
         assert!(again.deepest <= 2, "rounding only: {}", again.deepest);
@@ -350,9 +347,8 @@ mod tests {
         let turn = UnitQuaternion::from_euler_angles(0.3, -0.2, 0.5);
         let pose = Isometry3::from_parts(Translation3::new(0.4, -0.3, -11.15), turn);
         let found = look(&mut s, &pose);
-        let nodes: Vec<Point3<f64>> = (0..s.sheet.nodes())
-            .map(|i| pose.inverse() * Point3::from(s.membrane.position(i).map(f64::from)))
-            .collect();
+        let nodes: Vec<Point3<f64>> =
+            (0..s.mesh.nodes()).map(|i| pose.inverse() * s.mesh.position(i)).collect();
         let pixel_mm = 1.5 / 32.0;
         let mut hits = 0u32;
         for (row, column) in (0..32).flat_map(|r| (0..32).map(move |c| (r, c))) {
@@ -362,7 +358,7 @@ mod tests {
             let side = |i: i32| (f64::from(i) + 0.5) / 16.0 * std::f64::consts::TAU;
             let apothem = 0.25 * (std::f64::consts::PI / 16.0).cos();
             let inside = (0..16).all(|i| x * side(i).cos() + y * side(i).sin() <= apothem);
-            let passed = s.sheet.triangles.iter().any(|t| {
+            let passed = s.mesh.triangles.iter().any(|t| {
                 let [a, b, c] = t.map(|n| nodes[n as usize]);
                 let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
                 let w1 = ((x - a.x) * (c.y - a.y) - (y - a.y) * (c.x - a.x)) / area;
@@ -383,8 +379,8 @@ mod tests {
         let first = look(&mut s, &pose);
         let mut nodes: Vec<_> = s.zcoll.displaced().collect();
         nodes.sort_unstable();
-        s.sheet.triangles.reverse();
-        s.zcoll = Zcoll::new(*s.zcoll.volume(), &s.sheet.triangles, s.sheet.nodes()).unwrap();
+        s.mesh.triangles.reverse();
+        s.zcoll = Zcoll::new(*s.zcoll.volume(), &s.mesh.triangles, s.mesh.nodes()).unwrap();
         assert_eq!(look(&mut s, &pose), first);
         let mut again: Vec<_> = s.zcoll.displaced().collect();
         again.sort_unstable();
@@ -395,10 +391,10 @@ mod tests {
     fn a_fold_is_counted() {
         let mut s = setting();
         // Fold one half of the sheet over the other, a little above it.
-        for i in 0..s.sheet.nodes() {
-            if s.membrane.position_mm[0][i] > 0.3 {
-                s.membrane.position_mm[0][i] = 0.6 - s.membrane.position_mm[0][i];
-                s.membrane.position_mm[2][i] += 0.15;
+        for i in 0..s.mesh.nodes() {
+            if s.mesh.position_mm[0][i] > 0.3 {
+                s.mesh.position_mm[0][i] = 0.6 - s.mesh.position_mm[0][i];
+                s.mesh.position_mm[2][i] += 0.15;
             }
         }
         assert!(look(&mut s, &upright(-11.1)).folded > 0);
@@ -411,17 +407,17 @@ mod tests {
         let mut pick = InstrumentImage::new(Tool::Pick, 0.25, s.zcoll.volume());
         pick.prepare(0.0, s.zcoll.volume());
         let (pose, half) = (upright(-11.1).inverse(), s.zcoll.volume.half_mm);
-        let single = s.zcoll.look_back(&pick, &pose, &s.membrane.surface(&s.sheet));
+        let single = s.zcoll.look_back(&pick, &pose, &s.mesh.surface());
         assert!(single.pixels > 0 && single.folded == 0, "{single:?}");
         // The half beyond the middle of the hook over the other half, a little higher.
-        let (middle, before) = (0.33f32, s.membrane.clone());
-        for n in 0..s.sheet.nodes() {
-            let p = before.position(n);
-            if p.x > middle {
-                s.membrane.set_position(n, Vector3::new(2.0 * middle - p.x, p.y, p.z + 0.05));
+        let middle = 0.33f32;
+        for n in 0..s.mesh.nodes() {
+            if s.mesh.position_mm[0][n] > middle {
+                s.mesh.position_mm[0][n] = 2.0 * middle - s.mesh.position_mm[0][n];
+                s.mesh.position_mm[2][n] += 0.05;
             }
         }
-        let found = s.zcoll.look_back(&pick, &pose, &s.membrane.surface(&s.sheet));
+        let found = s.zcoll.look_back(&pick, &pose, &s.mesh.surface());
         // Pixels of the hook before the fold, by their centres; the fold may run through a column of them.
         let width = 2.0 * half / s.zcoll.volume.resolution as f64;
         let seen = |column: usize| (column as f64 + 0.5) * width - half + 0.03 < f64::from(middle) - width;
