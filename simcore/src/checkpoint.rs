@@ -4,10 +4,8 @@
 //! Both come from the one serialisation of [`State`], so that the hash covers what a checkpoint would restore, and nothing that is
 //! left out of it can influence a later step. The doses of light are restored and not hashed: they influence nothing.
 
-use crate::constants::{MAX_HELD, MAX_MARKS};
-use crate::membrane::sheet::Sheet;
-use crate::membrane::stain::StainState;
-use crate::state::{OpticsState, State, is_bound, is_known_flag};
+use crate::constants::MAX_MARKS;
+use crate::state::{OpticsState, State};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use bincode::enc::write::Writer;
 use bincode::error::EncodeError;
@@ -15,6 +13,10 @@ use protocol::handles::Tool;
 use protocol::limits::MAX_CHECKPOINT_BYTES;
 use protocol::scene::NODE_BOUND;
 use serde::{Deserialize, Serialize};
+use tissue::constants::MAX_HELD;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::stain::StainState;
+use tissue::state::{is_bound, is_known_flag};
 use training::score::Meter;
 use training::task::TaskState;
 
@@ -133,10 +135,10 @@ fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
         return Err(CheckpointError::Content("the membrane has another size than the scene's"));
     }
     let lasting = m.rest_mm.iter().all(|&l| l.is_finite() && l > 0.0);
-    if !lasting || !crate::guard::all_finite(m) || !m.flag.iter().all(|&f| is_known_flag(f)) {
+    if !lasting || !tissue::guard::all_finite(m) || !m.flag.iter().all(|&f| is_known_flag(f)) {
         return Err(CheckpointError::Content("numbers of the membrane are out of range"));
     }
-    crate::membrane::tear::check_mesh(sheet, m)
+    tissue::membrane::tear::check_mesh(sheet, m)
         .map_err(|_| CheckpointError::Content("springs, triangles and nodes do not fit together"))?;
     check_instruments(state)?;
     if !state.dose.is_sound() {

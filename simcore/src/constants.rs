@@ -1,13 +1,5 @@
 //! Every tolerance of the simulation, with its unit and what moving it would break.
 
-use protocol::limits::SUBSTEP_NS;
-
-/// A substep, s. Explicit integration is stable only while dt·√(2·Σk/m) stays below 2 (see
-/// [`crate::membrane::solver`]); a longer one breaks that for the shipped scene.
-pub const SUBSTEP_S: f64 = SUBSTEP_NS as f64 * 1e-9;
-/// A substep is split into at most so many parts where its springs are too stiff for it; a tissue that needs more is refused,
-/// because a step could no longer be computed in time.
-pub const MAX_SPLITS: u32 = 64;
 /// ZCOLL runs every so many substeps: in each, since a look costs no more than the tissue's substep. Larger would let tips come
 /// deeper before they push.
 pub const COLLISION_EVERY: u64 = 1;
@@ -16,13 +8,6 @@ pub const COLLISION_EVERY: u64 = 1;
 pub const MAX_TIP_SPEED_MM_S: f64 = 1_000.0;
 /// A tip farther from the eye's centre than so many retina radii touches nothing.
 pub const MAX_TIP_RADII: f64 = 2.0;
-
-/// A node farther from the eye's centre than this has run away, mm: farther than [`MAX_TIP_RADII`] of the largest retina with a tool's
-/// length on top, so that held tissue never is.
-pub const RUNAWAY_MM: f32 = 100.0;
-/// A node faster than this has run away, mm/s: ten times the largest v_max that a scene can ask for; smaller would catch nodes
-/// that are only fast.
-pub const RUNAWAY_MM_S: f32 = 1e7;
 
 /// A first contact deeper than the tip's way since the last look plus this, mm, did not come through
 /// the membrane: the instrument came round an edge and is under it. Larger than what the membrane
@@ -52,18 +37,10 @@ pub const TRACTION_REARM: f64 = 0.8;
 /// A detachment that goes on is told at most once in this time, ns.
 pub const VITREOUS_QUIET_NS: u64 = 1_000_000_000;
 
-/// Sweeps of strain limiting in a substep, at most. One draws a spring; more carry that on to its neighbours, so that a
-/// pulled edge of fewer springs than this is rigid beyond the limit, and a longer one gives a little.
-pub const STRAIN_SWEEPS: u32 = 8;
-
 /// Events of one step; more are counted and left out.
 pub const MAX_EVENTS: usize = 256;
-/// Nodes one instrument can hold.
-pub const MAX_HELD: usize = 256;
 /// Bleeding points kept.
 pub const MAX_MARKS: usize = 64;
-/// Shortest spring length that still has a direction, mm²: protects a division, 1 nm.
-pub const TINY_LENGTH2_MM2: f32 = 1e-12;
 
 /// Full pedal moves the microscope by so much, mm/s.
 pub const PEDAL_MOVE_MM_S: f64 = 5.0;

@@ -1,11 +1,9 @@
 //! The scene as the renderer draws it, written straight into the lent block.
 
 use crate::bodies::state::BodyState;
-use crate::membrane::sheet::Sheet;
 use crate::microscope;
-use crate::state::{InstrumentState, is_bound};
+use crate::state::InstrumentState;
 use crate::task_view::{self, MAX_BALLS, MAX_TEXT, TaskText};
-use crate::vitreous::Vitreous;
 use crate::world::World;
 use protocol::events::EventKind;
 use protocol::geometry::Pose;
@@ -15,6 +13,9 @@ use protocol::scene::{
 };
 use protocol::time::Instants;
 use scene::{BodyScene, BodyShape, MAX_BODIES};
+use tissue::membrane::sheet::Sheet;
+use tissue::state::is_bound;
+use tissue::vitreous::Vitreous;
 
 /// Bytes kept for marks, bodies, doses and text beside the mesh.
 const BESIDE_THE_MESH: usize = 24 << 10;

@@ -9,10 +9,10 @@ use protocol::message::Message;
 use protocol::poses::{EYE, TrackerFrame};
 use protocol::steps::StepInput;
 use scene::SceneFile;
-use simcore::guard::all_finite;
-use simcore::membrane::tear::check_mesh;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
+use tissue::guard::all_finite;
+use tissue::membrane::tear::check_mesh;
 
 fn world() -> World {
     World::new(&SceneFile::load("peel").unwrap()).unwrap()

@@ -8,9 +8,9 @@ use protocol::poses::TrackerFrame;
 use protocol::scene::NODE_BOUND;
 use protocol::steps::StepInput;
 use scene::SceneFile;
-use simcore::state::NODE_PINNED;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
+use tissue::state::NODE_PINNED;
 
 fn peel(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
     let mut scene = SceneFile::load("peel").unwrap();

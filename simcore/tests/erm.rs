@@ -9,9 +9,9 @@ use protocol::poses::TrackerFrame;
 use protocol::scene::NODE_DEAD;
 use protocol::steps::StepInput;
 use scene::{SceneFile, VitrectorScene};
-use simcore::membrane::tear::check_mesh;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
+use tissue::membrane::tear::check_mesh;
 
 fn erm(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
     let mut scene = SceneFile::load("erm").unwrap();

@@ -8,8 +8,8 @@ use protocol::handles::{HandleState, Tool};
 use protocol::poses::TrackerFrame;
 use protocol::steps::StepInput;
 use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, MeshScene, SceneFile};
-use simcore::guard::all_finite;
 use simcore::world::{World, no_clock};
+use tissue::guard::all_finite;
 
 /// Height of the sheet's middle, eye frame, mm.
 const TOP_MM: f64 = -11.0;

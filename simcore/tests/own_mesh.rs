@@ -1,12 +1,12 @@
 //! A membrane from a Wavefront file: loaded beside its scene, simulated, recorded whole, refused by element.
 
 use scene::{MeshScene, Pinned, SceneFile};
-use simcore::membrane::sheet::Sheet;
-use simcore::membrane::tear::check_mesh;
 use simcore::world::{World, no_clock};
 use std::fmt::Write;
 use std::path::Path;
 use surgeon::rehearsal::Rehearsal;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::tear::check_mesh;
 
 /// The shipped sheet as a mesh, its triangles turned over: whoever draws one need not know which side is front.
 fn mesh() -> MeshScene {

@@ -2,10 +2,10 @@
 
 use protocol::events::EventKind;
 use scene::SceneFile;
-use simcore::retina::state::RetinaState;
-use simcore::state::NODE_PINNED;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
+use tissue::retina::state::RetinaState;
+use tissue::state::NODE_PINNED;
 
 /// The retina of a world.
 fn retina(world: &World) -> &RetinaState {

@@ -3,12 +3,12 @@
 
 use nalgebra::{UnitVector3, Vector3};
 use scene::SceneFile;
-use simcore::membrane::tear::check_mesh;
-use simcore::retina::Retina;
-use simcore::retina::state::RetinaState;
-use simcore::retina::volume::Cap;
-use simcore::state::NODE_PINNED;
-use simcore::tools::needle::Needle;
+use tissue::membrane::tear::check_mesh;
+use tissue::needle::Needle;
+use tissue::retina::Retina;
+use tissue::retina::state::RetinaState;
+use tissue::retina::volume::Cap;
+use tissue::state::NODE_PINNED;
 
 /// A retina with one needle, stepped without a world.
 struct Bench {

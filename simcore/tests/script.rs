@@ -4,9 +4,9 @@ use protocol::events::{Event, EventKind};
 use protocol::limits::SUBSTEP_NS;
 use protocol::message::Message;
 use scene::SceneFile;
-use simcore::membrane::tear::check_mesh;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
+use tissue::membrane::tear::check_mesh;
 
 struct Round {
     events: Vec<Event>,

@@ -2,10 +2,10 @@
 
 use protocol::events::EventKind;
 use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, SceneFile};
-use simcore::guard::all_finite;
-use simcore::membrane::tear::check_mesh;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
+use tissue::guard::all_finite;
+use tissue::membrane::tear::check_mesh;
 
 /// The shipped scene with 2 N/m and 10 µm of water as mass, which explicit substeps of 1 ms cannot follow.
 fn stiff(integrator: MembraneIntegrator, strain_limit: f64) -> SceneFile {

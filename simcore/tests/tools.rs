@@ -9,9 +9,9 @@ use protocol::poses::TrackerFrame;
 use protocol::scene::NODE_DEAD;
 use protocol::steps::StepInput;
 use scene::{NeedleScene, SceneFile};
-use simcore::membrane::tear::check_mesh;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
+use tissue::membrane::tear::check_mesh;
 
 fn scene(name: &str) -> (Rehearsal, World) {
     let scene = SceneFile::load(name).unwrap();

@@ -9,12 +9,12 @@ use protocol::poses::TrackerFrame;
 use protocol::scene::{NODE_FREE, SceneHome, SceneTriangle, TISSUE_GONE, TISSUE_RETINA, section};
 use protocol::steps::StepInput;
 use scene::{RetinaOperation, SceneFile};
-use simcore::retina::state::RetinaState;
 use simcore::scene_block::{SceneWriter, bytes_needed};
-use simcore::state::NODE_PINNED;
 use simcore::world::{World, no_clock};
 use std::ops::Range;
 use surgeon::rehearsal::Rehearsal;
+use tissue::retina::state::RetinaState;
+use tissue::state::NODE_PINNED;
 
 /// Polar angles of what the scene has cut free; the cut goes round at 1.2 rad, along the ring of nodes before it.
 const CUT_FREE_RAD: Range<f64> = 0.0..1.15;

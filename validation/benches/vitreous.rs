@@ -7,11 +7,11 @@
 use ipc::clock::now;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use scene::SceneFile;
-use simcore::vitreous::chainmail::{Chainmail, Mail};
-use simcore::vitreous::lattice::{LINKS, Lattice};
-use simcore::vitreous::state::{VitreousState, is_inside, living_links};
-use simcore::vitreous::{Shaft, Vitreous};
 use std::collections::VecDeque;
+use tissue::vitreous::chainmail::{Chainmail, Mail};
+use tissue::vitreous::lattice::{LINKS, Lattice};
+use tissue::vitreous::state::{VitreousState, is_inside, living_links};
+use tissue::vitreous::{Shaft, Vitreous};
 
 /// Way of the tool, µm: the one that the step's budget is stated for.
 const WAY_UM: i16 = 200;

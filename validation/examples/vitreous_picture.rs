@@ -7,10 +7,10 @@ use image::{Rgb, RgbImage};
 use ipc::clock::now;
 use protocol::events::EventKind;
 use scene::SceneFile;
-use simcore::vitreous::Vitreous;
-use simcore::vitreous::state::VitreousState;
 use simcore::world::World;
 use surgeon::rehearsal::Rehearsal;
+use tissue::vitreous::Vitreous;
+use tissue::vitreous::state::VitreousState;
 
 /// Side of a section, pixels.
 const SIDE: u32 = 440;

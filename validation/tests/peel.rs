@@ -3,10 +3,10 @@
 use nalgebra::Vector3;
 use protocol::random::Random;
 use scene::CurlScene;
-use simcore::membrane::curl::{Curl, stiffest_un_per_mm};
-use simcore::membrane::sheet::Sheet;
-use simcore::membrane::solver::Solver;
 use std::f64::consts::{FRAC_PI_2, PI};
+use tissue::membrane::curl::{Curl, stiffest_un_per_mm};
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::solver::Solver;
 use validation::closed_form::strip::{PeelTest, lattice};
 
 /// Force over the formula, less one. The work per area must be Γ, and a little that the fold's snapping costs.

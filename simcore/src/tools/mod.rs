@@ -1,13 +1,10 @@
 //! What each tool does to tissue, beyond pushing it; and what the foot asks of them.
 
-pub mod forceps;
-pub mod needle;
-pub mod vitrector;
-
 use protocol::handles::{PedalMode, PedalState};
 use scene::{NeedleScene, SceneFile, VitrectorScene};
 use serde::{Deserialize, Serialize};
-use vitrector::Cutter;
+use tissue::state::Removed;
+use tissue::vitrector::Cutter;
 
 /// Pump, blade and syringe, and what they have done.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -24,29 +21,6 @@ pub struct ToolsState {
     pub cutter: Cutter,
     /// What the vitrector has taken of the membrane.
     pub removed: Removed,
-}
-
-/// An account of removed membrane, in whole numbers so that it balances exactly.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Removed {
-    /// Area at rest, µm².
-    pub area_um2: u64,
-    /// Triangles.
-    pub triangles: u64,
-    /// Cuts that took something.
-    pub cuts: u64,
-}
-
-impl Removed {
-    /// Area, mm².
-    pub fn area_mm2(&self) -> f64 {
-        self.area_um2 as f64 * 1e-6
-    }
-
-    /// Volume of a membrane of this thickness, mm³ (µl).
-    pub fn volume_mm3(&self, thickness_mm: f64) -> f64 {
-        self.area_mm2() * thickness_mm
-    }
 }
 
 /// The figures of a scene's tools, those it leaves out at their defaults.
@@ -108,11 +82,5 @@ mod tests {
         assert_eq!((tools.suction_pa, tools.cuts_per_min, tools.exchange), (0.0, 0, 0.0));
         tools.press(&pedal(PedalMode::Zoom, [1.0, 1.0]), &figures);
         assert_eq!((tools.suction_pa, tools.cuts_per_min), (0.0, 0));
-    }
-
-    #[test]
-    fn an_area_of_membrane_is_a_volume_by_its_thickness() {
-        let removed = Removed { area_um2: 2_500_000, ..Removed::default() };
-        assert_eq!((removed.area_mm2(), removed.volume_mm3(0.02)), (2.5, 0.05));
     }
 }

@@ -2,11 +2,11 @@
 
 use super::World;
 use crate::bodies::state::BodiesState;
-use crate::guard;
-use crate::membrane::tear;
-use crate::membrane::tissue::Tissue;
 use crate::state::InstrumentState;
 use protocol::handles::Tool;
+use tissue::guard;
+use tissue::membrane::tear;
+use tissue::membrane::tissue::Tissue;
 
 impl World {
     /// Checks the state: numbers finite, mesh whole, accounts balanced. The text names the first thing that is wrong.
@@ -109,10 +109,10 @@ mod tests {
         let mut scene = SceneFile::load("relocation").unwrap();
         let operation = RetinaOperation { detached_rad: 0.4, fluid_mm3: 30.0, cut_rad: 0.0 };
         scene.retina.as_mut().unwrap().operation = Some(operation);
-        let retina = |w: &mut World, spoil: fn(&mut crate::retina::state::RetinaState)| {
+        let retina = |w: &mut World, spoil: fn(&mut tissue::retina::state::RetinaState)| {
             spoil(w.state.retina.as_mut().unwrap())
         };
-        let spoils: [fn(&mut crate::retina::state::RetinaState); 4] = [
+        let spoils: [fn(&mut tissue::retina::state::RetinaState); 4] = [
             |r| r.tissue.position_mm[0][7] = f32::NAN,
             |r| r.tissue.velocity_mm_s[1][7] = f32::INFINITY,
             |r| r.blebs[0].volume_mm3 = f64::NAN,

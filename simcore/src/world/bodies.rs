@@ -5,9 +5,7 @@ use super::plan::{Plan, Poses};
 use crate::bodies::grip;
 use crate::bodies::solve::{BodySolver, Hand, Surroundings};
 use crate::bodies::state::{BodiesState, Grip};
-use crate::constants::SUBSTEP_S;
 use crate::event_log::Happening;
-use crate::tools::forceps;
 use collision::rigid::RigidBody;
 use collision::surface::Unusable;
 use nalgebra::Vector3;
@@ -15,6 +13,8 @@ use protocol::events::{EventKind, Severity};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use scene::SceneFile;
+use tissue::constants::SUBSTEP_S;
+use tissue::forceps;
 
 /// Length of an instrument that can touch bodies, in radii of the retina: from any tip to beyond the trocar.
 const LENGTH_RADII: f64 = 2.5;

@@ -3,15 +3,14 @@
 
 mod audit;
 mod bodies;
-mod cutting;
 mod dose;
+mod membrane;
 mod peel;
 mod plan;
 mod removed;
 mod retina;
 mod stain;
 mod task;
-mod tissue;
 mod tools;
 mod touch;
 mod vitreous;
@@ -21,24 +20,12 @@ pub use removed::RemovedTissue;
 
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
-use crate::constants::{COLLISION_EVERY, MAX_HELD, MAX_MARKS, NOTICE_NS};
+use crate::constants::{COLLISION_EVERY, MAX_MARKS, NOTICE_NS};
 use crate::dose::{DoseState, LitRetina};
 use crate::event_log::{EventLog, Happening};
-use crate::guard::LastGood;
-use crate::membrane::adhesion::Adhesion;
-use crate::membrane::curl::Curl;
-use crate::membrane::implicit::Implicit;
-use crate::membrane::mesh::MeshError;
-use crate::membrane::sheet::Sheet;
-use crate::membrane::solver::Solver;
-use crate::membrane::stain::StainState;
-use crate::membrane::tissue::{Tissue, Unstable};
 use crate::microscope;
-use crate::retina::{Retina, RetinaError};
 use crate::state::State;
-use crate::tools::vitrector::Port;
 use crate::tools::{ToolFigures, ToolsState};
-use crate::vitreous::Vitreous;
 use collision::choice::{self, Backend, Choice};
 use collision::instrument_image::{InstrumentImage, Volume};
 use collision::surface::Unusable;
@@ -51,6 +38,20 @@ use protocol::message::fnv1a;
 use protocol::poses::TrackerFrame;
 use protocol::steps::{StepInput, StepTimes};
 use scene::SceneFile;
+use tissue::constants::MAX_HELD;
+use tissue::cutting::Cutting;
+use tissue::guard::LastGood;
+use tissue::membrane::adhesion::Adhesion;
+use tissue::membrane::curl::Curl;
+use tissue::membrane::implicit::Implicit;
+use tissue::membrane::mesh::MeshError;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::solver::Solver;
+use tissue::membrane::stain::StainState;
+use tissue::membrane::tissue::{Tissue, Unstable};
+use tissue::retina::{Retina, RetinaError};
+use tissue::vitrector::Port;
+use tissue::vitreous::Vitreous;
 
 /// Why a scene cannot be simulated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -130,13 +131,13 @@ pub struct World {
     /// What the scene says of its tools.
     figures: ToolFigures,
     /// The port's camera and the membrane's areas, where there is a membrane.
-    cutting: Option<cutting::Cutting>,
+    cutting: Option<Cutting>,
     /// Where vitrectors and needles are in this substep.
     aimed: tools::Aimed,
     last_good: LastGood,
     log: EventLog,
     /// What happened to the membrane in this step, for its events.
-    toll: tissue::Toll,
+    toll: membrane::Toll,
     /// The whole retina as tissue, where the scene has it.
     retina: Option<retina::RetinaPart>,
     /// The vitreous, where there is one.
@@ -180,10 +181,11 @@ impl World {
         volume.check()?;
         let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
         let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
-        let retina =
-            model.map(|m| retina::RetinaPart::new(m, volume, &ToolFigures::new(scene))).transpose()?;
+        let retina = model
+            .map(|m| retina::RetinaPart::new(m, volume, &ToolFigures::new(scene).vitrector))
+            .transpose()?;
         let figures = ToolFigures::new(scene);
-        let cutting = || cutting::Cutting::new(&figures, &sheet);
+        let cutting = || Cutting::new(&figures.vitrector, &sheet);
         let cutting = scene.membrane.is_some().then(cutting).transpose()?;
         let image = |i: usize| {
             let instrument = &scene.instruments[i];
@@ -208,7 +210,7 @@ impl World {
             aimed: tools::Aimed::default(),
             last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
-            toll: tissue::Toll::default(),
+            toll: membrane::Toll::default(),
             retina,
             vitreous,
             sucking: Default::default(),
@@ -379,7 +381,7 @@ impl World {
 
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
-        self.toll = tissue::Toll::default();
+        self.toll = membrane::Toll::default();
         self.sucking = Default::default();
         self.parting = peel::StepParting::default();
         self.last_good.remember(&self.state.membrane);

@@ -2,16 +2,17 @@
 
 use super::{World, WorldError};
 use crate::checkpoint::CheckpointError;
-use crate::constants::{RIM_REARM, SUBSTEP_S};
+use crate::constants::RIM_REARM;
 use crate::event_log::Happening;
-use crate::membrane::adhesion::{Adhesion, AdhesionState, LIFTED_MM, Parting};
-use crate::membrane::curl::{Curl, stiffest_un_per_mm};
-use crate::membrane::sheet::Sheet;
-use crate::state::MembraneState;
-use crate::tools::forceps;
 use protocol::events::{EventKind, Severity};
 use protocol::scene::{NODE_DEAD, NODE_FREE};
 use scene::SceneFile;
+use tissue::constants::SUBSTEP_S;
+use tissue::forceps;
+use tissue::membrane::adhesion::{Adhesion, AdhesionState, LIFTED_MM, Parting};
+use tissue::membrane::curl::{Curl, stiffest_un_per_mm};
+use tissue::membrane::sheet::Sheet;
+use tissue::state::MembraneState;
 
 /// The freed area is reported whenever another such share of the glued area is off.
 const PEELED_STEPS: f64 = 10.0;
@@ -25,7 +26,7 @@ pub struct StepParting {
 }
 
 /// The bonds of a scene; refuses those that an explicit substep cannot carry. They move with the substep whatever
-/// the integrator of the springs, and share the bound of [`crate::membrane::solver`] with them: here half of it.
+/// the integrator of the springs, and share the bound of [`tissue::membrane::solver`] with them: here half of it.
 pub fn adhesion(scene: &SceneFile, sheet: &Sheet) -> Result<Option<Adhesion>, WorldError> {
     let Some(membrane) = &scene.membrane else { return Ok(None) };
     let Some(glue) = &membrane.adhesion else { return Ok(None) };
@@ -72,7 +73,7 @@ impl World {
 
     /// Force that the tissue in the jaws of an instrument pulls with, µN.
     pub fn pull_un(&self, instrument: usize) -> f64 {
-        forceps::pull_un(&self.state.instruments[instrument], &self.solver)
+        forceps::pull_un(&self.state.instruments[instrument].held, &self.solver)
     }
 
     /// The area of the broken bonds is the area that was freed, and every number is in range.

@@ -1,12 +1,11 @@
 //! What a step will do, from its inputs: by how much it advances, and on which ways the instruments move.
 
 use super::World;
-use crate::constants::{MAX_HELD, MAX_TIP_RADII, MAX_TIP_SPEED_MM_S};
+use crate::constants::{MAX_TIP_RADII, MAX_TIP_SPEED_MM_S};
 use crate::event_log::Happening;
 use crate::microscope;
 use crate::state::{InstrumentState, TrackingState};
 use crate::sweep::{Sweep, share};
-use crate::tools::forceps;
 use collision::eyeball::AWAY;
 use nalgebra::{Isometry3, Vector3};
 use protocol::events::{EventKind, Severity};
@@ -15,6 +14,8 @@ use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS, SUBSTEP_NS};
 use protocol::message::Message;
 use protocol::poses::{EYE, TrackerFrame};
+use tissue::constants::MAX_HELD;
+use tissue::forceps;
 
 /// A step's way from the last exposure to this one.
 #[derive(Debug, Clone, Copy)]

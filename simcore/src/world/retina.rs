@@ -1,23 +1,22 @@
 //! The retina's share of a step: needles, jaws and tips on it, its own movement, and what happened to it.
 
 use super::World;
-use super::cutting::Cutting;
 use super::plan::{Plan, Poses};
 use crate::constants::UNDER_MARGIN_MM;
 use crate::event_log::Happening;
-use crate::retina::Retina;
-use crate::retina::state::RetinaState;
 use crate::state::State;
-use crate::tools::ToolFigures;
-use crate::tools::forceps::{self, Grasp};
-use crate::tools::vitrector::Port;
 use collision::surface::{Surface, Unusable};
 use collision::zcoll::Zcoll;
 use nalgebra::Vector3;
 use protocol::events::{EventKind, NO_INSTRUMENT, Severity};
 use protocol::handles::{PedalMode, Tool};
 use protocol::limits::INSTRUMENTS;
-use protocol::scene::NODE_FREE;
+use scene::VitrectorScene;
+use tissue::cutting::Cutting;
+use tissue::forceps::{self, Grasp};
+use tissue::retina::Retina;
+use tissue::retina::state::RetinaState;
+use tissue::vitrector::Port;
 
 /// Mm³/s in µl/min.
 const UL_PER_MIN: f64 = 60.0;
@@ -36,10 +35,10 @@ impl RetinaPart {
     pub fn new(
         model: Retina,
         volume: collision::instrument_image::Volume,
-        figures: &ToolFigures,
+        vitrector: &VitrectorScene,
     ) -> Result<Self, Unusable> {
         let zcoll = Zcoll::new(volume, &model.sheet.triangles, model.sheet.nodes())?;
-        let cutting = Cutting::new(figures, &model.sheet)?;
+        let cutting = Cutting::new(vitrector, &model.sheet)?;
         Ok(RetinaPart { model, zcoll, cutting, sucked: false })
     }
 
@@ -101,7 +100,7 @@ impl World {
         (self.retina, self.state.retina) = (Some(part), Some(retina));
     }
 
-    fn tell_needle(&mut self, i: usize, news: &crate::retina::NeedleNews, limit: f64) {
+    fn tell_needle(&mut self, i: usize, news: &tissue::retina::NeedleNews, limit: f64) {
         let tip = self.state.instruments[i].tip_in_eye_mm.into();
         let told = [
             (EventKind::RetinaPierced, Severity::Info, news.pierced_mm, 0.0),
@@ -317,15 +316,6 @@ impl World {
         if let (Some(part), Some(retina)) = (&mut self.retina, &mut self.state.retina) {
             retina.reserve();
             part.model.find_again(retina);
-        }
-    }
-}
-
-impl Retina {
-    /// Moves a free node, at most onto the choroid.
-    pub(super) fn push_node(&self, state: &mut RetinaState, node: usize, way: &Vector3<f64>) {
-        if state.tissue.flag[node] == NODE_FREE {
-            self.shift(state, node as u32, way);
         }
     }
 }

@@ -3,12 +3,12 @@
 use super::World;
 use super::plan::Plan;
 use crate::event_log::Happening;
-use crate::membrane::sheet::Sheet;
-use crate::membrane::stain::StainState;
 use protocol::events::{EventKind, Severity};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use scene::SceneFile;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::stain::StainState;
 
 /// Room for the dye of a scene's membrane.
 pub(super) fn room(scene: &SceneFile, sheet: &Sheet) -> Option<StainState> {

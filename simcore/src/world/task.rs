@@ -4,14 +4,14 @@
 use super::World;
 use crate::checkpoint::CheckpointError;
 use crate::event_log::{EventLog, Happening};
-use crate::retina::Retina;
-use crate::retina::state::RetinaState;
 use crate::state::State;
-use crate::vitreous::Vitreous;
-use crate::vitreous::lattice::Lattice;
 use nalgebra::{Isometry3, UnitVector3, Vector3};
 use protocol::poses::TrackerFrame;
 use scene::{CORE_MM, Goal, MAX_BODIES, PERIPHERY_FROM_Z_MM, SceneFile};
+use tissue::retina::Retina;
+use tissue::retina::state::RetinaState;
+use tissue::vitreous::Vitreous;
+use tissue::vitreous::lattice::Lattice;
 use training::sample::Sample;
 use training::score::recording::is_over;
 use training::score::{Meter, Scorer};

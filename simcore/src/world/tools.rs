@@ -2,17 +2,18 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::constants::{NEEDLE_OUT_MM, SUBSTEP_S};
+use crate::constants::NEEDLE_OUT_MM;
 use crate::event_log::Happening;
 use crate::state::Pierced;
-use crate::tools::needle::Needle;
-use crate::tools::vitrector::Port;
 use collision::zcoll::Zcoll;
 use nalgebra::{UnitVector3, Vector3};
 use protocol::events::{EventKind, Severity};
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, SUBSTEP_NS};
 use protocol::scene::NODE_FREE;
+use tissue::constants::SUBSTEP_S;
+use tissue::needle::Needle;
+use tissue::vitrector::Port;
 
 /// The ports and needles of a substep, by instrument; `None` for other tools and for what is not tracked.
 #[derive(Debug, Clone, Copy, Default)]

@@ -2,9 +2,7 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::constants::{
-    COLLISION_EVERY, FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, SUBSTEP_S, UNDER_MARGIN_MM,
-};
+use crate::constants::{COLLISION_EVERY, FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, UNDER_MARGIN_MM};
 use crate::event_log::Happening;
 use crate::state::MarkState;
 use collision::continuous::crosses;
@@ -17,6 +15,7 @@ use protocol::events::{EventKind, Severity};
 use protocol::handles::{HOOK_THICKNESS_MM, JAW_LENGTH_MM, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
+use tissue::constants::SUBSTEP_S;
 
 /// Radius of a fresh bleeding point, mm.
 const MARK_RADIUS_MM: f64 = 0.08;
@@ -284,7 +283,7 @@ mod tests {
     }
 
     /// Folds a sheet over the plane x = 0, the folded half a little higher.
-    fn fold(tissue: &mut crate::state::MembraneState) {
+    fn fold(tissue: &mut tissue::state::MembraneState) {
         for n in 0..tissue.nodes() {
             let p = tissue.position(n);
             if p.x < 0.0 {
@@ -330,7 +329,7 @@ mod tests {
         let told = looked_at(&scene, [1.2, 0.4, -10.9], |w| {
             let way = |n: usize| (w.state.membrane.position(n) - Vector3::new(1.2, 0.4, -11.0)).norm();
             let nearest = (0..w.sheet.nodes()).min_by(|&a, &b| way(a).total_cmp(&way(b))).unwrap();
-            w.state.membrane.flag[nearest] = crate::state::NODE_PINNED;
+            w.state.membrane.flag[nearest] = tissue::state::NODE_PINNED;
             w.state.membrane.set_position(nearest, Vector3::new(1.2, 0.4, 80.0));
             w.refresh();
         });
@@ -354,7 +353,7 @@ mod tests {
             let place = w.state.membrane.position(a);
             w.state.membrane.set_position(b, place);
             // Both stay there.
-            [a, b].iter().for_each(|&n| w.state.membrane.flag[n] = crate::state::NODE_PINNED);
+            [a, b].iter().for_each(|&n| w.state.membrane.flag[n] = tissue::state::NODE_PINNED);
             w.refresh();
         });
         assert_eq!(count(&told, EventKind::TrianglesFlat), 1, "{told:?}");

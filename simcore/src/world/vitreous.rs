@@ -6,15 +6,16 @@
 use super::World;
 use super::plan::Plan;
 use crate::checkpoint::CheckpointError;
-use crate::constants::{SUBSTEP_S, TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
+use crate::constants::{TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
 use crate::event_log::Happening;
 use crate::state::State;
-use crate::tools::vitrector::Port;
-use crate::vitreous::state::VitreousState;
-use crate::vitreous::traction::{Stress, Traction};
-use crate::vitreous::{Shaft, Vitreous, state};
 use protocol::events::{EventKind, Severity};
 use protocol::limits::INSTRUMENTS;
+use tissue::constants::SUBSTEP_S;
+use tissue::vitrector::Port;
+use tissue::vitreous::state::VitreousState;
+use tissue::vitreous::traction::{Stress, Traction};
+use tissue::vitreous::{Shaft, Vitreous, state};
 
 impl World {
     /// The vitreous and its state, if the scene has one.
@@ -152,13 +153,13 @@ impl World {
 #[cfg(test)]
 mod tests {
     use crate::scene_block::{SceneWriter, bytes_needed};
-    use crate::vitreous::state;
     use crate::world::{World, no_clock};
     use protocol::events::EventKind;
     use protocol::limits::MAX_CHECKPOINT_BYTES;
     use protocol::scene::{SceneBrick, section};
     use scene::SceneFile;
     use surgeon::rehearsal::Rehearsal;
+    use tissue::vitreous::state;
 
     fn densities(world: &World) -> u64 {
         let mut writer = SceneWriter::new(world);

@@ -13,12 +13,12 @@ mod worlds;
 use meshes::{Mesh, SIDES, tissue};
 use peers::{EdgeLoop, Gather, Peer, Xpbd};
 use scene::MembraneIntegrator;
-use simcore::membrane::implicit::Implicit;
-use simcore::membrane::sheet::Sheet;
-use simcore::membrane::solver::{Alarms, Solver};
-use simcore::membrane::tissue::Tissue;
-use simcore::state::MembraneState;
 use std::time::Instant;
+use tissue::membrane::implicit::Implicit;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::solver::{Alarms, Solver};
+use tissue::membrane::tissue::Tissue;
+use tissue::state::MembraneState;
 
 /// Batches of a method at a size, and springs a batch goes through, about: short, so that most batches are not interrupted on a
 /// machine that does other work.
@@ -88,7 +88,7 @@ impl Core {
         let springs = self.sheet.structural;
         let time = measure(springs, || self.step());
         assert_eq!(self.alarms, 0, "the bench must not tear");
-        assert!(simcore::guard::all_finite(&self.state));
+        assert!(tissue::guard::all_finite(&self.state));
         Row { method: method.to_owned(), springs, time }
     }
 }
@@ -102,7 +102,7 @@ fn stiff(sheet: &Sheet, choice: MembraneIntegrator, method: &str) -> Row {
         core.solver.accelerate(&core.sheet, &core.state, &core.tissue);
         implicit.integrate(&mut core.state, &core.tissue, &core.solver);
     });
-    assert!(simcore::guard::all_finite(&core.state));
+    assert!(tissue::guard::all_finite(&core.state));
     Row { method: method.to_owned(), springs: sheet.structural, time }
 }
 

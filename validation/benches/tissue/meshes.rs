@@ -1,8 +1,8 @@
 //! The meshes of the bench: squares cut into triangles, regular and not.
 
 use scene::SceneFile;
-use simcore::membrane::sheet::Sheet;
-use simcore::membrane::tissue::Tissue;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::tissue::Tissue;
 
 /// Squares along a side; 3 n² + 2 n edges, so 616, 1,496, 4,641 and 150,976.
 pub const SIDES: [u32; 4] = [14, 22, 39, 224];

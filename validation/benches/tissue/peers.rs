@@ -2,7 +2,7 @@
 //! spares them the cache misses of a shuffled mesh; `edge-loop-shuffled` shows those.
 
 use super::meshes::Random;
-use simcore::membrane::sheet::Sheet;
+use tissue::membrane::sheet::Sheet;
 
 const STIFFNESS: f32 = 400.0;
 const DAMPING: f32 = 0.15;

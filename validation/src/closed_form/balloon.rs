@@ -3,12 +3,12 @@
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, number, value};
 use super::mesh::{disc, is_rim, sphere};
 use serde_json::Value;
-use simcore::elements::integrator::{Integrator, Rule, forces_un};
-use simcore::elements::law::PlaneLaw;
-use simcore::elements::load::Pressure;
-use simcore::elements::triangle::Triangles;
-use simcore::elements::{Both, Nodes};
 use std::f64::consts::PI;
+use tissue::elements::integrator::{Integrator, Rule, forces_un};
+use tissue::elements::law::PlaneLaw;
+use tissue::elements::load::Pressure;
+use tissue::elements::triangle::Triangles;
+use tissue::elements::{Both, Nodes};
 
 /// A balloon blown up through its limit point.
 pub const BALLOON: Case = Case {

@@ -8,10 +8,10 @@
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, numbers};
 use super::modes::frequency;
 use serde_json::Value;
-use simcore::elements::integrator::{Integrator, Rule};
-use simcore::elements::law::{Lame, SolidLaw};
-use simcore::elements::solid::{Solid, block, with_middles};
-use simcore::elements::{Nodes, Point};
+use tissue::elements::integrator::{Integrator, Rule};
+use tissue::elements::law::{Lame, SolidLaw};
+use tissue::elements::solid::{Solid, block, with_middles};
+use tissue::elements::{Nodes, Point};
 
 /// The case.
 pub const CASE: Case = Case {

@@ -5,12 +5,12 @@ use super::case::{Case, Chart, Depth, Outcome, Series};
 use nalgebra::{UnitVector3, Vector3};
 use scene::{RetinaOperation, SceneFile};
 use serde_json::Value;
-use simcore::retina::Retina;
-use simcore::retina::state::RetinaState;
-use simcore::retina::volume::Cap;
-use simcore::state::NODE_PINNED;
-use simcore::tools::needle::Needle;
 use std::f64::consts::{FRAC_PI_2, PI};
+use tissue::needle::Needle;
+use tissue::retina::Retina;
+use tissue::retina::state::RetinaState;
+use tissue::retina::volume::Cap;
+use tissue::state::NODE_PINNED;
 
 /// The case.
 pub const CASE: Case =
@@ -60,7 +60,7 @@ impl Bleb {
         }
     }
 
-    /// Place of a node by the number that it has in [`simcore::retina::mesh`], which counts ring by ring from the pole.
+    /// Place of a node by the number that it has in [`tissue::retina::mesh`], which counts ring by ring from the pole.
     fn at_in_rings(&self, node: u32) -> Vector3<f64> {
         self.at(self.model.sheet.order[node as usize])
     }

@@ -2,8 +2,8 @@
 
 use super::{balloon, beam, bleb, chain, hencky, lattice, modes, oscillator, patch, peel};
 use serde_json::Value;
-use simcore::elements::conjugate::Limits;
-use simcore::elements::integrator::Settings;
+use tissue::elements::conjugate::Limits;
+use tissue::elements::integrator::Settings;
 
 /// Every case, in the order of the page.
 pub const ALL: &[Case] = &[

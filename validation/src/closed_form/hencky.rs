@@ -3,10 +3,10 @@
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, number};
 use super::mesh::{areas, disc, is_rim};
 use serde_json::Value;
-use simcore::elements::integrator::{Integrator, Rule};
-use simcore::elements::law::PlaneLaw;
-use simcore::elements::triangle::Triangles;
-use simcore::elements::{Nodes, Point};
+use tissue::elements::integrator::{Integrator, Rule};
+use tissue::elements::law::PlaneLaw;
+use tissue::elements::triangle::Triangles;
+use tissue::elements::{Nodes, Point};
 
 /// The case.
 pub const CASE: Case = Case {

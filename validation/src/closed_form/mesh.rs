@@ -1,7 +1,7 @@
 //! Meshes of the cases: discs of rings and spheres made of an icosahedron.
 
-use simcore::elements::Point;
 use std::collections::BTreeMap;
+use tissue::elements::Point;
 
 /// A disc of `radius` in the plane z = 0: its middle, then `rings` rings of 6, 12, 18 … nodes; the last ring is
 /// the rim. Triangles are counter-clockwise seen from +z.

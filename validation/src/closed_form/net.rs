@@ -3,12 +3,12 @@
 //! A [`Sheet`] is made of triangles. A spring that is no edge of the triangles given gets a triangle of its own
 //! with a pinned corner off the plane, whose two other edges have no stiffness.
 
-use simcore::elements::integrator::{Rule, Settings};
-use simcore::membrane::implicit::Implicit;
-use simcore::membrane::sheet::Sheet;
-use simcore::membrane::solver::{Solver, Tissue};
-use simcore::state::MembraneState;
 use std::collections::{BTreeMap, BTreeSet};
+use tissue::elements::integrator::{Rule, Settings};
+use tissue::membrane::implicit::Implicit;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::solver::{Solver, Tissue};
+use tissue::state::MembraneState;
 
 use scene::SceneFile;
 

@@ -3,10 +3,10 @@
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, number, value};
 use nalgebra::Matrix3;
 use serde_json::Value;
-use simcore::elements::integrator::{Integrator, Rule};
-use simcore::elements::law::{Lame, SolidLaw};
-use simcore::elements::solid::{EDGES, Solid, block, with_middles};
-use simcore::elements::{Nodes, Point};
+use tissue::elements::integrator::{Integrator, Rule};
+use tissue::elements::law::{Lame, SolidLaw};
+use tissue::elements::solid::{EDGES, Solid, block, with_middles};
+use tissue::elements::{Nodes, Point};
 
 /// The case.
 pub const CASE: Case = Case {

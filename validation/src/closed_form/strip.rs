@@ -4,11 +4,11 @@
 //! The lattice is equilateral, with springs of stiffness k: an isotropic membrane with Y = E t = 2k/√3 and ν = ⅓.
 
 use scene::{AdhesionScene, CurlScene, SceneFile};
-use simcore::membrane::adhesion::{Adhesion, AdhesionState};
-use simcore::membrane::curl::Curl;
-use simcore::membrane::sheet::Sheet;
-use simcore::membrane::solver::{Solver, Tissue};
-use simcore::state::{MembraneState, NODE_PINNED};
+use tissue::membrane::adhesion::{Adhesion, AdhesionState};
+use tissue::membrane::curl::Curl;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::solver::{Solver, Tissue};
+use tissue::state::{MembraneState, NODE_PINNED};
 
 /// A peel test.
 #[derive(Debug, Clone, Copy)]

@@ -14,8 +14,8 @@ use protocol::limits::FIELD_PERIOD_NS;
 use protocol::message::Message;
 use protocol::scene::NODE_FREE;
 use protocol::steps::StepInput;
-use simcore::state::MembraneState;
 use simcore::world::{StepReport, World};
+use tissue::state::MembraneState;
 use unrest::Unrest;
 
 /// Time at the end of a programme with the instruments out of the eye, s: what was stirred comes to rest.
@@ -164,8 +164,8 @@ fn mean_speed_mm_s(tissue: &MembraneState) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use simcore::membrane::tissue::Tissue;
     use simcore::world::no_clock;
+    use tissue::membrane::tissue::Tissue;
 
     /// Two seconds of a programme on the shipped membrane, which is too strong to tear, with figures that no scene can ask for.
     fn spoiled(v_max_mm_s: f64, spoil: impl FnOnce(&mut Tissue)) -> Result<Outcome, (u64, String)> {

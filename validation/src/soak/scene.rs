@@ -7,9 +7,9 @@ use scene::{
     ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, RetinaOperation, RetinaScene, SHIPPED,
     SceneFile,
 };
-use simcore::membrane::sheet::Sheet;
-use simcore::membrane::tissue::Tissue;
 use surgeon::skill::NOVICE;
+use tissue::membrane::sheet::Sheet;
+use tissue::membrane::tissue::Tissue;
 
 const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle];
 

@@ -13,8 +13,8 @@ use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
 use scene::MembraneIntegrator;
-use simcore::state::MembraneState;
 use simcore::world::World;
+use tissue::state::MembraneState;
 
 /// Steps without a hand after which tissue must be calm.
 pub const SETTLE_STEPS: u32 = 10;

@@ -4,7 +4,7 @@
 
 use crate::constants::MAX_HELD;
 use crate::membrane::solver::Solver;
-use crate::state::{HeldNode, InstrumentState, MembraneState};
+use crate::state::{HeldNode, MembraneState};
 use nalgebra::{Isometry3, Point3, Vector3};
 use protocol::handles::Tool;
 use protocol::scene::{NODE_BOUND, NODE_DEAD, NODE_FREE};
@@ -37,7 +37,7 @@ pub fn has_jaws(tool: u32) -> bool {
 
 /// Binds the free nodes within reach of the tip; returns how many are held now.
 pub fn bind(
-    instrument: &mut InstrumentState,
+    held: &mut Vec<HeldNode>,
     index: usize,
     membrane: &mut MembraneState,
     eye_from_instrument: &Isometry3<f64>,
@@ -46,24 +46,22 @@ pub fn bind(
     let tip = eye_from_instrument.translation.vector;
     for node in 0..membrane.nodes() {
         let p = membrane.position(node).map(f64::from);
-        let free = membrane.flag[node] == NODE_FREE && instrument.held.len() < MAX_HELD;
+        let free = membrane.flag[node] == NODE_FREE && held.len() < MAX_HELD;
         if !free || (p - tip).norm_squared() > reach_mm * reach_mm {
             continue;
         }
         let at = eye_from_instrument.inverse_transform_point(&Point3::from(p));
-        instrument
-            .held
-            .push(HeldNode { node: node as u32, at_in_instrument_mm: at.coords.map(|c| c as f32).into() });
+        held.push(HeldNode { node: node as u32, at_in_instrument_mm: at.coords.map(|c| c as f32).into() });
         membrane.flag[node] = NODE_BOUND + index as u32;
     }
-    instrument.held.len()
+    held.len()
 }
 
 /// Lets every node go, at rest and before the retina of radius `radius_mm`; returns how many were held.
-pub fn release(instrument: &mut InstrumentState, membrane: &mut MembraneState, radius_mm: f32) -> usize {
-    let count = instrument.held.len();
-    for held in instrument.held.drain(..) {
-        let node = held.node as usize;
+pub fn release(held: &mut Vec<HeldNode>, membrane: &mut MembraneState, radius_mm: f32) -> usize {
+    let count = held.len();
+    for node in held.drain(..) {
+        let node = node.node as usize;
         if membrane.flag[node] != NODE_DEAD {
             let p = membrane.position(node);
             if p.norm() > radius_mm {
@@ -78,12 +76,12 @@ pub fn release(instrument: &mut InstrumentState, membrane: &mut MembraneState, r
 
 /// Carries the held nodes with the instrument; their velocity is what that makes of it.
 pub fn carry(
-    instrument: &InstrumentState,
+    held: &[HeldNode],
     membrane: &mut MembraneState,
     eye_from_instrument: &Isometry3<f64>,
     dt_s: f64,
 ) {
-    for held in &instrument.held {
+    for held in held {
         let node = held.node as usize;
         let at = Point3::from(held.at_in_instrument_mm.map(f64::from));
         let p = (eye_from_instrument * at).coords;
@@ -94,26 +92,25 @@ pub fn carry(
 }
 
 /// Sum of the springs' forces on the held nodes, µN.
-pub fn pull_un(instrument: &InstrumentState, solver: &Solver) -> f64 {
+pub fn pull_un(held: &[HeldNode], solver: &Solver) -> f64 {
     let mut sum = Vector3::<f64>::zeros();
-    for held in &instrument.held {
+    for held in held {
         sum += Vector3::from(solver.force_un.each_ref().map(|f| f64::from(f[held.node as usize])));
     }
     sum.norm()
 }
 
 /// Forgets held nodes that were torn away; `true` if any was.
-pub fn drop_dead(instrument: &mut InstrumentState, membrane: &MembraneState) -> bool {
-    let before = instrument.held.len();
-    instrument.held.retain(|h| membrane.flag[h.node as usize] != NODE_DEAD);
-    instrument.held.len() < before
+pub fn drop_dead(held: &mut Vec<HeldNode>, membrane: &MembraneState) -> bool {
+    let before = held.len();
+    held.retain(|h| membrane.flag[h.node as usize] != NODE_DEAD);
+    held.len() < before
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::membrane::sheet::Sheet;
-    use crate::world::start_instrument;
     use scene::SceneFile;
 
     #[test]
@@ -130,17 +127,17 @@ mod tests {
     fn bound_nodes_follow_the_tip_and_are_free_again() {
         let scene = SceneFile::load("peel").unwrap();
         let mut membrane = Sheet::new(&scene).unwrap().start();
-        let mut inst = start_instrument(Tool::Forceps);
+        let mut held = Vec::new();
         let pose = Isometry3::translation(0.0, 0.0, -10.9);
-        let count = bind(&mut inst, 0, &mut membrane, &pose, 0.45);
+        let count = bind(&mut held, 0, &mut membrane, &pose, 0.45);
         assert!(count > 3, "{count}");
-        let node = inst.held[0].node as usize;
+        let node = held[0].node as usize;
         let before = membrane.position(node);
-        carry(&inst, &mut membrane, &Isometry3::translation(0.0, 0.1, -10.9), 1e-3);
+        carry(&held, &mut membrane, &Isometry3::translation(0.0, 0.1, -10.9), 1e-3);
         let moved = membrane.position(node) - before;
         assert!((moved - Vector3::new(0.0, 0.1, 0.0)).norm() < 1e-5);
         assert!((membrane.velocity(node).y - 100.0).abs() < 0.01);
-        assert_eq!(release(&mut inst, &mut membrane, 11.5), count);
-        assert!(membrane.flag.iter().all(|&f| f < NODE_BOUND) && inst.held.is_empty());
+        assert_eq!(release(&mut held, &mut membrane, 11.5), count);
+        assert!(membrane.flag.iter().all(|&f| f < NODE_BOUND) && held.is_empty());
     }
 }

@@ -47,9 +47,12 @@ pub(super) fn shift(
 }
 
 impl Retina {
-    /// Moves a node by `way`, at most onto the choroid.
-    pub fn shift(&self, state: &mut RetinaState, node: u32, way: &Vector3<f64>) {
-        shift(&mut state.tissue, node, way, None, self.figures.radius_mm);
+    /// Moves a free node by `way`, at most onto the choroid.
+    #[inline]
+    pub fn push_node(&self, state: &mut RetinaState, node: usize, way: &Vector3<f64>) {
+        if state.tissue.flag[node] == NODE_FREE {
+            shift(&mut state.tissue, node as u32, way, None, self.figures.radius_mm);
+        }
     }
 
     /// The worst node of each bleb's front comes off if it releases as much as the adhesion.

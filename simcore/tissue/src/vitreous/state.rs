@@ -13,10 +13,10 @@ pub const ADHERED: u8 = 2;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct VitreousState {
     /// Way from the rest place along x, y and z of the eye frame, µm.
-    #[serde(with = "crate::plain::lists")]
+    #[serde(with = "crate::pod_serde::lists")]
     pub shift_um: [Vec<i16>; 3],
     /// [`ALIVE`] and [`ADHERED`].
-    #[serde(with = "crate::plain::list")]
+    #[serde(with = "crate::pod_serde::list")]
     pub status: Vec<u8>,
     /// Rows that may not be at rest, a bit each, for elements of even and odd cells.
     pub awake: [Vec<u64>; 2],

@@ -24,7 +24,7 @@ const TOLD_PERCENT: u32 = 10;
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StainState {
     /// 0 none, [`FULL`] full.
-    #[serde(with = "crate::plain::list")]
+    #[serde(with = "crate::pod_serde::list")]
     pub dye: Vec<u16>,
     /// Steps of the share that were told.
     pub told: u32,

@@ -57,10 +57,10 @@ pub struct Adhesion {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AdhesionState {
     /// Largest separation so far, mm; from the range on the bond is broken.
-    #[serde(with = "crate::plain::list")]
+    #[serde(with = "crate::pod_serde::list")]
     pub parted_mm: Vec<f32>,
     /// Height of the retina under the node over its place at the start, mm.
-    #[serde(with = "crate::plain::list")]
+    #[serde(with = "crate::pod_serde::list")]
     pub lifted_mm: Vec<f32>,
     /// Area parted since the start, mm².
     pub freed_mm2: f64,

@@ -7,7 +7,7 @@ use super::state::{Hole, NeedleState, RetinaState};
 use super::volume::at;
 use crate::constants::SUBSTEP_S;
 use crate::membrane::tear;
-use crate::tools::needle::{Needle, Penetration};
+use crate::needle::{Needle, Penetration};
 use collision::surface::Surface;
 use nalgebra::Vector3;
 

@@ -2,18 +2,19 @@
 
 use super::World;
 use super::plan::{Plan, Poses};
-use crate::constants::{RIM_REARM, STRAIN_SWEEPS, SUBSTEP_S};
+use crate::constants::RIM_REARM;
 use crate::event_log::Happening;
-use crate::guard;
-use crate::membrane::strain::limit_strain;
-use crate::membrane::tear;
-use crate::state::NODE_PINNED;
-use crate::tools::forceps::{self, Grasp};
 use nalgebra::Vector3;
 use protocol::events::{EventKind, Severity};
 use protocol::handles::JAW_LENGTH_MM;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
+use tissue::constants::{STRAIN_SWEEPS, SUBSTEP_S};
+use tissue::forceps::{self, Grasp};
+use tissue::guard;
+use tissue::membrane::strain::limit_strain;
+use tissue::membrane::tear;
+use tissue::state::NODE_PINNED;
 
 /// What happened to the membrane in a step, added up so that a step raises one event of a kind.
 #[derive(Debug, Clone, Copy, Default)]
@@ -32,7 +33,7 @@ impl World {
         let membrane = &mut self.state.membrane;
         for (i, pose) in poses.eye_from_instrument.iter().enumerate() {
             if plan.touches[i] {
-                forceps::carry(&self.state.instruments[i], membrane, pose, SUBSTEP_S);
+                forceps::carry(&self.state.instruments[i].held, membrane, pose, SUBSTEP_S);
             }
         }
         self.pull_at_glue();
@@ -121,7 +122,7 @@ impl World {
     pub(super) fn after_loss(&mut self) {
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
-            if forceps::drop_dead(instrument, &self.state.membrane) && instrument.held.is_empty() {
+            if forceps::drop_dead(&mut instrument.held, &self.state.membrane) && instrument.held.is_empty() {
                 let tip = instrument.tip_in_eye_mm.into();
                 let event = Happening::new(EventKind::TissueReleased, Severity::Info, 0.0);
                 self.log.raise(event.by(i, tip));
@@ -178,7 +179,7 @@ impl World {
         let reach = self.scene.contact.grab_reach_mm;
         let pose = &poses.eye_from_instrument[i];
         let instrument = &mut self.state.instruments[i];
-        let held = forceps::bind(instrument, i, &mut self.state.membrane, pose, reach);
+        let held = forceps::bind(&mut instrument.held, i, &mut self.state.membrane, pose, reach);
         if held > 0 {
             let event = Happening::new(EventKind::TissueGrabbed, Severity::Info, held as f64);
             self.log.raise(event.by(i, pose.translation.vector.into()));
@@ -189,7 +190,8 @@ impl World {
     /// Opens the grip of instrument `i`, if it holds anything.
     pub(super) fn let_go(&mut self, i: usize) {
         let instrument = &mut self.state.instruments[i];
-        let released = forceps::release(instrument, &mut self.state.membrane, self.tissue.radius_mm);
+        let released =
+            forceps::release(&mut instrument.held, &mut self.state.membrane, self.tissue.radius_mm);
         if released > 0 {
             let tip = instrument.tip_in_eye_mm.into();
             let event = Happening::new(EventKind::TissueReleased, Severity::Info, released as f64);
@@ -203,9 +205,9 @@ impl World {
         if instrument.held.is_empty() {
             return;
         }
-        let (pull, limit) = (forceps::pull_un(instrument, &self.solver), self.scene.contact.grip_un);
+        let (pull, limit) = (forceps::pull_un(&instrument.held, &self.solver), self.scene.contact.grip_un);
         if pull > limit {
-            forceps::release(instrument, &mut self.state.membrane, self.tissue.radius_mm);
+            forceps::release(&mut instrument.held, &mut self.state.membrane, self.tissue.radius_mm);
             let event = Happening::new(EventKind::GripSlipped, Severity::Warning, pull);
             let tip = instrument.tip_in_eye_mm.into();
             self.log.raise(Happening { limit, ..event.by(i, tip) });

@@ -1,5 +1,5 @@
 //! Jaws on loose retina: what they hold moves with the instrument, and its pull on the rest is what slips a weak grip.
-//! (The same as [`crate::tools::forceps`] does to a membrane; retina that lies on the choroid cannot be grasped.)
+//! (The same as [`crate::forceps`] does to a membrane; retina that lies on the choroid cannot be grasped.)
 
 use super::Retina;
 use super::state::RetinaState;

@@ -3,12 +3,13 @@
 use crate::membrane::sheet::Sheet;
 use crate::membrane::tear;
 use crate::state::MembraneState;
-use crate::tools::vitrector::Port;
-use crate::tools::{Removed, ToolFigures};
+use crate::state::Removed;
+use crate::vitrector::Port;
 use collision::suction::{Suction, View};
 use collision::surface::{Surface, Unusable};
 use nalgebra::Isometry3;
 use protocol::limits::INSTRUMENTS;
+use scene::VitrectorScene;
 
 /// What suction and cutting of a sheet need beside its state.
 #[derive(Debug)]
@@ -28,13 +29,12 @@ pub struct Cutting {
 
 impl Cutting {
     /// For a sheet.
-    pub fn new(figures: &ToolFigures, sheet: &Sheet) -> Result<Self, Unusable> {
+    pub fn new(vitrector: &VitrectorScene, sheet: &Sheet) -> Result<Self, Unusable> {
         let start = sheet.start();
         let area_um2 = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|n| start.position(n as usize).map(f64::from));
             (0.5e6 * (b - a).cross(&(c - a)).norm() + 0.5) as u32
         };
-        let vitrector = &figures.vitrector;
         Ok(Cutting {
             camera: Suction::new(vitrector.resolution as usize, &sheet.triangles, sheet.nodes())?,
             view: View {
@@ -61,7 +61,6 @@ impl Cutting {
     }
 
     /// Triangles that the last look saw.
-    #[cfg(test)]
     pub fn seen(&self) -> &[u32] {
         self.camera.triangles()
     }

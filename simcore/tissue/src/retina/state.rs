@@ -4,8 +4,8 @@ use super::figures::{MAX_BLEBS, MAX_HOLES};
 use crate::constants::MAX_HELD;
 use crate::membrane::sheet::Sheet;
 use crate::membrane::tear;
+use crate::state::Removed;
 use crate::state::{HeldNode, MembraneState, NODE_PINNED, is_bound, is_known_flag};
-use crate::tools::Removed;
 use nalgebra::{UnitVector3, Vector3};
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::{NODE_BOUND, NODE_FREE};
@@ -17,7 +17,7 @@ pub struct RetinaState {
     /// Its mesh. `NODE_PINNED` is a node that lies on the choroid and holds there; free and bound ones are **loose**.
     pub tissue: MembraneState,
     /// For each node the number of its bleb + 1; 0 for a node that is not loose. Blebs count in the order of their first nodes.
-    #[serde(with = "crate::plain::list")]
+    #[serde(with = "crate::pod_serde::list")]
     pub bleb_of: Vec<u8>,
     /// Connected pieces of loose retina, each with the fluid under it.
     pub blebs: Vec<Bleb>,
