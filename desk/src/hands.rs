@@ -116,24 +116,25 @@ pub struct Desk {
 const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::Pick, Tool::Vitrector, Tool::Needle, Tool::LightPipe];
 
 impl Desk {
-    /// At the start of a scene: instruments where its script has them first, the first hand led.
+    /// At the start of a scene: instruments where its script has them first, at rest
+    /// without one; the first hand led.
     pub fn new(scene: &SceneFile, rig: &Rig) -> Self {
+        let script = scene.script_or_rest();
         let hand = |i: usize| {
-            let keys = scene.script.keys.iter().filter(|k| k.instrument as usize == i);
-            let first = keys.min_by(|a, b| a.at_s.total_cmp(&b.at_s));
+            let first = script.first_key(i).expect("a checked script has a key for each instrument");
             let trocar_mm = rig.trocars.get(i).map_or(Vector3::z() * 12.0, |t| Vector3::from(t.p_eye));
             let reach = Reach::new(scene.eye.retina_radius_mm, &trocar_mm);
-            let tip = first.map_or(Vector3::new(0.0, 0.0, -4.0), |k| Vector3::from(k.tip_in_eye_mm));
+            let tip = Vector3::from(first.tip_in_eye_mm);
             let (tip_mm, tool) = (reach.hold(&tip), scene.instruments[i].tool);
             Hand {
                 tip_mm,
                 velocity_mm_s: Vector3::zeros(),
-                roll_rad: first.map_or(0.0, |k| k.roll_rad),
+                roll_rad: first.roll_rad,
                 jaw_rad: if tool == Tool::Forceps { OPEN_RAD } else { 0.0 },
                 tool,
                 turning_rad_s: Vector3::zeros(),
                 aim_mm: tip_mm,
-                aim_roll_rad: first.map_or(0.0, |k| k.roll_rad),
+                aim_roll_rad: first.roll_rad,
                 kept: false,
                 trocar_mm,
                 reach,

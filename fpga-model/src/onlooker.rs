@@ -3,7 +3,7 @@
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::events::{Event, EventKind};
 use protocol::scene::{NODE_FREE, SceneBody, SceneHeader, SceneNode, section};
-use surgeon::script::{BodySeen, Sight};
+use surgeon::script::{PerceivedBody, Perception};
 
 /// What the surgeon sees.
 #[derive(Debug, Clone, Default)]
@@ -36,18 +36,18 @@ impl Seen {
     }
 }
 
-impl Sight for Seen {
+impl Perception for Seen {
     fn reached(&self, goal: usize) -> bool {
         self.reached.checked_shr(goal as u32).is_some_and(|bits| bits & 1 == 1)
     }
 
-    fn body(&self, number: usize) -> Option<BodySeen> {
+    fn body(&self, number: usize) -> Option<PerceivedBody> {
         let body = self.bodies.get(number)?;
         let q = body.rotation_xyzw.map(f64::from);
         let turn = UnitQuaternion::try_new(Quaternion::new(q[3], q[0], q[1], q[2]), 1e-6)?;
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| turn * axis);
         let at = Vector3::from(body.position_mm.map(f64::from));
-        Some(BodySeen::new(at, axes, body.half_extents_mm.map(f64::from)))
+        Some(PerceivedBody::new(at, axes, body.half_extents_mm.map(f64::from)))
     }
 
     fn tissue_near(&self, place_in_eye_mm: &Vector3<f64>) -> Option<Vector3<f64>> {

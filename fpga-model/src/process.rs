@@ -136,7 +136,7 @@ impl Sights {
         while let Some(event) = self.events.next_valid()? {
             self.seen.take_event(&event);
         }
-        if !surgeon.looks_now(exposed_ns) {
+        if !surgeon.perceives_now(exposed_ns) {
             return Ok(());
         }
         if let Some(sample) = self.scenes.receive()? {
@@ -192,7 +192,7 @@ impl Station {
             blobs: instance.sender()?,
             handles: instance.sender()?,
             pedal: instance.sender()?,
-            sights: surgeon.has_eyes().then(|| Sights::open(&instance)).transpose()?,
+            sights: surgeon.is_reactive().then(|| Sights::open(&instance)).transpose()?,
             fresh: surgeon.clone(),
             surgeon,
             config: config.clone(),

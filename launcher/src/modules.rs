@@ -4,7 +4,7 @@ use anyhow::bail;
 use scene::module::{Kind, Module, names};
 use std::io::{Seek, Write};
 use std::process::ExitCode;
-use surgeon::skill::{SURGEONS, Surgeon, by_name};
+use surgeon::skill::{SKILLS, Skill, by_name};
 
 /// Arguments of `vitreo modules`.
 #[derive(Debug, clap::Args)]
@@ -23,7 +23,7 @@ pub struct ModulesArgs {
 /// Runs it.
 pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
     if let Some(name) = &args.scene {
-        let scene = surgeon::compose(&surgeon::load(name)?, args.level, &SURGEONS[0], 1)?;
+        let scene = surgeon::compose(&surgeon::load(name)?, args.level, &SKILLS[0], 1)?;
         print!("{}", scene.to_toml());
         return Ok(ExitCode::SUCCESS);
     }
@@ -53,7 +53,7 @@ pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
 pub struct Composed {
     file: tempfile::NamedTempFile,
     module: Module,
-    surgeon: Surgeon,
+    surgeon: Skill,
     seed: u64,
     level: u32,
     /// Longest attempt of the surgeon, s: everything that can be done again is.
@@ -64,7 +64,7 @@ impl Composed {
     /// The module's level with the script of a surgeon, drawn from a seed.
     pub fn new(module: &str, level: u32, surgeon: &str, seed: u64) -> anyhow::Result<Self> {
         let Some(surgeon) = by_name(surgeon) else {
-            let known: Vec<&str> = SURGEONS.iter().map(|s| s.name).collect();
+            let known: Vec<&str> = SKILLS.iter().map(|s| s.name).collect();
             bail!("--surgeon: expected one of {}, found {surgeon}", known.join(", "));
         };
         let file = tempfile::Builder::new().prefix("vitreo-").suffix(".toml").tempfile()?;
@@ -80,8 +80,9 @@ impl Composed {
         file.set_len(0)?;
         file.rewind()?;
         file.write_all(scene.to_toml().as_bytes())?;
-        let again = scene.script.looks.iter().map(|l| (l.at_s - l.from_s) * l.takes.len() as f64);
-        self.longest_s = scene.script.period_s + again.sum::<f64>();
+        let script = scene.script_or_rest();
+        let again = script.goal_checks.iter().map(|l| (l.at_s - l.from_s) * l.retries.len() as f64);
+        self.longest_s = script.period_s + again.sum::<f64>();
         Ok(())
     }
 

@@ -1,15 +1,15 @@
-//! Scene files: what is in the eye and what the scripted surgeon does with it. TOML that a person
-//! edits; unknown keys are refused. Shipped scenes are built in and found by name.
+//! Scene files: what is in the eye and, if wanted, the script of a surgeon who works on it. TOML that
+//! a person edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
 mod adhesion;
 mod bodies;
 mod elements;
-mod looks;
 mod membrane;
 mod mesh;
 pub mod module;
 mod optics;
 mod retina;
+mod script;
 mod task;
 mod tools;
 mod vitreous;
@@ -17,21 +17,21 @@ mod vitreous;
 pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use elements::{ElementsLaw, ElementsScene};
-pub use looks::{AimScene, LookScene, SAME_INSTANT_S, TakeScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
 pub use mesh::{MeshScene, Pinned};
 pub use optics::OpticsScene;
 pub use retina::{RetinaOperation, RetinaScene};
+pub use script::{GoalCheck, PedalKey, Retarget, Retry, SAME_INSTANT_S, ScriptKey, ScriptScene};
 pub use task::{CORE_MM, GelZone, Goal, GoalOrder, MAX_GOALS, MAX_PATH, PERIPHERY_FROM_Z_MM, TaskScene};
 pub use tools::{NeedleScene, VitrectorScene};
 pub use vitreous::{
     GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
 };
 
-use protocol::handles::{PedalMode, Tool};
+use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
-use protocol::optics::PedalButton;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// The one format this build reads.
@@ -96,7 +96,8 @@ pub enum SceneError {
 /// A key with its value, and the lowest and highest value allowed.
 type Range = (&'static str, f64, f64, f64);
 
-/// A scene: an eye, whatever lies in it (each subject a table of its own that may be absent), and who works on it.
+/// A scene: an eye, whatever lies in it (each subject a table of its own that may be
+/// absent), and perhaps a script.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
@@ -136,8 +137,9 @@ pub struct SceneFile {
     pub optics: Option<OpticsScene>,
     /// The two instruments, in the order of the rig.
     pub instruments: Vec<InstrumentScene>,
-    /// What the scripted surgeon does.
-    pub script: ScriptScene,
+    /// What the scripted surgeon does; without it the instruments rest.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub script: Option<ScriptScene>,
 }
 
 /// Left or right eye: decides where the optic disc lies.
@@ -212,68 +214,6 @@ pub struct InstrumentScene {
     pub shaft_radius_mm: f64,
 }
 
-/// What the scripted surgeon does, over and over.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ScriptScene {
-    /// Length of a round, s; key frames lie inside it and the last joins the first.
-    pub period_s: f64,
-    /// Tremor of the tips held still, µm RMS (all axes together).
-    pub tremor_um: f64,
-    /// Centre of the tremor's band, Hz.
-    pub tremor_hz: f64,
-    /// Rotation of the eye by the shafts: amplitude about x and y, rad.
-    pub eye_turn_rad: [f64; 2],
-    /// Key frames of instrument 0 and 1.
-    pub keys: Vec<ScriptKey>,
-    /// What the foot does.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub pedal: Vec<PedalKey>,
-    /// Where the surgeon looks before a movement.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub aims: Vec<AimScene>,
-    /// Where the surgeon looks whether a goal is reached.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub looks: Vec<LookScene>,
-}
-
-/// What the pedal is from an instant of the round until the next key; before the first as after the last.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PedalKey {
-    /// Instant in the round, s.
-    pub at_s: f64,
-    /// What the axes mean.
-    pub mode: PedalMode,
-    /// Two axes, −1 to 1.
-    #[serde(default)]
-    pub axes: [f64; 2],
-    /// Buttons that are held.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub buttons: Vec<PedalButton>,
-}
-
-/// Where an instrument is at an instant of the round.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ScriptKey {
-    /// Instant in the round, s.
-    pub at_s: f64,
-    /// 0 or 1.
-    pub instrument: u32,
-    /// Tip in the eye frame, mm.
-    pub tip_in_eye_mm: [f64; 3],
-    /// Turn of the handle about the shaft, rad.
-    #[serde(default)]
-    pub roll_rad: f64,
-    /// Jaw opening, rad.
-    #[serde(default)]
-    pub jaw_rad: f64,
-    /// Tool in the hand from here on; without it the one before. A round begins with the instrument's own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tool: Option<Tool>,
-}
-
 impl SceneFile {
     /// Loads a scene by file name, or a shipped one by its name.
     pub fn load(name: &str) -> Result<Self, SceneError> {
@@ -306,6 +246,16 @@ impl SceneFile {
     fn read(text: &str, name: &str) -> Result<Self, SceneError> {
         toml::from_str(text)
             .map_err(|source| SceneError::Parse { name: name.into(), source: Box::new(source) })
+    }
+
+    /// The script; instruments at rest where the scene has none.
+    pub fn script_or_rest(&self) -> Cow<'_, ScriptScene> {
+        self.script.as_ref().map_or_else(|| Cow::Owned(ScriptScene::at_rest()), Cow::Borrowed)
+    }
+
+    /// The scene without its script: what a simulation of it depends on.
+    pub fn without_script(&self) -> Self {
+        SceneFile { script: None, ..self.clone() }
     }
 
     /// As TOML, for recordings.
@@ -354,31 +304,8 @@ impl SceneFile {
             let found = format!("{} > {}", self.contact.grab_below_rad, self.contact.release_above_rad);
             return refuse("contact.grab_below_rad", "not above release_above_rad", found);
         }
-        for (i, key) in self.script.keys.iter().enumerate() {
-            let inside = (0.0..self.script.period_s).contains(&key.at_s);
-            if !inside || !key.is_sound() {
-                return refuse(
-                    &format!("script.keys[{i}]"),
-                    "instant inside the period, instrument 0 or 1, tip within 30 mm, jaw 0 to 3.2",
-                    format!("{key:?}"),
-                );
-            }
-        }
-        for (i, key) in self.script.pedal.iter().enumerate() {
-            let inside = (0.0..self.script.period_s).contains(&key.at_s);
-            if !inside || !key.axes.iter().all(|a| (-1.0..=1.0).contains(a)) {
-                let field = format!("script.pedal[{i}]");
-                return refuse(&field, "instant inside the period, axes −1 to 1", format!("{key:?}"));
-            }
-        }
-        for instrument in 0..INSTRUMENTS as u32 {
-            if !self.script.keys.iter().any(|k| k.instrument == instrument) {
-                return refuse("script.keys", "a key for each instrument", format!("none for {instrument}"));
-            }
-        }
         let goals = self.task.as_ref().map_or(0, |t| t.goals.len());
-        let bodies = self.bodies.as_ref().map_or(0, |b| b.body.len());
-        if let Some((field, expected, found)) = self.script.defect_of_looks(goals, bodies) {
+        if let Some((field, expected, found)) = self.script.as_ref().and_then(|s| s.defect(goals, bodies)) {
             return refuse(&field, &expected, found);
         }
         Ok(())
@@ -386,7 +313,7 @@ impl SceneFile {
 
     /// Every plain number with its allowed range, both ends included.
     fn ranges(&self) -> Vec<Range> {
-        let (c, s, v) = (&self.contact, &self.script, &self.microscope);
+        let (c, v) = (&self.contact, &self.microscope);
         let mut ranges = vec![
             ("eye.retina_radius_mm", self.eye.retina_radius_mm, 5.0, 20.0),
             ("contact.graze_mm", c.graze_mm, 0.0, 5.0),
@@ -401,11 +328,6 @@ impl SceneFile {
             ("microscope.working_distance_mm", v.working_distance_mm, 50.0, 1000.0),
             ("microscope.stereo_base_mm", v.stereo_base_mm, 0.0, 100.0),
             ("microscope.field_mm", v.field_mm, 1.0, 60.0),
-            ("script.period_s", s.period_s, 0.1, 3600.0),
-            ("script.tremor_um", s.tremor_um, 0.0, 5000.0),
-            ("script.tremor_hz", s.tremor_hz, 0.1, 24.0),
-            ("script.eye_turn_rad[0]", s.eye_turn_rad[0], -0.5, 0.5),
-            ("script.eye_turn_rad[1]", s.eye_turn_rad[1], -0.5, 0.5),
             ("microscope.target_in_world_mm[0]", v.target_in_world_mm[0], -50.0, 50.0),
             ("microscope.target_in_world_mm[1]", v.target_in_world_mm[1], -50.0, 50.0),
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
@@ -417,6 +339,7 @@ impl SceneFile {
         ranges.extend(self.vitreous.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.vitrector.iter().flat_map(|v| v.ranges()));
         ranges.extend(self.task.iter().flat_map(|t| t.ranges()));
+        ranges.extend(self.script.iter().flat_map(|s| s.ranges()));
         ranges.extend(self.needle.iter().flat_map(|n| n.ranges()));
         ranges
     }
@@ -442,9 +365,11 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_does_without_a_membrane() {
+    fn a_scene_does_without_a_membrane_and_without_a_script() {
         let mut scene = SceneFile::load(DEFAULT_SCENE).unwrap();
-        scene.membrane = None;
+        (scene.membrane, scene.script) = (None, None);
+        assert_eq!(*scene.script_or_rest(), ScriptScene::at_rest());
+        assert_eq!(ScriptScene::at_rest().defect(0, 0), None);
         assert_eq!(scene, SceneFile::parse(&scene.to_toml(), "again").unwrap());
     }
 

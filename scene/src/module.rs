@@ -209,8 +209,7 @@ impl Module {
                 "a script".into(),
             );
         }
-        let scene =
-            SceneFile { script: file.script.clone().unwrap_or_else(|| scene.script.clone()), ..scene };
+        let scene = SceneFile { script: file.script.clone().or_else(|| scene.script.clone()), ..scene };
         Ok(Module { name: name.into(), file, scene })
     }
 
@@ -229,7 +228,7 @@ impl Module {
         let of_scene = |source| ModuleError::Scene { name: self.name.clone(), source };
         let own = level.scene.as_ref().map(|name| SceneFile::load(name)).transpose().map_err(of_scene)?;
         let mut scene = own.unwrap_or_else(|| self.scene.clone());
-        scene.script = level.script.clone().unwrap_or(scene.script);
+        scene.script = level.script.clone().or(scene.script);
         scene.task = Some(TaskScene {
             module: self.name.clone(),
             level: number,

@@ -275,6 +275,18 @@ mod tests {
     }
 
     #[test]
+    fn a_checkpoint_belongs_to_the_scene_whoever_works_in_it() {
+        let scene = SceneFile::load("peel").unwrap();
+        let mut bytes = Vec::new();
+        World::new(&scene).unwrap().save(&mut bytes).unwrap();
+        World::new(&scene.without_script()).unwrap().restore(&bytes).unwrap();
+        let mut other = scene.clone();
+        other.eye.retina_radius_mm += 0.1;
+        let refused = World::new(&other).unwrap().restore(&bytes);
+        assert!(matches!(refused, Err(CheckpointError::Scene { .. })), "{refused:?}");
+    }
+
+    #[test]
     fn optics_are_saved_where_there_are_some() {
         let world = world();
         let mut bytes = Vec::new();

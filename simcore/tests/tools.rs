@@ -107,8 +107,8 @@ fn without_the_foot_nothing_is_sucked_or_cut_and_without_the_blade_nothing_is_cu
     let reach = |axes: Option<[f64; 2]>| {
         let mut scene = scene.clone();
         match axes {
-            Some(axes) => scene.script.pedal[0].axes = axes,
-            None => scene.script.pedal.clear(),
+            Some(axes) => scene.script.as_mut().unwrap().pedal[0].axes = axes,
+            None => scene.script.as_mut().unwrap().pedal.clear(),
         }
         let rehearsal = Rehearsal::shipped(&scene);
         let mut world = World::new(&scene).unwrap();

@@ -1,7 +1,7 @@
 //! A module, a level and a surgeon are composed into one scene file, which every process understands.
 
 use crate::plan;
-use crate::skill::{EXPERT, Surgeon};
+use crate::skill::{EXPERT, Skill};
 use scene::SceneFile;
 use scene::module::{Kind, Module, ModuleError};
 
@@ -27,20 +27,23 @@ fn check(module: &Module) -> Result<(), ModuleError> {
 ///
 /// # Errors
 /// [`ModuleError::Level`] where there is no such level, [`ModuleError::Scene`] where its scene is refused.
-pub fn compose(module: &Module, level: u32, surgeon: &Surgeon, seed: u64) -> Result<SceneFile, ModuleError> {
+pub fn compose(module: &Module, level: u32, skill: &Skill, seed: u64) -> Result<SceneFile, ModuleError> {
     let scene = module.level_scene(level)?;
     let file = module.level(level)?;
     let mut task = scene.task.clone().expect("a level has a task");
-    let mut script = scene.script.clone();
-    if module.file.kind == Kind::Abstract {
-        let plan = plan::of_goals(&scene, &task);
-        (script.keys, script.period_s, script.pedal) = (plan.keys, plan.period_s, Vec::new());
-        (script.aims, script.looks) = (plan.aims, plan.looks);
-    }
+    let script = match module.file.kind {
+        Kind::Abstract => plan::of_goals(&scene, &task),
+        Kind::Operation => scene.script.clone().ok_or_else(|| ModuleError::Value {
+            name: module.name.clone(),
+            field: "script".into(),
+            expected: "one in the level, the module or the scene of an operation".into(),
+            found: format!("none for level {level}"),
+        })?,
+    };
     task.par_s = file.par_s.unwrap_or(script.period_s);
-    task.par_mm = plan::way_mm(&script.keys);
+    task.par_mm = plan::path_mm(&script.keys);
     task.limit_s = file.limit_s.unwrap_or(LIMIT_PARS * task.par_s);
-    let script = surgeon.perform(&script, scene.eye.retina_radius_mm, seed);
+    let script = Some(skill.perform(&script, scene.eye.retina_radius_mm, seed));
     let composed = SceneFile { title: module.file.title.clone(), task: Some(task), script, ..scene };
     SceneFile::parse(&composed.to_toml(), &format!("{} level {level}", module.name))
         .map_err(|source| ModuleError::Scene { name: module.name.clone(), source })
@@ -49,7 +52,7 @@ pub fn compose(module: &Module, level: u32, surgeon: &Surgeon, seed: u64) -> Res
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::skill::SURGEONS;
+    use crate::skill::SKILLS;
     use scene::module::{names, shipped};
 
     #[test]
@@ -57,7 +60,7 @@ mod tests {
         for name in names() {
             let module = load(name).unwrap_or_else(|e| panic!("{e}"));
             for level in 1..=module.levels() {
-                for surgeon in SURGEONS {
+                for surgeon in SKILLS {
                     let scene = compose(&module, level, &surgeon, 7).unwrap_or_else(|e| panic!("{e}"));
                     let task = scene.task.unwrap();
                     assert_eq!((task.module.as_str(), task.level), (name, level));

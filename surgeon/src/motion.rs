@@ -8,7 +8,7 @@
 pub mod eye_spring;
 pub mod recorded;
 
-use crate::script::{Gesture, Script, Sight};
+use crate::script::{Gesture, Perception, Script};
 use crate::tremor::Tremor;
 use eye_spring::EyeSpring;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -82,13 +82,14 @@ impl MotionSource {
                 MotionUse::Full(motion.fitted(room.max(FIT_MARGIN_MM)))
             }
         });
-        let (rms_um, hz) = (scene.script.tremor_um, scene.script.tremor_hz);
+        let written = scene.script_or_rest();
+        let (rms_um, hz) = (written.tremor_um, written.tremor_hz);
         let trocar = |name: &str| {
             let given = rig.trocar(name).map(|t| Vector3::from(t.p_eye));
             given.unwrap_or(Vector3::z() * PIVOT_WITHOUT_TROCAR_MM)
         };
         let load = Load {
-            turn_rad: scene.script.eye_turn_rad,
+            turn_rad: written.eye_turn_rad,
             period_s: script.period_s(),
             middle: std::array::from_fn(|i| script.mean_tip_in_eye_mm(i)),
         };
@@ -108,17 +109,17 @@ impl MotionSource {
     }
 
     /// True if the script reacts to what the surgeon sees.
-    pub fn has_eyes(&self) -> bool {
-        self.script.has_eyes()
+    pub fn is_reactive(&self) -> bool {
+        self.script.is_reactive()
     }
 
     /// Whether the surgeon looks at anything when everything until `t_ns` after the start has been exposed.
-    pub fn looks_now(&self, t_ns: u64) -> bool {
-        self.script.looks_now(t_ns as f64 * 1e-9)
+    pub fn perceives_now(&self, t_ns: u64) -> bool {
+        self.script.perceives_now(t_ns as f64 * 1e-9)
     }
 
     /// The surgeon looks, after everything until `t_ns` after the start has been exposed.
-    pub fn see(&mut self, t_ns: u64, sight: &dyn Sight) {
+    pub fn see(&mut self, t_ns: u64, sight: &dyn Perception) {
         self.script.see(t_ns as f64 * 1e-9, sight);
     }
 

@@ -1,11 +1,11 @@
-//! How a goal is reached without a fault: key frames for the scripted surgeon, derived from the goals of an abstract task. An
-//! operation brings its own script.
+//! Plans of abstract tasks: a script that reaches every goal without a fault, derived from the goals.
+//! An operation brings its own script.
 
 use nalgebra::Vector3;
 use protocol::limits::INSTRUMENTS;
-use scene::{AimScene, Goal, LookScene, SceneFile, ScriptKey, TaskScene};
+use scene::{Goal, GoalCheck, Retarget, SceneFile, ScriptKey, ScriptScene, TaskScene};
 
-/// Mean speed on the way to a goal, mm/s, and what each way takes besides, s.
+/// Mean speed on the way to a goal, mm/s, and the time that is added to every movement, s.
 const REACH_MM_S: f64 = 3.5;
 const REACH_S: f64 = 0.5;
 /// Mean speed along a path and close to the retina, mm/s.
@@ -22,25 +22,12 @@ const OPEN_RAD: f64 = 1.2;
 const CLOSED_RAD: f64 = 0.1;
 /// Time to close or open the jaws, s.
 const JAWS_S: f64 = 1.0;
-/// Rest over a place, in which the surgeon looks how a body hangs in the jaws, s.
+/// Rest over a place, for the surgeon to see how a body lies in the jaws, s.
 const LOOK_S: f64 = 0.3;
 
-/// Key frames, and how long they take.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Plan {
-    /// In the order of time, both instruments together.
-    pub keys: Vec<ScriptKey>,
-    /// Length of the round, s; it ends where it began.
-    pub period_s: f64,
-    /// Where the surgeon looks for bodies.
-    pub aims: Vec<AimScene>,
-    /// Grips and places that are looked at when they are done; who does them again says how.
-    pub looks: Vec<LookScene>,
-}
-
-/// A hand as the plan leaves it.
+/// Pose of an instrument where the plan has come to.
 #[derive(Debug, Clone, Copy)]
-struct Hand {
+struct PlannedPose {
     tip: Vector3<f64>,
     jaw_rad: f64,
     roll_rad: f64,
@@ -49,11 +36,11 @@ struct Hand {
 
 struct Planner {
     keys: Vec<ScriptKey>,
-    aims: Vec<AimScene>,
-    looks: Vec<LookScene>,
-    /// The body that was gripped last, and since when the hand has been on its way to it, s.
+    retargets: Vec<Retarget>,
+    goal_checks: Vec<GoalCheck>,
+    /// The body that was gripped last, and the instant at which the instrument set out for it, s.
     gripped: Option<(u32, f64)>,
-    hands: [Hand; INSTRUMENTS],
+    instruments: [PlannedPose; INSTRUMENTS],
     /// Where each body is when its turn comes.
     bodies: Vec<Vector3<f64>>,
     /// Longest axis of each at the start, eye frame.
@@ -61,23 +48,24 @@ struct Planner {
     radius_mm: f64,
 }
 
-/// The plan of a task in its scene. Instruments begin where the scene's own script has them first.
-pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> Plan {
+/// The plan of a task in its scene; its last key joins its first. Instruments begin where the scene's
+/// own script has them first; tremor and turn of the eye are that script's.
+pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> ScriptScene {
+    let own = scene.script_or_rest();
     let first = |i: usize| {
-        let own = scene.script.keys.iter().filter(|k| k.instrument as usize == i);
-        let key = own.min_by(|a, b| a.at_s.total_cmp(&b.at_s));
-        key.map_or((Vector3::new(0.0, 0.0, -4.0), 0.0), |k| (Vector3::from(k.tip_in_eye_mm), k.jaw_rad))
+        let key = own.first_key(i).expect("a checked script has a key for each instrument");
+        (Vector3::from(key.tip_in_eye_mm), key.jaw_rad)
     };
-    let hand = |i: usize| Hand { tip: first(i).0, jaw_rad: first(i).1, roll_rad: 0.0, at_s: 0.0 };
+    let start = |i: usize| PlannedPose { tip: first(i).0, jaw_rad: first(i).1, roll_rad: 0.0, at_s: 0.0 };
     let radius_mm = scene.eye.retina_radius_mm;
     let bodies = scene.bodies.iter().flat_map(|b| &b.body).map(|b| lying(b, radius_mm)).collect();
     let axes = scene.bodies.iter().flat_map(|b| &b.body).map(scene::BodyScene::longest_axis).collect();
     let mut planner = Planner {
         keys: Vec::new(),
-        aims: Vec::new(),
-        looks: Vec::new(),
+        retargets: Vec::new(),
+        goal_checks: Vec::new(),
         gripped: None,
-        hands: std::array::from_fn(hand),
+        instruments: std::array::from_fn(start),
         bodies,
         axes,
         radius_mm,
@@ -85,19 +73,19 @@ pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> Plan {
     (0..INSTRUMENTS).for_each(|i| planner.stay(i, 0.0));
     for (number, goal) in task.goals.iter().enumerate() {
         planner.reach(goal);
-        planner.look(number, goal);
+        planner.check_goal(number, goal);
     }
-    let home: [Hand; INSTRUMENTS] = std::array::from_fn(hand);
+    let home: [PlannedPose; INSTRUMENTS] = std::array::from_fn(start);
     for (i, home) in home.iter().enumerate() {
         planner.go(i, home.tip, REACH_MM_S);
     }
-    let period_s = planner.hands.iter().map(|h| h.at_s).fold(0.0, f64::max) + 1.0;
-    let Planner { mut keys, aims, looks, .. } = planner;
+    let period_s = planner.instruments.iter().map(|h| h.at_s).fold(0.0, f64::max) + 1.0;
+    let Planner { mut keys, retargets, goal_checks, .. } = planner;
     keys.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    Plan { keys, period_s, aims, looks }
+    ScriptScene { keys, period_s, retargets, goal_checks, pedal: Vec::new(), ..own.into_owned() }
 }
 
-/// Where a body comes to lie: on the retina, straight outwards.
+/// Place where a body comes to lie, eye frame, mm: on the retina, straight outwards.
 fn lying(body: &scene::BodyScene, radius_mm: f64) -> Vector3<f64> {
     let at = Vector3::from(body.position_in_eye_mm);
     let lowest = body.half_extents_mm.iter().copied().fold(f64::INFINITY, f64::min);
@@ -108,8 +96,8 @@ fn deeper(at: Vector3<f64>) -> Vector3<f64> {
     at * ((at.norm() + DEEPER_MM) / at.norm())
 }
 
-/// Length of the tips' ways in a script, mm.
-pub fn way_mm(keys: &[ScriptKey]) -> f64 {
+/// Length of the paths of both tips in a script, mm.
+pub fn path_mm(keys: &[ScriptKey]) -> f64 {
     let of = |i: usize| {
         let own: Vec<_> = keys.iter().filter(|k| k.instrument as usize == i).collect();
         let step =
@@ -157,16 +145,16 @@ impl Planner {
             }
             Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => {}
         }
-        // The other hand waits where it is.
+        // The other instrument waits where it is.
         self.meet();
     }
 
-    /// Looks whether a grip or a place has come about. A body that is not in its place is picked up again.
-    fn look(&mut self, number: usize, goal: &Goal) {
+    /// Adds a check of a grip or a place: a body that is not in its place is picked up again.
+    fn check_goal(&mut self, number: usize, goal: &Goal) {
         let (Goal::Grip { body, .. } | Goal::Place { body, .. }) = goal else { return };
         let Some((_, from_s)) = self.gripped.filter(|(gripped, _)| gripped == body) else { return };
-        let at_s = self.hands[0].at_s;
-        self.looks.push(LookScene { at_s, from_s, goal: number as u32, takes: Vec::new() });
+        let at_s = self.instruments[0].at_s;
+        self.goal_checks.push(GoalCheck { at_s, from_s, goal: number as u32, retries: Vec::new() });
     }
 
     fn grip(&mut self, i: usize, body: usize) {
@@ -174,16 +162,16 @@ impl Planner {
         let above = self.above(at);
         self.jaws(i, OPEN_RAD);
         self.meet();
-        let begin_s = self.hands[i].at_s;
+        let begin_s = self.instruments[i].at_s;
         self.gripped = Some((body as u32, begin_s));
         self.go(i, above, REACH_MM_S);
         self.go(i, deeper(at), CAREFUL_MM_S);
         self.jaws(i, CLOSED_RAD);
         self.stay(i, HOLD_MORE_S);
         let along_in_eye = Some(self.axes[body].into());
-        self.aims.push(AimScene {
+        self.retargets.push(Retarget {
             at_s: begin_s,
-            until_s: self.hands[i].at_s,
+            until_s: self.instruments[i].at_s,
             instrument: i as u32,
             body: Some(body as u32),
             place_in_eye_mm: at.into(),
@@ -192,28 +180,28 @@ impl Planner {
         });
     }
 
-    /// Whoever is nearest to the body carries it.
+    /// Lets the instrument nearest to the body carry it.
     fn place(&mut self, body: usize, to: Vector3<f64>, along: Option<[f64; 3]>) {
         let turn_rad = along.map_or(0.0, |along| self.turn(body, &Vector3::from(along)));
         let from = self.bodies[body];
-        let away = |h: &Hand| (h.tip - from).norm();
-        let i = if away(&self.hands[0]) <= away(&self.hands[1]) { 0 } else { 1 };
-        if self.hands[i].jaw_rad > CLOSED_RAD {
+        let away = |h: &PlannedPose| (h.tip - from).norm();
+        let i = if away(&self.instruments[0]) <= away(&self.instruments[1]) { 0 } else { 1 };
+        if self.instruments[i].jaw_rad > CLOSED_RAD {
             self.grip(i, body);
         }
         let (lifted, over) = (self.above(from), self.above(to));
         self.go(i, lifted, CAREFUL_MM_S);
-        self.hands[i].roll_rad = turn_rad;
+        self.instruments[i].roll_rad = turn_rad;
         self.go(i, over, REACH_MM_S);
         self.stay(i, LOOK_S);
-        let over_s = self.hands[i].at_s;
+        let over_s = self.instruments[i].at_s;
         self.go(i, deeper(to), CAREFUL_MM_S);
         self.stay(i, HOLD_MORE_S);
         self.jaws(i, OPEN_RAD);
         self.stay(i, HOLD_MORE_S);
-        self.aims.push(AimScene {
+        self.retargets.push(Retarget {
             at_s: over_s,
-            until_s: self.hands[i].at_s,
+            until_s: self.instruments[i].at_s,
             instrument: i as u32,
             body: Some(body as u32),
             place_in_eye_mm: (over * ((over.norm() - DEEPER_MM) / over.norm())).into(),
@@ -221,7 +209,7 @@ impl Planner {
             carries: true,
         });
         self.go(i, over, CAREFUL_MM_S);
-        self.hands[i].roll_rad = 0.0;
+        self.instruments[i].roll_rad = 0.0;
         self.stay(i, JAWS_S);
         self.bodies[body] = to;
     }
@@ -238,43 +226,43 @@ impl Planner {
         at * ((at.norm() - ABOVE_MM) / at.norm())
     }
 
-    /// Both hands wait for the later one.
+    /// Lets both instruments wait for the later one.
     fn meet(&mut self) {
-        let latest = self.hands.iter().map(|h| h.at_s).fold(0.0, f64::max);
+        let latest = self.instruments.iter().map(|h| h.at_s).fold(0.0, f64::max);
         for i in 0..INSTRUMENTS {
-            let wait = latest - self.hands[i].at_s;
+            let wait = latest - self.instruments[i].at_s;
             if wait > 0.0 {
                 self.stay(i, wait);
-                self.hands[i].at_s = latest;
+                self.instruments[i].at_s = latest;
             }
         }
     }
 
     fn go(&mut self, i: usize, to: Vector3<f64>, mm_s: f64) {
-        let way = (to - self.hands[i].tip).norm();
+        let way = (to - self.instruments[i].tip).norm();
         if way > 1e-9 {
-            self.hands[i].tip = to;
+            self.instruments[i].tip = to;
             self.stay(i, REACH_S + way / mm_s);
         }
     }
 
     fn jaws(&mut self, i: usize, rad: f64) {
-        if self.hands[i].jaw_rad != rad {
-            self.hands[i].jaw_rad = rad;
+        if self.instruments[i].jaw_rad != rad {
+            self.instruments[i].jaw_rad = rad;
             self.stay(i, JAWS_S);
         }
     }
 
-    /// A key for the hand as it is, so much later.
+    /// Adds a key of the unchanged pose, `for_s` later.
     fn stay(&mut self, i: usize, for_s: f64) {
-        let hand = &mut self.hands[i];
-        hand.at_s += for_s;
+        let pose = &mut self.instruments[i];
+        pose.at_s += for_s;
         self.keys.push(ScriptKey {
-            at_s: hand.at_s,
+            at_s: pose.at_s,
             instrument: i as u32,
-            tip_in_eye_mm: hand.tip.into(),
-            roll_rad: hand.roll_rad,
-            jaw_rad: hand.jaw_rad,
+            tip_in_eye_mm: pose.tip.into(),
+            roll_rad: pose.roll_rad,
+            jaw_rad: pose.jaw_rad,
             tool: None,
         });
     }
@@ -303,8 +291,7 @@ mod tests {
             goals: vec![hold(2.0), Goal::Grip { body: 0, instrument: 0 }, hold(-2.0)],
         };
         let plan = of_goals(&scene, &task);
-        scene.script.keys = plan.keys.clone();
-        scene.script.period_s = plan.period_s;
+        scene.script = Some(plan.clone());
         let script = Script::new(&scene);
         for x in [2.0, -2.0] {
             let at = Vector3::new(x, 0.0, -6.0);
@@ -319,7 +306,7 @@ mod tests {
                 .into_iter()
                 .any(|g| (g.tip_in_eye_mm - body).norm() < DEEPER_MM + 0.05 && g.jaw_rad < 0.15)
         );
-        assert!(way_mm(&plan.keys) > 15.0);
+        assert!(path_mm(&plan.keys) > 15.0);
         SceneFile::parse(&scene.to_toml(), "plan").expect("a plan is a valid script");
     }
 }

@@ -1,7 +1,7 @@
 //! Plays a scene's script kinematically: perfect poses, no tremor, no noise, no clock. For tests, timing
 //! and tuning of scenes; the live script with cameras and tremor is the camera hardware's.
 
-use crate::script::{Gesture, Script, Sight};
+use crate::script::{Gesture, Perception, Script};
 use crate::tremor::Tremor;
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -11,7 +11,7 @@ use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
 use protocol::poses::{EYE, TrackerFrame};
 use protocol::rig::Rig;
 use protocol::steps::StepInputs;
-use scene::SceneFile;
+use scene::{SceneFile, ScriptScene};
 
 /// Exposure of field 0, ns; instants of 0 mean "not yet".
 const FIRST_NS: u64 = 1_000_000_000;
@@ -19,7 +19,7 @@ const FIRST_NS: u64 = 1_000_000_000;
 /// A script ready to be played.
 #[derive(Debug, Clone)]
 pub struct Rehearsal {
-    scene: SceneFile,
+    written: ScriptScene,
     script: Script,
     /// Where the shafts pass the eye's wall, eye frame, mm.
     trocars: [Vector3<f64>; INSTRUMENTS],
@@ -43,12 +43,13 @@ impl Rehearsal {
             Vector3::from(place)
         };
         let trocars = std::array::from_fn(trocar);
-        Rehearsal { scene: scene.clone(), script: Script::new(scene), trocars, tremor: None }
+        let written = scene.script_or_rest().into_owned();
+        Rehearsal { written, script: Script::new(scene), trocars, tremor: None }
     }
 
     /// With the tremor that the scene's script has, drawn from a seed.
     pub fn with_tremor(mut self, seed: u64) -> Self {
-        let (um, hz) = (self.scene.script.tremor_um, self.scene.script.tremor_hz);
+        let (um, hz) = (self.written.tremor_um, self.written.tremor_hz);
         self.tremor = Some(std::array::from_fn(|i| Tremor::new(um, hz, seed, i as u64)));
         self
     }
@@ -59,8 +60,8 @@ impl Rehearsal {
     }
 
     fn world_from_eye(&self, at_s: f64) -> Isometry3<f64> {
-        let phase = at_s / self.scene.script.period_s * std::f64::consts::TAU;
-        let [about_x, about_y] = self.scene.script.eye_turn_rad;
+        let phase = at_s / self.written.period_s * std::f64::consts::TAU;
+        let [about_x, about_y] = self.written.eye_turn_rad;
         let turn = Vector3::new(about_x * libm::sin(phase), about_y * libm::sin(2.0 * phase), 0.0);
         Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_scaled_axis(turn))
     }
@@ -106,9 +107,9 @@ impl Rehearsal {
     }
 
     /// Lets the surgeon see what came of a field, where he looks then.
-    pub fn see(&mut self, field: u64, perception: &dyn Sight) {
+    pub fn see(&mut self, field: u64, perception: &dyn Perception) {
         let at_s = (field * FIELD_PERIOD_NS) as f64 * 1e-9;
-        if self.script.looks_now(at_s) {
+        if self.script.perceives_now(at_s) {
             self.script.see(at_s, perception);
         }
     }

@@ -4,10 +4,10 @@
 
 mod perception;
 
-pub use perception::{BodySeen, LOOK_AHEAD_S, Sight};
+pub use perception::{LOOK_AHEAD_S, PerceivedBody, Perception};
 
 use nalgebra::{Isometry3, Vector3};
-use perception::Eyes;
+use perception::Reactions;
 use protocol::geometry::shaft_pose;
 use protocol::handles::{PedalMode, PedalState, Tool};
 use protocol::limits::INSTRUMENTS;
@@ -62,14 +62,14 @@ pub struct Script {
     keys: [Vec<(f64, Gesture)>; INSTRUMENTS],
     /// Sorted by instant.
     pedal: Vec<PedalKey>,
-    /// Where the surgeon looks; what was seen changes what comes after.
-    eyes: Eyes,
+    /// Reactions to what is seen; they change what comes after.
+    reactions: Reactions,
 }
 
 impl Script {
-    /// From a checked scene.
+    /// The script of a checked scene; instruments at rest where it has none.
     pub fn new(scene: &SceneFile) -> Self {
-        let script = &scene.script;
+        let script = scene.script_or_rest();
         let keys_of = |instrument: usize| {
             let own = script.keys.iter().filter(|k| k.instrument as usize == instrument);
             let mut keys: Vec<_> = own.collect();
@@ -88,7 +88,7 @@ impl Script {
             period_s: script.period_s,
             keys: std::array::from_fn(keys_of),
             pedal,
-            eyes: Eyes::of(script),
+            reactions: Reactions::of(&script),
         }
     }
 
@@ -159,9 +159,10 @@ mod tests {
     #[test]
     fn keys_are_passed_in_every_round() {
         let (script, scene) = script();
-        for key in &scene.script.keys {
+        let written = scene.script.unwrap();
+        for key in &written.keys {
             for round in 0..3 {
-                let t = key.at_s + f64::from(round) * scene.script.period_s;
+                let t = key.at_s + f64::from(round) * written.period_s;
                 let gesture = script.at(key.instrument as usize, t);
                 assert!((gesture.tip_in_eye_mm - Vector3::from(key.tip_in_eye_mm)).norm() < 1e-9);
                 assert!((gesture.jaw_rad - key.jaw_rad).abs() < 1e-9);
@@ -172,7 +173,7 @@ mod tests {
     #[test]
     fn one_key_stands_still_and_two_keys_at_one_instant_do_no_harm() {
         let (_, mut scene) = script();
-        let keys = &mut scene.script.keys;
+        let keys = &mut scene.script.as_mut().unwrap().keys;
         keys.retain(|k| k.instrument == 1);
         keys.truncate(1);
         keys.push(ScriptKey { instrument: 0, ..keys[0].clone() });
@@ -186,7 +187,7 @@ mod tests {
     fn a_tool_stays_in_the_hand_until_a_key_names_another_and_each_round_begins_alike() {
         let (_, mut scene) = script();
         let named = |k: &&mut ScriptKey| k.instrument == 0 && k.at_s == 4.5;
-        scene.script.keys.iter_mut().find(named).unwrap().tool = Some(Tool::Vitrector);
+        scene.script.as_mut().unwrap().keys.iter_mut().find(named).unwrap().tool = Some(Tool::Vitrector);
         let script = Script::new(&scene);
         for round in [0.0, 16.0, 32.0] {
             let tool = |at: f64| script.at(0, round + at).tool;
@@ -201,7 +202,7 @@ mod tests {
         let (_, mut scene) = script();
         assert_eq!(Script::new(&scene).pedal_at(3.0, 7, 9).mode, PedalMode::Move as u32);
         let key = |at_s: f64, mode, axes| PedalKey { at_s, mode, axes, buttons: vec![] };
-        scene.script.pedal =
+        scene.script.as_mut().unwrap().pedal =
             vec![key(5.0, PedalMode::Aspirate, [0.5, 1.0]), key(2.0, PedalMode::Inject, [0.25, 0.0])];
         let scene = SceneFile::parse(&scene.to_toml(), "again").unwrap();
         let script = Script::new(&scene);
@@ -213,7 +214,7 @@ mod tests {
         assert_eq!([1.0, 2.0, 4.9].map(at), [(2, 0.5), (3, 0.25), (3, 0.25)]);
         assert_eq!([5.0, 15.0, 17.0, 18.0].map(at), [(2, 0.5), (2, 0.5), (2, 0.5), (3, 0.25)]);
         let mut scene = scene;
-        scene.script.pedal[1].buttons = vec![PedalButton::Lens, PedalButton::Filter];
+        scene.script.as_mut().unwrap().pedal[1].buttons = vec![PedalButton::Lens, PedalButton::Filter];
         let script = Script::new(&SceneFile::parse(&scene.to_toml(), "again").unwrap());
         assert_eq!([1.0, 2.0, 5.0].map(|t_s| script.pedal_at(t_s, 7, 9).buttons), [0, 20, 0]);
     }

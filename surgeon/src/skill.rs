@@ -4,7 +4,7 @@
 use nalgebra::Vector3;
 use protocol::handles::PedalMode;
 use protocol::random::Random;
-use scene::{AimScene, LookScene, PedalKey, SAME_INSTANT_S, ScriptKey, ScriptScene, TakeScene};
+use scene::{GoalCheck, PedalKey, Retarget, Retry, SAME_INSTANT_S, ScriptKey, ScriptScene};
 
 /// Keys nearer to the retina than this are subject to the depth bias, mm.
 const DEPTH_FROM_MM: f64 = 3.0;
@@ -20,7 +20,7 @@ const FREE_MM_S: f64 = 3.0;
 
 /// How a surgeon works.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Surgeon {
+pub struct Skill {
     /// Name for people and programs.
     pub name: &'static str,
     /// Time taken, as a multiple of the plan's.
@@ -44,7 +44,7 @@ pub struct Surgeon {
 }
 
 /// Steady, direct, on time.
-pub const EXPERT: Surgeon = Surgeon {
+pub const EXPERT: Skill = Skill {
     name: "expert",
     pace: 1.0,
     waver_mm: 0.03,
@@ -58,7 +58,7 @@ pub const EXPERT: Surgeon = Surgeon {
 };
 
 /// A practised hand.
-pub const AVERAGE: Surgeon = Surgeon {
+pub const AVERAGE: Skill = Skill {
     name: "average",
     pace: 1.6,
     waver_mm: 0.08,
@@ -72,7 +72,7 @@ pub const AVERAGE: Surgeon = Surgeon {
 };
 
 /// Slow and unsure, but careful.
-pub const NOVICE: Surgeon = Surgeon {
+pub const NOVICE: Skill = Skill {
     name: "novice",
     pace: 2.1,
     waver_mm: 0.15,
@@ -86,7 +86,7 @@ pub const NOVICE: Surgeon = Surgeon {
 };
 
 /// Fast, rough, too deep.
-pub const CARELESS: Surgeon = Surgeon {
+pub const CARELESS: Skill = Skill {
     name: "careless",
     pace: 0.7,
     waver_mm: 0.4,
@@ -100,14 +100,14 @@ pub const CARELESS: Surgeon = Surgeon {
 };
 
 /// Every shipped one, best first.
-pub const SURGEONS: [Surgeon; 4] = [EXPERT, AVERAGE, NOVICE, CARELESS];
+pub const SKILLS: [Skill; 4] = [EXPERT, AVERAGE, NOVICE, CARELESS];
 
 /// By name.
-pub fn by_name(name: &str) -> Option<Surgeon> {
-    SURGEONS.into_iter().find(|s| s.name == name)
+pub fn by_name(name: &str) -> Option<Skill> {
+    SKILLS.into_iter().find(|s| s.name == name)
 }
 
-impl Surgeon {
+impl Skill {
     /// What this surgeon makes of a plan in an eye of this radius (mm), drawn from a seed.
     pub fn perform(&self, plan: &ScriptScene, radius_mm: f64, seed: u64) -> ScriptScene {
         let mut random = Random::new(seed, 1);
@@ -120,15 +120,24 @@ impl Surgeon {
         let period_s = plan.period_s * self.pace;
         keys.iter_mut().for_each(|k| k.at_s *= self.pace);
         let aim =
-            |a: &AimScene| AimScene { at_s: a.at_s * self.pace, until_s: a.until_s * self.pace, ..a.clone() };
-        let aims = plan.aims.iter().map(aim).collect();
+            |a: &Retarget| Retarget { at_s: a.at_s * self.pace, until_s: a.until_s * self.pace, ..a.clone() };
+        let retargets = plan.retargets.iter().map(aim).collect();
         let mut random = Random::new(seed, 2);
-        let looks = plan.looks.iter().map(|look| self.look(look, plan, radius_mm, &mut random)).collect();
-        ScriptScene { period_s, tremor_um: self.tremor_um, keys, pedal, aims, looks, ..plan.clone() }
+        let goal_checks =
+            plan.goal_checks.iter().map(|look| self.look(look, plan, radius_mm, &mut random)).collect();
+        ScriptScene {
+            period_s,
+            tremor_um: self.tremor_um,
+            keys,
+            pedal,
+            retargets,
+            goal_checks,
+            ..plan.clone()
+        }
     }
 
     /// A look at this surgeon's pace, with as many takes as there is patience: each is drawn anew, none is better than the first.
-    fn look(&self, look: &LookScene, plan: &ScriptScene, radius_mm: f64, random: &mut Random) -> LookScene {
+    fn look(&self, look: &GoalCheck, plan: &ScriptScene, radius_mm: f64, random: &mut Random) -> GoalCheck {
         let (from_s, at_s) = (look.from_s, look.at_s);
         let within = |k: &&ScriptKey| k.at_s > from_s - SAME_INSTANT_S && k.at_s < at_s + SAME_INSTANT_S;
         let mut take = || {
@@ -140,10 +149,10 @@ impl Surgeon {
                 keys.extend(again.filter(|k| k.at_s > from_s + SAME_INSTANT_S));
             }
             keys.iter_mut().for_each(|k| k.at_s *= self.pace);
-            TakeScene { keys }
+            Retry { keys }
         };
-        let takes = (0..self.patience).map(|_| take()).collect();
-        LookScene { at_s: at_s * self.pace, from_s: from_s * self.pace, takes, ..look.clone() }
+        let retries = (0..self.patience).map(|_| take()).collect();
+        GoalCheck { at_s: at_s * self.pace, from_s: from_s * self.pace, retries, ..look.clone() }
     }
 
     /// The foot at this surgeon's pace. An injection lasts as long as planned, whatever the pace: it is ended when the fluid is in.
@@ -246,11 +255,11 @@ mod tests {
     fn the_same_seed_makes_the_same_attempt_and_it_is_a_valid_script() {
         for name in ["peel", "relocation", "vitrectomy", "bodies"] {
             let scene = SceneFile::load(name).unwrap();
-            for surgeon in SURGEONS {
-                let of = |seed| surgeon.perform(&scene.script, 11.5, seed);
+            for surgeon in SKILLS {
+                let of = |seed| surgeon.perform(scene.script.as_ref().unwrap(), 11.5, seed);
                 assert_eq!(of(3), of(3));
                 assert_ne!(of(3), of(4));
-                let performed = SceneFile { script: of(3), ..scene.clone() };
+                let performed = SceneFile { script: Some(of(3)), ..scene.clone() };
                 SceneFile::parse(&performed.to_toml(), surgeon.name).unwrap();
             }
         }
@@ -259,9 +268,10 @@ mod tests {
     #[test]
     fn the_careless_go_further_and_deeper_than_the_expert() {
         let scene = SceneFile::load("peel").unwrap();
-        let deepest = |s: Surgeon| {
+        let script = scene.script.as_ref().unwrap();
+        let deepest = |s: Skill| {
             let of = |seed| {
-                s.perform(&scene.script, 11.5, seed)
+                s.perform(script, 11.5, seed)
                     .keys
                     .iter()
                     .map(|k| Vector3::from(k.tip_in_eye_mm).norm())
@@ -269,14 +279,14 @@ mod tests {
             };
             (0..20).map(of).sum::<f64>() / 20.0
         };
-        let way = |s: Surgeon| crate::plan::way_mm(&s.perform(&scene.script, 11.5, 1).keys);
+        let way = |s: Skill| crate::plan::path_mm(&s.perform(script, 11.5, 1).keys);
         assert!(deepest(CARELESS) > deepest(EXPERT) + 0.3);
         assert!(way(CARELESS) > 1.2 * way(EXPERT));
     }
 
     #[test]
     fn an_injection_lasts_as_long_as_planned_and_all_else_follows_the_pace() {
-        let plan = SceneFile::load("relocation").unwrap().script;
+        let plan = SceneFile::load("relocation").unwrap().script.unwrap();
         let novice = NOVICE.perform(&plan, 11.5, 1);
         for (own, planned) in novice.pedal.windows(2).zip(plan.pedal.windows(2)) {
             let [lasts, should] = [own, planned].map(|w| w[1].at_s - w[0].at_s);

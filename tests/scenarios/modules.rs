@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use surgeon::motion::MotionUse;
 use surgeon::motion::recorded::RecordedMotion;
-use surgeon::skill::{CARELESS, EXPERT, Surgeon};
+use surgeon::skill::{CARELESS, EXPERT, Skill};
 use training::score::Score;
 use training::score::recording::Reader;
 use training::score::table::Category;
@@ -43,7 +43,7 @@ const PLAYED: [(&str, Path); 8] = [
 ];
 
 /// An attempt, recorded; the recording must give the same score, to the bit.
-fn attempt(name: &str, path: Path, surgeon: &Surgeon) -> Score {
+fn attempt(name: &str, path: Path, surgeon: &Skill) -> Score {
     let scene = surgeon::compose(&surgeon::load(name).unwrap(), 1, surgeon, 1).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.mcap");
@@ -98,7 +98,7 @@ fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
         println!("skipped: no motion/m2s2_tremor under VITREO_DATA");
         return;
     }
-    let still = Surgeon { tremor_um: 0.0, ..EXPERT };
+    let still = Skill { tremor_um: 0.0, ..EXPERT };
     let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &still, 1).unwrap();
     let score = |hand| Chain::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});
     let (calm, shaken) = (score(None), score(Some(MotionUse::Tremor(RecordedMotion::load(&file).unwrap()))));

@@ -40,8 +40,8 @@ fn scene(args: &Args) -> Result<SceneFile, Box<dyn std::error::Error>> {
         (glue.energy_un_per_mm, glue.rim_energy_un_per_mm) = (energy, glue.rim_energy_un_per_mm * factor);
     }
     scene.contact.grab_reach_mm = args.reach.unwrap_or(scene.contact.grab_reach_mm);
-    scene.script.period_s *= args.slower;
-    scene.script.keys.iter_mut().for_each(|k| k.at_s *= args.slower);
+    scene.script.as_mut().unwrap().period_s *= args.slower;
+    scene.script.as_mut().unwrap().keys.iter_mut().for_each(|k| k.at_s *= args.slower);
     Ok(scene)
 }
 

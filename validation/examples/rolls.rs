@@ -56,7 +56,14 @@ fn scene(asked: &Asked) -> anyhow::Result<SceneFile> {
     let mut scene = SceneFile::load("bodies")?;
     // A minimum-jerk movement is 15/8 times as fast in its middle as on average.
     let way_s = TAU * 1.875 / asked.rate_rad_s;
-    let other = scene.script.keys.iter().find(|k| k.instrument == 1).context("no second instrument")?;
+    let other = scene
+        .script
+        .as_ref()
+        .unwrap()
+        .keys
+        .iter()
+        .find(|k| k.instrument == 1)
+        .context("no second instrument")?;
     let rests = ScriptKey { at_s: 0.0, ..other.clone() };
     let key = |at_s: f64, roll_rad: f64| ScriptKey {
         at_s,
@@ -66,8 +73,9 @@ fn scene(asked: &Asked) -> anyhow::Result<SceneFile> {
         jaw_rad: 0.0,
         tool: None,
     };
-    scene.script.keys = vec![key(0.0, -PI), key(1.0, -PI), key(1.0 + way_s, PI), key(2.0 + way_s, PI), rests];
-    scene.script.period_s = 2.0 + 2.0 * way_s;
+    scene.script.as_mut().unwrap().keys =
+        vec![key(0.0, -PI), key(1.0, -PI), key(1.0 + way_s, PI), key(2.0 + way_s, PI), rests];
+    scene.script.as_mut().unwrap().period_s = 2.0 + 2.0 * way_s;
     Ok(scene)
 }
 

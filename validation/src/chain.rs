@@ -2,7 +2,7 @@
 //! attempt takes as long as its arithmetic. Every part is that of the live run; only what waits and what carries is left out.
 
 use fpga_model::cameras::{Cameras, Path};
-use offline::perception::SeenWorld;
+use offline::perception::WorldPerception;
 use protocol::handles::HandleState;
 use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
 use protocol::poses::TrackerFrame;
@@ -98,8 +98,8 @@ impl Chain {
                 told(&frame, world, report.state_hash);
             });
         }
-        if surgeon.looks_now(exposed_ns) {
-            surgeon.see(exposed_ns, &SeenWorld(world));
+        if surgeon.perceives_now(exposed_ns) {
+            surgeon.see(exposed_ns, &WorldPerception(world));
         }
     }
 

@@ -124,7 +124,7 @@ mod tests {
         assert_eq!(steps, [1, 11, 21, 31, 41, 51]);
         let mut nothing = std::io::sink();
         let mut short = scene;
-        short.script.period_s = 16.0;
+        short.script.as_mut().unwrap().period_s = 16.0;
         assert_eq!(write(&short, None, 400, None, &mut nothing).unwrap(), 3, "a round of 800 fields");
     }
 }

@@ -4,28 +4,28 @@ use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;
 use simcore::world::{StepReport, World, no_clock};
 use surgeon::rehearsal::Rehearsal;
-use surgeon::script::{BodySeen, Sight};
+use surgeon::script::{PerceivedBody, Perception};
 
 /// A world as a scripted surgeon sees it.
-pub struct SeenWorld<'a>(pub &'a World);
+pub struct WorldPerception<'a>(pub &'a World);
 
 /// Steps a world by one field of a rehearsal, and lets the surgeon see what came of it.
 pub fn perform(rehearsal: &mut Rehearsal, world: &mut World, field: u64) -> StepReport {
     let report = world.step(&rehearsal.inputs(field).input(), &mut no_clock);
-    rehearsal.see(field, &SeenWorld(world));
+    rehearsal.see(field, &WorldPerception(world));
     report
 }
 
-impl Sight for SeenWorld<'_> {
+impl Perception for WorldPerception<'_> {
     fn reached(&self, goal: usize) -> bool {
         self.0.task().is_some_and(|(_, state)| state.goals.get(goal).is_some_and(|g| g.reached))
     }
 
-    fn body(&self, number: usize) -> Option<BodySeen> {
+    fn body(&self, number: usize) -> Option<PerceivedBody> {
         let state = self.0.state().bodies.as_ref()?.body.get(number)?;
         let scene = self.0.scene().bodies.as_ref()?.body.get(number)?;
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|a| state.eye_from_body.rotation * a);
-        Some(BodySeen::new(state.eye_from_body.translation.vector, axes, scene.half_extents_mm))
+        Some(PerceivedBody::new(state.eye_from_body.translation.vector, axes, scene.half_extents_mm))
     }
 
     fn tissue_near(&self, place_in_eye_mm: &Vector3<f64>) -> Option<Vector3<f64>> {

@@ -194,7 +194,7 @@ impl World {
         };
         let task = task::TaskPart::of(scene).map(|part| part.with_gel(vitreous.as_ref()));
         let mut world = World {
-            fingerprint: fnv1a(scene.to_toml().as_bytes()),
+            fingerprint: fnv1a(scene.without_script().to_toml().as_bytes()),
             tissue,
             splits,
             solver,

@@ -56,7 +56,7 @@ mod tests {
     /// A needle over the membrane of `erm`, the foot pressed or not.
     fn dyed(axes: [f64; 2]) -> (World, Vec<f64>) {
         let mut scene = SceneFile::load("erm").unwrap();
-        let script = &mut scene.script;
+        let script = scene.script.as_mut().unwrap();
         script.keys.retain(|k| k.at_s == 0.0);
         script.keys[0].tip_in_eye_mm = [0.0, 0.0, -9.8];
         script.keys[0].tool = Some(Tool::Needle);

@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn suction_on_the_membrane_is_proportional_to_the_reciprocal_distance() {
         let mut scene = SceneFile::load("trim").unwrap();
-        scene.script.pedal[0].axes = [1.0, 0.0];
+        scene.script.as_mut().unwrap().pedal[0].axes = [1.0, 0.0];
         let rehearsal = Rehearsal::shipped(&scene);
         let mut world = World::new(&scene).unwrap();
         for field in 130..150 {

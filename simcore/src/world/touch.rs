@@ -312,7 +312,7 @@ mod tests {
     fn a_folded_retina_is_told_too() {
         let mut scene = SceneFile::load("relocation").unwrap();
         scene.instruments[0].tool = Tool::Pick;
-        scene.script.keys.iter_mut().for_each(|k| k.tool = None);
+        scene.script.as_mut().unwrap().keys.iter_mut().for_each(|k| k.tool = None);
         let retina = scene.retina.as_mut().unwrap();
         (retina.tear_tension_n_per_m, retina.p_tear) = (0.0, 1e9);
         retina.operation = Some(RetinaOperation { detached_rad: 0.9, fluid_mm3: 60.0, cut_rad: 0.0 });

@@ -224,16 +224,16 @@ mod tests {
     fn suction_that_pulls_at_the_retina_warns_and_lets_the_gel_off() {
         let mut scene = SceneFile::load("vitrectomy").unwrap();
         // Over the posterior pole, suction without the cutter, drawn away from it.
-        scene.script.pedal.truncate(1);
-        scene.script.pedal[0].axes = [1.0, 0.0];
-        scene.script.period_s = 8.0;
-        let mut keys = scene.script.keys.clone();
+        scene.script.as_mut().unwrap().pedal.truncate(1);
+        scene.script.as_mut().unwrap().pedal[0].axes = [1.0, 0.0];
+        scene.script.as_mut().unwrap().period_s = 8.0;
+        let mut keys = scene.script.as_ref().unwrap().keys.clone();
         keys.retain(|k| k.at_s == 0.0);
         keys[0].tip_in_eye_mm = [1.0, 0.0, -10.3];
         let mut away = keys[0].clone();
         (away.at_s, away.tip_in_eye_mm) = (5.0, [1.0, 0.0, -5.0]);
         keys.push(away);
-        scene.script.keys = keys;
+        scene.script.as_mut().unwrap().keys = keys;
         let vitreous = scene.vitreous.as_mut().unwrap();
         vitreous.lattice = 40;
         vitreous.slip_mm = 3.0;

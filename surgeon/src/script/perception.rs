@@ -3,7 +3,7 @@
 
 use super::{Gesture, Script};
 use nalgebra::Vector3;
-use scene::{AimScene, LookScene, PedalKey, SAME_INSTANT_S, ScriptKey, ScriptScene};
+use scene::{GoalCheck, PedalKey, Retarget, SAME_INSTANT_S, ScriptKey, ScriptScene};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// So long before an instant the surgeon looks, s: more than a field, so that nothing after it has been played.
@@ -17,7 +17,7 @@ const FAR_IN_JAWS_MM: f64 = 1.2;
 
 /// A rigid body as the surgeon sees it, eye frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BodySeen {
+pub struct PerceivedBody {
     /// Its middle, mm.
     pub at_in_eye_mm: Vector3<f64>,
     /// Direction of its longest axis, the first of equals.
@@ -28,51 +28,51 @@ pub struct BodySeen {
     pub square: bool,
 }
 
-impl BodySeen {
+impl PerceivedBody {
     /// From its middle, the columns of its rotation and half its sides.
     pub fn new(at_in_eye_mm: Vector3<f64>, axes: [Vector3<f64>; 3], half_mm: [f64; 3]) -> Self {
         let [x, y, z] = half_mm;
         let longest = if x >= y && x >= z { 0 } else { 1 + usize::from(z > y) };
         let square = (x - y).abs() < 1e-6 && (y - z).abs() < 1e-6;
-        BodySeen { at_in_eye_mm, along_in_eye: axes[longest], half_mm: half_mm[longest], square }
+        PerceivedBody { at_in_eye_mm, along_in_eye: axes[longest], half_mm: half_mm[longest], square }
     }
 }
 
 /// What the surgeon can see.
-pub trait Sight {
+pub trait Perception {
     /// Whether a goal of the task is reached.
     fn reached(&self, goal: usize) -> bool;
     /// A rigid body of the scene.
-    fn body(&self, number: usize) -> Option<BodySeen>;
+    fn body(&self, number: usize) -> Option<PerceivedBody>;
     /// The free tissue of a membrane that is nearest to a place, eye frame, mm.
     fn tissue_near(&self, place_in_eye_mm: &Vector3<f64>) -> Option<Vector3<f64>>;
 }
 
 /// Where the surgeon looks.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Eyes {
+pub(super) struct Reactions {
     /// Those that are done stay: a stretch that is done again has its aims again.
-    aims: Vec<(AimScene, bool)>,
+    retargets: Vec<(Retarget, bool)>,
     /// Still to come.
-    looks: Vec<LookScene>,
+    goal_checks: Vec<GoalCheck>,
 }
 
-impl Eyes {
+impl Reactions {
     pub(super) fn of(script: &ScriptScene) -> Self {
-        let mut looks = script.looks.clone();
-        looks.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-        Eyes { aims: script.aims.iter().map(|a| (a.clone(), false)).collect(), looks }
+        let mut goal_checks = script.goal_checks.clone();
+        goal_checks.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        Reactions { retargets: script.retargets.iter().map(|a| (a.clone(), false)).collect(), goal_checks }
     }
 
     /// Forgets what should have been looked at long ago: it would change what has been played.
     fn forget(&mut self, before_s: f64) {
-        self.aims.iter_mut().filter(|(a, _)| a.at_s < before_s).for_each(|(_, done)| *done = true);
-        self.looks.retain(|l| l.at_s >= before_s);
+        self.retargets.iter_mut().filter(|(a, _)| a.at_s < before_s).for_each(|(_, done)| *done = true);
+        self.goal_checks.retain(|l| l.at_s >= before_s);
     }
 
     /// The aim that is next until an instant.
-    fn next_aim(&mut self, until_s: f64) -> Option<AimScene> {
-        let due = self.aims.iter_mut().filter(|(a, done)| !done && a.at_s <= until_s);
+    fn next_aim(&mut self, until_s: f64) -> Option<Retarget> {
+        let due = self.retargets.iter_mut().filter(|(a, done)| !done && a.at_s <= until_s);
         let (aim, done) = due.min_by(|(a, _), (b, _)| a.at_s.total_cmp(&b.at_s))?;
         *done = true;
         Some(aim.clone())
@@ -81,35 +81,35 @@ impl Eyes {
 
 impl Script {
     /// Whether the surgeon has eyes at all.
-    pub fn has_eyes(&self) -> bool {
-        !self.eyes.aims.is_empty() || !self.eyes.looks.is_empty()
+    pub fn is_reactive(&self) -> bool {
+        !self.reactions.retargets.is_empty() || !self.reactions.goal_checks.is_empty()
     }
 
     /// Whether the surgeon looks at anything until [`LOOK_AHEAD_S`] after `now_s`: sight may be costly.
-    pub fn looks_now(&self, now_s: f64) -> bool {
+    pub fn perceives_now(&self, now_s: f64) -> bool {
         let due = |at_s: f64| at_s <= now_s + LOOK_AHEAD_S;
-        self.eyes.aims.iter().any(|(a, done)| !done && due(a.at_s))
-            || self.eyes.looks.iter().any(|l| due(l.at_s))
+        self.reactions.retargets.iter().any(|(a, done)| !done && due(a.at_s))
+            || self.reactions.goal_checks.iter().any(|l| due(l.at_s))
     }
 
     /// The surgeon looks, after everything until `now_s` (s after the start) has been played.
-    pub fn see(&mut self, now_s: f64, sight: &dyn Sight) {
+    pub fn see(&mut self, now_s: f64, sight: &dyn Perception) {
         let until_s = now_s + LOOK_AHEAD_S;
-        self.eyes.forget(now_s - LATE_S);
+        self.reactions.forget(now_s - LATE_S);
         // A stretch that is done again comes before the aims of what follows it.
-        while self.eyes.looks.first().is_some_and(|l| l.at_s <= until_s) {
-            let look = self.eyes.looks.remove(0);
+        while self.reactions.goal_checks.first().is_some_and(|l| l.at_s <= until_s) {
+            let look = self.reactions.goal_checks.remove(0);
             if !sight.reached(look.goal as usize) {
                 self.again(look);
             }
         }
-        while let Some(aim) = self.eyes.next_aim(until_s) {
+        while let Some(aim) = self.reactions.next_aim(until_s) {
             self.aim(&aim, sight);
         }
     }
 
     /// Moves the keys of an aim by how far the thing is from where it was planned.
-    fn aim(&mut self, aim: &AimScene, sight: &dyn Sight) {
+    fn aim(&mut self, aim: &Retarget, sight: &dyn Perception) {
         let place = Vector3::from(aim.place_in_eye_mm);
         let body = aim.body.map(|b| sight.body(b as usize));
         let at = match body {
@@ -124,24 +124,24 @@ impl Script {
         let sign = if aim.carries { -1.0 } else { 1.0 };
         let turn = body.flatten().zip(aim.along_in_eye).map_or(0.0, |(b, along)| b.turned_rad(&along));
         let (by, turn) = (off * sign, turn * sign);
-        let hangs_mm = body.flatten().filter(|_| aim.carries).map_or(0.0, |b| b.hangs_mm());
+        let droop_mm = body.flatten().filter(|_| aim.carries).map_or(0.0, |b| b.droop_mm());
         let within = |t: f64| t > aim.at_s + SAME_INSTANT_S && t < aim.until_s + SAME_INSTANT_S;
         let Some(keys) = self.keys.get_mut(aim.instrument as usize) else { return };
         for (_, gesture) in keys.iter_mut().filter(|(t, _)| within(*t)) {
             let (deep, tip) = (gesture.tip_in_eye_mm.norm(), gesture.tip_in_eye_mm + by);
             // Aside and up, but never deeper than was planned.
-            let most = deep - hangs_mm;
+            let most = deep - droop_mm;
             gesture.tip_in_eye_mm = if tip.norm() > most { tip * (most / tip.norm()) } else { tip };
             gesture.roll_rad += turn;
         }
     }
 
     /// Does a stretch again, with the next of its takes; what comes after it waits.
-    fn again(&mut self, mut look: LookScene) {
-        if look.takes.is_empty() {
+    fn again(&mut self, mut look: GoalCheck) {
+        if look.retries.is_empty() {
             return;
         }
-        let take = look.takes.remove(0);
+        let take = look.retries.remove(0);
         let (from_s, at_s, later_s) = (look.from_s, look.at_s, look.at_s - look.from_s);
         let after = |t: f64| t > at_s + SAME_INSTANT_S;
         let within = |t: f64| t > from_s + SAME_INSTANT_S && !after(t);
@@ -160,7 +160,7 @@ impl Script {
         self.pedal.extend(pressed);
         self.pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         self.period_s += later_s;
-        self.eyes.again(look, later_s);
+        self.reactions.again(look, later_s);
     }
 }
 
@@ -177,33 +177,36 @@ fn added(played: &[(f64, Gesture)], take: &[ScriptKey], hand: usize, from_s: f64
     own.into_iter().map(gesture).collect()
 }
 
-impl Eyes {
+impl Reactions {
     /// What follows a look comes later by so much; its aims, and itself, come again.
-    fn again(&mut self, mut look: LookScene, later_s: f64) {
+    fn again(&mut self, mut look: GoalCheck, later_s: f64) {
         let (from_s, at_s) = (look.from_s, look.at_s);
         let later =
-            |a: &AimScene| AimScene { at_s: a.at_s + later_s, until_s: a.until_s + later_s, ..a.clone() };
-        let of_stretch = |a: &AimScene| a.at_s > from_s - SAME_INSTANT_S && a.until_s < at_s + SAME_INSTANT_S;
-        let aims: Vec<_> =
-            self.aims.iter().filter(|(a, _)| of_stretch(a)).map(|(a, _)| (later(a), false)).collect();
-        self.aims.iter_mut().filter(|(a, _)| a.at_s > at_s - SAME_INSTANT_S).for_each(|(a, _)| *a = later(a));
-        self.aims.extend(aims);
+            |a: &Retarget| Retarget { at_s: a.at_s + later_s, until_s: a.until_s + later_s, ..a.clone() };
+        let of_stretch = |a: &Retarget| a.at_s > from_s - SAME_INSTANT_S && a.until_s < at_s + SAME_INSTANT_S;
+        let retargets: Vec<_> =
+            self.retargets.iter().filter(|(a, _)| of_stretch(a)).map(|(a, _)| (later(a), false)).collect();
+        self.retargets
+            .iter_mut()
+            .filter(|(a, _)| a.at_s > at_s - SAME_INSTANT_S)
+            .for_each(|(a, _)| *a = later(a));
+        self.retargets.extend(retargets);
         // A stretch that has begun before is done again as it was planned, without what was inserted.
-        self.looks.iter_mut().for_each(|l| postpone(l, later_s));
+        self.goal_checks.iter_mut().for_each(|l| postpone(l, later_s));
         postpone(&mut look, later_s);
-        let place = self.looks.partition_point(|l| l.at_s < look.at_s);
-        self.looks.insert(place, look);
+        let place = self.goal_checks.partition_point(|l| l.at_s < look.at_s);
+        self.goal_checks.insert(place, look);
     }
 }
 
-fn postpone(look: &mut LookScene, by_s: f64) {
+fn postpone(look: &mut GoalCheck, by_s: f64) {
     (look.from_s, look.at_s) = (look.from_s + by_s, look.at_s + by_s);
-    look.takes.iter_mut().flat_map(|t| &mut t.keys).for_each(|k| k.at_s += by_s);
+    look.retries.iter_mut().flat_map(|t| &mut t.keys).for_each(|k| k.at_s += by_s);
 }
 
-impl BodySeen {
+impl PerceivedBody {
     /// How much lower one end hangs than the middle, mm: so much higher it is let go.
-    fn hangs_mm(&self) -> f64 {
+    fn droop_mm(&self) -> f64 {
         let out = self.at_in_eye_mm.try_normalize(1e-6).unwrap_or(-Vector3::z());
         let slope = self.along_in_eye.dot(&out).abs();
         if self.square { 0.0 } else { self.half_mm * slope }
@@ -226,21 +229,21 @@ impl BodySeen {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use scene::{Goal, GoalOrder, SceneFile, TakeScene, TaskScene};
+    use scene::{Goal, GoalOrder, Retry, SceneFile, TaskScene};
 
     struct Seen {
         reached: bool,
         body: Vector3<f64>,
     }
 
-    impl Sight for Seen {
+    impl Perception for Seen {
         fn reached(&self, _: usize) -> bool {
             self.reached
         }
 
-        fn body(&self, _: usize) -> Option<BodySeen> {
+        fn body(&self, _: usize) -> Option<PerceivedBody> {
             let axes = [Vector3::y(), -Vector3::x(), Vector3::z()];
-            Some(BodySeen::new(self.body, axes, [0.6, 0.3, 0.3]))
+            Some(PerceivedBody::new(self.body, axes, [0.6, 0.3, 0.3]))
         }
 
         fn tissue_near(&self, _: &Vector3<f64>) -> Option<Vector3<f64>> {
@@ -264,12 +267,12 @@ mod tests {
     /// Instrument 0 goes to the place from 2 s to 4 s and away until 6 s.
     fn scene() -> SceneFile {
         let mut scene = SceneFile::load("bodies").unwrap();
-        let script = &mut scene.script;
+        let script = scene.script.as_mut().unwrap();
         script.period_s = 8.0;
         let hand = [(0.0, 0.0), (2.0, 0.0), (4.0, 1.0), (6.0, 3.0)];
         script.keys = hand.iter().map(|(t, x)| key(*t, 0, *x)).collect();
         script.keys.extend([0.0, 2.0, 4.0, 6.0].map(|t| key(t, 1, -2.0)));
-        script.aims = vec![AimScene {
+        script.retargets = vec![Retarget {
             at_s: 2.0,
             until_s: 4.0,
             instrument: 0,
@@ -278,8 +281,8 @@ mod tests {
             along_in_eye: Some([1.0, 0.0, 0.0]),
             carries: false,
         }];
-        let take = TakeScene { keys: vec![key(4.0, 0, 1.1), key(4.0, 1, -2.0)] };
-        script.looks = vec![LookScene { at_s: 4.0, from_s: 2.0, goal: 0, takes: vec![take] }];
+        let take = Retry { keys: vec![key(4.0, 0, 1.1), key(4.0, 1, -2.0)] };
+        script.goal_checks = vec![GoalCheck { at_s: 4.0, from_s: 2.0, goal: 0, retries: vec![take] }];
         scene.task = Some(TaskScene {
             module: "m".into(),
             level: 1,
@@ -333,7 +336,8 @@ mod tests {
             axes: [x, 0.0],
             buttons: Vec::new(),
         };
-        scene.script.pedal = vec![press(0.0, 0.0), press(2.5, 1.0), press(3.5, 0.0), press(5.0, 0.5)];
+        scene.script.as_mut().unwrap().pedal =
+            vec![press(0.0, 0.0), press(2.5, 1.0), press(3.5, 0.0), press(5.0, 0.5)];
         let mut script = Script::new(&scene);
         let seen = Seen { reached: false, body: Vector3::from(PLACE) };
         (0..500).for_each(|k| script.see(f64::from(k) * 0.02, &seen));

@@ -29,11 +29,11 @@ const AWAY_MM: [f64; 3] = [-3.0, 0.5, -3.5];
 /// The shipped scene with open jaws that press on slowly, 50 µm/s at most; an instrument that does not press is away.
 fn scene(instruments: usize) -> SceneFile {
     let mut scene = SceneFile::load("peel").expect("the shipped scene");
-    scene.script.keys.clear();
+    scene.script.as_mut().unwrap().keys.clear();
     for (i, [x, y]) in PLACES_MM.into_iter().enumerate() {
         let at = |z| if i < instruments { [x, y, z] } else { AWAY_MM };
         let [from, to] = WAY_MM.map(at);
-        scene.script.keys.extend([key(0.0, i as u32, from), key(15.0, i as u32, to)]);
+        scene.script.as_mut().unwrap().keys.extend([key(0.0, i as u32, from), key(15.0, i as u32, to)]);
     }
     scene
 }

@@ -7,7 +7,7 @@ use scene::module::Module;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use surgeon::motion::MotionUse;
-use surgeon::skill::Surgeon;
+use surgeon::skill::Skill;
 use training::score::Score;
 use validation::chain::Chain;
 
@@ -18,7 +18,7 @@ pub struct Job {
     /// Level.
     pub level: u32,
     /// Who does it.
-    pub surgeon: Surgeon,
+    pub surgeon: Skill,
     /// A recorded hand in the place of the tremor.
     pub hand: Option<MotionUse>,
     /// Everything random comes from it.
@@ -56,7 +56,7 @@ fn attempt(module: &Module, job: &Job) -> Result<Score> {
 }
 
 /// Prints an attempt event by event, with the bodies of the scene where jaws or goals are concerned: to tune a module by.
-pub fn tell(module: &Module, level: u32, surgeon: &Surgeon, seed: u64) -> Result<()> {
+pub fn tell(module: &Module, level: u32, surgeon: &Skill, seed: u64) -> Result<()> {
     let scene = surgeon::compose(module, level, surgeon, seed)?;
     let mut begin = None;
     let score = Chain::new(&scene, Path::Direct, None, seed).attempt(&mut |frame, world, _| {

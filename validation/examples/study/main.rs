@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use attempts::Job;
 use scene::module::names;
 use std::path::PathBuf;
-use surgeon::skill::{SURGEONS, Surgeon};
+use surgeon::skill::{SKILLS, Skill};
 use training::score::Score;
 
 const USAGE: &str = "How far apart surgeons come at the training modules
@@ -39,7 +39,7 @@ struct Options {
     seeds: u64,
     level: u32,
     modules: Vec<String>,
-    surgeons: Vec<Surgeon>,
+    surgeons: Vec<Skill>,
     threads: usize,
     verbose: bool,
     events: Option<u64>,
@@ -85,7 +85,7 @@ fn options() -> Result<Options> {
         options.modules = names().map(str::to_owned).collect();
     }
     if options.surgeons.is_empty() {
-        options.surgeons = SURGEONS.to_vec();
+        options.surgeons = SKILLS.to_vec();
     }
     Ok(options)
 }
@@ -128,7 +128,7 @@ fn main() -> Result<()> {
     let outcomes: Vec<Outcome> = modules
         .iter()
         .map(|module| {
-            let mut of_surgeon = |_: &Surgeon| scores.by_ref().take(options.seeds as usize).collect();
+            let mut of_surgeon = |_: &Skill| scores.by_ref().take(options.seeds as usize).collect();
             Outcome {
                 module: module.name.clone(),
                 scores: options.surgeons.iter().map(&mut of_surgeon).collect(),

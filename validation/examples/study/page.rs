@@ -3,7 +3,7 @@
 use crate::numbers::{deviation, effect, mean, range};
 use crate::{CARELESS_BELOW, EXPERT_FROM, Outcome};
 use std::fmt::Write;
-use surgeon::skill::Surgeon;
+use surgeon::skill::Skill;
 use training::score::Score;
 use training::score::table::{CATEGORIES, Category, METRICS, PENALTIES, VERSION};
 
@@ -12,7 +12,7 @@ pub struct Part1<'a> {
     /// By module.
     pub outcomes: &'a [Outcome],
     /// Best first.
-    pub surgeons: &'a [Surgeon],
+    pub surgeons: &'a [Skill],
     /// Attempts of each at each module.
     pub seeds: u64,
 }

@@ -4,7 +4,7 @@ use crate::numbers::mean;
 use crate::{CARELESS_BELOW, EXPERT_FROM, Outcome};
 use font::{CELL_H, CELL_W, number, strip};
 use image::{Rgb, RgbImage};
-use surgeon::skill::Surgeon;
+use surgeon::skill::Skill;
 
 /// Size of a field, its margins left, above and below, px; fields in a row.
 const FIELD: [i64; 2] = [260, 250];
@@ -26,7 +26,7 @@ struct Sheet {
 }
 
 /// Draws the picture.
-pub fn draw(outcomes: &[Outcome], surgeons: &[Surgeon]) -> RgbImage {
+pub fn draw(outcomes: &[Outcome], surgeons: &[Skill]) -> RgbImage {
     let rows = outcomes.len().div_ceil(IN_A_ROW) as i64;
     let (width, height) = (FIELD[0] * IN_A_ROW as i64, FIELD[1] * rows + 34);
     let mut sheet =
