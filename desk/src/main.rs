@@ -1,15 +1,14 @@
 //! `vitreo-desk`: inputs of a person in, poses, handles and pedal out.
 
 use clap::Parser;
+use protocol::health::Process;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
-    match desk::process::run(&desk::config::Config::parse()) {
+    let config = desk::config::Config::parse();
+    ipc::logging::init(Process::Desk.name(), &config.shell.log);
+    match desk::process::run(&config) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("vitreo-desk: {}", ipc::shell::told(error.as_ref()));
-            ExitCode::FAILURE
-        }
+        Err(error) => ipc::logging::fail(error.as_ref()),
     }
 }

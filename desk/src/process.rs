@@ -170,7 +170,7 @@ impl Station {
             if let Some(pad) = &mut self.gamepad
                 && let Err(gone) = pad.read(|input| done.push(input))
             {
-                log::warn!("{gone:#}; going on without it");
+                tracing::warn!("{gone:#}; going on without it");
                 self.gamepad = None;
                 done.push(Input::LetGo);
             }

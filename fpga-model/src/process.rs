@@ -18,6 +18,7 @@ use crate::stream::BlobStream;
 use anyhow::{Context, Result, ensure};
 use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
+use ipc::logging::message;
 use ipc::shell::Shell;
 use ipc::{BlockReceiver, Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
@@ -71,7 +72,7 @@ pub fn run(config: &Config) -> Result<()> {
     let mut told = String::new();
     cameras.ledger.summary(&mut told);
     if !told.is_empty() {
-        eprintln!("vitreo-fpga-model: {told}");
+        message(tracing::Level::INFO, &told);
     }
     Ok(())
 }

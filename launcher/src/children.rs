@@ -6,6 +6,7 @@
 
 use anyhow::{Context, bail};
 use ipc::clock::{now, sleep_until};
+use ipc::logging::arguments;
 use ipc::{Receiver, Sender, instance_directory, wait};
 use protocol::control::{Command as Order, EVERY_PROCESS, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
@@ -130,7 +131,7 @@ impl Child {
     ) -> anyhow::Result<Self> {
         let binary = find_binary(process.binary())?;
         let mut command = command_of(&binary, surroundings.realtime && realtime_allowed());
-        command.args(["--instance", instance, "--supervised"]).args(args);
+        command.args(["--instance", instance, "--supervised"]).args(arguments()).args(args);
         for (name, value) in &surroundings.environment {
             if std::env::var_os(name).is_none() {
                 command.env(name, value);

@@ -2,6 +2,7 @@
 
 use crate::forward::{self, ForwardArgs};
 use clap::{Parser, Subcommand};
+use ipc::logging::LogArgs;
 use std::process::ExitCode;
 
 /// The binary of the camera hardware.
@@ -15,6 +16,9 @@ pub const CALIBRATION: &str = "vitreo-calibration";
 #[derive(Debug, Parser)]
 #[command(name = "vitreo", version, about, arg_required_else_help = true)]
 pub struct Cli {
+    /// Logging, of this program and of those that it starts.
+    #[command(flatten)]
+    pub log: LogArgs,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,

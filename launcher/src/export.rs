@@ -4,12 +4,14 @@ use crate::poses_csv::PosesCsv;
 use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
 use blob_stream::write_line;
+use ipc::logging::message;
 use protocol::time::Nanos;
 use recording::{Item, Recording};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use tracing::Level;
 
 /// Arguments of `vitreo export`.
 #[derive(Debug, clap::Args)]
@@ -83,7 +85,7 @@ fn export(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     outputs.finish(&args.file)?;
     // What could be read has been written; the loss is told and shows in the exit code.
     let Some(error) = damage else { return Ok(ExitCode::SUCCESS) };
-    eprintln!("vitreo: {error}");
+    message(Level::WARN, &format!("{error}"));
     Ok(ExitCode::from(crate::exit::LOSS))
 }
 
@@ -147,7 +149,7 @@ impl Outputs {
         if let Some((topic, mut out)) = self.table {
             out.flush()?;
             if self.counts[2] == 0 {
-                eprintln!("vitreo: {file} holds nothing on topic {topic}");
+                message(Level::WARN, &format!("{file} holds nothing on topic {topic}"));
             }
         }
         Ok(())

@@ -5,6 +5,7 @@ use crate::children::find_binary;
 use crate::modules::Composed;
 use crate::progress::pictures_bar;
 use anyhow::{Context, bail};
+use ipc::logging::{arguments, message};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -76,7 +77,7 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     ended(&mut simulation, "the simulation")?;
     let shown_s = carried? as f64 / PICTURES_PER_S;
     let whole = if shown_s + 0.1 < args.length { "the whole of it" } else { "as long as asked for" };
-    eprintln!("vitreo: {shown_s:.1} s: {whole}");
+    message(tracing::Level::INFO, &format!("{shown_s:.1} s: {whole}"));
     for path in film.iter().chain(&args.stills) {
         println!("{}", path.display());
     }
@@ -86,7 +87,13 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
 /// Starts the simulation, which writes scenes.
 fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, ChildStdout)> {
     let mut command = Command::new(find_binary("vitreo-offline")?);
-    command.args(["film", "--scene", &composed.name(), "--every", &FIELDS_PER_PICTURE.to_string()]);
+    command.args(arguments()).args([
+        "film",
+        "--scene",
+        &composed.name(),
+        "--every",
+        &FIELDS_PER_PICTURE.to_string(),
+    ]);
     command.args(["--seed", &args.seed.to_string(), "--length", &args.length.to_string()]);
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("start the simulation")?;
@@ -98,6 +105,7 @@ fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, Chil
 fn draw(args: &FilmArgs, composed: &Composed, film: Option<&Path>) -> anyhow::Result<(Child, ChildStdin)> {
     let mut command = Command::new(find_binary("vitreo-renderer")?);
     command.args(["film", "--scene", &composed.name(), "--tier", &args.tier.to_string()]);
+    command.args(arguments());
     command.args(["--arrange", &args.arrange]);
     if let Some(film) = film {
         command.arg("--video").arg(film);

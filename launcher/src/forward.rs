@@ -2,7 +2,8 @@
 
 use crate::children::find_binary;
 use anyhow::Context;
-use std::ffi::{OsStr, OsString};
+use ipc::logging::arguments;
+use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode};
 
@@ -19,25 +20,24 @@ pub struct ForwardArgs {
 /// if the binary cannot be started.
 pub fn to(binary: &str, sub_command: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
     // Usage lines then say `vitreo blobs`, which is what was typed.
-    become_binary(binary, "vitreo", std::iter::once(sub_command.as_ref()).chain(rest(args)))
+    become_binary(binary, "vitreo", Some(sub_command), args)
 }
 
 /// Becomes `binary …` under the name `called`; otherwise as [`to`].
 pub fn whole(binary: &str, called: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
-    become_binary(binary, called, rest(args))
+    become_binary(binary, called, None, args)
 }
 
-fn rest(args: &ForwardArgs) -> impl Iterator<Item = &OsStr> {
-    args.rest.iter().map(OsString::as_os_str)
-}
-
-fn become_binary<'a>(
+fn become_binary(
     binary: &str,
     called: &str,
-    args: impl Iterator<Item = &'a OsStr>,
+    sub_command: Option<&str>,
+    args: &ForwardArgs,
 ) -> anyhow::Result<ExitCode> {
     let path = find_binary(binary)?;
-    let error = Command::new(&path).arg0(called).args(args).exec();
+    let mut command = Command::new(&path);
+    command.arg0(called).args(sub_command).args(arguments()).args(&args.rest);
+    let error = command.exec();
     Err(error).with_context(|| format!("start {}", path.display()))
 }
 

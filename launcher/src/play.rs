@@ -4,9 +4,11 @@ use crate::machine::has_display;
 use crate::results::Place;
 use crate::run::{self, DeskArgs, RunArgs};
 use anyhow::bail;
+use ipc::logging::message;
 use protocol::bindings::rows;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use tracing::Level;
 
 /// The module where none is named: the easiest one.
 const FIRST_MODULE: &str = "navigation";
@@ -83,8 +85,9 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
         );
     }
     if args.inputs.is_none() {
-        eprintln!(
-            "vitreo: click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends"
+        message(
+            Level::INFO,
+            "click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends",
         );
     }
     run::run(&args.run_args())

@@ -5,11 +5,13 @@
 use crate::exit::LOSS;
 use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
+use ipc::logging::message;
 use protocol::message::fnv1a;
 use protocol::time::Nanos;
 use recording::{Item, Note, NoteKind, Recording, RecordingError, Writer};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use tracing::Level;
 
 /// Arguments of `vitreo recover`.
 #[derive(Debug, clap::Args)]
@@ -48,12 +50,15 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     if found != expected {
         bail!("{}: reads back {found:?}, but {expected:?} was written", args.output.display());
     }
-    eprintln!("{}: {} items, read back and compared", args.output.display(), expected.items);
+    message(
+        Level::INFO,
+        &format!("{}: {} items, read back and compared", args.output.display(), expected.items),
+    );
     if problems == 0 && recording.is_finished() {
         return Ok(ExitCode::SUCCESS);
     }
     if problems == 0 {
-        eprintln!("vitreo: the recording was not closed in order; at most its last 200 ms are missing");
+        message(Level::WARN, "the recording was not closed in order; at most its last 200 ms are missing");
     }
     Ok(ExitCode::from(LOSS))
 }
@@ -75,7 +80,7 @@ fn copy(recording: &Recording, output: &Path) -> anyhow::Result<(Tally, u64)> {
                 last = log_time;
             }
             Err(error) => {
-                eprintln!("vitreo: {error}");
+                message(Level::WARN, &format!("{error}"));
                 problems += 1;
                 let text = format!("recovered: {error}");
                 let note = Note { instant_ns: last, kind: NoteKind::Loss, process: None, count: 0, text };

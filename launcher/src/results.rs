@@ -2,6 +2,7 @@
 
 use crate::score;
 use anyhow::{Context, bail};
+use ipc::logging::message;
 use recording::Recording;
 use results::attempt::sha256_of;
 use results::store::{Filter, default_place};
@@ -12,6 +13,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{SystemTime, UNIX_EPOCH};
+use tracing::Level;
 use training::score::table::{Category, METRICS};
 
 /// Key under which a recording's configuration says when the run began, seconds since 1970.
@@ -162,8 +164,10 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()>
     let mut attempt = attempt_of(&Recording::open(file)?, &scored);
     attempt.recording_sha256 = Some(sha256_of(file).with_context(|| file.display().to_string())?);
     match store.add(trainee, &attempt)? {
-        Some(id) => eprintln!("vitreo: kept as attempt {id} of {trainee}: {:.2} points", attempt.total),
-        None => eprintln!("vitreo: {}: {trainee} has this attempt already", file.display()),
+        Some(id) => {
+            message(Level::INFO, &format!("kept as attempt {id} of {trainee}: {:.2} points", attempt.total))
+        }
+        None => message(Level::INFO, &format!("{}: {trainee} has this attempt already", file.display())),
     }
     Ok(())
 }
@@ -192,7 +196,7 @@ fn add(place: &Place, trainee: &str, files: &[PathBuf]) -> anyhow::Result<ExitCo
             if files.len() == 1 {
                 return Err(problem);
             }
-            eprintln!("vitreo: not kept: {problem:#}");
+            message(Level::WARN, &format!("not kept: {problem:#}"));
             code = crate::exit::LOSS;
         }
     }
@@ -212,7 +216,7 @@ fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result
             None => println!("left in place (--recordings deletes it): {recording}"),
             Some(Ok(())) => println!("deleted: {recording}"),
             Some(Err(problem)) => {
-                eprintln!("vitreo: not deleted: {recording}: {problem}");
+                message(Level::WARN, &format!("not deleted: {recording}: {problem}"));
                 code = ExitCode::from(crate::exit::LOSS);
             }
         }
@@ -240,7 +244,10 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
 fn draw(attempts: &[Stored], file: &Path) -> anyhow::Result<()> {
     let (curves, left_out) = curve::curves(attempts);
     if left_out > 0 {
-        eprintln!("vitreo: {left_out} attempts have a score of an older version and are left out");
+        message(
+            Level::WARN,
+            &format!("{left_out} attempts have a score of an older version and are left out"),
+        );
     }
     if file == Path::new(TERMINAL) {
         print!("{}", terminal::plot(&curves));

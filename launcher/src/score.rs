@@ -4,11 +4,13 @@ use crate::children::find_binary;
 use crate::exit::{DIFFERS, LOSS};
 use crate::score_batch::{self, BatchArgs};
 use anyhow::{Context, bail};
+use ipc::logging::{arguments, is_json, message};
 use recording::{Item, Recording};
 use scene::SceneFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
+use tracing::Level;
 use training::score::recording::{Live, Reader, Verdict};
 use training::score::table::{Category, METRICS, PENALTIES};
 
@@ -107,10 +109,15 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
 pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     let again = tempfile::Builder::new().prefix("vitreo-").suffix(".mcap").tempfile()?;
     let told = Command::new(find_binary("vitreo-offline")?)
+        .args(arguments())
         .arg("resimulate")
         .args([file, again.path()])
         .output()
         .context("start vitreo-offline")?;
+    if !told.status.success() && is_json() {
+        eprint!("{}", String::from_utf8_lossy(&told.stderr));
+        bail!("{}: not simulated again ({})", file.display(), told.status);
+    }
     if !told.status.success() {
         let why = String::from_utf8_lossy(&told.stderr);
         let why = why.lines().last().unwrap_or("it ended without a word");
@@ -153,7 +160,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
             }
             Err(problem) if alone => return Err(problem),
             Err(problem) => {
-                eprintln!("vitreo: not scored: {problem:#}");
+                message(Level::WARN, &format!("not scored: {problem:#}"));
                 code = code.max(LOSS);
             }
         }
@@ -163,10 +170,13 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
 
 fn code_of(attempt: &Attempt) -> u8 {
     if let Some(damage) = &attempt.damage {
-        eprintln!("vitreo: scored up to the damage: {damage}");
+        message(Level::WARN, &format!("scored up to the damage: {damage}"));
     }
     if attempt.unmatched > 0 {
-        eprintln!("vitreo: {}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched);
+        message(
+            Level::WARN,
+            &format!("{}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched),
+        );
     }
     match (attempt.agrees, attempt.damage.is_some() || attempt.unmatched > 0) {
         (_, true) => LOSS,

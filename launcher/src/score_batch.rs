@@ -5,6 +5,7 @@ use crate::progress::files_bar;
 use crate::results::{attempt_of, keys, write_tables};
 use crate::score::{self, score_file};
 use anyhow::{Context, bail};
+use ipc::logging::message;
 use recording::Recording;
 use results::batch::{Row, Shard, list, work};
 use results::parquet_file;
@@ -12,6 +13,7 @@ use results::table::Table;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
+use tracing::Level;
 
 /// Arguments of a batch.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -71,7 +73,7 @@ pub fn run(args: &BatchArgs, named: &[PathBuf], resimulate: bool) -> anyhow::Res
         let file = folder.join(shard.file_name());
         let listed = all.len().to_string();
         parquet_file::write(&table, &file, &[("shard", share.as_str()), ("listed", listed.as_str())])?;
-        eprintln!("vitreo: {}", file.display());
+        message(Level::INFO, &file.display().to_string());
     }
     Ok(ExitCode::from(summary(&rows, begun.elapsed().as_secs_f64())))
 }
@@ -121,19 +123,22 @@ fn summary(rows: &[Row], wall_s: f64) -> u8 {
     for row in rows {
         if let Some(problem) = &row.problem {
             let how = if row.attempt.is_some() { "scored in part" } else { "not scored" };
-            eprintln!("vitreo: {how}: {}: {problem}", row.file.display());
+            message(Level::WARN, &format!("{how}: {}: {problem}", row.file.display()));
         }
         if row.agrees == Some(false) {
-            eprintln!("vitreo: differs from what the run told: {}", row.file.display());
+            message(Level::WARN, &format!("differs from what the run told: {}", row.file.display()));
         }
     }
     let seconds: f64 = rows.iter().map(|r| r.seconds).sum();
     let damaged = rows.iter().filter(|r| r.problem.is_some()).count();
     let differing = rows.iter().filter(|r| r.agrees == Some(false)).count();
-    eprintln!(
-        "vitreo: {} recordings, {damaged} with problems, {differing} differing; {seconds:.1} s in {wall_s:.2} s ({:.0} times real time)",
-        rows.len(),
-        seconds / wall_s.max(1e-9)
+    message(
+        Level::INFO,
+        &format!(
+            "{} recordings, {damaged} with problems, {differing} differing; {seconds:.1} s in {wall_s:.2} s ({:.0} times real time)",
+            rows.len(),
+            seconds / wall_s.max(1e-9)
+        ),
     );
     match (differing, damaged) {
         (1.., _) => DIFFERS,

@@ -16,7 +16,7 @@ use renderer::start::plan;
 use scene::{DEFAULT_SCENE, SceneFile};
 
 fn main() -> Result<()> {
-    env_logger::init();
+    ipc::logging::init("still", &ipc::logging::LogArgs::default());
     let mut args = std::env::args().skip(1);
     let out = args.next().unwrap_or_else(|| "still.png".into());
     let tier: usize = args.next().map_or(Ok(2), |t| t.parse())?;

@@ -88,7 +88,7 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |e| {
             // Of a device that is gone every command is refused; that is told once, as an error of the process.
             if known.get().is_none() {
-                log::error!("graphics: {e}");
+                tracing::error!("graphics: {e}");
             }
         }));
         let tell = Arc::clone(&lost);

@@ -4,6 +4,7 @@ mod commands;
 
 use clap::Parser;
 use commands::{bench, film};
+use protocol::health::Process;
 use renderer::config::Config;
 use std::process::ExitCode;
 
@@ -33,8 +34,8 @@ enum Bench {
 }
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     let cli = Cli::parse();
+    ipc::logging::init(Process::Renderer.name(), &cli.config.shell.log);
     let done = match &cli.command {
         Some(Command::Bench(Bench::Render(args))) => bench::render(args),
         Some(Command::Film(args)) => film::film(args),
@@ -42,10 +43,7 @@ fn main() -> ExitCode {
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("vitreo-renderer: {}", ipc::shell::told(error.as_ref()));
-            ExitCode::FAILURE
-        }
+        Err(error) => ipc::logging::fail(error.as_ref()),
     }
 }
 

@@ -174,7 +174,7 @@ impl Running {
         let Some(sample) = self.scenes.receive()? else { return Ok(false) };
         if let Err(refused) = self.renderer.take_scene(&self.gpu, sample.header(), sample.payload()) {
             self.shell.report.refused += 1;
-            log::debug!("{refused}");
+            tracing::debug!(field = sample.header().field, "scene refused: {refused}");
             return Ok(false);
         }
         // A scene with triangles that name no node is drawn without them, and counts as refused too.
@@ -361,7 +361,7 @@ impl Running {
         self.renderer.say(&format!("tier {index}: {width}*{height}\n{reason}"));
         self.status_until = None;
         if changed {
-            log::info!("{text}");
+            tracing::info!("{text}");
         }
         if !self.write_failed {
             self.shell.say(&text);

@@ -1,15 +1,14 @@
 //! `vitreo-simcore`: the simulation as a process of its own.
 
 use clap::Parser;
+use protocol::health::Process;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
-    match simcore::process::run(&simcore::config::Args::parse()) {
+    let args = simcore::config::Args::parse();
+    ipc::logging::init(Process::Simcore.name(), &args.shell.log);
+    match simcore::process::run(&args) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("vitreo-simcore: {}", ipc::shell::told(error.as_ref()));
-            ExitCode::FAILURE
-        }
+        Err(error) => ipc::logging::fail(error.as_ref()),
     }
 }

@@ -67,9 +67,9 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
 fn choose_collision(world: &mut World, wanted: Backend) {
     let Some(choice) = world.choose_collision(wanted, &mut now) else { return };
     if wanted == Backend::Gpu && !choice.on_gpu {
-        log::warn!("{choice}");
+        tracing::warn!("{choice}");
     } else {
-        log::info!("{choice}");
+        tracing::info!("{choice}");
     }
 }
 
@@ -231,7 +231,7 @@ impl Desk {
                 Ok(Some(entry)) => past.note(entry),
                 Ok(None) => break,
                 Err(error) => {
-                    log::warn!("--resume: {error}; going on with what comes before");
+                    tracing::warn!("--resume: {error}; going on with what comes before");
                     break;
                 }
             }
@@ -239,7 +239,7 @@ impl Desk {
         let resumed = past.repeat(world).with_context(|| format!("--resume {}", file.display()))?;
         if !resumed.agrees || resumed.missing > 0 {
             let Resumed { steps, missing, agrees } = resumed;
-            log::warn!("resumed with {steps} steps; missing: {missing}; state as recorded: {agrees}");
+            tracing::warn!("resumed with {steps} steps; missing: {missing}; state as recorded: {agrees}");
         }
         self.writer.forget();
         let exposed = world.state().exposed_ns;

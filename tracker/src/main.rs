@@ -1,16 +1,15 @@
 //! `vitreo-tracker`: marker blobs in, poses out.
 
 use clap::Parser;
+use protocol::health::Process;
 use std::process::ExitCode;
 use tracker::config::Config;
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
-    match tracker::process::run(&Config::parse()) {
+    let config = Config::parse();
+    ipc::logging::init(Process::Tracker.name(), &config.shell.log);
+    match tracker::process::run(&config) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("vitreo-tracker: {}", ipc::shell::told(error.as_ref()));
-            ExitCode::FAILURE
-        }
+        Err(error) => ipc::logging::fail(error.as_ref()),
     }
 }

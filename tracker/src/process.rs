@@ -98,7 +98,7 @@ impl Tracking {
             let at = self.advance_clock(&field)?;
             // A refusal is counted in the assembler and told with every frame.
             if let Err(refusal) = self.assembler.push(&field, at) {
-                log::debug!("field {} refused: {refusal}", field.field);
+                tracing::debug!(field = field.field, camera = field.camera, "field refused: {refusal}");
             }
             while let Some(closed) = self.assembler.complete(at) {
                 self.publish(&closed)?;
@@ -166,7 +166,7 @@ impl Tracking {
         frame.instants.tracked = now();
         if let Err(invalid) = frame.validate() {
             // The tracker's own chokepoint: a frame that no one may use is not sent.
-            log::error!("frame {} withheld: {invalid}", frame.frame);
+            tracing::error!(field = frame.field, frame = frame.frame, "frame withheld: {invalid}");
             self.shell.report.refused += 1;
             return Ok(());
         }
@@ -176,7 +176,7 @@ impl Tracking {
     /// Says once that the rig has drifted. Seldom enough to be formatted.
     fn tell_drift(&mut self) {
         if let Some(report) = self.tracker.drift().filter(|r| r.noticed && !self.drift_told) {
-            log::warn!("{report}");
+            tracing::warn!("{report}");
             self.drift_told = true;
         }
     }

@@ -16,6 +16,7 @@ use crate::exit::{DIFFERS, LOSS};
 use crate::results::DESK;
 use crate::run::stop_flag;
 use anyhow::bail;
+use ipc::logging::message;
 use outputs::{Figures, Outputs};
 use pace::Pace;
 use recording::{Recording, RecordingError, Source};
@@ -25,6 +26,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
+use tracing::Level;
 use verify::Verdict;
 
 /// Arguments of `vitreo replay`.
@@ -182,7 +184,7 @@ fn print(figures: &Figures) {
         println!("the recording does not determine what follows {lost}");
     }
     if let Some(damage) = &figures.damage {
-        eprintln!("vitreo: {damage}");
+        message(Level::WARN, &format!("{damage}"));
     }
 }
 

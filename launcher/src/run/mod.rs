@@ -28,6 +28,7 @@ use crate::machine::has_display;
 use crate::modules::Composed;
 use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use anyhow::Context;
+use ipc::logging::message;
 use options::View;
 use protocol::budget::Stage;
 use protocol::rig::Rig;
@@ -43,6 +44,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
+use tracing::Level;
 
 /// Runs it.
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
@@ -89,7 +91,7 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
         if open_end && attempt.live.total.is_none() {
-            eprintln!("vitreo: {}: broken off, and not kept", file.display());
+            message(Level::WARN, &format!("{}: broken off, and not kept", file.display()));
             continue;
         }
         keep(&mut store, trainee, file).context("the attempt is not in the results store")?;
@@ -157,12 +159,12 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
     let mut code = 0;
     if let Some(recording) = &report.recording {
         if let Some(problem) = &recording.problem {
-            eprintln!("vitreo: the recording is not complete: {problem}");
+            message(Level::WARN, &format!("the recording is not complete: {problem}"));
             return FAILED;
         }
         let lost = recording.lost + report.lost.values().sum::<u64>();
         if lost > 0 {
-            eprintln!("vitreo: the recording misses {lost} blocks and says where");
+            message(Level::WARN, &format!("the recording misses {lost} blocks and says where"));
             code = LOSS;
         }
     }
@@ -170,7 +172,7 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
         return code;
     }
     for stage in report.stages.iter().filter(|s| s.broken) {
-        eprintln!("vitreo: {}", stage.blame());
+        message(Level::WARN, &stage.blame());
         code = BUDGET;
     }
     let drawn = |s: Stage| !matches!(s, Stage::Rendering | Stage::WholeSystem) || view != View::None;
@@ -178,7 +180,10 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
     let unmeasured: Vec<&str> = unmeasured.map(|s| s.stage.name()).collect();
     if code != BUDGET && !unmeasured.is_empty() {
         let names = unmeasured.join(", ");
-        eprintln!("vitreo: nothing was measured of {names}; the first second of a run does not count");
+        message(
+            Level::WARN,
+            &format!("nothing was measured of {names}; the first second of a run does not count"),
+        );
         return FAILED;
     }
     code

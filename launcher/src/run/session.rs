@@ -421,7 +421,7 @@ fn resume_arguments(instance: &Instance, resume: &mut Resume, was_at_work: bool)
     if was_at_work && resume.is_usable() {
         match resume.write(&file).context("write the resume file") {
             Ok(()) => return vec!["--resume".into(), file.display().to_string()],
-            Err(error) => log::warn!("simcore begins anew: {error:#}"),
+            Err(error) => tracing::warn!("simcore begins anew: {error:#}"),
         }
     }
     resume.clear();

@@ -19,6 +19,7 @@ mod block;
 mod channel;
 pub mod clock;
 mod instance;
+pub mod logging;
 pub mod shell;
 mod wake;
 

@@ -1,6 +1,7 @@
 //! What the four process shells share: arguments, stop signals, heartbeat and control.
 
 use crate::clock::{now, sleep_until};
+use crate::logging::LogArgs;
 use crate::{Instance, IpcError, Queue, Receiver, Sender, Wakes};
 use protocol::control::{Answer, Command, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
@@ -9,20 +10,6 @@ use protocol::message::text_bytes;
 use protocol::time::Nanos;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// An error with its causes for a person; a cause that the text before it tells already is passed over.
-pub fn told(error: &(dyn std::error::Error + 'static)) -> String {
-    let mut text = error.to_string();
-    let mut cause = error.source();
-    while let Some(inner) = cause {
-        let inner_text = inner.to_string();
-        if !text.contains(&inner_text) {
-            text = format!("{text}: {inner_text}");
-        }
-        cause = inner.source();
-    }
-    text
-}
 
 /// Arguments that every process takes.
 #[derive(Debug, Clone, clap::Args)]
@@ -36,6 +23,9 @@ pub struct ShellArgs {
     /// Delay this process's work by so many milliseconds, to prove that the budgets notice.
     #[arg(long, default_value_t = 0.0, hide = true)]
     pub inject_delay_ms: f64,
+    /// Logging.
+    #[command(flatten)]
+    pub log: LogArgs,
 }
 
 /// A running process's ties to the launcher.
@@ -149,19 +139,5 @@ impl Shell {
         if self.delay_ns > 0 {
             sleep_until(now() + self.delay_ns);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use protocol::rig::Rig;
-
-    #[test]
-    fn no_cause_is_told_twice() {
-        let error = Rig::load(std::path::Path::new("/nowhere/rig.json")).unwrap_err();
-        let text = told(&error);
-        assert_eq!(text.matches("No such file").count(), 1, "{text}");
-        assert!(text.contains("/nowhere/rig.json"), "{text}");
     }
 }

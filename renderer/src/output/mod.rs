@@ -205,7 +205,7 @@ impl Writer {
         if let Some(video) = &mut self.video
             && let Err(e) = video.flush()
         {
-            log::warn!("video: {e}");
+            tracing::warn!("video: {e}");
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use anyhow::Context;
 use clap::Parser;
+use ipc::logging::{LogArgs, message};
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::io::BufWriter;
 use std::path::PathBuf;
@@ -10,7 +11,16 @@ use std::process::ExitCode;
 /// The simulation of vitreo without cameras and clock.
 #[derive(Debug, Parser)]
 #[command(name = "vitreo-offline", version)]
-enum Args {
+struct Args {
+    #[command(flatten)]
+    log: LogArgs,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// The sub-commands.
+#[derive(Debug, clap::Subcommand)]
+enum Command {
     /// Do every step of a recording again, and write what comes of it into another.
     Resimulate {
         /// The recording.
@@ -38,27 +48,26 @@ enum Args {
 }
 
 fn main() -> ExitCode {
-    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
-    match run(Args::parse()) {
+    let args = Args::parse();
+    ipc::logging::init("offline", &args.log);
+    match run(args.command) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("vitreo-offline: {}", ipc::shell::told(error.as_ref()));
-            ExitCode::FAILURE
-        }
+        Err(error) => ipc::logging::fail(error.as_ref()),
     }
 }
 
-fn run(args: Args) -> anyhow::Result<()> {
-    match args {
-        Args::Film { scene, every, seed, length } => {
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Film { scene, every, seed, length } => {
             let scene = SceneFile::load(&scene).context("scene")?;
             let mut out = BufWriter::new(std::io::stdout().lock());
             offline::film::write(&scene, seed, every, length, &mut out)?;
         }
-        Args::Resimulate { file, out } => {
+        Command::Resimulate { file, out } => {
             if let Some(step) = offline::resimulate::run(&file, &out)?.differs_at {
                 let file = file.display();
-                eprintln!("vitreo-offline: {file}: from step {step} on the state is not the recorded one");
+                let text = format!("{file}: from step {step} on the state is not the recorded one");
+                message(tracing::Level::WARN, &text);
             }
         }
     }

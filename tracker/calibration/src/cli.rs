@@ -9,6 +9,7 @@ use crate::residual_plot::residual_picture;
 use crate::target_problem::{Residual, Robustness};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use ipc::logging::LogArgs;
 use protocol::camera::Camera;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -18,6 +19,9 @@ use std::process::ExitCode;
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-calibration", version)]
 pub struct CalibrateArgs {
+    /// Logging.
+    #[command(flatten)]
+    pub log: LogArgs,
     /// What to calibrate.
     #[command(subcommand)]
     pub task: Task,
