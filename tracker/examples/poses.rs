@@ -11,7 +11,7 @@ use protocol::rig::Rig;
 use std::io::Write;
 use std::path::Path;
 use tracker::Tracker;
-use tracker::assembler::{Closed, FrameAssembler};
+use tracker::assembler::{ClosedFrame, FrameAssembler};
 
 /// Time assumed between the newest field and the pose, ns.
 const PROCESSING_NS: u64 = 1_000_000;
@@ -82,7 +82,7 @@ struct Run {
 }
 
 impl Run {
-    fn frame(&mut self, closed: &Closed) -> anyhow::Result<()> {
+    fn frame(&mut self, closed: &ClosedFrame) -> anyhow::Result<()> {
         let begin = std::time::Instant::now();
         let frame = self.tracker.track(self.assembler.used(), &closed.reference);
         self.took_ns.push(begin.elapsed().as_nanos() as u64);

@@ -44,7 +44,7 @@ struct CameraState {
 
 /// A frame whose fields are complete, or as complete as they will be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Closed {
+pub struct ClosedFrame {
     /// The exposure it is for.
     pub reference: Reference,
     /// Why it was closed.
@@ -109,7 +109,12 @@ impl FrameAssembler {
 
     /// Takes a field of a stream in at `now` and tells `closed` every frame that waited long enough before
     /// it or is complete with it, with the fields that it uses. A field that makes no sense is counted only.
-    pub fn take_in(&mut self, field: &BlobField, now: Nanos, mut closed: impl FnMut(&[BlobField], Closed)) {
+    pub fn take_in(
+        &mut self,
+        field: &BlobField,
+        now: Nanos,
+        mut closed: impl FnMut(&[BlobField], ClosedFrame),
+    ) {
         while let Some(frame) = self.expired(now) {
             closed(&self.used, frame);
         }
@@ -172,7 +177,7 @@ impl FrameAssembler {
     }
 
     /// Closes a frame that is complete or overtaken.
-    pub fn complete(&mut self, now: Nanos) -> Option<Closed> {
+    pub fn complete(&mut self, now: Nanos) -> Option<ClosedFrame> {
         let reference = self.open_reference(now)?;
         let is_next = |f: &BlobField| f.camera == reference.camera && f.exposed_ns > reference.exposed_ns;
         let overtaken = self.pending.iter().any(|(_, f)| is_next(f));
@@ -200,7 +205,7 @@ impl FrameAssembler {
     }
 
     /// Closes a frame that has waited long enough at `now`.
-    pub fn expired(&mut self, now: Nanos) -> Option<Closed> {
+    pub fn expired(&mut self, now: Nanos) -> Option<ClosedFrame> {
         if now < self.deadline(now)? {
             return None;
         }
@@ -209,7 +214,7 @@ impl FrameAssembler {
     }
 
     /// Closes what is open: the stream has ended.
-    pub fn flush(&mut self, now: Nanos) -> Option<Closed> {
+    pub fn flush(&mut self, now: Nanos) -> Option<ClosedFrame> {
         let reference = self.open_reference(now).or_else(|| self.stand_in())?;
         let first = self.first_arrival(&reference);
         Some(self.close(&reference, ClosedBy::TimeOut, first, now))
@@ -273,7 +278,7 @@ impl FrameAssembler {
         (0..MAX_CAMERAS).all(|c| !self.is_alive(c, now) || self.cameras[c].last_exposed_ns > begin_ns)
     }
 
-    fn close(&mut self, reference: &Reference, closed_by: ClosedBy, first: Nanos, now: Nanos) -> Closed {
+    fn close(&mut self, reference: &Reference, closed_by: ClosedBy, first: Nanos, now: Nanos) -> ClosedFrame {
         let taken_ns = if closed_by == ClosedBy::TimeOut { now.min(first + CAMERA_WAIT_NS) } else { now };
         let waited_ns = taken_ns.saturating_sub(first).min(CAMERA_WAIT_NS);
         let end = self.pending.partition_point(|(_, f)| f.exposed_ns <= reference.exposed_ns + GENLOCK_NS);
@@ -281,7 +286,7 @@ impl FrameAssembler {
         self.used.extend(self.pending[..end].iter().map(|(_, f)| *f));
         self.pending.drain(..end);
         self.last_frame_ns = reference.exposed_ns;
-        Closed { reference: *reference, closed_by, waited_ns, taken_ns }
+        ClosedFrame { reference: *reference, closed_by, waited_ns, taken_ns }
     }
 }
 
@@ -310,7 +315,10 @@ mod tests {
     }
 
     /// Feeds fields in the order of arrival, time-outs in between, as the stream clock does.
-    fn run(assembler: &mut FrameAssembler, fields: &[(BlobField, u64)]) -> Vec<(Closed, Vec<(u32, u64)>)> {
+    fn run(
+        assembler: &mut FrameAssembler,
+        fields: &[(BlobField, u64)],
+    ) -> Vec<(ClosedFrame, Vec<(u32, u64)>)> {
         let mut frames = Vec::new();
         for (field, now) in fields {
             while let Some(closed) = assembler.expired(*now) {

@@ -1,61 +1,103 @@
-//! Which blob is which marker of a body whose pose is predicted: by colour, size and distance,
-//! nearest first, each blob and each marker once in a camera-field.
+//! Data association: which blob is which marker of a body whose pose is predicted. By colour, size and
+//! Mahalanobis distance, nearest first, each blob and each marker once in a camera-field.
 
 use crate::constants as k;
-use crate::filter::Matrix6;
-use crate::fit::{Match, carried, pose_jacobian};
-use crate::model::RigModel;
-use crate::sight::{Placed, View, camera_of, covariance_as, image_of};
+use crate::fit::{BlobMatch, MAX_MATCHES};
+use crate::observation::{FieldObservation, camera_of, marker_covariance};
+use crate::pose_math::{Matrix6, propagated};
+use crate::projection::{PoseMatrix, pose_jacobian, project_marker};
+use crate::rig_model::RigModel;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 
-/// Room for candidates; beyond it the farthest would be clutter.
+/// Capacity for candidates; candidates beyond it are dropped.
 const MAX_CANDIDATES: usize = 4096;
+/// Associations alive at once: two of an update, and that of the update before.
+const ASSOCIATIONS: usize = 3;
 
-/// A blob that may be a marker.
+/// A blob within the gate of a marker.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
-    distance2: f64,
+    /// Squared Mahalanobis distance, plus the logarithm of the covariance's growth.
+    cost: f64,
     body: usize,
-    matched: Match,
+    matched: BlobMatch,
 }
 
-/// Where a body should be.
+/// A blob of a marker's colour near the marker, but outside of its gate.
 #[derive(Debug, Clone, Copy)]
-pub struct Expected {
-    /// Pose at the group's instant.
+struct NearMiss {
+    body: usize,
+    camera: usize,
+    marker: usize,
+    blob: usize,
+}
+
+/// Where a body is predicted to be.
+#[derive(Debug, Clone, Copy)]
+pub struct PredictedBody {
+    /// `world_from_body` at the group's instant.
     pub pose: Isometry3<f64>,
     /// Covariance of the pose.
     pub covariance: Matrix6,
-    /// Velocity and angular velocity.
+    /// Velocity (mm/s) and angular velocity (rad/s) in the world.
     pub motion: [Vector3<f64>; 2],
-    /// Factor on all variances of blobs.
+    /// Factor on the variances of all blobs.
     pub variance_scale: f64,
 }
 
-/// The camera-fields of one instant.
-pub struct Group<'a> {
+/// The camera-fields of one instant, and what is known of their cameras.
+pub struct AssociationInput<'a> {
     /// The rig.
     pub rig: &'a RigModel,
-    /// Newest view of each camera.
-    pub views: &'a [View; MAX_CAMERAS],
-    /// Set of the cameras whose view belongs to this instant.
+    /// Newest field of each camera.
+    pub fields: &'a [FieldObservation; MAX_CAMERAS],
+    /// Set of the cameras whose field belongs to this instant.
     pub cameras: u32,
-    /// The instant.
-    pub base_ns: u64,
-    /// The cameras' area scales.
+    /// The instant, ns.
+    pub time_ns: u64,
+    /// Running ratio of seen to expected blob areas, by camera.
     pub area_scales: &'a [f64; MAX_CAMERAS],
 }
 
-/// Finds matches; keeps its memory between calls.
+impl AssociationInput<'_> {
+    /// The fields of this instant.
+    pub fn fields(&self) -> impl Iterator<Item = &FieldObservation> {
+        self.fields.iter().filter(|f| self.cameras & (1 << f.camera) != 0)
+    }
+
+    /// Exposure of a field less the instant, s.
+    pub fn dt_s(&self, field: &FieldObservation) -> f64 {
+        (field.exposed_ns as i64).wrapping_sub(self.time_ns as i64) as f64 * 1e-9
+    }
+}
+
+/// Blobs assigned to markers.
+#[derive(Debug)]
+pub struct Association {
+    /// Matches of each body, nearest first.
+    pub matches: [Vec<BlobMatch>; BODIES],
+    /// Unassigned blobs of each body near a marker that has no match.
+    pub near_misses: [u32; BODIES],
+    /// True if every blob had one possible marker, and every marker one possible blob.
+    pub unambiguous: bool,
+}
+
+impl Default for Association {
+    fn default() -> Self {
+        Association {
+            matches: std::array::from_fn(|_| Vec::with_capacity(MAX_MATCHES)),
+            near_misses: [0; BODIES],
+            unambiguous: true,
+        }
+    }
+}
+
+/// Associates blobs and markers; its memory is reused.
 pub struct Associator {
     candidates: Vec<Candidate>,
-    /// Blobs of a marker's colour near it that are not it, by body, camera, marker and blob.
-    near: Vec<(usize, usize, usize, usize)>,
-    /// Markers of each body that nobody was taken for while something of their colour was near.
-    pub strays: [u32; BODIES],
-    blobs_used: [u64; MAX_CAMERAS],
-    markers_used: [[u32; MAX_CAMERAS]; BODIES],
+    near: Vec<NearMiss>,
+    spare: Vec<Association>,
 }
 
 impl Default for Associator {
@@ -63,95 +105,116 @@ impl Default for Associator {
         Associator {
             candidates: Vec::with_capacity(MAX_CANDIDATES),
             near: Vec::with_capacity(MAX_CANDIDATES),
-            strays: [0; BODIES],
-            blobs_used: [0; MAX_CAMERAS],
-            markers_used: [[0; MAX_CAMERAS]; BODIES],
+            spare: (0..ASSOCIATIONS).map(|_| Association::default()).collect(),
         }
     }
 }
 
 impl Associator {
-    /// Fills `matches` of every body that is expected somewhere. True if there was no choice: every
-    /// blob could be one marker only, and every marker one blob.
+    /// Assigns blobs to the markers of every body with a prediction.
     pub fn associate(
         &mut self,
-        group: &Group<'_>,
-        expected: &[Option<Expected>; BODIES],
-        matches: &mut [Vec<Match>; BODIES],
-    ) -> bool {
+        input: &AssociationInput<'_>,
+        predicted: &[Option<PredictedBody>; BODIES],
+    ) -> Association {
         self.candidates.clear();
         self.near.clear();
-        self.blobs_used = [0; MAX_CAMERAS];
-        self.markers_used = [[0; MAX_CAMERAS]; BODIES];
-        for (body, expected) in expected.iter().enumerate() {
-            let Some(expected) = expected else { continue };
-            for view in group.views.iter().filter(|v| group.cameras & (1 << v.camera) != 0) {
-                self.collect(group, body, view, expected);
+        for (body, predicted) in predicted.iter().enumerate() {
+            let Some(predicted) = predicted else { continue };
+            for field in input.fields() {
+                self.gate(input, body, field, predicted);
             }
         }
         self.candidates.sort_unstable_by(|a, b| {
             let key = |c: &Candidate| (c.body, c.matched.camera, c.matched.marker, c.matched.blob);
-            a.distance2.total_cmp(&b.distance2).then_with(|| key(a).cmp(&key(b)))
+            a.cost.total_cmp(&b.cost).then_with(|| key(a).cmp(&key(b)))
         });
-        for list in matches.iter_mut() {
+        self.assign()
+    }
+
+    /// Takes an association back, so that its memory serves again.
+    pub fn recycle(&mut self, association: Association) {
+        self.spare.push(association);
+    }
+
+    /// Assigns the sorted candidates, nearest first.
+    fn assign(&mut self) -> Association {
+        let mut out = self.spare.pop().unwrap_or_default();
+        for list in &mut out.matches {
             list.clear();
         }
+        let mut blobs_used = [0u64; MAX_CAMERAS];
+        let mut markers_used = [[0u32; MAX_CAMERAS]; BODIES];
         for c in &self.candidates {
             let m = &c.matched;
             let (blob, marker) = (1u64 << m.blob, 1u32 << m.marker);
-            let free =
-                self.blobs_used[m.camera] & blob == 0 && self.markers_used[c.body][m.camera] & marker == 0;
-            if free {
-                self.blobs_used[m.camera] |= blob;
-                self.markers_used[c.body][m.camera] |= marker;
-                matches[c.body].push(*m);
+            if blobs_used[m.camera] & blob == 0 && markers_used[c.body][m.camera] & marker == 0 {
+                blobs_used[m.camera] |= blob;
+                markers_used[c.body][m.camera] |= marker;
+                out.matches[c.body].push(*m);
             }
         }
-        self.strays = [0; BODIES];
-        for &(body, camera, marker, blob) in &self.near {
-            let unmatched = self.markers_used[body][camera] & (1 << marker) == 0;
-            if unmatched && self.blobs_used[camera] & (1 << blob) == 0 {
-                self.strays[body] += 1;
+        out.near_misses = [0; BODIES];
+        for n in &self.near {
+            let unmatched = markers_used[n.body][n.camera] & (1 << n.marker) == 0;
+            if unmatched && blobs_used[n.camera] & (1 << n.blob) == 0 {
+                out.near_misses[n.body] += 1;
             }
         }
-        matches.iter().map(Vec::len).sum::<usize>() == self.candidates.len()
+        out.unambiguous = out.matches.iter().map(Vec::len).sum::<usize>() == self.candidates.len();
+        out
     }
 
-    fn collect(&mut self, group: &Group<'_>, body: usize, view: &View, expected: &Expected) {
-        let Some(camera) = camera_of(group.rig, view) else { return };
-        let area_scale = group.area_scales[view.camera];
-        let dt_s = (view.exposed_ns as i64).wrapping_sub(group.base_ns as i64) as f64 * 1e-9;
-        let pose = Placed::from(&carried(&expected.pose, &expected.motion, dt_s));
-        for (marker, m) in group.rig.bodies[body].markers.iter().enumerate() {
-            let Some(image) = image_of(m, &pose, camera) else { continue };
+    /// Collects the candidates and near misses of a body in one field.
+    fn gate(
+        &mut self,
+        input: &AssociationInput<'_>,
+        body: usize,
+        field: &FieldObservation,
+        predicted: &PredictedBody,
+    ) {
+        let Some(model) = camera_of(input.rig, field) else { return };
+        let (camera, dt_s) = (field.camera, input.dt_s(field));
+        let area_scale = input.area_scales[camera];
+        let pose = PoseMatrix::from(&propagated(&predicted.pose, &predicted.motion, dt_s));
+        for (marker, m) in input.rig.bodies[body].markers.iter().enumerate() {
+            let Some(image) = project_marker(m, &pose, model) else { continue };
             let jacobian = pose_jacobian(&image, &pose);
-            let predicted = jacobian * expected.covariance * jacobian.transpose();
-            for (blob, sight) in view.sights().iter().enumerate() {
-                let r = sight.pixel - image.pixel;
-                if sight.colour != m.colour || r.norm_squared() > k::GATE_PX * k::GATE_PX {
+            let spread = jacobian * predicted.covariance * jacobian.transpose();
+            for (blob, seen) in field.blobs().iter().enumerate() {
+                let pixel = seen.pixel;
+                let r = pixel - image.pixel;
+                if seen.colour != m.colour || r.norm_squared() > k::GATE_PX * k::GATE_PX {
                     continue;
                 }
-                let Some(covariance) = covariance_as(sight, &image, area_scale, k::AREA_RATIO) else {
+                let Some(covariance) = marker_covariance(seen, &image, area_scale, k::AREA_RATIO) else {
                     continue;
                 };
-                let Some(inverse) = (predicted + covariance * expected.variance_scale).try_inverse() else {
+                let Some(inverse) = (spread + covariance * predicted.variance_scale).try_inverse() else {
                     continue;
                 };
                 let distance2 = r.dot(&(inverse * r));
                 // `covariance` grows with a wrong size; the logarithm of its determinant keeps such
-                // a blob from winning because of its own doubt.
-                let doubt = libm::log((covariance.determinant() / sight.covariance.determinant()).max(1.0));
+                // a blob from winning because of its own uncertainty.
+                let growth = libm::log((covariance.determinant() / seen.covariance.determinant()).max(1.0));
                 if distance2 < k::GATE && self.candidates.len() < MAX_CANDIDATES {
-                    let area_ratio = sight.area_px / image.area_px;
-                    let pixel = sight.pixel;
-                    let camera = view.camera;
-                    let clean = covariance == sight.covariance;
-                    let out = false;
-                    let matched =
-                        Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, clean, out };
-                    self.candidates.push(Candidate { distance2: distance2 + doubt, body, matched });
+                    let area_ratio = seen.area_px / image.area_px;
+                    let clean = covariance == seen.covariance;
+                    let outlier = false;
+                    let matched = BlobMatch {
+                        camera,
+                        blob,
+                        marker,
+                        pixel,
+                        covariance,
+                        dt_s,
+                        area_ratio,
+                        clean,
+                        outlier,
+                    };
+                    self.candidates.push(Candidate { cost: distance2 + growth, body, matched });
                 } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
-                    self.near.push((body, view.camera, marker, blob));
+                    self.near.push(NearMiss { body, camera, marker, blob });
                 }
             }
         }

@@ -18,28 +18,28 @@ pub const AREA_SHIFT: f64 = 0.8;
 /// Ratio of areas outside of which a blob is not that marker.
 pub const AREA_RATIO: (f64, f64) = (0.15, 1.7);
 /// Ratio of areas, wider, as long as the camera's own scale of areas is not known (start-up).
-pub const SEED_AREA_RATIO: (f64, f64) = (0.3, 2.2);
+pub const ACQUISITION_AREA_RATIO: (f64, f64) = (0.3, 2.2);
 /// Step of the running estimate of a camera's area scale.
 pub const AREA_SCALE_STEP: f64 = 0.004;
 
 /// Standard deviation of the acceleration of a hand's planned movement at the start, mm/s².
-pub const SMOOTH_MM_S2: f64 = 15.0;
+pub const VOLUNTARY_MM_S2: f64 = 15.0;
 /// Time constant of its lag, s: shorter overshoots, longer lags behind a hand that turns round.
-pub const SMOOTH_TAU_S: f64 = 0.2;
+pub const VOLUNTARY_TAU_S: f64 = 0.2;
 /// Bounds of its variance as learnt, mm²/s⁴: a resting hand, a hand that pulls out.
-pub const SMOOTH_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
+pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time over which it is learnt, s.
-pub const SMOOTH_LEARNING_S: f64 = 1.0;
+pub const VOLUNTARY_LEARNING_S: f64 = 1.0;
 /// Squared normalised surprise (6 degrees of freedom) above which the planned movement is believed less at once.
-pub const SURPRISE: f64 = 30.0;
+pub const NIS_LIMIT: f64 = 30.0;
 /// So many markers with a blob beside them, and more than with a blob in place, startle.
-pub const BESIDE: usize = 2;
+pub const MIN_NEAR_MISSES: usize = 2;
 /// Doubt that a startled filter adds to the tip's position (mm), velocity (mm/s) and acceleration (mm/s²).
-pub const STARTLED: [f64; 3] = [0.1, 15.0, 300.0];
+pub const INFLATION: [f64; 3] = [0.1, 15.0, 300.0];
 /// Running ratio of surprises to what they should be, above which the same is done.
-pub const STRAIN: f64 = 1.7;
+pub const NIS_RATIO_LIMIT: f64 = 1.7;
 /// Share of the newest surprise in it.
-pub const STRAIN_SHARE: f64 = 0.15;
+pub const NIS_RATIO_GAIN: f64 = 0.15;
 /// Frequencies of the tremor's oscillators, Hz: physiological tremor lies between 6 and 14 Hz.
 pub const TREMOR_HZ: [f64; 5] = [7.0, 8.5, 10.0, 11.5, 13.0];
 /// Their damping ratio: wide enough to overlap, narrow enough to foresee a period.
@@ -73,7 +73,7 @@ pub const LONGEST_STEP_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
 /// A marker nearer to the shaft than this does not tell the roll, mm.
 pub const ROLL_LEVER_MM: f64 = 0.3;
 /// A blob whose place is less certain than this, by its size, tells no roll, px.
-pub const ROLL_TOLD_PX: f64 = 1.0;
+pub const ROLL_LOCALISED_PX: f64 = 1.0;
 /// Blobs that tell one roll agree within this, rad: noise, a rig that has drifted by a third of a pixel, and 1 ms between
 /// cameras in a turn of 10 rad/s.
 pub const ROLL_AGREES_RAD: f64 = 0.06;
@@ -84,13 +84,13 @@ pub const ROLL_RING: f64 = 0.3;
 pub const ROLL_FLAT: f64 = 0.15;
 /// Acceleration of a roll that went another way than foreseen, rad/s²: fingers that turn a handle by 45° in a quarter of a
 /// second reach 75 (minimum jerk).
-pub const STARTLED_ROLL_RAD_S2: f64 = 150.0;
+pub const ROLL_MANOEUVRE_RAD_S2: f64 = 150.0;
 /// For so long it may have gone that way at the least and at the most, s.
-pub const STARTLED_ROLL_S: (f64, f64) = (0.02, 0.04);
+pub const ROLL_MANOEUVRE_S: (f64, f64) = (0.02, 0.04);
 /// A roll that no blob has told for longer than this comes to rest, ns, …
-pub const ROLL_COASTS_NS: u64 = LOST_AFTER_NS;
+pub const ROLL_COAST_NS: u64 = LOST_AFTER_NS;
 /// … with this time constant, s: hands do not turn on and on.
-pub const ROLL_CALMS_S: f64 = 0.2;
+pub const ROLL_DAMPING_S: f64 = 0.2;
 /// Singer model of an instrument's roll, rad/s².
 pub const TURN_ACCELERATION_RAD_S2: f64 = 8.0;
 /// Its time constant, s.
@@ -102,18 +102,18 @@ pub const EYE_ACCELERATION_TAU_S: f64 = 0.7;
 /// Largest factor by which it grows at a surprise, and the time in which that is forgotten, s.
 pub const EYE_BOOST: (f64, f64) = (30.0, 0.3);
 /// Standard deviation of the velocity of a body just found, mm/s; the surgeon's hand in a hurry.
-pub const SEED_SPEED_MM_S: f64 = 30.0;
+pub const START_SPEED_MM_S: f64 = 30.0;
 /// The same for the angular velocity of an instrument, rad/s.
-pub const SEED_TURN_RAD_S: f64 = 1.5;
+pub const START_TURN_RAD_S: f64 = 1.5;
 /// The same for the eye, rad/s.
-pub const SEED_EYE_TURN_RAD_S: f64 = 0.5;
+pub const START_EYE_TURN_RAD_S: f64 = 0.5;
 /// The eye's centre is the origin: standard deviation of its position, mm.
 pub const EYE_CENTRE_MM: f64 = 1e-4;
 
 /// Camera-fields this close belong to one update, ns; genlocked cameras differ by 0.1 ms.
 pub const GROUP_NS: u64 = 1_000_000;
 /// A sight older than this is not used for finding a lost body, ns.
-pub const SEED_WINDOW_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
+pub const ACQUISITION_WINDOW_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
 /// A camera counts as seeing a body for this long after its last blob of it, ns.
 pub const SEEN_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
 /// One camera alone still measures for this long after two saw the body, ns: the shaft's pivot then
@@ -122,7 +122,7 @@ pub const ONE_CAMERA_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
 /// A body not seen by two cameras for this long is lost, ns.
 pub const LOST_AFTER_NS: u64 = 150_000_000;
 /// A body not seen by two cameras for this long is also searched anew, ns.
-pub const SEARCH_AFTER_NS: u64 = 30_000_000;
+pub const ACQUIRE_AFTER_NS: u64 = 30_000_000;
 /// A gap between camera-fields, or a step back, beyond which nothing is carried over, ns.
 pub const MAX_GAP_NS: u64 = 500_000_000;
 
@@ -152,26 +152,26 @@ pub const MEASURED_RAD: f64 = 0.5;
 pub const TROCAR_MISS_MM: f64 = 1.0;
 
 /// Factor on the variances of blobs in a search: the rig may have drifted by a third of a pixel.
-pub const SEED_VARIANCE: f64 = 6.0;
+pub const ACQUISITION_VARIANCE: f64 = 6.0;
 /// Two rays that pass this close may see one marker, mm (free-running cameras: 10 mm/s · 13 ms and noise).
-pub const SEED_RAY_MM: f64 = 0.35;
+pub const RAY_MISS_MM: f64 = 0.35;
 /// Distances between markers are matched within this, mm.
-pub const SEED_DISTANCE_MM: f64 = 0.35;
+pub const MARKER_DISTANCE_MM: f64 = 0.35;
 /// A blob this close to a marker of a hypothesis supports it, px.
-pub const SEED_GATE_PX: f64 = 6.0;
+pub const ACQUISITION_GATE_PX: f64 = 6.0;
 /// Speed assumed when sights of different instants meet in a search, mm/s.
-pub const SEED_SIGHT_SPEED_MM_S: f64 = 25.0;
+pub const ACQUISITION_SPEED_MM_S: f64 = 25.0;
 /// Points kept per search; more are clutter.
-pub const SEED_POINTS: usize = 96;
+pub const ACQUISITION_POINTS: usize = 96;
 /// Share of the best possible score at which a search ends.
-pub const SEED_CONVINCING: f64 = 0.85;
+pub const ACQUISITION_SCORE: f64 = 0.85;
 /// Hypotheses tried per search: bounds its time.
-pub const SEED_TRIALS: usize = 6_000;
+pub const ACQUISITION_TRIALS: usize = 6_000;
 /// Plausible hypotheses scored per search; scoring one costs 20 µs.
-pub const SEED_SCORED: usize = 200;
+pub const ACQUISITION_SCORED: usize = 200;
 
 const _: () = assert!(GROUP_NS * 4 < FIELD_PERIOD_NS, "a group never spans two fields of a camera");
-const _: () = assert!(SEARCH_AFTER_NS < LOST_AFTER_NS);
+const _: () = assert!(ACQUIRE_AFTER_NS < LOST_AFTER_NS);
 
 /// A camera's turn since its calibration (standard deviation), rad: 8 µm at the distance of the tip. Wider, and the
 /// turn of the eye is taken for one of the cameras.

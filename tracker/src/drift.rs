@@ -7,13 +7,13 @@
 //! pays for the whole solution; a finished solution moves the rig a part of the way.
 //!
 //! What no residual can show is not estimated: where all markers of a body moved together, pose and
-//! tip move with them. [`Report::blind_mm`] tells how much of that the prior allows.
+//! tip move with them. [`DriftReport::blind_mm`] tells how much of that the prior allows.
 
 use crate::constants as k;
-use crate::filter::Matrix6;
-use crate::fit::{Match, carried, pose_jacobian};
-use crate::model::RigModel;
-use crate::sight::{Placed, image_of};
+use crate::fit::BlobMatch;
+use crate::pose_math::{Matrix6, propagated};
+use crate::projection::{PoseMatrix, pose_jacobian, project_marker};
+use crate::rig_model::RigModel;
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
@@ -27,9 +27,9 @@ const COLUMNS: usize = 2;
 
 /// What was found.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Report {
+pub struct DriftReport {
     /// True if the residuals cannot be noise.
-    pub noticed: bool,
+    pub detected: bool,
     /// Fall of χ² that the corrections bring, per unknown; 1 is noise.
     pub evidence: f64,
     /// Largest turn of a camera, rad, and largest shift, mm.
@@ -37,14 +37,14 @@ pub struct Report {
     /// Root mean square shift of the markers of a body within it, per axis, mm.
     pub markers_mm: [f64; BODIES],
     /// Standard deviation of the tip (of the eye's rotation times 12 mm) that no residual can show, mm.
-    pub blind_mm: [f64; BODIES],
+    pub unobservable_mm: [f64; BODIES],
 }
 
-impl std::fmt::Display for Report {
+impl std::fmt::Display for DriftReport {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let um = |mm: f64| mm * 1e3;
-        if !self.noticed {
-            return write!(f, "no drift of the rig is noticed (evidence {:.1})", self.evidence);
+        if !self.detected {
+            return write!(f, "no drift of the rig is detected (evidence {:.1})", self.evidence);
         }
         write!(
             f,
@@ -57,14 +57,14 @@ impl std::fmt::Display for Report {
             um(self.markers_mm[0]),
             um(self.markers_mm[1]),
             um(self.markers_mm[2]),
-            um(self.blind_mm[0]),
-            um(self.blind_mm[1]),
+            um(self.unobservable_mm[0]),
+            um(self.unobservable_mm[1]),
         )
     }
 }
 
 /// Estimates the drift; all unknowns are in units of their prior's standard deviation.
-pub struct Drift {
+pub struct DriftEstimator {
     nominal: RigModel,
     /// First unknown of a camera; of the markers of a body.
     camera_at: [usize; MAX_CAMERAS],
@@ -80,10 +80,10 @@ pub struct Drift {
     with_pose: Vec<[f64; 6]>,
     column: usize,
     turn: usize,
-    report: Report,
+    report: DriftReport,
 }
 
-impl Drift {
+impl DriftEstimator {
     /// For a rig as calibrated.
     pub fn new(rig: &RigModel) -> Self {
         let mut unknowns = 0;
@@ -95,7 +95,7 @@ impl Drift {
         let markers_at = std::array::from_fn(|b| take(3 * rig.bodies[b].markers.len()));
         let square = vec![0.0; unknowns * unknowns];
         let line = vec![0.0; unknowns];
-        let mut drift = Drift {
+        let mut drift = DriftEstimator {
             nominal: rig.clone(),
             camera_at,
             markers_at,
@@ -109,14 +109,14 @@ impl Drift {
             with_pose: vec![[0.0; 6]; unknowns],
             column: 0,
             turn: 0,
-            report: Report::default(),
+            report: DriftReport::default(),
         };
-        drift.report.blind_mm = std::array::from_fn(|b| drift.blind(b));
+        drift.report.unobservable_mm = std::array::from_fn(|b| drift.unobservable(b));
         drift
     }
 
     /// What was found so far.
-    pub fn report(&self) -> &Report {
+    pub fn report(&self) -> &DriftReport {
         &self.report
     }
 
@@ -126,7 +126,7 @@ impl Drift {
             list.fill(0.0);
         }
         (self.column, self.turn) = (0, 0);
-        self.report = Report { blind_mm: self.report.blind_mm, ..Report::default() };
+        self.report = DriftReport { unobservable_mm: self.report.unobservable_mm, ..DriftReport::default() };
         self.apply(rig);
     }
 
@@ -143,10 +143,10 @@ impl Drift {
         body: usize,
         pose: &Isometry3<f64>,
         motion: &[Vector3<f64>; 2],
-        matches: &[Match],
+        matches: &[BlobMatch],
     ) {
         // A marker hidden in part looks like a marker that moved.
-        let usable = || matches.iter().filter(|m| m.clean && !m.out);
+        let usable = || matches.iter().filter(|m| m.clean && !m.outlier);
         if usable().count() < 4 {
             return;
         }
@@ -154,8 +154,10 @@ impl Drift {
         let mut of_pose = pose_prior(body);
         let mut gradient = SMatrix::<f64, 6, 1>::zeros();
         for m in usable() {
-            let at_exposure = carried(pose, motion, m.dt_s);
-            let Some((a, j, r)) = self.equation(rig, body, &Placed::from(&at_exposure), m) else { continue };
+            let at_exposure = propagated(pose, motion, m.dt_s);
+            let Some((a, j, r)) = self.equation(rig, body, &PoseMatrix::from(&at_exposure), m) else {
+                continue;
+            };
             let Some(weight) = m.covariance.try_inverse() else { continue };
             let (aw, jw) = (a.transpose() * weight, j.transpose() * weight);
             of_pose += jw * j;
@@ -182,11 +184,11 @@ impl Drift {
         &self,
         rig: &RigModel,
         body: usize,
-        pose: &Placed,
-        m: &Match,
+        pose: &PoseMatrix,
+        m: &BlobMatch,
     ) -> Option<(SMatrix<f64, 2, PER_BLOB>, SMatrix<f64, 2, 6>, Vector2<f64>)> {
         let camera = rig.cameras[m.camera].as_ref()?;
-        let image = image_of(&rig.bodies[body].markers[m.marker], pose, camera)?;
+        let image = project_marker(&rig.bodies[body].markers[m.marker], pose, camera)?;
         let by_camera_point: Matrix2x3<f64> = image.jacobian * camera.camera_from_world.transpose();
         let turning = -(by_camera_point * camera.in_camera(&image.point).cross_matrix());
         let by_marker = image.jacobian * pose.rotation;
@@ -201,7 +203,7 @@ impl Drift {
     }
 
     /// Where the unknowns of a blob are.
-    fn places(&self, body: usize, m: &Match) -> [usize; PER_BLOB] {
+    fn places(&self, body: usize, m: &BlobMatch) -> [usize; PER_BLOB] {
         let (camera, marker) = (self.camera_at[m.camera], self.markers_at[body] + 3 * m.marker);
         std::array::from_fn(|p| if p < PER_CAMERA { camera + p } else { marker + p - PER_CAMERA })
     }
@@ -310,7 +312,7 @@ impl Drift {
             self.right[p] = sum / self.factor[p * n + p];
         }
         self.report.evidence = gained / n as f64;
-        self.report.noticed |= self.report.evidence > k::DRIFT_EVIDENCE;
+        self.report.detected |= self.report.evidence > k::DRIFT_EVIDENCE;
         // Shrunk towards the calibration as far as noise could be the cause (James and Stein 1961).
         let belief = (1.0 - k::DRIFT_NOISE / self.report.evidence.max(k::DRIFT_NOISE)).max(0.0);
         for (applied, solved) in self.applied.iter_mut().zip(&self.right) {
@@ -348,7 +350,7 @@ impl Drift {
 
     /// How far the tip (for the eye: a point 12 mm from its centre) goes where all markers of a body
     /// move as if the body had: independent shifts of the markers, as a rigid motion.
-    fn blind(&self, body: usize) -> f64 {
+    fn unobservable(&self, body: usize) -> f64 {
         let mut information = Matrix6::zeros();
         for marker in &self.nominal.bodies[body].markers {
             let arm = -marker.position.coords.cross_matrix();
@@ -381,12 +383,12 @@ fn pose_prior(body: usize) -> Matrix6 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::filter::{Vector6, changed};
+    use crate::pose_math::{Vector6, box_plus};
     use nalgebra::Matrix2;
     use protocol::rig::Rig;
 
     /// Blobs of body 0 as the cameras of `real` see it, at the `n`-th of many poses.
-    fn blobs(real: &RigModel, n: u32) -> (Isometry3<f64>, Vec<Match>) {
+    fn blobs(real: &RigModel, n: u32) -> (Isometry3<f64>, Vec<BlobMatch>) {
         let t = f64::from(n) * 0.1;
         let turn = Vector3::new(0.4 * t.sin(), 0.3 * (1.3 * t).cos(), 0.9 * (0.7 * t).sin());
         let pose = Isometry3::new(Vector3::new((0.9 * t).sin(), (1.1 * t).cos(), -3.0 + t.cos()), turn);
@@ -394,10 +396,20 @@ mod tests {
         for (camera, model) in real.cameras.iter().enumerate() {
             let Some(model) = model else { continue };
             for (marker, m) in real.bodies[0].markers.iter().enumerate() {
-                let pixel = image_of(m, &Placed::from(&pose), model).unwrap().pixel;
+                let pixel = project_marker(m, &PoseMatrix::from(&pose), model).unwrap().pixel;
                 let covariance = Matrix2::identity() * 0.0025;
-                let (blob, dt_s, area_ratio, clean, out) = (0, 0.0, 1.0, true, false);
-                matches.push(Match { camera, blob, marker, pixel, covariance, dt_s, area_ratio, clean, out });
+                let (blob, dt_s, area_ratio, clean, outlier) = (0, 0.0, 1.0, true, false);
+                matches.push(BlobMatch {
+                    camera,
+                    blob,
+                    marker,
+                    pixel,
+                    covariance,
+                    dt_s,
+                    area_ratio,
+                    clean,
+                    outlier,
+                });
             }
         }
         (pose, matches)
@@ -405,14 +417,14 @@ mod tests {
 
     /// A rig of which one marker of body 0 went off its place, learnt from at poses that are wrong by
     /// something themselves.
-    fn learnt(shift: Vector3<f64>) -> (RigModel, Report) {
+    fn learnt(shift: Vector3<f64>) -> (RigModel, DriftReport) {
         let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
         let (mut real, mut rig) = (nominal.clone(), nominal.clone());
         real.bodies[0].markers[1].position += shift;
-        let mut drift = Drift::new(&nominal);
+        let mut drift = DriftEstimator::new(&nominal);
         for n in 0..600 {
             let (pose, matches) = blobs(&real, n);
-            let wrong = changed(&pose, &(Vector6::repeat(1e-3) * f64::from(n % 5)));
+            let wrong = box_plus(&pose, &(Vector6::repeat(1e-3) * f64::from(n % 5)));
             drift.learn(&rig, 0, &wrong, &[Vector3::zeros(); 2], &matches);
             drift.step(&mut rig);
         }
@@ -423,7 +435,7 @@ mod tests {
     fn a_marker_that_moved_alone_is_found() {
         let shift = Vector3::new(0.0, 0.012, 0.0);
         let (rig, report) = learnt(shift);
-        assert!(report.noticed && report.to_string().contains("drifted"), "{report}");
+        assert!(report.detected && report.to_string().contains("drifted"), "{report}");
         // The middle of three in a line: bent out of it, which no pose explains. The others share it.
         let y = |m: usize| rig.bodies[0].markers[m].position.y;
         let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
@@ -438,7 +450,7 @@ mod tests {
     #[test]
     fn a_rig_that_did_not_move_is_left_alone() {
         let (rig, report) = learnt(Vector3::zeros());
-        assert!(!report.noticed && report.to_string().contains("no drift"), "{report}");
+        assert!(!report.detected && report.to_string().contains("no drift"), "{report}");
         assert_eq!(rig, RigModel::new(&Rig::load_or_shipped(None).unwrap()));
     }
 }

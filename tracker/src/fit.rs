@@ -8,11 +8,11 @@
 //! (Cauchy); then the worst blob beyond the limit is thrown out, one after the other, and the rest
 //! is fitted without weights.
 
+use crate::body_filter::BodyFilter;
 use crate::constants as k;
-use crate::estimate::Estimate;
-use crate::filter::{Matrix6, Vector6, changed, difference, exp};
-use crate::model::{BodyModel, RigModel};
-use crate::sight::{Image, Placed, image_of};
+use crate::pose_math::{Matrix6, Vector6, box_minus, box_plus, exp};
+use crate::projection::{MarkerImage, PoseMatrix, project_marker};
+use crate::rig_model::{BodyModel, RigModel};
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Translation3, Vector2, Vector3};
 use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
 
@@ -25,7 +25,7 @@ const CONVERGED: f64 = 1e-3;
 
 /// A blob taken for a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Match {
+pub struct BlobMatch {
     /// Camera id.
     pub camera: usize,
     /// Index of the blob in its view.
@@ -42,15 +42,21 @@ pub struct Match {
     pub area_ratio: f64,
     /// Neither hidden in part nor merged, by its size.
     pub clean: bool,
-    /// Thrown out.
-    pub out: bool,
+    /// Rejected as an outlier of the fit.
+    pub outlier: bool,
 }
 
-/// Where a trocar is in the world, and how sure that is (standard deviation, mm).
-pub type TrocarInWorld = (Point3<f64>, f64);
+/// Where a trocar is in the world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrocarInWorld {
+    /// mm.
+    pub position: Point3<f64>,
+    /// Standard deviation of the shaft's distance from it, mm.
+    pub sigma: f64,
+}
 
 /// What a fit is told besides the blobs.
-pub struct Problem<'a> {
+pub struct PoseProblem<'a> {
     /// The rig.
     pub rig: &'a RigModel,
     /// The body.
@@ -69,7 +75,7 @@ pub struct Problem<'a> {
 
 /// The answer.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fit {
+pub struct PoseFit {
     /// Most likely pose.
     pub pose: Isometry3<f64>,
     /// Its covariance, prior included.
@@ -77,25 +83,25 @@ pub struct Fit {
     /// χ² of the blobs kept, with their variances as told (unscaled).
     pub chi2: f64,
     /// Sum of the squared residuals, px².
-    pub squares_px2: f64,
+    pub sum_squares_px2: f64,
     /// Degrees of freedom of χ²: two per blob, less what the blobs (and not the prior) told of the
     /// pose.
-    pub freedom: f64,
+    pub degrees_of_freedom: f64,
     /// Blobs kept.
     pub blobs: usize,
     /// Blobs thrown out.
-    pub thrown_out: usize,
+    pub outliers: usize,
 }
 
-impl Fit {
+impl PoseFit {
     /// χ² per degree of freedom; `None` where blobs are too few to tell.
     pub fn reduced_chi2(&self) -> Option<f64> {
-        (self.freedom >= 2.0).then(|| self.chi2 / self.freedom)
+        (self.degrees_of_freedom >= 2.0).then(|| self.chi2 / self.degrees_of_freedom)
     }
 }
 
 /// Jacobian of an image by the pose (position, rotation vector in the world).
-pub fn pose_jacobian(image: &Image, placed: &Placed) -> SMatrix<f64, 2, 6> {
+pub fn pose_jacobian(image: &MarkerImage, placed: &PoseMatrix) -> SMatrix<f64, 2, 6> {
     let arm = image.point - placed.origin;
     let turning: Matrix2x3<f64> = -(image.jacobian * arm.cross_matrix());
     let mut jacobian = SMatrix::<f64, 2, 6>::zeros();
@@ -105,7 +111,7 @@ pub fn pose_jacobian(image: &Image, placed: &Placed) -> SMatrix<f64, 2, 6> {
 }
 
 /// A pose carried by a constant motion.
-pub fn carried(pose: &Isometry3<f64>, motion: &[Vector3<f64>; 2], dt_s: f64) -> Isometry3<f64> {
+pub fn propagated(pose: &Isometry3<f64>, motion: &[Vector3<f64>; 2], dt_s: f64) -> Isometry3<f64> {
     Isometry3::from_parts(
         Translation3::from(pose.translation.vector + motion[0] * dt_s),
         exp(motion[1] * dt_s) * pose.rotation,
@@ -117,25 +123,25 @@ pub fn trocar_miss(pose: &Isometry3<f64>, trocar: &Point3<f64>) -> Vector2<f64> 
     pose.inverse_transform_point(trocar).coords.xy()
 }
 
-impl Problem<'_> {
+impl PoseProblem<'_> {
     /// The problem of a body that is tracked.
     pub fn of_filter<'a>(
         rig: &'a RigModel,
         body: &'a BodyModel,
-        filter: &Estimate,
+        filter: &BodyFilter,
         variance_scale: f64,
-    ) -> Option<Problem<'a>> {
+    ) -> Option<PoseProblem<'a>> {
         let prior_information = filter.pose_covariance().cholesky()?.inverse();
         let motion = filter.motion();
         let prior = filter.pose();
-        Some(Problem { rig, body, prior, prior_information, motion, trocar: None, variance_scale })
+        Some(PoseProblem { rig, body, prior, prior_information, motion, trocar: None, variance_scale })
     }
 
     /// Solves it, beginning at `start`. `None` where it does not converge or too little is left.
-    pub fn solve(&self, start: &Isometry3<f64>, matches: &mut [Match]) -> Option<Fit> {
+    pub fn solve(&self, start: &Isometry3<f64>, matches: &mut [BlobMatch]) -> Option<PoseFit> {
         let (mut pose, mut information) = self.converge(*start, matches, false)?;
         let mut check = self.check(&pose, matches);
-        let mut thrown_out = 0;
+        let mut outliers = 0;
         if check.worst.is_some() {
             pose = self.converge(*start, matches, true)?.0;
             check = self.check(&pose, matches);
@@ -145,26 +151,26 @@ impl Problem<'_> {
             }
         }
         while let Some(worst) = check.worst {
-            matches[worst].out = true;
-            thrown_out += 1;
+            matches[worst].outlier = true;
+            outliers += 1;
             (pose, information) = self.converge(pose, matches, false)?;
             check = self.check(&pose, matches);
         }
-        let Check { chi2, squares_px2, blobs, .. } = check;
+        let Check { chi2, sum_squares_px2, blobs, .. } = check;
         if blobs == 0 {
             return None;
         }
         let covariance = information.cholesky()?.inverse();
         let told = 6.0 - (self.prior_information * covariance).trace();
-        let freedom = 2.0 * blobs as f64 - told;
-        Some(Fit { pose, covariance, chi2, squares_px2, freedom, blobs, thrown_out })
+        let degrees_of_freedom = 2.0 * blobs as f64 - told;
+        Some(PoseFit { pose, covariance, chi2, sum_squares_px2, degrees_of_freedom, blobs, outliers })
     }
 
     /// Gauss–Newton; also the information at its last step, which is too small to change it.
     fn converge(
         &self,
         start: Isometry3<f64>,
-        matches: &[Match],
+        matches: &[BlobMatch],
         robust: bool,
     ) -> Option<(Isometry3<f64>, Matrix6)> {
         let mut pose = start;
@@ -176,7 +182,7 @@ impl Problem<'_> {
             if !step.iter().all(|v| v.is_finite()) || step.norm() > 50.0 {
                 return None;
             }
-            pose = changed(&pose, &step);
+            pose = box_plus(&pose, &step);
             if step.amax() < CONVERGED {
                 break;
             }
@@ -185,32 +191,32 @@ impl Problem<'_> {
     }
 
     /// The body at the exposure of every camera.
-    fn placements(&self, pose: &Isometry3<f64>, matches: &[Match]) -> [Option<Placed>; MAX_CAMERAS] {
+    fn placements(&self, pose: &Isometry3<f64>, matches: &[BlobMatch]) -> [Option<PoseMatrix>; MAX_CAMERAS] {
         let mut placed = [None; MAX_CAMERAS];
         for m in matches {
-            placed[m.camera].get_or_insert_with(|| Placed::from(&carried(pose, &self.motion, m.dt_s)));
+            placed[m.camera].get_or_insert_with(|| PoseMatrix::from(&propagated(pose, &self.motion, m.dt_s)));
         }
         placed
     }
 
-    fn image(&self, placed: &Placed, m: &Match) -> Option<Image> {
+    fn image(&self, placed: &PoseMatrix, m: &BlobMatch) -> Option<MarkerImage> {
         let camera = self.rig.cameras[m.camera].as_ref()?;
-        image_of(&self.body.markers[m.marker], placed, camera)
+        project_marker(&self.body.markers[m.marker], placed, camera)
     }
 
     /// The residuals at `pose`, and the blob with the largest beyond the limit.
-    fn check(&self, pose: &Isometry3<f64>, matches: &[Match]) -> Check {
+    fn check(&self, pose: &Isometry3<f64>, matches: &[BlobMatch]) -> Check {
         let mut check = Check::default();
         let mut limit = k::OUTLIER * self.variance_scale;
         let placed = self.placements(pose, matches);
-        for (i, m) in matches.iter().enumerate().filter(|(_, m)| !m.out) {
+        for (i, m) in matches.iter().enumerate().filter(|(_, m)| !m.outlier) {
             let image = placed[m.camera].and_then(|p| self.image(&p, m));
             let inverse = m.covariance.try_inverse();
             let r = image.map_or(Vector2::repeat(f64::INFINITY), |image| m.pixel - image.pixel);
             let d2 = inverse.map_or(f64::INFINITY, |inverse| r.dot(&(inverse * r)));
             check.blobs += 1;
             check.chi2 += d2;
-            check.squares_px2 += r.norm_squared();
+            check.sum_squares_px2 += r.norm_squared();
             if d2 > limit || d2.is_nan() {
                 (check.worst, limit) = (Some(i), d2);
             }
@@ -218,11 +224,16 @@ impl Problem<'_> {
         check
     }
 
-    fn normal_equations(&self, pose: &Isometry3<f64>, matches: &[Match], robust: bool) -> (Matrix6, Vector6) {
+    fn normal_equations(
+        &self,
+        pose: &Isometry3<f64>,
+        matches: &[BlobMatch],
+        robust: bool,
+    ) -> (Matrix6, Vector6) {
         let mut information = self.prior_information;
-        let mut gradient = self.prior_information * difference(&self.prior, pose);
+        let mut gradient = self.prior_information * box_minus(&self.prior, pose);
         let placed = self.placements(pose, matches);
-        for m in matches.iter().filter(|m| !m.out) {
+        for m in matches.iter().filter(|m| !m.outlier) {
             let Some(placed) = &placed[m.camera] else { continue };
             let Some(image) = self.image(placed, m) else { continue };
             let Some(inverse) = (m.covariance * self.variance_scale).try_inverse() else { continue };
@@ -233,9 +244,9 @@ impl Problem<'_> {
             information += weighted * jacobian;
             gradient += weighted * r;
         }
-        if let Some((trocar, sigma)) = &self.trocar {
-            let (jacobian, miss) = trocar_equations(pose, trocar);
-            let weight = 1.0 / (sigma * sigma);
+        if let Some(trocar) = &self.trocar {
+            let (jacobian, miss) = trocar_equations(pose, &trocar.position);
+            let weight = 1.0 / (trocar.sigma * trocar.sigma);
             information += jacobian.transpose() * jacobian * weight;
             gradient -= jacobian.transpose() * miss * weight;
         }
@@ -247,7 +258,7 @@ impl Problem<'_> {
 #[derive(Debug, Default)]
 struct Check {
     chi2: f64,
-    squares_px2: f64,
+    sum_squares_px2: f64,
     blobs: usize,
     worst: Option<usize>,
 }
@@ -270,17 +281,17 @@ mod tests {
     use proptest::prelude::*;
     use protocol::rig::Rig;
 
-    fn exact_matches(rig: &RigModel, body: usize, truth: &Isometry3<f64>) -> Vec<Match> {
+    fn exact_matches(rig: &RigModel, body: usize, truth: &Isometry3<f64>) -> Vec<BlobMatch> {
         let mut matches = Vec::new();
         for (camera, model) in rig.cameras.iter().enumerate() {
             let Some(model) = model else { continue };
             for (marker, m) in rig.bodies[body].markers.iter().enumerate() {
-                let image = image_of(m, &Placed::from(truth), model).unwrap();
+                let image = project_marker(m, &PoseMatrix::from(truth), model).unwrap();
                 let covariance = Matrix2::identity() * 0.0025;
                 let pixel = image.pixel;
                 let area_ratio = 1.0;
-                let (clean, out) = (true, false);
-                matches.push(Match {
+                let (clean, outlier) = (true, false);
+                matches.push(BlobMatch {
                     camera,
                     blob: 0,
                     marker,
@@ -289,15 +300,15 @@ mod tests {
                     dt_s: 0.0,
                     area_ratio,
                     clean,
-                    out,
+                    outlier,
                 });
             }
         }
         matches
     }
 
-    fn problem(rig: &RigModel, prior: Isometry3<f64>) -> Problem<'_> {
-        Problem {
+    fn problem(rig: &RigModel, prior: Isometry3<f64>) -> PoseProblem<'_> {
+        PoseProblem {
             rig,
             body: &rig.bodies[0],
             prior,
@@ -319,11 +330,11 @@ mod tests {
             let truth = Isometry3::new(Vector3::from(p), Vector3::from(r));
             let mut matches = exact_matches(&rig, 0, &truth);
             matches[wrong].pixel.x += 30.0;
-            let start = changed(&truth, &Vector6::from(e));
+            let start = box_plus(&truth, &Vector6::from(e));
             let fit = problem(&rig, start).solve(&start, &mut matches).unwrap();
-            prop_assert_eq!((fit.blobs, fit.thrown_out), (11, 1));
-            prop_assert!(matches[wrong].out);
-            prop_assert!(difference(&fit.pose, &truth).norm() < 1e-4, "{}", difference(&fit.pose, &truth));
+            prop_assert_eq!((fit.blobs, fit.outliers), (11, 1));
+            prop_assert!(matches[wrong].outlier);
+            prop_assert!(box_minus(&fit.pose, &truth).norm() < 1e-4, "{}", box_minus(&fit.pose, &truth));
         }
 
         #[test]
@@ -336,8 +347,8 @@ mod tests {
             for axis in 0..6 {
                 let mut step = Vector6::zeros();
                 step[axis] = 1e-6;
-                let ahead = trocar_miss(&changed(&pose, &step), &trocar);
-                let back = trocar_miss(&changed(&pose, &-step), &trocar);
+                let ahead = trocar_miss(&box_plus(&pose, &step), &trocar);
+                let back = trocar_miss(&box_plus(&pose, &-step), &trocar);
                 let slope = (ahead - back) / 2e-6;
                 prop_assert!((slope - jacobian.column(axis)).norm() < 1e-6);
             }

@@ -1,37 +1,45 @@
 //! From the marker blobs of several cameras to the poses of two instruments and the eye.
 //!
-//! `process` takes camera-fields from the `blobs` channel and publishes a `TrackerFrame` on `poses`
-//! for every exposure of the reference camera. Between them lie pure modules without clock, files
-//! or transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them:
+//! [`process`] receives camera-fields on the `blobs` channel and publishes a `TrackerFrame` on `poses`
+//! for every exposure of the reference camera. Between them are pure modules without clock, files or
+//! transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them.
 //!
-//! [`sight`] pixels → [`associate`] blobs to markers (or [`seed`] from nothing) → [`fit`] pose →
-//! [`hand`] or [`filter`] motion → [`body`] verdict, with what [`forecast`] expects the hand to do
-//! next. [`drift`] watches how well the rig still fits; [`fitness`] refuses rigs that cannot work.
+//! | phase of an update | module |
+//! |---|---|
+//! | observe: pixels and covariances of blobs | [`observation`] |
+//! | predict: filters to the fields' instant | [`instrument_filter`], [`eye_filter`] |
+//! | associate: blobs to markers | [`associate`] |
+//! | estimate: most likely pose of each body | [`fit`], [`roll_recovery`] |
+//! | filter: fits into the filters, validity and status | [`body_filter`], [`track`] |
+//! | acquire: lost bodies, without a prediction | [`acquisition`] |
 //!
-//! The tracker's state depends on nothing but the consumed fields in their order.
+//! [`predictor`] extrapolates the tips beyond the frame, [`drift`] estimates how far the rig has moved
+//! since its calibration, and [`rig_check`] refuses rigs that cannot work.
 
+pub mod acquisition;
 pub mod assembler;
 pub mod associate;
-pub mod block;
-pub mod body;
-pub mod chain;
+pub mod block_matrix;
+pub mod body_filter;
 pub mod config;
 pub mod constants;
 pub mod drift;
-pub mod estimate;
-pub mod filter;
+pub mod eye_filter;
 pub mod fit;
-pub mod fitness;
-pub mod forecast;
-pub mod hand;
-pub mod learner;
-pub mod model;
+pub mod instrument_filter;
+pub mod motion_models;
+pub mod observation;
+pub mod pose_math;
+pub mod predictor;
 pub mod process;
-pub mod roll;
+pub mod projection;
+pub mod rig_check;
+pub mod rig_model;
+pub mod rls_predictor;
+pub mod roll_recovery;
 pub mod script;
-pub mod seed;
-pub mod sight;
 pub mod stream;
+pub mod track;
 pub mod tracker;
 
 pub use tracker::{Reference, Tracker};

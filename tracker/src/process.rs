@@ -1,8 +1,8 @@
 //! The process: fields in, frames out. The only module that knows the clock and the transport.
 
-use crate::assembler::{Closed, FrameAssembler};
+use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::config::Config;
-use crate::fitness;
+use crate::rig_check;
 use crate::script::FieldStore;
 use crate::tracker::{Reference, Tracker, close};
 use anyhow::Context;
@@ -21,7 +21,7 @@ use protocol::time::Nanos;
 /// Runs until it is told to end.
 pub fn run(config: &Config) -> anyhow::Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-    fitness::check(&rig).context("this rig cannot work")?;
+    rig_check::check(&rig).context("this rig cannot work")?;
     let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
     let mut tracking = Tracking {
         blobs: instance.receiver(Queue::InOrder)?,
@@ -127,7 +127,7 @@ impl Tracking {
         Ok(())
     }
 
-    fn publish(&mut self, closed: &Closed) -> anyhow::Result<()> {
+    fn publish(&mut self, closed: &ClosedFrame) -> anyhow::Result<()> {
         let taken = if matches!(self.clock, Clock::System) { closed.taken_ns } else { now() };
         let mut frame = self.tracker.track(self.assembler.used(), &closed.reference);
         close(&mut frame, closed.closed_by);
@@ -175,7 +175,7 @@ impl Tracking {
 
     /// Says once that the rig has drifted. Seldom enough to be formatted.
     fn tell_drift(&mut self) {
-        if let Some(report) = self.tracker.drift().filter(|r| r.noticed && !self.drift_told) {
+        if let Some(report) = self.tracker.drift().filter(|r| r.detected && !self.drift_told) {
             tracing::warn!("{report}");
             self.drift_told = true;
         }

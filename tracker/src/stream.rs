@@ -1,6 +1,6 @@
 //! A whole blob stream through assembler and tracker, on the stream's own clock.
 
-use crate::assembler::{Closed, FrameAssembler};
+use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::tracker::Tracker;
 use protocol::blobs::BlobField;
 use protocol::poses::TrackerFrame;
@@ -11,7 +11,8 @@ use protocol::rig::Rig;
 pub fn track_stream(rig: &Rig, fields: &[BlobField], mut visit: impl FnMut(&TrackerFrame, &[BlobField])) {
     let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
     let mut now = 0;
-    let mut close = |used: &[BlobField], closed: Closed| visit(&tracker.track(used, &closed.reference), used);
+    let mut close =
+        |used: &[BlobField], closed: ClosedFrame| visit(&tracker.track(used, &closed.reference), used);
     for field in fields {
         now = field.blobs_out_ns.max(now);
         assembler.take_in(field, now, &mut close);

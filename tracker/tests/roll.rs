@@ -12,16 +12,16 @@ use tracker::{Reference, Tracker};
 const FIELD_S: f64 = 0.02;
 
 /// The instruments and the eye at rest but for a roll of `inst0`.
-struct Scene {
+struct AcquisitionInput {
     rig: Rig,
     tip: Vector3<f64>,
     /// Between two cameras' exposures, s: 0 where they are genlocked.
     apart_s: f64,
 }
 
-impl Scene {
+impl AcquisitionInput {
     fn new(tip: [f64; 3]) -> Self {
-        Scene { rig: Rig::load_or_shipped(None).unwrap(), tip: tip.into(), apart_s: 0.0 }
+        AcquisitionInput { rig: Rig::load_or_shipped(None).unwrap(), tip: tip.into(), apart_s: 0.0 }
     }
 
     fn pose(&self, body: usize, roll: f64) -> Isometry3<f64> {
@@ -105,7 +105,7 @@ fn roll_variance(state: &BodyState) -> f64 {
 fn a_handle_turned_fast_is_followed() {
     for (tip, by) in TIPS.iter().flat_map(|tip| TURNS.map(|by| (*tip, by))) {
         for took_s in [0.1, 0.2, 0.4, 1.5] {
-            Scene::new(tip).track(
+            AcquisitionInput::new(tip).track(
                 1.0 + took_s,
                 turned(by, took_s),
                 |_, _| true,
@@ -124,7 +124,7 @@ fn a_handle_turned_fast_is_followed() {
 #[test]
 fn it_is_found_again_by_free_running_cameras() {
     for (tip, by) in TIPS.iter().flat_map(|tip| TURNS.map(|by| (*tip, by))) {
-        let scene = Scene { apart_s: FIELD_S / 3.0, ..Scene::new(tip) };
+        let scene = AcquisitionInput { apart_s: FIELD_S / 3.0, ..AcquisitionInput::new(tip) };
         scene.track(
             1.2,
             turned(by, 0.2),
@@ -144,7 +144,7 @@ fn a_hidden_roll_is_told_as_doubtful_and_found_at_once() {
     for (tip, by) in TIPS.iter().flat_map(|tip| TURNS.map(|by| (*tip, by))) {
         let hidden = |t_s: f64| (0.45..1.95).contains(&t_s);
         let shown = |t_s: f64, colour: Colour| colour != Colour::Yellow || !hidden(t_s);
-        Scene::new(tip).track(2.5, turned(by, 1.0), shown, |t_s, state, off| {
+        AcquisitionInput::new(tip).track(2.5, turned(by, 1.0), shown, |t_s, state, off| {
             let case = format!("{by} rad at {tip:?}, {t_s:.2} s: {off} rad off");
             if !hidden(t_s) {
                 assert!(off.abs() < 0.03, "{case}");

@@ -2,7 +2,7 @@
 //! positions of markers, poses of bodies at every instant.
 
 use crate::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
-use crate::observations::{Instant, Seen, image_of};
+use crate::observations::{Instant, Seen};
 use crate::solve::{Column, Equations, Loss, Problem, Unknown};
 use crate::target_problem::place_of;
 use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, UnitQuaternion, Vector2, Vector3};
@@ -10,8 +10,9 @@ use protocol::camera::Camera;
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
 use protocol::rig::Rig;
-use tracker::fit::carried;
-use tracker::model::{Marker, RigModel};
+use tracker::pose_math::propagated;
+use tracker::projection::project_marker;
+use tracker::rig_model::{Marker, RigModel};
 
 /// How sure the rig is before (standard deviations). 0 holds a value where it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -200,10 +201,10 @@ impl<'a> WavedProblem<'a> {
     ) -> Option<Vector2<f64>> {
         let seen = &self.instants[block].seen[blob];
         let motion = &self.instants[block].poses[seen.body]?.1;
-        let pose = carried(&state.poses[block][seen.body]?, motion, seen.dt_s);
+        let pose = propagated(&state.poses[block][seen.body]?, motion, seen.dt_s);
         let camera = &state.cameras[seen.camera];
         let marker = &state.markers[seen.body][seen.marker];
-        let point = image_of(marker, &pose, camera)?.point;
+        let point = project_marker(marker, &(&pose).into(), camera)?.point;
         let p = camera.in_camera(&point);
         let image = project(camera, &p)?;
         let whiten = self.whitening[block][blob] / self.noise;

@@ -17,6 +17,7 @@ use crate::self_calibration::{camera_rms, every_camera_saw, fitted, residuals_of
 use crate::target_problem::rms;
 use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::rig::Rig;
+use tracker::projection::project_marker;
 
 /// Stretches into which a stream is cut.
 const STRETCHES: usize = 8;
@@ -118,9 +119,9 @@ type Row = (SMatrix<f64, 2, PLACE>, nalgebra::Vector2<f64>, Matrix2<f64>);
 fn rows(instants: &[Instant], bundle: &Bundle, camera: usize, i: usize) -> Vec<Row> {
     let row = |seen: &crate::observations::Seen| {
         let (pose, motion) = (bundle.poses[i][seen.body]?, &instants[i].poses[seen.body]?.1);
-        let pose = tracker::fit::carried(&pose, motion, seen.dt_s);
+        let pose = tracker::pose_math::propagated(&pose, motion, seen.dt_s);
         let model = &bundle.cameras[camera];
-        let image = crate::observations::image_of(&bundle.markers[seen.body][seen.marker], &pose, model)?;
+        let image = project_marker(&bundle.markers[seen.body][seen.marker], &(&pose).into(), model)?;
         let p = model.in_camera(&image.point);
         let slope = project(model, &p)?.by_point * by_place(model, &p);
         let error = seen.pixel - image.pixel;

@@ -3,15 +3,15 @@
 
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
-use protocol::camera::Camera;
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::poses::TrackerFrame;
 use protocol::rig::Rig;
 use protocol::time::Nanos;
-use tracker::fit::carried;
-use tracker::model::{Marker, RigModel};
-use tracker::sight::{Image, Sight, View};
+use tracker::observation::{BlobObservation, FieldObservation};
+use tracker::pose_math::propagated;
+use tracker::projection::project_marker;
+use tracker::rig_model::RigModel;
 use tracker::stream::track_stream;
 
 /// A marker's blob.
@@ -56,19 +56,14 @@ const AREA: f64 = 0.08;
 /// What is not known of the motion when a pose is carried over dt: mm/s and mm/s².
 const MOTION_DOUBT: (f64, f64) = (2.0, 200.0);
 
-/// The image of a marker of a body at `world_from_body`, by the tracker's own model; `None` behind the
-/// camera.
-pub fn image_of(marker: &Marker, world_from_body: &Isometry3<f64>, camera: &Camera) -> Option<Image> {
-    tracker::sight::image_of(marker, &world_from_body.into(), camera)
-}
-
 /// Runs the tracker over a stream and collects what it saw.
 pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<Instant> {
     let mut found = Vec::new();
     let model = RigModel::new(rig);
-    let mut views: Vec<View> = rig.cameras.iter().map(|c| View::empty(c.id as usize)).collect();
+    let mut fields_of: Vec<FieldObservation> =
+        rig.cameras.iter().map(|c| FieldObservation::empty(c.id as usize)).collect();
     track_stream(rig, fields, |frame, used| {
-        found.extend(instant(rig, &model, frame, used, &mut views));
+        found.extend(instant(rig, &model, frame, used, &mut fields_of));
     });
     drop_hidden(rig.cameras.len(), &mut found);
     found
@@ -95,7 +90,7 @@ fn instant(
     model: &RigModel,
     frame: &TrackerFrame,
     used: &[BlobField],
-    views: &mut [View],
+    fields_of: &mut [FieldObservation],
 ) -> Option<Instant> {
     let exposed_ns = frame.instants.exposed;
     let pose = |b: usize| {
@@ -108,9 +103,9 @@ fn instant(
     for field in used {
         let Some(index) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
         let Some(camera) = &model.cameras[field.camera as usize] else { continue };
-        views[index].fill(field, camera);
+        fields_of[index].fill(field, camera);
         let dt_s = (field.exposed_ns as f64 - exposed_ns as f64) * 1e-9;
-        pair(model, &mut out, index, views[index].sights(), field.camera as usize, dt_s);
+        pair(model, &mut out, index, fields_of[index].blobs(), field.camera as usize, dt_s);
     }
     let bodies = |b: usize| out.seen.iter().any(|s| s.body == b);
     (0..BODIES).any(bodies).then_some(out)
@@ -126,15 +121,15 @@ struct Expected {
     doubt: Matrix2<f64>,
 }
 
-fn pair(model: &RigModel, out: &mut Instant, index: usize, sights: &[Sight], id: usize, dt_s: f64) {
+fn pair(model: &RigModel, out: &mut Instant, index: usize, blobs: &[BlobObservation], id: usize, dt_s: f64) {
     let Some(camera) = &model.cameras[id] else { return };
     let doubt_mm = MOTION_DOUBT.0 * dt_s.abs() + MOTION_DOUBT.1 * dt_s * dt_s;
     let mut expected: Vec<Expected> = Vec::new();
     for (body, pose) in out.poses.iter().enumerate() {
         let Some((pose, motion)) = pose else { continue };
-        let pose = carried(pose, motion, dt_s);
+        let pose = propagated(pose, motion, dt_s);
         for (m, marker) in model.bodies[body].markers.iter().enumerate() {
-            if let Some(image) = image_of(marker, &pose, camera) {
+            if let Some(image) = project_marker(marker, &(&pose).into(), camera) {
                 let doubt = image.jacobian * image.jacobian.transpose() * (doubt_mm * doubt_mm);
                 let (colour, pixel, area_px) = (marker.colour, image.pixel, image.area_px);
                 expected.push(Expected { body, marker: m, colour, pixel, area_px, doubt });
@@ -145,21 +140,21 @@ fn pair(model: &RigModel, out: &mut Instant, index: usize, sights: &[Sight], id:
         let rivals =
             expected.iter().filter(|o| o.colour == e.colour && (o.body, o.marker) != (e.body, e.marker));
         let rival = rivals.map(|o| (o.pixel - e.pixel).norm()).fold(f64::MAX, f64::min);
-        let mut own: Vec<(f64, &Sight)> =
-            sights.iter().filter(|s| s.colour == e.colour).map(|s| ((s.pixel - e.pixel).norm(), s)).collect();
+        let mut own: Vec<(f64, &BlobObservation)> =
+            blobs.iter().filter(|s| s.colour == e.colour).map(|s| ((s.pixel - e.pixel).norm(), s)).collect();
         own.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let Some(&(distance, sight)) = own.first() else { continue };
+        let Some(&(distance, blob)) = own.first() else { continue };
         let next = own.get(1).map_or(f64::MAX, |s| s.0);
         let clear = distance < GATE_PX && CLEAR * distance < rival && CLEAR * distance < next;
-        if clear && sight.flags & (BLOB_MERGED | BLOB_CLIPPED) == 0 {
+        if clear && blob.flags & (BLOB_MERGED | BLOB_CLIPPED) == 0 {
             out.seen.push(Seen {
                 camera: index,
                 body: e.body,
                 marker: e.marker,
-                pixel: sight.pixel,
-                covariance: sight.covariance + e.doubt,
+                pixel: blob.pixel,
+                covariance: blob.covariance + e.doubt,
                 dt_s,
-                area_ratio: sight.area_px / e.area_px,
+                area_ratio: blob.area_px / e.area_px,
             });
         }
     }

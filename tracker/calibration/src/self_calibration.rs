@@ -10,24 +10,28 @@
 use crate::CalibrationError;
 use crate::bundle::{Bundle, HELD, Known, Value, WavedProblem};
 use crate::lens::{LENS, PLACE, by_place, project};
-use crate::observations::{Instant, Seen, collect, image_of};
+use crate::observations::{Instant, Seen, collect};
 use crate::solve::{Problem, Solution, solve};
 use crate::target_problem::{Residual, rms};
 use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
 use protocol::rig::Rig;
-use tracker::fit::carried;
-use tracker::model::RigModel;
+use tracker::pose_math::propagated;
+use tracker::projection::project_marker;
+use tracker::rig_model::RigModel;
 
 /// Residuals (seen less computed) under a bundle; `sheet` is the instant.
 pub fn residuals_of(instants: &[Instant], bundle: &Bundle) -> Vec<Residual> {
     let of_instant = |(i, instant): (usize, &Instant)| {
         let residual = |seen: &Seen| {
             let motion = &instant.poses[seen.body]?.1;
-            let pose = carried(&bundle.poses[i][seen.body]?, motion, seen.dt_s);
-            let image =
-                image_of(&bundle.markers[seen.body][seen.marker], &pose, &bundle.cameras[seen.camera])?;
+            let pose = propagated(&bundle.poses[i][seen.body]?, motion, seen.dt_s);
+            let image = project_marker(
+                &bundle.markers[seen.body][seen.marker],
+                &(&pose).into(),
+                &bundle.cameras[seen.camera],
+            )?;
             let error = seen.pixel - image.pixel;
             Some(Residual { camera: seen.camera, sheet: i, pixel: seen.pixel, error })
         };

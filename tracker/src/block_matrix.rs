@@ -1,7 +1,7 @@
 //! The few operations on a symmetric matrix of blocks that a filter of fixed size needs, on plain
 //! arrays: rows lie together, so that the compiler makes vectors of them, and nothing is copied.
 
-use crate::filter::Matrix6;
+use crate::pose_math::Matrix6;
 use nalgebra::Vector3;
 
 /// A row.

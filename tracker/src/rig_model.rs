@@ -1,7 +1,8 @@
 //! The rig as the tracker needs it: cameras by id, the markers of each body, the trocars.
 
 use crate::constants as k;
-use crate::filter::{Singer, StartSigmas};
+use crate::eye_filter::StartSigmas;
+use crate::motion_models::Singer;
 use nalgebra::{Point3, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_MARKERS};
@@ -68,7 +69,7 @@ pub struct RigModel {
     /// Where tips can be, mm from the eye's centre.
     pub tip_radius: f64,
     /// True if every instrument has colours that no other body has.
-    pub colours_tell: bool,
+    pub distinct_colours: bool,
 }
 
 impl RigModel {
@@ -91,8 +92,8 @@ impl RigModel {
             });
             model
         });
-        let colours_tell = !share_colour(&bodies[0], &bodies[1]);
-        RigModel { cameras, bodies, tip_radius: rig.workspace.tip_radius, colours_tell }
+        let distinct_colours = !share_colour(&bodies[0], &bodies[1]);
+        RigModel { cameras, bodies, tip_radius: rig.workspace.tip_radius, distinct_colours }
     }
 }
 
@@ -115,7 +116,7 @@ impl BodyModel {
             })
             .collect();
         let turn = Singer { sigma: k::EYE_ACCELERATION_RAD_S2, tau_s: k::EYE_ACCELERATION_TAU_S };
-        let start = [0.0, 0.0, k::SEED_EYE_TURN_RAD_S, turn.sigma];
+        let start = [0.0, 0.0, k::START_EYE_TURN_RAD_S, turn.sigma];
         BodyModel {
             triples: triples(&markers),
             reach: markers.iter().map(|m| m.position.coords.norm()).fold(0.0, f64::max),
@@ -128,7 +129,7 @@ impl BodyModel {
     }
 
     /// True if a marker stands so far beside the shaft that it tells the roll.
-    pub fn tells_roll(&self, marker: usize) -> bool {
+    pub fn observes_roll(&self, marker: usize) -> bool {
         let beside = self.markers.get(marker).map_or(0.0, |m| m.position.coords.xy().norm());
         !self.is_eye && beside > k::ROLL_LEVER_MM
     }
@@ -163,7 +164,7 @@ mod tests {
     fn shipped_rig_has_poses_to_find() {
         let model = RigModel::new(&Rig::load_or_shipped(None).unwrap());
         assert_eq!(model.cameras.iter().flatten().count(), 3);
-        assert!(model.colours_tell);
+        assert!(model.distinct_colours);
         assert_eq!(model.bodies[0].triples.len(), 3, "three in a line and one beside it");
         assert_eq!(model.bodies[EYE].triples.len(), 20);
         assert!(model.bodies[0].trocar.is_some() && model.bodies[EYE].trocar.is_none());

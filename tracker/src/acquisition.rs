@@ -3,28 +3,29 @@
 //! let every camera vote on the pose.
 
 use crate::constants as k;
-use crate::filter::Matrix6;
-use crate::fit::{Fit, Match, Problem, TrocarInWorld, trocar_miss};
-use crate::model::{BodyModel, RigModel, Triple};
-use crate::sight::{Placed, View, camera_of, covariance_as, image_of};
+use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
+use crate::observation::{FieldObservation, camera_of, marker_covariance};
+use crate::pose_math::Matrix6;
+use crate::projection::{PoseMatrix, project_marker};
+use crate::rig_model::{BodyModel, RigModel, Triple};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::limits::{MAX_BLOBS, MAX_CAMERAS};
 
 /// A point that two cameras may see.
 #[derive(Debug, Clone, Copy)]
-struct SeedPoint {
+struct TriangulatedPoint {
     position: Point3<f64>,
     colour: u32,
 }
 
 /// What a search may look at.
-pub struct Scene<'a> {
+pub struct AcquisitionInput<'a> {
     /// The rig.
     pub rig: &'a RigModel,
-    /// Newest view of each camera.
-    pub views: &'a [View; MAX_CAMERAS],
+    /// Newest field of each camera.
+    pub fields: &'a [FieldObservation; MAX_CAMERAS],
     /// Instant of the pose wanted.
-    pub base_ns: u64,
+    pub time_ns: u64,
     /// The body's trocar where the eye is known.
     pub trocar: Option<TrocarInWorld>,
     /// The cameras' area scales.
@@ -32,93 +33,93 @@ pub struct Scene<'a> {
 }
 
 /// Searches; keeps its memory between calls.
-pub struct Searcher {
+pub struct Acquisition {
     rays: Box<[[Option<Vector3<f64>>; MAX_BLOBS]; MAX_CAMERAS]>,
-    points: Vec<SeedPoint>,
+    points: Vec<TriangulatedPoint>,
     /// Blobs of the pose that was found.
-    pub matches: Vec<Match>,
+    pub matches: Vec<BlobMatch>,
 }
 
-impl Default for Searcher {
+impl Default for Acquisition {
     fn default() -> Self {
-        Searcher {
+        Acquisition {
             rays: Box::new([[None; MAX_BLOBS]; MAX_CAMERAS]),
-            points: Vec::with_capacity(k::SEED_POINTS),
+            points: Vec::with_capacity(k::ACQUISITION_POINTS),
             matches: Vec::with_capacity(crate::fit::MAX_MATCHES),
         }
     }
 }
 
-impl Scene<'_> {
-    fn is_recent(&self, view: &View) -> bool {
-        view.exposed_ns > 0 && self.base_ns.abs_diff(view.exposed_ns) <= k::SEED_WINDOW_NS
+impl AcquisitionInput<'_> {
+    fn is_recent(&self, field: &FieldObservation) -> bool {
+        field.exposed_ns > 0 && self.time_ns.abs_diff(field.exposed_ns) <= k::ACQUISITION_WINDOW_NS
     }
 }
 
-impl Searcher {
+impl Acquisition {
     /// The pose of `body`, if enough free blobs agree on one; the blobs are then in `matches`.
-    pub fn search(&mut self, scene: &Scene<'_>, body: &BodyModel) -> Option<Fit> {
-        self.triangulate(scene, body);
+    pub fn search(&mut self, input: &AcquisitionInput<'_>, body: &BodyModel) -> Option<PoseFit> {
+        self.triangulate(input, body);
         let mut best: Option<(f64, Isometry3<f64>)> = None;
         let (mut trials, mut scored) = (0, 0);
-        let recent = scene.views.iter().filter(|v| scene.is_recent(v)).count();
-        let convincing = k::SEED_CONVINCING * (recent * body.markers.len()) as f64;
+        let recent = input.fields.iter().filter(|v| input.is_recent(v)).count();
+        let convincing = k::ACQUISITION_SCORE * (recent * body.markers.len()) as f64;
         for triple in &body.triples {
             self.for_each_pose(body, triple, |pose| {
                 trials += 1;
                 let so_far = best.map_or(0.0, |(s, _)| s);
-                if is_plausible(scene, body, &pose) {
+                if is_plausible(input, body, &pose) {
                     scored += 1;
-                    let score = score(scene, body, &pose, so_far);
+                    let score = score(input, body, &pose, so_far);
                     if score > so_far {
                         best = Some((score, pose));
                     }
                 }
                 let convinced = best.is_some_and(|(s, _)| s >= convincing);
-                trials < k::SEED_TRIALS && scored < k::SEED_SCORED && !convinced
+                trials < k::ACQUISITION_TRIALS && scored < k::ACQUISITION_SCORED && !convinced
             });
             if best.is_some_and(|(s, _)| s >= convincing) {
                 break;
             }
         }
-        self.refine(scene, body, &best?.1)
+        self.refine(input, body, &best?.1)
     }
 
-    fn triangulate(&mut self, scene: &Scene<'_>, body: &BodyModel) {
+    fn triangulate(&mut self, input: &AcquisitionInput<'_>, body: &BodyModel) {
         self.points.clear();
         let wanted = |colour: u32| body.markers.iter().any(|m| m.colour == colour);
-        for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
-            let Some(camera) = camera_of(scene.rig, view) else { continue };
-            for (blob, sight) in view.sights().iter().enumerate() {
-                let use_it = view.is_free(blob) && wanted(sight.colour);
-                self.rays[view.camera][blob] = if use_it { camera.ray_in_world(sight.pixel) } else { None };
+        for field in input.fields.iter().filter(|v| input.is_recent(v)) {
+            let Some(camera) = camera_of(input.rig, field) else { continue };
+            for (blob, seen) in field.blobs().iter().enumerate() {
+                let use_it = field.is_unassigned(blob) && wanted(seen.colour);
+                self.rays[field.camera][blob] = if use_it { camera.ray_in_world(seen.pixel) } else { None };
             }
         }
-        let limit = scene.rig.tip_radius + body.reach + 5.0;
-        for (i, a) in scene.views.iter().enumerate().filter(|(_, v)| scene.is_recent(v)) {
-            for b in scene.views[i + 1..].iter().filter(|v| scene.is_recent(v)) {
-                self.meet(scene, a, b, limit);
+        let limit = input.rig.tip_radius + body.reach + 5.0;
+        for (i, a) in input.fields.iter().enumerate().filter(|(_, v)| input.is_recent(v)) {
+            for b in input.fields[i + 1..].iter().filter(|v| input.is_recent(v)) {
+                self.meet(input, a, b, limit);
             }
         }
     }
 
-    fn meet(&mut self, scene: &Scene<'_>, a: &View, b: &View, limit: f64) {
-        let (Some(camera_a), Some(camera_b)) = (camera_of(scene.rig, a), camera_of(scene.rig, b)) else {
+    fn meet(&mut self, input: &AcquisitionInput<'_>, a: &FieldObservation, b: &FieldObservation, limit: f64) {
+        let (Some(camera_a), Some(camera_b)) = (camera_of(input.rig, a), camera_of(input.rig, b)) else {
             return;
         };
         let origins = [camera_a.centre_in_world(), camera_b.centre_in_world()];
-        for (i, sight_a) in a.sights().iter().enumerate() {
+        for (i, blob_a) in a.blobs().iter().enumerate() {
             let Some(ray_a) = self.rays[a.camera][i] else { continue };
-            for (j, sight_b) in b.sights().iter().enumerate() {
+            for (j, blob_b) in b.blobs().iter().enumerate() {
                 let Some(ray_b) = self.rays[b.camera][j] else { continue };
-                if sight_a.colour != sight_b.colour || self.points.len() >= k::SEED_POINTS {
+                if blob_a.colour != blob_b.colour || self.points.len() >= k::ACQUISITION_POINTS {
                     continue;
                 }
                 if let Some((position, miss)) = nearest_point(&origins, &[ray_a, ray_b])
-                    && miss < k::SEED_RAY_MM
+                    && miss < k::RAY_MISS_MM
                     && position.coords.norm() < limit
                 {
-                    self.points.push(SeedPoint { position, colour: sight_a.colour });
+                    self.points.push(TriangulatedPoint { position, colour: blob_a.colour });
                 }
             }
         }
@@ -132,8 +133,8 @@ impl Searcher {
         mut visit: impl FnMut(Isometry3<f64>) -> bool,
     ) {
         let markers = triple.markers.map(|m| body.markers[m]);
-        let fits = |a: &SeedPoint, b: &SeedPoint, distance: f64| {
-            ((a.position - b.position).norm() - distance).abs() < k::SEED_DISTANCE_MM
+        let fits = |a: &TriangulatedPoint, b: &TriangulatedPoint, distance: f64| {
+            ((a.position - b.position).norm() - distance).abs() < k::MARKER_DISTANCE_MM
         };
         let of = |n: usize| self.points.iter().filter(move |p| p.colour == markers[n].colour);
         for a in of(0) {
@@ -152,7 +153,12 @@ impl Searcher {
     }
 
     /// Fits the hypothesis to all free blobs near it.
-    fn refine(&mut self, scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> Option<Fit> {
+    fn refine(
+        &mut self,
+        input: &AcquisitionInput<'_>,
+        body: &BodyModel,
+        pose: &Isometry3<f64>,
+    ) -> Option<PoseFit> {
         let prior_sigma = if body.is_eye { k::EYE_CENTRE_MM } else { 2.0 };
         let mut prior_information = Matrix6::identity() * (1.0 / (0.3 * 0.3));
         prior_information.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / (prior_sigma * prior_sigma));
@@ -160,35 +166,35 @@ impl Searcher {
         if body.is_eye {
             start.translation.vector = Vector3::zeros();
         }
-        let problem = Problem {
-            rig: scene.rig,
+        let problem = PoseProblem {
+            rig: input.rig,
             body,
             prior: start,
             prior_information,
             motion: [Vector3::zeros(); 2],
-            trocar: scene.trocar,
-            variance_scale: k::SEED_VARIANCE,
+            trocar: input.trocar,
+            variance_scale: k::ACQUISITION_VARIANCE,
         };
-        self.collect(scene, body, &start);
+        self.collect(input, body, &start);
         let rough = problem.solve(&start, &mut self.matches)?;
-        self.collect(scene, body, &rough.pose);
+        self.collect(input, body, &rough.pose);
         let fit = problem.solve(&rough.pose, &mut self.matches)?;
-        let kept = || self.matches.iter().filter(|m| !m.out);
+        let kept = || self.matches.iter().filter(|m| !m.outlier);
         let markers = kept().fold(0u32, |set, m| set | 1 << m.marker).count_ones();
         let cameras = kept().fold(0u32, |set, m| set | 1 << m.camera).count_ones();
-        let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.thrown_out * 3 <= fit.blobs;
-        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT * k::SEED_VARIANCE);
-        (good && close && is_plausible(scene, body, &fit.pose)).then_some(fit)
+        let good = markers >= 3 && cameras >= 2 && fit.blobs >= 6 && fit.outliers * 3 <= fit.blobs;
+        let close = fit.reduced_chi2().is_some_and(|c| c < k::BAD_FIT * k::ACQUISITION_VARIANCE);
+        (good && close && is_plausible(input, body, &fit.pose)).then_some(fit)
     }
 
     /// Takes the nearest free blob of each marker in each camera.
-    fn collect(&mut self, scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) {
+    fn collect(&mut self, input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>) {
         self.matches.clear();
-        let pose = &Placed::from(pose);
-        for view in scene.views.iter().filter(|v| scene.is_recent(v)) {
+        let pose = &PoseMatrix::from(pose);
+        for field in input.fields.iter().filter(|v| input.is_recent(v)) {
             let first = self.matches.len();
             for marker in 0..body.markers.len() {
-                if let Some((_, m)) = nearest_blob(scene, body, view, pose, marker)
+                if let Some((_, m)) = nearest_blob(input, body, field, pose, marker)
                     && self.matches[first..].iter().all(|other| other.blob != m.blob)
                 {
                     self.matches.push(m);
@@ -228,52 +234,54 @@ fn pose_from_triples(from: &[Point3<f64>; 3], to: &[Point3<f64>; 3]) -> Option<I
 
 /// True if a body can be there: the eye about the origin, a tip within reach, its shaft through
 /// its own trocar.
-fn is_plausible(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> bool {
+fn is_plausible(input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> bool {
     let distance = pose.translation.vector.norm();
     if body.is_eye {
-        return distance < 2.0 * k::SEED_DISTANCE_MM;
+        return distance < 2.0 * k::MARKER_DISTANCE_MM;
     }
-    let through =
-        scene.trocar.is_none_or(|(trocar, _)| trocar_miss(pose, &trocar).norm() < k::TROCAR_MISS_MM);
-    through && distance < scene.rig.tip_radius + 5.0
+    let through = input.trocar.is_none_or(|t| trocar_miss(pose, &t.position).norm() < k::TROCAR_MISS_MM);
+    through && distance < input.rig.tip_radius + 5.0
 }
 
 /// The free blob nearest to a marker, with how well it fits from 0 to 1.
 fn nearest_blob(
-    scene: &Scene<'_>,
+    input: &AcquisitionInput<'_>,
     body: &BodyModel,
-    view: &View,
-    pose: &Placed,
+    field: &FieldObservation,
+    pose: &PoseMatrix,
     marker: usize,
-) -> Option<(f64, Match)> {
-    let camera = camera_of(scene.rig, view)?;
+) -> Option<(f64, BlobMatch)> {
+    let camera = camera_of(input.rig, field)?;
     let m = &body.markers[marker];
-    let image = image_of(m, pose, camera)?;
-    let dt = scene.base_ns.abs_diff(view.exposed_ns) as f64 * 1e-9;
-    let drift = k::SEED_SIGHT_SPEED_MM_S * dt * image.radius_px / m.radius;
-    let mut best: Option<(f64, Match)> = None;
-    for (blob, sight) in view.sights().iter().enumerate() {
-        if sight.colour != m.colour || !view.is_free(blob) {
+    let image = project_marker(m, pose, camera)?;
+    let dt = input.time_ns.abs_diff(field.exposed_ns) as f64 * 1e-9;
+    let drift = k::ACQUISITION_SPEED_MM_S * dt * image.radius_px / m.radius;
+    let mut best: Option<(f64, BlobMatch)> = None;
+    for (blob, seen) in field.blobs().iter().enumerate() {
+        if seen.colour != m.colour || !field.is_unassigned(blob) {
             continue;
         }
-        let fit = 1.0 - (sight.pixel - image.pixel).norm_squared() / (k::SEED_GATE_PX * k::SEED_GATE_PX);
+        let fit = 1.0
+            - (seen.pixel - image.pixel).norm_squared() / (k::ACQUISITION_GATE_PX * k::ACQUISITION_GATE_PX);
         if fit <= 0.0 || best.as_ref().is_some_and(|(f, _)| *f >= fit) {
             continue;
         }
-        let scale = scene.area_scales[view.camera];
-        let Some(covariance) = covariance_as(sight, &image, scale, k::SEED_AREA_RATIO) else { continue };
+        let scale = input.area_scales[field.camera];
+        let Some(covariance) = marker_covariance(seen, &image, scale, k::ACQUISITION_AREA_RATIO) else {
+            continue;
+        };
         best = Some((
             fit,
-            Match {
-                camera: view.camera,
+            BlobMatch {
+                camera: field.camera,
                 blob,
                 marker,
-                pixel: sight.pixel,
+                pixel: seen.pixel,
                 covariance: covariance + Matrix2::identity() * (drift * drift),
                 dt_s: 0.0,
-                area_ratio: sight.area_px / image.area_px,
-                clean: covariance == sight.covariance,
-                out: false,
+                area_ratio: seen.area_px / image.area_px,
+                clean: covariance == seen.covariance,
+                outlier: false,
             },
         ));
     }
@@ -281,14 +289,14 @@ fn nearest_blob(
 }
 
 /// How well the blobs of all cameras agree with a pose; 0 where that cannot exceed `to_beat`.
-fn score(scene: &Scene<'_>, body: &BodyModel, pose: &Isometry3<f64>, to_beat: f64) -> f64 {
+fn score(input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>, to_beat: f64) -> f64 {
     let mut sum = 0.0;
-    let pose = &Placed::from(pose);
-    let views = || scene.views.iter().filter(|v| scene.is_recent(v));
-    let mut left = (views().count() * body.markers.len()) as f64;
-    for view in views() {
+    let pose = &PoseMatrix::from(pose);
+    let fields = || input.fields.iter().filter(|v| input.is_recent(v));
+    let mut left = (fields().count() * body.markers.len()) as f64;
+    for field in fields() {
         for marker in 0..body.markers.len() {
-            sum += nearest_blob(scene, body, view, pose, marker).map_or(0.0, |(fit, _)| fit);
+            sum += nearest_blob(input, body, field, pose, marker).map_or(0.0, |(fit, _)| fit);
             left -= 1.0;
             if sum + left <= to_beat {
                 return 0.0;
@@ -311,7 +319,7 @@ mod tests {
             let truth = Isometry3::new(Vector3::from(p), Vector3::from(r));
             let from = [Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, 9.0), Point3::new(0.9, 0.0, 6.5)];
             let pose = pose_from_triples(&from, &from.map(|q| truth * q)).unwrap();
-            prop_assert!(crate::filter::difference(&pose, &truth).norm() < 1e-6);
+            prop_assert!(crate::pose_math::box_minus(&pose, &truth).norm() < 1e-6);
         }
 
         #[test]

@@ -8,7 +8,7 @@ use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::BodyState;
 use protocol::predict::predict_body;
 use std::path::{Path, PathBuf};
-use tracker::forecast::Forecast;
+use tracker::predictor::TipPredictor;
 
 /// Rows of a recording per field: 250 Hz against 50 Hz.
 const ROWS_PER_FIELD: usize = 5;
@@ -43,8 +43,8 @@ fn rms_um(errors: impl Iterator<Item = Vector3<f64>>) -> f64 {
 
 /// RMS errors 40 ms ahead, µm: the last pose, constant velocity, the forecast.
 fn errors(tips: &[Vector3<f64>]) -> [f64; 3] {
-    let mut forecast = Forecast::default();
-    let mut foretold = Vec::with_capacity(tips.len());
+    let mut forecast = TipPredictor::default();
+    let mut predictions = Vec::with_capacity(tips.len());
     for (n, tip) in tips.iter().enumerate() {
         let at = (n as u64 + 1) * FIELD_PERIOD_NS;
         let mut body = BodyState::zeroed();
@@ -53,12 +53,12 @@ fn errors(tips: &[Vector3<f64>]) -> [f64; 3] {
         forecast.take(at, true, |_| *tip);
         forecast.publish(at, |_| *tip, &mut body.predictor);
         let ahead = predict_body(&body, AHEAD as f64 * FIELD_PERIOD_NS as f64 * 1e-9);
-        foretold.push(Vector3::from(ahead.world_from_body.position_mm));
+        predictions.push(Vector3::from(ahead.world_from_body.position_mm));
     }
     let fields = || SETTLE..tips.len() - AHEAD;
     let last = rms_um(fields().map(|n| tips[n] - tips[n + AHEAD]));
     let steady = rms_um(fields().map(|n| tips[n] + (tips[n] - tips[n - 1]) * AHEAD as f64 - tips[n + AHEAD]));
-    [last, steady, rms_um(fields().map(|n| foretold[n] - tips[n + AHEAD]))]
+    [last, steady, rms_um(fields().map(|n| predictions[n] - tips[n + AHEAD]))]
 }
 
 #[test]

@@ -7,7 +7,7 @@
 //! watched for a while: planned movement, a flat tremor between 6 and 14 Hz, noise. The gain depends
 //! on the steps alone, so that one inverse serves all horizons.
 
-use crate::chain::Smooth;
+use crate::motion_models::VoluntaryMotion;
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Fields ahead that are foretold: 1 to 4, 20 to 80 ms.
@@ -16,44 +16,45 @@ pub const HORIZONS: usize = 4;
 /// Share that a field keeps with every later one.
 const FORGETTING: f64 = 0.995;
 /// Fields of an average hand that count as seen.
-const HEAD_START: f64 = 20.0;
+const PRIOR_FIELDS: f64 = 20.0;
 /// Largest trace of the inverse, in those of the start: a tip that stands still teaches nothing,
 /// and must not wind the inverse up.
 const WIND_UP: f64 = 1e4;
 
 /// The average hand: standard deviation of the planned acceleration (mm/s²), of the tremor and of
 /// the noise of a measured tip (mm, per axis).
-const AVERAGE_HAND: (Smooth, f64, f64) = (Smooth { sigma: 15.0, tau_s: 0.3 }, 0.02, 0.003);
+const TYPICAL_MOTION: (VoluntaryMotion, f64, f64) =
+    (VoluntaryMotion { sigma: 15.0, tau_s: 0.3 }, 0.02, 0.003);
 /// Band of its tremor, Hz.
 const BAND_HZ: (f64, f64) = (6.0, 14.0);
 
 /// Weights of the last `L` steps, learning.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Learner<const L: usize> {
+pub struct RlsPredictor<const L: usize> {
     inverse: SMatrix<f64, L, L>,
     weights: [SVector<f64, L>; HORIZONS],
     /// Gains and steps of the last fields, the newest first, until their future has come.
-    lessons: [Lesson<L>; HORIZONS],
+    lessons: [PendingUpdate<L>; HORIZONS],
     start_trace: f64,
 }
 
 /// What a field taught about the weights, per axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Lesson<const L: usize> {
+struct PendingUpdate<const L: usize> {
     gains: [SVector<f64, L>; 3],
     steps: [SVector<f64, L>; 3],
 }
 
-impl<const L: usize> Lesson<L> {
-    const NONE: Self = Lesson { gains: [Self::ZERO; 3], steps: [Self::ZERO; 3] };
+impl<const L: usize> PendingUpdate<L> {
+    const NONE: Self = PendingUpdate { gains: [Self::ZERO; 3], steps: [Self::ZERO; 3] };
     const ZERO: SVector<f64, L> =
         SVector::<f64, L>::from_array_storage(nalgebra::ArrayStorage([[0.0; L]; 1]));
 }
 
-impl<const L: usize> Learner<L> {
+impl<const L: usize> RlsPredictor<L> {
     /// Knows the average hand, sampled every `period_s`.
     pub fn new(period_s: f64) -> Self {
-        let covariance = average_hand(L + HORIZONS, period_s);
+        let covariance = typical_autocovariance(L + HORIZONS, period_s);
         // Steps are differences of neighbours: cov(d_i, d_j) = 2·c(i−j) − c(i−j+1) − c(i−j−1).
         let c = |n: i64| covariance[n.unsigned_abs() as usize];
         let steps = SMatrix::<f64, L, L>::from_fn(|i, j| {
@@ -69,8 +70,13 @@ impl<const L: usize> Learner<L> {
         };
         let inverse = steps.cholesky().map_or_else(SMatrix::identity, |s| s.inverse());
         let weights = std::array::from_fn(|h| inverse * ahead(h as i64 + 1));
-        let inverse = inverse / HEAD_START;
-        Learner { inverse, weights, lessons: [Lesson::NONE; HORIZONS], start_trace: inverse.trace() }
+        let inverse = inverse / PRIOR_FIELDS;
+        RlsPredictor {
+            inverse,
+            weights,
+            lessons: [PendingUpdate::NONE; HORIZONS],
+            start_trace: inverse.trace(),
+        }
     }
 
     /// A field came: `steps` are the last steps, newest first, `moved` the displacement over the
@@ -88,7 +94,7 @@ impl<const L: usize> Learner<L> {
         if self.inverse.trace() < WIND_UP * self.start_trace {
             self.inverse /= FORGETTING;
         }
-        let mut lesson = Lesson::NONE;
+        let mut lesson = PendingUpdate::NONE;
         for (axis, (gains, seen_steps)) in lesson.gains.iter_mut().zip(&mut lesson.steps).enumerate() {
             let seen = SVector::<f64, L>::from_iterator(steps.iter().map(|step| step[axis]));
             let towards = self.inverse * seen;
@@ -102,11 +108,11 @@ impl<const L: usize> Learner<L> {
 
     /// What was taught is kept; what was under way is forgotten.
     pub fn interrupt(&mut self) {
-        self.lessons = [Lesson::NONE; HORIZONS];
+        self.lessons = [PendingUpdate::NONE; HORIZONS];
     }
 
     /// The displacements to come over 1, 2 … fields.
-    pub fn foretell(&self, steps: &[Vector3<f64>; L]) -> [Vector3<f64>; HORIZONS] {
+    pub fn predict(&self, steps: &[Vector3<f64>; L]) -> [Vector3<f64>; HORIZONS] {
         self.weights.map(|weights| {
             steps.iter().zip(weights.iter()).fold(Vector3::zeros(), |sum, (step, w)| sum + step * *w)
         })
@@ -115,9 +121,9 @@ impl<const L: usize> Learner<L> {
 
 /// Autocovariance of the average hand's position at 0, 1 … `lags` fields, mm², up to a constant that
 /// differences do not see: ∫ S(f)·(cos 2πfτ − 1) df of its spectrum.
-fn average_hand(lags: usize, period_s: f64) -> [f64; 40] {
+fn typical_autocovariance(lags: usize, period_s: f64) -> [f64; 40] {
     const STEP_HZ: f64 = 0.02;
-    let (smooth, tremor, noise) = AVERAGE_HAND;
+    let (smooth, tremor, noise) = TYPICAL_MOTION;
     let mut covariance = [0.0; 40];
     for n in 1..1250 {
         let f = f64::from(n) * STEP_HZ;
@@ -140,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_sine_is_learnt_to_the_end() {
-        let mut learner = Learner::<8>::new(0.02);
+        let mut learner = RlsPredictor::<8>::new(0.02);
         let tip = |n: i64| {
             let t = n as f64 * 0.02;
             Vector3::new((58.0 * t).sin(), 0.7 * (58.0 * t).cos(), 0.3 * (58.0 * t + 1.0).sin()) * 0.05
@@ -149,7 +155,7 @@ mod tests {
         for n in 10..300 {
             learner.learn(&steps(n), &std::array::from_fn(|h| Some(tip(n) - tip(n - h as i64 - 1))));
         }
-        for (h, ahead) in learner.foretell(&steps(300)).iter().enumerate() {
+        for (h, ahead) in learner.predict(&steps(300)).iter().enumerate() {
             let truth = tip(301 + h as i64) - tip(300);
             assert!((ahead - truth).norm() < 1e-3, "{h}: {ahead} {truth}");
         }
@@ -157,12 +163,12 @@ mod tests {
 
     #[test]
     fn standing_still_winds_nothing_up() {
-        let mut learner = Learner::<8>::new(0.02);
+        let mut learner = RlsPredictor::<8>::new(0.02);
         let still = [Vector3::zeros(); 8];
         for _ in 0..20_000 {
             learner.learn(&still, &[Some(Vector3::zeros()); HORIZONS]);
         }
         assert!(learner.inverse.iter().all(|v| v.is_finite()));
-        assert!(learner.foretell(&[Vector3::new(0.01, 0.0, 0.0); 8]).iter().all(|d| d.norm() < 0.2));
+        assert!(learner.predict(&[Vector3::new(0.01, 0.0, 0.0); 8]).iter().all(|d| d.norm() < 0.2));
     }
 }

@@ -1,14 +1,15 @@
 //! One tracked body: its filter, what it saw in this frame, and whether it may be trusted.
 
-use crate::associate::Expected;
+use crate::associate::PredictedBody;
+use crate::body_filter::BodyFilter;
 use crate::constants as k;
-use crate::estimate::Estimate;
-use crate::filter::Matrix6;
-use crate::fit::{Fit, Match};
-use crate::forecast::Forecast;
-use crate::hand::Pivot;
-use crate::model::{BodyModel, Marker, RigModel};
-use crate::sight::{Placed, seen_by_two, tells_place};
+use crate::fit::{BlobMatch, PoseFit};
+use crate::instrument_filter::Pivot;
+use crate::observation::is_localised;
+use crate::pose_math::Matrix6;
+use crate::predictor::TipPredictor;
+use crate::projection::{PoseMatrix, in_view_of_two};
+use crate::rig_model::{BodyModel, Marker, RigModel};
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};
@@ -19,7 +20,7 @@ use protocol::poses::{BodyState, BodyStatus, Predictor};
 #[derive(Debug, Clone)]
 pub struct Track {
     /// `None` while lost.
-    pub filter: Option<Estimate>,
+    pub filter: Option<BodyFilter>,
     /// Running reduced χ²: above 1 where the calibration is worse than the blobs.
     pub variance_scale: f64,
     /// Instant of the last blob of each camera.
@@ -31,20 +32,20 @@ pub struct Track {
     pub roll_ns: u64,
     last_pose: Isometry3<f64>,
     last_covariance: Matrix6,
-    frame: InFrame,
-    forecast: Forecast,
+    frame: FrameStats,
+    predictor: TipPredictor,
 }
 
 /// What the present frame brought.
 #[derive(Debug, Clone, Copy, Default)]
-struct InFrame {
+struct FrameStats {
     blobs: u32,
-    thrown_out: u32,
-    strays: u32,
+    outliers: u32,
+    near_misses: u32,
     cameras: u32,
     /// Set of the markers that took part.
     markers: u32,
-    squares_px2: f64,
+    sum_squares_px2: f64,
     bad_fit: bool,
 }
 
@@ -59,8 +60,8 @@ impl Default for Track {
             roll_ns: 0,
             last_pose: Isometry3::identity(),
             last_covariance: Matrix6::identity(),
-            frame: InFrame::default(),
-            forecast: Forecast::default(),
+            frame: FrameStats::default(),
+            predictor: TipPredictor::default(),
         }
     }
 }
@@ -68,20 +69,20 @@ impl Default for Track {
 impl Track {
     /// A new frame begins.
     pub fn begin_frame(&mut self) {
-        self.frame = InFrame::default();
+        self.frame = FrameStats::default();
     }
 
-    /// Carries the body to `base_ns`, or gives it up where the gap is too long or two cameras have
+    /// Carries the body to `time_ns`, or gives it up where the gap is too long or two cameras have
     /// not seen it for too long.
-    pub fn advance(&mut self, base_ns: u64, pivot: Option<Pivot>) {
-        let stale = base_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
+    pub fn advance(&mut self, time_ns: u64, pivot: Option<Pivot>) {
+        let stale = time_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
         if let Some(filter) = &mut self.filter {
-            if let Estimate::Hand(hand) = filter
-                && base_ns.saturating_sub(self.roll_ns) > k::ROLL_COASTS_NS
+            if let BodyFilter::Instrument(instrument) = filter
+                && time_ns.saturating_sub(self.roll_ns) > k::ROLL_COAST_NS
             {
-                hand.calm_roll(base_ns.saturating_sub(hand.time_ns) as f64 * 1e-9);
+                instrument.damp_roll(time_ns.saturating_sub(instrument.time_ns) as f64 * 1e-9);
             }
-            filter.advance(base_ns, pivot);
+            filter.advance(time_ns, pivot);
         }
         if stale {
             self.lose();
@@ -95,12 +96,12 @@ impl Track {
             self.last_covariance = filter.pose_covariance();
         }
         self.seen_ns = [0; MAX_CAMERAS];
-        self.forecast.interrupt();
+        self.predictor.interrupt();
     }
 
     /// Where the body should be at its filter's instant.
-    pub fn expected(&self) -> Option<Expected> {
-        self.filter.as_ref().map(|f| Expected {
+    pub fn predicted(&self) -> Option<PredictedBody> {
+        self.filter.as_ref().map(|f| PredictedBody {
             pose: f.pose(),
             covariance: f.pose_covariance(),
             motion: f.motion(),
@@ -109,27 +110,27 @@ impl Track {
     }
 
     /// True if two cameras have not seen it for so long that it should also be searched.
-    pub fn wants_search(&self, base_ns: u64) -> bool {
-        self.filter.is_none() || base_ns.saturating_sub(self.good_ns) > k::SEARCH_AFTER_NS
+    pub fn needs_acquisition(&self, time_ns: u64) -> bool {
+        self.filter.is_none() || time_ns.saturating_sub(self.good_ns) > k::ACQUIRE_AFTER_NS
     }
 
     /// So many blobs near its markers belong to nobody.
-    pub fn disturbed(&mut self, strays: u32) {
-        self.frame.strays += strays;
+    pub fn count_near_misses(&mut self, near_misses: u32) {
+        self.frame.near_misses += near_misses;
     }
 
     /// A fit of tracked blobs comes in. False if it was refused.
-    pub fn take_fit(
+    pub fn update(
         &mut self,
-        fit: &Fit,
+        fit: &PoseFit,
         prior_information: &Matrix6,
-        matches: &[Match],
-        base_ns: u64,
+        matches: &[BlobMatch],
+        time_ns: u64,
     ) -> bool {
         let reduced = fit.reduced_chi2();
         let limit = k::BAD_FIT * self.variance_scale;
-        let crowded = fit.thrown_out > fit.blobs;
-        self.frame.thrown_out += fit.thrown_out as u32;
+        let crowded = fit.outliers > fit.blobs;
+        self.frame.outliers += fit.outliers as u32;
         if crowded || reduced.is_some_and(|c| c > limit) {
             self.frame.bad_fit = true;
             return false;
@@ -144,52 +145,53 @@ impl Track {
             self.variance_scale =
                 (self.variance_scale + k::CHI2_STEP * (c - self.variance_scale)).clamp(low, high);
         }
-        self.note(fit, matches, base_ns, u32::MAX);
+        self.record(fit, matches, time_ns, u32::MAX);
         true
     }
 
     /// A search found the body.
-    pub fn take_seed(
+    pub fn initiate(
         &mut self,
-        fit: &Fit,
+        fit: &PoseFit,
         model: &BodyModel,
-        matches: &[Match],
-        base_ns: u64,
+        matches: &[BlobMatch],
+        time_ns: u64,
         in_frame: u32,
         pivot: Option<Pivot>,
     ) {
         self.lose();
-        self.filter = Some(Estimate::new(model, &fit.pose, &fit.covariance, pivot, base_ns));
+        self.filter = Some(BodyFilter::new(model, &fit.pose, &fit.covariance, pivot, time_ns));
         // A rig that has drifted shows at once; its evidence is forgotten slowly.
         let (low, high) = k::CHI2_RANGE;
         self.variance_scale = fit.reduced_chi2().unwrap_or(1.0).clamp(low, high);
-        self.good_ns = base_ns;
-        self.roll_ns = base_ns;
-        self.note(fit, matches, base_ns, in_frame);
+        self.good_ns = time_ns;
+        self.roll_ns = time_ns;
+        self.record(fit, matches, time_ns, in_frame);
     }
 
     /// Books the blobs of cameras in the set `in_frame`.
-    fn note(&mut self, fit: &Fit, matches: &[Match], base_ns: u64, in_frame: u32) {
-        for m in matches.iter().filter(|m| !m.out) {
-            self.seen_ns[m.camera] = base_ns;
+    fn record(&mut self, fit: &PoseFit, matches: &[BlobMatch], time_ns: u64, in_frame: u32) {
+        for m in matches.iter().filter(|m| !m.outlier) {
+            self.seen_ns[m.camera] = time_ns;
             if in_frame & (1 << m.camera) != 0 {
                 self.frame.blobs += 1;
                 self.frame.cameras |= 1 << m.camera;
                 self.frame.markers |= 1 << m.marker;
             }
         }
-        self.frame.squares_px2 += fit.squares_px2;
-        self.measured_ns = base_ns;
-        let eyes = self.seen_ns.iter().filter(|&&t| t > 0 && base_ns.saturating_sub(t) <= k::SEEN_NS).count();
+        self.frame.sum_squares_px2 += fit.sum_squares_px2;
+        self.measured_ns = time_ns;
+        let eyes = self.seen_ns.iter().filter(|&&t| t > 0 && time_ns.saturating_sub(t) <= k::SEEN_NS).count();
         if eyes >= 2 {
-            self.good_ns = base_ns;
+            self.good_ns = time_ns;
         }
     }
 
     /// Books when a marker beside the shaft told the roll.
-    pub fn note_roll(&mut self, model: &BodyModel, matches: &[Match], base_ns: u64) {
-        if matches.iter().any(|m| !m.out && model.tells_roll(m.marker) && tells_place(&m.covariance)) {
-            self.roll_ns = base_ns;
+    pub fn observe_roll(&mut self, model: &BodyModel, matches: &[BlobMatch], time_ns: u64) {
+        if matches.iter().any(|m| !m.outlier && model.observes_roll(m.marker) && is_localised(&m.covariance))
+        {
+            self.roll_ns = time_ns;
         }
     }
 
@@ -197,12 +199,12 @@ impl Track {
     pub fn state(&mut self, rig: &RigModel, body: usize, exposed_ns: u64, cameras: u32) -> BodyState {
         let model = &rig.bodies[body];
         let mut state = BodyState::zeroed();
-        let covariance = self.filter.as_ref().map_or(self.last_covariance, Estimate::pose_covariance);
+        let covariance = self.filter.as_ref().map_or(self.last_covariance, BodyFilter::pose_covariance);
         let mut pose = self.last_pose;
         if let Some(filter) = &self.filter {
             let dt = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             pose = filter.pose_after(dt.clamp(-0.2, 0.2));
-            state.predictor = predictor(filter, model);
+            state.predictor = predictor_of(filter, model);
         }
         if model.is_eye {
             pose.translation.vector.fill(0.0);
@@ -213,8 +215,8 @@ impl Track {
         if let Some(filter) = self.filter.as_ref().filter(|_| !model.is_eye) {
             let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
-            self.forecast.take(exposed_ns, validity == Validity::Measured, tip_after);
-            self.forecast.publish(exposed_ns, tip_after, &mut state.predictor);
+            self.predictor.take(exposed_ns, validity == Validity::Measured, tip_after);
+            self.predictor.publish(exposed_ns, tip_after, &mut state.predictor);
         }
         state.validity = validity as u32;
         state.status = self.status(rig, body, validity, &pose, cameras) as u32;
@@ -222,7 +224,7 @@ impl Track {
         state.blobs_used = self.frame.blobs;
         state.cameras_used = self.frame.cameras.count_ones();
         if self.frame.blobs > 0 {
-            state.residual_px = libm::sqrt(self.frame.squares_px2 / f64::from(self.frame.blobs));
+            state.residual_px = libm::sqrt(self.frame.sum_squares_px2 / f64::from(self.frame.blobs));
         }
         state
     }
@@ -254,12 +256,12 @@ impl Track {
         cameras: u32,
     ) -> BodyStatus {
         let frame = &self.frame;
-        let placed = Placed::from(pose);
-        let disturbing = frame.thrown_out + frame.strays;
-        let leaves = |m: &Marker| !seen_by_two(rig, m, &placed, cameras);
+        let placed = PoseMatrix::from(pose);
+        let disturbing = frame.outliers + frame.near_misses;
+        let leaves = |m: &Marker| !in_view_of_two(rig, m, &placed, cameras);
         let model = &rig.bodies[body];
         let in_a_line = !model.is_eye
-            && (0..model.markers.len()).all(|m| frame.markers & (1 << m) == 0 || !model.tells_roll(m));
+            && (0..model.markers.len()).all(|m| frame.markers & (1 << m) == 0 || !model.observes_roll(m));
         if validity == Validity::Lost {
             BodyStatus::Lost
         } else if frame.bad_fit {
@@ -280,7 +282,7 @@ impl Track {
     }
 }
 
-fn predictor(filter: &Estimate, model: &BodyModel) -> Predictor {
+fn predictor_of(filter: &BodyFilter, model: &BodyModel) -> Predictor {
     let mut predictor = Predictor::zeroed();
     let [velocity, turning] = filter.motion();
     predictor.angular_velocity_rad_s = turning.into();

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 const FIELD_NS: u64 = 20_000_000;
 
 fn pivot() -> Pivot {
-    Pivot { position: Vector3::new(7.8, 4.5, 7.9), sigma: 0.05, carried: true }
+    Pivot { position: Vector3::new(7.8, 4.5, 7.9), sigma: 0.05, tracked: true }
 }
 
 /// The shaft through the pivot with the tip at `tip`.
@@ -16,17 +16,17 @@ fn through(tip: Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(tip), rotation)
 }
 
-fn filter(tip: Vector3<f64>) -> HandFilter {
-    HandFilter::new(&through(tip), &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS)
+fn filter(tip: Vector3<f64>) -> InstrumentFilter {
+    InstrumentFilter::new(&through(tip), &(Matrix6::identity() * 1e-4), Some(pivot()), FIELD_NS)
 }
 
 /// Measures a pose with the covariance `noise`.
-fn measure(f: &mut HandFilter, pose: &Isometry3<f64>, noise: &Matrix6) -> bool {
+fn measure(f: &mut InstrumentFilter, pose: &Isometry3<f64>, noise: &Matrix6) -> bool {
     let prior = f.pose_covariance().try_inverse().unwrap();
     let information = noise.try_inverse().unwrap();
     let covariance = (prior + information).try_inverse().unwrap();
-    let step = covariance * information * difference(pose, &f.pose());
-    f.update(&crate::filter::changed(&f.pose(), &step), &covariance, &prior)
+    let step = covariance * information * box_minus(pose, &f.pose());
+    f.update(&crate::pose_math::box_plus(&f.pose(), &step), &covariance, &prior)
 }
 
 #[test]
@@ -59,10 +59,11 @@ fn the_bank_learns_where_the_tremor_is() {
 
 #[test]
 fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
-    let mut f = HandFilter::new(&through(Vector3::zeros()), &(Matrix6::identity() * 1e-4), None, FIELD_NS);
+    let mut f =
+        InstrumentFilter::new(&through(Vector3::zeros()), &(Matrix6::identity() * 1e-4), None, FIELD_NS);
     let before = f.pose();
     f.advance(FIELD_NS + 1_000, Some(pivot()));
-    assert!(difference(&f.pose(), &before).norm() < 1e-4);
+    assert!(box_minus(&f.pose(), &before).norm() < 1e-4);
 }
 
 proptest! {
@@ -73,7 +74,7 @@ proptest! {
         for (dt, sight) in steps {
             f.advance(f.time_ns + dt, (sight < 0.8).then(pivot));
             if sight < 0.1 {
-                f.startle();
+                f.inflate_covariance();
             }
             let pose = f.pose();
             prop_assert!(measure(&mut f, &pose, &(Matrix6::identity() * (1e-6 + 1e-3 * sight))));

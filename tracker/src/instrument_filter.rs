@@ -13,14 +13,14 @@
 //! (ρ, ρ', ρ''), a Singer chain, with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
-mod step;
+mod transition;
 
-use crate::block::{self, add, product, transpose};
-use crate::chain::{Oscillator, Smooth};
+use crate::block_matrix::{self, add, product, transpose};
 use crate::constants as k;
-use crate::filter::{Matrix6, Singer, difference, exp};
+use crate::motion_models::{Oscillator, Singer, VoluntaryMotion};
+use crate::pose_math::{Matrix6, box_minus, exp};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use step::Step;
+use transition::StateTransition;
 
 /// Oscillators of the tremor.
 const TREMORS: usize = k::TREMOR_HZ.len();
@@ -34,8 +34,8 @@ const ROLL_TREMOR: usize = ROLL + 3;
 const ROLL_TREMORS: usize = k::ROLL_TREMOR_HZ.len();
 const N: usize = ROLL_TREMOR + 2 * ROLL_TREMORS;
 
-type Row = block::Row<N>;
-type Columns = block::Columns<N>;
+type Row = block_matrix::Row<N>;
+type Columns = block_matrix::Columns<N>;
 
 /// The point that the shaft passes, and how far it strays from it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,12 +45,12 @@ pub struct Pivot {
     /// Standard deviation of the play, mm.
     pub sigma: f64,
     /// True if this is the trocar as a tracked eye carries it.
-    pub carried: bool,
+    pub tracked: bool,
 }
 
 /// State of an instrument.
 #[derive(Debug, Clone, PartialEq)]
-pub struct HandFilter {
+pub struct InstrumentFilter {
     vectors: [Vector3<f64>; VECTORS],
     roll_rate: f64,
     roll_acceleration: f64,
@@ -62,7 +62,7 @@ pub struct HandFilter {
     roll_tremor_variance: [f64; ROLL_TREMORS],
     smooth_variance: f64,
     /// Running ratio of the squared surprises to what they should be.
-    strain: f64,
+    nis_ratio: f64,
     covariance: [Row; N],
     /// Instant of the state, ns.
     pub time_ns: u64,
@@ -79,20 +79,20 @@ fn roll_tremor_model(i: usize) -> Oscillator {
     Oscillator { omega: 2.0 * std::f64::consts::PI * k::ROLL_TREMOR_HZ[i], damping: k::ROLL_TREMOR_DAMPING }
 }
 
-fn smooth_model(variance: f64) -> Smooth {
-    Smooth { sigma: libm::sqrt(variance), tau_s: k::SMOOTH_TAU_S }
+fn smooth_model(variance: f64) -> VoluntaryMotion {
+    VoluntaryMotion { sigma: libm::sqrt(variance), tau_s: k::VOLUNTARY_TAU_S }
 }
 
-impl HandFilter {
+impl InstrumentFilter {
     /// An instrument just found at `pose`. Without a pivot the shaft turns about a point of its own.
     pub fn new(pose: &Isometry3<f64>, pose_covariance: &Matrix6, pivot: Option<Pivot>, time_ns: u64) -> Self {
         let axis = pose.rotation * Vector3::z();
         let tip = pose.translation.vector;
-        let free = Pivot { position: tip + axis * k::FREE_PIVOT_MM, sigma: k::FREE_PLAY_MM, carried: false };
+        let free = Pivot { position: tip + axis * k::FREE_PIVOT_MM, sigma: k::FREE_PLAY_MM, tracked: false };
         let pivot = pivot.filter(|p| axis.dot(&(p.position - tip)) > k::SHORTEST_LEVER_MM).unwrap_or(free);
         let to_pivot = pivot.position - tip;
         let lever = axis.dot(&to_pivot);
-        let mut filter = HandFilter {
+        let mut filter = InstrumentFilter {
             vectors: [Vector3::zeros(); VECTORS],
             roll_rate: 0.0,
             roll_acceleration: 0.0,
@@ -101,8 +101,8 @@ impl HandFilter {
             pivot,
             tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; TREMORS],
             roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
-            smooth_variance: k::SMOOTH_MM_S2 * k::SMOOTH_MM_S2,
-            strain: 1.0,
+            smooth_variance: k::VOLUNTARY_MM_S2 * k::VOLUNTARY_MM_S2,
+            nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
             time_ns,
         };
@@ -128,7 +128,7 @@ impl HandFilter {
         let lag = 1.0 / (smooth.tau_s * smooth.tau_s);
         for axis in 0..3 {
             let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
-            put(1, k::SEED_SPEED_MM_S * k::SEED_SPEED_MM_S);
+            put(1, k::START_SPEED_MM_S * k::START_SPEED_MM_S);
             put(2, self.smooth_variance);
             put(3, self.smooth_variance * lag);
             for (i, variance) in self.tremor_variance.iter().enumerate() {
@@ -139,7 +139,7 @@ impl HandFilter {
             put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
         }
         p[ROLL][ROLL] = roll;
-        p[ROLL + 1][ROLL + 1] = k::SEED_TURN_RAD_S * k::SEED_TURN_RAD_S;
+        p[ROLL + 1][ROLL + 1] = k::START_TURN_RAD_S * k::START_TURN_RAD_S;
         p[ROLL + 2][ROLL + 2] = ROLL_MODEL.sigma * ROLL_MODEL.sigma;
         for (i, variance) in self.roll_tremor_variance.iter().enumerate() {
             let (first, omega) = (ROLL_TREMOR + 2 * i, roll_tremor_model(i).omega);
@@ -170,7 +170,7 @@ impl HandFilter {
 
     /// How far the shaft passes beside its trocar, mm; 0 where it has none.
     pub fn play(&self) -> f64 {
-        if self.pivot.carried { self.vectors[PLAY].norm() } else { 0.0 }
+        if self.pivot.tracked { self.vectors[PLAY].norm() } else { 0.0 }
     }
 
     /// Direction from tip to pivot, and their distance, mm.
@@ -184,14 +184,14 @@ impl HandFilter {
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
         let mut ahead = (self.vectors, self.rotation, self.roll_tremor);
         if dt != 0.0 {
-            ahead = self.carried(&Step::new(dt), &self.pivot);
+            ahead = self.propagated(&StateTransition::new(dt), &self.pivot);
         }
         Isometry3::from_parts(Translation3::from(tip_of(&ahead.0)), ahead.1)
     }
 
-    fn carried(
+    fn propagated(
         &self,
-        step: &Step,
+        step: &StateTransition,
         pivot: &Pivot,
     ) -> ([Vector3<f64>; VECTORS], UnitQuaternion<f64>, [[f64; 2]; ROLL_TREMORS]) {
         let mut vectors = self.vectors;
@@ -218,13 +218,13 @@ impl HandFilter {
         self.learn(whole_ns as f64 * 1e-9);
         let steps = whole_ns.div_ceil(k::LONGEST_STEP_NS);
         let dt = whole_ns as f64 * 1e-9 / steps as f64;
-        let step = Step::new(dt);
+        let step = StateTransition::new(dt);
         let target = self.next_pivot(pivot);
         for i in 1..=steps {
             if i == steps {
                 self.pivot = target;
             }
-            (self.vectors, self.rotation, self.roll_tremor) = self.carried(&step, &self.pivot);
+            (self.vectors, self.rotation, self.roll_tremor) = self.propagated(&step, &self.pivot);
             self.roll_rate += self.roll_acceleration * step.roll[1][2];
             self.roll_acceleration *= step.roll[2][2];
             step.apply(&mut self.covariance);
@@ -238,21 +238,21 @@ impl HandFilter {
     /// Where the pivot goes. A trocar that was not carried before takes over without moving the
     /// shaft; near the pivot the lever is too short to tell a direction, and the shaft turns freely.
     fn next_pivot(&mut self, pivot: Option<Pivot>) -> Pivot {
-        let held = Pivot { sigma: k::FREE_PLAY_MM, carried: false, ..self.pivot };
+        let held = Pivot { sigma: k::FREE_PLAY_MM, tracked: false, ..self.pivot };
         let mut next = pivot.unwrap_or(held);
         let tip = tip_of(&self.vectors);
         let axis = self.rotation * Vector3::z();
         if axis.dot(&(next.position - tip)) < k::SHORTEST_LEVER_MM {
             next = Pivot { position: tip + axis * k::FREE_PIVOT_MM, ..held };
             self.vectors[PLAY].fill(0.0);
-        } else if next.carried != self.pivot.carried {
+        } else if next.tracked != self.pivot.tracked {
             let point = self.pivot.position + self.vectors[PLAY];
             self.vectors[PLAY] = point - next.position;
         }
         next
     }
 
-    fn add_noise(&mut self, step: &Step, dt: f64) {
+    fn add_noise(&mut self, step: &StateTransition, dt: f64) {
         let smooth = smooth_model(self.smooth_variance).noise(dt);
         let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
         let [q11, q12, q13, q22, q23, q33] = ROLL_MODEL.noise(dt);
@@ -299,10 +299,10 @@ impl HandFilter {
             *variance += share * (now - *variance);
             *variance = variance.clamp(k::ROLL_TREMOR_RANGE_RAD2.0, k::ROLL_TREMOR_RANGE_RAD2.1);
         }
-        let share = (dt / k::SMOOTH_LEARNING_S).min(0.2);
+        let share = (dt / k::VOLUNTARY_LEARNING_S).min(0.2);
         let smooth = self.smooth_variance + share * (square(2) - self.smooth_variance);
         (self.tremor_variance, self.roll_tremor_variance) = (tremor, roll_tremor);
-        self.smooth_variance = smooth.clamp(k::SMOOTH_RANGE_MM2_S4.0, k::SMOOTH_RANGE_MM2_S4.1);
+        self.smooth_variance = smooth.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
     }
 
     /// P·Hᵀ: covariance of the whole state with the pose.
@@ -338,7 +338,7 @@ impl HandFilter {
     }
 
     /// Takes the pose that maximises the posterior, and its covariance. `prior_inverse` is the
-    /// inverse of [`HandFilter::pose_covariance`]. False, with nothing changed, where the result
+    /// inverse of [`InstrumentFilter::pose_covariance`]. False, with nothing changed, where the result
     /// would not be finite.
     pub fn update(
         &mut self,
@@ -346,7 +346,7 @@ impl HandFilter {
         covariance: &Matrix6,
         prior_inverse: &Matrix6,
     ) -> bool {
-        let delta = difference(posterior, &self.pose());
+        let delta = box_minus(posterior, &self.pose());
         let cross = self.cross();
         let gain = product(&cross, prior_inverse);
         let shrink = self.pose_covariance_from(&cross) - covariance;
@@ -374,7 +374,7 @@ impl HandFilter {
             x[1] += change[ROLL_TREMOR + 2 * i + 1];
         }
         self.rotation = aligned(posterior.rotation, &self.vectors, &self.pivot);
-        self.notice(delta.dot(&(prior_inverse * delta)), (prior_inverse * shrink).trace());
+        self.adapt_to_nis(delta.dot(&(prior_inverse * delta)), (prior_inverse * shrink).trace());
         true
     }
 
@@ -398,20 +398,20 @@ impl HandFilter {
 
     /// The blobs are beside where they should be: the hand has begun to do something else. The tip's
     /// movement is believed no more.
-    pub fn startle(&mut self) {
-        for (vector, sigma) in k::STARTLED.into_iter().enumerate() {
+    pub fn inflate_covariance(&mut self) {
+        for (vector, sigma) in k::INFLATION.into_iter().enumerate() {
             for axis in 3 * vector..3 * vector + 3 {
                 self.covariance[axis][axis] += sigma * sigma;
             }
         }
-        self.smooth_variance = k::SMOOTH_RANGE_MM2_S4.1;
+        self.smooth_variance = k::VOLUNTARY_RANGE_MM2_S4.1;
     }
 
     /// The roll is found `turn_rad` from where it was foreseen, not having been seen for `since_s`: the hand
     /// has turned otherwise, which tells of its rate too.
-    pub fn startle_roll(&mut self, turn_rad: f64, since_s: f64) {
-        let dt = since_s.clamp(k::STARTLED_ROLL_S.0, k::STARTLED_ROLL_S.1);
-        let push = [0.5 * dt * dt, dt, 1.0].map(|g| g * k::STARTLED_ROLL_RAD_S2);
+    pub fn inflate_roll_covariance(&mut self, turn_rad: f64, since_s: f64) {
+        let dt = since_s.clamp(k::ROLL_MANOEUVRE_S.0, k::ROLL_MANOEUVRE_S.1);
+        let push = [0.5 * dt * dt, dt, 1.0].map(|g| g * k::ROLL_MANOEUVRE_RAD_S2);
         for r in 0..3 {
             for c in 0..3 {
                 self.covariance[ROLL + r][ROLL + c] += push[r] * push[c];
@@ -424,20 +424,20 @@ impl HandFilter {
     }
 
     /// The roll has not been seen for long: it comes to rest over `dt` seconds.
-    pub fn calm_roll(&mut self, dt: f64) {
-        let kept = libm::exp(-dt / k::ROLL_CALMS_S);
+    pub fn damp_roll(&mut self, dt: f64) {
+        let kept = libm::exp(-dt / k::ROLL_DAMPING_S);
         self.roll_rate *= kept;
         self.roll_acceleration *= kept;
     }
 
     /// Poses further from what was foreseen than they should be, one by much or several in a row: the
     /// hand does something new, and the smooth movement is believed less at once.
-    fn notice(&mut self, surprise: f64, expected: f64) {
-        self.strain += k::STRAIN_SHARE * (surprise / expected.max(1.0) - self.strain);
-        let ratio = (surprise / k::SURPRISE).max(self.strain / k::STRAIN);
+    fn adapt_to_nis(&mut self, nis: f64, expected: f64) {
+        self.nis_ratio += k::NIS_RATIO_GAIN * (nis / expected.max(1.0) - self.nis_ratio);
+        let ratio = (nis / k::NIS_LIMIT).max(self.nis_ratio / k::NIS_RATIO_LIMIT);
         if ratio > 1.0 {
             let factor = (ratio * ratio).min(10.0);
-            self.smooth_variance = (self.smooth_variance * factor).min(k::SMOOTH_RANGE_MM2_S4.1);
+            self.smooth_variance = (self.smooth_variance * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Rigs that are well written but cannot work: told before anything is tracked, in words.
 
-use crate::model::{Marker, RigModel};
+use crate::rig_model::{Marker, RigModel};
 use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;
@@ -17,7 +17,7 @@ const CLOSEST_MARKERS_MM: f64 = 0.05;
 
 /// Why a rig cannot work.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Unfit {
+pub enum RigDefect {
     /// A camera looks elsewhere.
     #[error(
         "camera {camera} sees nothing: no point of the workspace of radius {radius_mm} mm about the eye's centre is in its picture"
@@ -81,7 +81,7 @@ pub enum Unfit {
 }
 
 /// Refuses a rig that cannot work.
-pub fn check(rig: &Rig) -> Result<(), Unfit> {
+pub fn check(rig: &Rig) -> Result<(), RigDefect> {
     let model = RigModel::new(rig);
     check_cameras(rig, &model)?;
     for body in 0..BODIES {
@@ -91,17 +91,17 @@ pub fn check(rig: &Rig) -> Result<(), Unfit> {
     Ok(())
 }
 
-fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), Unfit> {
+fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), RigDefect> {
     let radius_mm = rig.workspace.tip_radius;
     let cameras = || model.cameras.iter().flatten();
     for camera in cameras() {
         if !sees_workspace(camera, radius_mm) {
-            return Err(Unfit::Blind { camera: camera.id, radius_mm });
+            return Err(RigDefect::Blind { camera: camera.id, radius_mm });
         }
     }
     let apart = |a: &Camera, b: &Camera| (a.centre_in_world() - b.centre_in_world()).norm();
     let based = cameras().any(|a| cameras().any(|b| apart(a, b) > SHORTEST_BASE_MM));
-    if based { Ok(()) } else { Err(Unfit::OnePlace) }
+    if based { Ok(()) } else { Err(RigDefect::OnePlace) }
 }
 
 /// True if any point of a grid through the workspace is in the picture.
@@ -115,22 +115,22 @@ fn sees_workspace(camera: &Camera, radius_mm: f64) -> bool {
     })
 }
 
-fn check_markers(rig: &Rig, model: &RigModel, body: usize) -> Result<(), Unfit> {
+fn check_markers(rig: &Rig, model: &RigModel, body: usize) -> Result<(), RigDefect> {
     let name = BODY_NAMES[body];
     let markers = &model.bodies[body].markers;
     let ids: Vec<u32> = rig.body(name).map(|b| b.markers.iter().map(|m| m.id).collect()).unwrap_or_default();
     if let Some((_, id)) = ids.iter().enumerate().find(|(i, id)| ids[..*i].contains(id)) {
-        return Err(Unfit::MarkerTwice { body: name, id: *id });
+        return Err(RigDefect::MarkerTwice { body: name, id: *id });
     }
     for (second, m) in markers.iter().enumerate() {
         let same = |o: &Marker| (o.position - m.position).norm() < CLOSEST_MARKERS_MM;
         if let Some(first) = markers[..second].iter().position(same) {
-            return Err(Unfit::SamePlace { body: name, first, second });
+            return Err(RigDefect::SamePlace { body: name, first, second });
         }
     }
     let lever_mm = roll_lever(markers.iter().map(|m| m.position));
     if lever_mm < SHORTEST_ROLL_LEVER_MM {
-        return Err(Unfit::Collinear { body: name, lever_mm });
+        return Err(RigDefect::Collinear { body: name, lever_mm });
     }
     Ok(())
 }
@@ -148,16 +148,16 @@ fn roll_lever(points: impl Iterator<Item = Point3<f64>> + Clone) -> f64 {
     libm::sqrt((scatter.trace() - along.max()).max(0.0))
 }
 
-fn check_trocar(rig: &Rig, body: usize) -> Result<(), Unfit> {
+fn check_trocar(rig: &Rig, body: usize) -> Result<(), RigDefect> {
     let name = BODY_NAMES[body];
     let count = rig.trocars.iter().filter(|t| t.body == name).count();
     if count > 1 {
-        return Err(Unfit::TrocarTwice { body: name, count });
+        return Err(RigDefect::TrocarTwice { body: name, count });
     }
     if let Some(trocar) = rig.trocar(name).filter(|_| body != EYE) {
         let distance_mm = Vector3::from(trocar.p_eye).norm();
         if distance_mm < 0.5 * rig.workspace.tip_radius {
-            return Err(Unfit::TrocarInside { body: name, distance_mm });
+            return Err(RigDefect::TrocarInside { body: name, distance_mm });
         }
     }
     Ok(())

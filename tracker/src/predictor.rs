@@ -6,7 +6,7 @@
 //! the tip now and one field ago, a movement of velocity, dying acceleration and two oscillators is
 //! laid: at 8 and 12 Hz they interpolate everything from 0 to 13 Hz within 4 %.
 
-use crate::learner::{HORIZONS, Learner};
+use crate::rls_predictor::{HORIZONS, RlsPredictor};
 use nalgebra::{SMatrix, Vector3};
 use protocol::limits::{FIELD_PERIOD_NS, OSCILLATORS};
 use protocol::poses::{Oscillator, Predictor};
@@ -44,13 +44,13 @@ struct Sample {
 
 /// The forecast of one instrument.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Forecast {
-    short: Learner<SHORT>,
-    long: Learner<LONG>,
+pub struct TipPredictor {
+    short: RlsPredictor<SHORT>,
+    long: RlsPredictor<LONG>,
     /// Running squared errors of the two, by horizon, mm².
     errors: [[f64; 2]; HORIZONS],
     /// What the two foretold, newest first, as tips.
-    foretold: [[[Vector3<f64>; 2]; HORIZONS]; HORIZONS],
+    predictions: [[[Vector3<f64>; 2]; HORIZONS]; HORIZONS],
     /// Newest first.
     samples: [Sample; LONG + 1],
     count: usize,
@@ -60,14 +60,14 @@ pub struct Forecast {
     on_grid: Interpolation,
 }
 
-impl Default for Forecast {
+impl Default for TipPredictor {
     fn default() -> Self {
         let period_s = FIELD_PERIOD_NS as f64 * 1e-9;
-        Forecast {
-            short: Learner::new(period_s),
-            long: Learner::new(period_s),
+        TipPredictor {
+            short: RlsPredictor::new(period_s),
+            long: RlsPredictor::new(period_s),
             errors: [[NEGLIGIBLE_MM2; 2]; HORIZONS],
-            foretold: [[[Vector3::zeros(); 2]; HORIZONS]; HORIZONS],
+            predictions: [[[Vector3::zeros(); 2]; HORIZONS]; HORIZONS],
             samples: [Sample::default(); LONG + 1],
             count: 0,
             time_ns: 0,
@@ -76,7 +76,7 @@ impl Default for Forecast {
     }
 }
 
-impl Forecast {
+impl TipPredictor {
     /// The tip was lost or made a jump; the habits of the hand are kept.
     pub fn interrupt(&mut self) {
         self.count = 0;
@@ -121,8 +121,8 @@ impl Forecast {
         if self.count > LONG {
             self.long.learn(&self.steps(), &moved);
         }
-        self.foretold.rotate_right(1);
-        self.foretold[0] = self.foretell();
+        self.predictions.rotate_right(1);
+        self.predictions[0] = self.predict();
     }
 
     /// Compares what was foretold for this field.
@@ -131,8 +131,8 @@ impl Forecast {
             return;
         }
         for h in 0..HORIZONS {
-            for (error, foretold) in self.errors[h].iter_mut().zip(&self.foretold[h][h]) {
-                *error += FORGETTING * ((sample.tip - foretold).norm_squared() - *error);
+            for (error, predictions) in self.errors[h].iter_mut().zip(&self.predictions[h][h]) {
+                *error += FORGETTING * ((sample.tip - predictions).norm_squared() - *error);
             }
         }
     }
@@ -141,9 +141,9 @@ impl Forecast {
         std::array::from_fn(|k| self.samples[k].tip - self.samples[k + 1].tip)
     }
 
-    fn foretell(&self) -> [[Vector3<f64>; 2]; HORIZONS] {
+    fn predict(&self) -> [[Vector3<f64>; 2]; HORIZONS] {
         let tip = self.samples[0].tip;
-        let (short, long) = (self.short.foretell(&self.steps()), self.long.foretell(&self.steps()));
+        let (short, long) = (self.short.predict(&self.steps()), self.long.predict(&self.steps()));
         std::array::from_fn(|h| [tip + short[h], tip + long[h]])
     }
 
@@ -154,7 +154,7 @@ impl Forecast {
         }
         let long_too = self.count > LONG;
         Some(std::array::from_fn(|h| {
-            let [short, long] = self.foretold[0][h];
+            let [short, long] = self.predictions[0][h];
             let weights = self.errors[h].map(|e| {
                 let better = NEGLIGIBLE_MM2 / e.max(NEGLIGIBLE_MM2);
                 // The fourth power: who foretells twice as well as the other speaks almost alone.
@@ -250,7 +250,7 @@ mod tests {
 
     /// RMS error of a prediction 55 ms ahead of a moving tip, µm.
     fn rms_um(tip: impl Fn(f64) -> Vector3<f64>) -> f64 {
-        let mut forecast = Forecast::default();
+        let mut forecast = TipPredictor::default();
         let mut sum = 0.0;
         for k in 1..=300u64 {
             let t = k as f64 * 0.02;
@@ -285,7 +285,7 @@ mod tests {
 
     #[test]
     fn a_gap_begins_anew_but_habits_stay() {
-        let mut forecast = Forecast::default();
+        let mut forecast = TipPredictor::default();
         let tip = |t: f64| Vector3::new(0.1 * (60.0 * t).sin(), 0.0, 0.0);
         for k in 1..60u64 {
             forecast.take(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
@@ -294,13 +294,13 @@ mod tests {
         forecast.take(5_000_000_000, true, |_| Vector3::new(7.0, 0.0, 0.0));
         assert!(forecast.ahead().is_none(), "nothing is known of the new movement yet");
         let step = [Vector3::new(0.01, 0.0, 0.0); SHORT];
-        assert_eq!(forecast.short.foretell(&step), learnt.foretell(&step));
+        assert_eq!(forecast.short.predict(&step), learnt.predict(&step));
     }
 
     #[test]
     fn a_missing_field_is_filled_in() {
         let tip = |t: f64| Vector3::new(3.0 * t, 0.0, 0.0);
-        let mut forecast = Forecast::default();
+        let mut forecast = TipPredictor::default();
         for k in (1..60u64).filter(|k| k % 7 != 0) {
             forecast.take(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
         }

@@ -5,11 +5,11 @@ use super::{
     N, PLAY, PLAY_MODEL, ROLL, ROLL_MODEL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, TREMORS, VECTORS,
     roll_tremor_model, smooth_model, tremor_model,
 };
-use crate::block::{blend, mix};
+use crate::block_matrix::{blend, mix};
 use nalgebra::Vector3;
 
 /// What a time does to the states.
-pub(super) struct Step {
+pub(super) struct StateTransition {
     pub smooth: [[f64; 4]; 4],
     pub tremor: [[[f64; 2]; 2]; TREMORS],
     pub play: [[f64; 2]; 2],
@@ -17,11 +17,11 @@ pub(super) struct Step {
     pub roll_tremor: [[[f64; 2]; 2]; ROLL_TREMORS],
 }
 
-impl Step {
+impl StateTransition {
     /// After `dt` seconds.
     pub fn new(dt: f64) -> Self {
         let roll = ROLL_MODEL.transition(dt);
-        Step {
+        StateTransition {
             smooth: smooth_model(1.0).transition(dt),
             tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
             play: PLAY_MODEL.transition(dt),

@@ -5,12 +5,13 @@
 //! marker is outside of it, however wide it is. Then the roll would be carried on by its old rate for
 //! ever, while the markers on the shaft fit well.
 
-use crate::associate::{Expected, Group};
+use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
-use crate::filter::exp;
-use crate::fit::{Match, carried, pose_jacobian};
-use crate::model::BodyModel;
-use crate::sight::{Image, Placed, Sight, View, camera_of, covariance_as, image_of, tells_place};
+use crate::fit::BlobMatch;
+use crate::observation::{BlobObservation, FieldObservation, camera_of, is_localised, marker_covariance};
+use crate::pose_math::{exp, propagated};
+use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
+use crate::rig_model::BodyModel;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;
@@ -21,14 +22,14 @@ const MAX_VOTES: usize = 32;
 
 /// A blob on the ring of a marker.
 #[derive(Debug, Clone, Copy, Default)]
-struct Vote {
+struct RollVote {
     camera: usize,
     turn_rad: f64,
 }
 
 /// How an instrument is rolled against where it was thought to be.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Turn {
+pub struct RollChange {
     /// About the shaft, rad, −π to π.
     pub rad: f64,
     /// Cameras that agree on it.
@@ -38,28 +39,29 @@ pub struct Turn {
 /// The roll on which more cameras agree than have found a marker beside the shaft where it was expected;
 /// `None` where there is no such. `matches` are those of all bodies, `own` is the body's number.
 pub fn find(
-    group: &Group<'_>,
+    input: &AssociationInput<'_>,
     own: usize,
-    expected: &Expected,
-    matches: &[Vec<Match>; BODIES],
-) -> Option<Turn> {
-    let body = &group.rig.bodies[own];
-    let tells = |m: &&Match| !m.out && body.tells_roll(m.marker) && tells_place(&m.covariance);
+    expected: &PredictedBody,
+    matches: &[Vec<BlobMatch>; BODIES],
+) -> Option<RollChange> {
+    let body = &input.rig.bodies[own];
+    let tells = |m: &&BlobMatch| !m.outlier && body.observes_roll(m.marker) && is_localised(&m.covariance);
     let found = matches[own].iter().filter(tells).fold(0u32, |set, m| set | 1 << m.camera);
     let rings = || {
-        let views = group.views.iter().filter(|v| group.cameras & (1 << v.camera) != 0);
-        let markers = (0..body.markers.len()).filter(|&m| body.tells_roll(m));
-        views.flat_map(move |view| {
-            markers.clone().map(move |marker| Ring { group, body, expected, view, marker })
+        let fields = input.fields();
+        let markers = (0..body.markers.len()).filter(|&m| body.observes_roll(m));
+        fields.flat_map(move |field| {
+            markers.clone().map(move |marker| MarkerRing { input, body, expected, field, marker })
         })
     };
-    let free = |ring: &Ring<'_>, blob: usize| !is_taken(matches, own, ring.view.camera, ring.marker, blob);
+    let free =
+        |ring: &MarkerRing<'_>, blob: usize| !is_taken(matches, own, ring.field.camera, ring.marker, blob);
     // Nothing to find where all that could tell the roll already does.
-    if !rings().any(|r| found & (1 << r.view.camera) == 0 && r.blobs(|blob| free(&r, blob)).next().is_some())
+    if !rings().any(|r| found & (1 << r.field.camera) == 0 && r.blobs(|blob| free(&r, blob)).next().is_some())
     {
         return None;
     }
-    let mut votes = [Vote::default(); MAX_VOTES];
+    let mut votes = [RollVote::default(); MAX_VOTES];
     let mut count = 0;
     for ring in rings() {
         ring.votes(
@@ -77,27 +79,34 @@ pub fn find(
 }
 
 /// True if a blob was taken for another marker.
-fn is_taken(matches: &[Vec<Match>; BODIES], own: usize, camera: usize, marker: usize, blob: usize) -> bool {
-    let by = |body: usize, m: &Match| {
-        !m.out && m.camera == camera && m.blob == blob && !(body == own && m.marker == marker)
+fn is_taken(
+    matches: &[Vec<BlobMatch>; BODIES],
+    own: usize,
+    camera: usize,
+    marker: usize,
+    blob: usize,
+) -> bool {
+    let by = |body: usize, m: &BlobMatch| {
+        !m.outlier && m.camera == camera && m.blob == blob && !(body == own && m.marker == marker)
     };
     matches.iter().enumerate().any(|(body, list)| list.iter().any(|m| by(body, m)))
 }
 
 /// The turn on which most cameras agree; of equals the smallest.
-fn agreed(votes: &[Vote]) -> Option<Turn> {
+fn agreed(votes: &[RollVote]) -> Option<RollChange> {
     let apart = |a: f64, b: f64| {
         let d = a - b;
         d - libm::round(d / TAU) * TAU
     };
-    let mut best: Option<Turn> = None;
+    let mut best: Option<RollChange> = None;
     for centre in votes {
-        let near = |v: &&Vote| apart(v.turn_rad, centre.turn_rad).abs() < k::ROLL_AGREES_RAD;
+        let near = |v: &&RollVote| apart(v.turn_rad, centre.turn_rad).abs() < k::ROLL_AGREES_RAD;
         let set = votes.iter().filter(near).fold(0u32, |set, v| set | 1 << v.camera);
         let (cameras, number) = (set.count_ones(), votes.iter().filter(near).count());
         let off: f64 = votes.iter().filter(near).map(|v| apart(v.turn_rad, centre.turn_rad)).sum();
-        let turn = Turn { rad: apart(centre.turn_rad + off / number as f64, 0.0), cameras };
-        let better = |b: &Turn| cameras > b.cameras || (cameras == b.cameras && turn.rad.abs() < b.rad.abs());
+        let turn = RollChange { rad: apart(centre.turn_rad + off / number as f64, 0.0), cameras };
+        let better =
+            |b: &RollChange| cameras > b.cameras || (cameras == b.cameras && turn.rad.abs() < b.rad.abs());
         if best.as_ref().is_none_or(better) {
             best = Some(turn);
         }
@@ -105,37 +114,37 @@ fn agreed(votes: &[Vote]) -> Option<Turn> {
     best
 }
 
-/// A marker beside the shaft of a body in one view, at any roll.
-struct Ring<'a> {
-    group: &'a Group<'a>,
+/// A marker beside the shaft of a body in one field, at any roll.
+struct MarkerRing<'a> {
+    input: &'a AssociationInput<'a>,
     body: &'a BodyModel,
-    expected: &'a Expected,
-    view: &'a View,
+    expected: &'a PredictedBody,
+    field: &'a FieldObservation,
     marker: usize,
 }
 
-impl Ring<'_> {
+impl MarkerRing<'_> {
     /// Free blobs of the marker's colour.
-    fn blobs(&self, free: impl Fn(usize) -> bool) -> impl Iterator<Item = &Sight> {
+    fn blobs(&self, free: impl Fn(usize) -> bool) -> impl Iterator<Item = &BlobObservation> {
         let colour = self.body.markers[self.marker].colour;
-        let sights = self.view.sights().iter().enumerate();
-        sights.filter(move |(blob, sight)| sight.colour == colour && free(*blob)).map(|(_, sight)| sight)
+        let blobs = self.field.blobs().iter().enumerate();
+        blobs.filter(move |(i, blob)| blob.colour == colour && free(*i)).map(|(_, blob)| blob)
     }
 
     /// Tells every blob that is on the ring, if it is free.
-    fn votes(&self, free: impl Fn(usize) -> bool, mut tell: impl FnMut(Vote)) {
-        let Some(camera) = camera_of(self.group.rig, self.view) else { return };
-        let dt_s = (self.view.exposed_ns as i64).wrapping_sub(self.group.base_ns as i64) as f64 * 1e-9;
-        let pose = carried(&self.expected.pose, &self.expected.motion, dt_s);
+    fn votes(&self, free: impl Fn(usize) -> bool, mut tell: impl FnMut(RollVote)) {
+        let Some(camera) = camera_of(self.input.rig, self.field) else { return };
+        let dt_s = self.input.dt_s(self.field);
+        let pose = propagated(&self.expected.pose, &self.expected.motion, dt_s);
         let Some((centre, frame)) = self.ellipse(camera, &pose) else { return };
-        for sight in self.blobs(free) {
-            let on = frame * (sight.pixel - centre);
+        for blob in self.blobs(free) {
+            let on = frame * (blob.pixel - centre);
             if (on.norm() - 1.0).abs() > k::ROLL_RING {
                 continue;
             }
             let guess = libm::atan2(on.y, on.x);
-            if let Some(turn_rad) = self.refined(camera, &pose, sight, guess) {
-                tell(Vote { camera: self.view.camera, turn_rad });
+            if let Some(turn_rad) = self.refined(camera, &pose, blob, guess) {
+                tell(RollVote { camera: self.field.camera, turn_rad });
             }
         }
     }
@@ -156,38 +165,44 @@ impl Ring<'_> {
         camera: &Camera,
         pose: &Isometry3<f64>,
         turn_rad: f64,
-    ) -> Option<(Image, Placed, Vector3<f64>)> {
+    ) -> Option<(MarkerImage, PoseMatrix, Vector3<f64>)> {
         let axis = pose.rotation * Vector3::z();
         let turned = Isometry3::from_parts(pose.translation, exp(axis * turn_rad) * pose.rotation);
-        let placed = Placed::from(&turned);
-        Some((image_of(&self.body.markers[self.marker], &placed, camera)?, placed, axis))
+        let placed = PoseMatrix::from(&turned);
+        Some((project_marker(&self.body.markers[self.marker], &placed, camera)?, placed, axis))
     }
 
     /// The turn at which a blob is nearest to the marker, from one nearby; `None` if it is not on the
     /// ring, or its size does not tell its place.
-    fn refined(&self, camera: &Camera, pose: &Isometry3<f64>, sight: &Sight, guess: f64) -> Option<f64> {
+    fn refined(
+        &self,
+        camera: &Camera,
+        pose: &Isometry3<f64>,
+        blob: &BlobObservation,
+        guess: f64,
+    ) -> Option<f64> {
         let mut turn = guess;
         for _ in 0..3 {
             let (image, placed, axis) = self.image(camera, pose, turn)?;
             let tangent = image.jacobian * axis.cross(&(image.point - placed.origin));
-            turn += tangent.dot(&(sight.pixel - image.pixel)) / tangent.norm_squared();
+            turn += tangent.dot(&(blob.pixel - image.pixel)) / tangent.norm_squared();
         }
         let (image, placed, _) = self.image(camera, pose, turn)?;
-        let scale = self.group.area_scales[self.view.camera];
-        let covariance = covariance_as(sight, &image, scale, k::AREA_RATIO)?;
+        let scale = self.input.area_scales[self.field.camera];
+        let covariance = marker_covariance(blob, &image, scale, k::AREA_RATIO)?;
         let jacobian = pose_jacobian(&image, &placed);
         let predicted = jacobian * self.expected.covariance * jacobian.transpose();
         let inverse = (predicted + covariance * self.expected.variance_scale).try_inverse()?;
-        let r = sight.pixel - image.pixel;
-        (tells_place(&covariance) && r.dot(&(inverse * r)) < k::GATE && turn.is_finite()).then_some(turn)
+        let r = blob.pixel - image.pixel;
+        (is_localised(&covariance) && r.dot(&(inverse * r)) < k::GATE && turn.is_finite()).then_some(turn)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::filter::Matrix6;
-    use crate::model::RigModel;
+    use crate::pose_math::Matrix6;
+    use crate::rig_model::RigModel;
     use bytemuck::Zeroable;
     use nalgebra::{Point3, Translation3, UnitQuaternion};
     use proptest::prelude::*;
@@ -196,31 +211,40 @@ mod tests {
     use protocol::rig::Rig;
 
     /// The marker beside the shaft of `inst0`, as the cameras see it.
-    fn views(rig: &Rig, pose: &Isometry3<f64>, cameras: u32) -> [View; MAX_CAMERAS] {
-        let mut views = std::array::from_fn(View::empty);
+    fn fields(rig: &Rig, pose: &Isometry3<f64>, cameras: u32) -> [FieldObservation; MAX_CAMERAS] {
+        let mut fields = std::array::from_fn(FieldObservation::empty);
         let marker = &rig.bodies[0].markers[3];
         let point = pose * Point3::from(Vector3::from(marker.p));
         for camera in rig.cameras().iter().filter(|c| cameras & (1 << c.id) != 0) {
             let mut field = BlobField::zeroed();
             (field.camera, field.exposed_ns) = (camera.id, 20_000_000);
             field.push(Blob::of_ball(camera, &point, marker.r, marker.colour, field.parity).unwrap());
-            views[camera.id as usize].fill(&field, camera);
+            fields[camera.id as usize].fill(&field, camera);
         }
-        views
+        fields
     }
 
-    fn found(rig: &Rig, views: &[View; MAX_CAMERAS], pose: Isometry3<f64>) -> Option<Turn> {
+    fn found(
+        rig: &Rig,
+        fields: &[FieldObservation; MAX_CAMERAS],
+        pose: Isometry3<f64>,
+    ) -> Option<RollChange> {
         let model = RigModel::new(rig);
         let area_scales = [1.0; MAX_CAMERAS];
-        let group =
-            Group { rig: &model, views, cameras: 0b111, base_ns: 20_000_000, area_scales: &area_scales };
-        let expected = Expected {
+        let input = AssociationInput {
+            rig: &model,
+            fields,
+            cameras: 0b111,
+            time_ns: 20_000_000,
+            area_scales: &area_scales,
+        };
+        let expected = PredictedBody {
             pose,
             covariance: Matrix6::identity() * 1e-6,
             motion: [Vector3::zeros(); 2],
             variance_scale: 1.0,
         };
-        find(&group, 0, &expected, &Default::default())
+        find(&input, 0, &expected, &Default::default())
     }
 
     fn through_trocar(rig: &Rig, tip: Vector3<f64>, roll: f64) -> Isometry3<f64> {
@@ -237,11 +261,11 @@ mod tests {
         ) {
             let rig = Rig::load_or_shipped(None).unwrap();
             let [before, after] = [roll, roll + turn].map(|r| through_trocar(&rig, Vector3::new(x, y, z), r));
-            let all = found(&rig, &views(&rig, &after, 0b111), before).unwrap();
+            let all = found(&rig, &fields(&rig, &after, 0b111), before).unwrap();
             // One of them may see the ring from the side.
             prop_assert!((all.rad - turn).abs() < 1e-4 && all.cameras >= 2, "{:?}", all);
-            let alone = |c: u32| found(&rig, &views(&rig, &after, 1 << c), before);
-            let agree: Vec<Turn> = (0..3).filter_map(alone).collect();
+            let alone = |c: u32| found(&rig, &fields(&rig, &after, 1 << c), before);
+            let agree: Vec<RollChange> = (0..3).filter_map(alone).collect();
             prop_assert!(agree.len() == all.cameras as usize, "{:?}", agree);
             prop_assert!(agree.iter().all(|t| (t.rad - turn).abs() < 1e-4 && t.cameras == 1), "{:?}", agree);
         }
@@ -251,16 +275,16 @@ mod tests {
             let rig = Rig::load_or_shipped(None).unwrap();
             let [before, after] = [0.0, turn].map(|r| through_trocar(&rig, Vector3::new(1.0, 0.0, -9.0), r));
             let beside = after * Translation3::new(off, 0.0, 0.0);
-            prop_assert_eq!(found(&rig, &views(&rig, &beside, 0b111), before), None);
+            prop_assert_eq!(found(&rig, &fields(&rig, &beside, 0b111), before), None);
         }
     }
 
     #[test]
     fn most_cameras_decide_then_the_smaller_turn() {
-        let vote = |camera: usize, turn_rad: f64| Vote { camera, turn_rad };
+        let vote = |camera: usize, turn_rad: f64| RollVote { camera, turn_rad };
         let turn = agreed(&[vote(0, 0.2), vote(1, 2.0), vote(2, 2.02), vote(2, -1.0)]).unwrap();
         assert!(turn.cameras == 2 && (turn.rad - 2.01).abs() < 1e-12, "{turn:?}");
-        assert_eq!(agreed(&[vote(0, 2.0), vote(1, -0.5)]), Some(Turn { rad: -0.5, cameras: 1 }));
+        assert_eq!(agreed(&[vote(0, 2.0), vote(1, -0.5)]), Some(RollChange { rad: -0.5, cameras: 1 }));
         let across = agreed(&[vote(0, PI - 0.01), vote(1, 0.01 - PI)]).unwrap();
         assert!(across.cameras == 2 && (across.rad.abs() - PI).abs() < 1e-9, "{across:?}");
         assert_eq!(agreed(&[vote(0, 1.0), vote(0, 1.01)]).unwrap().cameras, 1);

@@ -1,22 +1,68 @@
 //! How a coordinate of a hand moves by itself: the linear models the filter of an instrument is
 //! made of, each with its transition over a time and the noise gathered in it.
 //!
-//! - [`Smooth`]: position, velocity, acceleration and its rate; the acceleration is white noise
+//! - [`VoluntaryMotion`]: position, velocity, acceleration and its rate; the acceleration is white noise
 //!   through a critically damped second-order lag, so that its spectrum falls as that of a planned
 //!   movement does (as f⁻⁴ above 1/2πτ; Singer's falls as f⁻²).
 //! - [`Oscillator`]: a stationary, lightly damped oscillator driven by white noise: a line of the
 //!   tremor's spectrum; with more damping, the play of a shaft in its trocar.
 
+/// A Singer acceleration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Singer {
+    /// Standard deviation of the acceleration, mm/s² or rad/s².
+    pub sigma: f64,
+    /// Time constant, s.
+    pub tau_s: f64,
+}
+
+/// SingerTransition of one chain over a time: x += dt·v + h·a, v += g·a, a *= e.
+pub(crate) struct SingerTransition {
+    pub(crate) dt: f64,
+    pub(crate) g: f64,
+    pub(crate) h: f64,
+    pub(crate) e: f64,
+}
+
+impl Singer {
+    pub(crate) fn transition(&self, dt: f64) -> SingerTransition {
+        let e = libm::exp(-dt / self.tau_s);
+        let g = self.tau_s * (1.0 - e);
+        SingerTransition { dt, g, h: self.tau_s * (dt - g), e }
+    }
+
+    /// Process noise (q11, q12, q13, q22, q23, q33) gathered in `dt`. Below a twentieth of τ the
+    /// leading terms are used, where the closed form cancels.
+    pub(crate) fn noise(&self, dt: f64) -> [f64; 6] {
+        let (s2, b) = (self.sigma * self.sigma, 1.0 / self.tau_s);
+        let t = b * dt;
+        if t < 0.05 {
+            let q = 2.0 * b * s2 * dt;
+            let d2 = dt * dt;
+            return [q * d2 * d2 / 20.0, q * d2 * dt / 8.0, q * d2 / 6.0, q * d2 / 3.0, q * dt / 2.0, q];
+        }
+        let (e1, e2) = (libm::exp(-t), libm::exp(-2.0 * t));
+        let q11 = 1.0 - e2 + 2.0 * t + 2.0 * t * t * t / 3.0 - 2.0 * t * t - 4.0 * t * e1;
+        let q12 = e2 + 1.0 - 2.0 * e1 + 2.0 * t * e1 - 2.0 * t + t * t;
+        let q13 = 1.0 - e2 - 2.0 * t * e1;
+        let q22 = 4.0 * e1 - 3.0 - e2 + 2.0 * t;
+        let q23 = e2 + 1.0 - 2.0 * e1;
+        let q33 = 1.0 - e2;
+        let (b2, b3) = (b * b, b * b * b);
+        [q11 * s2 / (b2 * b2), q12 * s2 / b3, q13 * s2 / b2, q22 * s2 / b2, q23 * s2 / b, q33 * s2]
+    }
+}
+
 /// A planned movement: x' = v, v' = a, a'' = −a/τ² − 2a'/τ + noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Smooth {
+pub struct VoluntaryMotion {
     /// Standard deviation of the acceleration, mm/s².
     pub sigma: f64,
     /// Time constant of the lag, s.
     pub tau_s: f64,
 }
 
-impl Smooth {
+impl VoluntaryMotion {
     /// Transition over `dt` seconds of (x, v, a, a'); only the upper triangle and the lower right
     /// block differ from zero.
     pub fn transition(&self, dt: f64) -> [[f64; 4]; 4] {
@@ -91,7 +137,8 @@ mod tests {
     use nalgebra::{Matrix2, Matrix4};
     use proptest::prelude::*;
 
-    const SMOOTH: Smooth = Smooth { sigma: 15.0, tau_s: 0.2 };
+    const SINGER: Singer = Singer { sigma: 200.0, tau_s: 0.05 };
+    const SMOOTH: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.2 };
 
     fn matrix(m: [[f64; 4]; 4]) -> Matrix4<f64> {
         Matrix4::from_fn(|r, c| m[r][c])
@@ -105,6 +152,14 @@ mod tests {
             sum += term;
         }
         sum
+    }
+
+    #[test]
+    fn short_noise_joins_the_closed_form() {
+        let (below, above) = (SINGER.noise(0.002_499_99), SINGER.noise(0.002_500_01));
+        for (a, b) in below.into_iter().zip(above) {
+            assert!((a / b - 1.0).abs() < 0.06, "{a} {b}");
+        }
     }
 
     proptest! {

@@ -1,0 +1,190 @@
+//! What a camera saw, ready for computation: blobs in pixels of the frame with their variances.
+
+use crate::constants as k;
+use crate::projection::MarkerImage;
+use crate::rig_model::RigModel;
+use nalgebra::{Matrix2, Vector2};
+use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIANCE_PX2};
+use protocol::camera::Camera;
+use protocol::limits::MAX_BLOBS;
+
+/// One blob.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BlobObservation {
+    /// Centre in the frame, px.
+    pub pixel: Vector2<f64>,
+    /// Covariance of the centre, px².
+    pub covariance: Matrix2<f64>,
+    /// Area, px of the field.
+    pub area_px: f64,
+    /// Width of its box, px.
+    pub width_px: f64,
+    /// Colour on the wire.
+    pub colour: u32,
+    /// Bits `BLOB_…`.
+    pub flags: u32,
+}
+
+/// One camera-field.
+#[derive(Debug, Clone)]
+pub struct FieldObservation {
+    /// Camera id.
+    pub camera: usize,
+    /// Middle of the exposure; 0 where this camera has not spoken.
+    pub exposed_ns: u64,
+    /// Blobs.
+    pub blobs: [BlobObservation; MAX_BLOBS],
+    /// Blobs in use.
+    pub count: usize,
+    /// Bit per blob that a body took.
+    pub assigned: u64,
+}
+
+/// A 64-bit mask holds every blob of a field.
+const _: () = assert!(MAX_BLOBS <= 64);
+
+impl FieldObservation {
+    /// A camera that has not spoken.
+    pub fn empty(camera: usize) -> Self {
+        let none = BlobObservation {
+            pixel: Vector2::zeros(),
+            covariance: Matrix2::identity(),
+            area_px: 0.0,
+            width_px: 0.0,
+            colour: 0,
+            flags: 0,
+        };
+        FieldObservation { camera, exposed_ns: 0, blobs: [none; MAX_BLOBS], count: 0, assigned: 0 }
+    }
+
+    /// Takes a field over; blobs with numbers that make no sense or far outside of the frame are
+    /// left away; returns how many.
+    pub fn fill(&mut self, field: &BlobField, camera: &Camera) -> u32 {
+        self.exposed_ns = field.exposed_ns;
+        self.count = 0;
+        self.assigned = 0;
+        for blob in field.blobs() {
+            if let Some(seen) = observe_blob(blob, field, camera) {
+                self.blobs[self.count] = seen;
+                self.count += 1;
+            }
+        }
+        field.blobs().len() as u32 - self.count as u32
+    }
+
+    /// The blobs.
+    pub fn blobs(&self) -> &[BlobObservation] {
+        &self.blobs[..self.count]
+    }
+
+    /// True if no body took the blob.
+    pub fn is_unassigned(&self, blob: usize) -> bool {
+        self.assigned & (1 << blob) == 0
+    }
+
+    /// A body takes the blob.
+    pub fn assign(&mut self, blob: usize) {
+        self.assigned |= 1 << blob;
+    }
+}
+
+/// Blobs may stand out of the frame by so much, px; their centre is then extrapolated.
+const BORDER_PX: f64 = 8.0;
+
+fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera) -> Option<BlobObservation> {
+    let pixel = Vector2::new(blob.x_px, field.y_frame_px(blob));
+    let [w, h] = camera.size_px.map(f64::from);
+    let inside =
+        (-BORDER_PX..w + BORDER_PX).contains(&pixel.x) && (-BORDER_PX..h + BORDER_PX).contains(&pixel.y);
+    let sized = blob.area_px > 0.0 && blob.area_px.is_finite() && blob.width_px.is_finite();
+    if !(inside && sized) {
+        return None;
+    }
+    Some(BlobObservation {
+        pixel,
+        covariance: covariance_of(blob),
+        area_px: blob.area_px,
+        width_px: blob.width_px,
+        colour: blob.colour,
+        flags: blob.flags,
+    })
+}
+
+/// The stream's covariance within sane bounds, or the usual one where it tells none.
+fn covariance_of(blob: &Blob) -> Matrix2<f64> {
+    let told = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
+    let (low, high) = k::VARIANCE_RANGE_PX2;
+    if told == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] || !told.iter().all(|v| v.is_finite()) {
+        let area = blob.area_px.clamp(k::SIGMA_AREA_PX.0, k::SIGMA_AREA_PX.1);
+        return Matrix2::from_diagonal(&Vector2::new(k::SIGMA_X_PX, k::SIGMA_Y_PX).map(|s| s * s / area));
+    }
+    let (xx, yy) = (told[0].clamp(low, high), told[1].clamp(low, high));
+    let limit = 0.95 * libm::sqrt(xx * yy);
+    let xy = told[2].clamp(-limit, limit);
+    Matrix2::new(xx, xy, xy, yy)
+}
+
+/// Covariance of a blob taken for a marker: the blob's own, and more where its size tells that it
+/// is hidden in part or merged. `None` where it cannot be this marker.
+pub fn marker_covariance(
+    blob: &BlobObservation,
+    image: &MarkerImage,
+    area_scale: f64,
+    ratio_range: (f64, f64),
+) -> Option<Matrix2<f64>> {
+    let ratio = blob.area_px / (image.area_px * area_scale);
+    if ratio < ratio_range.0 || ratio > ratio_range.1 {
+        return None;
+    }
+    let lost = (libm::log(ratio).abs() - k::AREA_TOLERANCE).max(0.0);
+    let wide = blob.width_px / (2.0 * image.radius_px * libm::sqrt(area_scale)) - 1.0;
+    let grown = (wide - 0.04 - 1.2 / blob.width_px.max(1.0)).max(0.0);
+    let spoilt = f64::from(u8::from(blob.flags & (BLOB_MERGED | BLOB_CLIPPED) != 0));
+    let shift = image.radius_px * (k::AREA_SHIFT * lost + grown + 0.5 * spoilt);
+    Some(blob.covariance + Matrix2::identity() * (shift * shift))
+}
+
+/// True if a blob is not so doubtful, by its size, that it might be anywhere on its marker.
+pub fn is_localised(covariance: &Matrix2<f64>) -> bool {
+    covariance.trace() < 2.0 * k::ROLL_LOCALISED_PX * k::ROLL_LOCALISED_PX
+}
+
+/// The camera of a view.
+pub fn camera_of<'a>(rig: &'a RigModel, field: &FieldObservation) -> Option<&'a Camera> {
+    rig.cameras[field.camera].as_ref()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix2x3, Point3};
+
+    #[test]
+    fn a_shrunk_or_grown_blob_is_doubted() {
+        let image = MarkerImage {
+            pixel: Vector2::zeros(),
+            jacobian: Matrix2x3::zeros(),
+            point: Point3::origin(),
+            radius_px: 10.0,
+            area_px: 170.0,
+        };
+        let mut blob = BlobObservation {
+            pixel: Vector2::zeros(),
+            covariance: Matrix2::identity() * 0.0025,
+            area_px: 170.0,
+            width_px: 20.0,
+            colour: 1,
+            flags: 0,
+        };
+        let sigma = |blob: &BlobObservation| {
+            marker_covariance(blob, &image, 1.0, k::AREA_RATIO).map(|c| c[(0, 0)].sqrt())
+        };
+        assert_eq!(sigma(&blob), Some(0.05));
+        blob.area_px = 85.0;
+        assert!(sigma(&blob).unwrap() > 2.0, "half hidden");
+        blob.area_px = 600.0;
+        assert_eq!(sigma(&blob), None, "another thing");
+        (blob.area_px, blob.flags) = (170.0, BLOB_MERGED);
+        assert!(sigma(&blob).unwrap() > 2.0, "two in one");
+    }
+}

@@ -1,0 +1,132 @@
+//! The image of a marker: where a camera should see it, how large, and how that changes with the pose.
+
+use crate::rig_model::{Marker, RigModel};
+use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Unit, Vector2, Vector3};
+use protocol::camera::Camera;
+
+/// A marker as a camera should see it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MarkerImage {
+    /// Centre, px of the frame.
+    pub pixel: Vector2<f64>,
+    /// Jacobian of the centre by the point in the world, px/mm.
+    pub jacobian: Matrix2x3<f64>,
+    /// The seen centre in the world, mm.
+    pub point: Point3<f64>,
+    /// Radius across, px.
+    pub radius_px: f64,
+    /// Area, px of the field.
+    pub area_px: f64,
+}
+
+/// Share of the radius by which the visible half of a band lies before the shaft's axis: the mean
+/// of cos over a half circle seen from the side.
+const BAND_SHIFT: f64 = std::f64::consts::FRAC_PI_4;
+
+/// A point nearer than this cannot be in focus, mm.
+const MIN_DEPTH_MM: f64 = 1.0;
+
+/// A pose with its rotation as a matrix, for many points at once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseMatrix {
+    /// Rotation `world_from_body`.
+    pub rotation: Matrix3<f64>,
+    /// The body's origin in the world, mm.
+    pub origin: Point3<f64>,
+}
+
+impl From<&Isometry3<f64>> for PoseMatrix {
+    fn from(world_from_body: &Isometry3<f64>) -> Self {
+        PoseMatrix {
+            rotation: *world_from_body.rotation.to_rotation_matrix().matrix(),
+            origin: Point3::from(world_from_body.translation.vector),
+        }
+    }
+}
+
+/// The image of a marker of a body that is `placed` in the world; `None` behind the camera.
+pub fn project_marker(marker: &Marker, placed: &PoseMatrix, camera: &Camera) -> Option<MarkerImage> {
+    let mut point = placed.origin + placed.rotation * marker.position.coords;
+    if marker.band {
+        let axis: Vector3<f64> = placed.rotation.column(2).into();
+        let towards = camera.centre_in_world() - point;
+        let across = towards - axis * towards.dot(&axis);
+        if let Some(across) = Unit::try_new(across, 1e-9) {
+            point += across.into_inner() * (BAND_SHIFT * marker.radius);
+        }
+    }
+    let p = camera.in_camera(&point);
+    let depth = p.z;
+    if depth <= MIN_DEPTH_MM {
+        return None;
+    }
+    // Project and differentiate at once: the distortion is the dear part.
+    let n = Vector2::new(p.x / depth, p.y / depth);
+    let (distorted, slope) = camera.distort(n);
+    let perspective = Matrix2x3::new(1.0, 0.0, -n.x, 0.0, 1.0, -n.y) / depth;
+    let jacobian = Matrix2::from_diagonal(&camera.focal_px) * slope * perspective * camera.camera_from_world;
+    let pixel = camera.focal_px.component_mul(&distorted) + camera.centre_px;
+    let radii = camera.focal_px * (marker.radius / depth);
+    Some(MarkerImage {
+        pixel,
+        jacobian,
+        point,
+        radius_px: radii.x,
+        area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
+    })
+}
+
+/// True if a marker of a body that is `placed` in the world is in the picture of at least two of the
+/// `cameras` (a set of ids).
+pub fn in_view_of_two(rig: &RigModel, marker: &Marker, placed: &PoseMatrix, cameras: u32) -> bool {
+    let inside = |camera: &&Camera| {
+        let [w, h] = camera.size_px.map(f64::from);
+        let image = project_marker(marker, placed, camera);
+        image.is_some_and(|i| (0.0..w).contains(&i.pixel.x) && (0.0..h).contains(&i.pixel.y))
+    };
+    let asked = rig.cameras.iter().flatten().filter(|c| cameras & (1 << c.id) != 0);
+    asked.filter(inside).count() >= 2
+}
+
+/// Jacobian of an image by the pose (position, rotation vector in the world).
+pub fn pose_jacobian(image: &MarkerImage, placed: &PoseMatrix) -> SMatrix<f64, 2, 6> {
+    let arm = image.point - placed.origin;
+    let turning: Matrix2x3<f64> = -(image.jacobian * arm.cross_matrix());
+    let mut jacobian = SMatrix::<f64, 2, 6>::zeros();
+    jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&image.jacobian);
+    jacobian.fixed_view_mut::<2, 3>(0, 3).copy_from(&turning);
+    jacobian
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use protocol::rig::Rig;
+
+    proptest! {
+        #[test]
+        fn images_agree_with_the_camera_model(p in prop::array::uniform3(-12.0..12.0f64)) {
+            let rig = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+            let marker = Marker { position: Point3::origin(), radius: 0.5, colour: 1, band: false };
+            for camera in rig.cameras.iter().flatten() {
+                let point = Point3::from(Vector3::from(p));
+                let placed = PoseMatrix { rotation: Matrix3::identity(), origin: point };
+                let image = project_marker(&marker, &placed, camera).unwrap();
+                prop_assert!((image.pixel - camera.project(&point).unwrap()).norm() < 1e-9);
+                prop_assert!((image.jacobian - camera.projection_jacobian(&point).unwrap()).norm() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn a_band_is_seen_before_its_axis() {
+        let rig = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+        let camera = rig.cameras[0].as_ref().unwrap();
+        let marker = Marker { position: Point3::new(0.0, 0.0, 2.0), radius: 0.4, colour: 1, band: true };
+        let image = project_marker(&marker, &PoseMatrix::from(&Isometry3::identity()), camera).unwrap();
+        let before = image.point - Point3::new(0.0, 0.0, 2.0);
+        assert!(before.z.abs() < 1e-12 && (before.norm() - 0.1 * std::f64::consts::PI).abs() < 1e-12);
+        assert!(before.dot(&(camera.centre_in_world() - Point3::new(0.0, 0.0, 2.0))) > 0.0);
+    }
+}

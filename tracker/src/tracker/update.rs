@@ -1,0 +1,253 @@
+//! The phases of an update: observe, associate, estimate, filter, acquire.
+
+use super::{Group, ORDER, Reference, Tracker};
+use crate::acquisition::AcquisitionInput;
+use crate::associate::{Association, AssociationInput};
+use crate::body_filter::BodyFilter;
+use crate::constants as k;
+use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
+use crate::pose_math::exp;
+use crate::roll_recovery;
+use crate::track::Track;
+use nalgebra::{Matrix3, Vector3};
+use protocol::blobs::BlobField;
+use protocol::limits::BODIES;
+use protocol::poses::EYE;
+
+/// Fits by body.
+type Fits = [Option<PoseFit>; BODIES];
+
+/// Poses fitted to associated blobs.
+pub(super) struct Estimate {
+    pub association: Association,
+    fits: Fits,
+}
+
+impl Tracker {
+    /// Takes the fields of one instant into the observations. Tracks end where the stream has a gap.
+    /// `None` where no field is of a camera of the rig.
+    pub(super) fn observe(&mut self, fields: &[BlobField], reference: &Reference) -> Option<Group> {
+        let with_reference = fields.iter().any(|f| f.exposed_ns == reference.exposed_ns);
+        let time_ns = if with_reference { reference.exposed_ns } else { fields[0].exposed_ns };
+        let mut cameras = 0u32;
+        for field in fields {
+            let Some(Some(camera)) = self.rig.cameras.get(field.camera as usize) else { continue };
+            let refused = self.fields[field.camera as usize].fill(field, camera);
+            self.blobs_refused = self.blobs_refused.saturating_add(u64::from(refused));
+            cameras |= 1 << field.camera;
+        }
+        if cameras == 0 {
+            return None;
+        }
+        if self.last_ns > 0 && time_ns.abs_diff(self.last_ns) > k::MAX_GAP_NS {
+            self.tracks = std::array::from_fn(|_| Track::default());
+            self.last_ns = 0;
+        }
+        // A field that came late is used at its own instant, from the newer state.
+        self.last_ns = time_ns.max(self.last_ns);
+        self.cameras_in_frame |= cameras;
+        Some(Group { cameras, time_ns: self.last_ns })
+    }
+
+    /// Assigns blobs to the markers of the tracked bodies. Where an instrument's blobs lie beside its
+    /// markers, its covariance is inflated and the blobs are assigned again.
+    pub(super) fn associate(&mut self, group: Group) -> Association {
+        let association = self.assign(group, &[None; BODIES]);
+        if !self.inflate_covariances(&association) {
+            return association;
+        }
+        self.associator.recycle(association);
+        self.assign(group, &[None; BODIES])
+    }
+
+    /// One assignment, about the fitted poses where there are some, else about the predicted ones.
+    fn assign(&mut self, group: Group, fits: &Fits) -> Association {
+        let predicted = std::array::from_fn(|body| {
+            let mut predicted = self.tracks[body].predicted()?;
+            if let Some(fit) = &fits[body] {
+                (predicted.pose, predicted.covariance) = (fit.pose, fit.covariance);
+            }
+            Some(predicted)
+        });
+        let input = AssociationInput {
+            rig: &self.rig,
+            fields: &self.fields,
+            cameras: group.cameras,
+            time_ns: group.time_ns,
+            area_scales: &self.area_scales,
+        };
+        self.associator.associate(&input, &predicted)
+    }
+
+    /// Inflates the covariance of instruments whose blobs are beside their markers. True if there is
+    /// one.
+    fn inflate_covariances(&mut self, association: &Association) -> bool {
+        let mut inflated = false;
+        for body in (0..BODIES).filter(|b| *b != EYE) {
+            let beside = association.near_misses[body] as usize;
+            if beside < k::MIN_NEAR_MISSES || beside <= association.matches[body].len() {
+                continue;
+            }
+            if let Some(BodyFilter::Instrument(filter)) = &mut self.tracks[body].filter {
+                filter.inflate_covariance();
+                inflated = true;
+            }
+        }
+        inflated
+    }
+
+    /// Fits the tracked bodies to their blobs. Where there was a choice or an outlier, blobs are
+    /// assigned again about the fitted poses, and bodies whose assignment changed are fitted again.
+    pub(super) fn estimate(&mut self, group: Group, mut first: Association) -> Estimate {
+        let mut fits: Fits = [None; BODIES];
+        for body in ORDER {
+            fits[body] = self.fit(body, None, &mut first.matches[body]);
+        }
+        let rolled = self.recover_rolls(group, &first, &mut fits);
+        let unambiguous = first.unambiguous && rolled == [false; BODIES];
+        if unambiguous && fits.iter().flatten().all(|fit| fit.outliers == 0) {
+            return Estimate { association: first, fits };
+        }
+        let mut second = self.assign(group, &fits);
+        for body in ORDER {
+            let (before, after) = (&mut first.matches[body], &mut second.matches[body]);
+            if !rolled[body] && same_assignment(before, after) {
+                std::mem::swap(before, after);
+            } else {
+                fits[body] = self.fit(body, fits[body].as_ref(), after);
+            }
+        }
+        self.associator.recycle(first);
+        Estimate { association: second, fits }
+    }
+
+    /// The most likely pose of a tracked body, sought from `start` or the prediction on.
+    fn fit(&self, body: usize, start: Option<&PoseFit>, matches: &mut [BlobMatch]) -> Option<PoseFit> {
+        let track = &self.tracks[body];
+        let filter = track.filter.as_ref()?;
+        let model = &self.rig.bodies[body];
+        let problem = PoseProblem::of_filter(&self.rig, model, filter, track.variance_scale)?;
+        let start = start.map_or(problem.prior, |f| f.pose);
+        if matches.is_empty() { None } else { problem.solve(&start, matches) }
+    }
+
+    /// Finds instruments that rolled otherwise than predicted, by the markers beside their shafts, and
+    /// turns their fits. True for those that did.
+    fn recover_rolls(&mut self, group: Group, association: &Association, fits: &mut Fits) -> [bool; BODIES] {
+        let input = AssociationInput {
+            rig: &self.rig,
+            fields: &self.fields,
+            cameras: group.cameras,
+            time_ns: group.time_ns,
+            area_scales: &self.area_scales,
+        };
+        std::array::from_fn(|body| {
+            let track = &mut self.tracks[body];
+            let (Some(mut predicted), Some(fit)) = (track.predicted(), &mut fits[body]) else {
+                return false;
+            };
+            let Some(BodyFilter::Instrument(filter)) = &mut track.filter else { return false };
+            (predicted.pose, predicted.covariance) = (fit.pose, fit.covariance);
+            let Some(change) = roll_recovery::find(&input, body, &predicted, &association.matches) else {
+                return false;
+            };
+            let since_ns = group.time_ns.saturating_sub(track.roll_ns);
+            // One camera alone may see something else.
+            if change.cameras < 2 && since_ns < k::ACQUIRE_AFTER_NS {
+                return false;
+            }
+            filter.inflate_roll_covariance(change.rad, since_ns as f64 * 1e-9);
+            let axis = fit.pose.rotation * Vector3::z();
+            fit.pose.rotation = exp(axis * change.rad) * fit.pose.rotation;
+            let mut covariance = fit.covariance.fixed_view_mut::<3, 3>(3, 3);
+            covariance += axis * axis.transpose() * (k::ROLL_AGREES_RAD * k::ROLL_AGREES_RAD);
+            true
+        })
+    }
+
+    /// Updates the filters with the fits; returns the fits that they accepted.
+    pub(super) fn filter(&mut self, group: Group, estimate: &Estimate) -> Fits {
+        let mut accepted: Fits = [None; BODIES];
+        for body in ORDER {
+            accepted[body] = self.filter_body(group, estimate, body);
+        }
+        accepted
+    }
+
+    fn filter_body(&mut self, group: Group, estimate: &Estimate, body: usize) -> Option<PoseFit> {
+        let fit = estimate.fits[body]?;
+        let matches = &estimate.association.matches[body];
+        let track = &mut self.tracks[body];
+        track.count_near_misses(estimate.association.near_misses[body]);
+        let prior = track.filter.as_ref().and_then(|f| f.pose_covariance().cholesky())?;
+        if !track.update(&fit, &prior.inverse(), matches, group.time_ns) {
+            return None;
+        }
+        track.observe_roll(&self.rig.bodies[body], matches, group.time_ns);
+        for m in matches.iter().filter(|m| !m.outlier) {
+            self.fields[m.camera].assign(m.blob);
+            let scale = &mut self.area_scales[m.camera];
+            // The median: a step up or down, whatever the distance.
+            *scale *= 1.0 + k::AREA_SCALE_STEP * if m.area_ratio > *scale { 1.0 } else { -1.0 };
+            *scale = scale.clamp(0.4, 2.5);
+        }
+        let strayed = self.trocar(body, &estimate.fits).is_some_and(|trocar| {
+            trocar_miss(&fit.pose, &trocar.position).norm() > k::TROCAR_MISS_MM + 3.0 * trocar.sigma
+        });
+        if strayed {
+            self.tracks[body].lose();
+        }
+        Some(fit)
+    }
+
+    /// Where the trocar of a body is now, by the newest rotation of the eye.
+    fn trocar(&self, body: usize, fits: &Fits) -> Option<TrocarInWorld> {
+        let trocar = self.rig.bodies[body].trocar?;
+        let eye = self.tracks[EYE].filter.as_ref()?;
+        let (pose, covariance) = match &fits[EYE] {
+            Some(fit) => (fit.pose, fit.covariance),
+            None => (eye.pose(), eye.pose_covariance()),
+        };
+        let rotation: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into();
+        let variance = rotation.trace().max(0.0) / 3.0 * trocar.position_in_eye.coords.norm_squared();
+        let sigma = libm::sqrt(trocar.sigma * trocar.sigma + variance);
+        Some(TrocarInWorld { position: pose.rotation * trocar.position_in_eye, sigma })
+    }
+
+    /// Searches bodies that are lost, or soon will be, among the blobs that no body took.
+    pub(super) fn acquire(&mut self, group: Group) {
+        for body in ORDER {
+            let model = &self.rig.bodies[body];
+            let trocar = self.trocar(body, &[None; BODIES]);
+            let needs_trocar = body != EYE && !self.rig.distinct_colours && trocar.is_none();
+            if !self.tracks[body].needs_acquisition(group.time_ns) || needs_trocar {
+                continue;
+            }
+            let input = AcquisitionInput {
+                rig: &self.rig,
+                fields: &self.fields,
+                time_ns: group.time_ns,
+                trocar,
+                area_scales: &self.area_scales,
+            };
+            let Some(fit) = self.acquisition.search(&input, model) else { continue };
+            let pivot = self.pivot(body, group.time_ns);
+            let matches = &self.acquisition.matches;
+            let cameras = self.cameras_in_frame;
+            self.tracks[body].initiate(&fit, &self.rig.bodies[body], matches, group.time_ns, cameras, pivot);
+            for m in matches.iter().filter(|m| !m.outlier) {
+                self.fields[m.camera].assign(m.blob);
+            }
+        }
+    }
+}
+
+/// True if the second assignment, about the fitted pose, is that of the first less its outliers.
+fn same_assignment(first: &[BlobMatch], second: &[BlobMatch]) -> bool {
+    let kept = first.iter().filter(|m| !m.outlier).count();
+    let known = |m: &BlobMatch| {
+        let same = |n: &&BlobMatch| (n.camera, n.marker, n.blob) == (m.camera, m.marker, m.blob);
+        first.iter().find(same).is_some_and(|n| !n.outlier)
+    };
+    kept == second.len() && second.iter().all(known)
+}
