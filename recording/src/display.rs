@@ -6,7 +6,7 @@ use foxglove::messages::{
     CompressedImage, FrameTransform, FrameTransforms, Log, Quaternion, Timestamp, Vector3,
 };
 use foxglove::{Encode, Schema};
-use protocol::events::{Event, EventKind, NO_INSTRUMENT};
+use protocol::events::{Event, NO_INSTRUMENT};
 use protocol::geometry::Validity;
 use protocol::poses::{BODY_NAMES, TrackerFrame};
 use protocol::time::Nanos;
@@ -65,7 +65,7 @@ fn transforms(frame: &TrackerFrame) -> Option<FrameTransforms> {
 
 fn event_log(event: &Event) -> Log {
     let level = [Level::Info, Level::Warning, Level::Error][event.severity.min(2) as usize];
-    let (what, unit) = EventKind::from_wire(event.kind).map_or(("event", ""), EventKind::text);
+    let (what, unit) = event.info().map_or(("event", ""), |e| (e.text, e.unit));
     let who = match event.instrument {
         NO_INSTRUMENT => String::new(),
         i => format!("instrument {i}: "),

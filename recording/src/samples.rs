@@ -4,7 +4,7 @@ use super::{Item, Note, NoteKind};
 use bytemuck::{Pod, Zeroable};
 use proptest::prelude::*;
 use protocol::blobs::{Blob, BlobField};
-use protocol::events::{Event, EventKind};
+use protocol::events::{EVENTS, Event};
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::geometry::Pose;
 use protocol::handles::{HandleState, PedalState};
@@ -78,7 +78,7 @@ fn poses(frame: &mut TrackerFrame) {
 }
 
 fn event(event: &mut Event) {
-    event.kind = EventKind::ALL[event.kind as usize % EventKind::ALL.len()] as u32;
+    event.kind = EVENTS[event.kind as usize % EVENTS.len()].kind as u32;
     event.severity %= 3;
 }
 

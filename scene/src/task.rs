@@ -142,8 +142,8 @@ pub enum Goal {
     },
     /// Wait for what the simulation tells: an event whose figure comes to a value, or so many of them.
     Event {
-        /// Number of the kind, see `protocol::events`.
-        event: u32,
+        /// Kind of event, by its name (or number) in `protocol::events::EVENTS`.
+        event: EventKind,
         /// In words, for the picture.
         what: String,
         /// Least figure of the event, in its unit.
@@ -299,9 +299,6 @@ impl Goal {
             Goal::Place { within_rad, .. } if !(*within_rad > 0.0 && *within_rad <= 3.2) => {
                 refuse("within_rad", "above 0, at most 3.2", within_rad.to_string())
             }
-            Goal::Event { event, .. } if EventKind::from_wire(*event).is_none() => {
-                refuse("event", "the number of a kind of event", event.to_string())
-            }
             Goal::Event { at_least, .. } if !at_least.is_finite() => {
                 refuse("at_least", "a number", at_least.to_string())
             }
@@ -367,7 +364,8 @@ mod tests {
             ("-6.0]", "-16.0]", "goals[0].at_in_eye_mm"),
             ("radius_mm = 0.5", "radius_mm = 0.0", "goals[0].radius_mm"),
             ("hold_s = 1.0", "hold_s = -1.0", "goals[0].hold_s"),
-            ("event = 61", "event = 9999", "goals[1].event"),
+            ("event = 61", "event = 9999", "the name of an event"),
+            ("event = 61", "event = \"retina.bleb\"", "the name of an event"),
             ("limit_s = 60.0", "limit_s = 0.0", "task.limit_s"),
             ("level = 1", "level = 0", "task.level"),
             ("what =", "whatever = 1\nwhat =", "whatever"),

@@ -9,8 +9,6 @@ use protocol::time::Nanos;
 pub struct Happening {
     /// What happened.
     pub kind: EventKind,
-    /// How serious.
-    pub severity: Severity,
     /// Instrument or [`NO_INSTRUMENT`].
     pub instrument: u32,
     /// Node or body concerned.
@@ -25,10 +23,9 @@ pub struct Happening {
 
 impl Happening {
     /// An event with a figure and nothing else.
-    pub fn new(kind: EventKind, severity: Severity, value: f64) -> Self {
+    pub fn new(kind: EventKind, value: f64) -> Self {
         Happening {
             kind,
-            severity,
             instrument: NO_INSTRUMENT,
             subject: 0,
             value,
@@ -80,7 +77,8 @@ impl EventLog {
     /// Adds an event; numbers that are not finite become 0.
     pub fn raise(&mut self, h: Happening) {
         let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
-        if h.severity > Severity::Info {
+        let severity = h.kind.info().severity;
+        if severity > Severity::Info {
             self.warning = h.kind as u32;
         }
         if self.events.len() == MAX_EVENTS {
@@ -92,7 +90,7 @@ impl EventLog {
             field: self.field,
             exposed_ns: self.exposed_ns,
             kind: h.kind as u32,
-            severity: h.severity as u32,
+            severity: severity as u32,
             instrument: h.instrument,
             subject: h.subject,
             value: finite(h.value),
@@ -132,7 +130,7 @@ mod tests {
         let mut log = EventLog::default();
         log.begin(7, 1, 2);
         for _ in 0..MAX_EVENTS + 3 {
-            log.raise(Happening::new(EventKind::TissueTorn, Severity::Info, f64::NAN));
+            log.raise(Happening::new(EventKind::TissueTorn, f64::NAN));
         }
         assert_eq!((log.events().len(), log.left_out()), (MAX_EVENTS, 3));
         assert_eq!(log.next_seq(), 7 + MAX_EVENTS as u64);

@@ -11,7 +11,7 @@ use ipc::clock::now;
 use ipc::shell::Shell;
 use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
 use protocol::control::Command;
-use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
+use protocol::events::{Event, EventKind, NO_INSTRUMENT};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::journal::{JournalError, Reader};
@@ -189,7 +189,7 @@ impl Desk {
         let mut event: Event = bytemuck::Zeroable::zeroed();
         event.seq = state.next_event + self.own_events;
         (event.field, event.exposed_ns) = (state.field, at);
-        (event.kind, event.severity) = (kind as u32, Severity::Warning as u32);
+        (event.kind, event.severity) = (kind as u32, kind.info().severity as u32);
         (event.instrument, event.value) = (NO_INSTRUMENT, value);
         self.own_events += 1;
         self.events.send(&event)

@@ -292,7 +292,7 @@ fn instrument(state: &InstrumentState) -> SceneInstrument {
 }
 
 fn notice(kind: u32) -> &'static str {
-    EventKind::from_wire(kind).map_or("", |k| k.text().0)
+    EventKind::from_wire(kind).map_or("", |k| k.info().text)
 }
 
 #[cfg(test)]

@@ -56,7 +56,7 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
     }
     let state = retina(&world);
     assert_eq!(values(&events, EventKind::RetinaPierced).len(), 2);
-    assert!(values(&events, EventKind::NeedleLeft).iter().all(|v| *v > 15.0), "each bleb took its fluid");
+    assert!(values(&events, EventKind::BlebFilled).iter().all(|v| *v > 15.0), "each bleb took its fluid");
     assert!(!values(&events, EventKind::TissueGrabbed).is_empty());
     for kind in [
         EventKind::RetinaRipped,

@@ -245,7 +245,7 @@ fn what_is_pressed_on_holds() {
         let tissue = &retina(world).tissue;
         (0..tissue.nodes()).any(|n| tissue.flag[n] == NODE_PINNED && tissue.position(n).xy().norm() < 0.4)
     };
-    assert!(lies(&world) && !of(&events, EventKind::RetinaLying).is_empty());
+    assert!(lies(&world) && !of(&events, EventKind::RetinaReattached).is_empty());
     for _ in 0..25 {
         step(&mut world, field, upright([0.0, 0.0, -9.0]), Tool::LightPipe, PedalState::zeroed());
         field += 1;

@@ -1,7 +1,6 @@
 //! Plays a scene's script without cameras and prints every event, to tune a scene by:
 //! `cargo run --release -p simcore --example rehearse [SCENE] [ROUNDS]`.
 
-use protocol::events::EventKind;
 use scene::{DEFAULT_SCENE, SceneFile};
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
@@ -15,7 +14,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for field in 0..rehearsal.fields() * rounds {
         world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         for event in world.events() {
-            let (text, unit) = EventKind::from_wire(event.kind).map_or(("", ""), EventKind::text);
+            let (text, unit) = event.info().map_or(("", ""), |e| (e.text, e.unit));
             let at = event.position_in_eye_mm;
             println!(
                 "{:7.2} s  instrument {}  {text}: {:.3} {unit} at ({:.2}, {:.2}, {:.2})",

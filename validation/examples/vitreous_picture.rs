@@ -5,7 +5,6 @@
 
 use image::{Rgb, RgbImage};
 use ipc::clock::now;
-use protocol::events::EventKind;
 use scene::SceneFile;
 use simcore::world::World;
 use surgeon::rehearsal::Rehearsal;
@@ -127,7 +126,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         world.step(&rehearsal.inputs(field).input(), &mut now);
         times.push((now() - begin) as f64 * 1e-3);
         for event in world.events().iter().filter(|e| (80..90).contains(&e.kind)) {
-            let (text, unit) = EventKind::from_wire(event.kind).map_or(("", ""), EventKind::text);
+            let (text, unit) = event.info().map_or(("", ""), |e| (e.text, e.unit));
             let at = event.position_in_eye_mm.map(|c| (c * 100.0).round() / 100.0);
             println!("{:6.2} s  {text}: {:.3} {unit} at {at:?}", field as f64 * 0.02, event.value);
         }

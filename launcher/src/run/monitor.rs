@@ -1,7 +1,7 @@
 //! What the launcher hears, condensed for the screen and the report. Pure.
 
 use super::report::{Picture, Removed, TierChoice};
-use protocol::events::{Event, EventKind, Severity};
+use protocol::events::{Event, Severity};
 use protocol::frames::{FrameRecord, TierReason};
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
 use protocol::time::Nanos;
@@ -86,7 +86,7 @@ impl Monitor {
     }
 
     fn note_event(&mut self, event: &Event) {
-        let kind = EventKind::from_wire(event.kind).map_or("unknown", |k| k.text().0);
+        let kind = event.info().map_or("unknown", |e| e.text);
         *self.events.entry(kind).or_default() += 1;
         if event.severity >= Severity::Warning as u32 {
             self.warnings.push_back(*event);
@@ -143,6 +143,7 @@ impl Monitor {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
+    use protocol::events::EventKind;
     use protocol::steps::StepRecord;
 
     #[test]
@@ -167,7 +168,7 @@ mod tests {
             monitor.note(&Item::Event(Event { seq, severity, kind, ..Event::zeroed() }));
         }
         assert_eq!(monitor.warnings.iter().map(|e| e.seq).collect::<Vec<_>>(), [1, 2, 3]);
-        assert_eq!(monitor.events[EventKind::RimForceHigh.text().0], 5);
+        assert_eq!(monitor.events[EventKind::RimForceHigh.info().text], 5);
     }
 
     #[test]

@@ -4,7 +4,6 @@ use super::ledger::Ledger;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
 use protocol::budget::{Budgets, Stage};
-use protocol::events::EventKind;
 use protocol::health::{STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
 use protocol::poses::BODY_NAMES;
 use protocol::time::Nanos;
@@ -113,9 +112,7 @@ impl Status<'_> {
             lines.push(format!("! {}", self.happening));
         }
         for event in &self.monitor.warnings {
-            let (text, unit) =
-                EventKind::from_wire(event.kind).map_or(("unknown event", ""), EventKind::text);
-            lines.push(format!("! field {}: {text}, {:.2} {unit}", event.field, event.value));
+            lines.push(format!("! field {}: {}", event.field, event.describe()));
         }
     }
 
@@ -211,7 +208,7 @@ fn frame(lines: &[String], drawn: usize) -> String {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use protocol::events::{Event, Severity};
+    use protocol::events::{Event, EventKind, Severity};
     use protocol::steps::StepRecord;
     use recording::Item;
 

@@ -2,7 +2,7 @@
 //! touching and being inside are different levels; each is entered at its own clearance and left only
 //! a little farther away, so that tremor at a threshold is one contact and not fifty.
 
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::limits::SUBSTEP_NS;
 use scene::ContactScene;
 use serde::{Deserialize, Serialize};
@@ -43,8 +43,6 @@ pub struct RetinaContact {
 pub struct Change {
     /// Grazed, touched, penetrated or left.
     pub kind: EventKind,
-    /// How serious.
-    pub severity: Severity,
     /// mm of clearance or depth, or s of contact.
     pub value: f64,
     /// Clearance at which it counts, mm; 0 for a left contact.
@@ -70,7 +68,7 @@ pub fn follow(
         RetinaLevel::Touching => scene.touch_mm,
         RetinaLevel::Away | RetinaLevel::Inside => 0.0,
     };
-    let change = |kind, severity, value| Some(Change { kind, severity, value, limit });
+    let change = |kind, value| Some(Change { kind, value, limit });
     contact.level = level;
     if before == RetinaLevel::Away && level > before {
         contact.since_substep = substep;
@@ -79,19 +77,15 @@ pub fn follow(
         RetinaLevel::Away if before > level => {
             let lasted_s = substep.saturating_sub(contact.since_substep) as f64 * SUBSTEP_S;
             *contact = AWAY;
-            change(EventKind::RetinaLeft, Severity::Info, lasted_s)
+            change(EventKind::RetinaLeft, lasted_s)
         }
-        RetinaLevel::Grazing if before < level => {
-            change(EventKind::RetinaGrazed, Severity::Info, clearance_mm)
-        }
-        RetinaLevel::Touching if before < level => {
-            change(EventKind::RetinaTouched, Severity::Warning, clearance_mm)
-        }
+        RetinaLevel::Grazing if before < level => change(EventKind::RetinaGrazed, clearance_mm),
+        RetinaLevel::Touching if before < level => change(EventKind::RetinaTouched, clearance_mm),
         RetinaLevel::Inside
             if before < level || -clearance_mm > contact.reported_mm + PENETRATION_STEP_MM =>
         {
             contact.reported_mm = -clearance_mm;
-            change(EventKind::RetinaPenetrated, Severity::Injury, -clearance_mm)
+            change(EventKind::RetinaPenetrated, -clearance_mm)
         }
         _ => None,
     }

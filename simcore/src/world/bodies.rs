@@ -9,7 +9,7 @@ use crate::event_log::Happening;
 use collision::rigid::RigidBody;
 use collision::surface::Unusable;
 use nalgebra::Vector3;
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use scene::SceneFile;
@@ -65,7 +65,7 @@ impl World {
         let Some((times, body)) = self.bodies.as_mut().and_then(|b| b.solver.take_stopped()) else { return };
         let state = self.state.bodies.as_ref().map(|s| s.body[body as usize]);
         let at = state.map_or_else(Vector3::zeros, |b| b.eye_from_body.translation.vector);
-        let event = Happening::new(EventKind::BodyStopped, Severity::Injury, f64::from(times));
+        let event = Happening::new(EventKind::BodyStopped, f64::from(times));
         self.log.raise(Happening { subject: body, position_in_eye_mm: at.into(), ..event });
     }
 
@@ -102,7 +102,7 @@ impl World {
                 state.grip[i] = Some(held);
                 if held.slid_mm > self.scene.contact.grab_reach_mm {
                     let pull = bodies.solver.pull_un(i, SUBSTEP_S).norm();
-                    self.drop_body(state, i, EventKind::GripSlipped, Severity::Warning, pull);
+                    self.drop_body(state, i, EventKind::GripSlipped, pull);
                 }
             } else if closing[i] {
                 self.take_body(bodies, state, i, &hand.pose);
@@ -133,7 +133,7 @@ impl World {
             let open = now > held.opening_rad + grip::RELEASE_RAD;
             if open || !has_jaws || !plan.touches[i] {
                 let clearance = self.clearance_mm(state, &held);
-                self.drop_body(state, i, EventKind::BodyReleased, Severity::Info, clearance);
+                self.drop_body(state, i, EventKind::BodyReleased, clearance);
             }
         }
         let stop = state.grip[i].map_or(0.0, |held| held.opening_rad);
@@ -156,23 +156,16 @@ impl World {
         }
         let opening = self.state.instruments[i].jaw_rad;
         state.grip[i] = Some(grip::take(body, &state.body[body], pose, opening));
-        let event = Happening::new(EventKind::BodyGripped, Severity::Info, opening);
+        let event = Happening::new(EventKind::BodyGripped, opening);
         let at = state.body[body].eye_from_body.translation.vector.into();
         self.log.raise(Happening { subject: body as u32, ..event.by(i, at) });
     }
 
-    fn drop_body(
-        &mut self,
-        state: &mut BodiesState,
-        i: usize,
-        kind: EventKind,
-        severity: Severity,
-        value: f64,
-    ) {
+    fn drop_body(&mut self, state: &mut BodiesState, i: usize, kind: EventKind, value: f64) {
         let Some(held) = state.grip[i].take() else { return };
         let at = state.body[held.body as usize].eye_from_body.translation.vector.into();
         let limit = if kind == EventKind::GripSlipped { self.scene.contact.grip_un } else { 0.0 };
-        let event = Happening::new(kind, severity, value);
+        let event = Happening::new(kind, value);
         self.log.raise(Happening { subject: held.body, limit, ..event.by(i, at) });
     }
 

@@ -5,7 +5,7 @@ use super::plan::{Plan, Poses};
 use crate::constants::RIM_REARM;
 use crate::event_log::Happening;
 use nalgebra::Vector3;
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::handles::JAW_LENGTH_MM;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
@@ -124,7 +124,7 @@ impl World {
             let instrument = &mut self.state.instruments[i];
             if forceps::drop_dead(&mut instrument.held, &self.state.membrane) && instrument.held.is_empty() {
                 let tip = instrument.tip_in_eye_mm.into();
-                let event = Happening::new(EventKind::TissueReleased, Severity::Info, 0.0);
+                let event = Happening::new(EventKind::TissueReleased, 0.0);
                 self.log.raise(event.by(i, tip));
             }
         }
@@ -181,7 +181,7 @@ impl World {
         let instrument = &mut self.state.instruments[i];
         let held = forceps::bind(&mut instrument.held, i, &mut self.state.membrane, pose, reach);
         if held > 0 {
-            let event = Happening::new(EventKind::TissueGrabbed, Severity::Info, held as f64);
+            let event = Happening::new(EventKind::TissueGrabbed, held as f64);
             self.log.raise(event.by(i, pose.translation.vector.into()));
             self.refresh();
         }
@@ -194,7 +194,7 @@ impl World {
             forceps::release(&mut instrument.held, &mut self.state.membrane, self.tissue.radius_mm);
         if released > 0 {
             let tip = instrument.tip_in_eye_mm.into();
-            let event = Happening::new(EventKind::TissueReleased, Severity::Info, released as f64);
+            let event = Happening::new(EventKind::TissueReleased, released as f64);
             self.log.raise(event.by(i, tip));
             self.refresh();
         }
@@ -208,7 +208,7 @@ impl World {
         let (pull, limit) = (forceps::pull_un(&instrument.held, &self.solver), self.scene.contact.grip_un);
         if pull > limit {
             forceps::release(&mut instrument.held, &mut self.state.membrane, self.tissue.radius_mm);
-            let event = Happening::new(EventKind::GripSlipped, Severity::Warning, pull);
+            let event = Happening::new(EventKind::GripSlipped, pull);
             let tip = instrument.tip_in_eye_mm.into();
             self.log.raise(Happening { limit, ..event.by(i, tip) });
             self.refresh();
@@ -220,28 +220,28 @@ impl World {
         let toll = self.toll;
         let Some(scene) = &self.scene.membrane else { return };
         let at = |node: usize| self.state.membrane.position(node).map(f64::from);
-        let event = |kind, severity, value: f64, limit, node: usize, at: Vector3<f64>| Happening {
+        let event = |kind, value: f64, limit, node: usize, at: Vector3<f64>| Happening {
             limit,
             subject: node as u32,
             position_in_eye_mm: at.into(),
-            ..Happening::new(kind, severity, value)
+            ..Happening::new(kind, value)
         };
         let rim = f64::from(toll.rim_un);
         if toll.torn > 0 {
             let (value, place) = (f64::from(toll.torn), at(toll.torn_at));
-            let torn = event(EventKind::TissueTorn, Severity::Info, value, 0.0, toll.torn_at, place);
+            let torn = event(EventKind::TissueTorn, value, 0.0, toll.torn_at, place);
             self.log.raise(torn);
         }
         let place = at(toll.rim_node);
         if toll.detached > 0 {
             let (kind, limit) = (EventKind::RimDetached, scene.rim_tear_un);
-            self.log.raise(event(kind, Severity::Injury, rim, limit, toll.rim_node, place));
+            self.log.raise(event(kind, rim, limit, toll.rim_node, place));
         }
         let warned = self.state.membrane.rim_warned;
         if rim > scene.rim_warn_un && !warned {
             self.state.membrane.rim_warned = true;
             let (kind, limit) = (EventKind::RimForceHigh, scene.rim_warn_un);
-            self.log.raise(event(kind, Severity::Warning, rim, limit, toll.rim_node, place));
+            self.log.raise(event(kind, rim, limit, toll.rim_node, place));
         } else if toll.rim_un < RIM_REARM * scene.rim_warn_un as f32 {
             self.state.membrane.rim_warned = false;
         }
@@ -249,6 +249,6 @@ impl World {
 }
 
 fn disabled(node: usize) -> Happening {
-    let event = Happening::new(EventKind::TissueDisabled, Severity::Injury, node as f64);
+    let event = Happening::new(EventKind::TissueDisabled, node as f64);
     Happening { subject: node as u32, ..event }
 }

@@ -31,7 +31,7 @@ use collision::instrument_image::{InstrumentImage, Volume};
 use collision::surface::Unusable;
 use collision::zcoll::Zcoll;
 use nalgebra::Isometry3;
-use protocol::events::{Event, EventKind, Severity};
+use protocol::events::{Event, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
@@ -390,7 +390,7 @@ impl World {
         let splits = self.splits.max(retina_splits);
         if self.state.step == 0 && splits > 1 {
             let parts = f64::from(splits);
-            self.log.raise(Happening::new(EventKind::TimeStepSplit, Severity::Info, parts));
+            self.log.raise(Happening::new(EventKind::TimeStepSplit, parts));
         }
     }
 

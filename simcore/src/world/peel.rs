@@ -4,7 +4,7 @@ use super::{World, WorldError};
 use crate::checkpoint::CheckpointError;
 use crate::constants::RIM_REARM;
 use crate::event_log::Happening;
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::scene::{NODE_DEAD, NODE_FREE};
 use scene::SceneFile;
 use tissue::constants::SUBSTEP_S;
@@ -125,10 +125,9 @@ impl World {
         let Some(scene) = self.scene.membrane.as_ref().and_then(|m| m.adhesion.as_ref()) else { return };
         let most = &self.parting.most;
         let event = |kind, value: f64, limit, (node, bonds): (usize, &AdhesionState)| {
-            let severity = if kind == EventKind::RetinaPulled { Severity::Warning } else { Severity::Injury };
             let position_in_eye_mm = adhesion.place(bonds, node).map(f64::from).into();
             let subject = node as u32;
-            Happening { limit, subject, position_in_eye_mm, ..Happening::new(kind, severity, value) }
+            Happening { limit, subject, position_in_eye_mm, ..Happening::new(kind, value) }
         };
         let (pa, node) = most.highest_pa;
         if passes(&mut bonds.warned, f64::from(pa), scene.retina_warn_pa) {
@@ -159,9 +158,9 @@ impl World {
         let (before, now) = (self.parting.freed_before_mm2, bonds.freed_mm2);
         let off = |n: usize| flag[n] == NODE_DEAD || !adhesion.holds(bonds, n);
         if (0..flag.len()).all(off) {
-            self.log.raise(Happening::new(EventKind::MembraneOff, Severity::Info, now));
+            self.log.raise(Happening::new(EventKind::MembraneOff, now));
         } else if steps(now) > steps(before) {
-            self.log.raise(Happening::new(EventKind::MembranePeeled, Severity::Info, now));
+            self.log.raise(Happening::new(EventKind::MembranePeeled, now));
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::state::{InstrumentState, TrackingState};
 use crate::sweep::{Sweep, share};
 use collision::eyeball::AWAY;
 use nalgebra::{Isometry3, Vector3};
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::geometry::Validity;
 use protocol::handles::{HandleState, PedalState, Tool};
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS, SUBSTEP_NS};
@@ -83,7 +83,7 @@ impl World {
             }
             let instrument = &mut self.state.instruments[handle.instrument as usize];
             if instrument.tool != handle.tool {
-                let event = Happening::new(EventKind::ToolChanged, Severity::Info, f64::from(handle.tool));
+                let event = Happening::new(EventKind::ToolChanged, f64::from(handle.tool));
                 self.log.raise(event.by(handle.instrument as usize, instrument.tip_in_eye_mm.into()));
                 // Another shape is somewhere else: it has no way, and no contact.
                 instrument.touches = false;
@@ -123,7 +123,7 @@ impl World {
     fn refuse(&mut self) {
         self.state.refused += 1;
         let count = self.state.refused as f64;
-        self.log.raise(Happening::new(EventKind::InputRefused, Severity::Warning, count));
+        self.log.raise(Happening::new(EventKind::InputRefused, count));
     }
 
     /// Decides what this step does and takes the poses in.
@@ -197,10 +197,10 @@ impl World {
         }
         let now = frame.instants.exposed;
         *state = TrackingState { tracked, lost_ns: if tracked { 0 } else { now } };
-        let mut happening = Happening::new(EventKind::TrackingLost, Severity::Warning, 0.0);
+        let mut happening = Happening::new(EventKind::TrackingLost, 0.0);
         if tracked {
             let lost_s = now.saturating_sub(before.lost_ns) as f64 * 1e-9;
-            happening = Happening::new(EventKind::TrackingRegained, Severity::Info, lost_s);
+            happening = Happening::new(EventKind::TrackingRegained, lost_s);
         }
         if body < INSTRUMENTS {
             happening = happening.by(body, self.state.instruments[body].tip_in_eye_mm.into());

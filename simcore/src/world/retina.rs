@@ -8,7 +8,7 @@ use crate::state::State;
 use collision::surface::{Surface, Unusable};
 use collision::zcoll::Zcoll;
 use nalgebra::Vector3;
-use protocol::events::{EventKind, NO_INSTRUMENT, Severity};
+use protocol::events::{EventKind, NO_INSTRUMENT};
 use protocol::handles::{PedalMode, Tool};
 use protocol::limits::INSTRUMENTS;
 use scene::VitrectorScene;
@@ -103,13 +103,13 @@ impl World {
     fn tell_needle(&mut self, i: usize, news: &tissue::retina::NeedleNews, limit: f64) {
         let tip = self.state.instruments[i].tip_in_eye_mm.into();
         let told = [
-            (EventKind::RetinaPierced, Severity::Info, news.pierced_mm, 0.0),
-            (EventKind::NeedleLeft, Severity::Info, news.left_mm3, 0.0),
-            (EventKind::NeedleFast, Severity::Warning, news.fast_mm_s, limit),
+            (EventKind::RetinaPierced, news.pierced_mm, 0.0),
+            (EventKind::BlebFilled, news.left_mm3, 0.0),
+            (EventKind::NeedleFast, news.fast_mm_s, limit),
         ];
-        for (kind, severity, value, limit) in told {
+        for (kind, value, limit) in told {
             if let Some(value) = value {
-                self.log.raise(Happening { limit, ..Happening::new(kind, severity, value).by(i, tip) });
+                self.log.raise(Happening { limit, ..Happening::new(kind, value).by(i, tip) });
             }
         }
     }
@@ -133,7 +133,7 @@ impl World {
         }
         let contact = &self.scene.contact;
         let grasp = forceps::grasp(before, now, contact);
-        let (mut kind, mut severity, mut value) = (EventKind::TissueReleased, Severity::Info, 0.0);
+        let (mut kind, mut value) = (EventKind::TissueReleased, 0.0);
         if held && (!jaws || grasp == Some(Grasp::Opened)) {
             value = model.let_go(retina, i) as f64;
         } else if held {
@@ -141,14 +141,14 @@ impl World {
             let pull = model.pull_un(retina, i);
             if pull > contact.grip_un {
                 model.let_go(retina, i);
-                (kind, severity, value) = (EventKind::GripSlipped, Severity::Warning, pull);
+                (kind, value) = (EventKind::GripSlipped, pull);
             }
         } else if grasp == Some(Grasp::Closed) && self.state.instruments[i].held.is_empty() {
             kind = EventKind::TissueGrabbed;
             value = model.grab(retina, i, pose, contact.grab_reach_mm) as f64;
         }
         if value > 0.0 {
-            self.log.raise(Happening::new(kind, severity, value).by(i, pose.translation.vector.into()));
+            self.log.raise(Happening::new(kind, value).by(i, pose.translation.vector.into()));
         }
     }
 
@@ -244,7 +244,7 @@ impl World {
         if air != retina.air {
             retina.air = air;
             let value = if air { 1.0 } else { 0.0 };
-            self.log.raise(Happening::new(EventKind::AirExchange, Severity::Info, value));
+            self.log.raise(Happening::new(EventKind::AirExchange, value));
         }
     }
 
@@ -254,14 +254,14 @@ impl World {
         part.model.end_step(retina);
         let (toll, scene) = (part.model.toll, &part.model.figures.scene);
         let counts = [
-            (EventKind::RetinaDetached, Severity::Info, toll.detached),
-            (EventKind::RetinaLying, Severity::Info, toll.lying),
-            (EventKind::RetinaRipped, Severity::Injury, toll.torn),
-            (EventKind::TissueDisabled, Severity::Injury, toll.disabled),
+            (EventKind::RetinaDetached, toll.detached),
+            (EventKind::RetinaReattached, toll.lying),
+            (EventKind::RetinaRipped, toll.torn),
+            (EventKind::TissueDisabled, toll.disabled),
         ];
-        for (kind, severity, (count, node)) in counts.into_iter().filter(|c| c.2.0 > 0) {
+        for (kind, (count, node)) in counts.into_iter().filter(|c| c.1.0 > 0) {
             let position_in_eye_mm = retina.tissue.position(node as usize).map(f64::from).into();
-            let event = Happening::new(kind, severity, f64::from(count));
+            let event = Happening::new(kind, f64::from(count));
             self.log.raise(Happening {
                 subject: node,
                 position_in_eye_mm,
@@ -270,10 +270,10 @@ impl World {
             });
         }
         if toll.merged.0 > 0 {
-            self.log.raise(Happening::new(EventKind::BlebsMerged, Severity::Info, toll.merged.1));
+            self.log.raise(Happening::new(EventKind::BlebsMerged, toll.merged.1));
         }
         for (i, cut_mm2) in part.cutting.take_cuts() {
-            let event = Happening::new(EventKind::RetinaCut, Severity::Injury, cut_mm2);
+            let event = Happening::new(EventKind::RetinaCut, cut_mm2);
             self.log.raise(event.by(i, self.state.instruments[i].tip_in_eye_mm.into()));
         }
         for i in 0..INSTRUMENTS {
@@ -281,7 +281,7 @@ impl World {
             let tip = self.state.instruments[i].tip_in_eye_mm.into();
             let warned = &mut retina.needles[i].flow_warned;
             if flow > limit && !*warned {
-                let event = Happening::new(EventKind::InjectionFast, Severity::Warning, flow).by(i, tip);
+                let event = Happening::new(EventKind::InjectionFast, flow).by(i, tip);
                 self.log.raise(Happening { limit, ..event });
             }
             *warned = flow > limit;

@@ -3,7 +3,7 @@
 use super::World;
 use super::plan::Plan;
 use crate::event_log::Happening;
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use scene::SceneFile;
@@ -34,7 +34,7 @@ impl World {
             let Some(mut stain) = self.state.stain.take().or_else(|| self.no_stain.take()) else { return };
             let reached = stain.wash(membrane, &tip, share, dt_s);
             if let Some(percent) = stain.tell(membrane) {
-                let event = Happening::new(EventKind::MembraneStained, Severity::Info, percent);
+                let event = Happening::new(EventKind::MembraneStained, percent);
                 self.log.raise(event.by(i, tip.into()));
             }
             let place = if fresh && !reached { &mut self.no_stain } else { &mut self.state.stain };

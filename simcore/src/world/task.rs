@@ -82,7 +82,6 @@ pub fn start(scene: &SceneFile) -> Option<(TaskState, Meter)> {
 fn raise(log: &mut EventLog, signal: Signal) {
     log.raise(Happening {
         kind: signal.kind,
-        severity: signal.severity,
         instrument: signal.instrument,
         subject: signal.subject,
         value: signal.value,

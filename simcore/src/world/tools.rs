@@ -7,7 +7,7 @@ use crate::event_log::Happening;
 use crate::state::Pierced;
 use collision::zcoll::Zcoll;
 use nalgebra::{UnitVector3, Vector3};
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, SUBSTEP_NS};
 use protocol::scene::NODE_FREE;
@@ -60,7 +60,7 @@ impl World {
     pub(super) fn tell_cuts(&mut self) {
         let Some(cutting) = &mut self.cutting else { return };
         for (i, cut_mm2) in cutting.take_cuts() {
-            let event = Happening::new(EventKind::TissueCut, Severity::Info, cut_mm2);
+            let event = Happening::new(EventKind::TissueCut, cut_mm2);
             self.log.raise(event.by(i, self.state.instruments[i].tip_in_eye_mm.into()));
         }
     }
@@ -76,7 +76,7 @@ impl World {
         if self.state.instruments[i].pierced.is_some() {
             if !self.drag_hole(i, &needle) {
                 self.state.instruments[i].pierced = None;
-                let event = Happening::new(EventKind::NeedleOut, Severity::Info, 0.0);
+                let event = Happening::new(EventKind::NeedleOut, 0.0);
                 self.log.raise(event.by(i, tip));
             }
             return true;
@@ -93,7 +93,7 @@ impl World {
         let Some(place) = inside.and_then(|p| p.place) else { return false };
         let hole = Pierced { triangle: place.triangle, weights: place.weights };
         self.state.instruments[i].pierced = Some(hole);
-        let event = Happening::new(EventKind::MembranePierced, Severity::Info, resistance);
+        let event = Happening::new(EventKind::MembranePierced, resistance);
         self.log.raise(Happening { limit, ..event.by(i, tip) });
         true
     }

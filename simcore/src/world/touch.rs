@@ -11,7 +11,7 @@ use collision::instrument_image::{InstrumentImage, NOTHING};
 use collision::raster::DEPTH_STEPS;
 use collision::zcoll::{Found, Zcoll};
 use nalgebra::{UnitVector3, Vector3};
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::handles::{HOOK_THICKNESS_MM, JAW_LENGTH_MM, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
@@ -145,7 +145,7 @@ impl World {
         if !instrument.hooked {
             instrument.hooked = true;
             let nodes = zcoll.displaced().count() as f64;
-            let event = Happening::new(EventKind::TissueHooked, Severity::Info, nodes);
+            let event = Happening::new(EventKind::TissueHooked, nodes);
             self.log.raise(event.by(i, instrument.tip_in_eye_mm.into()));
         }
     }
@@ -189,12 +189,12 @@ impl World {
         instrument.fold_quiet_ns = self.state.exposed_ns + FOLD_QUIET_NS;
         let tip = instrument.tip_in_eye_mm.into();
         let told = [
-            (EventKind::NotPiConvex, Severity::Info, found.folded),
-            (EventKind::TrianglesRefused, Severity::Warning, found.refused),
-            (EventKind::TrianglesFlat, Severity::Info, found.flat),
+            (EventKind::NotPiConvex, found.folded),
+            (EventKind::TrianglesRefused, found.refused),
+            (EventKind::TrianglesFlat, found.flat),
         ];
-        for (kind, severity, count) in told.into_iter().filter(|t| t.2 > 0) {
-            self.log.raise(Happening::new(kind, severity, f64::from(count)).by(i, tip));
+        for (kind, count) in told.into_iter().filter(|t| t.1 > 0) {
+            self.log.raise(Happening::new(kind, f64::from(count)).by(i, tip));
         }
     }
 
@@ -212,7 +212,7 @@ impl World {
             let Some(change) = eyeball::follow(&mut instrument.retina, clearance, substep, contact) else {
                 continue;
             };
-            let event = Happening::new(change.kind, change.severity, change.value);
+            let event = Happening::new(change.kind, change.value);
             self.log.raise(Happening { limit: change.limit, ..event.by(i, tip.into()) });
             if change.kind == EventKind::RetinaPenetrated {
                 self.bleed(tip, change.value);

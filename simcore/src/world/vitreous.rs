@@ -9,7 +9,7 @@ use crate::checkpoint::CheckpointError;
 use crate::constants::{TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
 use crate::event_log::Happening;
 use crate::state::State;
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
 use tissue::constants::SUBSTEP_S;
 use tissue::vitrector::Port;
@@ -99,15 +99,15 @@ impl World {
         let Some(scene) = &self.scene.vitreous else { return };
         let lattice = gel.lattice();
         let at = |element: u32| state.place_um(lattice, element as usize).map(|c| f64::from(c) * 1e-3);
-        let pulled = |kind, severity, stress: Stress, limit| Happening {
+        let pulled = |kind, stress: Stress, limit| Happening {
             limit,
             subject: stress.element,
             position_in_eye_mm: at(stress.element),
-            ..Happening::new(kind, severity, f64::from(stress.pa))
+            ..Happening::new(kind, f64::from(stress.pa))
         };
         let (greatest, base, adhesion) = (traction.greatest, traction.base, &scene.adhesion);
-        let warning = pulled(EventKind::VitreousTraction, Severity::Warning, greatest, adhesion.warn_pa);
-        let danger = pulled(EventKind::BaseTraction, Severity::Injury, base, adhesion.tear_pa);
+        let warning = pulled(EventKind::VitreousTraction, greatest, adhesion.warn_pa);
+        let danger = pulled(EventKind::BaseTraction, base, adhesion.tear_pa);
         let released_at = at(traction.released_at);
         for (event, out) in [(warning, &mut state.warned), (danger, &mut state.tear_warned)] {
             if event.value > event.limit && !*out {
@@ -122,14 +122,14 @@ impl World {
             state.quiet_until_ns = now + VITREOUS_QUIET_NS;
             let pitch_mm = f64::from(lattice.pitch_um) * 1e-3;
             let area_mm2 = state.released as f64 * pitch_mm * pitch_mm;
-            let event = Happening::new(EventKind::VitreousDetached, Severity::Info, area_mm2);
+            let event = Happening::new(EventKind::VitreousDetached, area_mm2);
             self.log.raise(Happening { position_in_eye_mm: released_at, ..event });
         }
         let removed_ml = state.removed_um3(lattice) as f64 * 1e-12;
         let milestones = (removed_ml / scene.suction.milestone_ml) as u64;
         if milestones > state.milestones {
             state.milestones = milestones;
-            self.log.raise(Happening::new(EventKind::VitreousRemoved, Severity::Info, removed_ml));
+            self.log.raise(Happening::new(EventKind::VitreousRemoved, removed_ml));
         }
     }
 

@@ -228,7 +228,7 @@ impl Scorer {
             }
             EventKind::RetinaLeft => end_contact(meter, hand),
             EventKind::TissueGrabbed | EventKind::RetinaPierced => begin_work(meter, hand),
-            EventKind::TissueReleased | EventKind::NeedleLeft => meter.hands[hand].at_work = false,
+            EventKind::TissueReleased | EventKind::BlebFilled => meter.hands[hand].at_work = false,
             _ => {}
         }
         match injury_of(kind) {

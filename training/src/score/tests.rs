@@ -420,6 +420,6 @@ fn the_retina_in_jaws_and_under_a_needle_is_work_and_trembling_is_one_contact_a_
     assert_eq!(contacts([touch(100).to_vec(), held.clone()].concat()), 0, "the touch that takes hold");
     assert_eq!(contacts([held.clone(), touch(200).to_vec()].concat()), 0, "what is in the jaws");
     assert_eq!(contacts([held, touch(350).to_vec()].concat()), 1, "after it was let go");
-    let pierced = vec![grab(102, EventKind::RetinaPierced), grab(300, EventKind::NeedleLeft)];
+    let pierced = vec![grab(102, EventKind::RetinaPierced), grab(300, EventKind::BlebFilled)];
     assert_eq!(contacts([touch(100).to_vec(), pierced, touch(290).to_vec()].concat()), 0);
 }

@@ -2,7 +2,7 @@
 
 use super::{Observation, Signal};
 use nalgebra::Vector3;
-use protocol::events::{EventKind, Severity};
+use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
 use protocol::time::Nanos;
 use scene::Goal;
@@ -123,7 +123,8 @@ impl Check<'_> {
                 self.keep(own, there.map(|_| 0.0), *hold_s);
             }
             Goal::Event { event, at_least, count, .. } => {
-                let kind = self.seen.events.iter().filter(|e| e.kind == *event && e.value >= *at_least);
+                let kind =
+                    self.seen.events.iter().filter(|e| e.kind == *event as u32 && e.value >= *at_least);
                 own.count = own.count.saturating_add(kind.count() as u32);
                 own.reached = own.count >= *count;
             }
@@ -197,22 +198,21 @@ impl Check<'_> {
             own.begun = true;
         }
         let (along, off) = nearest_ahead(path, &tip, own.along_mm);
-        let tell = |kind, severity, value| Signal {
-            severity,
+        let tell = |kind, value| Signal {
             limit: radius_mm,
             ..Signal::new(kind, value).about(index).by(instrument, &tip)
         };
         if off > radius_mm {
             if own.outside_ns == 0 {
                 own.outside_ns = self.seen.now_ns;
-                say(tell(EventKind::PathLeft, Severity::Warning, off - radius_mm));
+                say(tell(EventKind::PathLeft, off - radius_mm));
             }
             return;
         }
         if own.outside_ns > 0 {
             let lasted_s = (self.seen.now_ns - own.outside_ns) as f64 * 1e-9;
             own.outside_ns = 0;
-            say(tell(EventKind::PathRegained, Severity::Info, lasted_s));
+            say(tell(EventKind::PathRegained, lasted_s));
         }
         own.along_mm = along;
         own.miss(self.smooth_mm[instrument].map_or(off, |p| nearest_ahead(path, &p, along - AHEAD_MM).1));

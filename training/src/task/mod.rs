@@ -10,7 +10,7 @@ pub use eye::{LENS_HALF_MM, LENS_RADIUS_MM, lens_depth_mm};
 use crate::sample::Tip;
 use goal::{Check, GoalState};
 use nalgebra::{Isometry3, Vector3};
-use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
+use protocol::events::{Event, EventKind, NO_INSTRUMENT};
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
 use protocol::time::Nanos;
@@ -26,8 +26,6 @@ const SMOOTHING_S: f64 = 0.1;
 pub struct Signal {
     /// What happened.
     pub kind: EventKind,
-    /// How serious.
-    pub severity: Severity,
     /// Instrument or [`NO_INSTRUMENT`].
     pub instrument: u32,
     /// Goal or category.
@@ -45,7 +43,6 @@ impl Signal {
     pub fn new(kind: EventKind, value: f64) -> Self {
         Signal {
             kind,
-            severity: Severity::Info,
             instrument: NO_INSTRUMENT,
             subject: 0,
             value,
@@ -267,7 +264,7 @@ impl Task {
             state.phase = Phase::TimedOut;
             let over =
                 Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskTimedOut, open as f64) };
-            say(Signal { severity: Severity::Warning, ..over });
+            say(over);
         }
     }
 
@@ -297,7 +294,7 @@ impl Task {
             if depth > 0.0 && *since == 0 {
                 *since = seen.now_ns;
                 let touch = Signal::new(EventKind::LensTouched, depth).by(i, &tip.tip_in_eye_mm);
-                say(Signal { severity: Severity::Injury, ..touch });
+                say(touch);
             } else if depth <= -eye::LENS_CLEAR_MM && *since > 0 {
                 let lasted_s = (seen.now_ns - *since) as f64 * 1e-9;
                 *since = 0;

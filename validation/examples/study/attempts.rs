@@ -2,7 +2,6 @@
 
 use anyhow::Result;
 use fpga_model::cameras::Path;
-use protocol::events::EventKind;
 use scene::module::Module;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -70,7 +69,7 @@ pub fn tell(module: &Module, level: u32, surgeon: &Skill, seed: u64) -> Result<(
             println!("{at_s:7.2} s  body {a} tip {b} jaws {jaw:.2}");
         }
         for event in world.events() {
-            let (text, unit) = EventKind::from_wire(event.kind).map_or(("", ""), EventKind::text);
+            let (text, unit) = event.info().map_or(("", ""), |e| (e.text, e.unit));
             let ([x, y, z], hand, about) = (event.position_in_eye_mm, event.instrument as i32, event.subject);
             println!(
                 "{at_s:7.2} s  {hand:2} {about:4}  {text}: {:.3} {unit} at ({x:.2}, {y:.2}, {z:.2})",
