@@ -2,17 +2,16 @@
 //! `cargo run --release -p renderer --example still -- OUT.png [TIER [peel|bleb|vitreous|bodies
 //! [none|flat|wide-angle [FIELD_MM [FOCUS_MM]]]]]`; the inverter goes with the wide-angle lens.
 
-mod common;
-
 use anyhow::Result;
 use protocol::optics::Lens;
 use protocol::rig::Rig;
-use renderer::frame::Renderer;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
+use renderer::offscreen::Offscreen;
 use renderer::output::save_png;
-use renderer::readback::{Picture, ReadBack};
-use renderer::start::plan;
+use renderer::readback::Picture;
+use renderer::reference_scene::subject;
+use renderer::start::{map_px, renderer_config};
 use scene::{DEFAULT_SCENE, SceneFile};
 
 fn main() -> Result<()> {
@@ -20,7 +19,7 @@ fn main() -> Result<()> {
     let mut args = std::env::args().skip(1);
     let out = args.next().unwrap_or_else(|| "still.png".into());
     let tier: usize = args.next().map_or(Ok(2), |t| t.parse())?;
-    let subject = args.next().unwrap_or_else(|| "peel".into());
+    let name = args.next().unwrap_or_else(|| "peel".into());
     let lens = match args.next().as_deref() {
         None | Some("none") => Lens::None,
         Some("flat") => Lens::Flat,
@@ -31,25 +30,21 @@ fn main() -> Result<()> {
     let focus_mm: f64 = args.next().map_or(Ok(0.0), |f| f.parse())?;
     let (file, rig) = (SceneFile::load(DEFAULT_SCENE)?, Rig::load_or_shipped(None)?);
     let gpu = Gpu::headless()?;
-    let mut renderer = Renderer::new(&gpu, plan(&file, &rig, 0, renderer::start::map_px(&gpu)))?;
+    let config = renderer_config(&file, &rig, 0, map_px(&gpu));
+    let mut offscreen = Offscreen::new(gpu, config)?;
     let mut latched = None;
-    for mut scene in common::subject(&file, &rig, &subject) {
+    for mut scene in subject(&file, &rig, &name) {
         let microscope = &mut scene.header.microscope;
         (microscope.lens, microscope.inverter) = (lens as u32, u32::from(lens == Lens::WideAngle));
         microscope.field_mm = field_mm.unwrap_or(microscope.field_mm);
         microscope.focus_mm = focus_mm;
-        renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload))?;
+        offscreen.renderer.take_scene(&offscreen.gpu, &scene.header, scene.payload())?;
         latched = Some(latch_scene(&scene.header));
     }
     let latched = latched.expect("a scene");
-    let mut draw = |tier: usize| -> Result<()> {
-        let commands = renderer.encode(&gpu, tier);
-        renderer.submit(&gpu, tier, &latched, commands);
-        Ok(gpu.wait()?)
-    };
-    draw(tier)?;
     let mut picture = Picture::default();
-    ReadBack::new(&gpu, 0).read(&gpu, renderer.target(tier), &mut picture)?;
+    offscreen.draw(tier, &latched);
+    offscreen.read(tier, &mut picture)?;
     save_png(out.as_ref(), &picture)?;
     Ok(())
 }

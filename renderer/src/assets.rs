@@ -38,11 +38,17 @@ pub struct Assets {
 
 impl Assets {
     /// Those that are built in.
+    ///
+    /// # Errors
+    /// If an asset that is built in cannot be decoded.
     pub fn shipped() -> Result<Self, AssetError> {
         Self::load(None, None)
     }
 
     /// From a photograph and a folder of meshes, where they are given.
+    ///
+    /// # Errors
+    /// If a file cannot be read, or is not a square colour photograph or a valid mesh.
     pub fn load(photograph: Option<&Path>, instruments: Option<&Path>) -> Result<Self, AssetError> {
         let photograph = match photograph {
             Some(path) => self::photograph(path)?,
@@ -54,6 +60,9 @@ impl Assets {
 }
 
 /// The photograph that is built in, decoded.
+///
+/// # Errors
+/// If it cannot be decoded.
 pub fn shipped_photograph() -> Result<RgbImage, AssetError> {
     decode("assets/fundus.jpg", PHOTOGRAPH)
 }

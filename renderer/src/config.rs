@@ -1,6 +1,6 @@
 //! Arguments of the program.
 
-use crate::present::window::WindowPlan;
+use crate::present::window::WindowConfig;
 use crate::stereo::Arrangement;
 use ipc::shell::ShellArgs;
 use std::path::PathBuf;
@@ -79,14 +79,14 @@ pub struct Config {
 
 impl Config {
     /// The window, if one is wanted.
-    pub fn window_plan(&self) -> Option<WindowPlan> {
-        let plan = WindowPlan {
+    pub fn window_config(&self) -> Option<WindowConfig> {
+        let window = WindowConfig {
             arrangement: self.arrange,
             full_screen: self.full_screen,
             desk: self.desk,
             monitor: self.monitor.clone(),
         };
-        self.window.then_some(plan)
+        self.window.then_some(window)
     }
 }
 

@@ -182,12 +182,12 @@ impl Governor {
     }
 
     /// Takes in how long a frame of the present tier took; true if the tier has changed.
-    pub fn note(&mut self, frame_ns: u64) -> bool {
+    pub fn record_frame(&mut self, frame_ns: u64) -> bool {
         if self.fixed {
             return false;
         }
         if self.rest > 0 {
-            return self.note_at_rest(frame_ns);
+            return self.record_at_rest(frame_ns);
         }
         self.times_ns[self.count % WINDOW] = frame_ns;
         self.count += 1;
@@ -209,7 +209,7 @@ impl Governor {
     }
 
     /// Soon after a change: the start may be hopelessly high, which two frames tell, not one.
-    fn note_at_rest(&mut self, frame_ns: u64) -> bool {
+    fn record_at_rest(&mut self, frame_ns: u64) -> bool {
         self.rest -= 1;
         let (budgets, in_a_row) = HOPELESS;
         self.hopeless = if frame_ns > budgets * self.budget_ns { self.hopeless + 1 } else { 0 };
@@ -297,7 +297,7 @@ mod tests {
             let dearer = if t.shading == Shading::Full { 20 } else { 1 };
             let time = 1_000_000 + 2 * dearer * u64::from(t.width_px * t.height_px) * ns_per_px;
             late += usize::from(time > BUDGET);
-            governor.note(time);
+            governor.record_frame(time);
         }
         late
     }
@@ -320,8 +320,8 @@ mod tests {
     #[test]
     fn overload_is_answered_within_five_frames() {
         let mut governor = governor(3);
-        (0..50).for_each(|_| assert!(!governor.note(8_000_000)));
-        let answered = (0..5).position(|_| governor.note(16_000_000));
+        (0..50).for_each(|_| assert!(!governor.record_frame(8_000_000)));
+        let answered = (0..5).position(|_| governor.record_frame(16_000_000));
         assert!(answered.is_some());
         assert_eq!(governor.tier_index(), 4);
         assert_eq!(governor.reason().to_string(), "frames of up to 16 ms, 15 allowed");
@@ -331,18 +331,22 @@ mod tests {
     fn it_falls_no_further_than_it_must() {
         // Twice the budget at 2×640×512: the next tier would need 17 ms, the one after that 12.
         let mut steady = governor(3);
-        (0..20).any(|_| steady.note(30_000_000));
+        (0..20).any(|_| steady.record_frame(30_000_000));
         assert_eq!(steady.tier_index(), 5);
         // Two frames of 100 ms among good ones do not count, and one more does not make the good ones bad.
         let mut disturbed = governor(3);
-        (0..20).for_each(|_| assert!(!disturbed.note(14_000_000)));
-        assert!(!disturbed.note(100_000_000) && !disturbed.note(100_000_000) && disturbed.note(16_000_000));
+        (0..20).for_each(|_| assert!(!disturbed.record_frame(14_000_000)));
+        assert!(
+            !disturbed.record_frame(100_000_000)
+                && !disturbed.record_frame(100_000_000)
+                && disturbed.record_frame(16_000_000)
+        );
         assert_eq!(disturbed.tier_index(), 4, "for the typical one, 16 ms");
         // Below the floor only what lasts at the floor leads.
         let mut long = governor(SOFTWARE_START);
         let mut changes = Vec::new();
         for _ in 0..70 {
-            if long.note(200_000_000) {
+            if long.record_frame(200_000_000) {
                 changes.push(long.tier_index());
             }
         }
@@ -352,8 +356,8 @@ mod tests {
     #[test]
     fn a_hiccup_right_after_a_change_is_none() {
         let mut governor = governor(SOFTWARE_START);
-        assert!(!governor.note(90_000_000));
-        (0..90).for_each(|i| assert!(!governor.note(8_000_000), "frame {i}"));
+        assert!(!governor.record_frame(90_000_000));
+        (0..90).for_each(|i| assert!(!governor.record_frame(8_000_000), "frame {i}"));
         assert_eq!(governor.tier_index(), SOFTWARE_START);
     }
 
@@ -362,7 +366,7 @@ mod tests {
         let mut governor = governor(3);
         for i in 0..400 {
             let late = i % 50 == 20 || i % 50 == 21;
-            assert!(!governor.note(if late { 40_000_000 } else { 11_000_000 }), "frame {i}");
+            assert!(!governor.record_frame(if late { 40_000_000 } else { 11_000_000 }), "frame {i}");
         }
     }
 
@@ -373,7 +377,7 @@ mod tests {
         let mut tries = Vec::new();
         for i in 0..20_000 {
             let before = governor.tier_index();
-            governor.note(if before <= 5 { 20_000_000 } else { 3_000_000 });
+            governor.record_frame(if before <= 5 { 20_000_000 } else { 3_000_000 });
             if governor.tier_index() < before {
                 tries.push(i);
             }
@@ -385,13 +389,13 @@ mod tests {
     #[test]
     fn hopeless_start_is_left_at_once_and_fixed_stays() {
         let mut governor = governor(HARDWARE_START);
-        assert!(!governor.note(300_000_000) && governor.note(300_000_000));
+        assert!(!governor.record_frame(300_000_000) && governor.record_frame(300_000_000));
         assert_eq!(governor.tier_index(), 3, "a thirtieth: a twentieth for its shading, and fewer pixels");
         assert_eq!(governor.reason().why, TierReason::Overload);
         let mut fixed = Governor::new(BUDGET, 0, Some(99), Costs::default());
         assert_eq!(fixed.reason().to_string(), "fixed by --tier");
         assert_eq!(fixed.tier_index(), TIERS.len() - 1);
-        assert!((0..500).all(|_| !fixed.note(300_000_000)));
+        assert!((0..500).all(|_| !fixed.record_frame(300_000_000)));
     }
 
     #[test]
@@ -399,7 +403,9 @@ mod tests {
         let mut governor = governor(3);
         // One in ten is late, and never two among five.
         let mut note = |frames: usize| {
-            (0..frames).filter(|i| governor.note(if i % 10 == 0 { 16_000_000 } else { 9_000_000 })).count()
+            (0..frames)
+                .filter(|i| governor.record_frame(if i % 10 == 0 { 16_000_000 } else { 9_000_000 }))
+                .count()
         };
         assert_eq!(note(150), 1);
         assert_eq!(note(1_000), 2);
@@ -410,7 +416,7 @@ mod tests {
     #[test]
     fn it_leaves_the_depths_below_the_floor_soon() {
         let mut governor = governor(FLOOR + 1);
-        let frames = (0..100).position(|_| governor.note(5_000_000));
+        let frames = (0..100).position(|_| governor.record_frame(5_000_000));
         assert!(frames.is_some_and(|n| n <= 30), "{frames:?}");
         assert_eq!(governor.tier_index(), FLOOR);
     }

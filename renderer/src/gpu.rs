@@ -25,7 +25,8 @@ pub enum GpuError {
     Lost(String),
 }
 
-/// An open device.
+/// An open device; clones share it.
+#[derive(Clone)]
 pub struct Gpu {
     /// The adapter.
     pub adapter: Adapter,
@@ -43,6 +44,9 @@ pub struct Gpu {
 
 impl Gpu {
     /// Opens a device that needs no display.
+    ///
+    /// # Errors
+    /// If no driver answers or it refuses the device.
     pub fn headless() -> Result<Self, GpuError> {
         for backends in interfaces() {
             let instance = instance(backends);
@@ -54,6 +58,9 @@ impl Gpu {
     }
 
     /// Opens a device that can show on `target`, and its surface.
+    ///
+    /// # Errors
+    /// If no driver can draw onto `target` or it refuses the device.
     pub fn for_surface<T>(target: T) -> Result<(Self, Surface<'static>), GpuError>
     where
         T: Into<SurfaceTarget<'static>> + Clone,
@@ -99,6 +106,9 @@ impl Gpu {
     }
 
     /// Waits until everything submitted is done; tells if the device went away.
+    ///
+    /// # Errors
+    /// If the device was lost.
     pub fn wait(&self) -> Result<(), GpuError> {
         let done = self.device.poll(wgpu::PollType::wait_indefinitely());
         match (self.lost.get(), done) {

@@ -34,7 +34,7 @@ impl Default for GpuClock {
 impl GpuClock {
     /// Takes a frame in that was submitted at `submitted` and seen to be finished at `seen`; the instant, on the processor's
     /// clock, at which the device had finished it, never outside these two. Stamps that make no sense give `seen`.
-    pub fn drawn(&mut self, submitted: Nanos, span: Span, seen: Nanos) -> Nanos {
+    pub fn finished_at(&mut self, submitted: Nanos, span: Span, seen: Nanos) -> Nanos {
         if span.end_ns < span.begin_ns || seen < submitted || span.end_ns - span.begin_ns > seen - submitted {
             return seen;
         }
@@ -70,7 +70,7 @@ mod tests {
                 let submitted = 1_000_000_000 + i as u64 * 11_764_706;
                 let (begin, end) = (submitted + 60_000, submitted + 4_060_000);
                 let span = Span { begin_ns: stamp(origin, ppm, begin), end_ns: stamp(origin, ppm, end) };
-                let found = clock.drawn(submitted, span, end + late);
+                let found = clock.finished_at(submitted, span, end + late);
                 prop_assert!((submitted..=end + late).contains(&found));
                 if i > FRAMES {
                     // The quickest wake-up of 64 from a range of 2 ms, and the drift since then.
@@ -84,7 +84,7 @@ mod tests {
     fn a_clock_that_jumps_is_followed_at_once() {
         let mut clock = GpuClock::default();
         let frame = |clock: &mut GpuClock, at: u64, origin: u64| {
-            clock.drawn(at, Span { begin_ns: origin + at + 10, end_ns: origin + at + 500 }, at + 520)
+            clock.finished_at(at, Span { begin_ns: origin + at + 10, end_ns: origin + at + 500 }, at + 520)
         };
         assert_eq!(frame(&mut clock, 1_000, 7_000_000), 1_520);
         assert_eq!(frame(&mut clock, 2_000, 9_000_000_000), 2_520);
@@ -93,9 +93,9 @@ mod tests {
     #[test]
     fn stamps_without_sense_are_not_believed() {
         let mut clock = GpuClock::default();
-        assert_eq!(clock.drawn(100, Span { begin_ns: 50, end_ns: 20 }, 300), 300);
+        assert_eq!(clock.finished_at(100, Span { begin_ns: 50, end_ns: 20 }, 300), 300);
         assert_eq!(
-            clock.drawn(100, Span { begin_ns: 0, end_ns: 900 }, 300),
+            clock.finished_at(100, Span { begin_ns: 0, end_ns: 900 }, 300),
             300,
             "longer than it can have taken"
         );

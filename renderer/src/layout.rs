@@ -81,7 +81,7 @@ pub struct MetalVertex {
 /// A vertex of the membrane or of lifted retina, eye frame.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub struct SheetVertex {
+pub struct TissueVertex {
     /// mm.
     pub position: [f32; 3],
     /// Unit.
@@ -93,4 +93,4 @@ pub struct SheetVertex {
 
 /// Both vertex types look the same to the GPU: two vectors of three, two numbers.
 pub const VERTEX_STRIDE: u64 = size_of::<MetalVertex>() as u64;
-const _: () = assert!(size_of::<MetalVertex>() == 32 && size_of::<SheetVertex>() == 32);
+const _: () = assert!(size_of::<MetalVertex>() == 32 && size_of::<TissueVertex>() == 32);

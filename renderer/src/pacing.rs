@@ -32,11 +32,11 @@ impl Pacing {
     /// `refreshed` is an instant at which the display was last refreshed.
     pub fn expected(&self, latched: Nanos, refreshed: Nanos) -> Nanos {
         let drawn = latched + self.latch_to_seen_ns as u64;
-        self.seen(drawn, refreshed)
+        self.next_refresh(drawn, refreshed)
     }
 
     /// First refresh after `drawn`; without a display `drawn` itself.
-    pub fn seen(&self, drawn: Nanos, refreshed: Nanos) -> Nanos {
+    pub fn next_refresh(&self, drawn: Nanos, refreshed: Nanos) -> Nanos {
         match self.refresh_ns {
             Some(period) if period > 0 && drawn >= refreshed => {
                 refreshed + (drawn - refreshed).div_ceil(period).max(1) * period
@@ -50,7 +50,7 @@ impl Pacing {
     pub fn start_at(&self, earliest: Nanos, refreshed: Nanos) -> Nanos {
         let Some(period) = self.refresh_ns.filter(|&p| p > 0) else { return earliest };
         let lead = (self.start_to_seen_ns + SPREADS * self.spread_ns + WAKE_NS) as u64;
-        let seen = self.seen(earliest + lead, refreshed);
+        let seen = self.next_refresh(earliest + lead, refreshed);
         // Nothing is gained by waiting longer than for one refresh, whatever was handed in.
         seen.saturating_sub(lead).clamp(earliest, earliest + period)
     }
@@ -62,7 +62,7 @@ impl Pacing {
     }
 
     /// Learns from a frame.
-    pub fn note(&mut self, start: Nanos, latched: Nanos, seen: Nanos) {
+    pub fn record_frame(&mut self, start: Nanos, latched: Nanos, seen: Nanos) {
         let took = seen.saturating_sub(latched) as f64;
         self.latch_to_seen_ns += GAIN * (took - self.latch_to_seen_ns);
         let off = seen.saturating_sub(start) as f64 - self.start_to_seen_ns;
@@ -107,32 +107,32 @@ mod tests {
     #[test]
     fn headless_pictures_are_seen_when_drawn() {
         let mut pacing = Pacing::new(None, 15_000_000);
-        (0..200).for_each(|_| pacing.note(0, 1_000, 9_001_000));
+        (0..200).for_each(|_| pacing.record_frame(0, 1_000, 9_001_000));
         let expected = pacing.expected(50_000_000, 0);
         assert!((expected as i64 - 59_000_000).abs() < 10_000, "{expected}");
-        assert_eq!(pacing.seen(7, 0), 7);
+        assert_eq!(pacing.next_refresh(7, 0), 7);
     }
 
     #[test]
     fn displays_show_at_their_refresh() {
         let pacing = Pacing::new(Some(10), 0);
-        assert_eq!(pacing.seen(101, 100), 110);
-        assert_eq!(pacing.seen(110, 100), 110);
-        assert_eq!(pacing.seen(100, 100), 110, "the refresh at which it was begun is over");
-        assert_eq!(pacing.seen(125, 100), 130);
+        assert_eq!(pacing.next_refresh(101, 100), 110);
+        assert_eq!(pacing.next_refresh(110, 100), 110);
+        assert_eq!(pacing.next_refresh(100, 100), 110, "the refresh at which it was begun is over");
+        assert_eq!(pacing.next_refresh(125, 100), 130);
     }
 
     #[test]
     fn a_frame_begins_as_late_as_its_refresh_allows() {
         const PERIOD: u64 = 11_764_706;
         let mut pacing = Pacing::new(Some(PERIOD), 15_000_000);
-        (0..300).for_each(|_| pacing.note(0, 100_000, 4_000_000));
+        (0..300).for_each(|_| pacing.record_frame(0, 100_000, 4_000_000));
         // 4 ms of work and 0.5 for waking: it begins 7.26 ms after the refresh, and is seen at the next.
         let begin = pacing.start_at(1_000, 1_000);
         assert!((begin as i64 - (1_000 + PERIOD as i64 - 4_500_000)).abs() < 10_000, "{begin}");
-        assert_eq!(pacing.seen(begin + 4_000_000, 1_000), 1_000 + PERIOD);
+        assert_eq!(pacing.next_refresh(begin + 4_000_000, 1_000), 1_000 + PERIOD);
         // With a spread of 1 ms it begins earlier; where only the refresh after can be met, later.
-        (0..300).for_each(|i| pacing.note(0, 100_000, 4_000_000 + 2_000_000 * (i % 2) - 1_000_000));
+        (0..300).for_each(|i| pacing.record_frame(0, 100_000, 4_000_000 + 2_000_000 * (i % 2) - 1_000_000));
         assert!(pacing.start_at(1_000, 1_000) < begin - 2_000_000);
         let late = pacing.start_at(1_000 + PERIOD - 1_000_000, 1_000);
         assert!(late > 1_000 + PERIOD && late + 4_000_000 < 1_000 + 2 * PERIOD);
@@ -145,7 +145,7 @@ mod tests {
         // Frames of 8, 27 and 8: seen at 10, 40 and 50. The refreshes at 20 and 30 showed nothing new.
         let (mut refreshed, mut missed, mut seen) = (0, 0, Vec::new());
         for took in [8, 27, 8] {
-            let displayed = pacing.seen(refreshed + took, refreshed);
+            let displayed = pacing.next_refresh(refreshed + took, refreshed);
             missed += pacing.missed(refreshed, displayed);
             seen.push(displayed);
             refreshed = displayed;

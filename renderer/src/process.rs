@@ -1,6 +1,8 @@
-//! The loop: a new scene wakes it, it draws one stereo frame with the newest pose, and says when.
+//! The loop: a new scene or the display wakes it, it draws one stereo frame with the newest pose, and
+//! publishes the frame's instants.
 
-mod person;
+mod pictures;
+mod user;
 
 use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO_HZ};
 use crate::frame::Renderer;
@@ -8,7 +10,7 @@ use crate::governor::{FLOOR, Governor, TIERS};
 use crate::gpu::Gpu;
 use crate::gpu_clock::GpuClock;
 use crate::latch::{Latched, latch, latch_scene};
-use crate::output::{Finished, Output, OutputPlan, Wanted};
+use crate::output::{Output, OutputConfig};
 use crate::pacing::{Pacing, Ticks};
 use crate::present::{Present, Ready};
 use crate::readback::ReadBack;
@@ -17,81 +19,38 @@ use anyhow::{Context, Result};
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
 use ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
-use person::Person;
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
     BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PictureHeader, TIER_CHANGED,
     TRACKING_LOST_SHOWN,
 };
-use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
+use protocol::health::{Process, STATE_RUNNING};
 use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
+use user::User;
 
-/// Runs until it is told to stop.
+/// Runs until a request, a signal or the user stops it.
+///
+/// # Errors
+/// If the scene, the rig or an asset cannot be read, there is no graphics driver or no display, the
+/// device is lost, or a file cannot be written.
 pub fn run(config: &Config) -> Result<()> {
     // Before the driver starts its threads, which inherit it.
     let _ = rustix::process::nice(NICENESS);
-    let (instance, shell) = Shell::start(Process::Renderer, &config.shell)?;
-    let scene = start::load_scene(config)?;
-    let (gpu, present) = Present::open(config.window_plan().as_ref())?;
-    let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
-    let fixed = config.tier.map(|t| t as usize);
-    let first_tier = start::first_tier(&gpu, fixed);
-    let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier, now)?;
-    let output_plan = OutputPlan {
-        stills: config.stills.clone(),
-        video: config.video.clone(),
-        video_px: start::video_px(&gpu, fixed),
-        video_hz: VIDEO_HZ,
-        arrangement: config.arrange.for_files(),
-    };
-    let output = Output::start(&output_plan, first_tier).context("files for stills or video")?;
-    let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
-    let mut running = Running {
-        person: Person::open(&instance, config.desk, config.show_dose)?,
-        poses: instance.receiver(Queue::Newest)?,
-        scenes: instance.block_receiver()?,
-        frames: instance.sender()?,
-        pictures: instance.block_sender(MAX_PICTURE_BYTES)?,
-        clock: GpuClock::default(),
-        governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed, costs),
-        pacing: Pacing::new(present.refresh_ns(), limit_ns),
-        read_back: ReadBack::new(&gpu, first_tier),
-        stills: rate(config.stills.is_some(), 1e9 / STILL_NS as f64),
-        video: rate(config.video.is_some(), f64::from(VIDEO_HZ)),
-        small: Ticks::new(config.pictures_hz),
-        keeps_last: config.stills.is_some(),
-        snapshot: false,
-        lose_device_after: config.lose_device_after,
-        shell,
-        gpu,
-        present,
-        renderer,
-        output,
-        scene: None,
-        pose: None,
-        frame: 0,
-        missed: 0,
-        last_drawn: 0,
-        shown_tier: None,
-        status_until: None,
-        write_failed: false,
-    };
-    running.shell.report.state = STATE_RUNNING;
-    running.say_tier(false);
-    running.shell.beat_now(now())?;
-    while !running.shell.stopping() {
-        running.turn()?;
+    let mut process = RendererShell::start(config)?;
+    while !process.shell.stopping() {
+        process.turn()?;
     }
-    running.finish()
+    process.finish()
 }
 
-struct Running {
+/// The process: channels, device, and the state between frames.
+struct RendererShell {
     shell: Shell,
-    person: Person,
+    user: User,
     poses: Receiver<TrackerFrame>,
     scenes: BlockReceiver<SceneHeader>,
     frames: Sender<FrameRecord>,
@@ -109,9 +68,9 @@ struct Running {
     small: Ticks,
     keeps_last: bool,
     snapshot: bool,
-    /// Frames after which the device is given away, to rehearse its loss.
+    /// Frames after which the device is destroyed, to test its loss.
     lose_device_after: Option<u64>,
-    /// Header of the scene that is drawn.
+    /// Header of the present scene.
     scene: Option<SceneHeader>,
     pose: Option<TrackerFrame>,
     frame: u64,
@@ -119,57 +78,141 @@ struct Running {
     missed: u64,
     last_drawn: Nanos,
     shown_tier: Option<usize>,
-    /// Until when the picture tells the tier; `None` before the first such picture.
+    /// Until when the picture shows the tier; `None` before the first such picture.
     status_until: Option<Nanos>,
     write_failed: bool,
 }
 
-impl Running {
+/// Instants of a frame, see `FrameRecord`.
+struct FrameStamps {
+    start: Nanos,
+    latched: Nanos,
+    drawn: Nanos,
+    displayed: Nanos,
+}
+
+impl RendererShell {
+    /// Opens device, window, files and channels, and sends the first heartbeat.
+    fn start(config: &Config) -> Result<Self> {
+        let (instance, shell) = Shell::start(Process::Renderer, &config.shell)?;
+        let scene = start::load_scene(config)?;
+        let (gpu, present) = Present::open(config.window_config().as_ref())?;
+        let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
+        let fixed = config.tier.map(|t| t as usize);
+        let first_tier = start::first_tier(&gpu, fixed);
+        let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier, now)?;
+        let output_config = OutputConfig {
+            stills: config.stills.clone(),
+            video: config.video.clone(),
+            video_px: start::video_px(&gpu, fixed),
+            video_hz: VIDEO_HZ,
+            arrangement: config.arrange.for_files(),
+        };
+        let output = Output::start(&output_config, first_tier).context("files for stills or video")?;
+        let rate = |wanted: bool, hz: f64| Ticks::new(if wanted { hz } else { 0.0 });
+        let mut process = Self {
+            user: User::open(&instance, config.desk, config.show_dose)?,
+            poses: instance.receiver(Queue::Newest)?,
+            scenes: instance.block_receiver()?,
+            frames: instance.sender()?,
+            pictures: instance.block_sender(MAX_PICTURE_BYTES)?,
+            clock: GpuClock::default(),
+            governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed, costs),
+            pacing: Pacing::new(present.refresh_ns(), limit_ns),
+            read_back: ReadBack::new(&gpu, first_tier),
+            stills: rate(config.stills.is_some(), 1e9 / STILL_NS as f64),
+            video: rate(config.video.is_some(), f64::from(VIDEO_HZ)),
+            small: Ticks::new(config.pictures_hz),
+            keeps_last: config.stills.is_some(),
+            snapshot: false,
+            lose_device_after: config.lose_device_after,
+            shell,
+            gpu,
+            present,
+            renderer,
+            output,
+            scene: None,
+            pose: None,
+            frame: 0,
+            missed: 0,
+            last_drawn: 0,
+            shown_tier: None,
+            status_until: None,
+            write_failed: false,
+        };
+        process.shell.report.state = STATE_RUNNING;
+        process.show_tier(false);
+        process.shell.beat_now(now())?;
+        Ok(process)
+    }
+
+    /// One turn: inputs, the newest scene, a frame where one is due, pictures, requests.
     fn turn(&mut self) -> Result<()> {
-        let headless = matches!(self.present, Present::Headless);
-        self.hear_person()?;
-        // A GPU draws at the display's rate, with a newer prediction each time; a processor, which
-        // the simulation needs too, only what is new.
-        let waits = headless || self.gpu.is_software || self.scene.is_none();
+        self.serve_window()?;
+        let waits = self.waits_for_scene();
         if waits {
-            wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000);
+            self.wait();
         }
         let woken = now();
         let fresh = self.take_scene()?;
-        let idle = !headless && woken.saturating_sub(self.last_drawn) > IDLE_REDRAW_NS;
-        if self.scene.is_some() && (fresh || !waits || idle) {
-            match self.present.begin(&self.gpu, now) {
-                Ready::At(refreshed) => {
-                    // A GPU waits for the last moment; a processor that draws has none to lose.
-                    if !waits {
-                        sleep_until(self.pacing.start_at(now(), refreshed));
-                    }
-                    self.draw_frame(if headless { woken } else { now() }, refreshed)?
-                }
-                Ready::NotNow => wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000),
-                Ready::Closed => self.shell.stop(),
-            }
-        } else if self.scene.is_none() && self.present.is_closed() {
-            self.shell.stop();
+        if self.scene.is_some() && (fresh || !waits || self.is_idle(woken)) {
+            self.draw_when_ready(woken, waits)?;
         }
-        self.collect_pictures()?;
-        self.serve()
+        self.publish_pictures()?;
+        self.serve_requests()
     }
 
-    /// Serves the window, and puts onto the picture what a person shall know.
-    fn hear_person(&mut self) -> Result<()> {
-        if self.present.is_closed() {
-            self.shell.stop();
-        }
-        self.person.hear(&mut self.present, now())?;
-        self.renderer.show_dose(&self.gpu, self.person.shows_dose());
-        if let Some((lines, alone)) = self.person.overlay() {
-            self.renderer.overlay(&lines, alone);
+    /// A GPU draws at the display's rate, with a newer prediction each time. A processor, which the
+    /// simulation needs too, draws each scene once.
+    fn waits_for_scene(&self) -> bool {
+        self.is_headless() || self.gpu.is_software || self.scene.is_none()
+    }
+
+    fn is_headless(&self) -> bool {
+        matches!(self.present, Present::Headless)
+    }
+
+    /// Until a scene or a request comes, or for [`MAX_WAIT_MS`].
+    fn wait(&self) {
+        wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000);
+    }
+
+    /// True if a window has not been redrawn for [`IDLE_REDRAW_NS`].
+    fn is_idle(&self, at: Nanos) -> bool {
+        !self.is_headless() && at.saturating_sub(self.last_drawn) > IDLE_REDRAW_NS
+    }
+
+    /// Draws a frame if the display takes one; `waited`: for a scene, not for the display.
+    fn draw_when_ready(&mut self, woken: Nanos, waited: bool) -> Result<()> {
+        match self.present.begin(&self.gpu, now) {
+            Ready::At(refreshed) => {
+                // A GPU waits for the last moment; a processor that draws has no time to lose.
+                if !waited {
+                    sleep_until(self.pacing.start_at(now(), refreshed));
+                }
+                let frame_start = if self.is_headless() { woken } else { now() };
+                self.draw_frame(frame_start, refreshed)?;
+            }
+            Ready::NotNow => self.wait(),
+            Ready::Closed => self.shell.stop(),
         }
         Ok(())
     }
 
-    /// The newest scene, if there is one since the last call.
+    /// Serves the window's events and updates what the user sees of them.
+    fn serve_window(&mut self) -> Result<()> {
+        if self.present.is_closed() {
+            self.shell.stop();
+        }
+        self.user.forward_inputs(&mut self.present, now())?;
+        self.renderer.show_dose(&self.gpu, self.user.shows_dose());
+        if let Some(overlay) = self.user.take_overlay() {
+            self.renderer.set_overlay(&overlay.lines, overlay.hides_scene_text);
+        }
+        Ok(())
+    }
+
+    /// Takes the newest scene in; true if one came since the last call and is valid.
     fn take_scene(&mut self) -> Result<bool> {
         let Some(sample) = self.scenes.receive()? else { return Ok(false) };
         if let Err(refused) = self.renderer.take_scene(&self.gpu, sample.header(), sample.payload()) {
@@ -177,13 +220,13 @@ impl Running {
             tracing::debug!(field = sample.header().field, "scene refused: {refused}");
             return Ok(false);
         }
-        // A scene with triangles that name no node is drawn without them, and counts as refused too.
+        // A scene with triangles that name no node is drawn without them and counts as refused too.
         self.shell.report.refused += u64::from(self.renderer.refused_triangles() > 0);
         self.scene = Some(*sample.header());
         Ok(true)
     }
 
-    /// One stereo frame: commands first, then the newest pose, then the device.
+    /// One stereo frame: records commands, latches the newest pose, submits, waits, presents.
     fn draw_frame(&mut self, frame_start: Nanos, refreshed: Nanos) -> Result<()> {
         let tier = self.governor.tier_index();
         if self.lose_device_after == Some(self.frame) {
@@ -198,28 +241,29 @@ impl Running {
         self.gpu.wait()?;
         let done = now();
         let stamped = self.renderer.pass_times();
-        let drawn = stamped.map_or(done, |times| self.clock.drawn(latched_at, times.whole, done));
+        let drawn = stamped.map_or(done, |times| self.clock.finished_at(latched_at, times.whole, done));
         self.last_drawn = done;
-        // Handing over may take its time where the processor copies the picture to the display.
+        // Presenting takes time where the processor copies the picture to the display.
         let shown = if self.present.show(&self.gpu, self.renderer.target(tier)) { now() } else { drawn };
-        self.pacing.note(frame_start, latched_at, shown);
-        let displayed = self.pacing.seen(shown, refreshed);
+        self.pacing.record_frame(frame_start, latched_at, shown);
+        let displayed = self.pacing.next_refresh(shown, refreshed);
         self.missed += self.pacing.missed(refreshed, displayed);
         self.end_status(displayed);
-        let mut record = self.record(&latched, tier, [frame_start, latched_at, drawn, displayed]);
+        let stamps = FrameStamps { start: frame_start, latched: latched_at, drawn, displayed };
+        let mut record = self.record(&latched, tier, &stamps);
         record.flags |= if stamped.is_some() { DEVICE_CLOCK } else { 0 };
         self.frames.send(&record)?;
         self.frame += 1;
-        if self.governor.note(done - frame_start) {
-            self.say_tier(true);
+        if self.governor.record_frame(done - frame_start) {
+            self.show_tier(true);
         }
-        self.hand_out(tier, &record)
+        self.output_frame(tier, &record)
     }
 
-    /// Takes the words about the tier from the picture when they have been read.
+    /// Removes the status from the picture after [`STATUS_NS`].
     fn end_status(&mut self, shown: Nanos) {
         if shown > *self.status_until.get_or_insert(shown + STATUS_NS) {
-            self.renderer.say("");
+            self.renderer.set_status("");
         }
     }
 
@@ -229,17 +273,12 @@ impl Running {
             self.pose = Some(newest);
         }
         let from_scene = || self.scene.as_ref().map(latch_scene);
-        // While everything stands still nobody is lost, and nothing moves on.
-        let at = |pose: &TrackerFrame| if self.person.is_paused() { pose.instants.exposed } else { at };
+        // While paused nothing is lost or moves on.
+        let at = |pose: &TrackerFrame| if self.user.is_paused() { pose.instants.exposed } else { at };
         Ok(self.pose.as_ref().map(|pose| latch(pose, at(pose))).or_else(from_scene))
     }
 
-    fn record(
-        &mut self,
-        latched: &Latched,
-        tier: usize,
-        [start, at, drawn, displayed]: [Nanos; 4],
-    ) -> FrameRecord {
+    fn record(&mut self, latched: &Latched, tier: usize, stamps: &FrameStamps) -> FrameRecord {
         let mut instants = latched.instants;
         let scene = self.scene.as_ref();
         instants.stepped = scene.map_or(0, |s| s.instants.stepped);
@@ -250,12 +289,12 @@ impl Running {
             field: latched.field,
             scene_field: scene.map_or(0, |s| s.field),
             instants,
-            frame_start: start,
-            latched: at,
-            drawn,
-            displayed,
+            frame_start: stamps.start,
+            latched: stamps.latched,
+            drawn: stamps.drawn,
+            displayed: stamps.displayed,
             predicted_to: latched.predicted_to,
-            missed: self.missed + self.passed_over(),
+            missed: self.missed + self.skipped_scenes(),
             tier: tier as u32,
             width_px: TIERS[tier].width_px,
             height_px: TIERS[tier].height_px,
@@ -267,67 +306,13 @@ impl Running {
         }
     }
 
-    /// Scenes that were replaced before they could be drawn: a missed frame, if there is no display.
-    fn passed_over(&self) -> u64 {
+    /// Scenes replaced before they were drawn; without a display each is a missed frame.
+    fn skipped_scenes(&self) -> u64 {
         if self.present.refresh_ns().is_none() { self.scenes.counts().lost } else { 0 }
     }
 
-    /// Gives the picture to whoever is due for one.
-    fn hand_out(&mut self, tier: usize, record: &FrameRecord) -> Result<()> {
-        let at = record.displayed;
-        let wanted = Wanted {
-            frame: record.frame,
-            field: record.field,
-            displayed: at,
-            still: self.stills.due(at) > 0 || std::mem::take(&mut self.snapshot),
-            last: false,
-            jpeg: self.small.due(at) > 0,
-            video: self.video.due(at),
-        };
-        self.hand_over(tier, wanted)
-    }
-
-    fn hand_over(&mut self, tier: usize, wanted: Wanted) -> Result<()> {
-        if wanted.is_nothing() {
-            return Ok(());
-        }
-        let (gpu, target) = (&self.gpu, self.renderer.target(tier));
-        self.output.hand_over(wanted, |picture| self.read_back.read(gpu, target, picture))?;
-        Ok(())
-    }
-
-    /// Publishes finished small pictures; a file that cannot be written is reported once.
-    fn collect_pictures(&mut self) -> Result<()> {
-        let mut problem = None;
-        let pictures = &mut self.pictures;
-        let mut sent = Ok(());
-        self.output.collect(|finished| match finished {
-            Finished::Jpeg(of, jpeg) => {
-                let bytes = jpeg.len().min(MAX_PICTURE_BYTES);
-                let header = PictureHeader {
-                    frame: of.frame,
-                    field: of.field,
-                    displayed: of.displayed,
-                    bytes: bytes as u64,
-                };
-                sent = pictures.send(bytes, |to| {
-                    to[..bytes].copy_from_slice(&jpeg[..bytes]);
-                    header
-                });
-            }
-            Finished::Failed(error) => problem = Some(error),
-        });
-        sent?;
-        if let (Some(problem), false) = (problem, self.write_failed) {
-            self.write_failed = true;
-            self.shell.report.state = STATE_DEGRADED;
-            self.shell.say(&format!("a picture file cannot be written: {problem}"));
-        }
-        Ok(())
-    }
-
-    /// Heartbeat and requests.
-    fn serve(&mut self) -> Result<()> {
+    /// Fills the heartbeat in and answers requests.
+    fn serve_requests(&mut self) -> Result<()> {
         let (scenes, poses) = (self.scenes.counts(), self.poses.counts());
         let report = &mut self.shell.report;
         report.received = scenes.received + poses.received;
@@ -335,8 +320,8 @@ impl Running {
         report.lost = self.output.dropped;
         while let Some((request, command)) = self.shell.serve(now())? {
             match command {
-                Command::Pause => self.person.pause(true),
-                Command::Start => self.person.pause(false),
+                Command::Pause => self.user.pause(true),
+                Command::Start => self.user.pause(false),
                 _ => {}
             }
             let answer = match command {
@@ -345,7 +330,7 @@ impl Running {
                     Ok(())
                 }
                 Command::Snapshot => Err("no folder for stills: start with --stills DIR"),
-                // It has no other state to pause or reset: it draws whatever scene comes.
+                // It has no other state to pause or reset: it draws any scene that comes.
                 _ => Ok(()),
             };
             self.shell.answer(&request, answer)?;
@@ -353,31 +338,18 @@ impl Running {
         Ok(())
     }
 
-    /// Names tier and reason in the next heartbeat and, for a while, on the picture; on a change of tier only.
-    fn say_tier(&mut self, changed: bool) {
+    /// Puts tier and reason into the next heartbeat and, for [`STATUS_NS`], onto the picture.
+    fn show_tier(&mut self, changed: bool) {
         let (index, t, reason) = (self.governor.tier_index(), self.governor.tier(), self.governor.reason());
         let (width, height) = (t.width_px, t.height_px);
         let text = format!("tier {index}: 2×{width}×{height} ({reason}), {}", self.gpu.name);
-        self.renderer.say(&format!("tier {index}: {width}*{height}\n{reason}"));
+        self.renderer.set_status(&format!("tier {index}: {width}*{height}\n{reason}"));
         self.status_until = None;
         if changed {
             tracing::info!("{text}");
         }
         if !self.write_failed {
             self.shell.say(&text);
-        }
-    }
-
-    /// Saves the last picture and closes the files.
-    fn finish(mut self) -> Result<()> {
-        if let (true, Some(tier)) = (self.keeps_last, self.shown_tier) {
-            self.output.wait_for_room();
-            let wanted = Wanted { frame: self.frame.saturating_sub(1), last: true, ..Wanted::default() };
-            self.hand_over(tier, wanted)?;
-        }
-        match self.output.finish() {
-            Some(problem) => Err(anyhow::anyhow!("a picture file could not be written: {problem}")),
-            None => Ok(()),
         }
     }
 }

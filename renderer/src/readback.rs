@@ -54,6 +54,9 @@ impl ReadBack {
     }
 
     /// Copies `target` into `picture`, whose memory is used again.
+    ///
+    /// # Errors
+    /// If the device was lost.
     pub fn read(&self, gpu: &Gpu, target: &Target, picture: &mut Picture) -> Result<(), GpuError> {
         let size = target.texture.size();
         let stride = row_bytes(size.width);

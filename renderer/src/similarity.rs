@@ -1,7 +1,11 @@
-//! How alike two pictures look: mean structural similarity of brightness (Wang et al. 2004, windows of 8×8, every fourth place),
-//! and colour on average. For checks against reference pictures.
+//! Comparison with reference pictures: mean structural similarity of luma (SSIM, Wang et al. 2004,
+//! windows of 8×8 at every fourth place), and the mean difference of colour.
 
+use crate::governor::{Shading, TIERS, Tier};
 use crate::readback::Picture;
+
+/// Size of a channel of a reference picture, px.
+pub const REFERENCE_PX: [u32; 2] = [160, 128];
 
 const WINDOW: u32 = 8;
 
@@ -9,7 +13,7 @@ fn luma(p: [u8; 3]) -> f64 {
     0.299 * f64::from(p[0]) + 0.587 * f64::from(p[1]) + 0.114 * f64::from(p[2])
 }
 
-/// Structural similarity of two pictures of the same size, 1 where they are the same.
+/// Mean structural similarity of two pictures of the same size; 1 for equal ones.
 pub fn similarity(a: &Picture, b: &Picture) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for y in (0..=a.height_px - WINDOW).step_by(4) {
@@ -35,14 +39,28 @@ fn window_similarity(a: &Picture, b: &Picture, x: u32, y: u32) -> f64 {
     (2.0 * ma * mb + c1) * (2.0 * both + c2) / ((ma * ma + mb * mb + c1) * (va + vb + c2))
 }
 
-/// Mean difference of the colours of two pictures of the same size, of 255.
+/// Mean absolute difference of the colours of two pictures of the same size, of 255.
 pub fn colour_difference(a: &Picture, b: &Picture) -> f64 {
     let sum: u64 = a.rgba.iter().zip(&b.rgba).map(|(x, y)| u64::from(x.abs_diff(*y))).sum();
     sum as f64 / (0.75 * a.rgba.len() as f64)
 }
 
-/// `picture` at `width_px` and the height that goes with it, each pixel the mean of those it stands for. What is left over at
-/// the right and lower border is cut off.
+/// The smallest tier with this shading that is at least twice as wide as a reference picture.
+///
+/// # Panics
+/// If there is none.
+pub fn reference_tier(shading: Shading) -> usize {
+    let fits = |t: &Tier| t.shading == shading && t.width_px >= 2 * REFERENCE_PX[0];
+    TIERS.iter().rposition(fits).expect("a tier of each shading")
+}
+
+/// `picture` at the size of a reference picture.
+pub fn reference_sized(picture: &Picture) -> Picture {
+    reduced(picture, 2 * REFERENCE_PX[0])
+}
+
+/// `picture` at `width_px` and the height that goes with it, each pixel the mean of a square block. A
+/// rest at the right and lower border is cut off.
 pub fn reduced(picture: &Picture, width_px: u32) -> Picture {
     let n = (picture.width_px / width_px).max(1);
     let height_px = picture.height_px / n;

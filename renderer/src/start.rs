@@ -4,7 +4,7 @@
 use crate::assets::Assets;
 use crate::config::Config;
 use crate::costs::Costs;
-use crate::frame::{Plan, Renderer};
+use crate::frame::{Renderer, RendererConfig};
 use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
 use crate::gpu::Gpu;
 use crate::latch::Latched;
@@ -34,6 +34,9 @@ const COMPILED_AFTER: usize = 2;
 const SHAFT_LENGTH_MM: f64 = 60.0;
 
 /// The scene that was asked for.
+///
+/// # Errors
+/// If it cannot be read or is refused.
 pub fn load_scene(config: &Config) -> Result<SceneFile> {
     SceneFile::load(&config.scene).context("the renderer needs the scene")
 }
@@ -56,8 +59,8 @@ pub fn video_px(gpu: &Gpu, fixed: Option<usize>) -> [u32; 2] {
     [2 * tier.width_px, tier.height_px]
 }
 
-/// The plan for a scene and the rig's instruments.
-pub fn plan(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> Plan {
+/// What a renderer allocates for a scene and the rig's instruments.
+pub fn renderer_config(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> RendererConfig {
     let shafts: [Shaft; INSTRUMENTS] = std::array::from_fn(|i| Shaft {
         radius_mm: scene.instruments[i].shaft_radius_mm as f32,
         length_mm: rig.body(BODY_NAMES[i]).and_then(|b| b.length).unwrap_or(SHAFT_LENGTH_MM) as f32,
@@ -70,7 +73,7 @@ pub fn plan(scene: &SceneFile, rig: &Rig, first_tier: usize, map_px: u32) -> Pla
             [(w + 1) * (h + 1), 2 * w * h]
         }
     });
-    Plan {
+    RendererConfig {
         side: scene.eye.side,
         retina_radius_mm: scene.eye.retina_radius_mm,
         shafts,
@@ -86,6 +89,9 @@ pub fn map_px(gpu: &Gpu) -> u32 {
 }
 
 /// A renderer for `scene` that has drawn its first frames, and what these told about the costs of the tiers; `clock` gives ns.
+///
+/// # Errors
+/// If rig or assets cannot be read, or the device is lost.
 pub fn renderer(
     gpu: &Gpu,
     scene: &SceneFile,
@@ -95,8 +101,9 @@ pub fn renderer(
 ) -> Result<(Renderer, Costs)> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
     let assets = Assets::load(config.fundus.as_deref(), config.instruments.as_deref())?;
-    let mut renderer = Renderer::with_assets(gpu, plan(scene, &rig, first_tier, map_px(gpu)), &assets);
-    let costs = warm_up(gpu, &mut renderer, scene, (first_tier, clock))?;
+    let mut renderer =
+        Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), &assets);
+    let costs = warm_up(gpu, &mut renderer, scene, first_tier, clock)?;
     Ok((renderer, costs))
 }
 
@@ -106,7 +113,8 @@ fn warm_up(
     gpu: &Gpu,
     renderer: &mut Renderer,
     scene: &SceneFile,
-    (first_tier, clock): (usize, fn() -> Nanos),
+    first_tier: usize,
+    clock: fn() -> Nanos,
 ) -> Result<Costs> {
     let mut payload = [0u128; 96];
     let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));

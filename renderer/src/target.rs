@@ -13,8 +13,8 @@ pub struct Target {
     pub colour: TextureView,
     /// Depth; of full tiers that of the samples.
     pub depth: TextureView,
-    /// Of full tiers.
-    pub fine: Option<Fine>,
+    /// Of full tiers: what their samples are drawn into.
+    pub multisampled: Option<Multisampled>,
     /// What the retina is drawn as.
     pub cells: Cells,
     /// Width of a channel, px.
@@ -23,12 +23,12 @@ pub struct Target {
     pub height_px: u32,
 }
 
-/// What a full tier draws into before its picture is finished.
-pub struct Fine {
-    /// Several samples a pixel.
+/// Attachments of a full tier, several samples a pixel.
+pub struct Multisampled {
+    /// Colour of the samples.
     pub samples: TextureView,
-    /// The same, one value a pixel.
-    pub drawn: TextureView,
+    /// Colour resolved to one value a pixel, before the depth of field.
+    pub resolved: TextureView,
     /// Depth of the samples, to be read.
     pub depth: TextureView,
 }
@@ -55,13 +55,13 @@ impl Target {
         let texture = make(COLOUR, 1, TextureUsages::COPY_SRC | seen);
         let depth = make(DEPTH, samples, if samples > 1 { seen } else { TextureUsages::empty() });
         let view = |t: &Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
-        let fine = || Fine {
+        let multisampled = || Multisampled {
             samples: view(&make(COLOUR, samples, TextureUsages::empty())),
-            drawn: view(&make(COLOUR, 1, seen)),
+            resolved: view(&make(COLOUR, 1, seen)),
             depth: view(&depth),
         };
         Self {
-            fine: (samples > 1).then(fine),
+            multisampled: (samples > 1).then(multisampled),
             colour: view(&texture),
             depth: view(&depth),
             texture,

@@ -6,7 +6,7 @@
 //! is left out and counted.
 
 use crate::fundus_map;
-use crate::layout::SheetVertex;
+use crate::layout::TissueVertex;
 use glam::{Mat4, Vec3};
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::{NODE_BOUND, SceneHome, SceneNode, SceneTriangle, TISSUE_GONE, TISSUE_MEMBRANE};
@@ -25,7 +25,7 @@ pub struct Tissue {
     /// Place in the fundus map of each node of the retina.
     in_map: Vec<[f32; 2]>,
     is_retina: Vec<bool>,
-    vertices: Vec<SheetVertex>,
+    vertices: Vec<TissueVertex>,
     edges: Vec<(u32, u32)>,
     is_edge: Vec<bool>,
     topology: Option<u64>,
@@ -123,13 +123,13 @@ impl Tissue {
         }
     }
 
-    /// Vertices in the eye frame, bound nodes carried by `eye_from_instrument`.
-    pub fn place(&mut self, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> &[SheetVertex] {
+    /// Vertices in the eye frame; bound nodes follow their instrument.
+    pub fn vertices(&mut self, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> &[TissueVertex] {
         self.vertices.clear();
         for (i, node) in self.nodes.iter().enumerate() {
             let edge = f32::from(u8::from(self.is_edge[i]));
             let dye = f32::from(node.dye) / f32::from(u16::MAX);
-            self.vertices.push(SheetVertex {
+            self.vertices.push(TissueVertex {
                 position: in_eye(node, eye_from_instrument).to_array(),
                 normal: [0.0; 3],
                 more: if self.is_retina[i] { self.in_map[i] } else { [edge, dye] },
@@ -192,7 +192,7 @@ mod tests {
         assert!(tissue.take(&nodes, &triangles, &[], 1));
         assert!(!tissue.take(&nodes, &triangles, &[], 1), "same topology");
         tissue.nodes[2].dye = u16::MAX;
-        let v = tissue.place(&[Mat4::IDENTITY; 2]);
+        let v = tissue.vertices(&[Mat4::IDENTITY; 2]);
         assert!(v.iter().all(|v| (v.normal[2] - 1.0).abs() < 1e-6));
         assert_eq!(v.iter().map(|v| v.more[1]).collect::<Vec<_>>(), [0.0, 0.0, 1.0, 0.0, 0.0]);
         assert_eq!(v.iter().map(|v| v.more[0]).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
@@ -205,7 +205,7 @@ mod tests {
         let mut tissue = Tissue::default();
         tissue.take(&nodes, &triangles, &[], 1);
         let moved = Mat4::from_translation(Vec3::new(0.0, 2.0, -9.0));
-        let v = tissue.place(&[Mat4::IDENTITY, moved]);
+        let v = tissue.vertices(&[Mat4::IDENTITY, moved]);
         assert_eq!(v[0].position, [0.1, 2.0, -9.0]);
     }
 
@@ -219,11 +219,11 @@ mod tests {
         tissue.take(&nodes, &triangles, &[home, beyond], 1);
         assert_eq!(tissue.counts(), [2, 1]);
         assert_eq!(tissue.triangles()[2..], [triangles[3].nodes, triangles[1].nodes]);
-        let first = tissue.place(&[Mat4::IDENTITY; 2])[4].more;
+        let first = tissue.vertices(&[Mat4::IDENTITY; 2])[4].more;
         assert_eq!(first, fundus_map::coordinates(home.position_mm));
         nodes[4].position_mm = [3.0, 1.0, -9.0];
         tissue.take(&nodes, &triangles, &[home], 2);
-        assert_eq!(tissue.place(&[Mat4::IDENTITY; 2])[4].more, first);
+        assert_eq!(tissue.vertices(&[Mat4::IDENTITY; 2])[4].more, first);
     }
 
     #[test]
@@ -234,8 +234,8 @@ mod tests {
         let mut tissue = Tissue::default();
         tissue.take(&nodes, &triangles, &[], 1);
         assert_eq!((tissue.triangles().len(), tissue.refused), (4, 1));
-        let finite = |v: &SheetVertex| v.position.iter().chain(&v.normal).all(|c| c.is_finite());
-        assert!(tissue.place(&[Mat4::IDENTITY; 2]).iter().all(finite));
+        let finite = |v: &TissueVertex| v.position.iter().chain(&v.normal).all(|c| c.is_finite());
+        assert!(tissue.vertices(&[Mat4::IDENTITY; 2]).iter().all(finite));
         // Fewer nodes under the same topology number must not leave dangling indices.
         assert!(tissue.take(&nodes[..3], &triangles, &[], 1));
         assert!(tissue.triangles().iter().flatten().all(|&n| n < 3));

@@ -76,7 +76,12 @@ fn clip_from_world(microscope: &Microscope, channel: usize, aspect: f64) -> DMat
 }
 
 /// The view of `channel` on a picture of `aspect` (width by height).
-pub fn view(microscope: &Microscope, channel: usize, aspect: f64, eye_from_world: &DMat4) -> ViewUniform {
+pub fn view_uniform(
+    microscope: &Microscope,
+    channel: usize,
+    aspect: f64,
+    eye_from_world: &DMat4,
+) -> ViewUniform {
     let clip_from_eye = clip_from_world(microscope, channel, aspect) * eye_from_world.inverse();
     let rays = Rays::of(&clip_from_eye);
     let target = eye_from_world.transform_point3(DVec3::from(microscope.target_in_world_mm));
@@ -138,7 +143,7 @@ mod tests {
     }
 
     fn ndc_of(m: &Microscope, channel: usize, p: [f32; 3]) -> Vec3 {
-        let v = view(m, channel, 1.25, &DMat4::IDENTITY);
+        let v = view_uniform(m, channel, 1.25, &DMat4::IDENTITY);
         Mat4::from_cols_array_2d(&v.clip_from_eye).project_point3(Vec3::from(p))
     }
 
@@ -222,7 +227,7 @@ mod tests {
 
     #[test]
     fn a_wide_angle_lens_sees_from_the_pupil() {
-        let v = view(&through(Lens::WideAngle, true), 0, 1.25, &DMat4::IDENTITY);
+        let v = view_uniform(&through(Lens::WideAngle, true), 0, 1.25, &DMat4::IDENTITY);
         // The objectives' images: 8.8 mm over the centre, 1.3 mm apart.
         assert!(
             (v.camera[2] - 8.8).abs() < 0.05 && (v.camera[0].abs() - 0.64).abs() < 0.02,
@@ -235,7 +240,7 @@ mod tests {
     fn plane_and_projection_agree() {
         let eye_from_world = DMat4::from_rotation_x(0.1) * DMat4::from_rotation_y(-0.07);
         for (lens, inverter) in EVERY {
-            let v = view(&through(lens, inverter), 0, 1.25, &eye_from_world);
+            let v = view_uniform(&through(lens, inverter), 0, 1.25, &eye_from_world);
             let (x, y) = (0.4f32, -0.6f32);
             let along = Vec3::from_slice(&v.plane_origin)
                 + Vec3::from_slice(&v.plane_x) * x

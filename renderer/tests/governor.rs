@@ -26,14 +26,14 @@ fn a_busy_machine_does_not_push_it_below_the_floor() {
         let took = (*at_5 as f64 * costs.ratio(SOFTWARE_START, governor.tier_index())) as u64;
         late += usize::from(took > BUDGET_NS);
         late_ungoverned += usize::from(*at_5 > BUDGET_NS);
-        changes += usize::from(governor.note(took));
+        changes += usize::from(governor.record_frame(took));
         assert!(governor.tier_index() <= FLOOR, "tier {}", governor.tier_index());
     }
     assert!((1..4).contains(&changes), "{changes} changes");
     assert!(3 * late < 2 * late_ungoverned, "{late} of {late_ungoverned} late frames are left");
     // And it still answers what is no disturbance.
     let mut governor = Governor::new(BUDGET_NS, SOFTWARE_START, None, costs);
-    series.iter().filter(|t| **t < BUDGET_NS).for_each(|t| assert!(!governor.note(*t)));
-    let answered = (0..5).position(|_| governor.note(2 * BUDGET_NS));
+    series.iter().filter(|t| **t < BUDGET_NS).for_each(|t| assert!(!governor.record_frame(*t)));
+    let answered = (0..5).position(|_| governor.record_frame(2 * BUDGET_NS));
     assert!(answered.is_some() && governor.tier_index() == FLOOR);
 }

@@ -19,8 +19,11 @@ const INDICES: u32 = 34963;
 pub fn bytes(shape: &Shape) -> Vec<u8> {
     let mut out = Writer::default();
     let meshes: Vec<Value> = shape.parts.iter().map(|p| out.mesh(p)).collect();
-    let part = |(i, p): (usize, &Part)| json!({ "name": p.name, "mesh": i, "translation": p.at.as_vec3().to_array() });
-    let mut nodes: Vec<Value> = shape.parts.iter().enumerate().map(part).collect();
+    let part = |mesh: usize| {
+        let p = &shape.parts[mesh];
+        json!({ "name": p.name, "mesh": mesh, "translation": p.at.as_vec3().to_array() })
+    };
+    let mut nodes: Vec<Value> = (0..shape.parts.len()).map(part).collect();
     let half = std::f32::consts::FRAC_1_SQRT_2;
     let root = json!({
         "name": shape.name,

@@ -1,10 +1,6 @@
-//! `vitreo bench render`: what a stereo frame costs, by tier and by layer. Wall time, and processor time, which on a software
-//! driver is the true cost, however busy the machine is. What a layer costs is what leaving it out saves.
-
-// The same scenes as those of the examples and tests.
-#[allow(dead_code)]
-#[path = "../../examples/common/mod.rs"]
-mod common;
+//! `vitreo bench render`: cost of a stereo frame by tier and by layer, as wall time and as processor
+//! time; the latter is the true cost on a software driver, however busy the machine is. The cost of a
+//! layer is the time saved by leaving it out.
 
 use anyhow::Result;
 use ipc::clock::now;
@@ -14,11 +10,12 @@ use renderer::governor::{TIERS, Tier};
 use renderer::gpu::Gpu;
 use renderer::latch::{Latched, latch_scene};
 use renderer::layers::Layers;
-use renderer::start::{map_px, plan};
+use renderer::reference_scene::{self, SUBJECTS};
+use renderer::start::{map_px, renderer_config};
 use scene::{DEFAULT_SCENE, SceneFile};
 
-/// Turns of a measurement, time after which it ends early (ns), and turns that it has at least.
-const TURNS: usize = 60;
+/// Rounds of a measurement, time after which it ends early (ns), and least number of rounds.
+const ROUNDS: usize = 60;
 const LONGEST_NS: u64 = 15_000_000_000;
 const FEWEST: usize = 3;
 
@@ -32,7 +29,7 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..TIERS.len() as i64))]
     pub tier: Option<u32>,
     /// What is in the eye.
-    #[arg(long, default_value = "peel", value_parser = common::SUBJECTS)]
+    #[arg(long, default_value = "peel", value_parser = SUBJECTS)]
     pub subject: String,
 }
 
@@ -49,11 +46,12 @@ struct Cost {
     processor: f64,
 }
 
-/// What a tier costs.
+/// Costs of a tier.
 struct Row {
-    /// Medians.
+    /// All layers, medians.
     whole: Cost,
-    /// Processor time (software driver) or wall time that leaving a layer out saves, ms; last, what is left without any.
+    /// Processor time (software driver) or wall time saved by leaving a layer out, ms; last, the time
+    /// of a frame without any.
     layers: Vec<(&'static str, f64)>,
 }
 
@@ -61,10 +59,10 @@ impl Bench {
     fn open(subject: &str) -> Result<Self> {
         let (file, rig) = (SceneFile::load(DEFAULT_SCENE)?, Rig::load_or_shipped(None)?);
         let gpu = Gpu::headless()?;
-        let mut renderer = Renderer::new(&gpu, plan(&file, &rig, 0, map_px(&gpu)))?;
-        let scenes = common::subject(&file, &rig, subject);
+        let mut renderer = Renderer::new(&gpu, renderer_config(&file, &rig, 0, map_px(&gpu)))?;
+        let scenes = reference_scene::subject(&file, &rig, subject);
         for scene in &scenes {
-            renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload))?;
+            renderer.take_scene(&gpu, &scene.header, scene.payload())?;
         }
         let latched = latch_scene(&scenes[scenes.len() - 1].header);
         Ok(Self { gpu, renderer, latched })
@@ -76,7 +74,7 @@ impl Bench {
         Ok(self.gpu.wait()?)
     }
 
-    /// One frame after another that is not counted: what was drawn before with other layers has left the caches.
+    /// One frame, after another that is not counted and fills the caches for these layers.
     fn measured(&mut self, tier: usize, layers: Layers) -> Result<Cost> {
         self.frame(tier, layers)?;
         let (start, used) = (now(), processor_ms());
@@ -84,14 +82,14 @@ impl Bench {
         Ok(Cost { wall: (now() - start) as f64 * 1e-6, processor: processor_ms() - used })
     }
 
-    /// In turns: all layers, all but one, none. So a load that comes and goes burdens every one of them alike, and a layer's cost
-    /// is the median of differences within a turn.
+    /// Rounds of: all layers, all but one, none. A changing load of the machine burdens each alike, and
+    /// a layer's cost is the median of differences within a round.
     fn row(&mut self, tier: usize) -> Result<Row> {
         let without = |&(_, bit): &(&str, Layers)| Layers::ALL.without(bit);
         let variants: Vec<Layers> = Layers::EACH.iter().map(without).chain([Layers::NONE]).collect();
         let (mut wholes, mut rests) = (Vec::new(), vec![Vec::new(); variants.len()]);
         let begun = now();
-        while wholes.len() < TURNS && now() - begun < LONGEST_NS || wholes.len() < FEWEST {
+        while wholes.len() < ROUNDS && now() - begun < LONGEST_NS || wholes.len() < FEWEST {
             wholes.push(self.measured(tier, Layers::ALL)?);
             for (rest, &layers) in rests.iter_mut().zip(&variants) {
                 rest.push(self.measured(tier, layers)?);
@@ -122,7 +120,10 @@ fn processor_ms() -> f64 {
     t.tv_sec as f64 * 1e3 + t.tv_nsec as f64 * 1e-6
 }
 
-/// Measures and prints, a line a tier.
+/// Measures and prints, one line a tier.
+///
+/// # Errors
+/// If there is no graphics driver, or the device is lost.
 pub fn render(args: &RenderArgs) -> Result<()> {
     let mut bench = Bench::open(&args.subject)?;
     let name = bench.gpu.name.clone();

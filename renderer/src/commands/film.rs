@@ -1,26 +1,25 @@
-//! `vitreo-renderer film`: draws a stream of scenes without a clock, into a film and stills. Each scene is drawn as the simulation
-//! left it, however long that takes.
+//! `vitreo-renderer film`: draws a stream of scenes into a film and stills. No clock: each scene is drawn
+//! as the simulation left it, however long that takes.
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
 use protocol::rig::Rig;
 use protocol::scene_stream::Reader;
-use renderer::assets::Assets;
 use renderer::config::VIDEO_HZ;
-use renderer::frame::Renderer;
 use renderer::governor::TIERS;
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
+use renderer::offscreen::Offscreen;
 use renderer::output::picture::rgb;
 use renderer::output::save_png;
 use renderer::output::y4m::Y4m;
-use renderer::readback::{Picture, ReadBack};
-use renderer::start::{map_px, plan};
+use renderer::readback::Picture;
+use renderer::start::{map_px, renderer_config};
 use renderer::stereo::{Arrangement, arrange};
 use scene::SceneFile;
 use std::path::{Path, PathBuf};
 
-/// Qualities of JPEG that are tried until a still is small enough.
+/// JPEG qualities, tried in turn until a still is small enough.
 const QUALITIES: [u8; 8] = [92, 88, 84, 80, 74, 66, 55, 40];
 
 /// Arguments.
@@ -50,24 +49,25 @@ pub struct FilmArgs {
 }
 
 /// Draws the stream on standard input.
+///
+/// # Errors
+/// If the stream breaks off, the device is lost or a file cannot be written.
 pub fn film(args: &FilmArgs) -> Result<()> {
     let scene = SceneFile::load(&args.scene)?;
     let (gpu, rig, tier) = (Gpu::headless()?, Rig::load_or_shipped(None)?, args.tier as usize);
-    let plan = plan(&scene, &rig, tier, map_px(&gpu));
-    let mut renderer = Renderer::with_assets(&gpu, plan, &Assets::shipped()?);
-    let read_back = ReadBack::new(&gpu, tier);
+    let config = renderer_config(&scene, &rig, tier, map_px(&gpu));
+    let mut offscreen = Offscreen::new(gpu, config)?;
     let mut reader = Reader::new(std::io::stdin().lock())?;
     let (mut picture, mut video, mut number) = (Picture::default(), None, 0u64);
     while let Some((header, payload)) = reader.next_scene()? {
-        renderer.take_scene(&gpu, &header, payload)?;
-        // The first frame of a renderer lacks its text, which goes up after the drawing.
+        offscreen.renderer.take_scene(&offscreen.gpu, &header, payload)?;
+        // Text follows with the next frame, so the first one is drawn twice.
         for _ in 0..if number == 0 { 2 } else { 1 } {
-            let commands = renderer.encode(&gpu, tier);
-            renderer.submit(&gpu, tier, &latch_scene(&header), commands);
+            offscreen.draw(tier, &latch_scene(&header));
         }
         let still = args.stills.as_deref().filter(|_| number.is_multiple_of(args.every));
         if args.video.is_some() || still.is_some() {
-            read_back.read(&gpu, renderer.target(tier), &mut picture)?;
+            offscreen.read(tier, &mut picture)?;
             arrange(&mut picture, args.arrange.for_files());
         }
         if let Some(path) = &args.video {

@@ -41,6 +41,9 @@ pub fn scale_rgb(picture: &Picture, width: u32, height: u32, out: &mut Vec<u8>) 
 }
 
 /// A JPEG of at most [`SMALL_WIDTH_PX`] into `out`.
+///
+/// # Errors
+/// If the encoder refuses the picture.
 pub fn small_jpeg(picture: &Picture, out: &mut Vec<u8>) -> Result<(), image::ImageError> {
     let width = picture.width_px.min(SMALL_WIDTH_PX);
     let height = (picture.height_px * width / picture.width_px).max(1);

@@ -16,6 +16,9 @@ pub struct Y4m {
 
 impl Y4m {
     /// Creates `path` for pictures of `size` (both even), `hz` a second.
+    ///
+    /// # Errors
+    /// If the file cannot be created.
     pub fn create(path: &Path, size: [u32; 2], hz: u32) -> std::io::Result<Self> {
         let mut file = BufWriter::new(File::create(path)?);
         let [w, h] = size;
@@ -24,6 +27,9 @@ impl Y4m {
     }
 
     /// Writes `picture`, scaled to the file's size, `count` times.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn write(&mut self, picture: &Picture, count: u64) -> std::io::Result<()> {
         let [w, h] = self.size;
         scale_rgb(picture, w, h, &mut self.rgb);
@@ -36,6 +42,9 @@ impl Y4m {
     }
 
     /// Brings everything to the disk's care.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
     pub fn flush(&mut self) -> std::io::Result<()> {
         self.file.flush()
     }

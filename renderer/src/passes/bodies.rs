@@ -1,6 +1,6 @@
 //! Rigid bodies of abstract tasks: spheres, boxes and capsules, which also cast shadows.
 
-use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
 use crate::governor::Shading;
 use crate::layout::MetalVertex;
 use crate::tools::Mesh;
@@ -50,13 +50,13 @@ impl Bodies {
     pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let make = |shading| {
-            let plan = PipelinePlan {
+            let spec = PipelineSpec {
                 fragment: Some("fs_main"),
                 depth: Some((CompareFunction::Less, true)),
                 blend: Some(BlendState::ALPHA_BLENDING),
-                ..bodies_plan("vs_main", &groups)
+                ..bodies_spec("vs_main", &groups)
             };
-            pipeline(device, &plan.shaded(shading))
+            pipeline(device, &spec.shaded(shading))
         };
         let mut all = Mesh::default();
         let ranges = [round_mesh(0.0), box_mesh(), round_mesh(1.0)].map(|mesh| {
@@ -123,18 +123,18 @@ impl Bodies {
 }
 
 /// Bodies may be translucent: then their backs are seen too.
-fn bodies_plan<'a>(vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> PipelinePlan<'a> {
+fn bodies_spec<'a>(vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> PipelineSpec<'a> {
     let instances = Some((STRIDE, &ATTRIBUTES[..]));
-    PipelinePlan { vertices: true, instances, ..PipelinePlan::new("bodies", vertex, groups) }
+    PipelineSpec { vertices: true, instances, ..PipelineSpec::new("bodies", vertex, groups) }
 }
 
 /// Depth for full tiers, the mask for lean ones.
 fn casters(device: &Device, uniforms: &Uniforms) -> [RenderPipeline; 2] {
     let groups = [&uniforms.layout];
-    let plan = PipelinePlan { closed: true, ..bodies_plan("vs_shadow", &groups) };
-    let depth = PipelinePlan { depth: Some((CompareFunction::Less, true)), ..plan };
+    let spec = PipelineSpec { closed: true, ..bodies_spec("vs_shadow", &groups) };
+    let depth = PipelineSpec { depth: Some((CompareFunction::Less, true)), ..spec };
     let writes = ColorWrites::RED | ColorWrites::GREEN;
-    let mask = PipelinePlan { fragment: Some("fs_shadow"), writes, ..plan };
+    let mask = PipelineSpec { fragment: Some("fs_shadow"), writes, ..spec };
     [pipeline(device, &depth), pipeline(device, &mask)]
 }
 

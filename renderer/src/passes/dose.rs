@@ -1,7 +1,7 @@
 //! The dose of light on the retina, drawn over it on request: the cells of `protocol::dose` as a small texture.
 
 use super::fundus::Fundus;
-use super::{PipelinePlan, Uniforms, pipeline, sampled_group, sampled_layout};
+use super::{PipelineSpec, Uniforms, pipeline, sampled_group, sampled_layout};
 use crate::cells::Cells;
 use crate::governor::Shading;
 use protocol::dose::{ALONG, CELLS};
@@ -34,13 +34,13 @@ impl Dose {
         let layout = sampled_layout(device, "dose", TextureViewDimension::D2);
         let groups = [&uniforms.layout, light, &layout];
         let make = |shading| {
-            let plan = PipelinePlan {
+            let spec = PipelineSpec {
                 fragment: Some("fs_dose"),
                 depth: Some((CompareFunction::Less, false)),
                 blend: Some(BlendState::ALPHA_BLENDING),
-                ..PipelinePlan::new("dose", "vs_dose", &groups)
+                ..PipelineSpec::new("dose", "vs_dose", &groups)
             };
-            pipeline(device, &plan.shaded(shading))
+            pipeline(device, &spec.shaded(shading))
         };
         let texture = device.create_texture(&wgpu::TextureDescriptor {
             label: Some("dose"),
@@ -85,7 +85,7 @@ impl Dose {
     }
 
     /// Draws where it is shown; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, (fundus, cells): (&Fundus, &Cells), shading: Shading) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, fundus: &Fundus, cells: &Cells, shading: Shading) {
         if self.shown {
             pass.set_bind_group(2, &self.group, &[]);
             fundus.draw_with(pass, cells, &self.pipelines[shading as usize]);

@@ -1,8 +1,8 @@
 //! Depth of field of the full tiers: points out of focus are spread over the patches that [`crate::optics::blur_mm`] gives. Three
 //! passes find how wide a pixel's patch is and how far patches reach in each tile of the picture; where nothing is out of focus, the last one only copies.
 
-use super::{PipelinePlan, pipeline};
-use crate::target::Fine;
+use super::{PipelineSpec, pipeline};
+use crate::target::Multisampled;
 use crate::view::FocusPlane;
 use bytemuck::{Pod, Zeroable};
 use wgpu::{
@@ -48,17 +48,17 @@ impl Focus {
     pub fn new(device: &Device) -> Self {
         let layout = layout(device);
         let groups = [&layout];
-        let plan = |fragment, format| PipelinePlan {
+        let spec = |fragment, format| PipelineSpec {
             fragment: Some(fragment),
             strip: true,
             format,
-            ..PipelinePlan::new("focus", "vs_main", &groups)
+            ..PipelineSpec::new("focus", "vs_main", &groups)
         };
         Self {
-            radius: pipeline(device, &plan("fs_radius", RADIUS)),
-            tile: pipeline(device, &plan("fs_tile", REACH)),
-            reach: pipeline(device, &plan("fs_reach", REACH)),
-            spread: pipeline(device, &plan("fs_main", super::COLOUR)),
+            radius: pipeline(device, &spec("fs_radius", RADIUS)),
+            tile: pipeline(device, &spec("fs_tile", REACH)),
+            reach: pipeline(device, &spec("fs_reach", REACH)),
+            spread: pipeline(device, &spec("fs_main", super::COLOUR)),
             uniform: device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("focus"),
                 size: size_of::<FocusUniform>() as u64,
@@ -70,7 +70,7 @@ impl Focus {
     }
 
     /// Room for the tiles of a target of `size_px`, both channels.
-    pub fn tiles(&self, device: &Device, fine: &Fine, size_px: [u32; 2]) -> Tiles {
+    pub fn tiles(&self, device: &Device, samples: &Multisampled, size_px: [u32; 2]) -> Tiles {
         let make = |format, size_px| {
             super::drawn_and_read(device, "focus", format, size_px)
                 .create_view(&wgpu::TextureViewDescriptor::default())
@@ -79,20 +79,26 @@ impl Focus {
         let [radii, tiles, reach] =
             [(RADIUS, size_px), (REACH, tiles_px), (REACH, tiles_px)].map(|(f, s)| make(f, s));
         // What a pass writes it must not be given to read; another texture stands in.
-        let groups = [(&fine.drawn, &tiles), (&radii, &reach), (&radii, &tiles), (&radii, &reach)];
-        let groups = groups.map(|(radii, tiles)| self.group(device, fine, radii, tiles));
+        let groups = [(&samples.resolved, &tiles), (&radii, &reach), (&radii, &tiles), (&radii, &reach)];
+        let groups = groups.map(|(radii, tiles)| self.group(device, samples, radii, tiles));
         Tiles { views: [radii, tiles, reach], groups }
     }
 
-    fn group(&self, device: &Device, fine: &Fine, radii: &TextureView, tiles: &TextureView) -> BindGroup {
+    fn group(
+        &self,
+        device: &Device,
+        samples: &Multisampled,
+        radii: &TextureView,
+        tiles: &TextureView,
+    ) -> BindGroup {
         let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
         device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some("focus"),
             layout: &self.layout,
             entries: &[
                 entry(0, self.uniform.as_entire_binding()),
-                entry(1, wgpu::BindingResource::TextureView(&fine.drawn)),
-                entry(2, wgpu::BindingResource::TextureView(&fine.depth)),
+                entry(1, wgpu::BindingResource::TextureView(&samples.resolved)),
+                entry(2, wgpu::BindingResource::TextureView(&samples.depth)),
                 entry(3, wgpu::BindingResource::TextureView(tiles)),
                 entry(4, wgpu::BindingResource::TextureView(radii)),
             ],

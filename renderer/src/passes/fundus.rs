@@ -2,7 +2,7 @@
 //! This module owns group 1, the map and the shadow map, which the other lit passes share.
 
 use super::shadow::ShadowMap;
-use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
 use crate::cells::Cells;
 use crate::fundus_map;
 use crate::governor::Shading;
@@ -30,22 +30,22 @@ impl Fundus {
     /// Makes the pipelines and a ring.
     pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let plan = |vertex, fragment| PipelinePlan {
+        let spec = |vertex, fragment| PipelineSpec {
             fragment: Some(fragment),
             depth: Some((CompareFunction::Less, true)),
-            ..PipelinePlan::new("fundus", vertex, &groups)
+            ..PipelineSpec::new("fundus", vertex, &groups)
         };
         let ring =
-            PipelinePlan { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..plan("vs_ring", "fs_ring") };
-        let frame = PipelinePlan { writes: wgpu::ColorWrites::empty(), ..plan("vs_frame", "fs_ring") };
+            PipelineSpec { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..spec("vs_ring", "fs_ring") };
+        let frame = PipelineSpec { writes: wgpu::ColorWrites::empty(), ..spec("vs_frame", "fs_ring") };
         // Over everything; in full tiers over the finished picture.
-        let over = |shading| PipelinePlan { depth: super::over_everything(shading), ..ring };
+        let over = |shading| PipelineSpec { depth: super::over_everything(shading), ..ring };
         let triangles = ring_triangles();
         let indices = geometry_buffer(device, "ring", triangles.len() * 4, BufferUsages::INDEX);
         queue.write_buffer(&indices, 0, bytemuck::cast_slice(&triangles));
         Self {
-            full: pipeline(device, &plan("vs_main", "fs_main").shaded(Shading::Full)),
-            lean: pipeline(device, &plan("vs_lean", "fs_lean").shaded(Shading::Lean)),
+            full: pipeline(device, &spec("vs_main", "fs_main").shaded(Shading::Full)),
+            lean: pipeline(device, &spec("vs_lean", "fs_lean").shaded(Shading::Lean)),
             frames: Shading::ALL.map(|shading| pipeline(device, &frame.shaded(shading))),
             rings: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
             ring: indices,
@@ -65,7 +65,7 @@ impl Fundus {
     }
 
     /// Closes everything outside the round field; first in a channel.
-    pub fn close_outside(&self, pass: &mut RenderPass<'_>, shading: Shading) {
+    pub fn draw_field_mask(&self, pass: &mut RenderPass<'_>, shading: Shading) {
         self.draw_ring(pass, &self.frames[shading as usize]);
     }
 

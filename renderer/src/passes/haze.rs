@@ -1,7 +1,7 @@
 //! The vitreous: bricks of densities gathered in one 3D texture, drawn as a haze.
 
 use super::fundus::Fundus;
-use super::{PipelinePlan, Uniforms, pipeline, sampled_group, sampled_layout};
+use super::{PipelineSpec, Uniforms, pipeline, sampled_group, sampled_layout};
 use crate::cells::Cells;
 use crate::governor::Shading;
 use crate::layout::FrameUniform;
@@ -45,13 +45,13 @@ impl Haze {
         let layout = sampled_layout(device, "haze", TextureViewDimension::D3);
         let groups = [&uniforms.layout, light, &layout];
         let make = |vertex, fragment, compare, shading| {
-            let plan = PipelinePlan {
+            let spec = PipelineSpec {
                 fragment: Some(fragment),
                 depth: Some((compare, false)),
                 blend: Some(BlendState::ALPHA_BLENDING),
-                ..PipelinePlan::new("haze", vertex, &groups)
+                ..PipelineSpec::new("haze", vertex, &groups)
             };
-            pipeline(device, &plan.shaded(shading))
+            pipeline(device, &spec.shaded(shading))
         };
         let pipelines = [
             // The march stops at the shafts, so this haze covers instruments as well.
@@ -96,7 +96,7 @@ impl Haze {
     }
 
     /// Draws; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, (fundus, cells): (&Fundus, &Cells), shading: Shading) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, fundus: &Fundus, cells: &Cells, shading: Shading) {
         if let Some((_, _, group)) = &self.volume {
             pass.set_bind_group(2, group, &[]);
             fundus.draw_with(pass, cells, &self.pipelines[shading as usize]);

@@ -1,6 +1,6 @@
 //! The two instruments.
 
-use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
 use crate::governor::Shading;
 use crate::layout::MetalVertex;
 use crate::tools::{Mesh, Models, Shaft, TOOLS};
@@ -60,15 +60,15 @@ impl Instruments {
     /// one is drawn after the retina, a solid one before it.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let plan = PipelinePlan {
+        let spec = PipelineSpec {
             fragment: Some("fs_main"),
             vertices: true,
             closed: true,
             depth: Some((CompareFunction::Less, true)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            ..PipelinePlan::new("instruments", "vs_main", &groups)
+            ..PipelineSpec::new("instruments", "vs_main", &groups)
         };
-        Self { pipelines: Shading::ALL.map(|shading| pipeline(device, &plan.shaded(shading))) }
+        Self { pipelines: Shading::ALL.map(|shading| pipeline(device, &spec.shaded(shading))) }
     }
 
     /// Draws instrument `which`; groups 0 and 1 are set.
@@ -76,7 +76,8 @@ impl Instruments {
         &self,
         pass: &mut RenderPass<'_>,
         meshes: &Meshes,
-        (which, tool): (usize, Tool),
+        which: usize,
+        tool: Tool,
         shading: Shading,
     ) {
         pass.set_pipeline(&self.pipelines[shading as usize]);

@@ -1,6 +1,6 @@
 //! Marks on retina and tissue: bleeding, burns.
 
-use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
 use crate::governor::Shading;
 use protocol::scene::SceneMark;
 use wgpu::{
@@ -27,15 +27,15 @@ impl Marks {
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let make = |shading| {
-            let plan = PipelinePlan {
+            let spec = PipelineSpec {
                 fragment: Some("fs_main"),
                 strip: true,
                 depth: Some((CompareFunction::Less, false)),
                 blend: Some(BlendState::ALPHA_BLENDING),
                 instances: Some((size_of::<SceneMark>() as u64, &ATTRIBUTES)),
-                ..PipelinePlan::new("marks", "vs_main", &groups)
+                ..PipelineSpec::new("marks", "vs_main", &groups)
             };
-            pipeline(device, &plan.shaded(shading))
+            pipeline(device, &spec.shaded(shading))
         };
         let marks = geometry_buffer(device, "marks", MOST * size_of::<SceneMark>(), BufferUsages::VERTEX);
         Self { pipelines: Shading::ALL.map(make), marks, count: 0 }

@@ -1,8 +1,8 @@
 //! The membrane: its translucent pass, and the buffers that it shares with lifted retina.
 
-use super::{PipelinePlan, Uniforms, geometry_buffer, pipeline};
+use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
 use crate::governor::Shading;
-use crate::layout::SheetVertex;
+use crate::layout::TissueVertex;
 use std::ops::Range;
 use wgpu::{
     BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
@@ -10,25 +10,25 @@ use wgpu::{
 };
 
 /// The sheet on the device.
-pub struct Sheet {
+pub struct TissueBuffers {
     vertices: Buffer,
     indices: Buffer,
     /// Corners of membrane triangles, which come first, of retina, and of retina that is gone.
     corners: [u32; 3],
 }
 
-impl Sheet {
+impl TissueBuffers {
     /// With room for so many nodes and triangles.
     pub fn new(device: &Device, nodes: usize, triangles: usize) -> Self {
         let vertices =
-            geometry_buffer(device, "sheet", nodes * size_of::<SheetVertex>(), BufferUsages::VERTEX);
+            geometry_buffer(device, "sheet", nodes * size_of::<TissueVertex>(), BufferUsages::VERTEX);
         let indices = geometry_buffer(device, "sheet", triangles * 12, BufferUsages::INDEX);
         Self { vertices, indices, corners: [0; 3] }
     }
 
     /// Makes room where a scene brings more than was foreseen.
     pub fn reserve(&mut self, device: &Device, nodes: usize, triangles: usize) {
-        let fits = self.vertices.size() >= (nodes * size_of::<SheetVertex>()) as u64
+        let fits = self.vertices.size() >= (nodes * size_of::<TissueVertex>()) as u64
             && self.indices.size() >= (triangles * 12) as u64;
         if !fits {
             *self = Self::new(device, 2 * nodes, 2 * triangles);
@@ -42,7 +42,7 @@ impl Sheet {
     }
 
     /// Takes the vertices in.
-    pub fn set_vertices(&self, queue: &Queue, vertices: &[SheetVertex]) {
+    pub fn set_vertices(&self, queue: &Queue, vertices: &[TissueVertex]) {
         queue.write_buffer(&self.vertices, 0, bytemuck::cast_slice(vertices));
     }
 
@@ -81,34 +81,34 @@ impl Membrane {
     /// Makes a pipeline for each shading: both sides, tested against the instruments, blended.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let plan = |vertex, fragment| PipelinePlan {
+        let spec = |vertex, fragment| PipelineSpec {
             fragment: Some(fragment),
             vertices: true,
             depth: Some((CompareFunction::Less, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            ..PipelinePlan::new("membrane", vertex, &groups)
+            ..PipelineSpec::new("membrane", vertex, &groups)
         };
-        let depth = PipelinePlan {
+        let depth = PipelineSpec {
             depth: Some((CompareFunction::Less, true)),
             writes: wgpu::ColorWrites::empty(),
-            ..plan("vs_main", "fs_depth")
+            ..spec("vs_main", "fs_depth")
         };
         Self {
-            full: pipeline(device, &plan("vs_main", "fs_main").shaded(Shading::Full)),
-            lean: pipeline(device, &plan("vs_lean", "fs_lean").shaded(Shading::Lean)),
+            full: pipeline(device, &spec("vs_main", "fs_main").shaded(Shading::Full)),
+            lean: pipeline(device, &spec("vs_lean", "fs_lean").shaded(Shading::Lean)),
             depth: pipeline(device, &depth.shaded(Shading::Full)),
         }
     }
 
     /// Writes the depth of what is seen of it rather than seen through, for the focus.
-    pub fn draw_depth(&self, pass: &mut RenderPass<'_>, sheet: &Sheet) {
+    pub fn draw_depth(&self, pass: &mut RenderPass<'_>, tissue: &TissueBuffers) {
         pass.set_pipeline(&self.depth);
-        sheet.draw(pass);
+        tissue.draw(pass);
     }
 
     /// Draws; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet, shading: Shading) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, tissue: &TissueBuffers, shading: Shading) {
         pass.set_pipeline(if shading == Shading::Lean { &self.lean } else { &self.full });
-        sheet.draw(pass);
+        tissue.draw(pass);
     }
 }

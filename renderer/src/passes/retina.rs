@@ -1,13 +1,13 @@
 //! Retina that is off the choroid, and the bare choroid under it.
 
-use super::membrane::Sheet;
-use super::{PipelinePlan, Uniforms, pipeline};
+use super::membrane::TissueBuffers;
+use super::{PipelineSpec, Uniforms, pipeline};
 use crate::governor::Shading;
 use wgpu::{BindGroupLayout, CompareFunction, Device, RenderPass, RenderPipeline};
 
 /// The pass.
 pub struct Retina {
-    /// Sheet and choroid, for each shading.
+    /// TissueBuffers and choroid, for each shading.
     pipelines: [[RenderPipeline; 2]; 2],
 }
 
@@ -16,24 +16,24 @@ impl Retina {
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let make = |shading, vertex, fragment| {
-            let plan = PipelinePlan {
+            let spec = PipelineSpec {
                 fragment: Some(fragment),
                 vertices: true,
                 depth: Some((CompareFunction::Less, true)),
-                ..PipelinePlan::new("retina", vertex, &groups)
+                ..PipelineSpec::new("retina", vertex, &groups)
             };
-            pipeline(device, &plan.shaded(shading))
+            pipeline(device, &spec.shaded(shading))
         };
         let both = |s| [make(s, "vs_sheet", "fs_sheet"), make(s, "vs_choroid", "fs_choroid")];
         Self { pipelines: Shading::ALL.map(both) }
     }
 
     /// Draws before the fundus, which then shades only what is still seen of it; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, sheet: &Sheet, shading: Shading) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, tissue: &TissueBuffers, shading: Shading) {
         let [lifted, choroid] = &self.pipelines[shading as usize];
         pass.set_pipeline(lifted);
-        sheet.draw_retina(pass);
+        tissue.draw_retina(pass);
         pass.set_pipeline(choroid);
-        sheet.draw_bare(pass);
+        tissue.draw_bare(pass);
     }
 }

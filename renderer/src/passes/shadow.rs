@@ -4,8 +4,8 @@
 
 use super::bodies::Bodies;
 use super::instruments::Meshes;
-use super::membrane::Sheet;
-use super::{COLOUR, DEPTH, PipelinePlan, Uniforms, pipeline};
+use super::membrane::TissueBuffers;
+use super::{COLOUR, DEPTH, PipelineSpec, Uniforms, pipeline};
 use crate::governor::{Shading, Tier};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
@@ -47,49 +47,63 @@ impl ShadowMap {
     }
 }
 
+/// What throws a shadow.
+pub struct Casters<'a> {
+    /// Meshes of the instruments.
+    pub meshes: &'a Meshes,
+    /// Tools of the instruments that throw a shadow; `None` for the lamp.
+    pub tools: [Option<Tool>; INSTRUMENTS],
+    /// Rigid bodies.
+    pub bodies: &'a Bodies,
+    /// Membrane.
+    pub tissue: &'a TissueBuffers,
+}
+
 /// The pipelines of one shading.
-struct Casters {
+struct CasterPipelines {
     instruments: RenderPipeline,
     membrane: RenderPipeline,
 }
 
 /// The pass.
 pub struct Shadow {
-    full: Casters,
-    lean: Casters,
+    full: CasterPipelines,
+    lean: CasterPipelines,
 }
 
 impl Shadow {
     /// Makes the pipelines.
     pub fn new(device: &Device, uniforms: &Uniforms) -> Self {
         let groups = [&uniforms.layout];
-        let plan = |vertex| PipelinePlan { vertices: true, ..PipelinePlan::new("shadow", vertex, &groups) };
+        let spec = |vertex| PipelineSpec { vertices: true, ..PipelineSpec::new("shadow", vertex, &groups) };
         let depth = |vertex, closed| {
             let depth = Some((CompareFunction::Less, true));
-            pipeline(device, &PipelinePlan { depth, closed, ..plan(vertex) })
+            pipeline(device, &PipelineSpec { depth, closed, ..spec(vertex) })
         };
         let writes = ColorWrites::RED | ColorWrites::GREEN;
         let solid =
-            PipelinePlan { fragment: Some("fs_solid"), writes, closed: true, ..plan("vs_instrument") };
+            PipelineSpec { fragment: Some("fs_solid"), writes, closed: true, ..spec("vs_instrument") };
         let sheet =
-            PipelinePlan { fragment: Some("fs_sheet"), blend: Some(multiplied()), ..plan("vs_membrane") };
+            PipelineSpec { fragment: Some("fs_sheet"), blend: Some(multiplied()), ..spec("vs_membrane") };
         Self {
-            full: Casters {
+            full: CasterPipelines {
                 instruments: depth("vs_instrument", true),
                 membrane: depth("vs_membrane", false),
             },
-            lean: Casters { instruments: pipeline(device, &solid), membrane: pipeline(device, &sheet) },
+            lean: CasterPipelines {
+                instruments: pipeline(device, &solid),
+                membrane: pipeline(device, &sheet),
+            },
         }
     }
 
-    /// Draws the map. `casters` are the tools that cast a shadow; the lamp is `None`.
+    /// Draws the map.
     pub fn draw(
         &self,
         encoder: &mut CommandEncoder,
         map: &ShadowMap,
         uniforms: &Uniforms,
-        (meshes, casters): (&Meshes, &[Option<Tool>; INSTRUMENTS]),
-        (bodies, sheet): (&Bodies, &Sheet),
+        casters: &Casters<'_>,
         timed: Option<RenderPassTimestampWrites<'_>>,
     ) {
         let mut pass = begin(encoder, map, timed);
@@ -98,17 +112,17 @@ impl Shadow {
         pass.set_bind_group(0, &uniforms.group, &[0]);
         pass.set_viewport(0.0, 0.0, size, size, 0.0, 1.0);
         pass.set_pipeline(&pipelines.instruments);
-        for (which, tool) in casters.iter().enumerate() {
+        for (which, tool) in casters.tools.iter().enumerate() {
             if let Some(tool) = tool {
-                meshes.draw(&mut pass, which, *tool);
+                casters.meshes.draw(&mut pass, which, *tool);
             }
         }
-        bodies.cast(&mut pass, map.shading);
+        casters.bodies.cast(&mut pass, map.shading);
         if map.shading == Shading::Full {
             pass.set_viewport(size, 0.0, size, size, 0.0, 1.0);
         }
         pass.set_pipeline(&pipelines.membrane);
-        sheet.draw(&mut pass);
+        casters.tissue.draw(&mut pass);
     }
 }
 

@@ -2,7 +2,7 @@
 //! place, so it floats in the plane of the target. Letters are sent to the device only when the text changes.
 
 use super::{
-    PipelinePlan, Uniforms, geometry_buffer, over_everything, pipeline, sampled_group, sampled_layout,
+    PipelineSpec, Uniforms, geometry_buffer, over_everything, pipeline, sampled_group, sampled_layout,
 };
 use crate::governor::Shading;
 use bytemuck::{Pod, Zeroable};
@@ -59,14 +59,14 @@ impl Text {
     pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms) -> Self {
         let layout = sampled_layout(device, "text", TextureViewDimension::D2);
         let groups = [&uniforms.layout, &layout];
-        let plan = PipelinePlan {
+        let spec = PipelineSpec {
             fragment: Some("fs_main"),
             strip: true,
             blend: Some(BlendState::ALPHA_BLENDING),
             instances: Some((size_of::<Letter>() as u64, &ATTRIBUTES)),
-            ..PipelinePlan::new("text", "vs_main", &groups)
+            ..PipelineSpec::new("text", "vs_main", &groups)
         };
-        let over = |shading| PipelinePlan { depth: over_everything(shading), ..plan };
+        let over = |shading| PipelineSpec { depth: over_everything(shading), ..spec };
         Self {
             pipelines: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
             group: font_group(device, queue, &layout),

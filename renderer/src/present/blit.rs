@@ -10,7 +10,7 @@ use wgpu::{BindGroupLayout, Buffer, BufferUsages, RenderPipeline, Sampler, Shade
 /// What the shader is told.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
-struct Plan {
+struct BlitUniform {
     arrangement: u32,
     channel: u32,
     padding: [u32; 2],
@@ -21,7 +21,7 @@ pub struct Blit {
     layout: BindGroupLayout,
     pipeline: RenderPipeline,
     sampler: Sampler,
-    plan: Buffer,
+    uniform: Buffer,
 }
 
 impl Blit {
@@ -34,13 +34,13 @@ impl Blit {
             min_filter: wgpu::FilterMode::Linear,
             ..wgpu::SamplerDescriptor::default()
         });
-        let plan = device.create_buffer(&wgpu::BufferDescriptor {
+        let uniform = device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("blit"),
-            size: size_of::<Plan>() as u64,
+            size: size_of::<BlitUniform>() as u64,
             usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
-        Self { layout, pipeline, sampler, plan }
+        Self { layout, pipeline, sampler, uniform }
     }
 
     /// Draws `target` into the middle of `surface` of `size_px`; `channel` is the one whose turn it
@@ -54,8 +54,8 @@ impl Blit {
         arrangement: Arrangement,
         channel: u32,
     ) {
-        let plan = Plan { arrangement: arrangement as u32, channel, padding: [0; 2] };
-        gpu.queue.write_buffer(&self.plan, 0, bytemuck::bytes_of(&plan));
+        let uniform = BlitUniform { arrangement: arrangement as u32, channel, padding: [0; 2] };
+        gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
         let group = self.group(gpu, target);
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let ops =
@@ -84,7 +84,7 @@ impl Blit {
             entries: &[
                 entry(0, wgpu::BindingResource::TextureView(&target.colour)),
                 entry(1, wgpu::BindingResource::Sampler(&self.sampler)),
-                entry(2, self.plan.as_entire_binding()),
+                entry(2, self.uniform.as_entire_binding()),
             ],
         })
     }

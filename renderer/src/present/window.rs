@@ -31,7 +31,7 @@ const USUAL_REFRESH_NS: u64 = 16_666_667;
 
 /// What the window shall be.
 #[derive(Debug, Clone, Default)]
-pub struct WindowPlan {
+pub struct WindowConfig {
     /// How the channels share it.
     pub arrangement: Arrangement,
     /// It fills its monitor from the start.
@@ -47,9 +47,9 @@ pub struct Window {
     events: EventLoop<()>,
     state: State,
     surface: Surface<'static>,
-    config: SurfaceConfiguration,
+    surface_config: SurfaceConfiguration,
     blit: Blit,
-    plan: WindowPlan,
+    config: WindowConfig,
     acquired: Option<SurfaceTexture>,
     refresh_ns: u64,
 }
@@ -57,7 +57,7 @@ pub struct Window {
 /// What the events leave behind.
 #[derive(Default)]
 struct State {
-    plan: WindowPlan,
+    config: WindowConfig,
     window: Option<Arc<winit::window::Window>>,
     problem: Option<String>,
     monitor: Option<MonitorHandle>,
@@ -91,12 +91,12 @@ impl ApplicationHandler for State {
             return;
         }
         let monitors: Vec<_> = events.available_monitors().collect();
-        let monitor = match self.plan.monitor.as_deref().map(|wanted| choose(wanted, &monitors)) {
+        let monitor = match self.config.monitor.as_deref().map(|wanted| choose(wanted, &monitors)) {
             Some(Err(problem)) => return self.problem = Some(problem),
             Some(Ok(monitor)) => Some(monitor),
             None => None,
         };
-        let full = self.plan.full_screen.then_some(Fullscreen::Borderless(monitor.clone()));
+        let full = self.config.full_screen.then_some(Fullscreen::Borderless(monitor.clone()));
         self.monitor = monitor;
         let wish = winit::window::Window::default_attributes()
             .with_title("vitreo")
@@ -181,7 +181,7 @@ impl State {
     /// The first click takes the mouse; later ones are for the hands.
     fn click(&mut self, button: MouseButton, state: ElementState) {
         if self.mouse == Mouse::Free {
-            if self.plan.desk && state == ElementState::Pressed {
+            if self.config.desk && state == ElementState::Pressed {
                 self.take_mouse();
             }
             return;
@@ -236,7 +236,7 @@ impl State {
         let full = window.fullscreen().is_some();
         let wanted = match &event.logical_key {
             Key::Named(NamedKey::F11) => !full,
-            Key::Character(key) if key.eq_ignore_ascii_case("f") && !self.plan.desk => !full,
+            Key::Character(key) if key.eq_ignore_ascii_case("f") && !self.config.desk => !full,
             Key::Named(NamedKey::Escape) => false,
             _ => return,
         };
@@ -259,11 +259,14 @@ fn choose(wanted: &str, monitors: &[MonitorHandle]) -> Result<MonitorHandle, Str
 
 impl Window {
     /// Opens a window and the device that shows in it.
-    pub fn open(plan: &WindowPlan) -> Result<(Gpu, Self), PresentError> {
+    ///
+    /// # Errors
+    /// If there is no display, no such monitor, or no graphics device for the window.
+    pub fn open(config: &WindowConfig) -> Result<(Gpu, Self), PresentError> {
         let no_display = |problem: String| PresentError::NoDisplay(problem);
         let mut events =
             EventLoop::new().map_err(|_| no_display("no X11 or Wayland server answers".into()))?;
-        let mut state = State { plan: plan.clone(), ..State::default() };
+        let mut state = State { config: config.clone(), ..State::default() };
         let _ = events.pump_app_events(Some(Duration::from_millis(200)), &mut state);
         let problem = state.problem.take().unwrap_or_else(|| "it opened no window".into());
         let window = state.window.clone().ok_or_else(|| no_display(problem))?;
@@ -271,30 +274,38 @@ impl Window {
         let monitor = window.current_monitor().and_then(|m| m.refresh_rate_millihertz());
         let refresh_ns =
             monitor.filter(|&mhz| mhz > 0).map_or(USUAL_REFRESH_NS, |mhz| 1_000_000_000_000 / u64::from(mhz));
-        let small = if gpu.is_software && !plan.full_screen {
+        let small = if gpu.is_software && !config.full_screen {
             window.request_inner_size(SOFTWARE_SIZE)
         } else {
             None
         };
         let size = small.unwrap_or_else(|| window.inner_size());
-        let config = surface
+        let default = surface
             .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
             .ok_or_else(|| no_display("the graphics driver cannot draw into this window".into()))?;
         // The picture holds display values already; a plain format takes them as they are.
         let plain = [wgpu::TextureFormat::Bgra8Unorm, wgpu::TextureFormat::Rgba8Unorm];
         let formats = surface.get_capabilities(&gpu.adapter).formats;
-        let format = plain.into_iter().find(|f| formats.contains(f)).unwrap_or(config.format);
+        let format = plain.into_iter().find(|f| formats.contains(f)).unwrap_or(default.format);
         // Fifo waits for the display; one frame at most lies ready, so that nothing queues up.
-        let config = SurfaceConfiguration {
+        let surface_config = SurfaceConfiguration {
             format,
             present_mode: wgpu::PresentMode::Fifo,
             desired_maximum_frame_latency: 1,
-            ..config
+            ..default
         };
-        surface.configure(&gpu.device, &config);
-        let blit = Blit::new(&gpu.device, config.format);
-        let plan = plan.clone();
-        let window = Self { events, state, surface, config, blit, plan, acquired: None, refresh_ns };
+        surface.configure(&gpu.device, &surface_config);
+        let blit = Blit::new(&gpu.device, surface_config.format);
+        let window = Self {
+            events,
+            state,
+            surface,
+            surface_config,
+            blit,
+            config: config.clone(),
+            acquired: None,
+            refresh_ns,
+        };
         Ok((gpu, window))
     }
 
@@ -344,8 +355,8 @@ impl Window {
 
     fn configure(&mut self, gpu: &Gpu) {
         if let Some(size) = self.state.window.as_ref().map(|w| w.inner_size()) {
-            (self.config.width, self.config.height) = (size.width.max(1), size.height.max(1));
-            self.surface.configure(&gpu.device, &self.config);
+            (self.surface_config.width, self.surface_config.height) = (size.width.max(1), size.height.max(1));
+            self.surface.configure(&gpu.device, &self.surface_config);
         }
     }
 
@@ -357,8 +368,8 @@ impl Window {
     fn copy_channel(&mut self, gpu: &Gpu, target: &Target, channel: u32) {
         let Some(acquired) = &self.acquired else { return };
         let view = acquired.texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let size_px = [self.config.width, self.config.height];
-        self.blit.draw(gpu, target, &view, size_px, self.plan.arrangement, channel);
+        let size_px = [self.surface_config.width, self.surface_config.height];
+        self.blit.draw(gpu, target, &view, size_px, self.config.arrangement, channel);
     }
 
     /// Queues the picture for the next refresh; where channels alternate, the right one for the refresh
@@ -367,7 +378,7 @@ impl Window {
         if let Some(acquired) = self.acquired.take() {
             gpu.queue.present(acquired);
         }
-        if self.plan.arrangement == Arrangement::Sequential {
+        if self.config.arrangement == Arrangement::Sequential {
             self.acquire(gpu);
             self.copy_channel(gpu, target, 1);
             if let Some(acquired) = self.acquired.take() {

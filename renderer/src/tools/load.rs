@@ -64,6 +64,10 @@ pub fn parts(tool: Tool) -> &'static [&'static str] {
 }
 
 /// The mesh of `tool` from the bytes of `file`.
+///
+/// # Errors
+/// If the file is not binary glTF, lacks a part, or a part is not closed, not at gauge or not in
+/// place.
 pub fn load(tool: Tool, file: &str, bytes: &[u8]) -> Result<Model, ModelError> {
     let whole = |problem: String| ModelError::File { file: file.to_owned(), problem };
     let gltf = parse(bytes).map_err(whole)?;

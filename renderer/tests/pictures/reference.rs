@@ -6,13 +6,11 @@
 //! another version of the compiler by a few steps of 255 at edges; other adapters filter and rasterise
 //! edges differently, which costs up to 0.02 of similarity.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-
-use common::stage::{Stage, small, tier_of};
+use crate::stage::Stage;
 use renderer::governor::Shading;
 use renderer::readback::Picture;
-use renderer::similarity::{colour_difference, similarity};
+use renderer::reference_scene::{SUBJECTS, subject};
+use renderer::similarity::{colour_difference, reference_sized, reference_tier, similarity};
 use std::path::PathBuf;
 
 /// Least similarity where the adapter is the one that made the pictures, and elsewhere.
@@ -28,11 +26,11 @@ fn reference(name: &str) -> Picture {
 
 #[test]
 fn every_subject_looks_as_it_did() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     let other = usize::from(!stage.gpu.name.starts_with("llvmpipe"));
-    for (name, shading) in common::SUBJECTS.iter().flat_map(|n| Shading::ALL.map(|s| (n, s))) {
-        let scenes = common::subject(&stage.file, &stage.rig, name);
-        let picture = small(&stage.draw(&scenes, tier_of(shading)));
+    for (name, shading) in SUBJECTS.iter().flat_map(|n| Shading::ALL.map(|s| (n, s))) {
+        let scenes = subject(&stage.file, &stage.rig, name);
+        let picture = reference_sized(&stage.draw(&scenes, reference_tier(shading)));
         let known = reference(&format!("{name}-{}.png", shading.name()));
         let (similar, colour) = (similarity(&picture, &known), colour_difference(&picture, &known));
         assert!(
@@ -46,8 +44,8 @@ fn every_subject_looks_as_it_did() {
 
 #[test]
 fn lean_shading_looks_like_full_shading() {
-    let pairs = common::SUBJECTS.map(|n| Shading::ALL.map(|s| reference(&format!("{n}-{}.png", s.name()))));
-    for (name, [full, lean]) in common::SUBJECTS.iter().zip(&pairs) {
+    let pairs = SUBJECTS.map(|n| Shading::ALL.map(|s| reference(&format!("{n}-{}.png", s.name()))));
+    for (name, [full, lean]) in SUBJECTS.iter().zip(&pairs) {
         let (similar, colour) = (similarity(full, lean), colour_difference(full, lean));
         assert!(similar > 0.93 && colour < 4.0, "{name}: similarity {similar:.4}, colour {colour:.2}");
     }
@@ -55,7 +53,7 @@ fn lean_shading_looks_like_full_shading() {
 
 #[test]
 fn the_measure_sees_what_a_surgeon_would() {
-    let pictures = common::SUBJECTS.map(|n| reference(&format!("{n}-lean.png")));
+    let pictures = SUBJECTS.map(|n| reference(&format!("{n}-lean.png")));
     let same = similarity(&pictures[0], &pictures[0]);
     assert!((same - 1.0).abs() < 1e-12);
     // Without its bleb, a fundus is another picture; so is one shifted by a pixel.

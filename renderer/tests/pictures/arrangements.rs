@@ -1,5 +1,4 @@
-//! What a window shows and what files hold are arranged alike. Where there is no graphics driver the
-//! test says so in one line and passes.
+//! The window and files arrange the two channels alike.
 
 use renderer::governor::Tier;
 use renderer::gpu::Gpu;

@@ -1,4 +1,5 @@
-//! The person at the window: what they do goes out on `inputs`; help, pause and the desk's hints come onto the picture.
+//! The user at the window: forwards their inputs on `inputs`, and overlays help, pause and the desk's
+//! hints on the picture.
 
 use crate::present::Present;
 use ipc::{Instance, IpcError, Queue, Receiver, Sender};
@@ -7,8 +8,16 @@ use protocol::inputs::{Hint, Input, InputEvent, Origin};
 use protocol::scene_text::{Place, push_line};
 use protocol::time::Nanos;
 
-/// Channels to and from a person, and what the picture tells them.
-pub struct Person {
+/// Lines of `protocol::scene_text` over the picture.
+pub struct Overlay {
+    /// The lines.
+    pub lines: String,
+    /// They replace the scene's text.
+    pub hides_scene_text: bool,
+}
+
+/// Channels to and from the user, and the state of the overlay.
+pub struct User {
     inputs: Sender<InputEvent>,
     hints: Receiver<Hint>,
     hint: String,
@@ -16,36 +25,43 @@ pub struct Person {
     help: bool,
     dose: bool,
     paused: bool,
-    /// The overlay has to be made anew.
+    /// The overlay has changed since it was taken.
     changed: bool,
 }
 
-impl Person {
-    /// Joins the channels; `at_desk`: the person moves the instruments from here; `dose`: the dose of light is shown from the start.
+impl User {
+    /// Opens the channels. `at_desk`: the user moves the instruments with this window's inputs; `dose`:
+    /// the dose of light is shown from the start.
+    ///
+    /// # Errors
+    /// If a channel cannot be opened.
     pub fn open(instance: &Instance, at_desk: bool, dose: bool) -> Result<Self, IpcError> {
         let (inputs, hints) = (instance.sender()?, instance.receiver(Queue::Newest)?);
         let (hint, help) = (String::new(), false);
-        Ok(Person { inputs, hints, hint, at_desk, help, dose, paused: false, changed: false })
+        Ok(User { inputs, hints, hint, at_desk, help, dose, paused: false, changed: false })
     }
 
-    /// True while the dose of light shall be shown.
+    /// True while the dose of light is shown.
     pub fn shows_dose(&self) -> bool {
         self.dose
     }
 
-    /// True while everything stands still.
+    /// True while the session is paused.
     pub fn is_paused(&self) -> bool {
         self.paused
     }
 
-    /// Everything stands still, or goes on.
+    /// Pauses or resumes.
     pub fn pause(&mut self, paused: bool) {
         self.changed |= paused != self.paused;
         self.paused = paused;
     }
 
-    /// Sends what the window heard, and takes the newest hint.
-    pub fn hear(&mut self, present: &mut Present, at: Nanos) -> Result<(), IpcError> {
+    /// Publishes the window's inputs and takes the newest hint.
+    ///
+    /// # Errors
+    /// If a channel fails.
+    pub fn forward_inputs(&mut self, present: &mut Present, at: Nanos) -> Result<(), IpcError> {
         let (inputs, mut sent, mut help) = (&mut self.inputs, Ok(()), self.help);
         let dose = &mut self.dose;
         present.take_inputs(|input| {
@@ -65,14 +81,15 @@ impl Person {
         sent
     }
 
-    /// The lines over the picture, if they have changed, and whether they stand in place of the scene's.
-    pub fn overlay(&mut self) -> Option<(String, bool)> {
+    /// The overlay, if it has changed since the last call.
+    pub fn take_overlay(&mut self) -> Option<Overlay> {
         let help = if self.help { help(self.at_desk) } else { String::new() };
-        std::mem::take(&mut self.changed).then(|| (lines(&self.hint, self.paused, &help), self.help))
+        std::mem::take(&mut self.changed)
+            .then(|| Overlay { lines: lines(&self.hint, self.paused, &help), hides_scene_text: self.help })
     }
 }
 
-/// What is told.
+/// Lines of the overlay, each with its place.
 fn lines(hint: &str, paused: bool, help: &str) -> String {
     let mut text = String::new();
     if !hint.is_empty() {
@@ -92,8 +109,8 @@ mod tests {
     #[test]
     fn help_pause_and_hint_stand_at_their_places() {
         assert_eq!(lines("", false, ""), "");
-        let told = lines("hand 2: light", true, "");
-        assert!(told.contains("[hand 2: light\n") && told.contains("=paused"), "{told}");
+        let text = lines("hand 2: light", true, "");
+        assert!(text.contains("[hand 2: light\n") && text.contains("=paused"), "{text}");
         assert!(lines("", false, &help(true)).lines().all(|l| l.starts_with('=')));
     }
 }

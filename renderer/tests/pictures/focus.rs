@@ -1,11 +1,7 @@
-//! Depth of field and the soft edges of shadows, against formulas written out here, in the full tiers. Where there is no graphics
-//! driver the tests say so in one line and pass.
+//! Depth of field and the soft edges of shadows, against formulas written out here, in the full tiers.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-
-use common::markers::{BLUE, ball, scene};
-use common::stage::Stage;
+use crate::markers::{BLUE, ball, scene};
+use crate::stage::Stage;
 use glam::DVec3;
 use protocol::geometry::Pose;
 use protocol::scene::{Microscope, SceneBody};
@@ -23,7 +19,7 @@ fn looking_at_the_fovea(stage: &Stage, field_mm: f64, aperture_mm: f64, focus_mm
     Microscope { target_in_world_mm, field_mm, aperture_mm, focus_mm, ..stage.file.start_microscope() }
 }
 
-fn draw(stage: &mut Stage, microscope: &Microscope, bodies: Vec<SceneBody>) -> Picture {
+fn draw(stage: &Stage, microscope: &Microscope, bodies: Vec<SceneBody>) -> Picture {
     let mut scene = scene(stage, bodies, false);
     scene.header.microscope = *microscope;
     stage.draw(&[scene], TIER)
@@ -55,7 +51,7 @@ fn spread_px2(with: &Picture, without: &Picture) -> f64 {
 
 #[test]
 fn a_marker_out_of_focus_is_as_wide_as_the_formula_says() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     // Aperture, focus over the fovea and height of the ball over it, mm: nearer than the plane of focus, and farther.
     for (aperture, focus, height) in [(6.0, 0.0, 4.0), (6.0, 0.0, 7.0), (10.0, 3.0, 8.0), (10.0, 6.0, 2.0)] {
         let blurred = looking_at_the_fovea(&stage, 8.0, aperture, focus);
@@ -63,7 +59,7 @@ fn a_marker_out_of_focus_is_as_wide_as_the_formula_says() {
         let p = FOVEA + DVec3::Z * height;
         let [wide, narrow] = [blurred, sharp].map(|m| {
             let [with, without] =
-                [vec![ball(p.to_array(), 0.2, BLUE)], vec![]].map(|bodies| draw(&mut stage, &m, bodies));
+                [vec![ball(p.to_array(), 0.2, BLUE)], vec![]].map(|bodies| draw(&stage, &m, bodies));
             (spread_px2(&with, &without), with.height_px)
         });
         // A uniform disc of the diameter c has the variance c² / 16 along an axis; variances add up.
@@ -86,13 +82,13 @@ fn a_marker_out_of_focus_is_as_wide_as_the_formula_says() {
 
 #[test]
 fn what_is_in_focus_stays_as_it_is_whatever_lies_behind_it() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     // Focused on the ball; the retina lies 5 mm behind.
     let m = looking_at_the_fovea(&stage, 8.0, 10.0, 5.0);
     let p = FOVEA + DVec3::Z * 5.0;
     let spread = [m, Microscope { aperture_mm: 0.0, ..m }].map(|m| {
         let [with, without] =
-            [vec![ball(p.to_array(), 0.2, BLUE)], vec![]].map(|bodies| draw(&mut stage, &m, bodies));
+            [vec![ball(p.to_array(), 0.2, BLUE)], vec![]].map(|bodies| draw(&stage, &m, bodies));
         spread_px2(&with, &without)
     });
     let wider = 4.0 * (spread[0] - spread[1]).max(0.0).sqrt();
@@ -101,7 +97,7 @@ fn what_is_in_focus_stays_as_it_is_whatever_lies_behind_it() {
     let nearly = looking_at_the_fovea(&stage, 16.0, 0.05, 0.0);
     let bodies = || vec![ball([0.5, 0.5, -9.0], 0.3, BLUE)];
     let none = Microscope { aperture_mm: 0.0, ..nearly };
-    assert!(draw(&mut stage, &nearly, bodies()) == draw(&mut stage, &none, bodies()), "a copy to the bit");
+    assert!(draw(&stage, &nearly, bodies()) == draw(&stage, &none, bodies()), "a copy to the bit");
 }
 
 /// Height of the lamp over the fovea, and how far beside it stands, mm.
@@ -112,7 +108,7 @@ const FIBRE_MM: f64 = 0.125;
 
 /// How wide the edge of a plate's shadow is at the fovea, from a tenth to nine tenths of the light, mm. The plate lies so far below the
 /// lamp that its edge throws its shadow on the fovea.
-fn shadow_edge_mm(stage: &mut Stage, below_mm: f64) -> f64 {
+fn shadow_edge_mm(stage: &Stage, below_mm: f64) -> f64 {
     const FIELD_MM: f64 = 4.0;
     let edge = -ASIDE_MM + ASIDE_MM * below_mm / LAMP_MM;
     let plate = SceneBody {
@@ -153,9 +149,9 @@ fn shadow_edge_mm(stage: &mut Stage, below_mm: f64) -> f64 {
 
 #[test]
 fn shadows_are_the_softer_the_farther_their_caster_is() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     for below in [2.0, 3.0, 4.5] {
-        let found = shadow_edge_mm(&mut stage, below);
+        let found = shadow_edge_mm(&stage, below);
         let half = FIBRE_MM * (LAMP_MM - below) / below;
         // A disc that sets behind an edge shows a tenth when the edge has 0.687 of its radius to go from its middle.
         let expected = 2.0 * 0.687 * half;

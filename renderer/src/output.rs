@@ -1,5 +1,5 @@
-//! Pictures for others: stills, video, small JPEGs. A thread of its own does the work; the display
-//! never waits for it. What it cannot take is dropped and counted.
+//! Encoding and writing of pictures: stills, video, small JPEGs. A thread of its own does the work; the
+//! display never waits for it. Pictures that it cannot take are dropped and counted.
 
 pub mod picture;
 pub mod y4m;
@@ -12,14 +12,14 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
 use y4m::Y4m;
 
-/// Pictures under way at most.
+/// Pictures in flight at most.
 const POOL: usize = 3;
 /// The thread's own niceness, on top of the process's.
 const NICENESS: i32 = 5;
 
-/// What shall be written.
+/// Files to write and their shape.
 #[derive(Debug, Clone)]
-pub struct OutputPlan {
+pub struct OutputConfig {
     /// Folder for stills.
     pub stills: Option<PathBuf>,
     /// Video file.
@@ -32,9 +32,9 @@ pub struct OutputPlan {
     pub arrangement: Arrangement,
 }
 
-/// What is wanted of a picture.
+/// What to do with a picture.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Wanted {
+pub struct PictureRequest {
     /// Number of the frame.
     pub frame: u64,
     /// Field shown.
@@ -47,13 +47,13 @@ pub struct Wanted {
     pub last: bool,
     /// Encode it as a small JPEG.
     pub jpeg: bool,
-    /// Write it so many times into the video.
+    /// How many times to write it into the video.
     pub video: u64,
 }
 
-impl Wanted {
-    /// True if nothing is wanted.
-    pub fn is_nothing(&self) -> bool {
+impl PictureRequest {
+    /// True if there is nothing to do.
+    pub fn is_empty(&self) -> bool {
         !(self.still || self.last || self.jpeg || self.video > 0)
     }
 }
@@ -61,14 +61,14 @@ impl Wanted {
 struct Job {
     picture: Picture,
     jpeg: Vec<u8>,
-    wanted: Wanted,
+    request: PictureRequest,
     error: Option<String>,
 }
 
 /// A finished small picture, or the first error of a writer.
 pub enum Finished<'a> {
     /// Bytes of a JPEG of a frame.
-    Jpeg(Wanted, &'a [u8]),
+    Jpeg(PictureRequest, &'a [u8]),
     /// A file could not be written.
     Failed(String),
 }
@@ -79,20 +79,23 @@ pub struct Output {
     done: Receiver<Job>,
     pool: Vec<Job>,
     thread: Option<JoinHandle<()>>,
-    /// Pictures that were wanted but not taken.
+    /// Pictures dropped because none of the pool was free.
     pub dropped: u64,
 }
 
 impl Output {
-    /// Opens the files and starts the thread. `first_tier` limits the size of pictures.
-    pub fn start(plan: &OutputPlan, first_tier: usize) -> std::io::Result<Self> {
-        if let Some(folder) = &plan.stills {
+    /// Opens the files and starts the thread; `first_tier` gives the largest picture.
+    ///
+    /// # Errors
+    /// If a folder, a file or the thread cannot be created.
+    pub fn start(config: &OutputConfig, first_tier: usize) -> std::io::Result<Self> {
+        if let Some(folder) = &config.stills {
             std::fs::create_dir_all(folder)?;
         }
-        let [both_px, height_px] = plan.video_px;
-        let video_px = plan.arrangement.size_px(both_px / 2, height_px);
-        let video = plan.video.as_deref().map(|path| Y4m::create(path, video_px, plan.video_hz));
-        let (stills, arrangement) = (plan.stills.clone(), plan.arrangement);
+        let [both_px, height_px] = config.video_px;
+        let video_px = config.arrangement.size_px(both_px / 2, height_px);
+        let video = config.video.as_deref().map(|path| Y4m::create(path, video_px, config.video_hz));
+        let (stills, arrangement) = (config.stills.clone(), config.arrangement);
         let mut writer = Writer { stills, video: video.transpose()?, arrangement };
         let (jobs, inbox) = sync_channel::<Job>(POOL);
         let (outbox, done) = sync_channel::<Job>(POOL);
@@ -109,18 +112,21 @@ impl Output {
         let job = || Job {
             picture: Picture::with_room(first_tier),
             jpeg: Vec::with_capacity(protocol::limits::MAX_PICTURE_BYTES),
-            wanted: Wanted::default(),
+            request: PictureRequest::default(),
             error: None,
         };
         let pool = (0..POOL).map(|_| job()).collect();
         Ok(Self { jobs: Some(jobs), done, pool, thread: Some(thread), dropped: 0 })
     }
 
-    /// Lends a free picture to `fill` and hands it to the thread; without a free one the picture
-    /// is dropped and counted.
-    pub fn hand_over<E>(
+    /// Lets `fill` fill a free picture and sends it to the thread. Without a free one the request is
+    /// dropped and counted.
+    ///
+    /// # Errors
+    /// Those of `fill`.
+    pub fn submit<E>(
         &mut self,
-        wanted: Wanted,
+        request: PictureRequest,
         fill: impl FnOnce(&mut Picture) -> Result<(), E>,
     ) -> Result<(), E> {
         let (Some(mut job), Some(jobs)) = (self.pool.pop(), &self.jobs) else {
@@ -128,7 +134,7 @@ impl Output {
             return Ok(());
         };
         let filled = fill(&mut job.picture);
-        job.wanted = wanted;
+        job.request = request;
         if filled.is_err() {
             self.pool.push(job);
             return filled;
@@ -140,20 +146,20 @@ impl Output {
         Ok(())
     }
 
-    /// Takes finished pictures back and shows what has become of them.
+    /// Takes finished pictures back; calls `finished` with JPEGs and errors.
     pub fn collect(&mut self, mut finished: impl FnMut(Finished<'_>)) {
         while let Ok(mut job) = self.done.try_recv() {
             if let Some(error) = job.error.take() {
                 finished(Finished::Failed(error));
-            } else if job.wanted.jpeg {
-                finished(Finished::Jpeg(job.wanted, &job.jpeg));
+            } else if job.request.jpeg {
+                finished(Finished::Jpeg(job.request, &job.jpeg));
             }
             self.pool.push(job);
         }
     }
 
-    /// Waits until a picture is free (at the end, when nothing else is to be done).
-    pub fn wait_for_room(&mut self) {
+    /// Waits until a picture of the pool is free.
+    pub fn wait_for_slot(&mut self) {
         if self.pool.is_empty()
             && let Ok(job) = self.done.recv()
         {
@@ -161,7 +167,7 @@ impl Output {
         }
     }
 
-    /// Writes what is under way and closes the files; returns the first error.
+    /// Finishes the pictures in flight and closes the files; returns the first error.
     pub fn finish(mut self) -> Option<String> {
         self.jobs = None;
         let mut first = None;
@@ -183,19 +189,19 @@ struct Writer {
 
 impl Writer {
     fn write(&mut self, job: &mut Job) -> Result<(), Box<dyn std::error::Error>> {
-        if job.wanted.jpeg {
+        if job.request.jpeg {
             picture::small_jpeg(&job.picture, &mut job.jpeg)?;
         }
         arrange(&mut job.picture, self.arrangement);
         if let Some(folder) = &self.stills {
-            if job.wanted.still {
-                save_png(&folder.join(format!("frame-{:06}.png", job.wanted.frame)), &job.picture)?;
+            if job.request.still {
+                save_png(&folder.join(format!("frame-{:06}.png", job.request.frame)), &job.picture)?;
             }
-            if job.wanted.last {
+            if job.request.last {
                 save_png(&folder.join("last.png"), &job.picture)?;
             }
         }
-        if let (Some(video), count @ 1..) = (&mut self.video, job.wanted.video) {
+        if let (Some(video), count @ 1..) = (&mut self.video, job.request.video) {
             video.write(&job.picture, count)?;
         }
         Ok(())
@@ -211,6 +217,9 @@ impl Writer {
 }
 
 /// Saves `picture` as a PNG; the file appears whole or not at all.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn save_png(path: &Path, picture: &Picture) -> Result<(), image::ImageError> {
     let unfinished = path.with_extension("png.part");
     let rgb = picture::rgb(picture);
@@ -233,8 +242,8 @@ mod tests {
         Picture { width_px: 8, height_px: 4, rgba: vec![value; 8 * 4 * 4] }
     }
 
-    fn plan(folder: Option<&Path>, arrangement: Arrangement) -> OutputPlan {
-        OutputPlan {
+    fn config(folder: Option<&Path>, arrangement: Arrangement) -> OutputConfig {
+        OutputConfig {
             stills: folder.map(Into::into),
             video: folder.map(|f| f.join("v.y4m")),
             video_px: [8, 4],
@@ -246,16 +255,23 @@ mod tests {
     #[test]
     fn stills_video_and_jpeg_are_written() {
         let folder = std::env::temp_dir().join(format!("vitreo-output-{}", std::process::id()));
-        let plan = plan(Some(&folder), Arrangement::SideBySide);
+        let config = config(Some(&folder), Arrangement::SideBySide);
         std::fs::create_dir_all(&folder).unwrap();
-        let mut output = Output::start(&plan, 8).unwrap();
-        let wanted = Wanted { frame: 7, still: true, last: true, jpeg: true, video: 2, ..Wanted::default() };
+        let mut output = Output::start(&config, 8).unwrap();
+        let request = PictureRequest {
+            frame: 7,
+            still: true,
+            last: true,
+            jpeg: true,
+            video: 2,
+            ..PictureRequest::default()
+        };
         let fill = |p: &mut Picture| {
             *p = picture(90);
             Ok::<(), ()>(())
         };
-        output.hand_over(wanted, fill).unwrap();
-        (0..POOL).for_each(|_| output.wait_for_room());
+        output.submit(request, fill).unwrap();
+        (0..POOL).for_each(|_| output.wait_for_slot());
         assert_eq!(output.finish(), None);
         let still = image::open(folder.join("frame-000007.png")).unwrap().to_rgb8();
         assert_eq!((still.dimensions(), still.get_pixel(3, 3).0), ((8, 4), [90; 3]));
@@ -269,14 +285,14 @@ mod tests {
     fn files_are_arranged_and_small_pictures_are_not() {
         let folder = std::env::temp_dir().join(format!("vitreo-arranged-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        let mut output = Output::start(&plan(Some(&folder), Arrangement::Right), 8).unwrap();
+        let mut output = Output::start(&config(Some(&folder), Arrangement::Right), 8).unwrap();
         let fill = |p: &mut Picture| {
             *p = picture(90);
             p.rgba.chunks_mut(32).for_each(|row| row[16..].fill(30));
             Ok::<(), ()>(())
         };
-        let wanted = Wanted { still: true, jpeg: true, video: 1, ..Wanted::default() };
-        output.hand_over(wanted, fill).unwrap();
+        let request = PictureRequest { still: true, jpeg: true, video: 1, ..PictureRequest::default() };
+        output.submit(request, fill).unwrap();
         let mut jpeg = None;
         while jpeg.is_none() {
             output.collect(|f| {
@@ -297,17 +313,18 @@ mod tests {
 
     #[test]
     fn a_full_pool_drops_and_counts() {
-        let plan = plan(None, Arrangement::default());
-        let mut output = Output::start(&plan, 8).unwrap();
+        let config = config(None, Arrangement::default());
+        let mut output = Output::start(&config, 8).unwrap();
         let held: Vec<Job> = output.pool.drain(..).collect();
-        let filled = output.hand_over(Wanted { jpeg: true, ..Wanted::default() }, |_| Err("not asked"));
+        let filled =
+            output.submit(PictureRequest { jpeg: true, ..PictureRequest::default() }, |_| Err("not asked"));
         assert_eq!((filled, output.dropped, held.len()), (Ok(()), 1, POOL));
         output.finish();
     }
 
     #[test]
     fn an_impossible_folder_is_an_error() {
-        let impossible = plan(Some(Path::new("/proc/nowhere/stills")), Arrangement::default());
+        let impossible = config(Some(Path::new("/proc/nowhere/stills")), Arrangement::default());
         assert!(Output::start(&impossible, 8).is_err());
     }
 }

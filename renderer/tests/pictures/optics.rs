@@ -1,11 +1,8 @@
-//! The truth of the picture through lenses, against rays traced here: through a thin lens by its two principal rays, through the
-//! flat contact lens by Snell's law. Where there is no graphics driver the tests say so in one line and pass.
+//! Pictures through lenses against rays traced here: through a thin lens by its two principal rays,
+//! through the flat contact lens by Snell's law.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-
-use common::markers::{BLUE, ball, blue_centroid, scene};
-use common::stage::Stage;
+use crate::markers::{BLUE, ball, blue_centroid, scene};
+use crate::stage::Stage;
 use glam::DVec3;
 use protocol::optics::Lens;
 use protocol::scene::Microscope;
@@ -74,7 +71,7 @@ fn grid(pitch: f64) -> Vec<DVec3> {
 
 /// Draws balls at `at` through `m` and gives the worst distance from where `expected` has them, px.
 fn worst_px(
-    stage: &mut Stage,
+    stage: &Stage,
     m: &Microscope,
     tier: usize,
     at: &[DVec3],
@@ -98,13 +95,13 @@ fn worst_px(
 
 #[test]
 fn markers_through_the_wide_angle_lens_appear_where_its_rays_meet() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     let at = grid(3.2);
     for (tier, inverter) in TIERS.iter().flat_map(|&t| [false, true].map(|i| (t, i))) {
         let m = through(&stage, Lens::WideAngle, inverter);
         let target = image_by_lens(&m, DVec3::from(m.target_in_world_mm));
         let rays = |c, size, p| pinhole(&m, c, size, target, image_by_lens(&m, p));
-        let worst = worst_px(&mut stage, &m, tier, &at, rays);
+        let worst = worst_px(&stage, &m, tier, &at, rays);
         assert!(worst < 0.25, "tier {tier}, inverter {inverter}: {worst:.3} px");
     }
 }
@@ -130,7 +127,7 @@ fn leaves_face(p: DVec3, objective: DVec3) -> DVec3 {
 
 #[test]
 fn markers_under_the_flat_lens_appear_where_refracted_rays_arrive() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     let at = grid(2.1);
     for (tier, inverter) in TIERS.iter().flat_map(|&t| [false, true].map(|i| (t, i))) {
         let m = through(&stage, Lens::Flat, inverter);
@@ -142,14 +139,14 @@ fn markers_under_the_flat_lens_appear_where_refracted_rays_arrive() {
             let objective = target + DVec3::new(-side * m.stereo_base_mm, 0.0, m.working_distance_mm);
             pinhole(&m, c, size, target, leaves_face(p, objective))
         };
-        let worst = worst_px(&mut stage, &m, tier, &at, rays);
+        let worst = worst_px(&stage, &m, tier, &at, rays);
         assert!(worst < 0.25, "tier {tier}, inverter {inverter}: {worst:.3} px");
     }
 }
 
 #[test]
 fn disparity_through_the_wide_angle_lens_is_that_of_the_pictures_depth() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     for (inverter, height) in [false, true].into_iter().flat_map(|i| [1.5, 4.0, 8.0].map(|h| (i, h))) {
         let m = through(&stage, Lens::WideAngle, inverter);
         // The lens makes of heights over the target heights of its picture: Gauss' formula.

@@ -1,56 +1,36 @@
-//! Draws the shipped scene headless and looks at the picture. Where there is no graphics driver
-//! the tests say so in one line and pass.
+//! Draws the shipped scene and checks what the picture shows.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-
-use protocol::rig::Rig;
-use renderer::frame::Renderer;
-use renderer::gpu::Gpu;
+use crate::stage::Stage;
 use renderer::latch::{Latched, latch_scene};
-use renderer::readback::{Picture, ReadBack};
-use renderer::start::plan;
-use scene::{DEFAULT_SCENE, SceneFile};
+use renderer::offscreen::Offscreen;
+use renderer::readback::Picture;
+use renderer::reference_scene::membrane_scene;
 
 /// The best tier that the tests draw at: small, for the software driver.
 const FIRST_TIER: usize = 5;
 
 struct Bench {
-    gpu: Gpu,
-    renderer: Renderer,
-    read_back: ReadBack,
-    file: SceneFile,
-    rig: Rig,
+    stage: Stage,
+    offscreen: Offscreen,
 }
 
 impl Bench {
     fn new() -> Option<Self> {
-        let gpu = match Gpu::headless() {
-            Ok(gpu) => gpu,
-            Err(e) => {
-                println!("skipped: {e}");
-                return None;
-            }
-        };
-        let (file, rig) = (SceneFile::load(DEFAULT_SCENE).unwrap(), Rig::load_or_shipped(None).unwrap());
-        let renderer = Renderer::new(&gpu, plan(&file, &rig, FIRST_TIER, 512)).unwrap();
-        let read_back = ReadBack::new(&gpu, FIRST_TIER);
-        Some(Self { gpu, renderer, read_back, file, rig })
+        let stage = Stage::open()?;
+        Some(Self { offscreen: stage.renderer(FIRST_TIER), stage })
     }
 
     /// The picture of the forceps at `tip`, after `change` to the latched poses.
     fn draw(&mut self, tip: [f64; 3], tier: usize, change: impl Fn(&mut Latched)) -> Picture {
-        let scene = common::scene(&self.file, &self.rig, tip, 0.3, 0.0);
-        self.renderer.take_scene(&self.gpu, &scene.header, bytemuck::cast_slice(&scene.payload)).unwrap();
+        let (stage, offscreen) = (&self.stage, &mut self.offscreen);
+        let scene = membrane_scene(&stage.file, &stage.rig, tip, 0.3, 0.0);
+        offscreen.renderer.take_scene(&stage.gpu, &scene.header, scene.payload()).unwrap();
         let mut latched = latch_scene(&scene.header);
         change(&mut latched);
         // Twice: text and order of a lost body follow with the next frame.
-        for _ in 0..2 {
-            let commands = self.renderer.encode(&self.gpu, tier);
-            self.renderer.submit(&self.gpu, tier, &latched, commands);
-        }
+        (0..2).for_each(|_| offscreen.draw(tier, &latched));
         let mut picture = Picture::default();
-        self.read_back.read(&self.gpu, self.renderer.target(tier), &mut picture).unwrap();
+        offscreen.read(tier, &mut picture).unwrap();
         picture
     }
 }

@@ -7,7 +7,7 @@ use crate::gpu::{Gpu, GpuError};
 use crate::target::Target;
 use protocol::inputs::Input;
 use protocol::time::Nanos;
-use window::{Window, WindowPlan};
+use window::{Window, WindowConfig};
 
 /// Why there is no window.
 #[derive(Debug, thiserror::Error)]
@@ -43,10 +43,13 @@ pub enum Ready {
 
 impl Present {
     /// Opens the device and, if asked for, a window.
-    pub fn open(window: Option<&WindowPlan>) -> Result<(Gpu, Self), PresentError> {
+    ///
+    /// # Errors
+    /// If there is no display for a window, or no graphics device.
+    pub fn open(window: Option<&WindowConfig>) -> Result<(Gpu, Self), PresentError> {
         match window {
-            Some(plan) => {
-                let (gpu, window) = Window::open(plan)?;
+            Some(config) => {
+                let (gpu, window) = Window::open(config)?;
                 Ok((gpu, Present::Window(Box::new(window))))
             }
             None => Ok((Gpu::headless()?, Present::Headless)),

@@ -34,11 +34,11 @@ pub const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::
 
 /// The shipped files, in the order of [`TOOLS`].
 const SHIPPED: [&[u8]; 5] = [
-    include_bytes!("../../../assets/instruments/forceps.glb"),
-    include_bytes!("../../../assets/instruments/light-pipe.glb"),
-    include_bytes!("../../../assets/instruments/pick.glb"),
-    include_bytes!("../../../assets/instruments/vitrector.glb"),
-    include_bytes!("../../../assets/instruments/needle.glb"),
+    include_bytes!("../../assets/instruments/forceps.glb"),
+    include_bytes!("../../assets/instruments/light-pipe.glb"),
+    include_bytes!("../../assets/instruments/pick.glb"),
+    include_bytes!("../../assets/instruments/vitrector.glb"),
+    include_bytes!("../../assets/instruments/needle.glb"),
 ];
 
 /// Shaft of an instrument.
@@ -123,12 +123,18 @@ pub struct Models([Model; TOOLS.len()]);
 
 impl Models {
     /// Those that are built in.
+    ///
+    /// # Errors
+    /// If a mesh is invalid.
     pub fn shipped() -> Result<Self, ModelError> {
         let file = |i: usize| format!("assets/instruments/{}.glb", name(TOOLS[i]));
         Self::each(|i| load::load(TOOLS[i], &file(i), SHIPPED[i]))
     }
 
     /// Those of a folder, which has a file for each tool.
+    ///
+    /// # Errors
+    /// If a file is missing or its mesh is invalid.
     pub fn from_folder(folder: &Path) -> Result<Self, ModelError> {
         Self::each(|i| {
             let path = folder.join(format!("{}.glb", name(TOOLS[i])));

@@ -28,25 +28,25 @@ pub const DEPTH: TextureFormat = TextureFormat::Depth32Float;
 /// Distance of the channels' uniforms in their buffer, bytes.
 pub const VIEW_STRIDE: u32 = 256;
 
-const COMMON: &str = include_str!("common.wgsl");
-const PLACE: &str = include_str!("place.wgsl");
-const QUAD: &str = include_str!("quad.wgsl");
+const COMMON: &str = include_str!("passes/common.wgsl");
+const PLACE: &str = include_str!("passes/place.wgsl");
+const QUAD: &str = include_str!("passes/quad.wgsl");
 
 /// Whole text of every shader, by name, for the device and for the validation test.
 pub fn shader_sources() -> [(&'static str, String); 12] {
     [
-        ("shadow", [COMMON, PLACE, include_str!("shadow.wgsl")].concat()),
-        ("fundus", [COMMON, include_str!("fundus.wgsl")].concat()),
-        ("instruments", [COMMON, PLACE, include_str!("instruments.wgsl")].concat()),
-        ("membrane", [COMMON, include_str!("membrane.wgsl")].concat()),
-        ("retina", [COMMON, include_str!("retina.wgsl")].concat()),
-        ("bodies", [COMMON, include_str!("bodies.wgsl")].concat()),
-        ("marks", [COMMON, include_str!("marks.wgsl")].concat()),
-        ("haze", [COMMON, include_str!("fundus.wgsl"), include_str!("haze.wgsl")].concat()),
-        ("dose", [COMMON, include_str!("fundus.wgsl"), include_str!("dose.wgsl")].concat()),
-        ("focus", include_str!("focus.wgsl").to_owned()),
-        ("text", include_str!("text.wgsl").to_owned()),
-        ("blit", [QUAD, include_str!("../present/blit.wgsl")].concat()),
+        ("shadow", [COMMON, PLACE, include_str!("passes/shadow.wgsl")].concat()),
+        ("fundus", [COMMON, include_str!("passes/fundus.wgsl")].concat()),
+        ("instruments", [COMMON, PLACE, include_str!("passes/instruments.wgsl")].concat()),
+        ("membrane", [COMMON, include_str!("passes/membrane.wgsl")].concat()),
+        ("retina", [COMMON, include_str!("passes/retina.wgsl")].concat()),
+        ("bodies", [COMMON, include_str!("passes/bodies.wgsl")].concat()),
+        ("marks", [COMMON, include_str!("passes/marks.wgsl")].concat()),
+        ("haze", [COMMON, include_str!("passes/fundus.wgsl"), include_str!("passes/haze.wgsl")].concat()),
+        ("dose", [COMMON, include_str!("passes/fundus.wgsl"), include_str!("passes/dose.wgsl")].concat()),
+        ("focus", include_str!("passes/focus.wgsl").to_owned()),
+        ("text", include_str!("passes/text.wgsl").to_owned()),
+        ("blit", [QUAD, include_str!("present/blit.wgsl")].concat()),
     ]
 }
 
@@ -175,7 +175,7 @@ pub fn sampled_group(
 
 /// What distinguishes the pipelines of this crate.
 #[derive(Debug, Clone, Copy)]
-pub struct PipelinePlan<'a> {
+pub struct PipelineSpec<'a> {
     /// Name of the shader.
     pub shader: &'a str,
     /// Entry points; without a fragment stage only depth is written.
@@ -206,7 +206,7 @@ pub struct PipelinePlan<'a> {
     pub format: TextureFormat,
 }
 
-impl<'a> PipelinePlan<'a> {
+impl<'a> PipelineSpec<'a> {
     /// An opaque list of triangles without buffers, tested against nothing.
     pub fn new(shader: &'a str, vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> Self {
         Self {
@@ -244,14 +244,14 @@ pub fn over_everything(shading: Shading) -> Option<(CompareFunction, bool)> {
 }
 
 /// Makes a pipeline.
-pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
-    let module = shader(device, plan.shader);
+pub fn pipeline(device: &Device, spec: &PipelineSpec<'_>) -> RenderPipeline {
+    let module = shader(device, spec.shader);
     let constants = [("LEAN", 1.0)];
-    let constants: &[(&str, f64)] = if plan.shading == Shading::Lean { &constants } else { &[] };
+    let constants: &[(&str, f64)] = if spec.shading == Shading::Lean { &constants } else { &[] };
     let options = wgpu::PipelineCompilationOptions { constants, ..Default::default() };
-    let groups: Vec<_> = plan.groups.iter().map(|&g| Some(g)).collect();
+    let groups: Vec<_> = spec.groups.iter().map(|&g| Some(g)).collect();
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(plan.shader),
+        label: Some(spec.shader),
         bind_group_layouts: &groups,
         immediate_size: 0,
     });
@@ -259,42 +259,42 @@ pub fn pipeline(device: &Device, plan: &PipelinePlan<'_>) -> RenderPipeline {
         Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes })
     };
     let mut buffers = Vec::new();
-    if plan.vertices {
+    if spec.vertices {
         buffers.push(buffer(VERTEX_STRIDE, wgpu::VertexStepMode::Vertex, &ATTRIBUTES[..]));
     }
-    if let Some((stride, attributes)) = plan.instances {
+    if let Some((stride, attributes)) = spec.instances {
         buffers.push(buffer(stride, wgpu::VertexStepMode::Instance, attributes));
     }
     let target =
-        [Some(wgpu::ColorTargetState { format: plan.format, blend: plan.blend, write_mask: plan.writes })];
-    let topology = if plan.strip {
+        [Some(wgpu::ColorTargetState { format: spec.format, blend: spec.blend, write_mask: spec.writes })];
+    let topology = if spec.strip {
         wgpu::PrimitiveTopology::TriangleStrip
     } else {
         wgpu::PrimitiveTopology::TriangleList
     };
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(plan.shader),
+        label: Some(spec.shader),
         layout: Some(&layout),
         vertex: wgpu::VertexState {
             module: &module,
-            entry_point: Some(plan.vertex),
+            entry_point: Some(spec.vertex),
             compilation_options: options.clone(),
             buffers: &buffers,
         },
         primitive: wgpu::PrimitiveState {
             topology,
-            cull_mode: plan.closed.then_some(wgpu::Face::Back),
+            cull_mode: spec.closed.then_some(wgpu::Face::Back),
             ..wgpu::PrimitiveState::default()
         },
-        depth_stencil: plan.depth.map(|(compare, write)| wgpu::DepthStencilState {
+        depth_stencil: spec.depth.map(|(compare, write)| wgpu::DepthStencilState {
             format: DEPTH,
             depth_write_enabled: Some(write),
             depth_compare: Some(compare),
             stencil: wgpu::StencilState::default(),
             bias: wgpu::DepthBiasState::default(),
         }),
-        multisample: wgpu::MultisampleState { count: plan.samples, ..wgpu::MultisampleState::default() },
-        fragment: plan.fragment.map(|entry| wgpu::FragmentState {
+        multisample: wgpu::MultisampleState { count: spec.samples, ..wgpu::MultisampleState::default() },
+        fragment: spec.fragment.map(|entry| wgpu::FragmentState {
             module: &module,
             entry_point: Some(entry),
             compilation_options: options.clone(),

@@ -1,11 +1,8 @@
-//! The truth of the picture's geometry, against formulas written out here: where a marker appears in
-//! each channel, how far apart the channels show it, where a shadow falls, and what hides what.
+//! Geometry of the picture against formulas written out here: places of markers in each channel,
+//! disparity between the channels, places of shadows, occlusion.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-
-use common::markers::{BLUE, ball, blue_centroid, centroid, is_blue, scene};
-use common::stage::Stage;
+use crate::markers::{BLUE, ball, blue_centroid, centroid, is_blue, scene};
+use crate::stage::Stage;
 use glam::DVec3;
 use renderer::readback::Picture;
 
@@ -43,7 +40,7 @@ fn grid() -> impl Iterator<Item = DVec3> {
 
 #[test]
 fn markers_appear_where_a_pinhole_would_show_them() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     let at: Vec<DVec3> = grid().filter(|p| p.truncate().length() < 6.0).collect();
     for tier in TIERS {
         let bodies = at.iter().map(|p| ball(p.to_array(), 0.4, BLUE)).collect();
@@ -61,7 +58,7 @@ fn markers_appear_where_a_pinhole_would_show_them() {
 
 #[test]
 fn channels_are_as_far_apart_as_the_height_says() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     let m = stage.file.microscope.clone();
     for height in [1.5, 4.0, 8.0] {
         let p = DVec3::from(m.target_in_world_mm) + DVec3::Z * height;
@@ -80,7 +77,7 @@ fn channels_are_as_far_apart_as_the_height_says() {
 
 #[test]
 fn a_shadow_falls_where_the_ray_from_the_lamp_ends() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     // The light pipe's tip, as the scene has it, and a small ball below it.
     let (lamp, caster, radius) =
         (DVec3::new(-2.6, 0.6, -5.0), DVec3::new(-1.4, -0.3, -8.5), stage.file.eye.retina_radius_mm);
@@ -111,7 +108,7 @@ fn a_shadow_falls_where_the_ray_from_the_lamp_ends() {
 
 #[test]
 fn what_is_nearer_hides_what_is_farther() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     for (tier, low, reversed) in TIERS.iter().flat_map(|&t| {
         [-10.5, -9.0].into_iter().flat_map(move |low| [false, true].map(move |reversed| (t, low, reversed)))
     }) {
@@ -133,16 +130,16 @@ fn what_is_nearer_hides_what_is_farther() {
 
 #[test]
 fn the_retina_hides_what_is_behind_it_and_shows_what_lies_on_it() {
-    let Some(mut stage) = Stage::open() else { return };
+    let Some(stage) = Stage::open() else { return };
     for (tier, x) in TIERS.iter().flat_map(|&t| [-4.0, 0.0, 3.0].map(|x| (t, x))) {
         let outwards = DVec3::new(x, 1.0, -11.0).normalize();
-        let blue = |stage: &mut Stage, at: f64| {
+        let blue = |stage: &Stage, at: f64| {
             let scene = scene(stage, vec![ball((outwards * at).to_array(), 0.3, BLUE)], false);
             let picture = stage.draw(&[scene], tier);
             let all = (0..picture.height_px).flat_map(|y| (0..picture.width_px).map(move |x| (x, y)));
             all.filter(|&(x, y)| is_blue(picture.rgb(x, y))).count()
         };
-        assert_eq!(blue(&mut stage, 12.0), 0, "tier {tier}: a ball behind the retina");
-        assert!(blue(&mut stage, 11.4) > 40, "tier {tier}: a ball that lies on the retina");
+        assert_eq!(blue(&stage, 12.0), 0, "tier {tier}: a ball behind the retina");
+        assert!(blue(&stage, 11.4) > 40, "tier {tier}: a ball that lies on the retina");
     }
 }

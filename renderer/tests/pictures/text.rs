@@ -1,18 +1,11 @@
-//! Lines of text stand where they belong in both channels, at every tier. Where there is no graphics driver the test
-//! says so in one line and passes.
+//! Lines of text stand at their places in both channels, at every tier.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-
-use common::{Contents, scene_of};
-use protocol::rig::Rig;
-use renderer::frame::Renderer;
+use crate::stage::Stage;
 use renderer::governor::TIERS;
-use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
-use renderer::readback::{Picture, ReadBack};
-use renderer::start::plan;
-use scene::{DEFAULT_SCENE, SceneFile};
+use renderer::offscreen::Offscreen;
+use renderer::readback::Picture;
+use renderer::reference_scene::{Contents, scene_with};
 
 const FIRST_TIER: usize = 5;
 
@@ -30,32 +23,24 @@ fn ink(picture: &Picture, channel: u32, [left, top, right, bottom]: [f64; 4]) ->
 
 #[test]
 fn the_status_stands_in_the_corner_and_goes_again() {
-    let gpu = match Gpu::headless() {
-        Ok(gpu) => gpu,
-        Err(e) => return println!("skipped: {e}"),
-    };
-    let (file, rig) = (SceneFile::load(DEFAULT_SCENE).unwrap(), Rig::load_or_shipped(None).unwrap());
-    let mut renderer = Renderer::new(&gpu, plan(&file, &rig, FIRST_TIER, 512)).unwrap();
-    let scene = scene_of(&file, &rig, [6.0, 3.0, 2.0], 0.3, &Contents::default());
-    renderer.take_scene(&gpu, &scene.header, bytemuck::cast_slice(&scene.payload)).unwrap();
+    let Some(stage) = Stage::open() else { return };
+    let mut offscreen = stage.renderer(FIRST_TIER);
+    let scene = scene_with(&stage.file, &stage.rig, [6.0, 3.0, 2.0], 0.3, &Contents::default());
+    offscreen.renderer.take_scene(&stage.gpu, &scene.header, scene.payload()).unwrap();
     let latched = latch_scene(&scene.header);
-    let read_back = ReadBack::new(&gpu, FIRST_TIER);
-    let draw = |renderer: &mut Renderer, tier: usize| {
+    let draw = |offscreen: &mut Offscreen, tier: usize| {
         // Twice: text follows with the next frame.
-        for _ in 0..2 {
-            let commands = renderer.encode(&gpu, tier);
-            renderer.submit(&gpu, tier, &latched, commands);
-        }
+        (0..2).for_each(|_| offscreen.draw(tier, &latched));
         let mut picture = Picture::default();
-        read_back.read(&gpu, renderer.target(tier), &mut picture).unwrap();
+        offscreen.read(tier, &mut picture).unwrap();
         picture
     };
     let corner = [0.0, 0.0, 0.4, 0.16];
     for tier in FIRST_TIER..TIERS.len() {
-        renderer.say("tier 6: 320*256\nframes of 23 ms");
-        let shown = draw(&mut renderer, tier);
-        renderer.say("");
-        let gone = draw(&mut renderer, tier);
+        offscreen.renderer.set_status("tier 6: 320*256\nframes of 23 ms");
+        let shown = draw(&mut offscreen, tier);
+        offscreen.renderer.set_status("");
+        let gone = draw(&mut offscreen, tier);
         for channel in 0..2 {
             let (with, without) = (ink(&shown, channel, corner), ink(&gone, channel, corner));
             assert!(

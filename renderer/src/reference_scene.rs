@@ -1,8 +1,5 @@
-//! Scenes made from the shipped scene file, as the simulation would send them: for the examples, the
-//! bench and the tests of pictures.
-
-pub mod markers;
-pub mod stage;
+//! Scenes of fixed contents, laid out as the simulation sends them: for `renderer bench`, the reference
+//! pictures and tests. Positions are in the eye frame, mm.
 
 use bytemuck::Zeroable;
 use glam::{DMat3, DQuat, DVec3};
@@ -14,16 +11,34 @@ use protocol::scene::{
 };
 use scene::SceneFile;
 
-/// A scene block.
-pub struct Scene {
+/// A scene as the renderer receives it.
+pub struct SceneBlock {
     /// Header.
     pub header: SceneHeader,
-    /// Payload, in units of 16 bytes.
-    pub payload: Vec<u128>,
+    payload: Vec<u128>,
+}
+
+impl SceneBlock {
+    /// A copy of what the simulation sent.
+    pub fn new(header: SceneHeader, payload: &[u8]) -> Self {
+        let mut units = vec![0u128; payload.len().div_ceil(16)];
+        bytemuck::cast_slice_mut(&mut units)[..payload.len()].copy_from_slice(payload);
+        Self { header, payload: units }
+    }
+
+    /// The sections that the header points into.
+    pub fn payload(&self) -> &[u8] {
+        bytemuck::cast_slice(&self.payload)
+    }
+
+    /// The same, to change.
+    pub fn payload_mut(&mut self) -> &mut [u8] {
+        bytemuck::cast_slice_mut(&mut self.payload)
+    }
 }
 
 /// Pose of instrument `which` with its tip at `tip` and its shaft through the trocar.
-pub fn through_trocar(rig: &Rig, which: usize, tip: [f64; 3]) -> Pose {
+fn through_trocar(rig: &Rig, which: usize, tip: [f64; 3]) -> Pose {
     let name = protocol::poses::BODY_NAMES[which];
     let trocar = DVec3::from(rig.trocar(name).expect("a trocar for each instrument").p_eye);
     let tip = DVec3::from(tip);
@@ -33,27 +48,43 @@ pub fn through_trocar(rig: &Rig, which: usize, tip: [f64; 3]) -> Pose {
     Pose { position_mm: tip.to_array(), rotation_wxyz: [q.w, q.x, q.y, q.z] }
 }
 
-/// What is in the eye beside the instruments.
+/// Contents of the eye beside the instruments.
 #[derive(Default)]
-#[allow(missing_docs)]
 pub struct Contents {
+    /// Nodes of the tissue.
     pub nodes: Vec<SceneNode>,
+    /// Triangles of the tissue.
     pub triangles: Vec<SceneTriangle>,
+    /// Marks on the retina.
     pub marks: Vec<SceneMark>,
+    /// Rigid bodies.
     pub bodies: Vec<SceneBody>,
+    /// Densities of the vitreous.
     pub bricks: Vec<SceneBrick>,
+    /// Places at which nodes of the retina lay at the start.
     pub homes: Vec<SceneHome>,
 }
 
-/// The scene with the forceps at `tip`; `grabbed` binds the nodes within so many mm of them.
-#[allow(dead_code)]
-pub fn scene(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, grabbed_mm: f64) -> Scene {
+/// A membrane with the forceps at `tip`; nodes within `grabbed_mm` of them are bound to them.
+pub fn membrane_scene(
+    file: &SceneFile,
+    rig: &Rig,
+    tip: [f64; 3],
+    jaw_rad: f64,
+    grabbed_mm: f64,
+) -> SceneBlock {
     let (nodes, triangles) = membrane(file, &through_trocar(rig, 0, tip), grabbed_mm);
-    scene_of(file, rig, tip, jaw_rad, &Contents { nodes, triangles, ..Contents::default() })
+    scene_with(file, rig, tip, jaw_rad, &Contents { nodes, triangles, ..Contents::default() })
 }
 
-/// The scene with these contents.
-pub fn scene_of(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, contents: &Contents) -> Scene {
+/// A scene with `contents`, the forceps at `tip` and a light pipe beside the macula.
+pub fn scene_with(
+    file: &SceneFile,
+    rig: &Rig,
+    tip: [f64; 3],
+    jaw_rad: f64,
+    contents: &Contents,
+) -> SceneBlock {
     let mut header = SceneHeader::zeroed();
     header.world_from_eye = Pose::IDENTITY;
     header.microscope = file.start_microscope();
@@ -81,47 +112,51 @@ pub fn scene_of(file: &SceneFile, rig: &Rig, tip: [f64; 3], jaw_rad: f64, conten
     header.bodies = writer.write(&c.bodies).expect("room for the bodies");
     header.bricks = writer.write(&c.bricks).expect("room for the bricks");
     header.homes = writer.write(&c.homes).expect("room for the homes");
-    Scene { header, payload }
+    SceneBlock { header, payload }
 }
 
-/// Scenes of every subject.
-#[allow(dead_code)]
+/// Subjects of the reference pictures.
 pub const SUBJECTS: [&str; 4] = ["peel", "bleb", "vitreous", "bodies"];
 
-/// The scenes that lead to the picture of a subject, one after the other.
+/// The scenes that lead to the picture of a subject, in their order.
 ///
 /// # Panics
 /// If there is no such subject.
-#[allow(dead_code)]
-pub fn subject(file: &SceneFile, rig: &Rig, name: &str) -> Vec<Scene> {
+pub fn subject(file: &SceneFile, rig: &Rig, name: &str) -> Vec<SceneBlock> {
     match name {
         "peel" => {
             let tip = [0.9, 0.5, -10.1];
             let (nodes, triangles) = membrane(file, &through_trocar(rig, 0, tip), 0.3);
-            let marks = vec![mark([2.4, 1.9], 0.3), mark([-2.0, 2.2], 0.18)];
-            vec![scene_of(file, rig, tip, 0.06, &Contents { nodes, triangles, marks, ..Contents::default() })]
+            let marks = vec![mark(2.4, 1.9, 0.3), mark(-2.0, 2.2, 0.18)];
+            vec![scene_with(
+                file,
+                rig,
+                tip,
+                0.06,
+                &Contents { nodes, triangles, marks, ..Contents::default() },
+            )]
         }
         "bleb" => {
             let mut scenes =
-                [0.0, 1.3].map(|height| scene_of(file, rig, [0.6, 1.2, -9.2], 0.3, &bleb(height)));
+                [0.0, 1.3].map(|height| scene_with(file, rig, [0.6, 1.2, -9.2], 0.3, &bleb(height)));
             scenes[1].header.topology += 1;
             scenes.into()
         }
         "vitreous" => {
             let contents = Contents { bricks: bricks([0.6, 0.4, -6.5]), ..Contents::default() };
-            vec![scene_of(file, rig, [0.6, 0.4, -6.5], 0.3, &contents)]
+            vec![scene_with(file, rig, [0.6, 0.4, -6.5], 0.3, &contents)]
         }
-        "bodies" => vec![scene_of(file, rig, [0.9, 0.5, -8.5], 0.3, &bodies())],
+        "bodies" => vec![scene_with(file, rig, [0.9, 0.5, -8.5], 0.3, &bodies())],
         _ => panic!("no subject {name}"),
     }
 }
 
-fn mark([x, y]: [f32; 2], radius_mm: f32) -> SceneMark {
+fn mark(x: f32, y: f32, radius_mm: f32) -> SceneMark {
     let position_mm = [x, y, -(11.5f32.powi(2) - x * x - y * y).sqrt()];
     SceneMark { position_mm, radius_mm, rgba: [0.25, 0.005, 0.005, 0.9] }
 }
 
-/// A dome of lifted retina, a disc of 2.6 mm round a place beside the macula, so high in its middle (mm).
+/// A dome of lifted retina: a disc of radius 2.6 mm beside the macula, `height` mm high in its middle.
 fn bleb(height: f32) -> Contents {
     const RINGS: u32 = 10;
     const AROUND: u32 = 32;
@@ -141,7 +176,7 @@ fn bleb(height: f32) -> Contents {
             contents.nodes.push(SceneNode { position_mm: p.to_array(), flag: NODE_FREE as u16, dye: 0 });
         }
     }
-    // Lying on, no triangle is off the choroid.
+    // Flat on the choroid, no triangle is lifted.
     let rings = if height > 0.0 { RINGS } else { 0 };
     for (ring, k) in (0..rings).flat_map(|r| (0..AROUND).map(move |k| (r, k))) {
         let at = |r: u32, k: u32| r * AROUND + k % AROUND;
@@ -151,7 +186,7 @@ fn bleb(height: f32) -> Contents {
     contents
 }
 
-/// A vitreous as dense as one with tracer, removed 2.5 mm round `tip`.
+/// A vitreous as dense as one with tracer, removed within 2.5 mm of `tip`.
 fn bricks(tip: [f32; 3]) -> Vec<SceneBrick> {
     const ALONG: usize = 8;
     const EDGE: f32 = 3.0;

@@ -1,12 +1,11 @@
-//! Balls as markers in a picture, and where they are found.
-#![allow(dead_code)]
+//! Balls as markers in a picture, and measurements of their places.
 
-use super::stage::Stage;
-use super::{Contents, Scene, scene_of};
+use crate::stage::Stage;
 use protocol::scene::SceneBody;
 use renderer::readback::Picture;
+use renderer::reference_scene::{Contents, SceneBlock, scene_with};
 
-/// A tool number that no tool has: nothing is drawn, and a chandelier lights the eye.
+/// A tool number without a tool: no instrument is drawn, and a chandelier lights the eye.
 const NO_TOOL: u32 = 99;
 /// Colour of a marker.
 pub const BLUE: [f32; 4] = [0.02, 0.05, 0.9, 1.0];
@@ -24,9 +23,9 @@ pub fn ball(at: [f64; 3], radius: f32, rgba: [f32; 4]) -> SceneBody {
 }
 
 /// The eye with these bodies, with or without the instruments.
-pub fn scene(stage: &Stage, bodies: Vec<SceneBody>, tools: bool) -> Scene {
+pub fn scene(stage: &Stage, bodies: Vec<SceneBody>, tools: bool) -> SceneBlock {
     let contents = Contents { bodies, ..Contents::default() };
-    let mut scene = scene_of(&stage.file, &stage.rig, [6.0, 3.0, 2.0], 0.3, &contents);
+    let mut scene = scene_with(&stage.file, &stage.rig, [6.0, 3.0, 2.0], 0.3, &contents);
     // A pinhole: places are measured, and what is out of focus has no sharp border.
     scene.header.microscope.aperture_mm = 0.0;
     if !tools {

@@ -1,17 +1,14 @@
-//! Vessels survive the optics: the vessels of the fundus photograph, projected by formulas written out here, against those found in
-//! the picture. Both are found alike: what is darker in green than its surroundings, the 12 % that are most so,
-//! about what vessels cover in fundus photographs; after a smoothing that is the same on the retina.
+//! Vessels of the fundus photograph, projected by formulas written out here, against those found in the
+//! picture. Vessels are the 12 % of pixels that are darkest in green against their surroundings, after a
+//! smoothing that is the same on the retina; vessels cover about that share of fundus photographs.
 
-#[path = "../examples/common/mod.rs"]
-mod common;
-
-use common::stage::Stage;
-use common::{Contents, scene_of};
+use crate::stage::Stage;
 use glam::{DVec2, DVec3};
-use renderer::frame::Renderer;
 use renderer::latch::latch_scene;
-use renderer::readback::{Picture, ReadBack};
-use renderer::start::plan;
+use renderer::offscreen::Offscreen;
+use renderer::readback::Picture;
+use renderer::reference_scene::{Contents, scene_with};
+use renderer::start::renderer_config;
 
 /// Least overlap (Dice: twice what is common, by the sum of both).
 const DICE: f64 = 0.8;
@@ -84,7 +81,7 @@ fn green(picture: &Picture) -> Plane {
 }
 
 /// Where on the retina the left channel's pixel (x, y) looks.
-fn on_retina(stage: &Stage, height_px: u32, width_px: u32, [x, y]: [u32; 2]) -> DVec3 {
+fn on_retina(stage: &Stage, height_px: u32, width_px: u32, x: u32, y: u32) -> DVec3 {
     let m = &stage.file.microscope;
     let target = DVec3::from(m.target_in_world_mm);
     // The surgeon's left is +x, down is +y.
@@ -112,15 +109,15 @@ fn in_photograph(p: DVec3) -> (DVec2, f64) {
 }
 
 fn picture(stage: &Stage) -> Picture {
-    let mut renderer = Renderer::new(&stage.gpu, plan(&stage.file, &stage.rig, TIER, MAP_PX)).unwrap();
-    let mut scene = scene_of(&stage.file, &stage.rig, [0.0; 3], 0.0, &Contents::default());
+    let config = renderer_config(&stage.file, &stage.rig, TIER, MAP_PX);
+    let mut offscreen = Offscreen::new(stage.gpu.clone(), config).unwrap();
+    let mut scene = scene_with(&stage.file, &stage.rig, [0.0; 3], 0.0, &Contents::default());
     // No instruments; a chandelier lights the eye.
     scene.header.instruments.iter_mut().for_each(|i| i.tool = 99);
-    renderer.take_scene(&stage.gpu, &scene.header, bytemuck::cast_slice(&scene.payload)).unwrap();
-    let commands = renderer.encode(&stage.gpu, TIER);
-    renderer.submit(&stage.gpu, TIER, &latch_scene(&scene.header), commands);
+    offscreen.renderer.take_scene(&stage.gpu, &scene.header, scene.payload()).unwrap();
+    offscreen.draw(TIER, &latch_scene(&scene.header));
     let mut picture = Picture::default();
-    ReadBack::new(&stage.gpu, TIER).read(&stage.gpu, renderer.target(TIER), &mut picture).unwrap();
+    offscreen.read(TIER, &mut picture).unwrap();
     picture
 }
 
@@ -143,7 +140,7 @@ fn the_photographs_vessels_are_found_in_the_picture() {
     let (w, h) = (picture.width_px / 2, picture.height_px);
     let mut pairs = Vec::new();
     for [x, y] in (0..h).flat_map(|y| (0..w).map(move |x| [x, y])) {
-        let (at, share) = in_photograph(on_retina(&stage, h, w, [x, y]));
+        let (at, share) = in_photograph(on_retina(&stage, h, w, x, y));
         if share < 0.85 {
             let [u, v] = [at.x, at.y].map(|c| ((c * f64::from(width)) as usize).min(width as usize - 1));
             pairs.push([known.values[v * known.width + u], seen.values[(y * w + x) as usize]]);

@@ -1,0 +1,43 @@
+//! A renderer without window and process: scenes in, pictures out. For films, stills, measurements
+//! and tests.
+
+use crate::assets::AssetError;
+use crate::frame::{Renderer, RendererConfig};
+use crate::gpu::{Gpu, GpuError};
+use crate::latch::Latched;
+use crate::readback::{Picture, ReadBack};
+
+/// A renderer, its device, and the buffer through which its pictures come back.
+pub struct Offscreen {
+    /// The device.
+    pub gpu: Gpu,
+    /// What draws.
+    pub renderer: Renderer,
+    read_back: ReadBack,
+}
+
+impl Offscreen {
+    /// A renderer on `gpu` with the shipped photograph and meshes.
+    ///
+    /// # Errors
+    /// If a shipped asset cannot be decoded.
+    pub fn new(gpu: Gpu, config: RendererConfig) -> Result<Self, AssetError> {
+        let renderer = Renderer::new(&gpu, config)?;
+        let read_back = ReadBack::new(&gpu, config.first_tier);
+        Ok(Self { gpu, renderer, read_back })
+    }
+
+    /// Records and submits a frame of the scene that was taken last.
+    pub fn draw(&mut self, tier: usize, latched: &Latched) {
+        let commands = self.renderer.encode(&self.gpu, tier);
+        self.renderer.submit(&self.gpu, tier, latched, commands);
+    }
+
+    /// Waits for the frame drawn last and copies it into `picture`, whose memory is used again.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn read(&self, tier: usize, picture: &mut Picture) -> Result<(), GpuError> {
+        self.read_back.read(&self.gpu, self.renderer.target(tier), picture)
+    }
+}

@@ -1,0 +1,78 @@
+//! Pictures for others: stills, video, the small JPEGs of the channel `pictures`.
+
+use super::RendererShell;
+use crate::output::{Finished, PictureRequest};
+use anyhow::Result;
+use protocol::frames::{FrameRecord, PictureHeader};
+use protocol::health::STATE_DEGRADED;
+use protocol::limits::MAX_PICTURE_BYTES;
+
+impl RendererShell {
+    /// Hands the picture to the outputs that are due for one.
+    pub(super) fn output_frame(&mut self, tier: usize, record: &FrameRecord) -> Result<()> {
+        let at = record.displayed;
+        let request = PictureRequest {
+            frame: record.frame,
+            field: record.field,
+            displayed: at,
+            still: self.stills.due(at) > 0 || std::mem::take(&mut self.snapshot),
+            last: false,
+            jpeg: self.small.due(at) > 0,
+            video: self.video.due(at),
+        };
+        self.output_picture(tier, request)
+    }
+
+    fn output_picture(&mut self, tier: usize, request: PictureRequest) -> Result<()> {
+        if request.is_empty() {
+            return Ok(());
+        }
+        let (gpu, target) = (&self.gpu, self.renderer.target(tier));
+        self.output.submit(request, |picture| self.read_back.read(gpu, target, picture))?;
+        Ok(())
+    }
+
+    /// Publishes finished small pictures; a file that cannot be written is reported once.
+    pub(super) fn publish_pictures(&mut self) -> Result<()> {
+        let mut problem = None;
+        let pictures = &mut self.pictures;
+        let mut sent = Ok(());
+        self.output.collect(|finished| match finished {
+            Finished::Jpeg(of, jpeg) => {
+                let bytes = jpeg.len().min(MAX_PICTURE_BYTES);
+                let header = PictureHeader {
+                    frame: of.frame,
+                    field: of.field,
+                    displayed: of.displayed,
+                    bytes: bytes as u64,
+                };
+                sent = pictures.send(bytes, |to| {
+                    to[..bytes].copy_from_slice(&jpeg[..bytes]);
+                    header
+                });
+            }
+            Finished::Failed(error) => problem = Some(error),
+        });
+        sent?;
+        if let (Some(problem), false) = (problem, self.write_failed) {
+            self.write_failed = true;
+            self.shell.report.state = STATE_DEGRADED;
+            self.shell.say(&format!("a picture file cannot be written: {problem}"));
+        }
+        Ok(())
+    }
+
+    /// Saves the last picture and closes the files.
+    pub(super) fn finish(mut self) -> Result<()> {
+        if let (true, Some(tier)) = (self.keeps_last, self.shown_tier) {
+            self.output.wait_for_slot();
+            let frame = self.frame.saturating_sub(1);
+            let request = PictureRequest { frame, last: true, ..PictureRequest::default() };
+            self.output_picture(tier, request)?;
+        }
+        match self.output.finish() {
+            Some(problem) => Err(anyhow::anyhow!("a picture file could not be written: {problem}")),
+            None => Ok(()),
+        }
+    }
+}

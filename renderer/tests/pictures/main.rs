@@ -1,0 +1,15 @@
+//! Pictures that the renderer draws, against formulas written out here and against reference pictures.
+//! Without a graphics driver each test says in one line that it is skipped, and passes.
+
+mod arrangements;
+mod device_lost;
+mod focus;
+mod geometry;
+mod markers;
+mod optics;
+mod picture;
+mod reference;
+mod stage;
+mod text;
+mod timing;
+mod vessels;
