@@ -4,10 +4,11 @@
 //! The pictures were made by Mesa's llvmpipe 22.3.6 (LLVM 15), where another run differs by nothing. Other adapters rasterise
 //! edges differently. Tissue that moves a little otherwise stays within these bounds; a tool or a tear in another place does not.
 
+use renderer::governor::Shading;
 use renderer::gpu::Gpu;
 use renderer::readback::Picture;
-use renderer::similarity::{colour_difference, reduced, similarity};
-use validation::surgery::{MOMENTS, Moment, REFERENCE_MAP_PX, REFERENCE_PX, reference_tiers};
+use renderer::similarity::{colour_difference, reference_sized, reference_tier, similarity};
+use validation::moments::{MOMENTS, Moment, REFERENCE_MAP_PX};
 use vitreo_tests::repository;
 
 /// Least similarity where the adapter is the one that made the pictures, and elsewhere.
@@ -23,11 +24,12 @@ fn reference(name: &str) -> Picture {
 
 fn looks_as_it_did(gpu: &Gpu, moment: &Moment) {
     let name = moment.file();
-    let mut surgery = moment.begin();
-    let block = surgery.play_to(moment.at_s);
+    let mut player = moment.begin();
+    let block = player.play_to(moment.at_s);
     let other = usize::from(!gpu.name.starts_with("llvmpipe"));
-    for (shading, tier) in reference_tiers() {
-        let picture = reduced(&surgery.draw(gpu, &block, tier, REFERENCE_MAP_PX), REFERENCE_PX);
+    for shading in Shading::ALL {
+        let (tier, shading) = (reference_tier(shading), shading.name());
+        let picture = reference_sized(&player.draw(gpu, &block, tier, REFERENCE_MAP_PX));
         let known = reference(&format!("{name}-{shading}.png"));
         let (similar, colour) = (similarity(&picture, &known), colour_difference(&picture, &known));
         assert!(

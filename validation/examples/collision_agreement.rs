@@ -9,12 +9,12 @@ use collision::exact::{Exact, StaticMesh};
 use collision::instrument_image::InstrumentImage;
 use collision::surface::Surface;
 use collision::zcoll::{Found, Zcoll};
+use font::{CELL_H, CELL_W, glyph};
 use image::{Rgb, RgbImage};
 use protocol::handles::Tool;
 use protocol::random::Random;
 use std::collections::BTreeSet;
 use std::process::ExitCode;
-use validation::closed_form::font::{HIGH, WIDE, glyph};
 use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back};
 
 /// Scenes whose misses are counted.
@@ -185,11 +185,11 @@ fn misses() -> Vec<(usize, usize, usize)> {
 
 /// Writes into a picture, centred on a column; letters of dots.
 fn write(picture: &mut RgbImage, text: &str, middle: u32, top: u32) {
-    let left = i64::from(middle) - (text.chars().count() * WIDE) as i64 / 2;
+    let left = i64::from(middle) - (text.chars().count() * CELL_W) as i64 / 2;
     for (i, character) in text.chars().enumerate() {
         for (row, bits) in glyph(character).iter().enumerate() {
             for column in (0..5).filter(|c| bits >> (4 - c) & 1 == 1) {
-                let x = (left + (i * WIDE + column) as i64).max(0) as u32;
+                let x = (left + (i * CELL_W + column) as i64).max(0) as u32;
                 picture.put_pixel(x.min(picture.width() - 1), top + row as u32, Rgb([40; 3]));
             }
         }
@@ -206,7 +206,7 @@ fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> 
         let y = top + height * tenth / 10;
         let grey = if tenth == 10 { 40 } else { 215 };
         (left..width).for_each(|x| picture.put_pixel(x, y, Rgb([grey; 3])));
-        write(&mut picture, &format!("{} %", 100 - 10 * tenth), left / 2, y - HIGH as u32 / 2);
+        write(&mut picture, &format!("{} %", 100 - 10 * tenth), left / 2, y - CELL_H as u32 / 2);
     }
     for (i, &(resolution, missed, all)) in misses.iter().enumerate() {
         let from = left + gap + i as u32 * (bar + gap);
@@ -215,7 +215,7 @@ fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> 
         for (x, y) in (from..from + bar).flat_map(|x| (above..top + height).map(move |y| (x, y))) {
             picture.put_pixel(x, y, Rgb([40, 90, 160]));
         }
-        write(&mut picture, &format!("{:.1}", 100.0 * share), from + bar / 2, above - HIGH as u32 - 1);
+        write(&mut picture, &format!("{:.1}", 100.0 * share), from + bar / 2, above - CELL_H as u32 - 1);
         write(&mut picture, &resolution.to_string(), from + bar / 2, top + height + 5);
     }
     write(&mut picture, "meeting triangles that no pixel reports", width / 2, 2);

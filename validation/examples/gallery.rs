@@ -1,31 +1,33 @@
-//! Pictures of moments of the shipped scenes. `cargo run --release -p vitreo-tests --example gallery -- FOLDER` (`make gallery`)
-//! makes those of the documentation; with `--reference FOLDER` those that `tests/scenarios/pictures.rs` compares with (`make
-//! pictures`); with `[--tier N] FOLDER SCENE SECONDS…` any others
-//! (`module NAME` for a module), to look at while a scene is tuned.
+//! Pictures of moments of the shipped scenes: `cargo run --release -p validation --example gallery --`
+//! with `FOLDER` for those of the documentation (`make gallery`), with `--reference FOLDER` for those that
+//! `tests/scenarios/pictures.rs` compares with (`make pictures`), with `[--tier N] FOLDER SCENE SECONDS…`
+//! for any others (`module NAME` for a module), to tune a scene by.
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
 use protocol::optics::Lens;
 use protocol::scene::Section;
+use renderer::governor::Shading;
 use renderer::gpu::Gpu;
 use renderer::output::{picture::rgb, save_png};
 use renderer::readback::Picture;
-use renderer::similarity::reduced;
+use renderer::reference_scene::SceneBlock;
+use renderer::similarity::{reference_sized, reference_tier};
 use scene::SceneFile;
 use std::path::{Path, PathBuf};
 use surgeon::skill::CARELESS;
-use validation::surgery::{Block, MOMENTS, REFERENCE_MAP_PX, REFERENCE_PX, Surgery, reference_tiers};
+use validation::moments::{MOMENTS, REFERENCE_MAP_PX, ScenePlayer};
 
 /// Edge of the fundus map, px: as fine as the photograph.
 const MAP_PX: u32 = 2048;
 /// Tier of the pictures: 2×800×640 px.
 const TIER: usize = 1;
-/// A tool number that no tool has: nothing is drawn.
+/// A tool number without a tool: nothing is drawn.
 const NO_TOOL: u32 = 99;
 /// Largest file, bytes.
-const MOST_BYTES: usize = 150_000;
+const MAX_BYTES: usize = 150_000;
 
-/// The pictures of the documentation: file, scene, instant (s), and what is changed of what the simulation sent.
+/// The pictures of the documentation: file, scene, instant (s), change to what the simulation sent.
 const GALLERY: [(&str, &str, f64, Change); 10] = [
     ("forceps-open", "peel", 4.0, as_it_is),
     ("peeling", "erm", 9.0, close_up),
@@ -39,19 +41,19 @@ const GALLERY: [(&str, &str, f64, Change); 10] = [
     ("ora-serrata", "vitrectomy", 0.0, to_the_rim),
 ];
 
-type Change = fn(&mut Block);
+type Change = fn(&mut SceneBlock);
 
-fn as_it_is(_: &mut Block) {}
+fn as_it_is(_: &mut SceneBlock) {}
 
 /// A field of 7 mm round the tip of the first instrument.
-fn close_up(block: &mut Block) {
+fn close_up(block: &mut SceneBlock) {
     let tip = block.header.instruments[0].world_from_instrument.position_mm;
     block.header.microscope.target_in_world_mm = tip;
     block.header.microscope.field_mm = 7.0;
 }
 
 /// Without the vitreous, the eye turned until the border of its retina comes into view, the light pipe pointed at it.
-fn to_the_rim(block: &mut Block) {
+fn to_the_rim(block: &mut SceneBlock) {
     block.header.bricks = Section::default();
     let half = 0.5f64 * 0.95;
     block.header.world_from_eye.rotation_wxyz = [half.cos(), half.sin(), 0.0, 0.0];
@@ -64,19 +66,19 @@ fn to_the_rim(block: &mut Block) {
 }
 
 /// Through the wide-angle lens, set upright.
-fn wide_angle(block: &mut Block) {
+fn wide_angle(block: &mut SceneBlock) {
     block.header.microscope.lens = Lens::WideAngle as u32;
     block.header.microscope.inverter = 1;
     block.header.microscope.field_mm = 16.0;
 }
 
 /// A shipped scene, or the first level of a module (`module NAME`) done by a careless surgeon.
-fn begin(name: &str) -> Result<Surgery> {
+fn begin(name: &str) -> Result<ScenePlayer> {
     let scene = match name.strip_prefix("module ") {
         Some(module) => surgeon::compose(&surgeon::load(module)?, 1, &CARELESS, 1)?,
         None => SceneFile::load(name)?,
     };
-    Ok(Surgery::begin(scene))
+    Ok(ScenePlayer::begin(scene))
 }
 
 fn main() -> Result<()> {
@@ -102,10 +104,10 @@ fn made(folder: &str) -> Result<PathBuf> {
 
 fn gallery(gpu: &Gpu, folder: &Path) -> Result<()> {
     for (file, scene, at_s, change) in GALLERY {
-        let mut surgery = begin(scene)?;
-        let mut block = surgery.play_to(at_s);
+        let mut player = begin(scene)?;
+        let mut block = player.play_to(at_s);
         change(&mut block);
-        save(&folder.join(format!("{file}.jpg")), &surgery.draw(gpu, &block, TIER, MAP_PX))?;
+        save(&folder.join(format!("{file}.jpg")), &player.draw(gpu, &block, TIER, MAP_PX))?;
     }
     Ok(())
 }
@@ -113,11 +115,12 @@ fn gallery(gpu: &Gpu, folder: &Path) -> Result<()> {
 fn reference(gpu: &Gpu, folder: &Path) -> Result<()> {
     std::fs::create_dir_all(folder)?;
     for moment in MOMENTS {
-        let mut surgery = moment.begin();
-        let block = surgery.play_to(moment.at_s);
-        for (shading, tier) in reference_tiers() {
-            let picture = reduced(&surgery.draw(gpu, &block, tier, REFERENCE_MAP_PX), REFERENCE_PX);
-            let path = folder.join(format!("{}-{shading}.png", moment.file()));
+        let mut player = moment.begin();
+        let block = player.play_to(moment.at_s);
+        for shading in Shading::ALL {
+            let tier = reference_tier(shading);
+            let picture = reference_sized(&player.draw(gpu, &block, tier, REFERENCE_MAP_PX));
+            let path = folder.join(format!("{}-{}.png", moment.file(), shading.name()));
             save_png(&path, &picture)?;
             println!("{}", path.display());
         }
@@ -126,17 +129,17 @@ fn reference(gpu: &Gpu, folder: &Path) -> Result<()> {
 }
 
 fn moments(gpu: &Gpu, folder: &Path, tier: usize, scene: &str, instants: &[&str]) -> Result<()> {
-    let mut surgery = begin(scene)?;
+    let mut player = begin(scene)?;
     for at in instants {
-        let block = surgery.play_to(at.parse().with_context(|| format!("expected seconds, found '{at}'"))?);
-        let picture = surgery.draw(gpu, &block, tier, MAP_PX);
+        let block = player.play_to(at.parse().with_context(|| format!("expected seconds, found '{at}'"))?);
+        let picture = player.draw(gpu, &block, tier, MAP_PX);
         let name = Path::new(scene).file_stem().context("a scene's name")?.to_string_lossy();
         save(&folder.join(format!("{name}-{at}.jpg")), &picture)?;
     }
     Ok(())
 }
 
-/// Saves a JPEG as good as fits into [`MOST_BYTES`].
+/// Saves a JPEG as good as fits into [`MAX_BYTES`].
 fn save(path: &Path, picture: &Picture) -> Result<()> {
     let pixels = rgb(picture);
     for quality in [92, 88, 84, 80, 74, 66, 55] {
@@ -149,11 +152,11 @@ fn save(path: &Path, picture: &Picture) -> Result<()> {
             picture.height_px,
             image::ExtendedColorType::Rgb8,
         )?;
-        if file.len() <= MOST_BYTES {
+        if file.len() <= MAX_BYTES {
             std::fs::write(path, file)?;
             println!("{}, quality {quality}", path.display());
             return Ok(());
         }
     }
-    anyhow::bail!("{}: larger than {MOST_BYTES} bytes", path.display())
+    anyhow::bail!("{}: larger than {MAX_BYTES} bytes", path.display())
 }

@@ -5,7 +5,6 @@ pub mod beam;
 pub mod bleb;
 pub mod case;
 pub mod chain;
-pub mod font;
 pub mod hencky;
 pub mod lattice;
 pub mod mesh;

@@ -4,6 +4,6 @@
 
 pub mod chain;
 pub mod closed_form;
+pub mod moments;
 pub mod rays;
 pub mod soak;
-pub mod surgery;

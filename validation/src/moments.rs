@@ -1,36 +1,30 @@
-//! Moments of the shipped scenes and training modules: the script played without cameras, and the picture that the renderer draws of it. For reference
-//! pictures and for those that the documentation shows.
+//! Moments of the shipped scenes and training modules as pictures: the script is played without cameras,
+//! and the renderer draws what the simulation sends. For reference pictures and those of the
+//! documentation.
 
 use offline::film::{FIELDS_PER_S, Film};
 use protocol::rig::Rig;
-use protocol::scene::SceneHeader;
 use renderer::frame::Renderer;
-use renderer::governor::{Shading, TIERS};
 use renderer::gpu::Gpu;
 use renderer::latch::latch_scene;
-use renderer::readback::{Picture, ReadBack};
+use renderer::offscreen::Offscreen;
+use renderer::readback::Picture;
+use renderer::reference_scene::SceneBlock;
+use renderer::start::renderer_config;
 use scene::SceneFile;
 use surgeon::skill::EXPERT;
 
-/// A scene block as the simulation sends it.
-pub struct Block {
-    /// Header.
-    pub header: SceneHeader,
-    /// Payload, in units of 16 bytes.
-    pub payload: Vec<u128>,
-}
-
-/// A scene that is being played.
-pub struct Surgery {
+/// A scene that is played by its script.
+pub struct ScenePlayer {
     /// Its file.
     pub scene: SceneFile,
     film: Film,
-    /// What the renderer needs to have seen: how everything lay at first.
-    first: Block,
+    /// The first scene: the renderer takes places in the fundus map from it.
+    first: SceneBlock,
 }
 
-impl Surgery {
-    /// The beginning of `scene`.
+impl ScenePlayer {
+    /// At the beginning of `scene`.
     ///
     /// # Panics
     /// If the simulation refuses it.
@@ -40,57 +34,54 @@ impl Surgery {
         Self { scene, film, first }
     }
 
-    /// Plays on until `at_s` seconds after the beginning; gives what the simulation then sends.
-    pub fn play_to(&mut self, at_s: f64) -> Block {
+    /// Plays until `at_s` seconds after the beginning; returns what the simulation then sends.
+    pub fn play_to(&mut self, at_s: f64) -> SceneBlock {
         self.film.play_to((at_s * FIELDS_PER_S).round() as u64);
         block(&mut self.film)
     }
 
-    /// The picture of `block` at `tier`, drawn by a fresh renderer that saw the beginning, with a fundus map of `map_px`.
+    /// The picture of `block` at `tier` with a fundus map of `map_px`, drawn by a fresh renderer that took
+    /// the first scene before.
     ///
     /// # Panics
     /// If the shipped meshes or the graphics driver fail.
-    pub fn draw(&self, gpu: &Gpu, block: &Block, tier: usize, map_px: u32) -> Picture {
+    pub fn draw(&self, gpu: &Gpu, block: &SceneBlock, tier: usize, map_px: u32) -> Picture {
         self.draw_with(gpu, block, tier, map_px, |_| {})
     }
 
-    /// As [`Self::draw`], after `ask` has asked the renderer for something.
+    /// As [`Self::draw`], with a renderer that `set_up` has prepared.
     ///
     /// # Panics
     /// If the shipped meshes or the graphics driver fail.
     pub fn draw_with(
         &self,
         gpu: &Gpu,
-        block: &Block,
+        block: &SceneBlock,
         tier: usize,
         map_px: u32,
-        ask: impl FnOnce(&mut Renderer),
+        set_up: impl FnOnce(&mut Renderer),
     ) -> Picture {
         let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-        let plan = renderer::start::plan(&self.scene, &rig, tier, map_px);
-        let mut renderer = Renderer::new(gpu, plan).expect("shipped meshes and photograph");
-        ask(&mut renderer);
+        let config = renderer_config(&self.scene, &rig, tier, map_px);
+        let mut offscreen = Offscreen::new(gpu.clone(), config).expect("shipped meshes and photograph");
+        set_up(&mut offscreen.renderer);
         for block in [&self.first, block] {
-            let payload = bytemuck::cast_slice(&block.payload);
-            renderer.take_scene(gpu, &block.header, payload).expect("a block of the simulation");
+            let renderer = &mut offscreen.renderer;
+            renderer.take_scene(gpu, &block.header, block.payload()).expect("a scene of the simulation");
         }
-        let commands = renderer.encode(gpu, tier);
-        renderer.submit(gpu, tier, &latch_scene(&block.header), commands);
+        offscreen.draw(tier, &latch_scene(&block.header));
         let mut picture = Picture::default();
-        let read_back = ReadBack::new(gpu, tier).read(gpu, renderer.target(tier), &mut picture);
-        read_back.expect("the picture");
+        offscreen.read(tier, &mut picture).expect("the picture");
         picture
     }
 }
 
-fn block(film: &mut Film) -> Block {
+fn block(film: &mut Film) -> SceneBlock {
     let (header, payload) = film.scene();
-    let mut units = vec![0u128; payload.len().div_ceil(16)];
-    bytemuck::cast_slice_mut(&mut units)[..payload.len()].copy_from_slice(payload);
-    Block { header, payload: units }
+    SceneBlock::new(header, payload)
 }
 
-/// A moment that shows what a scene or a training module is about.
+/// A moment that is typical of a scene or a training module.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
     /// Name of the shipped scene or module.
@@ -112,13 +103,13 @@ impl Moment {
     ///
     /// # Panics
     /// If there is no such scene or module.
-    pub fn begin(&self) -> Surgery {
+    pub fn begin(&self) -> ScenePlayer {
         let scene = if self.is_module {
             module(self.name)
         } else {
             SceneFile::load(self.name).map_err(|e| e.to_string())
         };
-        Surgery::begin(scene.unwrap_or_else(|e| panic!("{e}")))
+        ScenePlayer::begin(scene.unwrap_or_else(|e| panic!("{e}")))
     }
 }
 
@@ -156,18 +147,5 @@ pub const MOMENTS: [Moment; 16] = [
     training("vitrectomy", 6.0),
 ];
 
-/// Width of a reference picture, both channels, px.
-pub const REFERENCE_PX: u32 = 320;
-/// Edge of the fundus map of reference pictures, whatever the device.
+/// Edge of the fundus map of reference pictures, px, on every device.
 pub const REFERENCE_MAP_PX: u32 = 512;
-
-/// The smallest tier of each shading that is no smaller than a reference picture, with the shading's name.
-///
-/// # Panics
-/// If a shading has no tier.
-pub fn reference_tiers() -> [(&'static str, usize); 2] {
-    Shading::ALL.map(|shading| {
-        let tier = TIERS.iter().rposition(|t| t.shading == shading && t.width_px >= REFERENCE_PX);
-        (shading.name(), tier.expect("a tier of each shading"))
-    })
-}

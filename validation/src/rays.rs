@@ -72,7 +72,6 @@ impl Scene {
         Scene { position_mm, triangles, alive, instrument_from_eye, volume, tool, jaw_rad }
     }
 
-    #[allow(dead_code)] // The example has no such scenes.
     /// Triangles with corners at the extremes of the number format, seen in the eye frame itself; all of them lie across the image.
     pub fn extreme(random: &mut Random, resolution: usize) -> Self {
         let mut scene = Scene::random(random, &[resolution]);
@@ -97,7 +96,6 @@ impl Scene {
         scene
     }
 
-    #[allow(dead_code)]
     /// Makes some corners what no corner should be: not a number, infinite, far away, on top of each other.
     pub fn spoil(&mut self, random: &mut Random) {
         let nodes = self.position_mm[0].len() as f64;

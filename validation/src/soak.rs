@@ -2,8 +2,8 @@
 //! accounts balanced, and the same seed gives the same states. Shared by the tests and by `make soak`.
 
 mod programme;
+mod rest_check;
 mod scene;
-mod unrest;
 
 use protocol::random::Random;
 pub use scene::random_scene;
@@ -14,9 +14,9 @@ use protocol::limits::FIELD_PERIOD_NS;
 use protocol::message::Message;
 use protocol::scene::NODE_FREE;
 use protocol::steps::StepInput;
+use rest_check::RestCheck;
 use simcore::world::{StepReport, World};
 use tissue::state::MembraneState;
-use unrest::Unrest;
 
 /// Time at the end of a programme with the instruments out of the eye, s: what was stirred comes to rest.
 const QUIET_S: f64 = 1.0;
@@ -64,6 +64,9 @@ pub struct Failure {
 
 /// Runs the programme of a seed twice over `seconds` of simulated time and checks every step. `clock` gives nanoseconds
 /// for [`Outcome::slowest`] and nothing else; [`simcore::world::no_clock`] will do.
+///
+/// # Errors
+/// With the seed, the step and the first check that failed.
 pub fn run(seed: u64, seconds: f64, clock: &mut dyn FnMut() -> u64) -> Result<Outcome, Failure> {
     let first = run_once(seed, seconds, clock)?;
     let again = run_once(seed, seconds, clock)?;
@@ -94,7 +97,7 @@ fn play(
 ) -> Result<Outcome, (u64, String)> {
     let steps = ((seconds + QUIET_S) * 1e9) as u64 / FIELD_PERIOD_NS;
     let busy = (seconds * 1e9) as u64 / FIELD_PERIOD_NS;
-    let mut unrest = Unrest::default();
+    let mut rest = RestCheck::default();
     let mut outcome = Outcome {
         scene: world.scene().title.clone(),
         steps,
@@ -110,17 +113,17 @@ fn play(
         let input = StepInput { frame: &input.frame, handles: &input.handles, pedals: &input.pedals };
         let report = world.step(&input, clock);
         outcome.add(world, &report, step);
-        check(world, &mut unrest, report.advanced_ns as f64 * 1e-9).map_err(|problem| (step, problem))?;
+        check(world, &mut rest, report.advanced_ns as f64 * 1e-9).map_err(|problem| (step, problem))?;
     }
-    (outcome.lasting_energy, outcome.quiet_steps) = (unrest.lasting, unrest.looks);
+    (outcome.lasting_energy, outcome.quiet_steps) = (rest.lasting, rest.looks);
     check_rest(world).map_err(|problem| (steps, problem))?;
     Ok(outcome)
 }
 
 /// What must hold after a step that advanced by `advanced_s`.
-fn check(world: &World, unrest: &mut Unrest, advanced_s: f64) -> Result<(), String> {
+fn check(world: &World, rest: &mut RestCheck, advanced_s: f64) -> Result<(), String> {
     world.audit()?;
-    unrest.look(world, advanced_s)?;
+    rest.look(world, advanced_s)?;
     match world.events().iter().find_map(|e| e.validate().err()) {
         Some(bad) => Err(bad.to_string()),
         None => Ok(()),

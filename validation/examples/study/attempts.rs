@@ -25,6 +25,9 @@ pub struct Job {
 }
 
 /// Does every job, in any order; the scores are in theirs.
+///
+/// # Errors
+/// If a level cannot be composed.
 pub fn scores(modules: &[Module], jobs: &[Job], threads: usize) -> Result<Vec<Score>> {
     let next = AtomicUsize::new(0);
     let done: Vec<Mutex<Option<Result<Score>>>> = jobs.iter().map(|_| Mutex::new(None)).collect();
@@ -55,6 +58,9 @@ fn attempt(module: &Module, job: &Job) -> Result<Score> {
 }
 
 /// Prints an attempt event by event, with the bodies of the scene where jaws or goals are concerned: to tune a module by.
+///
+/// # Errors
+/// If the level cannot be composed.
 pub fn tell(module: &Module, level: u32, surgeon: &Skill, seed: u64) -> Result<()> {
     let scene = surgeon::compose(module, level, surgeon, seed)?;
     let mut begin = None;

@@ -62,6 +62,9 @@ fn recordings(folder: &Path) -> Result<Vec<Recording>> {
 }
 
 /// Plays it; the section of the page.
+///
+/// # Errors
+/// If a recording or a module cannot be read.
 pub fn study(threads: usize) -> Result<String> {
     let data = std::env::var_os("VITREO_DATA").map_or("../shared/data".into(), PathBuf::from);
     let folder = data.join("motion/m2s2_tremor");

@@ -2,7 +2,7 @@
 //! that lines are smooth.
 
 use super::case::{Chart, Curve, Outcome};
-use super::font::{HIGH, WIDE, glyph};
+use font::{CELL_H, CELL_W, glyph};
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 
@@ -74,12 +74,12 @@ impl Canvas {
 
     /// Text whose share `anchor` of its width lies left of `at`; `at` is its top.
     fn text(&mut self, text: &str, at: [f64; 2], anchor: f64, colour: [u8; 3]) {
-        let left = at[0] - anchor * (text.chars().count() * WIDE * DOT) as f64;
+        let left = at[0] - anchor * (text.chars().count() * CELL_W * DOT) as f64;
         for (i, character) in text.chars().enumerate() {
             for (row, bits) in glyph(character).iter().enumerate() {
                 for column in (0..5).filter(|c| bits >> (4 - c) & 1 == 1) {
                     for (i, p, q) in (0..DOT).flat_map(|p| (0..DOT).map(move |q| (i, p, q))) {
-                        let x = left as i64 + ((i * WIDE + column) * DOT + p) as i64;
+                        let x = left as i64 + ((i * CELL_W + column) * DOT + p) as i64;
                         self.dot(x, at[1] as i64 + (row * DOT + q) as i64, colour);
                     }
                 }
@@ -98,7 +98,7 @@ impl Canvas {
         for tick in scale.ticks(1) {
             let [_, y] = scale.place([scale.low[0], tick], true);
             self.line([left, y], [right, y], 1.0, GREY);
-            self.text(&scale.name(tick), [left - 10.0, y - (HIGH * DOT / 2) as f64], 1.0, INK);
+            self.text(&scale.name(tick), [left - 10.0, y - (CELL_H * DOT / 2) as f64], 1.0, INK);
         }
         for (a, b) in [([left, top], [left, bottom]), ([left, bottom], [right, bottom])] {
             self.line(a, b, 2.0, INK);
@@ -125,7 +125,7 @@ impl Canvas {
     /// In the corner that holds the fewest points.
     fn legend(&mut self, chart: &Chart, [left, top, right, bottom]: Frame) {
         let longest = chart.curves.iter().map(|c| c.name.chars().count()).max().unwrap_or(0);
-        let (line, wide) = ((HIGH * DOT + 6) as f64, (longest * WIDE * DOT) as f64 + 50.0);
+        let (line, wide) = ((CELL_H * DOT + 6) as f64, (longest * CELL_W * DOT) as f64 + 50.0);
         let high = line * chart.curves.len() as f64;
         let Some(scale) = Scale::around(chart, [left, top, right, bottom]) else { return };
         let inside = |corner: &[f64; 2]| {
@@ -144,7 +144,7 @@ impl Canvas {
         for (i, curve) in chart.curves.iter().enumerate() {
             let y = corner[1] + line * i as f64;
             let colour = COLOURS[i % COLOURS.len()];
-            let middle = y + (HIGH * DOT / 2) as f64;
+            let middle = y + (CELL_H * DOT / 2) as f64;
             if !curve.marks {
                 self.line([corner[0], middle], [corner[0] + 36.0, middle], 4.0, colour);
             }

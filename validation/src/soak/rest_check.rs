@@ -29,7 +29,7 @@ const FAST_MM_S: f64 = 100.0;
 
 /// What the steps so far showed.
 #[derive(Debug, Clone, Default)]
-pub struct Unrest {
+pub struct RestCheck {
     quiet_steps: u32,
     far_steps: u32,
     tips_mm: [Vector3<f64>; INSTRUMENTS],
@@ -41,8 +41,11 @@ pub struct Unrest {
     pub lasting: f64,
 }
 
-impl Unrest {
+impl RestCheck {
     /// Looks at the world after a step that advanced it by `advanced_s`.
+    ///
+    /// # Errors
+    /// If tissue that nobody handles moves on or tears.
     pub fn look(&mut self, world: &World, advanced_s: f64) -> Result<(), String> {
         let shares = self.shares(world, advanced_s);
         if advanced_s == 0.0 {
