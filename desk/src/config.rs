@@ -19,15 +19,15 @@ pub struct Config {
     pub scene: String,
     /// What to listen to.
     #[arg(long, value_enum, default_value_t, value_name = "WHAT", conflicts_with = "inputs")]
-    pub input: Listen,
+    pub input: InputSource,
     /// Play a file of inputs instead, and finish with it.
     #[arg(long, value_name = "FILE")]
     pub inputs: Option<PathBuf>,
 }
 
-/// What the desk listens to.
+/// Sources of inputs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Listen {
+pub enum InputSource {
     /// The window, and a gamepad where there is one.
     #[default]
     Auto,

@@ -1,6 +1,6 @@
-//! Hands as the messages that a tracker and a camera hardware send. Pure.
+//! The instruments as the messages of a tracker and of the camera hardware. Pure.
 
-use crate::hands::{Desk, MM_PER_PX};
+use crate::guidance::{Guidance, MM_PER_PX};
 use bytemuck::Zeroable;
 use protocol::geometry::{Pose, Validity};
 use protocol::handles::HandleState;
@@ -8,29 +8,29 @@ use protocol::limits::INSTRUMENTS;
 use protocol::poses::{BodyStatus, COVARIANCE_ENTRIES, EYE, TrackerFrame};
 use protocol::time::Nanos;
 
-/// Variance of a tip along each axis, mm²: a pixel of the mouse is its smallest step, and what lies within a step is not known;
-/// a uniform step has a twelfth of its square.
+/// Variance of a tip along each axis, mm²: that of a uniform distribution over a pixel of the mouse, a
+/// twelfth of its square.
 pub const TIP_VARIANCE_MM2: f64 = MM_PER_PX * MM_PER_PX / 12.0;
 /// Variance of an instrument's rotation about each axis, rad²: of the size that the tracker reaches.
-pub const TURN_VARIANCE_RAD2: f64 = 1e-6;
-/// Places of the diagonal in the upper triangle of a 6×6 matrix, stored row by row.
+pub const ROTATION_VARIANCE_RAD2: f64 = 1e-6;
+/// Indices of the diagonal in the upper triangle of a 6×6 matrix, stored row by row.
 const DIAGONAL: [usize; 6] = [0, 6, 11, 15, 18, 20];
-/// A movement goes on for so long when it is predicted, s: a mouse may stop at any moment.
+/// Time constant of a predicted velocity, s: a mouse may stop at any moment.
 const VELOCITY_TAU_S: f64 = 0.08;
 
-/// The frame of a field exposed at `exposed_ns`. The eye does not turn; what is led by a person is measured.
-pub fn poses(desk: &Desk, field: u64, exposed_ns: Nanos) -> TrackerFrame {
+/// The frame of a field exposed at `exposed_ns`. The eye does not turn; every body counts as measured.
+pub fn poses(guidance: &Guidance, field: u64, exposed_ns: Nanos) -> TrackerFrame {
     let mut frame = TrackerFrame::zeroed();
     (frame.field, frame.frame) = (field, field);
     let instants = &mut frame.instants;
     (instants.exposed, instants.read_out) = (exposed_ns, exposed_ns);
     (instants.blobs_out, instants.taken) = (exposed_ns, exposed_ns);
-    for (body, hand) in frame.bodies.iter_mut().zip(desk.hands()) {
-        body.world_from_body = Pose::from_isometry(&hand.pose());
+    for (body, instrument) in frame.bodies.iter_mut().zip(guidance.instruments()) {
+        body.world_from_body = Pose::from_isometry(&instrument.pose());
         body.covariance = covariance();
-        body.predictor.velocity_mm_s = hand.velocity_mm_s.into();
+        body.predictor.velocity_mm_s = instrument.velocity_mm_s.into();
         body.predictor.velocity_tau_s = VELOCITY_TAU_S;
-        body.predictor.angular_velocity_rad_s = hand.turning_rad_s.into();
+        body.predictor.angular_velocity_rad_s = instrument.angular_velocity_rad_s.into();
     }
     frame.bodies[EYE].world_from_body = Pose::IDENTITY;
     for body in &mut frame.bodies {
@@ -40,11 +40,11 @@ pub fn poses(desk: &Desk, field: u64, exposed_ns: Nanos) -> TrackerFrame {
     frame
 }
 
-/// What is in the hands; `seq` is the number of the first of both messages.
-pub fn handles(desk: &Desk, field: u64, instant_ns: Nanos, seq: u64) -> [HandleState; INSTRUMENTS] {
+/// Tools and jaws of both instruments; `seq` is the number of the first message.
+pub fn handles(guidance: &Guidance, field: u64, instant_ns: Nanos, seq: u64) -> [HandleState; INSTRUMENTS] {
     std::array::from_fn(|i| {
-        let hand = &desk.hands()[i];
-        let (tool, jaw_rad) = (hand.tool as u32, hand.jaw_rad);
+        let instrument = &guidance.instruments()[i];
+        let (tool, jaw_rad) = (instrument.tool as u32, instrument.jaw_rad);
         HandleState { seq: seq + i as u64, field, instant_ns, instrument: i as u32, tool, jaw_rad }
     })
 }
@@ -52,7 +52,7 @@ pub fn handles(desk: &Desk, field: u64, instant_ns: Nanos, seq: u64) -> [HandleS
 fn covariance() -> [f64; COVARIANCE_ENTRIES] {
     let mut entries = [0.0; COVARIANCE_ENTRIES];
     DIAGONAL[..3].iter().for_each(|&i| entries[i] = TIP_VARIANCE_MM2);
-    DIAGONAL[3..].iter().for_each(|&i| entries[i] = TURN_VARIANCE_RAD2);
+    DIAGONAL[3..].iter().for_each(|&i| entries[i] = ROTATION_VARIANCE_RAD2);
     entries
 }
 
@@ -67,15 +67,16 @@ mod tests {
 
     #[test]
     fn frames_are_valid_and_their_prediction_is_where_the_hand_goes() {
-        let mut desk = Desk::new(&SceneFile::load("peel").unwrap(), &Rig::load_or_shipped(None).unwrap());
-        desk.take(Input::Move([400.0, 0.0]));
-        (0..20).for_each(|_| desk.advance(0.02));
-        let frame = poses(&desk, 20, 1_000_000_000);
+        let mut guidance =
+            Guidance::new(&SceneFile::load("peel").unwrap(), &Rig::load_or_shipped(None).unwrap());
+        guidance.apply(Input::Move([400.0, 0.0]));
+        (0..20).for_each(|_| guidance.advance(0.02));
+        let frame = poses(&guidance, 20, 1_000_000_000);
         frame.validate().unwrap();
-        handles(&desk, 20, 5, 40).iter().for_each(|h| h.validate().unwrap());
+        handles(&guidance, 20, 5, 40).iter().for_each(|h| h.validate().unwrap());
         let ahead = predict(&frame, 0, 1_020_000_000).world_from_body.isometry();
-        desk.advance(0.02);
-        let there = desk.hands()[0].pose();
+        guidance.advance(0.02);
+        let there = guidance.instruments()[0].pose();
         let off = (ahead.translation.vector - there.translation.vector).norm();
         assert!(off < 0.05, "of 0.24 mm gone, {off} mm off");
         assert!(ahead.rotation.angle_to(&there.rotation) < 0.005);

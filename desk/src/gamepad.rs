@@ -50,7 +50,10 @@ impl Gamepad {
     }
 
     /// The gamepad, which must be there.
-    pub fn demand() -> anyhow::Result<Self> {
+    ///
+    /// # Errors
+    /// If there is none that this user may read.
+    pub fn require() -> anyhow::Result<Self> {
         let Some(pad) = Self::find() else {
             bail!(
                 "no gamepad: none of /dev/input/event* that this user may read has a gamepad's buttons; plug one in, \
@@ -65,7 +68,10 @@ impl Gamepad {
         &self.name
     }
 
-    /// Hands on what was done since the last call. An error means that it is gone.
+    /// Hands on what was done since the last call.
+    ///
+    /// # Errors
+    /// If the gamepad is gone.
     pub fn read(&mut self, mut done: impl FnMut(Input)) -> anyhow::Result<()> {
         let ranges: Vec<(AbsoluteAxisCode, Range)> = match self.device.get_absinfo() {
             Ok(axes) => {

@@ -1,9 +1,11 @@
-//! Inputs become movements. A person says where a tip shall be ([`Desk::take`]); the tip follows as a hand would
-//! ([`Desk::advance`]): smoothly, no faster than [`MOST_MM_S`], and inside the eye. Pure: time is an argument.
+//! Guidance of the instruments by a user's inputs. Inputs move a tip's target ([`Guidance::apply`]); the tip
+//! follows it ([`Guidance::advance`]) smoothly, no faster than [`MAX_SPEED_MM_S`], and inside the eye. Pure:
+//! time is an argument.
 //!
-//! Sideways is as the picture shows it: right is −x of the eye, up is −y (`docs/conventions.md`). Depth is along −z.
+//! Sideways is as in the picture: right is −x of the eye, up is −y (`docs/conventions.md`). Depth is along
+//! −z.
 
-use crate::reach::Reach;
+use crate::workspace::Workspace;
 use nalgebra::{Isometry3, Vector3};
 use protocol::bindings::Action;
 use protocol::geometry::shaft_pose;
@@ -14,84 +16,86 @@ use protocol::optics::PedalButton;
 use protocol::rig::Rig;
 use scene::SceneFile;
 
-/// A tip moves so far for a pixel of the mouse, mm.
+/// Movement of a target for a pixel of the mouse, mm.
 pub const MM_PER_PX: f64 = 0.02;
-/// A tip goes so far for a notch of the wheel, mm.
+/// Movement of a target for a notch of the wheel, mm.
 pub const MM_PER_NOTCH: f64 = 0.2;
-/// Speed of a tip led by a key, mm/s.
+/// Speed of a target moved by a key, mm/s.
 const KEY_MM_S: f64 = 3.0;
-/// Speed of a tip led by a stick at its end, mm/s; halfway it is a quarter, as sticks are hard to hold still.
+/// Speed of a target moved by a stick at its end, mm/s. It grows with the square of the deflection, as
+/// sticks are hard to hold still.
 const STICK_MM_S: f64 = 6.0;
 /// Speed of a turn about the shaft by key or stick, rad/s.
 const ROLL_RAD_S: f64 = 1.6;
-/// A stick this near its middle is at rest.
+/// Dead zone of a stick, share of its way.
 const STICK_REST: f64 = 0.12;
-/// What is left of a movement with the key for fine work.
+/// Factor on movements while the key for fine work is held.
 const FINE: f64 = 0.25;
-/// No tip is faster, mm/s. Surgeons stay below 20 mm/s.
-pub const MOST_MM_S: f64 = 12.0;
-/// Stiffness of a hand that follows its aim, 1/s: an aim that jumps is reached within half a second.
+/// Largest speed of a tip, mm/s. Surgeons stay below 20 mm/s.
+pub const MAX_SPEED_MM_S: f64 = 12.0;
+/// Natural frequency of the tip that follows its target, 1/s: a target that jumps is reached within half
+/// a second.
 const FOLLOW_PER_S: f64 = 12.0;
 /// Speed of the jaws, rad/s.
 const JAW_RAD_S: f64 = 2.5;
-/// Opening of jaws that are not asked to close, rad.
+/// Opening of jaws at rest, rad.
 const OPEN_RAD: f64 = 0.9;
-/// A hand's part of [`Desk::advance`] is never longer, s.
-const LONGEST_S: f64 = 0.2;
+/// Largest step of [`Guidance::advance`], s.
+const MAX_STEP_S: f64 = 0.2;
 
-/// One hand.
+/// An instrument that follows its target.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hand {
-    /// Where the tip is, eye frame, mm.
+pub struct GuidedInstrument {
+    /// Tip, eye frame, mm.
     pub tip_mm: Vector3<f64>,
-    /// How it moves, mm/s.
+    /// Velocity of the tip, eye frame, mm/s.
     pub velocity_mm_s: Vector3<f64>,
     /// Turn about the shaft, rad.
     pub roll_rad: f64,
     /// Jaw opening, rad.
     pub jaw_rad: f64,
-    /// What is in it.
+    /// Tool.
     pub tool: Tool,
     /// Angular velocity of the instrument, eye frame, rad/s.
-    pub turning_rad_s: Vector3<f64>,
-    aim_mm: Vector3<f64>,
-    aim_roll_rad: f64,
+    pub angular_velocity_rad_s: Vector3<f64>,
+    target_mm: Vector3<f64>,
+    target_roll_rad: f64,
     kept: bool,
     trocar_mm: Vector3<f64>,
-    reach: Reach,
+    workspace: Workspace,
 }
 
-impl Hand {
+impl GuidedInstrument {
     /// `eye_from_instrument`: the shaft passes its trocar.
     pub fn pose(&self) -> Isometry3<f64> {
         shaft_pose(&self.tip_mm, &self.trocar_mm, self.roll_rad)
     }
 
-    /// Leads the aim by `by`, mm.
-    fn lead(&mut self, by: Vector3<f64>) {
-        self.aim_mm = self.reach.hold(&(self.aim_mm + by));
+    /// Moves the target by `by` (eye frame, mm), inside the workspace.
+    fn move_target(&mut self, by: Vector3<f64>) {
+        self.target_mm = self.workspace.clamp_point(&(self.target_mm + by));
     }
 
-    /// Follows the aim for `dt_s`: a critically damped spring in closed form, cut to the largest speed.
-    fn follow(&mut self, dt_s: f64) {
+    /// Follows the target for `dt_s`: a critically damped spring in closed form, limited in speed.
+    fn follow_target(&mut self, dt_s: f64) {
         let before = self.pose().rotation;
-        let off = self.tip_mm - self.aim_mm;
+        let off = self.tip_mm - self.target_mm;
         let decay = libm::exp(-FOLLOW_PER_S * dt_s);
         let swing = self.velocity_mm_s + off * FOLLOW_PER_S;
-        let to = self.aim_mm + (off + swing * dt_s) * decay;
+        let to = self.target_mm + (off + swing * dt_s) * decay;
         let velocity = (self.velocity_mm_s - swing * (FOLLOW_PER_S * dt_s)) * decay;
-        let (step, most) = (to - self.tip_mm, MOST_MM_S * dt_s);
+        let (step, most) = (to - self.tip_mm, MAX_SPEED_MM_S * dt_s);
         let length = step.norm();
         if length > most {
-            self.velocity_mm_s = step * (MOST_MM_S / length);
+            self.velocity_mm_s = step * (MAX_SPEED_MM_S / length);
             self.tip_mm += step * (most / length);
         } else {
-            (self.tip_mm, self.velocity_mm_s) = (to, velocity.cap_magnitude(MOST_MM_S));
+            (self.tip_mm, self.velocity_mm_s) = (to, velocity.cap_magnitude(MAX_SPEED_MM_S));
         }
-        self.tip_mm = self.reach.hold(&self.tip_mm);
-        self.roll_rad += (self.aim_roll_rad - self.roll_rad) * (1.0 - decay);
+        self.tip_mm = self.workspace.clamp_point(&self.tip_mm);
+        self.roll_rad += (self.target_roll_rad - self.roll_rad) * (1.0 - decay);
         let turned = self.pose().rotation * before.inverse();
-        self.turning_rad_s = if dt_s > 0.0 { turned.scaled_axis() / dt_s } else { Vector3::zeros() };
+        self.angular_velocity_rad_s = if dt_s > 0.0 { turned.scaled_axis() / dt_s } else { Vector3::zeros() };
     }
 
     fn move_jaws(&mut self, closes: bool, dt_s: f64) {
@@ -101,79 +105,85 @@ impl Hand {
     }
 }
 
-/// Two hands, a foot, and what is held.
+/// Both instruments, the pedal, and the keys and axes that move them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Desk {
-    hands: [Hand; INSTRUMENTS],
-    chosen: usize,
+pub struct Guidance {
+    instruments: [GuidedInstrument; INSTRUMENTS],
+    selected: usize,
     held: u128,
-    /// Pressed since the last field, so that a short tap is not missed.
+    /// Keys pressed since the last field, so that a short tap is not missed.
     tapped: u128,
     axes: [f64; AXIS_COUNT],
 }
 
-/// The tools that [`Action::NextTool`] goes round.
+/// The cycle of [`Action::NextTool`].
 const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::Pick, Tool::Vitrector, Tool::Needle, Tool::LightPipe];
 
-impl Desk {
-    /// At the start of a scene: instruments where its script has them first, at rest
-    /// without one; the first hand led.
+impl Guidance {
+    /// At the start of a scene: instruments at the first keys of its script, at rest without one; the
+    /// first one is selected.
     pub fn new(scene: &SceneFile, rig: &Rig) -> Self {
         let script = scene.script_or_rest();
-        let hand = |i: usize| {
+        let instrument = |i: usize| {
             let first = script.first_key(i).expect("a checked script has a key for each instrument");
             let trocar_mm = rig.trocars.get(i).map_or(Vector3::z() * 12.0, |t| Vector3::from(t.p_eye));
-            let reach = Reach::new(scene.eye.retina_radius_mm, &trocar_mm);
+            let workspace = Workspace::new(scene.eye.retina_radius_mm, &trocar_mm);
             let tip = Vector3::from(first.tip_in_eye_mm);
-            let (tip_mm, tool) = (reach.hold(&tip), scene.instruments[i].tool);
-            Hand {
+            let (tip_mm, tool) = (workspace.clamp_point(&tip), scene.instruments[i].tool);
+            GuidedInstrument {
                 tip_mm,
                 velocity_mm_s: Vector3::zeros(),
                 roll_rad: first.roll_rad,
                 jaw_rad: if tool == Tool::Forceps { OPEN_RAD } else { 0.0 },
                 tool,
-                turning_rad_s: Vector3::zeros(),
-                aim_mm: tip_mm,
-                aim_roll_rad: first.roll_rad,
+                angular_velocity_rad_s: Vector3::zeros(),
+                target_mm: tip_mm,
+                target_roll_rad: first.roll_rad,
                 kept: false,
                 trocar_mm,
-                reach,
+                workspace,
             }
         };
-        Desk { hands: std::array::from_fn(hand), chosen: 0, held: 0, tapped: 0, axes: [0.0; AXIS_COUNT] }
+        Guidance {
+            instruments: std::array::from_fn(instrument),
+            selected: 0,
+            held: 0,
+            tapped: 0,
+            axes: [0.0; AXIS_COUNT],
+        }
     }
 
-    /// The hands.
-    pub fn hands(&self) -> &[Hand; INSTRUMENTS] {
-        &self.hands
+    /// The instruments.
+    pub fn instruments(&self) -> &[GuidedInstrument; INSTRUMENTS] {
+        &self.instruments
     }
 
-    /// What the picture says: which hand is led, and what is in it.
+    /// Hint for the picture: the selected hand and its tool.
     pub fn hint(&self) -> String {
-        let hand = &self.hands[self.chosen];
-        let tool = match hand.tool {
+        let instrument = &self.instruments[self.selected];
+        let tool = match instrument.tool {
             Tool::Forceps => "forceps",
             Tool::LightPipe => "light",
             Tool::Pick => "pick",
             Tool::Vitrector => "vitrector",
             Tool::Needle => "needle",
         };
-        let kept = if hand.kept { ", kept" } else { "" };
-        format!("hand {}: {tool}{kept}", self.chosen + 1)
+        let kept = if instrument.kept { ", kept" } else { "" };
+        format!("hand {}: {tool}{kept}", self.selected + 1)
     }
 
-    /// Takes an input in.
-    pub fn take(&mut self, input: Input) {
+    /// Applies an input.
+    pub fn apply(&mut self, input: Input) {
         match input {
             Input::Press(key) => self.press(key),
             Input::Release(key) => self.held &= !key.bit(),
             Input::Move([right, down]) => {
                 let fine = self.fine() * MM_PER_PX;
-                self.hands[self.chosen].lead(Vector3::new(-right, down, 0.0) * fine);
+                self.instruments[self.selected].move_target(Vector3::new(-right, down, 0.0) * fine);
             }
             Input::Wheel(away) => {
                 let fine = self.fine() * MM_PER_NOTCH;
-                self.hands[self.chosen].lead(Vector3::new(0.0, 0.0, -away) * fine);
+                self.instruments[self.selected].move_target(Vector3::new(0.0, 0.0, -away) * fine);
             }
             Input::Axis(axis, at) => self.axes[axis as usize] = if at.is_finite() { at } else { 0.0 },
             Input::LetGo => (self.held, self.axes) = (0, [0.0; AXIS_COUNT]),
@@ -183,14 +193,14 @@ impl Desk {
     fn press(&mut self, key: Key) {
         self.held |= key.bit();
         self.tapped |= key.bit();
-        let hand = &mut self.hands[self.chosen];
+        let instrument = &mut self.instruments[self.selected];
         match Action::of(key) {
-            Some(Action::OtherHand) => self.chosen = (self.chosen + 1) % INSTRUMENTS,
-            Some(Action::Keep) => hand.kept = !hand.kept,
+            Some(Action::OtherHand) => self.selected = (self.selected + 1) % INSTRUMENTS,
+            Some(Action::Keep) => instrument.kept = !instrument.kept,
             Some(Action::NextTool) => {
-                let at = TOOLS.iter().position(|t| *t == hand.tool).unwrap_or(0);
-                (hand.tool, hand.kept) = (TOOLS[(at + 1) % TOOLS.len()], false);
-                hand.jaw_rad = if hand.tool == Tool::Forceps { OPEN_RAD } else { 0.0 };
+                let at = TOOLS.iter().position(|t| *t == instrument.tool).unwrap_or(0);
+                (instrument.tool, instrument.kept) = (TOOLS[(at + 1) % TOOLS.len()], false);
+                instrument.jaw_rad = if instrument.tool == Tool::Forceps { OPEN_RAD } else { 0.0 };
             }
             _ => {}
         }
@@ -204,20 +214,20 @@ impl Desk {
         if self.holds(Action::Fine) { FINE } else { 1.0 }
     }
 
-    /// −1, 0 or 1, by which of two actions is held.
+    /// −1, 0 or 1 by the action that is held; 0 for both.
     fn between(&self, less: Action, more: Action) -> f64 {
         f64::from(u8::from(self.holds(more))) - f64::from(u8::from(self.holds(less)))
     }
 
-    /// A stick's place as a speed, −1 to 1.
+    /// Speed that a stick asks for, −1 to 1.
     fn stick(&self, axis: Axis) -> f64 {
         let at = self.axes[axis as usize];
         if at.abs() < STICK_REST { 0.0 } else { (at * at.abs()).clamp(-1.0, 1.0) }
     }
 
-    /// Goes on by `dt_s` seconds, at most 0.2.
+    /// Advances by `dt_s` seconds, at most [`MAX_STEP_S`].
     pub fn advance(&mut self, dt_s: f64) {
-        let dt_s = if dt_s.is_finite() { dt_s.clamp(0.0, LONGEST_S) } else { 0.0 };
+        let dt_s = if dt_s.is_finite() { dt_s.clamp(0.0, MAX_STEP_S) } else { 0.0 };
         let keys = Vector3::new(
             self.between(Action::Right, Action::Left),
             self.between(Action::Up, Action::Down),
@@ -228,24 +238,23 @@ impl Desk {
         let roll = self.between(Action::RollLeft, Action::RollRight) + self.stick(Axis::RightX);
         let fine = self.fine() * dt_s;
         let uses = self.holds(Action::Use);
-        let chosen = self.chosen;
-        let led = &mut self.hands[chosen];
-        led.lead((keys * KEY_MM_S + sticks * STICK_MM_S) * fine);
-        led.aim_roll_rad = (led.aim_roll_rad + roll.clamp(-1.0, 1.0) * ROLL_RAD_S * fine)
+        let selected = self.selected;
+        let led = &mut self.instruments[selected];
+        led.move_target((keys * KEY_MM_S + sticks * STICK_MM_S) * fine);
+        led.target_roll_rad = (led.target_roll_rad + roll.clamp(-1.0, 1.0) * ROLL_RAD_S * fine)
             .clamp(-std::f64::consts::PI, std::f64::consts::PI);
-        for (i, hand) in self.hands.iter_mut().enumerate() {
-            hand.follow(dt_s);
-            hand.move_jaws(hand.kept || (i == chosen && uses), dt_s);
+        for (i, instrument) in self.instruments.iter_mut().enumerate() {
+            instrument.follow_target(dt_s);
+            instrument.move_jaws(instrument.kept || (i == selected && uses), dt_s);
         }
     }
 
-    /// The pedal, and forgets the taps that it tells. Number and instant are the caller's.
+    /// The pedal's state; taps are reported once. The caller fills number and instant in.
     pub fn pedal(&mut self) -> PedalState {
         let uses = |tool: Tool| {
-            let in_use = |(i, hand): (usize, &Hand)| {
-                hand.tool == tool && (hand.kept || (i == self.chosen && self.holds(Action::Use)))
-            };
-            self.hands.iter().enumerate().any(in_use)
+            let in_use =
+                |i: usize| self.instruments[i].kept || (i == self.selected && self.holds(Action::Use));
+            (0..INSTRUMENTS).any(|i| self.instruments[i].tool == tool && in_use(i))
         };
         let share = |on: bool| f64::from(u8::from(on));
         let scope = [
@@ -274,7 +283,7 @@ impl Desk {
     }
 }
 
-/// The pedal's buttons on keys.
+/// Actions that press a button of the pedal.
 const BUTTONS: [(Action, PedalButton); 5] = [
     (Action::Magnify, PedalButton::Magnify),
     (Action::Reduce, PedalButton::Reduce),

@@ -1,4 +1,5 @@
-//! Files of inputs: what a person would do, line by line, for tests and demonstrations.
+//! Files of inputs, played in place of a user: for tests and demonstrations. A line is an instant (s) and
+//! an input.
 //!
 //! ```text
 //! # seconds   what
@@ -17,18 +18,18 @@ use protocol::inputs::{Axis, Input, Key};
 use std::path::Path;
 
 /// Most lines of a file.
-const MOST_LINES: usize = 100_000;
+const MAX_LINES: usize = 100_000;
 /// Latest instant of a line, s.
 const LATEST_S: f64 = 86_400.0;
 /// Without a line `end` a file ends so long after its last line, s.
 const AFTER_S: f64 = 1.0;
-/// What a line may say.
+/// Inputs that a line can hold.
 const WORDS: &str =
     "press KEY, release KEY, tap KEY, move RIGHT DOWN, wheel NOTCHES, axis NAME PLACE, let-go or end";
 
 /// Why a file of inputs was refused.
 #[derive(Debug, thiserror::Error)]
-pub enum ScriptError {
+pub enum InputFileError {
     /// It cannot be read.
     #[error("file of inputs {file}: {source}")]
     Read {
@@ -37,7 +38,7 @@ pub enum ScriptError {
         /// Why.
         source: std::io::Error,
     },
-    /// A line makes no sense.
+    /// A line is refused.
     #[error("file of inputs {file}, line {line}: expected {expected}, found {found}")]
     Line {
         /// The file.
@@ -54,32 +55,38 @@ pub enum ScriptError {
 /// A checked file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inputs {
-    /// Instants, s, rising, with what is done.
+    /// Instants, s, rising, with their inputs.
     steps: Vec<(f64, Input)>,
     end_s: f64,
 }
 
 impl Inputs {
     /// Reads a file.
-    pub fn load(path: &Path) -> Result<Self, ScriptError> {
+    ///
+    /// # Errors
+    /// If it cannot be read or a line is refused.
+    pub fn load(path: &Path) -> Result<Self, InputFileError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
-            .map_err(|source| ScriptError::Read { file: file.clone(), source })?;
+            .map_err(|source| InputFileError::Read { file: file.clone(), source })?;
         Self::parse(&text, &file)
     }
 
     /// Reads a text; `file` is its name for messages.
-    pub fn parse(text: &str, file: &str) -> Result<Self, ScriptError> {
+    ///
+    /// # Errors
+    /// If a line is refused; the error names it and what was expected.
+    pub fn parse(text: &str, file: &str) -> Result<Self, InputFileError> {
         let (mut steps, mut last_s, mut end_s) = (Vec::new(), 0.0, None);
         for (index, line) in text.lines().enumerate() {
-            let refuse = |expected: &str, found: &str| ScriptError::Line {
+            let refuse = |expected: &str, found: &str| InputFileError::Line {
                 file: file.into(),
                 line: index + 1,
                 expected: expected.into(),
                 found: if found.is_empty() { "nothing".into() } else { format!("'{found}'") },
             };
-            if index >= MOST_LINES {
-                return Err(refuse(&format!("at most {MOST_LINES} lines"), "more"));
+            if index >= MAX_LINES {
+                return Err(refuse(&format!("at most {MAX_LINES} lines"), "more"));
             }
             let words: Vec<&str> = line.split('#').next().unwrap_or("").split_whitespace().collect();
             let Some((at, what)) = words.split_first() else { continue };
@@ -99,7 +106,7 @@ impl Inputs {
     }
 }
 
-/// The instant of a line, s, after that of the line before; or what was expected.
+/// The instant of a line, s, not before `last_s`; or what was expected.
 fn instant(word: &str, last_s: f64) -> Result<f64, String> {
     let (number, from) = word.strip_prefix('+').map_or((word, 0.0), |later| (later, last_s));
     let at_s = number.parse::<f64>().map(|s| s + from).unwrap_or(f64::NAN);
@@ -109,7 +116,7 @@ fn instant(word: &str, last_s: f64) -> Result<f64, String> {
     Err(format!("seconds from {last_s} (the line before) to {LATEST_S}, or +SECONDS after it"))
 }
 
-/// What the words of a line ask for; or what was expected, and what was found instead.
+/// The inputs of a line; or what was expected and what was found.
 fn inputs(words: &[&str]) -> Result<[Option<Input>; 2], (String, String)> {
     let key = |name: &str| {
         Key::named(name).ok_or_else(|| {
@@ -141,19 +148,19 @@ fn inputs(words: &[&str]) -> Result<[Option<Input>; 2], (String, String)> {
     })
 }
 
-/// Plays a file. Its clock stands still while a request of the file's about the course of the attempt (pause, restart, next) waits
-/// to be served, so that what follows happens after it on any machine.
+/// Plays a file. Its clock stops while a request of the file (pause, restart, next) waits to be served, so
+/// that later inputs come after it on any machine.
 #[derive(Debug, Clone)]
 pub struct Player {
     inputs: Inputs,
     at_s: f64,
     next: usize,
-    /// What it waits for, and how much longer, s.
+    /// The request it waits for, and how much longer, s.
     waits: Option<(Action, f64)>,
 }
 
-/// It goes on if nobody serves a request for so long, s.
-const PATIENCE_S: f64 = 20.0;
+/// Longest wait for a request to be served, s.
+const MAX_WAIT_S: f64 = 20.0;
 
 impl Player {
     /// At the beginning.
@@ -161,7 +168,7 @@ impl Player {
         Player { inputs, at_s: 0.0, next: 0, waits: None }
     }
 
-    /// Goes on by `dt_s`; `done` gets what is done until then.
+    /// Advances by `dt_s`; `done` gets the inputs until then.
     pub fn advance(&mut self, dt_s: f64, mut done: impl FnMut(Input)) {
         if let Some((_, left_s)) = &mut self.waits {
             *left_s -= dt_s;
@@ -181,12 +188,13 @@ impl Player {
             if let Input::Press(key) = input {
                 let course = [Action::Pause, Action::Restart, Action::Next];
                 let action = Action::of(key).filter(|a| course.contains(a));
-                self.waits = action.map(|a| (a, PATIENCE_S));
+                self.waits = action.map(|a| (a, MAX_WAIT_S));
             }
         }
     }
 
-    /// The launcher's command has been obeyed. A restart is over when everything starts again.
+    /// Takes a command in that the launcher gave and the desk executed. A restart is served when everything
+    /// starts again.
     pub fn served(&mut self, command: Command) {
         let over = match self.waits {
             Some((Action::Pause, _)) => matches!(command, Command::Pause | Command::Start),

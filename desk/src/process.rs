@@ -1,10 +1,11 @@
-//! The loop: 50 times a second inputs in, a pose, handles and pedal out. The only module that knows the transport and the clock.
+//! The loop: 50 times a second it reads inputs and publishes poses, handles and pedal. The only module
+//! with transport and clock.
 
-use crate::config::{Config, Listen};
+use crate::config::{Config, InputSource};
 use crate::frame;
 use crate::gamepad::Gamepad;
-use crate::hands::Desk;
-use crate::script::{Inputs, Player};
+use crate::guidance::Guidance;
+use crate::input_file::{Inputs, Player};
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
@@ -21,35 +22,39 @@ use protocol::rig::Rig;
 use protocol::time::Nanos;
 use scene::SceneFile;
 
-/// The last stretch before a field is slept through without looking at requests, ns.
+/// Time before a field in which requests are not served, ns: it sleeps to the instant.
 const FINE_NS: u64 = 1_000_000;
 /// The pedal is sent when it changes, and with every fifth field: 10 times a second.
 const PEDAL_EVERY: u64 = 5;
 /// A field, s.
 const FIELD_S: f64 = FIELD_PERIOD_NS as f64 * 1e-9;
 
-/// Runs until it is told to stop.
+/// Runs until a request or a signal stops it.
+///
+/// # Errors
+/// If rig, scene or file of inputs cannot be read, a gamepad asked for is missing, or a channel
+/// fails.
 pub fn run(config: &Config) -> Result<()> {
-    let mut station = Station::open(config)?;
-    while !station.shell.stopping() {
-        station.wait_for_field()?;
-        if now() >= station.next_ns {
-            station.field()?;
+    let mut process = DeskShell::open(config)?;
+    while !process.shell.stopping() {
+        process.wait_for_field()?;
+        if now() >= process.next_ns {
+            process.field()?;
         }
     }
     Ok(())
 }
 
-/// Channels and schedule.
-struct Station {
+/// The process: channels, schedule, and the state between fields.
+struct DeskShell {
     config: Config,
     rig: Rig,
-    desk: Desk,
+    guidance: Guidance,
     player: Option<Player>,
     gamepad: Option<Gamepad>,
     shell: Shell,
-    heard: Receiver<InputEvent>,
-    told: Sender<InputEvent>,
+    window_inputs: Receiver<InputEvent>,
+    own_inputs: Sender<InputEvent>,
     hints: Sender<Hint>,
     poses: Sender<TrackerFrame>,
     handles: Sender<HandleState>,
@@ -66,26 +71,26 @@ struct Station {
     _instance: Instance,
 }
 
-impl Station {
+impl DeskShell {
     fn open(config: &Config) -> Result<Self> {
         let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-        let desk = Desk::new(&SceneFile::load(&config.scene)?, &rig);
+        let guidance = Guidance::new(&SceneFile::load(&config.scene)?, &rig);
         let player = config.inputs.as_deref().map(Inputs::load).transpose()?.map(Player::new);
         let gamepad = match (config.input, &player) {
-            (Listen::Gamepad, None) => Some(Gamepad::demand()?),
-            (Listen::Auto, None) => Gamepad::find(),
+            (InputSource::Gamepad, None) => Some(Gamepad::require()?),
+            (InputSource::Auto, None) => Gamepad::find(),
             _ => None,
         };
         let (instance, shell) = Shell::start(Process::Desk, &config.shell).context("cannot start")?;
-        let mut station = Station {
+        let mut process = DeskShell {
             config: config.clone(),
             rig,
-            desk,
+            guidance,
             player,
             gamepad,
             shell,
-            heard: instance.receiver(Queue::InOrder)?,
-            told: instance.sender()?,
+            window_inputs: instance.receiver(Queue::InOrder)?,
+            own_inputs: instance.sender()?,
             hints: instance.sender()?,
             poses: instance.sender()?,
             handles: instance.sender()?,
@@ -99,55 +104,58 @@ impl Station {
             finished: false,
             _instance: instance,
         };
-        if let Some(pad) = &station.gamepad {
-            station.shell.say(&format!("gamepad: {}", pad.name()));
+        if let Some(pad) = &process.gamepad {
+            process.shell.say(&format!("gamepad: {}", pad.name()));
         }
-        station.shell.report.state = STATE_RUNNING;
-        station.shell.beat_now(now())?;
-        Ok(station)
+        process.shell.report.state = STATE_RUNNING;
+        process.shell.beat_now(now())?;
+        Ok(process)
     }
 
     /// Sleeps until the next field is due or something comes.
     fn wait_for_field(&mut self) -> Result<()> {
         self.serve()?;
-        self.listen()?;
+        self.read_window_inputs()?;
         let left = self.next_ns.saturating_sub(now());
         if left <= FINE_NS {
             sleep_until(self.next_ns);
         } else {
-            wait(&[&self.heard, self.shell.control()], (left - FINE_NS / 2).min(MAX_WAIT_MS * 1_000_000));
+            wait(
+                &[&self.window_inputs, self.shell.control()],
+                (left - FINE_NS / 2).min(MAX_WAIT_MS * 1_000_000),
+            );
         }
         Ok(())
     }
 
-    /// What the window sent. A file of inputs is all that counts while it is played.
-    fn listen(&mut self) -> Result<()> {
-        while let Some(event) = self.heard.next_valid()? {
+    /// Applies the window's inputs; ignored while a file of inputs is played.
+    fn read_window_inputs(&mut self) -> Result<()> {
+        while let Some(event) = self.window_inputs.next_valid()? {
             let from_window = event.origin == Origin::Window as u32 && self.player.is_none();
             let moves = |i: &Input| matches!(i, Input::Move(_) | Input::Wheel(_));
-            let wanted = |i: &Input| self.config.input != Listen::Gamepad || !moves(i);
+            let wanted = |i: &Input| self.config.input != InputSource::Gamepad || !moves(i);
             if let Some(input) = event.input().filter(|i| from_window && wanted(i)) {
-                self.do_it(input);
+                self.apply(input);
             }
         }
         Ok(())
     }
 
-    /// Nothing moves while everything stands still, but keys that go up go up.
-    fn do_it(&mut self, input: Input) {
+    /// Applies an input; while paused only released keys count.
+    fn apply(&mut self, input: Input) {
         if !self.paused || matches!(input, Input::Release(_) | Input::LetGo) {
-            self.desk.take(input);
+            self.guidance.apply(input);
         }
     }
 
-    /// One field; those for which the machine was too slow are made up for, so that nothing is lost of a movement.
+    /// One field. Fields that were missed are simulated too, so that no movement is lost.
     fn field(&mut self) -> Result<()> {
         let late = now().saturating_sub(self.next_ns) / FIELD_PERIOD_NS;
         self.next_ns += late * FIELD_PERIOD_NS;
         for _ in 0..=late {
-            self.take_own()?;
+            self.read_own_inputs()?;
             if !self.paused {
-                self.desk.advance(FIELD_S);
+                self.guidance.advance(FIELD_S);
             }
         }
         if !self.paused {
@@ -157,11 +165,11 @@ impl Station {
             self.field += 1;
         }
         self.next_ns += FIELD_PERIOD_NS;
-        self.say()
+        self.publish_status()
     }
 
-    /// What file and gamepad do in this field; the launcher hears of it too.
-    fn take_own(&mut self) -> Result<()> {
+    /// Applies and publishes the inputs of file and gamepad of this field.
+    fn read_own_inputs(&mut self) -> Result<()> {
         let mut done = Vec::new();
         let origin = if let Some(player) = &mut self.player {
             player.advance(FIELD_S, |input| done.push(input));
@@ -177,34 +185,34 @@ impl Station {
             Origin::Gamepad
         };
         for input in done {
-            self.told.send(&InputEvent::new(input, origin, now()))?;
-            self.do_it(input);
+            self.own_inputs.send(&InputEvent::new(input, origin, now()))?;
+            self.apply(input);
         }
         Ok(())
     }
 
     fn publish(&mut self) -> Result<()> {
         let exposed = self.next_ns;
-        for handle in frame::handles(&self.desk, self.field, exposed, self.handles.sent()) {
+        for handle in frame::handles(&self.guidance, self.field, exposed, self.handles.sent()) {
             self.handles.send(&handle)?;
         }
-        let pedal = self.desk.pedal();
+        let pedal = self.guidance.pedal();
         if pedal != self.last_pedal || self.field >= self.next_pedal {
             (self.last_pedal, self.next_pedal) = (pedal, self.field + PEDAL_EVERY);
             self.pedal.send(&PedalState { seq: self.pedal.sent(), instant_ns: exposed, ..pedal })?;
         }
-        let mut poses = frame::poses(&self.desk, self.field, exposed);
+        let mut poses = frame::poses(&self.guidance, self.field, exposed);
         self.shell.inject_delay();
         poses.instants.tracked = now();
         self.poses.send(&poses)?;
-        self.shell.report.received = self.heard.counts().received;
+        self.shell.report.received = self.window_inputs.counts().received;
         self.shell.report.sent = self.poses.sent() + self.handles.sent() + self.pedal.sent();
         Ok(())
     }
 
-    /// Tells the picture what is in the hand when that changes, and the launcher when a file is over.
-    fn say(&mut self) -> Result<()> {
-        let hint = self.desk.hint();
+    /// Publishes the hint when it changes, and the end of a file of inputs.
+    fn publish_status(&mut self) -> Result<()> {
+        let hint = self.guidance.hint();
         if hint != self.last_hint {
             self.hints.send(&Hint { instant_ns: now(), text: text_bytes(&hint) })?;
             self.last_hint = hint;
@@ -219,7 +227,7 @@ impl Station {
 
     fn serve(&mut self) -> Result<()> {
         while let Some((request, command)) = self.shell.serve(now())? {
-            let done = self.obey(command);
+            let done = self.execute(command);
             if let Some(player) = &mut self.player {
                 player.served(command);
             }
@@ -233,12 +241,12 @@ impl Station {
         Ok(self.shell.answer(request, text.as_deref().map_or(Ok(()), Err))?)
     }
 
-    fn obey(&mut self, command: Command) -> Result<()> {
+    fn execute(&mut self, command: Command) -> Result<()> {
         match command {
             Command::Pause => self.paused = true,
             Command::Start => self.paused = false,
             Command::Reset | Command::Load => {
-                self.desk = Desk::new(&SceneFile::load(&self.config.scene)?, &self.rig);
+                self.guidance = Guidance::new(&SceneFile::load(&self.config.scene)?, &self.rig);
                 (self.field, self.next_pedal) = (0, 0);
                 self.last_hint.clear();
             }

@@ -69,6 +69,9 @@ pub struct Stored {
 }
 
 /// SHA-256 of a file, in hexadecimal digits.
+///
+/// # Errors
+/// If the file cannot be read.
 pub fn sha256_of(path: &Path) -> std::io::Result<String> {
     let mut file = File::open(path)?;
     let (mut hasher, mut buffer) = (Sha256::new(), vec![0; 256 << 10]);

@@ -82,6 +82,9 @@ impl FromStr for Shard {
 
 /// Recordings that were named: files as they are, folders with every `*.mcap` in and below them by name, and the lines of a
 /// manifest. What is named twice is there once.
+///
+/// # Errors
+/// If a folder or the manifest cannot be read, or a folder holds no recording.
 pub fn list(named: &[PathBuf], manifest: Option<&Path>) -> Result<Vec<PathBuf>, BatchError> {
     let mut all = Vec::new();
     for path in named {

@@ -62,8 +62,8 @@ pub(crate) mod tests {
             stored("a", "shadow", 2, 50.0),
         ];
         let (curves, left_out) = curves(&all);
-        let told: Vec<_> = curves.iter().map(|c| (c.label.as_str(), c.scores.len())).collect();
-        assert_eq!(told, [("a forceps 1", 1), ("a shadow 1", 2), ("b shadow 1", 1)]);
+        let labels: Vec<_> = curves.iter().map(|c| (c.label.as_str(), c.scores.len())).collect();
+        assert_eq!(labels, [("a forceps 1", 1), ("a shadow 1", 2), ("b shadow 1", 1)]);
         assert_eq!((curves[1].scores.clone(), left_out), (vec![(30.0, 1.5), (50.0, 1.5)], 1));
         assert_eq!(longest(&curves), 2);
         assert_eq!(super::curves(&[]), (Vec::new(), 0));

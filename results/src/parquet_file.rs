@@ -26,14 +26,17 @@ pub struct WriteError {
 
 /// Writes a table under `path`; a file that was there is replaced at once, so that nobody ever sees half of one. `notes`
 /// go into the file's metadata.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn write(table: &Table, path: &Path, notes: &[(&str, &str)]) -> Result<(), WriteError> {
-    let told = |problem: String| WriteError { file: path.display().to_string(), problem };
+    let write_error = |problem: String| WriteError { file: path.display().to_string(), problem };
     let unfinished = path.with_extension("parquet.part");
     let written = File::create(&unfinished)
-        .map_err(|e| told(e.to_string()))
-        .and_then(|file| into(table, file, notes).map_err(|e| told(e.to_string())));
-    let done =
-        written.and_then(|()| std::fs::rename(&unfinished, path).map_err(|e: io::Error| told(e.to_string())));
+        .map_err(|e| write_error(e.to_string()))
+        .and_then(|file| into(table, file, notes).map_err(|e| write_error(e.to_string())));
+    let done = written
+        .and_then(|()| std::fs::rename(&unfinished, path).map_err(|e: io::Error| write_error(e.to_string())));
     if done.is_err() {
         // The first problem is the one to tell.
         let _ = std::fs::remove_file(&unfinished);

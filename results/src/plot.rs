@@ -29,22 +29,22 @@ const COLOURS: [Rgb<u8>; 7] = [
 
 /// A picture of the curves: a point an attempt, its deviation as a bar, joined by lines.
 pub fn plot(curves: &[Curve]) -> RgbImage {
-    let mut sheet = Sheet { picture: RgbImage::from_pixel(SIZE[0], SIZE[1], PAPER), letters: strip() };
+    let mut chart = Chart { picture: RgbImage::from_pixel(SIZE[0], SIZE[1], PAPER), letters: strip() };
     let most = longest(curves);
-    sheet.frame(most);
+    chart.frame(most);
     for (curve, colour) in curves.iter().zip(COLOURS.iter().cycle()) {
         let place = |(i, (score, _)): (usize, &(f64, f64))| [across(i, most), up(*score)];
         let points: Vec<[f64; 2]> = curve.scores.iter().enumerate().map(place).collect();
         for pair in points.windows(2) {
-            sheet.line(pair[0], pair[1], 2, *colour);
+            chart.line(pair[0], pair[1], 2, *colour);
         }
         for ([x, y], (score, sigma)) in points.iter().zip(&curve.scores) {
-            sheet.line([*x, up(score - sigma)], [*x, up(score + sigma)], 2, *colour);
-            sheet.block(*x as i64 - 4, *y as i64 - 4, 9, 9, *colour);
+            chart.line([*x, up(score - sigma)], [*x, up(score + sigma)], 2, *colour);
+            chart.block(*x as i64 - 4, *y as i64 - 4, 9, 9, *colour);
         }
     }
-    sheet.legend(curves);
-    sheet.picture
+    chart.legend(curves);
+    chart.picture
 }
 
 /// Where an attempt stands, px.
@@ -59,12 +59,12 @@ fn up(score: f64) -> f64 {
     bottom - (bottom - top) * score.clamp(0.0, 100.0) / 100.0
 }
 
-struct Sheet {
+struct Chart {
     picture: RgbImage,
     letters: (Vec<u8>, u32),
 }
 
-impl Sheet {
+impl Chart {
     /// A filled block; what is beyond the picture is left out.
     fn block(&mut self, left: i64, top: i64, width: i64, height: i64, colour: Rgb<u8>) {
         for y in top..top + height {

@@ -111,6 +111,9 @@ pub fn default_place(data_home: Option<&Path>, home: Option<&Path>) -> Option<Pa
 }
 
 /// Checks a pseudonym: short, and nothing that spoils a table or a file name.
+///
+/// # Errors
+/// If the name is empty, longer than 64 characters, or has other than letters, digits and `-_.@`.
 pub fn check_name(name: &str) -> Result<(), StoreError> {
     let plain = |c: char| c.is_alphanumeric() || "-_.@".contains(c);
     let good = !name.is_empty()
@@ -128,17 +131,23 @@ pub fn check_name(name: &str) -> Result<(), StoreError> {
 
 impl Store {
     /// Opens a store and brings its schema up to date; makes one where there is none.
+    ///
+    /// # Errors
+    /// If the file cannot be opened, is no store, or is of a later version.
     pub fn open_or_create(path: &Path) -> Result<Self, StoreError> {
         if let Some(folder) = path.parent().filter(|f| !f.as_os_str().is_empty()) {
             let file = path.display().to_string();
-            let told =
+            let store_error =
                 |e: std::io::Error| StoreError::Other { file, problem: format!("make its folder: {e}") };
-            std::fs::create_dir_all(folder).map_err(told)?;
+            std::fs::create_dir_all(folder).map_err(store_error)?;
         }
         Self::open_with(path, PATIENCE)
     }
 
     /// Opens a store that is there and brings its schema up to date.
+    ///
+    /// # Errors
+    /// If there is no such file, it is no store, or it is of a later version.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         if !path.exists() {
             return Err(StoreError::Missing { file: path.display().to_string() });
@@ -147,24 +156,27 @@ impl Store {
     }
 
     /// As [`Store::open_or_create`] without making folders, with another patience.
+    ///
+    /// # Errors
+    /// If the file cannot be opened, is no store, is of a later version, or stays locked.
     pub fn open_with(path: &Path, patience: Duration) -> Result<Self, StoreError> {
-        let told = |e| told(path, patience, e);
-        let connection = Connection::open(path).map_err(told)?;
-        connection.busy_timeout(patience).map_err(told)?;
-        connection.pragma_update(None, "foreign_keys", true).map_err(told)?;
+        let store_error = |e| store_error(path, patience, e);
+        let connection = Connection::open(path).map_err(store_error)?;
+        connection.busy_timeout(patience).map_err(store_error)?;
+        connection.pragma_update(None, "foreign_keys", true).map_err(store_error)?;
         // What a trainee has deleted is overwritten, not only forgotten.
-        connection.pragma_update(None, "secure_delete", true).map_err(told)?;
+        connection.pragma_update(None, "secure_delete", true).map_err(store_error)?;
         let mut store = Store { path: path.into(), connection, patience };
         store.migrate()?;
         Ok(store)
     }
 
-    fn told(&self, error: rusqlite::Error) -> StoreError {
-        told(&self.path, self.patience, error)
+    fn store_error(&self, error: rusqlite::Error) -> StoreError {
+        store_error(&self.path, self.patience, error)
     }
 
     fn number(&self, pragma: &str) -> Result<i64, StoreError> {
-        self.connection.pragma_query_value(None, pragma, |row| row.get(0)).map_err(|e| self.told(e))
+        self.connection.pragma_query_value(None, pragma, |row| row.get(0)).map_err(|e| self.store_error(e))
     }
 
     /// Brings the schema up to date.
@@ -193,7 +205,8 @@ impl Store {
 
     fn is_empty(&self) -> Result<bool, StoreError> {
         let tables = "SELECT count(*) FROM sqlite_schema";
-        let count: i64 = self.connection.query_row(tables, [], |row| row.get(0)).map_err(|e| self.told(e))?;
+        let count: i64 =
+            self.connection.query_row(tables, [], |row| row.get(0)).map_err(|e| self.store_error(e))?;
         Ok(count == 0)
     }
 
@@ -206,11 +219,14 @@ impl Store {
             change.commit()?;
             Ok(done)
         };
-        all().map_err(|e| told(path, *patience, e))
+        all().map_err(|e| store_error(path, *patience, e))
     }
 
     /// Adds an attempt of a trainee; a trainee who is not there yet is added too. `None` if the store holds this recording's
     /// score in this version already.
+    ///
+    /// # Errors
+    /// If the name is refused or the store cannot be written.
     pub fn add(&mut self, trainee: &str, attempt: &Attempt) -> Result<Option<i64>, StoreError> {
         check_name(trainee)?;
         self.change(|change| {
@@ -235,6 +251,9 @@ impl Store {
 
     /// Deletes a trainee with every attempt; tells how many those were and which recordings they name. `None` if there is no
     /// such trainee.
+    ///
+    /// # Errors
+    /// If the store cannot be written.
     pub fn delete(&mut self, trainee: &str) -> Result<Option<(usize, Vec<String>)>, StoreError> {
         let filter = Filter { trainee: Some(trainee.into()), ..Filter::default() };
         let attempts = self.attempts(&filter)?;
@@ -248,6 +267,9 @@ impl Store {
     }
 
     /// Pseudonyms and how many attempts each has made, in the order of the alphabet.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn trainees(&self) -> Result<Vec<(String, usize)>, StoreError> {
         let all = "SELECT pseudonym, count(attempts.id) FROM trainees LEFT JOIN attempts ON attempts.trainee = trainees.id
                    GROUP BY trainees.id ORDER BY pseudonym";
@@ -256,12 +278,15 @@ impl Store {
             let rows = statement.query_map([], |row| Ok((row.get(0)?, row.get::<_, i64>(1)? as usize)))?;
             rows.collect::<rusqlite::Result<Vec<_>>>()
         };
-        query().map_err(|e| self.told(e))
+        query().map_err(|e| self.store_error(e))
     }
 
     /// Attempts in the order in which they were made.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn attempts(&self, filter: &Filter) -> Result<Vec<Stored>, StoreError> {
-        self.query(filter).map_err(|e| self.told(e))
+        self.query(filter).map_err(|e| self.store_error(e))
     }
 
     fn query(&self, filter: &Filter) -> rusqlite::Result<Vec<Stored>> {
@@ -343,7 +368,7 @@ fn stored(row: &Row) -> rusqlite::Result<Stored> {
 }
 
 /// SQLite's error in words that say what to do.
-fn told(path: &Path, patience: Duration, error: rusqlite::Error) -> StoreError {
+fn store_error(path: &Path, patience: Duration, error: rusqlite::Error) -> StoreError {
     let file = path.display().to_string();
     match error.sqlite_error_code() {
         Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => {
@@ -360,5 +385,4 @@ fn told(path: &Path, patience: Duration, error: rusqlite::Error) -> StoreError {
 }
 
 #[cfg(test)]
-#[path = "store_tests.rs"]
 mod tests;

@@ -34,7 +34,7 @@ impl Cells {
     }
 
     /// A cell for people and CSV. Real numbers have as many digits as lead back to the same bits.
-    fn told(&self, row: usize) -> String {
+    fn to_csv(&self, row: usize) -> String {
         fn text<T: ToString>(cell: &Option<T>) -> String {
             cell.as_ref().map_or_else(String::new, T::to_string)
         }
@@ -165,11 +165,14 @@ impl Table {
     }
 
     /// Writes comma-separated values after RFC 4180, with a line of names.
+    ///
+    /// # Errors
+    /// If `out` refuses.
     pub fn write_csv(&self, out: &mut impl Write) -> io::Result<()> {
         let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
         writeln!(out, "{}", names.join(","))?;
         for row in 0..self.rows {
-            let cells: Vec<String> = self.columns.iter().map(|c| c.cells.told(row)).collect();
+            let cells: Vec<String> = self.columns.iter().map(|c| c.cells.to_csv(row)).collect();
             writeln!(out, "{}", cells.join(","))?;
         }
         out.flush()

@@ -35,7 +35,7 @@ pub fn plot(curves: &[Curve]) -> String {
     let below = if most == 1 { " 1".into() } else { format!(" 1{:>1$}", most, last) };
     text.push_str(&format!("     {below}  attempt\n"));
     for (curve, sign) in curves.iter().zip(SIGNS.iter().cycle()) {
-        text.push_str(&format!("  {sign} {}\n", told(curve)));
+        text.push_str(&format!("  {sign} {}\n", summary(curve)));
     }
     text
 }
@@ -46,7 +46,7 @@ fn column(attempt: usize, most: usize, width: usize) -> usize {
 }
 
 /// Label, first and last score of a curve.
-fn told(curve: &Curve) -> String {
+fn summary(curve: &Curve) -> String {
     let score = |(total, sigma): &(f64, f64)| format!("{total:.1} ± {sigma:.1}");
     match curve.scores.as_slice() {
         [] => curve.label.clone(),

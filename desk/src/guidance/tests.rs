@@ -1,15 +1,15 @@
-//! What must hold of a hand, whatever a person does.
+//! Limits that hold for any inputs.
 
 use super::*;
-use crate::reach::{BELOW_TROCAR_MM, WALL_MM};
+use crate::workspace::{BELOW_TROCAR_MM, WALL_MM};
 use proptest::prelude::*;
 use protocol::message::Message;
 
 const FIELD_S: f64 = 0.02;
 
-fn desk(scene: &str) -> (Desk, Rig) {
+fn desk(scene: &str) -> (Guidance, Rig) {
     let rig = Rig::load_or_shipped(None).unwrap();
-    (Desk::new(&SceneFile::load(scene).unwrap(), &rig), rig)
+    (Guidance::new(&SceneFile::load(scene).unwrap(), &rig), rig)
 }
 
 fn key(name: &str) -> Key {
@@ -37,25 +37,25 @@ proptest! {
     fn whatever_is_done_hands_move_as_hands_can(
         done in prop::collection::vec((inputs(), 0u8..6), 1..120), odd_dt in prop::num::f64::ANY,
     ) {
-        let (mut desk, rig) = desk("peel");
-        desk.advance(odd_dt);
+        let (mut guidance, rig) = desk("peel");
+        guidance.advance(odd_dt);
         for (input, fields) in done {
-            desk.take(input);
+            guidance.apply(input);
             for _ in 0..fields {
-                let before = desk.hands.map(|h| h.tip_mm);
-                desk.advance(FIELD_S);
-                for (i, hand) in desk.hands.iter().enumerate() {
+                let before = guidance.instruments.map(|h| h.tip_mm);
+                guidance.advance(FIELD_S);
+                for (i, hand) in guidance.instruments.iter().enumerate() {
                     let tip = hand.tip_mm;
                     prop_assert!(tip.norm() <= 11.5 + WALL_MM + 1e-9, "{tip}");
                     prop_assert!(tip.z <= rig.trocars[i].p_eye[2] - BELOW_TROCAR_MM + 1e-9, "{tip}");
-                    prop_assert!((tip - before[i]).norm() <= MOST_MM_S * FIELD_S + 1e-9);
-                    prop_assert!(hand.velocity_mm_s.norm() <= MOST_MM_S + 1e-9);
-                    prop_assert!(hand.turning_rad_s.iter().all(|c| c.is_finite()));
+                    prop_assert!((tip - before[i]).norm() <= MAX_SPEED_MM_S * FIELD_S + 1e-9);
+                    prop_assert!(hand.velocity_mm_s.norm() <= MAX_SPEED_MM_S + 1e-9);
+                    prop_assert!(hand.angular_velocity_rad_s.iter().all(|c| c.is_finite()));
                     prop_assert!((0.0..=OPEN_RAD).contains(&hand.jaw_rad) && hand.roll_rad.abs() < 3.2);
                     let trocar = hand.pose().inverse_transform_point(&rig.trocars[i].p_eye.into());
                     prop_assert!(trocar.x.abs() < 1e-9 && trocar.y.abs() < 1e-9 && trocar.z > 0.0);
                 }
-                prop_assert!(desk.pedal().validate().is_ok());
+                prop_assert!(guidance.pedal().validate().is_ok());
             }
         }
     }
@@ -63,32 +63,35 @@ proptest! {
 
 #[test]
 fn the_mouse_leads_the_tip_as_the_picture_shows_it() {
-    let (mut desk, _) = desk("peel");
-    let start = desk.hands[0].tip_mm;
-    desk.take(Input::Move([50.0, -25.0]));
-    desk.take(Input::Wheel(2.0));
-    (0..50).for_each(|_| desk.advance(FIELD_S));
-    let moved = desk.hands[0].tip_mm - start;
+    let (mut guidance, _) = desk("peel");
+    let start = guidance.instruments[0].tip_mm;
+    guidance.apply(Input::Move([50.0, -25.0]));
+    guidance.apply(Input::Wheel(2.0));
+    (0..50).for_each(|_| guidance.advance(FIELD_S));
+    let moved = guidance.instruments[0].tip_mm - start;
     // Right in the picture is −x, up −y, deeper −z.
     assert!((moved - Vector3::new(-1.0, -0.5, -0.4)).norm() < 1e-3, "{moved}");
-    desk.take(Input::Press(key("tab")));
-    desk.take(Input::Press(key("shift")));
-    let other = desk.hands[1].tip_mm;
-    desk.take(Input::Move([0.0, 100.0]));
-    (0..50).for_each(|_| desk.advance(FIELD_S));
-    assert!((desk.hands[1].tip_mm - other - Vector3::new(0.0, 0.5, 0.0)).norm() < 1e-3, "fine: a quarter");
-    assert!((desk.hands[0].tip_mm - start - moved).norm() < 1e-3, "the first hand stays");
+    guidance.apply(Input::Press(key("tab")));
+    guidance.apply(Input::Press(key("shift")));
+    let other = guidance.instruments[1].tip_mm;
+    guidance.apply(Input::Move([0.0, 100.0]));
+    (0..50).for_each(|_| guidance.advance(FIELD_S));
+    assert!(
+        (guidance.instruments[1].tip_mm - other - Vector3::new(0.0, 0.5, 0.0)).norm() < 1e-3,
+        "fine: a quarter"
+    );
+    assert!((guidance.instruments[0].tip_mm - start - moved).norm() < 1e-3, "the first hand stays");
 }
 
 #[test]
 fn a_jump_of_the_mouse_becomes_a_movement_without_overshoot() {
-    let (mut desk, _) = desk("peel");
-    let (start, mut farthest) = (desk.hands[0].tip_mm, 0.0f64);
-    desk.take(Input::Move([200.0, 0.0]));
+    let (mut guidance, _) = desk("peel");
+    let (start, mut farthest) = (guidance.instruments[0].tip_mm, 0.0f64);
+    guidance.apply(Input::Move([200.0, 0.0]));
     let mut reached = None;
     for field in 0..100 {
-        desk.advance(FIELD_S);
-        let x = start.x - desk.hands[0].tip_mm.x;
+        guidance.advance(FIELD_S);
+        let x = start.x - guidance.instruments[0].tip_mm.x;
         farthest = farthest.max(x);
         reached = reached.or((x > 3.9).then_some(field));
     }
@@ -100,63 +103,66 @@ fn a_jump_of_the_mouse_becomes_a_movement_without_overshoot() {
 #[test]
 fn keys_and_sticks_lead_at_their_speeds() {
     let (mut led, _) = desk("peel");
-    let start = led.hands[0].tip_mm;
-    led.take(Input::Press(key("f")));
+    let start = led.instruments[0].tip_mm;
+    led.apply(Input::Press(key("f")));
     (0..50).for_each(|_| led.advance(FIELD_S));
-    led.take(Input::LetGo);
+    led.apply(Input::LetGo);
     (0..50).for_each(|_| led.advance(FIELD_S));
-    assert!((start.z - led.hands[0].tip_mm.z - KEY_MM_S).abs() < 0.05, "one second deeper");
+    assert!((start.z - led.instruments[0].tip_mm.z - KEY_MM_S).abs() < 0.05, "one second deeper");
     let (mut pad, _) = desk("peel");
-    pad.take(Input::Axis(Axis::LeftX, -0.5));
-    pad.take(Input::Axis(Axis::RightY, 0.1));
+    pad.apply(Input::Axis(Axis::LeftX, -0.5));
+    pad.apply(Input::Axis(Axis::RightY, 0.1));
     (0..100).for_each(|_| pad.advance(FIELD_S));
-    let moved = pad.hands[0].tip_mm - start;
+    let moved = pad.instruments[0].tip_mm - start;
     let expected = 2.0 * 0.25 * STICK_MM_S - 0.25 * STICK_MM_S * 2.0 / FOLLOW_PER_S;
     assert!((moved.x - expected).abs() < 0.02 && moved.z.abs() < 1e-9, "{moved}, expected {expected}");
 }
 
 #[test]
 fn jaws_close_while_used_or_kept() {
-    let (mut desk, _) = desk("peel");
-    let after = |desk: &mut Desk, fields: u32| {
-        (0..fields).for_each(|_| desk.advance(FIELD_S));
-        desk.hands[0].jaw_rad
+    let (mut guidance, _) = desk("peel");
+    let after = |guidance: &mut Guidance, fields: u32| {
+        (0..fields).for_each(|_| guidance.advance(FIELD_S));
+        guidance.instruments[0].jaw_rad
     };
-    assert_eq!(after(&mut desk, 5), OPEN_RAD);
-    desk.take(Input::Press(key("mouse-left")));
-    assert!((after(&mut desk, 5) - (OPEN_RAD - 0.1 * JAW_RAD_S)).abs() < 1e-9, "not at once");
-    assert_eq!(after(&mut desk, 50), 0.0);
-    desk.take(Input::Press(key("c")));
-    desk.take(Input::Release(key("mouse-left")));
-    assert_eq!((after(&mut desk, 50), desk.hint().as_str()), (0.0, "hand 1: forceps, kept"));
-    desk.take(Input::Press(key("c")));
-    assert_eq!(after(&mut desk, 50), OPEN_RAD);
+    assert_eq!(after(&mut guidance, 5), OPEN_RAD);
+    guidance.apply(Input::Press(key("mouse-left")));
+    assert!((after(&mut guidance, 5) - (OPEN_RAD - 0.1 * JAW_RAD_S)).abs() < 1e-9, "not at once");
+    assert_eq!(after(&mut guidance, 50), 0.0);
+    guidance.apply(Input::Press(key("c")));
+    guidance.apply(Input::Release(key("mouse-left")));
+    assert_eq!((after(&mut guidance, 50), guidance.hint().as_str()), (0.0, "hand 1: forceps, kept"));
+    guidance.apply(Input::Press(key("c")));
+    assert_eq!(after(&mut guidance, 50), OPEN_RAD);
 }
 
 #[test]
 fn the_foot_does_what_the_keys_say() {
-    let (mut desk, _) = desk("vitrectomy");
-    let told = |desk: &mut Desk, name: &str| {
-        desk.take(Input::Press(key(name)));
-        let pedal = desk.pedal();
-        desk.take(Input::Release(key(name)));
+    let (mut guidance, _) = desk("vitrectomy");
+    let told = |guidance: &mut Guidance, name: &str| {
+        guidance.apply(Input::Press(key(name)));
+        let pedal = guidance.pedal();
+        guidance.apply(Input::Release(key(name)));
         (pedal.mode, pedal.axes, pedal.buttons)
     };
     let aspirate = PedalMode::Aspirate as u32;
-    assert_eq!(told(&mut desk, "space"), (aspirate, [1.0, 1.0], 0));
-    assert_eq!(told(&mut desk, "v"), (aspirate, [1.0, 0.0], 0));
-    assert_eq!(told(&mut desk, "up"), (PedalMode::Move as u32, [0.0, 1.0], 0));
-    assert_eq!(told(&mut desk, "minus"), (PedalMode::Zoom as u32, [-1.0, 0.0], 0));
-    assert_eq!(told(&mut desk, "x"), (PedalMode::Exchange as u32, [1.0, 0.0], 0));
+    assert_eq!(told(&mut guidance, "space"), (aspirate, [1.0, 1.0], 0));
+    assert_eq!(told(&mut guidance, "v"), (aspirate, [1.0, 0.0], 0));
+    assert_eq!(told(&mut guidance, "up"), (PedalMode::Move as u32, [0.0, 1.0], 0));
+    assert_eq!(told(&mut guidance, "minus"), (PedalMode::Zoom as u32, [-1.0, 0.0], 0));
+    assert_eq!(told(&mut guidance, "x"), (PedalMode::Exchange as u32, [1.0, 0.0], 0));
     // A tap that is over before the field ends is told once.
-    desk.take(Input::Press(key("3")));
-    desk.take(Input::Release(key("3")));
-    assert_eq!((desk.pedal().buttons, desk.pedal().buttons), (PedalButton::Lens as u32, 0));
+    guidance.apply(Input::Press(key("3")));
+    guidance.apply(Input::Release(key("3")));
+    assert_eq!((guidance.pedal().buttons, guidance.pedal().buttons), (PedalButton::Lens as u32, 0));
     // Pick and forceps use no pedal; a needle injects.
-    (0..3).for_each(|_| desk.take(Input::Press(key("t"))));
-    let tool = desk.hands[0].tool;
-    desk.take(Input::Press(key("space")));
-    assert_eq!((tool, desk.pedal().mode), (Tool::Forceps, PedalMode::Move as u32));
-    (0..3).for_each(|_| desk.take(Input::Press(key("t"))));
-    assert_eq!((desk.hands[0].tool, desk.pedal().mode), (Tool::Needle, PedalMode::Inject as u32));
+    (0..3).for_each(|_| guidance.apply(Input::Press(key("t"))));
+    let tool = guidance.instruments[0].tool;
+    guidance.apply(Input::Press(key("space")));
+    assert_eq!((tool, guidance.pedal().mode), (Tool::Forceps, PedalMode::Move as u32));
+    (0..3).for_each(|_| guidance.apply(Input::Press(key("t"))));
+    assert_eq!(
+        (guidance.instruments[0].tool, guidance.pedal().mode),
+        (Tool::Needle, PedalMode::Inject as u32)
+    );
 }
