@@ -11,7 +11,7 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use tracing::Level;
-use training::score::recording::{Live, Reader, Verdict};
+use training::score::recording::{LiveScore, Reader, Verdict};
 use training::score::table::{Category, METRICS, PENALTIES};
 
 /// Arguments of `vitreo score`.
@@ -228,7 +228,7 @@ fn text(attempt: &Attempt) -> String {
 }
 
 /// What the live run told, in words; empty where there was no task or no end of it.
-pub fn live_text(live: &Live) -> String {
+pub fn live_text(live: &LiveScore) -> String {
     use std::fmt::Write;
     let Some((total, sigma)) = live.total else { return String::new() };
     let mut out = format!("score {total:.2} ± {sigma:.2} of 100 (version {})\n", live.version);

@@ -216,6 +216,9 @@ pub struct InstrumentScene {
 
 impl SceneFile {
     /// Loads a scene by file name, or a shipped one by its name.
+    ///
+    /// # Errors
+    /// If there is no such scene or it is refused.
     pub fn load(name: &str) -> Result<Self, SceneError> {
         let path = Path::new(name);
         if path.is_file() {
@@ -237,6 +240,9 @@ impl SceneFile {
     }
 
     /// Parses and checks the text of a scene; `name` is for error messages.
+    ///
+    /// # Errors
+    /// If a key is unknown, missing or out of its range; the error names it.
     pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
         let scene = Self::read(text, name)?;
         scene.check(name)?;

@@ -152,6 +152,9 @@ pub fn shipped(name: &str) -> Option<(&'static str, Option<&'static str>)> {
 
 impl Module {
     /// Loads a module by its folder, or a shipped one by its name.
+    ///
+    /// # Errors
+    /// If there is no such module or it is refused.
     pub fn load(name: &str) -> Result<Self, ModuleError> {
         let folder = Path::new(name);
         let file = folder.join("module.toml");
@@ -170,6 +173,9 @@ impl Module {
     }
 
     /// Parses and checks a module.
+    ///
+    /// # Errors
+    /// If a key is unknown, missing or out of its range; the error names it.
     pub fn parse(name: &str, text: &str, scene: Option<&str>) -> Result<Self, ModuleError> {
         let file: ModuleFile = toml::from_str(text)
             .map_err(|source| ModuleError::Parse { name: name.into(), source: Box::new(source) })?;

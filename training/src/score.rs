@@ -9,7 +9,7 @@ pub mod table;
 
 pub use meter::{Meter, Scorer};
 
-use crate::task::Signal;
+use crate::task::EventDraft;
 use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
 use serde::Serialize;
@@ -100,11 +100,11 @@ impl Scorer {
         let time = if m.finished { in_time } else { larger(in_time, none(Id::Time)) };
         figures[Id::Time as usize] = Some((time, FIELD_S / self.task.par_s));
         figures[Id::Way as usize] = (self.task.par_mm > 0.0).then(|| {
-            let way: f64 = m.hands.iter().map(|h| h.way_mm).sum();
+            let way: f64 = m.instruments.iter().map(|h| h.way_mm).sum();
             if share > 0.0 { (way / (self.task.par_mm * share), 0.0) } else { (none(Id::Way), 0.0) }
         });
         figures[Id::Tremor as usize] = Some(tremor_um(m));
-        let fastest = |of: fn(&meter::Hand) -> f64| m.hands.iter().map(of).fold(0.0, larger);
+        let fastest = |of: fn(&meter::InstrumentStats) -> f64| m.instruments.iter().map(of).fold(0.0, larger);
         figures[Id::Speed as usize] = Some((fastest(|h| h.fastest_mm_s), 0.0));
         figures[Id::SpeedNearRetina as usize] = Some((fastest(|h| h.fastest_near_mm_s), 0.0));
         figures[Id::Grip as usize] = Some((f64::from(m.slips), 0.0));
@@ -119,17 +119,17 @@ impl Scorer {
 
 impl Score {
     /// What is told when an attempt ends.
-    pub fn signals(&self) -> [Signal; CATEGORIES + 1] {
+    pub fn signals(&self) -> [EventDraft; CATEGORIES + 1] {
         std::array::from_fn(|i| match i {
-            CATEGORIES => Signal {
+            CATEGORIES => EventDraft {
                 subject: self.version,
                 limit: self.sigma,
-                ..Signal::new(EventKind::ScoreTotal, self.total)
+                ..EventDraft::new(EventKind::ScoreTotal, self.total)
             },
             c => {
                 let of = Category::ALL[c].points();
-                let told = Signal::new(EventKind::ScoreCategory, self.categories[c]);
-                Signal { subject: c as u32, limit: of, ..told }
+                let told = EventDraft::new(EventKind::ScoreCategory, self.categories[c]);
+                EventDraft { subject: c as u32, limit: of, ..told }
             }
         })
     }
@@ -147,7 +147,7 @@ fn larger(a: f64, b: f64) -> f64 {
 /// Tremor of the worse hand less tracking noise, and its deviation, µm.
 fn tremor_um(m: &Meter) -> (f64, f64) {
     let mut worst = (0.0, 0.0);
-    for hand in &m.hands[..INSTRUMENTS] {
+    for hand in &m.instruments[..INSTRUMENTS] {
         if hand.tremor_samples == 0 {
             continue;
         }

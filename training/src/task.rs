@@ -1,6 +1,6 @@
 //! The task as a small state machine: goals are reached one after the other (or as the trainee likes), a limit of time
 //! runs, and what a trainee must know is told by events. What it knows comes as an [`Observation`]; what it says goes out as
-//! [`Signal`]s, which the simulation records.
+//! [`EventDraft`]s, which the simulation records.
 
 mod eye;
 mod goal;
@@ -23,7 +23,7 @@ const SMOOTHING_S: f64 = 0.1;
 
 /// What the task says.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Signal {
+pub struct EventDraft {
     /// What happened.
     pub kind: EventKind,
     /// Instrument or [`NO_INSTRUMENT`].
@@ -38,10 +38,10 @@ pub struct Signal {
     pub position_in_eye_mm: [f64; 3],
 }
 
-impl Signal {
+impl EventDraft {
     /// With a figure and nothing else.
     pub fn new(kind: EventKind, value: f64) -> Self {
-        Signal {
+        EventDraft {
             kind,
             instrument: NO_INSTRUMENT,
             subject: 0,
@@ -52,17 +52,17 @@ impl Signal {
     }
 
     fn about(self, subject: u32) -> Self {
-        Signal { subject, ..self }
+        EventDraft { subject, ..self }
     }
 
     fn by(self, instrument: usize, at: &Vector3<f64>) -> Self {
-        Signal { instrument: instrument as u32, position_in_eye_mm: (*at).into(), ..self }
+        EventDraft { instrument: instrument as u32, position_in_eye_mm: (*at).into(), ..self }
     }
 }
 
 /// A rigid body as the task sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BodySeen {
+pub struct BodyObservation {
     /// `eye_from_body`, mm.
     pub eye_from_body: Isometry3<f64>,
     /// The instrument whose jaws hold it.
@@ -71,7 +71,7 @@ pub struct BodySeen {
 
 /// The retina as the task sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RetinaSeen {
+pub struct RetinaObservation {
     /// How far what came off has turned, rad.
     pub turned_rad: f64,
     /// Share of its nodes that are off the choroid.
@@ -88,11 +88,11 @@ pub struct Observation<'a> {
     /// What is in the hands, [`Tool`] on the wire.
     pub tools: [u32; INSTRUMENTS],
     /// The scene's bodies, in their order.
-    pub bodies: &'a [BodySeen],
+    pub bodies: &'a [BodyObservation],
     /// Vitreous removed from core and periphery, ml; only in the steps in which it was looked at.
     pub gel_ml: Option<[f64; 2]>,
     /// The retina, where the scene has it as tissue.
-    pub retina: Option<RetinaSeen>,
+    pub retina: Option<RetinaObservation>,
     /// `world_from_eye`.
     pub world_from_eye: Isometry3<f64>,
     /// Point that the microscope looks at, world frame, mm.
@@ -147,10 +147,10 @@ impl TaskState {
     }
 
     /// A pause, or another gap so long that the simulation stood still: no clock of the attempt runs in it.
-    fn stand_still(&mut self, gap_ns: u64) {
+    fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = self.out_since_ns.iter_mut().chain(&mut self.lens_since_ns).chain([&mut self.begun_ns]);
         clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
-        self.goals.iter_mut().for_each(|goal| goal.stand_still(gap_ns));
+        self.goals.iter_mut().for_each(|goal| goal.skip_gap(gap_ns));
     }
 
     /// True if it could be the state of `task`: for checkpoints.
@@ -208,12 +208,12 @@ impl Task {
     }
 
     /// Goes on by one step. Allocates nothing.
-    pub fn advance(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+    pub fn advance(&self, state: &mut TaskState, seen: &Observation, emit: &mut dyn FnMut(EventDraft)) {
         let first = state.last_ns == 0;
         let gap_ns = if first { 0 } else { seen.now_ns.saturating_sub(state.last_ns) };
         state.last_ns = seen.now_ns;
         if gap_ns > MAX_STEP_NS {
-            state.stand_still(gap_ns);
+            state.skip_gap(gap_ns);
         }
         let dt_s = if gap_ns > MAX_STEP_NS { 0.0 } else { gap_ns as f64 * 1e-9 };
         if matches!(state.phase, Phase::Finished | Phase::TimedOut) {
@@ -225,16 +225,16 @@ impl Task {
                 return;
             }
             (state.phase, state.begun_ns) = (Phase::Running, seen.now_ns);
-            say(Signal::new(EventKind::TaskStarted, self.scene.limit_s));
+            emit(EventDraft::new(EventKind::TaskStarted, self.scene.limit_s));
         }
         smooth(&mut state.smooth_mm, seen, if first { 0.0 } else { dt_s });
-        self.watch_view(state, seen, say);
-        self.watch_lens(state, seen, say);
-        self.check_goals(state, seen, say);
-        self.end(state, say);
+        self.watch_view(state, seen, emit);
+        self.watch_lens(state, seen, emit);
+        self.check_goals(state, seen, emit);
+        self.end(state, emit);
     }
 
-    fn check_goals(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+    fn check_goals(&self, state: &mut TaskState, seen: &Observation, emit: &mut dyn FnMut(EventDraft)) {
         for index in 0..self.scene.goals.len() {
             if !self.is_open(state, index) {
                 continue;
@@ -242,10 +242,10 @@ impl Task {
             let check =
                 Check { seen, smooth_mm: &state.smooth_mm, radius_mm: self.radius_mm, axes: &self.axes };
             let own = &mut state.goals[index];
-            check.advance(&self.scene.goals[index], own, index as u32, say);
+            check.advance(&self.scene.goals[index], own, index as u32, emit);
             if own.reached {
                 let missed = own.mean_mm();
-                say(Signal::new(EventKind::GoalReached, missed).about(index as u32));
+                emit(EventDraft::new(EventKind::GoalReached, missed).about(index as u32));
                 // What reached this goal must not reach the next one, too.
                 if self.scene.order == GoalOrder::Sequence {
                     return;
@@ -254,22 +254,27 @@ impl Task {
         }
     }
 
-    fn end(&self, state: &mut TaskState, say: &mut dyn FnMut(Signal)) {
+    fn end(&self, state: &mut TaskState, emit: &mut dyn FnMut(EventDraft)) {
         let open = state.goals.len() - state.reached();
         let took_s = state.elapsed_s();
         if open == 0 {
             state.phase = Phase::Finished;
-            say(Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskFinished, took_s) });
+            emit(EventDraft {
+                limit: self.scene.limit_s,
+                ..EventDraft::new(EventKind::TaskFinished, took_s)
+            });
         } else if took_s >= self.scene.limit_s {
             state.phase = Phase::TimedOut;
-            let over =
-                Signal { limit: self.scene.limit_s, ..Signal::new(EventKind::TaskTimedOut, open as f64) };
-            say(over);
+            let over = EventDraft {
+                limit: self.scene.limit_s,
+                ..EventDraft::new(EventKind::TaskTimedOut, open as f64)
+            };
+            emit(over);
         }
     }
 
     /// Tells when the tip of a working instrument leaves the picture and comes back. The light is not looked at.
-    fn watch_view(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+    fn watch_view(&self, state: &mut TaskState, seen: &Observation, emit: &mut dyn FnMut(EventDraft)) {
         for i in 0..INSTRUMENTS {
             let inside = |t: &Tip| t.tip_in_eye_mm.norm() < self.radius_mm;
             let works = seen.tools[i] != Tool::LightPipe as u32;
@@ -278,27 +283,26 @@ impl Task {
             let since = &mut state.out_since_ns[i];
             if beyond > 0.0 && *since == 0 {
                 *since = seen.now_ns;
-                say(Signal::new(EventKind::TipOutOfView, beyond).by(i, &tip.tip_in_eye_mm));
+                emit(EventDraft::new(EventKind::TipOutOfView, beyond).by(i, &tip.tip_in_eye_mm));
             } else if beyond <= 0.0 && *since > 0 {
                 let lasted_s = (seen.now_ns - *since) as f64 * 1e-9;
                 *since = 0;
-                say(Signal::new(EventKind::TipInView, lasted_s).by(i, &tip.tip_in_eye_mm));
+                emit(EventDraft::new(EventKind::TipInView, lasted_s).by(i, &tip.tip_in_eye_mm));
             }
         }
     }
 
-    fn watch_lens(&self, state: &mut TaskState, seen: &Observation, say: &mut dyn FnMut(Signal)) {
+    fn watch_lens(&self, state: &mut TaskState, seen: &Observation, emit: &mut dyn FnMut(EventDraft)) {
         for i in 0..INSTRUMENTS {
             let Some(tip) = seen.tips[i] else { continue };
             let (depth, since) = (lens_depth_mm(&tip, self.lens_back_mm), &mut state.lens_since_ns[i]);
             if depth > 0.0 && *since == 0 {
                 *since = seen.now_ns;
-                let touch = Signal::new(EventKind::LensTouched, depth).by(i, &tip.tip_in_eye_mm);
-                say(touch);
+                emit(EventDraft::new(EventKind::LensTouched, depth).by(i, &tip.tip_in_eye_mm));
             } else if depth <= -eye::LENS_CLEAR_MM && *since > 0 {
                 let lasted_s = (seen.now_ns - *since) as f64 * 1e-9;
                 *since = 0;
-                say(Signal::new(EventKind::LensLeft, lasted_s).by(i, &tip.tip_in_eye_mm));
+                emit(EventDraft::new(EventKind::LensLeft, lasted_s).by(i, &tip.tip_in_eye_mm));
             }
         }
     }

@@ -27,7 +27,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use training::score::recording::Live;
+use training::score::recording::LiveScore;
 
 #[path = "attempts.rs"]
 mod attempts;
@@ -86,7 +86,7 @@ pub struct Attempt {
     /// Its recording.
     pub record: Option<PathBuf>,
     /// The score as the simulation told it.
-    pub live: Live,
+    pub live: LiveScore,
 }
 
 /// Everything that listens to the items.
@@ -95,7 +95,7 @@ struct Hearing {
     monitor: Monitor,
     resume: Resume,
     recorder: Option<Recorder>,
-    score: Live,
+    score: LiveScore,
     lost_before: u64,
 }
 
@@ -149,7 +149,14 @@ impl<'a> Session<'a> {
             first_record: args.record.clone(),
             stop,
             tap: Tap::open(&instance)?,
-            hearing: Hearing { ledger, monitor, resume, recorder, score: Live::default(), lost_before: 0 },
+            hearing: Hearing {
+                ledger,
+                monitor,
+                resume,
+                recorder,
+                score: LiveScore::default(),
+                lost_before: 0,
+            },
             supervisor: Supervisor::new(&instance, args, view)?,
             screen: Screen::new(),
             happenings: Vec::new(),

@@ -15,7 +15,7 @@ use tissue::vitreous::lattice::Lattice;
 use training::sample::Sample;
 use training::score::recording::is_over;
 use training::score::{Meter, Scorer};
-use training::task::{BodySeen, Observation, RetinaSeen, Signal, Task, TaskState};
+use training::task::{BodyObservation, EventDraft, Observation, RetinaObservation, Task, TaskState};
 
 /// A scene's task at work.
 #[derive(Debug)]
@@ -62,12 +62,12 @@ fn zones(lattice: &Lattice) -> [Vec<u32>; 2] {
 }
 
 /// Where the retina is: its turn about the optic disc where the scene has one, else about the fovea.
-fn retina_seen(model: &Retina, state: &RetinaState) -> RetinaSeen {
+fn retina_seen(model: &Retina, state: &RetinaState) -> RetinaObservation {
     let disc = model.figures.scene.disc_in_eye_mm.map(Vector3::from);
     let about = disc.map_or(Vector3::z_axis(), |disc| UnitVector3::new_normalize(-disc));
     let nodes = state.tissue.nodes();
     let loose = (0..nodes).filter(|&n| state.is_loose(n)).count();
-    RetinaSeen {
+    RetinaObservation {
         turned_rad: state.turn_about_rad(&model.home_mm, &about),
         loose_share: loose as f64 / nodes as f64,
     }
@@ -79,7 +79,7 @@ pub fn start(scene: &SceneFile) -> Option<(TaskState, Meter)> {
     Some((part.task.start(), part.scorer.start()))
 }
 
-fn raise(log: &mut EventLog, signal: Signal) {
+fn raise(log: &mut EventLog, signal: EventDraft) {
     log.raise(Happening {
         kind: signal.kind,
         instrument: signal.instrument,
@@ -100,7 +100,8 @@ impl World {
         }
         let log = &mut self.log;
         let tips = training::sample::tips(frame);
-        let mut bodies = [BodySeen { eye_from_body: Isometry3::identity(), held_by: None }; MAX_BODIES];
+        let mut bodies =
+            [BodyObservation { eye_from_body: Isometry3::identity(), held_by: None }; MAX_BODIES];
         let there = self.state.bodies.as_ref().map_or(&[][..], |b| &b.body);
         for (seen, body) in bodies.iter_mut().zip(there) {
             seen.eye_from_body = body.eye_from_body;

@@ -9,7 +9,7 @@ An attempt at a module brings up to 100 points in five categories, those that st
 with their covariance, and the events. `vitreo score FILE.mcap` computes it from a recording, the simulation computes it live, both by
 the same code; they agree to the bit, and the command says so.
 
-This page is made from the table in `modules/src/score/table.rs` by `vitreo score --doc`; a test keeps it current. A score names the
+This page is made from the table in `training/src/score/table.rs` by `vitreo score --doc`; a test keeps it current. A score names the
 version of its table; scores of different versions are not compared.
 ";
 

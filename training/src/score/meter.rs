@@ -25,13 +25,13 @@ pub struct Scorer {
     band: Band,
     radius_mm: f64,
     touch_mm: f64,
-    /// Hand 1 begins with a light pipe.
+    /// Instrument 1 begins with a light pipe.
     pub(super) lit: bool,
 }
 
 /// Sums over one instrument.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Hand {
+pub(super) struct InstrumentStats {
     filter: TipFilter,
     pub way_mm: f64,
     pub fastest_mm_s: f64,
@@ -90,7 +90,7 @@ pub struct Meter {
     pub(super) seen_s: f64,
     pub(super) unlit_s: f64,
     pub(super) dose_mj_mm2: f64,
-    pub(super) hands: [Hand; INSTRUMENTS],
+    pub(super) instruments: [InstrumentStats; INSTRUMENTS],
     pub(super) injuries: [Tally; INJURIES],
 }
 
@@ -125,7 +125,7 @@ impl Scorer {
             seen_s: 0.0,
             unlit_s: 0.0,
             dose_mj_mm2: 0.0,
-            hands: [Hand::default(); INSTRUMENTS],
+            instruments: [InstrumentStats::default(); INSTRUMENTS],
             injuries: [Tally::default(); INJURIES],
         }
     }
@@ -145,10 +145,10 @@ impl Scorer {
         let gap_ns = sample.exposed_ns.saturating_sub(meter.last_ns);
         meter.last_ns = sample.exposed_ns;
         if gap_ns > MAX_STEP_NS {
-            meter.stand_still(gap_ns);
+            meter.skip_gap(gap_ns);
         }
         let dt_s = if gap_ns > MAX_STEP_NS { 0.0 } else { gap_ns as f64 * 1e-9 };
-        for (hand, tip) in meter.hands.iter_mut().zip(&sample.tips) {
+        for (hand, tip) in meter.instruments.iter_mut().zip(&sample.tips) {
             self.note_tip(hand, tip.as_ref(), sample.exposed_ns);
         }
         self.note_light(meter, &sample.tips, dt_s);
@@ -160,7 +160,7 @@ impl Scorer {
         }
     }
 
-    fn note_tip(&self, hand: &mut Hand, tip: Option<&Tip>, at_ns: Nanos) {
+    fn note_tip(&self, hand: &mut InstrumentStats, tip: Option<&Tip>, at_ns: Nanos) {
         let Some(tip) = tip else { return hand.filter.lose() };
         let clearance = self.radius_mm - tip.tip_in_eye_mm.norm();
         // At work the retina is not where the sphere is: then only the simulation knows how deep a tip is.
@@ -221,14 +221,14 @@ impl Scorer {
             }
             EventKind::GripSlipped => {
                 meter.slips += 1;
-                meter.hands[hand].at_work = false;
+                meter.instruments[hand].at_work = false;
             }
             EventKind::RetinaTouched | EventKind::RetinaPenetrated => {
                 self.note_contact(meter, hand, event, tips)
             }
             EventKind::RetinaLeft => end_contact(meter, hand),
             EventKind::TissueGrabbed | EventKind::RetinaPierced => begin_work(meter, hand),
-            EventKind::TissueReleased | EventKind::BlebFilled => meter.hands[hand].at_work = false,
+            EventKind::TissueReleased | EventKind::BlebFilled => meter.instruments[hand].at_work = false,
             _ => {}
         }
         match injury_of(kind) {
@@ -275,7 +275,7 @@ impl Scorer {
         let fovea = Vector3::new(0.0, 0.0, -self.radius_mm);
         let depth_mm = if inside { event.value } else { -event.value };
         let fresh = Contact { sigmas: 0.0, inside_sigmas: 0.0, macula: false };
-        let contact = meter.hands[hand].contact.get_or_insert(fresh);
+        let contact = meter.instruments[hand].contact.get_or_insert(fresh);
         contact.macula |= inside && (at - fovea).norm() < MACULA_MM;
         if let Some(tip) = &tips[hand] {
             contact.deepen(self.touch_mm, depth_mm, tip);
@@ -310,7 +310,7 @@ impl Meter {
     }
 
     /// A pause, or another gap so long that the simulation stood still: it is no part of the attempt.
-    fn stand_still(&mut self, gap_ns: u64) {
+    fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = self.out_ns.iter_mut().chain([&mut self.begun_ns, &mut self.off_path_ns]);
         clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
     }
@@ -327,7 +327,7 @@ impl Meter {
 
     /// True if its numbers are finite: for checkpoints.
     pub fn is_sound(&self) -> bool {
-        let hands = self.hands.iter().all(|h| {
+        let hands = self.instruments.iter().all(|h| {
             let sums = [h.way_mm, h.fastest_mm_s, h.fastest_near_mm_s, h.tremor_mm2, h.noise_mm2];
             h.filter.is_sound() && sums.iter().all(|s| s.is_finite())
         });
@@ -367,14 +367,14 @@ impl Tally {
 
 /// The touch by which jaws take hold, or through which a needle goes in, is work.
 fn begin_work(meter: &mut Meter, hand: usize) {
-    meter.hands[hand].contact = None;
-    meter.hands[hand].at_work = true;
+    meter.instruments[hand].contact = None;
+    meter.instruments[hand].at_work = true;
 }
 
 /// A contact counts when it has ended; a hand that trembles at the retina makes one contact a second.
 fn end_contact(meter: &mut Meter, hand: usize) {
     let now = meter.last_ns;
-    let own = &mut meter.hands[hand];
+    let own = &mut meter.instruments[hand];
     let Some(contact) = own.contact.take() else { return };
     if (own.at_work && !contact.is_inside()) || (own.counted_ns > 0 && now < own.counted_ns + ONCE_NS) {
         return;

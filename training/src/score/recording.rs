@@ -27,13 +27,13 @@ pub struct Reader {
     /// Events by the exposure of their step, in the order of their numbers.
     events: BTreeMap<Nanos, Vec<Event>>,
     last_step: u64,
-    live: Live,
+    live: LiveScore,
     unmatched: u64,
 }
 
 /// The score as the live run told it.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Live {
+pub struct LiveScore {
     /// Points by category, as far as told.
     pub categories: [Option<f64>; super::table::CATEGORIES],
     /// Points of 100 and their deviation.
@@ -42,7 +42,7 @@ pub struct Live {
     pub version: u32,
 }
 
-impl Live {
+impl LiveScore {
     /// Takes an event in.
     pub fn note(&mut self, event: &Event) {
         if event.kind == EventKind::ScoreCategory as u32 {
@@ -63,7 +63,7 @@ pub struct Verdict {
     /// The attempt ended in the recording; else this is its score so far.
     pub ended: bool,
     /// What the live run told.
-    pub live: Live,
+    pub live: LiveScore,
     /// Steps whose poses are not in the recording: the score misses them.
     pub unmatched: u64,
 }
@@ -90,7 +90,7 @@ impl Reader {
             steps: VecDeque::new(),
             events: BTreeMap::new(),
             last_step: 0,
-            live: Live::default(),
+            live: LiveScore::default(),
             unmatched: 0,
         })
     }

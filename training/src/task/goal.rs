@@ -1,6 +1,6 @@
 //! Whether one goal is reached.
 
-use super::{Observation, Signal};
+use super::{EventDraft, Observation};
 use nalgebra::Vector3;
 use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
@@ -51,7 +51,7 @@ impl GoalState {
     }
 
     /// Nothing moved for so long.
-    pub(super) fn stand_still(&mut self, gap_ns: u64) {
+    pub(super) fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = [&mut self.since_ns, &mut self.outside_ns];
         clocks.into_iter().filter(|since| **since > 0).for_each(|since| *since += gap_ns);
     }
@@ -85,7 +85,7 @@ pub(super) struct Check<'a> {
 
 impl Check<'_> {
     /// Takes one goal on by one step; `index` is its number, for what it says.
-    pub fn advance(&self, goal: &Goal, own: &mut GoalState, index: u32, say: &mut dyn FnMut(Signal)) {
+    pub fn advance(&self, goal: &Goal, own: &mut GoalState, index: u32, emit: &mut dyn FnMut(EventDraft)) {
         match goal {
             Goal::Hold { instrument, at_in_eye_mm, radius_mm, hold_s } => {
                 let off = self.off_mm(*instrument as usize, at_in_eye_mm);
@@ -102,7 +102,7 @@ impl Check<'_> {
                 self.keep(own, both, *hold_s);
             }
             Goal::Follow { instrument, path_in_eye_mm, radius_mm } => {
-                self.follow(*instrument as usize, path_in_eye_mm, *radius_mm, own, index, say);
+                self.follow(*instrument as usize, path_in_eye_mm, *radius_mm, own, index, emit);
             }
             Goal::Grip { body, instrument } => {
                 own.reached =
@@ -188,7 +188,7 @@ impl Check<'_> {
         radius_mm: f64,
         own: &mut GoalState,
         index: u32,
-        say: &mut dyn FnMut(Signal),
+        emit: &mut dyn FnMut(EventDraft),
     ) {
         let Some(tip) = self.seen.tips[instrument].map(|t| t.tip_in_eye_mm) else { return };
         if !own.begun {
@@ -198,21 +198,21 @@ impl Check<'_> {
             own.begun = true;
         }
         let (along, off) = nearest_ahead(path, &tip, own.along_mm);
-        let tell = |kind, value| Signal {
+        let draft = |kind, value| EventDraft {
             limit: radius_mm,
-            ..Signal::new(kind, value).about(index).by(instrument, &tip)
+            ..EventDraft::new(kind, value).about(index).by(instrument, &tip)
         };
         if off > radius_mm {
             if own.outside_ns == 0 {
                 own.outside_ns = self.seen.now_ns;
-                say(tell(EventKind::PathLeft, off - radius_mm));
+                emit(draft(EventKind::PathLeft, off - radius_mm));
             }
             return;
         }
         if own.outside_ns > 0 {
             let lasted_s = (self.seen.now_ns - own.outside_ns) as f64 * 1e-9;
             own.outside_ns = 0;
-            say(tell(EventKind::PathRegained, lasted_s));
+            emit(draft(EventKind::PathRegained, lasted_s));
         }
         own.along_mm = along;
         own.miss(self.smooth_mm[instrument].map_or(off, |p| nearest_ahead(path, &p, along - AHEAD_MM).1));

@@ -30,7 +30,7 @@ fn play(
     task: &Task,
     tips: impl IntoIterator<Item = [f64; 3]>,
     events: &[(u64, Event)],
-) -> (TaskState, Vec<Signal>) {
+) -> (TaskState, Vec<EventDraft>) {
     let (mut state, mut said) = (task.start(), Vec::new());
     for (field, tip) in tips.into_iter().enumerate() {
         let tip =
@@ -42,7 +42,7 @@ fn play(
             tools: [Tool::Pick as u32, Tool::LightPipe as u32],
             bodies: &[],
             gel_ml: (field == 9).then_some([0.2, 0.1]),
-            retina: Some(RetinaSeen { turned_rad: -0.3, loose_share: 1.0 - 0.05 * field as f64 }),
+            retina: Some(RetinaObservation { turned_rad: -0.3, loose_share: 1.0 - 0.05 * field as f64 }),
             world_from_eye: Isometry3::identity(),
             microscope_target_mm: [0.0, 0.0, -11.0],
             field_mm: 16.0,
@@ -53,7 +53,7 @@ fn play(
     (state, said)
 }
 
-fn kinds(said: &[Signal]) -> Vec<EventKind> {
+fn kinds(said: &[EventDraft]) -> Vec<EventKind> {
     said.iter().map(|s| s.kind).collect()
 }
 
