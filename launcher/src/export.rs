@@ -4,8 +4,10 @@ use crate::poses_csv::PosesCsv;
 use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
 use blob_stream::write_line;
+use bytemuck::pod_read_unaligned;
 use ipc::logging::message;
 use protocol::time::Nanos;
+use protocol::wire::{Kind, Layout, Role};
 use recording::{Item, Recording};
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write, stdout};
@@ -156,73 +158,64 @@ impl Outputs {
     }
 }
 
-fn header(topic: &str) -> &'static str {
-    match topic {
-        "handles" => "seq,field,instant_ns,instrument,tool,jaw_rad",
-        "pedal" => "seq,instant_ns,axis0,axis1,buttons,mode",
-        "steps" => {
-            "step,field,frame,exposed,read_out,blobs_out,taken,tracked,stepped,handles_below,pedals_below,\
-             advanced_ns,state_hash,collision_ns,tissue_ns,transfer_ns,misc_ns,inputs_refused,frames_lost"
+/// Names of a table's columns after the log time.
+fn header(topic: &str) -> String {
+    let Some(layout) = Item::layout(topic) else { return "instant_ns,kind,process,count,text".into() };
+    let mut names = Vec::new();
+    columns(layout, &mut names);
+    names.join(",")
+}
+
+/// Appends the names of a block's columns; those of a struct within stand in its place.
+fn columns(layout: &Layout, names: &mut Vec<&'static str>) {
+    for field in layout.recorded() {
+        match (field.columns, field.kind) {
+            (Some(own), _) => names.extend(own.split(',').filter(|name| !name.is_empty())),
+            (None, Kind::Struct(inner)) => columns(inner, names),
+            (None, _) => names.push(field.name),
         }
-        "events" => {
-            "seq,field,exposed_ns,kind,severity,instrument,subject,value,limit,x_in_eye_mm,y_in_eye_mm,z_in_eye_mm"
-        }
-        "frames" => {
-            "frame,field,scene_field,exposed,read_out,blobs_out,taken,tracked,stepped,frame_start,latched,\
-             drawn,displayed,predicted_to,missed,tier,width_px,height_px,flags"
-        }
-        "notes" => "instant_ns,kind,process,count,text",
-        "checkpoints" => "step,field,handles_below,pedals_below,state_hash,bytes",
-        _ => "frame,field,displayed,bytes",
     }
-}
-
-fn joined<T: std::fmt::Display>(cells: &[T]) -> String {
-    cells.iter().map(T::to_string).collect::<Vec<_>>().join(",")
-}
-
-fn instants(i: &protocol::time::Instants) -> String {
-    joined(&[i.exposed, i.read_out, i.blobs_out, i.taken, i.tracked, i.stepped])
 }
 
 /// The cells of [`header`].
 fn row(item: &Item) -> String {
-    match item {
-        Item::Handle(h) => {
-            format!("{},{},{},{},{},{}", h.seq, h.field, h.instant_ns, h.instrument, h.tool, h.jaw_rad)
+    if let Item::Note(note) = item {
+        let process = note.process.map_or("", |p| p.name());
+        return format!(
+            "{},{:?},{process},{},{}",
+            note.instant_ns,
+            note.kind,
+            note.count,
+            quoted(&note.text)
+        );
+    }
+    let Some(block) = item.block() else { return String::new() };
+    let mut out = Vec::new();
+    cells(block.layout, block.bytes, &mut out);
+    out.join(",")
+}
+
+/// Appends the cells of a block, in the order of [`columns`].
+fn cells(layout: &Layout, block: &[u8], out: &mut Vec<String>) {
+    for field in layout.recorded().filter(|f| f.columns != Some("")) {
+        let bytes = field.bytes(block);
+        match (field.kind, field.role) {
+            (Kind::Struct(inner), _) => cells(inner, bytes, out),
+            (Kind::Array(element, _), _) => {
+                out.extend(bytes.chunks_exact(element.size()).map(|one| number(element, one)));
+            }
+            (_, Role::Hash) => out.push(format!("{:016x}", pod_read_unaligned::<u64>(bytes))),
+            (kind, _) => out.push(number(&kind, bytes)),
         }
-        Item::Pedal(p) => {
-            format!("{},{},{},{},{}", p.seq, p.instant_ns, joined(&p.axes), p.buttons, p.mode)
-        }
-        Item::Step(s) => {
-            let t = s.times;
-            let first = joined(&[s.step, s.field, s.frame]);
-            let inputs = joined(&[s.handles_below, s.pedals_below, s.advanced_ns]);
-            let times = joined(&[t.collision_ns, t.tissue_ns, t.transfer_ns, t.misc_ns]);
-            let losses = joined(&[s.inputs_refused, s.frames_lost]);
-            format!("{first},{},{inputs},{:016x},{times},{losses}", instants(&s.instants), s.state_hash)
-        }
-        Item::Event(e) => {
-            let codes = joined(&[e.kind, e.severity, e.instrument, e.subject]);
-            let place = joined(&e.position_in_eye_mm);
-            format!("{},{},{},{codes},{},{},{place}", e.seq, e.field, e.exposed_ns, e.value, e.limit)
-        }
-        Item::Frame(f) => {
-            let first = joined(&[f.frame, f.field, f.scene_field]);
-            let own = joined(&[f.frame_start, f.latched, f.drawn, f.displayed, f.predicted_to, f.missed]);
-            let figures = joined(&[f.tier, f.width_px, f.height_px, f.flags]);
-            format!("{first},{},{own},{figures}", instants(&f.instants))
-        }
-        Item::Note(n) => {
-            let process = n.process.map_or("", |p| p.name());
-            format!("{},{:?},{process},{},{}", n.instant_ns, n.kind, n.count, quoted(&n.text))
-        }
-        Item::Checkpoint(c, _) => {
-            let inputs = joined(&[c.step, c.field, c.handles_below, c.pedals_below]);
-            format!("{inputs},{:016x},{}", c.state_hash, c.bytes)
-        }
-        Item::Picture(p, _) => joined(&[p.frame, p.field, p.displayed, p.bytes]),
-        Item::Blobs(_) | Item::Poses(_) => String::new(),
+    }
+}
+
+fn number(kind: &Kind, bytes: &[u8]) -> String {
+    match kind {
+        Kind::F64 => pod_read_unaligned::<f64>(bytes).to_string(),
+        Kind::U64 => pod_read_unaligned::<u64>(bytes).to_string(),
+        Kind::U32 => pod_read_unaligned::<u32>(bytes).to_string(),
+        _ => String::new(),
     }
 }
 
@@ -235,27 +228,83 @@ fn quoted(text: &str) -> String {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use recording::{Note, NoteKind};
+    use protocol::message::fnv1a;
+
+    /// Header, rows and FNV-1a of the tables of two recordings as the first version printed them, cell
+    /// by cell and without the table of fields.
+    const FORMER: [(&str, &str, [(usize, u64); 2]); 8] = [
+        (
+            "handles",
+            "seq,field,instant_ns,instrument,tool,jaw_rad",
+            [(200, 0xff86d073a27b3288), (300, 0xeef8d9b947e95846)],
+        ),
+        (
+            "pedal",
+            "seq,instant_ns,axis0,axis1,buttons,mode",
+            [(20, 0x7fb65ba5c5038bfa), (30, 0xe1782482b77555e5)],
+        ),
+        (
+            "steps",
+            "step,field,frame,exposed,read_out,blobs_out,taken,tracked,stepped,handles_below,pedals_below,advanced_ns,state_hash,collision_ns,tissue_ns,transfer_ns,misc_ns,inputs_refused,frames_lost",
+            [(100, 0xc652f16de901aea3), (150, 0x5d3230b87829363d)],
+        ),
+        (
+            "events",
+            "seq,field,exposed_ns,kind,severity,instrument,subject,value,limit,x_in_eye_mm,y_in_eye_mm,z_in_eye_mm",
+            [(0, 0xdfaa51bbd62b0912), (6, 0x00e4f8c9a1608208)],
+        ),
+        (
+            "frames",
+            "frame,field,scene_field,exposed,read_out,blobs_out,taken,tracked,stepped,frame_start,latched,drawn,displayed,predicted_to,missed,tier,width_px,height_px,flags",
+            [(0, 0xbea3061b9f3016f2), (0, 0xbea3061b9f3016f2)],
+        ),
+        ("notes", "instant_ns,kind,process,count,text", [(0, 0xf63b8ee512069103), (0, 0xf63b8ee512069103)]),
+        (
+            "checkpoints",
+            "step,field,handles_below,pedals_below,state_hash,bytes",
+            [(1, 0xb70ba9412f799f59), (1, 0x77cdb111cb6a58f9)],
+        ),
+        ("pictures", "frame,field,displayed,bytes", [(0, 0x927c3eada4764874), (0, 0x927c3eada4764874)]),
+    ];
 
     #[test]
-    fn every_table_has_as_many_cells_as_its_header() {
-        let note =
-            Note { instant_ns: 1, kind: NoteKind::Loss, process: None, count: 2, text: "a \"b\"".into() };
+    fn tables_are_those_of_the_first_version() {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data");
+        for (topic, columns, figures) in FORMER {
+            assert!(TABLES.contains(&topic));
+            for (file, (rows, hash)) in ["golden/peel-2s.mcap", "corpus/peeling.mcap"].iter().zip(figures) {
+                let mut table = format!("log_time_ns,{}\n", header(topic));
+                assert_eq!(table, format!("log_time_ns,{columns}\n"));
+                for item in Recording::open(&data.join(file)).unwrap().items() {
+                    let (log_time, item) = item.unwrap();
+                    if item.topic() == topic {
+                        table += &format!("{log_time},{}\n", row(&item));
+                    }
+                }
+                assert_eq!(
+                    (table.lines().count() - 1, fnv1a(table.as_bytes())),
+                    (rows, hash),
+                    "{topic} of {file}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn every_row_has_as_many_cells_as_its_header() {
         let items = [
-            Item::Handle(Zeroable::zeroed()),
-            Item::Pedal(Zeroable::zeroed()),
             Item::Step(Zeroable::zeroed()),
-            Item::Event(Zeroable::zeroed()),
             Item::Frame(Zeroable::zeroed()),
-            Item::Note(note),
-            Item::Checkpoint(Zeroable::zeroed(), Vec::new()),
             Item::Picture(Zeroable::zeroed(), Vec::new()),
         ];
         for item in items {
-            assert!(TABLES.contains(&item.topic()));
             let cells = |text: &str| text.split(',').count();
-            assert_eq!(cells(&row(&item)), cells(header(item.topic())), "{}", item.topic());
+            assert_eq!(cells(&row(&item)), cells(&header(item.topic())), "{}", item.topic());
         }
+    }
+
+    #[test]
+    fn texts_are_quoted() {
         assert_eq!(quoted("a \"b\""), "\"a \"\"b\"\"\"");
     }
 }

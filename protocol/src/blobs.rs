@@ -2,8 +2,9 @@
 
 use crate::camera::Camera;
 use crate::limits::MAX_BLOBS;
-use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
+use crate::message::{Invalid, Message, all_finite, require};
 use crate::time::Nanos;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::Point3;
 
@@ -70,27 +71,37 @@ pub const DEFAULT_VARIANCE_PX2: f64 = 0.0025;
 
 /// One bright region of one colour.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Blob {
     /// Centre, px; column in the frame.
+    #[wire(tag = 1)]
     pub x_px: f64,
     /// Centre, px; **line of the field** (`y_frame = 2 * y_field + parity`).
+    #[wire(tag = 2)]
     pub y_field_px: f64,
     /// Area, px of the field.
+    #[wire(tag = 3)]
     pub area_px: f64,
     /// Width of the bounding box, px.
+    #[wire(tag = 4)]
     pub width_px: f64,
     /// Height of the bounding box, field lines.
+    #[wire(tag = 5)]
     pub height_px: f64,
     /// Variance of `x_px`, px².
+    #[wire(tag = 6)]
     pub var_x_px2: f64,
     /// Variance of the centre's line **in the frame**, px².
+    #[wire(tag = 7)]
     pub var_y_px2: f64,
     /// Covariance of the two, px².
+    #[wire(tag = 8)]
     pub cov_xy_px2: f64,
     /// [`Colour`] on the wire.
+    #[wire(tag = 9)]
     pub colour: u32,
     /// Bits `BLOB_…`.
+    #[wire(tag = 10)]
     pub flags: u32,
 }
 
@@ -123,25 +134,33 @@ impl Blob {
 
 /// All blobs of one camera-field.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Wire, Zeroable)]
 pub struct BlobField {
     /// Field number of this camera; stamped at the camera.
+    #[wire(tag = 1)]
     pub field: u64,
     /// Middle of the exposure.
+    #[wire(tag = 2)]
     pub exposed_ns: Nanos,
     /// Last line left the sensor.
+    #[wire(tag = 3)]
     pub read_out_ns: Nanos,
     /// When the blobs were sent; on a replayed stream, when they were received.
+    #[wire(tag = 4)]
     pub blobs_out_ns: Nanos,
     /// Camera id of the rig.
+    #[wire(tag = 5)]
     pub camera: u32,
     /// 0: even lines, 1: odd lines.
+    #[wire(tag = 6)]
     pub parity: u32,
     /// Blobs in use.
     pub count: u32,
     /// Blobs seen beyond the capacity.
+    #[wire(tag = 7)]
     pub blobs_left_out: u32,
     /// The blobs; the first `count` are meaningful.
+    #[wire(tag = 8, count = count)]
     pub blobs: [Blob; MAX_BLOBS],
 }
 
@@ -171,17 +190,6 @@ impl Message for BlobField {
     const CHANNEL: &'static str = "blobs";
     const VERSION: u32 = 1;
     const QUEUE: usize = 256;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(BlobField {
-        field,
-        exposed_ns,
-        read_out_ns,
-        blobs_out_ns,
-        camera,
-        parity,
-        count,
-        blobs_left_out,
-        blobs
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         let check = |holds, field, expected, found| require(holds, "BlobField", field, expected, found);

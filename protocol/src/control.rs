@@ -2,9 +2,10 @@
 
 use crate::health::Process;
 use crate::limits::{MAX_FIELDS_USED, TEXT_BYTES};
-use crate::message::{FieldLayout, Invalid, Message, require, text_of};
+use crate::message::{Invalid, Message, require, text_of};
 use crate::poses::FieldUsed;
 use crate::time::Nanos;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// What is asked.
@@ -47,7 +48,7 @@ pub const LAUNCHER: u32 = u32::MAX - 1;
 
 /// A request.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct Request {
     /// Counts up by one.
     pub seq: u64,
@@ -71,7 +72,6 @@ impl Message for Request {
     /// 2: commands 7 and 8, and requests to the launcher.
     const VERSION: u32 = 2;
     const QUEUE: usize = 32;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(Request { seq, argument, target, command });
 
     fn validate(&self) -> Result<(), Invalid> {
         let command = f64::from(self.command);
@@ -82,7 +82,7 @@ impl Message for Request {
 /// Replay tells the tracker which camera-fields a recorded frame consumed, so that the recorded
 /// decision is obeyed and no clock is read. A script with `frame` 0 begins with a fresh tracker.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct FrameScript {
     /// Number of the tracker frame to produce.
     pub frame: u64,
@@ -106,16 +106,6 @@ impl Message for FrameScript {
     const CHANNEL: &'static str = "script";
     const VERSION: u32 = 1;
     const QUEUE: usize = 64;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(FrameScript {
-        frame,
-        field,
-        exposed_ns,
-        camera,
-        closed_by,
-        used,
-        used_count,
-        reserved
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         let used = f64::from(self.used_count);
@@ -126,7 +116,7 @@ impl Message for FrameScript {
 
 /// An answer.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct Answer {
     /// `seq` of the request.
     pub seq: u64,
@@ -150,7 +140,6 @@ impl Message for Answer {
     /// 2: answers of the launcher.
     const VERSION: u32 = 2;
     const QUEUE: usize = 64;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(Answer { seq, process, result, text });
 
     fn validate(&self) -> Result<(), Invalid> {
         let process = f64::from(self.process);

@@ -2,8 +2,9 @@
 //!
 //! One table, [`EVENTS`], holds every kind of event; the enum and its lookups are made from it.
 
-use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
+use crate::message::{Invalid, Message, all_finite, require};
 use crate::time::Nanos;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 use serde::de::{Error, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -238,27 +239,37 @@ pub const NO_INSTRUMENT: u32 = u32::MAX;
 
 /// One thing that happened.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Event {
     /// Counts up by one since the simulation began.
+    #[wire(tag = 1)]
     pub seq: u64,
     /// Field of the step.
+    #[wire(tag = 2)]
     pub field: u64,
     /// Exposure instant of the step.
+    #[wire(tag = 3)]
     pub exposed_ns: Nanos,
     /// [`EventKind`] on the wire.
+    #[wire(tag = 4)]
     pub kind: u32,
     /// [`Severity`] on the wire.
+    #[wire(tag = 5)]
     pub severity: u32,
     /// Instrument or [`NO_INSTRUMENT`].
+    #[wire(tag = 6)]
     pub instrument: u32,
     /// Node, triangle or body concerned; 0 if none.
+    #[wire(tag = 7)]
     pub subject: u32,
     /// Figure of the event, in the unit of its kind.
+    #[wire(tag = 8)]
     pub value: f64,
     /// Limit that was passed, in the same unit; 0 if none.
+    #[wire(tag = 9)]
     pub limit: f64,
     /// Where, in the eye frame, mm.
+    #[wire(tag = 10, columns = "x_in_eye_mm,y_in_eye_mm,z_in_eye_mm")]
     pub position_in_eye_mm: [f64; 3],
 }
 
@@ -279,18 +290,6 @@ impl Message for Event {
     const CHANNEL: &'static str = "events";
     const VERSION: u32 = 1;
     const QUEUE: usize = 512;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(Event {
-        seq,
-        field,
-        exposed_ns,
-        kind,
-        severity,
-        instrument,
-        subject,
-        value,
-        limit,
-        position_in_eye_mm
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         let kind = f64::from(self.kind);

@@ -1,7 +1,8 @@
 //! `frames` and `pictures`: what the renderer showed, and when.
 
-use crate::message::{FieldLayout, Invalid, Message, require};
+use crate::message::{Invalid, Message, require};
 use crate::time::{Instants, Nanos};
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// `displayed` is an estimate, because there is no feedback from the display.
@@ -64,35 +65,49 @@ impl TierReason {
 
 /// Instants and figures of one displayed stereo frame.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct FrameRecord {
     /// Counts up by one since the renderer started.
+    #[wire(tag = 1)]
     pub frame: u64,
     /// Field of the pose that was latched.
+    #[wire(tag = 2)]
     pub field: u64,
     /// Field of the scene that was drawn.
+    #[wire(tag = 3)]
     pub scene_field: u64,
     /// Instants of the latched pose (`stepped` is that of the scene drawn).
+    #[wire(tag = 4)]
     pub instants: Instants,
     /// The renderer began with this frame.
+    #[wire(tag = 5)]
     pub frame_start: Nanos,
     /// It took the newest pose.
+    #[wire(tag = 6)]
     pub latched: Nanos,
     /// The GPU had finished.
+    #[wire(tag = 7)]
     pub drawn: Nanos,
     /// First refresh after `drawn`; headless: picture complete.
+    #[wire(tag = 8)]
     pub displayed: Nanos,
     /// Instant to which the poses were predicted.
+    #[wire(tag = 9)]
     pub predicted_to: Nanos,
     /// Frames that could not be shown in time since the start.
+    #[wire(tag = 10)]
     pub missed: u64,
     /// Quality tier, 0 is the best.
+    #[wire(tag = 11)]
     pub tier: u32,
     /// Width of one channel, px.
+    #[wire(tag = 12)]
     pub width_px: u32,
     /// Height of one channel, px.
+    #[wire(tag = 13)]
     pub height_px: u32,
     /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`, `DEVICE_CLOCK`, and a [`TierReason`].
+    #[wire(tag = 14)]
     pub flags: u32,
 }
 
@@ -100,22 +115,6 @@ impl Message for FrameRecord {
     const CHANNEL: &'static str = "frames";
     const VERSION: u32 = 1;
     const QUEUE: usize = 512;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(FrameRecord {
-        frame,
-        field,
-        scene_field,
-        instants,
-        frame_start,
-        latched,
-        drawn,
-        displayed,
-        predicted_to,
-        missed,
-        tier,
-        width_px,
-        height_px,
-        flags
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         let ordered = self.frame_start <= self.drawn && self.drawn <= self.displayed;
@@ -125,15 +124,20 @@ impl Message for FrameRecord {
 
 /// Header of a small picture of both channels side by side; the payload is a JPEG.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
+#[wire(name = "Picture")]
 pub struct PictureHeader {
     /// Frame shown.
+    #[wire(tag = 1)]
     pub frame: u64,
     /// Field shown.
+    #[wire(tag = 2)]
     pub field: u64,
     /// When it was complete.
+    #[wire(tag = 3)]
     pub displayed: Nanos,
     /// Bytes of the payload in use.
+    #[wire(tag = 4, payload = "jpeg")]
     pub bytes: u64,
 }
 
@@ -141,7 +145,6 @@ impl Message for PictureHeader {
     const CHANNEL: &'static str = "pictures";
     const VERSION: u32 = 1;
     const QUEUE: usize = 1;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(PictureHeader { frame, field, displayed, bytes });
 
     fn validate(&self) -> Result<(), Invalid> {
         Ok(())

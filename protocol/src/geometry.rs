@@ -1,15 +1,18 @@
 //! Poses and their validity.
 
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Isometry3, Point3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 /// A rigid transform `target_from_source` as it travels: position in mm, unit quaternion (w, x, y, z).
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Pose {
     /// Origin of the source frame in the target frame, mm.
+    #[wire(tag = 1)]
     pub position_mm: [f64; 3],
     /// Rotation target-from-source as (w, x, y, z).
+    #[wire(tag = 2)]
     pub rotation_wxyz: [f64; 4],
 }
 

@@ -1,8 +1,9 @@
 //! `handles` and `pedal`: what the hands and the foot do besides moving.
 
 use crate::limits::INSTRUMENTS;
-use crate::message::{FieldLayout, Invalid, Message, require};
+use crate::message::{Invalid, Message, require};
 use crate::time::Nanos;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// What an instrument is.
@@ -44,19 +45,25 @@ pub const HOOK_THICKNESS_MM: f64 = 0.12;
 
 /// State of one handle.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct HandleState {
     /// Counts up by one with every message of this sender.
+    #[wire(tag = 1)]
     pub seq: u64,
     /// Field it belongs to.
+    #[wire(tag = 2)]
     pub field: u64,
     /// When it was read.
+    #[wire(tag = 3)]
     pub instant_ns: Nanos,
     /// 0 or 1.
+    #[wire(tag = 4)]
     pub instrument: u32,
     /// [`Tool`] on the wire.
+    #[wire(tag = 5)]
     pub tool: u32,
     /// Opening between the jaws, rad.
+    #[wire(tag = 6)]
     pub jaw_rad: f64,
 }
 
@@ -64,8 +71,6 @@ impl Message for HandleState {
     const CHANNEL: &'static str = "handles";
     const VERSION: u32 = 1;
     const QUEUE: usize = 256;
-    const FIELDS: &'static [FieldLayout] =
-        crate::fields!(HandleState { seq, field, instant_ns, instrument, tool, jaw_rad });
 
     fn validate(&self) -> Result<(), Invalid> {
         let check = |holds, field, expected, found| require(holds, "HandleState", field, expected, found);
@@ -104,17 +109,22 @@ impl PedalMode {
 
 /// State of the foot pedal.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct PedalState {
     /// Counts up by one with every message of this sender.
+    #[wire(tag = 1)]
     pub seq: u64,
     /// When it was read.
+    #[wire(tag = 2)]
     pub instant_ns: Nanos,
     /// Two axes, −1 to 1.
+    #[wire(tag = 3, columns = "axis0,axis1")]
     pub axes: [f64; 2],
     /// Held buttons: bits of [`crate::optics::PedalButton`].
+    #[wire(tag = 4)]
     pub buttons: u32,
     /// Meaning of the axes: [`PedalMode`] on the wire.
+    #[wire(tag = 5)]
     pub mode: u32,
 }
 
@@ -123,8 +133,6 @@ impl Message for PedalState {
     /// 2: modes 3 (injection) and 4 (fluid–air exchange); states of version 1 mean what they meant.
     const VERSION: u32 = 2;
     const QUEUE: usize = 256;
-    const FIELDS: &'static [FieldLayout] =
-        crate::fields!(PedalState { seq, instant_ns, axes, buttons, mode });
 
     fn validate(&self) -> Result<(), Invalid> {
         for axis in self.axes {

@@ -1,8 +1,9 @@
 //! `health`: each process says that it lives, and how well.
 
 use crate::limits::TEXT_BYTES;
-use crate::message::{FieldLayout, Invalid, Message, require, text_of};
+use crate::message::{Invalid, Message, require, text_of};
 use crate::time::Nanos;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// The processes of a simulator. Either camera hardware and tracker run, or the desk in their place.
@@ -61,7 +62,7 @@ pub const STATE_FINISHED: u32 = 3;
 
 /// A heartbeat.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct Health {
     /// Sender's instant.
     pub instant_ns: Nanos,
@@ -98,19 +99,6 @@ impl Message for Health {
     const CHANNEL: &'static str = "health";
     const VERSION: u32 = 1;
     const QUEUE: usize = 64;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(Health {
-        instant_ns,
-        received,
-        sent,
-        lost,
-        refused,
-        cpu_ns,
-        process,
-        pid,
-        state,
-        reserved,
-        text
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         let process = f64::from(self.process);

@@ -2,8 +2,9 @@
 //! gamepad and a file of inputs send the same events; [`crate::bindings`] says what they mean.
 
 use crate::limits::TEXT_BYTES;
-use crate::message::{FieldLayout, Invalid, Message, require, text_of};
+use crate::message::{Invalid, Message, require, text_of};
 use crate::time::Nanos;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// Names of the keys and buttons that can mean something, by their codes.
@@ -192,7 +193,7 @@ pub enum Input {
 
 /// An [`Input`] as it travels.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct InputEvent {
     /// When it happened.
     pub instant_ns: Nanos,
@@ -242,8 +243,6 @@ impl Message for InputEvent {
     const CHANNEL: &'static str = "inputs";
     const VERSION: u32 = 1;
     const QUEUE: usize = 512;
-    const FIELDS: &'static [FieldLayout] =
-        crate::fields!(InputEvent { instant_ns, kind, code, values, origin, reserved });
 
     fn validate(&self) -> Result<(), Invalid> {
         let known = self.input().is_some();
@@ -257,7 +256,7 @@ impl Message for InputEvent {
 
 /// A line about the desk for the picture: which hand is led, and what is in it.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct Hint {
     /// When it was said.
     pub instant_ns: Nanos,
@@ -276,7 +275,6 @@ impl Message for Hint {
     const CHANNEL: &'static str = "hints";
     const VERSION: u32 = 1;
     const QUEUE: usize = 16;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(Hint { instant_ns, text });
 
     fn validate(&self) -> Result<(), Invalid> {
         Ok(())

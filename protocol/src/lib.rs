@@ -48,3 +48,7 @@ pub mod scene_stream;
 pub mod scene_text;
 pub mod steps;
 pub mod time;
+pub mod wire;
+
+// `#[derive(Wire)]` names this crate, also inside it.
+extern crate self as protocol;

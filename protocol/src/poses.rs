@@ -2,8 +2,9 @@
 
 use crate::geometry::{Pose, Validity};
 use crate::limits::{BODIES, MAX_FIELDS_USED, OSCILLATORS};
-use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
+use crate::message::{Invalid, Message, all_finite, require};
 use crate::time::{Instants, Nanos};
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// Index of the eye in [`TrackerFrame::bodies`]; instruments are 0 and 1.
@@ -52,33 +53,43 @@ impl BodyStatus {
 
 /// One damped oscillator of a tremor, per axis: x'' + 2 ζ ω x' + ω² x = 0 about the smooth motion.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Oscillator {
     /// ω, rad/s; 0 means unused.
+    #[wire(tag = 1)]
     pub omega_rad_s: f64,
     /// ζ.
+    #[wire(tag = 2)]
     pub damping: f64,
     /// Displacement at the frame's instant, mm (world).
+    #[wire(tag = 3)]
     pub position_mm: [f64; 3],
     /// Its velocity, mm/s (world).
+    #[wire(tag = 4)]
     pub velocity_mm_s: [f64; 3],
 }
 
 /// What [`crate::predict`] needs to carry a pose to another instant. World frame.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Predictor {
     /// Velocity of the origin (tip), without the oscillators, mm/s.
+    #[wire(tag = 1)]
     pub velocity_mm_s: [f64; 3],
     /// Acceleration, without the oscillators, mm/s².
+    #[wire(tag = 2)]
     pub acceleration_mm_s2: [f64; 3],
     /// Time constant with which the acceleration dies out, s; 0 means it is not used.
+    #[wire(tag = 3)]
     pub acceleration_tau_s: f64,
     /// Time constant with which the velocity dies out, s; 0 means that it is constant.
+    #[wire(tag = 4)]
     pub velocity_tau_s: f64,
     /// Angular velocity in the world, rad/s.
+    #[wire(tag = 5)]
     pub angular_velocity_rad_s: [f64; 3],
     /// Tremor.
+    #[wire(tag = 6)]
     pub oscillators: [Oscillator; OSCILLATORS],
 }
 
@@ -87,25 +98,34 @@ pub const COVARIANCE_ENTRIES: usize = 21;
 
 /// One body at the frame's instant.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct BodyState {
     /// `world_from_body`: tip and axes of an instrument; the eye's rotation, position 0.
+    #[wire(tag = 1)]
     pub world_from_body: Pose,
     /// Upper triangle of the covariance of (position in the world, mm; rotation vector in the world, rad).
+    #[wire(tag = 2)]
     pub covariance: [f64; COVARIANCE_ENTRIES],
     /// How it moves.
+    #[wire(tag = 3)]
     pub predictor: Predictor,
     /// Root mean square of the image residuals, px; 0 where nothing was measured.
+    #[wire(tag = 4)]
     pub residual_px: f64,
     /// Instant of the last measurement that took part.
+    #[wire(tag = 5)]
     pub measured_ns: Nanos,
     /// [`Validity`] on the wire.
+    #[wire(tag = 6)]
     pub validity: u32,
     /// [`BodyStatus`] on the wire.
+    #[wire(tag = 7)]
     pub status: u32,
     /// Blobs that took part.
+    #[wire(tag = 8)]
     pub blobs_used: u32,
     /// Cameras that took part.
+    #[wire(tag = 9)]
     pub cameras_used: u32,
 }
 
@@ -118,15 +138,19 @@ impl BodyState {
 
 /// A camera-field that went into a frame.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct FieldUsed {
     /// Field number of that camera.
+    #[wire(tag = 1)]
     pub field: u64,
     /// Its mid-exposure.
+    #[wire(tag = 2)]
     pub exposed_ns: Nanos,
     /// Camera id.
+    #[wire(tag = 3)]
     pub camera: u32,
     /// Blobs of it that a body took.
+    #[wire(tag = 4)]
     pub blobs_used: u32,
 }
 
@@ -155,27 +179,36 @@ impl ClosedBy {
 
 /// The tracker's answer for one exposure of the reference camera.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Wire, Zeroable)]
 pub struct TrackerFrame {
     /// Field number of the reference camera.
+    #[wire(tag = 1)]
     pub field: u64,
     /// Counts up by one from 0 since the tracker started; 0 therefore marks a fresh tracker.
+    #[wire(tag = 2)]
     pub frame: u64,
     /// Instants so far; `stepped` is 0.
+    #[wire(tag = 3)]
     pub instants: Instants,
     /// Time spent waiting for a late camera after the first field arrived, ns.
+    #[wire(tag = 4)]
     pub waited_ns: u64,
     /// Reference camera.
+    #[wire(tag = 5)]
     pub camera: u32,
     /// [`ClosedBy`] on the wire.
+    #[wire(tag = 6)]
     pub closed_by: u32,
     /// Camera-fields consumed by this frame, in this order.
     pub used_count: u32,
     /// Fields refused since the start: unknown camera, invalid, twice or out of order.
+    #[wire(tag = 7)]
     pub fields_refused: u32,
     /// The consumed camera-fields; the first `used_count` are meaningful.
+    #[wire(tag = 8, count = used_count)]
     pub used: [FieldUsed; MAX_FIELDS_USED],
     /// Instruments 0 and 1, then the eye.
+    #[wire(tag = 9)]
     pub bodies: [BodyState; BODIES],
 }
 
@@ -190,18 +223,6 @@ impl Message for TrackerFrame {
     const CHANNEL: &'static str = "poses";
     const VERSION: u32 = 1;
     const QUEUE: usize = 128;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(TrackerFrame {
-        field,
-        frame,
-        instants,
-        waited_ns,
-        camera,
-        closed_by,
-        used_count,
-        fields_refused,
-        used,
-        bodies
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         let check = |holds, field, expected, found| require(holds, "TrackerFrame", field, expected, found);

@@ -6,13 +6,14 @@
 
 use crate::geometry::Pose;
 use crate::limits::INSTRUMENTS;
-use crate::message::{FieldLayout, Invalid, Message, all_finite, require};
+use crate::message::{Invalid, Message, all_finite, require};
 use crate::time::Instants;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// Where an array lies in the payload.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct Section {
     /// Bytes from the start of the payload; a multiple of 16.
     pub offset: u32,
@@ -30,7 +31,7 @@ pub const NODE_BOUND: u32 = 16;
 
 /// A node of a tissue mesh.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneNode {
     /// Eye frame, or an instrument's (see [`NODE_BOUND`]), mm.
     pub position_mm: [f32; 3],
@@ -49,7 +50,7 @@ pub const TISSUE_GONE: u32 = 2;
 
 /// A triangle of a tissue mesh.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct SceneTriangle {
     /// Nodes, counter-clockwise seen from the inside of the eye.
     pub nodes: [u32; 3],
@@ -59,7 +60,7 @@ pub struct SceneTriangle {
 
 /// Where a node of the retina lay at the start, which is its place in the photograph of the fundus.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneHome {
     /// Eye frame, mm.
     pub position_mm: [f32; 3],
@@ -69,7 +70,7 @@ pub struct SceneHome {
 
 /// A mark on the retina or the tissue.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneMark {
     /// Eye frame, mm.
     pub position_mm: [f32; 3],
@@ -81,7 +82,7 @@ pub struct SceneMark {
 
 /// A rigid body of an abstract task.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneBody {
     /// Eye frame, mm.
     pub position_mm: [f32; 3],
@@ -99,7 +100,7 @@ pub struct SceneBody {
 
 /// A brick of 8³ densities (0 to 255) of the vitreous.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneBrick {
     /// Corner with the smallest coordinates, eye frame, mm.
     pub corner_mm: [f32; 3],
@@ -111,7 +112,7 @@ pub struct SceneBrick {
 
 /// An instrument as the simulation saw it at `instants.exposed`.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneInstrument {
     /// `world_from_instrument` at the exposure.
     pub world_from_instrument: Pose,
@@ -126,7 +127,7 @@ pub struct SceneInstrument {
 /// The surgical microscope with what stands before it. World frame; it looks along −z. Distances and field are those of
 /// the picture that it looks at: without a lens the eye itself, else the picture of it that the lens makes in the air.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Microscope {
     /// Point looked at, mm.
     pub target_in_world_mm: [f64; 3],
@@ -152,7 +153,7 @@ pub struct Microscope {
 
 /// Header of a scene block.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneHeader {
     /// Step that made it.
     pub step: u64,
@@ -175,20 +176,28 @@ pub struct SceneHeader {
     /// 0.
     pub reserved: u32,
     /// [`SceneNode`].
+    #[wire(elements = SceneNode)]
     pub nodes: Section,
     /// [`SceneTriangle`].
+    #[wire(elements = SceneTriangle)]
     pub triangles: Section,
     /// [`SceneMark`].
+    #[wire(elements = SceneMark)]
     pub marks: Section,
     /// [`SceneBody`].
+    #[wire(elements = SceneBody)]
     pub bodies: Section,
     /// [`SceneBrick`].
+    #[wire(elements = SceneBrick)]
     pub bricks: Section,
     /// Bytes of UTF-8 shown on the picture: lines as in [`crate::scene_text`].
+    #[wire(elements = u8)]
     pub text: Section,
     /// [`SceneHome`].
+    #[wire(elements = SceneHome)]
     pub homes: Section,
     /// `f32`: doses of light on the retina, mJ/mm², in the cells of [`crate::dose`].
+    #[wire(elements = f32)]
     pub doses: Section,
 }
 
@@ -197,26 +206,6 @@ impl Message for SceneHeader {
     /// 2: lens, inverter, aperture and filter; homes of the retina's nodes. 3: doses of light.
     const VERSION: u32 = 3;
     const QUEUE: usize = 1;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(SceneHeader {
-        step,
-        field,
-        instants,
-        state_hash,
-        topology,
-        world_from_eye,
-        instruments,
-        microscope,
-        filter,
-        reserved,
-        nodes,
-        triangles,
-        marks,
-        bodies,
-        bricks,
-        text,
-        homes,
-        doses
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         let check = |holds, field, expected| require(holds, "SceneHeader", field, expected, f64::NAN);
@@ -236,19 +225,8 @@ impl Message for SceneHeader {
     }
 }
 
-/// An element type of a section.
-pub trait Element: Pod {}
-impl Element for SceneNode {}
-impl Element for SceneTriangle {}
-impl Element for SceneMark {}
-impl Element for SceneHome {}
-impl Element for SceneBody {}
-impl Element for SceneBrick {}
-impl Element for u8 {}
-impl Element for f32 {}
-
 /// The elements of `section` in `payload`, or an error where it does not lie inside.
-pub fn section<T: Element>(payload: &[u8], section: Section) -> Result<&[T], Invalid> {
+pub fn section<T: Wire>(payload: &[u8], section: Section) -> Result<&[T], Invalid> {
     let start = section.offset as usize;
     let bytes = (section.count as usize).checked_mul(size_of::<T>());
     let end = bytes.and_then(|b| start.checked_add(b));
@@ -275,7 +253,7 @@ impl<'a> SectionWriter<'a> {
     }
 
     /// Copies `elements` in; `None` (and nothing written) where they do not fit.
-    pub fn write<T: Element>(&mut self, elements: &[T]) -> Option<Section> {
+    pub fn write<T: Wire>(&mut self, elements: &[T]) -> Option<Section> {
         let bytes: &[u8] = bytemuck::cast_slice(elements);
         let end = self.used.checked_add(bytes.len())?;
         self.payload.get_mut(self.used..end)?.copy_from_slice(bytes);

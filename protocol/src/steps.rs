@@ -1,9 +1,10 @@
 //! `steps` and `checkpoints`: what a simulation step consumed and became.
 
 use crate::handles::{HandleState, PedalState};
-use crate::message::{FieldLayout, Invalid, Message, require};
+use crate::message::{Invalid, Message, require};
 use crate::poses::TrackerFrame;
 use crate::time::Instants;
+use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// What one step consumes.
@@ -37,51 +38,74 @@ impl StepInputs {
 
 /// Time spent in the phases of a step, ns (the paper's Table 4). Never part of the result.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct StepTimes {
     /// Collision detection.
+    #[wire(tag = 1)]
     pub collision_ns: u64,
     /// Tissue.
+    #[wire(tag = 2)]
     pub tissue_ns: u64,
     /// Writing the scene block.
+    #[wire(tag = 3)]
     pub transfer_ns: u64,
     /// The rest of the step.
+    #[wire(tag = 4)]
     pub misc_ns: u64,
 }
 
+/// Version of [`StepRecord::state_hash`]: raised where the same inputs lead to another hash, so that
+/// hashes of two builds are compared only where they mean the same.
+pub const STATE_HASH_VERSION: u32 = 1;
+
 /// One step: its inputs, its figures and the hash of the state it led to.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct StepRecord {
     /// Counts up by one since the scene was loaded.
+    #[wire(tag = 1)]
     pub step: u64,
     /// Field of the tracker frame consumed.
+    #[wire(tag = 2)]
     pub field: u64,
     /// [`crate::poses::TrackerFrame::frame`] of the tracker frame consumed.
+    #[wire(tag = 3)]
     pub frame: u64,
     /// Instants of the tracker frame, and `stepped`.
+    #[wire(tag = 4)]
     pub instants: Instants,
     /// Handle states consumed so far have `seq` below this.
+    #[wire(tag = 5)]
     pub handles_below: u64,
     /// Pedal states consumed so far have `seq` below this.
+    #[wire(tag = 6)]
     pub pedals_below: u64,
     /// Time by which the state advanced, ns.
+    #[wire(tag = 7)]
     pub advanced_ns: u64,
     /// Hash of the state after the step.
+    #[wire(tag = 8, hash)]
     pub state_hash: u64,
     /// Time spent, by phase.
+    #[wire(tag = 9)]
     pub times: StepTimes,
     /// Inputs refused by validation since the start.
+    #[wire(tag = 10)]
     pub inputs_refused: u64,
     /// Tracker frames lost in the queue since the start.
+    #[wire(tag = 11)]
     pub frames_lost: u64,
     /// Membrane that vitrectors have cut away, area at rest, µm².
+    #[wire(tag = 12, columns = "")]
     pub membrane_cut_um2: u64,
     /// Retina that vitrectors have cut away, area at rest, µm².
+    #[wire(tag = 13, columns = "")]
     pub retina_cut_um2: u64,
     /// Vitreous that vitrectors have removed, volume at rest, µm³.
+    #[wire(tag = 14, columns = "")]
     pub vitreous_removed_um3: u64,
     /// Vitreous that is left, volume at rest, µm³.
+    #[wire(tag = 15, columns = "")]
     pub vitreous_left_um3: u64,
 }
 
@@ -90,23 +114,6 @@ impl Message for StepRecord {
     /// 2: what vitrectors have taken.
     const VERSION: u32 = 2;
     const QUEUE: usize = 512;
-    const FIELDS: &'static [FieldLayout] = crate::fields!(StepRecord {
-        step,
-        field,
-        frame,
-        instants,
-        handles_below,
-        pedals_below,
-        advanced_ns,
-        state_hash,
-        times,
-        inputs_refused,
-        frames_lost,
-        membrane_cut_um2,
-        retina_cut_um2,
-        vitreous_removed_um3,
-        vitreous_left_um3
-    });
 
     fn validate(&self) -> Result<(), Invalid> {
         require(self.instants.exposed > 0, "StepRecord", "instants.exposed", "an instant", 0.0)
@@ -115,19 +122,26 @@ impl Message for StepRecord {
 
 /// Header of a checkpoint; the payload is the simulation's encoded state.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
+#[wire(name = "Checkpoint")]
 pub struct CheckpointHeader {
     /// Step after which the state was taken.
+    #[wire(tag = 1)]
     pub step: u64,
     /// Field of that step.
+    #[wire(tag = 2)]
     pub field: u64,
     /// Handle states consumed have `seq` below this.
+    #[wire(tag = 3)]
     pub handles_below: u64,
     /// Pedal states consumed have `seq` below this.
+    #[wire(tag = 4)]
     pub pedals_below: u64,
     /// Hash of the state.
+    #[wire(tag = 5, hash)]
     pub state_hash: u64,
     /// Bytes of the payload in use.
+    #[wire(tag = 6, payload = "state")]
     pub bytes: u64,
 }
 
@@ -135,8 +149,6 @@ impl Message for CheckpointHeader {
     const CHANNEL: &'static str = "checkpoints";
     const VERSION: u32 = 1;
     const QUEUE: usize = 1;
-    const FIELDS: &'static [FieldLayout] =
-        crate::fields!(CheckpointHeader { step, field, handles_below, pedals_below, state_hash, bytes });
 
     fn validate(&self) -> Result<(), Invalid> {
         Ok(())

@@ -3,7 +3,9 @@
 //!
 //! [`Provenance`] (rig, scene, configuration, seeds, versions) stands at the start of the file,
 //! so that it survives a crash. The blocks follow in the order in which the recorder received
-//! them, as lossless protobuf messages (`proto/vitreo.proto`) on topics named like the channels.
+//! them, as lossless protobuf messages on topics named like the channels. Messages and their
+//! descriptors are made from the layout of the blocks ([`protocol::wire`]), field by field; a field
+//! number is never used again, a reader skips fields that it does not know.
 //! Poses, log and pictures are there a second time in Foxglove's own schemas (topics `/tf`, `/log`,
 //! `/picture`; positions in mm), for viewers; the reader passes those over.
 //!
@@ -12,17 +14,20 @@
 //! [`Writer::keep_up`], 100 ms old; a chunk is written in one piece and carries a CRC, so that a
 //! killed recorder leaves a file that is readable up to its last chunk.
 
+mod descriptors;
 mod display;
-mod mirror;
+mod note;
+mod protobuf;
 mod read;
 mod record;
 mod records;
-mod wire;
 mod write;
 
 #[cfg(test)]
 mod samples;
 
+pub use note::{Note, NoteKind};
+pub use protobuf::Shape;
 pub use read::{Items, Recording};
 pub use write::Writer;
 
@@ -30,12 +35,12 @@ use protocol::blobs::BlobField;
 use protocol::events::Event;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::handles::{HandleState, PedalState};
-use protocol::health::Process;
 use protocol::journal::Entry;
-use protocol::message::Invalid;
+use protocol::message::{Invalid, Message};
 use protocol::poses::TrackerFrame;
-use protocol::steps::{CheckpointHeader, StepRecord};
+use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, StepRecord};
 use protocol::time::Nanos;
+use protocol::wire::{Layout, layout_of};
 use std::collections::BTreeMap;
 
 /// MCAP profile of a recording: by it a file says that it is one of ours.
@@ -83,6 +88,27 @@ impl Item {
         "notes",
     ];
 
+    /// Layout of the blocks on a topic; `None` for notes and for what is no topic.
+    pub fn layout(topic: &str) -> Option<&'static Layout> {
+        LAYOUTS[Self::TOPICS.iter().position(|t| *t == topic)?]
+    }
+
+    /// The item as a block; `None` for a note.
+    pub fn block(&self) -> Option<Block<'_>> {
+        match self {
+            Item::Blobs(field) => Some(Block::of(&**field, &[])),
+            Item::Handle(handle) => Some(Block::of(handle, &[])),
+            Item::Pedal(pedal) => Some(Block::of(pedal, &[])),
+            Item::Poses(frame) => Some(Block::of(&**frame, &[])),
+            Item::Step(step) => Some(Block::of(step, &[])),
+            Item::Event(event) => Some(Block::of(event, &[])),
+            Item::Frame(frame) => Some(Block::of(frame, &[])),
+            Item::Checkpoint(header, state) => Some(Block::of(header, state)),
+            Item::Picture(header, jpeg) => Some(Block::of(header, jpeg)),
+            Item::Note(_) => None,
+        }
+    }
+
     /// As an entry of the simulation's journal; `None` for what the simulation does not read.
     pub fn into_entry(self) -> Option<Entry> {
         match self {
@@ -123,30 +149,43 @@ impl Item {
     }
 }
 
-/// What a note is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoteKind {
-    /// A message for a person.
-    Log,
-    /// A process died and was started again.
-    Restart,
-    /// The recording misses [`Note::count`] blocks here.
-    Loss,
+/// Name of a note's message.
+const NOTE: &str = "Note";
+
+/// Layout of each topic's blocks, in the order of [`Item::TOPICS`].
+const LAYOUTS: [Option<&Layout>; Item::TOPICS.len()] = [
+    Some(layout_of::<BlobField>()),
+    Some(layout_of::<HandleState>()),
+    Some(layout_of::<PedalState>()),
+    Some(layout_of::<TrackerFrame>()),
+    Some(layout_of::<StepRecord>()),
+    Some(layout_of::<Event>()),
+    Some(layout_of::<FrameRecord>()),
+    Some(layout_of::<CheckpointHeader>()),
+    Some(layout_of::<PictureHeader>()),
+    None,
+];
+
+/// Full name of a topic's message.
+fn message_name(topic: usize) -> String {
+    format!("{}.{}", descriptors::PACKAGE, LAYOUTS[topic].map_or(NOTE, |layout| layout.name))
 }
 
-/// A remark of the recorder.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Note {
-    /// When it was made.
-    pub instant_ns: Nanos,
-    /// What it is about.
-    pub kind: NoteKind,
-    /// The process concerned.
-    pub process: Option<Process>,
-    /// Blocks missed, or how often.
-    pub count: u64,
-    /// In words.
-    pub text: String,
+/// A block with the table of its fields.
+#[derive(Debug, Clone, Copy)]
+pub struct Block<'a> {
+    /// Its fields.
+    pub layout: &'static Layout,
+    /// The block as it lies in memory.
+    pub bytes: &'a [u8],
+    /// What follows it; empty for most.
+    pub payload: &'a [u8],
+}
+
+impl<'a> Block<'a> {
+    fn of<B: Message>(block: &'a B, payload: &'a [u8]) -> Self {
+        Block { layout: layout_of::<B>(), bytes: bytemuck::bytes_of(block), payload }
+    }
 }
 
 /// Where a recording comes from.
@@ -191,6 +230,18 @@ pub struct Provenance {
     pub config: BTreeMap<String, String>,
     /// Versions, by program.
     pub versions: BTreeMap<String, String>,
+}
+
+/// Key of the version of state hashes among [`Provenance::versions`].
+pub const STATE_HASH: &str = "state-hash";
+
+impl Provenance {
+    /// Version of its state hashes where it is not [`STATE_HASH_VERSION`], so that states cannot be
+    /// compared; 0 for a version that is no number. Recordings that name none are of version 1.
+    pub fn other_state_hash_version(&self) -> Option<u32> {
+        let version = self.versions.get(STATE_HASH).map_or(1, |v| v.parse().unwrap_or(0));
+        (version != STATE_HASH_VERSION).then_some(version)
+    }
 }
 
 /// Why a recording cannot be written or read.
@@ -264,7 +315,7 @@ pub enum MessageError {
     Encoding(String),
     /// A part is missing or an array has the wrong length.
     #[error("{0}")]
-    Shape(mirror::Shape),
+    Shape(Shape),
     /// A number makes no sense.
     #[error("{0}")]
     Invalid(Invalid),

@@ -1,185 +1,56 @@
 //! Items to message bytes and back.
 
-use super::mirror::{Mirror, Shape, filled};
-use super::{Item, MessageError, Note, NoteKind, wire};
-use prost::Message;
-use protocol::blobs::BlobField;
-use protocol::frames::PictureHeader;
-use protocol::health::Process;
-use protocol::message::Message as Block;
-use protocol::poses::TrackerFrame;
-use protocol::steps::CheckpointHeader;
+use super::protobuf;
+use super::{Item, MessageError, Note};
+use protocol::message::Message;
+use protocol::wire::layout_of;
 
 /// The item's message, appended to `out`.
 pub(super) fn encode(item: &Item, out: &mut Vec<u8>) {
-    let grown = match item {
-        Item::Blobs(field) => blob_field(field).encode(out),
-        Item::Handle(handle) => handle.to_wire().encode(out),
-        Item::Pedal(pedal) => pedal.to_wire().encode(out),
-        Item::Poses(frame) => tracker_frame(frame).encode(out),
-        Item::Step(step) => step.to_wire().encode(out),
-        Item::Event(event) => event.to_wire().encode(out),
-        Item::Frame(frame) => frame.to_wire().encode(out),
-        Item::Checkpoint(header, state) => checkpoint(header, state).encode(out),
-        Item::Picture(header, jpeg) => picture(header, jpeg).encode(out),
-        Item::Note(note) => note_message(note).encode(out),
-    };
-    grown.expect("a vector has room");
+    match (item, item.block()) {
+        (Item::Note(note), _) => note.encode(out),
+        (_, Some(block)) => protobuf::encode(block.layout, block.bytes, block.payload, out),
+        (_, None) => unreachable!("every item but a note is a block"),
+    }
 }
 
 /// The item of a message on `topic`, validated; `None` for a topic that is no item.
-pub(super) fn decode(topic: &str, bytes: &[u8]) -> Result<Option<Item>, MessageError> {
+///
+/// # Errors
+/// Where the bytes are no such message, or its numbers make no sense.
+pub(super) fn decode(topic: &str, message: &[u8]) -> Result<Option<Item>, MessageError> {
     let item = match topic {
-        "blobs" => Item::Blobs(Box::new(valid(blob_field_back(&message(bytes)?)?)?)),
-        "handles" => Item::Handle(plain::<_, wire::HandleState>(bytes)?),
-        "pedal" => Item::Pedal(plain::<_, wire::PedalState>(bytes)?),
-        "poses" => Item::Poses(Box::new(valid(tracker_frame_back(&message(bytes)?)?)?)),
-        "steps" => Item::Step(plain::<_, wire::StepRecord>(bytes)?),
-        "events" => Item::Event(plain::<_, wire::Event>(bytes)?),
-        "frames" => Item::Frame(plain::<_, wire::FrameRecord>(bytes)?),
-        "checkpoints" => checkpoint_back(message(bytes)?),
-        "pictures" => picture_back(message(bytes)?),
-        "notes" => Item::Note(note_back(message(bytes)?)?),
+        "blobs" => Item::Blobs(Box::new(block(message)?.0)),
+        "handles" => Item::Handle(block(message)?.0),
+        "pedal" => Item::Pedal(block(message)?.0),
+        "poses" => Item::Poses(Box::new(block(message)?.0)),
+        "steps" => Item::Step(block(message)?.0),
+        "events" => Item::Event(block(message)?.0),
+        "frames" => Item::Frame(block(message)?.0),
+        "checkpoints" => block(message).map(|(header, state)| Item::Checkpoint(header, state))?,
+        "pictures" => block(message).map(|(header, jpeg)| Item::Picture(header, jpeg))?,
+        "notes" => Item::Note(Note::decode(message)?),
         _ => return Ok(None),
     };
     Ok(Some(item))
 }
 
-fn message<W: Message + Default>(bytes: &[u8]) -> Result<W, MessageError> {
-    W::decode(bytes).map_err(|e| MessageError::Encoding(e.to_string()))
-}
-
-fn valid<B: Block>(block: B) -> Result<B, MessageError> {
-    block.validate().map(|()| block).map_err(MessageError::Invalid)
-}
-
-fn plain<B: Block + Mirror<W>, W: Message + Default>(bytes: &[u8]) -> Result<B, MessageError> {
-    valid(B::from_wire(&message(bytes)?)?)
-}
-
-impl From<Shape> for MessageError {
-    fn from(shape: Shape) -> Self {
-        MessageError::Shape(shape)
-    }
-}
-
-fn blob_field(block: &BlobField) -> wire::BlobField {
-    wire::BlobField {
-        field: block.field,
-        exposed_ns: block.exposed_ns,
-        read_out_ns: block.read_out_ns,
-        blobs_out_ns: block.blobs_out_ns,
-        camera: block.camera,
-        parity: block.parity,
-        blobs_left_out: block.blobs_left_out,
-        blobs: block.blobs().iter().map(Mirror::to_wire).collect(),
-    }
-}
-
-fn blob_field_back(wire: &wire::BlobField) -> Result<BlobField, Shape> {
-    let (blobs, count) = filled(&wire.blobs)?;
-    Ok(BlobField {
-        field: wire.field,
-        exposed_ns: wire.exposed_ns,
-        read_out_ns: wire.read_out_ns,
-        blobs_out_ns: wire.blobs_out_ns,
-        camera: wire.camera,
-        parity: wire.parity,
-        count,
-        blobs_left_out: wire.blobs_left_out,
-        blobs,
-    })
-}
-
-fn tracker_frame(block: &TrackerFrame) -> wire::TrackerFrame {
-    wire::TrackerFrame {
-        field: block.field,
-        frame: block.frame,
-        instants: Some(block.instants.to_wire()),
-        waited_ns: block.waited_ns,
-        camera: block.camera,
-        closed_by: block.closed_by,
-        fields_refused: block.fields_refused,
-        used: block.used().iter().map(Mirror::to_wire).collect(),
-        bodies: block.bodies.to_wire(),
-    }
-}
-
-fn tracker_frame_back(wire: &wire::TrackerFrame) -> Result<TrackerFrame, Shape> {
-    let (used, used_count) = filled(&wire.used)?;
-    let instants = wire.instants.as_ref().ok_or(Shape { expected: 1, found: 0 })?;
-    Ok(TrackerFrame {
-        field: wire.field,
-        frame: wire.frame,
-        instants: Mirror::from_wire(instants)?,
-        waited_ns: wire.waited_ns,
-        camera: wire.camera,
-        closed_by: wire.closed_by,
-        used_count,
-        fields_refused: wire.fields_refused,
-        used,
-        bodies: Mirror::from_wire(&wire.bodies)?,
-    })
-}
-
-fn checkpoint(header: &CheckpointHeader, state: &[u8]) -> wire::Checkpoint {
-    let CheckpointHeader { step, field, handles_below, pedals_below, state_hash, bytes: _ } = *header;
-    wire::Checkpoint { step, field, handles_below, pedals_below, state_hash, state: state.to_vec() }
-}
-
-fn checkpoint_back(wire: wire::Checkpoint) -> Item {
-    let wire::Checkpoint { step, field, handles_below, pedals_below, state_hash, state } = wire;
-    let bytes = state.len() as u64;
-    Item::Checkpoint(CheckpointHeader { step, field, handles_below, pedals_below, state_hash, bytes }, state)
-}
-
-fn picture(header: &PictureHeader, jpeg: &[u8]) -> wire::Picture {
-    let PictureHeader { frame, field, displayed, bytes: _ } = *header;
-    wire::Picture { frame, field, displayed, jpeg: jpeg.to_vec() }
-}
-
-fn picture_back(wire: wire::Picture) -> Item {
-    let wire::Picture { frame, field, displayed, jpeg } = wire;
-    Item::Picture(PictureHeader { frame, field, displayed, bytes: jpeg.len() as u64 }, jpeg)
-}
-
-fn note_message(note: &Note) -> wire::Note {
-    let kind = match note.kind {
-        NoteKind::Log => wire::note::Kind::Log,
-        NoteKind::Restart => wire::note::Kind::Restart,
-        NoteKind::Loss => wire::note::Kind::Loss,
-    };
-    wire::Note {
-        instant_ns: note.instant_ns,
-        kind: kind.into(),
-        process: note.process.map_or(0, |p| p as u32 + 1),
-        count: note.count,
-        text: note.text.clone(),
-    }
-}
-
-fn note_back(wire: wire::Note) -> Result<Note, MessageError> {
-    let unknown = |what, code| MessageError::Encoding(format!("unknown {what} {code}"));
-    let kind = match wire::note::Kind::try_from(wire.kind) {
-        Ok(wire::note::Kind::Log) => NoteKind::Log,
-        Ok(wire::note::Kind::Restart) => NoteKind::Restart,
-        Ok(wire::note::Kind::Loss) => NoteKind::Loss,
-        Err(_) => return Err(unknown("kind of note", i64::from(wire.kind))),
-    };
-    let process = match wire.process.checked_sub(1) {
-        None => None,
-        Some(code) => {
-            Some(Process::from_wire(code).ok_or_else(|| unknown("process", i64::from(wire.process)))?)
-        }
-    };
-    Ok(Note { instant_ns: wire.instant_ns, kind, process, count: wire.count, text: wire.text })
+/// A block with its payload, validated.
+fn block<B: Message>(message: &[u8]) -> Result<(B, Vec<u8>), MessageError> {
+    let (mut block, mut payload) = (B::zeroed(), Vec::new());
+    protobuf::decode(layout_of::<B>(), message, bytemuck::bytes_of_mut(&mut block), &mut payload)?;
+    block.validate().map_err(MessageError::Invalid)?;
+    Ok((block, payload))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Recording;
     use super::super::samples::{any_item, bits};
     use super::*;
+    use crate::protobuf::{Shape, put_message, put_uint};
     use proptest::prelude::*;
+    use std::path::PathBuf;
 
     fn encoded(item: &Item) -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -216,17 +87,105 @@ mod tests {
         }
     }
 
+    fn data(path: &str) -> PathBuf {
+        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/data").join(path)
+    }
+
+    /// Recordings that former versions made with a protobuf library.
+    fn former_recordings() -> Vec<PathBuf> {
+        let corpus = std::fs::read_dir(data("corpus")).unwrap().map(|f| f.unwrap().path());
+        let mut files: Vec<_> = corpus.filter(|p| p.extension().is_some_and(|e| e == "mcap")).collect();
+        assert!(files.len() >= 4, "{files:?}");
+        files.push(data("golden/peel-2s.mcap"));
+        files
+    }
+
+    #[test]
+    fn every_message_of_former_recordings_is_encoded_to_the_same_bytes() {
+        for file in former_recordings() {
+            let bytes = std::fs::read(&file).unwrap();
+            let mut seen = std::collections::BTreeMap::new();
+            for message in mcap::MessageStream::new(&bytes).unwrap() {
+                let message = message.unwrap();
+                let topic = message.channel.topic.as_str();
+                let Some(item) = decode(topic, &message.data).unwrap() else { continue };
+                assert!(encoded(&item) == *message.data, "{}: {topic}", file.display());
+                *seen.entry(item.topic()).or_insert(0u32) += 1;
+            }
+            assert!(seen["blobs"] > 100 && seen["poses"] > 50 && seen["steps"] > 50, "{seen:?}");
+            assert_eq!(Recording::open(&file).unwrap().items().count(), seen.values().sum::<u32>() as usize);
+        }
+    }
+
+    /// The messages of a file's schema, by name, each as its encoded descriptor.
+    fn messages(set: &[u8]) -> std::collections::BTreeMap<Vec<u8>, Vec<u8>> {
+        use crate::protobuf::{Fields, Value};
+        let fields = |bytes| Fields(bytes).map(|f| f.unwrap());
+        let inner = |bytes, tag| {
+            fields(bytes).filter_map(move |(t, v)| match v {
+                Value::Delimited(inner) if t == tag => Some(inner),
+                _ => None,
+            })
+        };
+        let file = inner(set, 1).next().expect("a file");
+        let name = |message| inner(message, 1).next().expect("a name").to_vec();
+        inner(file, 4).map(|message| (name(message), message.to_vec())).collect()
+    }
+
+    #[test]
+    fn descriptors_are_those_of_former_recordings() {
+        let ours = messages(&crate::descriptors::file_descriptor_set());
+        for file in former_recordings() {
+            let bytes = std::fs::read(&file).unwrap();
+            let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+            let own = summary.schemas.values().filter(|s| s.name.starts_with("vitreo."));
+            let mut names = Vec::new();
+            for schema in own {
+                let theirs = messages(&schema.data);
+                for (name, message) in &theirs {
+                    assert!(ours.get(name) == Some(message), "{}", String::from_utf8_lossy(name));
+                }
+                assert_eq!(ours.len(), theirs.len());
+                names.push(schema.name.clone());
+            }
+            assert_eq!(names.len(), Item::TOPICS.len());
+            assert!((0..names.len()).all(|i| names.contains(&crate::message_name(i))), "{names:?}");
+        }
+    }
+
     #[test]
     fn arrays_of_another_length_are_refused() {
-        let wire = wire::PedalState { axes: vec![0.0; 3], ..Default::default() };
-        let refused = decode("pedal", &wire.encode_to_vec()).unwrap_err();
+        let mut pedal = Vec::new();
+        put_message(&mut pedal, 3, |out| out.extend_from_slice(&[0; 24]));
+        let refused = decode("pedal", &pedal).unwrap_err();
         assert_eq!(refused, MessageError::Shape(Shape { expected: 2, found: 3 }));
+        let refused = decode("pedal", &[]).unwrap_err();
+        assert_eq!(refused, MessageError::Shape(Shape { expected: 2, found: 0 }));
+        let refused = decode("steps", &[]).unwrap_err();
+        assert_eq!(refused, MessageError::Shape(Shape { expected: 1, found: 0 }));
+        let mut blobs = Vec::new();
+        (0..65).for_each(|_| put_message(&mut blobs, 8, |_| {}));
+        let refused = decode("blobs", &blobs).unwrap_err();
+        assert_eq!(refused, MessageError::Shape(Shape { expected: 64, found: 65 }));
     }
 
     #[test]
     fn poisoned_numbers_are_refused() {
-        let wire = wire::HandleState { jaw_rad: Some(f64::NAN), tool: 1, ..Default::default() };
-        let refused = decode("handles", &wire.encode_to_vec()).unwrap_err().to_string();
+        let mut handle = Vec::new();
+        put_uint(&mut handle, 5, 1);
+        handle.push(6 << 3 | 1);
+        handle.extend_from_slice(&f64::NAN.to_le_bytes());
+        let refused = decode("handles", &handle).unwrap_err().to_string();
         assert!(refused.contains("jaw_rad"), "{refused}");
+    }
+
+    #[test]
+    fn fields_of_later_versions_are_skipped() {
+        let handle = protocol::handles::HandleState { tool: 1, ..bytemuck::Zeroable::zeroed() };
+        let mut message = encoded(&Item::Handle(handle));
+        put_uint(&mut message, 99, 7);
+        put_message(&mut message, 98, |out| out.push(1));
+        let back = decode("handles", &message).unwrap().unwrap();
+        assert_eq!(bits(&back), bits(&Item::Handle(handle)));
     }
 }

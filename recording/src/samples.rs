@@ -16,18 +16,9 @@ use protocol::steps::{CheckpointHeader, StepRecord};
 
 /// Every number of an item as bytes: equal only for items that are equal to the bit.
 pub fn bits(item: &Item) -> Vec<u8> {
-    let with = |block: &[u8], payload: &[u8]| [block, payload].concat();
-    match item {
-        Item::Blobs(block) => bytemuck::bytes_of(&**block).into(),
-        Item::Handle(block) => bytemuck::bytes_of(block).into(),
-        Item::Pedal(block) => bytemuck::bytes_of(block).into(),
-        Item::Poses(block) => bytemuck::bytes_of(&**block).into(),
-        Item::Step(block) => bytemuck::bytes_of(block).into(),
-        Item::Event(block) => bytemuck::bytes_of(block).into(),
-        Item::Frame(block) => bytemuck::bytes_of(block).into(),
-        Item::Checkpoint(header, state) => with(bytemuck::bytes_of(header), state),
-        Item::Picture(header, jpeg) => with(bytemuck::bytes_of(header), jpeg),
-        Item::Note(note) => format!("{note:?}").into_bytes(),
+    match (item, item.block()) {
+        (_, Some(block)) => [block.bytes, block.payload].concat(),
+        (note, None) => format!("{note:?}").into_bytes(),
     }
 }
 

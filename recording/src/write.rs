@@ -1,6 +1,6 @@
 //! Writing a recording.
 
-use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, display, record, wire};
+use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, descriptors, display, message_name, record};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapResult, WriteOptions};
 use protocol::time::Nanos;
@@ -118,9 +118,10 @@ type Channels = ([u16; Item::TOPICS.len()], [u16; display::TOPICS.len()]);
 
 fn add_channels(mcap: &mut mcap::Writer<BufWriter<File>>) -> McapResult<Channels> {
     let none = BTreeMap::new();
+    let descriptors = descriptors::file_descriptor_set();
     let (mut channels, mut viewers) = ([0; Item::TOPICS.len()], [0; display::TOPICS.len()]);
     for (i, topic) in Item::TOPICS.into_iter().enumerate() {
-        let schema = mcap.add_schema(wire::MESSAGES[i], "protobuf", wire::DESCRIPTORS)?;
+        let schema = mcap.add_schema(&message_name(i), "protobuf", &descriptors)?;
         channels[i] = mcap.add_channel(schema, topic, "protobuf", &none)?;
     }
     for (i, schema) in display::schemas().into_iter().enumerate() {

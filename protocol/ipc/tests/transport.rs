@@ -3,12 +3,15 @@
 use bytemuck::{Pod, Zeroable};
 use ipc::clock::now;
 use ipc::{Instance, IpcError, Queue, wait};
-use protocol::message::{FieldLayout, Invalid, Message, require};
+use protocol::blobs::Blob;
+use protocol::message::{Invalid, Message, require};
+use protocol::scene::{SceneNode, Section};
 use protocol::steps::CheckpointHeader;
+use protocol::wire::Wire;
 use std::os::unix::fs::PermissionsExt;
 
 #[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 struct Number {
     value: u64,
 }
@@ -17,7 +20,6 @@ impl Message for Number {
     const CHANNEL: &'static str = "number";
     const VERSION: u32 = 1;
     const QUEUE: usize = 4;
-    const FIELDS: &'static [FieldLayout] = protocol::fields!(Number { value });
 
     fn validate(&self) -> Result<(), Invalid> {
         require(self.value != 13, "Number", "value", "anything but 13", self.value as f64)
@@ -26,7 +28,7 @@ impl Message for Number {
 
 /// The same channel as `Number`, of the same size, built from another source.
 #[repr(C)]
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[derive(Debug, Clone, Copy, Pod, Wire, Zeroable)]
 struct OtherNumber {
     renamed: u64,
 }
@@ -35,7 +37,6 @@ impl Message for OtherNumber {
     const CHANNEL: &'static str = "number";
     const VERSION: u32 = 1;
     const QUEUE: usize = 4;
-    const FIELDS: &'static [FieldLayout] = protocol::fields!(OtherNumber { renamed });
 
     fn validate(&self) -> Result<(), Invalid> {
         Ok(())
@@ -125,6 +126,71 @@ fn another_layout_is_refused_by_name() {
     let refused = instance.receiver::<OtherNumber>(Queue::InOrder).err().expect("refused");
     assert!(matches!(refused, IpcError::SchemaDiffers { channel: "number", .. }), "{refused}");
     assert!(refused.to_string().contains("rebuild both"));
+}
+
+/// Declares a stand-in for a wire type of the product, on channel "stand-in".
+macro_rules! stand_in {
+    ($name:ident of $part:ty, $elements:ty) => {
+        #[repr(C)]
+        #[derive(Debug, Clone, Copy, Pod, Wire, Zeroable)]
+        struct $name {
+            part: $part,
+            #[wire(elements = $elements)]
+            section: Section,
+        }
+
+        impl Message for $name {
+            const CHANNEL: &'static str = "stand-in";
+            const VERSION: u32 = 1;
+            const QUEUE: usize = 1;
+
+            fn validate(&self) -> Result<(), Invalid> {
+                Ok(())
+            }
+        }
+    };
+}
+
+/// [`Blob`] with `x_px` and `y_field_px` in the other order.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Wire, Zeroable)]
+struct SwappedBlob {
+    y_field_px: f64,
+    x_px: f64,
+    area_px: f64,
+    width_px: f64,
+    height_px: f64,
+    var_x_px2: f64,
+    var_y_px2: f64,
+    cov_xy_px2: f64,
+    colour: u32,
+    flags: u32,
+}
+
+/// [`SceneNode`] with its two shorts in the other order.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Pod, Wire, Zeroable)]
+struct SwappedNode {
+    position_mm: [f32; 3],
+    dye: u16,
+    flag: u16,
+}
+
+stand_in!(Ours of Blob, SceneNode);
+stand_in!(OtherBlob of SwappedBlob, SceneNode);
+stand_in!(OtherNode of Blob, SwappedNode);
+
+#[test]
+fn blobs_and_scene_nodes_of_another_order_are_refused() {
+    let instance = instance("order2");
+    let _sender = instance.block_sender::<Ours>(64).unwrap();
+    assert!(instance.block_receiver::<Ours>().is_ok());
+    for refused in
+        [instance.block_receiver::<OtherBlob>().err(), instance.block_receiver::<OtherNode>().err()]
+    {
+        let refused = refused.expect("refused");
+        assert!(matches!(refused, IpcError::SchemaDiffers { channel: "stand-in", .. }), "{refused}");
+    }
 }
 
 #[test]
