@@ -2,6 +2,7 @@
 
 use crate::children::find_binary;
 use crate::exit::{DIFFERS, LOSS};
+use crate::replay::states_incomparable;
 use crate::score_batch::{self, BatchArgs};
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, is_json, message};
@@ -52,6 +53,10 @@ pub struct Attempt {
     pub live_total: Option<f64>,
     /// Whether that is the same to the bit; `None` where the run told none, or by another version of the score.
     pub agrees: Option<bool>,
+    /// Version of the recording's state hashes where it is not this build's, so that states could not be
+    /// compared; only where it was resimulated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub other_state_hash_version: Option<u32>,
     /// What the recording's damage is, if it has some; the score is that of what comes before.
     pub damage: Option<String>,
     /// The score.
@@ -100,6 +105,7 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
         unmatched: verdict.unmatched,
         live_total: verdict.live.total.map(|(points, _)| points),
         agrees: verdict.agrees(),
+        other_state_hash_version: None,
         damage,
         score: verdict.score,
     })
@@ -128,8 +134,10 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     let (told, scored) = (score_file(file)?, score_file(again.path())?);
     let same = |a: f64, b: f64| a.to_bits() == b.to_bits();
     let agrees = told.live_total.map(|live| same(live, scored.score.total));
+    let other_state_hash_version = Recording::open(file)?.provenance().other_state_hash_version();
     Ok(Attempt {
         file: told.file,
+        other_state_hash_version,
         seconds: told.seconds,
         live_total: told.live_total,
         agrees,
@@ -138,7 +146,7 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     })
 }
 
-/// Runs it. Exit code 3 where a recording could not be scored whole, 5 where a score differs from what the run told.
+/// Runs it. Exit code 3 where a recording could not be scored whole or resimulated states not compared, 5 where a score differs from what the run told.
 pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
     if args.doc {
         print!("{}", training::score::doc::page());
@@ -178,9 +186,13 @@ fn code_of(attempt: &Attempt) -> u8 {
             &format!("{}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched),
         );
     }
+    if let Some(version) = attempt.other_state_hash_version {
+        eprintln!("vitreo: {}: {}", attempt.file, states_incomparable(version));
+    }
     match (attempt.agrees, attempt.damage.is_some() || attempt.unmatched > 0) {
         (_, true) => LOSS,
         (Some(false), false) => DIFFERS,
+        _ if attempt.other_state_hash_version.is_some() => LOSS,
         _ => 0,
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::exit::{DIFFERS, LOSS};
 use crate::progress::files_bar;
+use crate::replay::states_incomparable;
 use crate::results::{attempt_of, keys, write_tables};
 use crate::score::{self, score_file};
 use anyhow::{Context, bail};
@@ -101,7 +102,8 @@ fn row(path: &Path, resimulate: bool) -> Row {
 
 fn problem(scored: &score::Attempt) -> Option<String> {
     let unmatched = (scored.unmatched > 0).then(|| format!("{} steps have no poses", scored.unmatched));
-    scored.damage.clone().or(unmatched)
+    let incomparable = scored.other_state_hash_version.map(states_incomparable);
+    scored.damage.clone().or(unmatched).or(incomparable)
 }
 
 /// A row for people.

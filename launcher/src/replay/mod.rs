@@ -19,6 +19,7 @@ use anyhow::bail;
 use ipc::logging::message;
 use outputs::{Figures, Outputs};
 use pace::Pace;
+use protocol::steps::STATE_HASH_VERSION;
 use recording::{Recording, RecordingError, Source};
 use stage::{Stage, Stopped, TrackerMode};
 use std::path::PathBuf;
@@ -38,7 +39,8 @@ pub struct ReplayArgs {
     /// As fast as the processes take it, instead of with the recorded spacing.
     #[arg(long)]
     pub lockstep: bool,
-    /// Compare every pose and every state with what was recorded; exit 5 where they differ.
+    /// Compare every pose and every state with what was recorded; exit 5 where they differ, 3 where states cannot be compared because the recording is of another version of the
+    /// state hash.
     #[arg(long)]
     pub verify: bool,
     /// Speed: 2 is twice as fast as recorded.
@@ -108,7 +110,8 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     }
     let stop = stop_flag()?;
     let mut outputs = Outputs::open(args)?;
-    let mut verdict = args.verify.then(Verdict::default);
+    let other_state_hash_version = recording.provenance().other_state_hash_version();
+    let mut verdict = args.verify.then(|| Verdict { other_state_hash_version, ..Verdict::default() });
     let outcome = play(args, &recording, mode, &stop, &mut outputs, verdict.as_mut());
     let stopped = match outcome {
         Ok(damage) => {
@@ -175,9 +178,14 @@ fn print(figures: &Figures) {
         );
     }
     if let Some(verdict) = &figures.verify {
-        match &verdict.difference {
-            Some(difference) => println!("verification differs at {difference}"),
-            None => println!("verified: {} poses and {} states identical", verdict.poses, verdict.steps),
+        match (&verdict.difference, verdict.other_state_hash_version) {
+            (Some(difference), _) => println!("verification differs at {difference}"),
+            (None, None) => {
+                println!("verified: {} poses and {} states identical", verdict.poses, verdict.steps)
+            }
+            (None, Some(version)) => {
+                println!("verified: {} poses identical; {}", verdict.poses, states_incomparable(version));
+            }
         }
     }
     if let Some(lost) = &figures.lost {
@@ -195,7 +203,16 @@ fn code(figures: &Figures) -> u8 {
         return DIFFERS;
     }
     let damaged = figures.damage.is_some() && !figures.cut;
-    if damaged || figures.lost.is_some() { LOSS } else { 0 }
+    let incomparable = figures.verify.as_ref().is_some_and(|v| v.other_state_hash_version.is_some());
+    if damaged || incomparable || figures.lost.is_some() { LOSS } else { 0 }
+}
+
+/// Says that states of another hash version cannot be compared.
+pub fn states_incomparable(version: u32) -> String {
+    format!(
+        "states cannot be compared: the recording's state hashes are of version {version}, this build's of \
+         version {STATE_HASH_VERSION}"
+    )
 }
 
 #[cfg(test)]
@@ -216,6 +233,10 @@ mod tests {
         assert_eq!(code(&figures(None, Some("field 9"), None, false)), LOSS);
         assert_eq!(code(&figures(None, None, Some("cut"), true)), 0);
         assert_eq!(code(&figures(None, None, Some("damaged"), false)), LOSS);
+        let mut incomparable = figures(None, None, None, false);
+        let verdict = incomparable.verify.insert(Verdict::default());
+        verdict.other_state_hash_version = Some(7);
+        assert_eq!(code(&incomparable), LOSS);
     }
 
     #[test]

@@ -32,7 +32,8 @@ use ipc::logging::message;
 use options::View;
 use protocol::budget::Stage;
 use protocol::rig::Rig;
-use recording::Provenance;
+use protocol::steps::STATE_HASH_VERSION;
+use recording::{Provenance, STATE_HASH};
 use report::{Report, Versions};
 use results::Store;
 use scene::{DEFAULT_SCENE, SceneFile};
@@ -131,7 +132,8 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     ];
     let config = config.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?)));
     let versions = Versions::of_this_build();
-    let versions = [("vitreo", versions.vitreo), ("profile", versions.profile)];
+    let state_hash = STATE_HASH_VERSION.to_string();
+    let versions = [("vitreo", versions.vitreo), ("profile", versions.profile), (STATE_HASH, &state_hash)];
     Ok(Provenance {
         rig_json: rig.to_json(),
         scene_name: scene_name.into(),

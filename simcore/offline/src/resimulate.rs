@@ -2,8 +2,8 @@
 //! pedal, written as a recording of poses, steps and events that is read once. Pure but for the two files; the same bits as in the live run.
 
 use anyhow::{Context, bail};
-use protocol::steps::StepRecord;
-use recording::{Item, Recording, Writer};
+use protocol::steps::{STATE_HASH_VERSION, StepRecord};
+use recording::{Item, Recording, STATE_HASH, Writer};
 use scene::SceneFile;
 use simcore::resume::Past;
 use simcore::world::World;
@@ -19,22 +19,28 @@ pub struct Resimulated {
     pub steps: u64,
     /// The first of them whose state is not the recorded one.
     pub differs_at: Option<u64>,
+    /// Version of the recording's state hashes where it is not this build's: states are not compared.
+    pub other_state_hash_version: Option<u32>,
 }
 
 /// Resimulates `file` into `out`. A damaged recording is done up to its damage; one whose inputs are missing is refused.
 pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
     let recording = Recording::open(file)?;
     let provenance = recording.provenance();
+    let other_state_hash_version = provenance.other_state_hash_version();
     let scene = SceneFile::parse(&provenance.scene_toml, &file.display().to_string()).context("its scene")?;
     let mut world = World::new(&scene).context("scene")?.unseen();
-    let mut writer = Writer::scratch(out, provenance)?;
-    let (mut past, mut done) = (Past::default(), Resimulated::default());
+    let mut own = provenance.clone();
+    own.versions.insert(STATE_HASH.into(), STATE_HASH_VERSION.to_string());
+    let mut writer = Writer::scratch(out, &own)?;
+    let mut past = Past::default();
+    let mut done = Resimulated { other_state_hash_version, ..Resimulated::default() };
     for item in recording.items_of(&TOPICS) {
         let Ok((_, item)) = item else { break };
         past.note(item.into_entry().expect("only topics of the journal are asked for"));
         while let Some((frame, recorded, state_hash)) = past.advance(&mut world) {
             done.steps += 1;
-            let differs = state_hash != recorded.state_hash;
+            let differs = other_state_hash_version.is_none() && state_hash != recorded.state_hash;
             done.differs_at = done.differs_at.or(differs.then_some(recorded.step));
             let at = frame.instants.exposed;
             writer.write(at, &Item::Poses(frame))?;
@@ -54,6 +60,7 @@ pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use recording::Provenance;
     use std::path::PathBuf;
 
     fn golden() -> PathBuf {
@@ -89,21 +96,29 @@ mod tests {
     fn missing_inputs_are_told_and_another_state_noticed() {
         let folder = tempfile::tempdir().unwrap();
         let (bad, out) = (folder.path().join("bad.mcap"), folder.path().join("again.mcap"));
-        let provenance = Recording::open(&golden()).unwrap().provenance().clone();
-        let copy = |change: &dyn Fn(Item) -> Option<Item>| {
-            let mut writer = Writer::create(&bad, &provenance).unwrap();
+        let mut provenance = Recording::open(&golden()).unwrap().provenance().clone();
+        let copy = |provenance: &Provenance, change: &dyn Fn(Item) -> Option<Item>| {
+            let mut writer = Writer::create(&bad, provenance).unwrap();
             for item in items(&golden(), &TOPICS).into_iter().filter_map(change) {
                 writer.write(1, &item).unwrap();
             }
             writer.finish().unwrap();
         };
-        copy(&|item| Some(item).filter(|i| !matches!(i, Item::Poses(p) if p.frame == 40)));
+        copy(&provenance, &|item| Some(item).filter(|i| !matches!(i, Item::Poses(p) if p.frame == 40)));
         let problem = run(&bad, &out).unwrap_err().to_string();
         assert!(problem.contains("bad.mcap") && problem.contains("inputs of step"), "{problem}");
-        copy(&|item| match item {
+        let another = |item| match item {
             Item::Step(s) if s.step == 30 => Some(Item::Step(StepRecord { state_hash: !s.state_hash, ..s })),
             other => Some(other),
-        });
+        };
+        copy(&provenance, &another);
         assert_eq!(run(&bad, &out).unwrap().differs_at, Some(30));
+        // Hashes of another version say nothing about the states.
+        provenance.versions.insert(STATE_HASH.into(), "7".into());
+        copy(&provenance, &another);
+        let done = run(&bad, &out).unwrap();
+        assert_eq!((done.differs_at, done.other_state_hash_version), (None, Some(7)));
+        let own = Recording::open(&out).unwrap().provenance().other_state_hash_version();
+        assert_eq!(own, None, "what was simulated here is of this version");
     }
 }
