@@ -1,7 +1,7 @@
 //! Arguments of the process.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use collision::choice::Backend;
+use collision::backend::Backend;
 use ipc::shell::ShellArgs;
 use scene::DEFAULT_SCENE;
 use std::path::PathBuf;

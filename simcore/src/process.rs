@@ -6,7 +6,7 @@ use crate::resume::{Past, Resumed};
 use crate::scene_block::{SceneWriter, bytes_needed};
 use crate::world::World;
 use anyhow::Context;
-use collision::choice::Backend;
+use collision::backend::Backend;
 use ipc::clock::now;
 use ipc::shell::Shell;
 use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};

@@ -1,6 +1,6 @@
 //! The choice between processor and adapter changes no result.
 
-use collision::choice::Backend;
+use collision::backend::Backend;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 

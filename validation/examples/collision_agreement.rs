@@ -5,10 +5,10 @@
 //! is one; then as many with the reversed camera, from the handle of a pick or a forceps. Then it draws the same 400 scenes at 8
 //! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
 
-use collision::exact::{Exact, StaticMesh};
+use collision::exact::{PairQuery, StaticMesh};
 use collision::instrument_image::InstrumentImage;
 use collision::surface::Surface;
-use collision::zcoll::{Found, Zcoll};
+use collision::zcoll::{Contacts, Zcoll};
 use font::{CELL_H, CELL_W, glyph};
 use image::{Rgb, RgbImage};
 use protocol::handles::Tool;
@@ -31,11 +31,11 @@ enum End {
 
 impl End {
     /// A look from this end.
-    fn look(self, zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> Found {
+    fn look(self, zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> Contacts {
         let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
         match self {
-            End::Tip => zcoll.look(image, pose, &surface),
-            End::Handle => zcoll.look_back(image, pose, &surface),
+            End::Tip => zcoll.query(image, pose, &surface),
+            End::Handle => zcoll.query_reversed(image, pose, &surface),
         }
     }
 
@@ -52,7 +52,7 @@ impl End {
 fn look(scene: &Scene, end: End) -> Vec<(u32, (u32, i32))> {
     let (mut zcoll, image) = instruments(scene);
     end.look(&mut zcoll, &image, scene);
-    zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect()
+    zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.depth))).collect()
 }
 
 fn instruments(scene: &Scene) -> (Zcoll, InstrumentImage) {
@@ -155,8 +155,8 @@ fn exact_triangles(scene: &Scene) -> BTreeSet<u32> {
         p[0].abs() < v.half_mm && p[1].abs() < v.half_mm && p[2] > v.near_mm && p[2] < v.near_mm + v.depth_mm
     };
     let mesh = StaticMesh::new(&scene.facets()).expect("an instrument is a mesh");
-    let mut exact = Exact::new(&scene.triangles, scene.position_mm[0].len()).expect("a scene is usable");
-    exact.find(&mesh, &scene.instrument_from_eye, &surface(scene));
+    let mut exact = PairQuery::new(&scene.triangles, scene.position_mm[0].len()).expect("a scene is usable");
+    exact.query(&mesh, &scene.instrument_from_eye, &surface(scene));
     let inside = |t: &u32| {
         scene.triangles[*t as usize].iter().all(|&n| {
             let p = scene.position_mm.each_ref().map(|a| f64::from(a[n as usize]));

@@ -2,9 +2,9 @@
 
 use collision::instrument_image::InstrumentImage;
 use collision::instrument_image::Volume;
+use collision::surface::CollisionError;
 use collision::surface::Surface;
-use collision::surface::Unusable;
-use collision::zcoll::{Found, Zcoll};
+use collision::zcoll::{Contacts, Zcoll};
 use proptest::prelude::*;
 use protocol::handles::Tool;
 use protocol::random::Random;
@@ -15,7 +15,7 @@ use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back
 const SCENES: usize = 250;
 
 struct Looked {
-    found: Found,
+    found: Contacts,
     hits: Collisions,
     triangles: BTreeMap<usize, i32>,
     nodes: BTreeMap<usize, i32>,
@@ -32,10 +32,10 @@ fn look(scene: &Scene, simd: bool) -> Looked {
     let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
     let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
     let touches = zcoll.touches(&image, &scene.instrument_from_eye, &surface);
-    let found = zcoll.look(&image, &scene.instrument_from_eye, &surface);
+    let found = zcoll.query(&image, &scene.instrument_from_eye, &surface);
     Looked {
         found,
-        hits: zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect(),
+        hits: zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.depth))).collect(),
         triangles: zcoll.triangles().collect(),
         nodes: zcoll.displaced().collect(),
         touches,
@@ -89,9 +89,9 @@ fn the_reversed_camera_sees_what_exact_rays_see() {
         let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).unwrap();
         let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
         let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
-        let look = |zcoll: &mut Zcoll| -> (Found, Collisions) {
-            let found = zcoll.look_back(&image, &scene.instrument_from_eye, &surface);
-            (found, zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.way))).collect())
+        let look = |zcoll: &mut Zcoll| -> (Contacts, Collisions) {
+            let found = zcoll.query_reversed(&image, &scene.instrument_from_eye, &surface);
+            (found, zcoll.hits().iter().map(|h| (h.pixel, (h.triangle, h.depth))).collect())
         };
         let (found, hits) = look(&mut zcoll);
         assert_eq!(hits, expected, "scene {number}");
@@ -127,7 +127,7 @@ fn vertices_are_reported_with_their_own_depth() {
         let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).unwrap();
         let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
         let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
-        zcoll.look(&image, &scene.instrument_from_eye, &surface);
+        zcoll.query(&image, &scene.instrument_from_eye, &surface);
         let found: BTreeMap<u32, i32> = zcoll.vertices(&image, &surface).iter().copied().collect();
         reported += found.len();
         let living: BTreeSet<u32> = (0..scene.triangles.len())
@@ -164,7 +164,7 @@ fn check_against_rays(scene: &Scene) -> Result<(), TestCaseError> {
     for simd in [true, false] {
         let looked = look(scene, simd);
         prop_assert_eq!(&looked.hits, &expected.collisions);
-        let Found { pixels, folded, refused, flat, .. } = looked.found;
+        let Contacts { pixels, folded, refused, flat, .. } = looked.found;
         prop_assert_eq!(pixels as usize, expected.collisions.len());
         prop_assert_eq!([folded, refused, flat], [expected.folded, expected.refused, expected.flat]);
     }
@@ -204,9 +204,9 @@ proptest! {
         let extent = half_mm > 0.0 && depth_mm > 0.0 && half_mm.is_finite() && depth_mm.is_finite();
         match Zcoll::new(volume, &[[0, 1, 2]], 3) {
             Ok(_) => prop_assert!(extent && (8..=256).contains(&resolution)),
-            Err(Unusable::NoVolume { .. }) => prop_assert!(!extent),
+            Err(CollisionError::NoVolume { .. }) => prop_assert!(!extent),
             Err(refused) => {
-                prop_assert_eq!(refused, Unusable::Resolution { resolution });
+                prop_assert_eq!(refused, CollisionError::Resolution { resolution });
                 prop_assert!(extent && !(8..=256).contains(&resolution));
             }
         }
@@ -220,11 +220,11 @@ proptest! {
         let volume = Volume { half_mm: 0.75, near_mm: -0.25, depth_mm: 1.5, resolution: 8 };
         let stray = triangles.as_flattened().iter().position(|&v| v as usize >= nodes);
         match Zcoll::new(volume, &triangles, nodes) {
-            Err(refused) if triangles.is_empty() => prop_assert_eq!(refused, Unusable::Empty),
+            Err(refused) if triangles.is_empty() => prop_assert_eq!(refused, CollisionError::Empty),
             Err(refused) => {
                 let at = stray.unwrap();
                 let vertex = triangles.as_flattened()[at];
-                prop_assert_eq!(refused, Unusable::NoSuchVertex { triangle: at / 3, vertex, vertices: nodes });
+                prop_assert_eq!(refused, CollisionError::NoSuchVertex { triangle: at / 3, vertex, vertices: nodes });
             }
             Ok(mut zcoll) => {
                 prop_assert!(stray.is_none() && !triangles.is_empty());
@@ -233,7 +233,7 @@ proptest! {
                 // All vertices on one place: no triangle has an area.
                 let (axis, alive) = (vec![0.1f32; nodes], vec![1; triangles.len()]);
                 let surface = Surface { position_mm: [&axis; 3], triangles: &triangles, alive: &alive };
-                let found = zcoll.look(&image, &nalgebra::Isometry3::identity(), &surface);
+                let found = zcoll.query(&image, &nalgebra::Isometry3::identity(), &surface);
                 prop_assert_eq!((found.pixels, found.flat as usize), (0, triangles.len()));
             }
         }

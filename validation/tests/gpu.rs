@@ -5,7 +5,7 @@
 use collision::gpu::{GpuDevice, GpuZcoll};
 use collision::instrument_image::InstrumentImage;
 use collision::surface::Surface;
-use collision::zcoll::{Found, Hit, Zcoll};
+use collision::zcoll::{Contacts, PixelContact, Zcoll};
 use nalgebra::Isometry3;
 use protocol::handles::Tool;
 use protocol::random::Random;
@@ -15,15 +15,15 @@ use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back
 const SCENES: usize = 200;
 
 /// Everything that a look tells, in one order.
-type Told = (Found, Vec<Hit>, Vec<(usize, i32)>, Vec<(usize, i32)>, Vec<(u32, i32)>);
+type Told = (Contacts, Vec<PixelContact>, Vec<(usize, i32)>, Vec<(usize, i32)>, Vec<(u32, i32)>);
 
 /// What a look from the tip tells, one from the handle, and whether there is a collision at all.
 fn told(zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> ([Told; 2], bool) {
     let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
     let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
     let touches = zcoll.touches(image, &scene.instrument_from_eye, &surface);
-    type Look = fn(&mut Zcoll, &InstrumentImage, &Isometry3<f64>, &Surface) -> Found;
-    let ends: [Look; 2] = [Zcoll::look, Zcoll::look_back];
+    type Look = fn(&mut Zcoll, &InstrumentImage, &Isometry3<f64>, &Surface) -> Contacts;
+    let ends: [Look; 2] = [Zcoll::query, Zcoll::query_reversed];
     let looks = ends.map(|look| {
         let found = look(zcoll, image, &scene.instrument_from_eye, &surface);
         let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
@@ -67,7 +67,7 @@ fn an_adapter_gives_the_same_bits() {
         // Not only with each other: with exact rays, from both ends.
         let rays = [collisions(&scene), collisions_back(&scene)];
         for ((seen, rays), pixels) in gpu.0.iter().zip(rays).zip(&mut pixels) {
-            let hits = seen.1.iter().map(|h| (h.pixel, (h.triangle, h.way)));
+            let hits = seen.1.iter().map(|h| (h.pixel, (h.triangle, h.depth)));
             assert!(hits.eq(rays), "scene {number}");
             *pixels += seen.1.len();
         }
@@ -111,7 +111,7 @@ fn extremes_of_the_format_are_exact_on_an_adapter() {
         let scene = Scene::extreme(&mut random, [8, 32, 256][number % 3]);
         let [cpu, gpu] = both(&device, &scene);
         assert_eq!(cpu, gpu, "scene {number}");
-        let hits: Collisions = gpu.0[0].1.iter().map(|h| (h.pixel, (h.triangle, h.way))).collect();
+        let hits: Collisions = gpu.0[0].1.iter().map(|h| (h.pixel, (h.triangle, h.depth))).collect();
         assert_eq!(hits, collisions(&scene), "scene {number}");
         pixels += hits.len();
     }

@@ -13,17 +13,17 @@ pub type Point = [f64; 3];
 
 /// A feature's corner at the begin and at the end of its way.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moving {
+pub struct MovingPoint {
     /// At time 0.
     pub from: Point,
     /// At time 1.
     pub to: Point,
 }
 
-impl Moving {
+impl MovingPoint {
     /// A corner that rests.
     pub fn still(at: Point) -> Self {
-        Moving { from: at, to: at }
+        MovingPoint { from: at, to: at }
     }
 
     fn at(&self, t: f64) -> Point {
@@ -43,9 +43,9 @@ const MAX_WAITING: usize = 192;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Features {
     /// A point and the corners of a triangle.
-    PointTriangle(Moving, [Moving; 3]),
+    PointTriangle(MovingPoint, [MovingPoint; 3]),
     /// The ends of two edges.
-    Edges([Moving; 2], [Moving; 2]),
+    Edges([MovingPoint; 2], [MovingPoint; 2]),
 }
 
 /// Part of time and of the two coordinates, each as numerator over a power of two: halving is exact.
@@ -56,8 +56,8 @@ struct Part {
 }
 
 impl Features {
-    fn corners(&self) -> impl Iterator<Item = &Moving> {
-        let (a, b): (&[Moving], &[Moving]) = match self {
+    fn corners(&self) -> impl Iterator<Item = &MovingPoint> {
+        let (a, b): (&[MovingPoint], &[MovingPoint]) = match self {
             Features::PointTriangle(point, triangle) => (std::slice::from_ref(point), triangle),
             Features::Edges(first, second) => (first, second),
         };
@@ -85,7 +85,7 @@ impl Features {
 
     /// A time not after the first contact, if there is one; features nearer than `tolerance_mm` (above 0) along every axis touch.
     /// What is not a number touches at once: nobody can rule it out.
-    pub fn meet(&self, tolerance_mm: f64) -> Option<f64> {
+    pub fn time_of_impact(&self, tolerance_mm: f64) -> Option<f64> {
         let sizes = || self.corners().flat_map(|c| c.from.into_iter().chain(c.to)).map(f64::abs);
         let largest = sizes().fold(0.0, |a, b| if b > a { b } else { a });
         if !sizes().all(f64::is_finite) {
@@ -104,11 +104,11 @@ impl Features {
             if self.is_beyond(&part) {
                 continue;
             }
-            match self.look(&part, slack, tolerance_mm) {
-                Look::Apart => (),
-                Look::Near => return Some(part.low[0]),
-                Look::Halve(_) if count + 2 > MAX_WAITING => return Some(part.low[0]),
-                Look::Halve(axis) => {
+            match self.test_box(&part, slack, tolerance_mm) {
+                BoxTest::Apart => (),
+                BoxTest::Near => return Some(part.low[0]),
+                BoxTest::Halve(_) if count + 2 > MAX_WAITING => return Some(part.low[0]),
+                BoxTest::Halve(axis) => {
                     let mut half = part;
                     half.size[axis] *= 0.5;
                     let mut upper = half;
@@ -121,7 +121,7 @@ impl Features {
         waiting[..count].iter().map(|p| p.low[0]).reduce(|a, b| if b < a { b } else { a })
     }
 
-    fn look(&self, part: &Part, slack: f64, tolerance_mm: f64) -> Look {
+    fn test_box(&self, part: &Part, slack: f64, tolerance_mm: f64) -> BoxTest {
         let values: [Point; 8] = std::array::from_fn(|corner| {
             self.difference(std::array::from_fn(|k| {
                 part.low[k] + if corner >> k & 1 == 1 { part.size[k] } else { 0.0 }
@@ -132,7 +132,7 @@ impl Features {
             let low = values.iter().fold(f64::INFINITY, |m, v| if v[k] < m { v[k] } else { m });
             let high = values.iter().fold(f64::NEG_INFINITY, |m, v| if v[k] > m { v[k] } else { m });
             if low > slack || high < -slack {
-                return Look::Apart;
+                return BoxTest::Apart;
             }
             near &= high - low < tolerance_mm;
         }
@@ -145,20 +145,20 @@ impl Features {
         };
         let changes = [change(0), change(1), change(2)];
         let axis = (0..3).fold(0, |best, k| if changes[k] > changes[best] { k } else { best });
-        if near || changes[axis] <= slack { Look::Near } else { Look::Halve(axis) }
+        if near || changes[axis] <= slack { BoxTest::Near } else { BoxTest::Halve(axis) }
     }
 }
 
-enum Look {
+enum BoxTest {
     Apart,
     Near,
     Halve(usize),
 }
 
 /// Whether a point that moves straight from `from` to `to` meets one of the living triangles, which rest. The tolerance is 10 nm.
-pub fn crosses(from: Point, to: Point, surface: &super::surface::Surface) -> bool {
+pub fn path_hits(from: Point, to: Point, surface: &super::surface::Surface) -> bool {
     const TOLERANCE_MM: f64 = 1e-5;
-    let tip = Moving { from, to };
+    let tip = MovingPoint { from, to };
     let low: Point = std::array::from_fn(|k| if from[k] < to[k] { from[k] } else { to[k] } - TOLERANCE_MM);
     let high: Point = std::array::from_fn(|k| if from[k] < to[k] { to[k] } else { from[k] } + TOLERANCE_MM);
     let living = surface.triangles.iter().zip(surface.alive).filter(|(_, alive)| **alive != 0);
@@ -166,7 +166,10 @@ pub fn crosses(from: Point, to: Point, surface: &super::surface::Surface) -> boo
         |corners| {
             let apart = (0..3)
                 .any(|k| corners.iter().all(|c| c[k] < low[k]) || corners.iter().all(|c| c[k] > high[k]));
-            !apart && Features::PointTriangle(tip, corners.map(Moving::still)).meet(TOLERANCE_MM).is_some()
+            !apart
+                && Features::PointTriangle(tip, corners.map(MovingPoint::still))
+                    .time_of_impact(TOLERANCE_MM)
+                    .is_some()
         },
     )
 }
@@ -181,8 +184,10 @@ mod tests {
 
     #[test]
     fn a_point_meets_a_resting_triangle_halfway() {
-        let falling = |x: f64| Moving { from: [x, 0.25, 1.0], to: [x, 0.25, -1.0] };
-        let met = |x: f64| Features::PointTriangle(falling(x), TRIANGLE.map(Moving::still)).meet(1e-6);
+        let falling = |x: f64| MovingPoint { from: [x, 0.25, 1.0], to: [x, 0.25, -1.0] };
+        let met = |x: f64| {
+            Features::PointTriangle(falling(x), TRIANGLE.map(MovingPoint::still)).time_of_impact(1e-6)
+        };
         assert!((met(0.25).unwrap() - 0.5).abs() < 1e-5);
         assert_eq!((met(-0.01), met(0.76)), (None, None));
         assert!(met(0.75).is_some(), "the edge belongs to it");
@@ -190,8 +195,11 @@ mod tests {
 
     #[test]
     fn what_is_not_a_number_is_not_ruled_out() {
-        let bad = Moving { from: [f64::NAN, 5.0, 5.0], to: [5.0; 3] };
-        assert_eq!(Features::PointTriangle(bad, TRIANGLE.map(Moving::still)).meet(1e-6), Some(0.0));
+        let bad = MovingPoint { from: [f64::NAN, 5.0, 5.0], to: [5.0; 3] };
+        assert_eq!(
+            Features::PointTriangle(bad, TRIANGLE.map(MovingPoint::still)).time_of_impact(1e-6),
+            Some(0.0)
+        );
     }
 
     /// One query of the collection: eight points, and the exact answer.
@@ -229,13 +237,13 @@ mod tests {
         for file in files {
             let edges = file.parent().unwrap().ends_with("edge-edge");
             for (number, (p, truth)) in queries(&file).into_iter().enumerate() {
-                let m: [Moving; 4] = std::array::from_fn(|i| Moving { from: p[i], to: p[i + 4] });
+                let m: [MovingPoint; 4] = std::array::from_fn(|i| MovingPoint { from: p[i], to: p[i + 4] });
                 let features = if edges {
                     Features::Edges([m[0], m[1]], [m[2], m[3]])
                 } else {
                     Features::PointTriangle(m[0], [m[1], m[2], m[3]])
                 };
-                let met = features.meet(1e-9).is_some();
+                let met = features.time_of_impact(1e-9).is_some();
                 assert!(met || !truth, "{} query {number} is missed", file.display());
                 queried += 1;
                 colliding += usize::from(truth);
@@ -253,13 +261,13 @@ mod tests {
             x in -0.5f64..1.5, y in -0.5f64..1.5, height in 0.1f64..2.0, fall in 0.2f64..4.0,
             drift in prop::array::uniform3(-1.0f64..1.0),
         ) {
-            let shift = |p: Point| Moving { from: p, to: std::array::from_fn(|k| p[k] + drift[k]) };
-            let point = Moving { from: [x, y, height], to: [x, y, height - fall] };
+            let shift = |p: Point| MovingPoint { from: p, to: std::array::from_fn(|k| p[k] + drift[k]) };
+            let point = MovingPoint { from: [x, y, height], to: [x, y, height - fall] };
             let t = height / (fall + drift[2]);
             let (u, v) = (x - drift[0] * t, y - drift[1] * t);
             let margin = u.min(v).min(1.0 - u - v).min(1.0 - t);
             prop_assume!(margin.abs() > 1e-3 && t > 0.0);
-            let met = Features::PointTriangle(point, TRIANGLE.map(shift)).meet(1e-6);
+            let met = Features::PointTriangle(point, TRIANGLE.map(shift)).time_of_impact(1e-6);
             prop_assert_eq!(met.is_some(), margin > 0.0);
             if let Some(met) = met {
                 prop_assert!(met <= t && met > t - 1e-4, "{} {}", met, t);

@@ -1,4 +1,4 @@
-//! Exact pairs: which triangle of the membrane meets which triangle of the instrument.
+//! PairQuery pairs: which triangle of the membrane meets which triangle of the instrument.
 //!
 //! The membrane is put into the instrument's frame, where the instrument never moves: a static tree over the instrument
 //! serves every pose, and none is needed over the membrane, which is culled by the instrument's box
@@ -8,8 +8,8 @@
 //! Exact means: with respect to corners rounded to a grid that follows from the instrument's size (a power of two of mm; 31 nm
 //! for a shaft of 3 mm). From there on all numbers are whole and no sign is ever rounded.
 
-use super::placing::{PLANES, Placed, Placing, REFUSED, to_fixed};
-use super::surface::{Cull, Frame, Surface, Unusable};
+use super::quantize::{PLANES, QuantizedVertex, Quantizer, REFUSED, to_fixed};
+use super::surface::{CollisionError, Cull, Frame, Surface};
 use super::tool_mesh::Facet;
 use super::tritri::{Corner, LIMIT, Triangle};
 use nalgebra::Isometry3;
@@ -57,7 +57,7 @@ impl Boxes {
 
     /// Bit i is 1 if box i meets the given one, else 0.
     #[inline(always)]
-    fn meets(&self, [low, high]: &[Corner; 2]) -> u32 {
+    fn intersects(&self, [low, high]: &[Corner; 2]) -> u32 {
         // A word a lane and selections: the form that becomes vector code.
         let mut apart = [0u32; WIDE];
         for k in 0..3 {
@@ -86,16 +86,16 @@ pub struct StaticMesh {
 
 impl StaticMesh {
     /// Builds the tree; facets in the instrument's frame, mm.
-    pub fn new(facets: &[Facet]) -> Result<Self, Unusable> {
+    pub fn new(facets: &[Facet]) -> Result<Self, CollisionError> {
         let found = facets.len();
         if found >= super::surface::MAX_IDS {
-            return Err(Unusable::TooManyIds { found });
+            return Err(CollisionError::TooManyIds { found });
         }
         let largest =
             facets.iter().flatten().flatten().fold(0.0f64, |m, c| if c.abs() > m { c.abs() } else { m });
         let finite = facets.iter().flatten().flatten().all(|c| c.is_finite());
         if !(finite && largest > 0.0) {
-            return Err(Unusable::NoVolume { half_mm: largest, depth_mm: largest });
+            return Err(CollisionError::NoVolume { half_mm: largest, depth_mm: largest });
         }
         let scale = libm::exp2(libm::floor(libm::log2(f64::from(BOX_LIMIT - 1) / largest))) as f32;
         let mut mesh =
@@ -108,7 +108,7 @@ impl StaticMesh {
             }
         }
         if mesh.triangles.is_empty() {
-            return Err(Unusable::Empty);
+            return Err(CollisionError::Empty);
         }
         order(&mut mesh.triangles);
         mesh.build();
@@ -146,7 +146,7 @@ impl StaticMesh {
     /// Calls `met(i, number)` for every own triangle that has a point in common with the i-th of the given ones. They go down the
     /// tree together, which is worth it if they are neighbours.
     #[inline(always)]
-    pub fn meeting(&self, triangles: &[Triangle], mut met: impl FnMut(usize, u32)) {
+    pub fn for_each_intersecting(&self, triangles: &[Triangle], mut met: impl FnMut(usize, u32)) {
         let Some(first) = triangles.first() else { return };
         let mut bounds = first.bounds();
         for other in &triangles[1..] {
@@ -156,7 +156,7 @@ impl StaticMesh {
         // Which children of the node in work on each level still wait.
         let (mut node, mut waiting) = ([0usize; MAX_LEVELS], [0u32; MAX_LEVELS]);
         let mut level = top;
-        waiting[top] = self.levels[top][0].meets(&bounds);
+        waiting[top] = self.levels[top][0].intersects(&bounds);
         loop {
             if waiting[level] == 0 {
                 if level == top {
@@ -169,12 +169,12 @@ impl StaticMesh {
             waiting[level] &= waiting[level] - 1;
             if level > 0 {
                 level -= 1;
-                (node[level], waiting[level]) = (child, self.levels[level][child].meets(&bounds));
+                (node[level], waiting[level]) = (child, self.levels[level][child].intersects(&bounds));
                 continue;
             }
             let (other, number) = &self.triangles[child];
             for (i, triangle) in triangles.iter().enumerate() {
-                if triangle.meets(other) {
+                if triangle.intersects(other) {
                     met(i, *number);
                 }
             }
@@ -216,7 +216,7 @@ fn order(triangles: &mut [(Triangle, u32)]) {
 
 /// What a query found besides its pairs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct ExactFound {
+pub struct PairCounts {
     /// Pairs.
     pub pairs: u32,
     /// Triangles that reach beyond the grid, or have a corner that is not a number: not tested.
@@ -227,17 +227,17 @@ pub struct ExactFound {
 
 /// Work space of the queries of one membrane.
 #[derive(Debug)]
-pub struct Exact {
+pub struct PairQuery {
     cull: Cull,
-    vertex: Vec<Placed>,
+    vertex: Vec<QuantizedVertex>,
     pairs: Vec<Pair>,
 }
 
-impl Exact {
+impl PairQuery {
     /// Lists for a membrane of these triangles between so many nodes.
-    pub fn new(triangles: &[[u32; 3]], nodes: usize) -> Result<Self, Unusable> {
+    pub fn new(triangles: &[[u32; 3]], nodes: usize) -> Result<Self, CollisionError> {
         let cull = Cull::new(triangles, nodes)?;
-        Ok(Exact { cull, vertex: vec![Placed::default(); nodes], pairs: Vec::new() })
+        Ok(PairQuery { cull, vertex: vec![QuantizedVertex::default(); nodes], pairs: Vec::new() })
     }
 
     /// Uses the base instruction set only: for the proof that every path gives the same bits.
@@ -247,18 +247,18 @@ impl Exact {
     }
 
     /// Finds all pairs; [`Self::pairs`] lists them.
-    pub fn find(
+    pub fn query(
         &mut self,
         mesh: &StaticMesh,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
-    ) -> ExactFound {
+    ) -> PairCounts {
         self.pairs.clear();
         let frame = Frame::new(instrument_from_eye);
         let wide = |c: Corner, by: f32| c.map(|c| (c as f32 + by) / mesh.scale);
         let [low, high] = [wide(mesh.bounds[0], -CULL_MARGIN), wide(mesh.bounds[1], CULL_MARGIN)];
-        self.cull.sort(surface, &frame, low, high);
-        let placing = Placing {
+        self.cull.classify(surface, &frame, low, high);
+        let placing = Quantizer {
             frame,
             format: [(mesh.scale, 0.0); 3],
             limit: [LIMIT; 3],
@@ -266,8 +266,8 @@ impl Exact {
             high: mesh.bounds[1],
         };
         let simd = self.cull.simd();
-        let mut found = ExactFound::default();
-        self.cull.survivors(
+        let mut found = PairCounts::default();
+        self.cull.for_each_survivor(
             surface.triangles.len(),
             &mut (&mut self.vertex, &mut self.pairs, &mut found),
             |(vertex, _, _), block| placing.block(simd, surface, block, vertex),
@@ -294,9 +294,9 @@ struct TestChunk<'a> {
     mesh: &'a StaticMesh,
     surface: &'a Surface<'a>,
     range: std::ops::Range<usize>,
-    vertex: &'a [Placed],
+    vertex: &'a [QuantizedVertex],
     pairs: &'a mut Vec<Pair>,
-    found: &'a mut ExactFound,
+    found: &'a mut PairCounts,
 }
 
 impl pulp::NullaryFnOnce for TestChunk<'_> {
@@ -304,7 +304,7 @@ impl pulp::NullaryFnOnce for TestChunk<'_> {
 
     #[inline(always)]
     fn call(mut self) {
-        let mut waiting = Together::new();
+        let mut waiting = Batch::new();
         for t in self.range.clone() {
             let [a, b, c] = self.surface.triangles[t].map(|v| self.vertex[v as usize]);
             if a.code & b.code & c.code & PLANES != 0 || self.surface.alive[t] == 0 {
@@ -321,7 +321,7 @@ impl pulp::NullaryFnOnce for TestChunk<'_> {
             waiting.triangles[waiting.count] = triangle;
             waiting.numbers[waiting.count] = t as u32;
             waiting.count += 1;
-            if waiting.count == TOGETHER {
+            if waiting.count == BATCH {
                 self.test(&mut waiting);
             }
         }
@@ -330,27 +330,27 @@ impl pulp::NullaryFnOnce for TestChunk<'_> {
 }
 
 /// Triangles that go down the tree together: the two of a square have nearly the same box.
-const TOGETHER: usize = 2;
+const BATCH: usize = 2;
 
-struct Together {
-    triangles: [Triangle; TOGETHER],
-    numbers: [u32; TOGETHER],
+struct Batch {
+    triangles: [Triangle; BATCH],
+    numbers: [u32; BATCH],
     count: usize,
 }
 
-impl Together {
+impl Batch {
     #[inline(always)]
     fn new() -> Self {
         let none = Triangle { corners: [[0; 3]; 3], normal: [0; 3], height: 0 };
-        Together { triangles: [none; TOGETHER], numbers: [0; TOGETHER], count: 0 }
+        Batch { triangles: [none; BATCH], numbers: [0; BATCH], count: 0 }
     }
 }
 
 impl TestChunk<'_> {
     #[inline(always)]
-    fn test(&mut self, waiting: &mut Together) {
-        let Together { triangles, numbers, count } = waiting;
-        self.mesh.meeting(&triangles[..*count], |i, instrument| {
+    fn test(&mut self, batch: &mut Batch) {
+        let Batch { triangles, numbers, count } = batch;
+        self.mesh.for_each_intersecting(&triangles[..*count], |i, instrument| {
             self.pairs.push(Pair { membrane: numbers[i], instrument });
         });
         *count = 0;
@@ -377,7 +377,7 @@ mod tests {
                 continue;
             }
             let Some(triangle) = Triangle::new(corners) else { continue };
-            let met = mesh.triangles().iter().filter(|(other, _)| other.meets(&triangle));
+            let met = mesh.triangles().iter().filter(|(other, _)| other.intersects(&triangle));
             pairs.extend(met.map(|(_, n)| Pair { membrane: t as u32, instrument: *n }));
         }
         pairs.sort_unstable();
@@ -405,23 +405,23 @@ mod tests {
             };
             let mut expected = brute(&mesh, &pose, &surface);
             expected.retain(|p| p.membrane as usize != torn);
-            let mut exact = Exact::new(&triangles, 625).unwrap();
-            let found = exact.find(&mesh, &pose, &surface);
+            let mut exact = PairQuery::new(&triangles, 625).unwrap();
+            let found = exact.query(&mesh, &pose, &surface);
             let order = exact.pairs().to_vec();
             let mut pairs = order.clone();
             pairs.sort_unstable();
             prop_assert_eq!(pairs, expected);
-            let mut plain = Exact::new(&triangles, 625).unwrap().without_simd();
-            prop_assert_eq!((plain.find(&mesh, &pose, &surface), plain.pairs()), (found, &order[..]));
+            let mut plain = PairQuery::new(&triangles, 625).unwrap().without_simd();
+            prop_assert_eq!((plain.query(&mesh, &pose, &surface), plain.pairs()), (found, &order[..]));
         }
     }
 
     #[test]
     fn an_instrument_that_cannot_be_one_is_refused() {
         let flat = [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]];
-        assert_eq!(StaticMesh::new(&flat).unwrap_err(), Unusable::Empty);
+        assert_eq!(StaticMesh::new(&flat).unwrap_err(), CollisionError::Empty);
         let nan = [[[0.0, 0.0, f64::NAN], [1.0, 0.0, 0.0], [2.0, 1.0, 0.0]]];
-        assert!(matches!(StaticMesh::new(&nan).unwrap_err(), Unusable::NoVolume { .. }));
+        assert!(matches!(StaticMesh::new(&nan).unwrap_err(), CollisionError::NoVolume { .. }));
         assert!(StaticMesh::new(&[]).is_err());
     }
 
@@ -435,8 +435,8 @@ mod tests {
             triangles: &[[0, 1, 2], [0, 0, 3]],
             alive: &[1, 1],
         };
-        let mut exact = Exact::new(surface.triangles, 4).unwrap();
-        let found = exact.find(&mesh, &Isometry3::identity(), &surface);
+        let mut exact = PairQuery::new(surface.triangles, 4).unwrap();
+        let found = exact.query(&mesh, &Isometry3::identity(), &surface);
         assert_eq!((found.pairs, found.refused), (0, 1));
     }
 }

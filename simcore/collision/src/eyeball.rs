@@ -40,7 +40,7 @@ pub struct RetinaContact {
 
 /// What a change of the contact means.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Change {
+pub struct ContactChange {
     /// Grazed, touched, penetrated or left.
     pub kind: EventKind,
     /// mm of clearance or depth, or s of contact.
@@ -55,12 +55,12 @@ pub const AWAY: RetinaContact =
 
 /// Follows the contact by one substep; `clearance_mm` is the distance of the tip from the retina, negative
 /// inside it.
-pub fn follow(
+pub fn update_contact(
     contact: &mut RetinaContact,
     clearance_mm: f64,
     substep: u64,
     scene: &ContactScene,
-) -> Option<Change> {
+) -> Option<ContactChange> {
     let before = contact.level;
     let level = level_at(before, clearance_mm, scene);
     let limit = match level {
@@ -68,7 +68,7 @@ pub fn follow(
         RetinaLevel::Touching => scene.touch_mm,
         RetinaLevel::Away | RetinaLevel::Inside => 0.0,
     };
-    let change = |kind, value| Some(Change { kind, value, limit });
+    let change = |kind, value| Some(ContactChange { kind, value, limit });
     contact.level = level;
     if before == RetinaLevel::Away && level > before {
         contact.since_substep = substep;
@@ -117,7 +117,10 @@ mod tests {
         let scene = SceneFile::load("peel").unwrap().contact;
         let mut contact = AWAY;
         let steps = clearances.iter().enumerate();
-        steps.filter_map(|(i, &c)| follow(&mut contact, c, i as u64, &scene)).map(|c| c.kind).collect()
+        steps
+            .filter_map(|(i, &c)| update_contact(&mut contact, c, i as u64, &scene))
+            .map(|c| c.kind)
+            .collect()
     }
 
     #[test]
@@ -144,8 +147,8 @@ mod tests {
     fn duration_counts_substeps() {
         let scene = SceneFile::load("peel").unwrap().contact;
         let mut contact = AWAY;
-        follow(&mut contact, 0.2, 100, &scene);
-        let left = follow(&mut contact, 5.0, 350, &scene).unwrap();
+        update_contact(&mut contact, 0.2, 100, &scene);
+        let left = update_contact(&mut contact, 5.0, 350, &scene).unwrap();
         assert!((left.value - 0.25).abs() < 1e-12);
     }
 }

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! `cull` drops triangles by an estimate in `f32`, wide enough for any rounding. What it leaves is placed exactly: `soft_float.wgsl`
-//! does the `f32` arithmetic of [`super::placing`] in whole numbers, because a shading language lets an adapter fuse, flush and
+//! does the `f32` arithmetic of [`super::quantize`] in whole numbers, because a shading language lets an adapter fuse, flush and
 //! reorder. Depths are divided in 64 bits made of two words (`wide.wgsl`). Everything that threads do to the same word is a
 //! maximum or a sum of whole numbers, so that no order of threads can show. The images stay on the adapter: colliding pixels,
 //! triangles and nodes are compacted there, and only they come back, here sorted by number.
@@ -19,12 +19,12 @@ mod layout;
 mod passes;
 
 pub use device::{GpuDevice, GpuError};
-pub use layout::Look;
+pub use layout::QueryParams;
 pub use passes::SHADER;
 
 use super::instrument_image::{Side, Volume};
 use super::surface::{Frame, Surface};
-use super::zcoll::{Found, Hit};
+use super::zcoll::{Contacts, PixelContact};
 use layout::{COUNTERS, Lists, WORDS};
 use nalgebra::Isometry3;
 use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder};
@@ -53,12 +53,12 @@ mod counter {
 /// The adapter's memory for a mesh.
 #[derive(Debug)]
 struct Memory {
-    look: Buffer,
+    params: Buffer,
     position: Buffer,
     alive: Buffer,
     instrument: Buffer,
     work: Buffer,
-    told: Buffer,
+    results: Buffer,
     /// What comes back at once.
     staging: Buffer,
     /// Everything, for a look that found more.
@@ -77,10 +77,10 @@ pub struct GpuZcoll {
     sent_alive: Vec<u8>,
     sent_image: Vec<i32>,
     words: Vec<u32>,
-    /// Results of the last look, sorted: (triangle, way), (node, way).
+    /// Results of the last look, sorted: (triangle, depth), (node, depth).
     triangles: Vec<(u32, i32)>,
     nodes: Vec<(u32, i32)>,
-    hits: Vec<Hit>,
+    hits: Vec<PixelContact>,
     vertices: Vec<(u32, i32)>,
 }
 
@@ -119,17 +119,21 @@ impl GpuZcoll {
         // New buffers are zero: no triangle and no node has a vector yet.
         let longest = buffer("longest", triangles.len() + nodes, storage);
         let memory = Memory {
-            look: buffer("look", size_of::<Look>() / 4, BufferUsages::UNIFORM | BufferUsages::COPY_DST),
+            params: buffer(
+                "params",
+                size_of::<QueryParams>() / 4,
+                BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            ),
             position: buffer("positions", 3 * nodes, filled),
             alive: buffer("alive", triangles.len().div_ceil(32), filled),
             instrument: buffer("instrument", pixels, filled),
             work: buffer("work", COUNTERS + 3 * pixels, filled | BufferUsages::COPY_SRC),
-            told: buffer("told", lists.words(), storage | BufferUsages::COPY_SRC),
+            results: buffer("results", lists.words(), storage | BufferUsages::COPY_SRC),
             staging: buffer("staging", back, BufferUsages::MAP_READ | BufferUsages::COPY_DST),
             rest: None,
         };
         let bound = [
-            &memory.look,
+            &memory.params,
             &memory.position,
             &corner,
             &memory.alive,
@@ -137,7 +141,7 @@ impl GpuZcoll {
             &survivor,
             &memory.work,
             &longest,
-            &memory.told,
+            &memory.results,
         ];
         let group = gpu.passes.bind(&gpu.device, bound);
         gpu.queue.write_buffer(&corner, 0, bytemuck::cast_slice(corners));
@@ -163,17 +167,17 @@ impl GpuZcoll {
         &self.gpu
     }
 
-    /// As [`super::zcoll::Zcoll::look`], or [`super::zcoll::Zcoll::look_back`] for an instrument seen from its handle: to the shaders
+    /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an instrument seen from its handle: to the shaders
     /// these differ by the image and by the scale of depth, which is negative from the handle. On an error nothing was found, and the adapter is better left alone.
-    pub fn look(
+    pub fn query(
         &mut self,
         side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
-    ) -> Result<Found, GpuError> {
-        self.forget();
+    ) -> Result<Contacts, GpuError> {
+        self.clear();
         if side.rect.is_empty() {
-            return Ok(Found::default());
+            return Ok(Contacts::default());
         }
         self.send(side, instrument_from_eye, surface)?;
         let mut encoder = self.begin();
@@ -191,7 +195,7 @@ impl GpuZcoll {
         triangles.sort_unstable();
         nodes.sort_unstable();
         self.hits.sort_unstable_by_key(|hit| hit.pixel);
-        Ok(Found {
+        Ok(Contacts {
             pixels: counters[counter::PIXELS],
             deepest: counters[counter::DEEPEST] as i32,
             folded: counters[counter::FOLDED],
@@ -207,7 +211,7 @@ impl GpuZcoll {
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> Result<bool, GpuError> {
-        self.forget();
+        self.clear();
         if side.rect.is_empty() {
             return Ok(false);
         }
@@ -250,17 +254,17 @@ impl GpuZcoll {
         &self.triangles
     }
 
-    /// Nodes of the last look with their way (Eq. 1), steps; by number.
+    /// Nodes of the last look with their depth (Eq. 1), steps; by number.
     pub fn displaced(&self) -> &[(u32, i32)] {
         &self.nodes
     }
 
     /// Vectors of the last look, by pixel.
-    pub fn hits(&self) -> &[Hit] {
+    pub fn hits(&self) -> &[PixelContact] {
         &self.hits
     }
 
-    fn forget(&mut self) {
+    fn clear(&mut self) {
         self.triangles.clear();
         self.nodes.clear();
         self.hits.clear();
@@ -275,8 +279,8 @@ impl GpuZcoll {
     ) -> Result<(), GpuError> {
         self.gpu.check()?;
         let (queue, memory) = (&self.gpu.queue, &self.memory);
-        let look = Look::new(&Frame::new(instrument_from_eye), &self.volume, side, &self.lists);
-        queue.write_buffer(&memory.look, 0, bytemuck::bytes_of(&look));
+        let params = QueryParams::new(&Frame::new(instrument_from_eye), &self.volume, side, &self.lists);
+        queue.write_buffer(&memory.params, 0, bytemuck::bytes_of(&params));
         for (axis, values) in surface.position_mm.iter().enumerate() {
             let values = &values[..self.lists.nodes];
             queue.write_buffer(
@@ -378,7 +382,7 @@ fn copy(
         ends[k + 1] = ends[k] + words;
         if words > 0 {
             let (from, at) = (4 * lists.first[k] as u64, 4 * ends[k] as u64);
-            encoder.copy_buffer_to_buffer(&memory.told, from, to, at, 4 * words as u64);
+            encoder.copy_buffer_to_buffer(&memory.results, from, to, at, 4 * words as u64);
         }
     }
     ends
@@ -391,10 +395,10 @@ fn take(
     counts: [usize; 3],
     triangles: &mut Vec<(u32, i32)>,
     nodes: &mut Vec<(u32, i32)>,
-    hits: &mut Vec<Hit>,
+    hits: &mut Vec<PixelContact>,
 ) {
     let list = |k: usize| words[ends[k]..ends[k] + counts[k] * WORDS[k]].chunks_exact(WORDS[k]);
     triangles.extend(list(0).map(|w| (w[0], w[1] as i32)));
     nodes.extend(list(1).map(|w| (w[0], w[1] as i32)));
-    hits.extend(list(2).map(|w| Hit { pixel: w[0], triangle: w[1], way: w[2] as i32 }));
+    hits.extend(list(2).map(|w| PixelContact { pixel: w[0], triangle: w[1], depth: w[2] as i32 }));
 }

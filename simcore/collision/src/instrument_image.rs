@@ -1,9 +1,9 @@
 //! The collision volume of an instrument, and the instrument's own depth image in it. That image depends
 //! only on the jaw opening: it is drawn once for each opening, in steps of [`JAW_STEP_RAD`].
 
-use super::placing::to_fixed;
+use super::quantize::to_fixed;
 use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
-use super::surface::Unusable;
+use super::surface::CollisionError;
 use super::tool_mesh::{Facet, ToolMesh};
 use protocol::handles::Tool;
 use scene::ContactScene;
@@ -45,14 +45,14 @@ impl Volume {
     }
 
     /// Refuses a volume without extent and an image of a size that the format does not hold.
-    pub fn check(&self) -> Result<(), Unusable> {
+    pub fn check(&self) -> Result<(), CollisionError> {
         let &Volume { half_mm, near_mm, depth_mm, resolution } = self;
         let sides = half_mm > 0.0 && depth_mm > 0.0 && near_mm.abs() <= depth_mm;
         if !sides || !half_mm.is_finite() || !depth_mm.is_finite() {
-            return Err(Unusable::NoVolume { half_mm, depth_mm });
+            return Err(CollisionError::NoVolume { half_mm, depth_mm });
         }
         if !(MIN_RESOLUTION..=MAX_RESOLUTION).contains(&resolution) {
-            return Err(Unusable::Resolution { resolution });
+            return Err(CollisionError::Resolution { resolution });
         }
         Ok(())
     }

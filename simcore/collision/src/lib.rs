@@ -2,18 +2,18 @@
 //!
 //! [`zcoll`] finds where an instrument has passed the membrane, from two small depth images that [`raster`] draws in
 //! integers; [`instrument_image`] keeps the instrument's, [`tool_mesh`] is its shape. [`exact`] finds the pairs of triangles
-//! that meet, which [`tritri`] decides. Both begin with [`surface`], the cull, and [`placing`], vertices into whole numbers.
+//! that meet, which [`tritri`] decides. Both begin with [`surface`], the cull, and [`quantize`], vertices into whole numbers.
 //! [`suction`] finds what a vitrector's port sees. [`continuous`] tests what happens between two looks. [`eyeball`] compares the tip with the retina's sphere (the paper's
 //! case 2), [`rigid`] instruments with convex bodies (case 3). `docs/collision.md` tells the whole.
 
-pub mod choice;
+pub mod backend;
 pub mod continuous;
 pub mod exact;
 pub mod eyeball;
 #[cfg(feature = "gpu")]
 pub mod gpu;
 pub mod instrument_image;
-pub mod placing;
+pub mod quantize;
 pub mod raster;
 pub mod rigid;
 pub mod suction;

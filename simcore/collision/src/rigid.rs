@@ -3,7 +3,7 @@
 //! outside, `f32` inside, always relative to the body, so that nothing large is rounded. parry3d is built with
 //! `enhanced-determinism`: the same bits on every processor.
 
-use super::surface::Unusable;
+use super::surface::CollisionError;
 use super::tool_mesh::{Facet, ToolMesh};
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use parry3d::bounding_volume::Aabb;
@@ -70,8 +70,8 @@ fn pose(p: &Isometry3<f64>) -> Pose {
 }
 
 impl Part {
-    fn new(convex: &Convex, at: Isometry3<f64>) -> Result<Self, Unusable> {
-        let refuse = |size_mm: f64| Err(Unusable::NoVolume { half_mm: size_mm, depth_mm: size_mm });
+    fn new(convex: &Convex, at: Isometry3<f64>) -> Result<Self, CollisionError> {
+        let refuse = |size_mm: f64| Err(CollisionError::NoVolume { half_mm: size_mm, depth_mm: size_mm });
         let sizes: Vec<f64> = match convex {
             Convex::Ball { radius_mm } => vec![*radius_mm],
             Convex::Cuboid { half_mm } => half_mm.to_vec(),
@@ -127,7 +127,7 @@ fn has_volume(points: &[Vector]) -> bool {
 
 /// A rigid body of convex parts.
 #[derive(Debug, Clone)]
-pub struct RigidBody {
+pub struct Compound {
     parts: Vec<Part>,
 }
 
@@ -136,7 +136,7 @@ pub struct RigidBody {
 pub struct RigidContact {
     /// The instrument's part: 0 the shaft, 1 and 2 the jaws.
     pub instrument_part: usize,
-    /// The body's part, in the order of [`RigidBody::new`].
+    /// The body's part, in the order of [`Compound::new`].
     pub body_part: usize,
     /// Deepest point of the instrument, in the body's frame, mm.
     pub at_mm: Point3<f64>,
@@ -146,18 +146,19 @@ pub struct RigidContact {
     pub depth_mm: f64,
 }
 
-impl RigidBody {
+impl Compound {
     /// A body of convex parts, each with its pose in the body's frame.
-    pub fn new(parts: &[(Convex, Isometry3<f64>)]) -> Result<Self, Unusable> {
+    pub fn new(parts: &[(Convex, Isometry3<f64>)]) -> Result<Self, CollisionError> {
         if parts.is_empty() {
-            return Err(Unusable::Empty);
+            return Err(CollisionError::Empty);
         }
-        let parts: Result<Vec<Part>, Unusable> = parts.iter().map(|(c, at)| Part::new(c, *at)).collect();
-        Ok(RigidBody { parts: parts? })
+        let parts: Result<Vec<Part>, CollisionError> =
+            parts.iter().map(|(c, at)| Part::new(c, *at)).collect();
+        Ok(Compound { parts: parts? })
     }
 
     /// An instrument: its shaft, and its jaws, closed.
-    pub fn instrument(tool: Tool, radius_mm: f64, length_mm: f64) -> Result<Self, Unusable> {
+    pub fn instrument(tool: Tool, radius_mm: f64, length_mm: f64) -> Result<Self, CollisionError> {
         let mesh = ToolMesh::new(tool, radius_mm, length_mm);
         let points = |facets: &[Facet], sign: f64| {
             Convex::Hull(facets.iter().flatten().map(|[x, y, z]| [x * sign, *y, *z]).collect())
@@ -186,7 +187,7 @@ impl RigidBody {
     /// `body_from_instrument` must be finite; what is not touches nothing.
     pub fn contacts(
         &self,
-        instrument: &RigidBody,
+        instrument: &Compound,
         body_from_instrument: &Isometry3<f64>,
         out: &mut Vec<RigidContact>,
     ) {
@@ -226,7 +227,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn touch(body: &RigidBody, tool: &RigidBody, at: &Isometry3<f64>) -> Vec<RigidContact> {
+    fn touch(body: &Compound, tool: &Compound, at: &Isometry3<f64>) -> Vec<RigidContact> {
         let mut out = Vec::new();
         body.contacts(tool, at, &mut out);
         out
@@ -239,8 +240,8 @@ mod tests {
     #[test]
     fn a_flat_tip_in_a_box_is_as_deep_as_it_is_below_the_top() {
         let body =
-            RigidBody::new(&[(Convex::Cuboid { half_mm: [2.0, 2.0, 0.5] }, at(0.0, 0.0, -0.5))]).unwrap();
-        let pipe = RigidBody::instrument(Tool::LightPipe, 0.25, 2.0).unwrap();
+            Compound::new(&[(Convex::Cuboid { half_mm: [2.0, 2.0, 0.5] }, at(0.0, 0.0, -0.5))]).unwrap();
+        let pipe = Compound::instrument(Tool::LightPipe, 0.25, 2.0).unwrap();
         let [contact] = touch(&body, &pipe, &at(0.3, -0.2, -0.07))[..] else { panic!("one contact") };
         assert!((contact.depth_mm - 0.07).abs() < 1e-5, "{contact:?}");
         assert!((contact.normal.into_inner() - Vector3::z()).norm() < 1e-4, "{contact:?}");
@@ -250,8 +251,8 @@ mod tests {
 
     #[test]
     fn jaws_open_beside_a_ball_that_closed_ones_would_hit() {
-        let ball = RigidBody::new(&[(Convex::Ball { radius_mm: 0.1 }, at(0.0, 0.0, 0.0))]).unwrap();
-        let mut forceps = RigidBody::instrument(Tool::Forceps, 0.25, 2.0).unwrap();
+        let ball = Compound::new(&[(Convex::Ball { radius_mm: 0.1 }, at(0.0, 0.0, 0.0))]).unwrap();
+        let mut forceps = Compound::instrument(Tool::Forceps, 0.25, 2.0).unwrap();
         let parts = |found: &[RigidContact]| found.iter().map(|c| c.instrument_part).collect::<Vec<_>>();
         assert_eq!(parts(&touch(&ball, &forceps, &at(0.0, 0.0, 0.0))), [1, 2]);
         forceps.open_jaws(0.6);
@@ -269,10 +270,10 @@ mod tests {
             Convex::Hull(vec![]),
             Convex::Hull(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]),
         ] {
-            let refused = RigidBody::new(&[(convex.clone(), Isometry3::identity())]);
-            assert!(matches!(refused, Err(Unusable::NoVolume { .. })), "{convex:?}");
+            let refused = Compound::new(&[(convex.clone(), Isometry3::identity())]);
+            assert!(matches!(refused, Err(CollisionError::NoVolume { .. })), "{convex:?}");
         }
-        assert_eq!(RigidBody::new(&[]).unwrap_err(), Unusable::Empty);
+        assert_eq!(Compound::new(&[]).unwrap_err(), CollisionError::Empty);
     }
 
     proptest! {
@@ -283,8 +284,8 @@ mod tests {
             angles in prop::array::uniform3(-3.0f64..3.0),
         ) {
             let (r_ball, r_rod, half) = (0.7, 0.4, 1.5);
-            let ball = RigidBody::new(&[(Convex::Ball { radius_mm: r_ball }, at(far[0], far[1], far[2]))]).unwrap();
-            let rod = RigidBody::new(&[(Convex::Capsule { half_mm: half, radius_mm: r_rod }, at(0.0, 0.0, 0.0))]).unwrap();
+            let ball = Compound::new(&[(Convex::Ball { radius_mm: r_ball }, at(far[0], far[1], far[2]))]).unwrap();
+            let rod = Compound::new(&[(Convex::Capsule { half_mm: half, radius_mm: r_rod }, at(0.0, 0.0, 0.0))]).unwrap();
             // The ball's centre lies at (x, y, z) of the rod's frame.
             let turn = UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]);
             let centre = Vector3::new(far[0], far[1], far[2]);

@@ -13,8 +13,8 @@
 //! Format: [`REACH_STEPS`] = 2¹⁵ steps are the cone's reach, coordinates stay below 2¹⁷. A cross product is below 2³⁵, E below 3·2⁴³, ΣE
 //! below 9·2⁴³, D below 3·2⁵², D·r_z below 3·2⁶⁰: an `i64` holds all.
 
-use super::placing::{PLANES, Placed, Placing, REFUSED};
-use super::surface::{Cull, Frame, Surface, Unusable};
+use super::quantize::{PLANES, QuantizedVertex, Quantizer, REFUSED};
+use super::surface::{CollisionError, Cull, Frame, Surface};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use protocol::handles::PORT_HEIGHT_MM;
 
@@ -36,7 +36,7 @@ const _: () = {
 
 /// The shape of a cone.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct View {
+pub struct SuctionCone {
     /// Tangent of the half angle; above 0.
     pub tan_half_angle: f64,
     /// From the apex along the axis, mm.
@@ -45,7 +45,7 @@ pub struct View {
 
 /// What a look counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Seen {
+pub struct PortCounts {
     /// Pixels with membrane.
     pub pixels: u32,
     /// Triangles too large for the number format, or with a corner that is not a number.
@@ -56,7 +56,7 @@ pub struct Seen {
 
 /// A pixel with membrane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Spot {
+pub struct PortPixel {
     /// Column and row.
     pub at: [i32; 2],
     /// The nearest triangle there.
@@ -67,7 +67,7 @@ pub struct Spot {
 
 /// The image of a port and its lists; one serves all vitrectors.
 #[derive(Debug)]
-pub struct Suction {
+pub struct PortCamera {
     resolution: i32,
     cull: Cull,
     canvas: Canvas,
@@ -77,23 +77,23 @@ pub struct Suction {
 
 #[derive(Debug)]
 struct Canvas {
-    vertex: Vec<Placed>,
+    vertex: Vec<QuantizedVertex>,
     depth: Vec<i32>,
     id: Vec<u32>,
 }
 
-impl Suction {
+impl PortCamera {
     /// An image of `resolution` × `resolution` pixels, lists for a membrane of these triangles between so many nodes.
-    pub fn new(resolution: usize, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, Unusable> {
+    pub fn new(resolution: usize, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, CollisionError> {
         if !(1..=MAX_RESOLUTION).contains(&resolution) {
-            return Err(Unusable::Resolution { resolution });
+            return Err(CollisionError::Resolution { resolution });
         }
         let pixels = resolution * resolution;
-        Ok(Suction {
+        Ok(PortCamera {
             resolution: resolution as i32,
             cull: Cull::new(triangles, nodes)?,
             canvas: Canvas {
-                vertex: vec![Placed::default(); nodes],
+                vertex: vec![QuantizedVertex::default(); nodes],
                 depth: vec![NOTHING; pixels],
                 id: vec![0; pixels],
             },
@@ -108,19 +108,24 @@ impl Suction {
         self
     }
 
-    /// Looks out of the port. Afterwards [`Self::triangles`] and [`Self::spots`] tell what lies in the cone.
-    pub fn look(&mut self, instrument_from_eye: &Isometry3<f64>, view: &View, surface: &Surface) -> Seen {
+    /// Looks out of the port. Afterwards [`Self::triangles`] and [`Self::pixels_seen`] tell what lies in the cone.
+    pub fn render(
+        &mut self,
+        instrument_from_eye: &Isometry3<f64>,
+        cone: &SuctionCone,
+        surface: &Surface,
+    ) -> PortCounts {
         self.triangles.drain(..).for_each(|t| self.listed[t as usize] = 0);
         self.canvas.depth.fill(NOTHING);
         let frame = Frame::new(&(camera_from_instrument() * instrument_from_eye));
-        let (width, reach) = ((view.reach_mm * view.tan_half_angle) as f32, view.reach_mm as f32);
+        let (width, reach) = ((cone.reach_mm * cone.tan_half_angle) as f32, cone.reach_mm as f32);
         // Wider than the exact planes by more than any rounding.
         let (wide, slack) = (width * 1.01, reach * 0.01);
-        self.cull.sort(surface, &frame, [-wide, -wide, -slack], [wide, wide, reach + slack]);
+        self.cull.classify(surface, &frame, [-wide, -wide, -slack], [wide, wide, reach + slack]);
         let (simd, resolution) = (self.cull.simd(), self.resolution);
-        let placing = placing(frame, view);
-        let mut seen = Seen::default();
-        self.cull.survivors(
+        let placing = placing(frame, cone);
+        let mut seen = PortCounts::default();
+        self.cull.for_each_survivor(
             surface.triangles.len(),
             &mut (&mut self.canvas, &mut seen),
             |(canvas, _), block| placing.block(simd, surface, block, &mut canvas.vertex),
@@ -140,25 +145,23 @@ impl Suction {
     }
 
     /// Pixels with membrane, row by row.
-    pub fn spots(&self) -> impl Iterator<Item = Spot> + '_ {
+    pub fn pixels_seen(&self) -> impl Iterator<Item = PortPixel> + '_ {
         let width = self.resolution;
         let pixels = self.canvas.depth.iter().zip(&self.canvas.id).zip(0i32..);
-        pixels.filter(|((depth, _), _)| **depth != NOTHING).map(move |((&depth, &triangle), pixel)| Spot {
-            at: [pixel % width, pixel / width],
-            triangle,
-            depth,
+        pixels.filter(|((depth, _), _)| **depth != NOTHING).map(move |((&depth, &triangle), pixel)| {
+            PortPixel { at: [pixel % width, pixel / width], triangle, depth }
         })
     }
 
     /// Distance of a pixel's membrane along the axis, and from the axis, mm.
-    pub fn place_mm(&self, spot: &Spot, view: &View) -> [f64; 2] {
-        let along = f64::from(spot.depth) * view.reach_mm / f64::from(REACH_STEPS);
+    pub fn place_mm(&self, spot: &PortPixel, cone: &SuctionCone) -> [f64; 2] {
+        let along = f64::from(spot.depth) * cone.reach_mm / f64::from(REACH_STEPS);
         let [u, v] = spot.at.map(|p| f64::from(2 * p + 1 - self.resolution));
         let aside = libm::sqrt(u * u + v * v) / f64::from(self.resolution);
-        [along, along * view.tan_half_angle * aside]
+        [along, along * cone.tan_half_angle * aside]
     }
 
-    fn list(&mut self, seen: &mut Seen) {
+    fn list(&mut self, seen: &mut PortCounts) {
         for (&depth, &triangle) in self.canvas.depth.iter().zip(&self.canvas.id) {
             if depth == NOTHING {
                 continue;
@@ -181,10 +184,10 @@ pub fn camera_from_instrument() -> Isometry3<f64> {
 }
 
 /// How a look maps the eye to whole steps.
-fn placing(frame: Frame, view: &View) -> Placing {
-    let along = f64::from(REACH_STEPS) / view.reach_mm;
-    let across = ((along / view.tan_half_angle) as f32, 0.0);
-    Placing {
+fn placing(frame: Frame, cone: &SuctionCone) -> Quantizer {
+    let along = f64::from(REACH_STEPS) / cone.reach_mm;
+    let across = ((along / cone.tan_half_angle) as f32, 0.0);
+    Quantizer {
         frame,
         format: [across, across, (along as f32, 0.0)],
         limit: [LIMIT; 3],
@@ -230,7 +233,7 @@ fn span(corners: &[Wide; 3], axis: usize, resolution: i64) -> [i64; 2] {
 }
 
 impl Canvas {
-    fn draw(&mut self, resolution: i32, nodes: [u32; 3], triangle: u32, seen: &mut Seen) {
+    fn draw(&mut self, resolution: i32, nodes: [u32; 3], triangle: u32, seen: &mut PortCounts) {
         let placed = nodes.map(|n| self.vertex[n as usize]);
         if placed.iter().fold(PLANES, |all, p| all & p.code) & PLANES != 0 {
             return;
@@ -279,7 +282,7 @@ mod tests {
     use nalgebra::{Point3, Vector3};
     use proptest::prelude::*;
 
-    const VIEW: View = View { tan_half_angle: 0.7, reach_mm: 1.5 };
+    const VIEW: SuctionCone = SuctionCone { tan_half_angle: 0.7, reach_mm: 1.5 };
 
     struct Mesh {
         position_mm: [Vec<f32>; 3],
@@ -310,9 +313,9 @@ mod tests {
         )
     }
 
-    fn look(mesh: &Mesh, resolution: usize) -> (Suction, Seen) {
-        let mut suction = Suction::new(resolution, &mesh.triangles, mesh.position_mm[0].len()).unwrap();
-        let seen = suction.look(&pose().inverse(), &VIEW, &mesh.surface());
+    fn render(mesh: &Mesh, resolution: usize) -> (PortCamera, PortCounts) {
+        let mut suction = PortCamera::new(resolution, &mesh.triangles, mesh.position_mm[0].len()).unwrap();
+        let seen = suction.render(&pose().inverse(), &VIEW, &mesh.surface());
         (suction, seen)
     }
 
@@ -327,11 +330,11 @@ mod tests {
         let wall =
             [[0.6, -9.0, -9.0], [0.6, 9.0, -9.0], [0.6, 0.0, 9.0]].map(|[x, y, z]| [x, y * 0.4, z * 0.4]);
         let mesh = Mesh::new(&pose(), &wall, vec![[0, 1, 2]]);
-        let (suction, seen) = look(&mesh, 32);
+        let (suction, seen) = render(&mesh, 32);
         assert_eq!(seen.refused, 0);
         let round = std::f64::consts::PI * 256.0;
         assert!((f64::from(seen.pixels) - round).abs() < 24.0, "{} {round}", seen.pixels);
-        for spot in suction.spots() {
+        for spot in suction.pixels_seen() {
             let [along, aside] = suction.place_mm(&spot, &VIEW);
             assert!((along - 0.6).abs() < 1e-4 && aside < 0.6 * 0.7 + 1e-4);
         }
@@ -343,7 +346,7 @@ mod tests {
         for x in [-0.6, 1.6] {
             let wall = [[x, -1.0, -1.0], [x, 1.0, -1.0], [x, 0.0, 2.0]];
             let mesh = Mesh::new(&pose(), &wall, vec![[0, 1, 2]]);
-            assert_eq!(look(&mesh, 16).1.pixels, 0, "{x}");
+            assert_eq!(render(&mesh, 16).1.pixels, 0, "{x}");
         }
     }
 
@@ -352,20 +355,20 @@ mod tests {
         // A floor under the axis: from behind the camera to the far end.
         let floor = [[-1.0, -1.5, 0.1], [1.4, -1.5, 0.1], [0.2, 2.0, 0.1]];
         let mesh = Mesh::new(&pose(), &floor, vec![[0, 1, 2]]);
-        let (suction, seen) = look(&mesh, 32);
+        let (suction, seen) = render(&mesh, 32);
         assert!(seen.pixels > 100, "{seen:?}");
-        assert!(suction.spots().all(|s| s.at[1] < 16), "only below the axis");
+        assert!(suction.pixels_seen().all(|s| s.at[1] < 16), "only below the axis");
     }
 
     #[test]
     fn bad_corners_are_refused_and_counted() {
         let wall = [[0.6, -1.0, -1.0], [0.6, 1.0, -1.0], [f64::NAN, 0.0, 1.0]];
         let mesh = Mesh::new(&pose(), &wall, vec![[0, 1, 2]]);
-        assert_eq!(look(&mesh, 16).1, Seen { refused: 1, ..Seen::default() });
+        assert_eq!(render(&mesh, 16).1, PortCounts { refused: 1, ..PortCounts::default() });
         let same = [[0.6, 0.1, 0.3], [0.6, 0.1, 0.3], [0.6, 0.2, 0.3]];
         let mesh = Mesh::new(&pose(), &same, vec![[0, 1, 2]]);
-        assert_eq!(look(&mesh, 16).1, Seen { flat: 1, ..Seen::default() });
-        assert!(Suction::new(0, &mesh.triangles, 3).is_err());
+        assert_eq!(render(&mesh, 16).1, PortCounts { flat: 1, ..PortCounts::default() });
+        assert!(PortCamera::new(0, &mesh.triangles, 3).is_err());
     }
 
     /// The corners in whole steps as documented, then every ray against every triangle in 128 bits by Cramer's rule: t·r = Σ bᵢ Pᵢ with
@@ -450,20 +453,20 @@ mod tests {
                 [[a, b, e], [a, e, d]]
             }).collect();
             let mesh = Mesh::new(&pose(), &points, triangles);
-            let (suction, seen) = look(&mesh, resolution);
+            let (suction, seen) = render(&mesh, resolution);
             let expected = exact(&mesh, resolution as i128);
             prop_assert_eq!(seen.refused, 0);
             let mut found = vec![None; resolution * resolution];
-            for spot in suction.spots() {
+            for spot in suction.pixels_seen() {
                 found[spot.at[1] as usize * resolution + spot.at[0] as usize] = Some((spot.triangle, i128::from(spot.depth)));
             }
             for (pixel, (found, expected)) in found.iter().zip(&expected).enumerate() {
                 // Of two layers at one depth the first that was drawn stays, in both.
                 prop_assert_eq!(found, expected, "pixel {}", pixel);
             }
-            let mut plain = Suction::new(resolution, &mesh.triangles, points.len()).unwrap().without_simd();
-            plain.look(&pose().inverse(), &VIEW, &mesh.surface());
-            prop_assert!(plain.spots().eq(suction.spots()));
+            let mut plain = PortCamera::new(resolution, &mesh.triangles, points.len()).unwrap().without_simd();
+            plain.render(&pose().inverse(), &VIEW, &mesh.surface());
+            prop_assert!(plain.pixels_seen().eq(suction.pixels_seen()));
         }
     }
 }

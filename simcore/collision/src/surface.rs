@@ -20,7 +20,7 @@ pub const MAX_IDS: usize = u32::MAX as usize;
 
 /// Why a surface or a volume cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum Unusable {
+pub enum CollisionError {
     /// Nothing to collide with.
     #[error("the membrane has no triangles")]
     Empty,
@@ -127,13 +127,13 @@ pub struct Cull {
 
 impl Cull {
     /// Reads the topology; it may lose triangles later, but not gain any.
-    pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Result<Self, Unusable> {
+    pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Result<Self, CollisionError> {
         let found = triangles.len().max(vertices);
         if found >= MAX_IDS {
-            return Err(Unusable::TooManyIds { found });
+            return Err(CollisionError::TooManyIds { found });
         }
         if triangles.is_empty() {
-            return Err(Unusable::Empty);
+            return Err(CollisionError::Empty);
         }
         let mut cull = Cull {
             simd: pulp::Arch::new(),
@@ -148,7 +148,7 @@ impl Cull {
                 .enumerate()
                 .find_map(|(t, triangle)| triangle.iter().find(|&&v| v as usize >= vertices).map(|v| (t, v)))
             {
-                return Err(Unusable::NoSuchVertex { triangle: c * CHUNK + t, vertex, vertices });
+                return Err(CollisionError::NoSuchVertex { triangle: c * CHUNK + t, vertex, vertices });
             }
             let mut used: Vec<u32> = chunk.as_flattened().iter().map(|v| v / BLOCK as u32).collect();
             used.sort_unstable();
@@ -171,16 +171,16 @@ impl Cull {
     }
 
     /// Notes the planes beyond which each block lies. `low` and `high` are the box in the instrument's frame, mm.
-    pub fn sort(&mut self, surface: &Surface, frame: &Frame, low: [f32; 3], high: [f32; 3]) {
+    pub fn classify(&mut self, surface: &Surface, frame: &Frame, low: [f32; 3], high: [f32; 3]) {
         let position = surface.position_mm.map(|v| &v[..self.vertices]);
         let beyond = &mut self.beyond;
-        self.simd.dispatch(Sort { position, frame: *frame, low, high, beyond });
+        self.simd.dispatch(ClassifyBlocks { position, frame: *frame, low, high, beyond });
     }
 
     /// Calls `prepare(block)` once for each block of the surviving chunks, then `visit(first triangle, one past the last)`
     /// for each surviving chunk, in order.
     #[inline(always)]
-    pub fn survivors<C>(
+    pub fn for_each_survivor<C>(
         &mut self,
         triangles: usize,
         context: &mut C,
@@ -204,7 +204,7 @@ impl Cull {
     }
 }
 
-struct Sort<'a> {
+struct ClassifyBlocks<'a> {
     position: [&'a [f32]; 3],
     frame: Frame,
     low: [f32; 3],
@@ -212,7 +212,7 @@ struct Sort<'a> {
     beyond: &'a mut [u8],
 }
 
-impl pulp::NullaryFnOnce for Sort<'_> {
+impl pulp::NullaryFnOnce for ClassifyBlocks<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -220,12 +220,13 @@ impl pulp::NullaryFnOnce for Sort<'_> {
         let [x, y, z] = self.position;
         let (xs, ys, zs) = (x.as_chunks::<BLOCK>(), y.as_chunks::<BLOCK>(), z.as_chunks::<BLOCK>());
         for (((x, y), z), beyond) in xs.0.iter().zip(ys.0).zip(zs.0).zip(self.beyond.iter_mut()) {
-            *beyond = sort_block(&self.frame, x, y, z, &self.low, &self.high);
+            *beyond = classify_block(&self.frame, x, y, z, &self.low, &self.high);
         }
         if !xs.1.is_empty() {
             // The last block is filled up with its last vertex.
             let fill = |rest: &[f32]| std::array::from_fn(|i| rest[i.min(rest.len() - 1)]);
-            let last = sort_block(&self.frame, &fill(xs.1), &fill(ys.1), &fill(zs.1), &self.low, &self.high);
+            let last =
+                classify_block(&self.frame, &fill(xs.1), &fill(ys.1), &fill(zs.1), &self.low, &self.high);
             if let Some(beyond) = self.beyond.last_mut() {
                 *beyond = last;
             }
@@ -235,7 +236,7 @@ impl pulp::NullaryFnOnce for Sort<'_> {
 
 /// Planes beyond which all sixteen lie. Of a coordinate that is not a number every comparison is false: it lies beyond nothing.
 #[inline(always)]
-fn sort_block(
+fn classify_block(
     frame: &Frame,
     x: &[f32; BLOCK],
     y: &[f32; BLOCK],
@@ -270,12 +271,12 @@ mod tests {
 
     #[test]
     fn what_cannot_be_used_is_refused_by_name() {
-        assert_eq!(Cull::new(&[], 3).unwrap_err(), Unusable::Empty);
+        assert_eq!(Cull::new(&[], 3).unwrap_err(), CollisionError::Empty);
         let wrong = Cull::new(&[[0, 1, 2], [0, 1, 3]], 3).unwrap_err();
-        assert_eq!(wrong, Unusable::NoSuchVertex { triangle: 1, vertex: 3, vertices: 3 });
+        assert_eq!(wrong, CollisionError::NoSuchVertex { triangle: 1, vertex: 3, vertices: 3 });
         assert!(wrong.to_string().contains("triangle 1 names vertex 3"));
         let many = Cull::new(&[[0, 1, 2]], MAX_IDS).unwrap_err();
-        assert_eq!(many, Unusable::TooManyIds { found: MAX_IDS });
+        assert_eq!(many, CollisionError::TooManyIds { found: MAX_IDS });
     }
 
     proptest! {
@@ -301,10 +302,10 @@ mod tests {
             let mut plain = cull.clone().without_simd();
             let mut kept = vec![false; triangles.len()];
             for cull in [&mut cull, &mut plain] {
-                cull.sort(&surface, &frame, [-half; 3], [half; 3]);
+                cull.classify(&surface, &frame, [-half; 3], [half; 3]);
             }
             prop_assert_eq!(&cull.beyond, &plain.beyond);
-            cull.survivors(triangles.len(), &mut kept, |_, _| (), |kept, from, to| kept[from..to].fill(true));
+            cull.for_each_survivor(triangles.len(), &mut kept, |_, _| (), |kept, from, to| kept[from..to].fill(true));
             for (t, _) in kept.iter().enumerate().filter(|(_, kept)| !**kept) {
                 let p = triangles[t].map(|v| {
                     let p = [0, 1, 2].map(|k| f64::from(axes[k][v as usize]));

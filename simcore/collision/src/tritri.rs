@@ -77,7 +77,7 @@ impl Triangle {
 
     /// True if the triangles have a point in common.
     #[inline(always)]
-    pub fn meets(&self, other: &Triangle) -> bool {
+    pub fn intersects(&self, other: &Triangle) -> bool {
         let theirs = other.corners.map(|p| self.side(p));
         if apart(theirs) {
             return false;
@@ -86,10 +86,14 @@ impl Triangle {
         if apart(mine) {
             return false;
         }
-        if theirs == [0; 3] { self.meets_in_plane(other) } else { self.meets_across(other, mine, theirs) }
+        if theirs == [0; 3] {
+            self.intersects_coplanar(other)
+        } else {
+            self.intersects_across(other, mine, theirs)
+        }
     }
 
-    fn meets_across(&self, other: &Triangle, mine: [i64; 3], theirs: [i64; 3]) -> bool {
+    fn intersects_across(&self, other: &Triangle, mine: [i64; 3], theirs: [i64; 3]) -> bool {
         let (first, first_below) = alone(mine);
         let (second, second_below) = alone(theirs);
         // A corner that is alone below is above once the other triangle is turned over.
@@ -98,7 +102,7 @@ impl Triangle {
         orient(p1, q1, p2, q2) <= 0 && orient(p1, r1, r2, p2) <= 0
     }
 
-    fn meets_in_plane(&self, other: &Triangle) -> bool {
+    fn intersects_coplanar(&self, other: &Triangle) -> bool {
         let size = self.normal.map(i64::abs);
         let across = (0..3).max_by_key(|&k| size[k]).unwrap_or(2);
         let [u, v] = [[1, 2], [2, 0], [0, 1]][across];
@@ -216,8 +220,8 @@ mod tests {
 
     fn check(corners: [[Corner; 3]; 2]) -> Result<(), TestCaseError> {
         if let [Some(a), Some(b)] = corners.map(Triangle::new) {
-            prop_assert_eq!(a.meets(&b), !separated(&a, &b), "{:?}", corners);
-            prop_assert_eq!(b.meets(&a), a.meets(&b));
+            prop_assert_eq!(a.intersects(&b), !separated(&a, &b), "{:?}", corners);
+            prop_assert_eq!(b.intersects(&a), a.intersects(&b));
         }
         Ok(())
     }

@@ -12,7 +12,7 @@
 //! i, length max |d| and direction that of the sum. All vectors of one view point along −ẑ, so that
 //! direction is −ẑ and the length of each node is all that is computed here.
 //!
-//! An instrument that came round an edge is under the membrane. Then the camera is reversed ([`Zcoll::look_back`]): it sits at the
+//! An instrument that came round an edge is under the membrane. Then the camera is reversed ([`Zcoll::query_reversed`]): it sits at the
 //! handle, looks along −z and sees what reaches beside the shaft (hook, jaws); vectors point along +ẑ and lift.
 //!
 //! The membrane must meet each line of view at most once inside the volume (π-convex); pixels that see
@@ -27,15 +27,15 @@ mod vertices;
 #[cfg(feature = "gpu")]
 use super::gpu::GpuZcoll;
 use super::instrument_image::{InstrumentImage, NOTHING, Side, Volume};
-use super::placing::{Placed, Placing};
+use super::quantize::{QuantizedVertex, Quantizer};
 use super::raster::{DEPTH_STEPS, SUBPIXELS, XY_LIMIT, Z_LIMIT};
-use super::surface::{Cull, Frame, Surface, Unusable};
+use super::surface::{CollisionError, Cull, Frame, Surface};
 use canvas::Canvas;
 use nalgebra::Isometry3;
 
 /// What a look found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Found {
+pub struct Contacts {
     /// Colliding pixels.
     pub pixels: u32,
     /// Deepest collision, depth steps.
@@ -50,13 +50,13 @@ pub struct Found {
 
 /// A colliding pixel: one deformation vector of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Hit {
+pub struct PixelContact {
     /// Row · resolution + column.
     pub pixel: u32,
     /// The triangle seen there.
     pub triangle: u32,
     /// Length of the vector, depth steps; it points along −ẑ of the instrument.
-    pub way: i32,
+    pub depth: i32,
 }
 
 /// Pixels around the instrument by which the first cull is wider than the exact one.
@@ -68,7 +68,7 @@ pub struct Zcoll {
     volume: Volume,
     cull: Cull,
     canvas: Canvas,
-    hits: Vec<Hit>,
+    hits: Vec<PixelContact>,
     triangle_depth: Vec<i32>,
     node_depth: Vec<i32>,
     triangles: Vec<u32>,
@@ -83,7 +83,7 @@ pub struct Zcoll {
 
 impl Zcoll {
     /// Images of a volume, lists for a membrane of these triangles between so many nodes.
-    pub fn new(volume: Volume, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, Unusable> {
+    pub fn new(volume: Volume, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, CollisionError> {
         volume.check()?;
         let pixels = volume.resolution * volume.resolution;
         Ok(Zcoll {
@@ -91,7 +91,7 @@ impl Zcoll {
             cull: Cull::new(triangles, nodes)?,
             canvas: Canvas {
                 resolution: volume.resolution,
-                vertex: vec![Placed::default(); nodes],
+                vertex: vec![QuantizedVertex::default(); nodes],
                 depth: vec![NOTHING; pixels],
                 id: vec![0; pixels],
                 second: vec![0; pixels],
@@ -121,35 +121,40 @@ impl Zcoll {
 
     /// Looks where the instrument has passed the membrane. Afterwards [`Self::displaced`] lists the nodes,
     /// [`Self::hits`] the deformation vectors and [`Self::triangles`] the triangles.
-    pub fn look(
+    pub fn query(
         &mut self,
         image: &InstrumentImage,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
-    ) -> Found {
-        self.look_from(&image.ahead(), instrument_from_eye, surface)
+    ) -> Contacts {
+        self.query_side(&image.ahead(), instrument_from_eye, surface)
     }
 
     /// The same from the handle: where hook or jaws of an instrument **under** the membrane have come up through it. Depth
     /// grows towards the tip, and all vectors point along +ẑ: they lift.
-    pub fn look_back(
+    pub fn query_reversed(
         &mut self,
         image: &InstrumentImage,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
-    ) -> Found {
-        self.look_from(&image.back(), instrument_from_eye, surface)
+    ) -> Contacts {
+        self.query_side(&image.back(), instrument_from_eye, surface)
     }
 
-    fn look_from(&mut self, side: &Side, instrument_from_eye: &Isometry3<f64>, surface: &Surface) -> Found {
-        self.forget();
+    fn query_side(
+        &mut self,
+        side: &Side,
+        instrument_from_eye: &Isometry3<f64>,
+        surface: &Surface,
+    ) -> Contacts {
+        self.clear();
         self.looked = (*instrument_from_eye, side.reversed);
-        let mut found = Found::default();
+        let mut found = Contacts::default();
         if side.rect.is_empty() {
             return found;
         }
         #[cfg(feature = "gpu")]
-        if let Some(found) = self.look_on_gpu(side, instrument_from_eye, surface) {
+        if let Some(found) = self.query_gpu(side, instrument_from_eye, surface) {
             return found;
         }
         self.draw_membrane(side, instrument_from_eye, surface, &mut found);
@@ -165,7 +170,7 @@ impl Zcoll {
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
     ) -> bool {
-        self.forget();
+        self.clear();
         if image.rect.is_empty() {
             return false;
         }
@@ -174,17 +179,17 @@ impl Zcoll {
             return touches;
         }
         let side = image.ahead();
-        self.draw_membrane(&side, instrument_from_eye, surface, &mut Found::default());
+        self.draw_membrane(&side, instrument_from_eye, surface, &mut Contacts::default());
         self.canvas.rows(&side).any(|(_, z_m, z_i)| z_m.iter().zip(z_i).any(|(m, i)| *m != NOTHING && i < m))
     }
 
-    /// Nodes to be moved along −ẑ of the instrument, each with its way in depth steps (Eq. 1).
+    /// Nodes to be moved along −ẑ of the instrument, each with its depth in depth steps (Eq. 1).
     pub fn displaced(&self) -> impl Iterator<Item = (usize, i32)> + '_ {
         self.nodes.iter().map(|&n| (n as usize, self.node_depth[n as usize]))
     }
 
     /// The deformation vectors of the last look, by pixel.
-    pub fn hits(&self) -> &[Hit] {
+    pub fn hits(&self) -> &[PixelContact] {
         &self.hits
     }
 
@@ -194,7 +199,7 @@ impl Zcoll {
     }
 
     /// Clears what the last look wrote, and only that.
-    fn forget(&mut self) {
+    fn clear(&mut self) {
         self.hits.clear();
         self.triangles.drain(..).for_each(|t| self.triangle_depth[t as usize] = 0);
         self.nodes.drain(..).for_each(|n| self.node_depth[n as usize] = 0);
@@ -205,15 +210,15 @@ impl Zcoll {
         side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
-        found: &mut Found,
+        found: &mut Contacts,
     ) {
         self.canvas.clear(side.rect);
         let frame = Frame::new(instrument_from_eye);
         let [low, high] = self.volume.box_around(side.rect, CULL_MARGIN);
-        self.cull.sort(surface, &frame, low, high);
+        self.cull.classify(surface, &frame, low, high);
         let placing = placing(frame, &self.volume, side);
         let simd = self.cull.simd();
-        self.cull.survivors(
+        self.cull.for_each_survivor(
             surface.triangles.len(),
             &mut (&mut self.canvas, found),
             |(canvas, _), block| placing.block(simd, surface, block, &mut canvas.vertex),
@@ -222,21 +227,21 @@ impl Zcoll {
     }
 
     /// Colliding pixels give their triangles the deepest of their vectors.
-    fn compare(&mut self, side: &Side, found: &mut Found) {
+    fn compare(&mut self, side: &Side, found: &mut Contacts) {
         for (first, z_m, z_i) in self.canvas.rows(side) {
             for (i, (&z_m, &z_i)) in z_m.iter().zip(z_i).enumerate() {
                 if z_m == NOTHING || z_i >= z_m {
                     continue;
                 }
                 let pixel = first + i;
-                let (way, triangle) = (z_m - z_i, self.canvas.id[pixel]);
-                self.hits.push(Hit { pixel: pixel as u32, triangle, way });
-                found.deepest = found.deepest.max(way);
+                let (depth, triangle) = (z_m - z_i, self.canvas.id[pixel]);
+                self.hits.push(PixelContact { pixel: pixel as u32, triangle, depth });
+                found.deepest = found.deepest.max(depth);
                 let deepest = &mut self.triangle_depth[triangle as usize];
                 if *deepest == 0 {
                     self.triangles.push(triangle);
                 }
-                *deepest = (*deepest).max(way);
+                *deepest = (*deepest).max(depth);
             }
         }
         found.pixels = self.hits.len() as u32;
@@ -246,22 +251,22 @@ impl Zcoll {
     fn spread_to_nodes(&mut self, triangles: &[[u32; 3]]) {
         for &t in &self.triangles {
             for &node in &triangles[t as usize] {
-                let way = &mut self.node_depth[node as usize];
-                if *way == 0 {
+                let depth = &mut self.node_depth[node as usize];
+                if *depth == 0 {
                     self.nodes.push(node);
                 }
-                *way = (*way).max(self.triangle_depth[t as usize]);
+                *depth = (*depth).max(self.triangle_depth[t as usize]);
             }
         }
     }
 }
 
 /// How a look maps the eye to the image.
-fn placing(frame: Frame, volume: &Volume, side: &Side) -> Placing {
+fn placing(frame: Frame, volume: &Volume, side: &Side) -> Quantizer {
     let [low, high] = [side.rect.min, side.rect.max].map(|p| p.map(|p| p * SUBPIXELS));
     let [xy, ahead] = volume.format();
     let z = if side.reversed { volume.format_back() } else { ahead };
-    Placing {
+    Quantizer {
         frame,
         format: [xy, xy, z],
         limit: [XY_LIMIT, XY_LIMIT, Z_LIMIT],
@@ -300,15 +305,15 @@ mod tests {
         Isometry3::from_parts(Translation3::new(0.03, 0.02, z_mm), UnitQuaternion::identity())
     }
 
-    fn look(s: &mut Setting, eye_from_instrument: &Isometry3<f64>) -> Found {
+    fn look(s: &mut Setting, eye_from_instrument: &Isometry3<f64>) -> Contacts {
         s.light.prepare(0.0, s.zcoll.volume());
-        s.zcoll.look(&s.light, &eye_from_instrument.inverse(), &s.mesh.surface())
+        s.zcoll.query(&s.light, &eye_from_instrument.inverse(), &s.mesh.surface())
     }
 
     #[test]
     fn a_tip_over_the_membrane_does_not_collide() {
         let mut s = setting();
-        assert_eq!(look(&mut s, &upright(-10.9)), Found::default());
+        assert_eq!(look(&mut s, &upright(-10.9)), Contacts::default());
         assert_eq!(s.zcoll.displaced().count(), 0);
     }
 
@@ -333,8 +338,8 @@ mod tests {
         look(&mut s, &pose);
         let moves: Vec<_> = s.zcoll.displaced().collect();
         for (node, steps) in moves {
-            let way = s.zcoll.volume.depth_steps_mm(steps) as f32;
-            s.mesh.position_mm[2][node] -= way;
+            let depth = s.zcoll.volume.depth_steps_mm(steps) as f32;
+            s.mesh.position_mm[2][node] -= depth;
         }
         let again = look(&mut s, &pose);
         assert!(again.deepest <= 2, "rounding only: {}", again.deepest);
@@ -407,7 +412,7 @@ mod tests {
         let mut pick = InstrumentImage::new(Tool::Pick, 0.25, s.zcoll.volume());
         pick.prepare(0.0, s.zcoll.volume());
         let (pose, half) = (upright(-11.1).inverse(), s.zcoll.volume.half_mm);
-        let single = s.zcoll.look_back(&pick, &pose, &s.mesh.surface());
+        let single = s.zcoll.query_reversed(&pick, &pose, &s.mesh.surface());
         assert!(single.pixels > 0 && single.folded == 0, "{single:?}");
         // The half beyond the middle of the hook over the other half, a little higher.
         let middle = 0.33f32;
@@ -417,7 +422,7 @@ mod tests {
                 s.mesh.position_mm[2][n] += 0.05;
             }
         }
-        let found = s.zcoll.look_back(&pick, &pose, &s.mesh.surface());
+        let found = s.zcoll.query_reversed(&pick, &pose, &s.mesh.surface());
         // Pixels of the hook before the fold, by their centres; the fold may run through a column of them.
         let width = 2.0 * half / s.zcoll.volume.resolution as f64;
         let seen = |column: usize| (column as f64 + 0.5) * width - half + 0.03 < f64::from(middle) - width;

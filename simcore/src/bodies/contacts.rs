@@ -3,7 +3,7 @@
 
 use super::solve::{BodySolver, Hand, Surroundings, Touched};
 use super::state::{BodyState, Grip};
-use collision::rigid::{RigidBody, RigidContact};
+use collision::rigid::{Compound, RigidContact};
 use nalgebra::{Isometry3, Point3, Vector3};
 use protocol::limits::INSTRUMENTS;
 
@@ -84,7 +84,7 @@ impl BodySolver {
         &mut self,
         bodies: &[BodyState],
         grips: &[Option<Grip>; INSTRUMENTS],
-        tools: &[RigidBody; INSTRUMENTS],
+        tools: &[Compound; INSTRUMENTS],
         hands: &[Hand; INSTRUMENTS],
         around: &Surroundings,
     ) {
@@ -145,7 +145,7 @@ impl BodySolver {
         }
     }
 
-    fn find_tool(&mut self, b: usize, body: &BodyState, h: usize, tool: &RigidBody, hand: &Isometry3<f64>) {
+    fn find_tool(&mut self, b: usize, body: &BodyState, h: usize, tool: &Compound, hand: &Isometry3<f64>) {
         let eye_from_body = &body.eye_from_body;
         let model = &self.models[b];
         model.solid.contacts(tool, &(eye_from_body.inverse() * hand), &mut self.found);

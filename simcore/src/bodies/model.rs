@@ -1,7 +1,7 @@
 //! What a rigid body is: shape, mass, inertia, friction, and the points by which it can touch the retina.
 
-use collision::rigid::{Convex, RigidBody};
-use collision::surface::Unusable;
+use collision::rigid::{Compound, Convex};
+use collision::surface::CollisionError;
 use nalgebra::{Isometry3, Vector3};
 use scene::{BodyScene, BodyShape};
 
@@ -15,12 +15,12 @@ pub struct BodyModel {
     /// Along its axes, 1/(g·mm²).
     pub(super) inverse_inertia: Vector3<f64>,
     pub(super) friction: f64,
-    pub(super) solid: RigidBody,
+    pub(super) solid: Compound,
 }
 
 impl BodyModel {
     /// The model of a scene's body: homogeneous.
-    pub fn new(scene: &BodyScene) -> Result<Self, Unusable> {
+    pub fn new(scene: &BodyScene) -> Result<Self, CollisionError> {
         let [x, y, z] = scene.half_extents_mm;
         let (convex, inertia) = match scene.shape {
             BodyShape::Sphere => (Convex::Ball { radius_mm: x }, Vector3::repeat(0.4 * x * x)),
@@ -38,7 +38,7 @@ impl BodyModel {
             inverse_mass: 1.0 / scene.mass_g,
             inverse_inertia: inertia.map(|i| 1.0 / (i * scene.mass_g)),
             friction: scene.friction,
-            solid: RigidBody::new(&[(convex, Isometry3::identity())])?,
+            solid: Compound::new(&[(convex, Isometry3::identity())])?,
         })
     }
 
@@ -48,7 +48,7 @@ impl BodyModel {
     }
 
     /// Its shape for contacts.
-    pub fn solid(&self) -> &RigidBody {
+    pub fn solid(&self) -> &Compound {
         &self.solid
     }
 

@@ -12,8 +12,8 @@ use super::contacts::{self, Contact};
 use super::model::BodyModel;
 use super::motion::{predict, settle, stop};
 use super::state::{BodiesState, BodyState, Grip};
-use collision::rigid::{RigidBody, RigidContact};
-use collision::surface::Unusable;
+use collision::rigid::{Compound, RigidContact};
+use collision::surface::CollisionError;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::INSTRUMENTS;
 use scene::BodiesScene;
@@ -79,7 +79,7 @@ pub struct Touched {
 
 impl BodySolver {
     /// A solver for the bodies of a scene.
-    pub fn new(scene: &BodiesScene) -> Result<Self, Unusable> {
+    pub fn new(scene: &BodiesScene) -> Result<Self, CollisionError> {
         let models: Vec<BodyModel> = scene.body.iter().map(BodyModel::new).collect::<Result<_, _>>()?;
         let n = models.len();
         Ok(BodySolver {
@@ -114,7 +114,7 @@ impl BodySolver {
         &mut self,
         bodies: &mut [BodyState],
         grips: &[Option<Grip>; INSTRUMENTS],
-        tools: &[RigidBody; INSTRUMENTS],
+        tools: &[Compound; INSTRUMENTS],
         hands: &[Hand; INSTRUMENTS],
         around: &Surroundings,
     ) {
@@ -205,8 +205,8 @@ mod tests {
         Hand { pose: Isometry3::identity(), before: Isometry3::identity(), touches: false }
     }
 
-    fn tools() -> [RigidBody; INSTRUMENTS] {
-        [Tool::LightPipe; INSTRUMENTS].map(|t| RigidBody::instrument(t, 0.25, 20.0).unwrap())
+    fn tools() -> [Compound; INSTRUMENTS] {
+        [Tool::LightPipe; INSTRUMENTS].map(|t| Compound::instrument(t, 0.25, 20.0).unwrap())
     }
 
     /// The body after so many substeps without instruments.

@@ -6,8 +6,8 @@ use crate::bodies::grip;
 use crate::bodies::solve::{BodySolver, Hand, Surroundings};
 use crate::bodies::state::{BodiesState, Grip};
 use crate::event_log::Happening;
-use collision::rigid::RigidBody;
-use collision::surface::Unusable;
+use collision::rigid::Compound;
+use collision::surface::CollisionError;
 use nalgebra::Vector3;
 use protocol::events::EventKind;
 use protocol::handles::Tool;
@@ -24,21 +24,21 @@ const LENGTH_RADII: f64 = 2.5;
 pub struct Bodies {
     solver: BodySolver,
     /// Shapes of the instruments, and of which tool each is.
-    tools: [RigidBody; INSTRUMENTS],
+    tools: [Compound; INSTRUMENTS],
     of_tool: [u32; INSTRUMENTS],
     length_mm: f64,
 }
 
 impl Bodies {
     /// Shapes and work space for a scene that has bodies.
-    pub fn new(scene: &SceneFile) -> Result<Option<Self>, Unusable> {
+    pub fn new(scene: &SceneFile) -> Result<Option<Self>, CollisionError> {
         let Some(bodies) = &scene.bodies else { return Ok(None) };
         let length_mm = LENGTH_RADII * scene.eye.retina_radius_mm;
         let mut tools = Vec::with_capacity(INSTRUMENTS);
         for instrument in &scene.instruments {
-            tools.push(RigidBody::instrument(instrument.tool, instrument.shaft_radius_mm, length_mm)?);
+            tools.push(Compound::instrument(instrument.tool, instrument.shaft_radius_mm, length_mm)?);
         }
-        let tools: Result<[RigidBody; INSTRUMENTS], _> = tools.try_into();
+        let tools: Result<[Compound; INSTRUMENTS], _> = tools.try_into();
         let Ok(tools) = tools else { return Ok(None) };
         Ok(Some(Bodies {
             solver: BodySolver::new(bodies)?,
@@ -122,7 +122,7 @@ impl World {
         let tool = self.state.instruments[i].tool;
         if tool != bodies.of_tool[i] {
             let radius_mm = self.scene.instruments[i].shaft_radius_mm;
-            let shape = Tool::from_wire(tool).map(|t| RigidBody::instrument(t, radius_mm, bodies.length_mm));
+            let shape = Tool::from_wire(tool).map(|t| Compound::instrument(t, radius_mm, bodies.length_mm));
             if let Some(Ok(shape)) = shape {
                 (bodies.tools[i], bodies.of_tool[i]) = (shape, tool);
             }

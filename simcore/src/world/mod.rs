@@ -26,9 +26,9 @@ use crate::event_log::{EventLog, Happening};
 use crate::microscope;
 use crate::state::State;
 use crate::tools::{ToolFigures, ToolsState};
-use collision::choice::{self, Backend, Choice};
+use collision::backend::{self, Backend, BackendChoice};
 use collision::instrument_image::{InstrumentImage, Volume};
-use collision::surface::Unusable;
+use collision::surface::CollisionError;
 use collision::zcoll::Zcoll;
 use nalgebra::Isometry3;
 use protocol::events::{Event, EventKind};
@@ -58,7 +58,7 @@ use tissue::vitreous::Vitreous;
 pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
-    Collision(#[from] Unusable),
+    Collision(#[from] CollisionError),
     /// The membrane's own mesh cannot be a sheet.
     #[error("membrane.mesh: {0}")]
     Mesh(#[from] MeshError),
@@ -235,13 +235,17 @@ impl World {
     }
 
     /// Chooses who looks for collisions with the membrane; `None` where there is none. It changes no result.
-    pub fn choose_collision(&mut self, wanted: Backend, clock: &mut dyn FnMut() -> u64) -> Option<Choice> {
+    pub fn choose_collision(
+        &mut self,
+        wanted: Backend,
+        clock: &mut dyn FnMut() -> u64,
+    ) -> Option<BackendChoice> {
         let zcoll = self.zcoll.as_mut()?;
         let instrument = &self.scene.instruments[0];
         let mut image = InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &self.volume);
         image.prepare(0.0, &self.volume);
         let surface = self.state.membrane.surface(&self.sheet);
-        Some(choice::choose(zcoll, wanted, &image, &surface, clock))
+        Some(backend::choose_backend(zcoll, wanted, &image, &surface, clock))
     }
 
     /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's times and

@@ -5,7 +5,7 @@ use super::plan::{Plan, Poses};
 use crate::constants::UNDER_MARGIN_MM;
 use crate::event_log::Happening;
 use crate::state::State;
-use collision::surface::{Surface, Unusable};
+use collision::surface::{CollisionError, Surface};
 use collision::zcoll::Zcoll;
 use nalgebra::Vector3;
 use protocol::events::{EventKind, NO_INSTRUMENT};
@@ -36,7 +36,7 @@ impl RetinaPart {
         model: Retina,
         volume: collision::instrument_image::Volume,
         vitrector: &VitrectorScene,
-    ) -> Result<Self, Unusable> {
+    ) -> Result<Self, CollisionError> {
         let zcoll = Zcoll::new(volume, &model.sheet.triangles, model.sheet.nodes())?;
         let cutting = Cutting::new(vitrector, &model.sheet)?;
         Ok(RetinaPart { model, zcoll, cutting, sucked: false })
@@ -203,7 +203,7 @@ impl World {
         let position_mm = retina.tissue.position_mm.each_ref().map(Vec::as_slice);
         let (triangles, alive) = (&part.model.sheet.triangles[..], &part.model.pieces.loose_alive[..]);
         let surface = Surface { position_mm, triangles, alive };
-        let found = part.zcoll.look(&self.images[i], &pose.inverse(), &surface);
+        let found = part.zcoll.query(&self.images[i], &pose.inverse(), &surface);
         self.tell_look(i, &found);
         let press = &mut retina.presses[i];
         let deepest = self.volume.depth_steps_mm(found.deepest);

@@ -25,7 +25,7 @@ pub struct Aimed {
 }
 
 impl World {
-    /// Suction on what the ports see: each node is drawn to the port by the pressure at its distance on its share of the area seen.
+    /// PortCamera on what the ports see: each node is drawn to the port by the pressure at its distance on its share of the area seen.
     pub(super) fn suck_membrane(&mut self, poses: &Poses) {
         let Some(cutting) = &mut self.cutting else { return };
         for i in 0..INSTRUMENTS {

@@ -5,11 +5,11 @@ use super::plan::{Plan, Poses};
 use crate::constants::{COLLISION_EVERY, FOLD_QUIET_NS, LOOKED_WAY_MM, MAX_MARKS, UNDER_MARGIN_MM};
 use crate::event_log::Happening;
 use crate::state::MarkState;
-use collision::continuous::crosses;
+use collision::continuous::path_hits;
 use collision::eyeball;
 use collision::instrument_image::{InstrumentImage, NOTHING};
 use collision::raster::DEPTH_STEPS;
-use collision::zcoll::{Found, Zcoll};
+use collision::zcoll::{Contacts, Zcoll};
 use nalgebra::{UnitVector3, Vector3};
 use protocol::events::EventKind;
 use protocol::handles::{HOOK_THICKNESS_MM, JAW_LENGTH_MM, Tool};
@@ -39,7 +39,7 @@ fn above_middle(image: &InstrumentImage, zcoll: &Zcoll) -> Option<bool> {
         let (bottom, back) = (image.depth[pixel], image.back().depth[pixel]);
         if back != NOTHING {
             let top = DEPTH_STEPS - back;
-            let higher = 2 * (bottom + hit.way) > bottom + top;
+            let higher = 2 * (bottom + hit.depth) > bottom + top;
             (above, below) = (above + i32::from(higher), below + i32::from(!higher));
         }
     }
@@ -69,7 +69,7 @@ impl World {
             let pose = &poses.eye_from_instrument[i];
             self.images[i].prepare(instrument.jaw_rad, &self.volume);
             let (image, membrane) = (&self.images[i], &self.state.membrane);
-            let found = zcoll.look(image, &pose.inverse(), &membrane.surface(&self.sheet));
+            let found = zcoll.query(image, &pose.inverse(), &membrane.surface(&self.sheet));
             self.tell_look(i, &found);
             if found.pixels == 0 && self.jumped_through(i, plan) {
                 let instrument = &mut self.state.instruments[i];
@@ -88,7 +88,7 @@ impl World {
                 Passed::Under => {
                     let image = &self.images[i];
                     let surface = self.state.membrane.surface(&self.sheet);
-                    let lifted = zcoll.look_back(image, &pose.inverse(), &surface);
+                    let lifted = zcoll.query_reversed(image, &pose.inverse(), &surface);
                     self.tell_look(i, &lifted);
                     if self.lifts(i, &lifted) {
                         self.displace(&zcoll, &handle, &poses.tip_step_mm[i]);
@@ -106,14 +106,14 @@ impl World {
         let from = plan.pose(i, 0.0).translation.vector;
         let to = self.state.instruments[i].tip_in_eye_mm;
         let fast = (to - from).norm() > LOOKED_WAY_MM;
-        fast && crosses(from.into(), to.into(), &self.state.membrane.surface(&self.sheet))
+        fast && path_hits(from.into(), to.into(), &self.state.membrane.surface(&self.sheet))
     }
 
     /// What became of the membrane that was found. Contact that began on the far side of the instrument came round an edge: the
     /// instrument is **under** the membrane until it is clear. Where hook or jaws were passed, that is so if most pixels have the
     /// membrane above their middle; where only shaft was, if the first contact is deeper than the instrument's way since
     /// the last look.
-    fn passed(&mut self, i: usize, zcoll: &Zcoll, found: &Found) -> Passed {
+    fn passed(&mut self, i: usize, zcoll: &Zcoll, found: &Contacts) -> Passed {
         let deepest_mm = self.volume.depth_steps_mm(found.deepest);
         let above = above_middle(&self.images[i], zcoll);
         let instrument = &mut self.state.instruments[i];
@@ -134,7 +134,7 @@ impl World {
     }
 
     /// True if what the reversed camera found can be lifted: not so deep that it lies below hook and jaws.
-    fn lifts(&self, i: usize, lifted: &Found) -> bool {
+    fn lifts(&self, i: usize, lifted: &Contacts) -> bool {
         let jaws = self.state.instruments[i].tool == Tool::Forceps as u32;
         let thick = if jaws { JAW_LENGTH_MM } else { HOOK_THICKNESS_MM };
         lifted.pixels > 0 && self.volume.depth_steps_mm(lifted.deepest) <= thick + UNDER_MARGIN_MM
@@ -180,7 +180,7 @@ impl World {
 
     /// Events for what a look at membrane or retina could not see rightly: second layers, triangles that its image cannot hold, and triangles
     /// without area in it. The last ones are seldom a loss: their neighbours fill the image.
-    pub(super) fn tell_look(&mut self, i: usize, found: &Found) {
+    pub(super) fn tell_look(&mut self, i: usize, found: &Contacts) {
         let instrument = &mut self.state.instruments[i];
         let troubled = found.folded > 0 || found.refused > 0 || found.flat > 0;
         if !troubled || self.state.exposed_ns < instrument.fold_quiet_ns {
@@ -209,7 +209,8 @@ impl World {
             let tip = instrument.tip_in_eye_mm;
             let substep = self.state.substeps;
             let contact = &self.scene.contact;
-            let Some(change) = eyeball::follow(&mut instrument.retina, clearance, substep, contact) else {
+            let Some(change) = eyeball::update_contact(&mut instrument.retina, clearance, substep, contact)
+            else {
                 continue;
             };
             let event = Happening::new(change.kind, change.value);

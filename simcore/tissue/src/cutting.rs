@@ -5,8 +5,8 @@ use crate::membrane::tear;
 use crate::state::MembraneState;
 use crate::state::Removed;
 use crate::vitrector::Port;
-use collision::suction::{Suction, View};
-use collision::surface::{Surface, Unusable};
+use collision::suction::{PortCamera, SuctionCone};
+use collision::surface::{CollisionError, Surface};
 use nalgebra::Isometry3;
 use protocol::limits::INSTRUMENTS;
 use scene::VitrectorScene;
@@ -14,8 +14,8 @@ use scene::VitrectorScene;
 /// What suction and cutting of a sheet need beside its state.
 #[derive(Debug)]
 pub struct Cutting {
-    camera: Suction,
-    view: View,
+    camera: PortCamera,
+    view: SuctionCone,
     /// Area of each triangle at rest, µm², rounded.
     rest_um2: Vec<u32>,
     /// Area at rest of the triangles seen around each node, thirds added up, mm²; all 0 between two looks.
@@ -29,15 +29,15 @@ pub struct Cutting {
 
 impl Cutting {
     /// For a sheet.
-    pub fn new(vitrector: &VitrectorScene, sheet: &Sheet) -> Result<Self, Unusable> {
+    pub fn new(vitrector: &VitrectorScene, sheet: &Sheet) -> Result<Self, CollisionError> {
         let start = sheet.start();
         let area_um2 = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|n| start.position(n as usize).map(f64::from));
             (0.5e6 * (b - a).cross(&(c - a)).norm() + 0.5) as u32
         };
         Ok(Cutting {
-            camera: Suction::new(vitrector.resolution as usize, &sheet.triangles, sheet.nodes())?,
-            view: View {
+            camera: PortCamera::new(vitrector.resolution as usize, &sheet.triangles, sheet.nodes())?,
+            view: SuctionCone {
                 tan_half_angle: libm::tan(vitrector.cone_half_angle_rad),
                 reach_mm: vitrector.cone_reach_mm,
             },
@@ -57,7 +57,7 @@ impl Cutting {
 
     /// Draws the image of the port of an instrument; `false` where it sees nothing.
     pub fn look(&mut self, eye_from_instrument: &Isometry3<f64>, surface: &Surface) -> bool {
-        self.camera.look(&eye_from_instrument.inverse(), &self.view, surface).pixels > 0
+        self.camera.render(&eye_from_instrument.inverse(), &self.view, surface).pixels > 0
     }
 
     /// Triangles that the last look saw.
@@ -115,7 +115,7 @@ impl Cutting {
 
     fn catch(&mut self, port: &Port, sheet: &Sheet, tissue: &MembraneState) {
         self.caught.clear();
-        for spot in self.camera.spots() {
+        for spot in self.camera.pixels_seen() {
             let [along, aside] = self.camera.place_mm(&spot, &self.view);
             if along <= port.depth_mm && aside <= port.radius_mm {
                 self.caught.push(spot.triangle);

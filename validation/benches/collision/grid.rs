@@ -93,7 +93,7 @@ impl Method for HashedGrid {
             self.candidates.sort_unstable();
             self.candidates.dedup();
             for &t in &self.candidates {
-                if triangle(frame, &self.corners, t as usize).is_some_and(|mine| mine.meets(other)) {
+                if triangle(frame, &self.corners, t as usize).is_some_and(|mine| mine.intersects(other)) {
                     self.pairs.push((t, *number));
                 }
             }

@@ -6,9 +6,9 @@
 //! the first frame, which all methods see alike.
 
 mod grid;
-mod looks;
 mod parry;
 mod peers;
+mod queries;
 mod setting;
 mod spheres;
 

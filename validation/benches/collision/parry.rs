@@ -70,7 +70,7 @@ impl Method for ParryBvh {
                 last = (t, triangle(frame, &self.corners, t as usize));
             }
             let (other, number) = &tool[i as usize];
-            if last.1.is_some_and(|mine| mine.meets(other)) {
+            if last.1.is_some_and(|mine| mine.intersects(other)) {
                 self.pairs.push((t, *number));
             }
         }

@@ -1,11 +1,11 @@
 //! The methods and what they have in common.
 
 use crate::grid::HashedGrid;
-use crate::looks::{Back, Port, YesNo};
 use crate::parry::{ParryBvh, ParryManifolds};
+use crate::queries::{Back, Port, YesNo};
 use crate::setting::{Frame, Setting};
 use crate::spheres::SphereTrees;
-use collision::exact::Exact;
+use collision::exact::PairQuery;
 use collision::instrument_image::{InstrumentImage, Volume};
 use collision::tritri::{Corner, Triangle};
 use collision::zcoll::Zcoll;
@@ -90,7 +90,7 @@ impl Method for Image {
     }
     fn update(&mut self, _: &Frame) {}
     fn query(&mut self, frame: &Frame) -> usize {
-        self.zcoll.look(&self.image, &frame.instrument_from_eye, &frame.surface);
+        self.zcoll.query(&self.image, &frame.instrument_from_eye, &frame.surface);
         self.zcoll.triangles().count()
     }
     fn pairs(&self) -> Vec<(u32, u32)> {
@@ -162,11 +162,11 @@ impl Method for OnAdapter {
 }
 
 /// The product's exact pair query.
-struct Ours(Exact);
+struct Ours(PairQuery);
 
 impl Ours {
     fn new(setting: &Setting) -> Self {
-        Ours(Exact::new(&setting.triangles, setting.nodes()).expect("a sheet"))
+        Ours(PairQuery::new(&setting.triangles, setting.nodes()).expect("a sheet"))
     }
 }
 
@@ -176,7 +176,7 @@ impl Method for Ours {
     }
     fn update(&mut self, _: &Frame) {}
     fn query(&mut self, frame: &Frame) -> usize {
-        self.0.find(frame.mesh, &frame.instrument_from_eye, &frame.surface).pairs as usize
+        self.0.query(frame.mesh, &frame.instrument_from_eye, &frame.surface).pairs as usize
     }
     fn pairs(&self) -> Vec<(u32, u32)> {
         self.0.pairs().iter().map(|p| (p.membrane, p.instrument)).collect()
@@ -201,7 +201,7 @@ impl Method for Brute {
         self.pairs.clear();
         for t in 0..frame.surface.triangles.len() {
             let Some(mine) = triangle(frame, &self.corners, t) else { continue };
-            let met = frame.mesh.triangles().iter().filter(|(other, _)| mine.meets(other));
+            let met = frame.mesh.triangles().iter().filter(|(other, _)| mine.intersects(other));
             self.pairs.extend(met.map(|(_, number)| (t as u32, *number)));
         }
         self.pairs.len()

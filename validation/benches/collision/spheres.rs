@@ -138,7 +138,7 @@ impl Method for SphereTrees {
                         last = (t, triangle(frame, corners, t as usize));
                     }
                     let (other, number) = &frame.mesh.triangles()[u as usize];
-                    if last.1.is_some_and(|mine| mine.meets(other)) {
+                    if last.1.is_some_and(|mine| mine.intersects(other)) {
                         pairs.push((t, *number));
                     }
                 }

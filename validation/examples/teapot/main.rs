@@ -99,7 +99,7 @@ fn press(membrane: &mut Membrane, facets: Vec<Facet>) -> anyhow::Result<f64> {
         let at = -STEP_MM * step as f64;
         let position_mm = membrane.position_mm.each_ref().map(Vec::as_slice);
         let surface = Surface { position_mm, triangles: &membrane.triangles, alive: &alive };
-        let found = zcoll.look(&image, &Isometry3::translation(0.0, 0.0, -at), &surface);
+        let found = zcoll.query(&image, &Isometry3::translation(0.0, 0.0, -at), &surface);
         for (node, way) in zcoll.displaced() {
             membrane.position_mm[2][node] -= zcoll.volume().depth_steps_mm(way) as f32;
         }

@@ -17,10 +17,10 @@ const FAR_MM: f32 = 1e6;
 /// Pixels around the instrument by which the estimate's box is wider than the exact test's, as in the processor's cull.
 const CULL_MARGIN: f32 = 2.0;
 
-/// The block of a look; `Look` in zcoll.wgsl says what is what.
+/// The block of a look; `QueryParams` in zcoll.wgsl says what is what.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Look {
+pub struct QueryParams {
     /// Rows of the rotation and the tip, bits of `f32`.
     pub turn: [[u32; 4]; 3],
     /// Scales and offsets, bits of `f32`.
@@ -39,7 +39,7 @@ pub struct Look {
     pub count: [u32; 4],
 }
 
-impl Look {
+impl QueryParams {
     /// A look of an instrument at a mesh, from either of its ends.
     pub(super) fn new(frame: &Frame, volume: &Volume, side: &Side, lists: &Lists) -> Self {
         let [(xy, middle), ahead] = volume.format();
@@ -50,7 +50,7 @@ impl Look {
         let [low, high] = volume.box_around(side.rect, CULL_MARGIN);
         let wide = |v: [f32; 3]| [v[0], v[1], v[2], 0.0];
         let (min, max) = (side.rect.min, side.rect.max);
-        Look {
+        QueryParams {
             turn: [row(0), row(1), row(2)],
             format: [xy, middle, z, near].map(f32::to_bits),
             bound: [
@@ -113,21 +113,21 @@ mod tests {
         let module = wgsl::parse_str(text).unwrap_or_else(|e| panic!("{}", e.emit_to_string(text)));
         let valid = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
         assert!(valid.is_ok(), "{}", valid.unwrap_err().emit_to_string(text));
-        let (_, block) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some("Look")).unwrap();
-        let TypeInner::Struct { members, span } = &block.inner else { panic!("Look is no struct") };
+        let (_, block) = module.types.iter().find(|(_, t)| t.name.as_deref() == Some("QueryParams")).unwrap();
+        let TypeInner::Struct { members, span } = &block.inner else { panic!("QueryParams is no struct") };
         let theirs: Vec<_> =
             members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset as usize)).collect();
         let ours = [
-            ("turn", offset_of!(Look, turn)),
-            ("format", offset_of!(Look, format)),
-            ("bound", offset_of!(Look, bound)),
-            ("limit", offset_of!(Look, limit)),
-            ("rect", offset_of!(Look, rect)),
-            ("low", offset_of!(Look, low)),
-            ("high", offset_of!(Look, high)),
-            ("count", offset_of!(Look, count)),
+            ("turn", offset_of!(QueryParams, turn)),
+            ("format", offset_of!(QueryParams, format)),
+            ("bound", offset_of!(QueryParams, bound)),
+            ("limit", offset_of!(QueryParams, limit)),
+            ("rect", offset_of!(QueryParams, rect)),
+            ("low", offset_of!(QueryParams, low)),
+            ("high", offset_of!(QueryParams, high)),
+            ("count", offset_of!(QueryParams, count)),
         ];
         assert_eq!(theirs, ours.map(|(name, at)| (name.to_owned(), at)));
-        assert_eq!(*span as usize, size_of::<Look>());
+        assert_eq!(*span as usize, size_of::<QueryParams>());
     }
 }

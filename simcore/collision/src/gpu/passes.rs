@@ -24,7 +24,7 @@ pub(super) struct Passes {
 }
 
 impl Passes {
-    /// Compiles them; what goes wrong is told by the device.
+    /// Compiles them; what goes wrong is results by the device.
     pub(super) fn new(device: &Device) -> Self {
         let label = Some("collision");
         let entries: Vec<_> = (0..BUFFERS as u32).map(entry).collect();

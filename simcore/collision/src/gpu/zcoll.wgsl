@@ -1,8 +1,8 @@
 // ZCOLL in whole numbers: the cull, the two passes that draw depth and triangle, the comparison with the instrument, and the
 // reduction to triangles and nodes. Behind soft_float.wgsl and wide.wgsl.
 
-// What a look is about. Mirrored by `Look` in mod.rs.
-struct Look {
+// The parameters of a query. Mirrored by `QueryParams` in layout.rs.
+struct QueryParams {
     // Rows of eye frame → instrument frame, bits of f32; w: the tip's x, y, z in the eye frame.
     turn: array<vec4<u32>, 3>,
     // Bits of f32: scale and offset of x and y, then of z.
@@ -16,11 +16,11 @@ struct Look {
     // The box of the estimate, mm: lower corner, upper corner.
     low: vec4<f32>,
     high: vec4<f32>,
-    // Triangles, vertices; where the nodes' list begins in `told`, and the pixels'.
+    // Triangles, vertices; where the nodes' list begins in `results`, and the pixels'.
     count: vec4<u32>,
 }
 
-@group(0) @binding(0) var<uniform> look: Look;
+@group(0) @binding(0) var<uniform> params: QueryParams;
 // x of all vertices, then y, then z: bits of f32, eye frame, mm.
 @group(0) @binding(1) var<storage, read> position: array<u32>;
 @group(0) @binding(2) var<storage, read> corner: array<u32>;
@@ -31,10 +31,10 @@ struct Look {
 @group(0) @binding(5) var<storage, read_write> survivor: array<u32>;
 // Counters (see below), then an image each of: nearest depth, times seen, triangle.
 @group(0) @binding(6) var<storage, read_write> work: array<atomic<u32>>;
-// Longest vector of each triangle, then of each node; all 0 between looks.
+// Longest vector of each triangle, then of each node; all 0 between queries.
 @group(0) @binding(7) var<storage, read_write> longest: array<atomic<u32>>;
 // Pairs (triangle, way), then pairs (node, way), then triples (pixel, triangle, way).
-@group(0) @binding(8) var<storage, read_write> told: array<u32>;
+@group(0) @binding(8) var<storage, read_write> results: array<u32>;
 
 const SURVIVORS: u32 = 0u;
 const PIXELS: u32 = 1u;
@@ -62,7 +62,7 @@ fn corners_of(triangle: u32) -> vec3<u32> {
 }
 
 fn vertex(number: u32) -> vec3<u32> {
-    let n = look.count.y;
+    let n = params.count.y;
     return vec3<u32>(position[number], position[n + number], position[2u * n + number]);
 }
 
@@ -77,26 +77,26 @@ fn planes_beyond(p: vec3<u32>) -> u32 {
     if any((p & vec3<u32>(~SIGN)) >= vec3<u32>(FAR)) {
         return 0u;
     }
-    let tip = bitcast<vec3<f32>>(vec3<u32>(look.turn[0].w, look.turn[1].w, look.turn[2].w));
+    let tip = bitcast<vec3<f32>>(vec3<u32>(params.turn[0].w, params.turn[1].w, params.turn[2].w));
     let d = bitcast<vec3<f32>>(p) - tip;
     let slack = SLACK * (abs(d.x) + abs(d.y) + abs(d.z));
     var beyond = 0u;
     for (var axis = 0u; axis < 3u; axis += 1u) {
-        let value = dot(bitcast<vec3<f32>>(look.turn[axis].xyz), d);
-        beyond |= select(0u, 1u, value + slack < look.low[axis]) << (2u * axis);
-        beyond |= select(0u, 2u, value - slack > look.high[axis]) << (2u * axis);
+        let value = dot(bitcast<vec3<f32>>(params.turn[axis].xyz), d);
+        beyond |= select(0u, 1u, value + slack < params.low[axis]) << (2u * axis);
+        beyond |= select(0u, 2u, value - slack > params.high[axis]) << (2u * axis);
     }
     return beyond;
 }
 
 @compute @workgroup_size(64)
 fn cull(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    for (var t = id.x; t < look.count.x; t += GROUP * groups.x) {
+    for (var t = id.x; t < params.count.x; t += GROUP * groups.x) {
         if ((alive[t >> 5u] >> (t & 31u)) & 1u) == 0u {
             continue;
         }
         let v = corners_of(t);
-        if look.bound.w == 0u {
+        if params.bound.w == 0u {
             let beyond = planes_beyond(vertex(v.x)) & planes_beyond(vertex(v.y)) & planes_beyond(vertex(v.z));
             if beyond != 0u {
                 continue;
@@ -114,7 +114,7 @@ struct Placed {
 }
 
 fn along(axis: u32, d: vec3<u32>) -> u32 {
-    let row = look.turn[axis];
+    let row = params.turn[axis];
     return float_add(float_add(float_mul(row.x, d.x), float_mul(row.y, d.y)), float_mul(row.z, d.z));
 }
 
@@ -126,32 +126,32 @@ fn to_fixed(value: u32, scale: u32, offset: u32, bound: u32, limit: i32) -> i32 
     if !float_less(step, bound) {
         step = bound;
     }
-    return float_floor(float_add(float_add(step, bound), look.bound.z)) - limit;
+    return float_floor(float_add(float_add(step, bound), params.bound.z)) - limit;
 }
 
 fn place(number: u32) -> Placed {
     let p = vertex(number);
     let d = vec3<u32>(
-        float_sub(p.x, look.turn[0].w),
-        float_sub(p.y, look.turn[1].w),
-        float_sub(p.z, look.turn[2].w),
+        float_sub(p.x, params.turn[0].w),
+        float_sub(p.y, params.turn[1].w),
+        float_sub(p.z, params.turn[2].w),
     );
     var placed = Placed(vec3<i32>(0), 0u);
     for (var axis = 0u; axis < 3u; axis += 1u) {
         let value = along(axis, d);
         let deep = axis == 2u;
-        let scale = select(look.format.x, look.format.z, deep);
-        let offset = select(look.format.y, look.format.w, deep);
-        let limit = select(look.limit.x, look.limit.y, deep);
-        let step = to_fixed(value, scale, offset, select(look.bound.x, look.bound.y, deep), limit);
+        let scale = select(params.format.x, params.format.z, deep);
+        let offset = select(params.format.y, params.format.w, deep);
+        let limit = select(params.limit.x, params.limit.y, deep);
+        let step = to_fixed(value, scale, offset, select(params.bound.x, params.bound.y, deep), limit);
         var low = 0;
-        var high = look.limit.z;
+        var high = params.limit.z;
         if axis == 0u {
-            low = look.rect.x * SUBPIXELS;
-            high = look.rect.z * SUBPIXELS;
+            low = params.rect.x * SUBPIXELS;
+            high = params.rect.z * SUBPIXELS;
         } else if axis == 1u {
-            low = look.rect.y * SUBPIXELS;
-            high = look.rect.w * SUBPIXELS;
+            low = params.rect.y * SUBPIXELS;
+            high = params.rect.w * SUBPIXELS;
         }
         if !is_nan(value) {
             placed.code |= select(0u, 1u, step < low) << (2u * axis);
@@ -217,8 +217,8 @@ fn prepare(slot: u32, triangle: u32, counts: bool) -> u32 {
         }
         return 0u;
     }
-    let columns = span(p.at.x, q.at.x, r.at.x, look.rect.x, look.rect.z);
-    let rows = span(p.at.y, q.at.y, r.at.y, look.rect.y, look.rect.w);
+    let columns = span(p.at.x, q.at.x, r.at.x, params.rect.x, params.rect.z);
+    let rows = span(p.at.y, q.at.y, r.at.y, params.rect.y, params.rect.w);
     if columns.x >= columns.y || rows.x >= rows.y {
         return 0u;
     }
@@ -258,7 +258,7 @@ fn fragment(number: u32) -> Fragment {
     let t = ready[low];
     let rest = number - before[low];
     let at = t.first + vec2<i32>(i32(rest % t.columns), i32(rest / t.columns));
-    let pixel = u32(at.y * look.limit.w + at.x);
+    let pixel = u32(at.y * params.limit.w + at.x);
     let none = Fragment(pixel, -1, t.triangle);
     if instrument[pixel] == NOTHING {
         return none;
@@ -283,19 +283,19 @@ fn fragment(number: u32) -> Fragment {
         wide_times(opposite_c, over.z),
     );
     let depth = nearest + i32(wide_quotient(numerator, area, max(over.x, max(over.y, over.z))));
-    if depth < 0 || depth > look.limit.z {
+    if depth < 0 || depth > params.limit.z {
         return none;
     }
     return Fragment(pixel, depth, t.triangle);
 }
 
 fn pixels_of_image() -> u32 {
-    return u32(look.limit.w * look.limit.w);
+    return u32(params.limit.w * params.limit.w);
 }
 
 // Nearer is larger, 0 is nothing.
 fn nearness(depth: i32) -> u32 {
-    return u32(look.limit.z + 1 - depth);
+    return u32(params.limit.z + 1 - depth);
 }
 
 fn draw(lane: u32, group: u32, groups: u32, names: bool) {
@@ -366,24 +366,24 @@ fn way_in(pixel: u32) -> i32 {
     if near == 0u || z_i == NOTHING {
         return 0;
     }
-    return max(look.limit.z + 1 - i32(near) - z_i, 0);
+    return max(params.limit.z + 1 - i32(near) - z_i, 0);
 }
 
 fn pixel_of_rect(number: u32) -> u32 {
-    let across = u32(look.rect.z - look.rect.x);
-    return (u32(look.rect.y) + number / across) * u32(look.limit.w) + u32(look.rect.x) + number % across;
+    let across = u32(params.rect.z - params.rect.x);
+    return (u32(params.rect.y) + number / across) * u32(params.limit.w) + u32(params.rect.x) + number % across;
 }
 
 fn pixels_of_rect() -> u32 {
-    return u32((look.rect.z - look.rect.x) * (look.rect.w - look.rect.y));
+    return u32((params.rect.z - params.rect.x) * (params.rect.w - params.rect.y));
 }
 
 const WIDE_GROUP: u32 = 256u;
 
 @compute @workgroup_size(256)
 fn reduce(@builtin(local_invocation_index) lane: u32) {
-    let nodes_at = look.count.z;
-    let pixels_at = look.count.w;
+    let nodes_at = params.count.z;
+    let pixels_at = params.count.w;
     for (var i = lane; i < pixels_of_rect(); i += WIDE_GROUP) {
         let pixel = pixel_of_rect(i);
         let way = way_in(pixel);
@@ -392,33 +392,33 @@ fn reduce(@builtin(local_invocation_index) lane: u32) {
         }
         let triangle = ~atomicLoad(&work[IMAGES + 2u * pixels_of_image() + pixel]);
         let hit = pixels_at + 3u * atomicAdd(&work[PIXELS], 1u);
-        told[hit] = pixel;
-        told[hit + 1u] = triangle;
-        told[hit + 2u] = u32(way);
+        results[hit] = pixel;
+        results[hit + 1u] = triangle;
+        results[hit + 2u] = u32(way);
         atomicMax(&work[DEEPEST], u32(way));
         if atomicMax(&longest[triangle], u32(way)) == 0u {
-            told[2u * atomicAdd(&work[TRIANGLES], 1u)] = triangle;
+            results[2u * atomicAdd(&work[TRIANGLES], 1u)] = triangle;
         }
     }
     storageBarrier();
     for (var i = lane; i < atomicLoad(&work[TRIANGLES]); i += WIDE_GROUP) {
-        let triangle = told[2u * i];
+        let triangle = results[2u * i];
         let way = atomicLoad(&longest[triangle]);
-        told[2u * i + 1u] = way;
+        results[2u * i + 1u] = way;
         let v = corners_of(triangle);
         for (var k = 0u; k < 3u; k += 1u) {
-            if atomicMax(&longest[look.count.x + v[k]], way) == 0u {
-                told[nodes_at + 2u * atomicAdd(&work[NODES], 1u)] = v[k];
+            if atomicMax(&longest[params.count.x + v[k]], way) == 0u {
+                results[nodes_at + 2u * atomicAdd(&work[NODES], 1u)] = v[k];
             }
         }
     }
     storageBarrier();
     for (var i = lane; i < atomicLoad(&work[TRIANGLES]); i += WIDE_GROUP) {
-        atomicStore(&longest[told[2u * i]], 0u);
+        atomicStore(&longest[results[2u * i]], 0u);
     }
     for (var i = lane; i < atomicLoad(&work[NODES]); i += WIDE_GROUP) {
         let at = nodes_at + 2u * i;
-        told[at + 1u] = atomicExchange(&longest[look.count.x + told[at]], 0u);
+        results[at + 1u] = atomicExchange(&longest[params.count.x + results[at]], 0u);
     }
 }
 
@@ -434,22 +434,22 @@ fn touch(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) 
 // Vertices as features, of the triangles that the last cull left; pairs (vertex, way) in place of the nodes.
 @compute @workgroup_size(256)
 fn vertices(@builtin(local_invocation_index) lane: u32) {
-    let nodes_at = look.count.z;
+    let nodes_at = params.count.z;
     for (var i = lane; i < 3u * atomicLoad(&work[SURVIVORS]); i += WIDE_GROUP) {
         let number = corner[3u * survivor[i / 3u] + i % 3u];
         let placed = place(number);
         let at = placed.at.xy >> vec2<u32>(PIXEL_BITS);
-        if placed.code != 0u || any(at < vec2<i32>(0)) || any(at >= vec2<i32>(look.limit.w)) {
+        if placed.code != 0u || any(at < vec2<i32>(0)) || any(at >= vec2<i32>(params.limit.w)) {
             continue;
         }
-        let way = placed.at.z - instrument[u32(at.y * look.limit.w + at.x)];
-        if way > 0 && atomicMax(&longest[look.count.x + number], u32(way)) == 0u {
-            told[nodes_at + 2u * atomicAdd(&work[NODES], 1u)] = number;
+        let way = placed.at.z - instrument[u32(at.y * params.limit.w + at.x)];
+        if way > 0 && atomicMax(&longest[params.count.x + number], u32(way)) == 0u {
+            results[nodes_at + 2u * atomicAdd(&work[NODES], 1u)] = number;
         }
     }
     storageBarrier();
     for (var i = lane; i < atomicLoad(&work[NODES]); i += WIDE_GROUP) {
         let at = nodes_at + 2u * i;
-        told[at + 1u] = atomicExchange(&longest[look.count.x + told[at]], 0u);
+        results[at + 1u] = atomicExchange(&longest[params.count.x + results[at]], 0u);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Zcoll;
 #[cfg(feature = "gpu")]
-use super::{Found, Side, Surface};
+use super::{Contacts, Side, Surface};
 #[cfg(feature = "gpu")]
 use crate::gpu::{GpuError, GpuZcoll};
 #[cfg(feature = "gpu")]
@@ -39,22 +39,22 @@ impl Zcoll {
 
     /// A look of the adapter, if there is one, taken into the lists of this one.
     #[cfg(feature = "gpu")]
-    pub(super) fn look_on_gpu(
+    pub(super) fn query_gpu(
         &mut self,
         side: &Side,
         instrument_from_eye: &Isometry3<f64>,
         surface: &Surface,
-    ) -> Option<Found> {
-        let found = self.ask_gpu(|gpu| gpu.look(side, instrument_from_eye, surface))?;
+    ) -> Option<Contacts> {
+        let found = self.ask_gpu(|gpu| gpu.query(side, instrument_from_eye, surface))?;
         let gpu = self.gpu.as_ref()?;
         self.hits.extend_from_slice(gpu.hits());
-        for &(triangle, way) in gpu.triangles() {
+        for &(triangle, depth) in gpu.triangles() {
             self.triangles.push(triangle);
-            self.triangle_depth[triangle as usize] = way;
+            self.triangle_depth[triangle as usize] = depth;
         }
-        for &(node, way) in gpu.displaced() {
+        for &(node, depth) in gpu.displaced() {
             self.nodes.push(node);
-            self.node_depth[node as usize] = way;
+            self.node_depth[node as usize] = depth;
         }
         Some(found)
     }

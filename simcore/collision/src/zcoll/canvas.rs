@@ -1,8 +1,8 @@
 //! The membrane's images of a look: its depth and its triangles, drawn in integers where there is instrument.
 
-use super::Found;
+use super::Contacts;
 use crate::instrument_image::{NOTHING, Side};
-use crate::placing::{PLANES, Placed, REFUSED};
+use crate::quantize::{PLANES, QuantizedVertex, REFUSED};
 use crate::raster::{self, DEPTH_STEPS, Drawn, Rect};
 use crate::surface::Surface;
 
@@ -10,7 +10,7 @@ use crate::surface::Surface;
 #[derive(Debug)]
 pub(super) struct Canvas {
     pub(super) resolution: usize,
-    pub(super) vertex: Vec<Placed>,
+    pub(super) vertex: Vec<QuantizedVertex>,
     pub(super) depth: Vec<i32>,
     pub(super) id: Vec<u32>,
     pub(super) second: Vec<u8>,
@@ -31,7 +31,7 @@ impl Canvas {
         side: &Side,
         surface: &Surface,
         range: std::ops::Range<usize>,
-        found: &mut Found,
+        found: &mut Contacts,
     ) {
         let (triangles, alive) = (&surface.triangles[range.clone()], &surface.alive[range.clone()]);
         for ((nodes, alive), t) in triangles.iter().zip(alive).zip(range) {
@@ -47,7 +47,7 @@ impl Canvas {
         }
     }
 
-    fn draw_one(&mut self, side: &Side, vertices: [raster::Fixed; 3], triangle: u32, found: &mut Found) {
+    fn draw_one(&mut self, side: &Side, vertices: [raster::Fixed; 3], triangle: u32, found: &mut Contacts) {
         let Canvas { depth, id, second, resolution, .. } = self;
         let drawn = raster::triangle(vertices, side.rect, |x, y, z| {
             let pixel = y as usize * *resolution + x as usize;

@@ -232,7 +232,7 @@ mod tests {
                 prop_assert!(state.topology >= topology && (state.topology > 0) == lost);
                 // From below: the whole sheet lies over the camera's tip.
                 let pose = Isometry3::translation(0.0, 0.0, 0.5);
-                zcoll.look(&image, &pose, &state.surface(&sheet));
+                zcoll.query(&image, &pose, &state.surface(&sheet));
                 prop_assert!(zcoll.triangles().all(|(t, _)| state.triangle_alive[t] != 0));
                 let under = |t: &&[u32; 3]| t.iter().all(|&n| state.position(n as usize).xy().norm() < 1.2);
                 let central = alive.iter().filter(under).count();

@@ -3,7 +3,7 @@
 use crate::peers::Method;
 use crate::setting::{Frame, Setting, pose};
 use collision::instrument_image::{InstrumentImage, Volume};
-use collision::suction::{Suction, View};
+use collision::suction::{PortCamera, SuctionCone};
 use collision::zcoll::Zcoll;
 use nalgebra::Isometry3;
 use protocol::handles::Tool;
@@ -79,7 +79,7 @@ impl Method for Back {
     }
     fn update(&mut self, _: &Frame) {}
     fn query(&mut self, frame: &Frame) -> usize {
-        self.zcoll.look_back(&self.image, &self.instrument_from_eye, &frame.surface);
+        self.zcoll.query_reversed(&self.image, &self.instrument_from_eye, &frame.surface);
         self.zcoll.triangles().count()
     }
     fn pairs(&self) -> Vec<(u32, u32)> {
@@ -89,14 +89,15 @@ impl Method for Back {
 
 /// The suction cone of a vitrector whose port looks over the sheet.
 pub struct Port {
-    suction: Suction,
+    suction: PortCamera,
     instrument_from_eye: Isometry3<f64>,
 }
 
 impl Port {
     /// With a camera of its own.
     pub fn new(setting: &Setting) -> Self {
-        let suction = Suction::new(VOLUME.resolution, &setting.triangles, setting.nodes()).expect("a sheet");
+        let suction =
+            PortCamera::new(VOLUME.resolution, &setting.triangles, setting.nodes()).expect("a sheet");
         Port { suction, instrument_from_eye: pose(BEYOND_MM) }
     }
 }
@@ -114,8 +115,8 @@ impl Method for Port {
     fn update(&mut self, _: &Frame) {}
     fn query(&mut self, frame: &Frame) -> usize {
         // A half angle of 45° and the reach of the scenes' volume.
-        let view = View { tan_half_angle: 1.0, reach_mm: VOLUME.depth_mm };
-        self.suction.look(&self.instrument_from_eye, &view, &frame.surface);
+        let view = SuctionCone { tan_half_angle: 1.0, reach_mm: VOLUME.depth_mm };
+        self.suction.render(&self.instrument_from_eye, &view, &frame.surface);
         self.suction.triangles().len()
     }
     fn pairs(&self) -> Vec<(u32, u32)> {

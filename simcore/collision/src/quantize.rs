@@ -6,7 +6,7 @@ use super::surface::{BLOCK, Frame, Surface};
 
 /// A vertex in whole steps.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Placed {
+pub struct QuantizedVertex {
     /// Where it lies; what is beyond a limit is put on it.
     pub at: [i32; 3],
     /// Planes of the box beyond which it lies ([`PLANES`]), and [`REFUSED`].
@@ -21,7 +21,7 @@ pub const REFUSED: i32 = 0x40;
 
 /// How vertices are placed in a query.
 #[derive(Debug, Clone, Copy)]
-pub struct Placing {
+pub struct Quantizer {
     /// Eye frame to instrument frame.
     pub frame: Frame,
     /// Scale and offset from mm to steps, by axis.
@@ -56,9 +56,9 @@ pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
     whole - up - limit
 }
 
-impl Placing {
+impl Quantizer {
     /// Places a block of a surface's vertices; `placed` is for all of its vertices.
-    pub fn block(&self, simd: pulp::Arch, surface: &Surface, block: usize, placed: &mut [Placed]) {
+    pub fn block(&self, simd: pulp::Arch, surface: &Surface, block: usize, placed: &mut [QuantizedVertex]) {
         let [x, y, z] = surface.position_mm;
         let vertices = block * BLOCK..(block * BLOCK + BLOCK).min(x.len());
         let [x, y, z] = [&x[vertices.clone()], &y[vertices.clone()], &z[vertices.clone()]];
@@ -75,9 +75,9 @@ impl Placing {
 }
 
 struct PlaceBlock<'a> {
-    placing: &'a Placing,
+    placing: &'a Quantizer,
     position: [&'a [f32; BLOCK]; 3],
-    placed: &'a mut [Placed],
+    placed: &'a mut [QuantizedVertex],
 }
 
 impl pulp::NullaryFnOnce for PlaceBlock<'_> {
@@ -85,7 +85,7 @@ impl pulp::NullaryFnOnce for PlaceBlock<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Placing { frame, format, limit, low, high } = *self.placing;
+        let Quantizer { frame, format, limit, low, high } = *self.placing;
         let [x, y, z] = self.position;
         let (mut at, mut code) = ([[0i32; BLOCK]; 3], [0i32; BLOCK]);
         for axis in 0..3 {
@@ -103,7 +103,7 @@ impl pulp::NullaryFnOnce for PlaceBlock<'_> {
             }
         }
         for (i, placed) in self.placed.iter_mut().enumerate() {
-            *placed = Placed { at: [at[0][i], at[1][i], at[2][i]], code: code[i] };
+            *placed = QuantizedVertex { at: [at[0][i], at[1][i], at[2][i]], code: code[i] };
         }
     }
 }
@@ -140,10 +140,10 @@ mod tests {
             let n = points.len();
             if bad < n { axes[1][bad] = f32::NAN; }
             let surface = Surface { position_mm: axes.each_ref().map(Vec::as_slice), triangles: &[], alive: &[] };
-            let placing = Placing {
+            let placing = Quantizer {
                 frame: Frame::new(&pose), format: [(1000.0, 5.0); 3], limit: [2000; 3], low: [-500; 3], high: [600; 3],
             };
-            let mut placed = vec![Placed::default(); n];
+            let mut placed = vec![QuantizedVertex::default(); n];
             let mut plain = placed.clone();
             for block in 0..n.div_ceil(BLOCK) {
                 placing.block(pulp::Arch::new(), &surface, block, &mut placed);

@@ -32,7 +32,7 @@ impl Backend {
 
 /// What was chosen, and why; told in one line of the log.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Choice {
+pub struct BackendChoice {
     /// An adapter looks.
     pub on_gpu: bool,
     /// Median look of the processor, µs; absent where it was not asked.
@@ -40,19 +40,19 @@ pub struct Choice {
     /// Median look of the adapter, µs; absent where it was not asked or cannot.
     pub gpu_us: Option<f64>,
     /// The adapter, or why there is none.
-    pub about: String,
+    pub reason: String,
     /// What the choosing took, ms.
     pub took_ms: f64,
 }
 
-impl fmt::Display for Choice {
+impl fmt::Display for BackendChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let us = |t: Option<f64>| t.map_or("not measured".to_owned(), |t| format!("{t:.1} µs a look"));
+        let us = |t: Option<f64>| t.map_or("not measured".to_owned(), |t| format!("{t:.1} µs a query"));
         let winner = if self.on_gpu { "gpu" } else { "cpu" };
-        let Choice { cpu_us, gpu_us, about, took_ms, .. } = self;
+        let BackendChoice { cpu_us, gpu_us, reason, took_ms, .. } = self;
         write!(
             f,
-            "collision on the {winner}: cpu {}, gpu {} ({about}); chosen in {took_ms:.0} ms",
+            "collision on the {winner}: cpu {}, gpu {} ({reason}); chosen in {took_ms:.0} ms",
             us(*cpu_us),
             us(*gpu_us)
         )
@@ -60,7 +60,7 @@ impl fmt::Display for Choice {
 }
 
 /// Looks that are measured, after one that is not.
-const LOOKS: usize = 11;
+const QUERIES: usize = 11;
 /// Below this the processor is faster than any adapter's empty round trip, and none is opened for the question, ns. The
 /// shortest trip seen, on the software driver, which has no bus to cross, took 28 µs.
 const ROUND_TRIP_NS: u64 = 15_000;
@@ -69,7 +69,7 @@ const PATIENCE_NS: u64 = 200_000_000;
 
 /// A pose, eye frame to instrument frame, in which the instrument pushes the middle of the mesh 0.1 mm away from the eye's centre.
 /// `None` if no living triangle has a place.
-pub fn pressing(surface: &Surface) -> Option<Isometry3<f64>> {
+pub fn pressing_pose(surface: &Surface) -> Option<Isometry3<f64>> {
     let living = surface.triangles.iter().zip(surface.alive).filter(|(_, alive)| **alive != 0);
     let at = |n: u32| Point3::from(surface.position_mm.map(|axis| f64::from(axis[n as usize])));
     let places: Vec<Point3<f64>> =
@@ -86,7 +86,7 @@ pub fn pressing(surface: &Surface) -> Option<Isometry3<f64>> {
 }
 
 /// Median of some looks as they are now set up, ns.
-fn median_look(
+fn median_query_ns(
     zcoll: &mut Zcoll,
     image: &InstrumentImage,
     pose: &Isometry3<f64>,
@@ -94,11 +94,11 @@ fn median_look(
     clock: &mut dyn FnMut() -> u64,
 ) -> u64 {
     let begun = clock();
-    zcoll.look(image, pose, surface);
-    let mut times = Vec::with_capacity(LOOKS);
-    while times.len() < LOOKS && (times.is_empty() || clock().saturating_sub(begun) < PATIENCE_NS) {
+    zcoll.query(image, pose, surface);
+    let mut times = Vec::with_capacity(QUERIES);
+    while times.len() < QUERIES && (times.is_empty() || clock().saturating_sub(begun) < PATIENCE_NS) {
         let from = clock();
-        zcoll.look(image, pose, surface);
+        zcoll.query(image, pose, surface);
         times.push(clock().saturating_sub(from));
     }
     times.sort_unstable();
@@ -107,33 +107,33 @@ fn median_look(
 
 /// Sets `zcoll` up for the faster back end, or the wanted one. `image` is an instrument of the scene, prepared; `clock` gives
 /// nanoseconds and is used for nothing else.
-pub fn choose(
+pub fn choose_backend(
     zcoll: &mut Zcoll,
     wanted: Backend,
     image: &InstrumentImage,
     surface: &Surface,
     clock: &mut dyn FnMut() -> u64,
-) -> Choice {
+) -> BackendChoice {
     let begun = clock();
     let us = |ns: u64| ns as f64 * 1e-3;
     let mut choice =
-        Choice { on_gpu: false, cpu_us: None, gpu_us: None, about: "as wanted".into(), took_ms: 0.0 };
-    let pose = pressing(surface).filter(|_| wanted != Backend::Cpu);
+        BackendChoice { on_gpu: false, cpu_us: None, gpu_us: None, reason: "as wanted".into(), took_ms: 0.0 };
+    let pose = pressing_pose(surface).filter(|_| wanted != Backend::Cpu);
     if let Some(pose) = pose {
-        let cpu_ns = median_look(zcoll, image, &pose, surface, clock);
+        let cpu_ns = median_query_ns(zcoll, image, &pose, surface, clock);
         choice.cpu_us = Some(us(cpu_ns));
         if wanted == Backend::Auto && cpu_ns < ROUND_TRIP_NS {
-            choice.about = "no adapter answers sooner".into();
+            choice.reason = "no adapter answers sooner".into();
         } else {
             match open(zcoll, surface) {
                 Ok(name) => {
-                    let gpu_ns = median_look(zcoll, image, &pose, surface, clock);
-                    (choice.about, choice.gpu_us) = (name, zcoll.is_on_gpu().then(|| us(gpu_ns)));
+                    let gpu_ns = median_query_ns(zcoll, image, &pose, surface, clock);
+                    (choice.reason, choice.gpu_us) = (name, zcoll.is_on_gpu().then(|| us(gpu_ns)));
                     if wanted == Backend::Auto && gpu_ns >= cpu_ns {
                         close(zcoll);
                     }
                 }
-                Err(why) => choice.about = why,
+                Err(why) => choice.reason = why,
             }
         }
     }
@@ -181,8 +181,8 @@ mod tests {
         let mut image = InstrumentImage::new(scene.instruments[0].tool, 0.25, &volume);
         image.prepare(0.0, &volume);
         let mut zcoll = Zcoll::new(volume, surface.triangles, mesh.nodes()).unwrap();
-        assert!(zcoll.look(&image, &pressing(&surface).unwrap(), &surface).pixels > 5);
+        assert!(zcoll.query(&image, &pressing_pose(&surface).unwrap(), &surface).pixels > 5);
         let dead = vec![0; surface.alive.len()];
-        assert_eq!(pressing(&Surface { alive: &dead, ..surface }), None);
+        assert_eq!(pressing_pose(&Surface { alive: &dead, ..surface }), None);
     }
 }
