@@ -15,7 +15,7 @@ use surgeon::skill::{CARELESS, EXPERT, Skill};
 use training::score::Score;
 use training::score::recording::Reader;
 use training::score::table::Category;
-use validation::chain::Chain;
+use validation::pipeline::Pipeline;
 
 /// What every recording says of itself.
 fn provenance(scene: &SceneFile) -> Provenance {
@@ -48,7 +48,7 @@ fn attempt(name: &str, path: Path, surgeon: &Skill) -> Score {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.mcap");
     let writer = Writer::create(&file, &provenance(&scene)).unwrap();
-    let score = Chain::new(&scene, path, None, 1).record(writer).unwrap();
+    let score = Pipeline::new(&scene, path, None, 1).record(writer).unwrap();
     let mut reader = Reader::new(&scene).unwrap();
     let recording = Recording::open(&file).unwrap();
     for item in recording.items_of(&Reader::TOPICS) {
@@ -100,7 +100,7 @@ fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
     }
     let still = Skill { tremor_um: 0.0, ..EXPERT };
     let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &still, 1).unwrap();
-    let score = |hand| Chain::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});
+    let score = |hand| Pipeline::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});
     let (calm, shaken) = (score(None), score(Some(MotionUse::Tremor(RecordedMotion::load(&file).unwrap()))));
     for category in Category::ALL {
         let lost = calm.categories[category as usize] - shaken.categories[category as usize];

@@ -1,4 +1,4 @@
-//! Cost of the vitreous on one core: `cargo bench -p simcore --bench vitreous [-- --json]`. Medians, µs.
+//! Cost of the vitreous on one core: `cargo bench -p validation --bench vitreous [-- --json]`. Medians, µs.
 //!
 //! The peer is the textbook form of ChainMail: a plain queue, each element looked at again whenever a neighbour moved, until every
 //! limit holds. It gives the same places (checked here), since the least move is unique. It has the same duties besides: a list of what

@@ -1,5 +1,5 @@
 //! Random tool programmes over random scenes, every step checked, every programme run twice:
-//! `make soak`, or `cargo run --release -p simcore --example soak -- --help`.
+//! `make soak`, or `cargo run --release -p validation --example soak -- --help`.
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};

@@ -1,9 +1,19 @@
-//! What proves vitreo and is in none of its programs: random programmes over random scenes ([`soak`]), the whole chain in one process
-//! ([`chain`]), moments of operations as pictures ([`surgery`]). Peers and studies are examples and benches.
-//! Closed forms ([`closed_form`]) and exact rays ([`rays`]) are the truth that tissue and collision are held to.
+//! Proofs of vitreo that no program of it contains. What proves what:
+//!
+//! | subject | proof |
+//! |---|---|
+//! | springs, membranes, volume elements, adhesion, blebs | [`closed_form`]: closed forms and independent solutions; `tests/truth.rs`, example `validation`, `docs/validation.md` |
+//! | collision | [`rays`]: exact rational arithmetic; `tests/agreement.rs` (processor), `tests/gpu.rs` (adapter), example `collision_agreement`, `docs/collision.md` |
+//! | peeling force | `tests/peel.rs`, example `peel_force`, `docs/peeling.md` |
+//! | finite numbers, bounded energy, whole meshes, determinism | [`soak`]: random programmes over random scenes; `tests/soak.rs`, example `soak` (`make soak`) |
+//! | cameras, tracker, simulation and score together | [`pipeline`]: a live run in one process; example `study` (`make study`, `docs/study.md`), `tests/scenarios/modules.rs` of the workspace |
+//! | pictures of scenes and modules | [`moments`]: example `gallery` (`make pictures`, `make gallery`), `tests/scenarios/pictures.rs` of the workspace |
+//! | roll of instruments | example `rolls`, `docs/tracking.md` |
+//! | the paper's Fig. 7 | example `teapot`, `docs/collision.md` |
+//! | speed beside other methods | benches `collision`, `tissue`, `vitreous` |
 
-pub mod chain;
 pub mod closed_form;
 pub mod moments;
+pub mod pipeline;
 pub mod rays;
 pub mod soak;

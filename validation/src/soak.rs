@@ -52,7 +52,7 @@ pub struct Outcome {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("seed {seed} ({scene}), step {step}: {problem}")]
 pub struct Failure {
-    /// Seed that gives it again.
+    /// Seed that gives it repeat.
     pub seed: u64,
     /// Title of the scene it began from.
     pub scene: String,
@@ -69,13 +69,13 @@ pub struct Failure {
 /// With the seed, the step and the first check that failed.
 pub fn run(seed: u64, seconds: f64, clock: &mut dyn FnMut() -> u64) -> Result<Outcome, Failure> {
     let first = run_once(seed, seconds, clock)?;
-    let again = run_once(seed, seconds, clock)?;
-    if first.hash != again.hash {
-        let problem = format!("hash {:016x}, on repeat {:016x}", first.hash, again.hash);
+    let repeat = run_once(seed, seconds, clock)?;
+    if first.hash != repeat.hash {
+        let problem = format!("hash {:016x}, on repeat {:016x}", first.hash, repeat.hash);
         return Err(Failure { seed, scene: first.scene, step: first.steps, problem });
     }
     // Of two times the shorter one is the step's, the longer one the machine's.
-    let slowest = if again.slowest.0 < first.slowest.0 { again.slowest } else { first.slowest };
+    let slowest = if repeat.slowest.0 < first.slowest.0 { repeat.slowest } else { first.slowest };
     Ok(Outcome { slowest, ..first })
 }
 
@@ -115,7 +115,7 @@ fn play(
         outcome.add(world, &report, step);
         check(world, &mut rest, report.advanced_ns as f64 * 1e-9).map_err(|problem| (step, problem))?;
     }
-    (outcome.lasting_energy, outcome.quiet_steps) = (rest.lasting, rest.looks);
+    (outcome.lasting_energy, outcome.quiet_steps) = (rest.lasting, rest.checked_steps);
     check_rest(world).map_err(|problem| (steps, problem))?;
     Ok(outcome)
 }
@@ -123,7 +123,7 @@ fn play(
 /// What must hold after a step that advanced by `advanced_s`.
 fn check(world: &World, rest: &mut RestCheck, advanced_s: f64) -> Result<(), String> {
     world.audit()?;
-    rest.look(world, advanced_s)?;
+    rest.check(world, advanced_s)?;
     match world.events().iter().find_map(|e| e.validate().err()) {
         Some(bad) => Err(bad.to_string()),
         None => Ok(()),

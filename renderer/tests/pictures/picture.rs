@@ -68,8 +68,8 @@ fn channels_see_from_two_sides() {
     let picture = bench.draw(NEAR, 5, |_| {});
     let (w, h) = (picture.width_px / 2, picture.height_px);
     let differ =
-        |(x, y): (u32, u32)| brightness(&picture, x, y).abs_diff(brightness(&picture, w + x, y)) > 30;
-    let count = (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&p| differ(p)).count();
+        |x: u32, y: u32| brightness(&picture, x, y).abs_diff(brightness(&picture, w + x, y)) > 30;
+    let count = (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| differ(x, y)).count();
     assert!(count > 200, "{count} pixels differ");
 }
 

@@ -1,7 +1,7 @@
 //! ZCOLL and the exact pair query beside other methods: membranes of 1k to 1M triangles, displaced anew before every frame,
 //! against a forceps of 2k triangles. One thread.
 //!
-//! `cargo bench -p simcore --bench collision` prints a table like the paper's Table 2; with `-- --json` one object a line.
+//! `cargo bench -p validation --bench collision` prints a table like the paper's Table 2; with `-- --json` one object a line.
 //! `-- --small` stops at 10k triangles, `-- METHOD` measures only methods whose names contain that. The column "found" is that of
 //! the first frame, which all methods see alike.
 

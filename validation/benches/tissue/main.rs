@@ -1,6 +1,6 @@
 //! A substep of the mass-spring core beside other methods, and a whole `World::step`; one thread.
 //!
-//! `cargo bench -p simcore --bench tissue` prints tables, with `-- --json` one object a line
+//! `cargo bench -p validation --bench tissue` prints tables, with `-- --json` one object a line
 //! `{"method", "springs", "step_us", …}`. Times are medians over repeated batches; the fastest batch stands beside them, since it is what
 //! a quiet machine gives. Every method computes damped structural springs with a test for tearing, and moves the
 //! nodes; ours has the limits of acceleration and speed and both rules of tearing besides.

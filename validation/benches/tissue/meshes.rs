@@ -1,5 +1,6 @@
 //! The meshes of the bench: squares cut into triangles, regular and not.
 
+use protocol::random::Random;
 use scene::SceneFile;
 use tissue::membrane::sheet::Sheet;
 use tissue::membrane::tissue::Tissue;
@@ -7,30 +8,16 @@ use tissue::membrane::tissue::Tissue;
 /// Squares along a side; 3 n² + 2 n edges, so 616, 1,496, 4,641 and 150,976.
 pub const SIDES: [u32; 4] = [14, 22, 39, 224];
 
-/// Numbers from a seed (the generator of Knuth's MMIX).
-pub struct Random(pub u64);
-
-impl Random {
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-        self.0 >> 33
+/// Shuffles a list (Fisher and Yates).
+pub fn shuffle<T>(random: &mut Random, list: &mut [T]) {
+    for i in (1..list.len()).rev() {
+        list.swap(i, random.below(i + 1));
     }
+}
 
-    /// 0 to below `n`.
-    pub fn below(&mut self, n: usize) -> usize {
-        self.bits() as usize % n
-    }
-
-    /// −0.5 to 0.5.
-    pub fn centred(&mut self) -> f32 {
-        self.bits() as f32 / (1u64 << 31) as f32 - 0.5
-    }
-
-    fn shuffle<T>(&mut self, list: &mut [T]) {
-        for i in (1..list.len()).rev() {
-            list.swap(i, self.below(i + 1));
-        }
-    }
+/// −0.5 to 0.5.
+fn centred(random: &mut Random) -> f32 {
+    random.between(-0.5, 0.5) as f32
 }
 
 /// Nodes and triangles before they become a sheet.
@@ -64,10 +51,10 @@ impl Mesh {
     /// any two triangles flipped where that keeps the mesh simple, and everything in shuffled order.
     pub fn irregular(side: u32) -> Self {
         let mut mesh = Self::regular(side);
-        let mut random = Random(17);
+        let mut random = Random::from_seed(17);
         let cell = 0.2f32.min(12.0 / side as f32);
         for p in &mut mesh.positions_mm {
-            *p = [p[0] + 0.3 * cell * random.centred(), p[1] + 0.3 * cell * random.centred(), p[2]];
+            *p = [p[0] + 0.3 * cell * centred(&mut random), p[1] + 0.3 * cell * centred(&mut random), p[2]];
         }
         mesh.flip_edges(&mut random);
         mesh.shuffle(&mut random);
@@ -114,11 +101,11 @@ impl Mesh {
 
     fn shuffle(&mut self, random: &mut Random) {
         let mut names: Vec<u32> = (0..self.positions_mm.len() as u32).collect();
-        random.shuffle(&mut names);
+        shuffle(random, &mut names);
         let old = self.positions_mm.clone();
         names.iter().zip(old).for_each(|(&n, p)| self.positions_mm[n as usize] = p);
         self.triangles.iter_mut().flatten().chain(&mut self.rim).for_each(|n| *n = names[*n as usize]);
-        random.shuffle(&mut self.triangles);
+        shuffle(random, &mut self.triangles);
     }
 
     /// The sheet, its rim pinned.

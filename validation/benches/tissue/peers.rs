@@ -1,7 +1,7 @@
 //! Other ways to do a substep of the same springs, as textbooks and engines do it. All get the nodes in our order, which
 //! spares them the cache misses of a shuffled mesh; `edge-loop-shuffled` shows those.
 
-use super::meshes::Random;
+use protocol::random::Random;
 use tissue::membrane::sheet::Sheet;
 
 const STIFFNESS: f32 = 400.0;
@@ -86,7 +86,7 @@ impl EdgeLoop {
     /// The edges in random order.
     pub fn shuffled(sheet: &Sheet) -> Self {
         let mut particles = Particles::new(sheet);
-        let mut random = Random(5);
+        let mut random = Random::from_seed(5);
         for i in (1..particles.ends.len()).rev() {
             let j = random.below(i + 1);
             particles.ends.swap(i, j);

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use surgeon::motion::MotionUse;
 use surgeon::skill::Skill;
 use training::score::Score;
-use validation::chain::Chain;
+use validation::pipeline::Pipeline;
 
 /// One attempt at a level of a module.
 pub struct Job {
@@ -54,7 +54,7 @@ pub fn scores(modules: &[Module], jobs: &[Job], threads: usize) -> Result<Vec<Sc
 
 fn attempt(module: &Module, job: &Job) -> Result<Score> {
     let scene = surgeon::compose(module, job.level, &job.surgeon, job.seed)?;
-    Ok(Chain::new(&scene, Path::Direct, job.hand.clone(), job.seed).attempt(&mut |_, _, _| {}))
+    Ok(Pipeline::new(&scene, Path::Direct, job.hand.clone(), job.seed).attempt(&mut |_, _, _| {}))
 }
 
 /// Prints an attempt event by event, with the bodies of the scene where jaws or goals are concerned: to tune a module by.
@@ -64,7 +64,7 @@ fn attempt(module: &Module, job: &Job) -> Result<Score> {
 pub fn tell(module: &Module, level: u32, surgeon: &Skill, seed: u64) -> Result<()> {
     let scene = surgeon::compose(module, level, surgeon, seed)?;
     let mut begin = None;
-    let score = Chain::new(&scene, Path::Direct, None, seed).attempt(&mut |frame, world, _| {
+    let score = Pipeline::new(&scene, Path::Direct, None, seed).attempt(&mut |frame, world, _| {
         let exposed = frame.instants.exposed;
         let at_s = (exposed - *begin.get_or_insert(exposed)) as f64 * 1e-9;
         for body in world.state().bodies.iter().flat_map(|b| &b.body).filter(|_| frame.field % 10 == 0) {

@@ -1,5 +1,5 @@
 //! How far apart surgeons come at the training modules, without pixels: markers straight into blobs, then tracker, simulation, task and
-//! score as in a live run. `cargo run --release -p vitreo-tests --example study -- [--seeds N] [--level N] [--module NAME|FOLDER]…
+//! score as in a live run. `cargo run --release -p validation --example study -- [--seeds N] [--level N] [--module NAME|FOLDER]…
 //! [--surgeon NAME]… [--threads N] [--verbose] [--events SEED] [--page docs/study.md]` (`make study`).
 //!
 //! Part 1: four scripted surgeons at every module. Part 2: recorded hands of surgeons and of novices in the place of the

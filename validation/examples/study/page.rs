@@ -126,7 +126,7 @@ pub fn page(part1: &Part1, level: u32, part2: &str) -> String {
         "# Study: does the score tell surgeons apart?
 
 Made by `make study STUDY=\"--level {level} --seeds {seeds}\"`, which plays {attempts} attempts without pixels: the script of a scripted surgeon with their tremor, markers made
-straight into blobs with noise, then tracker, simulation, task and score as in a live run (`tests/src/chain.rs`). Version {VERSION} of the
+straight into blobs with noise, then tracker, simulation, task and score as in a live run (`validation/src/pipeline.rs`). Version {VERSION} of the
 score, level {level} of each module, {seeds} seeds for each surgeon.
 
 Scripts and score are both ours, so part 1 shows that the score does what it is meant to, not that it measures surgeons. Part 2
@@ -134,7 +134,7 @@ has hands that are not ours.
 
 ## Part 1: scripted surgeons
 
-The surgeons are four sets of parameters in `modules/src/surgeon.rs`: expert, average, novice, careless.
+The surgeons are four sets of parameters in `surgeon/src/skill.rs`: expert, average, novice, careless.
 
 ![Points of every attempt, by module and surgeon](study.png)
 

@@ -20,7 +20,7 @@ const BOUND: Rgb<u8> = Rgb([150, 150, 150]);
 /// Colours that people with any colour vision tell apart (Okabe and Ito 2008).
 const COLOURS: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([0, 158, 115]), Rgb([230, 159, 0]), Rgb([213, 94, 0])];
 
-struct Sheet {
+struct Chart {
     picture: RgbImage,
     letters: (Vec<u8>, u32),
 }
@@ -29,21 +29,21 @@ struct Sheet {
 pub fn draw(outcomes: &[Outcome], surgeons: &[Skill]) -> RgbImage {
     let rows = outcomes.len().div_ceil(IN_A_ROW) as i64;
     let (width, height) = (FIELD[0] * IN_A_ROW as i64, FIELD[1] * rows + 34);
-    let mut sheet =
-        Sheet { picture: RgbImage::from_pixel(width as u32, height as u32, PAPER), letters: strip() };
+    let mut chart =
+        Chart { picture: RgbImage::from_pixel(width as u32, height as u32, PAPER), letters: strip() };
     for (i, outcome) in outcomes.iter().enumerate() {
         let corner = [FIELD[0] * (i % IN_A_ROW) as i64, FIELD[1] * (i / IN_A_ROW) as i64];
-        sheet.field(corner, outcome);
+        chart.field(corner, outcome);
     }
     for (i, surgeon) in surgeons.iter().enumerate() {
         let [x, y] = [MARGIN[0] + i as i64 * 200, FIELD[1] * rows + 8];
-        sheet.block([x, y + 2], [12, 12], COLOURS[i % COLOURS.len()]);
-        sheet.write([x + 20, y], surgeon.name, INK);
+        chart.block([x, y + 2], [12, 12], COLOURS[i % COLOURS.len()]);
+        chart.write([x + 20, y], surgeon.name, INK);
     }
-    sheet.picture
+    chart.picture
 }
 
-impl Sheet {
+impl Chart {
     fn field(&mut self, [left, top]: [i64; 2], outcome: &Outcome) {
         let (x, width) = (left + MARGIN[0], FIELD[0] - MARGIN[0] - 8);
         let (low, high) = (top + FIELD[1] - MARGIN[2], top + MARGIN[1]);

@@ -1,6 +1,6 @@
 //! The paper's Fig. 7: the Utah teapot pressed into a plastic membrane, with the deformation vectors.
 //!
-//! `cargo run --release -p simcore --example teapot [PICTURE.png]`. The teapot is the instrument of a ZCOLL camera; it comes down
+//! `cargo run --release -p validation --example teapot [PICTURE.png]`. The teapot is the instrument of a ZCOLL camera; it comes down
 //! in small steps, and after each look the nodes are moved by their vectors (Eq. 1) and stay there: plastic. On the left the teapot lies
 //! in the membrane, on the right it is gone, and every sixth node shows the way it was pushed, from blue (0) to red.
 

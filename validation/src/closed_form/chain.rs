@@ -1,7 +1,7 @@
 //! Chains that hang from two points: 20 links that hardly stretch, and finer and finer ones against the catenary.
 
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, number, numbers};
-use super::net::{Link, Net, Plan};
+use super::net::{Link, Net, NetSpec};
 use serde_json::Value;
 
 /// Twenty links: as their stiffness grows, the chain of rigid links.
@@ -51,12 +51,12 @@ fn chain(length: f64, span: f64, count: usize, stiffness: f64) -> Net {
     };
     let ends = |n: usize| [n as u32, n as u32 + 1];
     let links = (0..count).map(|n| Link { ends: ends(n), stiffness: stiffness * count as f64, rest: link });
-    Net::new(&Plan {
+    Net::new(&NetSpec {
         nodes: (0..=count).map(at).collect(),
         links: links.collect(),
         pinned: vec![0, count as u32],
         mass_g: 1e-3,
-        ..Plan::default()
+        ..NetSpec::default()
     })
 }
 

@@ -3,7 +3,7 @@
 
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series};
 use super::hencky::Truth;
-use super::net::{Link, Net, Plan};
+use super::net::{Link, Net, NetSpec};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -34,13 +34,13 @@ fn run(reference: &Value, depth: Depth) -> Outcome {
     outcome.solution.line("reference", truth.profile(LOAD));
     let mut finest = 0;
     for rings in depth.of(&[8u32, 12, 16, 24, 32], 3) {
-        let (mut plan, middle) = lattice(rings);
+        let (mut spec, middle) = lattice(rings);
         let spacing = 1.0 / f64::from(rings);
         let pressure = LOAD * young;
-        let flat = plan.nodes.clone();
-        plan.mass_g = 1e-6;
-        let mut net = Net::new(&plan);
-        let free = flat.len() - plan.pinned.len();
+        let flat = spec.nodes.clone();
+        spec.mass_g = 1e-6;
+        let mut net = Net::new(&spec);
+        let free = flat.len() - spec.pinned.len();
         for (n, p) in flat.iter().enumerate().take(free) {
             net.pull(n, [0.0, 0.0, pressure * spacing * spacing * 0.75f64.sqrt()]);
             let rise = height.reference * (1.0 - p[0] * p[0] - p[1] * p[1]);
@@ -49,7 +49,7 @@ fn run(reference: &Value, depth: Depth) -> Outcome {
         let left = net.balance(&BALANCE);
         assert!(left < 1e-6, "{rings} rings do not balance: {left}");
         height.found.push([spacing, net.at(middle)[2]]);
-        tension.found.push([spacing, middle_tension(&net, &plan, middle) * 3f64.sqrt() / spacing]);
+        tension.found.push([spacing, middle_tension(&net, &spec, middle) * 3f64.sqrt() / spacing]);
         let mut profile: Vec<[f64; 2]> = (0..free)
             .map(|n| net.at(n))
             .filter(|p| p[1].abs() < 0.1 * spacing)
@@ -66,8 +66,8 @@ fn run(reference: &Value, depth: Depth) -> Outcome {
 }
 
 /// Mean tension of the springs at the middle, µN.
-fn middle_tension(net: &Net, plan: &Plan, middle: usize) -> f64 {
-    let mine: Vec<&Link> = plan.links.iter().filter(|l| l.ends.contains(&(middle as u32))).collect();
+fn middle_tension(net: &Net, spec: &NetSpec, middle: usize) -> f64 {
+    let mine: Vec<&Link> = spec.links.iter().filter(|l| l.ends.contains(&(middle as u32))).collect();
     let pull = |l: &&Link| {
         let [a, b] = l.ends.map(|n| nalgebra::Vector3::from(net.at(n as usize)));
         l.stiffness * ((a - b).norm() - l.rest)
@@ -76,19 +76,19 @@ fn middle_tension(net: &Net, plan: &Plan, middle: usize) -> f64 {
 }
 
 /// The lattice with `rings` springs along a radius of 1 mm, free nodes first; and its middle node.
-fn lattice(rings: u32) -> (Plan, usize) {
+fn lattice(rings: u32) -> (NetSpec, usize) {
     let h = 1.0 / f64::from(rings);
     let reach = rings as i32 + 1;
-    let at = |(i, j): (i32, i32)| {
+    let at = |i: i32, j: i32| {
         [h * (f64::from(i) + 0.5 * f64::from(j)), h * 0.75f64.sqrt() * f64::from(j), 0.0]
     };
     let inside = |p: [f64; 3]| libm::hypot(p[0], p[1]) < 1.0 - SNAP * h;
-    let mut plan = Plan::default();
+    let mut spec = NetSpec::default();
     let mut number = BTreeMap::new();
-    for site in (-2 * reach..=2 * reach).flat_map(|j| (-2 * reach..=2 * reach).map(move |i| (i, j))) {
-        if inside(at(site)) {
-            number.insert(site, plan.nodes.len() as u32);
-            plan.nodes.push(at(site));
+    for (i, j) in (-2 * reach..=2 * reach).flat_map(|j| (-2 * reach..=2 * reach).map(move |i| (i, j))) {
+        if inside(at(i, j)) {
+            number.insert((i, j), spec.nodes.len() as u32);
+            spec.nodes.push(at(i, j));
         }
     }
     let middle = number[&(0, 0)] as usize;
@@ -97,29 +97,32 @@ fn lattice(rings: u32) -> (Plan, usize) {
         let neighbour = |k: usize| (i + around[k % 6].0, j + around[k % 6].1);
         for k in 0..6 {
             match number.get(&neighbour(k)) {
-                Some(&b) if a < b => plan.links.push(Link { ends: [a, b], stiffness: STIFFNESS, rest: h }),
+                Some(&b) if a < b => spec.links.push(Link { ends: [a, b], stiffness: STIFFNESS, rest: h }),
                 Some(_) => {}
-                None => cut(&mut plan, a, at(neighbour(k)), h),
+                None => {
+                    let (i, j) = neighbour(k);
+                    cut(&mut spec, a, at(i, j), h);
+                }
             }
             if let (Some(&b), Some(&c)) = (number.get(&neighbour(k)), number.get(&neighbour(k + 1))) {
                 // Each triangle once: from its lowest node.
                 if a < b && a < c {
-                    plan.triangles.push([a, b, c]);
+                    spec.triangles.push([a, b, c]);
                 }
             }
         }
     }
-    (plan, middle)
+    (spec, middle)
 }
 
 /// A spring from node `a` towards `outside`, ended by a pinned node on the circle.
-fn cut(plan: &mut Plan, a: u32, outside: [f64; 3], h: f64) {
-    let p = plan.nodes[a as usize];
+fn cut(spec: &mut NetSpec, a: u32, outside: [f64; 3], h: f64) {
+    let p = spec.nodes[a as usize];
     let d = [(outside[0] - p[0]) / h, (outside[1] - p[1]) / h];
     let along = p[0] * d[0] + p[1] * d[1];
     let rest = -along + libm::sqrt(along * along + 1.0 - p[0] * p[0] - p[1] * p[1]);
-    let end = plan.nodes.len() as u32;
-    plan.nodes.push([p[0] + rest * d[0], p[1] + rest * d[1], 0.0]);
-    plan.pinned.push(end);
-    plan.links.push(Link { ends: [a, end], stiffness: STIFFNESS * h / rest, rest });
+    let end = spec.nodes.len() as u32;
+    spec.nodes.push([p[0] + rest * d[0], p[1] + rest * d[1], 0.0]);
+    spec.pinned.push(end);
+    spec.links.push(Link { ends: [a, end], stiffness: STIFFNESS * h / rest, rest });
 }

@@ -4,7 +4,7 @@
 //! bit noise, for whatever ω the integrator gives it; least squares over all substeps yield ω.
 
 use super::case::{Case, Chart, Depth, Outcome, Series, number, numbers};
-use super::net::{Link, Net, Plan};
+use super::net::{Link, Net, NetSpec};
 use serde_json::Value;
 use std::f64::consts::PI;
 
@@ -57,12 +57,12 @@ fn chain(reference: &Value, depth: Depth) -> Outcome {
     let (n, k, m) = (of("n_masses") as usize, of("k"), of("m"));
     let net = || {
         let links = (0..=n as u32).map(|i| Link { ends: [i, i + 1], stiffness: k, rest: 1.0 });
-        Net::new(&Plan {
+        Net::new(&NetSpec {
             nodes: (0..=n + 1).map(|i| [i as f64 - 5.5, 0.0, 0.0]).collect(),
             links: links.collect(),
             pinned: vec![0, n as u32 + 1],
             mass_g: m,
-            ..Plan::default()
+            ..NetSpec::default()
         })
     };
     let shape = |j: usize| -> Vec<f64> {
@@ -128,15 +128,15 @@ fn grid(reference: &Value, depth: Depth) -> Outcome {
 /// Rows and columns of springs of half their length, so taut with `tension`; diagonals without stiffness.
 fn taut_grid(side: usize, tension: f64, spacing: f64, mass_g: f64) -> Net {
     let node = |r: usize, c: usize| (r * side + c) as u32;
-    let mut plan = Plan { mass_g, ..Plan::default() };
+    let mut spec = NetSpec { mass_g, ..NetSpec::default() };
     for (r, c) in (0..side).flat_map(|r| (0..side).map(move |c| (r, c))) {
-        plan.nodes.push([c as f64 * spacing, r as f64 * spacing, 0.0]);
+        spec.nodes.push([c as f64 * spacing, r as f64 * spacing, 0.0]);
         if r == 0 || c == 0 || r == side - 1 || c == side - 1 {
-            plan.pinned.push(node(r, c));
+            spec.pinned.push(node(r, c));
         }
         let mut link = |to: u32| {
             let (rest, stiffness) = (0.5 * spacing, tension / (0.5 * spacing));
-            plan.links.push(Link { ends: [node(r, c), to], stiffness, rest });
+            spec.links.push(Link { ends: [node(r, c), to], stiffness, rest });
         };
         if c + 1 < side {
             link(node(r, c + 1));
@@ -145,9 +145,9 @@ fn taut_grid(side: usize, tension: f64, spacing: f64, mass_g: f64) -> Net {
             link(node(r + 1, c));
         }
         if c + 1 < side && r + 1 < side {
-            plan.triangles.push([node(r, c), node(r, c + 1), node(r + 1, c + 1)]);
-            plan.triangles.push([node(r, c), node(r + 1, c + 1), node(r + 1, c)]);
+            spec.triangles.push([node(r, c), node(r, c + 1), node(r + 1, c + 1)]);
+            spec.triangles.push([node(r, c), node(r + 1, c + 1), node(r + 1, c)]);
         }
     }
-    Net::new(&plan)
+    Net::new(&spec)
 }

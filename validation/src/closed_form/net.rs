@@ -23,9 +23,9 @@ pub struct Link {
     pub rest: f64,
 }
 
-/// What is to be made.
+/// Nodes, springs and material of a net.
 #[derive(Default)]
-pub struct Plan {
+pub struct NetSpec {
     /// Positions, mm.
     pub nodes: Vec<[f64; 3]>,
     /// Triangles, counter-clockwise.
@@ -42,7 +42,7 @@ pub struct Plan {
     pub damping: f64,
 }
 
-/// The net in the product's hands.
+/// The net as the product simulates it.
 pub struct Net {
     sheet: Sheet,
     /// The state.
@@ -55,13 +55,13 @@ pub struct Net {
 
 impl Net {
     /// Makes it.
-    pub fn new(plan: &Plan) -> Self {
+    pub fn new(spec: &NetSpec) -> Self {
         let (mut nodes, mut triangles, mut pinned) =
-            (plan.nodes.clone(), plan.triangles.clone(), plan.pinned.clone());
+            (spec.nodes.clone(), spec.triangles.clone(), spec.pinned.clone());
         let sorted = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
         let edges: BTreeSet<[u32; 2]> =
             triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).map(sorted).collect();
-        for link in plan.links.iter().filter(|l| !edges.contains(&sorted(l.ends))) {
+        for link in spec.links.iter().filter(|l| !edges.contains(&sorted(l.ends))) {
             let [a, b] = link.ends.map(|n| nodes[n as usize]);
             let corner = nodes.len() as u32;
             nodes.push([0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]) + 0.01, 0.5 * (a[2] + b[2]) + 1.0]);
@@ -71,41 +71,41 @@ impl Net {
         let single: Vec<[f32; 3]> = nodes.iter().map(|p| p.map(|c| c as f32)).collect();
         let sheet = Sheet::from_triangles(&single, &triangles, &pinned).expect("a manifold net");
         let links: BTreeMap<[u32; 2], Link> =
-            plan.links.iter().map(|l| (sorted(l.ends.map(|n| sheet.order[n as usize])), *l)).collect();
+            spec.links.iter().map(|l| (sorted(l.ends.map(|n| sheet.order[n as usize])), *l)).collect();
         let link_of = |ends: &[u32; 2]| links.get(&sorted(*ends)).copied();
-        let factors = |of: fn(Link, &Plan) -> f64| -> Vec<f32> {
-            sheet.springs.iter().map(|s| link_of(s).map_or(0.0, |l| of(l, plan)) as f32).collect()
+        let factors = |of: fn(Link, &NetSpec) -> f64| -> Vec<f32> {
+            sheet.springs.iter().map(|s| link_of(s).map_or(0.0, |l| of(l, spec)) as f32).collect()
         };
-        let (stiffness, damping) = (factors(|l, _| l.stiffness), factors(|_, plan| plan.damping));
+        let (stiffness, damping) = (factors(|l, _| l.stiffness), factors(|_, spec| spec.damping));
         let rest: Vec<f32> = (0..sheet.springs.len())
             .map(|s| link_of(&sheet.springs[s]).map_or(sheet.rest_mm[s], |l| l.rest as f32))
             .collect();
         let mut sheet = sheet.with_factors(&stiffness, &damping).expect("stiffness and damping are numbers");
         sheet.rest_mm = rest;
         let state = sheet.start();
-        let tissue = tissue(plan);
+        let tissue = tissue(spec);
         let mut solver = Solver::new(&sheet);
         solver.refresh(&sheet, &state, &tissue);
         Net { sheet, state, tissue, solver }
     }
 
-    /// The sheet's number of a node of the plan.
+    /// The sheet's number of a node of the spec.
     pub fn node(&self, node: usize) -> usize {
         self.sheet.order[node] as usize
     }
 
-    /// Where a node of the plan is, mm.
+    /// Where a node of the spec is, mm.
     pub fn at(&self, node: usize) -> [f64; 3] {
         self.state.position(self.node(node)).map(f64::from).into()
     }
 
-    /// Puts a node of the plan at `p`, mm.
+    /// Puts a node of the spec at `p`, mm.
     pub fn put(&mut self, node: usize, p: [f64; 3]) {
         let node = self.node(node);
         self.state.set_position(node, nalgebra::Vector3::from(p).map(|c| c as f32));
     }
 
-    /// Pulls a node of the plan with `force`, µN.
+    /// Pulls a node of the spec with `force`, µN.
     pub fn pull(&mut self, node: usize, force: [f64; 3]) {
         let node = self.node(node);
         (0..3).for_each(|axis| self.solver.outer_un[axis][node] = force[axis] as f32);
@@ -126,14 +126,14 @@ impl Net {
 }
 
 /// A tissue without bending, limits or retina, whose springs take their figures from the factors alone.
-fn tissue(plan: &Plan) -> Tissue {
+fn tissue(spec: &NetSpec) -> Tissue {
     let mut scene = SceneFile::load("peel").expect("a shipped scene");
     let membrane = scene.membrane.as_mut().expect("it has a membrane");
     membrane.stiffness_un_per_mm = 1.0;
     membrane.spring_damping_un_s_per_mm = 1.0;
     membrane.bending_un_per_mm = 0.0;
-    membrane.fluid_damping_per_s = plan.fluid_per_s;
-    membrane.node_mass_g = plan.mass_g;
+    membrane.fluid_damping_per_s = spec.fluid_per_s;
+    membrane.node_mass_g = spec.mass_g;
     (membrane.a_max_mm_s2, membrane.v_max_mm_s) = (1e12, 1e6);
     membrane.tear_tension_n_per_m = 0.0;
     let mut tissue = Tissue::new(&scene);

@@ -2,7 +2,7 @@
 
 use super::case::{Case, Chart, Depth, Outcome, Series, number};
 use super::modes::frequency;
-use super::net::{Link, Net, Plan};
+use super::net::{Link, Net, NetSpec};
 use serde_json::Value;
 
 /// The case.
@@ -16,14 +16,14 @@ const AMPLITUDE: f64 = 0.01;
 
 /// Displacements (mm) and velocities (mm/s) after each of `steps` substeps.
 fn swing(omega: f64, dt: f64, explicit: bool, fluid: f64, damping: f64, steps: usize) -> Vec<[f64; 2]> {
-    let mut net = Net::new(&Plan {
+    let mut net = Net::new(&NetSpec {
         nodes: vec![[-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
         links: vec![Link { ends: [0, 1], stiffness: omega * omega * MASS, rest: 1.0 }],
         pinned: vec![0],
         mass_g: MASS,
         fluid_per_s: fluid,
         damping,
-        ..Plan::default()
+        ..NetSpec::default()
     });
     net.put(1, [AMPLITUDE, 0.0, 0.0]);
     (net.tissue.dt_s, net.tissue.explicit) = (dt as f32, explicit);

@@ -134,7 +134,7 @@ impl PeelTest {
                     membrane.velocity_mm_s[axis][n as usize] = *speed as f32;
                 }
             }
-            substep(&sheet, &mut membrane, &mut solver, &tissue, (&adhesion, &mut bonds), curl.as_mut());
+            substep(&sheet, &mut membrane, &mut solver, &tissue, &adhesion, &mut bonds, curl.as_mut());
             let force: [f64; 3] = std::array::from_fn(|axis| {
                 -grip.iter().map(|&n| f64::from(solver.force_un[axis][n as usize])).sum::<f64>()
                     / self.width_mm()
@@ -183,17 +183,17 @@ impl PeelTest {
 /// Rows of nodes along x, every other one moved by half a spacing, and their equilateral triangles; node (r, c) is r·columns + c.
 pub fn lattice(spacing_mm: f64, rows: u32, columns: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let all = (0..rows).flat_map(|r| (0..columns).map(move |c| (r, c)));
-    let at = |(r, c): (u32, u32)| {
+    let at = |r: u32, c: u32| {
         let x = spacing_mm * (f64::from(c) + 0.5 * f64::from(r % 2));
         [x as f32, (spacing_mm * 0.75_f64.sqrt() * f64::from(r)) as f32, 0.0]
     };
     let node = |r: u32, c: u32| r * columns + c;
     let squares = (0..rows - 1).flat_map(|r| (0..columns - 1).map(move |c| (r, c)));
-    let halves = |(r, c): (u32, u32)| {
+    let halves = |r: u32, c: u32| {
         let (a, b, d, e) = (node(r, c), node(r, c + 1), node(r + 1, c), node(r + 1, c + 1));
         if r % 2 == 0 { [[a, b, d], [b, e, d]] } else { [[a, b, e], [a, e, d]] }
     };
-    (all.map(at).collect(), squares.flat_map(halves).collect())
+    (all.map(|(r, c)| at(r, c)).collect(), squares.flat_map(|(r, c)| halves(r, c)).collect())
 }
 
 /// Elastic energy of the springs, µN·mm.
@@ -207,7 +207,8 @@ fn substep(
     membrane: &mut MembraneState,
     solver: &mut Solver,
     tissue: &Tissue,
-    (adhesion, bonds): (&Adhesion, &mut AdhesionState),
+    adhesion: &Adhesion,
+    bonds: &mut AdhesionState,
     curl: Option<&mut Curl>,
 ) {
     solver.clear_outer();

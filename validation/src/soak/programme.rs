@@ -1,5 +1,5 @@
-//! What the hands and the foot do: tips go from place to place, jaws open and close, tools are exchanged, the pedal is
-//! pressed, and now and then the tracker loses something, skips fields or jumps.
+//! Random inputs: tips move from place to place, jaws open and close, tools are exchanged, the pedal is
+//! pressed; at times the tracker loses a body, skips fields or jumps.
 
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -25,13 +25,13 @@ pub struct Input {
     pub pedals: [PedalState; 1],
 }
 
-/// A hand on its way from one place to the next.
+/// An instrument on its way from one place to the next.
 #[derive(Debug, Clone)]
-struct Hand {
+struct InstrumentMotion {
     trocar: Vector3<f64>,
     from: Vector3<f64>,
     to: Vector3<f64>,
-    /// Fields done and to do on this way.
+    /// Fields done and fields in all of this movement.
     way: (u32, u32),
     roll_rad: f64,
     jaw_rad: f64,
@@ -46,7 +46,7 @@ struct Hand {
 pub struct Programme {
     draw: Random,
     retina_mm: f64,
-    hands: [Hand; INSTRUMENTS],
+    instruments: [InstrumentMotion; INSTRUMENTS],
     field: u64,
     exposed_ns: u64,
     eye_rad: Vector3<f64>,
@@ -61,7 +61,7 @@ impl Programme {
             let trocar = rig.trocars.get(i).map_or(Vector3::new(0.0, 0.0, 10.0), |t| Vector3::from(t.p_eye));
             let start = trocar * 0.6;
             let tool = scene.instruments[i].tool as u32;
-            Hand {
+            InstrumentMotion {
                 trocar,
                 from: start,
                 to: start,
@@ -76,7 +76,7 @@ impl Programme {
         Programme {
             draw,
             retina_mm: scene.eye.retina_radius_mm,
-            hands: std::array::from_fn(hand),
+            instruments: std::array::from_fn(hand),
             field: 0,
             exposed_ns: FIRST_NS,
             eye_rad: Vector3::zeros(),
@@ -87,7 +87,7 @@ impl Programme {
     /// The next field's inputs.
     pub fn next(&mut self) -> Input {
         let draw = &mut self.draw;
-        for hand in &mut self.hands {
+        for hand in &mut self.instruments {
             hand.go_on(draw, self.retina_mm);
         }
         self.eye_rad += Vector3::new(draw.between(-1.0, 1.0), draw.between(-1.0, 1.0), 0.0) * 0.004;
@@ -111,7 +111,7 @@ impl Programme {
 
     /// Hands that open and leave the eye, so that the tissue comes to rest.
     pub fn leave(&mut self) -> Input {
-        for hand in &mut self.hands {
+        for hand in &mut self.instruments {
             (hand.from, hand.to, hand.way) = (hand.trocar * 1.2, hand.trocar * 1.2, (0, 0));
             (hand.jaw_rad, hand.jaw_to_rad, hand.lost) = (1.0, 1.0, 0);
         }
@@ -125,12 +125,12 @@ impl Programme {
         (frame.field, frame.frame, frame.instants.exposed) = (self.field, self.field, self.exposed_ns);
         let world_from_eye =
             Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_scaled_axis(self.eye_rad));
-        for (i, hand) in self.hands.iter().enumerate() {
+        for (i, hand) in self.instruments.iter().enumerate() {
             frame.bodies[i].world_from_body = Pose::from_isometry(&(world_from_eye * hand.pose()));
         }
         frame.bodies[EYE].world_from_body = Pose::from_isometry(&world_from_eye);
         for body in 0..BODIES {
-            let lost = self.hands.get(body).is_some_and(|h| h.lost > 0);
+            let lost = self.instruments.get(body).is_some_and(|h| h.lost > 0);
             let validity = if lost { Validity::Lost } else { Validity::Measured };
             frame.bodies[body].validity = validity as u32;
         }
@@ -139,8 +139,8 @@ impl Programme {
             field: self.field,
             instant_ns: self.exposed_ns,
             instrument: i as u32,
-            tool: self.hands[i].tool,
-            jaw_rad: self.hands[i].jaw_rad,
+            tool: self.instruments[i].tool,
+            jaw_rad: self.instruments[i].jaw_rad,
         };
         let handles = std::array::from_fn(handle);
         let pedals = [PedalState { seq: self.field, instant_ns: self.exposed_ns, ..self.pedal }];
@@ -149,7 +149,7 @@ impl Programme {
     }
 }
 
-impl Hand {
+impl InstrumentMotion {
     fn go_on(&mut self, draw: &mut Random, retina_mm: f64) {
         if self.way.0 >= self.way.1 {
             (self.from, self.to) = (self.to, place(draw, retina_mm, &self.trocar));

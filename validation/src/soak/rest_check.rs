@@ -22,7 +22,7 @@ pub const SETTLE_STEPS: u32 = 10;
 pub const RESTLESS: f64 = 0.03;
 /// Steps on end that tissue must be above it to fail.
 pub const LASTING: usize = 5;
-/// A tip within this distance of tissue may have touched it between two looks, mm; so may one that moved by half of it in a step.
+/// A tip within this distance of tissue may have touched it between two checked_steps, mm; so may one that moved by half of it in a step.
 const NEAR_MM: f64 = 4.0;
 /// Speed that stands for the limit where a scene sets none, mm/s.
 const FAST_MM_S: f64 = 100.0;
@@ -36,7 +36,7 @@ pub struct RestCheck {
     before: [Vec<[f32; 3]>; 2],
     last: [[f64; LASTING]; 2],
     /// Steps in which the tissue was looked at.
-    pub looks: u64,
+    pub checked_steps: u64,
     /// Largest share that lasted.
     pub lasting: f64,
 }
@@ -46,7 +46,7 @@ impl RestCheck {
     ///
     /// # Errors
     /// If tissue that nobody handles moves on or tears.
-    pub fn look(&mut self, world: &World, advanced_s: f64) -> Result<(), String> {
+    pub fn check(&mut self, world: &World, advanced_s: f64) -> Result<(), String> {
         let shares = self.shares(world, advanced_s);
         if advanced_s == 0.0 {
             return Ok(());
@@ -57,7 +57,7 @@ impl RestCheck {
             self.last = Default::default();
             return Ok(());
         }
-        self.looks += 1;
+        self.checked_steps += 1;
         for ((name, share), last) in ["membrane", "retina"].into_iter().zip(shares).zip(&mut self.last) {
             last.rotate_left(1);
             last[LASTING - 1] = share;
@@ -98,7 +98,7 @@ impl RestCheck {
         let (scene, state) = (world.scene(), world.state());
         let [membrane_before, retina_before] = &mut self.before;
         let membrane = scene.membrane.as_ref().map_or(0.0, |m| {
-            let ways = ways_mm(&state.membrane, membrane_before);
+            let ways = displacements_mm(&state.membrane, membrane_before);
             let euler =
                 matches!(m.integrator, MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit);
             if m.v_max_mm_s == 0.0 && euler {
@@ -112,7 +112,7 @@ impl RestCheck {
             mean_free(&state.membrane, |n| speed2(n).max(way2(n)) / (limit * limit))
         });
         let retina = scene.retina.as_ref().zip(state.retina.as_ref()).map_or(0.0, |(scene, retina)| {
-            ways_mm(&retina.tissue, retina_before);
+            displacements_mm(&retina.tissue, retina_before);
             let speed2 = |n: usize| f64::from(retina.tissue.velocity(n).norm_squared());
             mean_free(&retina.tissue, |n| speed2(n) / (scene.v_max_mm_s * scene.v_max_mm_s))
         });
@@ -125,16 +125,16 @@ fn tears(kind: u32) -> bool {
 }
 
 /// How far each node has come since the last call.
-fn ways_mm(tissue: &MembraneState, before: &mut Vec<[f32; 3]>) -> Vec<f64> {
+fn displacements_mm(tissue: &MembraneState, before: &mut Vec<[f32; 3]>) -> Vec<f64> {
     let now: Vec<[f32; 3]> = (0..tissue.nodes()).map(|n| tissue.position(n).into()).collect();
     if before.len() != now.len() {
         before.clone_from(&now);
     }
-    let way = |(a, b): (&[f32; 3], &[f32; 3])| {
+    let way = |a: &[f32; 3], b: &[f32; 3]| {
         let squares = (0..3).map(|i| f64::from(a[i] - b[i]) * f64::from(a[i] - b[i]));
         libm::sqrt(squares.sum())
     };
-    let ways = now.iter().zip(&*before).map(way).collect();
+    let ways = now.iter().zip(&*before).map(|(a, b)| way(a, b)).collect();
     *before = now;
     ways
 }

@@ -1,5 +1,6 @@
-//! The chain of a live run in one process: virtual cameras, assembler, tracker, simulation; no transport and no clock, so that an
-//! attempt takes as long as its arithmetic. Every part is that of the live run; only what waits and what carries is left out.
+//! The pipeline of a live run in one process: virtual cameras, assembler, tracker, simulation. It has no
+//! transport and no clock, so an attempt takes as long as its arithmetic; every part is that of the live
+//! run.
 
 use fpga_model::cameras::{Cameras, Path};
 use offline::perception::WorldPerception;
@@ -19,14 +20,14 @@ use training::score::recording::is_over;
 
 /// Exposure of the first field, ns: instants of 0 mean "not yet".
 const FIRST_NS: u64 = 1_000_000_000;
-/// A live run goes on for so long after the script's round, fields: the last frames are still on their way.
+/// Fields that a live run lasts after the script's round, while the last frames are in flight.
 const AFTER_FIELDS: u64 = 50;
 
-/// Told of every step: the frame, and the world after it with the hash of its state.
-pub type Told<'a> = dyn FnMut(&TrackerFrame, &World, u64) + 'a;
+/// Called after every step with the frame, the world, and the hash of its state.
+pub type OnStep<'a> = dyn FnMut(&TrackerFrame, &World, u64) + 'a;
 
 /// A scene that is played through cameras and tracker.
-pub struct Chain {
+pub struct Pipeline {
     cameras: Cameras,
     surgeon: MotionSource,
     assembler: FrameAssembler,
@@ -35,15 +36,15 @@ pub struct Chain {
     next: u64,
 }
 
-impl Chain {
-    /// The scene on the shipped rig: through drawn fields of pixels or with markers made straight into blobs, a recorded hand in the
-    /// place of the tremor where one is given, everything random drawn from `seed`.
+impl Pipeline {
+    /// The scene on the shipped rig. `path`: through drawn fields of pixels, or with markers made straight
+    /// into blobs; `hand`: a recorded hand in the place of the tremor; everything random comes from `seed`.
     ///
     /// # Panics
     /// If the scene cannot be simulated: callers have composed it.
     pub fn new(scene: &SceneFile, path: Path, hand: Option<MotionUse>, seed: u64) -> Self {
         let rig = Rig::load_or_shipped(None).expect("the shipped rig is tested");
-        Chain {
+        Pipeline {
             cameras: Cameras::new(&rig, path, seed).expect("the shipped rig has sensors"),
             surgeon: MotionSource::new(scene, &rig, hand, seed),
             assembler: FrameAssembler::new(&rig),
@@ -63,10 +64,10 @@ impl Chain {
         &self.world
     }
 
-    /// Exposes the next field of every camera, and steps the simulation with every frame that is complete by then; tells each
-    /// step.
-    pub fn field(&mut self, told: &mut Told) {
-        let Chain { cameras, surgeon, assembler, tracker, world, next, .. } = self;
+    /// Exposes the next field of every camera and steps the simulation with every frame that is complete by
+    /// then.
+    pub fn field(&mut self, on_step: &mut OnStep) {
+        let Pipeline { cameras, surgeon, assembler, tracker, world, next, .. } = self;
         let number = *next;
         *next += 1;
         let exposed_ns = number * FIELD_PERIOD_NS;
@@ -95,7 +96,7 @@ impl Chain {
                 let (handles, pedals) = if new { (&handles[..], &pedal[..]) } else { (&[][..], &[][..]) };
                 steps += 1;
                 let report = world.step(&StepInput { frame: &frame, handles, pedals }, &mut no_clock);
-                told(&frame, world, report.state_hash);
+                on_step(&frame, world, report.state_hash);
             });
         }
         if surgeon.perceives_now(exposed_ns) {
@@ -107,10 +108,10 @@ impl Chain {
     ///
     /// # Panics
     /// If the scene has no task.
-    pub fn attempt(mut self, told: &mut Told) -> Score {
+    pub fn attempt(mut self, on_step: &mut OnStep) -> Score {
         while self.next < self.fields() + AFTER_FIELDS && !self.world.task().is_some_and(|(_, s)| is_over(s))
         {
-            self.field(told);
+            self.field(on_step);
         }
         self.world.score().expect("a module has a task")
     }
