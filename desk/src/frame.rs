@@ -8,17 +8,19 @@ use protocol::limits::INSTRUMENTS;
 use protocol::poses::{BodyStatus, COVARIANCE_ENTRIES, EYE, TrackerFrame};
 use protocol::time::Nanos;
 
-/// Variance of a tip along each axis, mm²: that of a uniform distribution over a pixel of the mouse, a
-/// twelfth of its square.
+/// Variance of a tip along each axis, mm²: that of a uniform distribution over a pixel of the
+/// mouse, a twelfth of its square.
 pub const TIP_VARIANCE_MM2: f64 = MM_PER_PX * MM_PER_PX / 12.0;
-/// Variance of an instrument's rotation about each axis, rad²: of the size that the tracker reaches.
+/// Variance of an instrument's rotation about each axis, rad²: of the size that the tracker
+/// reaches.
 pub const ROTATION_VARIANCE_RAD2: f64 = 1e-6;
 /// Indices of the diagonal in the upper triangle of a 6×6 matrix, stored row by row.
 const DIAGONAL: [usize; 6] = [0, 6, 11, 15, 18, 20];
 /// Time constant of a predicted velocity, s: a mouse may stop at any moment.
 const VELOCITY_TAU_S: f64 = 0.08;
 
-/// The frame of a field exposed at `exposed_ns`. The eye does not turn; every body counts as measured.
+/// The frame of a field exposed at `exposed_ns`. The eye does not turn; every body counts as
+/// measured.
 pub fn poses(guidance: &Guidance, field: u64, exposed_ns: Nanos) -> TrackerFrame {
     let mut frame = TrackerFrame::zeroed();
     (frame.field, frame.frame) = (field, field);

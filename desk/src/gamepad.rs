@@ -1,5 +1,5 @@
-//! A gamepad of this machine, read from the kernel (evdev). Buttons and sticks become [`Input`]s; what they mean is in
-//! `protocol::bindings`.
+//! A gamepad of this machine, read from the kernel (evdev). Buttons and sticks become [`Input`]s;
+//! what they mean is in `protocol::bindings`.
 
 use anyhow::{Context, bail};
 use evdev::{AbsoluteAxisCode, Device, EventSummary, KeyCode};

@@ -1,9 +1,9 @@
-//! Guidance of the instruments by a user's inputs. Inputs move a tip's target ([`Guidance::apply`]); the tip
-//! follows it ([`Guidance::advance`]) smoothly, no faster than [`MAX_SPEED_MM_S`], and inside the eye. Pure:
-//! time is an argument.
+//! Guidance of the instruments by a user's inputs. Inputs move a tip's target
+//! ([`Guidance::apply`]); the tip follows it ([`Guidance::advance`]) smoothly, no faster than
+//! [`MAX_SPEED_MM_S`], and inside the eye. Pure: time is an argument.
 //!
-//! Sideways is as in the picture: right is −x of the eye, up is −y (`docs/conventions.md`). Depth is along
-//! −z.
+//! Sideways is as in the picture: right is −x of the eye, up is −y (`docs/conventions.md`). Depth
+//! is along −z.
 
 use crate::workspace::Workspace;
 use nalgebra::{Isometry3, Vector3};
@@ -22,8 +22,8 @@ pub const MM_PER_PX: f64 = 0.02;
 pub const MM_PER_NOTCH: f64 = 0.2;
 /// Speed of a target moved by a key, mm/s.
 const KEY_MM_S: f64 = 3.0;
-/// Speed of a target moved by a stick at its end, mm/s. It grows with the square of the deflection, as
-/// sticks are hard to hold still.
+/// Speed of a target moved by a stick at its end, mm/s. It grows with the square of the deflection,
+/// as sticks are hard to hold still.
 const STICK_MM_S: f64 = 6.0;
 /// Speed of a turn about the shaft by key or stick, rad/s.
 const ROLL_RAD_S: f64 = 1.6;
@@ -33,8 +33,8 @@ const STICK_REST: f64 = 0.12;
 const FINE: f64 = 0.25;
 /// Largest speed of a tip, mm/s. Surgeons stay below 20 mm/s.
 pub const MAX_SPEED_MM_S: f64 = 12.0;
-/// Natural frequency of the tip that follows its target, 1/s: a target that jumps is reached within half
-/// a second.
+/// Natural frequency of the tip that follows its target, 1/s: a target that jumps is reached within
+/// half a second.
 const FOLLOW_PER_S: f64 = 12.0;
 /// Speed of the jaws, rad/s.
 const JAW_RAD_S: f64 = 2.5;
@@ -120,8 +120,8 @@ pub struct Guidance {
 const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::Pick, Tool::Vitrector, Tool::Needle, Tool::LightPipe];
 
 impl Guidance {
-    /// At the start of a scene: instruments at the first keys of its script, at rest without one; the
-    /// first one is selected.
+    /// At the start of a scene: instruments at the first keys of its script, at rest without one;
+    /// the first one is selected.
     pub fn new(scene: &SceneFile, rig: &Rig) -> Self {
         let script = scene.script_or_rest();
         let instrument = |i: usize| {

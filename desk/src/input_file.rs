@@ -1,5 +1,5 @@
-//! Files of inputs, played in place of a user: for tests and demonstrations. A line is an instant (s) and
-//! an input.
+//! Files of inputs, played in place of a user: for tests and demonstrations. A line is an instant
+//! (s) and an input.
 //!
 //! ```text
 //! # seconds   what
@@ -148,8 +148,8 @@ fn inputs(words: &[&str]) -> Result<[Option<Input>; 2], (String, String)> {
     })
 }
 
-/// Plays a file. Its clock stops while a request of the file (pause, restart, next) waits to be served, so
-/// that later inputs come after it on any machine.
+/// Plays a file. Its clock stops while a request of the file (pause, restart, next) waits to be
+/// served, so that later inputs come after it on any machine.
 #[derive(Debug, Clone)]
 pub struct Player {
     inputs: Inputs,
@@ -193,8 +193,8 @@ impl Player {
         }
     }
 
-    /// Takes a command in that the launcher gave and the desk executed. A restart is served when everything
-    /// starts again.
+    /// Takes a command in that the launcher gave and the desk executed. A restart is served when
+    /// everything starts again.
     pub fn served(&mut self, command: Command) {
         let over = match self.waits {
             Some((Action::Pause, _)) => matches!(command, Command::Pause | Command::Start),

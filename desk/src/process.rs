@@ -1,5 +1,5 @@
-//! The loop: 50 times a second it reads inputs and publishes poses, handles and pedal. The only module
-//! with transport and clock.
+//! The loop: 50 times a second it reads inputs and publishes poses, handles and pedal. The only
+//! module with transport and clock.
 
 use crate::config::{Config, InputSource};
 use crate::frame;

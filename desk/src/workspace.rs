@@ -24,7 +24,8 @@ impl Workspace {
         Workspace { radius_mm: retina_radius_mm + WALL_MM, front_mm: if front > 0.0 { front } else { 0.0 } }
     }
 
-    /// The point of the workspace for `p`, drawn towards the eye's centre; the centre if `p` is not finite.
+    /// The point of the workspace for `p`, drawn towards the eye's centre; the centre if `p` is not
+    /// finite.
     pub fn clamp_point(&self, p: &Vector3<f64>) -> Vector3<f64> {
         if !p.iter().all(|c| c.is_finite()) {
             return Vector3::zeros();

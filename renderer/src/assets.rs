@@ -1,4 +1,5 @@
-//! What the picture is made from besides the scene: the fundus photograph and the instruments' meshes, built in or from files.
+//! What the picture is made from besides the scene: the fundus photograph and the instruments'
+//! meshes, built in or from files.
 
 use crate::tools::{ModelError, Models};
 use image::RgbImage;

@@ -1,5 +1,6 @@
-//! The round field in square cells whose corners the shaders cast onto the retina. Their borders lie on multiples of four pixels: a
-//! processor that draws shades whole blocks of 4×4, and a block that an edge cuts is shaded once for each of its sides.
+//! The round field in square cells whose corners the shaders cast onto the retina. Their borders
+//! lie on multiples of four pixels: a processor that draws shades whole blocks of 4×4, and a block
+//! that an edge cuts is shaded once for each of its sides.
 
 use crate::governor::Tier;
 use crate::view::FIELD_FILL;
@@ -7,7 +8,8 @@ use wgpu::{Buffer, BufferUsages, Device};
 
 /// Corners of a row, as in `fundus.wgsl`.
 const ROW: u32 = 32;
-/// Cells along a picture's width, about: 0.7 mm of a field of 16 mm, over which the retina bulges by 5 µm, a tenth of a pixel.
+/// Cells along a picture's width, about: 0.7 mm of a field of 16 mm, over which the retina bulges
+/// by 5 µm, a tenth of a pixel.
 const ALONG: u32 = 25;
 /// Edge of the blocks, px.
 const BLOCK_PX: u32 = 4;

@@ -31,12 +31,12 @@ pub struct Config {
     /// Scene by name or file; gives eye, membrane size and shafts.
     #[arg(long, value_name = "NAME|FILE", default_value = scene::DEFAULT_SCENE)]
     pub scene: String,
-    /// Fundus photograph to lay on the retina instead of the shipped one: a square JPEG or PNG of a left eye, the fovea
-    /// in its middle.
+    /// Fundus photograph to lay on the retina instead of the shipped one: a square JPEG or PNG of a
+    /// left eye, the fovea in its middle.
     #[arg(long, value_name = "PHOTO")]
     pub fundus: Option<PathBuf>,
-    /// Folder with the instruments' meshes (forceps.glb, light-pipe.glb, pick.glb, vitrector.glb, needle.glb) to draw
-    /// instead of the shipped ones.
+    /// Folder with the instruments' meshes (forceps.glb, light-pipe.glb, pick.glb, vitrector.glb,
+    /// needle.glb) to draw instead of the shipped ones.
     #[arg(long, value_name = "DIR")]
     pub instruments: Option<PathBuf>,
     /// Draw without a window (the default).

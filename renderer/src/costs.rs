@@ -1,14 +1,16 @@
 //! What a frame costs at each tier compared with the others, as this adapter showed at the start.
 //!
-//! How much dearer full shading is differs widely: about four times on a graphics card, twenty times and more on a processor that
-//! draws. So the renderer measures every tier it has room for while it warms up, and takes the shortest of a few frames, which other
-//! processes disturbed least.
+//! How much dearer full shading is differs widely: about four times on a graphics card, twenty
+//! times and more on a processor that draws. So the renderer measures every tier it has room for
+//! while it warms up, and takes the shortest of a few frames, which other processes disturbed
+//! least.
 
 use crate::governor::TIERS;
 
 /// Number of tiers.
 const TIERS_LEN: usize = TIERS.len();
-/// Dearer by so much is a fully shaded frame than a lean one of equal size, at most, and where nothing was measured.
+/// Dearer by so much is a fully shaded frame than a lean one of equal size, at most, and where
+/// nothing was measured.
 const FULL_AT_MOST: f64 = 40.0;
 const FULL_UNMEASURED: f64 = 20.0;
 
@@ -19,8 +21,9 @@ pub struct Costs([f64; TIERS_LEN]);
 impl Costs {
     /// From the shortest frame that was seen at each tier, ns; `None` where none was drawn.
     ///
-    /// A frame has a part that every pixel costs and one that every frame costs. So between tiers of one shading the ratio lies
-    /// between 1 and that of their pixels, and what a disturbed measurement says beyond that is not believed.
+    /// A frame has a part that every pixel costs and one that every frame costs. So between tiers
+    /// of one shading the ratio lies between 1 and that of their pixels, and what a disturbed
+    /// measurement says beyond that is not believed.
     pub fn measured(shortest_ns: &[Option<u64>; TIERS_LEN]) -> Self {
         let mut costs = [1.0; TIERS_LEN];
         for tier in (1..TIERS_LEN).rev() {

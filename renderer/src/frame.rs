@@ -89,8 +89,8 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Makes every resource, with the shipped photograph and meshes. Nothing is allocated later, unless
-    /// a scene is larger than `config.tissue`.
+    /// Makes every resource, with the shipped photograph and meshes. Nothing is allocated later,
+    /// unless a scene is larger than `config.tissue`.
     ///
     /// # Errors
     /// If a shipped asset cannot be decoded.
@@ -205,8 +205,8 @@ impl Renderer {
         self.encode_layers(gpu, tier_index, Layers::ALL)
     }
 
-    /// As [`Self::encode`], with some layers only, to measure the cost of each. The device times the
-    /// passes `shadow`, `picture` and `focus`; see [`crate::timing`].
+    /// As [`Self::encode`], with some layers only, to measure the cost of each. The device times
+    /// the passes `shadow`, `picture` and `focus`; see [`crate::timing`].
     pub fn encode_layers(&self, gpu: &Gpu, tier_index: usize, layers: Layers) -> CommandBuffer {
         let frame = self.frame_context(tier_index, layers);
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -233,8 +233,8 @@ impl Renderer {
         encoder.finish()
     }
 
-    /// Writes uniforms and tissue for the latched poses and submits `commands`. Returns at once, while
-    /// the device draws. Text and the fading of a body just lost follow with the next frame.
+    /// Writes uniforms and tissue for the latched poses and submits `commands`. Returns at once,
+    /// while the device draws. Text and the fading of a body just lost follow with the next frame.
     pub fn submit(&mut self, gpu: &Gpu, tier: usize, latched: &Latched, commands: CommandBuffer) {
         self.write_uniforms(&gpu.queue, tier, latched);
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());

@@ -49,7 +49,8 @@ pub fn map_scale() -> f32 {
     0.5 / equal_area(MAP_ANGLE)
 }
 
-/// Map coordinates (0 to 1) of the direction of `position` from the eye's centre, as the shader finds them.
+/// Map coordinates (0 to 1) of the direction of `position` from the eye's centre, as the shader
+/// finds them.
 pub fn coordinates(position: [f32; 3]) -> [f32; 2] {
     let [x, y, z] = position;
     let length = (x * x + y * y + z * z).sqrt().max(1e-6);
@@ -100,7 +101,8 @@ fn raise_vessels(pixels: &mut [u8], size: usize) {
     }
 }
 
-/// Means over `half` pixels to both sides along each row, given back with rows and columns exchanged.
+/// Means over `half` pixels to both sides along each row, given back with rows and columns
+/// exchanged.
 fn means_along_rows(plane: &[f32], size: usize, half: usize) -> Vec<f32> {
     let mut out = vec![0.0; plane.len()];
     for (y, row) in plane.chunks_exact(size).enumerate() {

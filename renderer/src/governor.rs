@@ -1,9 +1,11 @@
 //! The quality governor: picks resolution and shading so that frames keep their budget.
 //!
-//! Pure: fed with measured frame times. It steps down within five frames of an overload, as far as the typical one among them
-//! tells that it must: a few late ones are a disturbance, which a lower tier would not help. It comes back slowly, only where the
-//! cost expected there fits with a margin, and waits longer after every return that failed. What other tiers cost was measured on
-//! this adapter (`costs`). A frame below the floor breaks the budget by itself, so only lasting overload leads there.
+//! Pure: fed with measured frame times. It steps down within five frames of an overload, as far as
+//! the typical one among them tells that it must: a few late ones are a disturbance, which a lower
+//! tier would not help. It comes back slowly, only where the cost expected there fits with a
+//! margin, and waits longer after every return that failed. What other tiers cost was measured on
+//! this adapter (`costs`). A frame below the floor breaks the budget by itself, so only lasting
+//! overload leads there.
 
 use crate::costs::Costs;
 use protocol::frames::TierReason;
@@ -83,7 +85,8 @@ pub const FLOOR: usize = 6;
 const RECENT: usize = 5;
 /// This many late ones among them are an overload: the typical one is late.
 const LATE: usize = 3;
-/// The same from the floor on, where the next step would break the budget with every frame: only what lasts counts.
+/// The same from the floor on, where the next step would break the budget with every frame: only
+/// what lasts counts.
 const LASTING: usize = 25;
 const LASTING_LATE: usize = 13;
 /// Frames looked at before going up, and below the floor, where every frame breaks the budget.
@@ -105,7 +108,8 @@ const MAX_BACK_OFF: u32 = 32;
 pub struct Reason {
     /// Why.
     pub why: TierReason,
-    /// Time of the worst frame, or that under which 95 of 100 frames stayed, ms; 0 where none was measured.
+    /// Time of the worst frame, or that under which 95 of 100 frames stayed, ms; 0 where none was
+    /// measured.
     pub took_ms: f64,
     /// Time a frame may take, ms.
     pub budget_ms: f64,
@@ -217,7 +221,8 @@ impl Governor {
         tells && self.step_down(self.tier_for(frame_ns), TierReason::Overload, frame_ns)
     }
 
-    /// The best lower tier at which a frame that took `typical_ns` here fits; below the floor only from the floor on.
+    /// The best lower tier at which a frame that took `typical_ns` here fits; below the floor only
+    /// from the floor on.
     fn tier_for(&self, typical_ns: u64) -> usize {
         let fits = |&to: &usize| {
             typical_ns as f64 * self.costs.ratio(self.tier, to) <= MARGIN_DOWN * self.budget_ns as f64
@@ -289,7 +294,8 @@ mod tests {
         Governor::new(BUDGET, start, None, Costs::default())
     }
 
-    /// A machine that needs `ns_per_px` for each pixel of both channels, 20 times as long for a fully shaded one, and 1 ms besides.
+    /// A machine that needs `ns_per_px` for each pixel of both channels, 20 times as long for a
+    /// fully shaded one, and 1 ms besides.
     fn run(governor: &mut Governor, ns_per_px: u64, frames: usize) -> usize {
         let mut late = 0;
         for _ in 0..frames {
@@ -333,7 +339,8 @@ mod tests {
         let mut steady = governor(3);
         (0..20).any(|_| steady.record_frame(30_000_000));
         assert_eq!(steady.tier_index(), 5);
-        // Two frames of 100 ms among good ones do not count, and one more does not make the good ones bad.
+        // Two frames of 100 ms among good ones do not count, and one more does not make the good
+        // ones bad.
         let mut disturbed = governor(3);
         (0..20).for_each(|_| assert!(!disturbed.record_frame(14_000_000)));
         assert!(

@@ -93,7 +93,8 @@ impl Gpu {
         let name_of_device = name.clone();
         let known = Arc::clone(&lost);
         device.on_uncaptured_error(Arc::new(move |e| {
-            // Of a device that is gone every command is refused; that is told once, as an error of the process.
+            // Of a device that is gone every command is refused; that is told once, as an error of
+            // the process.
             if known.get().is_none() {
                 tracing::error!("graphics: {e}");
             }

@@ -1,12 +1,14 @@
 //! The graphics device's clock beside the processor's: pure, fed with instants.
 //!
-//! The device stamps when a frame began and ended, on a clock with an origin of its own. A frame begins after it was
-//! submitted and is seen to be finished after it ended, so every frame bounds the difference of the clocks from both sides;
-//! waking up takes now 20 µs and now 2 ms, so the least upper bound of the last frames is the best guess.
+//! The device stamps when a frame began and ended, on a clock with an origin of its own. A frame
+//! begins after it was submitted and is seen to be finished after it ended, so every frame bounds
+//! the difference of the clocks from both sides; waking up takes now 20 µs and now 2 ms, so the
+//! least upper bound of the last frames is the best guess.
 
 use protocol::time::Nanos;
 
-/// Frames remembered: at 85 Hz clocks that differ by 50 parts in a million drift by 40 µs over them.
+/// Frames remembered: at 85 Hz clocks that differ by 50 parts in a million drift by 40 µs over
+/// them.
 const FRAMES: usize = 64;
 
 /// Begin and end of a frame on the device's clock, ns.
@@ -32,8 +34,9 @@ impl Default for GpuClock {
 }
 
 impl GpuClock {
-    /// Takes a frame in that was submitted at `submitted` and seen to be finished at `seen`; the instant, on the processor's
-    /// clock, at which the device had finished it, never outside these two. Stamps that make no sense give `seen`.
+    /// Takes a frame in that was submitted at `submitted` and seen to be finished at `seen`; the
+    /// instant, on the processor's clock, at which the device had finished it, never outside these
+    /// two. Stamps that make no sense give `seen`.
     pub fn finished_at(&mut self, submitted: Nanos, span: Span, seen: Nanos) -> Nanos {
         if span.end_ns < span.begin_ns || seen < submitted || span.end_ns - span.begin_ns > seen - submitted {
             return seen;

@@ -23,7 +23,8 @@ const STRENGTH: f32 = 46.0;
 const COLOUR: [f32; 3] = [1.0, 0.95, 0.86];
 /// Light scattered back from the retina onto everything, linear.
 const SCATTERED: [f32; 3] = [0.045, 0.032, 0.026];
-/// Radius of the fibre's bright face, mm: half the outer radius of a 25 gauge pipe, as its mesh has it. It makes shadows soft.
+/// Radius of the fibre's bright face, mm: half the outer radius of a 25 gauge pipe, as its mesh has
+/// it. It makes shadows soft.
 pub const FIBRE_RADIUS_MM: f64 = 0.125;
 /// Stands in for the light pipe where there is none: a chandelier light at the pars plana,
 /// position in the eye, mm.
@@ -71,7 +72,8 @@ impl Lamp {
         clip * look_at_mat4(self.position, self.position + self.direction, self.up)
     }
 
-    /// Fills in the lamp's part of the uniform, its light seen through `filter`. What is scattered about passed the filter too.
+    /// Fills in the lamp's part of the uniform, its light seen through `filter`. What is scattered
+    /// about passed the filter too.
     pub fn write(&self, uniform: &mut FrameUniform, filter: Filter) {
         let vec4 = |v: DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
         let (outer, inner) = (BEAM_OUTER_RAD.cos(), BEAM_INNER_RAD.cos());
@@ -85,9 +87,10 @@ impl Lamp {
     }
 }
 
-/// Half width of a shadow's soft edge, share of the map, for a difference of 1 between the depths of surface and caster. The edge of a
-/// caster at the distance c hides the lamp's disc over a half width of r (d − c) / c on a surface at the distance d; the map is
-/// 2 d tan(half angle) wide there. Depth is (1 − near / d) far / (far − near), so 1/c − 1/d is the difference of depths by
+/// Half width of a shadow's soft edge, share of the map, for a difference of 1 between the depths
+/// of surface and caster. The edge of a caster at the distance c hides the lamp's disc over a half
+/// width of r (d − c) / c on a surface at the distance d; the map is 2 d tan(half angle) wide
+/// there. Depth is (1 − near / d) far / (far − near), so 1/c − 1/d is the difference of depths by
 /// near far / (far − near).
 pub fn soft_edge_per_depth() -> f64 {
     FIBRE_RADIUS_MM / (2.0 * MAP_RAD.tan()) * (FAR_MM - NEAR_MM) / (NEAR_MM * FAR_MM)

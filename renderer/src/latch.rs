@@ -18,7 +18,8 @@ pub struct Latched {
     pub field: u64,
     /// Instants of the poses.
     pub instants: Instants,
-    /// Instant to which they were predicted; that of the exposure where they were taken as they are.
+    /// Instant to which they were predicted; that of the exposure where they were taken as they
+    /// are.
     pub predicted_to: Nanos,
     /// The eye in the world.
     pub world_from_eye: DMat4,

@@ -32,10 +32,11 @@ pub struct FrameUniform {
     pub ambient: [f32; 4],
     /// Radius (mm), map scale, mip level, strength of the specular film.
     pub retina: [f32; 4],
-    /// Depth bias, half width of the soft edge (share of a tile), relief of the vessels, membrane detail.
+    /// Depth bias, half width of the soft edge (share of a tile), relief of the vessels, membrane
+    /// detail.
     pub shadow: [f32; 4],
-    /// Growth of a shadow's soft edge with the difference of depths in the map, widest half width that is looked for (shares of a
-    /// tile), 1 / radius of the retina (1/mm), 0.
+    /// Growth of a shadow's soft edge with the difference of depths in the map, widest half width
+    /// that is looked for (shares of a tile), 1 / radius of the retina (1/mm), 0.
     pub penumbra: [f32; 4],
     /// Corner of the vitreous' densities with the smallest coordinates, and extinction at full
     /// density (1/mm).
@@ -86,8 +87,8 @@ pub struct TissueVertex {
     pub position: [f32; 3],
     /// Unit.
     pub normal: [f32; 3],
-    /// Membrane: 1 on an edge of the sheet, and the share of the dye that it can take. Retina: place in the fundus map,
-    /// 0 to 1.
+    /// Membrane: 1 on an edge of the sheet, and the share of the dye that it can take. Retina:
+    /// place in the fundus map, 0 to 1.
     pub more: [f32; 2],
 }
 

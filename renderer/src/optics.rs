@@ -1,7 +1,9 @@
-//! What the lens does before the microscope looks: a map of the eye into its picture in the air. Pure.
+//! What the lens does before the microscope looks: a map of the eye into its picture in the air.
+//! Pure.
 //!
-//! A thin lens maps straight lines to straight lines (it is a collineation), and so does a plane of glass for rays near its
-//! normal. So each is a 4×4 matrix beside those of the camera, and every pass draws through it as it is. World frame, mm.
+//! A thin lens maps straight lines to straight lines (it is a collineation), and so does a plane of
+//! glass for rays near its normal. So each is a 4×4 matrix beside those of the camera, and every
+//! pass draws through it as it is. World frame, mm.
 
 use glam::{DMat4, DVec3, DVec4};
 use protocol::optics::Lens;
@@ -9,7 +11,8 @@ use protocol::scene::Microscope;
 
 /// Refractive index of vitreous, and of the contact lens as far as it matters.
 pub const VITREOUS_INDEX: f64 = 1.336;
-/// Height of the contact lens's flat face over the eye's centre, mm: the cornea's 12 and its thickness.
+/// Height of the contact lens's flat face over the eye's centre, mm: the cornea's 12 and its
+/// thickness.
 pub const FLAT_FACE_MM: f64 = 14.0;
 /// A point nearer than this to the wide-angle lens's focus has no picture, mm.
 const LEAST_BEYOND_FOCUS_MM: f64 = 0.5;
@@ -28,8 +31,8 @@ pub fn image_from_world(microscope: &Microscope) -> DMat4 {
     }
 }
 
-/// Gauss' formula: a point `s` below the lens appears `f s / (s − f)` above it, its distance from the axis times
-/// `−f / (s − f)`. Multiplied by `s − f`, all of it is linear in the point.
+/// Gauss' formula: a point `s` below the lens appears `f s / (s − f)` above it, its distance from
+/// the axis times `−f / (s − f)`. Multiplied by `s − f`, all of it is linear in the point.
 fn thin_lens(microscope: &Microscope) -> DMat4 {
     let [x0, y0, target_z] = microscope.target_in_world_mm;
     let f = microscope.lens_focal_mm.max(1.0);
@@ -59,9 +62,9 @@ pub fn field_in_eye_mm(microscope: &Microscope) -> f64 {
     microscope.field_mm.max(0.1) / magnification(microscope)
 }
 
-/// Diameter in the plane of focus of the patch of light that a point makes, mm of the microscope's picture; `distance_mm` is that of
-/// the point's image from the objective. Similar triangles: the beam is as wide as the aperture at the objective and narrows
-/// to the point.
+/// Diameter in the plane of focus of the patch of light that a point makes, mm of the microscope's
+/// picture; `distance_mm` is that of the point's image from the objective. Similar triangles: the
+/// beam is as wide as the aperture at the objective and narrows to the point.
 pub fn blur_mm(microscope: &Microscope, distance_mm: f64) -> f64 {
     let focus = microscope.working_distance_mm - microscope.focus_mm;
     microscope.aperture_mm.max(0.0) * (focus - distance_mm).abs() / distance_mm.max(1.0)
@@ -88,8 +91,8 @@ mod tests {
     }
 
     proptest! {
-        /// The image lies where two rays meet: the one through the lens's centre, which goes straight on, and the one
-        /// parallel to the axis, which goes through the focus beyond.
+        /// The image lies where two rays meet: the one through the lens's centre, which goes
+        /// straight on, and the one parallel to the axis, which goes through the focus beyond.
         #[test]
         fn rays_meet_in_the_image(x in -9.0..9.0f64, y in -9.0..9.0f64, z in -11.5..6.0f64) {
             let m = microscope(Lens::WideAngle);

@@ -1,5 +1,5 @@
-//! Encoding and writing of pictures: stills, video, small JPEGs. A thread of its own does the work; the
-//! display never waits for it. Pictures that it cannot take are dropped and counted.
+//! Encoding and writing of pictures: stills, video, small JPEGs. A thread of its own does the work;
+//! the display never waits for it. Pictures that it cannot take are dropped and counted.
 
 pub mod picture;
 pub mod y4m;
@@ -28,7 +28,8 @@ pub struct OutputConfig {
     pub video_px: [u32; 2],
     /// Pictures a second of the video.
     pub video_hz: u32,
-    /// How the channels share a still or a picture of the video; small pictures keep them side by side.
+    /// How the channels share a still or a picture of the video; small pictures keep them side by
+    /// side.
     pub arrangement: Arrangement,
 }
 
@@ -119,8 +120,8 @@ impl Output {
         Ok(Self { jobs: Some(jobs), done, pool, thread: Some(thread), dropped: 0 })
     }
 
-    /// Lets `fill` fill a free picture and sends it to the thread. Without a free one the request is
-    /// dropped and counted.
+    /// Lets `fill` fill a free picture and sends it to the thread. Without a free one the request
+    /// is dropped and counted.
     ///
     /// # Errors
     /// Those of `fill`.

@@ -10,7 +10,8 @@ const SPREADS: f64 = 3.0;
 /// Time by which it begins earlier still, ns: a wake-up on a quiet machine.
 const WAKE_NS: f64 = 500_000.0;
 
-/// Estimates how long it takes from the latch until the picture is seen, and when a frame must begin.
+/// Estimates how long it takes from the latch until the picture is seen, and when a frame must
+/// begin.
 #[derive(Debug, Clone, Copy)]
 pub struct Pacing {
     latch_to_seen_ns: f64,
@@ -45,8 +46,9 @@ impl Pacing {
         }
     }
 
-    /// The latest instant from `earliest` on at which a frame may begin and still be seen at a refresh as early as if it began
-    /// at once: so the pose it takes is the newest possible. `earliest` itself without a display.
+    /// The latest instant from `earliest` on at which a frame may begin and still be seen at a
+    /// refresh as early as if it began at once: so the pose it takes is the newest possible.
+    /// `earliest` itself without a display.
     pub fn start_at(&self, earliest: Nanos, refreshed: Nanos) -> Nanos {
         let Some(period) = self.refresh_ns.filter(|&p| p > 0) else { return earliest };
         let lead = (self.start_to_seen_ns + SPREADS * self.spread_ns + WAKE_NS) as u64;
@@ -55,7 +57,8 @@ impl Pacing {
         seen.saturating_sub(lead).clamp(earliest, earliest + period)
     }
 
-    /// Refreshes that showed nothing new because a picture begun after the refresh at `refreshed` came at `displayed` only.
+    /// Refreshes that showed nothing new because a picture begun after the refresh at `refreshed`
+    /// came at `displayed` only.
     pub fn missed(&self, refreshed: Nanos, displayed: Nanos) -> u64 {
         let period = self.refresh_ns.filter(|&p| p > 0);
         period.map_or(0, |p| (displayed.saturating_sub(refreshed) / p).saturating_sub(1))
@@ -127,7 +130,8 @@ mod tests {
         const PERIOD: u64 = 11_764_706;
         let mut pacing = Pacing::new(Some(PERIOD), 15_000_000);
         (0..300).for_each(|_| pacing.record_frame(0, 100_000, 4_000_000));
-        // 4 ms of work and 0.5 for waking: it begins 7.26 ms after the refresh, and is seen at the next.
+        // 4 ms of work and 0.5 for waking: it begins 7.26 ms after the refresh, and is seen at the
+        // next.
         let begin = pacing.start_at(1_000, 1_000);
         assert!((begin as i64 - (1_000 + PERIOD as i64 - 4_500_000)).abs() < 10_000, "{begin}");
         assert_eq!(pacing.next_refresh(begin + 4_000_000, 1_000), 1_000 + PERIOD);
@@ -142,7 +146,8 @@ mod tests {
     #[test]
     fn a_refresh_without_a_new_picture_is_missed_and_nothing_is_caught_up() {
         let pacing = Pacing::new(Some(10), 0);
-        // Frames of 8, 27 and 8: seen at 10, 40 and 50. The refreshes at 20 and 30 showed nothing new.
+        // Frames of 8, 27 and 8: seen at 10, 40 and 50. The refreshes at 20 and 30 showed nothing
+        // new.
         let (mut refreshed, mut missed, mut seen) = (0, 0, Vec::new());
         for took in [8, 27, 8] {
             let displayed = pacing.next_refresh(refreshed + took, refreshed);

@@ -149,7 +149,8 @@ pub fn sampled_layout(device: &Device, label: &str, view_dimension: TextureViewD
     })
 }
 
-/// A texture and its sampler in a layout of [`sampled_layout`]; what is smaller than the texture is smoothed, what is larger as told.
+/// A texture and its sampler in a layout of [`sampled_layout`]; what is smaller than the texture is
+/// smoothed, what is larger as told.
 pub fn sampled_group(
     device: &Device,
     label: &str,
@@ -237,8 +238,8 @@ impl<'a> PipelineSpec<'a> {
 const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
 
-/// Depth of what is drawn over everything else: lean tiers draw it in the pass of the picture, full tiers after it, where there is
-/// no depth.
+/// Depth of what is drawn over everything else: lean tiers draw it in the pass of the picture, full
+/// tiers after it, where there is no depth.
 pub fn over_everything(shading: Shading) -> Option<(CompareFunction, bool)> {
     (shading == Shading::Lean).then_some((CompareFunction::Always, false))
 }

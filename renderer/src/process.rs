@@ -1,5 +1,5 @@
-//! The loop: a new scene or the display wakes it, it draws one stereo frame with the newest pose, and
-//! publishes the frame's instants.
+//! The loop: a new scene or the display wakes it, it draws one stereo frame with the newest pose,
+//! and publishes the frame's instants.
 
 mod pictures;
 mod user;

@@ -1,5 +1,5 @@
-//! Scenes of fixed contents, laid out as the simulation sends them: for `renderer bench`, the reference
-//! pictures and tests. Positions are in the eye frame, mm.
+//! Scenes of fixed contents, laid out as the simulation sends them: for `renderer bench`, the
+//! reference pictures and tests. Positions are in the eye frame, mm.
 
 use bytemuck::Zeroable;
 use glam::{DMat3, DQuat, DVec3};
@@ -156,7 +156,8 @@ fn mark(x: f32, y: f32, radius_mm: f32) -> SceneMark {
     SceneMark { position_mm, radius_mm, rgba: [0.25, 0.005, 0.005, 0.9] }
 }
 
-/// A dome of lifted retina: a disc of radius 2.6 mm beside the macula, `height` mm high in its middle.
+/// A dome of lifted retina: a disc of radius 2.6 mm beside the macula, `height` mm high in its
+/// middle.
 fn bleb(height: f32) -> Contents {
     const RINGS: u32 = 10;
     const AROUND: u32 = 32;

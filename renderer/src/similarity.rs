@@ -59,8 +59,8 @@ pub fn reference_sized(picture: &Picture) -> Picture {
     reduced(picture, 2 * REFERENCE_PX[0])
 }
 
-/// `picture` at `width_px` and the height that goes with it, each pixel the mean of a square block. A
-/// rest at the right and lower border is cut off.
+/// `picture` at `width_px` and the height that goes with it, each pixel the mean of a square block.
+/// A rest at the right and lower border is cut off.
 pub fn reduced(picture: &Picture, width_px: u32) -> Picture {
     let n = (picture.width_px / width_px).max(1);
     let height_px = picture.height_px / n;

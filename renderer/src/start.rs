@@ -24,7 +24,8 @@ use scene::SceneFile;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
-/// Edge of the fundus map on a software driver: about the texels that its best tiers can show; the others use its mip levels.
+/// Edge of the fundus map on a software driver: about the texels that its best tiers can show; the
+/// others use its mip levels.
 const SOFTWARE_MAP_PX: u32 = 1024;
 /// Edge of the fundus map on a GPU.
 const HARDWARE_MAP_PX: u32 = 2048;
@@ -88,7 +89,8 @@ pub fn map_px(gpu: &Gpu) -> u32 {
     if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX }
 }
 
-/// A renderer for `scene` that has drawn its first frames, and what these told about the costs of the tiers; `clock` gives ns.
+/// A renderer for `scene` that has drawn its first frames, and what these told about the costs of
+/// the tiers; `clock` gives ns.
 ///
 /// # Errors
 /// If rig or assets cannot be read, or the device is lost.
@@ -107,8 +109,8 @@ pub fn renderer(
     Ok((renderer, costs))
 }
 
-/// Draws every kind of thing, tracked and lost, at every tier from the start on. Frames that come after each kind was drawn once
-/// tell what the tiers cost.
+/// Draws every kind of thing, tracked and lost, at every tier from the start on. Frames that come
+/// after each kind was drawn once tell what the tiers cost.
 fn warm_up(
     gpu: &Gpu,
     renderer: &mut Renderer,

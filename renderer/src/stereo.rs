@@ -1,7 +1,7 @@
 //! How the two channels share one picture or one display.
 //!
-//! Passes draw the channels side by side; an arrangement makes of that what a display takes. The same
-//! rules hold for a window (on the device, `present::blit`) and for files (here, [`arrange`]).
+//! Passes draw the channels side by side; an arrangement makes of that what a display takes. The
+//! same rules hold for a window (on the device, `present::blit`) and for files (here, [`arrange`]).
 
 use crate::readback::Picture;
 
@@ -12,7 +12,8 @@ pub enum Arrangement {
     /// Left channel left, right channel right.
     #[default]
     SideBySide = 0,
-    /// For red–cyan glasses: the left channel's luminance in red, the right one's in green and blue.
+    /// For red–cyan glasses: the left channel's luminance in red, the right one's in green and
+    /// blue.
     Anaglyph = 1,
     /// Lines from the top: even ones left, odd ones right, for line-interleaved fields of 85 Hz.
     Interleaved = 2,

@@ -83,7 +83,8 @@ impl Timing {
         }
     }
 
-    /// Ends a frame's commands, the last of whose passes was `last`: the stamps go to where they can be read.
+    /// Ends a frame's commands, the last of whose passes was `last`: the stamps go to where they
+    /// can be read.
     pub fn resolve(&self, encoder: &mut CommandEncoder, last: Pass) {
         let written = 2 * last as u32 + 2;
         encoder.clear_buffer(&self.resolved, 0, None);
@@ -117,7 +118,8 @@ impl Timing {
         let mut ns = [0u64; STAMPS as usize];
         for (ns, ticks) in ns.iter_mut().zip(mapped.chunks_exact(8)) {
             let ticks = u64::from_le_bytes(ticks.try_into().unwrap_or_default());
-            // Whole ticks first: their product with the period may need more than the 53 bits of a number.
+            // Whole ticks first: their product with the period may need more than the 53 bits of a
+            // number.
             let whole = self.period_ns.floor();
             *ns = ticks.wrapping_mul(whole as u64) + (ticks as f64 * (self.period_ns - whole)) as u64;
         }

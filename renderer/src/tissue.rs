@@ -89,7 +89,8 @@ impl Tissue {
         changed
     }
 
-    /// How many of the triangles belong to the membrane, which come first, and how many to the retina, which follow; the rest are gone.
+    /// How many of the triangles belong to the membrane, which come first, and how many to the
+    /// retina, which follow; the rest are gone.
     pub fn counts(&self) -> [usize; 2] {
         [self.membrane, self.retina]
     }

@@ -1,6 +1,6 @@
-//! Meshes of the instruments, instrument frame, mm: tip at the origin, handle towards +z, hook, port and jaw plane along +x. They
-//! come from glTF files (`assets/instruments`, made by the example `instruments`), drawn at 25 gauge, and are widened here
-//! to the gauge of a scene.
+//! Meshes of the instruments, instrument frame, mm: tip at the origin, handle towards +z, hook,
+//! port and jaw plane along +x. They come from glTF files (`assets/instruments`, made by the
+//! example `instruments`), drawn at 25 gauge, and are widened here to the gauge of a scene.
 
 mod load;
 
@@ -101,7 +101,8 @@ impl Model {
     }
 }
 
-/// A vertex on a given shaft: widened across, and lengthened beyond what is seen of the tip. A hook stays as it is.
+/// A vertex on a given shaft: widened across, and lengthened beyond what is seen of the tip. A hook
+/// stays as it is.
 fn fitted(vertex: &MetalVertex, part: &str, shaft: &Shaft) -> MetalVertex {
     let wider = match part {
         "hook" => 1.0,

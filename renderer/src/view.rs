@@ -1,4 +1,5 @@
-//! The stereo microscope: two channels whose axes meet in the target, or in the picture of it that a lens makes.
+//! The stereo microscope: two channels whose axes meet in the target, or in the picture of it that
+//! a lens makes.
 
 use crate::layout::ViewUniform;
 use crate::optics::{image_from_world, target_in_image};
@@ -23,8 +24,9 @@ const UP_IN_WORLD: DVec3 = DVec3::NEG_Y;
 /// Right in the picture, world frame.
 const RIGHT_IN_WORLD: DVec3 = DVec3::NEG_X;
 
-/// Objective of `channel` (0 left, 1 right), where the lens's picture lies as it lies in the world, mm. The inverter exchanges the
-/// channels: turned by itself, each channel's picture would show what is near as far.
+/// Objective of `channel` (0 left, 1 right), where the lens's picture lies as it lies in the world,
+/// mm. The inverter exchanges the channels: turned by itself, each channel's picture would show
+/// what is near as far.
 pub fn objective_in_image(microscope: &Microscope, channel: usize) -> DVec3 {
     let left = (channel == 0) != (microscope.inverter != 0);
     let side = if left { -0.5 } else { 0.5 };
@@ -41,8 +43,8 @@ pub fn depth_range_mm(microscope: &Microscope) -> [f64; 2] {
 /// What is in focus, for a pass that knows depths.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FocusPlane {
-    /// A and B: what has the depth z on the picture has the distance B / (A − z) from the objective along the channel's axis, mm of
-    /// the picture looked at.
+    /// A and B: what has the depth z on the picture has the distance B / (A − z) from the objective
+    /// along the channel's axis, mm of the picture looked at.
     pub distance_of_depth: [f64; 2],
     /// Distance of the plane in focus, mm.
     pub distance_mm: f64,
@@ -50,7 +52,8 @@ pub struct FocusPlane {
     pub aperture_mm: f64,
 }
 
-/// The plane of focus of both channels. Depths are those of a perspective: (1 − near / d) far / (far − near).
+/// The plane of focus of both channels. Depths are those of a perspective: (1 − near / d) far /
+/// (far − near).
 pub fn focus_plane(microscope: &Microscope) -> FocusPlane {
     let [near, far] = depth_range_mm(microscope);
     let target = objective_in_image(microscope, 0).distance(target_in_image(microscope));
@@ -100,8 +103,9 @@ pub fn view_uniform(
     }
 }
 
-/// The rays that a projection shows as points: those of NDC (x, y) run from one point along `middle + x per_x + y per_y`. Behind a
-/// lens that point is not the objective but the objective's image in the eye.
+/// The rays that a projection shows as points: those of NDC (x, y) run from one point along `middle
+/// + x per_x + y per_y`. Behind a lens that point is not the objective but the objective's image in
+/// the eye.
 struct Rays {
     from: DVec3,
     middle: DVec3,

@@ -1,5 +1,6 @@
-//! The governor on a recorded series: what frames of 2×400×320 took on a software driver while other programs kept both cores busy. Most
-//! fitted at that tier; one in nine was late, now and then two or three at a time.
+//! The governor on a recorded series: what frames of 2×400×320 took on a software driver while
+//! other programs kept both cores busy. Most fitted at that tier; one in nine was late, now and
+//! then two or three at a time.
 
 use renderer::costs::Costs;
 use renderer::governor::{FLOOR, Governor, SOFTWARE_START, TIERS};

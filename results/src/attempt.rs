@@ -10,7 +10,8 @@ use std::path::Path;
 pub struct Points {
     /// Name for programs.
     pub key: String,
-    /// A metric's figure in its own unit; `None` for categories, and where the task has nothing of the kind.
+    /// A metric's figure in its own unit; `None` for categories, and where the task has nothing of
+    /// the kind.
     pub value: Option<f64>,
     /// Deviation of the figure by tracking noise.
     pub sigma: Option<f64>,

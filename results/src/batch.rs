@@ -1,5 +1,5 @@
-//! Batches: which recordings there are, which of them a shard has, and working through them on several threads. The rows come
-//! in the order of the list, whatever the threads do.
+//! Batches: which recordings there are, which of them a shard has, and working through them on
+//! several threads. The rows come in the order of the list, whatever the threads do.
 
 use crate::attempt::Attempt;
 use std::collections::BTreeSet;
@@ -19,7 +19,8 @@ pub struct Row {
     pub seconds: f64,
     /// The attempt ended in it; else it is scored as far as it goes.
     pub ended: bool,
-    /// Whether the live run told the same score, to the bit; `None` where it told none, or by another version of the score.
+    /// Whether the live run told the same score, to the bit; `None` where it told none, or by
+    /// another version of the score.
     pub agrees: Option<bool>,
     /// The attempt in it.
     pub attempt: Option<Attempt>,
@@ -57,7 +58,8 @@ impl Shard {
     /// The only one.
     pub const WHOLE: Shard = Shard { index: 0, count: 1 };
 
-    /// Its share of a list: every `count`-th entry, so that recordings of one session, which are alike in length, spread evenly.
+    /// Its share of a list: every `count`-th entry, so that recordings of one session, which are
+    /// alike in length, spread evenly.
     pub fn of<T: Clone>(self, list: &[T]) -> Vec<T> {
         list.iter().skip(self.index as usize).step_by(self.count as usize).cloned().collect()
     }
@@ -80,8 +82,8 @@ impl FromStr for Shard {
     }
 }
 
-/// Recordings that were named: files as they are, folders with every `*.mcap` in and below them by name, and the lines of a
-/// manifest. What is named twice is there once.
+/// Recordings that were named: files as they are, folders with every `*.mcap` in and below them by
+/// name, and the lines of a manifest. What is named twice is there once.
 ///
 /// # Errors
 /// If a folder or the manifest cannot be read, or a folder holds no recording.
@@ -111,7 +113,8 @@ fn refused(path: &Path, problem: std::io::Error) -> BatchError {
     BatchError::Read { file: path.display().to_string(), problem }
 }
 
-/// Paths of a manifest: one a line, from its own folder on; blank lines and those that begin with `#` are passed over.
+/// Paths of a manifest: one a line, from its own folder on; blank lines and those that begin with
+/// `#` are passed over.
 fn lines(text: &str, folder: &Path) -> Vec<PathBuf> {
     let lines = text.lines().map(|line| line.trim_end_matches('\r'));
     let paths = lines.filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
@@ -135,8 +138,9 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), BatchError> {
     Ok(())
 }
 
-/// Works through a list on `jobs` threads; `each` is done as often as the list is long, `done` hears of every row as it comes,
-/// on the caller's thread. Once `stop` is raised nothing new is begun. Rows come in the order of the list.
+/// Works through a list on `jobs` threads; `each` is done as often as the list is long, `done`
+/// hears of every row as it comes, on the caller's thread. Once `stop` is raised nothing new is
+/// begun. Rows come in the order of the list.
 pub fn work(
     list: &[PathBuf],
     jobs: usize,

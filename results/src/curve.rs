@@ -11,8 +11,8 @@ pub struct Curve {
     pub scores: Vec<(f64, f64)>,
 }
 
-/// The curves of some attempts, which must be in the order of time, and how many attempts are left out: those of an older
-/// version of the score, which are not to be compared with the newest.
+/// The curves of some attempts, which must be in the order of time, and how many attempts are left
+/// out: those of an older version of the score, which are not to be compared with the newest.
 pub fn curves(attempts: &[Stored]) -> (Vec<Curve>, usize) {
     let newest = attempts.iter().map(|s| s.attempt.score_version).max().unwrap_or(0);
     let mut curves: Vec<Curve> = Vec::new();

@@ -1,7 +1,9 @@
-//! What trainees achieved: the store of their attempts ([`store`]), the learning curve ([`curve`]), tables for other
-//! programs ([`table`], [`parquet_file`]), and the order in which a batch of recordings is worked through ([`batch`]).
+//! What trainees achieved: the store of their attempts ([`store`]), the learning curve ([`curve`]),
+//! tables for other programs ([`table`], [`parquet_file`]), and the order in which a batch of
+//! recordings is worked through ([`batch`]).
 //!
-//! The score itself is made elsewhere; here it is a name, a number and its deviation. See `docs/results.md`.
+//! The score itself is made elsewhere; here it is a name, a number and its deviation. See
+//! `docs/results.md`.
 
 pub mod attempt;
 pub mod batch;

@@ -24,8 +24,8 @@ pub struct WriteError {
     problem: String,
 }
 
-/// Writes a table under `path`; a file that was there is replaced at once, so that nobody ever sees half of one. `notes`
-/// go into the file's metadata.
+/// Writes a table under `path`; a file that was there is replaced at once, so that nobody ever sees
+/// half of one. `notes` go into the file's metadata.
 ///
 /// # Errors
 /// If the file cannot be written.
@@ -100,7 +100,8 @@ fn put<W: io::Write + Send>(
     }
 }
 
-/// Writes the next column of a group: the values that are there, and for each row whether there is one.
+/// Writes the next column of a group: the values that are there, and for each row whether there is
+/// one.
 fn cells<D: DataType, T, W: io::Write + Send>(
     group: &mut SerializedRowGroupWriter<'_, W>,
     cells: &[Option<T>],

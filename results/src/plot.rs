@@ -130,7 +130,8 @@ impl Chart {
         self.write(right as i64 - 84, bottom as i64 + 30, "attempt", INK);
     }
 
-    /// Names of the curves; where there are more than fit, the last line says how many are not named.
+    /// Names of the curves; where there are more than fit, the last line says how many are not
+    /// named.
     fn legend(&mut self, curves: &[Curve]) {
         let [rows, columns] = LEGEND;
         let (places, width) = (rows * columns, (SIZE[0] as i64 - 40) / columns as i64);

@@ -1,5 +1,5 @@
-//! The store's tables, and the steps from every older form of them to the newest. A step is never changed once it has
-//! shipped; whoever needs another column adds a step.
+//! The store's tables, and the steps from every older form of them to the newest. A step is never
+//! changed once it has shipped; whoever needs another column adds a step.
 
 /// Marks a SQLite file as one of ours ("vitr").
 pub const APPLICATION_ID: i32 = 0x7669_7472;
@@ -9,7 +9,8 @@ pub const VERSION: usize = STEPS.len();
 
 /// `STEPS[n]` leads from version n to n + 1; an empty file has version 0.
 pub const STEPS: [&str; 2] = [
-    // AUTOINCREMENT: numbers of deleted rows do not come back, so that nothing is taken for what it is not.
+    // AUTOINCREMENT: numbers of deleted rows do not come back, so that nothing is taken for what it
+    // is not.
     "CREATE TABLE trainees (
          id INTEGER PRIMARY KEY AUTOINCREMENT,
          pseudonym TEXT NOT NULL UNIQUE

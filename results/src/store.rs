@@ -1,4 +1,5 @@
-//! The store: one SQLite file. Every change is one transaction, so that a crash leaves it as it was before.
+//! The store: one SQLite file. Every change is one transaction, so that a crash leaves it as it was
+//! before.
 
 use crate::attempt::{Attempt, Points, Stored};
 use crate::schema::{APPLICATION_ID, STEPS, VERSION};
@@ -101,8 +102,8 @@ pub struct Store {
     patience: Duration,
 }
 
-/// Where the store lies if nobody says otherwise, after the XDG base directory specification. `data_home` is the value of
-/// `XDG_DATA_HOME`, `home` that of `HOME`.
+/// Where the store lies if nobody says otherwise, after the XDG base directory specification.
+/// `data_home` is the value of `XDG_DATA_HOME`, `home` that of `HOME`.
 pub fn default_place(data_home: Option<&Path>, home: Option<&Path>) -> Option<PathBuf> {
     // A relative path is to be passed over, says the specification.
     let data = data_home.filter(|p| p.is_absolute()).map(Path::to_path_buf);
@@ -222,8 +223,8 @@ impl Store {
         all().map_err(|e| store_error(path, *patience, e))
     }
 
-    /// Adds an attempt of a trainee; a trainee who is not there yet is added too. `None` if the store holds this recording's
-    /// score in this version already.
+    /// Adds an attempt of a trainee; a trainee who is not there yet is added too. `None` if the
+    /// store holds this recording's score in this version already.
     ///
     /// # Errors
     /// If the name is refused or the store cannot be written.
@@ -249,8 +250,8 @@ impl Store {
         })
     }
 
-    /// Deletes a trainee with every attempt; tells how many those were and which recordings they name. `None` if there is no
-    /// such trainee.
+    /// Deletes a trainee with every attempt; tells how many those were and which recordings they
+    /// name. `None` if there is no such trainee.
     ///
     /// # Errors
     /// If the store cannot be written.

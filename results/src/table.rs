@@ -1,5 +1,5 @@
-//! Attempts as a table: one row each, the same columns for every batch that is given the same keys, so that the tables of
-//! many machines can be put together.
+//! Attempts as a table: one row each, the same columns for every batch that is given the same keys,
+//! so that the tables of many machines can be put together.
 
 use crate::attempt::{Attempt, Points, Stored};
 use crate::batch::Row;
@@ -84,7 +84,8 @@ pub struct Keys {
 }
 
 impl Keys {
-    /// Adds what an attempt has and the keys lack (an older version of the score had other metrics).
+    /// Adds what an attempt has and the keys lack (an older version of the score had other
+    /// metrics).
     pub fn widen(&mut self, attempt: &Attempt) {
         for (keys, points) in
             [(&mut self.categories, &attempt.categories), (&mut self.metrics, &attempt.metrics)]

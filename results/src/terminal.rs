@@ -9,7 +9,8 @@ const ROWS: usize = 21;
 /// A sign for each curve, in turn.
 const SIGNS: [char; 8] = ['o', 'x', '+', '*', '#', '@', '%', '&'];
 
-/// The curves, with an axis of points at the left and one of attempts below. Where two curves meet, the later one shows.
+/// The curves, with an axis of points at the left and one of attempts below. Where two curves meet,
+/// the later one shows.
 pub fn plot(curves: &[Curve]) -> String {
     let most = longest(curves);
     if most == 0 {

@@ -1,5 +1,5 @@
-//! The job files of `deploy/`: they are run here as Slurm and Kubernetes would, with a stand-in for the program that writes
-//! down what it is given.
+//! The job files of `deploy/`: they are run here as Slurm and Kubernetes would, with a stand-in for
+//! the program that writes down what it is given.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,8 @@ fn stand_in(code: u8) -> TempDir {
     folder
 }
 
-/// Runs a shell with the stand-in in its path; the code it ends with and what the stand-in was given.
+/// Runs a shell with the stand-in in its path; the code it ends with and what the stand-in was
+/// given.
 fn run(folder: &TempDir, words: &[&str], variables: &[(&str, &str)]) -> (i32, String) {
     let path = format!("{}:/usr/bin:/bin", folder.path().display());
     let mut command = Command::new("sh");

@@ -1,4 +1,5 @@
-//! How an epiretinal membrane sticks to the retina, and how it curls: keys `membrane.adhesion` and `membrane.curl`.
+//! How an epiretinal membrane sticks to the retina, and how it curls: keys `membrane.adhesion` and
+//! `membrane.curl`.
 
 use super::Range;
 use serde::{Deserialize, Serialize};
@@ -21,7 +22,8 @@ pub struct AdhesionScene {
     pub retina_lift_pa: f64,
     /// Height at which a lifted retina tears, mm.
     pub retina_tear_mm: f64,
-    /// Places with an energy of their own, the later over the earlier: epicentres, and edges that are loose (0).
+    /// Places with an energy of their own, the later over the earlier: epicentres, and edges that
+    /// are loose (0).
     #[serde(default)]
     pub patches: Vec<PatchScene>,
 }

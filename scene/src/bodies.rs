@@ -11,7 +11,8 @@ pub const MAX_BODIES: usize = 16;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BodiesScene {
-    /// What of gravity the fluid leaves, mm/s²; it acts towards −z of the world, away from the microscope.
+    /// What of gravity the fluid leaves, mm/s²; it acts towards −z of the world, away from the
+    /// microscope.
     pub weight_mm_s2: f64,
     /// Damping of movement and rotation by the fluid, 1/s.
     pub damping_per_s: f64,
@@ -27,7 +28,8 @@ pub enum BodyShape {
     Sphere,
     /// A box around the origin.
     Box,
-    /// A round rod along z with round ends: the first two half extents are its radius, the third is half of its whole length.
+    /// A round rod along z with round ends: the first two half extents are its radius, the third is
+    /// half of its whole length.
     Capsule,
 }
 
@@ -43,7 +45,8 @@ pub struct BodyScene {
     pub position_in_eye_mm: [f64; 3],
     /// Mass, g.
     pub mass_g: f64,
-    /// Friction: share of the pressing force that holds against sliding, between it and whatever it touches.
+    /// Friction: share of the pressing force that holds against sliding, between it and whatever it
+    /// touches.
     pub friction: f64,
     /// Linear RGB and opacity.
     pub rgba: [f32; 4],

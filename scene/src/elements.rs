@@ -3,8 +3,8 @@
 use super::Range;
 use serde::{Deserialize, Serialize};
 
-/// Membrane triangles of constant strain, for the implicit and the quasi-static integrator. Springs stay where they are not of the
-/// material: their damping, and bending.
+/// Membrane triangles of constant strain, for the implicit and the quasi-static integrator. Springs
+/// stay where they are not of the material: their damping, and bending.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElementsScene {
@@ -21,7 +21,8 @@ pub struct ElementsScene {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ElementsLaw {
-    /// Linear between Green's strain and the second Piola–Kirchhoff stress: for strains of some per cent.
+    /// Linear between Green's strain and the second Piola–Kirchhoff stress: for strains of some per
+    /// cent.
     StVenantKirchhoff,
     /// Incompressible rubber, for any stretch.
     NeoHookean,

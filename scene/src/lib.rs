@@ -1,5 +1,5 @@
-//! Scene files: what is in the eye and, if wanted, the script of a surgeon who works on it. TOML that
-//! a person edits; unknown keys are refused. Shipped scenes are built in and found by name.
+//! Scene files: what is in the eye and, if wanted, the script of a surgeon who works on it. TOML
+//! that a person edits; unknown keys are refused. Shipped scenes are built in and found by name.
 
 mod adhesion;
 mod bodies;

@@ -19,7 +19,8 @@ pub struct MembraneScene {
     /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub lift_mm: f64,
-    /// One edge (that at the end of the sheet's first axis) hangs free, and the sheet rises towards it instead of its middle.
+    /// One edge (that at the end of the sheet's first axis) hangs free, and the sheet rises towards
+    /// it instead of its middle.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub loose_edge: bool,
     /// Spring stiffness, µN/mm.
@@ -31,7 +32,8 @@ pub struct MembraneScene {
     /// How a substep is made.
     #[serde(default, skip_serializing_if = "MembraneIntegrator::is_default")]
     pub integrator: MembraneIntegrator,
-    /// Strain over which springs are drawn together again at the end of each substep; 0 for no limit.
+    /// Strain over which springs are drawn together again at the end of each substep; 0 for no
+    /// limit.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub strain_limit: f64,
     /// Damping of a node by the fluid, 1/s.
@@ -56,8 +58,8 @@ pub struct MembraneScene {
     pub rim_warn_un: f64,
     /// Force on a rim node that tears it off the retina, µN.
     pub rim_tear_un: f64,
-    /// A mesh of its own. `towards_in_eye`, `size_mm`, `squares`, `lift_mm` and `loose_edge` are those of a sheet of squares; only one of both
-    /// may be there.
+    /// A mesh of its own. `towards_in_eye`, `size_mm`, `squares`, `lift_mm` and `loose_edge` are
+    /// those of a sheet of squares; only one of both may be there.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshScene>,
     /// A continuum in place of the springs; without it springs carry the sheet.

@@ -7,12 +7,13 @@ use std::path::Path;
 /// Corners that a mesh may have; the largest sheet of squares has as many.
 const MAX_NODES: usize = 641_601;
 
-/// A triangle mesh in place of a sheet of squares. It must be manifold and wound one way; which way is up does not matter.
+/// A triangle mesh in place of a sheet of squares. It must be manifold and wound one way; which way
+/// is up does not matter.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshScene {
-    /// Wavefront file with its corners and triangles, beside the scene file. When the scene is loaded they take its place below, so that a
-    /// recording holds the mesh.
+    /// Wavefront file with its corners and triangles, beside the scene file. When the scene is
+    /// loaded they take its place below, so that a recording holds the mesh.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obj: Option<String>,
     /// What holds it from the start.
@@ -73,8 +74,8 @@ type Mesh = (Vec<[f32; 3]>, Vec<[u32; 3]>);
 /// A line that was refused: its number, what was expected, what it says.
 type Refused = (usize, &'static str, String);
 
-/// Corners and triangles of a Wavefront text: its `v` and `f` lines, faces with more corners as fans. Texture and normal numbers are
-/// passed over, as are all other lines.
+/// Corners and triangles of a Wavefront text: its `v` and `f` lines, faces with more corners as
+/// fans. Texture and normal numbers are passed over, as are all other lines.
 fn parse_obj(text: &str) -> Result<Mesh, Refused> {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for (number, line) in text.lines().enumerate() {

@@ -1,4 +1,5 @@
-//! Module files: `assets/modules/NAME/module.toml`, and the scene beside it (`scene.toml`) or a shipped one.
+//! Module files: `assets/modules/NAME/module.toml`, and the scene beside it (`scene.toml`) or a
+//! shipped one.
 
 use crate::{Goal, GoalOrder, SceneError, SceneFile, ScriptScene, TaskScene};
 use serde::{Deserialize, Serialize};
@@ -113,7 +114,8 @@ pub struct LevelFile {
     /// Time that the plan needs until the last goal, s; without it the length of the plan.
     #[serde(default)]
     pub par_s: Option<f64>,
-    /// A shipped scene in the place of the module's, and then the plan of that scene in the place of the module's.
+    /// A shipped scene in the place of the module's, and then the plan of that scene in the place
+    /// of the module's.
     #[serde(default)]
     pub scene: Option<String>,
     /// Keys of the scene that are other in this level.
@@ -227,8 +229,8 @@ impl Module {
     /// The scene of a level with its task; a plan's length and way are the surgeon's to fill in.
     ///
     /// # Errors
-    /// [`ModuleError::Level`] where there is no such level, [`ModuleError::Scene`] where its goals or changes
-    /// make no scene.
+    /// [`ModuleError::Level`] where there is no such level, [`ModuleError::Scene`] where its goals
+    /// or changes make no scene.
     pub fn level_scene(&self, number: u32) -> Result<SceneFile, ModuleError> {
         let level = self.level(number)?;
         let of_scene = |source| ModuleError::Scene { name: self.name.clone(), source };
@@ -269,7 +271,8 @@ fn changed(scene: String, changes: Option<&toml::Table>) -> String {
     table.to_string()
 }
 
-/// Puts the keys of `changes` into `table`; tables into each other, everything else in the place of what is there.
+/// Puts the keys of `changes` into `table`; tables into each other, everything else in the place of
+/// what is there.
 fn merge(table: &mut toml::Table, changes: &toml::Table) {
     for (key, change) in changes {
         match (table.get_mut(key), change) {

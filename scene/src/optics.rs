@@ -30,9 +30,10 @@ pub struct OpticsScene {
 }
 
 impl Default for OpticsScene {
-    /// Steps of a five-step changer about a field of 16 mm. The beam is narrower than an objective's (10 to 16 mm), because
-    /// the viewer's eye cannot accommodate on a display. The wide-angle lens is one of 83 dioptres that stands 9.5 mm over
-    /// the cornea, so that the microscope looks through a point 8.8 mm over the centre of the eye: its pupil.
+    /// Steps of a five-step changer about a field of 16 mm. The beam is narrower than an
+    /// objective's (10 to 16 mm), because the viewer's eye cannot accommodate on a display. The
+    /// wide-angle lens is one of 83 dioptres that stands 9.5 mm over the cornea, so that the
+    /// microscope looks through a point 8.8 mm over the centre of the eye: its pupil.
     fn default() -> Self {
         OpticsScene {
             lens: Lens::None,
@@ -66,7 +67,8 @@ impl OpticsScene {
         ]
     }
 
-    /// The first thing that makes no sense beyond a plain range: field, what was expected, what was found.
+    /// The first thing that makes no sense beyond a plain range: field, what was expected, what was
+    /// found.
     pub(super) fn defect(&self, microscope: &MicroscopeScene) -> Option<(&'static str, String, String)> {
         let falls = self.steps_mm.windows(2).all(|w| w[0] > w[1]);
         let in_range = self.steps_mm.iter().all(|s| (1.0..=60.0).contains(s));

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RetinaScene {
-    /// Rings of nodes from the fovea to the equator: n rings have 1 + 3n(n + 1) nodes and 6n² triangles.
+    /// Rings of nodes from the fovea to the equator: n rings have 1 + 3n(n + 1) nodes and 6n²
+    /// triangles.
     pub rings: u32,
     /// Spring stiffness, µN/mm; as a membrane the mesh has 1.155 times that.
     pub stiffness_un_per_mm: f64,
@@ -53,12 +54,13 @@ pub struct RetinaScene {
     pub hole_close_s: f64,
     /// Pressure by which air drives fluid out from under the retina, Pa.
     pub air_pa: f64,
-    /// Under air, fluid without a hole of its own seeps away under the pressed retina: height lost, µm/s.
+    /// Under air, fluid without a hole of its own seeps away under the pressed retina: height lost,
+    /// µm/s.
     pub seep_um_per_s: f64,
     /// Share of a pressing tip's sideways way by which it drags loose retina along.
     pub drag: f64,
-    /// Place of the optic disc, eye frame, mm: the nearest node never comes off, and a retina that is free all round turns about it.
-    /// Left out, nothing but the ora holds.
+    /// Place of the optic disc, eye frame, mm: the nearest node never comes off, and a retina that
+    /// is free all round turns about it. Left out, nothing but the ora holds.
     #[serde(default)]
     pub disc_in_eye_mm: Option<[f64; 3]>,
     /// What was done before the scene begins.
@@ -66,7 +68,8 @@ pub struct RetinaScene {
     pub operation: Option<RetinaOperation>,
 }
 
-/// An operation that has begun: the retina is off within a circle about the fovea, and may be cut along another one.
+/// An operation that has begun: the retina is off within a circle about the fovea, and may be cut
+/// along another one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RetinaOperation {

@@ -10,7 +10,8 @@ use protocol::limits::INSTRUMENTS;
 use protocol::optics::PedalButton;
 use serde::{Deserialize, Serialize};
 
-/// Tips of instruments at rest, eye frame, mm: in the middle of the eye, on the sides of their trocars.
+/// Tips of instruments at rest, eye frame, mm: in the middle of the eye, on the sides of their
+/// trocars.
 const REST_TIPS_MM: [[f64; 3]; INSTRUMENTS] = [[3.0, 0.0, -2.0], [-3.0, 0.0, -2.0]];
 
 /// Movements of both instruments and of the pedal, repeated round after round.
@@ -71,7 +72,8 @@ pub struct ScriptKey {
     /// Jaw opening, rad.
     #[serde(default)]
     pub jaw_rad: f64,
-    /// Tool in the hand from here on; without it the one before. A round begins with the instrument's own.
+    /// Tool in the hand from here on; without it the one before. A round begins with the
+    /// instrument's own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<Tool>,
 }

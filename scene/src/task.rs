@@ -1,5 +1,5 @@
-//! What a trainee is asked to do in a scene: key `task`. A training module is composed into it, so that one scene
-//! file (and with it every recording) says all that a run and its score depend on.
+//! What a trainee is asked to do in a scene: key `task`. A training module is composed into it, so
+//! that one scene file (and with it every recording) says all that a run and its score depend on.
 
 use super::Range;
 use protocol::events::EventKind;
@@ -129,8 +129,8 @@ pub enum Goal {
     Retina {
         /// In words, for the picture.
         what: String,
-        /// How far the retina that came off has turned, rad, either way: about the optic disc where the scene has one, else about the
-        /// fovea.
+        /// How far the retina that came off has turned, rad, either way: about the optic disc where
+        /// the scene has one, else about the fovea.
         #[serde(default)]
         turned_rad: f64,
         /// At most this share of its nodes is off the choroid.
@@ -140,7 +140,8 @@ pub enum Goal {
         #[serde(default)]
         hold_s: f64,
     },
-    /// Wait for what the simulation tells: an event whose figure comes to a value, or so many of them.
+    /// Wait for what the simulation tells: an event whose figure comes to a value, or so many of
+    /// them.
     Event {
         /// Kind of event, by its name (or number) in `protocol::events::EVENTS`.
         event: EventKind,

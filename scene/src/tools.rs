@@ -1,5 +1,5 @@
-//! What the tools of a scene can do: keys `vitrector` and `needle`. A scene that does not say so has the figures of the
-//! defaults.
+//! What the tools of a scene can do: keys `vitrector` and `needle`. A scene that does not say so
+//! has the figures of the defaults.
 
 use super::Range;
 use serde::{Deserialize, Serialize};
@@ -67,7 +67,8 @@ pub struct NeedleScene {
 }
 
 impl Default for NeedleScene {
-    /// A 41G needle (outer diameter 0.1 mm); 12 psi, twice the pressure from which a subretinal injection flows.
+    /// A 41G needle (outer diameter 0.1 mm); 12 psi, twice the pressure from which a subretinal
+    /// injection flows.
     fn default() -> Self {
         NeedleScene { radius_mm: 0.05, pressure_pa: 82_740.0, pierce_un: 40.0 }
     }

@@ -29,8 +29,9 @@ pub struct VitreousScene {
     pub suction: SuctionScene,
 }
 
-/// What a gel allows and how it looks. The limits are shares of the lattice's spacing, per axis of the eye frame:
-/// two neighbours along an axis may come nearer by `compress` and part by `stretch`, and slip across it by `shear`.
+/// What a gel allows and how it looks. The limits are shares of the lattice's spacing, per axis of
+/// the eye frame: two neighbours along an axis may come nearer by `compress` and part by `stretch`,
+/// and slip across it by `shear`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GelScene {

@@ -1,5 +1,6 @@
-//! What task and score see of one step: the tips in the eye with their uncertainty, and the step's events. Made from the
-//! tracker's frame alone, so that a recording gives the same samples as the live run, to the bit.
+//! What task and score see of one step: the tips in the eye with their uncertainty, and the step's
+//! events. Made from the tracker's frame alone, so that a recording gives the same samples as the
+//! live run, to the bit.
 
 use nalgebra::{Matrix3, Vector3};
 use protocol::events::Event;

@@ -1,5 +1,6 @@
-//! The score: 100 points in five categories, from what happened and how the instruments moved. The table of metrics is
-//! [`table`]; sums are kept by [`meter`]; a [`Score`] is made from them at any time, and told for good when the attempt ends.
+//! The score: 100 points in five categories, from what happened and how the instruments moved. The
+//! table of metrics is [`table`]; sums are kept by [`meter`]; a [`Score`] is made from them at any
+//! time, and told for good when the attempt ends.
 
 pub mod doc;
 pub mod filter;
@@ -15,7 +16,8 @@ use protocol::limits::INSTRUMENTS;
 use serde::Serialize;
 use table::{CATEGORIES, COUNT, Category, Id, METRICS, MOST_PENALTY, PENALTIES, VERSION};
 
-/// Uncertainty of the tracker's own covariance: how far the noise taken from the tremor may be wrong, as a share.
+/// Uncertainty of the tracker's own covariance: how far the noise taken from the tremor may be
+/// wrong, as a share.
 const NOISE_DOUBT: f64 = 0.2;
 /// A field's period, by which begin and end of an attempt may be off, s.
 const FIELD_S: f64 = 0.02;
@@ -31,7 +33,8 @@ pub struct Reading {
     pub sigma: f64,
     /// Points it brings.
     pub points: f64,
-    /// Points that it could bring: its weight, and its share of those of its category that the task has nothing for.
+    /// Points that it could bring: its weight, and its share of those of its category that the task
+    /// has nothing for.
     pub of: f64,
 }
 
@@ -185,7 +188,8 @@ fn reading(figures: &[Option<(f64, f64)>; COUNT], i: usize) -> Reading {
     let Some((value, sigma)) = figures[i] else {
         return Reading { key: metric.key, value: None, sigma: 0.0, points: 0.0, of: 0.0 };
     };
-    // What a task has nothing for is shared out among the others of the category; injuries keep their own scale.
+    // What a task has nothing for is shared out among the others of the category; injuries keep
+    // their own scale.
     let own = |j: &usize| METRICS[*j].category == metric.category;
     let injuries = Id::Injuries as usize;
     let shared: f64 =

@@ -1,6 +1,7 @@
-//! The task as a small state machine: goals are reached one after the other (or as the trainee likes), a limit of time
-//! runs, and what a trainee must know is told by events. What it knows comes as an [`Observation`]; what it says goes out as
-//! [`EventDraft`]s, which the simulation records.
+//! The task as a small state machine: goals are reached one after the other (or as the trainee
+//! likes), a limit of time runs, and what a trainee must know is told by events. What it knows
+//! comes as an [`Observation`]; what it says goes out as [`EventDraft`]s, which the simulation
+//! records.
 
 mod eye;
 mod goal;
@@ -17,8 +18,8 @@ use protocol::time::Nanos;
 use scene::{BodyScene, GoalOrder, SceneFile, TaskScene};
 use serde::{Deserialize, Serialize};
 
-/// Tips are smoothed with this time constant before distances from goals are averaged, s: tremor is scored as tremor and
-/// not a second time as lack of aim.
+/// Tips are smoothed with this time constant before distances from goals are averaged, s: tremor is
+/// scored as tremor and not a second time as lack of aim.
 const SMOOTHING_S: f64 = 0.1;
 
 /// What the task says.
@@ -146,7 +147,8 @@ impl TaskState {
         if self.begun_ns == 0 { 0.0 } else { self.last_ns.saturating_sub(self.begun_ns) as f64 * 1e-9 }
     }
 
-    /// A pause, or another gap so long that the simulation stood still: no clock of the attempt runs in it.
+    /// A pause, or another gap so long that the simulation stood still: no clock of the attempt
+    /// runs in it.
     fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = self.out_since_ns.iter_mut().chain(&mut self.lens_since_ns).chain([&mut self.begun_ns]);
         clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
@@ -273,7 +275,8 @@ impl Task {
         }
     }
 
-    /// Tells when the tip of a working instrument leaves the picture and comes back. The light is not looked at.
+    /// Tells when the tip of a working instrument leaves the picture and comes back. The light is
+    /// not looked at.
     fn watch_view(&self, state: &mut TaskState, seen: &Observation, emit: &mut dyn FnMut(EventDraft)) {
         for i in 0..INSTRUMENTS {
             let inside = |t: &Tip| t.tip_in_eye_mm.norm() < self.radius_mm;

@@ -1,8 +1,10 @@
-//! Cost of the vitreous on one core: `cargo bench -p validation --bench vitreous [-- --json]`. Medians, µs.
+//! Cost of the vitreous on one core: `cargo bench -p validation --bench vitreous [-- --json]`.
+//! Medians, µs.
 //!
-//! The peer is the textbook form of ChainMail: a plain queue, each element looked at again whenever a neighbour moved, until every
-//! limit holds. It gives the same places (checked here), since the least move is unique. It has the same duties besides: a list of what
-//! moved, each once, of which each is looked at for the wall and for what holds it. `bare textbook` has none of these.
+//! The peer is the textbook form of ChainMail: a plain queue, each element looked at again whenever
+//! a neighbour moved, until every limit holds. It gives the same places (checked here), since the
+//! least move is unique. It has the same duties besides: a list of what moved, each once, of which
+//! each is looked at for the wall and for what holds it. `bare textbook` has none of these.
 
 use ipc::clock::now;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -135,7 +137,8 @@ impl Textbook {
     }
 }
 
-/// A whole shaft that goes to and fro by 3 mm in steps of 0.2 mm, with everything that a step of the simulation does.
+/// A whole shaft that goes to and fro by 3 mm in steps of 0.2 mm, with everything that a step of
+/// the simulation does.
 fn shaft(cells: u32, rows: &mut Vec<Row>) {
     let mut gel = Vitreous::new(&scene(cells)).expect("it has one");
     let mut state = gel.start();

@@ -1,9 +1,11 @@
 //! Counts where ZCOLL and the truth agree, and what the image misses at a resolution.
 //!
-//! `cargo run --release -p validation --example collision_agreement [-- SCENES [PICTURE.png]]` compares SCENES (10,000) random
-//! π-convex scenes with exact rays through the pixel centres, to the bit, and the processor with a graphics adapter where there
-//! is one; then as many with the reversed camera, from the handle of a pick or a forceps. Then it draws the same 400 scenes at 8
-//! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel reports. Exit code 5 on a difference.
+//! `cargo run --release -p validation --example collision_agreement [-- SCENES [PICTURE.png]]`
+//! compares SCENES (10,000) random π-convex scenes with exact rays through the pixel centres, to
+//! the bit, and the processor with a graphics adapter where there is one; then as many with the
+//! reversed camera, from the handle of a pick or a forceps. Then it draws the same 400 scenes at 8
+//! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel
+//! reports. Exit code 5 on a difference.
 
 use collision::exact::{PairQuery, StaticMesh};
 use collision::instrument_image::InstrumentImage;
@@ -74,8 +76,8 @@ mod adapter {
         opened.inspect(|device| eprintln!("comparing with {}", device.name())).ok()
     }
 
-    /// True if the adapter tells something else about a scene than the processor: counters, pixels, triangles, nodes,
-    /// vertices, or whether there is any collision.
+    /// True if the adapter tells something else about a scene than the processor: counters, pixels,
+    /// triangles, nodes, vertices, or whether there is any collision.
     pub fn differs(device: &GpuDevice, scene: &Scene, end: End) -> bool {
         let (mut zcoll, image) = instruments(scene);
         let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
@@ -147,8 +149,8 @@ fn compare(scenes: usize, end: End) -> usize {
     differ
 }
 
-/// Triangles of the scene that meet the instrument inside the volume, exactly. `None` if the membrane meets it outside as well, where
-/// the image does not look.
+/// Triangles of the scene that meet the instrument inside the volume, exactly. `None` if the
+/// membrane meets it outside as well, where the image does not look.
 fn exact_triangles(scene: &Scene) -> BTreeSet<u32> {
     let v = &scene.volume;
     let within = |p: &[f64; 3]| {
@@ -196,7 +198,8 @@ fn write(picture: &mut RgbImage, text: &str, middle: u32, top: u32) {
     }
 }
 
-/// Bars of the missed share over the resolution, a line every tenth; drawn small and doubled, so that the letters can be read.
+/// Bars of the missed share over the resolution, a line every tenth; drawn small and doubled, so
+/// that the letters can be read.
 fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
     let (bar, gap, height) = (22u32, 10u32, 200u32);
     let (left, top) = (34u32, 28u32);

@@ -1,7 +1,7 @@
-//! Pictures of moments of the shipped scenes: `cargo run --release -p validation --example gallery --`
-//! with `FOLDER` for those of the documentation (`make gallery`), with `--reference FOLDER` for those that
-//! `tests/scenarios/pictures.rs` compares with (`make pictures`), with `[--tier N] FOLDER SCENE SECONDS…`
-//! for any others (`module NAME` for a module), to tune a scene by.
+//! Pictures of moments of the shipped scenes: `cargo run --release -p validation --example gallery
+//! --` with `FOLDER` for those of the documentation (`make gallery`), with `--reference FOLDER` for
+//! those that `tests/scenarios/pictures.rs` compares with (`make pictures`), with `[--tier N]
+//! FOLDER SCENE SECONDS…` for any others (`module NAME` for a module), to tune a scene by.
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
@@ -52,7 +52,8 @@ fn close_up(block: &mut SceneBlock) {
     block.header.microscope.field_mm = 7.0;
 }
 
-/// Without the vitreous, the eye turned until the border of its retina comes into view, the light pipe pointed at it.
+/// Without the vitreous, the eye turned until the border of its retina comes into view, the light
+/// pipe pointed at it.
 fn to_the_rim(block: &mut SceneBlock) {
     block.header.bricks = Section::default();
     let half = 0.5f64 * 0.95;

@@ -1,5 +1,6 @@
-//! The pull at the forceps over a round of a scene's script, without cameras and tremor, and its mean and RMS while peeling:
-//! `cargo run --release -p validation --example peel_force -- --help`. Columns: s, mN, mm² peeled, mm of retina lifted.
+//! The pull at the forceps over a round of a scene's script, without cameras and tremor, and its
+//! mean and RMS while peeling: `cargo run --release -p validation --example peel_force -- --help`.
+//! Columns: s, mN, mm² peeled, mm of retina lifted.
 
 use clap::Parser;
 use scene::SceneFile;

@@ -1,8 +1,10 @@
-//! Compares the tissue solvers with closed forms and independent solutions, and draws each comparison.
+//! Compares the tissue solvers with closed forms and independent solutions, and draws each
+//! comparison.
 //!
-//! `cargo run --release -p validation --example validation [FOLDER [CASE…]]`: pictures into FOLDER (`docs/validation`), the table of
-//! `docs/validation.md` to stdout. Exit code 1 where an error is larger than allowed. The references lie in
-//! `tests/data/analytic/reference.json`; `validation/tests/truth.rs` runs the same cases at coarse resolutions.
+//! `cargo run --release -p validation --example validation [FOLDER [CASE…]]`: pictures into FOLDER
+//! (`docs/validation`), the table of `docs/validation.md` to stdout. Exit code 1 where an error is
+//! larger than allowed. The references lie in `tests/data/analytic/reference.json`;
+//! `validation/tests/truth.rs` runs the same cases at coarse resolutions.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,7 +1,9 @@
-//! Draws the vitreous of a scene while the script works on it: `cargo run --release -p validation --example vitreous_picture
-//! [SCENE] [OUT.png]`. Three sections through the eye (at the start, half way, at the end of a round): haze in grey, every second
-//! row of elements as it lies in blue, elements that hold to the retina in green, those that came off in red. Below, the
-//! removed volume over time, a line a tenth of a millilitre. Prints every event of the vitreous and the cost of the steps.
+//! Draws the vitreous of a scene while the script works on it: `cargo run --release -p validation
+//! --example vitreous_picture [SCENE] [OUT.png]`. Three sections through the eye (at the start,
+//! half way, at the end of a round): haze in grey, every second row of elements as it lies in blue,
+//! elements that hold to the retina in green, those that came off in red. Below, the removed volume
+//! over time, a line a tenth of a millilitre. Prints every event of the vitreous and the cost of
+//! the steps.
 
 use image::{Rgb, RgbImage};
 use ipc::clock::now;

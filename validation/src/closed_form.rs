@@ -1,4 +1,5 @@
-//! The tissue solvers beside closed forms and independent solutions, a file a case; `docs/validation.md` has the table.
+//! The tissue solvers beside closed forms and independent solutions, a file a case;
+//! `docs/validation.md` has the table.
 
 pub mod balloon;
 pub mod beam;

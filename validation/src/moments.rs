@@ -1,6 +1,6 @@
-//! Moments of the shipped scenes and training modules as pictures: the script is played without cameras,
-//! and the renderer draws what the simulation sends. For reference pictures and those of the
-//! documentation.
+//! Moments of the shipped scenes and training modules as pictures: the script is played without
+//! cameras, and the renderer draws what the simulation sends. For reference pictures and those of
+//! the documentation.
 
 use offline::film::{FIELDS_PER_S, Film};
 use protocol::rig::Rig;
@@ -40,8 +40,8 @@ impl ScenePlayer {
         block(&mut self.film)
     }
 
-    /// The picture of `block` at `tier` with a fundus map of `map_px`, drawn by a fresh renderer that took
-    /// the first scene before.
+    /// The picture of `block` at `tier` with a fundus map of `map_px`, drawn by a fresh renderer
+    /// that took the first scene before.
     ///
     /// # Panics
     /// If the shipped meshes or the graphics driver fail.

@@ -1,6 +1,6 @@
-//! The pipeline of a live run in one process: virtual cameras, assembler, tracker, simulation. It has no
-//! transport and no clock, so an attempt takes as long as its arithmetic; every part is that of the live
-//! run.
+//! The pipeline of a live run in one process: virtual cameras, assembler, tracker, simulation. It
+//! has no transport and no clock, so an attempt takes as long as its arithmetic; every part is that
+//! of the live run.
 
 use fpga_model::cameras::{Cameras, Path};
 use offline::perception::WorldPerception;
@@ -37,8 +37,9 @@ pub struct Pipeline {
 }
 
 impl Pipeline {
-    /// The scene on the shipped rig. `path`: through drawn fields of pixels, or with markers made straight
-    /// into blobs; `hand`: a recorded hand in the place of the tremor; everything random comes from `seed`.
+    /// The scene on the shipped rig. `path`: through drawn fields of pixels, or with markers made
+    /// straight into blobs; `hand`: a recorded hand in the place of the tremor; everything random
+    /// comes from `seed`.
     ///
     /// # Panics
     /// If the scene cannot be simulated: callers have composed it.
@@ -64,8 +65,8 @@ impl Pipeline {
         &self.world
     }
 
-    /// Exposes the next field of every camera and steps the simulation with every frame that is complete by
-    /// then.
+    /// Exposes the next field of every camera and steps the simulation with every frame that is
+    /// complete by then.
     pub fn field(&mut self, on_step: &mut OnStep) {
         let Pipeline { cameras, surgeon, assembler, tracker, world, next, .. } = self;
         let number = *next;
@@ -104,7 +105,8 @@ impl Pipeline {
         }
     }
 
-    /// Plays one round of the script, or until the attempt at the scene's task is over; its score, and whether it ended.
+    /// Plays one round of the script, or until the attempt at the scene's task is over; its score,
+    /// and whether it ended.
     ///
     /// # Panics
     /// If the scene has no task.

@@ -1,6 +1,6 @@
-//! The other truth for ZCOLL: rays along the view direction through the pixel centres, met with triangles in exact rational
-//! arithmetic (128 bits), written without the product's rasteriser. Also makes the random scenes. Shared by the test and
-//! by the example that counts more of them.
+//! The other truth for ZCOLL: rays along the view direction through the pixel centres, met with
+//! triangles in exact rational arithmetic (128 bits), written without the product's rasteriser.
+//! Also makes the random scenes. Shared by the test and by the example that counts more of them.
 
 use collision::instrument_image::Volume;
 use collision::tool_mesh::{PLAIN, ToolMesh};
@@ -31,8 +31,8 @@ pub struct Scene {
 pub const RADIUS_MM: f64 = 0.25;
 
 impl Scene {
-    /// A random scene: heights of waves over a jittered grid **in the instrument's frame**, which makes it π-convex, and then a
-    /// random pose that takes both to the eye frame.
+    /// A random scene: heights of waves over a jittered grid **in the instrument's frame**, which
+    /// makes it π-convex, and then a random pose that takes both to the eye frame.
     pub fn random(random: &mut Random, resolutions: &[usize]) -> Self {
         let side = random.between(0.04, 0.25);
         let n = ((1.8 / side) as usize).clamp(4, 40);
@@ -72,13 +72,15 @@ impl Scene {
         Scene { position_mm, triangles, alive, instrument_from_eye, volume, tool, jaw_rad }
     }
 
-    /// Triangles with corners at the extremes of the number format, seen in the eye frame itself; all of them lie across the image.
+    /// Triangles with corners at the extremes of the number format, seen in the eye frame itself;
+    /// all of them lie across the image.
     pub fn extreme(random: &mut Random, resolution: usize) -> Self {
         let mut scene = Scene::random(random, &[resolution]);
         scene.instrument_from_eye = Isometry3::identity();
         let volume = scene.volume;
         let pixel_mm = 2.0 * volume.half_mm / volume.resolution as f64;
-        // Just inside 2,048 pixels from the image's edge and 16 depths from the near plane; f32 rounds by 1e-4 of a pixel.
+        // Just inside 2,048 pixels from the image's edge and 16 depths from the near plane; f32
+        // rounds by 1e-4 of a pixel.
         let across = |steps: f64| steps * 2047.9 * pixel_mm - volume.half_mm;
         let deep = |steps: f64| steps * 15.999 * volume.depth_mm + volume.near_mm;
         scene.position_mm = Default::default();
@@ -96,7 +98,8 @@ impl Scene {
         scene
     }
 
-    /// Makes some corners what no corner should be: not a number, infinite, far away, on top of each other.
+    /// Makes some corners what no corner should be: not a number, infinite, far away, on top of
+    /// each other.
     pub fn spoil(&mut self, random: &mut Random) {
         let nodes = self.position_mm[0].len() as f64;
         let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -3e4, 1e-40, 0.0, f32::MAX];
@@ -142,8 +145,8 @@ fn steps(scene: &Scene, end: End, [x, y, z]: [f32; 3]) -> Steps {
     ]
 }
 
-/// A triangle's depth at a pixel centre, if its ray meets it. A ray through an edge is decided as if it were displaced by
-/// (ε, ε²): to the right first, then down.
+/// A triangle's depth at a pixel centre, if its ray meets it. A ray through an edge is decided as
+/// if it were displaced by (ε, ε²): to the right first, then down.
 fn depth_at([a, mut b, mut c]: [Steps; 3], column: i128, row: i128) -> Option<i128> {
     let (x, y) = (column * 256 + 128, row * 256 + 128);
     let area = |p: Steps, q: Steps, x: i128, y: i128| (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]);
@@ -194,14 +197,15 @@ pub struct Truth {
     pub collisions: Collisions,
     /// Pixels of the instrument that see the membrane more than once.
     pub folded: u32,
-    /// Triangles with a corner beyond the format, or that is no number, and not all beyond one plane of the instrument's box.
+    /// Triangles with a corner beyond the format, or that is no number, and not all beyond one
+    /// plane of the instrument's box.
     pub refused: u32,
     /// Triangles without area, and not all beyond one plane of the instrument's box.
     pub flat: u32,
 }
 
-/// What rays find: for every pixel the nearest membrane in the volume and the nearest instrument, and a collision where the
-/// instrument is nearer.
+/// What rays find: for every pixel the nearest membrane in the volume and the nearest instrument,
+/// and a collision where the instrument is nearer.
 pub fn collisions(scene: &Scene) -> Collisions {
     truth(scene).collisions
 }
@@ -240,7 +244,8 @@ pub fn collisions_back(scene: &Scene) -> Collisions {
     compare(scene, End::Handle, &instrument).collisions
 }
 
-/// The membrane's corners in steps as the camera at an end sees them, and whether a coordinate is no number.
+/// The membrane's corners in steps as the camera at an end sees them, and whether a coordinate is
+/// no number.
 fn place(scene: &Scene, end: End) -> Vec<(Steps, [bool; 3])> {
     let turn: Matrix3<f32> =
         scene.instrument_from_eye.rotation.to_rotation_matrix().matrix().map(|c| c as f32);

@@ -1,5 +1,6 @@
-//! Random tool programmes over random scenes: whatever the hands do, numbers stay finite, energy bounded, meshes whole and
-//! accounts balanced, and the same seed gives the same states. Shared by the tests and by `make soak`.
+//! Random tool programmes over random scenes: whatever the hands do, numbers stay finite, energy
+//! bounded, meshes whole and accounts balanced, and the same seed gives the same states. Shared by
+//! the tests and by `make soak`.
 
 mod programme;
 mod rest_check;
@@ -18,7 +19,8 @@ use rest_check::RestCheck;
 use simcore::world::{StepReport, World};
 use tissue::state::MembraneState;
 
-/// Time at the end of a programme with the instruments out of the eye, s: what was stirred comes to rest.
+/// Time at the end of a programme with the instruments out of the eye, s: what was stirred comes to
+/// rest.
 const QUIET_S: f64 = 1.0;
 /// Mean speed of free nodes that tissue at rest must be below, mm/s.
 const QUIET_MM_S: f64 = 20.0;
@@ -38,7 +40,8 @@ pub struct Outcome {
     pub events: u64,
     /// Hash over the state hashes of all steps.
     pub hash: u64,
-    /// Largest kinetic energy that lasted in tissue which nobody handled, as a share of what its limits of speed allow.
+    /// Largest kinetic energy that lasted in tissue which nobody handled, as a share of what its
+    /// limits of speed allow.
     pub lasting_energy: f64,
     /// Steps in which nobody handled tissue, and its rest was looked at.
     pub quiet_steps: u64,
@@ -62,8 +65,9 @@ pub struct Failure {
     pub problem: String,
 }
 
-/// Runs the programme of a seed twice over `seconds` of simulated time and checks every step. `clock` gives nanoseconds
-/// for [`Outcome::slowest`] and nothing else; [`simcore::world::no_clock`] will do.
+/// Runs the programme of a seed twice over `seconds` of simulated time and checks every step.
+/// `clock` gives nanoseconds for [`Outcome::slowest`] and nothing else;
+/// [`simcore::world::no_clock`] will do.
 ///
 /// # Errors
 /// With the seed, the step and the first check that failed.
@@ -170,7 +174,8 @@ mod tests {
     use simcore::world::no_clock;
     use tissue::membrane::tissue::Tissue;
 
-    /// Two seconds of a programme on the shipped membrane, which is too strong to tear, with figures that no scene can ask for.
+    /// Two seconds of a programme on the shipped membrane, which is too strong to tear, with
+    /// figures that no scene can ask for.
     fn spoiled(v_max_mm_s: f64, spoil: impl FnOnce(&mut Tissue)) -> Result<Outcome, (u64, String)> {
         let mut scene = ::scene::SceneFile::load("peel").unwrap();
         let membrane = scene.membrane.as_mut().unwrap();
@@ -181,7 +186,8 @@ mod tests {
         play(&mut world, Programme::new(&scene, Random::from_seed(3)), 2.0, &mut no_clock)
     }
 
-    /// At its limits an exploded tissue has finite numbers and a whole mesh: only its energy shows it.
+    /// At its limits an exploded tissue has finite numbers and a whole mesh: only its energy shows
+    /// it.
     #[test]
     fn tissue_that_explodes_and_hangs_at_its_limits_fails() {
         assert_eq!(spoiled(300.0, |_| {}).map(|o| o.quiet_steps > 20), Ok(true));

@@ -1,4 +1,5 @@
-//! ZCOLL against exact rays on random scenes. The example `collision_agreement` does the same for 10,000 and more.
+//! ZCOLL against exact rays on random scenes. The example `collision_agreement` does the same for
+//! 10,000 and more.
 
 use collision::instrument_image::InstrumentImage;
 use collision::instrument_image::Volume;
@@ -42,7 +43,8 @@ fn look(scene: &Scene, simd: bool) -> Looked {
     }
 }
 
-/// Colliding pixels, their triangles and vectors to the bit; from them the triangles, and by Eq. 1 the nodes.
+/// Colliding pixels, their triangles and vectors to the bit; from them the triangles, and by Eq. 1
+/// the nodes.
 #[test]
 fn collisions_are_those_of_exact_rays() {
     let mut random = Random::from_seed(1);
@@ -73,8 +75,8 @@ fn collisions_are_those_of_exact_rays() {
     assert!(colliding > SCENES / 2 && pixels > 20 * SCENES, "{colliding} scenes collide, {pixels} pixels");
 }
 
-/// The reversed camera of an instrument under the membrane, against rays of its own; and every colliding vector leads from the
-/// membrane to the top of what lifts it.
+/// The reversed camera of an instrument under the membrane, against rays of its own; and every
+/// colliding vector leads from the membrane to the top of what lifts it.
 #[test]
 fn the_reversed_camera_sees_what_exact_rays_see() {
     let mut random = Random::from_seed(4);
@@ -114,7 +116,8 @@ fn the_base_instruction_set_gives_the_same_bits() {
     }
 }
 
-/// A vertex is reported if and only if the instrument is nearer in its pixel; compared with the pixels of the images.
+/// A vertex is reported if and only if the instrument is nearer in its pixel; compared with the
+/// pixels of the images.
 #[test]
 fn vertices_are_reported_with_their_own_depth() {
     let mut random = Random::from_seed(3);
@@ -174,8 +177,8 @@ fn check_against_rays(scene: &Scene) -> Result<(), TestCaseError> {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
 
-    /// Corners that are no numbers, infinite, too far away, on top of each other: what can be drawn is drawn as if the rest were not
-    /// there, and the rest is counted, one by one.
+    /// Corners that are no numbers, infinite, too far away, on top of each other: what can be drawn
+    /// is drawn as if the rest were not there, and the rest is counted, one by one.
     #[test]
     fn spoilt_corners_are_counted_and_the_rest_is_seen(seed in any::<u64>(), pose in 0usize..20) {
         let mut random = Random::from_seed(seed);
@@ -193,7 +196,8 @@ proptest! {
         check_against_rays(&Scene::extreme(&mut Random::from_seed(seed), resolution))?;
     }
 
-    /// A volume is refused if and only if it has no extent or its image no size, with the figures that it was given.
+    /// A volume is refused if and only if it has no extent or its image no size, with the figures
+    /// that it was given.
     #[test]
     fn volumes_without_extent_are_refused(
         half_mm in prop_oneof![Just(0.0), Just(f64::NAN), Just(f64::INFINITY), -1.0f64..1.0],
@@ -212,7 +216,8 @@ proptest! {
         }
     }
 
-    /// A mesh is refused if and only if it is empty or names a vertex that is not there; a look at any other does no harm.
+    /// A mesh is refused if and only if it is empty or names a vertex that is not there; a look at
+    /// any other does no harm.
     #[test]
     fn meshes_are_refused_by_what_is_wrong_with_them(
         triangles in prop::collection::vec(prop::array::uniform3(0u32..12), 0..40), nodes in 0usize..14,

@@ -1,5 +1,5 @@
-//! ZCOLL on an adapter against ZCOLL on the processor: the same bits. Runs on any adapter, the software one too; where there is
-//! none it says so and proves nothing.
+//! ZCOLL on an adapter against ZCOLL on the processor: the same bits. Runs on any adapter, the
+//! software one too; where there is none it says so and proves nothing.
 #![cfg(feature = "gpu")]
 
 use collision::gpu::{GpuDevice, GpuZcoll};
@@ -75,8 +75,8 @@ fn an_adapter_gives_the_same_bits() {
     assert!(pixels[0] > 20 * SCENES && pixels[1] > 5 * SCENES, "{pixels:?}");
 }
 
-/// Corners that are no numbers or infinite, vertices on top of each other, triangles far too large, flags that change between
-/// looks: the counters and everything else stay the same.
+/// Corners that are no numbers or infinite, vertices on top of each other, triangles far too large,
+/// flags that change between looks: the counters and everything else stay the same.
 #[test]
 fn bad_input_is_counted_alike() {
     let Some(device) = device() else { return };
@@ -101,7 +101,8 @@ fn bad_input_is_counted_alike() {
     assert!(counted.iter().all(|&c| c > 0), "refused, flat, folded: {counted:?}");
 }
 
-/// Triangles from one limit of the number format to the other: the 64 bits made of two words do not overflow either.
+/// Triangles from one limit of the number format to the other: the 64 bits made of two words do not
+/// overflow either.
 #[test]
 fn extremes_of_the_format_are_exact_on_an_adapter() {
     let Some(device) = device() else { return };
@@ -118,7 +119,8 @@ fn extremes_of_the_format_are_exact_on_an_adapter() {
     assert!(pixels > 1000, "{pixels}");
 }
 
-/// Looks that follow each other on one adapter forget each other, and more results than come at once all come.
+/// Looks that follow each other on one adapter forget each other, and more results than come at
+/// once all come.
 #[test]
 fn a_second_look_knows_nothing_of_the_first() {
     let Some(device) = device() else { return };

@@ -9,7 +9,8 @@ use tissue::membrane::sheet::Sheet;
 use tissue::membrane::solver::Solver;
 use validation::closed_form::strip::{PeelTest, lattice};
 
-/// Force over the formula, less one. The work per area must be Γ, and a little that the fold's snapping costs.
+/// Force over the formula, less one. The work per area must be Γ, and a little that the fold's
+/// snapping costs.
 fn error(test: &PeelTest) -> f64 {
     let (found, expected) = (test.run(), test.kendall_un_per_mm());
     let error = found.force_un_per_mm / expected - 1.0;
@@ -65,8 +66,8 @@ fn peel_force_knows_neither_mesh_nor_step_nor_range_nor_speed() {
     }
 }
 
-/// Near its edges a sheet curves both ways, and as a whole it is a little flatter for it. The roll must be between the
-/// asked-for radius and 15 % more.
+/// Near its edges a sheet curves both ways, and as a whole it is a little flatter for it. The roll
+/// must be between the asked-for radius and 15 % more.
 #[test]
 fn a_free_sheet_rolls_up_towards_its_normals() {
     let [along_x, along_y] = curvatures_of_a_free_sheet(1.0, 5.0);
@@ -74,8 +75,8 @@ fn a_free_sheet_rolls_up_towards_its_normals() {
     assert!((1.0..1.15).contains(&(1.0 / (along_x + along_y))));
 }
 
-/// Tissue that tools have crumpled has triangles of nearly no height, whose hinges would be stiffer than the step bears and
-/// keep it in motion for ever.
+/// Tissue that tools have crumpled has triangles of nearly no height, whose hinges would be stiffer
+/// than the step bears and keep it in motion for ever.
 #[test]
 fn a_crumpled_sheet_comes_to_rest() {
     let strip =
@@ -106,8 +107,9 @@ fn a_crumpled_sheet_comes_to_rest() {
     assert!(mean_mm_s < 0.5, "{mean_mm_s} mm/s after 10 s");
 }
 
-/// On cylinders of curvature κ the work of the hinges' forces is that of a plate with the natural curvature asked for,
-/// dE/dκ = D·area·(κ − κ₀): its zero gives the radius, its slope the stiffness.
+/// On cylinders of curvature κ the work of the hinges' forces is that of a plate with the natural
+/// curvature asked for, dE/dκ = D·area·(κ − κ₀): its zero gives the radius, its slope the
+/// stiffness.
 #[test]
 fn a_cylinder_is_in_balance_at_the_radius_asked_for() {
     let (rows, columns, h, stiffness_un_mm, radius_mm) = (23, 29, 0.15, 2.0, 1.5);
@@ -149,8 +151,9 @@ fn a_cylinder_is_in_balance_at_the_radius_asked_for() {
     }
 }
 
-/// Lays a free sheet of 4.2 by 2.9 mm flat, waits until it has rolled up one way or the other, and measures two
-/// curvatures of its middle at right angles, 1/mm: their sum is that of the roll, whichever way it goes.
+/// Lays a free sheet of 4.2 by 2.9 mm flat, waits until it has rolled up one way or the other, and
+/// measures two curvatures of its middle at right angles, 1/mm: their sum is that of the roll,
+/// whichever way it goes.
 fn curvatures_of_a_free_sheet(radius_mm: f64, stiffness_un_mm: f64) -> [f64; 2] {
     let strip = PeelTest {
         spacing_mm: 0.15,
@@ -164,7 +167,8 @@ fn curvatures_of_a_free_sheet(radius_mm: f64, stiffness_un_mm: f64) -> [f64; 2] 
     let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
     let mut curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm }, f32::INFINITY);
     let mut tissue = strip.tissue();
-    // Near the critical damping of the sheet's slowest bending, so that it is at rest after some ten of its periods.
+    // Near the critical damping of the sheet's slowest bending, so that it is at rest after some
+    // ten of its periods.
     let slowest_per_s = 22.4 / (2.9 * 2.9) * (stiffness_un_mm / strip.density_g_per_mm2).sqrt();
     tissue.fluid_per_s = slowest_per_s as f32;
     let (mut membrane, mut solver) = (sheet.start(), Solver::new(&sheet));

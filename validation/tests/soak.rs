@@ -1,4 +1,5 @@
-//! Forty random programmes of five seconds; `make soak` runs a thousand of sixty. Seeds are printed with what goes wrong.
+//! Forty random programmes of five seconds; `make soak` runs a thousand of sixty. Seeds are printed
+//! with what goes wrong.
 
 use simcore::world::no_clock;
 use validation::soak::run;
@@ -22,8 +23,9 @@ fn another_seed_is_another_programme() {
     assert_ne!(a, b);
 }
 
-/// Tests are built with the development profile: optimised a little, but with every debug assertion and with whole numbers checked for
-/// overflow. So the programmes above, and these four, are those of a debug build; the same hashes in a release build: `tests/determinism.rs`.
+/// Tests are built with the development profile: optimised a little, but with every debug assertion
+/// and with whole numbers checked for overflow. So the programmes above, and these four, are those
+/// of a debug build; the same hashes in a release build: `tests/determinism.rs`.
 #[test]
 fn four_short_programmes_run_in_a_debug_build() {
     if !cfg!(debug_assertions) {

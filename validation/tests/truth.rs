@@ -1,10 +1,12 @@
-//! The tissue solvers against closed forms and independent solutions, at resolutions that take seconds. The cases are
-//! those of the example `validation`, which goes on to finer ones and draws them.
+//! The tissue solvers against closed forms and independent solutions, at resolutions that take
+//! seconds. The cases are those of the example `validation`, which goes on to finer ones and draws
+//! them.
 
 use validation::closed_form::case::{self, Case, Depth};
 use validation::closed_form::{balloon, beam, bleb, chain, hencky, lattice, modes, oscillator, patch, peel};
 
-/// Runs a case at coarse resolutions: errors within `share` of the reference, and falling with refinement.
+/// Runs a case at coarse resolutions: errors within `share` of the reference, and falling with
+/// refinement.
 fn check(case: &Case, share: f64) {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data/analytic/reference.json");
     let reference = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();

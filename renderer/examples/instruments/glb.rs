@@ -1,5 +1,5 @@
-//! Binary glTF 2.0 of a shape: the file is in metres with +y up as glTF asks for, by a transform of the root; the parts under it
-//! are in millimetres in the instrument's frame.
+//! Binary glTF 2.0 of a shape: the file is in metres with +y up as glTF asks for, by a transform of
+//! the root; the parts under it are in millimetres in the instrument's frame.
 
 use crate::shapes::{Facet, Part, Shape, Surface};
 use glam::DVec3;
@@ -143,8 +143,8 @@ fn faces_around(facets: &[Facet]) -> HashMap<[i64; 3], Vec<DVec3>> {
     around
 }
 
-/// Unit normal of a corner of `face`: of all faces there that lie nearly as it does. Each counts once, since
-/// the long triangles of a shaft would outvote the rest.
+/// Unit normal of a corner of `face`: of all faces there that lie nearly as it does. Each counts
+/// once, since the long triangles of a shaft would outvote the rest.
 fn smooth(around: &[DVec3], face: DVec3) -> DVec3 {
     let unit = face.normalize();
     let alike = around.iter().map(|f| f.normalize()).filter(|n| n.dot(unit) > libm::cos(CREASE_RAD));

@@ -1,6 +1,6 @@
 //! Makes the instruments' meshes: `cargo run --release -p renderer --example instruments -- FOLDER`
-//! (`make instruments`) writes a glTF file for each tool. Measures that the simulation shares come from
-//! `protocol::handles`. The tests prove that the shipped meshes are these.
+//! (`make instruments`) writes a glTF file for each tool. Measures that the simulation shares come
+//! from `protocol::handles`. The tests prove that the shipped meshes are these.
 
 mod glb;
 mod shapes;

@@ -1,5 +1,6 @@
-//! Shapes of the instruments, instrument frame, mm: tip at the origin, handle towards +z; port, hook and jaw plane along +x.
-//! All are drawn at 25 gauge; the renderer widens them for other gauges.
+//! Shapes of the instruments, instrument frame, mm: tip at the origin, handle towards +z; port,
+//! hook and jaw plane along +x. All are drawn at 25 gauge; the renderer widens them for other
+//! gauges.
 
 use glam::DVec3;
 use protocol::handles::{
@@ -70,7 +71,8 @@ fn forceps() -> Shape {
     Shape { name: "forceps", parts }
 }
 
-/// The jaw on the +x side: half of a cone whose flat side faces the other jaw, hollowed between tip and pivot.
+/// The jaw on the +x side: half of a cone whose flat side faces the other jaw, hollowed between tip
+/// and pivot.
 fn half_cone() -> Vec<Facet> {
     let outline = |&[z, slot]: &[f64; 2]| {
         let radius = R * (JAW_TAPER + (1.0 - JAW_TAPER) * z / JAW_LENGTH_MM);
@@ -104,7 +106,8 @@ fn light_pipe() -> Shape {
     Shape { name: "light-pipe", parts: vec![metal("shaft", shaft), fibre] }
 }
 
-/// A membrane pick: a bar across the end of a thinned shaft, its under side at the height of the tip.
+/// A membrane pick: a bar across the end of a thinned shaft, its under side at the height of the
+/// tip.
 fn pick() -> Shape {
     let neck = 0.5 * HOOK_THICKNESS_MM;
     let shaft = tube(&[[0.0, 0.8 * neck], [0.02, neck], [0.8, R], [LENGTH, R]]);
@@ -178,7 +181,8 @@ fn surroundings(levels: &[Vec<DVec3>]) -> Vec<DVec3> {
     along(&levels[0]).into_iter().chain(up).chain(top).chain(down).collect()
 }
 
-/// The point of the port's rim in the direction of `border` from its middle, on the shaft's surface.
+/// The point of the port's rim in the direction of `border` from its middle, on the shaft's
+/// surface.
 fn on_rim(border: DVec3) -> DVec3 {
     let out = glam::DVec2::new(border.y, border.z - PORT_HEIGHT_MM).normalize() * PORT_RADIUS_MM;
     DVec3::new(libm::sqrt(R * R - out.x * out.x), out.x, PORT_HEIGHT_MM + out.y)
@@ -193,7 +197,8 @@ fn ring([z, radius]: [f64; 2]) -> Vec<DVec3> {
     (0..SIDES).map(corner).collect()
 }
 
-/// Quads between two closed outlines that run counter-clockwise seen from where the second one lies.
+/// Quads between two closed outlines that run counter-clockwise seen from where the second one
+/// lies.
 fn strip(low: &[DVec3], high: &[DVec3]) -> Vec<Facet> {
     let n = low.len();
     let quad = |i: usize| {

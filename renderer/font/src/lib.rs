@@ -1,5 +1,5 @@
-//! A bitmap font drawn for this program: letters of 5×8 dots in cells of 6×8, digits and a few signs.
-//! Other characters are blank. The strip, for pictures, holds small letters as capitals.
+//! A bitmap font drawn for this program: letters of 5×8 dots in cells of 6×8, digits and a few
+//! signs. Other characters are blank. The strip, for pictures, holds small letters as capitals.
 
 /// Width of a cell, px.
 pub const CELL_W: usize = 6;

@@ -1,6 +1,6 @@
-//! `vitreo bench render`: cost of a stereo frame by tier and by layer, as wall time and as processor
-//! time; the latter is the true cost on a software driver, however busy the machine is. The cost of a
-//! layer is the time saved by leaving it out.
+//! `vitreo bench render`: cost of a stereo frame by tier and by layer, as wall time and as
+//! processor time; the latter is the true cost on a software driver, however busy the machine is.
+//! The cost of a layer is the time saved by leaving it out.
 
 use anyhow::Result;
 use ipc::clock::now;
@@ -50,8 +50,8 @@ struct Cost {
 struct Row {
     /// All layers, medians.
     whole: Cost,
-    /// Processor time (software driver) or wall time saved by leaving a layer out, ms; last, the time
-    /// of a frame without any.
+    /// Processor time (software driver) or wall time saved by leaving a layer out, ms; last, the
+    /// time of a frame without any.
     layers: Vec<(&'static str, f64)>,
 }
 
@@ -82,8 +82,8 @@ impl Bench {
         Ok(Cost { wall: (now() - start) as f64 * 1e-6, processor: processor_ms() - used })
     }
 
-    /// Rounds of: all layers, all but one, none. A changing load of the machine burdens each alike, and
-    /// a layer's cost is the median of differences within a round.
+    /// Rounds of: all layers, all but one, none. A changing load of the machine burdens each alike,
+    /// and a layer's cost is the median of differences within a round.
     fn row(&mut self, tier: usize) -> Result<Row> {
         let without = |&(_, bit): &(&str, Layers)| Layers::ALL.without(bit);
         let variants: Vec<Layers> = Layers::EACH.iter().map(without).chain([Layers::NONE]).collect();

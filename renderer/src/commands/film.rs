@@ -1,5 +1,5 @@
-//! `vitreo-renderer film`: draws a stream of scenes into a film and stills. No clock: each scene is drawn
-//! as the simulation left it, however long that takes.
+//! `vitreo-renderer film`: draws a stream of scenes into a film and stills. No clock: each scene is
+//! drawn as the simulation left it, however long that takes.
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;

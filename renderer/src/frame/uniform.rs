@@ -57,7 +57,8 @@ impl Renderer {
         uniform.ambient[3] = MEMBRANE_SHADE;
         let radius = self.config.retina_radius_mm as f32;
         let px_per_mm = f64::from(tier.height_px) / optics::field_in_eye_mm(&self.microscope);
-        // Where no pass blurs what is out of focus, a coarser level of the photograph does it for the retina.
+        // Where no pass blurs what is out of focus, a coarser level of the photograph does it for
+        // the retina.
         let lean = tier.shading == Shading::Lean;
         let blur = if lean { blur_at_target_px(&self.microscope, tier).max(1.0).log2().round() } else { 0.0 };
         // Map coordinates are half an equal-area radius of the unit sphere: see the shader.

@@ -17,16 +17,18 @@ struct Frame {
     lamp_direction: vec4f,
     // linear RGB, then 1 / (cosine of the inner edge - cosine of the outer edge)
     lamp_colour: vec4f,
-    // light scattered about in the eye, linear RGB, then the share of light that the membrane takes away
+    // light scattered about in the eye, linear RGB, then the share of light that the membrane takes
+    // away
     ambient: vec4f,
     // radius (mm), map scale, mip level, strength of the specular film
     retina: vec4f,
     // bias, half width of the soft edge, relief of the vessels, membrane detail
     shadow: vec4f,
-    // growth of a shadow's soft edge with the difference of depths in the map, widest half width that is looked for (shares of a
-    // tile), 1 / radius of the retina (1/mm), 0
+    // growth of a shadow's soft edge with the difference of depths in the map, widest half width
+    // that is looked for (shares of a tile), 1 / radius of the retina (1/mm), 0
     penumbra: vec4f,
-    // Corner of the vitreous' densities with the smallest coordinates, then extinction at full density (1/mm)
+    // Corner of the vitreous' densities with the smallest coordinates, then extinction at full
+    // density (1/mm)
     haze_corner: vec4f,
     // Edges of their box, 0
     haze_size: vec4f,
@@ -36,11 +38,13 @@ struct Frame {
 struct View {
     clip_from_eye: mat4x4f,
     camera: vec4f,
-    // Plane through the target: its middle, and the way of one unit of NDC along x and y; then width and height of a cell in NDC.
+    // Plane through the target: its middle, and the way of one unit of NDC along x and y; then
+    // width and height of a cell in NDC.
     plane_origin: vec4f,
     plane_x: vec4f,
     plane_y: vec4f,
-    // (x, y) of the field's radius-1 coordinates per NDC, squared inner edge of the soft border, 1 / (1 - that)
+    // (x, y) of the field's radius-1 coordinates per NDC, squared inner edge of the soft border, 1
+    // / (1 - that)
     field: vec4f,
 }
 
@@ -53,7 +57,8 @@ override LEAN: bool = false;
 @group(1) @binding(1) var fundus_sampler: sampler;
 @group(1) @binding(2) var shadow_map: texture_depth_2d;
 @group(1) @binding(3) var shadow_sampler: sampler_comparison;
-// Of the lean tiers: r light past the instruments, g distance of what holds it up (share of MASK_FAR), b light past the membrane.
+// Of the lean tiers: r light past the instruments, g distance of what holds it up (share of
+// MASK_FAR), b light past the membrane.
 @group(1) @binding(4) var shadow_mask: texture_2d<f32>;
 // The shadow map's depths as they are: OpenGL reads none from a texture that compares.
 @group(1) @binding(5) var shadow_depths: texture_2d<f32>;
@@ -102,9 +107,10 @@ fn on_spiral(i: u32, radius: f32) -> vec2f {
     return radius * vec2f(cos(angle), sin(angle));
 }
 
-// Half width of the soft edge at `uv`, share of a tile; 0 where nothing holds the light up. The lamp is a disc: behind an edge at
-// the distance c from it, a surface at the distance d sees it appear over (1/c - 1/d) times its radius, in units of the map. In
-// the map's depth that difference is linear.
+// Half width of the soft edge at `uv`, share of a tile; 0 where nothing holds the light up. The
+// lamp is a disc: behind an edge at the distance c from it, a surface at the distance d sees it
+// appear over (1/c - 1/d) times its radius, in units of the map. In the map's depth that difference
+// is linear.
 fn soft_edge(uv: vec2f, depth: f32, tile: f32) -> f32 {
     let size = f32(textureDimensions(shadow_depths).y);
     var sum = 0.0;
@@ -166,7 +172,8 @@ fn gloss_of_square(h2: f32) -> f32 {
     return h16 * h16;
 }
 
-// For lean_mask: coordinates in the mask times w, and w. Linear in p, so exact when interpolated over a triangle.
+// For lean_mask: coordinates in the mask times w, and w. Linear in p, so exact when interpolated
+// over a triangle.
 fn mask_coordinates(p: vec3f) -> vec3f {
     let c = frame.lamp_from_eye * vec4f(p, 1.0);
     return vec3f(0.5 * (c.w + c.x), 0.5 * (c.w - c.y), c.w);
@@ -178,10 +185,12 @@ fn lean_mask(coordinates: vec3f) -> vec3f {
     return textureSampleLevel(shadow_mask, fundus_sampler, uv, 0.0).rgb;
 }
 
-// Share of the lamp's light that instruments and bodies let through to `p`, for things that lie anywhere in the eye.
+// Share of the lamp's light that instruments and bodies let through to `p`, for things that lie
+// anywhere in the eye.
 fn past_casters(p: vec3f) -> f32 {
     if LEAN {
-        // What holds the light up shades only what lies beyond it, by more than a step of the mask's 8 bits.
+        // What holds the light up shades only what lies beyond it, by more than a step of the
+        // mask's 8 bits.
         let mask = lean_mask(mask_coordinates(p));
         return select(1.0, mask.r, distance(p, frame.lamp_position.xyz) / MASK_FAR > mask.g + 0.006);
     }

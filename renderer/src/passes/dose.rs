@@ -1,4 +1,5 @@
-//! The dose of light on the retina, drawn over it on request: the cells of `protocol::dose` as a small texture.
+//! The dose of light on the retina, drawn over it on request: the cells of `protocol::dose` as a
+//! small texture.
 
 use super::fundus::Fundus;
 use super::{PipelineSpec, Uniforms, pipeline, sampled_group, sampled_layout};
@@ -13,7 +14,8 @@ use wgpu::{
 /// Dose at which the scale ends, mJ/mm²: where the score has no points left for light.
 const WORST_MJ_MM2: f32 = 600.0;
 
-/// Place of a dose on the scale, of 255: by its logarithm, since a minute gives 10 mJ/mm² from afar and 1,000 from near.
+/// Place of a dose on the scale, of 255: by its logarithm, since a minute gives 10 mJ/mm² from afar
+/// and 1,000 from near.
 fn on_scale(mj_mm2: f32) -> u8 {
     ((1.0 + mj_mm2.max(0.0)).ln() / (1.0 + WORST_MJ_MM2).ln() * 255.0).min(255.0) as u8
 }

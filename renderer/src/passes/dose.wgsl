@@ -1,4 +1,5 @@
-// The dose of light on the retina, drawn over it on request. Put after fundus.wgsl, whose cells it is drawn on.
+// The dose of light on the retina, drawn over it on request. Put after fundus.wgsl, whose cells it
+// is drawn on.
 
 // Light that was counted, on the scale of dose.rs: 0 none, 1 far too much.
 @group(2) @binding(0) var doses: texture_2d<f32>;

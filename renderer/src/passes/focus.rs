@@ -1,5 +1,7 @@
-//! Depth of field of the full tiers: points out of focus are spread over the patches that [`crate::optics::blur_mm`] gives. Three
-//! passes find how wide a pixel's patch is and how far patches reach in each tile of the picture; where nothing is out of focus, the last one only copies.
+//! Depth of field of the full tiers: points out of focus are spread over the patches that
+//! [`crate::optics::blur_mm`] gives. Three passes find how wide a pixel's patch is and how far
+//! patches reach in each tile of the picture; where nothing is out of focus, the last one only
+//! copies.
 
 use super::{PipelineSpec, pipeline};
 use crate::target::Multisampled;
@@ -21,7 +23,8 @@ const RADIUS: TextureFormat = TextureFormat::R16Float;
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct FocusUniform {
-    /// A and B of distance = B / (A − depth), distance of the plane in focus (mm), half the aperture in pixels of that plane.
+    /// A and B of distance = B / (A − depth), distance of the plane in focus (mm), half the
+    /// aperture in pixels of that plane.
     optics: [f32; 4],
 }
 

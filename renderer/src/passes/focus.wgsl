@@ -1,8 +1,10 @@
-// Depth of field: light of points out of focus is spread over the patch that the microscope's formula gives. Points nearer than
-// the plane of focus are spread over what lies behind them; where none is near, a pixel stays as it is.
+// Depth of field: light of points out of focus is spread over the patch that the microscope's
+// formula gives. Points nearer than the plane of focus are spread over what lies behind them; where
+// none is near, a pixel stays as it is.
 
 struct Focus {
-    // A and B of distance = B / (A - depth), distance of the plane in focus (mm), half the aperture in pixels of that plane.
+    // A and B of distance = B / (A - depth), distance of the plane in focus (mm), half the aperture
+    // in pixels of that plane.
     optics: vec4f,
 }
 
@@ -28,9 +30,9 @@ fn vs_main(@builtin(vertex_index) index: u32) -> @builtin(position) vec4f {
     return vec4f(f32(index & 1u) * 4.0 - 1.0, f32((index >> 1u) & 1u) * 4.0 - 1.0, 0.0, 1.0);
 }
 
-// Radius of a pixel's patch with its sign: negative for a point nearer than the plane of focus. The nearest sample counts, or the
-// rim of what is in focus would be spread like what lies behind it. Outside the field, which is closed by the nearest depth,
-// nothing is spread.
+// Radius of a pixel's patch with its sign: negative for a point nearer than the plane of focus. The
+// nearest sample counts, or the rim of what is in focus would be spread like what lies behind it.
+// Outside the field, which is closed by the nearest depth, nothing is spread.
 @fragment
 fn fs_radius(@builtin(position) clip: vec4f) -> @location(0) vec4f {
     var depth = 1.0;
@@ -73,7 +75,8 @@ fn fs_reach(@builtin(position) clip: vec4f) -> @location(0) vec4f {
     return vec4f(widest, 0.0, 0.0, 1.0);
 }
 
-// Light of a pixel: the picture holds square roots of it. Without a filter, which would take some of its neighbour's.
+// Light of a pixel: the picture holds square roots of it. Without a filter, which would take some
+// of its neighbour's.
 fn light_of(at: vec2i) -> vec3f {
     let root = textureLoad(drawn, at, 0).rgb;
     return root * root;
@@ -96,7 +99,8 @@ fn fs_main(@builtin(position) clip: vec4f) -> @location(0) vec4f {
     }
     let own = patch_radius(at);
     let own_light = own_root * own_root;
-    // Light of the layers in front of the plane of focus, how much of the pixel it covers, and of what lies behind them.
+    // Light of the layers in front of the plane of focus, how much of the pixel it covers, and of
+    // what lies behind them.
     var before = vec4f(0.0);
     var behind = vec4f(0.0);
     let own_share = share(own);
@@ -120,8 +124,8 @@ fn fs_main(@builtin(position) clip: vec4f) -> @location(0) vec4f {
             let covers = clamp(-radius - away + 0.5, 0.0, 1.0);
             before += light * (covers * area * share(radius));
         } else {
-            // What lies farther is hidden by the pixel's own point and spreads no wider than that; what is seen past a patch in
-            // front is taken from all round.
+            // What lies farther is hidden by the pixel's own point and spreads no wider than that;
+            // what is seen past a patch in front is taken from all round.
             let hidden = select(abs(radius), min(abs(radius), abs(own)), radius > own);
             let spread = select(hidden, abs(own), own < -SHARP);
             let covers = clamp(spread - away + 0.5, 0.0, 1.0);

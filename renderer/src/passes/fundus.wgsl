@@ -1,8 +1,10 @@
-// The retina: the inside of a sphere, with one fetch of the fundus photograph. Drawn as the square cells that cover the
-// round field, their corners cast onto the sphere; nothing outside the field is shaded.
+// The retina: the inside of a sphere, with one fetch of the fundus photograph. Drawn as the square
+// cells that cover the round field, their corners cast onto the sphere; nothing outside the field
+// is shaded.
 //
-// Full tiers cast every pixel's ray onto the sphere and light it there. Lean tiers light the corners: the beam and the
-// film are smooth, so a pixel costs two fetches, the vignette and the tone curve.
+// Full tiers cast every pixel's ray onto the sphere and light it there. Lean tiers light the
+// corners: the beam and the film are smooth, so a pixel costs two fetches, the vignette and the
+// tone curve.
 
 struct Disc {
     @builtin(position) clip: vec4f,
@@ -22,7 +24,8 @@ struct LeanDisc {
 const ROW: u32 = 32u;
 // As in fundus.rs.
 const SEGMENTS: u32 = 48u;
-// The disc's depth lies so far behind the retina (mm) that tissue on it is seen, and a tip a little inside it as well.
+// The disc's depth lies so far behind the retina (mm) that tissue on it is seen, and a tip a little
+// inside it as well.
 const BEHIND: f32 = 0.1;
 
 fn on_circle(segment: u32, radius: f32) -> vec2f {
@@ -36,7 +39,8 @@ fn corner(index: u32) -> vec2f {
     return (vec2f(-1.0, 1.0) + steps * vec2f(view.plane_x.w, -view.plane_y.w)) * view.field.xy;
 }
 
-// Where the ray through `at` from the objective leaves the eye: |at + t ray| = radius, the farther root.
+// Where the ray through `at` from the objective leaves the eye: |at + t ray| = radius, the farther
+// root.
 fn to_retina(at: vec3f) -> vec3f {
     let ray = normalize(at - view.camera.xyz);
     let radius = frame.retina.x;
@@ -71,7 +75,8 @@ fn wetness(photo: vec4f) -> f32 {
     return 0.4 + photo.g * photo.g + 0.25 * photo.a;
 }
 
-// Normal towards the inside of the eye, tilted by the slope of the map's fourth channel, the height of vessels.
+// Normal towards the inside of the eye, tilted by the slope of the map's fourth channel, the height
+// of vessels.
 fn relief(q: vec3f, uv: vec2f, height: f32) -> vec3f {
     let step = exp2(frame.retina.z) / f32(textureDimensions(fundus_map).x);
     let right = textureSampleLevel(fundus_map, fundus_sampler, uv + vec2f(step, 0.0), frame.retina.z).a;

@@ -15,8 +15,8 @@ use wgpu::{
 const BRICK: u32 = 8;
 /// Bricks along an axis at most: a texture of 16 MB.
 const MOST_ALONG: u32 = 32;
-/// Extinction at full density, 1/mm. Vitreous is clear; with the tracer that surgeons inject to see it
-/// (triamcinolone) a beam of 10 mm through the core (density 90 of 255) loses about a quarter.
+/// Extinction at full density, 1/mm. Vitreous is clear; with the tracer that surgeons inject to see
+/// it (triamcinolone) a beam of 10 mm through the core (density 90 of 255) loses about a quarter.
 const EXTINCTION: f32 = 0.08;
 
 /// Where the bricks lie.
@@ -61,8 +61,8 @@ impl Haze {
         Self { layout, pipelines, volume: None, known: Vec::new() }
     }
 
-    /// Takes the bricks of a scene in; only those that changed are sent to the device. Bricks that do not lie on one
-    /// lattice, or on one too large, are not drawn.
+    /// Takes the bricks of a scene in; only those that changed are sent to the device. Bricks that
+    /// do not lie on one lattice, or on one too large, are not drawn.
     pub fn set(&mut self, device: &Device, queue: &Queue, bricks: &[SceneBrick]) {
         let place = |b: &SceneBrick| (b.corner_mm, b.edge_mm);
         let same_places = self.known.len() == bricks.len()

@@ -1,8 +1,8 @@
-// The vitreous as a haze: light that its elements scatter towards the viewer, summed along each ray from the retina up.
-// Put after fundus.wgsl, whose cells it is drawn on.
+// The vitreous as a haze: light that its elements scatter towards the viewer, summed along each ray
+// from the retina up. Put after fundus.wgsl, whose cells it is drawn on.
 //
-// Full tiers march every pixel's ray and stop at the shafts, so that instruments sink into the haze. Lean tiers march
-// the rays of the cells' corners, and instruments lie before it.
+// Full tiers march every pixel's ray and stop at the shafts, so that instruments sink into the
+// haze. Lean tiers march the rays of the cells' corners, and instruments lie before it.
 
 @group(2) @binding(0) var densities: texture_3d<f32>;
 @group(2) @binding(1) var densities_sampler: sampler;

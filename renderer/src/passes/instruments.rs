@@ -56,8 +56,8 @@ pub struct Instruments {
 }
 
 impl Instruments {
-    /// Makes a pipeline for each shading. Blending serves instruments that fade because they are lost; a faded
-    /// one is drawn after the retina, a solid one before it.
+    /// Makes a pipeline for each shading. Blending serves instruments that fade because they are
+    /// lost; a faded one is drawn after the retina, a solid one before it.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let spec = PipelineSpec {

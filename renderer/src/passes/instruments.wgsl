@@ -4,7 +4,8 @@ struct Metal {
     @builtin(position) clip: vec4f,
     @location(0) p: vec3f,
     @location(1) n: vec3f,
-    // field coordinates times w, and w: divided in the fragment, since they bend over long triangles
+    // field coordinates times w, and w: divided in the fragment, since they bend over long
+    // triangles
     @location(2) field_xyw: vec3f,
     // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp
     @location(3) surface: vec3f,
@@ -37,7 +38,8 @@ const FUNDUS: vec3f = vec3f(0.38, 0.20, 0.145);
 // Share of the light that bare steel mirrors.
 const STEEL: vec3f = vec3f(0.66, 0.67, 0.69);
 
-// What a mirrored ray from `p` meets: the lit retina, the dark before it, where the ray leaves through the pupil.
+// What a mirrored ray from `p` meets: the lit retina, the dark before it, where the ray leaves
+// through the pupil.
 fn mirrored(p: vec3f, ray: vec3f) -> vec3f {
     let radius = frame.retina.x;
     let per_radius = frame.penumbra.z;

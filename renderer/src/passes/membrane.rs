@@ -35,7 +35,8 @@ impl TissueBuffers {
         }
     }
 
-    /// Takes the triangles in: so many of the membrane and of the retina, then those of retina that is gone.
+    /// Takes the triangles in: so many of the membrane and of the retina, then those of retina that
+    /// is gone.
     pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]], [membrane, retina]: [usize; 2]) {
         queue.write_buffer(&self.indices, 0, bytemuck::cast_slice(triangles));
         self.corners = [membrane, retina, triangles.len() - membrane - retina].map(|n| 3 * n as u32);
@@ -56,7 +57,8 @@ impl TissueBuffers {
         self.draw_range(pass, self.corners[0]..self.corners[0] + self.corners[1]);
     }
 
-    /// Draws the places at which retina lay that is lifted, moved or gone, with the pipeline that is set.
+    /// Draws the places at which retina lay that is lifted, moved or gone, with the pipeline that
+    /// is set.
     pub fn draw_bare(&self, pass: &mut RenderPass<'_>) {
         self.draw_range(pass, self.corners[0]..self.corners.iter().sum());
     }

@@ -1,10 +1,12 @@
-// The membrane: a thin translucent sheet, seen and lit from both sides, with a sheen like cellophane.
+// The membrane: a thin translucent sheet, seen and lit from both sides, with a sheen like
+// cellophane.
 
 struct Sheet {
     @builtin(position) clip: vec4f,
     @location(0) p: vec3f,
     @location(1) n: vec3f,
-    // field coordinates times w, and w: divided in the fragment, since they bend over long triangles
+    // field coordinates times w, and w: divided in the fragment, since they bend over long
+    // triangles
     @location(2) field_xyw: vec3f,
     // 1 on an edge of the sheet; share of the dye that it can take.
     @location(3) edge_dye: vec2f,
@@ -95,7 +97,8 @@ fn fs_depth(in: Sheet) -> @location(0) vec4f {
     return vec4f(0.0);
 }
 
-// The sheet's triangles are a few pixels large, so a pixel is shaded several times: all but the shadow is done at the nodes.
+// The sheet's triangles are a few pixels large, so a pixel is shaded several times: all but the
+// shadow is done at the nodes.
 struct LeanSheet {
     @builtin(position) clip: vec4f,
     // As it is shown in the lamp's light, and opacity.
@@ -126,7 +129,8 @@ fn vs_lean(
 
 @fragment
 fn fs_lean(in: LeanSheet) -> @location(0) vec4f {
-    // What holds the light up shades only what lies beyond it, by more than a step of the mask's 8 bits.
+    // What holds the light up shades only what lies beyond it, by more than a step of the mask's 8
+    // bits.
     let mask = lean_mask(in.mask);
     let past = select(1.0, mask.r, in.dark.w > mask.g + 0.006);
     return vec4f(mix(in.dark.rgb, in.lit.rgb, past), in.lit.a);

@@ -28,7 +28,8 @@ impl Retina {
         Self { pipelines: Shading::ALL.map(both) }
     }
 
-    /// Draws before the fundus, which then shades only what is still seen of it; groups 0 and 1 are set.
+    /// Draws before the fundus, which then shades only what is still seen of it; groups 0 and 1 are
+    /// set.
     pub fn draw(&self, pass: &mut RenderPass<'_>, tissue: &TissueBuffers, shading: Shading) {
         let [lifted, choroid] = &self.pipelines[shading as usize];
         pass.set_pipeline(lifted);

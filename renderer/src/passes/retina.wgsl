@@ -1,5 +1,5 @@
-// Retina that is off the choroid: an opaque sheet that carries its own piece of the photograph, and under it, where it
-// lay at rest, the bare choroid.
+// Retina that is off the choroid: an opaque sheet that carries its own piece of the photograph, and
+// under it, where it lay at rest, the bare choroid.
 
 struct Sheet {
     @builtin(position) clip: vec4f,
@@ -14,7 +14,8 @@ struct Sheet {
 fn from_map(uv: vec2f) -> vec3f {
     let flat = (uv - vec2f(0.5)) / frame.retina.y;
     let half_rho2 = min(dot(flat, flat) * 0.5, 2.0);
-    // At the angle θ from the pole, |flat| is 2 sin(θ/2); z is -cos θ and 0.5 - 0.5 z the square of cos(θ/2).
+    // At the angle θ from the pole, |flat| is 2 sin(θ/2); z is -cos θ and 0.5 - 0.5 z the square of
+    // cos(θ/2).
     let z = half_rho2 - 1.0;
     return vec3f(flat * sqrt(max(0.5 - 0.5 * z, 0.0)), z);
 }
@@ -76,7 +77,8 @@ fn vs_choroid(
 
 @fragment
 fn fs_choroid(in: Sheet) -> @location(0) vec4f {
-    // Orange-brown with coarse mottling and broad vessels, which no photograph of a healthy fundus shows bare.
+    // Orange-brown with coarse mottling and broad vessels, which no photograph of a healthy fundus
+    // shows bare.
     let at = in.p.xy;
     let mottling = sin(at.x * 2.1 + 1.3 * sin(at.y * 1.7)) * sin(at.y * 2.6 + 1.1 * sin(at.x * 1.9));
     let albedo = vec3f(0.30, 0.085, 0.035) * (1.0 + 0.22 * mottling);

@@ -1,5 +1,6 @@
-// What the lamp sees. Full tiers: depth, instruments into the left tile, the membrane into the right one.
-// Lean tiers: a mask of light; nothing but the retina lies behind, so no depth is needed to shade it.
+// What the lamp sees. Full tiers: depth, instruments into the left tile, the membrane into the
+// right one. Lean tiers: a mask of light; nothing but the retina lies behind, so no depth is needed
+// to shade it.
 
 struct Caster {
     @builtin(position) clip: vec4f,

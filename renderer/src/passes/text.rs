@@ -1,5 +1,6 @@
-//! Lines of text on the picture, at the places of [`protocol::scene_text`]. Both channels show a line at the same
-//! place, so it floats in the plane of the target. Letters are sent to the device only when the text changes.
+//! Lines of text on the picture, at the places of [`protocol::scene_text`]. Both channels show a
+//! line at the same place, so it floats in the plane of the target. Letters are sent to the device
+//! only when the text changes.
 
 use super::{
     PipelineSpec, Uniforms, geometry_buffer, over_everything, pipeline, sampled_group, sampled_layout,
@@ -15,7 +16,8 @@ use wgpu::{
 
 /// Letters drawn at most; what comes after is left out.
 const MOST: usize = 2048;
-/// Height of a channel at which a letter is drawn as large as in the font, px; at twice as much twice as large.
+/// Height of a channel at which a letter is drawn as large as in the font, px; at twice as much
+/// twice as large.
 const PLAIN_PX: f32 = 256.0;
 /// Widest block, share of a channel's width.
 const WIDEST: f32 = 0.96;
@@ -133,7 +135,8 @@ fn lay_out(text: &str, letters: &mut Vec<Letter>, blocks: &mut Vec<Block>) {
     }
 }
 
-/// Where a block lies on a channel of `size_px`: left, top, width, height, whole pixels wherever it fits.
+/// Where a block lies on a channel of `size_px`: left, top, width, height, whole pixels wherever it
+/// fits.
 fn rectangle(block: &Block, [width, height]: [f32; 2]) -> [f32; 4] {
     let cells = [(block.columns * CELL_W) as f32, (block.rows * CELL_H) as f32];
     let wanted = (height / PLAIN_PX).floor().max(1.0);

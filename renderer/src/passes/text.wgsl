@@ -1,4 +1,5 @@
-// Text on the picture: a small quad for each character, its letter taken from the font's strip, on a dark ground.
+// Text on the picture: a small quad for each character, its letter taken from the font's strip, on
+// a dark ground.
 
 struct Letter {
     @builtin(position) clip: vec4f,

@@ -36,9 +36,11 @@ pub struct WindowConfig {
     pub arrangement: Arrangement,
     /// It fills its monitor from the start.
     pub full_screen: bool,
-    /// A person works by mouse and keyboard: a click takes the mouse, and letters are for the hands.
+    /// A person works by mouse and keyboard: a click takes the mouse, and letters are for the
+    /// hands.
     pub desk: bool,
-    /// The monitor to fill: its name, or its number from 0; the one where the window opens if `None`.
+    /// The monitor to fill: its name, or its number from 0; the one where the window opens if
+    /// `None`.
     pub monitor: Option<String>,
 }
 
@@ -76,7 +78,8 @@ enum Mouse {
     Free,
     /// The instruments; the pointer is hidden and held, its movements come from the device.
     Held,
-    /// The instruments, on a display that holds no pointer: movements are those of the pointer, which was here last, px.
+    /// The instruments, on a display that holds no pointer: movements are those of the pointer,
+    /// which was here last, px.
     Followed(Option<[f64; 2]>),
 }
 
@@ -139,7 +142,8 @@ impl ApplicationHandler for State {
     }
 }
 
-/// The key's name for `protocol::inputs`, by its place on the keyboard: `w`, `a`, `s` and `d` lie together on any layout.
+/// The key's name for `protocol::inputs`, by its place on the keyboard: `w`, `a`, `s` and `d` lie
+/// together on any layout.
 fn name_of(code: KeyCode) -> Option<String> {
     let name = format!("{code:?}");
     let known = match code {
@@ -227,7 +231,8 @@ impl State {
 }
 
 impl State {
-    /// F11 and F switch between window and full screen, Escape leaves it; F is for a hand where one works by the keyboard.
+    /// F11 and F switch between window and full screen, Escape leaves it; F is for a hand where one
+    /// works by the keyboard.
     fn key(&mut self, event: &KeyEvent) {
         let Some(window) = &self.window else { return };
         if event.state != ElementState::Pressed || event.repeat {
@@ -360,7 +365,8 @@ impl Window {
         }
     }
 
-    /// Copies the picture, as large as fits without distortion; of alternating channels the left one.
+    /// Copies the picture, as large as fits without distortion; of alternating channels the left
+    /// one.
     pub fn copy(&mut self, gpu: &Gpu, target: &Target) {
         self.copy_channel(gpu, target, 0);
     }
@@ -372,8 +378,8 @@ impl Window {
         self.blit.draw(gpu, target, &view, size_px, self.config.arrangement, channel);
     }
 
-    /// Queues the picture for the next refresh; where channels alternate, the right one for the refresh
-    /// after that.
+    /// Queues the picture for the next refresh; where channels alternate, the right one for the
+    /// refresh after that.
     pub fn show(&mut self, gpu: &Gpu, target: &Target) {
         if let Some(acquired) = self.acquired.take() {
             gpu.queue.present(acquired);

@@ -1,5 +1,5 @@
-//! The user at the window: forwards their inputs on `inputs`, and overlays help, pause and the desk's
-//! hints on the picture.
+//! The user at the window: forwards their inputs on `inputs`, and overlays help, pause and the
+//! desk's hints on the picture.
 
 use crate::present::Present;
 use ipc::{Instance, IpcError, Queue, Receiver, Sender};
@@ -30,8 +30,8 @@ pub struct User {
 }
 
 impl User {
-    /// Opens the channels. `at_desk`: the user moves the instruments with this window's inputs; `dose`:
-    /// the dose of light is shown from the start.
+    /// Opens the channels. `at_desk`: the user moves the instruments with this window's inputs;
+    /// `dose`: the dose of light is shown from the start.
     ///
     /// # Errors
     /// If a channel cannot be opened.

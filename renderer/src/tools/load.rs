@@ -1,4 +1,5 @@
-//! Reads an instrument's mesh from a binary glTF file and checks it: the right parts, closed, at gauge, the tip at the origin.
+//! Reads an instrument's mesh from a binary glTF file and checks it: the right parts, closed, at
+//! gauge, the tip at the origin.
 
 use super::{
     FIBRE, JAW_LENGTH_MM, METAL, Model, NOMINAL_CANNULA_MM, NOMINAL_LENGTH_MM, NOMINAL_RADIUS_MM, PORT, Part,

@@ -1,4 +1,5 @@
-//! Depth of field and the soft edges of shadows, against formulas written out here, in the full tiers.
+//! Depth of field and the soft edges of shadows, against formulas written out here, in the full
+//! tiers.
 
 use crate::markers::{BLUE, ball, scene};
 use crate::stage::Stage;
@@ -52,7 +53,8 @@ fn spread_px2(with: &Picture, without: &Picture) -> f64 {
 #[test]
 fn a_marker_out_of_focus_is_as_wide_as_the_formula_says() {
     let Some(stage) = Stage::open() else { return };
-    // Aperture, focus over the fovea and height of the ball over it, mm: nearer than the plane of focus, and farther.
+    // Aperture, focus over the fovea and height of the ball over it, mm: nearer than the plane of
+    // focus, and farther.
     for (aperture, focus, height) in [(6.0, 0.0, 4.0), (6.0, 0.0, 7.0), (10.0, 3.0, 8.0), (10.0, 6.0, 2.0)] {
         let blurred = looking_at_the_fovea(&stage, 8.0, aperture, focus);
         let sharp = Microscope { aperture_mm: 0.0, ..blurred };
@@ -62,7 +64,8 @@ fn a_marker_out_of_focus_is_as_wide_as_the_formula_says() {
                 [vec![ball(p.to_array(), 0.2, BLUE)], vec![]].map(|bodies| draw(&stage, &m, bodies));
             (spread_px2(&with, &without), with.height_px)
         });
-        // A uniform disc of the diameter c has the variance c² / 16 along an axis; variances add up.
+        // A uniform disc of the diameter c has the variance c² / 16 along an axis; variances add
+        // up.
         let found = 4.0 * (wide.0 - narrow.0).max(0.0).sqrt();
         let (half, over) = (0.5 * blurred.stereo_base_mm, blurred.working_distance_mm);
         let axis = DVec3::new(-half, 0.0, -over).normalize();
@@ -106,8 +109,8 @@ const ASIDE_MM: f64 = 2.0;
 /// Radius of the light pipe's bright face, mm.
 const FIBRE_MM: f64 = 0.125;
 
-/// How wide the edge of a plate's shadow is at the fovea, from a tenth to nine tenths of the light, mm. The plate lies so far below the
-/// lamp that its edge throws its shadow on the fovea.
+/// How wide the edge of a plate's shadow is at the fovea, from a tenth to nine tenths of the light,
+/// mm. The plate lies so far below the lamp that its edge throws its shadow on the fovea.
 fn shadow_edge_mm(stage: &Stage, below_mm: f64) -> f64 {
     const FIELD_MM: f64 = 4.0;
     let edge = -ASIDE_MM + ASIDE_MM * below_mm / LAMP_MM;
@@ -153,7 +156,8 @@ fn shadows_are_the_softer_the_farther_their_caster_is() {
     for below in [2.0, 3.0, 4.5] {
         let found = shadow_edge_mm(&stage, below);
         let half = FIBRE_MM * (LAMP_MM - below) / below;
-        // A disc that sets behind an edge shows a tenth when the edge has 0.687 of its radius to go from its middle.
+        // A disc that sets behind an edge shows a tenth when the edge has 0.687 of its radius to go
+        // from its middle.
         let expected = 2.0 * 0.687 * half;
         println!("plate {below} mm below the lamp: {found:.4} mm, by similar triangles {expected:.4}");
         assert!(

@@ -13,7 +13,8 @@ const FILL: f64 = 0.98;
 
 const RED: [f32; 4] = [0.9, 0.02, 0.02, 1.0];
 
-/// Pinhole projection of `p` into `channel`, px of the channel; the surgeon's right is −x, up is −y.
+/// Pinhole projection of `p` into `channel`, px of the channel; the surgeon's right is −x, up is
+/// −y.
 fn project(stage: &Stage, picture: &Picture, channel: u32, p: DVec3) -> [f64; 2] {
     let m = &stage.file.microscope;
     let target = DVec3::from(m.target_in_world_mm);
@@ -66,7 +67,8 @@ fn channels_are_as_far_apart_as_the_height_says() {
         let picture = stage.draw(&[scene], TIERS[0]);
         let middle = [0.25 * f64::from(picture.width_px), 0.5 * f64::from(picture.height_px)];
         let x = [0, 1].map(|c| blue_centroid(&picture, c, middle, 60.0).expect("a blue ball")[0]);
-        // Angle at an objective between the target and a point over it, times the picture's focal length.
+        // Angle at an objective between the target and a point over it, times the picture's focal
+        // length.
         let (half, distance) = (0.5 * m.stereo_base_mm, m.working_distance_mm);
         let angle = (half / (distance - height)).atan() - (half / distance).atan();
         let focal_px = 0.5 * f64::from(picture.height_px) * FILL / (0.5 * m.field_mm) * half.hypot(distance);

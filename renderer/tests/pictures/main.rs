@@ -1,5 +1,5 @@
-//! Pictures that the renderer draws, against formulas written out here and against reference pictures.
-//! Without a graphics driver each test says in one line that it is skipped, and passes.
+//! Pictures that the renderer draws, against formulas written out here and against reference
+//! pictures. Without a graphics driver each test says in one line that it is skipped, and passes.
 
 mod arrangements;
 mod device_lost;

@@ -34,7 +34,8 @@ pub fn scene(stage: &Stage, bodies: Vec<SceneBody>, tools: bool) -> SceneBlock {
     scene
 }
 
-/// Mean place of the pixels of `channel` within `reach` px of `about` that `counts` weighs, px from the corner.
+/// Mean place of the pixels of `channel` within `reach` px of `about` that `counts` weighs, px from
+/// the corner.
 pub fn centroid(
     picture: &Picture,
     channel: u32,

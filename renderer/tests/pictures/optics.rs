@@ -7,8 +7,9 @@ use glam::DVec3;
 use protocol::optics::Lens;
 use protocol::scene::Microscope;
 
-/// A fully shaded tier and a lean one of the same size: the balls must be small against their distance from the pupil, or the middle of
-/// their pictures is not the picture of their middle, and yet have enough pixels.
+/// A fully shaded tier and a lean one of the same size: the balls must be small against their
+/// distance from the pupil, or the middle of their pictures is not the picture of their middle, and
+/// yet have enough pixels.
 const TIERS: [usize; 2] = [2, 3];
 /// Share of the picture's height that the round field fills.
 const FILL: f64 = 0.98;
@@ -32,8 +33,8 @@ fn image_by_lens(m: &Microscope, p: DVec3) -> DVec3 {
     a + d * ((b - a).cross(e).dot(n) / n.length_squared())
 }
 
-/// Place in a picture of `size` px of the point `seen` by a pinhole at the objective of `channel`, focused on `target`; half a turn
-/// and the other objective with the inverter.
+/// Place in a picture of `size` px of the point `seen` by a pinhole at the objective of `channel`,
+/// focused on `target`; half a turn and the other objective with the inverter.
 fn pinhole(m: &Microscope, channel: u32, size: [f64; 2], target: DVec3, seen: DVec3) -> [f64; 2] {
     let inverted = m.inverter != 0;
     let which = if inverted { 1 - channel } else { channel };
@@ -56,7 +57,8 @@ fn through(stage: &Stage, lens: Lens, inverter: bool) -> Microscope {
     Microscope { lens: lens as u32, inverter: u32::from(inverter), aperture_mm: 0.0, ..start }
 }
 
-/// Off the axes: a disc that lies even to the pixels' rows loses or wins whole columns, a quarter of a pixel.
+/// Off the axes: a disc that lies even to the pixels' rows loses or wins whole columns, a quarter
+/// of a pixel.
 const ASIDE: DVec3 = DVec3::new(0.17, 0.29, 0.0);
 
 /// Places over the retina at three heights, `pitch` apart.
@@ -106,8 +108,8 @@ fn markers_through_the_wide_angle_lens_appear_where_its_rays_meet() {
     }
 }
 
-/// Where the ray from `p` in the eye leaves the flat face (at 14 mm, index 1.336 below it) on its way to `objective`: where
-/// n sin(angle below) = sin(angle above), found by halving.
+/// Where the ray from `p` in the eye leaves the flat face (at 14 mm, index 1.336 below it) on its
+/// way to `objective`: where n sin(angle below) = sin(angle above), found by halving.
 fn leaves_face(p: DVec3, objective: DVec3) -> DVec3 {
     let (face, index) = (14.0, 1.336);
     let away = (objective - p).truncate();

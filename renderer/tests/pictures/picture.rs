@@ -39,7 +39,8 @@ fn brightness(picture: &Picture, x: u32, y: u32) -> u32 {
     picture.rgb(x, y).iter().map(|&c| u32::from(c)).sum()
 }
 
-/// Pixels of one channel whose brightness differs by more than the tolerance for drivers (2 of 255).
+/// Pixels of one channel whose brightness differs by more than the tolerance for drivers (2 of
+/// 255).
 fn differing(a: &Picture, b: &Picture) -> usize {
     let pairs = a.rgba.chunks(4).zip(b.rgba.chunks(4));
     pairs.filter(|(p, q)| p.iter().zip(*q).any(|(x, y)| x.abs_diff(*y) > 2)).count()
@@ -67,8 +68,7 @@ fn channels_see_from_two_sides() {
     let Some(mut bench) = Bench::new() else { return };
     let picture = bench.draw(NEAR, 5, |_| {});
     let (w, h) = (picture.width_px / 2, picture.height_px);
-    let differ =
-        |x: u32, y: u32| brightness(&picture, x, y).abs_diff(brightness(&picture, w + x, y)) > 30;
+    let differ = |x: u32, y: u32| brightness(&picture, x, y).abs_diff(brightness(&picture, w + x, y)) > 30;
     let count = (0..h).flat_map(|y| (0..w).map(move |x| (x, y))).filter(|&(x, y)| differ(x, y)).count();
     assert!(count > 200, "{count} pixels differ");
 }

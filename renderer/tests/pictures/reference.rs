@@ -1,10 +1,10 @@
 //! Every subject, in both shadings, against pictures kept in `tests/data/pictures`, by a perceptual
-//! measure: mean structural similarity of brightness (Wang et al. 2004, windows of 8×8, every fourth
-//! place), and colour on average. `make pictures` renews them; say in the commit why.
+//! measure: mean structural similarity of brightness (Wang et al. 2004, windows of 8×8, every
+//! fourth place), and colour on average. `make pictures` renews them; say in the commit why.
 //!
-//! The pictures were made by Mesa's llvmpipe 22.3.6 (LLVM 15). There another run differs by nothing,
-//! another version of the compiler by a few steps of 255 at edges; other adapters filter and rasterise
-//! edges differently, which costs up to 0.02 of similarity.
+//! The pictures were made by Mesa's llvmpipe 22.3.6 (LLVM 15). There another run differs by
+//! nothing, another version of the compiler by a few steps of 255 at edges; other adapters filter
+//! and rasterise edges differently, which costs up to 0.02 of similarity.
 
 use crate::stage::Stage;
 use renderer::governor::Shading;

@@ -1,5 +1,5 @@
-//! Timestamps of the device are consistent and fit the processor's clock. Skipped too where the device
-//! has none.
+//! Timestamps of the device are consistent and fit the processor's clock. Skipped too where the
+//! device has none.
 
 use crate::stage::Stage;
 use ipc::clock::now;

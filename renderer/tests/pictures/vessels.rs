@@ -1,6 +1,7 @@
-//! Vessels of the fundus photograph, projected by formulas written out here, against those found in the
-//! picture. Vessels are the 12 % of pixels that are darkest in green against their surroundings, after a
-//! smoothing that is the same on the retina; vessels cover about that share of fundus photographs.
+//! Vessels of the fundus photograph, projected by formulas written out here, against those found in
+//! the picture. Vessels are the 12 % of pixels that are darkest in green against their
+//! surroundings, after a smoothing that is the same on the retina; vessels cover about that share
+//! of fundus photographs.
 
 use crate::stage::Stage;
 use glam::{DVec2, DVec3};
@@ -25,7 +26,8 @@ const AROUND_MM: f64 = 0.35;
 /// Where the fovea lies in the photograph, and the radius of its round field, share of its width.
 const FOVEA: DVec2 = DVec2::new(0.503, 0.497);
 const FIELD: f64 = 0.478;
-/// Arc of the retina that this radius shows, mm: the disc is 0.345 widths and 4.5 mm from the fovea.
+/// Arc of the retina that this radius shows, mm: the disc is 0.345 widths and 4.5 mm from the
+/// fovea.
 const ARC_MM: f64 = 4.5 * FIELD / 0.345;
 const RETINA_MM: f64 = 11.5;
 
@@ -98,8 +100,8 @@ fn on_retina(stage: &Stage, height_px: u32, width_px: u32, x: u32, y: u32) -> DV
     objective + ray * (root.max(0.0).sqrt() - b)
 }
 
-/// The place of the photograph (shares of its width) that shows `p` of a right eye, and how far from the fovea, as a share of
-/// the photograph's field.
+/// The place of the photograph (shares of its width) that shows `p` of a right eye, and how far
+/// from the fovea, as a share of the photograph's field.
 fn in_photograph(p: DVec3) -> (DVec2, f64) {
     let arc_mm = RETINA_MM * (-p.z / RETINA_MM).clamp(-1.0, 1.0).acos();
     let share = arc_mm / ARC_MM;

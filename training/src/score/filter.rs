@@ -25,7 +25,8 @@ struct Section {
 type Memory = [Vector3<f64>; 2];
 
 impl Section {
-    /// A section of a Butterworth low or high pass at `hz` (bilinear transform, as in Bristow-Johnson's cookbook).
+    /// A section of a Butterworth low or high pass at `hz` (bilinear transform, as in
+    /// Bristow-Johnson's cookbook).
     fn new(hz: f64, q: f64, high: bool) -> Self {
         let w = std::f64::consts::TAU * hz * FIELD_PERIOD_NS as f64 * 1e-9;
         let (cos, alpha) = (libm::cos(w), libm::sin(w) / (2.0 * q));

@@ -1,5 +1,5 @@
-//! What the score keeps while an attempt runs: sums over samples and events. A pure function of their sequence; the simulation
-//! runs it live, the launcher over recordings, with the same bits.
+//! What the score keeps while an attempt runs: sums over samples and events. A pure function of
+//! their sequence; the simulation runs it live, the launcher over recordings, with the same bits.
 
 use super::filter::{Band, NOISE_SHARE, TipFilter};
 use super::table::{
@@ -163,7 +163,8 @@ impl Scorer {
     fn note_tip(&self, hand: &mut InstrumentStats, tip: Option<&Tip>, at_ns: Nanos) {
         let Some(tip) = tip else { return hand.filter.lose() };
         let clearance = self.radius_mm - tip.tip_in_eye_mm.norm();
-        // At work the retina is not where the sphere is: then only the simulation knows how deep a tip is.
+        // At work the retina is not where the sphere is: then only the simulation knows how deep a
+        // tip is.
         if let Some(contact) = hand.contact.as_mut().filter(|_| !hand.at_work) {
             contact.deepen(self.touch_mm, -clearance, tip);
         }
@@ -309,7 +310,8 @@ impl Meter {
         self.ended
     }
 
-    /// A pause, or another gap so long that the simulation stood still: it is no part of the attempt.
+    /// A pause, or another gap so long that the simulation stood still: it is no part of the
+    /// attempt.
     fn skip_gap(&mut self, gap_ns: u64) {
         let clocks = self.out_ns.iter_mut().chain([&mut self.begun_ns, &mut self.off_path_ns]);
         clocks.filter(|since| **since > 0).for_each(|since| *since += gap_ns);
@@ -337,7 +339,8 @@ impl Meter {
 }
 
 impl Contact {
-    /// The tip is so deep in the retina, or by so little above it where that is below 0; contact begins `touch_mm` above it.
+    /// The tip is so deep in the retina, or by so little above it where that is below 0; contact
+    /// begins `touch_mm` above it.
     fn deepen(&mut self, touch_mm: f64, depth_mm: f64, tip: &Tip) {
         let outwards = tip.tip_in_eye_mm.try_normalize(1e-6).unwrap_or(-Vector3::z());
         let sigma = tip.sigma_along_mm(&outwards);
@@ -371,7 +374,8 @@ fn begin_work(meter: &mut Meter, hand: usize) {
     meter.instruments[hand].at_work = true;
 }
 
-/// A contact counts when it has ended; a hand that trembles at the retina makes one contact a second.
+/// A contact counts when it has ended; a hand that trembles at the retina makes one contact a
+/// second.
 fn end_contact(meter: &mut Meter, hand: usize) {
     let now = meter.last_ns;
     let own = &mut meter.instruments[hand];

@@ -1,5 +1,5 @@
-//! The score of a recording: the steps that the simulation did, with the pose that each consumed and the events that it told,
-//! go through the same meter as in the live run.
+//! The score of a recording: the steps that the simulation did, with the pose that each consumed
+//! and the events that it told, go through the same meter as in the live run.
 
 use super::{Meter, Score, Scorer};
 use crate::sample::Sample;
@@ -69,7 +69,8 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Whether the live run told the same score, to the bit; `None` if it told none, or another version's.
+    /// Whether the live run told the same score, to the bit; `None` if it told none, or another
+    /// version's.
     pub fn agrees(&self) -> Option<bool> {
         let (total, sigma) = self.live.total.filter(|_| self.live.version == self.score.version)?;
         let same = |a: f64, b: f64| a.to_bits() == b.to_bits();
@@ -112,7 +113,8 @@ impl Reader {
         self.events.entry(event.exposed_ns).or_default().push(event);
     }
 
-    /// Takes a step in. A simulation that was restarted repeats what it had done: that is passed over.
+    /// Takes a step in. A simulation that was restarted repeats what it had done: that is passed
+    /// over.
     pub fn take_step(&mut self, step: &StepRecord) {
         if step.step <= self.last_step {
             return;

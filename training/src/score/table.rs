@@ -1,13 +1,13 @@
-//! The table of the score: every category, metric, weight, threshold and penalty, in one place. `docs/score.md` is made from
-//! it, and the code has no other.
+//! The table of the score: every category, metric, weight, threshold and penalty, in one place.
+//! `docs/score.md` is made from it, and the code has no other.
 
 use protocol::events::EventKind;
 
 /// Version of the score. Whoever changes a formula, weight, threshold or penalty counts it up.
 pub const VERSION: u32 = 3;
 
-/// What is judged: the five categories that studies of the commercial device report (Vergmann et al. 2016, Acta
-/// Ophthalmologica, doi 10.1111/aos.13209).
+/// What is judged: the five categories that studies of the commercial device report (Vergmann et
+/// al. 2016, Acta Ophthalmologica, doi 10.1111/aos.13209).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 #[allow(missing_docs)]
@@ -49,7 +49,8 @@ impl Category {
     }
 }
 
-/// A metric: a figure of the attempt and the points that it brings. Between the two thresholds points fall in a straight line.
+/// A metric: a figure of the attempt and the points that it brings. Between the two thresholds
+/// points fall in a straight line.
 #[derive(Debug, Clone, Copy)]
 pub struct Metric {
     /// Name for programs.
@@ -278,8 +279,9 @@ pub enum Injury {
 /// How many kinds of injuries there are.
 pub const INJURIES: usize = 6;
 
-/// Every injury, by [`Injury`]. The first four are in the proportions of [`STUDIED`], to half a point; what the study does not list, a contact that
-/// goes into nothing and a pull, is less than each of them.
+/// Every injury, by [`Injury`]. The first four are in the proportions of [`STUDIED`], to half a
+/// point; what the study does not list, a contact that goes into nothing and a pull, is less than
+/// each of them.
 pub const PENALTIES: [Penalty; INJURIES] = [
     Penalty {
         name: "lens contact",
@@ -320,8 +322,9 @@ pub const PENALTIES: [Penalty; INJURIES] = [
     },
 ];
 
-/// What the commercial device took off for injuries in a study of surgeons who trained on it, points in all (Deuchler et al. 2016, PLoS ONE 11(3),
-/// e0150690, doi 10.1371/journal.pone.0150690, table of the most prominent faults): injured lens, macular spotted haemorrhages, injured
+/// What the commercial device took off for injuries in a study of surgeons who trained on it,
+/// points in all (Deuchler et al. 2016, PLoS ONE 11(3), e0150690, doi 10.1371/journal.pone.0150690,
+/// table of the most prominent faults): injured lens, macular spotted haemorrhages, injured
 /// extramacular retina, retinal tear.
 pub const STUDIED: [(Injury, f64); 4] =
     [(Injury::Lens, 346.0), (Injury::Macula, 125.0), (Injury::Haemorrhage, 106.0), (Injury::Tear, 90.0)];

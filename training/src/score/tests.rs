@@ -1,5 +1,6 @@
-//! Construct checks: a clean attempt made by hand brings all points; one fault changes one category, by the amount that the table
-//! says. The attempt is a reach and a hold with a light pipe beside it; events are injected where the simulation would tell them.
+//! Construct checks: a clean attempt made by hand brings all points; one fault changes one
+//! category, by the amount that the table says. The attempt is a reach and a hold with a light pipe
+//! beside it; events are injected where the simulation would tell them.
 
 use super::table::{Category, Injury, MACULA_MM, METRICS, PENALTIES};
 use super::*;
@@ -138,7 +139,8 @@ fn a_clean_attempt_brings_a_hundred() {
 #[test]
 fn goals_precision_and_the_path_are_target_achievement() {
     let missing = lost(|a| a.events.retain(|(_, e)| e.subject != 1));
-    // The way is judged by the share of goals too: it stays below its threshold here or the category moves as well.
+    // The way is judged by the share of goals too: it stays below its threshold here or the
+    // category moves as well.
     assert!((missing[0] - 12.5).abs() < 1e-9 && missing[2..] == [0.0; 3], "{missing:?}");
     let far =
         lost(|a| a.events.iter_mut().for_each(|(_, e)| e.value = if e.kind == 111 { 0.4 } else { e.value }));
@@ -207,7 +209,8 @@ fn view_and_light_are_microscope_handling_and_the_light_dose_is_tissue_treatment
     let dark = lost(|a| a.tip = Box::new(|t| [6.0 * (0.1 * std::f64::consts::TAU * t).sin(), 0.0, -3.0]));
     assert!(only(Category::Microscope, dark, "light") > 1.0);
     let close = lost(|a| a.pipe = [0.0, 0.0, -10.8]);
-    // So near the retina it cannot light a tip that works higher: that is the microscope's loss, and its own.
+    // So near the retina it cannot light a tip that works higher: that is the microscope's loss,
+    // and its own.
     assert!(close[Category::Tissue as usize] > 0.5, "{close:?}");
     assert!((close[0], close[1], close[2]) == (0.0, 0.0, 0.0));
 }
@@ -303,7 +306,8 @@ fn an_attempt_that_is_broken_off_is_scored_as_it_stands() {
     assert_eq!(METRICS[Id::Time as usize].key, score.metrics[Id::Time as usize].key);
 }
 
-/// One fault for each metric, of such a kind that no other category has a reason to fall. A metric without a case does not compile.
+/// One fault for each metric, of such a kind that no other category has a reason to fall. A metric
+/// without a case does not compile.
 fn fault(id: Id, a: &mut Attempt) {
     let sine = |mm: f64, hz: f64| move |t: f64| mm * (hz * std::f64::consts::TAU * t).sin();
     match id {

@@ -1,10 +1,12 @@
-//! What of the eye a task watches besides its goals: the lens before the instruments, and the rim of the picture.
+//! What of the eye a task watches besides its goals: the lens before the instruments, and the rim
+//! of the picture.
 
 use super::Observation;
 use crate::sample::Tip;
 use nalgebra::{Point3, Vector3};
 
-/// Back of the lens where a scene does not say, z in the eye frame, mm: as in the shipped vitrectomy.
+/// Back of the lens where a scene does not say, z in the eye frame, mm: as in the shipped
+/// vitrectomy.
 pub const LENS_BACK_MM: f64 = 6.5;
 /// Half of the lens's diameter, mm: adults have 9 to 10 mm.
 pub const LENS_RADIUS_MM: f64 = 4.6;
@@ -13,8 +15,9 @@ pub const LENS_HALF_MM: f64 = 2.0;
 /// A contact with the lens has ended when the shaft is so far away, mm.
 pub const LENS_CLEAR_MM: f64 = 0.1;
 
-/// How deep a shaft is in the lens, mm; negative outside. The lens is an ellipsoid; it is scaled to a ball of radius 1, and the
-/// distance of the shaft's axis from its centre is told as a share of the half thickness, which is exact on the eye's axis.
+/// How deep a shaft is in the lens, mm; negative outside. The lens is an ellipsoid; it is scaled to
+/// a ball of radius 1, and the distance of the shaft's axis from its centre is told as a share of
+/// the half thickness, which is exact on the eye's axis.
 pub fn lens_depth_mm(tip: &Tip, back_mm: f64) -> f64 {
     let scale = Vector3::new(1.0 / LENS_RADIUS_MM, 1.0 / LENS_RADIUS_MM, 1.0 / LENS_HALF_MM);
     let centre = Vector3::new(0.0, 0.0, back_mm + LENS_HALF_MM);
@@ -26,7 +29,8 @@ pub fn lens_depth_mm(tip: &Tip, back_mm: f64) -> f64 {
     (1.0 - (from + along * nearest).norm()) * LENS_HALF_MM
 }
 
-/// How far a tip is beyond the rim of the picture, mm; negative inside. The microscope looks along −z of the world.
+/// How far a tip is beyond the rim of the picture, mm; negative inside. The microscope looks along
+/// −z of the world.
 pub fn beyond_view_mm(seen: &Observation, tip: &Tip) -> f64 {
     let at = seen.world_from_eye * Point3::from(tip.tip_in_eye_mm);
     let [x, y, _] = seen.microscope_target_mm;

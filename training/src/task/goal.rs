@@ -225,8 +225,8 @@ pub fn length_mm(path: &[[f64; 3]]) -> f64 {
     path.windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).norm()).sum()
 }
 
-/// The point of the path that is nearest to `p`, of those between `from_mm` and [`AHEAD_MM`] further: its way along the path
-/// and its distance, mm.
+/// The point of the path that is nearest to `p`, of those between `from_mm` and [`AHEAD_MM`]
+/// further: its way along the path and its distance, mm.
 fn nearest_ahead(path: &[[f64; 3]], p: &Vector3<f64>, from_mm: f64) -> (f64, f64) {
     let (mut best, mut begin) = ((from_mm, f64::INFINITY), 0.0);
     for ends in path.windows(2) {

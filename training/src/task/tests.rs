@@ -211,7 +211,8 @@ fn no_clock_of_an_attempt_runs_while_everything_stands_still() {
         (EventKind::TaskFinished, Phase::Finished),
         "the limit of 4 s is not over"
     );
-    // A hold of 0.2 s that began at field 3 ends at field 13; the field after the pause counts for none.
+    // A hold of 0.2 s that began at field 3 ends at field 13; the field after the pause counts for
+    // none.
     assert_eq!(end.0, 14);
     assert!((end.1.value - 0.02 * 12.0).abs() < 1e-9, "{}", end.1.value);
 }

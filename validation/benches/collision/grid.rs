@@ -1,5 +1,5 @@
-//! A uniform grid, hashed and rebuilt every frame (Teschner et al., "Optimized spatial hashing for collision detection of
-//! deformable objects", 2003), with the exact test behind it.
+//! A uniform grid, hashed and rebuilt every frame (Teschner et al., "Optimized spatial hashing for
+//! collision detection of deformable objects", 2003), with the exact test behind it.
 
 use crate::peers::{Method, triangle};
 use crate::setting::{Frame, Setting};

@@ -1,9 +1,10 @@
-//! ZCOLL and the exact pair query beside other methods: membranes of 1k to 1M triangles, displaced anew before every frame,
-//! against a forceps of 2k triangles. One thread.
+//! ZCOLL and the exact pair query beside other methods: membranes of 1k to 1M triangles, displaced
+//! anew before every frame, against a forceps of 2k triangles. One thread.
 //!
-//! `cargo bench -p validation --bench collision` prints a table like the paper's Table 2; with `-- --json` one object a line.
-//! `-- --small` stops at 10k triangles, `-- METHOD` measures only methods whose names contain that. The column "found" is that of
-//! the first frame, which all methods see alike.
+//! `cargo bench -p validation --bench collision` prints a table like the paper's Table 2; with `--
+//! --json` one object a line. `-- --small` stops at 10k triangles, `-- METHOD` measures only
+//! methods whose names contain that. The column "found" is that of the first frame, which all
+//! methods see alike.
 
 mod grid;
 mod parry;
@@ -40,7 +41,8 @@ fn median(values: &mut [f64]) -> f64 {
     values[values.len() / 2]
 }
 
-/// Runs one method over as many frames as fit its time; on the first few, exact methods must find the same pairs as `truth`.
+/// Runs one method over as many frames as fit its time; on the first few, exact methods must find
+/// the same pairs as `truth`.
 fn measure(method: &mut dyn Method, setting: &mut Setting, truth: &mut Vec<Vec<(u32, u32)>>) -> Row {
     let mut times: [Vec<f64>; 3] = Default::default();
     let mut found = 0;

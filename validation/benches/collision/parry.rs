@@ -23,7 +23,8 @@ fn around(corners: [Corner; 3]) -> Aabb {
     boxed([of(Ord::min), of(Ord::max)])
 }
 
-/// A tree over the membrane, built once, its boxes renewed every frame; a static tree over the instrument.
+/// A tree over the membrane, built once, its boxes renewed every frame; a static tree over the
+/// instrument.
 pub struct ParryBvh {
     membrane: Bvh,
     instrument: Bvh,

@@ -59,7 +59,8 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// All vertices in the instrument's frame, on the grid of the exact tests: what every peer works with.
+    /// All vertices in the instrument's frame, on the grid of the exact tests: what every peer
+    /// works with.
     pub fn on_grid(&self, out: &mut Vec<Corner>) {
         let map = surface::Frame::new(&self.instrument_from_eye);
         let [x, y, z] = self.surface.position_mm;

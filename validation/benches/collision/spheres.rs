@@ -1,5 +1,5 @@
-//! Trees of bounding spheres (Hubbard 1995; Quinlan 1994): over the membrane refitted every frame, over the instrument static, with
-//! the exact test behind them.
+//! Trees of bounding spheres (Hubbard 1995; Quinlan 1994): over the membrane refitted every frame,
+//! over the instrument static, with the exact test behind them.
 
 use crate::peers::{Method, triangle};
 use crate::setting::{Frame, Setting};

@@ -1,9 +1,10 @@
 //! A substep of the mass-spring core beside other methods, and a whole `World::step`; one thread.
 //!
 //! `cargo bench -p validation --bench tissue` prints tables, with `-- --json` one object a line
-//! `{"method", "springs", "step_us", …}`. Times are medians over repeated batches; the fastest batch stands beside them, since it is what
-//! a quiet machine gives. Every method computes damped structural springs with a test for tearing, and moves the
-//! nodes; ours has the limits of acceleration and speed and both rules of tearing besides.
+//! `{"method", "springs", "step_us", …}`. Times are medians over repeated batches; the fastest
+//! batch stands beside them, since it is what a quiet machine gives. Every method computes damped
+//! structural springs with a test for tearing, and moves the nodes; ours has the limits of
+//! acceleration and speed and both rules of tearing besides.
 
 mod meshes;
 mod peers;
@@ -20,8 +21,8 @@ use tissue::membrane::solver::{Alarms, Solver};
 use tissue::membrane::tissue::Tissue;
 use tissue::state::MembraneState;
 
-/// Batches of a method at a size, and springs a batch goes through, about: short, so that most batches are not interrupted on a
-/// machine that does other work.
+/// Batches of a method at a size, and springs a batch goes through, about: short, so that most
+/// batches are not interrupted on a machine that does other work.
 const BATCHES: usize = 301;
 const SPRINGS: usize = 100_000;
 /// A method that takes longer for all its batches gets fewer, µs.
@@ -196,7 +197,8 @@ fn print_beside(rows: &[Row], i: usize) {
     );
 }
 
-/// Engines measured once on a machine of this kind, one thread, one iteration, without tearing; µs a step.
+/// Engines measured once on a machine of this kind, one thread, one iteration, without tearing; µs
+/// a step.
 fn print_engines() {
     println!("\nEngines, measured before on a machine of this kind (µs):  616    1,496    4,641  150,976");
     for (name, us) in [

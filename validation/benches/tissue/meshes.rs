@@ -47,8 +47,9 @@ impl Mesh {
         mesh
     }
 
-    /// The same number of edges, but nodes jittered, a third of the diagonals turned at random and then as many edges between
-    /// any two triangles flipped where that keeps the mesh simple, and everything in shuffled order.
+    /// The same number of edges, but nodes jittered, a third of the diagonals turned at random and
+    /// then as many edges between any two triangles flipped where that keeps the mesh simple, and
+    /// everything in shuffled order.
     pub fn irregular(side: u32) -> Self {
         let mut mesh = Self::regular(side);
         let mut random = Random::from_seed(17);
@@ -114,7 +115,8 @@ impl Mesh {
     }
 }
 
-/// The shipped tissue: damped springs, limits and both rules of tearing; its bending springs only where asked for.
+/// The shipped tissue: damped springs, limits and both rules of tearing; its bending springs only
+/// where asked for.
 pub fn tissue(bending: bool) -> Tissue {
     let mut scene = SceneFile::load("peel").expect("the shipped scene");
     let membrane = scene.membrane.as_mut().expect("it has a membrane");

@@ -1,5 +1,6 @@
-//! Other ways to do a substep of the same springs, as textbooks and engines do it. All get the nodes in our order, which
-//! spares them the cache misses of a shuffled mesh; `edge-loop-shuffled` shows those.
+//! Other ways to do a substep of the same springs, as textbooks and engines do it. All get the
+//! nodes in our order, which spares them the cache misses of a shuffled mesh; `edge-loop-shuffled`
+//! shows those.
 
 use protocol::random::Random;
 use tissue::membrane::sheet::Sheet;
@@ -121,7 +122,8 @@ impl Peer for EdgeLoop {
     }
 }
 
-/// Each node adds up the forces of its springs; every spring is computed twice, nothing is scattered.
+/// Each node adds up the forces of its springs; every spring is computed twice, nothing is
+/// scattered.
 pub struct Gather {
     particles: Particles,
     start: Vec<u32>,
@@ -168,7 +170,8 @@ impl Peer for Gather {
     }
 }
 
-/// One iteration of extended position-based dynamics over the edges (Macklin, Müller, Chentanez 2016).
+/// One iteration of extended position-based dynamics over the edges (Macklin, Müller, Chentanez
+/// 2016).
 pub struct Xpbd {
     particles: Particles,
     before: Vec<[f32; 3]>,

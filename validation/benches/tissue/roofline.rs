@@ -4,13 +4,15 @@ use pulp::{Arch, NullaryFnOnce};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Operations on numbers of a structural spring, counted in `simcore/src/membrane/lanes/kernel.rs`: differences 6, squared length 6, root
-/// 12, length 1, rate 6, elastic force 3 with its limit, force 6, sums of both ends 6; and of a third of a node: acceleration 23,
-/// and in `motion.rs` 33.
+/// Operations on numbers of a structural spring, counted in `simcore/src/membrane/lanes/kernel.rs`:
+/// differences 6, squared length 6, root 12, length 1, rate 6, elastic force 3 with its limit,
+/// force 6, sums of both ends 6; and of a third of a node: acceleration 23, and in `motion.rs` 33.
 const FLOPS_A_SPRING: f64 = 46.0 + 56.0 / 3.0;
-/// Bytes that a spring must move at least if every array is read and written once and the rings stay in the first cache: number of its far end,
-/// rest length, stiffness, damping, limit and pull (24) and one of sixteen lanes of a pick (1.5); a third of a node: place and velocity read twice
-/// and written once (72), outer force and mobility (20), force, acceleration and its square written and the latter two read again (44).
+/// Bytes that a spring must move at least if every array is read and written once and the rings
+/// stay in the first cache: number of its far end, rest length, stiffness, damping, limit and pull
+/// (24) and one of sixteen lanes of a pick (1.5); a third of a node: place and velocity read twice
+/// and written once (72), outer force and mobility (20), force, acceleration and its square written
+/// and the latter two read again (44).
 const BYTES_A_SPRING: f64 = 25.5 + 136.0 / 3.0;
 
 /// Measured limits of one core.
@@ -27,8 +29,8 @@ pub struct Share {
     pub bound: &'static str,
 }
 
-/// Multiplications and additions of `N` numbers that stay in registers, in chains side by side so that none waits for another; not fused, as the
-/// core's are not.
+/// Multiplications and additions of `N` numbers that stay in registers, in chains side by side so
+/// that none waits for another; not fused, as the core's are not.
 struct Arithmetic<'a, const N: usize>(&'a mut [f32; N]);
 
 /// Operations on each number.
@@ -82,7 +84,8 @@ impl Machine {
     /// Takes about half a second.
     pub fn measure() -> Self {
         let arch = Arch::new();
-        // As many chains as registers hold: six or twelve of AVX2, twelve or twenty-four of AVX-512.
+        // As many chains as registers hold: six or twelve of AVX2, twelve or twenty-four of
+        // AVX-512.
         let tries = [gflops::<48>(arch), gflops::<96>(arch), gflops::<192>(arch), gflops::<384>(arch)];
         let gflops = tries.into_iter().fold(0.0, f64::max);
         let bandwidth = [32 << 10, 256 << 10, 768 << 10, 4 << 20, 16 << 20].map(|bytes: usize| {
@@ -107,7 +110,8 @@ impl Machine {
         }
     }
 
-    /// Share of the roofline that a step of `springs` springs in `us` µs reaches, and which side of the roof it is.
+    /// Share of the roofline that a step of `springs` springs in `us` µs reaches, and which side of
+    /// the roof it is.
     pub fn share(&self, springs: usize, us: f64) -> Share {
         let bytes = BYTES_A_SPRING * springs as f64;
         let level = self.bandwidth.iter().find(|(set, _)| *set as f64 >= bytes).or(self.bandwidth.last());

@@ -1,4 +1,5 @@
-//! A whole `World::step` of 20 substeps in the shipped scene, with one and with two instruments that press on the membrane.
+//! A whole `World::step` of 20 substeps in the shipped scene, with one and with two instruments
+//! that press on the membrane.
 
 use ipc::clock::now;
 use protocol::limits::INSTRUMENTS;
@@ -18,15 +19,17 @@ fn key(at_s: f64, instrument: u32, tip_in_eye_mm: [f64; 3]) -> ScriptKey {
     ScriptKey { at_s, instrument, tip_in_eye_mm, roll_rad: 0.0, jaw_rad: 0.5, tool: None }
 }
 
-/// Where the two tips press, eye frame, mm: over the membrane, which bulges to 11.11 mm from the centre there.
+/// Where the two tips press, eye frame, mm: over the membrane, which bulges to 11.11 mm from the
+/// centre there.
 const PLACES_MM: [[f64; 2]; INSTRUMENTS] = [[1.2, 0.4], [-1.2, -0.4]];
-/// From above the membrane to close above the retina. A tip that stands still is touched now and then only, because the
-/// membrane swings before it.
+/// From above the membrane to close above the retina. A tip that stands still is touched now and
+/// then only, because the membrane swings before it.
 const WAY_MM: [f64; 2] = [-10.9, -11.4];
 /// Out of reach of the membrane, mm.
 const AWAY_MM: [f64; 3] = [-3.0, 0.5, -3.5];
 
-/// The shipped scene with open jaws that press on slowly, 50 µm/s at most; an instrument that does not press is away.
+/// The shipped scene with open jaws that press on slowly, 50 µm/s at most; an instrument that does
+/// not press is away.
 fn scene(instruments: usize) -> SceneFile {
     let mut scene = SceneFile::load("peel").expect("the shipped scene");
     scene.script.as_mut().unwrap().keys.clear();

@@ -57,7 +57,8 @@ fn attempt(module: &Module, job: &Job) -> Result<Score> {
     Ok(Pipeline::new(&scene, Path::Direct, job.hand.clone(), job.seed).attempt(&mut |_, _, _| {}))
 }
 
-/// Prints an attempt event by event, with the bodies of the scene where jaws or goals are concerned: to tune a module by.
+/// Prints an attempt event by event, with the bodies of the scene where jaws or goals are
+/// concerned: to tune a module by.
 ///
 /// # Errors
 /// If the level cannot be composed.

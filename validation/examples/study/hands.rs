@@ -1,5 +1,5 @@
-//! Part 2: recorded hands that are not ours. The script is the expert's in every attempt; only the hand's own movement above 1 Hz, in the
-//! place of the tremor, comes from the recording.
+//! Part 2: recorded hands that are not ours. The script is the expert's in every attempt; only the
+//! hand's own movement above 1 Hz, in the place of the tremor, comes from the recording.
 
 use crate::attempts::{self, Job};
 use crate::numbers::{bootstrap, deviation, difference, effect, mean};

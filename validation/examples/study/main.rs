@@ -1,9 +1,11 @@
-//! How far apart surgeons come at the training modules, without pixels: markers straight into blobs, then tracker, simulation, task and
-//! score as in a live run. `cargo run --release -p validation --example study -- [--seeds N] [--level N] [--module NAME|FOLDER]…
-//! [--surgeon NAME]… [--threads N] [--verbose] [--events SEED] [--page docs/study.md]` (`make study`).
+//! How far apart surgeons come at the training modules, without pixels: markers straight into
+//! blobs, then tracker, simulation, task and score as in a live run. `cargo run --release -p
+//! validation --example study -- [--seeds N] [--level N] [--module NAME|FOLDER]… [--surgeon NAME]…
+//! [--threads N] [--verbose] [--events SEED] [--page docs/study.md]` (`make study`).
 //!
-//! Part 1: four scripted surgeons at every module. Part 2: recorded hands of surgeons and of novices in the place of the
-//! tremor. `--events` tells one attempt event by event. With `--page` both become that page and the picture beside it. It fails where part 1 breaks a bound.
+//! Part 1: four scripted surgeons at every module. Part 2: recorded hands of surgeons and of
+//! novices in the place of the tremor. `--events` tells one attempt event by event. With `--page`
+//! both become that page and the picture beside it. It fails where part 1 breaks a bound.
 
 mod attempts;
 mod hands;
@@ -31,7 +33,8 @@ Usage: study [OPTIONS]
   --events SEED     tells one attempt of the first module and surgeon event by event
   --page FILE       writes the page, with recorded hands, and the picture beside it";
 
-/// Every attempt of the expert brings at least this, every one of the careless one less than that, points.
+/// Every attempt of the expert brings at least this, every one of the careless one less than that,
+/// points.
 const EXPERT_FROM: f64 = 85.0;
 const CARELESS_BELOW: f64 = 50.0;
 

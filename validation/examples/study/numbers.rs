@@ -15,7 +15,8 @@ pub fn deviation(values: &[f64]) -> f64 {
     (squares / (values.len() as f64 - 1.0).max(1.0)).sqrt()
 }
 
-/// Cohen's d: difference of the means in pooled deviations (Cohen 1988); weighted by the sizes less one.
+/// Cohen's d: difference of the means in pooled deviations (Cohen 1988); weighted by the sizes less
+/// one.
 pub fn effect(better: &[f64], worse: &[f64]) -> f64 {
     let [n, m] = [better, worse].map(|v| (v.len() as f64 - 1.0).max(0.0));
     let pooled = (n * deviation(better).powi(2) + m * deviation(worse).powi(2)) / (n + m).max(1.0);
@@ -27,8 +28,8 @@ pub fn range(values: &[f64]) -> [f64; 2] {
     values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)])
 }
 
-/// A statistic of two samples with the interval that holds 95 % of its bootstrap draws: each sample drawn anew from itself, with
-/// replacement (Efron 1979), from a fixed seed.
+/// A statistic of two samples with the interval that holds 95 % of its bootstrap draws: each sample
+/// drawn anew from itself, with replacement (Efron 1979), from a fixed seed.
 pub fn bootstrap(a: &[f64], b: &[f64], statistic: fn(&[f64], &[f64]) -> f64) -> [f64; 3] {
     let mut random = protocol::random::Random::new(1, 99);
     let mut again = |of: &[f64]| -> Vec<f64> {

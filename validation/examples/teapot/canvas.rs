@@ -1,11 +1,13 @@
-//! A small renderer for the picture: perspective, a z-buffer, light from one side, lines with a width; four samples a pixel.
+//! A small renderer for the picture: perspective, a z-buffer, light from one side, lines with a
+//! width; four samples a pixel.
 
 use image::{Rgb, RgbImage};
 use nalgebra::{Isometry3, Matrix4, Perspective3, Point3, Vector3};
 
 /// Samples along each side of a pixel.
 const FINE: u32 = 2;
-/// Lines are drawn so much nearer than they are (share of depth), so that they lie on what they touch.
+/// Lines are drawn so much nearer than they are (share of depth), so that they lie on what they
+/// touch.
 const LINE_BIAS: f64 = 2e-4;
 
 /// A colour, linear.
@@ -25,7 +27,8 @@ pub struct Canvas {
 pub type Corner = (Point3<f64>, Vector3<f64>);
 
 impl Canvas {
-    /// A picture of `width` × `height` pixels, seen from `eye` towards `target`, +z up, `angle_rad` high.
+    /// A picture of `width` × `height` pixels, seen from `eye` towards `target`, +z up, `angle_rad`
+    /// high.
     pub fn new(width: u32, height: u32, eye: Point3<f64>, target: Point3<f64>, angle_rad: f64) -> Self {
         let (width, height) = (width * FINE, height * FINE);
         let view = Isometry3::look_at_rh(&eye, &target, &Vector3::z());

@@ -1,8 +1,10 @@
-//! The paper's Fig. 7: the Utah teapot pressed into a plastic membrane, with the deformation vectors.
+//! The paper's Fig. 7: the Utah teapot pressed into a plastic membrane, with the deformation
+//! vectors.
 //!
-//! `cargo run --release -p validation --example teapot [PICTURE.png]`. The teapot is the instrument of a ZCOLL camera; it comes down
-//! in small steps, and after each look the nodes are moved by their vectors (Eq. 1) and stay there: plastic. On the left the teapot lies
-//! in the membrane, on the right it is gone, and every sixth node shows the way it was pushed, from blue (0) to red.
+//! `cargo run --release -p validation --example teapot [PICTURE.png]`. The teapot is the instrument
+//! of a ZCOLL camera; it comes down in small steps, and after each look the nodes are moved by
+//! their vectors (Eq. 1) and stay there: plastic. On the left the teapot lies in the membrane, on
+//! the right it is gone, and every sixth node shows the way it was pushed, from blue (0) to red.
 
 mod canvas;
 
@@ -29,7 +31,8 @@ const PANEL: [u32; 2] = [760, 560];
 /// Vertices, and the three of each triangle.
 type Mesh = (Vec<Point3<f64>>, Vec<[usize; 3]>);
 
-/// Vertices and triangles of the teapot, lying on its side, its lowest point at the origin's height.
+/// Vertices and triangles of the teapot, lying on its side, its lowest point at the origin's
+/// height.
 fn teapot() -> anyhow::Result<Mesh> {
     let (mut points, mut triangles) = (Vec::new(), Vec::new());
     for (number, line) in TEAPOT.lines().enumerate() {

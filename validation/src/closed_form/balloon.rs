@@ -1,4 +1,5 @@
-//! Closed and clamped membranes under pressure: a neo-Hookean balloon, and a taut film that becomes a spherical cap.
+//! Closed and clamped membranes under pressure: a neo-Hookean balloon, and a taut film that becomes
+//! a spherical cap.
 
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, number, value};
 use super::mesh::{disc, is_rim, sphere};
@@ -53,8 +54,8 @@ fn balloon(reference: &Value, depth: Depth) -> Outcome {
     outcome
 }
 
-/// Pressure over 2 µ t/r₀ of a sphere that holds stretch³ times its volume; `guess` is about the answer.
-/// The volume is prescribed: past the limit point no constant pressure is stable.
+/// Pressure over 2 µ t/r₀ of a sphere that holds stretch³ times its volume; `guess` is about the
+/// answer. The volume is prescribed: past the limit point no constant pressure is stable.
 fn blow(times: u32, stretch: f64, guess: f64) -> f64 {
     let shear = 100.0;
     let (rest, triangles) = sphere(times);
@@ -67,7 +68,8 @@ fn blow(times: u32, stretch: f64, guess: f64) -> f64 {
     let mut nodes = Nodes::at_rest(rest.iter().map(|x| x * stretch).collect(), 1e-3);
     let mut both = Both(elements, pressure);
     let mut integrator = Integrator::default();
-    // The penalty gives way by p/bulk; a few corrections of the prescribed volume make the held one exact.
+    // The penalty gives way by p/bulk; a few corrections of the prescribed volume make the held one
+    // exact.
     for _ in 0..3 {
         integrator.step(&mut nodes, &mut both, Rule::QuasiStatic, &BALANCE, [1.0, 0.0]);
         both.1.volume_mm3 += target - both.1.volume_mm3(&nodes.x_mm);

@@ -1,9 +1,10 @@
-//! A slender beam of tetrahedra against Euler and Bernoulli: it bends under a tip load and its own weight, and rings.
+//! A slender beam of tetrahedra against Euler and Bernoulli: it bends under a tip load and its own
+//! weight, and rings.
 //!
-//! Quadratic tetrahedra, one block thick, are within a percent; linear ones of the same size are drawn beside them
-//! and are far too stiff. The beam is 20 times as long as thick: shear, which the theory neglects, adds 0.13 % to the
-//! deflection by a tip load and takes about 1.2 % from the second frequency. Poisson's ratio is 0, as the theory has it: a
-//! clamp then hinders nothing.
+//! Quadratic tetrahedra, one block thick, are within a percent; linear ones of the same size are
+//! drawn beside them and are far too stiff. The beam is 20 times as long as thick: shear, which the
+//! theory neglects, adds 0.13 % to the deflection by a tip load and takes about 1.2 % from the
+//! second frequency. Poisson's ratio is 0, as the theory has it: a clamp then hinders nothing.
 
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, numbers};
 use super::modes::frequency;
@@ -139,8 +140,8 @@ fn settle<const N: usize>(nodes: &mut Nodes, solid: &mut Solid<N>, load: Load) -
     (after - before) / tip.len() as f64
 }
 
-/// Frequency of a mode: the beam starts in its shape, and the midpoint rule, whose ω is tan(ω dt/2)·2/dt for its own,
-/// follows it over a period and a half.
+/// Frequency of a mode: the beam starts in its shape, and the midpoint rule, whose ω is tan(ω
+/// dt/2)·2/dt for its own, follows it over a period and a half.
 fn ring(cells: u32, beta: f64, clamped: bool, omega: f64) -> f64 {
     let (mut nodes, mut solid) = beam::<10>(cells, true, clamped);
     let amplitude = 1e-3;

@@ -1,5 +1,6 @@
-//! A bleb of the scene's retina, blown up by so much fluid: its volume is that of the cap that it is, its pressure is Laplace's and the
-//! springs' work per volume, and of an injection nothing is lost.
+//! A bleb of the scene's retina, blown up by so much fluid: its volume is that of the cap that it
+//! is, its pressure is Laplace's and the springs' work per volume, and of an injection nothing is
+//! lost.
 
 use super::case::{Case, Chart, Depth, Outcome, Series};
 use nalgebra::{UnitVector3, Vector3};
@@ -30,7 +31,8 @@ struct Bleb {
 }
 
 impl Bleb {
-    /// With `fluid_mm3` under it, so taut that its tension is nearly that of a film, on a choroid that holds it.
+    /// With `fluid_mm3` under it, so taut that its tension is nearly that of a film, on a choroid
+    /// that holds it.
     fn new(rings: u32, fluid_mm3: f64) -> Self {
         let mut scene = SceneFile::load("relocation").expect("the shipped scene is tested");
         let retina = scene.retina.as_mut().expect("it has a retina");
@@ -60,7 +62,8 @@ impl Bleb {
         }
     }
 
-    /// Place of a node by the number that it has in [`tissue::retina::mesh`], which counts ring by ring from the pole.
+    /// Place of a node by the number that it has in [`tissue::retina::mesh`], which counts ring by
+    /// ring from the pole.
     fn at_in_rings(&self, node: u32) -> Vector3<f64> {
         self.at(self.model.sheet.order[node as usize])
     }
@@ -83,7 +86,8 @@ impl Bleb {
         (0..self.model.sheet.structural as u32).map(energy).sum()
     }
 
-    /// Mean tension of the inner half of the bleb by the virial of its springs, µN/mm: T = Σ f l/2A, half of a spring to each side.
+    /// Mean tension of the inner half of the bleb by the virial of its springs, µN/mm: T = Σ f
+    /// l/2A, half of a spring to each side.
     fn tension(&self) -> f64 {
         let sheet = &self.model.sheet;
         let inner = |t: &usize| sheet.triangles[*t].iter().all(|&n| self.at(n).xy().norm() < 2.3);
@@ -144,7 +148,8 @@ fn run(_: &Value, depth: Depth) -> Outcome {
     outcome
 }
 
-/// Injects into the shipped retina, withdraws, and waits: what went in (by the flow's law, for the pressures there were), and what is there.
+/// Injects into the shipped retina, withdraws, and waits: what went in (by the flow's law, for the
+/// pressures there were), and what is there.
 fn inject() -> (f64, f64) {
     let scene = SceneFile::load("relocation").expect("the shipped scene is tested");
     let (model, state) = Retina::new(&scene).expect("a retina").expect("a retina");
@@ -164,7 +169,8 @@ fn inject() -> (f64, f64) {
     assert!(
         pinned < bleb.state.tissue.nodes() && bleb.state.account.leaked_mm3 > 0.0 && injected < PI * 100.0
     );
-    // What lies under it as the mesh has it, not as the account says, to the rounding of its positions (1e-6 mm³).
+    // What lies under it as the mesh has it, not as the account says, to the rounding of its
+    // positions (1e-6 mm³).
     let mesh = bleb.model.measured_all_mm3(&bleb.state);
     assert!((mesh - bleb.state.under_mm3()).abs() < 2e-4, "{mesh}");
     (injected, bleb.state.under_mm3() + bleb.state.account.leaked_mm3)

@@ -1,4 +1,5 @@
-//! What a case of the validation is, and the list of them all. A new case is a file with a `CASE` and a line in [`ALL`].
+//! What a case of the validation is, and the list of them all. A new case is a file with a `CASE`
+//! and a line in [`ALL`].
 
 use super::{balloon, beam, bleb, chain, hencky, lattice, modes, oscillator, patch, peel};
 use serde_json::Value;
@@ -150,7 +151,8 @@ impl Series {
 }
 
 impl Outcome {
-    /// Adds a quantity: its line in the table, its curve among the errors. `resolution` names the finest.
+    /// Adds a quantity: its line in the table, its curve among the errors. `resolution` names the
+    /// finest.
     pub fn add(&mut self, series: Series, resolution: impl Into<String>, allowed: f64) {
         let error = |ours: f64| ((ours - series.reference) / series.reference).abs();
         let errors: Vec<[f64; 2]> = series.found.iter().map(|&[h, ours]| [h, error(ours)]).collect();
@@ -174,8 +176,9 @@ impl Outcome {
     }
 }
 
-/// Order of convergence. Of three resolutions or more from the differences of the last three figures, so that what the
-/// reference itself neglects (a beam's shear) does not hide it; of two from their errors.
+/// Order of convergence. Of three resolutions or more from the differences of the last three
+/// figures, so that what the reference itself neglects (a beam's shear) does not hide it; of two
+/// from their errors.
 fn order(found: &[[f64; 2]], reference: f64) -> Option<f64> {
     let share = |a: f64, b: f64| (a != 0.0 && b != 0.0).then(|| libm::log((a / b).abs()));
     match found {

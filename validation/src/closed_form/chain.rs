@@ -1,4 +1,5 @@
-//! Chains that hang from two points: 20 links that hardly stretch, and finer and finer ones against the catenary.
+//! Chains that hang from two points: 20 links that hardly stretch, and finer and finer ones against
+//! the catenary.
 
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, number, numbers};
 use super::net::{Link, Net, NetSpec};
@@ -19,8 +20,8 @@ pub const CATENARY: Case =
 /// Weight of the whole chain, µN.
 const WEIGHT: f64 = 19.0;
 
-/// A chain of `count` links, at rest on an arc that is as long as it; then heavy, balanced while its stiffness
-/// grows to `stiffness`·`count`: the chain as a whole then has `stiffness`.
+/// A chain of `count` links, at rest on an arc that is as long as it; then heavy, balanced while
+/// its stiffness grows to `stiffness`·`count`: the chain as a whole then has `stiffness`.
 fn hang(length: f64, span: f64, count: usize, weights: f64, stiffness: f64) -> Net {
     let mut start: Option<Vec<[f64; 3]>> = None;
     let mut soft = 1e3f64;
@@ -70,8 +71,9 @@ fn links(reference: &Value, depth: Depth) -> Outcome {
         let net = hang(length, span, 20, WEIGHT / 19.0, stiffness);
         let compliance = WEIGHT / stiffness;
         sag.found.push([compliance, -net.at(10)[1]]);
-        // The first link carries half of the 19 joints and points along its pull; tensions themselves would be
-        // differences of lengths that agree to the last bits of single precision.
+        // The first link carries half of the 19 joints and points along its pull; tensions
+        // themselves would be differences of lengths that agree to the last bits of single
+        // precision.
         let [x, y, _] = net.at(1);
         pull.found.push([compliance, 9.5 * x / -y]);
         outcome.solution = Chart::new("x, mm", "height, mm");

@@ -1,5 +1,6 @@
-//! Hencky's clamped circular membrane as a regular triangular lattice of springs, which is a sheet with ν = 1/3 and
-//! E t = 2 k/√3. Where the circle cuts a spring, the spring ends on it and is stiffer as it is shorter.
+//! Hencky's clamped circular membrane as a regular triangular lattice of springs, which is a sheet
+//! with ν = 1/3 and E t = 2 k/√3. Where the circle cuts a spring, the spring ends on it and is
+//! stiffer as it is shorter.
 
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series};
 use super::hencky::Truth;
@@ -79,9 +80,8 @@ fn middle_tension(net: &Net, spec: &NetSpec, middle: usize) -> f64 {
 fn lattice(rings: u32) -> (NetSpec, usize) {
     let h = 1.0 / f64::from(rings);
     let reach = rings as i32 + 1;
-    let at = |i: i32, j: i32| {
-        [h * (f64::from(i) + 0.5 * f64::from(j)), h * 0.75f64.sqrt() * f64::from(j), 0.0]
-    };
+    let at =
+        |i: i32, j: i32| [h * (f64::from(i) + 0.5 * f64::from(j)), h * 0.75f64.sqrt() * f64::from(j), 0.0];
     let inside = |p: [f64; 3]| libm::hypot(p[0], p[1]) < 1.0 - SNAP * h;
     let mut spec = NetSpec::default();
     let mut number = BTreeMap::new();

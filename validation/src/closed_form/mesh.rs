@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use tissue::elements::Point;
 
-/// A disc of `radius` in the plane z = 0: its middle, then `rings` rings of 6, 12, 18 … nodes; the last ring is
-/// the rim. Triangles are counter-clockwise seen from +z.
+/// A disc of `radius` in the plane z = 0: its middle, then `rings` rings of 6, 12, 18 … nodes; the
+/// last ring is the rim. Triangles are counter-clockwise seen from +z.
 pub fn disc(radius: f64, rings: u32) -> (Vec<Point>, Vec<[u32; 3]>) {
     let first = |ring: u32| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
     let node = |ring: u32, k: u32| if ring == 0 { 0 } else { first(ring) + k % (6 * ring) };
@@ -44,7 +44,8 @@ pub fn areas(nodes: &[Point], triangles: &[[u32; 3]]) -> Vec<f64> {
     areas
 }
 
-/// A sphere of radius 1 mm: an icosahedron whose triangles were cut into four `times` times, seen from outside.
+/// A sphere of radius 1 mm: an icosahedron whose triangles were cut into four `times` times, seen
+/// from outside.
 pub fn sphere(times: u32) -> (Vec<Point>, Vec<[u32; 3]>) {
     let g = 0.5 * (1.0 + libm::sqrt(5.0));
     let corners = [(-1.0, g), (1.0, g), (-1.0, -g), (1.0, -g)];

@@ -1,7 +1,8 @@
 //! Small vibrations of springs under the explicit core (semi-implicit Euler).
 //!
-//! A net starts in the shape of a mode and keeps it. Its amplitude q then obeys q₊ + q₋ = 2 cos(ω dt) q to the
-//! bit noise, for whatever ω the integrator gives it; least squares over all substeps yield ω.
+//! A net starts in the shape of a mode and keeps it. Its amplitude q then obeys q₊ + q₋ = 2 cos(ω
+//! dt) q to the bit noise, for whatever ω the integrator gives it; least squares over all substeps
+//! yield ω.
 
 use super::case::{Case, Chart, Depth, Outcome, Series, number, numbers};
 use super::net::{Link, Net, NetSpec};
@@ -31,7 +32,8 @@ pub fn frequency(q: &[f64], dt: f64) -> f64 {
     libm::acos(inner / square) / dt
 }
 
-/// Frequency of `net` when node n begins at its place plus `shape`(n) along `axis`, from `steps` substeps.
+/// Frequency of `net` when node n begins at its place plus `shape`(n) along `axis`, from `steps`
+/// substeps.
 fn ring(mut net: Net, shape: &[f64], axis: usize, dt: f64, steps: usize) -> f64 {
     let start: Vec<[f64; 3]> = (0..shape.len()).map(|n| net.at(n)).collect();
     for (n, s) in shape.iter().enumerate() {
@@ -125,7 +127,8 @@ fn grid(reference: &Value, depth: Depth) -> Outcome {
     outcome
 }
 
-/// Rows and columns of springs of half their length, so taut with `tension`; diagonals without stiffness.
+/// Rows and columns of springs of half their length, so taut with `tension`; diagonals without
+/// stiffness.
 fn taut_grid(side: usize, tension: f64, spacing: f64, mass_g: f64) -> Net {
     let node = |r: usize, c: usize| (r * side + c) as u32;
     let mut spec = NetSpec { mass_g, ..NetSpec::default() };

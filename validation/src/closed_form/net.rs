@@ -1,7 +1,7 @@
 //! Any net of springs under the product's own sheet, solver and integrators.
 //!
-//! A [`Sheet`] is made of triangles. A spring that is no edge of the triangles given gets a triangle of its own
-//! with a pinned corner off the plane, whose two other edges have no stiffness.
+//! A [`Sheet`] is made of triangles. A spring that is no edge of the triangles given gets a
+//! triangle of its own with a pinned corner off the plane, whose two other edges have no stiffness.
 
 use std::collections::{BTreeMap, BTreeSet};
 use tissue::elements::integrator::{Rule, Settings};
@@ -117,7 +117,8 @@ impl Net {
         self.solver.integrate(&mut self.state, &self.tissue);
     }
 
-    /// Brings the net to where all forces balance; returns what is left of the imbalance as a share.
+    /// Brings the net to where all forces balance; returns what is left of the imbalance as a
+    /// share.
     pub fn balance(&mut self, settings: &Settings) -> f64 {
         let mut implicit = Implicit::new(&self.sheet, &self.tissue, Rule::QuasiStatic, *settings);
         implicit.refresh(&self.sheet, &self.state, &self.tissue);
@@ -125,7 +126,8 @@ impl Net {
     }
 }
 
-/// A tissue without bending, limits or retina, whose springs take their figures from the factors alone.
+/// A tissue without bending, limits or retina, whose springs take their figures from the factors
+/// alone.
 fn tissue(spec: &NetSpec) -> Tissue {
     let mut scene = SceneFile::load("peel").expect("a shipped scene");
     let membrane = scene.membrane.as_mut().expect("it has a membrane");

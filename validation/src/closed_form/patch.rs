@@ -1,4 +1,5 @@
-//! Patch test: a block whose surface is displaced by u = G X must be strained by G everywhere, whatever its tetrahedra.
+//! Patch test: a block whose surface is displaced by u = G X must be strained by G everywhere,
+//! whatever its tetrahedra.
 
 use super::case::{BALANCE, Case, Chart, Depth, Outcome, Series, number, value};
 use nalgebra::Matrix3;
@@ -33,8 +34,9 @@ fn run(reference: &Value, _: Depth) -> Outcome {
         ("4 nodes, neo-Hookean", SolidLaw::NeoHookean(lame), false),
         ("10 nodes, co-rotational", SolidLaw::Corotational(lame), true),
     ] {
-        // The stress of every sample is compared; what is told is the norm of the worst one. Finite strain adds a
-        // term of its own size, so the error falls with the displacement, down to rounding.
+        // The stress of every sample is compared; what is told is the norm of the worst one. Finite
+        // strain adds a term of its own size, so the error falls with the displacement, down to
+        // rounding.
         let mut series = Series::new(format!("{name}: stress, Pa"), stress.norm());
         for share in [1.0, 0.1, 0.01] {
             let found = if quadratic {

@@ -1,4 +1,5 @@
-//! Peel force of an adherent strip over its width: Rivlin's and Kendall's formulas, the energy of adhesion given.
+//! Peel force of an adherent strip over its width: Rivlin's and Kendall's formulas, the energy of
+//! adhesion given.
 
 use super::case::{Case, Chart, Depth, Outcome, Series};
 use super::strip::PeelTest;

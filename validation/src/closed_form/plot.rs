@@ -1,5 +1,5 @@
-//! Draws a case: the solution on the left, errors over resolutions on the right. Drawn at twice the size and halved, so
-//! that lines are smooth.
+//! Draws a case: the solution on the left, errors over resolutions on the right. Drawn at twice the
+//! size and halved, so that lines are smooth.
 
 use super::case::{Chart, Curve, Outcome};
 use font::{CELL_H, CELL_W, glyph};

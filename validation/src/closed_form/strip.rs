@@ -1,7 +1,8 @@
-//! A strip of tissue on a flat base, peeled off by one end under a chosen angle, as in a testing machine.
-//! The strip is the product's sheet, solver and adhesion; only the machine is made here.
+//! A strip of tissue on a flat base, peeled off by one end under a chosen angle, as in a testing
+//! machine. The strip is the product's sheet, solver and adhesion; only the machine is made here.
 //!
-//! The lattice is equilateral, with springs of stiffness k: an isotropic membrane with Y = E t = 2k/√3 and ν = ⅓.
+//! The lattice is equilateral, with springs of stiffness k: an isotropic membrane with Y = E t =
+//! 2k/√3 and ν = ⅓.
 
 use scene::{AdhesionScene, CurlScene, SceneFile};
 use tissue::membrane::adhesion::{Adhesion, AdhesionState};
@@ -21,15 +22,18 @@ pub struct PeelTest {
     pub length_mm: f64,
     /// Membrane stiffness Y, µN/mm.
     pub stiffness_un_per_mm: f64,
-    /// Bending stiffness D, µN·mm; 0 for none. Without it a strip that is folded back flutters at the fold, and that costs.
+    /// Bending stiffness D, µN·mm; 0 for none. Without it a strip that is folded back flutters at
+    /// the fold, and that costs.
     pub bending_un_mm: f64,
     /// Adhesion energy Γ, µN/mm.
     pub energy_un_per_mm: f64,
     /// Separation at which a bond has broken, mm.
     pub range_mm: f64,
-    /// Angle between the free arm and what is still glued, rad: 0 along the strip, π folded back on it.
+    /// Angle between the free arm and what is still glued, rad: 0 along the strip, π folded back on
+    /// it.
     pub angle_rad: f64,
-    /// Height of the grip over where the angle says, mm: an arm that is folded back needs room for its fold.
+    /// Height of the grip over where the angle says, mm: an arm that is folded back needs room for
+    /// its fold.
     pub lift_mm: f64,
     /// Speed of the front, mm/s.
     pub speed_mm_s: f64,
@@ -75,8 +79,9 @@ impl PeelTest {
         f64::from(self.rows - 1) * self.spacing_mm * 0.75_f64.sqrt()
     }
 
-    /// Steady force over width of a thin elastic strip (Rivlin 1944 for Y → ∞; Kendall 1975): the positive root of
-    /// f (1 − cos θ) + f²/2Y = Γ, µN/mm. For Hooke's law in force over initial length it is exact at any stretch.
+    /// Steady force over width of a thin elastic strip (Rivlin 1944 for Y → ∞; Kendall 1975): the
+    /// positive root of f (1 − cos θ) + f²/2Y = Γ, µN/mm. For Hooke's law in force over initial
+    /// length it is exact at any stretch.
     pub fn kendall_un_per_mm(&self) -> f64 {
         let (lever, y) = (1.0 - self.angle_rad.cos(), self.stiffness_un_per_mm);
         y * ((lever * lever + 2.0 * self.energy_un_per_mm / y).sqrt() - lever)
@@ -180,7 +185,8 @@ impl PeelTest {
     }
 }
 
-/// Rows of nodes along x, every other one moved by half a spacing, and their equilateral triangles; node (r, c) is r·columns + c.
+/// Rows of nodes along x, every other one moved by half a spacing, and their equilateral triangles;
+/// node (r, c) is r·columns + c.
 pub fn lattice(spacing_mm: f64, rows: u32, columns: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let all = (0..rows).flat_map(|r| (0..columns).map(move |c| (r, c)));
     let at = |r: u32, c: u32| {

@@ -1,5 +1,5 @@
-//! Random inputs: tips move from place to place, jaws open and close, tools are exchanged, the pedal is
-//! pressed; at times the tracker loses a body, skips fields or jumps.
+//! Random inputs: tips move from place to place, jaws open and close, tools are exchanged, the
+//! pedal is pressed; at times the tracker loses a body, skips fields or jumps.
 
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -99,7 +99,8 @@ impl Programme {
         if draw.once_in(25) {
             self.pedal.buttons = if draw.once_in(2) { 0 } else { draw.below(BUTTONS) as u32 };
         }
-        // Mostly the regular period; sometimes fields are missing, or the clock jumps so far that the world pauses.
+        // Mostly the regular period; sometimes fields are missing, or the clock jumps so far that
+        // the world pauses.
         let fields = match draw.below(200) {
             0 => 60,
             1..=4 => 2 + draw.below(4) as u64,
@@ -185,7 +186,8 @@ impl InstrumentMotion {
     }
 }
 
-/// Somewhere to go: mostly at the tissue before the rear of the retina, sometimes anywhere, sometimes out.
+/// Somewhere to go: mostly at the tissue before the rear of the retina, sometimes anywhere,
+/// sometimes out.
 fn place(draw: &mut Random, retina_mm: f64, trocar: &Vector3<f64>) -> Vector3<f64> {
     let aside = |draw: &mut Random, by: f64| Vector3::new(draw.between(-by, by), draw.between(-by, by), 0.0);
     match draw.below(12) {

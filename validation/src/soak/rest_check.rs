@@ -1,12 +1,15 @@
-//! Tissue that nobody handles must come to rest: a share of the energy that its limits of speed allow must not last.
+//! Tissue that nobody handles must come to rest: a share of the energy that its limits of speed
+//! allow must not last.
 //!
-//! Limits hold tissue that explodes at v_max, where every number is finite and the mesh may stay whole; what gives it away is that it
-//! does not slow down. So, once the hands have been off for [`SETTLE_STEPS`], the mean square of the nodes' speeds over the square of
-//! their limit may be above [`RESTLESS`] in fewer than [`LASTING`] steps on end. Tissue that springs back loses its energy to the fluid
-//! faster than that. Once no tip has been near for as long, nothing may tear.
+//! Limits hold tissue that explodes at v_max, where every number is finite and the mesh may stay
+//! whole; what gives it away is that it does not slow down. So, once the hands have been off for
+//! [`SETTLE_STEPS`], the mean square of the nodes' speeds over the square of their limit may be
+//! above [`RESTLESS`] in fewer than [`LASTING`] steps on end. Tissue that springs back loses its
+//! energy to the fluid faster than that. Once no tip has been near for as long, nothing may tear.
 //!
-//! In the paper's quasi-static system (v_max = 0) nodes have no velocity: a substep moves each by its acceleration, and the share is that
-//! of a_max. Where an implicit integrator places the nodes, their way since the step before counts as well.
+//! In the paper's quasi-static system (v_max = 0) nodes have no velocity: a substep moves each by
+//! its acceleration, and the share is that of a_max. Where an implicit integrator places the nodes,
+//! their way since the step before counts as well.
 
 use nalgebra::Vector3;
 use protocol::events::EventKind;
@@ -22,7 +25,8 @@ pub const SETTLE_STEPS: u32 = 10;
 pub const RESTLESS: f64 = 0.03;
 /// Steps on end that tissue must be above it to fail.
 pub const LASTING: usize = 5;
-/// A tip within this distance of tissue may have touched it between two checked_steps, mm; so may one that moved by half of it in a step.
+/// A tip within this distance of tissue may have touched it between two checked_steps, mm; so may
+/// one that moved by half of it in a step.
 const NEAR_MM: f64 = 4.0;
 /// Speed that stands for the limit where a scene sets none, mm/s.
 const FAST_MM_S: f64 = 100.0;

@@ -13,12 +13,14 @@ use tissue::membrane::tissue::Tissue;
 
 const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle];
 
-/// Most squares along a side of a membrane whose substeps seek the balance of all forces, which takes longest.
+/// Most squares along a side of a membrane whose substeps seek the balance of all forces, which
+/// takes longest.
 const BALANCED_SQUARES: u32 = 8;
 /// The same for the other implicit integrator.
 const IMPLICIT_SQUARES: u32 = 14;
 
-/// A valid scene, shipped by itself or with a module. Tissue stays stable at a substep of 1 ms: a stiffer one gets heavier nodes.
+/// A valid scene, shipped by itself or with a module. Tissue stays stable at a substep of 1 ms: a
+/// stiffer one gets heavier nodes.
 ///
 /// # Panics
 /// If a scene that is built in does not parse.
@@ -62,7 +64,8 @@ fn shipped(draw: &mut Random) -> SceneFile {
     surgeon::compose(&module, level, &NOVICE, draw.bits()).expect("shipped levels are tested")
 }
 
-/// Explicit Euler needs damping, which not every tissue has: what cannot be split into stable parts moves by the new velocity instead.
+/// Explicit Euler needs damping, which not every tissue has: what cannot be split into stable parts
+/// moves by the new velocity instead.
 fn keep_stable(scene: &mut SceneFile) {
     let sheet = Sheet::new(scene).expect("a sheet of squares");
     let unstable = Tissue::new(scene).split(&sheet).is_err();
