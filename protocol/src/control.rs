@@ -79,11 +79,11 @@ impl Message for Request {
     }
 }
 
-/// Replay tells the tracker which camera-fields a recorded frame consumed, so that the recorded
-/// decision is obeyed and no clock is read. A script with `frame` 0 begins with a fresh tracker.
+/// A recorded tracker frame and the camera-fields that it consumed. Replay sends it to the tracker,
+/// which tracks exactly these fields and reads no clock. Frame 0 begins with a fresh tracker.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
-pub struct FrameScript {
+pub struct RecordedFrame {
     /// Number of the tracker frame to produce.
     pub frame: u64,
     /// Its reference field.
@@ -102,15 +102,15 @@ pub struct FrameScript {
     pub reserved: u32,
 }
 
-impl Message for FrameScript {
-    const CHANNEL: &'static str = "script";
+impl Message for RecordedFrame {
+    const CHANNEL: &'static str = "recorded-frames";
     const VERSION: u32 = 1;
     const QUEUE: usize = 64;
 
     fn validate(&self) -> Result<(), Invalid> {
         let used = f64::from(self.used_count);
         let fits = self.used_count as usize <= MAX_FIELDS_USED;
-        require(fits, "FrameScript", "used_count", "at most 16", used)
+        require(fits, "RecordedFrame", "used_count", "at most 16", used)
     }
 }
 

@@ -14,7 +14,7 @@
 //! | `pictures` | [`frames::PictureHeader`] + JPEG | renderer → recorder | ≤ 15 Hz | newest wins |
 //! | `health` | [`health::Health`] | each → launcher | 10 Hz | every one |
 //! | `control` | [`control::Request`] | launcher → each; `vitreo ctl` → launcher | on demand | every one |
-//! | `script` | [`control::FrameScript`] | launcher → tracker (replay) | per frame | every one |
+//! | `recorded-frames` | [`control::RecordedFrame`] | launcher → tracker (replay) | per frame | every one |
 //! | `answers` | [`control::Answer`] | each → launcher | on demand | every one |
 //! | `inputs` | [`inputs::InputEvent`] | window, gamepad or file → desk, launcher | on change | every one |
 //! | `hints` | [`inputs::Hint`] | desk → renderer | on change | newest wins |

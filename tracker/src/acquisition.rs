@@ -1,6 +1,6 @@
-//! Finding a body without a prediction: triangulate all pairs of blobs of one colour whose rays
-//! meet, look for three points with the distances of three markers, turn the body onto them, and
-//! let every camera vote on the pose.
+//! Acquisition of a body without a prediction: triangulate all pairs of blobs of one colour whose
+//! rays meet, find three points with the distances of three markers, align the body with them, and
+//! score the pose by the blobs of all cameras.
 
 use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
@@ -11,32 +11,32 @@ use crate::rig_model::{BodyModel, RigModel, Triple};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::limits::{MAX_BLOBS, MAX_CAMERAS};
 
-/// A point that two cameras may see.
+/// A point triangulated from two blobs of one colour.
 #[derive(Debug, Clone, Copy)]
 struct TriangulatedPoint {
     position: Point3<f64>,
     colour: u32,
 }
 
-/// What a search may look at.
+/// Input of a search.
 pub struct AcquisitionInput<'a> {
     /// The rig.
     pub rig: &'a RigModel,
     /// Newest field of each camera.
     pub fields: &'a [FieldObservation; MAX_CAMERAS],
-    /// Instant of the pose wanted.
+    /// Instant of the pose, ns.
     pub time_ns: u64,
-    /// The body's trocar where the eye is known.
+    /// The body's trocar, if the eye is tracked.
     pub trocar: Option<TrocarInWorld>,
-    /// The cameras' area scales.
+    /// Running ratio of seen to expected blob areas, by camera.
     pub area_scales: &'a [f64; MAX_CAMERAS],
 }
 
-/// Searches; keeps its memory between calls.
+/// Searches for bodies; its memory is reused.
 pub struct Acquisition {
     rays: Box<[[Option<Vector3<f64>>; MAX_BLOBS]; MAX_CAMERAS]>,
     points: Vec<TriangulatedPoint>,
-    /// Blobs of the pose that was found.
+    /// Blobs of the pose found last.
     pub matches: Vec<BlobMatch>,
 }
 
@@ -57,7 +57,7 @@ impl AcquisitionInput<'_> {
 }
 
 impl Acquisition {
-    /// The pose of `body`, if enough free blobs agree on one; the blobs are then in `matches`.
+    /// The pose of `body`, if enough unassigned blobs agree on one; these are then in `matches`.
     pub fn search(&mut self, input: &AcquisitionInput<'_>, body: &BodyModel) -> Option<PoseFit> {
         self.triangulate(input, body);
         let mut best: Option<(f64, Isometry3<f64>)> = None;
@@ -98,12 +98,18 @@ impl Acquisition {
         let limit = input.rig.tip_radius + body.reach + 5.0;
         for (i, a) in input.fields.iter().enumerate().filter(|(_, v)| input.is_recent(v)) {
             for b in input.fields[i + 1..].iter().filter(|v| input.is_recent(v)) {
-                self.meet(input, a, b, limit);
+                self.triangulate_pair(input, a, b, limit);
             }
         }
     }
 
-    fn meet(&mut self, input: &AcquisitionInput<'_>, a: &FieldObservation, b: &FieldObservation, limit: f64) {
+    fn triangulate_pair(
+        &mut self,
+        input: &AcquisitionInput<'_>,
+        a: &FieldObservation,
+        b: &FieldObservation,
+        limit: f64,
+    ) {
         let (Some(camera_a), Some(camera_b)) = (camera_of(input.rig, a), camera_of(input.rig, b)) else {
             return;
         };
@@ -125,7 +131,8 @@ impl Acquisition {
         }
     }
 
-    /// Calls `visit` with the pose of every three points that fit the triple, until it says false.
+    /// Calls `visit` with the pose of every three points that fit the triple, until it returns
+    /// false.
     fn for_each_pose(
         &self,
         body: &BodyModel,
@@ -152,7 +159,7 @@ impl Acquisition {
         }
     }
 
-    /// Fits the hypothesis to all free blobs near it.
+    /// Fits the hypothesis to all unassigned blobs near it.
     fn refine(
         &mut self,
         input: &AcquisitionInput<'_>,
@@ -187,7 +194,7 @@ impl Acquisition {
         (good && close && is_plausible(input, body, &fit.pose)).then_some(fit)
     }
 
-    /// Takes the nearest free blob of each marker in each camera.
+    /// Collects the nearest unassigned blob of each marker in each camera.
     fn collect(&mut self, input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>) {
         self.matches.clear();
         let pose = &PoseMatrix::from(pose);
@@ -204,7 +211,7 @@ impl Acquisition {
     }
 }
 
-/// The point nearest to two rays, and by how much they miss each other, mm.
+/// The point nearest to two rays, and the distance of the rays, mm.
 fn nearest_point(origins: &[Point3<f64>; 2], rays: &[Vector3<f64>; 2]) -> Option<(Point3<f64>, f64)> {
     let between = origins[1] - origins[0];
     let cos = rays[0].dot(&rays[1]);
@@ -218,8 +225,8 @@ fn nearest_point(origins: &[Point3<f64>; 2], rays: &[Vector3<f64>; 2]) -> Option
     (s > 0.0 && t > 0.0).then(|| (nalgebra::center(&p, &q), (p - q).norm()))
 }
 
-/// The rotation and shift that carry three points onto three others: the frames of the two
-/// triangles are laid over each other (TRIAD), their centres too. Rough, for the fit to refine.
+/// The pose that aligns three points with three others by the frames of the two triangles (TRIAD)
+/// and their centroids; an initial value for the fit.
 fn pose_from_triples(from: &[Point3<f64>; 3], to: &[Point3<f64>; 3]) -> Option<Isometry3<f64>> {
     let frame = |p: &[Point3<f64>; 3]| {
         let x = (p[1] - p[0]).try_normalize(1e-6)?;
@@ -232,8 +239,8 @@ fn pose_from_triples(from: &[Point3<f64>; 3], to: &[Point3<f64>; 3]) -> Option<I
     Some(Isometry3::from_parts(Translation3::from(centre(to) - rotation * centre(from)), rotation))
 }
 
-/// True if a body can be there: the eye about the origin, a tip within reach, its shaft through
-/// its own trocar.
+/// True if a pose is possible: the eye at the origin, a tip within reach, a shaft through its
+/// trocar.
 fn is_plausible(input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>) -> bool {
     let distance = pose.translation.vector.norm();
     if body.is_eye {
@@ -243,7 +250,7 @@ fn is_plausible(input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3
     through && distance < input.rig.tip_radius + 5.0
 }
 
-/// The free blob nearest to a marker, with how well it fits from 0 to 1.
+/// The unassigned blob nearest to a marker, with its score from 0 to 1.
 fn nearest_blob(
     input: &AcquisitionInput<'_>,
     body: &BodyModel,
@@ -288,7 +295,7 @@ fn nearest_blob(
     best
 }
 
-/// How well the blobs of all cameras agree with a pose; 0 where that cannot exceed `to_beat`.
+/// Sum of the scores of all markers in all cameras; 0 where that cannot exceed `to_beat`.
 fn score(input: &AcquisitionInput<'_>, body: &BodyModel, pose: &Isometry3<f64>, to_beat: f64) -> f64 {
     let mut sum = 0.0;
     let pose = &PoseMatrix::from(pose);
@@ -313,7 +320,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn triples_are_laid_over_each_other(
+        fn triples_are_aligned(
             p in prop::array::uniform3(-6.0..6.0f64), r in prop::array::uniform3(-3.0..3.0f64),
         ) {
             let truth = Isometry3::new(Vector3::from(p), Vector3::from(r));

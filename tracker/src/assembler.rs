@@ -1,17 +1,17 @@
-//! Which camera-fields make a frame. Pure: the present instant is an argument.
+//! Assembles camera-fields into frames. Pure: the present instant is an argument.
 //!
 //! A frame is made for each exposure of the reference camera, the lowest id that is alive. With t
-//! its exposure and P the field period, the frame's period is (t + ε − P, t + ε]: in it every camera,
-//! genlocked (within ε of t) or free-running (anywhere), has one field. The frame closes
+//! its exposure and P the field period, the frame's period is (t + ε − P, t + ε]: in it every
+//! camera, genlocked (within ε of t) or free-running (anywhere), has one field. The frame closes
 //! - `Inputs`: every living camera's field of the period is there;
 //! - `TimeOut`: `CAMERA_WAIT_NS` after the first field of this exposure arrived;
 //! - `NextField`: a later field of the reference camera came first.
 //!
-//! Where the reference camera itself misses a field, the lowest camera genlocked to it stands in
-//! after the same wait. Where none is, the frame is made for the instant at which the reference
-//! camera should have exposed, from what the others saw before it; so frames keep their spacing. A
-//! field that comes after its frame was closed goes into the next one. A camera that has been silent
-//! for several periods is not waited for until it speaks again.
+//! Where the reference camera itself misses a field, the lowest camera genlocked to it takes its
+//! place after the same wait. Without such a camera the frame is made for the instant at which the
+//! reference camera should have exposed, from the earlier fields of the others, so frames keep
+//! their spacing. A field that arrives after its frame was closed goes into the next one. A camera
+//! that has sent nothing for several periods is not waited for until it sends again.
 
 mod refusal;
 
@@ -27,12 +27,12 @@ use protocol::time::Nanos;
 
 /// Exposures of genlocked cameras differ by less than this (ε), ns.
 const GENLOCK_NS: u64 = 500_000;
-/// A camera is alive for so many periods after its last field arrived.
+/// A camera is alive for this many periods after its last field arrived.
 const ALIVE_PERIODS: u64 = 4;
-/// So many fields of one camera in a row that seem old mean that its clock was set back.
+/// After this many consecutive old fields of a camera, its clock was set back.
 const CLOCK_SET_BACK: u32 = 25;
 
-/// What the assembler knows of a camera.
+/// State of a camera.
 #[derive(Debug, Clone, Copy, Default)]
 struct CameraState {
     in_rig: bool,
@@ -42,26 +42,32 @@ struct CameraState {
     refused_in_a_row: u32,
 }
 
-/// A frame whose fields are complete, or as complete as they will be.
+/// A frame that waits for no more fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ClosedFrame {
     /// The exposure it is for.
     pub reference: Reference,
     /// Why it was closed.
     pub closed_by: ClosedBy,
-    /// From the arrival of the first field of this exposure until it was closed, at most
-    /// `CAMERA_WAIT_NS`.
+    /// Wait from the arrival of the first field of this exposure, at most `CAMERA_WAIT_NS`.
     pub waited_ns: u64,
-    /// Instant at which nothing was waited for any more.
+    /// Instant at which the wait ended.
     pub taken_ns: Nanos,
+}
+
+/// A field not yet consumed.
+#[derive(Clone, Copy)]
+struct Pending {
+    arrival_ns: Nanos,
+    field: BlobField,
 }
 
 /// Collects camera-fields into frames.
 pub struct FrameAssembler {
     period_ns: u64,
     cameras: [CameraState; MAX_CAMERAS],
-    /// Fields not yet consumed with their arrival, by exposure.
-    pending: Vec<(Nanos, BlobField)>,
+    /// Fields not yet consumed, by exposure.
+    pending: Vec<Pending>,
     used: Vec<BlobField>,
     last_frame_ns: Nanos,
     refused: u32,
@@ -107,14 +113,10 @@ impl FrameAssembler {
         &self.used
     }
 
-    /// Takes a field of a stream in at `now` and tells `closed` every frame that waited long enough before
-    /// it or is complete with it, with the fields that it uses. A field that makes no sense is counted only.
-    pub fn take_in(
-        &mut self,
-        field: &BlobField,
-        now: Nanos,
-        mut closed: impl FnMut(&[BlobField], ClosedFrame),
-    ) {
+    /// Adds a field of a stream at `now`, and calls `closed` with every frame that timed out before
+    /// it or is complete with it, and with the fields of that frame. A refused field is only
+    /// counted.
+    pub fn add(&mut self, field: &BlobField, now: Nanos, mut closed: impl FnMut(&[BlobField], ClosedFrame)) {
         while let Some(frame) = self.expired(now) {
             closed(&self.used, frame);
         }
@@ -124,15 +126,19 @@ impl FrameAssembler {
         }
     }
 
-    /// Takes a field in at `now`. Afterwards [`FrameAssembler::complete`] must be asked until it
-    /// says `None`.
+    /// Adds a field that arrives at `now`. Afterwards [`FrameAssembler::complete`] must be called
+    /// until it returns `None`.
+    ///
+    /// # Errors
+    /// A field that is invalid, of an unknown camera, from the future or not newer than the
+    /// camera's last.
     pub fn push(&mut self, field: &BlobField, now: Nanos) -> Result<(), Refusal> {
         let checked = self.check(field, now);
         if let Err(refusal) = checked {
             self.refused = self.refused.saturating_add(1);
             return Err(refusal);
         }
-        // Before the first field nobody is known to be silent.
+        // Before the first field every camera counts as alive.
         if self.cameras.iter().all(|c| c.last_arrival_ns == 0) {
             for camera in &mut self.cameras {
                 camera.last_arrival_ns = now;
@@ -148,8 +154,8 @@ impl FrameAssembler {
             self.refused = self.refused.saturating_add(1);
         }
         let key = |f: &BlobField| (f.exposed_ns, f.camera);
-        let at = self.pending.partition_point(|(_, f)| key(f) < key(field));
-        self.pending.insert(at, (now, *field));
+        let at = self.pending.partition_point(|p| key(&p.field) < key(field));
+        self.pending.insert(at, Pending { arrival_ns: now, field: *field });
         Ok(())
     }
 
@@ -176,11 +182,11 @@ impl FrameAssembler {
         Ok(())
     }
 
-    /// Closes a frame that is complete or overtaken.
+    /// Closes a frame that is complete, or overtaken by the next one.
     pub fn complete(&mut self, now: Nanos) -> Option<ClosedFrame> {
         let reference = self.open_reference(now)?;
         let is_next = |f: &BlobField| f.camera == reference.camera && f.exposed_ns > reference.exposed_ns;
-        let overtaken = self.pending.iter().any(|(_, f)| is_next(f));
+        let overtaken = self.pending.iter().any(|p| is_next(&p.field));
         let full = self.pending.len() == MAX_FIELDS_USED;
         let first = self.first_arrival(&reference);
         if self.has_all(&reference, now) {
@@ -192,19 +198,19 @@ impl FrameAssembler {
         }
     }
 
-    /// When the present wait for a late camera ends; `None` while nothing is waited for.
+    /// The end of the present wait for a late camera; `None` while there is none.
     pub fn deadline(&self, now: Nanos) -> Option<Nanos> {
         Some(self.open(now)?.1 + CAMERA_WAIT_NS)
     }
 
-    /// The frame that is waited for, and the instant from which on.
+    /// The frame that is waited for, and the instant at which the wait began.
     fn open(&self, now: Nanos) -> Option<(Reference, Nanos)> {
         let came = |reference: Reference| (reference, self.first_arrival(&reference));
         let there = self.open_reference(now).map(came);
-        there.or_else(|| self.missed(now)).or_else(|| self.stand_in().map(came))
+        there.or_else(|| self.missed(now)).or_else(|| self.substitute().map(came))
     }
 
-    /// Closes a frame that has waited long enough at `now`.
+    /// Closes a frame whose wait has ended at `now`.
     pub fn expired(&mut self, now: Nanos) -> Option<ClosedFrame> {
         if now < self.deadline(now)? {
             return None;
@@ -213,9 +219,9 @@ impl FrameAssembler {
         Some(self.close(&reference, ClosedBy::TimeOut, first, now))
     }
 
-    /// Closes what is open: the stream has ended.
+    /// Closes an open frame at the end of a stream.
     pub fn flush(&mut self, now: Nanos) -> Option<ClosedFrame> {
-        let reference = self.open_reference(now).or_else(|| self.stand_in())?;
+        let reference = self.open_reference(now).or_else(|| self.substitute())?;
         let first = self.first_arrival(&reference);
         Some(self.close(&reference, ClosedBy::TimeOut, first, now))
     }
@@ -225,7 +231,7 @@ impl FrameAssembler {
         state.in_rig && now.saturating_sub(state.last_arrival_ns) <= ALIVE_PERIODS * self.period_ns
     }
 
-    /// True if an exposure may have a frame of its own: not one of the period answered already.
+    /// True if an exposure belongs to a period without a frame yet.
     fn is_new(&self, exposed_ns: Nanos) -> bool {
         self.last_frame_ns == 0 || exposed_ns > self.last_frame_ns + self.period_ns / 4
     }
@@ -233,22 +239,22 @@ impl FrameAssembler {
     /// The oldest pending field of the reference camera that has no frame yet.
     fn open_reference(&self, now: Nanos) -> Option<Reference> {
         let camera = (0..MAX_CAMERAS).find(|&c| self.is_alive(c, now))? as u32;
-        let mut fields = self.pending.iter().map(|(_, f)| f);
+        let mut fields = self.pending.iter().map(|p| &p.field);
         fields.find(|f| f.camera == camera && self.is_new(f.exposed_ns)).map(reference_of)
     }
 
     /// The lowest camera with a field of a period in which the reference camera has none.
-    fn stand_in(&self) -> Option<Reference> {
+    fn substitute(&self) -> Option<Reference> {
         let due_ns =
             if self.last_frame_ns == 0 { 0 } else { self.last_frame_ns + self.period_ns - GENLOCK_NS };
-        let fields = || self.pending.iter().map(|(_, f)| f).filter(move |f| f.exposed_ns >= due_ns);
+        let fields = || self.pending.iter().map(|p| &p.field).filter(move |f| f.exposed_ns >= due_ns);
         let first_ns = fields().next()?.exposed_ns;
         let together = fields().filter(|f| f.exposed_ns <= first_ns + GENLOCK_NS);
         together.min_by_key(|f| f.camera).map(reference_of)
     }
 
-    /// The exposure that the reference camera missed, free-running cameras having seen what came
-    /// before it; with the instant at which its field should have arrived.
+    /// The exposure that the reference camera missed, if free-running cameras have earlier fields;
+    /// with the instant at which its field should have arrived.
     fn missed(&self, now: Nanos) -> Option<(Reference, Nanos)> {
         let id = (0..MAX_CAMERAS).find(|&c| self.is_alive(c, now))?;
         let camera = &self.cameras[id];
@@ -258,7 +264,7 @@ impl FrameAssembler {
         let behind_ns = (self.last_frame_ns + self.period_ns / 4).saturating_sub(camera.last_exposed_ns);
         let periods = behind_ns / self.period_ns + 1;
         let due_ns = camera.last_exposed_ns + periods * self.period_ns;
-        let others = || self.pending.iter().map(|(_, f)| f.exposed_ns);
+        let others = || self.pending.iter().map(|p| p.field.exposed_ns);
         let genlocked = others().any(|t| t.abs_diff(due_ns) <= GENLOCK_NS);
         let before = others().any(|t| t < due_ns && t + self.period_ns > due_ns + GENLOCK_NS);
         let delay_ns = camera.last_arrival_ns.saturating_sub(camera.last_exposed_ns);
@@ -270,7 +276,7 @@ impl FrameAssembler {
     /// Arrival of the first field of this exposure.
     fn first_arrival(&self, reference: &Reference) -> Nanos {
         let same = |f: &BlobField| f.exposed_ns.abs_diff(reference.exposed_ns) <= GENLOCK_NS;
-        self.pending.iter().filter(|(_, f)| same(f)).map(|(t, _)| *t).min().unwrap_or(0)
+        self.pending.iter().filter(|p| same(&p.field)).map(|p| p.arrival_ns).min().unwrap_or(0)
     }
 
     fn has_all(&self, reference: &Reference, now: Nanos) -> bool {
@@ -281,9 +287,9 @@ impl FrameAssembler {
     fn close(&mut self, reference: &Reference, closed_by: ClosedBy, first: Nanos, now: Nanos) -> ClosedFrame {
         let taken_ns = if closed_by == ClosedBy::TimeOut { now.min(first + CAMERA_WAIT_NS) } else { now };
         let waited_ns = taken_ns.saturating_sub(first).min(CAMERA_WAIT_NS);
-        let end = self.pending.partition_point(|(_, f)| f.exposed_ns <= reference.exposed_ns + GENLOCK_NS);
+        let end = self.pending.partition_point(|p| p.field.exposed_ns <= reference.exposed_ns + GENLOCK_NS);
         self.used.clear();
-        self.used.extend(self.pending[..end].iter().map(|(_, f)| *f));
+        self.used.extend(self.pending[..end].iter().map(|p| p.field));
         self.pending.drain(..end);
         self.last_frame_ns = reference.exposed_ns;
         ClosedFrame { reference: *reference, closed_by, waited_ns, taken_ns }

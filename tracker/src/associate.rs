@@ -1,5 +1,5 @@
-//! Data association: which blob is which marker of a body whose pose is predicted. By colour, size and
-//! Mahalanobis distance, nearest first, each blob and each marker once in a camera-field.
+//! Data association: which blob is which marker of a body whose pose is predicted. By colour, size
+//! and Mahalanobis distance, nearest first, each blob and each marker once in a camera-field.
 
 use crate::constants as k;
 use crate::fit::{BlobMatch, MAX_MATCHES};

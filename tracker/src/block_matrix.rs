@@ -1,17 +1,21 @@
-//! The few operations on a symmetric matrix of blocks that a filter of fixed size needs, on plain
-//! arrays: rows lie together, so that the compiler makes vectors of them, and nothing is copied.
+//! Operations on the covariance of a filter of fixed size, on plain arrays: rows are contiguous, so
+//! the compiler vectorises them, and nothing is copied.
 
 use crate::pose_math::Matrix6;
 use nalgebra::Vector3;
 
-/// A row.
+/// A row of the covariance.
 pub type Row<const N: usize> = [f64; N];
 /// An N×6 matrix by columns.
 pub type Columns<const N: usize> = [Row<N>; 6];
 
-/// Replaces the rows `at` by their combinations.
+/// Replaces the rows `at` by their linear combinations `f`.
 #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
-pub fn mix<const M: usize, const N: usize>(rows: &mut [Row<N>; N], at: [usize; M], f: &[[f64; M]; M]) {
+pub fn combine_rows<const M: usize, const N: usize>(
+    rows: &mut [Row<N>; N],
+    at: [usize; M],
+    f: &[[f64; M]; M],
+) {
     for column in 0..N {
         let old: [f64; M] = std::array::from_fn(|i| rows[at[i]][column]);
         for (r, &row) in at.iter().enumerate() {
@@ -24,8 +28,8 @@ pub fn mix<const M: usize, const N: usize>(rows: &mut [Row<N>; N], at: [usize; M
     }
 }
 
-/// Replaces the vectors by their combinations.
-pub fn blend<const M: usize>(vectors: &mut [Vector3<f64>], f: &[[f64; M]; M]) {
+/// Replaces the vectors by their linear combinations `f`.
+pub fn combine_vectors<const M: usize>(vectors: &mut [Vector3<f64>], f: &[[f64; M]; M]) {
     let old: [Vector3<f64>; M] = std::array::from_fn(|i| vectors[i]);
     for (out, row) in vectors.iter_mut().zip(f) {
         *out = row.iter().zip(&old).fold(Vector3::zeros(), |sum, (f, v)| sum + v * *f);
@@ -43,7 +47,7 @@ pub fn product<const N: usize>(left: &Columns<N>, right: &Matrix6) -> Columns<N>
     })
 }
 
-/// Pᵀ in place.
+/// Transposes `p` in place.
 #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
 pub fn transpose<const N: usize>(p: &mut [Row<N>; N]) {
     for r in 0..N {
@@ -53,9 +57,9 @@ pub fn transpose<const N: usize>(p: &mut [Row<N>; N]) {
     }
 }
 
-/// Adds `noise` to the rows and columns `at`.
-pub fn add<const M: usize, const N: usize>(p: &mut [Row<N>; N], at: [usize; M], noise: &[[f64; M]; M]) {
-    for (r, row) in at.into_iter().zip(noise) {
+/// Adds `block` to the rows and columns `at`.
+pub fn add_block<const M: usize, const N: usize>(p: &mut [Row<N>; N], at: [usize; M], block: &[[f64; M]; M]) {
+    for (r, row) in at.into_iter().zip(block) {
         for (c, q) in at.into_iter().zip(row) {
             p[r][c] += q;
         }
@@ -70,11 +74,11 @@ mod tests {
     fn mixing_rows_is_a_product_from_the_left() {
         let f = [[1.0, 2.0], [3.0, -1.0]];
         let mut rows = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [7.0, 8.0, 9.0]];
-        mix(&mut rows, [2, 0], &f);
+        combine_rows(&mut rows, [2, 0], &f);
         assert_eq!(rows, [[20.0, 22.0, 24.0], [4.0, 5.0, 6.0], [9.0, 12.0, 15.0]]);
         transpose(&mut rows);
         assert_eq!(rows[0], [20.0, 4.0, 9.0]);
-        add(&mut rows, [0, 2], &f);
+        add_block(&mut rows, [0, 2], &f);
         assert_eq!((rows[0], rows[2]), ([21.0, 4.0, 11.0], [27.0, 6.0, 14.0]));
     }
 

@@ -1,5 +1,4 @@
-//! The filter of a body, whichever it is: the eye turns about its centre, an instrument is led by
-//! a hand.
+//! The filter of a body: an eye turns about its centre, an instrument passes a trocar.
 
 use crate::eye_filter::EyeFilter;
 use crate::instrument_filter::{InstrumentFilter, Pivot};
@@ -7,7 +6,7 @@ use crate::pose_math::Matrix6;
 use crate::rig_model::BodyModel;
 use nalgebra::{Isometry3, Vector3};
 
-/// State of one body over time.
+/// The filter of one body.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "three of them exist, and none may be allocated while running")]
 pub enum BodyFilter {
@@ -18,7 +17,7 @@ pub enum BodyFilter {
 }
 
 impl BodyFilter {
-    /// A body just found.
+    /// The filter of a body just acquired.
     pub fn new(
         model: &BodyModel,
         pose: &Isometry3<f64>,
@@ -65,15 +64,15 @@ impl BodyFilter {
         }
     }
 
-    /// Carries the state to `time_ns`; an instrument's shaft goes through `pivot`.
-    pub fn advance(&mut self, time_ns: u64, pivot: Option<Pivot>) {
+    /// Predicts the state at `time_ns`; an instrument's shaft passes `pivot`.
+    pub fn predict(&mut self, time_ns: u64, pivot: Option<Pivot>) {
         match self {
-            BodyFilter::Eye(filter) => filter.advance(time_ns),
-            BodyFilter::Instrument(filter) => filter.advance(time_ns, pivot),
+            BodyFilter::Eye(filter) => filter.predict(time_ns),
+            BodyFilter::Instrument(filter) => filter.predict(time_ns, pivot),
         }
     }
 
-    /// The pose `dt` seconds from the state's instant, by the mean motion alone.
+    /// The predicted pose `dt` seconds from the state's instant.
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
         match self {
             BodyFilter::Eye(filter) => filter.pose_after(dt),
@@ -81,7 +80,7 @@ impl BodyFilter {
         }
     }
 
-    /// Takes a posterior; see [`EyeFilter::update`].
+    /// Updates the state with a posterior of the pose; see [`EyeFilter::update`].
     pub fn update(
         &mut self,
         posterior: &Isometry3<f64>,

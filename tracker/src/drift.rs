@@ -1,13 +1,15 @@
-//! How far the rig has drifted since it was calibrated, from the residuals of the running tracker.
+//! Online estimation of the drift of a rig since its calibration, from the residuals of the
+//! tracker.
 //!
-//! Unknown are a small turn and shift of every camera and a shift of every marker in its body. Every
-//! field of a body adds its normal equations with the pose eliminated (Schur complement), so that
-//! only what no pose explains is evidence; older fields fade. The prior is that of a rig that was
-//! calibrated with care. One column of the Cholesky factor is computed per frame, so that no frame
-//! pays for the whole solution; a finished solution moves the rig a part of the way.
+//! Parameters are a small rotation and translation of every camera and a shift of every marker in
+//! its body. Every field of a body adds its normal equations with the pose eliminated (Schur
+//! complement), so only what no pose explains is evidence; older fields are forgotten
+//! exponentially. The prior is that of a carefully calibrated rig. Two columns of the Cholesky
+//! factor are computed per frame, so no frame pays for the whole solution; a finished solution
+//! moves the rig a part of the way.
 //!
-//! What no residual can show is not estimated: where all markers of a body moved together, pose and
-//! tip move with them. [`DriftReport::blind_mm`] tells how much of that the prior allows.
+//! What changes no residual is not observable: where all markers of a body moved together, pose and
+//! tip move with them. [`DriftReport::blind_mm`] is how much of that the prior allows.
 
 use crate::constants as k;
 use crate::fit::BlobMatch;
@@ -18,25 +20,28 @@ use nalgebra::{Isometry3, Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vecto
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
 
-/// Unknowns of a camera: turn and shift in its own frame.
+/// Parameters of a camera: rotation and translation in its own frame.
 const PER_CAMERA: usize = 6;
-/// Unknowns of a blob's camera and marker together.
+/// Parameters of the camera and the marker of a blob.
 const PER_BLOB: usize = PER_CAMERA + 3;
 /// Columns of the factor computed per frame.
 const COLUMNS: usize = 2;
 
-/// What was found.
+/// The estimated drift.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DriftReport {
-    /// True if the residuals cannot be noise.
+    /// True if noise alone does not explain the residuals.
     pub detected: bool,
-    /// Fall of χ² that the corrections bring, per unknown; 1 is noise.
+    /// Decrease of χ² by the corrections, per parameter; 1 for noise.
     pub evidence: f64,
-    /// Largest turn of a camera, rad, and largest shift, mm.
-    pub camera: (f64, f64),
-    /// Root mean square shift of the markers of a body within it, per axis, mm.
+    /// Largest rotation of a camera, rad.
+    pub camera_rad: f64,
+    /// Largest translation of a camera, mm.
+    pub camera_mm: f64,
+    /// Root mean square shift of the markers in each body, per axis, mm.
     pub markers_mm: [f64; BODIES],
-    /// Standard deviation of the tip (of the eye's rotation times 12 mm) that no residual can show, mm.
+    /// Standard deviation of the tip (of the eye's rotation times 12 mm) from unobservable drift,
+    /// mm.
     pub unobservable_mm: [f64; BODIES],
 }
 
@@ -52,8 +57,8 @@ impl std::fmt::Display for DriftReport {
              markers by {:.1}, {:.1} and {:.1} µm (inst0, inst1, eye); this is corrected while it runs. What no \
              residual shows, markers that moved together, may move the tips by {:.1} and {:.1} µm: calibrate anew",
             self.evidence,
-            self.camera.0 * 1e3,
-            um(self.camera.1),
+            self.camera_rad * 1e3,
+            um(self.camera_mm),
             um(self.markers_mm[0]),
             um(self.markers_mm[1]),
             um(self.markers_mm[2]),
@@ -63,19 +68,19 @@ impl std::fmt::Display for DriftReport {
     }
 }
 
-/// Estimates the drift; all unknowns are in units of their prior's standard deviation.
+/// Estimates the drift; all parameters are in units of their prior's standard deviation.
 pub struct DriftEstimator {
     nominal: RigModel,
-    /// First unknown of a camera; of the markers of a body.
+    /// First parameter of each camera; of the markers of each body.
     camera_at: [usize; MAX_CAMERAS],
     markers_at: [usize; BODIES],
-    unknowns: usize,
+    parameters: usize,
     information: Vec<f64>,
     gradient: Vec<f64>,
     factor: Vec<f64>,
     right: Vec<f64>,
     applied: Vec<f64>,
-    /// Of the body at hand: its unknowns, and their normal equations with the pose.
+    /// Parameters of the present body, and their normal equations with the pose.
     local: Vec<usize>,
     with_pose: Vec<[f64; 6]>,
     column: usize,
@@ -84,29 +89,29 @@ pub struct DriftEstimator {
 }
 
 impl DriftEstimator {
-    /// For a rig as calibrated.
+    /// An estimator for a rig as calibrated.
     pub fn new(rig: &RigModel) -> Self {
-        let mut unknowns = 0;
+        let mut parameters = 0;
         let mut take = |count: usize| {
-            unknowns += count;
-            unknowns - count
+            parameters += count;
+            parameters - count
         };
         let camera_at = std::array::from_fn(|c| take(if rig.cameras[c].is_some() { PER_CAMERA } else { 0 }));
         let markers_at = std::array::from_fn(|b| take(3 * rig.bodies[b].markers.len()));
-        let square = vec![0.0; unknowns * unknowns];
-        let line = vec![0.0; unknowns];
+        let square = vec![0.0; parameters * parameters];
+        let line = vec![0.0; parameters];
         let mut drift = DriftEstimator {
             nominal: rig.clone(),
             camera_at,
             markers_at,
-            unknowns,
+            parameters,
             information: square.clone(),
             factor: square,
             gradient: line.clone(),
             right: line.clone(),
             applied: line,
-            local: Vec::with_capacity(unknowns),
-            with_pose: vec![[0.0; 6]; unknowns],
+            local: Vec::with_capacity(parameters),
+            with_pose: vec![[0.0; 6]; parameters],
             column: 0,
             turn: 0,
             report: DriftReport::default(),
@@ -115,12 +120,12 @@ impl DriftEstimator {
         drift
     }
 
-    /// What was found so far.
+    /// The present estimate.
     pub fn report(&self) -> &DriftReport {
         &self.report
     }
 
-    /// Forgets everything; `rig` is again as calibrated.
+    /// Forgets everything, and restores `rig` as calibrated.
     pub fn reset(&mut self, rig: &mut RigModel) {
         for list in [&mut self.information, &mut self.gradient, &mut self.applied] {
             list.fill(0.0);
@@ -130,14 +135,14 @@ impl DriftEstimator {
         self.apply(rig);
     }
 
-    /// Which body's turn it is to be learnt from.
+    /// The body whose residuals are used next; the bodies take turns.
     pub fn next_body(&mut self) -> usize {
         self.turn = (self.turn + 1) % BODIES;
         self.turn
     }
 
-    /// Learns from the blobs of a fit, made with the corrected `rig`.
-    pub fn learn(
+    /// Adds the normal equations of the blobs of a fit, which was made with the corrected `rig`.
+    pub fn add_residuals(
         &mut self,
         rig: &RigModel,
         body: usize,
@@ -145,12 +150,12 @@ impl DriftEstimator {
         motion: &[Vector3<f64>; 2],
         matches: &[BlobMatch],
     ) {
-        // A marker hidden in part looks like a marker that moved.
+        // A partly hidden marker looks like one that moved.
         let usable = || matches.iter().filter(|m| m.clean && !m.outlier);
         if usable().count() < 4 {
             return;
         }
-        self.list_unknowns(body);
+        self.list_parameters(body);
         let mut of_pose = pose_prior(body);
         let mut gradient = SMatrix::<f64, 6, 1>::zeros();
         for m in usable() {
@@ -163,9 +168,9 @@ impl DriftEstimator {
             of_pose += jw * j;
             gradient += jw * r;
             let (own, mixed, right) = (aw * a, aw * j, aw * r);
-            let at = self.places(body, m);
+            let at = self.indices(body, m);
             for p in 0..PER_BLOB {
-                let row = at[p] * self.unknowns;
+                let row = at[p] * self.parameters;
                 for q in 0..PER_BLOB {
                     self.information[row + at[q]] += own[(p, q)];
                 }
@@ -178,8 +183,8 @@ impl DriftEstimator {
         self.eliminate_pose(&of_pose, &gradient);
     }
 
-    /// Jacobians of a blob by the unknowns and by the pose, and its residual had nothing been
-    /// corrected yet.
+    /// Jacobians of a blob by the parameters and by the pose, and its residual with the rig as
+    /// calibrated.
     fn equation(
         &self,
         rig: &RigModel,
@@ -196,19 +201,19 @@ impl DriftEstimator {
         a.fixed_view_mut::<2, 3>(0, 0).copy_from(&(turning * k::CAMERA_TURN_RAD));
         a.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_camera_point * k::CAMERA_SHIFT_MM));
         a.fixed_view_mut::<2, 3>(0, 6).copy_from(&(by_marker * k::MARKER_SHIFT_MM));
-        let at = self.places(body, m);
+        let at = self.indices(body, m);
         let applied = SMatrix::<f64, PER_BLOB, 1>::from_fn(|p, _| self.applied[at[p]]);
         let r = m.pixel - image.pixel + a * applied;
         Some((a, pose_jacobian(&image, pose), r))
     }
 
-    /// Where the unknowns of a blob are.
-    fn places(&self, body: usize, m: &BlobMatch) -> [usize; PER_BLOB] {
+    /// Indices of the parameters of a blob.
+    fn indices(&self, body: usize, m: &BlobMatch) -> [usize; PER_BLOB] {
         let (camera, marker) = (self.camera_at[m.camera], self.markers_at[body] + 3 * m.marker);
         std::array::from_fn(|p| if p < PER_CAMERA { camera + p } else { marker + p - PER_CAMERA })
     }
 
-    fn list_unknowns(&mut self, body: usize) {
+    fn list_parameters(&mut self, body: usize) {
         self.local.clear();
         for (id, camera) in self.nominal.cameras.iter().enumerate() {
             if camera.is_some() {
@@ -222,7 +227,7 @@ impl DriftEstimator {
         }
     }
 
-    /// Takes away what a change of the pose explains: N − C·G⁻¹·Cᵀ, b − C·G⁻¹·g.
+    /// Eliminates the pose: N − C·G⁻¹·Cᵀ, b − C·G⁻¹·g.
     fn eliminate_pose(&mut self, of_pose: &Matrix6, gradient: &SMatrix<f64, 6, 1>) {
         let Some(inverse) = of_pose.cholesky().map(|c| c.inverse()) else { return };
         for &p in &self.local {
@@ -233,15 +238,15 @@ impl DriftEstimator {
                 for (a, b) in row.iter().zip(mixed) {
                     sum += a * b;
                 }
-                self.information[p * self.unknowns + q] -= sum;
+                self.information[p * self.parameters + q] -= sum;
             }
             self.gradient[p] -= (row * gradient)[0];
         }
     }
 
-    /// A part of the solution. True if `rig` was moved.
+    /// Computes a part of the solution. True if that was the last part and `rig` was moved.
     pub fn step(&mut self, rig: &mut RigModel) -> bool {
-        let n = self.unknowns;
+        let n = self.parameters;
         if self.column == 0 {
             self.factor.copy_from_slice(&self.information);
             self.right.copy_from_slice(&self.gradient);
@@ -254,7 +259,7 @@ impl DriftEstimator {
         }
         for _ in 0..COLUMNS {
             if self.column < n && !self.factor_column(self.column) {
-                // Not positive: what was gathered contradicts itself, so it is dropped.
+                // Not positive definite: the sums are inconsistent and are dropped.
                 self.information.fill(0.0);
                 self.gradient.fill(0.0);
                 self.column = 0;
@@ -272,7 +277,7 @@ impl DriftEstimator {
     }
 
     fn factor_column(&mut self, j: usize) -> bool {
-        let n = self.unknowns;
+        let n = self.parameters;
         let (above, below) = self.factor.split_at_mut((j + 1) * n);
         let row_j = &mut above[j * n..j * n + j + 1];
         let square: f64 = row_j[..j].iter().map(|v| v * v).sum();
@@ -293,7 +298,7 @@ impl DriftEstimator {
     }
 
     fn solve(&mut self) {
-        let n = self.unknowns;
+        let n = self.parameters;
         let mut gained = 0.0;
         for p in 0..n {
             let mut sum = self.right[p];
@@ -314,16 +319,16 @@ impl DriftEstimator {
         self.report.evidence = gained / n as f64;
         self.report.detected |= self.report.evidence > k::DRIFT_EVIDENCE;
         // Shrunk towards the calibration as far as noise could be the cause (James and Stein 1961).
-        let belief = (1.0 - k::DRIFT_NOISE / self.report.evidence.max(k::DRIFT_NOISE)).max(0.0);
+        let shrinkage = (1.0 - k::DRIFT_NOISE / self.report.evidence.max(k::DRIFT_NOISE)).max(0.0);
         for (applied, solved) in self.applied.iter_mut().zip(&self.right) {
-            let next = *applied + k::DRIFT_STEP * (belief * solved - *applied);
+            let next = *applied + k::DRIFT_STEP * (shrinkage * solved - *applied);
             *applied = next.clamp(-k::DRIFT_LIMIT, k::DRIFT_LIMIT);
         }
     }
 
-    /// Moves `rig` to where it seems to be.
+    /// Applies the estimated corrections to `rig`.
     fn apply(&mut self, rig: &mut RigModel) {
-        self.report.camera = (0.0, 0.0);
+        (self.report.camera_rad, self.report.camera_mm) = (0.0, 0.0);
         for (id, nominal) in self.nominal.cameras.iter().enumerate() {
             let (Some(camera), Some(nominal)) = (&mut rig.cameras[id], nominal) else { continue };
             let at = |p: usize| self.applied[self.camera_at[id] + p];
@@ -332,8 +337,8 @@ impl DriftEstimator {
             let rotation = Rotation3::new(turn);
             camera.camera_from_world = rotation.matrix() * nominal.camera_from_world;
             camera.translation_mm = rotation * nominal.translation_mm + shift;
-            let found = &mut self.report.camera;
-            *found = (found.0.max(turn.norm()), found.1.max(shift.norm()));
+            self.report.camera_rad = self.report.camera_rad.max(turn.norm());
+            self.report.camera_mm = self.report.camera_mm.max(shift.norm());
         }
         for body in 0..BODIES {
             let (markers, nominal) = (&mut rig.bodies[body].markers, &self.nominal.bodies[body].markers);
@@ -348,8 +353,8 @@ impl DriftEstimator {
         }
     }
 
-    /// How far the tip (for the eye: a point 12 mm from its centre) goes where all markers of a body
-    /// move as if the body had: independent shifts of the markers, as a rigid motion.
+    /// Standard deviation of the tip (for the eye: of a point 12 mm from its centre) from the part
+    /// of independent marker shifts that is a rigid motion of the body, mm.
     fn unobservable(&self, body: usize) -> f64 {
         let mut information = Matrix6::zeros();
         for marker in &self.nominal.bodies[body].markers {
@@ -370,8 +375,7 @@ impl DriftEstimator {
     }
 }
 
-/// What is known of a pose besides its blobs: of an instrument next to nothing, of the eye its
-/// centre.
+/// Prior information of a pose: next to none for an instrument, the centre for the eye.
 fn pose_prior(body: usize) -> Matrix6 {
     let mut prior = Matrix6::identity();
     if body == EYE {
@@ -415,9 +419,9 @@ mod tests {
         (pose, matches)
     }
 
-    /// A rig of which one marker of body 0 went off its place, learnt from at poses that are wrong by
-    /// something themselves.
-    fn learnt(shift: Vector3<f64>) -> (RigModel, DriftReport) {
+    /// The estimate for a rig with one shifted marker of body 0, from poses that have errors
+    /// themselves.
+    fn estimated(shift: Vector3<f64>) -> (RigModel, DriftReport) {
         let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
         let (mut real, mut rig) = (nominal.clone(), nominal.clone());
         real.bodies[0].markers[1].position += shift;
@@ -425,7 +429,7 @@ mod tests {
         for n in 0..600 {
             let (pose, matches) = blobs(&real, n);
             let wrong = box_plus(&pose, &(Vector6::repeat(1e-3) * f64::from(n % 5)));
-            drift.learn(&rig, 0, &wrong, &[Vector3::zeros(); 2], &matches);
+            drift.add_residuals(&rig, 0, &wrong, &[Vector3::zeros(); 2], &matches);
             drift.step(&mut rig);
         }
         (rig, *drift.report())
@@ -434,9 +438,10 @@ mod tests {
     #[test]
     fn a_marker_that_moved_alone_is_found() {
         let shift = Vector3::new(0.0, 0.012, 0.0);
-        let (rig, report) = learnt(shift);
+        let (rig, report) = estimated(shift);
         assert!(report.detected && report.to_string().contains("drifted"), "{report}");
-        // The middle of three in a line: bent out of it, which no pose explains. The others share it.
+        // The middle of three in a line: bent out of it, which no pose explains. The others share
+        // it.
         let y = |m: usize| rig.bodies[0].markers[m].position.y;
         let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
         let y0 = |m: usize| nominal.bodies[0].markers[m].position.y;
@@ -449,7 +454,7 @@ mod tests {
 
     #[test]
     fn a_rig_that_did_not_move_is_left_alone() {
-        let (rig, report) = learnt(Vector3::zeros());
+        let (rig, report) = estimated(Vector3::zeros());
         assert!(!report.detected && report.to_string().contains("no drift"), "{report}");
         assert_eq!(rig, RigModel::new(&Rig::load_or_shipped(None).unwrap()));
     }

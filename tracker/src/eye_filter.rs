@@ -1,10 +1,11 @@
-//! How a body moves: a Kalman filter on position and rotation with a Singer acceleration each.
+//! The filter of the eye: a Kalman filter of position and rotation, each with a Singer
+//! acceleration.
 //!
 //! Per axis the chain (x, v, a) obeys x' = v, v' = a, a' = −a/τ + noise of standard deviation σ
 //! (Singer 1970, the model of `protocol::predict`); the rotation does the same with (θ, ω, α), θ
 //! being the error of the rotation as a vector in the world, R = exp(θ)·R̂. A measurement is a
-//! pose with its 6×6 covariance *after* the prior went in (see `fit`), so that the rest of the
-//! state follows by its regression on the pose: x_r += K·δ, K = P_rp·P_pp⁻¹.
+//! pose with its 6×6 covariance *after* the prior went in (see `fit`), so the rest of the state
+//! follows by its regression on the pose: x_r += K·δ, K = P_rp·P_pp⁻¹.
 
 use crate::constants as k;
 use crate::motion_models::{Singer, SingerTransition};
@@ -13,10 +14,10 @@ use nalgebra::{Isometry3, SMatrix, Translation3, Vector3};
 
 type Matrix18 = SMatrix<f64, 18, 18>;
 
-/// First row of position, velocity, acceleration; then of the rotation's chain.
+/// First rows of the two chains (x, v, a): position, rotation.
 const CHAINS: [usize; 2] = [0, 9];
 
-/// State of one body.
+/// State of the eye.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EyeFilter {
     /// `world_from_body`.
@@ -29,11 +30,11 @@ pub struct EyeFilter {
     pub angular_velocity: Vector3<f64>,
     /// rad/s², world.
     pub angular_acceleration: Vector3<f64>,
-    /// Models of position and rotation.
+    /// Motion models of position and rotation.
     pub models: [Singer; 2],
     /// Instant of the state, ns.
     pub time_ns: u64,
-    /// Factor on the models' accelerations: above 1 after a surprise.
+    /// Factor on the models' accelerations: above 1 after a large NIS.
     boost: f64,
     covariance: Matrix18,
 }
@@ -42,7 +43,7 @@ pub struct EyeFilter {
 pub type StartSigmas = [f64; 4];
 
 impl EyeFilter {
-    /// A body just found.
+    /// An eye just acquired.
     pub fn new(
         pose: Isometry3<f64>,
         pose_covariance: &Matrix6,
@@ -68,7 +69,7 @@ impl EyeFilter {
             boost: 1.0,
             covariance,
         };
-        filter.put_pose_covariance(pose_covariance);
+        filter.set_pose_covariance(pose_covariance);
         filter
     }
 
@@ -78,7 +79,7 @@ impl EyeFilter {
         Matrix6::from_fn(|r, c| p[(pose_row(r), pose_row(c))])
     }
 
-    fn put_pose_covariance(&mut self, m: &Matrix6) {
+    fn set_pose_covariance(&mut self, m: &Matrix6) {
         for r in 0..6 {
             for c in 0..6 {
                 self.covariance[(pose_row(r), pose_row(c))] = 0.5 * (m[(r, c)] + m[(c, r)]);
@@ -86,29 +87,29 @@ impl EyeFilter {
         }
     }
 
-    /// The pose `dt` seconds from the state's instant (either way), by the mean motion alone.
+    /// The predicted pose `dt` seconds after (or before) the state's instant.
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
-        let [tip, turn] = self.models.map(|m| m.transition(dt));
-        let shift = self.velocity * dt + self.acceleration * tip.h;
-        let angle = self.angular_velocity * dt + self.angular_acceleration * turn.h;
+        let [position, rotation] = self.models.map(|m| m.transition(dt));
+        let shift = self.velocity * dt + self.acceleration * position.h;
+        let angle = self.angular_velocity * dt + self.angular_acceleration * rotation.h;
         let moved = self.world_from_body.translation.vector + shift;
-        let rotation = exp(angle) * self.world_from_body.rotation;
-        Isometry3::from_parts(Translation3::from(moved), rotation)
+        let turned = exp(angle) * self.world_from_body.rotation;
+        Isometry3::from_parts(Translation3::from(moved), turned)
     }
 
-    /// Carries the state to `time_ns`; an earlier instant changes nothing.
-    pub fn advance(&mut self, time_ns: u64) {
+    /// Predicts the state at `time_ns`; an earlier instant changes nothing.
+    pub fn predict(&mut self, time_ns: u64) {
         let dt = time_ns.saturating_sub(self.time_ns) as f64 * 1e-9;
         if dt <= 0.0 {
             return;
         }
         self.world_from_body = self.pose_after(dt);
-        let [tip, turn] = self.models.map(|m| m.transition(dt));
-        self.velocity += self.acceleration * tip.g;
-        self.acceleration *= tip.e;
-        self.angular_velocity += self.angular_acceleration * turn.g;
-        self.angular_acceleration *= turn.e;
-        for (chain, transition) in CHAINS.into_iter().zip([&tip, &turn]) {
+        let [position, rotation] = self.models.map(|m| m.transition(dt));
+        self.velocity += self.acceleration * position.g;
+        self.acceleration *= position.e;
+        self.angular_velocity += self.angular_acceleration * rotation.g;
+        self.angular_acceleration *= rotation.e;
+        for (chain, transition) in CHAINS.into_iter().zip([&position, &rotation]) {
             self.transform(chain, transition);
         }
         for (chain, model) in CHAINS.into_iter().zip(self.models) {
@@ -150,8 +151,8 @@ impl EyeFilter {
         }
     }
 
-    /// Takes the pose that maximises the posterior, and its covariance. `prior_inverse` is the
-    /// inverse of [`EyeFilter::pose_covariance`]. False, with nothing changed, where the result
+    /// Updates the state with the pose of maximum posterior and its covariance. `prior_inverse` is
+    /// the inverse of [`EyeFilter::pose_covariance`]. False, with nothing changed, where the result
     /// would not be finite.
     pub fn update(
         &mut self,
@@ -174,7 +175,7 @@ impl EyeFilter {
             self.boost = (self.boost * (nis / k::NIS_LIMIT)).clamp(3.0, k::EYE_BOOST.0);
         }
         self.covariance = (after + after.transpose()) * 0.5;
-        self.put_pose_covariance(posterior_covariance);
+        self.set_pose_covariance(posterior_covariance);
         self.world_from_body = *posterior;
         self.velocity += change.fixed_rows::<3>(3);
         self.acceleration += change.fixed_rows::<3>(6);
@@ -184,7 +185,7 @@ impl EyeFilter {
     }
 }
 
-/// Row of the state that holds row `r` of the pose.
+/// Row of the state that is row `r` of the pose.
 fn pose_row(r: usize) -> usize {
     if r < 3 { r } else { r + 6 }
 }
@@ -211,7 +212,7 @@ mod tests {
         let mut f = filter();
         let velocity = Vector3::new(4.0, -2.0, 1.0);
         for k in 1..50u64 {
-            f.advance(k * 20_000_000);
+            f.predict(k * 20_000_000);
             let prior_inverse = f.pose_covariance().try_inverse().unwrap();
             let pose =
                 Isometry3::translation(0.0, 0.0, 0.0) * Translation3::from(velocity * (k as f64 * 0.02));
@@ -227,7 +228,7 @@ mod tests {
         fn covariance_stays_positive(steps in prop::collection::vec(1u64..200_000_000, 1..40)) {
             let mut f = filter();
             for dt in steps {
-                f.advance(f.time_ns + dt);
+                f.predict(f.time_ns + dt);
                 let prior = f.pose_covariance();
                 let prior_inverse = prior.try_inverse().unwrap();
                 let information = prior_inverse + Matrix6::identity() * 1e5;

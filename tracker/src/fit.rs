@@ -1,34 +1,34 @@
-//! The most likely pose of a body: Gauss–Newton on the image residuals of all its blobs, weighted
-//! by their covariances, each camera-field at its own instant, with a prior and the trocar.
+//! Pose estimation: the pose of maximum posterior by Gauss–Newton on the image residuals of all
+//! blobs of a body, weighted by their covariances, each camera-field at its own instant, with a
+//! prior and the trocar.
 //!
-//! Minimised over the pose x at the group's instant:
-//! Σ rᵀ·C⁻¹·r + (x ⊖ x₀)ᵀ·P₀⁻¹·(x ⊖ x₀) + |t|²/σ², where r is blob minus image, C the blob's
-//! covariance, x₀ and P₀ the prediction, and t how far the shaft passes beside its trocar.
-//! Where a blob is beyond the limit, it converges again with residuals weighing 1/(1 + d²/9)
-//! (Cauchy); then the worst blob beyond the limit is thrown out, one after the other, and the rest
-//! is fitted without weights.
+//! Minimised over the pose x at the group's instant: Σ rᵀ·C⁻¹·r + (x ⊖ x₀)ᵀ·P₀⁻¹·(x ⊖ x₀) +
+//! |t|²/σ², where r is blob minus image, C the blob's covariance, x₀ and P₀ the prediction, and t
+//! the distance of the shaft from its trocar. Where a blob is beyond the limit, the iteration is
+//! repeated with weights 1/(1 + d²/9) (Cauchy); then the worst blobs beyond the limit are rejected
+//! one by one, and the rest is fitted without weights.
 
 use crate::body_filter::BodyFilter;
 use crate::constants as k;
-use crate::pose_math::{Matrix6, Vector6, box_minus, box_plus, exp};
-use crate::projection::{MarkerImage, PoseMatrix, project_marker};
+use crate::pose_math::{Matrix6, Vector6, box_minus, box_plus, propagated};
+use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
 use crate::rig_model::{BodyModel, RigModel};
-use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Translation3, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, SMatrix, Vector2, Vector3};
 use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
 
 /// Most blobs in a fit.
 pub const MAX_MATCHES: usize = MAX_CAMERAS * MAX_MARKERS;
 
-/// A step (mm, rad) this small ends the iteration: the next would be below a nanometre, because the
-/// images are next to linear over a micrometre.
+/// Step (mm, rad) at which the iteration ends: the next would be below a nanometre, because images
+/// are nearly linear over a micrometre.
 const CONVERGED: f64 = 1e-3;
 
-/// A blob taken for a marker.
+/// A blob assigned to a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlobMatch {
     /// Camera id.
     pub camera: usize,
-    /// Index of the blob in its view.
+    /// Index of the blob in its field.
     pub blob: usize,
     /// Index of the marker.
     pub marker: usize,
@@ -38,11 +38,11 @@ pub struct BlobMatch {
     pub covariance: Matrix2<f64>,
     /// Instant of the exposure less that of the group, s.
     pub dt_s: f64,
-    /// Area over the expected one.
+    /// Area over the predicted one.
     pub area_ratio: f64,
-    /// Neither hidden in part nor merged, by its size.
+    /// True if its size shows neither occlusion nor merging.
     pub clean: bool,
-    /// Rejected as an outlier of the fit.
+    /// True if the fit rejected it.
     pub outlier: bool,
 }
 
@@ -55,7 +55,7 @@ pub struct TrocarInWorld {
     pub sigma: f64,
 }
 
-/// What a fit is told besides the blobs.
+/// The estimation of one pose: everything but the blobs.
 pub struct PoseProblem<'a> {
     /// The rig.
     pub rig: &'a RigModel,
@@ -65,66 +65,48 @@ pub struct PoseProblem<'a> {
     pub prior: Isometry3<f64>,
     /// Inverse of its covariance.
     pub prior_information: Matrix6,
-    /// Velocity (mm/s) and angular velocity (rad/s) in the world, to reach other instants.
+    /// Velocity (mm/s) and angular velocity (rad/s) in the world, for fields of other instants.
     pub motion: [Vector3<f64>; 2],
-    /// The trocar, if the eye is known.
+    /// The trocar, if the eye is tracked.
     pub trocar: Option<TrocarInWorld>,
-    /// Factor on all variances of blobs.
+    /// Factor on the variances of all blobs.
     pub variance_scale: f64,
 }
 
-/// The answer.
+/// A fitted pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseFit {
-    /// Most likely pose.
+    /// Pose of maximum posterior.
     pub pose: Isometry3<f64>,
     /// Its covariance, prior included.
     pub covariance: Matrix6,
-    /// χ² of the blobs kept, with their variances as told (unscaled).
+    /// χ² of the blobs kept, with unscaled variances.
     pub chi2: f64,
     /// Sum of the squared residuals, px².
     pub sum_squares_px2: f64,
-    /// Degrees of freedom of χ²: two per blob, less what the blobs (and not the prior) told of the
-    /// pose.
+    /// Degrees of freedom of χ²: two per blob, less those of the pose that the blobs (not the
+    /// prior) determine.
     pub degrees_of_freedom: f64,
     /// Blobs kept.
     pub blobs: usize,
-    /// Blobs thrown out.
+    /// Blobs rejected.
     pub outliers: usize,
 }
 
 impl PoseFit {
-    /// χ² per degree of freedom; `None` where blobs are too few to tell.
+    /// χ² per degree of freedom; `None` for fewer than two degrees.
     pub fn reduced_chi2(&self) -> Option<f64> {
         (self.degrees_of_freedom >= 2.0).then(|| self.chi2 / self.degrees_of_freedom)
     }
 }
 
-/// Jacobian of an image by the pose (position, rotation vector in the world).
-pub fn pose_jacobian(image: &MarkerImage, placed: &PoseMatrix) -> SMatrix<f64, 2, 6> {
-    let arm = image.point - placed.origin;
-    let turning: Matrix2x3<f64> = -(image.jacobian * arm.cross_matrix());
-    let mut jacobian = SMatrix::<f64, 2, 6>::zeros();
-    jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&image.jacobian);
-    jacobian.fixed_view_mut::<2, 3>(0, 3).copy_from(&turning);
-    jacobian
-}
-
-/// A pose carried by a constant motion.
-pub fn propagated(pose: &Isometry3<f64>, motion: &[Vector3<f64>; 2], dt_s: f64) -> Isometry3<f64> {
-    Isometry3::from_parts(
-        Translation3::from(pose.translation.vector + motion[0] * dt_s),
-        exp(motion[1] * dt_s) * pose.rotation,
-    )
-}
-
-/// How the shaft (the body's z axis) passes beside the trocar, in the body frame, mm.
+/// Offset of the trocar from the shaft (the body's z axis), in the body frame, mm.
 pub fn trocar_miss(pose: &Isometry3<f64>, trocar: &Point3<f64>) -> Vector2<f64> {
     pose.inverse_transform_point(trocar).coords.xy()
 }
 
 impl PoseProblem<'_> {
-    /// The problem of a body that is tracked.
+    /// The estimation of a tracked body.
     pub fn of_filter<'a>(
         rig: &'a RigModel,
         body: &'a BodyModel,
@@ -137,36 +119,37 @@ impl PoseProblem<'_> {
         Some(PoseProblem { rig, body, prior, prior_information, motion, trocar: None, variance_scale })
     }
 
-    /// Solves it, beginning at `start`. `None` where it does not converge or too little is left.
+    /// Estimates the pose from `start` on, and marks outliers in `matches`. `None` where the
+    /// iteration diverges or no blob is left.
     pub fn solve(&self, start: &Isometry3<f64>, matches: &mut [BlobMatch]) -> Option<PoseFit> {
         let (mut pose, mut information) = self.converge(*start, matches, false)?;
-        let mut check = self.check(&pose, matches);
+        let mut residuals = self.residuals(&pose, matches);
         let mut outliers = 0;
-        if check.worst.is_some() {
+        if residuals.worst.is_some() {
             pose = self.converge(*start, matches, true)?.0;
-            check = self.check(&pose, matches);
-            if check.worst.is_none() {
+            residuals = self.residuals(&pose, matches);
+            if residuals.worst.is_none() {
                 (pose, information) = self.converge(pose, matches, false)?;
-                check = self.check(&pose, matches);
+                residuals = self.residuals(&pose, matches);
             }
         }
-        while let Some(worst) = check.worst {
+        while let Some(worst) = residuals.worst {
             matches[worst].outlier = true;
             outliers += 1;
             (pose, information) = self.converge(pose, matches, false)?;
-            check = self.check(&pose, matches);
+            residuals = self.residuals(&pose, matches);
         }
-        let Check { chi2, sum_squares_px2, blobs, .. } = check;
+        let Residuals { chi2, sum_squares_px2, blobs, .. } = residuals;
         if blobs == 0 {
             return None;
         }
         let covariance = information.cholesky()?.inverse();
-        let told = 6.0 - (self.prior_information * covariance).trace();
-        let degrees_of_freedom = 2.0 * blobs as f64 - told;
+        let determined = 6.0 - (self.prior_information * covariance).trace();
+        let degrees_of_freedom = 2.0 * blobs as f64 - determined;
         Some(PoseFit { pose, covariance, chi2, sum_squares_px2, degrees_of_freedom, blobs, outliers })
     }
 
-    /// Gauss–Newton; also the information at its last step, which is too small to change it.
+    /// Gauss–Newton; also the information matrix at the last step, too small a step to change it.
     fn converge(
         &self,
         start: Isometry3<f64>,
@@ -190,8 +173,12 @@ impl PoseProblem<'_> {
         Some((pose, information))
     }
 
-    /// The body at the exposure of every camera.
-    fn placements(&self, pose: &Isometry3<f64>, matches: &[BlobMatch]) -> [Option<PoseMatrix>; MAX_CAMERAS] {
+    /// The pose at the exposure of every camera with a match.
+    fn poses_at_exposures(
+        &self,
+        pose: &Isometry3<f64>,
+        matches: &[BlobMatch],
+    ) -> [Option<PoseMatrix>; MAX_CAMERAS] {
         let mut placed = [None; MAX_CAMERAS];
         for m in matches {
             placed[m.camera].get_or_insert_with(|| PoseMatrix::from(&propagated(pose, &self.motion, m.dt_s)));
@@ -204,24 +191,24 @@ impl PoseProblem<'_> {
         project_marker(&self.body.markers[m.marker], placed, camera)
     }
 
-    /// The residuals at `pose`, and the blob with the largest beyond the limit.
-    fn check(&self, pose: &Isometry3<f64>, matches: &[BlobMatch]) -> Check {
-        let mut check = Check::default();
+    /// The residuals at `pose`.
+    fn residuals(&self, pose: &Isometry3<f64>, matches: &[BlobMatch]) -> Residuals {
+        let mut residuals = Residuals::default();
         let mut limit = k::OUTLIER * self.variance_scale;
-        let placed = self.placements(pose, matches);
+        let placed = self.poses_at_exposures(pose, matches);
         for (i, m) in matches.iter().enumerate().filter(|(_, m)| !m.outlier) {
             let image = placed[m.camera].and_then(|p| self.image(&p, m));
             let inverse = m.covariance.try_inverse();
             let r = image.map_or(Vector2::repeat(f64::INFINITY), |image| m.pixel - image.pixel);
             let d2 = inverse.map_or(f64::INFINITY, |inverse| r.dot(&(inverse * r)));
-            check.blobs += 1;
-            check.chi2 += d2;
-            check.sum_squares_px2 += r.norm_squared();
+            residuals.blobs += 1;
+            residuals.chi2 += d2;
+            residuals.sum_squares_px2 += r.norm_squared();
             if d2 > limit || d2.is_nan() {
-                (check.worst, limit) = (Some(i), d2);
+                (residuals.worst, limit) = (Some(i), d2);
             }
         }
-        check
+        residuals
     }
 
     fn normal_equations(
@@ -232,7 +219,7 @@ impl PoseProblem<'_> {
     ) -> (Matrix6, Vector6) {
         let mut information = self.prior_information;
         let mut gradient = self.prior_information * box_minus(&self.prior, pose);
-        let placed = self.placements(pose, matches);
+        let placed = self.poses_at_exposures(pose, matches);
         for m in matches.iter().filter(|m| !m.outlier) {
             let Some(placed) = &placed[m.camera] else { continue };
             let Some(image) = self.image(placed, m) else { continue };
@@ -254,23 +241,24 @@ impl PoseProblem<'_> {
     }
 }
 
-/// Residuals of a pose.
+/// Residuals of a pose, and the worst blob beyond the limit.
 #[derive(Debug, Default)]
-struct Check {
+struct Residuals {
     chi2: f64,
     sum_squares_px2: f64,
     blobs: usize,
     worst: Option<usize>,
 }
 
-/// The miss and its Jacobian: with q = Rᵀ·(T − p), δq = −Rᵀ·δp + Rᵀ·[T − p]×·δθ.
+/// The offset of [`trocar_miss`] and its Jacobian: with q = Rᵀ·(T − p), δq = −Rᵀ·δp + Rᵀ·[T −
+/// p]×·δθ.
 fn trocar_equations(pose: &Isometry3<f64>, trocar: &Point3<f64>) -> (SMatrix<f64, 2, 6>, Vector2<f64>) {
     let body_from_world: Matrix3<f64> = *pose.rotation.inverse().to_rotation_matrix().matrix();
     let lever = trocar.coords - pose.translation.vector;
-    let turning = body_from_world * lever.cross_matrix();
+    let by_rotation = body_from_world * lever.cross_matrix();
     let jacobian =
         SMatrix::<f64, 2, 6>::from_fn(
-            |r, c| if c < 3 { -body_from_world[(r, c)] } else { turning[(r, c - 3)] },
+            |r, c| if c < 3 { -body_from_world[(r, c)] } else { by_rotation[(r, c - 3)] },
         );
     (jacobian, trocar_miss(pose, trocar))
 }

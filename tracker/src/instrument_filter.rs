@@ -1,34 +1,33 @@
-//! How an instrument moves: one Kalman filter for the planned movement of its tip, the tremor on
-//! top of it, the play of its shaft in the trocar and its roll.
+//! The filter of an instrument: one Kalman filter of the voluntary movement of its tip, the tremor
+//! added to it, the play of the shaft in the trocar and the roll.
 //!
-//! The shaft passes the trocar, so that a moving tip turns the shaft by itself: with the tip p, the
-//! pivot Q = T + m (T the trocar as the eye carries it, m the play) and L = |Q − p|, the axis is
-//! d = (Q − p)/L and a small change turns the body by δθ = d × (δm − δp)/L + d·δρ (ρ the roll). So
-//! one camera that sees the shaft already tells where along its own line of sight the tip is, and a
-//! tremor seen by one camera is known to the others before their next exposure.
+//! The shaft passes the trocar, so a moving tip turns the shaft: with the tip p, the pivot Q = T +
+//! m (T the trocar as the eye carries it, m the play) and L = |Q − p|, the axis is d = (Q − p)/L,
+//! and a small change turns the body by δθ = d × (δm − δp)/L + d·δρ (ρ the roll). One camera that
+//! sees the shaft therefore observes the depth of the tip along its own line of sight.
 //!
-//! Linear states, each a vector of the world: the smooth movement (x, v, a, a'); a bank of
-//! oscillators across 6–14 Hz, which add up (no choice is made between them; each learns how strong
-//! it is from its own state, as expectation–maximisation would); the play (m, m'). Then the roll
-//! (ρ, ρ', ρ''), a Singer chain, with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
+//! States, each a vector in the world: the voluntary movement (x, v, a, a'); a bank of oscillators
+//! from 6 to 14 Hz, whose displacements add up (each adapts its variance to its own state, as
+//! expectation–maximisation does); the play (m, m'). Then the roll (ρ, ρ', ρ''), a Singer model,
+//! with a small bank of its own. A measurement is a pose with its covariance *after* the prior went
 //! in (see `fit`); the rest of the state follows by its regression on the pose.
 
 mod transition;
 
-use crate::block_matrix::{self, add, product, transpose};
+use crate::block_matrix::{self, add_block, product, transpose};
 use crate::constants as k;
 use crate::motion_models::{Oscillator, Singer, VoluntaryMotion};
 use crate::pose_math::{Matrix6, box_minus, exp};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use transition::StateTransition;
 
-/// Oscillators of the tremor.
+/// Number of oscillators of the tremor.
 const TREMORS: usize = k::TREMOR_HZ.len();
-/// Vector states: smooth movement, tremor, play.
+/// Number of vector states: voluntary movement, tremor, play.
 const VECTORS: usize = PLAY + 2;
 const TREMOR: usize = 4;
 const PLAY: usize = TREMOR + 2 * TREMORS;
-/// First row of the roll's chain; number of rows.
+/// First row of the roll in the covariance.
 const ROLL: usize = 3 * VECTORS;
 const ROLL_TREMOR: usize = ROLL + 3;
 const ROLL_TREMORS: usize = k::ROLL_TREMOR_HZ.len();
@@ -37,14 +36,14 @@ const N: usize = ROLL_TREMOR + 2 * ROLL_TREMORS;
 type Row = block_matrix::Row<N>;
 type Columns = block_matrix::Columns<N>;
 
-/// The point that the shaft passes, and how far it strays from it.
+/// The point that the shaft passes, and its play there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pivot {
     /// In the world, mm.
     pub position: Vector3<f64>,
     /// Standard deviation of the play, mm.
     pub sigma: f64,
-    /// True if this is the trocar as a tracked eye carries it.
+    /// True if this is the trocar of a tracked eye.
     pub tracked: bool,
 }
 
@@ -60,8 +59,8 @@ pub struct InstrumentFilter {
     /// Variance of the displacement of each oscillator, mm².
     tremor_variance: [f64; TREMORS],
     roll_tremor_variance: [f64; ROLL_TREMORS],
-    smooth_variance: f64,
-    /// Running ratio of the squared surprises to what they should be.
+    voluntary_variance: f64,
+    /// Running ratio of the NIS to its expectation.
     nis_ratio: f64,
     covariance: [Row; N],
     /// Instant of the state, ns.
@@ -79,12 +78,12 @@ fn roll_tremor_model(i: usize) -> Oscillator {
     Oscillator { omega: 2.0 * std::f64::consts::PI * k::ROLL_TREMOR_HZ[i], damping: k::ROLL_TREMOR_DAMPING }
 }
 
-fn smooth_model(variance: f64) -> VoluntaryMotion {
+fn voluntary_model(variance: f64) -> VoluntaryMotion {
     VoluntaryMotion { sigma: libm::sqrt(variance), tau_s: k::VOLUNTARY_TAU_S }
 }
 
 impl InstrumentFilter {
-    /// An instrument just found at `pose`. Without a pivot the shaft turns about a point of its own.
+    /// An instrument just acquired at `pose`. Without a pivot the shaft turns about a free point.
     pub fn new(pose: &Isometry3<f64>, pose_covariance: &Matrix6, pivot: Option<Pivot>, time_ns: u64) -> Self {
         let axis = pose.rotation * Vector3::z();
         let tip = pose.translation.vector;
@@ -101,7 +100,7 @@ impl InstrumentFilter {
             pivot,
             tremor_variance: [k::TREMOR_START_MM * k::TREMOR_START_MM; TREMORS],
             roll_tremor_variance: [k::ROLL_TREMOR_START_RAD * k::ROLL_TREMOR_START_RAD; ROLL_TREMORS],
-            smooth_variance: k::VOLUNTARY_MM_S2 * k::VOLUNTARY_MM_S2,
+            voluntary_variance: k::VOLUNTARY_MM_S2 * k::VOLUNTARY_MM_S2,
             nis_ratio: 1.0,
             covariance: [[0.0; N]; N],
             time_ns,
@@ -113,29 +112,29 @@ impl InstrumentFilter {
     }
 
     fn start_covariance(&mut self, pose: &Matrix6, axis: &Vector3<f64>, lever: f64) {
-        let spot: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into();
-        let turn: Matrix3<f64> = pose.fixed_view::<3, 3>(3, 3).into();
+        let position: Matrix3<f64> = pose.fixed_view::<3, 3>(0, 0).into();
+        let rotation: Matrix3<f64> = pose.fixed_view::<3, 3>(3, 3).into();
         let p = &mut self.covariance;
         for r in 0..3 {
             for c in 0..3 {
-                p[r][c] = 0.5 * (spot[(r, c)] + spot[(c, r)]);
+                p[r][c] = 0.5 * (position[(r, c)] + position[(c, r)]);
             }
         }
-        let roll = (axis.transpose() * turn * axis)[0];
-        let tilt = (turn.trace() - roll).max(0.0);
+        let roll = (axis.transpose() * rotation * axis)[0];
+        let tilt = (rotation.trace() - roll).max(0.0);
         let play = self.pivot.sigma * self.pivot.sigma;
-        let smooth = smooth_model(self.smooth_variance);
-        let lag = 1.0 / (smooth.tau_s * smooth.tau_s);
+        let voluntary = voluntary_model(self.voluntary_variance);
+        let lag = 1.0 / (voluntary.tau_s * voluntary.tau_s);
         for axis in 0..3 {
             let mut put = |vector: usize, variance: f64| p[3 * vector + axis][3 * vector + axis] = variance;
             put(1, k::START_SPEED_MM_S * k::START_SPEED_MM_S);
-            put(2, self.smooth_variance);
-            put(3, self.smooth_variance * lag);
+            put(2, self.voluntary_variance);
+            put(3, self.voluntary_variance * lag);
             for (i, variance) in self.tremor_variance.iter().enumerate() {
                 put(TREMOR + 2 * i, *variance);
                 put(TREMOR + 2 * i + 1, variance * tremor_model(i).omega * tremor_model(i).omega);
             }
-            put(PLAY, play + tilt * lever * lever + spot.trace());
+            put(PLAY, play + tilt * lever * lever + position.trace());
             put(PLAY + 1, play * k::PLAY_RAD_S * k::PLAY_RAD_S);
         }
         p[ROLL][ROLL] = roll;
@@ -168,7 +167,7 @@ impl InstrumentFilter {
         tremor.fold(self.vectors[1], |sum, v| sum + v)
     }
 
-    /// How far the shaft passes beside its trocar, mm; 0 where it has none.
+    /// Distance of the shaft from its trocar, mm; 0 where the trocar is unknown.
     pub fn play(&self) -> f64 {
         if self.pivot.tracked { self.vectors[PLAY].norm() } else { 0.0 }
     }
@@ -180,7 +179,7 @@ impl InstrumentFilter {
         (self.rotation * Vector3::z(), lever)
     }
 
-    /// The pose `dt` seconds from the state's instant (either way), by the mean motion alone.
+    /// The predicted pose `dt` seconds after (or before) the state's instant.
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
         let mut ahead = (self.vectors, self.rotation, self.roll_tremor);
         if dt != 0.0 {
@@ -208,14 +207,14 @@ impl InstrumentFilter {
         (vectors, rotation, tremor)
     }
 
-    /// Carries the state to `time_ns`, where the trocar is at `pivot`; an earlier instant changes
-    /// nothing. Without a pivot the last one is kept, and believed less.
-    pub fn advance(&mut self, time_ns: u64, pivot: Option<Pivot>) {
+    /// Predicts the state at `time_ns`, where the trocar is at `pivot`; an earlier instant changes
+    /// nothing. Without a pivot the last one is kept with more play.
+    pub fn predict(&mut self, time_ns: u64, pivot: Option<Pivot>) {
         let whole_ns = time_ns.saturating_sub(self.time_ns);
         if whole_ns == 0 {
             return;
         }
-        self.learn(whole_ns as f64 * 1e-9);
+        self.adapt_variances(whole_ns as f64 * 1e-9);
         let steps = whole_ns.div_ceil(k::LONGEST_STEP_NS);
         let dt = whole_ns as f64 * 1e-9 / steps as f64;
         let step = StateTransition::new(dt);
@@ -235,8 +234,8 @@ impl InstrumentFilter {
         self.time_ns = time_ns;
     }
 
-    /// Where the pivot goes. A trocar that was not carried before takes over without moving the
-    /// shaft; near the pivot the lever is too short to tell a direction, and the shaft turns freely.
+    /// The next pivot. A trocar that becomes known takes over without moving the shaft; near the
+    /// pivot the lever is too short for a direction, and the shaft turns freely.
     fn next_pivot(&mut self, pivot: Option<Pivot>) -> Pivot {
         let held = Pivot { sigma: k::FREE_PLAY_MM, tracked: false, ..self.pivot };
         let mut next = pivot.unwrap_or(held);
@@ -253,34 +252,34 @@ impl InstrumentFilter {
     }
 
     fn add_noise(&mut self, step: &StateTransition, dt: f64) {
-        let smooth = smooth_model(self.smooth_variance).noise(dt);
+        let voluntary = voluntary_model(self.voluntary_variance).noise(dt);
         let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
         let [q11, q12, q13, q22, q23, q33] = ROLL_MODEL.noise(dt);
         let p = &mut self.covariance;
         for axis in 0..3 {
-            add(p, [axis, axis + 3, axis + 6, axis + 9], &smooth);
+            add_block(p, [axis, axis + 3, axis + 6, axis + 9], &voluntary);
             for (i, f) in step.tremor.iter().enumerate() {
                 let first = 3 * (TREMOR + 2 * i) + axis;
-                add(p, [first, first + 3], &tremor_model(i).noise(f, self.tremor_variance[i]));
+                add_block(p, [first, first + 3], &tremor_model(i).noise(f, self.tremor_variance[i]));
             }
-            add(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
+            add_block(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
         }
         let roll = [[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]];
-        add(p, [ROLL, ROLL + 1, ROLL + 2], &roll);
+        add_block(p, [ROLL, ROLL + 1, ROLL + 2], &roll);
         for (i, f) in step.roll_tremor.iter().enumerate() {
             let first = ROLL_TREMOR + 2 * i;
-            add(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));
+            add_block(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));
         }
     }
 
-    /// Lets the oscillators and the smooth movement learn how strong they are: the running mean of
-    /// what their states are expected to be squared, E[x²] = x̂² + P, over the axes.
-    fn learn(&mut self, dt: f64) {
+    /// Adapts the variances of the oscillators and of the voluntary acceleration: running means
+    /// over the axes of the expected squares of their states, E[x²] = x̂² + P.
+    fn adapt_variances(&mut self, dt: f64) {
         let p = &self.covariance;
         let square = |vector: usize| {
             let state = self.vectors[vector].norm_squared();
-            let doubt: f64 = (0..3).map(|axis| p[3 * vector + axis][3 * vector + axis]).sum();
-            (state + doubt) / 3.0
+            let variance: f64 = (0..3).map(|axis| p[3 * vector + axis][3 * vector + axis]).sum();
+            (state + variance) / 3.0
         };
         let share = (dt / k::TREMOR_LEARNING_S).min(0.2);
         let mut tremor = self.tremor_variance;
@@ -300,9 +299,9 @@ impl InstrumentFilter {
             *variance = variance.clamp(k::ROLL_TREMOR_RANGE_RAD2.0, k::ROLL_TREMOR_RANGE_RAD2.1);
         }
         let share = (dt / k::VOLUNTARY_LEARNING_S).min(0.2);
-        let smooth = self.smooth_variance + share * (square(2) - self.smooth_variance);
+        let voluntary = self.voluntary_variance + share * (square(2) - self.voluntary_variance);
         (self.tremor_variance, self.roll_tremor_variance) = (tremor, roll_tremor);
-        self.smooth_variance = smooth.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
+        self.voluntary_variance = voluntary.clamp(k::VOLUNTARY_RANGE_MM2_S4.0, k::VOLUNTARY_RANGE_MM2_S4.1);
     }
 
     /// P·Hᵀ: covariance of the whole state with the pose.
@@ -337,9 +336,9 @@ impl InstrumentFilter {
         (pose + pose.transpose()) * 0.5
     }
 
-    /// Takes the pose that maximises the posterior, and its covariance. `prior_inverse` is the
-    /// inverse of [`InstrumentFilter::pose_covariance`]. False, with nothing changed, where the result
-    /// would not be finite.
+    /// Updates the state with the pose of maximum posterior and its covariance. `prior_inverse` is
+    /// the inverse of [`InstrumentFilter::pose_covariance`]. False, with nothing changed, where the
+    /// result would not be finite.
     pub fn update(
         &mut self,
         posterior: &Isometry3<f64>,
@@ -378,7 +377,7 @@ impl InstrumentFilter {
         true
     }
 
-    /// P ← P − (gain·shrink)·gainᵀ: the lower triangle, and its mirror image.
+    /// P ← P − (gain·shrink)·gainᵀ: the lower triangle, then mirrored.
     #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
     fn shrink(&mut self, gain: &Columns, weighted: &Columns) {
         let [a, b, c, d, e, f] = gain;
@@ -396,19 +395,19 @@ impl InstrumentFilter {
         }
     }
 
-    /// The blobs are beside where they should be: the hand has begun to do something else. The tip's
-    /// movement is believed no more.
+    /// Inflates the covariance of the tip's movement: the blobs are beside their markers, so the
+    /// instrument manoeuvres.
     pub fn inflate_covariance(&mut self) {
         for (vector, sigma) in k::INFLATION.into_iter().enumerate() {
             for axis in 3 * vector..3 * vector + 3 {
                 self.covariance[axis][axis] += sigma * sigma;
             }
         }
-        self.smooth_variance = k::VOLUNTARY_RANGE_MM2_S4.1;
+        self.voluntary_variance = k::VOLUNTARY_RANGE_MM2_S4.1;
     }
 
-    /// The roll is found `turn_rad` from where it was foreseen, not having been seen for `since_s`: the hand
-    /// has turned otherwise, which tells of its rate too.
+    /// Inflates the covariance of the roll and its rate: the roll is `turn_rad` from its
+    /// prediction, after `since_s` seconds without an observation.
     pub fn inflate_roll_covariance(&mut self, turn_rad: f64, since_s: f64) {
         let dt = since_s.clamp(k::ROLL_MANOEUVRE_S.0, k::ROLL_MANOEUVRE_S.1);
         let push = [0.5 * dt * dt, dt, 1.0].map(|g| g * k::ROLL_MANOEUVRE_RAD_S2);
@@ -417,27 +416,28 @@ impl InstrumentFilter {
                 self.covariance[ROLL + r][ROLL + c] += push[r] * push[c];
             }
         }
-        // It goes on as unsteadily; and what no such push explains tells of no rate.
+        // The acceleration stays uncertain; an angle that it does not explain says nothing of the
+        // rate.
         self.covariance[ROLL + 2][ROLL + 2] += push[2] * push[2];
         let rest = (turn_rad.abs() - 2.0 * push[0]).max(0.0);
         self.covariance[ROLL][ROLL] += rest * rest;
     }
 
-    /// The roll has not been seen for long: it comes to rest over `dt` seconds.
+    /// Damps the rate of a roll that has not been observed for long, over `dt` seconds.
     pub fn damp_roll(&mut self, dt: f64) {
         let kept = libm::exp(-dt / k::ROLL_DAMPING_S);
         self.roll_rate *= kept;
         self.roll_acceleration *= kept;
     }
 
-    /// Poses further from what was foreseen than they should be, one by much or several in a row: the
-    /// hand does something new, and the smooth movement is believed less at once.
+    /// Raises the variance of the voluntary acceleration where the NIS is too large, once by much
+    /// or several times in a row: the instrument manoeuvres.
     fn adapt_to_nis(&mut self, nis: f64, expected: f64) {
         self.nis_ratio += k::NIS_RATIO_GAIN * (nis / expected.max(1.0) - self.nis_ratio);
         let ratio = (nis / k::NIS_LIMIT).max(self.nis_ratio / k::NIS_RATIO_LIMIT);
         if ratio > 1.0 {
             let factor = (ratio * ratio).min(10.0);
-            self.smooth_variance = (self.smooth_variance * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
+            self.voluntary_variance = (self.voluntary_variance * factor).min(k::VOLUNTARY_RANGE_MM2_S4.1);
         }
     }
 }
@@ -446,7 +446,7 @@ fn tip_of(vectors: &[Vector3<f64>; VECTORS]) -> Vector3<f64> {
     vectors[TREMOR..PLAY].iter().step_by(2).fold(vectors[0], |sum, v| sum + v)
 }
 
-/// The parts of a column (or row) of the covariance that belong to the tip and to the rotation.
+/// Tip and rotation of a column (or row) of the covariance.
 fn pose_part(row: &Row, axis: &Vector3<f64>, lever: f64) -> (Vector3<f64>, Vector3<f64>) {
     let vector = |i: usize| Vector3::new(row[3 * i], row[3 * i + 1], row[3 * i + 2]);
     let mut tip = vector(0);
@@ -458,7 +458,7 @@ fn pose_part(row: &Row, axis: &Vector3<f64>, lever: f64) -> (Vector3<f64>, Vecto
     (tip, turn)
 }
 
-/// `rotation`, turned by the least angle that lays the shaft through its pivot.
+/// `rotation`, turned by the least angle that brings the shaft through its pivot.
 fn aligned(
     rotation: UnitQuaternion<f64>,
     vectors: &[Vector3<f64>; VECTORS],

@@ -1,8 +1,9 @@
 //! From the marker blobs of several cameras to the poses of two instruments and the eye.
 //!
-//! [`process`] receives camera-fields on the `blobs` channel and publishes a `TrackerFrame` on `poses`
-//! for every exposure of the reference camera. Between them are pure modules without clock, files or
-//! transport: the [`assembler`] decides which fields make a frame, the [`tracker`] consumes them.
+//! [`process`] receives camera-fields on the `blobs` channel and publishes a `TrackerFrame` on
+//! `poses` for every exposure of the reference camera. Between them are pure modules without clock,
+//! files or transport: the [`assembler`] decides which fields make a frame, the [`tracker`]
+//! consumes them.
 //!
 //! | phase of an update | module |
 //! |---|---|
@@ -13,8 +14,8 @@
 //! | filter: fits into the filters, validity and status | [`body_filter`], [`track`] |
 //! | acquire: lost bodies, without a prediction | [`acquisition`] |
 //!
-//! [`predictor`] extrapolates the tips beyond the frame, [`drift`] estimates how far the rig has moved
-//! since its calibration, and [`rig_check`] refuses rigs that cannot work.
+//! [`predictor`] extrapolates the tips beyond the frame, [`drift`] estimates how far the rig has
+//! moved since its calibration, and [`rig_check`] refuses rigs that cannot work.
 
 pub mod acquisition;
 pub mod assembler;
@@ -33,11 +34,11 @@ pub mod pose_math;
 pub mod predictor;
 pub mod process;
 pub mod projection;
+pub mod replay;
 pub mod rig_check;
 pub mod rig_model;
 pub mod rls_predictor;
 pub mod roll_recovery;
-pub mod script;
 pub mod stream;
 pub mod track;
 pub mod tracker;

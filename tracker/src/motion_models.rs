@@ -1,13 +1,14 @@
-//! How a coordinate of a hand moves by itself: the linear models the filter of an instrument is
-//! made of, each with its transition over a time and the noise gathered in it.
+//! Linear motion models of one coordinate, each with its transition over a time and the process
+//! noise accumulated in it.
 //!
-//! - [`VoluntaryMotion`]: position, velocity, acceleration and its rate; the acceleration is white noise
-//!   through a critically damped second-order lag, so that its spectrum falls as that of a planned
+//! - [`VoluntaryMotion`]: position, velocity, acceleration and its rate; the acceleration is white
+//!   noise through a critically damped second-order lag. Its spectrum falls as that of a voluntary
 //!   movement does (as f⁻⁴ above 1/2πτ; Singer's falls as f⁻²).
 //! - [`Oscillator`]: a stationary, lightly damped oscillator driven by white noise: a line of the
 //!   tremor's spectrum; with more damping, the play of a shaft in its trocar.
+//! - [`Singer`]: an acceleration as white noise through a first-order lag (Singer 1970).
 
-/// A Singer acceleration.
+/// Singer model: x' = v, v' = a, a' = −a/τ + noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Singer {
     /// Standard deviation of the acceleration, mm/s² or rad/s².
@@ -31,8 +32,8 @@ impl Singer {
         SingerTransition { dt, g, h: self.tau_s * (dt - g), e }
     }
 
-    /// Process noise (q11, q12, q13, q22, q23, q33) gathered in `dt`. Below a twentieth of τ the
-    /// leading terms are used, where the closed form cancels.
+    /// Covariance (q11, q12, q13, q22, q23, q33) of the process noise over `dt`. Below τ/20 the
+    /// leading terms are used, because the closed form cancels.
     pub(crate) fn noise(&self, dt: f64) -> [f64; 6] {
         let (s2, b) = (self.sigma * self.sigma, 1.0 / self.tau_s);
         let t = b * dt;
@@ -53,7 +54,7 @@ impl Singer {
     }
 }
 
-/// A planned movement: x' = v, v' = a, a'' = −a/τ² − 2a'/τ + noise.
+/// A voluntary movement: x' = v, v' = a, a'' = −a/τ² − 2a'/τ + noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoluntaryMotion {
     /// Standard deviation of the acceleration, mm/s².
@@ -81,8 +82,8 @@ impl VoluntaryMotion {
         ]
     }
 
-    /// Covariance of the noise gathered in `dt`, to the leading order in dt/τ: white noise of
-    /// density 4σ²/τ³ on a', integrated. Steps are to stay well below τ.
+    /// Covariance of the process noise over `dt`, to the leading order in dt/τ: white noise of
+    /// density 4σ²/τ³ on a', integrated. `dt` must be well below τ.
     pub fn noise(&self, dt: f64) -> [[f64; 4]; 4] {
         let q = 4.0 * self.sigma * self.sigma / (self.tau_s * self.tau_s * self.tau_s);
         // ∫ φᵢ·φⱼ with φ = (s³/6, s²/2, s, 1).
@@ -102,7 +103,7 @@ impl VoluntaryMotion {
     }
 }
 
-/// x'' + 2ζωx' + ω²x = noise.
+/// Damped oscillator: x'' + 2ζωx' + ω²x = noise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Oscillator {
     /// ω, rad/s.
@@ -121,8 +122,8 @@ impl Oscillator {
         [[decay * (cos + ratio), decay * sin / wd], [-decay * sin * w * w / wd, decay * (cos - ratio)]]
     }
 
-    /// Covariance of the noise gathered over the transition `f`, if the displacement has the
-    /// variance `variance` in the long run: Σ − F·Σ·Fᵀ with Σ = diag(1, ω²)·variance.
+    /// Covariance of the process noise over the transition `f`, for a stationary displacement of
+    /// variance `variance`: Σ − F·Σ·Fᵀ with Σ = diag(1, ω²)·variance.
     pub fn noise(&self, f: &[[f64; 2]; 2], variance: f64) -> [[f64; 2]; 2] {
         let w2 = self.omega * self.omega;
         let product = |r: usize, c: usize| f[r][0] * f[c][0] + w2 * f[r][1] * f[c][1];
@@ -138,7 +139,7 @@ mod tests {
     use proptest::prelude::*;
 
     const SINGER: Singer = Singer { sigma: 200.0, tau_s: 0.05 };
-    const SMOOTH: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.2 };
+    const VOLUNTARY: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.2 };
 
     fn matrix(m: [[f64; 4]; 4]) -> Matrix4<f64> {
         Matrix4::from_fn(|r, c| m[r][c])
@@ -164,11 +165,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn smooth_transition_solves_its_equation(dt in -0.1..0.2f64) {
-            let (t, mut f) = (SMOOTH.tau_s, Matrix4::zeros());
+        fn voluntary_transition_solves_its_equation(dt in -0.1..0.2f64) {
+            let (t, mut f) = (VOLUNTARY.tau_s, Matrix4::zeros());
             (f[(0, 1)], f[(1, 2)], f[(2, 3)]) = (1.0, 1.0, 1.0);
             (f[(3, 2)], f[(3, 3)]) = (-1.0 / (t * t), -2.0 / t);
-            prop_assert!((matrix(SMOOTH.transition(dt)) - exponential(&(f * dt))).norm() < 1e-9);
+            prop_assert!((matrix(VOLUNTARY.transition(dt)) - exponential(&(f * dt))).norm() < 1e-9);
         }
 
         #[test]
@@ -182,15 +183,15 @@ mod tests {
         }
 
         #[test]
-        fn gathered_noise_adds_up(dt in 0.001..0.01f64, hz in 0.3..14.0f64) {
+        fn process_noise_adds_up(dt in 0.001..0.01f64, hz in 0.3..14.0f64) {
             let o = Oscillator { omega: hz * std::f64::consts::TAU, damping: 0.05 };
             let (f, twice) = (o.transition(dt), o.transition(2.0 * dt));
             let m = |m: [[f64; 2]; 2]| Matrix2::new(m[0][0], m[0][1], m[1][0], m[1][1]);
             let (once, both) = (m(o.noise(&f, 0.01)), m(o.noise(&twice, 0.01)));
             let sum = m(f) * once * m(f).transpose() + once;
             prop_assert!((sum - both).norm() < 1e-9 * (1.0 + both.norm()));
-            let (half, whole) = (matrix(SMOOTH.noise(dt)), matrix(SMOOTH.noise(2.0 * dt)));
-            let step = matrix(SMOOTH.transition(dt));
+            let (half, whole) = (matrix(VOLUNTARY.noise(dt)), matrix(VOLUNTARY.noise(2.0 * dt)));
+            let step = matrix(VOLUNTARY.transition(dt));
             let sum = step * half * step.transpose() + half;
             prop_assert!((sum - whole).norm() < 0.2 * whole.norm(), "leading order only");
         }

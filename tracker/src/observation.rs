@@ -1,4 +1,4 @@
-//! What a camera saw, ready for computation: blobs in pixels of the frame with their variances.
+//! Observations: the blobs of a camera-field in pixels of the frame, with their covariances.
 
 use crate::constants as k;
 use crate::projection::MarkerImage;
@@ -8,7 +8,7 @@ use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIAN
 use protocol::camera::Camera;
 use protocol::limits::MAX_BLOBS;
 
-/// One blob.
+/// A blob.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BlobObservation {
     /// Centre in the frame, px.
@@ -19,24 +19,24 @@ pub struct BlobObservation {
     pub area_px: f64,
     /// Width of its box, px.
     pub width_px: f64,
-    /// Colour on the wire.
+    /// Colour, as in the message.
     pub colour: u32,
     /// Bits `BLOB_…`.
     pub flags: u32,
 }
 
-/// One camera-field.
+/// A camera-field.
 #[derive(Debug, Clone)]
 pub struct FieldObservation {
     /// Camera id.
     pub camera: usize,
-    /// Middle of the exposure; 0 where this camera has not spoken.
+    /// Middle of the exposure, ns; 0 before the first field of this camera.
     pub exposed_ns: u64,
-    /// Blobs.
+    /// Blobs; the first `count` are valid.
     pub blobs: [BlobObservation; MAX_BLOBS],
-    /// Blobs in use.
+    /// Number of valid blobs.
     pub count: usize,
-    /// Bit per blob that a body took.
+    /// Set of the blobs assigned to a body.
     pub assigned: u64,
 }
 
@@ -44,7 +44,7 @@ pub struct FieldObservation {
 const _: () = assert!(MAX_BLOBS <= 64);
 
 impl FieldObservation {
-    /// A camera that has not spoken.
+    /// An observation without blobs, before the first field of a camera.
     pub fn empty(camera: usize) -> Self {
         let none = BlobObservation {
             pixel: Vector2::zeros(),
@@ -57,8 +57,8 @@ impl FieldObservation {
         FieldObservation { camera, exposed_ns: 0, blobs: [none; MAX_BLOBS], count: 0, assigned: 0 }
     }
 
-    /// Takes a field over; blobs with numbers that make no sense or far outside of the frame are
-    /// left away; returns how many.
+    /// Takes over the blobs of a field. Returns how many were ignored: not finite, without size, or
+    /// far outside of the frame.
     pub fn fill(&mut self, field: &BlobField, camera: &Camera) -> u32 {
         self.exposed_ns = field.exposed_ns;
         self.count = 0;
@@ -72,23 +72,23 @@ impl FieldObservation {
         field.blobs().len() as u32 - self.count as u32
     }
 
-    /// The blobs.
+    /// The valid blobs.
     pub fn blobs(&self) -> &[BlobObservation] {
         &self.blobs[..self.count]
     }
 
-    /// True if no body took the blob.
+    /// True if the blob is assigned to no body.
     pub fn is_unassigned(&self, blob: usize) -> bool {
         self.assigned & (1 << blob) == 0
     }
 
-    /// A body takes the blob.
+    /// Marks the blob as assigned to a body.
     pub fn assign(&mut self, blob: usize) {
         self.assigned |= 1 << blob;
     }
 }
 
-/// Blobs may stand out of the frame by so much, px; their centre is then extrapolated.
+/// Largest distance of a blob from the frame, px; its centre is then extrapolated.
 const BORDER_PX: f64 = 8.0;
 
 fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera) -> Option<BlobObservation> {
@@ -110,22 +110,23 @@ fn observe_blob(blob: &Blob, field: &BlobField, camera: &Camera) -> Option<BlobO
     })
 }
 
-/// The stream's covariance within sane bounds, or the usual one where it tells none.
+/// The stream's covariance, clamped; the default for the blob's area where the stream has none.
 fn covariance_of(blob: &Blob) -> Matrix2<f64> {
-    let told = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
+    let given = [blob.var_x_px2, blob.var_y_px2, blob.cov_xy_px2];
     let (low, high) = k::VARIANCE_RANGE_PX2;
-    if told == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] || !told.iter().all(|v| v.is_finite()) {
+    if given == [DEFAULT_VARIANCE_PX2, DEFAULT_VARIANCE_PX2, 0.0] || !given.iter().all(|v| v.is_finite()) {
         let area = blob.area_px.clamp(k::SIGMA_AREA_PX.0, k::SIGMA_AREA_PX.1);
         return Matrix2::from_diagonal(&Vector2::new(k::SIGMA_X_PX, k::SIGMA_Y_PX).map(|s| s * s / area));
     }
-    let (xx, yy) = (told[0].clamp(low, high), told[1].clamp(low, high));
+    let (xx, yy) = (given[0].clamp(low, high), given[1].clamp(low, high));
     let limit = 0.95 * libm::sqrt(xx * yy);
-    let xy = told[2].clamp(-limit, limit);
+    let xy = given[2].clamp(-limit, limit);
     Matrix2::new(xx, xy, xy, yy)
 }
 
-/// Covariance of a blob taken for a marker: the blob's own, and more where its size tells that it
-/// is hidden in part or merged. `None` where it cannot be this marker.
+/// Covariance (px²) of a blob as the centre of a marker: that of the blob, inflated where its size
+/// or flags show that the marker is partly hidden or merged with another. `None` where the ratio of
+/// areas is outside of `ratio_range`.
 pub fn marker_covariance(
     blob: &BlobObservation,
     image: &MarkerImage,
@@ -139,17 +140,17 @@ pub fn marker_covariance(
     let lost = (libm::log(ratio).abs() - k::AREA_TOLERANCE).max(0.0);
     let wide = blob.width_px / (2.0 * image.radius_px * libm::sqrt(area_scale)) - 1.0;
     let grown = (wide - 0.04 - 1.2 / blob.width_px.max(1.0)).max(0.0);
-    let spoilt = f64::from(u8::from(blob.flags & (BLOB_MERGED | BLOB_CLIPPED) != 0));
-    let shift = image.radius_px * (k::AREA_SHIFT * lost + grown + 0.5 * spoilt);
+    let flagged = f64::from(u8::from(blob.flags & (BLOB_MERGED | BLOB_CLIPPED) != 0));
+    let shift = image.radius_px * (k::AREA_SHIFT * lost + grown + 0.5 * flagged);
     Some(blob.covariance + Matrix2::identity() * (shift * shift))
 }
 
-/// True if a blob is not so doubtful, by its size, that it might be anywhere on its marker.
+/// True if a covariance from [`marker_covariance`] is small enough to observe a roll.
 pub fn is_localised(covariance: &Matrix2<f64>) -> bool {
     covariance.trace() < 2.0 * k::ROLL_LOCALISED_PX * k::ROLL_LOCALISED_PX
 }
 
-/// The camera of a view.
+/// The camera of a field.
 pub fn camera_of<'a>(rig: &'a RigModel, field: &FieldObservation) -> Option<&'a Camera> {
     rig.cameras[field.camera].as_ref()
 }
@@ -160,7 +161,7 @@ mod tests {
     use nalgebra::{Matrix2x3, Point3};
 
     #[test]
-    fn a_shrunk_or_grown_blob_is_doubted() {
+    fn a_shrunk_or_grown_blob_has_a_larger_covariance() {
         let image = MarkerImage {
             pixel: Vector2::zeros(),
             jacobian: Matrix2x3::zeros(),

@@ -7,19 +7,20 @@ use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector
 pub type Matrix6 = SMatrix<f64, 6, 6>;
 /// A small change of the pose, in the same order.
 pub type Vector6 = SVector<f64, 6>;
-/// exp of a rotation vector.
+
+/// The rotation of a rotation vector, rad.
 pub fn exp(v: Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_scaled_axis(v)
 }
 
-/// The small change that leads from `from` to `to`: shift, and rotation vector in the world.
+/// `to` ⊟ `from`: the change that leads from one pose to the other.
 pub fn box_minus(to: &Isometry3<f64>, from: &Isometry3<f64>) -> Vector6 {
     let shift = to.translation.vector - from.translation.vector;
     let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 
-/// `pose` changed by `delta`.
+/// `pose` ⊞ `delta`.
 pub fn box_plus(pose: &Isometry3<f64>, delta: &Vector6) -> Isometry3<f64> {
     let shift: Vector3<f64> = delta.fixed_rows::<3>(0).into();
     let turn: Vector3<f64> = delta.fixed_rows::<3>(3).into();
@@ -29,7 +30,7 @@ pub fn box_plus(pose: &Isometry3<f64>, delta: &Vector6) -> Isometry3<f64> {
     )
 }
 
-/// A pose carried by a constant motion.
+/// A pose after `dt_s` seconds of constant velocity (mm/s) and angular velocity (rad/s).
 pub fn propagated(pose: &Isometry3<f64>, motion: &[Vector3<f64>; 2], dt_s: f64) -> Isometry3<f64> {
     Isometry3::from_parts(
         Translation3::from(pose.translation.vector + motion[0] * dt_s),
@@ -44,7 +45,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn change_and_difference_are_inverse(d in prop::array::uniform6(-1.0..1.0f64)) {
+        fn box_plus_and_box_minus_are_inverse(d in prop::array::uniform6(-1.0..1.0f64)) {
             let pose = Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.3, -0.4, 0.5));
             let delta = Vector6::from(d);
             prop_assert!((box_minus(&box_plus(&pose, &delta), &pose) - delta).norm() < 1e-9);

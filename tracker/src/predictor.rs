@@ -1,62 +1,64 @@
-//! What the hand will do next, in the form that `protocol::predict` carries to any instant.
+//! Prediction of an instrument's tip, in the form that `protocol::predict` evaluates at any
+//! instant.
 //!
-//! Two linear predictors learn from the hand (see `learner`): one looks back 8 fields and learns
-//! fast, one looks back 24 and knows a tremor's several frequencies apart. They speak together, each
-//! by how well it foretold of late. Their word is the tip at the next four fields. Between these and
-//! the tip now and one field ago, a movement of velocity, dying acceleration and two oscillators is
-//! laid: at 8 and 12 Hz they interpolate everything from 0 to 13 Hz within 4 %.
+//! Two adaptive linear predictors (see [`crate::rls_predictor`]) use the last 8 fields, which
+//! adapts fast, and the last 24, which resolves several frequencies of a tremor. Their predictions
+//! of the tip at the next four fields are mixed with weights from their recent errors. A movement
+//! of velocity, decaying acceleration and two oscillators interpolates these, the present tip and
+//! that of one field before: with oscillators at 8 and 12 Hz it follows everything from 0 to 13 Hz
+//! within 4 %.
 
 use crate::rls_predictor::{HORIZONS, RlsPredictor};
 use nalgebra::{SMatrix, Vector3};
 use protocol::limits::{FIELD_PERIOD_NS, OSCILLATORS};
 use protocol::poses::{Oscillator, Predictor};
 
-/// Steps that the two predictors look back.
+/// Steps that the two predictors use.
 const SHORT: usize = 8;
 const LONG: usize = 24;
-/// Share of the newest error in the running squared error of a predictor.
+/// Gain of the running squared error of a predictor.
 const FORGETTING: f64 = 0.03;
-/// Squared error that is as good as none, mm².
+/// Squared error below which a predictor counts as exact, mm².
 const NEGLIGIBLE_MM2: f64 = 1e-8;
-/// A tip within this of the grid of fields moves the grid; genlocked cameras jitter less, ns.
+/// A tip within this of the grid of fields shifts the grid, ns; genlocked cameras jitter less.
 const JITTER_NS: u64 = 500_000;
-/// So many fields may be missing in the grid; they are filled in by the filter.
+/// Most missing fields that the filter fills in.
 const MAX_FILL: u64 = 3;
 
 /// Frequencies of the interpolating oscillators, Hz.
 const OSCILLATORS_HZ: [f64; OSCILLATORS] = [8.0, 12.0];
-/// Time constant of the acceleration, s.
+/// Time constant of the interpolating acceleration, s.
 const ACCELERATION_TAU_S: f64 = 0.3;
-/// Nodes of the interpolation: a field ago, and the horizons.
+/// Nodes of the interpolation: one field before, and the horizons.
 const NODES: usize = HORIZONS + 1;
-/// Its parameters: velocity, acceleration, two of each oscillator.
+/// Parameters of the interpolation: velocity, acceleration, two of each oscillator.
 const PARAMETERS: usize = 2 + 2 * OSCILLATORS;
 type Interpolation = SMatrix<f64, PARAMETERS, NODES>;
-/// Doubt of a node over that of a parameter, mm²: small, so that nodes are met.
+/// Ridge of the interpolation, mm²: small, so that the nodes are met.
 const NODE_RIDGE: f64 = 1e-4;
 
-/// A tip in the grid of fields.
+/// The tip at a point of the grid of fields.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Sample {
     tip: Vector3<f64>,
     measured: bool,
 }
 
-/// The forecast of one instrument.
+/// Predicts the tip of one instrument.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TipPredictor {
     short: RlsPredictor<SHORT>,
     long: RlsPredictor<LONG>,
-    /// Running squared errors of the two, by horizon, mm².
+    /// Running squared errors of the two predictors, by horizon, mm².
     errors: [[f64; 2]; HORIZONS],
-    /// What the two foretold, newest first, as tips.
+    /// Predicted tips of the last fields, newest first.
     predictions: [[[Vector3<f64>; 2]; HORIZONS]; HORIZONS],
     /// Newest first.
     samples: [Sample; LONG + 1],
     count: usize,
     /// Instant of the newest sample, ns.
     time_ns: u64,
-    /// The interpolation where the newest sample is that of the frame.
+    /// The interpolation where the newest sample is at the frame's instant.
     on_grid: Interpolation,
 }
 
@@ -77,15 +79,15 @@ impl Default for TipPredictor {
 }
 
 impl TipPredictor {
-    /// The tip was lost or made a jump; the habits of the hand are kept.
+    /// Starts a new sequence after a loss or a jump; the weights are kept.
     pub fn interrupt(&mut self) {
         self.count = 0;
         self.short.interrupt();
         self.long.interrupt();
     }
 
-    /// The tip at `exposed_ns`; `tip_after` gives it for instants about that (s).
-    pub fn take(&mut self, exposed_ns: u64, measured: bool, tip_after: impl Fn(f64) -> Vector3<f64>) {
+    /// Adds the tip at `exposed_ns`; `tip_after` returns the tip at instants relative to that, s.
+    pub fn observe(&mut self, exposed_ns: u64, measured: bool, tip_after: impl Fn(f64) -> Vector3<f64>) {
         let fields = exposed_ns.saturating_sub(self.time_ns) as f64 / FIELD_PERIOD_NS as f64;
         let fields = libm::round(fields) as u64;
         if self.count > 0 && fields == 0 && exposed_ns >= self.time_ns {
@@ -115,18 +117,18 @@ impl TipPredictor {
             both.then(|| sample.tip - then.tip)
         });
         if self.count > SHORT {
-            self.judge(&sample);
-            self.short.learn(&self.steps(), &moved);
+            self.update_errors(&sample);
+            self.short.update(&self.steps(), &moved);
         }
         if self.count > LONG {
-            self.long.learn(&self.steps(), &moved);
+            self.long.update(&self.steps(), &moved);
         }
         self.predictions.rotate_right(1);
         self.predictions[0] = self.predict();
     }
 
-    /// Compares what was foretold for this field.
-    fn judge(&mut self, sample: &Sample) {
+    /// Updates the running errors with the predictions for this field.
+    fn update_errors(&mut self, sample: &Sample) {
         if !sample.measured || self.count <= LONG {
             return;
         }
@@ -147,7 +149,7 @@ impl TipPredictor {
         std::array::from_fn(|h| [tip + short[h], tip + long[h]])
     }
 
-    /// The tips at the next four fields; `None` until enough has been seen.
+    /// The tips at the next four fields; `None` until there are enough samples.
     fn ahead(&self) -> Option<[Vector3<f64>; HORIZONS]> {
         if self.count <= SHORT {
             return None;
@@ -156,18 +158,19 @@ impl TipPredictor {
         Some(std::array::from_fn(|h| {
             let [short, long] = self.predictions[0][h];
             let weights = self.errors[h].map(|e| {
-                let better = NEGLIGIBLE_MM2 / e.max(NEGLIGIBLE_MM2);
-                // The fourth power: who foretells twice as well as the other speaks almost alone.
-                (better * better) * (better * better)
+                let precision = NEGLIGIBLE_MM2 / e.max(NEGLIGIBLE_MM2);
+                // The fourth power: a predictor twice as good as the other gets almost all the
+                // weight.
+                (precision * precision) * (precision * precision)
             });
             let share = if long_too { weights[1] / (weights[0] + weights[1]) } else { 0.0 };
             short + (long - short) * share
         }))
     }
 
-    /// Writes the forecast into `predictor` for a frame of `exposed_ns`; `tip_after` gives the
-    /// filter's tip, which speaks alone until enough has been seen.
-    pub fn publish(
+    /// Writes the prediction into `predictor`, for a frame of `exposed_ns`; `tip_after` returns the
+    /// filter's tip, which is used alone until there are enough samples.
+    pub fn write_to(
         &self,
         exposed_ns: u64,
         tip_after: impl Fn(f64) -> Vector3<f64>,
@@ -175,14 +178,14 @@ impl TipPredictor {
     ) {
         let period = FIELD_PERIOD_NS as f64 * 1e-9;
         let mut offset = self.time_ns.wrapping_sub(exposed_ns) as i64 as f64 * 1e-9;
-        let learnt = self.ahead().filter(|_| offset.abs() < period);
-        if learnt.is_none() {
+        let adaptive = self.ahead().filter(|_| offset.abs() < period);
+        if adaptive.is_none() {
             offset = 0.0;
         }
         let now = tip_after(0.0);
         let times = node_times(offset);
-        let ahead = learnt.unwrap_or_else(|| std::array::from_fn(|h| tip_after(times[h + 1])));
-        let before = if learnt.is_some() { self.samples[1].tip } else { tip_after(times[0]) };
+        let ahead = adaptive.unwrap_or_else(|| std::array::from_fn(|h| tip_after(times[h + 1])));
+        let before = if adaptive.is_some() { self.samples[1].tip } else { tip_after(times[0]) };
         let nodes: [Vector3<f64>; NODES] =
             std::array::from_fn(|n| if n == 0 { before } else { ahead[n - 1] } - now);
         let fit = if offset == 0.0 { self.on_grid } else { interpolation(&times) };
@@ -190,14 +193,14 @@ impl TipPredictor {
     }
 }
 
-/// The node before the newest sample, and those after it, s.
+/// Instants of the nodes relative to the frame, s.
 fn node_times(offset: f64) -> [f64; NODES] {
     let period = FIELD_PERIOD_NS as f64 * 1e-9;
     std::array::from_fn(|n| offset + period * if n == 0 { -1.0 } else { n as f64 })
 }
 
-/// The linear map from tips at `times` (s) to the movement through them that is the least in its
-/// parameters.
+/// The linear map from tips at `times` (s) to the parameters of least norm of a movement through
+/// them.
 fn interpolation(times: &[f64; NODES]) -> Interpolation {
     // Typical sizes of the parameters, mm/s and so on, relative to each other.
     let sizes: [f64; PARAMETERS] = [100.0, 1000.0, 1.0, 60.0, 1.0, 60.0];
@@ -229,7 +232,7 @@ fn omega(oscillator: usize) -> f64 {
     2.0 * std::f64::consts::PI * OSCILLATORS_HZ[oscillator]
 }
 
-/// What a unit of parameter `p` moves in `t` seconds, as `protocol::predict` does.
+/// Displacement by a unit of parameter `p` after `t` seconds, as in `protocol::predict`.
 fn basis(t: f64, p: usize) -> f64 {
     let tau = ACCELERATION_TAU_S;
     match p {
@@ -250,15 +253,15 @@ mod tests {
 
     /// RMS error of a prediction 55 ms ahead of a moving tip, µm.
     fn rms_um(tip: impl Fn(f64) -> Vector3<f64>) -> f64 {
-        let mut forecast = TipPredictor::default();
+        let mut predictor = TipPredictor::default();
         let mut sum = 0.0;
         for k in 1..=300u64 {
             let t = k as f64 * 0.02;
             let mut body = BodyState::zeroed();
             body.world_from_body = Pose { position_mm: tip(t).into(), ..Pose::IDENTITY };
             body.validity = Validity::Measured as u32;
-            forecast.take(k * FIELD_PERIOD_NS, true, |dt| tip(t + dt));
-            forecast.publish(k * FIELD_PERIOD_NS, |dt| tip(t + dt.min(0.0)), &mut body.predictor);
+            predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(t + dt));
+            predictor.write_to(k * FIELD_PERIOD_NS, |dt| tip(t + dt.min(0.0)), &mut body.predictor);
             if k > 100 {
                 let ahead = Vector3::from(predict_body(&body, 0.055).world_from_body.position_mm);
                 sum += (ahead - tip(t + 0.055)).norm_squared();
@@ -268,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn tremor_of_any_frequency_is_foreseen() {
+    fn tremor_of_any_frequency_is_predicted() {
         for hz in [6.5, 7.5, 9.3, 11.8, 13.0] {
             let w = 2.0 * std::f64::consts::PI * hz;
             let tip = |t: f64| Vector3::new(0.08 * (w * t).sin(), 2.0 * t, 0.05 * (w * t).cos());
@@ -284,27 +287,27 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_begins_anew_but_habits_stay() {
-        let mut forecast = TipPredictor::default();
+    fn a_gap_starts_a_new_sequence_and_keeps_the_weights() {
+        let mut predictor = TipPredictor::default();
         let tip = |t: f64| Vector3::new(0.1 * (60.0 * t).sin(), 0.0, 0.0);
         for k in 1..60u64 {
-            forecast.take(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
+            predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
         }
-        let learnt = forecast.short.clone();
-        forecast.take(5_000_000_000, true, |_| Vector3::new(7.0, 0.0, 0.0));
-        assert!(forecast.ahead().is_none(), "nothing is known of the new movement yet");
+        let learnt = predictor.short.clone();
+        predictor.observe(5_000_000_000, true, |_| Vector3::new(7.0, 0.0, 0.0));
+        assert!(predictor.ahead().is_none(), "nothing is known of the new movement yet");
         let step = [Vector3::new(0.01, 0.0, 0.0); SHORT];
-        assert_eq!(forecast.short.predict(&step), learnt.predict(&step));
+        assert_eq!(predictor.short.predict(&step), learnt.predict(&step));
     }
 
     #[test]
     fn a_missing_field_is_filled_in() {
         let tip = |t: f64| Vector3::new(3.0 * t, 0.0, 0.0);
-        let mut forecast = TipPredictor::default();
+        let mut predictor = TipPredictor::default();
         for k in (1..60u64).filter(|k| k % 7 != 0) {
-            forecast.take(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
+            predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
         }
-        let steps: [Vector3<f64>; LONG] = forecast.steps();
+        let steps: [Vector3<f64>; LONG] = predictor.steps();
         assert!(steps.iter().all(|s| (s.x - 0.06).abs() < 1e-12), "{steps:?}");
     }
 }

@@ -2,15 +2,15 @@
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::config::Config;
+use crate::replay::FieldStore;
 use crate::rig_check;
-use crate::script::FieldStore;
 use crate::tracker::{Reference, Tracker, close};
 use anyhow::Context;
 use ipc::clock::now;
 use ipc::shell::Shell;
 use ipc::{Queue, Receiver, Sender, Wakes, wait};
 use protocol::blobs::BlobField;
-use protocol::control::{Command, FrameScript, Request};
+use protocol::control::{Command, RecordedFrame};
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::limits::MAX_WAIT_MS;
 use protocol::message::Message;
@@ -18,85 +18,93 @@ use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::rig::Rig;
 use protocol::time::Nanos;
 
-/// Runs until it is told to end.
+/// Runs the tracker until it is asked to stop.
+///
+/// # Errors
+/// A rig that cannot be read or cannot work; a channel that cannot be opened or fails.
 pub fn run(config: &Config) -> anyhow::Result<()> {
-    let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-    rig_check::check(&rig).context("this rig cannot work")?;
-    let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
-    let mut tracking = Tracking {
-        blobs: instance.receiver(Queue::InOrder)?,
-        scripts: instance.receiver(Queue::InOrder)?,
-        poses: instance.sender()?,
-        shell,
-        assembler: FrameAssembler::new(&rig),
-        tracker: Tracker::with(&rig, !config.fixed_rig),
-        store: FieldStore::default(),
-        script: None,
-        clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
-        scripted: config.script,
-        drift_told: false,
-    };
-    tracking.shell.report.state = STATE_RUNNING;
-    tracking.shell.beat_now(now())?;
-    while !tracking.shell.stopping() {
-        let sources: [&dyn Wakes; 3] = [&tracking.blobs, &tracking.scripts, tracking.shell.control()];
-        wait(&sources, tracking.time_to_wait());
-        tracking.take_fields()?;
-        tracking.follow_scripts()?;
-        tracking.report();
-        if let Some((request, command)) = tracking.shell.serve(now())? {
-            tracking.obey(&request, command)?;
-        }
+    let mut process = TrackerProcess::start(config)?;
+    while !process.shell.stopping() {
+        process.wait();
+        process.receive_fields()?;
+        process.replay_frames()?;
+        process.report();
+        process.serve_control()?;
     }
     Ok(())
 }
 
-/// Whose time decides about time-outs.
+/// The clock that time-outs are measured by.
 #[derive(Debug, Clone, Copy)]
 enum Clock {
-    /// The system's.
+    /// The system's monotonic clock.
     System,
     /// The newest instant at which a field of the stream was received.
     Stream(Nanos),
 }
 
-struct Tracking {
+struct TrackerProcess {
     blobs: Receiver<BlobField>,
-    scripts: Receiver<FrameScript>,
+    recorded: Receiver<RecordedFrame>,
     poses: Sender<TrackerFrame>,
     shell: Shell,
     assembler: FrameAssembler,
     tracker: Tracker,
     store: FieldStore,
-    /// A script whose fields have not all come.
-    script: Option<FrameScript>,
+    /// A recorded frame whose fields have not all arrived.
+    waiting: Option<RecordedFrame>,
     clock: Clock,
-    scripted: bool,
-    drift_told: bool,
+    replay: bool,
+    drift_reported: bool,
 }
 
-impl Tracking {
-    /// Until the next deadline, ns; a poll rounds up to whole milliseconds of its own accord.
-    fn time_to_wait(&self) -> u64 {
+impl TrackerProcess {
+    fn start(config: &Config) -> anyhow::Result<Self> {
+        let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+        rig_check::check(&rig).context("this rig cannot work")?;
+        let (instance, shell) = Shell::start(Process::Tracker, &config.shell).context("cannot start")?;
+        let mut process = TrackerProcess {
+            blobs: instance.receiver(Queue::InOrder)?,
+            recorded: instance.receiver(Queue::InOrder)?,
+            poses: instance.sender()?,
+            shell,
+            assembler: FrameAssembler::new(&rig),
+            tracker: Tracker::with(&rig, !config.fixed_rig),
+            store: FieldStore::default(),
+            waiting: None,
+            clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
+            replay: config.replay,
+            drift_reported: false,
+        };
+        process.shell.report.state = STATE_RUNNING;
+        process.shell.beat_now(now())?;
+        Ok(process)
+    }
+
+    /// Waits for a message, at most until the assembler's next deadline.
+    fn wait(&self) {
         let longest = MAX_WAIT_MS * 1_000_000;
-        match (self.clock, self.scripted) {
+        // A poll rounds up to whole milliseconds of its own accord.
+        let timeout_ns = match (self.clock, self.replay) {
             (Clock::System, false) => {
                 let at = now();
                 self.assembler.deadline(at).map_or(longest, |d| d.saturating_sub(at).min(longest))
             }
             _ => longest,
-        }
+        };
+        let sources: [&dyn Wakes; 3] = [&self.blobs, &self.recorded, self.shell.control()];
+        wait(&sources, timeout_ns);
     }
 
-    /// Takes in all fields that have come, and closes frames.
-    fn take_fields(&mut self) -> anyhow::Result<()> {
+    /// Takes in all fields that have arrived, and closes frames.
+    fn receive_fields(&mut self) -> anyhow::Result<()> {
         while let Some(field) = self.blobs.next_valid()? {
-            if self.scripted {
+            if self.replay {
                 self.store.push(&field);
                 continue;
             }
             let at = self.advance_clock(&field)?;
-            // A refusal is counted in the assembler and told with every frame.
+            // The assembler counts refusals; the count is published with every frame.
             if let Err(refusal) = self.assembler.push(&field, at) {
                 tracing::debug!(field = field.field, camera = field.camera, "field refused: {refusal}");
             }
@@ -104,13 +112,13 @@ impl Tracking {
                 self.publish(&closed)?;
             }
         }
-        if matches!(self.clock, Clock::System) && !self.scripted {
+        if matches!(self.clock, Clock::System) && !self.replay {
             self.expire(now())?;
         }
         Ok(())
     }
 
-    /// The instant at which a field comes in. On a stream's clock, frames whose wait ended before
+    /// The instant at which a field arrives. On a stream's clock, frames whose wait ended before
     /// that are closed first.
     fn advance_clock(&mut self, field: &BlobField) -> anyhow::Result<Nanos> {
         let Clock::Stream(newest) = self.clock else { return Ok(now()) };
@@ -136,25 +144,24 @@ impl Tracking {
         self.send(frame)
     }
 
-    /// Produces the frames that the record names, as far as their fields have come.
-    fn follow_scripts(&mut self) -> anyhow::Result<()> {
+    /// Tracks the recorded frames again, as far as their fields have arrived.
+    fn replay_frames(&mut self) -> anyhow::Result<()> {
         loop {
-            if self.script.is_none() {
-                self.script = self.scripts.next_valid()?;
+            if self.waiting.is_none() {
+                self.waiting = self.recorded.next_valid()?;
             }
-            let Some(script) = self.script else { return Ok(()) };
-            if script.frame == 0 {
-                self.tracker.reset();
-                self.drift_told = false;
+            let Some(recorded) = self.waiting else { return Ok(()) };
+            if recorded.frame == 0 {
+                self.reset_tracker();
             }
-            let Some(used) = self.store.take(&script) else { return Ok(()) };
+            let Some(used) = self.store.take(&recorded) else { return Ok(()) };
             let taken = now();
             let reference =
-                Reference { camera: script.camera, field: script.field, exposed_ns: script.exposed_ns };
+                Reference { camera: recorded.camera, field: recorded.field, exposed_ns: recorded.exposed_ns };
             let mut frame = self.tracker.track(used, &reference);
-            close(&mut frame, ClosedBy::from_wire(script.closed_by));
+            close(&mut frame, ClosedBy::from_wire(recorded.closed_by));
             stamp(&mut frame, used, taken);
-            self.script = None;
+            self.waiting = None;
             self.send(frame)?;
         }
     }
@@ -165,7 +172,7 @@ impl Tracking {
         self.shell.inject_delay();
         frame.instants.tracked = now();
         if let Err(invalid) = frame.validate() {
-            // The tracker's own chokepoint: a frame that no one may use is not sent.
+            // The tracker's own chokepoint: an invalid frame is not sent.
             tracing::error!(field = frame.field, frame = frame.frame, "frame withheld: {invalid}");
             self.shell.report.refused += 1;
             return Ok(());
@@ -173,67 +180,73 @@ impl Tracking {
         Ok(self.poses.send(&frame)?)
     }
 
-    /// Says once that the rig has drifted. Seldom enough to be formatted.
-    fn tell_drift(&mut self) {
-        if let Some(report) = self.tracker.drift().filter(|r| r.detected && !self.drift_told) {
-            tracing::warn!("{report}");
-            self.drift_told = true;
-        }
-    }
-
+    /// Updates the figures of the next heartbeat, and warns once of a drifted rig.
     fn report(&mut self) {
-        self.tell_drift();
-        let (blobs, scripts) = (self.blobs.counts(), self.scripts.counts());
+        if let Some(report) = self.tracker.drift().filter(|r| r.detected && !self.drift_reported) {
+            tracing::warn!("{report}");
+            self.drift_reported = true;
+        }
+        let (blobs, recorded) = (self.blobs.counts(), self.recorded.counts());
         let report = &mut self.shell.report;
-        report.received = blobs.received + scripts.received;
+        report.received = blobs.received + recorded.received;
         report.sent = self.poses.sent();
-        report.lost = blobs.lost + scripts.lost + self.store.dropped();
+        report.lost = blobs.lost + recorded.lost + self.store.dropped();
         let fields = u64::from(self.assembler.refused());
-        report.refused = blobs.refused + scripts.refused + fields + self.tracker.blobs_refused();
+        report.refused = blobs.refused + recorded.refused + fields + self.tracker.blobs_refused();
     }
 
-    fn obey(&mut self, request: &Request, command: Command) -> anyhow::Result<()> {
-        let mut result = Ok(());
-        match command {
-            Command::Reset | Command::Load => {
-                self.tracker.reset();
-                self.drift_told = false;
-                self.assembler.reset();
-                self.store.clear();
-                self.script = None;
-                if let Clock::Stream(newest) = &mut self.clock {
-                    *newest = 0;
-                }
-            }
-            Command::Flush => result = self.flush()?,
-            Command::Start | Command::Pause | Command::Ping | Command::Shutdown => {}
-            Command::Snapshot | Command::Next => {
-                result = Err("the tracker has neither picture nor levels".to_owned())
-            }
-        }
+    fn serve_control(&mut self) -> anyhow::Result<()> {
+        let Some((request, command)) = self.shell.serve(now())? else { return Ok(()) };
+        let result = self.execute(command)?;
         let answer = match &result {
             Ok(()) => Ok(()),
             Err(reason) => Err(reason.as_str()),
         };
-        Ok(self.shell.answer(request, answer)?)
+        Ok(self.shell.answer(&request, answer)?)
+    }
+
+    /// Executes a command; the inner `Err` is the reason for a refusal.
+    fn execute(&mut self, command: Command) -> anyhow::Result<Result<(), String>> {
+        match command {
+            Command::Reset | Command::Load => {
+                self.reset_tracker();
+                self.assembler.reset();
+                self.store.clear();
+                self.waiting = None;
+                if let Clock::Stream(newest) = &mut self.clock {
+                    *newest = 0;
+                }
+            }
+            Command::Flush => return self.flush(),
+            Command::Start | Command::Pause | Command::Ping | Command::Shutdown => {}
+            Command::Snapshot | Command::Next => {
+                return Ok(Err("the tracker has neither picture nor levels".to_owned()));
+            }
+        }
+        Ok(Ok(()))
+    }
+
+    fn reset_tracker(&mut self) {
+        self.tracker.reset();
+        self.drift_reported = false;
     }
 
     /// Finishes what is open: everything sent before the request is in the queues by now.
     fn flush(&mut self) -> anyhow::Result<Result<(), String>> {
-        self.take_fields()?;
-        self.follow_scripts()?;
+        self.receive_fields()?;
+        self.replay_frames()?;
         let at = if let Clock::Stream(newest) = self.clock { newest } else { now() };
         while let Some(closed) = self.assembler.flush(at) {
             self.publish(&closed)?;
         }
-        let Some(script) = self.script else { return Ok(Ok(())) };
-        Ok(Err(self.store.missing(&script).map_or_else(String::new, |m| {
-            format!("frame {} waits for field {} of camera {}", script.frame, m.field, m.camera)
+        let Some(recorded) = self.waiting else { return Ok(Ok(())) };
+        Ok(Err(self.store.missing(&recorded).map_or_else(String::new, |m| {
+            format!("frame {} waits for field {} of camera {}", recorded.frame, m.field, m.camera)
         })))
     }
 }
 
-/// The instants that the fields carry.
+/// Copies the instants of the fields into the frame.
 fn stamp(frame: &mut TrackerFrame, used: &[BlobField], taken: Nanos) {
     frame.instants.read_out = used.iter().map(|f| f.read_out_ns).max().unwrap_or(0);
     frame.instants.blobs_out = used.iter().map(|f| f.blobs_out_ns).max().unwrap_or(0);

@@ -1,37 +1,37 @@
-//! The image of a marker: where a camera should see it, how large, and how that changes with the pose.
+//! Projection of a marker into a camera: its centre, its size, and their derivatives by the pose.
 
 use crate::rig_model::{Marker, RigModel};
 use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Unit, Vector2, Vector3};
 use protocol::camera::Camera;
 
-/// A marker as a camera should see it.
+/// The image of a marker, as predicted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MarkerImage {
     /// Centre, px of the frame.
     pub pixel: Vector2<f64>,
     /// Jacobian of the centre by the point in the world, px/mm.
     pub jacobian: Matrix2x3<f64>,
-    /// The seen centre in the world, mm.
+    /// The visible centre in the world, mm.
     pub point: Point3<f64>,
-    /// Radius across, px.
+    /// Radius along a line, px.
     pub radius_px: f64,
     /// Area, px of the field.
     pub area_px: f64,
 }
 
-/// Share of the radius by which the visible half of a band lies before the shaft's axis: the mean
-/// of cos over a half circle seen from the side.
+/// Distance of the visible half of a band from the shaft's axis, in radii: the mean of cos over a
+/// half circle seen from the side.
 const BAND_SHIFT: f64 = std::f64::consts::FRAC_PI_4;
 
-/// A point nearer than this cannot be in focus, mm.
+/// Least depth, mm; a nearer point cannot be in focus.
 const MIN_DEPTH_MM: f64 = 1.0;
 
-/// A pose with its rotation as a matrix, for many points at once.
+/// A pose with its rotation as a matrix, for the transformation of many points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseMatrix {
     /// Rotation `world_from_body`.
     pub rotation: Matrix3<f64>,
-    /// The body's origin in the world, mm.
+    /// Origin of the body in the world, mm.
     pub origin: Point3<f64>,
 }
 
@@ -44,11 +44,11 @@ impl From<&Isometry3<f64>> for PoseMatrix {
     }
 }
 
-/// The image of a marker of a body that is `placed` in the world; `None` behind the camera.
-pub fn project_marker(marker: &Marker, placed: &PoseMatrix, camera: &Camera) -> Option<MarkerImage> {
-    let mut point = placed.origin + placed.rotation * marker.position.coords;
+/// Projects a marker of a body at `pose`; `None` behind the camera.
+pub fn project_marker(marker: &Marker, pose: &PoseMatrix, camera: &Camera) -> Option<MarkerImage> {
+    let mut point = pose.origin + pose.rotation * marker.position.coords;
     if marker.band {
-        let axis: Vector3<f64> = placed.rotation.column(2).into();
+        let axis: Vector3<f64> = pose.rotation.column(2).into();
         let towards = camera.centre_in_world() - point;
         let across = towards - axis * towards.dot(&axis);
         if let Some(across) = Unit::try_new(across, 1e-9) {
@@ -60,7 +60,7 @@ pub fn project_marker(marker: &Marker, placed: &PoseMatrix, camera: &Camera) -> 
     if depth <= MIN_DEPTH_MM {
         return None;
     }
-    // Project and differentiate at once: the distortion is the dear part.
+    // Projected and differentiated together: the distortion is the expensive part.
     let n = Vector2::new(p.x / depth, p.y / depth);
     let (distorted, slope) = camera.distort(n);
     let perspective = Matrix2x3::new(1.0, 0.0, -n.x, 0.0, 1.0, -n.y) / depth;
@@ -76,25 +76,26 @@ pub fn project_marker(marker: &Marker, placed: &PoseMatrix, camera: &Camera) -> 
     })
 }
 
-/// True if a marker of a body that is `placed` in the world is in the picture of at least two of the
-/// `cameras` (a set of ids).
-pub fn in_view_of_two(rig: &RigModel, marker: &Marker, placed: &PoseMatrix, cameras: u32) -> bool {
+/// True if a marker of a body at `pose` is in the frames of at least two of the `cameras` (a set of
+/// ids).
+pub fn in_view_of_two(rig: &RigModel, marker: &Marker, pose: &PoseMatrix, cameras: u32) -> bool {
     let inside = |camera: &&Camera| {
         let [w, h] = camera.size_px.map(f64::from);
-        let image = project_marker(marker, placed, camera);
+        let image = project_marker(marker, pose, camera);
         image.is_some_and(|i| (0.0..w).contains(&i.pixel.x) && (0.0..h).contains(&i.pixel.y))
     };
-    let asked = rig.cameras.iter().flatten().filter(|c| cameras & (1 << c.id) != 0);
-    asked.filter(inside).count() >= 2
+    let chosen = rig.cameras.iter().flatten().filter(|c| cameras & (1 << c.id) != 0);
+    chosen.filter(inside).count() >= 2
 }
 
-/// Jacobian of an image by the pose (position, rotation vector in the world).
-pub fn pose_jacobian(image: &MarkerImage, placed: &PoseMatrix) -> SMatrix<f64, 2, 6> {
-    let arm = image.point - placed.origin;
-    let turning: Matrix2x3<f64> = -(image.jacobian * arm.cross_matrix());
+/// Jacobian of an image's centre by the pose (position, rotation vector in the world), px per mm
+/// and rad.
+pub fn pose_jacobian(image: &MarkerImage, pose: &PoseMatrix) -> SMatrix<f64, 2, 6> {
+    let arm = image.point - pose.origin;
+    let by_rotation: Matrix2x3<f64> = -(image.jacobian * arm.cross_matrix());
     let mut jacobian = SMatrix::<f64, 2, 6>::zeros();
     jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&image.jacobian);
-    jacobian.fixed_view_mut::<2, 3>(0, 3).copy_from(&turning);
+    jacobian.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_rotation);
     jacobian
 }
 
@@ -111,8 +112,8 @@ mod tests {
             let marker = Marker { position: Point3::origin(), radius: 0.5, colour: 1, band: false };
             for camera in rig.cameras.iter().flatten() {
                 let point = Point3::from(Vector3::from(p));
-                let placed = PoseMatrix { rotation: Matrix3::identity(), origin: point };
-                let image = project_marker(&marker, &placed, camera).unwrap();
+                let pose = PoseMatrix { rotation: Matrix3::identity(), origin: point };
+                let image = project_marker(&marker, &pose, camera).unwrap();
                 prop_assert!((image.pixel - camera.project(&point).unwrap()).norm() < 1e-9);
                 prop_assert!((image.jacobian - camera.projection_jacobian(&point).unwrap()).norm() < 1e-9);
             }

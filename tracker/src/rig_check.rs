@@ -1,4 +1,4 @@
-//! Rigs that are well written but cannot work: told before anything is tracked, in words.
+//! Checks a rig for defects that make tracking impossible.
 
 use crate::rig_model::{Marker, RigModel};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -7,18 +7,18 @@ use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
 use protocol::rig::Rig;
 
-/// Two cameras nearer to each other than this see no depth, mm.
+/// Least distance of two cameras, mm; below it depth is not observable.
 const SHORTEST_BASE_MM: f64 = 1.0;
-/// Markers whose roll lever is shorter than this leave the roll free, mm: at 0.05 px of noise and 19
-/// px/mm it would be known to 30 mrad only.
+/// Least lever of the roll, mm: at 0.05 px of noise and 19 px/mm the roll has a standard deviation
+/// of 30 mrad.
 const SHORTEST_ROLL_LEVER_MM: f64 = 0.1;
-/// Two markers of one body are at least this far apart, mm.
+/// Least distance of two markers of one body, mm.
 const CLOSEST_MARKERS_MM: f64 = 0.05;
 
-/// Why a rig cannot work.
+/// A defect of a rig.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RigDefect {
-    /// A camera looks elsewhere.
+    /// A camera does not see the workspace.
     #[error(
         "camera {camera} sees nothing: no point of the workspace of radius {radius_mm} mm about the eye's centre is in its picture"
     )]
@@ -28,10 +28,10 @@ pub enum RigDefect {
         /// Radius of the workspace.
         radius_mm: f64,
     },
-    /// All cameras are in one place.
+    /// All cameras have the same centre.
     #[error("no two cameras are more than {SHORTEST_BASE_MM} mm apart: depth cannot be told")]
     OnePlace,
-    /// The markers are in a line.
+    /// The markers of a body are collinear.
     #[error(
         "the markers of {body} lie in a line (within {lever_mm:.3} mm): its turn about that line, the roll, is free; \
          at least one marker must stand {SHORTEST_ROLL_LEVER_MM} mm off"
@@ -42,7 +42,7 @@ pub enum RigDefect {
         /// Distance of the farthest marker from the line.
         lever_mm: f64,
     },
-    /// A marker twice.
+    /// Two markers of a body have the same id.
     #[error("{body} has marker id {id} twice")]
     MarkerTwice {
         /// Name of the body.
@@ -50,7 +50,7 @@ pub enum RigDefect {
         /// The id.
         id: u32,
     },
-    /// Two markers in one place.
+    /// Two markers of a body have the same position.
     #[error("markers {first} and {second} of {body} are in one place: they cannot be told apart")]
     SamePlace {
         /// Name of the body.
@@ -60,7 +60,7 @@ pub enum RigDefect {
         /// Index of the other.
         second: usize,
     },
-    /// A trocar twice.
+    /// A body has several trocars.
     #[error("{body} has {count} trocars; a shaft passes one")]
     TrocarTwice {
         /// Name of the body.
@@ -68,7 +68,7 @@ pub enum RigDefect {
         /// How many.
         count: usize,
     },
-    /// A trocar in the middle of the eye.
+    /// A trocar is inside of the eye.
     #[error(
         "the trocar of {body} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: no shaft can pass it"
     )]
@@ -80,7 +80,10 @@ pub enum RigDefect {
     },
 }
 
-/// Refuses a rig that cannot work.
+/// Checks a rig.
+///
+/// # Errors
+/// The first defect found.
 pub fn check(rig: &Rig) -> Result<(), RigDefect> {
     let model = RigModel::new(rig);
     check_cameras(rig, &model)?;
@@ -104,7 +107,7 @@ fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), RigDefect> {
     if based { Ok(()) } else { Err(RigDefect::OnePlace) }
 }
 
-/// True if any point of a grid through the workspace is in the picture.
+/// True if any point of a grid through the workspace is in the frame.
 fn sees_workspace(camera: &Camera, radius_mm: f64) -> bool {
     let steps = || (-2..=2).map(|i| f64::from(i) * 0.5 * radius_mm);
     let [w, h] = camera.size_px.map(f64::from);
@@ -135,8 +138,8 @@ fn check_markers(rig: &Rig, model: &RigModel, body: usize) -> Result<(), RigDefe
     Ok(())
 }
 
-/// Root of the sum of squared distances from the line that fits best: two of the scatter's three
-/// directions.
+/// Root of the sum of squared distances from the best line: the scatter without its largest
+/// eigenvalue.
 fn roll_lever(points: impl Iterator<Item = Point3<f64>> + Clone) -> f64 {
     let count = points.clone().count() as f64;
     let centre = points.clone().fold(Vector3::zeros(), |sum, p| sum + p.coords) / count;
@@ -175,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn every_unfit_rig_is_told_in_words() {
+    fn every_defect_is_named() {
         let turned = broken(|rig| {
             for row in &mut rig.cameras[1].rotation[1..] {
                 *row = row.map(|v| -v);

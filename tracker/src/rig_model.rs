@@ -1,4 +1,4 @@
-//! The rig as the tracker needs it: cameras by id, the markers of each body, the trocars.
+//! The rig in the form that the tracker computes with: cameras by id, markers and trocar by body.
 
 use crate::constants as k;
 use crate::eye_filter::StartSigmas;
@@ -9,16 +9,16 @@ use protocol::limits::{BODIES, MAX_CAMERAS, MAX_MARKERS};
 use protocol::poses::{BODY_NAMES, EYE};
 use protocol::rig::{MarkerKind, Rig, RigBody};
 
-/// A marker.
+/// A marker of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Marker {
     /// In the body frame, mm.
     pub position: Point3<f64>,
-    /// mm.
+    /// Radius, mm.
     pub radius: f64,
-    /// Colour on the wire.
+    /// Colour, as in the message.
     pub colour: u32,
-    /// A band around the shaft; else a ball.
+    /// True for a band around the shaft, false for a ball.
     pub band: bool,
 }
 
@@ -31,7 +31,7 @@ pub struct TrocarModel {
     pub sigma: f64,
 }
 
-/// Three markers that fix a pose.
+/// Three markers that determine a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Triple {
     /// Indices of the markers.
@@ -40,40 +40,40 @@ pub struct Triple {
     pub distances: [f64; 3],
 }
 
-/// A body.
+/// A tracked body.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BodyModel {
     /// Markers.
     pub markers: Vec<Marker>,
     /// Triples that are not in a line, the largest first.
     pub triples: Vec<Triple>,
-    /// Where the shaft passes; none for the eye.
+    /// The trocar of an instrument; `None` for the eye.
     pub trocar: Option<TrocarModel>,
     /// True for the eye, whose centre is the origin.
     pub is_eye: bool,
     /// Farthest marker from the body's origin, mm.
     pub reach: f64,
-    /// Models of motion: position, rotation.
+    /// Motion models of position and rotation.
     pub motion: [Singer; 2],
-    /// Uncertainty of the motion of a body just found.
+    /// Initial standard deviations of the motion.
     pub start: StartSigmas,
 }
 
-/// Cameras and bodies.
+/// Cameras and bodies of a rig.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigModel {
     /// By camera id.
     pub cameras: [Option<Camera>; MAX_CAMERAS],
     /// `inst0`, `inst1`, eye.
     pub bodies: [BodyModel; BODIES],
-    /// Where tips can be, mm from the eye's centre.
+    /// Radius of the workspace of tips about the eye's centre, mm.
     pub tip_radius: f64,
-    /// True if every instrument has colours that no other body has.
+    /// True if the instruments have no colour in common.
     pub distinct_colours: bool,
 }
 
 impl RigModel {
-    /// From a checked rig.
+    /// The model of a checked rig.
     pub fn new(rig: &Rig) -> Self {
         let mut cameras = [const { None }; MAX_CAMERAS];
         for camera in rig.cameras() {
@@ -97,7 +97,7 @@ impl RigModel {
     }
 }
 
-/// True if the two bodies could be taken for each other by colour.
+/// True if two bodies have a colour in common.
 fn share_colour(a: &BodyModel, b: &BodyModel) -> bool {
     a.markers.iter().any(|m| b.markers.iter().any(|n| n.colour == m.colour))
 }
@@ -128,15 +128,15 @@ impl BodyModel {
         }
     }
 
-    /// True if a marker stands so far beside the shaft that it tells the roll.
+    /// True if a marker is far enough from the shaft to observe the roll.
     pub fn observes_roll(&self, marker: usize) -> bool {
         let beside = self.markers.get(marker).map_or(0.0, |m| m.position.coords.xy().norm());
         !self.is_eye && beside > k::ROLL_LEVER_MM
     }
 }
 
-/// Every three markers whose triangle is not flat: its height over the longest side is at least
-/// 0.3 mm, below which the roll would be guessed.
+/// All triples of markers whose triangle has a height over its longest side of at least 0.3 mm; the
+/// roll of a flatter one is not determined.
 fn triples(markers: &[Marker]) -> Vec<Triple> {
     let mut found = Vec::new();
     for i in 0..markers.len() {

@@ -1,9 +1,10 @@
-//! Finding a roll that went another way than foreseen: the shaft is known from the markers on it, so
-//! that every marker beside it lies on a known ring, and each blob on that ring tells a roll.
+//! Recovery of a roll that differs from its prediction: the markers on the shaft determine the
+//! shaft, so every marker beside it lies on a known ring, and each blob on that ring is a vote for
+//! a roll.
 //!
-//! The gate of the association follows the ring's tangent, the ring does not: beyond some 0.2 rad a
-//! marker is outside of it, however wide it is. Then the roll would be carried on by its old rate for
-//! ever, while the markers on the shaft fit well.
+//! The gate of the association is about the ring's tangent: a marker turned by more than some 0.2
+//! rad is outside of any gate. The roll would then be extrapolated for ever, while the markers on
+//! the shaft fit well.
 
 use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
@@ -17,7 +18,7 @@ use protocol::camera::Camera;
 use protocol::limits::BODIES;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Blobs considered; more are clutter.
+/// Most votes; more are clutter.
 const MAX_VOTES: usize = 32;
 
 /// A blob on the ring of a marker.
@@ -27,36 +28,36 @@ struct RollVote {
     turn_rad: f64,
 }
 
-/// How an instrument is rolled against where it was thought to be.
+/// Roll of an instrument relative to its prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RollChange {
     /// About the shaft, rad, −π to π.
     pub rad: f64,
-    /// Cameras that agree on it.
+    /// Number of cameras that agree on it.
     pub cameras: u32,
 }
 
-/// The roll on which more cameras agree than have found a marker beside the shaft where it was expected;
-/// `None` where there is no such. `matches` are those of all bodies, `own` is the body's number.
+/// The roll on which more cameras agree than have a match of a marker beside the shaft; `None`
+/// where there is none. `matches` are those of all bodies, `own` is the index of the body.
 pub fn find(
     input: &AssociationInput<'_>,
     own: usize,
-    expected: &PredictedBody,
+    predicted: &PredictedBody,
     matches: &[Vec<BlobMatch>; BODIES],
 ) -> Option<RollChange> {
     let body = &input.rig.bodies[own];
-    let tells = |m: &&BlobMatch| !m.outlier && body.observes_roll(m.marker) && is_localised(&m.covariance);
-    let found = matches[own].iter().filter(tells).fold(0u32, |set, m| set | 1 << m.camera);
+    let observes = |m: &&BlobMatch| !m.outlier && body.observes_roll(m.marker) && is_localised(&m.covariance);
+    let found = matches[own].iter().filter(observes).fold(0u32, |set, m| set | 1 << m.camera);
     let rings = || {
         let fields = input.fields();
         let markers = (0..body.markers.len()).filter(|&m| body.observes_roll(m));
         fields.flat_map(move |field| {
-            markers.clone().map(move |marker| MarkerRing { input, body, expected, field, marker })
+            markers.clone().map(move |marker| MarkerRing { input, body, predicted, field, marker })
         })
     };
     let free =
         |ring: &MarkerRing<'_>, blob: usize| !is_taken(matches, own, ring.field.camera, ring.marker, blob);
-    // Nothing to find where all that could tell the roll already does.
+    // Nothing to recover where every camera with a candidate has a match.
     if !rings().any(|r| found & (1 << r.field.camera) == 0 && r.blobs(|blob| free(&r, blob)).next().is_some())
     {
         return None;
@@ -78,7 +79,7 @@ pub fn find(
     (turn.cameras > found.count_ones()).then_some(turn)
 }
 
-/// True if a blob was taken for another marker.
+/// True if a blob is assigned to another marker.
 fn is_taken(
     matches: &[Vec<BlobMatch>; BODIES],
     own: usize,
@@ -92,7 +93,7 @@ fn is_taken(
     matches.iter().enumerate().any(|(body, list)| list.iter().any(|m| by(body, m)))
 }
 
-/// The turn on which most cameras agree; of equals the smallest.
+/// The change on which most cameras agree; of equals the smallest.
 fn agreed(votes: &[RollVote]) -> Option<RollChange> {
     let apart = |a: f64, b: f64| {
         let d = a - b;
@@ -118,24 +119,24 @@ fn agreed(votes: &[RollVote]) -> Option<RollChange> {
 struct MarkerRing<'a> {
     input: &'a AssociationInput<'a>,
     body: &'a BodyModel,
-    expected: &'a PredictedBody,
+    predicted: &'a PredictedBody,
     field: &'a FieldObservation,
     marker: usize,
 }
 
 impl MarkerRing<'_> {
-    /// Free blobs of the marker's colour.
+    /// Unassigned blobs of the marker's colour.
     fn blobs(&self, free: impl Fn(usize) -> bool) -> impl Iterator<Item = &BlobObservation> {
         let colour = self.body.markers[self.marker].colour;
         let blobs = self.field.blobs().iter().enumerate();
         blobs.filter(move |(i, blob)| blob.colour == colour && free(*i)).map(|(_, blob)| blob)
     }
 
-    /// Tells every blob that is on the ring, if it is free.
-    fn votes(&self, free: impl Fn(usize) -> bool, mut tell: impl FnMut(RollVote)) {
+    /// Calls `vote` for every unassigned blob on the ring.
+    fn votes(&self, free: impl Fn(usize) -> bool, mut vote: impl FnMut(RollVote)) {
         let Some(camera) = camera_of(self.input.rig, self.field) else { return };
         let dt_s = self.input.dt_s(self.field);
-        let pose = propagated(&self.expected.pose, &self.expected.motion, dt_s);
+        let pose = propagated(&self.predicted.pose, &self.predicted.motion, dt_s);
         let Some((centre, frame)) = self.ellipse(camera, &pose) else { return };
         for blob in self.blobs(free) {
             let on = frame * (blob.pixel - centre);
@@ -144,18 +145,19 @@ impl MarkerRing<'_> {
             }
             let guess = libm::atan2(on.y, on.x);
             if let Some(turn_rad) = self.refined(camera, &pose, blob, guess) {
-                tell(RollVote { camera: self.field.camera, turn_rad });
+                vote(RollVote { camera: self.field.camera, turn_rad });
             }
         }
     }
 
-    /// Centre of the ring in the picture, and what makes a circle of it: to first order.
+    /// Centre of the ring in the image, and the linear map that makes it a unit circle, to first
+    /// order.
     fn ellipse(&self, camera: &Camera, pose: &Isometry3<f64>) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let at = |turn: f64| Some(self.image(camera, pose, turn)?.0.pixel);
         let [a, b, c] = [at(0.0)?, at(FRAC_PI_2)?, at(PI)?];
         let centre = (a + c) * 0.5;
         let (u, v) = (a - centre, b - centre);
-        // From the side front and back cannot be told apart.
+        // Seen from the side, front and back are ambiguous.
         let round = (u.x * v.y - u.y * v.x).abs() / u.norm_squared().max(v.norm_squared());
         (round > k::ROLL_FLAT).then(|| Matrix2::from_columns(&[u, v]).try_inverse())?.map(|m| (centre, m))
     }
@@ -172,8 +174,8 @@ impl MarkerRing<'_> {
         Some((project_marker(&self.body.markers[self.marker], &placed, camera)?, placed, axis))
     }
 
-    /// The turn at which a blob is nearest to the marker, from one nearby; `None` if it is not on the
-    /// ring, or its size does not tell its place.
+    /// The roll change at which the marker is nearest to a blob, refined from `guess`; `None` if
+    /// the blob is not on the ring or not localised.
     fn refined(
         &self,
         camera: &Camera,
@@ -191,8 +193,8 @@ impl MarkerRing<'_> {
         let scale = self.input.area_scales[self.field.camera];
         let covariance = marker_covariance(blob, &image, scale, k::AREA_RATIO)?;
         let jacobian = pose_jacobian(&image, &placed);
-        let predicted = jacobian * self.expected.covariance * jacobian.transpose();
-        let inverse = (predicted + covariance * self.expected.variance_scale).try_inverse()?;
+        let spread = jacobian * self.predicted.covariance * jacobian.transpose();
+        let inverse = (spread + covariance * self.predicted.variance_scale).try_inverse()?;
         let r = blob.pixel - image.pixel;
         (is_localised(&covariance) && r.dot(&(inverse * r)) < k::GATE && turn.is_finite()).then_some(turn)
     }
@@ -238,13 +240,13 @@ mod tests {
             time_ns: 20_000_000,
             area_scales: &area_scales,
         };
-        let expected = PredictedBody {
+        let predicted = PredictedBody {
             pose,
             covariance: Matrix6::identity() * 1e-6,
             motion: [Vector3::zeros(); 2],
             variance_scale: 1.0,
         };
-        find(&input, 0, &expected, &Default::default())
+        find(&input, 0, &predicted, &Default::default())
     }
 
     fn through_trocar(rig: &Rig, tip: Vector3<f64>, roll: f64) -> Isometry3<f64> {
@@ -256,7 +258,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_turn_is_found(
+        fn any_change_is_found(
             x in -4.0..4.0f64, y in -4.0..4.0f64, z in -10.0..0.0f64, roll in -PI..PI, turn in -3.1..3.1f64,
         ) {
             let rig = Rig::load_or_shipped(None).unwrap();
@@ -271,7 +273,7 @@ mod tests {
         }
 
         #[test]
-        fn a_blob_beside_the_ring_tells_nothing(turn in -3.1..3.1f64, off in 0.15..0.5f64) {
+        fn a_blob_beside_the_ring_is_no_vote(turn in -3.1..3.1f64, off in 0.15..0.5f64) {
             let rig = Rig::load_or_shipped(None).unwrap();
             let [before, after] = [0.0, turn].map(|r| through_trocar(&rig, Vector3::new(1.0, 0.0, -9.0), r));
             let beside = after * Translation3::new(off, 0.0, 0.0);
@@ -280,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn most_cameras_decide_then_the_smaller_turn() {
+    fn most_cameras_decide_then_the_smaller_change() {
         let vote = |camera: usize, turn_rad: f64| RollVote { camera, turn_rad };
         let turn = agreed(&[vote(0, 0.2), vote(1, 2.0), vote(2, 2.02), vote(2, -1.0)]).unwrap();
         assert!(turn.cameras == 2 && (turn.rad - 2.01).abs() < 1e-12, "{turn:?}");

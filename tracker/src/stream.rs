@@ -15,7 +15,7 @@ pub fn track_stream(rig: &Rig, fields: &[BlobField], mut visit: impl FnMut(&Trac
         |used: &[BlobField], closed: ClosedFrame| visit(&tracker.track(used, &closed.reference), used);
     for field in fields {
         now = field.blobs_out_ns.max(now);
-        assembler.take_in(field, now, &mut close);
+        assembler.add(field, now, &mut close);
     }
     while let Some(closed) = assembler.flush(now) {
         close(assembler.used(), closed);

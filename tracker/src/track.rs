@@ -1,4 +1,5 @@
-//! One tracked body: its filter, what it saw in this frame, and whether it may be trusted.
+//! The track of one body: its filter, the blobs of the present frame, and the body's validity and
+//! status.
 
 use crate::associate::PredictedBody;
 use crate::body_filter::BodyFilter;
@@ -16,19 +17,20 @@ use protocol::geometry::{Pose, Validity};
 use protocol::limits::MAX_CAMERAS;
 use protocol::poses::{BodyState, BodyStatus, Predictor};
 
-/// A body over time.
+/// The track of a body.
 #[derive(Debug, Clone)]
 pub struct Track {
     /// `None` while lost.
     pub filter: Option<BodyFilter>,
-    /// Running reduced χ²: above 1 where the calibration is worse than the blobs.
+    /// Running reduced χ², the factor on the variances of blobs: above 1 where the rig is less
+    /// exact than the blobs.
     pub variance_scale: f64,
-    /// Instant of the last blob of each camera.
+    /// Instant of the last blob in each camera, ns.
     seen_ns: [u64; MAX_CAMERAS],
-    /// Last instant at which two cameras saw it.
+    /// Last instant at which two cameras saw the body, ns.
     pub good_ns: u64,
     measured_ns: u64,
-    /// Last instant at which a marker beside the shaft told the roll.
+    /// Last instant at which a marker beside the shaft gave the roll, ns.
     pub roll_ns: u64,
     last_pose: Isometry3<f64>,
     last_covariance: Matrix6,
@@ -36,14 +38,14 @@ pub struct Track {
     predictor: TipPredictor,
 }
 
-/// What the present frame brought.
+/// What the present frame has brought.
 #[derive(Debug, Clone, Copy, Default)]
 struct FrameStats {
     blobs: u32,
     outliers: u32,
     near_misses: u32,
     cameras: u32,
-    /// Set of the markers that took part.
+    /// Set of the markers used.
     markers: u32,
     sum_squares_px2: f64,
     bad_fit: bool,
@@ -67,14 +69,14 @@ impl Default for Track {
 }
 
 impl Track {
-    /// A new frame begins.
+    /// Clears the figures of the frame before.
     pub fn begin_frame(&mut self) {
         self.frame = FrameStats::default();
     }
 
-    /// Carries the body to `time_ns`, or gives it up where the gap is too long or two cameras have
-    /// not seen it for too long.
-    pub fn advance(&mut self, time_ns: u64, pivot: Option<Pivot>) {
+    /// Predicts the body at `time_ns`; ends the track where two cameras have not seen the body for
+    /// too long.
+    pub fn predict(&mut self, time_ns: u64, pivot: Option<Pivot>) {
         let stale = time_ns.saturating_sub(self.good_ns) > k::LOST_AFTER_NS;
         if let Some(filter) = &mut self.filter {
             if let BodyFilter::Instrument(instrument) = filter
@@ -82,14 +84,14 @@ impl Track {
             {
                 instrument.damp_roll(time_ns.saturating_sub(instrument.time_ns) as f64 * 1e-9);
             }
-            filter.advance(time_ns, pivot);
+            filter.predict(time_ns, pivot);
         }
         if stale {
             self.lose();
         }
     }
 
-    /// Nothing is known any more; the last pose is kept for those who show it.
+    /// Ends the track; its last pose stays in the published state.
     pub fn lose(&mut self) {
         if let Some(filter) = self.filter.take() {
             self.last_pose = filter.pose();
@@ -99,7 +101,7 @@ impl Track {
         self.predictor.interrupt();
     }
 
-    /// Where the body should be at its filter's instant.
+    /// The predicted body at its filter's instant.
     pub fn predicted(&self) -> Option<PredictedBody> {
         self.filter.as_ref().map(|f| PredictedBody {
             pose: f.pose(),
@@ -109,17 +111,17 @@ impl Track {
         })
     }
 
-    /// True if two cameras have not seen it for so long that it should also be searched.
+    /// True if the body is lost, or two cameras have not seen it for some time.
     pub fn needs_acquisition(&self, time_ns: u64) -> bool {
         self.filter.is_none() || time_ns.saturating_sub(self.good_ns) > k::ACQUIRE_AFTER_NS
     }
 
-    /// So many blobs near its markers belong to nobody.
+    /// Counts unassigned blobs near the body's markers.
     pub fn count_near_misses(&mut self, near_misses: u32) {
         self.frame.near_misses += near_misses;
     }
 
-    /// A fit of tracked blobs comes in. False if it was refused.
+    /// Updates the filter with a fit. False if the fit was refused.
     pub fn update(
         &mut self,
         fit: &PoseFit,
@@ -129,9 +131,9 @@ impl Track {
     ) -> bool {
         let reduced = fit.reduced_chi2();
         let limit = k::BAD_FIT * self.variance_scale;
-        let crowded = fit.outliers > fit.blobs;
+        let mostly_outliers = fit.outliers > fit.blobs;
         self.frame.outliers += fit.outliers as u32;
-        if crowded || reduced.is_some_and(|c| c > limit) {
+        if mostly_outliers || reduced.is_some_and(|c| c > limit) {
             self.frame.bad_fit = true;
             return false;
         }
@@ -149,7 +151,7 @@ impl Track {
         true
     }
 
-    /// A search found the body.
+    /// Starts a new track at an acquired pose.
     pub fn initiate(
         &mut self,
         fit: &PoseFit,
@@ -161,7 +163,7 @@ impl Track {
     ) {
         self.lose();
         self.filter = Some(BodyFilter::new(model, &fit.pose, &fit.covariance, pivot, time_ns));
-        // A rig that has drifted shows at once; its evidence is forgotten slowly.
+        // The χ² of a drifted rig is high from the start and decays slowly.
         let (low, high) = k::CHI2_RANGE;
         self.variance_scale = fit.reduced_chi2().unwrap_or(1.0).clamp(low, high);
         self.good_ns = time_ns;
@@ -169,7 +171,7 @@ impl Track {
         self.record(fit, matches, time_ns, in_frame);
     }
 
-    /// Books the blobs of cameras in the set `in_frame`.
+    /// Counts the blobs of the cameras in the set `in_frame`.
     fn record(&mut self, fit: &PoseFit, matches: &[BlobMatch], time_ns: u64, in_frame: u32) {
         for m in matches.iter().filter(|m| !m.outlier) {
             self.seen_ns[m.camera] = time_ns;
@@ -181,13 +183,14 @@ impl Track {
         }
         self.frame.sum_squares_px2 += fit.sum_squares_px2;
         self.measured_ns = time_ns;
-        let eyes = self.seen_ns.iter().filter(|&&t| t > 0 && time_ns.saturating_sub(t) <= k::SEEN_NS).count();
-        if eyes >= 2 {
+        let cameras =
+            self.seen_ns.iter().filter(|&&t| t > 0 && time_ns.saturating_sub(t) <= k::SEEN_NS).count();
+        if cameras >= 2 {
             self.good_ns = time_ns;
         }
     }
 
-    /// Books when a marker beside the shaft told the roll.
+    /// Notes the instant if a marker beside the shaft gave the roll.
     pub fn observe_roll(&mut self, model: &BodyModel, matches: &[BlobMatch], time_ns: u64) {
         if matches.iter().any(|m| !m.outlier && model.observes_roll(m.marker) && is_localised(&m.covariance))
         {
@@ -195,7 +198,7 @@ impl Track {
         }
     }
 
-    /// What is published for the instant `exposed_ns`, after the fields of `cameras` (a set).
+    /// The published state at `exposed_ns`, after the fields of `cameras` (a set).
     pub fn state(&mut self, rig: &RigModel, body: usize, exposed_ns: u64, cameras: u32) -> BodyState {
         let model = &rig.bodies[body];
         let mut state = BodyState::zeroed();
@@ -215,8 +218,8 @@ impl Track {
         if let Some(filter) = self.filter.as_ref().filter(|_| !model.is_eye) {
             let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
-            self.predictor.take(exposed_ns, validity == Validity::Measured, tip_after);
-            self.predictor.publish(exposed_ns, tip_after, &mut state.predictor);
+            self.predictor.observe(exposed_ns, validity == Validity::Measured, tip_after);
+            self.predictor.write_to(exposed_ns, tip_after, &mut state.predictor);
         }
         state.validity = validity as u32;
         state.status = self.status(rig, body, validity, &pose, cameras) as u32;
@@ -236,17 +239,17 @@ impl Track {
         let trace = |m: Matrix3<f64>| libm::sqrt(m.trace().max(0.0));
         let position = trace(covariance.fixed_view::<3, 3>(0, 0).into());
         let rotation = trace(covariance.fixed_view::<3, 3>(3, 3).into());
-        let sure = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
+        let precise = (model.is_eye || position < k::MEASURED_MM) && rotation < k::MEASURED_RAD;
         let recent = self.measured_ns.saturating_sub(self.good_ns) <= k::ONE_CAMERA_NS;
-        // One marker alone may be anything.
-        if self.frame.markers.count_ones() >= 2 && recent && sure {
+        // One marker alone may be a false blob.
+        if self.frame.markers.count_ones() >= 2 && recent && precise {
             Validity::Measured
         } else {
             Validity::Predicted
         }
     }
 
-    /// Why the body is as valid as it is; of several reasons the one nearest to the cause.
+    /// Status of the body; of several reasons the one nearest to the cause.
     fn status(
         &self,
         rig: &RigModel,
@@ -256,23 +259,23 @@ impl Track {
         cameras: u32,
     ) -> BodyStatus {
         let frame = &self.frame;
-        let placed = PoseMatrix::from(pose);
-        let disturbing = frame.outliers + frame.near_misses;
-        let leaves = |m: &Marker| !in_view_of_two(rig, m, &placed, cameras);
+        let matrix = PoseMatrix::from(pose);
+        let interfering = frame.outliers + frame.near_misses;
+        let outside = |m: &Marker| !in_view_of_two(rig, m, &matrix, cameras);
         let model = &rig.bodies[body];
-        let in_a_line = !model.is_eye
+        let roll_unobserved = !model.is_eye
             && (0..model.markers.len()).all(|m| frame.markers & (1 << m) == 0 || !model.observes_roll(m));
         if validity == Validity::Lost {
             BodyStatus::Lost
         } else if frame.bad_fit {
             BodyStatus::BadFit
-        } else if disturbing > 0 && disturbing * k::INTERFERENCE_SHARE >= frame.blobs {
+        } else if interfering > 0 && interfering * k::INTERFERENCE_SHARE >= frame.blobs {
             BodyStatus::Interference
         } else if frame.blobs == 0 {
             BodyStatus::Predicted
-        } else if cameras.count_ones() >= 2 && rig.bodies[body].markers.iter().any(leaves) {
+        } else if cameras.count_ones() >= 2 && rig.bodies[body].markers.iter().any(outside) {
             BodyStatus::PartlyOutOfVolume
-        } else if in_a_line || frame.markers.count_ones() < 3 || frame.cameras.count_ones() < 2 {
+        } else if roll_unobserved || frame.markers.count_ones() < 3 || frame.cameras.count_ones() < 2 {
             BodyStatus::TooFewMarkers
         } else if validity == Validity::Measured {
             BodyStatus::Tracked

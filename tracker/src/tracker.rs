@@ -54,7 +54,7 @@ pub struct Tracker {
 struct Group {
     /// Set of the cameras.
     cameras: u32,
-    /// Instant that the filters are carried to, ns.
+    /// Instant of the update, ns.
     time_ns: u64,
 }
 
@@ -130,7 +130,8 @@ impl Tracker {
         self.publish(frame)
     }
 
-    /// One update with the fields of one instant; `None` where none of them is of a camera of the rig.
+    /// One update with the fields of one instant; `None` where none of them is of a camera of the
+    /// rig.
     fn update(&mut self, fields: &[BlobField], reference: &Reference) -> Option<Update> {
         let group = self.observe(fields, reference)?;
         self.predict(group.time_ns);
@@ -155,11 +156,11 @@ impl Tracker {
         frame
     }
 
-    /// Carries all bodies to an instant.
+    /// Predicts all bodies at an instant.
     fn predict(&mut self, time_ns: u64) {
         for body in ORDER {
             let pivot = self.pivot(body, time_ns);
-            self.tracks[body].advance(time_ns, pivot);
+            self.tracks[body].predict(time_ns, pivot);
         }
     }
 
@@ -172,15 +173,15 @@ impl Tracker {
         Some(Pivot { position, sigma: trocar.sigma, tracked: true })
     }
 
-    /// Adds one body's blobs of the frame's newest update to the drift's evidence; the bodies take
-    /// turns. Then a part of the drift's solution is computed.
+    /// Adds one body's residuals in the frame's newest update to the drift estimation, and computes
+    /// a part of its solution.
     fn estimate_drift(&mut self, newest: Option<Update>) {
         if let Some(drift) = &mut self.drift {
             let body = drift.next_body();
             let accepted = newest.as_ref().and_then(|update| Some((update, update.accepted[body].as_ref()?)));
             if let (Some((update, fit)), Some(filter)) = (accepted, &self.tracks[body].filter) {
                 let matches = &update.association.matches[body];
-                drift.learn(&self.rig, body, &fit.pose, &filter.motion(), matches);
+                drift.add_residuals(&self.rig, body, &fit.pose, &filter.motion(), matches);
             }
             drift.step(&mut self.rig);
         }
@@ -238,8 +239,8 @@ fn group_len(fields: &[BlobField]) -> usize {
     fields.len()
 }
 
-/// Notes how a frame was closed. Where the next field of the reference camera came first, the tracker
-/// fell behind, and no body has a better status than that.
+/// Notes how a frame was closed. Where the next field of the reference camera came first, the
+/// tracker fell behind, and no body has a better status than that.
 pub fn close(frame: &mut TrackerFrame, closed_by: ClosedBy) {
     frame.closed_by = closed_by as u32;
     if closed_by == ClosedBy::NextField {

@@ -67,7 +67,7 @@ fn feed(
     now: u64,
 ) -> Vec<TrackerFrame> {
     let mut frames = Vec::new();
-    assembler.take_in(field, now, |used, closed| frames.push(tracker.track(used, &closed.reference)));
+    assembler.add(field, now, |used, closed| frames.push(tracker.track(used, &closed.reference)));
     frames
 }
 

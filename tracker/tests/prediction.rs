@@ -1,4 +1,4 @@
-//! Forecasts of real hands: the recordings of tremor in `motion/m2s2_tremor` (surgeons and novices
+//! Prediction of real hands: the recordings of tremor in `motion/m2s2_tremor` (surgeons and novices
 //! under a microscope, 250 Hz), sampled as the cameras would, 40 ms ahead.
 
 use bytemuck::Zeroable;
@@ -14,7 +14,7 @@ use tracker::predictor::TipPredictor;
 const ROWS_PER_FIELD: usize = 5;
 /// Fields ahead: 40 ms.
 const AHEAD: usize = 2;
-/// Fields given to the forecast to get to know the hand.
+/// Fields given to the predictor to adapt to the hand.
 const SETTLE: usize = 50;
 
 fn data() -> PathBuf {
@@ -41,17 +41,17 @@ fn rms_um(errors: impl Iterator<Item = Vector3<f64>>) -> f64 {
     (sum / f64::from(n)).sqrt() * 1e3
 }
 
-/// RMS errors 40 ms ahead, µm: the last pose, constant velocity, the forecast.
+/// RMS errors 40 ms ahead, µm: the last pose, constant velocity, the predictor.
 fn errors(tips: &[Vector3<f64>]) -> [f64; 3] {
-    let mut forecast = TipPredictor::default();
+    let mut predictor = TipPredictor::default();
     let mut predictions = Vec::with_capacity(tips.len());
     for (n, tip) in tips.iter().enumerate() {
         let at = (n as u64 + 1) * FIELD_PERIOD_NS;
         let mut body = BodyState::zeroed();
         body.world_from_body = Pose { position_mm: (*tip).into(), ..Pose::IDENTITY };
         body.validity = Validity::Measured as u32;
-        forecast.take(at, true, |_| *tip);
-        forecast.publish(at, |_| *tip, &mut body.predictor);
+        predictor.observe(at, true, |_| *tip);
+        predictor.write_to(at, |_| *tip, &mut body.predictor);
         let ahead = predict_body(&body, AHEAD as f64 * FIELD_PERIOD_NS as f64 * 1e-9);
         predictions.push(Vector3::from(ahead.world_from_body.position_mm));
     }
@@ -70,7 +70,7 @@ fn real_hands_are_foreseen_better_than_by_habit() {
     let mut files: Vec<_> = folder.flatten().map(|f| f.path()).collect();
     files.retain(|f| f.extension().is_some_and(|e| e == "csv"));
     files.sort();
-    println!("40 ms ahead, RMS in µm{:20}  last pose  constant velocity  forecast  ratio", "");
+    println!("40 ms ahead, RMS in µm{:20}  last pose  constant velocity  predictor  ratio", "");
     let mut ratios = Vec::new();
     for file in &files {
         let [last, steady, ours] = errors(&positions(file));

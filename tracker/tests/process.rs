@@ -1,10 +1,10 @@
-//! The process itself: fields in over shared memory, frames out, flush, reset, script, shutdown.
+//! The process itself: fields in over shared memory, frames out, flush, reset, recorded, shutdown.
 
 use blob_stream::BlobReader;
 use bytemuck::Zeroable;
 use ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
-use protocol::control::{Answer, Command as Ask, EVERY_PROCESS, FrameScript, Request};
+use protocol::control::{Answer, Command as Ask, EVERY_PROCESS, RecordedFrame, Request};
 use protocol::health::{Health, Process, STATE_RUNNING};
 use protocol::poses::TrackerFrame;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ const BATCH: usize = 60;
 struct Setup {
     child: Child,
     blobs: Sender<BlobField>,
-    scripts: Sender<FrameScript>,
+    recorded: Sender<RecordedFrame>,
     control: Sender<Request>,
     poses: Receiver<TrackerFrame>,
     answers: Receiver<Answer>,
@@ -43,7 +43,7 @@ impl Setup {
         let health = instance.receiver(Queue::InOrder).unwrap();
         let mut setup = Setup {
             blobs: instance.sender().unwrap(),
-            scripts: instance.sender().unwrap(),
+            recorded: instance.sender().unwrap(),
             control: instance.sender().unwrap(),
             poses: instance.receiver(Queue::InOrder).unwrap(),
             answers: instance.receiver(Queue::InOrder).unwrap(),
@@ -117,7 +117,7 @@ fn result_of(frame: &TrackerFrame) -> Vec<u8> {
 }
 
 #[test]
-fn a_stream_on_its_own_clock_is_repeated_by_its_scripts() {
+fn a_stream_on_its_own_clock_is_repeated_by_its_recorded_frames() {
     let mut setup = Setup::start("--stream-clock");
     let mut frames = setup.send(&fields());
     assert_eq!(setup.ask(Ask::Flush).result, 0);
@@ -132,33 +132,33 @@ fn a_stream_on_its_own_clock_is_repeated_by_its_scripts() {
     assert_eq!(setup.ask(Ask::Snapshot).result, 1);
     drop(setup);
 
-    let mut setup = Setup::start("--script");
+    let mut setup = Setup::start("--replay");
     let all = fields();
     let mut sent = 0;
     for frame in &frames {
-        let mut script = FrameScript::zeroed();
-        (script.frame, script.field, script.camera) = (frame.frame, frame.field, frame.camera);
-        (script.exposed_ns, script.closed_by) = (frame.instants.exposed, frame.closed_by);
-        (script.used, script.used_count) = (frame.used, frame.used_count);
-        setup.scripts.send(&script).unwrap();
+        let mut recorded = RecordedFrame::zeroed();
+        (recorded.frame, recorded.field, recorded.camera) = (frame.frame, frame.field, frame.camera);
+        (recorded.exposed_ns, recorded.closed_by) = (frame.instants.exposed, frame.closed_by);
+        (recorded.used, recorded.used_count) = (frame.used, frame.used_count);
+        setup.recorded.send(&recorded).unwrap();
         let newest = frame.used().iter().map(|u| u.exposed_ns).max().unwrap();
         while sent < all.len() && all[sent].exposed_ns <= newest {
             setup.blobs.send(&all[sent]).unwrap();
             sent += 1;
         }
-        // Fields come by arrival, scripts by exposure: one more may be needed.
+        // Fields come by arrival, recorded by exposure: one more may be needed.
         let mut extra = all[sent..].iter().take(3);
         for field in extra.by_ref() {
             setup.blobs.send(field).unwrap();
         }
         sent = (sent + 3).min(all.len());
-        let answer = setup.until("the scripted frame comes", |s| s.poses.next_valid().unwrap());
+        let answer = setup.until("the recorded frame arrives", |s| s.poses.next_valid().unwrap());
         assert!(result_of(&answer) == result_of(frame), "frame {}", frame.frame);
     }
-    let mut missing = FrameScript::zeroed();
+    let mut missing = RecordedFrame::zeroed();
     (missing.frame, missing.exposed_ns, missing.used_count) = (1000, 1, 1);
     missing.used[0].field = 77;
-    setup.scripts.send(&missing).unwrap();
+    setup.recorded.send(&missing).unwrap();
     setup.ask(Ask::Ping);
     let refused = setup.ask(Ask::Flush);
     assert_eq!((refused.result, refused.text()), (1, "frame 1000 waits for field 77 of camera 0".into()));

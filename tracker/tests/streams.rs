@@ -3,14 +3,14 @@
 use blob_stream::BlobReader;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use protocol::blobs::BlobField;
-use protocol::control::FrameScript;
+use protocol::control::RecordedFrame;
 use protocol::geometry::Validity;
 use protocol::message::Message;
 use protocol::poses::{EYE, TrackerFrame};
 use protocol::rig::Rig;
 use std::collections::HashMap;
 use std::path::PathBuf;
-use tracker::script::FieldStore;
+use tracker::replay::FieldStore;
 use tracker::stream::track_stream;
 use tracker::{Reference, Tracker};
 
@@ -51,20 +51,19 @@ fn load(name: &str) -> Stream {
     }
 }
 
-/// Runs the fields on their own clock; also the scripts by which the run can be repeated.
-fn run(rig: &Rig, fields: &[BlobField]) -> (Vec<TrackerFrame>, Vec<FrameScript>) {
-    let (mut frames, mut scripts) = (Vec::new(), Vec::new());
-    let mut close = |frame: &TrackerFrame, _: &[BlobField]| {
+/// Runs the fields on their own clock; also the recorded by which the run can be repeated.
+fn run(rig: &Rig, fields: &[BlobField]) -> (Vec<TrackerFrame>, Vec<RecordedFrame>) {
+    let (mut frames, mut all_recorded) = (Vec::new(), Vec::new());
+    track_stream(rig, fields, |frame, _| {
         frame.validate().unwrap();
-        let mut script: FrameScript = bytemuck::Zeroable::zeroed();
-        (script.frame, script.field, script.camera) = (frame.frame, frame.field, frame.camera);
-        script.exposed_ns = frame.instants.exposed;
-        (script.used, script.used_count) = (frame.used, frame.used_count);
-        scripts.push(script);
+        let mut recorded: RecordedFrame = bytemuck::Zeroable::zeroed();
+        (recorded.frame, recorded.field, recorded.camera) = (frame.frame, frame.field, frame.camera);
+        recorded.exposed_ns = frame.instants.exposed;
+        (recorded.used, recorded.used_count) = (frame.used, frame.used_count);
+        all_recorded.push(recorded);
         frames.push(*frame);
-    };
-    track_stream(rig, fields, &mut close);
-    (frames, scripts)
+    });
+    (frames, all_recorded)
 }
 
 struct Score {
@@ -162,18 +161,18 @@ fn covariance_is_honest() {
 }
 
 #[test]
-fn a_script_repeats_a_run_to_the_bit() {
+fn recorded_frames_repeat_a_run_to_the_bit() {
     let stream = load("nominal");
-    let (frames, scripts) = run(&stream.rig, &stream.fields);
+    let (frames, all_recorded) = run(&stream.rig, &stream.fields);
     let (mut store, mut tracker) = (FieldStore::default(), Tracker::new(&stream.rig));
     let mut fields = stream.fields.iter();
-    for (script, frame) in scripts.iter().zip(&frames) {
-        while store.missing(script).is_some() {
-            store.push(fields.next().expect("every field of a script was sent"));
+    for (recorded, frame) in all_recorded.iter().zip(&frames) {
+        while store.missing(recorded).is_some() {
+            store.push(fields.next().expect("every field of a recorded frame was sent"));
         }
-        let used = store.take(script).unwrap();
+        let used = store.take(recorded).unwrap();
         let reference =
-            Reference { camera: script.camera, field: script.field, exposed_ns: script.exposed_ns };
+            Reference { camera: recorded.camera, field: recorded.field, exposed_ns: recorded.exposed_ns };
         let again = tracker.track(used, &reference);
         assert!(bytemuck::bytes_of(&again) == bytemuck::bytes_of(frame), "frame {}", frame.frame);
     }

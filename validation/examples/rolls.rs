@@ -161,7 +161,7 @@ fn main() -> anyhow::Result<()> {
         let seen = fields.iter().filter(sees).count();
         let now = fields.iter().map(|f| f.blobs_out_ns).max().context("no camera")?;
         for field in &fields {
-            assembler.take_in(field, now, |used, closed| {
+            assembler.add(field, now, |used, closed| {
                 let frame = tracker.track(used, &closed.reference);
                 if number >= SETTLED {
                     row.take(&frame.bodies[0], &motion.world_from_instrument[0].rotation, seen);

@@ -90,7 +90,7 @@ impl Pipeline {
             (field.exposed_ns, field.read_out_ns) = (exposed_ns, exposed_ns + FIELD_PERIOD_NS);
             field.blobs_out_ns = exposed_ns + cameras.after_exposure_ns(out_clock);
             now = field.blobs_out_ns.max(now);
-            assembler.take_in(&field, now, |used, closed| {
+            assembler.add(&field, now, |used, closed| {
                 let mut frame = tracker.track(used, &closed.reference);
                 close(&mut frame, closed.closed_by);
                 let new = steps == 0;

@@ -102,7 +102,7 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         );
     }
     let mode = match recording.provenance().source {
-        Source::Live => TrackerMode::Script,
+        Source::Live => TrackerMode::Recorded,
         Source::Import => TrackerMode::StreamClock,
     };
     if args.verify && mode == TrackerMode::StreamClock {
@@ -150,7 +150,7 @@ fn play(
     loop {
         let begun = Instant::now();
         let damage = match mode {
-            TrackerMode::Script => {
+            TrackerMode::Recorded => {
                 recorded::run(recording, &mut stage, &mut pace, outputs, verdict.as_deref_mut())?
             }
             TrackerMode::StreamClock => imported::run(recording, &mut stage, &mut pace, outputs)?,

@@ -1,4 +1,4 @@
-//! Replaying a recorded run: the tracker obeys the record's scripts, the simulation gets what each
+//! Replaying a recorded run: the tracker tracks the recorded frames' fields, the simulation gets what each
 //! step consumed.
 
 use super::outputs::Outputs;
@@ -68,13 +68,13 @@ pub fn run(
     Ok(turns.damage)
 }
 
-/// Sends a turn's camera-fields and its script.
+/// Sends a turn's camera-fields and the request for its frame.
 fn begin(turn: &Turn, shown: bool, stage: &mut Stage, outputs: &mut Outputs) -> anyhow::Result<()> {
     for field in &turn.fields {
         stage.send_field(field)?;
         outputs.field(field, shown)?;
     }
-    stage.send_script(&turn.script)
+    stage.send_recorded(&turn.request)
 }
 
 fn simulate(

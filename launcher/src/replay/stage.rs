@@ -8,7 +8,7 @@ use anyhow::{Context, bail};
 use ipc::clock::now;
 use ipc::{Instance, Queue, Receiver, Sender, Wakes, wait};
 use protocol::blobs::BlobField;
-use protocol::control::{Answer, Command, FrameScript, Request};
+use protocol::control::{Answer, Command, RecordedFrame, Request};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Health, Process};
 use protocol::limits::MAX_WAIT_MS;
@@ -26,9 +26,9 @@ const ANSWER_NS: u64 = 30_000_000_000;
 /// How the tracker decides when a frame is complete.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrackerMode {
-    /// It obeys the record.
-    Script,
-    /// It takes the time from the stream.
+    /// From the recorded frames.
+    Recorded,
+    /// From the stream.
     StreamClock,
 }
 
@@ -145,7 +145,7 @@ impl Drop for Side {
 /// Tracker and simulation, ready for work.
 pub struct Stage {
     blobs: Sender<BlobField>,
-    scripts: Sender<FrameScript>,
+    recorded: Sender<RecordedFrame>,
     tracked: Receiver<TrackerFrame>,
     handles: Sender<HandleState>,
     pedals: Sender<PedalState>,
@@ -168,7 +168,7 @@ impl Stage {
         let world = Side::open(&format!("{name}-s"), stop)?;
         let mut stage = Stage {
             blobs: tracker.instance.sender()?,
-            scripts: tracker.instance.sender()?,
+            recorded: tracker.instance.sender()?,
             tracked: tracker.instance.receiver(Queue::InOrder)?,
             handles: world.instance.sender()?,
             pedals: world.instance.sender()?,
@@ -180,7 +180,7 @@ impl Stage {
         let rig = stage.tracker.file("rig.json", &provenance.rig_json)?;
         let scene = stage.world.file("scene.toml", &provenance.scene_toml)?;
         let how = match mode {
-            TrackerMode::Script => "--script",
+            TrackerMode::Recorded => "--replay",
             TrackerMode::StreamClock => "--stream-clock",
         };
         stage.tracker.start(Process::Tracker, &["--rig".into(), rig, how.into()])?;
@@ -195,9 +195,9 @@ impl Stage {
         Ok(self.blobs.send(field)?)
     }
 
-    /// Tells the tracker to make the frame of a script.
-    pub fn send_script(&mut self, script: &FrameScript) -> anyhow::Result<()> {
-        Ok(self.scripts.send(script)?)
+    /// Asks the tracker for a recorded frame.
+    pub fn send_recorded(&mut self, recorded: &RecordedFrame) -> anyhow::Result<()> {
+        Ok(self.recorded.send(recorded)?)
     }
 
     /// The tracker's next frame, if there is one.
@@ -229,7 +229,7 @@ impl Stage {
         self.tracker.still_there(since, what)
     }
 
-    /// Camera-fields and scripts that the tracker says it has taken in.
+    /// Camera-fields and recorded frames that the tracker has received.
     pub fn tracker_received(&self) -> u64 {
         self.tracker.received
     }

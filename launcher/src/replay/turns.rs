@@ -6,7 +6,7 @@
 //! what belongs together is matched by number.
 
 use protocol::blobs::BlobField;
-use protocol::control::FrameScript;
+use protocol::control::RecordedFrame;
 use protocol::handles::{HandleState, PedalState};
 use protocol::message::Message;
 use protocol::poses::{FieldUsed, TrackerFrame};
@@ -40,8 +40,8 @@ pub struct StepTurn {
 pub struct Turn {
     /// The camera-fields it consumed, in that order.
     pub fields: Vec<BlobField>,
-    /// What the tracker is told.
-    pub script: FrameScript,
+    /// What the tracker is asked for.
+    pub request: RecordedFrame,
     /// What was recorded.
     pub recorded: Box<TrackerFrame>,
     /// The step, if the simulation made one.
@@ -223,7 +223,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             }
         }
         let step = self.step_of(&frame, place, at);
-        Turn { script: script(&frame, &fields), fields, recorded: frame, step, lost: self.lost.take() }
+        Turn { request: request_of(&frame, &fields), fields, recorded: frame, step, lost: self.lost.take() }
     }
 }
 
@@ -261,13 +261,13 @@ fn key(field: &BlobField) -> (u32, u64, Nanos) {
     (field.camera, field.field, field.exposed_ns)
 }
 
-/// The script of a recorded frame, over the fields that are there.
-fn script(frame: &TrackerFrame, fields: &[BlobField]) -> FrameScript {
+/// The request for a recorded frame, with the fields that are in the recording.
+fn request_of(frame: &TrackerFrame, fields: &[BlobField]) -> RecordedFrame {
     let mut used = frame.used;
     for (slot, f) in used.iter_mut().zip(fields) {
         *slot = FieldUsed { field: f.field, exposed_ns: f.exposed_ns, camera: f.camera, blobs_used: 0 };
     }
-    FrameScript {
+    RecordedFrame {
         frame: frame.frame,
         field: frame.field,
         exposed_ns: frame.instants.exposed,
@@ -382,7 +382,7 @@ mod tests {
         assert!(all.iter().all(|t| t.lost.is_none()), "{:?}", all[0].lost);
         let used = all[0].fields.iter().map(|f| (f.camera, f.field)).collect::<Vec<_>>();
         assert_eq!(used, [(0, 0), (1, 0)]);
-        assert_eq!((all[0].script.used_count, all[0].script.field), (2, 10));
+        assert_eq!((all[0].request.used_count, all[0].request.field), (2, 10));
         assert_eq!((handles(&all[0]), handles(&all[1])), (vec![0, 1], vec![]));
     }
 

@@ -1,4 +1,4 @@
-//! What is wrong with a field that no frame is made of.
+//! Reasons for refusing a field.
 
 use protocol::time::Nanos;
 
@@ -8,7 +8,7 @@ pub enum Refusal {
     /// The rig has no such camera.
     #[error("camera {0} is not in the rig")]
     UnknownCamera(u32),
-    /// The numbers make no sense.
+    /// The field is invalid.
     #[error("the field's numbers make no sense")]
     Invalid,
     /// The same field again, or one older than this camera's last.

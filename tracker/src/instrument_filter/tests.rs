@@ -1,4 +1,4 @@
-//! Tests of the hand: pivot, tremor, a trocar that comes into sight.
+//! Tests of the instrument filter: pivot, tremor, a trocar that becomes known.
 
 use super::*;
 use proptest::prelude::*;
@@ -34,7 +34,7 @@ fn a_moving_tip_turns_the_shaft_about_its_pivot() {
     let tip = |t: f64| Vector3::new(2.0 * t, -1.0 + t, -4.0);
     let mut f = filter(tip(0.0));
     for n in 1..40u64 {
-        f.advance(FIELD_NS * (n + 1), Some(pivot()));
+        f.predict(FIELD_NS * (n + 1), Some(pivot()));
         assert!(measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6)));
     }
     let (ahead, truth) = (f.pose_after(0.1), through(tip(39.0 * 0.02 + 0.1)));
@@ -49,7 +49,7 @@ fn the_bank_learns_where_the_tremor_is() {
     let tip = |t: f64| Vector3::new(0.05 * (63.0 * t).sin(), 0.05 * (63.0 * t).cos(), -4.0);
     let mut f = filter(tip(0.0));
     for n in 1..150u64 {
-        f.advance(FIELD_NS * (n + 1), Some(pivot()));
+        f.predict(FIELD_NS * (n + 1), Some(pivot()));
         measure(&mut f, &through(tip(n as f64 * 0.02)), &(Matrix6::identity() * 1e-6));
     }
     let [low, .., high] = f.tremor_variance;
@@ -62,7 +62,7 @@ fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
     let mut f =
         InstrumentFilter::new(&through(Vector3::zeros()), &(Matrix6::identity() * 1e-4), None, FIELD_NS);
     let before = f.pose();
-    f.advance(FIELD_NS + 1_000, Some(pivot()));
+    f.predict(FIELD_NS + 1_000, Some(pivot()));
     assert!(box_minus(&f.pose(), &before).norm() < 1e-4);
 }
 
@@ -72,7 +72,7 @@ proptest! {
     fn covariance_stays_positive(steps in prop::collection::vec((1u64..150_000_000, 0.0..1.0f64), 1..30)) {
         let mut f = filter(Vector3::new(1.0, 2.0, -4.0));
         for (dt, sight) in steps {
-            f.advance(f.time_ns + dt, (sight < 0.8).then(pivot));
+            f.predict(f.time_ns + dt, (sight < 0.8).then(pivot));
             if sight < 0.1 {
                 f.inflate_covariance();
             }

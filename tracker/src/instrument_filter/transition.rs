@@ -1,16 +1,16 @@
-//! What a time does to the states of a hand: the transition of every chain, applied to rows of a
-//! covariance or to the states themselves.
+//! State transition of an instrument: the transitions of its motion models, applied to the rows of
+//! a covariance or to the states.
 
 use super::{
     N, PLAY, PLAY_MODEL, ROLL, ROLL_MODEL, ROLL_TREMOR, ROLL_TREMORS, Row, TREMOR, TREMORS, VECTORS,
-    roll_tremor_model, smooth_model, tremor_model,
+    roll_tremor_model, tremor_model, voluntary_model,
 };
-use crate::block_matrix::{blend, mix};
+use crate::block_matrix::{combine_rows, combine_vectors};
 use nalgebra::Vector3;
 
-/// What a time does to the states.
+/// Transitions of all motion models over one time step.
 pub(super) struct StateTransition {
-    pub smooth: [[f64; 4]; 4],
+    pub voluntary: [[f64; 4]; 4],
     pub tremor: [[[f64; 2]; 2]; TREMORS],
     pub play: [[f64; 2]; 2],
     pub roll: [[f64; 3]; 3],
@@ -18,11 +18,11 @@ pub(super) struct StateTransition {
 }
 
 impl StateTransition {
-    /// After `dt` seconds.
+    /// Over `dt` seconds.
     pub fn new(dt: f64) -> Self {
         let roll = ROLL_MODEL.transition(dt);
         StateTransition {
-            smooth: smooth_model(1.0).transition(dt),
+            voluntary: voluntary_model(1.0).transition(dt),
             tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
             play: PLAY_MODEL.transition(dt),
             roll: [[1.0, roll.dt, roll.h], [0.0, 1.0, roll.g], [0.0, 0.0, roll.e]],
@@ -33,25 +33,25 @@ impl StateTransition {
     /// F·M, where `rows` are the rows of M, three for each vector.
     pub fn apply(&self, rows: &mut [Row; N]) {
         for axis in 0..3 {
-            mix(rows, [axis, axis + 3, axis + 6, axis + 9], &self.smooth);
+            combine_rows(rows, [axis, axis + 3, axis + 6, axis + 9], &self.voluntary);
             for (i, f) in self.tremor.iter().enumerate() {
                 let first = 3 * (TREMOR + 2 * i) + axis;
-                mix(rows, [first, first + 3], f);
+                combine_rows(rows, [first, first + 3], f);
             }
-            mix(rows, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &self.play);
+            combine_rows(rows, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &self.play);
         }
-        mix(rows, [ROLL, ROLL + 1, ROLL + 2], &self.roll);
+        combine_rows(rows, [ROLL, ROLL + 1, ROLL + 2], &self.roll);
         for (i, f) in self.roll_tremor.iter().enumerate() {
-            mix(rows, [ROLL_TREMOR + 2 * i, ROLL_TREMOR + 2 * i + 1], f);
+            combine_rows(rows, [ROLL_TREMOR + 2 * i, ROLL_TREMOR + 2 * i + 1], f);
         }
     }
 
-    /// The same for the states themselves.
+    /// Applies the transition to the vector states.
     pub fn apply_to_vectors(&self, vectors: &mut [Vector3<f64>; VECTORS]) {
-        blend(&mut vectors[..TREMOR], &self.smooth);
+        combine_vectors(&mut vectors[..TREMOR], &self.voluntary);
         for (i, f) in self.tremor.iter().enumerate() {
-            blend(&mut vectors[TREMOR + 2 * i..TREMOR + 2 * i + 2], f);
+            combine_vectors(&mut vectors[TREMOR + 2 * i..TREMOR + 2 * i + 2], f);
         }
-        blend(&mut vectors[PLAY..], &self.play);
+        combine_vectors(&mut vectors[PLAY..], &self.play);
     }
 }

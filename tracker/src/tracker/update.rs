@@ -24,8 +24,8 @@ pub(super) struct Estimate {
 }
 
 impl Tracker {
-    /// Takes the fields of one instant into the observations. Tracks end where the stream has a gap.
-    /// `None` where no field is of a camera of the rig.
+    /// Takes the fields of one instant into the observations. Tracks end where the stream has a
+    /// gap. `None` where no field is of a camera of the rig.
     pub(super) fn observe(&mut self, fields: &[BlobField], reference: &Reference) -> Option<Group> {
         let with_reference = fields.iter().any(|f| f.exposed_ns == reference.exposed_ns);
         let time_ns = if with_reference { reference.exposed_ns } else { fields[0].exposed_ns };
@@ -49,8 +49,8 @@ impl Tracker {
         Some(Group { cameras, time_ns: self.last_ns })
     }
 
-    /// Assigns blobs to the markers of the tracked bodies. Where an instrument's blobs lie beside its
-    /// markers, its covariance is inflated and the blobs are assigned again.
+    /// Assigns blobs to the markers of the tracked bodies. Where an instrument's blobs lie beside
+    /// its markers, its covariance is inflated and the blobs are assigned again.
     pub(super) fn associate(&mut self, group: Group) -> Association {
         let association = self.assign(group, &[None; BODIES]);
         if !self.inflate_covariances(&association) {
@@ -79,8 +79,8 @@ impl Tracker {
         self.associator.associate(&input, &predicted)
     }
 
-    /// Inflates the covariance of instruments whose blobs are beside their markers. True if there is
-    /// one.
+    /// Inflates the covariance of instruments whose blobs are beside their markers. True if there
+    /// is one.
     fn inflate_covariances(&mut self, association: &Association) -> bool {
         let mut inflated = false;
         for body in (0..BODIES).filter(|b| *b != EYE) {
@@ -131,8 +131,8 @@ impl Tracker {
         if matches.is_empty() { None } else { problem.solve(&start, matches) }
     }
 
-    /// Finds instruments that rolled otherwise than predicted, by the markers beside their shafts, and
-    /// turns their fits. True for those that did.
+    /// Finds instruments that rolled otherwise than predicted, by the markers beside their shafts,
+    /// and turns their fits. True for those that did.
     fn recover_rolls(&mut self, group: Group, association: &Association, fits: &mut Fits) -> [bool; BODIES] {
         let input = AssociationInput {
             rig: &self.rig,

@@ -1,16 +1,16 @@
-//! Obeying a record: the fields a recorded frame consumed, found again in what was sent.
+//! Replay: the camera-fields that a recorded frame consumed, found again among those received.
 
 use protocol::blobs::BlobField;
-use protocol::control::FrameScript;
+use protocol::control::RecordedFrame;
 use protocol::poses::FieldUsed;
 
-/// Fields kept for scripts to come; the queue of the channel holds as many.
+/// Fields kept for recorded frames to come; the queue of the channel holds as many.
 const CAPACITY: usize = 256;
 
-/// Fields received, until a script asks for them.
+/// Keeps received fields until a recorded frame consumes them.
 pub struct FieldStore {
     fields: Vec<BlobField>,
-    wanted: Vec<BlobField>,
+    consumed: Vec<BlobField>,
     dropped: u64,
 }
 
@@ -18,7 +18,7 @@ impl Default for FieldStore {
     fn default() -> Self {
         FieldStore {
             fields: Vec::with_capacity(CAPACITY),
-            wanted: Vec::with_capacity(protocol::limits::MAX_FIELDS_USED),
+            consumed: Vec::with_capacity(protocol::limits::MAX_FIELDS_USED),
             dropped: 0,
         }
     }
@@ -34,7 +34,7 @@ impl FieldStore {
         self.fields.push(*field);
     }
 
-    /// Fields that no script asked for in time.
+    /// Fields dropped before a recorded frame consumed them.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -44,28 +44,28 @@ impl FieldStore {
         self.fields.clear();
     }
 
-    /// The first field of the script that has not come yet.
-    pub fn missing(&self, script: &FrameScript) -> Option<FieldUsed> {
-        used_of(script).iter().find(|used| self.find(used).is_none()).copied()
+    /// The first field of a recorded frame that has not arrived yet.
+    pub fn missing(&self, recorded: &RecordedFrame) -> Option<FieldUsed> {
+        used_of(recorded).iter().find(|used| self.find(used).is_none()).copied()
     }
 
-    /// The script's fields in its order, if all are there. They and everything their cameras sent
-    /// before them are then forgotten.
-    pub fn take(&mut self, script: &FrameScript) -> Option<&[BlobField]> {
-        if self.missing(script).is_some() {
+    /// The fields of a recorded frame in the recorded order, if all have arrived. They and all
+    /// older fields of their cameras are then forgotten.
+    pub fn take(&mut self, recorded: &RecordedFrame) -> Option<&[BlobField]> {
+        if self.missing(recorded).is_some() {
             return None;
         }
-        self.wanted.clear();
-        for used in used_of(script) {
+        self.consumed.clear();
+        for used in used_of(recorded) {
             let at = self.find(used)?;
-            self.wanted.push(self.fields[at]);
+            self.consumed.push(self.fields[at]);
             let (camera, mut index) = (used.camera, 0);
             self.fields.retain(|f| {
                 index += 1;
                 index > at + 1 || f.camera != camera
             });
         }
-        Some(&self.wanted)
+        Some(&self.consumed)
     }
 
     fn find(&self, used: &FieldUsed) -> Option<usize> {
@@ -75,8 +75,8 @@ impl FieldStore {
     }
 }
 
-fn used_of(script: &FrameScript) -> &[FieldUsed] {
-    &script.used[..(script.used_count as usize).min(script.used.len())]
+fn used_of(recorded: &RecordedFrame) -> &[FieldUsed] {
+    &recorded.used[..(recorded.used_count as usize).min(recorded.used.len())]
 }
 
 #[cfg(test)]
@@ -90,28 +90,28 @@ mod tests {
         field
     }
 
-    fn script(used: &[(u32, u64)]) -> FrameScript {
-        let mut script = FrameScript::zeroed();
-        for (slot, &(camera, field)) in script.used.iter_mut().zip(used) {
+    fn recorded(used: &[(u32, u64)]) -> RecordedFrame {
+        let mut recorded = RecordedFrame::zeroed();
+        for (slot, &(camera, field)) in recorded.used.iter_mut().zip(used) {
             *slot = FieldUsed { field, exposed_ns: 1 + field, camera, blobs_used: 0 };
         }
-        script.used_count = used.len() as u32;
-        script
+        recorded.used_count = used.len() as u32;
+        recorded
     }
 
     #[test]
-    fn a_script_gets_its_fields_in_its_order() {
+    fn a_recorded_frame_gets_its_fields_in_the_recorded_order() {
         let mut store = FieldStore::default();
         for (camera, number) in [(0, 0), (1, 0), (0, 1), (1, 1), (2, 5)] {
             store.push(&field(camera, number));
         }
-        assert_eq!(store.missing(&script(&[(1, 1), (0, 2)])).unwrap().field, 2);
-        assert!(store.take(&script(&[(1, 1), (0, 2)])).is_none());
+        assert_eq!(store.missing(&recorded(&[(1, 1), (0, 2)])).unwrap().field, 2);
+        assert!(store.take(&recorded(&[(1, 1), (0, 2)])).is_none());
         let taken: Vec<_> =
-            store.take(&script(&[(1, 1), (0, 0)])).unwrap().iter().map(|f| (f.camera, f.field)).collect();
+            store.take(&recorded(&[(1, 1), (0, 0)])).unwrap().iter().map(|f| (f.camera, f.field)).collect();
         assert_eq!(taken, [(1, 1), (0, 0)]);
-        assert!(store.take(&script(&[(1, 0)])).is_none(), "sent before a field that was consumed");
-        assert!(store.take(&script(&[(0, 1), (2, 5)])).is_some());
+        assert!(store.take(&recorded(&[(1, 0)])).is_none(), "sent before a field that was consumed");
+        assert!(store.take(&recorded(&[(0, 1), (2, 5)])).is_some());
     }
 
     #[test]
@@ -121,7 +121,7 @@ mod tests {
             store.push(&field(0, n));
         }
         assert_eq!(store.dropped(), 44);
-        assert!(store.take(&script(&[(0, 43)])).is_none());
-        assert!(store.take(&script(&[(0, 44)])).is_some());
+        assert!(store.take(&recorded(&[(0, 43)])).is_none());
+        assert!(store.take(&recorded(&[(0, 44)])).is_some());
     }
 }
