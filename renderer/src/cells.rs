@@ -1,6 +1,6 @@
-//! The round field in square cells whose corners the shaders cast onto the retina. Their borders
-//! lie on multiples of four pixels: a processor that draws shades whole blocks of 4×4, and a block
-//! that an edge cuts is shaded once for each of its sides.
+//! Grid of square cells over the round field; the shaders project its corners onto the retina.
+//! Their borders lie on multiples of four pixels: a processor that draws shades whole blocks of
+//! 4×4, and a block that an edge cuts is shaded once for each of its sides.
 
 use crate::governor::Tier;
 use crate::view::FIELD_FILL;

@@ -13,7 +13,7 @@ pub const STILL_NS: u64 = 1_000_000_000;
 pub const IDLE_REDRAW_NS: u64 = 50_000_000;
 /// Niceness of the process: tracking and simulation come first.
 pub const NICENESS: i32 = 5;
-/// The picture tells a new tier and its reason for so long, ns.
+/// Time for which the picture shows a new tier and its reason, ns.
 pub const STATUS_NS: u64 = 4_000_000_000;
 /// Most small pictures a second.
 pub const MAX_PICTURES_HZ: f64 = 15.0;
@@ -69,7 +69,7 @@ pub struct Config {
     /// Small pictures a second for console and recorder, 0 to 15.
     #[arg(long, value_name = "HZ", default_value_t = 2.0, value_parser = pictures_hz)]
     pub pictures_hz: f64,
-    /// Lose the graphics device after so many frames, to see that the others go on.
+    /// Destroy the graphics device after this many frames, to test that the other processes go on.
     #[arg(long, value_name = "FRAMES", hide = true)]
     pub lose_device_after: Option<u64>,
     /// Draw at this quality tier (0 is the best) instead of letting the governor choose.

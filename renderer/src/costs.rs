@@ -1,4 +1,4 @@
-//! What a frame costs at each tier compared with the others, as this adapter showed at the start.
+//! Relative cost of the tiers, measured on this adapter at the start.
 //!
 //! How much dearer full shading is differs widely: about four times on a graphics card, twenty
 //! times and more on a processor that draws. So the renderer measures every tier it has room for
@@ -9,7 +9,7 @@ use crate::governor::TIERS;
 
 /// Number of tiers.
 const TIERS_LEN: usize = TIERS.len();
-/// Dearer by so much is a fully shaded frame than a lean one of equal size, at most, and where
+/// Ratio of the costs of a fully shaded and a lean frame of equal size: the largest, and that where
 /// nothing was measured.
 const FULL_AT_MOST: f64 = 40.0;
 const FULL_UNMEASURED: f64 = 20.0;

@@ -1,11 +1,10 @@
 //! The quality governor: picks resolution and shading so that frames keep their budget.
 //!
 //! Pure: fed with measured frame times. It steps down within five frames of an overload, as far as
-//! the typical one among them tells that it must: a few late ones are a disturbance, which a lower
-//! tier would not help. It comes back slowly, only where the cost expected there fits with a
-//! margin, and waits longer after every return that failed. What other tiers cost was measured on
-//! this adapter (`costs`). A frame below the floor breaks the budget by itself, so only lasting
-//! overload leads there.
+//! the median frame requires: a few late frames are a disturbance that a lower tier would not help.
+//! It comes back slowly, only where the cost expected there fits with a margin, and waits longer
+//! after every return that failed. What other tiers cost was measured on this adapter (`costs`). A
+//! frame below the floor breaks the budget by itself, so only lasting overload leads there.
 
 use crate::costs::Costs;
 use protocol::frames::TierReason;
@@ -81,22 +80,23 @@ pub const SOFTWARE_START: usize = 5;
 pub const HARDWARE_START: usize = 1;
 /// The least tier that a surgeon can train with; a frame at a lower one breaks the budget.
 pub const FLOOR: usize = 6;
-/// Frames looked at for an overload.
+/// Frames examined for an overload.
 const RECENT: usize = 5;
-/// This many late ones among them are an overload: the typical one is late.
+/// Late frames among them that make an overload: the median is late.
 const LATE: usize = 3;
 /// The same from the floor on, where the next step would break the budget with every frame: only
 /// what lasts counts.
 const LASTING: usize = 25;
 const LASTING_LATE: usize = 13;
-/// Frames looked at before going up, and below the floor, where every frame breaks the budget.
+/// Frames examined before going up, and below the floor, where every frame breaks the budget.
 const WINDOW: usize = 100;
 const WINDOW_BELOW_FLOOR: usize = 25;
 /// Share of the budget that the expected time of the better tier may take.
 const MARGIN: f64 = 0.75;
 /// The same for a typical frame of a tier to step down to.
 const MARGIN_DOWN: f64 = 0.9;
-/// Right after a change only frames so many budgets long count, and so many of them in a row.
+/// Right after a change: frames longer than this many budgets count, and this many of them in a
+/// row.
 const HOPELESS: (u64, u32) = (4, 2);
 /// Frames of rest after a change, so that a single hiccup does not count twice.
 const REST: u32 = 5;
@@ -212,13 +212,13 @@ impl Governor {
         self.end_of_window(window)
     }
 
-    /// Soon after a change: the start may be hopelessly high, which two frames tell, not one.
+    /// Right after a change: two frames in a row that are far over the budget leave the tier.
     fn record_at_rest(&mut self, frame_ns: u64) -> bool {
         self.rest -= 1;
         let (budgets, in_a_row) = HOPELESS;
         self.hopeless = if frame_ns > budgets * self.budget_ns { self.hopeless + 1 } else { 0 };
-        let tells = self.hopeless >= in_a_row && self.tier < FLOOR;
-        tells && self.step_down(self.tier_for(frame_ns), TierReason::Overload, frame_ns)
+        let leave = self.hopeless >= in_a_row && self.tier < FLOOR;
+        leave && self.step_down(self.tier_for(frame_ns), TierReason::Overload, frame_ns)
     }
 
     /// The best lower tier at which a frame that took `typical_ns` here fits; below the floor only

@@ -88,13 +88,12 @@ impl Gpu {
         let opened = pollster::block_on(adapter.request_device(&request));
         let (device, queue) =
             opened.map_err(|e| GpuError::Refused { name: name.clone(), problem: e.to_string() })?;
-        // A refused command spoils one picture; it is no reason to end the simulator.
+        // A refused command spoils one picture; the simulator goes on.
         let lost = Arc::new(OnceLock::new());
         let name_of_device = name.clone();
         let known = Arc::clone(&lost);
         device.on_uncaptured_error(Arc::new(move |e| {
-            // Of a device that is gone every command is refused; that is told once, as an error of
-            // the process.
+            // A lost device refuses every command; `wait` returns that once, as an error.
             if known.get().is_none() {
                 tracing::error!("graphics: {e}");
             }
@@ -106,7 +105,7 @@ impl Gpu {
         Ok(Self { adapter, device, queue, name, is_software: info.device_type == DeviceType::Cpu, lost })
     }
 
-    /// Waits until everything submitted is done; tells if the device went away.
+    /// Waits until everything submitted is done.
     ///
     /// # Errors
     /// If the device was lost.

@@ -1,9 +1,9 @@
 //! The graphics device's clock beside the processor's: pure, fed with instants.
 //!
-//! The device stamps when a frame began and ended, on a clock with an origin of its own. A frame
-//! begins after it was submitted and is seen to be finished after it ended, so every frame bounds
-//! the difference of the clocks from both sides; waking up takes now 20 µs and now 2 ms, so the
-//! least upper bound of the last frames is the best guess.
+//! The device's timestamps of a frame's begin and end are on a clock with its own origin. A frame
+//! begins after its submission and is known to be finished after its end, so every frame bounds the
+//! difference of the clocks from both sides. Waking up takes 20 µs to 2 ms, so the least upper
+//! bound of the last frames is the best estimate.
 
 use protocol::time::Nanos;
 
@@ -34,9 +34,9 @@ impl Default for GpuClock {
 }
 
 impl GpuClock {
-    /// Takes a frame in that was submitted at `submitted` and seen to be finished at `seen`; the
-    /// instant, on the processor's clock, at which the device had finished it, never outside these
-    /// two. Stamps that make no sense give `seen`.
+    /// Instant, on the processor's clock, at which the device finished a frame that was submitted
+    /// at `submitted` and known to be finished at `seen`; never outside these two. Inconsistent
+    /// timestamps give `seen`.
     pub fn finished_at(&mut self, submitted: Nanos, span: Span, seen: Nanos) -> Nanos {
         if span.end_ns < span.begin_ns || seen < submitted || span.end_ns - span.begin_ns > seen - submitted {
             return seen;

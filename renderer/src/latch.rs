@@ -8,7 +8,7 @@ use protocol::predict::predict;
 use protocol::scene::SceneHeader;
 use protocol::time::{Instants, Nanos};
 
-/// A tracker that has been silent for so long is lost, whatever its last frame said, ns.
+/// Age of the last frame from which every body counts as lost, ns.
 const SILENT_NS: u64 = 400_000_000;
 
 /// The poses that a frame is drawn with.
@@ -44,7 +44,7 @@ impl Latched {
     }
 }
 
-/// As a matrix.
+/// `pose` as a matrix.
 pub fn matrix(pose: &Pose) -> DMat4 {
     let [w, x, y, z] = pose.rotation_wxyz;
     DMat4::from_rotation_translation(DQuat::from_xyzw(x, y, z, w).normalize(), DVec3::from(pose.position_mm))
@@ -67,7 +67,7 @@ pub fn latch(frame: &TrackerFrame, at_ns: Nanos) -> Latched {
     }
 }
 
-/// The poses of the simulation's step, for as long as no tracker speaks.
+/// The poses of the simulation's step, while there is no tracker frame.
 pub fn latch_scene(scene: &SceneHeader) -> Latched {
     Latched {
         field: scene.field,

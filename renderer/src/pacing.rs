@@ -1,17 +1,16 @@
-//! When a frame will be seen: pure estimates from instants that are passed in.
+//! Estimates of when a frame will be displayed. Pure: instants are arguments.
 
 use protocol::time::Nanos;
 
 /// Share by which a new measurement moves an estimate.
 const GAIN: f64 = 0.1;
 
-/// Spreads of the time a frame takes by which it begins earlier than its mean asks for.
+/// Mean deviations of a frame's time by which it begins earlier than its mean requires.
 const SPREADS: f64 = 3.0;
 /// Time by which it begins earlier still, ns: a wake-up on a quiet machine.
 const WAKE_NS: f64 = 500_000.0;
 
-/// Estimates how long it takes from the latch until the picture is seen, and when a frame must
-/// begin.
+/// Estimator of the time from latch to display, and of the latest begin of a frame.
 #[derive(Debug, Clone, Copy)]
 pub struct Pacing {
     latch_to_seen_ns: f64,
@@ -29,8 +28,8 @@ impl Pacing {
         Self { latch_to_seen_ns: guess, start_to_seen_ns: guess, spread_ns: 0.1 * guess, refresh_ns }
     }
 
-    /// Instant at which a picture latched at `latched` will be seen, as far as one can tell;
-    /// `refreshed` is an instant at which the display was last refreshed.
+    /// Estimated display of a picture latched at `latched`; `refreshed` is an instant at which the
+    /// display was refreshed.
     pub fn expected(&self, latched: Nanos, refreshed: Nanos) -> Nanos {
         let drawn = latched + self.latch_to_seen_ns as u64;
         self.next_refresh(drawn, refreshed)
@@ -64,7 +63,7 @@ impl Pacing {
         period.map_or(0, |p| (displayed.saturating_sub(refreshed) / p).saturating_sub(1))
     }
 
-    /// Learns from a frame.
+    /// Updates the estimates with a frame.
     pub fn record_frame(&mut self, start: Nanos, latched: Nanos, seen: Nanos) {
         let took = seen.saturating_sub(latched) as f64;
         self.latch_to_seen_ns += GAIN * (took - self.latch_to_seen_ns);

@@ -63,7 +63,7 @@ pub fn shader(device: &Device, name: &str) -> wgpu::ShaderModule {
     })
 }
 
-/// A texture that a pass draws into and a later one reads.
+/// A texture that one pass draws into and a later one samples.
 pub fn drawn_and_read(
     device: &Device,
     label: &str,
@@ -149,8 +149,8 @@ pub fn sampled_layout(device: &Device, label: &str, view_dimension: TextureViewD
     })
 }
 
-/// A texture and its sampler in a layout of [`sampled_layout`]; what is smaller than the texture is
-/// smoothed, what is larger as told.
+/// A texture and its sampler in a layout of [`sampled_layout`]; minified texels are averaged,
+/// magnified ones filtered by `mag_filter`.
 pub fn sampled_group(
     device: &Device,
     label: &str,
@@ -174,7 +174,7 @@ pub fn sampled_group(
     })
 }
 
-/// What distinguishes the pipelines of this crate.
+/// The settings in which pipelines of this crate differ.
 #[derive(Debug, Clone, Copy)]
 pub struct PipelineSpec<'a> {
     /// Name of the shader.
@@ -189,7 +189,7 @@ pub struct PipelineSpec<'a> {
     pub vertices: bool,
     /// Drawn as a strip of triangles.
     pub strip: bool,
-    /// Of closed bodies: only what faces the viewer is drawn, half of the triangles.
+    /// Closed bodies: back faces are culled.
     pub closed: bool,
     /// Depth: test and write.
     pub depth: Option<(CompareFunction, bool)>,
@@ -238,8 +238,8 @@ impl<'a> PipelineSpec<'a> {
 const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
 
-/// Depth of what is drawn over everything else: lean tiers draw it in the pass of the picture, full
-/// tiers after it, where there is no depth.
+/// Depth state of overlays: lean tiers draw them in the pass of the picture, full tiers after it,
+/// without a depth attachment.
 pub fn over_everything(shading: Shading) -> Option<(CompareFunction, bool)> {
     (shading == Shading::Lean).then_some((CompareFunction::Always, false))
 }
@@ -316,7 +316,7 @@ pub fn geometry_buffer(device: &Device, label: &str, size: usize, usage: BufferU
     })
 }
 
-/// A depth attachment that begins empty and is kept or thrown away after the pass.
+/// A depth attachment that is cleared first and stored where `keep`.
 pub fn clear_depth(view: &wgpu::TextureView, keep: bool) -> wgpu::RenderPassDepthStencilAttachment<'_> {
     let store = if keep { wgpu::StoreOp::Store } else { wgpu::StoreOp::Discard };
     wgpu::RenderPassDepthStencilAttachment {

@@ -1,5 +1,5 @@
-//! What is decided once, before the loop: scene and rig, tiers, and a first frame that makes the
-//! driver compile its programs (60 to 700 ms on a software driver, too long for the first picture).
+//! Start of the renderer: scene and rig, tiers, and a warm-up in which the driver compiles its
+//! programs (60 to 700 ms on a software driver, too long for the first picture).
 
 use crate::assets::Assets;
 use crate::config::Config;
@@ -31,7 +31,7 @@ const SOFTWARE_MAP_PX: u32 = 1024;
 const HARDWARE_MAP_PX: u32 = 2048;
 /// Rounds of the warm-up after which the driver has compiled everything.
 const COMPILED_AFTER: usize = 2;
-/// Length of a shaft that the rig does not tell, mm.
+/// Length of a shaft where the rig gives none, mm.
 const SHAFT_LENGTH_MM: f64 = 60.0;
 
 /// The scene that was asked for.
@@ -89,8 +89,8 @@ pub fn map_px(gpu: &Gpu) -> u32 {
     if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX }
 }
 
-/// A renderer for `scene` that has drawn its first frames, and what these told about the costs of
-/// the tiers; `clock` gives ns.
+/// A renderer for `scene` that has drawn its first frames, and the costs of the tiers measured from
+/// these; `clock` gives ns.
 ///
 /// # Errors
 /// If rig or assets cannot be read, or the device is lost.
@@ -109,8 +109,8 @@ pub fn renderer(
     Ok((renderer, costs))
 }
 
-/// Draws every kind of thing, tracked and lost, at every tier from the start on. Frames that come
-/// after each kind was drawn once tell what the tiers cost.
+/// Draws everything once, tracked and lost, at every tier from `first_tier` on. The frames after
+/// that measure the cost of the tiers.
 fn warm_up(
     gpu: &Gpu,
     renderer: &mut Renderer,

@@ -1,4 +1,4 @@
-//! What each pass of a frame took, stamped by the device itself where it can.
+//! Times of a frame's passes by timestamps of the device, where it has them.
 
 use crate::gpu::Gpu;
 use crate::gpu_clock::Span;
@@ -21,7 +21,7 @@ pub const PASSES: [(&str, Pass); 3] =
 const STAMPS: u32 = 2 * PASSES.len() as u32;
 const BYTES: u64 = STAMPS as u64 * 8;
 
-/// What a frame took on the device, by its own clock.
+/// Times of a frame by the device's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PassTimes {
     /// Begin of the first pass to end of the last.
@@ -30,7 +30,7 @@ pub struct PassTimes {
     pub passes_ns: [u64; PASSES.len()],
 }
 
-/// Stamps of one frame on the device, and their way back.
+/// Timestamp queries of one frame, and the buffers through which they come back.
 pub struct Timing {
     stamps: QuerySet,
     resolved: Buffer,
@@ -42,7 +42,7 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// `None` where the adapter stamps nothing.
+    /// `None` where the adapter has no timestamps.
     pub fn new(gpu: &Gpu) -> Option<Self> {
         if !gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             return None;
@@ -83,8 +83,8 @@ impl Timing {
         }
     }
 
-    /// Ends a frame's commands, the last of whose passes was `last`: the stamps go to where they
-    /// can be read.
+    /// Ends a frame's commands, whose last pass was `last`: resolves the timestamps into a mappable
+    /// buffer.
     pub fn resolve(&self, encoder: &mut CommandEncoder, last: Pass) {
         let written = 2 * last as u32 + 2;
         encoder.clear_buffer(&self.resolved, 0, None);
@@ -92,7 +92,7 @@ impl Timing {
         encoder.copy_buffer_to_buffer(&self.resolved, 0, &self.back, 0, BYTES);
     }
 
-    /// Before a frame is submitted: stamps of the one before that nobody read are given up.
+    /// Before a frame is submitted: drops timestamps of the frame before that were not read.
     pub fn before_submit(&mut self) {
         if std::mem::take(&mut self.asked) {
             self.back.unmap();
@@ -100,7 +100,7 @@ impl Timing {
         self.arrived.store(false, Ordering::Release);
     }
 
-    /// After a frame was submitted: asks for its stamps; they are there when the device is done.
+    /// After a frame was submitted: requests its timestamps, which arrive when the device is done.
     pub fn after_submit(&mut self) {
         let arrived = Arc::clone(&self.arrived);
         self.back.slice(..).map_async(MapMode::Read, move |result| {
@@ -109,7 +109,7 @@ impl Timing {
         self.asked = true;
     }
 
-    /// What the last frame took; `None` before it is done, or if it was read already.
+    /// Times of the last frame; `None` before it is done, or if they were read already.
     pub fn read(&mut self) -> Option<PassTimes> {
         if !self.asked || !self.arrived.load(Ordering::Acquire) {
             return None;

@@ -34,7 +34,7 @@ pub struct Tissue {
 }
 
 impl Tissue {
-    /// With room for so many nodes and triangles, so that nothing is allocated later.
+    /// With room for `nodes` and `triangles`; nothing is allocated later.
     pub fn with_capacity(nodes: usize, triangles: usize) -> Self {
         Self {
             nodes: Vec::with_capacity(nodes),
@@ -51,7 +51,7 @@ impl Tissue {
         }
     }
 
-    /// Takes in a scene's arrays; true if the triangles have changed.
+    /// Takes a scene's arrays in; true if the triangles have changed.
     pub fn take(
         &mut self,
         nodes: &[SceneNode],
@@ -89,8 +89,8 @@ impl Tissue {
         changed
     }
 
-    /// How many of the triangles belong to the membrane, which come first, and how many to the
-    /// retina, which follow; the rest are gone.
+    /// Numbers of membrane triangles, which come first, and of retina triangles, which follow; the
+    /// rest are gone.
     pub fn counts(&self) -> [usize; 2] {
         [self.membrane, self.retina]
     }

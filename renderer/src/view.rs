@@ -14,9 +14,9 @@ pub const CHANNELS: usize = 2;
 pub const FIELD_FILL: f64 = 0.98;
 /// Width of the field's soft border, share of its radius.
 const BORDER: f64 = 0.03;
-/// What lies nearer to the objective than the target by more than this is not drawn, mm.
+/// Distance of the near plane from the target towards the objective, mm.
 const NEAR_SIDE_MM: f64 = 60.0;
-/// What lies beyond the target by more than this is not drawn, mm.
+/// Distance of the far plane beyond the target, mm.
 const FAR_SIDE_MM: f64 = 30.0;
 
 /// Up in the picture, world frame: the surgeon sits at +y.
@@ -88,7 +88,8 @@ pub fn view_uniform(
     let clip_from_eye = clip_from_world(microscope, channel, aspect) * eye_from_world.inverse();
     let rays = Rays::of(&clip_from_eye);
     let target = eye_from_world.transform_point3(DVec3::from(microscope.target_in_world_mm));
-    // One unit of w along each ray ends in a plane; so many end in the one through the target.
+    // One unit of w along each ray ends in a plane; `units` of them end in the plane through the
+    // target.
     let units = (clip_from_eye * target.extend(1.0)).w;
     let vec4 = |v: DVec3| v.extend(0.0).as_vec4().to_array();
     let inner = (1.0 - BORDER) * (1.0 - BORDER);

@@ -19,8 +19,8 @@ pub struct Row {
     pub seconds: f64,
     /// The attempt ended in it; else it is scored as far as it goes.
     pub ended: bool,
-    /// Whether the live run told the same score, to the bit; `None` where it told none, or by
-    /// another version of the score.
+    /// Whether the live run published the same score, to the bit; `None` where it published none,
+    /// or one of another version.
     pub agrees: Option<bool>,
     /// The attempt in it.
     pub attempt: Option<Attempt>,

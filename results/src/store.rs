@@ -102,7 +102,7 @@ pub struct Store {
     patience: Duration,
 }
 
-/// Where the store lies if nobody says otherwise, after the XDG base directory specification.
+/// Default path of the store, after the XDG base directory specification.
 /// `data_home` is the value of `XDG_DATA_HOME`, `home` that of `HOME`.
 pub fn default_place(data_home: Option<&Path>, home: Option<&Path>) -> Option<PathBuf> {
     // A relative path is to be passed over, says the specification.
@@ -250,7 +250,7 @@ impl Store {
         })
     }
 
-    /// Deletes a trainee with every attempt; tells how many those were and which recordings they
+    /// Deletes a trainee with every attempt; returns how many those were and which recordings they
     /// name. `None` if there is no such trainee.
     ///
     /// # Errors

@@ -19,7 +19,7 @@ pub struct MembraneScene {
     /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub lift_mm: f64,
-    /// One edge (that at the end of the sheet's first axis) hangs free, and the sheet rises towards
+    /// One edge (that at the end of the sheet's first axis) is free, and the sheet rises towards
     /// it instead of its middle.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub loose_edge: bool,

@@ -140,7 +140,7 @@ pub enum Goal {
         #[serde(default)]
         hold_s: f64,
     },
-    /// Wait for what the simulation tells: an event whose figure comes to a value, or so many of
+    /// Wait for an event of the simulation whose figure comes to a value, or for a number of
     /// them.
     Event {
         /// Kind of event, by its name (or number) in `protocol::events::EVENTS`.
@@ -201,7 +201,7 @@ impl TaskScene {
         ]
     }
 
-    /// What makes no sense, in an eye of this radius (mm) with so many bodies.
+    /// The first inconsistency, for an eye of this radius (mm) with this many bodies.
     pub(super) fn defect(&self, radius_mm: f64, bodies: usize) -> Option<Defect> {
         let count = self.goals.len();
         if !(1..=MAX_GOALS).contains(&count) {

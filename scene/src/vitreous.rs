@@ -113,7 +113,7 @@ pub struct SuctionScene {
     pub speed_mm_s_per_kpa: f64,
     /// Elements nearer than this to the port's middle when it cuts and sucks are gone, mm.
     pub bite_mm: f64,
-    /// An event tells whenever so much more is removed, ml.
+    /// Removed volume from one event to the next, ml.
     pub milestone_ml: f64,
 }
 

@@ -1,6 +1,6 @@
 //! The score: 100 points in five categories, from what happened and how the instruments moved. The
 //! table of metrics is [`table`]; sums are kept by [`meter`]; a [`Score`] is made from them at any
-//! time, and told for good when the attempt ends.
+//! time, and published when the attempt ends.
 
 pub mod doc;
 pub mod filter;
@@ -121,8 +121,8 @@ impl Scorer {
 }
 
 impl Score {
-    /// What is told when an attempt ends.
-    pub fn signals(&self) -> [EventDraft; CATEGORIES + 1] {
+    /// The events at the end of an attempt: every category, then the total.
+    pub fn events(&self) -> [EventDraft; CATEGORIES + 1] {
         std::array::from_fn(|i| match i {
             CATEGORIES => EventDraft {
                 subject: self.version,
@@ -131,8 +131,8 @@ impl Score {
             },
             c => {
                 let of = Category::ALL[c].points();
-                let told = EventDraft::new(EventKind::ScoreCategory, self.categories[c]);
-                EventDraft { subject: c as u32, limit: of, ..told }
+                let draft = EventDraft::new(EventKind::ScoreCategory, self.categories[c]);
+                EventDraft { subject: c as u32, limit: of, ..draft }
             }
         })
     }

@@ -1,7 +1,6 @@
-//! The task as a small state machine: goals are reached one after the other (or as the trainee
-//! likes), a limit of time runs, and what a trainee must know is told by events. What it knows
-//! comes as an [`Observation`]; what it says goes out as [`EventDraft`]s, which the simulation
-//! records.
+//! The task as a state machine: goals are reached in sequence or in any order, within a limit of
+//! time. Each step takes an [`Observation`] in and emits [`EventDraft`]s, which the simulation
+//! numbers and publishes.
 
 mod eye;
 mod goal;
@@ -22,7 +21,7 @@ use serde::{Deserialize, Serialize};
 /// scored as tremor and not a second time as lack of aim.
 const SMOOTHING_S: f64 = 0.1;
 
-/// What the task says.
+/// An event without number and instant, which the simulation adds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EventDraft {
     /// What happened.
@@ -61,7 +60,7 @@ impl EventDraft {
     }
 }
 
-/// A rigid body as the task sees it.
+/// State of a rigid body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyObservation {
     /// `eye_from_body`, mm.
@@ -70,7 +69,7 @@ pub struct BodyObservation {
     pub held_by: Option<u32>,
 }
 
-/// The retina as the task sees it.
+/// State of the retina.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RetinaObservation {
     /// How far what came off has turned, rad.
@@ -79,7 +78,7 @@ pub struct RetinaObservation {
     pub loose_share: f64,
 }
 
-/// What the task knows of a step.
+/// What a step shows of the eye.
 #[derive(Debug, Clone, Copy)]
 pub struct Observation<'a> {
     /// Exposure of the step.
@@ -104,7 +103,7 @@ pub struct Observation<'a> {
     pub events: &'a [Event],
 }
 
-/// How far the attempt is.
+/// Phase of an attempt.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Phase {
     /// No instrument has been seen in the eye.

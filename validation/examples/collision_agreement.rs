@@ -76,12 +76,12 @@ mod adapter {
         opened.inspect(|device| eprintln!("comparing with {}", device.name())).ok()
     }
 
-    /// True if the adapter tells something else about a scene than the processor: counters, pixels,
+    /// True if the adapter's answer about a scene differs from the processor's: counters, pixels,
     /// triangles, nodes, vertices, or whether there is any collision.
     pub fn differs(device: &GpuDevice, scene: &Scene, end: End) -> bool {
         let (mut zcoll, image) = instruments(scene);
         let (pose, surface) = (&scene.instrument_from_eye, surface(scene));
-        let told = |zcoll: &mut Zcoll| {
+        let answer = |zcoll: &mut Zcoll| {
             let (touches, found) = (zcoll.touches(&image, pose, &surface), end.look(zcoll, &image, scene));
             let (mut triangles, mut nodes): (Vec<_>, Vec<_>) =
                 (zcoll.triangles().collect(), zcoll.displaced().collect());
@@ -90,10 +90,10 @@ mod adapter {
             let hits = zcoll.hits().to_vec();
             (touches, found, hits, triangles, nodes, zcoll.vertices(&image, &surface).to_vec())
         };
-        let cpu = told(&mut zcoll);
+        let cpu = answer(&mut zcoll);
         let gpu = GpuZcoll::new(device.clone(), scene.volume, &scene.triangles, surface.position_mm[0].len());
         zcoll.set_gpu(Some(gpu.expect("a scene fits")));
-        let gpu = told(&mut zcoll);
+        let gpu = answer(&mut zcoll);
         cpu != gpu || !zcoll.is_on_gpu()
     }
 }

@@ -20,7 +20,7 @@ use tracker::tracker::Tracker;
 
 /// Exposure of the first field, ns: instants of 0 mean "not yet".
 const FIRST_NS: u64 = 1_000_000_000;
-/// The tracker begins to be judged after so many fields.
+/// Fields before the tracker is judged.
 const SETTLED: u64 = 10;
 /// Rows of the table.
 const ROWS: usize = 24;

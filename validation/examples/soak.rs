@@ -37,7 +37,7 @@ struct Progress {
     bar: ProgressBar,
     terminal: bool,
     begin: Instant,
-    told: Instant,
+    printed: Instant,
     all: u64,
 }
 
@@ -47,16 +47,16 @@ impl Progress {
         let style = ProgressStyle::with_template(style).expect("a template");
         let now = Instant::now();
         let terminal = std::io::stderr().is_terminal();
-        Progress { bar: ProgressBar::new(all).with_style(style), terminal, begin: now, told: now, all }
+        Progress { bar: ProgressBar::new(all).with_style(style), terminal, begin: now, printed: now, all }
     }
 
     /// After `done` programmes, of which `failed` failed.
-    fn tell(&mut self, done: u64, failed: usize) {
+    fn print(&mut self, done: u64, failed: usize) {
         self.bar.set_position(done);
-        if self.terminal || (self.told.elapsed() < EVERY && done < self.all) {
+        if self.terminal || (self.printed.elapsed() < EVERY && done < self.all) {
             return;
         }
-        self.told = Instant::now();
+        self.printed = Instant::now();
         let passed = self.begin.elapsed().as_secs_f64();
         let left = passed / done.max(1) as f64 * (self.all - done) as f64;
         let (share, rate) = (100.0 * done as f64 / self.all.max(1) as f64, done as f64 * 60.0 / passed);
@@ -100,7 +100,7 @@ fn main() -> std::process::ExitCode {
                 }
             }
             let (done, failed) = (results.done.len() + results.failed.len(), results.failed.len());
-            progress.lock().expect("no thread panics with it").tell(done as u64, failed);
+            progress.lock().expect("no thread panics with it").print(done as u64, failed);
         }
     };
     std::thread::scope(|scope| (0..args.threads.unwrap_or(cores).max(1)).for_each(|_| _ = scope.spawn(work)));

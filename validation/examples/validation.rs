@@ -26,7 +26,7 @@ fn main() -> ExitCode {
     for case in ALL.iter().filter(|c| names.is_empty() || names.iter().any(|n| n == c.name)) {
         let begin = std::time::Instant::now();
         let outcome = (case.run)(&reference, Depth::Full);
-        wrong += tell(case, &outcome);
+        wrong += print_case(case, &outcome);
         let path = folder.join(case.name).with_extension("png");
         plot::draw(case.title, &outcome).save(&path).expect("a picture is written");
         eprintln!("{} ({:.1} s)", path.display(), begin.elapsed().as_secs_f64());
@@ -38,7 +38,7 @@ fn main() -> ExitCode {
 }
 
 /// Prints the lines of a case; returns how many are wrong.
-fn tell(case: &Case, outcome: &Outcome) -> usize {
+fn print_case(case: &Case, outcome: &Outcome) -> usize {
     for row in &outcome.rows {
         let order = row.order.map_or_else(|| "-".into(), |o| format!("{o:.1}"));
         println!(
@@ -50,7 +50,7 @@ fn tell(case: &Case, outcome: &Outcome) -> usize {
             row.reference,
             row.ours,
             100.0 * row.error(),
-            // Rounded, so that 1e-9 is not told with seventeen digits.
+            // Rounded, so that 1e-9 is not printed with seventeen digits.
             (1e12 * row.allowed).round() / 1e10,
             row.resolution,
         );

@@ -40,10 +40,10 @@ pub struct Outcome {
     pub events: u64,
     /// Hash over the state hashes of all steps.
     pub hash: u64,
-    /// Largest kinetic energy that lasted in tissue which nobody handled, as a share of what its
+    /// Largest lasting kinetic energy of tissue at rest, as a share of what its
     /// limits of speed allow.
     pub lasting_energy: f64,
-    /// Steps in which nobody handled tissue, and its rest was looked at.
+    /// Steps in which no tool handled tissue and its rest was checked.
     pub quiet_steps: u64,
     /// Steps of each tool ([`Tool`] as a number), both hands added up.
     pub tool_steps: [u64; TOOLS],

@@ -152,8 +152,8 @@ fn vertices_are_reported_with_their_own_depth() {
             let z_i = image.depth[pixel[1] as usize * v.resolution + pixel[0] as usize];
             let way = z - f64::from(z_i);
             if living.contains(&node) && way > 3.0 {
-                let told = found.get(&node).copied();
-                assert!(told.is_some_and(|t| (f64::from(t) - way).abs() < 3.0), "{told:?} {way}");
+                let reported = found.get(&node).copied();
+                assert!(reported.is_some_and(|t| (f64::from(t) - way).abs() < 3.0), "{reported:?} {way}");
             } else if way < -3.0 || !living.contains(&node) {
                 assert!(!found.contains_key(&node));
             }

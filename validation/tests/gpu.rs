@@ -14,11 +14,11 @@ use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back
 /// Scenes that are compared here; the example `collision_agreement` compares 10,000.
 const SCENES: usize = 200;
 
-/// Everything that a look tells, in one order.
-type Told = (Contacts, Vec<PixelContact>, Vec<(usize, i32)>, Vec<(usize, i32)>, Vec<(u32, i32)>);
+/// The answer of a query, sorted.
+type Answer = (Contacts, Vec<PixelContact>, Vec<(usize, i32)>, Vec<(usize, i32)>, Vec<(u32, i32)>);
 
-/// What a look from the tip tells, one from the handle, and whether there is a collision at all.
-fn told(zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> ([Told; 2], bool) {
+/// Answers of queries from the tip and from the handle, and whether there is a collision at all.
+fn answers(zcoll: &mut Zcoll, image: &InstrumentImage, scene: &Scene) -> ([Answer; 2], bool) {
     let position_mm = scene.position_mm.each_ref().map(Vec::as_slice);
     let surface = Surface { position_mm, triangles: &scene.triangles, alive: &scene.alive };
     let touches = zcoll.touches(image, &scene.instrument_from_eye, &surface);
@@ -40,14 +40,14 @@ fn device() -> Option<GpuDevice> {
     GpuDevice::open().map_err(|e| eprintln!("adapter and processor not compared: {e}")).ok()
 }
 
-fn both(device: &GpuDevice, scene: &Scene) -> [([Told; 2], bool); 2] {
+fn both(device: &GpuDevice, scene: &Scene) -> [([Answer; 2], bool); 2] {
     let mut image = InstrumentImage::new(scene.tool, RADIUS_MM, &scene.volume);
     image.prepare(scene.jaw_rad, &scene.volume);
     let nodes = scene.position_mm[0].len();
     let mut zcoll = Zcoll::new(scene.volume, &scene.triangles, nodes).unwrap();
-    let cpu = told(&mut zcoll, &image, scene);
+    let cpu = answers(&mut zcoll, &image, scene);
     zcoll.set_gpu(Some(GpuZcoll::new(device.clone(), scene.volume, &scene.triangles, nodes).unwrap()));
-    let gpu = told(&mut zcoll, &image, scene);
+    let gpu = answers(&mut zcoll, &image, scene);
     assert!(zcoll.is_on_gpu(), "the adapter must not have failed");
     [cpu, gpu]
 }
@@ -137,7 +137,7 @@ fn a_second_look_knows_nothing_of_the_first() {
         scene.instrument_from_eye.translation.vector.z += 0.05;
         let dead = random.between(0.0, scene.triangles.len() as f64) as usize;
         scene.alive[dead] = 0;
-        let [gpu, cpu] = [&mut zcoll, &mut plain].map(|z| told(z, &image, &scene));
+        let [gpu, cpu] = [&mut zcoll, &mut plain].map(|z| answers(z, &image, &scene));
         assert_eq!(gpu, cpu, "look {turn}");
         most = most.max(cpu.0[0].1.len());
     }

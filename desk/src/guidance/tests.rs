@@ -139,19 +139,19 @@ fn jaws_close_while_used_or_kept() {
 #[test]
 fn the_foot_does_what_the_keys_say() {
     let (mut guidance, _) = desk("vitrectomy");
-    let told = |guidance: &mut Guidance, name: &str| {
+    let pressed = |guidance: &mut Guidance, name: &str| {
         guidance.apply(Input::Press(key(name)));
         let pedal = guidance.pedal();
         guidance.apply(Input::Release(key(name)));
         (pedal.mode, pedal.axes, pedal.buttons)
     };
     let aspirate = PedalMode::Aspirate as u32;
-    assert_eq!(told(&mut guidance, "space"), (aspirate, [1.0, 1.0], 0));
-    assert_eq!(told(&mut guidance, "v"), (aspirate, [1.0, 0.0], 0));
-    assert_eq!(told(&mut guidance, "up"), (PedalMode::Move as u32, [0.0, 1.0], 0));
-    assert_eq!(told(&mut guidance, "minus"), (PedalMode::Zoom as u32, [-1.0, 0.0], 0));
-    assert_eq!(told(&mut guidance, "x"), (PedalMode::Exchange as u32, [1.0, 0.0], 0));
-    // A tap that is over before the field ends is told once.
+    assert_eq!(pressed(&mut guidance, "space"), (aspirate, [1.0, 1.0], 0));
+    assert_eq!(pressed(&mut guidance, "v"), (aspirate, [1.0, 0.0], 0));
+    assert_eq!(pressed(&mut guidance, "up"), (PedalMode::Move as u32, [0.0, 1.0], 0));
+    assert_eq!(pressed(&mut guidance, "minus"), (PedalMode::Zoom as u32, [-1.0, 0.0], 0));
+    assert_eq!(pressed(&mut guidance, "x"), (PedalMode::Exchange as u32, [1.0, 0.0], 0));
+    // A tap that is over before the field ends is reported once.
     guidance.apply(Input::Press(key("3")));
     guidance.apply(Input::Release(key("3")));
     assert_eq!((guidance.pedal().buttons, guidance.pedal().buttons), (PedalButton::Lens as u32, 0));

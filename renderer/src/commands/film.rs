@@ -43,7 +43,7 @@ pub struct FilmArgs {
     /// Scenes from one still to the next.
     #[arg(long, value_name = "N", default_value_t = u64::from(VIDEO_HZ), value_parser = clap::value_parser!(u64).range(1..))]
     pub every: u64,
-    /// Stills are JPEG of at most so many bytes instead of PNG.
+    /// Write stills as JPEG of at most this many bytes, instead of PNG.
     #[arg(long, value_name = "BYTES")]
     pub jpeg: Option<usize>,
 }

@@ -1,7 +1,6 @@
-//! Depth of field of the full tiers: points out of focus are spread over the patches that
-//! [`crate::optics::blur_mm`] gives. Three passes find how wide a pixel's patch is and how far
-//! patches reach in each tile of the picture; where nothing is out of focus, the last one only
-//! copies.
+//! Depth of field of the full tiers: points out of focus are spread over circles of confusion, see
+//! [`crate::optics::blur_mm`]. Three passes find each pixel's radius and the widest in each tile
+//! and its neighbours; where nothing is out of focus, the last pass only copies.
 
 use super::{PipelineSpec, pipeline};
 use crate::target::Multisampled;
@@ -14,12 +13,12 @@ use wgpu::{
 
 /// Edge of a tile, px, as in the shader.
 const TILE_PX: u32 = 16;
-/// How wide patches are in a tile: a share of the largest.
+/// Widest circle of confusion in a tile, share of the largest possible.
 const REACH: TextureFormat = TextureFormat::R8Unorm;
-/// How wide a pixel's patch is.
+/// Radius of a pixel's circle of confusion.
 const RADIUS: TextureFormat = TextureFormat::R16Float;
 
-/// What the shader is told.
+/// Uniform of the shader.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct FocusUniform {
@@ -38,11 +37,12 @@ pub struct Focus {
     spread: RenderPipeline,
 }
 
-/// What the pass needs beside a target.
+/// Textures and bind groups that the pass needs beside a target.
 pub struct Tiles {
-    /// Radii of the pixels' patches; the widest of each tile, and of its neighbours too.
+    /// Radii of the circles of confusion; the widest of each tile; the widest of a tile and its
+    /// neighbours.
     views: [TextureView; 3],
-    /// For the passes that write these, and the last.
+    /// For the passes that write these, and for the last pass.
     groups: [BindGroup; 4],
 }
 
@@ -81,7 +81,7 @@ impl Focus {
         let tiles_px = size_px.map(|n| n.div_ceil(TILE_PX));
         let [radii, tiles, reach] =
             [(RADIUS, size_px), (REACH, tiles_px), (REACH, tiles_px)].map(|(f, s)| make(f, s));
-        // What a pass writes it must not be given to read; another texture stands in.
+        // A pass must not read the texture that it writes; another one stands in.
         let groups = [(&samples.resolved, &tiles), (&radii, &reach), (&radii, &tiles), (&radii, &reach)];
         let groups = groups.map(|(radii, tiles)| self.group(device, samples, radii, tiles));
         Tiles { views: [radii, tiles, reach], groups }
@@ -108,7 +108,7 @@ impl Focus {
         })
     }
 
-    /// Takes in what is in focus, and what a millimetre of its plane is on the picture, px.
+    /// Sets the plane in focus; `px_per_mm`: pixels of a millimetre of that plane.
     pub fn set(&self, queue: &Queue, plane: &FocusPlane, px_per_mm: f64) {
         let [a, b] = plane.distance_of_depth;
         let half = 0.5 * plane.aperture_mm * px_per_mm;
@@ -116,7 +116,7 @@ impl Focus {
         queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
     }
 
-    /// Finds how far patches reach.
+    /// Finds the widest circles of confusion, by tile.
     pub fn find_reach(&self, encoder: &mut CommandEncoder, tiles: &Tiles) {
         for (i, pipeline) in [&self.radius, &self.tile, &self.reach].into_iter().enumerate() {
             let mut pass = begin(encoder, &tiles.views[i], "reach of patches", None);
@@ -126,7 +126,7 @@ impl Focus {
         }
     }
 
-    /// Draws the picture, spread, into the pass that is begun.
+    /// Draws the blurred picture into `pass`.
     pub fn draw(&self, pass: &mut RenderPass<'_>, tiles: &Tiles) {
         pass.set_pipeline(&self.spread);
         pass.set_bind_group(0, &tiles.groups[3], &[]);

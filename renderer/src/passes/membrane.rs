@@ -1,4 +1,4 @@
-//! The membrane: its translucent pass, and the buffers that it shares with lifted retina.
+//! The translucent membrane, and the buffers that it shares with lifted retina.
 
 use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
 use crate::governor::Shading;
@@ -9,7 +9,7 @@ use wgpu::{
     RenderPass, RenderPipeline,
 };
 
-/// The sheet on the device.
+/// Vertices and triangles of membrane and retina on the device.
 pub struct TissueBuffers {
     vertices: Buffer,
     indices: Buffer,
@@ -18,7 +18,7 @@ pub struct TissueBuffers {
 }
 
 impl TissueBuffers {
-    /// With room for so many nodes and triangles.
+    /// With room for `nodes` and `triangles`.
     pub fn new(device: &Device, nodes: usize, triangles: usize) -> Self {
         let vertices =
             geometry_buffer(device, "sheet", nodes * size_of::<TissueVertex>(), BufferUsages::VERTEX);
@@ -35,8 +35,8 @@ impl TissueBuffers {
         }
     }
 
-    /// Takes the triangles in: so many of the membrane and of the retina, then those of retina that
-    /// is gone.
+    /// Sets the triangles: those of the membrane, of the retina (both counted), then those of
+    /// retina that is gone.
     pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]], [membrane, retina]: [usize; 2]) {
         queue.write_buffer(&self.indices, 0, bytemuck::cast_slice(triangles));
         self.corners = [membrane, retina, triangles.len() - membrane - retina].map(|n| 3 * n as u32);
@@ -102,7 +102,7 @@ impl Membrane {
         }
     }
 
-    /// Writes the depth of what is seen of it rather than seen through, for the focus.
+    /// Writes the depth of its opaque parts, for the depth of field.
     pub fn draw_depth(&self, pass: &mut RenderPass<'_>, tissue: &TissueBuffers) {
         pass.set_pipeline(&self.depth);
         tissue.draw(pass);

@@ -7,7 +7,7 @@ use crate::target::Target;
 use bytemuck::{Pod, Zeroable};
 use wgpu::{BindGroupLayout, Buffer, BufferUsages, RenderPipeline, Sampler, ShaderStages, TextureView};
 
-/// What the shader is told.
+/// Uniform of the shader.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Zeroable)]
 struct BlitUniform {

@@ -26,10 +26,10 @@ use winit::window::{CursorGrabMode, Fullscreen, WindowId};
 const SIZE: LogicalSize<u32> = LogicalSize::new(1280, 512);
 /// The same where the processor draws: every pixel of the window costs it time.
 const SOFTWARE_SIZE: LogicalSize<u32> = LogicalSize::new(800, 320);
-/// Period where the display does not tell, ns.
+/// Refresh period assumed where the display does not report one, ns.
 const USUAL_REFRESH_NS: u64 = 16_666_667;
 
-/// What the window shall be.
+/// Configuration of a window.
 #[derive(Debug, Clone, Default)]
 pub struct WindowConfig {
     /// How the channels share it.
@@ -56,7 +56,7 @@ pub struct Window {
     refresh_ns: u64,
 }
 
-/// What the events leave behind.
+/// State that the window's events change.
 #[derive(Default)]
 struct State {
     config: WindowConfig,
@@ -70,7 +70,7 @@ struct State {
     mouse: Mouse,
 }
 
-/// Who has the mouse.
+/// What the mouse moves.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 enum Mouse {
     /// The person.
@@ -83,9 +83,9 @@ enum Mouse {
     Followed(Option<[f64; 2]>),
 }
 
-/// A notch of a wheel that tells pixels, px.
+/// Pixels of a notch, for wheels that report pixels.
 const NOTCH_PX: f64 = 40.0;
-/// Inputs that wait at most; a person does not make so many between two frames.
+/// Most inputs kept between two frames.
 const MOST_INPUTS: usize = 256;
 
 impl ApplicationHandler for State {

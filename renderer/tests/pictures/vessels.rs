@@ -159,6 +159,6 @@ fn the_photographs_vessels_are_found_in_the_picture() {
     let found = dice(&pairs, 0);
     println!("Dice {found:.3} on {}", stage.gpu.name);
     assert!(found >= DICE, "Dice {found:.3} on {}", stage.gpu.name);
-    // The measure tells a picture that is 0.3 mm beside the truth from one that is not.
+    // The measure drops for a picture that is shifted by 0.3 mm.
     assert!(dice(&pairs, 20) < 0.6);
 }

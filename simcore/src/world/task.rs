@@ -1,5 +1,5 @@
-//! The task's share of a step: what it sees, what it says, and the score when it ends. What counts as done and how it is judged
-//! is decided in the crate `modules`.
+//! The task's share of a step: what it sees, what it says, and the score when it ends. What counts
+//! as done and how it is judged is decided in the crate `modules`.
 
 use super::World;
 use crate::checkpoint::CheckpointError;
@@ -61,7 +61,8 @@ fn zones(lattice: &Lattice) -> [Vec<u32>; 2] {
     [core, periphery]
 }
 
-/// Where the retina is: its turn about the optic disc where the scene has one, else about the fovea.
+/// Where the retina is: its turn about the optic disc where the scene has one, else about the
+/// fovea.
 fn retina_seen(model: &Retina, state: &RetinaState) -> RetinaObservation {
     let disc = model.figures.scene.disc_in_eye_mm.map(Vector3::from);
     let about = disc.map_or(Vector3::z_axis(), |disc| UnitVector3::new_normalize(-disc));
@@ -146,7 +147,7 @@ impl World {
         said.iter().flatten().for_each(|signal| raise(log, *signal));
         part.scorer.note(meter, &Sample { exposed_ns: frame.instants.exposed, tips, events: log.events() });
         if is_over(attempt) {
-            part.scorer.score(meter).signals().into_iter().for_each(|signal| raise(log, signal));
+            part.scorer.score(meter).events().into_iter().for_each(|draft| raise(log, draft));
         }
     }
 
@@ -184,8 +185,8 @@ mod tests {
     use surgeon::rehearsal::Rehearsal;
     use surgeon::skill::EXPERT;
 
-    /// The live score of a rehearsed attempt is what the same poses, steps and events give afterwards, to the bit; and a checkpoint in
-    /// the middle changes nothing.
+    /// The live score of a rehearsed attempt is what the same poses, steps and events give
+    /// afterwards, to the bit; and a checkpoint in the middle changes nothing.
     #[test]
     fn the_live_score_is_the_recordings_score() {
         let module = surgeon::load("navigation").unwrap();

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 const SMOOTHING_S: f64 = 0.1;
 /// A gap that differs from the field's period by more than this begins the filters anew, ns.
 const JITTER_NS: u64 = 2_000_000;
-/// The band's filter has forgotten its begin after so many samples: 1 s.
+/// Samples after which the band's filter has settled: 1 s.
 const SETTLED: u32 = 50;
 /// Share of white noise's power (0 to 25 Hz) that the band lets through.
 pub const NOISE_SHARE: f64 = (TREMOR_BAND_HZ[1] - TREMOR_BAND_HZ[0]) / 25.0;

@@ -1,4 +1,4 @@
-//! What the score keeps while an attempt runs: sums over samples and events. A pure function of
+//! Sums over the samples and events of an attempt, for its score. A pure function of
 //! their sequence; the simulation runs it live, the launcher over recordings, with the same bits.
 
 use super::filter::{Band, NOISE_SHARE, TipFilter};
@@ -15,7 +15,7 @@ use protocol::time::Nanos;
 use scene::{Goal, SceneFile, TaskScene};
 use serde::{Deserialize, Serialize};
 
-/// Tears and pulls are told again and again while they last; one counts in this time, ns.
+/// Tears and pulls raise events repeatedly while they last; one counts in this time, ns.
 const ONCE_NS: u64 = 1_000_000_000;
 
 /// What a score must know of a scene.

@@ -1,5 +1,5 @@
-//! The score of a recording: the steps that the simulation did, with the pose that each consumed
-//! and the events that it told, go through the same meter as in the live run.
+//! The score of a recording: its steps, each with the poses that it consumed and the events that it
+//! raised, go through the same meter as in the live run.
 
 use super::{Meter, Score, Scorer};
 use crate::sample::Sample;
@@ -31,10 +31,10 @@ pub struct Reader {
     unmatched: u64,
 }
 
-/// The score as the live run told it.
+/// The score that the live run published.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct LiveScore {
-    /// Points by category, as far as told.
+    /// Points by category, as far as published.
     pub categories: [Option<f64>; super::table::CATEGORIES],
     /// Points of 100 and their deviation.
     pub total: Option<(f64, f64)>,
@@ -62,15 +62,15 @@ pub struct Verdict {
     pub score: Score,
     /// The attempt ended in the recording; else this is its score so far.
     pub ended: bool,
-    /// What the live run told.
+    /// What the live run published.
     pub live: LiveScore,
     /// Steps whose poses are not in the recording: the score misses them.
     pub unmatched: u64,
 }
 
 impl Verdict {
-    /// Whether the live run told the same score, to the bit; `None` if it told none, or another
-    /// version's.
+    /// Whether the live run published the same score, to the bit; `None` if it published none, or
+    /// one of another version.
     pub fn agrees(&self) -> Option<bool> {
         let (total, sigma) = self.live.total.filter(|_| self.live.version == self.score.version)?;
         let same = |a: f64, b: f64| a.to_bits() == b.to_bits();
@@ -154,7 +154,7 @@ impl Reader {
     }
 }
 
-/// True for an attempt that has ended: the moment at which the live score is told.
+/// True for an attempt that has ended: the moment at which the live score is published.
 pub fn is_over(state: &TaskState) -> bool {
     use crate::task::Phase::{Finished, TimedOut};
     matches!(state.phase, Finished | TimedOut)

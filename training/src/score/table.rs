@@ -106,7 +106,8 @@ pub const NEAREST_LIGHT_MM: f64 = 0.5;
 pub const TREMOR_BAND_HZ: [f64; 2] = [6.0, 14.0];
 /// Retina within this distance of the fovea is macula, mm (its diameter is 5.5 mm).
 pub const MACULA_MM: f64 = 2.75;
-/// A contact counts when it was deeper than its threshold by so many deviations of the tracked tip.
+/// A contact counts when it was deeper than its threshold by this many deviations of the tracked
+/// tip.
 pub const SIGMAS: f64 = 2.0;
 /// Injuries take no more points than this, those of [`Id::Injuries`] included.
 pub const MOST_PENALTY: f64 = 60.0;

@@ -1,5 +1,4 @@
-//! What of the eye a task watches besides its goals: the lens before the instruments, and the rim
-//! of the picture.
+//! Contacts with the lens, and tips that leave the field of view.
 
 use super::Observation;
 use crate::sample::Tip;
@@ -16,7 +15,7 @@ pub const LENS_HALF_MM: f64 = 2.0;
 pub const LENS_CLEAR_MM: f64 = 0.1;
 
 /// How deep a shaft is in the lens, mm; negative outside. The lens is an ellipsoid; it is scaled to
-/// a ball of radius 1, and the distance of the shaft's axis from its centre is told as a share of
+/// a ball of radius 1, and the distance of the shaft's axis from its centre is given as a share of
 /// the half thickness, which is exact on the eye's axis.
 pub fn lens_depth_mm(tip: &Tip, back_mm: f64) -> f64 {
     let scale = Vector3::new(1.0 / LENS_RADIUS_MM, 1.0 / LENS_RADIUS_MM, 1.0 / LENS_HALF_MM);

@@ -1,4 +1,4 @@
-//! Whether one goal is reached.
+//! Progress of one goal.
 
 use super::{EventDraft, Observation};
 use nalgebra::Vector3;
@@ -15,7 +15,7 @@ const END_MM: f64 = 0.15;
 /// A tip that left a tube goes on where it left it, and at most so far ahead, mm: no short cuts.
 const AHEAD_MM: f64 = 1.0;
 
-/// How far a goal is.
+/// Progress of a goal.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct GoalState {
     /// It is reached.
@@ -75,7 +75,7 @@ impl GoalState {
     }
 }
 
-/// What a check may use.
+/// The inputs of a goal's check.
 pub(super) struct Check<'a> {
     pub seen: &'a Observation<'a>,
     pub smooth_mm: &'a [Option<Vector3<f64>>; INSTRUMENTS],
@@ -84,7 +84,7 @@ pub(super) struct Check<'a> {
 }
 
 impl Check<'_> {
-    /// Takes one goal on by one step; `index` is its number, for what it says.
+    /// Advances a goal by one step; `index` is its number, for events.
     pub fn advance(&self, goal: &Goal, own: &mut GoalState, index: u32, emit: &mut dyn FnMut(EventDraft)) {
         match goal {
             Goal::Hold { instrument, at_in_eye_mm, radius_mm, hold_s } => {

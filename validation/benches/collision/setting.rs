@@ -71,7 +71,7 @@ impl Frame<'_> {
 }
 
 impl Setting {
-    /// A sheet of so many squares around the origin.
+    /// A sheet of squares around the origin.
     pub fn new(Squares(nx, ny): Squares) -> Self {
         let node = |r: usize, c: usize| (r * (nx + 1) + c) as u32;
         let squares = (0..ny).flat_map(|r| (0..nx).map(move |c| (r, c)));

@@ -62,7 +62,7 @@ fn attempt(module: &Module, job: &Job) -> Result<Score> {
 ///
 /// # Errors
 /// If the level cannot be composed.
-pub fn tell(module: &Module, level: u32, surgeon: &Skill, seed: u64) -> Result<()> {
+pub fn print_events(module: &Module, level: u32, surgeon: &Skill, seed: u64) -> Result<()> {
     let scene = surgeon::compose(module, level, surgeon, seed)?;
     let mut begin = None;
     let score = Pipeline::new(&scene, Path::Direct, None, seed).attempt(&mut |frame, world, _| {

@@ -4,7 +4,7 @@
 //! [--threads N] [--verbose] [--events SEED] [--page docs/study.md]` (`make study`).
 //!
 //! Part 1: four scripted surgeons at every module. Part 2: recorded hands of surgeons and of
-//! novices in the place of the tremor. `--events` tells one attempt event by event. With `--page`
+//! novices in the place of the tremor. `--events` prints one attempt event by event. With `--page`
 //! both become that page and the picture beside it. It fails where part 1 breaks a bound.
 
 mod attempts;
@@ -30,7 +30,7 @@ Usage: study [OPTIONS]
   --surgeon NAME    expert, average, novice or careless; again for more [all]
   --threads N       attempts at the same time [all cores]
   --verbose         the metrics of every surgeon
-  --events SEED     tells one attempt of the first module and surgeon event by event
+  --events SEED     prints one attempt of the first module and surgeon event by event
   --page FILE       writes the page, with recorded hands, and the picture beside it";
 
 /// Every attempt of the expert brings at least this, every one of the careless one less than that,
@@ -118,7 +118,7 @@ fn main() -> Result<()> {
     let options = options()?;
     let modules = options.modules.iter().map(|m| surgeon::load(m)).collect::<Result<Vec<_>, _>>()?;
     if let Some(seed) = options.events {
-        return attempts::tell(&modules[0], options.level, &options.surgeons[0], seed);
+        return attempts::print_events(&modules[0], options.level, &options.surgeons[0], seed);
     }
     let mut jobs = Vec::new();
     for module in 0..modules.len() {

@@ -37,16 +37,16 @@ fn teapot() -> anyhow::Result<Mesh> {
     let (mut points, mut triangles) = (Vec::new(), Vec::new());
     for (number, line) in TEAPOT.lines().enumerate() {
         let words: Vec<&str> = line.split_whitespace().collect();
-        let told = || format!("teapot.obj, line {}: {line}", number + 1);
+        let place = || format!("teapot.obj, line {}: {line}", number + 1);
         match words[..] {
             ["v", x, y, z] => {
-                let number = |text: &str| text.parse::<f64>().with_context(told);
+                let number = |text: &str| text.parse::<f64>().with_context(place);
                 points.push(Point3::new(number(x)?, number(y)?, number(z)?) * SCALE);
             }
             ["f", a, b, c] => {
                 let index = |text: &str| {
                     let index = text.parse::<usize>().ok().filter(|i| (1..=points.len()).contains(i));
-                    index.map(|i| i - 1).with_context(told)
+                    index.map(|i| i - 1).with_context(place)
                 };
                 triangles.push([index(a)?, index(b)?, index(c)?]);
             }

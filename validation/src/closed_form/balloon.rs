@@ -40,13 +40,13 @@ fn balloon(reference: &Value, depth: Depth) -> Outcome {
     for &(stretch, pressure) in &table {
         let mut series = Series::new(format!("pressure at stretch {stretch:.3}"), pressure);
         // Before, at and past the limit point the meshes are refined; elsewhere one will do.
-        let told = [1.1, 1.3830875542684884, 2.0].contains(&stretch);
-        for times in if told { depth.of(&[1u32, 2, 3], 2) } else { vec![2] } {
+        let reported = [1.1, 1.3830875542684884, 2.0].contains(&stretch);
+        for times in if reported { depth.of(&[1u32, 2, 3], 2) } else { vec![2] } {
             series.found.push([1.05 / f64::from(1 << times), blow(times, stretch, pressure)]);
         }
         finest.push([stretch, series.found.last().map_or(f64::NAN, |f| f[1])]);
         let faces = 20 << (2 * series.found.len());
-        if told {
+        if reported {
             outcome.add(series, format!("{faces} triangles"), 0.01);
         }
     }

@@ -34,7 +34,7 @@ fn run(reference: &Value, _: Depth) -> Outcome {
         ("4 nodes, neo-Hookean", SolidLaw::NeoHookean(lame), false),
         ("10 nodes, co-rotational", SolidLaw::Corotational(lame), true),
     ] {
-        // The stress of every sample is compared; what is told is the norm of the worst one. Finite
+        // The stress of every sample is compared; the norm of the worst one is reported. Finite
         // strain adds a term of its own size, so the error falls with the displacement, down to
         // rounding.
         let mut series = Series::new(format!("{name}: stress, Pa"), stress.norm());

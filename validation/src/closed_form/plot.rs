@@ -8,7 +8,7 @@ use image::imageops::{FilterType, resize};
 
 /// Size of a picture, px.
 const SIZE: [u32; 2] = [1120, 440];
-/// Drawn so many times larger.
+/// Factor by which it is drawn larger.
 const SCALE: usize = 2;
 /// Height of a dot of the letters while drawing, px.
 const DOT: usize = 3;

@@ -1,4 +1,4 @@
-//! Tissue that nobody handles must come to rest: a share of the energy that its limits of speed
+//! Tissue that no tool handles must come to rest: a share of the energy that its limits of speed
 //! allow must not last.
 //!
 //! Limits hold tissue that explodes at v_max, where every number is finite and the mesh may stay
@@ -49,7 +49,7 @@ impl RestCheck {
     /// Looks at the world after a step that advanced it by `advanced_s`.
     ///
     /// # Errors
-    /// If tissue that nobody handles moves on or tears.
+    /// If tissue that no tool handles keeps moving or tears.
     pub fn check(&mut self, world: &World, advanced_s: f64) -> Result<(), String> {
         let shares = self.shares(world, advanced_s);
         if advanced_s == 0.0 {
