@@ -2,9 +2,9 @@
 
 use crate::corners;
 use crate::dots;
-use crate::grey_image::Grey;
+use crate::grey_image::GreyImage;
 use crate::grid::{self, Node};
-use crate::target_problem::Sample;
+use crate::target_problem::Correspondence;
 use nalgebra::{Point3, Vector2};
 
 /// What is printed on the board.
@@ -31,7 +31,7 @@ pub struct Board {
 
 /// Why a board was not found.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum NotFound {
+pub enum BoardError {
     /// Nothing of the kind is in the picture.
     #[error("no {0} found")]
     Nothing(&'static str),
@@ -67,10 +67,10 @@ impl Board {
     /// first inner field is dark. Others are ambiguous by half a turn (square ones by a quarter):
     /// their first point is the one nearest to the picture's top-left, so cameras that are to be
     /// calibrated together must not see them upside down.
-    pub fn find(&self, picture: &Grey) -> Result<Vec<Sample>, NotFound> {
+    pub fn find(&self, picture: &GreyImage) -> Result<Vec<Correspondence>, BoardError> {
         let mut level = picture.clone();
         let mut scale = 1.0;
-        let mut best = Err(NotFound::Nothing(self.what()));
+        let mut best = Err(BoardError::Nothing(self.what()));
         loop {
             if level.width.max(level.height) <= LOOK_PX || scale == 1.0 {
                 match self.at_level(&level) {
@@ -98,7 +98,7 @@ impl Board {
         }
     }
 
-    fn at_level(&self, picture: &Grey) -> Result<Vec<Vector2<f64>>, NotFound> {
+    fn at_level(&self, picture: &GreyImage) -> Result<Vec<Vector2<f64>>, BoardError> {
         let candidates: Vec<Vec<Node>> = match self.pattern {
             Pattern::Chessboard => {
                 let node = |c: &corners::Corner| Node { at: c.at, lines: c.lines };
@@ -114,13 +114,13 @@ impl Board {
             }
         }
         if largest < 4 {
-            return Err(NotFound::Nothing(self.what()));
+            return Err(BoardError::Nothing(self.what()));
         }
-        Err(NotFound::Incomplete { columns: self.columns, rows: self.rows, found: largest })
+        Err(BoardError::Incomplete { columns: self.columns, rows: self.rows, found: largest })
     }
 
     /// Refines the points in the full picture and brings them into the board's order.
-    fn finish(&self, picture: &Grey, points: Vec<Vector2<f64>>) -> Vec<Sample> {
+    fn finish(&self, picture: &GreyImage, points: Vec<Vector2<f64>>) -> Vec<Correspondence> {
         let ordered = self.oriented(picture, points);
         let refined: Vec<Vector2<f64>> = match self.pattern {
             Pattern::Dots => ordered,
@@ -132,7 +132,7 @@ impl Board {
                 })
                 .collect(),
         };
-        self.points().into_iter().zip(refined).map(|(point, pixel)| Sample { pixel, point }).collect()
+        self.points().into_iter().zip(refined).map(|(point, pixel)| Correspondence { pixel, point }).collect()
     }
 
     fn nearest(&self, points: &[Vector2<f64>], i: usize) -> f64 {
@@ -140,8 +140,9 @@ impl Board {
         others.map(|(_, p)| (p - points[i]).norm()).fold(f64::MAX, f64::min)
     }
 
-    /// Right-handed in the picture (columns to the right means rows down), then turned as [`Self::find`] says.
-    fn oriented(&self, picture: &Grey, mut points: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
+    /// Right-handed in the picture (columns to the right means rows down), then turned as
+    /// [`Self::find`] says.
+    fn oriented(&self, picture: &GreyImage, mut points: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
         let (w, n) = (self.columns, points.len());
         let right = points[w - 1] - points[0];
         let down = points[n - w] - points[0];
@@ -163,7 +164,7 @@ impl Board {
     }
 
     /// Mean brightness of the inner fields of the first field's colour less that of the others.
-    fn field_contrast(&self, picture: &Grey, points: &[Vector2<f64>]) -> f64 {
+    fn field_contrast(&self, picture: &GreyImage, points: &[Vector2<f64>]) -> f64 {
         let fields = (0..(self.columns - 1) * (self.rows - 1)).map(|i| {
             let (c, r) = (i % (self.columns - 1), i / (self.columns - 1));
             let corner = r * self.columns + c;
@@ -176,12 +177,13 @@ impl Board {
 }
 
 /// The error that tells more.
-fn better(old: Result<(), NotFound>, new: NotFound) -> Result<(), NotFound> {
+fn better(old: Result<(), BoardError>, new: BoardError) -> Result<(), BoardError> {
     match (old, new) {
-        (Err(NotFound::Incomplete { columns, rows, found }), NotFound::Incomplete { found: more, .. }) => {
-            Err(NotFound::Incomplete { columns, rows, found: found.max(more) })
-        }
-        (Err(old @ NotFound::Incomplete { .. }), NotFound::Nothing(_)) => Err(old),
+        (
+            Err(BoardError::Incomplete { columns, rows, found }),
+            BoardError::Incomplete { found: more, .. },
+        ) => Err(BoardError::Incomplete { columns, rows, found: found.max(more) }),
+        (Err(old @ BoardError::Incomplete { .. }), BoardError::Nothing(_)) => Err(old),
         (_, new) => Err(new),
     }
 }
@@ -197,13 +199,13 @@ mod tests {
         let scale = f64::from(width) / 640.0;
         let size = [width, width * 3 / 4];
         let centre = Vector2::new(f64::from(size[0]), f64::from(size[1])) / 2.0;
-        let mut camera = crate::lens::plain_camera(0, size, Vector2::new(600.0, 600.0) * scale, centre);
+        let mut camera = crate::lens::pinhole_camera(0, size, Vector2::new(600.0, 600.0) * scale, centre);
         camera.distortion = [-0.2, 0.05, 0.0, 0.0, 0.0];
         camera
     }
 
     /// Draws a board as a camera sees it: each pixel the mean of 16 rays.
-    fn draw(board: &Board, camera: &Camera, place: &Isometry3<f64>) -> Grey {
+    fn draw(board: &Board, camera: &Camera, place: &Isometry3<f64>) -> GreyImage {
         let [w, h] = camera.size_px.map(|n| n as usize);
         let inverse = place.inverse();
         let brightness = |x: f64, y: f64| {
@@ -232,7 +234,7 @@ mod tests {
                 .map(|k| brightness(x + f64::from(k % 4) / 4.0 - 0.375, y + f64::from(k / 4) / 4.0 - 0.375));
             (rays.sum::<f64>() / 16.0) as f32
         };
-        Grey::new(w, h, (0..w * h).map(pixel).collect()).blurred(0.7)
+        GreyImage::new(w, h, (0..w * h).map(pixel).collect()).blurred(0.7)
     }
 
     fn place(board: &Board, tilt: Vector3<f64>, distance: f64) -> Isometry3<f64> {
@@ -296,10 +298,10 @@ mod tests {
             let p = Vector2::new((i % 640) as f64, (i / 640) as f64);
             if (p - at).norm() < 14.0 { 120.0 } else { picture.at(p.x as isize, p.y as isize) }
         };
-        let covered = Grey::new(640, 480, (0..640 * 480).map(cover).collect());
+        let covered = GreyImage::new(640, 480, (0..640 * 480).map(cover).collect());
         let told = board.find(&covered).unwrap_err();
-        assert!(matches!(told, NotFound::Incomplete { found: 36..=39, .. }), "{told}");
-        let blank = Grey::new(640, 480, vec![100.0; 640 * 480]);
-        assert!(matches!(board.find(&blank), Err(NotFound::Nothing(_))));
+        assert!(matches!(told, BoardError::Incomplete { found: 36..=39, .. }), "{told}");
+        let blank = GreyImage::new(640, 480, vec![100.0; 640 * 480]);
+        assert!(matches!(board.find(&blank), Err(BoardError::Nothing(_))));
     }
 }

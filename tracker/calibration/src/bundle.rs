@@ -1,10 +1,10 @@
-//! The unknowns of a waved rig and how images depend on them: places of cameras (and their lenses),
-//! positions of markers, poses of bodies at every instant.
+//! The parameters of a self-calibration and the derivatives of images by them: camera poses (and
+//! lenses), marker positions, poses of bodies at every instant.
 
-use crate::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
-use crate::observations::{Instant, Seen};
-use crate::solve::{Column, Equations, Loss, Problem, Unknown};
-use crate::target_problem::place_of;
+use crate::lens::{EXTRINSICS, LENS, LENS_NAMES, by_extrinsics, lens_of, move_extrinsics, project, set_lens};
+use crate::observations::{FrameObservations, MarkerObservation};
+use crate::solve::{Column, Loss, NormalEquations, Problem, Unknown};
+use crate::target_problem::camera_pose;
 use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, UnitQuaternion, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;
@@ -14,25 +14,25 @@ use tracker::pose_math::propagated;
 use tracker::projection::project_marker;
 use tracker::rig_model::{Marker, RigModel};
 
-/// How sure the rig is before (standard deviations). 0 holds a value where it is.
+/// Prior standard deviations of a rig; 0 fixes a value.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Known {
+pub struct PriorSigmas {
     /// Where the world's origin is before each camera, along each of the camera's axes, mm.
     pub camera_mm: f64,
     /// How the world is turned before each camera, about each axis, rad.
     pub camera_rad: f64,
     /// Position of each marker along each axis, mm.
     pub marker_mm: f64,
-    /// Focal lengths and principal points, px; the distortion by the shift it makes at the corner of
-    /// the picture.
+    /// Focal lengths and principal points, px; the distortion by the shift it makes at the corner
+    /// of the picture.
     pub lens_px: f64,
 }
 
 /// Standard deviation of a blob's centre, px, in the mean of columns and lines.
 const BLOB_PX: f64 = 0.07;
 
-impl Known {
-    /// How many times a blob's noise the rig's errors may shift images, at least 1.
+impl PriorSigmas {
+    /// Ratio of the image shifts by the rig's errors to the noise of a blob, at least 1.
     pub fn rough(&self, rig: &Rig) -> f64 {
         let of_camera = |c: &Camera| {
             let px_per_mm = c.focal_px.x / c.translation_mm.norm().max(1.0);
@@ -43,19 +43,20 @@ impl Known {
     }
 }
 
-impl Default for Known {
-    /// A rig that was calibrated well and may have drifted: hundredths of a millimetre.
+impl Default for PriorSigmas {
+    /// A well-calibrated rig that may have drifted: hundredths of a millimetre.
     fn default() -> Self {
-        Known { camera_mm: 0.02, camera_rad: 0.3e-3, marker_mm: 0.005, lens_px: 0.0 }
+        PriorSigmas { camera_mm: 0.02, camera_rad: 0.3e-3, marker_mm: 0.005, lens_px: 0.0 }
     }
 }
 
-/// Nothing but the poses is unknown.
-pub(super) const HELD: Known = Known { camera_mm: 0.0, camera_rad: 0.0, marker_mm: 0.0, lens_px: 0.0 };
+/// Only the poses are free.
+pub(super) const FIXED_RIG: PriorSigmas =
+    PriorSigmas { camera_mm: 0.0, camera_rad: 0.0, marker_mm: 0.0, lens_px: 0.0 };
 /// Standard deviations beyond which a blob loses its weight.
 const SUSPECT: f64 = 4.0;
 
-/// Values of all unknowns.
+/// Values of all parameters.
 #[derive(Debug, Clone)]
 pub struct Bundle {
     /// Cameras in the order of the rig.
@@ -68,7 +69,7 @@ pub struct Bundle {
 
 impl Bundle {
     /// The rig as it is and the poses that the tracker found with it.
-    pub fn new(rig: &Rig, instants: &[Instant]) -> Self {
+    pub fn new(rig: &Rig, instants: &[FrameObservations]) -> Self {
         Bundle {
             cameras: rig.cameras(),
             markers: RigModel::new(rig).bodies.iter().map(|b| b.markers.clone()).collect(),
@@ -92,7 +93,7 @@ impl Bundle {
     }
 }
 
-/// A shared unknown.
+/// A shared parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Value {
     /// Camera, value of its lens.
@@ -103,9 +104,9 @@ pub(super) enum Value {
     Marker(usize, usize, usize),
 }
 
-/// The problem.
-pub struct WavedProblem<'a> {
-    pub(super) instants: &'a [Instant],
+/// The least-squares problem of a self-calibration.
+pub struct SelfCalibrationProblem<'a> {
+    pub(super) instants: &'a [FrameObservations],
     pub(super) before: Bundle,
     pub(super) values: Vec<Value>,
     pub(super) sigmas: Vec<f64>,
@@ -120,12 +121,20 @@ pub struct WavedProblem<'a> {
     pub(super) noise: f64,
 }
 
-impl<'a> WavedProblem<'a> {
-    /// From what was seen, beginning at `before`. Only markers that were seen are unknowns.
-    pub fn new(instants: &'a [Instant], before: Bundle, known: &Known, eye_moves: bool) -> Self {
-        // A covariance that is none belongs to a blob that says nothing.
-        let whiten = |s: &Seen| s.covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_default();
-        let mut out = WavedProblem {
+impl<'a> SelfCalibrationProblem<'a> {
+    /// The problem for some observations, with the prior mean and initial value `before`. Only
+    /// observed markers are parameters.
+    pub fn new(
+        instants: &'a [FrameObservations],
+        before: Bundle,
+        known: &PriorSigmas,
+        eye_moves: bool,
+    ) -> Self {
+        // A blob with an invalid covariance gets no weight.
+        let whiten = |s: &MarkerObservation| {
+            s.covariance.cholesky().and_then(|c| c.l().try_inverse()).unwrap_or_default()
+        };
+        let mut out = SelfCalibrationProblem {
             instants,
             whitening: instants.iter().map(|i| i.seen.iter().map(whiten).collect()).collect(),
             eye_moves,
@@ -137,7 +146,7 @@ impl<'a> WavedProblem<'a> {
             before,
             noise: 1.0,
         };
-        let seen = |of: &dyn Fn(&Seen) -> bool| instants.iter().any(|i| i.seen.iter().any(of));
+        let seen = |of: &dyn Fn(&MarkerObservation) -> bool| instants.iter().any(|i| i.seen.iter().any(of));
         for c in 0..out.before.cameras.len() {
             if !seen(&|s| s.camera == c) {
                 continue;
@@ -151,7 +160,7 @@ impl<'a> WavedProblem<'a> {
             }
             if known.camera_mm > 0.0 && known.camera_rad > 0.0 {
                 out.place_at[c] = Some(out.values.len());
-                for i in 0..PLACE {
+                for i in 0..EXTRINSICS {
                     let sigma = if i < 3 { known.camera_rad } else { known.camera_mm };
                     out.push(Value::Place(c, i), sigma);
                 }
@@ -190,8 +199,8 @@ impl<'a> WavedProblem<'a> {
         if body == EYE && !self.eye_moves { 3 } else { 6 }
     }
 
-    /// Whitened residual (computed less seen) of a blob of a block, and its derivatives unless only the
-    /// cost is wanted; `None` behind the camera.
+    /// Whitened residual (computed less seen) of a blob of a block, and its derivatives unless only
+    /// the cost is wanted; `None` behind the camera.
     fn image(
         &self,
         state: &Bundle,
@@ -220,10 +229,10 @@ impl<'a> WavedProblem<'a> {
         };
         let lens: [Vector2<f64>; LENS] = std::array::from_fn(|i| image.by_lens.column(i).into());
         put(self.lens_at[seen.camera], &lens, false);
-        let places = image.by_point * by_place(camera, &p);
+        let places = image.by_point * by_extrinsics(camera, &p);
         put(
             self.place_at[seen.camera],
-            &std::array::from_fn::<_, PLACE, _>(|i| places.column(i).into()),
+            &std::array::from_fn::<_, EXTRINSICS, _>(|i| places.column(i).into()),
             false,
         );
         let by_world = image.by_point * camera.camera_from_world;
@@ -251,7 +260,7 @@ fn lens_sigmas(camera: &Camera, px: f64) -> [f64; LENS] {
     [px, px, px, px, radial / r2, radial / (r2 * r2), radial / r2, radial / r2, radial / (r2 * r2 * r2)]
 }
 
-impl Problem for WavedProblem<'_> {
+impl Problem for SelfCalibrationProblem<'_> {
     type State = Bundle;
 
     fn shared(&self) -> usize {
@@ -275,9 +284,9 @@ impl Problem for WavedProblem<'_> {
         self.own_at(block).1
     }
 
-    fn equations(&self, state: &Bundle, block: usize, out: &mut Equations) {
+    fn equations(&self, state: &Bundle, block: usize, out: &mut NormalEquations) {
         let (own, _) = self.own_at(block);
-        let mut columns = Vec::with_capacity(LENS + 2 * PLACE + 3);
+        let mut columns = Vec::with_capacity(LENS + 2 * EXTRINSICS + 3);
         for (blob, seen) in self.instants[block].seen.iter().enumerate() {
             let wanted = (!out.cost_only()).then_some(&mut columns);
             match self.image(state, (block, blob), own[seen.body], wanted) {
@@ -287,11 +296,11 @@ impl Problem for WavedProblem<'_> {
         }
     }
 
-    fn prior(&self, state: &Bundle, out: &mut Equations) {
+    fn prior(&self, state: &Bundle, out: &mut NormalEquations) {
         for (at, (value, sigma)) in self.values.iter().zip(&self.sigmas).enumerate() {
             let off = match *value {
                 Value::Lens(c, i) => lens_of(&state.cameras[c])[i] - lens_of(&self.before.cameras[c])[i],
-                Value::Place(c, i) => moved_place(&self.before.cameras[c], &state.cameras[c])[i],
+                Value::Place(c, i) => extrinsics_change(&self.before.cameras[c], &state.cameras[c])[i],
                 Value::Marker(b, m, i) => {
                     state.markers[b][m].position[i] - self.before.markers[b][m].position[i]
                 }
@@ -314,7 +323,7 @@ impl Problem for WavedProblem<'_> {
                 set_lens(camera, &lens);
             }
             if let Some(at) = self.place_at[c] {
-                move_place(camera, &SMatrix::<f64, PLACE, 1>::from_fn(|i, _| shared[at + i]));
+                move_extrinsics(camera, &SMatrix::<f64, EXTRINSICS, 1>::from_fn(|i, _| shared[at + i]));
             }
         }
         for (markers, ats) in next.markers.iter_mut().zip(&self.marker_at) {
@@ -340,9 +349,9 @@ impl Problem for WavedProblem<'_> {
 }
 
 /// Rotation (rad, camera frame) and translation (mm) by which a camera's place has changed, as
-/// [`move_place`] takes them.
-pub fn moved_place(before: &Camera, after: &Camera) -> [f64; PLACE] {
-    let turn = (place_of(after).rotation * place_of(before).rotation.inverse()).scaled_axis();
+/// [`move_extrinsics`] takes them.
+pub fn extrinsics_change(before: &Camera, after: &Camera) -> [f64; EXTRINSICS] {
+    let turn = (camera_pose(after).rotation * camera_pose(before).rotation.inverse()).scaled_axis();
     let shift = after.translation_mm - before.translation_mm;
     [turn.x, turn.y, turn.z, shift.x, shift.y, shift.z]
 }

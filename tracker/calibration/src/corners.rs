@@ -2,10 +2,10 @@
 //!
 //! There the picture is a saddle: the determinant of its second derivatives is negative and large.
 //! A ring around the point tells a chessboard's corner from other saddles: along it the brightness
-//! changes side four times, and opposite sides are alike. The exact place is where all slopes around
-//! point past it: Σ ∇I ∇Iᵀ (q − p) = 0 over a window (Förstner & Gülch 1987).
+//! changes side four times, and opposite sides are alike. The exact place is where all slopes
+//! around point past it: Σ ∇I ∇Iᵀ (q − p) = 0 over a window (Förstner & Gülch 1987).
 
-use crate::grey_image::Grey;
+use crate::grey_image::GreyImage;
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{PI, TAU};
 
@@ -41,7 +41,7 @@ pub struct Corner {
 }
 
 /// All corners of a picture, the strongest first.
-pub fn find(picture: &Grey) -> Vec<Corner> {
+pub fn find(picture: &GreyImage) -> Vec<Corner> {
     let smooth = picture.blurred(SMOOTHING_PX);
     let mut saddles = saddles(&smooth);
     saddles.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -57,7 +57,7 @@ pub fn find(picture: &Grey) -> Vec<Corner> {
     found
 }
 
-fn saddles(smooth: &Grey) -> Vec<(Vector2<f64>, f32)> {
+fn saddles(smooth: &GreyImage) -> Vec<(Vector2<f64>, f32)> {
     let (w, h) = (smooth.width as isize, smooth.height as isize);
     let strength = |x: isize, y: isize| {
         let v = |i: isize, j: isize| smooth.at(x + i, y + j);
@@ -92,7 +92,7 @@ fn is_peak(map: &[f32], w: isize, x: isize, y: isize, s: f32) -> bool {
 }
 
 /// Directions of the two lines that cross at `at`, from the brightness along a ring.
-fn lines_through(smooth: &Grey, at: Vector2<f64>, radius: f64) -> Option<[Vector2<f64>; 2]> {
+fn lines_through(smooth: &GreyImage, at: Vector2<f64>, radius: f64) -> Option<[Vector2<f64>; 2]> {
     if !smooth.holds(at, radius + 1.0) {
         return None;
     }
@@ -132,9 +132,10 @@ fn lines_through(smooth: &Grey, at: Vector2<f64>, radius: f64) -> Option<[Vector
 /// Most steps of the refinement, and the step in px at which it stands still.
 const REFINING: (usize, f64) = (30, 1e-4);
 
-/// The exact place of a corner near `start`, from slopes within ±`half` px; weights fall off towards
-/// the border of the window, so that nothing jumps when a pixel leaves it. `None` where there is none.
-pub fn refined(picture: &Grey, start: Vector2<f64>, half: isize) -> Option<Vector2<f64>> {
+/// The exact place of a corner near `start`, from slopes within ±`half` px; weights fall off
+/// towards the border of the window, so that nothing jumps when a pixel leaves it. `None` where
+/// there is none.
+pub fn refined(picture: &GreyImage, start: Vector2<f64>, half: isize) -> Option<Vector2<f64>> {
     let mut at = start;
     let reach = half as f64;
     for _ in 0..REFINING.0 {
@@ -175,7 +176,7 @@ mod tests {
     use super::*;
 
     /// Four fields that meet at `at`, their borders along two directions, smoothed.
-    fn cross(at: Vector2<f64>, angles: [f64; 2]) -> Grey {
+    fn cross(at: Vector2<f64>, angles: [f64; 2]) -> GreyImage {
         let side = |p: Vector2<f64>, angle: f64| (p - at).perp(&Vector2::new(angle.cos(), angle.sin())) > 0.0;
         let ray = |p: Vector2<f64>| if side(p, angles[0]) == side(p, angles[1]) { 40.0 } else { 200.0 };
         let pixel = |i: usize| {
@@ -185,7 +186,7 @@ mod tests {
             });
             (rays.sum::<f64>() / 64.0) as f32
         };
-        Grey::new(64, 64, (0..64 * 64).map(pixel).collect()).blurred(0.8)
+        GreyImage::new(64, 64, (0..64 * 64).map(pixel).collect()).blurred(0.8)
     }
 
     #[test]
@@ -206,12 +207,13 @@ mod tests {
 
     #[test]
     fn edges_spots_and_noise_are_no_corners() {
-        let edge = Grey::new(64, 64, (0..64 * 64).map(|i| if i % 64 < 30 { 20.0 } else { 220.0 }).collect());
+        let edge =
+            GreyImage::new(64, 64, (0..64 * 64).map(|i| if i % 64 < 30 { 20.0 } else { 220.0 }).collect());
         assert!(find(&edge.blurred(0.8)).is_empty());
         assert_eq!(refined(&edge, Vector2::new(30.0, 30.0), 6), None);
         let spot =
             |i: usize| (-((i % 64) as f64 - 32.0).hypot((i / 64) as f64 - 32.0).powi(2) / 18.0).exp() as f32;
-        assert!(find(&Grey::new(64, 64, (0..64 * 64).map(|i| 200.0 * spot(i)).collect())).is_empty());
-        assert!(find(&Grey::new(64, 64, vec![7.0; 64 * 64])).is_empty());
+        assert!(find(&GreyImage::new(64, 64, (0..64 * 64).map(|i| 200.0 * spot(i)).collect())).is_empty());
+        assert!(find(&GreyImage::new(64, 64, vec![7.0; 64 * 64])).is_empty());
     }
 }

@@ -5,7 +5,7 @@
 //! difference is about r²·tan(tilt)/(4·distance), in mm, and below a tenth of a pixel where dots
 //! are a few pixels wide.
 
-use crate::grey_image::Grey;
+use crate::grey_image::GreyImage;
 use crate::grid::Node;
 use nalgebra::{Matrix2, Vector2};
 
@@ -39,7 +39,7 @@ const RAMP: (f32, f32) = (0.25, 0.75);
 const RIM: isize = 2;
 
 /// All dots of a picture, dark ones on bright ground or the reverse.
-pub fn find(picture: &Grey, dark: bool) -> Vec<Dot> {
+pub fn find(picture: &GreyImage, dark: bool) -> Vec<Dot> {
     let [low, high] = picture.quantiles(CONTRAST);
     let ground = picture.ground((picture.width as f64 * BACKGROUND).max(4.0));
     let smooth = picture.blurred(SMOOTHING_PX);
@@ -87,7 +87,7 @@ fn flood(inside: &mut [bool], w: isize, h: isize, start: isize) -> Vec<(isize, i
 }
 
 /// The dot of a region, if it is one.
-fn dot(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Option<Dot> {
+fn dot(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Option<Dot> {
     let area = region.len() as f64;
     if area < AREA.0 || area > AREA.1 * (picture.width * picture.height) as f64 {
         return None;
@@ -109,7 +109,7 @@ fn dot(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Option<Dot> {
 
 /// Centre by weights that rise from the rim's brightness to that of the dot's body and stay there:
 /// a glint inside, or noise outside, does not pull.
-fn centre(picture: &Grey, region: &[(isize, isize)], sign: f32) -> Vector2<f64> {
+fn centre(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Vector2<f64> {
     let bounds = |of: fn(&(isize, isize)) -> isize| {
         let all = region.iter().map(of);
         (all.clone().min().unwrap_or(0) - RIM, all.max().unwrap_or(0) + RIM)
@@ -172,7 +172,7 @@ mod tests {
             });
             (60.0 + x / 3.0 + 90.0 * inside.count() as f64 / 64.0) as f32
         };
-        let picture = Grey::new(120, 100, (0..120 * 100).map(pixel).collect()).blurred(0.7);
+        let picture = GreyImage::new(120, 100, (0..120 * 100).map(pixel).collect()).blurred(0.7);
         let found = find(&picture, false);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!((found[0].at - truth).norm() < 0.05, "{found:?}");
@@ -184,8 +184,8 @@ mod tests {
         let bar = |i: usize| {
             if (40..44).contains(&(i % 120)) && (20..80).contains(&(i / 120)) { 200.0 } else { 50.0 }
         };
-        assert!(find(&Grey::new(120, 100, (0..12_000).map(bar).collect()), false).is_empty());
-        assert!(find(&Grey::new(120, 100, vec![50.0; 12_000]), false).is_empty());
+        assert!(find(&GreyImage::new(120, 100, (0..12_000).map(bar).collect()), false).is_empty());
+        assert!(find(&GreyImage::new(120, 100, vec![50.0; 12_000]), false).is_empty());
     }
 
     #[test]
@@ -197,7 +197,7 @@ mod tests {
             return;
         }
         for camera in 1..=3 {
-            let picture = Grey::load(&folder.join(format!("cal{camera}.png"))).unwrap();
+            let picture = GreyImage::load(&folder.join(format!("cal{camera}.png"))).unwrap();
             let found = find(&picture, false);
             let views = crate::point_lists::load(&folder.join(format!("cam{camera}_cal_points"))).unwrap();
             let nearest = |p: &Vector2<f64>| found.iter().map(|d| (d.at - p).norm()).fold(f64::MAX, f64::min);

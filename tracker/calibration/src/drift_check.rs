@@ -1,18 +1,18 @@
-//! Does the rig still hold? What residuals show of a camera that has moved.
+//! Statistical test for a camera that has moved since the calibration of its rig.
 //!
-//! Every pose is fitted with the rig as it is. If the rig holds, what remains of a camera is noise; if
-//! the camera has turned or moved, its residuals follow a smooth field over the sensor: the one by
-//! which the camera's image would move. That field is fitted to the residuals of each camera (six
-//! values), and its root mean square over what the camera saw is the test statistic, in px. The
-//! stream is cut into stretches, whose scatter tells how far chance goes.
+//! Every pose is fitted with the rig as it is. The residuals of an unmoved camera are noise; those
+//! of a camera that was rotated or moved follow a smooth field over the sensor: the motion of its
+//! image. That field is fitted to the residuals of each camera (six parameters), and its root mean
+//! square over the observations is the test statistic, in px. The stream is cut into stretches,
+//! whose scatter gives the standard deviation of the statistic by chance.
 //!
-//! It is a lower bound of the drift: what the poses can absorb (the rig turned as a whole about the
-//! eye's centre, markers moved together) leaves no residual.
+//! The statistic is a lower bound of the drift: motions that the poses absorb (of the whole rig
+//! about the eye's centre, of all markers of a body together) leave no residual.
 
 use crate::CalibrationError;
 use crate::bundle::Bundle;
-use crate::lens::{PLACE, by_place, project};
-use crate::observations::Instant;
+use crate::lens::{EXTRINSICS, by_extrinsics, project};
+use crate::observations::FrameObservations;
 use crate::self_calibration::{camera_rms, every_camera_saw, fitted, residuals_of};
 use crate::target_problem::rms;
 use nalgebra::{Matrix2, SMatrix, SVector};
@@ -23,44 +23,51 @@ use tracker::projection::project_marker;
 const STRETCHES: usize = 8;
 /// Fewest instants of a stretch.
 const FEWEST: usize = 5;
-/// A shift must be so many times what chance explains.
+/// Least ratio of a significant shift to that by chance.
 const CHANCE: f64 = 3.0;
 
-/// A camera's test.
+/// The test of one camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Shift {
+pub struct CameraShift {
     /// Root mean square of the systematic part of the residuals, px.
     pub systematic_px: f64,
     /// What chance alone would make of it, px.
     pub chance_px: f64,
     /// Root mean square of all its residuals, px.
     pub rms_px: f64,
-    /// Blobs that took part.
+    /// Blobs used.
     pub blobs: usize,
-    /// Beyond the limit, and not by chance.
+    /// True if the shift is beyond the limit and significant.
     pub drifted: bool,
 }
 
-/// What the check found.
+/// The result of a drift check.
 #[derive(Debug, Clone)]
-pub struct Drift {
+pub struct DriftCheck {
     /// By camera, in the order of the rig.
-    pub cameras: Vec<Shift>,
+    pub cameras: Vec<CameraShift>,
     /// Root mean square of all residuals, px.
     pub rms_px: f64,
-    /// Instants that took part.
+    /// Instants used.
     pub instants: usize,
 }
 
-impl Drift {
+impl DriftCheck {
     /// True if any camera has drifted.
     pub fn drifted(&self) -> bool {
         self.cameras.iter().any(|c| c.drifted)
     }
 }
 
-/// Checks a rig against what was seen with it; `limit_px` is the systematic shift that is tolerated.
-pub fn check(rig: &Rig, instants: &[Instant], limit_px: f64) -> Result<Drift, CalibrationError> {
+/// Checks a rig against a stream; `limit_px` is the tolerated systematic shift.
+///
+/// # Errors
+/// Too few usable instants, or a camera without observations.
+pub fn check(
+    rig: &Rig,
+    instants: &[FrameObservations],
+    limit_px: f64,
+) -> Result<DriftCheck, CalibrationError> {
     let (instants, bundle) = fitted(rig, instants)?;
     if instants.len() < STRETCHES * FEWEST {
         let needed = STRETCHES * FEWEST;
@@ -73,17 +80,17 @@ pub fn check(rig: &Rig, instants: &[Instant], limit_px: f64) -> Result<Drift, Ca
         let (systematic_px, chance_px) = systematic(&instants, &bundle, camera);
         let blobs = residuals.iter().filter(|r| r.camera == camera).count();
         let drifted = systematic_px > limit_px && systematic_px > CHANCE * chance_px;
-        Shift { systematic_px, chance_px, rms_px: camera_rms(&residuals, camera), blobs, drifted }
+        CameraShift { systematic_px, chance_px, rms_px: camera_rms(&residuals, camera), blobs, drifted }
     });
     let cameras = cameras.collect();
-    Ok(Drift { cameras, rms_px: rms(residuals.iter().copied()), instants: instants.len() })
+    Ok(DriftCheck { cameras, rms_px: rms(residuals.iter().copied()), instants: instants.len() })
 }
 
-type Matrix6 = SMatrix<f64, PLACE, PLACE>;
-type Vector6 = SVector<f64, PLACE>;
+type Matrix6 = SMatrix<f64, EXTRINSICS, EXTRINSICS>;
+type Vector6 = SVector<f64, EXTRINSICS>;
 
 /// The field's root mean square, and what chance makes of it.
-fn systematic(instants: &[Instant], bundle: &Bundle, camera: usize) -> (f64, f64) {
+fn systematic(instants: &[FrameObservations], bundle: &Bundle, camera: usize) -> (f64, f64) {
     let mut stretches = Vec::new();
     let (mut spread, mut blobs) = (Matrix6::zeros(), 0.0);
     for stretch in 0..STRETCHES {
@@ -97,7 +104,7 @@ fn systematic(instants: &[Instant], bundle: &Bundle, camera: usize) -> (f64, f64
                 blobs += 1.0;
             }
         }
-        // A stretch in which the camera saw too little says nothing.
+        // A stretch with too few observations is skipped.
         if let Some(inverse) = m.try_inverse() {
             stretches.push(inverse * r);
         }
@@ -113,20 +120,20 @@ fn systematic(instants: &[Instant], bundle: &Bundle, camera: usize) -> (f64, f64
     ((mean.dot(&(field * mean))).max(0.0).sqrt(), (field * chance).trace().max(0.0).sqrt())
 }
 
-type Row = (SMatrix<f64, 2, PLACE>, nalgebra::Vector2<f64>, Matrix2<f64>);
+type Row = (SMatrix<f64, 2, EXTRINSICS>, nalgebra::Vector2<f64>, Matrix2<f64>);
 
 /// Residuals of a camera at an instant, with how its place moves its image, and their weights.
-fn rows(instants: &[Instant], bundle: &Bundle, camera: usize, i: usize) -> Vec<Row> {
-    let row = |seen: &crate::observations::Seen| {
+fn rows(instants: &[FrameObservations], bundle: &Bundle, camera: usize, i: usize) -> Vec<Row> {
+    let row = |seen: &crate::observations::MarkerObservation| {
         let (pose, motion) = (bundle.poses[i][seen.body]?, &instants[i].poses[seen.body]?.1);
         let pose = tracker::pose_math::propagated(&pose, motion, seen.dt_s);
         let model = &bundle.cameras[camera];
         let image = project_marker(&bundle.markers[seen.body][seen.marker], &(&pose).into(), model)?;
         let p = model.in_camera(&image.point);
-        let slope = project(model, &p)?.by_point * by_place(model, &p);
+        let slope = project(model, &p)?.by_point * by_extrinsics(model, &p);
         let error = seen.pixel - image.pixel;
         let weight = seen.covariance.try_inverse()?;
-        // Blobs far off are mistakes, not drift (Cauchy at 4 standard deviations).
+        // Blobs far off are outliers, not drift (Cauchy at 4 standard deviations).
         let doubt = 1.0 + error.dot(&(weight * error)) / 16.0;
         Some((slope, error, weight / doubt))
     };

@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// A grey picture, 0 to 255; the centre of the top-left pixel is (0, 0).
 #[derive(Debug, Clone, PartialEq)]
-pub struct Grey {
+pub struct GreyImage {
     /// Columns.
     pub width: usize,
     /// Lines.
@@ -36,11 +36,11 @@ pub enum PictureError {
     },
 }
 
-impl Grey {
+impl GreyImage {
     /// From values line by line; missing ones are 0.
     pub fn new(width: usize, height: usize, mut data: Vec<f32>) -> Self {
         data.resize(width * height, 0.0);
-        Grey { width, height, data }
+        GreyImage { width, height, data }
     }
 
     /// Reads a PNG or JPEG file.
@@ -53,7 +53,7 @@ impl Grey {
         if width < 16 || height < 16 {
             return Err(PictureError::Small { file, width, height });
         }
-        Ok(Grey::new(width, height, picture.into_raw().into_iter().map(|v| v * 255.0).collect()))
+        Ok(GreyImage::new(width, height, picture.into_raw().into_iter().map(|v| v * 255.0).collect()))
     }
 
     /// Value of a pixel; beyond the border that of the nearest one.
@@ -91,7 +91,7 @@ impl Grey {
                 data.push(terms.sum());
             }
         }
-        Grey { data, ..*self }
+        GreyImage { data, ..*self }
     }
 
     /// Smoothed by a wide Gaussian (standard deviation in px), by way of a smaller picture.
@@ -105,7 +105,7 @@ impl Grey {
         let at = |i: usize| Vector2::new((i % self.width) as f64, (i / self.width) as f64);
         let in_level = |p: Vector2<f64>| (p - Vector2::repeat((scale - 1.0) / 2.0)) / scale;
         let data = (0..self.data.len()).map(|i| smooth.between(in_level(at(i)))).collect();
-        Grey { data, ..*self }
+        GreyImage { data, ..*self }
     }
 
     /// Half as large, each pixel the mean of four.
@@ -118,7 +118,7 @@ impl Grey {
                 data.push(four.map(|(i, j)| self.at(2 * x + i, 2 * y + j)).iter().sum::<f32>() / 4.0);
             }
         }
-        Grey { width, height, data }
+        GreyImage { width, height, data }
     }
 
     /// True if a disc around `p` lies inside.
@@ -149,11 +149,11 @@ mod tests {
     #[test]
     fn a_ramp_stays_a_ramp() {
         let data = (0..40 * 30).map(|i| (2 * (i % 40) + 3 * (i / 40)) as f32).collect();
-        let ramp = Grey::new(40, 30, data);
+        let ramp = GreyImage::new(40, 30, data);
         let p = Vector2::new(17.25, 12.5);
         assert!((ramp.between(p) - 72.0).abs() < 1e-4);
         assert!((ramp.blurred(1.5).between(p) - 72.0).abs() < 1e-3);
-        let wide = Grey::new(200, 160, (0..200 * 160).map(|i| (i % 200) as f32).collect()).ground(10.0);
+        let wide = GreyImage::new(200, 160, (0..200 * 160).map(|i| (i % 200) as f32).collect()).ground(10.0);
         assert!((wide.between(Vector2::new(100.0, 80.0)) - 100.0).abs() < 0.1);
         assert!((ramp.slope(20, 15) - Vector2::new(2.0, 3.0)).norm() < 1e-6);
         // The centre of a halved pixel lies half a pixel beside that of its first one.
@@ -165,8 +165,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.png");
         std::fs::write(&path, b"nothing of the kind").unwrap();
-        assert!(Grey::load(&path).unwrap_err().to_string().contains("x.png"));
+        assert!(GreyImage::load(&path).unwrap_err().to_string().contains("x.png"));
         image::GrayImage::new(4, 4).save(&path).unwrap();
-        assert!(Grey::load(&path).unwrap_err().to_string().contains("found 4×4"));
+        assert!(GreyImage::load(&path).unwrap_err().to_string().contains("found 4×4"));
     }
 }

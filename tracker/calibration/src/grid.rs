@@ -20,8 +20,8 @@ pub struct Node {
     pub lines: [Vector2<f64>; 2],
 }
 
-/// Indices of the points of a `columns`×`rows` grid, row by row, in one of its orientations.
-/// `Err` tells the size of the largest grid that was found. A grid in which they would fit in several
+/// Indices of the points of a `columns`×`rows` grid, row by row, in one of its orientations. `Err`
+/// tells the size of the largest grid that was found. A grid in which they would fit in several
 /// places is another one.
 pub fn find(nodes: &[Node], columns: usize, rows: usize) -> Result<Vec<usize>, usize> {
     let mut largest = 0;

@@ -1,10 +1,10 @@
-//! Which dot of a picture is which of a target whose dots are known: from a few that a person picked,
-//! by predicting where the others must be, ever more exactly.
+//! Which dot of a picture is which of a target whose dots are known: from a few that a person
+//! picked, by predicting where the others must be, ever more exactly.
 
 use crate::CalibrationError;
 use crate::dots::Dot;
 use crate::linear::{camera_from_dots, plane_of};
-use crate::target_problem::Sample;
+use crate::target_problem::Correspondence;
 use nalgebra::{Matrix4, Matrix4x2, Point3, Vector2, Vector4};
 
 /// A dot may lie so far from where it is predicted, as a share of the distance between dots.
@@ -22,8 +22,8 @@ pub fn match_dots(
     size_px: [u32; 2],
     dots: &[Dot],
     target: &[Point3<f64>],
-    picked: &[Sample],
-) -> Result<Vec<Sample>, CalibrationError> {
+    picked: &[Correspondence],
+) -> Result<Vec<Correspondence>, CalibrationError> {
     let refuse = |problem: String| Err(CalibrationError::Geometry(problem));
     if picked.len() < 4 || plane_of(picked)?.is_some() {
         let n = picked.len();
@@ -49,7 +49,7 @@ pub fn match_dots(
 }
 
 /// Pixels as an affine function of (X, Y, Z, 1): a camera far away.
-fn affine(samples: &[Sample]) -> Option<Matrix4x2<f64>> {
+fn affine(samples: &[Correspondence]) -> Option<Matrix4x2<f64>> {
     let (mut m, mut r) = (Matrix4::zeros(), Matrix4x2::zeros());
     for sample in samples {
         let p: Vector4<f64> = sample.point.to_homogeneous();
@@ -65,8 +65,8 @@ fn paired(
     dots: &[Dot],
     target: &[Point3<f64>],
     predict: &dyn Fn(&Point3<f64>) -> Option<Vector2<f64>>,
-    before: Vec<Sample>,
-) -> Vec<Sample> {
+    before: Vec<Correspondence>,
+) -> Vec<Correspondence> {
     let predicted: Vec<(Point3<f64>, Vector2<f64>)> =
         target.iter().filter_map(|p| Some((*p, predict(p)?))).collect();
     let apart = |i: usize| {
@@ -77,26 +77,26 @@ fn paired(
         let at = predicted[i].1;
         let nearest = dots.iter().min_by(|a, b| (a.at - at).norm().total_cmp(&(b.at - at).norm()))?;
         let off = (nearest.at - at).norm();
-        (off < GATE * apart(i)).then_some((off, Sample { pixel: nearest.at, point: predicted[i].0 }))
+        (off < GATE * apart(i)).then_some((off, Correspondence { pixel: nearest.at, point: predicted[i].0 }))
     };
-    let pairs: Vec<(f64, Sample)> = (0..predicted.len()).filter_map(pair).collect();
+    let pairs: Vec<(f64, Correspondence)> = (0..predicted.len()).filter_map(pair).collect();
     let mut offs: Vec<f64> = pairs.iter().map(|p| p.0).collect();
     offs.sort_by(f64::total_cmp);
     let Some(median) = offs.get(offs.len() / 2) else { return before };
-    let good: Vec<Sample> = pairs.iter().filter(|p| p.0 <= SPECK * median).map(|p| p.1).collect();
+    let good: Vec<Correspondence> = pairs.iter().filter(|p| p.0 <= SPECK * median).map(|p| p.1).collect();
     if good.len() >= 4 { good } else { before }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lens::plain_camera;
+    use crate::lens::pinhole_camera;
     use nalgebra::{Rotation3, Vector3};
     use protocol::camera::Camera;
 
     fn scene() -> (Camera, Vec<Point3<f64>>, Vec<Dot>) {
         let mut camera =
-            plain_camera(0, [1280, 1024], Vector2::new(5000.0, 5000.0), Vector2::new(640.0, 512.0));
+            pinhole_camera(0, [1280, 1024], Vector2::new(5000.0, 5000.0), Vector2::new(640.0, 512.0));
         camera.camera_from_world = Rotation3::new(Vector3::new(0.1, -0.2, 0.05)).into_inner();
         camera.translation_mm = Vector3::new(-30.0, -30.0, 450.0);
         let point = |i: usize| {
@@ -115,10 +115,10 @@ mod tests {
         (camera, target, dots)
     }
 
-    fn picked(camera: &Camera, target: &[Point3<f64>], which: &[usize]) -> Vec<Sample> {
+    fn picked(camera: &Camera, target: &[Point3<f64>], which: &[usize]) -> Vec<Correspondence> {
         let near = |i: &usize| {
             let off = Vector2::new((*i as f64).sin(), (*i as f64).cos());
-            Sample { pixel: camera.project(&target[*i]).unwrap() + off, point: target[*i] }
+            Correspondence { pixel: camera.project(&target[*i]).unwrap() + off, point: target[*i] }
         };
         which.iter().map(near).collect()
     }
@@ -130,7 +130,7 @@ mod tests {
             match_dots([1280, 1024], &dots, &target, &picked(&camera, &target, &[0, 19, 389, 380, 210]))
                 .unwrap();
         assert!(found.len() >= 370, "{}", found.len());
-        let off = |s: &Sample| (camera.project(&s.point).unwrap() - s.pixel).norm();
+        let off = |s: &Correspondence| (camera.project(&s.point).unwrap() - s.pixel).norm();
         assert!(found.iter().all(|s| off(s) < 3.0));
         assert!(found.iter().filter(|s| off(s) < 1e-9).count() >= 370);
     }

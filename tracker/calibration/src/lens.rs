@@ -8,14 +8,14 @@ pub const LENS: usize = 9;
 /// Their names, in order, as in a rig file.
 pub const LENS_NAMES: [&str; LENS] = ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"];
 /// Values of a camera's place: rotation (rad), translation (mm).
-pub const PLACE: usize = 6;
+pub const EXTRINSICS: usize = 6;
 
 /// A point nearer than this (in the unit of the points) to the plane of the lens has no image.
 const MIN_DEPTH: f64 = 1e-9;
 
 /// An image point and how it moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Projected {
+pub struct Projection {
     /// px.
     pub pixel: Vector2<f64>,
     /// By the point in the camera frame, px per unit.
@@ -25,7 +25,7 @@ pub struct Projected {
 }
 
 /// Projects a point of the camera frame; `None` behind the camera.
-pub fn project(camera: &Camera, p_in_camera: &Vector3<f64>) -> Option<Projected> {
+pub fn project(camera: &Camera, p_in_camera: &Vector3<f64>) -> Option<Projection> {
     let depth = p_in_camera.z;
     if depth.is_nan() || depth <= MIN_DEPTH {
         return None;
@@ -50,7 +50,7 @@ pub fn project(camera: &Camera, p_in_camera: &Vector3<f64>) -> Option<Projected>
     for (i, column) in by_distortion.iter().enumerate() {
         by_lens.set_column(4 + i, &focal.component_mul(column));
     }
-    Some(Projected {
+    Some(Projection {
         pixel: focal.component_mul(&distorted) + camera.centre_px,
         by_point: Matrix2::from_diagonal(&focal) * slope * perspective,
         by_lens,
@@ -72,7 +72,7 @@ pub fn set_lens(camera: &mut Camera, lens: &[f64; LENS]) {
 }
 
 /// Turns and shifts a camera's place: `R ← exp(ω)·R`, `t ← t + τ`, with (ω, τ) = `step`.
-pub fn move_place(camera: &mut Camera, step: &SMatrix<f64, PLACE, 1>) {
+pub fn move_extrinsics(camera: &mut Camera, step: &SMatrix<f64, EXTRINSICS, 1>) {
     let turned = Rotation3::new(step.fixed_rows::<3>(0).into_owned()).into_inner() * camera.camera_from_world;
     let mut turned = Rotation3::from_matrix_unchecked(turned);
     turned.renormalize();
@@ -80,17 +80,17 @@ pub fn move_place(camera: &mut Camera, step: &SMatrix<f64, PLACE, 1>) {
     camera.translation_mm += step.fixed_rows::<3>(3);
 }
 
-/// Derivative of a point in the camera frame by the camera's place, for [`move_place`].
-pub fn by_place(camera: &Camera, p_in_camera: &Vector3<f64>) -> SMatrix<f64, 3, PLACE> {
+/// Derivative of a point in the camera frame by the camera's place, for [`move_extrinsics`].
+pub fn by_extrinsics(camera: &Camera, p_in_camera: &Vector3<f64>) -> SMatrix<f64, 3, EXTRINSICS> {
     let arm = p_in_camera - camera.translation_mm;
-    let mut out = SMatrix::<f64, 3, PLACE>::zeros();
+    let mut out = SMatrix::<f64, 3, EXTRINSICS>::zeros();
     out.fixed_view_mut::<3, 3>(0, 0).copy_from(&-arm.cross_matrix());
     out.fixed_view_mut::<3, 3>(0, 3).copy_from(&nalgebra::Matrix3::identity());
     out
 }
 
 /// A camera at the origin with a lens without distortion, for a first guess.
-pub fn plain_camera(id: u32, size_px: [u32; 2], focal_px: Vector2<f64>, centre_px: Vector2<f64>) -> Camera {
+pub fn pinhole_camera(id: u32, size_px: [u32; 2], focal_px: Vector2<f64>, centre_px: Vector2<f64>) -> Camera {
     Camera {
         id,
         size_px,
@@ -109,7 +109,7 @@ mod tests {
 
     fn camera() -> Camera {
         let mut camera =
-            plain_camera(0, [720, 576], Vector2::new(1600.0, 1748.0), Vector2::new(363.7, 282.0));
+            pinhole_camera(0, [720, 576], Vector2::new(1600.0, 1748.0), Vector2::new(363.7, 282.0));
         camera.distortion = [-0.25, 0.1, 0.0005, -0.0003, 0.02];
         camera.translation_mm = Vector3::new(0.1, -2.0, 80.0);
         camera.camera_from_world = *Rotation3::from_euler_angles(0.8, 0.3, -0.5).matrix();
@@ -133,16 +133,16 @@ mod tests {
                 let slope = (differ(1e-4) - differ(-1e-4)) / 2e-4;
                 prop_assert!((slope - at.by_lens.column(i)).norm() < 1e-5, "{}", LENS_NAMES[i]);
             }
-            let by_place = at.by_point * by_place(&camera, &camera.in_camera(&world));
-            for i in 0..PLACE {
+            let by_extrinsics = at.by_point * by_extrinsics(&camera, &camera.in_camera(&world));
+            for i in 0..EXTRINSICS {
                 let differ = |h: f64| {
-                    let (mut moved, mut step) = (camera.clone(), SMatrix::<f64, PLACE, 1>::zeros());
+                    let (mut moved, mut step) = (camera.clone(), SMatrix::<f64, EXTRINSICS, 1>::zeros());
                     step[i] = h;
-                    move_place(&mut moved, &step);
+                    move_extrinsics(&mut moved, &step);
                     moved.project(&world).unwrap()
                 };
                 let slope = (differ(1e-5) - differ(-1e-5)) / 2e-5;
-                prop_assert!((slope - by_place.column(i)).norm() < 2e-4 * slope.norm().max(1.0));
+                prop_assert!((slope - by_extrinsics.column(i)).norm() < 2e-4 * slope.norm().max(1.0));
             }
         }
     }

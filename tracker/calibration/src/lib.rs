@@ -1,4 +1,5 @@
-//! Calibration of a rig: lenses, camera poses, marker positions, trocars; and whether it still holds.
+//! Calibration of a rig: lenses, camera poses, marker positions, trocars; and whether it still
+//! holds.
 //!
 //! Nothing here runs on the hot path; matrices may grow. Files are read by [`cli`] and by the
 //! readers it calls, everything else is pure. Bodies are tracked by the crate `tracker`.
@@ -26,10 +27,10 @@ pub mod self_calibration;
 pub mod solve;
 pub mod target_problem;
 
-/// Why a calibration was refused.
+/// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
-    /// The arrangement of points or views does not fix what is asked for.
+    /// Points or views do not determine the parameters.
     #[error("degenerate geometry: {0}")]
     Geometry(String),
     /// Too few pictures with a target in them.
@@ -40,7 +41,7 @@ pub enum CalibrationError {
         /// Least number.
         needed: usize,
     },
-    /// The least squares have no answer.
+    /// The least-squares problem has no solution.
     #[error(transparent)]
     Solve(#[from] solve::SolveError),
 }

@@ -1,20 +1,23 @@
 //! First guesses without iteration: homographies, lenses from planes (Zhang 2000), a camera from
 //! dots in space (direct linear transform, Abdel-Aziz & Karara 1971), places of planes and points.
 //!
-//! They ignore distortion and minimise algebraic errors; the least squares after them does the rest.
+//! They ignore distortion and minimise algebraic errors; the least squares after them does the
+//! rest.
 
 use crate::CalibrationError;
-use crate::lens::plain_camera;
-use crate::target_problem::Sample;
+use crate::lens::pinhole_camera;
+use crate::target_problem::Correspondence;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix3, Matrix3x4, Point3, Rotation3, Translation3, UnitQuaternion,
     Vector2, Vector3,
 };
 use protocol::camera::Camera;
 
-/// Spread of points out of their plane, as a share of their extent, below which they count as plane.
+/// Spread of points out of their plane, as a share of their extent, below which they count as
+/// plane.
 const PLANE: f64 = 1e-4;
-/// Second smallest over largest singular value of a linear system below which its solution is not one.
+/// Second smallest over largest singular value of a linear system below which its solution is not
+/// one.
 const RANK: f64 = 1e-7;
 /// Spread across a line, as a share of the extent, below which points count as collinear.
 const LINE: f64 = 1e-3;
@@ -26,7 +29,7 @@ fn refuse(problem: impl Into<String>) -> CalibrationError {
 /// The plane in which points lie: `world_from_plane`, with the points at z = 0.
 ///
 /// `None` where they fill space. Refused where they are on a line.
-pub fn plane_of(samples: &[Sample]) -> Result<Option<Isometry3<f64>>, CalibrationError> {
+pub fn plane_of(samples: &[Correspondence]) -> Result<Option<Isometry3<f64>>, CalibrationError> {
     let n = samples.len() as f64;
     let centre = samples.iter().map(|s| s.point.coords).sum::<Vector3<f64>>() / n;
     let spread = samples.iter().map(|s| s.point.coords - centre).map(|d| d * d.transpose());
@@ -95,9 +98,9 @@ pub fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Result<Matrix3<f64>
 type Flat = (Matrix3<f64>, Isometry3<f64>);
 
 /// The homography of a plane view with its plane; `None` where the points fill space.
-fn homography_of(samples: &[Sample]) -> Result<Option<Flat>, CalibrationError> {
+fn homography_of(samples: &[Correspondence]) -> Result<Option<Flat>, CalibrationError> {
     let Some(plane) = plane_of(samples)? else { return Ok(None) };
-    let flat = |s: &Sample| (plane.inverse_transform_point(&s.point).coords.xy(), s.pixel);
+    let flat = |s: &Correspondence| (plane.inverse_transform_point(&s.point).coords.xy(), s.pixel);
     let pairs: Vec<_> = samples.iter().map(flat).collect();
     Ok(Some((homography(&pairs)?, plane)))
 }
@@ -105,7 +108,11 @@ fn homography_of(samples: &[Sample]) -> Result<Option<Flat>, CalibrationError> {
 /// A lens without distortion from plane views, the principal point at the picture's centre, square
 /// or oblong pixels. Each homography [h1 h2 h3] gives two conditions on ω = (K Kᵀ)⁻¹: h1ᵀ ω h2 = 0
 /// and h1ᵀ ω h1 = h2ᵀ ω h2 (Zhang 2000).
-pub fn lens_from_planes(id: u32, size_px: [u32; 2], views: &[&[Sample]]) -> Result<Camera, CalibrationError> {
+pub fn lens_from_planes(
+    id: u32,
+    size_px: [u32; 2],
+    views: &[&[Correspondence]],
+) -> Result<Camera, CalibrationError> {
     let centre = Vector2::new(f64::from(size_px[0]) - 1.0, f64::from(size_px[1]) - 1.0) / 2.0;
     let shift = Matrix3::new(1.0, 0.0, -centre.x, 0.0, 1.0, -centre.y, 0.0, 0.0, 1.0);
     let scale = centre.norm();
@@ -122,7 +129,7 @@ pub fn lens_from_planes(id: u32, size_px: [u32; 2], views: &[&[Sample]]) -> Resu
     let focal = solve_focal(&rows).ok_or_else(|| {
         refuse("every view shows the target from the same direction, or face on: tilt it differently in each")
     })?;
-    Ok(plain_camera(id, size_px, focal * scale, centre))
+    Ok(pinhole_camera(id, size_px, focal * scale, centre))
 }
 
 /// Focal lengths from conditions on (1/fx², 1/fy²): both free, else equal; `None` where neither
@@ -154,10 +161,15 @@ fn solve_focal(rows: &[([f64; 2], f64)]) -> Option<Vector2<f64>> {
 }
 
 /// Place of a plane target before a camera, `camera_from_target`; distortion is taken off first.
-fn plane_in_camera(camera: &Camera, samples: &[Sample]) -> Result<Option<Isometry3<f64>>, CalibrationError> {
-    let straight: Vec<Sample> = samples
+fn plane_in_camera(
+    camera: &Camera,
+    samples: &[Correspondence],
+) -> Result<Option<Isometry3<f64>>, CalibrationError> {
+    let straight: Vec<Correspondence> = samples
         .iter()
-        .filter_map(|s| Some(Sample { pixel: camera.normalised_from_pixel(s.pixel)?, point: s.point }))
+        .filter_map(|s| {
+            Some(Correspondence { pixel: camera.normalised_from_pixel(s.pixel)?, point: s.point })
+        })
         .collect();
     let Some((h, plane)) = homography_of(&straight)? else { return Ok(None) };
     let size = (h.column(0).norm() * h.column(1).norm()).sqrt();
@@ -180,13 +192,18 @@ fn isometry(matrix: &Matrix3<f64>, t: Vector3<f64>) -> Option<Isometry3<f64>> {
 }
 
 /// Place of a target before a camera whose lens is known, `camera_from_target`.
-pub fn target_in_camera(camera: &Camera, samples: &[Sample]) -> Result<Isometry3<f64>, CalibrationError> {
+pub fn target_in_camera(
+    camera: &Camera,
+    samples: &[Correspondence],
+) -> Result<Isometry3<f64>, CalibrationError> {
     if let Some(place) = plane_in_camera(camera, samples)? {
         return Ok(place);
     }
-    let straight: Vec<Sample> = samples
+    let straight: Vec<Correspondence> = samples
         .iter()
-        .filter_map(|s| Some(Sample { pixel: camera.normalised_from_pixel(s.pixel)?, point: s.point }))
+        .filter_map(|s| {
+            Some(Correspondence { pixel: camera.normalised_from_pixel(s.pixel)?, point: s.point })
+        })
         .collect();
     let p = projection_matrix(&straight)?;
     let m = p.fixed_view::<3, 3>(0, 0).into_owned();
@@ -196,7 +213,7 @@ pub fn target_in_camera(camera: &Camera, samples: &[Sample]) -> Result<Isometry3
 }
 
 /// Projection matrix of dots in space (6 or more, not in a plane).
-fn projection_matrix(samples: &[Sample]) -> Result<Matrix3x4<f64>, CalibrationError> {
+fn projection_matrix(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, CalibrationError> {
     if samples.len() < 6 {
         return Err(refuse(format!("{} dots; a target in space needs at least 6", samples.len())));
     }
@@ -226,7 +243,11 @@ fn projection_matrix(samples: &[Sample]) -> Result<Matrix3x4<f64>, CalibrationEr
 }
 
 /// A camera without distortion, its place included, from dots in space.
-pub fn camera_from_dots(id: u32, size_px: [u32; 2], samples: &[Sample]) -> Result<Camera, CalibrationError> {
+pub fn camera_from_dots(
+    id: u32,
+    size_px: [u32; 2],
+    samples: &[Correspondence],
+) -> Result<Camera, CalibrationError> {
     let p = projection_matrix(samples)?;
     let m = p.fixed_view::<3, 3>(0, 0).into_owned();
     let scale = m.row(2).norm() * m.determinant().signum();
@@ -244,7 +265,7 @@ pub fn camera_from_dots(id: u32, size_px: [u32; 2], samples: &[Sample]) -> Resul
     let inverse = k.try_inverse().ok_or_else(|| refuse("the dots do not fix the focal length"))?;
     let place =
         isometry(&(inverse * m), inverse * t).ok_or_else(|| refuse("the dots do not fix the camera"))?;
-    let mut camera = plain_camera(id, size_px, Vector2::new(fx, fy), centre);
+    let mut camera = pinhole_camera(id, size_px, Vector2::new(fx, fy), centre);
     camera.camera_from_world = place.rotation.to_rotation_matrix().into_inner();
     camera.translation_mm = place.translation.vector;
     Ok(camera)
@@ -252,7 +273,7 @@ pub fn camera_from_dots(id: u32, size_px: [u32; 2], samples: &[Sample]) -> Resul
 
 /// The point that comes nearest to the rays of some sights, by their least squared distance.
 /// `None` where the rays are parallel.
-pub fn meeting_point(rays: &[(Point3<f64>, Vector3<f64>)]) -> Option<Point3<f64>> {
+pub fn triangulate_rays(rays: &[(Point3<f64>, Vector3<f64>)]) -> Option<Point3<f64>> {
     let (mut m, mut r) = (Matrix3::zeros(), Vector3::zeros());
     for (origin, direction) in rays {
         let across = Matrix3::identity() - direction * direction.transpose();

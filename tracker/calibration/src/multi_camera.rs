@@ -1,49 +1,51 @@
-//! Several cameras: from views of a common target, or from dots whose places are known.
+//! Several cameras: from views of a common target, or from dots of known positions.
 
 use crate::CalibrationError;
 use crate::linear;
 use crate::solve::Loss;
 use crate::target_problem::{
-    Calibrated, Free, Residual, Robustness, Sample, Scene, Sheet, TargetProblem, calibrate, lens_of_views,
-    place_of, put,
+    Calibrated, Correspondence, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView,
+    calibrate, calibrate_lens, camera_pose, set_camera_pose,
 };
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2};
 use protocol::camera::Camera;
 
-/// Told the stage, the iteration and the cost.
+/// Called with the iteration and the cost.
 pub type Progress<'a> = dyn FnMut(usize, f64) + 'a;
 
-/// What becomes of the lenses of cameras that see a target together.
+/// How the lenses are found of cameras that see a target together.
 #[derive(Debug, Clone)]
-pub enum Lenses {
-    /// Found by each camera alone, then refined together.
+pub enum LensMode {
+    /// Calibrated by each camera alone, then refined together.
     Refined,
-    /// Found by each camera alone, then held.
+    /// Calibrated by each camera alone, then fixed.
     Held,
-    /// Known before, by camera, and held.
-    Known(Vec<Camera>),
+    /// Given, by camera, and fixed.
+    PriorSigmas(Vec<Camera>),
 }
 
-/// Cameras that see a target together: each lens alone, then all lenses and places in one.
+/// Calibrates cameras that see a target together: each lens alone, then all lenses and extrinsics
+/// in one problem. The world is the frame of the first camera.
 ///
-/// The world is the first camera's frame.
-pub fn cameras_of_views(
+/// # Errors
+/// Degenerate views, a camera that shares no view with the others, or a problem without a solution.
+pub fn calibrate_cameras(
     sizes_px: &[[u32; 2]],
-    sheets: &[Sheet],
+    sheets: &[TargetView],
     free: [bool; crate::lens::LENS],
-    lenses: &Lenses,
+    lenses: &LensMode,
     robustness: Robustness,
     progress: &mut Progress<'_>,
 ) -> Result<Calibrated, CalibrationError> {
     let views = sheets.iter().map(|s| s.view + 1).max().unwrap_or(0);
     let mut alone = Vec::new();
     for (c, &size) in sizes_px.iter().enumerate() {
-        let own: Vec<Sheet> = sheets.iter().filter(|s| s.camera == c).cloned().collect();
+        let own: Vec<TargetView> = sheets.iter().filter(|s| s.camera == c).cloned().collect();
         let (camera, found) = match lenses {
-            Lenses::Known(cameras) => before(&cameras[c], &own)?,
+            LensMode::PriorSigmas(cameras) => before(&cameras[c], &own)?,
             _ => {
-                let lens = Free { lens: free, place: false };
-                let found = lens_of_views(c as u32, size, &own, lens, robustness, progress)?;
+                let lens = FreeParameters { lens: free, place: false };
+                let found = calibrate_lens(c as u32, size, &own, lens, robustness, progress)?;
                 (found.scene.cameras[0].clone(), found.scene.views)
             }
         };
@@ -55,15 +57,15 @@ pub fn cameras_of_views(
     let cameras = placed(&alone)?;
     let place = |v: usize| {
         let seen = alone.iter().zip(&cameras);
-        let seen = seen.filter_map(|((_, places), camera)| Some(place_of(camera).inverse() * places[v]?));
-        // A view that nobody saw has no sheets; any place will do, and it is held below.
+        let seen = seen.filter_map(|((_, places), camera)| Some(camera_pose(camera).inverse() * places[v]?));
+        // A view that no camera saw has no unknowns; its pose does not matter.
         seen.into_iter().next().unwrap_or_else(Isometry3::identity)
     };
     let start = Scene { views: (0..views).map(place).collect(), cameras };
-    let lens = if matches!(lenses, Lenses::Refined) { free } else { [false; crate::lens::LENS] };
+    let lens = if matches!(lenses, LensMode::Refined) { free } else { [false; crate::lens::LENS] };
     let problem = TargetProblem {
         sheets,
-        free: (0..sizes_px.len()).map(|c| Free { lens, place: c > 0 }).collect(),
+        free: (0..sizes_px.len()).map(|c| FreeParameters { lens, place: c > 0 }).collect(),
         fixed_views: false,
         views: start.views.len(),
         sigma_px: 1.0,
@@ -72,10 +74,10 @@ pub fn cameras_of_views(
     calibrate(problem, start, robustness, progress)
 }
 
-/// A camera of known lens at the origin, and where each sheet's target is before it.
-fn before(known: &Camera, own: &[Sheet]) -> Result<(Camera, Vec<Isometry3<f64>>), CalibrationError> {
+/// A camera of known lens at the origin, and `camera_from_target` of each of its views.
+fn before(known: &Camera, own: &[TargetView]) -> Result<(Camera, Vec<Isometry3<f64>>), CalibrationError> {
     let mut camera = known.clone();
-    put(&mut camera, &Isometry3::identity());
+    set_camera_pose(&mut camera, &Isometry3::identity());
     let places =
         own.iter().map(|s| linear::target_in_camera(&camera, &s.samples)).collect::<Result<_, _>>()?;
     Ok((camera, places))
@@ -83,7 +85,7 @@ fn before(known: &Camera, own: &[Sheet]) -> Result<(Camera, Vec<Isometry3<f64>>)
 
 type Alone = (Camera, Vec<Option<Isometry3<f64>>>);
 
-/// Places of cameras from views that two of them share, from the first camera outwards.
+/// Camera poses from views that two of them share, from the first camera outwards.
 fn placed(alone: &[Alone]) -> Result<Vec<Camera>, CalibrationError> {
     let mut cameras: Vec<Option<Camera>> = vec![None; alone.len()];
     cameras[0] = Some(alone[0].0.clone());
@@ -95,8 +97,8 @@ fn placed(alone: &[Alone]) -> Result<Vec<Camera>, CalibrationError> {
         let from = known.max_by_key(|&k| shared(alone, k, next).len()).unwrap_or(0);
         let relative = medoid(&shared(alone, from, next));
         let mut camera = alone[next].0.clone();
-        let base = cameras[from].as_ref().map_or_else(Isometry3::identity, place_of);
-        put(&mut camera, &(relative * base));
+        let base = cameras[from].as_ref().map_or_else(Isometry3::identity, camera_pose);
+        set_camera_pose(&mut camera, &(relative * base));
         cameras[next] = Some(camera);
     }
     let lost = cameras.iter().position(Option::is_none);
@@ -110,13 +112,13 @@ fn placed(alone: &[Alone]) -> Result<Vec<Camera>, CalibrationError> {
     )
 }
 
-/// `c_from_k` by every view that both saw.
+/// `c_from_k` by every view of both cameras.
 fn shared(alone: &[Alone], k: usize, c: usize) -> Vec<Isometry3<f64>> {
     let both = alone[k].1.iter().zip(&alone[c].1);
     both.filter_map(|(a, b)| Some((*b)? * (*a)?.inverse())).collect()
 }
 
-/// The one nearest to all others: a view gone wrong does not move it.
+/// The pose nearest to all others, robust against single wrong views.
 fn medoid(all: &[Isometry3<f64>]) -> Isometry3<f64> {
     let distance = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
         let far = a.translation.vector.norm().max(f64::MIN_POSITIVE);
@@ -126,20 +128,23 @@ fn medoid(all: &[Isometry3<f64>]) -> Isometry3<f64> {
     all.iter().min_by(|a, b| sum(a).total_cmp(&sum(b))).copied().unwrap_or_else(Isometry3::identity)
 }
 
-/// What is known of a camera before dots place it.
+/// What is known of a camera before its calibration.
 #[derive(Debug, Clone)]
-pub enum Before {
+pub enum CameraPrior {
     /// Nothing but the size of its pictures, px.
     Size([u32; 2]),
-    /// Its lens, which stays as it is.
+    /// Its lens, which is fixed.
     Lens(Camera),
 }
 
-/// Cameras that see dots of known places: their places, and their lenses where those are not known.
-/// Sheets are one per camera; the world is the frame of the dots.
-pub fn cameras_of_dots(
-    before: &[Before],
-    sheets: &[Sheet],
+/// Calibrates cameras that see dots of known positions: their extrinsics, and the lenses that are
+/// not known. There is one view per camera; the world is the frame of the dots.
+///
+/// # Errors
+/// A camera without dots, dots that do not determine the camera, or a problem without a solution.
+pub fn calibrate_on_dots(
+    before: &[CameraPrior],
+    sheets: &[TargetView],
     free: [bool; crate::lens::LENS],
     robustness: Robustness,
     progress: &mut Progress<'_>,
@@ -152,7 +157,7 @@ pub fn cameras_of_dots(
             return Err(CalibrationError::Geometry(format!("camera {c} sees no dot")));
         }
         cameras.push(match before {
-            Before::Size(size) => {
+            CameraPrior::Size(size) => {
                 if linear::plane_of(samples)?.is_some() {
                     let problem = "all dots lie in one plane, which does not fix a lens: \
                         use a stepped target, or give the lens";
@@ -160,17 +165,17 @@ pub fn cameras_of_dots(
                 }
                 linear::camera_from_dots(c as u32, *size, samples)?
             }
-            Before::Lens(camera) => {
+            CameraPrior::Lens(camera) => {
                 let mut camera = camera.clone();
                 let place = linear::target_in_camera(&camera, samples)?;
-                put(&mut camera, &place);
+                set_camera_pose(&mut camera, &place);
                 camera
             }
         });
     }
-    let free_of = |before: &Before| match before {
-        Before::Size(_) => Free { lens: free, place: true },
-        Before::Lens(_) => Free { lens: [false; crate::lens::LENS], place: true },
+    let free_of = |before: &CameraPrior| match before {
+        CameraPrior::Size(_) => FreeParameters { lens: free, place: true },
+        CameraPrior::Lens(_) => FreeParameters { lens: [false; crate::lens::LENS], place: true },
     };
     let problem = TargetProblem {
         sheets,
@@ -184,11 +189,11 @@ pub fn cameras_of_dots(
     calibrate(problem, start, robustness, progress)
 }
 
-/// Steps of the triangulation, and the step in mm at which it stands still.
+/// Most steps of the triangulation, and the step at which it ends, mm.
 const TRIANGULATION: (usize, f64) = (20, 1e-9);
 
-/// Covariance of the image points of each camera, px², from its residuals: cameras differ, and so do
-/// columns and lines.
+/// Covariance of the image points of each camera, px², from its residuals: cameras differ, and so
+/// do columns and lines.
 pub fn noise_of(residuals: &[Residual], cameras: usize) -> Vec<Matrix2<f64>> {
     let of_camera = |c: usize| {
         let own = residuals.iter().filter(|r| r.camera == c).map(|r| r.error);
@@ -199,21 +204,29 @@ pub fn noise_of(residuals: &[Residual], cameras: usize) -> Vec<Matrix2<f64>> {
     (0..cameras).map(of_camera).collect()
 }
 
-/// What a camera saw of a point: the camera, the image point (px) and its covariance (px²).
-pub type Sight<'a> = (&'a Camera, Vector2<f64>, Matrix2<f64>);
+/// An image point of one camera.
+#[derive(Debug, Clone, Copy)]
+pub struct ImagePoint<'a> {
+    /// The camera.
+    pub camera: &'a Camera,
+    /// The point, px.
+    pub pixel: Vector2<f64>,
+    /// Its covariance, px².
+    pub covariance: Matrix2<f64>,
+}
 
-/// The most likely point for some sights. `None` for fewer than two, parallel rays, or a point
+/// The most likely point of some image points. `None` for fewer than two, parallel rays, or a point
 /// behind a camera.
-pub fn triangulate(sights: &[Sight<'_>]) -> Option<Point3<f64>> {
-    if sights.len() < 2 {
+pub fn triangulate(points: &[ImagePoint<'_>]) -> Option<Point3<f64>> {
+    if points.len() < 2 {
         return None;
     }
-    let weights = sights.iter().map(|s| s.2.try_inverse()).collect::<Option<Vec<_>>>()?;
-    let rays = sights.iter().map(|(c, p, _)| Some((c.centre_in_world(), c.ray_in_world(*p)?)));
-    let mut at = linear::meeting_point(&rays.collect::<Option<Vec<_>>>()?)?;
+    let weights = points.iter().map(|p| p.covariance.try_inverse()).collect::<Option<Vec<_>>>()?;
+    let rays = points.iter().map(|p| Some((p.camera.centre_in_world(), p.camera.ray_in_world(p.pixel)?)));
+    let mut at = linear::triangulate_rays(&rays.collect::<Option<Vec<_>>>()?)?;
     for _ in 0..TRIANGULATION.0 {
         let (mut m, mut r) = (nalgebra::Matrix3::zeros(), nalgebra::Vector3::zeros());
-        for ((camera, pixel, _), weight) in sights.iter().zip(&weights) {
+        for (ImagePoint { camera, pixel, .. }, weight) in points.iter().zip(&weights) {
             let slope = camera.projection_jacobian(&at)?;
             m += slope.transpose() * weight * slope;
             r += slope.transpose() * weight * (pixel - camera.project(&at)?);
@@ -228,37 +241,41 @@ pub fn triangulate(sights: &[Sight<'_>]) -> Option<Point3<f64>> {
 }
 
 /// Root mean square errors along x, y, z (mm) of dots that all cameras see, triangulated after a
-/// calibration on the other dots. `chosen` says which dots calibrate.
+/// calibration on the other dots. `chosen` is true for the dots of the calibration.
+///
+/// # Errors
+/// A calibration without a solution, or rays that do not meet.
 pub fn held_out(
-    before: &[Before],
-    sheets: &[Sheet],
+    before: &[CameraPrior],
+    sheets: &[TargetView],
     free: [bool; crate::lens::LENS],
     robustness: Robustness,
     chosen: &dyn Fn(usize) -> bool,
 ) -> Result<[f64; 3], CalibrationError> {
     let common = common_dots(sheets, before.len());
-    let part = |which: &dyn Fn(usize) -> bool| -> Vec<Sheet> {
-        let of = |sheet: &Sheet| Sheet {
+    let part = |which: &dyn Fn(usize) -> bool| -> Vec<TargetView> {
+        let of = |sheet: &TargetView| TargetView {
             samples: common
                 .iter()
                 .enumerate()
                 .filter(|(i, _)| which(*i))
-                .map(|(_, dot)| Sample { point: dot.0, pixel: dot.1[sheet.camera] })
+                .map(|(_, dot)| Correspondence { point: dot.0, pixel: dot.1[sheet.camera] })
                 .collect(),
             ..sheet.clone()
         };
         sheets.iter().map(of).collect()
     };
     let known = part(&|i| chosen(i));
-    let calibrated = cameras_of_dots(before, &known, free, robustness, &mut |_, _| {})?;
+    let calibrated = calibrate_on_dots(before, &known, free, robustness, &mut |_, _| {})?;
     let cameras = &calibrated.scene.cameras;
     let noise = noise_of(&calibrated.residuals, cameras.len());
     let (mut squares, mut n) = (nalgebra::Vector3::zeros(), 0);
     for (_, (point, pixels)) in common.iter().enumerate().filter(|(i, _)| !chosen(*i)) {
-        let sights = cameras.iter().zip(pixels).zip(&noise);
-        let sights: Vec<Sight<'_>> =
-            sights.map(|((camera, pixel), noise)| (camera, *pixel, *noise)).collect();
-        let found = triangulate(&sights)
+        let points = cameras.iter().zip(pixels).zip(&noise);
+        let points: Vec<ImagePoint<'_>> = points
+            .map(|((camera, pixel), noise)| ImagePoint { camera, pixel: *pixel, covariance: *noise })
+            .collect();
+        let found = triangulate(&points)
             .ok_or_else(|| CalibrationError::Geometry("rays of the cameras do not meet".into()))?;
         squares += (found - point).map(|e| e * e);
         n += 1;
@@ -267,13 +284,13 @@ pub fn held_out(
 }
 
 /// Dots that every camera sees, with their pixels by camera.
-pub fn common_dots(sheets: &[Sheet], cameras: usize) -> Vec<(Point3<f64>, Vec<Vector2<f64>>)> {
+pub fn common_dots(sheets: &[TargetView], cameras: usize) -> Vec<(Point3<f64>, Vec<Vector2<f64>>)> {
     let Some(first) = sheets.iter().find(|s| s.camera == 0) else { return Vec::new() };
     let pixel_of = |camera: usize, point: &Point3<f64>| {
         let own = sheets.iter().filter(|s| s.camera == camera).flat_map(|s| &s.samples);
         own.clone().find(|s| (s.point - point).norm() < 1e-6).map(|s| s.pixel)
     };
-    let dot = |sample: &Sample| {
+    let dot = |sample: &Correspondence| {
         let pixels = (0..cameras).map(|c| pixel_of(c, &sample.point)).collect::<Option<Vec<_>>>()?;
         Some((sample.point, pixels))
     };

@@ -1,5 +1,5 @@
-//! Which marker was seen where, in a whole stream: the tracker finds the bodies with the rig as it
-//! is, then every marker takes the blob nearest to its image, if there is no doubt.
+//! Marker observations of a whole stream: the tracker finds the bodies with the rig as it is, then
+//! every marker is assigned the nearest blob, if the assignment is unambiguous.
 
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
@@ -14,9 +14,9 @@ use tracker::projection::project_marker;
 use tracker::rig_model::RigModel;
 use tracker::stream::track_stream;
 
-/// A marker's blob.
+/// The observation of a marker in one camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct MarkerObservation {
     /// Index of the camera in the rig file.
     pub camera: usize,
     /// Body.
@@ -29,35 +29,35 @@ pub struct Seen {
     pub covariance: Matrix2<f64>,
     /// Instant of the exposure less that of the pose, s.
     pub dt_s: f64,
-    /// Area over the expected one, less the camera's usual ratio once all are known.
+    /// Area over the predicted one.
     pub area_ratio: f64,
 }
 
 /// A pose `world_from_body` with its motion: velocity (mm/s) and angular velocity (rad/s).
-pub type Moving = (Isometry3<f64>, [Vector3<f64>; 2]);
+pub type MovingPose = (Isometry3<f64>, [Vector3<f64>; 2]);
 
-/// Everything seen about one instant.
+/// All observations of one tracker frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Instant {
+pub struct FrameObservations {
     /// The tracker frame's exposure.
     pub exposed_ns: Nanos,
     /// Pose of each body that was measured.
-    pub poses: [Option<Moving>; BODIES],
+    pub poses: [Option<MovingPose>; BODIES],
     /// Blobs.
-    pub seen: Vec<Seen>,
+    pub seen: Vec<MarkerObservation>,
 }
 
-/// A blob may lie so far from a marker's image under a rig that has drifted, px.
+/// Largest distance of a blob from a marker's image, with a drifted rig, px.
 const GATE_PX: f64 = 6.0;
-/// The next marker's image, or the next blob, must be so many times farther away.
+/// Least ratio of the distances of the second and the first candidate.
 const CLEAR: f64 = 2.5;
-/// Blobs whose area differs by more than this share from the camera's usual ratio are hidden in part.
+/// Tolerance of the ratio of areas about the camera's median; others are partly hidden.
 const AREA: f64 = 0.08;
-/// What is not known of the motion when a pose is carried over dt: mm/s and mm/s².
+/// Uncertainty of the motion over a time, mm/s and mm/s².
 const MOTION_DOUBT: (f64, f64) = (2.0, 200.0);
 
-/// Runs the tracker over a stream and collects what it saw.
-pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<Instant> {
+/// Tracks a stream and collects its observations.
+pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<FrameObservations> {
     let mut found = Vec::new();
     let model = RigModel::new(rig);
     let mut fields_of: Vec<FieldObservation> =
@@ -70,16 +70,16 @@ pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<Instant> {
 }
 
 /// Drops blobs of an unusual area: their centre is not that of the marker. Extractors measure areas
-/// differently, so what is usual is told by the median of each camera.
-fn drop_hidden(cameras: usize, instants: &mut [Instant]) {
+/// differently, so the ratio is compared with the median of each camera.
+fn drop_hidden(cameras: usize, instants: &mut [FrameObservations]) {
     for camera in 0..cameras {
-        let own = |s: &&Seen| s.camera == camera;
+        let own = |s: &&MarkerObservation| s.camera == camera;
         let mut ratios: Vec<f64> =
             instants.iter().flat_map(|i| i.seen.iter().filter(own).map(|s| s.area_ratio)).collect();
         ratios.sort_by(f64::total_cmp);
         let Some(&usual) = ratios.get(ratios.len() / 2) else { continue };
         for instant in instants.iter_mut() {
-            let odd = |s: &Seen| s.camera == camera && (s.area_ratio / usual - 1.0).abs() > AREA;
+            let odd = |s: &MarkerObservation| s.camera == camera && (s.area_ratio / usual - 1.0).abs() > AREA;
             instant.seen.retain(|s| !odd(s));
         }
     }
@@ -91,7 +91,7 @@ fn instant(
     frame: &TrackerFrame,
     used: &[BlobField],
     fields_of: &mut [FieldObservation],
-) -> Option<Instant> {
+) -> Option<FrameObservations> {
     let exposed_ns = frame.instants.exposed;
     let pose = |b: usize| {
         let body = &frame.bodies[b];
@@ -99,7 +99,7 @@ fn instant(
         let measured = body.validity() == Validity::Measured && body.blobs_used > 0;
         measured.then(|| (body.world_from_body.isometry(), motion.map(Vector3::from)))
     };
-    let mut out = Instant { exposed_ns, poses: std::array::from_fn(pose), seen: Vec::new() };
+    let mut out = FrameObservations { exposed_ns, poses: std::array::from_fn(pose), seen: Vec::new() };
     for field in used {
         let Some(index) = rig.cameras.iter().position(|c| c.id == field.camera) else { continue };
         let Some(camera) = &model.cameras[field.camera as usize] else { continue };
@@ -111,7 +111,7 @@ fn instant(
     (0..BODIES).any(bodies).then_some(out)
 }
 
-/// A marker's image in one camera.
+/// The predicted image of a marker in one camera.
 struct Expected {
     body: usize,
     marker: usize,
@@ -121,7 +121,14 @@ struct Expected {
     doubt: Matrix2<f64>,
 }
 
-fn pair(model: &RigModel, out: &mut Instant, index: usize, blobs: &[BlobObservation], id: usize, dt_s: f64) {
+fn pair(
+    model: &RigModel,
+    out: &mut FrameObservations,
+    index: usize,
+    blobs: &[BlobObservation],
+    id: usize,
+    dt_s: f64,
+) {
     let Some(camera) = &model.cameras[id] else { return };
     let doubt_mm = MOTION_DOUBT.0 * dt_s.abs() + MOTION_DOUBT.1 * dt_s * dt_s;
     let mut expected: Vec<Expected> = Vec::new();
@@ -147,7 +154,7 @@ fn pair(model: &RigModel, out: &mut Instant, index: usize, blobs: &[BlobObservat
         let next = own.get(1).map_or(f64::MAX, |s| s.0);
         let clear = distance < GATE_PX && CLEAR * distance < rival && CLEAR * distance < next;
         if clear && blob.flags & (BLOB_MERGED | BLOB_CLIPPED) == 0 {
-            out.seen.push(Seen {
+            out.seen.push(MarkerObservation {
                 camera: index,
                 body: e.body,
                 marker: e.marker,

@@ -5,11 +5,11 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 /// Fewest poses; fewer leave no residual to judge by.
 const FEWEST: usize = 10;
-/// Smallest spread (standard deviation) of a shaft's directions that fixes its trocar, rad: with less,
-/// 0.05 mm of play become 2 mm along the shaft.
+/// Smallest spread (standard deviation) of a shaft's directions that fixes its trocar, rad: with
+/// less, 0.05 mm of play become 2 mm along the shaft.
 const TILT_RAD: f64 = 0.02;
-/// Smallest spread of the turns about the second axis that fixes an eye's centre, rad: with less, 1 µm of
-/// noise becomes 0.2 mm.
+/// Smallest spread of the turns about the second axis that fixes an eye's centre, rad: with less, 1
+/// µm of noise becomes 0.2 mm.
 const TURN_RAD: f64 = 0.005;
 /// Residuals beyond so many standard deviations lose their weight (Cauchy).
 const SUSPECT: f64 = 3.0;
@@ -34,7 +34,8 @@ pub struct Pivot {
     pub point: Point3<f64>,
     /// Standard deviation of each coordinate, mm.
     pub sigma_mm: Vector3<f64>,
-    /// How far the shafts (or the point carried by the poses) miss it, per axis, root mean square, mm.
+    /// How far the shafts (or the point carried by the poses) miss it, per axis, root mean square,
+    /// mm.
     pub play_mm: f64,
     /// Poses that took part.
     pub poses: usize,
@@ -48,7 +49,8 @@ fn refuse(problem: String) -> CalibrationError {
 fn spread_of(lengths: &[f64]) -> f64 {
     let mut sorted = lengths.to_vec();
     sorted.sort_by(f64::total_cmp);
-    // The median of a normal 2-vector's length is 1.18 standard deviations; a floor keeps exact data finite.
+    // The median of a normal 2-vector's length is 1.18 standard deviations; a floor keeps exact
+    // data finite.
     (sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) / 1.177).max(1e-9)
 }
 
@@ -63,7 +65,8 @@ fn across(d: &Vector3<f64>) -> Matrix3<f64> {
 
 fn tilted_enough(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<(), CalibrationError> {
     let information = shafts.iter().map(|s| across(&s.1)).sum::<Matrix3<f64>>() / shafts.len() as f64;
-    // Lines along one direction leave the point free along it; the smallest eigenvalue is the spread squared.
+    // Lines along one direction leave the point free along it; the smallest eigenvalue is the
+    // spread squared.
     let spread = information.symmetric_eigenvalues().min().max(0.0).sqrt();
     if spread >= TILT_RAD {
         return Ok(());

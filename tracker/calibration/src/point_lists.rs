@@ -6,9 +6,10 @@
 //! | JSON | `[{"x":…,"y":…,"X":…,"Y":…,"Z":…,"view":…}, …]` |
 //! | columns | `x y X Y Z`, separated by blanks, no header (as MyPTV writes its `cal_points`) |
 //!
-//! Points of one view (any text; the same for all where it is not told) lie on one target in one place.
+//! Points of one view (any text; the same for all where it is not told) lie on one target in one
+//! place.
 
-use crate::target_problem::Sample;
+use crate::target_problem::Correspondence;
 use nalgebra::{Point3, Vector2};
 use serde::Deserialize;
 use std::path::Path;
@@ -48,7 +49,7 @@ pub struct View {
     /// Its name; empty where the list tells none.
     pub name: String,
     /// In the order of the list.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<Correspondence>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -116,7 +117,7 @@ pub fn parse(text: &str, file: &str) -> Result<Vec<View>, PointsError> {
     let mut views: Vec<View> = Vec::new();
     for (name, numbers) in rows {
         let [x, y, a, b, c] = numbers;
-        let sample = Sample { pixel: Vector2::new(x, y), point: Point3::new(a, b, c) };
+        let sample = Correspondence { pixel: Vector2::new(x, y), point: Point3::new(a, b, c) };
         match views.iter_mut().find(|v| v.name == name) {
             Some(view) => view.samples.push(sample),
             None => views.push(View { name, samples: vec![sample] }),

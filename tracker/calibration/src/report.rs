@@ -1,6 +1,6 @@
 //! What a calibration found, for a person and for a program.
 
-use crate::lens::{LENS, LENS_NAMES, PLACE, lens_of};
+use crate::lens::{EXTRINSICS, LENS, LENS_NAMES, lens_of};
 use crate::target_problem::{Residual, rms};
 use nalgebra::Vector3;
 use protocol::camera::Camera;
@@ -26,7 +26,7 @@ pub struct CameraReport {
     /// Centre of projection in the world, mm (the target's unit).
     pub centre_in_world_mm: [f64; 3],
     /// Standard deviations of the camera's place: rotation (mrad) and translation (mm).
-    pub place_sigma: [f64; PLACE],
+    pub place_sigma: [f64; EXTRINSICS],
     /// Root mean square length of its residuals, px.
     pub rms_px: f64,
     /// Points that took part.
@@ -35,7 +35,7 @@ pub struct CameraReport {
 
 /// A picture, list, or stretch of a stream.
 #[derive(Debug, Clone, Serialize)]
-pub struct SheetReport {
+pub struct ViewReport {
     /// Its name.
     pub name: String,
     /// Points that took part.
@@ -74,7 +74,7 @@ pub struct Report {
     /// By camera.
     pub cameras: Vec<CameraReport>,
     /// By picture.
-    pub sheets: Vec<SheetReport>,
+    pub sheets: Vec<ViewReport>,
     /// Further figures.
     pub figures: Vec<Figure>,
     /// What a person should know: what was held fixed, what was left out.
@@ -101,13 +101,13 @@ impl Report {
 /// Report of a camera; `sigmas` of its lens and place.
 pub fn camera_report(
     camera: &Camera,
-    sigmas: &[f64; LENS + PLACE],
+    sigmas: &[f64; LENS + EXTRINSICS],
     residuals: &[Residual],
     index: usize,
 ) -> CameraReport {
     let own = residuals.iter().copied().filter(|r| r.camera == index);
     let values = lens_of(camera).into_iter().zip(sigmas).map(|(value, &sigma)| Value { value, sigma });
-    let mut place_sigma: [f64; PLACE] = std::array::from_fn(|i| sigmas[LENS + i]);
+    let mut place_sigma: [f64; EXTRINSICS] = std::array::from_fn(|i| sigmas[LENS + i]);
     place_sigma[..3].iter_mut().for_each(|rad| *rad *= 1e3);
     let centre: Vector3<f64> = camera.centre_in_world().coords;
     CameraReport {
@@ -121,10 +121,10 @@ pub fn camera_report(
 }
 
 /// Reports of sheets by name.
-pub fn sheet_reports<'a>(names: impl Iterator<Item = &'a str>, residuals: &[Residual]) -> Vec<SheetReport> {
+pub fn view_reports<'a>(names: impl Iterator<Item = &'a str>, residuals: &[Residual]) -> Vec<ViewReport> {
     let sheet = |(i, name): (usize, &str)| {
         let own = residuals.iter().copied().filter(|r| r.sheet == i);
-        SheetReport {
+        ViewReport {
             name: name.into(),
             points: own.clone().count(),
             rms_px: rms(own.clone()),

@@ -30,8 +30,8 @@ pub fn rig_with(template: &Rig, cameras: &[Camera]) -> Result<Rig, RigError> {
     Rig::parse(&rig.to_json(), "of the calibration")
 }
 
-/// `rig` with the lens of this camera in place of that of its camera of the same id; its place stays.
-/// `None` where the rig has no such camera.
+/// `rig` with the lens of this camera in place of that of its camera of the same id; its place
+/// stays. `None` where the rig has no such camera.
 pub fn rig_with_lens(rig: &Rig, camera: &Camera) -> Option<Rig> {
     let mut rig = rig.clone();
     let old = rig.cameras.iter_mut().find(|c| c.id == camera.id)?;

@@ -1,16 +1,16 @@
-//! Bundle adjustment from waved instruments: places of cameras (and their lenses) and positions of
-//! markers from everything that was seen of moving bodies.
+//! Self-calibration: bundle adjustment of camera poses (and lenses) and marker positions from a
+//! stream of waved instruments.
 //!
-//! Minimised are the image residuals of all blobs, weighted by their covariances, and the distances
-//! from what was known before, weighted by how sure that was. The latter fix the gauge: a rig that
-//! moves as a whole about the eye's centre, or whose markers all move alike in their body, looks the
-//! same to every camera; along those directions the answer stays at the mean of what was known. The
-//! eye's centre is the world's origin by definition; the markers' distances carry the scale.
+//! The cost is the sum of the image residuals of all blobs, weighted by their covariances, and of
+//! the deviations from the prior. The prior fixes the gauge: a rig that moves as a whole about the
+//! eye's centre, or whose markers all move alike in their body, looks the same to every camera;
+//! along those directions the solution stays at the prior mean. The eye's centre is the world's
+//! origin by definition; the markers' distances carry the scale.
 
 use crate::CalibrationError;
-use crate::bundle::{Bundle, HELD, Known, Value, WavedProblem};
-use crate::lens::{LENS, PLACE, by_place, project};
-use crate::observations::{Instant, Seen, collect};
+use crate::bundle::{Bundle, FIXED_RIG, PriorSigmas, SelfCalibrationProblem, Value};
+use crate::lens::{EXTRINSICS, LENS, by_extrinsics, project};
+use crate::observations::{FrameObservations, MarkerObservation, collect};
 use crate::solve::{Problem, Solution, solve};
 use crate::target_problem::{Residual, rms};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -22,9 +22,9 @@ use tracker::projection::project_marker;
 use tracker::rig_model::RigModel;
 
 /// Residuals (seen less computed) under a bundle; `sheet` is the instant.
-pub fn residuals_of(instants: &[Instant], bundle: &Bundle) -> Vec<Residual> {
-    let of_instant = |(i, instant): (usize, &Instant)| {
-        let residual = |seen: &Seen| {
+pub fn residuals_of(instants: &[FrameObservations], bundle: &Bundle) -> Vec<Residual> {
+    let of_instant = |(i, instant): (usize, &FrameObservations)| {
+        let residual = |seen: &MarkerObservation| {
             let motion = &instant.poses[seen.body]?.1;
             let pose = propagated(&bundle.poses[i][seen.body]?, motion, seen.dt_s);
             let image = project_marker(
@@ -40,22 +40,22 @@ pub fn residuals_of(instants: &[Instant], bundle: &Bundle) -> Vec<Residual> {
     instants.iter().enumerate().flat_map(of_instant).collect()
 }
 
-/// A refined bundle.
-pub struct Waved {
-    /// What was found.
+/// The result of a self-calibration.
+pub struct SelfCalibration {
+    /// The refined rig and poses.
     pub bundle: Bundle,
     /// Its residuals.
     pub residuals: Vec<Residual>,
     /// The residuals with the rig as it was, poses fitted to it.
     pub before: Vec<Residual>,
-    /// Standard deviations of lens and place by camera; 0 where held.
-    pub sigmas: Vec<[f64; LENS + PLACE]>,
+    /// Standard deviations of lens and extrinsics by camera; 0 where fixed.
+    pub sigmas: Vec<[f64; LENS + EXTRINSICS]>,
     /// Standard deviations of the markers, mm, by body and marker; none where not an unknown.
     pub marker_sigmas: Vec<Vec<Option<[f64; 3]>>>,
-    /// Shared unknowns that the stream tells little about: their standard deviation is more than
-    /// nine tenths of what it was before.
-    pub untold: Vec<String>,
-    /// How far each camera's image of what it sees has moved, and its standard deviation, px.
+    /// Weakly observed parameters: their standard deviation is more than nine tenths of the prior
+    /// one.
+    pub weakly_observed: Vec<String>,
+    /// Root mean square shift of each camera's image, and its standard deviation, px.
     pub shifts_px: Vec<(f64, f64)>,
     /// Σ ρ per degree of freedom: 1 where the blobs' covariances are right.
     pub reduced_cost: f64,
@@ -63,28 +63,32 @@ pub struct Waved {
     pub iterations: usize,
 }
 
-/// Markers must spread so far across their longest line to fix a pose, mm.
+/// Least spread of markers across their longest line that determines a pose, mm.
 const BESIDE_MM: f64 = 0.2;
-/// Fewest instants with something in them; fewer say nothing about a drift.
+/// Fewest instants with observations.
 pub const FEWEST_INSTANTS: usize = 10;
 
-/// Refines a rig from what was seen with it.
+/// Refines a rig from the observations made with it.
+///
+/// # Errors
+/// Too few usable instants, or a problem without a solution.
 pub fn refine(
     rig: &Rig,
-    instants: &[Instant],
-    known: &Known,
+    instants: &[FrameObservations],
+    known: &PriorSigmas,
     progress: &mut dyn FnMut(usize, f64),
-) -> Result<Waved, CalibrationError> {
+) -> Result<SelfCalibration, CalibrationError> {
     let rough = known.rough(rig);
     let (instants, fitted) = fitted_with(rig, instants, false, rough)?;
     let instants = &instants;
     let before = residuals_of(instants, &fitted);
-    let mut problem = WavedProblem::new(instants, fitted, known, false);
-    // As long as the rig is rough its errors, not the blobs', make the residuals.
+    let mut problem = SelfCalibrationProblem::new(instants, fitted, known, false);
+    // The residuals of a rough rig come from its errors, not from the blobs.
     problem.noise = rough;
     let mut solution = solve(&problem, problem.before.clone(), progress)?;
     for _ in 0..2 {
-        // The blobs' covariances may be too small or too large; the prior must weigh against the truth.
+        // The blobs' covariances may be wrong by a factor; the prior is weighed against the actual
+        // noise.
         problem.noise *= (solution.cost / solution.freedom.max(1) as f64).sqrt();
         problem.noise = problem.noise.clamp(0.5, 10.0);
         solution = solve(&problem, solution.state, progress)?;
@@ -92,33 +96,36 @@ pub fn refine(
     Ok(summary(&problem, solution, before))
 }
 
-/// Variances of a blob's column and line where the stream tells none, px².
+/// Default variances of a blob's column and line, px².
 const USUAL_PX2: (f64, f64) = (0.045 * 0.045, 0.088 * 0.088);
-/// From one round to the next the blobs are doubted so many times less.
+/// Divisor of the deweighting from one round to the next.
 const DOUBT_STEP: f64 = 8.0;
 
-/// Refines a rig from a stream: tracked with the rig as it is, its blobs doubted as much as the rig,
-/// then again with the refined rig and less doubt, until the blobs are believed. At most `most`
-/// instants are used, spread over the stream.
+/// Refines a rig from a stream: tracked with the rig as it is and blobs deweighted by the errors of
+/// the rig, then again with the refined rig and less deweighting, until the blobs have their own
+/// weights. At most `most` instants are used, spread over the stream.
+///
+/// # Errors
+/// As [`refine`]; a camera without observations.
 pub fn refine_stream(
     rig: &Rig,
     fields: &[BlobField],
-    known: &Known,
+    known: &PriorSigmas,
     most: usize,
     progress: &mut dyn FnMut(usize, f64),
-) -> Result<Waved, CalibrationError> {
+) -> Result<SelfCalibration, CalibrationError> {
     let (mut doubt, mut current) = (known.rough(rig), rig.clone());
     loop {
         let seen = if doubt > 1.0 {
-            let doubted: Vec<BlobField> = fields.iter().map(|f| doubted(f, doubt)).collect();
-            let mut seen = spread(collect(&current, &doubted), most);
+            let deweighted: Vec<BlobField> = fields.iter().map(|f| deweighted(f, doubt)).collect();
+            let mut seen = spread(collect(&current, &deweighted), most);
             let blobs = seen.iter_mut().flat_map(|i| &mut i.seen);
             blobs.for_each(|s| s.covariance /= doubt * doubt);
             seen
         } else {
             spread(collect(&current, fields), most)
         };
-        // What was known before stays what it was; only the poses begin at better ones.
+        // The prior stays; only the poses start from better values.
         let found = refine(rig, &seen, known, progress)?;
         if doubt <= 1.0 {
             return every_camera_saw(rig, &found.residuals).map(|()| found);
@@ -128,7 +135,10 @@ pub fn refine_stream(
     }
 }
 
-/// A camera that none of the tracked bodies was seen by is not calibrated, and holds no verdict.
+/// Checks that every camera has residuals.
+///
+/// # Errors
+/// The first camera without any.
 pub fn every_camera_saw(rig: &Rig, residuals: &[Residual]) -> Result<(), CalibrationError> {
     let blind = (0..rig.cameras.len()).find(|&c| residuals.iter().all(|r| r.camera != c));
     blind.map_or(Ok(()), |c| {
@@ -141,13 +151,13 @@ pub fn every_camera_saw(rig: &Rig, residuals: &[Residual]) -> Result<(), Calibra
 }
 
 /// `most` of the instants, evenly spread.
-pub fn spread(instants: Vec<Instant>, most: usize) -> Vec<Instant> {
+pub fn spread(instants: Vec<FrameObservations>, most: usize) -> Vec<FrameObservations> {
     let used = most.min(instants.len());
     (0..used).map(|i| instants[i * instants.len() / used].clone()).collect()
 }
 
 /// A field whose blobs have `times` their standard deviation.
-fn doubted(field: &BlobField, times: f64) -> BlobField {
+fn deweighted(field: &BlobField, times: f64) -> BlobField {
     let mut out = *field;
     let count = out.blobs().len();
     for blob in &mut out.blobs[..count] {
@@ -162,19 +172,28 @@ fn doubted(field: &BlobField, times: f64) -> BlobField {
     out
 }
 
-/// The instants that can be used, and the poses fitted to them with the rig as it is.
-pub fn fitted(rig: &Rig, instants: &[Instant]) -> Result<(Vec<Instant>, Bundle), CalibrationError> {
+/// The usable instants, and the poses fitted to them with the rig as it is.
+///
+/// # Errors
+/// Too few usable instants, or a problem without a solution.
+pub fn fitted(
+    rig: &Rig,
+    instants: &[FrameObservations],
+) -> Result<(Vec<FrameObservations>, Bundle), CalibrationError> {
     fitted_with(rig, instants, false, 1.0)
 }
 
-/// As [`fitted`]; `eye_moves` does not hold the eye's centre at the origin, `noise` is what the blobs'
-/// standard deviations are multiplied with.
+/// As [`fitted`]; with `eye_moves` the eye's centre is free, `noise` is a factor on the blobs'
+/// standard deviations.
+///
+/// # Errors
+/// As [`fitted`].
 pub fn fitted_with(
     rig: &Rig,
-    instants: &[Instant],
+    instants: &[FrameObservations],
     eye_moves: bool,
     noise: f64,
-) -> Result<(Vec<Instant>, Bundle), CalibrationError> {
+) -> Result<(Vec<FrameObservations>, Bundle), CalibrationError> {
     let instants = usable(rig, instants);
     if instants.len() < FEWEST_INSTANTS {
         let problem = format!(
@@ -183,16 +202,17 @@ pub fn fitted_with(
         );
         return Err(CalibrationError::Geometry(problem));
     }
-    let mut problem = WavedProblem::new(&instants, Bundle::new(rig, &instants), &HELD, eye_moves);
+    let mut problem =
+        SelfCalibrationProblem::new(&instants, Bundle::new(rig, &instants), &FIXED_RIG, eye_moves);
     problem.noise = noise;
     let poses = solve(&problem, problem.before.clone(), &mut |_, _| {})?.state;
     Ok((instants, poses))
 }
 
-/// Instants with the bodies that two cameras saw with enough markers to hold six unknowns.
-pub fn usable(rig: &Rig, instants: &[Instant]) -> Vec<Instant> {
+/// Instants with the bodies that two cameras saw with enough markers to determine a pose.
+pub fn usable(rig: &Rig, instants: &[FrameObservations]) -> Vec<FrameObservations> {
     let model = RigModel::new(rig);
-    // Three markers on the shaft leave the roll open.
+    // Three markers on the shaft do not determine the roll.
     let spread = |body: usize, markers: u32| {
         let all = model.bodies[body].markers.iter().enumerate();
         let own = all.filter(|(m, _)| markers & 1 << m != 0).map(|(_, m)| m.position.coords);
@@ -202,13 +222,13 @@ pub fn usable(rig: &Rig, instants: &[Instant]) -> Vec<Instant> {
         values.sort_by(f64::total_cmp);
         values[1].max(0.0).sqrt()
     };
-    let strong = |instant: &Instant, body: usize| {
+    let strong = |instant: &FrameObservations, body: usize| {
         let own = instant.seen.iter().filter(|s| s.body == body);
         let cameras = own.clone().fold(0u32, |set, s| set | 1 << s.camera);
         let markers = own.clone().fold(0u32, |set, s| set | 1 << s.marker);
         cameras.count_ones() >= 2 && own.count() >= 5 && spread(body, markers) > BESIDE_MM
     };
-    let cut = |instant: &Instant| {
+    let cut = |instant: &FrameObservations| {
         let mut out = instant.clone();
         for body in 0..BODIES {
             if !strong(instant, body) {
@@ -221,12 +241,16 @@ pub fn usable(rig: &Rig, instants: &[Instant]) -> Vec<Instant> {
     instants.iter().filter_map(cut).collect()
 }
 
-fn summary(problem: &WavedProblem<'_>, solution: Solution<Bundle>, before: Vec<Residual>) -> Waved {
+fn summary(
+    problem: &SelfCalibrationProblem<'_>,
+    solution: Solution<Bundle>,
+    before: Vec<Residual>,
+) -> SelfCalibration {
     let cameras = problem.before.cameras.len();
-    let mut sigmas = vec![[0.0; LENS + PLACE]; cameras];
+    let mut sigmas = vec![[0.0; LENS + EXTRINSICS]; cameras];
     let mut marker_sigmas: Vec<Vec<Option<[f64; 3]>>> =
         problem.before.markers.iter().map(|m| vec![None; m.len()]).collect();
-    let mut untold = Vec::new();
+    let mut weakly_observed = Vec::new();
     for (at, value) in problem.values.iter().enumerate() {
         let sigma = solution.sigma(at);
         match *value {
@@ -236,17 +260,17 @@ fn summary(problem: &WavedProblem<'_>, solution: Solution<Bundle>, before: Vec<R
         }
         if sigma > 0.9 * problem.sigmas[at] {
             let name = problem.name(at);
-            if untold.last() != Some(&name) {
-                untold.push(name);
+            if weakly_observed.last() != Some(&name) {
+                weakly_observed.push(name);
             }
         }
     }
-    Waved {
+    SelfCalibration {
         residuals: residuals_of(problem.instants, &solution.state),
         before,
         sigmas,
         marker_sigmas,
-        untold,
+        weakly_observed,
         shifts_px: (0..cameras).map(|c| shift_of(problem, &solution, c)).collect(),
         reduced_cost: solution.cost / solution.freedom.max(1) as f64 * problem.noise * problem.noise,
         iterations: solution.iterations,
@@ -255,10 +279,10 @@ fn summary(problem: &WavedProblem<'_>, solution: Solution<Bundle>, before: Vec<R
 }
 
 /// Root mean square movement of a camera's image of the markers it saw, and its standard deviation.
-fn shift_of(problem: &WavedProblem<'_>, solution: &Solution<Bundle>, camera: usize) -> (f64, f64) {
+fn shift_of(problem: &SelfCalibrationProblem<'_>, solution: &Solution<Bundle>, camera: usize) -> (f64, f64) {
     let Some(at) = problem.place_at[camera] else { return (0.0, 0.0) };
     let (old, new) = (&problem.before.cameras[camera], &solution.state.cameras[camera]);
-    let covariance = solution.covariance.fixed_view::<PLACE, PLACE>(at, at);
+    let covariance = solution.covariance.fixed_view::<EXTRINSICS, EXTRINSICS>(at, at);
     let (mut square, mut variance, mut n) = (0.0, 0.0, 0);
     for (i, instant) in problem.instants.iter().enumerate() {
         for seen in instant.seen.iter().filter(|s| s.camera == camera) {
@@ -266,7 +290,7 @@ fn shift_of(problem: &WavedProblem<'_>, solution: &Solution<Bundle>, camera: usi
             let point: Point3<f64> = pose * solution.state.markers[seen.body][seen.marker].position;
             let p = new.in_camera(&point);
             let (Some(before), Some(after)) = (old.project(&point), project(new, &p)) else { continue };
-            let slope = after.by_point * by_place(new, &p);
+            let slope = after.by_point * by_extrinsics(new, &p);
             square += (after.pixel - before).norm_squared();
             variance += (slope * covariance * slope.transpose()).trace();
             n += 1;

@@ -3,9 +3,9 @@
 //!
 //! Every calibration here has *shared* unknowns (lenses, places of cameras, markers), of which
 //! there are tens, and *blocks* of own unknowns (the pose of the board in one picture, the poses of
-//! the bodies at one instant), of which there may be hundreds and which meet only through the shared
-//! ones. Eliminating each block first leaves a small dense system; the cost is linear in the blocks
-//! (Triggs et al., Bundle Adjustment – A Modern Synthesis, 2000, section 6).
+//! the bodies at one instant), of which there may be hundreds and which meet only through the
+//! shared ones. Eliminating each block first leaves a small dense system; the cost is linear in the
+//! blocks (Triggs et al., Bundle Adjustment – A Modern Synthesis, 2000, section 6).
 //!
 //! Minimised is Σ ρ(|r|²) over all equations, r whitened to unit variance, ρ a [`Loss`].
 
@@ -73,16 +73,16 @@ pub trait Problem {
     /// Number of own unknowns of a block.
     fn own(&self, block: usize) -> usize;
     /// Adds the equations of a block.
-    fn equations(&self, state: &Self::State, block: usize, out: &mut Equations);
+    fn equations(&self, state: &Self::State, block: usize, out: &mut NormalEquations);
     /// Adds equations in shared unknowns only (what was known before).
-    fn prior(&self, _state: &Self::State, _out: &mut Equations) {}
+    fn prior(&self, _state: &Self::State, _out: &mut NormalEquations) {}
     /// The state after a step.
     fn moved(&self, state: &Self::State, shared: &DVector<f64>, own: &[DVector<f64>]) -> Self::State;
 }
 
 /// Normal equations of one block: Σ w·JᵀJ and Σ w·Jᵀr, split by shared (s) and own (o) unknowns.
 #[derive(Debug, Clone)]
-pub struct Equations {
+pub struct NormalEquations {
     ss: DMatrix<f64>,
     so: DMatrix<f64>,
     oo: DMatrix<f64>,
@@ -94,10 +94,10 @@ pub struct Equations {
     cost_only: bool,
 }
 
-impl Equations {
+impl NormalEquations {
     fn new(shared: usize, own: usize, cost_only: bool) -> Self {
         let [s, o] = if cost_only { [0, 0] } else { [shared, own] };
-        Equations {
+        NormalEquations {
             ss: DMatrix::zeros(s, s),
             so: DMatrix::zeros(s, o),
             oo: DMatrix::zeros(o, o),
@@ -150,12 +150,12 @@ impl Equations {
         }
     }
 
-    /// True where only the cost is wanted: derivatives would not be looked at.
+    /// True where only the cost is needed; derivatives are ignored.
     pub fn cost_only(&self) -> bool {
         self.cost_only
     }
 
-    /// The state cannot be (a point behind its camera): the step that led here is refused.
+    /// Marks the state as impossible (a point behind its camera), so the step to it is rejected.
     pub fn refuse(&mut self) {
         self.impossible = true;
     }
@@ -165,7 +165,7 @@ impl Equations {
     }
 }
 
-/// Why there is no solution.
+/// Why a problem has no solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SolveError {
     /// Fewer equations than unknowns.
@@ -182,10 +182,10 @@ pub enum SolveError {
         /// The unknown that moves most along the direction that is open.
         unknown: String,
     },
-    /// The first guess cannot be.
+    /// The initial value is impossible.
     #[error("the first guess puts points behind a camera")]
     Start,
-    /// No end was found.
+    /// The iteration did not converge.
     #[error(
         "no convergence after {iterations} iterations (cost {cost:.4e}): the data hardly determine the \
          unknowns; add views that differ more, or leave terms out"
@@ -198,7 +198,7 @@ pub enum SolveError {
     },
 }
 
-/// The answer.
+/// The solution of a problem.
 #[derive(Debug, Clone)]
 pub struct Solution<S> {
     /// Values of all unknowns.
@@ -224,21 +224,21 @@ impl<S> Solution<S> {
 type Reduced = (DMatrix<f64>, DVector<f64>, Vec<DMatrix<f64>>);
 
 struct Assembled {
-    common: Equations,
-    blocks: Vec<Equations>,
+    common: NormalEquations,
+    blocks: Vec<NormalEquations>,
 }
 
 impl Assembled {
     fn of<P: Problem>(problem: &P, state: &P::State) -> Self {
         let shared = problem.shared();
-        let mut common = Equations::new(shared, 0, false);
+        let mut common = NormalEquations::new(shared, 0, false);
         problem.prior(state, &mut common);
         let blocks = (0..problem.blocks()).map(|b| {
-            let mut equations = Equations::new(shared, problem.own(b), false);
+            let mut equations = NormalEquations::new(shared, problem.own(b), false);
             problem.equations(state, b, &mut equations);
             equations
         });
-        let mut blocks: Vec<Equations> = blocks.collect();
+        let mut blocks: Vec<NormalEquations> = blocks.collect();
         for block in &mut blocks {
             common.ss += &block.ss;
             common.s += &block.s;
@@ -294,7 +294,7 @@ fn damped(matrix: &DMatrix<f64>, damping: f64) -> DMatrix<f64> {
 }
 
 fn cost_of<P: Problem>(problem: &P, state: &P::State) -> f64 {
-    let mut equations = Equations::new(0, 0, true);
+    let mut equations = NormalEquations::new(0, 0, true);
     problem.prior(state, &mut equations);
     for block in 0..problem.blocks() {
         problem.equations(state, block, &mut equations);
@@ -302,7 +302,10 @@ fn cost_of<P: Problem>(problem: &P, state: &P::State) -> f64 {
     equations.cost()
 }
 
-/// Solves `problem` from `start`; `progress` is told the iteration and the cost.
+/// Solves `problem` from `start`; `progress` is called with the iteration and the cost.
+///
+/// # Errors
+/// Too few equations, parameters that the equations do not determine, or no convergence.
 pub fn solve<P: Problem>(
     problem: &P,
     start: P::State,
@@ -397,7 +400,8 @@ fn smallest(matrix: &DMatrix<f64>) -> (f64, usize) {
     smallest_scaled(matrix, &diagonal)
 }
 
-/// Smallest eigenvalue of the matrix scaled by `diagonal`, and the unknown that moves most along its vector.
+/// Smallest eigenvalue of the matrix scaled by `diagonal`, and the unknown that moves most along
+/// its vector.
 fn smallest_scaled(matrix: &DMatrix<f64>, diagonal: &[f64]) -> (f64, usize) {
     if let Some(zero) = diagonal.iter().position(|d| *d <= 0.0 || d.is_nan()) {
         return (0.0, zero);

@@ -1,55 +1,55 @@
-//! Cameras and targets: any number of cameras that look at a target of known points, in any number
-//! of views, with whatever is to be found left free.
+//! Calibration on a target: any number of cameras that see a target of known points in any number
+//! of views, with any choice of free parameters.
 //!
-//! One camera and a board that is moved: the lens. Several cameras and a board: lenses and places.
-//! Several cameras and fixed dots: the places in the frame of the dots.
+//! One camera and a moved board: the lens. Several cameras and a board: lenses and extrinsics.
+//! Several cameras and fixed dots: extrinsics in the frame of the dots.
 
 use crate::CalibrationError;
-use crate::lens::{LENS, LENS_NAMES, PLACE, by_place, lens_of, move_place, project, set_lens};
+use crate::lens::{EXTRINSICS, LENS, LENS_NAMES, by_extrinsics, lens_of, move_extrinsics, project, set_lens};
 use crate::linear;
-use crate::solve::{Column, Equations, Loss, Problem, Solution, Unknown, solve};
+use crate::solve::{Column, Loss, NormalEquations, Problem, Solution, Unknown, solve};
 use nalgebra::{
     DVector, Isometry3, Matrix3, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
 };
 use protocol::camera::Camera;
 
-/// A point of the target and its image.
+/// A point of the target and its image point.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
-    /// Where a camera saw it, px.
+pub struct Correspondence {
+    /// Image point, px.
     pub pixel: Vector2<f64>,
-    /// Where it is on the target, in the target's unit (mm).
+    /// Point of the target, in the target's unit (mm).
     pub point: Point3<f64>,
 }
 
-/// What one camera saw of the target in one view.
+/// The target as one camera saw it in one view.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sheet {
+pub struct TargetView {
     /// Name for the report: the picture's file.
     pub name: String,
     /// Index of the camera.
     pub camera: usize,
-    /// Index of the view; sheets of one view saw the target in one place.
+    /// Index of the view; in one view the target has one pose.
     pub view: usize,
     /// The points.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<Correspondence>,
 }
 
-/// What of a camera is to be found.
+/// Free parameters of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Free {
+pub struct FreeParameters {
     /// Values of the lens, in the order of [`LENS_NAMES`].
     pub lens: [bool; LENS],
     /// Rotation and translation.
     pub place: bool,
 }
 
-impl Free {
+impl FreeParameters {
     /// Every value of the lens.
-    pub const LENS: Free = Free { lens: [true; LENS], place: false };
+    pub const LENS: FreeParameters = FreeParameters { lens: [true; LENS], place: false };
 }
 
-/// Cameras and places of the target.
+/// Cameras and poses of the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     /// Cameras.
@@ -61,11 +61,11 @@ pub struct Scene {
 /// The least-squares problem.
 #[derive(Debug, Clone)]
 pub struct TargetProblem<'a> {
-    /// What was seen.
-    pub sheets: &'a [Sheet],
-    /// What is free, by camera.
-    pub free: Vec<Free>,
-    /// The target's place in every view is known.
+    /// The views.
+    pub sheets: &'a [TargetView],
+    /// Free parameters, by camera.
+    pub free: Vec<FreeParameters>,
+    /// True if the target's pose is known in every view.
     pub fixed_views: bool,
     /// Number of views.
     pub views: usize,
@@ -76,17 +76,17 @@ pub struct TargetProblem<'a> {
 }
 
 /// A shared unknown: camera, and which of its values (lens, then place).
-fn shared_unknowns(free: &[Free]) -> Vec<(usize, usize)> {
-    let of_camera = |(c, free): (usize, &Free)| {
+fn shared_unknowns(free: &[FreeParameters]) -> Vec<(usize, usize)> {
+    let of_camera = |(c, free): (usize, &FreeParameters)| {
         let lens = (0..LENS).filter(|&i| free.lens[i]).collect::<Vec<_>>();
-        let place = if free.place { LENS..LENS + PLACE } else { 0..0 };
+        let place = if free.place { LENS..LENS + EXTRINSICS } else { 0..0 };
         lens.into_iter().chain(place).map(move |i| (c, i)).collect::<Vec<_>>()
     };
     free.iter().enumerate().flat_map(of_camera).collect()
 }
 
 /// Names of a camera's place.
-const PLACE_NAMES: [&str; PLACE] = ["rotation x", "rotation y", "rotation z", "t x", "t y", "t z"];
+const EXTRINSIC_NAMES: [&str; EXTRINSICS] = ["rotation x", "rotation y", "rotation z", "t x", "t y", "t z"];
 
 impl Problem for TargetProblem<'_> {
     type State = Scene;
@@ -97,7 +97,7 @@ impl Problem for TargetProblem<'_> {
 
     fn name(&self, shared: usize) -> String {
         let (camera, value) = shared_unknowns(&self.free)[shared];
-        let name = if value < LENS { LENS_NAMES[value] } else { PLACE_NAMES[value - LENS] };
+        let name = if value < LENS { LENS_NAMES[value] } else { EXTRINSIC_NAMES[value - LENS] };
         format!("{name} of camera {camera}")
     }
 
@@ -107,20 +107,20 @@ impl Problem for TargetProblem<'_> {
 
     fn own(&self, block: usize) -> usize {
         let seen = self.sheets.iter().any(|s| s.view == block);
-        if self.fixed_views || !seen { 0 } else { PLACE }
+        if self.fixed_views || !seen { 0 } else { EXTRINSICS }
     }
 
-    fn equations(&self, state: &Scene, block: usize, out: &mut Equations) {
+    fn equations(&self, state: &Scene, block: usize, out: &mut NormalEquations) {
         let unknowns = shared_unknowns(&self.free);
         let view = &state.views[block];
-        let mut columns: Vec<Column<2>> = Vec::with_capacity(LENS + 2 * PLACE);
+        let mut columns: Vec<Column<2>> = Vec::with_capacity(LENS + 2 * EXTRINSICS);
         for sheet in self.sheets.iter().filter(|s| s.view == block) {
             let camera = &state.cameras[sheet.camera];
             for sample in &sheet.samples {
                 let world = view * sample.point;
                 let p = camera.in_camera(&world);
                 let Some(image) = project(camera, &p) else { return out.refuse() };
-                let places = image.by_point * by_place(camera, &p);
+                let places = image.by_point * by_extrinsics(camera, &p);
                 columns.clear();
                 let mine = unknowns.iter().enumerate().filter(|(_, u)| u.0 == sheet.camera);
                 for (at, &(_, value)) in mine {
@@ -149,12 +149,12 @@ impl Problem for TargetProblem<'_> {
         let mut next = state.clone();
         let unknowns = shared_unknowns(&self.free);
         for (c, camera) in next.cameras.iter_mut().enumerate() {
-            let (mut lens, mut place) = (lens_of(camera), SMatrix::<f64, PLACE, 1>::zeros());
+            let (mut lens, mut place) = (lens_of(camera), SMatrix::<f64, EXTRINSICS, 1>::zeros());
             for (&(_, value), step) in unknowns.iter().zip(shared.iter()).filter(|(u, _)| u.0 == c) {
                 if value < LENS { lens[value] += step } else { place[value - LENS] = *step }
             }
             set_lens(camera, &lens);
-            move_place(camera, &place);
+            move_extrinsics(camera, &place);
         }
         if !self.fixed_views {
             for (view, step) in next.views.iter_mut().zip(own).filter(|(_, step)| !step.is_empty()) {
@@ -167,16 +167,16 @@ impl Problem for TargetProblem<'_> {
     }
 }
 
-/// Residual of one point: where it was seen less where it should be.
+/// Residual of one point: observed less computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual {
     /// Index of the camera.
     pub camera: usize,
     /// Index of the sheet (or of the instant, for a waved instrument).
     pub sheet: usize,
-    /// Where it was seen, px.
+    /// Observed image point, px.
     pub pixel: Vector2<f64>,
-    /// Seen less computed, px.
+    /// Observed less computed, px.
     pub error: Vector2<f64>,
 }
 
@@ -187,10 +187,10 @@ pub fn rms(residuals: impl Iterator<Item = Residual>) -> f64 {
 }
 
 /// Residuals of every sample.
-pub fn residuals(scene: &Scene, sheets: &[Sheet]) -> Vec<Residual> {
-    let of_sheet = |(s, sheet): (usize, &Sheet)| {
+pub fn residuals(scene: &Scene, sheets: &[TargetView]) -> Vec<Residual> {
+    let of_sheet = |(s, sheet): (usize, &TargetView)| {
         let camera = &scene.cameras[sheet.camera];
-        let residual = |sample: &Sample| {
+        let residual = |sample: &Correspondence| {
             let error = sample.pixel - camera.project(&(scene.views[sheet.view] * sample.point))?;
             Some(Residual { camera: sheet.camera, sheet: s, pixel: sample.pixel, error })
         };
@@ -207,7 +207,7 @@ pub struct Calibrated {
     /// Residuals of every sample.
     pub residuals: Vec<Residual>,
     /// Standard deviations of the nine values of each camera's lens (0: not free) and of its place.
-    pub sigmas: Vec<[f64; LENS + PLACE]>,
+    pub sigmas: Vec<[f64; LENS + EXTRINSICS]>,
     /// Root mean square length of the residuals, px.
     pub rms_px: f64,
     /// Standard deviation of one coordinate, from the residuals of the inliers, px.
@@ -251,6 +251,9 @@ pub fn robust_sigma(residuals: &[Residual]) -> f64 {
 }
 
 /// Solves by least squares, then again with the loss on residuals whitened by their own spread.
+///
+/// # Errors
+/// A problem without a solution.
 pub fn calibrate(
     mut problem: TargetProblem<'_>,
     start: Scene,
@@ -273,7 +276,7 @@ pub fn calibrate(
 fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated {
     // χ² per degree of freedom tells how much larger the noise is than assumed.
     let noise = (solution.cost / solution.freedom.max(1) as f64).sqrt();
-    let mut sigmas = vec![[0.0; LENS + PLACE]; solution.state.cameras.len()];
+    let mut sigmas = vec![[0.0; LENS + EXTRINSICS]; solution.state.cameras.len()];
     for (at, (camera, value)) in shared_unknowns(&problem.free).into_iter().enumerate() {
         sigmas[camera][value] = noise * solution.sigma(at);
     }
@@ -291,16 +294,19 @@ fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated
 /// Fewest views of a board from which a lens is calibrated; two would fix it on paper only.
 pub const FEWEST_VIEWS: usize = 3;
 
-/// A lens from views of a target: all nine values, or those that `free` names.
-pub fn lens_of_views(
+/// Calibrates one lens from views of a target: the parameters in `free`.
+///
+/// # Errors
+/// Too few or degenerate views, or a problem without a solution.
+pub fn calibrate_lens(
     id: u32,
     size_px: [u32; 2],
-    sheets: &[Sheet],
-    free: Free,
+    sheets: &[TargetView],
+    free: FreeParameters,
     robustness: Robustness,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<Calibrated, CalibrationError> {
-    let all: Vec<&[Sample]> = sheets.iter().map(|s| s.samples.as_slice()).collect();
+    let all: Vec<&[Correspondence]> = sheets.iter().map(|s| s.samples.as_slice()).collect();
     let plane = all.iter().map(|s| linear::plane_of(s)).collect::<Result<Vec<_>, _>>()?;
     let in_space = plane.iter().position(Option::is_none);
     let mut camera = match in_space {
@@ -312,8 +318,8 @@ pub fn lens_of_views(
     };
     (camera.camera_from_world, camera.translation_mm) = (Matrix3::identity(), Vector3::zeros());
     let views = all.iter().map(|s| linear::target_in_camera(&camera, s)).collect::<Result<_, _>>()?;
-    let sheets: Vec<Sheet> =
-        sheets.iter().enumerate().map(|(view, s)| Sheet { camera: 0, view, ..s.clone() }).collect();
+    let sheets: Vec<TargetView> =
+        sheets.iter().enumerate().map(|(view, s)| TargetView { camera: 0, view, ..s.clone() }).collect();
     let problem = TargetProblem {
         sheets: &sheets,
         free: vec![free],
@@ -326,7 +332,7 @@ pub fn lens_of_views(
 }
 
 /// `camera_from_world` as an isometry.
-pub fn place_of(camera: &Camera) -> Isometry3<f64> {
+pub fn camera_pose(camera: &Camera) -> Isometry3<f64> {
     let rotation = nalgebra::Rotation3::from_matrix_unchecked(camera.camera_from_world);
     Isometry3::from_parts(
         Translation3::from(camera.translation_mm),
@@ -334,8 +340,8 @@ pub fn place_of(camera: &Camera) -> Isometry3<f64> {
     )
 }
 
-/// Puts a camera at a place.
-pub fn put(camera: &mut Camera, camera_from_world: &Isometry3<f64>) {
+/// Sets the pose of a camera.
+pub fn set_camera_pose(camera: &mut Camera, camera_from_world: &Isometry3<f64>) {
     camera.camera_from_world = camera_from_world.rotation.to_rotation_matrix().into_inner();
     camera.translation_mm = camera_from_world.translation.vector;
 }

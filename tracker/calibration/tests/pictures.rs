@@ -1,10 +1,12 @@
 //! Real pictures of a chessboard and real dots before three cameras, against what others made of them.
 
 use calibration::board::{Board, Pattern};
-use calibration::grey_image::Grey;
+use calibration::grey_image::GreyImage;
 use calibration::lens::LENS;
-use calibration::multi_camera::{Lenses, cameras_of_views};
-use calibration::target_problem::{Calibrated, Free, Robustness, Sample, Sheet, lens_of_views};
+use calibration::multi_camera::{LensMode, calibrate_cameras};
+use calibration::target_problem::{
+    Calibrated, Correspondence, FreeParameters, Robustness, TargetView, calibrate_lens,
+};
 use nalgebra::Vector2;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -17,22 +19,22 @@ fn folder() -> PathBuf {
 }
 
 /// The boards of both sides; the picture with number 10 was never taken.
-static BOARDS: LazyLock<[Vec<Sheet>; 2]> = LazyLock::new(|| {
+static BOARDS: LazyLock<[Vec<TargetView>; 2]> = LazyLock::new(|| {
     let board = Board { pattern: Pattern::Chessboard, columns: 9, rows: 6, pitch_mm: 1.0 };
     let sheet = |side: &str, camera: usize, (view, n): (usize, u32)| {
         let name = format!("{side}{n:02}.jpg");
-        let picture = Grey::load(&folder().join(&name)).unwrap();
+        let picture = GreyImage::load(&folder().join(&name)).unwrap();
         let samples = board.find(&picture).unwrap_or_else(|e| panic!("{name}: {e}"));
-        Sheet { name, camera, view, samples }
+        TargetView { name, camera, view, samples }
     };
     let sheets =
         |side, camera| (1..=14).filter(|n| *n != 10).enumerate().map(|at| sheet(side, camera, at)).collect();
     [sheets("left", 0), sheets("right", 1)]
 });
 
-fn lens(sheets: &[Sheet], free: Free) -> Calibrated {
-    let own: Vec<Sheet> = sheets.iter().map(|s| Sheet { camera: 0, ..s.clone() }).collect();
-    lens_of_views(0, SIZE, &own, free, Robustness::Huber, &mut |_, _| {}).unwrap()
+fn lens(sheets: &[TargetView], free: FreeParameters) -> Calibrated {
+    let own: Vec<TargetView> = sheets.iter().map(|s| TargetView { camera: 0, ..s.clone() }).collect();
+    calibrate_lens(0, SIZE, &own, free, Robustness::Huber, &mut |_, _| {}).unwrap()
 }
 
 /// The numbers of a matrix in one of OpenCV's files.
@@ -48,7 +50,7 @@ fn matrix(file: &str, name: &str) -> Vec<f64> {
 fn lenses_fit_better_than_opencv_fits_them() {
     // OpenCV 4 reaches 0.41 and 0.46 px on these pictures with its own corners.
     for (sheets, opencv_px) in BOARDS.iter().zip([0.41, 0.46]) {
-        let found = lens(sheets, Free::LENS);
+        let found = lens(sheets, FreeParameters::LENS);
         println!("{}…: rms {:.4} px", sheets[0].name, found.rms_px);
         assert!(found.rms_px <= 0.6 * opencv_px, "{} px", found.rms_px);
         assert_eq!(found.residuals.len(), 13 * 54);
@@ -59,7 +61,7 @@ fn lenses_fit_better_than_opencv_fits_them() {
 fn lenses_agree_with_those_in_opencvs_files() {
     // left_intrinsics.yml: square pixels, five terms of distortion; its own rms is 0.39 px, and one of
     // its views has 1.2 px, so that its standard deviations are some three times ours.
-    let camera = &lens(&BOARDS[0], Free::LENS).scene.cameras[0];
+    let camera = &lens(&BOARDS[0], FreeParameters::LENS).scene.cameras[0];
     let k = matrix("left_intrinsics.yml", "camera_matrix");
     let d = matrix("left_intrinsics.yml", "distortion_coefficients");
     assert!((camera.focal_px.x / k[0] - 1.0).abs() < 0.01 && (camera.focal_px.y / k[4] - 1.0).abs() < 0.01);
@@ -67,7 +69,7 @@ fn lenses_agree_with_those_in_opencvs_files() {
     assert!((camera.distortion[0] - d[0]).abs() < 0.04, "k1 {} and {}", camera.distortion[0], d[0]);
     assert!((camera.distortion[2] - d[2]).abs() < 2e-3 && (camera.distortion[3] - d[3]).abs() < 2e-3);
     // intrinsics.yml: both cameras, without tangential distortion, one focal length for both.
-    let mut free = Free::LENS;
+    let mut free = FreeParameters::LENS;
     (free.lens[6], free.lens[7], free.lens[8]) = (false, false, false);
     for (sheets, name) in BOARDS.iter().zip(["M1", "M2"]) {
         let camera = &lens(sheets, free).scene.cameras[0];
@@ -86,10 +88,10 @@ fn lenses_agree_with_those_in_opencvs_files() {
 #[test]
 fn two_cameras_fit_better_together_than_opencv_fits_them() {
     let sheets = BOARDS.concat();
-    for lenses in [Lenses::Held, Lenses::Refined] {
+    for lenses in [LensMode::Held, LensMode::Refined] {
         let mut tell = |_: usize, _: f64| {};
         let found =
-            cameras_of_views(&[SIZE; 2], &sheets, [true; LENS], &lenses, Robustness::Huber, &mut tell)
+            calibrate_cameras(&[SIZE; 2], &sheets, [true; LENS], &lenses, Robustness::Huber, &mut tell)
                 .unwrap();
         let baseline = found.scene.cameras[1].translation_mm.norm();
         println!("stereo: rms {:.4} px, baseline {baseline:.4} squares", found.rms_px);
@@ -100,17 +102,17 @@ fn two_cameras_fit_better_together_than_opencv_fits_them() {
 }
 
 /// The corners that OpenCV 5.0 found, as sheets of their own (`corners.csv`, in its order).
-fn opencv_corners() -> Vec<Sheet> {
+fn opencv_corners() -> Vec<TargetView> {
     let text = std::fs::read_to_string(folder().join("corners.csv")).unwrap();
     let points = Board { pattern: Pattern::Chessboard, columns: 9, rows: 6, pitch_mm: 1.0 }.points();
-    let theirs = |sheet: &Sheet| {
+    let theirs = |sheet: &TargetView| {
         let rows = text.lines().filter_map(|l| l.strip_prefix(&format!("{},", sheet.name)));
         let pixels = rows.map(|row| {
             let (x, y) = row.split_once(',').unwrap();
             Vector2::new(x.parse().unwrap(), y.parse().unwrap())
         });
-        let samples = pixels.zip(&points).map(|(pixel, &point)| Sample { pixel, point }).collect();
-        Sheet { samples, ..sheet.clone() }
+        let samples = pixels.zip(&points).map(|(pixel, &point)| Correspondence { pixel, point }).collect();
+        TargetView { samples, ..sheet.clone() }
     };
     BOARDS.iter().flatten().map(theirs).collect()
 }
@@ -137,20 +139,25 @@ fn the_same_corners_give_the_same_answer_as_opencvs_solver() {
     ];
     let sheets = opencv_corners();
     for (side, (rms_px, k, d)) in truth.into_iter().enumerate() {
-        let own: Vec<Sheet> =
-            sheets.iter().filter(|s| s.camera == side).map(|s| Sheet { camera: 0, ..s.clone() }).collect();
-        let found = lens_of_views(0, SIZE, &own, Free::LENS, Robustness::Square, &mut |_, _| {}).unwrap();
+        let own: Vec<TargetView> = sheets
+            .iter()
+            .filter(|s| s.camera == side)
+            .map(|s| TargetView { camera: 0, ..s.clone() })
+            .collect();
+        let found =
+            calibrate_lens(0, SIZE, &own, FreeParameters::LENS, Robustness::Square, &mut |_, _| {}).unwrap();
         let camera = &found.scene.cameras[0];
         assert!((found.rms_px - rms_px).abs() < 2e-4, "{} and {rms_px}", found.rms_px);
         let lens = [camera.focal_px.x, camera.focal_px.y, camera.centre_px.x, camera.centre_px.y];
         assert!(lens.iter().zip(k).all(|(a, b)| (a - b).abs() < 0.05), "{lens:?} and {k:?}");
         assert!(camera.distortion.iter().zip(d).all(|(a, b)| (a - b).abs() < 5e-3), "{camera:?} and {d:?}");
     }
-    for (lenses, rms_px, baseline) in [(Lenses::Held, 0.44777, 3.34493), (Lenses::Refined, 0.44468, 3.33814)]
+    for (lenses, rms_px, baseline) in
+        [(LensMode::Held, 0.44777, 3.34493), (LensMode::Refined, 0.44468, 3.33814)]
     {
         let (free, mut tell) = ([true; LENS], |_: usize, _: f64| {});
         let found =
-            cameras_of_views(&[SIZE; 2], &sheets, free, &lenses, Robustness::Square, &mut tell).unwrap();
+            calibrate_cameras(&[SIZE; 2], &sheets, free, &lenses, Robustness::Square, &mut tell).unwrap();
         let ours = found.scene.cameras[1].translation_mm.norm();
         assert!((found.rms_px - rms_px).abs() < 2e-4, "{} and {rms_px}", found.rms_px);
         assert!((ours - baseline).abs() < 2e-3, "{ours} and {baseline}");

@@ -2,9 +2,11 @@
 //! covariance with noise.
 
 use calibration::CalibrationError;
-use calibration::lens::{LENS, lens_of, plain_camera};
-use calibration::multi_camera::{Before, Lenses, cameras_of_dots, cameras_of_views, triangulate};
-use calibration::target_problem::{Free, Robustness, Sample, Sheet, lens_of_views};
+use calibration::lens::{LENS, lens_of, pinhole_camera};
+use calibration::multi_camera::{
+    CameraPrior, ImagePoint, LensMode, calibrate_cameras, calibrate_on_dots, triangulate,
+};
+use calibration::target_problem::{Correspondence, FreeParameters, Robustness, TargetView, calibrate_lens};
 use nalgebra::{Isometry3, Point3, Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
 use protocol::camera::Camera;
@@ -31,7 +33,7 @@ impl Noise {
 }
 
 fn camera() -> Camera {
-    let mut camera = plain_camera(0, SIZE, Vector2::new(900.0, 980.0), Vector2::new(361.0, 282.0));
+    let mut camera = pinhole_camera(0, SIZE, Vector2::new(900.0, 980.0), Vector2::new(361.0, 282.0));
     camera.distortion = [-0.21, 0.09, 0.0006, -0.0004, 0.02];
     camera
 }
@@ -60,12 +62,12 @@ fn sheet(
     view: usize,
     place: &Isometry3<f64>,
     noise: &mut dyn FnMut() -> Vector2<f64>,
-) -> Sheet {
-    let sample = |point: &Point3<f64>| Sample {
+) -> TargetView {
+    let sample = |point: &Point3<f64>| Correspondence {
         pixel: camera.project(&(place * point)).unwrap() + noise(),
         point: *point,
     };
-    Sheet { name: view.to_string(), camera: index, view, samples: board().iter().map(sample).collect() }
+    TargetView { name: view.to_string(), camera: index, view, samples: board().iter().map(sample).collect() }
 }
 
 fn quiet(_: usize, _: f64) {}
@@ -79,9 +81,9 @@ proptest! {
         truth.distortion[0] = k1;
         truth.focal_px.x = fx;
         let places = places(8, phase);
-        let sheets: Vec<Sheet> =
+        let sheets: Vec<TargetView> =
             places.iter().enumerate().map(|(v, p)| sheet(&truth, 0, v, p, &mut Vector2::zeros)).collect();
-        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, Robustness::Huber, &mut quiet).unwrap();
+        let found = calibrate_lens(0, SIZE, &sheets, FreeParameters::LENS, Robustness::Huber, &mut quiet).unwrap();
         prop_assert!(found.rms_px < 1e-7, "{} px", found.rms_px);
         for (a, b) in lens_of(&found.scene.cameras[0]).iter().zip(lens_of(&truth)) {
             prop_assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{a} and {b}");
@@ -91,12 +93,12 @@ proptest! {
     #[test]
     fn noise_moves_a_lens_as_far_as_its_covariance_says(seed in 0u64..1000) {
         let (truth, mut noise) = (camera(), Noise::new(seed));
-        let sheets: Vec<Sheet> = places(10, 0.4)
+        let sheets: Vec<TargetView> = places(10, 0.4)
             .iter()
             .enumerate()
             .map(|(v, p)| sheet(&truth, 0, v, p, &mut || noise.pixel(0.1)))
             .collect();
-        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, Robustness::Square, &mut quiet).unwrap();
+        let found = calibrate_lens(0, SIZE, &sheets, FreeParameters::LENS, Robustness::Square, &mut quiet).unwrap();
         prop_assert!((found.sigma_px / 0.1 - 1.0).abs() < 0.15, "{}", found.sigma_px);
         for (i, (a, b)) in lens_of(&found.scene.cameras[0]).iter().zip(lens_of(&truth)).enumerate() {
             // Twelve cases of nine values: 4.5 standard deviations are reached once in 1000 runs.
@@ -115,16 +117,16 @@ proptest! {
         }).collect();
         let mut noise = Noise::new(seed);
         let dots: Vec<Point3<f64>> = (0..150).map(|_| Point3::new(noise.next(), noise.next(), noise.next()) * 12.0).collect();
-        let sheets: Vec<Sheet> = cameras.iter().enumerate().map(|(c, camera)| Sheet {
+        let sheets: Vec<TargetView> = cameras.iter().enumerate().map(|(c, camera)| TargetView {
             name: c.to_string(), camera: c, view: 0,
-            samples: dots.iter().map(|d| Sample { pixel: camera.project(d).unwrap(), point: *d }).collect(),
+            samples: dots.iter().map(|d| Correspondence { pixel: camera.project(d).unwrap(), point: *d }).collect(),
         }).collect();
-        for before in [Before::Size(SIZE), Before::Lens(camera())] {
-            let found = cameras_of_dots(&vec![before; 3], &sheets, [true; LENS], Robustness::Huber, &mut quiet).unwrap();
+        for before in [CameraPrior::Size(SIZE), CameraPrior::Lens(camera())] {
+            let found = calibrate_on_dots(&vec![before; 3], &sheets, [true; LENS], Robustness::Huber, &mut quiet).unwrap();
             for (a, b) in found.scene.cameras.iter().zip(&cameras) {
                 prop_assert!((a.centre_in_world() - b.centre_in_world()).norm() < 1e-4);
             }
-            let sights: Vec<_> = found.scene.cameras.iter().zip(&sheets).map(|(c, s)| (c, s.samples[7].pixel, nalgebra::Matrix2::identity())).collect();
+            let sights: Vec<_> = found.scene.cameras.iter().zip(&sheets).map(|(camera, s)| ImagePoint { camera, pixel: s.samples[7].pixel, covariance: nalgebra::Matrix2::identity() }).collect();
             prop_assert!((triangulate(&sights).unwrap() - dots[7]).norm() < 1e-5);
         }
     }
@@ -136,12 +138,13 @@ fn predicted_deviations_are_those_that_occur() {
     let (truth, mut noise) = (camera(), Noise::new(7));
     let mut squares = [0.0; LENS];
     for _ in 0..40 {
-        let sheets: Vec<Sheet> = places(6, 1.1)
+        let sheets: Vec<TargetView> = places(6, 1.1)
             .iter()
             .enumerate()
             .map(|(v, p)| sheet(&truth, 0, v, p, &mut || noise.pixel(0.08)))
             .collect();
-        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, Robustness::Square, &mut quiet).unwrap();
+        let found =
+            calibrate_lens(0, SIZE, &sheets, FreeParameters::LENS, Robustness::Square, &mut quiet).unwrap();
         let values = lens_of(&found.scene.cameras[0]);
         for (i, s) in squares.iter_mut().enumerate() {
             *s += ((values[i] - lens_of(&truth)[i]) / found.sigmas[0][i]).powi(2) / 40.0;
@@ -160,25 +163,32 @@ fn cameras_are_placed_through_views_that_only_some_share() {
     }
     let places = places(10, 0.2);
     let seen = [0..6, 0..10, 6..10];
-    let sheets: Vec<Sheet> = seen
+    let sheets: Vec<TargetView> = seen
         .into_iter()
         .enumerate()
         .flat_map(|(c, views)| views.map(move |v| (c, v)))
         .map(|(c, v)| sheet(&cameras[c], c, v, &places[v], &mut Vector2::zeros))
         .collect();
-    let found =
-        cameras_of_views(&[SIZE; 3], &sheets, [true; LENS], &Lenses::Refined, Robustness::Huber, &mut quiet)
-            .unwrap();
+    let found = calibrate_cameras(
+        &[SIZE; 3],
+        &sheets,
+        [true; LENS],
+        &LensMode::Refined,
+        Robustness::Huber,
+        &mut quiet,
+    )
+    .unwrap();
     for (a, b) in found.scene.cameras.iter().zip(&cameras) {
         assert!((a.centre_in_world() - b.centre_in_world()).norm() < 1e-4, "{a:?}");
     }
-    let apart: Vec<Sheet> = sheets.into_iter().filter(|s| s.camera != 1).collect();
-    let relabelled: Vec<Sheet> = apart.into_iter().map(|s| Sheet { camera: s.camera / 2, ..s }).collect();
-    let refused = cameras_of_views(
+    let apart: Vec<TargetView> = sheets.into_iter().filter(|s| s.camera != 1).collect();
+    let relabelled: Vec<TargetView> =
+        apart.into_iter().map(|s| TargetView { camera: s.camera / 2, ..s }).collect();
+    let refused = calibrate_cameras(
         &[SIZE; 2],
         &relabelled,
         [true; LENS],
-        &Lenses::Refined,
+        &LensMode::Refined,
         Robustness::Huber,
         &mut quiet,
     );
@@ -188,7 +198,7 @@ fn cameras_are_placed_through_views_that_only_some_share() {
 #[test]
 fn a_robust_loss_shrugs_off_what_least_squares_does_not() {
     let (truth, mut noise) = (camera(), Noise::new(3));
-    let mut sheets: Vec<Sheet> = places(8, 0.9)
+    let mut sheets: Vec<TargetView> = places(8, 0.9)
         .iter()
         .enumerate()
         .map(|(v, p)| sheet(&truth, 0, v, p, &mut || noise.pixel(0.05)))
@@ -198,7 +208,7 @@ fn a_robust_loss_shrugs_off_what_least_squares_does_not() {
         sheet.samples[30].pixel.y -= 3.0;
     }
     let off = |robustness| {
-        let found = lens_of_views(0, SIZE, &sheets, Free::LENS, robustness, &mut quiet).unwrap();
+        let found = calibrate_lens(0, SIZE, &sheets, FreeParameters::LENS, robustness, &mut quiet).unwrap();
         (found.scene.cameras[0].focal_px - truth.focal_px).norm()
     };
     let [square, huber, cauchy] = [Robustness::Square, Robustness::Huber, Robustness::Cauchy].map(off);
@@ -206,15 +216,15 @@ fn a_robust_loss_shrugs_off_what_least_squares_does_not() {
 }
 
 /// The words with which a calibration is refused.
-fn refusal(sheets: &[Sheet]) -> String {
-    let refused = lens_of_views(0, SIZE, sheets, Free::LENS, Robustness::Huber, &mut quiet);
+fn refusal(sheets: &[TargetView]) -> String {
+    let refused = calibrate_lens(0, SIZE, sheets, FreeParameters::LENS, Robustness::Huber, &mut quiet);
     refused.map(|c| format!("accepted: {c:?}")).unwrap_or_else(|e: CalibrationError| e.to_string())
 }
 
 #[test]
 fn what_cannot_be_solved_is_refused_in_words() {
     let truth = camera();
-    let all = |places: &[Isometry3<f64>]| -> Vec<Sheet> {
+    let all = |places: &[Isometry3<f64>]| -> Vec<TargetView> {
         places.iter().enumerate().map(|(v, p)| sheet(&truth, 0, v, p, &mut Vector2::zeros)).collect()
     };
     let two = all(&places(2, 0.0));
@@ -229,12 +239,15 @@ fn what_cannot_be_solved_is_refused_in_words() {
         };
         let parallel = all(&(0..6).map(shifted).collect::<Vec<_>>());
         let mut noise = Noise::new(1);
-        let noisy: Vec<Sheet> = parallel
+        let noisy: Vec<TargetView> = parallel
             .iter()
             .map(|s| {
-                let samples =
-                    s.samples.iter().map(|p| Sample { pixel: p.pixel + noise.pixel(1e-9), ..*p }).collect();
-                Sheet { samples, ..s.clone() }
+                let samples = s
+                    .samples
+                    .iter()
+                    .map(|p| Correspondence { pixel: p.pixel + noise.pixel(1e-9), ..*p })
+                    .collect();
+                TargetView { samples, ..s.clone() }
             })
             .collect();
         for sheets in [&parallel, &noisy] {
@@ -246,13 +259,15 @@ fn what_cannot_be_solved_is_refused_in_words() {
         }
     }
     // All on a line.
-    let line: Vec<Sheet> =
-        all(&places(4, 0.0)).into_iter().map(|s| Sheet { samples: s.samples[..8].to_vec(), ..s }).collect();
+    let line: Vec<TargetView> = all(&places(4, 0.0))
+        .into_iter()
+        .map(|s| TargetView { samples: s.samples[..8].to_vec(), ..s })
+        .collect();
     assert!(refusal(&line).contains("on a line"), "{}", refusal(&line));
     // Fewer than four points.
-    let few: Vec<Sheet> = all(&places(4, 0.0))
+    let few: Vec<TargetView> = all(&places(4, 0.0))
         .into_iter()
-        .map(|s| Sheet { samples: vec![s.samples[0], s.samples[7], s.samples[40]], ..s })
+        .map(|s| TargetView { samples: vec![s.samples[0], s.samples[7], s.samples[40]], ..s })
         .collect();
     assert!(refusal(&few).contains("at least 4"), "{}", refusal(&few));
 }
@@ -261,15 +276,18 @@ fn what_cannot_be_solved_is_refused_in_words() {
 fn dots_that_fix_nothing_are_refused_in_words() {
     let mut camera = camera();
     camera.translation_mm.z = 150.0;
-    let sheet = |points: &[Point3<f64>]| Sheet {
+    let sheet = |points: &[Point3<f64>]| TargetView {
         name: "a".into(),
         camera: 0,
         view: 0,
-        samples: points.iter().map(|d| Sample { pixel: camera.project(d).unwrap(), point: *d }).collect(),
+        samples: points
+            .iter()
+            .map(|d| Correspondence { pixel: camera.project(d).unwrap(), point: *d })
+            .collect(),
     };
     let told = |points: &[Point3<f64>]| {
-        let found = cameras_of_dots(
-            &[Before::Size(SIZE)],
+        let found = calibrate_on_dots(
+            &[CameraPrior::Size(SIZE)],
             &[sheet(points)],
             [true; LENS],
             Robustness::Huber,
@@ -286,7 +304,12 @@ fn dots_that_fix_nothing_are_refused_in_words() {
     let same = vec![Point3::new(1.0, 2.0, 3.0); 20];
     assert!(told(&same).contains("in one place"), "{}", told(&same));
     // Rays that never meet.
-    let rays = [(&camera, Vector2::new(300.0, 300.0), nalgebra::Matrix2::identity()); 2];
+    let point = ImagePoint {
+        camera: &camera,
+        pixel: Vector2::new(300.0, 300.0),
+        covariance: nalgebra::Matrix2::identity(),
+    };
+    let rays = [point; 2];
     assert!(triangulate(&rays).is_none());
     assert!(triangulate(&rays[..1]).is_none());
 }

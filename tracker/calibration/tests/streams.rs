@@ -1,9 +1,9 @@
 //! Streams with truth: a rig that has drifted is noticed and brought back, one that has not is left alone.
 
 use blob_stream::BlobReader;
-use calibration::bundle::Known;
+use calibration::bundle::PriorSigmas;
 use calibration::drift_check;
-use calibration::observations::{Instant, collect};
+use calibration::observations::{FrameObservations, collect};
 use calibration::self_calibration::{FEWEST_INSTANTS, fitted, refine, refine_stream};
 use calibration::target_problem::rms;
 use nalgebra::Vector3;
@@ -63,7 +63,7 @@ fn a_drifted_rig_is_noticed_and_brought_back() {
     let seen = collect(&stream.rig, &first);
     let found = drift_check::check(&stream.rig, &seen, LIMIT_PX).unwrap();
     assert!(found.cameras.iter().any(|c| c.systematic_px > 0.05 && c.drifted), "{found:?}");
-    let refined = refine(&stream.rig, &seen, &Known::default(), &mut |_, _| {}).unwrap();
+    let refined = refine(&stream.rig, &seen, &PriorSigmas::default(), &mut |_, _| {}).unwrap();
     let [before, after] = [&refined.before, &refined.residuals].map(|r| rms(r.iter().copied()));
     assert!(after < 0.75 * before, "residuals {before} px, then {after} px");
     let better = refined.bundle.rig(&stream.rig);
@@ -85,7 +85,7 @@ fn a_rig_that_holds_is_left_alone() {
         assert!(!found.drifted(), "{name}: {found:?}");
         assert!(found.cameras.iter().all(|c| c.systematic_px < 0.01), "{name}: {found:?}");
         // Nothing to be gained, and little lost by refining all the same.
-        let refined = refine(&stream.rig, &seen, &Known::default(), &mut |_, _| {}).unwrap();
+        let refined = refine(&stream.rig, &seen, &PriorSigmas::default(), &mut |_, _| {}).unwrap();
         let better = refined.bundle.rig(&stream.rig);
         let [old, new] = [&stream.rig, &better].map(|rig| tips_um(&stream, rig, &stream.fields));
         println!("{name}: tips {old:.2} → {new:.2} µm");
@@ -125,7 +125,7 @@ fn a_rough_rig_becomes_as_good_as_the_true_one() {
         let k = f64::from(marker.id) * 3.1;
         marker.p.iter_mut().enumerate().for_each(|(i, p)| *p += 0.01 * (k + i as f64).cos());
     }
-    let known = Known { camera_mm: 0.1, camera_rad: 1e-3, marker_mm: 0.01, lens_px: 0.0 };
+    let known = PriorSigmas { camera_mm: 0.1, camera_rad: 1e-3, marker_mm: 0.01, lens_px: 0.0 };
     let found = refine_stream(&rough, &stream.fields, &known, 200, &mut |_, _| {}).unwrap();
     let after = rms(found.residuals.iter().copied());
     // The noise of the blobs alone leaves 0.09 px.
@@ -140,10 +140,11 @@ fn a_rough_rig_becomes_as_good_as_the_true_one() {
 #[test]
 fn too_short_a_stream_is_refused_in_words() {
     let stream = load("static");
-    let few: Vec<Instant> = collect(&stream.rig, &stream.fields[..12]);
-    let refused = refine(&stream.rig, &few, &Known::default(), &mut |_, _| {}).err().unwrap().to_string();
+    let few: Vec<FrameObservations> = collect(&stream.rig, &stream.fields[..12]);
+    let refused =
+        refine(&stream.rig, &few, &PriorSigmas::default(), &mut |_, _| {}).err().unwrap().to_string();
     assert!(refused.contains(&format!("at least {FEWEST_INSTANTS}")), "{refused}");
     let refused = drift_check::check(&stream.rig, &few, LIMIT_PX).unwrap_err().to_string();
     assert!(refused.contains("at least"), "{refused}");
-    assert!(refine(&stream.rig, &[], &Known::default(), &mut |_, _| {}).is_err());
+    assert!(refine(&stream.rig, &[], &PriorSigmas::default(), &mut |_, _| {}).is_err());
 }

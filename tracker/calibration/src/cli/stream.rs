@@ -1,13 +1,13 @@
 //! Calibrations that look at a stream of blobs: `waved`, `pivot`, `drift`.
 
 use super::{OutputArgs, bar, positive, spinner};
-use crate::bundle::Known;
-use crate::drift_check::{self, Drift};
-use crate::observations::{Instant, collect};
+use crate::bundle::PriorSigmas;
+use crate::drift_check::{self, DriftCheck};
+use crate::observations::{FrameObservations, collect};
 use crate::pivot::{self, Pivot};
 use crate::pose_file::{self, Poses};
 use crate::report::{Report, camera_report};
-use crate::self_calibration::{Waved, fitted, fitted_with, refine_stream, spread};
+use crate::self_calibration::{SelfCalibration, fitted, fitted_with, refine_stream, spread};
 use crate::target_problem::{rms, robust_sigma};
 use anyhow::{Context, ensure};
 use blob_stream::BlobReader;
@@ -106,7 +106,7 @@ impl StreamArgs {
     }
 
     /// The rig and what was seen with it.
-    fn load(&self, path: &Path) -> anyhow::Result<(Rig, Vec<Instant>)> {
+    fn load(&self, path: &Path) -> anyhow::Result<(Rig, Vec<FrameObservations>)> {
         let (rig, fields) = self.fields(path)?;
         let progress = spinner("tracking");
         let seen = spread(collect(&rig, &fields), self.instants);
@@ -143,7 +143,7 @@ fn of_recording(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)>
 /// Runs `vitreo calibrate waved`.
 pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     let (rig, fields) = args.from.fields(&args.stream)?;
-    let known = Known {
+    let known = PriorSigmas {
         camera_mm: args.camera_mm,
         camera_rad: args.camera_mrad * 1e-3,
         marker_mm: args.marker_mm,
@@ -164,7 +164,7 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn waved_report(rig: &Rig, found: &Waved, drifted: bool) -> Report {
+fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
     let cameras = found.bundle.cameras.iter().zip(&found.sigmas).enumerate();
     let mut report = Report {
         task: "waved",
@@ -194,8 +194,8 @@ fn waved_report(rig: &Rig, found: &Waved, drifted: bool) -> Report {
          together, the rig stays at the mean of what it was"
             .into(),
     );
-    if !found.untold.is_empty() {
-        report.notes.push(format!("the stream tells little about: {}", found.untold.join(", ")));
+    if !found.weakly_observed.is_empty() {
+        report.notes.push(format!("the stream determines little of: {}", found.weakly_observed.join(", ")));
     }
     if !drifted {
         report.notes.push("the residuals show no drift: the rig as it was is as good".into());
@@ -220,7 +220,7 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     Ok(if found.drifted() { ExitCode::from(5) } else { ExitCode::SUCCESS })
 }
 
-fn drift_report(rig: &Rig, found: &Drift, limit_px: f64) -> Report {
+fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64) -> Report {
     let mut report = Report { task: "drift", rms_px: found.rms_px, ..Report::default() };
     report.figure("instants", found.instants as f64, "");
     report.figure("limit", limit_px, "px");

@@ -4,15 +4,17 @@ use super::{OutputArgs, Pair, SolveArgs, bar, pair, positive, short, spinner};
 use crate::CalibrationError;
 use crate::board::{Board, Pattern};
 use crate::dots;
-use crate::grey_image::Grey;
+use crate::grey_image::GreyImage;
 use crate::known_target::match_dots;
 use crate::lens::LENS;
 use crate::linear::plane_of;
-use crate::multi_camera::{Before, Lenses, cameras_of_dots, cameras_of_views, common_dots, held_out};
+use crate::multi_camera::{
+    CameraPrior, LensMode, calibrate_cameras, calibrate_on_dots, common_dots, held_out,
+};
 use crate::point_lists;
-use crate::report::{Report, camera_report, sheet_reports};
+use crate::report::{Report, camera_report, view_reports};
 use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
-use crate::target_problem::{Calibrated, Free, Robustness, Sheet, lens_of_views};
+use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens};
 use anyhow::{Context, bail, ensure};
 use protocol::rig::Rig;
 use std::path::PathBuf;
@@ -131,10 +133,10 @@ pub struct DotsArgs {
 const FEWEST_POINTS: usize = 6;
 
 /// What cameras saw, the sizes of their pictures (px), and what was passed over.
-type Seen = (Vec<Sheet>, Vec<[u32; 2]>, Vec<String>);
+type MarkerObservation = (Vec<TargetView>, Vec<[u32; 2]>, Vec<String>);
 
 /// Takes out views that cannot hold a pose, and says which.
-fn pass_over_weak(sheets: &mut Vec<Sheet>) -> Vec<String> {
+fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
     let mut notes = Vec::new();
     sheets.retain(|sheet| {
         let n = sheet.samples.len();
@@ -154,11 +156,11 @@ fn sheets_of(
     pictures: &[PathBuf],
     board: &Board,
     camera: usize,
-) -> anyhow::Result<(Vec<Sheet>, [u32; 2], Vec<String>)> {
+) -> anyhow::Result<(Vec<TargetView>, [u32; 2], Vec<String>)> {
     let progress = bar(pictures.len() as u64, "pictures");
     let (mut sheets, mut notes, mut size) = (Vec::new(), Vec::new(), None);
     for (view, path) in pictures.iter().enumerate() {
-        let picture = Grey::load(path)?;
+        let picture = GreyImage::load(path)?;
         let own = [picture.width as u32, picture.height as u32];
         let first = *size.get_or_insert(own);
         if own != first {
@@ -166,7 +168,7 @@ fn sheets_of(
             bail!("{}: expected {w}×{h} px as in the pictures before, found {x}×{y}", path.display());
         }
         match board.find(&picture) {
-            Ok(samples) => sheets.push(Sheet { name: short(path), camera, view, samples }),
+            Ok(samples) => sheets.push(TargetView { name: short(path), camera, view, samples }),
             Err(problem) => notes.push(format!("{} passed over: {problem}", path.display())),
         }
         progress.inc(1);
@@ -180,13 +182,13 @@ fn sheets_of(
 }
 
 /// Views of point lists, each list of one camera.
-fn sheets_of_lists(lists: &[PathBuf], camera: usize, first_view: usize) -> anyhow::Result<Vec<Sheet>> {
-    let mut sheets: Vec<Sheet> = Vec::new();
+fn sheets_of_lists(lists: &[PathBuf], camera: usize, first_view: usize) -> anyhow::Result<Vec<TargetView>> {
+    let mut sheets: Vec<TargetView> = Vec::new();
     for path in lists {
         for view in point_lists::load(path)? {
             let name =
                 if view.name.is_empty() { short(path) } else { format!("{} {}", short(path), view.name) };
-            sheets.push(Sheet { name, camera, view: first_view + sheets.len(), samples: view.samples });
+            sheets.push(TargetView { name, camera, view: first_view + sheets.len(), samples: view.samples });
         }
     }
     Ok(sheets)
@@ -196,7 +198,7 @@ fn size_of(pair: Pair) -> [u32; 2] {
     [pair.0 as u32, pair.1 as u32]
 }
 
-fn report_of(task: &'static str, found: &Calibrated, sheets: &[Sheet], notes: Vec<String>) -> Report {
+fn report_of(task: &'static str, found: &Calibrated, sheets: &[TargetView], notes: Vec<String>) -> Report {
     let cameras = found.scene.cameras.iter().zip(&found.sigmas).enumerate();
     Report {
         task,
@@ -204,7 +206,7 @@ fn report_of(task: &'static str, found: &Calibrated, sheets: &[Sheet], notes: Ve
         sigma_px: found.sigma_px,
         iterations: found.iterations,
         cameras: cameras.map(|(i, (camera, s))| camera_report(camera, s, &found.residuals, i)).collect(),
-        sheets: sheet_reports(sheets.iter().map(|s| s.name.as_str()), &found.residuals),
+        sheets: view_reports(sheets.iter().map(|s| s.name.as_str()), &found.residuals),
         figures: Vec::new(),
         notes,
     }
@@ -223,10 +225,10 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
         (sheets, size_of(size), notes)
     };
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
-    let free = Free { lens: args.solve.free(), place: false };
+    let free = FreeParameters { lens: args.solve.free(), place: false };
     let progress = spinner("least squares");
     let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
-    let found = lens_of_views(args.camera, size, &sheets, free, args.solve.loss, &mut tell)?;
+    let found = calibrate_lens(args.camera, size, &sheets, free, args.solve.loss, &mut tell)?;
     progress.finish_and_clear();
     let camera = &found.scene.cameras[0];
     let json = match &rig {
@@ -242,7 +244,7 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Boards of two cameras' pictures.
-fn sheets_of_pairs(args: &StereoArgs) -> anyhow::Result<Seen> {
+fn sheets_of_pairs(args: &StereoArgs) -> anyhow::Result<MarkerObservation> {
     let (l, r) = (args.left.len(), args.right.len());
     ensure!(l == r, "expected as many right as left pictures, found {l} left and {r} right");
     let board = args.board.board()?;
@@ -254,7 +256,7 @@ fn sheets_of_pairs(args: &StereoArgs) -> anyhow::Result<Seen> {
 }
 
 /// Views of several cameras' point lists, put together by their names.
-fn sheets_of_cameras(args: &StereoArgs) -> anyhow::Result<Seen> {
+fn sheets_of_cameras(args: &StereoArgs) -> anyhow::Result<MarkerObservation> {
     let size = size_of(args.size.context("--size is needed with --points")?);
     let (mut sheets, mut notes, mut names) = (Vec::new(), Vec::new(), Vec::<String>::new());
     for (camera, path) in args.points.iter().enumerate() {
@@ -264,7 +266,7 @@ fn sheets_of_cameras(args: &StereoArgs) -> anyhow::Result<Seen> {
                 names.push(view.name.clone());
             }
             let name = format!("{} {}", short(path), view.name);
-            sheets.push(Sheet { name, camera, view: at, samples: view.samples });
+            sheets.push(TargetView { name, camera, view: at, samples: view.samples });
         }
     }
     notes.extend(pass_over_weak(&mut sheets));
@@ -280,15 +282,15 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
     let (free, loss) = (args.solve.free(), args.solve.loss);
     let lenses = match (args.keep_lenses, &args.rig) {
-        (false, _) => Lenses::Refined,
-        (true, None) => Lenses::Held,
-        (true, Some(_)) => Lenses::Known(template.cameras()),
+        (false, _) => LensMode::Refined,
+        (true, None) => LensMode::Held,
+        (true, Some(_)) => LensMode::PriorSigmas(template.cameras()),
     };
-    if let Lenses::Known(cameras) = &lenses {
+    if let LensMode::PriorSigmas(cameras) = &lenses {
         let (known, seen) = (cameras.len(), sizes.len());
         ensure!(known == seen, "--keep-lenses: expected a rig of {seen} cameras, found {known}");
     }
-    let found = cameras_of_views(&sizes, &sheets, free, &lenses, loss, &mut tell)?;
+    let found = calibrate_cameras(&sizes, &sheets, free, &lenses, loss, &mut tell)?;
     progress.finish_and_clear();
     notes.push("the world is the frame of the first camera".into());
     let mut report = report_of("stereo", &found, &sheets, notes);
@@ -304,7 +306,7 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Point lists of dots that stay in place, one a camera.
-fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<Sheet>> {
+fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
     let mut sheets = Vec::new();
     for (camera, path) in args.points.iter().enumerate() {
         let mut views = sheets_of_lists(std::slice::from_ref(path), camera, 0)?;
@@ -316,7 +318,7 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<Sheet>> {
 }
 
 /// The target's dots in a picture of each camera, and the pictures' size.
-fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<Sheet>, Option<[u32; 2]>)> {
+fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Option<[u32; 2]>)> {
     let target =
         point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
     let (pictures, lists) = (args.pictures.len(), args.picked.len());
@@ -324,7 +326,7 @@ fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<Sheet>, Option<[u32;
     let progress = bar(pictures as u64, "pictures");
     let (mut sheets, mut size) = (Vec::new(), None);
     for (camera, (path, picked)) in args.pictures.iter().zip(&args.picked).enumerate() {
-        let picture = Grey::load(path)?;
+        let picture = GreyImage::load(path)?;
         let own = [picture.width as u32, picture.height as u32];
         // Picking programs write (-1, -1) for a dot that was not seen.
         let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
@@ -344,7 +346,7 @@ fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<Sheet>, Option<[u32;
             (Err(problem), Err(_)) => return Err(problem).with_context(|| path.display().to_string()),
         };
         size = size.or(Some(own));
-        sheets.push(Sheet { name: short(path), camera, view: 0, samples });
+        sheets.push(TargetView { name: short(path), camera, view: 0, samples });
         progress.inc(1);
     }
     progress.finish_and_clear();
@@ -356,14 +358,14 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     let template = Rig::load_or_shipped(args.rig.as_deref())?;
     let (sheets, size) =
         if args.pictures.is_empty() { (sheets_of_dots(args)?, None) } else { sheets_of_target(args)? };
-    let before: Vec<Before> = match args.size.map(size_of).or(size.filter(|_| args.rig.is_none())) {
-        Some(size) => vec![Before::Size(size); sheets.len()],
-        None => template.cameras().into_iter().map(Before::Lens).collect(),
+    let before: Vec<CameraPrior> = match args.size.map(size_of).or(size.filter(|_| args.rig.is_none())) {
+        Some(size) => vec![CameraPrior::Size(size); sheets.len()],
+        None => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
     };
     let (lists, cameras) = (sheets.len(), before.len());
     ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
     let (free, loss) = (args.solve.free(), args.solve.loss);
-    let found = cameras_of_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
+    let found = calibrate_on_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
     let notes = vec!["the world is the frame of the dots".into()];
     let mut report = report_of("dots", &found, &sheets, notes);
     if let Some(times) = args.splits {
@@ -382,8 +384,8 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
 
 /// Median errors over random halves; split `n` is the same on every machine.
 fn median_of_splits(
-    before: &[Before],
-    sheets: &[Sheet],
+    before: &[CameraPrior],
+    sheets: &[TargetView],
     free: [bool; LENS],
     loss: Robustness,
     times: u32,

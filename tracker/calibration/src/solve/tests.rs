@@ -27,7 +27,7 @@ impl Problem for Lines {
     fn own(&self, _: usize) -> usize {
         1
     }
-    fn equations(&self, (slope, heights): &Self::State, block: usize, out: &mut Equations) {
+    fn equations(&self, (slope, heights): &Self::State, block: usize, out: &mut NormalEquations) {
         for &(x, y) in &self.points[block] {
             let columns = [(Unknown::Shared(0), Vector1::new(x)), (Unknown::Own(0), Vector1::new(1.0))];
             out.add(&Vector1::new(slope[0] * x + heights[block] - y), &columns, self.loss);
@@ -114,7 +114,7 @@ fn an_impossible_start_is_refused() {
         fn own(&self, _: usize) -> usize {
             0
         }
-        fn equations(&self, _: &(), _: usize, out: &mut Equations) {
+        fn equations(&self, _: &(), _: usize, out: &mut NormalEquations) {
             out.add(&Vector2::new(1.0, 1.0), &[(Unknown::Shared(0), Vector2::new(1.0, 0.0))], Loss::Square);
             out.refuse();
         }
