@@ -128,7 +128,7 @@ mod tests {
         let mut writer = Writer::create(path, &Provenance::default()).unwrap();
         for i in 0..200 {
             writer.write(i * 1_000_000, &note(i)).unwrap();
-            writer.keep_up(i * 1_000_000).unwrap();
+            writer.flush_aged(i * 1_000_000).unwrap();
         }
         writer.finish().unwrap();
         std::fs::read(path).unwrap()

@@ -1,9 +1,11 @@
-//! What keys, mouse and gamepad mean, in one table: the desk moves instruments by it, the launcher hears pause and restart by it,
-//! the window shows it as help, and `vitreo play --keys` prints it for `docs/play.md`.
+//! Bindings of keys, mouse and gamepad, in one table.
+//!
+//! The desk moves instruments by it, the launcher takes pause and restart from it, the window shows
+//! it as help, and `vitreo play --keys` prints it for `docs/play.md`.
 
 use crate::inputs::Key;
 
-/// What a key asks for.
+/// Action of a key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Action {
@@ -55,7 +57,7 @@ pub enum Action {
 /// Keys of one action.
 #[derive(Debug, Clone, Copy)]
 pub struct Binding {
-    /// What it does.
+    /// The action.
     pub action: Action,
     /// Names of the keys, see [`Key::named`].
     pub keys: &'static [&'static str],
@@ -112,7 +114,7 @@ pub const BINDINGS: &[Binding] = &[
     bind(Action::Mouse, &["escape"], "free the mouse; a click takes it again"),
 ];
 
-/// What mouse and sticks do, in words.
+/// Actions of mouse and sticks, in words.
 pub const MOVEMENTS: [(&str, &str); 4] = [
     ("mouse", "tip sideways"),
     ("wheel", "tip deeper (away from you) or higher"),
@@ -121,7 +123,7 @@ pub const MOVEMENTS: [(&str, &str); 4] = [
 ];
 
 impl Action {
-    /// What a key asks for, if anything.
+    /// The action of a key, if it has one.
     pub fn of(key: Key) -> Option<Action> {
         let own = |b: &&Binding| b.keys.contains(&key.name());
         BINDINGS.iter().find(own).map(|b| b.action)
@@ -134,13 +136,13 @@ impl Action {
     }
 }
 
-/// The table in rows: keys, and what they do.
+/// The table in rows: keys and action.
 pub fn rows() -> impl Iterator<Item = (String, &'static str)> {
     let moves = MOVEMENTS.iter().map(|(what, text)| ((*what).to_owned(), *text));
     moves.chain(BINDINGS.iter().map(|b| (b.keys.join(", "), b.text)))
 }
 
-/// What the help of a window groups in a line.
+/// Actions that share a line of the help.
 const HELP: &[(&[Action], &str)] = &[
     (&[Action::Left, Action::Right, Action::Up, Action::Down], "tip sideways"),
     (&[Action::Deeper, Action::Higher], "tip deeper, higher"),
@@ -164,12 +166,12 @@ const HELP: &[(&[Action], &str)] = &[
     (&[Action::Help, Action::Quit], "this help, quit"),
 ];
 
-/// Of these, what a window can do where no person is at a desk: a rig or a script moves the hands.
+/// Those of them that a window offers where a rig or a script moves the instruments.
 const WITHOUT_DESK: [Action; 6] =
     [Action::Pause, Action::Restart, Action::Next, Action::FullScreen, Action::Help, Action::Quit];
 
-/// The help of a window: a line each, with the first key of keyboard or mouse of each action; `at_desk`: a person moves the hands by
-/// them.
+/// The help of a window, a line each: the first key of keyboard or mouse of every action. With
+/// `at_desk` a person moves the instruments by them.
 pub fn help(at_desk: bool) -> String {
     let key = |action: &Action| {
         let own = BINDINGS.iter().filter(|b| b.action == *action).flat_map(|b| b.keys);

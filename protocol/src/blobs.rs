@@ -1,4 +1,4 @@
-//! `blobs`: what one camera saw in one field.
+//! `blobs`: the marker blobs of one camera-field.
 
 use crate::camera::Camera;
 use crate::limits::MAX_BLOBS;
@@ -8,7 +8,7 @@ use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::Point3;
 
-/// Colour class of a marker, as the camera's look-up table knows it.
+/// Colour class of a marker, as in the camera's look-up table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[repr(u32)]
@@ -106,8 +106,8 @@ pub struct Blob {
 }
 
 impl Blob {
-    /// What a ball at `centre` (world frame, mm) leaves in a field of a camera: without noise, and as if its outline were not distorted.
-    /// `None` behind the camera.
+    /// Image of a ball at `centre` (world frame, mm) in a field of a camera, without noise; the outline
+    /// is that of an undistorted ellipse. `None` behind the camera.
     pub fn of_ball(
         camera: &Camera,
         centre: &Point3<f64>,

@@ -60,18 +60,18 @@ impl Stage {
     }
 }
 
-/// Time from one stamped instant to a later one; `None` where either is missing or they are reversed.
+/// Time from one instant to a later one; `None` where either is missing or they are reversed.
 fn between(from: Nanos, to: Nanos) -> Option<u64> {
     (from > 0 && to >= from).then(|| to - from)
 }
 
-/// Latency of the stages that a step's record tells about, ns.
+/// Latency of the stages that a step record covers, ns.
 pub fn step_latencies(step: &StepRecord) -> [(Stage, Option<u64>); 2] {
     let Instants { exposed, blobs_out, tracked, stepped, .. } = step.instants;
     [(Stage::Camera, between(exposed, blobs_out)), (Stage::Simulation, between(tracked, stepped))]
 }
 
-/// Latency of the stages that a tracker frame tells about, ns. Where the frame was closed without
+/// Latency of the stages that a tracker frame covers, ns. Where the frame was closed without
 /// a camera that was waited for, the wait is the camera's, and tracking begins when it ended.
 pub fn pose_latencies(frame: &TrackerFrame) -> [(Stage, Option<u64>); 2] {
     let Instants { blobs_out, taken, tracked, .. } = frame.instants;
@@ -79,7 +79,7 @@ pub fn pose_latencies(frame: &TrackerFrame) -> [(Stage, Option<u64>); 2] {
     [(Stage::CameraWait, Some(frame.waited_ns)), (Stage::Tracking, between(begun, tracked))]
 }
 
-/// Latency of the stages that a displayed frame's record tells about, ns.
+/// Latency of the stages that a frame record covers, ns.
 pub fn frame_latencies(frame: &FrameRecord) -> [(Stage, Option<u64>); 2] {
     [
         (Stage::Rendering, between(frame.frame_start, frame.drawn)),
@@ -140,7 +140,10 @@ impl Default for Budgets {
 }
 
 impl Budgets {
-    /// Parses a budget file; stages it leaves out keep their default.
+    /// Parses a budget file; stages that it leaves out keep their default.
+    ///
+    /// # Errors
+    /// Where the text is no TOML, has an unknown key, or a limit or percentile out of its range.
     pub fn parse(text: &str, file: &str) -> Result<Self, BudgetError> {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]

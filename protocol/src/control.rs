@@ -8,7 +8,7 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// What is asked.
+/// Command of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Command {
@@ -26,8 +26,8 @@ pub enum Command {
     Shutdown = 5,
     /// Save a still picture (renderer).
     Snapshot = 6,
-    /// Read the scene file again, which holds another one now, and begin anew; the argument is the new duration in ms, 0 for
-    /// none (camera hardware).
+    /// Read the scene file, which holds another scene now, and begin anew (camera hardware). The
+    /// argument is the new duration in ms, 0 for none.
     Load = 7,
     /// The module's next level (launcher).
     Next = 8,
@@ -122,7 +122,7 @@ pub struct Answer {
     pub seq: u64,
     /// [`Process`] on the wire, or [`LAUNCHER`].
     pub process: u32,
-    /// 0: done; 1: not possible, and `text` says why.
+    /// 0: done; 1: not possible, for the reason in `text`.
     pub result: u32,
     /// Zero-padded text.
     pub text: [u8; TEXT_BYTES],

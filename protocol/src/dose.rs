@@ -1,8 +1,9 @@
-//! Cells of the retina in which the dose of light is counted, alike for whoever counts and whoever draws.
+//! Cells of the retina for the dose of light, the same for simulation and picture.
 //!
-//! A square grid over Lambert's azimuthal equal-area map about the posterior pole (−z): every cell has the same area. In the map the
-//! direction at the angle θ from the pole lies at the radius 2 sin(θ/2); the grid reaches to [`REACH_RAD`], beyond the ora serrata
-//! (21 mm from the fovea, 1.83 rad). Cells whose centre lies farther than that have no place on the retina.
+//! A square grid over Lambert's azimuthal equal-area map about the posterior pole (−z): every cell
+//! has the same area. In the map the direction at the angle θ from the pole lies at the radius
+//! 2 sin(θ/2); the grid reaches to [`REACH_RAD`], beyond the ora serrata (21 mm from the fovea,
+//! 1.83 rad). Cells whose centre lies farther than that have no place on the retina.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -16,19 +17,20 @@ pub const REACH_RAD: f64 = 2.0;
 /// Radius of the map at [`REACH_RAD`], of the unit sphere: 2 sin(1).
 pub const REACH: f64 = 1.682_941_969_615_793;
 
-/// Half angle of a light pipe's cone, where its light ends, rad. Light pipes spread 50 to 80 degrees in all.
+/// Half angle of a light pipe's cone, rad. Light pipes spread 50 to 80 degrees in all.
 pub const BEAM_OUTER_RAD: f64 = 0.82;
 /// Half angle up to which its beam has the full intensity, rad.
 pub const BEAM_INNER_RAD: f64 = 0.30;
 
-/// Share of the full intensity in a direction off the beam's axis, by the cosine of the angle between them: a smooth step.
+/// Share of the full intensity in a direction off the beam's axis: a smooth step of the cosine of
+/// the angle between them.
 pub fn beam_share(cosine: f64) -> f64 {
     let (outer, inner) = (libm::cos(BEAM_OUTER_RAD), libm::cos(BEAM_INNER_RAD));
     let s = ((cosine - outer) / (inner - outer)).clamp(0.0, 1.0);
     s * s * (3.0 - 2.0 * s)
 }
 
-/// Direction of a cell's centre from the eye's centre (unit, eye frame); `None` where it lies beyond the reach.
+/// Direction of a cell's centre from the eye's centre (unit, eye frame); `None` beyond the reach.
 pub fn direction(cell: usize) -> Option<[f64; 3]> {
     let along = |i: usize| ((i as f64 + 0.5) / ALONG as f64 * 2.0 - 1.0) * REACH;
     let (x, y) = (along(cell % ALONG), along(cell / ALONG));
@@ -41,7 +43,8 @@ pub fn direction(cell: usize) -> Option<[f64; 3]> {
     Some([x * wide, y * wide, 0.5 * square - 1.0])
 }
 
-/// The cell in which a direction from the eye's centre lies (any length, eye frame); `None` beyond the reach or without a direction.
+/// The cell of a direction from the eye's centre (any length, eye frame); `None` beyond the reach or
+/// for a vector without direction.
 pub fn cell_of(direction: [f64; 3]) -> Option<usize> {
     let [x, y, z] = direction;
     let length = libm::sqrt(x * x + y * y + z * z);
@@ -106,7 +109,7 @@ mod tests {
             let Some(cell) = cell_of([x, y, z]) else { return Ok(()) };
             let length = (x * x + y * y + z * z).sqrt();
             if let Some(d) = direction(cell) {
-                // Half a cell's diagonal, stretched by 1 / cos(θ/2) at most, and a tenth for its curvature.
+                // Half a cell's diagonal, stretched by 1 / cos(θ/2) at most, and a tenth for curvature.
                 let apart = (d[0] - x / length).hypot(d[1] - y / length).hypot(d[2] - z / length);
                 let half = REACH / ALONG as f64 * std::f64::consts::SQRT_2;
                 prop_assert!(apart < 1.1 * half / (0.5 * REACH_RAD).cos(), "{apart}");

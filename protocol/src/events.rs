@@ -1,4 +1,4 @@
-//! `events`: what happened to the eye.
+//! `events`: findings of the simulation about eye, task and inputs.
 //!
 //! One table, [`EVENTS`], holds every kind of event; the enum and its lookups are made from it.
 

@@ -1,4 +1,4 @@
-//! `frames` and `pictures`: what the renderer showed, and when.
+//! `frames` and `pictures`: the displayed frames and their instants.
 
 use crate::message::{Invalid, Message, require};
 use crate::time::{Instants, Nanos};
@@ -11,23 +11,23 @@ pub const DISPLAY_ESTIMATED: u32 = 1;
 pub const TIER_CHANGED: u32 = 2;
 /// A body was not tracked and was drawn faded.
 pub const TRACKING_LOST_SHOWN: u32 = 4;
-/// The machine could not hold a picture that one can train with (2×320×256 with shadows): this frame breaks the
-/// rendering budget, however quickly it was drawn.
+/// The machine could not hold the least picture to train with (2×320×256 with shadows): this frame
+/// breaks the rendering budget, however quickly it was drawn.
 pub const BELOW_FLOOR: u32 = 8;
 /// `drawn` comes from the graphics device's own clock.
 pub const DEVICE_CLOCK: u32 = 16;
 /// The flags carry a [`TierReason`] from this bit on, four bits wide.
 const REASON_SHIFT: u32 = 8;
 
-/// Why the renderer draws at the tier at which it draws.
+/// Reason for the renderer's quality tier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum TierReason {
-    /// Not told; recordings of before.
+    /// Not recorded, as by former versions.
     Unknown = 0,
     /// Where devices of this kind begin.
     Start = 1,
-    /// The command line says so.
+    /// Fixed on the command line.
     Fixed = 2,
     /// Several of the last five frames were over the budget.
     Overload = 3,
@@ -106,7 +106,8 @@ pub struct FrameRecord {
     /// Height of one channel, px.
     #[wire(tag = 13)]
     pub height_px: u32,
-    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`, `DEVICE_CLOCK`, and a [`TierReason`].
+    /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`,
+    /// `DEVICE_CLOCK`, and a [`TierReason`].
     #[wire(tag = 14)]
     pub flags: u32,
 }

@@ -4,7 +4,7 @@ use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Isometry3, Point3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-/// A rigid transform `target_from_source` as it travels: position in mm, unit quaternion (w, x, y, z).
+/// A rigid transform `target_from_source`: position in mm, unit quaternion (w, x, y, z).
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Pose {
@@ -76,8 +76,9 @@ impl Validity {
     }
 }
 
-/// `eye_from_instrument` of a shaft whose axis runs from the tip through the trocar, turned by `roll_rad` about it. With no
-/// roll, +x is as near to the eye's +y (superior) as the shaft allows. Places in the eye frame, mm.
+/// `eye_from_instrument` of a shaft whose axis runs from the tip through the trocar, turned by
+/// `roll_rad` about it. With no roll, +x is as near to the eye's +y (superior) as the shaft allows.
+/// Positions are in the eye frame, mm.
 pub fn shaft_pose(tip: &Vector3<f64>, trocar: &Vector3<f64>, roll_rad: f64) -> Isometry3<f64> {
     let along = (trocar - tip).try_normalize(1e-6).unwrap_or(Vector3::z());
     let upright = if along.y.abs() < 0.99 { Vector3::y() } else { Vector3::x() };

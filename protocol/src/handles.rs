@@ -1,4 +1,4 @@
-//! `handles` and `pedal`: what the hands and the foot do besides moving.
+//! `handles` and `pedal`: tool and jaw opening of the instruments, and the foot pedal.
 
 use crate::limits::INSTRUMENTS;
 use crate::message::{Invalid, Message, require};
@@ -6,7 +6,7 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// What an instrument is.
+/// Tool of an instrument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[repr(u32)]
@@ -34,7 +34,8 @@ pub const JAW_LENGTH_MM: f64 = 1.5;
 /// Radius of a jaw at its tip as a share of the shaft's.
 pub const JAW_TAPER: f64 = 0.35;
 
-/// Height of the middle of the vitrector's port over the tip, mm (23 to 25 gauge: 0.2 to 0.4 mm). The port lies along +x.
+/// Height of the middle of the vitrector's port over the tip, mm (23 to 25 gauge: 0.2 to 0.4 mm).
+/// The port lies along +x.
 pub const PORT_HEIGHT_MM: f64 = 0.3;
 /// Radius of the vitrector's port, mm.
 pub const PORT_RADIUS_MM: f64 = 0.15;
@@ -82,7 +83,7 @@ impl Message for HandleState {
     }
 }
 
-/// What the pedal's axes mean.
+/// Meaning of the pedal's axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[repr(u32)]
@@ -91,11 +92,13 @@ pub enum PedalMode {
     Move = 0,
     /// The first axis zooms, the second focuses.
     Zoom = 1,
-    /// The first axis is the share of the full suction, the second that of the full cut rate; below 0 counts as 0.
+    /// The first axis is the share of the full suction, the second that of the full cut rate; below 0
+    /// counts as 0.
     Aspirate = 2,
     /// The first axis is the share of the full injection pressure; below 0 counts as 0.
     Inject = 3,
-    /// Fluid–air exchange: the first axis lets air in, its share of the full flow; the second lets fluid in again. Below 0 counts as 0.
+    /// Fluid–air exchange: the first axis is the share of the full flow of air, the second that of
+    /// fluid; below 0 counts as 0.
     Exchange = 4,
 }
 

@@ -1,4 +1,4 @@
-//! `health`: each process says that it lives, and how well.
+//! `health`: heartbeats of the processes.
 
 use crate::limits::TEXT_BYTES;
 use crate::message::{Invalid, Message, require, text_of};
@@ -6,7 +6,7 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// The processes of a simulator. Either camera hardware and tracker run, or the desk in their place.
+/// The processes of a simulator. The desk runs in place of camera hardware and tracker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 #[allow(missing_docs)]

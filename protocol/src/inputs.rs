@@ -1,5 +1,7 @@
-//! `inputs` and `hints`: what a person does at keyboard, mouse and gamepad, and what the desk has to say about it. A window, a
-//! gamepad and a file of inputs send the same events; [`crate::bindings`] says what they mean.
+//! `inputs` and `hints`: events of keyboard, mouse and gamepad, and the desk's notices about them.
+//!
+//! A window, a gamepad and a file of inputs send the same events; [`crate::bindings`] has their
+//! meaning.
 
 use crate::limits::TEXT_BYTES;
 use crate::message::{Invalid, Message, require, text_of};
@@ -7,7 +9,7 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// Names of the keys and buttons that can mean something, by their codes.
+/// Names of the keys and buttons that may be bound, by their codes.
 const KEYS: [&str; 94] = [
     "a",
     "b",
@@ -107,7 +109,7 @@ const KEYS: [&str; 94] = [
 /// Names of the axes of a gamepad, by their codes; right and down are positive.
 const AXES: [&str; 4] = ["left-x", "left-y", "right-x", "right-y"];
 /// Largest movement or turn of one event.
-const MOST: f64 = 10_000.0;
+const MAX_VALUE: f64 = 10_000.0;
 
 const _: () = assert!(KEYS.len() <= 128, "the keys that are held fit one word of 128 bits");
 
@@ -162,7 +164,7 @@ impl Axis {
     }
 }
 
-/// Who sent an event.
+/// Source of an input event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Origin {
@@ -174,7 +176,7 @@ pub enum Origin {
     File = 2,
 }
 
-/// What a person did.
+/// What a person did at keyboard, mouse or gamepad.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Input {
     /// A key went down; a key that repeats is not pressed again.
@@ -191,7 +193,7 @@ pub enum Input {
     LetGo,
 }
 
-/// An [`Input`] as it travels.
+/// An [`Input`] on the wire.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct InputEvent {
@@ -210,9 +212,9 @@ pub struct InputEvent {
 }
 
 impl InputEvent {
-    /// As it travels; what is not a number counts as 0.
+    /// The event of an input; a value that is not finite becomes 0.
     pub fn new(input: Input, origin: Origin, instant_ns: Nanos) -> Self {
-        let fit = |v: f64| if v.is_finite() { v.clamp(-MOST, MOST) } else { 0.0 };
+        let fit = |v: f64| if v.is_finite() { v.clamp(-MAX_VALUE, MAX_VALUE) } else { 0.0 };
         let (kind, code, values) = match input {
             Input::Release(key) => (0, key.0, [0.0; 2]),
             Input::Press(key) => (1, key.0, [0.0; 2]),
@@ -224,7 +226,7 @@ impl InputEvent {
         InputEvent { instant_ns, kind, code, values, origin: origin as u32, reserved: 0 }
     }
 
-    /// What was done; `None` for an event that says nothing known.
+    /// The input; `None` for an unknown kind, key or axis.
     pub fn input(&self) -> Option<Input> {
         let key = Some(Key(self.code)).filter(|k| (k.0 as usize) < KEYS.len());
         match self.kind {
@@ -248,17 +250,17 @@ impl Message for InputEvent {
         let known = self.input().is_some();
         require(known, "InputEvent", "kind", "0 to 5, with a known key or axis", f64::from(self.kind))?;
         for value in self.values {
-            require(value.abs() <= MOST, "InputEvent", "values", "−10000 to 10000", value)?;
+            require(value.abs() <= MAX_VALUE, "InputEvent", "values", "−10000 to 10000", value)?;
         }
         require(self.origin <= 2, "InputEvent", "origin", "0 to 2", f64::from(self.origin))
     }
 }
 
-/// A line about the desk for the picture: which hand is led, and what is in it.
+/// A line of the desk for the picture: the instrument that is moved, and its tool.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
 pub struct Hint {
-    /// When it was said.
+    /// When it was sent.
     pub instant_ns: Nanos,
     /// Zero-padded text.
     pub text: [u8; TEXT_BYTES],
@@ -328,7 +330,7 @@ mod tests {
     #[test]
     fn nonsense_is_made_harmless_on_the_way_out() {
         let event = InputEvent::new(Input::Move([f64::NAN, 1e300]), Origin::Window, 0);
-        assert_eq!(event.input(), Some(Input::Move([0.0, MOST])));
+        assert_eq!(event.input(), Some(Input::Move([0.0, MAX_VALUE])));
         let stick = InputEvent::new(Input::Axis(Axis::LeftX, 7.0), Origin::Gamepad, 0);
         assert_eq!(stick.input(), Some(Input::Axis(Axis::LeftX, 1.0)));
     }

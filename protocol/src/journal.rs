@@ -1,5 +1,7 @@
-//! A journal: the simulation's newest checkpoint and its inputs since, as a file of plain blocks. A simulation that is
-//! started again reads it and stands where its predecessor stood. Both ends are of one build, which the schemas prove.
+//! A journal: the simulation's newest checkpoint and its inputs since, as a file of plain blocks.
+//!
+//! A simulation that is restarted reads it and resumes where its predecessor ended. Writer and
+//! reader are of one build, which the hash of their schemas proves.
 
 use crate::handles::{HandleState, PedalState};
 use crate::message::{Message, fnv1a};

@@ -1,25 +1,28 @@
-//! What crosses a process border of vitreo, and what two processes must compute alike.
+//! Messages between the processes of vitreo, and what two processes must compute alike.
+//!
+//! The transport is in crate `ipc`, which opens these channels:
 //!
 //! | channel | block | sender → receivers | rate | rule |
 //! |---|---|---|---|---|
-//! | `blobs` | [`blobs::BlobField`] | fpga-model or driver → tracker, recorder | 3 × 50 Hz | every one |
-//! | `handles` | [`handles::HandleState`] | fpga-model, driver or desk → simcore, recorder | 50 Hz | every one |
+//! | `blobs` | [`blobs::BlobField`] | cameras → tracker, recorder | 3 × 50 Hz | every one |
+//! | `handles` | [`handles::HandleState`] | rig or desk → simcore, recorder | 50 Hz | every one |
 //! | `pedal` | [`handles::PedalState`] | input → simcore, recorder | ≥ 10 Hz | every one |
-//! | `poses` | [`poses::TrackerFrame`] | tracker or desk → simcore, renderer, recorder | 50 Hz | in order, or newest |
+//! | `poses` | [`poses::TrackerFrame`] | tracker or desk → simcore, renderer | 50 Hz | every one, or newest |
 //! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer | per step | newest wins |
 //! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
-//! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | every 5 s | newest wins |
+//! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | 5 s | newest wins |
 //! | `events` | [`events::Event`] | simcore → console, recorder | on change | every one |
 //! | `frames` | [`frames::FrameRecord`] | renderer → launcher | per frame | every one |
 //! | `pictures` | [`frames::PictureHeader`] + JPEG | renderer → recorder | ≤ 15 Hz | newest wins |
 //! | `health` | [`health::Health`] | each → launcher | 10 Hz | every one |
-//! | `control` | [`control::Request`] | launcher → each; `vitreo ctl` → launcher | on demand | every one |
-//! | `recorded-frames` | [`control::RecordedFrame`] | launcher → tracker (replay) | per frame | every one |
+//! | `control` | [`control::Request`] | launcher or `vitreo ctl` → each | on demand | every one |
+//! | `recorded-frames` | [`control::RecordedFrame`] | replay → tracker | per frame | every one |
 //! | `answers` | [`control::Answer`] | each → launcher | on demand | every one |
-//! | `inputs` | [`inputs::InputEvent`] | window, gamepad or file → desk, launcher | on change | every one |
+//! | `inputs` | [`inputs::InputEvent`] | window, gamepad → desk, launcher | on change | every one |
 //! | `hints` | [`inputs::Hint`] | desk → renderer | on change | newest wins |
 //!
-//! Units are mm, g, s (so force is µN and pressure Pa); angles are radians; time is integer
+//! Each message is a plain block ([`wire::Wire`]); its layout is hashed, and processes connect only
+//! where the hashes are equal. Units are mm, g, s (so force is µN and pressure Pa); angles are radians; time is integer
 //! nanoseconds of `CLOCK_MONOTONIC`. Frames are `world`, `eye`, `instrument`, `camera`
 //! (see `docs/conventions.md`); transforms are named `target_from_source`.
 

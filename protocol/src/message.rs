@@ -1,8 +1,8 @@
-//! What every fixed block on a channel has in common: name, version, layout, validation.
+//! Messages: name of the channel, version, schema hash, validation.
 
 use crate::wire::{Wire, layout_of};
 
-/// Why a block that came in was refused.
+/// Why a received block was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{message}.{field}: expected {expected}, found {found}")]
 pub struct Invalid {
@@ -10,9 +10,9 @@ pub struct Invalid {
     pub message: &'static str,
     /// Field that is wrong.
     pub field: &'static str,
-    /// What would be right.
+    /// Allowed values.
     pub expected: &'static str,
-    /// What is there.
+    /// Value found.
     pub found: f64,
 }
 
@@ -35,7 +35,7 @@ pub fn all_finite(values: &[f64]) -> bool {
     values.iter().all(|v| v.is_finite())
 }
 
-/// A block that travels on a channel; `validate` checks the meaning of what came in.
+/// A block that is sent on a channel.
 pub trait Message: Wire {
     /// Name of the channel, also the name in logs and recordings.
     const CHANNEL: &'static str;

@@ -1,4 +1,5 @@
-//! What stands between microscope and fundus: lens, inverter, the lamp's filter, and the pedal's buttons for them.
+//! Optics between microscope and fundus: lens, inverter, the lamp's filter, and the pedal's buttons
+//! for them.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,13 +8,14 @@ use serde::{Deserialize, Serialize};
 #[serde(rename_all = "kebab-case")]
 #[repr(u32)]
 pub enum Lens {
-    /// Nothing refracts: what lies in the eye is seen as it is.
+    /// No refraction.
     #[default]
     None = 0,
-    /// A flat contact lens: the eye is a body of vitreous under a plane, so depths look shorter by its index.
+    /// A flat contact lens: the eye is a body of vitreous under a plane, so depths look shorter by its
+    /// refractive index.
     Flat = 1,
-    /// A strong lens over the eye: it brings the microscope's view through the pupil, so that a wide field is seen, and
-    /// makes an inverted picture in the air that the microscope looks at.
+    /// A strong lens over the eye: it images the pupil into the microscope, so that a wide field is
+    /// seen, and makes an inverted image in the air that the microscope looks at.
     WideAngle = 2,
 }
 
@@ -23,7 +25,7 @@ impl Lens {
         [Lens::Flat, Lens::WideAngle].into_iter().find(|&l| l as u32 == code).unwrap_or_default()
     }
 
-    /// What a swing of the lens arm puts in its place.
+    /// The lens after a swing of the lens arm.
     pub fn swung(self) -> Self {
         if self == Lens::WideAngle { Lens::Flat } else { Lens::WideAngle }
     }

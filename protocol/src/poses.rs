@@ -1,4 +1,4 @@
-//! `poses`: where the two instruments and the eye are, how sure that is, and how they move.
+//! `poses`: tracked poses of the two instruments and the eye, with covariance and motion.
 
 use crate::geometry::{Pose, Validity};
 use crate::limits::{BODIES, MAX_FIELDS_USED, OSCILLATORS};
@@ -12,7 +12,7 @@ pub const EYE: usize = 2;
 /// Names of the bodies in exchange files, by index.
 pub const BODY_NAMES: [&str; BODIES] = ["inst0", "inst1", "eye"];
 
-/// Why a body is as valid as it is, as trackers of operating rooms say it.
+/// Tracking status of a body, in the terms of surgical trackers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 #[allow(missing_docs)]
@@ -69,7 +69,7 @@ pub struct Oscillator {
     pub velocity_mm_s: [f64; 3],
 }
 
-/// What [`crate::predict`] needs to carry a pose to another instant. World frame.
+/// Motion state by which [`crate::predict`] carries a pose to another instant. World frame.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Predictor {
@@ -103,10 +103,10 @@ pub struct BodyState {
     /// `world_from_body`: tip and axes of an instrument; the eye's rotation, position 0.
     #[wire(tag = 1)]
     pub world_from_body: Pose,
-    /// Upper triangle of the covariance of (position in the world, mm; rotation vector in the world, rad).
+    /// Upper triangle of the covariance of (position, mm; rotation vector, rad), both in the world.
     #[wire(tag = 2)]
     pub covariance: [f64; COVARIANCE_ENTRIES],
-    /// How it moves.
+    /// Its motion.
     #[wire(tag = 3)]
     pub predictor: Predictor,
     /// Root mean square of the image residuals, px; 0 where nothing was measured.
@@ -154,7 +154,7 @@ pub struct FieldUsed {
     pub blobs_used: u32,
 }
 
-/// How a frame came to its end.
+/// What closed a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ClosedBy {
@@ -177,7 +177,7 @@ impl ClosedBy {
     }
 }
 
-/// The tracker's answer for one exposure of the reference camera.
+/// The tracker's result for one exposure of the reference camera.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Pod, Wire, Zeroable)]
 pub struct TrackerFrame {

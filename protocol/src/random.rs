@@ -1,4 +1,5 @@
-//! Seeded random numbers, the same on every machine: SplitMix64 (Steele, Lea and Flood 2014, OOPSLA).
+//! Seeded random numbers, the same on every machine: SplitMix64 (Steele, Lea and Flood 2014,
+//! OOPSLA).
 
 use nalgebra::Vector3;
 

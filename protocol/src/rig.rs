@@ -27,7 +27,7 @@ pub enum RigError {
     Parse {
         /// The file.
         path: String,
-        /// Why, with line and column.
+        /// The parser's message, with line and column.
         source: serde_json::Error,
     },
     /// It is a rig file but a value makes no sense.
@@ -187,11 +187,17 @@ const SHIPPED: &str = include_str!("../../assets/rig.json");
 
 impl Rig {
     /// The rig in `path`, or the shipped one.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, is no rig file, or a value makes no sense.
     pub fn load_or_shipped(path: Option<&Path>) -> Result<Self, RigError> {
         path.map_or_else(|| Self::parse(SHIPPED, "assets/rig.json"), Self::load)
     }
 
     /// Reads and checks a rig file.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, is no rig file, or a value makes no sense.
     pub fn load(path: &Path) -> Result<Self, RigError> {
         let name = path.display().to_string();
         let text =
@@ -200,6 +206,9 @@ impl Rig {
     }
 
     /// Parses and checks the text of a rig file; `name` is for error messages.
+    ///
+    /// # Errors
+    /// Where the text is no rig file, or a value makes no sense.
     pub fn parse(text: &str, name: &str) -> Result<Self, RigError> {
         let rig: Rig =
             serde_json::from_str(text).map_err(|source| RigError::Parse { path: name.into(), source })?;

@@ -1,4 +1,4 @@
-//! `scene`: what the renderer draws, written by simcore straight into shared memory.
+//! `scene`: the state that the renderer draws, written by simcore straight into shared memory.
 //!
 //! A block has the [`SceneHeader`] as its header and a payload of 16-byte units. The header's
 //! [`Section`]s say where each array lies. All positions are in the **eye** frame, mm, so that
@@ -58,7 +58,7 @@ pub struct SceneTriangle {
     pub tissue: u32,
 }
 
-/// Where a node of the retina lay at the start, which is its place in the photograph of the fundus.
+/// Rest position of a node of the retina, which is its place in the photograph of the fundus.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneHome {
@@ -124,8 +124,9 @@ pub struct SceneInstrument {
     pub touches: u32,
 }
 
-/// The surgical microscope with what stands before it. World frame; it looks along −z. Distances and field are those of
-/// the picture that it looks at: without a lens the eye itself, else the picture of it that the lens makes in the air.
+/// The surgical microscope and the lens before it. World frame; it looks along −z. Distances and
+/// field are those of the object that it looks at: without a lens the eye itself, else the image of
+/// it that the lens makes in the air.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct Microscope {
@@ -175,28 +176,28 @@ pub struct SceneHeader {
     pub filter: u32,
     /// 0.
     pub reserved: u32,
-    /// [`SceneNode`].
+    /// Nodes of the tissue meshes.
     #[wire(elements = SceneNode)]
     pub nodes: Section,
-    /// [`SceneTriangle`].
+    /// Triangles of the tissue meshes.
     #[wire(elements = SceneTriangle)]
     pub triangles: Section,
-    /// [`SceneMark`].
+    /// Marks on retina and tissue.
     #[wire(elements = SceneMark)]
     pub marks: Section,
-    /// [`SceneBody`].
+    /// Rigid bodies.
     #[wire(elements = SceneBody)]
     pub bodies: Section,
-    /// [`SceneBrick`].
+    /// Bricks of the vitreous.
     #[wire(elements = SceneBrick)]
     pub bricks: Section,
     /// Bytes of UTF-8 shown on the picture: lines as in [`crate::scene_text`].
     #[wire(elements = u8)]
     pub text: Section,
-    /// [`SceneHome`].
+    /// Rest positions of the retina's nodes.
     #[wire(elements = SceneHome)]
     pub homes: Section,
-    /// `f32`: doses of light on the retina, mJ/mm², in the cells of [`crate::dose`].
+    /// Doses of light on the retina, mJ/mm², in the cells of [`crate::dose`].
     #[wire(elements = f32)]
     pub doses: Section,
 }
@@ -225,7 +226,10 @@ impl Message for SceneHeader {
     }
 }
 
-/// The elements of `section` in `payload`, or an error where it does not lie inside.
+/// The elements of `section` in `payload`.
+///
+/// # Errors
+/// Where the section does not lie inside the payload, or is not aligned.
 pub fn section<T: Wire>(payload: &[u8], section: Section) -> Result<&[T], Invalid> {
     let start = section.offset as usize;
     let bytes = (section.count as usize).checked_mul(size_of::<T>());

@@ -1,5 +1,8 @@
-//! Scenes one after the other in a pipe or a file: what the simulation hands to the renderer where there is no clock, as for a
-//! film. A line with name and layout, then for each scene its header, the length of its payload, and the payload.
+//! A stream of scenes in a pipe or a file, from simulation to renderer where no clock runs, as for a
+//! film.
+//!
+//! A line with name and schema hash, then for each scene its header, the length of its payload, and
+//! the payload.
 
 use crate::message::Message;
 use crate::scene::SceneHeader;
@@ -7,7 +10,7 @@ use std::io::{ErrorKind, Read, Write};
 
 /// First bytes of a stream; the hash of the header's layout follows.
 const NAME: &[u8; 16] = b"vitreo-scenes-1\n";
-/// Payloads are made of units of so many bytes.
+/// Payloads consist of units of this size, bytes.
 const UNIT: usize = 16;
 
 /// Why a stream ended early.
@@ -30,12 +33,18 @@ pub enum StreamError {
 }
 
 /// Begins a stream.
+///
+/// # Errors
+/// Those of the operating system.
 pub fn begin(out: &mut impl Write) -> std::io::Result<()> {
     out.write_all(NAME)?;
     out.write_all(&SceneHeader::SCHEMA.to_le_bytes())
 }
 
 /// Writes a scene.
+///
+/// # Errors
+/// Those of the operating system.
 pub fn write(out: &mut impl Write, header: &SceneHeader, payload: &[u8]) -> std::io::Result<()> {
     out.write_all(bytemuck::bytes_of(header))?;
     out.write_all(&(payload.len() as u64).to_le_bytes())?;
@@ -51,6 +60,9 @@ pub struct Reader<R> {
 
 impl<R: Read> Reader<R> {
     /// Reads the beginning.
+    ///
+    /// # Errors
+    /// [`StreamError::Foreign`] for anything but a stream of this build.
     pub fn new(mut from: R) -> Result<Self, StreamError> {
         let (mut name, mut schema) = ([0; NAME.len()], [0; 8]);
         from.read_exact(&mut name)?;
@@ -62,6 +74,9 @@ impl<R: Read> Reader<R> {
     }
 
     /// The next scene with its payload; `None` at the end.
+    ///
+    /// # Errors
+    /// A cut stream, or a scene that makes no sense.
     pub fn next_scene(&mut self) -> Result<Option<(SceneHeader, &[u8])>, StreamError> {
         let mut bytes = [0; size_of::<SceneHeader>()];
         let mut have = 0;

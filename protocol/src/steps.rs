@@ -1,4 +1,4 @@
-//! `steps` and `checkpoints`: what a simulation step consumed and became.
+//! `steps` and `checkpoints`: inputs, figures and state hash of a simulation step, and saved states.
 
 use crate::handles::{HandleState, PedalState};
 use crate::message::{Invalid, Message, require};
@@ -7,7 +7,7 @@ use crate::time::Instants;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// What one step consumes.
+/// Inputs of one step.
 #[derive(Debug, Clone, Copy)]
 pub struct StepInput<'a> {
     /// Poses.

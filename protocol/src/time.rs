@@ -1,4 +1,4 @@
-//! Instants. Code that computes takes them as arguments; the clock is in the crate `ipc`.
+//! Instants. Code that computes takes them as arguments; the clock is in crate `ipc`.
 
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};

@@ -1,4 +1,4 @@
-//! Whatever bytes a corrupt peer sends, no wire type panics, and what passes validation is safe to use.
+//! No bytes of a corrupt peer make a wire type panic, and what passes validation is safe to use.
 
 use proptest::prelude::*;
 use protocol::blobs::BlobField;

@@ -1,4 +1,4 @@
-//! Recordings: MCAP files that other tools open as they are, and that hold everything a result
+//! Recordings: MCAP files that other tools open as they are, and that hold everything that a result
 //! depends on.
 //!
 //! [`Provenance`] (rig, scene, configuration, seeds, versions) stands at the start of the file,
@@ -7,7 +7,7 @@
 //! descriptors are made from the layout of the blocks ([`protocol::wire`]), field by field; a field
 //! number is never used again, a reader skips fields that it does not know.
 //! Poses, log and pictures are there a second time in Foxglove's own schemas (topics `/tf`, `/log`,
-//! `/picture`; positions in mm), for viewers; the reader passes those over.
+//! `/picture`; positions in mm), for viewers; the reader skips those.
 //!
 //! Log times are instants of `CLOCK_MONOTONIC` in ns, and those of the stream's own clock in an
 //! imported recording. A [`Writer`] closes its chunk when it is 24 KiB large or, with
@@ -15,12 +15,12 @@
 //! killed recorder leaves a file that is readable up to its last chunk.
 
 mod descriptors;
-mod display;
 mod note;
 mod protobuf;
 mod read;
 mod record;
 mod records;
+mod viewer_messages;
 mod write;
 
 #[cfg(test)]
@@ -43,7 +43,7 @@ use protocol::time::Nanos;
 use protocol::wire::{Layout, layout_of};
 use std::collections::BTreeMap;
 
-/// MCAP profile of a recording: by it a file says that it is one of ours.
+/// MCAP profile of a recording.
 pub const PROFILE: &str = "vitreo";
 /// Version of the recording's format; another one is refused.
 pub const FORMAT: &str = "vitreo-recording-1";
@@ -51,17 +51,17 @@ pub const FORMAT: &str = "vitreo-recording-1";
 /// One block of a recording.
 #[derive(Debug, Clone)]
 pub enum Item {
-    /// What a camera saw in one field.
+    /// Blobs of one camera-field.
     Blobs(Box<BlobField>),
     /// Tool and jaw opening.
     Handle(HandleState),
     /// The foot pedal.
     Pedal(PedalState),
-    /// The tracker's answer.
+    /// A tracker frame.
     Poses(Box<TrackerFrame>),
-    /// What a simulation step consumed and became.
+    /// Inputs and figures of a simulation step.
     Step(StepRecord),
-    /// What happened to the eye.
+    /// An event of the simulation.
     Event(Event),
     /// A displayed frame.
     Frame(FrameRecord),
@@ -69,7 +69,7 @@ pub enum Item {
     Checkpoint(CheckpointHeader, Vec<u8>),
     /// A small JPEG of both channels.
     Picture(PictureHeader, Vec<u8>),
-    /// What the recorder has to say.
+    /// A remark of the recorder.
     Note(Note),
 }
 
@@ -213,7 +213,7 @@ impl Source {
     }
 }
 
-/// What makes a recording complete besides its blocks.
+/// Provenance of a recording: all that its results depend on besides its blocks.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Provenance {
     /// The rig file's text.

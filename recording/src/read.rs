@@ -1,7 +1,7 @@
 //! Reading a recording, whole or not.
 //!
 //! The file's outer records are framed here, so that every problem has a byte offset and a
-//! damaged chunk can be passed over; chunks and records are parsed by the `mcap` crate.
+//! damaged chunk can be skipped; chunks and records are parsed by the `mcap` crate.
 
 use super::records::{Records, chunk_records};
 use super::write::METADATA;
@@ -22,7 +22,10 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Opens a recording and reads its provenance; refuses what is none.
+    /// Opens a recording and reads its provenance.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, is no recording, or ends before its provenance.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let mut records = Records::open(path)?;
         let foreign = |problem: String| RecordingError::Foreign { file: path.display().to_string(), problem };
@@ -76,12 +79,13 @@ impl Recording {
     /// with their log times.
     ///
     /// After an error the iterator goes on behind the damage where it can find the next record
-    /// (`vitreo recover` makes use of that); whoever needs an unbroken record stops there.
+    /// (`vitreo recover` makes use of that); a caller that needs an unbroken record stops there.
     pub fn items(&self) -> Items {
         self.items_of(&Item::TOPICS)
     }
 
-    /// As [`Recording::items`], of these topics only: the rest is not decoded, which is most of the work.
+    /// As [`Recording::items`], of these topics only. The rest is not decoded, which is most of the
+    /// work.
     pub fn items_of(&self, topics: &[&'static str]) -> Items {
         Items {
             records: Records::open(&self.path).map_err(Some),
@@ -259,7 +263,7 @@ mod tests {
             let path = directory.path().join("a.mcap");
             written(&path, &items);
             let scratch = directory.path().join("scratch.mcap");
-            write(Writer::scratch(&scratch, &provenance()).unwrap(), &items);
+            write(Writer::temporary(&scratch, &provenance()).unwrap(), &items);
             for path in [&path, &scratch] {
                 let recording = Recording::open(path).unwrap();
                 prop_assert!(recording.is_finished());
@@ -334,8 +338,8 @@ mod tests {
         let mut writer = Writer::create(path, &provenance()).unwrap();
         let ends = (0..3).map(|i| {
             writer.write(i, &note(i)).unwrap();
-            writer.keep_up(i * APART_NS).unwrap();
-            writer.keep_up(i * APART_NS + APART_NS / 2).unwrap();
+            writer.flush_aged(i * APART_NS).unwrap();
+            writer.flush_aged(i * APART_NS + APART_NS / 2).unwrap();
             fs::metadata(path).unwrap().len()
         });
         let ends = ends.collect();

@@ -27,6 +27,10 @@ pub(super) struct Records {
 }
 
 impl Records {
+    /// Opens a file behind its magic.
+    ///
+    /// # Errors
+    /// Where the file cannot be read, or is no MCAP file.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
         let io = |problem| RecordingError::Io { file: file.clone(), problem };
@@ -50,6 +54,9 @@ impl Records {
     }
 
     /// Offset, opcode and body of the next record; `None` at the end of the file.
+    ///
+    /// # Errors
+    /// A cut or damaged record, or those of the operating system.
     pub fn next_record(&mut self) -> Result<Option<(u64, u8, Vec<u8>)>, RecordingError> {
         let offset = self.offset;
         let left = self.length.saturating_sub(offset);
@@ -77,7 +84,10 @@ impl Records {
         Ok(Some((offset, opcode, body)))
     }
 
-    /// Looks at the end of the file for footer and magic, and comes back.
+    /// True if the file ends with footer and magic. Keeps the place of reading.
+    ///
+    /// # Errors
+    /// Those of the operating system.
     pub fn has_footer(&mut self) -> Result<bool, RecordingError> {
         if self.length < MAGIC.len() as u64 + TAIL_BYTES {
             return Ok(false);

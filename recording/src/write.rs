@@ -1,6 +1,8 @@
 //! Writing a recording.
 
-use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, descriptors, display, message_name, record};
+use super::{
+    FORMAT, Item, PROFILE, Provenance, RecordingError, descriptors, message_name, record, viewer_messages,
+};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Compression, McapResult, WriteOptions};
 use protocol::time::Nanos;
@@ -24,23 +26,30 @@ pub struct Writer {
     file: String,
     mcap: mcap::Writer<BufWriter<File>>,
     channels: [u16; Item::TOPICS.len()],
-    /// Channels of the forms for viewers; none in a file that nobody looks at.
-    viewers: Option<[u16; display::TOPICS.len()]>,
+    /// Channels of the messages for viewers; none in a temporary file.
+    viewers: Option<[u16; viewer_messages::TOPICS.len()]>,
     sequences: BTreeMap<u16, u32>,
     buffer: Vec<u8>,
-    /// When [`Writer::keep_up`] first saw the open chunk.
+    /// When [`Writer::flush_aged`] first saw the open chunk.
     open_since: Option<Nanos>,
     open: bool,
 }
 
 impl Writer {
     /// Makes the file (an old one is overwritten) and writes the provenance at its start.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
     pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
         Self::begin(path, provenance, true)
     }
 
-    /// The same for a file that is read once and thrown away: not compressed, and without what only viewers need.
-    pub fn scratch(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
+    /// The same for a file that is read once and removed: not compressed, without the messages for
+    /// viewers.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn temporary(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
         Self::begin(path, provenance, false)
     }
 
@@ -66,15 +75,18 @@ impl Writer {
         Ok(Writer { file, mcap, channels, viewers, sequences, buffer, open_since: None, open: false })
     }
 
-    /// Appends an item, and its form for viewers where there is one. `log_time_ns` is the instant
+    /// Appends an item, and its message for viewers where it has one. `log_time_ns` is the instant
     /// by which viewers sort; items keep the order of the calls.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
     pub fn write(&mut self, log_time_ns: Nanos, item: &Item) -> Result<(), RecordingError> {
         self.buffer.clear();
         record::encode(item, &mut self.buffer);
         self.append(self.channels[item.topic_index()], log_time_ns)?;
         let Some(viewers) = self.viewers else { return Ok(()) };
         self.buffer.clear();
-        if let Some(viewer) = display::encode(item, &mut self.buffer) {
+        if let Some(viewer) = viewer_messages::encode(item, &mut self.buffer) {
             self.append(viewers[viewer], log_time_ns)?;
         }
         Ok(())
@@ -89,9 +101,12 @@ impl Writer {
         written.map_err(|e| self.failure(e))
     }
 
-    /// Closes and hands over the open chunk once it is 100 ms old. To be called at least every
-    /// 50 ms with the present instant, so that a crash loses at most 200 ms.
-    pub fn keep_up(&mut self, now_ns: Nanos) -> Result<(), RecordingError> {
+    /// Closes and flushes the open chunk once it is 100 ms old. To be called at least every 50 ms with
+    /// the present instant, so that a crash loses at most 200 ms.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn flush_aged(&mut self, now_ns: Nanos) -> Result<(), RecordingError> {
         if !self.open {
             return Ok(());
         }
@@ -104,6 +119,9 @@ impl Writer {
     }
 
     /// Closes the last chunk and writes summary and footer.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
     pub fn finish(mut self) -> Result<(), RecordingError> {
         let finished = self.mcap.finish();
         finished.map(|_| ()).map_err(|e| self.failure(e))
@@ -114,27 +132,27 @@ impl Writer {
     }
 }
 
-type Channels = ([u16; Item::TOPICS.len()], [u16; display::TOPICS.len()]);
+type Channels = ([u16; Item::TOPICS.len()], [u16; viewer_messages::TOPICS.len()]);
 
 fn add_channels(mcap: &mut mcap::Writer<BufWriter<File>>) -> McapResult<Channels> {
     let none = BTreeMap::new();
     let descriptors = descriptors::file_descriptor_set();
-    let (mut channels, mut viewers) = ([0; Item::TOPICS.len()], [0; display::TOPICS.len()]);
+    let (mut channels, mut viewers) = ([0; Item::TOPICS.len()], [0; viewer_messages::TOPICS.len()]);
     for (i, topic) in Item::TOPICS.into_iter().enumerate() {
         let schema = mcap.add_schema(&message_name(i), "protobuf", &descriptors)?;
         channels[i] = mcap.add_channel(schema, topic, "protobuf", &none)?;
     }
-    for (i, schema) in display::schemas().into_iter().enumerate() {
+    for (i, schema) in viewer_messages::schemas().into_iter().enumerate() {
         let schema = match schema {
             Some(s) => mcap.add_schema(&s.name, &s.encoding, &s.data)?,
             None => 0,
         };
-        viewers[i] = mcap.add_channel(schema, display::TOPICS[i], "protobuf", &none)?;
+        viewers[i] = mcap.add_channel(schema, viewer_messages::TOPICS[i], "protobuf", &none)?;
     }
     Ok((channels, viewers))
 }
 
-/// The provenance as key and value pairs; groups are told apart by a prefix.
+/// The provenance as key and value pairs; each group has a prefix.
 fn pairs(provenance: &Provenance) -> BTreeMap<String, String> {
     let Provenance { rig_json, scene_name, scene_toml, source, seeds, config, versions } = provenance;
     let mut all: BTreeMap<String, String> = [
@@ -171,10 +189,10 @@ mod tests {
         let (path, copy) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
         let provenance = Provenance { scene_name: "peel".into(), ..Provenance::default() };
         let mut writer = Writer::create(&path, &provenance).unwrap();
-        // One note a millisecond, with the recorder looking after each.
+        // One note a millisecond.
         for ms in 0..1000 {
             writer.write(ms * 1_000_000, &note(ms)).unwrap();
-            writer.keep_up(ms * 1_000_000).unwrap();
+            writer.flush_aged(ms * 1_000_000).unwrap();
         }
         fs::copy(&path, &copy).unwrap();
         let recording = Recording::open(&copy).unwrap();

@@ -1,16 +1,23 @@
 //! A recording that was altered or misses something is noticed, and the place is named.
 
-use recording::{Item, Note, NoteKind, Recording, Writer};
+use protocol::steps::STATE_HASH_VERSION;
+use recording::{Item, Note, NoteKind, Provenance, Recording, STATE_HASH, Writer};
 use std::path::Path;
-use vitreo_tests::{Finished, instance_name, vitreo};
+use vitreo_tests::{Finished, instance_name, repository, vitreo};
 
 /// The field at which each alteration is made.
 const FIELD: u64 = 30;
 
 /// Copies a recording through `change`, which may drop an item or put others in its place.
 fn rewrite(from: &Path, to: &Path, change: impl Fn(Item) -> Vec<Item>) {
+    let provenance = Recording::open(from).expect("recording").provenance().clone();
+    rewrite_as(&provenance, from, to, change);
+}
+
+/// The same with another provenance.
+fn rewrite_as(provenance: &Provenance, from: &Path, to: &Path, change: impl Fn(Item) -> Vec<Item>) {
     let recording = Recording::open(from).expect("recording");
-    let mut writer = Writer::create(to, recording.provenance()).expect("copy");
+    let mut writer = Writer::create(to, provenance).expect("copy");
     for item in recording.items() {
         let (at, item) = item.expect("item");
         change(item).iter().for_each(|item| writer.write(at, item).expect("written"));
@@ -74,4 +81,34 @@ fn alterations_and_losses_are_named_with_their_field() {
     });
     let found = verify(&altered).expect_code(3);
     assert!(found.stdout.contains("7 items did not fit"), "{found:?}");
+}
+
+#[test]
+fn states_of_another_hash_version_are_not_compared() {
+    let folder = tempfile::tempdir().expect("folder");
+    let copy = folder.path().join("golden.mcap");
+    let golden = repository().join("tests/data/golden/peel-2s.mcap");
+    let mut provenance = Recording::open(&golden).expect("golden").provenance().clone();
+    provenance.versions.insert(STATE_HASH.into(), (STATE_HASH_VERSION + 1).to_string());
+
+    rewrite_as(&provenance, &golden, &copy, |item| match item {
+        Item::Step(mut step) => {
+            step.state_hash ^= 1;
+            vec![Item::Step(step)]
+        }
+        other => vec![other],
+    });
+    let found = verify(&copy).expect_code(3);
+    assert!(found.stdout.contains("poses identical; states cannot be compared"), "{found:?}");
+
+    // Poses are compared all the same.
+    rewrite_as(&provenance, &golden, &copy, |item| match item {
+        Item::Poses(mut frame) if frame.field == FIELD => {
+            frame.bodies[0].residual_px += 1.0;
+            vec![Item::Poses(frame)]
+        }
+        other => vec![other],
+    });
+    let found = verify(&copy).expect_code(5);
+    assert!(found.stdout.contains(&format!("differs at field {FIELD}")), "{found:?}");
 }

@@ -28,7 +28,7 @@ impl Store for Writer {
     }
 
     fn keep_up(&mut self, now: Nanos) -> Result<(), RecordingError> {
-        Writer::keep_up(self, now)
+        Writer::flush_aged(self, now)
     }
 
     fn finish(self) -> Result<(), RecordingError> {

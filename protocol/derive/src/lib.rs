@@ -5,10 +5,10 @@
 //!
 //! | attribute | meaning |
 //! |---|---|
-//! | `tag = N` | protobuf field number in recordings, never used again; without it the field is not recorded |
+//! | `tag = N` | protobuf field number in recordings, never reused; without it not recorded |
 //! | `hash` | a hash: `fixed64` in recordings, hexadecimal in tables |
-//! | `count = FIELD` | only the first elements of this array are in use; the named field counts them |
-//! | `payload = "NAME"` | bytes of the payload that follows the block; recorded as that payload, under that name |
+//! | `count = FIELD` | the first elements of this array are in use; FIELD counts them |
+//! | `payload = "NAME"` | bytes of the payload behind the block; the payload is recorded as NAME |
 //! | `elements = TYPE` | a section of the payload with elements of this type |
 //! | `columns = "A,B"` | names of its columns in tables; empty: no column |
 //!

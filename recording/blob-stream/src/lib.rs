@@ -2,10 +2,10 @@
 //! `{"cam","seq","t_ns","t_rx_ns","parity","blobs":[{"x","y","area","colour","w","h"}…]}`.
 //!
 //! `t_ns` is mid-exposure and becomes `exposed_ns`; `t_rx_ns` is when the field was received and
-//! becomes `blobs_out_ns`; `x y` are px of the frame's columns and lines of the field. A blob may carry
-//! `var_x`, `var_y`, `cov_xy` (px² of the frame) and `flags`. Unknown keys are refused. A file may hold more
-//! blobs a field than a [`BlobField`] ([`write_blobs`]), and lines without any, which only tell when which
-//! field was exposed ([`HeadReader`]).
+//! becomes `blobs_out_ns`; `x y` are px of the frame's columns and lines of the field. A blob may
+//! carry `var_x`, `var_y`, `cov_xy` (px² of the frame) and `flags`. Unknown keys are refused. A file
+//! may hold more blobs a field than a [`BlobField`] ([`write_blobs`]), and lines without any, which
+//! give number and exposure of a field only ([`HeadReader`]).
 
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
@@ -41,7 +41,7 @@ pub enum BlobStreamError {
     },
 }
 
-/// Which camera-field it is and when it was exposed: a line without its blobs.
+/// Number and instants of a camera-field: a line without its blobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FieldHead {
     /// Camera id.
@@ -56,7 +56,7 @@ pub struct FieldHead {
     pub parity: u32,
 }
 
-/// A line of which the blobs, if there are any, are passed over.
+/// A line whose blobs, if it has any, are skipped.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct HeadLine {
@@ -153,7 +153,10 @@ impl BlobLine {
 }
 
 /// Parses one line. Blobs beyond the capacity are counted in `blobs_left_out`; `read_out_ns` is 0,
-/// because a stream does not tell it. `file` and `line_no` (from 1) are for error messages.
+/// because a stream does not hold it. `file` and `line_no` (from 1) are for error messages.
+///
+/// # Errors
+/// Where the line is no camera-field, has an unknown key, or a number that makes no sense.
 pub fn parse_line(text: &str, file: &str, line_no: u64) -> Result<BlobField, BlobStreamError> {
     let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line: line_no, problem };
     let line: FieldLine = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
@@ -184,7 +187,10 @@ fn check_head(head: &FieldHead) -> Result<(), String> {
     }
 }
 
-/// Parses which field a line belongs to; its blobs, if there are any, are passed over.
+/// Parses the head of a line; its blobs, if it has any, are skipped.
+///
+/// # Errors
+/// Where the line is no camera-field, or a number of its head makes no sense.
 pub fn parse_head(text: &str, file: &str, line_no: u64) -> Result<FieldHead, BlobStreamError> {
     let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line: line_no, problem };
     let line: HeadLine = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
@@ -202,7 +208,7 @@ fn in_columns(error: &serde_json::Error) -> String {
 
 /// A camera-field as one line, without the line's end; [`parse_line`] gives back the same field but
 /// for `read_out_ns` and the count of blobs left out. Blobs of no known colour or with numbers that
-/// are not finite (neither passes validation) are left away.
+/// are not finite (neither passes validation) are left out.
 pub fn write_line(field: &BlobField) -> String {
     let head = FieldHead {
         cam: field.camera,
@@ -214,7 +220,7 @@ pub fn write_line(field: &BlobField) -> String {
     write_blobs(&head, field.blobs())
 }
 
-/// As [`write_line`], for any number of blobs: the capacity of a [`BlobField`] binds the wire, not files.
+/// As [`write_line`], for any number of blobs: the capacity of a [`BlobField`] does not bind files.
 pub fn write_blobs(head: &FieldHead, blobs: &[Blob]) -> String {
     let finite = |b: &&Blob| {
         let numbers = [b.x_px, b.y_field_px, b.area_px, b.width_px, b.height_px];
@@ -227,7 +233,7 @@ pub fn write_blobs(head: &FieldHead, blobs: &[Blob]) -> String {
     serde_json::to_string(&line).expect("numbers and names only")
 }
 
-/// The lines of a stream that are not blank, one after the other.
+/// Iterator over the lines of a stream that are not blank.
 struct Lines {
     file: String,
     lines: BufReader<File>,
@@ -257,7 +263,7 @@ impl Lines {
         Ok(bytes > 0)
     }
 
-    /// The next line as `parse` understands it; `None` at the end and after the file could not be read.
+    /// The next line, parsed; `None` at the end and after the file could not be read.
     fn next_as<T>(
         &mut self,
         parse: impl Fn(&str, &str, u64) -> Result<T, BlobStreamError>,
@@ -277,11 +283,14 @@ impl Lines {
     }
 }
 
-/// Reads a blob stream field by field; blank lines are passed over.
+/// Reads a blob stream field by field; blank lines are skipped.
 pub struct BlobReader(Lines);
 
 impl BlobReader {
     /// Opens a stream.
+    ///
+    /// # Errors
+    /// Where the file cannot be opened.
     pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
         Lines::open(path).map(BlobReader)
     }
@@ -295,11 +304,14 @@ impl Iterator for BlobReader {
     }
 }
 
-/// Reads which fields there are (`fields.jsonl`, or a blob stream); blank lines are passed over.
+/// Reads the heads of a list of fields (`fields.jsonl`, or a blob stream); blank lines are skipped.
 pub struct HeadReader(Lines);
 
 impl HeadReader {
     /// Opens a list of fields.
+    ///
+    /// # Errors
+    /// Where the file cannot be opened.
     pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
         Lines::open(path).map(HeadReader)
     }

@@ -32,7 +32,7 @@ pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
     let mut world = World::new(&scene).context("scene")?.unseen();
     let mut own = provenance.clone();
     own.versions.insert(STATE_HASH.into(), STATE_HASH_VERSION.to_string());
-    let mut writer = Writer::scratch(out, &own)?;
+    let mut writer = Writer::temporary(out, &own)?;
     let mut past = Past::default();
     let mut done = Resimulated { other_state_hash_version, ..Resimulated::default() };
     for item in recording.items_of(&TOPICS) {

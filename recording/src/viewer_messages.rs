@@ -1,4 +1,4 @@
-//! Foxglove's own messages, which viewers show without being told how.
+//! Messages in Foxglove's own schemas, which viewers show as they are.
 
 use super::{Item, Note, NoteKind};
 use foxglove::messages::log::Level;
@@ -19,7 +19,7 @@ pub(super) fn schemas() -> [Option<Schema>; 3] {
     [FrameTransforms::get_schema(), Log::get_schema(), CompressedImage::get_schema()]
 }
 
-/// The viewer's message of an item, appended to `out`; returns the index of its topic.
+/// Appends an item's message for viewers; returns the index of its topic.
 pub(super) fn encode(item: &Item, out: &mut Vec<u8>) -> Option<usize> {
     let (index, grown) = match item {
         Item::Poses(frame) => (0, transforms(frame)?.encode(out)),
