@@ -8,7 +8,7 @@ use std::path::Path;
 /// The photograph that is built in (see `assets/README.md`).
 const PHOTOGRAPH: &[u8] = include_bytes!("../../assets/fundus.jpg");
 /// Least width of a photograph, px: a software driver's map shows as many.
-const LEAST_PX: u32 = 512;
+const MIN_PX: u32 = 512;
 /// Most that width and height of a photograph may differ, share of the width.
 const SQUARE: f64 = 0.02;
 
@@ -84,9 +84,9 @@ fn decode(file: &str, bytes: &[u8]) -> Result<RgbImage, AssetError> {
     }
     let (width, height) = (picture.width(), picture.height());
     let square = (f64::from(width) - f64::from(height)).abs() <= SQUARE * f64::from(width);
-    if width < LEAST_PX || !square {
+    if width < MIN_PX || !square {
         return Err(refused(format!(
-            "expected a square of at least {LEAST_PX} px, the fovea in its middle; found {width}×{height} px"
+            "expected a square of at least {MIN_PX} px, the fovea in its middle; found {width}×{height} px"
         )));
     }
     Ok(picture.to_rgb8())

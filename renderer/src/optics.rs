@@ -15,7 +15,7 @@ pub const VITREOUS_INDEX: f64 = 1.336;
 /// thickness.
 pub const FLAT_FACE_MM: f64 = 14.0;
 /// A point nearer than this to the wide-angle lens's focus has no picture, mm.
-const LEAST_BEYOND_FOCUS_MM: f64 = 0.5;
+const MIN_BEYOND_FOCUS_MM: f64 = 0.5;
 
 /// Takes points of the eye (world frame) to where the microscope sees them.
 pub fn image_from_world(microscope: &Microscope) -> DMat4 {
@@ -36,7 +36,7 @@ pub fn image_from_world(microscope: &Microscope) -> DMat4 {
 fn thin_lens(microscope: &Microscope) -> DMat4 {
     let [x0, y0, target_z] = microscope.target_in_world_mm;
     let f = microscope.lens_focal_mm.max(1.0);
-    let lens = microscope.lens_height_mm.max(target_z + f + LEAST_BEYOND_FOCUS_MM);
+    let lens = microscope.lens_height_mm.max(target_z + f + MIN_BEYOND_FOCUS_MM);
     // w = s − f = (lens − z) − f
     let w = DVec4::new(0.0, 0.0, -1.0, lens - f);
     let x = DVec4::new(-f, 0.0, 0.0, f * x0) + w * x0;

@@ -16,8 +16,8 @@ use scene::{DEFAULT_SCENE, SceneFile};
 
 /// Rounds of a measurement, time after which it ends early (ns), and least number of rounds.
 const ROUNDS: usize = 60;
-const LONGEST_NS: u64 = 15_000_000_000;
-const FEWEST: usize = 3;
+const MAX_TIME_NS: u64 = 15_000_000_000;
+const MIN_ROUNDS: usize = 3;
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -89,7 +89,7 @@ impl Bench {
         let variants: Vec<Layers> = Layers::EACH.iter().map(without).chain([Layers::NONE]).collect();
         let (mut wholes, mut rests) = (Vec::new(), vec![Vec::new(); variants.len()]);
         let begun = now();
-        while wholes.len() < ROUNDS && now() - begun < LONGEST_NS || wholes.len() < FEWEST {
+        while wholes.len() < ROUNDS && now() - begun < MAX_TIME_NS || wholes.len() < MIN_ROUNDS {
             wholes.push(self.measured(tier, Layers::ALL)?);
             for (rest, &layers) in rests.iter_mut().zip(&variants) {
                 rest.push(self.measured(tier, layers)?);

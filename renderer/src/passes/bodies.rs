@@ -13,7 +13,7 @@ use wgpu::{
 };
 
 /// Bodies drawn at most.
-const MOST: usize = 512;
+const MAX_BODIES: usize = 512;
 /// Shapes on the wire: sphere, box, capsule.
 const SHAPES: usize = 3;
 /// Parts of a round shape round its axis, and from the equator to a pole.
@@ -76,8 +76,8 @@ impl Bodies {
             vertices,
             indices,
             ranges,
-            instances: geometry_buffer(device, "bodies", MOST * STRIDE as usize, BufferUsages::VERTEX),
-            sorted: Vec::with_capacity(MOST),
+            instances: geometry_buffer(device, "bodies", MAX_BODIES * STRIDE as usize, BufferUsages::VERTEX),
+            sorted: Vec::with_capacity(MAX_BODIES),
             counts: [0; SHAPES],
         }
     }
@@ -88,7 +88,7 @@ impl Bodies {
         for shape in 0..SHAPES {
             let before = self.sorted.len();
             let of_shape = bodies.iter().filter(|b| b.shape == shape as u32);
-            self.sorted.extend(of_shape.take(MOST - before));
+            self.sorted.extend(of_shape.take(MAX_BODIES - before));
             self.counts[shape] = (self.sorted.len() - before) as u32;
         }
         queue.write_buffer(&self.instances, 0, bytemuck::cast_slice(&self.sorted));

@@ -14,7 +14,7 @@ use wgpu::{
 /// Densities along a brick.
 const BRICK: u32 = 8;
 /// Bricks along an axis at most: a texture of 16 MB.
-const MOST_ALONG: u32 = 32;
+const MAX_ALONG: u32 = 32;
 /// Extinction at full density, 1/mm. Vitreous is clear; with the tracer that surgeons inject to see
 /// it (triamcinolone) a beam of 10 mm through the core (density 90 of 255) loses about a quarter.
 const EXTINCTION: f32 = 0.08;
@@ -123,7 +123,7 @@ fn lattice_of(bricks: &[SceneBrick]) -> Option<Lattice> {
         let at = cell(&lattice, brick.corner_mm);
         let on_lattice = (0..3).all(|c| {
             let exact = (brick.corner_mm[c] - lattice.corner[c]) / edge;
-            at[c] < MOST_ALONG && (exact - at[c] as f32).abs() < 0.01
+            at[c] < MAX_ALONG && (exact - at[c] as f32).abs() < 0.01
         });
         if !on_lattice {
             return None;

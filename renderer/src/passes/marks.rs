@@ -9,7 +9,7 @@ use wgpu::{
 };
 
 /// Marks drawn at most; the simulation keeps fewer.
-const MOST: usize = 1024;
+const MAX_MARKS: usize = 1024;
 /// Centre, radius, colour: a [`SceneMark`] as it is.
 const ATTRIBUTES: [wgpu::VertexAttribute; 3] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32, 2 => Float32x4];
@@ -37,13 +37,14 @@ impl Marks {
             };
             pipeline(device, &spec.shaded(shading))
         };
-        let marks = geometry_buffer(device, "marks", MOST * size_of::<SceneMark>(), BufferUsages::VERTEX);
+        let marks =
+            geometry_buffer(device, "marks", MAX_MARKS * size_of::<SceneMark>(), BufferUsages::VERTEX);
         Self { pipelines: Shading::ALL.map(make), marks, count: 0 }
     }
 
     /// Takes the marks of a scene in.
     pub fn set(&mut self, queue: &Queue, marks: &[SceneMark]) {
-        let marks = &marks[..marks.len().min(MOST)];
+        let marks = &marks[..marks.len().min(MAX_MARKS)];
         queue.write_buffer(&self.marks, 0, bytemuck::cast_slice(marks));
         self.count = marks.len() as u32;
     }

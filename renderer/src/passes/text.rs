@@ -15,7 +15,7 @@ use wgpu::{
 };
 
 /// Letters drawn at most; what comes after is left out.
-const MOST: usize = 2048;
+const MAX_LETTERS: usize = 2048;
 /// Height of a channel at which a letter is drawn as large as in the font, px; at twice as much
 /// twice as large.
 const PLAIN_PX: f32 = 256.0;
@@ -72,9 +72,9 @@ impl Text {
         Self {
             pipelines: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
             group: font_group(device, queue, &layout),
-            buffer: geometry_buffer(device, "text", MOST * size_of::<Letter>(), BufferUsages::VERTEX),
+            buffer: geometry_buffer(device, "text", MAX_LETTERS * size_of::<Letter>(), BufferUsages::VERTEX),
             shown: String::with_capacity(256),
-            letters: Vec::with_capacity(MOST),
+            letters: Vec::with_capacity(MAX_LETTERS),
             blocks: Vec::with_capacity(Place::ALL.len()),
         }
     }
@@ -125,7 +125,7 @@ fn lay_out(text: &str, letters: &mut Vec<Letter>, blocks: &mut Vec<Block>) {
                 Place::TopRight | Place::BottomRight => (columns - line.chars().count()) as f32,
             };
             let [w, h] = [1.0 / columns as f32, 1.0 / rows as f32];
-            for (column, character) in line.chars().enumerate().take(MOST - letters.len()) {
+            for (column, character) in line.chars().enumerate().take(MAX_LETTERS - letters.len()) {
                 let place = [(indent + column as f32) * w, row as f32 * h, w, h];
                 letters.push(Letter { place, letter: font::number(character) as f32 });
             }
@@ -194,7 +194,7 @@ mod tests {
     fn too_much_text_is_cut() {
         let (mut letters, mut blocks) = (Vec::new(), Vec::new());
         lay_out(&"A LONG LINE\n".repeat(400), &mut letters, &mut blocks);
-        assert_eq!((letters.len(), blocks[0].count), (MOST, MOST as u32));
+        assert_eq!((letters.len(), blocks[0].count), (MAX_LETTERS, MAX_LETTERS as u32));
     }
 
     #[test]

@@ -86,7 +86,7 @@ enum Mouse {
 /// Pixels of a notch, for wheels that report pixels.
 const NOTCH_PX: f64 = 40.0;
 /// Most inputs kept between two frames.
-const MOST_INPUTS: usize = 256;
+const MAX_INPUTS: usize = 256;
 
 impl ApplicationHandler for State {
     fn resumed(&mut self, events: &ActiveEventLoop) {
@@ -164,7 +164,7 @@ fn name_of(code: KeyCode) -> Option<String> {
 
 impl State {
     fn tell(&mut self, input: Input) {
-        if self.inputs.len() < MOST_INPUTS {
+        if self.inputs.len() < MAX_INPUTS {
             self.inputs.push(input);
         }
     }
