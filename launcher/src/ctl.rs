@@ -1,15 +1,18 @@
 //! `vitreo ctl`: asks a running simulator for a pause, a restart, the next level or its end.
 
-use anyhow::bail;
+use crate::runtime::{Wakeups, block_on};
+use anyhow::{Context, bail};
 use clap::ValueEnum;
 use ipc::clock::now;
-use ipc::{Instance, Queue, instance_directory, wait};
+use ipc::{Instance, Queue, Receiver, instance_directory, wait};
 use protocol::control::{Answer, Command, LAUNCHER, Request};
 use protocol::limits::MAX_WAIT_MS;
 use std::process::ExitCode;
+use std::time::Duration;
+use tokio::time::timeout;
 
-/// How long the launcher may take to obey, ns: for the next level it makes new tissue.
-const ANSWER_NS: u64 = 60_000_000_000;
+/// How long the launcher may take to obey: for the next level it makes new tissue.
+const ANSWER: Duration = Duration::from_secs(60);
 
 /// Arguments of `vitreo ctl`.
 #[derive(Debug, clap::Args)]
@@ -50,7 +53,14 @@ impl What {
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where no such simulator runs, it refuses, or it does not answer.
 pub fn run(args: &CtlArgs) -> anyhow::Result<ExitCode> {
+    block_on(request(args))
+}
+
+async fn request(args: &CtlArgs) -> anyhow::Result<ExitCode> {
     let name = &args.instance;
     if !instance_directory(name)?.join("nodes").exists() {
         bail!("no simulator runs as '{name}'; vitreo run --instance {name} starts one");
@@ -61,18 +71,27 @@ pub fn run(args: &CtlArgs) -> anyhow::Result<ExitCode> {
     // A number that no other sender uses.
     let seq = now();
     requests.send(&Request { seq, argument: 0, target: LAUNCHER, command: args.what.command() as u32 })?;
-    while now() < seq + ANSWER_NS {
-        wait(&[&answers], MAX_WAIT_MS * 1_000_000);
+    let answered = timeout(ANSWER, answer_to(seq, &mut answers)).await;
+    let answer = answered
+        .with_context(|| format!("the simulator '{name}' gave no answer for {} s", ANSWER.as_secs()))??;
+    if answer.result != 0 {
+        bail!("{}", answer.text());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The launcher's answer to request `seq`.
+async fn answer_to(seq: u64, answers: &mut Receiver<Answer>) -> anyhow::Result<Answer> {
+    let wakeups = Wakeups::of(&[&*answers])?;
+    loop {
         while let Some(answer) = answers.next_valid()? {
             if answer.seq == seq && answer.process == LAUNCHER {
-                if answer.result != 0 {
-                    bail!("{}", answer.text());
-                }
-                return Ok(ExitCode::SUCCESS);
+                return Ok(answer);
             }
         }
+        wakeups.wait(Duration::from_millis(MAX_WAIT_MS)).await;
+        wait(&[&*answers], 0);
     }
-    bail!("the simulator '{name}' gave no answer for {} s", ANSWER_NS / 1_000_000_000)
 }
 
 #[cfg(test)]

@@ -21,6 +21,7 @@ pub mod recover;
 pub mod replay;
 pub mod results;
 pub mod run;
+pub mod runtime;
 pub mod score;
 pub mod score_batch;
 pub mod trace;

@@ -4,6 +4,7 @@ use crate::exit::{DIFFERS, LOSS};
 use crate::progress::files_bar;
 use crate::replay::states_incomparable;
 use crate::results::{attempt_of, keys, write_tables};
+use crate::runtime::{StopSignal, block_on};
 use crate::score::{self, score_file};
 use anyhow::{Context, bail};
 use ipc::logging::message;
@@ -13,6 +14,7 @@ use results::parquet_file;
 use results::table::Table;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use tracing::Level;
 
@@ -45,20 +47,32 @@ impl BatchArgs {
     }
 }
 
-/// Scores them. Exit code 3 where a recording could not be scored whole, 5 where a score differs from what the run told.
+/// Scores them. Exit code 3 where a recording could not be scored whole, 5 where a score differs
+/// from that of the run.
+///
+/// # Errors
+/// Where a list or folder cannot be read, a table cannot be written, or a signal stops it.
 pub fn run(args: &BatchArgs, named: &[PathBuf], resimulate: bool) -> anyhow::Result<ExitCode> {
+    block_on(async { score_all(args, named, resimulate, &StopSignal::install()?.flag()) })
+}
+
+fn score_all(
+    args: &BatchArgs,
+    named: &[PathBuf],
+    resimulate: bool,
+    stop: &AtomicBool,
+) -> anyhow::Result<ExitCode> {
     let shard = args.shard.unwrap_or(Shard::WHOLE);
     let all = list(named, args.manifest.as_deref())?;
     let own = shard.of(&all);
     if let Some(folder) = &args.out {
         std::fs::create_dir_all(folder).with_context(|| format!("make folder {}", folder.display()))?;
     }
-    let stop = crate::run::stop_flag()?;
     let begun = Instant::now();
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(processors, |n| n as usize);
     let bar = files_bar(own.len() as u64, "score");
-    let rows = work(&own, jobs, &stop, |path| row(path, resimulate), |_| bar.inc(1));
+    let rows = work(&own, jobs, stop, |path| row(path, resimulate), |_| bar.inc(1));
     bar.finish_and_clear();
     // What a shard that was stopped leaves would be taken for the whole of it.
     if rows.len() < own.len() {
@@ -113,7 +127,7 @@ fn line(row: &Row) -> String {
         |a| format!("{:>6.2} ± {:<5.2} {} {}", a.total, a.sigma, a.module, a.level),
     );
     let note = match (row.attempt.is_some(), row.ended, row.agrees) {
-        (true, _, Some(false)) => ", differs from what the run told",
+        (true, _, Some(false)) => ", differs from the score of the run",
         (true, false, _) => ", not ended",
         _ => "",
     };
@@ -128,7 +142,7 @@ fn summary(rows: &[Row], wall_s: f64) -> u8 {
             message(Level::WARN, &format!("{how}: {}: {problem}", row.file.display()));
         }
         if row.agrees == Some(false) {
-            message(Level::WARN, &format!("differs from what the run told: {}", row.file.display()));
+            message(Level::WARN, &format!("differs from the score of the run: {}", row.file.display()));
         }
     }
     let seconds: f64 = rows.iter().map(|r| r.seconds).sum();

@@ -2,14 +2,14 @@
 
 use super::outputs::Outputs;
 use super::pace::{Pace, Part};
-use super::stage::Stage;
-use ipc::clock::now;
+use super::processes::ReplayProcesses;
 use protocol::blobs::BlobField;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
 use recording::{Item, Recording, RecordingError};
 use std::collections::VecDeque;
+use tokio::time::Instant;
 
 /// Camera-fields sent but not known to be taken in. Every field can close a frame, so this is also
 /// the most frames that can wait in the tracker's queue.
@@ -50,14 +50,14 @@ impl Sent {
 }
 
 /// Runs the stream once; returns the problem at which it ended, if it did not end well.
-pub fn run(
+pub async fn run(
     recording: &Recording,
-    stage: &mut Stage,
+    processes: &mut ReplayProcesses,
     pace: &mut Pace,
     outputs: &mut Outputs,
 ) -> anyhow::Result<Option<RecordingError>> {
     let mut sent = Sent::default();
-    let before = stage.tracker_received();
+    let before = processes.tracker_received();
     let mut damage = None;
     for item in recording.items() {
         let field = match item {
@@ -73,41 +73,41 @@ pub fn run(
             break;
         }
         if part == Part::Shown {
-            pace.await_due(field.blobs_out_ns)?;
+            pace.await_due(field.blobs_out_ns).await?;
         }
-        stage.send_field(&field)?;
+        processes.send_field(&field)?;
         sent.note(&field);
         outputs.field(&field, part == Part::Shown)?;
-        let since = now();
-        take_frames(stage, pace, outputs, &mut sent)?;
+        let since = Instant::now();
+        take_frames(processes, pace, outputs, &mut sent).await?;
         while sent.is_full() {
-            stage.wait_for_tracker(since, "tracking the stream")?;
+            processes.wait_for_tracker(since, "tracking the stream").await?;
             // Fields that were refused show in no frame, but in the heartbeat.
-            sent.taken = sent.taken.max((stage.tracker_received() - before).min(sent.count));
-            take_frames(stage, pace, outputs, &mut sent)?;
+            sent.taken = sent.taken.max((processes.tracker_received() - before).min(sent.count));
+            take_frames(processes, pace, outputs, &mut sent).await?;
         }
     }
-    let (flush, since) = (stage.request_flush()?, now());
-    while !stage.flushed(flush)? {
-        take_frames(stage, pace, outputs, &mut sent)?;
-        stage.wait_for_tracker(since, "finishing the stream")?;
+    let (flush, since) = (processes.request_flush()?, Instant::now());
+    while !processes.flushed(flush)? {
+        take_frames(processes, pace, outputs, &mut sent).await?;
+        processes.wait_for_tracker(since, "finishing the stream").await?;
     }
-    take_frames(stage, pace, outputs, &mut sent)?;
+    take_frames(processes, pace, outputs, &mut sent).await?;
     Ok(damage)
 }
 
 /// Takes the frames that are there and steps the simulation with each.
-fn take_frames(
-    stage: &mut Stage,
+async fn take_frames(
+    processes: &mut ReplayProcesses,
     pace: &mut Pace,
     outputs: &mut Outputs,
     sent: &mut Sent,
 ) -> anyhow::Result<()> {
-    while let Some(frame) = stage.try_frame()? {
+    while let Some(frame) = processes.try_frame()? {
         sent.used(&frame);
         let part = pace.part(frame.instants.exposed);
         outputs.frame(&frame, part == Part::Shown)?;
-        let made = stage.step(&[], &[], &frame)?;
+        let made = processes.step(&[], &[], &frame).await?;
         outputs.step(&made);
     }
     Ok(())

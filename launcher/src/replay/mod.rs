@@ -7,25 +7,23 @@
 mod imported;
 mod outputs;
 mod pace;
+mod processes;
 mod recorded;
-mod stage;
 mod turns;
 mod verify;
 
 use crate::exit::{DIFFERS, LOSS};
 use crate::results::DESK;
-use crate::run::stop_flag;
+use crate::runtime::{StopSignal, block_on};
 use anyhow::bail;
 use ipc::logging::message;
 use outputs::{Figures, Outputs};
 use pace::Pace;
+use processes::{ReplayProcesses, Stopped, TrackerMode};
 use protocol::steps::STATE_HASH_VERSION;
 use recording::{Recording, RecordingError, Source};
-use stage::{Stage, Stopped, TrackerMode};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use tracing::Level;
 use verify::Verdict;
@@ -93,7 +91,14 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where the recording cannot be read or replayed, a process fails, or a file cannot be written.
 pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    block_on(replay(args))
+}
+
+async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     if recording.provenance().config.contains_key(DESK) {
         let file = args.file.display();
@@ -108,11 +113,12 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if args.verify && mode == TrackerMode::StreamClock {
         bail!("{}: an imported stream holds no results to compare with", args.file.display());
     }
-    let stop = stop_flag()?;
+    let stop = StopSignal::install()?;
     let mut outputs = Outputs::open(args)?;
     let other_state_hash_version = recording.provenance().other_state_hash_version();
     let mut verdict = args.verify.then(|| Verdict { other_state_hash_version, ..Verdict::default() });
-    let outcome = play(args, &recording, mode, &stop, &mut outputs, verdict.as_mut());
+    let mut shown = Shown { outputs: &mut outputs, verdict: verdict.as_mut() };
+    let outcome = play(args, &recording, mode, &stop, &mut shown).await;
     let stopped = match outcome {
         Ok(damage) => {
             outputs.figures.cut = matches!(damage, Some(RecordingError::Truncated { .. }));
@@ -134,35 +140,46 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(code(&figures)))
 }
 
+/// What a replay produces.
+struct Shown<'a> {
+    outputs: &'a mut Outputs,
+    verdict: Option<&'a mut Verdict>,
+}
+
 /// Starts the processes, replays once or for ever, and ends them; returns how the recording ends.
-fn play(
+async fn play(
     args: &ReplayArgs,
     recording: &Recording,
     mode: TrackerMode,
-    stop: &Arc<AtomicBool>,
-    outputs: &mut Outputs,
-    mut verdict: Option<&mut Verdict>,
+    stop: &StopSignal,
+    shown: &mut Shown<'_>,
 ) -> anyhow::Result<Option<RecordingError>> {
     let default_name = format!("replay-{}", std::process::id());
     let name = args.instance.as_deref().unwrap_or(&default_name);
-    let mut stage = Stage::start(name, recording.provenance(), mode, args.collision.as_deref(), stop)?;
-    let mut pace = Pace::new(args, stop);
-    loop {
-        let begun = Instant::now();
-        let damage = match mode {
-            TrackerMode::Recorded => {
-                recorded::run(recording, &mut stage, &mut pace, outputs, verdict.as_deref_mut())?
+    let mut processes = ReplayProcesses::open(name, stop)?;
+    let outcome = async {
+        processes.start(recording.provenance(), mode, args.collision.as_deref()).await?;
+        let mut pace = Pace::new(args, stop);
+        loop {
+            let begun = Instant::now();
+            let damage = match mode {
+                TrackerMode::Recorded => recorded::run(recording, &mut processes, &mut pace, shown).await?,
+                TrackerMode::StreamClock => {
+                    imported::run(recording, &mut processes, &mut pace, shown.outputs).await?
+                }
+            };
+            shown.outputs.figures.wall_s += begun.elapsed().as_secs_f64();
+            if !args.endless {
+                return Ok(damage);
             }
-            TrackerMode::StreamClock => imported::run(recording, &mut stage, &mut pace, outputs)?,
-        };
-        outputs.figures.wall_s += begun.elapsed().as_secs_f64();
-        if !args.endless {
-            return Ok(damage);
+            processes.reset_tracker().await?;
+            processes.reset_world().await?;
+            pace.rewind();
         }
-        stage.reset_tracker()?;
-        stage.reset_world()?;
-        pace.rewind();
-    }
+    };
+    let outcome = outcome.await;
+    processes.end().await;
+    outcome
 }
 
 fn print(figures: &Figures) {

@@ -1,25 +1,22 @@
 //! The span of a recording that is shown, and how fast.
 
 use super::ReplayArgs;
-use super::stage::Stopped;
-use ipc::clock::{now, sleep_until};
+use super::processes::Stopped;
+use crate::runtime::StopSignal;
 use protocol::time::Nanos;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio::time::{Instant, sleep_until};
 
-/// Longest sleep without looking whether the user wants to stop, ns.
-const LOOK_NS: u64 = 50_000_000;
-
-/// Tells for instants of the recording whether they are shown, and waits until they are due.
+/// Selects the instants of a recording that are shown, and waits until they are due.
 pub struct Pace {
     from_ns: u64,
     until_ns: Option<u64>,
     /// Wall time per time of the recording; `None` for as fast as possible.
     stretch: Option<f64>,
-    stop: Arc<AtomicBool>,
+    stop: StopSignal,
     start: Option<Nanos>,
     /// Instants of recording and clock that belong together.
-    tied: Option<(Nanos, Nanos)>,
+    tied: Option<(Nanos, Instant)>,
 }
 
 /// What to do with a block of the recording.
@@ -35,13 +32,13 @@ pub enum Part {
 
 impl Pace {
     /// From the arguments.
-    pub fn new(args: &ReplayArgs, stop: &Arc<AtomicBool>) -> Self {
+    pub fn new(args: &ReplayArgs, stop: &StopSignal) -> Self {
         let ns = |s: f64| (s * 1e9) as u64;
         Pace {
             from_ns: ns(args.from),
             until_ns: args.until.map(ns),
             stretch: (!args.lockstep).then(|| 1.0 / args.rate),
-            stop: Arc::clone(stop),
+            stop: stop.clone(),
             start: None,
             tied: None,
         }
@@ -67,16 +64,20 @@ impl Pace {
         }
     }
 
-    /// Sleeps until an instant of the shown part is due.
-    pub fn await_due(&mut self, at: Nanos) -> Result<(), Stopped> {
+    /// Waits until an instant of the shown part is due.
+    ///
+    /// # Errors
+    /// Where the user stops the replay.
+    pub async fn await_due(&mut self, at: Nanos) -> Result<(), Stopped> {
         if let Some(stretch) = self.stretch {
-            let (recorded, clock) = *self.tied.get_or_insert((at, now()));
-            let due = clock + (at.saturating_sub(recorded) as f64 * stretch) as u64;
-            while now() < due && !self.stop.load(Ordering::Relaxed) {
-                sleep_until(due.min(now() + LOOK_NS));
+            let (recorded, clock) = *self.tied.get_or_insert_with(|| (at, Instant::now()));
+            let since_ns = at.saturating_sub(recorded) as f64 * stretch;
+            tokio::select! {
+                () = sleep_until(clock + Duration::from_nanos(since_ns as u64)) => {}
+                () = self.stop.raised() => {}
             }
         }
-        if self.stop.load(Ordering::Relaxed) { Err(Stopped) } else { Ok(()) }
+        if self.stop.is_raised() { Err(Stopped) } else { Ok(()) }
     }
 }
 
@@ -84,19 +85,13 @@ impl Pace {
 mod tests {
     use super::*;
 
-    #[test]
-    fn the_span_is_counted_from_the_first_instant() {
-        let mut pace = Pace {
-            from_ns: 10,
-            until_ns: Some(20),
-            stretch: None,
-            stop: Arc::default(),
-            start: None,
-            tied: None,
-        };
+    #[tokio::test]
+    async fn the_span_is_counted_from_the_first_instant() {
+        let (raise, stop) = StopSignal::manual();
+        let mut pace = Pace { from_ns: 10, until_ns: Some(20), stretch: None, stop, start: None, tied: None };
         let parts = [1000, 1009, 1010, 1020, 1021].map(|at| pace.part(at));
         assert_eq!(parts, [Part::Before, Part::Before, Part::Shown, Part::Shown, Part::After]);
-        pace.stop.store(true, Ordering::Relaxed);
-        assert!(pace.await_due(1010).is_err());
+        raise.send_replace(true);
+        assert!(pace.await_due(1010).await.is_err());
     }
 }

@@ -1,9 +1,10 @@
 //! Replaying a recorded run: the tracker tracks the recorded frames' fields, the simulation gets what each
 //! step consumed.
 
+use super::Shown;
 use super::outputs::Outputs;
 use super::pace::{Pace, Part};
-use super::stage::Stage;
+use super::processes::ReplayProcesses;
 use super::turns::{StepTurn, Turn, Turns};
 use super::verify::Verdict;
 use anyhow::bail;
@@ -16,13 +17,13 @@ use std::collections::VecDeque;
 const WINDOW: usize = 12;
 
 /// Runs the recording once; returns the problem at which it ended, if it did not end well.
-pub fn run(
+pub async fn run(
     recording: &Recording,
-    stage: &mut Stage,
+    processes: &mut ReplayProcesses,
     pace: &mut Pace,
-    outputs: &mut Outputs,
-    mut verdict: Option<&mut Verdict>,
+    shown: &mut Shown<'_>,
 ) -> anyhow::Result<Option<RecordingError>> {
+    let Shown { outputs, verdict } = shown;
     let mut turns = Turns::new(recording.items());
     let mut under_way: VecDeque<(Turn, bool)> = VecDeque::with_capacity(WINDOW);
     let (mut more, mut stopped_early) = (true, false);
@@ -36,15 +37,15 @@ pub fn run(
                 Some((part, turn)) => {
                     let shown = part == Part::Shown;
                     if shown {
-                        pace.await_due(turn.recorded.instants.tracked)?;
+                        pace.await_due(turn.recorded.instants.tracked).await?;
                     }
-                    begin(&turn, shown, stage, outputs)?;
+                    begin(&turn, shown, processes, outputs)?;
                     under_way.push_back((turn, shown));
                 }
             }
         }
         let Some((turn, shown)) = under_way.pop_front() else { break };
-        let frame = stage.await_frame(turn.recorded.field)?;
+        let frame = processes.await_frame(turn.recorded.field).await?;
         if frame.field != turn.recorded.field {
             bail!("the tracker answered with field {} where {} was asked", frame.field, turn.recorded.field);
         }
@@ -59,7 +60,7 @@ pub fn run(
             verdict.pose(&turn.recorded, &frame);
         }
         if let Some(step) = &turn.step {
-            simulate(step, &frame, stage, outputs, verdict)?;
+            simulate(step, &frame, processes, outputs, verdict).await?;
         }
     }
     if let (Some(why), None, false) = (&turns.lost, &outputs.figures.lost, stopped_early) {
@@ -69,25 +70,30 @@ pub fn run(
 }
 
 /// Sends a turn's camera-fields and the request for its frame.
-fn begin(turn: &Turn, shown: bool, stage: &mut Stage, outputs: &mut Outputs) -> anyhow::Result<()> {
+fn begin(
+    turn: &Turn,
+    shown: bool,
+    processes: &mut ReplayProcesses,
+    outputs: &mut Outputs,
+) -> anyhow::Result<()> {
     for field in &turn.fields {
-        stage.send_field(field)?;
+        processes.send_field(field)?;
         outputs.field(field, shown)?;
     }
-    stage.send_recorded(&turn.request)
+    processes.send_recorded(&turn.request)
 }
 
-fn simulate(
+async fn simulate(
     step: &StepTurn,
     frame: &TrackerFrame,
-    stage: &mut Stage,
+    processes: &mut ReplayProcesses,
     outputs: &mut Outputs,
     verdict: Option<&mut Verdict>,
 ) -> anyhow::Result<()> {
     if step.fresh {
-        stage.reset_world()?;
+        processes.reset_world().await?;
     }
-    let made = stage.step(&step.handles, &step.pedals, frame)?;
+    let made = processes.step(&step.handles, &step.pedals, frame).await?;
     outputs.step(&made);
     if let (Some(recorded), Some(verdict)) = (&step.recorded, verdict) {
         verdict.step(recorded, &made);

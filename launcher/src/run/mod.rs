@@ -1,15 +1,17 @@
 //! `vitreo run`: the simulator, live.
 //!
 //! - `options`, `arguments`: the command line, and what each process is given of it
-//! - `session`: the loop that hears, watches, records and shows
-//! - `course`: who may ask for a pause, a restart or the next level
+//! - `session`: the loop that receives, supervises, records and shows
+//! - `attempt_control`: requests for a pause, a restart or the next level
 //! - `supervisor`, `policy`: starting, restarting, bounding restarts
-//! - `tap`, `recorder`, `resume`: what is heard, written, and kept for a restarted simulation
-//! - `ledger`, `report`: latencies against budgets; `monitor`, `screen`: the status
+//! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
+//!   simulation
+//! - `latency_stats`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
 mod arguments;
-mod course;
-mod ledger;
+mod attempt_control;
+mod channel_tap;
+mod latency_stats;
 mod monitor;
 mod options;
 mod policy;
@@ -19,7 +21,6 @@ mod resume;
 mod screen;
 mod session;
 mod supervisor;
-mod tap;
 
 pub use options::{DeskArgs, RunArgs};
 
@@ -27,6 +28,7 @@ use crate::exit::{BUDGET, FAILED, LOSS};
 use crate::machine::has_display;
 use crate::modules::Composed;
 use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
+use crate::runtime::{StopSignal, block_on};
 use anyhow::Context;
 use ipc::logging::message;
 use options::View;
@@ -38,17 +40,22 @@ use report::{Report, Versions};
 use results::Store;
 use scene::{DEFAULT_SCENE, SceneFile};
 use session::{Attempt, Session};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::SystemTime;
 use tracing::Level;
 
 /// Runs it.
+///
+/// # Errors
+/// Where arguments or files are refused, a process does not start or dies too often, or the attempt
+/// cannot be kept.
 pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
+    block_on(simulate(args))
+}
+
+async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     // The composed scene lasts as long as this does.
     let composed = args.module.as_deref().map(|m| Composed::new(m, args.level, &args.surgeon, args.seed));
     let mut composed = composed.transpose()?;
@@ -56,14 +63,14 @@ pub fn run(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let view = args.view(has_display());
     let budgets = args.budget_table()?;
     args.prepare()?;
-    let stop = stop_flag()?;
+    let stop = StopSignal::install()?;
     let mut session = Session::open(args, composed.as_mut(), view, &budgets, stop)?;
-    let outcome = session.run();
+    let outcome = session.run().await;
     let ended_by = match &outcome {
         Ok(why) => (*why).to_string(),
         Err(error) => format!("failure: {error:#}"),
     };
-    let (report, attempts) = session.close(ended_by);
+    let (report, attempts) = session.close(ended_by).await;
     if let Some(file) = &args.report {
         write_report(&report, file)?;
     }
@@ -98,16 +105,6 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
         keep(&mut store, trainee, file).context("the attempt is not in the results store")?;
     }
     Ok(())
-}
-
-/// Raised by Ctrl-C, SIGTERM and SIGHUP; a second Ctrl-C ends the program at once.
-pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        let at_once = signal_hook::flag::register_conditional_shutdown(signal, 130, Arc::clone(&stop));
-        at_once.and_then(|_| signal_hook::flag::register(signal, Arc::clone(&stop))).context("signals")?;
-    }
-    Ok(stop)
 }
 
 /// What makes the recording of this run complete; reads rig and scene, and so checks them early.

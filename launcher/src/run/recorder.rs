@@ -1,19 +1,23 @@
-//! The recorder: writes on a thread of its own behind a bounded queue, so that a slow disk blocks
-//! nobody. What does not fit the queue is counted, and the gap is recorded as a note.
+//! The recorder: writes on a thread for blocking work behind a bounded queue, so that a slow disk
+//! blocks nobody. What does not fit the queue is counted, and the gap is recorded as a note.
 
 use super::report::RecordingFigures;
 use ipc::clock::now;
 use protocol::time::Nanos;
 use recording::{Item, Note, NoteKind, Provenance, RecordingError, Writer};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::thread::JoinHandle;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
+use tokio::runtime::Handle;
+use tokio::sync::mpsc::error::TrySendError;
+use tokio::sync::mpsc::{Receiver, Sender, channel};
+use tokio::task::{JoinHandle, spawn_blocking};
+use tokio::time::timeout;
 
 /// Items that wait for the disk at most: about fifteen seconds of a run.
 const QUEUE: usize = 8192;
-/// Longest time without looking whether a chunk is due.
-const LOOK: Duration = Duration::from_millis(40);
+/// Longest time until the writer looks whether a chunk is due.
+const CHUNK_CHECK: Duration = Duration::from_millis(40);
 
 /// Anything that stores items.
 trait Store: Send + 'static {
@@ -39,11 +43,13 @@ impl Store for Writer {
 /// A recording that is being written.
 pub struct Recorder {
     file: PathBuf,
-    queue: Option<SyncSender<(Nanos, Item)>>,
-    thread: Option<JoinHandle<Result<(), RecordingError>>>,
+    /// `None` once nothing more can be written.
+    queue: Option<Sender<(Nanos, Item)>>,
+    task: JoinHandle<()>,
     gap: Gap,
     items: u64,
-    problem: Option<String>,
+    /// Why writing ended early.
+    failure: Arc<OnceLock<String>>,
 }
 
 /// Counts what is missing, until a note about it could be placed.
@@ -54,17 +60,22 @@ struct Gap {
 }
 
 impl Recorder {
-    /// Creates the file and starts the thread.
+    /// Creates the file and starts writing. To be called within the runtime.
+    ///
+    /// # Errors
+    /// Where the file cannot be made.
     pub fn start(file: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
         let writer = Writer::create(file, provenance)?;
         Ok(Self::with(file, writer, QUEUE))
     }
 
     fn with(file: &Path, store: impl Store, capacity: usize) -> Self {
-        let (queue, items) = sync_channel(capacity);
-        let thread = std::thread::spawn(move || write_all(&items, store));
+        let (queue, items) = channel(capacity);
+        let failure = Arc::new(OnceLock::new());
+        let (kept, runtime) = (Arc::clone(&failure), Handle::current());
+        let task = spawn_blocking(move || write_all(items, store, &runtime, &kept));
         let (gap, file) = (Gap::default(), file.to_path_buf());
-        Recorder { file, queue: Some(queue), thread: Some(thread), gap, items: 0, problem: None }
+        Recorder { file, queue: Some(queue), task, gap, items: 0, failure }
     }
 
     /// Offers an item; never waits.
@@ -73,14 +84,9 @@ impl Recorder {
             self.gap.total += 1;
             return;
         };
-        if self.gap.open > 0 {
-            let text = format!("{} items did not fit the recorder's queue", self.gap.open);
-            let count = self.gap.open;
-            let note = Note { instant_ns: at, kind: NoteKind::Loss, process: None, count, text };
-            if queue.try_send((at, Item::Note(note))).is_ok() {
-                self.gap.open = 0;
-                self.items += 1;
-            }
+        if self.gap.open > 0 && queue.try_send((at, self.gap.note(at))).is_ok() {
+            self.gap.open = 0;
+            self.items += 1;
         }
         match queue.try_send((at, item)) {
             Ok(()) => self.items += 1,
@@ -88,9 +94,9 @@ impl Recorder {
                 self.gap.open += 1;
                 self.gap.total += 1;
             }
-            Err(TrySendError::Disconnected(_)) => {
+            Err(TrySendError::Closed(_)) => {
                 self.gap.total += 1;
-                self.close();
+                self.queue = None;
             }
         }
     }
@@ -102,47 +108,61 @@ impl Recorder {
 
     /// Why nothing more is written, if so.
     pub fn problem(&self) -> Option<&str> {
-        self.problem.as_deref()
+        let stopped = self.queue.is_none().then_some("the recorder stopped");
+        self.failure.get().map(String::as_str).or(stopped)
     }
 
-    fn close(&mut self) {
-        self.queue = None;
-        let Some(thread) = self.thread.take() else { return };
-        self.problem = match thread.join() {
-            Ok(Ok(())) => None,
-            Ok(Err(error)) => Some(error.to_string()),
-            Err(_) => Some("the recorder's thread panicked".into()),
-        };
-    }
-
-    /// Writes what is queued, ends the file, and says what became of it.
-    pub fn finish(mut self) -> RecordingFigures {
-        if self.gap.open > 0 {
-            // The thread empties the queue; waiting is no harm now.
-            let (instant_ns, count) = (now(), self.gap.open);
-            let text = format!("{count} items did not fit the recorder's queue");
-            let note = Note { instant_ns, kind: NoteKind::Loss, process: None, count, text };
-            if let Some(queue) = &self.queue {
-                self.items += u64::from(queue.send((instant_ns, Item::Note(note))).is_ok());
-            }
+    /// Writes what is queued, ends the file, and returns what became of it.
+    pub async fn finish(mut self) -> RecordingFigures {
+        if let (Some(queue), 1..) = (&self.queue, self.gap.open) {
+            // The writer empties the queue; waiting is no harm now.
+            let at = now();
+            self.items += u64::from(queue.send((at, self.gap.note(at))).await.is_ok());
         }
-        self.close();
+        self.queue = None;
+        let ended = self.task.await;
+        let panicked = ended.err().map(|error| format!("the recorder failed: {error}"));
         RecordingFigures {
             file: self.file.display().to_string(),
             items: self.items,
             lost: self.gap.total,
             bytes: std::fs::metadata(&self.file).map_or(0, |m| m.len()),
-            problem: self.problem.take(),
+            problem: self.failure.get().cloned().or(panicked),
         }
     }
 }
 
-fn write_all(items: &Receiver<(Nanos, Item)>, mut store: impl Store) -> Result<(), RecordingError> {
+impl Gap {
+    /// A note about the items that are missing.
+    fn note(&self, instant_ns: Nanos) -> Item {
+        let text = format!("{} items did not fit the recorder's queue", self.open);
+        Item::Note(Note { instant_ns, kind: NoteKind::Loss, process: None, count: self.open, text })
+    }
+}
+
+/// Writes items until the queue is closed or the store fails. The reason is kept before the queue
+/// goes, so that whoever finds it closed finds the reason too.
+fn write_all(
+    mut items: Receiver<(Nanos, Item)>,
+    store: impl Store,
+    runtime: &Handle,
+    failure: &OnceLock<String>,
+) {
+    if let Err(error) = write_items(&mut items, store, runtime) {
+        let _ = failure.set(error.to_string());
+    }
+}
+
+fn write_items(
+    items: &mut Receiver<(Nanos, Item)>,
+    mut store: impl Store,
+    runtime: &Handle,
+) -> Result<(), RecordingError> {
     loop {
-        match items.recv_timeout(LOOK) {
-            Ok((at, item)) => store.write(at, &item)?,
-            Err(RecvTimeoutError::Timeout) => {}
-            Err(RecvTimeoutError::Disconnected) => return store.finish(),
+        match runtime.block_on(async { timeout(CHUNK_CHECK, items.recv()).await }) {
+            Ok(Some((at, item))) => store.write(at, &item)?,
+            Ok(None) => return store.finish(),
+            Err(_) => {}
         }
         store.keep_up(now())?;
     }
@@ -194,14 +214,14 @@ mod tests {
         (Recorder::with(Path::new("/nonexistent/x"), store, 4), go, kept)
     }
 
-    #[test]
-    fn a_slow_disk_blocks_nobody_and_the_gap_is_noted() {
+    #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+    async fn a_slow_disk_blocks_nobody_and_the_gap_is_noted() {
         let (mut recorder, go, kept) = slow(usize::MAX);
         (0..20).for_each(|seq| recorder.offer(seq, pedal(seq)));
         let lost = recorder.lost();
         assert!((15..=16).contains(&lost), "queue of four, at most one in the store: {lost}");
         drop(go);
-        let figures = recorder.finish();
+        let figures = recorder.finish().await;
         assert_eq!((figures.lost, figures.problem), (lost, None));
         let kept = kept.lock().unwrap();
         let noted = kept.iter().filter_map(|i| match i {
@@ -212,17 +232,17 @@ mod tests {
         assert_eq!(kept.len() as u64, figures.items);
     }
 
-    #[test]
-    fn a_full_disk_ends_the_recording_not_the_run() {
+    #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
+    async fn a_full_disk_ends_the_recording_not_the_run() {
         let (mut recorder, go, _) = slow(2);
         drop(go);
         (0..3).for_each(|seq| recorder.offer(seq, pedal(seq)));
-        // The third write fails; from then on offers find nobody.
+        // The third write fails; from then on the queue is closed.
         while recorder.problem().is_none() {
             recorder.offer(9, pedal(9));
         }
         recorder.offer(10, pedal(10));
-        let figures = recorder.finish();
+        let figures = recorder.finish().await;
         assert!(figures.problem.is_some() && figures.lost >= 2, "{figures:?}");
     }
 }

@@ -1,6 +1,6 @@
 //! The report of a run: everything the run is judged by, as JSON and as tables. Pure.
 
-use super::ledger::{Ledger, StageFigures};
+use super::latency_stats::{LatencyStats, StageFigures};
 use crate::machine::Machine;
 use protocol::budget::Stage;
 use protocol::steps::StepRecord;
@@ -41,7 +41,8 @@ pub struct Report {
     /// Number of restarts, by process.
     pub restarts: BTreeMap<&'static str, u32>,
     /// What happened to the processes, in words, with the time since the start.
-    pub happenings: Vec<Happened>,
+    #[serde(rename = "happenings")]
+    pub incidents: Vec<Incident>,
     /// Blocks that the launcher missed, by channel.
     pub lost: BTreeMap<&'static str, u64>,
     /// Messages by channel.
@@ -177,7 +178,7 @@ pub struct ProcessFigures {
 /// Something that happened to a process.
 #[derive(Debug, Clone, Serialize)]
 #[allow(missing_docs)]
-pub struct Happened {
+pub struct Incident {
     pub at_s: f64,
     pub what: String,
 }
@@ -197,15 +198,15 @@ pub struct RecordingFigures {
 
 /// The paper's Table 4 (Wagner, Schill, Männer 2002, section 4.6; 1,000 triangles, 1,500 springs)
 /// with the medians of this run. "Overall" is the sum of the lines above it, as in the paper.
-pub fn paper_table_4(ledger: &Ledger) -> Vec<PaperLine> {
-    let median = |d: &super::ledger::Durations| (d.count() > 0).then(|| d.at_ms(50.0));
-    let phases = &ledger.phases;
+pub fn paper_table_4(latencies: &LatencyStats) -> Vec<PaperLine> {
+    let median = |d: &super::latency_stats::Durations| (d.count() > 0).then(|| d.at_ms(50.0));
+    let phases = &latencies.phases;
     let mut lines: Vec<PaperLine> = [
         ("collision detection", 2.3, median(&phases.collision)),
         ("tissue simulation", 1.5, median(&phases.tissue)),
         ("geometry transfer", 1.7, median(&phases.transfer)),
         ("misc", 1.0, median(&phases.misc)),
-        ("graphics rendering", 15.0, median(ledger.stage(Stage::Rendering))),
+        ("graphics rendering", 15.0, median(latencies.stage(Stage::Rendering))),
     ]
     .map(|(task, paper_ms, today_ms)| PaperLine { task, paper_ms, today_ms })
     .into();
@@ -305,7 +306,7 @@ impl Report {
             let mib = r.bytes as f64 / f64::from(1 << 20);
             writeln!(out, "recording: {}, {} items, {mib:.1} MiB, {} lost", r.file, r.items, r.lost)?;
         }
-        for h in &self.happenings {
+        for h in &self.incidents {
             writeln!(out, "{:>7.1} s: {}", h.at_s, h.what)?;
         }
         Ok(())
@@ -319,19 +320,19 @@ mod tests {
     use protocol::budget::Budgets;
     use protocol::steps::StepTimes;
 
-    fn ledger() -> Ledger {
-        let mut ledger = Ledger::default();
-        ledger.warm_from(1);
+    fn latencies() -> LatencyStats {
+        let mut latencies = LatencyStats::default();
+        latencies.warm_from(1);
         let times =
             StepTimes { collision_ns: 50_000, tissue_ns: 200_000, transfer_ns: 30_000, misc_ns: 20_000 };
         let mut step = StepRecord { times, ..StepRecord::zeroed() };
         (step.instants.exposed, step.instants.tracked, step.instants.stepped) = (10, 20, 320_000);
-        ledger.note_step(&step);
-        ledger
+        latencies.note_step(&step);
+        latencies
     }
 
     fn report() -> Report {
-        let ledger = ledger();
+        let latencies = latencies();
         Report {
             format: FORMAT,
             budgets_kept: true,
@@ -349,13 +350,13 @@ mod tests {
             },
             machine: Machine::look(),
             versions: Versions::of_this_build(),
-            stages: ledger.judge(&Budgets::default()),
+            stages: latencies.judge(&Budgets::default()),
             warm_up_left_out: 0,
-            paper_table_4: paper_table_4(&ledger),
+            paper_table_4: paper_table_4(&latencies),
             picture: None,
             processes: Vec::new(),
             restarts: BTreeMap::from([("tracker", 2)]),
-            happenings: vec![Happened { at_s: 3.0, what: "tracker restarted".into() }],
+            incidents: vec![Incident { at_s: 3.0, what: "tracker restarted".into() }],
             lost: BTreeMap::new(),
             received: BTreeMap::new(),
             events: BTreeMap::new(),
@@ -366,17 +367,17 @@ mod tests {
 
     #[test]
     fn overall_is_the_sum_of_what_was_measured() {
-        let lines = paper_table_4(&ledger());
+        let lines = paper_table_4(&latencies());
         let overall = lines.last().unwrap().today_ms.unwrap();
         assert!((overall - 0.3).abs() < 1e-3, "{overall}");
         assert_eq!(lines[4].today_ms, None, "no picture was drawn");
         let paper: f64 = lines[..5].iter().map(|l| l.paper_ms).sum();
         assert!((paper - lines[5].paper_ms).abs() < 1.0, "the paper rounds 21.5 to 22");
-        assert!(paper_table_4(&Ledger::default()).iter().all(|l| l.today_ms.is_none()));
+        assert!(paper_table_4(&LatencyStats::default()).iter().all(|l| l.today_ms.is_none()));
     }
 
     #[test]
-    fn tables_name_every_stage_and_happening() {
+    fn tables_name_every_stage_and_incident() {
         let text = report().text();
         for stage in Stage::ALL {
             assert!(text.contains(stage.name()) && text.contains(stage.span()), "{text}");

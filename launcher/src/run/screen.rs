@@ -1,13 +1,15 @@
 //! One screen of status while a run goes on; one line every ten seconds where there is no terminal.
 
-use super::ledger::Ledger;
+use super::latency_stats::LatencyStats;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
+use ipc::logging::{is_json, message};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::{STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
 use protocol::poses::BODY_NAMES;
 use protocol::time::Nanos;
 use std::io::{IsTerminal, Write};
+use tracing::Level;
 
 /// Period of the screen on a terminal, ns.
 const REDRAW_NS: u64 = 333_000_000;
@@ -25,7 +27,7 @@ pub struct Status<'a> {
     /// Traffic, events, bodies, picture.
     pub monitor: &'a Monitor,
     /// Latencies.
-    pub ledger: &'a Ledger,
+    pub latencies: &'a LatencyStats,
     /// Limits.
     pub budgets: &'a Budgets,
     /// Processes.
@@ -33,7 +35,7 @@ pub struct Status<'a> {
     /// The recorder, in words; empty without one.
     pub recorder: String,
     /// The newest thing that happened to a process; empty if nothing did.
-    pub happening: &'a str,
+    pub incident: &'a str,
 }
 
 impl Status<'_> {
@@ -75,7 +77,7 @@ impl Status<'_> {
     fn latencies(&self, lines: &mut Vec<String>) {
         lines.push(format!("{:<14}{:>10}{:>10}{:>10}", "latency, ms", "p50", "p99", "budget"));
         for stage in Stage::ALL {
-            let durations = self.ledger.stage(stage);
+            let durations = self.latencies.stage(stage);
             if durations.count() == 0 {
                 continue;
             }
@@ -108,8 +110,8 @@ impl Status<'_> {
     }
 
     fn warnings(&self, lines: &mut Vec<String>) {
-        if !self.happening.is_empty() {
-            lines.push(format!("! {}", self.happening));
+        if !self.incident.is_empty() {
+            lines.push(format!("! {}", self.incident));
         }
         for event in &self.monitor.warnings {
             lines.push(format!("! field {}: {}", event.field, event.describe()));
@@ -119,7 +121,7 @@ impl Status<'_> {
     /// One line.
     pub fn line(&self) -> String {
         let rate = |c: usize| self.monitor.traffic[c].rate_hz;
-        let p99 = |stage| self.ledger.stage(stage).at_ms(99.0);
+        let p99 = |stage| self.latencies.stage(stage).at_ms(99.0);
         let restarts: u32 = self.slots.iter().map(|s| s.restarts).sum();
         let tier = self.monitor.frame.map(|f| format!(", tier {}", f.tier)).unwrap_or_default();
         format!(
@@ -147,7 +149,8 @@ pub struct Screen {
 impl Screen {
     /// On standard error.
     pub fn new() -> Self {
-        Screen { terminal: std::io::stderr().is_terminal(), next_ns: 0, drawn_lines: 0 }
+        let terminal = std::io::stderr().is_terminal() && !is_json();
+        Screen { terminal, next_ns: 0, drawn_lines: 0 }
     }
 
     /// True if something is to be shown at `now`; then [`Screen::show`] is due.
@@ -166,7 +169,7 @@ impl Screen {
     /// Shows the status.
     pub fn show(&mut self, status: &Status<'_>) {
         if !self.terminal {
-            eprintln!("{}", status.line());
+            self.say(&status.line());
             return;
         }
         let lines = status.lines();
@@ -176,8 +179,16 @@ impl Screen {
         let _ = std::io::stderr().write_all(text.as_bytes());
     }
 
-    /// Says a sentence that stays, above the status.
+    /// Writes a sentence that stays, above the status; a record where messages are JSON lines.
     pub fn say(&mut self, sentence: &str) {
+        if is_json() {
+            return message(Level::INFO, sentence);
+        }
+        self.pass_on(sentence);
+    }
+
+    /// Writes a line of a child as it is, above the status.
+    pub fn pass_on(&mut self, sentence: &str) {
         let text = format!("{}{sentence}\n", clear(self.drawn_lines));
         self.drawn_lines = 0;
         let _ = std::io::stderr().write_all(text.as_bytes());
@@ -213,13 +224,13 @@ mod tests {
     use recording::Item;
 
     fn with_status(check: impl FnOnce(&Status<'_>)) {
-        let (mut monitor, mut ledger) = (Monitor::default(), Ledger::default());
-        ledger.warm_from(1);
+        let (mut monitor, mut latencies) = (Monitor::default(), LatencyStats::default());
+        latencies.warm_from(1);
         let mut step = StepRecord::zeroed();
         step.instants.exposed = 1_000_000;
         step.instants.tracked = 2_000_000;
         step.instants.stepped = 14_000_000;
-        ledger.note_step(&step);
+        latencies.note_step(&step);
         monitor.note(&Item::Step(step));
         let kind = EventKind::RimForceHigh as u32;
         let severity = Severity::Warning as u32;
@@ -230,11 +241,11 @@ mod tests {
             elapsed_s: 3.0,
             duration_s: Some(20.0),
             monitor: &monitor,
-            ledger: &ledger,
+            latencies: &latencies,
             budgets: &Budgets::default(),
             slots: &[],
             recorder: "recording".into(),
-            happening: "tracker restarted",
+            incident: "tracker restarted",
         });
     }
 

@@ -1,48 +1,47 @@
-//! A run from its first process to its last: the loop that hears, watches, records and shows.
+//! A run from its first process to its last: the loop that receives, supervises, records and shows.
 
-use super::course::{Asked, Course, Wish};
-use super::ledger::{Ledger, WARM_UP_NS};
+mod attempts;
+
+use super::attempt_control::AttemptControl;
+use super::channel_tap::ChannelTap;
+use super::latency_stats::{LatencyStats, WARM_UP_NS};
 use super::monitor::{CHANNELS, Monitor};
-use super::options::{RunArgs, View, numbered};
+use super::options::{RunArgs, View};
 use super::policy::CpuAccount;
 use super::recorder::Recorder;
-use super::report::{FORMAT, Happened, ProcessFigures, Report, Setup, Versions, paper_table_4};
+use super::report::{FORMAT, Incident, ProcessFigures, Report, Setup, Versions, paper_table_4};
 use super::resume::Resume;
 use super::screen::{Screen, Status};
-use super::supervisor::{Happening, Slot, Supervisor};
-use super::tap::Tap;
+use super::supervisor::{ProcessEvent, Slot, Supervisor};
 use crate::children::realtime_allowed;
 use crate::machine::Machine;
 use crate::modules::Composed;
+use crate::runtime::StopSignal;
 use anyhow::{Context, bail};
-use ipc::clock::{now, sleep_until};
+use ipc::clock::now;
 use ipc::{Instance, Sender};
 use protocol::budget::Budgets;
-use protocol::control::{Answer, Command, EVERY_PROCESS, LAUNCHER};
+use protocol::control::Answer;
 use protocol::health::Process;
-use protocol::message::text_bytes;
 use protocol::time::Nanos;
 use recording::{Item, Note, NoteKind, Provenance};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio::sync::mpsc;
+use tokio::time::{Instant, timeout_at};
 use training::score::recording::LiveScore;
 
-#[path = "attempts.rs"]
-mod attempts;
-
-/// Period of the launcher's looking, ns. Its queues reach for a second and more.
-const TICK_NS: u64 = 10_000_000;
-/// After the end of the stream the last fields get this long to reach the picture, ns.
-const LINGER_NS: u64 = 300_000_000;
+/// Longest wait for an item, so that a process that falls silent is noticed.
+const CHECK_PERIOD: Duration = Duration::from_millis(50);
+/// After the end of the stream the last fields get this long to reach the picture.
+const LINGER: Duration = Duration::from_millis(300);
 /// A duration is kept by the cameras; this much later the launcher ends the run by itself, ns.
 const OVERTIME_NS: u64 = 3_000_000_000;
-/// How long processes may take to obey a command before the launcher goes on without their answer, ns. A new scene's tissue takes a
-/// second on a slow machine.
-const OBEY_NS: u64 = 15_000_000_000;
-/// Period of the messages while the processes start, ns.
-const PATIENCE_NS: u64 = 5_000_000_000;
+/// Period of the messages while the processes start.
+const START_MESSAGE_PERIOD: Duration = Duration::from_secs(5);
+/// Lines of the processes that wait to be shown at most.
+const LINES_QUEUE: usize = 1024;
 
 /// A run that is going on.
 pub struct Session<'a> {
@@ -53,22 +52,24 @@ pub struct Session<'a> {
     provenance: Provenance,
     /// The module's scene, where one is trained.
     composed: Option<&'a mut Composed>,
-    course: Course,
+    control: AttemptControl,
     answers: Sender<Answer>,
-    /// Number of the command that is being obeyed, who has not answered yet, and who could not.
-    awaited: (u64, Vec<u32>, Vec<String>),
+    /// The answers to the newest command.
+    command: CommandProgress,
     /// Since when everything stands still.
     paused_ns: Option<Nanos>,
     /// The attempts that are over.
     attempts: Vec<Attempt>,
     /// Where the first attempt is recorded.
     first_record: Option<PathBuf>,
-    stop: Arc<AtomicBool>,
-    tap: Tap,
-    hearing: Hearing,
+    stop: StopSignal,
+    tap: ChannelTap,
+    consumers: Consumers,
     supervisor: Supervisor,
     screen: Screen,
-    happenings: Vec<Happened>,
+    /// What the processes write to standard error.
+    lines: mpsc::Receiver<String>,
+    incidents: Vec<Incident>,
     /// When the cameras were ready; 0 before.
     started_ns: Nanos,
     /// When the attempt began, moved by every pause; 0 before.
@@ -78,6 +79,17 @@ pub struct Session<'a> {
     instance: Instance,
 }
 
+/// How far the processes are with a command.
+#[derive(Debug, Default)]
+struct CommandProgress {
+    /// Number of its request.
+    seq: u64,
+    /// Processes that have not answered yet.
+    waiting: Vec<u32>,
+    /// Why processes could not do it.
+    problems: Vec<String>,
+}
+
 /// What is left of an attempt.
 #[derive(Debug, Clone)]
 pub struct Attempt {
@@ -85,13 +97,13 @@ pub struct Attempt {
     pub level: u32,
     /// Its recording.
     pub record: Option<PathBuf>,
-    /// The score as the simulation told it.
+    /// The score that the simulation published.
     pub live: LiveScore,
 }
 
-/// Everything that listens to the items.
-struct Hearing {
-    ledger: Ledger,
+/// Everything that consumes the items.
+struct Consumers {
+    latencies: LatencyStats,
     monitor: Monitor,
     resume: Resume,
     recorder: Option<Recorder>,
@@ -99,12 +111,12 @@ struct Hearing {
     lost_before: u64,
 }
 
-impl Hearing {
+impl Consumers {
     fn take(&mut self, at: Nanos, item: Item) {
         match &item {
-            Item::Poses(pose) => self.ledger.note_pose(pose),
-            Item::Step(step) => self.ledger.note_step(step),
-            Item::Frame(frame) => self.ledger.note_frame(frame),
+            Item::Poses(pose) => self.latencies.note_pose(pose),
+            Item::Step(step) => self.latencies.note_step(step),
+            Item::Frame(frame) => self.latencies.note_frame(frame),
             Item::Event(event) => self.score.note(event),
             _ => {}
         }
@@ -124,42 +136,47 @@ impl Hearing {
 
 impl<'a> Session<'a> {
     /// Opens the instance, its channels and the recording. Nothing runs yet.
+    ///
+    /// # Errors
+    /// Where rig or scene are refused, the instance is in use, or the recording cannot be made.
     pub fn open(
         args: &RunArgs,
         composed: Option<&'a mut Composed>,
         view: View,
         budgets: &'a Budgets,
-        stop: Arc<AtomicBool>,
+        stop: StopSignal,
     ) -> anyhow::Result<Self> {
         let provenance = super::provenance(args)?;
         let instance = Instance::own(&args.instance)?;
         let recorder = args.record.as_deref().map(|file| Recorder::start(file, &provenance)).transpose()?;
-        let (ledger, monitor, resume) = (Ledger::default(), Monitor::default(), Resume::default());
+        let (latencies, monitor, resume) = (LatencyStats::default(), Monitor::default(), Resume::default());
+        let (line_sender, lines) = mpsc::channel(LINES_QUEUE);
         Ok(Session {
             args: args.clone(),
             view,
             budgets,
             provenance,
             composed,
-            course: Course::default(),
+            control: AttemptControl::default(),
             answers: instance.sender()?,
-            awaited: (0, Vec::new(), Vec::new()),
+            command: CommandProgress::default(),
             paused_ns: None,
             attempts: Vec::new(),
             first_record: args.record.clone(),
             stop,
-            tap: Tap::open(&instance)?,
-            hearing: Hearing {
-                ledger,
+            tap: ChannelTap::open(&instance)?,
+            consumers: Consumers {
+                latencies,
                 monitor,
                 resume,
                 recorder,
                 score: LiveScore::default(),
                 lost_before: 0,
             },
-            supervisor: Supervisor::new(&instance, args, view)?,
+            supervisor: Supervisor::new(&instance, args, view, line_sender)?,
             screen: Screen::new(),
-            happenings: Vec::new(),
+            lines,
+            incidents: Vec::new(),
             started_ns: 0,
             attempt_ns: 0,
             own_cpu: CpuAccount::default(),
@@ -167,17 +184,20 @@ impl<'a> Session<'a> {
         })
     }
 
-    /// Starts everything, runs to the end, and says why it ended.
-    pub fn run(&mut self) -> anyhow::Result<&'static str> {
-        self.start_receivers()?;
+    /// Starts everything, runs to the end, and returns why it ended.
+    ///
+    /// # Errors
+    /// Where a process does not start or dies too often, or a channel fails.
+    pub async fn run(&mut self) -> anyhow::Result<&'static str> {
+        self.start_receivers().await?;
         self.supervisor.start(self.args.source(), self.args.duration, now())?;
-        let why = self.work()?;
-        self.linger()?;
+        let why = self.work().await?;
+        self.linger().await?;
         Ok(why)
     }
 
-    /// Starts what receives and waits until it works, so that the first field finds everybody.
-    fn start_receivers(&mut self) -> anyhow::Result<()> {
+    /// Starts what receives and waits until it works, so that no process misses the first field.
+    async fn start_receivers(&mut self) -> anyhow::Result<()> {
         let picture = (self.view != View::None).then_some(Process::Renderer);
         // The desk sends poses itself.
         let tracker = self.args.desk.is_none().then_some(Process::Tracker);
@@ -185,14 +205,14 @@ impl<'a> Session<'a> {
             self.supervisor.start(process, None, now())?;
         }
         self.screen.say(&format!("starting {}", self.supervisor.awaited().join(", ")));
-        let mut speak_ns = now() + PATIENCE_NS;
+        let mut message_at = Instant::now() + START_MESSAGE_PERIOD;
         while !self.supervisor.all_ready() {
-            self.tick()?;
-            if self.stop.load(Ordering::Relaxed) {
+            self.turn().await?;
+            if self.stop.is_raised() {
                 bail!("stopped while the processes were starting");
             }
-            if now() > speak_ns {
-                speak_ns += PATIENCE_NS;
+            if Instant::now() > message_at {
+                message_at += START_MESSAGE_PERIOD;
                 self.screen.say(&format!("waiting for {}", self.supervisor.awaited().join(", ")));
             }
         }
@@ -200,22 +220,22 @@ impl<'a> Session<'a> {
     }
 
     /// The loop.
-    fn work(&mut self) -> anyhow::Result<&'static str> {
+    async fn work(&mut self) -> anyhow::Result<&'static str> {
         loop {
-            let happenings = self.tick()?;
-            if self.stop.load(Ordering::Relaxed) {
+            let events = self.turn().await?;
+            if self.stop.is_raised() {
                 return Ok("signal");
             }
-            if happenings.contains(&Happening::WindowClosed) {
+            if events.contains(&ProcessEvent::WindowClosed) {
                 return Ok("window closed");
             }
-            if happenings.contains(&Happening::StreamEnded) {
+            if events.contains(&ProcessEvent::StreamEnded) {
                 return Ok(if self.args.duration.is_some() { "duration" } else { "end of the stream" });
             }
             if self.remaining_ns().is_some_and(|left| left < -(OVERTIME_NS as i64)) {
                 return Ok("duration (the cameras did not say so)");
             }
-            if let Some(why) = self.serve_wishes()? {
+            if let Some(why) = self.serve_requests().await? {
                 return Ok(why);
             }
             self.show();
@@ -223,94 +243,101 @@ impl<'a> Session<'a> {
     }
 
     /// Lets the cameras end first, and the last fields arrive.
-    fn linger(&mut self) -> anyhow::Result<()> {
+    async fn linger(&mut self) -> anyhow::Result<()> {
         self.supervisor.ask_to_end(self.args.source());
-        let until = now() + LINGER_NS;
-        while now() < until {
-            sleep_until(now() + TICK_NS);
-            self.hear()?;
+        let end = Instant::now() + LINGER;
+        while timeout_at(end, self.tap.wait(LINGER)).await.is_ok() {
+            self.receive()?;
         }
         Ok(())
     }
 
-    /// Sleeps a little, hears everything, and looks after the processes.
-    fn tick(&mut self) -> anyhow::Result<Vec<Happening>> {
-        sleep_until(now() + TICK_NS);
-        let mut happenings = self.hear()?;
+    /// Waits until there is something to do, receives everything, and restarts processes that died.
+    async fn turn(&mut self) -> anyhow::Result<Vec<ProcessEvent>> {
+        let child_ended = self.supervisor.child_ended();
+        tokio::select! {
+            () = self.tap.wait(CHECK_PERIOD) => {}
+            () = child_ended.notified() => {}
+            () = self.stop.raised() => {}
+        }
+        let mut events = self.receive()?;
         let remaining_s = self.remaining_ns().map(|left| (left as f64 * 1e-9).max(0.1));
-        let (instance, hearing) = (&self.instance, &mut self.hearing);
-        let found = self.supervisor.look(now(), remaining_s, |process, was_at_work| {
+        let (instance, consumers) = (&self.instance, &mut self.consumers);
+        let restart_arguments = |process, was_at_work| {
             instance.clean_up_after_the_dead();
             match process {
-                Process::Simcore => resume_arguments(instance, &mut hearing.resume, was_at_work),
+                Process::Simcore => resume_arguments(instance, &mut consumers.resume, was_at_work),
                 _ => Vec::new(),
             }
-        })?;
-        happenings.extend(found);
-        for happening in &happenings {
-            self.note_happening(happening);
+        };
+        events.extend(self.supervisor.check(now(), remaining_s, restart_arguments).await?);
+        for event in &events {
+            self.note_event(event);
         }
-        Ok(happenings)
+        Ok(events)
     }
 
     /// Takes in what has come on every channel.
-    fn hear(&mut self) -> anyhow::Result<Vec<Happening>> {
+    fn receive(&mut self) -> anyhow::Result<Vec<ProcessEvent>> {
         let at = now();
-        let hearing = &mut self.hearing;
-        let course = &mut self.course;
+        let (consumers, control) = (&mut self.consumers, &mut self.control);
         self.tap.drain(at, |filed_at, item| {
             if let Item::Pedal(pedal) = &item {
-                course.note_pedal(pedal);
+                control.note_pedal(pedal);
             }
-            hearing.take(filed_at, item);
+            consumers.take(filed_at, item);
         })?;
-        let mut happenings = Vec::new();
+        let mut events = Vec::new();
         while let Some(beat) = self.tap.heartbeat()? {
-            happenings.extend(self.supervisor.note(&beat, at));
+            events.extend(self.supervisor.note(&beat, at));
         }
-        self.hear_wishes()?;
+        self.receive_requests()?;
         self.note_losses(at);
-        Ok(happenings)
+        while let Ok(line) = self.lines.try_recv() {
+            self.screen.pass_on(&line);
+        }
+        Ok(events)
     }
 
     /// Records that blocks were lost before the launcher could read them.
     fn note_losses(&mut self, at: Nanos) {
         let lost = self.tap.lost();
         let total: u64 = lost.values().sum();
-        let count = total - self.hearing.lost_before;
+        let count = total - self.consumers.lost_before;
         if count == 0 {
             return;
         }
-        self.hearing.lost_before = total;
+        self.consumers.lost_before = total;
         let text = format!("{count} blocks were overwritten before they were recorded (so far: {lost:?})");
-        self.hearing.record_note(Note { instant_ns: at, kind: NoteKind::Loss, process: None, count, text });
+        self.consumers.record_note(Note { instant_ns: at, kind: NoteKind::Loss, process: None, count, text });
     }
 
-    fn note_happening(&mut self, happening: &Happening) {
+    fn note_event(&mut self, event: &ProcessEvent) {
         let at = now();
-        match happening {
-            Happening::Ready(process) => {
+        match event {
+            ProcessEvent::Ready(process) => {
                 if *process == self.args.source() && self.started_ns == 0 {
                     (self.started_ns, self.attempt_ns) = (at, at);
                     self.note_own_cpu(at);
-                    self.hearing.monitor.measure(at);
+                    self.consumers.monitor.measure(at);
                 }
                 if self.supervisor.all_ready() && self.started_ns > 0 {
-                    self.hearing.ledger.warm_from(at + WARM_UP_NS);
+                    self.consumers.latencies.warm_from(at + WARM_UP_NS);
                 }
             }
-            Happening::Restarting(process, how) => {
-                self.hearing.ledger.cool();
+            ProcessEvent::Restarting(process, how) => {
+                self.consumers.latencies.cool();
                 let restarts = self.supervisor.restarts_of(*process);
                 let text = format!("{} restarted: {how}", process.name());
-                self.screen.say(&text);
+                // The last lines of the process have been shown as they came.
+                self.screen.say(text.lines().next().unwrap_or_default());
                 let kind = NoteKind::Restart;
                 let (process, count) = (Some(*process), u64::from(restarts));
-                self.hearing.record_note(Note { instant_ns: at, kind, process, count, text: text.clone() });
+                self.consumers.record_note(Note { instant_ns: at, kind, process, count, text: text.clone() });
                 let at_s = self.elapsed_s(at);
-                self.happenings.push(Happened { at_s, what: text });
+                self.incidents.push(Incident { at_s, what: text });
             }
-            Happening::StreamEnded | Happening::WindowClosed => {}
+            ProcessEvent::StreamEnded | ProcessEvent::WindowClosed => {}
         }
     }
 
@@ -333,8 +360,8 @@ impl<'a> Session<'a> {
             return;
         }
         self.note_own_cpu(at);
-        self.hearing.monitor.measure(at);
-        let recorder = match &self.hearing.recorder {
+        self.consumers.monitor.measure(at);
+        let recorder = match &self.consumers.recorder {
             None => String::new(),
             Some(r) => match r.problem() {
                 Some(problem) => format!("RECORDING FAILED: {problem}"),
@@ -342,18 +369,18 @@ impl<'a> Session<'a> {
                 None => "recording".into(),
             },
         };
-        let newest = self.happenings.last().map_or("", |h| h.what.lines().next().unwrap_or(""));
-        let happening = if self.paused_ns.is_some() { "paused" } else { newest };
+        let newest = self.incidents.last().map_or("", |h| h.what.lines().next().unwrap_or(""));
+        let incident = if self.paused_ns.is_some() { "paused" } else { newest };
         let status = Status {
             now: at,
             elapsed_s: self.elapsed_s(at),
             duration_s: self.args.duration,
-            monitor: &self.hearing.monitor,
-            ledger: &self.hearing.ledger,
+            monitor: &self.consumers.monitor,
+            latencies: &self.consumers.latencies,
             budgets: self.budgets,
             slots: &self.supervisor.slots,
             recorder,
-            happening,
+            incident,
         };
         self.screen.show(&status);
     }
@@ -365,23 +392,23 @@ impl<'a> Session<'a> {
     }
 
     /// Ends the processes and the recording, and sums up.
-    pub fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
+    pub async fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
         let at = now();
         self.note_own_cpu(at);
-        for process in self.supervisor.end() {
+        for process in self.supervisor.end().await {
             let what = format!("{} did not end and was killed", process.name());
-            self.happenings.push(Happened { at_s: self.elapsed_s(at), what });
+            self.incidents.push(Incident { at_s: self.elapsed_s(at), what });
         }
         // What was sent on the way out; a channel that fails now has nothing more to say.
-        let _ = self.hear();
-        let recording = self.end_attempt();
+        let _ = self.receive();
+        let recording = self.end_attempt().await;
         let slots = &self.supervisor.slots;
         let renderer = slots.iter().find(|s| s.process == Process::Renderer);
         let words = renderer.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default();
         let mut processes: Vec<ProcessFigures> = slots.iter().map(process_figures).collect();
         processes.sort_by_key(|p| Process::ALL.iter().position(|q| q.name() == p.process));
         processes.push(self.own_figures());
-        let stages = self.hearing.ledger.judge(self.budgets);
+        let stages = self.consumers.latencies.judge(self.budgets);
         let report = Report {
             format: FORMAT,
             budgets_kept: stages.iter().all(|s| !s.broken),
@@ -391,30 +418,30 @@ impl<'a> Session<'a> {
             machine: Machine::look(),
             versions: Versions::of_this_build(),
             stages,
-            warm_up_left_out: self.hearing.ledger.warm_up,
-            paper_table_4: paper_table_4(&self.hearing.ledger),
-            picture: self.hearing.monitor.picture(words),
+            warm_up_left_out: self.consumers.latencies.warm_up,
+            paper_table_4: paper_table_4(&self.consumers.latencies),
+            picture: self.consumers.monitor.picture(words),
             processes,
             restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
-            happenings: std::mem::take(&mut self.happenings),
+            incidents: std::mem::take(&mut self.incidents),
             lost: self.tap.lost(),
-            received: CHANNELS.into_iter().zip(self.hearing.monitor.traffic.map(|t| t.count)).collect(),
-            events: self.hearing.monitor.events.clone(),
-            removed: self.hearing.monitor.removed,
+            received: CHANNELS.into_iter().zip(self.consumers.monitor.traffic.map(|t| t.count)).collect(),
+            events: self.consumers.monitor.events.clone(),
+            removed: self.consumers.monitor.removed,
             recording,
         };
         (report, self.attempts)
     }
 
     fn own_figures(&self) -> ProcessFigures {
-        let received = self.hearing.monitor.traffic.iter().map(|t| t.count).sum();
+        let received = self.consumers.monitor.traffic.iter().map(|t| t.count).sum();
         ProcessFigures {
             process: "launcher",
             restarts: 0,
             cpu_percent: self.own_cpu.share() * 100.0,
             received,
             sent: 0,
-            lost: self.hearing.lost_before,
+            lost: self.consumers.lost_before,
             refused: 0,
             text: String::new(),
         }

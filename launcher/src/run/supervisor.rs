@@ -2,13 +2,15 @@
 
 use super::options::{RunArgs, View};
 use super::policy::{CpuAccount, MAX_RESTARTS, RestartLimit, WINDOW_NS};
-use crate::children::{self, Child, Surroundings, realtime_allowed};
+use crate::children::{self, Child, LineSender, Surroundings, realtime_allowed};
 use anyhow::ensure;
 use ipc::{Instance, Sender};
 use protocol::control::{Command, Request};
 use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
 use protocol::limits::HEARTBEAT_LOST_NS;
 use protocol::time::Nanos;
+use std::sync::Arc;
+use tokio::sync::Notify;
 
 /// How long a process may take from its start to its first work, ns. Compiling shaders on a slow
 /// machine takes some seconds.
@@ -18,9 +20,9 @@ const OWN_SLEEP_NS: u64 = 1_000_000_000;
 /// Niceness of the renderer where the others cannot be real-time processes: they still go first.
 const RENDERER_NICE: i32 = 5;
 
-/// What the supervisor noticed.
+/// A change in the state of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Happening {
+pub enum ProcessEvent {
     /// A process is ready for work, at first or again.
     Ready(Process),
     /// A process died or hung and is being restarted; the text says how it ended.
@@ -58,17 +60,36 @@ pub struct Supervisor {
     view: View,
     requests: Sender<Request>,
     requests_sent: u64,
-    last_look_ns: Nanos,
+    last_check_ns: Nanos,
     stream_ended: bool,
+    /// Takes what the children write to standard error.
+    lines: LineSender,
+    /// Notified when a child has ended.
+    child_ended: Arc<Notify>,
 }
 
 impl Supervisor {
     /// Nothing runs yet.
-    pub fn new(instance: &Instance, args: &RunArgs, view: View) -> anyhow::Result<Self> {
-        let requests = instance.sender()?;
-        let args = args.clone();
-        let (slots, requests_sent, last_look_ns) = (Vec::new(), 0, 0);
-        Ok(Self { slots, args, view, requests, requests_sent, last_look_ns, stream_ended: false })
+    ///
+    /// # Errors
+    /// Where the channel of requests cannot be opened.
+    pub fn new(instance: &Instance, args: &RunArgs, view: View, lines: LineSender) -> anyhow::Result<Self> {
+        Ok(Self {
+            slots: Vec::new(),
+            args: args.clone(),
+            view,
+            requests: instance.sender()?,
+            requests_sent: 0,
+            last_check_ns: 0,
+            stream_ended: false,
+            lines,
+            child_ended: Arc::default(),
+        })
+    }
+
+    /// Notified when a child has ended; [`Supervisor::check`] then finds out which.
+    pub fn child_ended(&self) -> Arc<Notify> {
+        Arc::clone(&self.child_ended)
     }
 
     /// Starts a process. `extra` arguments come after those of the run.
@@ -99,16 +120,18 @@ impl Supervisor {
     ) -> anyhow::Result<Child> {
         let mut args = self.args.arguments_of(process, self.view, remaining_s, restarts);
         args.extend_from_slice(extra);
-        let surroundings = match process {
-            Process::Renderer => Surroundings {
-                environment: vec![("LP_NUM_THREADS", software_threads(realtime_allowed()).to_string())],
-                nice: if realtime_allowed() { 0 } else { RENDERER_NICE },
-                realtime: false,
-            },
+        let (lines, ended) = (Some(self.lines.clone()), Arc::clone(&self.child_ended));
+        let mut surroundings = Surroundings { lines, ended, ..Surroundings::default() };
+        match process {
+            Process::Renderer => {
+                let threads = software_threads(realtime_allowed()).to_string();
+                surroundings.environment = vec![("LP_NUM_THREADS", threads)];
+                surroundings.nice = if realtime_allowed() { 0 } else { RENDERER_NICE };
+            }
             // A field must not wait for a time slice of the renderer's to end.
-            _ => Surroundings { realtime: true, ..Surroundings::default() },
-        };
-        Child::spawn_in(process, &self.args.instance, &args, &surroundings)
+            _ => surroundings.realtime = true,
+        }
+        Child::spawn(process, &self.args.instance, &args, &surroundings)
     }
 
     /// True once every started process is at work.
@@ -122,7 +145,7 @@ impl Supervisor {
     }
 
     /// Takes a heartbeat.
-    pub fn note(&mut self, beat: &Health, now: Nanos) -> Option<Happening> {
+    pub fn note(&mut self, beat: &Health, now: Nanos) -> Option<ProcessEvent> {
         let is_it = |s: &&mut Slot| s.child.as_ref().is_some_and(|c| c.pid() == beat.pid);
         let slot = self.slots.iter_mut().find(is_it)?;
         slot.health = Some(*beat);
@@ -136,9 +159,9 @@ impl Supervisor {
         let process = slot.process;
         if beat.state == STATE_FINISHED && beat.process == self.args.source() as u32 && !self.stream_ended {
             self.stream_ended = true;
-            return Some(Happening::StreamEnded);
+            return Some(ProcessEvent::StreamEnded);
         }
-        first.then_some(Happening::Ready(process))
+        first.then_some(ProcessEvent::Ready(process))
     }
 
     /// How often a process was restarted.
@@ -146,25 +169,28 @@ impl Supervisor {
         self.slots.iter().find(|s| s.process == process).map_or(0, |s| s.restarts)
     }
 
-    /// Looks after every process. `revive` is asked for further arguments of a process that is to
-    /// be restarted, and told whether it was at work when it died. Fails where a process does not start or dies too often.
-    pub fn look(
+    /// Restarts every process that has ended or is silent. `restart_arguments` gives the further
+    /// arguments of a process, which was at work when it died or was not.
+    ///
+    /// # Errors
+    /// Where a process does not start or dies too often.
+    pub async fn check(
         &mut self,
         now: Nanos,
         remaining_s: Option<f64>,
-        mut revive: impl FnMut(Process, bool) -> Vec<String>,
-    ) -> anyhow::Result<Vec<Happening>> {
-        let slept = self.last_look_ns > 0 && now.saturating_sub(self.last_look_ns) > OWN_SLEEP_NS;
-        self.last_look_ns = now;
-        let mut happenings = Vec::new();
+        mut restart_arguments: impl FnMut(Process, bool) -> Vec<String>,
+    ) -> anyhow::Result<Vec<ProcessEvent>> {
+        let slept = self.last_check_ns > 0 && now.saturating_sub(self.last_check_ns) > OWN_SLEEP_NS;
+        self.last_check_ns = now;
+        let mut events = Vec::new();
         for i in 0..self.slots.len() {
             let slot = &mut self.slots[i];
             if slept {
                 slot.last_sign_ns = now;
             }
-            let Some(end) = slot.end(now) else { continue };
+            let Some(end) = slot.end(now).await else { continue };
             if end.orderly && slot.process == Process::Renderer && self.view == View::Window {
-                happenings.push(Happening::WindowClosed);
+                events.push(ProcessEvent::WindowClosed);
                 continue;
             }
             if end.orderly && slot.process == self.args.source() && self.stream_ended {
@@ -174,12 +200,13 @@ impl Supervisor {
             let (process, was_at_work) = (slot.process, slot.ready);
             slot.restarts += 1;
             let restarts = slot.restarts;
-            let child = self.spawn(process, remaining_s, restarts, &revive(process, was_at_work))?;
+            let child =
+                self.spawn(process, remaining_s, restarts, &restart_arguments(process, was_at_work))?;
             let slot = &mut self.slots[i];
             (slot.child, slot.health, slot.ready, slot.last_sign_ns) = (Some(child), None, false, now);
-            happenings.push(Happening::Restarting(process, end.how));
+            events.push(ProcessEvent::Restarting(process, end.how));
         }
-        Ok(happenings)
+        Ok(events)
     }
 
     /// The level that is trained.
@@ -197,19 +224,19 @@ impl Supervisor {
         self.ask(process as u32, Command::Shutdown, 0);
     }
 
-    /// Sends a request; the number by which its answers can be told.
+    /// Sends a request; returns its number, which its answers carry.
     pub fn ask(&mut self, target: u32, command: Command, argument: u64) -> u64 {
         let seq = self.requests_sent;
         self.requests_sent += 1;
-        // One that does not hear does not answer, or is ended by signal.
+        // A process that misses it does not answer, or is ended by signal.
         let _ = self.requests.send(&Request { seq, argument, target, command: command as u32 });
         seq
     }
 
-    /// Ends every process in order, and says who had to be killed.
-    pub fn end(&mut self) -> Vec<Process> {
-        let mut children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
-        children::end_all(&mut children, Some(&mut self.requests), self.requests_sent)
+    /// Ends every process in order; returns those that had to be killed.
+    pub async fn end(&mut self) -> Vec<Process> {
+        let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
+        children::end_all(&children, &mut self.requests, self.requests_sent).await
     }
 }
 
@@ -217,23 +244,23 @@ impl Supervisor {
 struct End {
     /// By itself, with success.
     orderly: bool,
-    /// For a person, with its last words.
+    /// For a person, with its last lines.
     how: String,
 }
 
 impl Slot {
-    /// Says whether the process has ended, and kills it first where it hangs.
-    fn end(&mut self, now: Nanos) -> Option<End> {
-        let child = self.child.as_mut()?;
+    /// How the process ended, if it has; one that hangs is killed first.
+    async fn end(&mut self, now: Nanos) -> Option<End> {
+        let child = self.child.as_ref()?;
         if let Some(status) = child.exited() {
-            return Some(End { orderly: status.success(), how: child.obituary() });
+            return Some(End { orderly: status.success(), how: child.exit_report() });
         }
         let patience = if self.ready { HEARTBEAT_LOST_NS } else { START_NS };
         let silent_ns = now.saturating_sub(self.last_sign_ns);
         if silent_ns <= patience {
             return None;
         }
-        child.kill();
+        child.kill().await;
         let silent_s = silent_ns as f64 * 1e-9;
         let how =
             format!("{} gave no sign of life for {silent_s:.1} s and was killed", self.process.binary());
@@ -256,7 +283,7 @@ fn start_failure(process: Process, how: &str) -> String {
         Process::Renderer => {
             "\nA software driver for the picture is installed by: sudo apt-get install mesa-vulkan-drivers libvulkan1\n\
              Everything but the picture runs without one: vitreo run --no-picture\n\
-             What this machine has and lacks is told by: vitreo doctor"
+             vitreo doctor lists what this machine has and lacks"
         }
         _ => "",
     };

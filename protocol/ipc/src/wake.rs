@@ -3,9 +3,10 @@
 use super::instance::{Instance, Service};
 use super::{IpcError, transport};
 use iceoryx2::prelude::*;
-use std::os::fd::BorrowedFd;
+use std::os::fd::{AsFd, BorrowedFd};
 
-const MAX_SOURCES: usize = 8;
+/// Most sources of one [`wait`].
+pub const MAX_SOURCES: usize = 8;
 
 fn event_service(
     instance: &Instance,
@@ -52,6 +53,14 @@ impl Listener {
     }
 }
 
+impl AsFd for Listener {
+    /// Readable while a notification waits.
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the listener owns the descriptor and outlives the borrow.
+        unsafe { BorrowedFd::borrow_raw(self.0.file_descriptor().native_handle()) }
+    }
+}
+
 /// A channel's receiving side that can wake a waiting process.
 pub trait Wakes {
     /// Its listener.
@@ -62,18 +71,16 @@ pub trait Wakes {
 /// all of them, whatever the reason.
 ///
 /// # Panics
-/// With more than eight sources.
+/// With more than [`MAX_SOURCES`].
 pub fn wait(sources: &[&dyn Wakes], timeout_ns: u64) {
-    assert!(sources.len() <= MAX_SOURCES, "at most eight sources");
+    assert!(sources.len() <= MAX_SOURCES, "at most {MAX_SOURCES} sources");
     let timeout = rustix::time::Timespec {
         tv_sec: (timeout_ns / 1_000_000_000) as i64,
         tv_nsec: (timeout_ns % 1_000_000_000) as _,
     };
     let poll_fd = |i: usize| {
         let listener = sources[i.min(sources.len() - 1)].listener();
-        // SAFETY: the listener owns the descriptor and outlives this borrow, which ends below.
-        let fd = unsafe { BorrowedFd::borrow_raw(listener.0.file_descriptor().native_handle()) };
-        rustix::event::PollFd::from_borrowed_fd(fd, rustix::event::PollFlags::IN)
+        rustix::event::PollFd::from_borrowed_fd(listener.as_fd(), rustix::event::PollFlags::IN)
     };
     if sources.is_empty() {
         crate::clock::sleep_until(crate::clock::now() + timeout_ns);

@@ -1,6 +1,7 @@
-//! The launcher's ears: a receiver on every channel, drained at each tick.
+//! A receiver on every channel, for the launcher.
 
-use ipc::{BlockReceiver, Instance, IpcError, Queue, Receiver, wait};
+use crate::runtime::Wakeups;
+use ipc::{BlockReceiver, Instance, IpcError, MAX_SOURCES, Queue, Receiver, Wakes, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Answer, Request};
 use protocol::events::Event;
@@ -14,9 +15,15 @@ use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::Nanos;
 use recording::Item;
 use std::collections::BTreeMap;
+use std::time::Duration;
+use tokio::time::{Interval, MissedTickBehavior, interval};
+
+/// Shortest time between two drains: waking for each of some hundred blocks a second costs more
+/// than draining several at once. The queues reach for a second and more.
+const DRAIN_PERIOD: Duration = Duration::from_millis(10);
 
 /// A receiver on every channel of an instance.
-pub struct Tap {
+pub struct ChannelTap {
     blobs: Receiver<BlobField>,
     handles: Receiver<HandleState>,
     pedal: Receiver<PedalState>,
@@ -30,6 +37,8 @@ pub struct Tap {
     inputs: Receiver<InputEvent>,
     requests: Receiver<Request>,
     answers: Receiver<Answer>,
+    wakeups: Wakeups,
+    pace: Interval,
 }
 
 /// The instant by which an item is filed, ns; `now` for those that carry none.
@@ -59,10 +68,15 @@ fn drain<M: Message + std::fmt::Debug>(
     Ok(())
 }
 
-impl Tap {
+impl ChannelTap {
     /// Opens every channel; to be done before the processes are started, so that nothing is missed.
-    pub fn open(instance: &Instance) -> Result<Self, IpcError> {
-        Ok(Tap {
+    ///
+    /// # Errors
+    /// Where a channel cannot be opened.
+    pub fn open(instance: &Instance) -> anyhow::Result<Self> {
+        let mut pace = interval(DRAIN_PERIOD);
+        pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut tap = ChannelTap {
             blobs: instance.receiver(Queue::InOrder)?,
             handles: instance.receiver(Queue::InOrder)?,
             pedal: instance.receiver(Queue::InOrder)?,
@@ -76,13 +90,41 @@ impl Tap {
             inputs: instance.receiver(Queue::InOrder)?,
             requests: instance.receiver(Queue::InOrder)?,
             answers: instance.receiver(Queue::InOrder)?,
-        })
+            wakeups: Wakeups::none(),
+            pace,
+        };
+        tap.wakeups = Wakeups::of(&tap.sources())?;
+        Ok(tap)
+    }
+
+    fn sources(&self) -> [&dyn Wakes; 13] {
+        [
+            &self.blobs,
+            &self.handles,
+            &self.pedal,
+            &self.poses,
+            &self.steps,
+            &self.events,
+            &self.frames,
+            &self.checkpoints,
+            &self.pictures,
+            &self.health,
+            &self.inputs,
+            &self.requests,
+            &self.answers,
+        ]
+    }
+
+    /// Waits until something has come, at most for `limit`. Returns every [`DRAIN_PERIOD`] at most.
+    pub async fn wait(&mut self, limit: Duration) {
+        self.pace.tick().await;
+        self.wakeups.wait(limit).await;
     }
 
     /// Hands everything that has come to `take`, with the instant by which it is filed. Inputs come
     /// before what was made of them, so that a reader of the recording has them in time.
     pub fn drain(&mut self, now: Nanos, mut take: impl FnMut(Nanos, Item)) -> Result<(), IpcError> {
-        self.forget_wake_ups();
+        self.sources().chunks(MAX_SOURCES).for_each(|sources| wait(sources, 0));
         // What was made first, so that its inputs are surely among what is drained before it.
         let checkpoint = self.checkpoints.receive()?.map(|sample| {
             let bytes = (sample.header().bytes as usize).min(sample.payload().len());
@@ -104,14 +146,6 @@ impl Tap {
             take(filed_at(&item, now), item);
         }
         Ok(())
-    }
-
-    /// Takes the notifications away; the launcher looks by the clock, which costs less than waking
-    /// for each of some hundred blocks a second.
-    fn forget_wake_ups(&self) {
-        wait(&[&self.blobs, &self.handles, &self.pedal, &self.poses, &self.steps], 0);
-        wait(&[&self.events, &self.frames, &self.checkpoints, &self.pictures, &self.health], 0);
-        wait(&[&self.inputs, &self.requests, &self.answers], 0);
     }
 
     /// The next heartbeat.

@@ -86,7 +86,7 @@ pub struct Phases {
 
 /// All histograms of a run.
 #[derive(Debug, Default)]
-pub struct Ledger {
+pub struct LatencyStats {
     stages: [Durations; Stage::ALL.len()],
     /// Phases of the simulation step.
     pub phases: Phases,
@@ -97,8 +97,8 @@ pub struct Ledger {
     below_floor: u64,
 }
 
-impl Ledger {
-    /// From now on nothing is counted, until [`Ledger::warm_from`].
+impl LatencyStats {
+    /// From now on nothing is counted, until [`LatencyStats::warm_from`].
     pub fn cool(&mut self) {
         self.warm_from_ns = None;
     }
@@ -303,29 +303,29 @@ mod tests {
     }
 
     /// A field's way through tracker and simulation.
-    fn note(ledger: &mut Ledger, field: u64, tracking_ms: u64, simulation_ms: u64) {
+    fn note(latencies: &mut LatencyStats, field: u64, tracking_ms: u64, simulation_ms: u64) {
         let step = step(field, tracking_ms, simulation_ms);
-        ledger.note_pose(&TrackerFrame { field, instants: step.instants, ..TrackerFrame::zeroed() });
-        ledger.note_step(&step);
+        latencies.note_pose(&TrackerFrame { field, instants: step.instants, ..TrackerFrame::zeroed() });
+        latencies.note_step(&step);
     }
 
-    fn broken(ledger: &Ledger) -> Vec<Stage> {
-        let judged = ledger.judge(&Budgets::default());
+    fn broken(latencies: &LatencyStats) -> Vec<Stage> {
+        let judged = latencies.judge(&Budgets::default());
         judged.into_iter().filter(|f| f.broken).map(|f| f.stage).collect()
     }
 
-    fn warm() -> Ledger {
-        let mut ledger = Ledger::default();
-        ledger.warm_from(1);
-        ledger
+    fn warm() -> LatencyStats {
+        let mut latencies = LatencyStats::default();
+        latencies.warm_from(1);
+        latencies
     }
 
     #[test]
     fn only_the_slow_stage_is_broken_and_its_worst_field_named() {
-        let mut ledger = warm();
-        (0..200).for_each(|f| note(&mut ledger, f, 0, if f == 77 { 30 } else { 20 }));
-        assert_eq!(broken(&ledger), [Stage::Simulation]);
-        let judged = ledger.judge(&Budgets::default());
+        let mut latencies = warm();
+        (0..200).for_each(|f| note(&mut latencies, f, 0, if f == 77 { 30 } else { 20 }));
+        assert_eq!(broken(&latencies), [Stage::Simulation]);
+        let judged = latencies.judge(&Budgets::default());
         let line = &judged[Stage::Simulation as usize];
         assert_eq!((line.worst_field, line.violations), (Some(77), 200));
         assert!(line.blame().contains("field 77 with 30.00 ms"), "{}", line.blame());
@@ -333,52 +333,58 @@ mod tests {
 
     #[test]
     fn a_rare_spike_does_not_break_p99_but_breaks_p100() {
-        let mut ledger = warm();
-        (0..1000).for_each(|f| note(&mut ledger, f, if f == 5 { 9 } else { 0 }, 1));
-        assert_eq!(broken(&ledger), []);
+        let mut latencies = warm();
+        (0..1000).for_each(|f| note(&mut latencies, f, if f == 5 { 9 } else { 0 }, 1));
+        assert_eq!(broken(&latencies), []);
         let strict = Budgets { percentile: 100.0, ..Budgets::default() };
-        let judged = ledger.judge(&strict);
+        let judged = latencies.judge(&strict);
         assert!(judged[Stage::Tracking as usize].broken);
         assert_eq!(judged[Stage::Tracking as usize].violations, 1);
     }
 
     #[test]
     fn pictures_too_small_to_train_with_break_the_rendering_budget() {
-        let mut ledger = warm();
+        let mut latencies = warm();
         for i in 0..1000 {
             let instants = Instants { exposed: 1 + i, ..Instants::zeroed() };
             let flags = if i < 30 { BELOW_FLOOR } else { 0 };
             let (frame_start, drawn) = (1, 5 * MS);
-            ledger.note_frame(&FrameRecord { instants, flags, frame_start, drawn, ..FrameRecord::zeroed() });
+            latencies.note_frame(&FrameRecord {
+                instants,
+                flags,
+                frame_start,
+                drawn,
+                ..FrameRecord::zeroed()
+            });
         }
-        assert_eq!(broken(&ledger), [Stage::Rendering], "3 % of quick frames, where 1 % is allowed");
-        let line = ledger.judge(&Budgets::default())[Stage::Rendering as usize].blame();
+        assert_eq!(broken(&latencies), [Stage::Rendering], "3 % of quick frames, where 1 % is allowed");
+        let line = latencies.judge(&Budgets::default())[Stage::Rendering as usize].blame();
         assert!(line.contains("30 of 1000 frames smaller"), "{line}");
         let lenient = Budgets { percentile: 95.0, ..Budgets::default() };
-        assert!(!ledger.judge(&lenient)[Stage::Rendering as usize].broken);
+        assert!(!latencies.judge(&lenient)[Stage::Rendering as usize].broken);
     }
 
     #[test]
     fn fields_before_the_run_is_warm_are_left_out() {
-        let mut ledger = Ledger::default();
-        note(&mut ledger, 0, 50, 50);
-        ledger.warm_from(100 * 20 * MS);
-        (0..200).for_each(|f| note(&mut ledger, f, 0, if f < 99 { 60 } else { 1 }));
-        assert_eq!((broken(&ledger), ledger.warm_up), (vec![], 200));
-        ledger.cool();
-        note(&mut ledger, 500, 50, 50);
-        assert_eq!(broken(&ledger), []);
+        let mut latencies = LatencyStats::default();
+        note(&mut latencies, 0, 50, 50);
+        latencies.warm_from(100 * 20 * MS);
+        (0..200).for_each(|f| note(&mut latencies, f, 0, if f < 99 { 60 } else { 1 }));
+        assert_eq!((broken(&latencies), latencies.warm_up), (vec![], 200));
+        latencies.cool();
+        note(&mut latencies, 500, 50, 50);
+        assert_eq!(broken(&latencies), []);
     }
 
     #[test]
     fn the_mean_of_the_whole_system_is_judged_beside_its_percentile() {
-        let mut ledger = warm();
+        let mut latencies = warm();
         for field in 0..100 {
             let exposed = (field + 1) * 20 * MS;
             let instants = Instants { exposed, ..Instants::zeroed() };
             let (frame_start, drawn) = (exposed + 40 * MS, exposed + 50 * MS);
             let displayed = exposed + 55 * MS;
-            ledger.note_frame(&FrameRecord {
+            latencies.note_frame(&FrameRecord {
                 field,
                 instants,
                 frame_start,
@@ -387,24 +393,24 @@ mod tests {
                 ..FrameRecord::zeroed()
             });
         }
-        assert_eq!(broken(&ledger), [Stage::WholeSystem]);
-        let judged = ledger.judge(&Budgets::default());
+        assert_eq!(broken(&latencies), [Stage::WholeSystem]);
+        let judged = latencies.judge(&Budgets::default());
         let whole = &judged[Stage::WholeSystem as usize];
         assert!(whole.blame().contains("mean is 55.00 ms, budget 50.00 ms"), "{}", whole.blame());
     }
 
     #[test]
     fn a_stage_that_did_not_run_is_not_judged() {
-        let judged = Ledger::default().judge(&Budgets::default());
+        let judged = LatencyStats::default().judge(&Budgets::default());
         assert!(judged.iter().all(|f| f.verdict == Verdict::NoSamples && !f.broken));
     }
 
     #[test]
     fn a_limit_of_zero_is_not_asserted() {
-        let mut ledger = warm();
-        note(&mut ledger, 1, 0, 400);
+        let mut latencies = warm();
+        note(&mut latencies, 1, 0, 400);
         let budgets = Budgets::parse("[[budget]]\nstage = \"simulation\"\nlimit_ms = 0", "b").unwrap();
-        let judged = ledger.judge(&budgets);
+        let judged = latencies.judge(&budgets);
         assert_eq!(judged[Stage::Simulation as usize].verdict, Verdict::NotAsserted);
     }
 

@@ -1,0 +1,166 @@
+//! Pause, restart and next level of a run. Each attempt has a recording of its own.
+
+use super::{Attempt, CommandProgress, Session};
+use crate::run::attempt_control::{ControlRequest, PendingRequest};
+use crate::run::latency_stats::WARM_UP_NS;
+use crate::run::options::numbered;
+use crate::run::provenance;
+use crate::run::recorder::Recorder;
+use crate::run::report::{Incident, RecordingFigures};
+use anyhow::bail;
+use ipc::clock::now;
+use protocol::control::{Answer, Command, EVERY_PROCESS, LAUNCHER};
+use protocol::health::Process;
+use protocol::message::text_bytes;
+use protocol::time::Nanos;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// How long processes may take to obey a command before the launcher goes on without their answer.
+/// A new scene's tissue takes a second on a slow machine.
+const OBEY: Duration = Duration::from_secs(15);
+
+impl Session<'_> {
+    /// Takes in requests, and the answers of processes.
+    pub(super) fn receive_requests(&mut self) -> anyhow::Result<()> {
+        while let Some(event) = self.tap.input()? {
+            self.control.note_input(&event);
+        }
+        while let Some(request) = self.tap.request()? {
+            if let Some(seq) = self.control.note_request(&request) {
+                self.answer(
+                    seq,
+                    Err("the launcher knows start, pause, reset, next and shutdown only".into()),
+                )?;
+            }
+        }
+        let CommandProgress { seq, waiting, problems } = &mut self.command;
+        while let Some(answer) = self.tap.answer()? {
+            if answer.seq == *seq && waiting.contains(&answer.process) {
+                waiting.retain(|p| *p != answer.process);
+                if answer.result != 0 {
+                    problems.push(answer.text());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn answer(&mut self, seq: u64, done: Result<(), String>) -> anyhow::Result<()> {
+        let text = text_bytes(done.as_ref().err().map_or("", String::as_str));
+        Ok(self.answers.send(&Answer { seq, process: LAUNCHER, result: u32::from(done.is_err()), text })?)
+    }
+
+    /// Serves the requests; returns why the run is to end, if it is.
+    pub(super) async fn serve_requests(&mut self) -> anyhow::Result<Option<&'static str>> {
+        while let Some(PendingRequest { request, seq }) = self.control.take() {
+            let done = match (request, self.paused_ns) {
+                (ControlRequest::Pause | ControlRequest::PauseOrResume, None) => self.pause().await,
+                (ControlRequest::Resume | ControlRequest::PauseOrResume, Some(since)) => {
+                    self.resume(since).await
+                }
+                (ControlRequest::Pause, Some(_)) | (ControlRequest::Resume, None) => Ok(()),
+                (ControlRequest::Restart, _) => self.begin_again(Command::Reset).await,
+                (ControlRequest::Next, _) => self.next_level().await,
+                (ControlRequest::Quit, _) => Ok(()),
+            };
+            if let Err(problem) = &done {
+                self.screen.say(&format!("{problem:#}"));
+            }
+            if let Some(seq) = seq {
+                self.answer(seq, done.map_err(|e| format!("{e:#}")))?;
+            }
+            if request == ControlRequest::Quit {
+                return Ok(Some("asked to end"));
+            }
+        }
+        Ok(None)
+    }
+
+    async fn pause(&mut self) -> anyhow::Result<()> {
+        self.paused_ns = Some(now());
+        // What is drawn while nothing moves is as old as the pause is long.
+        self.consumers.latencies.cool();
+        self.command_all(Command::Pause, 0).await
+    }
+
+    async fn resume(&mut self, since: Nanos) -> anyhow::Result<()> {
+        self.command_all(Command::Start, 0).await?;
+        let at = now();
+        self.paused_ns = None;
+        self.attempt_ns += at.saturating_sub(since);
+        self.consumers.latencies.warm_from(at + WARM_UP_NS);
+        Ok(())
+    }
+
+    async fn next_level(&mut self) -> anyhow::Result<()> {
+        let Some(composed) = &mut self.composed else {
+            bail!("there is no next level: no module is trained (--module)");
+        };
+        // A duration that somebody asked for stays.
+        let scripted = self.args.duration == Some(self.args.attempt_s(composed));
+        let level = composed.next_level()?;
+        if scripted {
+            self.args.duration = Some(self.args.attempt_s(composed));
+        }
+        self.supervisor.set_level(level);
+        self.begin_again(Command::Load).await?;
+        Ok(())
+    }
+
+    /// Ends the attempt and begins one anew: everything stands still, so that no message belongs to both.
+    async fn begin_again(&mut self, command: Command) -> anyhow::Result<()> {
+        self.consumers.latencies.cool();
+        self.paused_ns = Some(now());
+        self.command_all(Command::Pause, 0).await?;
+        self.end_attempt().await;
+        let level = self.supervisor.level();
+        let number = self.attempts.len() as u32;
+        self.args.level = level;
+        self.args.record = self.first_record.as_deref().map(|file| numbered(file, number));
+        self.provenance = provenance(&self.args)?;
+        let duration_ms = self.args.duration.map_or(0, |s| (s * 1e3) as u64);
+        self.command_all(command, duration_ms).await?;
+        let file = self.args.record.as_deref();
+        self.consumers.recorder = file.map(|file| Recorder::start(file, &self.provenance)).transpose()?;
+        self.command_all(Command::Start, 0).await?;
+        let at = now();
+        (self.paused_ns, self.attempt_ns) = (None, at);
+        self.consumers.latencies.warm_from(at + WARM_UP_NS);
+        let at_s = self.elapsed_s(at);
+        self.incidents.push(Incident { at_s, what: format!("attempt {}, level {level}", number + 1) });
+        Ok(())
+    }
+
+    /// Ends the recording of the attempt and keeps what is known of it.
+    pub(super) async fn end_attempt(&mut self) -> Option<RecordingFigures> {
+        let recording = match self.consumers.recorder.take() {
+            Some(recorder) => Some(recorder.finish().await),
+            None => None,
+        };
+        let (level, record) = (self.args.level, self.args.record.clone());
+        let live = std::mem::take(&mut self.consumers.score);
+        self.attempts.push(Attempt { level, record, live });
+        self.consumers.resume.clear();
+        recording
+    }
+
+    /// Sends a command to every process and waits until those that move the eye have obeyed.
+    async fn command_all(&mut self, command: Command, argument: u64) -> anyhow::Result<()> {
+        let seq = self.supervisor.ask(EVERY_PROCESS, command, argument);
+        let tracker = self.args.desk.is_none().then_some(Process::Tracker);
+        let obeying = [self.args.source(), Process::Simcore].into_iter().chain(tracker);
+        let waiting = obeying.map(|p| p as u32).collect();
+        self.command = CommandProgress { seq, waiting, problems: Vec::new() };
+        let deadline = Instant::now() + OBEY;
+        while !self.command.waiting.is_empty() && Instant::now() < deadline && !self.stop.is_raised() {
+            self.turn().await?;
+        }
+        // What was sent before the last answer.
+        self.receive()?;
+        if let Some(problem) = self.command.problems.first() {
+            bail!("{command:?}: {problem}");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,173 @@
+//! The tokio runtime of a command: its signals, and tasks that wait for channels.
+//!
+//! The command itself runs on the calling thread, because the ports of a channel may not change
+//! threads. Signals, output of children and timers are served by one worker thread, so that a
+//! second Ctrl-C ends the program even while the command is busy.
+
+use anyhow::Context;
+use ipc::Wakes;
+use std::future::{Future, pending, poll_fn};
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::task::Poll;
+use std::time::Duration;
+use tokio::io::Interest;
+use tokio::io::unix::AsyncFd;
+use tokio::runtime::Builder;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::watch;
+
+/// Exit code after a second signal: that of a program that Ctrl-C ended.
+const INTERRUPTED: i32 = 130;
+
+/// Runs a command to its end.
+///
+/// # Errors
+/// The command's own, and where the worker thread cannot be started.
+pub fn block_on<T>(command: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
+    let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build();
+    runtime.context("start the runtime")?.block_on(command)
+}
+
+/// Raised by Ctrl-C, SIGTERM and SIGHUP; the second of them ends the program at once.
+#[derive(Debug, Clone)]
+pub struct StopSignal(watch::Receiver<bool>);
+
+impl StopSignal {
+    /// Takes the signals over from now on.
+    ///
+    /// # Errors
+    /// Where the system refuses a handler.
+    pub fn install() -> anyhow::Result<Self> {
+        let (raise, raised) = watch::channel(false);
+        for kind in [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup()] {
+            let mut signals = signal(kind).context("signals")?;
+            let raise = raise.clone();
+            tokio::spawn(async move {
+                while signals.recv().await.is_some() {
+                    if raise.send_replace(true) {
+                        std::process::exit(INTERRUPTED);
+                    }
+                }
+            });
+        }
+        Ok(Self(raised))
+    }
+
+    /// One that is raised by hand.
+    #[cfg(test)]
+    pub fn manual() -> (watch::Sender<bool>, Self) {
+        let (raise, raised) = watch::channel(false);
+        (raise, Self(raised))
+    }
+
+    /// True once a signal has come.
+    pub fn is_raised(&self) -> bool {
+        *self.0.borrow()
+    }
+
+    /// A flag that is raised with the signal, for work on threads. To be called within the runtime.
+    pub fn flag(&self) -> Arc<AtomicBool> {
+        let (flag, stop) = (Arc::new(AtomicBool::new(false)), self.clone());
+        let raise = Arc::clone(&flag);
+        tokio::spawn(async move {
+            stop.raised().await;
+            raise.store(true, Ordering::Relaxed);
+        });
+        flag
+    }
+
+    /// Waits for a signal; ready at once if one has come.
+    pub async fn raised(&self) {
+        if self.0.clone().wait_for(|raised| *raised).await.is_err() {
+            pending().await
+        }
+    }
+}
+
+/// Wakes a task when one of several channels has something new.
+pub struct Wakeups(Vec<AsyncFd<OwnedFd>>);
+
+impl Wakeups {
+    /// Listens to nothing.
+    pub fn none() -> Self {
+        Self(Vec::new())
+    }
+
+    /// Listens to `sources`, as long as they are open.
+    ///
+    /// # Errors
+    /// Where no further descriptor can be opened.
+    pub fn of(sources: &[&dyn Wakes]) -> io::Result<Self> {
+        #[expect(deprecated, reason = "the successor is unsafe; this descriptor is owned and stays open")]
+        let listen = |source: &&dyn Wakes| {
+            let descriptor = source.listener().as_fd().try_clone_to_owned()?;
+            AsyncFd::with_interest(descriptor, Interest::READABLE)
+        };
+        sources.iter().map(listen).collect::<io::Result<_>>().map(Self)
+    }
+
+    /// Waits for a notification, at most for `limit`: one may be lost, the data never is. The caller
+    /// then takes the notifications away ([`ipc::wait`] without time) and drains every source.
+    pub async fn wait(&self, limit: Duration) {
+        let any = poll_fn(|context| {
+            let mut woken = false;
+            for descriptor in &self.0 {
+                if let Poll::Ready(Ok(mut ready)) = descriptor.poll_read_ready(context) {
+                    // Before the caller drains: what comes later makes it ready again.
+                    ready.clear_ready();
+                    woken = true;
+                }
+            }
+            if woken { Poll::Ready(()) } else { Poll::Pending }
+        });
+        let _ = tokio::time::timeout(limit, any).await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ipc::{Instance, Queue};
+    use protocol::control::Request;
+    use std::time::Instant;
+
+    #[test]
+    fn a_notification_wakes_and_silence_ends_with_the_limit() {
+        let instance = Instance::own(&format!("rt-{}", std::process::id() % 1_000_000)).unwrap();
+        let mut sender = instance.sender::<Request>().unwrap();
+        let mut receiver = instance.receiver::<Request>(Queue::InOrder).unwrap();
+        let work = async {
+            let wakeups = Wakeups::of(&[&receiver])?;
+            let (short, long) = (Duration::from_millis(20), Duration::from_secs(60));
+            for seq in 0..3 {
+                let begun = Instant::now();
+                wakeups.wait(short).await;
+                assert!(begun.elapsed() >= short, "nothing was sent");
+                sender.send(&Request { seq, argument: 0, target: 0, command: 0 })?;
+                let begun = Instant::now();
+                wakeups.wait(long).await;
+                assert!(begun.elapsed() < long / 2, "woken, not timed out");
+                ipc::wait(&[&receiver], 0);
+                assert_eq!(receiver.next_valid()?.map(|r| r.seq), Some(seq));
+            }
+            Ok(())
+        };
+        block_on(work).unwrap();
+    }
+
+    #[test]
+    fn a_raised_signal_stays_raised() {
+        let (raise, stop) = StopSignal::manual();
+        assert!(!stop.is_raised());
+        raise.send_replace(true);
+        let work = async {
+            stop.raised().await;
+            stop.raised().await;
+            Ok(stop.is_raised())
+        };
+        assert!(block_on(work).unwrap());
+    }
+}
