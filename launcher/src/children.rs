@@ -7,7 +7,7 @@
 mod binaries;
 mod output;
 
-pub use binaries::{find_binary, realtime_allowed};
+pub use binaries::{command, find_binary, realtime_allowed};
 pub use output::LineSender;
 
 use crate::runtime::{StopSignal, Wakeups};
@@ -70,8 +70,8 @@ impl Child {
         args: &[String],
         surroundings: &Surroundings,
     ) -> anyhow::Result<Self> {
-        let binary = find_binary(process.binary())?;
-        let mut command = binaries::command_of(&binary, surroundings.realtime && realtime_allowed());
+        let realtime = surroundings.realtime && realtime_allowed();
+        let mut command = binaries::scheduled_command(process.binary(), realtime)?;
         command.args(["--instance", instance, "--supervised"]).args(arguments()).args(args);
         for (name, value) in &surroundings.environment {
             if std::env::var_os(name).is_none() {
@@ -81,7 +81,7 @@ impl Child {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut command = tokio::process::Command::from(command);
         let child = command.process_group(0).kill_on_drop(true).spawn();
-        let child = child.with_context(|| format!("start {}", binary.display()))?;
+        let child = child.with_context(|| format!("start {}", process.binary()))?;
         let pid = child.id().context("the id of a child")?;
         if surroundings.nice > 0 {
             // Without it the child works too, only less politely.
@@ -110,7 +110,7 @@ impl Child {
 
     /// Waits until it has ended.
     pub async fn ended(&self) {
-        // An error means that nobody attends to it any more.
+        // An error means that the task which waits for it is gone.
         let _ = self.status.clone().wait_for(Option::is_some).await;
     }
 
@@ -152,7 +152,7 @@ impl Drop for Child {
     }
 }
 
-/// Reads a child's output, waits for its end, and says so.
+/// Reads a child's output, waits for its end, and publishes its exit status.
 async fn attend(
     mut child: tokio::process::Child,
     output: Arc<Output>,
@@ -186,7 +186,7 @@ fn open_log(instance: &str, process: Process) -> Option<File> {
     File::options().create(true).append(true).open(directory.join(format!("{}.log", process.name()))).ok()
 }
 
-/// Waits until every child has said that it works, for at most `limit`. `health` must have been
+/// Waits until the heartbeat of every child shows that it works, for at most `limit`. `health` must have been
 /// opened before the children were started; `ended` is the one of their surroundings.
 ///
 /// # Errors
@@ -227,7 +227,7 @@ pub async fn wait_until_running(
     Ok(())
 }
 
-/// Waits until every child has ended, for at most `limit`; says whether all have.
+/// Waits until every child has ended, for at most `limit`; true if all have.
 async fn all_ended(children: &[Child], limit: Duration) -> bool {
     let all = async {
         for child in children {

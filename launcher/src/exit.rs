@@ -1,4 +1,5 @@
-//! Exit codes, a contract with other people's scripts. Wrong use exits with 2, which clap does by itself.
+//! Exit codes, a contract with other people's scripts. Wrong use exits with 2, which clap does by
+//! itself.
 
 /// Something failed.
 pub const FAILED: u8 = 1;

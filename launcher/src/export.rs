@@ -40,7 +40,8 @@ struct What {
     /// Write the rig file.
     #[arg(long, value_name = "RIG.json")]
     rig: Option<PathBuf>,
-    /// Write a topic as a table: handles, pedal, steps, events, frames, notes, checkpoints, pictures.
+    /// Write a topic as a table: handles, pedal, steps, events, frames, notes, checkpoints,
+    /// pictures.
     #[arg(long, value_name = "TOPIC", value_parser = TABLES)]
     csv: Option<String>,
 }
@@ -59,6 +60,9 @@ struct Outputs {
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where the recording cannot be read, or a file exists already or cannot be written.
 pub fn run(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     export(args).or_else(|error| match error.downcast_ref::<std::io::Error>() {
         // Whoever reads the table has seen enough of it.
@@ -85,7 +89,7 @@ fn export(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     }
     bar.finish_and_clear();
     outputs.finish(&args.file)?;
-    // What could be read has been written; the loss is told and shows in the exit code.
+    // What could be read has been written; the loss is reported and shows in the exit code.
     let Some(error) = damage else { return Ok(ExitCode::SUCCESS) };
     message(Level::WARN, &format!("{error}"));
     Ok(ExitCode::from(crate::exit::LOSS))

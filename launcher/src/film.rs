@@ -1,7 +1,8 @@
-//! `vitreo film`: a film of a module as the scripted surgeon does it. Simulation and renderer work one after the other, without
-//! cameras and without a clock, so that the film is whole and good however slow the machine is.
+//! `vitreo film`: a film of a module as the scripted surgeon does it. Simulation and renderer work
+//! one after the other, without cameras and without a clock, so that the film is whole and good
+//! however slow the machine is.
 
-use crate::children::find_binary;
+use crate::children::command;
 use crate::modules::Composed;
 use crate::progress::pictures_bar;
 use anyhow::{Context, bail};
@@ -9,7 +10,7 @@ use ipc::logging::{arguments, message};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, ExitCode, Stdio};
 
 /// Pictures a second: that of the renderer's films.
 const PICTURES_PER_S: f64 = 25.0;
@@ -61,6 +62,9 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where the module is refused, or simulation or renderer fail.
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     let level = args.level.map_or_else(|| Ok(surgeon::load(&args.module)?.levels()), anyhow::Ok)?;
     let composed = Composed::new(&args.module, level, &args.surgeon, args.seed)?;
@@ -72,7 +76,7 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     let (mut simulation, scenes) = simulate(args, &composed)?;
     let (mut renderer, pictures) = draw(args, &composed, film.as_deref())?;
     let carried = carry(scenes, pictures, (args.length.min(composed.longest_s) * PICTURES_PER_S) as u64 + 1);
-    // Its pipe is closed now: whoever failed has said why, and the other ends.
+    // The pipe is closed now: the process that failed has written why, and the other ends.
     ended(&mut renderer, "the picture")?;
     ended(&mut simulation, "the simulation")?;
     let shown_s = carried? as f64 / PICTURES_PER_S;
@@ -86,7 +90,7 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
 
 /// Starts the simulation, which writes scenes.
 fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, ChildStdout)> {
-    let mut command = Command::new(find_binary("vitreo-offline")?);
+    let mut command = command("vitreo-offline")?;
     command.args(arguments()).args([
         "film",
         "--scene",
@@ -103,7 +107,7 @@ fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, Chil
 
 /// Starts the renderer, which draws them.
 fn draw(args: &FilmArgs, composed: &Composed, film: Option<&Path>) -> anyhow::Result<(Child, ChildStdin)> {
-    let mut command = Command::new(find_binary("vitreo-renderer")?);
+    let mut command = command("vitreo-renderer")?;
     command.args(["film", "--scene", &composed.name(), "--tier", &args.tier.to_string()]);
     command.args(arguments());
     command.args(["--arrange", &args.arrange]);

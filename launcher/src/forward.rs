@@ -1,11 +1,11 @@
 //! Sub-commands that belong to another crate: its binary takes over.
 
-use crate::children::find_binary;
+use crate::children::command;
 use anyhow::Context;
 use ipc::logging::arguments;
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
 /// What follows the sub-command, handed on as it is.
 #[derive(Debug, clap::Args)]
@@ -16,14 +16,19 @@ pub struct ForwardArgs {
     pub rest: Vec<OsString>,
 }
 
-/// Becomes `binary SUB_COMMAND …`: its output, help and exit code are those of this command. Returns only
-/// if the binary cannot be started.
+/// Becomes `binary SUB_COMMAND …`: its output, help and exit code are those of this command.
+///
+/// # Errors
+/// Where the binary cannot be started; it does not return otherwise.
 pub fn to(binary: &str, sub_command: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
     // Usage lines then say `vitreo blobs`, which is what was typed.
     become_binary(binary, "vitreo", Some(sub_command), args)
 }
 
 /// Becomes `binary …` under the name `called`; otherwise as [`to`].
+///
+/// # Errors
+/// Where the binary cannot be started; it does not return otherwise.
 pub fn whole(binary: &str, called: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
     become_binary(binary, called, None, args)
 }
@@ -34,11 +39,10 @@ fn become_binary(
     sub_command: Option<&str>,
     args: &ForwardArgs,
 ) -> anyhow::Result<ExitCode> {
-    let path = find_binary(binary)?;
-    let mut command = Command::new(&path);
+    let mut command = command(binary)?;
     command.arg0(called).args(sub_command).args(arguments()).args(&args.rest);
     let error = command.exec();
-    Err(error).with_context(|| format!("start {}", path.display()))
+    Err(error).with_context(|| format!("start {binary}"))
 }
 
 #[cfg(test)]

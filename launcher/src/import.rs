@@ -39,6 +39,9 @@ struct Imported {
 }
 
 /// Runs it. A stream that is refused half-way leaves no file behind.
+///
+/// # Errors
+/// Where rig or stream are refused, or the recording cannot be written.
 pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let provenance = provenance(&args.rig, &args.blobs, &args.scene)?;
     let imported = copy(&args.blobs, &args.output, &provenance)

@@ -25,7 +25,7 @@ struct Contents {
     source: &'static str,
     /// The recorder closed the file in order.
     finished: bool,
-    /// Blocks that the recorder says are missing.
+    /// Blocks that are missing, by the notes of the recorder.
     missing: u64,
     restarts: u64,
     scene: String,
@@ -105,6 +105,9 @@ impl Contents {
 }
 
 /// Runs it. A damaged recording is described as far as it can be read, with exit code 3.
+///
+/// # Errors
+/// Where the file cannot be read as a recording.
 pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let provenance = recording.provenance().clone();

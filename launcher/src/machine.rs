@@ -32,8 +32,8 @@ fn mib_of(meminfo: &str, key: &str) -> Option<u64> {
 }
 
 impl Machine {
-    /// Looks at this machine. What cannot be read is "unknown" or 0.
-    pub fn look() -> Self {
+    /// Reads what this machine is. What cannot be read is "unknown" or 0.
+    pub fn detect() -> Self {
         let read = |path: &str| read_to_string(path).unwrap_or_default();
         let (cpuinfo, release) = (read("/proc/cpuinfo"), read("/proc/sys/kernel/osrelease"));
         let names = ["model name", "Model", "Hardware"];
@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn this_machine_has_a_processor_and_memory() {
-        let machine = Machine::look();
+        let machine = Machine::detect();
         assert!(machine.cpus >= 1 && machine.memory_mib > 0, "{machine:?}");
     }
 }

@@ -21,6 +21,9 @@ pub struct ModulesArgs {
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where a module file is refused.
 pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
     if let Some(name) = &args.scene {
         let scene = surgeon::compose(&surgeon::load(name)?, args.level, &SKILLS[0], 1)?;
@@ -62,6 +65,9 @@ pub struct Composed {
 
 impl Composed {
     /// The module's level with the script of a surgeon, drawn from a seed.
+    ///
+    /// # Errors
+    /// Where the module, its level or the surgeon is unknown, or its file is refused.
     pub fn new(module: &str, level: u32, surgeon: &str, seed: u64) -> anyhow::Result<Self> {
         let Some(surgeon) = by_name(surgeon) else {
             let known: Vec<&str> = SKILLS.iter().map(|s| s.name).collect();
@@ -87,6 +93,9 @@ impl Composed {
     }
 
     /// Puts the next level's scene into the same file; its number.
+    ///
+    /// # Errors
+    /// Where the level is the last, or the scene cannot be written.
     pub fn next_level(&mut self) -> anyhow::Result<u32> {
         if self.level >= self.module.levels() {
             bail!("level {} of {} is the last", self.level, self.module.name);

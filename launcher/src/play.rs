@@ -55,7 +55,8 @@ pub struct PlayArgs {
     /// Draw nothing.
     #[arg(long, requires = "inputs")]
     pub no_picture: bool,
-    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential, left or right.
+    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential,
+    /// left or right.
     #[arg(long, value_name = "HOW")]
     pub arrange: Option<String>,
     /// Fill the monitor.
@@ -73,6 +74,9 @@ pub struct PlayArgs {
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where there is no display and no file of inputs; otherwise those of a run.
 pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
     if args.keys {
         print!("{}", table());

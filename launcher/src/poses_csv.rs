@@ -1,4 +1,5 @@
-//! Poses for exchange: `t_ns,t_out_ns,body,valid,x,y,z,qw,qx,qy,qz,kind`, one row a body and instant.
+//! Poses for exchange: `t_ns,t_out_ns,body,valid,x,y,z,qw,qx,qy,qz,kind`, one row a body and
+//! instant.
 //!
 //! `t_ns` is the instant for which the pose is, `t_out_ns` the one at which it was available; tip
 //! in the world in mm, quaternion world-from-body. A row of kind `meas` is `valid` only where a
@@ -17,12 +18,18 @@ pub struct PosesCsv<W: Write> {
 
 impl<W: Write> PosesCsv<W> {
     /// Writes the header.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
     pub fn new(mut out: W) -> io::Result<Self> {
         writeln!(out, "t_ns,t_out_ns,body,valid,x,y,z,qw,qx,qy,qz,kind")?;
         Ok(PosesCsv { out })
     }
 
     /// The bodies of a frame that was available at `out_ns`, for its own instant.
+    ///
+    /// # Errors
+    /// Where they cannot be written.
     pub fn measured(&mut self, frame: &TrackerFrame, out_ns: Nanos) -> io::Result<()> {
         for (body, name) in frame.bodies.iter().zip(BODY_NAMES) {
             let valid = body.validity() == Validity::Measured && body.blobs_used > 0;
@@ -32,6 +39,9 @@ impl<W: Write> PosesCsv<W> {
     }
 
     /// The bodies predicted from `frame` to `at_ns` by a viewer that took it at `latched_ns`.
+    ///
+    /// # Errors
+    /// Where they cannot be written.
     pub fn predicted(&mut self, frame: &TrackerFrame, latched_ns: Nanos, at_ns: Nanos) -> io::Result<()> {
         for (body, name) in BODY_NAMES.into_iter().enumerate() {
             let shown = predict(frame, body, at_ns);
@@ -49,6 +59,9 @@ impl<W: Write> PosesCsv<W> {
     }
 
     /// Hands everything over to the file.
+    ///
+    /// # Errors
+    /// Where the rest cannot be written.
     pub fn finish(mut self) -> io::Result<()> {
         self.out.flush()
     }
@@ -77,6 +90,9 @@ impl DisplayClock {
 
     /// Takes a new frame; first shows `show(frame, latched_ns, at_ns)` all refreshes that latched
     /// before it was available.
+    ///
+    /// # Errors
+    /// Those of `show`.
     pub fn advance(
         &mut self,
         frame: &TrackerFrame,
@@ -98,6 +114,9 @@ impl DisplayClock {
     }
 
     /// Shows the refreshes that latch before `until_ns`.
+    ///
+    /// # Errors
+    /// Those of `show`.
     pub fn show_until(
         &mut self,
         until_ns: Nanos,

@@ -40,6 +40,9 @@ impl Tally {
 }
 
 /// Runs it: 0 if nothing was lost, 3 if something was.
+///
+/// # Errors
+/// Where nothing can be read, the output exists, or it differs when it is read back.
 pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     if std::fs::canonicalize(&args.output).ok() == std::fs::canonicalize(&args.file).ok() {
@@ -63,7 +66,7 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::from(LOSS))
 }
 
-/// Copies what can be read, and says where it cannot; returns what was written and the problems.
+/// Copies what can be read; returns what was written, and the problems with their places.
 fn copy(recording: &Recording, output: &Path) -> anyhow::Result<(Tally, u64)> {
     let mut writer = Writer::create(output, recording.provenance())?;
     let (mut tally, mut problems, mut last) = (Tally::default(), 0, 0);

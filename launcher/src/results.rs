@@ -16,11 +16,11 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use tracing::Level;
 use training::score::table::{Category, METRICS};
 
-/// Key under which a recording's configuration says when the run began, seconds since 1970.
+/// Key of a recording's configuration: the beginning of the run, seconds since 1970.
 pub const BEGAN: &str = "began-s";
-/// Key under which it says which scripted surgeon worked.
+/// Key of the same: the level of skill of the scripted surgeon.
 pub const SURGEON: &str = "surgeon";
-/// Key under which it says what a person at the desk worked with.
+/// Key of the same: the input devices or file of inputs at the desk.
 pub const DESK: &str = "desk";
 /// Value of `--plot` without a file.
 const TERMINAL: &str = "terminal";
@@ -92,6 +92,9 @@ enum What {
 
 impl Place {
     /// The file.
+    ///
+    /// # Errors
+    /// Where neither an option nor the home folder gives a place.
     pub fn path(&self) -> anyhow::Result<PathBuf> {
         let variable = |name: &str| std::env::var_os(name).map(PathBuf::from);
         let (data, home) = (variable("XDG_DATA_HOME"), variable("HOME"));
@@ -152,7 +155,10 @@ pub fn attempt_of(recording: &Recording, scored: &score::Attempt) -> Attempt {
     }
 }
 
-/// Scores a recording and adds it to the store; says on standard error what became of it.
+/// Scores a recording and adds it to the store; the outcome goes to standard error.
+///
+/// # Errors
+/// Where the recording cannot be scored, or the store not be written.
 pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()> {
     let scored = score::score_file(file)?;
     if let Some(damage) = &scored.damage {
@@ -173,6 +179,9 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()>
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where the store cannot be used, a filter is refused, or a file cannot be written.
 pub fn run(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
     match &args.what {
         None => show(args),
@@ -257,6 +266,9 @@ fn draw(attempts: &[Stored], file: &Path) -> anyhow::Result<()> {
 }
 
 /// Writes a table into the files that are asked for.
+///
+/// # Errors
+/// Where a file cannot be written.
 pub fn write_tables(table: &Table, csv: Option<&Path>, parquet: Option<&Path>) -> anyhow::Result<()> {
     if let Some(file) = csv {
         let written = match file == Path::new("-") {

@@ -91,11 +91,6 @@ impl StopSignal {
 pub struct Wakeups(Vec<AsyncFd<OwnedFd>>);
 
 impl Wakeups {
-    /// Listens to nothing.
-    pub fn none() -> Self {
-        Self(Vec::new())
-    }
-
     /// Listens to `sources`, as long as they are open.
     ///
     /// # Errors
@@ -109,8 +104,9 @@ impl Wakeups {
         sources.iter().map(listen).collect::<io::Result<_>>().map(Self)
     }
 
-    /// Waits for a notification, at most for `limit`: one may be lost, the data never is. The caller
-    /// then takes the notifications away ([`ipc::wait`] without time) and drains every source.
+    /// Waits for a notification, at most for `limit`: one may be lost, the data never is. The
+    /// caller then takes the notifications away ([`ipc::wait`] without time) and drains every
+    /// source.
     pub async fn wait(&self, limit: Duration) {
         let any = poll_fn(|context| {
             let mut woken = false;

@@ -1,6 +1,6 @@
 //! `vitreo score`: the score of recordings, without simulating again.
 
-use crate::children::find_binary;
+use crate::children::command;
 use crate::exit::{DIFFERS, LOSS};
 use crate::replay::states_incomparable;
 use crate::score_batch::{self, BatchArgs};
@@ -10,7 +10,7 @@ use recording::{Item, Recording};
 use scene::SceneFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 use tracing::Level;
 use training::score::recording::{LiveScore, Reader, Verdict};
 use training::score::table::{Category, METRICS, PENALTIES};
@@ -23,7 +23,8 @@ pub struct ScoreArgs {
     pub files: Vec<PathBuf>,
     #[command(flatten)]
     batch: BatchArgs,
-    /// Let the simulation do every step again from the recorded poses and handles, and score what comes of it.
+    /// Let the simulation do every step again from the recorded poses and handles, and score what
+    /// comes of it.
     #[arg(long)]
     pub resimulate: bool,
     /// One line of JSON for each recording.
@@ -49,9 +50,10 @@ pub struct Attempt {
     pub seconds: f64,
     /// Steps whose poses the recording misses.
     pub unmatched: u64,
-    /// What the live run told, if it did.
+    /// The score that the live run published, if it did.
     pub live_total: Option<f64>,
-    /// Whether that is the same to the bit; `None` where the run told none, or by another version of the score.
+    /// Whether that is the same to the bit; `None` where the run published none, or by another version
+    /// of the score.
     pub agrees: Option<bool>,
     /// Version of the recording's state hashes where it is not this build's, so that states could not be
     /// compared; only where it was resimulated.
@@ -74,7 +76,10 @@ fn take(reader: &mut Reader, item: Item) {
     }
 }
 
-/// Scores a recording. Damage ends it early and is told; a recording without a task is an error.
+/// Scores a recording. Damage ends it early and is reported; a recording without a task is an error.
+///
+/// # Errors
+/// Where the file is no recording, or holds no task.
 pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
     let recording = Recording::open(file)?;
     let name = file.display().to_string();
@@ -111,10 +116,14 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
     })
 }
 
-/// Scores what the simulation makes of a recording's poses, handles and pedal when it does every step again.
+/// Scores what the simulation makes of a recording's poses, handles and pedal when it does every
+/// step again.
+///
+/// # Errors
+/// Where the simulation refuses the recording, or it holds no task.
 pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     let again = tempfile::Builder::new().prefix("vitreo-").suffix(".mcap").tempfile()?;
-    let told = Command::new(find_binary("vitreo-offline")?)
+    let told = command("vitreo-offline")?
         .args(arguments())
         .arg("resimulate")
         .args([file, again.path()])
@@ -130,7 +139,7 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
         bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-offline: "));
     }
     eprint!("{}", String::from_utf8_lossy(&told.stderr));
-    // What the live run told stands in the recording; the steps in the copy tell their own.
+    // The score of the live run stands in the recording; the copy holds that of the new steps.
     let (told, scored) = (score_file(file)?, score_file(again.path())?);
     let same = |a: f64, b: f64| a.to_bits() == b.to_bits();
     let agrees = told.live_total.map(|live| same(live, scored.score.total));
@@ -146,7 +155,11 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     })
 }
 
-/// Runs it. Exit code 3 where a recording could not be scored whole or resimulated states not compared, 5 where a score differs from what the run told.
+/// Runs it. Exit code 3 where a recording could not be scored whole or resimulated states
+/// not compared, 5 where a score differs from that of the run.
+///
+/// # Errors
+/// Where a recording cannot be read or holds no task.
 pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
     if args.doc {
         print!("{}", training::score::doc::page());
@@ -239,7 +252,7 @@ fn text(attempt: &Attempt) -> String {
     out
 }
 
-/// What the live run told, in words; empty where there was no task or no end of it.
+/// The score of the live run, in words; empty where there was no task or no end of it.
 pub fn live_text(live: &LiveScore) -> String {
     use std::fmt::Write;
     let Some((total, sigma)) = live.total else { return String::new() };

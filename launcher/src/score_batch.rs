@@ -39,7 +39,8 @@ pub struct BatchArgs {
 }
 
 impl BatchArgs {
-    /// Whether it is a batch: several recordings or a folder are named, or something is asked for that only batches have.
+    /// Whether it is a batch: several recordings or a folder are named, or something is asked for
+    /// that only batches have.
     pub fn wanted(&self, named: &[PathBuf]) -> bool {
         let asked =
             self.manifest.is_some() || self.shard.is_some() || self.out.is_some() || self.csv.is_some();

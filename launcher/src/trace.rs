@@ -118,6 +118,9 @@ fn bar(stop: &Stop, end_ms: f64) -> String {
 }
 
 /// Runs it.
+///
+/// # Errors
+/// Where the recording cannot be read, or does not hold the field.
 pub fn run(args: &TraceArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
     let mut found = Found::default();

@@ -9,6 +9,7 @@ mod dose;
 mod faults;
 mod film;
 mod instruments;
+mod logging;
 mod modules;
 mod picture_stream;
 mod pictures;

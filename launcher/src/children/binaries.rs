@@ -20,7 +20,7 @@ fn candidates(executable: &Path) -> Vec<PathBuf> {
 /// Path of a binary of this installation, for instance `vitreo-tracker`.
 ///
 /// # Errors
-/// Where it is absent; the text says how to build it.
+/// Where it is absent; the text names the command that builds it.
 pub fn find_binary(name: &str) -> anyhow::Result<PathBuf> {
     let executable = std::env::current_exe().context("path of the running program")?;
     let places = candidates(&executable);
@@ -42,15 +42,39 @@ pub fn realtime_allowed() -> bool {
     })
 }
 
-/// The command that runs `binary`, under the real-time scheduler if so wished.
-pub(super) fn command_of(binary: &Path, realtime: bool) -> Command {
+/// Environment of every program that is started, where the user has not set it. Graphics drivers
+/// ask Wayland for a display even where none is needed; without a folder for its socket its library
+/// writes to standard error, with one that is absent it gives up in silence.
+const ENVIRONMENT: [(&str, &str); 1] = [("XDG_RUNTIME_DIR", "/nonexistent")];
+
+/// The command that runs a binary of this installation.
+///
+/// # Errors
+/// Where the binary is absent.
+pub fn command(name: &str) -> anyhow::Result<Command> {
+    let mut command = Command::new(find_binary(name)?);
+    set_environment(&mut command);
+    Ok(command)
+}
+
+fn set_environment(command: &mut Command) {
+    for (name, value) in ENVIRONMENT {
+        if std::env::var_os(name).is_none() {
+            command.env(name, value);
+        }
+    }
+}
+
+/// The command that runs a binary, with `realtime` under the real-time scheduler.
+pub(super) fn scheduled_command(name: &str, realtime: bool) -> anyhow::Result<Command> {
     if !realtime {
-        return Command::new(binary);
+        return command(name);
     }
     // `chrt` replaces itself by the binary: the child's id is the binary's.
     let mut command = Command::new("chrt");
-    command.args(["--rr", REALTIME_PRIORITY]).arg(binary);
-    command
+    command.args(["--rr", REALTIME_PRIORITY]).arg(find_binary(name)?);
+    set_environment(&mut command);
+    Ok(command)
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ const LINE_BYTES: u64 = 4096;
 /// A child's log file stops growing here, bytes.
 const LOG_BYTES: usize = 1 << 20;
 
-/// Takes the lines of children's standard error, for whoever draws on the terminal.
+/// Takes the lines of children's standard error, for the one part that draws on the terminal.
 pub type LineSender = mpsc::Sender<String>;
 
 /// The output of a child so far.

@@ -18,7 +18,7 @@ const SHM_COMFORT_MIB: u64 = 256;
 const MEMLOCK: u64 = 64 << 20;
 
 pub(super) fn checks() -> Vec<Check> {
-    let machine = Machine::look();
+    let machine = Machine::detect();
     let mut checks = vec![
         processors(machine.cpus, &machine.cpu),
         Check::ok("kernel", format!("{} on {}", machine.kernel, machine.architecture)),

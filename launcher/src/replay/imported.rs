@@ -1,4 +1,4 @@
-//! Replaying an imported stream: the tracker decides anew, with the stream's own clock.
+//! Replay of an imported stream: the tracker closes frames itself, by the clock of the stream.
 
 use super::outputs::Outputs;
 use super::pace::{Pace, Part};
@@ -17,7 +17,7 @@ const WINDOW: u64 = 96;
 const _: () = assert!((WINDOW as usize) < BlobField::QUEUE, "fields must not be overwritten");
 const _: () = assert!((WINDOW as usize) < TrackerFrame::QUEUE, "frames must not be overwritten");
 
-/// Which of the fields sent the tracker has taken in, as far as its answers tell.
+/// The fields that were sent, and how many of them the tracker has surely taken in.
 #[derive(Debug, Default)]
 struct Sent {
     count: u64,
@@ -50,6 +50,9 @@ impl Sent {
 }
 
 /// Runs the stream once; returns the problem at which it ended, if it did not end well.
+///
+/// # Errors
+/// Where a process fails, a file cannot be written, or the user stops.
 pub async fn run(
     recording: &Recording,
     processes: &mut ReplayProcesses,

@@ -40,7 +40,7 @@ pub struct Figures {
     pub cut: bool,
     /// Where and why the recording ceases to determine the result.
     pub lost: Option<String>,
-    /// The comparison with what was recorded, if asked for.
+    /// The comparison with the recording, with `--verify`.
     pub verify: Option<Verdict>,
 }
 
@@ -61,6 +61,9 @@ fn create(path: &Path) -> anyhow::Result<BufWriter<File>> {
 
 impl Outputs {
     /// Creates the files.
+    ///
+    /// # Errors
+    /// Where a file cannot be made.
     pub fn open(args: &ReplayArgs) -> anyhow::Result<Self> {
         let poses = args.poses.as_deref().map(create).transpose()?;
         let lead_ns = (args.display_lead_ms * 1e6) as u64;
@@ -75,6 +78,9 @@ impl Outputs {
     }
 
     /// A camera-field was sent to the tracker.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
     pub fn field(&mut self, field: &BlobField, shown: bool) -> anyhow::Result<()> {
         self.figures.camera_fields += 1;
         if let (Some(blobs), true) = (&mut self.blobs, shown) {
@@ -84,6 +90,9 @@ impl Outputs {
     }
 
     /// The tracker made a frame.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
     pub fn frame(&mut self, frame: &TrackerFrame, shown: bool) -> anyhow::Result<()> {
         self.figures.frames += 1;
         self.figures.fields_refused = u64::from(frame.fields_refused);
@@ -110,6 +119,9 @@ impl Outputs {
     }
 
     /// Writes what is left and closes the files.
+    ///
+    /// # Errors
+    /// Where a file cannot be written.
     pub fn finish(mut self, report: Option<&Path>) -> anyhow::Result<Figures> {
         if let Some(mut csv) = self.poses.take() {
             if let Some(display) = &mut self.display {

@@ -1,4 +1,5 @@
-//! The two processes of a replay, each in an instance of its own, and the messages to and from them.
+//! The two processes of a replay, each in an instance of its own, and the messages to and from
+//! them.
 //!
 //! Tracker and simulation are not connected: the replay carries every message itself, so that
 //! each gets exactly what was recorded, in the recorded order.

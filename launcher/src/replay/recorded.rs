@@ -17,6 +17,9 @@ use std::collections::VecDeque;
 const WINDOW: usize = 12;
 
 /// Runs the recording once; returns the problem at which it ended, if it did not end well.
+///
+/// # Errors
+/// Where a process fails, a file cannot be written, or the user stops.
 pub async fn run(
     recording: &Recording,
     processes: &mut ReplayProcesses,

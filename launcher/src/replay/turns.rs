@@ -1,7 +1,7 @@
 //! A recorded run as a sequence of turns: for every tracker frame the camera-fields it consumed,
 //! and for every step the handle and pedal states it consumed. Pure; reads items, not files.
 //!
-//! The recorder wrote what it heard in the order of arrival, which is not quite the order of cause:
+//! The recorder wrote blocks in the order of arrival, which is not quite the order of cause:
 //! a field can stand behind the frame that consumed it. So items are read some time ahead, and
 //! what belongs together is matched by number.
 
@@ -25,7 +25,7 @@ const FIELDS_KEPT: usize = 2048;
 /// What a turn's step consumed, where the simulation stepped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepTurn {
-    /// The simulation began anew before this step.
+    /// The simulation was reset before this step.
     pub fresh: bool,
     /// Handle states consumed by this step.
     pub handles: Vec<HandleState>,
@@ -40,7 +40,7 @@ pub struct StepTurn {
 pub struct Turn {
     /// The camera-fields it consumed, in that order.
     pub fields: Vec<BlobField>,
-    /// What the tracker is asked for.
+    /// The request for the frame, to the tracker.
     pub request: RecordedFrame,
     /// What was recorded.
     pub recorded: Box<TrackerFrame>,
@@ -70,7 +70,7 @@ pub struct Turns<I> {
     pedals: Consumed<PedalState>,
     last_step: Option<StepRecord>,
     begun: bool,
-    /// A loss that no turn has told yet; at the end, one behind the last turn.
+    /// A loss that no turn has reported yet; at the end, one behind the last turn.
     pub lost: Option<String>,
     /// The error at which the recording ends, if it does not end well.
     pub damage: Option<RecordingError>,
@@ -140,7 +140,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
     }
 
     /// Place among the pending of the step made of a pose, if there is one. Reads on until it is
-    /// found, or a step of a later pose, which tells that this pose was passed over.
+    /// found, or a step of a later pose, which means that this pose was passed over.
     fn find_step(&mut self, frame: &TrackerFrame, at: Nanos) -> StepSearch {
         let mut looked = 0;
         let mut later_poses = Vec::new();
@@ -201,10 +201,10 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         StepTurn { fresh, handles, pedals, recorded: Some(step) }
     }
 
-    /// A step without its pose: the same one told again is no matter, another one is a loss.
+    /// A step without its pose: a repeated one is no matter, another one is a loss.
     fn stray_step(&mut self, step: &StepRecord) {
-        let told_again = self.last_step.is_some_and(|last| step.step <= last.step && step.step > 1);
-        if !told_again {
+        let repeated = self.last_step.is_some_and(|last| step.step <= last.step && step.step > 1);
+        if !repeated {
             self.lose(|| format!("the poses of step {} (field {}) are missing", step.step, step.field));
         }
     }
@@ -249,7 +249,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Iterator for Tur
 /// What [`Turns::find_step`] found.
 enum StepSearch {
     Found(usize),
-    /// The next step told is that of the pose `poses` further on.
+    /// The next recorded step is that of the pose `poses` further on.
     PassedOver {
         next: u64,
         poses: u64,
@@ -292,7 +292,7 @@ impl<M: Message> Consumed<M> {
         Consumed { name, seq, waiting: VecDeque::new(), below: 0 }
     }
 
-    /// What a step consumed that says that all with numbers below `below` are consumed. A sender
+    /// What a step consumed, after which all with numbers below `below` are consumed. A sender
     /// that was started again counts from 0, so numbers say "up to that one", not "all smaller".
     fn below(&mut self, below: u64) -> Result<Vec<M>, String> {
         if below == self.below {
@@ -401,7 +401,7 @@ mod tests {
 
     #[test]
     fn steps_made_again_in_silence_are_made_with_what_had_come() {
-        // The simulation died after step 1; its successor made step 2 from pose 1, told of step 3.
+        // The simulation died after step 1; its successor made step 2 from pose 1, and published step 3.
         let all = turns(vec![
             (1, pose(0, &[])),
             (1, step(1, 0, 0)),

@@ -1,8 +1,8 @@
 //! Requests for a pause, a restart, the next level or the end of an attempt. Pure.
 //!
-//! Keys of the window and the gamepad ask on channel `inputs`, the foot by three buttons on `pedal`,
-//! a command line (`vitreo ctl`) on `control`. All of them end here, whether a person or a script
-//! works.
+//! Keys of the window and the gamepad ask on channel `inputs`, the foot by three buttons on
+//! `pedal`, a command line (`vitreo ctl`) on `control`. All of them end here, whether a person or a
+//! script works.
 
 use protocol::bindings::Action;
 use protocol::control::{Command, LAUNCHER, Request};
@@ -82,7 +82,8 @@ impl AttemptControl {
         }
     }
 
-    /// Takes a message of channel `control`. Returns the number of one that the launcher cannot serve.
+    /// Takes a message of channel `control`. Returns the number of one that the launcher cannot
+    /// serve.
     pub fn note_request(&mut self, message: &Request) -> Option<u64> {
         if message.target != LAUNCHER {
             return None;

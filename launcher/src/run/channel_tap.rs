@@ -18,8 +18,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
-/// Shortest time between two drains: waking for each of some hundred blocks a second costs more
-/// than draining several at once. The queues reach for a second and more.
+/// Period of draining the channels of data: waking for each of some hundred blocks a second costs
+/// more than taking several at once. Their queues reach for a second and more.
 const DRAIN_PERIOD: Duration = Duration::from_millis(10);
 
 /// A receiver on every channel of an instance.
@@ -37,8 +37,9 @@ pub struct ChannelTap {
     inputs: Receiver<InputEvent>,
     requests: Receiver<Request>,
     answers: Receiver<Answer>,
-    wakeups: Wakeups,
-    pace: Interval,
+    /// Of inputs, requests and answers.
+    control: Wakeups,
+    due: Interval,
 }
 
 /// The instant by which an item is filed, ns; `now` for those that carry none.
@@ -74,9 +75,13 @@ impl ChannelTap {
     /// # Errors
     /// Where a channel cannot be opened.
     pub fn open(instance: &Instance) -> anyhow::Result<Self> {
-        let mut pace = interval(DRAIN_PERIOD);
-        pace.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut tap = ChannelTap {
+        let mut due = interval(DRAIN_PERIOD);
+        due.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let inputs = instance.receiver(Queue::InOrder)?;
+        let (requests, answers) = (instance.receiver(Queue::InOrder)?, instance.receiver(Queue::InOrder)?);
+        Ok(ChannelTap {
+            control: Wakeups::of(&[&inputs, &requests, &answers])?,
+            due,
             blobs: instance.receiver(Queue::InOrder)?,
             handles: instance.receiver(Queue::InOrder)?,
             pedal: instance.receiver(Queue::InOrder)?,
@@ -87,14 +92,10 @@ impl ChannelTap {
             checkpoints: instance.block_receiver()?,
             pictures: instance.block_receiver()?,
             health: instance.receiver(Queue::InOrder)?,
-            inputs: instance.receiver(Queue::InOrder)?,
-            requests: instance.receiver(Queue::InOrder)?,
-            answers: instance.receiver(Queue::InOrder)?,
-            wakeups: Wakeups::none(),
-            pace,
-        };
-        tap.wakeups = Wakeups::of(&tap.sources())?;
-        Ok(tap)
+            inputs,
+            requests,
+            answers,
+        })
     }
 
     fn sources(&self) -> [&dyn Wakes; 13] {
@@ -115,14 +116,20 @@ impl ChannelTap {
         ]
     }
 
-    /// Waits until something has come, at most for `limit`. Returns every [`DRAIN_PERIOD`] at most.
-    pub async fn wait(&mut self, limit: Duration) {
-        self.pace.tick().await;
-        self.wakeups.wait(limit).await;
+    /// Waits until a person or a program asks for something, a process answers, or the channels of
+    /// data are due.
+    pub async fn wait(&mut self) {
+        tokio::select! {
+            _ = self.due.tick() => {}
+            () = self.control.wait(DRAIN_PERIOD) => {}
+        }
     }
 
-    /// Hands everything that has come to `take`, with the instant by which it is filed. Inputs come
+    /// Passes everything that has come to `take`, with the instant by which it is filed. Inputs come
     /// before what was made of them, so that a reader of the recording has them in time.
+    ///
+    /// # Errors
+    /// Where a channel fails.
     pub fn drain(&mut self, now: Nanos, mut take: impl FnMut(Nanos, Item)) -> Result<(), IpcError> {
         self.sources().chunks(MAX_SOURCES).for_each(|sources| wait(sources, 0));
         // What was made first, so that its inputs are surely among what is drained before it.
@@ -149,21 +156,33 @@ impl ChannelTap {
     }
 
     /// The next heartbeat.
+    ///
+    /// # Errors
+    /// Where the channel fails.
     pub fn heartbeat(&mut self) -> Result<Option<Health>, IpcError> {
         self.health.next_valid()
     }
 
-    /// What a person did last at keyboard, mouse or gamepad.
+    /// The next input of keyboard, mouse or gamepad.
+    ///
+    /// # Errors
+    /// Where the channel fails.
     pub fn input(&mut self) -> Result<Option<InputEvent>, IpcError> {
         self.inputs.next_valid()
     }
 
-    /// The next request, whoever sent it to whom.
+    /// The next request, of any sender to any process.
+    ///
+    /// # Errors
+    /// Where the channel fails.
     pub fn request(&mut self) -> Result<Option<Request>, IpcError> {
         self.requests.next_valid()
     }
 
     /// The next answer of a process.
+    ///
+    /// # Errors
+    /// Where the channel fails.
     pub fn answer(&mut self) -> Result<Option<Answer>, IpcError> {
         self.answers.next_valid()
     }

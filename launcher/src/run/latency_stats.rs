@@ -1,4 +1,4 @@
-//! Latency histograms of every stage, and what they say about the budgets. Pure.
+//! Latency histograms of every stage, judged by the budgets. Pure.
 //!
 //! A latency is counted by the exposure instant of its field: what was exposed before the run was
 //! warm (one second after the start, or after a process was restarted) is counted as warm-up and
@@ -14,7 +14,7 @@ use serde::Serialize;
 
 /// How long after a start or restart latencies are not counted, ns.
 pub const WARM_UP_NS: u64 = 1_000_000_000;
-/// Shortest and longest latency that is told apart, ns; others are counted as these.
+/// Range of the histograms, ns; latencies beyond it are counted as its ends.
 const RANGE_NS: (u64, u64) = (100, 100_000_000_000);
 /// Significant decimal digits of the histograms.
 const DIGITS: u8 = 3;

@@ -1,4 +1,4 @@
-//! What the launcher hears, condensed for the screen and the report. Pure.
+//! Traffic, events and bodies, condensed for the screen and the report. Pure.
 
 use super::report::{Picture, Removed, TierChoice};
 use protocol::events::{Event, Severity};
@@ -15,7 +15,7 @@ const TIER_CHOICES: usize = 100;
 /// Warnings kept for the screen.
 const WARNINGS: usize = 3;
 
-/// Index into [`CHANNELS`], and the instant that tells an item's age, ns.
+/// Index into [`CHANNELS`], and the instant from which the age of an item counts, ns.
 fn place(item: &Item) -> Option<(usize, Nanos)> {
     match item {
         Item::Blobs(b) => Some((0, b.blobs_out_ns)),
@@ -41,7 +41,7 @@ pub struct Traffic {
     counted_before: u64,
 }
 
-/// What the launcher has heard.
+/// Figures of the traffic so far.
 #[derive(Debug, Default)]
 pub struct Monitor {
     /// By [`CHANNELS`].

@@ -17,7 +17,8 @@ pub struct RunArgs {
     /// What is in the eye: a shipped scene's name or a scene file [default: peel].
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<String>,
-    /// Train: a module's name or folder (vitreo modules lists them). It takes the place of the scene.
+    /// Train: a module's name or folder (vitreo modules lists them). It takes the place of the
+    /// scene.
     #[arg(long, value_name = "NAME|FOLDER", conflicts_with = "scene")]
     pub module: Option<String>,
     /// Level of the module, from 1 on.
@@ -26,13 +27,15 @@ pub struct RunArgs {
     /// Who works where no person does: expert, average, novice or careless.
     #[arg(long, value_name = "WHO", default_value = "expert", requires = "module")]
     pub surgeon: String,
-    /// Keep the attempt under this pseudonym in the results store; without --record its recording goes beside the store.
+    /// Keep the attempt under this pseudonym in the results store; without --record its recording
+    /// goes beside the store.
     #[arg(long, value_name = "NAME", requires = "module")]
     pub trainee: Option<String>,
     /// Where the store lies.
     #[command(flatten)]
     pub store: Place,
-    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu or gpu. It changes no result.
+    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu
+    /// or gpu. It changes no result.
     #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
     pub collision: Option<String>,
     /// Cameras, markers and trocars [default: the shipped rig].
@@ -50,8 +53,8 @@ pub struct RunArgs {
     /// Make blobs straight from the markers, without drawing pixels.
     #[arg(long, conflicts_with = "blobs")]
     pub direct: bool,
-    /// Let things go wrong in the cameras, from the seed: none, mild, hard, a fault by its name, or a file that
-    /// ends in .toml.
+    /// Let things go wrong in the cameras, from the seed: none, mild, hard, a fault by its name, or
+    /// a file that ends in .toml.
     #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
     pub faults: Option<String>,
     /// Write down what was done to which field, as JSON lines.
@@ -87,14 +90,15 @@ pub struct RunArgs {
     /// Draw in a window [default where there is a display].
     #[arg(long, conflicts_with = "no_picture")]
     pub window: bool,
-    /// Fundus photograph to lay on the retina: a square JPEG or PNG of a left eye, the fovea in its middle.
+    /// Fundus photograph to lay on the retina: a square JPEG or PNG of a left eye, the fovea in its
+    /// middle.
     #[arg(long, value_name = "PHOTO", conflicts_with = "no_picture")]
     pub fundus: Option<PathBuf>,
     /// Folder with the instruments' meshes to draw instead of the shipped ones.
     #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
     pub instruments: Option<PathBuf>,
-    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential, left or right; of
-    /// these, files take all but sequential.
+    /// How the two channels share the picture: side-by-side, anaglyph, interleaved, sequential,
+    /// left or right; of these, files take all but sequential.
     #[arg(long, value_name = "HOW", value_parser = ARRANGEMENTS, conflicts_with = "no_picture")]
     pub arrange: Option<String>,
     /// Draw the dose of light over the retina; L shows and hides it.
@@ -118,7 +122,8 @@ pub struct RunArgs {
     /// Save a film.
     #[arg(long, value_name = "FILE.y4m")]
     pub video: Option<PathBuf>,
-    /// Go on when the attempt is over: its end screen stands until a restart, the next level (vitreo ctl, pedal or keys) or the end.
+    /// Go on when the attempt is over: its end screen stands until a restart, the next level
+    /// (vitreo ctl, pedal or keys) or the end.
     #[arg(long, requires = "module")]
     pub stay: bool,
     /// A person at the desk in place of cameras and tracker: vitreo play.
@@ -158,7 +163,8 @@ pub enum View {
     None,
 }
 
-/// Where a restarted renderer puts its film or stills, and a new attempt its recording, beside those before: `a-2.y4m`.
+/// Where a restarted renderer puts its film or stills, and a new attempt its recording, beside
+/// those before: `a-2.y4m`.
 pub(super) fn numbered(file: &Path, restarts: u32) -> PathBuf {
     if restarts == 0 {
         return file.to_path_buf();
@@ -172,7 +178,8 @@ pub(super) fn numbered(file: &Path, restarts: u32) -> PathBuf {
 const LATE_CAMERA: u32 = 2;
 
 impl RunArgs {
-    /// With the scene of a module, and the length of its attempt where no other duration is asked for.
+    /// With the scene of a module, and the length of its attempt where no other duration is asked
+    /// for.
     pub fn with_scene_of(&self, composed: Option<&Composed>) -> Self {
         let Some(composed) = composed else { return self.clone() };
         let scripted = self.blobs.is_none() && self.desk.is_none() && !self.stay;
@@ -187,19 +194,23 @@ impl RunArgs {
         composed.longest_s + AFTER_S
     }
 
-    /// The process that begins a run and ends it: the camera hardware, or the desk in its and the tracker's place.
+    /// The process that begins a run and ends it: the camera hardware, or the desk in its and the
+    /// tracker's place.
     pub fn source(&self) -> Process {
         if self.desk.is_some() { Process::Desk } else { Process::FpgaModel }
     }
 
-    /// With a place for the recording of a trainee's attempt where none is given. Refuses odd names and a store that cannot be
-    /// used, before anybody works for nothing.
+    /// With a place for the recording of a trainee's attempt where none is given. Refuses odd names
+    /// and a store that cannot be used, before anybody works for nothing.
+    ///
+    /// # Errors
+    /// Where the name is refused or the store cannot be used.
     pub fn with_recording_of_trainee(self) -> anyhow::Result<Self> {
         let Some(trainee) = &self.trainee else { return Ok(self) };
         check_name(trainee)?;
         let path = self.store.path()?;
         Store::open_or_create(&path)?;
-        // The name stays out of the file name: whoever deletes a trainee deletes the name.
+        // The name stays out of the file name: deleting a trainee deletes the name.
         let module = self.module.as_deref().and_then(|m| Path::new(m).file_name()).unwrap_or_default();
         let began = seconds_since_1970(SystemTime::now());
         let name = format!("{}-{}-{began}-{}.mcap", module.display(), self.level, std::process::id());
@@ -287,6 +298,9 @@ impl RunArgs {
     }
 
     /// The budgets to judge by: the shipped table, the file's entries, the chosen percentile.
+    ///
+    /// # Errors
+    /// Where the file of budgets is refused.
     pub fn budget_table(&self) -> anyhow::Result<Budgets> {
         let mut budgets = match &self.budgets {
             None => Budgets::default(),
@@ -301,6 +315,9 @@ impl RunArgs {
     }
 
     /// Looks at every file before anything is started, and makes the folders of the outputs.
+    ///
+    /// # Errors
+    /// Where a file cannot be read or is refused, or a folder cannot be made.
     pub fn prepare(&self) -> anyhow::Result<()> {
         let inputs = self.desk.as_ref().and_then(|d| d.inputs.clone());
         for (what, file) in [("--motion", &self.motion), ("--blobs", &self.blobs), ("--inputs", &inputs)] {

@@ -1,5 +1,5 @@
 //! The recorder: writes on a thread for blocking work behind a bounded queue, so that a slow disk
-//! blocks nobody. What does not fit the queue is counted, and the gap is recorded as a note.
+//! delays nothing else. What does not fit the queue is counted, and the gap is recorded as a note.
 
 use super::report::RecordingFigures;
 use ipc::clock::now;
@@ -141,7 +141,7 @@ impl Gap {
 }
 
 /// Writes items until the queue is closed or the store fails. The reason is kept before the queue
-/// goes, so that whoever finds it closed finds the reason too.
+/// goes, so that it is there when the queue is found closed.
 fn write_all(
     mut items: Receiver<(Nanos, Item)>,
     store: impl Store,

@@ -127,7 +127,8 @@ pub struct TierChoice {
     pub reason: &'static str,
 }
 
-/// What vitrectors took by the end of the run (of its last attempt), and what is left of the vitreous, at rest.
+/// What vitrectors took by the end of the run (of its last attempt), and what is left of the
+/// vitreous, at rest.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 #[allow(missing_docs)]
 pub struct Removed {
@@ -348,7 +349,7 @@ mod tests {
                 realtime: false,
                 injected_delays_ms: BTreeMap::new(),
             },
-            machine: Machine::look(),
+            machine: Machine::detect(),
             versions: Versions::of_this_build(),
             stages: latencies.judge(&Budgets::default()),
             warm_up_left_out: 0,

@@ -69,7 +69,7 @@ impl Resume {
         });
     }
 
-    /// Forgets everything: the simulation begins anew.
+    /// Forgets everything: the simulation starts from its scene.
     pub fn clear(&mut self) {
         *self = Resume::default();
     }
@@ -81,6 +81,9 @@ impl Resume {
     }
 
     /// Writes the checkpoint and the inputs since as a journal.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
     pub fn write(&self, file: &Path) -> std::io::Result<()> {
         let entries: Vec<Entry> =
             self.checkpoint.iter().chain(&self.items).filter_map(|i| i.clone().into_entry()).collect();

@@ -32,8 +32,6 @@ use tokio::sync::mpsc;
 use tokio::time::{Instant, timeout_at};
 use training::score::recording::LiveScore;
 
-/// Longest wait for an item, so that a process that falls silent is noticed.
-const CHECK_PERIOD: Duration = Duration::from_millis(50);
 /// After the end of the stream the last fields get this long to reach the picture.
 const LINGER: Duration = Duration::from_millis(300);
 /// A duration is kept by the cameras; this much later the launcher ends the run by itself, ns.
@@ -75,7 +73,7 @@ pub struct Session<'a> {
     /// When the attempt began, moved by every pause; 0 before.
     attempt_ns: Nanos,
     own_cpu: CpuAccount,
-    // Last, so that the directory goes when nobody uses it any more.
+    // Last, so that the directory goes after the channels.
     instance: Instance,
 }
 
@@ -246,7 +244,7 @@ impl<'a> Session<'a> {
     async fn linger(&mut self) -> anyhow::Result<()> {
         self.supervisor.ask_to_end(self.args.source());
         let end = Instant::now() + LINGER;
-        while timeout_at(end, self.tap.wait(LINGER)).await.is_ok() {
+        while timeout_at(end, self.tap.wait()).await.is_ok() {
             self.receive()?;
         }
         Ok(())
@@ -256,7 +254,7 @@ impl<'a> Session<'a> {
     async fn turn(&mut self) -> anyhow::Result<Vec<ProcessEvent>> {
         let child_ended = self.supervisor.child_ended();
         tokio::select! {
-            () = self.tap.wait(CHECK_PERIOD) => {}
+            () = self.tap.wait() => {}
             () = child_ended.notified() => {}
             () = self.stop.raised() => {}
         }
@@ -329,7 +327,7 @@ impl<'a> Session<'a> {
                 self.consumers.latencies.cool();
                 let restarts = self.supervisor.restarts_of(*process);
                 let text = format!("{} restarted: {how}", process.name());
-                // The last lines of the process have been shown as they came.
+                // The last lines of the process have been passed on as they came.
                 self.screen.say(text.lines().next().unwrap_or_default());
                 let kind = NoteKind::Restart;
                 let (process, count) = (Some(*process), u64::from(restarts));
@@ -415,7 +413,7 @@ impl<'a> Session<'a> {
             ended_by,
             duration_s: self.elapsed_s(at),
             setup: setup(&self.args, self.view, &self.provenance),
-            machine: Machine::look(),
+            machine: Machine::detect(),
             versions: Versions::of_this_build(),
             stages,
             warm_up_left_out: self.consumers.latencies.warm_up,
@@ -449,13 +447,13 @@ impl<'a> Session<'a> {
 }
 
 /// Arguments with which a restarted simulation goes on where its predecessor stood. One that died
-/// while it was resuming begins anew: its past may be what kills it.
+/// while it was resuming starts from its scene: its past may be what kills it.
 fn resume_arguments(instance: &Instance, resume: &mut Resume, was_at_work: bool) -> Vec<String> {
     let file = instance.directory().join("resume.journal");
     if was_at_work && resume.is_usable() {
         match resume.write(&file).context("write the resume file") {
             Ok(()) => return vec!["--resume".into(), file.display().to_string()],
-            Err(error) => tracing::warn!("simcore begins anew: {error:#}"),
+            Err(error) => tracing::warn!("simcore starts from its scene: {error:#}"),
         }
     }
     resume.clear();

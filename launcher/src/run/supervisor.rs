@@ -15,7 +15,8 @@ use tokio::sync::Notify;
 /// How long a process may take from its start to its first work, ns. Compiling shaders on a slow
 /// machine takes some seconds.
 const START_NS: u64 = 60_000_000_000;
-/// A launcher that itself slept this long (a suspended laptop) blames nobody for silence, ns.
+/// After a pause of its own of this length (a suspended laptop) the launcher restarts no process
+/// for its silence, ns.
 const OWN_SLEEP_NS: u64 = 1_000_000_000;
 /// Niceness of the renderer where the others cannot be real-time processes: they still go first.
 const RENDERER_NICE: i32 = 5;
@@ -25,7 +26,7 @@ const RENDERER_NICE: i32 = 5;
 pub enum ProcessEvent {
     /// A process is ready for work, at first or again.
     Ready(Process),
-    /// A process died or hung and is being restarted; the text says how it ended.
+    /// A process died or hung and is being restarted; with the way it ended.
     Restarting(Process, String),
     /// The cameras will send nothing more.
     StreamEnded,
@@ -93,6 +94,9 @@ impl Supervisor {
     }
 
     /// Starts a process. `extra` arguments come after those of the run.
+    ///
+    /// # Errors
+    /// Where its binary is absent or cannot be run.
     pub fn start(&mut self, process: Process, remaining_s: Option<f64>, now: Nanos) -> anyhow::Result<()> {
         let child = Some(self.spawn(process, remaining_s, 0, &[])?);
         let (health, cpu, limit) = (None, CpuAccount::default(), RestartLimit::default());
@@ -290,8 +294,9 @@ fn start_failure(process: Process, how: &str) -> String {
     format!("the {} did not start: {how}{hint}", process.name())
 }
 
-/// Threads of Mesa's software renderer. Where tracker and simulation are real-time processes they take a core whenever they need one, and
-/// the picture may use them all (with half of them it takes half as long again: `docs/gpu.md`); else one stays free.
+/// Threads of Mesa's software renderer. Where tracker and simulation are real-time processes they
+/// take a core whenever they need one, and the picture may use them all (with half of them it takes
+/// half as long again: `docs/gpu.md`); else one stays free.
 fn software_threads(others_are_realtime: bool) -> usize {
     let cores = std::thread::available_parallelism().map_or(1, |n| n.get());
     if others_are_realtime { cores } else { cores.saturating_sub(1).max(1) }

@@ -97,7 +97,7 @@ impl Session<'_> {
         let Some(composed) = &mut self.composed else {
             bail!("there is no next level: no module is trained (--module)");
         };
-        // A duration that somebody asked for stays.
+        // A duration given on the command line stays.
         let scripted = self.args.duration == Some(self.args.attempt_s(composed));
         let level = composed.next_level()?;
         if scripted {
@@ -108,7 +108,8 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Ends the attempt and begins one anew: everything stands still, so that no message belongs to both.
+    /// Ends the attempt and begins the next: everything stands still, so that no message belongs to
+    /// both.
     async fn begin_again(&mut self, command: Command) -> anyhow::Result<()> {
         self.consumers.latencies.cool();
         self.paused_ns = Some(now());

@@ -75,6 +75,9 @@ fn table(checks: &[Check]) -> String {
 }
 
 /// Runs it. Exit code 1 where something does not work.
+///
+/// # Errors
+/// Where the JSON cannot be written.
 pub fn run(args: &DoctorArgs) -> anyhow::Result<ExitCode> {
     let checks = every_check();
     if args.json {

@@ -92,7 +92,8 @@ fn attempt_text(attempt: &Attempt, attempts: usize) -> String {
     if attempts > 1 && !text.is_empty() { format!("level {}: {text}", attempt.level) } else { text }
 }
 
-/// Keeps the attempts in the results store. Those broken off by a restart are left out; a single one that did not end is an error.
+/// Keeps the attempts in the results store. Those broken off by a restart are left out; a single
+/// one that did not end is an error.
 fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Result<()> {
     let mut store = Store::open_or_create(&args.store.path()?)?;
     let open_end = args.stay || args.desk.is_some() || attempts.len() > 1;

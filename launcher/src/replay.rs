@@ -44,7 +44,8 @@ pub struct ReplayArgs {
     /// Speed: 2 is twice as fast as recorded.
     #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, conflicts_with = "lockstep")]
     pub rate: f64,
-    /// Show from so many seconds after the start; what comes before is computed as fast as possible.
+    /// Show from so many seconds after the start; what comes before is computed as fast as
+    /// possible.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative)]
     pub from: f64,
     /// End so many seconds after the start.
@@ -68,7 +69,8 @@ pub struct ReplayArgs {
     /// Write the blob stream that was replayed.
     #[arg(long, value_name = "OUT.jsonl")]
     pub blobs: Option<PathBuf>,
-    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu or gpu. It changes no result.
+    /// Who looks for collisions with the membrane: auto (the faster one, measured at start-up), cpu
+    /// or gpu. It changes no result.
     #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
     pub collision: Option<String>,
     /// Write figures as JSON.
