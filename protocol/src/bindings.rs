@@ -9,7 +9,7 @@ use crate::inputs::Key;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[allow(missing_docs)]
 pub enum Action {
-    // While they are held: the chosen hand.
+    // While they are held: the chosen instrument.
     Left,
     Right,
     Up,
@@ -38,7 +38,7 @@ pub enum Action {
     Lens,
     Inverter,
     Filter,
-    // When they are pressed: the hands.
+    // When they are pressed: the instruments.
     OtherHand,
     NextTool,
     Keep,

@@ -106,8 +106,8 @@ pub struct Blob {
 }
 
 impl Blob {
-    /// Image of a ball at `centre` (world frame, mm) in a field of a camera, without noise; the outline
-    /// is that of an undistorted ellipse. `None` behind the camera.
+    /// Image of a ball at `centre` (world frame, mm) in a field of a camera, without noise; the
+    /// outline is that of an undistorted ellipse. `None` behind the camera.
     pub fn of_ball(
         camera: &Camera,
         centre: &Point3<f64>,

@@ -49,7 +49,8 @@ impl Camera {
         self.focal_px.component_mul(&self.distort(n).0) + self.centre_px
     }
 
-    /// Distorts a normalised image point; also the Jacobian of the distorted by the undistorted point.
+    /// Distorts a normalised image point; also the Jacobian of the distorted by the undistorted
+    /// point.
     pub fn distort(&self, n: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let (x, y) = (n.x, n.y);

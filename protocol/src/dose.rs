@@ -43,8 +43,8 @@ pub fn direction(cell: usize) -> Option<[f64; 3]> {
     Some([x * wide, y * wide, 0.5 * square - 1.0])
 }
 
-/// The cell of a direction from the eye's centre (any length, eye frame); `None` beyond the reach or
-/// for a vector without direction.
+/// The cell of a direction from the eye's centre (any length, eye frame); `None` beyond the reach
+/// or for a vector without direction.
 pub fn cell_of(direction: [f64; 3]) -> Option<usize> {
     let [x, y, z] = direction;
     let length = libm::sqrt(x * x + y * y + z * z);
@@ -109,7 +109,8 @@ mod tests {
             let Some(cell) = cell_of([x, y, z]) else { return Ok(()) };
             let length = (x * x + y * y + z * z).sqrt();
             if let Some(d) = direction(cell) {
-                // Half a cell's diagonal, stretched by 1 / cos(θ/2) at most, and a tenth for curvature.
+                // Half a cell's diagonal, stretched by 1 / cos(θ/2) at most, and a tenth for
+                // curvature.
                 let apart = (d[0] - x / length).hypot(d[1] - y / length).hypot(d[2] - z / length);
                 let half = REACH / ALONG as f64 * std::f64::consts::SQRT_2;
                 prop_assert!(apart < 1.1 * half / (0.5 * REACH_RAD).cos(), "{apart}");

@@ -92,8 +92,8 @@ pub enum PedalMode {
     Move = 0,
     /// The first axis zooms, the second focuses.
     Zoom = 1,
-    /// The first axis is the share of the full suction, the second that of the full cut rate; below 0
-    /// counts as 0.
+    /// The first axis is the share of the full suction, the second that of the full cut rate; below
+    /// 0 counts as 0.
     Aspirate = 2,
     /// The first axis is the share of the full injection pressure; below 0 counts as 0.
     Inject = 3,

@@ -7,7 +7,7 @@
 //! | `blobs` | [`blobs::BlobField`] | cameras → tracker, recorder | 3 × 50 Hz | every one |
 //! | `handles` | [`handles::HandleState`] | rig or desk → simcore, recorder | 50 Hz | every one |
 //! | `pedal` | [`handles::PedalState`] | input → simcore, recorder | ≥ 10 Hz | every one |
-//! | `poses` | [`poses::TrackerFrame`] | tracker or desk → simcore, renderer | 50 Hz | every one, or newest |
+//! | `poses` | [`poses::TrackerFrame`] | tracker, desk → simcore, renderer | 50 Hz | every one, or newest |
 //! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer | per step | newest wins |
 //! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
 //! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | 5 s | newest wins |
@@ -22,9 +22,9 @@
 //! | `hints` | [`inputs::Hint`] | desk → renderer | on change | newest wins |
 //!
 //! Each message is a plain block ([`wire::Wire`]); its layout is hashed, and processes connect only
-//! where the hashes are equal. Units are mm, g, s (so force is µN and pressure Pa); angles are radians; time is integer
-//! nanoseconds of `CLOCK_MONOTONIC`. Frames are `world`, `eye`, `instrument`, `camera`
-//! (see `docs/conventions.md`); transforms are named `target_from_source`.
+//! where the hashes are equal. Units are mm, g, s (so force is µN and pressure Pa); angles are
+//! radians; time is integer nanoseconds of `CLOCK_MONOTONIC`. Frames are `world`, `eye`,
+//! `instrument`, `camera` (see `docs/conventions.md`); transforms are named `target_from_source`.
 
 pub mod bindings;
 pub mod blobs;

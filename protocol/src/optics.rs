@@ -11,8 +11,8 @@ pub enum Lens {
     /// No refraction.
     #[default]
     None = 0,
-    /// A flat contact lens: the eye is a body of vitreous under a plane, so depths look shorter by its
-    /// refractive index.
+    /// A flat contact lens: the eye is a body of vitreous under a plane, so depths look shorter by
+    /// its refractive index.
     Flat = 1,
     /// A strong lens over the eye: it images the pupil into the microscope, so that a wide field is
     /// seen, and makes an inverted image in the air that the microscope looks at.

@@ -1,5 +1,5 @@
-//! A stream of scenes in a pipe or a file, from simulation to renderer where no clock runs, as for a
-//! film.
+//! A stream of scenes in a pipe or a file, from simulation to renderer where no clock runs, as for
+//! a film.
 //!
 //! A line with name and schema hash, then for each scene its header, the length of its payload, and
 //! the payload.

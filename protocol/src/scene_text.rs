@@ -1,8 +1,8 @@
 //! Text on the picture: lines in one UTF-8 section of a scene block, each with its place.
 //!
-//! A line ends with a line feed. Its first character may be a [`Place::mark`]; without one it stands
-//! at the bottom. [`push_line`] writes a line, [`lines`] reads them; lines of one place stand under
-//! each other in their order.
+//! A line ends with a line feed. Its first character may be a [`Place::mark`]; without one it
+//! stands at the bottom. [`push_line`] writes a line, [`lines`] reads them; lines of one place
+//! stand under each other in their order.
 
 /// Where a line stands on the picture of a channel. The corners lie outside the round field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

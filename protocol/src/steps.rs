@@ -1,4 +1,5 @@
-//! `steps` and `checkpoints`: inputs, figures and state hash of a simulation step, and saved states.
+//! `steps` and `checkpoints`: inputs, figures and state hash of a simulation step, and saved
+//! states.
 
 use crate::handles::{HandleState, PedalState};
 use crate::message::{Invalid, Message, require};
@@ -54,8 +55,8 @@ pub struct StepTimes {
     pub misc_ns: u64,
 }
 
-/// Version of [`StepRecord::state_hash`]: raised where the same inputs lead to another hash, so that
-/// hashes of two builds are compared only where they mean the same.
+/// Version of [`StepRecord::state_hash`]: raised where the same inputs lead to another hash, so
+/// that hashes of two builds are compared only where they mean the same.
 pub const STATE_HASH_VERSION: u32 = 1;
 
 /// One step: its inputs, its figures and the hash of the state it led to.

@@ -101,8 +101,8 @@ impl Writer {
         written.map_err(|e| self.failure(e))
     }
 
-    /// Closes and flushes the open chunk once it is 100 ms old. To be called at least every 50 ms with
-    /// the present instant, so that a crash loses at most 200 ms.
+    /// Closes and flushes the open chunk once it is 100 ms old. To be called at least every 50 ms
+    /// with the present instant, so that a crash loses at most 200 ms.
     ///
     /// # Errors
     /// Where the file cannot be written.

@@ -3,9 +3,9 @@
 //!
 //! `t_ns` is mid-exposure and becomes `exposed_ns`; `t_rx_ns` is when the field was received and
 //! becomes `blobs_out_ns`; `x y` are px of the frame's columns and lines of the field. A blob may
-//! carry `var_x`, `var_y`, `cov_xy` (px² of the frame) and `flags`. Unknown keys are refused. A file
-//! may hold more blobs a field than a [`BlobField`] ([`write_blobs`]), and lines without any, which
-//! give number and exposure of a field only ([`HeadReader`]).
+//! carry `var_x`, `var_y`, `cov_xy` (px² of the frame) and `flags`. Unknown keys are refused. A
+//! file may hold more blobs a field than a [`BlobField`] ([`write_blobs`]), and lines without any,
+//! which give number and exposure of a field only ([`HeadReader`]).
 
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
