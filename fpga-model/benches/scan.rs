@@ -3,17 +3,19 @@
 //! `cargo bench -p fpga-model --bench scan` prints a table, with `-- --json` one object a line.
 
 use bytemuck::Zeroable;
-use fpga_model::colours::{DARK, reference};
-use fpga_model::picture::{FieldPicture, Painter};
+use protocol::fields::DARK;
+
 use fpga_model::scan::background::Level;
 use fpga_model::scan::{Scanner, Settings};
-use fpga_model::sight::Markers;
 use protocol::blobs::{BlobField, Colour};
+use protocol::fields::FieldPicture;
 use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;
 use surgeon::motion::MotionSource;
+use virtual_rig::painter::Painter;
+use virtual_rig::projection::Markers;
 
 /// Pixels a second of the three cameras.
 const REAL_TIME: f64 = 3.0 * 50.0 * 720.0 * 288.0;
@@ -32,7 +34,7 @@ fn live() -> Vec<FieldPicture> {
         let motion = source.at(number * 320_000_000);
         for camera in rig.cameras() {
             let mut picture = FieldPicture::new(rig.frame);
-            markers.see(&camera, &motion, &mut seen);
+            markers.project(&camera, &motion, &mut seen);
             painter.draw(&seen, camera.id, number, &mut picture);
             all.push(picture);
         }
@@ -43,7 +45,7 @@ fn live() -> Vec<FieldPicture> {
 /// A field of which the pixels for which `inside` holds are red.
 fn painted(inside: impl Fn(usize, usize) -> bool) -> Vec<FieldPicture> {
     let mut picture = FieldPicture::new([720, 576]);
-    let [light, blue, red] = reference(Colour::Red);
+    let [light, blue, red] = Colour::Red.reference();
     picture.blue.fill(blue);
     picture.red.fill(red);
     for (i, pixel) in picture.luma.iter_mut().enumerate() {

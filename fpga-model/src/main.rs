@@ -1,4 +1,4 @@
-//! `vitreo-fpga-model`: the virtual camera hardware as a process, and its sub-commands.
+//! `vitreo-fpga-model`: the twin of the camera hardware as a process, and its sub-commands.
 
 use clap::Parser;
 use protocol::health::Process;

@@ -7,15 +7,15 @@
 //! diagonal elements of its inverse are the least variances that any unbiased estimate can have.
 
 use bytemuck::Zeroable;
-use fpga_model::colours::reference;
-use fpga_model::picture::{FieldPicture, ImageModel, Painter, Patch};
 use fpga_model::scan::{Scanner, Settings};
-use fpga_model::sight::MarkerImage;
 use nalgebra::{DMatrix, Matrix2, Vector2};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, Blob, BlobField, Colour};
+use protocol::fields::FieldPicture;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+use virtual_rig::painter::{ImageModel, Painter, Patch};
+use virtual_rig::projection::MarkerImage;
 
 /// Field of one camera.
 const SIZE: [usize; 2] = [720, 288];
@@ -243,13 +243,13 @@ impl Scene {
 
     /// Draws a tile whose expected luma is `mean`; chroma reaches a little further than luma.
     fn draw(&mut self, optics: &Optics, corner: [usize; 2], mean: &[f64]) {
-        let lit = f64::from(reference(optics.colour)[0]) - optics.background;
+        let lit = f64::from(optics.colour.reference()[0]) - optics.background;
         for (i, &mean) in mean.iter().enumerate() {
             let at = (corner[1] + i / TILE[0]) * SIZE[0] + corner[0] + i % TILE[0];
             let noisy = mean + variance(optics, mean).sqrt() * self.dice.normal();
             self.picture.luma[at] = (noisy + 0.5) as u8;
             if mean - optics.background > 0.1 * lit {
-                let [_, blue, red] = reference(optics.colour);
+                let [_, blue, red] = optics.colour.reference();
                 (self.picture.blue[at / 2], self.picture.red[at / 2]) = (blue, red);
             }
         }
@@ -278,7 +278,7 @@ fn tiles() -> impl Iterator<Item = [usize; 2]> {
 /// Draws and extracts `fields` fields of isolated markers at random places.
 fn isolated(optics: &Optics, fields: u64) -> Figures {
     let mut figures = Figures::default();
-    let lit = f64::from(reference(optics.colour)[0]) - optics.background;
+    let lit = f64::from(optics.colour.reference()[0]) - optics.background;
     for seed in 0..fields {
         let mut scene = Scene::new(optics, seed + 1);
         let mut truth = Vec::new();
@@ -330,7 +330,7 @@ fn isolated_blobs_come_near_the_least_variance() {
 
 /// The centre of light of a tile, as far as it stands out from the background by a quarter of the contrast.
 fn intensity_centre(picture: &FieldPicture, optics: &Optics, corner: [usize; 2]) -> [f64; 2] {
-    let lit = f64::from(reference(optics.colour)[0]) - optics.background;
+    let lit = f64::from(optics.colour.reference()[0]) - optics.background;
     let mut sums = [0.0; 3];
     for y in corner[1]..corner[1] + TILE[1] {
         for x in corner[0]..corner[0] + TILE[0] {
@@ -457,7 +457,7 @@ fn painted_fields_come_near_the_least_variance_too() {
             })
             .collect();
         let patches = markers.iter().map(|(marker, smear, _)| patch(marker, *smear));
-        painter.paint(patches, &fpga_model::picture::Light::default(), 0, number, &mut picture);
+        painter.paint(patches, &virtual_rig::painter::Light::default(), 0, number, &mut picture);
         let mut field = BlobField::zeroed();
         Scanner::new(Settings::default(), SIZE[0], SIZE[1]).scan(&picture, &mut field);
         for (i, (marker, smear, corner)) in markers.iter().enumerate() {

@@ -1,7 +1,6 @@
 //! Fields of cameras whose black nobody told: the background is followed.
 
 use blob_stream::parse_line;
-use fpga_model::colours::reference;
 use protocol::blobs::{BlobField, Colour};
 use std::process::Command;
 
@@ -11,7 +10,7 @@ const SIZE: [usize; 2] = [256, 96];
 /// A clip of `fields` fields, a red marker over a ground that rises from `dark` to `dark + 40`.
 fn clip(fields: usize, dark: u8) -> Vec<u8> {
     let [width, height] = SIZE;
-    let [light, blue, red] = reference(Colour::Red);
+    let [light, blue, red] = Colour::Red.reference();
     let inside = |x: usize, y: usize, wide: f64| {
         let (dx, dy) = ((x as f64 - 120.3) / (11.0 * wide), (y as f64 - 50.2) / (6.0 * wide));
         dx * dx + dy * dy <= 1.0

@@ -4,8 +4,7 @@
 //! together, which of them every weight counts for, and every sum, to the bit. The random fields come from a seed.
 
 use bytemuck::Zeroable;
-use fpga_model::colours::{CLASSES, DARK, UNSURE, reference};
-use fpga_model::picture::FieldPicture;
+use fpga_model::colours::{CLASSES, UNSURE};
 use fpga_model::scan::limits::{FULL_WEIGHT, Limits, PICTURE};
 use fpga_model::scan::owners::SKIRT;
 use fpga_model::scan::runs::Run;
@@ -13,6 +12,8 @@ use fpga_model::scan::sums::{EMPTY_BOX, SATURATED, Sums};
 use fpga_model::scan::weight::{LINES, Line, Weigher, slope};
 use fpga_model::scan::{Scanner, Settings};
 use protocol::blobs::{BlobField, Colour};
+use protocol::fields::DARK;
+use protocol::fields::FieldPicture;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -87,7 +88,7 @@ fn disorder(random: &mut ChaCha8Rng, picture: &mut FieldPicture) {
 
 fn dot(picture: &mut FieldPicture, x: usize, y: usize, colour: Colour, shade: u8) {
     let i = y * picture.width + x;
-    let [light, blue, red] = reference(colour);
+    let [light, blue, red] = colour.reference();
     picture.luma[i] = light.saturating_sub(shade % 64);
     (picture.blue[i / 2], picture.red[i / 2]) = (blue, red);
 }

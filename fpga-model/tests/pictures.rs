@@ -2,9 +2,9 @@
 //! The pictures lie beside the data that `VITREO_DATA` names; without them the test says so and passes.
 
 use bytemuck::Zeroable;
-use fpga_model::picture::FieldPicture;
 use fpga_model::scan::{Scanner, Settings};
 use protocol::blobs::{BLOB_MERGED, BlobField};
+use protocol::fields::FieldPicture;
 use serde_json::Value;
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};

@@ -53,6 +53,19 @@ impl Colour {
         }
     }
 
+    /// Y, Cb, Cr of a well lit marker.
+    pub const fn reference(self) -> [u8; 3] {
+        match self {
+            Colour::Red => [114, 100, 194],
+            Colour::Yellow => [184, 63, 145],
+            Colour::Green => [141, 82, 73],
+            Colour::Cyan => [165, 151, 64],
+            Colour::Blue => [95, 197, 108],
+            Colour::Magenta => [118, 168, 190],
+            Colour::White => [200, 128, 128],
+        }
+    }
+
     /// From its name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|c| c.name() == name)

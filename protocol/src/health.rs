@@ -6,7 +6,8 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// The processes of a simulator. The desk runs in place of camera hardware and tracker.
+/// The processes of a simulator. The desk takes the place of virtual rig, camera hardware and tracker;
+/// the camera hardware runs where there are pixels to scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 #[allow(missing_docs)]
@@ -16,16 +17,23 @@ pub enum Process {
     Simcore = 2,
     Renderer = 3,
     Desk = 4,
+    VirtualRig = 5,
 }
 
 impl Process {
     /// In the order of the data path.
-    pub const ALL: [Process; 5] =
-        [Process::FpgaModel, Process::Tracker, Process::Simcore, Process::Renderer, Process::Desk];
+    pub const ALL: [Process; 6] = [
+        Process::VirtualRig,
+        Process::FpgaModel,
+        Process::Tracker,
+        Process::Simcore,
+        Process::Renderer,
+        Process::Desk,
+    ];
 
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {
-        Self::ALL.get(code as usize).copied()
+        Self::ALL.into_iter().find(|&p| p as u32 == code)
     }
 
     /// Short name, as in messages.
@@ -36,6 +44,7 @@ impl Process {
             Process::Simcore => "simcore",
             Process::Renderer => "renderer",
             Process::Desk => "desk",
+            Process::VirtualRig => "virtual-rig",
         }
     }
 
@@ -47,6 +56,7 @@ impl Process {
             Process::Simcore => "vitreo-simcore",
             Process::Renderer => "vitreo-renderer",
             Process::Desk => "vitreo-desk",
+            Process::VirtualRig => "vitreo-virtual-rig",
         }
     }
 }
@@ -102,7 +112,7 @@ impl Message for Health {
 
     fn validate(&self) -> Result<(), Invalid> {
         let process = f64::from(self.process);
-        require(Process::from_wire(self.process).is_some(), "Health", "process", "0 to 4", process)?;
+        require(Process::from_wire(self.process).is_some(), "Health", "process", "0 to 5", process)?;
         require(self.state <= STATE_FINISHED, "Health", "state", "0 to 3", f64::from(self.state))
     }
 }

@@ -4,14 +4,15 @@
 //!
 //! | channel | block | sender → receivers | rate | rule |
 //! |---|---|---|---|---|
-//! | `blobs` | [`blobs::BlobField`] | cameras → tracker, recorder | 3 × 50 Hz | every one |
+//! | `fields` | [`fields::FieldHeader`] + pixels | rig or cameras → fpga-model | rig's | every one |
+//! | `blobs` | [`blobs::BlobField`] | fpga-model or rig → tracker, recorder | 3 × 50 Hz | every one |
 //! | `handles` | [`handles::HandleState`] | rig or desk → simcore, recorder | 50 Hz | every one |
 //! | `pedal` | [`handles::PedalState`] | input → simcore, recorder | ≥ 10 Hz | every one |
 //! | `poses` | [`poses::TrackerFrame`] | tracker, desk → simcore, renderer | 50 Hz | every one, or newest |
-//! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer | per step | newest wins |
+//! | `scene` | [`scene::SceneHeader`] + sections | simcore → renderer, rig | per step | newest wins |
 //! | `steps` | [`steps::StepRecord`] | simcore → launcher | per step | every one |
 //! | `checkpoints` | [`steps::CheckpointHeader`] + bytes | simcore → launcher | 5 s | newest wins |
-//! | `events` | [`events::Event`] | simcore → console, recorder | on change | every one |
+//! | `events` | [`events::Event`] | simcore → rig, console, recorder | on change | every one |
 //! | `frames` | [`frames::FrameRecord`] | renderer → launcher | per frame | every one |
 //! | `pictures` | [`frames::PictureHeader`] + JPEG | renderer → recorder | ≤ 15 Hz | newest wins |
 //! | `health` | [`health::Health`] | each → launcher | 10 Hz | every one |
@@ -33,6 +34,7 @@ pub mod camera;
 pub mod control;
 pub mod dose;
 pub mod events;
+pub mod fields;
 pub mod frames;
 pub mod geometry;
 pub mod handles;
@@ -45,6 +47,7 @@ pub mod optics;
 pub mod poses;
 pub mod predict;
 pub mod random;
+pub mod region;
 pub mod rig;
 pub mod scene;
 pub mod scene_stream;

@@ -5,24 +5,15 @@ use protocol::health::{Process, STATE_RUNNING};
 use protocol::steps::StepRecord;
 use vitreo_tests::{Observer, Running, instance_name, json, kill, next, vitreo};
 
-/// Runs for some seconds, kills `victim` in the middle, returns the report and the recording.
-fn run_and_kill(victim: Process) -> (serde_json::Value, tempfile::TempDir) {
+/// Runs for some seconds with `cameras` (`--direct`, or fields of pixels without it), kills `victim` in the
+/// middle, returns the report and the recording.
+fn run_and_kill(victim: Process, cameras: &[&str]) -> (serde_json::Value, tempfile::TempDir) {
     let folder = tempfile::tempdir().expect("folder");
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (file, report, name) = (path("a.mcap"), path("report.json"), instance_name());
-    let running = Running::start(&[
-        "run",
-        "--no-picture",
-        "--direct",
-        "--duration",
-        "7",
-        "--instance",
-        &name,
-        "--record",
-        &file,
-        "--report",
-        &report,
-    ]);
+    let run = ["run", "--no-picture", "--duration", "7", "--instance", &name];
+    let outputs = ["--record", &file, "--report", &report];
+    let running = Running::start(&[&run[..], &outputs, cameras].concat());
     let mut observer = Observer::join(&name);
     let mut steps = observer.receiver::<StepRecord>();
     let health = observer.health(victim, |h| h.state == STATE_RUNNING);
@@ -45,14 +36,28 @@ fn replays_to_the_bit(folder: &tempfile::TempDir) {
 
 #[test]
 fn a_dead_tracker_is_restarted_and_the_recording_replays() {
-    let (report, folder) = run_and_kill(Process::Tracker);
+    let (report, folder) = run_and_kill(Process::Tracker, &["--direct"]);
     assert_eq!(report["restarts"]["tracker"], 1, "{}", report["restarts"]);
     replays_to_the_bit(&folder);
 }
 
 #[test]
+fn a_dead_virtual_rig_is_restarted_and_the_recording_replays() {
+    let (report, folder) = run_and_kill(Process::VirtualRig, &[]);
+    assert_eq!(report["restarts"]["virtual-rig"], 1, "{}", report["restarts"]);
+    replays_to_the_bit(&folder);
+}
+
+#[test]
+fn dead_camera_hardware_is_restarted_and_the_recording_replays() {
+    let (report, folder) = run_and_kill(Process::FpgaModel, &[]);
+    assert_eq!(report["restarts"]["fpga-model"], 1, "{}", report["restarts"]);
+    replays_to_the_bit(&folder);
+}
+
+#[test]
 fn a_dead_simcore_resumes_where_it_was() {
-    let (report, folder) = run_and_kill(Process::Simcore);
+    let (report, folder) = run_and_kill(Process::Simcore, &["--direct"]);
     assert_eq!(report["restarts"]["simcore"], 1, "{}", report["restarts"]);
     replays_to_the_bit(&folder);
 }
@@ -84,7 +89,9 @@ fn a_lost_graphics_device_costs_a_restart_and_nobody_else_anything() {
     assert!(finished.stderr.contains("graphics device lost"), "{finished:#?}");
     finished.expect_code(0);
     let report = json(&folder.path().join("report.json"));
-    for (process, restarts) in [("renderer", 1), ("simcore", 0), ("tracker", 0), ("fpga-model", 0)] {
+    for (process, restarts) in
+        [("renderer", 1), ("simcore", 0), ("tracker", 0), ("fpga-model", 0), ("virtual-rig", 0)]
+    {
         let found = &report["restarts"][process];
         assert_eq!(found.as_u64().unwrap_or(0), restarts, "{process}: {}", report["restarts"]);
     }

@@ -1,8 +1,6 @@
 //! Everything that can go wrong in the cameras goes wrong; the chain goes on, and the tracker knows what
 //! it knows.
 
-use fpga_model::faults::Faults;
-use fpga_model::faults::spec::FaultSpec;
 use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
 use protocol::limits::INSTRUMENTS;
@@ -11,6 +9,8 @@ use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::collections::BTreeMap;
 use surgeon::motion::MotionSource;
+use virtual_rig::faults::Faults;
+use virtual_rig::faults::spec::FaultSpec;
 use vitreo_tests::{Observer, Running, instance_name, json, next};
 
 /// Frames to look at, after those in which the tracker starts: 2 s and a half.
@@ -92,7 +92,7 @@ fn the_chain_survives_hard_faults_and_the_tracker_stays_sane() {
         report["restarts"]
     );
     let cameras =
-        report["processes"].as_array().expect("processes").iter().find(|p| p["process"] == "fpga-model");
+        report["processes"].as_array().expect("processes").iter().find(|p| p["process"] == "virtual-rig");
     let said = cameras.expect("cameras")["text"].as_str().expect("text").to_owned();
     assert!(said.contains("faults: dropped ") && said.contains("late "), "the summary tells them: {said}");
 

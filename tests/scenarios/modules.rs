@@ -2,7 +2,6 @@
 //! study` plays many. Modules of one hand go through drawn fields of pixels; the longer ones, and operations, whose steps cost more,
 //! through markers made straight into blobs, with the noise that the pixels' blobs have.
 
-use fpga_model::cameras::Path;
 use recording::Item;
 use recording::{Provenance, Recording, Source, Writer};
 use scene::SceneFile;
@@ -16,6 +15,7 @@ use training::score::Score;
 use training::score::recording::Reader;
 use training::score::table::Category;
 use validation::pipeline::Pipeline;
+use virtual_rig::cameras::Path;
 
 /// What every recording says of itself.
 fn provenance(scene: &SceneFile) -> Provenance {

@@ -54,7 +54,7 @@ fn a_run_is_paused_restarted_and_ended_from_a_command_line() {
     let ctl = |what: &str| vitreo(&["ctl", what, "--instance", &name]);
     let mut observer = Observer::join(&name);
     let mut steps = observer.receiver::<StepRecord>();
-    observer.health(Process::FpgaModel, |h| h.state == STATE_RUNNING);
+    observer.health(Process::VirtualRig, |h| h.state == STATE_RUNNING);
     let before = next(&mut steps, |s| s.step >= 40);
     ctl("pause").expect_code(0);
     // Everything that was on its way is in the queue now; nothing follows.

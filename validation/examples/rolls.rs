@@ -5,7 +5,6 @@
 //! of it.
 
 use anyhow::{Context, bail};
-use fpga_model::cameras::{Cameras, Path};
 use nalgebra::{UnitQuaternion, Vector3};
 use protocol::blobs::{BlobField, Colour};
 use protocol::limits::FIELD_PERIOD_NS;
@@ -17,6 +16,8 @@ use surgeon::motion::{Motion, MotionSource};
 use surgeon::script::Gesture;
 use tracker::assembler::FrameAssembler;
 use tracker::tracker::Tracker;
+use validation::camera_twin::CameraTwin;
+use virtual_rig::cameras::Path;
 
 /// Exposure of the first field, ns: instants of 0 mean "not yet".
 const FIRST_NS: u64 = 1_000_000_000;
@@ -140,23 +141,15 @@ fn main() -> anyhow::Result<()> {
     let rig = Rig::load_or_shipped(None)?;
     let trocar = Vector3::from(rig.trocar("inst0").context("the rig has no trocar of inst0")?.p_eye);
     let mut surgeon = MotionSource::new(&scene(&asked)?, &rig, None, 1);
-    let mut cameras = Cameras::new(&rig, asked.path, 1)?;
+    let mut cameras = CameraTwin::new(&rig, asked.path, 1, FIRST_NS);
     let (mut assembler, mut tracker) = (FrameAssembler::new(&rig), Tracker::new(&rig));
     let mut rows = [Row::default(); ROWS];
     for number in 0..(surgeon.period_s() * 1e9) as u64 / FIELD_PERIOD_NS {
         let motion = surgeon.at(number * FIELD_PERIOD_NS);
         let share = (roll_of(&motion, trocar) + PI) / TAU;
         let row = &mut rows[((share * ROWS as f64) as usize).min(ROWS - 1)];
-        let fields: Vec<BlobField> = (0..cameras.len())
-            .map(|i| {
-                let exposed_ns = FIRST_NS + cameras.clock(i).exposed_ns(number);
-                let exposure = cameras.expose(i, &mut surgeon, number);
-                let (mut field, out_clock) = (*exposure.field, exposure.out_clock);
-                (field.exposed_ns, field.read_out_ns) = (exposed_ns, exposed_ns + FIELD_PERIOD_NS);
-                field.blobs_out_ns = exposed_ns + cameras.after_exposure_ns(out_clock);
-                field
-            })
-            .collect();
+        let fields: Vec<BlobField> =
+            (0..cameras.count()).map(|i| cameras.blobs(i, &mut surgeon, number)).collect();
         let sees = |f: &&BlobField| f.blobs().iter().any(|b| b.colour == Colour::Yellow as u32);
         let seen = fields.iter().filter(sees).count();
         let now = fields.iter().map(|f| f.blobs_out_ns).max().context("no camera")?;

@@ -12,6 +12,7 @@
 //! | the paper's Fig. 7 | example `teapot`, `docs/collision.md` |
 //! | speed beside other methods | benches `collision`, `tissue`, `vitreous` |
 
+pub mod camera_twin;
 pub mod closed_form;
 pub mod moments;
 pub mod pipeline;

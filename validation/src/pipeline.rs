@@ -2,7 +2,7 @@
 //! has no transport and no clock, so an attempt takes as long as its arithmetic; every part is that
 //! of the live run.
 
-use fpga_model::cameras::{Cameras, Path};
+use crate::camera_twin::CameraTwin;
 use offline::perception::WorldPerception;
 use protocol::handles::HandleState;
 use protocol::limits::{FIELD_PERIOD_NS, INSTRUMENTS};
@@ -17,6 +17,7 @@ use tracker::assembler::FrameAssembler;
 use tracker::tracker::{Tracker, close};
 use training::score::Score;
 use training::score::recording::is_over;
+use virtual_rig::cameras::Path;
 
 /// Exposure of the first field, ns: instants of 0 mean "not yet".
 const FIRST_NS: u64 = 1_000_000_000;
@@ -28,7 +29,7 @@ pub type OnStep<'a> = dyn FnMut(&TrackerFrame, &World, u64) + 'a;
 
 /// A scene that is played through cameras and tracker.
 pub struct Pipeline {
-    cameras: Cameras,
+    cameras: CameraTwin,
     surgeon: MotionSource,
     assembler: FrameAssembler,
     tracker: Tracker,
@@ -46,7 +47,7 @@ impl Pipeline {
     pub fn new(scene: &SceneFile, path: Path, hand: Option<MotionUse>, seed: u64) -> Self {
         let rig = Rig::load_or_shipped(None).expect("the shipped rig is tested");
         Pipeline {
-            cameras: Cameras::new(&rig, path, seed).expect("the shipped rig has sensors"),
+            cameras: CameraTwin::new(&rig, path, seed, FIRST_NS),
             surgeon: MotionSource::new(scene, &rig, hand, seed),
             assembler: FrameAssembler::new(&rig),
             tracker: Tracker::new(&rig),
@@ -68,7 +69,7 @@ impl Pipeline {
     /// Exposes the next field of every camera and steps the simulation with every frame that is
     /// complete by then.
     pub fn field(&mut self, on_step: &mut OnStep) {
-        let Pipeline { cameras, surgeon, assembler, tracker, world, next, .. } = self;
+        let Pipeline { cameras, surgeon, assembler, tracker, world, next } = self;
         let number = *next;
         *next += 1;
         let exposed_ns = number * FIELD_PERIOD_NS;
@@ -83,12 +84,8 @@ impl Pipeline {
         });
         let pedal = [surgeon.pedal_at(exposed_ns, number, FIRST_NS + exposed_ns)];
         let (mut steps, mut now) = (0, 0);
-        for i in 0..cameras.len() {
-            let exposed_ns = FIRST_NS + cameras.clock(i).exposed_ns(number);
-            let exposure = cameras.expose(i, surgeon, number);
-            let (mut field, out_clock) = (*exposure.field, exposure.out_clock);
-            (field.exposed_ns, field.read_out_ns) = (exposed_ns, exposed_ns + FIELD_PERIOD_NS);
-            field.blobs_out_ns = exposed_ns + cameras.after_exposure_ns(out_clock);
+        for i in 0..cameras.count() {
+            let field = cameras.blobs(i, surgeon, number);
             now = field.blobs_out_ns.max(now);
             assembler.add(&field, now, |used, closed| {
                 let mut frame = tracker.track(used, &closed.reference);

@@ -167,7 +167,8 @@ fn bright(all: &[[u8; 3]], permille: usize) -> Vec<[u8; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::colours::{ColourTable, DARK, reference};
+    use crate::colours::ColourTable;
+    use protocol::fields::DARK;
 
     /// A disc of a colour with noise, shading and a highlight, before a ground of another colour.
     fn disc(colour: [u8; 3], ground: [u8; 3]) -> Picture {
@@ -202,9 +203,9 @@ mod tests {
         let mut classes = Vec::new();
         for colour in Colour::ALL {
             let mut samples = Samples::default();
-            samples.take(&disc(reference(colour), [DARK, 128, 128]), None, colour);
+            samples.take(&disc(colour.reference(), [DARK, 128, 128]), None, colour);
             let class = samples.class(colour).unwrap();
-            let [y, cb, cr] = reference(colour);
+            let [y, cb, cr] = colour.reference();
             let [fy, fb, fr] = class.reference;
             assert!(fb.abs_diff(cb) <= 2 && fr.abs_diff(cr) <= 2, "{colour:?}: {class:?}");
             assert!(fy <= y.saturating_add(5).max(230) && fy >= y / 2, "{colour:?}: {class:?}");
@@ -212,14 +213,14 @@ mod tests {
         }
         let table = ColourTable::of_classes(&classes);
         for colour in Colour::ALL.into_iter().filter(|&c| c != Colour::White) {
-            let [_, cb, cr] = reference(colour);
+            let [_, cb, cr] = colour.reference();
             assert_eq!(table.class(cb, cr), colour as u8);
         }
     }
 
     #[test]
     fn a_colourful_ground_is_no_class_where_a_region_shows_another_one() {
-        let [red, green] = [Colour::Red, Colour::Green].map(reference);
+        let [red, green] = [Colour::Red, Colour::Green].map(Colour::reference);
         let picture = disc(red, green);
         let mut samples = Samples::default();
         samples.take(&picture, Some(Region { x: 22, y: 12, width: 36, height: 36 }), Colour::Red);

@@ -12,23 +12,8 @@ pub use crate::scan::sums::SATURATED;
 
 use protocol::blobs::Colour;
 
-/// Luma of the unlit inside of the mechanical eye.
-pub const DARK: u8 = 30;
 /// Class of a pixel without enough chroma.
 pub const UNSURE: u8 = 0;
-
-/// A colour as the camera sees a well lit marker: Y, Cb, Cr.
-pub const fn reference(colour: Colour) -> [u8; 3] {
-    match colour {
-        Colour::Red => [114, 100, 194],
-        Colour::Yellow => [184, 63, 145],
-        Colour::Green => [141, 82, 73],
-        Colour::Cyan => [165, 151, 64],
-        Colour::Blue => [95, 197, 108],
-        Colour::Magenta => [118, 168, 190],
-        Colour::White => [200, 128, 128],
-    }
-}
 
 /// Least chroma (distance from grey) that tells a class. Half of the palest reference.
 const LEAST_CHROMA: u8 = 24;
@@ -64,7 +49,7 @@ impl Class {
     /// The reference marker of a colour, with every hue that is nearer to it than to another one.
     pub fn of_reference(colour: Colour) -> Self {
         let least_chroma = LEAST_CHROMA;
-        Class { colour, reference: reference(colour), least_chroma, tolerance_deg: 180.0 }
+        Class { colour, reference: colour.reference(), least_chroma, tolerance_deg: 180.0 }
     }
 
     /// How well a chroma sample, as a distance from grey, fits: the signed square of the cosine between
@@ -126,7 +111,7 @@ mod tests {
     fn reference_colours_are_their_own_class() {
         let table = ColourTable::default();
         for colour in Colour::ALL {
-            let [_, cb, cr] = reference(colour);
+            let [_, cb, cr] = colour.reference();
             let expected = if colour == Colour::White { UNSURE } else { colour as u8 };
             assert_eq!(table.class(cb, cr), expected, "{colour:?}");
         }
@@ -137,7 +122,7 @@ mod tests {
     fn half_the_chroma_is_still_the_same_class() {
         let table = ColourTable::default();
         for colour in Colour::ALL.into_iter().filter(|&c| c != Colour::White) {
-            let [_, cb, cr] = reference(colour).map(|v| (128 + (i32::from(v) - 128) * 5 / 10) as u8);
+            let [_, cb, cr] = colour.reference().map(|v| (128 + (i32::from(v) - 128) * 5 / 10) as u8);
             assert_eq!(table.class(cb, cr), colour as u8, "{colour:?}");
         }
     }

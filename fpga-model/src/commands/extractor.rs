@@ -1,12 +1,13 @@
 //! The scanner as a person sets it, one for each camera, and what it found.
 
+use crate::colours::CLASSES;
 use crate::colours::file::ColourFile;
-use crate::colours::{CLASSES, DARK};
 use crate::input::source::{Reading, Shot};
 use crate::input::{Interlace, still::Levels};
 use crate::scan::background::Level;
 use crate::scan::{Found, Scanner, Settings, limits};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, Colour};
+use protocol::fields::DARK;
 
 /// Times that a still image is shown before it counts, so that a tracked background settles: a camera
 /// before an unmoved scene shows it again and again.

@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn what_has_no_class_is_keyed_out_up_to_an_odd_end() {
-        let [red, blue] = [Colour::Red, Colour::Blue].map(crate::colours::reference);
+        let [red, blue] = [Colour::Red, Colour::Blue].map(Colour::reference);
         let table =
             ColourTable::of_classes(&[Class { tolerance_deg: 30.0, ..Class::of_reference(Colour::Red) }]);
         let mut picture = Picture {

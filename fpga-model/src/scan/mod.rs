@@ -23,15 +23,17 @@ pub mod split;
 pub mod sums;
 pub mod weight;
 
-use crate::colours::{CLASSES, ColourTable, DARK};
-use crate::picture::FieldPicture;
+use crate::colours::{CLASSES, ColourTable};
 use background::{Background, Level};
 use disc::{Discs, FieldShape};
 use labels::Labels;
 use limits::{CAMERA, DIVIDER_CLOCKS, FULL_WEIGHT, LEVEL_BITS, LINE_CLOCKS, Limits, PICTURE, SPLIT_CLOCKS};
 use owners::Owners;
 use protocol::blobs::{BlobField, Colour};
+use protocol::fields::DARK;
+use protocol::fields::FieldPicture;
 use runs::{NO_LABEL, Run, Runs};
+use std::ops::Deref;
 use sums::Sums;
 use weight::{Around, Weigher};
 
@@ -194,7 +196,7 @@ impl Scanner {
     }
 
     /// Extracts a whole field; what no table had room for is added to `blobs_left_out`.
-    pub fn scan(&mut self, picture: &FieldPicture, out: &mut BlobField) {
+    pub fn scan<B: Deref<Target = [u8]>>(&mut self, picture: &FieldPicture<B>, out: &mut BlobField) {
         self.begin();
         let mut push = |found: Found| found.blobs().for_each(|blob| out.push(blob));
         for y in 0..picture.height {

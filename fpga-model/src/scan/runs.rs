@@ -132,11 +132,12 @@ fn next_bright(luma: &[u8], foreground: &[u8], x: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::colours::{DARK, reference};
+    use protocol::fields::DARK;
+
     use proptest::prelude::*;
 
     fn runs_of(line: &[Option<Colour>]) -> Vec<(u16, u16, u8)> {
-        let pixel = |c: &Option<Colour>| c.map_or([DARK, 128, 128], reference);
+        let pixel = |c: &Option<Colour>| c.map_or([DARK, 128, 128], Colour::reference);
         let luma: Vec<u8> = line.iter().map(|c| pixel(c)[0]).collect();
         let half = |k: usize| line.iter().step_by(2).map(|c| pixel(c)[k]).collect::<Vec<u8>>();
         let mut runs = Runs::new(128);

@@ -1,9 +1,8 @@
 //! Tests of the extractor: against a flood fill, against ideal centres, against rubbish.
 
 use super::*;
-use crate::colours::{DARK, reference};
-use crate::picture::Painter;
-use crate::sight::{MarkerImage, Markers};
+use protocol::fields::DARK;
+
 use bytemuck::Zeroable;
 use nalgebra::{Matrix2, Vector2};
 use proptest::prelude::*;
@@ -13,6 +12,8 @@ use protocol::message::Message;
 use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use surgeon::motion::MotionSource;
+use virtual_rig::painter::Painter;
+use virtual_rig::projection::{MarkerImage, Markers};
 
 fn scan(picture: &FieldPicture) -> BlobField {
     let mut out = BlobField::zeroed();
@@ -28,8 +29,8 @@ fn field_of(rows: &[&str]) -> FieldPicture {
     for (y, row) in rows.iter().enumerate() {
         for (i, letter) in row.chars().enumerate() {
             let pixel = match letter {
-                'r' => reference(Colour::Red),
-                'g' => reference(Colour::Green),
+                'r' => Colour::Red.reference(),
+                'g' => Colour::Green.reference(),
                 _ => [DARK, 128, 128],
             };
             picture.luma[y * width + 2 * i..][..2].fill(pixel[0]);
@@ -116,7 +117,7 @@ fn errors(fields: u64) -> (Vec<Vector2<f64>>, usize, Vec<f64>) {
     for number in 0..fields {
         let motion = source.at(number * 97_000_000);
         for camera in rig.cameras() {
-            markers.see(&camera, &motion, &mut seen);
+            markers.project(&camera, &motion, &mut seen);
             painter.draw(&seen, camera.id, number, &mut picture);
             let mut field = scan(&picture);
             field.parity = (number & 1) as u32;

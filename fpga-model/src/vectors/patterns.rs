@@ -1,10 +1,11 @@
 //! Small fields that are hard for an extractor: what they are good for, and the tables they are run with.
 
-use crate::colours::{CLASSES, DARK, reference};
-use crate::picture::FieldPicture;
+use crate::colours::CLASSES;
 use crate::scan::limits::CAMERA;
 use crate::scan::{Settings, background::Level, limits::Limits};
 use protocol::blobs::Colour;
+use protocol::fields::DARK;
+use protocol::fields::FieldPicture;
 
 /// A field and how it is to be read.
 pub struct Pattern {
@@ -28,7 +29,7 @@ impl Canvas {
 
     /// Paints the pixels for which `inside` holds.
     fn paint(mut self, colour: Colour, inside: impl Fn(usize, usize) -> bool) -> Self {
-        let [light, blue, red] = reference(colour);
+        let [light, blue, red] = colour.reference();
         let (width, height) = (self.0.width, self.0.height);
         for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(|&(x, y)| inside(x, y))
         {
@@ -41,7 +42,7 @@ impl Canvas {
 
     /// Paints a disc with a soft edge; axes in px of the field, chroma a little larger than luma.
     fn disc(mut self, colour: Colour, [cx, cy]: [f64; 2], [rx, ry]: [f64; 2]) -> Self {
-        let [light, blue, red] = reference(colour);
+        let [light, blue, red] = colour.reference();
         let (width, height) = (self.0.width, self.0.height);
         for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
             let rho = libm::hypot((x as f64 - cx) / rx, (y as f64 - cy) / ry);

@@ -194,10 +194,19 @@ impl RunArgs {
         composed.longest_s + AFTER_S
     }
 
-    /// The process that begins a run and ends it: the camera hardware, or the desk in its and the
-    /// tracker's place.
+    /// The process that begins a run and ends it: the virtual rig, or the desk in the place of rig,
+    /// camera hardware and tracker.
     pub fn source(&self) -> Process {
-        if self.desk.is_some() { Process::Desk } else { Process::FpgaModel }
+        if self.desk.is_some() { Process::Desk } else { Process::VirtualRig }
+    }
+
+    /// The processes between the source and the simulation.
+    pub fn trackers(&self) -> &'static [Process] {
+        match (&self.desk, self.direct || self.blobs.is_some()) {
+            (Some(_), _) => &[],
+            (None, true) => &[Process::Tracker],
+            (None, false) => &[Process::Tracker, Process::FpgaModel],
+        }
     }
 
     /// With a place for the recording of a trainee's attempt where none is given. Refuses odd names
@@ -243,18 +252,21 @@ impl RunArgs {
     ) -> Vec<String> {
         let mut args = Arguments::default();
         let (stage, takes_rig, takes_scene) = match process {
-            Process::FpgaModel => (Stage::Camera, true, true),
-            Process::Tracker => (Stage::Tracking, true, false),
-            Process::Simcore => (Stage::Simulation, false, true),
-            Process::Renderer => (Stage::Rendering, true, true),
+            // Without pixels there is no camera hardware: the rig sends the blobs.
+            Process::VirtualRig if self.trackers().contains(&Process::FpgaModel) => (None, true, true),
+            Process::VirtualRig => (Some(Stage::Camera), true, true),
+            Process::FpgaModel => (Some(Stage::Camera), true, false),
+            Process::Tracker => (Some(Stage::Tracking), true, false),
+            Process::Simcore => (Some(Stage::Simulation), false, true),
+            Process::Renderer => (Some(Stage::Rendering), true, true),
             // It has no cameras to wait for: what it does is tracking.
-            Process::Desk => (Stage::Tracking, true, true),
+            Process::Desk => (Some(Stage::Tracking), true, true),
         };
         args.path("--rig", self.rig.as_deref().filter(|_| takes_rig));
         args.value("--scene", self.scene.as_ref().filter(|_| takes_scene));
-        args.value("--inject-delay-ms", self.delay_ms(stage));
+        args.value("--inject-delay-ms", stage.and_then(|s| self.delay_ms(s)));
         match process {
-            Process::FpgaModel => self.camera_arguments(&mut args, remaining_s, restarts),
+            Process::VirtualRig => self.rig_arguments(&mut args, remaining_s, restarts),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
                 args.path("--fundus", self.fundus.as_deref());
@@ -270,7 +282,7 @@ impl RunArgs {
                 }
             }
             Process::Simcore => args.value("--collision", self.collision.as_ref()),
-            Process::Tracker => {}
+            Process::FpgaModel | Process::Tracker => {}
             Process::Desk => {
                 let desk = self.desk.clone().unwrap_or_default();
                 match desk.inputs {
@@ -282,7 +294,7 @@ impl RunArgs {
         args.0
     }
 
-    fn camera_arguments(&self, args: &mut Arguments, remaining_s: Option<f64>, restarts: u32) {
+    fn rig_arguments(&self, args: &mut Arguments, remaining_s: Option<f64>, restarts: u32) {
         args.value("--seed", Some(self.seed));
         args.path("--motion", self.motion.as_deref());
         args.flag("--motion-full", self.motion_full);
@@ -396,9 +408,17 @@ mod tests {
                     given.windows(2).any(|w| w == ["--inject-delay-ms", "7"] || w == ["--late-camera", "2=7"])
                 })
                 .collect();
-            let owner = [0, 0, 1, 2, 3][slow];
+            let owner = [1, 0, 2, 3, 4][slow];
             assert_eq!(delayed, [Process::ALL[owner]], "{stage}");
         }
+    }
+
+    #[test]
+    fn without_pixels_the_rig_sends_the_blobs_and_is_delayed_itself() {
+        let args = parse(&["--direct", "--inject-delay", "camera=7"]).unwrap();
+        assert_eq!(args.trackers(), [Process::Tracker]);
+        let given = args.arguments_of(Process::VirtualRig, View::Headless, None, 0).join(" ");
+        assert_eq!(given, "--inject-delay-ms 7 --seed 1 --direct");
     }
 
     #[test]
@@ -417,7 +437,8 @@ mod tests {
         ])
         .unwrap();
         let of = |p| args.arguments_of(p, View::Headless, Some(2.5), 0).join(" ");
-        assert_eq!(of(Process::FpgaModel), "--rig r.json --scene peel --seed 9 --duration 2.5");
+        assert_eq!(of(Process::VirtualRig), "--rig r.json --scene peel --seed 9 --duration 2.5");
+        assert_eq!(of(Process::FpgaModel), "--rig r.json");
         assert_eq!(of(Process::Tracker), "--rig r.json");
         assert_eq!(of(Process::Simcore), "--scene peel --collision cpu");
         assert_eq!(of(Process::Renderer), "--rig r.json --scene peel --headless --stills s");
@@ -435,10 +456,12 @@ mod tests {
     #[test]
     fn the_desk_takes_the_place_of_cameras_and_tracker() {
         let mut args = parse(&["--module", "navigation"]).unwrap();
-        assert_eq!(args.source(), Process::FpgaModel);
+        assert_eq!(args.source(), Process::VirtualRig);
+        assert_eq!(args.trackers(), [Process::Tracker, Process::FpgaModel]);
         args.desk = Some(DeskArgs { input: "mouse".into(), inputs: None });
         let given = |args: &RunArgs, p| args.arguments_of(p, View::Window, None, 0).join(" ");
         assert_eq!((args.source(), given(&args, Process::Desk).as_str()), (Process::Desk, "--input mouse"));
+        assert!(args.trackers().is_empty());
         assert_eq!(given(&args, Process::Renderer), "--window --desk");
         args.desk = Some(DeskArgs { input: "auto".into(), inputs: Some("moves.txt".into()) });
         assert_eq!(given(&args, Process::Desk), "--inputs moves.txt");
@@ -448,9 +471,9 @@ mod tests {
     fn faults_reach_the_cameras_and_nobody_else() {
         let args = parse(&["--faults", "mild,dropped", "--fault-log", "f.jsonl"]).unwrap();
         let of = |p, restarts| args.arguments_of(p, View::Headless, None, restarts).join(" ");
-        let cameras = of(Process::FpgaModel, 0);
+        let cameras = of(Process::VirtualRig, 0);
         assert_eq!(cameras, "--seed 1 --faults mild,dropped --fault-log f.jsonl");
-        assert!(of(Process::FpgaModel, 1).ends_with("f-2.jsonl"), "a restart keeps what was written");
+        assert!(of(Process::VirtualRig, 1).ends_with("f-2.jsonl"), "a restart keeps what was written");
         assert!(!of(Process::Tracker, 0).contains("fault") && !of(Process::Simcore, 0).contains("fault"));
         assert!(parse(&["--fault-log", "f"]).is_err(), "no faults, no log");
         let missing = parse(&["--faults", "/nowhere/f.toml"]).unwrap().prepare().unwrap_err().to_string();

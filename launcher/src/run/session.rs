@@ -197,9 +197,8 @@ impl<'a> Session<'a> {
     /// Starts what receives and waits until it works, so that no process misses the first field.
     async fn start_receivers(&mut self) -> anyhow::Result<()> {
         let picture = (self.view != View::None).then_some(Process::Renderer);
-        // The desk sends poses itself.
-        let tracker = self.args.desk.is_none().then_some(Process::Tracker);
-        for process in picture.into_iter().chain([Process::Simcore]).chain(tracker) {
+        let trackers = self.args.trackers().iter().copied();
+        for process in picture.into_iter().chain([Process::Simcore]).chain(trackers) {
             self.supervisor.start(process, None, now())?;
         }
         self.screen.say(&format!("starting {}", self.supervisor.awaited().join(", ")));

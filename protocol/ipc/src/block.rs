@@ -67,7 +67,10 @@ impl<H: Message + Debug> BlockSender<H> {
         }
         let fail = |operation| move |problem: String| transport(H::CHANNEL, operation)(problem);
         let units = bytes.div_ceil(16).max(1);
-        let mut sample = self.publisher.loan_slice(units).map_err(|e| fail("loan")(format!("{e:?}")))?;
+        let sample = self.publisher.loan_slice_uninit(units).map_err(|e| fail("loan")(format!("{e:?}")))?;
+        // SAFETY: `Unit` is sixteen plain bytes, valid whatever they hold, and pages of a shared memory
+        // file are never uninitialised: they hold zeros or an earlier block.
+        let mut sample = unsafe { sample.assume_init() };
         let header = write(as_bytes_mut(sample.payload_mut()));
         self.stamp.sent_ns = now();
         *sample.user_header_mut() = BlockHeader { stamp: self.stamp, header };
@@ -100,7 +103,7 @@ impl<H: Message + Debug> BlockSample<H> {
     }
 }
 
-/// Receives blocks with a header `H`; only the newest is kept.
+/// Receives blocks with a header `H`, in order; the newest [`Message::QUEUE`] are kept.
 pub struct BlockReceiver<H: Message + Debug> {
     subscriber: Subscriber<Service, [Unit], BlockHeader<H>>,
     listener: Listener,
@@ -108,7 +111,7 @@ pub struct BlockReceiver<H: Message + Debug> {
 }
 
 impl<H: Message + Debug> BlockReceiver<H> {
-    /// The newest block since the last call, its header checked; refused ones are counted.
+    /// The next block, its header checked; refused ones are counted.
     pub fn receive(&mut self) -> Result<Option<BlockSample<H>>, IpcError> {
         loop {
             let received = self.subscriber.receive();
@@ -148,7 +151,7 @@ impl Instance {
             .publish_subscribe::<[Unit]>()
             .user_header::<BlockHeader<H>>()
             .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(1)
+            .subscriber_max_buffer_size(H::QUEUE)
             .subscriber_max_borrowed_samples(2)
             .max_subscribers(MAX_SUBSCRIBERS.min(4))
             .max_publishers(MAX_PUBLISHERS.min(2))

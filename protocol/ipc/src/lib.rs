@@ -20,6 +20,7 @@ mod channel;
 pub mod clock;
 mod instance;
 pub mod logging;
+pub mod outbox;
 pub mod shell;
 mod wake;
 

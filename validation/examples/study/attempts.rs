@@ -1,7 +1,6 @@
 //! Many attempts at once, on every processor.
 
 use anyhow::Result;
-use fpga_model::cameras::Path;
 use scene::module::Module;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -9,6 +8,7 @@ use surgeon::motion::MotionUse;
 use surgeon::skill::Skill;
 use training::score::Score;
 use validation::pipeline::Pipeline;
+use virtual_rig::cameras::Path;
 
 /// One attempt at a level of a module.
 pub struct Job {

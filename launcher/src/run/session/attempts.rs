@@ -149,8 +149,8 @@ impl Session<'_> {
     /// Sends a command to every process and waits until those that move the eye have obeyed.
     async fn command_all(&mut self, command: Command, argument: u64) -> anyhow::Result<()> {
         let seq = self.supervisor.ask(EVERY_PROCESS, command, argument);
-        let tracker = self.args.desk.is_none().then_some(Process::Tracker);
-        let obeying = [self.args.source(), Process::Simcore].into_iter().chain(tracker);
+        let trackers = self.args.trackers().iter().copied();
+        let obeying = [self.args.source(), Process::Simcore].into_iter().chain(trackers);
         let waiting = obeying.map(|p| p as u32).collect();
         self.command = CommandProgress { seq, waiting, problems: Vec::new() };
         let deadline = Instant::now() + OBEY;

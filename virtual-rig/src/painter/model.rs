@@ -29,7 +29,8 @@
 //! lines (delay-line decoder). Several markers are laid over one another, the nearest last.
 
 use super::{FieldPicture, Light, Patch};
-use crate::colours::{DARK, reference};
+use protocol::fields::DARK;
+
 use nalgebra::{Matrix2, Vector2};
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 use std::sync::LazyLock;
@@ -243,7 +244,7 @@ impl Disc {
         let chroma = Matrix2::new(wide + 3.0 * pixel, 0.0, 0.0, 3.0 * pixel);
         let metric = shape.try_inverse()?;
         Some(Disc {
-            colour: light.on(reference(patch.image.colour), patch.brightness),
+            colour: light.on(patch.image.colour.reference(), patch.brightness),
             centre: Vector2::new(centre.x, (centre.y - (number & 1) as f64) / 2.0),
             half: Vector2::new(shape.m11.sqrt(), shape.m22.sqrt()),
             luma_edge: Edge::new(spread, &metric, &smear),
@@ -256,7 +257,7 @@ impl Disc {
     }
 
     /// Columns and lines that the disc can reach in chroma or luma.
-    pub(super) fn box_px(&self, picture: &FieldPicture) -> [std::ops::Range<usize>; 2] {
+    pub(super) fn box_px<B>(&self, picture: &FieldPicture<B>) -> [std::ops::Range<usize>; 2] {
         let range = |axis: usize, n: usize| {
             let reach = self.half[axis]
                 + FAR * self.chroma_edge.spread[(axis, axis)].sqrt()

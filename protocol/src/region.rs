@@ -1,14 +1,15 @@
-//! The lines of a field in which a marker of a rig can appear: what lies below is not read.
+//! The lines of a field in which a marker of a rig can appear.
 //!
-//! It is a register of the hardware, set once from the rig. Below the last line of the region no
-//! marker comes, wherever the instruments are in their workspace and however the eye turns; so the
-//! blobs of a field can leave when that line has passed, and not only at the end of the field.
+//! No marker comes below the region, wherever the instruments are in their workspace and however the
+//! eye turns. The camera hardware holds its length in a register, set once from the rig, and reads no
+//! line below: the blobs of a field leave when the region has passed, not at the end of the field. A
+//! source of pixels need not send those lines.
 
+use crate::camera::Camera;
+use crate::limits::INSTRUMENTS;
+use crate::poses::BODY_NAMES;
+use crate::rig::{Rig, RigMarker};
 use nalgebra::{Point3, Rotation3, Vector3};
-use protocol::camera::Camera;
-use protocol::limits::INSTRUMENTS;
-use protocol::poses::BODY_NAMES;
-use protocol::rig::{Rig, RigMarker};
 use std::f64::consts::{PI, TAU};
 
 /// Largest turn of the mechanical eye about any axis, rad: its springs end there.
@@ -90,34 +91,6 @@ fn eye(markers: &[RigMarker], look: &mut impl FnMut(Point3<f64>, f64)) {
         let world_from_eye = Rotation3::new(turn);
         for marker in markers {
             look(world_from_eye * Point3::from(marker.p), marker.r);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sight::Markers;
-    use scene::{DEFAULT_SCENE, SceneFile};
-    use surgeon::motion::MotionSource;
-
-    #[test]
-    fn no_marker_is_ever_seen_below_the_region() {
-        let rig = Rig::load_or_shipped(None).unwrap();
-        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
-        let (markers, mut seen) = (Markers::of(&rig), Markers::list());
-        for camera in rig.cameras() {
-            let region = lines(&rig, &camera);
-            let mut lowest: f64 = 0.0;
-            let mut source = MotionSource::new(&scene, &rig, None, 3);
-            for k in 0..800 {
-                markers.see(&camera, &source.at(k * 40_000_000), &mut seen);
-                for image in &seen {
-                    lowest = lowest.max((image.centre_px.y + image.half_size_px().y) / 2.0);
-                }
-            }
-            println!("camera {}: {region} lines, lowest marker ends on {lowest:.1}", camera.id);
-            assert!(lowest <= region as f64 && region <= 288);
         }
     }
 }

@@ -1,7 +1,9 @@
 //! Faults of sensor and read-out: torn fields and hot pixels.
 
 use super::{Faults, Kind};
-use crate::picture::{BLACK, FieldPicture};
+use crate::painter::BLACK;
+use protocol::fields::FieldPicture;
+use std::ops::DerefMut;
 
 /// Most lines that go missing.
 const MOST_MISSING: u64 = 32;
@@ -26,21 +28,13 @@ impl Tear {
     }
 
     /// Does to `picture` what happened: lines go missing or come from `before`.
-    pub fn apply(&self, picture: &mut FieldPicture, before: &FieldPicture) {
+    pub fn apply<B: DerefMut<Target = [u8]>>(&self, picture: &mut FieldPicture<B>, before: &FieldPicture) {
         let end = if self.missing > 0 { self.line + self.missing } else { picture.height };
         let lines = self.line.min(picture.height)..end.min(picture.height);
-        let planes = [
-            (&mut picture.luma, &before.luma, picture.width, BLACK as u8),
-            (&mut picture.blue, &before.blue, picture.width / 2, 128),
-            (&mut picture.red, &before.red, picture.width / 2, 128),
-        ];
-        for (plane, old, width, empty) in planes {
-            let pixels = lines.start * width..lines.end * width;
-            if self.missing > 0 {
-                plane[pixels].fill(empty);
-            } else {
-                plane[pixels.clone()].copy_from_slice(&old[pixels]);
-            }
+        if self.missing > 0 {
+            picture.blank_lines(lines, BLACK as u8);
+        } else {
+            picture.copy_lines(lines, before);
         }
     }
 }
@@ -59,14 +53,21 @@ impl Faults {
         Some(Tear { line, missing })
     }
 
-    /// Puts a camera's hot pixels into a picture. They are where they are as long as the camera lives.
-    pub fn heat(&self, camera: u32, picture: &mut FieldPicture) {
+    /// Puts a camera's hot pixels into a picture of a field of `height` lines. Their places stay as long
+    /// as the camera lives; those below the picture's last line are left out.
+    pub fn heat<B: DerefMut<Target = [u8]>>(
+        &self,
+        camera: u32,
+        height: usize,
+        picture: &mut FieldPicture<B>,
+    ) {
         let hot = self.spec.hot_pixels.as_ref().filter(|_| self.concerns(Kind::HotPixels, camera));
-        let pixels = picture.luma.len() as u64;
+        let pixels = (picture.width * height) as u64;
         for i in 0..hot.map_or(0, |h| u64::from(h.count)) {
             let throw = self.dice.throw(Kind::HotPixels, camera, i);
-            let pixel = &mut picture.luma[throw.below(0, pixels) as usize];
-            *pixel = (*pixel).max((HOT_LUMA[0] + throw.below(1, HOT_LUMA[1])) as u8);
+            if let Some(pixel) = picture.luma.get_mut(throw.below(0, pixels) as usize) {
+                *pixel = (*pixel).max((HOT_LUMA[0] + throw.below(1, HOT_LUMA[1])) as u8);
+            }
         }
     }
 }

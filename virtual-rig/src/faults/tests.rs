@@ -3,9 +3,12 @@
 use super::spec::FORMAT;
 use super::*;
 use crate::cameras::{Cameras, Path};
-use crate::picture::{FieldPicture, Light};
+use crate::painter::Light;
 use ::scene::{DEFAULT_SCENE, SceneFile};
+use bytemuck::Zeroable;
+use fpga_model::pipeline::CameraPipeline;
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
+use protocol::fields::FieldPicture;
 use surgeon::motion::MotionSource;
 
 fn rig() -> Rig {
@@ -21,27 +24,40 @@ fn faults(text: &str) -> Faults {
     Faults::new(spec, &rig(), 7).unwrap()
 }
 
-/// Fields of all cameras with the deeds that were told.
+/// Blobs of the fields of all cameras, with the deeds that were noted.
 fn run(
     path: Path,
     faults: Faults,
     numbers: impl Iterator<Item = u64>,
-) -> (Vec<BlobField>, Vec<ledger::Entry>) {
-    let mut cameras = Cameras::with_faults(&rig(), path, 1, faults).unwrap();
+) -> (Vec<BlobField>, Vec<tally::Entry>) {
+    let rig = rig();
+    let mut cameras = Cameras::with_faults(&rig, path, 1, faults).unwrap();
+    let mut pipelines: Vec<_> = rig.cameras().iter().map(|c| CameraPipeline::new(&rig, c).unwrap()).collect();
+    let mut payload = vec![0; cameras.payload_bytes()];
     let (mut surgeon, mut fields, mut told) = (surgeon(), Vec::new(), Vec::new());
     for number in numbers {
-        for i in 0..cameras.len() {
-            fields.push(*cameras.expose(i, &mut surgeon, number).field);
+        for (i, pipeline) in pipelines.iter_mut().enumerate() {
+            let mut field = BlobField::zeroed();
+            let mut exposure = cameras.expose(i, &mut surgeon, number);
+            let header = exposure.header();
+            if path == Path::Direct {
+                exposure.blobs(&mut field);
+            } else {
+                exposure.paint(&mut payload);
+                let picture = FieldPicture::in_payload(&header, &payload).unwrap();
+                pipeline.extract(&header, &picture, &mut field);
+            }
+            fields.push(field);
             cameras.fate(i, number);
         }
-        told.extend_from_slice(cameras.ledger.waiting());
-        cameras.ledger.clear_waiting();
+        told.extend_from_slice(cameras.tally.waiting());
+        cameras.tally.clear_waiting();
     }
     (fields, told)
 }
 
 /// Deeds about a field.
-fn about<'a>(told: &'a [ledger::Entry], field: &BlobField) -> impl Iterator<Item = Deed> + 'a {
+fn about<'a>(told: &'a [tally::Entry], field: &BlobField) -> impl Iterator<Item = Deed> + 'a {
     let (number, camera) = (field.field, field.camera);
     told.iter().filter(move |e| (e.field, e.camera) == (number, camera)).map(|e| e.deed)
 }
@@ -207,13 +223,13 @@ fn hot_pixels_are_specks_and_no_blobs() {
     let faults = faults("[hot-pixels]\ncount = 60");
     let mut picture = FieldPicture::new([720, 576]);
     let clean = picture.clone();
-    faults.heat(1, &mut picture);
+    faults.heat(1, 288, &mut picture);
     let differ: Vec<usize> = (0..clean.luma.len()).filter(|&i| clean.luma[i] != picture.luma[i]).collect();
     assert!((55..=60).contains(&differ.len()), "{}", differ.len());
     assert!(differ.iter().all(|&i| picture.luma[i] >= 150));
     assert_eq!((&picture.blue, &picture.red), (&clean.blue, &clean.red));
     let mut other = clean.clone();
-    faults.heat(0, &mut other);
+    faults.heat(0, 288, &mut other);
     assert_ne!(other.luma, picture.luma, "each camera has its own");
 
     let (fields, told) = run(Path::Pixels, faults, 0..10);

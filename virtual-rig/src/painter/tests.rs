@@ -3,6 +3,7 @@
 use super::*;
 use nalgebra::{Matrix2, Vector2};
 use protocol::blobs::Colour;
+use protocol::fields::DARK;
 use protocol::random::Random;
 
 fn marker(x: f64, y: f64) -> MarkerImage {
@@ -111,7 +112,7 @@ fn covered_area_is_that_of_the_outline() {
 }
 
 fn reference_luma() -> f64 {
-    f64::from(crate::colours::reference(Colour::Green)[0])
+    f64::from(Colour::Green.reference()[0])
 }
 
 #[test]

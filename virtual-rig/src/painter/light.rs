@@ -51,14 +51,14 @@ impl Light {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::colours::{SATURATED, reference};
+    use fpga_model::scan::sums::SATURATED;
     use protocol::blobs::Colour;
 
     #[test]
     fn usual_light_leaves_the_reference_colours() {
         for colour in Colour::ALL {
-            let lit = Light::default().on(reference(colour), 1.0);
-            let expected = reference(colour).map(f64::from);
+            let lit = Light::default().on(colour.reference(), 1.0);
+            let expected = colour.reference().map(f64::from);
             assert!(lit.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{colour:?}: {lit:?}");
         }
     }
@@ -66,12 +66,12 @@ mod tests {
     #[test]
     fn too_much_light_turns_colours_white() {
         for colour in Colour::ALL {
-            let [y, cb, cr] = Light::default().on(reference(colour), 50.0);
+            let [y, cb, cr] = Light::default().on(colour.reference(), 50.0);
             assert!(y > 100.0 && y <= f64::from(SATURATED) + 1e-9, "{y}");
             let pale = |c: f64| (16.0..=240.0).contains(&c);
             assert!(pale(cb) && pale(cr), "{colour:?}: {cb} {cr}");
         }
-        let [y, cb, cr] = Light::default().on(reference(Colour::White), 2.0);
+        let [y, cb, cr] = Light::default().on(Colour::White.reference(), 2.0);
         assert!((y - 235.0).abs() < 1e-9 && (cb - 128.0).abs() < 1e-9 && (cr - 128.0).abs() < 1e-9);
     }
 

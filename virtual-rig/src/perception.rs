@@ -1,21 +1,22 @@
-//! The scripted surgeon's sight in a live run: what the simulation last sent to be drawn, and which goals it has told.
+//! What a scripted surgeon perceives in a live run: the scene that the simulation sent last, and the
+//! goals that its events reported as reached.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::events::{Event, EventKind};
 use protocol::scene::{NODE_FREE, SceneBody, SceneHeader, SceneNode, section};
 use surgeon::script::{PerceivedBody, Perception};
 
-/// What the surgeon sees.
+/// Bodies, tissue and goals as the simulation published them.
 #[derive(Debug, Clone, Default)]
-pub struct Seen {
+pub struct ScenePerception {
     bodies: Vec<SceneBody>,
     nodes: Vec<SceneNode>,
     /// A bit for each goal that is reached.
     reached: u64,
 }
 
-impl Seen {
-    /// Takes in what is to be drawn; what is damaged is passed over.
+impl ScenePerception {
+    /// Takes in a scene; a damaged one is passed over.
     pub fn take_scene(&mut self, header: &SceneHeader, payload: &[u8]) {
         let found = section(payload, header.bodies).ok().zip(section(payload, header.nodes).ok());
         if let Some((bodies, nodes)) = found {
@@ -26,7 +27,7 @@ impl Seen {
         }
     }
 
-    /// Takes in what was told.
+    /// Takes in an event.
     pub fn take_event(&mut self, event: &Event) {
         if event.kind == EventKind::TaskStarted as u32 {
             self.reached = 0;
@@ -36,7 +37,7 @@ impl Seen {
     }
 }
 
-impl Perception for Seen {
+impl Perception for ScenePerception {
     fn reached(&self, goal: usize) -> bool {
         self.reached.checked_shr(goal as u32).is_some_and(|bits| bits & 1 == 1)
     }
@@ -66,7 +67,7 @@ mod tests {
 
     #[test]
     fn goals_bodies_and_tissue_are_seen() {
-        let mut seen = Seen::default();
+        let mut seen = ScenePerception::default();
         let told = |kind: EventKind, subject| Event { kind: kind as u32, subject, ..Event::zeroed() };
         seen.take_event(&told(EventKind::GoalReached, 3));
         seen.take_event(&told(EventKind::GoalReached, 4_000_000));

@@ -1,13 +1,13 @@
-//! Which cameras are exposed together, and what is to be done next. Pure: the time is an argument.
+//! Groups of cameras that share a clock, and what is to be done next. Pure: the time is an argument.
 //!
 //! Genlocked cameras are one group; a free-running camera is a group of its own. A group's field is
-//! computed as soon as its field before has left, ahead of the instant at which its blobs are due; it is
+//! made as soon as its field before has left, ahead of the instant at which its blobs are due; it is
 //! not begun just before another group's field has to leave.
 
 use crate::cameras::Cameras;
 use crate::faults::timing::Clock;
 
-/// Room that is left before a field is due, ns: drawing and scanning one takes about 1 ms.
+/// Room that is left before a field is due, ns: drawing one takes less than 1 ms.
 const ROOM_NS: u64 = 3_000_000;
 
 /// Cameras that share a clock.
@@ -20,14 +20,14 @@ pub struct Group {
     /// Number of the field that is exposed next.
     pub next: u64,
     /// From an exposure until its first blobs are due, ns.
-    out_after_ns: u64,
+    pub out_after_ns: u64,
     /// When the field exposed last has left, ns after the start.
     busy_until_ns: u64,
 }
 
 /// What is to be done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Step {
+pub enum Action {
     /// Expose the next field of this group.
     Expose(usize),
     /// Wait until so many ns after the start; something is due then.
@@ -38,9 +38,9 @@ pub enum Step {
 
 /// All groups of a rig.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Groups(pub Vec<Group>);
+pub struct Schedule(pub Vec<Group>);
 
-impl Groups {
+impl Schedule {
     /// The groups of some cameras.
     pub fn of(cameras: &Cameras) -> Self {
         let all = (0..cameras.len()).map(|i| (cameras.clock(i), cameras.out_after_ns(i)));
@@ -57,7 +57,7 @@ impl Groups {
                 groups.push(Group { cameras: vec![i], clock, next: 0, out_after_ns, busy_until_ns: 0 });
             }
         }
-        Groups(groups)
+        Schedule(groups)
     }
 
     /// Begins anew.
@@ -67,7 +67,7 @@ impl Groups {
 
     /// What is to be done `elapsed_ns` after the start, where `send_ns` is when something has to be sent.
     /// No field is exposed from `duration_ns` on.
-    pub fn step(&self, elapsed_ns: u64, send_ns: Option<u64>, duration_ns: u64) -> Step {
+    pub fn next(&self, elapsed_ns: u64, send_ns: Option<u64>, duration_ns: u64) -> Action {
         let lives = |g: &&Group| g.clock.exposed_ns(g.next) < duration_ns;
         let is_free = |g: &Group| g.busy_until_ns <= elapsed_ns;
         let all = self.0.iter().filter(lives);
@@ -75,12 +75,12 @@ impl Groups {
         if let Some(i) = free.min_by_key(|&i| self.0[i].due_ns()) {
             let urgent = |send: u64| send <= elapsed_ns.saturating_add(ROOM_NS) && send <= self.0[i].due_ns();
             return match send_ns.filter(|&send| urgent(send)) {
-                Some(send) => Step::Wait(send),
-                None => Step::Expose(i),
+                Some(send) => Action::Wait(send),
+                None => Action::Expose(i),
             };
         }
         let wake = all.map(|g| g.busy_until_ns).chain(send_ns).min();
-        wake.map_or(Step::Over, Step::Wait)
+        wake.map_or(Action::Over, Action::Wait)
     }
 
     /// Leaves out the fields of group `i` that a machine too slow has missed; returns how many.
@@ -119,43 +119,43 @@ mod tests {
 
     #[test]
     fn genlocked_cameras_are_one_group() {
-        let mut groups = Groups::from_clocks([20, 19, 21].into_iter().map(|ms| (clock(0), ms * MS)));
-        assert_eq!(groups.0.len(), 1);
-        assert_eq!(groups.step(0, None, 100 * MS), Step::Expose(0), "ahead of its time");
-        assert_eq!(groups.exposed(0), 0);
-        assert_eq!(groups.step(2 * MS, Some(20 * MS), 100 * MS), Step::Wait(19 * MS));
-        assert_eq!(groups.step(19 * MS, Some(20 * MS), 100 * MS), Step::Wait(20 * MS), "not just before");
-        assert_eq!(groups.step(21 * MS, None, 100 * MS), Step::Expose(0));
-        assert_eq!(groups.step(21 * MS, None, 20 * MS), Step::Over);
+        let mut schedule = Schedule::from_clocks([20, 19, 21].into_iter().map(|ms| (clock(0), ms * MS)));
+        assert_eq!(schedule.0.len(), 1);
+        assert_eq!(schedule.next(0, None, 100 * MS), Action::Expose(0), "ahead of its time");
+        assert_eq!(schedule.exposed(0), 0);
+        assert_eq!(schedule.next(2 * MS, Some(20 * MS), 100 * MS), Action::Wait(19 * MS));
+        assert_eq!(schedule.next(19 * MS, Some(20 * MS), 100 * MS), Action::Wait(20 * MS), "not just before");
+        assert_eq!(schedule.next(21 * MS, None, 100 * MS), Action::Expose(0));
+        assert_eq!(schedule.next(21 * MS, None, 20 * MS), Action::Over);
         assert_eq!(
-            groups.step(21 * MS, Some(30 * MS), 20 * MS),
-            Step::Wait(30 * MS),
+            schedule.next(21 * MS, Some(30 * MS), 20 * MS),
+            Action::Wait(30 * MS),
             "late ones still leave"
         );
     }
 
     #[test]
     fn a_free_running_camera_does_not_hold_up_another() {
-        let mut groups = Groups::from_clocks([0, 10].into_iter().map(|ms| (clock(ms * MS), 20 * MS)));
-        assert_eq!(groups.0.len(), 2);
+        let mut schedule = Schedule::from_clocks([0, 10].into_iter().map(|ms| (clock(ms * MS), 20 * MS)));
+        assert_eq!(schedule.0.len(), 2);
         let mut order = Vec::new();
         let (mut elapsed, mut outbox) = (0, Vec::new());
         while order.len() < 6 {
-            match groups.step(elapsed, outbox.first().copied(), u64::MAX) {
-                Step::Expose(i) => {
-                    let number = groups.exposed(i);
-                    outbox.push(number * 20 * MS + groups.0[i].clock.phase_ns + 20 * MS);
+            match schedule.next(elapsed, outbox.first().copied(), u64::MAX) {
+                Action::Expose(i) => {
+                    let number = schedule.exposed(i);
+                    outbox.push(number * 20 * MS + schedule.0[i].clock.phase_ns + 20 * MS);
                     outbox.sort_unstable();
                     elapsed += MS;
                 }
-                Step::Wait(until) => {
+                Action::Wait(until) => {
                     elapsed = elapsed.max(until);
                     while outbox.first().is_some_and(|&due| due <= elapsed) {
                         assert_eq!(elapsed, outbox[0], "in time");
                         order.push(outbox.remove(0) / MS);
                     }
                 }
-                Step::Over => panic!("it goes on for ever"),
+                Action::Over => panic!("it goes on for ever"),
             }
         }
         assert_eq!(order, [20, 30, 40, 50, 60, 70]);
@@ -163,19 +163,19 @@ mod tests {
 
     #[test]
     fn what_a_slow_machine_missed_is_left_out() {
-        let mut groups = Groups::from_clocks([(clock(0), 20 * MS)].into_iter());
-        assert_eq!(groups.leave_out_missed(0, 39 * MS), 0);
-        assert_eq!(groups.leave_out_missed(0, 85 * MS), 3);
-        assert_eq!(groups.exposed(0), 3);
-        groups.reset();
-        assert_eq!(groups.exposed(0), 0);
+        let mut schedule = Schedule::from_clocks([(clock(0), 20 * MS)].into_iter());
+        assert_eq!(schedule.leave_out_missed(0, 39 * MS), 0);
+        assert_eq!(schedule.leave_out_missed(0, 85 * MS), 3);
+        assert_eq!(schedule.exposed(0), 3);
+        schedule.reset();
+        assert_eq!(schedule.exposed(0), 0);
     }
 
     #[test]
     fn dropped_fields_keep_the_beat() {
-        let mut groups = Groups::from_clocks([(clock(0), 20 * MS)].into_iter());
-        groups.exposed(0);
+        let mut schedule = Schedule::from_clocks([(clock(0), 20 * MS)].into_iter());
+        schedule.exposed(0);
         // Nothing was sent, yet the next field waits for its turn.
-        assert_eq!(groups.step(5 * MS, None, u64::MAX), Step::Wait(20 * MS));
+        assert_eq!(schedule.next(5 * MS, None, u64::MAX), Action::Wait(20 * MS));
     }
 }

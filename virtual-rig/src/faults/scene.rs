@@ -1,7 +1,7 @@
 //! Faults of the scene and its light: what hides, doubles, glares, flickers and changes colour.
 
 use super::{Deed, Faults, Kind};
-use crate::picture::{Light, Patch};
+use crate::painter::{Light, Patch};
 use nalgebra::Vector2;
 use protocol::poses::BODY_NAMES;
 use std::f64::consts::{PI, TAU};

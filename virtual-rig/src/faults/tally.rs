@@ -1,4 +1,4 @@
-//! What was done, counted and written down.
+//! Faults that happened, counted and logged.
 
 use super::{Deed, Kind};
 use serde::Serialize;
@@ -24,20 +24,20 @@ pub struct Entry {
 
 /// Counts deeds and keeps the newest until they are written.
 #[derive(Debug, Clone)]
-pub struct Ledger {
+pub struct FaultTally {
     counts: [u64; Kind::ALL.len()],
     waiting: Vec<Entry>,
 }
 
-impl Default for Ledger {
+impl Default for FaultTally {
     fn default() -> Self {
-        Ledger { counts: [0; Kind::ALL.len()], waiting: Vec::with_capacity(WAITING) }
+        FaultTally { counts: [0; Kind::ALL.len()], waiting: Vec::with_capacity(WAITING) }
     }
 }
 
-impl Ledger {
+impl FaultTally {
     /// Takes a deed in.
-    pub fn tell(&mut self, field: u64, camera: u32, deed: Deed) {
+    pub fn note(&mut self, field: u64, camera: u32, deed: Deed) {
         self.counts[deed.kind() as usize] += 1;
         if self.waiting.len() < WAITING {
             self.waiting.push(Entry { field, camera, deed });
@@ -101,19 +101,19 @@ mod tests {
 
     #[test]
     fn the_summary_names_what_happened() {
-        let mut ledger = Ledger::default();
+        let mut tally = FaultTally::default();
         let mut text = String::new();
-        ledger.summary(&mut text);
+        tally.summary(&mut text);
         assert_eq!(text, "");
         for field in 0..1000 {
-            ledger.tell(field, 1, Deed::Dropped);
+            tally.note(field, 1, Deed::Dropped);
         }
-        ledger.tell(0, 1, Deed::Flicker { depth: 0.1, hz: 100.0 });
-        ledger.summary(&mut text);
+        tally.note(0, 1, Deed::Flicker { depth: 0.1, hz: 100.0 });
+        tally.summary(&mut text);
         assert_eq!(text, "faults: dropped 1000, flicker");
-        assert_eq!(ledger.waiting().len(), WAITING, "bounded");
-        ledger.clear_waiting();
-        assert_eq!((ledger.count(Kind::Dropped), ledger.waiting().len()), (1000, 0));
+        assert_eq!(tally.waiting().len(), WAITING, "bounded");
+        tally.clear_waiting();
+        assert_eq!((tally.count(Kind::Dropped), tally.waiting().len()), (1000, 0));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Fields on their way out, in the order in which they are due.
+//! Blob fields held back until the instants at which they are due.
 
 use protocol::blobs::BlobField;
 use protocol::limits::MAX_CAMERAS;
@@ -7,11 +7,12 @@ use std::collections::VecDeque;
 /// Fields that can wait: half a second of every camera at 50 Hz.
 const WAITING: usize = 25 * MAX_CAMERAS;
 
-/// Fields that were extracted and are not due yet.
+/// Blob fields that are not due yet, earliest first. Due instants are ns on any clock that the caller
+/// keeps to.
 pub struct Outbox {
-    /// Due time after the start, ns, with its field; earliest first.
+    /// Due instant, ns, with its field; earliest first.
     waiting: VecDeque<(u64, BlobField)>,
-    /// Due time of each camera's newest field.
+    /// Due instant of each camera's newest field.
     newest: [u64; MAX_CAMERAS],
 }
 
@@ -22,8 +23,8 @@ impl Default for Outbox {
 }
 
 impl Outbox {
-    /// Takes a field in that is due so many ns after the start, or when the one before it of its
-    /// camera is due, if that is later: a line does not let fields overtake. False if there is no room.
+    /// Holds a field until `due_ns`, or until the field before it of its camera is due if that is
+    /// later: fields of a camera do not overtake each other. False if there is no room.
     pub fn put(&mut self, due_ns: u64, field: &BlobField) -> bool {
         if self.waiting.len() == WAITING {
             return false;
@@ -36,14 +37,14 @@ impl Outbox {
         true
     }
 
-    /// When the next one is due, ns after the start.
+    /// When the next one is due, ns.
     pub fn due_ns(&self) -> Option<u64> {
         self.waiting.front().map(|(due, _)| *due)
     }
 
-    /// The next one that is due at `elapsed_ns`.
-    pub fn take(&mut self, elapsed_ns: u64) -> Option<BlobField> {
-        self.due_ns().filter(|due| *due <= elapsed_ns)?;
+    /// The next one that is due at `now_ns`.
+    pub fn take(&mut self, now_ns: u64) -> Option<BlobField> {
+        self.due_ns().filter(|due| *due <= now_ns)?;
         self.waiting.pop_front().map(|(_, field)| field)
     }
 

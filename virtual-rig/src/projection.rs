@@ -1,5 +1,5 @@
-//! Where the markers appear in a camera's picture, without noise: the ideal that pixels, blobs and
-//! tests are measured against.
+//! Projects the markers of a rig into a camera's picture, without noise: the ideal that pixels, blobs
+//! and tests are measured against.
 
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use protocol::blobs::Colour;
@@ -44,7 +44,7 @@ impl MarkerImage {
     }
 }
 
-/// The markers of a rig, ready to be looked at.
+/// The markers of a rig.
 #[derive(Debug, Clone)]
 pub struct Markers {
     /// In the order of [`BODY_NAMES`].
@@ -63,15 +63,15 @@ impl Markers {
         Vec::with_capacity(BODIES * MAX_MARKERS)
     }
 
-    /// Fills `seen` with every marker of which a part may be in the picture, farthest first.
-    pub fn see(&self, camera: &Camera, motion: &Motion, seen: &mut Vec<MarkerImage>) {
-        seen.clear();
+    /// Fills `images` with every marker of which a part may be in the picture, farthest first.
+    pub fn project(&self, camera: &Camera, motion: &Motion, images: &mut Vec<MarkerImage>) {
+        images.clear();
         for (body, (markers, pose)) in self.bodies.iter().zip(motion.world_from_body()).enumerate() {
             for marker in markers {
-                seen.extend(image_of(camera, &pose, marker, body));
+                images.extend(image_of(camera, &pose, marker, body));
             }
         }
-        seen.sort_unstable_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
+        images.sort_unstable_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
     }
 
     /// Movement of a marker's centre from one instant to another, px of the frame; nothing if it cannot
@@ -165,7 +165,7 @@ mod tests {
             let mut seen = Markers::list();
             let mut all = Vec::new();
             for camera in rig.cameras() {
-                markers.see(&camera, &motion, &mut seen);
+                markers.project(&camera, &motion, &mut seen);
                 all.extend(seen.iter().map(|m| {
                     let ray = camera.ray_in_world(m.centre_px).unwrap();
                     (m.body, m.marker, camera.centre_in_world(), ray)

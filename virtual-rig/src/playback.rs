@@ -11,7 +11,7 @@ const MAX_DELAY_NS: u64 = 10_000_000_000;
 
 /// Why a stream cannot be played.
 #[derive(Debug, thiserror::Error)]
-pub enum StreamError {
+pub enum PlaybackError {
     /// A line cannot be read.
     #[error(transparent)]
     Line(#[from] BlobStreamError),
@@ -38,7 +38,7 @@ pub enum StreamError {
 }
 
 /// A stream in memory: fields without their blobs, and all blobs in one row.
-pub struct BlobStream {
+pub struct BlobPlayback {
     fields: Vec<Entry>,
     blobs: Vec<Blob>,
     read_out_ns: u64,
@@ -54,21 +54,22 @@ struct Entry {
     blobs: std::ops::Range<usize>,
 }
 
-impl BlobStream {
+impl BlobPlayback {
     /// Reads a stream of the cameras of `rig`.
-    pub fn load(path: &Path, rig: &Rig) -> Result<Self, StreamError> {
+    pub fn load(path: &Path, rig: &Rig) -> Result<Self, PlaybackError> {
         let file = path.display().to_string();
-        let mut stream = BlobStream { fields: Vec::new(), blobs: Vec::new(), read_out_ns: rig.read_out_ns() };
+        let mut stream =
+            BlobPlayback { fields: Vec::new(), blobs: Vec::new(), read_out_ns: rig.read_out_ns() };
         for field in BlobReader::open(path)? {
             let field = field?;
             if let Some((expected, found)) = defect(&field, rig) {
                 let (field, camera) = (field.field, field.camera);
-                return Err(StreamError::Field { file, field, camera, expected, found });
+                return Err(PlaybackError::Field { file, field, camera, expected, found });
             }
             stream.push(&field);
         }
         if stream.fields.is_empty() {
-            return Err(StreamError::Empty { file });
+            return Err(PlaybackError::Empty { file });
         }
         Ok(stream)
     }
@@ -134,12 +135,12 @@ fn defect(field: &BlobField, rig: &Rig) -> Option<(&'static str, String)> {
 mod tests {
     use super::*;
 
-    fn load(text: &str) -> Result<BlobStream, StreamError> {
+    fn load(text: &str) -> Result<BlobPlayback, PlaybackError> {
         static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let path = std::env::temp_dir().join(format!("vitreo-stream-{}-{number}.jsonl", std::process::id()));
         std::fs::write(&path, text).unwrap();
-        let stream = BlobStream::load(&path, &Rig::load_or_shipped(None).unwrap());
+        let stream = BlobPlayback::load(&path, &Rig::load_or_shipped(None).unwrap());
         std::fs::remove_file(&path).unwrap();
         stream
     }

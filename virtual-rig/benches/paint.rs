@@ -1,14 +1,15 @@
 //! Share of one core that drawing the fields of the three cameras takes at 50 fields a second.
 //!
-//! `cargo bench -p fpga-model --bench paint` prints one line for each case.
+//! `cargo bench -p virtual-rig --bench paint` prints one line for each case.
 
-use fpga_model::picture::{FieldPicture, Light, Painter, Patch};
-use fpga_model::sight::Markers;
+use protocol::fields::FieldPicture;
 use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::hint::black_box;
 use std::time::Instant;
 use surgeon::motion::MotionSource;
+use virtual_rig::painter::{Light, Painter, Patch};
+use virtual_rig::projection::Markers;
 
 /// Fields of each camera that are drawn for one measurement.
 const FIELDS: u64 = 100;
@@ -45,7 +46,7 @@ fn main() {
     for smear in [0.0, 0.9, 5.0] {
         let whole = percent(|number| {
             for camera in &cameras {
-                markers.see(camera, &motion, &mut seen);
+                markers.project(camera, &motion, &mut seen);
                 let patches = seen.iter().map(|&image| {
                     let mut patch = Patch::from(image);
                     patch.smear_px.x = smear;

@@ -19,10 +19,10 @@
 //! What was done is told as [`Deed`]s: counted for the health text, and written to `--fault-log`.
 
 pub mod dice;
-pub mod ledger;
 pub mod readout;
 pub mod scene;
 pub mod spec;
+pub mod tally;
 pub mod timing;
 
 use dice::Dice;

@@ -1,7 +1,7 @@
 //! Blobs straight from the markers, with Gaussian noise and no pixels: for fast studies.
 
 use crate::faults::scene::TWIN;
-use crate::picture::Patch;
+use crate::painter::Patch;
 use nalgebra::Vector2;
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
 use protocol::camera::Camera;
@@ -76,7 +76,7 @@ fn gaussian_pair(random: &mut ChaCha8Rng) -> Vector2<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sight::Markers;
+    use crate::projection::Markers;
     use bytemuck::Zeroable;
     use protocol::rig::Rig;
     use scene::{DEFAULT_SCENE, SceneFile};
@@ -89,7 +89,7 @@ mod tests {
         let motion = MotionSource::new(&scene, &rig, None, 1).at(0);
         let mut seen = Markers::list();
         let camera = &rig.cameras()[0];
-        Markers::of(&rig).see(camera, &motion, &mut seen);
+        Markers::of(&rig).project(camera, &motion, &mut seen);
         let patches: Vec<Patch> = seen.iter().copied().map(Patch::from).collect();
         let (mut n, mut square) = (0.0, Vector2::zeros());
         for number in 0..400u64 {

@@ -1,53 +1,24 @@
-//! Draws what a camera sees in one field: noise in the dark, and markers as blurred, shaded discs.
+//! Synthesises the pixels of a field: noise in the dark, and markers as blurred, shaded discs.
 //!
-//! [`model`] says what a pixel is expected to show and how it scatters; this file fills a field with
-//! it, allocating nothing. Pixels are YCbCr 4:2:2 in planes. The same seed, camera and field
-//! number give the same picture to the bit.
+//! [`model`] gives the mean and the variance of a pixel; this module fills a field with them and
+//! allocates nothing. Pixels are YCbCr 4:2:2 in planes. The same seed, camera and field number give the
+//! same picture to the bit.
 
 mod light;
 pub mod model;
 mod noise;
 
-use crate::colours::DARK;
-use crate::sight::MarkerImage;
+use crate::projection::MarkerImage;
 pub use light::Light;
 pub use model::{BLACK, ImageModel};
 use model::{Carrier, Disc, GREY, carried};
 use nalgebra::Vector2;
 use noise::{Noise, STEP_BITS, STEPS};
+use protocol::fields::FieldPicture;
+use std::ops::DerefMut;
 
 /// Patches that a field can hold; further ones are left out.
 pub const MAX_PATCHES: usize = 64;
-
-/// One field's pixels.
-#[derive(Debug, Clone)]
-pub struct FieldPicture {
-    /// Pixels a line; even.
-    pub width: usize,
-    /// Lines of the field.
-    pub height: usize,
-    /// `width × height`.
-    pub luma: Vec<u8>,
-    /// `width/2 × height`, Cb.
-    pub blue: Vec<u8>,
-    /// `width/2 × height`, Cr.
-    pub red: Vec<u8>,
-}
-
-impl FieldPicture {
-    /// A black field for frames of `frame_px`; an odd width loses its last column.
-    pub fn new(frame_px: [u32; 2]) -> Self {
-        let (width, height) = (frame_px[0] as usize & !1, frame_px[1] as usize / 2);
-        let chroma = vec![128; width / 2 * height];
-        FieldPicture { width, height, luma: vec![DARK; width * height], blue: chroma.clone(), red: chroma }
-    }
-
-    /// A line of the field: luma, Cb, Cr.
-    pub fn line(&self, y: usize) -> (&[u8], &[u8], &[u8]) {
-        let (w, c) = (self.width, self.width / 2);
-        (&self.luma[y * w..(y + 1) * w], &self.blue[y * c..(y + 1) * c], &self.red[y * c..(y + 1) * c])
-    }
-}
 
 /// A marker as it is painted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -113,18 +84,25 @@ impl Painter {
 
     /// Draws field `number` of camera `camera`: the lines `2·y + parity` of the frame. Markers come
     /// farthest first, so that near ones hide far ones; they stand still.
-    pub fn draw(&self, markers: &[MarkerImage], camera: u32, number: u64, picture: &mut FieldPicture) {
+    pub fn draw<B: DerefMut<Target = [u8]>>(
+        &self,
+        markers: &[MarkerImage],
+        camera: u32,
+        number: u64,
+        picture: &mut FieldPicture<B>,
+    ) {
         self.paint(markers.iter().copied().map(Patch::from), &Light::default(), camera, number, picture);
     }
 
-    /// The same with movement and light. `picture` must be of the painter's size.
-    pub fn paint(
+    /// The same with movement and light. `picture` must be as wide as the painter's fields; it may end
+    /// after any line.
+    pub fn paint<B: DerefMut<Target = [u8]>>(
         &self,
         patches: impl Iterator<Item = Patch>,
         light: &Light,
         camera: u32,
         number: u64,
-        picture: &mut FieldPicture,
+        picture: &mut FieldPicture<B>,
     ) {
         let key = |plane: u64| self.seed ^ number.wrapping_mul(3) ^ (u64::from(camera) << 40) ^ (plane << 50);
         let [width, height] = self.size_px;
@@ -142,12 +120,17 @@ impl Painter {
     }
 
     /// Background and its noise.
-    fn fill(&self, light: &Light, noise: &[&[i16]; 3], picture: &mut FieldPicture) {
+    fn fill<B: DerefMut<Target = [u8]>>(
+        &self,
+        light: &Light,
+        noise: &[&[i16]; 3],
+        picture: &mut FieldPicture<B>,
+    ) {
         let [width, height] = self.size_px;
         let whole = |v: i16| (v.saturating_add(1 << (STEP_BITS - 1)) >> STEP_BITS).clamp(0, 255) as u8;
         // Light changes the background as a whole: the gradient's own change is far below a level.
         let lit = light.gain * (self.model.background - BLACK) + BLACK - self.model.background;
-        for y in 0..height {
+        for y in 0..picture.height {
             let down = self.model.gradient[1] * (y as f64 / height as f64 - 0.5);
             let offset = ((down + lit) * STEPS).round() as i16;
             let line = y * width..(y + 1) * width;
@@ -165,14 +148,14 @@ impl Painter {
 
     /// The pixels that disc `i` can reach, with every disc that lies there. A pixel of two discs
     /// is drawn twice, with the same result.
-    fn draw_disc(
+    fn draw_disc<B: DerefMut<Target = [u8]>>(
         &self,
         discs: &Discs,
         i: usize,
         light: &Light,
         number: u64,
         noise: &[&[i16]; 3],
-        picture: &mut FieldPicture,
+        picture: &mut FieldPicture<B>,
     ) {
         let [xs, ys] = discs.boxes[i].clone();
         for y in ys {
@@ -239,7 +222,7 @@ impl Default for Discs {
 }
 
 impl Discs {
-    fn push(&mut self, disc: Disc, picture: &FieldPicture) {
+    fn push<B>(&mut self, disc: Disc, picture: &FieldPicture<B>) {
         let new = self.count;
         if new == MAX_PATCHES {
             return;

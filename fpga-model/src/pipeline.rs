@@ -1,0 +1,157 @@
+//! One camera's pixels through the extractor, and when its blobs leave.
+//!
+//! The hardware reads the lines of the region ([`protocol::region`]) as they leave the sensor. Blobs
+//! leave when the last one is complete, not before the region has passed; that instant is counted in
+//! pixel clocks from the first line.
+
+use crate::scan::limits::{CAMERA, DIVIDER_CLOCKS, LINE_CLOCKS};
+use crate::scan::{Found, Scanner, Settings};
+use protocol::blobs::BlobField;
+use protocol::camera::Camera;
+use protocol::fields::{FieldHeader, FieldPicture, SensorError, field_size};
+use protocol::region;
+use protocol::rig::Rig;
+use protocol::time::Nanos;
+
+/// The extractor of one camera.
+pub struct CameraPipeline {
+    camera: u32,
+    /// Pixels a line, lines of a field.
+    size_px: [usize; 2],
+    /// Lines that are read.
+    lines: usize,
+    scanner: Scanner,
+}
+
+impl CameraPipeline {
+    /// The extractor for `camera` of `rig`.
+    ///
+    /// # Errors
+    /// Where a side of the sensor is out of range.
+    pub fn new(rig: &Rig, camera: &Camera) -> Result<Self, SensorError> {
+        let [width, height] = field_size(camera)?;
+        let scanner = Scanner::new(Settings::for_sensor(width, height), width, height);
+        let lines = region::lines(rig, camera);
+        Ok(CameraPipeline { camera: camera.id, size_px: [width, height], lines, scanner })
+    }
+
+    /// True for a field of this camera's sensor.
+    pub fn takes(&self, header: &FieldHeader) -> bool {
+        header.camera == self.camera && self.size_px == [header.width as usize, header.height as usize]
+    }
+
+    /// Fills `out` with the blobs of a field, but for the instant at which they leave; returns that
+    /// instant as the hardware would have it.
+    pub fn extract(
+        &mut self,
+        header: &FieldHeader,
+        picture: &FieldPicture<&[u8]>,
+        out: &mut BlobField,
+    ) -> Nanos {
+        (out.field, out.camera, out.parity) = (header.field, header.camera, header.parity);
+        (out.exposed_ns, out.read_out_ns) = (header.exposed_ns, header.read_out_ns());
+        (out.count, out.blobs_left_out) = (0, 0);
+        let last = self.scan(picture, out);
+        let after = u128::from(last.max(end_clock(self.lines))) * u128::from(header.line_period_ns);
+        header.first_line_ns + (after / u128::from(LINE_CLOCKS)) as u64
+    }
+
+    /// Extracts the blobs of the region; returns the clock at which the last one leaves, 0 without any.
+    fn scan(&mut self, picture: &FieldPicture<&[u8]>, out: &mut BlobField) -> u64 {
+        let mut out_clock = 0;
+        let mut leave = |found: Found| {
+            out_clock = found.out_clock.max(out_clock);
+            found.blobs().for_each(|blob| out.push(blob));
+        };
+        self.scanner.begin();
+        for y in 0..self.lines.min(picture.height) {
+            let (luma, blue, red) = picture.line(y);
+            self.scanner.line(luma, blue, red, &mut leave);
+        }
+        self.scanner.end(&mut leave);
+        out.blobs_left_out = out.blobs_left_out.saturating_add(self.scanner.tally().lost());
+        out_clock
+    }
+}
+
+/// Clock at which the blobs of `lines` lines have left if none of them ends with the last ones: the last
+/// line is followed by a search of every label and one blob's division.
+fn end_clock(lines: usize) -> u64 {
+    lines as u64 * LINE_CLOCKS + CAMERA.labels as u64 + DIVIDER_CLOCKS
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::fields::FORMAT_YCBCR_422;
+    use scene::{DEFAULT_SCENE, SceneFile};
+    use surgeon::motion::MotionSource;
+    use virtual_rig::cameras::{Cameras, Path};
+
+    fn rig() -> Rig {
+        Rig::load_or_shipped(None).unwrap()
+    }
+
+    #[test]
+    fn blobs_leave_after_their_last_line_and_before_that_of_the_field() {
+        let rig = rig();
+        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        let mut surgeon = MotionSource::new(&scene, &rig, None, 1);
+        let mut cameras = Cameras::new(&rig, Path::Pixels, 1).unwrap();
+        let mut pipelines: Vec<_> =
+            rig.cameras().iter().map(|c| CameraPipeline::new(&rig, c).unwrap()).collect();
+        let (mut payload, mut field) = (Vec::new(), BlobField::zeroed());
+        for number in (0..400).step_by(9) {
+            for (i, pipeline) in pipelines.iter_mut().enumerate() {
+                let mut exposure = cameras.expose(i, &mut surgeon, number);
+                let header = exposure.header();
+                payload.resize(header.bytes(), 0);
+                exposure.paint(&mut payload);
+                let picture = FieldPicture::in_payload(&header, &payload).unwrap();
+                let due_ns = pipeline.extract(&header, &picture, &mut field);
+                let last = field.blobs().iter().map(|b| b.y_field_px + b.height_px / 2.0).fold(0.0, f64::max);
+                let after_ns = due_ns - header.first_line_ns;
+                assert!(after_ns as f64 > (last + 1.0) * 64_000.0, "{last} {after_ns}");
+                assert!(due_ns + 2_000_000 < header.read_out_ns(), "{after_ns}");
+                assert_eq!(header.read_out_ns() - header.exposed_ns, rig.read_out_ns());
+                assert!(field.count >= 8, "{} blobs", field.count);
+            }
+        }
+    }
+
+    #[test]
+    fn the_line_period_and_the_first_line_give_the_instant() {
+        let rig = rig();
+        let camera = &rig.cameras()[0];
+        let mut pipeline = CameraPipeline::new(&rig, camera).unwrap();
+        let dark = FieldPicture::new(camera.size_px);
+        let dark = FieldPicture {
+            width: dark.width,
+            height: dark.height,
+            luma: &dark.luma[..],
+            blue: &dark.blue[..],
+            red: &dark.red[..],
+        };
+        let header = FieldHeader {
+            field: 1,
+            exposed_ns: 1_000_000,
+            first_line_ns: 3_000_000,
+            line_period_ns: 64_000,
+            camera: camera.id,
+            parity: 1,
+            format: FORMAT_YCBCR_422,
+            width: 720,
+            height: 288,
+            lines: 288,
+        };
+        assert!(pipeline.takes(&header) && !pipeline.takes(&FieldHeader { width: 640, ..header }));
+        let mut out = BlobField::zeroed();
+        let due_ns = pipeline.extract(&header, &dark, &mut out);
+        let region_ns = region::lines(&rig, camera) as u64 * 64_000;
+        assert!((3_000_000 + region_ns..3_040_000 + region_ns).contains(&due_ns), "{due_ns}");
+        let late = FieldHeader { first_line_ns: 10_000_000, ..header };
+        assert_eq!(pipeline.extract(&late, &dark, &mut out), due_ns + 7_000_000);
+        assert_eq!((out.exposed_ns, out.parity, out.count), (1_000_000, 1, 0));
+    }
+}

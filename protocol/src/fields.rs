@@ -1,0 +1,251 @@
+//! `fields`: the pixels of one camera-field, written by its source straight into shared memory.
+//!
+//! A block has the [`FieldHeader`] as its header and the planes of YCbCr 4:2:2 as its payload: all of
+//! Y, then all of Cb, then all of Cr, 8 bits a sample in the studio range of ITU-R BT.601. A source that
+//! knows the lines in which markers can appear ([`crate::region`]) may leave the lines below them out.
+
+use crate::camera::Camera;
+use crate::limits::MAX_CAMERAS;
+use crate::message::{Invalid, Message, require};
+use crate::time::Nanos;
+use crate::wire::Wire;
+use bytemuck::{Pod, Zeroable};
+use std::ops::{Deref, DerefMut};
+
+/// Luma of the unlit inside of the mechanical eye.
+pub const DARK: u8 = 30;
+/// Cb and Cr without colour.
+const NEUTRAL: u8 = 128;
+/// Sides that a sensor may have, px.
+const SENSOR_PX: std::ops::RangeInclusive<u32> = 16..=8192;
+/// The one pixel format: planes of YCbCr 4:2:2, 8 bits a sample.
+pub const FORMAT_YCBCR_422: u32 = 1;
+
+/// A sensor whose fields no channel carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("camera {id}: expected a sensor of 16 to 8192 px a side, found {size_px:?}")]
+pub struct SensorError {
+    id: u32,
+    size_px: [u32; 2],
+}
+
+/// Pixels a line and lines of the fields of `camera`; an odd width loses its last column.
+///
+/// # Errors
+/// Where a side of the sensor is out of range.
+pub fn field_size(camera: &Camera) -> Result<[usize; 2], SensorError> {
+    let [width, height] = camera.size_px;
+    if !camera.size_px.iter().all(|n| SENSOR_PX.contains(n)) {
+        return Err(SensorError { id: camera.id, size_px: camera.size_px });
+    }
+    Ok([width as usize & !1, height as usize / 2])
+}
+
+/// What a field is and when it was taken.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
+pub struct FieldHeader {
+    /// Field number of this camera; stamped at the camera.
+    pub field: u64,
+    /// Middle of the exposure.
+    pub exposed_ns: Nanos,
+    /// The first pixel of the first line leaves the sensor. A block may come before that instant.
+    pub first_line_ns: Nanos,
+    /// From one line to the next, ns.
+    pub line_period_ns: u64,
+    /// Camera id of the rig.
+    pub camera: u32,
+    /// 0: even lines, 1: odd lines.
+    pub parity: u32,
+    /// [`FORMAT_YCBCR_422`].
+    pub format: u32,
+    /// Pixels a line; even.
+    pub width: u32,
+    /// Lines of the field.
+    pub height: u32,
+    /// Lines in the payload, from the top; at most `height`.
+    pub lines: u32,
+}
+
+impl FieldHeader {
+    /// Bytes of the payload.
+    pub fn bytes(&self) -> usize {
+        FieldPicture::bytes(self.width as usize, self.lines as usize)
+    }
+
+    /// When the last line has left the sensor.
+    pub fn read_out_ns(&self) -> Nanos {
+        self.first_line_ns.saturating_add(self.line_period_ns.saturating_mul(u64::from(self.height)))
+    }
+}
+
+impl Message for FieldHeader {
+    const CHANNEL: &'static str = "fields";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 2 * MAX_CAMERAS;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        let check = |holds, field, expected, found: u32| {
+            require(holds, "FieldHeader", field, expected, f64::from(found))
+        };
+        check((self.camera as usize) < MAX_CAMERAS, "camera", "0 to 7", self.camera)?;
+        check(self.parity <= 1, "parity", "0 or 1", self.parity)?;
+        check(self.format == FORMAT_YCBCR_422, "format", "1 (YCbCr 4:2:2)", self.format)?;
+        let sensor = |n: u32| (1..=*SENSOR_PX.end()).contains(&n);
+        check(sensor(self.width) && self.width.is_multiple_of(2), "width", "even, 2 to 8192", self.width)?;
+        check(sensor(self.height), "height", "1 to 8192", self.height)?;
+        check(self.lines <= self.height, "lines", "at most height", self.lines)?;
+        check(self.exposed_ns > 0, "exposed_ns", "an instant", 0)?;
+        check((1..=1_000_000_000).contains(&self.line_period_ns), "line_period_ns", "1 ns to 1 s", 0)
+    }
+}
+
+/// Pixels of a field as planes of YCbCr 4:2:2, in a buffer `B` of their own or in a block.
+#[derive(Debug, Clone)]
+pub struct FieldPicture<B = Vec<u8>> {
+    /// Pixels a line; even.
+    pub width: usize,
+    /// Lines.
+    pub height: usize,
+    /// `width × height`.
+    pub luma: B,
+    /// `width/2 × height`, Cb.
+    pub blue: B,
+    /// `width/2 × height`, Cr.
+    pub red: B,
+}
+
+impl FieldPicture {
+    /// A black field for frames of `frame_px`; an odd width loses its last column.
+    pub fn new(frame_px: [u32; 2]) -> Self {
+        let (width, height) = (frame_px[0] as usize & !1, frame_px[1] as usize / 2);
+        let chroma = vec![NEUTRAL; width / 2 * height];
+        FieldPicture { width, height, luma: vec![DARK; width * height], blue: chroma.clone(), red: chroma }
+    }
+
+    /// Bytes of the planes of `height` lines.
+    pub const fn bytes(width: usize, height: usize) -> usize {
+        2 * width * height
+    }
+}
+
+impl<'a> FieldPicture<&'a [u8]> {
+    /// The planes in the payload of a block; `None` if it is shorter than its header says.
+    pub fn in_payload(header: &FieldHeader, payload: &'a [u8]) -> Option<Self> {
+        let (width, height) = (header.width as usize, header.lines as usize);
+        let payload = payload.get(..FieldPicture::bytes(width, height))?;
+        let (luma, chroma) = payload.split_at(width * height);
+        let (blue, red) = chroma.split_at(chroma.len() / 2);
+        Some(FieldPicture { width, height, luma, blue, red })
+    }
+}
+
+impl<'a> FieldPicture<&'a mut [u8]> {
+    /// The planes in a payload to be written.
+    ///
+    /// # Panics
+    /// If the payload is shorter than [`FieldHeader::bytes`].
+    pub fn in_payload_mut(header: &FieldHeader, payload: &'a mut [u8]) -> Self {
+        let (width, height) = (header.width as usize, header.lines as usize);
+        let (luma, chroma) = payload[..FieldPicture::bytes(width, height)].split_at_mut(width * height);
+        let (blue, red) = chroma.split_at_mut(chroma.len() / 2);
+        FieldPicture { width, height, luma, blue, red }
+    }
+}
+
+impl<B: Deref<Target = [u8]>> FieldPicture<B> {
+    /// A line of the field: luma, Cb, Cr.
+    pub fn line(&self, y: usize) -> (&[u8], &[u8], &[u8]) {
+        let (w, c) = (self.width, self.width / 2);
+        (&self.luma[y * w..(y + 1) * w], &self.blue[y * c..(y + 1) * c], &self.red[y * c..(y + 1) * c])
+    }
+}
+
+impl<B: DerefMut<Target = [u8]>> FieldPicture<B> {
+    /// Copies lines from another picture of the same width.
+    pub fn copy_lines<C: Deref<Target = [u8]>>(
+        &mut self,
+        lines: std::ops::Range<usize>,
+        from: &FieldPicture<C>,
+    ) {
+        let (w, c) = (self.width, self.width / 2);
+        let [pixels, samples] = [w, c].map(|width| lines.start * width..lines.end * width);
+        self.luma[pixels.clone()].copy_from_slice(&from.luma[pixels]);
+        self.blue[samples.clone()].copy_from_slice(&from.blue[samples.clone()]);
+        self.red[samples.clone()].copy_from_slice(&from.red[samples]);
+    }
+
+    /// Fills lines with one luma and no colour.
+    pub fn blank_lines(&mut self, lines: std::ops::Range<usize>, luma: u8) {
+        let (w, c) = (self.width, self.width / 2);
+        let [pixels, samples] = [w, c].map(|width| lines.start * width..lines.end * width);
+        self.luma[pixels].fill(luma);
+        self.blue[samples.clone()].fill(NEUTRAL);
+        self.red[samples].fill(NEUTRAL);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header() -> FieldHeader {
+        FieldHeader {
+            field: 3,
+            exposed_ns: 1_000,
+            first_line_ns: 2_000,
+            line_period_ns: 64_000,
+            camera: 1,
+            parity: 1,
+            format: FORMAT_YCBCR_422,
+            width: 8,
+            height: 6,
+            lines: 4,
+        }
+    }
+
+    #[test]
+    fn planes_lie_one_after_the_other_in_the_payload() {
+        let header = header();
+        assert_eq!((header.bytes(), header.read_out_ns()), (64, 2_000 + 6 * 64_000));
+        let mut payload = [0; 80];
+        let mut picture = FieldPicture::in_payload_mut(&header, &mut payload);
+        picture.blank_lines(0..4, DARK);
+        picture.luma[8 * 3 + 7] = 9;
+        (picture.blue[4 * 3 + 3], picture.red[0]) = (7, 5);
+        assert_eq!((payload[31], payload[47], payload[48], payload[64]), (9, 7, 5, 0));
+        let read = FieldPicture::in_payload(&header, &payload).unwrap();
+        let (luma, blue, red) = read.line(3);
+        assert_eq!((luma[7], blue[3], red[3], read.height), (9, 7, NEUTRAL, 4));
+        assert!(FieldPicture::in_payload(&header, &payload[..63]).is_none());
+        let mut whole = FieldPicture::new([8, 12]);
+        whole.copy_lines(3..4, &read);
+        assert_eq!((whole.luma[31], whole.luma[23], whole.blue[15]), (9, DARK, 7));
+    }
+
+    #[test]
+    fn unreasonable_sensors_are_refused() {
+        let mut rig = crate::rig::Rig::load_or_shipped(None).unwrap();
+        assert_eq!(field_size(&rig.cameras()[0]).unwrap(), [720, 288]);
+        rig.cameras[1].width = 1_000_000;
+        let error = field_size(&rig.cameras()[1]).unwrap_err().to_string();
+        assert!(error.contains("camera 1") && error.contains("1000000"), "{error}");
+    }
+
+    #[test]
+    fn odd_headers_are_refused_by_name() {
+        assert!(header().validate().is_ok());
+        for (header, field) in [
+            (FieldHeader { camera: 8, ..header() }, "camera"),
+            (FieldHeader { parity: 2, ..header() }, "parity"),
+            (FieldHeader { format: 0, ..header() }, "format"),
+            (FieldHeader { width: 7, ..header() }, "width"),
+            (FieldHeader { height: 8193, ..header() }, "height"),
+            (FieldHeader { lines: 7, ..header() }, "lines"),
+            (FieldHeader { exposed_ns: 0, ..header() }, "exposed_ns"),
+            (FieldHeader { line_period_ns: 0, ..header() }, "line_period_ns"),
+        ] {
+            assert_eq!(header.validate().unwrap_err().field, field);
+        }
+    }
+}

@@ -1,0 +1,331 @@
+//! The virtual cameras of a rig: what each sees in a field, as pixels or as blobs.
+
+use crate::direct;
+use crate::faults::tally::FaultTally;
+use crate::faults::timing::Clock;
+use crate::faults::{Deed, Faults, readout::Tear};
+use crate::painter::{MAX_PATCHES, Painter, Patch};
+use crate::projection::{MarkerImage, Markers};
+use protocol::blobs::BlobField;
+use protocol::camera::Camera;
+use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture, SensorError, field_size};
+use protocol::region;
+use protocol::rig::Rig;
+use surgeon::motion::{Motion, MotionSource};
+
+/// What a field is turned into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Path {
+    /// Pixels, for the camera hardware to scan.
+    Pixels,
+    /// Blobs, straight from the markers and with noise.
+    Direct,
+}
+
+/// What becomes of a field on its way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Fate {
+    /// It never leaves.
+    pub dropped: bool,
+    /// It leaves later by this, ns.
+    pub delay_ns: u64,
+}
+
+/// Draws the fields of one camera.
+struct Canvas {
+    painter: Painter,
+    /// The field before, where one is torn.
+    before: FieldPicture,
+}
+
+/// A camera; without a canvas on the direct path.
+struct Sensor {
+    camera: Camera,
+    clock: Clock,
+    /// Lines of a field in which markers can appear.
+    lines: usize,
+    canvas: Option<Canvas>,
+}
+
+/// Motion before, at and after the middle of an exposure.
+struct Moment {
+    exposed_ns: u64,
+    motion: [Motion; 3],
+}
+
+/// Markers before the cameras.
+struct View {
+    markers: Markers,
+    images: Vec<MarkerImage>,
+    patches: Vec<Patch>,
+    /// Patches of the field before, where one is torn.
+    before: Vec<Patch>,
+    half_exposure_ns: u64,
+    /// The newest exposure that was asked for: genlocked cameras share it.
+    moment: Option<Moment>,
+}
+
+/// All cameras.
+pub struct Cameras {
+    sensors: Vec<Sensor>,
+    view: View,
+    seed: u64,
+    line_ns: u64,
+    faults: Faults,
+    /// What the faults did.
+    pub tally: FaultTally,
+}
+
+/// A field that was exposed: what its camera sees, not yet drawn.
+pub struct Exposure<'a> {
+    sensor: &'a mut Sensor,
+    view: &'a View,
+    faults: &'a Faults,
+    seed: u64,
+    line_ns: u64,
+    number: u64,
+    tear: Option<Tear>,
+}
+
+impl Cameras {
+    /// The cameras of a rig without faults; noise comes from `seed`.
+    ///
+    /// # Errors
+    /// Where a sensor is out of range.
+    pub fn new(rig: &Rig, path: Path, seed: u64) -> Result<Self, SensorError> {
+        Self::with_faults(rig, path, seed, Faults::none(rig))
+    }
+
+    /// The same with faults.
+    ///
+    /// # Errors
+    /// Where a sensor is out of range.
+    pub fn with_faults(rig: &Rig, path: Path, seed: u64, faults: Faults) -> Result<Self, SensorError> {
+        let sensor = |camera: Camera| {
+            field_size(&camera)?;
+            let canvas = || Canvas {
+                painter: Painter::new(camera.size_px, seed),
+                before: FieldPicture::new(camera.size_px),
+            };
+            Ok(Sensor {
+                clock: faults.clock(camera.id),
+                lines: region::lines(rig, &camera),
+                canvas: (path == Path::Pixels).then(canvas),
+                camera,
+            })
+        };
+        let sensors = rig.cameras().into_iter().map(sensor).collect::<Result<_, _>>()?;
+        let view = View {
+            markers: Markers::of(rig),
+            images: Markers::list(),
+            patches: Vec::with_capacity(MAX_PATCHES),
+            before: Vec::with_capacity(MAX_PATCHES),
+            half_exposure_ns: rig.exposure_ns / 2,
+            moment: None,
+        };
+        Ok(Cameras { sensors, view, seed, line_ns: rig.line_ns, faults, tally: FaultTally::default() })
+    }
+
+    /// Number of cameras.
+    pub fn len(&self) -> usize {
+        self.sensors.len()
+    }
+
+    /// False: a rig has cameras.
+    pub fn is_empty(&self) -> bool {
+        self.sensors.is_empty()
+    }
+
+    /// Largest payload of a field, bytes.
+    pub fn payload_bytes(&self) -> usize {
+        let bytes = |s: &Sensor| FieldPicture::bytes(s.camera.size_px[0] as usize, s.lines);
+        self.sensors.iter().map(bytes).max().unwrap_or(0)
+    }
+
+    /// Id in the rig of camera `i`, in the order of the rig.
+    pub fn id(&self, i: usize) -> u32 {
+        self.sensors[i].camera.id
+    }
+
+    /// The clock of camera `i`; equal clocks are genlocked.
+    pub fn clock(&self, i: usize) -> Clock {
+        self.sensors[i].clock
+    }
+
+    /// From the middle of an exposure of camera `i` until the last line that matters has left, ns.
+    pub fn out_after_ns(&self, i: usize) -> u64 {
+        self.view.half_exposure_ns + self.sensors[i].lines as u64 * self.line_ns
+    }
+
+    /// Exposes field `number` of camera `i`. Even fields hold the even lines.
+    pub fn expose(&mut self, i: usize, surgeon: &mut MotionSource, number: u64) -> Exposure<'_> {
+        let sensor = &mut self.sensors[i];
+        let Sensor { camera, clock, .. } = &*sensor;
+        let (view, faults, tally) = (&mut self.view, &self.faults, &mut self.tally);
+        if number == 0 {
+            faults.standing(camera.id).for_each(|deed| tally.note(0, camera.id, deed));
+        }
+        let tear = faults.tear(camera.id, number, camera.size_px[1] as usize / 2);
+        if let Some(tear) = tear {
+            view.project(camera, surgeon, clock.exposed_ns(number - 1));
+            faults.spoil(camera.id, number - 1, &mut view.patches, |_| {});
+            std::mem::swap(&mut view.patches, &mut view.before);
+            tally.note(number, camera.id, Deed::Torn { line: tear.line, missing: tear.missing });
+        }
+        view.project(camera, surgeon, clock.exposed_ns(number));
+        faults.spoil(camera.id, number, &mut view.patches, |deed| tally.note(number, camera.id, deed));
+        Exposure { sensor, view, faults, seed: self.seed, line_ns: self.line_ns, number, tear }
+    }
+
+    /// Decides what becomes of field `number` of camera `i` after it was exposed.
+    pub fn fate(&mut self, i: usize, number: u64) -> Fate {
+        let id = self.sensors[i].camera.id;
+        let dropped = self.faults.dropped(id, number);
+        let delay_ns = if dropped { 0 } else { self.faults.delay_ns(id, number) };
+        if dropped {
+            self.tally.note(number, id, Deed::Dropped);
+        }
+        if delay_ns > 0 {
+            self.tally.note(number, id, Deed::Late { delay_ns });
+        }
+        Fate { dropped, delay_ns }
+    }
+}
+
+impl Exposure<'_> {
+    /// Header of the field; its instants count from the start of the schedule.
+    pub fn header(&self) -> FieldHeader {
+        let Camera { id, size_px: [width, height], .. } = self.sensor.camera;
+        let exposed_ns = self.sensor.clock.exposed_ns(self.number);
+        FieldHeader {
+            field: self.number,
+            exposed_ns,
+            first_line_ns: exposed_ns + self.view.half_exposure_ns,
+            line_period_ns: self.line_ns,
+            camera: id,
+            parity: (self.number & 1) as u32,
+            format: FORMAT_YCBCR_422,
+            width: width & !1,
+            height: height / 2,
+            lines: self.sensor.lines as u32,
+        }
+    }
+
+    /// Draws the field into the payload of its block.
+    ///
+    /// # Panics
+    /// On the direct path, and if the payload is shorter than its header says.
+    pub fn paint(&mut self, payload: &mut [u8]) {
+        let mut picture = FieldPicture::in_payload_mut(&self.header(), payload);
+        let Sensor { camera, clock, canvas, .. } = &mut *self.sensor;
+        let Canvas { painter, before } = canvas.as_mut().expect("cameras that draw have canvases");
+        let (faults, view, number) = (self.faults, self.view, self.number);
+        let height = before.height;
+        let light = |number: u64| faults.light(camera.id, clock.exposed_ns(number));
+        painter.paint(view.patches.iter().copied(), &light(number), camera.id, number, &mut picture);
+        faults.heat(camera.id, height, &mut picture);
+        if let Some(tear) = self.tear {
+            let patches = view.before.iter().copied();
+            painter.paint(patches, &light(number - 1), camera.id, number - 1, before);
+            faults.heat(camera.id, height, before);
+            tear.apply(&mut picture, before);
+        }
+    }
+
+    /// Makes blobs of the markers without drawing them; the instants are the header's, but for that at
+    /// which they leave.
+    pub fn blobs(&self, field: &mut BlobField) {
+        let header = self.header();
+        (field.field, field.camera, field.parity) = (header.field, header.camera, header.parity);
+        (field.exposed_ns, field.read_out_ns) = (header.exposed_ns, header.read_out_ns());
+        (field.count, field.blobs_left_out) = (0, 0);
+        let (lines, tear) = (self.sensor.lines as f64, self.tear);
+        let keep = |line: f64| line < lines && tear.is_none_or(|t| t.spares(line));
+        let camera = &self.sensor.camera;
+        direct::blobs(self.seed, camera, &self.view.patches, self.number, keep, field);
+        if let Some(tear) = tear.filter(|t| t.missing == 0) {
+            let older = |line: f64| line < lines && !tear.spares(line);
+            direct::blobs(self.seed, camera, &self.view.before, self.number - 1, older, field);
+        }
+    }
+}
+
+impl View {
+    /// Fills `patches` with the markers that `camera` sees in an exposure, farthest first.
+    fn project(&mut self, camera: &Camera, surgeon: &mut MotionSource, exposed_ns: u64) {
+        if self.moment.as_ref().is_none_or(|m| m.exposed_ns != exposed_ns) {
+            let half = self.half_exposure_ns;
+            let instants = [exposed_ns.saturating_sub(half), exposed_ns, exposed_ns + half];
+            self.moment = Some(Moment { exposed_ns, motion: instants.map(|t| surgeon.at(t)) });
+        }
+        let Some(Moment { motion: [before, middle, after], .. }) = &self.moment else { return };
+        self.markers.project(camera, middle, &mut self.images);
+        self.patches.clear();
+        self.patches.extend(self.images.iter().map(|&image| {
+            let smear_px = self.markers.moved_px(camera, &image, before, after);
+            Patch { image, smear_px, brightness: 1.0 }
+        }));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use fpga_model::pipeline::CameraPipeline;
+    use scene::{DEFAULT_SCENE, SceneFile};
+
+    #[test]
+    fn both_paths_see_the_same_markers() {
+        let rig = Rig::load_or_shipped(None).unwrap();
+        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        let mut source = MotionSource::new(&scene, &rig, None, 1);
+        let mut pixels = Cameras::new(&rig, Path::Pixels, 1).unwrap();
+        let mut direct = Cameras::new(&rig, Path::Direct, 1).unwrap();
+        let mut pipelines: Vec<_> =
+            rig.cameras().iter().map(|c| CameraPipeline::new(&rig, c).unwrap()).collect();
+        let mut payload = vec![0; pixels.payload_bytes()];
+        let (mut near, mut all) = (0, 0);
+        let (mut a, mut b) = (BlobField::zeroed(), BlobField::zeroed());
+        for number in 0..50 {
+            for (i, pipeline) in pipelines.iter_mut().enumerate() {
+                let mut exposure = pixels.expose(i, &mut source, 17 * number);
+                let header = exposure.header();
+                exposure.paint(&mut payload);
+                let picture = FieldPicture::in_payload(&header, &payload).unwrap();
+                pipeline.extract(&header, &picture, &mut a);
+                direct.expose(i, &mut source, 17 * number).blobs(&mut b);
+                assert_eq!((a.camera, a.parity, a.field), (b.camera, b.parity, b.field));
+                assert_eq!((a.exposed_ns, a.read_out_ns), (b.exposed_ns, b.read_out_ns));
+                all += b.count;
+                let same = |a: &protocol::blobs::Blob, b: &protocol::blobs::Blob| {
+                    a.colour == b.colour
+                        && (a.x_px - b.x_px).abs() < 0.5
+                        && (a.y_field_px - b.y_field_px).abs() < 0.3
+                };
+                near += b.blobs().iter().filter(|b| a.blobs().iter().any(|a| same(a, b))).count() as u32;
+            }
+        }
+        assert!(all > 1500 && f64::from(near) > 0.9 * f64::from(all), "{near} of {all}");
+    }
+
+    #[test]
+    fn no_marker_is_ever_seen_below_the_region() {
+        let rig = Rig::load_or_shipped(None).unwrap();
+        let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
+        let (markers, mut seen) = (Markers::of(&rig), Markers::list());
+        for camera in rig.cameras() {
+            let region = region::lines(&rig, &camera);
+            let mut lowest: f64 = 0.0;
+            let mut source = MotionSource::new(&scene, &rig, None, 3);
+            for k in 0..800 {
+                markers.project(&camera, &source.at(k * 40_000_000), &mut seen);
+                for image in &seen {
+                    lowest = lowest.max((image.centre_px.y + image.half_size_px().y) / 2.0);
+                }
+            }
+            println!("camera {}: {region} lines, lowest marker ends on {lowest:.1}", camera.id);
+            assert!(lowest <= region as f64 && region <= 288);
+        }
+    }
+}

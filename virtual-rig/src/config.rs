@@ -1,0 +1,118 @@
+//! Arguments of `vitreo-virtual-rig`.
+
+use ipc::shell::ShellArgs;
+use scene::DEFAULT_SCENE;
+use std::path::PathBuf;
+
+/// Longest delay of a late camera, ms.
+const MAX_LATE_MS: f64 = 500.0;
+
+/// The virtual rig: a scripted surgeon, the eye, and cameras that see them.
+#[derive(Debug, Clone, clap::Parser)]
+#[command(name = "vitreo-virtual-rig", version)]
+pub struct Config {
+    /// What every process takes.
+    #[command(flatten)]
+    pub shell: ShellArgs,
+    /// Rig file; the shipped one if none is named.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Scene whose script the virtual surgeon performs.
+    #[arg(long, default_value = DEFAULT_SCENE, value_name = "NAME|FILE")]
+    pub scene: String,
+    /// Seed of tremor and noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Recorded hand (CSV, 250 Hz); its movement above 1 Hz shakes instrument 0.
+    #[arg(long, value_name = "FILE")]
+    pub motion: Option<PathBuf>,
+    /// Let the recorded hand lead instrument 0, fitted to the workspace.
+    #[arg(long, requires = "motion")]
+    pub motion_full: bool,
+    /// Play a recorded blob stream instead of simulating cameras.
+    #[arg(long, value_name = "FILE.jsonl", conflicts_with_all = ["motion", "direct", "late_camera"])]
+    pub blobs: Option<PathBuf>,
+    /// Markers straight to noisy blobs, without pixels.
+    #[arg(long)]
+    pub direct: bool,
+    /// What goes wrong.
+    #[command(flatten)]
+    pub faults: FaultArgs,
+    /// Finish after so many seconds.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub duration: Option<f64>,
+    /// Finish so many seconds after the script's round, with what the surgeon does again, if that is before the duration.
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub after_round: Option<f64>,
+    /// Send the fields of camera CAM so many ms too late.
+    #[arg(long, value_name = "CAM=MS", value_parser = late_camera, hide = true)]
+    pub late_camera: Option<LateCamera>,
+}
+
+/// Faults of the virtual cameras.
+#[derive(Debug, Clone, clap::Args)]
+pub struct FaultArgs {
+    /// Let things go wrong, from the seed: presets (none, mild, hard, or a fault by its name) or a file that
+    /// ends in .toml.
+    #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
+    pub faults: Option<String>,
+    /// Write down what was done to which field, as JSON lines.
+    #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
+    pub fault_log: Option<PathBuf>,
+}
+
+/// A camera whose fields come too late.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LateCamera {
+    /// Its id in the rig.
+    pub camera: u32,
+    /// By how much, ns.
+    pub delay_ns: u64,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|e| format!("{e}"))?;
+    if value > 0.0 && value <= 1e6 { Ok(value) } else { Err("expected more than 0 and at most 1e6 s".into()) }
+}
+
+fn late_camera(text: &str) -> Result<LateCamera, String> {
+    let (camera, ms) = text.split_once('=').ok_or("expected CAM=MS")?;
+    let camera = camera.parse().map_err(|e| format!("camera {camera:?}: {e}"))?;
+    let ms: f64 = ms.parse().map_err(|e| format!("delay {ms:?}: {e}"))?;
+    if !(0.0..=MAX_LATE_MS).contains(&ms) {
+        return Err(format!("expected a delay of 0 to {MAX_LATE_MS} ms, found {ms}"));
+    }
+    Ok(LateCamera { camera, delay_ns: (ms * 1e6) as u64 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+
+    fn parse(args: &[&str]) -> Result<Config, clap::Error> {
+        Config::try_parse_from(std::iter::once("vitreo-virtual-rig").chain(args.iter().copied()))
+    }
+
+    #[test]
+    fn defaults_run_the_demo_scene_through_pixels() {
+        let config = parse(&[]).unwrap();
+        assert_eq!((config.scene.as_str(), config.direct, config.duration), (DEFAULT_SCENE, false, None));
+        let late = parse(&["--late-camera", "2=7.5"]).unwrap().late_camera;
+        assert_eq!(late, Some(LateCamera { camera: 2, delay_ns: 7_500_000 }));
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        for args in [
+            &["--duration", "nan"][..],
+            &["--duration", "-1"],
+            &["--late-camera", "2"],
+            &["--late-camera", "1=1e9"],
+            &["--motion-full"],
+            &["--blobs", "a", "--motion", "b"],
+        ] {
+            assert!(parse(args).is_err(), "{args:?}");
+        }
+    }
+}
