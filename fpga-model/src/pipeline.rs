@@ -149,7 +149,7 @@ mod tests {
         let mut out = BlobField::zeroed();
         let due_ns = pipeline.extract(&header, &dark, &mut out);
         let region_ns = region::lines(&rig, camera) as u64 * 64_000;
-        assert!((3_000_000 + region_ns..3_040_000 + region_ns).contains(&due_ns), "{due_ns}");
+        assert!((3_000_000 + region_ns..3_060_000 + region_ns).contains(&due_ns), "{due_ns}");
         let late = FieldHeader { first_line_ns: 10_000_000, ..header };
         assert_eq!(pipeline.extract(&late, &dark, &mut out), due_ns + 7_000_000);
         assert_eq!((out.exposed_ns, out.parity, out.count), (1_000_000, 1, 0));
