@@ -186,8 +186,8 @@ fn open_log(instance: &str, process: Process) -> Option<File> {
     File::options().create(true).append(true).open(directory.join(format!("{}.log", process.name()))).ok()
 }
 
-/// Waits until the heartbeat of every child shows that it works, for at most `limit`. `health` must have been
-/// opened before the children were started; `ended` is the one of their surroundings.
+/// Waits until the heartbeat of every child shows that it works, for at most `limit`. `health` must
+/// have been opened before the children were started; `ended` is the one of their surroundings.
 ///
 /// # Errors
 /// With the last lines of a child that ends, of those that are late, and where `stop` is raised.

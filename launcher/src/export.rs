@@ -234,8 +234,8 @@ mod tests {
     use bytemuck::Zeroable;
     use protocol::message::fnv1a;
 
-    /// Header, rows and FNV-1a of the tables of two recordings as the first version printed them, cell
-    /// by cell and without the table of fields.
+    /// Header, rows and FNV-1a of the tables of two recordings as the first version printed them,
+    /// cell by cell and without the table of fields.
     const FORMER: [(&str, &str, [(usize, u64); 2]); 8] = [
         (
             "handles",

@@ -37,8 +37,8 @@ pub struct ReplayArgs {
     /// As fast as the processes take it, instead of with the recorded spacing.
     #[arg(long)]
     pub lockstep: bool,
-    /// Compare every pose and every state with what was recorded; exit 5 where they differ, 3 where states cannot be compared because the recording is of another version of the
-    /// state hash.
+    /// Compare every pose and every state with what was recorded; exit 5 where they differ, 3 where
+    /// states cannot be compared because the recording is of another version of the state hash.
     #[arg(long)]
     pub verify: bool,
     /// Speed: 2 is twice as fast as recorded.

@@ -52,11 +52,11 @@ pub struct Attempt {
     pub unmatched: u64,
     /// The score that the live run published, if it did.
     pub live_total: Option<f64>,
-    /// Whether that is the same to the bit; `None` where the run published none, or by another version
-    /// of the score.
+    /// Whether that is the same to the bit; `None` where the run published none, or by another
+    /// version of the score.
     pub agrees: Option<bool>,
-    /// Version of the recording's state hashes where it is not this build's, so that states could not be
-    /// compared; only where it was resimulated.
+    /// Version of the recording's state hashes where it is not this build's, so that states could
+    /// not be compared; only where it was resimulated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_state_hash_version: Option<u32>,
     /// What the recording's damage is, if it has some; the score is that of what comes before.
@@ -76,7 +76,8 @@ fn take(reader: &mut Reader, item: Item) {
     }
 }
 
-/// Scores a recording. Damage ends it early and is reported; a recording without a task is an error.
+/// Scores a recording. Damage ends it early and is reported; a recording without a task is an
+/// error.
 ///
 /// # Errors
 /// Where the file is no recording, or holds no task.

@@ -1,5 +1,5 @@
-//! Replaying a recorded run: the tracker tracks the recorded frames' fields, the simulation gets what each
-//! step consumed.
+//! Replaying a recorded run: the tracker tracks the recorded frames' fields, the simulation gets
+//! what each step consumed.
 
 use super::Shown;
 use super::outputs::Outputs;

@@ -401,7 +401,8 @@ mod tests {
 
     #[test]
     fn steps_made_again_in_silence_are_made_with_what_had_come() {
-        // The simulation died after step 1; its successor made step 2 from pose 1, and published step 3.
+        // The simulation died after step 1; its successor made step 2 from pose 1, and published
+        // step 3.
         let all = turns(vec![
             (1, pose(0, &[])),
             (1, step(1, 0, 0)),

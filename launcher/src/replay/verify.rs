@@ -11,7 +11,8 @@ pub struct Verdict {
     pub poses: u64,
     /// Steps whose states were compared.
     pub steps: u64,
-    /// Version of the recording's state hashes where it is not this build's: states are not compared.
+    /// Version of the recording's state hashes where it is not this build's: states are not
+    /// compared.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_state_hash_version: Option<u32>,
     /// The first difference, in words; it names the field.

@@ -125,8 +125,8 @@ impl ChannelTap {
         }
     }
 
-    /// Passes everything that has come to `take`, with the instant by which it is filed. Inputs come
-    /// before what was made of them, so that a reader of the recording has them in time.
+    /// Passes everything that has come to `take`, with the instant by which it is filed. Inputs
+    /// come before what was made of them, so that a reader of the recording has them in time.
     ///
     /// # Errors
     /// Where a channel fails.

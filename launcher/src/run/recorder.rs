@@ -108,8 +108,8 @@ impl Recorder {
 
     /// Why nothing more is written, if so.
     pub fn problem(&self) -> Option<&str> {
-        let stopped = self.queue.is_none().then_some("the recorder stopped");
-        self.failure.get().map(String::as_str).or(stopped)
+        let stopped = self.queue.is_none();
+        stopped.then(|| self.failure.get().map_or("the recorder stopped", String::as_str))
     }
 
     /// Writes what is queued, ends the file, and returns what became of it.

@@ -61,6 +61,9 @@ pub struct BlockSender<H: Message + Debug> {
 impl<H: Message + Debug> BlockSender<H> {
     /// Lends `bytes` of shared memory to `write`, which fills them and returns the header; then
     /// sends the block. The memory holds whatever an earlier block left there.
+    ///
+    /// # Errors
+    /// Where the block is larger than the capacity, or the transport fails.
     pub fn send(&mut self, bytes: usize, write: impl FnOnce(&mut [u8]) -> H) -> Result<(), IpcError> {
         if bytes > self.capacity {
             return Err(IpcError::TooLarge { channel: H::CHANNEL, bytes, capacity: self.capacity });
@@ -112,6 +115,9 @@ pub struct BlockReceiver<H: Message + Debug> {
 
 impl<H: Message + Debug> BlockReceiver<H> {
     /// The next block, its header checked; refused ones are counted.
+    ///
+    /// # Errors
+    /// Where the transport fails.
     pub fn receive(&mut self) -> Result<Option<BlockSample<H>>, IpcError> {
         loop {
             let received = self.subscriber.receive();
@@ -160,6 +166,9 @@ impl Instance {
     }
 
     /// Opens the sending side of a channel of blocks of at most `capacity` bytes.
+    ///
+    /// # Errors
+    /// Where another build runs with another layout, or the transport fails.
     pub fn block_sender<H: Message + Debug>(&self, capacity: usize) -> Result<BlockSender<H>, IpcError> {
         let publisher = self
             .block_service::<H>()?
@@ -172,6 +181,9 @@ impl Instance {
     }
 
     /// Opens the receiving side of a channel of blocks.
+    ///
+    /// # Errors
+    /// Where another build runs with another layout, or the transport fails.
     pub fn block_receiver<H: Message + Debug>(&self) -> Result<BlockReceiver<H>, IpcError> {
         let subscriber = self
             .block_service::<H>()?

@@ -28,7 +28,7 @@ unsafe impl<M: Message + std::fmt::Debug> ZeroCopySend for Wire<M> {
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Stamp {
-    /// Instant at which the sender was opened; tells a restarted sender from its predecessor.
+    /// Instant at which the sender was opened: a restarted sender has another than its predecessor.
     pub(super) epoch: u64,
     /// Counts up by one.
     pub(super) seq: u64,
@@ -78,6 +78,9 @@ pub struct Sender<M: Message + std::fmt::Debug> {
 
 impl<M: Message + std::fmt::Debug> Sender<M> {
     /// Copies a block into shared memory and wakes its receivers.
+    ///
+    /// # Errors
+    /// Where the transport fails.
     pub fn send(&mut self, message: &M) -> Result<(), IpcError> {
         let mut sample =
             self.publisher.loan_uninit().map_err(|e| transport(M::CHANNEL, "loan")(format!("{e:?}")))?;
@@ -108,6 +111,9 @@ pub struct Receiver<M: Message + std::fmt::Debug> {
 
 impl<M: Message + std::fmt::Debug> Receiver<M> {
     /// The next block (or the newest, if opened so), checked; `None` when there is nothing new.
+    ///
+    /// # Errors
+    /// Where the transport fails.
     pub fn receive(&mut self) -> Result<Option<Received<M>>, IpcError> {
         let sample =
             self.subscriber.receive().map_err(|e| transport(M::CHANNEL, "receive")(format!("{e:?}")))?;
@@ -122,6 +128,9 @@ impl<M: Message + std::fmt::Debug> Receiver<M> {
     }
 
     /// The next valid block; refused ones are counted and passed over.
+    ///
+    /// # Errors
+    /// Where the transport fails.
     pub fn next_valid(&mut self) -> Result<Option<M>, IpcError> {
         loop {
             match self.receive()? {
@@ -208,6 +217,9 @@ impl Instance {
     }
 
     /// Opens the sending side of a channel.
+    ///
+    /// # Errors
+    /// Where another build runs with another layout, or the transport fails.
     pub fn sender<M: Message + std::fmt::Debug>(&self) -> Result<Sender<M>, IpcError> {
         let publisher = self
             .service::<M>()?
@@ -219,6 +231,9 @@ impl Instance {
     }
 
     /// Opens the receiving side of a channel.
+    ///
+    /// # Errors
+    /// Where another build runs with another layout, or the transport fails.
     pub fn receiver<M: Message + std::fmt::Debug>(&self, queue: Queue) -> Result<Receiver<M>, IpcError> {
         let depth = match queue {
             Queue::InOrder => M::QUEUE,

@@ -39,6 +39,9 @@ impl Drop for Ownership {
 }
 
 /// The directory of an instance: `/dev/shm/vitreo-<uid>-<name>`.
+///
+/// # Errors
+/// Where the name is refused.
 pub fn instance_directory(name: &str) -> Result<PathBuf, IpcError> {
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     if name.is_empty() || name.len() > MAX_NAME || !name.chars().all(allowed) {
@@ -55,13 +58,21 @@ fn prefix(directory: &StdPath) -> String {
 
 impl Instance {
     /// Joins the instance `name`, making its directory where it does not exist.
+    ///
+    /// # Errors
+    /// Where the name or the directory is refused, or shared memory is full.
     pub fn join(name: &str) -> Result<Self, IpcError> {
         let directory = instance_directory(name)?;
         make_private(&directory)?;
         Self::open(name, directory, None)
     }
 
-    /// Owns the instance `name`: refuses where another owner runs, and removes what a dead one left.
+    /// Owns the instance `name`: refuses where another owner runs, and removes what a dead one
+    /// left.
+    ///
+    /// # Errors
+    /// Where another simulator runs under this name, the name or the directory is refused, or
+    /// shared memory is full.
     pub fn own(name: &str) -> Result<Self, IpcError> {
         let directory = instance_directory(name)?;
         make_private(&directory)?;
@@ -147,7 +158,7 @@ fn shared_files(directory: &StdPath) -> impl Iterator<Item = PathBuf> {
 /// iceoryx2 opens its management segment to every user, who could then block new nodes by writing
 /// to it. Nobody else has business there. A file of another user cannot be changed and is left.
 fn close_to_others(directory: &StdPath) {
-    // Other segments are private from the start, and their mode says whether they are ready.
+    // Other segments are private from the start, and their mode marks whether they are ready.
     for file in shared_files(directory).filter(|f| f.extension().is_some_and(|e| e == "global_mgmt")) {
         let _ = fs::set_permissions(file, fs::Permissions::from_mode(0o600));
     }

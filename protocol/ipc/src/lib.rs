@@ -6,8 +6,8 @@
 //! without a copy. A receiver that reads slowly blocks nobody: the oldest blocks are overwritten
 //! and counted. [`wait`] sleeps until one of several channels has something new.
 //!
-//! Two builds that disagree about a block's layout do not connect: the service carries the
-//! schema hash of [`Message::SCHEMA`](protocol::message::Message::SCHEMA) and the error names the channel.
+//! Two builds that disagree about a block's layout do not connect: the service carries the schema
+//! hash of [`Message::SCHEMA`](protocol::message::Message::SCHEMA) and the error names the channel.
 //!
 //! Rules taken from measurements of iceoryx2 0.10.0: data first, then the notification; a
 //! listener is drained until empty; every wait is bounded; subscribers are looked at after any

@@ -1,4 +1,4 @@
-//! What the four process shells share: arguments, stop signals, heartbeat and control.
+//! What the shells of the processes share: arguments, stop signals, heartbeat and control.
 
 use crate::clock::{now, sleep_until};
 use crate::logging::LogArgs;
@@ -37,12 +37,15 @@ pub struct Shell {
     answers: Sender<Answer>,
     delay_ns: u64,
     next_beat: Nanos,
-    /// What the next heartbeat will say; the process keeps it up to date.
+    /// The next heartbeat; the process keeps it up to date.
     pub report: Health,
 }
 
 impl Shell {
     /// Joins the instance and listens for SIGTERM and SIGINT.
+    ///
+    /// # Errors
+    /// Where a signal handler is refused, or the instance cannot be joined.
     pub fn start(process: Process, args: &ShellArgs) -> Result<(Instance, Self), IpcError> {
         let stop = Arc::new(AtomicBool::new(false));
         for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
@@ -91,6 +94,9 @@ impl Shell {
     }
 
     /// Sends the heartbeat at once, for instance when a state has changed.
+    ///
+    /// # Errors
+    /// Where the channel fails.
     pub fn beat_now(&mut self, at: Nanos) -> Result<(), IpcError> {
         self.next_beat = at + HEARTBEAT_NS;
         self.report.instant_ns = at;
@@ -101,6 +107,9 @@ impl Shell {
 
     /// Sends the heartbeat if it is due, and returns the next command for this process.
     /// `Shutdown` and `Ping` are served here; the others are the process's to serve and answer.
+    ///
+    /// # Errors
+    /// Where a channel fails.
     pub fn serve(&mut self, at: Nanos) -> Result<Option<(Request, Command)>, IpcError> {
         if at >= self.next_beat {
             self.beat_now(at)?;
@@ -123,6 +132,9 @@ impl Shell {
     }
 
     /// Answers a request.
+    ///
+    /// # Errors
+    /// Where the channel fails.
     pub fn answer(&mut self, request: &Request, result: Result<(), &str>) -> Result<(), IpcError> {
         let text = text_bytes(result.err().unwrap_or(""));
         let code = u32::from(result.is_err());

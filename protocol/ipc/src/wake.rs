@@ -32,13 +32,14 @@ impl Notifier {
         Ok(Self(notifier.map_err(|e| transport(channel, "notifier")(format!("{e:?}")))?))
     }
 
-    /// A notification that cannot be delivered is no error: every wait is bounded and looks.
+    /// A notification that cannot be delivered is no error: every wait is bounded, and its caller
+    /// drains the channel whatever woke it.
     pub(super) fn notify(&self) {
         let _ = self.0.notify();
     }
 }
 
-/// Hears the senders of a channel.
+/// Receives the notifications of the senders of a channel.
 pub struct Listener(iceoryx2::port::listener::Listener<Service>);
 
 impl Listener {
@@ -67,7 +68,7 @@ pub trait Wakes {
     fn listener(&self) -> &Listener;
 }
 
-/// Sleeps until one of `sources` is notified or `timeout_ns` has passed. The caller then looks at
+/// Sleeps until one of `sources` is notified or `timeout_ns` has passed. The caller then drains
 /// all of them, whatever the reason.
 ///
 /// # Panics
@@ -87,7 +88,7 @@ pub fn wait(sources: &[&dyn Wakes], timeout_ns: u64) {
         return;
     }
     let mut fds: [rustix::event::PollFd<'_>; MAX_SOURCES] = std::array::from_fn(poll_fd);
-    // An interrupted or failed poll is a wake-up like any other: the caller looks.
+    // An interrupted or failed poll is a wake-up like any other.
     let _ = rustix::event::poll(&mut fds[..sources.len()], Some(&timeout));
     for source in sources {
         source.listener().drain();
