@@ -1,18 +1,21 @@
-//! ZCOLL on a graphics adapter: the same whole numbers as [`super::zcoll`], in compute shaders, the same answer to the bit on
-//! every adapter.
+//! ZCOLL on a graphics adapter: the same whole numbers as [`super::zcoll`], in compute shaders, the
+//! same answer to the bit on every adapter.
 //!
 //! ```text
 //! positions, pose ──▶ cull ──▶ draw_depth ──▶ draw_name ──▶ reduce ──▶ counters, triangles, nodes, pixels
 //!                      │ survivors                (or touch ──▶ one word)
 //! ```
 //!
-//! `cull` drops triangles by an estimate in `f32`, wide enough for any rounding. What it leaves is placed exactly: `soft_float.wgsl`
-//! does the `f32` arithmetic of [`super::quantize`] in whole numbers, because a shading language lets an adapter fuse, flush and
-//! reorder. Depths are divided in 64 bits made of two words (`wide.wgsl`). Everything that threads do to the same word is a
-//! maximum or a sum of whole numbers, so that no order of threads can show. The images stay on the adapter: colliding pixels,
-//! triangles and nodes are compacted there, and only they come back, here sorted by number.
+//! `cull` drops triangles by an estimate in `f32`, wide enough for any rounding. What it leaves is
+//! placed exactly: `soft_float.wgsl` does the `f32` arithmetic of [`super::quantize`] in whole
+//! numbers, because a shading language lets an adapter fuse, flush and reorder. Depths are divided
+//! in 64 bits made of two words (`wide.wgsl`). Everything that threads do to the same word is a
+//! maximum or a sum of whole numbers, so that no order of threads can show. The images stay on the
+//! adapter: colliding pixels, triangles and nodes are compacted there, and only they come back,
+//! here sorted by number.
 //!
-//! This folder is the only part of the crate that knows wgpu; without the feature `gpu` it is not built.
+//! This folder is the only part of the crate that knows wgpu; without the feature `gpu` it is not
+//! built.
 
 mod device;
 mod layout;
@@ -33,7 +36,8 @@ use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder};
 const GROUP: usize = 64;
 /// Most workgroups along an axis that every adapter gives.
 const MOST_GROUPS: usize = 65_535;
-/// Workgroups that draw: enough to fill a large adapter; each takes every so many'th 64 triangles.
+/// Workgroups that draw: enough to fill a large adapter; each takes every n-th group of 64
+/// triangles.
 const DRAWING_GROUPS: usize = 256;
 /// The same where the processor does the work.
 const DRAWING_GROUPS_SOFTWARE: usize = 8;
@@ -61,7 +65,7 @@ struct Memory {
     results: Buffer,
     /// What comes back at once.
     staging: Buffer,
-    /// Everything, for a look that found more.
+    /// Everything, for a query with more results.
     rest: Option<Buffer>,
 }
 
@@ -77,7 +81,7 @@ pub struct GpuZcoll {
     sent_alive: Vec<u8>,
     sent_image: Vec<i32>,
     words: Vec<u32>,
-    /// Results of the last look, sorted: (triangle, depth), (node, depth).
+    /// Results of the last query, sorted: (triangle, depth), (node, depth).
     triangles: Vec<(u32, i32)>,
     nodes: Vec<(u32, i32)>,
     hits: Vec<PixelContact>,
@@ -86,6 +90,9 @@ pub struct GpuZcoll {
 
 impl GpuZcoll {
     /// Memory and passes for a mesh whose topology [`super::zcoll::Zcoll`] has accepted.
+    ///
+    /// # Errors
+    /// [`GpuError`] for a mesh larger than the adapter's buffers, or when the adapter fails.
     pub fn new(
         gpu: GpuDevice,
         volume: Volume,
@@ -167,8 +174,13 @@ impl GpuZcoll {
         &self.gpu
     }
 
-    /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an instrument seen from its handle: to the shaders
-    /// these differ by the image and by the scale of depth, which is negative from the handle. On an error nothing was found, and the adapter is better left alone.
+    /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an
+    /// instrument seen from its handle: to the shaders these differ by the image and by the scale
+    /// of depth, which is negative from the handle.
+    ///
+    /// # Errors
+    /// [`GpuError`] when the adapter fails; the lists are then empty and the adapter must not be
+    /// used again.
     pub fn query(
         &mut self,
         side: &Side,
@@ -205,6 +217,9 @@ impl GpuZcoll {
     }
 
     /// As [`super::zcoll::Zcoll::touches`]; one word comes back.
+    ///
+    /// # Errors
+    /// [`GpuError`] when the adapter fails.
     pub fn touches(
         &mut self,
         side: &Side,
@@ -230,7 +245,10 @@ impl GpuZcoll {
         self.gpu.run(encoder, staging, 4, |words| words[0] != 0)
     }
 
-    /// As [`super::zcoll::Zcoll::vertices`]: of the last look.
+    /// As [`super::zcoll::Zcoll::vertices`]: of the last query.
+    ///
+    /// # Errors
+    /// [`GpuError`] when the adapter fails.
     pub fn vertices(&mut self) -> Result<&[(u32, i32)], GpuError> {
         self.vertices.clear();
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -249,17 +267,17 @@ impl GpuZcoll {
         Ok(&self.vertices)
     }
 
-    /// Triangles of the last look with their longest vector, steps; by number.
+    /// Triangles of the last query with their longest vector, steps; by number.
     pub fn triangles(&self) -> &[(u32, i32)] {
         &self.triangles
     }
 
-    /// Nodes of the last look with their depth (Eq. 1), steps; by number.
+    /// Nodes of the last query with their depth (Eq. 1), steps; by number.
     pub fn displaced(&self) -> &[(u32, i32)] {
         &self.nodes
     }
 
-    /// Vectors of the last look, by pixel.
+    /// Vectors of the last query, by pixel.
     pub fn hits(&self) -> &[PixelContact] {
         &self.hits
     }
@@ -270,7 +288,8 @@ impl GpuZcoll {
         self.hits.clear();
     }
 
-    /// Positions and pose go to the adapter each time, flags and instrument image when they changed.
+    /// Positions and pose go to the adapter each time, flags and instrument image when they
+    /// changed.
     fn send(
         &mut self,
         side: &Side,
@@ -327,8 +346,8 @@ impl GpuZcoll {
         self.lists.triangles.div_ceil(GROUP).clamp(1, most) as u32
     }
 
-    /// Runs the commands and takes the counters and the `wanted` lists; what does not come at once is fetched in a second
-    /// transfer.
+    /// Runs the commands and takes the counters and the `wanted` lists; what does not come at once
+    /// is fetched in a second transfer.
     fn fetch(&mut self, mut encoder: CommandEncoder, wanted: [bool; 3]) -> Result<[u32; COUNTERS], GpuError> {
         let at_once = self.lists.at_once();
         let ends = copy(&mut encoder, &self.memory, &self.memory.staging, &self.lists, at_once);
@@ -367,7 +386,8 @@ impl GpuZcoll {
     }
 }
 
-/// Copies the counters and so many results of each kind; where each begins, and the end, words.
+/// Copies the counters and `counts` results of each kind; returns where each begins, and the end,
+/// words.
 fn copy(
     encoder: &mut CommandEncoder,
     memory: &Memory,
