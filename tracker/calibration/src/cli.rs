@@ -37,11 +37,11 @@ pub enum Task {
     /// Places (and lenses) of cameras that see dots of known places, from a point list or picture of each.
     Dots(target::DotsArgs),
     /// Places of cameras and markers, from a stream of waved instruments and the rig as it was.
-    SelfCalibration(stream::WavedArgs),
+    Waved(stream::WavedArgs),
     /// Trocars and the eye's centre, from shafts and an eye that turn about them.
     Pivot(stream::PivotArgs),
     /// Whether a rig still holds, from a recent stream; exit code 5 if it has drifted.
-    DriftCheck(stream::DriftArgs),
+    Drift(stream::DriftArgs),
 }
 
 /// Where results go.
@@ -102,9 +102,9 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
         Task::Intrinsics(args) => target::intrinsics(args),
         Task::Stereo(args) => target::stereo(args),
         Task::Dots(args) => target::fixed_dots(args),
-        Task::SelfCalibration(args) => stream::waved(args),
+        Task::Waved(args) => stream::waved(args),
         Task::Pivot(args) => stream::pivot(args),
-        Task::DriftCheck(args) => stream::drift(args),
+        Task::Drift(args) => stream::drift(args),
     }
 }
 

@@ -195,7 +195,7 @@ fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
             .into(),
     );
     if !found.weakly_observed.is_empty() {
-        report.notes.push(format!("the stream determines little of: {}", found.weakly_observed.join(", ")));
+        report.notes.push(format!("the stream tells little about: {}", found.weakly_observed.join(", ")));
     }
     if !drifted {
         report.notes.push("the residuals show no drift: the rig as it was is as good".into());
