@@ -1,11 +1,11 @@
 //! The camera hardware's loop: fields of pixels in, fields of blobs out.
 //!
 //! A field is scanned as soon as it is there, in place, and its blobs are held back until the hardware
-//! would have sent them ([`crate::pipeline`]): the source may publish a field before its first line has
+//! would have sent them ([`crate::camera_extractor`]): the source may publish a field before its first line has
 //! left the sensor. Whether the source is virtual or a camera makes no difference here.
 
+use crate::camera_extractor::CameraExtractor;
 use crate::config::Config;
-use crate::pipeline::CameraPipeline;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
@@ -29,8 +29,8 @@ const FINE_NS: u64 = 500_000;
 /// Where the rig cannot be read or simulated, or a channel fails.
 pub fn run(config: &Config) -> Result<()> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
-    let pipelines = rig.cameras().iter().map(|c| CameraPipeline::new(&rig, c)).collect::<Result<_, _>>()?;
-    let mut shell = FpgaModelShell::open(config, pipelines)?;
+    let extractors = rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c)).collect::<Result<_, _>>()?;
+    let mut shell = FpgaModelShell::open(config, extractors)?;
     while !shell.shell.stopping() {
         shell.serve()?;
         shell.take_fields()?;
@@ -45,7 +45,7 @@ struct FpgaModelShell {
     shell: Shell,
     fields: BlockReceiver<FieldHeader>,
     blobs: Sender<BlobField>,
-    pipelines: Vec<CameraPipeline>,
+    extractors: Vec<CameraExtractor>,
     outbox: Outbox,
     /// Number of each camera's newest field.
     newest: [u64; MAX_CAMERAS],
@@ -58,7 +58,7 @@ struct FpgaModelShell {
 }
 
 impl FpgaModelShell {
-    fn open(config: &Config, pipelines: Vec<CameraPipeline>) -> Result<Self> {
+    fn open(config: &Config, extractors: Vec<CameraExtractor>) -> Result<Self> {
         let (instance, mut shell) =
             Shell::start(Process::FpgaModel, &config.shell).context("cannot start")?;
         let (fields, blobs) = (instance.block_receiver()?, instance.sender()?);
@@ -69,7 +69,7 @@ impl FpgaModelShell {
             shell,
             fields,
             blobs,
-            pipelines,
+            extractors,
             outbox: Outbox::default(),
             newest: [0; MAX_CAMERAS],
             delay_ns,
@@ -91,9 +91,9 @@ impl FpgaModelShell {
 
     fn take(&mut self, sample: &BlockSample<FieldHeader>) -> Result<()> {
         let header = sample.header();
-        let pipeline = self.pipelines.iter_mut().find(|p| p.takes(header));
+        let extractor = self.extractors.iter_mut().find(|p| p.takes(header));
         let picture = FieldPicture::in_payload(header, sample.payload());
-        let Some((pipeline, picture)) = pipeline.zip(picture) else { return self.refuse(header) };
+        let Some((extractor, picture)) = extractor.zip(picture) else { return self.refuse(header) };
         let newest = &mut self.newest[header.camera as usize];
         if header.field < *newest {
             // The source has begun anew: what it sent before comes from another time.
@@ -101,7 +101,7 @@ impl FpgaModelShell {
         }
         *newest = header.field;
         let mut field = BlobField::zeroed();
-        let due_ns = pipeline.extract(header, &picture, &mut field) + self.delay_ns;
+        let due_ns = extractor.extract(header, &picture, &mut field) + self.delay_ns;
         if !self.outbox.put(due_ns, &field) {
             self.shell.report.lost += 1;
         }

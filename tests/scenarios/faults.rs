@@ -9,7 +9,7 @@ use protocol::rig::Rig;
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::collections::BTreeMap;
 use surgeon::motion::MotionSource;
-use virtual_rig::faults::Faults;
+use virtual_rig::faults::FaultInjector;
 use virtual_rig::faults::spec::FaultSpec;
 use vitreo_tests::{Observer, Running, instance_name, json, next};
 
@@ -50,7 +50,7 @@ fn the_chain_survives_hard_faults_and_the_tracker_stays_sane() {
 
     // Truth needs the start of the cameras' schedule: any field gives it, through its camera's clock.
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-    let faults = Faults::new(FaultSpec::load("hard").expect("preset"), &rig, 1).expect("faults");
+    let faults = FaultInjector::new(FaultSpec::load("hard").expect("preset"), &rig, 1).expect("faults");
     let field = next(&mut blobs, |_| true);
     let start_ns = field.exposed_ns - faults.clock(field.camera).exposed_ns(field.field);
     drop(blobs);

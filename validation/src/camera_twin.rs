@@ -1,7 +1,7 @@
 //! The virtual cameras with the camera hardware's twin behind them, in one process.
 
 use bytemuck::Zeroable;
-use fpga_model::pipeline::CameraPipeline;
+use fpga_model::camera_extractor::CameraExtractor;
 use protocol::blobs::BlobField;
 use protocol::camera::Camera;
 use protocol::fields::FieldPicture;
@@ -14,7 +14,7 @@ use virtual_rig::cameras::{Cameras, Path};
 pub struct CameraTwin {
     cameras: Cameras,
     /// One for each camera; none on the direct path.
-    pipelines: Vec<CameraPipeline>,
+    extractors: Vec<CameraExtractor>,
     payload: Vec<u8>,
     start_ns: Nanos,
 }
@@ -26,10 +26,10 @@ impl CameraTwin {
     /// If a sensor of the rig is out of range.
     pub fn new(rig: &Rig, path: Path, seed: u64, start_ns: Nanos) -> Self {
         let cameras = Cameras::new(rig, path, seed).expect("a rig with sensors in range");
-        let pipeline = |c: Camera| CameraPipeline::new(rig, &c).expect("the same sensors");
+        let extractor = |c: Camera| CameraExtractor::new(rig, &c).expect("the same sensors");
         let drawn = rig.cameras().into_iter().filter(|_| path == Path::Pixels);
-        let pipelines = drawn.map(pipeline).collect();
-        CameraTwin { payload: vec![0; cameras.payload_bytes()], pipelines, cameras, start_ns }
+        let extractors = drawn.map(extractor).collect();
+        CameraTwin { payload: vec![0; cameras.payload_bytes()], extractors, cameras, start_ns }
     }
 
     /// Number of cameras.
@@ -46,10 +46,10 @@ impl CameraTwin {
         let out_after_ns = self.cameras.out_after_ns(i);
         let mut exposure = self.cameras.expose(i, surgeon, number);
         let header = exposure.header();
-        if let Some(pipeline) = self.pipelines.get_mut(i) {
+        if let Some(extractor) = self.extractors.get_mut(i) {
             exposure.paint(&mut self.payload);
             let picture = FieldPicture::in_payload(&header, &self.payload).expect("a whole payload");
-            field.blobs_out_ns = pipeline.extract(&header, &picture, &mut field);
+            field.blobs_out_ns = extractor.extract(&header, &picture, &mut field);
         } else {
             exposure.blobs(&mut field);
             field.blobs_out_ns = header.exposed_ns + out_after_ns;

@@ -1,9 +1,9 @@
-//! The virtual cameras of a rig: what each sees in a field, as pixels or as blobs.
+//! The virtual cameras of a rig: fields of pixels, or of blobs.
 
 use crate::direct;
 use crate::faults::tally::FaultTally;
 use crate::faults::timing::Clock;
-use crate::faults::{Deed, Faults, readout::Tear};
+use crate::faults::{FaultEvent, FaultInjector, readout::Tear};
 use crate::painter::{MAX_PATCHES, Painter, Patch};
 use crate::projection::{MarkerImage, Markers};
 use protocol::blobs::BlobField;
@@ -13,7 +13,7 @@ use protocol::region;
 use protocol::rig::Rig;
 use surgeon::motion::{Motion, MotionSource};
 
-/// What a field is turned into.
+/// Form of the fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Path {
     /// Pixels, for the camera hardware to scan.
@@ -22,19 +22,19 @@ pub enum Path {
     Direct,
 }
 
-/// What becomes of a field on its way.
+/// Delivery of a field after its exposure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Fate {
-    /// It never leaves.
+pub struct Delivery {
+    /// It is not sent.
     pub dropped: bool,
-    /// It leaves later by this, ns.
+    /// Delay, ns.
     pub delay_ns: u64,
 }
 
 /// Draws the fields of one camera.
 struct Canvas {
     painter: Painter,
-    /// The field before, where one is torn.
+    /// Picture of the previous field, for a torn one.
     before: FieldPicture,
 }
 
@@ -48,39 +48,39 @@ struct Sensor {
 }
 
 /// Motion before, at and after the middle of an exposure.
-struct Moment {
+struct ExposureMotion {
     exposed_ns: u64,
     motion: [Motion; 3],
 }
 
-/// Markers before the cameras.
-struct View {
+/// Markers projected into the image of one camera.
+struct ProjectedMarkers {
     markers: Markers,
     images: Vec<MarkerImage>,
     patches: Vec<Patch>,
-    /// Patches of the field before, where one is torn.
+    /// Patches of the previous field, for a torn one.
     before: Vec<Patch>,
     half_exposure_ns: u64,
-    /// The newest exposure that was asked for: genlocked cameras share it.
-    moment: Option<Moment>,
+    /// Motion in the newest exposure; genlocked cameras share it.
+    exposure_motion: Option<ExposureMotion>,
 }
 
 /// All cameras.
 pub struct Cameras {
     sensors: Vec<Sensor>,
-    view: View,
+    projected: ProjectedMarkers,
     seed: u64,
     line_ns: u64,
-    faults: Faults,
-    /// What the faults did.
+    faults: FaultInjector,
+    /// Faults of the fields so far.
     pub tally: FaultTally,
 }
 
-/// A field that was exposed: what its camera sees, not yet drawn.
+/// An exposed field, not yet drawn.
 pub struct Exposure<'a> {
     sensor: &'a mut Sensor,
-    view: &'a View,
-    faults: &'a Faults,
+    projected: &'a ProjectedMarkers,
+    faults: &'a FaultInjector,
     seed: u64,
     line_ns: u64,
     number: u64,
@@ -93,14 +93,14 @@ impl Cameras {
     /// # Errors
     /// Where a sensor is out of range.
     pub fn new(rig: &Rig, path: Path, seed: u64) -> Result<Self, SensorError> {
-        Self::with_faults(rig, path, seed, Faults::none(rig))
+        Self::with_faults(rig, path, seed, FaultInjector::none(rig))
     }
 
     /// The same with faults.
     ///
     /// # Errors
     /// Where a sensor is out of range.
-    pub fn with_faults(rig: &Rig, path: Path, seed: u64, faults: Faults) -> Result<Self, SensorError> {
+    pub fn with_faults(rig: &Rig, path: Path, seed: u64, faults: FaultInjector) -> Result<Self, SensorError> {
         let sensor = |camera: Camera| {
             field_size(&camera)?;
             let canvas = || Canvas {
@@ -115,15 +115,15 @@ impl Cameras {
             })
         };
         let sensors = rig.cameras().into_iter().map(sensor).collect::<Result<_, _>>()?;
-        let view = View {
+        let projected = ProjectedMarkers {
             markers: Markers::of(rig),
             images: Markers::list(),
             patches: Vec::with_capacity(MAX_PATCHES),
             before: Vec::with_capacity(MAX_PATCHES),
             half_exposure_ns: rig.exposure_ns / 2,
-            moment: None,
+            exposure_motion: None,
         };
-        Ok(Cameras { sensors, view, seed, line_ns: rig.line_ns, faults, tally: FaultTally::default() })
+        Ok(Cameras { sensors, projected, seed, line_ns: rig.line_ns, faults, tally: FaultTally::default() })
     }
 
     /// Number of cameras.
@@ -152,43 +152,45 @@ impl Cameras {
         self.sensors[i].clock
     }
 
-    /// From the middle of an exposure of camera `i` until the last line that matters has left, ns.
+    /// Time from the middle of an exposure of camera `i` to the end of the region's last line, ns.
     pub fn out_after_ns(&self, i: usize) -> u64 {
-        self.view.half_exposure_ns + self.sensors[i].lines as u64 * self.line_ns
+        self.projected.half_exposure_ns + self.sensors[i].lines as u64 * self.line_ns
     }
 
     /// Exposes field `number` of camera `i`. Even fields hold the even lines.
     pub fn expose(&mut self, i: usize, surgeon: &mut MotionSource, number: u64) -> Exposure<'_> {
         let sensor = &mut self.sensors[i];
         let Sensor { camera, clock, .. } = &*sensor;
-        let (view, faults, tally) = (&mut self.view, &self.faults, &mut self.tally);
+        let (projected, faults, tally) = (&mut self.projected, &self.faults, &mut self.tally);
         if number == 0 {
-            faults.standing(camera.id).for_each(|deed| tally.note(0, camera.id, deed));
+            faults.permanent_events(camera.id).for_each(|event| tally.record(0, camera.id, event));
         }
         let tear = faults.tear(camera.id, number, camera.size_px[1] as usize / 2);
         if let Some(tear) = tear {
-            view.project(camera, surgeon, clock.exposed_ns(number - 1));
-            faults.spoil(camera.id, number - 1, &mut view.patches, |_| {});
-            std::mem::swap(&mut view.patches, &mut view.before);
-            tally.note(number, camera.id, Deed::Torn { line: tear.line, missing: tear.missing });
+            projected.project(camera, surgeon, clock.exposed_ns(number - 1));
+            faults.inject_into_scene(camera.id, number - 1, &mut projected.patches, |_| {});
+            std::mem::swap(&mut projected.patches, &mut projected.before);
+            tally.record(number, camera.id, FaultEvent::Torn { line: tear.line, missing: tear.missing });
         }
-        view.project(camera, surgeon, clock.exposed_ns(number));
-        faults.spoil(camera.id, number, &mut view.patches, |deed| tally.note(number, camera.id, deed));
-        Exposure { sensor, view, faults, seed: self.seed, line_ns: self.line_ns, number, tear }
+        projected.project(camera, surgeon, clock.exposed_ns(number));
+        faults.inject_into_scene(camera.id, number, &mut projected.patches, |event| {
+            tally.record(number, camera.id, event)
+        });
+        Exposure { sensor, projected, faults, seed: self.seed, line_ns: self.line_ns, number, tear }
     }
 
-    /// Decides what becomes of field `number` of camera `i` after it was exposed.
-    pub fn fate(&mut self, i: usize, number: u64) -> Fate {
+    /// Decides whether and when the exposed field `number` of camera `i` is sent.
+    pub fn delivery(&mut self, i: usize, number: u64) -> Delivery {
         let id = self.sensors[i].camera.id;
         let dropped = self.faults.dropped(id, number);
         let delay_ns = if dropped { 0 } else { self.faults.delay_ns(id, number) };
         if dropped {
-            self.tally.note(number, id, Deed::Dropped);
+            self.tally.record(number, id, FaultEvent::Dropped);
         }
         if delay_ns > 0 {
-            self.tally.note(number, id, Deed::Late { delay_ns });
+            self.tally.record(number, id, FaultEvent::Late { delay_ns });
         }
-        Fate { dropped, delay_ns }
+        Delivery { dropped, delay_ns }
     }
 }
 
@@ -200,7 +202,7 @@ impl Exposure<'_> {
         FieldHeader {
             field: self.number,
             exposed_ns,
-            first_line_ns: exposed_ns + self.view.half_exposure_ns,
+            first_line_ns: exposed_ns + self.projected.half_exposure_ns,
             line_period_ns: self.line_ns,
             camera: id,
             parity: (self.number & 1) as u32,
@@ -219,15 +221,15 @@ impl Exposure<'_> {
         let mut picture = FieldPicture::in_payload_mut(&self.header(), payload);
         let Sensor { camera, clock, canvas, .. } = &mut *self.sensor;
         let Canvas { painter, before } = canvas.as_mut().expect("cameras that draw have canvases");
-        let (faults, view, number) = (self.faults, self.view, self.number);
+        let (faults, projected, number) = (self.faults, self.projected, self.number);
         let height = before.height;
         let light = |number: u64| faults.light(camera.id, clock.exposed_ns(number));
-        painter.paint(view.patches.iter().copied(), &light(number), camera.id, number, &mut picture);
-        faults.heat(camera.id, height, &mut picture);
+        painter.paint(projected.patches.iter().copied(), &light(number), camera.id, number, &mut picture);
+        faults.add_hot_pixels(camera.id, height, &mut picture);
         if let Some(tear) = self.tear {
-            let patches = view.before.iter().copied();
+            let patches = projected.before.iter().copied();
             painter.paint(patches, &light(number - 1), camera.id, number - 1, before);
-            faults.heat(camera.id, height, before);
+            faults.add_hot_pixels(camera.id, height, before);
             tear.apply(&mut picture, before);
         }
     }
@@ -240,25 +242,28 @@ impl Exposure<'_> {
         (field.exposed_ns, field.read_out_ns) = (header.exposed_ns, header.read_out_ns());
         (field.count, field.blobs_left_out) = (0, 0);
         let (lines, tear) = (self.sensor.lines as f64, self.tear);
-        let keep = |line: f64| line < lines && tear.is_none_or(|t| t.spares(line));
+        let keep = |line: f64| line < lines && tear.is_none_or(|t| t.is_intact(line));
         let camera = &self.sensor.camera;
-        direct::blobs(self.seed, camera, &self.view.patches, self.number, keep, field);
+        direct::blobs(self.seed, camera, &self.projected.patches, self.number, keep, field);
         if let Some(tear) = tear.filter(|t| t.missing == 0) {
-            let older = |line: f64| line < lines && !tear.spares(line);
-            direct::blobs(self.seed, camera, &self.view.before, self.number - 1, older, field);
+            let older = |line: f64| line < lines && !tear.is_intact(line);
+            direct::blobs(self.seed, camera, &self.projected.before, self.number - 1, older, field);
         }
     }
 }
 
-impl View {
+impl ProjectedMarkers {
     /// Fills `patches` with the markers that `camera` sees in an exposure, farthest first.
     fn project(&mut self, camera: &Camera, surgeon: &mut MotionSource, exposed_ns: u64) {
-        if self.moment.as_ref().is_none_or(|m| m.exposed_ns != exposed_ns) {
+        if self.exposure_motion.as_ref().is_none_or(|m| m.exposed_ns != exposed_ns) {
             let half = self.half_exposure_ns;
             let instants = [exposed_ns.saturating_sub(half), exposed_ns, exposed_ns + half];
-            self.moment = Some(Moment { exposed_ns, motion: instants.map(|t| surgeon.at(t)) });
+            self.exposure_motion =
+                Some(ExposureMotion { exposed_ns, motion: instants.map(|t| surgeon.at(t)) });
         }
-        let Some(Moment { motion: [before, middle, after], .. }) = &self.moment else { return };
+        let Some(ExposureMotion { motion: [before, middle, after], .. }) = &self.exposure_motion else {
+            return;
+        };
         self.markers.project(camera, middle, &mut self.images);
         self.patches.clear();
         self.patches.extend(self.images.iter().map(|&image| {
@@ -272,7 +277,7 @@ impl View {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use fpga_model::pipeline::CameraPipeline;
+    use fpga_model::camera_extractor::CameraExtractor;
     use scene::{DEFAULT_SCENE, SceneFile};
 
     #[test]
@@ -282,18 +287,18 @@ mod tests {
         let mut source = MotionSource::new(&scene, &rig, None, 1);
         let mut pixels = Cameras::new(&rig, Path::Pixels, 1).unwrap();
         let mut direct = Cameras::new(&rig, Path::Direct, 1).unwrap();
-        let mut pipelines: Vec<_> =
-            rig.cameras().iter().map(|c| CameraPipeline::new(&rig, c).unwrap()).collect();
+        let mut extractors: Vec<_> =
+            rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c).unwrap()).collect();
         let mut payload = vec![0; pixels.payload_bytes()];
         let (mut near, mut all) = (0, 0);
         let (mut a, mut b) = (BlobField::zeroed(), BlobField::zeroed());
         for number in 0..50 {
-            for (i, pipeline) in pipelines.iter_mut().enumerate() {
+            for (i, extractor) in extractors.iter_mut().enumerate() {
                 let mut exposure = pixels.expose(i, &mut source, 17 * number);
                 let header = exposure.header();
                 exposure.paint(&mut payload);
                 let picture = FieldPicture::in_payload(&header, &payload).unwrap();
-                pipeline.extract(&header, &picture, &mut a);
+                extractor.extract(&header, &picture, &mut a);
                 direct.expose(i, &mut source, 17 * number).blobs(&mut b);
                 assert_eq!((a.camera, a.parity, a.field), (b.camera, b.parity, b.field));
                 assert_eq!((a.exposed_ns, a.read_out_ns), (b.exposed_ns, b.read_out_ns));

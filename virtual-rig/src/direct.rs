@@ -1,6 +1,6 @@
 //! Blobs straight from the markers, with Gaussian noise and no pixels: for fast studies.
 
-use crate::faults::scene::TWIN;
+use crate::faults::scene::GHOST;
 use crate::painter::Patch;
 use nalgebra::Vector2;
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
@@ -40,7 +40,7 @@ pub fn blobs(
     let lit = |p: &&Patch| p.image.is_in_frame(camera) && p.brightness >= DIM;
     for patch in patches.iter().filter(lit) {
         let (image, glares) = (&patch.image, patch.brightness > GLARE);
-        random.set_word_pos(u128::from(image.body as u32 * 2 * TWIN + image.marker) * WORDS);
+        random.set_word_pos(u128::from(image.body as u32 * 2 * GHOST + image.marker) * WORDS);
         let noise_px = NOISE_PX * if glares { GLARE_NOISE } else { 1.0 };
         let seen = image.centre_px + gaussian_pair(&mut random) * noise_px;
         let half = image.half_size_px();

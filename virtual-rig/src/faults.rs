@@ -1,41 +1,41 @@
-//! Things that go wrong, from a seed.
+//! Fault injection: camera faults drawn from a seed.
 //!
-//! Every fault is a pure function of seed, camera and field number (flicker and colour drift through
-//! the field's instant), so that neither the order of questions nor another fault changes it.
+//! Every fault is a pure function of seed, camera and field number (flicker and colour drift of the
+//! field's instant). Neither the order of the calls nor another fault changes it.
 //!
 //! | fault | acts on | pixels | direct blobs |
 //! |---|---|---|---|
-//! | `dropped` | timing | the field never leaves | the same |
+//! | `dropped` | timing | the field is never sent | the same |
 //! | `late` | timing | its blobs leave later; no field overtakes one of its camera | the same |
 //! | `clock-drift` | timing | each camera has its own period and phase | the same |
 //! | `torn` | read-out | lower lines are of the field before, or lines are missing | blobs by their centre's line |
 //! | `occlusion` | scene | markers of one body are hidden | the same |
-//! | `reflections` | scene | a marker has a dimmer, smaller twin that circles it | the same |
+//! | `reflections` | scene | a marker has a dimmer, smaller ghost that circles it | the same |
 //! | `saturated` | scene | a marker glares: clipped, pale, wide | flagged, three times the noise |
 //! | `hot-pixels` | sensor | single bright pixels | none: specks are no blobs |
 //! | `flicker` | light | the lamp beats against the exposure | none: centres stay |
 //! | `colour-drift` | decoder | hue and gain of chroma turn slowly | none |
 //!
-//! What was done is told as [`Deed`]s: counted for the health text, and written to `--fault-log`.
+//! Each injected fault is a [`FaultEvent`]: counted for the health text, and written to `--fault-log`.
 
-pub mod dice;
 pub mod readout;
+pub mod sampler;
 pub mod scene;
 pub mod spec;
 pub mod tally;
 pub mod timing;
 
-use dice::Dice;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
+use sampler::FaultSampler;
 use serde::Serialize;
 use spec::{FaultError, FaultSpec};
 
-/// The faults there are.
+/// Kind of fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 #[allow(missing_docs)]
-pub enum Kind {
+pub enum FaultKind {
     Dropped = 0,
     Late = 1,
     Torn = 2,
@@ -48,195 +48,218 @@ pub enum Kind {
     ClockDrift = 9,
 }
 
-impl Kind {
-    /// Every fault, in the order of its number.
-    pub const ALL: [Kind; 10] = [
-        Kind::Dropped,
-        Kind::Late,
-        Kind::Torn,
-        Kind::HotPixels,
-        Kind::Flicker,
-        Kind::Reflections,
-        Kind::Saturated,
-        Kind::ColourDrift,
-        Kind::Occlusion,
-        Kind::ClockDrift,
+impl FaultKind {
+    /// Every kind, in the order of its number.
+    pub const ALL: [FaultKind; 10] = [
+        FaultKind::Dropped,
+        FaultKind::Late,
+        FaultKind::Torn,
+        FaultKind::HotPixels,
+        FaultKind::Flicker,
+        FaultKind::Reflections,
+        FaultKind::Saturated,
+        FaultKind::ColourDrift,
+        FaultKind::Occlusion,
+        FaultKind::ClockDrift,
     ];
 
     /// Name in fault files, logs and on the command line.
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Dropped => "dropped",
-            Kind::Late => "late",
-            Kind::Torn => "torn",
-            Kind::HotPixels => "hot-pixels",
-            Kind::Flicker => "flicker",
-            Kind::Reflections => "reflections",
-            Kind::Saturated => "saturated",
-            Kind::ColourDrift => "colour-drift",
-            Kind::Occlusion => "occlusion",
-            Kind::ClockDrift => "clock-drift",
+            FaultKind::Dropped => "dropped",
+            FaultKind::Late => "late",
+            FaultKind::Torn => "torn",
+            FaultKind::HotPixels => "hot-pixels",
+            FaultKind::Flicker => "flicker",
+            FaultKind::Reflections => "reflections",
+            FaultKind::Saturated => "saturated",
+            FaultKind::ColourDrift => "colour-drift",
+            FaultKind::Occlusion => "occlusion",
+            FaultKind::ClockDrift => "clock-drift",
         }
     }
 
-    /// True of a fault that is there all the time: it is told once for a camera.
-    pub fn stands(self) -> bool {
-        matches!(self, Kind::HotPixels | Kind::Flicker | Kind::ColourDrift | Kind::ClockDrift)
+    /// True for a fault that lasts from the first field to the last: it has one event a camera.
+    pub fn is_permanent(self) -> bool {
+        matches!(
+            self,
+            FaultKind::HotPixels | FaultKind::Flicker | FaultKind::ColourDrift | FaultKind::ClockDrift
+        )
     }
 }
 
-/// What a fault did to one field, or, if it stands, does to a camera from its first field on.
+/// Effect of a fault on one field; of a permanent fault, on a camera from its first field on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
-pub enum Deed {
+pub enum FaultEvent {
     /// The field was not sent.
     Dropped,
     /// The field was held back.
     Late {
-        /// By so many ns.
+        /// Delay, ns.
         delay_ns: u64,
     },
     /// The field was torn.
     Torn {
-        /// First line concerned, of the field.
+        /// First torn line of the field.
         line: usize,
-        /// Lines that are missing from there on; 0: all lines from there on are of the field before.
+        /// Missing lines from there on; 0: all lines from there on are of the previous field.
         missing: usize,
     },
     /// Pixels are hot.
     HotPixels {
-        /// So many.
+        /// Number of hot pixels.
         count: u32,
     },
     /// The lamp flickers.
     Flicker {
-        /// Swing as a share of the mean.
+        /// Amplitude as a share of the mean.
         depth: f64,
         /// Frequency of the light, Hz.
         hz: f64,
     },
-    /// A marker had a twin.
+    /// A marker had a ghost image.
     Reflections {
         /// Body of the marker, as in the rig.
         body: &'static str,
-        /// Its number.
+        /// Number of the marker.
         marker: u32,
-        /// Column of the twin, px of the frame.
+        /// Column of the ghost, px of the frame.
         x: f64,
-        /// Line of the twin, px of the frame.
+        /// Line of the ghost, px of the frame.
         y: f64,
     },
-    /// A marker glared.
+    /// A marker was overexposed.
     Saturated {
-        /// Its body.
+        /// Body of the marker.
         body: &'static str,
-        /// Its number.
+        /// Number of the marker.
         marker: u32,
     },
     /// Colours drift.
     ColourDrift {
-        /// Largest turn, degrees.
+        /// Amplitude of the hue, degrees.
         hue_deg: f64,
-        /// Largest change of gain.
+        /// Amplitude of the chroma gain.
         gain: f64,
-        /// Time of a round, s.
+        /// Period, s.
         period_s: f64,
     },
     /// Markers were hidden.
     Occlusion {
-        /// Their body.
+        /// Body of the markers.
         body: &'static str,
-        /// One bit for each of them.
+        /// One bit a marker.
         markers: u32,
     },
     /// A camera has a clock of its own.
     ClockDrift {
-        /// Error of its period, parts per thousand million.
+        /// Error of its period, parts per billion.
         ppb: i64,
         /// First exposure after the start, ns.
         phase_ns: u64,
     },
 }
 
-impl Deed {
-    /// Which fault it was.
-    pub fn kind(&self) -> Kind {
+impl FaultEvent {
+    /// Kind of the fault.
+    pub fn kind(&self) -> FaultKind {
         match self {
-            Deed::Dropped => Kind::Dropped,
-            Deed::Late { .. } => Kind::Late,
-            Deed::Torn { .. } => Kind::Torn,
-            Deed::HotPixels { .. } => Kind::HotPixels,
-            Deed::Flicker { .. } => Kind::Flicker,
-            Deed::Reflections { .. } => Kind::Reflections,
-            Deed::Saturated { .. } => Kind::Saturated,
-            Deed::ColourDrift { .. } => Kind::ColourDrift,
-            Deed::Occlusion { .. } => Kind::Occlusion,
-            Deed::ClockDrift { .. } => Kind::ClockDrift,
+            FaultEvent::Dropped => FaultKind::Dropped,
+            FaultEvent::Late { .. } => FaultKind::Late,
+            FaultEvent::Torn { .. } => FaultKind::Torn,
+            FaultEvent::HotPixels { .. } => FaultKind::HotPixels,
+            FaultEvent::Flicker { .. } => FaultKind::Flicker,
+            FaultEvent::Reflections { .. } => FaultKind::Reflections,
+            FaultEvent::Saturated { .. } => FaultKind::Saturated,
+            FaultEvent::ColourDrift { .. } => FaultKind::ColourDrift,
+            FaultEvent::Occlusion { .. } => FaultKind::Occlusion,
+            FaultEvent::ClockDrift { .. } => FaultKind::ClockDrift,
         }
     }
 }
 
-/// The faults of a run.
+/// A marker of the rig.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct MarkerId {
+    /// Index of its body in [`BODY_NAMES`].
+    body: usize,
+    /// Number of the marker on the body.
+    marker: u32,
+}
+
+/// Decides which faults befall which field of which camera.
 #[derive(Debug, Clone)]
-pub struct Faults {
+pub struct FaultInjector {
     spec: FaultSpec,
-    dice: Dice,
-    /// Cameras of each fault, one bit for an id.
-    cameras: [u32; Kind::ALL.len()],
-    /// Body and number of every marker of the rig.
-    markers: Vec<(usize, u32)>,
+    sampler: FaultSampler,
+    /// Cameras of each kind of fault, one bit an id.
+    cameras: [u32; FaultKind::ALL.len()],
+    /// Every marker of the rig.
+    markers: Vec<MarkerId>,
     period_ns: u64,
     exposure_s: f64,
 }
 
-impl Faults {
-    /// The faults of `spec` with the cameras of `rig`.
+impl FaultInjector {
+    /// Faults of `spec` on the cameras of `rig`, drawn from `seed`.
+    ///
+    /// # Errors
+    /// [`FaultError::Value`] where `spec` names a camera that the rig does not have.
     pub fn new(spec: FaultSpec, rig: &Rig, seed: u64) -> Result<Self, FaultError> {
         spec.check_rig(rig)?;
         let bits = |ids: &[u32]| ids.iter().fold(0u32, |bits, id| bits | 1 << id);
-        let cameras = Kind::ALL.map(|kind| match spec.cameras(kind) {
+        let cameras = FaultKind::ALL.map(|kind| match spec.cameras(kind) {
             [] => u32::MAX,
             ids => bits(ids),
         });
-        let of = |(i, name): (usize, &&str)| {
-            let markers = rig.body(name).map_or(&[][..], |b| &b.markers);
-            markers.iter().map(move |m| (i, m.id)).collect::<Vec<_>>()
-        };
-        Ok(Faults {
+        Ok(FaultInjector {
             cameras,
-            markers: BODY_NAMES.iter().enumerate().flat_map(of).collect(),
-            dice: Dice::new(seed),
+            markers: markers_of(rig),
+            sampler: FaultSampler::new(seed),
             period_ns: rig.field_period_ns(),
             exposure_s: rig.exposure_ns as f64 * 1e-9,
             spec,
         })
     }
 
-    /// Nothing goes wrong.
+    /// An injector without faults.
     pub fn none(rig: &Rig) -> Self {
         Self::new(FaultSpec::default(), rig, 0).expect("no fault is limited to a camera")
     }
 
-    /// True if the camera can have this fault, provided that it is switched on.
-    fn concerns(&self, kind: Kind, camera: u32) -> bool {
+    /// True if faults of this kind, where they are on, befall the camera.
+    fn applies_to(&self, kind: FaultKind, camera: u32) -> bool {
         self.cameras[kind as usize] >> camera & 1 == 1
     }
 
-    /// What stands for a camera from the start on.
-    pub fn standing(&self, camera: u32) -> impl Iterator<Item = Deed> {
+    /// Permanent faults of a camera.
+    pub fn permanent_events(&self, camera: u32) -> impl Iterator<Item = FaultEvent> {
         let clock = self.clock(camera);
         let spec = &self.spec;
         let all = [
-            spec.hot_pixels.as_ref().map(|s| Deed::HotPixels { count: s.count }),
-            spec.flicker.as_ref().map(|s| Deed::Flicker { depth: s.depth, hz: s.hz }),
+            spec.hot_pixels.as_ref().map(|s| FaultEvent::HotPixels { count: s.count }),
+            spec.flicker.as_ref().map(|s| FaultEvent::Flicker { depth: s.depth, hz: s.hz }),
             spec.colour_drift.as_ref().map(|s| {
                 let (hue_deg, gain, period_s) = (s.hue_deg, s.gain, s.period_s);
-                Deed::ColourDrift { hue_deg, gain, period_s }
+                FaultEvent::ColourDrift { hue_deg, gain, period_s }
             }),
-            spec.clock_drift.as_ref().map(|_| Deed::ClockDrift { ppb: clock.ppb, phase_ns: clock.phase_ns }),
+            spec.clock_drift
+                .as_ref()
+                .map(|_| FaultEvent::ClockDrift { ppb: clock.ppb, phase_ns: clock.phase_ns }),
         ];
-        all.into_iter().flatten().filter(move |deed| self.concerns(deed.kind(), camera))
+        all.into_iter().flatten().filter(move |event| self.applies_to(event.kind(), camera))
     }
+}
+
+/// Every marker of the rig, body by body.
+fn markers_of(rig: &Rig) -> Vec<MarkerId> {
+    let mut markers = Vec::new();
+    for (body, name) in BODY_NAMES.iter().enumerate() {
+        let own = rig.body(name).map_or(&[][..], |b| &b.markers);
+        markers.extend(own.iter().map(|m| MarkerId { body, marker: m.id }));
+    }
+    markers
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ mod timeline;
 
 use crate::cameras::{Cameras, Path};
 use crate::config::{Config, LateCamera};
-use crate::faults::Faults;
+use crate::faults::FaultInjector;
 use crate::faults::spec::FaultSpec;
 use crate::faults::tally::{FaultLog, FaultTally};
 use crate::playback::BlobPlayback;
@@ -62,8 +62,8 @@ pub fn run(config: &Config) -> Result<()> {
     }
     let path = if config.direct { Path::Direct } else { Path::Pixels };
     let faults = match &config.faults.faults {
-        Some(text) => Faults::new(FaultSpec::load(text)?, &rig, config.seed)?,
-        None => Faults::none(&rig),
+        Some(text) => FaultInjector::new(FaultSpec::load(text)?, &rig, config.seed)?,
+        None => FaultInjector::none(&rig),
     };
     let log = config
         .faults
@@ -259,11 +259,11 @@ impl VirtualRigShell {
     /// due. Returns when they are due at the earliest, ns after the start.
     fn expose(&mut self, cameras: &mut Cameras, i: usize, number: u64, output: &mut Output) -> Result<u64> {
         let late_ns = self.late.filter(|l| l.camera == cameras.id(i)).map_or(0, |l| l.delay_ns);
-        let fate = cameras.fate(i, number);
-        let late_ns = late_ns + fate.delay_ns;
+        let delivery = cameras.delivery(i, number);
+        let late_ns = late_ns + delivery.delay_ns;
         let due_ns = cameras.clock(i).exposed_ns(number) + cameras.out_after_ns(i) + late_ns + self.delay_ns;
         let mut exposure = cameras.expose(i, &mut self.surgeon.motion, number);
-        if fate.dropped {
+        if delivery.dropped {
             return Ok(due_ns);
         }
         match output {

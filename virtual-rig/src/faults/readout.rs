@@ -1,33 +1,33 @@
-//! Faults of sensor and read-out: torn fields and hot pixels.
+//! Faults of sensor and read-out: torn fields, hot pixels.
 
-use super::{Faults, Kind};
+use super::{FaultInjector, FaultKind};
 use crate::painter::BLACK;
 use protocol::fields::FieldPicture;
 use std::ops::DerefMut;
 
-/// Most lines that go missing.
+/// Most missing lines of a torn field.
 const MOST_MISSING: u64 = 32;
 /// Luma of the dimmest hot pixel, and how much brighter the brightest is.
 const HOT_LUMA: [u64; 2] = [150, 100];
 /// A field is torn between these shares of its lines, in 1/8.
 const TORN_WITHIN_8: [usize; 2] = [1, 7];
 
-/// Where and how a field is torn.
+/// Place and kind of a tear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tear {
-    /// First line concerned.
+    /// First torn line.
     pub line: usize,
-    /// Lines missing from there on; 0: everything from there on is of the field before.
+    /// Missing lines from there on; 0: everything from there on is of the previous field.
     pub missing: usize,
 }
 
 impl Tear {
-    /// True if this line, or a blob with its centre there, is as it should be.
-    pub fn spares(&self, line: f64) -> bool {
+    /// True if `line` is not torn, nor a blob with its centre there.
+    pub fn is_intact(&self, line: f64) -> bool {
         line < self.line as f64 || (self.missing > 0 && line >= (self.line + self.missing) as f64)
     }
 
-    /// Does to `picture` what happened: lines go missing or come from `before`.
+    /// Tears `picture`: blanks the missing lines, or copies the torn ones from `before`.
     pub fn apply<B: DerefMut<Target = [u8]>>(&self, picture: &mut FieldPicture<B>, before: &FieldPicture) {
         let end = if self.missing > 0 { self.line + self.missing } else { picture.height };
         let lines = self.line.min(picture.height)..end.min(picture.height);
@@ -39,34 +39,35 @@ impl Tear {
     }
 }
 
-impl Faults {
-    /// How a field of so many lines is torn. The first field has nothing before it and stays whole.
+impl FaultInjector {
+    /// Tear of a field of `lines` lines, if it is torn. Field 0 has no previous one and stays whole.
     pub fn tear(&self, camera: u32, field: u64, lines: usize) -> Option<Tear> {
-        let torn = self.spec.torn.as_ref().filter(|_| self.concerns(Kind::Torn, camera) && field > 0)?;
-        let throw = self.dice.throw(Kind::Torn, camera, field);
-        if throw.uniform(0) >= torn.rate {
+        let torn =
+            self.spec.torn.as_ref().filter(|_| self.applies_to(FaultKind::Torn, camera) && field > 0)?;
+        let draw = self.sampler.draw(FaultKind::Torn, camera, field);
+        if draw.uniform(0) >= torn.rate {
             return None;
         }
         let [from, to] = TORN_WITHIN_8.map(|share| lines * share / 8);
-        let line = from + throw.below(1, (to - from) as u64) as usize;
-        let missing = if throw.below(2, 2) == 0 { 0 } else { 1 + throw.below(3, MOST_MISSING) as usize };
+        let line = from + draw.below(1, (to - from) as u64) as usize;
+        let missing = if draw.below(2, 2) == 0 { 0 } else { 1 + draw.below(3, MOST_MISSING) as usize };
         Some(Tear { line, missing })
     }
 
-    /// Puts a camera's hot pixels into a picture of a field of `height` lines. Their places stay as long
-    /// as the camera lives; those below the picture's last line are left out.
-    pub fn heat<B: DerefMut<Target = [u8]>>(
+    /// Adds the camera's hot pixels to a picture of a field of `height` lines. Their places are the same
+    /// in every field; those below the picture's last line are left out.
+    pub fn add_hot_pixels<B: DerefMut<Target = [u8]>>(
         &self,
         camera: u32,
         height: usize,
         picture: &mut FieldPicture<B>,
     ) {
-        let hot = self.spec.hot_pixels.as_ref().filter(|_| self.concerns(Kind::HotPixels, camera));
+        let hot = self.spec.hot_pixels.as_ref().filter(|_| self.applies_to(FaultKind::HotPixels, camera));
         let pixels = (picture.width * height) as u64;
         for i in 0..hot.map_or(0, |h| u64::from(h.count)) {
-            let throw = self.dice.throw(Kind::HotPixels, camera, i);
-            if let Some(pixel) = picture.luma.get_mut(throw.below(0, pixels) as usize) {
-                *pixel = (*pixel).max((HOT_LUMA[0] + throw.below(1, HOT_LUMA[1])) as u8);
+            let draw = self.sampler.draw(FaultKind::HotPixels, camera, i);
+            if let Some(pixel) = picture.luma.get_mut(draw.below(0, pixels) as usize) {
+                *pixel = (*pixel).max((HOT_LUMA[0] + draw.below(1, HOT_LUMA[1])) as u8);
             }
         }
     }

@@ -1,42 +1,43 @@
-//! What shall go wrong: presets by name, or a TOML file.
+//! Specification of the faults: presets by name, or a TOML file.
 //!
 //! ```toml
 //! format = "vitreo-faults-1"
 //! [dropped]             # a section switches its fault on; a key that is left out has its default
-//! rate = 0.02           # chance for each field of each camera
+//! rate = 0.02           # probability for each field of each camera
 //! cameras = [0, 2]      # empty or left out: all
 //! ```
 
-use super::Kind;
+use super::FaultKind;
 use protocol::limits::MAX_CAMERAS;
 use protocol::rig::Rig;
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 
-/// The one format this build reads.
+/// Format key of the files.
 pub const FORMAT: &str = "vitreo-faults-1";
 /// Longest delay of a field, ms.
 pub const MAX_DELAY_MS: f64 = 500.0;
-/// Most fields that one event lasts.
+/// Longest episode, fields.
 pub const MAX_RUN: u32 = 500;
 /// Most hot pixels of a camera.
 pub const MAX_HOT: u32 = 10_000;
 
-/// Several faults under one name.
+/// Presets of several faults: name and text.
 const MIXTURES: [(&str, &str); 3] = [
     ("none", "format = \"vitreo-faults-1\""),
     ("mild", include_str!("../../../assets/faults/mild.toml")),
     ("hard", include_str!("../../../assets/faults/hard.toml")),
 ];
 
-/// Why faults were refused.
+/// A specification was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum FaultError {
     /// No preset of this name.
     #[error("--faults: expected a file name ending in .toml or some of {known}, found '{found}'")]
     Unknown {
-        /// What there is.
+        /// Names of the presets.
         known: String,
-        /// What was asked for.
+        /// The name given.
         found: String,
     },
     /// The file cannot be read.
@@ -44,32 +45,32 @@ pub enum FaultError {
     Read {
         /// The file.
         file: String,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
-    /// Not in this form; the message has the line.
+    /// The file is not TOML of this format.
     #[error("fault file {file}: {source}")]
     Parse {
         /// The file.
         file: String,
-        /// Why, with the line.
+        /// Cause, with the line.
         source: Box<toml::de::Error>,
     },
-    /// A value makes no sense.
+    /// A value is out of range.
     #[error("fault file {file}: {key}: expected {expected}, found {found}")]
     Value {
         /// The file.
         file: String,
         /// Section and key.
         key: String,
-        /// What would be right.
+        /// Expected values.
         expected: String,
-        /// What is there.
+        /// Value found.
         found: String,
     },
 }
 
-/// A section that can be left out, with its defaults.
+/// Declares a section of the file with the defaults of its keys.
 macro_rules! section {
     ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $kind:ty = $default:expr,)* }) => {
         $(#[$doc])*
@@ -77,7 +78,7 @@ macro_rules! section {
         #[serde(deny_unknown_fields, default, rename_all = "kebab-case")]
         pub struct $name {
             $($(#[$field_doc])* pub $field: $kind,)*
-            /// Cameras it may happen to; empty: all.
+            /// Ids of the cameras that have the fault; empty: all.
             pub cameras: Vec<u32>,
         }
 
@@ -90,35 +91,35 @@ macro_rules! section {
 }
 
 section! {
-    /// A field that never comes.
+    /// A field is not sent.
     Dropped {
-        /// Chance for each field.
+        /// Probability for each field.
         rate: f64 = 0.05,
     }
 }
 
 section! {
-    /// A field whose blobs come late.
+    /// A field is sent late.
     Late {
-        /// Chance for each field.
+        /// Probability for each field.
         rate: f64 = 0.05,
-        /// Longest delay, ms; delays are spread evenly from 0 on.
+        /// Longest delay, ms; delays are uniform from 0 to it.
         delay_ms: f64 = 15.0,
     }
 }
 
 section! {
-    /// A field whose lower lines are those of the field before, or in which lines are missing.
+    /// The lower lines of a field are those of the previous one, or lines are missing.
     Torn {
-        /// Chance for each field.
+        /// Probability for each field.
         rate: f64 = 0.03,
     }
 }
 
 section! {
-    /// Single pixels that are always bright, at the same places as long as the camera lives.
+    /// Single pixels are bright in every field, at the same places.
     HotPixels {
-        /// So many in each field.
+        /// Number of hot pixels.
         count: u32 = 60,
     }
 }
@@ -126,7 +127,7 @@ section! {
 section! {
     /// A mains lamp whose light beats against the exposure.
     Flicker {
-        /// Swing of the light as a share of its mean.
+        /// Amplitude of the light as a share of its mean.
         depth: f64 = 0.2,
         /// Frequency of the light, Hz: twice the mains'.
         hz: f64 = 100.7,
@@ -134,64 +135,64 @@ section! {
 }
 
 section! {
-    /// A shiny surface shows a marker twice; the twin moves about.
+    /// A shiny surface shows a second image of a marker, which moves around it.
     Reflections {
-        /// Chance for each field that one begins.
+        /// Probability, for each field, that an episode begins.
         rate: f64 = 0.01,
-        /// Most fields that one lasts.
+        /// Longest episode, fields.
         fields: u32 = 40,
-        /// Light of the twin as a share of the marker's.
+        /// Light of the ghost as a share of the marker's.
         brightness: f64 = 0.8,
-        /// Size of the twin as a share of the marker's.
+        /// Size of the ghost as a share of the marker's.
         size: f64 = 0.7,
     }
 }
 
 section! {
-    /// A marker that glares.
+    /// A marker is overexposed.
     Saturated {
-        /// Chance for each field that it begins.
+        /// Probability, for each field, that an episode begins.
         rate: f64 = 0.01,
-        /// Most fields that it lasts.
+        /// Longest episode, fields.
         fields: u32 = 25,
-        /// Light on the marker as a multiple of what it should be.
+        /// Brightness of the marker as a multiple of the usual one.
         brightness: f64 = 3.0,
     }
 }
 
 section! {
-    /// Colours that slowly turn and fade, and come back.
+    /// Hue and gain of chroma oscillate slowly.
     ColourDrift {
-        /// Largest turn of the hue, degrees.
+        /// Amplitude of the hue, degrees.
         hue_deg: f64 = 8.0,
-        /// Largest change of chroma's gain.
+        /// Amplitude of the chroma gain.
         gain: f64 = 0.15,
-        /// Time of a round, s.
+        /// Period, s.
         period_s: f64 = 30.0,
     }
 }
 
 section! {
-    /// Something gets between a camera and markers of one body.
+    /// Markers of one body are hidden from a camera.
     Occlusion {
-        /// Chance for each field that it begins.
+        /// Probability, for each field, that an episode begins.
         rate: f64 = 0.01,
-        /// Most fields that it lasts.
+        /// Longest episode, fields.
         fields: u32 = 20,
     }
 }
 
 section! {
-    /// Cameras that run on clocks of their own.
+    /// Each camera runs on a clock of its own.
     ClockDrift {
-        /// Largest error of a clock, parts per million.
+        /// Largest error of a clock's period, parts per million.
         ppm: f64 = 100.0,
         /// Latest first exposure, ms.
         phase_ms: f64 = 20.0,
     }
 }
 
-/// What shall go wrong.
+/// Faults with their parameters; a section that is `None` is off.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case")]
 #[allow(missing_docs)]
@@ -210,8 +211,12 @@ pub struct FaultSpec {
 }
 
 impl FaultSpec {
-    /// Presets (comma-separated; a later one replaces sections of an earlier one) or a file that ends
-    /// in `.toml`.
+    /// Reads presets (comma-separated; a later one replaces sections of an earlier one) or a file whose
+    /// name ends in `.toml`.
+    ///
+    /// # Errors
+    /// [`FaultError::Unknown`] for an unknown preset, [`FaultError::Read`] where the file cannot be read;
+    /// otherwise as [`FaultSpec::parse`].
     pub fn load(text: &str) -> Result<Self, FaultError> {
         if text.ends_with(".toml") {
             let read = std::fs::read_to_string(text);
@@ -220,14 +225,14 @@ impl FaultSpec {
         }
         let mut all = FaultSpec { format: FORMAT.into(), ..FaultSpec::default() };
         for name in text.split(',').map(str::trim) {
-            all.take(Self::preset(name)?);
+            all.merge(Self::preset(name)?);
         }
         Ok(all)
     }
 
     /// Names of all presets.
     pub fn presets() -> impl Iterator<Item = &'static str> {
-        MIXTURES.iter().map(|(name, _)| *name).chain(Kind::ALL.into_iter().map(Kind::name))
+        MIXTURES.iter().map(|(name, _)| *name).chain(FaultKind::ALL.into_iter().map(FaultKind::name))
     }
 
     fn preset(name: &str) -> Result<Self, FaultError> {
@@ -235,26 +240,26 @@ impl FaultSpec {
             return Self::parse(text, name);
         }
         let known = || Self::presets().collect::<Vec<_>>().join(", ");
-        let kind = Kind::ALL.into_iter().find(|k| k.name() == name);
+        let kind = FaultKind::ALL.into_iter().find(|k| k.name() == name);
         let kind = kind.ok_or_else(|| FaultError::Unknown { known: known(), found: name.into() })?;
         let mut spec = FaultSpec { format: FORMAT.into(), ..FaultSpec::default() };
         match kind {
-            Kind::Dropped => spec.dropped = Some(Dropped::default()),
-            Kind::Late => spec.late = Some(Late::default()),
-            Kind::Torn => spec.torn = Some(Torn::default()),
-            Kind::HotPixels => spec.hot_pixels = Some(HotPixels::default()),
-            Kind::Flicker => spec.flicker = Some(Flicker::default()),
-            Kind::Reflections => spec.reflections = Some(Reflections::default()),
-            Kind::Saturated => spec.saturated = Some(Saturated::default()),
-            Kind::ColourDrift => spec.colour_drift = Some(ColourDrift::default()),
-            Kind::Occlusion => spec.occlusion = Some(Occlusion::default()),
-            Kind::ClockDrift => spec.clock_drift = Some(ClockDrift::default()),
+            FaultKind::Dropped => spec.dropped = Some(Dropped::default()),
+            FaultKind::Late => spec.late = Some(Late::default()),
+            FaultKind::Torn => spec.torn = Some(Torn::default()),
+            FaultKind::HotPixels => spec.hot_pixels = Some(HotPixels::default()),
+            FaultKind::Flicker => spec.flicker = Some(Flicker::default()),
+            FaultKind::Reflections => spec.reflections = Some(Reflections::default()),
+            FaultKind::Saturated => spec.saturated = Some(Saturated::default()),
+            FaultKind::ColourDrift => spec.colour_drift = Some(ColourDrift::default()),
+            FaultKind::Occlusion => spec.occlusion = Some(Occlusion::default()),
+            FaultKind::ClockDrift => spec.clock_drift = Some(ClockDrift::default()),
         }
         Ok(spec)
     }
 
-    /// Takes the sections of another one.
-    fn take(&mut self, other: FaultSpec) {
+    /// Replaces the sections that `other` has.
+    fn merge(&mut self, other: FaultSpec) {
         macro_rules! each {
             ($($section:ident),*) => { $(self.$section = other.$section.or(self.$section.take());)* };
         }
@@ -272,7 +277,11 @@ impl FaultSpec {
         );
     }
 
-    /// Parses and checks the text of a fault file; `file` is for error messages.
+    /// Parses and checks the text of a fault file; `file` is its name in error messages.
+    ///
+    /// # Errors
+    /// [`FaultError::Parse`] where the text is not TOML of this format, [`FaultError::Value`] where a value
+    /// is out of range.
     pub fn parse(text: &str, file: &str) -> Result<Self, FaultError> {
         let spec: FaultSpec = toml::from_str(text)
             .map_err(|source| FaultError::Parse { file: file.into(), source: Box::new(source) })?;
@@ -285,7 +294,7 @@ impl FaultSpec {
     }
 
     fn check(&self, file: &str) -> Result<(), FaultError> {
-        for (kind, key, value, range, unit) in self.numbers() {
+        for Number { kind, key, value, range, unit } in self.numbers() {
             if !range.contains(&value) {
                 return Err(FaultError::Value {
                     file: file.into(),
@@ -295,7 +304,7 @@ impl FaultSpec {
                 });
             }
         }
-        for kind in Kind::ALL {
+        for kind in FaultKind::ALL {
             if let Some(id) = self.cameras(kind).iter().find(|&&id| id as usize >= MAX_CAMERAS) {
                 return Err(FaultError::Value {
                     file: file.into(),
@@ -308,9 +317,12 @@ impl FaultSpec {
         Ok(())
     }
 
-    /// Refuses cameras that the rig has not.
+    /// Checks that the rig has every camera named.
+    ///
+    /// # Errors
+    /// [`FaultError::Value`] with the first id that the rig does not have.
     pub fn check_rig(&self, rig: &Rig) -> Result<(), FaultError> {
-        for kind in Kind::ALL {
+        for kind in FaultKind::ALL {
             let unknown = |id: &&u32| !rig.cameras.iter().any(|c| c.id == **id);
             if let Some(id) = self.cameras(kind).iter().find(unknown) {
                 let ids = rig.cameras.iter().map(|c| c.id.to_string()).collect::<Vec<_>>();
@@ -325,81 +337,86 @@ impl FaultSpec {
         Ok(())
     }
 
-    /// Cameras a fault is limited to; empty for all and for a fault that is not there.
-    pub fn cameras(&self, kind: Kind) -> &[u32] {
+    /// Cameras that a fault is limited to; empty for all cameras and for a fault that is off.
+    pub fn cameras(&self, kind: FaultKind) -> &[u32] {
         macro_rules! list {
             ($section:ident) => {
                 self.$section.as_ref().map_or(&[][..], |s| &s.cameras)
             };
         }
         match kind {
-            Kind::Dropped => list!(dropped),
-            Kind::Late => list!(late),
-            Kind::Torn => list!(torn),
-            Kind::HotPixels => list!(hot_pixels),
-            Kind::Flicker => list!(flicker),
-            Kind::Reflections => list!(reflections),
-            Kind::Saturated => list!(saturated),
-            Kind::ColourDrift => list!(colour_drift),
-            Kind::Occlusion => list!(occlusion),
-            Kind::ClockDrift => list!(clock_drift),
+            FaultKind::Dropped => list!(dropped),
+            FaultKind::Late => list!(late),
+            FaultKind::Torn => list!(torn),
+            FaultKind::HotPixels => list!(hot_pixels),
+            FaultKind::Flicker => list!(flicker),
+            FaultKind::Reflections => list!(reflections),
+            FaultKind::Saturated => list!(saturated),
+            FaultKind::ColourDrift => list!(colour_drift),
+            FaultKind::Occlusion => list!(occlusion),
+            FaultKind::ClockDrift => list!(clock_drift),
         }
     }
 
-    /// Every number with what it may be.
+    /// Every number with its range.
     fn numbers(&self) -> Vec<Number> {
         let mut all = Vec::new();
-        let mut add = |kind, key, value: f64, least: f64, most: f64, unit| {
-            all.push((kind, key, value, least..=most, unit));
-        };
+        let mut add = |kind, key, value: f64, range, unit| all.push(Number { kind, key, value, range, unit });
         let run = f64::from(MAX_RUN);
         if let Some(s) = &self.dropped {
-            add(Kind::Dropped, "rate", s.rate, 0.0, 1.0, "");
+            add(FaultKind::Dropped, "rate", s.rate, 0.0..=1.0, "");
         }
         if let Some(s) = &self.late {
-            add(Kind::Late, "rate", s.rate, 0.0, 1.0, "");
-            add(Kind::Late, "delay-ms", s.delay_ms, 0.0, MAX_DELAY_MS, " ms");
+            add(FaultKind::Late, "rate", s.rate, 0.0..=1.0, "");
+            add(FaultKind::Late, "delay-ms", s.delay_ms, 0.0..=MAX_DELAY_MS, " ms");
         }
         if let Some(s) = &self.torn {
-            add(Kind::Torn, "rate", s.rate, 0.0, 1.0, "");
+            add(FaultKind::Torn, "rate", s.rate, 0.0..=1.0, "");
         }
         if let Some(s) = &self.hot_pixels {
-            add(Kind::HotPixels, "count", s.count.into(), 0.0, MAX_HOT.into(), "");
+            add(FaultKind::HotPixels, "count", s.count.into(), 0.0..=MAX_HOT.into(), "");
         }
         if let Some(s) = &self.flicker {
-            add(Kind::Flicker, "depth", s.depth, 0.0, 1.0, "");
-            add(Kind::Flicker, "hz", s.hz, 0.0, 1e4, " Hz");
+            add(FaultKind::Flicker, "depth", s.depth, 0.0..=1.0, "");
+            add(FaultKind::Flicker, "hz", s.hz, 0.0..=1e4, " Hz");
         }
         if let Some(s) = &self.reflections {
-            add(Kind::Reflections, "rate", s.rate, 0.0, 1.0, "");
-            add(Kind::Reflections, "fields", s.fields.into(), 1.0, run, "");
-            add(Kind::Reflections, "brightness", s.brightness, 0.0, 10.0, "");
-            add(Kind::Reflections, "size", s.size, 0.05, 5.0, "");
+            add(FaultKind::Reflections, "rate", s.rate, 0.0..=1.0, "");
+            add(FaultKind::Reflections, "fields", s.fields.into(), 1.0..=run, "");
+            add(FaultKind::Reflections, "brightness", s.brightness, 0.0..=10.0, "");
+            add(FaultKind::Reflections, "size", s.size, 0.05..=5.0, "");
         }
         if let Some(s) = &self.saturated {
-            add(Kind::Saturated, "rate", s.rate, 0.0, 1.0, "");
-            add(Kind::Saturated, "fields", s.fields.into(), 1.0, run, "");
-            add(Kind::Saturated, "brightness", s.brightness, 1.0, 100.0, "");
+            add(FaultKind::Saturated, "rate", s.rate, 0.0..=1.0, "");
+            add(FaultKind::Saturated, "fields", s.fields.into(), 1.0..=run, "");
+            add(FaultKind::Saturated, "brightness", s.brightness, 1.0..=100.0, "");
         }
         if let Some(s) = &self.colour_drift {
-            add(Kind::ColourDrift, "hue-deg", s.hue_deg, 0.0, 180.0, " degrees");
-            add(Kind::ColourDrift, "gain", s.gain, 0.0, 1.0, "");
-            add(Kind::ColourDrift, "period-s", s.period_s, 0.1, 1e6, " s");
+            add(FaultKind::ColourDrift, "hue-deg", s.hue_deg, 0.0..=180.0, " degrees");
+            add(FaultKind::ColourDrift, "gain", s.gain, 0.0..=1.0, "");
+            add(FaultKind::ColourDrift, "period-s", s.period_s, 0.1..=1e6, " s");
         }
         if let Some(s) = &self.occlusion {
-            add(Kind::Occlusion, "rate", s.rate, 0.0, 1.0, "");
-            add(Kind::Occlusion, "fields", s.fields.into(), 1.0, run, "");
+            add(FaultKind::Occlusion, "rate", s.rate, 0.0..=1.0, "");
+            add(FaultKind::Occlusion, "fields", s.fields.into(), 1.0..=run, "");
         }
         if let Some(s) = &self.clock_drift {
-            add(Kind::ClockDrift, "ppm", s.ppm, 0.0, 10_000.0, "");
-            add(Kind::ClockDrift, "phase-ms", s.phase_ms, 0.0, 1000.0, " ms");
+            add(FaultKind::ClockDrift, "ppm", s.ppm, 0.0..=10_000.0, "");
+            add(FaultKind::ClockDrift, "phase-ms", s.phase_ms, 0.0..=1000.0, " ms");
         }
         all
     }
 }
 
-/// Fault, key, value, what it may be, unit.
-type Number = (Kind, &'static str, f64, std::ops::RangeInclusive<f64>, &'static str);
+/// A number of the file.
+struct Number {
+    kind: FaultKind,
+    key: &'static str,
+    value: f64,
+    range: RangeInclusive<f64>,
+    /// Unit in messages, with a space before it.
+    unit: &'static str,
+}
 
 #[cfg(test)]
 mod tests {

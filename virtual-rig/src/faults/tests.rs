@@ -1,4 +1,4 @@
-//! Tests of the faults: each changes what it should, and only that, and as often as it should.
+//! Tests of the faults: effect, side effects and rate of each.
 
 use super::spec::FORMAT;
 use super::*;
@@ -6,7 +6,7 @@ use crate::cameras::{Cameras, Path};
 use crate::painter::Light;
 use ::scene::{DEFAULT_SCENE, SceneFile};
 use bytemuck::Zeroable;
-use fpga_model::pipeline::CameraPipeline;
+use fpga_model::camera_extractor::CameraExtractor;
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
 use protocol::fields::FieldPicture;
 use surgeon::motion::MotionSource;
@@ -19,24 +19,25 @@ fn surgeon() -> MotionSource {
     MotionSource::new(&SceneFile::load(DEFAULT_SCENE).unwrap(), &rig(), None, 1)
 }
 
-fn faults(text: &str) -> Faults {
+fn faults(text: &str) -> FaultInjector {
     let spec = FaultSpec::parse(&format!("format = \"{FORMAT}\"\n{text}"), "test").unwrap();
-    Faults::new(spec, &rig(), 7).unwrap()
+    FaultInjector::new(spec, &rig(), 7).unwrap()
 }
 
-/// Blobs of the fields of all cameras, with the deeds that were noted.
+/// Blobs of the fields of all cameras, and the fault records.
 fn run(
     path: Path,
-    faults: Faults,
+    faults: FaultInjector,
     numbers: impl Iterator<Item = u64>,
-) -> (Vec<BlobField>, Vec<tally::Entry>) {
+) -> (Vec<BlobField>, Vec<tally::FaultRecord>) {
     let rig = rig();
     let mut cameras = Cameras::with_faults(&rig, path, 1, faults).unwrap();
-    let mut pipelines: Vec<_> = rig.cameras().iter().map(|c| CameraPipeline::new(&rig, c).unwrap()).collect();
+    let mut extractors: Vec<_> =
+        rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c).unwrap()).collect();
     let mut payload = vec![0; cameras.payload_bytes()];
-    let (mut surgeon, mut fields, mut told) = (surgeon(), Vec::new(), Vec::new());
+    let (mut surgeon, mut fields, mut records) = (surgeon(), Vec::new(), Vec::new());
     for number in numbers {
-        for (i, pipeline) in pipelines.iter_mut().enumerate() {
+        for (i, extractor) in extractors.iter_mut().enumerate() {
             let mut field = BlobField::zeroed();
             let mut exposure = cameras.expose(i, &mut surgeon, number);
             let header = exposure.header();
@@ -45,21 +46,21 @@ fn run(
             } else {
                 exposure.paint(&mut payload);
                 let picture = FieldPicture::in_payload(&header, &payload).unwrap();
-                pipeline.extract(&header, &picture, &mut field);
+                extractor.extract(&header, &picture, &mut field);
             }
             fields.push(field);
-            cameras.fate(i, number);
+            cameras.delivery(i, number);
         }
-        told.extend_from_slice(cameras.tally.waiting());
+        records.extend_from_slice(cameras.tally.waiting());
         cameras.tally.clear_waiting();
     }
-    (fields, told)
+    (fields, records)
 }
 
-/// Deeds about a field.
-fn about<'a>(told: &'a [tally::Entry], field: &BlobField) -> impl Iterator<Item = Deed> + 'a {
+/// Fault events of a field.
+fn about<'a>(records: &'a [tally::FaultRecord], field: &BlobField) -> impl Iterator<Item = FaultEvent> + 'a {
     let (number, camera) = (field.field, field.camera);
-    told.iter().filter(move |e| (e.field, e.camera) == (number, camera)).map(|e| e.deed)
+    records.iter().filter(move |e| (e.field, e.camera) == (number, camera)).map(|e| e.event)
 }
 
 fn same(a: &Blob, b: &Blob) -> bool {
@@ -84,38 +85,39 @@ fn fields_are_dropped_and_late_at_their_rates_and_independently() {
 #[test]
 fn the_answer_does_not_depend_on_the_order_of_questions() {
     for path in [Path::Pixels, Path::Direct] {
-        let hard = || Faults::new(FaultSpec::load("hard").unwrap(), &rig(), 3).unwrap();
-        let (fields, told) = run(path, hard(), 40..60);
-        let (back, told_back) = run(path, hard(), (40..60).rev());
+        let hard = || FaultInjector::new(FaultSpec::load("hard").unwrap(), &rig(), 3).unwrap();
+        let (fields, records) = run(path, hard(), 40..60);
+        let (back, records_back) = run(path, hard(), (40..60).rev());
         for field in &fields {
             let other = back.iter().find(|f| (f.camera, f.field) == (field.camera, field.field)).unwrap();
             assert_eq!(bytemuck::bytes_of(field), bytemuck::bytes_of(other), "{path:?}");
-            assert!(about(&told, field).eq(about(&told_back, field)));
+            assert!(about(&records, field).eq(about(&records_back, field)));
         }
         let again = run(path, hard(), 40..60);
-        assert!(again.1 == told && again.0.iter().zip(&fields).all(|(a, b)| a.blobs() == b.blobs()));
-        let other = Faults::new(FaultSpec::load("hard").unwrap(), &rig(), 4).unwrap();
-        assert_ne!(run(path, other, 40..60).1, told, "another seed, other faults");
+        assert!(again.1 == records && again.0.iter().zip(&fields).all(|(a, b)| a.blobs() == b.blobs()));
+        let other = FaultInjector::new(FaultSpec::load("hard").unwrap(), &rig(), 4).unwrap();
+        assert_ne!(run(path, other, 40..60).1, records, "another seed, other faults");
     }
 }
 
 #[test]
 fn nothing_goes_wrong_where_nothing_is_asked_for() {
-    let clean = run(Path::Direct, Faults::none(&rig()), 0..30);
-    let none = run(Path::Direct, Faults::new(FaultSpec::load("none").unwrap(), &rig(), 9).unwrap(), 0..30);
+    let clean = run(Path::Direct, FaultInjector::none(&rig()), 0..30);
+    let none =
+        run(Path::Direct, FaultInjector::new(FaultSpec::load("none").unwrap(), &rig(), 9).unwrap(), 0..30);
     assert!(clean.1.is_empty() && none.1.is_empty());
     assert!(clean.0.iter().zip(&none.0).all(|(a, b)| a.blobs() == b.blobs()));
 }
 
 #[test]
 fn occlusion_takes_blobs_away_and_leaves_the_others_as_they_are() {
-    let clean = run(Path::Direct, Faults::none(&rig()), 0..200);
-    let (fields, told) = run(Path::Direct, faults("[occlusion]\nrate = 0.02"), 0..200);
+    let clean = run(Path::Direct, FaultInjector::none(&rig()), 0..200);
+    let (fields, records) = run(Path::Direct, faults("[occlusion]\nrate = 0.02"), 0..200);
     let mut hidden_fields = 0;
     for (field, clean) in fields.iter().zip(&clean.0) {
-        let hidden: u32 = about(&told, field)
-            .map(|deed| match deed {
-                Deed::Occlusion { markers, .. } => markers.count_ones(),
+        let hidden: u32 = about(&records, field)
+            .map(|event| match event {
+                FaultEvent::Occlusion { markers, .. } => markers.count_ones(),
                 other => panic!("{other:?}"),
             })
             .sum();
@@ -131,20 +133,20 @@ fn occlusion_takes_blobs_away_and_leaves_the_others_as_they_are() {
 
 #[test]
 fn a_reflection_adds_one_blob_of_the_markers_colour_that_moves() {
-    let clean = run(Path::Direct, Faults::none(&rig()), 0..100);
-    let (fields, told) = run(Path::Direct, faults("[reflections]\nrate = 0.05\nfields = 30"), 0..100);
+    let clean = run(Path::Direct, FaultInjector::none(&rig()), 0..100);
+    let (fields, records) = run(Path::Direct, faults("[reflections]\nrate = 0.05\nfields = 30"), 0..100);
     let mut added = Vec::new();
     for (field, clean) in fields.iter().zip(&clean.0) {
         let new: Vec<_> =
             field.blobs().iter().filter(|b| !clean.blobs().iter().any(|c| same(b, c))).collect();
-        let deeds: Vec<_> = about(&told, field).collect();
-        assert!(new.len() <= deeds.len() && field.count >= clean.count);
-        if let ([blob], [Deed::Reflections { x, y, .. }]) = (&new[..], &deeds[..]) {
+        let events: Vec<_> = about(&records, field).collect();
+        assert!(new.len() <= events.len() && field.count >= clean.count);
+        if let ([blob], [FaultEvent::Reflections { x, y, .. }]) = (&new[..], &events[..]) {
             assert!((blob.x_px - x).abs() < 0.5 && (field.y_frame_px(blob) - y).abs() < 0.5);
             added.push((field.camera, field.field, *x));
         }
     }
-    assert!(added.len() > 50, "{} twins", added.len());
+    assert!(added.len() > 50, "{} ghosts", added.len());
     let moves = |w: &[(u32, u64, f64)]| w[0].0 == w[1].0 && w[1].1 == w[0].1 + 1 && w[0].2 != w[1].2;
     added.sort_by_key(|a| (a.0, a.1));
     assert!(added.windows(2).any(moves));
@@ -154,14 +156,14 @@ fn a_reflection_adds_one_blob_of_the_markers_colour_that_moves() {
 fn a_glaring_marker_saturates_on_both_paths() {
     let text = "[saturated]\nrate = 0.05\nbrightness = 4";
     for path in [Path::Direct, Path::Pixels] {
-        let (fields, told) = run(path, faults(text), 0..25);
+        let (fields, records) = run(path, faults(text), 0..25);
         let (mut glaring, mut flagged, mut wrong) = (0, 0, 0);
         for field in &fields {
-            let deeds = about(&told, field).count();
+            let events = about(&records, field).count();
             let saturated = field.blobs().iter().filter(|b| b.flags & BLOB_SATURATED != 0).count();
-            glaring += deeds;
-            flagged += saturated.min(deeds);
-            wrong += saturated.saturating_sub(deeds);
+            glaring += events;
+            flagged += saturated.min(events);
+            wrong += saturated.saturating_sub(events);
         }
         assert!(glaring > 10 && wrong == 0, "{path:?}: {glaring} glaring, {wrong} flagged without cause");
         // A marker may lie outside the frame, and one that turns white may be no marker's colour.
@@ -183,7 +185,7 @@ fn a_torn_field_is_whole_above_the_tear_and_old_or_empty_below() {
         let mut picture = whole(100);
         tear.apply(&mut picture, &whole(50));
         for line in 0..288 {
-            let expected = match (tear.spares(line as f64), tear.missing) {
+            let expected = match (tear.is_intact(line as f64), tear.missing) {
                 (true, _) => 100,
                 (false, 0) => 50,
                 (false, _) => 16,
@@ -199,12 +201,12 @@ fn a_torn_field_is_whole_above_the_tear_and_old_or_empty_below() {
 #[test]
 fn torn_fields_show_older_markers_below_the_tear_on_both_paths() {
     for path in [Path::Direct, Path::Pixels] {
-        let clean = run(path, Faults::none(&rig()), 0..60).0;
-        let (fields, told) = run(path, faults("[torn]\nrate = 0.3"), 0..60);
+        let clean = run(path, FaultInjector::none(&rig()), 0..60).0;
+        let (fields, records) = run(path, faults("[torn]\nrate = 0.3"), 0..60);
         let (mut torn, mut changed) = (0, 0);
         for (field, clean) in fields.iter().zip(&clean) {
-            let deed = about(&told, field).next();
-            let Some(Deed::Torn { line, .. }) = deed else {
+            let event = about(&records, field).next();
+            let Some(FaultEvent::Torn { line, .. }) = event else {
                 assert_eq!(field.blobs(), clean.blobs(), "{path:?}: whole fields stay");
                 continue;
             };
@@ -223,20 +225,20 @@ fn hot_pixels_are_specks_and_no_blobs() {
     let faults = faults("[hot-pixels]\ncount = 60");
     let mut picture = FieldPicture::new([720, 576]);
     let clean = picture.clone();
-    faults.heat(1, 288, &mut picture);
+    faults.add_hot_pixels(1, 288, &mut picture);
     let differ: Vec<usize> = (0..clean.luma.len()).filter(|&i| clean.luma[i] != picture.luma[i]).collect();
     assert!((55..=60).contains(&differ.len()), "{}", differ.len());
     assert!(differ.iter().all(|&i| picture.luma[i] >= 150));
     assert_eq!((&picture.blue, &picture.red), (&clean.blue, &clean.red));
     let mut other = clean.clone();
-    faults.heat(0, 288, &mut other);
+    faults.add_hot_pixels(0, 288, &mut other);
     assert_ne!(other.luma, picture.luma, "each camera has its own");
 
-    let (fields, told) = run(Path::Pixels, faults, 0..10);
-    let clean = run(Path::Pixels, Faults::none(&rig()), 0..10).0;
+    let (fields, records) = run(Path::Pixels, faults, 0..10);
+    let clean = run(Path::Pixels, FaultInjector::none(&rig()), 0..10).0;
     let counts = |all: &[BlobField]| all.iter().map(|f| i64::from(f.count)).sum::<i64>();
     assert!((counts(&fields) - counts(&clean)).abs() <= 2, "{} {}", counts(&fields), counts(&clean));
-    assert_eq!(told.len(), 3, "told once for each camera");
+    assert_eq!(records.len(), 3, "one record a camera");
 }
 
 #[test]

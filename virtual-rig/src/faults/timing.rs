@@ -1,13 +1,13 @@
-//! Faults of timing: dropped and late fields, clocks that drift apart.
+//! Faults of timing: dropped fields, late fields, clock drift.
 
-use super::{Faults, Kind};
+use super::{FaultInjector, FaultKind};
 
 /// A camera's own clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Clock {
-    /// Period that the clock is meant to have, ns.
+    /// Nominal period, ns.
     pub period_ns: u64,
-    /// Error of the period, parts per thousand million.
+    /// Error of the period, parts per billion.
     pub ppb: i64,
     /// First exposure after the start, ns.
     pub phase_ns: u64,
@@ -16,22 +16,22 @@ pub struct Clock {
 impl Clock {
     /// Middle of the exposure of field `number`, ns after the start.
     pub fn exposed_ns(&self, number: u64) -> u64 {
-        let meant = u128::from(number) * u128::from(self.period_ns);
-        let error = meant as i128 * i128::from(self.ppb) / 1_000_000_000;
-        (meant as i128 + error + i128::from(self.phase_ns)).clamp(0, i128::from(u64::MAX)) as u64
+        let nominal = u128::from(number) * u128::from(self.period_ns);
+        let error = nominal as i128 * i128::from(self.ppb) / 1_000_000_000;
+        (nominal as i128 + error + i128::from(self.phase_ns)).clamp(0, i128::from(u64::MAX)) as u64
     }
 }
 
-impl Faults {
-    /// The clock of a camera; all are the same unless they drift.
+impl FaultInjector {
+    /// Clock of a camera; all are equal (genlocked) without clock drift.
     pub fn clock(&self, camera: u32) -> Clock {
         let genlocked = Clock { period_ns: self.period_ns, ppb: 0, phase_ns: 0 };
         match &self.spec.clock_drift {
-            Some(drift) if self.concerns(Kind::ClockDrift, camera) => {
-                let throw = self.dice.throw(Kind::ClockDrift, camera, 0);
+            Some(drift) if self.applies_to(FaultKind::ClockDrift, camera) => {
+                let draw = self.sampler.draw(FaultKind::ClockDrift, camera, 0);
                 Clock {
-                    ppb: (drift.ppm * 1000.0 * (2.0 * throw.uniform(0) - 1.0)) as i64,
-                    phase_ns: (drift.phase_ms * 1e6 * throw.uniform(1)) as u64,
+                    ppb: (drift.ppm * 1000.0 * (2.0 * draw.uniform(0) - 1.0)) as i64,
+                    phase_ns: (drift.phase_ms * 1e6 * draw.uniform(1)) as u64,
                     ..genlocked
                 }
             }
@@ -39,19 +39,19 @@ impl Faults {
         }
     }
 
-    /// True if the field never leaves.
+    /// True if the field is dropped.
     pub fn dropped(&self, camera: u32, field: u64) -> bool {
         let Some(dropped) = &self.spec.dropped else { return false };
-        let unlucky = || self.dice.throw(Kind::Dropped, camera, field).uniform(0) < dropped.rate;
-        self.concerns(Kind::Dropped, camera) && unlucky()
+        let drawn = || self.sampler.draw(FaultKind::Dropped, camera, field).uniform(0) < dropped.rate;
+        self.applies_to(FaultKind::Dropped, camera) && drawn()
     }
 
-    /// By how much the field's blobs are late, ns.
+    /// Delay of the field, ns.
     pub fn delay_ns(&self, camera: u32, field: u64) -> u64 {
         let Some(late) = &self.spec.late else { return 0 };
-        let throw = self.dice.throw(Kind::Late, camera, field);
-        if self.concerns(Kind::Late, camera) && throw.uniform(0) < late.rate {
-            (late.delay_ms * 1e6 * throw.uniform(1)) as u64
+        let draw = self.sampler.draw(FaultKind::Late, camera, field);
+        if self.applies_to(FaultKind::Late, camera) && draw.uniform(0) < late.rate {
+            (late.delay_ms * 1e6 * draw.uniform(1)) as u64
         } else {
             0
         }

@@ -14,7 +14,7 @@ use protocol::rig::Rig;
 use protocol::time::Nanos;
 
 /// The extractor of one camera.
-pub struct CameraPipeline {
+pub struct CameraExtractor {
     camera: u32,
     /// Pixels a line, lines of a field.
     size_px: [usize; 2],
@@ -23,7 +23,7 @@ pub struct CameraPipeline {
     scanner: Scanner,
 }
 
-impl CameraPipeline {
+impl CameraExtractor {
     /// The extractor for `camera` of `rig`.
     ///
     /// # Errors
@@ -32,7 +32,7 @@ impl CameraPipeline {
         let [width, height] = field_size(camera)?;
         let scanner = Scanner::new(Settings::for_sensor(width, height), width, height);
         let lines = region::lines(rig, camera);
-        Ok(CameraPipeline { camera: camera.id, size_px: [width, height], lines, scanner })
+        Ok(CameraExtractor { camera: camera.id, size_px: [width, height], lines, scanner })
     }
 
     /// True for a field of this camera's sensor.
@@ -99,17 +99,17 @@ mod tests {
         let scene = SceneFile::load(DEFAULT_SCENE).unwrap();
         let mut surgeon = MotionSource::new(&scene, &rig, None, 1);
         let mut cameras = Cameras::new(&rig, Path::Pixels, 1).unwrap();
-        let mut pipelines: Vec<_> =
-            rig.cameras().iter().map(|c| CameraPipeline::new(&rig, c).unwrap()).collect();
+        let mut extractors: Vec<_> =
+            rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c).unwrap()).collect();
         let (mut payload, mut field) = (Vec::new(), BlobField::zeroed());
         for number in (0..400).step_by(9) {
-            for (i, pipeline) in pipelines.iter_mut().enumerate() {
+            for (i, extractor) in extractors.iter_mut().enumerate() {
                 let mut exposure = cameras.expose(i, &mut surgeon, number);
                 let header = exposure.header();
                 payload.resize(header.bytes(), 0);
                 exposure.paint(&mut payload);
                 let picture = FieldPicture::in_payload(&header, &payload).unwrap();
-                let due_ns = pipeline.extract(&header, &picture, &mut field);
+                let due_ns = extractor.extract(&header, &picture, &mut field);
                 let last = field.blobs().iter().map(|b| b.y_field_px + b.height_px / 2.0).fold(0.0, f64::max);
                 let after_ns = due_ns - header.first_line_ns;
                 assert!(after_ns as f64 > (last + 1.0) * 64_000.0, "{last} {after_ns}");
@@ -124,7 +124,7 @@ mod tests {
     fn the_line_period_and_the_first_line_give_the_instant() {
         let rig = rig();
         let camera = &rig.cameras()[0];
-        let mut pipeline = CameraPipeline::new(&rig, camera).unwrap();
+        let mut extractor = CameraExtractor::new(&rig, camera).unwrap();
         let dark = FieldPicture::new(camera.size_px);
         let dark = FieldPicture {
             width: dark.width,
@@ -145,13 +145,13 @@ mod tests {
             height: 288,
             lines: 288,
         };
-        assert!(pipeline.takes(&header) && !pipeline.takes(&FieldHeader { width: 640, ..header }));
+        assert!(extractor.takes(&header) && !extractor.takes(&FieldHeader { width: 640, ..header }));
         let mut out = BlobField::zeroed();
-        let due_ns = pipeline.extract(&header, &dark, &mut out);
+        let due_ns = extractor.extract(&header, &dark, &mut out);
         let region_ns = region::lines(&rig, camera) as u64 * 64_000;
         assert!((3_000_000 + region_ns..3_060_000 + region_ns).contains(&due_ns), "{due_ns}");
         let late = FieldHeader { first_line_ns: 10_000_000, ..header };
-        assert_eq!(pipeline.extract(&late, &dark, &mut out), due_ns + 7_000_000);
+        assert_eq!(extractor.extract(&late, &dark, &mut out), due_ns + 7_000_000);
         assert_eq!((out.exposed_ns, out.parity, out.count), (1_000_000, 1, 0));
     }
 }
