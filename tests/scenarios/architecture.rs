@@ -54,7 +54,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("wgpu", &["renderer", "collision"]),
     ("winit", &["renderer"]),
     ("mcap", &["recording"]),
-    ("bincode", &["simcore", "tissue"]),
+    ("bincode", &["simcore"]),
     ("evdev", &["desk"]),
     ("rusqlite", &["results"]),
     ("parquet", &["results"]),

@@ -1,6 +1,8 @@
 //! What a restarted simulation needs to go on where its predecessor stood: the newest checkpoint
 //! and every input since, in a bounded ring. Pure but for [`Resume::write`].
 
+use anyhow::Context;
+use ipc::Instance;
 use protocol::journal::{self, Entry};
 use protocol::steps::{CheckpointHeader, StepRecord};
 use recording::Item;
@@ -78,6 +80,20 @@ impl Resume {
     /// from the start only if no input is missing.
     pub fn is_usable(&self) -> bool {
         self.checkpoint.is_some() || (!self.gap && !self.items.is_empty())
+    }
+
+    /// Arguments with which a restarted simulation goes on where its predecessor stood. One that died
+    /// while it was resuming starts from its scene: its past may be what kills it.
+    pub fn arguments(&mut self, instance: &Instance, was_at_work: bool) -> Vec<String> {
+        let file = instance.directory().join("resume.journal");
+        if was_at_work && self.is_usable() {
+            match self.write(&file).with_context(|| format!("write {}", file.display())) {
+                Ok(()) => return vec!["--resume".into(), file.display().to_string()],
+                Err(error) => tracing::warn!("simcore starts from its scene: {error:#}"),
+            }
+        }
+        self.clear();
+        Vec::new()
     }
 
     /// Writes the checkpoint and the inputs since as a journal.

@@ -17,7 +17,7 @@ use crate::children::realtime_allowed;
 use crate::machine::Machine;
 use crate::modules::Composed;
 use crate::runtime::StopSignal;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use ipc::clock::now;
 use ipc::{Instance, Sender};
 use protocol::budget::Budgets;
@@ -263,7 +263,7 @@ impl<'a> Session<'a> {
         let restart_arguments = |process, was_at_work| {
             instance.clean_up_after_the_dead();
             match process {
-                Process::Simcore => resume_arguments(instance, &mut consumers.resume, was_at_work),
+                Process::Simcore => consumers.resume.arguments(instance, was_at_work),
                 _ => Vec::new(),
             }
         };
@@ -443,20 +443,6 @@ impl<'a> Session<'a> {
             text: String::new(),
         }
     }
-}
-
-/// Arguments with which a restarted simulation goes on where its predecessor stood. One that died
-/// while it was resuming starts from its scene: its past may be what kills it.
-fn resume_arguments(instance: &Instance, resume: &mut Resume, was_at_work: bool) -> Vec<String> {
-    let file = instance.directory().join("resume.journal");
-    if was_at_work && resume.is_usable() {
-        match resume.write(&file).context("write the resume file") {
-            Ok(()) => return vec!["--resume".into(), file.display().to_string()],
-            Err(error) => tracing::warn!("simcore starts from its scene: {error:#}"),
-        }
-    }
-    resume.clear();
-    Vec::new()
 }
 
 fn process_figures(slot: &Slot) -> ProcessFigures {

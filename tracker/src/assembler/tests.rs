@@ -1,0 +1,196 @@
+//! The assembler: which fields close a frame, and when.
+
+use super::*;
+use bytemuck::Zeroable;
+use proptest::prelude::*;
+
+const MS: u64 = 1_000_000;
+const AGE: u64 = 24 * MS;
+
+fn assembler() -> FrameAssembler {
+    FrameAssembler::new(&Rig::load_or_shipped(None).unwrap())
+}
+
+fn field(camera: u32, number: u64, exposed_ns: u64) -> BlobField {
+    let mut field = BlobField::zeroed();
+    (field.camera, field.field, field.exposed_ns) = (camera, number, exposed_ns);
+    (field.parity, field.blobs_out_ns) = ((number & 1) as u32, exposed_ns + AGE);
+    field
+}
+
+/// Feeds fields in the order of arrival, time-outs in between, as the stream clock does.
+fn run(assembler: &mut FrameAssembler, fields: &[(BlobField, u64)]) -> Vec<(ClosedFrame, Vec<(u32, u64)>)> {
+    let mut frames = Vec::new();
+    for (field, now) in fields {
+        while let Some(closed) = assembler.expired(*now) {
+            frames.push((closed, used_by(assembler)));
+        }
+        let _ = assembler.push(field, *now);
+        while let Some(closed) = assembler.complete(*now) {
+            frames.push((closed, used_by(assembler)));
+        }
+    }
+    frames
+}
+
+fn used_by(assembler: &FrameAssembler) -> Vec<(u32, u64)> {
+    assembler.used().iter().map(|f| (f.camera, f.field)).collect()
+}
+
+fn stream(phases_ns: [u64; 3], periods: u64, keep: impl Fn(u32, u64) -> bool) -> Vec<(BlobField, u64)> {
+    let mut all: Vec<(BlobField, u64)> = (0..periods)
+        .flat_map(|n| (0..3u32).map(move |c| (c, n)))
+        .filter(|&(c, n)| keep(c, n))
+        .map(|(c, n)| field(c, n, 100 * MS + n * 20 * MS + phases_ns[c as usize]))
+        .map(|f| (f, f.blobs_out_ns))
+        .collect();
+    all.sort_by_key(|(_, now)| *now);
+    all
+}
+
+#[test]
+fn genlocked_cameras_close_on_their_last_field() {
+    let frames = run(&mut assembler(), &stream([30_000, 0, 70_000], 10, |_, _| true));
+    assert_eq!(frames.len(), 10);
+    for (n, (closed, used)) in frames.iter().enumerate() {
+        let n = n as u64;
+        assert_eq!((closed.closed_by, closed.reference.camera), (ClosedBy::Inputs, 0));
+        assert_eq!((closed.reference.field, closed.waited_ns), (n, 70_000));
+        assert_eq!(*used, [(1, n), (0, n), (2, n)]);
+    }
+}
+
+#[test]
+fn free_running_cameras_are_not_waited_for() {
+    let frames = run(&mut assembler(), &stream([0, 7 * MS, 13 * MS], 10, |_, _| true));
+    assert_eq!(frames.len(), 10);
+    for (n, (closed, used)) in frames.iter().enumerate().skip(1) {
+        let n = n as u64;
+        assert_eq!((closed.closed_by, closed.waited_ns), (ClosedBy::Inputs, 0));
+        assert_eq!(*used, [(1, n - 1), (2, n - 1), (0, n)]);
+    }
+}
+
+#[test]
+fn a_missing_field_costs_three_milliseconds() {
+    let frames = run(&mut assembler(), &stream([0, 0, 50_000], 10, |c, n| (c, n) != (2, 4)));
+    let (closed, used) = &frames[4];
+    assert_eq!((closed.closed_by, closed.waited_ns), (ClosedBy::TimeOut, CAMERA_WAIT_NS));
+    assert_eq!(*used, [(0, 4), (1, 4)]);
+    assert_eq!(closed.taken_ns, 180 * MS + AGE + CAMERA_WAIT_NS);
+    assert!(frames.iter().filter(|(c, _)| c.closed_by == ClosedBy::TimeOut).count() == 1);
+}
+
+#[test]
+fn another_camera_stands_in_for_the_reference() {
+    let frames = run(&mut assembler(), &stream([0, 10_000, 20_000], 10, |c, n| (c, n) != (0, 4)));
+    assert_eq!(frames.len(), 10);
+    let (closed, used) = &frames[4];
+    assert_eq!((closed.reference.camera, closed.reference.field), (1, 4));
+    assert_eq!((closed.closed_by, used.as_slice()), (ClosedBy::TimeOut, &[(1, 4), (2, 4)][..]));
+}
+
+#[test]
+fn a_field_missed_by_a_free_running_reference_leaves_no_gap() {
+    let (phases, missing) = ([0, 7 * MS, 13 * MS], 4);
+    let frames = run(&mut assembler(), &stream(phases, 10, |c, n| (c, n) != (0, missing)));
+    assert_eq!(frames.len(), 10);
+    let (closed, used) = &frames[missing as usize];
+    let due = 100 * MS + missing * 20 * MS;
+    assert_eq!(closed.reference, Reference { camera: 0, field: missing, exposed_ns: due });
+    assert_eq!((closed.closed_by, closed.waited_ns), (ClosedBy::TimeOut, CAMERA_WAIT_NS));
+    assert_eq!(closed.taken_ns, due + AGE + CAMERA_WAIT_NS);
+    assert_eq!(*used, [(1, missing - 1), (2, missing - 1)]);
+}
+
+#[test]
+fn a_dead_camera_is_not_waited_for_and_comes_back() {
+    let frames = run(&mut assembler(), &stream([0, 0, 0], 40, |c, n| c != 0 || !(10..30).contains(&n)));
+    assert_eq!(frames.len(), 40);
+    let time_outs: Vec<_> = (0..40).filter(|&n| frames[n].0.closed_by == ClosedBy::TimeOut).collect();
+    assert!(time_outs.iter().all(|n| (10..15).contains(n)), "{time_outs:?}");
+    assert!((15..30).all(|n| frames[n].0.reference.camera == 1));
+    assert!((31..40).all(|n| frames[n].0.reference.camera == 0 && frames[n].1.len() == 3));
+}
+
+#[test]
+fn a_late_field_goes_into_the_next_frame() {
+    let mut fields = stream([0, 0, 0], 6, |_, _| true);
+    let late = fields.iter().position(|(f, _)| (f.camera, f.field) == (2, 3)).unwrap();
+    fields[late].1 += 10 * MS;
+    fields.sort_by_key(|(_, now)| *now);
+    let frames = run(&mut assembler(), &fields);
+    assert_eq!(frames[3].0.closed_by, ClosedBy::TimeOut);
+    assert_eq!(frames[4].1, [(2, 3), (0, 4), (1, 4), (2, 4)]);
+    assert_eq!(frames.len(), 6);
+}
+
+#[test]
+fn the_next_field_of_the_reference_closes_a_frame() {
+    let mut assembler = assembler();
+    let now = 300 * MS;
+    assembler.push(&field(0, 0, 100 * MS), now).unwrap();
+    assert_eq!(assembler.complete(now), None);
+    assembler.push(&field(0, 1, 120 * MS), now).unwrap();
+    let closed = assembler.complete(now).unwrap();
+    assert_eq!((closed.reference.field, closed.closed_by), (0, ClosedBy::NextField));
+}
+
+#[test]
+fn bad_fields_are_refused_and_counted() {
+    let mut assembler = assembler();
+    let now = 1000 * MS;
+    assembler.push(&field(1, 5, 200 * MS), now).unwrap();
+    let mut wrong = field(1, 6, 220 * MS);
+    wrong.count = 65;
+    assert_eq!(assembler.push(&wrong, now), Err(Refusal::Invalid));
+    assert_eq!(assembler.push(&field(7, 6, 220 * MS), now), Err(Refusal::UnknownCamera(7)));
+    assert_eq!(assembler.push(&field(99, 6, 220 * MS), now), Err(Refusal::UnknownCamera(99)));
+    assert_eq!(assembler.push(&field(1, 6, 2000 * MS), now), Err(Refusal::FromTheFuture(1)));
+    assert!(matches!(assembler.push(&field(1, 5, 200 * MS), now), Err(Refusal::NotNewer { .. })));
+    assert!(matches!(assembler.push(&field(1, 4, 180 * MS), now), Err(Refusal::NotNewer { .. })));
+    assert_eq!(assembler.refused(), 6);
+    assembler.push(&field(1, 0, 240 * MS), now).expect("a restarted camera counts from 0 again");
+}
+
+#[test]
+fn a_clock_set_back_is_believed_in_the_end() {
+    let mut assembler = assembler();
+    let mut taken = Vec::new();
+    assembler.push(&field(0, 0, 9000 * MS), 9999 * MS).unwrap();
+    for n in 1..40 {
+        if assembler.push(&field(0, n, n * 20 * MS), 9999 * MS + n).is_ok() {
+            taken.push(n);
+        }
+    }
+    assert_eq!(taken, (25..40).collect::<Vec<_>>());
+}
+
+proptest! {
+    #[test]
+    fn any_order_of_fields_keeps_the_rules(
+        fields in prop::collection::vec((0u32..9, 0u64..60, 0u64..1_200_000_000u64, 0u64..8), 1..300),
+    ) {
+        let mut assembler = assembler();
+        let (mut now, mut last_ns) = (0, 0);
+        for (camera, number, exposed_ns, step) in fields {
+            now += step * MS;
+            let closing = [assembler.expired(now), None];
+            let _ = assembler.push(&field(camera, number, exposed_ns.min(now)), now);
+            let mut next = closing.into_iter().flatten().next();
+            loop {
+                if let Some(closed) = next {
+                    prop_assert!(closed.waited_ns <= CAMERA_WAIT_NS);
+                    prop_assert!(assembler.used().len() <= MAX_FIELDS_USED);
+                    if assembler.cameras.iter().all(|c| c.refused_in_a_row < CLOCK_SET_BACK - 1) {
+                        prop_assert!(closed.reference.exposed_ns > last_ns || last_ns == 0);
+                    }
+                    last_ns = assembler.last_frame_ns;
+                }
+                next = assembler.complete(now);
+                if next.is_none() { break; }
+            }
+            prop_assert!(assembler.pending.len() <= MAX_FIELDS_USED);
+        }
+    }
+}
