@@ -57,7 +57,7 @@ pub struct StepTimes {
 
 /// Version of [`StepRecord::state_hash`]: raised where the same inputs lead to another hash, so
 /// that hashes of two builds are compared only where they mean the same.
-pub const STATE_HASH_VERSION: u32 = 1;
+pub const STATE_HASH_VERSION: u32 = 2;
 
 /// One step: its inputs, its figures and the hash of the state it led to.
 #[repr(C)]

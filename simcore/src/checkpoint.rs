@@ -1,27 +1,20 @@
 //! The state as bytes: checkpoints, and the state hash. The only module that names bincode, but for the tests of
-//! [`crate::plain`].
+//! [`tissue::pod_serde`].
 //!
 //! Both come from the one serialisation of [`State`], so that the hash covers what a checkpoint would restore, and nothing that is
 //! left out of it can influence a later step. The doses of light are restored and not hashed: they influence nothing.
 
 use crate::constants::MAX_MARKS;
-use crate::state::{OpticsState, State};
+use crate::state::State;
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian};
 use bincode::enc::write::Writer;
 use bincode::error::EncodeError;
 use protocol::handles::Tool;
 use protocol::limits::MAX_CHECKPOINT_BYTES;
-use protocol::scene::NODE_BOUND;
 use serde::{Deserialize, Serialize};
-use tissue::constants::MAX_HELD;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::stain::StainState;
-use tissue::state::{is_bound, is_known_flag};
-use training::score::Meter;
-use training::task::TaskState;
 
 /// Version of the state's meaning; another one is refused.
-pub const VERSION: u32 = 6;
+pub const VERSION: u32 = 7;
 
 /// Why a checkpoint was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -48,6 +41,14 @@ pub enum CheckpointError {
         /// Fingerprint in the checkpoint.
         found: u64,
     },
+    /// A sheet in it is not the scene's.
+    #[error("checkpoint: the {sheet}: {problem}")]
+    Sheet {
+        /// Which one.
+        sheet: &'static str,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
     /// Numbers in it make no sense.
     #[error("checkpoint: {0}")]
     Content(&'static str),
@@ -65,15 +66,6 @@ fn config() -> Config {
     bincode::config::standard().with_fixed_int_encoding().with_limit::<MAX_CHECKPOINT_BYTES>()
 }
 
-/// Task, optics and dye of a state.
-type Tail<'a> = (&'a Option<(TaskState, Meter)>, &'a Option<OpticsState>, &'a Option<StainState>);
-
-/// What is hashed and saved after all else, and only where one of them is there.
-fn tail(state: &State) -> Option<Tail<'_>> {
-    let any = state.task.is_some() || state.optics.is_some() || state.stain.is_some();
-    any.then_some((&state.task, &state.optics, &state.stain))
-}
-
 /// Encodes a state into `out`, whose memory is used again.
 pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), CheckpointError> {
     out.clear();
@@ -82,14 +74,11 @@ pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), Checkp
     bincode::serde::encode_into_std_write(&header, out, config()).map_err(fail)?;
     bincode::serde::encode_into_std_write(state, out, config()).map_err(fail)?;
     bincode::serde::encode_into_std_write(&state.dose.mj_mm2, out, config()).map_err(fail)?;
-    if let Some(tail) = tail(state) {
-        bincode::serde::encode_into_std_write(tail, out, config()).map_err(fail)?;
-    }
     Ok(())
 }
 
 /// Decodes and checks a checkpoint.
-pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, CheckpointError> {
+pub fn decode(bytes: &[u8], scene: u64) -> Result<State, CheckpointError> {
     let fail = |e: bincode::error::DecodeError| CheckpointError::Damaged {
         bytes: bytes.len(),
         problem: e.to_string(),
@@ -107,39 +96,18 @@ pub fn decode(bytes: &[u8], scene: u64, sheet: &Sheet) -> Result<State, Checkpoi
     (state.dose.mj_mm2, doses) =
         bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
     rest += doses;
-    if read + rest < bytes.len() {
-        let more;
-        ((state.task, state.optics, state.stain), more) =
-            bincode::serde::decode_from_slice(&bytes[read + rest..], config()).map_err(fail)?;
-        rest += if tail(&state).is_some() { more } else { 0 };
-    }
     if read + rest != bytes.len() {
         return Err(CheckpointError::Content("bytes after its end"));
     }
-    check(&state, sheet)?;
+    check(&state)?;
     Ok(state)
 }
 
-/// Refuses a state that does not fit the scene's sheet or holds bad numbers.
-fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
-    let m = &state.membrane;
-    let nodes = sheet.nodes();
-    let lengths = m.position_mm.iter().chain(&m.velocity_mm_s).all(|v| v.len() == nodes);
-    let fits = lengths
-        && m.flag.len() == nodes
-        && [0, sheet.springs.len()].contains(&m.rest_mm.len())
-        && m.spring_alive.len() == sheet.structural
-        && m.triangle_alive.len() == sheet.triangles.len();
-    let fits = fits && state.stain.as_ref().is_none_or(|s| s.dye.len() == nodes);
-    if !fits {
-        return Err(CheckpointError::Content("the membrane has another size than the scene's"));
+/// Refuses a state that holds bad numbers; the sheets and whatever depends on the scene are checked by their owners.
+fn check(state: &State) -> Result<(), CheckpointError> {
+    if state.stain.as_ref().is_some_and(|s| s.dye.len() != state.membrane.nodes()) {
+        return Err(CheckpointError::Content("the dye is on another membrane"));
     }
-    let lasting = m.rest_mm.iter().all(|&l| l.is_finite() && l > 0.0);
-    if !lasting || !tissue::guard::all_finite(m) || !m.flag.iter().all(|&f| is_known_flag(f)) {
-        return Err(CheckpointError::Content("numbers of the membrane are out of range"));
-    }
-    tissue::membrane::tear::check_mesh(sheet, m)
-        .map_err(|_| CheckpointError::Content("springs, triangles and nodes do not fit together"))?;
     check_instruments(state)?;
     if !state.dose.is_sound() {
         return Err(CheckpointError::Content("doses of light are out of range"));
@@ -155,31 +123,17 @@ fn check(state: &State, sheet: &Sheet) -> Result<(), CheckpointError> {
     Ok(())
 }
 
-/// Held nodes and bound nodes must be the same ones, lists within their capacity, openings in range.
+/// Openings in range, known tools, lists within their capacity.
 fn check_instruments(state: &State) -> Result<(), CheckpointError> {
-    let flag = &state.membrane.flag;
-    let mut held = 0;
-    for (index, instrument) in state.instruments.iter().enumerate() {
-        let mine = NODE_BOUND + index as u32;
-        if !instrument.held.iter().all(|h| flag.get(h.node as usize) == Some(&mine)) {
-            return Err(CheckpointError::Content("a held node is not bound to its instrument"));
-        }
-        held += instrument.held.len();
+    for instrument in &state.instruments {
         let jaws = [instrument.jaw_rad, instrument.jaw_target_rad];
-        let triangles = state.membrane.triangle_alive.len();
-        let sound = |p: crate::state::Pierced| {
-            (p.triangle as usize) < triangles && p.weights.iter().all(|w| (0.0..=1.0).contains(w))
-        };
-        if !instrument.pierced.is_none_or(sound) {
-            return Err(CheckpointError::Content("a needle's hole is not in the membrane"));
-        }
         let jaws_ok = jaws.iter().all(|j| (0.0..=std::f64::consts::PI).contains(j));
-        if !jaws_ok || Tool::from_wire(instrument.tool).is_none() || instrument.held.len() > MAX_HELD {
+        if !jaws_ok || Tool::from_wire(instrument.tool).is_none() {
             return Err(CheckpointError::Content("an instrument is out of range"));
         }
     }
-    if flag.iter().filter(|&&f| is_bound(f)).count() != held || state.marks.len() > MAX_MARKS {
-        return Err(CheckpointError::Content("bound nodes or marks are out of range"));
+    if state.marks.len() > MAX_MARKS {
+        return Err(CheckpointError::Content("there are too many marks"));
     }
     Ok(())
 }
@@ -231,18 +185,17 @@ pub fn state_hash(state: &State) -> u64 {
     let mut writer = HashWriter(FNV_BASIS);
     // The writer cannot fail, and a state is plain tables; a failure would show as a hash that differs.
     let _ = bincode::serde::encode_into_writer(state, &mut writer, config());
-    if let Some(tail) = tail(state) {
-        let _ = bincode::serde::encode_into_writer(tail, &mut writer, config());
-    }
     writer.0
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::state::OpticsState;
     use crate::world::World;
     use proptest::prelude::*;
     use scene::SceneFile;
+    use tissue::sheet::stain::StainState;
 
     fn world() -> World {
         World::new(&SceneFile::load("peel").unwrap()).unwrap()
@@ -253,7 +206,7 @@ mod tests {
         let world = world();
         let mut bytes = Vec::new();
         encode(world.state(), 7, &mut bytes).unwrap();
-        assert_eq!(&decode(&bytes, 7, world.sheet()).unwrap(), world.state());
+        assert_eq!(&decode(&bytes, 7).unwrap(), world.state());
         assert!(bytes.len() < MAX_CHECKPOINT_BYTES);
     }
 
@@ -262,16 +215,16 @@ mod tests {
         let world = world();
         let mut bytes = Vec::new();
         encode(world.state(), 7, &mut bytes).unwrap();
-        assert!(matches!(decode(&bytes, 8, world.sheet()), Err(CheckpointError::Scene { .. })));
+        assert!(matches!(decode(&bytes, 8), Err(CheckpointError::Scene { .. })));
         for end in [0, 3, 12, bytes.len() / 2, bytes.len() - 1] {
-            assert!(matches!(decode(&bytes[..end], 7, world.sheet()), Err(CheckpointError::Damaged { .. })));
+            assert!(matches!(decode(&bytes[..end], 7), Err(CheckpointError::Damaged { .. })));
         }
         let mut longer = bytes.clone();
         longer.push(0);
-        assert!(decode(&longer, 7, world.sheet()).is_err());
+        assert!(decode(&longer, 7).is_err());
         let mut other = bytes.clone();
         other[0] = 9;
-        assert_eq!(decode(&other, 7, world.sheet()), Err(CheckpointError::Version { found: 9 }));
+        assert_eq!(decode(&other, 7), Err(CheckpointError::Version { found: 9 }));
     }
 
     #[test]
@@ -294,7 +247,7 @@ mod tests {
         assert_eq!(state.optics, None);
         state.optics = Some(OpticsState { buttons: 4, lens: 2, inverter: true, filter: 3 });
         encode(&state, 7, &mut bytes).unwrap();
-        assert_eq!(decode(&bytes, 7, world.sheet()).unwrap(), state);
+        assert_eq!(decode(&bytes, 7).unwrap(), state);
     }
 
     #[test]
@@ -310,7 +263,7 @@ mod tests {
                 let at = (seed >> 33) as usize % broken.len();
                 broken[at] = (seed >> 20) as u8;
             }
-            let _ = decode(&broken, 7, world.sheet());
+            let _ = decode(&broken, 7);
         }
     }
 
@@ -341,7 +294,7 @@ mod tests {
             |s| s.step += 1,
             |s| s.membrane.velocity_mm_s[2][5] = 1e-30,
             |s| s.membrane.triangle_alive[3] = 0,
-            |s| s.instruments[1].under = true,
+            |s| s.membrane.contact[1].under = true,
             |s| s.microscope.focus_mm = 0.1,
             |s| s.optics = Some(OpticsState::default()),
             |s| s.stain = Some(StainState::new(s.membrane.nodes())),

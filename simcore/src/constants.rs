@@ -1,24 +1,10 @@
 //! Every tolerance of the simulation, with its unit and what moving it would break.
 
-/// ZCOLL runs every so many substeps: in each, since a look costs no more than the tissue's substep. Larger would let tips come
-/// deeper before they push.
-pub const COLLISION_EVERY: u64 = 1;
 /// Faster than this a tip does not move, mm/s; a tracker that says so has jumped, and a jump
 /// sweeps nothing. Surgeons stay below 20 mm/s.
 pub const MAX_TIP_SPEED_MM_S: f64 = 1_000.0;
 /// A tip farther from the eye's centre than so many retina radii touches nothing.
 pub const MAX_TIP_RADII: f64 = 2.0;
-
-/// A first contact deeper than the tip's way since the last look plus this, mm, did not come through
-/// the membrane: the instrument came round an edge and is under it. Larger than what the membrane
-/// itself moves in [`COLLISION_EVERY`] substeps; much larger would push what lies over the shaft.
-pub const UNDER_MARGIN_MM: f64 = 0.25;
-/// Up to so long a way in a step, mm, the collision volume cannot miss the membrane that the tip crosses, and the tip's path is not
-/// tested beside it: less than the volume's depth behind the tip.
-pub const LOOKED_WAY_MM: f64 = 1.0;
-/// A needle is out of its hole when the tip is so far before it, mm: a membrane that swings as it is pierced does not flood the
-/// events; less than what a hand moves in 0.1 s.
-pub const NEEDLE_OUT_MM: f64 = 0.02;
 
 /// The rim warning is armed again when the force falls below this share of its limit.
 pub const RIM_REARM: f32 = 0.8;
@@ -55,5 +41,4 @@ pub const FIELD_RANGE_MM: [f64; 2] = [4.0, 30.0];
 /// Farthest plane of focus from the target, mm.
 pub const FOCUS_REACH_MM: f64 = 10.0;
 
-const _: () = assert!(COLLISION_EVERY >= 1);
 const _: () = assert!(RIM_REARM < 1.0);

@@ -273,7 +273,7 @@ impl Desk {
 
     /// Room that the scene of a world takes, bytes.
     fn bytes(world: &World) -> usize {
-        let (vitreous, retina) = (world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.sheet));
+        let (vitreous, retina) = (world.vitreous().map(|(v, _)| v), world.retina().map(|r| &r.body.mesh));
         bytes_needed(world.sheet(), world.adhesion().is_some(), vitreous, retina)
     }
 

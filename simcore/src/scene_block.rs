@@ -13,8 +13,8 @@ use protocol::scene::{
 };
 use protocol::time::Instants;
 use scene::{BodyScene, BodyShape, MAX_BODIES};
-use tissue::membrane::sheet::Sheet;
-use tissue::state::is_bound;
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::state::is_bound;
 use tissue::vitreous::Vitreous;
 
 /// Bytes kept for marks, bodies, doses and text beside the mesh.
@@ -36,13 +36,13 @@ const SHOWN_MM: f32 = 0.005;
 
 /// Room that the scene of a membrane's sheet, `glued` to the retina or not, a vitreous and a retina's sheet takes at most, bytes.
 pub fn bytes_needed(
-    sheet: &Sheet,
+    sheet: &SheetMesh,
     glued: bool,
     vitreous: Option<&Vitreous>,
-    retina: Option<&Sheet>,
+    retina: Option<&SheetMesh>,
 ) -> usize {
     let mesh =
-        |s: &Sheet| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
+        |s: &SheetMesh| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
     let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
     let homes = retina.map_or(0, |s| s.nodes() * size_of::<SceneHome>());
     mesh(sheet) * (1 + usize::from(glued)) + retina.map_or(0, mesh) + homes + bricks + BESIDE_THE_MESH
@@ -69,7 +69,7 @@ pub struct SceneWriter {
 impl SceneWriter {
     /// Lists for a world.
     pub fn new(world: &World) -> Self {
-        let (sheet, retina) = (world.sheet(), world.retina().map(|r| &r.sheet));
+        let (sheet, retina) = (world.sheet(), world.retina().map(|r| &r.body.mesh));
         let homes = world.retina().map_or(&[][..], |r| &r.home_mm).iter().enumerate();
         let sheets = 1 + usize::from(world.adhesion().is_some());
         let triangles = sheets * sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len());
@@ -151,7 +151,7 @@ impl SceneWriter {
             flag: shown_flag(membrane.flag[i]),
             dye: state.stain.as_ref().map_or(0, |s| s.dye[i]),
         }));
-        for held in state.instruments.iter().flat_map(|i| &i.held) {
+        for held in membrane.held.iter().flatten() {
             self.nodes[held.node as usize].position_mm = held.at_in_instrument_mm;
         }
         let base = self.nodes.len() as u32;
@@ -183,12 +183,12 @@ impl SceneWriter {
     fn collect_retina_nodes(&mut self, world: &World) {
         let Some(retina) = &world.state().retina else { return };
         let base = self.nodes.len();
-        self.nodes.extend((0..retina.tissue.nodes()).map(|i| SceneNode {
-            position_mm: retina.tissue.position(i).into(),
-            flag: shown_flag(retina.tissue.flag[i]),
+        self.nodes.extend((0..retina.sheet.nodes()).map(|i| SceneNode {
+            position_mm: retina.sheet.position(i).into(),
+            flag: shown_flag(retina.sheet.flag[i]),
             dye: 0,
         }));
-        for held in retina.held.iter().flatten() {
+        for held in retina.sheet.held.iter().flatten() {
             self.nodes[base + held.node as usize].position_mm = held.at_in_instrument_mm;
         }
     }
@@ -196,9 +196,9 @@ impl SceneWriter {
     /// Only triangles of the retina that are loose, lie elsewhere than at the start, or are gone: what lies where it lay is the fundus itself.
     fn collect_retina_triangles(&mut self, world: &World, base: u32) {
         let (Some(model), Some(retina)) = (world.retina(), &world.state().retina) else { return };
-        for (t, nodes) in model.sheet.triangles.iter().enumerate() {
-            let gone = retina.tissue.triangle_alive[t] == 0;
-            let loose = model.pieces.loose_alive[t] != 0;
+        for (t, nodes) in model.body.mesh.triangles.iter().enumerate() {
+            let gone = retina.sheet.triangle_alive[t] == 0;
+            let loose = model.body.active()[t] != 0;
             if gone || loose || nodes.iter().any(|&n| model.has_moved(retina, n)) {
                 let tissue = if gone { TISSUE_GONE } else { TISSUE_RETINA };
                 self.triangles.push(SceneTriangle { nodes: nodes.map(|n| n + base), tissue });
@@ -208,7 +208,7 @@ impl SceneWriter {
 
     /// Changes with every change of the triangles that are sent.
     fn topology_of(&self, world: &World) -> u64 {
-        let retina = world.state().retina.as_ref().map_or(0, |r| r.tissue.topology);
+        let retina = world.state().retina.as_ref().map_or(0, |r| r.sheet.topology);
         world.state().membrane.topology + retina + self.elevation.changes
     }
 
@@ -235,7 +235,7 @@ struct Elevation {
 impl Elevation {
     /// Which triangles are raised now. One raised corner is enough: so the sheet comes down to the choroid all round.
     fn follow(&mut self, world: &World) {
-        let Some(bonds) = &world.state().adhesion else { return };
+        let Some(bonds) = &world.state().membrane.adhesion else { return };
         let mut changed = false;
         for (raised, nodes) in self.raised.iter_mut().zip(&world.sheet().triangles) {
             let now = nodes.iter().any(|&n| bonds.lifted_mm[n as usize] > SHOWN_MM);
@@ -247,7 +247,9 @@ impl Elevation {
 
     /// Every node, so that a node keeps its number.
     fn nodes(&self, world: &World, out: &mut Vec<SceneNode>) {
-        let (Some(adhesion), Some(bonds)) = (world.adhesion(), &world.state().adhesion) else { return };
+        let (Some(adhesion), Some(bonds)) = (world.adhesion(), &world.state().membrane.adhesion) else {
+            return;
+        };
         let radius_mm = world.scene().eye.retina_radius_mm as f32;
         out.extend(bonds.lifted_mm.iter().enumerate().map(|(node, lifted_mm)| {
             let up = adhesion.place(bonds, node).normalize();
@@ -316,7 +318,7 @@ mod tests {
         let mut world = World::new(&scene).unwrap();
         let mut writer = SceneWriter::new(&world);
         let mut field = 0;
-        while world.state().instruments[0].held.is_empty() {
+        while world.state().membrane.held[0].is_empty() {
             world.step(&rehearsal.inputs(field).input(), &mut no_clock);
             field += 1;
             assert!(field < 50 * 16, "the script grabs");
@@ -328,7 +330,7 @@ mod tests {
         let nodes = section::<SceneNode>(bytes, header.nodes).unwrap();
         let triangles = section::<SceneTriangle>(bytes, header.triangles).unwrap();
         assert_eq!((nodes.len(), triangles.len()), (546, 1000));
-        let held = &world.state().instruments[0].held;
+        let held = &world.state().membrane.held[0];
         let bound: Vec<_> = nodes.iter().filter(|n| u32::from(n.flag) == NODE_BOUND).collect();
         assert_eq!(bound.len(), held.len());
         assert!(bound.iter().all(|n| n.position_mm.iter().all(|c| c.abs() < 0.5)), "near the tip");
@@ -376,7 +378,7 @@ mod tests {
             let nodes = section::<SceneNode>(bytes, header.nodes).unwrap();
             let triangles = section::<SceneTriangle>(bytes, header.triangles).unwrap();
             assert_eq!(nodes.len(), 2 * sheet_nodes);
-            let lifted_mm = &world.state().adhesion.as_ref().unwrap().lifted_mm;
+            let lifted_mm = &world.state().membrane.adhesion.as_ref().unwrap().lifted_mm;
             for (node, lifted_mm) in nodes[sheet_nodes..].iter().zip(lifted_mm) {
                 let height_mm = 11.5 - nalgebra::Vector3::from(node.position_mm).norm();
                 assert!((height_mm - lifted_mm).abs() < 1e-5, "{height_mm} {lifted_mm}");

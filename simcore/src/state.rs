@@ -9,10 +9,9 @@ use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, INSTRUMENTS};
 use protocol::time::Nanos;
 use serde::{Deserialize, Serialize};
-use tissue::membrane::adhesion::AdhesionState;
-use tissue::membrane::stain::StainState;
 use tissue::retina::state::RetinaState;
-use tissue::state::{HeldNode, MembraneState};
+use tissue::sheet::stain::StainState;
+use tissue::sheet::state::SheetState;
 use tissue::vitreous::state::VitreousState;
 use training::score::Meter;
 use training::task::TaskState;
@@ -47,13 +46,11 @@ pub struct State {
     /// The instruments.
     pub instruments: [InstrumentState; INSTRUMENTS],
     /// The membrane.
-    pub membrane: MembraneState,
+    pub membrane: SheetState,
     /// Rigid bodies, where the scene has some.
     pub bodies: Option<BodiesState>,
     /// The vitreous, where there is one.
     pub vitreous: Option<VitreousState>,
-    /// The glue under the membrane, where the scene has one.
-    pub adhesion: Option<AdhesionState>,
     /// The microscope and its pedal.
     pub microscope: MicroscopeState,
     /// Pump, blade and syringe.
@@ -66,19 +63,27 @@ pub struct State {
     pub notice_until_ns: Nanos,
     /// The whole retina, where the scene has it as tissue.
     pub retina: Option<RetinaState>,
-    /// The attempt at the scene's task, and what its score is made from. Hashed and saved after all else, and only where there is a
-    /// task, so that scenes without one stay what they were.
-    #[serde(skip)]
+    /// The attempt at the scene's task, and what its score is made from.
     pub task: Option<(TaskState, Meter)>,
-    /// Lens, inverter and filter; `None` as long as the scene asks for none and no button was pressed. Saved like the task.
-    #[serde(skip)]
+    /// Lens, inverter and filter; `None` as long as the scene asks for none and no button was pressed.
     pub optics: Option<OpticsState>,
-    /// Dye on the membrane, once a jet has reached it. Saved like the task.
-    #[serde(skip)]
+    /// Dye on the membrane, once a jet has reached it.
     pub stain: Option<StainState>,
     /// Light on the retina, by place. Saved, but not hashed: no result depends on it.
     #[serde(skip, default = "DoseState::start")]
     pub dose: DoseState,
+}
+
+impl State {
+    /// True while an instrument holds membrane or retina.
+    pub fn holds_tissue(&self, instrument: usize) -> bool {
+        self.sheets().any(|sheet| !sheet.held[instrument].is_empty())
+    }
+
+    /// The sheets there are.
+    pub fn sheets(&self) -> impl Iterator<Item = &SheetState> {
+        std::iter::once(&self.membrane).chain(self.retina.as_ref().map(|retina| &retina.sheet))
+    }
 }
 
 /// Whether a body is tracked.
@@ -107,31 +112,10 @@ pub struct InstrumentState {
     pub tip_in_eye_mm: Vector3<f64>,
     /// It is tracked, inside the eye, and may touch tissue.
     pub touches: bool,
-    /// Nodes in the jaws.
-    pub held: Vec<HeldNode>,
     /// Contact with the retina.
     pub retina: RetinaContact,
-    /// It came round an edge and is under the membrane: it pushes nothing, and its hook or jaws lift, until it is clear.
-    pub under: bool,
-    /// It has lifted tissue since it came under the membrane.
-    pub hooked: bool,
-    /// Where its needle has gone through the membrane.
-    pub pierced: Option<Pierced>,
-    /// The last collision image had colliding pixels.
-    pub in_contact: bool,
-    /// Way of tip and jaws since the last collision image, mm.
-    pub travelled_mm: f64,
     /// No fold is reported before this exposure.
     pub fold_quiet_ns: Nanos,
-}
-
-/// A needle's hole in the membrane.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Pierced {
-    /// The triangle.
-    pub triangle: u32,
-    /// Weights of its corners.
-    pub weights: [f64; 3],
 }
 
 /// The microscope.

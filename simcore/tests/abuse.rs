@@ -11,8 +11,8 @@ use protocol::steps::StepInput;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
-use tissue::guard::all_finite;
-use tissue::membrane::tear::check_mesh;
+use tissue::sheet::guard::all_finite;
+use tissue::sheet::tearing::check_mesh;
 
 fn world() -> World {
     World::new(&SceneFile::load("peel").unwrap()).unwrap()
@@ -195,7 +195,7 @@ fn a_tip_that_moves_five_millimetres_in_a_field_never_passes_unseen() {
             };
             before * after < 0.0 && inside(*a, b) && inside(*b, c) && inside(*c, a)
         });
-        let seen = pierced || world.state().instruments[0].in_contact;
+        let seen = pierced || world.state().membrane.contact[0].in_contact;
         assert!(seen || !crossed, "way {number} of a {tool:?} passed unseen");
         passed[number % tools.len()] += usize::from(crossed);
     }

@@ -10,7 +10,7 @@ use protocol::steps::StepInput;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
-use tissue::state::NODE_PINNED;
+use tissue::sheet::state::NODE_PINNED;
 
 fn peel(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
     let mut scene = SceneFile::load("peel").unwrap();
@@ -91,14 +91,14 @@ fn an_instrument_that_came_round_an_edge_does_not_push_what_lies_over_it() {
         step_at(&mut world, field, [0.0, 0.0, -11.4], Tool::LightPipe, 0.0);
     }
     let state = world.state();
-    assert!(state.instruments[0].under);
+    assert!(state.membrane.contact[0].under);
     let node = world.sheet().nodes() / 2;
     assert!((state.membrane.position(node).z + 11.0).abs() < 0.02, "the membrane lies where it lay");
     // Drawn back until it is clear, it pushes again.
     for (field, z) in (10..110).map(|f| (f, -11.4 + 0.01 * (f - 10) as f64)) {
         step_at(&mut world, field, [0.0, 0.0, z], Tool::LightPipe, 0.0);
     }
-    assert!(!world.state().instruments[0].under);
+    assert!(!world.state().membrane.contact[0].under);
 }
 
 #[test]

@@ -11,7 +11,7 @@ use protocol::steps::StepInput;
 use scene::{SceneFile, VitrectorScene};
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
-use tissue::membrane::tear::check_mesh;
+use tissue::sheet::tearing::check_mesh;
 
 fn erm(change: impl FnOnce(&mut SceneFile)) -> (Rehearsal, World) {
     let mut scene = SceneFile::load("erm").unwrap();
@@ -41,7 +41,7 @@ fn the_scripted_peel_costs_what_was_measured() {
     let (mut pulls_mn, mut freed, mut events) = (Vec::new(), 0.0, Vec::new());
     for field in 0..rehearsal.fields() {
         events.extend(play(&rehearsal, &mut world, field..field + 1));
-        let now = world.state().adhesion.as_ref().unwrap().freed_mm2;
+        let now = world.state().membrane.adhesion.as_ref().unwrap().freed_mm2;
         let pull_mn = world.pull_un(0) * 1e-3;
         if now > freed && pull_mn > 0.0 {
             pulls_mn.push(pull_mn);
@@ -62,7 +62,7 @@ fn the_scripted_peel_costs_what_was_measured() {
     {
         assert_eq!(at(&events, never), None, "{never:?}");
     }
-    assert!(freed > 0.6 * world.adhesion().unwrap().glued_mm2(), "most of it is off: {freed} mm²");
+    assert!(freed > 0.6 * world.adhesion().unwrap().bonded_mm2(), "most of it is off: {freed} mm²");
 }
 
 #[test]
@@ -76,7 +76,7 @@ fn a_retina_that_holds_less_than_the_glue_is_lifted_and_tears() {
     let lifted = at(&events, EventKind::RetinaLifted).expect("lifted");
     let torn = at(&events, EventKind::RetinaTorn).expect("torn");
     assert!(warned <= lifted && lifted < torn, "{warned} {lifted} {torn}");
-    let bonds = world.state().adhesion.as_ref().unwrap();
+    let bonds = world.state().membrane.adhesion.as_ref().unwrap();
     assert!(bonds.lifted_mm.iter().all(|&mm| (0.0..=0.3).contains(&mm)));
     assert!(bonds.torn_mm2 > 0.0 && bonds.torn_mm2 <= bonds.freed_mm2);
     assert!(!world.state().marks.is_empty(), "a torn retina bleeds");
@@ -177,17 +177,17 @@ fn the_vitrector_cuts_glued_tissue() {
         hand
     };
     let idle = cut([0.0, 0.0]);
-    let before = idle.world.state().adhesion.as_ref().unwrap().freed_mm2;
-    assert_eq!((idle.world.state().tools.removed.triangles, before), (0, 0.0));
+    let before = idle.world.state().membrane.adhesion.as_ref().unwrap().freed_mm2;
+    assert_eq!((idle.world.state().membrane.removed.triangles, before), (0, 0.0));
     let sucked = cut([1.0, 0.0]);
-    assert_eq!(sucked.world.state().tools.removed.triangles, 0, "no blade, no cut");
+    assert_eq!(sucked.world.state().membrane.removed.triangles, 0, "no blade, no cut");
     let hand = cut([1.0, 0.6]);
     let (state, sheet) = (hand.world.state(), hand.world.sheet());
     let missing = state.membrane.triangle_alive.iter().filter(|a| **a == 0).count() as u64;
-    assert!(missing > 0 && state.tools.removed.triangles == missing, "{missing} triangles");
+    assert!(missing > 0 && state.membrane.removed.triangles == missing, "{missing} triangles");
     assert!(at(&hand.events, EventKind::TissueCut).is_some());
     // Far from the port everything is glued as it was.
-    let (adhesion, bonds) = (hand.world.adhesion().unwrap(), state.adhesion.as_ref().unwrap());
+    let (adhesion, bonds) = (hand.world.adhesion().unwrap(), state.membrane.adhesion.as_ref().unwrap());
     for node in (0..sheet.nodes()).filter(|&n| adhesion.place(bonds, n).xy().norm() > 1.6) {
         assert!(adhesion.holds(bonds, node) == (adhesion.holds(&adhesion.start(), node)), "node {node}");
     }
@@ -215,9 +215,11 @@ fn the_pick_lifts_an_edge_and_peels_it() {
         let m = &world.state().membrane;
         (0..m.nodes()).map(|n| 11.5 - m.position(n).norm()).fold(0.0, f32::max)
     };
-    let (before, freed) = (height(&hand.world), hand.world.state().adhesion.as_ref().unwrap().freed_mm2);
+    let (before, freed) =
+        (height(&hand.world), hand.world.state().membrane.adhesion.as_ref().unwrap().freed_mm2);
     hand.go([3.0, 0.0, -11.06], [1.8, 0.0, -8.6], 0.8);
-    let (after, off) = (height(&hand.world), hand.world.state().adhesion.as_ref().unwrap().freed_mm2);
+    let (after, off) =
+        (height(&hand.world), hand.world.state().membrane.adhesion.as_ref().unwrap().freed_mm2);
     println!("{before:.2} -> {after:.2} mm high, {freed:.2} -> {off:.2} mm² off");
     assert!(at(&hand.events, EventKind::TissueHooked).is_some(), "hooked");
     assert!(after > before + 0.5, "lifted from {before} to {after} mm");

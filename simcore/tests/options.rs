@@ -9,7 +9,7 @@ use protocol::poses::TrackerFrame;
 use protocol::steps::StepInput;
 use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, MeshScene, SceneFile};
 use simcore::world::{World, no_clock};
-use tissue::guard::all_finite;
+use tissue::sheet::guard::all_finite;
 
 /// Height of the sheet's middle, eye frame, mm.
 const TOP_MM: f64 = -11.0;
@@ -22,7 +22,7 @@ const LEFT_MM: f64 = 0.002;
 /// Field at which the tip has come down, and at which it leaves.
 const DOWN: u64 = 40;
 const LEAVES: u64 = 90;
-/// Field at which tissue that creeps through the fluid is back. Tissue that goes straight to its balance needs no time for it.
+/// Field at which tissue that creeps through the fluid is back. Material that goes straight to its balance needs no time for it.
 const END: u64 = 240;
 const EARLY_END: u64 = 130;
 /// Field of the checkpoint: the tip presses.
@@ -188,7 +188,7 @@ fn a_continuum_comes_back() {
     });
 }
 
-/// Tissue that yields below the strain of the press keeps a dent; tissue that yields beyond it does not.
+/// Material that yields below the strain of the press keeps a dent; tissue that yields beyond it does not.
 #[test]
 fn only_plastic_tissue_keeps_a_dent() {
     use MembraneIntegrator::{Explicit, SemiImplicit};
@@ -218,7 +218,7 @@ fn glue_and_curl_balance_under_every_integrator() {
             frame.instants.exposed = 1_000_000_000 + field * 20_000_000;
             world.step(&StepInput { frame: &frame, handles: &[], pedals: &[] }, &mut no_clock);
         }
-        assert_eq!(world.state().adhesion.as_ref().unwrap().freed_mm2, 0.0, "{integrator:?}");
+        assert_eq!(world.state().membrane.adhesion.as_ref().unwrap().freed_mm2, 0.0, "{integrator:?}");
         dent_mm(&world)
     });
     assert!((0.02..0.05).contains(&semi), "{semi} mm");

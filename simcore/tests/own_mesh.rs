@@ -5,12 +5,12 @@ use simcore::world::{World, no_clock};
 use std::fmt::Write;
 use std::path::Path;
 use surgeon::rehearsal::Rehearsal;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::tear::check_mesh;
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::tearing::check_mesh;
 
 /// The shipped sheet as a mesh, its triangles turned over: whoever draws one need not know which side is front.
 fn mesh() -> MeshScene {
-    let sheet = Sheet::new(&SceneFile::load("peel").unwrap()).unwrap();
+    let sheet = SheetMesh::new(&SceneFile::load("peel").unwrap()).unwrap();
     let state = sheet.start();
     let positions_mm = (0..sheet.nodes()).map(|n| state.position(n).into()).collect();
     let triangles = sheet.triangles.iter().rev().map(|[a, b, c]| [*a, *c, *b]).collect();
@@ -64,9 +64,9 @@ fn a_mesh_beside_the_scene_is_held_by_its_edge_grabbed_and_recorded_whole() {
     assert_eq!(recorded, scene);
     let (world, first) = hashes(&scene);
     assert_eq!(hashes(&recorded).1, first);
-    let (squares, own) = (Sheet::new(&SceneFile::load("peel").unwrap()).unwrap(), world.sheet());
+    let (squares, own) = (SheetMesh::new(&SceneFile::load("peel").unwrap()).unwrap(), world.sheet());
     assert_eq!((own.rim.len(), own.triangles.len()), (squares.rim.len(), squares.triangles.len()));
-    assert!(!world.state().instruments[0].held.is_empty(), "the jaws take it as they take the squares");
+    assert!(!world.state().membrane.held[0].is_empty(), "the jaws take it as they take the squares");
     assert_eq!(check_mesh(own, &world.state().membrane), Ok(()));
     let [a, b, c] = own.triangles[0].map(|n| world.state().membrane.position(n as usize));
     assert!((b - a).cross(&(c - a)).dot(&a) < 0.0, "turned so that its front looks into the eye");

@@ -5,7 +5,7 @@ use scene::SceneFile;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
 use tissue::retina::state::RetinaState;
-use tissue::state::NODE_PINNED;
+use tissue::sheet::state::NODE_PINNED;
 
 /// The retina of a world.
 fn retina(world: &World) -> &RetinaState {
@@ -29,7 +29,7 @@ fn check_fluid(world: &World, field: u64) {
             "field {field}, bleb {bleb}: the mesh holds {error:e} mm³ more than its account"
         );
     }
-    state.check(&model.sheet).unwrap_or_else(|e| panic!("field {field}: {e}"));
+    model.check(state).unwrap_or_else(|e| panic!("field {field}: {e}"));
 }
 
 #[test]
@@ -48,7 +48,7 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
             world.save(&mut saved).unwrap();
         }
         if field == 2300 {
-            led.extend(retina(&world).held[0].iter().map(|h| h.node));
+            led.extend(retina(&world).sheet.held[0].iter().map(|h| h.node));
         }
         if field == 1400 {
             assert_eq!(retina(&world).blebs.len(), 1, "two blebs became one under the fovea");
@@ -69,9 +69,9 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
     assert!(most_under > 30.0, "{most_under}");
     // All of it lies on the choroid again, at another place.
     assert_eq!((state.blebs.len(), state.under_mm3()), (0, 0.0));
-    assert!(state.tissue.flag.iter().all(|&f| f == NODE_PINNED));
-    let off = |n: usize| (state.tissue.position(n).norm() - 11.5).abs();
-    assert!((0..state.tissue.nodes()).all(|n| off(n) < 1e-5));
+    assert!(state.sheet.flag.iter().all(|&f| f == NODE_PINNED));
+    let off = |n: usize| (state.sheet.position(n).norm() - 11.5).abs();
+    assert!((0..state.sheet.nodes()).all(|n| off(n) < 1e-5));
     let turned = state.turn_rad(&world.retina().unwrap().home_mm);
     assert!(turned > 0.004 && most_turn > turned, "{turned} rad on average, {most_turn} while held");
     what_the_jaws_led_has_turned(&world, &led);
@@ -81,7 +81,7 @@ fn the_shipped_relocation_lifts_merges_turns_and_lays_on() {
 /// Turn of a node about the axis from the fovea to the lens since the start, rad.
 fn turn_of(world: &World, node: usize) -> f64 {
     let home = world.retina().unwrap().home_mm[node].map(f64::from);
-    let now = retina(world).tissue.position(node).map(f64::from);
+    let now = retina(world).sheet.position(node).map(f64::from);
     (home.x * now.y - home.y * now.x).atan2(home.x * now.x + home.y * now.y)
 }
 
@@ -89,7 +89,7 @@ fn turn_of(world: &World, node: usize) -> f64 {
 /// than 0.5 mm stayed behind in a fold or was pushed past the fovea: all of it has turned the same way.
 fn what_the_jaws_led_has_turned(world: &World, led: &[u32]) {
     let home = &world.retina().unwrap().home_mm;
-    let way = |n: usize| (retina(world).tissue.position(n) - home[n]).norm();
+    let way = |n: usize| (retina(world).sheet.position(n) - home[n]).norm();
     let moved: Vec<usize> = (0..home.len()).filter(|&n| way(n) > 0.5).collect();
     assert!(moved.len() >= 12, "what the jaws led lies elsewhere: {}", moved.len());
     let least = moved.iter().map(|&n| turn_of(world, n)).fold(f64::MAX, f64::min);

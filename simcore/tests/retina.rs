@@ -3,12 +3,12 @@
 
 use nalgebra::{UnitVector3, Vector3};
 use scene::SceneFile;
-use tissue::membrane::tear::check_mesh;
 use tissue::needle::Needle;
 use tissue::retina::Retina;
 use tissue::retina::state::RetinaState;
 use tissue::retina::volume::Cap;
-use tissue::state::NODE_PINNED;
+use tissue::sheet::state::NODE_PINNED;
+use tissue::sheet::tearing::check_mesh;
 
 /// A retina with one needle, stepped without a world.
 struct Bench {
@@ -64,7 +64,7 @@ impl Bench {
     }
 
     fn loose(&self) -> usize {
-        self.model.pieces.loose().len()
+        self.model.blebs.loose().len()
     }
 
     /// Fluid is where the account says, and the mesh agrees with it to the rounding of its positions.
@@ -73,9 +73,8 @@ impl Bench {
         assert!((a.injected_mm3 - a.leaked_mm3 - s.under_mm3()).abs() < 1e-9 * (1.0 + a.injected_mm3));
         let error = self.model.measured_all_mm3(s) - s.under_mm3();
         assert!(error.abs() < 2e-4, "mesh less account: {error:e} mm³ of {}", s.under_mm3());
-        assert_eq!(check_mesh(&self.model.sheet, &s.tissue), Ok(()));
-        assert_eq!(s.check(&self.model.sheet), Ok(()));
-        assert!(self.model.agrees(s));
+        assert_eq!(check_mesh(&self.model.body.mesh, &s.sheet), Ok(()));
+        assert_eq!(self.model.check(s), Ok(()));
     }
 }
 
@@ -112,9 +111,9 @@ fn laplace_energy(b: &Bench) -> f64 {
     let bleb = b.state.blebs[0];
     // The base: the area of choroid inside the front, as a cap of the sphere. A loose node stands for a third of each of its triangles.
     let home = |n: u32| b.model.home_mm[n as usize].map(f64::from);
-    let share = b.model.sheet.triangles.iter().map(|t| {
+    let share = b.model.body.mesh.triangles.iter().map(|t| {
         let [p, q, r] = t.map(home);
-        let loose = t.iter().filter(|&&n| b.state.tissue.flag[n as usize] != NODE_PINNED).count();
+        let loose = t.iter().filter(|&&n| b.state.sheet.flag[n as usize] != NODE_PINNED).count();
         0.5 * (q - p).cross(&(r - p)).norm() * loose as f64 / 3.0
     });
     let sag = share.sum::<f64>() / (std::f64::consts::TAU * radius);
@@ -193,7 +192,7 @@ fn fluid_balances_over_a_long_random_programme() {
         b.state.air = round % 10 == 9;
         b.run((round % 3 != 2).then_some(needle), 6);
         b.check();
-        torn += b.state.tissue.triangle_alive.iter().filter(|&&a| a == 0).count();
+        torn += b.state.sheet.triangle_alive.iter().filter(|&&a| a == 0).count();
         blebs = blebs.max(b.state.blebs.len());
     }
     let a = b.state.account;
@@ -211,12 +210,12 @@ fn a_needle_warns_when_it_moves_and_tears_when_it_rushes() {
         }
     }
     assert_eq!(told.len(), 2, "once each time it becomes fast: {told:?}");
-    assert!(b.state.tissue.triangle_alive.iter().all(|&a| a == 1));
+    assert!(b.state.sheet.triangle_alive.iter().all(|&a| a == 1));
     let needle = b.needle([0.1, 0.0], 0.1, 0.0, Vector3::new(0.0, 50.0, 0.0));
     (0..60).for_each(|_| {
         b.model.follow_needle(&mut b.state, 0, Some(&needle));
     });
-    let torn = b.state.tissue.triangle_alive.iter().filter(|&&a| a == 0).count();
+    let torn = b.state.sheet.triangle_alive.iter().filter(|&&a| a == 0).count();
     assert!(torn >= 2, "{torn}");
     b.check();
 }
@@ -239,7 +238,7 @@ fn a_tip_over_a_bleb_is_as_near_as_the_bleb_is_high() {
     let mut b = Bench::new(|_| {});
     b.inject([0.0, 0.0], 80_000.0, 100);
     let top =
-        (0..b.state.tissue.nodes()).map(|n| 11.5 - b.state.tissue.position(n).norm()).fold(0.0f32, f32::max);
+        (0..b.state.sheet.nodes()).map(|n| 11.5 - b.state.sheet.position(n).norm()).fold(0.0f32, f32::max);
     assert!(top > 0.5);
     let tip = Vector3::new(0.01, 0.01, -9.5);
     let over = b.model.clearance(&b.state, &tip);
@@ -255,18 +254,18 @@ fn bad_numbers_are_taken_out_and_the_rest_goes_on() {
     let mut b = Bench::new(|_| {});
     b.inject([0.1, 0.0], 80_000.0, 60);
     for bad in [f32::NAN, f32::INFINITY, 1e30] {
-        let node = b.model.pieces.loose()[0] as usize;
+        let node = b.model.blebs.loose()[0] as usize;
         b.model.begin_step(&b.state);
-        b.state.tissue.position_mm[1][node] = bad;
+        b.state.sheet.position_mm[1][node] = bad;
         (0..20).for_each(|k| b.model.substep(&mut b.state, k));
         b.model.end_step(&mut b.state);
         assert!(
-            (1..8).contains(&b.model.toll.disabled.0),
+            (1..8).contains(&b.model.body.counts.disabled.count),
             "the node, or the few that its force ran away with"
         );
         b.run(None, 3);
-        assert!(b.state.tissue.position_mm.iter().flatten().all(|c| c.abs() < 12.0), "{bad}");
+        assert!(b.state.sheet.position_mm.iter().flatten().all(|c| c.abs() < 12.0), "{bad}");
         assert!(b.state.under_mm3().is_finite());
-        assert_eq!(check_mesh(&b.model.sheet, &b.state.tissue), Ok(()));
+        assert_eq!(check_mesh(&b.model.body.mesh, &b.state.sheet), Ok(()));
     }
 }

@@ -6,7 +6,7 @@ use protocol::message::Message;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
-use tissue::membrane::tear::check_mesh;
+use tissue::sheet::tearing::check_mesh;
 
 struct Round {
     events: Vec<Event>,
@@ -95,7 +95,7 @@ fn open_jaws_push_the_membrane_before_they_close() {
     let mut touched = 0;
     for field in 201..226 {
         play(&mut world, &rehearsal, field..field + 1);
-        let forceps = &world.state().instruments[0];
+        let forceps = &world.state().membrane.contact[0];
         touched += u32::from(forceps.in_contact);
         assert!(!forceps.under);
     }

@@ -4,8 +4,8 @@ use protocol::events::EventKind;
 use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, SceneFile};
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
-use tissue::guard::all_finite;
-use tissue::membrane::tear::check_mesh;
+use tissue::sheet::guard::all_finite;
+use tissue::sheet::tearing::check_mesh;
 
 /// The shipped scene with 2 N/m and 10 µm of water as mass, which explicit substeps of 1 ms cannot follow.
 fn stiff(integrator: MembraneIntegrator, strain_limit: f64) -> SceneFile {
@@ -54,7 +54,7 @@ fn stiff_tissue_goes_through_the_script_and_gives_the_same_bits_again() {
         assert_eq!(check_mesh(world.sheet(), membrane), Ok(()));
         let fastest = (0..membrane.nodes()).map(|n| membrane.velocity(n).norm()).fold(0.0, f32::max);
         assert!(fastest <= 300.1, "{integrator:?}: {fastest} mm/s");
-        assert!(!world.state().instruments.iter().all(|i| i.held.is_empty()), "{integrator:?}: nothing held");
+        assert!(!world.state().membrane.held.iter().all(Vec::is_empty), "{integrator:?}: nothing held");
         assert_eq!(play(&again).1, hashes, "{integrator:?}");
     }
 }

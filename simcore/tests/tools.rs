@@ -11,7 +11,7 @@ use protocol::steps::StepInput;
 use scene::{NeedleScene, SceneFile};
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
-use tissue::membrane::tear::check_mesh;
+use tissue::sheet::tearing::check_mesh;
 
 fn scene(name: &str) -> (Rehearsal, World) {
     let scene = SceneFile::load(name).unwrap();
@@ -53,8 +53,8 @@ fn the_pick_lifts_the_free_edge_and_the_forceps_take_it() {
     let before = edge(&world);
     let mut events = play(&mut world, &rehearsal, 1.5, 7.0);
     assert_eq!(of(&events, EventKind::TissueHooked).len(), 1, "told once");
-    let state = &world.state().instruments[0];
-    assert!(state.under && state.hooked);
+    let contact = &world.state().membrane.contact[0];
+    assert!(contact.under && contact.hooked);
     let lifted = before - edge(&world);
     assert!(lifted > 0.2, "the edge rose by {lifted} mm");
     let over = over_hook(&world);
@@ -66,10 +66,10 @@ fn the_pick_lifts_the_free_edge_and_the_forceps_take_it() {
     let changed = of(&events, EventKind::ToolChanged);
     assert_eq!((changed.len(), changed[0].value), (1, f64::from(Tool::Forceps as u32)));
     assert_eq!(of(&events, EventKind::TissueGrabbed).len(), 1);
-    assert!(!world.state().instruments[0].under && !world.state().instruments[0].hooked);
-    assert!(!world.state().instruments[0].held.is_empty());
+    assert!(!world.state().membrane.contact[0].under && !world.state().membrane.contact[0].hooked);
+    assert!(!world.state().membrane.held[0].is_empty());
     let m = &world.state().membrane;
-    let held = world.state().instruments[0].held.iter().map(|h| m.position(h.node as usize).norm());
+    let held = world.state().membrane.held[0].iter().map(|h| m.position(h.node as usize).norm());
     let highest = held.fold(f32::INFINITY, f32::min);
     assert!(highest < before - 0.8, "the forceps lift it higher: {highest} {before}");
     assert!(of(&events, EventKind::TissueTorn).is_empty());
@@ -85,7 +85,7 @@ fn what_the_vitrector_has_taken_is_what_is_missing() {
         sheet.triangles.iter().map(|t| area(t).round() as u64).collect()
     };
     let events = play(&mut world, &rehearsal, 2.0, 9.0);
-    let removed = world.state().tools.removed;
+    let removed = world.state().membrane.removed;
     let missing: Vec<u64> = area_um2
         .iter()
         .zip(&world.state().membrane.triangle_alive)
@@ -115,7 +115,7 @@ fn without_the_foot_nothing_is_sucked_or_cut_and_without_the_blade_nothing_is_cu
         play(&mut world, &rehearsal, 2.0, 3.4);
         let m = &world.state().membrane;
         let farthest = (0..m.nodes()).map(|n| m.position(n).x).fold(f32::NEG_INFINITY, f32::max);
-        (farthest, world.state().tools.removed.triangles)
+        (farthest, world.state().membrane.removed.triangles)
     };
     let (still, sucked) = (reach(None), reach(Some([1.0, 0.0])));
     assert_eq!((still.1, sucked.1), (0, 0));
@@ -154,7 +154,7 @@ fn a_needle_pushes_goes_through_and_takes_the_hole_along() {
         at(&mut world, field, [0.05, 0.03, -10.9 - 0.0045 * field as f64]);
     }
     let hole = |world: &World| {
-        let pierced = world.state().instruments[0].pierced?;
+        let pierced = world.state().membrane.contact[0].pierced?;
         let corners = world.sheet().triangles[pierced.triangle as usize];
         let weighed = corners.iter().zip(pierced.weights);
         Some(

@@ -14,7 +14,7 @@ use simcore::world::{World, no_clock};
 use std::ops::Range;
 use surgeon::rehearsal::Rehearsal;
 use tissue::retina::state::RetinaState;
-use tissue::state::NODE_PINNED;
+use tissue::sheet::state::NODE_PINNED;
 
 /// Polar angles of what the scene has cut free; the cut goes round at 1.2 rad, along the ring of nodes before it.
 const CUT_FREE_RAD: Range<f64> = 0.0..1.15;
@@ -39,7 +39,7 @@ fn turns(world: &World, disc: &UnitVector3<f64>, polar_rad: Range<f64>) -> [f64;
     let mut turns = Vec::new();
     for (n, home) in model.home_mm.iter().enumerate() {
         let polar = f64::from(-home.z / 11.5).acos();
-        let (was, is) = (flat(*home), flat(state.tissue.position(n)));
+        let (was, is) = (flat(*home), flat(state.sheet.position(n)));
         if polar_rad.contains(&polar) && was.norm() > 2.0 {
             turns.push(was.cross(&is).dot(disc).atan2(was.dot(&is)));
         }
@@ -54,7 +54,7 @@ fn the_shipped_translocation_turns_the_retina_as_a_whole_and_lays_it_on() {
     let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
     let disc =
         UnitVector3::new_normalize(Vector3::from(scene.retina.as_ref().unwrap().disc_in_eye_mm.unwrap()));
-    let whole = retina(&world).tissue.flag.iter().filter(|&&f| f == NODE_FREE).count();
+    let whole = retina(&world).sheet.flag.iter().filter(|&&f| f == NODE_FREE).count();
     let mut events = Vec::new();
     for field in 0..46 * 50 {
         world.step(&rehearsal.inputs(field).input(), &mut no_clock);
@@ -74,7 +74,7 @@ fn the_shipped_translocation_turns_the_retina_as_a_whole_and_lays_it_on() {
     );
     assert!(of(&events, EventKind::GripSlipped).is_empty());
     let state = retina(&world);
-    let loose = state.tissue.flag.iter().filter(|&&f| f != NODE_PINNED).count();
+    let loose = state.sheet.flag.iter().filter(|&&f| f != NODE_PINNED).count();
     assert!(loose * 100 <= whole, "all of it lies again but for a fold: {loose} nodes of {whole} do not");
     let [least, middle, most] = turns(&world, &disc, CUT_FREE_RAD);
     assert!(least > 0.42 && most < 0.54, "{least} to {most} rad");
@@ -90,13 +90,16 @@ fn the_shipped_translocation_turns_the_retina_as_a_whole_and_lays_it_on() {
 
 /// The scene block has every triangle that lies elsewhere than at the start, those that are gone, and where all of it lay.
 fn the_picture_turns_with_it(world: &World, whole: usize) {
-    let mut payload =
-        vec![0u128; bytes_needed(world.sheet(), false, None, world.retina().map(|r| &r.sheet)).div_ceil(16)];
+    let mut payload = vec![
+        0u128;
+        bytes_needed(world.sheet(), false, None, world.retina().map(|r| &r.body.mesh))
+            .div_ceil(16)
+    ];
     let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);
     let header = SceneWriter::new(world).write(world, Zeroable::zeroed(), 0, bytes);
     let triangles = section::<SceneTriangle>(bytes, header.triangles).unwrap();
     let count = |tissue| triangles.iter().filter(|t| t.tissue == tissue).count();
-    let gone = retina(world).tissue.triangle_alive.iter().filter(|&&a| a == 0).count();
+    let gone = retina(world).sheet.triangle_alive.iter().filter(|&&a| a == 0).count();
     assert_eq!(count(TISSUE_GONE), gone);
     assert!(count(TISSUE_RETINA) > whole, "{} triangles for {whole} nodes", count(TISSUE_RETINA));
     let homes = section::<SceneHome>(bytes, header.homes).unwrap();
@@ -141,7 +144,7 @@ fn lying(tip: [f64; 3]) -> Pose {
 }
 
 fn top_mm(world: &World) -> f64 {
-    let tissue = &retina(world).tissue;
+    let tissue = &retina(world).sheet;
     f64::from((0..tissue.nodes()).map(|n| 11.5 - tissue.position(n).norm()).fold(0.0f32, f32::max))
 }
 
@@ -167,7 +170,7 @@ fn a_vitrector_sucks_loose_retina_and_takes_it_and_none_that_lies_on() {
     let (still, ..) = reach(60.0, 0.5, [0.0, 0.0]);
     let (sucked, events, rise) = reach(60.0, 0.5, [0.5, 0.0]);
     assert!(rise > 0.1, "{rise} mm towards the port");
-    assert_eq!((retina(&sucked).removed.triangles, of(&events, EventKind::RetinaCut).len()), (0, 0));
+    assert_eq!((retina(&sucked).sheet.removed.triangles, of(&events, EventKind::RetinaCut).len()), (0, 0));
     assert!((retina(&sucked).under_mm3() - retina(&still).under_mm3()).abs() < 1e-9, "it has no hole yet");
     let (cut, events, _) = reach(60.0, 0.5, [0.5, 1.0]);
     let (state, model) = (retina(&cut), cut.retina().unwrap());
@@ -175,15 +178,16 @@ fn a_vitrector_sucks_loose_retina_and_takes_it_and_none_that_lies_on() {
         let [a, b, c] = t.map(|n| model.home_mm[n as usize].map(f64::from));
         0.5 * (b - a).cross(&(c - a)).norm()
     };
-    let gone = model.sheet.triangles.iter().zip(&state.tissue.triangle_alive).filter(|(_, a)| **a == 0);
+    let gone = model.body.mesh.triangles.iter().zip(&state.sheet.triangle_alive).filter(|(_, a)| **a == 0);
     let missing: Vec<f64> = gone.map(|(t, _)| area(t)).collect();
     assert!(of(&events, EventKind::RetinaRipped).is_empty(), "cut, not torn");
-    assert!(!missing.is_empty() && state.removed.triangles == missing.len() as u64);
+    assert!(!missing.is_empty() && state.sheet.removed.triangles == missing.len() as u64);
     let told: f64 = of(&events, EventKind::RetinaCut).iter().map(|e| e.value).sum();
     let sum: f64 = missing.iter().sum();
     // Each triangle is counted in whole µm².
     assert!(
-        (told - sum).abs() < 1e-6 * missing.len() as f64 && (told - state.removed.area_mm2()).abs() < 1e-9
+        (told - sum).abs() < 1e-6 * missing.len() as f64
+            && (told - state.sheet.removed.area_mm2()).abs() < 1e-9
     );
     // Drawn up by the port, the retina draws in fluid through its hole.
     assert!(state.account.leaked_mm3 < -0.1, "{:?}", state.account);
@@ -192,7 +196,7 @@ fn a_vitrector_sucks_loose_retina_and_takes_it_and_none_that_lies_on() {
     for field in 0..30 {
         step(&mut world, field, lying([4.0, 0.0, -10.4]), Tool::Vitrector, aspirate([1.0, 1.0]));
     }
-    assert_eq!(retina(&world).removed.triangles, 0);
+    assert_eq!(retina(&world).sheet.removed.triangles, 0);
 }
 
 /// A tip that presses on a bleb and goes sideways takes the retina under it along by the scene's share of its way, and none without friction.
@@ -206,7 +210,7 @@ fn a_pressing_tip_drags_by_its_share() {
             step(&mut world, field, upright([0.0, 0.0, depth + z]), Tool::LightPipe, PedalState::zeroed());
             field += 1;
         }
-        let tissue = &retina(&world).tissue;
+        let tissue = &retina(&world).sheet;
         let under = |n: &usize| tissue.position(*n).xy().norm() < 0.7;
         let under: Vec<usize> = (0..tissue.nodes()).filter(under).collect();
         let before: Vec<f32> = under.iter().map(|&n| tissue.position(n).x).collect();
@@ -215,7 +219,7 @@ fn a_pressing_tip_drags_by_its_share() {
             step(&mut world, field, upright(tip), Tool::LightPipe, PedalState::zeroed());
             field += 1;
         }
-        let tissue = &retina(&world).tissue;
+        let tissue = &retina(&world).sheet;
         let ways = under.iter().zip(&before).map(|(&n, x)| f64::from(tissue.position(n).x - x));
         ways.sum::<f64>() / under.len() as f64
     };
@@ -228,7 +232,7 @@ fn a_pressing_tip_drags_by_its_share() {
 #[test]
 fn what_is_pressed_on_holds() {
     let mut world = lifted(0.3, 2.5, |_| {});
-    let before = retina(&world).tissue.flag.iter().filter(|&&f| f == NODE_FREE).count();
+    let before = retina(&world).sheet.flag.iter().filter(|&&f| f == NODE_FREE).count();
     let (mut events, mut field) = (Vec::new(), 0);
     for k in 0..60 {
         let z = (-10.9 - 0.02 * f64::from(k)).max(-11.5);
@@ -242,7 +246,7 @@ fn what_is_pressed_on_holds() {
         field += 1;
     }
     let lies = |world: &World| {
-        let tissue = &retina(world).tissue;
+        let tissue = &retina(world).sheet;
         (0..tissue.nodes()).any(|n| tissue.flag[n] == NODE_PINNED && tissue.position(n).xy().norm() < 0.4)
     };
     assert!(lies(&world) && !of(&events, EventKind::RetinaReattached).is_empty());
@@ -251,7 +255,7 @@ fn what_is_pressed_on_holds() {
         field += 1;
     }
     assert!(lies(&world), "it holds when the tip has left");
-    let after = retina(&world).tissue.flag.iter().filter(|&&f| f == NODE_FREE).count();
+    let after = retina(&world).sheet.flag.iter().filter(|&&f| f == NODE_FREE).count();
     assert!(
         after < before && (retina(&world).under_mm3() - 2.5).abs() < 0.1,
         "{}",

@@ -54,7 +54,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (mut pulls, mut freed) = (Vec::new(), 0.0);
     for field in 0..rehearsal.fields() {
         world.step(&rehearsal.inputs(field).input(), &mut no_clock);
-        let Some(bonds) = &world.state().adhesion else { return Err("this scene has no glue".into()) };
+        let Some(bonds) = &world.state().membrane.adhesion else {
+            return Err("this scene has no glue".into());
+        };
         let pull_mn = world.pull_un(0) * 1e-3;
         if bonds.freed_mm2 > freed && pull_mn > 0.0 {
             pulls.push(pull_mn);
@@ -69,7 +71,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mean = pulls.iter().sum::<f64>() / count;
     let rms = (pulls.iter().map(|p| p * p).sum::<f64>() / count).sqrt();
     let most = pulls.iter().fold(0.0, |a: f64, &b| a.max(b));
-    let glued = world.adhesion().map_or(0.0, |a| a.glued_mm2());
+    let glued = world.adhesion().map_or(0.0, |a| a.bonded_mm2());
     println!(
         "while peeling ({count} fields): mean {mean:.2} mN, RMS {rms:.2} mN, most {most:.2} mN; {freed:.1} of {glued:.1} mm² off"
     );

@@ -17,7 +17,7 @@ use protocol::scene::NODE_FREE;
 use protocol::steps::StepInput;
 use rest_check::RestCheck;
 use simcore::world::{StepReport, World};
-use tissue::state::MembraneState;
+use tissue::sheet::state::SheetState;
 
 /// Time at the end of a programme with the instruments out of the eye, s: what was stirred comes to
 /// rest.
@@ -136,7 +136,7 @@ fn check(world: &World, rest: &mut RestCheck, advanced_s: f64) -> Result<(), Str
 
 /// What must hold when the instruments have been out of the eye for [`QUIET_S`].
 fn check_rest(world: &World) -> Result<(), String> {
-    let retina = world.state().retina.as_ref().map(|r| &r.tissue);
+    let retina = world.state().retina.as_ref().map(|r| &r.sheet);
     for tissue in [Some(&world.state().membrane), retina].into_iter().flatten() {
         let speed = mean_speed_mm_s(tissue);
         if speed > QUIET_MM_S {
@@ -158,11 +158,11 @@ impl Outcome {
     }
 }
 
-fn free(tissue: &MembraneState) -> impl Iterator<Item = usize> + '_ {
+fn free(tissue: &SheetState) -> impl Iterator<Item = usize> + '_ {
     (0..tissue.nodes()).filter(|&n| tissue.flag[n] == NODE_FREE)
 }
 
-fn mean_speed_mm_s(tissue: &MembraneState) -> f64 {
+fn mean_speed_mm_s(tissue: &SheetState) -> f64 {
     let count = free(tissue).count();
     let sum: f64 = free(tissue).map(|n| f64::from(tissue.velocity(n).norm())).sum();
     if count == 0 { 0.0 } else { sum / count as f64 }
@@ -172,11 +172,11 @@ fn mean_speed_mm_s(tissue: &MembraneState) -> f64 {
 mod tests {
     use super::*;
     use simcore::world::no_clock;
-    use tissue::membrane::tissue::Tissue;
+    use tissue::sheet::material::Material;
 
     /// Two seconds of a programme on the shipped membrane, which is too strong to tear, with
     /// figures that no scene can ask for.
-    fn spoiled(v_max_mm_s: f64, spoil: impl FnOnce(&mut Tissue)) -> Result<Outcome, (u64, String)> {
+    fn spoiled(v_max_mm_s: f64, spoil: impl FnOnce(&mut Material)) -> Result<Outcome, (u64, String)> {
         let mut scene = ::scene::SceneFile::load("peel").unwrap();
         let membrane = scene.membrane.as_mut().unwrap();
         membrane.v_max_mm_s = v_max_mm_s;

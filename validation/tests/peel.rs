@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 use protocol::random::Random;
 use scene::CurlScene;
 use std::f64::consts::{FRAC_PI_2, PI};
-use tissue::membrane::curl::{Curl, stiffest_un_per_mm};
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::solver::Solver;
+use tissue::sheet::curl::{Curl, stiffest_un_per_mm};
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::solver::Solver;
 use validation::closed_form::strip::{PeelTest, lattice};
 
 /// Force over the formula, less one. The work per area must be Γ, and a little that the fold's
@@ -82,7 +82,7 @@ fn a_crumpled_sheet_comes_to_rest() {
     let strip =
         PeelTest { stiffness_un_per_mm: 1400.0, density_g_per_mm2: 6.0, step: 0.5, ..PeelTest::default() };
     let (positions, triangles) = lattice(strip.spacing_mm, 9, 21);
-    let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
+    let sheet = SheetMesh::from_triangles(&positions, &triangles, &[]).unwrap();
     let mut tissue = strip.tissue();
     tissue.dt_s = 1e-3;
     (tissue.fluid_per_s, tissue.v_max) = (1.2, 300.0);
@@ -114,7 +114,7 @@ fn a_crumpled_sheet_comes_to_rest() {
 fn a_cylinder_is_in_balance_at_the_radius_asked_for() {
     let (rows, columns, h, stiffness_un_mm, radius_mm) = (23, 29, 0.15, 2.0, 1.5);
     let (positions, triangles) = lattice(h, rows, columns);
-    let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
+    let sheet = SheetMesh::from_triangles(&positions, &triangles, &[]).unwrap();
     let mut curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm }, f32::INFINITY);
     for along in [0, 1] {
         let rolled = |curvature: f64| {
@@ -164,7 +164,7 @@ fn curvatures_of_a_free_sheet(radius_mm: f64, stiffness_un_mm: f64) -> [f64; 2] 
     };
     let columns = 29;
     let (positions, triangles) = lattice(strip.spacing_mm, strip.rows, columns);
-    let sheet = Sheet::from_triangles(&positions, &triangles, &[]).unwrap();
+    let sheet = SheetMesh::from_triangles(&positions, &triangles, &[]).unwrap();
     let mut curl = Curl::new(&sheet, &CurlScene { stiffness_un_mm, radius_mm }, f32::INFINITY);
     let mut tissue = strip.tissue();
     // Near the critical damping of the sheet's slowest bending, so that it is at rest after some

@@ -1,5 +1,5 @@
-//! The choice between processor and graphics adapter for ZCOLL. Both give the same contacts to the
-//! bit ([`crate::gpu`]): the choice is one of speed, measured at start-up on the scene's own mesh.
+//! Who looks for collisions: the processor or an adapter. Both find the same to the bit ([`super::gpu`]), so the choice is one of
+//! speed alone, measured at start-up on the scene's own mesh.
 
 use super::instrument_image::InstrumentImage;
 use super::surface::Surface;
@@ -7,7 +7,7 @@ use super::zcoll::Zcoll;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use std::fmt;
 
-/// The back end asked for.
+/// What the user wants.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Backend {
     /// Whichever is faster for the scene's mesh, measured at start-up.
@@ -20,28 +20,28 @@ pub enum Backend {
 }
 
 impl Backend {
-    /// Names of the back ends, as arguments give them.
+    /// The names of the wishes, as an argument gives them.
     pub const NAMES: [&str; 3] = ["auto", "cpu", "gpu"];
 
-    /// The back end with one of [`Self::NAMES`].
+    /// The wish of a name of [`Self::NAMES`].
     pub fn named(name: &str) -> Option<Self> {
         let all = [Backend::Auto, Backend::Cpu, Backend::Gpu];
         Self::NAMES.iter().zip(all).find(|(known, _)| **known == name).map(|(_, backend)| backend)
     }
 }
 
-/// The back end in use, and why; its text is one line of the log.
+/// What was chosen, and why; told in one line of the log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BackendChoice {
-    /// An adapter computes the contacts.
+    /// An adapter looks.
     pub on_gpu: bool,
-    /// Median query of the processor, µs; absent where it was not measured.
+    /// Median look of the processor, µs; absent where it was not asked.
     pub cpu_us: Option<f64>,
-    /// Median query of the adapter, µs; absent where it was not measured or cannot compute.
+    /// Median look of the adapter, µs; absent where it was not asked or cannot.
     pub gpu_us: Option<f64>,
     /// The adapter, or why there is none.
     pub reason: String,
-    /// Time that the choice took, ms.
+    /// What the choosing took, ms.
     pub took_ms: f64,
 }
 
@@ -59,17 +59,16 @@ impl fmt::Display for BackendChoice {
     }
 }
 
-/// Queries that are measured, after one that is not.
+/// Looks that are measured, after one that is not.
 const QUERIES: usize = 11;
-/// Below this the processor is faster than any adapter's empty round trip, and none is opened for
-/// the question, ns. The shortest trip seen, on the software driver, which has no bus to cross,
-/// took 28 µs.
+/// Below this the processor is faster than any adapter's empty round trip, and none is opened for the question, ns. The
+/// shortest trip seen, on the software driver, which has no bus to cross, took 28 µs.
 const ROUND_TRIP_NS: u64 = 15_000;
 /// No measurement goes on for longer, ns.
 const PATIENCE_NS: u64 = 200_000_000;
 
-/// A pose, eye frame to instrument frame, in which the instrument pushes the middle of the mesh 0.1
-/// mm away from the eye's centre. `None` if no living triangle has a place.
+/// A pose, eye frame to instrument frame, in which the instrument pushes the middle of the mesh 0.1 mm away from the eye's centre.
+/// `None` if no living triangle has a place.
 pub fn pressing_pose(surface: &Surface) -> Option<Isometry3<f64>> {
     let living = surface.triangles.iter().zip(surface.alive).filter(|(_, alive)| **alive != 0);
     let at = |n: u32| Point3::from(surface.position_mm.map(|axis| f64::from(axis[n as usize])));
@@ -86,7 +85,7 @@ pub fn pressing_pose(surface: &Surface) -> Option<Isometry3<f64>> {
     Some(Isometry3::from_parts(tip.into(), turn).inverse())
 }
 
-/// Median time of [`QUERIES`] queries on the current back end, ns.
+/// Median of some looks as they are now set up, ns.
 fn median_query_ns(
     zcoll: &mut Zcoll,
     image: &InstrumentImage,
@@ -106,8 +105,8 @@ fn median_query_ns(
     times[times.len() / 2]
 }
 
-/// Sets `zcoll` up for the faster back end, or for the one asked for. `image` is an instrument of
-/// the scene, prepared; `clock` gives nanoseconds and is used for nothing else.
+/// Sets `zcoll` up for the faster back end, or the wanted one. `image` is an instrument of the scene, prepared; `clock` gives
+/// nanoseconds and is used for nothing else.
 pub fn choose_backend(
     zcoll: &mut Zcoll,
     wanted: Backend,
@@ -143,7 +142,7 @@ pub fn choose_backend(
     choice
 }
 
-/// Gives `zcoll` an adapter; returns its name, or why there is none.
+/// Gives `zcoll` an adapter; its name, or why there is none.
 #[cfg(feature = "gpu")]
 fn open(zcoll: &mut Zcoll, surface: &Surface) -> Result<String, String> {
     use super::gpu::{GpuDevice, GpuZcoll};

@@ -1,13 +1,12 @@
 //! PairQuery pairs: which triangle of the membrane meets which triangle of the instrument.
 //!
-//! The membrane is put into the instrument's frame, where the instrument never moves: a static tree
-//! over the instrument serves every pose, and none is needed over the membrane, which is culled by
-//! the instrument's box ([`super::surface`]). What is left goes down the tree, sixteen boxes at a
-//! time, and at the end an exact test ([`super::tritri`]) decides.
+//! The membrane is put into the instrument's frame, where the instrument never moves: a static tree over the instrument
+//! serves every pose, and none is needed over the membrane, which is culled by the instrument's box
+//! ([`super::surface`]). What is left goes down the tree, sixteen boxes at a time, and at the end an exact test
+//! ([`super::tritri`]) decides.
 //!
-//! Exact means: with respect to corners rounded to a grid that follows from the instrument's size
-//! (a power of two of mm; 31 nm for a shaft of 3 mm). From there on all numbers are whole and no
-//! sign is ever rounded.
+//! Exact means: with respect to corners rounded to a grid that follows from the instrument's size (a power of two of mm; 31 nm
+//! for a shaft of 3 mm). From there on all numbers are whole and no sign is ever rounded.
 
 use super::quantize::{PLANES, QuantizedVertex, Quantizer, REFUSED, to_fixed};
 use super::surface::{CollisionError, Cull, Frame, Surface};
@@ -19,8 +18,8 @@ use nalgebra::Isometry3;
 const WIDE: usize = 16;
 /// Levels of the largest tree: 16⁸ = 2³².
 const MAX_LEVELS: usize = 8;
-/// The instrument's box takes at most this part of the grid; a membrane triangle that reaches into
-/// the box may be three times as large as the instrument before it leaves the grid.
+/// The instrument's box takes at most this part of the grid; a membrane triangle that reaches into the box may be three
+/// times as large as the instrument before it leaves the grid.
 const BOX_LIMIT: i32 = LIMIT / 4;
 /// Grid steps by which the first cull is wider than the exact one.
 const CULL_MARGIN: f32 = 4.0;
@@ -87,10 +86,6 @@ pub struct StaticMesh {
 
 impl StaticMesh {
     /// Builds the tree; facets in the instrument's frame, mm.
-    ///
-    /// # Errors
-    /// [`CollisionError`] for facets that are too many, not finite, without extent, or all without
-    /// area.
     pub fn new(facets: &[Facet]) -> Result<Self, CollisionError> {
         let found = facets.len();
         if found >= super::surface::MAX_IDS {
@@ -148,8 +143,8 @@ impl StaticMesh {
         self.scale
     }
 
-    /// Calls `met(i, number)` for every own triangle that has a point in common with the i-th of
-    /// the given ones. They go down the tree together, which is worth it if they are neighbours.
+    /// Calls `met(i, number)` for every own triangle that has a point in common with the i-th of the given ones. They go down the
+    /// tree together, which is worth it if they are neighbours.
     #[inline(always)]
     pub fn for_each_intersecting(&self, triangles: &[Triangle], mut met: impl FnMut(usize, u32)) {
         let Some(first) = triangles.first() else { return };
@@ -194,8 +189,7 @@ fn join(a: &[Corner; 2], b: &[Corner; 2]) -> [Corner; 2] {
     [of(0, Ord::min), of(1, Ord::max)]
 }
 
-/// Puts near triangles side by side: halves along the longest side of the box of their centres, cut
-/// where a whole subtree ends.
+/// Puts near triangles side by side: halves along the longest side of the box of their centres, cut where a whole subtree ends.
 fn order(triangles: &mut [(Triangle, u32)]) {
     let n = triangles.len();
     if n <= WIDE {
@@ -220,7 +214,7 @@ fn order(triangles: &mut [(Triangle, u32)]) {
     order(right);
 }
 
-/// Counts of a query.
+/// What a query found besides its pairs.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PairCounts {
     /// Pairs.
@@ -240,16 +234,13 @@ pub struct PairQuery {
 }
 
 impl PairQuery {
-    /// Lists for a mesh with these triangles.
-    ///
-    /// # Errors
-    /// As [`Cull::new`].
+    /// Lists for a membrane of these triangles between so many nodes.
     pub fn new(triangles: &[[u32; 3]], nodes: usize) -> Result<Self, CollisionError> {
         let cull = Cull::new(triangles, nodes)?;
         Ok(PairQuery { cull, vertex: vec![QuantizedVertex::default(); nodes], pairs: Vec::new() })
     }
 
-    /// Uses the base instruction set only, to prove that every path gives the same bits.
+    /// Uses the base instruction set only: for the proof that every path gives the same bits.
     pub fn without_simd(mut self) -> Self {
         self.cull = self.cull.without_simd();
         self

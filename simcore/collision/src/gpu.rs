@@ -1,21 +1,18 @@
-//! ZCOLL on a graphics adapter: the same whole numbers as [`super::zcoll`], in compute shaders, the
-//! same answer to the bit on every adapter.
+//! ZCOLL on a graphics adapter: the same whole numbers as [`super::zcoll`], in compute shaders, the same answer to the bit on
+//! every adapter.
 //!
 //! ```text
 //! positions, pose ──▶ cull ──▶ draw_depth ──▶ draw_name ──▶ reduce ──▶ counters, triangles, nodes, pixels
 //!                      │ survivors                (or touch ──▶ one word)
 //! ```
 //!
-//! `cull` drops triangles by an estimate in `f32`, wide enough for any rounding. What it leaves is
-//! placed exactly: `soft_float.wgsl` does the `f32` arithmetic of [`super::quantize`] in whole
-//! numbers, because a shading language lets an adapter fuse, flush and reorder. Depths are divided
-//! in 64 bits made of two words (`wide.wgsl`). Everything that threads do to the same word is a
-//! maximum or a sum of whole numbers, so that no order of threads can show. The images stay on the
-//! adapter: colliding pixels, triangles and nodes are compacted there, and only they come back,
-//! here sorted by number.
+//! `cull` drops triangles by an estimate in `f32`, wide enough for any rounding. What it leaves is placed exactly: `soft_float.wgsl`
+//! does the `f32` arithmetic of [`super::quantize`] in whole numbers, because a shading language lets an adapter fuse, flush and
+//! reorder. Depths are divided in 64 bits made of two words (`wide.wgsl`). Everything that threads do to the same word is a
+//! maximum or a sum of whole numbers, so that no order of threads can show. The images stay on the adapter: colliding pixels,
+//! triangles and nodes are compacted there, and only they come back, here sorted by number.
 //!
-//! This folder is the only part of the crate that knows wgpu; without the feature `gpu` it is not
-//! built.
+//! This folder is the only part of the crate that knows wgpu; without the feature `gpu` it is not built.
 
 mod device;
 mod layout;
@@ -36,8 +33,7 @@ use wgpu::{BindGroup, Buffer, BufferUsages, CommandEncoder};
 const GROUP: usize = 64;
 /// Most workgroups along an axis that every adapter gives.
 const MOST_GROUPS: usize = 65_535;
-/// Workgroups that draw: enough to fill a large adapter; each takes every n-th group of 64
-/// triangles.
+/// Workgroups that draw: enough to fill a large adapter; each takes every so many'th 64 triangles.
 const DRAWING_GROUPS: usize = 256;
 /// The same where the processor does the work.
 const DRAWING_GROUPS_SOFTWARE: usize = 8;
@@ -65,7 +61,7 @@ struct Memory {
     results: Buffer,
     /// What comes back at once.
     staging: Buffer,
-    /// Everything, for a query with more results.
+    /// Everything, for a look that found more.
     rest: Option<Buffer>,
 }
 
@@ -81,7 +77,7 @@ pub struct GpuZcoll {
     sent_alive: Vec<u8>,
     sent_image: Vec<i32>,
     words: Vec<u32>,
-    /// Results of the last query, sorted: (triangle, depth), (node, depth).
+    /// Results of the last look, sorted: (triangle, depth), (node, depth).
     triangles: Vec<(u32, i32)>,
     nodes: Vec<(u32, i32)>,
     hits: Vec<PixelContact>,
@@ -90,9 +86,6 @@ pub struct GpuZcoll {
 
 impl GpuZcoll {
     /// Memory and passes for a mesh whose topology [`super::zcoll::Zcoll`] has accepted.
-    ///
-    /// # Errors
-    /// [`GpuError`] for a mesh larger than the adapter's buffers, or when the adapter fails.
     pub fn new(
         gpu: GpuDevice,
         volume: Volume,
@@ -174,13 +167,8 @@ impl GpuZcoll {
         &self.gpu
     }
 
-    /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an
-    /// instrument seen from its handle: to the shaders these differ by the image and by the scale
-    /// of depth, which is negative from the handle.
-    ///
-    /// # Errors
-    /// [`GpuError`] when the adapter fails; the lists are then empty and the adapter must not be
-    /// used again.
+    /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an instrument seen from its handle: to the shaders
+    /// these differ by the image and by the scale of depth, which is negative from the handle. On an error nothing was found, and the adapter is better left alone.
     pub fn query(
         &mut self,
         side: &Side,
@@ -217,9 +205,6 @@ impl GpuZcoll {
     }
 
     /// As [`super::zcoll::Zcoll::touches`]; one word comes back.
-    ///
-    /// # Errors
-    /// [`GpuError`] when the adapter fails.
     pub fn touches(
         &mut self,
         side: &Side,
@@ -245,10 +230,7 @@ impl GpuZcoll {
         self.gpu.run(encoder, staging, 4, |words| words[0] != 0)
     }
 
-    /// As [`super::zcoll::Zcoll::vertices`]: of the last query.
-    ///
-    /// # Errors
-    /// [`GpuError`] when the adapter fails.
+    /// As [`super::zcoll::Zcoll::vertices`]: of the last look.
     pub fn vertices(&mut self) -> Result<&[(u32, i32)], GpuError> {
         self.vertices.clear();
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -267,17 +249,17 @@ impl GpuZcoll {
         Ok(&self.vertices)
     }
 
-    /// Triangles of the last query with their longest vector, steps; by number.
+    /// Triangles of the last look with their longest vector, steps; by number.
     pub fn triangles(&self) -> &[(u32, i32)] {
         &self.triangles
     }
 
-    /// Nodes of the last query with their depth (Eq. 1), steps; by number.
+    /// Nodes of the last look with their depth (Eq. 1), steps; by number.
     pub fn displaced(&self) -> &[(u32, i32)] {
         &self.nodes
     }
 
-    /// Vectors of the last query, by pixel.
+    /// Vectors of the last look, by pixel.
     pub fn hits(&self) -> &[PixelContact] {
         &self.hits
     }
@@ -288,8 +270,7 @@ impl GpuZcoll {
         self.hits.clear();
     }
 
-    /// Positions and pose go to the adapter each time, flags and instrument image when they
-    /// changed.
+    /// Positions and pose go to the adapter each time, flags and instrument image when they changed.
     fn send(
         &mut self,
         side: &Side,
@@ -346,8 +327,8 @@ impl GpuZcoll {
         self.lists.triangles.div_ceil(GROUP).clamp(1, most) as u32
     }
 
-    /// Runs the commands and takes the counters and the `wanted` lists; what does not come at once
-    /// is fetched in a second transfer.
+    /// Runs the commands and takes the counters and the `wanted` lists; what does not come at once is fetched in a second
+    /// transfer.
     fn fetch(&mut self, mut encoder: CommandEncoder, wanted: [bool; 3]) -> Result<[u32; COUNTERS], GpuError> {
         let at_once = self.lists.at_once();
         let ends = copy(&mut encoder, &self.memory, &self.memory.staging, &self.lists, at_once);
@@ -386,8 +367,7 @@ impl GpuZcoll {
     }
 }
 
-/// Copies the counters and `counts` results of each kind; returns where each begins, and the end,
-/// words.
+/// Copies the counters and so many results of each kind; where each begins, and the end, words.
 fn copy(
     encoder: &mut CommandEncoder,
     memory: &Memory,

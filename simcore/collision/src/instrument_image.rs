@@ -1,6 +1,5 @@
-//! The collision volume of an instrument, and the instrument's own depth image in it. That image
-//! depends only on the jaw opening: it is drawn once for each opening, in steps of
-//! [`JAW_STEP_RAD`].
+//! The collision volume of an instrument, and the instrument's own depth image in it. That image depends
+//! only on the jaw opening: it is drawn once for each opening, in steps of [`JAW_STEP_RAD`].
 
 use super::quantize::to_fixed;
 use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
@@ -9,8 +8,7 @@ use super::tool_mesh::{Facet, ToolMesh};
 use protocol::handles::Tool;
 use scene::ContactScene;
 
-/// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the
-/// handle.
+/// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the handle.
 const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
 /// Steps of jaw opening for which an instrument image is drawn, rad.
 const JAW_STEP_RAD: f64 = 0.01;
@@ -46,11 +44,7 @@ impl Volume {
         libm::sqrt(2.0 * self.half_mm * self.half_mm + far * far)
     }
 
-    /// Checks the volume and the image size.
-    ///
-    /// # Errors
-    /// [`CollisionError`] for a volume without extent or an image of a size that the format does
-    /// not hold.
+    /// Refuses a volume without extent and an image of a size that the format does not hold.
     pub fn check(&self) -> Result<(), CollisionError> {
         let &Volume { half_mm, near_mm, depth_mm, resolution } = self;
         let sides = half_mm > 0.0 && depth_mm > 0.0 && near_mm.abs() <= depth_mm;
@@ -63,8 +57,8 @@ impl Volume {
         Ok(())
     }
 
-    /// Corners, in the instrument's frame and mm, of the box that a rectangle of the image sees,
-    /// widened by `margin` pixels to every side, and along z by `margin`/256 of the depth.
+    /// Corners, in the instrument's frame and mm, of the box that a rectangle of the image sees, widened by so many pixels to
+    /// every side, and along z by as many 1/256 of the depth.
     pub fn box_around(&self, rect: Rect, margin: f32) -> [[f32; 3]; 2] {
         let [(xy, middle), (z, near)] = self.format();
         let step = SUBPIXELS as f32;
@@ -75,8 +69,7 @@ impl Volume {
         [low, high]
     }
 
-    /// Scale and offset to fixed point along z for the camera at the handle: from the far plane
-    /// towards the tip.
+    /// Scale and offset to fixed point along z for the camera at the handle: from the far plane towards the tip.
     pub fn format_back(&self) -> (f32, f32) {
         let z = f64::from(DEPTH_STEPS) / self.depth_mm;
         (-z as f32, ((self.near_mm + self.depth_mm) * z) as f32)
@@ -96,7 +89,7 @@ impl Volume {
     }
 }
 
-/// The instrument's depth image of a query, seen from one end.
+/// What a look compares the membrane with: an instrument seen from one end.
 #[derive(Debug, Clone, Copy)]
 pub struct Side<'a> {
     /// Depth of each pixel in depth steps, or [`NOTHING`]; row by row.
@@ -112,7 +105,7 @@ pub struct Side<'a> {
 pub struct InstrumentImage {
     mesh: ToolMesh,
     tool: u32,
-    /// Radius of the shaft, and of a needle, mm.
+    /// Radius of the shaft, and of a needle in this hand, mm.
     radius_mm: [f64; 2],
     /// Opening in [`JAW_STEP_RAD`], −1 before the first.
     opening: i64,
@@ -154,9 +147,8 @@ impl InstrumentImage {
         Side { depth: &self.depth, rect: self.rect, reversed: false }
     }
 
-    /// What of the instrument can lift tissue, as a camera at the handle sees it: hook and jaws.
-    /// Where they reach out of the volume there is shaft behind them, and nothing that could lie on
-    /// it. Empty for an instrument that is all shaft.
+    /// What of the instrument can lift tissue, as a camera at the handle sees it: hook and jaws. Where they reach out of the volume
+    /// there is shaft behind them, and nothing that could lie on it. Empty for an instrument that is all shaft.
     pub fn back(&self) -> Side<'_> {
         Side { depth: &self.back_depth, rect: self.back_rect, reversed: true }
     }
@@ -166,7 +158,7 @@ impl InstrumentImage {
         InstrumentImage { mesh, ..Self::new(Tool::Forceps, 0.0, volume) }
     }
 
-    /// Changes the tool; allocates only then.
+    /// Takes another tool into the hand; it allocates, but only at a change of tools.
     pub fn set_tool(&mut self, tool: Tool, volume: &Volume) {
         if self.tool != tool as u32 {
             *self = Self::with_needle(tool, self.radius_mm, volume);

@@ -1,19 +1,10 @@
-//! Contact of instruments with tissue, with the retina's sphere and with rigid bodies. Pure: no
-//! transport, no clock, no state of its own between two steps but caches.
+//! Who touches what.
 //!
-//! | module | query |
-//! |---|---|
-//! | [`zcoll`] | image-based collision with a sheet, from two depth images drawn in integers |
-//! | [`exact`] | pairs of triangles that intersect, decided in integers by [`tritri`] |
-//! | [`suction`] | triangles in the suction cone of a vitrector's port |
-//! | [`continuous`] | time of impact of moving points, triangles and edges |
-//! | [`eyeball`] | a tip against the retina's sphere (the paper's case 2) |
-//! | [`rigid`] | instruments against convex bodies (case 3) |
-//!
-//! [`surface`] is the mesh that the queries take, and culls it; [`quantize`] rounds vertices to
-//! whole numbers; [`raster`] draws triangles; [`tool_mesh`] holds the instruments' shapes and
-//! [`instrument_image`] their depth images; [`gpu`] does ZCOLL in compute shaders, and [`backend`]
-//! chooses between processor and adapter. See `docs/collision.md`.
+//! [`zcoll`] finds where an instrument has passed the membrane, from two small depth images that [`raster`] draws in
+//! integers; [`instrument_image`] keeps the instrument's, [`tool_mesh`] is its shape. [`exact`] finds the pairs of triangles
+//! that meet, which [`tritri`] decides. Both begin with [`surface`], the cull, and [`quantize`], vertices into whole numbers.
+//! [`suction`] finds what a vitrector's port sees. [`continuous`] tests what happens between two looks. [`eyeball`] compares the tip with the retina's sphere (the paper's
+//! case 2), [`rigid`] instruments with convex bodies (case 3). `docs/collision.md` tells the whole.
 
 pub mod backend;
 pub mod continuous;

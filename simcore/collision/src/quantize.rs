@@ -1,6 +1,5 @@
-//! Rounds vertices to whole numbers, sixteen at a time: the instrument's frame, a scale per axis,
-//! and the planes of a box that each vertex lies beyond. ZCOLL's images and the exact pairs both
-//! begin here.
+//! Vertices into whole numbers, sixteen at a time: the instrument's frame, a scale per axis, and the planes of a box that each
+//! vertex lies beyond. ZCOLL's images and the exact pairs both begin here.
 
 use super::raster::{XY_LIMIT, Z_LIMIT};
 use super::surface::{BLOCK, Frame, Surface};
@@ -16,8 +15,8 @@ pub struct QuantizedVertex {
 
 /// Bits of the planes: below the minimum along x, above the maximum, then y, then z.
 pub const PLANES: i32 = 0x3f;
-/// Bit of a vertex beyond a limit, or of one that is not a number. The latter lies beyond no plane,
-/// so that it is never passed over in silence.
+/// Bit of a vertex beyond a limit, or of one that is not a number. The latter lies beyond no plane, so that it is never passed
+/// over in silence.
 pub const REFUSED: i32 = 0x40;
 
 /// How vertices are placed in a query.
@@ -40,9 +39,8 @@ const WHOLE: f32 = 8_388_608.0;
 
 const _: () = assert!(2 * XY_LIMIT < 1 << 22 && 2 * Z_LIMIT < 1 << 22, "a limit twice is far below 2²³");
 
-/// Rounds to whole steps; what lies outside is put on the limit, where the caller refuses it, and
-/// what is not a number on the negative one. Halves go up: the integer part of value + limit + 1/2,
-/// less the limit.
+/// Rounds to whole steps; what lies outside is put on the limit, where the caller refuses it, and what is not a number on the
+/// negative one. Halves go up: the integer part of value + limit + 1/2, less the limit.
 #[inline(always)]
 pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
     let bound = limit as f32;
@@ -50,8 +48,8 @@ pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
     let step = if step > -bound { step } else { -bound };
     let step = if step < bound { step } else { bound };
     let above = step + bound + 0.5;
-    // The integer part of `above`, which is within 0 and 2²², without a conversion: that would keep
-    // the loops around it from becoming vector code.
+    // The integer part of `above`, which is within 0 and 2²², without a conversion: that would keep the
+    // loops around it from becoming vector code.
     let nearest = above + WHOLE;
     let whole = nearest.to_bits() as i32 - WHOLE.to_bits() as i32;
     let up = if nearest - WHOLE > above { 1 } else { 0 };
@@ -127,8 +125,8 @@ mod tests {
             }
         }
 
-        /// Every path gives the same bits, an f64 of our own the same steps but for their rounding,
-        /// and what is not a number is refused and beyond no plane.
+        /// Every path gives the same bits, an f64 of our own the same steps but for their rounding, and what is not a
+        /// number is refused and beyond no plane.
         #[test]
         fn vertices_are_where_an_f64_puts_them(
             points in prop::collection::vec(prop::array::uniform3(-2.0f32..2.0), 1..40),

@@ -1,7 +1,6 @@
-//! Instrument against the rigid bodies of abstract tasks (paper, section 3.3, case 3): a few convex
-//! primitives each. parry3d decides (boxes first, then GJK and EPA); this module is the only place
-//! that knows it. Numbers cross the border here: `f64` and mm outside, `f32` inside, always
-//! relative to the body, so that nothing large is rounded. parry3d is built with
+//! Instrument against the rigid bodies of abstract tasks (paper, section 3.3, case 3): a few convex primitives each. parry3d decides
+//! (boxes first, then GJK and EPA); this module is the only place that knows it. Numbers cross the border here: `f64` and mm
+//! outside, `f32` inside, always relative to the body, so that nothing large is rounded. parry3d is built with
 //! `enhanced-determinism`: the same bits on every processor.
 
 use super::surface::CollisionError;
@@ -105,8 +104,7 @@ impl Part {
         Ok(Part { pose: at, bounds: shape.compute_local_aabb(), shape })
     }
 
-    /// True if nothing of `other` can touch this part: the ball around its bounds is clear of this
-    /// part's bounds.
+    /// True if nothing of `other` can touch this part: the ball around its bounds is clear of this part's bounds.
     fn is_clear_of(&self, other: &Part, other_from_own: &Isometry3<f64>) -> bool {
         let centre = other_from_own.inverse_transform_point(&back(other.bounds.center()).into()).coords;
         let beyond = centre.sup(&back(self.bounds.mins)).inf(&back(self.bounds.maxs)) - centre;
@@ -115,7 +113,7 @@ impl Part {
     }
 }
 
-/// True if four of the points span a volume, which parry3d's hull does not check.
+/// Four of the points span a body: parry3d's hull does not say so itself.
 fn has_volume(points: &[Vector]) -> bool {
     let Some(&first) = points.first() else { return false };
     let arms = || points.iter().map(|p| *p - first);
@@ -142,7 +140,7 @@ pub struct RigidContact {
     pub body_part: usize,
     /// Deepest point of the instrument, in the body's frame, mm.
     pub at_mm: Point3<f64>,
-    /// Out of the body, in its frame: the direction in which the instrument comes free.
+    /// Out of the body, in its frame: the way by which the instrument comes free.
     pub normal: Unit<Vector3<f64>>,
     /// How deep it is inside, mm; 0 at a touch.
     pub depth_mm: f64,
@@ -150,10 +148,6 @@ pub struct RigidContact {
 
 impl Compound {
     /// A body of convex parts, each with its pose in the body's frame.
-    ///
-    /// # Errors
-    /// [`CollisionError`] without parts, or for a part without extent or with sizes that are not
-    /// finite.
     pub fn new(parts: &[(Convex, Isometry3<f64>)]) -> Result<Self, CollisionError> {
         if parts.is_empty() {
             return Err(CollisionError::Empty);
@@ -164,9 +158,6 @@ impl Compound {
     }
 
     /// An instrument: its shaft, and its jaws, closed.
-    ///
-    /// # Errors
-    /// As [`Compound::new`].
     pub fn instrument(tool: Tool, radius_mm: f64, length_mm: f64) -> Result<Self, CollisionError> {
         let mesh = ToolMesh::new(tool, radius_mm, length_mm);
         let points = |facets: &[Facet], sign: f64| {
@@ -192,8 +183,8 @@ impl Compound {
         }
     }
 
-    /// Contacts of an instrument with this body, deepest first in each pair of parts: at most one a
-    /// pair. `body_from_instrument` must be finite; what is not touches nothing.
+    /// Contacts of an instrument with this body, deepest first in each pair of parts: at most one a pair.
+    /// `body_from_instrument` must be finite; what is not touches nothing.
     pub fn contacts(
         &self,
         instrument: &Compound,
@@ -202,9 +193,8 @@ impl Compound {
     ) {
         out.clear();
         let finite = |v: &[f64]| v.iter().all(|c| c.is_finite());
-        let (translation, rotation) =
-            (&body_from_instrument.translation.vector, &body_from_instrument.rotation.coords);
-        if !finite(translation.as_slice()) || !finite(rotation.as_slice()) {
+        let (way, turn) = (&body_from_instrument.translation.vector, &body_from_instrument.rotation.coords);
+        if !finite(way.as_slice()) || !finite(turn.as_slice()) {
             return;
         }
         for (i, tool) in instrument.parts.iter().enumerate() {
@@ -267,8 +257,7 @@ mod tests {
         assert_eq!(parts(&touch(&ball, &forceps, &at(0.0, 0.0, 0.0))), [1, 2]);
         forceps.open_jaws(0.6);
         assert_eq!(parts(&touch(&ball, &forceps, &at(0.0, 0.0, 0.0))), [] as [usize; 0]);
-        // The inner side of the +x jaw is a line through the pivot; a ball nearer to the shaft is
-        // between both.
+        // The inner side of the +x jaw is a line through the pivot; a ball nearer to the shaft is between both.
         assert_eq!(parts(&touch(&ball, &forceps, &at(0.0, 0.0, -1.3))), [1, 2]);
     }
 
@@ -288,8 +277,7 @@ mod tests {
     }
 
     proptest! {
-        /// A ball against a ball-ended rod: depth, normal and point have a closed form, wherever
-        /// both lie.
+        /// A ball against a ball-ended rod: depth, normal and point have a closed form, wherever both lie.
         #[test]
         fn a_ball_and_a_rod_touch_as_geometry_says(
             x in -1.5f64..1.5, y in -1.5f64..1.5, z in -3.0f64..3.0, far in prop::array::uniform3(-12.0f64..12.0),

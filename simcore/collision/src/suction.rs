@@ -1,20 +1,17 @@
-//! The suction cone of a vitrector's port: a perspective camera in the port draws the sheet alone
-//! (paper, section 3.3.2); the triangles in its image lie in the cone.
+//! What a vitrector's port sees: a perspective camera in the port draws the membrane alone (paper, section 3.3.2); the triangles that
+//! it sees lie in the suction cone.
 //!
-//! The camera sits at the cone's apex. Its z runs along the instrument's +x, its x along the
-//! instrument's y and its y along the instrument's z. Across, lengths are divided by the tangent of
-//! the half angle, so that the cone's edge is |x| = z. Pixel (column, row) of R × R stands for the
-//! ray (2·column + 1 − R, 2·row + 1 − R, R); only rays inside the round cone are drawn.
+//! The camera sits at the cone's apex. Its z runs along the instrument's +x, its x along the instrument's y and its y along the
+//! instrument's z. Across, lengths are divided by the tangent of the half angle, so that the cone's edge is |x| = z. Pixel
+//! (column, row) of R × R stands for the ray (2·column + 1 − R, 2·row + 1 − R, R); only rays inside the round cone are drawn.
 //!
-//! Nothing is divided by depth and nothing is clipped: with corners P₀ P₁ P₂ in whole numbers and a
-//! ray r, the three determinants Eᵢ = r·(Pⱼ × Pₖ) have the sign of D = P₀·(P₁ × P₂) exactly if the
-//! ray meets the triangle (Olano and Greer, "Triangle scan conversion using 2D homogeneous
-//! coordinates", 1997), also where corners lie behind the camera; the depth is D·r_z / ΣEᵢ. A ray
-//! on an edge belongs to the triangle that it would meet if it were moved by (ε, ε²).
+//! Nothing is divided by depth and nothing is clipped: with corners P₀ P₁ P₂ in whole numbers and a ray r, the three determinants
+//! Eᵢ = r·(Pⱼ × Pₖ) have the sign of D = P₀·(P₁ × P₂) exactly if the ray meets the triangle (Olano and Greer, "Triangle scan
+//! conversion using 2D homogeneous coordinates", 1997), also where corners lie behind the camera; the depth is D·r_z / ΣEᵢ.
+//! A ray on an edge belongs to the triangle that it would meet if it were moved by (ε, ε²).
 //!
-//! Format: [`REACH_STEPS`] = 2¹⁵ steps are the cone's reach, coordinates stay below 2¹⁷. A cross
-//! product is below 2³⁵, E below 3·2⁴³, ΣE below 9·2⁴³, D below 3·2⁵², D·r_z below 3·2⁶⁰: an `i64`
-//! holds all.
+//! Format: [`REACH_STEPS`] = 2¹⁵ steps are the cone's reach, coordinates stay below 2¹⁷. A cross product is below 2³⁵, E below 3·2⁴³, ΣE
+//! below 9·2⁴³, D below 3·2⁵², D·r_z below 3·2⁶⁰: an `i64` holds all.
 
 use super::quantize::{PLANES, QuantizedVertex, Quantizer, REFUSED};
 use super::surface::{CollisionError, Cull, Frame, Surface};
@@ -46,7 +43,7 @@ pub struct SuctionCone {
     pub reach_mm: f64,
 }
 
-/// Counts of an image.
+/// What a look counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PortCounts {
     /// Pixels with membrane.
@@ -86,10 +83,7 @@ struct Canvas {
 }
 
 impl PortCamera {
-    /// An image of `resolution` × `resolution` pixels, and lists for a sheet with these triangles.
-    ///
-    /// # Errors
-    /// [`CollisionError`] for a resolution out of range, or as [`Cull::new`].
+    /// An image of `resolution` × `resolution` pixels, lists for a membrane of these triangles between so many nodes.
     pub fn new(resolution: usize, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, CollisionError> {
         if !(1..=MAX_RESOLUTION).contains(&resolution) {
             return Err(CollisionError::Resolution { resolution });
@@ -108,14 +102,13 @@ impl PortCamera {
         })
     }
 
-    /// Uses the base instruction set only, to prove that every path gives the same bits.
+    /// Uses the base instruction set only: for the proof that every path gives the same bits.
     pub fn without_simd(mut self) -> Self {
         self.cull = self.cull.without_simd();
         self
     }
 
-    /// Draws the sheet as the port sees it. Afterwards [`Self::triangles`] and
-    /// [`Self::pixels_seen`] list what lies in the cone.
+    /// Looks out of the port. Afterwards [`Self::triangles`] and [`Self::pixels_seen`] tell what lies in the cone.
     pub fn render(
         &mut self,
         instrument_from_eye: &Isometry3<f64>,
@@ -190,7 +183,7 @@ pub fn camera_from_instrument() -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::new(0.0, -PORT_HEIGHT_MM, 0.0), turn)
 }
 
-/// How the camera maps the eye to whole steps.
+/// How a look maps the eye to whole steps.
 fn placing(frame: Frame, cone: &SuctionCone) -> Quantizer {
     let along = f64::from(REACH_STEPS) / cone.reach_mm;
     let across = ((along / cone.tan_half_angle) as f32, 0.0);
@@ -228,8 +221,7 @@ impl Edge {
     }
 }
 
-/// First and one past the last pixel of an axis that a triangle before the camera can cover, a
-/// pixel more to both sides.
+/// First and one past the last pixel of an axis that a triangle before the camera can cover, a pixel more to both sides.
 fn span(corners: &[Wide; 3], axis: usize, resolution: i64) -> [i64; 2] {
     if corners.iter().any(|p| p[2] <= 0) {
         return [0, resolution];
@@ -379,9 +371,8 @@ mod tests {
         assert!(PortCamera::new(0, &mesh.triangles, 3).is_err());
     }
 
-    /// The corners in whole steps as documented, then every ray against every triangle in 128 bits
-    /// by Cramer's rule: t·r = Σ bᵢ Pᵢ with Σ bᵢ = 1. No edge functions: b from the inverse,
-    /// compared as fractions.
+    /// The corners in whole steps as documented, then every ray against every triangle in 128 bits by Cramer's rule: t·r = Σ bᵢ Pᵢ with
+    /// Σ bᵢ = 1. No edge functions: b from the inverse, compared as fractions.
     fn exact(mesh: &Mesh, resolution: i128) -> Vec<Option<(u32, i128)>> {
         let frame = Frame::new(&(camera_from_instrument() * pose().inverse()));
         let along = f64::from(REACH_STEPS) / VIEW.reach_mm;
@@ -403,8 +394,7 @@ mod tests {
                 if r[0] * r[0] + r[1] * r[1] > resolution * resolution {
                     continue;
                 }
-                // a + u·ab + v·ac = t·r; a ray on an edge is moved by (ε, ε²), which the sign of
-                // the first derivative that is not 0 decides.
+                // a + u·ab + v·ac = t·r; a ray on an edge is moved by (ε, ε²), which the sign of the first derivative that is not 0 decides.
                 let det = |p: [i128; 3], q: [i128; 3], s: [i128; 3]| {
                     p[0] * (q[1] * s[2] - q[2] * s[1]) - p[1] * (q[0] * s[2] - q[2] * s[0])
                         + p[2] * (q[0] * s[1] - q[1] * s[0])
@@ -439,8 +429,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
-        /// A wavy sheet anywhere about the port, also behind it and across it: each pixel as an
-        /// exact ray finds it.
+        /// A wavy sheet anywhere about the port, also behind it and across it: each pixel as an exact ray finds it.
         #[test]
         fn the_image_is_that_of_exact_rays(
             middle in prop::array::uniform3(-0.4f64..1.2), normal in prop::array::uniform3(-1.0f64..1.0),

@@ -1,27 +1,24 @@
 //! ZCOLL: image-based collision of an instrument with the membrane (paper, section 3.3).
 //!
-//! An orthographic camera is fixed to the instrument. It sits on the shaft's axis beyond the tip
-//! and looks back along the instrument's +z; x and y of the image are those of the instrument,
-//! depth grows towards the handle. The volume is a box of half width h, from the near plane (a
-//! sixth of its depth beyond the tip) to the far plane. Two images: the depth z_I of the
-//! instrument, which depends only on the jaw opening and is therefore kept until that changes; and
-//! depth z_M and triangle ID of the membrane. A pixel that has both and z_I < z_M is a collision:
-//! the instrument has passed the membrane there by d = (z_I − z_M)·ẑ, a vector away from the
-//! handle.
+//! An orthographic camera is fixed to the instrument. It sits on the shaft's axis beyond the tip and looks
+//! back along the instrument's +z; x and y of the image are those of the instrument, depth grows
+//! towards the handle. The volume is a box of half width h, from the near plane (a sixth of its depth
+//! beyond the tip) to the far plane. Two images: the depth z_I of the instrument, which depends only on
+//! the jaw opening and is therefore kept until that changes; and depth z_M and triangle ID of the membrane. A pixel
+//! that has both and z_I < z_M is a collision: the instrument has passed the membrane there by
+//! d = (z_I − z_M)·ẑ, a vector away from the handle.
 //!
-//! Node displacement is the paper's Eq. 1: over the set D_i of all vectors of the triangles around
-//! node i, length max |d| and direction that of the sum. All vectors of one view point along −ẑ, so
-//! that direction is −ẑ and the length of each node is all that is computed here.
+//! Node displacement is the paper's Eq. 1: over the set D_i of all vectors of the triangles around node
+//! i, length max |d| and direction that of the sum. All vectors of one view point along −ẑ, so that
+//! direction is −ẑ and the length of each node is all that is computed here.
 //!
-//! An instrument that came round an edge is under the membrane. Then the camera is reversed
-//! ([`Zcoll::query_reversed`]): it sits at the handle, looks along −z and sees what reaches beside
-//! the shaft (hook, jaws); vectors point along +ẑ and lift.
+//! An instrument that came round an edge is under the membrane. Then the camera is reversed ([`Zcoll::query_reversed`]): it sits at the
+//! handle, looks along −z and sees what reaches beside the shaft (hook, jaws); vectors point along +ẑ and lift.
 //!
-//! The membrane must meet each line of view at most once inside the volume (π-convex); pixels that
-//! see a second layer are counted. Instrument depth is clamped at the near plane; membrane outside
-//! the volume is not drawn. Only pixels that have instrument are drawn, because others never
-//! collide. Images are drawn in integers ([`super::raster`]), so that any other back end can give
-//! the same answer to the bit.
+//! The membrane must meet each line of view at most once inside the volume (π-convex); pixels that see
+//! a second layer are counted. Instrument depth is clamped at the near plane; membrane outside the volume
+//! is not drawn. Only pixels that have instrument are drawn, because others never collide. Images are drawn in
+//! integers ([`super::raster`]), so that any other back end can give the same answer to the bit.
 
 mod adapter;
 mod canvas;
@@ -36,7 +33,7 @@ use super::surface::{CollisionError, Cull, Frame, Surface};
 use canvas::Canvas;
 use nalgebra::Isometry3;
 
-/// Contacts of a query, as counts.
+/// What a look found.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Contacts {
     /// Colliding pixels.
@@ -45,8 +42,7 @@ pub struct Contacts {
     pub deepest: i32,
     /// Pixels that saw the membrane more than once.
     pub folded: u32,
-    /// Triangles beyond the range of the image's number format, or with a corner that is not a
-    /// number.
+    /// Triangles too large for the image's number format, or with a corner that is not a number.
     pub refused: u32,
     /// Triangles in the volume without area in the image: degenerate, or seen from their edge.
     pub flat: u32,
@@ -66,7 +62,7 @@ pub struct PixelContact {
 /// Pixels around the instrument by which the first cull is wider than the exact one.
 const CULL_MARGIN: f32 = 2.0;
 
-/// Images and lists of a query; one serves all instruments.
+/// Images and lists of a look; one serves all instruments.
 #[derive(Debug)]
 pub struct Zcoll {
     volume: Volume,
@@ -78,19 +74,15 @@ pub struct Zcoll {
     triangles: Vec<u32>,
     nodes: Vec<u32>,
     vertex_hits: Vec<(u32, i32)>,
-    /// Computes the query where there is one.
+    /// Looks in place of all this, where there is one.
     #[cfg(feature = "gpu")]
     gpu: Option<Box<GpuZcoll>>,
-    /// Pose of the last query, and whether it was seen from the handle.
-    last_query: (Isometry3<f64>, bool),
+    /// Pose of the last look, and whether it was one from the handle.
+    looked: (Isometry3<f64>, bool),
 }
 
 impl Zcoll {
-    /// Images of a volume, and lists for a sheet with these triangles.
-    ///
-    /// # Errors
-    /// [`CollisionError`] for a volume without extent, a resolution out of range, or a mesh that is
-    /// empty, too large or names a vertex that does not exist.
+    /// Images of a volume, lists for a membrane of these triangles between so many nodes.
     pub fn new(volume: Volume, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, CollisionError> {
         volume.check()?;
         let pixels = volume.resolution * volume.resolution;
@@ -112,11 +104,11 @@ impl Zcoll {
             vertex_hits: Vec::with_capacity(nodes),
             #[cfg(feature = "gpu")]
             gpu: None,
-            last_query: (Isometry3::identity(), false),
+            looked: (Isometry3::identity(), false),
         })
     }
 
-    /// Uses the base instruction set only, to prove that every path gives the same bits.
+    /// Uses the base instruction set only: for the proof that every path gives the same bits.
     pub fn without_simd(mut self) -> Self {
         self.cull = self.cull.without_simd();
         self
@@ -127,8 +119,8 @@ impl Zcoll {
         &self.volume
     }
 
-    /// Finds where the instrument has passed the sheet. Afterwards [`Self::displaced`] lists the
-    /// nodes, [`Self::hits`] the deformation vectors and [`Self::triangles`] the triangles.
+    /// Looks where the instrument has passed the membrane. Afterwards [`Self::displaced`] lists the nodes,
+    /// [`Self::hits`] the deformation vectors and [`Self::triangles`] the triangles.
     pub fn query(
         &mut self,
         image: &InstrumentImage,
@@ -138,8 +130,8 @@ impl Zcoll {
         self.query_side(&image.ahead(), instrument_from_eye, surface)
     }
 
-    /// The same from the handle: where hook or jaws of an instrument **under** the membrane have
-    /// come up through it. Depth grows towards the tip, and all vectors point along +ẑ: they lift.
+    /// The same from the handle: where hook or jaws of an instrument **under** the membrane have come up through it. Depth
+    /// grows towards the tip, and all vectors point along +ẑ: they lift.
     pub fn query_reversed(
         &mut self,
         image: &InstrumentImage,
@@ -156,7 +148,7 @@ impl Zcoll {
         surface: &Surface,
     ) -> Contacts {
         self.clear();
-        self.last_query = (*instrument_from_eye, side.reversed);
+        self.looked = (*instrument_from_eye, side.reversed);
         let mut found = Contacts::default();
         if side.rect.is_empty() {
             return found;
@@ -171,7 +163,7 @@ impl Zcoll {
         found
     }
 
-    /// True if the instrument has passed the sheet anywhere; lists nothing.
+    /// Whether the instrument has passed the membrane anywhere, and nothing else.
     pub fn touches(
         &mut self,
         image: &InstrumentImage,
@@ -196,17 +188,17 @@ impl Zcoll {
         self.nodes.iter().map(|&n| (n as usize, self.node_depth[n as usize]))
     }
 
-    /// The deformation vectors of the last query, by pixel.
+    /// The deformation vectors of the last look, by pixel.
     pub fn hits(&self) -> &[PixelContact] {
         &self.hits
     }
 
-    /// Colliding triangles of the last query, each with the longest of its vectors in depth steps.
+    /// Colliding triangles of the last look, each with the longest of its vectors in depth steps.
     pub fn triangles(&self) -> impl Iterator<Item = (usize, i32)> + '_ {
         self.triangles.iter().map(|&t| (t as usize, self.triangle_depth[t as usize]))
     }
 
-    /// Clears what the last query wrote, and only that.
+    /// Clears what the last look wrote, and only that.
     fn clear(&mut self) {
         self.hits.clear();
         self.triangles.drain(..).for_each(|t| self.triangle_depth[t as usize] = 0);
@@ -269,7 +261,7 @@ impl Zcoll {
     }
 }
 
-/// How a query maps the eye to the image.
+/// How a look maps the eye to the image.
 fn placing(frame: Frame, volume: &Volume, side: &Side) -> Quantizer {
     let [low, high] = [side.rect.min, side.rect.max].map(|p| p.map(|p| p * SUBPIXELS));
     let [xy, ahead] = volume.format();
@@ -431,8 +423,7 @@ mod tests {
             }
         }
         let found = s.zcoll.query_reversed(&pick, &pose, &s.mesh.surface());
-        // Pixels of the hook before the fold, by their centres; the fold may run through a column
-        // of them.
+        // Pixels of the hook before the fold, by their centres; the fold may run through a column of them.
         let width = 2.0 * half / s.zcoll.volume.resolution as f64;
         let seen = |column: usize| (column as f64 + 0.5) * width - half + 0.03 < f64::from(middle) - width;
         let resolution = s.zcoll.volume.resolution;

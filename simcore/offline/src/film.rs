@@ -40,7 +40,7 @@ impl Film {
             world.sheet(),
             world.adhesion().is_some(),
             world.vitreous().map(|(v, _)| v),
-            world.retina().map(|r| &r.sheet),
+            world.retina().map(|r| &r.body.mesh),
         );
         let payload = vec![0; bytes.div_ceil(size_of::<u128>())];
         Ok(Film { rehearsal, writer: SceneWriter::new(&world), world, field: 0, payload })

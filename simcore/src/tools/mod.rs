@@ -3,7 +3,6 @@
 use protocol::handles::{PedalMode, PedalState};
 use scene::{NeedleScene, SceneFile, VitrectorScene};
 use serde::{Deserialize, Serialize};
-use tissue::state::Removed;
 use tissue::vitrector::Cutter;
 
 /// Pump, blade and syringe, and what they have done.
@@ -19,8 +18,6 @@ pub struct ToolsState {
     pub exchange: f64,
     /// The blade.
     pub cutter: Cutter,
-    /// What the vitrector has taken of the membrane.
-    pub removed: Removed,
 }
 
 /// The figures of a scene's tools, those it leaves out at their defaults.

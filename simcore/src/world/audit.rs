@@ -2,54 +2,52 @@
 
 use super::World;
 use crate::bodies::state::BodiesState;
-use crate::state::InstrumentState;
 use protocol::handles::Tool;
-use tissue::guard;
-use tissue::membrane::tear;
-use tissue::membrane::tissue::Tissue;
+use tissue::sheet::material::Material;
+use tissue::sheet::state::{SheetContact, SheetState};
 
 impl World {
     /// Checks the state: numbers finite, mesh whole, accounts balanced. The text names the first thing that is wrong.
     /// For tests; it may allocate.
     pub fn audit(&self) -> Result<(), String> {
-        if !guard::all_finite(&self.state.membrane) {
-            return Err("the membrane has numbers that are not finite".into());
+        if let Some(membrane) = &self.membrane {
+            membrane.audit(&self.state.membrane).map_err(|e| format!("the membrane: {e}"))?;
         }
-        tear::check_mesh(&self.sheet, &self.state.membrane)?;
         BodiesState::check(self.state.bodies.as_ref(), self.scene.bodies.as_ref())
             .map_err(|e| e.to_string())?;
         self.audit_retina()?;
-        self.check_vitreous(&self.state).map_err(|e| e.to_string())?;
-        self.audit_glue()
+        self.check_vitreous(&self.state).map_err(|e| e.to_string())
     }
 
     /// True while something acts on tissue: an instrument holds, touches or has pierced it, or a vitrector sucks.
     pub fn is_handled(&self) -> bool {
         let vitrector = Tool::Vitrector as u32;
-        let sucks = |i: &InstrumentState| i.tool == vitrector && self.state.tools.suction_pa > 0.0;
-        let acts =
-            |i: &InstrumentState| !i.held.is_empty() || i.in_contact || i.pierced.is_some() || sucks(i);
-        let on_retina = self.state.retina.as_ref().is_some_and(|r| {
-            let held = r.held.iter().any(|h| !h.is_empty());
-            held || r.needles.iter().any(|n| n.inside) || r.presses.iter().any(|p| p.in_contact)
-        });
-        on_retina || self.state.instruments.iter().any(acts)
+        let suction = self.state.tools.suction_pa > 0.0;
+        let acts = |sheet: &SheetState| {
+            let touched = |c: &SheetContact| c.in_contact || c.pierced.is_some();
+            sheet.held.iter().any(|h| !h.is_empty()) || sheet.contact.iter().any(touched)
+        };
+        let pierced = self.state.retina.as_ref().is_some_and(|r| r.needles.iter().any(|n| n.inside));
+        pierced
+            || self.state.sheets().any(acts)
+            || suction && self.state.instruments.iter().any(|i| i.tool == vitrector)
     }
 
     /// Square of the acceleration of each node of the membrane in the last part of a substep, before its limit, mm²/s⁴.
     pub fn membrane_acceleration2(&self) -> &[f32] {
-        &self.solver.acceleration2
+        self.membrane.as_ref().map_or(&[], |body| &body.solver.acceleration2)
     }
 
     /// Changes the figures by which the membrane moves into what no scene can ask for.
-    pub fn spoil_membrane(&mut self, spoil: impl FnOnce(&mut Tissue)) {
-        spoil(&mut self.tissue);
-        self.refresh();
+    pub fn spoil_membrane(&mut self, spoil: impl FnOnce(&mut Material)) {
+        if let Some(membrane) = &mut self.membrane {
+            membrane.spoil(&self.state.membrane, spoil);
+        }
     }
 
     /// The retina's mesh is whole, its blebs are those of its flags, and the fluid balances: injected = under it + leaked.
     fn audit_retina(&self) -> Result<(), String> {
-        self.check_retina(&self.state).map_err(|e| e.to_string())?;
+        self.check_sheets(&self.state).map_err(|e| e.to_string())?;
         let Some(retina) = &self.state.retina else { return Ok(()) };
         let account = &retina.account;
         let missing = account.injected_mm3 - account.leaked_mm3 - retina.under_mm3();
@@ -113,15 +111,15 @@ mod tests {
             spoil(w.state.retina.as_mut().unwrap())
         };
         let spoils: [fn(&mut tissue::retina::state::RetinaState); 4] = [
-            |r| r.tissue.position_mm[0][7] = f32::NAN,
-            |r| r.tissue.velocity_mm_s[1][7] = f32::INFINITY,
+            |r| r.sheet.position_mm[0][7] = f32::NAN,
+            |r| r.sheet.velocity_mm_s[1][7] = f32::INFINITY,
             |r| r.blebs[0].volume_mm3 = f64::NAN,
             |r| r.blebs[0].pressure_pa = f64::NEG_INFINITY,
         ];
         for (i, spoil) in spoils.into_iter().enumerate() {
             let (world, events) = spoiled(&scene, 3, |w| retina(w, spoil));
             assert!(events.contains(&DISABLED), "number {i}");
-            let loose = world.retina().unwrap().pieces.loose().len();
+            let loose = world.retina().unwrap().blebs.loose().len();
             assert!(loose > 100, "number {i}: the rest is still lifted: {loose} nodes");
         }
     }

@@ -14,7 +14,7 @@ use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use scene::SceneFile;
 use tissue::constants::SUBSTEP_S;
-use tissue::forceps;
+use tissue::sheet::grasp;
 
 /// Length of an instrument that can touch bodies, in radii of the retina: from any tip to beyond the trocar.
 const LENGTH_RADII: f64 = 2.5;
@@ -128,7 +128,7 @@ impl World {
             }
         }
         let (before, now) = (plan.jaw(i, plan.share(k - 1)), plan.jaw(i, plan.share(k)));
-        let has_jaws = forceps::has_jaws(tool);
+        let has_jaws = grasp::has_jaws(tool);
         if let Some(held) = state.grip[i] {
             let open = now > held.opening_rad + grip::RELEASE_RAD;
             if open || !has_jaws || !plan.touches[i] {

@@ -4,11 +4,11 @@
 mod audit;
 mod bodies;
 mod dose;
-mod membrane;
-mod peel;
 mod plan;
 mod removed;
 mod retina;
+mod sheet_events;
+mod sheets;
 mod stain;
 mod task;
 mod tools;
@@ -20,16 +20,15 @@ pub use removed::RemovedTissue;
 
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
-use crate::constants::{COLLISION_EVERY, MAX_MARKS, NOTICE_NS};
+use crate::constants::{MAX_MARKS, NOTICE_NS};
 use crate::dose::{DoseState, LitRetina};
 use crate::event_log::{EventLog, Happening};
 use crate::microscope;
 use crate::state::State;
 use crate::tools::{ToolFigures, ToolsState};
-use collision::backend::{self, Backend, BackendChoice};
+use collision::backend::{Backend, BackendChoice};
 use collision::instrument_image::{InstrumentImage, Volume};
 use collision::surface::CollisionError;
-use collision::zcoll::Zcoll;
 use nalgebra::Isometry3;
 use protocol::events::{Event, EventKind};
 use protocol::handles::Tool;
@@ -38,18 +37,12 @@ use protocol::message::fnv1a;
 use protocol::poses::TrackerFrame;
 use protocol::steps::{StepInput, StepTimes};
 use scene::SceneFile;
-use tissue::constants::MAX_HELD;
-use tissue::cutting::Cutting;
-use tissue::guard::LastGood;
-use tissue::membrane::adhesion::Adhesion;
-use tissue::membrane::curl::Curl;
-use tissue::membrane::implicit::Implicit;
-use tissue::membrane::mesh::MeshError;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::solver::Solver;
-use tissue::membrane::stain::StainState;
-use tissue::membrane::tissue::{Tissue, Unstable};
-use tissue::retina::{Retina, RetinaError};
+use std::sync::LazyLock;
+use tissue::retina::Retina;
+use tissue::sheet::adhesion::Adhesion;
+use tissue::sheet::body::{SheetBody, SheetError};
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::stain::StainState;
 use tissue::vitrector::Port;
 use tissue::vitreous::Vitreous;
 
@@ -59,15 +52,12 @@ pub enum WorldError {
     /// The collision volume or the mesh cannot be used.
     #[error("contact: {0}")]
     Collision(#[from] CollisionError),
-    /// The membrane's own mesh cannot be a sheet.
-    #[error("membrane.mesh: {0}")]
-    Mesh(#[from] MeshError),
+    /// The membrane cannot be simulated.
+    #[error("membrane{0}")]
+    Membrane(SheetError),
     /// The retina cannot be simulated.
-    #[error("retina: {0}")]
-    Retina(#[from] RetinaError),
-    /// The tissue is too stiff for its time step.
-    #[error(transparent)]
-    Unstable(#[from] Unstable),
+    #[error("retina{0}")]
+    Retina(SheetError),
     /// The mesh does not fit the block that carries it to the renderer.
     #[error(
         "membrane of {nodes} nodes: the scene block would take {bytes} bytes, there is room for {room}; \
@@ -81,20 +71,10 @@ pub enum WorldError {
         /// Bytes there are.
         room: usize,
     },
-    /// The glue is too stiff for the nodes' mass and the substep.
-    #[error(
-        "membrane.node_mass_g: expected at least {least_g:.3} g for glue of {stiffness_un_per_mm:.0} µN/mm a node, \
-         found {found_g}; or give membrane.adhesion a longer range_mm"
-    )]
-    Glue {
-        /// Stiffness of the stiffest bond, µN/mm.
-        stiffness_un_per_mm: f64,
-        /// Mass that would do, g.
-        least_g: f64,
-        /// Mass there is, g.
-        found_g: f64,
-    },
 }
+
+/// The mesh of a membrane that is not there.
+static NO_MESH: LazyLock<SheetMesh> = LazyLock::new(SheetMesh::default);
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -112,40 +92,24 @@ pub struct StepReport {
 pub struct World {
     scene: SceneFile,
     fingerprint: u64,
-    sheet: Sheet,
-    tissue: Tissue,
-    /// Parts of a substep that its stability needs.
-    splits: u32,
     state: State,
-    solver: Solver,
-    adhesion: Option<Adhesion>,
-    curl: Option<Curl>,
-    /// What makes the substeps where the scene asks for more than the explicit core.
-    implicit: Option<Implicit>,
+    /// The membrane, where the scene has one.
+    membrane: Option<SheetBody>,
+    /// The whole retina as tissue, where the scene has it.
+    retina: Option<Retina>,
     volume: Volume,
     /// Shapes of the rigid bodies and the instruments, where there are some.
     bodies: Option<bodies::Bodies>,
-    /// Collision images of the membrane, where there is one.
-    zcoll: Option<Zcoll>,
     images: [InstrumentImage; INSTRUMENTS],
     /// What the scene says of its tools.
     figures: ToolFigures,
-    /// The port's camera and the membrane's areas, where there is a membrane.
-    cutting: Option<Cutting>,
     /// Where vitrectors and needles are in this substep.
     aimed: tools::Aimed,
-    last_good: LastGood,
     log: EventLog,
-    /// What happened to the membrane in this step, for its events.
-    toll: membrane::Toll,
-    /// The whole retina as tissue, where the scene has it.
-    retina: Option<retina::RetinaPart>,
     /// The vitreous, where there is one.
     vitreous: Option<Vitreous>,
     /// Ports that sucked at the vitreous in this step: substeps open, and the last of them.
     sucking: [Option<(u32, Port)>; INSTRUMENTS],
-    /// What happened to the glue in this step, for its events.
-    parting: peel::StepParting,
     /// What the trainee is asked to do, where the scene says so.
     task: Option<task::TaskPart>,
     /// Room for the dye, until the first jet reaches the membrane.
@@ -157,36 +121,21 @@ pub struct World {
 impl World {
     /// The world of a scene, before its first step.
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
-        let sheet = Sheet::new(scene)?;
-        let (model, retina) = Retina::new(scene)?.unzip();
+        let membrane = SheetBody::membrane(scene).map_err(WorldError::Membrane)?;
+        let (retina, retina_state) = Retina::new(scene).map_err(WorldError::Retina)?.unzip();
         let vitreous = Vitreous::new(scene);
-        let retina_sheet = model.as_ref().map(|m| &m.sheet);
-        let glued = scene.membrane.as_ref().is_some_and(|m| m.adhesion.is_some());
-        let bytes = crate::scene_block::bytes_needed(&sheet, glued, vitreous.as_ref(), retina_sheet);
+        let mesh = membrane.as_ref().map_or(&*NO_MESH, |membrane| &membrane.mesh);
+        let adheres = membrane.as_ref().is_some_and(|membrane| membrane.adhesion().is_some());
+        let retina_mesh = retina.as_ref().map(|retina: &Retina| &retina.body.mesh);
+        let bytes = crate::scene_block::bytes_needed(mesh, adheres, vitreous.as_ref(), retina_mesh);
         if bytes > MAX_SCENE_BYTES {
-            return Err(WorldError::TooLarge { nodes: sheet.nodes(), bytes, room: MAX_SCENE_BYTES });
+            return Err(WorldError::TooLarge { nodes: mesh.nodes(), bytes, room: MAX_SCENE_BYTES });
         }
-        let adhesion = peel::adhesion(scene, &sheet)?;
-        let integrator = scene.membrane.as_ref().map_or_else(Default::default, |m| m.integrator);
-        let mut tissue = Tissue::new(scene);
-        let implicit = Implicit::of(integrator, &sheet, &tissue);
-        let mut solver = Solver::new(&sheet);
-        if implicit.is_some() {
-            solver.look_ahead();
-        }
-        let splits = if implicit.is_some() { 1 } else { tissue.split(&sheet)? };
-        let mut state = State { retina, ..start_state(scene, &sheet, &tissue, adhesion.as_ref()) };
+        let mut state = State { retina: retina_state, ..start_state(scene, membrane.as_ref()) };
         state.vitreous = vitreous.as_ref().map(Vitreous::start);
         let volume = Volume::new(&scene.contact);
         volume.check()?;
-        let zcoll = || Zcoll::new(volume, &sheet.triangles, sheet.nodes());
-        let zcoll = scene.membrane.is_some().then(zcoll).transpose()?;
-        let retina = model
-            .map(|m| retina::RetinaPart::new(m, volume, &ToolFigures::new(scene).vitrector))
-            .transpose()?;
         let figures = ToolFigures::new(scene);
-        let cutting = || Cutting::new(&figures.vitrector, &sheet);
-        let cutting = scene.membrane.is_some().then(cutting).transpose()?;
         let image = |i: usize| {
             let instrument = &scene.instruments[i];
             let radius = [instrument.shaft_radius_mm, figures.needle.radius_mm];
@@ -195,34 +144,23 @@ impl World {
         let task = task::TaskPart::of(scene).map(|part| part.with_gel(vitreous.as_ref()));
         let mut world = World {
             fingerprint: fnv1a(scene.without_script().to_toml().as_bytes()),
-            tissue,
-            splits,
-            solver,
-            adhesion,
-            curl: peel::curl(scene, &sheet),
-            implicit,
+            retina,
             volume,
             bodies: bodies::Bodies::new(scene)?,
-            zcoll,
             images: std::array::from_fn(image),
             figures,
-            cutting,
             aimed: tools::Aimed::default(),
-            last_good: LastGood::new(&state.membrane),
             log: EventLog::default(),
-            toll: membrane::Toll::default(),
-            retina,
             vitreous,
             sucking: Default::default(),
-            parting: peel::StepParting::default(),
             task,
-            no_stain: stain::room(scene, &sheet),
+            no_stain: stain::room(scene, mesh),
             lit_retina: LitRetina::new(scene.eye.retina_radius_mm),
             scene: scene.clone(),
-            sheet,
+            membrane,
             state,
         };
-        world.refresh();
+        world.resume();
         Ok(world)
     }
 
@@ -240,12 +178,11 @@ impl World {
         wanted: Backend,
         clock: &mut dyn FnMut() -> u64,
     ) -> Option<BackendChoice> {
-        let zcoll = self.zcoll.as_mut()?;
+        let membrane = self.membrane.as_mut()?;
         let instrument = &self.scene.instruments[0];
         let mut image = InstrumentImage::new(instrument.tool, instrument.shaft_radius_mm, &self.volume);
         image.prepare(0.0, &self.volume);
-        let surface = self.state.membrane.surface(&self.sheet);
-        Some(backend::choose_backend(zcoll, wanted, &image, &surface, clock))
+        Some(membrane.choose_collision(&self.state.membrane, wanted, &image, clock))
     }
 
     /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's times and
@@ -260,36 +197,26 @@ impl World {
         let plan = self.plan(input.frame);
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
-            self.note_ways(&poses);
             let tissue_begin = clock();
             self.aim_tools(&plan, &poses);
             self.use_ports();
-            self.move_tissue(&plan, &poses);
             self.use_forceps(&plan, &poses, k);
+            self.move_sheets(&poses);
             self.move_bodies(&plan, &poses, k);
-            self.move_retina(&plan, &poses, k);
-            self.cut_membrane(&poses);
             let tissue_end = clock();
             times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
             self.state.substeps += 1;
             self.touch_retina(&plan);
-            if self.state.substeps.is_multiple_of(COLLISION_EVERY) {
-                self.push_membrane(&plan, &poses);
-                self.push_retina(&plan, &poses);
-                times.collision_ns += clock().saturating_sub(tissue_end);
-            }
+            self.push_sheets(&plan, &poses);
+            times.collision_ns += clock().saturating_sub(tissue_end);
         }
         let gel_begin = clock();
         self.move_vitreous(&plan);
         times.tissue_ns += clock().saturating_sub(gel_begin);
-        self.tell_toll();
-        self.tell_cuts();
-        self.tell_peel();
         self.stain_membrane(&plan);
         self.shine(&plan);
         self.tell_stopped();
-        self.check_finite();
-        self.end_retina();
+        self.end_sheets(&plan);
         self.end_task(input.frame);
         self.end_step(&plan);
         let state_hash = checkpoint::state_hash(&self.state);
@@ -318,9 +245,19 @@ impl World {
         checkpoint::state_hash(&self.state)
     }
 
-    /// The membrane's connections.
-    pub fn sheet(&self) -> &Sheet {
-        &self.sheet
+    /// The membrane's connections; none where the scene has no membrane.
+    pub fn sheet(&self) -> &SheetMesh {
+        self.membrane.as_ref().map_or(&*NO_MESH, |membrane| &membrane.mesh)
+    }
+
+    /// The membrane, where the scene has one.
+    pub fn membrane(&self) -> Option<&SheetBody> {
+        self.membrane.as_ref()
+    }
+
+    /// Bonds of the membrane, where the scene has some.
+    pub fn adhesion(&self) -> Option<&Adhesion> {
+        self.membrane.as_ref()?.adhesion()
     }
 
     /// The scene.
@@ -335,63 +272,57 @@ impl World {
 
     /// Goes on from a saved state of the same scene; on an error nothing changes.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
-        let state = checkpoint::decode(bytes, self.fingerprint, &self.sheet)?;
-        self.check_retina(&state).map_err(CheckpointError::Content)?;
+        let state = checkpoint::decode(bytes, self.fingerprint)?;
+        self.check_sheets(&state)?;
         self.check_vitreous(&state)?;
-        peel::check(self.adhesion.as_ref(), state.adhesion.as_ref())?;
         BodiesState::check(state.bodies.as_ref(), self.scene.bodies.as_ref())?;
         self.check_task(&state)?;
         self.state = state;
-        self.no_stain = stain::room(&self.scene, &self.sheet);
-        for instrument in &mut self.state.instruments {
-            instrument.held.reserve_exact(MAX_HELD - instrument.held.len());
-        }
         self.state.marks.reserve_exact(MAX_MARKS - self.state.marks.len());
-        self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.state.instruments) {
             if let Some(tool) = Tool::from_wire(instrument.tool) {
                 image.set_tool(tool, &self.volume);
             }
         }
-        self.refresh();
-        self.refind_retina();
-        self.refresh_vitreous();
+        self.resume();
         Ok(())
     }
 
     /// Forgets the past: the scene as it was at the start.
     pub fn reset(&mut self) {
-        let retina = self.retina.as_ref().map(|part| part.model.start());
-        self.state =
-            State { retina, ..start_state(&self.scene, &self.sheet, &self.tissue, self.adhesion.as_ref()) };
+        let retina = self.retina.as_ref().map(Retina::start);
+        self.state = State { retina, ..start_state(&self.scene, self.membrane.as_ref()) };
         self.state.vitreous = self.vitreous.as_ref().map(Vitreous::start);
-        self.no_stain = stain::room(&self.scene, &self.sheet);
-        self.last_good.remember(&self.state.membrane);
         for (image, instrument) in self.images.iter_mut().zip(&self.scene.instruments) {
             image.set_tool(instrument.tool, &self.volume);
         }
-        self.refresh();
-        self.refind_retina();
-        self.refresh_vitreous();
+        self.resume();
     }
 
-    /// Derives the solver's figures from the living springs and the flags.
-    fn refresh(&mut self) {
-        self.solver.refresh(&self.sheet, &self.state.membrane, &self.tissue);
-        if let Some(implicit) = &mut self.implicit {
-            implicit.refresh(&self.sheet, &self.state.membrane, &self.tissue);
+    /// Derives everything from a state that was not reached by steps.
+    fn resume(&mut self) {
+        self.no_stain = stain::room(&self.scene, self.sheet());
+        if let Some(membrane) = &mut self.membrane {
+            membrane.resume(&mut self.state.membrane);
         }
+        if let (Some(model), Some(retina)) = (&mut self.retina, &mut self.state.retina) {
+            model.resume(retina);
+        }
+        self.refresh_vitreous();
     }
 
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
-        self.toll = membrane::Toll::default();
         self.sucking = Default::default();
-        self.parting = peel::StepParting::default();
-        self.last_good.remember(&self.state.membrane);
-        self.begin_retina();
-        let retina_splits = self.retina.as_ref().map_or(1, |part| part.model.splits());
-        let splits = self.splits.max(retina_splits);
+        let mut splits = 1;
+        if let Some(membrane) = &mut self.membrane {
+            membrane.begin_step(&self.state.membrane);
+            splits = membrane.splits();
+        }
+        if let (Some(model), Some(retina)) = (&mut self.retina, &self.state.retina) {
+            model.begin_step(retina);
+            splits = splits.max(model.body.splits());
+        }
         if self.state.step == 0 && splits > 1 {
             let parts = f64::from(splits);
             self.log.raise(Happening::new(EventKind::TimeStepSplit, parts));
@@ -417,11 +348,7 @@ pub fn no_clock() -> u64 {
     0
 }
 
-fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Option<&Adhesion>) -> State {
-    let mut membrane = peel::start_membrane(sheet, adhesion);
-    if tissue.is_plastic() {
-        membrane.rest_mm.clone_from(&sheet.rest_mm);
-    }
+fn start_state(scene: &SceneFile, membrane: Option<&SheetBody>) -> State {
     State {
         step: 0,
         field: 0,
@@ -436,9 +363,8 @@ fn start_state(scene: &SceneFile, sheet: &Sheet, tissue: &Tissue, adhesion: Opti
         world_from_eye: Isometry3::identity(),
         tracking: [Default::default(); BODIES],
         instruments: std::array::from_fn(|i| start_instrument(scene.instruments[i].tool)),
-        membrane,
+        membrane: membrane.map_or_else(|| NO_MESH.start(), SheetBody::start),
         bodies: scene.bodies.as_ref().map(BodiesState::start),
-        adhesion: adhesion.map(Adhesion::start),
         vitreous: None,
         microscope: microscope::start(scene),
         optics: microscope::start_optics(scene),

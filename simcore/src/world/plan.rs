@@ -10,12 +10,11 @@ use collision::eyeball::AWAY;
 use nalgebra::{Isometry3, Vector3};
 use protocol::events::EventKind;
 use protocol::geometry::Validity;
-use protocol::handles::{HandleState, PedalState, Tool};
+use protocol::handles::{HandleState, JAW_LENGTH_MM, PedalState, Tool};
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS, SUBSTEP_NS};
 use protocol::message::Message;
 use protocol::poses::{EYE, TrackerFrame};
-use tissue::constants::MAX_HELD;
-use tissue::forceps;
+use tissue::sheet::grasp;
 
 /// A step's way from the last exposure to this one.
 #[derive(Debug, Clone, Copy)]
@@ -62,13 +61,7 @@ pub fn start_instrument(tool: Tool) -> InstrumentState {
         world_from_instrument: Isometry3::identity(),
         tip_in_eye_mm: Vector3::zeros(),
         touches: false,
-        held: Vec::with_capacity(MAX_HELD),
         retina: AWAY,
-        under: false,
-        hooked: false,
-        pierced: None,
-        in_contact: false,
-        travelled_mm: 0.0,
         fold_quiet_ns: 0,
     }
 }
@@ -93,7 +86,7 @@ impl World {
         }
         for i in 0..INSTRUMENTS {
             self.change_tool(i);
-            if !forceps::has_jaws(self.state.instruments[i].tool) {
+            if !grasp::has_jaws(self.state.instruments[i].tool) {
                 self.let_go(i);
             }
         }
@@ -175,12 +168,12 @@ impl World {
             (state.eye_from_instrument, state.world_from_instrument) = (to, world_from_instrument);
         }
         if !sweeps {
-            (state.in_contact, state.under, state.hooked, state.travelled_mm) = (false, false, false, 0.0);
-            state.pierced = None;
             state.tip_in_eye_mm = plan.sweeps[i].to.translation.vector;
             plan.jaws[i][0] = state.jaw_target_rad;
             state.jaw_rad = state.jaw_target_rad;
-            if state.jaw_rad > self.scene.contact.release_above_rad {
+            let open = state.jaw_rad > self.scene.contact.release_above_rad;
+            self.leave_sheets(i);
+            if open {
                 self.let_go(i);
             }
         }
@@ -217,14 +210,17 @@ impl World {
     pub(super) fn move_instruments(&mut self, plan: &Plan, k: u64) -> Poses {
         let s = plan.share(k);
         let poses: [Isometry3<f64>; INSTRUMENTS] = std::array::from_fn(|i| plan.pose(i, s));
-        let mut steps = [Vector3::zeros(); INSTRUMENTS];
+        let mut tip_step_mm = [Vector3::zeros(); INSTRUMENTS];
+        let mut travelled_mm = [0.0; INSTRUMENTS];
         for (i, pose) in poses.iter().enumerate() {
             let state = &mut self.state.instruments[i];
-            steps[i] = pose.translation.vector - state.tip_in_eye_mm;
+            tip_step_mm[i] = pose.translation.vector - state.tip_in_eye_mm;
             state.tip_in_eye_mm = pose.translation.vector;
-            state.travelled_mm += steps[i].norm();
+            let jaws = plan.touches[i] && grasp::has_jaws(state.tool);
+            let turn_rad = if jaws { (plan.jaw(i, s) - state.jaw_rad).abs() } else { 0.0 };
+            travelled_mm[i] = tip_step_mm[i].norm() + 0.5 * turn_rad * JAW_LENGTH_MM;
         }
-        Poses { eye_from_instrument: poses, tip_step_mm: steps }
+        Poses { eye_from_instrument: poses, tip_step_mm, travelled_mm }
     }
 }
 
@@ -235,4 +231,6 @@ pub struct Poses {
     pub eye_from_instrument: [Isometry3<f64>; INSTRUMENTS],
     /// Way of the tip in this substep, eye frame, mm.
     pub tip_step_mm: [Vector3<f64>; INSTRUMENTS],
+    /// Way of tip and jaws in this substep, mm.
+    pub travelled_mm: [f64; INSTRUMENTS],
 }

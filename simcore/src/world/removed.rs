@@ -25,8 +25,8 @@ impl World {
         });
         let [vitreous_um3, vitreous_left_um3] = gel.unwrap_or_default();
         RemovedTissue {
-            membrane_um2: self.state.tools.removed.area_um2,
-            retina_um2: self.state.retina.as_ref().map_or(0, |r| r.removed.area_um2),
+            membrane_um2: self.state.membrane.removed.area_um2,
+            retina_um2: self.state.retina.as_ref().map_or(0, |r| r.sheet.removed.area_um2),
             vitreous_um3,
             vitreous_left_um3,
         }

@@ -7,11 +7,11 @@ use protocol::events::EventKind;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use scene::SceneFile;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::stain::StainState;
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::stain::StainState;
 
 /// Room for the dye of a scene's membrane.
-pub(super) fn room(scene: &SceneFile, sheet: &Sheet) -> Option<StainState> {
+pub(super) fn room(scene: &SceneFile, sheet: &SheetMesh) -> Option<StainState> {
     scene.membrane.as_ref().map(|_| StainState::new(sheet.nodes()))
 }
 
@@ -26,7 +26,10 @@ impl World {
         let dt_s = plan.advance_ns as f64 * 1e-9;
         for i in 0..INSTRUMENTS {
             let instrument = &self.state.instruments[i];
-            if !plan.touches[i] || instrument.tool != Tool::Needle as u32 || instrument.pierced.is_some() {
+            if !plan.touches[i]
+                || instrument.tool != Tool::Needle as u32
+                || self.state.membrane.contact[i].pierced.is_some()
+            {
                 continue;
             }
             let (membrane, tip) = (&self.state.membrane, instrument.tip_in_eye_mm);

@@ -66,7 +66,7 @@ fn zones(lattice: &Lattice) -> [Vec<u32>; 2] {
 fn retina_seen(model: &Retina, state: &RetinaState) -> RetinaObservation {
     let disc = model.figures.scene.disc_in_eye_mm.map(Vector3::from);
     let about = disc.map_or(Vector3::z_axis(), |disc| UnitVector3::new_normalize(-disc));
-    let nodes = state.tissue.nodes();
+    let nodes = state.sheet.nodes();
     let loose = (0..nodes).filter(|&n| state.is_loose(n)).count();
     RetinaObservation {
         turned_rad: state.turn_about_rad(&model.home_mm, &about),
@@ -122,7 +122,7 @@ impl World {
                 Some(zones.each_ref().map(|zone| gone(zone) * cell_ml))
             });
         let retina = self.retina.as_ref().zip(self.state.retina.as_ref()).filter(|_| part.asks_retina);
-        let retina = retina.map(|(retina, state)| retina_seen(&retina.model, state));
+        let retina = retina.map(|(retina, state)| retina_seen(retina, state));
         // What the task says goes into the log, whose events it must not see twice.
         let mut said = [None; MAX_SAID];
         let mut count = 0;

@@ -3,7 +3,7 @@
 use protocol::limits::SUBSTEP_NS;
 
 /// A substep, s. Explicit integration is stable only while dt·√(2·Σk/m) stays below 2 (see
-/// [`crate::membrane::solver`]); a longer one breaks that for the shipped scene.
+/// [`crate::sheet::solver`]); a longer one breaks that for the shipped scene.
 pub const SUBSTEP_S: f64 = SUBSTEP_NS as f64 * 1e-9;
 /// A substep is split into at most so many parts where its springs are too stiff for it; a tissue that needs more is refused,
 /// because a step could no longer be computed in time.
@@ -21,3 +21,13 @@ pub const STRAIN_SWEEPS: u32 = 8;
 pub const MAX_HELD: usize = 256;
 /// Shortest spring length that still has a direction, mm²: protects a division, 1 nm.
 pub const TINY_LENGTH2_MM2: f32 = 1e-12;
+/// A first contact deeper than the tip's way since the last look plus this, mm, did not come through
+/// the membrane: the instrument came round an edge and is under it. Larger than what the membrane
+/// itself moves in a substep; much larger would push what lies over the shaft.
+pub const UNDER_MARGIN_MM: f64 = 0.25;
+/// Up to so long a way in a step, mm, the collision volume cannot miss the membrane that the tip crosses, and the tip's path is not
+/// tested beside it: less than the volume's depth behind the tip.
+pub const CHECKED_WAY_MM: f64 = 1.0;
+/// A needle is out of its hole when the tip is so far before it, mm: a membrane that swings as it is pierced does not flood the
+/// events; less than what a hand moves in 0.1 s.
+pub const NEEDLE_OUT_MM: f64 = 0.02;

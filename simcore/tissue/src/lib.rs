@@ -1,10 +1,11 @@
 //! Soft tissue of the eye: what it is made of and how it moves, tears, adheres and flows.
 //!
 //! ```text
-//! membrane ──▶ springs and triangles, their solver, limits, tearing, adhesion, dye
-//! retina   ──▶ the whole retina on the choroid: blebs, their fluid, the front where it comes off
+//! sheet    ──▶ springs and triangles with all that acts on them: the membrane, and the retina's mesh
+//! retina   ──▶ the sheet on the choroid: blebs, their fluid, the front where it comes off
 //! vitreous ──▶ the gel, a chain mail of elements
-//! elements ──▶ finite elements and implicit integrators: a membrane of published stiffness and validation
+//! elements ──▶ finite elements and implicit integrators: a membrane of published stiffness, and validation
+//! needle, vitrector ──▶ the tools that do more to tissue than push it
 //! ```
 //!
 //! Everything here is pure: no transport, no clock, no randomness. Units are mm, g, s, hence µN and Pa; places are in
@@ -12,14 +13,10 @@
 //! transcendentals from `libm`.
 
 pub mod constants;
-pub mod cutting;
 pub mod elements;
-pub mod forceps;
-pub mod guard;
-pub mod membrane;
 pub mod needle;
 pub mod pod_serde;
 pub mod retina;
-pub mod state;
+pub mod sheet;
 pub mod vitrector;
 pub mod vitreous;

@@ -15,11 +15,11 @@ use meshes::{Mesh, SIDES, tissue};
 use peers::{EdgeLoop, Gather, Peer, Xpbd};
 use scene::MembraneIntegrator;
 use std::time::Instant;
-use tissue::membrane::implicit::Implicit;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::solver::{Alarms, Solver};
-use tissue::membrane::tissue::Tissue;
-use tissue::state::MembraneState;
+use tissue::sheet::implicit::Implicit;
+use tissue::sheet::material::Material;
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::solver::{Alarms, Solver};
+use tissue::sheet::state::SheetState;
 
 /// Batches of a method at a size, and springs a batch goes through, about: short, so that most
 /// batches are not interrupted on a machine that does other work.
@@ -61,15 +61,15 @@ fn measure(springs: usize, mut step: impl FnMut()) -> Time {
 
 /// Our core on a sheet that swings.
 struct Core {
-    sheet: Sheet,
-    state: MembraneState,
+    sheet: SheetMesh,
+    state: SheetState,
     solver: Solver,
-    tissue: Tissue,
+    tissue: Material,
     alarms: u64,
 }
 
 impl Core {
-    fn new(sheet: Sheet, tissue: Tissue) -> Self {
+    fn new(sheet: SheetMesh, tissue: Material) -> Self {
         let mut state = sheet.start();
         let mut solver = Solver::new(&sheet);
         solver.refresh(&sheet, &state, &tissue);
@@ -89,13 +89,13 @@ impl Core {
         let springs = self.sheet.structural;
         let time = measure(springs, || self.step());
         assert_eq!(self.alarms, 0, "the bench must not tear");
-        assert!(tissue::guard::all_finite(&self.state));
+        assert!(tissue::sheet::guard::all_finite(&self.state));
         Row { method: method.to_owned(), springs, time }
     }
 }
 
 /// The same sheet with an integrator for stiff tissue.
-fn stiff(sheet: &Sheet, choice: MembraneIntegrator, method: &str) -> Row {
+fn stiff(sheet: &SheetMesh, choice: MembraneIntegrator, method: &str) -> Row {
     let mut core = Core::new(sheet.clone(), tissue(false));
     let mut implicit = Implicit::of(choice, sheet, &core.tissue).expect("not the explicit core");
     implicit.refresh(sheet, &core.state, &core.tissue);
@@ -103,7 +103,7 @@ fn stiff(sheet: &Sheet, choice: MembraneIntegrator, method: &str) -> Row {
         core.solver.accelerate(&core.sheet, &core.state, &core.tissue);
         implicit.integrate(&mut core.state, &core.tissue, &core.solver);
     });
-    assert!(tissue::guard::all_finite(&core.state));
+    assert!(tissue::sheet::guard::all_finite(&core.state));
     Row { method: method.to_owned(), springs: sheet.structural, time }
 }
 

@@ -2,8 +2,8 @@
 
 use protocol::random::Random;
 use scene::SceneFile;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::tissue::Tissue;
+use tissue::sheet::material::Material;
+use tissue::sheet::mesh::SheetMesh;
 
 /// Squares along a side; 3 n² + 2 n edges, so 616, 1,496, 4,641 and 150,976.
 pub const SIDES: [u32; 4] = [14, 22, 39, 224];
@@ -110,18 +110,18 @@ impl Mesh {
     }
 
     /// The sheet, its rim pinned.
-    pub fn sheet(&self) -> Sheet {
-        Sheet::from_triangles(&self.positions_mm, &self.triangles, &self.rim).expect("a manifold mesh")
+    pub fn sheet(&self) -> SheetMesh {
+        SheetMesh::from_triangles(&self.positions_mm, &self.triangles, &self.rim).expect("a manifold mesh")
     }
 }
 
 /// The shipped tissue: damped springs, limits and both rules of tearing; its bending springs only
 /// where asked for.
-pub fn tissue(bending: bool) -> Tissue {
+pub fn tissue(bending: bool) -> Material {
     let mut scene = SceneFile::load("peel").expect("the shipped scene");
     let membrane = scene.membrane.as_mut().expect("it has a membrane");
     if !bending {
         membrane.bending_un_per_mm = 0.0;
     }
-    Tissue::new(&scene)
+    Material::new(&scene)
 }

@@ -3,7 +3,7 @@
 //! shows those.
 
 use protocol::random::Random;
-use tissue::membrane::sheet::Sheet;
+use tissue::sheet::mesh::SheetMesh;
 
 const STIFFNESS: f32 = 400.0;
 const DAMPING: f32 = 0.15;
@@ -33,7 +33,7 @@ struct Particles {
 }
 
 impl Particles {
-    fn new(sheet: &Sheet) -> Self {
+    fn new(sheet: &SheetMesh) -> Self {
         let state = sheet.start();
         let nodes = state.nodes();
         let mut free = vec![1.0; nodes];
@@ -80,12 +80,12 @@ impl Particles {
 pub struct EdgeLoop(Particles, &'static str);
 
 impl EdgeLoop {
-    pub fn new(sheet: &Sheet) -> Self {
+    pub fn new(sheet: &SheetMesh) -> Self {
         EdgeLoop(Particles::new(sheet), "edge-loop")
     }
 
     /// The edges in random order.
-    pub fn shuffled(sheet: &Sheet) -> Self {
+    pub fn shuffled(sheet: &SheetMesh) -> Self {
         let mut particles = Particles::new(sheet);
         let mut random = Random::from_seed(5);
         for i in (1..particles.ends.len()).rev() {
@@ -131,7 +131,7 @@ pub struct Gather {
 }
 
 impl Gather {
-    pub fn new(sheet: &Sheet) -> Self {
+    pub fn new(sheet: &SheetMesh) -> Self {
         let particles = Particles::new(sheet);
         let mut lists = vec![Vec::new(); particles.x.len()];
         for (&[a, b], &rest) in particles.ends.iter().zip(&particles.rest) {
@@ -179,7 +179,7 @@ pub struct Xpbd {
 }
 
 impl Xpbd {
-    pub fn new(sheet: &Sheet) -> Self {
+    pub fn new(sheet: &SheetMesh) -> Self {
         let particles = Particles::new(sheet);
         Xpbd { before: particles.x.clone(), lambda: vec![0.0; particles.ends.len()], particles }
     }

@@ -11,7 +11,7 @@ use tissue::needle::Needle;
 use tissue::retina::Retina;
 use tissue::retina::state::RetinaState;
 use tissue::retina::volume::Cap;
-use tissue::state::NODE_PINNED;
+use tissue::sheet::state::NODE_PINNED;
 
 /// The case.
 pub const CASE: Case =
@@ -65,17 +65,17 @@ impl Bleb {
     /// Place of a node by the number that it has in [`tissue::retina::mesh`], which counts ring by
     /// ring from the pole.
     fn at_in_rings(&self, node: u32) -> Vector3<f64> {
-        self.at(self.model.sheet.order[node as usize])
+        self.at(self.model.body.mesh.order[node as usize])
     }
 
     fn at(&self, node: u32) -> Vector3<f64> {
-        self.state.tissue.position(node as usize).map(f64::from)
+        self.state.sheet.position(node as usize).map(f64::from)
     }
 
     /// Force and length of a spring from the positions alone, µN and mm.
     fn spring(&self, spring: u32) -> [f64; 2] {
-        let [a, b] = self.model.sheet.springs[spring as usize].map(|n| self.at(n));
-        let (length, rest) = ((b - a).norm(), f64::from(self.model.sheet.rest_mm[spring as usize]));
+        let [a, b] = self.model.body.mesh.springs[spring as usize].map(|n| self.at(n));
+        let (length, rest) = ((b - a).norm(), f64::from(self.model.body.mesh.rest_mm[spring as usize]));
         [self.model.figures.scene.stiffness_un_per_mm * (length - rest), length]
     }
 
@@ -83,13 +83,13 @@ impl Bleb {
     fn energy(&self) -> f64 {
         let stiffness = self.model.figures.scene.stiffness_un_per_mm;
         let energy = |s: u32| 0.5 * self.spring(s)[0] * self.spring(s)[0] / stiffness;
-        (0..self.model.sheet.structural as u32).map(energy).sum()
+        (0..self.model.body.mesh.structural as u32).map(energy).sum()
     }
 
     /// Mean tension of the inner half of the bleb by the virial of its springs, µN/mm: T = Σ f
     /// l/2A, half of a spring to each side.
     fn tension(&self) -> f64 {
-        let sheet = &self.model.sheet;
+        let sheet = &self.model.body.mesh;
         let inner = |t: &usize| sheet.triangles[*t].iter().all(|&n| self.at(n).xy().norm() < 2.3);
         let (mut virial, mut area) = (0.0, 0.0);
         for t in (0..sheet.triangles.len()).filter(inner) {
@@ -165,9 +165,9 @@ fn inject() -> (f64, f64) {
     bleb.run(1000, Some(&needle));
     let injected = bleb.state.needles[0].injected_mm3;
     bleb.run(1000, None);
-    let pinned = bleb.state.tissue.flag.iter().filter(|&&f| f == NODE_PINNED).count();
+    let pinned = bleb.state.sheet.flag.iter().filter(|&&f| f == NODE_PINNED).count();
     assert!(
-        pinned < bleb.state.tissue.nodes() && bleb.state.account.leaked_mm3 > 0.0 && injected < PI * 100.0
+        pinned < bleb.state.sheet.nodes() && bleb.state.account.leaked_mm3 > 0.0 && injected < PI * 100.0
     );
     // What lies under it as the mesh has it, not as the account says, to the rounding of its
     // positions (1e-6 mm³).

@@ -1,14 +1,14 @@
 //! Any net of springs under the product's own sheet, solver and integrators.
 //!
-//! A [`Sheet`] is made of triangles. A spring that is no edge of the triangles given gets a
+//! A [`SheetMesh`] is made of triangles. A spring that is no edge of the triangles given gets a
 //! triangle of its own with a pinned corner off the plane, whose two other edges have no stiffness.
 
 use std::collections::{BTreeMap, BTreeSet};
 use tissue::elements::integrator::{Rule, Settings};
-use tissue::membrane::implicit::Implicit;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::solver::{Solver, Tissue};
-use tissue::state::MembraneState;
+use tissue::sheet::implicit::Implicit;
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::solver::{Material, Solver};
+use tissue::sheet::state::SheetState;
 
 use scene::SceneFile;
 
@@ -44,11 +44,11 @@ pub struct NetSpec {
 
 /// The net as the product simulates it.
 pub struct Net {
-    sheet: Sheet,
+    sheet: SheetMesh,
     /// The state.
-    pub state: MembraneState,
+    pub state: SheetState,
     /// The figures; the substep may be changed at will.
-    pub tissue: Tissue,
+    pub tissue: Material,
     /// The explicit core.
     pub solver: Solver,
 }
@@ -69,7 +69,7 @@ impl Net {
             triangles.push([link.ends[0], link.ends[1], corner]);
         }
         let single: Vec<[f32; 3]> = nodes.iter().map(|p| p.map(|c| c as f32)).collect();
-        let sheet = Sheet::from_triangles(&single, &triangles, &pinned).expect("a manifold net");
+        let sheet = SheetMesh::from_triangles(&single, &triangles, &pinned).expect("a manifold net");
         let links: BTreeMap<[u32; 2], Link> =
             spec.links.iter().map(|l| (sorted(l.ends.map(|n| sheet.order[n as usize])), *l)).collect();
         let link_of = |ends: &[u32; 2]| links.get(&sorted(*ends)).copied();
@@ -128,7 +128,7 @@ impl Net {
 
 /// A tissue without bending, limits or retina, whose springs take their figures from the factors
 /// alone.
-fn tissue(spec: &NetSpec) -> Tissue {
+fn tissue(spec: &NetSpec) -> Material {
     let mut scene = SceneFile::load("peel").expect("a shipped scene");
     let membrane = scene.membrane.as_mut().expect("it has a membrane");
     membrane.stiffness_un_per_mm = 1.0;
@@ -138,7 +138,7 @@ fn tissue(spec: &NetSpec) -> Tissue {
     membrane.node_mass_g = spec.mass_g;
     (membrane.a_max_mm_s2, membrane.v_max_mm_s) = (1e12, 1e6);
     membrane.tear_tension_n_per_m = 0.0;
-    let mut tissue = Tissue::new(&scene);
+    let mut tissue = Material::new(&scene);
     tissue.radius_mm = f32::INFINITY;
     tissue
 }

@@ -5,11 +5,11 @@
 //! 2k/√3 and ν = ⅓.
 
 use scene::{AdhesionScene, CurlScene, SceneFile};
-use tissue::membrane::adhesion::{Adhesion, AdhesionState};
-use tissue::membrane::curl::Curl;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::solver::{Solver, Tissue};
-use tissue::state::{MembraneState, NODE_PINNED};
+use tissue::sheet::adhesion::{Adhesion, AdhesionState};
+use tissue::sheet::curl::Curl;
+use tissue::sheet::mesh::SheetMesh;
+use tissue::sheet::solver::{Material, Solver};
+use tissue::sheet::state::{NODE_PINNED, SheetState};
 
 /// A peel test.
 #[derive(Debug, Clone, Copy)]
@@ -88,7 +88,7 @@ impl PeelTest {
     }
 
     /// The strip's tissue, with a step of the chosen share of the longest stable one.
-    pub fn tissue(&self) -> Tissue {
+    pub fn tissue(&self) -> Material {
         let mut scene = SceneFile::load("peel").expect("the shipped scene is tested");
         scene.eye.retina_radius_mm = 1e9;
         let m = scene.membrane.as_mut().expect("it has a membrane");
@@ -102,7 +102,7 @@ impl PeelTest {
         (m.a_max_mm_s2, m.v_max_mm_s, m.tear_tension_n_per_m) = (1e9, 1e5, 0.0);
         // Gershgorin, see the solver's opening: λ dt² + 2 δ dt < 4.
         let (lambda, delta) = (12.0 * k / m.node_mass_g, 12.0 * m.spring_damping_un_s_per_mm / m.node_mass_g);
-        let mut tissue = Tissue::new(&scene);
+        let mut tissue = Material::new(&scene);
         let longest = ((delta * delta + 4.0 * lambda).sqrt() - delta) / lambda;
         tissue.dt_s = (self.step * longest) as f32;
         tissue
@@ -162,11 +162,11 @@ impl PeelTest {
         }
     }
 
-    fn sheet(&self) -> (Sheet, Vec<u32>) {
+    fn sheet(&self) -> (SheetMesh, Vec<u32>) {
         let columns = (self.length_mm / self.spacing_mm).round() as u32 + 1;
         let (positions, triangles) = lattice(self.spacing_mm, self.rows, columns);
         let grip: Vec<u32> = (0..self.rows).map(|r| r * columns).collect();
-        let sheet = Sheet::from_triangles(&positions, &triangles, &grip).expect("a lattice is a mesh");
+        let sheet = SheetMesh::from_triangles(&positions, &triangles, &grip).expect("a lattice is a mesh");
         let grip = grip.iter().map(|&n| sheet.order[n as usize]).collect();
         (sheet, grip)
     }
@@ -203,22 +203,22 @@ pub fn lattice(spacing_mm: f64, rows: u32, columns: u32) -> (Vec<[f32; 3]>, Vec<
 }
 
 /// Elastic energy of the springs, µN·mm.
-fn stored(sheet: &Sheet, solver: &Solver, stiffness_un_per_mm: f64) -> f64 {
+fn stored(sheet: &SheetMesh, solver: &Solver, stiffness_un_per_mm: f64) -> f64 {
     let k = stiffness_un_per_mm * 0.75_f64.sqrt();
     (0..sheet.structural).map(|s| solver.tension_un(s)).map(|t| 0.5 * f64::from(t * t) / k).sum()
 }
 
 fn substep(
-    sheet: &Sheet,
-    membrane: &mut MembraneState,
+    sheet: &SheetMesh,
+    membrane: &mut SheetState,
     solver: &mut Solver,
-    tissue: &Tissue,
+    tissue: &Material,
     adhesion: &Adhesion,
     bonds: &mut AdhesionState,
     curl: Option<&mut Curl>,
 ) {
     solver.clear_outer();
-    adhesion.pull(membrane, bonds, solver, tissue.dt_s);
+    adhesion.pull(&membrane.position_mm, &membrane.flag, bonds, solver, tissue.dt_s);
     if let Some(curl) = curl {
         curl.bend(membrane, None, &mut solver.outer_un);
     }

@@ -17,7 +17,7 @@ use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
 use scene::MembraneIntegrator;
 use simcore::world::World;
-use tissue::state::MembraneState;
+use tissue::sheet::state::SheetState;
 
 /// Steps without a hand after which tissue must be calm.
 pub const SETTLE_STEPS: u32 = 10;
@@ -86,8 +86,8 @@ impl RestCheck {
         let state = world.state();
         let tips = state.instruments.each_ref().map(|i| i.tip_in_eye_mm);
         let before = std::mem::replace(&mut self.tips_mm, tips);
-        let retina = state.retina.as_ref().map(|r| &r.tissue);
-        let near = |tip: &Vector3<f64>, tissue: &MembraneState| {
+        let retina = state.retina.as_ref().map(|r| &r.sheet);
+        let near = |tip: &Vector3<f64>, tissue: &SheetState| {
             let way = |n: usize| tissue.position(n).map(f64::from) - tip;
             (0..tissue.nodes()).any(|n| way(n).norm() < NEAR_MM)
         };
@@ -116,9 +116,9 @@ impl RestCheck {
             mean_free(&state.membrane, |n| speed2(n).max(way2(n)) / (limit * limit))
         });
         let retina = scene.retina.as_ref().zip(state.retina.as_ref()).map_or(0.0, |(scene, retina)| {
-            displacements_mm(&retina.tissue, retina_before);
-            let speed2 = |n: usize| f64::from(retina.tissue.velocity(n).norm_squared());
-            mean_free(&retina.tissue, |n| speed2(n) / (scene.v_max_mm_s * scene.v_max_mm_s))
+            displacements_mm(&retina.sheet, retina_before);
+            let speed2 = |n: usize| f64::from(retina.sheet.velocity(n).norm_squared());
+            mean_free(&retina.sheet, |n| speed2(n) / (scene.v_max_mm_s * scene.v_max_mm_s))
         });
         [membrane, retina]
     }
@@ -129,7 +129,7 @@ fn tears(kind: u32) -> bool {
 }
 
 /// How far each node has come since the last call.
-fn displacements_mm(tissue: &MembraneState, before: &mut Vec<[f32; 3]>) -> Vec<f64> {
+fn displacements_mm(tissue: &SheetState, before: &mut Vec<[f32; 3]>) -> Vec<f64> {
     let now: Vec<[f32; 3]> = (0..tissue.nodes()).map(|n| tissue.position(n).into()).collect();
     if before.len() != now.len() {
         before.clone_from(&now);
@@ -144,7 +144,7 @@ fn displacements_mm(tissue: &MembraneState, before: &mut Vec<[f32; 3]>) -> Vec<f
 }
 
 /// Mean over the free nodes; 0 where there are none.
-fn mean_free(tissue: &MembraneState, of: impl Fn(usize) -> f64) -> f64 {
+fn mean_free(tissue: &SheetState, of: impl Fn(usize) -> f64) -> f64 {
     let free = || (0..tissue.nodes()).filter(|&n| tissue.flag[n] == NODE_FREE);
     let sum: f64 = free().map(of).sum();
     let count = free().count();

@@ -8,8 +8,8 @@ use scene::{
     SceneFile,
 };
 use surgeon::skill::NOVICE;
-use tissue::membrane::sheet::Sheet;
-use tissue::membrane::tissue::Tissue;
+use tissue::sheet::material::Material;
+use tissue::sheet::mesh::SheetMesh;
 
 const TOOLS: [Tool; 5] = [Tool::Forceps, Tool::LightPipe, Tool::Pick, Tool::Vitrector, Tool::Needle];
 
@@ -67,8 +67,8 @@ fn shipped(draw: &mut Random) -> SceneFile {
 /// Explicit Euler needs damping, which not every tissue has: what cannot be split into stable parts
 /// moves by the new velocity instead.
 fn keep_stable(scene: &mut SceneFile) {
-    let sheet = Sheet::new(scene).expect("a sheet of squares");
-    let unstable = Tissue::new(scene).split(&sheet).is_err();
+    let sheet = SheetMesh::new(scene).expect("a sheet of squares");
+    let unstable = Material::new(scene).split(&sheet).is_err();
     if let Some(membrane) = &mut scene.membrane
         && membrane.integrator == MembraneIntegrator::Explicit
         && unstable

@@ -1,4 +1,4 @@
-//! The uniform block of a query, and where things lie in the buffers.
+//! What the shaders see: the block of a look, and where things lie in the buffers.
 
 use crate::instrument_image::{Side, Volume};
 use crate::raster::{DEPTH_STEPS, XY_LIMIT, Z_LIMIT};
@@ -7,19 +7,17 @@ use bytemuck::{Pod, Zeroable};
 
 /// Words of counters before the images.
 pub(super) const COUNTERS: usize = 16;
-/// Results that come back with the counters in one transfer: triangles, nodes, pixels. A query with
-/// more results fetches the rest in a second one.
+/// Results that come back with the counters in one transfer: triangles, nodes, pixels. A look that found more fetches the
+/// rest in a second one.
 pub(super) const AT_ONCE: [usize; 3] = [512, 1024, 1024];
 /// Words of a result of each kind.
 pub(super) const WORDS: [usize; 3] = [2, 2, 3];
-/// The estimate of the cull is good for tips up to here from the origin, mm; it is the shader's
-/// `FAR`.
+/// The estimate of the cull is good for tips up to here from the origin, mm; it is the shader's `FAR`.
 const FAR_MM: f32 = 1e6;
-/// Pixels around the instrument by which the estimate's box is wider than the exact test's, as in
-/// the processor's cull.
+/// Pixels around the instrument by which the estimate's box is wider than the exact test's, as in the processor's cull.
 const CULL_MARGIN: f32 = 2.0;
 
-/// The uniform block of a query, as `QueryParams` in zcoll.wgsl.
+/// The block of a look; `QueryParams` in zcoll.wgsl says what is what.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct QueryParams {
@@ -42,7 +40,7 @@ pub struct QueryParams {
 }
 
 impl QueryParams {
-    /// The parameters of a query, for an instrument seen from either of its ends.
+    /// A look of an instrument at a mesh, from either of its ends.
     pub(super) fn new(frame: &Frame, volume: &Volume, side: &Side, lists: &Lists) -> Self {
         let [(xy, middle), ahead] = volume.format();
         let (z, near) = if side.reversed { volume.format_back() } else { ahead };
@@ -70,7 +68,7 @@ impl QueryParams {
     }
 }
 
-/// Sizes of the mesh, and of the lists that a query fills.
+/// Sizes of the mesh, and of the lists that a look fills.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Lists {
     /// Triangles of the mesh.

@@ -1,12 +1,12 @@
-//! The compiled shaders of a query, and the one group of buffers that they share.
+//! The compiled shaders of a look, and the one group of buffers that they share.
 
 use wgpu::{BindGroup, BindGroupLayout, Buffer, BufferBindingType, ComputePipeline, Device, ShaderStages};
 
-/// All shaders of a query, in one module.
+/// All shaders of a look, in one module.
 pub const SHADER: &str =
     concat!(include_str!("soft_float.wgsl"), include_str!("wide.wgsl"), include_str!("zcoll.wgsl"));
 
-/// Buffers that the shaders see: the uniform block, four to read, four to write.
+/// Buffers that the shaders see: the block of the look, four to read, four to write.
 pub(super) const BUFFERS: usize = 9;
 /// One past the last that is only read.
 const READ_ONLY: u32 = 5;
@@ -157,8 +157,7 @@ mod tests {
         gpu.run(encoder, &staging, bytes as u64, <[u32]>::to_vec).unwrap()
     }
 
-    /// The processor's own arithmetic is the truth: every kind of number, close exponents, ties and
-    /// cancellations.
+    /// The processor's own arithmetic is the truth: every kind of number, close exponents, ties and cancellations.
     #[test]
     fn soft_floats_are_the_processors_floats() {
         let Ok(gpu) = GpuDevice::open() else {

@@ -1,4 +1,4 @@
-//! ZCOLL on a graphics adapter in the processor's place. No contact depends on it.
+//! An adapter that looks in the processor's place. Nothing that is found depends on it.
 
 use super::Zcoll;
 #[cfg(feature = "gpu")]
@@ -9,14 +9,14 @@ use crate::gpu::{GpuError, GpuZcoll};
 use nalgebra::Isometry3;
 
 impl Zcoll {
-    /// Sets or removes the adapter; returns the one before. If it fails later, one line is logged
-    /// and the processor goes on.
+    /// Looks on an adapter from now on, or no longer. Nothing that is found depends on it; if the adapter fails, one line is
+    /// logged and the processor goes on.
     #[cfg(feature = "gpu")]
     pub fn set_gpu(&mut self, gpu: Option<GpuZcoll>) -> Option<GpuZcoll> {
         std::mem::replace(&mut self.gpu, gpu.map(Box::new)).map(|gpu| *gpu)
     }
 
-    /// True while an adapter computes the queries.
+    /// True while an adapter does the looking.
     pub fn is_on_gpu(&self) -> bool {
         #[cfg(feature = "gpu")]
         return self.gpu.is_some();
@@ -24,7 +24,7 @@ impl Zcoll {
         false
     }
 
-    /// Runs a query on the adapter, if there is one; an error removes it.
+    /// Asks the adapter, if there is one; after an error there is none any more.
     #[cfg(feature = "gpu")]
     pub(super) fn ask_gpu<T>(&mut self, ask: impl FnOnce(&mut GpuZcoll) -> Result<T, GpuError>) -> Option<T> {
         match ask(self.gpu.as_mut()?) {
@@ -37,7 +37,7 @@ impl Zcoll {
         }
     }
 
-    /// A query on the adapter, if there is one, copied into this one's lists.
+    /// A look of the adapter, if there is one, taken into the lists of this one.
     #[cfg(feature = "gpu")]
     pub(super) fn query_gpu(
         &mut self,

@@ -1,4 +1,4 @@
-//! Vertices as features of a query.
+//! Vertices as features of a look.
 
 use super::Zcoll;
 use crate::instrument_image::{InstrumentImage, NOTHING};
@@ -7,12 +7,11 @@ use crate::raster::SUBPIXELS;
 use crate::surface::Surface;
 
 impl Zcoll {
-    /// Vertices as features: the vertices of living triangles that lie in the volume and behind the
-    /// instrument, each with its own depth below the instrument's, in depth steps. Unlike triangles
-    /// they are not limited to one per pixel. Of the last [`Self::query`] or
-    /// [`Self::query_reversed`], which must have had the same arguments.
+    /// Vertices as features: the vertices of living triangles that lie in the volume and behind the instrument, each with its
+    /// own depth below the instrument's, in depth steps. Unlike triangles they are not limited to one per
+    /// pixel. Of the last [`Self::query`] or [`Self::query_reversed`], which must have had the same arguments.
     pub fn vertices(&mut self, image: &InstrumentImage, surface: &Surface) -> &[(u32, i32)] {
-        let (last_pose, reversed) = self.last_query;
+        let (looked_from, reversed) = self.looked;
         let side = if reversed { image.back() } else { image.ahead() };
         self.vertex_hits.clear();
         if side.rect.is_empty() {
@@ -26,11 +25,11 @@ impl Zcoll {
             if answer.is_some() {
                 return &self.vertex_hits;
             }
-            // The processor has not computed the last query yet.
-            self.query_side(&side, &last_pose, surface);
+            // The processor has not seen the last look yet.
+            self.query_side(&side, &looked_from, surface);
         }
         #[cfg(not(feature = "gpu"))]
-        let _ = last_pose;
+        let _ = looked_from;
         let width = self.canvas.resolution as i32;
         let context = &mut (&self.canvas.vertex, &mut self.vertex_hits);
         self.cull.for_each_survivor(

@@ -11,7 +11,7 @@
 //! over the free nodes (a held one does not yield, nor does one that lies on the choroid while the volume must shrink). One such step
 //! leaves an error of second order; at the end of a field's step it is repeated until the rounding of the positions is reached.
 //!
-//! A bleb that gapes ([`Pieces::open`](super::pieces::Pieces::open)), such as a retina that was cut all round, holds no pressure: its account
+//! A bleb that gapes ([`Blebs::open`](super::blebs::Pieces::open)), such as a retina that was cut all round, holds no pressure: its account
 //! follows its mesh, and what passes the gap is leaked. Only a fluid–air exchange drives it to the choroid, at the flow of the air pump.
 //! At a gap the triangles do not surround their nodes, so that the parts of the feet do not cancel and p_i is not ∂V/∂x_i. A velocity α p_i
 //! of all nodes takes α dt Σ p_i·∂V/∂x_i from the volume, and the correction makes of it
@@ -39,14 +39,14 @@ impl Retina {
     /// Lets fluid in through needles at `pressure_pa` (`None`: not through this one) and out through holes and tears, for one substep.
     pub fn flow(&mut self, state: &mut RetinaState, pressure_pa: [Option<f64>; INSTRUMENTS]) {
         for (i, pressure) in pressure_pa.into_iter().enumerate() {
-            let bleb = self.pieces.label[state.needles[i].node as usize];
+            let bleb = self.blebs.label[state.needles[i].node as usize];
             let (Some(pressure), 1..) = (pressure, bleb) else { continue };
             let bleb = &mut state.blebs[usize::from(bleb) - 1];
             let flow = self.figures.flow_mm3_s(pressure, bleb.pressure_pa);
             bleb.volume_mm3 += flow * SUBSTEP_S;
             state.account.injected_mm3 += flow * SUBSTEP_S;
             state.needles[i].injected_mm3 += flow * SUBSTEP_S;
-            self.toll.flow_mm3_s[i] = self.toll.flow_mm3_s[i].max(flow);
+            self.counts.flow_mm3_s[i] = self.counts.flow_mm3_s[i].max(flow);
         }
         self.leak(state);
     }
@@ -59,15 +59,15 @@ impl Retina {
         for hole in &mut state.holes {
             let plugged = state.needles.iter().any(|n| n.inside && n.entry_mm == hole.at_mm);
             hole.open_mm2 += (rest - hole.open_mm2) * if plugged { 0.0 } else { closing };
-            let bleb = self.pieces.label[hole.node as usize];
+            let bleb = self.blebs.label[hole.node as usize];
             if !plugged && bleb > 0 {
                 let area = if state.air { full } else { hole.open_mm2 };
                 state.account.leaked_mm3 +=
                     self.figures.drain(&mut state.blebs[usize::from(bleb) - 1], area, state.air);
             }
         }
-        for (number, (bleb, area_mm2)) in state.blebs.iter_mut().zip(&self.pieces.area_mm2).enumerate() {
-            if self.pieces.open[number] {
+        for (number, (bleb, area_mm2)) in state.blebs.iter_mut().zip(&self.blebs.area_mm2).enumerate() {
+            if self.blebs.open[number] {
                 let driven = if state.air { EXCHANGE_MM3_S * SUBSTEP_S } else { 0.0 };
                 let lost = driven.min(LARGEST_LOSS * bleb.volume_mm3.max(0.0));
                 bleb.volume_mm3 -= lost;
@@ -86,13 +86,13 @@ impl Retina {
 
     /// Volume under a bleb as the mesh has it, mm³.
     pub fn measured_mm3(&self, state: &RetinaState, bleb: usize) -> f64 {
-        let triangles = self.pieces.triangles_of(bleb).iter().filter(|&&t| self.spans(state, bleb, t));
+        let triangles = self.blebs.triangles_of(bleb).iter().filter(|&&t| self.spans(state, bleb, t));
         triangles.map(|&t| under_triangle(&self.corners(state, t), self.figures.radius_mm)).sum()
     }
 
     /// True if a triangle of a bleb has fluid under it: a dead one is a film over the gap, unless the bleb is open.
     fn spans(&self, state: &RetinaState, bleb: usize, triangle: u32) -> bool {
-        !self.pieces.open[bleb] || state.tissue.triangle_alive[triangle as usize] != 0
+        !self.blebs.open[bleb] || state.sheet.triangle_alive[triangle as usize] != 0
     }
 
     /// Lets an open bleb's account follow its mesh; with air in the eye fluid only leaves.
@@ -106,18 +106,18 @@ impl Retina {
 
     /// Volume under the whole retina as the mesh has it, mm³.
     pub fn measured_all_mm3(&self, state: &RetinaState) -> f64 {
-        (0..self.pieces.count()).map(|b| self.measured_mm3(state, b)).sum()
+        (0..self.blebs.count()).map(|b| self.measured_mm3(state, b)).sum()
     }
 
     pub(super) fn corners(&self, state: &RetinaState, triangle: u32) -> [Vector3<f64>; 3] {
-        self.sheet.triangles[triangle as usize].map(|n| at(&state.tissue, n))
+        self.body.mesh.triangles[triangle as usize].map(|n| at(&state.sheet, n))
     }
 
     /// Brings every bleb to its account's volume, once, and takes the pressure from what that takes.
     pub(super) fn hold_volumes(&mut self, state: &mut RetinaState) {
         self.clear_push();
-        for bleb in 0..self.pieces.count() {
-            if self.pieces.open[bleb] {
+        for bleb in 0..self.blebs.count() {
+            if self.blebs.open[bleb] {
                 self.level(state, bleb);
                 if !state.air {
                     state.blebs[bleb].pressure_pa = 0.0;
@@ -134,8 +134,8 @@ impl Retina {
 
     /// Brings every bleb to its account's volume as nearly as f32 positions can.
     pub(super) fn settle_volumes(&mut self, state: &mut RetinaState) {
-        for bleb in 0..self.pieces.count() {
-            if self.pieces.open[bleb] {
+        for bleb in 0..self.blebs.count() {
+            if self.blebs.open[bleb] {
                 self.level(state, bleb);
             }
             for _ in 0..VOLUME_TRIES {
@@ -146,8 +146,8 @@ impl Retina {
                 }
             }
             // Jaws that hold every node of a bleb decide its volume: they press out what does not fit, or draw in what is lacking.
-            let free = |n: &u32| state.tissue.flag[*n as usize] == NODE_FREE;
-            if !self.pieces.nodes_of(bleb).iter().any(free) {
+            let free = |n: &u32| state.sheet.flag[*n as usize] == NODE_FREE;
+            if !self.blebs.nodes_of(bleb).iter().any(free) {
                 let pressed = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
                 state.blebs[bleb].volume_mm3 -= pressed;
                 state.account.leaked_mm3 += pressed;
@@ -156,8 +156,8 @@ impl Retina {
     }
 
     fn clear_push(&mut self) {
-        for &t in (0..self.pieces.count()).flat_map(|b| self.pieces.triangles_of(b)) {
-            for n in self.sheet.triangles[t as usize] {
+        for &t in (0..self.blebs.count()).flat_map(|b| self.blebs.triangles_of(b)) {
+            for n in self.body.mesh.triangles[t as usize] {
                 self.push[n as usize] = Vector3::zeros();
             }
         }
@@ -173,12 +173,12 @@ impl Retina {
         dt_s: Option<f64>,
     ) -> f64 {
         let radius = self.figures.radius_mm;
-        let steady = !self.pieces.open[bleb] || self.is_steady(state, bleb, missing_mm3);
+        let steady = !self.blebs.open[bleb] || self.is_steady(state, bleb, missing_mm3);
         if !steady {
             missing_mm3 = self.let_air_under(state, bleb, missing_mm3);
         }
         let (mut yields, mut longest2) = (0.0, 0.0);
-        for &n in self.pieces.nodes_of(bleb) {
+        for &n in self.blebs.nodes_of(bleb) {
             if self.yields(state, n, missing_mm3) {
                 let square = self.push[n as usize].norm_squared();
                 yields += square;
@@ -191,10 +191,10 @@ impl Retina {
         }
         let most = self.figures.scene.v_max_mm_s * SUBSTEP_S / libm::sqrt(longest2);
         let lambda = lambda.clamp(-most, most);
-        for &n in self.pieces.nodes_of(bleb) {
-            if state.tissue.flag[n as usize] == NODE_FREE {
+        for &n in self.blebs.nodes_of(bleb) {
+            if state.sheet.flag[n as usize] == NODE_FREE {
                 let way = self.push[n as usize] * lambda;
-                front::shift(&mut state.tissue, n, &way, dt_s.filter(|_| steady), radius);
+                front::shift(&mut state.sheet, n, &way, dt_s.filter(|_| steady), radius);
             }
         }
         if steady || dt_s.is_none() { lambda } else { 0.0 }
@@ -203,35 +203,35 @@ impl Retina {
     /// Adds up the push on the nodes of a bleb; returns what is missing of its volume, mm³.
     fn gather(&mut self, state: &RetinaState, bleb: usize) -> f64 {
         let mut push = std::mem::take(&mut self.push);
-        let triangles = self.pieces.triangles_of(bleb).iter().filter(|&&t| self.spans(state, bleb, t));
-        let triangles = triangles.map(|&t| &self.sheet.triangles[t as usize]);
-        let measured = Block::gather(self.simd, &state.tissue, triangles, self.figures.radius_mm, &mut push);
+        let triangles = self.blebs.triangles_of(bleb).iter().filter(|&&t| self.spans(state, bleb, t));
+        let triangles = triangles.map(|&t| &self.body.mesh.triangles[t as usize]);
+        let measured = Block::gather(self.simd, &state.sheet, triangles, self.figures.radius_mm, &mut push);
         self.push = push;
         state.blebs[bleb].volume_mm3 - measured
     }
 
     /// True if a node gives way to what is missing: one on the choroid cannot downwards. One nanometre tells lying from hovering.
     fn yields(&self, state: &RetinaState, node: u32, missing_mm3: f64) -> bool {
-        let lies = missing_mm3 < 0.0 && at(&state.tissue, node).norm() >= self.figures.radius_mm - 1e-6;
-        state.tissue.flag[node as usize] == NODE_FREE && !lies
+        let lies = missing_mm3 < 0.0 && at(&state.sheet, node).norm() >= self.figures.radius_mm - 1e-6;
+        state.sheet.flag[node as usize] == NODE_FREE && !lies
     }
 
     /// True if corrections along the gathered push make an open bleb's velocities no larger (0 < c < 2), and the pump keeps up.
     fn is_steady(&self, state: &RetinaState, bleb: usize, missing_mm3: f64) -> bool {
         let (mut made, mut wanted) = (0.0, 0.0);
-        for &t in self.pieces.triangles_of(bleb) {
+        for &t in self.blebs.triangles_of(bleb) {
             if !self.spans(state, bleb, t) {
                 continue;
             }
-            let nodes = self.sheet.triangles[t as usize];
-            let [a, b, c] = nodes.map(|n| at(&state.tissue, n));
+            let nodes = self.body.mesh.triangles[t as usize];
+            let [a, b, c] = nodes.map(|n| at(&state.sheet, n));
             for (n, corners) in nodes.into_iter().zip([[a, b, c], [b, c, a], [c, a, b]]) {
                 if self.yields(state, n, missing_mm3) {
                     made += self.push[n as usize].dot(&slope(&corners, self.figures.radius_mm));
                 }
             }
         }
-        for &n in self.pieces.nodes_of(bleb) {
+        for &n in self.blebs.nodes_of(bleb) {
             if self.yields(state, n, missing_mm3) {
                 wanted += self.push[n as usize].norm_squared();
             }
@@ -242,8 +242,8 @@ impl Retina {
     /// Leaves of an open bleb's push the part along the radius, and of what is missing what the pump drives in a substep: for the rest air
     /// gets under it. Returns what is missing then, mm³.
     fn let_air_under(&mut self, state: &mut RetinaState, bleb: usize, missing_mm3: f64) -> f64 {
-        for &n in self.pieces.nodes_of(bleb) {
-            let (push, foot) = (&mut self.push[n as usize], at(&state.tissue, n));
+        for &n in self.blebs.nodes_of(bleb) {
+            let (push, foot) = (&mut self.push[n as usize], at(&state.sheet, n));
             let length2 = foot.norm_squared();
             *push = if length2 > 0.0 { foot * (push.dot(&foot) / length2) } else { Vector3::zeros() };
         }

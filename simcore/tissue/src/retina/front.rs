@@ -9,12 +9,12 @@ use super::Retina;
 use super::figures::{FILM_MM, FRONT_SMOOTHING, MAX_BLEBS};
 use super::state::{Bleb, RetinaState};
 use super::volume::at;
-use crate::state::{MembraneState, NODE_PINNED};
+use crate::sheet::state::{NODE_PINNED, SheetState};
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;
 
 /// Lays a node on the choroid, at rest, where it is over it.
-pub(super) fn lay(tissue: &mut MembraneState, node: u32, radius_mm: f64) {
+pub(super) fn lay(tissue: &mut SheetState, node: u32, radius_mm: f64) {
     let p = at(tissue, node);
     let length = p.norm();
     if length > 0.0 {
@@ -25,7 +25,7 @@ pub(super) fn lay(tissue: &mut MembraneState, node: u32, radius_mm: f64) {
 
 /// Moves a node by `way`, at most onto the choroid; with `dt_s` its velocity follows.
 pub(super) fn shift(
-    tissue: &mut MembraneState,
+    tissue: &mut SheetState,
     node: u32,
     way: &Vector3<f64>,
     dt_s: Option<f64>,
@@ -47,20 +47,12 @@ pub(super) fn shift(
 }
 
 impl Retina {
-    /// Moves a free node by `way`, at most onto the choroid.
-    #[inline]
-    pub fn push_node(&self, state: &mut RetinaState, node: usize, way: &Vector3<f64>) {
-        if state.tissue.flag[node] == NODE_FREE {
-            shift(&mut state.tissue, node as u32, way, None, self.figures.radius_mm);
-        }
-    }
-
     /// The worst node of each bleb's front comes off if it releases as much as the adhesion.
     pub(super) fn advance_front(&mut self, state: &mut RetinaState) {
         self.load_front(state);
         let mut worst = [(self.figures.adhesion_un_per_mm, u32::MAX); MAX_BLEBS];
-        for slot in 0..self.pieces.front.len() {
-            let front = self.pieces.front[slot];
+        for slot in 0..self.blebs.front.len() {
+            let front = self.blebs.front[slot];
             let release = self.release_of(slot);
             let most = &mut worst[usize::from(front.bleb)];
             if release >= most.0 && !self.fixed[front.node as usize] {
@@ -73,23 +65,23 @@ impl Retina {
 
     /// Adds up what the front carries: away from the choroid, along it towards the bleb, and the rim that carries it.
     fn load_front(&mut self, state: &RetinaState) {
-        let (pieces, tissue) = (&self.pieces, &state.tissue);
-        let push = |f: &super::pieces::FrontNode| {
+        let (blebs, tissue) = (&self.blebs, &state.sheet);
+        let push = |f: &super::blebs::FrontNode| {
             let pressure = state.blebs[usize::from(f.bleb)].pressure_pa;
             [self.push[f.node as usize] * pressure, Vector3::zeros()]
         };
         self.front_force.clear();
-        self.front_force.extend(pieces.front.iter().map(push));
-        for pull in &pieces.pulls {
-            let way = at(tissue, pull.loose) - at(tissue, pieces.front[pull.front as usize].node);
+        self.front_force.extend(blebs.front.iter().map(push));
+        for pull in &blebs.pulls {
+            let way = at(tissue, pull.loose) - at(tissue, blebs.front[pull.front as usize].node);
             let length = way.norm();
             if length > 0.0 {
                 let [force, inward] = &mut self.front_force[pull.front as usize];
-                *force += way * (f64::from(self.solver.tension_un(pull.spring as usize)) / length);
+                *force += way * (f64::from(self.body.solver.tension_un(pull.spring as usize)) / length);
                 *inward += way / length;
             }
         }
-        let carried = |(front, [force, inward]): (&super::pieces::FrontNode, &[Vector3<f64>; 2])| {
+        let carried = |(front, [force, inward]): (&super::blebs::FrontNode, &[Vector3<f64>; 2])| {
             let foot = at(tissue, front.node);
             let up = -foot / foot.norm();
             let along = inward - up * inward.dot(&up);
@@ -98,11 +90,11 @@ impl Retina {
             Vector3::new(force.dot(&up), towards, front.rim_mm)
         };
         self.front_load.clear();
-        self.front_load.extend(pieces.front.iter().zip(&self.front_force).map(carried));
+        self.front_load.extend(blebs.front.iter().zip(&self.front_force).map(carried));
         for _ in 0..FRONT_SMOOTHING {
             self.front_sum.clear();
             self.front_sum.extend_from_slice(&self.front_load);
-            for &[a, b] in &pieces.rims {
+            for &[a, b] in &blebs.rims {
                 self.front_sum[a as usize] += self.front_load[b as usize];
                 self.front_sum[b as usize] += self.front_load[a as usize];
             }
@@ -125,7 +117,7 @@ impl Retina {
     /// Largest release of the front against the adhesion; 1 is about to come off. For judging a state, not part of a step.
     pub fn front_load(&mut self, state: &RetinaState) -> f64 {
         self.load_front(state);
-        let all = (0..self.pieces.front.len()).map(|slot| self.release_of(slot));
+        let all = (0..self.blebs.front.len()).map(|slot| self.release_of(slot));
         all.fold(0.0, f64::max) / self.figures.adhesion_un_per_mm
     }
 
@@ -137,41 +129,41 @@ impl Retina {
         d_mm: f64,
         nearest: u32,
     ) {
-        let holds = |tissue: &MembraneState, n: u32| tissue.flag[n as usize] == NODE_PINNED;
-        let before = self.toll.detached.0;
-        for n in 0..self.sheet.nodes() as u32 {
-            let near = n == nearest || (at(&state.tissue, n) - from).norm_squared() <= d_mm * d_mm;
-            if near && holds(&state.tissue, n) && !self.fixed[n as usize] {
-                state.tissue.flag[n as usize] = NODE_FREE;
-                self.toll.detached = (self.toll.detached.0 + 1, n);
+        let holds = |tissue: &SheetState, n: u32| tissue.flag[n as usize] == NODE_PINNED;
+        let before = self.body.counts.detached.count;
+        for n in 0..self.body.mesh.nodes() as u32 {
+            let near = n == nearest || (at(&state.sheet, n) - from).norm_squared() <= d_mm * d_mm;
+            if near && holds(&state.sheet, n) && !self.fixed[n as usize] {
+                state.sheet.flag[n as usize] = NODE_FREE;
+                self.body.counts.detached.add(1, n as usize);
             }
         }
-        if self.toll.detached.0 > before {
+        if self.body.counts.detached.count > before {
             self.reconnect(state);
         }
     }
 
     fn take_off(&mut self, state: &mut RetinaState, nodes: impl Iterator<Item = u32>) {
-        let before = self.toll.detached.0;
+        let before = self.body.counts.detached.count;
         for n in nodes {
-            if state.tissue.flag[n as usize] == NODE_PINNED {
-                state.tissue.flag[n as usize] = NODE_FREE;
-                self.toll.detached = (self.toll.detached.0 + 1, n);
+            if state.sheet.flag[n as usize] == NODE_PINNED {
+                state.sheet.flag[n as usize] = NODE_FREE;
+                self.body.counts.detached.add(1, n as usize);
             }
         }
-        if self.toll.detached.0 > before {
+        if self.body.counts.detached.count > before {
             self.reconnect(state);
         }
     }
 
     /// Under air, what has come near the choroid beside retina that lies on it lies on too; and all of a bleb of which only a film is left.
-    pub(super) fn lie_on_under_air(&mut self, state: &mut RetinaState) {
+    pub(super) fn attach_under_air(&mut self, state: &mut RetinaState) {
         let mut laid = false;
-        for bleb in 0..self.pieces.count() {
-            let film = state.blebs[bleb].volume_mm3 < FILM_MM * self.pieces.area_mm2[bleb];
-            for i in 0..self.pieces.nodes_of(bleb).len() {
-                let n = self.pieces.nodes_of(bleb)[i];
-                laid |= (film || self.beside_lying(state, n)) && self.lie_on(state, n);
+        for bleb in 0..self.blebs.count() {
+            let film = state.blebs[bleb].volume_mm3 < FILM_MM * self.blebs.area_mm2[bleb];
+            for i in 0..self.blebs.nodes_of(bleb).len() {
+                let n = self.blebs.nodes_of(bleb)[i];
+                laid |= (film || self.beside_lying(state, n)) && self.attach(state, n);
             }
         }
         if laid {
@@ -180,28 +172,24 @@ impl Retina {
     }
 
     fn beside_lying(&self, state: &RetinaState, node: u32) -> bool {
-        let around =
-            self.sheet.triangles_of(node as usize).iter().flat_map(|&t| self.sheet.triangles[t as usize]);
-        around.into_iter().any(|n| state.tissue.flag[n as usize] == NODE_PINNED)
+        let around = self
+            .body
+            .mesh
+            .triangles_of(node as usize)
+            .iter()
+            .flat_map(|&t| self.body.mesh.triangles[t as usize]);
+        around.into_iter().any(|n| state.sheet.flag[n as usize] == NODE_PINNED)
     }
 
-    /// Lays the free nodes of `pressed` that are near enough on the choroid.
-    pub fn press_on(&mut self, state: &mut RetinaState, pressed: impl Iterator<Item = usize>) {
-        let mut laid = false;
-        pressed.for_each(|n| laid |= self.lie_on(state, n as u32));
-        if laid {
-            self.reconnect(state);
-        }
-    }
-
-    fn lie_on(&mut self, state: &mut RetinaState, node: u32) -> bool {
-        let near = at(&state.tissue, node).norm() >= self.figures.radius_mm - self.figures.scene.lie_on_mm;
-        if state.tissue.flag[node as usize] != NODE_FREE || !near {
+    /// Attaches a free node that is near enough to the choroid; `true` if it was.
+    pub(super) fn attach(&mut self, state: &mut RetinaState, node: u32) -> bool {
+        let near = at(&state.sheet, node).norm() >= self.figures.radius_mm - self.figures.scene.lie_on_mm;
+        if state.sheet.flag[node as usize] != NODE_FREE || !near {
             return false;
         }
-        lay(&mut state.tissue, node, self.figures.radius_mm);
-        state.tissue.flag[node as usize] = NODE_PINNED;
-        self.toll.lying = (self.toll.lying.0 + 1, node);
+        lay(&mut state.sheet, node, self.figures.radius_mm);
+        state.sheet.flag[node as usize] = NODE_PINNED;
+        self.counts.attached.add(1, node as usize);
         true
     }
 
@@ -215,26 +203,26 @@ impl Retina {
             let rest = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
             *entry = (state.blebs[bleb], rest, 0);
         }
-        self.pieces.find(&self.sheet, state, &self.home_mm2);
+        self.blebs.find(&self.body.mesh, state, &self.home_mm2);
         let mut parent = [0u8; MAX_BLEBS];
-        for n in 0..self.sheet.nodes() {
-            let (new, was) = (self.pieces.label[n], state.bleb_of[n]);
+        for n in 0..self.body.mesh.nodes() {
+            let (new, was) = (self.blebs.label[n], state.bleb_of[n]);
             if new > 0 && was > 0 {
                 let (home, parent) = (&mut old[usize::from(was) - 1].2, &mut parent[usize::from(new) - 1]);
                 *home = if *home == 0 { new } else { *home };
                 *parent = if *parent == 0 { was } else { *parent };
             }
         }
-        state.tissue.topology += 1;
-        state.bleb_of.copy_from_slice(&self.pieces.label);
+        state.sheet.topology += 1;
+        state.bleb_of.copy_from_slice(&self.blebs.label);
         self.hand_on(state, &old[..old_count], &parent);
-        self.solver.refresh(&self.sheet, &state.tissue, &self.tissue);
+        self.body.refresh(&state.sheet);
     }
 
     fn hand_on(&mut self, state: &mut RetinaState, old: &[(Bleb, f64, u8)], parent: &[u8; MAX_BLEBS]) {
         let all: f64 = old.iter().map(|(bleb, ..)| bleb.volume_mm3).sum();
         state.blebs.clear();
-        for (new, was) in parent.iter().enumerate().take(self.pieces.count()) {
+        for (new, was) in parent.iter().enumerate().take(self.blebs.count()) {
             let mine = || old.iter().filter(|o| usize::from(o.2) == new + 1);
             let rest: f64 = mine().map(|o| o.1).sum();
             // Pressures mix by volume; a piece that broke off has that of the whole.
@@ -244,10 +232,10 @@ impl Retina {
             let inherited = was.checked_sub(1).map_or(0.0, |was| old[usize::from(was)].0.pressure_pa);
             let volume_mm3 = self.measured_mm3(state, new) + rest;
             let pressure_pa = if mine().next().is_some() { mixed } else { inherited };
-            state.blebs.push(Bleb { volume_mm3, pressure_pa, torn_mm2: self.pieces.torn_mm2[new] });
+            state.blebs.push(Bleb { volume_mm3, pressure_pa, torn_mm2: self.blebs.torn_mm2[new] });
             let merged = mine().count().saturating_sub(1) as u32;
             if merged > 0 {
-                self.toll.merged = (self.toll.merged.0 + merged, volume_mm3);
+                self.counts.merged = (self.counts.merged.0 + merged, volume_mm3);
             }
         }
         // What is left over: films under retina that lies on now, and the last bits of the sums.

@@ -6,14 +6,12 @@ use super::line::Line;
 use super::state::{Hole, NeedleState, RetinaState};
 use super::volume::at;
 use crate::constants::SUBSTEP_S;
-use crate::membrane::tear;
 use crate::needle::{Needle, Penetration};
-use collision::surface::Surface;
 use nalgebra::Vector3;
 
 /// What a needle did in a substep that somebody should hear of.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct NeedleNews {
+pub struct NeedleEvents {
     /// It went in, so deep, mm.
     pub pierced_mm: Option<f64>,
     /// It left, and had injected so much, mm³.
@@ -29,24 +27,23 @@ impl Retina {
             let found = needle.in_sphere(self.figures.radius_mm)?;
             // Where the retina is off, the sphere is the choroid alone.
             let place = self.nearest_node(state, &found.at_in_eye_mm);
-            (self.pieces.label[place as usize] == 0).then_some(found)
+            (self.blebs.label[place as usize] == 0).then_some(found)
         })
     }
 
     fn penetration_of_loose(&mut self, state: &RetinaState, needle: &Needle) -> Option<Penetration> {
-        if self.pieces.count() == 0 {
+        if self.blebs.count() == 0 {
             return None;
         }
         let (from_mm, along) = (needle.tip_in_eye_mm, needle.axis_in_eye.into_inner());
         self.sides.compare(
             &Line { from_mm, along, reach_mm: SHAFT_MM },
-            &state.tissue.position_mm,
-            self.pieces.span(),
+            &state.sheet.position_mm,
+            self.body.span(),
         );
-        let position_mm = state.tissue.position_mm.each_ref().map(Vec::as_slice);
-        let triangles = &self.sheet.triangles[..];
-        let surface = Surface { position_mm, triangles, alive: &self.pieces.loose_alive };
-        let loose = (0..self.pieces.count()).flat_map(|b| self.pieces.triangles_of(b));
+        let surface = self.body.surface(&state.sheet);
+        let triangles = surface.triangles;
+        let loose = (0..self.blebs.count()).flat_map(|b| self.blebs.triangles_of(b));
         let met = loose.copied().filter(|&t| self.sides.may_meet(&triangles[t as usize]));
         needle.in_triangles(&surface, met, SHAFT_MM)
     }
@@ -57,31 +54,31 @@ impl Retina {
         state: &mut RetinaState,
         i: usize,
         needle: Option<&Needle>,
-    ) -> NeedleNews {
-        let mut news = NeedleNews::default();
+    ) -> NeedleEvents {
+        let mut events = NeedleEvents::default();
         let Some(needle) = needle else {
-            news.left_mm3 = state.needles[i].inside.then_some(state.needles[i].injected_mm3);
+            events.left_mm3 = state.needles[i].inside.then_some(state.needles[i].injected_mm3);
             state.needles[i] = NeedleState::default();
-            return news;
+            return events;
         };
         let found = self.penetration(state, needle);
         let was_inside = state.needles[i].inside;
         match found {
             Some(found) if !was_inside => {
                 self.pierce(state, i, &found);
-                news.pierced_mm = Some(found.depth_mm);
+                events.pierced_mm = Some(found.depth_mm);
             }
             None if was_inside && self.clearance(state, &needle.tip_in_eye_mm).mm > LEFT_MM => {
-                news.left_mm3 = Some(state.needles[i].injected_mm3);
+                events.left_mm3 = Some(state.needles[i].injected_mm3);
                 state.needles[i] = NeedleState::default();
             }
             _ => {}
         }
         if let Some(found) = found {
-            news.fast_mm_s = self.drag(state, i, needle, &found);
+            events.fast_mm_s = self.drag(state, i, needle, &found);
             self.inject(state, i, needle.pressure_pa);
         }
-        news
+        events
     }
 
     fn pierce(&mut self, state: &mut RetinaState, i: usize, found: &Penetration) {
@@ -119,35 +116,38 @@ impl Retina {
         let mine = &mut state.needles[i];
         mine.speed_mm_s += (found.tangential_mm_s - mine.speed_mm_s) * (SUBSTEP_S / SPEED_S);
         let fast = mine.speed_mm_s > warn;
-        let news = (fast && !mine.warned).then_some(mine.speed_mm_s);
+        let events = (fast && !mine.warned).then_some(mine.speed_mm_s);
         mine.warned = fast || (mine.warned && mine.speed_mm_s > REARM * warn);
         if mine.speed_mm_s > tears {
             mine.dragged_mm += found.tangential_mm_s * SUBSTEP_S;
-            if mine.dragged_mm > f64::from(self.sheet.rest_mm[0]) {
+            if mine.dragged_mm > f64::from(self.body.mesh.rest_mm[0]) {
                 mine.dragged_mm = 0.0;
                 self.rip(state, &found.at_in_eye_mm, &needle.velocity_mm_s);
             }
         }
-        news
+        events
     }
 
     /// Tears the spring that lies most across the way of the needle at the nearest living node.
     fn rip(&mut self, state: &mut RetinaState, at_mm: &Vector3<f64>, velocity_mm_s: &Vector3<f64>) {
         let node = self.nearest_node(state, at_mm) as usize;
-        let around =
-            self.sheet.triangles_of(node).iter().flat_map(|&t| self.sheet.triangle_springs[t as usize]);
+        let around = self
+            .body
+            .mesh
+            .triangles_of(node)
+            .iter()
+            .flat_map(|&t| self.body.mesh.triangle_springs[t as usize]);
         let mut best: Option<(f64, u32)> = None;
         for s in around {
-            let [a, b] = self.sheet.springs[s as usize].map(|n| at(&state.tissue, n));
+            let [a, b] = self.body.mesh.springs[s as usize].map(|n| at(&state.sheet, n));
             let along = ((b - a).normalize().dot(velocity_mm_s)).abs();
-            let alive = state.tissue.spring_alive[s as usize] != 0;
+            let alive = state.sheet.spring_alive[s as usize] != 0;
             if alive && best.is_none_or(|(least, _)| along < least) {
                 best = Some((along, s));
             }
         }
         let Some((_, spring)) = best else { return };
-        if tear::tear_spring(&self.sheet, &mut state.tissue, spring as usize) {
-            self.toll.torn = (self.toll.torn.0 + 1, node as u32);
+        if self.body.tear_spring(&mut state.sheet, spring as usize, node) {
             self.after_loss(state);
         }
     }
@@ -155,7 +155,7 @@ impl Retina {
     /// The node nearest to a point.
     pub(super) fn nearest_node(&self, state: &RetinaState, point_mm: &Vector3<f64>) -> u32 {
         let p = point_mm.map(|c| c as f32);
-        let [x, y, z] = &state.tissue.position_mm;
+        let [x, y, z] = &state.sheet.position_mm;
         let mut best = (f32::INFINITY, 0);
         for n in 0..x.len() {
             let (dx, dy, dz) = (x[n] - p.x, y[n] - p.y, z[n] - p.z);

@@ -1,21 +1,17 @@
 //! What the next step must know about the retina.
 
 use super::figures::{MAX_BLEBS, MAX_HOLES};
-use crate::constants::MAX_HELD;
-use crate::membrane::sheet::Sheet;
-use crate::membrane::tear;
-use crate::state::Removed;
-use crate::state::{HeldNode, MembraneState, NODE_PINNED, is_bound, is_known_flag};
+use crate::sheet::state::{NODE_PINNED, SheetState, is_bound};
 use nalgebra::{UnitVector3, Vector3};
 use protocol::limits::INSTRUMENTS;
-use protocol::scene::{NODE_BOUND, NODE_FREE};
+use protocol::scene::NODE_FREE;
 use serde::{Deserialize, Serialize};
 
 /// The retina.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RetinaState {
     /// Its mesh. `NODE_PINNED` is a node that lies on the choroid and holds there; free and bound ones are **loose**.
-    pub tissue: MembraneState,
+    pub sheet: SheetState,
     /// For each node the number of its bleb + 1; 0 for a node that is not loose. Blebs count in the order of their first nodes.
     #[serde(with = "crate::pod_serde::list")]
     pub bleb_of: Vec<u8>,
@@ -27,14 +23,8 @@ pub struct RetinaState {
     pub account: Account,
     /// The instruments as needles.
     pub needles: [NeedleState; INSTRUMENTS],
-    /// The instruments as things that press on loose retina.
-    pub presses: [PressState; INSTRUMENTS],
-    /// Nodes that jaws hold.
-    pub held: [Vec<HeldNode>; INSTRUMENTS],
     /// The eye is filled with air: holes stay open, and what comes to lie on the choroid stays there.
     pub air: bool,
-    /// What vitrectors have taken of it.
-    pub removed: Removed,
 }
 
 /// Retina that came off in one piece, and the fluid under it.
@@ -92,19 +82,6 @@ pub struct NeedleState {
     pub injected_mm3: f64,
 }
 
-/// An instrument that presses on loose retina.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct PressState {
-    /// The last collision image had colliding pixels.
-    pub in_contact: bool,
-    /// It came round an edge and is under the retina.
-    pub under: bool,
-    /// Way of the tip since the last image, mm.
-    pub way_mm: [f64; 3],
-    /// Jaw opening at the last substep, rad.
-    pub jaw_rad: f64,
-}
-
 impl RetinaState {
     /// Fluid under the retina by the accounts, mm³.
     pub fn under_mm3(&self) -> f64 {
@@ -113,7 +90,7 @@ impl RetinaState {
 
     /// True if a node is off the choroid.
     pub fn is_loose(&self, node: usize) -> bool {
-        let flag = self.tissue.flag[node];
+        let flag = self.sheet.flag[node];
         flag == NODE_FREE || is_bound(flag)
     }
 
@@ -122,7 +99,7 @@ impl RetinaState {
     pub fn turn_about_rad(&self, home_mm: &[Vector3<f32>], axis: &UnitVector3<f64>) -> f64 {
         let (mut sine, mut cosine) = (0.0, 0.0);
         for (node, home) in home_mm.iter().enumerate() {
-            let (h, now) = (home.map(f64::from), self.tissue.position(node).map(f64::from));
+            let (h, now) = (home.map(f64::from), self.sheet.position(node).map(f64::from));
             if self.is_loose(node) || (now - h).norm_squared() > 0.0 {
                 sine += h.cross(&now).dot(axis);
                 cosine += h.dot(&now) - h.dot(axis) * now.dot(axis);
@@ -140,80 +117,50 @@ impl RetinaState {
     pub fn reserve(&mut self) {
         self.blebs.reserve_exact(MAX_BLEBS - self.blebs.len());
         self.holes.reserve_exact(MAX_HOLES - self.holes.len());
-        self.held.iter_mut().for_each(|h| h.reserve_exact(MAX_HELD - h.len()));
+        self.sheet.reserve();
     }
 
-    /// What does not fit the mesh, or holds bad numbers.
-    pub fn check(&self, sheet: &Sheet) -> Result<(), &'static str> {
-        let (t, nodes) = (&self.tissue, sheet.nodes());
-        let lengths = t.position_mm.iter().chain(&t.velocity_mm_s).all(|v| v.len() == nodes);
-        let fits = lengths
-            && [t.flag.len(), self.bleb_of.len()] == [nodes; 2]
-            && t.rest_mm.is_empty()
-            && t.spring_alive.len() == sheet.structural
-            && t.triangle_alive.len() == sheet.triangles.len();
-        if !fits {
-            return Err("the retina has another size than the scene's");
-        }
-        if !crate::guard::all_finite(t) || !t.flag.iter().all(|&f| is_known_flag(f)) {
-            return Err("numbers of the retina are out of range");
-        }
-        tear::check_mesh(sheet, t)
-            .map_err(|_| "springs, triangles and nodes of the retina do not fit together")?;
-        self.check_lists(nodes)?;
-        self.check_held()
-    }
-
-    fn check_lists(&self, nodes: usize) -> Result<(), &'static str> {
+    /// Whether the numbers of the fluid make sense.
+    ///
+    /// # Errors
+    /// If one is out of range.
+    pub fn check(&self) -> Result<(), &'static str> {
+        let nodes = self.sheet.nodes();
         let numbers = self.blebs.iter().flat_map(|b| [b.volume_mm3, b.pressure_pa, b.torn_mm2]);
         let holes = self.holes.iter().flat_map(|h| [h.open_mm2, h.at_mm[0], h.at_mm[1], h.at_mm[2]]);
         let needles =
             self.needles.iter().flat_map(|n| [n.speed_mm_s, n.detached_mm, n.dragged_mm, n.injected_mm3]);
         let entries = self.needles.iter().flat_map(|n| n.entry_mm);
-        let presses = self.presses.iter().flat_map(|p| [p.jaw_rad, p.way_mm[0], p.way_mm[1], p.way_mm[2]]);
         let account = [self.account.injected_mm3, self.account.leaked_mm3];
-        let mut all = numbers.chain(holes).chain(needles).chain(entries).chain(presses).chain(account);
+        let mut all = numbers.chain(holes).chain(needles).chain(entries).chain(account);
         let nodes_ok = self.holes.iter().map(|h| h.node).chain(self.needles.iter().map(|n| n.node));
         let counts = self.blebs.len() <= MAX_BLEBS && self.holes.len() <= MAX_HOLES;
         let labels = self.bleb_of.iter().all(|&b| usize::from(b) <= self.blebs.len());
-        if all.all(f64::is_finite) && nodes_ok.into_iter().all(|n| (n as usize) < nodes) && counts && labels {
+        let labelled = self.bleb_of.len() == nodes;
+        if labelled
+            && all.all(f64::is_finite)
+            && nodes_ok.into_iter().all(|n| (n as usize) < nodes)
+            && counts
+            && labels
+        {
             Ok(())
         } else {
-            Err("blebs, holes or needles of the retina are out of range")
-        }
-    }
-
-    fn check_held(&self) -> Result<(), &'static str> {
-        let flag = &self.tissue.flag;
-        let mine = |(i, held): (usize, &Vec<HeldNode>)| {
-            let bound = NODE_BOUND + i as u32;
-            held.len() <= MAX_HELD && held.iter().all(|h| flag.get(h.node as usize) == Some(&bound))
-        };
-        let held: usize = self.held.iter().map(Vec::len).sum();
-        let bound = flag.iter().filter(|&&f| is_bound(f)).count();
-        let placed = self.held.iter().flatten().all(|h| h.at_in_instrument_mm.iter().all(|c| c.is_finite()));
-        if self.held.iter().enumerate().all(mine) && held == bound && placed {
-            Ok(())
-        } else {
-            Err("a held node of the retina is not bound to its instrument")
+            Err("its blebs, holes or needles are out of range")
         }
     }
 }
 
 /// The retina before anything happened: every node holds.
-pub fn start(mut tissue: MembraneState) -> RetinaState {
-    tissue.flag.fill(NODE_PINNED);
+pub fn start(mut sheet: SheetState) -> RetinaState {
+    sheet.flag.fill(NODE_PINNED);
     let mut state = RetinaState {
-        bleb_of: vec![0; tissue.flag.len()],
-        tissue,
+        bleb_of: vec![0; sheet.nodes()],
+        sheet,
         blebs: Vec::new(),
         holes: Vec::new(),
         account: Account::default(),
         needles: [NeedleState::default(); INSTRUMENTS],
-        presses: [PressState::default(); INSTRUMENTS],
-        held: [const { Vec::new() }; INSTRUMENTS],
         air: false,
-        removed: Removed::default(),
     };
     state.reserve();
     state

@@ -13,7 +13,7 @@
 //! the fluid on the node. The foot's part belongs to the polyhedron in place of the sphere, vanishes with the square of the mesh width, and
 //! is left out of the force, not out of the volume. Sums are in f64 and in the order of the triangles.
 
-use crate::state::MembraneState;
+use crate::sheet::state::SheetState;
 use nalgebra::Vector3;
 
 /// Six times the signed volume of the cone from the origin over a triangle.
@@ -22,7 +22,7 @@ fn det(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> f64 {
 }
 
 /// Position of a node, eye frame, mm.
-pub fn at(state: &MembraneState, node: u32) -> Vector3<f64> {
+pub fn at(state: &SheetState, node: u32) -> Vector3<f64> {
     state.position(node as usize).map(f64::from)
 }
 
@@ -36,7 +36,7 @@ pub fn under_triangle(corners: &[Vector3<f64>; 3], radius_mm: f64) -> f64 {
 
 /// Volume under `triangles`, mm³.
 pub fn under<'a>(
-    state: &MembraneState,
+    state: &SheetState,
     triangles: impl IntoIterator<Item = &'a [u32; 3]>,
     radius_mm: f64,
 ) -> f64 {
@@ -62,7 +62,7 @@ impl Block {
     /// Goes through `triangles`: adds to `push`, and returns the volume under them, mm³. Both in the order of the triangles.
     pub fn gather<'a>(
         simd: pulp::Arch,
-        state: &MembraneState,
+        state: &SheetState,
         triangles: impl Iterator<Item = &'a [u32; 3]>,
         radius_mm: f64,
         push: &mut [Vector3<f64>],
@@ -81,7 +81,7 @@ impl Block {
         block.take(volume, push)
     }
 
-    fn put(&mut self, state: &MembraneState, nodes: &[u32; 3]) {
+    fn put(&mut self, state: &SheetState, nodes: &[u32; 3]) {
         self.nodes[self.count] = *nodes;
         for (corner, &node) in self.corner.iter_mut().zip(nodes) {
             for (to, from) in corner.iter_mut().zip(&state.position_mm) {
@@ -228,7 +228,7 @@ mod tests {
         let mut scene = SceneFile::load("relocation").unwrap();
         scene.retina.as_mut().unwrap().rings = 9;
         let (retina, state) = Retina::new(&scene).unwrap().unwrap();
-        let (sheet, mut tissue) = (&retina.sheet, state.tissue);
+        let (sheet, mut tissue) = (&retina.body.mesh, state.sheet);
         for (i, z) in tissue.position_mm[2].iter_mut().enumerate() {
             *z += 0.01 * (i % 13) as f32;
         }
