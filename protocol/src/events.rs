@@ -237,6 +237,47 @@ pub enum Severity {
 /// No instrument is concerned.
 pub const NO_INSTRUMENT: u32 = u32::MAX;
 
+/// An event before its number, field and instant are known.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EventDraft {
+    /// What happened.
+    pub kind: EventKind,
+    /// Instrument or [`NO_INSTRUMENT`].
+    pub instrument: u32,
+    /// Node, body, goal or category concerned.
+    pub subject: u32,
+    /// In the unit of the kind.
+    pub value: f64,
+    /// Limit passed, 0 if none.
+    pub limit: f64,
+    /// Eye frame, mm.
+    pub position_in_eye_mm: [f64; 3],
+}
+
+impl EventDraft {
+    /// An event with a figure and nothing else.
+    pub fn new(kind: EventKind, value: f64) -> Self {
+        EventDraft {
+            kind,
+            instrument: NO_INSTRUMENT,
+            subject: 0,
+            value,
+            limit: 0.0,
+            position_in_eye_mm: [0.0; 3],
+        }
+    }
+
+    /// About a subject.
+    pub fn about(self, subject: u32) -> Self {
+        EventDraft { subject, ..self }
+    }
+
+    /// By an instrument, at a place of the eye frame, mm.
+    pub fn by(self, instrument: usize, position_in_eye_mm: [f64; 3]) -> Self {
+        EventDraft { instrument: instrument as u32, position_in_eye_mm, ..self }
+    }
+}
+
 /// One thing that happened.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]

@@ -37,22 +37,66 @@ impl StepInputs {
     }
 }
 
-/// Time spent in the phases of a step, ns (the paper's Table 4). Never part of the result.
+/// Time spent in each phase of a step, ns, as Box2D's `b2Profile`. Never part of the result.
+///
+/// Tags 1 to 4 are the phases that recordings have always had; there, tissue includes bodies, tools
+/// and vitreous, and the rest includes task and hash.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Wire, Zeroable)]
-pub struct StepTimes {
-    /// Collision detection.
+pub struct StepProfile {
+    /// Contact of instruments with tissue and retina.
     #[wire(tag = 1)]
     pub collision_ns: u64,
-    /// Tissue.
+    /// Membrane and retina.
     #[wire(tag = 2)]
     pub tissue_ns: u64,
     /// Writing the scene block.
     #[wire(tag = 3)]
     pub transfer_ns: u64,
-    /// The rest of the step.
+    /// The rest of the step: inputs, poses, events, microscope.
     #[wire(tag = 4)]
     pub misc_ns: u64,
+    /// Rigid bodies.
+    #[wire(tag = 5, columns = "")]
+    pub bodies_ns: u64,
+    /// Ports, needles, jaws, dye and light.
+    #[wire(tag = 6, columns = "")]
+    pub tools_ns: u64,
+    /// Vitreous.
+    #[wire(tag = 7, columns = "")]
+    pub vitreous_ns: u64,
+    /// Task and score.
+    #[wire(tag = 8, columns = "")]
+    pub task_ns: u64,
+    /// Hash of the state.
+    #[wire(tag = 9, columns = "")]
+    pub hash_ns: u64,
+}
+
+impl StepProfile {
+    /// Names of the phases, in the order of [`StepProfile::phases_ns`].
+    pub const PHASES: [&str; 9] =
+        ["collision", "tissue", "bodies", "tools", "vitreous", "task", "hash", "transfer", "misc"];
+
+    /// Time of each phase, ns.
+    pub fn phases_ns(&self) -> [u64; Self::PHASES.len()] {
+        let &StepProfile { collision_ns, tissue_ns, bodies_ns, tools_ns, .. } = self;
+        let &StepProfile { vitreous_ns, task_ns, hash_ns, transfer_ns, misc_ns, .. } = self;
+        [collision_ns, tissue_ns, bodies_ns, tools_ns, vitreous_ns, task_ns, hash_ns, transfer_ns, misc_ns]
+    }
+
+    /// The four phases of the paper's Table 4, ns: collision detection, tissue simulation, geometry
+    /// transfer and misc.
+    pub fn paper_phases_ns(&self) -> [u64; 4] {
+        let tissue_ns = self.tissue_ns + self.bodies_ns + self.tools_ns + self.vitreous_ns;
+        let misc_ns = self.misc_ns + self.task_ns + self.hash_ns;
+        [self.collision_ns, tissue_ns, self.transfer_ns, misc_ns]
+    }
+
+    /// Time of the step itself, without the transfer, ns.
+    pub fn step_ns(&self) -> u64 {
+        self.phases_ns().iter().sum::<u64>() - self.transfer_ns
+    }
 }
 
 /// Version of [`StepRecord::state_hash`]: raised where the same inputs lead to another hash, so
@@ -89,7 +133,7 @@ pub struct StepRecord {
     pub state_hash: u64,
     /// Time spent, by phase.
     #[wire(tag = 9)]
-    pub times: StepTimes,
+    pub profile: StepProfile,
     /// Inputs refused by validation since the start.
     #[wire(tag = 10)]
     pub inputs_refused: u64,
@@ -112,8 +156,8 @@ pub struct StepRecord {
 
 impl Message for StepRecord {
     const CHANNEL: &'static str = "steps";
-    /// 2: what vitrectors have taken.
-    const VERSION: u32 = 2;
+    /// 2: what vitrectors have taken. 3: one time a phase.
+    const VERSION: u32 = 3;
     const QUEUE: usize = 512;
 
     fn validate(&self) -> Result<(), Invalid> {

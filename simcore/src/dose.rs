@@ -36,7 +36,7 @@ impl DoseState {
 
 /// The cells' centres on a retina, and the light pipe's figures.
 #[derive(Debug)]
-pub struct LitRetina {
+pub struct LightDose {
     radius_mm: f64,
     /// Directions from the eye's centre; zero where there is no retina.
     directions: Vec<Vector3<f64>>,
@@ -45,7 +45,7 @@ pub struct LitRetina {
     cos_outer: f64,
 }
 
-impl LitRetina {
+impl LightDose {
     /// For a retina of this radius.
     pub fn new(radius_mm: f64) -> Self {
         let tan = libm::tan(LIGHT_HALF_ANGLE_RAD);
@@ -69,7 +69,7 @@ impl LitRetina {
     }
 
     /// Adds what a light pipe at `eye_from_pipe` shines in `dt_s`.
-    pub fn shine(&self, dose: &mut DoseState, eye_from_pipe: &Isometry3<f64>, dt_s: f64) {
+    pub fn expose(&self, dose: &mut DoseState, eye_from_pipe: &Isometry3<f64>, dt_s: f64) {
         let tip = eye_from_pipe.translation.vector;
         let axis = -(eye_from_pipe.rotation * Vector3::z());
         if tip.norm() >= self.radius_mm {
@@ -108,7 +108,7 @@ mod tests {
     fn dose(pose: &Isometry3<f64>, s: f64) -> DoseState {
         let mut dose = DoseState::start();
         let steps = 50;
-        (0..steps).for_each(|_| LitRetina::new(R).shine(&mut dose, pose, s / f64::from(steps)));
+        (0..steps).for_each(|_| LightDose::new(R).expose(&mut dose, pose, s / f64::from(steps)));
         dose
     }
 

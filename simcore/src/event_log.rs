@@ -1,46 +1,8 @@
 //! Events of the step in progress, in a list of fixed capacity.
 
 use crate::constants::MAX_EVENTS;
-use protocol::events::{Event, EventKind, NO_INSTRUMENT, Severity};
+use protocol::events::{Event, EventDraft, Severity};
 use protocol::time::Nanos;
-
-/// What to say about an event; the log adds number, field and instant.
-#[derive(Debug, Clone, Copy)]
-pub struct Happening {
-    /// What happened.
-    pub kind: EventKind,
-    /// Instrument or [`NO_INSTRUMENT`].
-    pub instrument: u32,
-    /// Node or body concerned.
-    pub subject: u32,
-    /// In the unit of the kind.
-    pub value: f64,
-    /// Limit passed, 0 if none.
-    pub limit: f64,
-    /// Eye frame, mm.
-    pub position_in_eye_mm: [f64; 3],
-}
-
-impl Happening {
-    /// An event with a figure and nothing else.
-    pub fn new(kind: EventKind, value: f64) -> Self {
-        Happening {
-            kind,
-            instrument: NO_INSTRUMENT,
-            subject: 0,
-            value,
-            limit: 0.0,
-            position_in_eye_mm: [0.0; 3],
-        }
-    }
-
-    /// By an instrument, at a place of the eye frame.
-    pub fn by(mut self, instrument: usize, at_in_eye_mm: [f64; 3]) -> Self {
-        self.instrument = instrument as u32;
-        self.position_in_eye_mm = at_in_eye_mm;
-        self
-    }
-}
 
 /// The events of a step.
 #[derive(Debug)]
@@ -75,7 +37,7 @@ impl EventLog {
     }
 
     /// Adds an event; numbers that are not finite become 0.
-    pub fn raise(&mut self, h: Happening) {
+    pub fn emit(&mut self, h: EventDraft) {
         let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
         let severity = h.kind.info().severity;
         if severity > Severity::Info {
@@ -124,13 +86,14 @@ impl EventLog {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::events::EventKind;
 
     #[test]
     fn overflow_is_counted_and_numbers_go_on() {
         let mut log = EventLog::default();
         log.begin(7, 1, 2);
         for _ in 0..MAX_EVENTS + 3 {
-            log.raise(Happening::new(EventKind::TissueTorn, f64::NAN));
+            log.emit(EventDraft::new(EventKind::TissueTorn, f64::NAN));
         }
         assert_eq!((log.events().len(), log.left_out()), (MAX_EVENTS, 3));
         assert_eq!(log.next_seq(), 7 + MAX_EVENTS as u64);

@@ -39,7 +39,7 @@ pub fn start_optics(scene: &SceneFile) -> Option<OpticsState> {
 }
 
 /// Takes a pedal state in. A button acts when it was not held before.
-pub fn press(
+pub fn apply_pedal(
     state: &mut MicroscopeState,
     optics: &mut Option<OpticsState>,
     pedal: &PedalState,
@@ -132,7 +132,7 @@ mod tests {
 
     fn pressed(mode: u32, axes: [f64; 2]) -> MicroscopeState {
         let mut state = start(&peel());
-        press(&mut state, &mut None, &pedal(mode, axes, 0), &peel());
+        apply_pedal(&mut state, &mut None, &pedal(mode, axes, 0), &peel());
         state
     }
 
@@ -161,14 +161,14 @@ mod tests {
     fn buttons_act_once_when_pressed() {
         let scene = peel();
         let (mut state, mut optics) = (start(&scene), start_optics(&scene));
-        press(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
+        apply_pedal(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
         assert_eq!(optics, None, "nothing is kept that nobody asked for");
         let mut hold = |button: PedalButton, times: usize| {
             for _ in 0..times {
                 let held = pedal(PedalMode::Aspirate as u32, [0.0; 2], button as u32);
-                press(&mut state, &mut optics, &held, &scene);
+                apply_pedal(&mut state, &mut optics, &held, &scene);
             }
-            press(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
+            apply_pedal(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
             (state.field_mm, optics.unwrap())
         };
         assert_eq!(hold(PedalButton::Magnify, 3).0, 10.0, "one step from 16 mm, however long it is held");
@@ -188,8 +188,8 @@ mod tests {
         let (mut state, mut optics) = (start(&scene), None);
         state.field_mm = 13.0;
         let mut once = |button: PedalButton| {
-            press(&mut state, &mut optics, &pedal(0, [0.0; 2], button as u32), &scene);
-            press(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
+            apply_pedal(&mut state, &mut optics, &pedal(0, [0.0; 2], button as u32), &scene);
+            apply_pedal(&mut state, &mut optics, &pedal(0, [0.0; 2], 0), &scene);
             state.field_mm
         };
         assert_eq!(

@@ -2,7 +2,7 @@
 //! that knows the transport and the clock.
 
 use crate::config::Args;
-use crate::resume::{Past, Resumed};
+use crate::resume::{InputHistory, ResumeOutcome};
 use crate::scene_block::{SceneWriter, bytes_needed};
 use crate::world::World;
 use anyhow::Context;
@@ -31,34 +31,34 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let mut world = World::new(&scene).context("scene")?;
     choose_collision(&mut world, args.collision);
     let (instance, mut shell) = Shell::start(Process::Simcore, &args.shell)?;
-    let mut desk = Desk::open(&instance, &world)?;
+    let mut simcore = SimcoreShell::open(&instance, &world)?;
     if let Some(file) = &args.resume {
-        desk.resume(&mut world, file)?;
+        simcore.resume(&mut world, file)?;
     }
     shell.report.state = STATE_RUNNING;
     shell.beat_now(now())?;
     let mut paused = false;
     while !shell.stopping() {
         // Handles and pedal are taken with the next pose: they need not wake this process.
-        wait(&[&desk.poses, shell.control()], MAX_WAIT_MS * 1_000_000);
+        wait(&[&simcore.poses, shell.control()], MAX_WAIT_MS * 1_000_000);
         if let Some((request, command)) = shell.serve(now())? {
             let mut result = Ok(());
             match command {
                 Command::Start => paused = false,
                 Command::Pause => paused = true,
-                Command::Reset => desk.reset(&mut world)?,
-                Command::Load => result = desk.load(&mut world, args).map_err(|e| format!("{e:#}")),
+                Command::Reset => simcore.reset(&mut world)?,
+                Command::Load => result = simcore.load(&mut world, args).map_err(|e| format!("{e:#}")),
                 Command::Snapshot => result = Err("the simulation takes no pictures".into()),
                 _ => {}
             }
             shell.answer(&request, result.as_ref().map(|_| ()).map_err(String::as_str))?;
         }
-        while let Some(frame) = desk.poses.next_valid()? {
+        while let Some(frame) = simcore.poses.next_valid()? {
             if !paused {
-                desk.step(&mut world, &frame, &shell)?;
+                simcore.step(&mut world, &frame, &shell)?;
             }
         }
-        desk.report(&mut shell, &world);
+        simcore.report(&mut shell, &world);
     }
     Ok(())
 }
@@ -74,7 +74,7 @@ fn choose_collision(world: &mut World, wanted: Backend) {
 }
 
 /// The channels, and what is kept between steps.
-struct Desk {
+struct SimcoreShell {
     poses: Receiver<TrackerFrame>,
     handles: Receiver<HandleState>,
     pedals: Receiver<PedalState>,
@@ -93,10 +93,10 @@ struct Desk {
     refused: u64,
 }
 
-impl Desk {
+impl SimcoreShell {
     fn open(instance: &Instance, world: &World) -> Result<Self, IpcError> {
         let scene_bytes = Self::bytes(world);
-        Ok(Desk {
+        Ok(SimcoreShell {
             poses: instance.receiver(Queue::InOrder)?,
             handles: instance.receiver(Queue::InOrder)?,
             pedals: instance.receiver(Queue::InOrder)?,
@@ -126,8 +126,8 @@ impl Desk {
         instants.stepped = transfer_begin;
         let (writer, hash) = (&mut self.writer, report.state_hash);
         self.scenes.send(self.scene_bytes, |payload| writer.write(world, instants, hash, payload))?;
-        let mut times = report.times;
-        times.transfer_ns = now() - transfer_begin;
+        let mut profile = report.profile;
+        profile.transfer_ns = now() - transfer_begin;
         let (state, removed) = (world.state(), world.removed());
         self.steps.send(&StepRecord {
             step: state.step,
@@ -138,7 +138,7 @@ impl Desk {
             pedals_below: state.pedals_below,
             advanced_ns: report.advanced_ns,
             state_hash: hash,
-            times,
+            profile,
             inputs_refused: state.refused + self.refused_by_channels(),
             frames_lost: self.poses.counts().lost,
             membrane_cut_um2: removed.membrane_um2,
@@ -146,7 +146,7 @@ impl Desk {
             vitreous_removed_um3: removed.vitreous_um3,
             vitreous_left_um3: removed.vitreous_left_um3,
         })?;
-        self.tell(world, frame)?;
+        self.send_events(world, frame)?;
         self.save_if_due(world, hash)
     }
 
@@ -171,20 +171,26 @@ impl Desk {
     }
 
     /// Sends the step's events, and one of its own if the channels refused anything since.
-    fn tell(&mut self, world: &World, frame: &TrackerFrame) -> Result<(), IpcError> {
+    fn send_events(&mut self, world: &World, frame: &TrackerFrame) -> Result<(), IpcError> {
         for event in world.events() {
             self.events.send(&Event { seq: event.seq + self.own_events, ..*event })?;
         }
         let refused = self.refused_by_channels();
         if refused > self.refused {
             self.refused = refused;
-            self.raise(world, frame.instants.exposed, EventKind::InputRefused, refused as f64)?;
+            self.send_own_event(world, frame.instants.exposed, EventKind::InputRefused, refused as f64)?;
         }
         Ok(())
     }
 
     /// Sends an event of the shell itself.
-    fn raise(&mut self, world: &World, at: Nanos, kind: EventKind, value: f64) -> Result<(), IpcError> {
+    fn send_own_event(
+        &mut self,
+        world: &World,
+        at: Nanos,
+        kind: EventKind,
+        value: f64,
+    ) -> Result<(), IpcError> {
         let state = world.state();
         let mut event: Event = bytemuck::Zeroable::zeroed();
         event.seq = state.next_event + self.own_events;
@@ -225,7 +231,7 @@ impl Desk {
         let journal =
             std::fs::File::open(file).map_err(JournalError::Io).and_then(|f| Reader::new(BufReader::new(f)));
         let mut journal = journal.with_context(|| format!("--resume {}", file.display()))?;
-        let mut past = Past::default();
+        let mut past = InputHistory::default();
         loop {
             match journal.next_entry() {
                 Ok(Some(entry)) => past.note(entry),
@@ -236,14 +242,14 @@ impl Desk {
                 }
             }
         }
-        let resumed = past.repeat(world).with_context(|| format!("--resume {}", file.display()))?;
+        let resumed = past.replay(world).with_context(|| format!("--resume {}", file.display()))?;
         if !resumed.agrees || resumed.missing > 0 {
-            let Resumed { steps, missing, agrees } = resumed;
+            let ResumeOutcome { steps, missing, agrees } = resumed;
             tracing::warn!("resumed with {steps} steps; missing: {missing}; state as recorded: {agrees}");
         }
         self.writer.forget();
         let exposed = world.state().exposed_ns;
-        self.raise(world, exposed, EventKind::Resumed, resumed.steps as f64)?;
+        self.send_own_event(world, exposed, EventKind::Resumed, resumed.steps as f64)?;
         Ok(())
     }
 

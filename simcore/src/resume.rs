@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 /// What a recording knows since its newest checkpoint.
 #[derive(Debug, Default)]
-pub struct Past {
+pub struct InputHistory {
     checkpoint: Option<(CheckpointHeader, Vec<u8>)>,
     steps: VecDeque<StepRecord>,
     poses: VecDeque<Box<TrackerFrame>>,
@@ -21,7 +21,7 @@ pub struct Past {
 
 /// How far the past led.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Resumed {
+pub struct ResumeOutcome {
     /// Steps that were computed again.
     pub steps: u64,
     /// Recorded steps that could not be, because inputs are missing.
@@ -30,7 +30,7 @@ pub struct Resumed {
     pub agrees: bool,
 }
 
-impl Past {
+impl InputHistory {
     /// Takes the next entry.
     pub fn note(&mut self, entry: Entry) {
         match entry {
@@ -62,7 +62,7 @@ impl Past {
     }
 
     /// Restores the checkpoint (or takes `world` as it is, at its start) and repeats the steps since.
-    pub fn repeat(mut self, world: &mut World) -> Result<Resumed, CheckpointError> {
+    pub fn replay(mut self, world: &mut World) -> Result<ResumeOutcome, CheckpointError> {
         let mut agrees = true;
         if let Some((header, bytes)) = &self.checkpoint {
             let used = bytes.get(..header.bytes as usize).unwrap_or(bytes);
@@ -76,7 +76,7 @@ impl Past {
             self.steps.pop_front();
             steps += 1;
         }
-        Ok(Resumed { steps, missing: self.steps.len() as u64, agrees })
+        Ok(ResumeOutcome { steps, missing: self.steps.len() as u64, agrees })
     }
 
     /// Does the oldest recorded step that is waiting, from where `world` stands; its pose, its record and the hash of the
@@ -173,11 +173,11 @@ mod tests {
         Entry::Checkpoint(header, bytes)
     }
 
-    fn repeat(items: Vec<Entry>) -> (World, Resumed) {
+    fn repeat(items: Vec<Entry>) -> (World, ResumeOutcome) {
         let mut world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
-        let mut past = Past::default();
+        let mut past = InputHistory::default();
         items.into_iter().for_each(|i| past.note(i));
-        let resumed = past.repeat(&mut world).unwrap();
+        let resumed = past.replay(&mut world).unwrap();
         (world, resumed)
     }
 
@@ -185,7 +185,7 @@ mod tests {
     fn goes_on_from_the_newest_checkpoint_to_the_last_step() {
         let (world, items) = record(100, &[10, 60]);
         let (again, resumed) = repeat(items);
-        assert_eq!(resumed, Resumed { steps: 39, missing: 0, agrees: true });
+        assert_eq!(resumed, ResumeOutcome { steps: 39, missing: 0, agrees: true });
         assert_eq!(again.state(), world.state());
     }
 
@@ -193,7 +193,7 @@ mod tests {
     fn without_a_checkpoint_it_begins_at_the_start() {
         let (world, items) = record(30, &[]);
         let (again, resumed) = repeat(items);
-        assert_eq!(resumed, Resumed { steps: 30, missing: 0, agrees: true });
+        assert_eq!(resumed, ResumeOutcome { steps: 30, missing: 0, agrees: true });
         assert_eq!(again.state_hash(), world.state_hash());
     }
 

@@ -1,5 +1,6 @@
 //! The same inputs give the same state, to the bit: on every run, in every build, across a checkpoint.
 
+use protocol::steps::StepProfile;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
@@ -29,6 +30,7 @@ fn the_clock_lent_for_times_changes_nothing() {
     let (rehearsal, mut world) = peel();
     let mut again = world_of(&world);
     let mut ticks = 0u64;
+    let mut sum = [0; StepProfile::PHASES.len()];
     for field in 225..275 {
         let plain = world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         let timed = again.step(&rehearsal.inputs(field).input(), &mut || {
@@ -36,8 +38,12 @@ fn the_clock_lent_for_times_changes_nothing() {
             ticks
         });
         assert_eq!(plain.state_hash, timed.state_hash);
-        assert!(timed.times.misc_ns > 0 && plain.times == Default::default());
+        sum.iter_mut().zip(timed.profile.phases_ns()).for_each(|(sum, ns)| *sum += ns);
+        assert_eq!(plain.profile, Default::default());
     }
+    // The transfer is timed by the process.
+    let untimed = StepProfile::PHASES.into_iter().zip(sum).filter(|(_, ns)| *ns == 0);
+    assert!(untimed.map(|(phase, _)| phase).eq(["transfer"]), "{sum:?}");
 }
 
 #[test]

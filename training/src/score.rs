@@ -10,7 +10,7 @@ pub mod table;
 
 pub use meter::{Meter, Scorer};
 
-use crate::task::EventDraft;
+use protocol::events::EventDraft;
 use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
 use serde::Serialize;

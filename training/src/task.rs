@@ -10,7 +10,7 @@ pub use eye::{LENS_HALF_MM, LENS_RADIUS_MM, lens_depth_mm};
 use crate::sample::Tip;
 use goal::{Check, GoalState};
 use nalgebra::{Isometry3, Vector3};
-use protocol::events::{Event, EventKind, NO_INSTRUMENT};
+use protocol::events::{Event, EventDraft, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
 use protocol::time::Nanos;
@@ -20,45 +20,6 @@ use serde::{Deserialize, Serialize};
 /// Tips are smoothed with this time constant before distances from goals are averaged, s: tremor is
 /// scored as tremor and not a second time as lack of aim.
 const SMOOTHING_S: f64 = 0.1;
-
-/// An event without number and instant, which the simulation adds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EventDraft {
-    /// What happened.
-    pub kind: EventKind,
-    /// Instrument or [`NO_INSTRUMENT`].
-    pub instrument: u32,
-    /// Goal or category.
-    pub subject: u32,
-    /// In the unit of the kind.
-    pub value: f64,
-    /// Limit passed, 0 if none.
-    pub limit: f64,
-    /// Eye frame, mm.
-    pub position_in_eye_mm: [f64; 3],
-}
-
-impl EventDraft {
-    /// With a figure and nothing else.
-    pub fn new(kind: EventKind, value: f64) -> Self {
-        EventDraft {
-            kind,
-            instrument: NO_INSTRUMENT,
-            subject: 0,
-            value,
-            limit: 0.0,
-            position_in_eye_mm: [0.0; 3],
-        }
-    }
-
-    fn about(self, subject: u32) -> Self {
-        EventDraft { subject, ..self }
-    }
-
-    fn by(self, instrument: usize, at: &Vector3<f64>) -> Self {
-        EventDraft { instrument: instrument as u32, position_in_eye_mm: (*at).into(), ..self }
-    }
-}
 
 /// State of a rigid body.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -285,11 +246,11 @@ impl Task {
             let since = &mut state.out_since_ns[i];
             if beyond > 0.0 && *since == 0 {
                 *since = seen.now_ns;
-                emit(EventDraft::new(EventKind::TipOutOfView, beyond).by(i, &tip.tip_in_eye_mm));
+                emit(EventDraft::new(EventKind::TipOutOfView, beyond).by(i, tip.tip_in_eye_mm.into()));
             } else if beyond <= 0.0 && *since > 0 {
                 let lasted_s = (seen.now_ns - *since) as f64 * 1e-9;
                 *since = 0;
-                emit(EventDraft::new(EventKind::TipInView, lasted_s).by(i, &tip.tip_in_eye_mm));
+                emit(EventDraft::new(EventKind::TipInView, lasted_s).by(i, tip.tip_in_eye_mm.into()));
             }
         }
     }
@@ -300,11 +261,11 @@ impl Task {
             let (depth, since) = (lens_depth_mm(&tip, self.lens_back_mm), &mut state.lens_since_ns[i]);
             if depth > 0.0 && *since == 0 {
                 *since = seen.now_ns;
-                emit(EventDraft::new(EventKind::LensTouched, depth).by(i, &tip.tip_in_eye_mm));
+                emit(EventDraft::new(EventKind::LensTouched, depth).by(i, tip.tip_in_eye_mm.into()));
             } else if depth <= -eye::LENS_CLEAR_MM && *since > 0 {
                 let lasted_s = (seen.now_ns - *since) as f64 * 1e-9;
                 *since = 0;
-                emit(EventDraft::new(EventKind::LensLeft, lasted_s).by(i, &tip.tip_in_eye_mm));
+                emit(EventDraft::new(EventKind::LensLeft, lasted_s).by(i, tip.tip_in_eye_mm.into()));
             }
         }
     }

@@ -148,8 +148,7 @@ fn check_rest(world: &World) -> Result<(), String> {
 
 impl Outcome {
     fn add(&mut self, world: &World, report: &StepReport, step: u64) {
-        let times = report.times;
-        self.slowest = self.slowest.max((times.collision_ns + times.tissue_ns + times.misc_ns, step));
+        self.slowest = self.slowest.max((report.profile.step_ns(), step));
         self.hash = (self.hash.rotate_left(5) ^ report.state_hash).wrapping_mul(0x0000_0100_0000_01b3);
         self.events += world.events().len() as u64;
         for instrument in &world.state().instruments {

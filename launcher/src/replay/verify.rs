@@ -109,7 +109,7 @@ mod tests {
         let mut verdict = Verdict::default();
         let step = StepRecord { field: 42, step: 3, ..StepRecord::zeroed() };
         let mut slower = step;
-        (slower.instants.stepped, slower.times.tissue_ns) = (99, 7);
+        (slower.instants.stepped, slower.profile.tissue_ns) = (99, 7);
         verdict.step(&step, &slower);
         assert_eq!(verdict.difference, None);
         let other = StepRecord { state_hash: 1, ..step };

@@ -8,7 +8,7 @@ use hdrhistogram::Histogram;
 use protocol::budget::{Budget, Budgets, Stage, frame_latencies, pose_latencies, step_latencies};
 use protocol::frames::{BELOW_FLOOR, FrameRecord};
 use protocol::poses::TrackerFrame;
-use protocol::steps::StepRecord;
+use protocol::steps::{StepProfile, StepRecord};
 use protocol::time::Nanos;
 use serde::Serialize;
 
@@ -71,25 +71,14 @@ impl Durations {
     }
 }
 
-/// The paper's phases of a step.
-#[derive(Debug, Default)]
-pub struct Phases {
-    /// Collision detection.
-    pub collision: Durations,
-    /// Tissue.
-    pub tissue: Durations,
-    /// Writing the scene block.
-    pub transfer: Durations,
-    /// The rest of the step.
-    pub misc: Durations,
-}
-
 /// All histograms of a run.
 #[derive(Debug, Default)]
 pub struct LatencyStats {
     stages: [Durations; Stage::ALL.len()],
-    /// Phases of the simulation step.
-    pub phases: Phases,
+    /// Phases of the simulation step, as [`StepProfile::PHASES`].
+    pub phases: [Durations; StepProfile::PHASES.len()],
+    /// Phases of the paper's Table 4, as [`StepProfile::paper_phases_ns`].
+    pub paper_phases: [Durations; 4],
     /// Latencies left out because the run was not warm.
     pub warm_up: u64,
     warm_from_ns: Option<Nanos>,
@@ -132,10 +121,12 @@ impl LatencyStats {
             return;
         }
         self.note_all(&step_latencies(step), step.field);
-        self.phases.collision.note(step.times.collision_ns, step.field);
-        self.phases.tissue.note(step.times.tissue_ns, step.field);
-        self.phases.transfer.note(step.times.transfer_ns, step.field);
-        self.phases.misc.note(step.times.misc_ns, step.field);
+        for (phase, ns) in self.phases.iter_mut().zip(step.profile.phases_ns()) {
+            phase.note(ns, step.field);
+        }
+        for (phase, ns) in self.paper_phases.iter_mut().zip(step.profile.paper_phases_ns()) {
+            phase.note(ns, step.field);
+        }
     }
 
     /// Takes a displayed frame.

@@ -3,7 +3,7 @@
 use super::latency_stats::{LatencyStats, StageFigures};
 use crate::machine::Machine;
 use protocol::budget::Stage;
-use protocol::steps::StepRecord;
+use protocol::steps::{StepProfile, StepRecord};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -34,6 +34,8 @@ pub struct Report {
     pub warm_up_left_out: u64,
     /// The paper's Table 4 with today's figures.
     pub paper_table_4: Vec<PaperLine>,
+    /// Time of each phase of the simulation step.
+    pub step_profile: Vec<PhaseFigures>,
     /// The picture, where there was one.
     pub picture: Option<Picture>,
     /// Each process.
@@ -201,12 +203,12 @@ pub struct RecordingFigures {
 /// with the medians of this run. "Overall" is the sum of the lines above it, as in the paper.
 pub fn paper_table_4(latencies: &LatencyStats) -> Vec<PaperLine> {
     let median = |d: &super::latency_stats::Durations| (d.count() > 0).then(|| d.at_ms(50.0));
-    let phases = &latencies.phases;
+    let [collision, tissue, transfer, misc] = &latencies.paper_phases;
     let mut lines: Vec<PaperLine> = [
-        ("collision detection", 2.3, median(&phases.collision)),
-        ("tissue simulation", 1.5, median(&phases.tissue)),
-        ("geometry transfer", 1.7, median(&phases.transfer)),
-        ("misc", 1.0, median(&phases.misc)),
+        ("collision detection", 2.3, median(collision)),
+        ("tissue simulation", 1.5, median(tissue)),
+        ("geometry transfer", 1.7, median(transfer)),
+        ("misc", 1.0, median(misc)),
         ("graphics rendering", 15.0, median(latencies.stage(Stage::Rendering))),
     ]
     .map(|(task, paper_ms, today_ms)| PaperLine { task, paper_ms, today_ms })
@@ -216,6 +218,32 @@ pub fn paper_table_4(latencies: &LatencyStats) -> Vec<PaperLine> {
     lines
 }
 
+/// Times of a phase of the simulation step.
+#[derive(Debug, Clone, Serialize)]
+pub struct PhaseFigures {
+    /// One of [`StepProfile::PHASES`].
+    pub phase: &'static str,
+    /// Median, ms.
+    pub p50_ms: f64,
+    /// 99th percentile, ms.
+    pub p99_ms: f64,
+    /// Longest, ms.
+    pub max_ms: f64,
+}
+
+/// Times of every phase of the simulation step; empty without a step.
+pub fn step_profile(latencies: &LatencyStats) -> Vec<PhaseFigures> {
+    let phases = StepProfile::PHASES.into_iter().zip(&latencies.phases).filter(|(_, d)| d.count() > 0);
+    phases
+        .map(|(phase, d)| PhaseFigures {
+            phase,
+            p50_ms: d.at_ms(50.0),
+            p99_ms: d.at_ms(99.0),
+            max_ms: d.at_ms(100.0),
+        })
+        .collect()
+}
+
 impl Report {
     /// The tables for a person.
     pub fn text(&self) -> String {
@@ -223,6 +251,7 @@ impl Report {
         // Writing to a string cannot fail.
         let _ = self.write_stages(&mut out);
         let _ = self.write_paper(&mut out);
+        let _ = self.write_profile(&mut out);
         let _ = self.write_processes(&mut out);
         let _ = self.write_rest(&mut out);
         out
@@ -263,6 +292,17 @@ impl Report {
         for line in &self.paper_table_4 {
             let today = line.today_ms.map_or("–".into(), |ms| format!("{ms:.3}"));
             writeln!(out, "{:<29} {:>6.1} {:>10}", line.task, line.paper_ms, today)?;
+        }
+        Ok(())
+    }
+
+    fn write_profile(&self, out: &mut String) -> std::fmt::Result {
+        if self.step_profile.is_empty() {
+            return Ok(());
+        }
+        writeln!(out, "\nphases of a step, ms            p50      p99      max")?;
+        for p in &self.step_profile {
+            writeln!(out, "{:<26} {:>8.3} {:>8.3} {:>8.3}", p.phase, p.p50_ms, p.p99_ms, p.max_ms)?;
         }
         Ok(())
     }
@@ -319,14 +359,20 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use protocol::budget::Budgets;
-    use protocol::steps::StepTimes;
 
     fn latencies() -> LatencyStats {
         let mut latencies = LatencyStats::default();
         latencies.warm_from(1);
-        let times =
-            StepTimes { collision_ns: 50_000, tissue_ns: 200_000, transfer_ns: 30_000, misc_ns: 20_000 };
-        let mut step = StepRecord { times, ..StepRecord::zeroed() };
+        let profile = StepProfile {
+            collision_ns: 50_000,
+            tissue_ns: 150_000,
+            vitreous_ns: 50_000,
+            transfer_ns: 30_000,
+            misc_ns: 15_000,
+            hash_ns: 5_000,
+            ..StepProfile::default()
+        };
+        let mut step = StepRecord { profile, ..StepRecord::zeroed() };
         (step.instants.exposed, step.instants.tracked, step.instants.stepped) = (10, 20, 320_000);
         latencies.note_step(&step);
         latencies
@@ -354,6 +400,7 @@ mod tests {
             stages: latencies.judge(&Budgets::default()),
             warm_up_left_out: 0,
             paper_table_4: paper_table_4(&latencies),
+            step_profile: step_profile(&latencies),
             picture: None,
             processes: Vec::new(),
             restarts: BTreeMap::from([("tracker", 2)]),
@@ -396,6 +443,7 @@ mod tests {
         assert_eq!(json["stages"][3]["broken"], false);
         assert_eq!(json["stages"][5]["verdict"], "no-samples");
         assert_eq!(json["paper_table_4"][1]["paper_ms"], 1.5);
+        assert_eq!(json["step_profile"][4]["phase"], "vitreous");
         assert_eq!(json["removed"]["vitreous_left_ml"], 3.25);
     }
 

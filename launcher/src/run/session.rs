@@ -9,7 +9,7 @@ use super::monitor::{CHANNELS, Monitor};
 use super::options::{RunArgs, View};
 use super::policy::CpuAccount;
 use super::recorder::Recorder;
-use super::report::{FORMAT, Incident, ProcessFigures, Report, Setup, Versions, paper_table_4};
+use super::report::{FORMAT, Incident, ProcessFigures, Report, Setup, Versions, paper_table_4, step_profile};
 use super::resume::Resume;
 use super::screen::{Screen, Status};
 use super::supervisor::{ProcessEvent, Slot, Supervisor};
@@ -417,6 +417,7 @@ impl<'a> Session<'a> {
             stages,
             warm_up_left_out: self.consumers.latencies.warm_up,
             paper_table_4: paper_table_4(&self.consumers.latencies),
+            step_profile: step_profile(&self.consumers.latencies),
             picture: self.consumers.monitor.picture(words),
             processes,
             restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),

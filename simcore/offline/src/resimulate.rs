@@ -5,7 +5,7 @@ use anyhow::{Context, bail};
 use protocol::steps::{STATE_HASH_VERSION, StepRecord};
 use recording::{Item, Recording, STATE_HASH, Writer};
 use scene::SceneFile;
-use simcore::resume::Past;
+use simcore::resume::InputHistory;
 use simcore::world::World;
 use std::path::Path;
 
@@ -33,7 +33,7 @@ pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
     let mut own = provenance.clone();
     own.versions.insert(STATE_HASH.into(), STATE_HASH_VERSION.to_string());
     let mut writer = Writer::temporary(out, &own)?;
-    let mut past = Past::default();
+    let mut past = InputHistory::default();
     let mut done = Resimulated { other_state_hash_version, ..Resimulated::default() };
     for item in recording.items_of(&TOPICS) {
         let Ok((_, item)) = item else { break };

@@ -1,7 +1,7 @@
 //! Where bodies touch at their predicted poses: each other and the instruments by parry3d, the retina in closed form (a sphere from
 //! inside: the centre of a ball, the ends of a rod, the corners of a box). Found once in a substep.
 
-use super::solve::{BodySolver, Hand, Surroundings, Touched};
+use super::solve::{BodySolver, SolverParams, ToolMotion, TouchedBody};
 use super::state::{BodyState, Grip};
 use collision::rigid::{Compound, RigidContact};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -11,17 +11,17 @@ use protocol::limits::INSTRUMENTS;
 const TOUCH_MM: f64 = 1e-4;
 
 /// Contacts that are taken together at most.
-pub(super) const TOGETHER: usize = 4;
+pub(super) const BATCH: usize = 4;
 
 /// How many of the first contacts have no body in common: in which order they are pushed apart makes no difference.
-pub(super) fn apart(contacts: &[Contact]) -> usize {
+pub(super) fn independent(contacts: &[Contact]) -> usize {
     let bodies = |c: &Contact| {
         let other = if let Party::Body(other) = c.other { Some(other) } else { None };
         std::iter::once(c.body).chain(other)
     };
     let shared =
         |i: &usize| bodies(&contacts[*i]).any(|b| contacts[..*i].iter().flat_map(bodies).any(|a| a == b));
-    let most = contacts.len().min(TOGETHER);
+    let most = contacts.len().min(BATCH);
     (1..most).find(shared).unwrap_or(most)
 }
 
@@ -30,7 +30,7 @@ pub(super) fn apart(contacts: &[Contact]) -> usize {
 pub(super) enum Party {
     Body(usize),
     /// Yields to nothing.
-    Hand(usize),
+    Instrument(usize),
     Retina,
 }
 
@@ -46,9 +46,9 @@ pub(super) struct Contact {
     /// Sum of pushes so far, g·mm.
     pub(super) push: f64,
     /// What friction has used of its share of it, g·mm.
-    pub(super) rubbed: f64,
+    pub(super) friction_used: f64,
     /// What resistance to rolling has used of its share, g·mm².
-    pub(super) rolled: f64,
+    pub(super) rolling_used: f64,
     pub(super) friction: f64,
     /// Contacts of its body before it.
     turn: u32,
@@ -71,8 +71,8 @@ fn contact(
         in_other: other_pose.inverse_transform_point(&in_eye),
         normal: -normal,
         push: 0.0,
-        rubbed: 0.0,
-        rolled: 0.0,
+        friction_used: 0.0,
+        rolling_used: 0.0,
         friction,
         turn: 0,
     }
@@ -80,22 +80,22 @@ fn contact(
 
 impl BodySolver {
     /// Finds the contacts at the predicted poses.
-    pub(super) fn find(
+    pub(super) fn find_contacts(
         &mut self,
         bodies: &[BodyState],
         grips: &[Option<Grip>; INSTRUMENTS],
         tools: &[Compound; INSTRUMENTS],
-        hands: &[Hand; INSTRUMENTS],
-        around: &Surroundings,
+        motions: &[ToolMotion; INSTRUMENTS],
+        params: &SolverParams,
     ) {
         self.contacts.clear();
         self.touched.clear();
         for (b, body) in bodies.iter().enumerate() {
-            self.find_retina(b, body, around.retina_radius_mm);
-            for (h, hand) in hands.iter().enumerate() {
+            self.find_retina(b, body, params.retina_radius_mm);
+            for (h, instrument) in motions.iter().enumerate() {
                 let held = grips[h].is_some_and(|g| g.body as usize == b);
-                if hand.touches && !held {
-                    self.find_tool(b, body, h, &tools[h], &hand.pose);
+                if instrument.touches && !held {
+                    self.find_tool(b, body, h, &tools[h], &instrument.pose);
                 }
             }
             for (other, pose) in bodies.iter().enumerate().skip(b + 1) {
@@ -137,23 +137,30 @@ impl BodySolver {
                 in_other: Point3::from(out * retina_radius_mm),
                 normal: -out,
                 push: 0.0,
-                rubbed: 0.0,
-                rolled: 0.0,
+                friction_used: 0.0,
+                rolling_used: 0.0,
                 friction: model.friction,
                 turn: 0,
             });
         }
     }
 
-    fn find_tool(&mut self, b: usize, body: &BodyState, h: usize, tool: &Compound, hand: &Isometry3<f64>) {
+    fn find_tool(
+        &mut self,
+        b: usize,
+        body: &BodyState,
+        h: usize,
+        tool: &Compound,
+        instrument: &Isometry3<f64>,
+    ) {
         let eye_from_body = &body.eye_from_body;
         let model = &self.models[b];
-        model.solid.contacts(tool, &(eye_from_body.inverse() * hand), &mut self.found);
+        model.solid.contacts(tool, &(eye_from_body.inverse() * instrument), &mut self.found);
         for found in &self.found {
             let normal = eye_from_body.rotation * found.normal.into_inner();
-            self.touched.push(Touched { hand: h, part: found.instrument_part, body: b, normal });
-            let parties = (b, Party::Hand(h));
-            self.contacts.push(contact(parties, [eye_from_body, hand], found, model.friction));
+            self.touched.push(TouchedBody { instrument: h, part: found.instrument_part, body: b, normal });
+            let parties = (b, Party::Instrument(h));
+            self.contacts.push(contact(parties, [eye_from_body, instrument], found, model.friction));
         }
     }
 

@@ -1,17 +1,19 @@
 //! Forceps and bodies: closing jaws take a body that both of them touch; opening jaws, or a pull beyond what friction holds,
 //! let it go.
 
-use super::solve::Touched;
+use super::solve::TouchedBody;
 use super::state::{BodyState, Grip};
 use nalgebra::Isometry3;
 
 /// Jaws that open so much beyond where they took a body let it go, rad.
 pub const RELEASE_RAD: f64 = 0.05;
 
-/// The body that the jaws of instrument `hand` have between them: both touch it, from opposite sides.
-pub fn between_jaws(touched: &[Touched], hand: usize) -> Option<usize> {
-    let by = |part: usize| touched.iter().filter(move |t| t.hand == hand && t.part == part);
-    let pair = |one: &Touched, other: &Touched| one.body == other.body && one.normal.dot(&other.normal) < 0.0;
+/// The body that the jaws of instrument `instrument` have between them: both touch it, from opposite sides.
+pub fn between_jaws(touched: &[TouchedBody], instrument: usize) -> Option<usize> {
+    let by = |part: usize| touched.iter().filter(move |t| t.instrument == instrument && t.part == part);
+    let pair = |one: &TouchedBody, other: &TouchedBody| {
+        one.body == other.body && one.normal.dot(&other.normal) < 0.0
+    };
     by(1).find(|one| by(2).any(|other| pair(one, other))).map(|t| t.body)
 }
 
@@ -46,7 +48,12 @@ mod tests {
 
     #[test]
     fn only_a_body_between_both_jaws_is_taken() {
-        let at = |hand, part, body, x: f64| Touched { hand, part, body, normal: Vector3::new(x, 0.1, 0.0) };
+        let at = |instrument, part, body, x: f64| TouchedBody {
+            instrument,
+            part,
+            body,
+            normal: Vector3::new(x, 0.1, 0.0),
+        };
         assert_eq!(between_jaws(&[at(0, 1, 3, 1.0), at(0, 2, 3, -1.0)], 0), Some(3));
         assert_eq!(between_jaws(&[at(0, 1, 3, 1.0), at(0, 2, 3, -1.0)], 1), None, "another instrument's");
         assert_eq!(between_jaws(&[at(0, 1, 3, 1.0), at(0, 2, 4, -1.0)], 0), None, "two bodies");

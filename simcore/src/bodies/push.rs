@@ -1,9 +1,9 @@
 //! What a contact does to its parties: pushes them apart by their generalised inverse masses, and takes back what would slide or
 //! roll, as far as friction holds it (Coulomb, on positions).
 
-use super::contacts::{Contact, Party, TOGETHER};
+use super::contacts::{BATCH, Contact, Party};
 use super::motion::turned;
-use super::solve::{BodySolver, Hand, Surroundings};
+use super::solve::{BodySolver, SolverParams, ToolMotion};
 use super::state::BodyState;
 use nalgebra::{Point3, Vector3};
 use protocol::limits::INSTRUMENTS;
@@ -14,7 +14,7 @@ pub(super) const ROLLING_MM: f64 = 0.1;
 
 /// Where the parties of a contact are at the begin of a round.
 #[derive(Debug, Clone, Copy, Default)]
-struct Meet {
+struct ContactPoints {
     /// The body's point, eye frame, mm.
     p: Point3<f64>,
     /// Its counterpart's.
@@ -26,64 +26,72 @@ struct Meet {
 impl BodySolver {
     /// Pushes contacts apart, and takes back sliding as far as friction holds. No body is in two of them, so all may go through
     /// each stage together: one is a long chain of roots and quotients, which a processor computes beside the others'.
-    pub(super) fn separate(
+    pub(super) fn solve_contacts(
         &self,
         bodies: &mut [BodyState],
         contacts: &mut [Contact],
-        hands: &[Hand; INSTRUMENTS],
-        around: &Surroundings,
+        motions: &[ToolMotion; INSTRUMENTS],
+        params: &SolverParams,
     ) {
-        let mut meets = [Meet::default(); TOGETHER];
-        for (meet, contact) in meets.iter_mut().zip(&mut *contacts) {
-            *meet = self.meet(bodies, contact, hands, around);
+        let mut points = [ContactPoints::default(); BATCH];
+        for (points, contact) in points.iter_mut().zip(&mut *contacts) {
+            *points = self.locate(bodies, contact, motions, params);
         }
-        for (meet, contact) in meets.iter().zip(&mut *contacts) {
-            let depth = (meet.q - meet.p).dot(&contact.normal);
+        for (points, contact) in points.iter().zip(&mut *contacts) {
+            let depth = (points.q - points.p).dot(&contact.normal);
             if depth > 0.0 {
-                contact.push += self.shift(bodies, contact, [meet.p, meet.q], contact.normal * depth);
+                contact.push += self.shift(bodies, contact, [points.p, points.q], contact.normal * depth);
             }
         }
         for contact in contacts.iter_mut().filter(|c| c.push > 0.0 && c.other == Party::Retina) {
             self.resist_rolling(&mut bodies[contact.body], contact);
         }
-        for (meet, contact) in meets.iter().zip(&mut *contacts).filter(|(_, c)| c.push > 0.0) {
-            self.rub(bodies, contact, hands, meet);
+        for (points, contact) in points.iter().zip(&mut *contacts).filter(|(_, c)| c.push > 0.0) {
+            self.apply_friction(bodies, contact, motions, points);
         }
     }
 
     /// Where the parties are; turns the normal of a contact with the retina to the point of the sphere nearest to where the body is now.
-    fn meet(
+    fn locate(
         &self,
         bodies: &[BodyState],
         contact: &mut Contact,
-        hands: &[Hand; INSTRUMENTS],
-        around: &Surroundings,
-    ) -> Meet {
+        motions: &[ToolMotion; INSTRUMENTS],
+        params: &SolverParams,
+    ) -> ContactPoints {
         let p = bodies[contact.body].eye_from_body * contact.in_body;
         let (q, q_before) = match contact.other {
             Party::Retina => {
                 let far = p.coords.norm();
                 contact.normal = if far > 1e-9 { -p.coords / far } else { contact.normal };
-                (Point3::from(-contact.normal * around.retina_radius_mm), None)
+                (Point3::from(-contact.normal * params.retina_radius_mm), None)
             }
-            Party::Hand(h) => (hands[h].pose * contact.in_other, Some(hands[h].before * contact.in_other)),
+            Party::Instrument(h) => {
+                (motions[h].pose * contact.in_other, Some(motions[h].before * contact.in_other))
+            }
             Party::Body(other) => (
                 bodies[other].eye_from_body * contact.in_other,
                 Some(self.before[other].eye_from_body * contact.in_other),
             ),
         };
-        Meet { p, q, q_before }
+        ContactPoints { p, q, q_before }
     }
 
     /// Takes back what slides, as far as friction holds.
-    fn rub(&self, bodies: &mut [BodyState], contact: &mut Contact, hands: &[Hand; INSTRUMENTS], meet: &Meet) {
+    fn apply_friction(
+        &self,
+        bodies: &mut [BodyState],
+        contact: &mut Contact,
+        motions: &[ToolMotion; INSTRUMENTS],
+        points: &ContactPoints,
+    ) {
         let b = contact.body;
         let p_before = self.before[b].eye_from_body * contact.in_body;
-        let (p, q) = self.places(bodies, contact, hands, meet.q);
-        let way = (p - p_before) - meet.q_before.map_or(Vector3::zeros(), |before| q - before);
+        let (p, q) = self.places(bodies, contact, motions, points.q);
+        let way = (p - p_before) - points.q_before.map_or(Vector3::zeros(), |before| q - before);
         let sliding = way - contact.normal * way.dot(&contact.normal);
         let slid = sliding.norm();
-        let left = contact.friction * contact.push - contact.rubbed;
+        let left = contact.friction * contact.push - contact.friction_used;
         if slid < 1e-12 || left <= 0.0 {
             return;
         }
@@ -94,20 +102,21 @@ impl BodySolver {
         let moment = whole * arm;
         if contact.other == Party::Retina
             && whole <= left
-            && contact.rolled + moment <= ROLLING_MM * contact.push
+            && contact.rolling_used + moment <= ROLLING_MM * contact.push
         {
             bodies[b].eye_from_body.translation.vector -= sliding;
-            (contact.rubbed, contact.rolled) = (contact.rubbed + whole, contact.rolled + moment);
+            (contact.friction_used, contact.rolling_used) =
+                (contact.friction_used + whole, contact.rolling_used + moment);
             return;
         }
         // What the friction could take back at most, for this direction's mobility.
         let along = sliding / slid;
         let mobility = self.mobility(bodies, contact, [p, q], &along);
         let most = left * mobility;
-        contact.rubbed += if slid > most {
+        contact.friction_used += if slid > most {
             self.shift(bodies, contact, [p, q], -sliding * (most / slid))
         } else {
-            self.give(bodies, contact, [p, q], -along, slid / mobility)
+            self.apply_push(bodies, contact, [p, q], -along, slid / mobility)
         };
     }
 
@@ -124,10 +133,10 @@ impl BodySolver {
         }
         let local = body.eye_from_body.rotation.inverse() * (rolling / angle);
         let mobility = local.component_mul(&model.inverse_inertia).dot(&local);
-        let most = (ROLLING_MM * contact.push - contact.rolled) * mobility;
+        let most = (ROLLING_MM * contact.push - contact.rolling_used) * mobility;
         let back = if angle > most { most / angle } else { 1.0 };
         if back > 0.0 {
-            contact.rolled += angle * back / mobility;
+            contact.rolling_used += angle * back / mobility;
             body.eye_from_body.rotation = turned(&body.eye_from_body.rotation, &(-rolling * back));
         }
     }
@@ -136,13 +145,13 @@ impl BodySolver {
         &self,
         bodies: &[BodyState],
         contact: &Contact,
-        hands: &[Hand; INSTRUMENTS],
+        motions: &[ToolMotion; INSTRUMENTS],
         q: Point3<f64>,
     ) -> (Point3<f64>, Point3<f64>) {
         let p = bodies[contact.body].eye_from_body * contact.in_body;
         let q = match contact.other {
             Party::Retina => q,
-            Party::Hand(h) => hands[h].pose * contact.in_other,
+            Party::Instrument(h) => motions[h].pose * contact.in_other,
             Party::Body(other) => bodies[other].eye_from_body * contact.in_other,
         };
         (p, q)
@@ -179,11 +188,11 @@ impl BodySolver {
         }
         let along = way / size;
         let push = size / self.mobility(bodies, contact, [p, q], &along);
-        self.give(bodies, contact, [p, q], along, push)
+        self.apply_push(bodies, contact, [p, q], along, push)
     }
 
     /// Gives both parties a push, g·mm, the body's along `along`; returns it.
-    fn give(
+    fn apply_push(
         &self,
         bodies: &mut [BodyState],
         contact: &Contact,

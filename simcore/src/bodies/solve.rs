@@ -10,7 +10,7 @@
 
 use super::contacts::{self, Contact};
 use super::model::BodyModel;
-use super::motion::{predict, settle, stop};
+use super::motion::{integrate, reset, update_velocity};
 use super::state::{BodiesState, BodyState, Grip};
 use collision::rigid::{Compound, RigidContact};
 use collision::surface::CollisionError;
@@ -23,7 +23,7 @@ const ROUNDS: usize = 6;
 
 /// An instrument in a substep.
 #[derive(Debug, Clone, Copy)]
-pub struct Hand {
+pub struct ToolMotion {
     /// `eye_from_instrument` at its end.
     pub pose: Isometry3<f64>,
     /// The same at its begin.
@@ -34,7 +34,7 @@ pub struct Hand {
 
 /// What acts on all bodies in a substep.
 #[derive(Debug, Clone, Copy)]
-pub struct Surroundings {
+pub struct SolverParams {
     /// Weight of a gram, eye frame, mm/s².
     pub weight_mm_s2: Vector3<f64>,
     /// 1/s.
@@ -54,21 +54,38 @@ pub struct BodySolver {
     pub(super) before: Vec<BodyState>,
     /// The bodies of the scene at its begin.
     begin: Vec<BodyState>,
-    /// Bodies stopped because their numbers ran away, and the last of them.
-    stopped: (u32, u32),
     pub(super) contacts: Vec<Contact>,
     pub(super) found: Vec<RigidContact>,
     /// Bodies that an instrument's jaws touch: which body, by which part, its normal in the eye frame.
-    pub(super) touched: Vec<Touched>,
+    pub(super) touched: Vec<TouchedBody>,
     /// Sum of the pulls of each grip, eye frame, g·mm.
     pulls: [Vector3<f64>; INSTRUMENTS],
 }
 
+/// Bodies that were stopped because their numbers ran away.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct StoppedBodies {
+    /// How often one was stopped.
+    pub count: u32,
+    /// The last one.
+    pub last: u32,
+}
+
+impl StoppedBodies {
+    /// Adds those of a later substep.
+    pub fn add(&mut self, later: StoppedBodies) {
+        self.count += later.count;
+        if later.count > 0 {
+            self.last = later.last;
+        }
+    }
+}
+
 /// A body that an instrument touches.
 #[derive(Debug, Clone, Copy)]
-pub struct Touched {
+pub struct TouchedBody {
     /// The instrument.
-    pub hand: usize,
+    pub instrument: usize,
     /// Its part: 0 the shaft, 1 and 2 the jaws.
     pub part: usize,
     /// The body.
@@ -85,7 +102,6 @@ impl BodySolver {
         Ok(BodySolver {
             before: Vec::with_capacity(n),
             begin: BodiesState::start(scene).body,
-            stopped: (0, 0),
             contacts: Vec::with_capacity(n * (8 + 3 * INSTRUMENTS + n)),
             found: Vec::with_capacity(8),
             touched: Vec::with_capacity(3 * INSTRUMENTS * n),
@@ -100,76 +116,73 @@ impl BodySolver {
     }
 
     /// Which bodies the instruments touched in the last substep.
-    pub fn touched(&self) -> &[Touched] {
+    pub fn touched(&self) -> &[TouchedBody] {
         &self.touched
     }
 
     /// Force that the jaws of an instrument applied to what they hold in the last substep, eye frame, µN.
-    pub fn pull_un(&self, hand: usize, dt_s: f64) -> Vector3<f64> {
-        self.pulls[hand] / (dt_s * dt_s)
+    pub fn pull_un(&self, instrument: usize, dt_s: f64) -> Vector3<f64> {
+        self.pulls[instrument] / (dt_s * dt_s)
     }
 
-    /// Moves the bodies over a substep.
+    /// Moves the bodies over a substep; returns which of them were stopped.
     pub fn step(
         &mut self,
         bodies: &mut [BodyState],
         grips: &[Option<Grip>; INSTRUMENTS],
         tools: &[Compound; INSTRUMENTS],
-        hands: &[Hand; INSTRUMENTS],
-        around: &Surroundings,
-    ) {
+        motions: &[ToolMotion; INSTRUMENTS],
+        params: &SolverParams,
+    ) -> StoppedBodies {
         self.before.clear();
         self.before.extend_from_slice(bodies);
         self.pulls = [Vector3::zeros(); INSTRUMENTS];
-        bodies.iter_mut().for_each(|body| predict(body, around));
-        self.find(bodies, grips, tools, hands, around);
+        bodies.iter_mut().for_each(|body| integrate(body, params));
+        self.find_contacts(bodies, grips, tools, motions, params);
         for _ in 0..ROUNDS {
-            for (hand, grip) in grips.iter().enumerate() {
-                if let Some(grip) = grip.filter(|_| hands[hand].touches) {
-                    self.hold(bodies, &grip, hand, &hands[hand].pose, around);
+            for (instrument, grip) in grips.iter().enumerate() {
+                if let Some(grip) = grip.filter(|_| motions[instrument].touches) {
+                    self.solve_grip(bodies, &grip, instrument, &motions[instrument].pose, params);
                 }
             }
             let mut contacts = std::mem::take(&mut self.contacts);
             let mut rest = &mut contacts[..];
             while !rest.is_empty() {
-                let (apart, after) = rest.split_at_mut(contacts::apart(rest));
-                self.separate(bodies, apart, hands, around);
+                let (apart, after) = rest.split_at_mut(contacts::independent(rest));
+                self.solve_contacts(bodies, apart, motions, params);
                 rest = after;
             }
             self.contacts = contacts;
         }
+        let mut stopped = StoppedBodies::default();
         for (b, (body, before)) in bodies.iter_mut().zip(&self.before).enumerate() {
-            if !settle(body, before, around.dt_s) {
-                stop(body, before, &self.begin[b]);
-                self.stopped = (self.stopped.0 + 1, b as u32);
+            if !update_velocity(body, before, params.dt_s) {
+                reset(body, before, &self.begin[b]);
+                stopped.add(StoppedBodies { count: 1, last: b as u32 });
             }
         }
-    }
-
-    /// Bodies stopped since the last call because their numbers ran away, and the last of them.
-    pub fn take_stopped(&mut self) -> Option<(u32, u32)> {
-        Some(std::mem::take(&mut self.stopped)).filter(|s| s.0 > 0)
+        stopped
     }
 
     /// Pulls a held body to where the jaws have it, with no more force than they give.
-    fn hold(
+    fn solve_grip(
         &mut self,
         bodies: &mut [BodyState],
         grip: &Grip,
-        hand: usize,
+        instrument: usize,
         pose: &Isometry3<f64>,
-        around: &Surroundings,
+        params: &SolverParams,
     ) {
         let body = &mut bodies[grip.body as usize];
         let wanted = pose * grip.instrument_from_body;
         let mass = self.models[grip.body as usize].mass_g();
-        let most = around.grip_un * around.dt_s * around.dt_s;
-        let pull =
-            self.pulls[hand] + (wanted.translation.vector - body.eye_from_body.translation.vector) * mass;
+        let most = params.grip_un * params.dt_s * params.dt_s;
+        let pull = self.pulls[instrument]
+            + (wanted.translation.vector - body.eye_from_body.translation.vector) * mass;
         let size = pull.norm();
         let pull = if size > most { pull * (most / size) } else { pull };
-        body.eye_from_body.translation.vector += (pull - self.pulls[hand]) / mass;
-        self.pulls[hand] = pull;
+        body.eye_from_body.translation.vector += (pull - self.pulls[instrument]) / mass;
+        self.pulls[instrument] = pull;
         // Flat jaws hold against turning better than against sliding.
         body.eye_from_body.rotation = wanted.rotation;
     }
@@ -196,13 +209,13 @@ mod tests {
         BodiesScene { weight_mm_s2: 0.0, damping_per_s: 0.0, body: vec![body] }
     }
 
-    fn around(weight_mm_s2: [f64; 3], damping_per_s: f64, retina_radius_mm: f64) -> Surroundings {
+    fn params(weight_mm_s2: [f64; 3], damping_per_s: f64, retina_radius_mm: f64) -> SolverParams {
         let weight_mm_s2 = weight_mm_s2.into();
-        Surroundings { weight_mm_s2, damping_per_s, retina_radius_mm, grip_un: 100.0, dt_s: DT_S }
+        SolverParams { weight_mm_s2, damping_per_s, retina_radius_mm, grip_un: 100.0, dt_s: DT_S }
     }
 
-    fn away() -> Hand {
-        Hand { pose: Isometry3::identity(), before: Isometry3::identity(), touches: false }
+    fn away() -> ToolMotion {
+        ToolMotion { pose: Isometry3::identity(), before: Isometry3::identity(), touches: false }
     }
 
     fn tools() -> [Compound; INSTRUMENTS] {
@@ -210,11 +223,11 @@ mod tests {
     }
 
     /// The body after so many substeps without instruments.
-    fn left_alone(scene: &BodiesScene, around: &Surroundings, substeps: usize) -> BodyState {
+    fn left_alone(scene: &BodiesScene, params: &SolverParams, substeps: usize) -> BodyState {
         let mut bodies = BodiesState::start(scene);
         let (mut solver, tools) = (BodySolver::new(scene).unwrap(), tools());
         for _ in 0..substeps {
-            solver.step(&mut bodies.body, &bodies.grip, &tools, &[away(); INSTRUMENTS], around);
+            solver.step(&mut bodies.body, &bodies.grip, &tools, &[away(); INSTRUMENTS], params);
         }
         bodies.body[0]
     }
@@ -222,7 +235,7 @@ mod tests {
     #[test]
     fn a_falling_ball_reaches_the_speed_at_which_the_fluid_carries_it() {
         let scene = scene(BodyShape::Sphere, [0.5; 3], [0.0; 3], 0.3);
-        let body = left_alone(&scene, &around([0.0, 0.0, -600.0], 12.0, 1e4), 2_000);
+        let body = left_alone(&scene, &params([0.0, 0.0, -600.0], 12.0, 1e4), 2_000);
         assert!((body.velocity_mm_s - Vector3::new(0.0, 0.0, -50.0)).norm() < 1e-6, "weight / damping");
     }
 
@@ -232,7 +245,7 @@ mod tests {
         for (x, stays) in [(1.0, true), (1.8, true), (5.0, false)] {
             let centre = [x, 0.0, -f64::sqrt(11.0 * 11.0 - x * x)];
             let scene = scene(BodyShape::Sphere, [0.5; 3], centre, 0.6);
-            let body = left_alone(&scene, &around([0.0, 0.0, -5900.0], 12.0, 11.5), 4_000);
+            let body = left_alone(&scene, &params([0.0, 0.0, -5900.0], 12.0, 11.5), 4_000);
             let at = body.eye_from_body.translation.vector;
             assert!((at.norm() - 11.0).abs() < 1e-3 && body.velocity_mm_s.norm() < 0.05, "{at}");
             assert_eq!((at - Vector3::from(centre)).norm() < 0.02, stays, "{at} from {x}");
@@ -250,7 +263,7 @@ mod tests {
             let scene = scene(BodyShape::Box, [1.0, 1.0, 0.2], [0.0, 0.0, -(radius - 0.2001)], friction);
             let weight = [g * slope.sin(), 0.0, -g * slope.cos()];
             let substeps = 200;
-            let body = left_alone(&scene, &around(weight, 0.0, radius), substeps);
+            let body = left_alone(&scene, &params(weight, 0.0, radius), substeps);
             let way = body.eye_from_body.translation.vector.x;
             let left = (slope.sin() - friction * slope.cos()).max(0.0);
             let t = substeps as f64 * DT_S;
@@ -267,14 +280,14 @@ mod tests {
         let alone = at.map(|at| scene(BodyShape::Box, [0.5, 0.3, 0.3], at, 0.5));
         let mut together = alone[0].clone();
         together.body = alone.iter().flat_map(|s| s.body.clone()).collect();
-        let around = around([300.0, 0.0, -5900.0], 12.0, 11.5);
+        let params = params([300.0, 0.0, -5900.0], 12.0, 11.5);
         let (mut bodies, tools) = (BodiesState::start(&together), tools());
         let mut solver = BodySolver::new(&together).unwrap();
         for _ in 0..500 {
-            solver.step(&mut bodies.body, &bodies.grip, &tools, &[away(); INSTRUMENTS], &around);
+            solver.step(&mut bodies.body, &bodies.grip, &tools, &[away(); INSTRUMENTS], &params);
         }
         for (scene, body) in alone.iter().zip(&bodies.body) {
-            assert_eq!(&left_alone(scene, &around, 500), body);
+            assert_eq!(&left_alone(scene, &params, 500), body);
         }
     }
 
@@ -283,11 +296,11 @@ mod tests {
         let scene = scene(BodyShape::Sphere, [0.5; 3], [0.0, 0.0, -0.52], 0.3);
         let mut bodies = BodiesState::start(&scene);
         let (mut solver, tools) = (BodySolver::new(&scene).unwrap(), tools());
-        let around = around([0.0; 3], 10.0, 1e4);
+        let params = params([0.0; 3], 10.0, 1e4);
         let tip = |k: usize| Isometry3::translation(0.0, 0.0, -5.0 * DT_S * k as f64);
         for k in 1..=200 {
-            let hand = Hand { pose: tip(k), before: tip(k - 1), touches: true };
-            solver.step(&mut bodies.body, &bodies.grip, &tools, &[hand, away()], &around);
+            let instrument = ToolMotion { pose: tip(k), before: tip(k - 1), touches: true };
+            solver.step(&mut bodies.body, &bodies.grip, &tools, &[instrument, away()], &params);
         }
         let body = bodies.body[0];
         // The flat end of the pipe is at −1 mm and touches the ball's top.
@@ -303,12 +316,13 @@ mod tests {
         let (m, g) = (0.002, 6_000.0);
         for (grip_un, carried) in [(1.2 * m * g, true), (0.8 * m * g, false)] {
             let mut bodies = BodiesState::start(&scene);
-            let hand = Hand { pose: Isometry3::identity(), before: Isometry3::identity(), touches: true };
-            bodies.grip[0] = Some(super::super::grip::take(0, &bodies.body[0], &hand.pose, 0.3));
+            let instrument =
+                ToolMotion { pose: Isometry3::identity(), before: Isometry3::identity(), touches: true };
+            bodies.grip[0] = Some(super::super::grip::take(0, &bodies.body[0], &instrument.pose, 0.3));
             let (mut solver, tools) = (BodySolver::new(&scene).unwrap(), tools());
-            let around = Surroundings { grip_un, ..around([0.0, 0.0, -g], 0.0, 11.5) };
+            let params = SolverParams { grip_un, ..params([0.0, 0.0, -g], 0.0, 11.5) };
             for _ in 0..50 {
-                solver.step(&mut bodies.body, &bodies.grip, &tools, &[hand, away()], &around);
+                solver.step(&mut bodies.body, &bodies.grip, &tools, &[instrument, away()], &params);
             }
             let pull = solver.pull_un(0, DT_S);
             assert!((pull.z - grip_un.min(m * g)).abs() < 1e-3 * m * g, "{pull} of {grip_un}");
@@ -322,7 +336,7 @@ mod tests {
         let scene = scene(BodyShape::Box, [0.5; 3], [0.0, 0.0, -3.0], 0.3);
         let mut bodies = BodiesState::start(&scene);
         let (mut solver, tools) = (BodySolver::new(&scene).unwrap(), tools());
-        let bad = Hand {
+        let bad = ToolMotion {
             pose: Isometry3::translation(f64::NAN, 0.0, 0.0),
             before: Isometry3::identity(),
             touches: true,
@@ -334,7 +348,7 @@ mod tests {
                 &bodies.grip,
                 &tools,
                 &[bad, bad],
-                &around([0.0, 0.0, weight], 1.0, 11.5),
+                &params([0.0, 0.0, weight], 1.0, 11.5),
             );
             assert!(bodies.body[0].is_sound());
         }

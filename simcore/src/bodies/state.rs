@@ -24,7 +24,7 @@ pub struct BodyState {
     /// Velocity of its centre, eye frame, mm/s.
     pub velocity_mm_s: Vector3<f64>,
     /// Angular velocity, eye frame, rad/s.
-    pub spin_rad_s: Vector3<f64>,
+    pub angular_velocity_rad_s: Vector3<f64>,
 }
 
 /// A body between jaws.
@@ -46,13 +46,14 @@ impl BodyState {
         BodyState {
             eye_from_body: Isometry3::from_parts(at.into(), UnitQuaternion::identity()),
             velocity_mm_s: Vector3::zeros(),
-            spin_rad_s: Vector3::zeros(),
+            angular_velocity_rad_s: Vector3::zeros(),
         }
     }
 
     /// True if all of its numbers are finite and its pose is rigid.
     pub fn is_sound(&self) -> bool {
-        let moves = self.velocity_mm_s.iter().chain(self.spin_rad_s.iter()).all(|c| c.is_finite());
+        let moves =
+            self.velocity_mm_s.iter().chain(self.angular_velocity_rad_s.iter()).all(|c| c.is_finite());
         moves && Pose::from_isometry(&self.eye_from_body).is_valid()
     }
 }

@@ -1,17 +1,17 @@
 //! Light on the retina: what the light pipe shines in a step.
 
 use super::World;
-use super::plan::Plan;
+use super::plan::StepPlan;
 use protocol::handles::Tool;
 
 impl World {
     /// Counts the light of every tracked light pipe that is in the eye.
-    pub(super) fn shine(&mut self, plan: &Plan) {
+    pub(super) fn accumulate_light_dose(&mut self, plan: &StepPlan) {
         let dt_s = plan.advance_ns as f64 * 1e-9;
         let state = &mut self.state;
         for (instrument, touches) in state.instruments.iter().zip(plan.touches) {
             if touches && instrument.tool == Tool::LightPipe as u32 {
-                self.lit_retina.shine(&mut state.dose, &instrument.eye_from_instrument, dt_s);
+                self.light_dose.expose(&mut state.dose, &instrument.eye_from_instrument, dt_s);
             }
         }
     }

@@ -2,13 +2,12 @@
 
 use super::World;
 use crate::constants::{MAX_TIP_RADII, MAX_TIP_SPEED_MM_S};
-use crate::event_log::Happening;
 use crate::microscope;
 use crate::state::{InstrumentState, TrackingState};
 use crate::sweep::{Sweep, share};
 use collision::eyeball::AWAY;
 use nalgebra::{Isometry3, Vector3};
-use protocol::events::EventKind;
+use protocol::events::{EventDraft, EventKind};
 use protocol::geometry::Validity;
 use protocol::handles::{HandleState, JAW_LENGTH_MM, PedalState, Tool};
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS, SUBSTEP_NS};
@@ -18,7 +17,7 @@ use tissue::sheet::grasp;
 
 /// A step's way from the last exposure to this one.
 #[derive(Debug, Clone, Copy)]
-pub struct Plan {
+pub struct StepPlan {
     /// Time between the two exposures; 0 for the first one, after a pause, and backwards.
     pub advance_ns: u64,
     /// Substeps to do.
@@ -33,7 +32,7 @@ pub struct Plan {
     jaws: [[f64; 2]; INSTRUMENTS],
 }
 
-impl Plan {
+impl StepPlan {
     /// Share of the way at the end of substep `k`.
     pub fn share(&self, k: u64) -> f64 {
         share(k, SUBSTEP_NS, self.remainder_ns, self.advance_ns)
@@ -68,7 +67,7 @@ pub fn start_instrument(tool: Tool) -> InstrumentState {
 
 impl World {
     /// Takes the newest jaw opening and tool of each instrument.
-    pub(super) fn take_handles(&mut self, handles: &[HandleState]) {
+    pub(super) fn apply_handles(&mut self, handles: &[HandleState]) {
         for handle in handles {
             if handle.validate().is_err() {
                 self.refuse();
@@ -76,8 +75,8 @@ impl World {
             }
             let instrument = &mut self.state.instruments[handle.instrument as usize];
             if instrument.tool != handle.tool {
-                let event = Happening::new(EventKind::ToolChanged, f64::from(handle.tool));
-                self.log.raise(event.by(handle.instrument as usize, instrument.tip_in_eye_mm.into()));
+                let event = EventDraft::new(EventKind::ToolChanged, f64::from(handle.tool));
+                self.log.emit(event.by(handle.instrument as usize, instrument.tip_in_eye_mm.into()));
                 // Another shape is somewhere else: it has no way, and no contact.
                 instrument.touches = false;
             }
@@ -100,14 +99,14 @@ impl World {
     }
 
     /// Takes the pedal's states in order; the last one counts.
-    pub(super) fn take_pedals(&mut self, pedals: &[PedalState]) {
+    pub(super) fn apply_pedals(&mut self, pedals: &[PedalState]) {
         for pedal in pedals {
             if pedal.validate().is_err() {
                 self.refuse();
                 continue;
             }
             let state = &mut self.state;
-            microscope::press(&mut state.microscope, &mut state.optics, pedal, &self.scene);
+            microscope::apply_pedal(&mut state.microscope, &mut state.optics, pedal, &self.scene);
             self.state.tools.press(pedal, &self.figures);
             self.state.pedals_below = pedal.seq + 1;
         }
@@ -116,16 +115,16 @@ impl World {
     fn refuse(&mut self) {
         self.state.refused += 1;
         let count = self.state.refused as f64;
-        self.log.raise(Happening::new(EventKind::InputRefused, count));
+        self.log.emit(EventDraft::new(EventKind::InputRefused, count));
     }
 
     /// Decides what this step does and takes the poses in.
-    pub(super) fn plan(&mut self, frame: &TrackerFrame) -> Plan {
+    pub(super) fn plan(&mut self, frame: &TrackerFrame) -> StepPlan {
         let (last, now) = (self.state.exposed_ns, frame.instants.exposed);
         let regular = last > 0 && now > last && now - last <= MAX_STEP_NS;
         let advance_ns = if regular { now - last } else { 0 };
         let lag_ns = self.state.remainder_ns + advance_ns;
-        let mut plan = Plan {
+        let mut plan = StepPlan {
             advance_ns,
             substeps: lag_ns / SUBSTEP_NS,
             remainder_ns: self.state.remainder_ns,
@@ -146,7 +145,7 @@ impl World {
         plan
     }
 
-    fn plan_instrument(&mut self, plan: &mut Plan, frame: &TrackerFrame, i: usize, tracked: bool) {
+    fn plan_instrument(&mut self, plan: &mut StepPlan, frame: &TrackerFrame, i: usize, tracked: bool) {
         let reach = self.scene.eye.retina_radius_mm * MAX_TIP_RADII;
         let state = &self.state.instruments[i];
         let world_from_instrument = frame.bodies[i].world_from_body.isometry();
@@ -190,10 +189,10 @@ impl World {
         }
         let now = frame.instants.exposed;
         *state = TrackingState { tracked, lost_ns: if tracked { 0 } else { now } };
-        let mut happening = Happening::new(EventKind::TrackingLost, 0.0);
+        let mut happening = EventDraft::new(EventKind::TrackingLost, 0.0);
         if tracked {
             let lost_s = now.saturating_sub(before.lost_ns) as f64 * 1e-9;
-            happening = Happening::new(EventKind::TrackingRegained, lost_s);
+            happening = EventDraft::new(EventKind::TrackingRegained, lost_s);
         }
         if body < INSTRUMENTS {
             happening = happening.by(body, self.state.instruments[body].tip_in_eye_mm.into());
@@ -201,13 +200,13 @@ impl World {
         happening.subject = body as u32;
         // The first pose of all regains nothing.
         if !tracked || before.lost_ns > 0 {
-            self.log.raise(happening);
+            self.log.emit(happening);
         }
         tracked
     }
 
     /// Moves tips and jaws to the end of substep `k`; returns the poses in the eye frame.
-    pub(super) fn move_instruments(&mut self, plan: &Plan, k: u64) -> Poses {
+    pub(super) fn move_instruments(&mut self, plan: &StepPlan, k: u64) -> InstrumentPoses {
         let s = plan.share(k);
         let poses: [Isometry3<f64>; INSTRUMENTS] = std::array::from_fn(|i| plan.pose(i, s));
         let mut tip_step_mm = [Vector3::zeros(); INSTRUMENTS];
@@ -220,13 +219,13 @@ impl World {
             let turn_rad = if jaws { (plan.jaw(i, s) - state.jaw_rad).abs() } else { 0.0 };
             travelled_mm[i] = tip_step_mm[i].norm() + 0.5 * turn_rad * JAW_LENGTH_MM;
         }
-        Poses { eye_from_instrument: poses, tip_step_mm, travelled_mm }
+        InstrumentPoses { eye_from_instrument: poses, tip_step_mm, travelled_mm }
     }
 }
 
 /// Instruments at the end of a substep.
 #[derive(Debug, Clone, Copy)]
-pub struct Poses {
+pub struct InstrumentPoses {
     /// `eye_from_instrument`.
     pub eye_from_instrument: [Isometry3<f64>; INSTRUMENTS],
     /// Way of the tip in this substep, eye frame, mm.

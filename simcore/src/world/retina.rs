@@ -1,10 +1,10 @@
 //! The retina in a step: needles in it, fluid behind it, air before it, and what happened to it.
 
 use super::World;
-use super::plan::Poses;
+use super::plan::InstrumentPoses;
 use super::sheets::SheetName;
-use crate::event_log::Happening;
-use protocol::events::EventKind;
+use super::tools::PlacedTools;
+use protocol::events::{EventDraft, EventKind};
 use protocol::handles::PedalMode;
 use protocol::limits::INSTRUMENTS;
 use tissue::retina::{NeedleEvents, Retina};
@@ -19,12 +19,12 @@ impl World {
     }
 
     /// One substep of the retina: ports, needles, fluid, springs.
-    pub(super) fn move_retina(&mut self, poses: &Poses) {
+    pub(super) fn move_retina(&mut self, poses: &InstrumentPoses, tools: &PlacedTools) {
         let (Some(model), Some(retina)) = (&mut self.retina, &mut self.state.retina) else { return };
-        model.draw(retina, &self.aimed.ports, &poses.eye_from_instrument);
+        model.draw(retina, &tools.ports, &poses.eye_from_instrument);
         let mut events = [NeedleEvents::default(); INSTRUMENTS];
         let mut pressure = [None; INSTRUMENTS];
-        for (i, needle) in self.aimed.needles.iter().enumerate() {
+        for (i, needle) in tools.needles.iter().enumerate() {
             events[i] = model.follow_needle(retina, i, needle.as_ref());
             let in_place = needle.filter(|_| retina.needles[i].inside);
             pressure[i] = in_place.filter(|n| n.pressure_pa > 0.0).map(|n| n.pressure_pa);
@@ -44,7 +44,7 @@ impl World {
         ];
         for (kind, value, limit) in events {
             if let Some(value) = value {
-                self.log.raise(Happening { limit, ..Happening::new(kind, value).by(i, tip) });
+                self.log.emit(EventDraft { limit, ..EventDraft::new(kind, value).by(i, tip) });
             }
         }
     }
@@ -65,7 +65,7 @@ impl World {
     }
 
     /// Takes the pedal's fluid–air exchange: its first axis lets air in, its second one fluid.
-    pub(super) fn exchange_air(&mut self) {
+    pub(super) fn apply_infusion(&mut self) {
         let foot = &self.state.microscope;
         let (in_mode, exchange) = (foot.mode == PedalMode::Exchange as u32, self.state.tools.exchange);
         let Some(retina) = &mut self.state.retina else { return };
@@ -74,7 +74,7 @@ impl World {
         if air != retina.air {
             retina.air = air;
             let value = if air { 1.0 } else { 0.0 };
-            self.log.raise(Happening::new(EventKind::AirExchange, value));
+            self.log.emit(EventDraft::new(EventKind::AirExchange, value));
         }
     }
 
@@ -86,7 +86,7 @@ impl World {
         self.emit_tally(SheetName::Retina, EventKind::RetinaDetached, detached);
         self.emit_tally(SheetName::Retina, EventKind::RetinaReattached, counts.attached);
         if counts.merged.0 > 0 {
-            self.log.raise(Happening::new(EventKind::BlebsMerged, counts.merged.1));
+            self.log.emit(EventDraft::new(EventKind::BlebsMerged, counts.merged.1));
         }
         let (Some(model), Some(retina)) = (&self.retina, &mut self.state.retina) else { return };
         let limit = model.figures.scene.flow_warn_ul_per_min;
@@ -95,8 +95,8 @@ impl World {
             let tip = self.state.instruments[i].tip_in_eye_mm.into();
             let warned = &mut retina.needles[i].flow_warned;
             if flow > limit && !*warned {
-                let event = Happening::new(EventKind::InjectionFast, flow).by(i, tip);
-                self.log.raise(Happening { limit, ..event });
+                let event = EventDraft::new(EventKind::InjectionFast, flow).by(i, tip);
+                self.log.emit(EventDraft { limit, ..event });
             }
             *warned = flow > limit;
         }

@@ -3,10 +3,9 @@
 use super::World;
 use super::sheets::SheetName;
 use crate::constants::{FOLD_QUIET_NS, RIM_REARM};
-use crate::event_log::Happening;
 use collision::zcoll::Contacts;
 use nalgebra::Vector3;
-use protocol::events::EventKind;
+use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
 use tissue::sheet::adhesion::LIFTED_MM;
 use tissue::sheet::body::Tally;
@@ -16,9 +15,9 @@ use tissue::sheet::collider::Pushed;
 const PEELED_STEPS: f64 = 10.0;
 
 /// An event about a node.
-fn at_node(kind: EventKind, value: f64, node: usize, at_mm: Vector3<f64>) -> Happening {
+fn at_node(kind: EventKind, value: f64, node: usize, at_mm: Vector3<f64>) -> EventDraft {
     let (subject, position_in_eye_mm) = (node as u32, at_mm.into());
-    Happening { subject, position_in_eye_mm, ..Happening::new(kind, value) }
+    EventDraft { subject, position_in_eye_mm, ..EventDraft::new(kind, value) }
 }
 
 /// True once when `value` passes `limit`; armed again when it falls well below.
@@ -55,7 +54,7 @@ impl World {
             && let Some((_, sheet)) = self.sheet_mut(name)
         {
             let at_mm = World::place_mm(sheet, tally.node as usize);
-            self.log.raise(at_node(kind, f64::from(tally.count), tally.node as usize, at_mm));
+            self.log.emit(at_node(kind, f64::from(tally.count), tally.node as usize, at_mm));
         }
     }
 
@@ -67,12 +66,12 @@ impl World {
         let at_mm = World::place_mm(sheet, node);
         if counts.detached.count > 0 {
             let event = at_node(EventKind::RimDetached, rim_un, node, at_mm);
-            self.log.raise(Happening { limit: scene.rim_tear_un, ..event });
+            self.log.emit(EventDraft { limit: scene.rim_tear_un, ..event });
         }
         if rim_un > scene.rim_warn_un && !sheet.rim_warned {
             sheet.rim_warned = true;
             let event = at_node(EventKind::RimForceHigh, rim_un, node, at_mm);
-            self.log.raise(Happening { limit: scene.rim_warn_un, ..event });
+            self.log.emit(EventDraft { limit: scene.rim_warn_un, ..event });
         } else if counts.rim_un.0 < RIM_REARM * scene.rim_warn_un as f32 {
             sheet.rim_warned = false;
         }
@@ -88,19 +87,19 @@ impl World {
         if passes(&mut bonds.warned, f64::from(pa), scene.retina_warn_pa) {
             let (kind, at_mm) = (EventKind::RetinaPulled, adhesion.place(bonds, node).map(f64::from));
             let event = at_node(kind, f64::from(pa), node, at_mm);
-            self.log.raise(Happening { limit: scene.retina_warn_pa, ..event });
+            self.log.emit(EventDraft { limit: scene.retina_warn_pa, ..event });
         }
         let (mm, node) = parting.highest_mm;
         if passes(&mut bonds.lifted, f64::from(mm), LIFTED_MM) {
             let (kind, at_mm) = (EventKind::RetinaLifted, adhesion.place(bonds, node).map(f64::from));
             let event = at_node(kind, f64::from(mm), node, at_mm);
-            self.log.raise(Happening { limit: LIFTED_MM, ..event });
+            self.log.emit(EventDraft { limit: LIFTED_MM, ..event });
         }
         let (torn, node) = parting.torn;
         if torn > 0 {
             let (value, depth_mm) = (bonds.torn_mm2, scene.retina_tear_mm);
             let at_mm = adhesion.place(bonds, node).map(f64::from);
-            self.log.raise(at_node(EventKind::RetinaTorn, value, node, at_mm));
+            self.log.emit(at_node(EventKind::RetinaTorn, value, node, at_mm));
             self.bleed(at_mm, depth_mm);
         }
     }
@@ -115,9 +114,9 @@ impl World {
         let steps = |mm2: f64| (mm2 / adhesion.bonded_mm2() * PEELED_STEPS) as u64;
         let now = bonds.freed_mm2;
         if body.is_off(sheet) {
-            self.log.raise(Happening::new(EventKind::MembraneOff, now));
+            self.log.emit(EventDraft::new(EventKind::MembraneOff, now));
         } else if steps(now) > steps(body.freed_before_mm2()) {
-            self.log.raise(Happening::new(EventKind::MembranePeeled, now));
+            self.log.emit(EventDraft::new(EventKind::MembranePeeled, now));
         }
     }
 
@@ -132,8 +131,8 @@ impl World {
         }
         if let Some(resistance_un) = pushed.pierced_un {
             let tip = self.state.instruments[i].tip_in_eye_mm.into();
-            let event = Happening::new(EventKind::MembranePierced, resistance_un);
-            self.log.raise(Happening { limit: self.figures.needle.pierce_un, ..event.by(i, tip) });
+            let event = EventDraft::new(EventKind::MembranePierced, resistance_un);
+            self.log.emit(EventDraft { limit: self.figures.needle.pierce_un, ..event.by(i, tip) });
         }
     }
 

@@ -1,12 +1,12 @@
 //! Membrane and retina in a step: jaws carry them, ports draw and cut them, forces move them, instruments push them.
 
-use super::plan::{Plan, Poses};
+use super::plan::{InstrumentPoses, StepPlan};
+use super::tools::PlacedTools;
 use super::{NO_MESH, World};
 use crate::checkpoint::CheckpointError;
-use crate::event_log::Happening;
 use crate::state::State;
 use nalgebra::Vector3;
-use protocol::events::EventKind;
+use protocol::events::{EventDraft, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use tissue::sheet::body::SheetBody;
@@ -38,20 +38,20 @@ impl World {
     }
 
     /// One substep of membrane and retina.
-    pub(super) fn move_sheets(&mut self, poses: &Poses) {
-        let (ports, pose) = (&self.aimed.ports, &poses.eye_from_instrument);
+    pub(super) fn move_sheets(&mut self, poses: &InstrumentPoses, tools: &PlacedTools) {
+        let pose = &poses.eye_from_instrument;
         if let Some(body) = &mut self.membrane {
             let sheet = &mut self.state.membrane;
-            body.draw(sheet, ports, pose);
+            body.draw(sheet, &tools.ports, pose);
             for _ in 0..body.splits() {
                 body.advance(sheet);
             }
         }
-        self.move_retina(poses);
+        self.move_retina(poses, tools);
     }
 
     /// Jaws carry what they hold; they close, open or slip during substep `k`.
-    pub(super) fn use_forceps(&mut self, plan: &Plan, poses: &Poses, k: u64) {
+    pub(super) fn use_forceps(&mut self, plan: &StepPlan, poses: &InstrumentPoses, k: u64) {
         for i in 0..INSTRUMENTS {
             let instrument = &mut self.state.instruments[i];
             let (before, now) = (instrument.jaw_rad, plan.jaw(i, plan.share(k)));
@@ -69,7 +69,7 @@ impl World {
     }
 
     /// Moves what instrument `i` holds with it.
-    fn carry(&mut self, i: usize, poses: &Poses) {
+    fn carry(&mut self, i: usize, poses: &InstrumentPoses) {
         for name in SheetName::ALL {
             let Some((body, sheet)) = self.sheet_mut(name) else { continue };
             body.carry(sheet, i, &poses.eye_from_instrument[i]);
@@ -77,7 +77,7 @@ impl World {
     }
 
     /// Binds what is in the jaws, of the first sheet that has something there.
-    fn grab(&mut self, i: usize, poses: &Poses) {
+    fn grab(&mut self, i: usize, poses: &InstrumentPoses) {
         let (reach_mm, pose) = (self.scene.contact.grab_reach_mm, &poses.eye_from_instrument[i]);
         for name in SheetName::ALL {
             let Some((body, sheet)) = self.sheet_mut(name) else { continue };
@@ -108,8 +108,8 @@ impl World {
             if pull > limit {
                 body.let_go(sheet, i);
                 let tip = self.state.instruments[i].tip_in_eye_mm.into();
-                let event = Happening::new(EventKind::GripSlipped, pull).by(i, tip);
-                self.log.raise(Happening { limit, ..event });
+                let event = EventDraft::new(EventKind::GripSlipped, pull).by(i, tip);
+                self.log.emit(EventDraft { limit, ..event });
             }
         }
     }
@@ -117,11 +117,11 @@ impl World {
     /// Raises an event of instrument `i` at its tip.
     pub(super) fn emit_by(&mut self, i: usize, kind: EventKind, value: f64) {
         let tip = self.state.instruments[i].tip_in_eye_mm.into();
-        self.log.raise(Happening::new(kind, value).by(i, tip));
+        self.log.emit(EventDraft::new(kind, value).by(i, tip));
     }
 
     /// ZCOLL for every instrument near a sheet; jaws that hold tissue of it push none of it.
-    pub(super) fn push_sheets(&mut self, plan: &Plan, poses: &Poses) {
+    pub(super) fn push_sheets(&mut self, plan: &StepPlan, poses: &InstrumentPoses, tools: &PlacedTools) {
         for i in 0..INSTRUMENTS {
             let tool = Tool::from_wire(self.state.instruments[i].tool);
             let Some(tool) = tool.filter(|_| plan.touches[i]) else {
@@ -137,7 +137,7 @@ impl World {
                 tip_step_mm: poses.tip_step_mm[i],
                 travelled_mm: poses.travelled_mm[i],
                 tip_from_mm: plan.pose(i, 0.0).translation.vector,
-                needle: self.aimed.needles[i],
+                needle: tools.needles[i],
             };
             let membrane = self.membrane.as_mut();
             let membrane = membrane.map(|membrane| membrane.push(&mut self.state.membrane, &pusher));
@@ -157,7 +157,7 @@ impl World {
     }
 
     /// The last checks of a step, and what happened to the sheets in it.
-    pub(super) fn end_sheets(&mut self, plan: &Plan) {
+    pub(super) fn end_sheets(&mut self, plan: &StepPlan) {
         if let Some(membrane) = &mut self.membrane {
             membrane.check_finite(&mut self.state.membrane);
         }

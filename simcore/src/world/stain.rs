@@ -1,9 +1,8 @@
 //! Dye: needles that inject before the membrane colour it.
 
 use super::World;
-use super::plan::Plan;
-use crate::event_log::Happening;
-use protocol::events::EventKind;
+use super::plan::StepPlan;
+use protocol::events::{EventDraft, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use scene::SceneFile;
@@ -17,7 +16,7 @@ pub(super) fn room(scene: &SceneFile, sheet: &SheetMesh) -> Option<StainState> {
 
 impl World {
     /// A step of the jets. There is no dye, and nothing is kept of it, before the first jet has reached the membrane.
-    pub(super) fn stain_membrane(&mut self, plan: &Plan) {
+    pub(super) fn stain_membrane(&mut self, plan: &StepPlan) {
         let pressure = self.state.tools.injection_pa;
         if self.scene.membrane.is_none() || pressure <= 0.0 || self.figures.needle.pressure_pa <= 0.0 {
             return;
@@ -33,15 +32,15 @@ impl World {
                 continue;
             }
             let (membrane, tip) = (&self.state.membrane, instrument.tip_in_eye_mm);
-            let fresh = self.state.stain.is_none();
-            let Some(mut stain) = self.state.stain.take().or_else(|| self.no_stain.take()) else { return };
+            let Some(stain) = self.state.stain.as_mut().or(self.no_stain.as_mut()) else { return };
             let reached = stain.wash(membrane, &tip, share, dt_s);
             if let Some(percent) = stain.tell(membrane) {
-                let event = Happening::new(EventKind::MembraneStained, percent);
-                self.log.raise(event.by(i, tip.into()));
+                let event = EventDraft::new(EventKind::MembraneStained, percent);
+                self.log.emit(event.by(i, tip.into()));
             }
-            let place = if fresh && !reached { &mut self.no_stain } else { &mut self.state.stain };
-            *place = Some(stain);
+            if reached && self.state.stain.is_none() {
+                self.state.stain = self.no_stain.take();
+            }
         }
     }
 }

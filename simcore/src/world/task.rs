@@ -3,7 +3,6 @@
 
 use super::World;
 use crate::checkpoint::CheckpointError;
-use crate::event_log::{EventLog, Happening};
 use crate::state::State;
 use nalgebra::{Isometry3, UnitVector3, Vector3};
 use protocol::poses::TrackerFrame;
@@ -15,7 +14,7 @@ use tissue::vitreous::lattice::Lattice;
 use training::sample::Sample;
 use training::score::recording::is_over;
 use training::score::{Meter, Scorer};
-use training::task::{BodyObservation, EventDraft, Observation, RetinaObservation, Task, TaskState};
+use training::task::{BodyObservation, Observation, RetinaObservation, Task, TaskState};
 
 /// A scene's task at work.
 #[derive(Debug)]
@@ -80,17 +79,6 @@ pub fn start(scene: &SceneFile) -> Option<(TaskState, Meter)> {
     Some((part.task.start(), part.scorer.start()))
 }
 
-fn raise(log: &mut EventLog, signal: EventDraft) {
-    log.raise(Happening {
-        kind: signal.kind,
-        instrument: signal.instrument,
-        subject: signal.subject,
-        value: signal.value,
-        limit: signal.limit,
-        position_in_eye_mm: signal.position_in_eye_mm,
-    });
-}
-
 impl World {
     /// Shows the step to the task and to the score; when the attempt ends its score is told.
     pub(super) fn end_task(&mut self, frame: &TrackerFrame) {
@@ -144,10 +132,10 @@ impl World {
                 count += 1;
             }
         });
-        said.iter().flatten().for_each(|signal| raise(log, *signal));
+        said.iter().flatten().for_each(|draft| log.emit(*draft));
         part.scorer.note(meter, &Sample { exposed_ns: frame.instants.exposed, tips, events: log.events() });
         if is_over(attempt) {
-            part.scorer.score(meter).events().into_iter().for_each(|draft| raise(log, draft));
+            part.scorer.score(meter).events().into_iter().for_each(|draft| log.emit(draft));
         }
     }
 

@@ -1,7 +1,7 @@
 //! Vitrector and needle of a substep: where they are, what the foot makes of them, what they do to the membrane.
 
 use super::World;
-use super::plan::{Plan, Poses};
+use super::plan::{InstrumentPoses, StepPlan};
 use nalgebra::Vector3;
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, SUBSTEP_NS};
@@ -11,7 +11,7 @@ use tissue::vitrector::Port;
 
 /// The ports and needles of a substep, by instrument; `None` for other tools and for what is not tracked.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Aimed {
+pub struct PlacedTools {
     /// Vitrectors' ports.
     pub ports: [Option<Port>; INSTRUMENTS],
     /// Needles.
@@ -20,11 +20,11 @@ pub struct Aimed {
 
 impl World {
     /// Turns the blade and finds where ports and needles are at the end of the substep.
-    pub(super) fn aim_tools(&mut self, plan: &Plan, poses: &Poses) {
+    pub(super) fn place_tools(&mut self, plan: &StepPlan, poses: &InstrumentPoses) -> PlacedTools {
         let figures = self.figures;
         let tools = &mut self.state.tools;
         let blade = tools.cutter.turn(tools.cuts_per_min, figures.vitrector.open_share, SUBSTEP_NS);
-        self.aimed = Aimed::default();
+        let mut placed = PlacedTools::default();
         for i in (0..INSTRUMENTS).filter(|&i| plan.touches[i]) {
             let pose = &poses.eye_from_instrument[i];
             match Tool::from_wire(self.state.instruments[i].tool) {
@@ -32,10 +32,10 @@ impl World {
                     let radius = self.scene.instruments[i].shaft_radius_mm;
                     let suction = self.state.tools.suction_pa;
                     let port = Port::new(pose, radius, &figures.vitrector, blade, suction);
-                    self.aimed.ports[i] = Some(port);
+                    placed.ports[i] = Some(port);
                 }
                 Some(Tool::Needle) => {
-                    self.aimed.needles[i] = Some(Needle {
+                    placed.needles[i] = Some(Needle {
                         tip_in_eye_mm: pose.translation.vector,
                         axis_in_eye: pose.rotation * Vector3::z_axis(),
                         velocity_mm_s: poses.tip_step_mm[i] / SUBSTEP_S,
@@ -46,6 +46,7 @@ impl World {
                 _ => {}
             }
         }
+        placed
     }
 }
 
@@ -68,13 +69,15 @@ mod tests {
             world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         }
         let pose = world.state.instruments.each_ref().map(|i| i.eye_from_instrument);
-        let poses = Poses {
+        let poses = InstrumentPoses {
             eye_from_instrument: pose,
             tip_step_mm: [Vector3::zeros(); INSTRUMENTS],
             travelled_mm: [0.0; INSTRUMENTS],
         };
-        let port = world.aimed.ports[0].unwrap();
-        let ports = world.aimed.ports;
+        let input = rehearsal.inputs(150);
+        let plan = world.plan(input.input().frame);
+        let ports = world.place_tools(&plan, &poses).ports;
+        let port = ports[0].unwrap();
         let body = world.membrane.as_mut().unwrap();
         body.draw(&mut world.state.membrane, &ports, &poses.eye_from_instrument);
         let body = world.membrane.as_ref().unwrap();

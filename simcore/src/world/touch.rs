@@ -1,13 +1,12 @@
 //! Tips against the retina: grazing, touching, injuring.
 
 use super::World;
-use super::plan::Plan;
+use super::plan::StepPlan;
 use crate::constants::MAX_MARKS;
-use crate::event_log::Happening;
 use crate::state::MarkState;
 use collision::eyeball;
 use nalgebra::Vector3;
-use protocol::events::EventKind;
+use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
 
 /// Radius of a fresh bleeding point, mm.
@@ -17,7 +16,7 @@ const MARK_MERGE_MM: f32 = 0.2;
 
 impl World {
     /// The tips against the retina's sphere.
-    pub(super) fn touch_retina(&mut self, plan: &Plan) {
+    pub(super) fn touch_retina(&mut self, plan: &StepPlan) {
         for i in 0..INSTRUMENTS {
             if !plan.touches[i] {
                 continue;
@@ -31,8 +30,8 @@ impl World {
             else {
                 continue;
             };
-            let event = Happening::new(change.kind, change.value);
-            self.log.raise(Happening { limit: change.limit, ..event.by(i, tip.into()) });
+            let event = EventDraft::new(change.kind, change.value);
+            self.log.emit(EventDraft { limit: change.limit, ..event.by(i, tip.into()) });
             if change.kind == EventKind::RetinaPenetrated {
                 self.bleed(tip, change.value);
             }

@@ -4,18 +4,49 @@
 //! and a part covers the instruments' whole way, so that nothing is lost between two of them.
 
 use super::World;
-use super::plan::Plan;
+use super::plan::StepPlan;
+use super::tools::PlacedTools;
 use crate::checkpoint::CheckpointError;
 use crate::constants::{TRACTION_EVERY, TRACTION_REARM, VITREOUS_QUIET_NS, VITREOUS_SUBSTEPS};
-use crate::event_log::Happening;
+use crate::event_log::EventLog;
 use crate::state::State;
-use protocol::events::EventKind;
+use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
+use protocol::time::Nanos;
+use scene::VitreousScene;
 use tissue::constants::SUBSTEP_S;
 use tissue::vitrector::Port;
 use tissue::vitreous::state::VitreousState;
 use tissue::vitreous::traction::{Stress, Traction};
 use tissue::vitreous::{Shaft, Vitreous, state};
+
+/// A port that drew at the vitreous.
+#[derive(Debug, Clone, Copy)]
+struct OpenPort {
+    /// Substeps in which it was open.
+    substeps: u32,
+    /// The port in the last of them.
+    port: Port,
+}
+
+/// Suction at the vitreous in a step, by instrument.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct StepSuction {
+    open: [Option<OpenPort>; INSTRUMENTS],
+}
+
+impl StepSuction {
+    /// Draws the gel in the suction cones, for the substeps in which their ports were open.
+    fn draw(&self, gel: &mut Vitreous, state: &mut VitreousState, scene: &VitreousScene) {
+        for &OpenPort { substeps, port } in self.open.iter().flatten() {
+            let mm_per_pa = scene.suction.speed_mm_s_per_kpa * 1e-3 * SUBSTEP_S * f64::from(substeps);
+            let open = Port { open: true, ..port };
+            gel.suck(state, port.cone.apex_in_eye_mm, port.cone.reach_mm, |at| {
+                port.cone.distance_mm(at).map(|distance| mm_per_pa * open.pressure_pa(distance))
+            });
+        }
+    }
+}
 
 impl World {
     /// The vitreous and its state, if the scene has one.
@@ -23,14 +54,15 @@ impl World {
         self.vitreous.as_ref().zip(self.state.vitreous.as_ref())
     }
 
-    /// A substep of the vitrectors: what the open ones will have sucked by the end of the step, and what the closing ones cut.
-    pub(super) fn use_ports(&mut self) {
+    /// One substep of the vitrectors: closing ones cut the gel, and `suction` counts the open ones.
+    pub(super) fn apply_suction(&mut self, tools: &PlacedTools, suction: &mut StepSuction) {
         let (Some(gel), Some(scene)) = (&mut self.vitreous, &self.scene.vitreous) else { return };
         let Some(state) = &mut self.state.vitreous else { return };
-        for (port, sucking) in self.aimed.ports.iter().zip(&mut self.sucking) {
+        for (port, open) in tools.ports.iter().zip(&mut suction.open) {
             let Some(port) = port.filter(|p| p.suction_pa > 0.0) else { continue };
             if port.open {
-                *sucking = Some((sucking.map_or(0, |(substeps, _)| substeps) + 1, port));
+                let substeps = open.map_or(0, |open| open.substeps) + 1;
+                *open = Some(OpenPort { substeps, port });
             }
             if port.cuts {
                 let middle =
@@ -40,97 +72,29 @@ impl World {
         }
     }
 
-    /// Pulls the gel in the suction cones, for the substeps in which their ports were open.
-    fn suck_vitreous(&mut self, gel: &mut Vitreous, state: &mut VitreousState) {
-        let Some(scene) = &self.scene.vitreous else { return };
-        for (substeps, port) in self.sucking.iter_mut().filter_map(Option::take) {
-            let mm_per_pa = scene.suction.speed_mm_s_per_kpa * 1e-3 * SUBSTEP_S * f64::from(substeps);
-            let open = Port { open: true, ..port };
-            gel.suck(state, port.cone.apex_in_eye_mm, port.cone.reach_mm, |at| {
-                port.cone.distance_mm(at).map(|distance| mm_per_pa * open.pressure_pa(distance))
-            });
-        }
-    }
-
-    /// A step of the vitreous.
-    pub(super) fn move_vitreous(&mut self, plan: &Plan) {
-        let Some(mut gel) = self.vitreous.take() else { return };
-        if let Some(mut state) = self.state.vitreous.take() {
-            let parts = plan.substeps.div_ceil(VITREOUS_SUBSTEPS);
-            for part in 0..parts {
-                self.drag_vitreous(
-                    plan,
-                    [part, part + 1].map(|p| p as f64 / parts as f64),
-                    &mut gel,
-                    &mut state,
-                );
-                if part + 1 == parts {
-                    self.suck_vitreous(&mut gel, &mut state);
-                }
-                gel.relax(&mut state);
-                gel.free();
+    /// Moves the vitreous over the step: shafts drag it, open ports draw it, it relaxes.
+    pub(super) fn move_vitreous(&mut self, plan: &StepPlan, suction: &StepSuction) {
+        let World { vitreous, state, scene, log, .. } = self;
+        let State { vitreous: gel_state, step, exposed_ns, .. } = state;
+        let (Some(gel), Some(state), Some(figures)) = (vitreous, gel_state, &scene.vitreous) else { return };
+        let parts = plan.substeps.div_ceil(VITREOUS_SUBSTEPS);
+        for part in 0..parts {
+            let share = [part, part + 1].map(|p| p as f64 / parts as f64);
+            for i in (0..INSTRUMENTS).filter(|&i| plan.touches[i]) {
+                let way = share.map(|s| plan.pose(i, s));
+                gel.carry(state, &Shaft { way, radius_mm: scene.instruments[i].shaft_radius_mm });
             }
-            if parts > 0 && self.state.step.is_multiple_of(TRACTION_EVERY) {
-                let traction = gel.look(&mut state);
-                self.tell_vitreous(&gel, &mut state, &traction);
+            if part + 1 == parts {
+                suction.draw(gel, state, figures);
             }
-            gel.draw(&state);
-            self.state.vitreous = Some(state);
+            gel.relax(state);
+            gel.free();
         }
-        self.vitreous = Some(gel);
-    }
-
-    /// The shafts from one share of their way to another.
-    fn drag_vitreous(
-        &mut self,
-        plan: &Plan,
-        [from, to]: [f64; 2],
-        gel: &mut Vitreous,
-        state: &mut VitreousState,
-    ) {
-        for i in (0..INSTRUMENTS).filter(|&i| plan.touches[i]) {
-            let way = [plan.pose(i, from), plan.pose(i, to)];
-            gel.carry(state, &Shaft { way, radius_mm: self.scene.instruments[i].shaft_radius_mm });
+        if parts > 0 && step.is_multiple_of(TRACTION_EVERY) {
+            let traction = gel.look(state);
+            emit_vitreous(gel, state, figures, &traction, *exposed_ns, log);
         }
-    }
-
-    /// Raises the events of a step.
-    fn tell_vitreous(&mut self, gel: &Vitreous, state: &mut VitreousState, traction: &Traction) {
-        let Some(scene) = &self.scene.vitreous else { return };
-        let lattice = gel.lattice();
-        let at = |element: u32| state.place_um(lattice, element as usize).map(|c| f64::from(c) * 1e-3);
-        let pulled = |kind, stress: Stress, limit| Happening {
-            limit,
-            subject: stress.element,
-            position_in_eye_mm: at(stress.element),
-            ..Happening::new(kind, f64::from(stress.pa))
-        };
-        let (greatest, base, adhesion) = (traction.greatest, traction.base, &scene.adhesion);
-        let warning = pulled(EventKind::VitreousTraction, greatest, adhesion.warn_pa);
-        let danger = pulled(EventKind::BaseTraction, base, adhesion.tear_pa);
-        let released_at = at(traction.released_at);
-        for (event, out) in [(warning, &mut state.warned), (danger, &mut state.tear_warned)] {
-            if event.value > event.limit && !*out {
-                *out = true;
-                self.log.raise(event);
-            } else if event.value < TRACTION_REARM * event.limit {
-                *out = false;
-            }
-        }
-        let now = self.state.exposed_ns;
-        if traction.released > 0 && now >= state.quiet_until_ns {
-            state.quiet_until_ns = now + VITREOUS_QUIET_NS;
-            let pitch_mm = f64::from(lattice.pitch_um) * 1e-3;
-            let area_mm2 = state.released as f64 * pitch_mm * pitch_mm;
-            let event = Happening::new(EventKind::VitreousDetached, area_mm2);
-            self.log.raise(Happening { position_in_eye_mm: released_at, ..event });
-        }
-        let removed_ml = state.removed_um3(lattice) as f64 * 1e-12;
-        let milestones = (removed_ml / scene.suction.milestone_ml) as u64;
-        if milestones > state.milestones {
-            state.milestones = milestones;
-            self.log.raise(Happening::new(EventKind::VitreousRemoved, removed_ml));
-        }
+        gel.draw(state);
     }
 
     /// Refuses the vitreous of a foreign state.
@@ -147,6 +111,50 @@ impl World {
         if let (Some(gel), Some(state)) = (&mut self.vitreous, &self.state.vitreous) {
             gel.refresh(state);
         }
+    }
+}
+
+/// Raises the events of a step.
+fn emit_vitreous(
+    gel: &Vitreous,
+    state: &mut VitreousState,
+    scene: &VitreousScene,
+    traction: &Traction,
+    now: Nanos,
+    log: &mut EventLog,
+) {
+    let lattice = gel.lattice();
+    let at = |element: u32| state.place_um(lattice, element as usize).map(|c| f64::from(c) * 1e-3);
+    let pulled = |kind, stress: Stress, limit| EventDraft {
+        limit,
+        subject: stress.element,
+        position_in_eye_mm: at(stress.element),
+        ..EventDraft::new(kind, f64::from(stress.pa))
+    };
+    let (greatest, base, adhesion) = (traction.greatest, traction.base, &scene.adhesion);
+    let warning = pulled(EventKind::VitreousTraction, greatest, adhesion.warn_pa);
+    let danger = pulled(EventKind::BaseTraction, base, adhesion.tear_pa);
+    let released_at = at(traction.released_at);
+    for (event, out) in [(warning, &mut state.warned), (danger, &mut state.tear_warned)] {
+        if event.value > event.limit && !*out {
+            *out = true;
+            log.emit(event);
+        } else if event.value < TRACTION_REARM * event.limit {
+            *out = false;
+        }
+    }
+    if traction.released > 0 && now >= state.quiet_until_ns {
+        state.quiet_until_ns = now + VITREOUS_QUIET_NS;
+        let pitch_mm = f64::from(lattice.pitch_um) * 1e-3;
+        let area_mm2 = state.released as f64 * pitch_mm * pitch_mm;
+        let event = EventDraft::new(EventKind::VitreousDetached, area_mm2);
+        log.emit(EventDraft { position_in_eye_mm: released_at, ..event });
+    }
+    let removed_ml = state.removed_um3(lattice) as f64 * 1e-12;
+    let milestones = (removed_ml / scene.suction.milestone_ml) as u64;
+    if milestones > state.milestones {
+        state.milestones = milestones;
+        log.emit(EventDraft::new(EventKind::VitreousRemoved, removed_ml));
     }
 }
 

@@ -1,7 +1,8 @@
 //! Progress of one goal.
 
-use super::{EventDraft, Observation};
+use super::Observation;
 use nalgebra::Vector3;
+use protocol::events::EventDraft;
 use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
 use protocol::time::Nanos;
@@ -200,7 +201,7 @@ impl Check<'_> {
         let (along, off) = nearest_ahead(path, &tip, own.along_mm);
         let draft = |kind, value| EventDraft {
             limit: radius_mm,
-            ..EventDraft::new(kind, value).about(index).by(instrument, &tip)
+            ..EventDraft::new(kind, value).about(index).by(instrument, tip.into())
         };
         if off > radius_mm {
             if own.outside_ns == 0 {

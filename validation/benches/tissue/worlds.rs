@@ -54,7 +54,7 @@ fn measure(instruments: usize) -> Times {
     let mut times = Times { whole: Vec::new(), tissue: Vec::new(), collision: Vec::new(), misc: Vec::new() };
     let mut touching = [0; INSTRUMENTS];
     for field in 0..FIRST + STEPS as u64 {
-        let t = world.step(&rehearsal.inputs(field).input(), &mut now).times;
+        let t = world.step(&rehearsal.inputs(field).input(), &mut now).profile;
         if field < FIRST {
             continue;
         }
@@ -62,10 +62,11 @@ fn measure(instruments: usize) -> Times {
             *count += usize::from(contact.in_contact && !contact.under);
         }
         let us = |ns: u64| ns as f64 * 1e-3;
-        times.whole.push(us(t.tissue_ns + t.collision_ns + t.misc_ns));
-        times.tissue.push(us(t.tissue_ns));
-        times.collision.push(us(t.collision_ns));
-        times.misc.push(us(t.misc_ns));
+        let [collision_ns, tissue_ns, _, misc_ns] = t.paper_phases_ns();
+        times.whole.push(us(t.step_ns()));
+        times.tissue.push(us(tissue_ns));
+        times.collision.push(us(collision_ns));
+        times.misc.push(us(misc_ns));
     }
     assert!(
         touching[..instruments].iter().all(|&t| t >= STEPS * 19 / 20),

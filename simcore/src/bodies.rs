@@ -6,7 +6,7 @@
 //!  weight     found        apart, friction        velocities
 //! ```
 //!
-//! Instruments are moved by hands and yield to nothing; bodies yield to them, to each other and to the retina.
+//! Instruments are moved by motions and yield to nothing; bodies yield to them, to each other and to the retina.
 
 mod contacts;
 pub mod grip;

@@ -5,6 +5,7 @@ mod audit;
 mod bodies;
 mod dose;
 mod plan;
+mod profile;
 mod removed;
 mod retina;
 mod sheet_events;
@@ -18,11 +19,15 @@ mod vitreous;
 pub use plan::start_instrument;
 pub use removed::RemovedTissue;
 
+use profile::StepTimer;
+use vitreous::StepSuction;
+
+use crate::bodies::solve::StoppedBodies;
 use crate::bodies::state::BodiesState;
 use crate::checkpoint::{self, CheckpointError};
 use crate::constants::{MAX_MARKS, NOTICE_NS};
-use crate::dose::{DoseState, LitRetina};
-use crate::event_log::{EventLog, Happening};
+use crate::dose::{DoseState, LightDose};
+use crate::event_log::EventLog;
 use crate::microscope;
 use crate::state::State;
 use crate::tools::{ToolFigures, ToolsState};
@@ -30,12 +35,12 @@ use collision::backend::{Backend, BackendChoice};
 use collision::instrument_image::{InstrumentImage, Volume};
 use collision::surface::CollisionError;
 use nalgebra::Isometry3;
-use protocol::events::{Event, EventKind};
+use protocol::events::{Event, EventDraft, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::{BODIES, INSTRUMENTS, MAX_SCENE_BYTES};
 use protocol::message::fnv1a;
 use protocol::poses::TrackerFrame;
-use protocol::steps::{StepInput, StepTimes};
+use protocol::steps::{StepInput, StepProfile};
 use scene::SceneFile;
 use std::sync::LazyLock;
 use tissue::retina::Retina;
@@ -43,7 +48,6 @@ use tissue::sheet::adhesion::Adhesion;
 use tissue::sheet::body::{SheetBody, SheetError};
 use tissue::sheet::mesh::SheetMesh;
 use tissue::sheet::stain::StainState;
-use tissue::vitrector::Port;
 use tissue::vitreous::Vitreous;
 
 /// Why a scene cannot be simulated.
@@ -83,8 +87,8 @@ pub struct StepReport {
     pub advanced_ns: u64,
     /// Hash of the state after the step.
     pub state_hash: u64,
-    /// Time spent, if a clock was lent; never part of the result.
-    pub times: StepTimes,
+    /// Time spent in each phase, if a clock was lent; never part of the result.
+    pub profile: StepProfile,
 }
 
 /// The eye, the instruments, and the work space of a step.
@@ -103,19 +107,15 @@ pub struct World {
     images: [InstrumentImage; INSTRUMENTS],
     /// What the scene says of its tools.
     figures: ToolFigures,
-    /// Where vitrectors and needles are in this substep.
-    aimed: tools::Aimed,
     log: EventLog,
     /// The vitreous, where there is one.
     vitreous: Option<Vitreous>,
-    /// Ports that sucked at the vitreous in this step: substeps open, and the last of them.
-    sucking: [Option<(u32, Port)>; INSTRUMENTS],
     /// What the trainee is asked to do, where the scene says so.
     task: Option<task::TaskPart>,
     /// Room for the dye, until the first jet reaches the membrane.
     no_stain: Option<StainState>,
     /// The retina's cells in which light is counted.
-    lit_retina: LitRetina,
+    light_dose: LightDose,
 }
 
 impl World {
@@ -149,13 +149,11 @@ impl World {
             bodies: bodies::Bodies::new(scene)?,
             images: std::array::from_fn(image),
             figures,
-            aimed: tools::Aimed::default(),
             log: EventLog::default(),
             vitreous,
-            sucking: Default::default(),
             task,
             no_stain: stain::room(scene, mesh),
-            lit_retina: LitRetina::new(scene.eye.retina_radius_mm),
+            light_dose: LightDose::new(scene.eye.retina_radius_mm),
             scene: scene.clone(),
             membrane,
             state,
@@ -185,44 +183,47 @@ impl World {
         Some(membrane.choose_collision(&self.state.membrane, wanted, &image, clock))
     }
 
-    /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's times and
+    /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's profile and
     /// nothing else; [`no_clock`] will do.
     pub fn step(&mut self, input: &StepInput, clock: &mut dyn FnMut() -> u64) -> StepReport {
-        let begin = clock();
-        let mut times = StepTimes::default();
+        let mut timer = StepTimer::start(clock);
         self.begin_step(input.frame);
-        self.take_handles(input.handles);
-        self.take_pedals(input.pedals);
-        self.exchange_air();
+        self.apply_handles(input.handles);
+        self.apply_pedals(input.pedals);
+        self.apply_infusion();
         let plan = self.plan(input.frame);
+        let (mut suction, mut stopped) = (StepSuction::default(), StoppedBodies::default());
         for k in 1..=plan.substeps {
             let poses = self.move_instruments(&plan, k);
-            let tissue_begin = clock();
-            self.aim_tools(&plan, &poses);
-            self.use_ports();
+            timer.lap(|p| &mut p.misc_ns);
+            let tools = self.place_tools(&plan, &poses);
+            self.apply_suction(&tools, &mut suction);
             self.use_forceps(&plan, &poses, k);
-            self.move_sheets(&poses);
-            self.move_bodies(&plan, &poses, k);
-            let tissue_end = clock();
-            times.tissue_ns += tissue_end.saturating_sub(tissue_begin);
+            timer.lap(|p| &mut p.tools_ns);
+            self.move_sheets(&poses, &tools);
+            timer.lap(|p| &mut p.tissue_ns);
+            stopped.add(self.move_bodies(&plan, &poses, k));
+            timer.lap(|p| &mut p.bodies_ns);
             self.state.substeps += 1;
             self.touch_retina(&plan);
-            self.push_sheets(&plan, &poses);
-            times.collision_ns += clock().saturating_sub(tissue_end);
+            self.push_sheets(&plan, &poses, &tools);
+            timer.lap(|p| &mut p.collision_ns);
         }
-        let gel_begin = clock();
-        self.move_vitreous(&plan);
-        times.tissue_ns += clock().saturating_sub(gel_begin);
+        self.move_vitreous(&plan, &suction);
+        timer.lap(|p| &mut p.vitreous_ns);
         self.stain_membrane(&plan);
-        self.shine(&plan);
-        self.tell_stopped();
+        self.accumulate_light_dose(&plan);
+        timer.lap(|p| &mut p.tools_ns);
+        self.emit_stopped(stopped);
         self.end_sheets(&plan);
+        timer.lap(|p| &mut p.tissue_ns);
         self.end_task(input.frame);
+        timer.lap(|p| &mut p.task_ns);
         self.end_step(&plan);
+        timer.lap(|p| &mut p.misc_ns);
         let state_hash = checkpoint::state_hash(&self.state);
-        let all = clock().saturating_sub(begin);
-        times.misc_ns = all.saturating_sub(times.tissue_ns + times.collision_ns);
-        StepReport { advanced_ns: plan.advance_ns, state_hash, times }
+        timer.lap(|p| &mut p.hash_ns);
+        StepReport { advanced_ns: plan.advance_ns, state_hash, profile: timer.profile() }
     }
 
     /// Events of the last step.
@@ -313,7 +314,6 @@ impl World {
 
     fn begin_step(&mut self, frame: &TrackerFrame) {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
-        self.sucking = Default::default();
         let mut splits = 1;
         if let Some(membrane) = &mut self.membrane {
             membrane.begin_step(&self.state.membrane);
@@ -325,11 +325,11 @@ impl World {
         }
         if self.state.step == 0 && splits > 1 {
             let parts = f64::from(splits);
-            self.log.raise(Happening::new(EventKind::TimeStepSplit, parts));
+            self.log.emit(EventDraft::new(EventKind::TimeStepSplit, parts));
         }
     }
 
-    fn end_step(&mut self, plan: &plan::Plan) {
+    fn end_step(&mut self, plan: &plan::StepPlan) {
         let state = &mut self.state;
         microscope::advance(&mut state.microscope, &state.optics, plan.advance_ns as f64 * 1e-9);
         if self.log.warning() != 0 {
