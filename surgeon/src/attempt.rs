@@ -1,15 +1,16 @@
-//! A module, a level and a surgeon are composed into one scene file, which every process understands.
+//! Composes a module, a level and a surgeon's attempt into one scene file, which every process
+//! reads.
 
 use crate::plan;
 use crate::skill::{EXPERT, Skill};
 use scene::SceneFile;
 use scene::module::{Kind, Module, ModuleError};
 
-/// An attempt may take so many times the plan's time where a level does not say.
+/// Time limit of an attempt as a multiple of the plan's duration, for levels without one.
 const LIMIT_PARS: f64 = 3.0;
 
-/// Loads a module by its folder, or a shipped one by its name. Every level is composed once, so that a module that
-/// loads can be played.
+/// Loads a module by its folder, or a shipped one by its name. Every level is composed once, so
+/// that a module that loads can be played.
 ///
 /// # Errors
 /// As [`Module::load`], and where a level cannot be composed.
@@ -23,10 +24,12 @@ fn check(module: &Module) -> Result<(), ModuleError> {
     (1..=module.levels()).try_for_each(|level| compose(module, level, &EXPERT, 0).map(|_| ()))
 }
 
-/// The scene of a level, with its task, and with the script of a surgeon's attempt drawn from a seed.
+/// The scene of a level, with its task, and with the script of a surgeon's attempt drawn from a
+/// seed.
 ///
 /// # Errors
-/// [`ModuleError::Level`] where there is no such level, [`ModuleError::Scene`] where its scene is refused.
+/// [`ModuleError::Level`] where there is no such level, [`ModuleError::Scene`] where its scene is
+/// refused.
 pub fn compose(module: &Module, level: u32, skill: &Skill, seed: u64) -> Result<SceneFile, ModuleError> {
     let scene = module.level_scene(level)?;
     let file = module.level(level)?;

@@ -1,6 +1,6 @@
-//! Scripted surgeons: what they mean to do ([`plan`]), how well they do it ([`skill`]), the movements that come of it
-//! ([`script`]), and a scene's whole script played without cameras ([`rehearsal`]). Everything here is pure: no clock, and no
-//! randomness without a seed.
+//! Scripted surgeons: plan ([`plan`]), error model ([`skill`]), movement ([`script`], [`motion`]),
+//! and rehearsal of a scene's script without cameras ([`rehearsal`]). Everything is pure: no clock,
+//! and no randomness without a seed.
 
 mod attempt;
 pub mod motion;

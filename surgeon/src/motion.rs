@@ -32,13 +32,14 @@ const PIVOT_WITHOUT_TROCAR_MM: f64 = 12.0;
 /// Everything that moves, at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
-    /// `world_from_instrument` of each instrument; origin at the tip, +z along the shaft to the handle.
+    /// `world_from_instrument` of each instrument; origin at the tip, +z along the shaft to the
+    /// handle.
     pub world_from_instrument: [Isometry3<f64>; INSTRUMENTS],
     /// Rotation `world_from_eye`; the eye turns about the world's origin.
     pub world_from_eye: UnitQuaternion<f64>,
     /// Jaw opening of each instrument, rad.
     pub jaw_rad: [f64; INSTRUMENTS],
-    /// What is in each hand.
+    /// Tool of each instrument.
     pub tool: [Tool; INSTRUMENTS],
 }
 
@@ -71,8 +72,8 @@ pub struct MotionSource {
 }
 
 impl MotionSource {
-    /// The surgeon of a scene, at the instruments of a rig. A recorded motion takes the place of the
-    /// tremor of instrument 0 or, fitted to the workspace, of its movement.
+    /// The surgeon of a scene, at the instruments of a rig. A recorded motion takes the place of
+    /// the tremor of instrument 0 or, fitted to the workspace, of its movement.
     pub fn new(scene: &SceneFile, rig: &Rig, recorded: Option<MotionUse>, seed: u64) -> Self {
         let script = Script::new(scene);
         let recorded = recorded.map(|motion| match motion {
@@ -103,28 +104,29 @@ impl MotionSource {
         }
     }
 
-    /// Length of a round of the script, s, with what the surgeon has done again so far.
+    /// Length of a round of the script, s, retries so far included.
     pub fn period_s(&self) -> f64 {
         self.script.period_s()
     }
 
-    /// True if the script reacts to what the surgeon sees.
+    /// True if the script reacts to perception.
     pub fn is_reactive(&self) -> bool {
         self.script.is_reactive()
     }
 
-    /// Whether the surgeon looks at anything when everything until `t_ns` after the start has been exposed.
+    /// True if the script reacts to perception once all fields until `t_ns` after the start are
+    /// exposed.
     pub fn perceives_now(&self, t_ns: u64) -> bool {
         self.script.perceives_now(t_ns as f64 * 1e-9)
     }
 
-    /// The surgeon looks, after everything until `t_ns` after the start has been exposed.
-    pub fn see(&mut self, t_ns: u64, sight: &dyn Perception) {
-        self.script.see(t_ns as f64 * 1e-9, sight);
+    /// Feeds back perception, once all fields until `t_ns` after the start are exposed.
+    pub fn see(&mut self, t_ns: u64, perception: &dyn Perception) {
+        self.script.see(t_ns as f64 * 1e-9, perception);
     }
 
-    /// The instant `t_ns` after the start. The answer depends on `t_ns` and on what was seen before it; rising instants are
-    /// cheapest, because the eye's swing is integrated from the start on.
+    /// Motion `t_ns` after the start: a function of `t_ns` and of the perception before it. Rising
+    /// instants are cheapest, because the eye's rotation is integrated from the start.
     pub fn at(&mut self, t_ns: u64) -> Motion {
         let t_s = t_ns as f64 * 1e-9;
         let (script, load) = (&self.script, &self.load);

@@ -1,5 +1,5 @@
-//! Plans of abstract tasks: a script that reaches every goal without a fault, derived from the goals.
-//! An operation brings its own script.
+//! Plans of abstract tasks: a script that reaches every goal without a fault, derived from the
+//! goals. An operation brings its own script.
 
 use nalgebra::Vector3;
 use protocol::limits::INSTRUMENTS;
@@ -10,22 +10,23 @@ const REACH_MM_S: f64 = 3.5;
 const REACH_S: f64 = 0.5;
 /// Mean speed along a path and close to the retina, mm/s.
 const CAREFUL_MM_S: f64 = 1.2;
-/// A hold is planned this much longer than it must be, s.
+/// Margin of a hold over its required duration, s.
 const HOLD_MORE_S: f64 = 0.4;
 /// Height over a place at which an instrument arrives before it comes down, mm.
 const ABOVE_MM: f64 = 1.6;
-/// The tips of the jaws go so much deeper than a body's middle, mm: what they close on below its middle is squeezed out of them.
+/// Depth of the jaws' tips below a body's middle, mm; a body gripped above its middle is squeezed
+/// out.
 const DEEPER_MM: f64 = 0.12;
 /// Opening of the jaws before they grip and after they let go, rad.
 const OPEN_RAD: f64 = 1.2;
-/// What the jaws are asked for when they grip: a body between them stops them, rad.
+/// Commanded opening of the gripping jaws, rad; a body between them stops them earlier.
 const CLOSED_RAD: f64 = 0.1;
 /// Time to close or open the jaws, s.
 const JAWS_S: f64 = 1.0;
-/// Rest over a place, for the surgeon to see how a body lies in the jaws, s.
+/// Rest over a place, in which the surgeon perceives how a body lies in the jaws, s.
 const LOOK_S: f64 = 0.3;
 
-/// Pose of an instrument where the plan has come to.
+/// Pose of an instrument at the end of the plan so far.
 #[derive(Debug, Clone, Copy)]
 struct PlannedPose {
     tip: Vector3<f64>,
@@ -48,8 +49,8 @@ struct Planner {
     radius_mm: f64,
 }
 
-/// The plan of a task in its scene; its last key joins its first. Instruments begin where the scene's
-/// own script has them first; tremor and turn of the eye are that script's.
+/// The plan of a task in its scene; its last key joins its first. Instruments begin where the
+/// scene's own script has them first; tremor and turn of the eye are that script's.
 pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> ScriptScene {
     let own = scene.script_or_rest();
     let first = |i: usize| {
@@ -214,7 +215,8 @@ impl Planner {
         self.bodies[body] = to;
     }
 
-    /// Turn about the shaft that lays a body along a direction, rad, the short way: shafts stand nearly upright in the eye.
+    /// Roll that aligns a body with a direction, rad, within ±π/2; shafts are nearly upright in the
+    /// eye.
     fn turn(&self, body: usize, along: &Vector3<f64>) -> f64 {
         let axis = self.axes[body];
         let angle = libm::atan2(along.y, along.x) - libm::atan2(axis.y, axis.x);

@@ -1,5 +1,5 @@
-//! Plays a scene's script kinematically: perfect poses, no tremor, no noise, no clock. For tests, timing
-//! and tuning of scenes; the live script with cameras and tremor is the camera hardware's.
+//! Kinematic playback of a scene's script: exact poses, no noise, no clock, tremor only on request.
+//! For tests, timing and tuning of scenes; the virtual rig plays scripts live.
 
 use crate::script::{Gesture, Perception, Script};
 use crate::tremor::Tremor;
@@ -23,7 +23,7 @@ pub struct Rehearsal {
     script: Script,
     /// Where the shafts pass the eye's wall, eye frame, mm.
     trocars: [Vector3<f64>; INSTRUMENTS],
-    /// What shakes the tips, if anything does.
+    /// Tremor of the tips, if any.
     tremor: Option<[Tremor; INSTRUMENTS]>,
 }
 
@@ -54,7 +54,7 @@ impl Rehearsal {
         self
     }
 
-    /// Fields in a round of the script, with what the surgeon has done again so far.
+    /// Fields in a round of the script, retries so far included.
     pub fn fields(&self) -> u64 {
         (self.script.period_s() * 1e9) as u64 / FIELD_PERIOD_NS
     }
@@ -66,7 +66,7 @@ impl Rehearsal {
         Isometry3::from_parts(Translation3::identity(), UnitQuaternion::from_scaled_axis(turn))
     }
 
-    /// What tracker and handles say at a field.
+    /// Tracker frame and handles of a field.
     pub fn field(&self, field: u64) -> (TrackerFrame, [HandleState; INSTRUMENTS]) {
         let at_s = (field * FIELD_PERIOD_NS) as f64 * 1e-9;
         let mut frame = TrackerFrame::zeroed();
@@ -94,19 +94,19 @@ impl Rehearsal {
         (frame, std::array::from_fn(handle))
     }
 
-    /// What the foot does at a field.
+    /// Pedal state of a field.
     pub fn pedal(&self, field: u64) -> PedalState {
         let at_ns = field * FIELD_PERIOD_NS;
         self.script.pedal_at(at_ns as f64 * 1e-9, field, FIRST_NS + at_ns)
     }
 
-    /// What the simulation is given at a field.
+    /// Inputs of the simulation's step of a field.
     pub fn inputs(&self, field: u64) -> StepInputs {
         let (frame, handles) = self.field(field);
         StepInputs { frame: Box::new(frame), handles: handles.to_vec(), pedals: vec![self.pedal(field)] }
     }
 
-    /// Lets the surgeon see what came of a field, where he looks then.
+    /// Feeds back the scene after a field, where the script reacts to it then.
     pub fn see(&mut self, field: u64, perception: &dyn Perception) {
         let at_s = (field * FIELD_PERIOD_NS) as f64 * 1e-9;
         if self.script.perceives_now(at_s) {

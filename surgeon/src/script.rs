@@ -1,6 +1,8 @@
-//! The scripted surgeon: key frames, joined by minimum-jerk movements; tools changed and the pedal pressed in between. The
-//! camera hardware's model plays it live, the simulation's rehearsal without cameras; both hold the instruments alike, and both
-//! show it what has come about ([`Script::see`]).
+//! Motion of the scripted surgeon: key frames joined by minimum-jerk movements, tool changes,
+//! pedal.
+//!
+//! The virtual rig plays it live, a rehearsal without cameras. Both feed back what the surgeon
+//! perceives ([`Script::see`]).
 
 mod perception;
 
@@ -14,7 +16,7 @@ use protocol::limits::INSTRUMENTS;
 use protocol::time::Nanos;
 use scene::{PedalKey, SceneFile, ScriptKey};
 
-/// What the script asks of one instrument at an instant.
+/// Commanded state of one instrument at an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gesture {
     /// Tip in the eye frame, mm.
@@ -23,7 +25,7 @@ pub struct Gesture {
     pub roll_rad: f64,
     /// Jaw opening, rad.
     pub jaw_rad: f64,
-    /// What is in the hand.
+    /// Tool of the instrument.
     pub tool: Tool,
 }
 
@@ -62,7 +64,7 @@ pub struct Script {
     keys: [Vec<(f64, Gesture)>; INSTRUMENTS],
     /// Sorted by instant.
     pedal: Vec<PedalKey>,
-    /// Reactions to what is seen; they change what comes after.
+    /// Reactions to perception; they change later keys.
     reactions: Reactions,
 }
 
@@ -120,8 +122,8 @@ impl Script {
         from.towards(to, minimum_jerk((t - from_s) / (to_s - from_s)))
     }
 
-    /// The pedal `t_s` seconds after the start, as message `seq` of the instant `instant_ns`: as the last key left it; at rest
-    /// without keys.
+    /// Pedal state `t_s` seconds after the start, as message `seq` of the instant `instant_ns`:
+    /// that of the last key, at rest without keys.
     pub fn pedal_at(&self, t_s: f64, seq: u64, instant_ns: Nanos) -> PedalState {
         let after = self.pedal.partition_point(|k| k.at_s <= self.within_round(t_s));
         let last = if after > 0 { self.pedal.get(after - 1) } else { self.pedal.last() };

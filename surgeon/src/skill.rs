@@ -1,166 +1,198 @@
-//! Scripted surgeons: what a hand makes of a plan. Each is a set of parameters; with a seed it turns the plan's key frames into
-//! those of one attempt. The tremor is added when the script is played ([`crate::tremor`]).
+//! Skill of a scripted surgeon: parameters of the error model that turns a plan into one attempt.
+//!
+//! A seed draws the errors of the attempt's key frames. Tremor is added when the script is played
+//! ([`crate::tremor`]).
 
 use nalgebra::Vector3;
 use protocol::handles::PedalMode;
 use protocol::random::Random;
 use scene::{GoalCheck, PedalKey, Retarget, Retry, SAME_INSTANT_S, ScriptKey, ScriptScene};
 
-/// Keys nearer to the retina than this are subject to the depth bias, mm.
+/// Keys nearer to the retina than this have the depth bias, mm.
 const DEPTH_FROM_MM: f64 = 3.0;
-/// Movements shorter than this have neither detours nor overshoots, mm.
+/// Movements shorter than this have neither deviation nor overshoot, mm.
 const SHORT_MM: f64 = 0.6;
-/// How far a hand wanders that leaves a hold too early, mm.
-const WANDER_MM: f64 = 1.0;
-/// Longest way over a goal, mm.
+/// Standard deviation of the drift after an early release, on each axis, mm.
+const DRIFT_MM: f64 = 1.0;
+/// Longest overshoot, mm.
 const OVERSHOOT_MM: f64 = 1.0;
-/// Mean speed at which movements go astray and over their goals by the whole share, mm/s. The spread of a movement's end grows with
-/// its mean speed (Schmidt et al. 1979, Psychological Review 86(5), 415): slow movements keep nearer to what is aimed at.
+/// Mean speed from which deviation and overshoot have their full share, mm/s. Below it they are
+/// proportional to the mean speed, as the spread of a movement's end is (Schmidt et al. 1979,
+/// Psychological Review 86(5), 415).
 const FREE_MM_S: f64 = 3.0;
 
-/// How a surgeon works.
+/// Error model of a surgeon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Skill {
     /// Name for people and programs.
     pub name: &'static str,
-    /// Time taken, as a multiple of the plan's.
-    pub pace: f64,
-    /// Deviation of each coordinate of a place aimed at, mm.
-    pub waver_mm: f64,
-    /// How much too deep the hand is near the retina, mm: mean and deviation.
-    pub depth_mm: [f64; 2],
-    /// How far a movement shoots over its goal, as a share of its length.
+    /// Duration as a multiple of the plan's.
+    pub time_scale: f64,
+    /// Standard deviation of the aim on each axis, mm.
+    pub aim_sigma_mm: f64,
+    /// Depth error near the retina, positive outwards: mean and standard deviation, mm.
+    pub depth_bias_mm: [f64; 2],
+    /// Mean overshoot of a movement as a share of its length.
     pub overshoot: f64,
-    /// How far a movement goes astray on its way, as a share of its length.
-    pub detour: f64,
-    /// Tremor at the tip, all axes together, µm RMS.
+    /// Standard deviation of a movement's middle from the straight line, as a share of its length.
+    pub deviation: f64,
+    /// Tremor of the tip, all axes together, µm RMS.
     pub tremor_um: f64,
-    /// Probability that a hold is left too early.
-    pub hasty: f64,
-    /// Probability that the jaws open on the way.
-    pub slips: f64,
-    /// How often what was missed is tried again.
-    pub patience: u32,
+    /// Probability that the instrument leaves a hold early.
+    pub early_release_probability: f64,
+    /// Twice the probability that closed jaws open during a movement.
+    pub jaw_slip_probability: f64,
+    /// Most retries of a stretch whose goal check fails.
+    pub max_retries: u32,
 }
 
-/// Steady, direct, on time.
+/// Accurate, direct, on time.
 pub const EXPERT: Skill = Skill {
     name: "expert",
-    pace: 1.0,
-    waver_mm: 0.03,
-    depth_mm: [0.0, 0.01],
+    time_scale: 1.0,
+    aim_sigma_mm: 0.03,
+    depth_bias_mm: [0.0, 0.01],
     overshoot: 0.01,
-    detour: 0.01,
+    deviation: 0.01,
     tremor_um: 20.0,
-    hasty: 0.0,
-    slips: 0.0,
-    patience: 3,
+    early_release_probability: 0.0,
+    jaw_slip_probability: 0.0,
+    max_retries: 3,
 };
 
-/// A practised hand.
+/// Moderate errors, slower than planned.
 pub const AVERAGE: Skill = Skill {
     name: "average",
-    pace: 1.6,
-    waver_mm: 0.08,
-    depth_mm: [0.02, 0.03],
+    time_scale: 1.6,
+    aim_sigma_mm: 0.08,
+    depth_bias_mm: [0.02, 0.03],
     overshoot: 0.06,
-    detour: 0.12,
+    deviation: 0.12,
     tremor_um: 55.0,
-    hasty: 0.03,
-    slips: 0.03,
-    patience: 3,
+    early_release_probability: 0.03,
+    jaw_slip_probability: 0.03,
+    max_retries: 3,
 };
 
-/// Slow and unsure, but careful.
+/// Large errors, slow, little depth bias.
 pub const NOVICE: Skill = Skill {
     name: "novice",
-    pace: 2.1,
-    waver_mm: 0.15,
-    depth_mm: [0.06, 0.06],
+    time_scale: 2.1,
+    aim_sigma_mm: 0.15,
+    depth_bias_mm: [0.06, 0.06],
     overshoot: 0.12,
-    detour: 0.3,
+    deviation: 0.3,
     tremor_um: 85.0,
-    hasty: 0.12,
-    slips: 0.1,
-    patience: 3,
+    early_release_probability: 0.12,
+    jaw_slip_probability: 0.1,
+    max_retries: 3,
 };
 
-/// Fast, rough, too deep.
+/// Largest errors, fast, strong depth bias.
 pub const CARELESS: Skill = Skill {
     name: "careless",
-    pace: 0.7,
-    waver_mm: 0.4,
-    depth_mm: [0.75, 0.2],
+    time_scale: 0.7,
+    aim_sigma_mm: 0.4,
+    depth_bias_mm: [0.75, 0.2],
     overshoot: 0.25,
-    detour: 0.6,
+    deviation: 0.6,
     tremor_um: 130.0,
-    hasty: 0.5,
-    slips: 0.5,
-    patience: 1,
+    early_release_probability: 0.5,
+    jaw_slip_probability: 0.5,
+    max_retries: 1,
 };
 
-/// Every shipped one, best first.
+/// Every shipped skill, best first.
 pub const SKILLS: [Skill; 4] = [EXPERT, AVERAGE, NOVICE, CARELESS];
 
-/// By name.
+/// The shipped skill of this name.
 pub fn by_name(name: &str) -> Option<Skill> {
     SKILLS.into_iter().find(|s| s.name == name)
 }
 
+/// A movement, or a hold, between two key frames of one instrument.
+struct Movement<'a> {
+    /// Planned keys at its ends.
+    plan: [&'a ScriptKey; 2],
+    /// Sampled aims at its ends, mm.
+    aims: [Vector3<f64>; 2],
+    /// The attempt's key at the beginning.
+    start: ScriptKey,
+    radius_mm: f64,
+}
+
+impl Movement<'_> {
+    /// Planned duration, s.
+    fn planned_s(&self) -> f64 {
+        self.plan[1].at_s - self.plan[0].at_s
+    }
+
+    /// A key between the ends, after a share of the planned duration.
+    fn key(&self, share: f64, tip: Vector3<f64>, jaw_rad: f64) -> ScriptKey {
+        let at_s = self.plan[0].at_s + share * self.planned_s();
+        let tip_in_eye_mm = kept_inside(tip, self.radius_mm).into();
+        ScriptKey { at_s, tip_in_eye_mm, jaw_rad, tool: None, ..self.start.clone() }
+    }
+}
+
 impl Skill {
-    /// What this surgeon makes of a plan in an eye of this radius (mm), drawn from a seed.
+    /// One attempt at a plan in an eye of radius `radius_mm`, drawn from a seed.
     pub fn perform(&self, plan: &ScriptScene, radius_mm: f64, seed: u64) -> ScriptScene {
         let mut random = Random::new(seed, 1);
         let mut keys = Vec::new();
         for instrument in [0, 1] {
             let own: Vec<&ScriptKey> = sorted(plan, instrument);
-            keys.extend(self.hand(&own, radius_mm, &mut random));
+            keys.extend(self.instrument_keys(&own, radius_mm, &mut random));
         }
-        let pedal = self.foot(&plan.pedal);
-        let period_s = plan.period_s * self.pace;
-        keys.iter_mut().for_each(|k| k.at_s *= self.pace);
-        let aim =
-            |a: &Retarget| Retarget { at_s: a.at_s * self.pace, until_s: a.until_s * self.pace, ..a.clone() };
-        let retargets = plan.retargets.iter().map(aim).collect();
+        let scale = self.time_scale;
+        keys.iter_mut().for_each(|k| k.at_s *= scale);
+        let retarget =
+            |r: &Retarget| Retarget { at_s: r.at_s * scale, until_s: r.until_s * scale, ..r.clone() };
         let mut random = Random::new(seed, 2);
-        let goal_checks =
-            plan.goal_checks.iter().map(|look| self.look(look, plan, radius_mm, &mut random)).collect();
+        let goal_check = |check: &GoalCheck| self.goal_check(check, plan, radius_mm, &mut random);
         ScriptScene {
-            period_s,
+            period_s: plan.period_s * scale,
             tremor_um: self.tremor_um,
             keys,
-            pedal,
-            retargets,
-            goal_checks,
+            pedal: self.pedal_keys(&plan.pedal),
+            retargets: plan.retargets.iter().map(retarget).collect(),
+            goal_checks: plan.goal_checks.iter().map(goal_check).collect(),
             ..plan.clone()
         }
     }
 
-    /// A look at this surgeon's pace, with as many takes as there is patience: each is drawn anew, none is better than the first.
-    fn look(&self, look: &GoalCheck, plan: &ScriptScene, radius_mm: f64, random: &mut Random) -> GoalCheck {
-        let (from_s, at_s) = (look.from_s, look.at_s);
+    /// A goal check with [`Skill::max_retries`] retries, each drawn anew from the same error model.
+    fn goal_check(
+        &self,
+        check: &GoalCheck,
+        plan: &ScriptScene,
+        radius_mm: f64,
+        random: &mut Random,
+    ) -> GoalCheck {
+        let (from_s, at_s) = (check.from_s, check.at_s);
         let within = |k: &&ScriptKey| k.at_s > from_s - SAME_INSTANT_S && k.at_s < at_s + SAME_INSTANT_S;
-        let mut take = || {
+        let mut retry = || {
             let mut keys: Vec<ScriptKey> = Vec::new();
             for instrument in 0..2 {
                 let own: Vec<&ScriptKey> = sorted(plan, instrument).into_iter().filter(within).collect();
-                // Where the hand was at first is not where it is now.
-                let again = self.hand(&own, radius_mm, random).into_iter();
-                keys.extend(again.filter(|k| k.at_s > from_s + SAME_INSTANT_S));
+                // A retry begins where the instrument is then, not at the first key of the stretch.
+                let drawn = self.instrument_keys(&own, radius_mm, random).into_iter();
+                keys.extend(drawn.filter(|k| k.at_s > from_s + SAME_INSTANT_S));
             }
-            keys.iter_mut().for_each(|k| k.at_s *= self.pace);
+            keys.iter_mut().for_each(|k| k.at_s *= self.time_scale);
             Retry { keys }
         };
-        let retries = (0..self.patience).map(|_| take()).collect();
-        GoalCheck { at_s: at_s * self.pace, from_s: from_s * self.pace, retries, ..look.clone() }
+        let retries = (0..self.max_retries).map(|_| retry()).collect();
+        GoalCheck { at_s: at_s * self.time_scale, from_s: from_s * self.time_scale, retries, ..check.clone() }
     }
 
-    /// The foot at this surgeon's pace. An injection lasts as long as planned, whatever the pace: it is ended when the fluid is in.
-    fn foot(&self, plan: &[PedalKey]) -> Vec<PedalKey> {
+    /// The pedal's keys in scaled time. An injection keeps its planned duration: it ends when the
+    /// fluid is in.
+    fn pedal_keys(&self, plan: &[PedalKey]) -> Vec<PedalKey> {
         let mut pedal = plan.to_vec();
         pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         let planned: Vec<f64> = pedal.iter().map(|key| key.at_s).collect();
-        pedal.iter_mut().for_each(|key| key.at_s *= self.pace);
+        pedal.iter_mut().for_each(|key| key.at_s *= self.time_scale);
         for i in 1..pedal.len() {
             let before = &pedal[i - 1];
             if before.mode == PedalMode::Inject && before.axes[0] > 0.0 {
@@ -170,76 +202,82 @@ impl Skill {
         pedal
     }
 
-    /// One hand's keys, still at the plan's times.
-    fn hand(&self, plan: &[&ScriptKey], radius_mm: f64, random: &mut Random) -> Vec<ScriptKey> {
-        let aimed: Vec<Vector3<f64>> = self.aim(plan, radius_mm, random);
+    /// Key frames of one instrument with their errors, in planned time.
+    fn instrument_keys(&self, plan: &[&ScriptKey], radius_mm: f64, random: &mut Random) -> Vec<ScriptKey> {
+        let aims = self.sample_aims(plan, radius_mm, random);
         let mut keys: Vec<ScriptKey> = Vec::new();
         for (i, key) in plan.iter().enumerate() {
-            let here = ScriptKey { tip_in_eye_mm: aimed[i].into(), ..(*key).clone() };
-            if i == 0 {
-                keys.push(here);
-                continue;
+            if let Some(start) = keys.last().cloned() {
+                let (plan, aims) = ([plan[i - 1], *key], [aims[i - 1], aims[i]]);
+                keys.extend(self.errors_between(&Movement { plan, aims, start, radius_mm }, random));
             }
-            let before = keys[keys.len() - 1].clone();
-            let (from, way) = (Vector3::from(before.tip_in_eye_mm), aimed[i] - aimed[i - 1]);
-            let (begin_s, took_s) = (plan[i - 1].at_s, key.at_s - plan[i - 1].at_s);
-            let mut between = |share: f64, tip: Vector3<f64>, jaw_rad: f64| {
-                let at_s = begin_s + share * took_s;
-                let tip_in_eye_mm = kept_inside(tip, radius_mm).into();
-                keys.push(ScriptKey { at_s, tip_in_eye_mm, jaw_rad, tool: None, ..before.clone() });
-            };
-            let moves = way.norm() > SHORT_MM;
-            let pace_mm_s = way.norm() / (took_s * self.pace).max(1e-3);
-            let loose = (pace_mm_s / FREE_MM_S).min(1.0);
-            let keeps_shut = before.jaw_rad == key.jaw_rad && key.jaw_rad < 0.3;
-            if moves {
-                let astray = random.vector() * (loose * self.detour * way.norm() / 3f64.sqrt());
-                let opens = keeps_shut && random.chance(self.slips * 0.5);
-                between(0.45, from + way * 0.5 + astray, if opens { 0.9 } else { before.jaw_rad });
-                let over = way * (loose * self.overshoot * random.uniform() * 2.0);
-                let over = over * (OVERSHOOT_MM / over.norm().max(OVERSHOOT_MM));
-                let jaw_rad = 0.5 * (before.jaw_rad + key.jaw_rad);
-                between(0.8, aimed[i] + over, jaw_rad);
-            } else if way.norm() < 1e-9 && took_s > 0.3 && random.chance(self.hasty) {
-                between(0.2, from, before.jaw_rad);
-                between(0.6, from + random.vector() * WANDER_MM, before.jaw_rad);
-            }
-            keys.push(here);
+            keys.push(ScriptKey { tip_in_eye_mm: aims[i].into(), ..(*key).clone() });
         }
         keys
     }
 
-    /// Where the keys are aimed at: keys at one place stay at one place.
-    fn aim(&self, plan: &[&ScriptKey], radius_mm: f64, random: &mut Random) -> Vec<Vector3<f64>> {
-        let mut aimed: Vec<Vector3<f64>> = Vec::with_capacity(plan.len());
+    /// Keys that errors add between two keys of the plan: deviation and overshoot of a movement,
+    /// drift from a hold that is left early.
+    fn errors_between(&self, movement: &Movement, random: &mut Random) -> Vec<ScriptKey> {
+        let ([before, key], from) = (movement.plan, Vector3::from(movement.start.tip_in_eye_mm));
+        let (path, jaw_rad) = (movement.aims[1] - movement.aims[0], movement.start.jaw_rad);
+        if path.norm() > SHORT_MM {
+            let speed_mm_s = path.norm() / (movement.planned_s() * self.time_scale).max(1e-3);
+            let share = (speed_mm_s / FREE_MM_S).min(1.0);
+            let deviation = random.vector() * (share * self.deviation * path.norm() / 3f64.sqrt());
+            let keeps_shut = jaw_rad == key.jaw_rad && key.jaw_rad < 0.3;
+            let opens = keeps_shut && random.chance(self.jaw_slip_probability * 0.5);
+            let middle = from + path * 0.5 + deviation;
+            let over = path * (share * self.overshoot * random.uniform() * 2.0);
+            let over = over * (OVERSHOOT_MM / over.norm().max(OVERSHOOT_MM));
+            vec![
+                movement.key(0.45, middle, if opens { 0.9 } else { jaw_rad }),
+                movement.key(0.8, movement.aims[1] + over, 0.5 * (jaw_rad + key.jaw_rad)),
+            ]
+        } else if path.norm() < 1e-9
+            && key.at_s - before.at_s > 0.3
+            && random.chance(self.early_release_probability)
+        {
+            let drift = random.vector() * DRIFT_MM;
+            vec![movement.key(0.2, from, jaw_rad), movement.key(0.6, from + drift, jaw_rad)]
+        } else {
+            Vec::new()
+        }
+    }
+
+    /// Aims of the keys, mm; successive keys at one place share their aim.
+    fn sample_aims(&self, plan: &[&ScriptKey], radius_mm: f64, random: &mut Random) -> Vec<Vector3<f64>> {
+        let mut aims: Vec<Vector3<f64>> = Vec::with_capacity(plan.len());
         for (i, key) in plan.iter().enumerate() {
             if i > 0 && plan[i - 1].tip_in_eye_mm == key.tip_in_eye_mm {
-                aimed.push(aimed[i - 1]);
+                aims.push(aims[i - 1]);
                 continue;
             }
             let tip = Vector3::from(key.tip_in_eye_mm);
-            let mut astray = random.vector() * self.waver_mm;
-            let [mean, spread] = self.depth_mm;
-            let deeper = mean + spread * random.normal();
+            let mut error = random.vector() * self.aim_sigma_mm;
+            let [mean, sigma] = self.depth_bias_mm;
+            let depth_error = mean + sigma * random.normal();
             if radius_mm - tip.norm() < DEPTH_FROM_MM {
-                // How deep the hand goes there is judged by the shadow, which is another error than that of the aim.
+                // Depth is judged by the instrument's shadow: its error replaces that of the aim.
                 let out = tip.try_normalize(1e-6).unwrap_or(-Vector3::z());
-                astray += out * (deeper - astray.dot(&out));
+                error += out * (depth_error - error.dot(&out));
             }
-            aimed.push(kept_inside(tip + astray, radius_mm));
+            aims.push(kept_inside(tip + error, radius_mm));
         }
-        aimed
+        aims
     }
 }
 
-/// No hand goes further through the wall than this, mm.
+/// Tips go no further through the wall than this, mm.
 const THROUGH_MM: f64 = 0.4;
 
+/// `tip`, moved back to [`THROUGH_MM`] beyond the wall where it is further out.
 fn kept_inside(tip: Vector3<f64>, radius_mm: f64) -> Vector3<f64> {
     let most = radius_mm + THROUGH_MM;
     if tip.norm() > most { tip * (most / tip.norm()) } else { tip }
 }
 
+/// Keys of one instrument by time.
 fn sorted(plan: &ScriptScene, instrument: u32) -> Vec<&ScriptKey> {
     let mut own: Vec<&ScriptKey> = plan.keys.iter().filter(|k| k.instrument == instrument).collect();
     own.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
@@ -292,7 +330,7 @@ mod tests {
             let [lasts, should] = [own, planned].map(|w| w[1].at_s - w[0].at_s);
             if planned[0].mode == PedalMode::Inject {
                 assert!((lasts - should).abs() < 1e-9, "{lasts} s instead of {should} s");
-                assert!((own[0].at_s - NOVICE.pace * planned[0].at_s).abs() < 1e-9);
+                assert!((own[0].at_s - NOVICE.time_scale * planned[0].at_s).abs() < 1e-9);
             }
         }
     }

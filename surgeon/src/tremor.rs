@@ -18,8 +18,8 @@ pub struct Tremor {
 }
 
 impl Tremor {
-    /// Tremor of `rms_um` (all axes together), drawn from `seed` and `stream`. The band is a third of `centre_hz` wide on
-    /// either side: 6 to 12 Hz about 9 Hz.
+    /// Tremor of `rms_um` (all axes together), drawn from `seed` and `stream`. The band is a third
+    /// of `centre_hz` wide on either side: 6 to 12 Hz about 9 Hz.
     pub fn new(rms_um: f64, centre_hz: f64, seed: u64, stream: u64) -> Self {
         let mut random = Random::new(seed, FIRST_STREAM + stream);
         // One tone in each equal part of the band keeps the band evenly filled.

@@ -1,8 +1,8 @@
 //! The mechanical eye: the shafts turn it, springs on each axis turn it back.
 //!
-//! Each axis is a damped spring, `θ'' = ω²(load − θ) − 2ζω θ'`, where `load` is the angle at which the
-//! shafts' torque and the spring balance. It is integrated on a fixed grid from the start on, so that
-//! the angle at an instant does not depend on when it was asked for.
+//! Each axis is a damped spring, `θ'' = ω²(load − θ) − 2ζω θ'`, where `load` is the angle at which
+//! the shafts' torque and the spring balance. It is integrated on a fixed grid from the start on,
+//! so that the angle at an instant does not depend on when it was asked for.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use std::f64::consts::TAU;
@@ -13,8 +13,8 @@ const NATURAL_HZ: f64 = 3.0;
 const DAMPING: f64 = 0.6;
 /// Step of the integration, ns; 1 ms is 1/330 of a swing.
 const STEP_NS: u64 = 1_000_000;
-/// Newest steps that are kept: three fields, since free-running cameras ask a little out of order and
-/// a torn field shows what was before.
+/// Newest steps that are kept: three fields, since free-running cameras ask a little out of order
+/// and a torn field shows what was before.
 const KEPT: usize = 64;
 
 /// Angles about x, y and z, rad, and their speeds, rad/s.

@@ -1,5 +1,5 @@
-//! Recorded motion of a hand: M2S2 recordings (250 Hz, `sample,x,y,z,grip`, mm, no header), played in a mirrored
-//! loop so that their end joins their beginning without a jump.
+//! Recorded motion of a hand: M2S2 recordings (250 Hz, `sample,x,y,z,grip`, mm, no header), played
+//! in a mirrored loop so that their end joins their beginning without a jump.
 
 use nalgebra::Vector3;
 use std::f64::consts::TAU;
@@ -14,7 +14,7 @@ const MIN_SAMPLES: usize = 500;
 /// Largest coordinate taken for a position of a hand, mm.
 const MAX_MM: f64 = 1000.0;
 
-/// Why a recording was refused.
+/// A recording was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordedMotionError {
     /// The file cannot be read.
@@ -22,19 +22,19 @@ pub enum RecordedMotionError {
     Read {
         /// The file.
         file: String,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
-    /// A line makes no sense.
+    /// A line is malformed.
     #[error("motion file {file}, line {line}: expected {expected}, found {found}")]
     Line {
         /// The file.
         file: String,
         /// Counted from 1.
         line: usize,
-        /// What would be right.
+        /// Expected content.
         expected: String,
-        /// What is there.
+        /// Content found.
         found: String,
     },
     /// Too little is left once the padding is dropped.
@@ -44,7 +44,7 @@ pub enum RecordedMotionError {
     Short {
         /// The file.
         file: String,
-        /// What is there.
+        /// Samples found.
         found: usize,
     },
 }
@@ -68,7 +68,8 @@ impl RecordedMotion {
         Self::parse(&String::from_utf8_lossy(&bytes), &file)
     }
 
-    /// Parses a recording; the padding of zeros at its end is dropped. `file` is for error messages.
+    /// Parses a recording; the padding of zeros at its end is dropped. `file` is for error
+    /// messages.
     ///
     /// # Errors
     /// Where a line is not five finite numbers in order, or fewer than 500 samples are left.
@@ -155,8 +156,8 @@ fn parse_line(line: &str, previous: Option<f64>) -> Result<(f64, Vector3<f64>), 
     Ok((sample, Vector3::new(x, y, z)))
 }
 
-/// Second-order Butterworth low-pass (bilinear transform) of a periodic signal: one round to settle,
-/// one that counts.
+/// Second-order Butterworth low-pass (bilinear transform) of a periodic signal: one round to
+/// settle, one that counts.
 fn low_pass(looped: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let k = libm::tan(TAU / 2.0 * SPLIT_HZ / RATE_HZ);
     let norm = 1.0 / (1.0 + std::f64::consts::SQRT_2 * k + k * k);

@@ -1,21 +1,25 @@
-//! The scripted surgeon's eyes: before a movement he looks where a thing is, after a stretch whether its goal is reached. What he sees
-//! changes only what has not been played yet, so that a script stays a function of time.
+//! Reactions of the scripted surgeon: before a movement its target is perceived ([`Retarget`]),
+//! after a stretch whether its goal is reached ([`GoalCheck`]).
+//!
+//! Reactions change only keys that have not been played, so that a script stays a function of time.
 
 use super::{Gesture, Script};
 use nalgebra::Vector3;
 use scene::{GoalCheck, PedalKey, Retarget, SAME_INSTANT_S, ScriptKey, ScriptScene};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// So long before an instant the surgeon looks, s: more than a field, so that nothing after it has been played.
+/// Time before a movement at which its target is perceived, s: more than a field, so that none of
+/// the movement has been played.
 pub const LOOK_AHEAD_S: f64 = 0.03;
-/// So late may a look be, s: the movement that it changes has hardly begun.
+/// Latest perception after its instant, s; the movement that it changes has hardly begun.
 const LATE_S: f64 = 0.1;
-/// A thing that is further from where the plan has it is another one, or lost: the hand goes where it was planned, mm.
+/// A target further than this from its planned place is another one or lost, and the movement stays
+/// as planned, mm.
 const FAR_MM: f64 = 4.0;
-/// The same for a thing in the jaws, mm.
+/// The same for a body in the jaws, mm.
 const FAR_IN_JAWS_MM: f64 = 1.2;
 
-/// A rigid body as the surgeon sees it, eye frame.
+/// A rigid body as perceived, eye frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PerceivedBody {
     /// Its middle, mm.
@@ -24,7 +28,7 @@ pub struct PerceivedBody {
     pub along_in_eye: Vector3<f64>,
     /// Half of its length along that axis, mm.
     pub half_mm: f64,
-    /// All its sides are equal: a quarter turn looks the same.
+    /// All sides are equal: the body is symmetric under a quarter turn.
     pub square: bool,
 }
 
@@ -38,7 +42,7 @@ impl PerceivedBody {
     }
 }
 
-/// What the surgeon can see.
+/// The surgeon's perception of the scene.
 pub trait Perception {
     /// Whether a goal of the task is reached.
     fn reached(&self, goal: usize) -> bool;
@@ -48,10 +52,10 @@ pub trait Perception {
     fn tissue_near(&self, place_in_eye_mm: &Vector3<f64>) -> Option<Vector3<f64>>;
 }
 
-/// Where the surgeon looks.
+/// Pending reactions of a script.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Reactions {
-    /// Those that are done stay: a stretch that is done again has its aims again.
+    /// Retargets, and whether each is done; those of a repeated stretch become pending again.
     retargets: Vec<(Retarget, bool)>,
     /// Still to come.
     goal_checks: Vec<GoalCheck>,
@@ -64,69 +68,70 @@ impl Reactions {
         Reactions { retargets: script.retargets.iter().map(|a| (a.clone(), false)).collect(), goal_checks }
     }
 
-    /// Forgets what should have been looked at long ago: it would change what has been played.
+    /// Drops overdue reactions: they would change keys that have been played.
     fn forget(&mut self, before_s: f64) {
         self.retargets.iter_mut().filter(|(a, _)| a.at_s < before_s).for_each(|(_, done)| *done = true);
         self.goal_checks.retain(|l| l.at_s >= before_s);
     }
 
-    /// The aim that is next until an instant.
-    fn next_aim(&mut self, until_s: f64) -> Option<Retarget> {
+    /// Takes the earliest pending retarget until an instant.
+    fn next_retarget(&mut self, until_s: f64) -> Option<Retarget> {
         let due = self.retargets.iter_mut().filter(|(a, done)| !done && a.at_s <= until_s);
-        let (aim, done) = due.min_by(|(a, _), (b, _)| a.at_s.total_cmp(&b.at_s))?;
+        let (retarget, done) = due.min_by(|(a, _), (b, _)| a.at_s.total_cmp(&b.at_s))?;
         *done = true;
-        Some(aim.clone())
+        Some(retarget.clone())
     }
 }
 
 impl Script {
-    /// Whether the surgeon has eyes at all.
+    /// True if the script reacts to perception.
     pub fn is_reactive(&self) -> bool {
         !self.reactions.retargets.is_empty() || !self.reactions.goal_checks.is_empty()
     }
 
-    /// Whether the surgeon looks at anything until [`LOOK_AHEAD_S`] after `now_s`: sight may be costly.
+    /// True if a reaction is due until [`LOOK_AHEAD_S`] after `now_s`; perception may be costly.
     pub fn perceives_now(&self, now_s: f64) -> bool {
         let due = |at_s: f64| at_s <= now_s + LOOK_AHEAD_S;
         self.reactions.retargets.iter().any(|(a, done)| !done && due(a.at_s))
             || self.reactions.goal_checks.iter().any(|l| due(l.at_s))
     }
 
-    /// The surgeon looks, after everything until `now_s` (s after the start) has been played.
-    pub fn see(&mut self, now_s: f64, sight: &dyn Perception) {
+    /// Carries out the reactions due, once all keys until `now_s` (s after the start) have been
+    /// played.
+    pub fn see(&mut self, now_s: f64, perception: &dyn Perception) {
         let until_s = now_s + LOOK_AHEAD_S;
         self.reactions.forget(now_s - LATE_S);
-        // A stretch that is done again comes before the aims of what follows it.
+        // A retry comes before the retargets of what follows it.
         while self.reactions.goal_checks.first().is_some_and(|l| l.at_s <= until_s) {
-            let look = self.reactions.goal_checks.remove(0);
-            if !sight.reached(look.goal as usize) {
-                self.again(look);
+            let check = self.reactions.goal_checks.remove(0);
+            if !perception.reached(check.goal as usize) {
+                self.insert_retry(check);
             }
         }
-        while let Some(aim) = self.reactions.next_aim(until_s) {
-            self.aim(&aim, sight);
+        while let Some(retarget) = self.reactions.next_retarget(until_s) {
+            self.move_keys(&retarget, perception);
         }
     }
 
-    /// Moves the keys of an aim by how far the thing is from where it was planned.
-    fn aim(&mut self, aim: &Retarget, sight: &dyn Perception) {
-        let place = Vector3::from(aim.place_in_eye_mm);
-        let body = aim.body.map(|b| sight.body(b as usize));
+    /// Moves the keys of a retarget by the offset of its target from the planned place.
+    fn move_keys(&mut self, retarget: &Retarget, perception: &dyn Perception) {
+        let place = Vector3::from(retarget.place_in_eye_mm);
+        let body = retarget.body.map(|b| perception.body(b as usize));
         let at = match body {
             Some(body) => body.map(|b| b.at_in_eye_mm),
-            None => sight.tissue_near(&place),
+            None => perception.tissue_near(&place),
         };
         let Some(off) = at.map(|at| at - place) else { return };
-        let far = if aim.carries { FAR_IN_JAWS_MM } else { FAR_MM };
+        let far = if retarget.carries { FAR_IN_JAWS_MM } else { FAR_MM };
         if off.norm() > far {
             return;
         }
-        let sign = if aim.carries { -1.0 } else { 1.0 };
-        let turn = body.flatten().zip(aim.along_in_eye).map_or(0.0, |(b, along)| b.turned_rad(&along));
+        let sign = if retarget.carries { -1.0 } else { 1.0 };
+        let turn = body.flatten().zip(retarget.along_in_eye).map_or(0.0, |(b, along)| b.turned_rad(&along));
         let (by, turn) = (off * sign, turn * sign);
-        let droop_mm = body.flatten().filter(|_| aim.carries).map_or(0.0, |b| b.droop_mm());
-        let within = |t: f64| t > aim.at_s + SAME_INSTANT_S && t < aim.until_s + SAME_INSTANT_S;
-        let Some(keys) = self.keys.get_mut(aim.instrument as usize) else { return };
+        let droop_mm = body.flatten().filter(|_| retarget.carries).map_or(0.0, |b| b.droop_mm());
+        let within = |t: f64| t > retarget.at_s + SAME_INSTANT_S && t < retarget.until_s + SAME_INSTANT_S;
+        let Some(keys) = self.keys.get_mut(retarget.instrument as usize) else { return };
         for (_, gesture) in keys.iter_mut().filter(|(t, _)| within(*t)) {
             let (deep, tip) = (gesture.tip_in_eye_mm.norm(), gesture.tip_in_eye_mm + by);
             // Aside and up, but never deeper than was planned.
@@ -136,39 +141,45 @@ impl Script {
         }
     }
 
-    /// Does a stretch again, with the next of its takes; what comes after it waits.
-    fn again(&mut self, mut look: GoalCheck) {
-        if look.retries.is_empty() {
+    /// Inserts the next retry of a stretch; later keys are delayed by it.
+    fn insert_retry(&mut self, mut check: GoalCheck) {
+        if check.retries.is_empty() {
             return;
         }
-        let take = look.retries.remove(0);
-        let (from_s, at_s, later_s) = (look.from_s, look.at_s, look.at_s - look.from_s);
+        let retry = check.retries.remove(0);
+        let (from_s, at_s, later_s) = (check.from_s, check.at_s, check.at_s - check.from_s);
         let after = |t: f64| t > at_s + SAME_INSTANT_S;
         let within = |t: f64| t > from_s + SAME_INSTANT_S && !after(t);
-        for (hand, keys) in self.keys.iter_mut().enumerate() {
+        for (instrument, keys) in self.keys.iter_mut().enumerate() {
             keys.iter_mut().filter(|(t, _)| after(*t)).for_each(|(t, _)| *t += later_s);
             let place = keys.partition_point(|(t, _)| !after(*t));
-            let added: Vec<(f64, Gesture)> = added(&keys[..place], &take.keys, hand, from_s)
+            let added: Vec<(f64, Gesture)> = added(&keys[..place], &retry.keys, instrument, from_s)
                 .into_iter()
                 .map(|(t, gesture)| (t + later_s, gesture))
                 .collect();
             keys.splice(place..place, added);
         }
         self.pedal.iter_mut().filter(|k| after(k.at_s)).for_each(|k| k.at_s += later_s);
-        let again = |k: &PedalKey| PedalKey { at_s: k.at_s + later_s, ..k.clone() };
-        let pressed: Vec<PedalKey> = self.pedal.iter().filter(|k| within(k.at_s)).map(again).collect();
+        let delayed = |k: &PedalKey| PedalKey { at_s: k.at_s + later_s, ..k.clone() };
+        let pressed: Vec<PedalKey> = self.pedal.iter().filter(|k| within(k.at_s)).map(delayed).collect();
         self.pedal.extend(pressed);
         self.pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         self.period_s += later_s;
-        self.reactions.again(look, later_s);
+        self.reactions.repeat(check, later_s);
     }
 }
 
-/// The gestures of a take at their instants in the plan; the tool is the one that was in the hand at `from_s`, until a key names another.
-fn added(played: &[(f64, Gesture)], take: &[ScriptKey], hand: usize, from_s: f64) -> Vec<(f64, Gesture)> {
+/// Gestures of a retry at their instants in the plan. The tool is that at `from_s` until a key
+/// names another.
+fn added(
+    played: &[(f64, Gesture)],
+    retry: &[ScriptKey],
+    instrument: usize,
+    from_s: f64,
+) -> Vec<(f64, Gesture)> {
     let before = played.iter().rev().find(|(t, _)| *t < from_s + SAME_INSTANT_S).or(played.first());
     let Some(mut tool) = before.map(|(_, gesture)| gesture.tool) else { return Vec::new() };
-    let mut own: Vec<&ScriptKey> = take.iter().filter(|k| k.instrument as usize == hand).collect();
+    let mut own: Vec<&ScriptKey> = retry.iter().filter(|k| k.instrument as usize == instrument).collect();
     own.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
     let gesture = |k: &ScriptKey| {
         tool = k.tool.unwrap_or(tool);
@@ -178,9 +189,9 @@ fn added(played: &[(f64, Gesture)], take: &[ScriptKey], hand: usize, from_s: f64
 }
 
 impl Reactions {
-    /// What follows a look comes later by so much; its aims, and itself, come again.
-    fn again(&mut self, mut look: GoalCheck, later_s: f64) {
-        let (from_s, at_s) = (look.from_s, look.at_s);
+    /// Delays every reaction after a goal check, and schedules the check and its retargets again.
+    fn repeat(&mut self, mut check: GoalCheck, later_s: f64) {
+        let (from_s, at_s) = (check.from_s, check.at_s);
         let later =
             |a: &Retarget| Retarget { at_s: a.at_s + later_s, until_s: a.until_s + later_s, ..a.clone() };
         let of_stretch = |a: &Retarget| a.at_s > from_s - SAME_INSTANT_S && a.until_s < at_s + SAME_INSTANT_S;
@@ -191,17 +202,17 @@ impl Reactions {
             .filter(|(a, _)| a.at_s > at_s - SAME_INSTANT_S)
             .for_each(|(a, _)| *a = later(a));
         self.retargets.extend(retargets);
-        // A stretch that has begun before is done again as it was planned, without what was inserted.
+        // A stretch that began before is repeated as planned, without inserted retries.
         self.goal_checks.iter_mut().for_each(|l| postpone(l, later_s));
-        postpone(&mut look, later_s);
-        let place = self.goal_checks.partition_point(|l| l.at_s < look.at_s);
-        self.goal_checks.insert(place, look);
+        postpone(&mut check, later_s);
+        let place = self.goal_checks.partition_point(|l| l.at_s < check.at_s);
+        self.goal_checks.insert(place, check);
     }
 }
 
-fn postpone(look: &mut GoalCheck, by_s: f64) {
-    (look.from_s, look.at_s) = (look.from_s + by_s, look.at_s + by_s);
-    look.retries.iter_mut().flat_map(|t| &mut t.keys).for_each(|k| k.at_s += by_s);
+fn postpone(check: &mut GoalCheck, by_s: f64) {
+    (check.from_s, check.at_s) = (check.from_s + by_s, check.at_s + by_s);
+    check.retries.iter_mut().flat_map(|t| &mut t.keys).for_each(|k| k.at_s += by_s);
 }
 
 impl PerceivedBody {
@@ -346,7 +357,7 @@ mod tests {
     }
 
     proptest! {
-        /// What was played stays what it was, whatever is seen.
+        /// Played keys stay, whatever is perceived.
         #[test]
         fn the_past_does_not_change(x in -1.0..1.0f64, y in -1.0..1.0f64, first in 0u32..40, reached: bool) {
             let mut script = Script::new(&scene());
