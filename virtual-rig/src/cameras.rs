@@ -234,8 +234,8 @@ impl Exposure<'_> {
         }
     }
 
-    /// Makes blobs of the markers without drawing them; the instants are the header's, but for that at
-    /// which they leave.
+    /// Makes blobs of the markers without drawing them; the instants are the header's, but for that
+    /// at which they leave.
     pub fn blobs(&self, field: &mut BlobField) {
         let header = self.header();
         (field.field, field.camera, field.parity) = (header.field, header.camera, header.parity);

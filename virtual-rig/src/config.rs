@@ -41,7 +41,8 @@ pub struct Config {
     /// Finish after so many seconds.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,
-    /// Finish so many seconds after the script's round, with what the surgeon does again, if that is before the duration.
+    /// Finish so many seconds after the script's round, with what the surgeon does again, if that
+    /// is before the duration.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub after_round: Option<f64>,
     /// Send the fields of camera CAM so many ms too late.
@@ -52,8 +53,8 @@ pub struct Config {
 /// Faults of the virtual cameras.
 #[derive(Debug, Clone, clap::Args)]
 pub struct FaultArgs {
-    /// Let things go wrong, from the seed: presets (none, mild, hard, or a fault by its name) or a file that
-    /// ends in .toml.
+    /// Let things go wrong, from the seed: presets (none, mild, hard, or a fault by its name) or a
+    /// file that ends in .toml.
     #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
     pub faults: Option<String>,
     /// Write down what was done to which field, as JSON lines.

@@ -23,9 +23,9 @@ const GLARE: f64 = 1.2;
 const DIM: f64 = 0.3;
 
 /// Puts a blob for every marker whose centre is in the frame, and on a line that `keep` wants, into
-/// `out`, in the order in which the hardware would complete them. `number` is the field that saw the
-/// markers. The noise is drawn from the seed, the camera, that field and the marker, so that no marker's
-/// noise depends on which others are seen.
+/// `out`, in the order in which the hardware would complete them. `number` is the field that saw
+/// the markers. The noise is drawn from the seed, the camera, that field and the marker, so that no
+/// marker's noise depends on which others are seen.
 pub fn blobs(
     seed: u64,
     camera: &Camera,

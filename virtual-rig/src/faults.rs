@@ -16,7 +16,8 @@
 //! | `flicker` | light | the lamp beats against the exposure | none: centres stay |
 //! | `colour-drift` | decoder | hue and gain of chroma turn slowly | none |
 //!
-//! Each injected fault is a [`FaultEvent`]: counted for the health text, and written to `--fault-log`.
+//! Each injected fault is a [`FaultEvent`]: counted for the health text, and written to
+//! `--fault-log`.
 
 pub mod readout;
 pub mod sampler;

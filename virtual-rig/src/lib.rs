@@ -1,10 +1,10 @@
 //! The virtual rig of vitreo: a scripted surgeon, a mechanical eye, and cameras that see both.
 //!
-//! The surgeon ([`surgeon::motion`]) moves the instruments and reacts to the simulation ([`perception`]);
-//! the cameras ([`cameras`]) see coloured markers ([`projection`]) in interlaced fields of pixels
-//! ([`painter`]), or as blobs with noise ([`direct`]). A recorded stream of blobs can be played in their
-//! place ([`playback`]). Faults spoil any of it ([`faults`]). Only [`process`] knows the clock and the
-//! channels; [`schedule`] decides what is exposed when.
+//! The surgeon ([`surgeon::motion`]) moves the instruments and reacts to the simulation
+//! ([`perception`]); the cameras ([`cameras`]) see coloured markers ([`projection`]) in interlaced
+//! fields of pixels ([`painter`]), or as blobs with noise ([`direct`]). A recorded stream of blobs
+//! can be played in their place ([`playback`]). Faults are injected into any of it ([`faults`]).
+//! Only [`process`] knows the clock and the channels; [`schedule`] plans the exposures.
 
 pub mod cameras;
 pub mod config;

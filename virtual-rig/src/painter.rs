@@ -1,8 +1,8 @@
 //! Synthesises the pixels of a field: noise in the dark, and markers as blurred, shaded discs.
 //!
 //! [`model`] gives the mean and the variance of a pixel; this module fills a field with them and
-//! allocates nothing. Pixels are YCbCr 4:2:2 in planes. The same seed, camera and field number give the
-//! same picture to the bit.
+//! allocates nothing. Pixels are YCbCr 4:2:2 in planes. The same seed, camera and field number give
+//! the same picture to the bit.
 
 mod light;
 pub mod model;
@@ -27,7 +27,7 @@ pub struct Patch {
     pub image: MarkerImage,
     /// Movement during the exposure, px of the frame.
     pub smear_px: Vector2<f64>,
-    /// Light on it as a share of what the reference colours are for.
+    /// Illumination as a share of that of the reference colours.
     pub brightness: f64,
 }
 
@@ -94,8 +94,8 @@ impl Painter {
         self.paint(markers.iter().copied().map(Patch::from), &Light::default(), camera, number, picture);
     }
 
-    /// The same with movement and light. `picture` must be as wide as the painter's fields; it may end
-    /// after any line.
+    /// The same with movement and light. `picture` must be as wide as the painter's fields; it may
+    /// end after any line.
     pub fn paint<B: DerefMut<Target = [u8]>>(
         &self,
         patches: impl Iterator<Item = Patch>,

@@ -1,5 +1,5 @@
-//! What a scripted surgeon perceives in a live run: the scene that the simulation sent last, and the
-//! goals that its events reported as reached.
+//! What a scripted surgeon perceives in a live run: the scene that the simulation sent last, and
+//! the goals that its events reported as reached.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use protocol::events::{Event, EventKind};

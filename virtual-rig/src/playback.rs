@@ -24,9 +24,9 @@ pub enum PlaybackError {
         field: u64,
         /// Its camera.
         camera: u32,
-        /// What would be right.
+        /// Expected value.
         expected: &'static str,
-        /// What is there.
+        /// Value found.
         found: String,
     },
     /// Nothing to play.

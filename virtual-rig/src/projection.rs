@@ -1,5 +1,5 @@
-//! Projects the markers of a rig into a camera's picture, without noise: the ideal that pixels, blobs
-//! and tests are measured against.
+//! Projects the markers of a rig into a camera's picture, without noise: the ideal that pixels,
+//! blobs and tests are measured against.
 
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2, Vector3};
 use protocol::blobs::Colour;
@@ -74,8 +74,8 @@ impl Markers {
         images.sort_unstable_by(|a, b| b.depth_mm.total_cmp(&a.depth_mm));
     }
 
-    /// Movement of a marker's centre from one instant to another, px of the frame; nothing if it cannot
-    /// be seen at both.
+    /// Movement of a marker's centre from one instant to another, px of the frame; nothing if it
+    /// cannot be seen at both.
     pub fn moved_px(&self, camera: &Camera, seen: &MarkerImage, from: &Motion, to: &Motion) -> Vector2<f64> {
         let marker = self.bodies[seen.body].iter().find(|m| m.id == seen.marker);
         let at = |motion: &Motion| {

@@ -1,19 +1,20 @@
-//! Groups of cameras that share a clock, and what is to be done next. Pure: the time is an argument.
+//! Schedule of the exposures: groups of cameras that share a clock, and the next action. Pure: the
+//! time is an argument.
 //!
 //! Genlocked cameras are one group; a free-running camera is a group of its own. A group's field is
-//! made as soon as its field before has left, ahead of the instant at which its blobs are due; it is
-//! not begun just before another group's field has to leave.
+//! made as soon as its field before has left, ahead of the instant at which its blobs are due; it
+//! is not begun just before another group's field has to leave.
 
 use crate::cameras::Cameras;
 use crate::faults::timing::Clock;
 
-/// Room that is left before a field is due, ns: drawing one takes less than 1 ms.
+/// Time kept free before a send, ns; drawing a field takes less than 1 ms.
 const ROOM_NS: u64 = 3_000_000;
 
 /// Cameras that share a clock.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Group {
-    /// Places in the rig.
+    /// Indices in the rig.
     pub cameras: Vec<usize>,
     /// Their clock.
     pub clock: Clock,
@@ -25,14 +26,14 @@ pub struct Group {
     busy_until_ns: u64,
 }
 
-/// What is to be done.
+/// Next action of the process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
     /// Expose the next field of this group.
     Expose(usize),
-    /// Wait until so many ns after the start; something is due then.
+    /// Wait until something is due, ns after the start.
     Wait(u64),
-    /// Nothing more comes.
+    /// No field is left.
     Over,
 }
 
@@ -60,13 +61,13 @@ impl Schedule {
         Schedule(groups)
     }
 
-    /// Begins anew.
+    /// Starts again with field 0.
     pub fn reset(&mut self) {
         self.0.iter_mut().for_each(|g| (g.next, g.busy_until_ns) = (0, 0));
     }
 
-    /// What is to be done `elapsed_ns` after the start, where `send_ns` is when something has to be sent.
-    /// No field is exposed from `duration_ns` on.
+    /// Next action `elapsed_ns` after the start, with the next send due at `send_ns`. No field is
+    /// exposed from `duration_ns` on.
     pub fn next(&self, elapsed_ns: u64, send_ns: Option<u64>, duration_ns: u64) -> Action {
         let lives = |g: &&Group| g.clock.exposed_ns(g.next) < duration_ns;
         let is_free = |g: &Group| g.busy_until_ns <= elapsed_ns;
@@ -83,7 +84,8 @@ impl Schedule {
         wake.map_or(Action::Over, Action::Wait)
     }
 
-    /// Leaves out the fields of group `i` that a machine too slow has missed; returns how many.
+    /// Leaves out the fields of group `i` that are overdue by a period or more; returns their
+    /// number.
     pub fn leave_out_missed(&mut self, i: usize, elapsed_ns: u64) -> u64 {
         let group = &mut self.0[i];
         let missed = elapsed_ns.saturating_sub(group.due_ns()) / group.clock.period_ns.max(1);
@@ -91,7 +93,7 @@ impl Schedule {
         missed
     }
 
-    /// Notes that the next field of group `i` was exposed; returns its number.
+    /// Marks the next field of group `i` as exposed; returns its number.
     pub fn exposed(&mut self, i: usize) -> u64 {
         let group = &mut self.0[i];
         group.busy_until_ns = group.due_ns();

@@ -1,5 +1,5 @@
-//! The process itself: fields of pixels and of blobs, schedule, pause, reset, late cameras, end of a
-//! stream, shutdown.
+//! The process itself: fields of pixels and of blobs, schedule, pause, reset, late cameras, end of
+//! a stream, shutdown.
 
 use ipc::clock::now;
 use ipc::{Instance, Queue, Receiver, Sender, wait};
@@ -16,8 +16,8 @@ const WATCHDOG: Duration = Duration::from_secs(60);
 const PERIOD_NS: u64 = 20_000_000;
 /// From exposure to the end of the read-out in the shipped rig: 2 ms and 288 lines of 64 µs.
 const READ_OUT_NS: u64 = 2_000_000 + 288 * 64_000;
-/// From exposure until blobs may leave at the earliest: no marker of the shipped rig appears below line 245
-/// of a field, in any camera.
+/// From exposure until blobs may leave at the earliest: no marker of the shipped rig appears below
+/// line 245 of a field, in any camera.
 const OUT_NS: u64 = 2_000_000 + 245 * 64_000;
 
 struct Setup {

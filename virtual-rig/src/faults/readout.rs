@@ -40,7 +40,8 @@ impl Tear {
 }
 
 impl FaultInjector {
-    /// Tear of a field of `lines` lines, if it is torn. Field 0 has no previous one and stays whole.
+    /// Tear of a field of `lines` lines, if it is torn. Field 0 has no previous one and stays
+    /// whole.
     pub fn tear(&self, camera: u32, field: u64, lines: usize) -> Option<Tear> {
         let torn =
             self.spec.torn.as_ref().filter(|_| self.applies_to(FaultKind::Torn, camera) && field > 0)?;
@@ -54,8 +55,8 @@ impl FaultInjector {
         Some(Tear { line, missing })
     }
 
-    /// Adds the camera's hot pixels to a picture of a field of `height` lines. Their places are the same
-    /// in every field; those below the picture's last line are left out.
+    /// Adds the camera's hot pixels to a picture of a field of `height` lines. Their places are the
+    /// same in every field; those below the picture's last line are left out.
     pub fn add_hot_pixels<B: DerefMut<Target = [u8]>>(
         &self,
         camera: u32,

@@ -37,8 +37,8 @@ impl FaultSampler {
         Draw { key: nth(nth(self.seed ^ stream, 0) ^ field, 0) }
     }
 
-    /// Newest episode that contains `field`. An episode begins in a field with probability `rate`; its
-    /// length is uniform in 1 to `longest` fields.
+    /// Newest episode that contains `field`. An episode begins in a field with probability `rate`;
+    /// its length is uniform in 1 to `longest` fields.
     pub fn episode(
         &self,
         kind: FaultKind,

@@ -17,8 +17,8 @@ const GHOST_TURN: f64 = 0.12;
 const _: () = assert!(protocol::limits::MAX_MARKERS <= GHOST as usize);
 
 impl FaultInjector {
-    /// Applies the scene's faults to the patches of field `number` of a camera. `emit` gets each fault of
-    /// a visible marker.
+    /// Applies the scene's faults to the patches of field `number` of a camera. `emit` gets each
+    /// fault of a visible marker.
     pub fn inject_into_scene(
         &self,
         camera: u32,
@@ -96,8 +96,8 @@ impl FaultInjector {
         self.markers.get(draw.below(2, self.markers.len() as u64) as usize).copied()
     }
 
-    /// Illumination and chroma `exposed_ns` after the start. All cameras see the same lamp; each has its
-    /// own decoder.
+    /// Illumination and chroma `exposed_ns` after the start. All cameras see the same lamp; each
+    /// has its own decoder.
     pub fn light(&self, camera: u32, exposed_ns: u64) -> Light {
         let t = exposed_ns as f64 * 1e-9;
         let mut light = Light::default();

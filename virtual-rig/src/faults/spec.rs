@@ -211,12 +211,12 @@ pub struct FaultSpec {
 }
 
 impl FaultSpec {
-    /// Reads presets (comma-separated; a later one replaces sections of an earlier one) or a file whose
-    /// name ends in `.toml`.
+    /// Reads presets (comma-separated; a later one replaces sections of an earlier one) or a file
+    /// whose name ends in `.toml`.
     ///
     /// # Errors
-    /// [`FaultError::Unknown`] for an unknown preset, [`FaultError::Read`] where the file cannot be read;
-    /// otherwise as [`FaultSpec::parse`].
+    /// [`FaultError::Unknown`] for an unknown preset, [`FaultError::Read`] where the file cannot be
+    /// read; otherwise as [`FaultSpec::parse`].
     pub fn load(text: &str) -> Result<Self, FaultError> {
         if text.ends_with(".toml") {
             let read = std::fs::read_to_string(text);
@@ -280,8 +280,8 @@ impl FaultSpec {
     /// Parses and checks the text of a fault file; `file` is its name in error messages.
     ///
     /// # Errors
-    /// [`FaultError::Parse`] where the text is not TOML of this format, [`FaultError::Value`] where a value
-    /// is out of range.
+    /// [`FaultError::Parse`] where the text is not TOML of this format, [`FaultError::Value`] where
+    /// a value is out of range.
     pub fn parse(text: &str, file: &str) -> Result<Self, FaultError> {
         let spec: FaultSpec = toml::from_str(text)
             .map_err(|source| FaultError::Parse { file: file.into(), source: Box::new(source) })?;

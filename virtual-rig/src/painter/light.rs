@@ -1,4 +1,4 @@
-//! The light on a scene and what the decoder makes of its colours.
+//! Illumination of a scene and gain and hue of the decoded chroma.
 
 use super::BLACK;
 
@@ -8,7 +8,7 @@ const CHANNEL_FULL: f64 = 219.0;
 /// Light and colour of one field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
-    /// Lamp's light, averaged over the exposure, as a share of what it should be.
+    /// Illumination averaged over the exposure, as a share of the nominal one.
     pub gain: f64,
     /// Gain of chroma.
     pub chroma_gain: f64,
@@ -23,9 +23,9 @@ impl Default for Light {
 }
 
 impl Light {
-    /// A surface of reference colour `ycbcr` under this light, `brightness` times as bright as usual. A
-    /// sensor's channels are clipped at full before they become YCbCr, so that what is too bright
-    /// turns pale.
+    /// A surface of reference colour `ycbcr` under this light, `brightness` times as bright as
+    /// usual. A sensor's channels are clipped at full before they become YCbCr, so that what is too
+    /// bright turns pale.
     pub(super) fn on(&self, ycbcr: [u8; 3], brightness: f64) -> [f64; 3] {
         let [y, cb, cr] = ycbcr.map(f64::from);
         let lit = self.gain * brightness;

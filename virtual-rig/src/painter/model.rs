@@ -1,8 +1,8 @@
-//! The image model: what a pixel is expected to show, and how far it scatters about that.
+//! The image model: mean and variance of a pixel.
 //!
-//! A field `k` samples the light on the lines `2·y + (k mod 2)` of the frame. With a marker's outline an
-//! ellipse of centre `c` (px of the field, column and line) and shape `Q` (`dᵀ·Q⁻¹·d = 1` on the
-//! outline), the luma of pixel `p` has the mean
+//! A field `k` samples the light on the lines `2·y + (k mod 2)` of the frame. With a marker's
+//! outline an ellipse of centre `c` (px of the field, column and line) and shape `Q` (`dᵀ·Q⁻¹·d =
+//! 1` on the outline), the luma of pixel `p` has the mean
 //!
 //! ```text
 //! μ(p) = B(p) + (S(p) − B(p))·m(p) + X(p)
@@ -14,19 +14,20 @@
 //! B(p) = background + gradient·(p/size − ½)
 //! ```
 //!
-//! `b` is the lens's blur in px of the frame (a line of the field is two of the frame, hence a quarter
-//! of the variance), `v` the movement during one exposure, in px of the field; a movement of more
-//! than 1.5 px is cut into equal parts whose `m` are averaged. `hx` is half the width of the outline, Φ
-//! the normal distribution. `X` is what is left of the colour carrier of phase ωt,
+//! `b` is the lens's blur in px of the frame (a line of the field is two of the frame, hence a
+//! quarter of the variance), `v` the movement during one exposure, in px of the field; a movement
+//! of more than 1.5 px is cut into equal parts whose `m` are averaged. `hx` is half the width of
+//! the outline, Φ the normal distribution. `X` is what is left of the colour carrier of phase ωt,
 //! `crosstalk·((Cb − 128)·sin ωt ± (Cr − 128)·cos ωt)`. The variance is
 //!
 //! ```text
 //! var(p) = read² + shot·max(0, μ(p) − 16)  (+ 1/12 for rounding to whole levels)
 //! ```
 //!
-//! independent from pixel to pixel, because the luma filter is wider than the pixel's band. Chroma has
-//! the same form with a far wider spread along the line (PAL carries colour with 1.3 MHz) and over two
-//! lines (delay-line decoder). Several markers are laid over one another, the nearest last.
+//! independent from pixel to pixel, because the luma filter is wider than the pixel's band. Chroma
+//! has the same form with a far wider spread along the line (PAL carries colour with 1.3 MHz) and
+//! over two lines (delay-line decoder). Several markers are laid over one another, the nearest
+//! last.
 
 use super::{FieldPicture, Light, Patch};
 use protocol::fields::DARK;
@@ -39,7 +40,7 @@ use std::sync::LazyLock;
 pub const BLACK: f64 = 16.0;
 /// No colour: Cb, Cr.
 pub(super) const GREY: [f64; 2] = [128.0; 2];
-/// Beyond so many σ a pixel lies wholly inside or outside.
+/// Distance from the edge in σ of the blur beyond which a pixel lies wholly inside or outside.
 const FAR: f64 = 3.5;
 /// Entries of the table of Φ for each σ; linear interpolation is then right to 2 millionths.
 const PER_SIGMA: usize = 128;
@@ -55,7 +56,7 @@ const CARRIER_PER_PX: f64 = 4.433_618_75 / 13.5;
 const CARRIER_PER_LINE: f64 = 0.7516;
 const CARRIER_PER_FIELD: f64 = 312.5 * 283.7516;
 
-/// What optics, sensor and PAL coding do to a picture. The defaults are a good industrial camera.
+/// Parameters of optics, sensor and PAL coding. The defaults are a good industrial camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ImageModel {
     /// Blur of lens and electronics: σ of a Gaussian, px of the frame, the same in both axes.
@@ -67,20 +68,21 @@ pub struct ImageModel {
     pub shot_noise: f64,
     /// Noise of a chroma sample: σ, grey levels, limited to the band of chroma.
     pub chroma_noise: f64,
-    /// Share by which a marker's right edge is brighter than its middle, and its left edge darker; 0 to 0.04
-    /// is usual.
+    /// Share by which a marker's right edge is brighter than its middle, and its left edge darker;
+    /// 0 to 0.04 is usual.
     pub side_shade: f64,
     /// Share by which a marker is darker at its rim than in its middle.
     pub rim_shade: f64,
     /// Luma of the background, grey levels.
     pub background: f64,
-    /// Change of the background from the left to the right border and from top to bottom, grey levels.
+    /// Change of the background from the left to the right border and from top to bottom, grey
+    /// levels.
     pub gradient: [f64; 2],
     /// Blur of chroma along the line: σ of a Gaussian, px. 1.38 px is −3 dB at 1.3 MHz.
     pub chroma_blur_px: f64,
     /// Share of chroma's carrier that is left in luma, and of luma's detail that gets into chroma.
     pub crosstalk: f64,
-    /// Whether what moves is smeared over the exposure.
+    /// Motion blur over the exposure.
     pub motion: bool,
 }
 
@@ -103,8 +105,8 @@ impl Default for ImageModel {
 }
 
 impl ImageModel {
-    /// Expected luma of the pixel in `column` and `line` of field `number`, with one marker in it, in a
-    /// field of `size_px` (columns, lines). Not clipped to the converter's range.
+    /// Expected luma of the pixel in `column` and `line` of field `number`, with one marker in it,
+    /// in a field of `size_px` (columns, lines). Not clipped to the converter's range.
     pub fn mean_luma(&self, patch: &Patch, number: u64, size_px: [usize; 2], column: f64, line: f64) -> f64 {
         let ground = self.ground(size_px, column, line);
         let Some(disc) = Disc::of(self, patch, number, &Light::default()) else { return ground };
@@ -128,8 +130,8 @@ impl ImageModel {
     }
 }
 
-/// Phase of the colour carrier on a line: `U·sin(ωt) ± V·cos(ωt)`, the sign alternating from line to
-/// line. What a decoder leaves of it in luma crawls as dots along coloured edges.
+/// Phase of the colour carrier on a line: `U·sin(ωt) ± V·cos(ωt)`, the sign alternating from line
+/// to line. What a decoder leaves of it in luma crawls as dots along coloured edges.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Carrier {
     /// Sine and cosine at the first column.
@@ -177,9 +179,9 @@ struct Edge {
 }
 
 impl Edge {
-    /// Of spread `spread` about the outline of `metric`, which moves by `smear`. With |Q⁻¹d|² ≤ λ(Q⁻¹)·q and
-    /// nᵀΣn ≤ λ(Σ), δ/σ is at least |√q − 1|/√(λ(Σ)·λ(Q⁻¹)); a shift by `s` changes √q by at
-    /// most |s|·√λ(Q⁻¹).
+    /// Of spread `spread` about the outline of `metric`, which moves by `smear`. With |Q⁻¹d|² ≤
+    /// λ(Q⁻¹)·q and nᵀΣn ≤ λ(Σ), δ/σ is at least |√q − 1|/√(λ(Σ)·λ(Q⁻¹)); a shift by `s` changes √q
+    /// by at most |s|·√λ(Q⁻¹).
     fn new(spread: Matrix2<f64>, metric: &Matrix2<f64>, smear: &Vector2<f64>) -> Self {
         let steepest = largest(metric).sqrt();
         let reach = FAR * largest(&spread).sqrt() * steepest;

@@ -41,8 +41,8 @@ impl Noise {
     }
 }
 
-/// Gaussian noise of unit variance as the sum of twelve uniform bytes (Irwin–Hall), which is fast and
-/// bounded.
+/// Gaussian noise of unit variance as the sum of twelve uniform bytes (Irwin–Hall), which is fast
+/// and bounded.
 fn white(seed: u64, stream: u64, n: usize) -> Vec<f32> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(stream);

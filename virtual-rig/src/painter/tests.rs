@@ -1,4 +1,4 @@
-//! Tests of the painter: against its own image model, and of what interlace and movement do.
+//! Tests of the painter: agreement with its image model, interlace, motion blur.
 
 use super::*;
 use nalgebra::{Matrix2, Vector2};
@@ -21,7 +21,7 @@ fn flat() -> ImageModel {
     ImageModel { gradient: [0.0; 2], ..ImageModel::default() }
 }
 
-/// Centre of what is brighter than the background, px of the frame.
+/// Centroid of the luma above the background, px of the frame.
 fn centre(picture: &FieldPicture, parity: f64, ground: f64) -> Vector2<f64> {
     let mut sum = nalgebra::Vector3::zeros();
     for y in 0..picture.height {
@@ -85,7 +85,8 @@ fn pixels_have_the_mean_and_the_variance_of_the_image_model() {
 
 #[test]
 fn covered_area_is_that_of_the_outline() {
-    // Truth: the share of random points of each pixel, blurred by lens and movement, in the ellipse.
+    // Truth: the share of random points of each pixel, blurred by lens and movement, in the
+    // ellipse.
     let model = ImageModel { side_shade: 0.0, rim_shade: 0.0, crosstalk: 0.0, ..flat() };
     let patch = Patch { smear_px: Vector2::new(2.5, 1.0), ..marker(31.0, 30.0).into() };
     let light = reference_luma();

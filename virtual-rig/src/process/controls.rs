@@ -1,4 +1,4 @@
-//! Handles and pedal on their way to the simulation.
+//! Output of the controls: handles and pedal.
 
 use anyhow::Result;
 use bytemuck::Zeroable;
@@ -36,9 +36,9 @@ impl ControlSample {
 pub(super) struct Controls {
     handles: Sender<HandleState>,
     pedal: Sender<PedalState>,
-    /// Field with which the pedal is due again.
+    /// Field with which the pedal is next due.
     next_pedal: u64,
-    /// As it was sent last, but for number and instant.
+    /// The pedal as sent last, without number and instant.
     last_pedal: PedalState,
 }
 

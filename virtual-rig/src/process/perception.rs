@@ -1,4 +1,4 @@
-//! The simulation's scenes and events on their way to the surgeon.
+//! Feedback of the simulation's scenes and events to the surgeon.
 
 use crate::perception::ScenePerception;
 use anyhow::Result;
@@ -7,12 +7,12 @@ use protocol::events::Event;
 use protocol::scene::SceneHeader;
 use surgeon::motion::MotionSource;
 
-/// The channels that the surgeon perceives by, and what came last.
+/// The channels of the surgeon's perception, and its newest state.
 pub(super) struct PerceptionInput {
     scenes: BlockReceiver<SceneHeader>,
     events: Receiver<Event>,
     newest: ScenePerception,
-    /// A scene has come.
+    /// True once a scene was received.
     any: bool,
 }
 
@@ -22,8 +22,8 @@ impl PerceptionInput {
         Ok(PerceptionInput { scenes, events, newest: ScenePerception::default(), any: false })
     }
 
-    /// Takes in the events and, where the surgeon reacts to anything now, the newest scene. Without a
-    /// scene the script is played blindly.
+    /// Takes in the events and, where a reaction is due, the newest scene. Before the first scene
+    /// the script is played without reactions.
     pub(super) fn show(&mut self, surgeon: &mut MotionSource, exposed_ns: u64) -> Result<()> {
         while let Some(event) = self.events.next_valid()? {
             self.newest.take_event(&event);

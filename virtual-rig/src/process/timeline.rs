@@ -1,11 +1,11 @@
-//! The schedule's start on the clock. Pure: the time is an argument.
+//! Start of the schedule on the clock, with pauses. Pure: the time is an argument.
 
 use protocol::time::Nanos;
 
 /// From the start of the loop to the first exposure, ns.
 const LEAD_NS: u64 = 20_000_000;
 
-/// Start of a schedule that may stand still; a pause moves it.
+/// Start of a schedule; a pause moves it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Timeline {
     start_ns: Nanos,
@@ -23,7 +23,7 @@ impl Timeline {
         now.saturating_sub(self.start_ns)
     }
 
-    /// The instant `offset_ns` after the start; none comes while the schedule stands still.
+    /// The instant `offset_ns` after the start; `u64::MAX` during a pause.
     pub(super) fn instant(&self, offset_ns: u64) -> Nanos {
         if self.is_paused() { u64::MAX } else { self.start_ns.saturating_add(offset_ns) }
     }
@@ -33,18 +33,18 @@ impl Timeline {
         self.paused_since.is_some()
     }
 
-    /// Stands still from now on.
+    /// Pauses the schedule.
     pub(super) fn pause(&mut self, now: Nanos) {
         self.paused_since.get_or_insert(now);
     }
 
-    /// Goes on where it stood still.
+    /// Resumes the schedule; the start moves by the pause.
     pub(super) fn resume(&mut self, now: Nanos) {
-        let stood_still = self.paused_since.take().map_or(0, |since| now.saturating_sub(since));
-        self.start_ns += stood_still;
+        let pause_ns = self.paused_since.take().map_or(0, |since| now.saturating_sub(since));
+        self.start_ns += pause_ns;
     }
 
-    /// Starts anew, soon; one that stands still goes on doing so.
+    /// Starts again after [`LEAD_NS`]; a pause continues.
     pub(super) fn restart(&mut self, now: Nanos) {
         self.start_ns = now + LEAD_NS;
         self.paused_since = self.paused_since.map(|_| self.start_ns);

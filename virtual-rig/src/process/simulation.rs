@@ -1,0 +1,214 @@
+//! Simulation of the cameras: exposure of fields, and their output with the controls.
+//!
+//! Field `k` is exposed at `t0 + k·period` (or by its camera's own clock). Its pixels are
+//! synthesised and published ahead, with the instants at which a real camera would send them; the
+//! camera hardware keeps to those. Blobs that are made without pixels are held back here. A machine
+//! that falls behind by a field leaves fields out and counts them; nothing queues up.
+
+use super::controls::ControlSample;
+use super::output::{FieldTiming, Output};
+use super::surgeon::ScriptedSurgeon;
+use super::{VirtualRigShell, Wake};
+use crate::cameras::{Cameras, Path};
+use crate::config::{Config, LateCamera};
+use crate::faults::FaultInjector;
+use crate::faults::spec::FaultSpec;
+use crate::faults::tally::FaultLog;
+use crate::schedule::{Action, Schedule};
+use anyhow::{Context, Result};
+use ipc::clock::now;
+use ipc::logging::message;
+use protocol::health::{STATE_DEGRADED, STATE_RUNNING};
+use protocol::rig::Rig;
+
+/// Consecutive fields in time after which the machine counts as fast enough again.
+const RECOVERED_AFTER: u64 = 50;
+/// Time that the camera hardware has after the last field is due before the end is reported, ns.
+const DRAIN_NS: u64 = 5_000_000;
+
+/// Simulates the cameras until the process is stopped.
+pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Result<()> {
+    let path = if config.direct { Path::Direct } else { Path::Pixels };
+    let faults = match &config.faults.faults {
+        Some(text) => FaultInjector::new(FaultSpec::load(text)?, rig, config.seed)?,
+        None => FaultInjector::none(rig),
+    };
+    let log = config
+        .faults
+        .fault_log
+        .as_deref()
+        .map(|path| FaultLog::create(path).with_context(|| format!("cannot write {}", path.display())));
+    let cameras = Cameras::with_faults(rig, path, config.seed, faults)?;
+    let mut shell = VirtualRigShell::open(config, rig, surgeon)?;
+    let fault_log = log.transpose()?;
+    let mut simulation = Simulation {
+        output: Output::open(&shell.instance, path, cameras.payload_bytes())?,
+        schedule: Schedule::of(&cameras),
+        cameras,
+        controls: None,
+        last_due_ns: 0,
+        late: config.late_camera,
+        fault_log,
+        in_time: 0,
+    };
+    shell.simulate(&mut simulation)?;
+    let mut summary = String::new();
+    simulation.cameras.tally.summary(&mut summary);
+    if !summary.is_empty() {
+        message(tracing::Level::INFO, &summary);
+    }
+    Ok(())
+}
+
+/// The cameras, their schedule and output.
+struct Simulation {
+    cameras: Cameras,
+    schedule: Schedule,
+    output: Output,
+    /// Controls of the newest exposure, until they are sent.
+    controls: Option<ControlSample>,
+    /// When the last exposed field is due, ns after the start.
+    last_due_ns: u64,
+    /// Camera with an additional delay.
+    late: Option<LateCamera>,
+    fault_log: Option<FaultLog>,
+    /// Consecutive fields exposed in time.
+    in_time: u64,
+}
+
+impl Simulation {
+    /// The next action `elapsed_ns` after the start, with no exposure from `end_ns` on.
+    fn next_action(&self, elapsed_ns: u64, end_ns: u64) -> Action {
+        let send = self.output.due_ns().into_iter().chain(self.controls.map(|c| c.due_ns)).min();
+        self.schedule.next(elapsed_ns, send, end_ns)
+    }
+
+    /// Starts again with field 0.
+    fn restart(&mut self) {
+        self.output.clear();
+        self.schedule.reset();
+        (self.controls, self.last_due_ns) = (None, 0);
+    }
+}
+
+impl VirtualRigShell {
+    /// Exposes fields and sends what is due, until a stop.
+    fn simulate(&mut self, simulation: &mut Simulation) -> Result<()> {
+        loop {
+            let elapsed = self.timeline.elapsed(now());
+            let wake = match simulation.next_action(elapsed, self.end_ns()) {
+                // A published field has its instants: none is exposed during a pause.
+                Action::Expose(_) if self.timeline.is_paused() => self.wait_for(0)?,
+                Action::Expose(group) => {
+                    self.expose_group(simulation, group, elapsed)?;
+                    continue;
+                }
+                Action::Wait(until) => self.wait_for(until)?,
+                Action::Over => self.finish(simulation.last_due_ns + DRAIN_NS)?,
+            };
+            match wake {
+                Wake::Stop => return Ok(()),
+                Wake::Restart => simulation.restart(),
+                Wake::Due => self.send_due(simulation)?,
+            }
+        }
+    }
+
+    /// End of the exposures, ns after the start.
+    fn end_ns(&self) -> u64 {
+        let after = |s: f64| ((self.surgeon.motion.period_s() + s) * 1e9) as u64;
+        self.config.after_round.map_or(u64::MAX, after).min(self.duration_ns)
+    }
+
+    /// Exposes the next field of every camera of a group. The first group's field also samples the
+    /// controls and feeds back perception.
+    fn expose_group(&mut self, simulation: &mut Simulation, group: usize, elapsed_ns: u64) -> Result<()> {
+        let missed = simulation.schedule.leave_out_missed(group, elapsed_ns);
+        self.count_missed(simulation, missed, group)?;
+        let number = simulation.schedule.exposed(group);
+        for k in 0..simulation.schedule.0[group].cameras.len() {
+            let camera = simulation.schedule.0[group].cameras[k];
+            simulation.last_due_ns = self.expose(simulation, camera, number)?.max(simulation.last_due_ns);
+        }
+        if group == 0 {
+            let exposed_ns = simulation.schedule.0[group].clock.exposed_ns(number);
+            let due_ns = exposed_ns + simulation.schedule.0[group].out_after_ns + self.delay_ns;
+            let controls = ControlSample::at(&mut self.surgeon.motion, exposed_ns, number, due_ns);
+            simulation.controls = Some(controls);
+            if let Some(perception) = &mut self.perception {
+                perception.show(&mut self.surgeon.motion, exposed_ns)?;
+            }
+        }
+        self.report_faults(simulation)
+    }
+
+    /// Exposes field `number` of camera `i` and puts it out. Returns when it is due at the
+    /// earliest, ns after the start.
+    fn expose(&mut self, simulation: &mut Simulation, i: usize, number: u64) -> Result<u64> {
+        let Simulation { cameras, output, late, .. } = simulation;
+        let id = cameras.id(i);
+        let delivery = cameras.delivery(i, number);
+        let late_ns = late.filter(|l| l.camera == id).map_or(0, |l| l.delay_ns) + delivery.delay_ns;
+        let due_ns = cameras.clock(i).exposed_ns(number) + cameras.out_after_ns(i) + late_ns + self.delay_ns;
+        let mut exposure = cameras.expose(i, &mut self.surgeon.motion, number);
+        if delivery.dropped {
+            return Ok(due_ns);
+        }
+        let timing = FieldTiming { start_ns: self.timeline.start(), late_ns, due_ns };
+        if !output.put(&mut exposure, &timing)? {
+            self.shell.report.lost += 1;
+        }
+        self.shell.report.sent = self.blobs.sent() + self.controls.sent() + output.sent();
+        Ok(due_ns)
+    }
+
+    /// Sends the controls and blobs that are due. The blobs' instants count from the start until
+    /// here, because a pause may move it.
+    fn send_due(&mut self, simulation: &mut Simulation) -> Result<()> {
+        let elapsed_ns = self.timeline.elapsed(now());
+        if let Some(controls) = simulation.controls.take_if(|c| c.due_ns <= elapsed_ns) {
+            self.controls.send(&controls)?;
+        }
+        while let Some(mut field) = simulation.output.take_due(elapsed_ns) {
+            field.exposed_ns += self.timeline.start();
+            field.read_out_ns += self.timeline.start();
+            self.send(&mut field)?;
+        }
+        Ok(())
+    }
+
+    /// Counts the `missed` fields of each camera of a group, and reports a machine that is too
+    /// slow.
+    fn count_missed(&mut self, simulation: &mut Simulation, missed: u64, group: usize) -> Result<()> {
+        let state = self.shell.report.state;
+        if missed > 0 {
+            self.shell.report.lost += missed * simulation.schedule.0[group].cameras.len() as u64;
+            simulation.in_time = 0;
+            if state == STATE_RUNNING {
+                self.enter(STATE_DEGRADED, "machine too slow: fields are left out")?;
+            }
+        } else {
+            simulation.in_time += 1;
+            if simulation.in_time == RECOVERED_AFTER && state == STATE_DEGRADED {
+                self.enter(STATE_RUNNING, self.surgeon.note)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Logs the new fault events and puts the counts into the next heartbeat.
+    fn report_faults(&mut self, simulation: &mut Simulation) -> Result<()> {
+        let tally = &mut simulation.cameras.tally;
+        if tally.waiting().is_empty() {
+            return Ok(());
+        }
+        if let Some(log) = &mut simulation.fault_log {
+            log.write(tally.waiting()).context("cannot write the fault log")?;
+        }
+        tally.clear_waiting();
+        self.text.clear();
+        tally.summary(&mut self.text);
+        self.say();
+        Ok(())
+    }
+}
