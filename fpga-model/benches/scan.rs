@@ -1,4 +1,5 @@
-//! Pixels per second of the extractor on one core, against real time: 3 cameras × 50 fields/s × 720 × 288.
+//! Pixels per second of the extractor on one core, against real time: 3 cameras × 50 fields/s × 720
+//! × 288.
 //!
 //! `cargo bench -p fpga-model --bench scan` prints a table, with `-- --json` one object a line.
 

@@ -1,8 +1,8 @@
-//! One camera's pixels through the extractor, and when its blobs leave.
+//! Extraction of one camera's fields, and the instant at which their blobs leave.
 //!
-//! The hardware reads the lines of the region ([`protocol::region`]) as they leave the sensor. Blobs
-//! leave when the last one is complete, not before the region has passed; that instant is counted in
-//! pixel clocks from the first line.
+//! The hardware reads the lines of the region ([`protocol::region`]) as they leave the sensor.
+//! Blobs leave when the last one is complete, not before the region has passed; that instant is
+//! counted in pixel clocks from the first line.
 
 use crate::scan::limits::{CAMERA, DIVIDER_CLOCKS, LINE_CLOCKS};
 use crate::scan::{Found, Scanner, Settings};
@@ -41,7 +41,7 @@ impl CameraExtractor {
     }
 
     /// Fills `out` with the blobs of a field, but for the instant at which they leave; returns that
-    /// instant as the hardware would have it.
+    /// instant by the pixel clock.
     pub fn extract(
         &mut self,
         header: &FieldHeader,
@@ -56,7 +56,8 @@ impl CameraExtractor {
         header.first_line_ns + (after / u128::from(LINE_CLOCKS)) as u64
     }
 
-    /// Extracts the blobs of the region; returns the clock at which the last one leaves, 0 without any.
+    /// Extracts the blobs of the region; returns the clock at which the last one leaves, 0 without
+    /// any.
     fn scan(&mut self, picture: &FieldPicture<&[u8]>, out: &mut BlobField) -> u64 {
         let mut out_clock = 0;
         let mut leave = |found: Found| {
@@ -74,8 +75,8 @@ impl CameraExtractor {
     }
 }
 
-/// Clock at which the blobs of `lines` lines have left if none of them ends with the last ones: the last
-/// line is followed by a search of every label and one blob's division.
+/// Clock at which the blobs of `lines` lines have left if none of them ends with the last ones: the
+/// last line is followed by a search of every label and one blob's division.
 fn end_clock(lines: usize) -> u64 {
     lines as u64 * LINE_CLOCKS + CAMERA.labels as u64 + DIVIDER_CLOCKS
 }

@@ -1,8 +1,8 @@
-//! What the cameras take for which colour: a look-up table of chroma.
+//! Colour classification: a look-up table of chroma.
 //!
 //! Luma gives positions, chroma gives classes, because PAL chroma is band-limited and its edges are
-//! blurred over several pixels. Samples are 8-bit YCbCr (ITU-R BT.601); RGB is converted ([`convert`]).
-//! Classes come from a file ([`file`]) or are learnt from pictures ([`learn`]).
+//! blurred over several pixels. Samples are 8-bit YCbCr (ITU-R BT.601); RGB is converted
+//! ([`convert`]). Classes come from a file ([`file`]) or are learnt from pictures ([`learn`]).
 
 pub mod convert;
 pub mod file;
@@ -12,10 +12,10 @@ pub use crate::scan::sums::SATURATED;
 
 use protocol::blobs::Colour;
 
-/// Class of a pixel without enough chroma.
+/// Class of a sample with too little chroma.
 pub const UNSURE: u8 = 0;
 
-/// Least chroma (distance from grey) that tells a class. Half of the palest reference.
+/// Least chroma (distance from grey) of a class: half of the palest reference.
 const LEAST_CHROMA: u8 = 24;
 /// Bits of Cb and Cr that address the table.
 const CHROMA_BITS: u32 = 6;
@@ -32,10 +32,10 @@ pub struct ColourTable {
     classes: [u8; SIDE * SIDE],
 }
 
-/// A class: a colour and what counts as it.
+/// A colour class: reference and tolerances.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Class {
-    /// Its name.
+    /// Colour of the class.
     pub colour: Colour,
     /// Y, Cb, Cr of a well lit marker.
     pub reference: [u8; 3],
@@ -46,14 +46,15 @@ pub struct Class {
 }
 
 impl Class {
-    /// The reference marker of a colour, with every hue that is nearer to it than to another one.
+    /// The class of a colour's reference marker, without a limit of hue: the nearest class decides.
     pub fn of_reference(colour: Colour) -> Self {
         let least_chroma = LEAST_CHROMA;
         Class { colour, reference: colour.reference(), least_chroma, tolerance_deg: 180.0 }
     }
 
-    /// How well a chroma sample, as a distance from grey, fits: the signed square of the cosine between
-    /// the two hues, times the sample's own square. `None` if it does not belong to the class.
+    /// Similarity of a chroma sample (relative to grey) to the class: the signed square of the
+    /// cosine between the two hues, times the sample's squared chroma. `None` if it is not of the
+    /// class.
     fn fit(&self, cb: i64, cr: i64) -> Option<i64> {
         let square = cb * cb + cr * cr;
         let least = i64::from(self.least_chroma);
@@ -71,14 +72,14 @@ impl Class {
 }
 
 impl Default for ColourTable {
-    /// From the reference colours.
+    /// The table of the reference colours.
     fn default() -> Self {
         Self::of_classes(&Colour::ALL.map(Class::of_reference))
     }
 }
 
 impl ColourTable {
-    /// The table for some classes.
+    /// The table of some classes.
     pub fn of_classes(classes: &[Class]) -> Self {
         let middle = |cell: usize| ((cell << SHIFT) + (1 << (SHIFT - 1))) as i64 - 128;
         let class = |i: usize| best_class(classes, middle(i / SIDE), middle(i % SIDE));
@@ -92,7 +93,7 @@ impl ColourTable {
     }
 }
 
-/// The class of the most similar hue, integers only; of equals the first.
+/// The class of the most similar hue, the first of equals; integers only.
 fn best_class(classes: &[Class], cb: i64, cr: i64) -> u8 {
     let mut best = (UNSURE, i64::MIN);
     for class in classes {

@@ -1,4 +1,4 @@
-//! Sub-commands: what the camera hardware does beside running as a process.
+//! Sub-commands of `vitreo-fpga-model`.
 //!
 //! `vitreo blobs …` is `vitreo-fpga-model blobs …`, and so on for each of them.
 
@@ -22,7 +22,10 @@ pub enum Command {
     Vectors(vectors::VectorsArgs),
 }
 
-/// Runs one.
+/// Runs a sub-command.
+///
+/// # Errors
+/// As the command run.
 pub fn run(command: &Command) -> anyhow::Result<()> {
     match command {
         Command::Blobs(args) => blobs::run(args),

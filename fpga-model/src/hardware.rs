@@ -1,4 +1,5 @@
-//! What the extractor costs in hardware: registers and memories in bits, clocks per line and per blob.
+//! What the extractor costs in hardware: registers and memories in bits, clocks per line and per
+//! blob.
 //!
 //! Everything is computed from the constants that the extractor itself runs with
 //! ([`crate::scan::limits`]); nothing is written down twice.
@@ -40,7 +41,7 @@ fn moment_bits(w: &Widths) -> u32 {
     w.w + w.wx + w.wy + w.wxx + w.wxy + w.wyy + w.wxxx + w.wxxy + w.wxyy + w.wyyy
 }
 
-/// Bits of everything that is kept of a component.
+/// Bits of a component's registers.
 fn component_bits(w: &Widths) -> u32 {
     let counts = 3 * w.area;
     let boxes = 2 * (2 * w.x + 2 * w.y);
@@ -88,21 +89,22 @@ pub fn resources(limits: &Limits) -> Vec<Resource> {
 pub struct Clocks {
     /// Pixel clocks of a line, blanking included.
     pub line: u64,
-    /// At most that many to label the runs of a line and look for complete components.
+    /// Bound on labelling the runs of a line and searching for complete components.
     pub labelling_at_most: u64,
     /// For one component in the divider.
     pub divider: u64,
-    /// Further ones where it is two markers that touch.
+    /// Additional clocks for two markers that touch.
     pub split: u64,
-    /// From the last pixel of a blob to its leaving, if no other blob waits; the least and the most.
+    /// From the last pixel of a blob to its output if no other blob waits: least and most.
     pub latency: [u64; 2],
 }
 
 /// The clocks of one camera.
 pub fn clocks(limits: &Limits) -> Clocks {
     let labelling = limits.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + limits.labels as u64;
-    // A blob's last line is followed by one without it, which is weighed when the lines below are known, and
-    // counted while the next is read. Its last pixel may have been the last or the first of its line.
+    // A blob's last line is followed by one without it, which is weighed when the lines below are
+    // known, and counted while the next is read. Its last pixel may have been the last or the first
+    // of its line.
     let wait = |from_last_pixel: u64| from_last_pixel + COMPLETE_AFTER as u64 * LINE_CLOCKS + DIVIDER_CLOCKS;
     Clocks {
         line: LINE_CLOCKS,

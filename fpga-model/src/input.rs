@@ -1,9 +1,9 @@
-//! Real pictures as the scanner takes them: lines of YCbCr 4:2:2 in the studio range.
+//! Pictures for the scanner: lines of YCbCr 4:2:2 in the studio range.
 //!
-//! A picture comes from a still image ([`still`]), a clip ([`y4m`]) or a camera ([`camera`]); [`source`] puts
-//! pictures in their order and gives them their numbers and instants. One picture at a time is held, never a
-//! clip. Whatever a header claims, memory grows only with bytes that are there, up to one picture of
-//! [`MAX_PIXELS`].
+//! A picture comes from a still image ([`still`]), a clip ([`y4m`]) or a camera ([`camera`]);
+//! [`source`] orders pictures and assigns numbers and instants. One picture at a time is held,
+//! never a clip. Memory grows with the bytes read, not with the size in a header, up to one picture
+//! of [`MAX_PIXELS`].
 
 pub mod camera;
 pub mod overlay;
@@ -18,45 +18,45 @@ use crate::scan::limits::PICTURE;
 /// Most pixels of a picture: 32 Mi, about what photo cameras have.
 pub const MAX_PIXELS: u64 = 32 << 20;
 
-/// Why a picture was refused.
+/// A picture was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
-    /// The file cannot be read at all.
+    /// The file cannot be read.
     #[error("{file}: {source}")]
     Read {
         /// The file.
         file: String,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
-    /// The file as a whole is not what it should be.
+    /// The file as a whole is refused.
     #[error("{file}: {problem}")]
     File {
         /// The file.
         file: String,
-        /// What was expected and what was found.
+        /// Expected and found content.
         problem: String,
     },
-    /// One picture of a clip makes no sense.
+    /// One picture of a clip is malformed.
     #[error("{file}, picture {picture}: {problem}")]
     Picture {
         /// The file.
         file: String,
         /// Counted from 1.
         picture: u64,
-        /// What was expected and what was found.
+        /// Expected and found content.
         problem: String,
     },
 }
 
-/// Which lines of a picture belong to one field.
+/// Field order of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Interlace {
-    /// All lines, one instant.
+    /// One field of all lines.
     Progressive,
-    /// Two fields; the even lines are the earlier ones.
+    /// Two fields, the even lines first.
     Top,
-    /// Two fields; the odd lines are the earlier ones.
+    /// Two fields, the odd lines first.
     Bottom,
 }
 
@@ -84,7 +84,7 @@ pub struct Picture {
     pub blue: Vec<u8>,
     /// `⌈width/2⌉ × height`, 16 to 240.
     pub red: Vec<u8>,
-    /// Luma as it was read, where it was changed since; otherwise empty.
+    /// Luma as read, if it was changed since; otherwise empty.
     pub as_read: Vec<u8>,
 }
 
@@ -112,20 +112,20 @@ impl Picture {
         [self.as_read.get(y * self.width + x).copied().unwrap_or(luma), cb, cr]
     }
 
-    /// Keeps luma before it is changed.
+    /// Keeps the luma as read before a change.
     fn keep_luma(&mut self) {
         if self.as_read.is_empty() {
             self.as_read.extend_from_slice(&self.luma);
         }
     }
 
-    /// Turns dark into bright: luma is mirrored at the middle of its range, chroma stays.
+    /// Inverts luma within its range; chroma stays.
     pub fn invert(&mut self) {
         self.keep_luma();
         self.luma.iter_mut().for_each(|sample| *sample = inverted(*sample));
     }
 
-    /// Makes every pixel black whose chroma is of no class.
+    /// Chroma keying: makes every pixel black whose chroma has no class.
     pub fn key(&mut self, table: &ColourTable) {
         self.keep_luma();
         let chroma = self.chroma_width();
@@ -139,36 +139,36 @@ impl Picture {
         }
     }
 
-    /// Takes the colour away.
-    pub fn bleach(&mut self) {
+    /// Removes chroma.
+    pub fn desaturate(&mut self) {
         self.blue.fill(GREY);
         self.red.fill(GREY);
     }
 
     /// One field of it: every line, or every second one.
-    pub fn view(&self, interlace: Interlace, parity: u32) -> View<'_> {
+    pub fn view(&self, interlace: Interlace, parity: u32) -> FieldView<'_> {
         match interlace {
-            Interlace::Progressive => View { picture: self, first: 0, step: 1 },
-            _ => View { picture: self, first: parity as usize, step: 2 },
+            Interlace::Progressive => FieldView { picture: self, first: 0, step: 1 },
+            _ => FieldView { picture: self, first: parity as usize, step: 2 },
         }
     }
 }
 
-/// Luma mirrored at the middle of its range.
+/// Luma inverted within its range.
 pub fn inverted(luma: u8) -> u8 {
     BLACK + WHITE - luma.clamp(BLACK, WHITE)
 }
 
 /// One field of a picture.
 #[derive(Debug, Clone, Copy)]
-pub struct View<'a> {
+pub struct FieldView<'a> {
     /// The picture.
     pub picture: &'a Picture,
     first: usize,
     step: usize,
 }
 
-impl<'a> View<'a> {
+impl<'a> FieldView<'a> {
     /// Lines of the field.
     pub fn height(&self) -> usize {
         self.picture.height.saturating_sub(self.first).div_ceil(self.step)
@@ -185,7 +185,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// What is wrong with the size of a picture, if anything is.
+/// Defect of a picture's size, if any.
 pub fn size_defect(width: u64, height: u64) -> Option<String> {
     let [widest, highest] = [PICTURE.width, PICTURE.lines];
     if !(1..=widest as u64).contains(&width) || !(1..=highest as u64).contains(&height) {

@@ -1,8 +1,9 @@
 //! The camera hardware's loop: fields of pixels in, fields of blobs out.
 //!
-//! A field is scanned as soon as it is there, in place, and its blobs are held back until the hardware
-//! would have sent them ([`crate::camera_extractor`]): the source may publish a field before its first line has
-//! left the sensor. Whether the source is virtual or a camera makes no difference here.
+//! A field is scanned as soon as it is there, in place, and its blobs are held back until the
+//! hardware would have sent them ([`crate::camera_extractor`]): the source may publish a field
+//! before its first line has left the sensor. Whether the source is virtual or a camera makes no
+//! difference here.
 
 use crate::camera_extractor::CameraExtractor;
 use crate::config::Config;
@@ -142,8 +143,8 @@ impl FpgaModelShell {
         }
     }
 
-    /// Serves requests and the heartbeat. Pause and start concern the source of the fields: those that
-    /// it has sent are on their way.
+    /// Serves requests and the heartbeat. Pause and start concern the source of the fields: those
+    /// that it has sent are on their way.
     fn serve(&mut self) -> Result<()> {
         while let Some((request, command)) = self.shell.serve(now())? {
             let answer = match command {

@@ -1,16 +1,17 @@
 //! Streaming blob extraction, as the camera hardware does it: one line at a time, no frame buffer.
 //!
-//! Each line is cut into runs of one colour that stand out from the background (`background`, `runs`). A
-//! run joins the components of the same colour that it touches in the line before (eight neighbours),
-//! which may unite several of them (`labels`). Two lines later, when the lines below are known too, the
-//! pixels of the runs and of the blurred edge around them (`owners`) get their weights (`weight`) and are
-//! added up (`sums`). A component whose last line and the line below have been weighed is complete and
-//! leaves at once as one blob, or two that touch (`disc`).
-//! Integers only. What a table has no room for (`limits`) is counted, never wrapped and never wrong: runs
-//! beyond the table of a line, components beyond the labels, blobs beyond those of a field.
+//! Each line is cut into runs of one colour that stand out from the background (`background`,
+//! `runs`). A run joins the components of the same colour that it touches in the line before (eight
+//! neighbours), which may unite several of them (`labels`). Two lines later, when the lines below
+//! are known too, the pixels of the runs and of the blurred edge around them (`owners`) get their
+//! weights (`weight`) and are added up (`sums`). A component whose last line and the line below
+//! have been weighed is complete and is output at once as one blob, or as two that touch (`disc`).
 //!
-//! A component counts if its brightest pixel stands out by [`Settings::high`], though its pixels need only
-//! [`Settings::low`] (a threshold with hysteresis), and if it is large enough.
+//! Integers only. Overflows of a table (`limits`) are counted and change nothing else: runs beyond
+//! the table of a line, components beyond the labels, blobs beyond those of a field.
+//!
+//! A component counts if its brightest pixel stands out by [`Settings::high`], though its pixels
+//! need only [`Settings::low`] (a threshold with hysteresis), and if it is large enough.
 
 pub mod background;
 pub mod disc;
@@ -37,27 +38,27 @@ use std::ops::Deref;
 use sums::Sums;
 use weight::{Around, Weigher};
 
-/// Lines held at a time: the newest, and those that a line two before it is weighed with.
+/// Lines held at a time: the window of the line being weighed, up to the newest line.
 const HELD: usize = 2 * weight::LINES + 1;
-/// A component is complete so many lines after its last: the line below it is weighed as well.
+/// Lines from a component's last line to its completion: the line below it is weighed as well.
 pub const COMPLETE_AFTER: usize = weight::LINES + 1;
 
-/// Grey levels above the background of a pixel that may belong to a marker: the darkest marker (blue) has
-/// about 65, noise of 4 σ stays below 12.
+/// Grey levels above the background of a pixel that may belong to a marker: the darkest marker
+/// (blue) has about 65, noise of 4 σ stays below 12.
 const LOW: u8 = 16;
 /// Grey levels that the brightest pixel of a coloured component has to have.
 const HIGH: u8 = 24;
-/// The same for white, which no chroma tells from a reflection.
+/// The same for white, which chroma does not distinguish from a reflection.
 const HIGH_WHITE: u8 = 120;
 /// Least area of a blob, px: an eighth of the smallest marker of the shipped rig.
 const LEAST_AREA: u16 = 6;
 
-/// How a camera extracts.
+/// Settings of the extractor.
 #[derive(Clone)]
 pub struct Settings {
     /// Sizes of the tables.
     pub limits: Limits,
-    /// Which chroma is which class.
+    /// Colour class of each chroma.
     pub colours: ColourTable,
     /// Level of the background.
     pub level: Level,
@@ -71,12 +72,12 @@ pub struct Settings {
     pub least_lines: u16,
     /// Lines of the frame per line of the field: 2 where interlaced, 1 where progressive.
     pub frame_lines: u8,
-    /// Blobs are spots of light without a lit surface: see [`weight::Weigher::for_spots`].
+    /// Blobs are spots of light without a lit surface; see [`weight::Weigher::for_spots`].
     pub spots: bool,
 }
 
 impl Default for Settings {
-    /// The camera hardware before the mechanical eye.
+    /// Settings of the camera hardware in a rig.
     fn default() -> Self {
         let mut high = [HIGH; CLASSES];
         high[Colour::White as usize] = HIGH_WHITE;
@@ -108,23 +109,23 @@ impl Settings {
 pub struct Found {
     /// Its sums.
     pub sums: Sums,
-    /// When it leaves, pixel clocks after the first pixel of the field.
+    /// Output, pixel clocks after the first pixel of the field.
     pub out_clock: u64,
-    /// Pixel clocks since its last pixel was read.
+    /// Pixel clocks from its last pixel to its output.
     pub latency_clocks: u64,
-    /// Lines begun since its last line.
+    /// Lines from its last line to its output.
     pub latency_lines: u64,
     field: FieldShape,
 }
 
 impl Found {
-    /// The blob, or the two touching ones, that it is.
+    /// Its blob, or its two touching blobs.
     pub fn blobs(&self) -> Discs {
         disc::discs(&self.sums, &self.field)
     }
 }
 
-/// What was left out of a field.
+/// Counts of what was left out of a field.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Components too small or too faint to be blobs.
@@ -138,13 +139,13 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Everything that may be missing from the blobs because a table was full.
+    /// Runs and components lost because a table was full.
     pub fn lost(&self) -> u32 {
         self.runs_lost.saturating_add(self.unlabelled).saturating_add(self.blobs_lost)
     }
 }
 
-/// What is kept of a line.
+/// A line of the window.
 struct Held {
     luma: Vec<u8>,
     runs: Runs,
@@ -162,11 +163,11 @@ pub struct Scanner {
     labels: Labels,
     owners: Owners,
     weigher: Weigher,
-    /// The runs of a line that there is not.
+    /// No runs: of a line beyond the field.
     nothing: Runs,
     tally: Tally,
     found: usize,
-    /// Clock at which the divider is free.
+    /// Pixel clock at which the divider is free.
     divider_free: u64,
 }
 
@@ -174,7 +175,7 @@ impl Scanner {
     /// An extractor for fields of `width` × `height` px.
     ///
     /// # Panics
-    /// Beyond the sides in `settings.limits` or [`PICTURE`], which no rig may ask for.
+    /// Where a side exceeds `settings.limits` or [`PICTURE`]; rigs within these limits are valid.
     pub fn new(settings: Settings, width: usize, height: usize) -> Self {
         let limits = settings.limits;
         assert!((1..=limits.width.min(PICTURE.width)).contains(&width), "{width} px in a line");
@@ -195,7 +196,7 @@ impl Scanner {
         }
     }
 
-    /// Extracts a whole field; what no table had room for is added to `blobs_left_out`.
+    /// Extracts a whole field; the losses are added to `blobs_left_out`.
     pub fn scan<B: Deref<Target = [u8]>>(&mut self, picture: &FieldPicture<B>, out: &mut BlobField) {
         self.begin();
         let mut push = |found: Found| found.blobs().for_each(|blob| out.push(blob));
@@ -219,14 +220,14 @@ impl Scanner {
         }
     }
 
-    /// What was left out since the field began.
+    /// Counts since the beginning of the field.
     pub fn tally(&self) -> Tally {
         let runs_lost = self.held.iter().fold(0u32, |sum, held| sum.saturating_add(held.runs.lost));
         Tally { runs_lost, ..self.tally }
     }
 
-    /// Takes the next line: luma, and Cb and Cr of every second pixel. Components that ended with the
-    /// line before go to `out`. Lines and pixels beyond the field are passed over.
+    /// Processes the next line: luma, and Cb and Cr of every second pixel. Components that it
+    /// completes go to `out`. Lines and pixels beyond the field are ignored.
     pub fn line(&mut self, luma: &[u8], blue: &[u8], red: &[u8], out: &mut impl FnMut(Found)) {
         let chroma = blue.len().min(red.len());
         let width = luma.len().min(2 * chroma).min(usize::from(self.field.size_px[0]));
@@ -239,14 +240,14 @@ impl Scanner {
         held.luma[..width].copy_from_slice(luma);
         held.luma[width..].fill(0);
         held.runs.find(&self.settings.colours, self.background.foreground(), luma, [blue, red]);
-        // What the lines before have completed leaves first, so that this line can use its labels.
+        // Completed components free their labels before this line needs some.
         self.complete(y, y, out);
         self.label_runs(y);
         self.background.watch(y, luma);
         self.y += 1;
     }
 
-    /// Ends a field: what is open is completed by the lines that would follow.
+    /// Ends a field: completes the open components.
     pub fn end(&mut self, out: &mut impl FnMut(Found)) {
         let lines = usize::from(self.y);
         if let Some(newest) = lines.checked_sub(1) {
@@ -257,7 +258,8 @@ impl Scanner {
         self.tally = self.tally();
     }
 
-    /// Weighs and hands out what line `y` completes, `newest` being the last line that there is.
+    /// Weighs the line that line `y` completes the window of, and outputs completed components;
+    /// `newest` is the last line of the field so far.
     fn complete(&mut self, y: usize, newest: usize, out: &mut impl FnMut(Found)) {
         if let Some(weighed) = y.checked_sub(weight::LINES).filter(|&weighed| weighed <= newest) {
             self.weigh_line(weighed, newest);
@@ -265,7 +267,7 @@ impl Scanner {
         self.emit(y, out);
     }
 
-    /// Gives every run of line `y` its component.
+    /// Labels every run of line `y`.
     fn label_runs(&mut self, y: usize) {
         let mut first = 0;
         for r in 0..self.held[y % HELD].runs.all().len() {
@@ -295,7 +297,7 @@ impl Scanner {
         }
     }
 
-    /// The component of the runs of line `above` that `run` touches, united if there are several.
+    /// Label of the runs of line `above` that `run` touches, united if there are several.
     fn join_above(&mut self, run: &Run, above: usize, first: usize) -> u16 {
         let mut label = NO_LABEL;
         for p in first..self.held[above % HELD].runs.all().len() {
@@ -340,8 +342,8 @@ impl Scanner {
         });
     }
 
-    /// Hands out the components whose last line is [`COMPLETE_AFTER`] lines before `y`. Once line `y` has
-    /// been read, the labels are looked at one a clock; each component then waits for the divider.
+    /// Outputs the components whose last line is [`COMPLETE_AFTER`] lines before `y`. Once line `y`
+    /// has been read, one label is searched a clock; each component then waits for the divider.
     fn emit(&mut self, y: usize, out: &mut impl FnMut(Found)) {
         let read = (y as u64 + 1) * LINE_CLOCKS;
         let complete = |sums: &Sums| usize::from(sums.last_line()) + COMPLETE_AFTER <= y;
@@ -357,7 +359,7 @@ impl Scanner {
         }
     }
 
-    /// A component that is known to be complete at `clock`.
+    /// The component whose completion is found at `clock`.
     fn found_at(&mut self, clock: u64, sums: Sums) -> Found {
         let split = if disc::is_pair(&sums, &self.field) { SPLIT_CLOCKS } else { 0 };
         let out_clock = clock.max(self.divider_free) + DIVIDER_CLOCKS + split;
@@ -372,7 +374,7 @@ impl Scanner {
         }
     }
 
-    /// True if a component is a blob.
+    /// True if a component is large and bright enough for a blob.
     fn counts(&self, sums: &Sums) -> bool {
         let [left, right, top, bottom] = sums.half_box_px;
         let high = self.settings.high[usize::from(sums.class) % CLASSES];

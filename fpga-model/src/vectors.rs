@@ -1,7 +1,7 @@
-//! Test vectors for a hardware description: lines of a field in, components out, as plain text that any
-//! test bench can read with a scanner for words and decimal numbers.
+//! Test vectors for a hardware description: lines of a field in, components out, as plain text that
+//! any test bench can read with a scanner for words and decimal numbers.
 //!
-//! One word at the start of a line says what follows; all numbers are decimal integers:
+//! The first word of a line names its content; all numbers are decimal integers:
 //!
 //! ```text
 //! vitreo-camera-vectors 1
@@ -33,7 +33,7 @@ use std::fmt::Write;
 /// First line of a file.
 const HEAD: &str = "vitreo-camera-vectors 1";
 
-/// A pattern's file: its lines, and what the extractor makes of them.
+/// The file of a pattern: its lines, and the extractor's components.
 pub fn text(pattern: &Pattern) -> String {
     let mut text = String::new();
     write_head(pattern, &mut text).expect("a string takes everything");
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// The scripts' answer to each pattern, counted by hand from its description:
+    /// Expected counts of each pattern, by hand from its description:
     /// blobs, specks, runs lost, runs without a label, blobs lost.
     const EXPECTED: [(&str, usize, [u32; 4]); 16] = [
         ("all-off", 0, [0; 4]),

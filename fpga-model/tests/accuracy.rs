@@ -1,10 +1,11 @@
 //! How near centres come to what the noise allows, on pictures with a known truth.
 //!
-//! The pictures are integrated here, chord by chord, and share no code with the painter; a second round uses
-//! the painter's image model with its shading, movement and colour carrier. The Cramér–Rao bound comes
-//! from the same noiseless rendering: derivatives by the centre, the two half axes, the brightness
-//! and the background, weighed with the noise of each pixel, give the Fisher information; the first two
-//! diagonal elements of its inverse are the least variances that any unbiased estimate can have.
+//! The pictures are integrated here, chord by chord, and share no code with the painter; a second
+//! round uses the painter's image model with its shading, movement and colour carrier. The
+//! Cramér–Rao bound comes from the same noiseless rendering: derivatives by the centre, the two
+//! half axes, the brightness and the background, weighed with the noise of each pixel, give the
+//! Fisher information; the first two diagonal elements of its inverse are the least variances that
+//! any unbiased estimate can have.
 
 use bytemuck::Zeroable;
 use fpga_model::scan::{Scanner, Settings};
@@ -64,7 +65,8 @@ fn ramp(z: f64) -> f64 {
     z * normal(z) + libm::exp(-z * z / 2.0) / TAU.sqrt()
 }
 
-/// Share of a pixel `at` from an edge, positive inside, for blur `s`: a Gaussian, averaged over the pixel.
+/// Share of a pixel `at` from an edge, positive inside, for blur `s`: a Gaussian, averaged over the
+/// pixel.
 fn behind(at: f64, s: f64) -> f64 {
     s * (ramp((at + 0.5) / s) - ramp((at - 0.5) / s))
 }
@@ -86,7 +88,8 @@ fn render(optics: &Optics, marker: &Marker, corner: [usize; 2], size: [usize; 2]
     (0..cover.len()).map(lit).collect()
 }
 
-/// Adds how far an ellipse covers each pixel: chord by chord along the lines, each chord spread over lines.
+/// Adds how far an ellipse covers each pixel: chord by chord along the lines, each chord spread
+/// over lines.
 fn add_cover(
     optics: &Optics,
     centre: [f64; 2],
@@ -328,7 +331,8 @@ fn isolated_blobs_come_near_the_least_variance() {
     }
 }
 
-/// The centre of light of a tile, as far as it stands out from the background by a quarter of the contrast.
+/// The centre of light of a tile, as far as it stands out from the background by a quarter of the
+/// contrast.
 fn intensity_centre(picture: &FieldPicture, optics: &Optics, corner: [usize; 2]) -> [f64; 2] {
     let lit = f64::from(optics.colour.reference()[0]) - optics.background;
     let mut sums = [0.0; 3];
@@ -425,7 +429,8 @@ fn markers_cut_by_the_border_or_too_bright_say_so() {
     assert!(bright.chi2().iter().all(|c| *c < 2.0), "{:?}", bright.chi2());
 }
 
-/// The painter's markers, one a tile, with its shading, movement and colour carrier; and its own bound.
+/// The painter's markers, one a tile, with its shading, movement and colour carrier; and its own
+/// bound.
 #[test]
 fn painted_fields_come_near_the_least_variance_too() {
     let model = ImageModel { side_shade: 0.0, ..ImageModel::default() };

@@ -1,5 +1,6 @@
-//! `vitreo-fpga-model blobs` on files that are broken, hostile or do not fit each other: each is refused with
-//! the file, the place and what was expected, and nothing is ever worse than a refusal.
+//! `vitreo-fpga-model blobs` on files that are broken, hostile or do not fit each other: each is
+//! refused with the file, the place and what was expected, and nothing is ever worse than a
+//! refusal.
 
 use proptest::prelude::*;
 use std::io::Write;

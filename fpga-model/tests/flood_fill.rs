@@ -1,7 +1,8 @@
 //! The streaming extractor against the slow and obvious way: a flood fill over the whole field.
 //!
-//! Both classify and weigh pixels alike; what is compared is everything after that: which pixels belong
-//! together, which of them every weight counts for, and every sum, to the bit. The random fields come from a seed.
+//! Both classify and weigh pixels alike; what is compared is everything after that: which pixels
+//! belong together, which of them every weight counts for, and every sum, to the bit. The random
+//! fields come from a seed.
 
 use bytemuck::Zeroable;
 use fpga_model::colours::{CLASSES, UNSURE};
@@ -240,7 +241,8 @@ impl Flood {
         coloured.map(|i| (dress(i), self.of[y * self.width + runs[i].0.start])).collect()
     }
 
-    /// Whom a pixel's weight counts for: the coloured run here, else whoever is above, below, or white here.
+    /// Whom a pixel's weight counts for: the coloured run here, else whoever is above, below, or
+    /// white here.
     fn owner(&self, dressed: &[(std::ops::Range<usize>, u32)], x: usize, y: usize, height: usize) -> u32 {
         if let Some((_, id)) = dressed.iter().find(|(columns, _)| columns.contains(&x)) {
             return *id;

@@ -1,5 +1,5 @@
-//! Extracts blobs from pictures that another program drew, and compares them with its truth.
-//! The pictures lie beside the data that `VITREO_DATA` names; without them the test says so and passes.
+//! Extracts blobs from pictures that another program drew, and compares them with its truth. The
+//! pictures lie beside the data that `VITREO_DATA` names; without them the test says so and passes.
 
 use bytemuck::Zeroable;
 use fpga_model::scan::{Scanner, Settings};

@@ -15,8 +15,8 @@ use virtual_rig::cameras::{Cameras, Path};
 
 /// Nothing here takes longer on the slowest machine.
 const WATCHDOG: Duration = Duration::from_secs(60);
-/// From the first line until blobs may leave at the earliest: no marker of the shipped rig appears below
-/// line 245 of a field, in any camera.
+/// From the first line until blobs may leave at the earliest: no marker of the shipped rig appears
+/// below line 245 of a field, in any camera.
 const REGION_NS: u64 = 245 * 64_000;
 
 /// A camera source, and what hears the process.

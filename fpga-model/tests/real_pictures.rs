@@ -1,6 +1,6 @@
-//! `vitreo-fpga-model blobs` on photographs: what is on them is known from elsewhere, from other programs'
-//! results that came with the pictures, from labels, or from looking at them. Needs the collection of camera
-//! pictures (`VITREO_DATA`); without it these tests say so and pass.
+//! `vitreo-fpga-model blobs` on photographs: what is on them is known from elsewhere, from other
+//! programs' results that came with the pictures, from labels, or from looking at them. Needs the
+//! collection of camera pictures (`VITREO_DATA`); without it these tests say so and pass.
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -114,7 +114,8 @@ fn particles_in_a_flow_are_those_another_program_found() {
                 "camera {camera}, frame {frame}: {share:.2} found, median {:.3} px",
                 same[same.len() / 2]
             );
-            // The other program filters before it decides; of its faintest some stay below this threshold.
+            // The other program filters before it decides; of its faintest some stay below this
+            // threshold.
             assert!(share > 0.88, "{} of {}", same.len(), particles.len());
             assert!(same[same.len() / 2] < 0.26, "median {} px", same[same.len() / 2]);
         }
@@ -184,7 +185,8 @@ fn drawn_shapes_are_found_each_in_its_colour() {
     let Some(data) = cameras() else { return };
     let picture = data.join("opencv/detect_blob.png");
     let found = blobs("--background fixed=16 --threshold 10:20 --least-area 30", &[picture]).remove(0);
-    // 17 shapes; white are the line that frames the picture and the end of the one that fades to black.
+    // 17 shapes; white are the line that frames the picture and the end of the one that fades to
+    // black.
     assert_eq!(found.iter().filter(|b| b.colour != "white").count(), 17, "{found:#?}");
     // Centres of the round ones by OpenCV 5.0 (connectedComponentsWithStats).
     let round = [
@@ -222,7 +224,8 @@ fn sweets_are_told_apart_by_learnt_colours() {
         "--colours {file} --key --polarity dark --background fixed=16 --threshold 30:60 --least-area 100"
     );
     let found = blobs(&options, &[picture]).remove(0);
-    // By looking at the picture: colour and rough centre of each sweet; the brown ones are no class.
+    // By looking at the picture: colour and rough centre of each sweet; the brown ones are no
+    // class.
     let sweets = [
         ("red", 34, 229),
         ("red", 99, 260),

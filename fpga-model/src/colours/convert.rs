@@ -1,10 +1,11 @@
-//! Converters in front of the extraction: RGB and full-range samples to the studio range of ITU-R BT.601.
+//! Colour conversion before the extraction: RGB and full-range samples to the studio range of ITU-R
+//! BT.601.
 //!
-//! Fixed point of 16 bits, as a hardware multiplier would do it: a coefficient has 17 bits with its sign, a
-//! product with an 8-bit sample 25, the sum of three with offset and rounding 27. Results need no clamp: the
-//! coefficients of luma add up to 219/255 and those of a chroma to nothing.
+//! Fixed point of 16 bits, as a hardware multiplier would do it: a coefficient has 17 bits with its
+//! sign, a product with an 8-bit sample 25, the sum of three with offset and rounding 27. Results
+//! need no clamp: the coefficients of luma add up to 219/255 and those of a chroma to zero.
 
-/// Bits behind the point.
+/// Fraction bits.
 const POINT: u32 = 16;
 /// 65.481, 128.553 and 24.966 (BT.601, 8 bits) over 255, in 2⁻¹⁶.
 const LUMA: [i32; 3] = [16_829, 33_039, 6_416];
@@ -12,7 +13,7 @@ const LUMA: [i32; 3] = [16_829, 33_039, 6_416];
 const BLUE: [i32; 3] = [-9_714, -19_070, 28_784];
 /// 112, −93.786 and −18.214 over 255, in 2⁻¹⁶.
 const RED: [i32; 3] = [28_784, -24_103, -4_681];
-/// Luma of black and of white in the studio range.
+/// Luma of black in the studio range.
 pub const BLACK: u8 = 16;
 /// Luma of white in the studio range.
 pub const WHITE: u8 = 235;
@@ -32,7 +33,7 @@ pub const fn ycc_of_rgb(rgb: [u8; 3]) -> [u8; 3] {
     [dot(rgb, LUMA, BLACK), dot(rgb, BLUE, GREY), dot(rgb, RED, GREY)]
 }
 
-/// RGB (0–255) of a studio-range sample, for pictures that people look at; colours out of range are cut.
+/// RGB (0–255) of a studio-range sample, for display; colours out of range are clamped.
 pub fn rgb_of_ycc([y, cb, cr]: [u8; 3]) -> [u8; 3] {
     // 255/219; 1.402, 0.344136, 0.714136 and 1.772 (BT.601) times 255/224; in 2⁻¹⁶.
     let y = (i64::from(y) - i64::from(BLACK)) * 76_309;

@@ -1,4 +1,4 @@
-//! Colour classes as a file (`vitreo-colours-1`): what is which colour, and how far it has to stand out.
+//! Files of colour classes (`vitreo-colours-1`): references, tolerances and thresholds.
 
 use super::{CLASSES, Class, ColourTable};
 use crate::scan::Settings;
@@ -7,14 +7,14 @@ use protocol::blobs::Colour;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What a file begins with.
+/// Format key of a file.
 const FORMAT: &str = "vitreo-colours-1";
 /// Longest file, bytes.
 const MAX_BYTES: u64 = 1 << 20;
 /// The shipped classes.
 pub const SHIPPED: &str = include_str!("../../../assets/colours.toml");
 
-/// Why a file was refused.
+/// A file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ColourFileError {
     /// It cannot be read.
@@ -22,35 +22,35 @@ pub enum ColourFileError {
     Read {
         /// The file.
         file: String,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
-    /// It is no TOML, or has a key that is not known, or lacks one.
+    /// It is not TOML, has an unknown key, or lacks one.
     #[error("{file}: {source}")]
     Toml {
         /// The file.
         file: String,
-        /// Where and what.
+        /// Cause, with the line.
         source: Box<toml::de::Error>,
     },
-    /// A value makes no sense.
+    /// A value is out of range.
     #[error("{file}: {key}: {problem}")]
     Value {
         /// The file.
         file: String,
         /// The key.
         key: String,
-        /// What was expected and what was found.
+        /// Expected and found values.
         problem: String,
     },
 }
 
-/// The file as it is written.
+/// Content of a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ColourFile {
     format: String,
-    /// Luma of what is not lit.
+    /// Luma of black.
     pub black: u8,
     /// Grey levels above the background of every pixel of a blob.
     pub low: u8,
@@ -90,6 +90,10 @@ impl ColourFile {
     }
 
     /// Reads a file, or the shipped classes where none is named.
+    ///
+    /// # Errors
+    /// [`ColourFileError::Read`] where the file cannot be read or is too long; otherwise as
+    /// [`ColourFile::parse`].
     pub fn load_or_shipped(path: Option<&Path>) -> Result<Self, ColourFileError> {
         let Some(path) = path else { return Self::parse(SHIPPED, "shipped colours") };
         let file = path.display().to_string();
@@ -105,7 +109,11 @@ impl ColourFile {
         Self::parse(&text, &file)
     }
 
-    /// Reads a text; `file` is for messages.
+    /// Parses a text; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// [`ColourFileError::Toml`] where the text is not TOML of this format,
+    /// [`ColourFileError::Value`] where a value is out of range.
     pub fn parse(text: &str, file: &str) -> Result<Self, ColourFileError> {
         let parsed: ColourFile = toml::from_str(text)
             .map_err(|e| ColourFileError::Toml { file: file.into(), source: Box::new(e) })?;
@@ -155,7 +163,7 @@ impl ColourFile {
         ColourTable::of_classes(&self.classes())
     }
 
-    /// Puts classes and levels into the settings of a scanner. What is no class of the file never counts.
+    /// Puts classes and thresholds into the settings of a scanner. Other classes never count.
     pub fn apply(&self, settings: &mut Settings) {
         settings.colours = self.table();
         settings.level = Level::Fixed(self.black);
@@ -167,7 +175,7 @@ impl ColourFile {
         }
     }
 
-    /// As a text that [`ColourFile::parse`] reads back.
+    /// The text that [`ColourFile::parse`] reads.
     pub fn text(&self) -> String {
         toml::to_string(self).expect("numbers and names only")
     }

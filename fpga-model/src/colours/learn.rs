@@ -1,29 +1,29 @@
-//! Learns a colour class from sample pictures.
+//! Estimation of a colour class from sample pictures.
 //!
-//! Of a sample, only what is colourful counts: chroma at least half of what the most colourful pixels have,
-//! of the most frequent hue. Of those, medians make the reference, and the spread of their hues the
-//! tolerance, so that highlights, shadows and a bit of background in the sample do no harm.
+//! Only colourful pixels of the most frequent hue count: those with at least half the chroma of the
+//! most colourful ones. Their medians are the reference, and the spread of their hues gives the
+//! tolerance. Highlights, shadows and some background in a sample therefore have no effect.
 
 use super::Class;
 use super::convert::GREY;
 use crate::input::Picture;
 use protocol::blobs::Colour;
 
-/// Most samples looked at of one picture.
+/// Most samples of one picture.
 const MOST_SAMPLES: usize = 200_000;
-/// Share of samples, in 1/1000, that are at least as colourful as "colourful": in a region that shows the
-/// colour, and in a whole picture, of which the colour may be a small part.
+/// Share of samples, in 1/1000, above the quantile of chroma that counts as colourful: in a region
+/// of the colour, and in a whole picture, of which the colour may be a small part.
 const COLOURFUL: [usize; 2] = [50, 5];
 /// Bins of hue.
 const BINS: usize = 72;
-/// Hues up to so far from the most frequent one are of the same colour, degrees.
+/// Largest difference from the most frequent hue within one colour, degrees.
 const SAME_HUE_DEG: f64 = 30.0;
-/// Tolerance: so many times the spread, and its bounds, degrees.
+/// Tolerance: multiple of the standard deviation of hue, and its bounds, degrees.
 const TOLERANCE: (f64, f64, f64) = (4.0, 12.0, 60.0);
-/// Least chroma of a class: this share of its median, in 1/8, and the least that is told from grey.
+/// Least chroma of a class: share of its median, in 1/8, and the least that differs from grey.
 const CHROMA_SHARE_8: u32 = 3;
 const LEAST_CHROMA: u32 = 8;
-/// Fewest samples from which anything is learnt.
+/// Fewest samples of a class.
 const FEWEST: usize = 16;
 /// The median deviation of a normal distribution is σ over this.
 const MAD_TO_SIGMA: f64 = 1.482_6;
@@ -42,7 +42,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// What is wrong with it in `picture`, if anything is.
+    /// Defect of the region in `picture`, if any.
     pub fn defect(&self, picture: &Picture) -> Option<String> {
         let inside = |at: usize, length: usize, side: usize| length > 0 && at.saturating_add(length) <= side;
         let fits = inside(self.x, self.width, picture.width) && inside(self.y, self.height, picture.height);
@@ -61,7 +61,7 @@ impl Region {
 pub struct Samples(Vec<[u8; 3]>);
 
 impl Samples {
-    /// Takes those of a picture that show `colour`: in a region, or in the whole picture.
+    /// Adds the samples of `colour` in a region, or in the whole picture.
     pub fn take(&mut self, picture: &Picture, region: Option<Region>, colour: Colour) {
         let whole = Region { x: 0, y: 0, width: picture.width, height: picture.height };
         let Region { x, y, width, height } = region.unwrap_or(whole);
@@ -76,7 +76,10 @@ impl Samples {
         }
     }
 
-    /// The class they make; what is wrong with them otherwise.
+    /// The class of the samples.
+    ///
+    /// # Errors
+    /// Where there are too few samples, or their chroma is too near to grey.
     pub fn class(&self, colour: Colour) -> Result<Class, String> {
         if self.0.len() < FEWEST {
             return Err(format!(
@@ -148,7 +151,7 @@ fn colourful(all: &[[u8; 3]], permille: usize) -> Vec<[u8; 3]> {
 fn one_hue(samples: &[[u8; 3]]) -> impl Iterator<Item = [u8; 3]> {
     let bin = |s: &[u8; 3]| ((hue_deg(s) + 180.0) / 360.0 * BINS as f64) as usize % BINS;
     let mut counts = [0u64; BINS];
-    // Chroma weights: what is more colourful shows its hue more surely.
+    // Weighted by chroma², because the hue of a colourful sample is more certain.
     samples.iter().for_each(|s| counts[bin(s)] += u64::from(chroma2(s)));
     let around = |i: usize| counts[(i + BINS - 1) % BINS] + 2 * counts[i] + counts[(i + 1) % BINS];
     let peak = (0..BINS).max_by_key(|&i| around(i)).unwrap_or(0);
@@ -156,7 +159,7 @@ fn one_hue(samples: &[[u8; 3]]) -> impl Iterator<Item = [u8; 3]> {
     samples.iter().filter(move |s| apart_deg(hue_deg(s), middle) <= SAME_HUE_DEG).copied()
 }
 
-/// The brightest of what has no colour.
+/// The brightest grey samples.
 fn bright(all: &[[u8; 3]], permille: usize) -> Vec<[u8; 3]> {
     let limit = u32::from(super::LEAST_CHROMA);
     let grey: Vec<[u8; 3]> = all.iter().filter(|s| chroma2(s) < limit * limit).copied().collect();

@@ -1,4 +1,4 @@
-//! `vitreo blobs`: the scanner over pictures and clips from elsewhere.
+//! `vitreo blobs`: extraction from pictures and clips.
 
 use super::extractor::{Counts, Extractor, Tuning};
 use super::progress;
@@ -14,9 +14,10 @@ use std::path::{Path, PathBuf};
 
 /// Find the blobs in pictures and clips.
 ///
-/// Each still image (PNG, JPEG) is one picture of camera 0. Each clip (Y4M, 8 bits; - for the standard input)
-/// is a camera of its own: the first is camera 0. Without --fields, pictures are numbered from 0 and picture k was exposed
-/// k + 1 periods after the origin of time: 20 ms for stills, for clips their own period.
+/// Each still image (PNG, JPEG) is one picture of camera 0. Each clip (Y4M, 8 bits; - for the
+/// standard input) is a camera of its own: the first is camera 0. Without --fields, pictures are
+/// numbered from 0 and picture k was exposed k + 1 periods after the origin of time: 20 ms for
+/// stills, for clips their own period.
 #[derive(Debug, Clone, clap::Args)]
 pub struct BlobsArgs {
     /// Still images, or one clip or camera device (/dev/video0) each.
@@ -28,7 +29,8 @@ pub struct BlobsArgs {
     /// Where the blobs go, one line a field; the standard output if not given.
     #[arg(short, long, value_name = "BLOBS.jsonl")]
     pub output: Option<PathBuf>,
-    /// Write a picture with the blobs drawn in. With %d in the name (or %04d) every picture is written, numbered from 0.
+    /// Write a picture with the blobs drawn in. With %d in the name (or %04d) every picture is
+    /// written, numbered from 0.
     #[arg(long, value_name = "OUT.png")]
     pub overlay: Option<PathBuf>,
     /// Which picture --overlay draws, counted from 0 over all cameras.
@@ -40,8 +42,8 @@ pub struct BlobsArgs {
     /// Fields in a picture; a clip's header tells if not given.
     #[arg(long, value_name = "ORDER")]
     pub interlaced: Option<Interlace>,
-    /// Samples of still images that become black and white, for instance 2000:12000 for 16 bits. If not given:
-    /// all of 8 bits, and of 16 bits what the picture uses.
+    /// Samples of still images that become black and white, for instance 2000:12000 for 16 bits. If
+    /// not given: all of 8 bits, and of 16 bits what the picture uses.
     #[arg(long, value_name = "BLACK:WHITE", value_parser = Levels::parse)]
     pub levels: Option<Levels>,
     /// Colour classes and their levels; those of the camera hardware if not given.
@@ -53,6 +55,9 @@ pub struct BlobsArgs {
 }
 
 /// Runs the command.
+///
+/// # Errors
+/// Where colours, pictures or the list of fields are refused, or an output cannot be written.
 pub fn run(args: &BlobsArgs) -> Result<()> {
     let colours = ColourFile::load_or_shipped(args.colours.as_deref())?;
     let mut source = Source::open(
@@ -84,11 +89,11 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
     }
     bar.finish_and_clear();
     out.finish()?;
-    eprintln!("{}", tally.told());
+    eprintln!("{}", tally.summary());
     Ok(())
 }
 
-/// Where picture `n` is to be drawn, if it is.
+/// File of the overlay of picture `n`, if it is drawn.
 fn overlay_path(args: &BlobsArgs, n: u64) -> Option<PathBuf> {
     let path = args.overlay.as_ref()?;
     match numbered(&path.to_string_lossy(), n) {
@@ -105,7 +110,7 @@ fn numbered(name: &str, n: u64) -> Option<String> {
     (width < 20).then(|| format!("{}{n:0width$}{rest}", &name[..at]))
 }
 
-/// The file or the standard output.
+/// Output to a file or the standard output.
 struct Output {
     to: Box<dyn Write>,
     name: String,

@@ -1,4 +1,4 @@
-//! `vitreo colours`: colour classes learnt from pictures, shown, and checked on pictures.
+//! `vitreo colours`: learns, shows and checks colour classes.
 
 use crate::colours::convert::{GREY, rgb_of_ycc};
 use crate::colours::file::ColourFile;
@@ -22,8 +22,9 @@ pub struct ColoursArgs {
 /// What to do with classes.
 #[derive(Debug, Clone, clap::Subcommand)]
 pub enum Action {
-    /// Learn classes from sample pictures, for instance red=ball.jpg@310,95,80,60. Without a region the most
-    /// colourful part of the picture counts; several samples of a colour are taken together.
+    /// Learn classes from sample pictures, for instance red=ball.jpg@310,95,80,60. Without a region
+    /// the most colourful part of the picture counts; several samples of a colour are taken
+    /// together.
     Learn {
         /// red, yellow, green, cyan, blue, magenta or white, a picture, and where in it.
         #[arg(required = true, value_name = "NAME=PICTURE[@X,Y,W,H]", value_parser = Sample::parse)]
@@ -37,7 +38,8 @@ pub enum Action {
         /// The classes; the shipped ones if not given.
         #[arg(value_name = "FILE.toml")]
         file: Option<PathBuf>,
-        /// The chroma plane: as it is on the left, each sample in the colour of its class on the right.
+        /// The chroma plane: as it is on the left, each sample in the colour of its class on the
+        /// right.
         #[arg(long, value_name = "OUT.png")]
         picture: Option<PathBuf>,
         /// As JSON.
@@ -91,6 +93,10 @@ fn parse_region(text: &str) -> Option<Region> {
 }
 
 /// Runs the command.
+///
+/// # Errors
+/// Where a picture or a colour file is refused, samples make no class, or an output cannot be
+/// written.
 pub fn run(args: &ColoursArgs) -> Result<()> {
     match &args.action {
         Action::Learn { samples, output } => learn(samples, output),
@@ -113,7 +119,7 @@ fn learn(samples: &[Sample], output: &Path) -> Result<()> {
     let classes = classes.map_err(anyhow::Error::msg)?;
     warn_of_neighbours(&classes);
     let text = ColourFile::of_classes(&classes).text();
-    // What is written must be readable; a class darker than black, for instance, is not.
+    // The file must be readable; a class darker than black, for instance, is refused.
     let name = output.display().to_string();
     ColourFile::parse(&text, &name).context("the samples do not make a colour file")?;
     std::fs::write(output, text).with_context(|| format!("cannot write {name}"))?;
@@ -170,8 +176,8 @@ fn show(file: Option<&Path>, picture: Option<&Path>, json: bool) -> Result<()> {
     Ok(())
 }
 
-/// The chroma plane at middle luma beside the same plane in classes; Cb to the right, Cr upwards. References
-/// are marked by small squares.
+/// The chroma plane at middle luma beside the same plane in classes; Cb to the right, Cr upwards.
+/// References are marked by small squares.
 fn plane(classes: &[Class], table: &ColourTable) -> image::RgbImage {
     let class_of = |code: u8| classes.iter().find(|c| c.colour as u8 == code);
     let mut image = image::RgbImage::from_fn(512, 256, |x, y| {

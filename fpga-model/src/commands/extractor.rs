@@ -1,4 +1,4 @@
-//! The scanner as a person sets it, one for each camera, and what it found.
+//! Scanners of `vitreo blobs`: settings by the user, one scanner a camera, blobs found.
 
 use crate::colours::CLASSES;
 use crate::colours::file::ColourFile;
@@ -9,11 +9,10 @@ use crate::scan::{Found, Scanner, Settings, limits};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, Colour};
 use protocol::fields::DARK;
 
-/// Times that a still image is shown before it counts, so that a tracked background settles: a camera
-/// before an unmoved scene shows it again and again.
+/// Passes over a still image before the one that counts, so that a tracked background converges.
 const SETTLING: u32 = 16;
 
-/// What stands out.
+/// Polarity of the blobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Polarity {
     /// Bright on dark.
@@ -22,12 +21,12 @@ pub enum Polarity {
     Dark,
 }
 
-/// How the level of the background is known.
+/// Source of the background level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ground {
     /// This luma everywhere.
     Fixed(u8),
-    /// Followed, block by block, beginning with the median of the first picture.
+    /// Tracked block by block from the median of the first picture.
     Tracked,
 }
 
@@ -68,9 +67,10 @@ pub struct Tuning {
     /// Whether blobs are brighter or darker than what is around them.
     #[arg(long, default_value = "bright")]
     pub polarity: Polarity,
-    /// Level of the background: fixed=LEVEL (luma, 16 is black), or tracked; if not given, it is tracked in the
-    /// fields of cameras and the camera hardware's in other pictures, whose objects may be larger than the blocks
-    /// of the background. A still image is shown 16 times before it counts, until a tracked background has settled.
+    /// Level of the background: fixed=LEVEL (luma, 16 is black), or tracked; if not given, it is
+    /// tracked in the fields of cameras and the camera hardware's in other pictures, whose objects
+    /// may be larger than the blocks of the background. A still image is shown 16 times before it
+    /// counts, until a tracked background has settled.
     #[arg(long, value_name = "LEVEL", value_parser = Ground::parse)]
     pub background: Option<Ground>,
     /// Grey levels above the background that every pixel of a blob has, and its brightest one.
@@ -82,11 +82,12 @@ pub struct Tuning {
     /// Most blobs of a picture: the first to be complete; the rest is counted as lost.
     #[arg(long, value_name = "N")]
     pub max_blobs: Option<usize>,
-    /// Blobs are spots of light, such as stars or particles: weights follow their light up to its peak, and one
-    /// line is enough.
+    /// Blobs are spots of light, such as stars or particles: weights follow their light up to its
+    /// peak, and one line is enough.
     #[arg(long)]
     pub spots: bool,
-    /// Take every pixel for black whose chroma is of no class: for coloured things before a bright ground.
+    /// Take every pixel for black whose chroma is of no class: for coloured things before a bright
+    /// ground.
     #[arg(long, conflicts_with = "grey")]
     pub key: bool,
     /// Pass over colour: every blob is white.
@@ -95,7 +96,7 @@ pub struct Tuning {
 }
 
 impl Tuning {
-    /// How pictures are to be read for it.
+    /// Options of reading for these settings.
     pub fn reading(
         &self,
         levels: Option<Levels>,
@@ -118,7 +119,7 @@ impl Tuning {
         }
         if let Some(Threshold { low, high }) = self.threshold {
             settings.low = low;
-            // Classes that the file does not know still never count.
+            // Classes that are not in the file still never count.
             settings.high = settings.high.map(|h| if h == u8::MAX { h } else { high });
         }
         settings.spots = self.spots;
@@ -150,15 +151,15 @@ fn median(shot: &Shot<'_>) -> u8 {
     found.map_or(DARK, |level| level as u8)
 }
 
-/// A scanner for each camera, and what it found in the newest picture.
+/// A scanner for each camera, and the blobs of the newest picture.
 pub struct Extractor<'a> {
     colours: &'a ColourFile,
     tuning: &'a Tuning,
     /// By camera, with the size of its pictures.
     scanners: Vec<Option<([usize; 2], Scanner)>>,
-    /// What was found.
+    /// Blobs of the newest picture.
     pub blobs: Vec<Blob>,
-    /// Where: the bounding box of each blob (left, right, top, bottom), px and lines of the field.
+    /// Bounding box of each blob (left, right, top, bottom), px and lines of the field.
     pub boxes: Vec<[f64; 4]>,
 }
 
@@ -168,7 +169,7 @@ impl<'a> Extractor<'a> {
         Extractor { colours, tuning, scanners: Vec::new(), blobs: Vec::new(), boxes: Vec::new() }
     }
 
-    /// Shows a still image until a tracked background has settled.
+    /// Scans a still image until a tracked background has converged.
     pub fn settle(&mut self, shot: &Shot<'_>) {
         if self.tuning.background == Some(Ground::Tracked) && shot.is_still {
             for _ in 0..SETTLING {
@@ -177,7 +178,7 @@ impl<'a> Extractor<'a> {
         }
     }
 
-    /// Finds the blobs of a field; returns how many were lost.
+    /// Finds the blobs of a field; returns the number lost.
     pub fn scan(&mut self, shot: &Shot<'_>) -> u64 {
         let size = [shot.view.picture.width, shot.view.height()];
         let camera = shot.head.cam as usize;
@@ -217,7 +218,7 @@ fn box_of(blob: &Blob) -> [f64; 4] {
     [left, right, top, bottom]
 }
 
-/// What was found in all pictures.
+/// Counts over all pictures.
 #[derive(Debug, Clone, Default)]
 pub struct Counts {
     /// Pictures, or fields.
@@ -246,8 +247,8 @@ impl Counts {
         }
     }
 
-    /// In one line.
-    pub fn told(&self) -> String {
+    /// The counts as one line.
+    pub fn summary(&self) -> String {
         let counted = Colour::ALL.map(|c| (c.name(), self.by_class[c as usize]));
         let colours: Vec<String> =
             counted.iter().filter(|(_, n)| *n > 0).map(|(name, n)| format!("{n} {name}")).collect();

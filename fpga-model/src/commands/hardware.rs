@@ -43,6 +43,9 @@ impl HardwareArgs {
 }
 
 /// Prints the tables.
+///
+/// # Errors
+/// Where the standard output cannot be written.
 pub fn run(args: &HardwareArgs) -> Result<()> {
     let limits = args.limits();
     let (resources, clocks) = (resources(&limits), clocks(&limits));

@@ -1,9 +1,9 @@
-//! A sign of progress for a person: on a terminal only, never in a pipe or a file.
+//! Progress display; on a terminal only, never in a pipe or a file.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
 
-/// A count of something whose amount is not known beforehand.
+/// A counter without a known total.
 pub fn counter(what: &'static str) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

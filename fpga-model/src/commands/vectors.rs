@@ -1,4 +1,5 @@
-//! `vitreo-fpga-model vectors`: writes the test vectors that a hardware description is checked with.
+//! `vitreo-fpga-model vectors`: writes the test vectors that a hardware description is checked
+//! with.
 
 use crate::vectors::{patterns, text};
 use anyhow::{Context, Result};
@@ -13,6 +14,9 @@ pub struct VectorsArgs {
 }
 
 /// Writes one file a pattern.
+///
+/// # Errors
+/// Where the folder or a file cannot be written.
 pub fn run(args: &VectorsArgs) -> Result<()> {
     let folder = &args.folder;
     std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;

@@ -1,8 +1,8 @@
-//! Takes pictures from a camera of this machine (Video4Linux2, for instance `/dev/video0`).
+//! Reads pictures from a camera of this machine (Video4Linux2, for instance `/dev/video0`).
 //!
-//! The camera keeps the size it is set to (`v4l2-ctl --set-fmt-video` changes it) and is asked for YUYV,
-//! which is 4:2:2 as it comes. One that cannot deliver it is refused. The driver does not hand on when a
-//! picture was exposed; whoever reads it says when it came.
+//! The camera keeps the size it is set to (`v4l2-ctl --set-fmt-video` changes it) and is asked for
+//! YUYV, which is 4:2:2. A camera without YUYV is refused. The driver gives no instant of exposure;
+//! the reader stamps pictures on arrival.
 
 use super::{Picture, PictureError, size_defect};
 use linuxvideo::format::{Format, PixFormat, PixelFormat};
@@ -10,7 +10,7 @@ use linuxvideo::stream::ReadStream;
 use linuxvideo::{BufType, Device};
 use std::path::Path;
 
-/// A camera that delivers.
+/// A running camera.
 pub struct Camera {
     file: String,
     stream: ReadStream,
@@ -18,7 +18,7 @@ pub struct Camera {
     taken: u64,
 }
 
-/// Where the samples of a YUYV picture lie.
+/// Memory layout of a YUYV picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Layout {
     width: usize,
@@ -28,6 +28,9 @@ struct Layout {
 
 impl Camera {
     /// Opens a camera and starts it.
+    ///
+    /// # Errors
+    /// [`PictureError::File`] where the device is no camera, or delivers no YUYV of a valid size.
     pub fn open(path: &Path) -> Result<Self, PictureError> {
         let file = path.display().to_string();
         let failed = |what: &str, error: std::io::Error| PictureError::File {
@@ -59,6 +62,9 @@ impl Camera {
     }
 
     /// Waits for the next picture.
+    ///
+    /// # Errors
+    /// [`PictureError::Picture`] where the driver fails or delivers too few bytes.
     pub fn read(&mut self, into: &mut Picture) -> Result<bool, PictureError> {
         self.taken += 1;
         let layout = self.layout;

@@ -1,10 +1,10 @@
-//! A picture with what was found drawn in, for people.
+//! Overlay of the blobs found on their picture.
 //!
-//! Each blob has a cross at its centre and a box in its colour. A box of dashes marks a merged blob, a
-//! second box around it a clipped one, a white cross a saturated one. Lines of a field are drawn twice, so
-//! that the picture has the shape of a frame.
+//! Each blob has a cross at its centre and a box in its colour. A box of dashes marks a merged
+//! blob, a second box around it a clipped one, a white cross a saturated one. Lines of a field are
+//! drawn twice, so that the picture has the shape of a frame.
 
-use super::View;
+use super::FieldView;
 use crate::colours::convert::rgb_of_ycc;
 use image::{Rgb, RgbImage};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, Blob, Colour};
@@ -31,10 +31,10 @@ fn paint(colour: u32) -> Rgb<u8> {
     })
 }
 
-/// The picture as it was read and its blobs, each with its box (left, right, top, bottom). `lines`: how often
-/// each line is drawn.
+/// Draws the blobs on the picture as read, each with its box (left, right, top, bottom). Every line
+/// is drawn `lines` times.
 pub fn draw<'a>(
-    view: &View<'_>,
+    view: &FieldView<'_>,
     blobs: impl Iterator<Item = (&'a Blob, &'a [f64; 4])>,
     lines: u32,
 ) -> RgbImage {
@@ -48,7 +48,10 @@ pub fn draw<'a>(
     image
 }
 
-/// Writes it as PNG.
+/// Writes an image as PNG.
+///
+/// # Errors
+/// Where the file cannot be written.
 pub fn save(image: &RgbImage, path: &Path) -> Result<(), image::ImageError> {
     image.save_with_format(path, image::ImageFormat::Png)
 }
@@ -75,7 +78,7 @@ fn mark(image: &mut RgbImage, blob: &Blob, [left, right, top, bottom]: [f64; 4],
     let [x, y] = [blob.x_px, row(blob.y_field_px)].map(|v| v.round() as i64);
     let cross = if has(BLOB_SATURATED) { SATURATED } else { colour };
     for d in -ARM..=ARM {
-        // Dark around it, so that it shows before its own colour.
+        // A dark border keeps it visible before its own colour.
         for (dx, dy) in [(d, -1), (d, 1), (-1, d), (1, d)] {
             put(image, x + dx, y + dy, EDGE);
         }
@@ -87,7 +90,7 @@ fn mark(image: &mut RgbImage, blob: &Blob, [left, right, top, bottom]: [f64; 4],
 }
 
 fn frame(image: &mut RgbImage, sides: [f64; 4], margin: f64, colour: Rgb<u8>, dashed: bool) {
-    // Numbers beyond the picture are cut to just outside of it.
+    // Coordinates beyond the picture are clamped to just outside of it.
     let cut = |v: f64, n: u32| v.round().clamp(-1.0, f64::from(n)) as i64;
     let [left, right] = [sides[0] - margin, sides[1] + margin].map(|v| cut(v, image.width()));
     let [top, bottom] = [sides[2] - margin, sides[3] + margin].map(|v| cut(v, image.height()));

@@ -1,15 +1,15 @@
-//! Puts pictures in their order: which camera, which field, which instant.
+//! Sequence of the pictures: camera, field number and instant of each.
 //!
-//! A still image is a picture of its own, of camera 0; clip `i` comes from camera `i`, and so does what a
-//! real camera delivers. Without a list of
-//! fields they are numbered from 0, and picture `k` was exposed `k + 1` periods after the origin of time (an
-//! instant of 0 would mean none): the period of a clip is its own, that of stills and of clips that do not
-//! tell is that of a field at 50 Hz. With a list (`fields.jsonl`), the `k`-th line of a camera belongs to the
-//! `k`-th picture of its clip, or the `k`-th line to the `k`-th still; list and pictures must end together.
+//! Still images are pictures of camera 0; clip or device `i` is camera `i`. Without a list of
+//! fields, pictures are numbered from 0, and picture `k` was exposed `k + 1` periods after the
+//! origin of time (an instant of 0 would mean none): the period of a clip is its own, that of
+//! stills and of clips without a rate is that of a field at 50 Hz. With a list (`fields.jsonl`),
+//! the `k`-th line of a camera belongs to the `k`-th picture of its clip, or the `k`-th line to the
+//! `k`-th still; list and pictures must end together.
 
 use super::camera::Camera;
 use super::y4m::{Clip, MAGIC};
-use super::{Interlace, Picture, PictureError, View, still};
+use super::{FieldView, Interlace, Picture, PictureError, still};
 use crate::colours::ColourTable;
 use blob_stream::{BlobStreamError, FieldHead, HeadReader};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
@@ -22,10 +22,10 @@ use std::path::{Path, PathBuf};
 /// Name that stands for a clip on the standard input.
 pub const STDIN: &str = "-";
 
-/// Why there is no next picture.
+/// The next picture was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
-    /// A file is not a picture.
+    /// A picture was refused.
     #[error(transparent)]
     Picture(#[from] PictureError),
     /// The list of fields cannot be read.
@@ -38,7 +38,7 @@ pub enum SourceError {
         file: String,
         /// Counted from 1.
         line: u64,
-        /// What was expected and what was found.
+        /// Expected and found content.
         problem: String,
     },
     /// The arguments do not fit each other.
@@ -46,22 +46,22 @@ pub enum SourceError {
     Arguments(String),
 }
 
-/// How pictures are to be read.
+/// Options of reading.
 #[derive(Clone, Default)]
 pub struct Reading {
-    /// Which samples of still images become black and white.
+    /// Samples of still images that become black and white.
     pub levels: Option<still::Levels>,
-    /// Fields in a picture; `None` leaves it to the clip.
+    /// Field order; `None` for that of the clip.
     pub interlace: Option<Interlace>,
-    /// Take dark for bright.
+    /// Invert luma.
     pub dark: bool,
-    /// Take away all chroma.
+    /// Remove chroma.
     pub grey: bool,
-    /// Make everything black that belongs to none of these classes.
+    /// Make every pixel black that has none of these classes.
     pub key: Option<ColourTable>,
 }
 
-/// Clips as they are opened: a file or the standard input.
+/// An opened clip: a file or the standard input.
 type Input = Box<dyn BufRead>;
 
 /// Where the fields of one camera come from.
@@ -103,7 +103,7 @@ impl Feed {
         }
     }
 
-    /// From one field to the next, ns, as a fraction.
+    /// Field period, ns, as a fraction.
     fn period_ns(&self) -> [u64; 2] {
         let fields = self.interlace.parities().len() as u64;
         match &self.kind {
@@ -115,7 +115,7 @@ impl Feed {
         }
     }
 
-    /// Takes the next field and tells its parity; `None` at the end.
+    /// Reads the next field and returns its parity; `None` at the end.
     fn advance(&mut self) -> Result<Option<u32>, PictureError> {
         if self.waiting.is_empty() {
             let found = match &mut self.kind {
@@ -144,7 +144,7 @@ impl Feed {
                 self.picture.key(table);
             }
             if self.reading.grey {
-                self.picture.bleach();
+                self.picture.desaturate();
             }
             self.waiting = self.interlace.parities();
         }
@@ -157,30 +157,34 @@ impl Feed {
 
 /// A field to scan.
 pub struct Shot<'a> {
-    /// Whose and which field it is.
+    /// Camera, number and instants of the field.
     pub head: FieldHead,
     /// Its pixels.
-    pub view: View<'a>,
+    pub view: FieldView<'a>,
     /// True if its lines are every second one of a frame.
     pub is_field: bool,
     /// True if it is a picture of its own, not one of a clip.
     pub is_still: bool,
-    /// True if it comes from a camera just now; its instants are the reader's to stamp.
+    /// True if it comes from a live camera; the caller stamps its instants.
     pub is_live: bool,
     /// The file it comes from.
     pub file: &'a str,
 }
 
-/// All pictures, one after the other.
+/// All pictures in sequence.
 pub struct Source {
     feeds: Vec<Feed>,
     fields: Option<(String, HeadReader)>,
-    /// Feed whose turn it is, where there is no list.
+    /// Next feed without a list.
     turn: usize,
 }
 
 impl Source {
     /// Opens stills or clips, with a list of fields or without.
+    ///
+    /// # Errors
+    /// [`SourceError::Arguments`] where the paths do not fit each other, [`SourceError::Picture`]
+    /// where one cannot be opened, [`SourceError::Fields`] where the list cannot be opened.
     pub fn open(paths: &[PathBuf], fields: Option<&Path>, reading: &Reading) -> Result<Self, SourceError> {
         let wrong = |problem: String| Err(SourceError::Arguments(problem));
         let what: Vec<What> = paths.iter().map(|p| What::is(p)).collect::<Result<_, _>>()?;
@@ -201,7 +205,11 @@ impl Source {
         Ok(Source { feeds, fields, turn: 0 })
     }
 
-    /// The next field; `None` when all are through.
+    /// The next field; `None` at the end.
+    ///
+    /// # Errors
+    /// [`SourceError::Picture`] where a picture is refused, [`SourceError::Fields`] where a line of
+    /// the list is, [`SourceError::Mismatch`] where list and pictures do not fit.
     pub fn take(&mut self) -> Result<Option<Shot<'_>>, SourceError> {
         let found = if self.fields.is_some() { self.next_listed()? } else { self.next_in_turn()? };
         Ok(found.map(|(i, parity, head)| {
@@ -218,7 +226,7 @@ impl Source {
         }))
     }
 
-    /// A field of each camera in turn, as long as there are any.
+    /// The next field in turn; cameras take turns until all are at their end.
     fn next_in_turn(&mut self) -> Result<Option<(usize, u32, FieldHead)>, SourceError> {
         for _ in 0..self.feeds.len() {
             let i = self.turn;
@@ -264,7 +272,7 @@ impl Source {
         Ok(Some((i, parity, head)))
     }
 
-    /// After the list no picture may be left.
+    /// Checks that no picture is left after the list.
     fn expect_end(&mut self) -> Result<(), SourceError> {
         let Some((list, lines)) = &self.fields else { return Ok(()) };
         for feed in &mut self.feeds {
@@ -299,7 +307,7 @@ fn open(path: &Path) -> Result<Input, PictureError> {
     Ok(Box::new(BufReader::with_capacity(1 << 16, opened)))
 }
 
-/// What a path leads to.
+/// Kind of input at a path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum What {
     Still,
@@ -308,7 +316,8 @@ enum What {
 }
 
 impl What {
-    /// A file is told by what it begins with, the rest by its kind: it can be read only once.
+    /// Classifies a file by its first bytes, anything else by its file type: it can be read only
+    /// once.
     fn is(path: &Path) -> Result<Self, PictureError> {
         let read_error = |source| PictureError::Read { file: path.display().to_string(), source };
         if path.as_os_str() == STDIN {

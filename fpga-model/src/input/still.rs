@@ -1,8 +1,8 @@
 //! Reads still images: PNG and JPEG, grey or colour, 8 or 16 bits a sample.
 //!
-//! Opacity and the orientation noted by a photo camera are passed over: the scanner sees the samples as they
-//! lie in the file. Samples of 16 bits have more range than the scanner's 8: [`Levels`] says which stretch
-//! of it becomes black to white.
+//! Opacity and the orientation noted by a photo camera are ignored: the scanner gets the samples as
+//! stored. Samples of 16 bits have more range than the scanner's 8: [`Levels`] maps a part of it to
+//! black to white.
 
 use super::{Picture, PictureError, size_defect};
 use crate::colours::convert::{GREY, luma_of_full, ycc_of_rgb};
@@ -11,24 +11,27 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// Most memory that a decoder may take, bytes: the largest picture with 4 samples of 16 bits, and half as
+/// Memory limit of a decoder, bytes: the largest picture with 4 samples of 16 bits, and half as
 /// much again.
 const MAX_DECODER_BYTES: u64 = 384 << 20;
-/// Samples of 16 bits without given levels: from the darkest hundredth up to so many times the spread
-/// between it and the brightest hundredth.
+/// Samples of 16 bits without given levels: from the darkest hundredth up to so many times the
+/// spread between it and the brightest hundredth.
 const AUTO_SPREADS: u32 = 8;
 
-/// The samples that become black and white.
+/// Samples that become black and white.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Levels {
-    /// Becomes black, with everything below.
+    /// Largest sample that becomes black.
     pub black: u16,
-    /// Becomes white, with everything above.
+    /// Least sample that becomes white.
     pub white: u16,
 }
 
 impl Levels {
-    /// From `BLACK:WHITE`.
+    /// Parses `BLACK:WHITE`.
+    ///
+    /// # Errors
+    /// Where the text is not two numbers from 0 to 65535 in ascending order.
     pub fn parse(text: &str) -> Result<Self, String> {
         let refuse =
             || format!("expected BLACK:WHITE, two numbers from 0 to 65535, the first lower; found {text:?}");
@@ -40,9 +43,9 @@ impl Levels {
         if levels.black < levels.white { Ok(levels) } else { Err(refuse()) }
     }
 
-    /// For samples whose use of their 16 bits nobody told: from the 1 % quantile `a` to `a + 8·(b − a)`, with
-    /// the 99 % quantile `b`, but at most to the brightest sample. The noise of a dark frame then has a few
-    /// grey levels, and what stands out of it is not cut off at once.
+    /// Levels of samples whose range is unknown: from the 1 % quantile `a` to `a + 8·(b − a)`, with
+    /// the 99 % quantile `b`, but at most to the brightest sample. The noise of a dark frame then
+    /// has a few grey levels, and what stands out of it is not cut off at once.
     fn of_samples(samples: &[u16]) -> Self {
         let mut counts = vec![0u32; 1 << 16];
         samples.iter().for_each(|&s| counts[usize::from(s)] += 1);
@@ -61,7 +64,7 @@ impl Levels {
         Levels { black: low.min(65_534) as u16, white: white.min(65_535) as u16 }
     }
 
-    /// A sample of 16 bits as one of 8.
+    /// Maps a 16-bit sample to 8 bits.
     fn apply(self, sample: u16) -> u8 {
         let range = u32::from(self.white - self.black);
         let above = u32::from(sample.saturating_sub(self.black)).min(range);
@@ -69,7 +72,12 @@ impl Levels {
     }
 }
 
-/// Reads an image into `into`. `levels` are in the file's own samples: 0–255 for 8 bits, 0–65535 for 16.
+/// Reads an image into `into`. `levels` are in the file's own samples: 0–255 for 8 bits, 0–65535
+/// for 16.
+///
+/// # Errors
+/// [`PictureError::Read`] where the file cannot be opened, [`PictureError::File`] where it is no
+/// PNG or JPEG, is damaged, or exceeds the limits of size.
 pub fn read(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<(), PictureError> {
     let file = path.display().to_string();
     let refuse = |problem: String| PictureError::File { file: file.clone(), problem };

@@ -1,8 +1,8 @@
 //! Reads uncompressed clips (YUV4MPEG2, `.y4m`) picture by picture.
 //!
-//! 8 bits a sample; chroma 4:2:0, 4:1:1, 4:2:2, 4:4:4 or none. It becomes 4:2:2: what is coarser is repeated,
-//! what is finer averaged in pairs. In an interlaced 4:2:0 picture each field has chroma lines of its own.
-//! Samples are in the studio range unless the header says `XCOLORRANGE=FULL`.
+//! 8 bits a sample; chroma 4:2:0, 4:1:1, 4:2:2, 4:4:4 or none. It becomes 4:2:2: coarser chroma is
+//! repeated, finer chroma averaged in pairs. In an interlaced 4:2:0 picture each field has chroma
+//! lines of its own. Samples are in the studio range unless the header says `XCOLORRANGE=FULL`.
 
 use super::{Interlace, Picture, PictureError, size_defect};
 use crate::colours::convert::{GREY, chroma_of_full, luma_of_full};
@@ -13,7 +13,7 @@ pub const MAGIC: &[u8] = b"YUV4MPEG2";
 /// Longest header, and longest line before a picture, bytes.
 const MAX_HEADER: u64 = 1024;
 
-/// How chroma is sampled.
+/// Chroma subsampling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Chroma {
     /// None.
@@ -22,16 +22,16 @@ enum Chroma {
     Planes { across: usize, down: usize, alpha: bool },
 }
 
-/// What the header says.
+/// Header of a clip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Head {
     /// Pixels a line.
     pub width: usize,
     /// Lines of a picture.
     pub height: usize,
-    /// Pictures a second, as a fraction; `None` if the header does not tell.
+    /// Pictures a second, as a fraction; `None` if the header has none.
     pub rate: Option<[u64; 2]>,
-    /// Fields in a picture.
+    /// Field order.
     pub interlace: Interlace,
     chroma: Chroma,
     full_range: bool,
@@ -58,7 +58,7 @@ impl Head {
 pub struct Clip<R> {
     file: String,
     input: R,
-    /// What the header says.
+    /// Header.
     pub head: Head,
     /// Pictures begun so far.
     begun: u64,
@@ -66,7 +66,11 @@ pub struct Clip<R> {
 }
 
 impl<R: BufRead> Clip<R> {
-    /// Reads the header; `file` is for messages.
+    /// Reads the header; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// [`PictureError::Read`] where the input cannot be read, [`PictureError::File`] where the
+    /// header is malformed or names a format that is not supported.
     pub fn open(mut input: R, file: &str) -> Result<Self, PictureError> {
         let refuse = |problem: String| PictureError::File { file: file.into(), problem };
         let line = read_line(&mut input).map_err(|e| unreadable(file, e))?;
@@ -85,6 +89,10 @@ impl<R: BufRead> Clip<R> {
     }
 
     /// Reads the next picture into `into`; false at the end of the clip.
+    ///
+    /// # Errors
+    /// [`PictureError::Read`] where the input cannot be read, [`PictureError::Picture`] where the
+    /// picture is incomplete.
     pub fn read(&mut self, into: &mut Picture) -> Result<bool, PictureError> {
         match self.input.fill_buf() {
             Ok([]) => return Ok(false),
@@ -136,7 +144,7 @@ impl<R: BufRead> Clip<R> {
     }
 }
 
-/// Brings a chroma plane to every second column of every line.
+/// Resamples a chroma plane to every second column of every line.
 fn spread(head: &Head, from: &[u8], [across, down]: [usize; 2], to: &mut [u8]) {
     let from_width = head.width.div_ceil(across);
     let last_line = head.height.div_ceil(down) - 1;
@@ -172,7 +180,7 @@ fn unreadable(file: &str, source: std::io::Error) -> PictureError {
     PictureError::Read { file: file.into(), source }
 }
 
-/// What the header line says, or what is wrong with it.
+/// Parses the header line; the error is its defect.
 fn parse_head(line: &str) -> Result<Head, String> {
     let mut words = line.split(' ');
     if words.next() != Some("YUV4MPEG2") {

@@ -1,9 +1,10 @@
 //! The level of the background: a fixed one, or one tracked block by block.
 //!
-//! Tracking keeps one level per block of 64 × 32 px. Every 16th pixel moves the level of its block by
-//! 1/16 grey level towards itself, which settles at the median of the block (sigma–delta estimation,
-//! Manzanera and Richefeu 2007): a marker, which covers a small part of a block, does not move it. Between
-//! the centres of blocks the level is interpolated, linearly along the line and every eighth line.
+//! Tracking keeps one level per block of 64 × 32 px. Every 16th pixel moves the level of its block
+//! by 1/16 grey level towards itself, which settles at the median of the block (sigma–delta
+//! estimation, Manzanera and Richefeu 2007): a marker, which covers a small part of a block, does
+//! not move it. Between the centres of blocks the level is interpolated, linearly along the line
+//! and every eighth line.
 
 use super::limits::LEVEL_BITS;
 
@@ -11,20 +12,20 @@ use super::limits::LEVEL_BITS;
 const BLOCK: [usize; 2] = [64, 32];
 /// Lines that share one row of levels.
 const ROW_LINES: usize = 8;
-/// Every how many pixels one is looked at; a block's samples are spread over its columns.
+/// Distance of the samples along a line, px; the lines' samples cover all columns of a block.
 const SAMPLE: usize = 16;
-/// By how many columns the samples of the next line are shifted; coprime with [`SAMPLE`].
+/// Shift of the samples from line to line, px; coprime with [`SAMPLE`].
 const SHIFT: usize = 5;
 /// Bits of a level: 8 of luma and the fraction.
 pub const LEVEL_WIDTH: u32 = 8 + LEVEL_BITS;
 const LEVEL_MAX: u16 = 255 << LEVEL_BITS;
 
-/// How the level of the background is known.
+/// Source of the background level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
-    /// It is this luma everywhere.
+    /// This luma everywhere.
     Fixed(u8),
-    /// It is this luma at first and then followed.
+    /// Tracked, with this luma at first.
     Tracked(u8),
 }
 
@@ -48,7 +49,8 @@ pub const fn blocks_along(n: usize, axis: usize) -> usize {
 }
 
 impl Background {
-    /// For fields of `width` × `height`; a pixel stands out if it is `low` grey levels above it.
+    /// For fields of `width` × `height` px; a pixel stands out if it is `low` grey levels above the
+    /// level.
     pub fn new(level: Level, low: u8, width: usize, height: usize) -> Self {
         let blocks = [blocks_along(width, 0), blocks_along(height, 1)];
         let (Level::Fixed(start) | Level::Tracked(start)) = level;
@@ -75,14 +77,14 @@ impl Background {
         &self.foreground
     }
 
-    /// Makes line `y` the current one.
+    /// Makes line `y` the current line.
     pub fn begin_line(&mut self, y: usize) {
         if matches!(self.level, Level::Tracked(_)) && y.is_multiple_of(ROW_LINES) {
             self.lay_row(y);
         }
     }
 
-    /// Follows the background with the pixels of line `y`.
+    /// Tracks the background with the samples of line `y`.
     pub fn watch(&mut self, y: usize, luma: &[u8]) {
         if !matches!(self.level, Level::Tracked(_)) {
             return;
@@ -113,7 +115,7 @@ impl Background {
     }
 }
 
-/// The blocks between whose centres `at` lies, and how far it is from the first.
+/// The two blocks between whose centres `at` lies, and its distance from the first centre.
 fn between(at: usize, axis: usize, blocks: usize) -> (usize, usize, u32) {
     let from_first_centre = at.saturating_sub(BLOCK[axis] / 2);
     let block = from_first_centre / BLOCK[axis];
@@ -128,7 +130,7 @@ const _: () = assert!(SAMPLE.is_power_of_two() && SHIFT % 2 == 1, "every column 
 mod tests {
     use super::*;
 
-    /// Shows `picture` so many times.
+    /// Shows `picture` `times` times.
     fn settle(picture: &[Vec<u8>], times: usize) -> Background {
         let mut background = Background::new(Level::Tracked(30), 16, picture[0].len(), picture.len());
         for _ in 0..times {

@@ -8,35 +8,36 @@ use super::split::{Shape, shape};
 use super::sums::Sums;
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, Blob};
 
-/// How far a centre is drawn to the bright side for each share by which the light rises per column, px²:
+/// Shift of a centre towards the bright side per relative slope of the illumination, px²:
 /// a pixel's lit surface is found some 5 px from it, over an edge of about 1 px.
 const SHADE_PX2: i64 = 5;
-/// Added to the span, so that what little of a surface is seen does not count for much.
+/// Added to the span: regularises the slope where little of the surface is visible.
 const LEAST_SPAN: u64 = 8192;
-/// Most that this is put right by, px in units of 2⁻¹⁶.
+/// Largest correction of that shift, px in units of 2⁻¹⁶.
 const SHADE_MOST: i128 = ONE / 8;
-/// Least variance of a pixel's noise, levels²: of a clean camera, and where too little of the surface is seen.
+/// Least variance of a pixel's noise, levels²: of a clean camera, and where too little of the
+/// surface is seen.
 const LEAST_NOISE: u64 = 1;
-/// Differences of neighbours that tell the noise; fewer do not.
+/// Fewest differences of neighbours from which noise is estimated.
 const LEAST_GRAINS: u32 = 16;
-/// Noise where it is not told, levels².
+/// Noise variance where it is not estimated, levels².
 const USUAL_NOISE: u64 = 6;
-/// Variance that remains without noise, because lines and columns sample the outline: (0.008 px)² along
-/// the line and (0.005 lines)² across, in 2⁻²⁴ px².
+/// Variance that remains without noise, because lines and columns sample the outline: (0.008 px)²
+/// along the line and (0.005 lines)² across, in 2⁻²⁴ px².
 const FLOOR_Q24: [u128; 2] = [1074, 419];
-/// Variance of where one line begins: (1/16 px)², 5 ns of a PAL signal's time base, in 2⁻²⁴ px².
+/// Variance of the start of a line: (1/16 px)², 5 ns of a PAL signal's time base, in 2⁻²⁴ px².
 const LINE_JITTER_Q24: u128 = (1 << 24) / 256;
 /// Fixed point of variances.
 const VARIANCE_BITS: u32 = 24;
-/// (1/20 px)²: what two touching markers do to each other's centre, in 2⁻²⁴ px².
+/// Variance of a centre from its touching neighbour: (1/20 px)², in 2⁻²⁴ px².
 const TOUCH_Q24: u128 = (1 << 24) / 400;
-/// (1/16 px)²: what a clipped peak may do.
+/// Variance of a centre from a saturated peak: (1/16 px)², in 2⁻²⁴ px².
 const SATURATION_Q24: u128 = (1 << 24) / 256;
-/// Columns that are as long as the distance of two lines of a PAL field, in units of 2⁻¹⁶: pixels are 59
-/// wide and 54 high in the frame (ITU-R BT.601, 4 : 3).
+/// Columns that are as long as the distance of two lines of a PAL field, in units of 2⁻¹⁶: pixels
+/// are 59 wide and 54 high in the frame (ITU-R BT.601, 4 : 3).
 const PAL_ASPECT: i128 = ONE * 2 * 54 / 59;
 
-/// What a component's numbers refer to.
+/// Size and line structure of a field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FieldShape {
     /// Columns and lines of the field.
@@ -46,7 +47,8 @@ pub struct FieldShape {
 }
 
 impl FieldShape {
-    /// The distance of two lines in columns, in units of 2⁻¹⁶: PAL where interlaced, square pixels else.
+    /// Distance of two lines in columns, in units of 2⁻¹⁶: PAL if interlaced, otherwise square
+    /// pixels.
     fn aspect(&self) -> i128 {
         if self.frame_lines == 2 { PAL_ASPECT } else { ONE }
     }
@@ -78,7 +80,7 @@ fn area(sums: &Sums) -> i128 {
     i128::from(sums.w) << (BITS - FULL_WEIGHT.trailing_zeros())
 }
 
-/// The blobs that a component is; none without weight.
+/// The blobs of a component; none without weight.
 pub fn discs(sums: &Sums, field: &FieldShape) -> Discs {
     let Some(moments) = Moments::of(sums) else { return Discs { blobs: [None, None] } };
     let area = area(sums);
@@ -91,7 +93,7 @@ pub fn discs(sums: &Sums, field: &FieldShape) -> Discs {
         Shape::Merged => [Some(whole.blob(flags | BLOB_MERGED, 0, field)), None],
         Shape::Pair(halves) => halves.map(|half| {
             let centre = [0, 1].map(|i| whole.centre[i] + half.offset[i]);
-            // Each is as wide as both, less the distance of their centres.
+            // The width of each is that of both less the distance of the centres.
             let apart = |i: usize| (halves[1].offset[i] - halves[0].offset[i]).abs();
             let size = [0, 1].map(|i| (size[i] - ((apart(i) + ONE / 2) >> BITS)).max(1));
             let part = Part { sums, centre, area: (area * half.share) >> BITS, size };
@@ -101,7 +103,7 @@ pub fn discs(sums: &Sums, field: &FieldShape) -> Discs {
     Discs { blobs }
 }
 
-/// How far the centre was drawn to the bright side, px in units of 2⁻¹⁶.
+/// Shift of the centre towards the bright side, px in units of 2⁻¹⁶.
 fn shade(sums: &Sums) -> i128 {
     let drawn = (i128::from(SHADE_PX2 * sums.rise) << BITS) / i128::from(sums.span + LEAST_SPAN);
     drawn.clamp(-SHADE_MOST, SHADE_MOST)
@@ -117,7 +119,7 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    /// As a blob. `split_q24` is what the split adds to the variance, 0 where there was none.
+    /// The blob. `split_q24` is the variance added by a split, 0 without one.
     fn blob(&self, flags: u32, split_q24: u128, field: &FieldShape) -> Blob {
         let [width, height] = self.size.map(|side| side as f64);
         let to_px = |q: i128| q.max(0) as f64 / ONE as f64;
@@ -138,10 +140,10 @@ impl Part<'_> {
         }
     }
 
-    /// Variance of the centre along an axis, px² of the field. Noise acts on the rim only, whose pixels lie
-    /// about `side²/8` (mean square) from the centre; a weight has `FULL_WEIGHT/0.8` of the noise over the
-    /// contrast: `σ² · (80/contrast)² · rim · side²/8 / (Σ w)²`. Where something is hidden or
-    /// grown together unresolved, the centre may be off by a part of the side.
+    /// Variance of the centre along an axis, px² of the field. Noise acts on the rim only, whose
+    /// pixels lie about `side²/8` (mean square) from the centre; a weight has `FULL_WEIGHT/0.8` of
+    /// the noise over the contrast: `σ² · (80/contrast)² · rim · side²/8 / (Σ w)²`. Where something
+    /// is hidden or grown together unresolved, the centre may be off by a part of the side.
     fn variance_q24(&self, axis: usize, flags: u32, split_q24: u128) -> u128 {
         let side2 = (self.size[axis] * self.size[axis]) as u128;
         let contrast = u128::from(self.sums.contrast.max(1));
@@ -161,8 +163,8 @@ impl Part<'_> {
     }
 }
 
-/// Variance of a pixel's noise, levels² in 1/256, from the grain of the surface: a difference of two pixels
-/// has twice the variance of one.
+/// Variance of a pixel's noise, levels² in 1/256, from the grain of the surface: a difference of
+/// two pixels has twice the variance of one.
 fn noise_q8(sums: &Sums) -> u64 {
     if sums.grains < LEAST_GRAINS {
         return USUAL_NOISE << 8;
@@ -202,7 +204,8 @@ mod tests {
         sums.unwrap()
     }
 
-    /// Share of a pixel inside discs (column, line, radius in columns) as PAL sees them, by 16 × 16 points.
+    /// Share of a pixel inside discs (column, line, radius in columns) as PAL sees them, by 16 × 16
+    /// points.
     fn discs_at(all: &[(f64, f64, f64)]) -> Sums {
         let aspect = 2.0 * 54.0 / 59.0;
         let inside = |x: f64, y: f64| {

@@ -1,4 +1,4 @@
-//! The bounded table of open components: labels are handed out, united, freed and used again.
+//! The bounded table of open components: allocation, union and release of labels.
 
 use super::sums::Sums;
 
@@ -22,14 +22,14 @@ impl Labels {
     /// Frees every label.
     pub fn clear(&mut self) {
         self.used.fill(0);
-        // Labels that the last word has bits for but the table has no room for are never free.
+        // Bits of the last word beyond the table are never free.
         let rest = self.sums.len() % 64;
         if rest > 0 {
             *self.used.last_mut().expect("a table has a word") = u64::MAX << rest;
         }
     }
 
-    /// The lowest free label, now in use, its sums empty; `None` where all are in use.
+    /// Allocates the lowest free label with empty sums; `None` where all are in use.
     pub fn open(&mut self) -> Option<u16> {
         let word = self.used.iter().position(|w| *w != u64::MAX)?;
         let bit = self.used[word].trailing_ones() as usize;
@@ -39,7 +39,7 @@ impl Labels {
         Some(label as u16)
     }
 
-    /// Adds a run's sums.
+    /// Adds the sums of a run to a component.
     pub fn add(&mut self, label: u16, part: &Sums) {
         let own = &mut self.sums[usize::from(label)];
         if own.area == 0 {

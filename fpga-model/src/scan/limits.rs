@@ -1,7 +1,8 @@
-//! What the tables of the extractor hold, and how wide its registers therefore are.
+//! Sizes of the extractor's tables, and the register widths that follow.
 //!
-//! Every width follows from [`Limits`] by counting; the relations that the code relies on are asserted
-//! at compile time for both sets of limits, so that a larger table cannot quietly overflow a register.
+//! Every width follows from [`Limits`] by counting; the relations that the code relies on are
+//! asserted at compile time for both sets of limits, so that a larger table cannot quietly overflow
+//! a register.
 
 /// Sizes of the extractor's tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,8 +19,8 @@ pub struct Limits {
     pub blobs: usize,
 }
 
-/// The camera hardware: PAL fields of 720 × 288, and the 64 blobs of the wire. The shipped rig shows
-/// 14 markers, each crossed by one run a line.
+/// The camera hardware: PAL fields of 720 × 288, and the 64 blobs of the wire. The shipped rig
+/// shows 14 markers, each crossed by one run a line.
 pub const CAMERA: Limits =
     Limits { width: 720, lines: 288, runs: 128, labels: 128, blobs: protocol::limits::MAX_BLOBS };
 /// Pictures and rigs with other sensors: sides up to 8,192 px, as many blobs as a star field has.
@@ -90,7 +91,8 @@ const fn power_sums(n: u128) -> [u128; 4] {
 }
 
 impl Limits {
-    /// The widths that hold any component of a field of this size, be it the whole field at full weight.
+    /// Widths that hold any component of a field of this size, up to the whole field at full
+    /// weight.
     pub const fn widths(&self) -> Widths {
         let full = FULL_WEIGHT as u128;
         let [x0, x1, x2, x3] = power_sums(self.width as u128);
@@ -118,16 +120,16 @@ impl Limits {
     }
 }
 
-/// Clocks to look at one run and add it to its component: every register has its own adder.
+/// Clocks to read one run and add it to its component: every register has its own adder.
 pub const RUN_CLOCKS: u64 = 2;
-/// Clocks to unite two components: one to read, one to write; the runs' labels change in the same clock,
-/// each beside its own comparator.
+/// Clocks to unite two components: one to read, one to write; the runs' labels change in the same
+/// clock, each beside its own comparator.
 pub const UNION_CLOCKS: u64 = 2;
-/// Quotients and roots of one component: nine moments, what light from one side does, two variances, and
-/// three for the question whether it is more than one marker.
+/// Quotients and roots of one component: nine moments, the shift by the illumination's slope, two
+/// variances, and three for the decision whether it is more than one marker.
 const QUOTIENTS: u64 = 15;
-/// Further ones of two markers that touch: six for axis and places, three rounds of six for the lens and one before,
-/// and seven for the shares (`split`).
+/// Further ones of two markers that touch: six for axis and places, three rounds of six for the
+/// lens and one before, and seven for the shares (`split`).
 const SPLIT_QUOTIENTS: u64 = 6 + 1 + 3 * 6 + 7;
 /// Bits of a quotient or root; the divider yields one a clock.
 const QUOTIENT_BITS: u64 = 32;
@@ -136,14 +138,14 @@ pub const DIVIDER_CLOCKS: u64 = QUOTIENTS * QUOTIENT_BITS;
 /// Further clocks for two markers that touch.
 pub const SPLIT_CLOCKS: u64 = SPLIT_QUOTIENTS * QUOTIENT_BITS;
 
-// A line's runs are labelled while the next line is read: at worst all of them, uniting all components
-// above, and a look at every label.
+// A line's runs are labelled while the next line is read: at worst all of them, uniting all
+// components above, and a search of every label.
 const _: () = assert!(
     CAMERA.runs as u64 * (RUN_CLOCKS + UNION_CLOCKS) + CAMERA.labels as u64 <= LINE_CLOCKS,
     "labelling keeps up with the pixels"
 );
-// One component is divided in less than a line, so that those of different lines do not wait for each other,
-// unless two markers touch; then in less than two.
+// One component is divided in less than a line, so that those of different lines do not wait for
+// each other, unless two markers touch; then in less than two.
 const _: () = assert!(DIVIDER_CLOCKS <= LINE_CLOCKS && DIVIDER_CLOCKS + SPLIT_CLOCKS <= 2 * LINE_CLOCKS);
 // The twin's own registers (`sums`) hold what the hardware's hold.
 const _: () = {
@@ -153,7 +155,8 @@ const _: () = {
     assert!(picture.area <= u32::BITS && picture.wxx <= u64::BITS && picture.wyy <= u64::BITS);
     assert!(picture.wxxx <= u128::BITS && picture.wyyy <= u128::BITS);
     assert!(picture.rise < i64::BITS && picture.span <= u64::BITS && picture.grain <= u64::BITS);
-    // Products of a second or third moment with Σ w², as the central moments need them, in 128 bits.
+    // Products of a second or third moment with Σ w², as the central moments need them, in 128
+    // bits.
     assert!(picture.wxx + picture.w < 127 && camera.wxxx + 2 * camera.w < 127);
 };
 // A component of every label and a run of every pixel pair can exist.

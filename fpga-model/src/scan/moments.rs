@@ -2,12 +2,12 @@
 
 use super::sums::Sums;
 
-/// Fixed point of lengths, areas and moments here: 2⁻¹⁶.
+/// Fraction bits of lengths, areas and moments.
 pub const BITS: u32 = 16;
-/// One.
+/// One in this fixed point.
 pub const ONE: i128 = 1 << BITS;
 
-/// Σ w of a component divided into its moments about its centre. Lengths are in columns and lines, all
+/// Moments of a component about its centre, divided by Σ w. Lengths are in columns and lines, all
 /// numbers in units of 2⁻¹⁶.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Moments {
@@ -20,10 +20,11 @@ pub struct Moments {
 }
 
 impl Moments {
-    /// The moments of sums with any weight; `None` without.
+    /// The moments of a component; `None` without weight.
     ///
-    /// The sums are shifted, exactly, to the whole pixel beside the centre before anything is divided:
-    /// the third moment about the corner of the field is millions of times as large as about the centre.
+    /// The sums are shifted, exactly, to the whole pixel beside the centre before anything is
+    /// divided: the third moment about the corner of the field is millions of times as large as
+    /// about the centre.
     pub fn of(sums: &Sums) -> Option<Moments> {
         let w = i128::from(sums.w);
         if w == 0 {
@@ -43,7 +44,7 @@ impl Moments {
         let [p, q] = [mean(x - a * w), mean(y - b * w)];
         let [xx, xy, yy] = second.map(mean);
         let [xxx, xxy, xyy, yyy] = third.map(mean);
-        // What is left to the centre is less than a pixel.
+        // The remaining distance to the centre is less than a pixel.
         Some(Moments {
             centre: [(a << BITS) + p, (b << BITS) + q],
             second: [xx - times(p, p), xy - times(p, q), yy - times(q, q)],
@@ -62,12 +63,12 @@ pub fn times(a: i128, b: i128) -> i128 {
     (a * b) >> BITS
 }
 
-/// A quotient of two numbers in units of 2⁻¹⁶; nothing divided by nothing is nothing.
+/// A quotient of two numbers in units of 2⁻¹⁶; 0 for a divisor of 0.
 pub fn over(a: i128, b: i128) -> i128 {
     if b == 0 { 0 } else { (a << BITS) / b }
 }
 
-/// The root of a number in units of 2⁻¹⁶; of a negative one, nothing.
+/// The square root of a number in units of 2⁻¹⁶; 0 for a negative one.
 pub fn root(a: i128) -> i128 {
     ((a.max(0) as u128) << BITS).isqrt() as i128
 }

@@ -1,12 +1,12 @@
-//! Which component a pixel's weight counts for.
+//! Assignment of pixels to components for weighing.
 //!
-//! The runs of a line are what stands out from the background; a marker's blurred edge goes further. So a
-//! run also owns up to [`SKIRT`] columns beside it, though no more than half of the gap to the next run,
-//! and the pixels right below and right above it, where nothing of their own line claims them.
-//! What a run owns in this way is weighed with it but joins nothing: it makes no components touch.
+//! Runs hold the pixels that stand out from the background; a marker's blurred edge extends
+//! further. A run also owns up to [`SKIRT`] columns beside it, though no more than half of the gap
+//! to the next run, and the pixels directly below and above it that no run of their own line owns.
+//! These pixels are weighed with the run; they do not connect components.
 //!
-//! The owner of a pixel is the first of: the coloured run of its line, skirt included; the run of the
-//! line above that covers its column; that of the line below; the white run of its line. White
+//! The owner of a pixel is the first of: the coloured run of its line, skirt included; the run of
+//! the line above that covers its column; that of the line below; the white run of its line. White
 //! comes last because the faint first and last line of a marker show no colour of their own.
 
 use super::runs::{NO_LABEL, Run, Runs};
@@ -23,11 +23,11 @@ pub struct Claim {
     pub columns: Range<u16>,
     /// Label of the component.
     pub label: u16,
-    /// Whether this is a run with its skirt.
+    /// True for a run with its skirt.
     pub run: bool,
 }
 
-/// The rule with its scratch registers.
+/// The assignment with its scratch registers.
 #[derive(Debug, Clone)]
 pub struct Owners {
     /// Coloured runs of the line, with their skirts.
@@ -41,7 +41,8 @@ impl Owners {
         Owners { own: Vec::with_capacity(runs), labels: Vec::with_capacity(runs) }
     }
 
-    /// Tells `claim` every owned stretch of a line of `width` px: its runs, and those above and below.
+    /// Calls `claim` for every owned stretch of a line of `width` px, given its runs and those of
+    /// the lines above and below.
     pub fn each(
         &mut self,
         width: u16,
@@ -50,32 +51,32 @@ impl Owners {
         below: &Runs,
         mut claim: impl FnMut(Claim),
     ) {
-        self.dress(width, line);
-        let mut tell = |columns: Range<u16>, label: u16, run: bool| {
+        self.add_skirts(width, line);
+        let mut emit = |columns: Range<u16>, label: u16, run: bool| {
             if label != NO_LABEL && !columns.is_empty() {
                 claim(Claim { columns, label, run });
             }
         };
         for (run, &label) in self.own.iter().zip(&self.labels) {
-            tell(run.start..run.end, label, true);
+            emit(run.start..run.end, label, true);
         }
         for (run, &label) in above.all().iter().zip(above.labels()) {
-            uncovered(run.start..run.end, &self.own, &mut |free| tell(free, label, false));
+            uncovered(run.start..run.end, &self.own, &mut |free| emit(free, label, false));
         }
         for (run, &label) in below.all().iter().zip(below.labels()) {
             uncovered(run.start..run.end, &self.own, &mut |free| {
-                uncovered(free, above.all(), &mut |free| tell(free, label, false));
+                uncovered(free, above.all(), &mut |free| emit(free, label, false));
             });
         }
         for (run, &label) in line.all().iter().zip(line.labels()).filter(|(run, _)| is_white(run)) {
             uncovered(run.start..run.end, above.all(), &mut |free| {
-                uncovered(free, below.all(), &mut |free| tell(free, label, false));
+                uncovered(free, below.all(), &mut |free| emit(free, label, false));
             });
         }
     }
 
-    /// The coloured runs with their skirts.
-    fn dress(&mut self, width: u16, line: &Runs) {
+    /// Fills `own` with the coloured runs and their skirts.
+    fn add_skirts(&mut self, width: u16, line: &Runs) {
         self.own.clear();
         self.labels.clear();
         let all = line.all();
@@ -98,7 +99,8 @@ fn is_white(run: &Run) -> bool {
     run.class == Colour::White as u8
 }
 
-/// Tells `free` each part of `columns` that none of `runs`, from left to right, covers.
+/// Calls `free` for each part of `columns` that no run covers; `runs` are sorted from left to
+/// right.
 fn uncovered(columns: Range<u16>, runs: &[Run], free: &mut impl FnMut(Range<u16>)) {
     let mut from = columns.start;
     let first = runs.partition_point(|run| run.end <= from);
@@ -135,7 +137,7 @@ mod tests {
         runs
     }
 
-    /// The owner of a pixel by the words of the rule.
+    /// The owner of a pixel by the definition.
     fn owner(x: u16, [above, line, below]: &[Runs; 3]) -> u16 {
         let covering = |runs: &Runs| runs.all().iter().position(|r| r.start <= x && x < r.end);
         let label = |runs: &Runs, i: Option<usize>| i.map(|i| runs.labels()[i]);

@@ -4,7 +4,7 @@ use crate::colours::{ColourTable, UNSURE};
 use protocol::blobs::Colour;
 use std::ops::Range;
 
-/// Luma is looked at in groups of this many pixels, which the compiler turns into one comparison.
+/// Pixels compared at a time; the compiler makes one vector comparison of them.
 const GROUP: usize = 16;
 
 /// A run.
@@ -22,10 +22,10 @@ pub struct Run {
 #[derive(Debug, Clone)]
 pub struct Runs {
     runs: Vec<Run>,
-    /// One a run; beside the runs, because uniting components rewrites labels only.
+    /// One a run; apart from the runs, because a union rewrites labels only.
     labels: Vec<u16>,
     capacity: usize,
-    /// Runs that found no room, since the beginning of the field.
+    /// Runs beyond the capacity since the beginning of the field.
     pub lost: u32,
 }
 
@@ -39,7 +39,7 @@ impl Runs {
         Runs { runs, labels, capacity, lost: 0 }
     }
 
-    /// Forgets the runs, not the count of lost ones.
+    /// Removes the runs and keeps the count of lost ones.
     pub fn clear(&mut self) {
         self.runs.clear();
         self.labels.clear();
@@ -67,7 +67,8 @@ impl Runs {
         }
     }
 
-    /// Finds the runs of a line: `foreground[x]` is the least luma of a pixel that stands out there.
+    /// Finds the runs of a line: `foreground[x]` is the least luma of a pixel that stands out
+    /// there.
     pub fn find(&mut self, table: &ColourTable, foreground: &[u8], luma: &[u8], chroma: [&[u8]; 2]) {
         self.clear();
         let mut x = 0;
@@ -79,9 +80,9 @@ impl Runs {
         }
     }
 
-    /// Cuts a bright stretch where the colour changes. Pixels without a sure colour belong to what is
-    /// left of them, or, at the beginning, to what follows; a stretch without any is white, and its
-    /// component has to be as bright as white is (`Settings::high`).
+    /// Cuts a bright stretch where the colour changes. Unclassified pixels belong to the run on
+    /// their left, or, at the beginning, to the one on their right; a stretch without any class is
+    /// white, and its component needs the brightness of white (`Settings::high`).
     fn split(&mut self, table: &ColourTable, [blue, red]: [&[u8]; 2], stretch: Range<usize>) {
         let mut run = Run { start: stretch.start as u16, end: stretch.end as u16, class: UNSURE };
         // A chroma sample serves two pixels: it is looked up once.
@@ -119,10 +120,10 @@ fn next_bright(luma: &[u8], foreground: &[u8], x: usize) -> Option<usize> {
     let (luma, foreground) = (luma.get(x..)?, foreground.get(x..)?);
     let (groups, _) = luma.as_chunks::<GROUP>();
     let (least, _) = foreground.as_chunks::<GROUP>();
-    let stands_out = |(group, least): (&[u8; GROUP], &[u8; GROUP])| {
+    let stands_out = |group: &[u8; GROUP], least: &[u8; GROUP]| {
         group.iter().zip(least).fold(0, |any, (v, l)| any | u8::from(v >= l)) != 0
     };
-    let dark = groups.iter().zip(least).take_while(|&pair| !stands_out(pair)).count();
+    let dark = groups.iter().zip(least).take_while(|(group, least)| !stands_out(group, least)).count();
     let from = dark * GROUP;
     let rest = luma[from..].iter().zip(&foreground[from..]);
     let found = rest.take(GROUP).position(|(v, l)| v >= l);

@@ -1,49 +1,50 @@
-//! Two markers of one colour that touch, told apart by the moments of what they form together.
+//! Separation of two touching markers of one colour by the moments of their common component.
 //!
-//! The camera sees spheres, so every marker is a disc once lines are as far apart as columns. Then two
-//! discs with shares `p` and `q = 1 − p` of the area and a distance `d` along some axis have, about the
-//! common centre,
+//! The camera sees spheres, so every marker is a disc once lines are as far apart as columns. Then
+//! two discs with shares `p` and `q = 1 − p` of the area and a distance `d` along some axis have,
+//! about the common centre,
 //!
 //! ```text
 //! λ₁ − λ₂ = p·q·d²                     λ: second moments along and across the axis
 //! μ₃      = p·q·(p − q)·(d³ − 6·λ₂·d)  third moment along the axis, positive towards the second disc
 //! ```
 //!
-//! because each disc's own second moment is the same in all directions and grows with its area: `2·λ₂`
-//! is that of a disc of the whole area. The blur of an edge adds the same to λ₁ and λ₂. Where the nearer
-//! hides a part of the other, that lens is given back before: its area follows from `d` and the radius,
-//! it lies in the middle, and three rounds settle it.
+//! because each disc's own second moment is the same in all directions and grows with its area:
+//! `2·λ₂` is that of a disc of the whole area. The blur of an edge adds the same to λ₁ and λ₂.
+//! Where the nearer hides a part of the other, that lens is given back before: its area follows
+//! from `d` and the radius, it lies in the middle, and three rounds settle it.
 
 use super::moments::{Moments, ONE, over, root, times};
 
-/// Second moment that the blur of a usual edge adds, px²: half.
+/// Second moment added by the blur of a usual edge: 1/2 px².
 const BLUR: i128 = ONE / 2;
-/// 16 π², as much as area² is of `λ₁·λ₂` in an ellipse.
+/// 16 π²: `area²/(λ₁·λ₂)` of an ellipse.
 const ELLIPSE: i128 = (157.913_67 * ONE as f64) as i128;
-/// An outline fills its ellipse of inertia at least to this share, or it is more than one marker. A pair
-/// of discs that just touch has 4/5, half a disc 0.894, a rectangle 0.912.
+/// An outline fills its ellipse of inertia at least to this share, or it is more than one marker. A
+/// pair of discs that just touch has 4/5, half a disc 0.894, a rectangle 0.912.
 const WHOLE: i128 = ONE * 58 / 64;
-/// Below this share a pair is told apart; between the two it overlaps too far.
+/// Below this share a pair is separated; between the two it overlaps too far.
 const APART: i128 = ONE * 56 / 64;
 /// Distance of a pair's centres in radii: less is too far an overlap, more is no pair.
 const DISTANCE: [i128; 2] = [ONE * 27 / 16, ONE * 38 / 16];
 /// 1/(2π): a disc's radius² from the area of two.
 const RADIUS2: i128 = (0.159_154_943 * ONE as f64) as i128;
-/// Of the lens: its area is `3.771·e^1.5·(1 − 0.15·e)·r²` with `e = 1 − d/2r`, to 0.2 % where e < 0.2.
+/// Coefficients of the lens's area, `3.771·e^1.5·(1 − 0.15·e)·r²` with `e = 1 − d/2r`, to 0.2 %
+/// where e < 0.2.
 const LENS: [i128; 2] = [(3.771 * ONE as f64) as i128, (0.15 * ONE as f64) as i128];
-/// Most that the shares of two discs differ.
+/// Largest difference of the shares of two discs.
 const UNEQUAL: i128 = ONE * 3 / 10;
-/// Rounds for the lens, and for the shares.
+/// Iterations for the lens, and for the shares.
 const ROUNDS: [u32; 2] = [3, 2];
 
-/// What a component's shape says.
+/// Classification of a component's shape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
     /// One marker, or a part of one.
     Single,
-    /// More than one, or one that something hides oddly.
+    /// More than one marker, or a partly hidden one.
     Merged,
-    /// Two that touch.
+    /// Two markers that touch.
     Pair([Half; 2]),
 }
 
@@ -56,8 +57,8 @@ pub struct Half {
     pub share: i128,
 }
 
-/// The shape of a component of `area` px with a line as far apart as `aspect` columns (both in units of
-/// 2⁻¹⁶).
+/// The shape of a component of `area` px with a line as far apart as `aspect` columns (both in
+/// units of 2⁻¹⁶).
 pub fn shape(moments: &Moments, area: i128, aspect: i128) -> Shape {
     let [xx, xy, yy] = moments.second;
     let (xy, yy) = (times(xy, aspect), times(times(yy, aspect), aspect));
@@ -95,7 +96,7 @@ fn third_along(moments: &Moments, aspect: i128, cos: i128, sin: i128) -> i128 {
     terms.iter().map(|(moment, factors)| factors.iter().fold(*moment, |m, &f| times(m, f))).sum()
 }
 
-/// Two equal discs, as far as second moments tell.
+/// Two equal discs with the second moments of a component.
 struct Pair {
     radius: i128,
     distance: i128,
@@ -114,7 +115,8 @@ impl Pair {
             pair.radius = root(radius2);
             let e = (ONE - over(pair.distance, 2 * pair.radius)).max(0);
             pair.lens = times(times(radius2, times(LENS[0], ONE - times(LENS[1], e))), times(e, root(e)));
-            // The lens is 2·r·e wide along the axis; a segment of a parabola has a fifth of the half width².
+            // The lens is 2·r·e wide along the axis; a segment of a parabola has a fifth of the
+            // half width².
             let half = times(pair.radius, e);
             let high = (radius2 - times(pair.distance, pair.distance) / 4).max(0);
             let whole = area + pair.lens;

@@ -1,4 +1,4 @@
-//! What is summed over a component while it grows: weighted moments, area, boxes, peak, saturation.
+//! Sums over a component while it grows: weighted moments, area, boxes, peak, saturation.
 //!
 //! Integers only; the widths that the hardware needs are in [`super::limits::Widths`].
 
@@ -8,7 +8,8 @@ use super::weight::Slope;
 /// Luma from which a pixel counts as saturated: peak white of BT.601.
 pub const SATURATED: u8 = 235;
 
-/// Sums over the pixels of a component. Weights w are in 1/[`FULL_WEIGHT`] px; x is the column, y the line.
+/// Sums over the pixels of a component. Weights w are in 1/[`FULL_WEIGHT`] px; x is the column, y
+/// the line.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Sums {
     /// Σ w.
@@ -35,13 +36,14 @@ pub struct Sums {
     pub rise: i64,
     /// Σ of the columns over which it rises, times their contrast in quarters of a level.
     pub span: u64,
-    /// Σ of squared differences of full-weight pixels two columns apart: the grain of the surface, levels².
+    /// Σ of squared differences of full-weight pixels two columns apart: the grain of the surface,
+    /// levels².
     pub grain: u64,
-    /// So many differences.
+    /// Number of these differences.
     pub grains: u32,
     /// Pixels of its runs.
     pub area: u32,
-    /// Pixels with a weight between none and all: the outline, where noise counts.
+    /// Pixels of partial weight: the outline, where noise counts.
     pub rim: u32,
     /// Pixels at [`SATURATED`] or above.
     pub saturated: u32,
@@ -51,7 +53,8 @@ pub struct Sums {
     pub contrast: u8,
     /// Colour class.
     pub class: u8,
-    /// Bounding box of pixels with at least half the weight: first and last column, first and last line.
+    /// Bounding box of pixels with at least half the weight: first and last column, first and last
+    /// line.
     pub half_box_px: [u16; 4],
     /// Bounding box of all pixels, in the same order.
     pub box_px: [u16; 4],
@@ -59,7 +62,7 @@ pub struct Sums {
     pub last_x: u16,
 }
 
-/// A box that holds nothing.
+/// The empty box.
 pub const EMPTY_BOX: [u16; 4] = [u16::MAX, 0, u16::MAX, 0];
 
 /// The smallest box around two.
@@ -68,8 +71,8 @@ fn around(a: [u16; 4], b: [u16; 4]) -> [u16; 4] {
 }
 
 impl Sums {
-    /// What a run in line `y` that starts at column `x` says by itself: its pixels' luma and the level of
-    /// the background there, grey levels.
+    /// Sums of a run of line `y` from column `x` on, without weights. `luma` are its pixels;
+    /// `background` is the level there, grey levels.
     pub fn of_run(luma: &[u8], x: u16, y: u16, class: u8, background: u8) -> Self {
         let last = x + luma.len() as u16 - 1;
         let peak = luma.iter().fold(0, |m, &v| m.max(v));
@@ -86,8 +89,8 @@ impl Sums {
         }
     }
 
-    /// Adds weighed pixels of line `y` from column `x` on; `run` is the slope along them where they are a
-    /// run with its skirt, whose grain then counts.
+    /// Adds weighed pixels of line `y` from column `x` on. `run` is the slope along a run with its
+    /// skirt, whose grain then counts too.
     pub fn weigh(&mut self, luma: &[u8], weights: &[u8], x: u16, y: u16, run: Option<Slope>) {
         let mut line = Sums { half_box_px: EMPTY_BOX, box_px: EMPTY_BOX, ..Sums::default() };
         for (column, &weight) in (x..).zip(weights) {
@@ -115,7 +118,7 @@ impl Sums {
         self.add(&line);
     }
 
-    /// Adds what a run says about its lit surface.
+    /// Adds slope and grain of a run's lit surface.
     fn add_surface(&mut self, luma: &[u8], weights: &[u8], slope: Slope) {
         (self.rise, self.span) = (i64::from(slope.rise), u64::from(slope.contrast));
         for (v, w) in luma.windows(3).zip(weights.windows(3)) {
@@ -127,7 +130,7 @@ impl Sums {
         }
     }
 
-    /// Takes another part of the same component in.
+    /// Adds another part of the same component.
     pub fn add(&mut self, other: &Sums) {
         self.w += other.w;
         self.wx += other.wx;

@@ -22,7 +22,8 @@ fn scan(picture: &FieldPicture) -> BlobField {
     out
 }
 
-/// A small field from letters: `r` red, `g` green, anything else dark; each letter is two pixels wide.
+/// A small field from letters: `r` red, `g` green, anything else dark; each letter is two pixels
+/// wide.
 fn field_of(rows: &[&str]) -> FieldPicture {
     let width = rows.iter().map(|r| 2 * r.len()).max().unwrap();
     let mut picture = FieldPicture::new([width as u32, 2 * rows.len() as u32]);
@@ -105,8 +106,8 @@ fn what_finds_no_room_is_counted() {
     assert_eq!(field.blobs_left_out as usize, (CAMERA.labels - MAX_BLOBS) + 2 * 8);
 }
 
-/// Every marker of a rig drawn and extracted, over many fields: errors against the ideal centre, px of
-/// the frame, of blobs without a flag.
+/// Every marker of a rig drawn and extracted, over many fields: errors against the ideal centre, px
+/// of the frame, of blobs without a flag.
 fn errors(fields: u64) -> (Vec<Vector2<f64>>, usize, Vec<f64>) {
     let rig = Rig::load_or_shipped(None).unwrap();
     let scene = SceneFile::load(DEFAULT_SCENE).unwrap();

@@ -1,28 +1,29 @@
-//! Pixels to weights: how much of a pixel a marker covers, judged by its luma against the lit surface
-//! beside it.
+//! Pixels to weights: how much of a pixel a marker covers, judged by its luma against the lit
+//! surface beside it.
 //!
-//! The lit surface beside a pixel is the brightest mean of [`PLATEAU`] neighbouring pixels that lies
-//! within [`REACH`] columns and [`LINES`] lines of it. A mean, because the brightest single pixel is
-//! bright by its noise; near the pixel, because a marker lit from one side is brighter there than at its
-//! other edge; of the lines above and below too, because the first and last line that a marker touches
-//! show none of its surface at full light. Pixels of other colours are not looked at. The weight is the pixel's share of that contrast, from
-//! nothing at 7 % to all at 87 %: between them it is linear, so that the sum over a
-//! blurred edge says where the edge is however the lines and columns cut it; beyond them noise of
-//! background and surface does not count. The variance of that rule is within a few per cent of the least
-//! that any rule of single pixels has at an edge with a Gaussian blur.
+//! The lit surface beside a pixel is the brightest mean of [`PLATEAU`] neighbouring pixels that
+//! lies within [`REACH`] columns and [`LINES`] lines of it. A mean, because the brightest single
+//! pixel is bright by its noise; near the pixel, because a marker lit from one side is brighter
+//! there than at its other edge; of the lines above and below too, because the first and last line
+//! that a marker touches show none of its surface at full light. Pixels of other colours are
+//! ignored. The weight is the pixel's share of that contrast, from nothing at 7 % to all at 87 %:
+//! between them it is linear, so that the sum over a blurred edge gives the place of the edge for
+//! any sampling phase; beyond them noise of background and surface does not count. The variance of
+//! that rule is within a few per cent of the least that any rule of single pixels has at an edge
+//! with a Gaussian blur.
 
 use super::limits::{FULL_WEIGHT, LEVEL_BITS, bits};
 use super::runs::Run;
 use protocol::blobs::Colour;
 use std::ops::Range;
 
-/// Lines above and below a pixel in which its lit surface is looked for.
+/// Lines above and below a pixel that are searched for its lit surface.
 pub const LINES: usize = 2;
 /// Pixels whose mean is a lit surface; a power of two.
 pub const PLATEAU: usize = 4;
 /// Columns to the left and right of a pixel in which its lit surface lies.
 pub const REACH: usize = 5;
-/// Pixels of a line that have to be at hand at once.
+/// Pixels of a line in the window.
 pub const WINDOW: usize = 2 * REACH + 1;
 /// Grey levels above the background that a lit surface has at least.
 const LEAST_CONTRAST: u32 = 16;
@@ -84,14 +85,14 @@ pub type Around<'a> = [Line<'a>; 2 * LINES + 1];
 /// How the lit surface rises from the left to the right end of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Slope {
-    /// By so many quarters of a level.
+    /// Rise, quarters of a level.
     pub rise: i32,
-    /// The columns between, times the contrast in quarters of a level.
+    /// Distance in columns times the contrast in quarters of a level.
     pub contrast: u32,
 }
 
-/// The slope along a run with its skirt, if it is long enough: from the first to the last [`PLATEAU`] pixels
-/// that no edge reaches.
+/// The slope along a run with its skirt, if it is long enough: from the first to the last
+/// [`PLATEAU`] pixels that no edge reaches.
 pub fn slope(luma: &[u8], background_q4: u16) -> Slope {
     if luma.len() < LEAST_SPAN {
         return Slope::default();
@@ -103,7 +104,7 @@ pub fn slope(luma: &[u8], background_q4: u16) -> Slope {
     Slope { rise: right - left, contrast: above.max(0) as u32 * (last - first) as u32 }
 }
 
-/// The rule with its scratch registers.
+/// The weighing with its scratch registers.
 #[derive(Debug, Clone, Default)]
 pub struct Weigher {
     /// A line without the pixels of other colours.
@@ -128,14 +129,14 @@ impl Weigher {
         }
     }
 
-    /// As [`Weigher::new`], for spots of light that are too small to have a lit surface: their pixels are
-    /// compared with the brightest one, so that weights follow the light up to its peak.
+    /// As [`Weigher::new`], for spots of light that are too small to have a lit surface: their
+    /// pixels are compared with the brightest one, so that weights follow the light up to its peak.
     pub fn for_spots(width: usize) -> Self {
         Weigher { spots: true, ..Weigher::new(width) }
     }
 
-    /// Weighs the pixels of `range` in the middle line of `around` as those of a component of `class`; the
-    /// background there is at `background_q4` in 1/16 grey level.
+    /// Weighs the pixels of `range` in the middle line of `around` as those of a component of
+    /// `class`; the background there is at `background_q4` in 1/16 grey level.
     pub fn weigh(&mut self, around: &Around, range: Range<usize>, class: u8, background_q4: u16) {
         self.plateaus.clear();
         self.plateaus.resize(range.len() + SUMS - 1, 0);
@@ -172,7 +173,7 @@ impl Weigher {
         }
     }
 
-    /// Raises `plateaus` to what is seen.
+    /// Raises `plateaus` to the sums of the pixels in `seen`.
     fn find_plateaus(&mut self) {
         if self.spots {
             for (plateau, four) in self.plateaus.iter_mut().zip(self.seen.windows(PLATEAU)) {
@@ -208,7 +209,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Weights of a line that looks the same above and below, by the definition and in floating point.
+    /// Weights of a line that looks the same above and below, by the definition and in floating
+    /// point.
     fn by_definition(lines: &[Vec<u8>], x: usize, background: f64) -> f64 {
         let at = |line: &[u8], x: i64| f64::from(line[x.clamp(0, line.len() as i64 - 1) as usize]);
         let x = x as i64;

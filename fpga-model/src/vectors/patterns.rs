@@ -1,4 +1,4 @@
-//! Small fields that are hard for an extractor: what they are good for, and the tables they are run with.
+//! Small fields that are hard for an extractor, with their settings.
 
 use crate::colours::CLASSES;
 use crate::scan::limits::CAMERA;
@@ -7,13 +7,13 @@ use protocol::blobs::Colour;
 use protocol::fields::DARK;
 use protocol::fields::FieldPicture;
 
-/// A field and how it is to be read.
+/// A field with its settings.
 pub struct Pattern {
     /// Short name; also of the file.
     pub name: &'static str,
-    /// What is hard about it, and what has to come out.
+    /// The difficulty and the expected result.
     pub about: &'static str,
-    /// How the extractor is set.
+    /// Settings of the extractor.
     pub settings: Settings,
     /// The pixels.
     pub picture: FieldPicture,
@@ -62,14 +62,14 @@ impl Canvas {
     }
 }
 
-/// Every pixel counts: no component is too small or too faint.
-fn keen() -> Settings {
+/// Settings in which every component counts, however small or faint.
+fn unfiltered() -> Settings {
     Settings { high: [0; CLASSES], least_area: 1, least_lines: 1, ..Settings::default() }
 }
 
-/// As [`keen`], with small tables.
-fn cramped(runs: usize, labels: usize, blobs: usize) -> Settings {
-    Settings { limits: Limits { runs, labels, blobs, ..CAMERA }, ..keen() }
+/// As [`unfiltered`], with small tables.
+fn with_tables(runs: usize, labels: usize, blobs: usize) -> Settings {
+    Settings { limits: Limits { runs, labels, blobs, ..CAMERA }, ..unfiltered() }
 }
 
 /// True on a square spiral of lines one pixel wide, two apart, that starts at the corner.
@@ -90,45 +90,45 @@ pub fn all() -> Vec<Pattern> {
     all
 }
 
-/// Hard shapes; the tables suffice.
+/// Difficult shapes within the tables.
 fn shapes() -> Vec<Pattern> {
     use Colour::*;
     let tooth = |x: usize| x % 4 < 2;
     vec![
-        Canvas::dark(32, 8).named("all-off", "nothing: no blob", keen()),
+        Canvas::dark(32, 8).named("all-off", "nothing: no blob", unfiltered()),
         Canvas::dark(32, 8).paint(Red, |_, _| true).named(
             "all-on",
             "one component fills the field: one blob, flagged as clipped",
-            keen(),
+            unfiltered(),
         ),
         Canvas::dark(64, 8).paint(Red, |x, y| y == 7 || tooth(x)).named(
             "comb",
             "16 teeth, open at the top, meet in the last line: 15 unions in one line, one blob",
-            keen(),
+            unfiltered(),
         ),
         Canvas::dark(64, 8).paint(Red, |x, y| y == 0 || tooth(x)).named(
             "comb-upside-down",
             "16 teeth hang from one line: one blob, and no label is wasted",
-            keen(),
+            unfiltered(),
         ),
         Canvas::dark(34, 33).paint(Red, |x, y| x < 33 && on_spiral(x, y, 33)).named(
             "spiral",
             "one arm winds inwards and is cut by every line: one blob from many unions",
-            keen(),
+            unfiltered(),
         ),
         Canvas::dark(32, 16).paint(Red, |x, y| (x / 2 + y) % 2 == 0).named(
             "chequerboard",
             "cells touch by their corners only: eight neighbours make one component of them",
-            keen(),
+            unfiltered(),
         ),
         Canvas::dark(32, 12)
             .paint(Red, |x, y| x + 2 * y < 30 && y < 11)
             .paint(Green, |x, y| x + 2 * y >= 30 && y < 11)
-            .named("two-colours", "two colours with a common border: two blobs", keen()),
+            .named("two-colours", "two colours with a common border: two blobs", unfiltered()),
     ]
 }
 
-/// What markers look like.
+/// Images of markers.
 fn markers() -> Vec<Pattern> {
     use Colour::*;
     let usual = Settings::default;
@@ -158,7 +158,7 @@ fn markers() -> Vec<Pattern> {
     ]
 }
 
-/// More than the tables hold.
+/// Fields that exceed a table.
 fn overflows() -> Vec<Pattern> {
     use Colour::Red;
     let dot = |x: usize| x % 4 < 2;
@@ -166,22 +166,22 @@ fn overflows() -> Vec<Pattern> {
         Canvas::dark(64, 4).paint(Red, |x, y| dot(x) && y < 3).named(
             "too-many-runs",
             "16 runs a line where 10 fit: 10 blobs, 6 runs lost in each of 3 lines",
-            cramped(10, 32, 64),
+            with_tables(10, 32, 64),
         ),
         Canvas::dark(64, 4).paint(Red, |x, y| dot(x) && y < 3).named(
             "too-many-labels",
             "16 components where 12 have a label: 12 blobs, 4 runs without a label in each of 3 lines",
-            cramped(32, 12, 64),
+            with_tables(32, 12, 64),
         ),
         Canvas::dark(64, 16).paint(Red, |x, y| dot(x) && y % 4 < 2).named(
             "labels-again",
             "4 rows of 16 dots with 16 labels: each row uses the labels of the row before",
-            cramped(32, 16, 64),
+            with_tables(32, 16, 64),
         ),
         Canvas::dark(66 * 4, 4).paint(Red, |x, y| dot(x) && y < 2).named(
             "too-many-blobs",
             "66 dots where a field has 64 blobs: the first 64, and 2 are counted",
-            cramped(128, 128, 64),
+            with_tables(128, 128, 64),
         ),
     ]
 }

@@ -1,8 +1,8 @@
 //! The image model: mean and variance of a pixel.
 //!
 //! A field `k` samples the light on the lines `2·y + (k mod 2)` of the frame. With a marker's
-//! outline an ellipse of centre `c` (px of the field, column and line) and shape `Q` (`dᵀ·Q⁻¹·d =
-//! 1` on the outline), the luma of pixel `p` has the mean
+//! outline an ellipse of centre `c` (px of the field, column and line) and shape `Q`
+//! (`dᵀ·Q⁻¹·d = 1` on the outline), the luma of pixel `p` has the mean
 //!
 //! ```text
 //! μ(p) = B(p) + (S(p) − B(p))·m(p) + X(p)
