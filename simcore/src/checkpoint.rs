@@ -1,8 +1,9 @@
-//! The state as bytes: checkpoints, and the state hash. The only module that names bincode, but for the tests of
-//! [`tissue::pod_serde`].
+//! The state as bytes: checkpoints, and the state hash. The only module that names bincode, but for
+//! the tests of [`tissue::pod_serde`].
 //!
-//! Both come from the one serialisation of [`State`], so that the hash covers what a checkpoint would restore, and nothing that is
-//! left out of it can influence a later step. The doses of light are restored and not hashed: they influence nothing.
+//! Both come from the one serialisation of [`State`], so that the hash covers what a checkpoint
+//! would restore, and nothing that is left out of it can influence a later step. The doses of light
+//! are restored and not hashed: they influence nothing.
 
 use crate::constants::MAX_MARKS;
 use crate::state::State;
@@ -24,7 +25,7 @@ pub enum CheckpointError {
     Damaged {
         /// Bytes there are.
         bytes: usize,
-        /// What the decoder says.
+        /// The decoder's message.
         problem: String,
     },
     /// Made by another version of the program.
@@ -67,6 +68,9 @@ fn config() -> Config {
 }
 
 /// Encodes a state into `out`, whose memory is used again.
+///
+/// # Errors
+/// [`CheckpointError`] when the encoder fails.
 pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), CheckpointError> {
     out.clear();
     let fail = |e: EncodeError| CheckpointError::Damaged { bytes: 0, problem: e.to_string() };
@@ -78,6 +82,9 @@ pub fn encode(state: &State, scene: u64, out: &mut Vec<u8>) -> Result<(), Checkp
 }
 
 /// Decodes and checks a checkpoint.
+///
+/// # Errors
+/// [`CheckpointError`] for bytes that are damaged, of another version or of another scene.
 pub fn decode(bytes: &[u8], scene: u64) -> Result<State, CheckpointError> {
     let fail = |e: bincode::error::DecodeError| CheckpointError::Damaged {
         bytes: bytes.len(),
@@ -103,7 +110,8 @@ pub fn decode(bytes: &[u8], scene: u64) -> Result<State, CheckpointError> {
     Ok(state)
 }
 
-/// Refuses a state that holds bad numbers; the sheets and whatever depends on the scene are checked by their owners.
+/// Refuses a state that holds bad numbers; the sheets and whatever depends on the scene are checked
+/// by their owners.
 fn check(state: &State) -> Result<(), CheckpointError> {
     if state.stain.as_ref().is_some_and(|s| s.dye.len() != state.membrane.nodes()) {
         return Err(CheckpointError::Content("the dye is on another membrane"));
@@ -138,9 +146,10 @@ fn check_instruments(state: &State) -> Result<(), CheckpointError> {
     Ok(())
 }
 
-/// FNV-1a over words of eight bytes: a number of the state is one word, and of a list of numbers eight bytes are. A single
-/// changed word always changes the hash, because each round is a bijection. Long lists go through eight such hashes in
-/// turn, whose rounds a processor does side by side, and those into the one.
+/// FNV-1a over words of eight bytes: a number of the state is one word, and of a list of numbers
+/// eight bytes are. A single changed word always changes the hash, because each round is a
+/// bijection. Long lists go through eight such hashes in turn, whose rounds a processor does side
+/// by side, and those into the one.
 struct HashWriter(u64);
 
 const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
@@ -183,7 +192,8 @@ impl Writer for HashWriter {
 /// Hash of a state.
 pub fn state_hash(state: &State) -> u64 {
     let mut writer = HashWriter(FNV_BASIS);
-    // The writer cannot fail, and a state is plain tables; a failure would show as a hash that differs.
+    // The writer cannot fail, and a state is plain tables; a failure would show as a hash that
+    // differs.
     let _ = bincode::serde::encode_into_writer(state, &mut writer, config());
     writer.0
 }

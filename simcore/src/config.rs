@@ -16,7 +16,7 @@ pub struct Args {
     /// Scene: a shipped one by name, or a TOML file.
     #[arg(long, default_value = DEFAULT_SCENE)]
     pub scene: String,
-    /// Who looks for collisions; it changes no result. `auto` measures at start-up which is faster.
+    /// Back end of collisions; it changes no result. `auto` measures at start-up which is faster.
     #[arg(long, default_value = "auto", value_parser = backend_parser(), value_name = "WHO")]
     pub collision: Backend,
     /// Journal to go on from: the newest checkpoint, and the inputs since.

@@ -1,9 +1,9 @@
 //! Every tolerance of the simulation, with its unit and what moving it would break.
 
-/// Faster than this a tip does not move, mm/s; a tracker that says so has jumped, and a jump
+/// Faster than this a tip does not move, mm/s; a larger speed is a jump of the tracker, and a jump
 /// sweeps nothing. Surgeons stay below 20 mm/s.
 pub const MAX_TIP_SPEED_MM_S: f64 = 1_000.0;
-/// A tip farther from the eye's centre than so many retina radii touches nothing.
+/// A tip farther from the eye's centre than this, in retina radii, touches nothing.
 pub const MAX_TIP_RADII: f64 = 2.0;
 
 /// The rim warning is armed again when the force falls below this share of its limit.
@@ -13,14 +13,17 @@ pub const FOLD_QUIET_NS: u64 = 1_000_000_000;
 /// A warning stands on the picture for so long, ns.
 pub const NOTICE_NS: u64 = 2_000_000_000;
 
-/// Parts of a step in which the vitreous moves, substeps: one for a regular step. How far a move spreads does not depend on its length, so
-/// shorter parts cost more and change little; at a surgeon's 10 mm/s a tip moves 0.2 mm in one.
+/// Parts of a step in which the vitreous moves, substeps: one for a regular step. How far a move
+/// spreads does not depend on its length, so shorter parts cost more and change little; at a
+/// surgeon's 10 mm/s a tip moves 0.2 mm in one.
 pub const VITREOUS_SUBSTEPS: u64 = 20;
-/// The pull of the vitreous on the retina is looked at every so many steps: 80 ms, faster than a surgeon reacts.
+/// Steps between two checks of the vitreous' traction on the retina: 80 ms, faster than a surgeon
+/// reacts.
 pub const TRACTION_EVERY: u64 = 4;
-/// A warning about traction on the retina is armed again when the stress falls below this share of its limit.
+/// A warning about traction on the retina is armed again when the stress falls below this share of
+/// its limit.
 pub const TRACTION_REARM: f64 = 0.8;
-/// A detachment that goes on is told at most once in this time, ns.
+/// A detachment that goes on raises at most one event in this time, ns.
 pub const VITREOUS_QUIET_NS: u64 = 1_000_000_000;
 
 /// Events of one step; more are counted and left out.
@@ -28,11 +31,11 @@ pub const MAX_EVENTS: usize = 256;
 /// Bleeding points kept.
 pub const MAX_MARKS: usize = 64;
 
-/// Full pedal moves the microscope by so much, mm/s.
+/// Speed of the microscope at full pedal, mm/s.
 pub const PEDAL_MOVE_MM_S: f64 = 5.0;
 /// Full pedal changes the field of view by a factor e in 1/this, 1/s.
 pub const PEDAL_ZOOM_PER_S: f64 = 0.5;
-/// Full pedal moves the plane of focus by so much, mm/s.
+/// Speed of the plane of focus at full pedal, mm/s.
 pub const PEDAL_FOCUS_MM_S: f64 = 2.0;
 /// Farthest the microscope's target goes from the eye's centre along an axis, mm.
 pub const MICROSCOPE_REACH_MM: f64 = 15.0;

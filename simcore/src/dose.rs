@@ -1,21 +1,25 @@
-//! The dose of light on the retina, by place: what the light pipe shone into each cell of `protocol::dose` so far.
+//! The dose of light on the retina, by place: what the light pipe shone into each cell of
+//! `protocol::dose` so far.
 //!
-//! Retina at the distance r from a light pipe's tip, θ off its axis, that the rays meet at the angle φ to the normal, gets by the inverse
-//! square and the cosine law
+//! Retina at the distance r from a light pipe's tip, θ off its axis, that the rays meet at the
+//! angle φ to the normal, gets by the inverse square and the cosine law
 //!
 //! E = P / (π tan² α) · s(θ) · cos φ / r²
 //!
-//! s is the beam's profile, with which the picture is lit too (`beam_share` in `protocol::dose`). P, α and the least distance are those
-//! with which the score counts `light-dose`: P spread over the disc that a cone of the half angle α cuts out of a plane at the distance
-//! d, P / (π (d tan α)²). On the axis of a pipe that looks straight at the retina both are the same; over the whole beam the profile carries
-//! 0.77 P. The score follows the spot: it is the dose of a place that always lies under the pipe. Shadows are not taken off: what an
-//! instrument covers for a moment counts as lit.
+//! s is the beam's profile, with which the picture is lit too (`beam_share` in `protocol::dose`).
+//! P, α and the least distance are those with which the score counts `light-dose`: P spread over
+//! the disc that a cone of the half angle α cuts out of a plane at the distance d, P / (π (d tan
+//! α)²). On the axis of a pipe that looks straight at the retina both are the same; over the whole
+//! beam the profile carries 0.77 P. The score follows the spot: it is the dose of a place that
+//! always lies under the pipe. Shadows are not taken off: what an instrument covers for a moment
+//! counts as lit.
 
 use nalgebra::{Isometry3, Vector3};
 use protocol::dose::{BEAM_OUTER_RAD, CELLS, beam_share, cell_of, direction};
 use training::score::table::{LIGHT_HALF_ANGLE_RAD, LIGHT_MW, NEAREST_LIGHT_MM};
 
-/// Doses of all cells, mJ/mm². No result depends on them, so they are saved with the state and not hashed.
+/// Doses of all cells, mJ/mm². No result depends on them, so they are saved with the state and not
+/// hashed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DoseState {
     /// mJ/mm² (100 mJ/cm²), in the order of `protocol::dose`.
@@ -57,7 +61,8 @@ impl LightDose {
         }
     }
 
-    /// Irradiance at the place of the retina in direction `u` from the eye's centre, mW/mm²; 0 outside the cone.
+    /// Irradiance at the place of the retina in direction `u` from the eye's centre, mW/mm²; 0
+    /// outside the cone.
     fn irradiance(&self, tip: &Vector3<f64>, axis: &Vector3<f64>, u: &Vector3<f64>) -> f64 {
         let way = u * self.radius_mm - tip;
         let (along, distance, across) = (way.dot(axis), way.norm(), way.dot(u));
@@ -75,7 +80,8 @@ impl LightDose {
         if tip.norm() >= self.radius_mm {
             return;
         }
-        // The beam may be narrower than a cell: the one that the axis meets counts what falls there.
+        // The beam may be narrower than a cell: the one that the axis meets counts what falls
+        // there.
         let b = tip.dot(&axis);
         let hit = tip + axis * (libm::sqrt(b * b - tip.norm_squared() + self.radius_mm * self.radius_mm) - b);
         let met = cell_of(hit.into());
@@ -148,7 +154,8 @@ mod tests {
     }
 
     proptest! {
-        /// Energy: whatever the pose, all cells together have got the intensity, summed up over the beam's solid angle.
+        /// Energy: whatever the pose, all cells together have got the intensity, summed up over the
+        /// beam's solid angle.
         #[test]
         fn no_light_is_lost(x in -3.0..3.0f64, y in -3.0..3.0f64, z in -3.0..1.0f64, to in prop::array::uniform2(-0.35..0.35f64)) {
             let (tip, target) = ([x, y, z], [R * to[0].sin(), R * to[1].sin(), -R]);

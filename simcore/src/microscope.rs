@@ -1,4 +1,5 @@
-//! The microscope under the foot: the pedal moves it over the eye, zooms, focuses, changes its lens and steps.
+//! The microscope under the foot: the pedal moves it over the eye, zooms, focuses, changes its lens
+//! and steps.
 
 use crate::constants::{
     FIELD_RANGE_MM, FOCUS_REACH_MM, MICROSCOPE_REACH_MM, PEDAL_FOCUS_MM_S, PEDAL_MOVE_MM_S, PEDAL_ZOOM_PER_S,
@@ -28,7 +29,7 @@ pub fn start(scene: &SceneFile) -> MicroscopeState {
     }
 }
 
-/// Its optics at the start, where the scene says something of them.
+/// Its optics at the start, where the scene sets them.
 pub fn start_optics(scene: &SceneFile) -> Option<OpticsState> {
     scene.optics.as_ref().map(|optics| OpticsState {
         buttons: 0,
@@ -78,9 +79,9 @@ pub fn is_inverted(optics: &OpticsState) -> bool {
     (Lens::from_wire(optics.lens) == Lens::WideAngle) != optics.inverter
 }
 
-/// Moves the microscope for `dt_s` seconds. In the upright picture right is −x and up is −y of the world,
-/// so the first axis, pressed to the right, moves the target to −x, and the second one to −y. Where the picture stands on its
-/// head the drive is reversed, so that right stays right.
+/// Moves the microscope for `dt_s` seconds. In the upright picture right is −x and up is −y of the
+/// world, so the first axis, pressed to the right, moves the target to −x, and the second one to
+/// −y. Where the picture stands on its head the drive is reversed, so that right stays right.
 pub fn advance(state: &mut MicroscopeState, optics: &Option<OpticsState>, dt_s: f64) {
     let [right, up] = state.axes;
     if right == 0.0 && up == 0.0 {

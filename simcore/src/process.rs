@@ -25,7 +25,10 @@ use scene::SceneFile;
 use std::io::BufReader;
 use std::path::Path;
 
-/// Runs the simulation until it is told to stop.
+/// Runs the simulation until a stop is requested.
+///
+/// # Errors
+/// For a scene that cannot be simulated, a journal that cannot be read, or a failing channel.
 pub fn run(args: &Args) -> anyhow::Result<()> {
     let scene = SceneFile::load(&args.scene)?;
     let mut world = World::new(&scene).context("scene")?;
@@ -63,7 +66,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Chooses who looks for collisions, and says so.
+/// Chooses the back end for collisions, and logs it.
 fn choose_collision(world: &mut World, wanted: Backend) {
     let Some(choice) = world.choose_collision(wanted, &mut now) else { return };
     if wanted == Backend::Gpu && !choice.on_gpu {
@@ -226,7 +229,7 @@ impl SimcoreShell {
         Ok(())
     }
 
-    /// Brings the world to where the journal ends, and says so.
+    /// Replays the journal to its end, and sends an event.
     fn resume(&mut self, world: &mut World, file: &Path) -> anyhow::Result<()> {
         let journal =
             std::fs::File::open(file).map_err(JournalError::Io).and_then(|f| Reader::new(BufReader::new(f)));
@@ -262,7 +265,8 @@ impl SimcoreShell {
         Ok(())
     }
 
-    /// Takes the scene that its file holds now in place of the old one; on an error nothing changes.
+    /// Takes the scene that its file holds now in place of the old one; on an error nothing
+    /// changes.
     fn load(&mut self, world: &mut World, args: &Args) -> anyhow::Result<()> {
         let mut fresh = World::new(&SceneFile::load(&args.scene)?).context("scene")?;
         let needed = Self::bytes(&fresh);

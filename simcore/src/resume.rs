@@ -1,5 +1,5 @@
-//! Going on where a predecessor stood: its newest checkpoint, and the recorded inputs since, stepped again
-//! in the recorded order. Pure: the entries come from the caller.
+//! Going on where a predecessor stood: its newest checkpoint, and the recorded inputs since,
+//! stepped again in the recorded order. Pure: the entries come from the caller.
 
 use crate::checkpoint::CheckpointError;
 use crate::world::{World, no_clock};
@@ -45,8 +45,8 @@ impl InputHistory {
         }
     }
 
-    /// Drops what the checkpoint's state has consumed. Numbers may begin again within a recording, so the
-    /// last match counts. What was recorded a little early or late stays.
+    /// Drops what the checkpoint's state has consumed. Numbers may begin again within a recording,
+    /// so the last match counts. What was recorded a little early or late stays.
     fn trim(&mut self, header: &CheckpointHeader) {
         let same = |s: &StepRecord| s.step == header.step && s.state_hash == header.state_hash;
         if let Some(at) = self.steps.iter().rposition(same) {
@@ -61,7 +61,11 @@ impl InputHistory {
         self.pedals.drain(..consumed.map_or(0, |at| at + 1));
     }
 
-    /// Restores the checkpoint (or takes `world` as it is, at its start) and repeats the steps since.
+    /// Restores the checkpoint (or takes `world` as it is, at its start) and repeats the steps
+    /// since.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] for a checkpoint that is damaged or belongs to another scene.
     pub fn replay(mut self, world: &mut World) -> Result<ResumeOutcome, CheckpointError> {
         let mut agrees = true;
         if let Some((header, bytes)) = &self.checkpoint {
@@ -79,8 +83,9 @@ impl InputHistory {
         Ok(ResumeOutcome { steps, missing: self.steps.len() as u64, agrees })
     }
 
-    /// Does the oldest recorded step that is waiting, from where `world` stands; its pose, its record and the hash of the
-    /// state it led to. `None` while an input is missing. A record that begins anew resets the world.
+    /// Does the oldest recorded step that is waiting, from where `world` stands; its pose, its
+    /// record and the hash of the state it led to. `None` while an input is missing. A record that
+    /// begins anew resets the world.
     pub fn advance(&mut self, world: &mut World) -> Option<(Box<TrackerFrame>, StepRecord, u64)> {
         loop {
             let step = *self.steps.front()?;
@@ -88,7 +93,7 @@ impl InputHistory {
             if step.step == 1 && done > 0 {
                 world.reset();
             } else if step.step <= done {
-                // A restarted simulation tells again what it had done.
+                // A restarted simulation sends its last steps again.
                 self.steps.pop_front();
                 continue;
             }
@@ -120,8 +125,8 @@ impl InputHistory {
     }
 }
 
-/// Takes what a step consumed off the front of a queue: up to the first with number `below` − 1, which is
-/// also right where a restarted sender began again at 0. `None` if that one is missing.
+/// Takes what a step consumed off the front of a queue: up to the first with number `below` − 1,
+/// which is also right where a restarted sender began again at 0. `None` if that one is missing.
 fn take<T>(queue: &mut VecDeque<T>, before: u64, below: u64, seq: impl Fn(&T) -> u64) -> Option<Vec<T>> {
     if below == before {
         return Some(Vec::new());

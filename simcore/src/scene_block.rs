@@ -31,10 +31,12 @@ const _: () = assert!(
         < BESIDE_THE_MESH
 );
 
-/// Height from which retina under glue is drawn as lifted, mm: a twentieth of its thickness, nothing that an eye would see.
+/// Height from which retina under glue is drawn as lifted, mm: a twentieth of its thickness,
+/// nothing that an eye would see.
 const SHOWN_MM: f32 = 0.005;
 
-/// Room that the scene of a membrane's sheet, `glued` to the retina or not, a vitreous and a retina's sheet takes at most, bytes.
+/// Room that the scene of a membrane's sheet, `glued` to the retina or not, a vitreous and a
+/// retina's sheet takes at most, bytes.
 pub fn bytes_needed(
     sheet: &SheetMesh,
     glued: bool,
@@ -179,7 +181,8 @@ impl SceneWriter {
         }
     }
 
-    /// Every node of the retina, so that a node keeps its number while the retina comes off and lies on.
+    /// Every node of the retina, so that a node keeps its number while the retina comes off and
+    /// lies on.
     fn collect_retina_nodes(&mut self, world: &World) {
         let Some(retina) = &world.state().retina else { return };
         let base = self.nodes.len();
@@ -193,7 +196,8 @@ impl SceneWriter {
         }
     }
 
-    /// Only triangles of the retina that are loose, lie elsewhere than at the start, or are gone: what lies where it lay is the fundus itself.
+    /// Only triangles of the retina that are loose, lie elsewhere than at the start, or are gone:
+    /// what lies where it lay is the fundus itself.
     fn collect_retina_triangles(&mut self, world: &World, base: u32) {
         let (Some(model), Some(retina)) = (world.retina(), &world.state().retina) else { return };
         for (t, nodes) in model.body.mesh.triangles.iter().enumerate() {
@@ -223,7 +227,8 @@ impl SceneWriter {
     }
 }
 
-/// Retina that a glued membrane has lifted: the membrane's triangles once more, between the places of its nodes on the retina.
+/// Retina that a glued membrane has lifted: the membrane's triangles once more, between the places
+/// of its nodes on the retina.
 #[derive(Debug)]
 struct Elevation {
     /// Triangles of the sheet with a lifted corner.
@@ -233,7 +238,8 @@ struct Elevation {
 }
 
 impl Elevation {
-    /// Which triangles are raised now. One raised corner is enough: so the sheet comes down to the choroid all round.
+    /// Which triangles are raised now. One raised corner is enough: so the sheet comes down to the
+    /// choroid all round.
     fn follow(&mut self, world: &World) {
         let Some(bonds) = &world.state().membrane.adhesion else { return };
         let mut changed = false;
@@ -263,7 +269,7 @@ impl Elevation {
     }
 }
 
-/// What the renderer is told about a node: pinned ones are drawn like free ones.
+/// The node as the renderer gets it: pinned ones are drawn like free ones.
 fn shown_flag(flag: u32) -> u16 {
     (if is_bound(flag) || flag == NODE_DEAD { flag } else { NODE_FREE }) as u16
 }
@@ -360,7 +366,8 @@ mod tests {
         assert_ne!(topology(&mut writer), first);
     }
 
-    /// A retina that holds less than the glue comes up in the picture where the state has it, under the membrane, and goes down again.
+    /// A retina that holds less than the glue comes up in the picture where the state has it, under
+    /// the membrane, and goes down again.
     #[test]
     fn lifted_retina_is_sent_where_the_glue_has_lifted_it() {
         let mut scene = SceneFile::load("erm").unwrap();
@@ -395,7 +402,8 @@ mod tests {
         assert!(told, "another number of triangles is another topology");
     }
 
-    /// Tissue that tears in a step is gone from the block of the same step, and what is sent is what lives.
+    /// Tissue that tears in a step is gone from the block of the same step, and what is sent is
+    /// what lives.
     #[test]
     fn torn_triangles_leave_the_picture_in_the_same_step() {
         let mut scene = SceneFile::load("peel").unwrap();

@@ -65,7 +65,8 @@ pub struct State {
     pub retina: Option<RetinaState>,
     /// The attempt at the scene's task, and what its score is made from.
     pub task: Option<(TaskState, Meter)>,
-    /// Lens, inverter and filter; `None` as long as the scene asks for none and no button was pressed.
+    /// Lens, inverter and filter; `None` as long as the scene asks for none and no button was
+    /// pressed.
     pub optics: Option<OpticsState>,
     /// Dye on the membrane, once a jet has reached it.
     pub stain: Option<StainState>,

@@ -1,5 +1,6 @@
-//! Instruments between two poses. A step's substeps see the tip on its way, so that a fast one cannot
-//! jump through a membrane; after a loss, a jump or a pause there is no way, and nothing is swept.
+//! Instruments between two poses. A step's substeps see the tip on its way, so that a fast one
+//! cannot jump through a membrane; after a loss, a jump or a pause there is no way, and nothing is
+//! swept.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
@@ -18,7 +19,8 @@ impl Sweep {
         Sweep { from: pose, to: pose }
     }
 
-    /// The pose at share `s` of the way, 0 to 1: straight for the position, along the shortest turn.
+    /// The pose at share `s` of the way, 0 to 1: straight for the position, along the shortest
+    /// turn.
     pub fn pose(&self, s: f64) -> Isometry3<f64> {
         let (p, q) = (self.from.translation.vector, self.to.translation.vector);
         let position = p + (q - p) * s;
@@ -52,8 +54,8 @@ pub fn slerp(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQu
     UnitQuaternion::from_quaternion(Quaternion::from(mixed))
 }
 
-/// Share of the way at the end of substep `k` (from 1): the substeps lag behind the last exposure by
-/// `remainder_ns`, and `advance_ns` lies between the two exposures.
+/// Share of the way at the end of substep `k` (from 1): the substeps lag behind the last exposure
+/// by `remainder_ns`, and `advance_ns` lies between the two exposures.
 pub fn share(k: u64, substep_ns: u64, remainder_ns: u64, advance_ns: u64) -> f64 {
     let since = (k * substep_ns).saturating_sub(remainder_ns);
     if advance_ns == 0 { 1.0 } else { (since as f64 / advance_ns as f64).min(1.0) }

@@ -1,4 +1,5 @@
-//! How a task looks: balls where goals are, and its lines of text. Text is made when something changes, and at most once a second.
+//! The picture of a task: balls where goals are, and its lines of text. Text is made when something
+//! changes, and at most once a second.
 
 use crate::world::World;
 use nalgebra::Vector3;
@@ -109,7 +110,8 @@ pub struct TaskText {
 }
 
 impl TaskText {
-    /// The lines for the world as it is, the newest warning first; `notice` is that warning. Once vitreous was removed, one says what is left.
+    /// The lines for the world as it is, the newest warning first; `notice` is that warning. Once
+    /// vitreous was removed, one says what is left.
     pub fn lines(&mut self, world: &World, notice: &str, notice_kind: u32) -> &str {
         let removed = world.removed();
         let (gone, task) = (removed.vitreous_um3 / GEL_STEP_UM3, world.task());

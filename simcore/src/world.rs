@@ -1,5 +1,5 @@
-//! The world and its step: a pure function of the previous state and of what a tracker frame, the
-//! handles and the pedal say. No clock, no randomness, no order of threads enters the result.
+//! The world and its step: a pure function of the previous state and of a tracker
+//! frame, handle and pedal states. No clock, no randomness, no order of threads enters the result.
 
 mod audit;
 mod bodies;
@@ -105,12 +105,12 @@ pub struct World {
     /// Shapes of the rigid bodies and the instruments, where there are some.
     bodies: Option<bodies::Bodies>,
     images: [InstrumentImage; INSTRUMENTS],
-    /// What the scene says of its tools.
+    /// Figures of the scene's tools.
     figures: ToolFigures,
     log: EventLog,
     /// The vitreous, where there is one.
     vitreous: Option<Vitreous>,
-    /// What the trainee is asked to do, where the scene says so.
+    /// The task, where the scene has one.
     task: Option<task::TaskPart>,
     /// Room for the dye, until the first jet reaches the membrane.
     no_stain: Option<StainState>,
@@ -120,6 +120,9 @@ pub struct World {
 
 impl World {
     /// The world of a scene, before its first step.
+    ///
+    /// # Errors
+    /// [`WorldError`] for a scene whose tissue, bodies or collision volume cannot be simulated.
     pub fn new(scene: &SceneFile) -> Result<Self, WorldError> {
         let membrane = SheetBody::membrane(scene).map_err(WorldError::Membrane)?;
         let (retina, retina_state) = Retina::new(scene).map_err(WorldError::Retina)?.unzip();
@@ -162,7 +165,8 @@ impl World {
         Ok(world)
     }
 
-    /// The same world, of which nobody will draw a picture: what only pictures need is left out. It changes no state.
+    /// The same world, of which nobody will draw a picture: what only pictures need is left out. It
+    /// changes no state.
     pub fn unseen(mut self) -> Self {
         if let Some(gel) = &mut self.vitreous {
             gel.leave_unseen();
@@ -170,7 +174,8 @@ impl World {
         self
     }
 
-    /// Chooses who looks for collisions with the membrane; `None` where there is none. It changes no result.
+    /// Chooses the back end for collisions with the membrane; `None` without a membrane. It changes
+    /// no result.
     pub fn choose_collision(
         &mut self,
         wanted: Backend,
@@ -183,8 +188,8 @@ impl World {
         Some(membrane.choose_collision(&self.state.membrane, wanted, &image, clock))
     }
 
-    /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's profile and
-    /// nothing else; [`no_clock`] will do.
+    /// Advances to the exposure of the frame. `clock` gives nanoseconds for the report's profile
+    /// and nothing else; [`no_clock`] will do.
     pub fn step(&mut self, input: &StepInput, clock: &mut dyn FnMut() -> u64) -> StepReport {
         let mut timer = StepTimer::start(clock);
         self.begin_step(input.frame);
@@ -267,11 +272,18 @@ impl World {
     }
 
     /// Writes the state into `out`, whose memory is used again.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] when the state cannot be encoded.
     pub fn save(&self, out: &mut Vec<u8>) -> Result<(), CheckpointError> {
         checkpoint::encode(&self.state, self.fingerprint, out)
     }
 
-    /// Goes on from a saved state of the same scene; on an error nothing changes.
+    /// Goes on from a saved state of the same scene.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] for bytes that are damaged or belong to another scene; nothing changes
+    /// then.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CheckpointError> {
         let state = checkpoint::decode(bytes, self.fingerprint)?;
         self.check_sheets(&state)?;

@@ -105,7 +105,8 @@ fn a_lost_instrument_touches_nothing_and_sweeps_nothing_when_it_comes_back() {
         frame.bodies[0].validity = if valid { 2 } else { 0 };
         (frame, handles)
     };
-    // Over the membrane, lost, back again on its other side: 11.3 mm deep where the membrane is at 11.
+    // Over the membrane, lost, back again on its other side: 11.3 mm deep where the membrane is at
+    // 11.
     let way = [([0.0, 0.0, -10.0], true), ([0.0, 0.0, -10.5], false), ([0.0, 0.0, -11.3], true)];
     let mut kinds = Vec::new();
     for (field, (tip, valid)) in way.into_iter().enumerate() {
@@ -153,8 +154,9 @@ fn a_pause_advances_nothing_and_a_foreign_handle_is_refused() {
     assert!(world.events().iter().any(|e| e.kind == EventKind::InputRefused as u32));
 }
 
-/// A fast tip of every instrument on a random way: either it ends on the side of the membrane where it began, or the world knows of the contact.
-/// The crossing is found by hand: where the way cuts each triangle's plane, at the rest shape.
+/// A fast tip of every instrument on a random way: either it ends on the side of the membrane where
+/// it began, or the world knows of the contact. The crossing is found by hand: where the way cuts
+/// each triangle's plane, at the rest shape.
 #[test]
 fn a_tip_that_moves_five_millimetres_in_a_field_never_passes_unseen() {
     let scene = SceneFile::load("peel").unwrap();
@@ -172,7 +174,8 @@ fn a_tip_that_moves_five_millimetres_in_a_field_never_passes_unseen() {
         let rest: Vec<[nalgebra::Vector3<f64>; 3]> = (world.sheet().triangles.iter())
             .map(|t| t.map(|n| world.state().membrane.position(n as usize).map(f64::from)))
             .collect();
-        // Ends between 0.4 and 1.6 mm beyond the membrane, as deep as the way is long in one look and more.
+        // Ends between 0.4 and 1.6 mm beyond the membrane, as deep as the way is long in one look
+        // and more.
         let to = target + way * (0.4 + 1.2 * share);
         let path = [to - way * 5.2, to - way * 5.0, to];
         let mut pierced = false;

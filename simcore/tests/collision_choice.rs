@@ -4,12 +4,13 @@ use collision::backend::Backend;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 
-/// The clock decides what is measured, never what is found: a clock by which the processor takes for ever, one by which
-/// it takes no time, and all wishes, lead to the same look.
+/// The clock decides what is measured, never what is found: a clock by which the processor takes
+/// for ever, one by which it takes no time, and all wishes, lead to the same look.
 #[test]
 fn the_choice_changes_no_result() {
     let scene = SceneFile::load("peel").unwrap();
-    // The clock goes by `step` a call, and from the thirtieth on by `later`: by then the processor's looks are measured.
+    // The clock goes by `step` a call, and from the thirtieth on by `later`: by then the
+    // processor's looks are measured.
     let look_by = |backend, step: u64, later: u64| {
         let mut world = World::new(&scene).unwrap();
         let (mut now, mut calls) = (0, 0);

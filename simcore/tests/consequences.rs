@@ -1,4 +1,5 @@
-//! What rough handling leads to: slipping, tearing off the retina, bleeding; and tools that only push.
+//! What rough handling leads to: slipping, tearing off the retina, bleeding; and tools that only
+//! push.
 
 use bytemuck::Zeroable;
 use protocol::events::{Event, EventKind};

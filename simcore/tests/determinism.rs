@@ -1,12 +1,14 @@
-//! The same inputs give the same state, to the bit: on every run, in every build, across a checkpoint.
+//! The same inputs give the same state, to the bit: on every run, in every build, across a
+//! checkpoint.
 
 use protocol::steps::StepProfile;
 use scene::SceneFile;
 use simcore::world::{World, no_clock};
 use surgeon::rehearsal::Rehearsal;
 
-/// Hash after the fields [`GOLDEN_FIELDS`] of the shipped scene's script: forceps push, grab, lift and tear.
-/// It moves when the scene, the state's content or any arithmetic of the step changes; say so in the commit.
+/// Hash after the fields [`GOLDEN_FIELDS`] of the shipped scene's script: forceps push, grab, lift
+/// and tear. It moves when the scene, the state's content or any arithmetic of the step changes;
+/// say so in the commit.
 const GOLDEN_HASH: u64 = 0x5832_11dc_76dd_e083;
 const GOLDEN_FIELDS: std::ops::Range<u64> = 190..390;
 

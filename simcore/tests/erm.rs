@@ -1,4 +1,5 @@
-//! The adherent membrane: what the scripted peel costs, what it does to the retina, and what is free curls.
+//! The adherent membrane: what the scripted peel costs, what it does to the retina, and what is
+//! free curls.
 
 use bytemuck::Zeroable;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -33,8 +34,9 @@ fn at(events: &[Event], kind: EventKind) -> Option<u64> {
     events.iter().find(|e| e.kind == kind as u32).map(|e| e.field)
 }
 
-/// One published figure was fitted (23G forceps, 6.63 mN: Velez-Montoya et al. 2013), one is predicted: the RMS while
-/// experts peeled in rabbits, 7.41 mN (Zheng et al. 2023). docs/peeling.md has what is not predicted.
+/// One published figure was fitted (23G forceps, 6.63 mN: Velez-Montoya et al. 2013), one is
+/// predicted: the RMS while experts peeled in rabbits, 7.41 mN (Zheng et al. 2023). docs/peeling.md
+/// has what is not predicted.
 #[test]
 fn the_scripted_peel_costs_what_was_measured() {
     let (rehearsal, mut world) = erm(|_| {});
@@ -94,7 +96,8 @@ fn the_loose_edge_curls_away_from_the_retina() {
         let m = &world.state().membrane;
         (0..m.nodes()).map(|n| 11.5 - m.position(n).norm()).fold(0.0, f32::max)
     };
-    // A roll of 1.2 mm that is free over 1.5 mm would rise by 0.8 mm; the glue around it holds it back.
+    // A roll of 1.2 mm that is free over 1.5 mm would rise by 0.8 mm; the glue around it holds it
+    // back.
     let (with, without) = (height_mm(true), height_mm(false));
     println!("{with} mm with curl, {without} without");
     assert!((0.1..0.85).contains(&with) && without < 1e-3, "{with} {without}");
@@ -162,8 +165,8 @@ impl Hand {
     }
 }
 
-/// The port over glued tissue, looking down at it from 0.1 mm: suction alone leaves it glued or lifts it, the blade cuts it, and what it cut
-/// is glued no longer.
+/// The port over glued tissue, looking down at it from 0.1 mm: suction alone leaves it glued or
+/// lifts it, the blade cuts it, and what it cut is glued no longer.
 #[test]
 fn the_vitrector_cuts_glued_tissue() {
     let cut = |axes: [f64; 2]| {

@@ -1,5 +1,6 @@
-//! Every way of making substeps that a scene can choose, in the whole world: a tip presses the membrane, stays, and leaves. The sheet stays
-//! whole and calm, gives way by what the tip went, comes back unless it is plastic, and a checkpoint on the way changes nothing.
+//! Every way of making substeps that a scene can choose, in the whole world: a tip presses the
+//! membrane, stays, and leaves. The sheet stays whole and calm, gives way by what the tip went,
+//! comes back unless it is plastic, and a checkpoint on the way changes nothing.
 
 use bytemuck::Zeroable;
 use protocol::events::EventKind;
@@ -22,14 +23,15 @@ const LEFT_MM: f64 = 0.002;
 /// Field at which the tip has come down, and at which it leaves.
 const DOWN: u64 = 40;
 const LEAVES: u64 = 90;
-/// Field at which tissue that creeps through the fluid is back. Material that goes straight to its balance needs no time for it.
+/// Field at which tissue that creeps through the fluid is back. Material that goes straight to its
+/// balance needs no time for it.
 const END: u64 = 240;
 const EARLY_END: u64 = 130;
 /// Field of the checkpoint: the tip presses.
 const SAVED: u64 = 70;
 
-/// A bowl of 96 triangles, its rim above its middle: whatever presses it stretches it. A dome would give way without any
-/// stretch, by turning inside out around the tip, and stay so.
+/// A bowl of 96 triangles, its rim above its middle: whatever presses it stretches it. A dome would
+/// give way without any stretch, by turning inside out around the tip, and stay so.
 fn bowl() -> MeshScene {
     let (columns, rows) = (9u32, 7u32);
     let at = |c: u32, r: u32| {
@@ -130,7 +132,8 @@ fn press(change: impl Fn(&mut MembraneScene), end: u64) -> [f64; 2] {
 /// Presses a sheet that must come back by field `end`.
 fn is_back(change: impl Fn(&mut MembraneScene), end: u64) {
     let [pressed, stays] = press(change, end);
-    // The tip is flat, and the sheet goes down towards its middle: nodes beside the middle go farther than the tip came.
+    // The tip is flat, and the sheet goes down towards its middle: nodes beside the middle go
+    // farther than the tip came.
     assert!((DEPTH_MM..1.4 * DEPTH_MM).contains(&pressed), "{pressed} mm under the tip");
     assert!(stays < LEFT_MM, "{stays} mm of {pressed} stay");
 }
@@ -188,7 +191,8 @@ fn a_continuum_comes_back() {
     });
 }
 
-/// Material that yields below the strain of the press keeps a dent; tissue that yields beyond it does not.
+/// Material that yields below the strain of the press keeps a dent; tissue that yields beyond it
+/// does not.
 #[test]
 fn only_plastic_tissue_keeps_a_dent() {
     use MembraneIntegrator::{Explicit, SemiImplicit};
@@ -203,7 +207,8 @@ fn only_plastic_tissue_keeps_a_dent() {
     }
 }
 
-/// Glued tissue that nobody touches: its loose edge curls as far however its substeps are made, and no bond breaks.
+/// Glued tissue that nobody touches: its loose edge curls as far however its substeps are made, and
+/// no bond breaks.
 #[test]
 fn glue_and_curl_balance_under_every_integrator() {
     use MembraneIntegrator::{Implicit, QuasiStatic, SemiImplicit};

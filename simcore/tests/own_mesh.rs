@@ -1,4 +1,5 @@
-//! A membrane from a Wavefront file: loaded beside its scene, simulated, recorded whole, refused by element.
+//! A membrane from a Wavefront file: loaded beside its scene, simulated, recorded whole, refused by
+//! element.
 
 use scene::{MeshScene, Pinned, SceneFile};
 use simcore::world::{World, no_clock};
@@ -8,7 +9,8 @@ use surgeon::rehearsal::Rehearsal;
 use tissue::sheet::mesh::SheetMesh;
 use tissue::sheet::tearing::check_mesh;
 
-/// The shipped sheet as a mesh, its triangles turned over: whoever draws one need not know which side is front.
+/// The shipped sheet as a mesh, its triangles turned over: whoever draws one need not know which
+/// side is front.
 fn mesh() -> MeshScene {
     let sheet = SheetMesh::new(&SceneFile::load("peel").unwrap()).unwrap();
     let state = sheet.start();

@@ -1,4 +1,5 @@
-//! The shipped relocation, from the first prick to the turned retina: what must have happened, and what must hold all the way.
+//! The shipped relocation, from the first prick to the turned retina: what must have happened, and
+//! what must hold all the way.
 
 use protocol::events::EventKind;
 use scene::SceneFile;
@@ -85,8 +86,9 @@ fn turn_of(world: &World, node: usize) -> f64 {
     (home.x * now.y - home.y * now.x).atan2(home.x * now.x + home.y * now.y)
 }
 
-/// The scene leads a grip 2 mm from the fovea by 0.45 rad about it. What was held has turned by that, and nothing that went along by more
-/// than 0.5 mm stayed behind in a fold or was pushed past the fovea: all of it has turned the same way.
+/// The scene leads a grip 2 mm from the fovea by 0.45 rad about it. What was held has turned by
+/// that, and nothing that went along by more than 0.5 mm stayed behind in a fold or was pushed past
+/// the fovea: all of it has turned the same way.
 fn what_the_jaws_led_has_turned(world: &World, led: &[u32]) {
     let home = &world.retina().unwrap().home_mm;
     let way = |n: usize| (retina(world).sheet.position(n) - home[n]).norm();
@@ -94,14 +96,16 @@ fn what_the_jaws_led_has_turned(world: &World, led: &[u32]) {
     assert!(moved.len() >= 12, "what the jaws led lies elsewhere: {}", moved.len());
     let least = moved.iter().map(|&n| turn_of(world, n)).fold(f64::MAX, f64::min);
     assert!(least > 0.1, "{least} rad");
-    // Jaws lead all that they hold by the same way, so that what is nearer to the fovea turns further: it is the middle one that tells.
+    // Jaws lead all that they hold by the same way, so that what is nearer to the fovea turns
+    // further: it is the middle one that tells.
     let mut held: Vec<f64> = led.iter().map(|&n| turn_of(world, n as usize)).collect();
     held.sort_by(f64::total_cmp);
     let middle = (held[(held.len() - 1) / 2] + held[held.len() / 2]) / 2.0;
     assert!(held[0] > 0.3 && (0.4..0.6).contains(&middle), "{held:?}");
 }
 
-/// A checkpoint in the middle of it goes on like the first run: nothing of the retina is outside the state.
+/// A checkpoint in the middle of it goes on like the first run: nothing of the retina is outside
+/// the state.
 fn replay_from(scene: &SceneFile, rehearsal: &Rehearsal, saved: &[u8]) {
     let mut hashes = [0; 2];
     for hash in &mut hashes {

@@ -1,5 +1,5 @@
-//! The retina against what it must obey: fluid that balances over any programme, Laplace and Kendall at the front, limits below which nothing
-//! happens, tears that leave a consistent mesh.
+//! The retina against what it must obey: fluid that balances over any programme, Laplace and
+//! Kendall at the front, limits below which nothing happens, tears that leave a consistent mesh.
 
 use nalgebra::{UnitVector3, Vector3};
 use scene::SceneFile;
@@ -25,7 +25,8 @@ impl Bench {
         Bench { model, state, substep: 0 }
     }
 
-    /// A needle at an eccentricity and azimuth (rad), its tip so far behind the retina (mm), pressing (Pa) and moving (mm/s).
+    /// A needle at an eccentricity and azimuth (rad), its tip so far behind the retina (mm),
+    /// pressing (Pa) and moving (mm/s).
     fn needle(
         &self,
         [ecc, azimuth]: [f64; 2],
@@ -67,7 +68,8 @@ impl Bench {
         self.model.blebs.loose().len()
     }
 
-    /// Fluid is where the account says, and the mesh agrees with it to the rounding of its positions.
+    /// Fluid is where the account says, and the mesh agrees with it to the rounding of its
+    /// positions.
     fn check(&self) {
         let (s, a) = (&self.state, self.state.account);
         assert!((a.injected_mm3 - a.leaked_mm3 - s.under_mm3()).abs() < 1e-9 * (1.0 + a.injected_mm3));
@@ -104,12 +106,14 @@ fn more_pressure_takes_more_off_at_once_and_in_time() {
     }
 }
 
-/// What a bleb's front would release by Laplace's law and Kendall's energy, from its pressure and shape alone as one would measure them
-/// from outside, as a share of the adhesion that the scene states.
+/// What a bleb's front would release by Laplace's law and Kendall's energy, from its pressure and
+/// shape alone as one would measure them from outside, as a share of the adhesion that the scene
+/// states.
 fn laplace_energy(b: &Bench) -> f64 {
     let (figures, radius) = (&b.model.figures, b.model.figures.radius_mm);
     let bleb = b.state.blebs[0];
-    // The base: the area of choroid inside the front, as a cap of the sphere. A loose node stands for a third of each of its triangles.
+    // The base: the area of choroid inside the front, as a cap of the sphere. A loose node stands
+    // for a third of each of its triangles.
     let home = |n: u32| b.model.home_mm[n as usize].map(f64::from);
     let share = b.model.body.mesh.triangles.iter().map(|t| {
         let [p, q, r] = t.map(home);
@@ -118,7 +122,8 @@ fn laplace_energy(b: &Bench) -> f64 {
     });
     let sag = share.sum::<f64>() / (std::f64::consts::TAU * radius);
     let base_mm = (sag * (2.0 * radius - sag)).sqrt();
-    // Height of the cap over the base plane from the volume, which is that cap and the choroid's under it.
+    // Height of the cap over the base plane from the volume, which is that cap and the choroid's
+    // under it.
     let over = bleb.volume_mm3 - Cap { base_mm, height_mm: sag }.volume_mm3();
     let (mut low, mut high) = (0.0, 2.0 * base_mm);
     for _ in 0..60 {
@@ -132,7 +137,8 @@ fn laplace_energy(b: &Bench) -> f64 {
     figures.release_un_per_mm(tension * angle.sin(), tension * angle.cos()) / figures.adhesion_un_per_mm
 }
 
-/// The front comes off ring by ring, so the load swings; it must reach the adhesion before each advance and never stay over it.
+/// The front comes off ring by ring, so the load swings; it must reach the adhesion before each
+/// advance and never stay over it.
 fn peak_load(rings: u32) -> f64 {
     let mut b = Bench::new(|s| s.retina.as_mut().unwrap().rings = rings);
     b.inject([0.0, 0.0], 75_000.0, 200);

@@ -91,7 +91,8 @@ fn open_jaws_push_the_membrane_before_they_close() {
     };
     let before = deepest(&world);
     play(&mut world, &rehearsal, 150..201);
-    // Pushed nodes move on a little by themselves, so that not every look of a resting tip finds contact.
+    // Pushed nodes move on a little by themselves, so that not every look of a resting tip finds
+    // contact.
     let mut touched = 0;
     for field in 201..226 {
         play(&mut world, &rehearsal, field..field + 1);

@@ -1,4 +1,5 @@
-//! Tissue of published stiffness and real mass through the shipped script, under the integrators made for it.
+//! Tissue of published stiffness and real mass through the shipped script, under the integrators
+//! made for it.
 
 use protocol::events::EventKind;
 use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, SceneFile};
@@ -7,7 +8,8 @@ use surgeon::rehearsal::Rehearsal;
 use tissue::sheet::guard::all_finite;
 use tissue::sheet::tearing::check_mesh;
 
-/// The shipped scene with 2 N/m and 10 µm of water as mass, which explicit substeps of 1 ms cannot follow.
+/// The shipped scene with 2 N/m and 10 µm of water as mass, which explicit substeps of 1 ms cannot
+/// follow.
 fn stiff(integrator: MembraneIntegrator, strain_limit: f64) -> SceneFile {
     let mut scene = SceneFile::load("peel").unwrap();
     let membrane = scene.membrane.as_mut().unwrap();
@@ -59,7 +61,8 @@ fn stiff_tissue_goes_through_the_script_and_gives_the_same_bits_again() {
     }
 }
 
-/// A scene whose elements tear at a tension that the jaws reach loses triangles, and the mesh stays whole.
+/// A scene whose elements tear at a tension that the jaws reach loses triangles, and the mesh stays
+/// whole.
 #[test]
 fn a_continuum_tears_where_its_tension_passes_the_limit() {
     let mut scene = continuum(ElementsLaw::NeoHookean, MembraneIntegrator::Implicit);

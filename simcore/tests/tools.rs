@@ -1,4 +1,5 @@
-//! The tools on the membrane, in the shipped scenes that use them: pick and forceps in `lift`, vitrector in `trim`; and the needle.
+//! The tools on the membrane, in the shipped scenes that use them: pick and forceps in `lift`,
+//! vitrector in `trim`; and the needle.
 
 use bytemuck::Zeroable;
 use nalgebra::Vector3;

@@ -1,4 +1,5 @@
-//! Loose retina under tools: the shipped macular translocation, vitrectors that take retina, tips that drag it and press it on.
+//! Loose retina under tools: the shipped macular translocation, vitrectors that take retina, tips
+//! that drag it and press it on.
 
 use bytemuck::Zeroable;
 use nalgebra::{UnitVector3, Vector3};
@@ -16,7 +17,8 @@ use surgeon::rehearsal::Rehearsal;
 use tissue::retina::state::RetinaState;
 use tissue::sheet::state::NODE_PINNED;
 
-/// Polar angles of what the scene has cut free; the cut goes round at 1.2 rad, along the ring of nodes before it.
+/// Polar angles of what the scene has cut free; the cut goes round at 1.2 rad, along the ring of
+/// nodes before it.
 const CUT_FREE_RAD: Range<f64> = 0.0..1.15;
 /// Polar angles of the strip beyond the cut.
 const BEYOND_CUT_RAD: Range<f64> = 1.21..1.3;
@@ -29,7 +31,8 @@ fn of(events: &[Event], kind: EventKind) -> Vec<&Event> {
     events.iter().filter(|e| e.kind == kind as u32).collect()
 }
 
-/// Turns of the nodes at these polar angles from the fovea that are at least 2 mm from the disc's axis: least, middle one and most, rad.
+/// Turns of the nodes at these polar angles from the fovea that are at least 2 mm from the disc's
+/// axis: least, middle one and most, rad.
 fn turns(world: &World, disc: &UnitVector3<f64>, polar_rad: Range<f64>) -> [f64; 3] {
     let (state, model) = (retina(world), world.retina().unwrap());
     let flat = |p: Vector3<f32>| {
@@ -88,7 +91,8 @@ fn the_shipped_translocation_turns_the_retina_as_a_whole_and_lays_it_on() {
     the_picture_turns_with_it(&world, whole);
 }
 
-/// The scene block has every triangle that lies elsewhere than at the start, those that are gone, and where all of it lay.
+/// The scene block has every triangle that lies elsewhere than at the start, those that are gone,
+/// and where all of it lay.
 fn the_picture_turns_with_it(world: &World, whole: usize) {
     let mut payload = vec![
         0u128;
@@ -152,7 +156,8 @@ fn aspirate(axes: [f64; 2]) -> PedalState {
     PedalState { mode: PedalMode::Aspirate as u32, axes, ..PedalState::zeroed() }
 }
 
-/// With the pump alone the retina comes to the port; with the blade it loses area, which is counted, and its fluid, which is accounted for.
+/// With the pump alone the retina comes to the port; with the blade it loses area, which is
+/// counted, and its fluid, which is accounted for.
 #[test]
 fn a_vitrector_sucks_loose_retina_and_takes_it_and_none_that_lies_on() {
     let reach = |fluid_mm3: f64, detached_rad: f64, axes: [f64; 2]| {
@@ -199,7 +204,8 @@ fn a_vitrector_sucks_loose_retina_and_takes_it_and_none_that_lies_on() {
     assert_eq!(retina(&world).sheet.removed.triangles, 0);
 }
 
-/// A tip that presses on a bleb and goes sideways takes the retina under it along by the scene's share of its way, and none without friction.
+/// A tip that presses on a bleb and goes sideways takes the retina under it along by the scene's
+/// share of its way, and none without friction.
 #[test]
 fn a_pressing_tip_drags_by_its_share() {
     let dragged = |drag: f64| {
@@ -228,7 +234,8 @@ fn a_pressing_tip_drags_by_its_share() {
     assert!(none < half && half < most && most < 0.8 * 0.4, "{none} {half} {most}");
 }
 
-/// A shallow bleb that a tip presses to the choroid holds there, and stays when the tip leaves; its fluid goes aside and is not lost.
+/// A shallow bleb that a tip presses to the choroid holds there, and stays when the tip leaves; its
+/// fluid goes aside and is not lost.
 #[test]
 fn what_is_pressed_on_holds() {
     let mut world = lifted(0.3, 2.5, |_| {});

@@ -1,5 +1,5 @@
-//! A scene's script played without cameras and without a clock, field by field, and what the simulation sends of it: for films and
-//! for pictures of a moment.
+//! A scene's script played without cameras and without a clock, field by field, and what the
+//! simulation sends of it: for films and for pictures of a moment.
 
 use crate::perception::perform;
 use anyhow::Context;
@@ -51,7 +51,8 @@ impl Film {
         self.rehearsal.fields()
     }
 
-    /// The last field of a film that is at most so long, as far as is known by now: an attempt's ends with its end screen.
+    /// The last field of a film that is at most so long, as far as is known by now: an attempt's
+    /// ends with its end screen.
     fn last_field(&self, seconds: Option<f64>, over_since: Option<u64>) -> u64 {
         let end_screen = (END_SCREEN_S * FIELDS_PER_S) as u64;
         let round = match self.world.task() {
@@ -81,8 +82,8 @@ impl Film {
     }
 }
 
-/// Writes the scene of every `every`-th field, from the first on: an attempt at a task until its end screen, else a round of the
-/// script, or for `seconds`, whatever the script; how many.
+/// Writes the scene of every `every`-th field, from the first on: an attempt at a task until its
+/// end screen, else a round of the script, or for `seconds`, whatever the script; how many.
 pub fn write(
     scene: &SceneFile,
     seed: Option<u64>,

@@ -1,5 +1,6 @@
-//! The simulation alone in one process, without cameras and without a clock: a recording is resimulated ([`resimulate`]), a scene's
-//! script is played for a film ([`film`]) by a surgeon who sees the simulated eye ([`perception`]).
+//! The simulation alone in one process, without cameras and without a clock: a recording is
+//! resimulated ([`resimulate`]), a scene's script is played for a film ([`film`]) by a surgeon who
+//! sees the simulated eye ([`perception`]).
 
 pub mod film;
 pub mod perception;

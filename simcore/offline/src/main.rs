@@ -1,4 +1,5 @@
-//! `vitreo-offline`: the simulation without cameras and clock, for `vitreo score --resimulate` and `vitreo film`.
+//! `vitreo-offline`: the simulation without cameras and clock, for `vitreo score --resimulate` and
+//! `vitreo film`.
 
 use anyhow::Context;
 use clap::Parser;

@@ -1,4 +1,5 @@
-//! What a scripted surgeon sees of the simulation: bodies, tissue, and which goals are done. A person sees as much in the picture.
+//! What a scripted surgeon sees of the simulation: bodies, tissue, and which goals are done. A
+//! person sees as much in the picture.
 
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;

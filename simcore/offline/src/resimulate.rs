@@ -1,5 +1,6 @@
-//! A recording is resimulated, in one go and without the other processes: every step from the recorded poses, handles and
-//! pedal, written as a recording of poses, steps and events that is read once. Pure but for the two files; the same bits as in the live run.
+//! A recording is resimulated, in one go and without the other processes: every step from the
+//! recorded poses, handles and pedal, written as a recording of poses, steps and events that is
+//! read once. Pure but for the two files; the same bits as in the live run.
 
 use anyhow::{Context, bail};
 use protocol::steps::{STATE_HASH_VERSION, StepRecord};
@@ -19,11 +20,13 @@ pub struct Resimulated {
     pub steps: u64,
     /// The first of them whose state is not the recorded one.
     pub differs_at: Option<u64>,
-    /// Version of the recording's state hashes where it is not this build's: states are not compared.
+    /// Version of the recording's state hashes where it is not this build's: states are not
+    /// compared.
     pub other_state_hash_version: Option<u32>,
 }
 
-/// Resimulates `file` into `out`. A damaged recording is done up to its damage; one whose inputs are missing is refused.
+/// Resimulates `file` into `out`. A damaged recording is done up to its damage; one whose inputs
+/// are missing is refused.
 pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
     let recording = Recording::open(file)?;
     let provenance = recording.provenance();

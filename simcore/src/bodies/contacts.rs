@@ -1,5 +1,6 @@
-//! Where bodies touch at their predicted poses: each other and the instruments by parry3d, the retina in closed form (a sphere from
-//! inside: the centre of a ball, the ends of a rod, the corners of a box). Found once in a substep.
+//! Where bodies touch at their predicted poses: each other and the instruments by parry3d, the
+//! retina in closed form (a sphere from inside: the centre of a ball, the ends of a rod, the
+//! corners of a box). Found once in a substep.
 
 use super::solve::{BodySolver, SolverParams, ToolMotion, TouchedBody};
 use super::state::{BodyState, Grip};
@@ -7,13 +8,15 @@ use collision::rigid::{Compound, RigidContact};
 use nalgebra::{Isometry3, Point3, Vector3};
 use protocol::limits::INSTRUMENTS;
 
-/// A contact may hold that is so far from closing, mm: it keeps a resting body's friction from flickering.
+/// A contact may hold that is so far from closing, mm: it keeps a resting body's friction from
+/// flickering.
 const TOUCH_MM: f64 = 1e-4;
 
 /// Contacts that are taken together at most.
 pub(super) const BATCH: usize = 4;
 
-/// How many of the first contacts have no body in common: in which order they are pushed apart makes no difference.
+/// How many of the first contacts have no body in common: in which order they are pushed apart
+/// makes no difference.
 pub(super) fn independent(contacts: &[Contact]) -> usize {
     let bodies = |c: &Contact| {
         let other = if let Party::Body(other) = c.other { Some(other) } else { None };
@@ -54,7 +57,8 @@ pub(super) struct Contact {
     turn: u32,
 }
 
-/// A contact that parry3d found between two parties at these poses. It lies at the other's deepest point; its counterpart is on the body's surface.
+/// A contact that parry3d found between two parties at these poses. It lies at the other's deepest
+/// point; its counterpart is on the body's surface.
 fn contact(
     (body, other): (usize, Party),
     [pose, other_pose]: [&Isometry3<f64>; 2],
@@ -105,8 +109,8 @@ impl BodySolver {
         self.interleave();
     }
 
-    /// Takes contacts of the bodies in turn where no two bodies touch: nothing comes out differently, and more of them are
-    /// [`apart`].
+    /// Takes contacts of the bodies in turn where no two bodies touch: nothing comes out
+    /// differently, and more of them are [`apart`].
     fn interleave(&mut self) {
         if self.contacts.iter().any(|c| matches!(c.other, Party::Body(_))) {
             return;

@@ -1,14 +1,15 @@
-//! Forceps and bodies: closing jaws take a body that both of them touch; opening jaws, or a pull beyond what friction holds,
-//! let it go.
+//! Forceps and bodies: closing jaws take a body that both of them touch; opening jaws, or a pull
+//! beyond what friction holds, let it go.
 
 use super::solve::TouchedBody;
 use super::state::{BodyState, Grip};
 use nalgebra::Isometry3;
 
-/// Jaws that open so much beyond where they took a body let it go, rad.
+/// Opening beyond that at the grip at which jaws release a body, rad.
 pub const RELEASE_RAD: f64 = 0.05;
 
-/// The body that the jaws of instrument `instrument` have between them: both touch it, from opposite sides.
+/// The body that the jaws of instrument `instrument` have between them: both touch it, from
+/// opposite sides.
 pub fn between_jaws(touched: &[TouchedBody], instrument: usize) -> Option<usize> {
     let by = |part: usize| touched.iter().filter(move |t| t.instrument == instrument && t.part == part);
     let pair = |one: &TouchedBody, other: &TouchedBody| {
@@ -27,7 +28,8 @@ pub fn take(body: usize, state: &BodyState, eye_from_instrument: &Isometry3<f64>
     }
 }
 
-/// What the jaws could not hold slides through them: the grip goes where the body is. Returns by how much, mm.
+/// What the jaws could not hold slides through them: the grip goes where the body is. Returns by
+/// how much, mm.
 pub fn slide(grip: &mut Grip, state: &BodyState, eye_from_instrument: &Isometry3<f64>) -> f64 {
     let now = eye_from_instrument.inverse() * state.eye_from_body;
     let by = (now.translation.vector - grip.instrument_from_body.translation.vector).norm();

@@ -1,4 +1,5 @@
-//! What a rigid body is: shape, mass, inertia, friction, and the points by which it can touch the retina.
+//! What a rigid body is: shape, mass, inertia, friction, and the points by which it can touch the
+//! retina.
 
 use collision::rigid::{Compound, Convex};
 use collision::surface::CollisionError;
@@ -20,6 +21,9 @@ pub struct BodyModel {
 
 impl BodyModel {
     /// The model of a scene's body: homogeneous.
+    ///
+    /// # Errors
+    /// [`CollisionError`] for a body without extent.
     pub fn new(scene: &BodyScene) -> Result<Self, CollisionError> {
         let [x, y, z] = scene.half_extents_mm;
         let (convex, inertia) = match scene.shape {
@@ -52,7 +56,8 @@ impl BodyModel {
         &self.solid
     }
 
-    /// Points that can touch a sphere around it from inside, body frame, and how far its surface is from them.
+    /// Points that can touch a sphere around it from inside, body frame, and how far its surface is
+    /// from them.
     pub(super) fn corners(&self) -> ([Vector3<f64>; 8], usize, f64) {
         let h = self.half_mm;
         let mut points = [Vector3::zeros(); 8];
@@ -73,7 +78,8 @@ impl BodyModel {
     }
 }
 
-/// Inertia over mass of a homogeneous rod along z with round ends of radius `r`, the ends' centres `half` from the middle.
+/// Inertia over mass of a homogeneous rod along z with round ends of radius `r`, the ends' centres
+/// `half` from the middle.
 fn capsule_inertia(r: f64, half: f64) -> Vector3<f64> {
     let (cylinder, ball) = (2.0 * half, 4.0 / 3.0 * r);
     let (c, b) = (cylinder / (cylinder + ball), ball / (cylinder + ball));

@@ -1,4 +1,5 @@
-//! How a body moves by itself, and the velocities that are left when contacts have had their say. Contacts do not bounce.
+//! Integration of free bodies, and the velocities that follow from their corrected poses. Contacts
+//! do not bounce.
 
 use super::solve::SolverParams;
 use super::state::BodyState;
@@ -9,7 +10,8 @@ pub const MAX_SPEED_MM_S: f64 = 200.0;
 /// Fastest a body turns, rad/s.
 pub const MAX_SPIN_RAD_S: f64 = 200.0;
 
-/// A rotation after a small turn, eye frame, rad: first order, normalised; no transcendental functions.
+/// A rotation after a small turn, eye frame, rad: first order, normalised; no transcendental
+/// functions.
 pub(super) fn turned(rotation: &UnitQuaternion<f64>, turn: &Vector3<f64>) -> UnitQuaternion<f64> {
     let small = nalgebra::Quaternion::from_parts(0.0, turn * 0.5);
     UnitQuaternion::new_normalize(rotation.into_inner() + small * rotation.into_inner())
@@ -26,7 +28,8 @@ pub(super) fn integrate(body: &mut BodyState, params: &SolverParams) {
         turned(&body.eye_from_body.rotation, &(body.angular_velocity_rad_s * params.dt_s));
 }
 
-/// The velocities that lead from `before` to where the body is now, within their limits; `false` for a body whose numbers ran away.
+/// The velocities that lead from `before` to where the body is now, within their limits; `false`
+/// for a body whose numbers ran away.
 pub(super) fn update_velocity(body: &mut BodyState, before: &BodyState, dt_s: f64) -> bool {
     let way = body.eye_from_body.translation.vector - before.eye_from_body.translation.vector;
     let turn = body.eye_from_body.rotation * before.eye_from_body.rotation.inverse();
@@ -36,7 +39,8 @@ pub(super) fn update_velocity(body: &mut BodyState, before: &BodyState, dt_s: f6
     body.is_sound()
 }
 
-/// A body whose numbers ran away stays where it was, at rest; where that is no place either, it goes to where it began.
+/// A body whose numbers ran away stays where it was, at rest; where that is no place either, it
+/// goes to where it began.
 pub(super) fn reset(body: &mut BodyState, before: &BodyState, begin: &BodyState) {
     *body =
         BodyState { velocity_mm_s: Vector3::zeros(), angular_velocity_rad_s: Vector3::zeros(), ..*before };

@@ -1,5 +1,5 @@
-//! What a contact does to its parties: pushes them apart by their generalised inverse masses, and takes back what would slide or
-//! roll, as far as friction holds it (Coulomb, on positions).
+//! What a contact does to its parties: pushes them apart by their generalised inverse masses, and
+//! takes back what would slide or roll, as far as friction holds it (Coulomb, on positions).
 
 use super::contacts::{BATCH, Contact, Party};
 use super::motion::turned;
@@ -8,8 +8,9 @@ use super::state::BodyState;
 use nalgebra::{Point3, Vector3};
 use protocol::limits::INSTRUMENTS;
 
-/// Lever of the resistance to rolling: how far before the middle of the contact the floor pushes back, mm. A ball of 0.4 mm stays
-/// on slopes up to 14°, which is as far as 2.8 mm from the bottom of an eye; soft tissue resists more than glass.
+/// Lever of the resistance to rolling: how far before the middle of the contact the floor pushes
+/// back, mm. A ball of 0.4 mm stays on slopes up to 14°, which is as far as 2.8 mm from the bottom
+/// of an eye; soft tissue resists more than glass.
 pub(super) const ROLLING_MM: f64 = 0.1;
 
 /// Where the parties of a contact are at the begin of a round.
@@ -24,8 +25,9 @@ struct ContactPoints {
 }
 
 impl BodySolver {
-    /// Pushes contacts apart, and takes back sliding as far as friction holds. No body is in two of them, so all may go through
-    /// each stage together: one is a long chain of roots and quotients, which a processor computes beside the others'.
+    /// Pushes contacts apart, and takes back sliding as far as friction holds. No body is in two of
+    /// them, so all may go through each stage together: one is a long chain of roots and quotients,
+    /// which a processor computes beside the others'.
     pub(super) fn solve_contacts(
         &self,
         bodies: &mut [BodyState],
@@ -51,7 +53,8 @@ impl BodySolver {
         }
     }
 
-    /// Where the parties are; turns the normal of a contact with the retina to the point of the sphere nearest to where the body is now.
+    /// Where the parties are; turns the normal of a contact with the retina to the point of the
+    /// sphere nearest to where the body is now.
     fn locate(
         &self,
         bodies: &[BodyState],
@@ -95,7 +98,8 @@ impl BodySolver {
         if slid < 1e-12 || left <= 0.0 {
             return;
         }
-        // If the resistance to rolling bears the moment, the body is held as a whole, without turning.
+        // If the resistance to rolling bears the moment, the body is held as a whole, without
+        // turning.
         let (mass, arm) =
             (self.models[b].mass_g(), (p.coords - bodies[b].eye_from_body.translation.vector).norm());
         let whole = slid * mass;
@@ -120,7 +124,8 @@ impl BodySolver {
         };
     }
 
-    /// Takes back rolling on the retina, with a moment of at most [`ROLLING_MM`] times the push: a ball stays where it lies on a gentle slope.
+    /// Takes back rolling on the retina, with a moment of at most [`ROLLING_MM`] times the push: a
+    /// ball stays where it lies on a gentle slope.
     fn resist_rolling(&self, body: &mut BodyState, contact: &mut Contact) {
         let model = &self.models[contact.body];
         let before = &self.before[contact.body].eye_from_body.rotation;

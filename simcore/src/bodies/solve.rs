@@ -1,11 +1,13 @@
-//! Moves the bodies over a substep: position-based dynamics of rigid bodies (Müller, Macklin, Chentanez, Jeschke and Kim 2020,
-//! *Detailed rigid body simulation with extended position based dynamics*), with rigid contacts only.
+//! Moves the bodies over a substep: position-based dynamics of rigid bodies (Müller, Macklin,
+//! Chentanez, Jeschke and Kim 2020, *Detailed rigid body simulation with extended position based
+//! dynamics*), with rigid contacts only.
 //!
 //! 1. Weight and damping change the velocities, the velocities the poses.
-//! 2. Contacts are found once, at the predicted poses: with the instruments and with each other by parry3d, with the retina in
-//!    closed form (a sphere from inside: the centre of a ball, the ends of a rod, the corners of a box).
-//! 3. A few rounds push what is inside each other apart, both parties by their generalised inverse mass, and take back what
-//!    would slide, as far as friction holds it (Coulomb, on positions).
+//! 2. Contacts are found once, at the predicted poses: with the instruments and with each other by
+//!    parry3d, with the retina in closed form (a sphere from inside: the centre of a ball, the ends
+//!    of a rod, the corners of a box).
+//! 3. A few rounds push what is inside each other apart, both parties by their generalised inverse
+//!    mass, and take back what would slide, as far as friction holds it (Coulomb, on positions).
 //! 4. Velocities are what has become of the poses. Contacts do not bounce.
 
 use super::contacts::{self, Contact};
@@ -56,7 +58,8 @@ pub struct BodySolver {
     begin: Vec<BodyState>,
     pub(super) contacts: Vec<Contact>,
     pub(super) found: Vec<RigidContact>,
-    /// Bodies that an instrument's jaws touch: which body, by which part, its normal in the eye frame.
+    /// Bodies that an instrument's jaws touch: which body, by which part, its normal in the eye
+    /// frame.
     pub(super) touched: Vec<TouchedBody>,
     /// Sum of the pulls of each grip, eye frame, g·mm.
     pulls: [Vector3<f64>; INSTRUMENTS],
@@ -96,6 +99,9 @@ pub struct TouchedBody {
 
 impl BodySolver {
     /// A solver for the bodies of a scene.
+    ///
+    /// # Errors
+    /// [`CollisionError`] for a body without extent.
     pub fn new(scene: &BodiesScene) -> Result<Self, CollisionError> {
         let models: Vec<BodyModel> = scene.body.iter().map(BodyModel::new).collect::<Result<_, _>>()?;
         let n = models.len();
@@ -120,7 +126,8 @@ impl BodySolver {
         &self.touched
     }
 
-    /// Force that the jaws of an instrument applied to what they hold in the last substep, eye frame, µN.
+    /// Force that the jaws of an instrument applied to what they hold in the last substep, eye
+    /// frame, µN.
     pub fn pull_un(&self, instrument: usize, dt_s: f64) -> Vector3<f64> {
         self.pulls[instrument] / (dt_s * dt_s)
     }
@@ -239,7 +246,8 @@ mod tests {
         assert!((body.velocity_mm_s - Vector3::new(0.0, 0.0, -50.0)).norm() < 1e-6, "weight / damping");
     }
 
-    /// Resistance to rolling holds a ball where the slope's tangent is below lever / radius; where it rolls, it stops on such a slope.
+    /// Resistance to rolling holds a ball where the slope's tangent is below lever / radius; where
+    /// it rolls, it stops on such a slope.
     #[test]
     fn a_ball_comes_to_rest_on_the_retina() {
         for (x, stays) in [(1.0, true), (1.8, true), (5.0, false)] {
@@ -254,8 +262,9 @@ mod tests {
         }
     }
 
-    /// A box on a floor so wide that it is flat, the weight at a slope to it: it stays while the slope's tangent is below the friction,
-    /// and else slides with the acceleration that Coulomb's friction leaves.
+    /// A box on a floor so wide that it is flat, the weight at a slope to it: it stays while the
+    /// slope's tangent is below the friction, and else slides with the acceleration that Coulomb's
+    /// friction leaves.
     #[test]
     fn a_box_slides_where_friction_says() {
         let (radius, g) = (1e5, 1_000.0);

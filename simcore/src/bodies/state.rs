@@ -59,12 +59,15 @@ impl BodyState {
 }
 
 impl BodiesState {
-    /// The bodies of a scene at rest where it says.
+    /// The bodies of a scene at rest in the scene's places.
     pub fn start(scene: &BodiesScene) -> Self {
         BodiesState { body: scene.body.iter().map(BodyState::start).collect(), grip: [None; INSTRUMENTS] }
     }
 
-    /// Refuses bodies of a checkpoint that are not the scene's or hold bad numbers.
+    /// Checks the bodies of a checkpoint.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] for bodies that are not the scene's or hold bad numbers.
     pub fn check(state: Option<&Self>, scene: Option<&BodiesScene>) -> Result<(), CheckpointError> {
         let expected = scene.map_or(0, |s| s.body.len());
         if state.is_some() != scene.is_some() || state.map_or(0, |s| s.body.len()) != expected {

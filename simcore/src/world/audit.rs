@@ -7,8 +7,11 @@ use tissue::sheet::material::Material;
 use tissue::sheet::state::{SheetContact, SheetState};
 
 impl World {
-    /// Checks the state: numbers finite, mesh whole, accounts balanced. The text names the first thing that is wrong.
-    /// For tests; it may allocate.
+    /// Checks the state: numbers finite, mesh whole, accounts balanced. The text names the first
+    /// thing that is wrong. For tests; it may allocate.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
     pub fn audit(&self) -> Result<(), String> {
         if let Some(membrane) = &self.membrane {
             membrane.audit(&self.state.membrane).map_err(|e| format!("the membrane: {e}"))?;
@@ -19,7 +22,8 @@ impl World {
         self.check_vitreous(&self.state).map_err(|e| e.to_string())
     }
 
-    /// True while something acts on tissue: an instrument holds, touches or has pierced it, or a vitrector sucks.
+    /// True while something acts on tissue: an instrument holds, touches or has pierced it, or a
+    /// vitrector sucks.
     pub fn is_handled(&self) -> bool {
         let vitrector = Tool::Vitrector as u32;
         let suction = self.state.tools.suction_pa > 0.0;
@@ -33,7 +37,8 @@ impl World {
             || suction && self.state.instruments.iter().any(|i| i.tool == vitrector)
     }
 
-    /// Square of the acceleration of each node of the membrane in the last part of a substep, before its limit, mm²/s⁴.
+    /// Square of the acceleration of each node of the membrane in the last part of a substep,
+    /// before its limit, mm²/s⁴.
     pub fn membrane_acceleration2(&self) -> &[f32] {
         self.membrane.as_ref().map_or(&[], |body| &body.solver.acceleration2)
     }
@@ -45,7 +50,8 @@ impl World {
         }
     }
 
-    /// The retina's mesh is whole, its blebs are those of its flags, and the fluid balances: injected = under it + leaked.
+    /// The retina's mesh is whole, its blebs are those of its flags, and the fluid balances:
+    /// injected = under it + leaked.
     fn audit_retina(&self) -> Result<(), String> {
         self.check_sheets(&self.state).map_err(|e| e.to_string())?;
         let Some(retina) = &self.state.retina else { return Ok(()) };
@@ -69,7 +75,8 @@ mod tests {
     use scene::{RetinaOperation, SceneFile};
     use surgeon::rehearsal::Rehearsal;
 
-    /// Plays a scene for a while, spoils its state, plays on: the events of the second part. The audit must pass after every step.
+    /// Plays a scene for a while, spoils its state, plays on: the events of the second part. The
+    /// audit must pass after every step.
     fn spoiled(scene: &SceneFile, fields: u64, spoil: impl FnOnce(&mut World)) -> (World, Vec<u32>) {
         let (rehearsal, mut world) = (Rehearsal::shipped(scene), World::new(scene).unwrap());
         let mut events = Vec::new();
@@ -124,7 +131,8 @@ mod tests {
         }
     }
 
-    /// Fluid that is a bad number only when volumes are settled cannot leave bad nodes behind: the last check of a step is the last.
+    /// Fluid that is a bad number only when volumes are settled cannot leave bad nodes behind: the
+    /// last check of a step is the last.
     #[test]
     fn nodes_that_run_away_while_volumes_are_settled_are_taken_out_in_the_same_step() {
         let mut scene = SceneFile::load("relocation").unwrap();
@@ -139,7 +147,8 @@ mod tests {
         assert!(!events.is_empty());
     }
 
-    /// A stiff retina is split as a stiff membrane is, and the first step says so once, with the larger number.
+    /// A stiff retina is split as a stiff membrane is, and the first step raises one event, with
+    /// the larger number.
     #[test]
     fn split_substeps_are_told_whichever_tissue_needs_them() {
         let parts = |scene: &SceneFile| {
@@ -158,7 +167,8 @@ mod tests {
         assert!(parts(&stiff).is_empty());
         let retina = stiff.retina.as_mut().unwrap();
         (retina.stiffness_un_per_mm, retina.spring_damping_un_s_per_mm) = (5e4, 0.0);
-        // Six springs a node and some more at the fovea: dt²·12 k/m < 4 within 1 ms takes at least 1.7 parts at 0.03 g.
+        // Six springs a node and some more at the fovea: dt²·12 k/m < 4 within 1 ms takes at least
+        // 1.7 parts at 0.03 g.
         let found = parts(&stiff);
         assert!(found.len() == 1 && found[0] >= 2.0, "{found:?}");
         let mut both = SceneFile::load("peel").unwrap();
@@ -167,7 +177,8 @@ mod tests {
         assert!(found.len() == 1 && found[0] >= 4.0, "{found:?}");
     }
 
-    /// Bodies stop where they last were; an instrument whose pose is not a number is refused, and nothing else notices.
+    /// Bodies stop where they last were; an instrument whose pose is not a number is refused, and
+    /// nothing else notices.
     #[test]
     fn bad_numbers_in_bodies_and_poses_touch_nothing_else() {
         let scene = SceneFile::load("bodies").unwrap();
@@ -196,7 +207,8 @@ mod tests {
         }
     }
 
-    /// The vitreous has whole numbers only, and every move ends at a limit: the fastest way through it, there and back, breaks none.
+    /// The vitreous has whole numbers only, and every move ends at a limit: the fastest way through
+    /// it, there and back, breaks none.
     #[test]
     fn the_vitreous_cannot_run_away() {
         let mut scene = SceneFile::load("vitrectomy").unwrap();

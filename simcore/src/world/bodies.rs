@@ -17,7 +17,8 @@ use scene::SceneFile;
 use tissue::constants::SUBSTEP_S;
 use tissue::sheet::grasp;
 
-/// Length of an instrument that can touch bodies, in radii of the retina: from any tip to beyond the trocar.
+/// Length of an instrument that can touch bodies, in radii of the retina: from any tip to beyond
+/// the trocar.
 const LENGTH_RADII: f64 = 2.5;
 
 /// The bodies of a scene at work.
@@ -32,6 +33,9 @@ pub struct Bodies {
 
 impl Bodies {
     /// Shapes and work space for a scene that has bodies.
+    ///
+    /// # Errors
+    /// [`CollisionError`] for a shape without extent.
     pub fn new(scene: &SceneFile) -> Result<Option<Self>, CollisionError> {
         let Some(bodies) = &scene.bodies else { return Ok(None) };
         let length_mm = LENGTH_RADII * scene.eye.retina_radius_mm;
@@ -121,7 +125,8 @@ impl Bodies {
         stopped
     }
 
-    /// Opens or closes an instrument's jaws, which a body between them stops, and releases a body; true while they close.
+    /// Opens or closes an instrument's jaws, which a body between them stops, and releases a body;
+    /// true while they close.
     fn move_jaws(&mut self, state: &mut BodiesState, i: usize, substep: &mut Substep) -> bool {
         let tool = substep.instruments[i].tool;
         if tool != self.of_tool[i] {

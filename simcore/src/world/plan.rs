@@ -1,4 +1,5 @@
-//! What a step will do, from its inputs: by how much it advances, and on which ways the instruments move.
+//! What a step will do, from its inputs: by how much it advances, and on which ways the instruments
+//! move.
 
 use super::World;
 use crate::constants::{MAX_TIP_RADII, MAX_TIP_SPEED_MM_S};
@@ -178,7 +179,7 @@ impl World {
         }
     }
 
-    /// True if a body of the frame is tracked; tells when that changes.
+    /// True if a body of the frame is tracked; raises an event when that changes.
     fn note_tracking(&mut self, frame: &TrackerFrame, body: usize) -> bool {
         let found = &frame.bodies[body];
         let tracked = found.validity() != Validity::Lost && found.world_from_body.is_valid();

@@ -1,5 +1,6 @@
-//! What vitrectors have taken out of the eye since the start, and what is left of the vitreous: counts of whole triangles and elements
-//! by what each was at rest, so that sums balance to the last µm² and µm³.
+//! What vitrectors have taken out of the eye since the start, and what is left of the vitreous:
+//! counts of whole triangles and elements by what each was at rest, so that sums balance to the
+//! last µm² and µm³.
 
 use super::World;
 
@@ -54,7 +55,8 @@ mod tests {
         (world, sum)
     }
 
-    /// The events tell each cut in mm²; the account is their sum, and the area of the triangles that are missing.
+    /// Each cut is an event in mm²; the account is their sum, and the area of the triangles that
+    /// are missing.
     #[test]
     fn membrane_is_counted_as_the_events_tell_it() {
         let (world, told_mm2) = played("trim", 450, EventKind::TissueCut);

@@ -49,8 +49,8 @@ impl World {
         }
     }
 
-    /// Distance of a tip from the retina as the touch events see it, mm: from the lifted retina where it is lifted; a needle in it is a
-    /// touch until it reaches the choroid's depth.
+    /// Distance of a tip from the retina as the touch events see it, mm: from the lifted retina
+    /// where it is lifted; a needle in it is a touch until it reaches the choroid's depth.
     pub(super) fn retina_clearance(&mut self, i: usize) -> f64 {
         let tip = &self.state.instruments[i].tip_in_eye_mm;
         let over_choroid = self.scene.eye.retina_radius_mm - tip.norm();

@@ -136,8 +136,9 @@ impl World {
         }
     }
 
-    /// What a look at a sheet could not see rightly: second layers, triangles that its image cannot hold, and triangles
-    /// without area in it. The last ones are seldom a loss: their neighbours fill the image.
+    /// Defects of a query of a sheet: second layers, triangles that its image cannot hold, and
+    /// triangles without area in it. The last ones are seldom a loss: their neighbours fill the
+    /// image.
     fn emit_look(&mut self, i: usize, found: &Contacts) {
         let instrument = &mut self.state.instruments[i];
         let troubled = found.folded > 0 || found.refused > 0 || found.flat > 0;

@@ -1,4 +1,5 @@
-//! Membrane and retina in a step: jaws carry them, ports draw and cut them, forces move them, instruments push them.
+//! Membrane and retina in a step: jaws carry them, ports draw and cut them, forces move them,
+//! instruments push them.
 
 use super::plan::{InstrumentPoses, StepPlan};
 use super::tools::PlacedTools;

@@ -15,7 +15,8 @@ pub(super) fn room(scene: &SceneFile, sheet: &SheetMesh) -> Option<StainState> {
 }
 
 impl World {
-    /// A step of the jets. There is no dye, and nothing is kept of it, before the first jet has reached the membrane.
+    /// A step of the jets. There is no dye, and nothing is kept of it, before the first jet has
+    /// reached the membrane.
     pub(super) fn stain_membrane(&mut self, plan: &StepPlan) {
         let pressure = self.state.tools.injection_pa;
         if self.scene.membrane.is_none() || pressure <= 0.0 || self.figures.needle.pressure_pa <= 0.0 {
@@ -73,7 +74,7 @@ mod tests {
         (world, told)
     }
 
-    /// The dye of every node that the picture is told.
+    /// The dye of every node in the scene block.
     fn shown(world: &World) -> Vec<u16> {
         let mut payload = vec![0u128; 1 << 14];
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut payload);

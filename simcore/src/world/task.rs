@@ -1,5 +1,5 @@
-//! The task's share of a step: what it sees, what it says, and the score when it ends. What counts
-//! as done and how it is judged is decided in the crate `modules`.
+//! The task's share of a step: what it observes, its events, and the score when it ends. What
+//! counts as done and how it is judged is decided in the crate `modules`.
 
 use super::World;
 use crate::checkpoint::CheckpointError;
@@ -27,7 +27,7 @@ pub struct TaskPart {
     asks_retina: bool,
 }
 
-/// What was removed of the vitreous is looked at every so many steps.
+/// Steps between two counts of the removed vitreous.
 const GEL_EVERY: u64 = 10;
 
 impl TaskPart {
@@ -80,7 +80,8 @@ pub fn start(scene: &SceneFile) -> Option<(TaskState, Meter)> {
 }
 
 impl World {
-    /// Shows the step to the task and to the score; when the attempt ends its score is told.
+    /// Shows the step to the task and to the score; when the attempt ends, its score becomes
+    /// events.
     pub(super) fn end_task(&mut self, frame: &TrackerFrame) {
         let (Some(part), Some((attempt, meter))) = (&self.task, &mut self.state.task) else { return };
         let was_over = is_over(attempt);
@@ -111,7 +112,7 @@ impl World {
             });
         let retina = self.retina.as_ref().zip(self.state.retina.as_ref()).filter(|_| part.asks_retina);
         let retina = retina.map(|(retina, state)| retina_seen(retina, state));
-        // What the task says goes into the log, whose events it must not see twice.
+        // The task's events go into the log, which it must not read twice.
         let mut said = [None; MAX_SAID];
         let mut count = 0;
         let seen = Observation {
@@ -163,7 +164,7 @@ impl World {
     }
 }
 
-/// Most signals of a step: every goal at once, and what is told of two instruments.
+/// Most signals of a step: every goal at once, and the events of two instruments.
 const MAX_SAID: usize = 2 * scene::MAX_GOALS + 8;
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-//! Vitrector and needle of a substep: where they are, what the foot makes of them, what they do to the membrane.
+//! Vitrector and needle of a substep: where they are, what the foot makes of them, what they do to
+//! the membrane.
 
 use super::World;
 use super::plan::{InstrumentPoses, StepPlan};
@@ -9,7 +10,8 @@ use tissue::constants::SUBSTEP_S;
 use tissue::needle::Needle;
 use tissue::vitrector::Port;
 
-/// The ports and needles of a substep, by instrument; `None` for other tools and for what is not tracked.
+/// The ports and needles of a substep, by instrument; `None` for other tools and for what is not
+/// tracked.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PlacedTools {
     /// Vitrectors' ports.
@@ -58,7 +60,8 @@ mod tests {
     use scene::SceneFile;
     use surgeon::rehearsal::Rehearsal;
 
-    /// In the scene, with the edge before the port: every force is p₀·(r/d) on a third of each triangle seen, towards the apex.
+    /// In the scene, with the edge before the port: every force is p₀·(r/d) on a third of each
+    /// triangle seen, towards the apex.
     #[test]
     fn suction_on_the_membrane_is_proportional_to_the_reciprocal_distance() {
         let mut scene = SceneFile::load("trim").unwrap();

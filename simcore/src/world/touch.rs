@@ -63,7 +63,8 @@ mod tests {
     use scene::{RetinaOperation, SceneFile};
     use surgeon::rehearsal::Rehearsal;
 
-    /// Two steps of a scene with an instrument's tip at a place, over tissue that was changed before: kinds and values of the events.
+    /// Two steps of a scene with an instrument's tip at a place, over tissue that was changed
+    /// before: kinds and values of the events.
     fn looked_at(scene: &SceneFile, tip_mm: [f64; 3], change: impl FnOnce(&mut World)) -> Vec<(u32, f64)> {
         let (rehearsal, mut world) = (Rehearsal::shipped(scene), World::new(scene).unwrap());
         let mut told = Vec::new();

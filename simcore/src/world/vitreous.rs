@@ -1,7 +1,9 @@
-//! The vitreous' share of a step: shafts drag it, the vitrector takes it, it comes back, and the retina feels it.
+//! The vitreous' share of a step: shafts drag it, the vitrector takes it, it comes back, and the
+//! retina feels it.
 //!
-//! It moves in parts of a step of about [`VITREOUS_SUBSTEPS`] substeps, after the substeps of the membrane: the gel is slow,
-//! and a part covers the instruments' whole way, so that nothing is lost between two of them.
+//! It moves in parts of a step of about [`VITREOUS_SUBSTEPS`] substeps, after the substeps of the
+//! membrane: the gel is slow, and a part covers the instruments' whole way, so that nothing is lost
+//! between two of them.
 
 use super::World;
 use super::plan::StepPlan;
@@ -205,7 +207,8 @@ mod tests {
         assert_eq!(state.removed_um3(lattice) + state.remaining_um3(lattice), whole, "to the last µm³");
         assert!(state.removed > 500, "{} elements", state.removed);
         assert!(!milestones.is_empty() && milestones.is_sorted());
-        // Where gel went there is no haze: removed elements take their densities with them, but for rounding down in cells.
+        // Where gel went there is no haze: removed elements take their densities with them, but for
+        // rounding down in cells.
         let gone = start - densities(&world);
         let least = state.removed * 25;
         assert!(gone > least, "{gone} of {start} gone with {} elements", state.removed);
