@@ -234,9 +234,12 @@ mod tests {
     use bytemuck::Zeroable;
     use protocol::message::fnv1a;
 
-    /// Header, rows and FNV-1a of the tables of two recordings as the first version printed them,
-    /// cell by cell and without the table of fields.
-    const FORMER: [(&str, &str, [(usize, u64); 2]); 8] = [
+    /// Topic, header, rows and FNV-1a of the rows in two recordings.
+    type FormerTable = (&'static str, &'static str, [(usize, u64); 2]);
+
+    /// The tables of two recordings as the first version printed them, cell by cell and without the
+    /// table of fields.
+    const FORMER: [FormerTable; 8] = [
         (
             "handles",
             "seq,field,instant_ns,instrument,tool,jaw_rad",

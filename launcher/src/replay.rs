@@ -211,7 +211,7 @@ fn print(figures: &Figures) {
         println!("the recording does not determine what follows {lost}");
     }
     if let Some(damage) = &figures.damage {
-        message(Level::WARN, &format!("{damage}"));
+        message(Level::WARN, &damage.to_string());
     }
 }
 

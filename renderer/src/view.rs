@@ -104,9 +104,9 @@ pub fn view_uniform(
     }
 }
 
-/// The rays that a projection shows as points: those of NDC (x, y) run from one point along `middle
-/// + x per_x + y per_y`. Behind a lens that point is not the objective but the objective's image in
-/// the eye.
+/// The rays that a projection shows as points: those of NDC (x, y) run from one point along
+/// `middle + x per_x + y per_y`. Behind a lens that point is not the objective but the objective's
+/// image in the eye.
 struct Rays {
     from: DVec3,
     middle: DVec3,

@@ -164,8 +164,14 @@ impl VirtualRigShell {
         let mut restart = false;
         while let Some((request, command)) = self.shell.serve(now())? {
             let answer = match command {
-                Command::Pause => Ok(self.timeline.pause(now())),
-                Command::Start => Ok(self.timeline.resume(now())),
+                Command::Pause => {
+                    self.timeline.pause(now());
+                    Ok(())
+                }
+                Command::Start => {
+                    self.timeline.resume(now());
+                    Ok(())
+                }
                 Command::Reset | Command::Load => {
                     if command == Command::Load
                         && let Err(problem) = self.load(request.argument)

@@ -12,7 +12,7 @@ use protocol::time::Nanos;
 /// Where the fields go.
 pub(super) enum Output {
     /// Pixels to the camera hardware, published ahead.
-    Fields(BlockSender<FieldHeader>),
+    Fields(Box<BlockSender<FieldHeader>>),
     /// Blobs to the tracker, held back until they are due.
     Blobs(Outbox),
 }
@@ -30,7 +30,7 @@ pub(super) struct FieldTiming {
 impl Output {
     pub(super) fn open(instance: &Instance, path: Path, payload_bytes: usize) -> Result<Self> {
         Ok(match path {
-            Path::Pixels => Output::Fields(instance.block_sender(payload_bytes)?),
+            Path::Pixels => Output::Fields(Box::new(instance.block_sender(payload_bytes)?)),
             Path::Direct => Output::Blobs(Outbox::default()),
         })
     }
