@@ -34,7 +34,7 @@ pub enum Pinned {
     /// Those on its edge.
     #[default]
     Edge,
-    /// None: glue holds it, or nothing.
+    /// None: adhesion holds it, or nothing.
     Nothing,
 }
 

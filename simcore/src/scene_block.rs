@@ -31,15 +31,15 @@ const _: () = assert!(
         < BESIDE_THE_MESH
 );
 
-/// Height from which retina under glue is drawn as lifted, mm: a twentieth of its thickness,
+/// Height from which retina under adhesion is drawn as lifted, mm: a twentieth of its thickness,
 /// nothing that an eye would see.
 const SHOWN_MM: f32 = 0.005;
 
-/// Room that the scene of a membrane's sheet, `glued` to the retina or not, a vitreous and a
+/// Room that the scene of a membrane's sheet, `bonded` to the retina or not, a vitreous and a
 /// retina's sheet takes at most, bytes.
 pub fn bytes_needed(
     sheet: &SheetMesh,
-    glued: bool,
+    bonded: bool,
     vitreous: Option<&Vitreous>,
     retina: Option<&SheetMesh>,
 ) -> usize {
@@ -47,7 +47,7 @@ pub fn bytes_needed(
         |s: &SheetMesh| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
     let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
     let homes = retina.map_or(0, |s| s.nodes() * size_of::<SceneHome>());
-    mesh(sheet) * (1 + usize::from(glued)) + retina.map_or(0, mesh) + homes + bricks + BESIDE_THE_MESH
+    mesh(sheet) * (1 + usize::from(bonded)) + retina.map_or(0, mesh) + homes + bricks + BESIDE_THE_MESH
 }
 
 /// Fills scene blocks; keeps the lists that are copied into them.
@@ -227,7 +227,7 @@ impl SceneWriter {
     }
 }
 
-/// Retina that a glued membrane has lifted: the membrane's triangles once more, between the places
+/// Retina that a bonded membrane has lifted: the membrane's triangles once more, between the places
 /// of its nodes on the retina.
 #[derive(Debug)]
 struct Elevation {
@@ -366,13 +366,13 @@ mod tests {
         assert_ne!(topology(&mut writer), first);
     }
 
-    /// A retina that holds less than the glue comes up in the picture where the state has it, under
-    /// the membrane, and goes down again.
+    /// A retina that holds less than the adhesion comes up in the picture where the state has it,
+    /// under the membrane, and goes down again.
     #[test]
-    fn lifted_retina_is_sent_where_the_glue_has_lifted_it() {
+    fn lifted_retina_is_sent_where_the_adhesion_has_lifted_it() {
         let mut scene = SceneFile::load("erm").unwrap();
-        let glue = scene.membrane.as_mut().unwrap().adhesion.as_mut().unwrap();
-        (glue.retina_lift_pa, glue.retina_tear_mm) = (9000.0, 0.3);
+        let adhesion = scene.membrane.as_mut().unwrap().adhesion.as_mut().unwrap();
+        (adhesion.retina_lift_pa, adhesion.retina_tear_mm) = (9000.0, 0.3);
         let (rehearsal, mut world) = (Rehearsal::shipped(&scene), World::new(&scene).unwrap());
         let mut writer = SceneWriter::new(&world);
         let mut payload = block(bytes_needed(world.sheet(), true, None, None));

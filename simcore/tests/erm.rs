@@ -68,10 +68,10 @@ fn the_scripted_peel_costs_what_was_measured() {
 }
 
 #[test]
-fn a_retina_that_holds_less_than_the_glue_is_lifted_and_tears() {
+fn a_retina_that_holds_less_than_the_adhesion_is_lifted_and_tears() {
     let (rehearsal, mut world) = erm(|s| {
-        let glue = s.membrane.as_mut().unwrap().adhesion.as_mut().unwrap();
-        (glue.retina_warn_pa, glue.retina_lift_pa, glue.retina_tear_mm) = (6000.0, 9000.0, 0.3);
+        let adhesion = s.membrane.as_mut().unwrap().adhesion.as_mut().unwrap();
+        (adhesion.retina_warn_pa, adhesion.retina_lift_pa, adhesion.retina_tear_mm) = (6000.0, 9000.0, 0.3);
     });
     let events = play(&rehearsal, &mut world, 190..500);
     let warned = at(&events, EventKind::RetinaPulled).expect("warned");
@@ -96,8 +96,8 @@ fn the_loose_edge_curls_away_from_the_retina() {
         let m = &world.state().membrane;
         (0..m.nodes()).map(|n| 11.5 - m.position(n).norm()).fold(0.0, f32::max)
     };
-    // A roll of 1.2 mm that is free over 1.5 mm would rise by 0.8 mm; the glue around it holds it
-    // back.
+    // A roll of 1.2 mm that is free over 1.5 mm would rise by 0.8 mm; the adhesion around it holds
+    // it back.
     let (with, without) = (height_mm(true), height_mm(false));
     println!("{with} mm with curl, {without} without");
     assert!((0.1..0.85).contains(&with) && without < 1e-3, "{with} {without}");
@@ -121,7 +121,7 @@ fn a_peel_continues_bit_for_bit_from_a_checkpoint() {
 }
 
 #[test]
-fn glue_too_stiff_for_the_mass_is_refused_with_the_mass_that_would_do() {
+fn adhesion_too_stiff_for_the_mass_is_refused_with_the_mass_that_would_do() {
     let mut scene = SceneFile::load("erm").unwrap();
     scene.membrane.as_mut().unwrap().node_mass_g = 1e-5;
     let refused = World::new(&scene).unwrap_err().to_string();
@@ -165,10 +165,10 @@ impl Hand {
     }
 }
 
-/// The port over glued tissue, looking down at it from 0.1 mm: suction alone leaves it glued or
-/// lifts it, the blade cuts it, and what it cut is glued no longer.
+/// The port over bonded tissue, looking down at it from 0.1 mm: suction alone leaves it bonded or
+/// lifts it, the blade cuts it, and what it cut is bonded no longer.
 #[test]
-fn the_vitrector_cuts_glued_tissue() {
+fn the_vitrector_cuts_bonded_tissue() {
     let cut = |axes: [f64; 2]| {
         let (_, world) = erm(|s| s.vitrector = Some(VitrectorScene::default()));
         // +x of the instrument, to which the port opens, turned down by 60°.
@@ -189,7 +189,7 @@ fn the_vitrector_cuts_glued_tissue() {
     let missing = state.membrane.triangle_alive.iter().filter(|a| **a == 0).count() as u64;
     assert!(missing > 0 && state.membrane.removed.triangles == missing, "{missing} triangles");
     assert!(at(&hand.events, EventKind::TissueCut).is_some());
-    // Far from the port everything is glued as it was.
+    // Far from the port everything is bonded as it was.
     let (adhesion, bonds) = (hand.world.adhesion().unwrap(), state.membrane.adhesion.as_ref().unwrap());
     for node in (0..sheet.nodes()).filter(|&n| adhesion.place(bonds, n).xy().norm() > 1.6) {
         assert!(adhesion.holds(bonds, node) == (adhesion.holds(&adhesion.start(), node)), "node {node}");

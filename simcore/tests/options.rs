@@ -210,7 +210,7 @@ fn only_plastic_tissue_keeps_a_dent() {
 /// Glued tissue that nobody touches: its loose edge curls as far however its substeps are made, and
 /// no bond breaks.
 #[test]
-fn glue_and_curl_balance_under_every_integrator() {
+fn adhesion_and_curl_balance_under_every_integrator() {
     use MembraneIntegrator::{Implicit, QuasiStatic, SemiImplicit};
     let [semi, implicit, quasi] = [SemiImplicit, Implicit, QuasiStatic].map(|integrator| {
         let mut scene = SceneFile::load("erm").unwrap();

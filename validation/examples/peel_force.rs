@@ -10,7 +10,7 @@ use surgeon::rehearsal::Rehearsal;
 /// Pull at the forceps over a round of a script.
 #[derive(Parser)]
 struct Args {
-    /// Scene with glue.
+    /// Scene with adhesion.
     #[arg(default_value = "erm")]
     scene: String,
     /// Adhesion energy instead of the scene's, µN/mm; patches keep their ratio.
@@ -34,11 +34,12 @@ fn scene(args: &Args) -> Result<SceneFile, Box<dyn std::error::Error>> {
     let mut scene = SceneFile::load(&args.scene)?;
     let membrane = scene.membrane.as_mut().ok_or("this scene has no membrane")?;
     membrane.node_mass_g = args.mass.unwrap_or(membrane.node_mass_g);
-    let glue = membrane.adhesion.as_mut().ok_or("this scene has no glue")?;
+    let adhesion = membrane.adhesion.as_mut().ok_or("this scene has no adhesion")?;
     if let Some(energy) = args.energy {
-        let factor = energy / glue.energy_un_per_mm;
-        glue.patches.iter_mut().for_each(|p| p.energy_un_per_mm *= factor);
-        (glue.energy_un_per_mm, glue.rim_energy_un_per_mm) = (energy, glue.rim_energy_un_per_mm * factor);
+        let factor = energy / adhesion.energy_un_per_mm;
+        adhesion.patches.iter_mut().for_each(|p| p.energy_un_per_mm *= factor);
+        (adhesion.energy_un_per_mm, adhesion.rim_energy_un_per_mm) =
+            (energy, adhesion.rim_energy_un_per_mm * factor);
     }
     scene.contact.grab_reach_mm = args.reach.unwrap_or(scene.contact.grab_reach_mm);
     scene.script.as_mut().unwrap().period_s *= args.slower;
@@ -55,7 +56,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for field in 0..rehearsal.fields() {
         world.step(&rehearsal.inputs(field).input(), &mut no_clock);
         let Some(bonds) = &world.state().membrane.adhesion else {
-            return Err("this scene has no glue".into());
+            return Err("this scene has no adhesion".into());
         };
         let pull_mn = world.pull_un(0) * 1e-3;
         if bonds.freed_mm2 > freed && pull_mn > 0.0 {
@@ -71,9 +72,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mean = pulls.iter().sum::<f64>() / count;
     let rms = (pulls.iter().map(|p| p * p).sum::<f64>() / count).sqrt();
     let most = pulls.iter().fold(0.0, |a: f64, &b| a.max(b));
-    let glued = world.adhesion().map_or(0.0, |a| a.bonded_mm2());
+    let bonded = world.adhesion().map_or(0.0, |a| a.bonded_mm2());
     println!(
-        "while peeling ({count} fields): mean {mean:.2} mN, RMS {rms:.2} mN, most {most:.2} mN; {freed:.1} of {glued:.1} mm² off"
+        "while peeling ({count} fields): mean {mean:.2} mN, RMS {rms:.2} mN, most {most:.2} mN; {freed:.1} of {bonded:.1} mm² off"
     );
     Ok(())
 }

@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
 use tissue::sheet::adhesion::LIFTED_MM;
-use tissue::sheet::body::Tally;
 use tissue::sheet::collider::Pushed;
+use tissue::sheet::step_counts::Tally;
 
 /// The freed area is reported whenever another such share of the adhering area is off.
 const PEELED_STEPS: f64 = 10.0;

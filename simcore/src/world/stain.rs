@@ -35,7 +35,7 @@ impl World {
             let (membrane, tip) = (&self.state.membrane, instrument.tip_in_eye_mm);
             let Some(stain) = self.state.stain.as_mut().or(self.no_stain.as_mut()) else { return };
             let reached = stain.wash(membrane, &tip, share, dt_s);
-            if let Some(percent) = stain.tell(membrane) {
+            if let Some(percent) = stain.report(membrane) {
                 let event = EventDraft::new(EventKind::MembraneStained, percent);
                 self.log.emit(event.by(i, tip.into()));
             }

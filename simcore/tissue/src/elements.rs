@@ -1,8 +1,9 @@
-//! Continuum elements and the integrators that move them: what a scene asks for beyond explicit springs.
+//! Continuum elements and the integrators that move them: what a scene asks for beyond explicit
+//! springs.
 //!
 //! ```text
 //! Elastic   forces, tangent and energy of something elastic:
-//!             anchors::Anchors      outer forces that grow with the way, such as glue
+//!             anchors::Anchors      outer forces that grow with the way, such as adhesion
 //!             springs::Springs      Hooke springs with dampers
 //!             triangle::Triangles   constant-strain membrane triangles (plane stress)
 //!             solid::Solid          tetrahedra of 4 or 10 nodes
@@ -12,8 +13,9 @@
 //! ```
 //!
 //! Matrices are never assembled: an integrator only asks for products with the tangent, and
-//! [`conjugate`] solves with them. Everything is f64, in a fixed order of sums, on one thread; nothing
-//! allocates after the first step. Units are mm, g, s, hence µN, Pa, and nJ (µN·mm) for energy.
+//! [`conjugate`] solves with them. Everything is f64, in a fixed order of sums, on one thread;
+//! nothing allocates after the first step. Units are mm, g, s, hence µN, Pa, and nJ (µN·mm) for
+//! energy.
 
 pub mod anchors;
 pub mod conjugate;
@@ -72,7 +74,8 @@ impl<A: Elastic, B: Elastic> Elastic for Both<A, B> {
 pub struct Nodes {
     /// Positions, mm.
     pub x_mm: Vec<Point>,
-    /// Velocities, mm/s. A held node keeps its own, which its dampers feel, and does not move by it.
+    /// Velocities, mm/s. A held node keeps its own, which its dampers feel, and does not move by
+    /// it.
     pub v_mm_s: Vec<Point>,
     /// Masses, g; positive.
     pub mass_g: Vec<f64>,
@@ -130,7 +133,8 @@ pub(crate) mod proofs {
         x_mm.iter().map(|x| x + Point::new(next(), next(), next()) * by_mm).collect()
     }
 
-    /// Forces are the energy's negative gradient (central differences), sum to nothing and turn nothing.
+    /// Forces are the energy's negative gradient (central differences), sum to nothing and turn
+    /// nothing.
     pub fn forces_follow_from_energy(elastic: &impl Elastic, x_mm: &[Point], scale_un: f64) {
         let still = vec![Point::zeros(); x_mm.len()];
         let mut force = still.clone();

@@ -8,9 +8,9 @@
 //! needle, vitrector ──▶ the tools that do more to tissue than push it
 //! ```
 //!
-//! Everything here is pure: no transport, no clock, no randomness. Units are mm, g, s, hence µN and Pa; places are in
-//! the eye frame. Results are the same to the bit in every build: no fused operations, fixed order of sums,
-//! transcendentals from `libm`.
+//! Everything here is pure: no transport, no clock, no randomness. Units are mm, g, s, hence µN and
+//! Pa; places are in the eye frame. Results are the same to the bit in every build: no fused
+//! operations, fixed order of sums, transcendentals from `libm`.
 
 pub mod constants;
 pub mod elements;

@@ -1,8 +1,8 @@
 //! Needle: a sharp tip that goes into a surface, moves in it, and injects.
 //!
-//! A surface is the retina's sphere or a triangle mesh. The needle is **in** it where the straight piece of shaft behind the tip
-//! crosses it; depth is measured along the shaft from there to the tip. How fast the needle moves along the surface decides whether
-//! it tears.
+//! A surface is the retina's sphere or a triangle mesh. The needle is **in** it where the straight
+//! piece of shaft behind the tip crosses it; depth is measured along the shaft from there to the
+//! tip. How fast the needle moves along the surface decides whether it tears.
 
 use collision::surface::Surface;
 use nalgebra::{UnitVector3, Vector3};
@@ -47,7 +47,8 @@ pub struct Place {
 }
 
 impl Needle {
-    /// Penetration into the retina, a sphere of radius `radius_mm` about the eye's centre, from its inside.
+    /// Penetration into the retina, a sphere of radius `radius_mm` about the eye's centre, from its
+    /// inside.
     pub fn in_sphere(&self, radius_mm: f64) -> Option<Penetration> {
         let (tip, axis) = (self.tip_in_eye_mm, self.axis_in_eye.into_inner());
         let outside = tip.norm_squared() - radius_mm * radius_mm;
@@ -65,7 +66,8 @@ impl Needle {
         Some(self.penetration(at, -at, depth_mm, None))
     }
 
-    /// Penetration into a mesh, looked for up to `length_mm` behind the tip; the crossing nearest to the tip.
+    /// Penetration into a mesh, looked for up to `length_mm` behind the tip; the crossing nearest
+    /// to the tip.
     pub fn in_mesh(&self, surface: &Surface, length_mm: f64) -> Option<Penetration> {
         self.in_triangles(surface, 0..surface.triangles.len() as u32, length_mm)
     }
@@ -96,8 +98,8 @@ impl Needle {
         Some(self.penetration(at, normal, depth_mm, Some(Place { triangle, weights })))
     }
 
-    /// Where the line behind the tip meets a triangle: distance from the tip (above 0) and weights of the corners
-    /// (Möller and Trumbore 1997).
+    /// Where the line behind the tip meets a triangle: distance from the tip (above 0) and weights
+    /// of the corners (Möller and Trumbore 1997).
     fn crossing(&self, [a, b, c]: &[Vector3<f64>; 3]) -> Option<(f64, [f64; 3])> {
         let (ab, ac) = (b - a, c - a);
         let across = self.axis_in_eye.cross(&ac);
@@ -175,7 +177,8 @@ mod tests {
             }
         }
 
-        /// Weights of the corners give the point back; a needle that stops short has no penetration.
+        /// Weights of the corners give the point back; a needle that stops short has no
+        /// penetration.
         #[test]
         fn the_place_in_a_mesh_is_the_crossing(u in 0.05f64..0.9, part in 0.05f64..0.95, depth in -0.5f64..0.5, lean in -0.5f64..0.5) {
             let v = part * (1.0 - u);

@@ -1,4 +1,5 @@
-//! Lists of plain numbers saved as they lie in memory, so that saving and hashing them is a copy: for `#[serde(with = …)]`.
+//! Lists of plain numbers saved as they lie in memory, so that saving and hashing them is a copy:
+//! for `#[serde(with = …)]`.
 
 use bytemuck::{AnyBitPattern, NoUninit};
 use serde::de::{Error, Visitor};
@@ -47,11 +48,17 @@ pub mod list {
     use super::*;
 
     /// Saves it.
+    ///
+    /// # Errors
+    /// If the serializer refuses.
     pub fn serialize<T: NoUninit, S: Serializer>(list: &[T], to: S) -> Result<S::Ok, S::Error> {
         Saved(list).serialize(to)
     }
 
     /// Reads it.
+    ///
+    /// # Errors
+    /// If the bytes are no whole numbers of the type.
     pub fn deserialize<'de, T: AnyBitPattern, D: Deserializer<'de>>(from: D) -> Result<Vec<T>, D::Error> {
         Read::deserialize(from).map(|r| r.0)
     }
@@ -62,11 +69,17 @@ pub mod lists {
     use super::*;
 
     /// Saves them.
+    ///
+    /// # Errors
+    /// If the serializer refuses.
     pub fn serialize<T: NoUninit, S: Serializer>(lists: &[Vec<T>; 3], to: S) -> Result<S::Ok, S::Error> {
         lists.each_ref().map(|list| Saved(list)).serialize(to)
     }
 
     /// Reads them.
+    ///
+    /// # Errors
+    /// If the bytes are no whole numbers of the type.
     pub fn deserialize<'de, T: AnyBitPattern, D: Deserializer<'de>>(
         from: D,
     ) -> Result<[Vec<T>; 3], D::Error> {

@@ -1,14 +1,16 @@
-//! The whole retina: it lies on the choroid until fluid injected behind it takes it off, bleb by bleb; it can then be dragged,
-//! torn, drained and pressed on again (paper, section 4.5, problem 2). `docs/retina.md` explains the model and shows results.
+//! The whole retina: it lies on the choroid until fluid injected behind it takes it off, bleb by
+//! bleb; it can then be dragged, torn, drained and pressed on again (paper, section 4.5, problem
+//! 2). `docs/retina.md` explains the model and shows results.
 //!
 //! ```text
 //! needle ──▶ flow ──▶ accounts ──▶ springs move ──▶ volumes held ──▶ front comes off ──▶ blebs
 //!  pierces   holes     of blebs     (sheet)          (pressure)       or re-attaches      found anew
 //! ```
 //!
-//! Its mesh is a [`SheetBody`] like the membrane; what is added here is fluid and re-attachment. Fluid is a volume for each
-//! bleb that the mesh is kept at exactly; the pressure that this takes drives the front, the leaks and the flow of the
-//! injection. While everything lies on, a substep costs nothing.
+//! Its mesh is a [`SheetBody`] like the membrane; what is added here is fluid and re-attachment.
+//! Fluid is a volume for each bleb that the mesh is kept at exactly; the pressure that this takes
+//! drives the front, the leaks and the flow of the injection. While everything lies on, a substep
+//! costs nothing.
 
 pub mod blebs;
 mod clearance;
@@ -25,10 +27,11 @@ pub mod volume;
 pub use clearance::Clearance;
 pub use needle::NeedleEvents;
 
-use crate::sheet::body::{SheetBody, SheetError, Tally};
+use crate::sheet::body::{SheetBody, SheetError};
 use crate::sheet::collider::{Contact, Friction, Pushed, Pusher};
 use crate::sheet::material::Material;
 use crate::sheet::mesh::SheetMesh;
+use crate::sheet::step_counts::Tally;
 use crate::vitrector::Port;
 use blebs::Blebs;
 use figures::{FRONT_EVERY, Figures};
@@ -49,7 +52,8 @@ pub struct StepCounts {
     pub flow_mm3_s: [f64; INSTRUMENTS],
 }
 
-/// The retina's sheet and figures, and the work space of a step. All of it follows from the scene and the state.
+/// The retina's sheet and figures, and the work space of a step. All of it follows from the scene
+/// and the state.
 #[derive(Debug)]
 pub struct Retina {
     /// Figures of the scene.
@@ -74,7 +78,8 @@ pub struct Retina {
     simd: pulp::Arch,
     /// Force on each front node, and where the bleb lies seen from it.
     front_force: Vec<[Vector3<f64>; 2]>,
-    /// What each front node and its neighbours carry: µN away from the choroid, µN along it, mm of rim.
+    /// What each front node and its neighbours carry: µN away from the choroid, µN along it, mm of
+    /// rim.
     front_load: Vec<Vector3<f64>>,
     front_sum: Vec<Vector3<f64>>,
 }
@@ -175,7 +180,8 @@ impl Retina {
         self.body.begin_step(&state.sheet);
     }
 
-    /// One substep of the loose retina, after the needles were moved: forces, tears, motion, volumes, front.
+    /// One substep of the loose retina, after the needles were moved: forces, tears, motion,
+    /// volumes, front.
     pub fn substep(&mut self, state: &mut RetinaState, substep: u64) {
         if self.blebs.count() == 0 {
             return;
@@ -220,7 +226,8 @@ impl Retina {
         pushed
     }
 
-    /// The last corrections of a step: the mesh holds the accounts' volumes, and every number is finite.
+    /// The last corrections of a step: the mesh holds the accounts' volumes, and every number is
+    /// finite.
     pub fn end_step(&mut self, state: &mut RetinaState) {
         // Before volumes are measured, and again after nodes were moved to hold them.
         self.check_finite(state);
@@ -240,7 +247,8 @@ impl Retina {
         lost
     }
 
-    /// A bleb whose account or pressure is not a number gets what the mesh holds, and the leaks take up the difference.
+    /// A bleb whose account or pressure is not a number gets what the mesh holds, and the leaks
+    /// take up the difference.
     fn contain_fluid(&mut self, state: &mut RetinaState) {
         let bad = |b: &state::Bleb| !(b.volume_mm3.is_finite() && b.pressure_pa.is_finite());
         if state.account.leaked_mm3.is_finite() && !state.blebs.iter().any(bad) {
@@ -256,7 +264,8 @@ impl Retina {
         state.account.leaked_mm3 = state.account.injected_mm3 - state.under_mm3();
     }
 
-    /// After triangles have gone: what hung on them sinks to the choroid, and the fluid that was under it is lost.
+    /// After triangles have gone: what hung on them sinks to the choroid, and the fluid that was
+    /// under it is lost.
     fn after_loss(&mut self, state: &mut RetinaState) {
         for bleb in 0..self.blebs.count() {
             let dead = |n: &u32| state.sheet.flag[*n as usize] == NODE_DEAD;

@@ -1,9 +1,10 @@
 //! Sheets of soft tissue: the epiretinal membrane, and the retina's mesh.
 //!
-//! [`mesh`] is what never changes (connections, rest lengths), [`state`] what does. [`body`] puts together what acts on a
-//! sheet: [`solver`] moves it ([`implicit`] where springs are too stiff for that, [`strain_limit`] where they must not grow
-//! too long), [`adhesion`] holds it, [`curl`] rolls it up, [`tearing`] removes springs, triangles and nodes so that the mesh
-//! stays consistent, [`grasp`] is what jaws do, [`cutter`] what a vitrector's port does, [`collider`] what every
+//! [`mesh`] is what never changes (connections, rest lengths), [`state`] what does. [`body`] puts
+//! together what acts on a sheet: [`solver`] moves it ([`implicit`] where springs are too stiff for
+//! that, [`strain_limit`] where they must not grow too long), [`adhesion`] holds it, [`curl`] rolls
+//! it up, [`tearing`] removes springs, triangles and nodes so that the mesh stays consistent,
+//! [`grasp`] is what jaws do, [`cutter`] what a vitrector's port does, [`collider`] what every
 //! instrument does by touching.
 
 pub mod adhesion;
@@ -24,5 +25,6 @@ pub mod solver;
 pub mod spring_packing;
 pub mod stain;
 pub mod state;
+pub mod step_counts;
 pub mod strain_limit;
 pub mod tearing;

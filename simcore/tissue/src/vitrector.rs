@@ -1,12 +1,15 @@
-//! Vitrector: a port in the side of the shaft that sucks, and a blade inside that closes it with the cut rate.
+//! Vitrector: a port in the side of the shaft that sucks, and a blade inside that closes it with
+//! the cut rate.
 //!
-//! The port lies along the instrument's +x, [`PORT_HEIGHT_MM`] above the tip. Suction acts in a [`Cone`] whose apex lies on the
-//! shaft's axis behind the port (the paper, section 3.3.2: the viewing frustum of a camera in the port). The pressure of a point
-//! sink falls with the reciprocal distance, p(d) = p₀ r/d outside of the port's radius r (potential flow), so that the force
-//! on a piece of tissue of area a is p(d)·a towards the port: Pa · mm² = µN.
+//! The port lies along the instrument's +x, [`PORT_HEIGHT_MM`] above the tip. Suction acts in a
+//! [`Cone`] whose apex lies on the shaft's axis behind the port (the paper, section 3.3.2: the
+//! viewing frustum of a camera in the port). The pressure of a point sink falls with the reciprocal
+//! distance, p(d) = p₀ r/d outside of the port's radius r (potential flow), so that the force on a
+//! piece of tissue of area a is p(d)·a towards the port: Pa · mm² = µN.
 //!
-//! The blade turns with simulated time alone: [`Cutter`] counts time × rate in whole numbers. Cutting is at the instant at which
-//! the port closes; with the rate at 0 the blade rests and the port is open.
+//! The blade turns with simulated time alone: [`Cutter`] counts time × rate in whole numbers.
+//! Cutting is at the instant at which the port closes; with the rate at 0 the blade rests and the
+//! port is open.
 
 use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
 use protocol::handles::{PORT_HEIGHT_MM, PORT_RADIUS_MM};
@@ -55,7 +58,8 @@ pub struct Port {
     pub cone: Cone,
     /// Radius of the opening, mm.
     pub radius_mm: f64,
-    /// From the apex to the end of the port, mm: what lies within this length and the radius is **in** the port.
+    /// From the apex to the end of the port, mm: what lies within this length and the radius is
+    /// **in** the port.
     pub depth_mm: f64,
     /// Open at the end of the substep; a closed port does not suck.
     pub open: bool,
@@ -101,8 +105,9 @@ impl Port {
         if near { self.suction_pa } else { self.suction_pa * self.radius_mm / distance_mm }
     }
 
-    /// Force on a piece of tissue of `area_mm2` that lies `way_mm` before the apex (vector from the tissue to the apex), µN. Within
-    /// the port's radius it falls to 0 with the distance, so that what is in the port is not thrown about.
+    /// Force on a piece of tissue of `area_mm2` that lies `way_mm` before the apex (vector from the
+    /// tissue to the apex), µN. Within the port's radius it falls to 0 with the distance, so that
+    /// what is in the port is not thrown about.
     pub fn pull_un(&self, way_mm: &Vector3<f64>, area_mm2: f64) -> Vector3<f64> {
         let distance = way_mm.norm();
         let length = if distance > self.radius_mm { distance } else { self.radius_mm };
@@ -135,8 +140,9 @@ impl Cutter {
         self.turned < TURN
     }
 
-    /// Turns the blade for `dt_ns`. `open_share` is the share of a turn for which the port is open (duty cycle, above 0 and
-    /// below 1). At most one cut is made: rates above 60·10⁹/`dt_ns` per minute are cut down to it.
+    /// Turns the blade for `dt_ns`. `open_share` is the share of a turn for which the port is open
+    /// (duty cycle, above 0 and below 1). At most one cut is made: rates above 60·10⁹/`dt_ns` per
+    /// minute are cut down to it.
     pub fn turn(&mut self, cuts_per_min: u32, open_share: f64, dt_ns: u64) -> Blade {
         if cuts_per_min == 0 {
             self.turned = 0;
@@ -199,7 +205,8 @@ mod tests {
     }
 
     proptest! {
-        /// Cuts in a minute are the rate, whatever the step; the port is open for its share of the time.
+        /// Cuts in a minute are the rate, whatever the step; the port is open for its share of the
+        /// time.
         #[test]
         fn the_rate_is_kept(rate in 60u32..20_000, share in 0.2f64..0.8, dt_us in 200u64..2_000) {
             let mut cutter = Cutter::default();
@@ -212,7 +219,8 @@ mod tests {
             }
             let expected = f64::from(rate) * (steps * dt_us) as f64 / 60e6;
             prop_assert!((f64::from(cuts) - expected).abs() <= 1.0, "{} {}", cuts, expected);
-            // Samples at the ends of the substeps: evenly spread over the turn unless the rate divides the step.
+            // Samples at the ends of the substeps: evenly spread over the turn unless the rate
+            // divides the step.
             if rate < 2_000 {
                 let found = open as f64 / steps as f64;
                 prop_assert!((found - share).abs() < 0.06, "{} {}", found, share);

@@ -1,5 +1,5 @@
-//! The vitreous body: a gel of elements linked like chain mail, which instruments drag along and the vitrector
-//! sucks and cuts away.
+//! The vitreous body: a gel of elements linked like chain mail, which instruments drag along and
+//! the vitrector sucks and cuts away.
 //!
 //! ```text
 //! carry, suck ──▶ find       which elements an instrument has to do with
@@ -10,8 +10,8 @@
 //! draw ─────────▶ haze       densities for the picture
 //! ```
 //!
-//! Everything is in whole µm and exact; the state is displacements and flags ([`state`]), all else follows from
-//! it and the scene. `docs/vitreous.md` has the method, its proofs and pictures.
+//! Everything is in whole µm and exact; the state is displacements and flags ([`state`]), all else
+//! follows from it and the scene. `docs/vitreous.md` has the method, its proofs and pictures.
 
 pub mod chainmail;
 pub mod find;
@@ -31,12 +31,14 @@ use scene::SceneFile;
 use state::VitreousState;
 use traction::Traction;
 
-/// Share of its way along itself with which a shaft drags the gel: it slips through lengthwise, and the tip pushes.
+/// Share of its way along itself with which a shaft drags the gel: it slips through lengthwise, and
+/// the tip pushes.
 const SLIP: f64 = 0.2;
-/// Longest way at a time, µm: less than the spacing of the shipped lattice, so that nothing is jumped over.
+/// Longest way at a time, µm: less than the spacing of the shipped lattice, so that nothing is
+/// jumped over.
 const PIECE_UM: f64 = 300.0;
-/// A shaft touches at least the elements within this share of their spacing, so that one it goes through is never missed: half
-/// the diagonal of a cell.
+/// A shaft touches at least the elements within this share of their spacing, so that one it goes
+/// through is never missed: half the diagonal of a cell.
 const TOUCH: f64 = 0.71;
 
 /// A shaft on its way, eye frame, mm: from the tip along +z of the instrument.
@@ -116,7 +118,8 @@ impl Vitreous {
         &self.haze
     }
 
-    /// Derives everything that follows from the state; to be called when another one took its place.
+    /// Derives everything that follows from the state; to be called when another one took its
+    /// place.
     pub fn refresh(&mut self, state: &VitreousState) {
         self.links = state::living_links(&self.lattice, state);
         self.finder.forget_all();
@@ -179,8 +182,8 @@ impl Vitreous {
         self.push(state)
     }
 
-    /// Pulls elements within `reach_mm` of `port_mm` towards it, by `way_mm` of their place (nothing where that is `None`), and no
-    /// farther than the port.
+    /// Pulls elements within `reach_mm` of `port_mm` towards it, by `way_mm` of their place
+    /// (nothing where that is `None`), and no farther than the port.
     pub fn suck(
         &mut self,
         state: &mut VitreousState,
@@ -280,7 +283,7 @@ impl Vitreous {
         haze.write()
     }
 
-    /// Tells everyone concerned which rows changed.
+    /// Marks which rows changed.
     fn note(&mut self, state: &mut VitreousState) {
         let Vitreous { fresh, changed, finder, lattice, .. } = self;
         drain(fresh, |row| {
@@ -305,7 +308,8 @@ fn add_seeds(seeds: &mut [Vec<Seed>; 3], e: usize, from_um: Vector3<f64>, to_um:
     }
 }
 
-/// The part of a way that a shaft takes an element along before it slips: up to `slip_um` from its rest place.
+/// The part of a way that a shaft takes an element along before it slips: up to `slip_um` from its
+/// rest place.
 fn slipping(shift: i16, way: i16, slip_um: i16) -> i16 {
     if way > 0 {
         way.min(slip_um.saturating_sub(shift)).max(0)

@@ -29,7 +29,7 @@ pub struct PeelTest {
     pub energy_un_per_mm: f64,
     /// Separation at which a bond has broken, mm.
     pub range_mm: f64,
-    /// Angle between the free arm and what is still glued, rad: 0 along the strip, π folded back on
+    /// Angle between the free arm and what is still bonded, rad: 0 along the strip, π folded back on
     /// it.
     pub angle_rad: f64,
     /// Height of the grip over where the angle says, mm: an arm that is folded back needs room for
@@ -117,7 +117,7 @@ impl PeelTest {
         assert!(grip.iter().all(|&n| membrane.flag[n as usize] == NODE_PINNED));
         let curl = CurlScene { stiffness_un_mm: self.bending_un_mm, radius_mm: 1e6 };
         let mut curl = (self.bending_un_mm > 0.0).then(|| Curl::new(&sheet, &curl, f32::INFINITY));
-        let adhesion = Adhesion::new(&sheet, &self.glue(), 1e9);
+        let adhesion = Adhesion::new(&sheet, &self.adhesion(), 1e9);
         let mut bonds = adhesion.start();
         let dt = f64::from(tissue.dt_s);
         let steps = (0.8 * self.length_mm / (self.speed_mm_s * dt)) as u64;
@@ -171,7 +171,7 @@ impl PeelTest {
         (sheet, grip)
     }
 
-    fn glue(&self) -> AdhesionScene {
+    fn adhesion(&self) -> AdhesionScene {
         AdhesionScene {
             energy_un_per_mm: self.energy_un_per_mm,
             range_mm: self.range_mm,

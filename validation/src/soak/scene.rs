@@ -159,12 +159,12 @@ fn vary_membrane(m: &mut MembraneScene, draw: &mut Random) {
     m.p_tear *= draw.factor(5.0);
     m.rim_warn_un = (m.rim_warn_un * draw.factor(3.0)).min(1e9);
     m.rim_tear_un = (m.rim_tear_un * draw.factor(10.0)).min(1e9);
-    if let Some(glue) = &mut m.adhesion {
+    if let Some(adhesion) = &mut m.adhesion {
         let weaker = draw.between(0.02, 1.0);
-        glue.energy_un_per_mm *= weaker;
-        glue.patches.iter_mut().for_each(|p| p.energy_un_per_mm *= weaker);
-        glue.retina_warn_pa *= draw.between(0.05, 1.0);
-        glue.retina_lift_pa = glue.retina_warn_pa * draw.between(1.0, 2.0);
+        adhesion.energy_un_per_mm *= weaker;
+        adhesion.patches.iter_mut().for_each(|p| p.energy_un_per_mm *= weaker);
+        adhesion.retina_warn_pa *= draw.between(0.05, 1.0);
+        adhesion.retina_lift_pa = adhesion.retina_warn_pa * draw.between(1.0, 2.0);
         // A coarser node carries more area, and its bond is stiffer by that.
         let cell_mm2 = m.size_mm[0] * m.size_mm[1] / f64::from(m.squares[0] * m.squares[1]);
         m.node_mass_g *= (cell_mm2 / 0.0576).max(1.0);

@@ -1,11 +1,12 @@
-//! Springs without length from nodes to places of their own: the tangent of outer forces that grow with the way, such as glue.
+//! Springs without length from nodes to places of their own: the tangent of outer forces that grow
+//! with the way, such as adhesion.
 //!
 //! ```text
 //! f = −s (x − x₀)     K = s     U = ½ s (x − x₀)²
 //! ```
 //!
-//! Where x₀ is the node's position at the begin of a step, f is 0 there: what pulls already is an outer force, and the anchor only
-//! says by how much it grows on the way.
+//! Where x₀ is the node's position at the begin of a step, f is 0 there: what pulls already is an
+//! outer force, and the anchor only says by how much it grows on the way.
 
 use super::{Elastic, Point};
 

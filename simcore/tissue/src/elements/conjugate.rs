@@ -1,7 +1,7 @@
 //! Conjugate gradients without a matrix, preconditioned with the masses.
 //!
-//! Preconditioned with M, each iterate d of (M + …K) d = r keeps Σ m d = Σ r, because the elastic part
-//! adds no net force. So an implicit step conserves momentum to rounding however early the
+//! Preconditioned with M, each iterate d of (M + …K) d = r keeps Σ m d = Σ r, because the elastic
+//! part adds no net force. So an implicit step conserves momentum to rounding however early the
 //! iteration ends. Sums run in the order of the nodes.
 
 use super::Point;
@@ -26,8 +26,9 @@ pub struct Limits {
 }
 
 impl Conjugate {
-    /// Solves A d = `right` into `solution`, from 0. `add_product` adds A p to its second argument; held nodes
-    /// stay 0. Returns the iterations used. Stops where A shows no positive curvature: with the best so far.
+    /// Solves A d = `right` into `solution`, from 0. `add_product` adds A p to its second argument;
+    /// held nodes stay 0. Returns the iterations used. Stops where A shows no positive curvature:
+    /// with the best so far.
     pub fn solve(
         &mut self,
         right: &[Point],
@@ -94,7 +95,8 @@ mod tests {
     use super::*;
     use nalgebra::{SMatrix, SVector};
 
-    /// Against nalgebra's Cholesky on a random positive definite system of 5 nodes, one of them held.
+    /// Against nalgebra's Cholesky on a random positive definite system of 5 nodes, one of them
+    /// held.
     #[test]
     fn solves_what_a_direct_method_solves() {
         let b = SMatrix::<f64, 15, 15>::from_fn(|r, c| libm::sin((r * 15 + c) as f64 * 1.7));

@@ -8,13 +8,13 @@
 //! x₁ = x₀ + dt v_θ,  v₁ = v₀ + Δv
 //! ```
 //!
-//! by Newton's method, each correction from (M (1 + θ dt g) + θ dt C + θ² dt² K) d = residual by conjugate
-//! gradients. One correction is the linearised step of Baraff and Witkin (SIGGRAPH 1998). Backward
-//! Euler is stable at any step and loses energy; midpoint keeps linear and angular momentum and, for
-//! linear forces, energy. g is the damping by the fluid, 1/s.
+//! by Newton's method, each correction from (M (1 + θ dt g) + θ dt C + θ² dt² K) d = residual by
+//! conjugate gradients. One correction is the linearised step of Baraff and Witkin (SIGGRAPH 1998).
+//! Backward Euler is stable at any step and loses energy; midpoint keeps linear and angular
+//! momentum and, for linear forces, energy. g is the damping by the fluid, 1/s.
 //!
-//! Quasi-static: the minimum of U(x) − outer·x by Levenberg's method, (K + μ M) d = residual, μ from 1/dt²
-//! down tenfold after each success and up after each failure; velocities become 0.
+//! Quasi-static: the minimum of U(x) − outer·x by Levenberg's method, (K + μ M) d = residual, μ
+//! from 1/dt² down tenfold after each success and up after each failure; velocities become 0.
 
 use super::conjugate::{Conjugate, Limits, dot};
 use super::{Elastic, Nodes, Point};
@@ -71,7 +71,8 @@ const MU_CEILING: f64 = 1e12;
 /// The integrator with its arrays.
 #[derive(Debug, Clone, Default)]
 pub struct Integrator {
-    /// Imbalance that is no more than rounding of the positions a step is given, µN: a quasi-static step leaves that alone.
+    /// Imbalance that is no more than rounding of the positions a step is given, µN: a quasi-static
+    /// step leaves that alone.
     pub floor_un: f64,
     conjugate: Conjugate,
     force: Vec<Point>,

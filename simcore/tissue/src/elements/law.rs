@@ -1,9 +1,9 @@
 //! Material laws: energy, stress and tangent at a point, without any mesh.
 //!
-//! Plane laws take the right Cauchy–Green tensor C = FᵀF (2×2) of a membrane and give, per area of the
-//! reference sheet, the energy w (µN/mm), the second Piola–Kirchhoff stress S = 2 ∂w/∂C (µN/mm) and
-//! its change. Solid laws take the deformation gradient F (3×3) and give the first Piola–Kirchhoff
-//! stress P = ∂Ψ/∂F (Pa) and its change.
+//! Plane laws take the right Cauchy–Green tensor C = FᵀF (2×2) of a membrane and give, per area of
+//! the reference sheet, the energy w (µN/mm), the second Piola–Kirchhoff stress S = 2 ∂w/∂C (µN/mm)
+//! and its change. Solid laws take the deformation gradient F (3×3) and give the first
+//! Piola–Kirchhoff stress P = ∂Ψ/∂F (Pa) and its change.
 
 use nalgebra::{Matrix2, Matrix3};
 
@@ -13,7 +13,8 @@ const LEAST_DET: f64 = 1e-4;
 /// A membrane under plane stress.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PlaneLaw {
-    /// St. Venant–Kirchhoff: S = E t/(1−ν²) ((1−ν) E + ν tr(E) 1) with the Green strain E = (C − 1)/2.
+    /// St. Venant–Kirchhoff: S = E t/(1−ν²) ((1−ν) E + ν tr(E) 1) with the Green strain E = (C −
+    /// 1)/2.
     StVenantKirchhoff {
         /// Young's modulus × thickness, µN/mm.
         young_un_per_mm: f64,
@@ -105,8 +106,8 @@ fn least(det: f64) -> f64 {
 pub enum SolidLaw {
     /// Co-rotational linear elasticity: Ψ = µ |F − R|² + λ/2 tr²(RᵀF − 1), R the rotation in F.
     Corotational(Lame),
-    /// Neo-Hookean, at rest in the undeformed state and finite for inverted elements:
-    /// Ψ = µ/2 (tr FᵀF − 3) + (λ+µ)/2 (J − 1 − µ/(λ+µ))² (Smith, de Goes and Kim 2018, without the barrier).
+    /// Neo-Hookean, at rest in the undeformed state and finite for inverted elements: Ψ = µ/2 (tr
+    /// FᵀF − 3) + (λ+µ)/2 (J − 1 − µ/(λ+µ))² (Smith, de Goes and Kim 2018, without the barrier).
     NeoHookean(Lame),
 }
 
@@ -210,8 +211,9 @@ fn cofactor_change(f: &Matrix3<f64>, d: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[q.cross(&c) + b.cross(&r), r.cross(&a) + c.cross(&p), p.cross(&b) + a.cross(&q)])
 }
 
-/// The rotation nearest to F: R of the polar decomposition F = R S. Newton's iteration (Higham 1986) where F
-/// is far from singular; else by singular values, with the smallest one's sign turned if F inverts.
+/// The rotation nearest to F: R of the polar decomposition F = R S. Newton's iteration (Higham
+/// 1986) where F is far from singular; else by singular values, with the smallest one's sign turned
+/// if F inverts.
 pub fn rotation(f: &Matrix3<f64>) -> Matrix3<f64> {
     let size = f.norm_squared() / 3.0;
     if f.determinant() > 1e-3 * size * size.sqrt() {

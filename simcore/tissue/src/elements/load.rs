@@ -1,9 +1,9 @@
 //! Pressure that stays normal to a triangulated surface as it moves.
 //!
-//! With V = ⅙ Σ a·(b × c) over the triangles, the volume between surface and origin, the energy is −p V and
-//! each corner's force p ∂V/∂x. On a closed surface, or one whose rim is held, this is conservative
-//! and its tangent symmetric. The tangent leaves out how the load turns where
-//! asked ([`Pressure::turns`]), which keeps a system positive.
+//! With V = ⅙ Σ a·(b × c) over the triangles, the volume between surface and origin, the energy is
+//! −p V and each corner's force p ∂V/∂x. On a closed surface, or one whose rim is held, this is
+//! conservative and its tangent symmetric. The tangent leaves out how the load turns where asked
+//! ([`Pressure::turns`]), which keeps a system positive.
 
 use super::{Elastic, Point};
 
@@ -14,8 +14,8 @@ pub struct Pressure {
     pub triangles: Vec<[u32; 3]>,
     /// Pressure, Pa.
     pub pressure_pa: f64,
-    /// Further pressure for each mm³ that the volume lacks to `volume_mm3`, Pa/mm³: 0 for none. Large values
-    /// prescribe the volume.
+    /// Further pressure for each mm³ that the volume lacks to `volume_mm3`, Pa/mm³: 0 for none.
+    /// Large values prescribe the volume.
     pub bulk_pa_per_mm3: f64,
     /// Volume at which that further pressure is 0, mm³.
     pub volume_mm3: f64,

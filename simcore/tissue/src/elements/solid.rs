@@ -1,15 +1,16 @@
 //! Tetrahedra of 4 nodes (constant strain) or 10 (linear strain), any [`SolidLaw`].
 //!
-//! At each quadrature point with shape gradients g_i = ∇N_i (1/mm) and weight w (mm³), F = Σ x_i g_iᵀ:
+//! At each quadrature point with shape gradients g_i = ∇N_i (1/mm) and weight w (mm³), F = Σ x_i
+//! g_iᵀ:
 //!
 //! ```text
 //! energy w Ψ(F),   f_i = −w P(F) g_i,   df_i = −w dP g_i
 //! ```
 //!
-//! The linear tetrahedron has one point, its volume; the quadratic one four (exact for straight edges). **Linear
-//! tetrahedra are too stiff in bending** (a beam one element thick by a factor); quadratic ones are
-//! not, and are meant for everything that bends. Nodes of a quadratic tetrahedron: its corners 0–3, then the
-//! middles of 01, 12, 02, 03, 13, 23.
+//! The linear tetrahedron has one point, its volume; the quadratic one four (exact for straight
+//! edges). **Linear tetrahedra are too stiff in bending** (a beam one element thick by a factor);
+//! quadratic ones are not, and are meant for everything that bends. Nodes of a quadratic
+//! tetrahedron: its corners 0–3, then the middles of 01, 12, 02, 03, 13, 23.
 
 use super::law::{SolidLaw, SolidTangent};
 use super::{Elastic, Point};
@@ -18,7 +19,8 @@ use nalgebra::Matrix3;
 /// Ends of the edges whose middles are nodes 4 to 9 of a quadratic tetrahedron.
 pub const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
 
-/// Least ratio of six volumes to the cube of the longest edge: below it a tetrahedron is taken for flat.
+/// Least ratio of six volumes to the cube of the longest edge: below it a tetrahedron is taken for
+/// flat.
 const LEAST_SHAPE: f64 = 1e-6;
 
 /// Why tetrahedra were refused.
@@ -68,7 +70,11 @@ pub struct Solid<const N: usize> {
 }
 
 impl<const N: usize> Solid<N> {
-    /// Tetrahedra that are at rest at `rest_mm`. The middle nodes of quadratic ones are taken to lie halfway.
+    /// Tetrahedra that are at rest at `rest_mm`. The middle nodes of quadratic ones are taken to
+    /// lie halfway.
+    ///
+    /// # Errors
+    /// If an element names a node that is not there, or has no volume.
     pub fn new(rest_mm: &[Point], elements: Vec<[u32; N]>, law: SolidLaw) -> Result<Self, SolidError> {
         if N != 4 && N != 10 {
             return Err(SolidError::Shape { nodes: N });
@@ -89,8 +95,9 @@ impl<const N: usize> Solid<N> {
         Ok(Solid { law, elements, samples })
     }
 
-    /// Adds each element's mass, of `density_g_per_mm3`, to its nodes: a quarter to each corner of a linear one;
-    /// in a quadratic one 1/36 to each corner and 4/27 to each middle (Hinton, Rock and Zienkiewicz 1976).
+    /// Adds each element's mass, of `density_g_per_mm3`, to its nodes: a quarter to each corner of
+    /// a linear one; in a quadratic one 1/36 to each corner and 4/27 to each middle (Hinton, Rock
+    /// and Zienkiewicz 1976).
     pub fn add_mass(&self, density_g_per_mm3: f64, mass_g: &mut [f64]) {
         for (nodes, samples) in self.elements.iter().zip(self.samples.chunks_exact(points(N).len())) {
             let mass: f64 = samples.iter().map(|s| s.weight_mm3 * density_g_per_mm3).sum();
@@ -141,7 +148,8 @@ fn corner_gradients(x: &[Point], nodes: &[u32], element: usize) -> Result<([Poin
     Ok(([-(g1 + g2 + g3), g1, g2, g3], six / 6.0))
 }
 
-/// Gradients of the shape functions at barycentric coordinates `at`: L_i, or L_i (2 L_i − 1) and 4 L_i L_j.
+/// Gradients of the shape functions at barycentric coordinates `at`: L_i, or L_i (2 L_i − 1) and 4
+/// L_i L_j.
 fn shape_gradients<const N: usize>(corner: &[Point; 4], at: &[f64; 4]) -> [Point; N] {
     std::array::from_fn(|i| match (N, i) {
         (4, _) => corner[i],
@@ -220,8 +228,8 @@ pub fn with_middles(x_mm: &mut Vec<Point>, elements: &[[u32; 4]]) -> Vec<[u32; 1
     elements.iter().map(&mut quadratic).collect()
 }
 
-/// A block of `cells` boxes along x, y and z, each cut into six tetrahedra around one diagonal (Kuhn), from the
-/// origin to `size_mm`. Nodes run along z fastest, then y, then x.
+/// A block of `cells` boxes along x, y and z, each cut into six tetrahedra around one diagonal
+/// (Kuhn), from the origin to `size_mm`. Nodes run along z fastest, then y, then x.
 pub fn block(size_mm: [f64; 3], cells: [u32; 3]) -> (Vec<Point>, Vec<[u32; 4]>) {
     let [nx, ny, nz] = cells;
     let node = |i: u32, j: u32, k: u32| (i * (ny + 1) + j) * (nz + 1) + k;
@@ -269,7 +277,8 @@ mod tests {
             let mut solid = Solid::new(&x, linear.clone(), law).unwrap();
             let moved = jitter(&x, 0.1, 9);
             forces_follow_from_energy(&solid, &moved, 100.0);
-            // The co-rotational tangent leaves out how the rotation follows the strain: exact at rest only.
+            // The co-rotational tangent leaves out how the rotation follows the strain: exact at
+            // rest only.
             tangent_follows_from_forces(&mut solid, &x, 1e-6);
             let share = if matches!(law, SolidLaw::NeoHookean(_)) { 1e-6 } else { 0.2 };
             tangent_follows_from_forces(&mut solid, &moved, share);

@@ -7,8 +7,9 @@
 //! K   = k u uᵀ + (T/l)⁺ (1 − u uᵀ)      C = c u uᵀ
 //! ```
 //!
-//! Only the positive part of T/l enters the tangent: a pressed spring wants to buckle, and its exact
-//! tangent would make the system indefinite. Forces are exact, so a converged step is not affected.
+//! Only the positive part of T/l enters the tangent: a pressed spring wants to buckle, and its
+//! exact tangent would make the system indefinite. Forces are exact, so a converged step is not
+//! affected.
 
 use super::{Elastic, Point};
 

@@ -7,13 +7,15 @@
 //! energy A w(C),   f_i = −A F S(C) g_i,   df_i = −A (dF S⁺ + F dS) g_i
 //! ```
 //!
-//! S⁺ is S without its pressing part: a pressed membrane wrinkles, and its exact tangent is indefinite.
+//! S⁺ is S without its pressing part: a pressed membrane wrinkles, and its exact tangent is
+//! indefinite.
 
 use super::law::PlaneLaw;
 use super::{Elastic, Point};
 use nalgebra::{Matrix2, Matrix3x2, Vector2};
 
-/// Least ratio of a triangle's double area to its longest edge squared: below it is taken for a line.
+/// Least ratio of a triangle's double area to its longest edge squared: below it is taken for a
+/// line.
 const LEAST_SHAPE: f64 = 1e-6;
 
 /// Why triangles were refused.
@@ -66,6 +68,9 @@ pub struct Triangles {
 
 impl Triangles {
     /// Triangles that are at rest at `rest_mm`.
+    ///
+    /// # Errors
+    /// If a triangle names a node that is not there, or has no area.
     pub fn new(rest_mm: &[Point], triangles: &[[u32; 3]], law: PlaneLaw) -> Result<Self, TriangleError> {
         let shape = |(t, corners): (usize, &[u32; 3])| shape(rest_mm, t, *corners);
         let shapes: Vec<Shape> = triangles.iter().enumerate().map(shape).collect::<Result<_, _>>()?;

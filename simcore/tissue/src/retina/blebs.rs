@@ -1,7 +1,8 @@
 //! Which nodes are loose together: the blebs, their triangles, and the front where they end.
 //!
-//! Everything here follows from flags and living triangles alone, and is made anew when those change; nothing of it is state. A gap that
-//! was torn into a bleb is still spanned by its dead triangles for the sake of the volume, as if by a film.
+//! Everything here follows from flags and living triangles alone, and is made anew when those
+//! change; nothing of it is state. A gap that was torn into a bleb is still spanned by its dead
+//! triangles for the sake of the volume, as if by a film.
 
 use super::figures::{MAX_BLEBS, OPEN_MM2};
 use super::state::RetinaState;
@@ -51,7 +52,8 @@ pub struct Blebs {
     pub rims: Vec<[u32; 2]>,
     /// Area of dead triangles of each bleb as they lay at the start, mm².
     pub torn_mm2: Vec<f64>,
-    /// Blebs whose gaps are so large that fluid passes freely. What is under one is measured under its living triangles alone.
+    /// Blebs whose gaps are so large that fluid passes freely. What is under one is measured under
+    /// its living triangles alone.
     pub open: Vec<bool>,
     /// Area of each bleb as it lay at the start, mm².
     pub area_mm2: Vec<f64>,
@@ -103,7 +105,8 @@ impl Blebs {
         &self.nodes
     }
 
-    /// Finds the pieces of a state. `home_mm2` has the area of each triangle as it lay at the start.
+    /// Finds the pieces of a state. `home_mm2` has the area of each triangle as it lay at the
+    /// start.
     pub fn find(&mut self, sheet: &SheetMesh, state: &RetinaState, home_mm2: &[f32]) {
         self.clear();
         for node in 0..sheet.nodes() {

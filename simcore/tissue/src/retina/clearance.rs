@@ -15,8 +15,9 @@ pub struct Clearance {
 }
 
 impl Retina {
-    /// Clearance of a point from the retina on the ray from the eye's centre through it; of several layers the one nearest to the
-    /// centre counts, which a tip meets first. Over gaps that were torn it is that from the choroid.
+    /// Clearance of a point from the retina on the ray from the eye's centre through it; of several
+    /// layers the one nearest to the centre counts, which a tip meets first. Over gaps that were
+    /// torn it is that from the choroid.
     pub fn clearance(&mut self, state: &RetinaState, point_mm: &Vector3<f64>) -> Clearance {
         let distance = point_mm.norm();
         let mut found = Clearance { mm: self.figures.radius_mm - distance, loose: false };
@@ -33,7 +34,8 @@ impl Retina {
                 continue;
             }
             let [a, b, c] = self.corners(state, t);
-            // Corners are counter-clockwise seen from the centre, so that all three weights are below 0 inside the triangle's cone.
+            // Corners are counter-clockwise seen from the centre, so that all three weights are
+            // below 0 inside the triangle's cone.
             let weights = [(&b, &c), (&c, &a), (&a, &b)].map(|(from, to)| point_mm.dot(&from.cross(to)));
             let sum: f64 = weights.iter().sum();
             if weights.iter().any(|w| *w > 0.0) || sum >= 0.0 {

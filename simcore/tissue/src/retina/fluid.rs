@@ -1,28 +1,33 @@
 //! The fluid: what flows in and out, and the volumes that the mesh is kept at.
 //!
-//! A bleb's volume is a constraint. After the springs have moved the nodes, each loose node is moved along the push p_i of the fluid (the
-//! force of 1 Pa on it, [`super::volume`]) until the measured volume V is the account's V₀; the same impulse goes into the
-//! velocity, and the pressure is what makes that impulse:
+//! A bleb's volume is a constraint. After the springs have moved the nodes, each loose node is
+//! moved along the push p_i of the fluid (the force of 1 Pa on it, [`super::volume`]) until the
+//! measured volume V is the account's V₀; the same impulse goes into the velocity, and the pressure
+//! is what makes that impulse:
 //!
 //! ```text
 //! λ = (V₀ − V) / Σ p_i²        x_i += λ p_i,   v_i += λ p_i / dt,   P = λ m / dt²
 //! ```
 //!
-//! over the free nodes (a held one does not yield, nor does one that lies on the choroid while the volume must shrink). One such step
-//! leaves an error of second order; at the end of a field's step it is repeated until the rounding of the positions is reached.
+//! over the free nodes (a held one does not yield, nor does one that lies on the choroid while the
+//! volume must shrink). One such step leaves an error of second order; at the end of a field's step
+//! it is repeated until the rounding of the positions is reached.
 //!
-//! A bleb that gapes ([`Blebs::open`](super::blebs::Pieces::open)), such as a retina that was cut all round, holds no pressure: its account
-//! follows its mesh, and what passes the gap is leaked. Only a fluid–air exchange drives it to the choroid, at the flow of the air pump.
-//! At a gap the triangles do not surround their nodes, so that the parts of the feet do not cancel and p_i is not ∂V/∂x_i. A velocity α p_i
-//! of all nodes takes α dt Σ p_i·∂V/∂x_i from the volume, and the correction makes of it
+//! A bleb that gapes ([`Blebs::open`](super::blebs::Pieces::open)), such as a retina that was cut
+//! all round, holds no pressure: its account follows its mesh, and what passes the gap is leaked.
+//! Only a fluid–air exchange drives it to the choroid, at the flow of the air pump. At a gap the
+//! triangles do not surround their nodes, so that the parts of the feet do not cancel and p_i is
+//! not ∂V/∂x_i. A velocity α p_i of all nodes takes α dt Σ p_i·∂V/∂x_i from the volume, and the
+//! correction makes of it
 //!
 //! ```text
 //! α ← (1 − c) α        c = Σ p_i·∂V/∂x_i / Σ p_i²
 //! ```
 //!
-//! which grows unless 0 < c < 2: a retina that stands far off the choroid would fly apart. There, and where more is missing than the pump
-//! drives in [`OPEN_LAG_S`], air gets under it through the gap, and the pump lays it on along the radius, where the feet stay and p_i is the
-//! derivative of V; it moves places alone, no more than its flow, and gives no velocity.
+//! which grows unless 0 < c < 2: a retina that stands far off the choroid would fly apart. There,
+//! and where more is missing than the pump drives in [`OPEN_LAG_S`], air gets under it through the
+//! gap, and the pump lays it on along the radius, where the feet stay and p_i is the derivative of
+//! V; it moves places alone, no more than its flow, and gives no velocity.
 
 use super::figures::{
     EXCHANGE_MM3_S, Figures, LARGEST_LOSS, OPEN_LAG_S, PRESSURE_S, VOLUME_ERROR_MM3, VOLUME_TRIES,
@@ -36,7 +41,8 @@ use protocol::limits::INSTRUMENTS;
 use protocol::scene::NODE_FREE;
 
 impl Retina {
-    /// Lets fluid in through needles at `pressure_pa` (`None`: not through this one) and out through holes and tears, for one substep.
+    /// Lets fluid in through needles at `pressure_pa` (`None`: not through this one) and out
+    /// through holes and tears, for one substep.
     pub fn flow(&mut self, state: &mut RetinaState, pressure_pa: [Option<f64>; INSTRUMENTS]) {
         for (i, pressure) in pressure_pa.into_iter().enumerate() {
             let bleb = self.blebs.label[state.needles[i].node as usize];
@@ -51,7 +57,8 @@ impl Retina {
         self.leak(state);
     }
 
-    /// Holes close on their own to a rest, unless air holds them open; a needle in its hole plugs it.
+    /// Holes close on their own to a rest, unless air holds them open; a needle in its hole plugs
+    /// it.
     fn leak(&mut self, state: &mut RetinaState) {
         let (full, scene) = (self.figures.hole_mm2, &self.figures.scene);
         let rest = full * scene.hole_open_share;
@@ -90,7 +97,8 @@ impl Retina {
         triangles.map(|&t| under_triangle(&self.corners(state, t), self.figures.radius_mm)).sum()
     }
 
-    /// True if a triangle of a bleb has fluid under it: a dead one is a film over the gap, unless the bleb is open.
+    /// True if a triangle of a bleb has fluid under it: a dead one is a film over the gap, unless
+    /// the bleb is open.
     fn spans(&self, state: &RetinaState, bleb: usize, triangle: u32) -> bool {
         !self.blebs.open[bleb] || state.sheet.triangle_alive[triangle as usize] != 0
     }
@@ -113,7 +121,8 @@ impl Retina {
         self.body.mesh.triangles[triangle as usize].map(|n| at(&state.sheet, n))
     }
 
-    /// Brings every bleb to its account's volume, once, and takes the pressure from what that takes.
+    /// Brings every bleb to its account's volume, once, and takes the pressure from what that
+    /// takes.
     pub(super) fn hold_volumes(&mut self, state: &mut RetinaState) {
         self.clear_push();
         for bleb in 0..self.blebs.count() {
@@ -145,7 +154,8 @@ impl Retina {
                     break;
                 }
             }
-            // Jaws that hold every node of a bleb decide its volume: they press out what does not fit, or draw in what is lacking.
+            // Jaws that hold every node of a bleb decide its volume: they press out what does not
+            // fit, or draw in what is lacking.
             let free = |n: &u32| state.sheet.flag[*n as usize] == NODE_FREE;
             if !self.blebs.nodes_of(bleb).iter().any(free) {
                 let pressed = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
@@ -163,8 +173,9 @@ impl Retina {
         }
     }
 
-    /// Moves the free nodes of a bleb along the gathered push until the missing volume is there to first order; with `dt_s` their velocities
-    /// too, but of an open bleb only where that is stable. Returns λ, 1/mm; 0 where nothing can yield, or no pressure holds it.
+    /// Moves the free nodes of a bleb along the gathered push until the missing volume is there to
+    /// first order; with `dt_s` their velocities too, but of an open bleb only where that is
+    /// stable. Returns λ, 1/mm; 0 where nothing can yield, or no pressure holds it.
     fn correct(
         &mut self,
         state: &mut RetinaState,
@@ -210,13 +221,15 @@ impl Retina {
         state.blebs[bleb].volume_mm3 - measured
     }
 
-    /// True if a node gives way to what is missing: one on the choroid cannot downwards. One nanometre tells lying from hovering.
+    /// True if a node gives way to what is missing: one on the choroid cannot downwards. One
+    /// nanometre tells lying from hovering.
     fn yields(&self, state: &RetinaState, node: u32, missing_mm3: f64) -> bool {
         let lies = missing_mm3 < 0.0 && at(&state.sheet, node).norm() >= self.figures.radius_mm - 1e-6;
         state.sheet.flag[node as usize] == NODE_FREE && !lies
     }
 
-    /// True if corrections along the gathered push make an open bleb's velocities no larger (0 < c < 2), and the pump keeps up.
+    /// True if corrections along the gathered push make an open bleb's velocities no larger (0 < c
+    /// < 2), and the pump keeps up.
     fn is_steady(&self, state: &RetinaState, bleb: usize, missing_mm3: f64) -> bool {
         let (mut made, mut wanted) = (0.0, 0.0);
         for &t in self.blebs.triangles_of(bleb) {
@@ -239,8 +252,8 @@ impl Retina {
         missing_mm3.abs() <= EXCHANGE_MM3_S * OPEN_LAG_S && made > 0.0 && made < 2.0 * wanted
     }
 
-    /// Leaves of an open bleb's push the part along the radius, and of what is missing what the pump drives in a substep: for the rest air
-    /// gets under it. Returns what is missing then, mm³.
+    /// Leaves of an open bleb's push the part along the radius, and of what is missing what the
+    /// pump drives in a substep: for the rest air gets under it. Returns what is missing then, mm³.
     fn let_air_under(&mut self, state: &mut RetinaState, bleb: usize, missing_mm3: f64) -> f64 {
         for &n in self.blebs.nodes_of(bleb) {
             let (push, foot) = (&mut self.push[n as usize], at(&state.sheet, n));
@@ -256,7 +269,8 @@ impl Retina {
 }
 
 impl Figures {
-    /// Takes out of a bleb what leaks through `area_mm2` in a substep; returns it, mm³ (below 0 for what it sucks in).
+    /// Takes out of a bleb what leaks through `area_mm2` in a substep; returns it, mm³ (below 0 for
+    /// what it sucks in).
     fn drain(&self, bleb: &mut Bleb, area_mm2: f64, air: bool) -> f64 {
         let pressure = bleb.pressure_pa + if air { self.scene.air_pa } else { 0.0 };
         let most = LARGEST_LOSS * bleb.volume_mm3.max(0.0);

@@ -1,9 +1,13 @@
-//! The front: where the retina comes off the choroid, where it comes to lie on it again, and what that does to the blebs.
+//! The front: where the retina comes off the choroid, where it comes to lie on it again, and what
+//! that does to the blebs.
 //!
-//! A node of the front carries the pull of the springs to its loose neighbours and its share of the fluid's push. Divided by the length of
-//! rim that it holds, that is a force per length with a part away from the choroid and one along it. A lattice loads its corners unevenly, so
-//! that force and rim are added up over a few neighbours along the front first. A node comes off when what that releases ([`Figures::release_un_per_mm`](super::figures::Figures::release_un_per_mm)) reaches the adhesion. Over the whole rim of a round bleb the
-//! carried force is that of Laplace's law, because the push of the fluid on bleb and choroid is the same.
+//! A node of the front carries the pull of the springs to its loose neighbours and its share of the
+//! fluid's push. Divided by the length of rim that it holds, that is a force per length with a part
+//! away from the choroid and one along it. A lattice loads its corners unevenly, so that force and
+//! rim are added up over a few neighbours along the front first. A node comes off when what that
+//! releases ([`Figures::release_un_per_mm`](super::figures::Figures::release_un_per_mm)) reaches
+//! the adhesion. Over the whole rim of a round bleb the carried force is that of Laplace's law,
+//! because the push of the fluid on bleb and choroid is the same.
 
 use super::Retina;
 use super::figures::{FILM_MM, FRONT_SMOOTHING, MAX_BLEBS};
@@ -63,7 +67,8 @@ impl Retina {
         self.take_off(state, nodes);
     }
 
-    /// Adds up what the front carries: away from the choroid, along it towards the bleb, and the rim that carries it.
+    /// Adds up what the front carries: away from the choroid, along it towards the bleb, and the
+    /// rim that carries it.
     fn load_front(&mut self, state: &RetinaState) {
         let (blebs, tissue) = (&self.blebs, &state.sheet);
         let push = |f: &super::blebs::FrontNode| {
@@ -102,7 +107,8 @@ impl Retina {
         }
     }
 
-    /// What a front node would release if it came off, µN/mm. One that loose nodes surround holds no rim, and lets go.
+    /// What a front node would release if it came off, µN/mm. One that loose nodes surround holds
+    /// no rim, and lets go.
     fn release_of(&self, slot: usize) -> f64 {
         let load = &self.front_load[slot];
         if load.z > 0.0 {
@@ -114,7 +120,8 @@ impl Retina {
         }
     }
 
-    /// Largest release of the front against the adhesion; 1 is about to come off. For judging a state, not part of a step.
+    /// Largest release of the front against the adhesion; 1 is about to come off. For judging a
+    /// state, not part of a step.
     pub fn front_load(&mut self, state: &RetinaState) -> f64 {
         self.load_front(state);
         let all = (0..self.blebs.front.len()).map(|slot| self.release_of(slot));
@@ -156,7 +163,8 @@ impl Retina {
         }
     }
 
-    /// Under air, what has come near the choroid beside retina that lies on it lies on too; and all of a bleb of which only a film is left.
+    /// Under air, what has come near the choroid beside retina that lies on it lies on too; and all
+    /// of a bleb of which only a film is left.
     pub(super) fn attach_under_air(&mut self, state: &mut RetinaState) {
         let mut laid = false;
         for bleb in 0..self.blebs.count() {
@@ -193,8 +201,9 @@ impl Retina {
         true
     }
 
-    /// Finds the blebs anew after flags or triangles changed, and hands the fluid on: each new bleb has what is under it, and what an old
-    /// bleb's account differs from its mesh goes with its first loose node. What no bleb can take has leaked.
+    /// Finds the blebs anew after flags or triangles changed, and hands the fluid on: each new bleb
+    /// has what is under it, and what an old bleb's account differs from its mesh goes with its
+    /// first loose node. What no bleb can take has leaked.
     pub(super) fn reconnect(&mut self, state: &mut RetinaState) {
         let old_count = state.blebs.len();
         let mut old = [(Bleb::default(), 0.0, 0u8); MAX_BLEBS];

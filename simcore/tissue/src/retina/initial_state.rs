@@ -1,4 +1,5 @@
-//! A scene that begins in the middle of an operation: the retina is off within a circle, over fluid, or cut free all round.
+//! A scene that begins in the middle of an operation: the retina is off within a circle, over
+//! fluid, or cut free all round.
 
 use super::Retina;
 use super::figures::VOLUME_ERROR_MM3;
@@ -8,7 +9,8 @@ use crate::sheet::tearing;
 use protocol::scene::NODE_FREE;
 use scene::RetinaOperation;
 
-/// Corrections in which a bleb is filled at the start: each moves nodes by at most v_max · 1 ms, 0.2 mm in the shipped scenes.
+/// Corrections in which a bleb is filled at the start: each moves nodes by at most v_max · 1 ms,
+/// 0.2 mm in the shipped scenes.
 const FILLS: u32 = 400;
 
 impl Retina {
@@ -107,7 +109,8 @@ mod tests {
         assert_eq!(model.start().under_mm3(), 60.0, "a reset begins there again");
     }
 
-    /// A cut retina holds no pressure, hangs on its disc alone, and a turn about the disc costs nothing: put there as a rigid whole, it stays.
+    /// A cut retina holds no pressure, hangs on its disc alone, and a turn about the disc costs
+    /// nothing: put there as a rigid whole, it stays.
     #[test]
     fn a_retina_that_is_cut_all_round_hangs_on_its_disc_and_turns_freely() {
         let operation = RetinaOperation { detached_rad: 1.2, fluid_mm3: 0.0, cut_rad: 1.1 };
@@ -162,8 +165,8 @@ mod tests {
         kinetic + model.body.mesh.springs.iter().enumerate().map(spring).sum::<f64>()
     }
 
-    /// Retina at rest whose free edge stands millimetres off the choroid: whatever the air does to it costs no more than its pressure
-    /// does on what the pump drives.
+    /// Retina at rest whose free edge stands millimetres off the choroid: whatever the air does to
+    /// it costs no more than its pressure does on what the pump drives.
     #[test]
     fn air_does_no_more_work_on_a_standing_retina_than_its_pump() {
         let operation = RetinaOperation { detached_rad: 1.3, fluid_mm3: 0.0, cut_rad: 1.2 };
@@ -192,7 +195,8 @@ mod tests {
         assert!((account.injected_mm3 - account.leaked_mm3 - state.under_mm3()).abs() < 1e-9);
     }
 
-    /// Angle of a node about the axis against its home, rad; for nodes near the axis that of the whole.
+    /// Angle of a node about the axis against its home, rad; for nodes near the axis that of the
+    /// whole.
     fn turn_of(model: &Retina, state: &RetinaState, n: usize, axis: &UnitVector3<f64>) -> f64 {
         let flat = |p: Vector3<f64>| p - axis.into_inner() * p.dot(axis);
         let (home, now) =

@@ -1,7 +1,9 @@
-//! Which triangles a straight line can meet at all: those whose corners do not all lie beyond one of a few planes around it.
+//! Which triangles a straight line can meet at all: those whose corners do not all lie beyond one
+//! of a few planes around it.
 //!
-//! Every node is compared with the planes once, many at a time; a triangle is then passed over by three bytes. Nodes within
-//! [`MARGIN_MM`] of a plane, and nodes or lines that are not numbers, lie beyond none.
+//! Every node is compared with the planes once, many at a time; a triangle is then passed over by
+//! three bytes. Nodes within [`MARGIN_MM`] of a plane, and nodes or lines that are not numbers, lie
+//! beyond none.
 
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -91,7 +93,8 @@ mod tests {
     }
 
     proptest! {
-        /// A line through a point of a triangle may meet it, from wherever it begins and wherever it ends beyond it.
+        /// A line through a point of a triangle may meet it, from wherever it begins and wherever
+        /// it ends beyond it.
         #[test]
         fn no_triangle_is_passed_over_that_the_line_meets(
             corners in corners(), u in 0.0f64..1.0, v in 0.0f64..1.0,

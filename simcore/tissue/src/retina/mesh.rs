@@ -1,8 +1,10 @@
-//! The whole retina as a triangle mesh on the rear hemisphere: rings around the fovea, ring k with 6k nodes.
+//! The whole retina as a triangle mesh on the rear hemisphere: rings around the fovea, ring k with
+//! 6k nodes.
 //!
-//! Ring k of n lies at the polar angle π/2·k/n from −z. Near the fovea, where surgery happens, triangles are nearly
-//! equilateral (sides within 10 %); towards the equator they narrow to two thirds. Of n rings there are
-//! 1 + 3n(n + 1) nodes and 6n² triangles; the last ring is the ora serrata, where the retina ends and always holds.
+//! Ring k of n lies at the polar angle π/2·k/n from −z. Near the fovea, where surgery happens,
+//! triangles are nearly equilateral (sides within 10 %); towards the equator they narrow to two
+//! thirds. Of n rings there are 1 + 3n(n + 1) nodes and 6n² triangles; the last ring is the ora
+//! serrata, where the retina ends and always holds.
 
 use nalgebra::Vector3;
 

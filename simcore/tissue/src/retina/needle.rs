@@ -1,4 +1,5 @@
-//! A needle in the retina: it goes in, takes the retina off while it injects, tears when it moves too fast, and leaves a hole.
+//! A needle in the retina: it goes in, takes the retina off while it injects, tears when it moves
+//! too fast, and leaves a hole.
 
 use super::Retina;
 use super::figures::{LEFT_MM, MAX_HOLES, REARM, SHAFT_MM, SPEED_S};
@@ -48,7 +49,8 @@ impl Retina {
         needle.in_triangles(&surface, met, SHAFT_MM)
     }
 
-    /// Follows instrument `i` as a needle for one substep; `None` for an instrument that is none, or is not tracked.
+    /// Follows instrument `i` as a needle for one substep; `None` for an instrument that is none,
+    /// or is not tracked.
     pub fn follow_needle(
         &mut self,
         state: &mut RetinaState,
@@ -102,8 +104,9 @@ impl Retina {
         }
     }
 
-    /// Watches the speed along the retina (paper, section 4.5): over one limit it warns, over a higher one a spring tears for each mean edge
-    /// of way. Returns the speed where the warning is new.
+    /// Watches the speed along the retina (paper, section 4.5): over one limit it warns, over a
+    /// higher one a spring tears for each mean edge of way. Returns the speed where the warning is
+    /// new.
     fn drag(
         &mut self,
         state: &mut RetinaState,

@@ -10,9 +10,11 @@ use serde::{Deserialize, Serialize};
 /// The retina.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RetinaState {
-    /// Its mesh. `NODE_PINNED` is a node that lies on the choroid and holds there; free and bound ones are **loose**.
+    /// Its mesh. `NODE_PINNED` is a node that lies on the choroid and holds there; free and bound
+    /// ones are **loose**.
     pub sheet: SheetState,
-    /// For each node the number of its bleb + 1; 0 for a node that is not loose. Blebs count in the order of their first nodes.
+    /// For each node the number of its bleb + 1; 0 for a node that is not loose. Blebs count in the
+    /// order of their first nodes.
     #[serde(with = "crate::pod_serde::list")]
     pub bleb_of: Vec<u8>,
     /// Connected pieces of loose retina, each with the fluid under it.
@@ -23,7 +25,8 @@ pub struct RetinaState {
     pub account: Account,
     /// The instruments as needles.
     pub needles: [NeedleState; INSTRUMENTS],
-    /// The eye is filled with air: holes stay open, and what comes to lie on the choroid stays there.
+    /// The eye is filled with air: holes stay open, and what comes to lie on the choroid stays
+    /// there.
     pub air: bool,
 }
 
@@ -32,7 +35,8 @@ pub struct RetinaState {
 pub struct Bleb {
     /// Fluid that must be there, mm³; the mesh is kept at it.
     pub volume_mm3: f64,
-    /// Pressure over the vitreous that keeps it there, Pa; smoothed over [`super::figures::PRESSURE_S`].
+    /// Pressure over the vitreous that keeps it there, Pa; smoothed over
+    /// [`super::figures::PRESSURE_S`].
     pub pressure_pa: f64,
     /// Gaps torn into it, mm².
     pub torn_mm2: f64,
@@ -54,8 +58,8 @@ pub struct Hole {
 pub struct Account {
     /// Through needles, mm³.
     pub injected_mm3: f64,
-    /// Net out of the blebs through holes and tears (what a lifted retina sucks in counts against it), and the films that the choroid took up
-    /// where retina came to lie on it again, mm³.
+    /// Net out of the blebs through holes and tears (what a lifted retina sucks in counts against
+    /// it), and the films that the choroid took up where retina came to lie on it again, mm³.
     pub leaked_mm3: f64,
 }
 
@@ -94,8 +98,9 @@ impl RetinaState {
         flag == NODE_FREE || is_bound(flag)
     }
 
-    /// How far the retina that came off at any time has turned about `axis` from the eye's centre, rad; counter-clockwise seen against
-    /// it. `home_mm` is where the nodes lay at the start. It is the turn that leaves the least sum of squared distances.
+    /// How far the retina that came off at any time has turned about `axis` from the eye's centre,
+    /// rad; counter-clockwise seen against it. `home_mm` is where the nodes lay at the start. It is
+    /// the turn that leaves the least sum of squared distances.
     pub fn turn_about_rad(&self, home_mm: &[Vector3<f32>], axis: &UnitVector3<f64>) -> f64 {
         let (mut sine, mut cosine) = (0.0, 0.0);
         for (node, home) in home_mm.iter().enumerate() {
@@ -108,7 +113,8 @@ impl RetinaState {
         if sine == 0.0 { 0.0 } else { libm::atan2(sine, cosine) }
     }
 
-    /// The turn about the axis from the fovea to the lens, counter-clockwise seen from the inside, rad.
+    /// The turn about the axis from the fovea to the lens, counter-clockwise seen from the inside,
+    /// rad.
     pub fn turn_rad(&self, home_mm: &[Vector3<f32>]) -> f64 {
         self.turn_about_rad(home_mm, &Vector3::z_axis())
     }

@@ -1,17 +1,20 @@
 //! Volume between a piece of retina and the choroid, and how it changes when nodes move.
 //!
-//! Seen from the eye's centre, the fluid under a triangle (a, b, c) of the retina is the cone over its projection onto the choroid
-//! (the sphere of radius R) less the cone over the triangle itself. With nodes counter-clockwise seen from the inside:
+//! Seen from the eye's centre, the fluid under a triangle (a, b, c) of the retina is the cone over
+//! its projection onto the choroid (the sphere of radius R) less the cone over the triangle itself.
+//! With nodes counter-clockwise seen from the inside:
 //!
 //! ```text
 //! V = (det(a, b, c) − R³ det(a/|a|, b/|b|, c/|c|)) / 6          mm³
 //! ∂V/∂a = (b × c)/6 + what the moving foot of a adds
 //! ```
 //!
-//! A triangle that lies on the choroid holds exactly nothing wherever it lies, so a retina that was turned and lies on again holds no
-//! fluid either. Summed around a node, (b × c)/6 is a third of the area vector of its triangles: pressure times that is the force of
-//! the fluid on the node. The foot's part belongs to the polyhedron in place of the sphere, vanishes with the square of the mesh width, and
-//! is left out of the force, not out of the volume. Sums are in f64 and in the order of the triangles.
+//! A triangle that lies on the choroid holds exactly nothing wherever it lies, so a retina that was
+//! turned and lies on again holds no fluid either. Summed around a node, (b × c)/6 is a third of
+//! the area vector of its triangles: pressure times that is the force of the fluid on the node. The
+//! foot's part belongs to the polyhedron in place of the sphere, vanishes with the square of the
+//! mesh width, and is left out of the force, not out of the volume. Sums are in f64 and in the
+//! order of the triangles.
 
 use crate::sheet::state::SheetState;
 use nalgebra::Vector3;
@@ -46,8 +49,9 @@ pub fn under<'a>(
 /// Triangles that are computed together.
 const TOGETHER: usize = 8;
 
-/// Some triangles side by side: corners, then axes, mm; and of each the volume under it, as [`under_triangle`] has
-/// it to the bit, and what a pressure of 1 Pa does to its corners, µN: a third of the area vector, seen from the eye's centre.
+/// Some triangles side by side: corners, then axes, mm; and of each the volume under it, as
+/// [`under_triangle`] has it to the bit, and what a pressure of 1 Pa does to its corners, µN: a
+/// third of the area vector, seen from the eye's centre.
 #[derive(Debug, Default)]
 pub struct Block {
     count: usize,
@@ -59,7 +63,8 @@ pub struct Block {
 }
 
 impl Block {
-    /// Goes through `triangles`: adds to `push`, and returns the volume under them, mm³. Both in the order of the triangles.
+    /// Goes through `triangles`: adds to `push`, and returns the volume under them, mm³. Both in
+    /// the order of the triangles.
     pub fn gather<'a>(
         simd: pulp::Arch,
         state: &SheetState,
@@ -138,8 +143,9 @@ impl pulp::NullaryFnOnce for Gather<'_> {
     }
 }
 
-/// How much the volume under a triangle grows with the way of its first corner, mm²: all of ∂V/∂a, what the moving foot adds too; the other
-/// corners follow by turning them round. 0 where a node lies in the eye's centre.
+/// How much the volume under a triangle grows with the way of its first corner, mm²: all of ∂V/∂a,
+/// what the moving foot adds too; the other corners follow by turning them round. 0 where a node
+/// lies in the eye's centre.
 pub fn slope(corners: &[Vector3<f64>; 3], radius_mm: f64) -> Vector3<f64> {
     let [a, b, c] = corners;
     let lengths = a.norm() * b.norm() * c.norm();
@@ -205,7 +211,8 @@ mod tests {
             if polar >= edge {
                 return p;
             }
-            // The node's share of the way to the rim, kept along the cap's arc, so that the mesh stays even.
+            // The node's share of the way to the rim, kept along the cap's arc, so that the mesh
+            // stays even.
             let arc = cap.contact_angle_rad() * polar / edge;
             let (x, z) = (cap.radius_mm() * arc.sin(), centre + cap.radius_mm() * arc.cos());
             let sideways = if out > 0.0 { x / out } else { 0.0 };
@@ -256,7 +263,8 @@ mod tests {
         t.iter().map(|t| under_triangle(&t.map(|n| p[n as usize]), R)).sum()
     }
 
-    /// The figure of the analytic cases: c = 1.5, h = 0.6 gives R = 2.175 and V = 2.233672376702343.
+    /// The figure of the analytic cases: c = 1.5, h = 0.6 gives R = 2.175 and V =
+    /// 2.233672376702343.
     #[test]
     fn a_cap_has_the_figures_of_the_reference() {
         let cap = Cap { base_mm: 1.5, height_mm: 0.6 };
@@ -282,13 +290,15 @@ mod tests {
         let (p, t) = hemisphere(R, 12);
         let at = |n: u32| Vector3::from(p.each_ref().map(|axis| f64::from(axis[n as usize])));
         let all: f64 = t.iter().map(|t| under_triangle(&t.map(at), R).abs()).sum();
-        // Half a unit in the last place (2⁻²¹ mm between 8 and 16) on each axis, over the hemisphere.
+        // Half a unit in the last place (2⁻²¹ mm between 8 and 16) on each axis, over the
+        // hemisphere.
         let rounding = 3f64.sqrt() * 2f64.powi(-21) * std::f64::consts::TAU * R * R;
         assert!(all < rounding, "rounding of f32 positions: {all} of {rounding}");
     }
 
     proptest! {
-        /// The push is the derivative of the volume, but for the feet: checked where feet stay, along the radius.
+        /// The push is the derivative of the volume, but for the feet: checked where feet stay,
+        /// along the radius.
         #[test]
         fn push_is_the_derivative_along_the_radius(
             heights in prop::array::uniform3(0.1f64..3.0),

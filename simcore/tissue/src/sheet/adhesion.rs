@@ -1,7 +1,8 @@
-//! What glues the membrane to the retina: a bond under every node, with an energy per area.
+//! Adhesion of the membrane to the retina: a bond under every node, with an energy per area.
 //!
-//! A bond joins a node to the place of the retina where it lay. With δ the distance between the two,
-//! the traction follows the bilinear cohesive law (Hillerborg 1976; Camanho and Dávila, NASA/TM-2002-211737):
+//! A bond joins a node to the place of the retina where it lay. With δ the distance between the
+//! two, the traction follows the bilinear cohesive law (Hillerborg 1976; Camanho and Dávila,
+//! NASA/TM-2002-211737):
 //!
 //! ```text
 //! T │    σc·A          rises to σc·A at δ₀ = range/4, falls to 0 at δf = range; the area under it is Γ·A:
@@ -12,13 +13,14 @@
 //!     δ₀     δf
 //! ```
 //!
-//! The force lies along the line between node and place, whatever its direction, so that the work to
-//! part a unit of area is Γ for a pull of any angle, on any mesh and at any step. A front is smooth where
-//! `range` spans a few nodes; on a mesh much coarser than that the rows snap one by one, and a peel costs more.
+//! The force lies along the line between node and place, whatever its direction, so that the work
+//! to part a unit of area is Γ for a pull of any angle, on any mesh and at any step. A front is
+//! smooth where `range` spans a few nodes; on a mesh much coarser than that the rows snap one by
+//! one, and a peel costs more.
 //!
-//! The retina holds by a limit of its own. Where the traction is above `retina_lift_pa` the place gives way
-//! towards the eye's centre (a viscous slider, the choroid lets go), and sinks back when the pull ceases;
-//! lifted to `retina_tear_mm` it tears, and its bond with it.
+//! The retina holds by a limit of its own. Where the traction is above `retina_lift_pa` the place
+//! gives way towards the eye's centre (a viscous slider, the choroid lets go), and sinks back when
+//! the pull ceases; lifted to `retina_tear_mm` it tears, and its bond with it.
 
 use super::mesh::SheetMesh;
 use super::solver::Solver;
@@ -28,10 +30,11 @@ use protocol::scene::NODE_DEAD;
 use scene::AdhesionScene;
 use serde::{Deserialize, Serialize};
 
-/// δ₀ as a share of δf. Smaller makes bonds stiffer, which costs stability and gives nothing: the energy is the same.
+/// δ₀ as a share of δf. Smaller makes bonds stiffer, which costs stability and gives nothing: the
+/// energy is the same.
 const ONSET: f32 = 0.25;
-/// Speed at which retina pulled twice as hard as it holds comes up, mm/s: fast against a hand (0.1 to 0.5 mm/s
-/// while peeling), slow against a substep.
+/// Speed at which retina pulled twice as hard as it holds comes up, mm/s: fast against a hand (0.1
+/// to 0.5 mm/s while peeling), slow against a substep.
 const LIFT_MM_S: f32 = 10.0;
 /// Speed at which lifted retina that is not pulled sinks back, mm/s. Descriptive.
 const SINK_MM_S: f32 = 0.2;
@@ -184,8 +187,8 @@ impl Adhesion {
         self.stiffness_un_per_mm.iter().fold(0.0, |a: f32, &s| a.max(s))
     }
 
-    /// Adds the bonds' forces on the nodes to the solver's outer forces, with what they gain on the way, and lets bonds and
-    /// retina give way for a time of `dt_s`.
+    /// Adds the bonds' forces on the nodes to the solver's outer forces, with what they gain on the
+    /// way, and lets bonds and retina give way for a time of `dt_s`.
     pub fn pull(
         &self,
         position_mm: &[Vec<f32>; 3],

@@ -6,10 +6,11 @@
 //!           suction and cutting      strain limit, rim
 //! ```
 //!
-//! What a sheet is made of follows from its scene: springs alone, elements, an implicit integrator, bonds to the retina,
-//! a rim that comes off. The state is apart, in a [`SheetState`]; everything here follows from scene and state.
+//! What a sheet is made of follows from its scene: springs alone, elements, an implicit integrator,
+//! bonds to the retina, a rim that comes off. The state is apart, in a [`SheetState`]; everything
+//! here follows from scene and state.
 
-use super::adhesion::{Adhesion, Parting};
+use super::adhesion::Adhesion;
 use super::collider::{Collider, Contact};
 use super::curl::{Curl, stiffest_un_per_mm};
 use super::cutter::SheetCutter;
@@ -21,13 +22,14 @@ use super::material::{Material, Unstable};
 use super::mesh::SheetMesh;
 use super::solver::Solver;
 use super::state::{NODE_PINNED, SheetState};
+use super::step_counts::StepCounts;
 use super::strain_limit::limit_strain;
 use super::tearing;
 use crate::constants::{STRAIN_SWEEPS, SUBSTEP_S};
 use crate::vitrector::Port;
 use collision::instrument_image::Volume;
 use collision::surface::{CollisionError, Surface};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Isometry3;
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::{NODE_DEAD, NODE_FREE};
 use scene::SceneFile;
@@ -58,41 +60,6 @@ pub enum SheetError {
         /// Mass there is, g.
         found_g: f64,
     },
-}
-
-/// A count of nodes, and one of them.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Tally {
-    /// How many.
-    pub count: u32,
-    /// The last one.
-    pub node: u32,
-}
-
-impl Tally {
-    /// Counts `count` more, the last of them at `node`.
-    pub fn add(&mut self, count: u32, node: usize) {
-        if count > 0 {
-            *self = Tally { count: self.count + count, node: node as u32 };
-        }
-    }
-}
-
-/// What happened to a sheet in a step, added up so that a step raises one event of a kind.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct StepCounts {
-    /// Springs and elements that tore.
-    pub torn: Tally,
-    /// Nodes disabled because their numbers ran away.
-    pub disabled: Tally,
-    /// Pinned nodes that came off.
-    pub detached: Tally,
-    /// Largest force on a node of the rim, µN, and that node.
-    pub rim_un: (f32, usize),
-    /// Instruments whose last held node was torn away.
-    pub lost_grip: [bool; INSTRUMENTS],
-    /// What became of the bonds.
-    pub parting: Parting,
 }
 
 /// A sheet's figures and the work space of a step.
@@ -142,7 +109,8 @@ impl SheetBody {
         Ok(Some(SheetBody { adhesion, curl, rim_tear_un: membrane.rim_tear_un, ..body }))
     }
 
-    /// A sheet of springs that lies on the choroid and holds there: nothing acts on what is pinned, and pins hold for ever.
+    /// A sheet of springs that lies on the choroid and holds there: nothing acts on what is pinned,
+    /// and pins hold for ever.
     ///
     /// # Errors
     /// If its stiffness or its mesh cannot be simulated.
@@ -219,7 +187,8 @@ impl SheetBody {
         self.freed_before_mm2
     }
 
-    /// Changes the material into what no scene can ask for: for tests of what must hold whatever happens.
+    /// Changes the material into what no scene can ask for: for tests of what must hold whatever
+    /// happens.
     pub fn spoil(&mut self, state: &SheetState, change: impl FnOnce(&mut Material)) {
         change(&mut self.material);
         self.refresh(state);
@@ -253,14 +222,16 @@ impl SheetBody {
         }
     }
 
-    /// Makes everything follow from a state that was not reached by steps: a restored or a fresh one.
+    /// Makes everything follow from a state that was not reached by steps: a restored or a fresh
+    /// one.
     pub fn resume(&mut self, state: &mut SheetState) {
         state.reserve();
         self.last_good.remember(state);
         self.refresh(state);
     }
 
-    /// Derives the solvers' figures and what instruments meet from the living springs and the flags.
+    /// Derives the solvers' figures and what instruments meet from the living springs and the
+    /// flags.
     pub fn refresh(&mut self, state: &SheetState) {
         self.solver.refresh(&self.mesh, state, &self.material);
         if let Some(implicit) = &mut self.implicit {
@@ -276,8 +247,8 @@ impl SheetBody {
         self.last_good.remember(state);
     }
 
-    /// Sets the outer forces of a substep: adhesion, curl, suction by the open `ports`; the blades that close in it take away
-    /// what is in their ports. `true` if triangles have gone.
+    /// Sets the outer forces of a substep: adhesion, curl, suction by the open `ports`; the blades
+    /// that close in it take away what is in their ports. `true` if triangles have gone.
     pub fn draw(
         &mut self,
         state: &mut SheetState,
@@ -328,7 +299,7 @@ impl SheetBody {
     /// True if a port's camera sees something of the sheet.
     fn sees(&mut self, state: &SheetState, port: &Port, eye_from_instrument: &Isometry3<f64>) -> bool {
         self.collider.is_near(state, &port.cone.apex_in_eye_mm, self.cutter.reach_mm())
-            && self.cutter.look(eye_from_instrument, &self.collider.surface(&self.mesh, state))
+            && self.cutter.render(eye_from_instrument, &self.collider.surface(&self.mesh, state))
     }
 
     /// Instruments that cut since the last call, and how much, mm².
@@ -387,13 +358,14 @@ impl SheetBody {
         }
     }
 
-    /// The share of elements that carry the sheet in place of springs: forces for pins and jaws, and what they tear.
+    /// The share of elements that carry the sheet in place of springs: forces for pins and jaws,
+    /// and what they tear.
     fn bear_elements(&mut self, state: &mut SheetState) -> bool {
         let Some(implicit) = &mut self.implicit else { return false };
         implicit.bear(state, &mut self.solver, &self.material);
-        let Some(&first) = implicit.rent().first() else { return false };
-        implicit.rent().iter().for_each(|&t| tearing::remove_triangle(&self.mesh, state, t));
-        self.counts.torn.add(implicit.rent().len() as u32, self.mesh.triangles[first][0] as usize);
+        let Some(&first) = implicit.torn().first() else { return false };
+        implicit.torn().iter().for_each(|&t| tearing::remove_triangle(&self.mesh, state, t));
+        self.counts.torn.add(implicit.torn().len() as u32, self.mesh.triangles[first][0] as usize);
         self.after_loss(state);
         true
     }
@@ -447,7 +419,8 @@ impl SheetBody {
         self.refresh(state);
     }
 
-    /// Force on the pinned nodes of the rim: the largest is kept for the warning, too large a one detaches.
+    /// Force on the pinned nodes of the rim: the largest is kept for the warning, too large a one
+    /// detaches.
     fn watch_rim(&mut self, state: &mut SheetState) {
         if self.rim_tear_un == f64::INFINITY {
             return;
@@ -473,41 +446,6 @@ impl SheetBody {
         }
     }
 
-    /// Moves what instrument `i` holds with it.
-    pub fn carry(&self, state: &mut SheetState, i: usize, eye_from_instrument: &Isometry3<f64>) {
-        grasp::carry(state, i, eye_from_instrument, self.material.radius_mm);
-    }
-
-    /// Binds the free nodes within `reach_mm` of the tip of instrument `i`; returns how many it holds now.
-    pub fn grab(
-        &mut self,
-        state: &mut SheetState,
-        i: usize,
-        eye_from_instrument: &Isometry3<f64>,
-        reach_mm: f64,
-    ) -> usize {
-        let held = grasp::bind(state, i, eye_from_instrument, reach_mm);
-        if held > 0 {
-            self.refresh(state);
-        }
-        held
-    }
-
-    /// Lets go of everything that instrument `i` holds; returns how many nodes that was.
-    pub fn let_go(&mut self, state: &mut SheetState, i: usize) -> usize {
-        let released = grasp::release(state, i, self.material.radius_mm);
-        if released > 0 {
-            self.refresh(state);
-        }
-        released
-    }
-
-    /// Force of the tissue on what instrument `i` holds, µN.
-    pub fn pull_un(&self, state: &SheetState, i: usize) -> f64 {
-        let force = |n: u32| Vector3::from(self.solver.force_un.each_ref().map(|f| f64::from(f[n as usize])));
-        state.held[i].iter().map(|h| force(h.node)).fold(Vector3::zeros(), |sum, f| sum + f).norm()
-    }
-
     /// True if the sheet is off wherever it was held by adhesion.
     pub fn is_off(&self, state: &SheetState) -> bool {
         let (Some(adhesion), Some(bonds)) = (&self.adhesion, &state.adhesion) else { return false };
@@ -515,8 +453,9 @@ impl SheetBody {
     }
 }
 
-/// Refuses bonds that an explicit substep cannot carry. They move with the substep whatever the integrator of the springs,
-/// and share the bound of [`super::material`] with them: here half of it.
+/// Refuses bonds that an explicit substep cannot carry. They move with the substep whatever the
+/// integrator of the springs, and share the bound of [`super::material`] with them: here half of
+/// it.
 fn check_mass(adhesion: &Adhesion, found_g: f64) -> Result<(), SheetError> {
     let stiffness_un_per_mm = f64::from(adhesion.stiffest_un_per_mm());
     let least_g = 0.5 * SUBSTEP_S * SUBSTEP_S * stiffness_un_per_mm;

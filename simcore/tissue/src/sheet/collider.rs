@@ -1,4 +1,5 @@
-//! Instruments against a sheet: ZCOLL's look, which side the instrument is on, and what its push moves.
+//! Instruments against a sheet: ZCOLL's look, which side the instrument is on, and what its push
+//! moves.
 
 use super::body::SheetBody;
 use super::mesh::SheetMesh;
@@ -34,7 +35,8 @@ pub struct Contact {
     pub friction: Friction,
     /// Pushed nodes become as fast as the tip.
     pub follows_tip: bool,
-    /// An instrument under the sheet lifts it. One that is not lifted is left alone by what is under it.
+    /// An instrument under the sheet lifts it. One that is not lifted is left alone by what is
+    /// under it.
     pub lifts: bool,
     /// Force at which a needle goes through, µN; `None` where needles are somebody else's.
     pub pierce_un: Option<f64>,
@@ -86,7 +88,7 @@ pub struct Pusher<'a> {
 pub struct Pushed {
     /// What the looks found: ahead, and from the handle where the instrument is under the sheet.
     pub found: [Contacts; 2],
-    /// It has just begun to lift so many nodes.
+    /// Nodes that it lifts, where it has just begun to lift.
     pub hooked: Option<usize>,
     /// A needle has gone through against this force, µN.
     pub pierced_un: Option<f64>,
@@ -102,7 +104,8 @@ pub struct Collider {
     contact: Contact,
     /// 1 for each triangle that instruments can meet.
     active: Vec<u8>,
-    /// Numbers from the lowest to the highest of a node that they can meet; most of a sheet that is pinned is outside.
+    /// Numbers from the lowest to the highest of a node that they can meet; most of a sheet that is
+    /// pinned is outside.
     span: Range<usize>,
     /// Nodes moved by the last push.
     moved: Vec<u32>,
@@ -150,7 +153,8 @@ impl Collider {
         self.span = first..state.flag.iter().rposition(|&f| contact.meets(f)).map_or(first, |last| last + 1);
     }
 
-    /// True if the box around the nodes that can be met comes within `reach_mm` of `point`, axis by axis.
+    /// True if the box around the nodes that can be met comes within `reach_mm` of `point`, axis by
+    /// axis.
     pub fn is_near(&self, state: &SheetState, point: &Vector3<f64>, reach_mm: f64) -> bool {
         let (contact, flags) = (self.contact, &state.flag[self.span.clone()]);
         (0..3).all(|axis| {
@@ -161,8 +165,8 @@ impl Collider {
         })
     }
 
-    /// Of the pixels of hook and jaws in which the sheet was passed: does it lie above their middle in most? `None` where
-    /// only shaft was.
+    /// Of the pixels of hook and jaws in which the sheet was passed: does it lie above their middle
+    /// in most? `None` where only shaft was.
     fn above_middle(&self, image: &InstrumentImage) -> Option<bool> {
         let (mut above, mut below) = (0, 0);
         for hit in self.zcoll.hits() {
@@ -177,9 +181,10 @@ impl Collider {
         (above + below > 0).then_some(above > below)
     }
 
-    /// Contact that began on the far side of the instrument came round an edge: the instrument is **under** the sheet until
-    /// it is clear. Where hook or jaws were passed, that is so if most pixels have the sheet above their middle; where only
-    /// shaft was, if the first contact is deeper than the instrument's way since the last look.
+    /// Contact that began on the far side of the instrument came round an edge: the instrument is
+    /// **under** the sheet until it is clear. Where hook or jaws were passed, that is so if most
+    /// pixels have the sheet above their middle; where only shaft was, if the first contact is
+    /// deeper than the instrument's way since the last look.
     fn classify(&self, contact: &mut SheetContact, pusher: &Pusher, found: &Contacts) {
         let touching = found.pixels > 0;
         if !touching {
@@ -250,7 +255,8 @@ impl SheetBody {
         backend::choose_backend(zcoll, wanted, image, &surface, clock)
     }
 
-    /// True if the box around the nodes that can be met comes within `reach_mm` of `point`, axis by axis.
+    /// True if the box around the nodes that can be met comes within `reach_mm` of `point`, axis by
+    /// axis.
     pub fn is_near(&self, state: &SheetState, point: &Vector3<f64>, reach_mm: f64) -> bool {
         self.collider.is_near(state, point, reach_mm)
     }
@@ -266,7 +272,8 @@ impl SheetBody {
         state.contact[instrument] = SheetContact::default();
     }
 
-    /// Pushes an instrument that holds nothing of the sheet into it, or lifts it where the instrument is under it.
+    /// Pushes an instrument that holds nothing of the sheet into it, or lifts it where the
+    /// instrument is under it.
     pub fn push(&mut self, state: &mut SheetState, pusher: &Pusher) -> Pushed {
         let (i, tip) = (pusher.instrument, pusher.eye_from_instrument.translation.vector);
         let mut pushed = Pushed::default();
@@ -325,15 +332,17 @@ impl SheetBody {
         }
     }
 
-    /// True if a fast tip crossed the sheet on its way in this step so far, as the sheet lies now, and went so far beyond it
-    /// that the collision volume no longer holds it. The instrument is then under the sheet.
+    /// True if a fast tip crossed the sheet on its way in this step so far, as the sheet lies now,
+    /// and went so far beyond it that the collision volume no longer holds it. The instrument is
+    /// then under the sheet.
     fn jumped_through(&self, state: &SheetState, pusher: &Pusher) -> bool {
         let (from, to) = (pusher.tip_from_mm, pusher.eye_from_instrument.translation.vector);
         let fast = self.collider.contact.lifts && (to - from).norm() > CHECKED_WAY_MM;
         fast && path_hits(from.into(), to.into(), &self.collider.surface(&self.mesh, state))
     }
 
-    /// True if a needle has gone through the sheet, before or now: then it pushes nothing, and the hole follows its shaft.
+    /// True if a needle has gone through the sheet, before or now: then it pushes nothing, and the
+    /// hole follows its shaft.
     fn pierces(
         &self,
         state: &mut SheetState,
@@ -356,7 +365,8 @@ impl SheetBody {
         if resistance_un <= pierce_un {
             return false;
         }
-        // A look in every substep keeps the sheet just ahead of the tip that presses on it: the tip's point lies there, too.
+        // A look in every substep keeps the sheet just ahead of the tip that presses on it: the
+        // tip's point lies there, too.
         let tip_in_eye_mm = needle.tip_in_eye_mm - needle.axis_in_eye.into_inner() * NEEDLE_OUT_MM;
         let inside = Needle { tip_in_eye_mm, ..*needle };
         let surface = self.collider.surface(&self.mesh, state);
@@ -367,8 +377,8 @@ impl SheetBody {
         true
     }
 
-    /// Force with which the nodes that were passed press back along the shaft, µN. Added up in whole pN, so that the order
-    /// of the nodes does not matter.
+    /// Force with which the nodes that were passed press back along the shaft, µN. Added up in
+    /// whole pN, so that the order of the nodes does not matter.
     fn resistance_un(&self, towards_handle: &UnitVector3<f64>) -> f64 {
         let force = |n: usize| Vector3::from(self.solver.force_un.each_ref().map(|f| f64::from(f[n])));
         let along = |n: usize| (force(n).dot(towards_handle) * 1e6) as i64;
@@ -376,8 +386,8 @@ impl SheetBody {
         sum as f64 * 1e-6
     }
 
-    /// Moves the corners around a hole so that it lies on the needle's shaft; `false` if the needle is out of it, or the
-    /// hole is gone.
+    /// Moves the corners around a hole so that it lies on the needle's shaft; `false` if the needle
+    /// is out of it, or the hole is gone.
     fn drag_hole(&self, state: &mut SheetState, hole: &Pierced, needle: &Needle) -> bool {
         if state.triangle_alive[hole.triangle as usize] == 0 {
             return false;
@@ -406,8 +416,8 @@ impl SheetBody {
 mod tests {
     use super::*;
 
-    /// Coulomb: what sticks goes with the tip, what slides is dragged by its share of the push, and what keeps up is left
-    /// alone.
+    /// Coulomb: what sticks goes with the tip, what slides is dragged by its share of the push, and
+    /// what keeps up is left alone.
     #[test]
     fn friction_drags_no_farther_than_the_tip_and_no_more_than_its_share() {
         let slide = Vector3::new(0.003f32, -0.004, 0.0);

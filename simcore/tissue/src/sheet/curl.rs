@@ -1,7 +1,7 @@
 //! Bending with a natural curvature: what is free of the retina rolls up.
 //!
-//! Every inner edge is a hinge between two triangles. With θ the angle by which the sheet turns there
-//! (positive where the hollow faces the side of the triangles' normals) and ψ = 2 tan(θ/2),
+//! Every inner edge is a hinge between two triangles. With θ the angle by which the sheet turns
+//! there (positive where the hollow faces the side of the triangles' normals) and ψ = 2 tan(θ/2),
 //!
 //! ```text
 //! moment  M = w (ψ − ψ̄)          w = D |e|²/(A₁ + A₂)      D: bending stiffness, µN·mm
@@ -9,19 +9,21 @@
 //! f = −M ∇θ                        ∇θ after Bridson, Marino and Fedkiw (2003), Wardetzky et al. (2007)
 //! ```
 //!
-//! Both factors follow from a sheet z = ½ (κ₁ x² + κ₂ y²) on an equilateral lattice: a hinge whose edge has the
-//! direction t and the normal n turns by θ = (3 κₙₙ − κₜₜ)/2 · d with d = 2 (A₁ + A₂)/(3 |e|), the distance of the
-//! centroids. Summed over the three directions, with H = κ₁ + κ₂ and K = κ₁ κ₂, the energy per area is
-//! ½ D (H² − 8/3 K) − D κ H: Seung and Nelson (1988). A wide sheet cannot curve both ways without stretching, so
-//! K = 0 and it rolls to H = κ. On a lattice of right triangles the same factors give the same roll along its sides.
-//! Narrow strips (against √R (D/Y)^¼, some tenths of a millimetre) and free edges curve both ways, and more.
+//! Both factors follow from a sheet z = ½ (κ₁ x² + κ₂ y²) on an equilateral lattice: a hinge whose
+//! edge has the direction t and the normal n turns by θ = (3 κₙₙ − κₜₜ)/2 · d with d = 2 (A₁ +
+//! A₂)/(3 |e|), the distance of the centroids. Summed over the three directions, with H = κ₁ + κ₂
+//! and K = κ₁ κ₂, the energy per area is ½ D (H² − 8/3 K) − D κ H: Seung and Nelson (1988). A wide
+//! sheet cannot curve both ways without stretching, so K = 0 and it rolls to H = κ. On a lattice of
+//! right triangles the same factors give the same roll along its sides. Narrow strips (against √R
+//! (D/Y)^¼, some tenths of a millimetre) and free edges curve both ways, and more.
 //!
-//! ψ grows without bound as a hinge folds, which keeps it from folding through. Neither angle nor arctangent is
-//! needed: ψ = 2 sin θ/(1 + cos θ).
+//! ψ grows without bound as a hinge folds, which keeps it from folding through. Neither angle nor
+//! arctangent is needed: ψ = 2 sin θ/(1 + cos θ).
 //!
-//! ∇θ grows as one over a triangle's height, so in crumpled tissue, whose triangles have nearly none, a hinge would be
-//! stiffer than any explicit step bears, and feed energy to it for ever. Its stiffness w (1 + ψ²/4) Σ|∇θ|² is held below a
-//! share of m/Δt²: there the hinge turns slower than its material would, and stable.
+//! ∇θ grows as one over a triangle's height, so in crumpled tissue, whose triangles have nearly
+//! none, a hinge would be stiffer than any explicit step bears, and feed energy to it for ever. Its
+//! stiffness w (1 + ψ²/4) Σ|∇θ|² is held below a share of m/Δt²: there the hinge turns slower than
+//! its material would, and stable.
 
 use super::adhesion::{Adhesion, AdhesionState};
 use super::mesh::{NONE, SheetMesh};
@@ -39,11 +41,12 @@ const TINY_MM2: f32 = 1e-7;
 /// 1 + cos θ at and below which a hinge counts as folded flat.
 const FOLDED: f32 = 1e-6;
 
-/// Stiffness of a hinge that is let through, as a share of node mass over the square of a substep. A node belongs to a
-/// dozen hinges.
+/// Stiffness of a hinge that is let through, as a share of node mass over the square of a substep.
+/// A node belongs to a dozen hinges.
 const MAX_STIFFNESS: f64 = 0.1;
 
-/// Blocks that are filled before the first of them is computed: what was just written in small pieces is slow to read in one.
+/// Blocks that are filled before the first of them is computed: what was just written in small
+/// pieces is slow to read in one.
 const GROUP: usize = 4;
 
 /// Hinges of a sheet.
@@ -72,7 +75,8 @@ struct Acting {
     blocks: Vec<Block>,
 }
 
-/// Hinges that are computed together; where the last block is not full, its rest repeats node 0 and is not read.
+/// Hinges that are computed together; where the last block is not full, its rest repeats node 0 and
+/// is not read.
 #[derive(Debug, Clone, Default)]
 struct Block {
     nodes: [[u32; WIDE]; 4],
@@ -96,7 +100,8 @@ pub fn stiffest_un_per_mm(node_mass_g: f64, dt_s: f64) -> f32 {
 }
 
 impl Curl {
-    /// Hinges of `sheet` as it lies at the start; none becomes stiffer than `most_un_per_mm`, see [`stiffest_un_per_mm`].
+    /// Hinges of `sheet` as it lies at the start; none becomes stiffer than `most_un_per_mm`, see
+    /// [`stiffest_un_per_mm`].
     pub fn new(mesh: &SheetMesh, scene: &CurlScene, most_un_per_mm: f32) -> Self {
         let start = mesh.start();
         let inner = |(s, sides): (usize, &[u32; 2])| {
@@ -109,8 +114,8 @@ impl Curl {
         Curl { hinges, isa: Isa::best(), most_un_per_mm, acting, place, pull }
     }
 
-    /// Adds the hinges' forces to `outer_un`. A hinge whose four nodes are all bonded has none: there the adhesion,
-    /// thousands of times stiffer, says where the sheet is.
+    /// Adds the hinges' forces to `outer_un`. A hinge whose four nodes are all bonded has none:
+    /// there the adhesion, thousands of times stiffer, says where the sheet is.
     pub fn bend(
         &mut self,
         membrane: &SheetState,
@@ -136,7 +141,8 @@ impl Curl {
             for (open, block) in open.iter_mut().zip(&mut *blocks) {
                 *open = block.side_by_side.bend(self.isa, &limits);
             }
-            // In the order of the hinges, so that sums do not depend on how many are computed at a time.
+            // In the order of the hinges, so that sums do not depend on how many are computed at a
+            // time.
             for (i, hinge) in hinges.iter().enumerate() {
                 if open[i / WIDE] >> (i % WIDE) & 1 == 1 {
                     hinge.take(&blocks[i / WIDE].side_by_side, i % WIDE, &mut self.pull);
@@ -150,7 +156,8 @@ impl Curl {
         }
     }
 
-    /// Adds a bound of what those forces lose on the way of each node to `un_per_mm`: for integrators that look ahead.
+    /// Adds a bound of what those forces lose on the way of each node to `un_per_mm`: for
+    /// integrators that look ahead.
     pub fn stiffen(
         &mut self,
         membrane: &SheetState,
@@ -223,7 +230,8 @@ impl Block {
         block
     }
 
-    /// Lays the places of the nodes side by side, four hinges at a time, which the compiler turns in registers.
+    /// Lays the places of the nodes side by side, four hinges at a time, which the compiler turns
+    /// in registers.
     fn gather(&mut self, place: &[[f32; 4]]) {
         for (to, nodes) in self.side_by_side.position.iter_mut().zip(&self.nodes) {
             for i in (0..WIDE).step_by(4) {
@@ -279,7 +287,8 @@ impl Hinge {
         Some(gradient.map(|g| g * moment))
     }
 
-    /// Each node's share of the tangent, four times its diagonal: (Σ aᵢ)² ≤ 4 Σ aᵢ², so all four together are never below the hinge.
+    /// Each node's share of the tangent, four times its diagonal: (Σ aᵢ)² ≤ 4 Σ aᵢ², so all four
+    /// together are never below the hinge.
     fn stiffen(&self, membrane: &SheetState, most_un_per_mm: f32, un_per_mm: &mut [f32]) {
         let [p, q, a, b] = self.nodes.map(|n| membrane.position(n as usize));
         let Some((psi, gradient)) = turn(p, q, a, b) else { return };
@@ -294,7 +303,8 @@ impl Hinge {
         self.stiffness * (1.0 + 0.25 * psi * psi)
     }
 
-    /// Share of the moment that is let through, so that the hinge is not stiffer than `most_un_per_mm`.
+    /// Share of the moment that is let through, so that the hinge is not stiffer than
+    /// `most_un_per_mm`.
     fn held(&self, psi: f32, gradient: &[Vector3<f32>; 4], most_un_per_mm: f32) -> f32 {
         let slopes: f32 = gradient.iter().map(Vector3::norm_squared).sum();
         let stiffness = self.tangent(psi) * slopes;
@@ -302,8 +312,8 @@ impl Hinge {
     }
 }
 
-/// ψ of the hinge `p`–`q` with the corners `a` (counter-clockwise p, q, a) and `b`, and the gradient of θ at p, q, a and b,
-/// rad/mm; `None` where a triangle has no area.
+/// ψ of the hinge `p`–`q` with the corners `a` (counter-clockwise p, q, a) and `b`, and the
+/// gradient of θ at p, q, a and b, rad/mm; `None` where a triangle has no area.
 fn turn(
     p: Vector3<f32>,
     q: Vector3<f32>,
@@ -367,7 +377,8 @@ mod tests {
         }
     }
 
-    /// Forces on the nodes of the peeling scene's sheet, crumpled; without an instruction set one hinge after the other, by the definition.
+    /// Forces on the nodes of the peeling scene's sheet, crumpled; without an instruction set one
+    /// hinge after the other, by the definition.
     fn forces(isa: Option<Isa>, seed: u64) -> [Vec<f32>; 3] {
         let scene = SceneFile::load("erm").unwrap();
         let mesh = SheetMesh::new(&scene).unwrap();

@@ -1,5 +1,6 @@
-//! Orders the nodes of a mesh so that neighbours lie near each other in memory (Cuthill and McKee 1969):
-//! breadth first from a node at the far end of the mesh, neighbours with fewer connections first.
+//! Orders the nodes of a mesh so that neighbours lie near each other in memory (Cuthill and McKee
+//! 1969): breadth first from a node at the far end of the mesh, neighbours with fewer connections
+//! first.
 
 /// Neighbours of every node, as a list with starts.
 struct Adjacency {
@@ -27,7 +28,8 @@ impl Adjacency {
         &self.nodes[self.start[node as usize] as usize..self.start[node as usize + 1] as usize]
     }
 
-    /// Appends to `order` what is reachable from `seed` and not yet seen, breadth first; `seen[n] == mark` is seen.
+    /// Appends to `order` what is reachable from `seed` and not yet seen, breadth first; `seen[n]
+    /// == mark` is seen.
     fn walk(&self, seed: u32, mark: u32, seen: &mut [u32], order: &mut Vec<u32>) {
         let mut next = order.len();
         order.push(seed);
@@ -47,7 +49,8 @@ impl Adjacency {
     }
 }
 
-/// Nodes in their new order. Every component of the mesh is walked from the node that a first walk reached last.
+/// Nodes in their new order. Every component of the mesh is walked from the node that a first walk
+/// reached last.
 pub fn cuthill_mckee(nodes: usize, edges: &[[u32; 2]]) -> Vec<u32> {
     let adjacency = Adjacency::new(nodes, edges);
     let (mut seen, mut order, mut trial) = (vec![0u32; nodes], Vec::with_capacity(nodes), Vec::new());

@@ -1,4 +1,5 @@
-//! What a vitrector's port does to a sheet, membrane or retina: it draws what its camera sees, and takes what is in it.
+//! What a vitrector's port does to a sheet, membrane or retina: it draws what its camera sees, and
+//! takes what is in it.
 
 use super::mesh::SheetMesh;
 use super::state::SheetState;
@@ -17,7 +18,8 @@ pub struct SheetCutter {
     view: SuctionCone,
     /// Area of each triangle at rest, µm², rounded.
     rest_um2: Vec<u32>,
-    /// Area at rest of the triangles seen around each node, thirds added up, mm²; all 0 between two looks.
+    /// Area at rest of the triangles seen around each node, thirds added up, mm²; all 0 between two
+    /// looks.
     share_mm2: Vec<f64>,
     nodes: Vec<u32>,
     /// Triangles in the port.
@@ -28,6 +30,9 @@ pub struct SheetCutter {
 
 impl SheetCutter {
     /// For a sheet.
+    ///
+    /// # Errors
+    /// If the camera cannot draw the mesh.
     pub fn new(vitrector: &VitrectorScene, mesh: &SheetMesh) -> Result<Self, CollisionError> {
         let start = mesh.start();
         let area_um2 = |t: &[u32; 3]| {
@@ -55,16 +60,17 @@ impl SheetCutter {
     }
 
     /// Draws the image of the port of an instrument; `false` where it sees nothing.
-    pub fn look(&mut self, eye_from_instrument: &Isometry3<f64>, surface: &Surface) -> bool {
+    pub fn render(&mut self, eye_from_instrument: &Isometry3<f64>, surface: &Surface) -> bool {
         self.camera.render(&eye_from_instrument.inverse(), &self.view, surface).pixels > 0
     }
 
-    /// Triangles that the last look saw.
+    /// Triangles that the last image saw.
     pub fn seen(&self) -> &[u32] {
         self.camera.triangles()
     }
 
-    /// Adds to `outer_un` what an open port draws of its last look: on each node the pressure at its distance on its share of the area.
+    /// Adds to `outer_un` what an open port draws of its last image: on each node the pressure at
+    /// its distance on its share of the area.
     pub fn suck(&mut self, port: &Port, mesh: &SheetMesh, state: &SheetState, outer_un: &mut [Vec<f32>; 3]) {
         for &t in self.camera.triangles() {
             let third = f64::from(self.rest_um2[t as usize]) * (1e-6 / 3.0);
@@ -87,8 +93,8 @@ impl SheetCutter {
         }
     }
 
-    /// The blade of instrument `i` takes every triangle that its port saw within itself, and every one seen that has a corner there. Returns
-    /// whether anything went.
+    /// The blade of instrument `i` takes every triangle that its port saw within itself, and every
+    /// one seen that has a corner there. Returns whether anything went.
     pub fn cut(&mut self, port: &Port, mesh: &SheetMesh, state: &mut SheetState, i: usize) -> bool {
         self.catch(port, mesh, state);
         let before = state.removed.area_um2;

@@ -1,14 +1,16 @@
 //! Makes a sheet of any manifold triangle mesh, or says which element forbids it.
 //!
-//! Structural springs are the edges; a bending spring joins the two vertices opposite each interior edge. Nodes are
-//! numbered anew for locality ([`super::cuthill_mckee`]); [`SheetMesh::order`] keeps who is who.
+//! Structural springs are the edges; a bending spring joins the two vertices opposite each interior
+//! edge. Nodes are numbered anew for locality ([`super::cuthill_mckee`]); [`SheetMesh::order`]
+//! keeps who is who.
 
 use super::cuthill_mckee::cuthill_mckee;
 use super::mesh::{Bend, NONE, SheetMesh};
 use nalgebra::Vector3;
 use scene::{MeshScene, Pinned};
 
-/// Shortest edge and smallest triangle height that still has a direction in single precision, mm: 1 nm.
+/// Shortest edge and smallest triangle height that still has a direction in single precision, mm: 1
+/// nm.
 const SMALLEST_MM: f64 = 1e-6;
 
 /// Why a mesh cannot be a sheet. Nodes and triangles are numbered as the caller numbers them.
@@ -60,9 +62,12 @@ struct Edge {
 }
 
 impl SheetMesh {
-    /// A sheet of springs on any manifold mesh of consistently wound triangles. `pinned` nodes are held where they are.
-    /// Positions are in the eye frame, mm. The sheet numbers nodes, and sorts triangles, in an order of its own: the
-    /// caller's node `i` is node [`SheetMesh::order`]`[i]`.
+    /// A sheet of springs on any manifold mesh of consistently wound triangles. `pinned` nodes are
+    /// held where they are. Positions are in the eye frame, mm. The sheet numbers nodes, and sorts
+    /// triangles, in an order of its own: the caller's node `i` is node [`SheetMesh::order`]`[i]`.
+    ///
+    /// # Errors
+    /// With the element that forbids it.
     pub fn from_triangles(
         positions_mm: &[[f32; 3]],
         triangles: &[[u32; 3]],
@@ -79,7 +84,8 @@ impl SheetMesh {
         Ok(sheet)
     }
 
-    /// The sheet of a scene's own mesh, turned so that its front looks into the eye, held by its edge or by nothing.
+    /// The sheet of a scene's own mesh, turned so that its front looks into the eye, held by its
+    /// edge or by nothing.
     pub(super) fn of_mesh(mesh: &MeshScene) -> Result<SheetMesh, MeshError> {
         let positions = &mesh.positions_mm;
         check_nodes(positions, &mesh.triangles, &[])?;
@@ -119,8 +125,8 @@ impl SheetMesh {
         sheet.triangle_springs = springs_of(&edges, sheet.triangles.len());
         for edge in edges.iter().filter(|e| e.triangles[1] != NONE) {
             let [p, q] = edge.opposite;
-            // Two triangles over the same three nodes were refused, but a closed mesh of four nodes has opposite
-            // vertices that an edge joins already; a second spring there does no harm.
+            // Two triangles over the same three nodes were refused, but a closed mesh of four nodes
+            // has opposite vertices that an edge joins already; a second spring there does no harm.
             sheet.springs.push([p.min(q), p.max(q)]);
             sheet.bends.push(Bend::Hinge(edge.triangles));
         }
@@ -142,8 +148,12 @@ impl SheetMesh {
         Ok(())
     }
 
-    /// Stiffness and damping of each spring as factors on those of the tissue (1 where nothing is said): structural
-    /// springs first, then bending springs, in the order of [`SheetMesh::springs`].
+    /// Stiffness and damping of each spring as factors on those of the tissue (1 where nothing is
+    /// said): structural springs first, then bending springs, in the order of
+    /// [`SheetMesh::springs`].
+    ///
+    /// # Errors
+    /// If a list has another length, or a factor is negative or not finite.
     pub fn with_factors(mut self, stiffness: &[f32], damping: &[f32]) -> Result<SheetMesh, MeshError> {
         let (expected, lists) = (self.springs.len(), [("stiffness", stiffness), ("damping", damping)]);
         for (what, list) in lists {
@@ -212,7 +222,8 @@ fn check_areas(positions_mm: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<(), 
 
 /// Edges in order of their nodes, lower node first.
 fn edges_of(triangles: &[[u32; 3]]) -> Result<Vec<Edge>, MeshError> {
-    // Per half-edge: ends in order, triangle, opposite vertex, whether it runs from the lower node to the higher.
+    // Per half-edge: ends in order, triangle, opposite vertex, whether it runs from the lower node
+    // to the higher.
     let mut halves: Vec<([u32; 2], u32, u32, bool)> = Vec::with_capacity(3 * triangles.len());
     for (t, &[a, b, c]) in triangles.iter().enumerate() {
         for (from, to, opposite) in [(a, b, c), (b, c, a), (c, a, b)] {

@@ -1,7 +1,9 @@
-//! Forceps: closing jaws bind the nodes near the tip, opening jaws let them go, and a grip that is pulled
-//! too hard slips (paper, section 3.3.1). Bound nodes live in the instrument's frame: they follow the tip, no
-//! deeper than the choroid, and the force of the tissue on them is what the jaws feel.
+//! Forceps: closing jaws bind the nodes near the tip, opening jaws let them go, and a grip that is
+//! pulled too hard slips (paper, section 3.3.1). Bound nodes live in the instrument's frame: they
+//! follow the tip, no deeper than the choroid, and the force of the tissue on them is what the jaws
+//! feel.
 
+use super::body::SheetBody;
 use super::state::{HeldNode, SheetState};
 use crate::constants::{MAX_HELD, SUBSTEP_S};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -34,8 +36,9 @@ pub fn has_jaws(tool: u32) -> bool {
     tool == Tool::Forceps as u32
 }
 
-/// Binds the free nodes within `reach_mm` of the tip of an instrument; returns how many it holds now.
-pub fn bind(
+/// Binds the free nodes within `reach_mm` of the tip of an instrument; returns how many it holds
+/// now.
+fn bind(
     sheet: &mut SheetState,
     instrument: usize,
     eye_from_instrument: &Isometry3<f64>,
@@ -56,8 +59,9 @@ pub fn bind(
     sheet.held[instrument].len()
 }
 
-/// Lets every node that an instrument holds go, at rest and before the choroid of radius `radius_mm`; returns how many.
-pub fn release(sheet: &mut SheetState, instrument: usize, radius_mm: f32) -> usize {
+/// Lets every node that an instrument holds go, at rest and before the choroid of radius
+/// `radius_mm`; returns how many.
+fn release(sheet: &mut SheetState, instrument: usize, radius_mm: f32) -> usize {
     let count = sheet.held[instrument].len();
     for k in 0..count {
         let node = sheet.held[instrument][k].node as usize;
@@ -74,14 +78,9 @@ pub fn release(sheet: &mut SheetState, instrument: usize, radius_mm: f32) -> usi
     count
 }
 
-/// Moves what an instrument holds with it, no deeper than the choroid of radius `radius_mm`; its velocity is what that makes
-/// of it over a substep.
-pub fn carry(
-    sheet: &mut SheetState,
-    instrument: usize,
-    eye_from_instrument: &Isometry3<f64>,
-    radius_mm: f32,
-) {
+/// Moves what an instrument holds with it, no deeper than the choroid of radius `radius_mm`; its
+/// velocity is what that makes of it over a substep.
+fn carry(sheet: &mut SheetState, instrument: usize, eye_from_instrument: &Isometry3<f64>, radius_mm: f32) {
     let radius_mm = f64::from(radius_mm);
     for k in 0..sheet.held[instrument].len() {
         let held = sheet.held[instrument][k];
@@ -96,10 +95,48 @@ pub fn carry(
 }
 
 /// Forgets held nodes that were torn away; `true` if any was.
-pub fn drop_dead(held: &mut Vec<HeldNode>, flag: &[u32]) -> bool {
+pub(super) fn drop_dead(held: &mut Vec<HeldNode>, flag: &[u32]) -> bool {
     let before = held.len();
     held.retain(|h| flag[h.node as usize] != NODE_DEAD);
     held.len() < before
+}
+
+impl SheetBody {
+    /// Moves what instrument `i` holds with it.
+    pub fn carry(&self, state: &mut SheetState, i: usize, eye_from_instrument: &Isometry3<f64>) {
+        carry(state, i, eye_from_instrument, self.material.radius_mm);
+    }
+
+    /// Binds the free nodes within `reach_mm` of the tip of instrument `i`; returns how many it
+    /// holds now.
+    pub fn grab(
+        &mut self,
+        state: &mut SheetState,
+        i: usize,
+        eye_from_instrument: &Isometry3<f64>,
+        reach_mm: f64,
+    ) -> usize {
+        let held = bind(state, i, eye_from_instrument, reach_mm);
+        if held > 0 {
+            self.refresh(state);
+        }
+        held
+    }
+
+    /// Lets go of everything that instrument `i` holds; returns how many nodes that was.
+    pub fn let_go(&mut self, state: &mut SheetState, i: usize) -> usize {
+        let released = release(state, i, self.material.radius_mm);
+        if released > 0 {
+            self.refresh(state);
+        }
+        released
+    }
+
+    /// Force of the tissue on what instrument `i` holds, µN.
+    pub fn pull_un(&self, state: &SheetState, i: usize) -> f64 {
+        let force = |n: u32| Vector3::from(self.solver.force_un.each_ref().map(|f| f64::from(f[n as usize])));
+        state.held[i].iter().map(|h| force(h.node)).fold(Vector3::zeros(), |sum, f| sum + f).norm()
+    }
 }
 
 #[cfg(test)]

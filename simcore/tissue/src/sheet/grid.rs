@@ -1,5 +1,6 @@
-//! The sheet of a scene: nodes in rows on the retina, its middle lifted, joined by structural springs
-//! (along rows, columns and one diagonal of each square) and bending springs over two squares.
+//! The sheet of a scene: nodes in rows on the retina, its middle lifted, joined by structural
+//! springs (along rows, columns and one diagonal of each square) and bending springs over two
+//! squares.
 
 use super::from_triangles::MeshError;
 use super::mesh::{Bend, SheetMesh};
@@ -37,7 +38,11 @@ impl Grid {
 }
 
 impl SheetMesh {
-    /// The sheet of a scene; without nodes where the scene has no membrane. A mesh of the scene's own may be refused.
+    /// The sheet of a scene; without nodes where the scene has no membrane. A mesh of the scene's
+    /// own may be refused.
+    ///
+    /// # Errors
+    /// If the scene's own mesh cannot be a sheet.
     pub fn new(scene: &SceneFile) -> Result<Self, MeshError> {
         let Some(membrane) = &scene.membrane else { return Ok(Self::default()) };
         match &membrane.mesh {
@@ -108,8 +113,8 @@ impl SheetMesh {
 }
 
 /// Nodes by rows: distances from the middle are kept along the retina (azimuthal equidistant), and
-/// the height over the retina is `lift`·(1 − u²)(1 − v²) with u and v from −1 to 1 over the sheet; with a loose edge u runs from −1
-/// to 0, so that the sheet is highest there.
+/// the height over the retina is `lift`·(1 − u²)(1 − v²) with u and v from −1 to 1 over the sheet;
+/// with a loose edge u runs from −1 to 0, so that the sheet is highest there.
 fn start_positions(m: &MembraneScene, radius: f64, g: Grid) -> [Vec<f32>; 3] {
     let towards = Vector3::from(m.towards_in_eye).normalize();
     // Any direction that is not parallel to `towards` gives the first axis of the sheet.

@@ -1,7 +1,8 @@
-//! The chokepoint for bad numbers. A node whose position, velocity or acceleration is not finite, or beyond
-//! what an eye can hold ([`RUNAWAY_MM`], [`RUNAWAY_MM_S`]; so is its energy bounded), is put back where it last was good and taken out with its triangles; the rest goes on. Accelerations
-//! are looked at before they move anything, so that a bad number stays in one node and does not
-//! run through the sheet with the next substeps.
+//! The chokepoint for bad numbers. A node whose position, velocity or acceleration is not finite,
+//! or beyond what an eye can hold ([`RUNAWAY_MM`], [`RUNAWAY_MM_S`]; so is its energy bounded), is
+//! put back where it last was good and taken out with its triangles; the rest goes on.
+//! Accelerations are looked at before they move anything, so that a bad number stays in one node
+//! and does not run through the sheet with the next substeps.
 
 use crate::constants::{RUNAWAY_MM, RUNAWAY_MM_S};
 use crate::sheet::mesh::SheetMesh;
@@ -48,8 +49,8 @@ fn is_sane(state: &SheetState, node: usize) -> bool {
         && squares(&state.velocity_mm_s) <= RUNAWAY_MM_S * RUNAWAY_MM_S
 }
 
-/// True if everything is finite and nothing has run away. Counting keeps the loop free of branches; every comparison with
-/// what is not a number is false.
+/// True if everything is finite and nothing has run away. Counting keeps the loop free of branches;
+/// every comparison with what is not a number is false.
 pub fn all_finite(state: &SheetState) -> bool {
     let n = state.nodes();
     let ([x, y, z], [u, v, w]) = (&state.position_mm, &state.velocity_mm_s);
@@ -80,9 +81,9 @@ pub fn disable_bad_nodes(
     }
 }
 
-/// Contains a substep with accelerations that are not finite: nodes with bad numbers of their own are the
-/// culprits; only where there are none (their neighbours' forces overflowed) are the nodes themselves
-/// disabled. Every node concerned sits this substep out.
+/// Contains a substep with accelerations that are not finite: nodes with bad numbers of their own
+/// are the culprits; only where there are none (their neighbours' forces overflowed) are the nodes
+/// themselves disabled. Every node concerned sits this substep out.
 pub fn contain(
     mesh: &SheetMesh,
     state: &mut SheetState,

@@ -1,16 +1,19 @@
-//! The sheet under the integrators of [`crate::elements`]: for tissue of published stiffness and real mass,
-//! where an explicit substep would have to be a hundred times shorter.
+//! The sheet under the integrators of [`crate::elements`]: for tissue of published stiffness and
+//! real mass, where an explicit substep would have to be a hundred times shorter.
 //!
 //! It takes the place of [`Solver::integrate`]: forces, tensions and alarms still come from
-//! [`Solver::accelerate`], so tearing by tension, the rim's and the jaws' forces work as with explicit
-//! springs. Of the limits, v_max holds; a_max and with it the rule of p_tear do not: the acceleration
-//! of a stiff node at the begin of a substep says nothing about where it comes to rest.
+//! [`Solver::accelerate`], so tearing by tension, the rim's and the jaws' forces work as with
+//! explicit springs. Of the limits, v_max holds; a_max and with it the rule of p_tear do not: the
+//! acceleration of a stiff node at the begin of a substep says nothing about where it comes to
+//! rest.
 //!
-//! A scene may ask for a continuum in place of the springs (`membrane.elements`): then structural springs only damp, triangles of
-//! [`crate::elements::triangle`] carry the sheet, and [`Implicit::bear`] adds their forces to those that pins and jaws must bear. Such a sheet
-//! tears where a triangle's larger tension passes the limit.
+//! A scene may ask for a continuum in place of the springs (`membrane.elements`): then structural
+//! springs only damp, triangles of [`crate::elements::triangle`] carry the sheet, and
+//! [`Implicit::bear`] adds their forces to those that pins and jaws must bear. Such a sheet tears
+//! where a triangle's larger tension passes the limit.
 //!
-//! Inside, numbers are f64; the state keeps f32. Nothing allocates after the first substep at full size.
+//! Inside, numbers are f64; the state keeps f32. Nothing allocates after the first substep at full
+//! size.
 
 use super::mesh::SheetMesh;
 use super::solver::{Material, Solver};
@@ -28,7 +31,7 @@ use scene::MembraneIntegrator;
 /// A substep of a scene: one linearised step, solved to a thousandth.
 const STEP: Settings =
     Settings { newton: 1, share: 1e-6, conjugate: Limits { iterations: 200, share: 1e-3 } };
-/// A quasi-static substep: towards the balance of forces, as far as so many corrections lead.
+/// A quasi-static substep: towards the balance of forces, with a bounded number of corrections.
 const BALANCE: Settings =
     Settings { newton: 8, share: 1e-4, conjugate: Limits { iterations: 200, share: 1e-2 } };
 
@@ -45,7 +48,7 @@ pub struct Implicit {
     /// Forces of the elements, µN.
     borne_un: Vec<Point>,
     /// Triangles beyond the limit of tearing.
-    rent: Vec<usize>,
+    torn: Vec<usize>,
     integrator: Integrator,
     /// Forces that are but rounding are no reason to move.
     leaves_rounding: bool,
@@ -78,7 +81,7 @@ impl Implicit {
             elastic: Both(springs, Both(triangles, Anchors::none(mesh.nodes()))),
             stiffness_un_per_mm: 0.0,
             borne_un: vec![Point::zeros(); if material.elements.is_some() { mesh.nodes() } else { 0 }],
-            rent: Vec::with_capacity(if material.elements.is_some() { mesh.triangles.len() } else { 0 }),
+            torn: Vec::with_capacity(if material.elements.is_some() { mesh.triangles.len() } else { 0 }),
             integrator: Integrator::default(),
             leaves_rounding: false,
         }
@@ -108,7 +111,8 @@ impl Implicit {
         self.stiffness_un_per_mm = self.stiffness_un_per_mm(mesh, material);
     }
 
-    /// What a change of 1 mm of the length of each element does, as a norm of the forces on the nodes, µN/mm.
+    /// What a change of 1 mm of the length of each element does, as a norm of the forces on the
+    /// nodes, µN/mm.
     fn stiffness_un_per_mm(&self, mesh: &SheetMesh, material: &Material) -> f64 {
         let springs = self.elastic.0.springs().iter().map(|s| s.stiffness_un_per_mm.powi(2));
         // A triangle resists along each of its edges as its plate does, roughly.
@@ -129,7 +133,8 @@ impl Implicit {
         effort
     }
 
-    /// Adds the elements' forces on every node to those of the solver, and looks for [triangles to tear](Self::rent).
+    /// Adds the elements' forces on every node to those of the solver, and looks for [triangles to
+    /// tear](Self::torn).
     pub fn bear(&mut self, state: &SheetState, solver: &mut Solver, material: &Material) {
         if self.borne_un.is_empty() {
             return;
@@ -143,16 +148,16 @@ impl Implicit {
         }
         let limit = f64::from(material.tear_un_per_mm);
         let beyond = |t: &usize| triangles.tensions_un_per_mm(*t, x)[0] > limit;
-        self.rent.clear();
+        self.torn.clear();
         if limit.is_finite() {
             let alive = state.triangle_alive.iter().enumerate().filter(|(_, alive)| **alive != 0);
-            self.rent.extend(alive.map(|(t, _)| t).filter(beyond));
+            self.torn.extend(alive.map(|(t, _)| t).filter(beyond));
         }
     }
 
     /// Triangles whose larger tension passed the limit of tearing at the last [`Self::bear`].
-    pub fn rent(&self) -> &[usize] {
-        &self.rent
+    pub fn torn(&self) -> &[usize] {
+        &self.torn
     }
 
     fn read(&mut self, state: &SheetState, solver: &Solver) {
@@ -165,8 +170,8 @@ impl Implicit {
         }
     }
 
-    /// Lets the outer forces grow from where the nodes are now, and says which forces are but rounding of that: the state holds
-    /// places in f32.
+    /// Lets the outer forces grow from where the nodes are now, and says which forces are but
+    /// rounding of that: the state holds places in f32.
     fn anchor(&mut self, solver: &Solver) {
         let anchors = &mut self.elastic.1.1;
         anchors.place_mm.copy_from_slice(&self.nodes.x_mm);
@@ -221,8 +226,8 @@ mod tests {
     use nalgebra::Vector3;
     use scene::SceneFile;
 
-    /// The shipped sheet with published stiffness (2 N/m) and the mass of real tissue: 10 µm of water
-    /// under 29 mm², shared by 546 nodes.
+    /// The shipped sheet with published stiffness (2 N/m) and the mass of real tissue: 10 µm of
+    /// water under 29 mm², shared by 546 nodes.
     fn stiff(choice: MembraneIntegrator) -> (SheetMesh, SheetState, Solver, Material, Implicit) {
         let mut scene = SceneFile::load("peel").unwrap();
         let membrane = scene.membrane.as_mut().unwrap();
@@ -322,8 +327,9 @@ mod tests {
         }
     }
 
-    /// A sheet of 4 × 4 mm drawn out by e while its breadth is held bears E t e/(1 − ν²) per breadth, and ν of that across (textbook, plane stress);
-    /// its pins bear the same, and nothing is left inside.
+    /// A sheet of 4 × 4 mm drawn out by e while its breadth is held bears E t e/(1 − ν²) per
+    /// breadth, and ν of that across (textbook, plane stress); its pins bear the same, and nothing
+    /// is left inside.
     #[test]
     fn a_continuum_bears_hookes_tension_and_its_pins_tell() {
         let (n, e, young, poisson) = (8usize, 1e-3f32, 2000.0, 0.3);
@@ -360,9 +366,9 @@ mod tests {
         assert!((along / hooke - 1.0).abs() < 0.003, "{along} {hooke}");
         assert!((across / (poisson * hooke) - 1.0).abs() < 0.003, "{across} {}", poisson * hooke);
         assert!(inside < 0.02, "{inside}");
-        assert!(implicit.rent().is_empty());
+        assert!(implicit.torn().is_empty());
         let weak = Material { tear_un_per_mm: (0.9 * hooke / 4.0) as f32, ..material };
         implicit.bear(&state, &mut solver, &weak);
-        assert_eq!(implicit.rent().len(), triangles.len(), "all are as taut as each other");
+        assert_eq!(implicit.torn().len(), triangles.len(), "all are as taut as each other");
     }
 }

@@ -1,7 +1,8 @@
 //! Figures of the tissue as the solver needs them, and how small its steps must be.
 //!
-//! Let λ and δ be the largest eigenvalues of stiffness and damping over mass. Gershgorin's circles bound them by
-//! λ ≤ 2Σk/m and δ ≤ 2Σc/m + g, Σ over the springs of a node, largest over the nodes. A step dt is stable while
+//! Let λ and δ be the largest eigenvalues of stiffness and damping over mass. Gershgorin's circles
+//! bound them by λ ≤ 2Σk/m and δ ≤ 2Σc/m + g, Σ over the springs of a node, largest over the nodes.
+//! A step dt is stable while
 //!
 //! ```text
 //! semi-implicit   dt²·λ + 2·dt·δ < 4
@@ -9,9 +10,10 @@
 //! explicit        dt < β + g/λ,  dt·τ λ < g  and  dt·δ < 2        β: smallest c/k of a spring
 //! ```
 //!
-//! The last line follows from the roots of z² − (2 − δ dt) z + 1 − δ dt + λ dt² for every mode with δ ≥ β λ + g: explicit
-//! Euler feeds energy into what is not damped. A taut spring holds its ends across its direction, too, by k ε/(1 + ε) at the strain ε,
-//! and there only the fluid damps: τ is that share at the strain at which springs tear or are limited, at most [`TAUT_STRAIN`].
+//! The last line follows from the roots of z² − (2 − δ dt) z + 1 − δ dt + λ dt² for every mode with
+//! δ ≥ β λ + g: explicit Euler feeds energy into what is not damped. A taut spring holds its ends
+//! across its direction, too, by k ε/(1 + ε) at the strain ε, and there only the fluid damps: τ is
+//! that share at the strain at which springs tear or are limited, at most [`TAUT_STRAIN`].
 
 use super::mesh::SheetMesh;
 use crate::constants::{MAX_SPLITS, SUBSTEP_S};
@@ -19,13 +21,15 @@ use crate::elements::law::PlaneLaw;
 use crate::sheet::state::SheetState;
 use scene::{ElementsLaw, ElementsScene, MembraneIntegrator, MembraneScene, RetinaScene, SceneFile};
 
-/// Largest strain for which explicit Euler is kept stable across taut springs: beyond twice its length no tissue holds.
+/// Largest strain for which explicit Euler is kept stable across taut springs: beyond twice its
+/// length no tissue holds.
 const TAUT_STRAIN: f64 = 1.0;
 
 /// Figures of the tissue as the solver needs them.
 #[derive(Debug, Clone, Copy)]
 pub struct Material {
-    /// Time that one call of the integrator advances, s: a substep, or a share of it where that would be unstable.
+    /// Time that one call of the integrator advances, s: a substep, or a share of it where that
+    /// would be unstable.
     pub dt_s: f32,
     /// 1/g.
     pub inverse_mass: f32,
@@ -41,7 +45,8 @@ pub struct Material {
     pub radius_mm: f32,
     /// The old velocity moves the nodes.
     pub explicit: bool,
-    /// A node's velocity outlives the substep; not where substeps seek a balance, nor in the paper's quasi-static system.
+    /// A node's velocity outlives the substep; not where substeps seek a balance, nor in the
+    /// paper's quasi-static system.
     pub keeps_velocity: bool,
     /// Strain over which springs are drawn together again; 0 for no limit.
     pub strain_limit: f32,
@@ -49,7 +54,8 @@ pub struct Material {
     pub yield_strain: f32,
     /// Share of the strain beyond the yield by which the rest length follows, 1/s.
     pub creep_per_s: f32,
-    /// Of structural springs, µN/mm; where elements carry the sheet it only tells how bending springs are damped.
+    /// Of structural springs, µN/mm; where elements carry the sheet it only sets how bending
+    /// springs are damped.
     pub(super) stiffness: f32,
     /// The law of the elements that carry the sheet in place of its structural springs.
     pub(super) elements: Option<PlaneLaw>,
@@ -170,7 +176,11 @@ impl Material {
         (stiffness * factor(&mesh.stiffness_factor, s), damping)
     }
 
-    /// Splits the substep into as many equal parts as the stability of Euler's methods needs; returns how many.
+    /// Splits the substep into as many equal parts as the stability of Euler's methods needs;
+    /// returns how many.
+    ///
+    /// # Errors
+    /// If more parts than [`MAX_SPLITS`] would be needed.
     pub fn split(&mut self, mesh: &SheetMesh) -> Result<u32, Unstable> {
         let bound = Bound::new(self, mesh);
         let parts = (1..=MAX_SPLITS).find(|&parts| bound.holds(self, SUBSTEP_S / f64::from(parts)));
@@ -190,7 +200,8 @@ fn factor(list: &[f32], spring: usize) -> f32 {
     list.get(spring).copied().unwrap_or(1.0)
 }
 
-/// The law of a scene's elements. Of an incompressible sheet Young's modulus is three times the shear modulus.
+/// The law of a scene's elements. Of an incompressible sheet Young's modulus is three times the
+/// shear modulus.
 fn plane_law(elements: ElementsScene) -> PlaneLaw {
     let young_un_per_mm = elements.young_un_per_mm;
     match elements.law {
@@ -277,7 +288,8 @@ mod tests {
                 (m.spring_damping_un_s_per_mm, m.fluid_damping_per_s) = (0.0, 0.0);
             })
         };
-        // Six springs a node: λ = 12 k/m, dt = 2/√λ, so that 1 ms takes √(3 k/m)·1 ms parts, rounded up.
+        // Six springs a node: λ = 12 k/m, dt = 2/√λ, so that 1 ms takes √(3 k/m)·1 ms parts,
+        // rounded up.
         for (stiffness, parts) in [(3e3, 1), (4e4, 4), (1e6, 18)] {
             let (mesh, mut material) = undamped(stiffness);
             assert_eq!(material.split(&mesh).unwrap(), parts, "{stiffness}");
@@ -298,7 +310,8 @@ mod tests {
         assert!(material.split(&mesh).unwrap() > 1, "0.375 ms of damping do not carry 1 ms");
     }
 
-    /// A sheet drawn out by a half swings across its springs, which damp nothing there: the bound keeps explicit Euler from feeding that.
+    /// A sheet drawn out by a half swings across its springs, which damp nothing there: the bound
+    /// keeps explicit Euler from feeding that.
     #[test]
     fn explicit_euler_keeps_a_taut_sheet_calm() {
         let (mesh, mut material) = peel(|m| {
@@ -324,7 +337,8 @@ mod tests {
         assert!(swing(&material) < 1e-2 * swing(&coarse), "{} {}", swing(&material), swing(&coarse));
     }
 
-    /// Energy of a crumpled sheet after many steps of a share of the substep that the bound allows just so.
+    /// Energy of a crumpled sheet after many steps of a share of the substep that the bound allows
+    /// just so.
     #[test]
     fn what_the_bound_allows_stays_bounded() {
         for integrator in [MembraneIntegrator::SemiImplicit, MembraneIntegrator::Explicit] {

@@ -1,5 +1,5 @@
-//! The sheet: nodes joined by structural springs (the edges of its triangles) and bending springs. Scenes have a
-//! regular one (`grid`), any other manifold mesh will do ([`super::from_triangles`]).
+//! The sheet: nodes joined by structural springs (the edges of its triangles) and bending springs.
+//! Scenes have a regular one (`grid`), any other manifold mesh will do ([`super::from_triangles`]).
 
 use super::simd::rsqrt;
 use crate::constants::MAX_HELD;
@@ -109,7 +109,8 @@ impl SheetMesh {
         length2 * rsqrt(length2)
     }
 
-    /// Derives what follows from nodes, springs and triangles: rest lengths, triangles around springs and nodes.
+    /// Derives what follows from nodes, springs and triangles: rest lengths, triangles around
+    /// springs and nodes.
     pub(super) fn index(&mut self) {
         self.rest_mm = self.springs.iter().map(|&s| self.distance(s)).collect();
         self.spring_triangles = vec![[NONE; 2]; self.structural];

@@ -1,14 +1,17 @@
-//! Sixteen numbers at a time: what the spring kernel needs of a processor, and the choice between AVX-512, AVX2 and
-//! plain code at run time.
+//! Sixteen numbers at a time: what the spring kernel needs of a processor, and the choice between
+//! AVX-512, AVX2 and plain code at run time.
 //!
-//! Every path does the same additions, multiplications and comparisons in the same order and fuses nothing, so that all
-//! give the same bits. The springs take no square root and no division: [`rsqrt`] starts from the bits of its argument and takes
-//! three Newton steps, which costs a third of what the two instructions do.
+//! Every path does the same additions, multiplications and comparisons in the same order and fuses
+//! nothing, so that all give the same bits. The springs take no square root and no division:
+//! [`rsqrt`] starts from the bits of its argument and takes three Newton steps, which costs a third
+//! of what the two instructions do.
 //!
-//! Memory order within a block of sixteen: item `n` lies at [`lane_index`]`(n)`, so that registers of four quads are
-//! stored as they come out of a 4×4 transposition. This is the one folder of the simulation with `unsafe`.
+//! Memory order within a block of sixteen: item `n` lies at [`lane_index`]`(n)`, so that registers
+//! of four quads are stored as they come out of a 4×4 transposition. This is the one folder of the
+//! simulation with `unsafe`.
 #![allow(unsafe_code)]
-// The trait states once what holds for each of its methods; lanes are numbers, not items of one list.
+// The trait states once what holds for each of its methods; lanes are numbers, not items of one
+// list.
 #![allow(clippy::missing_safety_doc, clippy::needless_range_loop)]
 
 pub mod aligned;
@@ -39,11 +42,13 @@ pub const fn lane_index(n: usize) -> usize {
     (n & !15) | ((n & 3) << 2) | ((n >> 2) & 3)
 }
 
-/// Constants of [`rsqrt`]: the bits from which half those of x are taken, the first step's two, the second step's two. The first three are those
-/// of Kadlec (2010), with a relative error below 7·10⁻⁴ after the first step; the second is Newton's.
+/// Constants of [`rsqrt`]: the bits from which half those of x are taken, the first step's two, the
+/// second step's two. The first three are those of Kadlec (2010), with a relative error below
+/// 7·10⁻⁴ after the first step; the second is Newton's.
 const ROOT: [f32; 5] = [f32::from_bits(0x5f1f_fff9), 0.703_952_25, 0.703_952_25 * 2.389_244_6, 0.5, 1.5];
 
-/// 1/√x for x > 0 and finite, relative error below 8·10⁻⁷. The vectors of every path repeat exactly these operations.
+/// 1/√x for x > 0 and finite, relative error below 8·10⁻⁷. The vectors of every path repeat exactly
+/// these operations.
 #[inline(always)]
 pub fn rsqrt(x: f32) -> f32 {
     let [guess, first, second, half, newton] = ROOT;
@@ -55,8 +60,9 @@ pub fn rsqrt(x: f32) -> f32 {
 /// Sixteen `f32` and what the kernel does with them.
 ///
 /// # Safety
-/// Every method may be called only where the processor has the instructions of the type; pointers must be valid for
-/// what the method says that it reads or writes, without any alignment beyond that of `f32` and `u32`.
+/// Every method may be called only where the processor has the instructions of the type; pointers
+/// must be valid for what the method says that it reads or writes, without any alignment beyond
+/// that of `f32` and `u32`.
 pub unsafe trait Lanes {
     /// The sixteen numbers.
     type V: Copy;
@@ -94,8 +100,8 @@ pub unsafe trait Lanes {
     type Index: Copy;
     /// Reads sixteen of them.
     unsafe fn index(from: *const u8) -> Self::Index;
-    /// For each lane the number of that index: 0 to 15 of the block at `first`, 16 to 31 of the block at `second`, and 0 where it is
-    /// [`ABSENT`].
+    /// For each lane the number of that index: 0 to 15 of the block at `first`, 16 to 31 of the
+    /// block at `second`, and 0 where it is [`ABSENT`].
     unsafe fn gather(first: *const f32, second: *const f32, index: Self::Index) -> Self::V;
 }
 
@@ -151,7 +157,8 @@ mod tests {
         let at: Vec<u32> = (0..48).map(|i| (i * 29 % 60) * 8).collect();
         let mut out = vec![0f32; 1024];
         let to = out.as_mut_ptr();
-        // SAFETY: offsets stay below 480 + 8 numbers of 512, writes below 1,024; the caller has the instructions.
+        // SAFETY: offsets stay below 480 + 8 numbers of 512, writes below 1,024; the caller has the
+        // instructions.
         unsafe {
             let (a, b) = (L::load(numbers.as_ptr()), L::load(numbers.as_ptr().add(16)));
             for (i, v) in [L::add(a, b), L::sub(a, b), L::mul(a, b), L::splat(3.0)].into_iter().enumerate() {

@@ -10,12 +10,12 @@
 //! x ← x + v dt,   |x| ≤ R                the retina; semi-implicit: the new velocity, explicit: the old one
 //! ```
 //!
-//! v_max = 0 is the paper's quasi-static system: all kinetic energy is gone within a step, x moves by
-//! a dt² and the velocity is 0. How small dt must be: [`super::material`].
+//! v_max = 0 is the paper's quasi-static system: all kinetic energy is gone within a step, x moves
+//! by a dt² and the velocity is 0. How small dt must be: [`super::material`].
 //!
-//! Forces come from the packed springs of [`super::spring_packing`], sixteen at a time ([`super::simd`]); sums have a fixed
-//! order, so that every instruction set gives the same bits. Dead springs have k = c = 0, immobile nodes
-//! mobility 0.
+//! Forces come from the packed springs of [`super::spring_packing`], sixteen at a time
+//! ([`super::simd`]); sums have a fixed order, so that every instruction set gives the same bits.
+//! Dead springs have k = c = 0, immobile nodes mobility 0.
 
 pub use super::material::Material;
 use super::mesh::SheetMesh;
@@ -45,12 +45,15 @@ pub struct Solver {
     isa: Isa,
     packing: SpringPacking,
     mobile: Aligned,
-    /// Forces on each node from outside the sheet, µN: set by others before [`Self::accelerate`], which adds them to the
-    /// springs' forces. They stay until they are changed or [cleared](Self::clear_outer).
+    /// Forces on each node from outside the sheet, µN: set by others before [`Self::accelerate`],
+    /// which adds them to the springs' forces. They stay until they are changed or
+    /// [cleared](Self::clear_outer).
     pub outer_un: [Vec<f32>; 3],
-    /// What those grow by against the way of each node in a substep, µN/mm: for integrators that look ahead, and empty without one.
+    /// What those grow by against the way of each node in a substep, µN/mm: for integrators that
+    /// look ahead, and empty without one.
     pub outer_un_per_mm: Vec<f32>,
-    /// Sum of the springs' and the outer forces on each node, µN: what a pin or a jaw that holds it must bear.
+    /// Sum of the springs' and the outer forces on each node, µN: what a pin or a jaw that holds it
+    /// must bear.
     pub force_un: [Aligned; 3],
     acceleration: [Aligned; 3],
     /// Square of each node's acceleration, mm²/s⁴.
@@ -78,22 +81,24 @@ impl Solver {
         }
     }
 
-    /// For a sheet of which most is pinned, and where nobody asks what pins bear: leaves out blocks of nodes that are all pinned or dead
-    /// from the next [`Self::refresh`] on. Springs that only they have neither pull nor tear.
+    /// For a sheet of which most is pinned, and where nobody asks what pins bear: leaves out blocks
+    /// of nodes that are all pinned or dead from the next [`Self::refresh`] on. Springs that only
+    /// they have neither pull nor tear.
     pub fn without_pinned(mut self) -> Self {
         self.without_pinned = true;
         self
     }
 
-    /// Uses this instruction set, which must be [available](Isa::available): for the proof that all give the same bits.
+    /// Uses this instruction set, which must be [available](Isa::available): for the proof that all
+    /// give the same bits.
     pub fn with_isa(mut self, isa: Isa) -> Self {
         assert!(Isa::available().contains(&isa), "{isa:?} is not available here");
         self.isa = isa;
         self
     }
 
-    /// Derives stiffness, rest lengths and mobility anew, after springs or flags have changed. The first call of a tissue
-    /// that bends packs the bending springs too; no other allocates.
+    /// Derives stiffness, rest lengths and mobility anew, after springs or flags have changed. The
+    /// first call of a tissue that bends packs the bending springs too; no other allocates.
     pub fn refresh(&mut self, mesh: &SheetMesh, state: &SheetState, material: &Material) {
         if material.bending > 0.0 && self.packing.slot_of.len() < mesh.springs.len() {
             self.packing = SpringPacking::new(mesh.nodes(), &mesh.springs);
@@ -156,7 +161,8 @@ impl Solver {
         }
     }
 
-    /// Elastic pull of a spring at the last [`Self::accelerate`], µN; 0 for bending springs of a tissue that does not bend.
+    /// Elastic pull of a spring at the last [`Self::accelerate`], µN; 0 for bending springs of a
+    /// tissue that does not bend.
     pub fn tension_un(&self, spring: usize) -> f32 {
         self.packing.slot_of.get(spring).map_or(0.0, |&slot| self.packing.tables.pull[slot as usize])
     }
@@ -173,7 +179,8 @@ impl Solver {
         self.acceleration2[node] = 0.0;
     }
 
-    /// Lets the rest lengths of overstretched springs follow by the creep of a time step; in `state` too.
+    /// Lets the rest lengths of overstretched springs follow by the creep of a time step; in
+    /// `state` too.
     pub fn creep(&mut self, mesh: &SheetMesh, state: &mut SheetState, material: &Material) {
         let tables = &mut self.packing.tables;
         let share = (material.creep_per_s * material.dt_s).min(1.0);
@@ -184,7 +191,8 @@ impl Solver {
             let beyond = stretch.abs() - material.yield_strain * *rest;
             if beyond > 0.0 && beyond.is_finite() {
                 let crept = *rest + beyond.copysign(stretch) * share;
-                // A spring never forgets more than nine tenths of its length, nor grows beyond ten times.
+                // A spring never forgets more than nine tenths of its length, nor grows beyond ten
+                // times.
                 let first = mesh.rest_mm[s];
                 *rest = crept.clamp(0.1 * first, 10.0 * first);
                 tables.rest[slot] = *rest;

@@ -1,9 +1,10 @@
 //! Packs the springs of a sheet for the kernel ([`super::simd::kernel`]).
 //!
-//! Each spring belongs to one of its ends, its owner, so that no node owns more than `slots` springs. A planar mesh has at most
-//! three edges a node, hence three slots; the owners are found by giving each spring to the end with
-//! fewer, and then turning springs along shortest ways from nodes with too many to nodes with room. So a block
-//! of sixteen nodes is `slots` full vectors of springs whose near ends lie side by side.
+//! Each spring belongs to one of its ends, its owner, so that no node owns more than `slots`
+//! springs. A planar mesh has at most three edges a node, hence three slots; the owners are found
+//! by giving each spring to the end with fewer, and then turning springs along shortest ways from
+//! nodes with too many to nodes with room. So a block of sixteen nodes is `slots` full vectors of
+//! springs whose near ends lie side by side.
 
 use super::simd::aligned::Aligned;
 use super::simd::kernel::{COLLECT, Gather, PULL, SPREAD, TRIPLE, Tables};
@@ -131,7 +132,8 @@ fn take_most(arrivals: &mut Vec<Arrival>) -> Two {
 }
 
 impl SpringPacking {
-    /// Packs springs between `nodes` nodes; both ends of each must be below that. Stiffness and damping are 0 until they are set.
+    /// Packs springs between `nodes` nodes; both ends of each must be below that. Stiffness and
+    /// damping are 0 until they are set.
     pub fn new(nodes: usize, springs: &[[u32; 2]]) -> Self {
         let mut owners =
             Owners { springs, own: vec![Vec::new(); nodes], seen: vec![(0, 0); nodes], searches: 0 };
@@ -148,8 +150,9 @@ impl SpringPacking {
         packing
     }
 
-    /// Gives every spring its slot. A node's own springs are in the order of their far ends, so that neighbours' springs in a slot lead the same
-    /// way and arrive together. Returns the far end of each slot's spring.
+    /// Gives every spring its slot. A node's own springs are in the order of their far ends, so
+    /// that neighbours' springs in a slot lead the same way and arrive together. Returns the far
+    /// end of each slot's spring.
     fn assign_slots(owners: &mut Owners, nodes: usize, slots: usize) -> (Self, Vec<Option<usize>>) {
         let n = nodes.div_ceil(WIDE) * slots * WIDE;
         let list = |value| Aligned::new(n, value);
@@ -193,7 +196,8 @@ impl SpringPacking {
         tables.work = vec![SPREAD | PULL | COLLECT; tables.nodes.div_ceil(WIDE)];
     }
 
-    /// Work space, and where in it the far ends are. An empty slot is a spring of no stiffness from the node to itself.
+    /// Work space, and where in it the far ends are. An empty slot is a spring of no stiffness from
+    /// the node to itself.
     fn make_rings(&mut self, far: &[Option<usize>]) {
         let tables = &mut self.tables;
         let (ring, slots) = (tables.ring(), tables.slots);
@@ -254,7 +258,8 @@ mod tests {
         springs
     }
 
-    /// Owner of each spring, from its slot, and the node that picks its force up; every force is picked up once.
+    /// Owner of each spring, from its slot, and the node that picks its force up; every force is
+    /// picked up once.
     fn ends(packing: &SpringPacking) -> Vec<[u32; 2]> {
         let tables = &packing.tables;
         let (slots, ring) = (tables.slots, tables.ring());
@@ -272,7 +277,8 @@ mod tests {
         let ends = packing.slot_of.iter().map(|&at| {
             let (from, lane) = (at as usize / WIDE, at as usize % WIDE);
             let (block, slot) = (from / slots, from % slots);
-            // A place in the ring is used by every ring-th block: of those, the one that reaches the node.
+            // A place in the ring is used by every ring-th block: of those, the one that reaches
+            // the node.
             let owner = (block * WIDE + lane) as u32;
             let far = tables.far[at as usize] as usize / NODE;
             let same_ring = |n: u32| n as usize / WIDE % ring * WIDE + lane_index(n as usize) % WIDE == far;

@@ -37,8 +37,8 @@ pub struct Pierced {
 pub struct SheetContact {
     /// The last collision image had colliding pixels.
     pub in_contact: bool,
-    /// The instrument came round an edge and is under the sheet: it pushes nothing, and its hook or jaws lift, until it is
-    /// clear.
+    /// The instrument came round an edge and is under the sheet: it pushes nothing, and its hook or
+    /// jaws lift, until it is clear.
     pub under: bool,
     /// It has lifted tissue since it came under the sheet.
     pub hooked: bool,
@@ -46,7 +46,8 @@ pub struct SheetContact {
     pub pierced: Option<Pierced>,
 }
 
-/// A sheet: arrays over nodes (x, y and z apart), springs and triangles; and what instruments do to it.
+/// A sheet: arrays over nodes (x, y and z apart), springs and triangles; and what instruments do to
+/// it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SheetState {
     /// Positions in the eye frame, mm.

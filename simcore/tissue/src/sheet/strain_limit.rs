@@ -1,20 +1,23 @@
-//! Strain limiting: a living structural spring longer than (1 + limit) l₀ at the end of a substep is drawn
-//! together (after Provot 1995), at the level of velocities (Bridson, Fedkiw and Anderson 2002).
+//! Strain limiting: a living structural spring longer than (1 + limit) l₀ at the end of a substep
+//! is drawn together (after Provot 1995), at the level of velocities (Bridson, Fedkiw and Anderson
+//! 2002).
 //!
 //! With d the vector between its ends now, u its direction at the begin of the substep and w the
-//! mobilities (1 free, 0 held), the ends move by ∓ s w/(w_a + w_b) u, the velocities by that over dt, where s > 0 is
+//! mobilities (1 free, 0 held), the ends move by ∓ s w/(w_a + w_b) u, the velocities by that over
+//! dt, where s > 0 is
 //!
 //! ```text
 //! |d − s u| = (1 + limit) l₀    s = d·u − √((d·u)² − d² + (1 + limit)² l₀²), or d·u where there is no root
 //! ```
 //!
-//! Where no velocity outlives a substep, places alone are corrected: a velocity that was made up here would move the nodes
-//! once more in the next substep, and be damped as if it were real.
+//! Where no velocity outlives a substep, places alone are corrected: a velocity that was made up
+//! here would move the nodes once more in the next substep, and be damped as if it were real.
 //!
-//! Masses are equal, so the impulses are opposite; and because they act along the line that joined the ends when
-//! the substep began, the semi-implicit step keeps linear *and* angular momentum to rounding.
-//! l₀ is the rest length that a plastic spring has by now: held to its first one, a spring that crept longer would push against the limit for ever.
-//! Springs follow in their order, in sweeps: what a sweep does to its neighbours the next one mends.
+//! Masses are equal, so the impulses are opposite; and because they act along the line that joined
+//! the ends when the substep began, the semi-implicit step keeps linear *and* angular momentum to
+//! rounding. l₀ is the rest length that a plastic spring has by now: held to its first one, a
+//! spring that crept longer would push against the limit for ever. Springs follow in their order,
+//! in sweeps: what a sweep does to its neighbours the next one mends.
 
 use super::material::Material;
 use super::mesh::SheetMesh;
@@ -23,8 +26,8 @@ use crate::sheet::state::SheetState;
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;
 
-/// Limits strains of the sheet to the tissue's limit (0.1: a tenth of the rest length) with at most `sweeps` sweeps, after a
-/// substep has just been made. Returns how many corrections it took.
+/// Limits strains of the sheet to the tissue's limit (0.1: a tenth of the rest length) with at most
+/// `sweeps` sweeps, after a substep has just been made. Returns how many corrections it took.
 pub fn limit_strain(mesh: &SheetMesh, state: &mut SheetState, material: &Material, sweeps: u32) -> u32 {
     let dt_s = material.keeps_velocity.then_some(material.dt_s);
     let mut corrected = 0;
@@ -44,7 +47,8 @@ pub fn limit_strain(mesh: &SheetMesh, state: &mut SheetState, material: &Materia
     corrected
 }
 
-/// Draws the ends of a spring together if it is too long; `true` if it was. `dt_s`: over what time velocities change, if they do.
+/// Draws the ends of a spring together if it is too long; `true` if it was. `dt_s`: over what time
+/// velocities change, if they do.
 fn draw(state: &mut SheetState, ends: [u32; 2], longest: f32, dt_s: Option<f32>) -> bool {
     let [a, b] = ends.map(|n| n as usize);
     let d = state.position(b) - state.position(a);

@@ -1,5 +1,6 @@
 //! Removes tissue. A torn spring takes its triangles with it; what then belongs to no triangle goes
-//! too: springs without a triangle, nodes without a triangle. The mesh is consistent after every call.
+//! too: springs without a triangle, nodes without a triangle. The mesh is consistent after every
+//! call.
 
 use super::mesh::{NONE, SheetMesh};
 use super::solver::Solver;
@@ -49,8 +50,8 @@ pub fn remove_node(mesh: &SheetMesh, state: &mut SheetState, node: usize) {
     }
 }
 
-/// The paper's rule (section 4.5): at every free node whose acceleration passes the limit of tearing, the
-/// spring that pulls hardest tears. Returns how many tore and where one of them was.
+/// The paper's rule (section 4.5): at every free node whose acceleration passes the limit of
+/// tearing, the spring that pulls hardest tears. Returns how many tore and where one of them was.
 pub fn tear_by_acceleration(
     mesh: &SheetMesh,
     state: &mut SheetState,
@@ -89,6 +90,9 @@ pub fn tear_by_tension(mesh: &SheetMesh, state: &mut SheetState, solver: &Solver
 }
 
 /// Checks that springs, triangles and nodes fit together; the text names the first that does not.
+///
+/// # Errors
+/// With the first that does not fit.
 pub fn check_mesh(mesh: &SheetMesh, state: &SheetState) -> Result<(), String> {
     for (t, springs) in mesh.triangle_springs.iter().enumerate() {
         let whole = springs.iter().all(|&s| state.spring_alive[s as usize] != 0);
@@ -124,7 +128,8 @@ mod tests {
     use scene::SceneFile;
     use std::collections::BTreeSet;
 
-    /// A grid of 8 × 8 squares of 0.5 mm that is jittered, cut along either diagonal, and lacks some triangles.
+    /// A grid of 8 × 8 squares of 0.5 mm that is jittered, cut along either diagonal, and lacks
+    /// some triangles.
     fn irregular(jitter: &[[f32; 3]], diagonals: &[bool], holes: &[usize]) -> SheetMesh {
         let at = |i: usize| (i as f32 - 4.0) * 0.5;
         let moved = |i: usize| std::array::from_fn(|k| 0.4 * jitter[i][k] + [at(i % 9), at(i / 9), 0.0][k]);
@@ -195,8 +200,9 @@ mod tests {
             prop_assert_eq!(check_mesh(&mesh, &state), Ok(()));
         }
 
-        /// Irregular meshes with holes, torn at random by springs, triangles and nodes: what is alive is what the living triangles are
-        /// made of, found anew from their corners, and a collision view sees living triangles only.
+        /// Irregular meshes with holes, torn at random by springs, triangles and nodes: what is
+        /// alive is what the living triangles are made of, found anew from their corners, and a
+        /// collision view sees living triangles only.
         #[test]
         fn irregular_meshes_tear_consistently(
             jitter in prop::collection::vec(prop::array::uniform3(-0.3f32..0.3), 81),

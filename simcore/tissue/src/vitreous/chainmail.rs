@@ -1,28 +1,30 @@
-//! Enhanced ChainMail: moves of some elements spread through the gel, as through mail, link by link.
+//! Enhanced ChainMail: moves of some elements spread through the gel, as through mail, link by
+//! link.
 //!
-//! Gibson (1997) moves an element and lets every neighbour whose link is over its limits follow by the least way
-//! that mends the link. Schill, Gibson, Bender and Männer (1998) always take the element with the largest
-//! violation next, which makes the method right for inhomogeneous gels.
+//! Gibson (1997) moves an element and lets every neighbour whose link is over its limits follow by
+//! the least way that mends the link. Schill, Gibson, Bender and Männer (1998) always take the
+//! element with the largest violation next, which makes the method right for inhomogeneous gels.
 //!
-//! All limits are on differences of one coordinate of two neighbours, `low ≤ x_j − x_i ≤ high`, so the three
-//! coordinates are three systems of difference constraints, and of such systems the following is known. Let x be
-//! places within all limits, and let some elements s be raised to X_s. Every element must at least be raised to
-//! L_j = max over s of X_s − d(s, j), where d is the length of the shortest path with the links' slack as lengths;
-//! and max(x, L) is within all limits, because the larger of two solutions is a solution. The violation of
-//! element j is L_j − x_j. Along a path it can only shrink, so taking the largest first (Dijkstra's order) finds
-//! each exactly, moves each element once, and the result depends on no order among equals. Lowering is
+//! All limits are on differences of one coordinate of two neighbours, `low ≤ x_j − x_i ≤ high`, so
+//! the three coordinates are three systems of difference constraints, and of such systems the
+//! following is known. Let x be places within all limits, and let some elements s be raised to X_s.
+//! Every element must at least be raised to L_j = max over s of X_s − d(s, j), where d is the
+//! length of the shortest path with the links' slack as lengths; and max(x, L) is within all
+//! limits, because the larger of two solutions is a solution. The violation of element j is L_j −
+//! x_j. Along a path it can only shrink, so taking the largest first (Dijkstra's order) finds each
+//! exactly, moves each element once, and the result depends on no order among equals. Lowering is
 //! the mirror image.
 //!
-//! Elements that hold to the retina, or would leave the eye, take part as if they were free and are then taken
-//! back, by the same method downwards: min(max(x, L), C) with C the most that the held ones allow. It is within
-//! all limits, moves no held element, and brings what pushes as far as it can go. How far a held element
-//! would have gone is kept: it is what the retina feels.
+//! Elements that hold to the retina, or would leave the eye, take part as if they were free and are
+//! then taken back, by the same method downwards: min(max(x, L), C) with C the most that the held
+//! ones allow. It is within all limits, moves no held element, and brings what pushes as far as it
+//! can go. How far a held element would have gone is kept: it is what the retina feels.
 
 use super::lattice::{COMPRESS, LINKS, Lattice, SHEAR, STRETCH};
 use super::state::VitreousState;
 
-/// Longest way of a move, µm: more is done in several moves. Places of 16 bits then never overflow, since
-/// displacements end within twice the eye's radius of at most 16 mm.
+/// Longest way of a move, µm: more is done in several moves. Places of 16 bits then never overflow,
+/// since displacements end within twice the eye's radius of at most 16 mm.
 pub const MAX_WAY_UM: i32 = 700;
 
 const NONE: u32 = u32::MAX;
@@ -32,7 +34,8 @@ const NONE: u32 = u32::MAX;
 pub struct Outcome {
     /// Moves of elements, per axis, those that were taken back included.
     pub moved: u32,
-    /// Way by which a held element was dragged before it was taken back, the largest, µm; 0 if none was.
+    /// Way by which a held element was dragged before it was taken back, the largest, µm; 0 if none
+    /// was.
     pub held_back_um: u16,
     /// That element.
     pub held_at: u32,
@@ -90,9 +93,9 @@ impl Chainmail {
         }
     }
 
-    /// Moves elements along `axis` by their ways, at most [`MAX_WAY_UM`], and whatever their links drag along: first those that
-    /// go up, then those that go down. Elements that are gone are left out; held ones stay and are counted. Calls
-    /// `changed` for every element that moved.
+    /// Moves elements along `axis` by their ways, at most [`MAX_WAY_UM`], and whatever their links
+    /// drag along: first those that go up, then those that go down. Elements that are gone are left
+    /// out; held ones stay and are counted. Calls `changed` for every element that moved.
     pub fn push(
         &mut self,
         mail: Mail,
@@ -249,8 +252,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Lowest places above `x` within all limits that raise the seeds: the same demand link after link until nothing
-    /// changes (Bellman and Ford), which shares nothing with the queue.
+    /// Lowest places above `x` within all limits that raise the seeds: the same demand link after
+    /// link until nothing changes (Bellman and Ford), which shares nothing with the queue.
     fn brute_raise(mail: Mail, x: &[i32], axis: usize, sign: i32, seeds: &[(usize, i32)]) -> Vec<i32> {
         let mut y: Vec<i32> = x.iter().map(|v| sign * v).collect();
         seeds.iter().for_each(|&(e, to)| y[e] = y[e].max(sign * to));
@@ -294,8 +297,9 @@ mod tests {
 
     #[test]
     fn a_chain_follows_step_by_step_as_gibson_describes() {
-        // One row of a homogeneous gel, its neighbours cut away: pulled at its end, each element follows when its
-        // link is stretched to the limit, not before; pushed, when it is compressed to the limit.
+        // One row of a homogeneous gel, its neighbours cut away: pulled at its end, each element
+        // follows when its link is stretched to the limit, not before; pushed, when it is
+        // compressed to the limit.
         let mut scene = scene(12);
         let vitreous = scene.vitreous.as_mut().unwrap();
         vitreous.zones.clear();
@@ -309,7 +313,8 @@ mod tests {
         let links = living_links(&lattice, &state);
         let mail = Mail { lattice: &lattice, links: &links };
         let mut chainmail = Chainmail::new(&lattice);
-        // The spacing is 1,918 µm, so limits are 2·(1918·0.5/2) = 958 and 2·(1918·0.25/2) = 478 µm (halves are whole).
+        // The spacing is 1,918 µm, so limits are 2·(1918·0.5/2) = 958 and 2·(1918·0.25/2) = 478 µm
+        // (halves are whole).
         assert_eq!(lattice.pitch_um, 1918);
         let first = row.start;
         let mut pull = |state: &mut VitreousState, way: i16| {
@@ -410,7 +415,8 @@ mod tests {
                 prop_assert_eq!(check(&lattice, &state), Ok(()));
                 prop_assert!(lattice.numbers().all(|e| changed[e] || before[e] == after[e]));
 
-                // Raised as far as asked for, then no farther than what is held allows, each by brute force.
+                // Raised as far as asked for, then no farther than what is held allows, each by
+                // brute force.
                 let sign = if up { 1 } else { -1 };
                 let free = seeds.iter().map(|&(e, way)| (e as usize, i32::from(way)));
                 let free = free.filter(|&(e, _)| state.is_alive(e) && !state.is_adhered(e));

@@ -1,5 +1,6 @@
-//! Which elements are near an instrument. Every row keeps the box around its elements; a row whose box the
-//! searched capsule misses is skipped, so that a search looks at a few thousand elements and not at all of them.
+//! Which elements are near an instrument. Every row keeps the box around its elements; a row whose
+//! box the searched capsule misses is skipped, so that a search looks at a few thousand elements
+//! and not at all of them.
 
 use super::lattice::{Lattice, TOGETHER, block};
 use super::state::{ALIVE, VitreousState};
@@ -19,13 +20,15 @@ pub struct Capsule {
 }
 
 impl Capsule {
-    /// How far along the line the point of it nearest to `place` lies, µm, and the distance to it, squared.
+    /// How far along the line the point of it nearest to `place` lies, µm, and the distance to it,
+    /// squared.
     pub fn nearest(&self, place: Vector3<f64>) -> (f64, f64) {
         let t = (place - self.from_um).dot(&self.along).clamp(0.0, self.length_um);
         (t, (place - self.from_um - self.along * t).norm_squared())
     }
 
-    /// The part of the line, by its distances from the first end, that may be within reach of a box. `inverse` has 1 over `along`.
+    /// The part of the line, by its distances from the first end, that may be within reach of a
+    /// box. `inverse` has 1 over `along`.
     fn clip(&self, inverse: &Vector3<f64>, low: &[i16; 3], high: &[i16; 3]) -> Option<(f64, f64)> {
         let (mut t0, mut t1) = (0.0, self.length_um);
         for c in 0..3 {
@@ -50,7 +53,8 @@ impl Capsule {
 /// The boxes of the rows.
 #[derive(Debug, Clone)]
 pub struct Finder {
-    /// Lowest and highest coordinates of a row's living elements, µm; the highest below the lowest if it has none.
+    /// Lowest and highest coordinates of a row's living elements, µm; the highest below the lowest
+    /// if it has none.
     boxes: Vec<[[i16; 3]; 2]>,
     /// Rows whose box is out of date, a bit each.
     stale: Vec<u64>,
@@ -90,8 +94,8 @@ impl Finder {
         }
     }
 
-    /// Calls `found` for every living element in the capsule with its place, how far along the line it lies and its
-    /// distance from it, squared, µm; in the order of the elements.
+    /// Calls `found` for every living element in the capsule with its place, how far along the line
+    /// it lies and its distance from it, squared, µm; in the order of the elements.
     pub fn find(
         &mut self,
         lattice: &Lattice,
@@ -209,7 +213,8 @@ mod tests {
             finder.find(&lattice, &state, &capsule, |e, _, _, _| found.push(e));
             let near = |e: &usize| {
                 let place = Vector3::from(state.place_um(&lattice, *e)).map(f64::from);
-                // By sampling the line, not by its formula; cases within a sample of the border are left out.
+                // By sampling the line, not by its formula; cases within a sample of the border are
+                // left out.
                 let distance = (0..=4000).map(|s| along * (length * f64::from(s) / 4000.0))
                     .map(|way| (place - capsule.from_um - way).norm())
                     .fold(f64::MAX, f64::min);

@@ -1,8 +1,10 @@
-//! The vitreous as the renderer draws it: densities on the cells of the lattice at rest, in bricks of 8³.
+//! The vitreous as the renderer draws it: densities on the cells of the lattice at rest, in bricks
+//! of 8³.
 //!
-//! Every living element gives its density to the eight cells around its place, in eighths along each axis, as
-//! whole numbers: a sum of them does not depend on the order in which elements moved. So only elements that
-//! moved by an eighth, or went, since the last picture are taken out and put in again, and only their bricks are written anew.
+//! Every living element gives its density to the eight cells around its place, in eighths along
+//! each axis, as whole numbers: a sum of them does not depend on the order in which elements moved.
+//! So only elements that moved by an eighth, or went, since the last picture are taken out and put
+//! in again, and only their bricks are written anew.
 
 use super::lattice::{Lattice, PAD};
 use super::state::{ALIVE, VitreousState};
@@ -181,7 +183,8 @@ impl Haze {
     }
 }
 
-/// Compares a row with what was drawn of it: plain loops, so that the compiler takes many elements at a time. `true` if anything differs.
+/// Compares a row with what was drawn of it: plain loops, so that the compiler takes many elements
+/// at a time. `true` if anything differs.
 struct Compare<'a> {
     shift: [&'a [i16]; 3],
     status: &'a [u8],
@@ -215,7 +218,8 @@ impl pulp::NullaryFnOnce for Compare<'_> {
     }
 }
 
-/// A displacement in whole eighths of a cell, rounded down; the same for the same displacement, and that is all it must be.
+/// A displacement in whole eighths of a cell, rounded down; the same for the same displacement, and
+/// that is all it must be.
 #[inline(always)]
 fn fine(shift_um: i16, fine_per_um: f32) -> i16 {
     const LIFT: f32 = 8192.0;

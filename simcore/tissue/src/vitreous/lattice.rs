@@ -1,16 +1,16 @@
-//! Where the elements are at rest, which neighbours they have and how far each link may give: everything about
-//! the vitreous that a scene fixes and a step never changes.
+//! Where the elements are at rest, which neighbours they have and how far each link may give:
+//! everything about the vitreous that a scene fixes and a step never changes.
 //!
-//! The lattice is regular, axis-parallel in the eye frame and clipped to the eye's ball and to the lens. All
-//! lengths are whole µm. Elements are numbered row by row along x; [`PAD`] unused numbers on both sides let a
-//! loop over a row look at all six neighbours without testing for the ends.
+//! The lattice is regular, axis-parallel in the eye frame and clipped to the eye's ball and to the
+//! lens. All lengths are whole µm. Elements are numbered row by row along x; [`PAD`] unused numbers
+//! on both sides let a loop over a row look at all six neighbours without testing for the ends.
 
 use scene::{GelScene, SceneFile, Side, VitreousScene, ZoneScene};
 
 /// Unused numbers before the first and after the last element; a row is never longer.
 pub const PAD: usize = 96;
-/// Elements of a row that are computed together: a number that the compiler knows and that divides [`PAD`], so that a row's last ones
-/// may reach beyond it.
+/// Elements of a row that are computed together: a number that the compiler knows and that divides
+/// [`PAD`], so that a row's last ones may reach beyond it.
 pub const TOGETHER: usize = 32;
 /// Links of an element: −x, +x, −y, +y, −z, +z.
 pub const LINKS: usize = 6;
@@ -76,13 +76,15 @@ pub struct Lattice {
     pub row_of: Vec<u16>,
     /// One bit per neighbour that exists.
     pub links: Vec<u8>,
-    /// How far an element may go from its rest place, in whatever direction, and be inside the eye and behind the lens for sure, µm.
+    /// How far an element may go from its rest place, in whatever direction, and be inside the eye
+    /// and behind the lens for sure, µm.
     pub room_um: Vec<u16>,
     /// Density that is drawn.
     pub density: Vec<u8>,
     /// Shear modulus, Pa.
     pub modulus_pa: Vec<f32>,
-    /// How far the link from an element to its neighbour on the plus side may give, µm, by axis and kind.
+    /// How far the link from an element to its neighbour on the plus side may give, µm, by axis and
+    /// kind.
     pub limit: [[Vec<u16>; 3]; 3],
     /// Elements that touch the retina, in order.
     pub walls: Vec<Wall>,
@@ -165,8 +167,8 @@ impl Lattice {
         (0..i32::from(row.len)).contains(&x).then(|| row.start as usize + x as usize)
     }
 
-    /// True if an element that is so far from its rest place, µm, is inside the eye and behind the lens by far: no need to compute where
-    /// it is.
+    /// True if an element that is so far from its rest place, µm, is inside the eye and behind the
+    /// lens by far: no need to compute where it is.
     pub fn has_room(&self, element: usize, shift_um: [i32; 3]) -> bool {
         shift_um.iter().map(|c| c.abs()).sum::<i32>() <= i32::from(self.room_um[element])
     }
@@ -242,8 +244,8 @@ impl Lattice {
         }
     }
 
-    /// The gel of each element; a link has the mean of the limits of its two elements (Schill et al. 1998 give
-    /// limits to elements, not to links).
+    /// The gel of each element; a link has the mean of the limits of its two elements (Schill et
+    /// al. 1998 give limits to elements, not to links).
     fn add_gel(&mut self, vitreous: &VitreousScene) {
         self.density = vec![0; self.len()];
         self.modulus_pa = vec![0.0; self.len()];

@@ -1,16 +1,20 @@
-//! Relaxation: elements go back towards the middle of their neighbours and their own rest place, within the
-//! limits (Gibson 1997: the second half of the method, elastic where the first is only geometric).
+//! Relaxation: elements go back towards the middle of their neighbours and their own rest place,
+//! within the limits (Gibson 1997: the second half of the method, elastic where the first is only
+//! geometric).
 //!
-//! An element at displacement u wants (Σ u_j) / (n + w), with its n neighbours' displacements u_j and the weight w of its
-//! rest place, rounded towards zero. It goes a share of the way, at least one µm, and stops at the limits of its
-//! links; its own place is within them, so there is always room. Then:
-//! - a limit is never broken, because the neighbours of an element of an even cell are odd and rest meanwhile;
-//! - it converges: let M be the largest displacement along an axis. What an element wants is at most n·M/(n + w), so at most M − 1,
+//! An element at displacement u wants (Σ u_j) / (n + w), with its n neighbours' displacements u_j
+//! and the weight w of its rest place, rounded towards zero. It goes a share of the way, at least
+//! one µm, and stops at the limits of its links; its own place is within them, so there is always
+//! room. Then:
+//! - a limit is never broken, because the neighbours of an element of an even cell are odd and rest
+//!    meanwhile;
+//! - it converges: let M be the largest displacement along an axis. What an element wants is at
+//!    most n·M/(n + w), so at most M − 1,
 //!   and every limit gives at least 1 µm, so after an even and an odd pass no displacement is above M − 1.
 //!   (An element that the wall of the eye stops waits; its neighbours go on.)
 //!
-//! The work is bounded: a call does a number of rows of the lattice and goes on there the next time. Rows in which
-//! nothing moves any more sleep, until something moves in them or beside them.
+//! The work is bounded: a call does a number of rows of the lattice and goes on there the next
+//! time. Rows in which nothing moves any more sleep, until something moves in them or beside them.
 
 use super::chainmail::Mail;
 use super::lattice::{COMPRESS, LINKS, Lattice, PAD, Row, SHEAR, STRETCH, TOGETHER, block};
@@ -47,8 +51,8 @@ impl Default for Relaxer {
 }
 
 impl Relaxer {
-    /// Relaxes up to `rows` rows that are awake; elements with a mark in `held` stay. Calls `changed` for every
-    /// row in which something moved.
+    /// Relaxes up to `rows` rows that are awake; elements with a mark in `held` stay. Calls
+    /// `changed` for every row in which something moved.
     pub fn relax(
         &mut self,
         mail: Mail,
@@ -119,9 +123,10 @@ impl Relaxer {
     }
 }
 
-/// Where the elements of a row want to go along an axis, within their links' limits. Plain loops over a number of elements that the
-/// compiler knows, so that it takes all of them at a time and keeps them in registers; whole numbers and one division, so that
-/// every instruction set gives the same. What comes out behind the row's end, which the lattice's padding allows, is not used.
+/// Where the elements of a row want to go along an axis, within their links' limits. Plain loops
+/// over a number of elements that the compiler knows, so that it takes all of them at a time and
+/// keeps them in registers; whole numbers and one division, so that every instruction set gives the
+/// same. What comes out behind the row's end, which the lattice's padding allows, is not used.
 struct Want<'a> {
     mail: Mail<'a>,
     shift: &'a [i16],
@@ -143,7 +148,8 @@ impl pulp::NullaryFnOnce for Want<'_> {
     }
 }
 
-/// `x as i32` for what is below 2²⁴, and for what is not a number; a conversion that saturates would be done one by one.
+/// `x as i32` for what is below 2²⁴, and for what is not a number; a conversion that saturates
+/// would be done one by one.
 #[inline(always)]
 fn towards_zero(x: f32) -> i32 {
     let bits = x.to_bits();
@@ -163,7 +169,8 @@ impl Want<'_> {
             let other = (start as i32 + self.row.steps[k]) as usize;
             let lower = if k % 2 == 1 { start } else { other };
             let limits = &self.mail.lattice.limit[k / 2];
-            // Up to where it may go over and under the neighbour: towards it the link is compressed.
+            // Up to where it may go over and under the neighbour: towards it the link is
+            // compressed.
             let (over, under) = match (k / 2 == self.axis, k % 2 == 1) {
                 (false, _) => (SHEAR, SHEAR),
                 (true, true) => (COMPRESS, STRETCH),

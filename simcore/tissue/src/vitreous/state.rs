@@ -1,5 +1,5 @@
-//! The vitreous' share of the state: displacements in whole µm, so that every operation on them is exact and a
-//! checkpoint is small (7 bytes an element).
+//! The vitreous' share of the state: displacements in whole µm, so that every operation on them is
+//! exact and a checkpoint is small (7 bytes an element).
 
 use super::lattice::{COMPRESS, LINKS, Lattice, SHEAR, STRETCH};
 use serde::{Deserialize, Serialize};
@@ -134,6 +134,9 @@ pub fn broken_link(lattice: &Lattice, state: &VitreousState) -> Option<(usize, u
 }
 
 /// Refuses a state that does not fit the lattice, or that a run could not have reached.
+///
+/// # Errors
+/// With the first thing that is wrong.
 pub fn check(lattice: &Lattice, state: &VitreousState) -> Result<(), &'static str> {
     let words = lattice.rows.len().div_ceil(64);
     let lengths = state.shift_um.iter().all(|s| s.len() == lattice.len())

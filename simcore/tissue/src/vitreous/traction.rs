@@ -1,9 +1,10 @@
 //! What the retina feels: the stress of the gel where it holds to the wall, and where it lets go.
 //!
-//! An element of the wall is pulled by its living neighbours. Over a link of rest length h, a neighbour that is
-//! farther by Δ along the link stretches it (stress E Δ/h, with E = 3 G for a gel that keeps its volume), and one that
-//! slipped by Δ across it shears it (stress G Δ/h). The sum over the links, a vector, is the stress on the retina in Pa;
-//! times h² it is a force in µN. Strains are bounded by the limits, so the stress is at most that of taut links.
+//! An element of the wall is pulled by its living neighbours. Over a link of rest length h, a
+//! neighbour that is farther by Δ along the link stretches it (stress E Δ/h, with E = 3 G for a gel
+//! that keeps its volume), and one that slipped by Δ across it shears it (stress G Δ/h). The sum
+//! over the links, a vector, is the stress on the retina in Pa; times h² it is a force in µN.
+//! Strains are bounded by the limits, so the stress is at most that of taut links.
 
 use super::chainmail::Mail;
 use super::lattice::{LINKS, Wall};
@@ -57,7 +58,8 @@ pub fn stress_pa(mail: Mail, state: &VitreousState, element: usize) -> f32 {
     mail.lattice.modulus_pa[element] * (x * x + y * y + z * z).sqrt()
 }
 
-/// Looks at all elements that hold, and lets go those that are pulled too hard; calls `released` for each.
+/// Looks at all elements that hold, and lets go those that are pulled too hard; calls `released`
+/// for each.
 pub fn look(mail: Mail, state: &mut VitreousState, mut released: impl FnMut(usize)) -> Traction {
     let mut traction = Traction::default();
     for &Wall { element, release_pa, base, .. } in &mail.lattice.walls {

@@ -16,7 +16,7 @@ pub struct Aligned {
 }
 
 impl Aligned {
-    /// So many times the same number.
+    /// `n` times the same number.
     pub fn new(len: usize, value: f32) -> Self {
         Aligned { lines: vec![Line([value; WIDE]); len.div_ceil(WIDE)], len }
     }

@@ -9,7 +9,8 @@ pub struct Avx2;
 
 type V = [__m256; 2];
 
-/// Rows (0, 1, 2 of each quad) of four registers of quads: 128-bit part `l` of register `r` holds quad `4 l + r`.
+/// Rows (0, 1, 2 of each quad) of four registers of quads: 128-bit part `l` of register `r` holds
+/// quad `4 l + r`.
 #[inline]
 #[target_feature(enable = "avx2")]
 fn columns([a, b, c, d]: [__m256; 4]) -> [__m256; 3] {
@@ -43,7 +44,8 @@ fn first(count: usize) -> [__m256i; 2] {
     [0, 8].map(|from| _mm256_cmpgt_epi32(_mm256_set1_epi32(count as i32 - from), lanes))
 }
 
-// SAFETY: used only where `Isa::available` found the instructions; pointers are used as the trait says, unaligned.
+// SAFETY: used only where `Isa::available` found the instructions; pointers are used as the trait
+// says, unaligned.
 unsafe impl Lanes for Avx2 {
     type V = V;
 

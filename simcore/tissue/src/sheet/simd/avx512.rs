@@ -7,7 +7,8 @@ use std::arch::x86_64::*;
 #[derive(Debug)]
 pub struct Avx512;
 
-/// Rows (0, 1, 2 of each quad) of four registers of quads: 128-bit part `l` of register `r` holds quad `4 l + r`.
+/// Rows (0, 1, 2 of each quad) of four registers of quads: 128-bit part `l` of register `r` holds
+/// quad `4 l + r`.
 #[inline]
 #[target_feature(enable = "avx512f,avx512dq")]
 fn columns([a, b, c, d]: [__m512; 4]) -> [__m512; 3] {
@@ -33,7 +34,8 @@ fn quads([x, y, z]: [__m512; 3]) -> [__m512; 4] {
     ]
 }
 
-// SAFETY: used only where `Isa::available` found the instructions; pointers are used as the trait says, unaligned.
+// SAFETY: used only where `Isa::available` found the instructions; pointers are used as the trait
+// says, unaligned.
 unsafe impl Lanes for Avx512 {
     type V = __m512;
 

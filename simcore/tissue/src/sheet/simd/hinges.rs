@@ -1,4 +1,5 @@
-//! Forces of sixteen hinges at a time. The formulas are those of [`crate::sheet::curl`], in the same order, so that the bits are the same.
+//! Forces of sixteen hinges at a time. The formulas are those of [`crate::sheet::curl`], in the
+//! same order, so that the bits are the same.
 
 use super::{Isa, Lanes, Portable, WIDE};
 
@@ -32,8 +33,9 @@ pub struct HingeLimits {
 }
 
 impl Hinges {
-    /// Computes the forces with the instructions of `isa`, which must come from [`Isa::available`]. One bit for each hinge for which they hold;
-    /// not for one whose triangles have no area, nor for one that is folded.
+    /// Computes the forces with the instructions of `isa`, which must come from [`Isa::available`].
+    /// One bit for each hinge for which they hold; not for one whose triangles have no area, nor
+    /// for one that is folded.
     pub fn bend(&mut self, isa: Isa, limits: &HingeLimits) -> u16 {
         // SAFETY: the processor has what `isa` says.
         unsafe {

@@ -2,15 +2,18 @@
 //!
 //! Three things happen to each block of sixteen nodes:
 //!
-//! 1. Nodes are copied from arrays of x, y, z … into eight consecutive numbers each, so that a spring reads its far end
+//! 1. Nodes are copied from arrays of x, y, z … into eight consecutive numbers each, so that a
+//!    spring reads its far end
 //!    with one load.
-//! 2. In slot j each node has its j-th own spring: the near ends are consecutive, the far ends are fetched and transposed; the near ends'
+//! 2. In slot j each node has its j-th own spring: the near ends are consecutive, the far ends are
+//!    fetched and transposed; the near ends'
 //!    forces stay in registers, the springs' forces are written as blocks of x, y and z.
-//! 3. Each node subtracts the forces of the springs whose far end it is, and divides by its mass. They are picked out of two springs' blocks at a
+//! 3. Each node subtracts the forces of the springs whose far end it is, and divides by its mass.
+//!    They are picked out of two springs' blocks at a
 //!    time, in registers.
 //!
-//! All three go through the sheet together. Neighbours have near numbers, so that what one hands to the next is still in the
-//! first cache, in rings of as many blocks as neighbours are apart.
+//! All three go through the sheet together. Neighbours have near numbers, so that what one hands to
+//! the next is still in the first cache, in rings of as many blocks as neighbours are apart.
 
 use super::aligned::Aligned;
 use super::{ABSENT, Isa, Lanes, NODE, Portable, WIDE};
@@ -71,7 +74,8 @@ pub struct Tables {
     pub force: Aligned,
 }
 
-/// What goes into the forces of a substep and what comes out; every slice has a number for each node.
+/// What goes into the forces of a substep and what comes out; every slice has a number for each
+/// node.
 #[derive(Debug)]
 #[allow(missing_docs)]
 pub struct Forces<'a> {
@@ -111,7 +115,8 @@ impl Tables {
         (self.reach[0] + self.reach[1] + 1).min(self.blocks()).max(1)
     }
 
-    /// Panics if the tables would lead a pass outside its arrays: whoever fills them calls this once.
+    /// Panics if the tables would lead a pass outside its arrays: whoever fills them calls this
+    /// once.
     pub fn check(&self) {
         let (blocks, ring) = (self.blocks(), self.ring());
         let n = blocks * self.slots * WIDE;
@@ -155,14 +160,16 @@ impl Tables {
         left_out.for_each(|(pulls, _)| pulls.fill(0.0));
     }
 
-    /// Forces and accelerations with the instructions of `isa`, which must come from [`Isa::available`].
+    /// Forces and accelerations with the instructions of `isa`, which must come from
+    /// [`Isa::available`].
     pub fn accelerate(&mut self, isa: Isa, forces: &mut Forces) -> Passed {
         let n = self.nodes;
         let read = forces.position.iter().chain(&forces.velocity).chain(&forces.outer);
         assert!(read.chain([&forces.mobile]).all(|v| v.len() == n));
         assert!(forces.force.iter().chain(&forces.acceleration).all(|v| v.len() == n));
         assert_eq!(forces.acceleration2.len(), n);
-        // SAFETY: `check` and the assertions above hold every index; the processor has what `isa` says.
+        // SAFETY: `check` and the assertions above hold every index; the processor has what `isa`
+        // says.
         unsafe {
             match isa {
                 #[cfg(target_arch = "x86_64")]
@@ -189,7 +196,8 @@ fn accelerate_avx2(tables: &mut Tables, forces: &mut Forces) -> Passed {
     unsafe { accelerate::<super::Avx2>(tables, forces) }
 }
 
-/// SAFETY: the processor has the instructions of `L`, the tables passed their check, the slices have a number a node.
+/// SAFETY: the processor has the instructions of `L`, the tables passed their check, the slices
+/// have a number a node.
 #[inline(always)]
 unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Passed {
     let (nodes, blocks, ring) = (tables.nodes, tables.blocks(), tables.ring());
@@ -264,7 +272,8 @@ impl Span {
     }
 }
 
-/// Where everything lies, and the figures in all lanes: copied so that no write to an array can seem to change them.
+/// Where everything lies, and the figures in all lanes: copied so that no write to an array can
+/// seem to change them.
 #[derive(Clone, Copy)]
 struct Sweep<L: Lanes> {
     slots: usize,
@@ -387,7 +396,8 @@ unsafe fn store_triple<L: Lanes>(to: *mut f32, [x, y, z]: [L::V; 3]) {
     }
 }
 
-/// a = (F/m − g v)·mobile, with F = own − incoming + outer. Returns lanes where all is finite, and those beyond the limit of tearing.
+/// a = (F/m − g v)·mobile, with F = own − incoming + outer. Returns lanes where all is finite, and
+/// those beyond the limit of tearing.
 #[inline(always)]
 unsafe fn collect<L: Lanes>(sweep: &Sweep<L>, span: Span, ring_at: usize) -> (u16, u16) {
     // SAFETY: `check` holds the lengths of the tables and every pick.

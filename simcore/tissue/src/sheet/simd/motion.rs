@@ -1,5 +1,5 @@
-//! The motion of a substep: every node moves by its acceleration, within the limits. The formulas are those of
-//! [`crate::sheet::solver`].
+//! The motion of a substep: every node moves by its acceleration, within the limits. The formulas
+//! are those of [`crate::sheet::solver`].
 
 use super::kernel::Span;
 use super::{Isa, Lanes, Portable, WIDE};
@@ -50,7 +50,8 @@ impl Rates {
 }
 
 impl Motion<'_> {
-    /// Moves the nodes with the instructions of `isa`, which must come from [`Isa::available`]. True if a mobile one is now beyond the retina.
+    /// Moves the nodes with the instructions of `isa`, which must come from [`Isa::available`].
+    /// True if a mobile one is now beyond the retina.
     pub fn advance(&mut self, isa: Isa, material: &Material) -> bool {
         let n = self.mobile.len();
         assert!(self.acceleration.iter().all(|v| v.len() == n) && self.acceleration2.len() == n);
@@ -114,8 +115,8 @@ struct Bases {
     velocity: [*mut f32; 3],
 }
 
-/// The factor that brings a vector of square `square` down to `limit`, whose square is `limit2`; 1 where it is shorter. Hardly ever is
-/// one longer, and the root is spared.
+/// The factor that brings a vector of square `square` down to `limit`, whose square is `limit2`; 1
+/// where it is shorter. Hardly ever is one longer, and the root is spared.
 #[inline(always)]
 unsafe fn shortened<L: Lanes>(square: L::V, limit: f32, limit2: f32) -> L::V {
     // SAFETY: the caller has the instructions.

@@ -36,14 +36,14 @@ unsafe impl Lanes for Portable {
 
     #[inline(always)]
     unsafe fn load_first(from: *const f32, count: usize) -> V {
-        // SAFETY: the caller lends so many numbers.
+        // SAFETY: the caller lends `count` numbers.
         each(|i| if i < count { unsafe { from.add(i).read() } } else { 0.0 })
     }
 
     #[inline(always)]
     unsafe fn store_first(to: *mut f32, count: usize, v: V) {
         for (i, x) in v.into_iter().enumerate().take(count) {
-            // SAFETY: the caller lends room for so many numbers.
+            // SAFETY: the caller lends room for `count` numbers.
             unsafe { to.add(i).write(x) };
         }
     }

@@ -222,7 +222,8 @@ fn explicit_euler_moves_by_the_old_velocity_and_semi_implicit_by_the_new() {
 
 #[test]
 fn the_oscillators_energy_follows_its_integrator() {
-    // Semi-implicit Euler keeps energy within dt·ω/2 of its mean, explicit Euler multiplies it by 1 + dt²ω² a step.
+    // Semi-implicit Euler keeps energy within dt·ω/2 of its mean, explicit Euler multiplies it by 1
+    // + dt²ω² a step.
     let energy = |integrator, steps: usize| {
         let (mesh, mut state, mut solver, material) = oscillator(|m| m.integrator = integrator);
         let node = mesh.order[1] as usize;
