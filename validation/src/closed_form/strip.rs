@@ -197,7 +197,7 @@ pub fn lattice(spacing_mm: f64, rows: u32, columns: u32) -> (Vec<[f32; 3]>, Vec<
     let squares = (0..rows - 1).flat_map(|r| (0..columns - 1).map(move |c| (r, c)));
     let halves = |r: u32, c: u32| {
         let (a, b, d, e) = (node(r, c), node(r, c + 1), node(r + 1, c), node(r + 1, c + 1));
-        if r % 2 == 0 { [[a, b, d], [b, e, d]] } else { [[a, b, e], [a, e, d]] }
+        if r.is_multiple_of(2) { [[a, b, d], [b, e, d]] } else { [[a, b, e], [a, e, d]] }
     };
     (all.map(|(r, c)| at(r, c)).collect(), squares.flat_map(|(r, c)| halves(r, c)).collect())
 }

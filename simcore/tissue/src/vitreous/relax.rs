@@ -7,11 +7,10 @@
 //! one µm, and stops at the limits of its links; its own place is within them, so there is always
 //! room. Then:
 //! - a limit is never broken, because the neighbours of an element of an even cell are odd and rest
-//!    meanwhile;
+//!   meanwhile;
 //! - it converges: let M be the largest displacement along an axis. What an element wants is at
-//!    most n·M/(n + w), so at most M − 1,
-//!   and every limit gives at least 1 µm, so after an even and an odd pass no displacement is above M − 1.
-//!   (An element that the wall of the eye stops waits; its neighbours go on.)
+//!   most n·M/(n + w), so at most M − 1, and every limit gives at least 1 µm, so after an even and
+//!   an odd pass no displacement is above M − 1. (An element that the wall of the eye stops waits; its neighbours go on.)
 //!
 //! The work is bounded: a call does a number of rows of the lattice and goes on there the next
 //! time. Rows in which nothing moves any more sleep, until something moves in them or beside them.
