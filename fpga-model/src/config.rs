@@ -9,10 +9,10 @@ use std::path::PathBuf;
 #[command(name = "vitreo-fpga-model", version)]
 #[command(args_conflicts_with_subcommands = true)]
 pub struct Config {
-    /// Something else than running as a process.
+    /// Sub-command, instead of running as a process.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// What every process takes.
+    /// Arguments of every process.
     #[command(flatten)]
     pub shell: ShellArgs,
     /// Rig file; the shipped one if none is named.

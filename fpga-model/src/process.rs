@@ -21,10 +21,10 @@ use protocol::limits::{MAX_CAMERAS, MAX_WAIT_MS};
 use protocol::rig::Rig;
 use protocol::time::Nanos;
 
-/// The last stretch before an instant is slept through without looking at channels, ns.
+/// Time before an instant from which on channels are not served, ns.
 const FINE_NS: u64 = 500_000;
 
-/// Runs until told to stop.
+/// Runs the camera hardware until it is stopped.
 ///
 /// # Errors
 /// Where the rig cannot be read or simulated, or a channel fails.
@@ -41,7 +41,7 @@ pub fn run(config: &Config) -> Result<()> {
     Ok(())
 }
 
-/// Channels of the process and what waits between them.
+/// Channels of the process, and the blobs held back.
 struct FpgaModelShell {
     shell: Shell,
     fields: BlockReceiver<FieldHeader>,
@@ -50,7 +50,7 @@ struct FpgaModelShell {
     outbox: Outbox,
     /// Number of each camera's newest field.
     newest: [u64; MAX_CAMERAS],
-    /// Added to the instant at which blobs leave, to prove that budgets notice.
+    /// Injected delay of the blobs, for tests of the time budgets, ns.
     delay_ns: u64,
     /// Fields of no camera of the rig, or of another size.
     foreign: u64,
@@ -79,7 +79,7 @@ impl FpgaModelShell {
         })
     }
 
-    /// Scans the fields that have come.
+    /// Scans the fields received.
     fn take_fields(&mut self) -> Result<()> {
         while let Some(sample) = self.fields.receive()? {
             self.take(&sample)?;
@@ -97,7 +97,7 @@ impl FpgaModelShell {
         let Some((extractor, picture)) = extractor.zip(picture) else { return self.refuse(header) };
         let newest = &mut self.newest[header.camera as usize];
         if header.field < *newest {
-            // The source has begun anew: what it sent before comes from another time.
+            // The source has restarted: its former fields are void.
             self.outbox.clear();
         }
         *newest = header.field;
@@ -109,7 +109,7 @@ impl FpgaModelShell {
         Ok(())
     }
 
-    /// Counts a field that fits no camera of the rig, and says so in the heartbeat.
+    /// Counts a field that fits no camera of the rig, and reports the first in the heartbeat.
     fn refuse(&mut self, header: &FieldHeader) -> Result<()> {
         self.foreign += 1;
         if self.foreign == 1 {

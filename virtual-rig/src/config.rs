@@ -11,7 +11,7 @@ const MAX_LATE_MS: f64 = 500.0;
 #[derive(Debug, Clone, clap::Parser)]
 #[command(name = "vitreo-virtual-rig", version)]
 pub struct Config {
-    /// What every process takes.
+    /// Arguments of every process.
     #[command(flatten)]
     pub shell: ShellArgs,
     /// Rig file; the shipped one if none is named.
@@ -35,17 +35,16 @@ pub struct Config {
     /// Markers straight to noisy blobs, without pixels.
     #[arg(long)]
     pub direct: bool,
-    /// What goes wrong.
+    /// Fault injection.
     #[command(flatten)]
     pub faults: FaultArgs,
-    /// Finish after so many seconds.
+    /// Finish after S seconds.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,
-    /// Finish so many seconds after the script's round, with what the surgeon does again, if that
-    /// is before the duration.
+    /// Finish S seconds after the script's round, retries included, if that is before the duration.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub after_round: Option<f64>,
-    /// Send the fields of camera CAM so many ms too late.
+    /// Delay the fields of camera CAM by MS milliseconds.
     #[arg(long, value_name = "CAM=MS", value_parser = late_camera, hide = true)]
     pub late_camera: Option<LateCamera>,
 }
@@ -53,11 +52,11 @@ pub struct Config {
 /// Faults of the virtual cameras.
 #[derive(Debug, Clone, clap::Args)]
 pub struct FaultArgs {
-    /// Let things go wrong, from the seed: presets (none, mild, hard, or a fault by its name) or a
+    /// Inject faults, drawn from the seed: presets (none, mild, hard, or a fault by its name) or a
     /// file that ends in .toml.
     #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
     pub faults: Option<String>,
-    /// Write down what was done to which field, as JSON lines.
+    /// Log the injected faults as JSON lines.
     #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
     pub fault_log: Option<PathBuf>,
 }

@@ -6,9 +6,9 @@
 //! | fault | acts on | pixels | direct blobs |
 //! |---|---|---|---|
 //! | `dropped` | timing | the field is never sent | the same |
-//! | `late` | timing | its blobs leave later; no field overtakes one of its camera | the same |
+//! | `late` | timing | blobs leave later, in order within a camera | the same |
 //! | `clock-drift` | timing | each camera has its own period and phase | the same |
-//! | `torn` | read-out | lower lines are of the field before, or lines are missing | blobs by their centre's line |
+//! | `torn` | read-out | lines are missing or of the previous field | blobs by centre line |
 //! | `occlusion` | scene | markers of one body are hidden | the same |
 //! | `reflections` | scene | a marker has a dimmer, smaller ghost that circles it | the same |
 //! | `saturated` | scene | a marker glares: clipped, pale, wide | flagged, three times the noise |

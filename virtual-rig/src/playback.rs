@@ -15,7 +15,7 @@ pub enum PlaybackError {
     /// A line cannot be read.
     #[error(transparent)]
     Line(#[from] BlobStreamError),
-    /// A field makes no sense with this rig or with the fields before.
+    /// A field contradicts the rig or the fields before it.
     #[error("blob stream {file}, field {field} of camera {camera}: expected {expected}, found {found}")]
     Field {
         /// The file.

@@ -36,7 +36,7 @@ pub struct BlobsArgs {
     /// Which picture --overlay draws, counted from 0 over all cameras.
     #[arg(long, value_name = "N", default_value_t = 0, requires = "overlay")]
     pub overlay_picture: u64,
-    /// Finish after so many pictures.
+    /// Finish after N pictures.
     #[arg(long = "count", value_name = "N")]
     pub pictures_at_most: Option<u64>,
     /// Fields in a picture; a clip's header tells if not given.

@@ -14,7 +14,7 @@ use std::path::Path;
 /// Memory limit of a decoder, bytes: the largest picture with 4 samples of 16 bits, and half as
 /// much again.
 const MAX_DECODER_BYTES: u64 = 384 << 20;
-/// Samples of 16 bits without given levels: from the darkest hundredth up to so many times the
+/// Samples of 16 bits without given levels: from the darkest hundredth up to this multiple of the
 /// spread between it and the brightest hundredth.
 const AUTO_SPREADS: u32 = 8;
 
