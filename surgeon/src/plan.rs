@@ -309,6 +309,7 @@ mod tests {
                 .any(|g| (g.tip_in_eye_mm - body).norm() < DEEPER_MM + 0.05 && g.jaw_rad < 0.15)
         );
         assert!(path_mm(&plan.keys) > 15.0);
+        scene.task = Some(task);
         SceneFile::parse(&scene.to_toml(), "plan").expect("a plan is a valid script");
     }
 }
