@@ -279,7 +279,7 @@ mod tests {
         let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/data");
         for (topic, columns, figures) in FORMER {
             assert!(TABLES.contains(&topic));
-            for (file, (rows, hash)) in ["golden/peel-2s.mcap", "corpus/peeling.mcap"].iter().zip(figures) {
+            for (file, (rows, hash)) in ["corpus/peel.mcap", "corpus/peeling.mcap"].iter().zip(figures) {
                 let mut table = format!("log_time_ns,{}\n", header(topic));
                 assert_eq!(table, format!("log_time_ns,{columns}\n"));
                 for item in Recording::open(&data.join(file)).unwrap().items() {
