@@ -253,7 +253,7 @@ mod tests {
         (
             "steps",
             "step,field,frame,exposed,read_out,blobs_out,taken,tracked,stepped,handles_below,pedals_below,advanced_ns,state_hash,collision_ns,tissue_ns,transfer_ns,misc_ns,inputs_refused,frames_lost",
-            [(100, 0x29d20d07d4429c14), (150, 0x5d3230b87829363d)],
+            [(100, 0xc652f16de901aea3), (150, 0x5d3230b87829363d)],
         ),
         (
             "events",
@@ -269,7 +269,7 @@ mod tests {
         (
             "checkpoints",
             "step,field,handles_below,pedals_below,state_hash,bytes",
-            [(1, 0x40663e19818a0f9e), (1, 0x77cdb111cb6a58f9)],
+            [(1, 0xb70ba9412f799f59), (1, 0x77cdb111cb6a58f9)],
         ),
         ("pictures", "frame,field,displayed,bytes", [(0, 0x927c3eada4764874), (0, 0x927c3eada4764874)]),
     ];
