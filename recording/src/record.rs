@@ -132,6 +132,10 @@ mod tests {
         inner(file, 4).map(|message| (name(message), message.to_vec())).collect()
     }
 
+    /// The phases of a step were divided since: `StepRecord` names them in another message, whose
+    /// first four tags are the former ones.
+    const DIVIDED: [&[u8]; 2] = [b"StepRecord", b"StepTimes"];
+
     #[test]
     fn descriptors_are_those_of_former_recordings() {
         let ours = messages(&crate::descriptors::file_descriptor_set());
@@ -142,7 +146,8 @@ mod tests {
             let mut names = Vec::new();
             for schema in own {
                 let theirs = messages(&schema.data);
-                for (name, message) in &theirs {
+                let same = theirs.iter().filter(|(name, _)| !DIVIDED.contains(&&name[..]));
+                for (name, message) in same {
                     assert!(ours.get(name) == Some(message), "{}", String::from_utf8_lossy(name));
                 }
                 assert_eq!(ours.len(), theirs.len());
