@@ -65,7 +65,7 @@ const FILE_CAP: usize = 500;
 /// Where `unsafe` may be used: the transport, the vectors of the springs' kernel, and the allocator with which a check counts
 /// allocations.
 const UNSAFE_ALLOWED: [&str; 3] =
-    ["protocol/ipc/", "simcore/tissue/src/sheet/simd/", "tracker/tests/any_pose.rs"];
+    ["protocol/ipc/", "simcore/tissue/src/sheet/simd", "tracker/tests/any_pose.rs"];
 
 /// Every Rust source of the repository, by path from its root.
 fn sources() -> BTreeMap<String, String> {
