@@ -10,13 +10,8 @@ fn broken_stages(stage: &str, delay_ms: u32, picture: bool) -> Option<Vec<String
     let budgets = folder.path().join("budgets.toml");
     let limit = f64::from(delay_ms) * 0.8;
     let table = ["camera", "camera-wait", "tracking", "simulation", "rendering"].map(|s| {
-        let slack = match s {
-            // Blobs leave 18 ms after the middle of the exposure.
-            "camera" => 19.5,
-            // A build without optimisation takes about 5 ms for a step.
-            "simulation" if stage != "simulation" => 15.0,
-            _ => 0.0,
-        };
+        // Blobs leave 18 ms after the middle of the exposure.
+        let slack = if s == "camera" { 19.5 } else { 0.0 };
         format!("[[budget]]\nstage = \"{s}\"\nlimit_ms = {}\n", limit + slack)
     });
     let whole = "[[budget]]\nstage = \"whole-system\"\nlimit_ms = 0\n";
