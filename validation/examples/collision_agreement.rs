@@ -7,7 +7,6 @@
 //! to 256 pixels and counts which triangles that meet the instrument (exact pairs) no pixel
 //! reports. Exit code 5 on a difference.
 
-use collision::exact::{PairQuery, StaticMesh};
 use collision::instrument_image::InstrumentImage;
 use collision::surface::Surface;
 use collision::zcoll::{Contacts, Zcoll};
@@ -17,6 +16,7 @@ use protocol::handles::Tool;
 use protocol::random::Random;
 use std::collections::BTreeSet;
 use std::process::ExitCode;
+use validation::exact::{PairQuery, StaticMesh};
 use validation::rays::{Collisions, RADIUS_MM, Scene, collisions, collisions_back};
 
 /// Scenes whose misses are counted.

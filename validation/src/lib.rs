@@ -4,6 +4,7 @@
 //! |---|---|
 //! | springs, membranes, volume elements, adhesion, blebs | [`closed_form`]: closed forms and independent solutions; `tests/truth.rs`, example `validation`, `docs/validation.md` |
 //! | collision | [`rays`]: exact rational arithmetic; `tests/agreement.rs` (processor), `tests/gpu.rs` (adapter), example `collision_agreement`, `docs/collision.md` |
+//! | pairs of triangles in contact | [`exact`]: whole numbers; bench `collision`, example `collision_agreement` |
 //! | peeling force | `tests/peel.rs`, example `peel_force`, `docs/peeling.md` |
 //! | finite numbers, bounded energy, whole meshes, determinism | [`soak`]: random programmes over random scenes; `tests/soak.rs`, example `soak` (`make soak`) |
 //! | cameras, tracker, simulation and score together | [`pipeline`]: a live run in one process; example `study` (`make study`, `docs/study.md`), `tests/scenarios/modules.rs` of the workspace |
@@ -14,6 +15,7 @@
 
 pub mod camera_twin;
 pub mod closed_form;
+pub mod exact;
 pub mod moments;
 pub mod pipeline;
 pub mod rays;

@@ -1,7 +1,7 @@
 //! The collision volume of an instrument, and the instrument's own depth image in it. That image depends
 //! only on the jaw opening: it is drawn once for each opening, in steps of [`JAW_STEP_RAD`].
 
-use super::quantize::to_fixed;
+use super::quantize::FixedFormat;
 use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
 use super::surface::CollisionError;
 use super::tool_mesh::{Facet, ToolMesh};
@@ -60,7 +60,8 @@ impl Volume {
     /// Corners, in the instrument's frame and mm, of the box that a rectangle of the image sees, widened by so many pixels to
     /// every side, and along z by as many 1/256 of the depth.
     pub fn box_around(&self, rect: Rect, margin: f32) -> [[f32; 3]; 2] {
-        let [(xy, middle), (z, near)] = self.format();
+        let [FixedFormat { scale: xy, offset: middle }, FixedFormat { scale: z, offset: near }] =
+            self.format();
         let step = SUBPIXELS as f32;
         let wide = |pixel: i32, by: f32| ((pixel as f32 + by) * step - middle) / xy;
         let deep = |steps: i32, by: f32| (steps as f32 + by * step - near) / z;
@@ -70,17 +71,18 @@ impl Volume {
     }
 
     /// Scale and offset to fixed point along z for the camera at the handle: from the far plane towards the tip.
-    pub fn format_back(&self) -> (f32, f32) {
+    pub fn format_back(&self) -> FixedFormat {
         let z = f64::from(DEPTH_STEPS) / self.depth_mm;
-        (-z as f32, ((self.near_mm + self.depth_mm) * z) as f32)
+        FixedFormat { scale: -z as f32, offset: ((self.near_mm + self.depth_mm) * z) as f32 }
     }
 
-    /// Scale and offset to fixed point along x (and y), then along z.
-    pub fn format(&self) -> [(f32, f32); 2] {
+    /// To fixed point along x (and y), then along z.
+    pub fn format(&self) -> [FixedFormat; 2] {
         let width = (self.resolution as i32 * SUBPIXELS) as f64;
         let xy = width / (2.0 * self.half_mm);
         let z = f64::from(DEPTH_STEPS) / self.depth_mm;
-        [(xy as f32, (width * 0.5) as f32), (z as f32, (-self.near_mm * z) as f32)]
+        let format = |scale: f64, offset: f64| FixedFormat { scale: scale as f32, offset: offset as f32 };
+        [format(xy, width * 0.5), format(z, -self.near_mm * z)]
     }
 
     /// A number of depth steps in mm.
@@ -190,7 +192,7 @@ impl InstrumentImage {
 /// Draws facets into a depth image, the nearest wins.
 struct Pen<'a> {
     volume: &'a Volume,
-    z: (f32, f32),
+    z: FixedFormat,
     depth: &'a mut [i32],
     rect: &'a mut Rect,
 }
@@ -202,7 +204,7 @@ impl Pen<'_> {
         let [xy, _] = self.volume.format();
         let vertices = facet.map(|p| {
             let [x, y, d] = p.map(|c| c as f32);
-            [to_fixed(x, xy, XY_LIMIT - 1), to_fixed(y, xy, XY_LIMIT - 1), to_fixed(d, self.z, Z_LIMIT - 1)]
+            [xy.to_fixed(x, XY_LIMIT - 1), xy.to_fixed(y, XY_LIMIT - 1), self.z.to_fixed(d, Z_LIMIT - 1)]
         });
         raster::triangle(vertices, whole, |x, y, d| {
             let d = d.steps();

@@ -1,5 +1,5 @@
 //! Vertices into whole numbers, sixteen at a time: the instrument's frame, a scale per axis, and the planes of a box that each
-//! vertex lies beyond. ZCOLL's images and the exact pairs both begin here.
+//! vertex lies beyond. ZCOLL's images, the port's camera and the exact pairs of `validation` begin here.
 
 use super::raster::{XY_LIMIT, Z_LIMIT};
 use super::surface::{BLOCK, Frame, Surface};
@@ -24,8 +24,8 @@ pub const REFUSED: i32 = 0x40;
 pub struct Quantizer {
     /// Eye frame to instrument frame.
     pub frame: Frame,
-    /// Scale and offset from mm to steps, by axis.
-    pub format: [(f32, f32); 3],
+    /// From mm to steps, by axis.
+    pub format: [FixedFormat; 3],
     /// Limit of each axis, exclusive.
     pub limit: [i32; 3],
     /// Lower corner of the box, steps.
@@ -39,21 +39,33 @@ const WHOLE: f32 = 8_388_608.0;
 
 const _: () = assert!(2 * XY_LIMIT < 1 << 22 && 2 * Z_LIMIT < 1 << 22, "a limit twice is far below 2²³");
 
-/// Rounds to whole steps; what lies outside is put on the limit, where the caller refuses it, and what is not a number on the
-/// negative one. Halves go up: the integer part of value + limit + 1/2, less the limit.
-#[inline(always)]
-pub fn to_fixed(value: f32, (scale, offset): (f32, f32), limit: i32) -> i32 {
-    let bound = limit as f32;
-    let step = value * scale + offset;
-    let step = if step > -bound { step } else { -bound };
-    let step = if step < bound { step } else { bound };
-    let above = step + bound + 0.5;
-    // The integer part of `above`, which is within 0 and 2²², without a conversion: that would keep the
-    // loops around it from becoming vector code.
-    let nearest = above + WHOLE;
-    let whole = nearest.to_bits() as i32 - WHOLE.to_bits() as i32;
-    let up = if nearest - WHOLE > above { 1 } else { 0 };
-    whole - up - limit
+/// How a length becomes whole steps: steps = mm · scale + offset.
+#[derive(Debug, Clone, Copy)]
+pub struct FixedFormat {
+    /// Steps of a mm.
+    pub scale: f32,
+    /// Steps of 0 mm.
+    pub offset: f32,
+}
+
+impl FixedFormat {
+    /// Rounds to whole steps; what lies outside is put on the limit, where the caller refuses it,
+    /// and what is not a number on the negative one. Halves go up: the integer part of value +
+    /// limit + 1/2, less the limit.
+    #[inline(always)]
+    pub fn to_fixed(self, value: f32, limit: i32) -> i32 {
+        let bound = limit as f32;
+        let step = value * self.scale + self.offset;
+        let step = if step > -bound { step } else { -bound };
+        let step = if step < bound { step } else { bound };
+        let above = step + bound + 0.5;
+        // The integer part of `above`, which is within 0 and 2²², without a conversion: that would
+        // keep the loops around it from becoming vector code.
+        let nearest = above + WHOLE;
+        let whole = nearest.to_bits() as i32 - WHOLE.to_bits() as i32;
+        let up = if nearest - WHOLE > above { 1 } else { 0 };
+        whole - up - limit
+    }
 }
 
 impl Quantizer {
@@ -92,7 +104,7 @@ impl pulp::NullaryFnOnce for PlaceBlock<'_> {
             let [below, above] = [1 << (2 * axis), 2 << (2 * axis)];
             for i in 0..BLOCK {
                 let value = frame.along(axis, x[i], y[i], z[i]);
-                let step = to_fixed(value, format[axis], limit[axis]);
+                let step = format[axis].to_fixed(value, limit[axis]);
                 let mut bits = if step < low[axis] { below } else { 0 };
                 bits |= if step > high[axis] { above } else { 0 };
                 bits = if value.is_nan() { 0 } else { bits };
@@ -121,7 +133,7 @@ mod tests {
             for limit in [XY_LIMIT, Z_LIMIT, 2000] {
                 let bound = limit as f32;
                 let plain = ((value * scale + offset).clamp(-bound, bound) + bound + 0.5) as i32 - limit;
-                prop_assert_eq!(to_fixed(value, (scale, offset), limit), plain);
+                prop_assert_eq!(FixedFormat { scale, offset }.to_fixed(value, limit), plain);
             }
         }
 
@@ -141,7 +153,8 @@ mod tests {
             if bad < n { axes[1][bad] = f32::NAN; }
             let surface = Surface { position_mm: axes.each_ref().map(Vec::as_slice), triangles: &[], alive: &[] };
             let placing = Quantizer {
-                frame: Frame::new(&pose), format: [(1000.0, 5.0); 3], limit: [2000; 3], low: [-500; 3], high: [600; 3],
+                frame: Frame::new(&pose), format: [FixedFormat { scale: 1000.0, offset: 5.0 }; 3],
+                limit: [2000; 3], low: [-500; 3], high: [600; 3],
             };
             let mut placed = vec![QuantizedVertex::default(); n];
             let mut plain = placed.clone();

@@ -13,7 +13,7 @@
 //! Format: [`REACH_STEPS`] = 2¹⁵ steps are the cone's reach, coordinates stay below 2¹⁷. A cross product is below 2³⁵, E below 3·2⁴³, ΣE
 //! below 9·2⁴³, D below 3·2⁵², D·r_z below 3·2⁶⁰: an `i64` holds all.
 
-use super::quantize::{PLANES, QuantizedVertex, Quantizer, REFUSED};
+use super::quantize::{FixedFormat, PLANES, QuantizedVertex, Quantizer, REFUSED};
 use super::surface::{CollisionError, Cull, Frame, Surface};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use protocol::handles::PORT_HEIGHT_MM;
@@ -186,10 +186,11 @@ pub fn camera_from_instrument() -> Isometry3<f64> {
 /// How a look maps the eye to whole steps.
 fn placing(frame: Frame, cone: &SuctionCone) -> Quantizer {
     let along = f64::from(REACH_STEPS) / cone.reach_mm;
-    let across = ((along / cone.tan_half_angle) as f32, 0.0);
+    let format = |steps: f64| FixedFormat { scale: steps as f32, offset: 0.0 };
+    let across = format(along / cone.tan_half_angle);
     Quantizer {
         frame,
-        format: [across, across, (along as f32, 0.0)],
+        format: [across, across, format(along)],
         limit: [LIMIT; 3],
         low: [-REACH_STEPS, -REACH_STEPS, 0],
         high: [REACH_STEPS; 3],

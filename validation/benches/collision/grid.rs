@@ -3,7 +3,7 @@
 
 use crate::peers::{Method, triangle};
 use crate::setting::{Frame, Setting};
-use collision::tritri::Corner;
+use validation::exact::tritri::Corner;
 
 /// Side of a cell, mm: about a triangle of the membrane.
 const CELL_MM: f32 = 0.12;

@@ -2,7 +2,6 @@
 
 use crate::peers::{Method, triangle};
 use crate::setting::{Frame, Setting};
-use collision::tritri::{Corner, Triangle};
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::{Pose, Vector};
 use parry3d::partitioning::{Bvh, BvhBuildStrategy};
@@ -10,6 +9,7 @@ use parry3d::query::{
     ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher, PersistentQueryDispatcher,
 };
 use parry3d::shape::TriMesh;
+use validation::exact::tritri::{Corner, Triangle};
 
 fn boxed([low, high]: [Corner; 2]) -> Aabb {
     // Whole numbers below 2²⁴: exact in f32.

@@ -5,10 +5,10 @@ use crate::parry::{ParryBvh, ParryManifolds};
 use crate::queries::{Back, Port, YesNo};
 use crate::setting::{Frame, Setting};
 use crate::spheres::SphereTrees;
-use collision::exact::PairQuery;
 use collision::instrument_image::{InstrumentImage, Volume};
-use collision::tritri::{Corner, Triangle};
 use collision::zcoll::Zcoll;
+use validation::exact::PairQuery;
+use validation::exact::tritri::{Corner, Triangle};
 
 /// A way to find collisions.
 pub trait Method {
@@ -57,7 +57,7 @@ pub fn methods(triangles: usize) -> Vec<Make> {
 #[inline]
 pub fn triangle(frame: &Frame, corners: &[Corner], t: usize) -> Option<Triangle> {
     let corners = frame.surface.triangles[t].map(|v| corners[v as usize]);
-    let on_grid = |c: &i32| c.abs() < collision::tritri::LIMIT;
+    let on_grid = |c: &i32| c.abs() < validation::exact::tritri::LIMIT;
     if corners.as_flattened().iter().all(on_grid) { Triangle::new(corners) } else { None }
 }
 

@@ -1,11 +1,11 @@
 //! What is measured: a wavy sheet that changes every frame, and a forceps pushed through it.
 
-use collision::exact::{StaticMesh, on_grid};
 use collision::surface::{self, Surface};
 use collision::tool_mesh::{FINE, ToolMesh};
-use collision::tritri::Corner;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use protocol::handles::Tool;
+use validation::exact::tritri::Corner;
+use validation::exact::{StaticMesh, on_grid};
 
 /// Squares of a sheet, two triangles each.
 #[derive(Debug, Clone, Copy)]

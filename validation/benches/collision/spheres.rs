@@ -3,7 +3,7 @@
 
 use crate::peers::{Method, triangle};
 use crate::setting::{Frame, Setting};
-use collision::tritri::{Corner, Triangle};
+use validation::exact::tritri::{Corner, Triangle};
 
 /// Added to every radius: larger than any rounding of `f32` in it, in grid steps.
 const SLACK: f32 = 1.0;

@@ -42,8 +42,8 @@ pub struct QueryParams {
 impl QueryParams {
     /// A look of an instrument at a mesh, from either of its ends.
     pub(super) fn new(frame: &Frame, volume: &Volume, side: &Side, lists: &Lists) -> Self {
-        let [(xy, middle), ahead] = volume.format();
-        let (z, near) = if side.reversed { volume.format_back() } else { ahead };
+        let [xy, ahead] = volume.format();
+        let z = if side.reversed { volume.format_back() } else { ahead };
         let (turn, tip) = (frame.turn(), frame.tip());
         let row = |i: usize| [turn[i][0], turn[i][1], turn[i][2], tip[i]].map(f32::to_bits);
         let estimable = tip.iter().all(|c| c.abs() < FAR_MM) && turn.iter().flatten().all(|c| c.abs() < 2.0);
@@ -52,7 +52,7 @@ impl QueryParams {
         let (min, max) = (side.rect.min, side.rect.max);
         QueryParams {
             turn: [row(0), row(1), row(2)],
-            format: [xy, middle, z, near].map(f32::to_bits),
+            format: [xy.scale, xy.offset, z.scale, z.offset].map(f32::to_bits),
             bound: [
                 (XY_LIMIT as f32).to_bits(),
                 (Z_LIMIT as f32).to_bits(),

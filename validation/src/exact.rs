@@ -1,18 +1,21 @@
-//! PairQuery pairs: which triangle of the membrane meets which triangle of the instrument.
+//! Exact pairs: which triangle of the membrane meets which triangle of the instrument.
 //!
-//! The membrane is put into the instrument's frame, where the instrument never moves: a static tree over the instrument
-//! serves every pose, and none is needed over the membrane, which is culled by the instrument's box
-//! ([`super::surface`]). What is left goes down the tree, sixteen boxes at a time, and at the end an exact test
-//! ([`super::tritri`]) decides.
+//! The membrane is put into the instrument's frame, where the instrument never moves: a static tree
+//! over the instrument serves every pose, and none is needed over the membrane, which is culled by
+//! the instrument's box ([`collision::surface`]). What is left goes down the tree, sixteen boxes at
+//! a time, and at the end an exact test ([`tritri`]) decides.
 //!
-//! Exact means: with respect to corners rounded to a grid that follows from the instrument's size (a power of two of mm; 31 nm
-//! for a shaft of 3 mm). From there on all numbers are whole and no sign is ever rounded.
+//! Exact means: with respect to corners rounded to a grid that follows from the instrument's size
+//! (a power of two of mm; 31 nm for a shaft of 3 mm). From there on all numbers are whole and no
+//! sign is ever rounded.
 
-use super::quantize::{PLANES, QuantizedVertex, Quantizer, REFUSED, to_fixed};
-use super::surface::{CollisionError, Cull, Frame, Surface};
-use super::tool_mesh::Facet;
-use super::tritri::{Corner, LIMIT, Triangle};
+pub mod tritri;
+
+use collision::quantize::{FixedFormat, PLANES, QuantizedVertex, Quantizer, REFUSED};
+use collision::surface::{CollisionError, Cull, Frame, Surface};
+use collision::tool_mesh::Facet;
 use nalgebra::Isometry3;
+use tritri::{Corner, LIMIT, Triangle};
 
 /// Children of a node of the instrument's tree.
 const WIDE: usize = 16;
@@ -88,7 +91,7 @@ impl StaticMesh {
     /// Builds the tree; facets in the instrument's frame, mm.
     pub fn new(facets: &[Facet]) -> Result<Self, CollisionError> {
         let found = facets.len();
-        if found >= super::surface::MAX_IDS {
+        if found >= collision::surface::MAX_IDS {
             return Err(CollisionError::TooManyIds { found });
         }
         let largest =
@@ -100,8 +103,9 @@ impl StaticMesh {
         let scale = libm::exp2(libm::floor(libm::log2(f64::from(BOX_LIMIT - 1) / largest))) as f32;
         let mut mesh =
             StaticMesh { scale, triangles: Vec::new(), levels: Vec::new(), bounds: [[0; 3]; 2], flat: 0 };
+        let format = mesh.format();
         for (facet, number) in facets.iter().zip(0u32..) {
-            let corners = facet.map(|p| p.map(|c| to_fixed(c as f32, (scale, 0.0), LIMIT)));
+            let corners = facet.map(|p| p.map(|c| format.to_fixed(c as f32, LIMIT)));
             match Triangle::new(corners) {
                 Some(triangle) => mesh.triangles.push((triangle, number)),
                 None => mesh.flat += 1,
@@ -113,6 +117,10 @@ impl StaticMesh {
         order(&mut mesh.triangles);
         mesh.build();
         Ok(mesh)
+    }
+
+    fn format(&self) -> FixedFormat {
+        FixedFormat { scale: self.scale, offset: 0.0 }
     }
 
     fn build(&mut self) {
@@ -260,7 +268,7 @@ impl PairQuery {
         self.cull.classify(surface, &frame, low, high);
         let placing = Quantizer {
             frame,
-            format: [(mesh.scale, 0.0); 3],
+            format: [mesh.format(); 3],
             limit: [LIMIT; 3],
             low: mesh.bounds[0],
             high: mesh.bounds[1],
@@ -287,7 +295,7 @@ impl PairQuery {
 
 /// A point on the grid of a mesh; what lies beyond is put on the limit.
 pub fn on_grid(mesh: &StaticMesh, frame: &Frame, point: [f32; 3]) -> Corner {
-    frame.point(point).map(|c| to_fixed(c, (mesh.scale, 0.0), LIMIT))
+    frame.point(point).map(|c| mesh.format().to_fixed(c, LIMIT))
 }
 
 struct TestChunk<'a> {
@@ -360,11 +368,11 @@ impl TestChunk<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::test_mesh::TestMesh;
-    use crate::tool_mesh::{PLAIN, ToolMesh};
-    use nalgebra::{Translation3, UnitQuaternion};
+    use crate::rays::Scene;
+    use collision::tool_mesh::{PLAIN, ToolMesh};
     use proptest::prelude::*;
     use protocol::handles::Tool;
+    use protocol::random::Random;
 
     fn brute(mesh: &StaticMesh, pose: &Isometry3<f64>, surface: &Surface) -> Vec<Pair> {
         let frame = Frame::new(pose);
@@ -388,30 +396,27 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(48))]
         /// Cull, tree and vector code lose nothing and add nothing.
         #[test]
-        fn pairs_are_those_of_every_triangle_with_every_triangle(
-            angles in prop::array::uniform3(-1.0f64..1.0), depth in -2.0f64..0.2, jaw in 0.0f64..0.6,
-            wave in 0.0f32..0.3, bad in prop::option::of(0usize..625), torn in 0usize..1152,
-        ) {
-            let facets = ToolMesh::with_detail(Tool::Forceps, 0.25, 1.5, PLAIN).facets(jaw);
-            let mesh = StaticMesh::new(&facets).unwrap();
-            let TestMesh { position_mm: mut position, triangles, mut alive } =
-                TestMesh::grid([24, 24], 0.1, |x, y| wave * ((3.0 * x).sin() + (4.0 * y).cos()));
-            if let Some(bad) = bad { position[bad % 3][bad] = f32::NAN; }
-            alive[torn] = 0;
-            let turn = UnitQuaternion::from_euler_angles(angles[0], angles[1], angles[2]);
-            let pose = Isometry3::from_parts(Translation3::new(0.1, 0.05, depth), turn).inverse();
+        fn pairs_are_those_of_every_triangle_with_every_triangle(seed in any::<u64>(), spoilt in any::<bool>()) {
+            let mut random = Random::from_seed(seed);
+            let mut scene = Scene::random(&mut random, &[32]);
+            if spoilt { scene.spoil(&mut random); }
+            let mesh = StaticMesh::new(&scene.facets()).unwrap();
             let surface = Surface {
-                position_mm: position.each_ref().map(Vec::as_slice), triangles: &triangles, alive: &alive,
+                position_mm: scene.position_mm.each_ref().map(Vec::as_slice),
+                triangles: &scene.triangles,
+                alive: &scene.alive,
             };
+            let pose = scene.instrument_from_eye;
             let mut expected = brute(&mesh, &pose, &surface);
-            expected.retain(|p| p.membrane as usize != torn);
-            let mut exact = PairQuery::new(&triangles, 625).unwrap();
+            expected.retain(|p| scene.alive[p.membrane as usize] != 0);
+            let nodes = scene.position_mm[0].len();
+            let mut exact = PairQuery::new(&scene.triangles, nodes).unwrap();
             let found = exact.query(&mesh, &pose, &surface);
             let order = exact.pairs().to_vec();
             let mut pairs = order.clone();
             pairs.sort_unstable();
             prop_assert_eq!(pairs, expected);
-            let mut plain = PairQuery::new(&triangles, 625).unwrap().without_simd();
+            let mut plain = PairQuery::new(&scene.triangles, nodes).unwrap().without_simd();
             prop_assert_eq!((plain.query(&mesh, &pose, &surface), plain.pairs()), (found, &order[..]));
         }
     }
