@@ -43,6 +43,7 @@ impl StepInputs {
 /// and vitreous, and the rest includes task and hash.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Wire, Zeroable)]
+#[wire(name = "StepTimes")]
 pub struct StepProfile {
     /// Contact of instruments with tissue and retina.
     #[wire(tag = 1)]
@@ -132,7 +133,7 @@ pub struct StepRecord {
     #[wire(tag = 8, hash)]
     pub state_hash: u64,
     /// Time spent, by phase.
-    #[wire(tag = 9)]
+    #[wire(tag = 9, name = "times")]
     pub profile: StepProfile,
     /// Inputs refused by validation since the start.
     #[wire(tag = 10)]

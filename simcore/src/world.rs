@@ -20,6 +20,7 @@ pub use plan::start_instrument;
 pub use removed::RemovedTissue;
 
 use profile::StepTimer;
+use sheets::SheetsCounts;
 use vitreous::StepSuction;
 
 use crate::bodies::solve::StoppedBodies;
@@ -192,7 +193,7 @@ impl World {
     /// and nothing else; [`no_clock`] will do.
     pub fn step(&mut self, input: &StepInput, clock: &mut dyn FnMut() -> u64) -> StepReport {
         let mut timer = StepTimer::start(clock);
-        self.begin_step(input.frame);
+        let mut sheets = self.begin_step(input.frame);
         self.apply_handles(input.handles);
         self.apply_pedals(input.pedals);
         self.apply_infusion();
@@ -205,13 +206,13 @@ impl World {
             self.apply_suction(&tools, &mut suction);
             self.use_forceps(&plan, &poses, k);
             timer.lap(|p| &mut p.tools_ns);
-            self.move_sheets(&poses, &tools);
+            sheets.merge(&self.move_sheets(&poses, &tools));
             timer.lap(|p| &mut p.tissue_ns);
             stopped.add(self.move_bodies(&plan, &poses, k));
             timer.lap(|p| &mut p.bodies_ns);
             self.state.substeps += 1;
             self.touch_retina(&plan);
-            self.push_sheets(&plan, &poses, &tools);
+            sheets.merge(&self.push_sheets(&plan, &poses, &tools));
             timer.lap(|p| &mut p.collision_ns);
         }
         self.move_vitreous(&plan, &suction);
@@ -220,7 +221,7 @@ impl World {
         self.accumulate_light_dose(&plan);
         timer.lap(|p| &mut p.tools_ns);
         self.emit_stopped(stopped);
-        self.end_sheets(&plan);
+        self.end_sheets(&plan, sheets);
         timer.lap(|p| &mut p.tissue_ns);
         self.end_task(input.frame);
         timer.lap(|p| &mut p.task_ns);
@@ -324,7 +325,9 @@ impl World {
         self.refresh_vitreous();
     }
 
-    fn begin_step(&mut self, frame: &TrackerFrame) {
+    /// Begins the step's events and its account of the sheets, which is empty but for what there
+    /// was before.
+    fn begin_step(&mut self, frame: &TrackerFrame) -> SheetsCounts {
         self.log.begin(self.state.next_event, frame.field, frame.instants.exposed);
         let mut splits = 1;
         if let Some(membrane) = &mut self.membrane {
@@ -339,6 +342,8 @@ impl World {
             let parts = f64::from(splits);
             self.log.emit(EventDraft::new(EventKind::TimeStepSplit, parts));
         }
+        let bonds = self.state.membrane.adhesion.as_ref();
+        SheetsCounts { freed_before_mm2: bonds.map_or(0.0, |b| b.freed_mm2), ..Default::default() }
     }
 
     fn end_step(&mut self, plan: &plan::StepPlan) {

@@ -266,7 +266,7 @@ fn bad_numbers_are_taken_out_and_the_rest_goes_on() {
         (0..20).for_each(|k| b.model.substep(&mut b.state, k));
         b.model.end_step(&mut b.state);
         assert!(
-            (1..8).contains(&b.model.body.counts.disabled.count),
+            (1..8).contains(&b.model.take_counts().sheet.disabled.count),
             "the node, or the few that its force ran away with"
         );
         b.run(None, 3);

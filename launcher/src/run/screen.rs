@@ -7,6 +7,7 @@ use ipc::logging::{is_json, message};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::{STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
 use protocol::poses::BODY_NAMES;
+use protocol::steps::StepProfile;
 use protocol::time::Nanos;
 use std::io::{IsTerminal, Write};
 use tracing::Level;
@@ -86,6 +87,13 @@ impl Status<'_> {
             let over =
                 if limit > 0.0 && durations.at_ms(self.budgets.percentile) > limit { "  over" } else { "" };
             lines.push(format!("{:<14}{p50:>10.2}{p99:>10.2}{limit:>10}{over}", stage.name()));
+        }
+        let phases = StepProfile::PHASES.iter().zip(&self.latencies.phases);
+        let phases = phases.filter(|(_, durations)| durations.count() > 0);
+        let phases: Vec<String> =
+            phases.map(|(name, durations)| format!("{name} {:.2}", durations.at_ms(50.0))).collect();
+        if !phases.is_empty() {
+            lines.push(format!("step, ms p50: {}", phases.join(", ")));
         }
     }
 
@@ -230,6 +238,7 @@ mod tests {
         step.instants.exposed = 1_000_000;
         step.instants.tracked = 2_000_000;
         step.instants.stepped = 14_000_000;
+        step.profile.tissue_ns = 7_000_000;
         latencies.note_step(&step);
         monitor.note(&Item::Step(step));
         let kind = EventKind::RimForceHigh as u32;
@@ -259,6 +268,7 @@ mod tests {
                 "age, ms",
                 "simulation",
                 "12.00",
+                "tissue 7.00",
                 "over",
                 "field 42",
                 "7.50 µN",

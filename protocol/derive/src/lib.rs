@@ -10,6 +10,7 @@
 //! | `count = FIELD` | the first elements of this array are in use; FIELD counts them |
 //! | `payload = "NAME"` | bytes of the payload behind the block; the payload is recorded as NAME |
 //! | `elements = TYPE` | a section of the payload with elements of this type |
+//! | `name = "NAME"` | its name in recordings and tables, where it is another |
 //! | `columns = "A,B"` | names of its columns in tables; empty: no column |
 //!
 //! `#[wire(name = "NAME")]` on the struct gives its message in recordings another name.
@@ -58,8 +59,9 @@ fn expand(input: &DeriveInput) -> Result<TokenStream, Error> {
 /// The row of a field in the table.
 fn row(owner: &Ident, field: &Field) -> Result<TokenStream, Error> {
     let ident = field.ident.as_ref().expect("fields have names");
-    let (name, ty) = (ident.to_string(), &field.ty);
-    let Options { tag, role, columns } = options(owner, field)?;
+    let ty = &field.ty;
+    let Options { tag, role, name, columns } = options(owner, field)?;
+    let name = name.unwrap_or_else(|| ident.to_string());
     let columns = columns
         .map_or_else(|| quote!(::core::option::Option::None), |c| quote!(::core::option::Option::Some(#c)));
     Ok(quote! {
@@ -78,11 +80,12 @@ fn row(owner: &Ident, field: &Field) -> Result<TokenStream, Error> {
 struct Options {
     tag: u32,
     role: TokenStream,
+    name: Option<String>,
     columns: Option<String>,
 }
 
 fn options(owner: &Ident, field: &Field) -> Result<Options, Error> {
-    let (mut tag, mut columns) = (0, None);
+    let (mut tag, mut name, mut columns) = (0, None, None);
     let mut role = quote!(::protocol::wire::Role::Value);
     for attribute in field.attrs.iter().filter(|a| a.path().is_ident("wire")) {
         attribute.parse_nested_meta(|meta| {
@@ -99,15 +102,17 @@ fn options(owner: &Ident, field: &Field) -> Result<Options, Error> {
             } else if meta.path.is_ident("elements") {
                 let element: Type = meta.value()?.parse()?;
                 role = quote!(::protocol::wire::Role::Section(<#element as ::protocol::wire::Wire>::KIND));
+            } else if meta.path.is_ident("name") {
+                name = Some(meta.value()?.parse::<LitStr>()?.value());
             } else if meta.path.is_ident("columns") {
                 columns = Some(meta.value()?.parse::<LitStr>()?.value());
             } else {
-                return Err(meta.error("expected tag, hash, count, payload, elements or columns"));
+                return Err(meta.error("expected tag, hash, count, payload, elements, name or columns"));
             }
             Ok(())
         })?;
     }
-    Ok(Options { tag, role, columns })
+    Ok(Options { tag, role, name, columns })
 }
 
 fn message_name(input: &DeriveInput) -> Result<String, Error> {

@@ -7,7 +7,7 @@ use super::tools::PlacedTools;
 use protocol::events::{EventDraft, EventKind};
 use protocol::handles::PedalMode;
 use protocol::limits::INSTRUMENTS;
-use tissue::retina::{NeedleEvents, Retina};
+use tissue::retina::{NeedleEvents, Retina, RetinaCounts};
 
 /// Mm³/s in µl/min.
 const UL_PER_MIN: f64 = 60.0;
@@ -78,12 +78,9 @@ impl World {
         }
     }
 
-    /// Ends the retina's step and raises the events of its counts.
-    pub(super) fn end_retina(&mut self) {
-        let (Some(model), Some(retina)) = (&mut self.retina, &mut self.state.retina) else { return };
-        model.end_step(retina);
-        let (counts, detached) = (model.counts, model.body.counts.detached);
-        self.emit_tally(SheetName::Retina, EventKind::RetinaDetached, detached);
+    /// What happened to the retina in the step.
+    pub(super) fn emit_retina(&mut self, counts: &RetinaCounts) {
+        self.emit_tally(SheetName::Retina, EventKind::RetinaDetached, counts.sheet.detached);
         self.emit_tally(SheetName::Retina, EventKind::RetinaReattached, counts.attached);
         if counts.merged.0 > 0 {
             self.log.emit(EventDraft::new(EventKind::BlebsMerged, counts.merged.1));

@@ -7,9 +7,9 @@ use collision::zcoll::Contacts;
 use nalgebra::Vector3;
 use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
-use tissue::sheet::adhesion::LIFTED_MM;
+use tissue::sheet::adhesion::{LIFTED_MM, Parting};
 use tissue::sheet::collider::Pushed;
-use tissue::sheet::step_counts::Tally;
+use tissue::sheet::step_counts::{SheetCounts, Tally};
 
 /// The freed area is reported whenever another such share of the adhering area is off.
 const PEELED_STEPS: f64 = 10.0;
@@ -28,23 +28,19 @@ fn passes(warned: &mut bool, value: f64, limit: f64) -> bool {
 }
 
 impl World {
-    /// What was torn, disabled or cut of the sheets, and grips that were lost by it.
-    pub(super) fn emit_sheet_counts(&mut self) {
-        for name in SheetName::ALL {
-            let (torn, cut) = match name {
-                SheetName::Membrane => (EventKind::TissueTorn, EventKind::TissueCut),
-                SheetName::Retina => (EventKind::RetinaRipped, EventKind::RetinaCut),
-            };
-            let Some((body, _)) = self.sheet_mut(name) else { continue };
-            let (counts, cuts) = (body.counts, body.take_cuts());
-            self.emit_tally(name, torn, counts.torn);
-            self.emit_tally(name, EventKind::TissueDisabled, counts.disabled);
-            for i in (0..INSTRUMENTS).filter(|&i| counts.lost_grip[i]) {
-                self.emit_by(i, EventKind::TissueReleased, 0.0);
-            }
-            for (i, cut_mm2) in cuts {
-                self.emit_by(i, cut, cut_mm2);
-            }
+    /// What was torn, disabled or cut of a sheet, and grips that were lost by it.
+    pub(super) fn emit_sheet_counts(&mut self, name: SheetName, counts: &SheetCounts) {
+        let (torn, cut) = match name {
+            SheetName::Membrane => (EventKind::TissueTorn, EventKind::TissueCut),
+            SheetName::Retina => (EventKind::RetinaRipped, EventKind::RetinaCut),
+        };
+        self.emit_tally(name, torn, counts.torn);
+        self.emit_tally(name, EventKind::TissueDisabled, counts.disabled);
+        for i in (0..INSTRUMENTS).filter(|&i| counts.lost_grip[i]) {
+            self.emit_by(i, EventKind::TissueReleased, 0.0);
+        }
+        for i in (0..INSTRUMENTS).filter(|&i| counts.cut_um2[i] > 0) {
+            self.emit_by(i, cut, counts.cut_um2[i] as f64 * 1e-6);
         }
     }
 
@@ -59,9 +55,8 @@ impl World {
     }
 
     /// The pull at the membrane's rim: warning, and what came off.
-    pub(super) fn emit_rim(&mut self) {
-        let (Some(scene), Some(body)) = (&self.scene.membrane, &self.membrane) else { return };
-        let (counts, sheet) = (&body.counts, &mut self.state.membrane);
+    pub(super) fn emit_rim(&mut self, counts: &SheetCounts) {
+        let (Some(scene), sheet) = (&self.scene.membrane, &mut self.state.membrane) else { return };
         let (rim_un, node) = (f64::from(counts.rim_un.0), counts.rim_un.1);
         let at_mm = World::place_mm(sheet, node);
         if counts.detached.count > 0 {
@@ -78,11 +73,10 @@ impl World {
     }
 
     /// The pull of the membrane's bonds at the retina: warning, lift, tear.
-    pub(super) fn emit_traction(&mut self) {
+    pub(super) fn emit_traction(&mut self, parting: &Parting) {
         let (Some(body), Some(bonds)) = (&self.membrane, &mut self.state.membrane.adhesion) else { return };
         let Some(adhesion) = body.adhesion() else { return };
         let Some(scene) = self.scene.membrane.as_ref().and_then(|m| m.adhesion.as_ref()) else { return };
-        let parting = body.counts.parting;
         let (pa, node) = parting.highest_pa;
         if passes(&mut bonds.warned, f64::from(pa), scene.retina_warn_pa) {
             let (kind, at_mm) = (EventKind::RetinaPulled, adhesion.place(bonds, node).map(f64::from));
@@ -104,18 +98,15 @@ impl World {
         }
     }
 
-    /// How much of the membrane is off.
-    pub(super) fn emit_peeled(&mut self) {
+    /// How much of the membrane is off, of which `before_mm2` was before the step.
+    pub(super) fn emit_peeled(&mut self, before_mm2: f64) {
         let (Some(body), sheet) = (&self.membrane, &self.state.membrane) else { return };
         let (Some(adhesion), Some(bonds)) = (body.adhesion(), &sheet.adhesion) else { return };
-        if body.counts.parting.broken == 0 {
-            return;
-        }
         let steps = |mm2: f64| (mm2 / adhesion.bonded_mm2() * PEELED_STEPS) as u64;
         let now = bonds.freed_mm2;
         if body.is_off(sheet) {
             self.log.emit(EventDraft::new(EventKind::MembraneOff, now));
-        } else if steps(now) > steps(body.freed_before_mm2()) {
+        } else if steps(now) > steps(before_mm2) {
             self.log.emit(EventDraft::new(EventKind::MembranePeeled, now));
         }
     }

@@ -10,10 +10,12 @@ use nalgebra::Vector3;
 use protocol::events::{EventDraft, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
+use tissue::retina::{Retina, RetinaCounts};
 use tissue::sheet::body::SheetBody;
 use tissue::sheet::collider::Pusher;
 use tissue::sheet::grasp::{self, Grasp};
 use tissue::sheet::state::SheetState;
+use tissue::sheet::step_counts::SheetCounts;
 
 /// A sheet of the eye.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,7 +29,33 @@ impl SheetName {
     pub const ALL: [SheetName; 2] = [SheetName::Membrane, SheetName::Retina];
 }
 
+/// What happened to the sheets in a step.
+#[derive(Debug, Default)]
+pub(super) struct SheetsCounts {
+    pub membrane: SheetCounts,
+    pub retina: RetinaCounts,
+    /// Area of the membrane that was parted before the step, mm².
+    pub freed_before_mm2: f64,
+}
+
+impl SheetsCounts {
+    /// Adds those of a later phase.
+    pub fn merge(&mut self, later: &SheetsCounts) {
+        self.membrane.merge(&later.membrane);
+        self.retina.merge(&later.retina);
+    }
+}
+
 impl World {
+    /// What happened to the sheets in the phase that ends.
+    fn take_sheet_counts(&mut self) -> SheetsCounts {
+        SheetsCounts {
+            membrane: self.membrane.as_mut().map_or_else(Default::default, SheetBody::take_counts),
+            retina: self.retina.as_mut().map_or_else(Default::default, Retina::take_counts),
+            freed_before_mm2: 0.0,
+        }
+    }
+
     /// A sheet and its state; `None` where the scene has no such tissue.
     pub(super) fn sheet_mut(&mut self, name: SheetName) -> Option<(&mut SheetBody, &mut SheetState)> {
         match name {
@@ -39,7 +67,7 @@ impl World {
     }
 
     /// One substep of membrane and retina.
-    pub(super) fn move_sheets(&mut self, poses: &InstrumentPoses, tools: &PlacedTools) {
+    pub(super) fn move_sheets(&mut self, poses: &InstrumentPoses, tools: &PlacedTools) -> SheetsCounts {
         let pose = &poses.eye_from_instrument;
         if let Some(body) = &mut self.membrane {
             let sheet = &mut self.state.membrane;
@@ -49,6 +77,7 @@ impl World {
             }
         }
         self.move_retina(poses, tools);
+        self.take_sheet_counts()
     }
 
     /// Jaws carry what they hold; they close, open or slip during substep `k`.
@@ -122,7 +151,12 @@ impl World {
     }
 
     /// ZCOLL for every instrument near a sheet; jaws that hold tissue of it push none of it.
-    pub(super) fn push_sheets(&mut self, plan: &StepPlan, poses: &InstrumentPoses, tools: &PlacedTools) {
+    pub(super) fn push_sheets(
+        &mut self,
+        plan: &StepPlan,
+        poses: &InstrumentPoses,
+        tools: &PlacedTools,
+    ) -> SheetsCounts {
         for i in 0..INSTRUMENTS {
             let tool = Tool::from_wire(self.state.instruments[i].tool);
             let Some(tool) = tool.filter(|_| plan.touches[i]) else {
@@ -146,6 +180,7 @@ impl World {
             let retina = retina.map(|(retina, state)| retina.push(state, &pusher));
             membrane.iter().chain(&retina).for_each(|pushed| self.emit_push(i, pushed));
         }
+        self.take_sheet_counts()
     }
 
     /// Instrument `i` touches no sheet.
@@ -157,17 +192,24 @@ impl World {
         }
     }
 
-    /// The last checks of a step, and what happened to the sheets in it.
-    pub(super) fn end_sheets(&mut self, plan: &StepPlan) {
+    /// The last checks of a step, and the events of what happened to the sheets in it.
+    pub(super) fn end_sheets(&mut self, plan: &StepPlan, mut counts: SheetsCounts) {
         if let Some(membrane) = &mut self.membrane {
             membrane.check_finite(&mut self.state.membrane);
         }
-        self.end_retina();
-        self.emit_sheet_counts();
-        self.emit_rim();
+        if let (Some(model), Some(retina)) = (&mut self.retina, &mut self.state.retina) {
+            model.end_step(retina);
+        }
+        counts.merge(&self.take_sheet_counts());
+        self.emit_retina(&counts.retina);
+        self.emit_sheet_counts(SheetName::Membrane, &counts.membrane);
+        self.emit_sheet_counts(SheetName::Retina, &counts.retina.sheet);
+        self.emit_rim(&counts.membrane);
         if plan.substeps > 0 {
-            self.emit_traction();
-            self.emit_peeled();
+            self.emit_traction(&counts.membrane.parting);
+            if counts.membrane.parting.broken > 0 {
+                self.emit_peeled(counts.freed_before_mm2);
+            }
         }
     }
 

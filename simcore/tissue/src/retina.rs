@@ -31,7 +31,7 @@ use crate::sheet::body::{SheetBody, SheetError};
 use crate::sheet::collider::{Contact, Friction, Pushed, Pusher};
 use crate::sheet::material::Material;
 use crate::sheet::mesh::SheetMesh;
-use crate::sheet::step_counts::Tally;
+use crate::sheet::step_counts::{SheetCounts, Tally};
 use crate::vitrector::Port;
 use blebs::Blebs;
 use figures::{FRONT_EVERY, Figures};
@@ -41,15 +41,31 @@ use protocol::scene::NODE_DEAD;
 use scene::SceneFile;
 use state::RetinaState;
 
-/// What happened to the retina in a step beside what happened to its sheet.
+/// What happened to the retina.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct StepCounts {
+pub struct RetinaCounts {
+    /// What happened to its sheet.
+    pub sheet: SheetCounts,
     /// Blebs that were taken up by others, and the volume of the one that took them, mm³.
     pub merged: (u32, f64),
     /// Nodes that came to lie on the choroid again.
     pub attached: Tally,
     /// Largest flow of an injection, mm³/s.
     pub flow_mm3_s: [f64; INSTRUMENTS],
+}
+
+impl RetinaCounts {
+    /// Adds those of a later phase.
+    pub fn merge(&mut self, later: &RetinaCounts) {
+        self.sheet.merge(&later.sheet);
+        self.attached.merge(later.attached);
+        if later.merged.0 > 0 {
+            self.merged = (self.merged.0 + later.merged.0, later.merged.1);
+        }
+        for (flow, later) in self.flow_mm3_s.iter_mut().zip(later.flow_mm3_s) {
+            *flow = flow.max(later);
+        }
+    }
 }
 
 /// The retina's sheet and figures, and the work space of a step. All of it follows from the scene
@@ -62,8 +78,8 @@ pub struct Retina {
     pub body: SheetBody,
     /// What is loose.
     pub blebs: Blebs,
-    /// What happened since [`Retina::begin_step`].
-    pub counts: StepCounts,
+    /// What happened since it was last taken, without the sheet's part, which the sheet counts.
+    counts: RetinaCounts,
     /// Where the nodes lie at the start, eye frame, mm.
     pub home_mm: Vec<Vector3<f32>>,
     home_mm2: Vec<f32>,
@@ -113,7 +129,7 @@ impl Retina {
         let mut retina = Retina {
             figures: Figures::new(table, radius_mm, scene.needle.unwrap_or_default().radius_mm),
             blebs: Blebs::new(&mesh),
-            counts: StepCounts::default(),
+            counts: RetinaCounts::default(),
             home_mm2: blebs::home_areas(&mesh, &home_mm),
             home_mm,
             fixed,
@@ -176,8 +192,12 @@ impl Retina {
 
     /// Begins a step.
     pub fn begin_step(&mut self, state: &RetinaState) {
-        self.counts = StepCounts::default();
         self.body.begin_step(&state.sheet);
+    }
+
+    /// What happened since the last call; every phase hands it on when it ends.
+    pub fn take_counts(&mut self) -> RetinaCounts {
+        RetinaCounts { sheet: self.body.take_counts(), ..std::mem::take(&mut self.counts) }
     }
 
     /// One substep of the loose retina, after the needles were moved: forces, tears, motion,

@@ -22,7 +22,7 @@ use super::material::{Material, Unstable};
 use super::mesh::SheetMesh;
 use super::solver::Solver;
 use super::state::{NODE_PINNED, SheetState};
-use super::step_counts::StepCounts;
+use super::step_counts::SheetCounts;
 use super::strain_limit::limit_strain;
 use super::tearing;
 use crate::constants::{STRAIN_SWEEPS, SUBSTEP_S};
@@ -69,8 +69,8 @@ pub struct SheetBody {
     pub mesh: SheetMesh,
     /// Forces of springs and of everything outside.
     pub solver: Solver,
-    /// What happened since [`Self::begin_step`].
-    pub counts: StepCounts,
+    /// What happened since it was last taken.
+    pub(crate) counts: SheetCounts,
     pub(super) material: Material,
     /// Parts into which a substep is split for stability.
     splits: u32,
@@ -82,8 +82,6 @@ pub struct SheetBody {
     rim_tear_un: f64,
     pub(super) collider: Collider,
     cutter: SheetCutter,
-    /// Area that was parted before the step, mm².
-    freed_before_mm2: f64,
     last_good: LastGood,
     /// Outer forces act in this substep, or did in the last one.
     drawn: bool,
@@ -140,13 +138,12 @@ impl SheetBody {
             splits,
             implicit,
             solver,
-            counts: StepCounts::default(),
+            counts: SheetCounts::default(),
             adhesion: None,
             curl: None,
             rim_tear_un: f64::INFINITY,
             collider: Collider::new(Volume::new(&scene.contact), contact, &mesh)?,
             cutter: SheetCutter::new(&scene.vitrector.unwrap_or_default(), &mesh)?,
-            freed_before_mm2: 0.0,
             last_good: LastGood::new(&mesh.start()),
             drawn: false,
             material,
@@ -180,11 +177,6 @@ impl SheetBody {
     /// Parts into which each substep is split for stability.
     pub fn splits(&self) -> u32 {
         self.splits
-    }
-
-    /// Area that was parted when the step began, mm².
-    pub fn freed_before_mm2(&self) -> f64 {
-        self.freed_before_mm2
     }
 
     /// Changes the material into what no scene can ask for: for tests of what must hold whatever
@@ -240,11 +232,14 @@ impl SheetBody {
         self.collider.refresh(&self.mesh, state);
     }
 
-    /// Begins a step.
+    /// Begins a step: what goes wrong in it goes back to this state.
     pub fn begin_step(&mut self, state: &SheetState) {
-        self.counts = StepCounts::default();
-        self.freed_before_mm2 = state.adhesion.as_ref().map_or(0.0, |bonds| bonds.freed_mm2);
         self.last_good.remember(state);
+    }
+
+    /// What happened since the last call; every phase hands it on when it ends.
+    pub fn take_counts(&mut self) -> SheetCounts {
+        std::mem::take(&mut self.counts)
     }
 
     /// Sets the outer forces of a substep: adhesion, curl, suction by the open `ports`; the blades
@@ -270,7 +265,9 @@ impl SheetBody {
                 self.cutter.suck(&port, &self.mesh, state, &mut self.solver.outer_un);
                 self.drawn = true;
             }
-            if port.cuts && self.cutter.cut(&port, &self.mesh, state, i) {
+            let cut_um2 = if port.cuts { self.cutter.cut(&port, &self.mesh, state) } else { 0 };
+            if cut_um2 > 0 {
+                self.counts.cut_um2[i] += cut_um2;
                 self.after_loss(state);
                 lost = true;
             }
@@ -300,11 +297,6 @@ impl SheetBody {
     fn sees(&mut self, state: &SheetState, port: &Port, eye_from_instrument: &Isometry3<f64>) -> bool {
         self.collider.is_near(state, &port.cone.apex_in_eye_mm, self.cutter.reach_mm())
             && self.cutter.render(eye_from_instrument, &self.collider.surface(&self.mesh, state))
-    }
-
-    /// Instruments that cut since the last call, and how much, mm².
-    pub fn take_cuts(&mut self) -> impl Iterator<Item = (usize, f64)> + use<> {
-        self.cutter.take_cuts()
     }
 
     /// 1 for each triangle that instruments can meet.

@@ -8,7 +8,6 @@ use crate::vitrector::Port;
 use collision::suction::{PortCamera, SuctionCone};
 use collision::surface::{CollisionError, Surface};
 use nalgebra::Isometry3;
-use protocol::limits::INSTRUMENTS;
 use scene::VitrectorScene;
 
 /// What suction and cutting of a sheet need beside its state.
@@ -24,8 +23,6 @@ pub struct SheetCutter {
     nodes: Vec<u32>,
     /// Triangles in the port.
     caught: Vec<u32>,
-    /// Area cut away in this step by each instrument, µm².
-    cut_um2: [u64; INSTRUMENTS],
 }
 
 impl SheetCutter {
@@ -49,7 +46,6 @@ impl SheetCutter {
             share_mm2: vec![0.0; mesh.nodes()],
             nodes: Vec::with_capacity(mesh.nodes()),
             caught: Vec::with_capacity(mesh.triangles.len()),
-            cut_um2: [0; INSTRUMENTS],
         })
     }
 
@@ -93,9 +89,9 @@ impl SheetCutter {
         }
     }
 
-    /// The blade of instrument `i` takes every triangle that its port saw within itself, and every
-    /// one seen that has a corner there. Returns whether anything went.
-    pub fn cut(&mut self, port: &Port, mesh: &SheetMesh, state: &mut SheetState, i: usize) -> bool {
+    /// The blade takes every triangle that its port saw within itself, and every one seen that has
+    /// a corner there. Returns the area that went, µm².
+    pub fn cut(&mut self, port: &Port, mesh: &SheetMesh, state: &mut SheetState) -> u64 {
         self.catch(port, mesh, state);
         let before = state.removed.area_um2;
         for t in self.caught.drain(..).map(|t| t as usize) {
@@ -105,10 +101,9 @@ impl SheetCutter {
                 state.removed.triangles += 1;
             }
         }
-        let cut = state.removed.area_um2 - before;
-        state.removed.cuts += u64::from(cut > 0);
-        self.cut_um2[i] += cut;
-        cut > 0
+        let cut_um2 = state.removed.area_um2 - before;
+        state.removed.cuts += u64::from(cut_um2 > 0);
+        cut_um2
     }
 
     fn catch(&mut self, port: &Port, mesh: &SheetMesh, state: &SheetState) {
@@ -127,11 +122,5 @@ impl SheetCutter {
         }
         self.caught.sort_unstable();
         self.caught.dedup();
-    }
-
-    /// Instruments that cut since the last call, and how much, mm².
-    pub fn take_cuts(&mut self) -> impl Iterator<Item = (usize, f64)> + use<> {
-        let cut = std::mem::take(&mut self.cut_um2);
-        cut.into_iter().enumerate().filter(|(_, cut)| *cut > 0).map(|(i, cut)| (i, cut as f64 * 1e-6))
     }
 }
