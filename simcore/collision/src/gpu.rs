@@ -65,6 +65,26 @@ struct Memory {
     rest: Option<Buffer>,
 }
 
+impl Memory {
+    /// For a mesh and an image of so many parts.
+    fn new(gpu: &GpuDevice, lists: &Lists, triangles: usize, nodes: usize, pixels: usize) -> Self {
+        let (storage, filled) = (BufferUsages::STORAGE, BufferUsages::STORAGE | BufferUsages::COPY_DST);
+        let params = BufferUsages::UNIFORM | BufferUsages::COPY_DST;
+        let at_once = lists.at_once();
+        let back = COUNTERS + (0..3).map(|k| at_once[k] * WORDS[k]).sum::<usize>();
+        Memory {
+            params: gpu.buffer("params", size_of::<QueryParams>() / 4, params),
+            position: gpu.buffer("positions", 3 * nodes, filled),
+            alive: gpu.buffer("alive", triangles.div_ceil(32), filled),
+            instrument: gpu.buffer("instrument", pixels, filled),
+            work: gpu.buffer("work", COUNTERS + 3 * pixels, filled | BufferUsages::COPY_SRC),
+            results: gpu.buffer("results", lists.words(), storage | BufferUsages::COPY_SRC),
+            staging: gpu.buffer("staging", back, BufferUsages::MAP_READ | BufferUsages::COPY_DST),
+            rest: None,
+        }
+    }
+}
+
 /// ZCOLL for one mesh on one adapter.
 #[derive(Debug)]
 pub struct GpuZcoll {
@@ -98,40 +118,15 @@ impl GpuZcoll {
         let largest = [3 * corners.len(), 3 * nodes, triangles.len() + nodes, lists.words()];
         let bytes = 4 * largest.into_iter().max().unwrap_or(0) as u64;
         if bytes > gpu.room {
-            return Err(GpuError::TooLarge {
-                triangles: triangles.len(),
-                vertices: nodes,
-                bytes,
-                room: gpu.room,
-            });
+            let (triangles, room) = (triangles.len(), gpu.room);
+            return Err(GpuError::TooLarge { triangles, vertices: nodes, bytes, room });
         }
-        let buffer = |label, words: usize, usage| {
-            let size = 4 * words.max(4) as u64;
-            let descriptor =
-                wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
-            gpu.device.create_buffer(&descriptor)
-        };
         let (storage, filled) = (BufferUsages::STORAGE, BufferUsages::STORAGE | BufferUsages::COPY_DST);
-        let at_once = lists.at_once();
-        let back = COUNTERS + (0..3).map(|k| at_once[k] * WORDS[k]).sum::<usize>();
-        let corner = buffer("corners", corners.len(), filled);
-        let survivor = buffer("survivors", triangles.len(), storage);
+        let corner = gpu.buffer("corners", corners.len(), filled);
+        let survivor = gpu.buffer("survivors", triangles.len(), storage);
         // New buffers are zero: no triangle and no node has a vector yet.
-        let longest = buffer("longest", triangles.len() + nodes, storage);
-        let memory = Memory {
-            params: buffer(
-                "params",
-                size_of::<QueryParams>() / 4,
-                BufferUsages::UNIFORM | BufferUsages::COPY_DST,
-            ),
-            position: buffer("positions", 3 * nodes, filled),
-            alive: buffer("alive", triangles.len().div_ceil(32), filled),
-            instrument: buffer("instrument", pixels, filled),
-            work: buffer("work", COUNTERS + 3 * pixels, filled | BufferUsages::COPY_SRC),
-            results: buffer("results", lists.words(), storage | BufferUsages::COPY_SRC),
-            staging: buffer("staging", back, BufferUsages::MAP_READ | BufferUsages::COPY_DST),
-            rest: None,
-        };
+        let longest = gpu.buffer("longest", triangles.len() + nodes, storage);
+        let memory = Memory::new(&gpu, &lists, triangles.len(), nodes, pixels);
         let bound = [
             &memory.params,
             &memory.position,
@@ -350,14 +345,9 @@ impl GpuZcoll {
             return Ok(counters);
         }
         let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
-        let size = 4 * (COUNTERS + self.lists.words()) as u64;
-        let label = Some("rest");
-        let device = &self.gpu.device;
-        let rest = self.memory.rest.get_or_insert_with(|| {
-            device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
-        });
-        let rest = rest.clone();
-        let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let words = COUNTERS + self.lists.words();
+        let rest = self.memory.rest.get_or_insert_with(|| self.gpu.buffer("rest", words, usage)).clone();
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let counts = found(&counters);
         let ends = copy(&mut encoder, &self.memory, &rest, &self.lists, counts);
         self.gpu.run(encoder, &rest, 4 * ends[3] as u64, |words| {

@@ -1,7 +1,8 @@
 //! The task's share of a step: what it observes, its events, and the score when it ends. What
-//! counts as done and how it is judged is decided in the crate `modules`.
+//! counts as done and how it is judged is decided in the crate `training`.
 
 use super::World;
+use crate::bodies::state::BodiesState;
 use crate::checkpoint::CheckpointError;
 use crate::state::State;
 use nalgebra::{Isometry3, UnitVector3, Vector3};
@@ -11,6 +12,7 @@ use tissue::retina::Retina;
 use tissue::retina::state::RetinaState;
 use tissue::vitreous::Vitreous;
 use tissue::vitreous::lattice::Lattice;
+use tissue::vitreous::state::VitreousState;
 use training::sample::Sample;
 use training::score::recording::is_over;
 use training::score::{Meter, Scorer};
@@ -60,6 +62,29 @@ fn zones(lattice: &Lattice) -> [Vec<u32>; 2] {
     [core, periphery]
 }
 
+/// Where the rigid bodies are and who holds them; how many there are.
+fn bodies_seen(state: Option<&BodiesState>) -> ([BodyObservation; MAX_BODIES], usize) {
+    let mut bodies = [BodyObservation { eye_from_body: Isometry3::identity(), held_by: None }; MAX_BODIES];
+    let Some(state) = state else { return (bodies, 0) };
+    for (seen, body) in bodies.iter_mut().zip(&state.body) {
+        seen.eye_from_body = body.eye_from_body;
+    }
+    for (instrument, grip) in state.grip.iter().enumerate() {
+        if let Some(seen) = grip.and_then(|grip| bodies.get_mut(grip.body as usize)) {
+            seen.held_by = Some(instrument as u32);
+        }
+    }
+    (bodies, state.body.len().min(MAX_BODIES))
+}
+
+/// Gel that is gone from each zone, ml.
+fn removed_ml(zones: &[Vec<u32>; 2], gel: &Vitreous, state: &VitreousState) -> [f64; 2] {
+    let cell_ml = gel.lattice().cell_um3() as f64 * 1e-12;
+    zones
+        .each_ref()
+        .map(|zone| zone.iter().filter(|&&e| !state.is_alive(e as usize)).count() as f64 * cell_ml)
+}
+
 /// Where the retina is: its turn about the optic disc where the scene has one, else about the
 /// fovea.
 fn retina_seen(model: &Retina, state: &RetinaState) -> RetinaObservation {
@@ -90,36 +115,20 @@ impl World {
         }
         let log = &mut self.log;
         let tips = training::sample::tips(frame);
-        let mut bodies =
-            [BodyObservation { eye_from_body: Isometry3::identity(), held_by: None }; MAX_BODIES];
-        let there = self.state.bodies.as_ref().map_or(&[][..], |b| &b.body);
-        for (seen, body) in bodies.iter_mut().zip(there) {
-            seen.eye_from_body = body.eye_from_body;
-        }
-        let grips = self.state.bodies.iter().flat_map(|b| b.grip.iter().enumerate());
-        for (hand, grip) in grips.filter_map(|(i, g)| Some((i, (*g)?))) {
-            if let Some(seen) = bodies.get_mut(grip.body as usize) {
-                seen.held_by = Some(hand as u32);
-            }
-        }
-        let gel_ml =
-            part.zones.as_ref().filter(|_| self.state.step.is_multiple_of(GEL_EVERY)).and_then(|zones| {
-                let (gel, state) = self.vitreous.as_ref().zip(self.state.vitreous.as_ref())?;
-                let cell_ml = gel.lattice().cell_um3() as f64 * 1e-12;
-                let gone =
-                    |zone: &Vec<u32>| zone.iter().filter(|&&e| !state.is_alive(e as usize)).count() as f64;
-                Some(zones.each_ref().map(|zone| gone(zone) * cell_ml))
-            });
+        let (bodies, there) = bodies_seen(self.state.bodies.as_ref());
+        let zones = part.zones.as_ref().filter(|_| self.state.step.is_multiple_of(GEL_EVERY));
+        let gel = self.vitreous.as_ref().zip(self.state.vitreous.as_ref());
+        let gel_ml = zones.zip(gel).map(|(zones, (gel, state))| removed_ml(zones, gel, state));
         let retina = self.retina.as_ref().zip(self.state.retina.as_ref()).filter(|_| part.asks_retina);
         let retina = retina.map(|(retina, state)| retina_seen(retina, state));
         // The task's events go into the log, which it must not read twice.
-        let mut said = [None; MAX_SAID];
+        let mut raised = [None; MAX_SIGNALS];
         let mut count = 0;
         let seen = Observation {
             now_ns: frame.instants.exposed,
             tips,
             tools: self.state.instruments.each_ref().map(|i| i.tool),
-            bodies: &bodies[..there.len().min(MAX_BODIES)],
+            bodies: &bodies[..there],
             gel_ml,
             retina,
             world_from_eye: self.state.world_from_eye,
@@ -128,12 +137,12 @@ impl World {
             events: log.events(),
         };
         part.task.advance(attempt, &seen, &mut |signal| {
-            if let Some(slot) = said.get_mut(count) {
+            if let Some(slot) = raised.get_mut(count) {
                 *slot = Some(signal);
                 count += 1;
             }
         });
-        said.iter().flatten().for_each(|draft| log.emit(*draft));
+        raised.iter().flatten().for_each(|draft| log.emit(*draft));
         part.scorer.note(meter, &Sample { exposed_ns: frame.instants.exposed, tips, events: log.events() });
         if is_over(attempt) {
             part.scorer.score(meter).events().into_iter().for_each(|draft| log.emit(draft));
@@ -165,7 +174,7 @@ impl World {
 }
 
 /// Most signals of a step: every goal at once, and the events of two instruments.
-const MAX_SAID: usize = 2 * scene::MAX_GOALS + 8;
+const MAX_SIGNALS: usize = 2 * scene::MAX_GOALS + 8;
 
 #[cfg(test)]
 mod tests {

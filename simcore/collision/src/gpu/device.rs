@@ -123,6 +123,14 @@ impl GpuDevice {
         gpu.check().map(|()| gpu)
     }
 
+    /// Memory for `words`, filled with 0.
+    pub(super) fn buffer(&self, label: &str, words: usize, usage: wgpu::BufferUsages) -> Buffer {
+        let size = 4 * words.max(4) as u64;
+        let descriptor =
+            wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+        self.device.create_buffer(&descriptor)
+    }
+
     /// Adapter and interface, for people.
     pub fn name(&self) -> &str {
         &self.name
