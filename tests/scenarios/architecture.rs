@@ -62,8 +62,8 @@ const OWNERS: &[(&str, &[&str])] = &[
 ];
 /// Longest source file, lines.
 const FILE_CAP: usize = 500;
-/// Where `unsafe` may be used: the transport, the vectors of the springs' kernel, and the allocator with which a check counts
-/// allocations.
+/// Where `unsafe` may be used: the transport, the vectors of the springs' kernel, and the allocator
+/// with which a check counts allocations.
 const UNSAFE_ALLOWED: [&str; 3] =
     ["protocol/ipc/", "simcore/tissue/src/sheet/simd", "tracker/tests/any_pose.rs"];
 

@@ -5,8 +5,8 @@ use protocol::health::{Process, STATE_RUNNING};
 use protocol::steps::StepRecord;
 use vitreo_tests::{Observer, Running, instance_name, json, kill, next, vitreo};
 
-/// Runs for some seconds with `cameras` (`--direct`, or fields of pixels without it), kills `victim` in the
-/// middle, returns the report and the recording.
+/// Runs for some seconds with `cameras` (`--direct`, or fields of pixels without it), kills
+/// `victim` in the middle, returns the report and the recording.
 fn run_and_kill(victim: Process, cameras: &[&str]) -> (serde_json::Value, tempfile::TempDir) {
     let folder = tempfile::tempdir().expect("folder");
     let path = |name: &str| folder.path().join(name).display().to_string();

@@ -23,7 +23,8 @@ fn off_the_axis(block: &SceneBlock, p: DVec3) -> f64 {
     (p - tip).angle_between(ray)
 }
 
-/// Mean place of what differs between two pictures of the left channel, px, and how many pixels differ in either channel.
+/// Mean place of what differs between two pictures of the left channel, px, and how many pixels
+/// differ in either channel.
 fn difference(a: &Picture, b: &Picture) -> ([f64; 2], usize) {
     let (mut sum, mut at, mut count) = (0.0, [0.0; 2], 0);
     for (y, x) in (0..a.height_px).flat_map(|y| (0..a.width_px).map(move |x| (y, x))) {
@@ -48,7 +49,8 @@ fn the_picture_shows_most_light_where_the_lamp_points() {
     let doses = section::<f32>(block.payload(), at).expect("doses").to_vec();
     let most = (0..doses.len()).max_by(|&a, &b| doses[a].total_cmp(&doses[b])).expect("cells");
     let centre = DVec3::from(direction(most).expect("a place on the retina")) * radius;
-    // A slanting beam has retina nearer to it than on its axis, but at the full intensity; half a cell is 0.1 rad from there.
+    // A slanting beam has retina nearer to it than on its axis, but at the full intensity; half a
+    // cell is 0.1 rad from there.
     let off = off_the_axis(&block, centre);
     assert!(doses[most] > 0.0 && off < 0.30 + 0.1, "{off} rad off the axis, {centre}");
 

@@ -1,5 +1,5 @@
-//! Everything that can go wrong in the cameras goes wrong; the chain goes on, and the tracker knows what
-//! it knows.
+//! Everything that can go wrong in the cameras goes wrong; the chain goes on, and the tracker knows
+//! what it knows.
 
 use protocol::blobs::BlobField;
 use protocol::geometry::Validity;
@@ -48,7 +48,8 @@ fn the_chain_survives_hard_faults_and_the_tracker_stays_sane() {
     let mut poses = observer.receiver::<TrackerFrame>();
     let mut blobs = observer.receiver::<BlobField>();
 
-    // Truth needs the start of the cameras' schedule: any field gives it, through its camera's clock.
+    // Truth needs the start of the cameras' schedule: any field gives it, through its camera's
+    // clock.
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
     let faults = FaultInjector::new(FaultSpec::load("hard").expect("preset"), &rig, 1).expect("faults");
     let field = next(&mut blobs, |_| true);

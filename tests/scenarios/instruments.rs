@@ -1,5 +1,5 @@
-//! What is drawn is what touches: the instruments' drawn meshes and those of the collision have the same tips, hooks, shafts and
-//! jaw openings.
+//! What is drawn is what touches: the instruments' drawn meshes and those of the collision have the
+//! same tips, hooks, shafts and jaw openings.
 
 use collision::tool_mesh::ToolMesh;
 use protocol::handles::Tool;
@@ -31,7 +31,8 @@ fn touching(tool: Tool, radius_mm: f64, jaw_rad: f64) -> Vec<Facet> {
     ToolMesh::new(tool, radius_mm, 4.0).facets(jaw_rad)
 }
 
-/// Where the edges of a mesh pass a height: the meshes have corners at different heights, but the same sections.
+/// Where the edges of a mesh pass a height: the meshes have corners at different heights, but the
+/// same sections.
 fn cut(mesh: &[Facet], height: f64) -> Vec<[f64; 3]> {
     let edges = mesh.iter().flat_map(|[a, b, c]| [(a, b), (b, c), (c, a)]);
     let crossing = edges.filter(|(a, b)| (a[2] < height) != (b[2] < height));
@@ -92,7 +93,8 @@ fn jaws_open_alike() {
             let [a, b] = [&drawn, &touching].map(|mesh| extent(&cut(mesh, above), 0));
             assert_same(&format!("{case}, width at {above:.2} mm"), a, b);
         }
-        // Near the tips the jaws are solid; further up the drawn ones are hollowed between tip and pivot.
+        // Near the tips the jaws are solid; further up the drawn ones are hollowed between tip and
+        // pivot.
         for above in [0.02, 0.06].map(|h| low + h) {
             let [a, b] = [&drawn, &touching].map(|mesh| extent(&cut(mesh, above), 1));
             assert_same(&format!("{case}, depth at {above:.2} mm"), a, b);

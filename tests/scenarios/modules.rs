@@ -1,6 +1,7 @@
-//! Training modules through the chain of a live run: cameras, tracker, simulation, task, score, recording. One seed of each here; `make
-//! study` plays many. Modules of one hand go through drawn fields of pixels; the longer ones, and operations, whose steps cost more,
-//! through markers made straight into blobs, with the noise that the pixels' blobs have.
+//! Training modules through the chain of a live run: cameras, tracker, simulation, task, score,
+//! recording. One seed of each here; `make study` plays many. Modules of one hand go through drawn
+//! fields of pixels; the longer ones, and operations, whose steps cost more, through markers made
+//! straight into blobs, with the noise that the pixels' blobs have.
 
 use recording::Item;
 use recording::{Provenance, Recording, Source, Writer};
@@ -89,7 +90,8 @@ fn the_expert_finishes_and_the_careless_one_does_not() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
-/// The shakiest recorded hand at an otherwise still one: its tremor costs instrument handling, and nothing else.
+/// The shakiest recorded hand at an otherwise still one: its tremor costs instrument handling, and
+/// nothing else.
 #[test]
 fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
     let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());

@@ -1,4 +1,5 @@
-//! The picture stream for a console: small JPEGs of both channels at a bounded rate, whoever reads them or not.
+//! The picture stream for a console: small JPEGs of both channels at a bounded rate, whoever reads
+//! them or not.
 
 use ipc::clock::now;
 use ipc::wait;

@@ -1,8 +1,9 @@
-//! A moment of every shipped scene and training module, in both shadings, against pictures kept in `tests/data/pictures/scenes`. `make pictures` renews
-//! them; say in the commit why.
+//! A moment of every shipped scene and training module, in both shadings, against pictures kept in
+//! `tests/data/pictures/scenes`. `make pictures` renews them; say in the commit why.
 //!
-//! The pictures were made by Mesa's llvmpipe 22.3.6 (LLVM 15), where another run differs by nothing. Other adapters rasterise
-//! edges differently. Tissue that moves a little otherwise stays within these bounds; a tool or a tear in another place does not.
+//! The pictures were made by Mesa's llvmpipe 22.3.6 (LLVM 15), where another run differs by
+//! nothing. Other adapters rasterise edges differently. Tissue that moves a little otherwise stays
+//! within these bounds; a tool or a tear in another place does not.
 
 use renderer::governor::Shading;
 use renderer::gpu::Gpu;

@@ -1,5 +1,6 @@
-//! A person at the desk: level 1 of navigation is finished by inputs alone, through every process, with a restart, a pause and the
-//! next level; and what the launcher says to inputs and requests that make no sense.
+//! A person at the desk: level 1 of navigation is finished by inputs alone, through every process,
+//! with a restart, a pause and the next level; and what the launcher says to inputs and requests
+//! that make no sense.
 
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::limits::MAX_STEP_NS;

@@ -21,7 +21,8 @@ fn a_live_run_replays_to_the_bit_twice() {
     }
 }
 
-/// Recordings of earlier builds: poses are the same to the bit; states too, where their hashes mean the same.
+/// Recordings of earlier builds: poses are the same to the bit; states too, where their hashes mean
+/// the same.
 #[test]
 fn recordings_of_earlier_builds_replay_to_the_same_poses() {
     let corpus = repository().join("tests/data/corpus");

@@ -21,8 +21,8 @@ use tritri::{Corner, LIMIT, Triangle};
 const WIDE: usize = 16;
 /// Levels of the largest tree: 16⁸ = 2³².
 const MAX_LEVELS: usize = 8;
-/// The instrument's box takes at most this part of the grid; a membrane triangle that reaches into the box may be three
-/// times as large as the instrument before it leaves the grid.
+/// The instrument's box takes at most this part of the grid; a membrane triangle that reaches into
+/// the box may be three times as large as the instrument before it leaves the grid.
 const BOX_LIMIT: i32 = LIMIT / 4;
 /// Grid steps by which the first cull is wider than the exact one.
 const CULL_MARGIN: f32 = 4.0;
@@ -151,8 +151,8 @@ impl StaticMesh {
         self.scale
     }
 
-    /// Calls `met(i, number)` for every own triangle that has a point in common with the i-th of the given ones. They go down the
-    /// tree together, which is worth it if they are neighbours.
+    /// Calls `met(i, number)` for every own triangle that has a point in common with the i-th of
+    /// the given ones. They go down the tree together, which is worth it if they are neighbours.
     #[inline(always)]
     pub fn for_each_intersecting(&self, triangles: &[Triangle], mut met: impl FnMut(usize, u32)) {
         let Some(first) = triangles.first() else { return };
@@ -197,7 +197,8 @@ fn join(a: &[Corner; 2], b: &[Corner; 2]) -> [Corner; 2] {
     [of(0, Ord::min), of(1, Ord::max)]
 }
 
-/// Puts near triangles side by side: halves along the longest side of the box of their centres, cut where a whole subtree ends.
+/// Puts near triangles side by side: halves along the longest side of the box of their centres, cut
+/// where a whole subtree ends.
 fn order(triangles: &mut [(Triangle, u32)]) {
     let n = triangles.len();
     if n <= WIDE {

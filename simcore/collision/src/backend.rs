@@ -1,5 +1,6 @@
-//! Who looks for collisions: the processor or an adapter. Both find the same to the bit ([`super::gpu`]), so the choice is one of
-//! speed alone, measured at start-up on the scene's own mesh.
+//! Who looks for collisions: the processor or an adapter. Both find the same to the bit
+//! ([`super::gpu`]), so the choice is one of speed alone, measured at start-up on the scene's own
+//! mesh.
 
 use super::instrument_image::InstrumentImage;
 use super::surface::Surface;
@@ -61,14 +62,15 @@ impl fmt::Display for BackendChoice {
 
 /// Looks that are measured, after one that is not.
 const QUERIES: usize = 11;
-/// Below this the processor is faster than any adapter's empty round trip, and none is opened for the question, ns. The
-/// shortest trip seen, on the software driver, which has no bus to cross, took 28 µs.
+/// Below this the processor is faster than any adapter's empty round trip, and none is opened for
+/// the question, ns. The shortest trip seen, on the software driver, which has no bus to cross,
+/// took 28 µs.
 const ROUND_TRIP_NS: u64 = 15_000;
 /// No measurement goes on for longer, ns.
 const PATIENCE_NS: u64 = 200_000_000;
 
-/// A pose, eye frame to instrument frame, in which the instrument pushes the middle of the mesh 0.1 mm away from the eye's centre.
-/// `None` if no living triangle has a place.
+/// A pose, eye frame to instrument frame, in which the instrument pushes the middle of the mesh 0.1
+/// mm away from the eye's centre. `None` if no living triangle has a place.
 pub fn pressing_pose(surface: &Surface) -> Option<Isometry3<f64>> {
     let living = surface.triangles.iter().zip(surface.alive).filter(|(_, alive)| **alive != 0);
     let at = |n: u32| Point3::from(surface.position_mm.map(|axis| f64::from(axis[n as usize])));
@@ -105,8 +107,8 @@ fn median_query_ns(
     times[times.len() / 2]
 }
 
-/// Sets `zcoll` up for the faster back end, or the wanted one. `image` is an instrument of the scene, prepared; `clock` gives
-/// nanoseconds and is used for nothing else.
+/// Sets `zcoll` up for the faster back end, or the wanted one. `image` is an instrument of the
+/// scene, prepared; `clock` gives nanoseconds and is used for nothing else.
 pub fn choose_backend(
     zcoll: &mut Zcoll,
     wanted: Backend,

@@ -1,12 +1,14 @@
-//! Do two things meet **on their way**? A point and a triangle, or two edges, whose corners move straight from a first to a second
-//! position.
+//! Do two things meet **on their way**? A point and a triangle, or two edges, whose corners move
+//! straight from a first to a second position.
 //!
-//! The difference of the two features is linear in time and in each of the two coordinates on them. Over a box of the three it
-//! therefore stays within the hull of its values at the eight corners: if these lie on one side of zero along any axis, by more
-//! than their rounding can be, there is no contact in the box (Snyder 1992; Wang, Ferguson, Schneider, Jiang, Attene and
-//! Panozzo, "A large-scale benchmark and an inclusion-based algorithm for continuous collision detection", 2021). Boxes are
-//! halved until the features are nearer than a tolerance, which counts as contact. So **no contact is ever missed**; what is
-//! reported may be a near miss of less than the tolerance.
+//! The difference of the two features is linear in time and in each of the two coordinates on them.
+//! Over a box of the three it therefore stays within the hull of its values at the eight corners:
+//! if these lie on one side of zero along any axis, by more than their rounding can be, there is no
+//! contact in the box (Snyder 1992; Wang, Ferguson, Schneider, Jiang, Attene and Panozzo, "A
+//! large-scale benchmark and an inclusion-based algorithm for continuous collision detection",
+//! 2021). Boxes are halved until the features are nearer than a tolerance, which counts as contact.
+//! So **no contact is ever missed**; what is reported may be a near miss of less than the
+//! tolerance.
 
 /// A position, mm.
 pub type Point = [f64; 3];
@@ -31,12 +33,15 @@ impl MovingPoint {
     }
 }
 
-/// Rounding of a difference, as a share of the largest coordinate: fewer than 40 operations of 2⁻⁵³ on values up to three times as large.
+/// Rounding of a difference, as a share of the largest coordinate: fewer than 40 operations of 2⁻⁵³
+/// on values up to three times as large.
 const ROUNDING: f64 = 1.0 / (1u64 << 45) as f64;
-/// More boxes than this are not looked at: the features stay so near for so long that it counts as contact.
+/// More boxes than this are not looked at: the features stay so near for so long that it counts as
+/// contact.
 const MAX_BOXES: usize = 200_000;
 
-/// Boxes that wait: one more for each halving, of which a coordinate of an `f64` bears about 60 at most.
+/// Boxes that wait: one more for each halving, of which a coordinate of an `f64` bears about 60 at
+/// most.
 const MAX_WAITING: usize = 192;
 
 /// The two features whose difference is followed.
@@ -48,7 +53,8 @@ pub enum Features {
     Edges([MovingPoint; 2], [MovingPoint; 2]),
 }
 
-/// Part of time and of the two coordinates, each as numerator over a power of two: halving is exact.
+/// Part of time and of the two coordinates, each as numerator over a power of two: halving is
+/// exact.
 #[derive(Debug, Clone, Copy)]
 struct Part {
     low: [f64; 3],
@@ -83,8 +89,9 @@ impl Features {
         matches!(self, Features::PointTriangle(..)) && part.low[1] + part.low[2] > 1.0
     }
 
-    /// A time not after the first contact, if there is one; features nearer than `tolerance_mm` (above 0) along every axis touch.
-    /// What is not a number touches at once: nobody can rule it out.
+    /// A time not after the first contact, if there is one; features nearer than `tolerance_mm`
+    /// (above 0) along every axis touch. What is not a number touches at once: nobody can rule it
+    /// out.
     pub fn time_of_impact(&self, tolerance_mm: f64) -> Option<f64> {
         let sizes = || self.corners().flat_map(|c| c.from.into_iter().chain(c.to)).map(f64::abs);
         let largest = sizes().fold(0.0, |a, b| if b > a { b } else { a });
@@ -155,7 +162,8 @@ enum BoxTest {
     Halve(usize),
 }
 
-/// Whether a point that moves straight from `from` to `to` meets one of the living triangles, which rest. The tolerance is 10 nm.
+/// Whether a point that moves straight from `from` to `to` meets one of the living triangles, which
+/// rest. The tolerance is 10 nm.
 pub fn path_hits(from: Point, to: Point, surface: &super::surface::Surface) -> bool {
     const TOLERANCE_MM: f64 = 1e-5;
     let tip = MovingPoint { from, to };
@@ -207,7 +215,8 @@ mod tests {
         let text = std::fs::read_to_string(path).unwrap();
         let row = |line: &str| {
             let n: Vec<f64> = line.split(',').map(|c| c.trim().parse().unwrap()).collect();
-            // The rows are f64s written as fractions whose denominators are powers of two: all of this is exact.
+            // The rows are f64s written as fractions whose denominators are powers of two: all of
+            // this is exact.
             ([n[0] / n[1], n[2] / n[3], n[4] / n[5]], n[6] != 0.0)
         };
         let rows: Vec<_> = text.lines().filter(|l| !l.trim().is_empty()).map(row).collect();
@@ -255,7 +264,8 @@ mod tests {
     }
 
     proptest! {
-        /// Against the time at which a plane is crossed, for a triangle that moves with constant velocity.
+        /// Against the time at which a plane is crossed, for a triangle that moves with constant
+        /// velocity.
         #[test]
         fn crossing_times_of_moving_triangles(
             x in -0.5f64..1.5, y in -0.5f64..1.5, height in 0.1f64..2.0, fall in 0.2f64..4.0,

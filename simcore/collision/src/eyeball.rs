@@ -1,14 +1,14 @@
-//! Tip against retina (paper, section 3.3, case 2): the tip is a point, the retina a sphere. Being near,
-//! touching and being inside are different levels; each is entered at its own clearance and left only
-//! a little farther away, so that tremor at a threshold is one contact and not fifty.
+//! Tip against retina (paper, section 3.3, case 2): the tip is a point, the retina a sphere. Being
+//! near, touching and being inside are different levels; each is entered at its own clearance and
+//! left only a little farther away, so that tremor at a threshold is one contact and not fifty.
 
 use protocol::events::EventKind;
 use protocol::limits::SUBSTEP_NS;
 use scene::ContactScene;
 use serde::{Deserialize, Serialize};
 
-/// Hysteresis of the retina contact as a share of the grazing clearance: leaving a level needs so much more
-/// clearance than entering it, so that tremor at a threshold does not flood the events.
+/// Hysteresis of the retina contact as a share of the grazing clearance: leaving a level needs so
+/// much more clearance than entering it, so that tremor at a threshold does not flood the events.
 const RETINA_HYSTERESIS: f64 = 0.1;
 /// Smallest hysteresis, mm.
 const RETINA_HYSTERESIS_MM: f64 = 0.02;
@@ -53,8 +53,8 @@ pub struct ContactChange {
 pub const AWAY: RetinaContact =
     RetinaContact { level: RetinaLevel::Away, since_substep: 0, reported_mm: 0.0 };
 
-/// Follows the contact by one substep; `clearance_mm` is the distance of the tip from the retina, negative
-/// inside it.
+/// Follows the contact by one substep; `clearance_mm` is the distance of the tip from the retina,
+/// negative inside it.
 pub fn update_contact(
     contact: &mut RetinaContact,
     clearance_mm: f64,

@@ -1,18 +1,21 @@
-//! ZCOLL on a graphics adapter: the same whole numbers as [`super::zcoll`], in compute shaders, the same answer to the bit on
-//! every adapter.
+//! ZCOLL on a graphics adapter: the same whole numbers as [`super::zcoll`], in compute shaders, the
+//! same answer to the bit on every adapter.
 //!
 //! ```text
 //! positions, pose ──▶ cull ──▶ draw_depth ──▶ draw_name ──▶ reduce ──▶ counters, triangles, nodes, pixels
 //!                      │ survivors                (or touch ──▶ one word)
 //! ```
 //!
-//! `cull` drops triangles by an estimate in `f32`, wide enough for any rounding. What it leaves is placed exactly: `soft_float.wgsl`
-//! does the `f32` arithmetic of [`super::quantize`] in whole numbers, because a shading language lets an adapter fuse, flush and
-//! reorder. Depths are divided in 64 bits made of two words (`wide.wgsl`). Everything that threads do to the same word is a
-//! maximum or a sum of whole numbers, so that no order of threads can show. The images stay on the adapter: colliding pixels,
-//! triangles and nodes are compacted there, and only they come back, here sorted by number.
+//! `cull` drops triangles by an estimate in `f32`, wide enough for any rounding. What it leaves is
+//! placed exactly: `soft_float.wgsl` does the `f32` arithmetic of [`super::quantize`] in whole
+//! numbers, because a shading language lets an adapter fuse, flush and reorder. Depths are divided
+//! in 64 bits made of two words (`wide.wgsl`). Everything that threads do to the same word is a
+//! maximum or a sum of whole numbers, so that no order of threads can show. The images stay on the
+//! adapter: colliding pixels, triangles and nodes are compacted there, and only they come back,
+//! here sorted by number.
 //!
-//! This folder is the only part of the crate that knows wgpu; without the feature `gpu` it is not built.
+//! This folder is the only part of the crate that knows wgpu; without the feature `gpu` it is not
+//! built.
 
 mod device;
 mod layout;
@@ -162,8 +165,10 @@ impl GpuZcoll {
         &self.gpu
     }
 
-    /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an instrument seen from its handle: to the shaders
-    /// these differ by the image and by the scale of depth, which is negative from the handle. On an error nothing was found, and the adapter is better left alone.
+    /// As [`super::zcoll::Zcoll::query`], or [`super::zcoll::Zcoll::query_reversed`] for an
+    /// instrument seen from its handle: to the shaders these differ by the image and by the scale
+    /// of depth, which is negative from the handle. On an error nothing was found, and the adapter
+    /// is better left alone.
     pub fn query(
         &mut self,
         side: &Side,
@@ -265,7 +270,8 @@ impl GpuZcoll {
         self.hits.clear();
     }
 
-    /// Positions and pose go to the adapter each time, flags and instrument image when they changed.
+    /// Positions and pose go to the adapter each time, flags and instrument image when they
+    /// changed.
     fn send(
         &mut self,
         side: &Side,
@@ -322,8 +328,8 @@ impl GpuZcoll {
         self.lists.triangles.div_ceil(GROUP).clamp(1, most) as u32
     }
 
-    /// Runs the commands and takes the counters and the `wanted` lists; what does not come at once is fetched in a second
-    /// transfer.
+    /// Runs the commands and takes the counters and the `wanted` lists; what does not come at once
+    /// is fetched in a second transfer.
     fn fetch(&mut self, mut encoder: CommandEncoder, wanted: [bool; 3]) -> Result<[u32; COUNTERS], GpuError> {
         let at_once = self.lists.at_once();
         let ends = copy(&mut encoder, &self.memory, &self.memory.staging, &self.lists, at_once);

@@ -1,5 +1,6 @@
-//! The collision volume of an instrument, and the instrument's own depth image in it. That image depends
-//! only on the jaw opening: it is drawn once for each opening, in steps of [`JAW_STEP_RAD`].
+//! The collision volume of an instrument, and the instrument's own depth image in it. That image
+//! depends only on the jaw opening: it is drawn once for each opening, in steps of
+//! [`JAW_STEP_RAD`].
 
 use super::quantize::FixedFormat;
 use super::raster::{self, DEPTH_STEPS, MAX_RESOLUTION, MIN_RESOLUTION, Rect, SUBPIXELS, XY_LIMIT, Z_LIMIT};
@@ -8,7 +9,8 @@ use super::tool_mesh::{Facet, ToolMesh};
 use protocol::handles::Tool;
 use scene::ContactScene;
 
-/// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the handle.
+/// Share of the collision volume's depth that lies beyond the tip; the rest lies towards the
+/// handle.
 const VOLUME_BEYOND_TIP: f64 = 1.0 / 6.0;
 /// Steps of jaw opening for which an instrument image is drawn, rad.
 const JAW_STEP_RAD: f64 = 0.01;
@@ -57,8 +59,8 @@ impl Volume {
         Ok(())
     }
 
-    /// Corners, in the instrument's frame and mm, of the box that a rectangle of the image sees, widened by so many pixels to
-    /// every side, and along z by as many 1/256 of the depth.
+    /// Corners, in the instrument's frame and mm, of the box that a rectangle of the image sees,
+    /// widened by so many pixels to every side, and along z by as many 1/256 of the depth.
     pub fn box_around(&self, rect: Rect, margin: f32) -> [[f32; 3]; 2] {
         let [FixedFormat { scale: xy, offset: middle }, FixedFormat { scale: z, offset: near }] =
             self.format();
@@ -70,7 +72,8 @@ impl Volume {
         [low, high]
     }
 
-    /// Scale and offset to fixed point along z for the camera at the handle: from the far plane towards the tip.
+    /// Scale and offset to fixed point along z for the camera at the handle: from the far plane
+    /// towards the tip.
     pub fn format_back(&self) -> FixedFormat {
         let z = f64::from(DEPTH_STEPS) / self.depth_mm;
         FixedFormat { scale: -z as f32, offset: ((self.near_mm + self.depth_mm) * z) as f32 }
@@ -149,8 +152,9 @@ impl InstrumentImage {
         Side { depth: &self.depth, rect: self.rect, reversed: false }
     }
 
-    /// What of the instrument can lift tissue, as a camera at the handle sees it: hook and jaws. Where they reach out of the volume
-    /// there is shaft behind them, and nothing that could lie on it. Empty for an instrument that is all shaft.
+    /// What of the instrument can lift tissue, as a camera at the handle sees it: hook and jaws.
+    /// Where they reach out of the volume there is shaft behind them, and nothing that could lie on
+    /// it. Empty for an instrument that is all shaft.
     pub fn back(&self) -> Side<'_> {
         Side { depth: &self.back_depth, rect: self.back_rect, reversed: true }
     }

@@ -1,5 +1,6 @@
-//! Vertices into whole numbers, sixteen at a time: the instrument's frame, a scale per axis, and the planes of a box that each
-//! vertex lies beyond. ZCOLL's images, the port's camera and the exact pairs of `validation` begin here.
+//! Vertices into whole numbers, sixteen at a time: the instrument's frame, a scale per axis, and
+//! the planes of a box that each vertex lies beyond. ZCOLL's images, the port's camera and the
+//! exact pairs of `validation` begin here.
 
 use super::raster::{XY_LIMIT, Z_LIMIT};
 use super::surface::{BLOCK, Frame, Surface};
@@ -15,8 +16,8 @@ pub struct QuantizedVertex {
 
 /// Bits of the planes: below the minimum along x, above the maximum, then y, then z.
 pub const PLANES: i32 = 0x3f;
-/// Bit of a vertex beyond a limit, or of one that is not a number. The latter lies beyond no plane, so that it is never passed
-/// over in silence.
+/// Bit of a vertex beyond a limit, or of one that is not a number. The latter lies beyond no plane,
+/// so that it is never passed over in silence.
 pub const REFUSED: i32 = 0x40;
 
 /// How vertices are placed in a query.
@@ -137,8 +138,8 @@ mod tests {
             }
         }
 
-        /// Every path gives the same bits, an f64 of our own the same steps but for their rounding, and what is not a
-        /// number is refused and beyond no plane.
+        /// Every path gives the same bits, an f64 of our own the same steps but for their rounding,
+        /// and what is not a number is refused and beyond no plane.
         #[test]
         fn vertices_are_where_an_f64_puts_them(
             points in prop::collection::vec(prop::array::uniform3(-2.0f32..2.0), 1..40),

@@ -3,12 +3,12 @@
 //! Fixed-point format: x and y in 1/256 pixel, z in 1/65536 of the volume's depth. Vertices are
 //! limited to |x|, |y| < 2¹⁹ (2,048 pixels) and |z| < 2²⁰ (16 depths of the volume). Therefore
 //! coordinate differences stay below 2²⁰, their products below 2⁴⁰, an edge function or twice the
-//! area below 2⁴¹ for every point within the limits, also one pixel step (2⁸ · 2²⁰) behind the last one;
-//! inside a triangle the three edge functions are ≥ 0 and add up to the area, so
-//! the sum that is divided for the depth stays below 2⁴¹ · 2²⁰ = 2⁶¹: an `i64` cannot overflow.
+//! area below 2⁴¹ for every point within the limits, also one pixel step (2⁸ · 2²⁰) behind the last
+//! one; inside a triangle the three edge functions are ≥ 0 and add up to the area, so the sum that
+//! is divided for the depth stays below 2⁴¹ · 2²⁰ = 2⁶¹: an `i64` cannot overflow.
 //!
-//! A pixel is covered if its centre is inside; a centre on an edge belongs to the triangle for which
-//! the edge is a top or a left one, so that of two triangles at an edge exactly one draws it.
+//! A pixel is covered if its centre is inside; a centre on an edge belongs to the triangle for
+//! which the edge is a top or a left one, so that of two triangles at an edge exactly one draws it.
 
 /// 1/256 pixel.
 pub const SUBPIXELS: i32 = 1 << PIXEL_BITS;
@@ -119,7 +119,8 @@ impl Depth {
     }
 }
 
-/// Pixels of an axis whose centres lie between the extremes of three coordinates, within `first..end`.
+/// Pixels of an axis whose centres lie between the extremes of three coordinates, within
+/// `first..end`.
 #[inline(always)]
 fn span([a, b, c]: [i32; 3], first: i32, end: i32) -> [i32; 2] {
     // Centre of pixel p is at p + 1/2: the first at or after `low`, the last at or before `high`.
@@ -128,8 +129,8 @@ fn span([a, b, c]: [i32; 3], first: i32, end: i32) -> [i32; 2] {
     [((low + half - 1) >> PIXEL_BITS).max(first), (((high - half) >> PIXEL_BITS) + 1).min(end)]
 }
 
-/// Calls `draw(column, row, depth)` for every pixel of `rect` that the triangle covers, rows in order.
-/// The depth may lie outside the volume; vertices must be within the limits.
+/// Calls `draw(column, row, depth)` for every pixel of `rect` that the triangle covers, rows in
+/// order. The depth may lie outside the volume; vertices must be within the limits.
 #[inline(always)]
 pub fn triangle(vertices: [Fixed; 3], rect: Rect, mut draw: impl FnMut(i32, i32, Depth)) -> Drawn {
     let [a, mut b, mut c] = vertices;
@@ -237,7 +238,8 @@ mod tests {
             let cross = |a: Fixed, b: Fixed, c: Fixed| {
                 i64::from(b[0] - a[0]) * i64::from(c[1] - a[1]) - i64::from(b[1] - a[1]) * i64::from(c[0] - a[0])
             };
-            // Two triangles on different sides of the diagonal v0–v2: through its middle every corner has its counterpart beyond it.
+            // Two triangles on different sides of the diagonal v0–v2: through its middle every
+            // corner has its counterpart beyond it.
             if cross(v[0], v[2], v[1]).signum() == cross(v[0], v[2], v[3]).signum() {
                 v[3] = std::array::from_fn(|axis| v[0][axis] + v[2][axis] - v[3][axis]);
             }

@@ -1,6 +1,7 @@
-//! Instrument against the rigid bodies of abstract tasks (paper, section 3.3, case 3): a few convex primitives each. parry3d decides
-//! (boxes first, then GJK and EPA); this module is the only place that knows it. Numbers cross the border here: `f64` and mm
-//! outside, `f32` inside, always relative to the body, so that nothing large is rounded. parry3d is built with
+//! Instrument against the rigid bodies of abstract tasks (paper, section 3.3, case 3): a few convex
+//! primitives each. parry3d decides (boxes first, then GJK and EPA); this module is the only place
+//! that knows it. Numbers cross the border here: `f64` and mm outside, `f32` inside, always
+//! relative to the body, so that nothing large is rounded. parry3d is built with
 //! `enhanced-determinism`: the same bits on every processor.
 
 use super::surface::CollisionError;
@@ -104,7 +105,8 @@ impl Part {
         Ok(Part { pose: at, bounds: shape.compute_local_aabb(), shape })
     }
 
-    /// True if nothing of `other` can touch this part: the ball around its bounds is clear of this part's bounds.
+    /// True if nothing of `other` can touch this part: the ball around its bounds is clear of this
+    /// part's bounds.
     fn is_clear_of(&self, other: &Part, other_from_own: &Isometry3<f64>) -> bool {
         let centre = other_from_own.inverse_transform_point(&back(other.bounds.center()).into()).coords;
         let beyond = centre.sup(&back(self.bounds.mins)).inf(&back(self.bounds.maxs)) - centre;
@@ -183,8 +185,8 @@ impl Compound {
         }
     }
 
-    /// Contacts of an instrument with this body, deepest first in each pair of parts: at most one a pair.
-    /// `body_from_instrument` must be finite; what is not touches nothing.
+    /// Contacts of an instrument with this body, deepest first in each pair of parts: at most one a
+    /// pair. `body_from_instrument` must be finite; what is not touches nothing.
     pub fn contacts(
         &self,
         instrument: &Compound,
@@ -257,7 +259,8 @@ mod tests {
         assert_eq!(parts(&touch(&ball, &forceps, &at(0.0, 0.0, 0.0))), [1, 2]);
         forceps.open_jaws(0.6);
         assert_eq!(parts(&touch(&ball, &forceps, &at(0.0, 0.0, 0.0))), [] as [usize; 0]);
-        // The inner side of the +x jaw is a line through the pivot; a ball nearer to the shaft is between both.
+        // The inner side of the +x jaw is a line through the pivot; a ball nearer to the shaft is
+        // between both.
         assert_eq!(parts(&touch(&ball, &forceps, &at(0.0, 0.0, -1.3))), [1, 2]);
     }
 
@@ -277,7 +280,8 @@ mod tests {
     }
 
     proptest! {
-        /// A ball against a ball-ended rod: depth, normal and point have a closed form, wherever both lie.
+        /// A ball against a ball-ended rod: depth, normal and point have a closed form, wherever
+        /// both lie.
         #[test]
         fn a_ball_and_a_rod_touch_as_geometry_says(
             x in -1.5f64..1.5, y in -1.5f64..1.5, z in -3.0f64..3.0, far in prop::array::uniform3(-12.0f64..12.0),

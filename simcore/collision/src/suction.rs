@@ -1,17 +1,20 @@
-//! What a vitrector's port sees: a perspective camera in the port draws the membrane alone (paper, section 3.3.2); the triangles that
-//! it sees lie in the suction cone.
+//! What a vitrector's port sees: a perspective camera in the port draws the membrane alone (paper,
+//! section 3.3.2); the triangles that it sees lie in the suction cone.
 //!
-//! The camera sits at the cone's apex. Its z runs along the instrument's +x, its x along the instrument's y and its y along the
-//! instrument's z. Across, lengths are divided by the tangent of the half angle, so that the cone's edge is |x| = z. Pixel
-//! (column, row) of R × R stands for the ray (2·column + 1 − R, 2·row + 1 − R, R); only rays inside the round cone are drawn.
+//! The camera sits at the cone's apex. Its z runs along the instrument's +x, its x along the
+//! instrument's y and its y along the instrument's z. Across, lengths are divided by the tangent of
+//! the half angle, so that the cone's edge is |x| = z. Pixel (column, row) of R × R stands for the
+//! ray (2·column + 1 − R, 2·row + 1 − R, R); only rays inside the round cone are drawn.
 //!
-//! Nothing is divided by depth and nothing is clipped: with corners P₀ P₁ P₂ in whole numbers and a ray r, the three determinants
-//! Eᵢ = r·(Pⱼ × Pₖ) have the sign of D = P₀·(P₁ × P₂) exactly if the ray meets the triangle (Olano and Greer, "Triangle scan
-//! conversion using 2D homogeneous coordinates", 1997), also where corners lie behind the camera; the depth is D·r_z / ΣEᵢ.
-//! A ray on an edge belongs to the triangle that it would meet if it were moved by (ε, ε²).
+//! Nothing is divided by depth and nothing is clipped: with corners P₀ P₁ P₂ in whole numbers and a
+//! ray r, the three determinants Eᵢ = r·(Pⱼ × Pₖ) have the sign of D = P₀·(P₁ × P₂) exactly if the
+//! ray meets the triangle (Olano and Greer, "Triangle scan conversion using 2D homogeneous
+//! coordinates", 1997), also where corners lie behind the camera; the depth is D·r_z / ΣEᵢ. A ray
+//! on an edge belongs to the triangle that it would meet if it were moved by (ε, ε²).
 //!
-//! Format: [`REACH_STEPS`] = 2¹⁵ steps are the cone's reach, coordinates stay below 2¹⁷. A cross product is below 2³⁵, E below 3·2⁴³, ΣE
-//! below 9·2⁴³, D below 3·2⁵², D·r_z below 3·2⁶⁰: an `i64` holds all.
+//! Format: [`REACH_STEPS`] = 2¹⁵ steps are the cone's reach, coordinates stay below 2¹⁷. A cross
+//! product is below 2³⁵, E below 3·2⁴³, ΣE below 9·2⁴³, D below 3·2⁵², D·r_z below 3·2⁶⁰: an `i64`
+//! holds all.
 
 use super::quantize::{FixedFormat, PLANES, QuantizedVertex, Quantizer, REFUSED};
 use super::surface::{CollisionError, Cull, Frame, Surface};
@@ -83,7 +86,8 @@ struct Canvas {
 }
 
 impl PortCamera {
-    /// An image of `resolution` × `resolution` pixels, lists for a membrane of these triangles between so many nodes.
+    /// An image of `resolution` × `resolution` pixels, lists for a membrane of these triangles
+    /// between so many nodes.
     pub fn new(resolution: usize, triangles: &[[u32; 3]], nodes: usize) -> Result<Self, CollisionError> {
         if !(1..=MAX_RESOLUTION).contains(&resolution) {
             return Err(CollisionError::Resolution { resolution });
@@ -108,7 +112,8 @@ impl PortCamera {
         self
     }
 
-    /// Looks out of the port. Afterwards [`Self::triangles`] and [`Self::pixels_seen`] tell what lies in the cone.
+    /// Looks out of the port. Afterwards [`Self::triangles`] and [`Self::pixels_seen`] tell what
+    /// lies in the cone.
     pub fn render(
         &mut self,
         instrument_from_eye: &Isometry3<f64>,
@@ -222,7 +227,8 @@ impl Edge {
     }
 }
 
-/// First and one past the last pixel of an axis that a triangle before the camera can cover, a pixel more to both sides.
+/// First and one past the last pixel of an axis that a triangle before the camera can cover, a
+/// pixel more to both sides.
 fn span(corners: &[Wide; 3], axis: usize, resolution: i64) -> [i64; 2] {
     if corners.iter().any(|p| p[2] <= 0) {
         return [0, resolution];
@@ -372,8 +378,9 @@ mod tests {
         assert!(PortCamera::new(0, &mesh.triangles, 3).is_err());
     }
 
-    /// The corners in whole steps as documented, then every ray against every triangle in 128 bits by Cramer's rule: t·r = Σ bᵢ Pᵢ with
-    /// Σ bᵢ = 1. No edge functions: b from the inverse, compared as fractions.
+    /// The corners in whole steps as documented, then every ray against every triangle in 128 bits
+    /// by Cramer's rule: t·r = Σ bᵢ Pᵢ with Σ bᵢ = 1. No edge functions: b from the inverse,
+    /// compared as fractions.
     fn exact(mesh: &Mesh, resolution: i128) -> Vec<Option<(u32, i128)>> {
         let frame = Frame::new(&(camera_from_instrument() * pose().inverse()));
         let along = f64::from(REACH_STEPS) / VIEW.reach_mm;
@@ -395,7 +402,8 @@ mod tests {
                 if r[0] * r[0] + r[1] * r[1] > resolution * resolution {
                     continue;
                 }
-                // a + u·ab + v·ac = t·r; a ray on an edge is moved by (ε, ε²), which the sign of the first derivative that is not 0 decides.
+                // a + u·ab + v·ac = t·r; a ray on an edge is moved by (ε, ε²), which the sign of
+                // the first derivative that is not 0 decides.
                 let det = |p: [i128; 3], q: [i128; 3], s: [i128; 3]| {
                     p[0] * (q[1] * s[2] - q[2] * s[1]) - p[1] * (q[0] * s[2] - q[2] * s[0])
                         + p[2] * (q[0] * s[1] - q[1] * s[0])
@@ -430,7 +438,8 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(48))]
-        /// A wavy sheet anywhere about the port, also behind it and across it: each pixel as an exact ray finds it.
+        /// A wavy sheet anywhere about the port, also behind it and across it: each pixel as an
+        /// exact ray finds it.
         #[test]
         fn the_image_is_that_of_exact_rays(
             middle in prop::array::uniform3(-0.4f64..1.2), normal in prop::array::uniform3(-1.0f64..1.0),

@@ -1,13 +1,16 @@
-//! A deforming triangle mesh as the collision queries see it, and the cull that comes before each of them.
+//! A deforming triangle mesh as the collision queries see it, and the cull that comes before each
+//! of them.
 //!
-//! A tree over a mesh that moves every frame is wasted work. Here the vertices stay in structure-of-arrays order and
-//! one pass turns them into the instrument's frame, sixteen at a time, and keeps of each block of sixteen one byte:
-//! the planes of the query's box beyond which **all** of them lie. Chunks of triangles know their blocks from the
-//! topology alone; a chunk whose blocks share a plane is dropped. Only what is left is looked at one by one.
+//! A tree over a mesh that moves every frame is wasted work. Here the vertices stay in
+//! structure-of-arrays order and one pass turns them into the instrument's frame, sixteen at a
+//! time, and keeps of each block of sixteen one byte: the planes of the query's box beyond which
+//! **all** of them lie. Chunks of triangles know their blocks from the topology alone; a chunk
+//! whose blocks share a plane is dropped. Only what is left is looked at one by one.
 //!
-//! The pass is compiled for AVX-512, AVX2 and the base instruction set and chosen at run time. It adds, multiplies and
-//! compares in a fixed order and fuses nothing, so that every path gives the same bits; and it only ever drops triangles
-//! that the exact integer tests after it would drop, so that it cannot change a result.
+//! The pass is compiled for AVX-512, AVX2 and the base instruction set and chosen at run time. It
+//! adds, multiplies and compares in a fixed order and fuses nothing, so that every path gives the
+//! same bits; and it only ever drops triangles that the exact integer tests after it would drop, so
+//! that it cannot change a result.
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
@@ -15,7 +18,8 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 pub const BLOCK: usize = 16;
 /// Triangles of a chunk.
 const CHUNK: usize = 32;
-/// Most vertices and most triangles of a surface: an ID has 32 bits, one value of which means "none".
+/// Most vertices and most triangles of a surface: an ID has 32 bits, one value of which means
+/// "none".
 pub const MAX_IDS: usize = u32::MAX as usize;
 
 /// Why a surface or a volume cannot be used.
@@ -69,8 +73,8 @@ pub struct Surface<'a> {
     pub alive: &'a [u8],
 }
 
-/// `p ↦ R·(p − t)` in `f32`: eye frame to instrument frame. Relative to the tip first, since the difference of two near
-/// positions is exact.
+/// `p ↦ R·(p − t)` in `f32`: eye frame to instrument frame. Relative to the tip first, since the
+/// difference of two near positions is exact.
 #[derive(Debug, Clone, Copy)]
 pub struct Frame {
     turn: [[f32; 3]; 3],
@@ -96,7 +100,8 @@ impl Frame {
         &self.tip
     }
 
-    /// A point of the eye frame along one axis of the instrument's; the order of sums is part of the format.
+    /// A point of the eye frame along one axis of the instrument's; the order of sums is part of
+    /// the format.
     #[inline(always)]
     pub fn along(&self, axis: usize, x: f32, y: f32, z: f32) -> f32 {
         let [m0, m1, m2] = self.turn[axis];
@@ -170,15 +175,16 @@ impl Cull {
         self
     }
 
-    /// Notes the planes beyond which each block lies. `low` and `high` are the box in the instrument's frame, mm.
+    /// Notes the planes beyond which each block lies. `low` and `high` are the box in the
+    /// instrument's frame, mm.
     pub fn classify(&mut self, surface: &Surface, frame: &Frame, low: [f32; 3], high: [f32; 3]) {
         let position = surface.position_mm.map(|v| &v[..self.vertices]);
         let beyond = &mut self.beyond;
         self.simd.dispatch(ClassifyBlocks { position, frame: *frame, low, high, beyond });
     }
 
-    /// Calls `prepare(block)` once for each block of the surviving chunks, then `visit(first triangle, one past the last)`
-    /// for each surviving chunk, in order.
+    /// Calls `prepare(block)` once for each block of the surviving chunks, then `visit(first
+    /// triangle, one past the last)` for each surviving chunk, in order.
     #[inline(always)]
     pub fn for_each_survivor<C>(
         &mut self,
@@ -234,7 +240,8 @@ impl pulp::NullaryFnOnce for ClassifyBlocks<'_> {
     }
 }
 
-/// Planes beyond which all sixteen lie. Of a coordinate that is not a number every comparison is false: it lies beyond nothing.
+/// Planes beyond which all sixteen lie. Of a coordinate that is not a number every comparison is
+/// false: it lies beyond nothing.
 #[inline(always)]
 fn classify_block(
     frame: &Frame,
@@ -280,7 +287,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever the cull drops has a plane with every vertex of it beyond, found one by one in f64.
+        /// Whatever the cull drops has a plane with every vertex of it beyond, found one by one in
+        /// f64.
         #[test]
         fn only_what_lies_beyond_a_plane_is_dropped(
             points in prop::collection::vec(prop::array::uniform3(-3.0f32..3.0), 3..200),

@@ -32,7 +32,8 @@ impl TestMesh {
         }
     }
 
-    /// A cap of 6 mm by 4.8 mm of a sphere of 11 mm around the origin, its middle at z = −11 mm: 1,000 triangles.
+    /// A cap of 6 mm by 4.8 mm of a sphere of 11 mm around the origin, its middle at z = −11 mm:
+    /// 1,000 triangles.
     pub fn cap() -> Self {
         Self::grid([25, 20], 0.24, |x, y| -(121.0 - x * x - y * y).sqrt())
     }

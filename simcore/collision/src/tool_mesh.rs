@@ -38,7 +38,8 @@ pub const PLAIN: Detail = Detail { sides: 16, rings: 1 };
 pub const FINE: Detail = Detail { sides: 32, rings: 14 };
 
 impl ToolMesh {
-    /// The shape of `tool` with a shaft of radius `radius_mm`, drawn up to `length_mm` from the tip.
+    /// The shape of `tool` with a shaft of radius `radius_mm`, drawn up to `length_mm` from the
+    /// tip.
     pub fn new(tool: Tool, radius_mm: f64, length_mm: f64) -> Self {
         Self::with_detail(tool, radius_mm, length_mm, PLAIN)
     }
@@ -53,7 +54,8 @@ impl ToolMesh {
                 ToolMesh { jaw: half_cone(radius_mm, detail), ..bare(shaft) }
             }
             Tool::Pick => ToolMesh { hook: hook(), ..bare(necked(radius_mm, end, detail)) },
-            // The port is a hole in the shaft, smaller than a few pixels of the collision image. A needle's radius is given.
+            // The port is a hole in the shaft, smaller than a few pixels of the collision image. A
+            // needle's radius is given.
             Tool::LightPipe | Tool::Vitrector | Tool::Needle => bare(tube(radius_mm, 0.0, end, detail)),
         }
     }

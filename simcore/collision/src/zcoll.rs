@@ -1,24 +1,27 @@
 //! ZCOLL: image-based collision of an instrument with the membrane (paper, section 3.3).
 //!
-//! An orthographic camera is fixed to the instrument. It sits on the shaft's axis beyond the tip and looks
-//! back along the instrument's +z; x and y of the image are those of the instrument, depth grows
-//! towards the handle. The volume is a box of half width h, from the near plane (a sixth of its depth
-//! beyond the tip) to the far plane. Two images: the depth z_I of the instrument, which depends only on
-//! the jaw opening and is therefore kept until that changes; and depth z_M and triangle ID of the membrane. A pixel
-//! that has both and z_I < z_M is a collision: the instrument has passed the membrane there by
-//! d = (z_I − z_M)·ẑ, a vector away from the handle.
+//! An orthographic camera is fixed to the instrument. It sits on the shaft's axis beyond the tip
+//! and looks back along the instrument's +z; x and y of the image are those of the instrument,
+//! depth grows towards the handle. The volume is a box of half width h, from the near plane (a
+//! sixth of its depth beyond the tip) to the far plane. Two images: the depth z_I of the
+//! instrument, which depends only on the jaw opening and is therefore kept until that changes; and
+//! depth z_M and triangle ID of the membrane. A pixel that has both and z_I < z_M is a collision:
+//! the instrument has passed the membrane there by d = (z_I − z_M)·ẑ, a vector away from the
+//! handle.
 //!
-//! Node displacement is the paper's Eq. 1: over the set D_i of all vectors of the triangles around node
-//! i, length max |d| and direction that of the sum. All vectors of one view point along −ẑ, so that
-//! direction is −ẑ and the length of each node is all that is computed here.
+//! Node displacement is the paper's Eq. 1: over the set D_i of all vectors of the triangles around
+//! node i, length max |d| and direction that of the sum. All vectors of one view point along −ẑ, so
+//! that direction is −ẑ and the length of each node is all that is computed here.
 //!
-//! An instrument that came round an edge is under the membrane. Then the camera is reversed ([`Zcoll::query_reversed`]): it sits at the
-//! handle, looks along −z and sees what reaches beside the shaft (hook, jaws); vectors point along +ẑ and lift.
+//! An instrument that came round an edge is under the membrane. Then the camera is reversed
+//! ([`Zcoll::query_reversed`]): it sits at the handle, looks along −z and sees what reaches beside
+//! the shaft (hook, jaws); vectors point along +ẑ and lift.
 //!
-//! The membrane must meet each line of view at most once inside the volume (π-convex); pixels that see
-//! a second layer are counted. Instrument depth is clamped at the near plane; membrane outside the volume
-//! is not drawn. Only pixels that have instrument are drawn, because others never collide. Images are drawn in
-//! integers ([`super::raster`]), so that any other back end can give the same answer to the bit.
+//! The membrane must meet each line of view at most once inside the volume (π-convex); pixels that
+//! see a second layer are counted. Instrument depth is clamped at the near plane; membrane outside
+//! the volume is not drawn. Only pixels that have instrument are drawn, because others never
+//! collide. Images are drawn in integers ([`super::raster`]), so that any other back end can give
+//! the same answer to the bit.
 
 mod adapter;
 mod canvas;
@@ -119,8 +122,8 @@ impl Zcoll {
         &self.volume
     }
 
-    /// Looks where the instrument has passed the membrane. Afterwards [`Self::displaced`] lists the nodes,
-    /// [`Self::hits`] the deformation vectors and [`Self::triangles`] the triangles.
+    /// Looks where the instrument has passed the membrane. Afterwards [`Self::displaced`] lists the
+    /// nodes, [`Self::hits`] the deformation vectors and [`Self::triangles`] the triangles.
     pub fn query(
         &mut self,
         image: &InstrumentImage,
@@ -130,8 +133,8 @@ impl Zcoll {
         self.query_side(&image.ahead(), instrument_from_eye, surface)
     }
 
-    /// The same from the handle: where hook or jaws of an instrument **under** the membrane have come up through it. Depth
-    /// grows towards the tip, and all vectors point along +ẑ: they lift.
+    /// The same from the handle: where hook or jaws of an instrument **under** the membrane have
+    /// come up through it. Depth grows towards the tip, and all vectors point along +ẑ: they lift.
     pub fn query_reversed(
         &mut self,
         image: &InstrumentImage,
@@ -423,7 +426,8 @@ mod tests {
             }
         }
         let found = s.zcoll.query_reversed(&pick, &pose, &s.mesh.surface());
-        // Pixels of the hook before the fold, by their centres; the fold may run through a column of them.
+        // Pixels of the hook before the fold, by their centres; the fold may run through a column
+        // of them.
         let width = 2.0 * half / s.zcoll.volume.resolution as f64;
         let seen = |column: usize| (column as f64 + 0.5) * width - half + 0.03 < f64::from(middle) - width;
         let resolution = s.zcoll.volume.resolution;

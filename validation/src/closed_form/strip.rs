@@ -29,8 +29,8 @@ pub struct PeelTest {
     pub energy_un_per_mm: f64,
     /// Separation at which a bond has broken, mm.
     pub range_mm: f64,
-    /// Angle between the free arm and what is still bonded, rad: 0 along the strip, π folded back on
-    /// it.
+    /// Angle between the free arm and what is still bonded, rad: 0 along the strip, π folded back
+    /// on it.
     pub angle_rad: f64,
     /// Height of the grip over where the angle says, mm: an arm that is folded back needs room for
     /// its fold.

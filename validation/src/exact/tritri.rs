@@ -1,14 +1,16 @@
 //! Do two triangles in space have a point in common? Decided exactly, in integers.
 //!
-//! Corners are whole numbers below 2¹⁹ in size. Differences of two stay within 2²⁰, a component of a normal (two products)
-//! within 2⁴¹, its product with a difference, three terms, within 3 · 2⁶¹ < 2⁶³: an `i64` holds every sign exactly. The side of a
-//! plane is a difference of two heights along its normal, each within 3 · 2⁶⁰: within 6 · 2⁶⁰ < 2⁶³.
+//! Corners are whole numbers below 2¹⁹ in size. Differences of two stay within 2²⁰, a component of
+//! a normal (two products) within 2⁴¹, its product with a difference, three terms, within 3 · 2⁶¹ <
+//! 2⁶³: an `i64` holds every sign exactly. The side of a plane is a difference of two heights along
+//! its normal, each within 3 · 2⁶⁰: within 6 · 2⁶⁰ < 2⁶³.
 //!
-//! Method: if all corners of one triangle lie strictly on one side of the other's plane, no. Otherwise each triangle meets the
-//! line that the two planes share in an interval, whose ends lie on the two edges from the corner that is alone on its
-//! side; which of two ends comes first is the sign of the tetrahedron of their two edges (Guigue and Devillers,
-//! "Fast and robust triangle-triangle overlap test using orientation predicates", 2003). Two triangles in one plane are
-//! compared in the projection in which they are largest. Touching counts.
+//! Method: if all corners of one triangle lie strictly on one side of the other's plane, no.
+//! Otherwise each triangle meets the line that the two planes share in an interval, whose ends lie
+//! on the two edges from the corner that is alone on its side; which of two ends comes first is the
+//! sign of the tetrahedron of their two edges (Guigue and Devillers, "Fast and robust
+//! triangle-triangle overlap test using orientation predicates", 2003). Two triangles in one plane
+//! are compared in the projection in which they are largest. Touching counts.
 
 /// Corner in whole units, each below [`LIMIT`] in size.
 pub type Corner = [i32; 3];
@@ -187,8 +189,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// The other truth: two convex bodies without a common point have a plane strictly between them, and for two triangles
-    /// it is normal to one of these directions. Exact in 128 bits.
+    /// The other truth: two convex bodies without a common point have a plane strictly between
+    /// them, and for two triangles it is normal to one of these directions. Exact in 128 bits.
     fn separated(a: &Triangle, b: &Triangle) -> bool {
         let wide = |v: [i64; 3]| v.map(i128::from);
         let cross = |a: [i128; 3], b: [i128; 3]| {
@@ -228,7 +230,8 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
-        /// So few places that corners on planes, on edges and on corners, and common planes, are frequent.
+        /// So few places that corners on planes, on edges and on corners, and common planes, are
+        /// frequent.
         #[test]
         fn agrees_with_separating_planes_on_a_coarse_grid(corners in triangles(2)) { check(corners)?; }
 

@@ -1,4 +1,5 @@
-//! Opens a graphics adapter for computing and runs what is submitted to it, with a bound on every wait.
+//! Opens a graphics adapter for computing and runs what is submitted to it, with a bound on every
+//! wait.
 
 use super::passes::Passes;
 use std::sync::Arc;
@@ -8,8 +9,8 @@ use wgpu::{Backends, Buffer, CommandEncoder, DeviceType, MapMode, PollType};
 
 /// Storage buffers that the shaders use at once.
 const STORAGE_BUFFERS: u32 = 8;
-/// Longest wait for a submission. A look takes milliseconds at worst; the first ones also compile. After this the device counts as
-/// lost and the processor goes on.
+/// Longest wait for a submission. A look takes milliseconds at worst; the first ones also compile.
+/// After this the device counts as lost and the processor goes on.
 const LONGEST_WAIT: Duration = Duration::from_secs(5);
 
 /// Why the adapter cannot be used, or no longer.
@@ -63,7 +64,8 @@ pub struct GpuDevice {
 }
 
 impl GpuDevice {
-    /// Opens the first adapter that can do the work: Vulkan, else OpenGL. `WGPU_BACKEND` limits the choice.
+    /// Opens the first adapter that can do the work: Vulkan, else OpenGL. `WGPU_BACKEND` limits the
+    /// choice.
     pub fn open() -> Result<Self, GpuError> {
         let mut refused = GpuError::NoAdapter;
         let interfaces = Backends::from_env().map_or(vec![Backends::VULKAN, Backends::GL], |one| vec![one]);
@@ -146,7 +148,8 @@ impl GpuDevice {
         self.trouble.get().map_or(Ok(()), |problem| Err(GpuError::Lost(problem.clone())))
     }
 
-    /// Submits, waits, and hands the first `bytes` of `staging`, which the commands fill, to `read`.
+    /// Submits, waits, and hands the first `bytes` of `staging`, which the commands fill, to
+    /// `read`.
     pub(super) fn run<T>(
         &self,
         encoder: CommandEncoder,

@@ -7,14 +7,16 @@ use bytemuck::{Pod, Zeroable};
 
 /// Words of counters before the images.
 pub(super) const COUNTERS: usize = 16;
-/// Results that come back with the counters in one transfer: triangles, nodes, pixels. A look that found more fetches the
-/// rest in a second one.
+/// Results that come back with the counters in one transfer: triangles, nodes, pixels. A look that
+/// found more fetches the rest in a second one.
 pub(super) const AT_ONCE: [usize; 3] = [512, 1024, 1024];
 /// Words of a result of each kind.
 pub(super) const WORDS: [usize; 3] = [2, 2, 3];
-/// The estimate of the cull is good for tips up to here from the origin, mm; it is the shader's `FAR`.
+/// The estimate of the cull is good for tips up to here from the origin, mm; it is the shader's
+/// `FAR`.
 const FAR_MM: f32 = 1e6;
-/// Pixels around the instrument by which the estimate's box is wider than the exact test's, as in the processor's cull.
+/// Pixels around the instrument by which the estimate's box is wider than the exact test's, as in
+/// the processor's cull.
 const CULL_MARGIN: f32 = 2.0;
 
 /// The block of a look; `QueryParams` in zcoll.wgsl says what is what.

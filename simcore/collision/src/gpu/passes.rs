@@ -157,7 +157,8 @@ mod tests {
         gpu.run(encoder, &staging, bytes as u64, <[u32]>::to_vec).unwrap()
     }
 
-    /// The processor's own arithmetic is the truth: every kind of number, close exponents, ties and cancellations.
+    /// The processor's own arithmetic is the truth: every kind of number, close exponents, ties and
+    /// cancellations.
     #[test]
     fn soft_floats_are_the_processors_floats() {
         let Ok(gpu) = GpuDevice::open() else {

@@ -1,6 +1,7 @@
-// f32 arithmetic in whole numbers: IEEE 754 binary32, round to nearest even, with subnormal numbers, infinities and one
-// "not a number". A shading language lets its compiler fuse a·b + c, flush subnormals, and forget about what is not a number;
-// whole numbers leave it no choice. Values are the bits of an f32 in a u32.
+// f32 arithmetic in whole numbers: IEEE 754 binary32, round to nearest even, with subnormal
+// numbers, infinities and one "not a number". A shading language lets its compiler fuse a·b + c,
+// flush subnormals, and forget about what is not a number; whole numbers leave it no choice. Values
+// are the bits of an f32 in a u32.
 
 const SIGN: u32 = 0x80000000u;
 const INFINITE: u32 = 0x7f800000u;

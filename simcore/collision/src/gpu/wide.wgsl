@@ -43,7 +43,8 @@ fn wide_less(a: vec2<u32>, b: vec2<u32>) -> bool {
     return a.y < b.y || (a.y == b.y && a.x < b.x);
 }
 
-// The integer part of numerator / divisor, known to be at most `most`, which is below 2²¹; unsigned, divisor below 2⁴¹.
+// The integer part of numerator / divisor, known to be at most `most`, which is below 2²¹;
+// unsigned, divisor below 2⁴¹.
 fn wide_quotient(numerator: vec2<u32>, divisor: vec2<u32>, most: u32) -> u32 {
     var rest = numerator;
     var quotient = 0u;

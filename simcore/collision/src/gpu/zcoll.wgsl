@@ -1,5 +1,6 @@
-// ZCOLL in whole numbers: the cull, the two passes that draw depth and triangle, the comparison with the instrument, and the
-// reduction to triangles and nodes. Behind soft_float.wgsl and wide.wgsl.
+// ZCOLL in whole numbers: the cull, the two passes that draw depth and triangle, the comparison
+// with the instrument, and the reduction to triangles and nodes. Behind soft_float.wgsl and
+// wide.wgsl.
 
 // The parameters of a query. Mirrored by `QueryParams` in layout.rs.
 struct QueryParams {
@@ -7,7 +8,8 @@ struct QueryParams {
     turn: array<vec4<u32>, 3>,
     // Bits of f32: scale and offset of x and y, then of z.
     format: vec4<u32>,
-    // Bits of f32: the limits of x and y, then of z; then 1/2; then 1 if nothing may be culled by estimate.
+    // Bits of f32: the limits of x and y, then of z; then 1/2; then 1 if nothing may be culled by
+    // estimate.
     bound: vec4<u32>,
     // The same limits as whole numbers, the number of depth steps, and the resolution.
     limit: vec4<i32>,
@@ -66,11 +68,13 @@ fn vertex(number: u32) -> vec3<u32> {
     return vec3<u32>(position[number], position[n + number], position[2u * n + number]);
 }
 
-// ---- The cull: an estimate, wide enough for any rounding, that may only drop what the whole numbers would drop.
+// ---- The cull: an estimate, wide enough for any rounding, that may only drop what the whole
+// numbers would drop.
 
 // From here on (10⁶ mm) the estimate says nothing; infinity and what is not a number lie beyond.
 const FAR: u32 = 0x49742400u;
-// More than the rounding of the estimate, relative to the sum of distances: nine operations of 2⁻²³ each, and as much again.
+// More than the rounding of the estimate, relative to the sum of distances: nine operations of 2⁻²³
+// each, and as much again.
 const SLACK: f32 = 4e-6;
 
 fn planes_beyond(p: vec3<u32>) -> u32 {
@@ -163,7 +167,8 @@ fn place(number: u32) -> Placed {
     return placed;
 }
 
-// ---- Drawing. A workgroup places 64 triangles, one a thread, then all threads share their pixels evenly.
+// ---- Drawing. A workgroup places 64 triangles, one a thread, then all threads share their pixels
+// evenly.
 
 struct Ready {
     a: vec3<i32>,
@@ -195,7 +200,8 @@ fn span(a: i32, b: i32, c: i32, first: i32, end: i32) -> vec2<i32> {
     return vec2<i32>(max((low + half - 1) >> PIXEL_BITS, first), min(((high - half) >> PIXEL_BITS) + 1, end));
 }
 
-// Makes a triangle ready for its slot of the workgroup; how many pixels its box has. Counts what cannot be drawn if it should.
+// Makes a triangle ready for its slot of the workgroup; how many pixels its box has. Counts what
+// cannot be drawn if it should.
 fn prepare(slot: u32, triangle: u32, counts: bool) -> u32 {
     let v = corners_of(triangle);
     let p = place(v.x);
@@ -230,14 +236,16 @@ fn prepare(slot: u32, triangle: u32, counts: bool) -> u32 {
     return across * u32(rows.y - rows.x);
 }
 
-// True if a pixel centre with this edge function is on the inner side; on the edge only if it is a top or a left one.
+// True if a pixel centre with this edge function is on the inner side; on the edge only if it is a
+// top or a left one.
 fn inside(e: vec2<u32>, p: vec2<i32>, q: vec2<i32>) -> bool {
     let d = q - p;
     let owns = d.y < 0 || (d.y == 0 && d.x > 0);
     return !wide_negative(e) && (owns || !wide_zero(e));
 }
 
-// A pixel and the depth of a triangle there; depth −1 where it does not lie, or the instrument does not, or outside the volume.
+// A pixel and the depth of a triangle there; depth −1 where it does not lie, or the instrument does
+// not, or outside the volume.
 struct Fragment {
     pixel: u32,
     depth: i32,
@@ -431,7 +439,8 @@ fn touch(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) 
     }
 }
 
-// Vertices as features, of the triangles that the last cull left; pairs (vertex, way) in place of the nodes.
+// Vertices as features, of the triangles that the last cull left; pairs (vertex, way) in place of
+// the nodes.
 @compute @workgroup_size(256)
 fn vertices(@builtin(local_invocation_index) lane: u32) {
     let nodes_at = params.count.z;

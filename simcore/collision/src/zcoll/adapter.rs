@@ -9,8 +9,8 @@ use crate::gpu::{GpuError, GpuZcoll};
 use nalgebra::Isometry3;
 
 impl Zcoll {
-    /// Looks on an adapter from now on, or no longer. Nothing that is found depends on it; if the adapter fails, one line is
-    /// logged and the processor goes on.
+    /// Looks on an adapter from now on, or no longer. Nothing that is found depends on it; if the
+    /// adapter fails, one line is logged and the processor goes on.
     #[cfg(feature = "gpu")]
     pub fn set_gpu(&mut self, gpu: Option<GpuZcoll>) -> Option<GpuZcoll> {
         std::mem::replace(&mut self.gpu, gpu.map(Box::new)).map(|gpu| *gpu)

@@ -1,4 +1,5 @@
-//! The membrane's images of a look: its depth and its triangles, drawn in integers where there is instrument.
+//! The membrane's images of a look: its depth and its triangles, drawn in integers where there is
+//! instrument.
 
 use super::Contacts;
 use crate::instrument_image::{NOTHING, Side};
@@ -69,7 +70,8 @@ impl Canvas {
         found.flat += u32::from(drawn == Drawn::Flat);
     }
 
-    /// The rows of the instrument's rectangle: number of the first pixel, membrane depths, instrument depths.
+    /// The rows of the instrument's rectangle: number of the first pixel, membrane depths,
+    /// instrument depths.
     pub(super) fn rows<'a>(&'a self, side: &'a Side) -> impl Iterator<Item = (usize, &'a [i32], &'a [i32])> {
         (side.rect.min[1] as usize..side.rect.max[1] as usize).map(move |row| {
             let first = row * self.resolution + side.rect.min[0] as usize;

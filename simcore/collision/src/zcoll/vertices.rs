@@ -7,9 +7,10 @@ use crate::raster::SUBPIXELS;
 use crate::surface::Surface;
 
 impl Zcoll {
-    /// Vertices as features: the vertices of living triangles that lie in the volume and behind the instrument, each with its
-    /// own depth below the instrument's, in depth steps. Unlike triangles they are not limited to one per
-    /// pixel. Of the last [`Self::query`] or [`Self::query_reversed`], which must have had the same arguments.
+    /// Vertices as features: the vertices of living triangles that lie in the volume and behind the
+    /// instrument, each with its own depth below the instrument's, in depth steps. Unlike triangles
+    /// they are not limited to one per pixel. Of the last [`Self::query`] or
+    /// [`Self::query_reversed`], which must have had the same arguments.
     pub fn vertices(&mut self, image: &InstrumentImage, surface: &Surface) -> &[(u32, i32)] {
         let (looked_from, reversed) = self.looked;
         let side = if reversed { image.back() } else { image.ahead() };
