@@ -173,7 +173,7 @@ impl SceneWriter {
         self.bodies.clear();
         let models = world.scene().bodies.iter().flat_map(|b| &b.body);
         let states = state.bodies.iter().flat_map(|b| &b.body);
-        self.bodies.extend(models.zip(states).map(body));
+        self.bodies.extend(models.zip(states).map(|(scene, state)| body(scene, state)));
         task_view::balls(world, &mut self.bodies);
         self.collect_marks(world);
         for (shown, dose) in self.doses.iter_mut().zip(&state.dose.mj_mm2) {
@@ -274,7 +274,7 @@ fn shown_flag(flag: u32) -> u16 {
     (if is_bound(flag) || flag == NODE_DEAD { flag } else { NODE_FREE }) as u16
 }
 
-fn body((scene, state): (&BodyScene, &BodyState)) -> SceneBody {
+fn body(scene: &BodyScene, state: &BodyState) -> SceneBody {
     let q = state.eye_from_body.rotation.coords;
     SceneBody {
         position_mm: state.eye_from_body.translation.vector.map(|c| c as f32).into(),
