@@ -10,102 +10,36 @@ use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
 /// Names of the keys and buttons that may be bound, by their codes.
-const KEYS: [&str; 94] = [
-    "a",
-    "b",
-    "c",
-    "d",
-    "e",
-    "f",
-    "g",
-    "h",
-    "i",
-    "j",
-    "k",
-    "l",
-    "m",
-    "n",
-    "o",
-    "p",
-    "q",
-    "r",
-    "s",
-    "t",
-    "u",
-    "v",
-    "w",
-    "x",
-    "y",
-    "z",
-    "0",
-    "1",
-    "2",
-    "3",
-    "4",
-    "5",
-    "6",
-    "7",
-    "8",
-    "9",
-    "f1",
-    "f2",
-    "f3",
-    "f4",
-    "f5",
-    "f6",
-    "f7",
-    "f8",
-    "f9",
-    "f10",
-    "f11",
-    "f12",
-    "tab",
-    "space",
-    "enter",
-    "escape",
-    "backspace",
-    "delete",
-    "insert",
-    "home",
-    "end",
-    "page-up",
-    "page-down",
-    "up",
-    "down",
-    "left",
-    "right",
-    "shift",
-    "control",
-    "alt",
-    "minus",
-    "plus",
-    "comma",
-    "period",
-    "mouse-left",
-    "mouse-middle",
-    "mouse-right",
-    "mouse-back",
-    "mouse-forward",
-    "pad-south",
-    "pad-east",
-    "pad-west",
-    "pad-north",
-    "pad-l1",
-    "pad-r1",
-    "pad-l2",
-    "pad-r2",
-    "pad-select",
-    "pad-start",
-    "pad-l3",
-    "pad-r3",
-    "pad-up",
-    "pad-down",
-    "pad-left",
-    "pad-right",
-    "pad-mode",
-    "pause",
-    "caps-lock",
-];
+const KEYS: [&str; 94] = words(
+    "a b c d e f g h i j k l m n o p q r s t u v w x y z \
+     0 1 2 3 4 5 6 7 8 9 \
+     f1 f2 f3 f4 f5 f6 f7 f8 f9 f10 f11 f12 \
+     tab space enter escape backspace delete insert home end page-up page-down up down left right \
+     shift control alt minus plus comma period \
+     mouse-left mouse-middle mouse-right mouse-back mouse-forward \
+     pad-south pad-east pad-west pad-north pad-l1 pad-r1 pad-l2 pad-r2 pad-select pad-start pad-l3 \
+     pad-r3 pad-up pad-down pad-left pad-right pad-mode \
+     pause caps-lock",
+);
+
+/// The words of a text that stand one blank apart.
+const fn words<const N: usize>(mut text: &str) -> [&str; N] {
+    let mut words = [""; N];
+    let mut at = 0;
+    while at < N {
+        let mut end = 0;
+        while end < text.len() && text.as_bytes()[end] != b' ' {
+            end += 1;
+        }
+        assert!(end > 0, "fewer words than names");
+        let next = if end < text.len() { end + 1 } else { end };
+        (words[at], text) = (text.split_at(end).0, text.split_at(next).1);
+        at += 1;
+    }
+    assert!(text.is_empty(), "more words than names");
+    words
+}
+
 /// Names of the axes of a gamepad, by their codes; right and down are positive.
 const AXES: [&str; 4] = ["left-x", "left-y", "right-x", "right-y"];
 /// Largest movement or turn of one event.
