@@ -110,7 +110,6 @@ pub enum Goal {
         /// How far it may be off, mm.
         radius_mm: f64,
         /// Direction along which the body's longest axis must lie, either way, if that matters.
-        #[serde(default, skip_serializing_if = "Option::is_none")]
         along_in_eye: Option<[f64; 3]>,
         /// How far the axis may be off, rad.
         #[serde(default = "quarter_turn")]
@@ -227,6 +226,18 @@ impl Goal {
             | Goal::Grip { instrument, .. } => Some(*instrument),
             Goal::Align { .. } | Goal::Place { .. } => None,
             Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => None,
+        }
+    }
+
+    /// How far off its place a tip or a body may be, mm, if the goal has a place.
+    pub fn radius_mm(&self) -> Option<f64> {
+        match self {
+            Goal::Hold { radius_mm, .. }
+            | Goal::Near { radius_mm, .. }
+            | Goal::Follow { radius_mm, .. }
+            | Goal::Align { radius_mm, .. }
+            | Goal::Place { radius_mm, .. } => Some(*radius_mm),
+            Goal::Grip { .. } | Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => None,
         }
     }
 

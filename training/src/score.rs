@@ -10,8 +10,8 @@ pub mod table;
 
 pub use meter::{Meter, Scorer};
 
-use protocol::events::EventDraft;
-use protocol::events::EventKind;
+use meter::larger;
+use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
 use serde::Serialize;
 use table::{CATEGORIES, COUNT, Category, Id, METRICS, MOST_PENALTY, PENALTIES, VERSION};
@@ -89,7 +89,7 @@ impl Scorer {
         let took_s = m.elapsed_s();
         let of_time = |s: f64| if took_s > 0.0 { s / took_s } else { 0.0 };
         let has_path = self.task.goals.iter().any(|g| matches!(g, scene::Goal::Follow { .. }));
-        let aims = self.task.goals.iter().any(has_radius);
+        let aims = self.task.goals.iter().any(|g| g.radius_mm().is_some());
         let none = |id: Id| METRICS[id as usize].none_at;
         let n = f64::from(m.missed_count);
         let mut figures = [None; COUNT];
@@ -124,27 +124,16 @@ impl Score {
     /// The events at the end of an attempt: every category, then the total.
     pub fn events(&self) -> [EventDraft; CATEGORIES + 1] {
         std::array::from_fn(|i| match i {
-            CATEGORIES => EventDraft {
-                subject: self.version,
-                limit: self.sigma,
-                ..EventDraft::new(EventKind::ScoreTotal, self.total)
-            },
+            CATEGORIES => {
+                let total = EventDraft::new(EventKind::ScoreTotal, self.total).about(self.version);
+                EventDraft { limit: self.sigma, ..total }
+            }
             c => {
-                let of = Category::ALL[c].points();
-                let draft = EventDraft::new(EventKind::ScoreCategory, self.categories[c]);
-                EventDraft { subject: c as u32, limit: of, ..draft }
+                let draft = EventDraft::new(EventKind::ScoreCategory, self.categories[c]).about(c as u32);
+                EventDraft { limit: Category::ALL[c].points(), ..draft }
             }
         })
     }
-}
-
-fn has_radius(goal: &scene::Goal) -> bool {
-    use scene::Goal::{Event, Gel, Grip, Retina};
-    !matches!(goal, Grip { .. } | Event { .. } | Gel { .. } | Retina { .. })
-}
-
-fn larger(a: f64, b: f64) -> f64 {
-    if b > a { b } else { a }
 }
 
 /// Tremor of the worse hand less tracking noise, and its deviation, µm.
@@ -192,10 +181,11 @@ fn reading(figures: &[Option<(f64, f64)>; COUNT], i: usize) -> Reading {
     // their own scale.
     let own = |j: &usize| METRICS[*j].category == metric.category;
     let injuries = Id::Injuries as usize;
-    let shared: f64 =
-        (0..COUNT).filter(own).filter(|&j| figures[j].is_none()).map(|j| METRICS[j].points).sum();
-    let there: f64 =
-        (0..COUNT).filter(own).filter(|&j| figures[j].is_some()).map(|j| METRICS[j].points).sum();
+    let points_where = |there: bool| {
+        let those = (0..COUNT).filter(own).filter(|&j| figures[j].is_some() == there);
+        those.map(|j| METRICS[j].points).sum::<f64>()
+    };
+    let (shared, there) = (points_where(false), points_where(true));
     let of = metric.points * (1.0 + if there > 0.0 { shared / there } else { 0.0 });
     let points = if i == injuries { of - value } else { of * ramp(metric, value) };
     Reading { key: metric.key, value: Some(value), sigma, points, of }

@@ -65,9 +65,10 @@ pub struct Observation<'a> {
 }
 
 /// Phase of an attempt.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Phase {
     /// No instrument has been seen in the eye.
+    #[default]
     Waiting,
     /// Time runs.
     Running,
@@ -78,7 +79,7 @@ pub enum Phase {
 }
 
 /// The attempt's state.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct TaskState {
     /// How far it is.
     pub phase: Phase,
@@ -149,15 +150,7 @@ impl Task {
 
     /// Before the first step.
     pub fn start(&self) -> TaskState {
-        TaskState {
-            phase: Phase::Waiting,
-            begun_ns: 0,
-            last_ns: 0,
-            goals: vec![GoalState::default(); self.scene.goals.len()],
-            smooth_mm: [None; INSTRUMENTS],
-            out_since_ns: [0; INSTRUMENTS],
-            lens_since_ns: [0; INSTRUMENTS],
-        }
+        TaskState { goals: vec![GoalState::default(); self.scene.goals.len()], ..TaskState::default() }
     }
 
     /// True if goal `index` counts now.
@@ -217,22 +210,16 @@ impl Task {
     }
 
     fn end(&self, state: &mut TaskState, emit: &mut dyn FnMut(EventDraft)) {
-        let open = state.goals.len() - state.reached();
-        let took_s = state.elapsed_s();
-        if open == 0 {
-            state.phase = Phase::Finished;
-            emit(EventDraft {
-                limit: self.scene.limit_s,
-                ..EventDraft::new(EventKind::TaskFinished, took_s)
-            });
+        let (open, took_s) = (state.goals.len() - state.reached(), state.elapsed_s());
+        let (phase, over) = if open == 0 {
+            (Phase::Finished, EventDraft::new(EventKind::TaskFinished, took_s))
         } else if took_s >= self.scene.limit_s {
-            state.phase = Phase::TimedOut;
-            let over = EventDraft {
-                limit: self.scene.limit_s,
-                ..EventDraft::new(EventKind::TaskTimedOut, open as f64)
-            };
-            emit(over);
-        }
+            (Phase::TimedOut, EventDraft::new(EventKind::TaskTimedOut, open as f64))
+        } else {
+            return;
+        };
+        state.phase = phase;
+        emit(EventDraft { limit: self.scene.limit_s, ..over });
     }
 
     /// Tells when the tip of a working instrument leaves the picture and comes back. The light is

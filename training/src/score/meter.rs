@@ -12,7 +12,7 @@ use protocol::events::{Event, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
 use protocol::time::Nanos;
-use scene::{Goal, SceneFile, TaskScene};
+use scene::{SceneFile, TaskScene};
 use serde::{Deserialize, Serialize};
 
 /// Tears and pulls raise events repeatedly while they last; one counts in this time, ns.
@@ -71,7 +71,7 @@ pub struct Tally {
 }
 
 /// What is kept.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Meter {
     pub(super) begun_ns: Nanos,
     pub(super) last_ns: Nanos,
@@ -108,26 +108,7 @@ impl Scorer {
 
     /// Before the attempt.
     pub fn start(&self) -> Meter {
-        Meter {
-            begun_ns: 0,
-            last_ns: 0,
-            ended: false,
-            finished: false,
-            reached: 0,
-            missed: 0.0,
-            missed_variance: 0.0,
-            missed_count: 0,
-            off_path_s: 0.0,
-            off_path_ns: 0,
-            out_of_view_s: 0.0,
-            out_ns: [0; INSTRUMENTS],
-            slips: 0,
-            seen_s: 0.0,
-            unlit_s: 0.0,
-            dose_mj_mm2: 0.0,
-            instruments: [InstrumentStats::default(); INSTRUMENTS],
-            injuries: [Tally::default(); INJURIES],
-        }
+        Meter::default()
     }
 
     /// Takes a step in. Nothing counts before event 110 and after event 112 or 113.
@@ -252,14 +233,7 @@ impl Scorer {
     fn note_goal(&self, meter: &mut Meter, event: &Event, tips: &[Option<Tip>; INSTRUMENTS]) {
         meter.reached += 1;
         let Some(goal) = self.task.goals.get(event.subject as usize) else { return };
-        let radius_mm = match goal {
-            Goal::Hold { radius_mm, .. }
-            | Goal::Near { radius_mm, .. }
-            | Goal::Follow { radius_mm, .. }
-            | Goal::Align { radius_mm, .. }
-            | Goal::Place { radius_mm, .. } => *radius_mm,
-            Goal::Grip { .. } | Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => return,
-        };
+        let Some(radius_mm) = goal.radius_mm() else { return };
         let hand = goal.instrument().unwrap_or(0) as usize;
         let variance = tips[hand].map_or(0.0, |t| t.covariance_mm2.trace());
         meter.missed += event.value / radius_mm;
@@ -403,6 +377,6 @@ fn in_sigmas(beyond_mm: f64, sigma_mm: f64) -> f64 {
 }
 
 /// The larger of two numbers; the first where the second is none.
-fn larger(a: f64, b: f64) -> f64 {
+pub(super) fn larger(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }

@@ -3,7 +3,7 @@
 
 use super::{Meter, Score, Scorer};
 use crate::sample::Sample;
-use crate::task::TaskState;
+use crate::task::{Phase, TaskState};
 use protocol::events::{Event, EventKind};
 use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
@@ -156,6 +156,5 @@ impl Reader {
 
 /// True for an attempt that has ended: the moment at which the live score is published.
 pub fn is_over(state: &TaskState) -> bool {
-    use crate::task::Phase::{Finished, TimedOut};
-    matches!(state.phase, Finished | TimedOut)
+    matches!(state.phase, Phase::Finished | Phase::TimedOut)
 }

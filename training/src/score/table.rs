@@ -71,29 +71,6 @@ pub struct Metric {
     pub formula: &'static str,
 }
 
-/// Numbers of the metrics in [`METRICS`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(usize)]
-#[allow(missing_docs)]
-pub enum Id {
-    Goals,
-    Precision,
-    OffPath,
-    Time,
-    Way,
-    Tremor,
-    Speed,
-    SpeedNearRetina,
-    Grip,
-    OutOfView,
-    Unlit,
-    LightDose,
-    Injuries,
-}
-
-/// How many metrics there are.
-pub const COUNT: usize = 13;
-
 /// Tips within this distance of the retina are near it, mm.
 pub const NEAR_RETINA_MM: f64 = 1.0;
 /// Half angle of the light pipe's cone within which a tip is lit, rad.
@@ -112,144 +89,69 @@ pub const SIGMAS: f64 = 2.0;
 /// Injuries take no more points than this, those of [`Id::Injuries`] included.
 pub const MOST_PENALTY: f64 = 60.0;
 
-/// Every metric, by [`Id`].
-pub const METRICS: [Metric; COUNT] = [
-    Metric {
-        key: "goals",
-        name: "goals reached",
-        category: Category::Target,
-        unit: "share",
-        points: 25.0,
-        full_at: 1.0,
-        none_at: 0.0,
-        formula: "goals reached / goals of the task (events 111)",
-    },
-    Metric {
-        key: "precision",
-        name: "distance from the goals",
-        category: Category::Target,
-        unit: "share of the radius",
-        points: 5.0,
-        full_at: 0.4,
-        none_at: 1.0,
-        formula: "mean over the goals reached that have a radius: mean distance of the smoothed tip (time constant 0.1 s) or body \
-                  from the goal while it was held / radius of the goal",
-    },
-    Metric {
-        key: "off-path",
-        name: "time outside the tube",
-        category: Category::Target,
-        unit: "share",
-        points: 5.0,
-        full_at: 0.0,
-        none_at: 0.2,
-        formula: "sum of the times from event 114 to event 115 (or the end) / time of the attempt; only tasks with a path",
-    },
-    Metric {
-        key: "time",
-        name: "time",
-        category: Category::Efficiency,
-        unit: "× the plan's",
-        points: 12.0,
-        full_at: 1.3,
-        none_at: 3.0,
-        formula: "time of the attempt / par_s of the task; an attempt that is not finished gets no points",
-    },
-    Metric {
-        key: "way",
-        name: "way of the tips",
-        category: Category::Efficiency,
-        unit: "× the plan's",
-        points: 8.0,
-        full_at: 1.25,
-        none_at: 3.0,
-        formula: "sum over both instruments of the way of the smoothed tip (two time constants of 0.1 s, one after the other) in the \
-                  eye / (par_mm of the task × share of goals reached)",
-    },
-    Metric {
-        key: "tremor",
-        name: "tremor",
-        category: Category::Instruments,
-        unit: "µm RMS",
-        points: 6.0,
-        full_at: 30.0,
-        none_at: 120.0,
-        formula: "root of the mean square of the tip in the eye, all axes together, between 6 and 14 Hz (Butterworth, 4 poles at each \
-                  end), less what the tracker's covariance puts into the band; the worse of the two hands",
-    },
-    Metric {
-        key: "speed",
-        name: "greatest speed",
-        category: Category::Instruments,
-        unit: "mm/s",
-        points: 3.0,
-        full_at: 12.0,
-        none_at: 40.0,
-        formula: "greatest speed of a smoothed tip in the eye",
-    },
-    Metric {
-        key: "speed-near-retina",
-        name: "greatest speed near the retina",
-        category: Category::Instruments,
-        unit: "mm/s",
-        points: 3.0,
-        full_at: 4.0,
-        none_at: 16.0,
-        formula: "greatest speed of a smoothed tip within 1 mm of the retina, of those that are",
-    },
-    Metric {
-        key: "grip",
-        name: "grips that slipped",
-        category: Category::Instruments,
-        unit: "times",
-        points: 3.0,
-        full_at: 0.0,
-        none_at: 3.0,
-        formula: "number of events 12",
-    },
-    Metric {
-        key: "out-of-view",
-        name: "working out of view",
-        category: Category::Microscope,
-        unit: "share",
-        points: 6.0,
-        full_at: 0.02,
-        none_at: 0.3,
-        formula: "sum of the times from event 118 to event 119 (or the end), both instruments, no light pipes / time of the attempt",
-    },
-    Metric {
-        key: "unlit",
-        name: "working in the dark",
-        category: Category::Microscope,
-        unit: "share",
-        points: 4.0,
-        full_at: 0.05,
-        none_at: 0.5,
-        formula: "share of the time in which the tip of instrument 0 is more than 0.6 rad off the axis of the light pipe in hand 1; only \
-                  tasks that begin with one there",
-    },
-    Metric {
-        key: "light-dose",
-        name: "light on the retina",
-        category: Category::Tissue,
-        unit: "mJ/mm²",
-        points: 5.0,
-        full_at: 60.0,
-        none_at: 600.0,
-        formula: "sum over time of 10 mW / (π (d · tan 0.6)²), where d is the distance along the light pipe from its tip to the retina, \
-                  at least 0.5 mm; only tasks that begin with a light pipe in hand 1",
-    },
-    Metric {
-        key: "injuries",
-        name: "points lost to injuries",
-        category: Category::Tissue,
-        unit: "points",
-        points: 15.0,
-        full_at: 0.0,
-        none_at: 15.0,
-        formula: "sum of the penalties below, at most 60; the category falls below 0 where they exceed 15",
-    },
-];
+/// Makes the enum [`Id`] and the table [`METRICS`] from rows of number, category, key, name, unit, points,
+/// the figures from which on all and none of them are given, and formula.
+macro_rules! metrics {
+    ($($id:ident = $category:ident, $key:literal, $name:literal, $unit:literal, $points:literal,
+       $full_at:literal => $none_at:literal, $formula:literal;)*) => {
+        /// Numbers of the metrics in [`METRICS`].
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[repr(usize)]
+        #[allow(missing_docs)]
+        pub enum Id {
+            $($id,)*
+        }
+
+        /// How many metrics there are.
+        pub const COUNT: usize = [$(Id::$id),*].len();
+
+        /// Every metric, by [`Id`].
+        pub const METRICS: [Metric; COUNT] = [$(Metric {
+            key: $key,
+            name: $name,
+            category: Category::$category,
+            unit: $unit,
+            points: $points,
+            full_at: $full_at,
+            none_at: $none_at,
+            formula: $formula,
+        }),*];
+    };
+}
+
+metrics! {
+    Goals = Target, "goals", "goals reached", "share", 25.0, 1.0 => 0.0,
+        "goals reached / goals of the task (events 111)";
+    Precision = Target, "precision", "distance from the goals", "share of the radius", 5.0, 0.4 => 1.0,
+        "mean over the goals reached that have a radius: mean distance of the smoothed tip (time constant 0.1 s) or body \
+         from the goal while it was held / radius of the goal";
+    OffPath = Target, "off-path", "time outside the tube", "share", 5.0, 0.0 => 0.2,
+        "sum of the times from event 114 to event 115 (or the end) / time of the attempt; only tasks with a path";
+    Time = Efficiency, "time", "time", "× the plan's", 12.0, 1.3 => 3.0,
+        "time of the attempt / par_s of the task; an attempt that is not finished gets no points";
+    Way = Efficiency, "way", "way of the tips", "× the plan's", 8.0, 1.25 => 3.0,
+        "sum over both instruments of the way of the smoothed tip (two time constants of 0.1 s, one after the other) in the \
+         eye / (par_mm of the task × share of goals reached)";
+    Tremor = Instruments, "tremor", "tremor", "µm RMS", 6.0, 30.0 => 120.0,
+        "root of the mean square of the tip in the eye, all axes together, between 6 and 14 Hz (Butterworth, 4 poles at each \
+         end), less what the tracker's covariance puts into the band; the worse of the two hands";
+    Speed = Instruments, "speed", "greatest speed", "mm/s", 3.0, 12.0 => 40.0,
+        "greatest speed of a smoothed tip in the eye";
+    SpeedNearRetina = Instruments, "speed-near-retina", "greatest speed near the retina", "mm/s", 3.0, 4.0 => 16.0,
+        "greatest speed of a smoothed tip within 1 mm of the retina, of those that are";
+    Grip = Instruments, "grip", "grips that slipped", "times", 3.0, 0.0 => 3.0,
+        "number of events 12";
+    OutOfView = Microscope, "out-of-view", "working out of view", "share", 6.0, 0.02 => 0.3,
+        "sum of the times from event 118 to event 119 (or the end), both instruments, no light pipes / time of the attempt";
+    Unlit = Microscope, "unlit", "working in the dark", "share", 4.0, 0.05 => 0.5,
+        "share of the time in which the tip of instrument 0 is more than 0.6 rad off the axis of the light pipe in hand 1; only \
+         tasks that begin with one there";
+    LightDose = Tissue, "light-dose", "light on the retina", "mJ/mm²", 5.0, 60.0 => 600.0,
+        "sum over time of 10 mW / (π (d · tan 0.6)²), where d is the distance along the light pipe from its tip to the retina, \
+         at least 0.5 mm; only tasks that begin with a light pipe in hand 1";
+    Injuries = Tissue, "injuries", "points lost to injuries", "points", 15.0, 0.0 => 15.0,
+        "sum of the penalties below, at most 60; the category falls below 0 where they exceed 15";
+}
 
 /// An injury and what it costs.
 #[derive(Debug, Clone, Copy)]

@@ -2,8 +2,7 @@
 
 use super::Observation;
 use nalgebra::Vector3;
-use protocol::events::EventDraft;
-use protocol::events::EventKind;
+use protocol::events::{EventDraft, EventKind};
 use protocol::limits::INSTRUMENTS;
 use protocol::time::Nanos;
 use scene::Goal;
