@@ -13,7 +13,6 @@ pub struct ElementsScene {
     /// Young's modulus times thickness, µN/mm (1 N/m is 1,000 of them).
     pub young_un_per_mm: f64,
     /// Poisson's ratio; a neo-Hookean membrane is incompressible and has none to choose.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poisson: Option<f64>,
 }
 

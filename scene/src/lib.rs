@@ -108,37 +108,28 @@ pub struct SceneFile {
     /// The eye.
     pub eye: EyeScene,
     /// The epiretinal membrane; a scene may do without.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub membrane: Option<MembraneScene>,
     /// Rigid bodies to push, pick up and place.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bodies: Option<BodiesScene>,
     /// The whole retina as tissue; without it the retina is a sphere that nothing lifts.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub retina: Option<RetinaScene>,
     /// The vitreous body; a scene may do without.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vitreous: Option<VitreousScene>,
     /// What the vitrector can do, if other than usual.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub vitrector: Option<VitrectorScene>,
     /// What the needle can do, if other than usual.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub needle: Option<NeedleScene>,
     /// What the trainee is asked to do; a scene may be there to look at only.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub task: Option<TaskScene>,
     /// How instruments act on tissue and retina.
     pub contact: ContactScene,
     /// The microscope at the start.
     pub microscope: MicroscopeScene,
     /// Its lens, inverter and steps, if other than usual.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub optics: Option<OpticsScene>,
     /// The two instruments, in the order of the rig.
     pub instruments: Vec<InstrumentScene>,
     /// What the scripted surgeon does; without it the instruments rest.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub script: Option<ScriptScene>,
 }
 

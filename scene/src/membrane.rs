@@ -60,16 +60,12 @@ pub struct MembraneScene {
     pub rim_tear_un: f64,
     /// A mesh of its own. `towards_in_eye`, `size_mm`, `squares`, `lift_mm` and `loose_edge` are
     /// those of a sheet of squares; only one of both may be there.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshScene>,
     /// A continuum in place of the springs; without it springs carry the sheet.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub elements: Option<ElementsScene>,
     /// Glue under the whole sheet; without it the rim alone is fixed.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adhesion: Option<AdhesionScene>,
     /// Rolling up of what is free; without it the sheet stays as it is.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub curl: Option<CurlScene>,
 }
 

@@ -14,7 +14,6 @@ const MAX_NODES: usize = 641_601;
 pub struct MeshScene {
     /// Wavefront file with its corners and triangles, beside the scene file. When the scene is
     /// loaded they take its place below, so that a recording holds the mesh.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obj: Option<String>,
     /// What holds it from the start.
     #[serde(default)]

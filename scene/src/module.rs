@@ -90,10 +90,8 @@ pub struct ModuleFile {
     /// What it trains.
     pub kind: Kind,
     /// A shipped scene; without it the folder's `scene.toml`.
-    #[serde(default)]
     pub scene: Option<String>,
     /// The plan of an operation, in the place of the scene's script.
-    #[serde(default)]
     pub script: Option<ScriptScene>,
     /// What to read, a line each.
     pub instructions: Vec<String>,
@@ -109,23 +107,17 @@ pub struct ModuleFile {
 #[serde(deny_unknown_fields)]
 pub struct LevelFile {
     /// Time limit, s; without it three times the plan's time.
-    #[serde(default)]
     pub limit_s: Option<f64>,
     /// Time that the plan needs until the last goal, s; without it the length of the plan.
-    #[serde(default)]
     pub par_s: Option<f64>,
     /// A shipped scene in the place of the module's, and then the plan of that scene in the place
     /// of the module's.
-    #[serde(default)]
     pub scene: Option<String>,
     /// Keys of the scene that are other in this level.
-    #[serde(default)]
     pub changes: Option<toml::Table>,
     /// A plan of its own for an operation, in the place of both.
-    #[serde(default)]
     pub script: Option<ScriptScene>,
     /// What to read, in the place of the module's instructions.
-    #[serde(default)]
     pub instructions: Option<Vec<String>>,
     /// What to do.
     pub goals: Vec<Goal>,

@@ -61,10 +61,8 @@ pub struct RetinaScene {
     pub drag: f64,
     /// Place of the optic disc, eye frame, mm: the nearest node never comes off, and a retina that
     /// is free all round turns about it. Left out, nothing but the ora holds.
-    #[serde(default)]
     pub disc_in_eye_mm: Option<[f64; 3]>,
     /// What was done before the scene begins.
-    #[serde(default)]
     pub operation: Option<RetinaOperation>,
 }
 

@@ -74,7 +74,6 @@ pub struct ScriptKey {
     pub jaw_rad: f64,
     /// Tool in the hand from here on; without it the one before. A round begins with the
     /// instrument's own.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<Tool>,
 }
 

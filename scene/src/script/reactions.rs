@@ -20,13 +20,11 @@ pub struct Retarget {
     /// 0 or 1.
     pub instrument: u32,
     /// Number of a rigid body; without it the target is the tissue nearest to the place.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub body: Option<u32>,
     /// Expected place, eye frame, mm.
     pub place_in_eye_mm: [f64; 3],
     /// Expected direction of a body's longest axis, eye frame; without it the instrument is not
     /// turned.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub along_in_eye: Option<[f64; 3]>,
     /// True if the jaws hold the thing and bring it to the place; else the tip goes to the thing.
     #[serde(default)]
