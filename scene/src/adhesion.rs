@@ -1,7 +1,7 @@
 //! How an epiretinal membrane sticks to the retina, and how it curls: keys `membrane.adhesion` and
 //! `membrane.curl`.
 
-use super::Range;
+use super::{Defect, Range, refuse};
 use serde::{Deserialize, Serialize};
 
 /// Glue between the membrane and the retina: an energy per area at every place.
@@ -64,7 +64,7 @@ impl AdhesionScene {
     }
 
     /// What is wrong beyond the ranges.
-    pub(super) fn defect(&self) -> Option<(&'static str, String, String)> {
+    pub(super) fn defect(&self) -> Option<Defect> {
         let bad = |p: &&PatchScene| {
             let length2: f64 = p.towards_in_eye.iter().map(|c| c * c).sum();
             let placed = length2.is_finite() && length2 > 1e-12;
@@ -72,7 +72,7 @@ impl AdhesionScene {
         };
         let patch = self.patches.iter().find(bad)?;
         let expected = "a direction, a radius of 0 to 20 mm and an energy of 0 to 1e6 µN/mm";
-        Some(("membrane.adhesion.patches", expected.into(), format!("{patch:?}")))
+        refuse("membrane.adhesion.patches", expected, format!("{patch:?}"))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Rigid bodies of the abstract tasks: key `bodies`.
 
-use super::Range;
+use super::{Defect, Range, refuse};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -74,10 +74,9 @@ impl BodiesScene {
             ("bodies.damping_per_s", self.damping_per_s, 0.0, 1e4),
         ];
         for body in &self.body {
-            let sizes = body.half_extents_mm.map(|half| ("bodies.body.half_extents_mm", half, 0.05, 5.0));
-            ranges.extend(sizes);
-            ranges
-                .extend(body.position_in_eye_mm.map(|c| ("bodies.body.position_in_eye_mm", c, -20.0, 20.0)));
+            let place = body.position_in_eye_mm;
+            ranges.extend(body.half_extents_mm.map(|half| ("bodies.body.half_extents_mm", half, 0.05, 5.0)));
+            ranges.extend(place.map(|c| ("bodies.body.position_in_eye_mm", c, -20.0, 20.0)));
             ranges.extend(body.rgba.map(|c| ("bodies.body.rgba", f64::from(c), 0.0, 1.0)));
             ranges.push(("bodies.body.mass_g", body.mass_g, 1e-6, 10.0));
             ranges.push(("bodies.body.friction", body.friction, 0.0, 2.0));
@@ -86,9 +85,9 @@ impl BodiesScene {
     }
 
     /// What is wrong beyond the ranges: key, what would be right, what is there.
-    pub(super) fn defect(&self, retina_radius_mm: f64) -> Option<(&'static str, String, String)> {
+    pub(super) fn defect(&self, retina_radius_mm: f64) -> Option<Defect> {
         if !(1..=MAX_BODIES).contains(&self.body.len()) {
-            return Some(("bodies.body", format!("1 to {MAX_BODIES} bodies"), self.body.len().to_string()));
+            return refuse("bodies.body", format!("1 to {MAX_BODIES} bodies"), self.body.len());
         }
         for (i, body) in self.body.iter().enumerate() {
             let [x, y, z] = body.half_extents_mm;
@@ -100,17 +99,14 @@ impl BodiesScene {
             if !right {
                 let expected = "three equal ones for a sphere, two equal ones and a longer one for a capsule";
                 let found = format!("{:?} of a {:?}, body {i}", body.half_extents_mm, body.shape);
-                return Some(("bodies.body.half_extents_mm", expected.into(), found));
+                return refuse("bodies.body.half_extents_mm", expected, found);
             }
             let radius = if body.shape == BodyShape::Box { norm([x, y, z]) } else { z };
             let reach = norm(body.position_in_eye_mm) + radius;
             if reach > retina_radius_mm {
                 let expected = format!("the whole body within {retina_radius_mm} mm of the eye's centre");
-                return Some((
-                    "bodies.body.position_in_eye_mm",
-                    expected,
-                    format!("{reach:.3} mm, body {i}"),
-                ));
+                let found = format!("{reach:.3} mm, body {i}");
+                return refuse("bodies.body.position_in_eye_mm", expected, found);
             }
         }
         None

@@ -1,6 +1,6 @@
 //! A membrane as a continuum in place of springs: key `membrane.elements`.
 
-use super::Range;
+use super::{Defect, Range, refuse};
 use serde::{Deserialize, Serialize};
 
 /// Membrane triangles of constant strain, for the implicit and the quasi-static integrator. Springs
@@ -43,9 +43,9 @@ impl ElementsScene {
         ]
     }
 
-    pub(super) fn defect(&self) -> Option<(&'static str, String, String)> {
+    pub(super) fn defect(&self) -> Option<Defect> {
         let chosen = self.poisson.filter(|_| self.law == ElementsLaw::NeoHookean)?;
         let expected = "no such key with law \"neo-hookean\", which is incompressible";
-        Some(("membrane.elements.poisson", expected.into(), chosen.to_string()))
+        refuse("membrane.elements.poisson", expected, chosen)
     }
 }

@@ -93,6 +93,14 @@ pub enum SceneError {
     },
 }
 
+/// A key that is refused, what it should hold, and what it holds.
+type Defect = (String, String, String);
+
+/// Refuses a key.
+fn refuse(field: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Option<Defect> {
+    Some((field.into(), expected.into(), found.to_string()))
+}
+
 /// A key with its value, and the lowest and highest value allowed.
 type Range = (&'static str, f64, f64, f64);
 
@@ -173,12 +181,27 @@ pub struct ContactScene {
     /// Force at which the grip slips, µN.
     pub grip_un: f64,
     /// Friction of instruments on the membrane (Coulomb): sideways drag as a share of the push.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub friction: f64,
 }
 
-fn is_zero(x: &f64) -> bool {
-    *x == 0.0
+impl ContactScene {
+    /// What is wrong beyond the ranges.
+    fn defect(&self) -> Option<Defect> {
+        if !(8..=256).contains(&self.resolution) {
+            return refuse("contact.resolution", "8 to 256", self.resolution);
+        }
+        if self.grab_below_rad > self.release_above_rad {
+            let found = format!("{} > {}", self.grab_below_rad, self.release_above_rad);
+            return refuse("contact.grab_below_rad", "not above release_above_rad", found);
+        }
+        None
+    }
+}
+
+/// True for what a file may leave out.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// The microscope at the start.
@@ -261,51 +284,34 @@ impl SceneFile {
     }
 
     fn check(&self, name: &str) -> Result<(), SceneError> {
-        let refuse = |field: &str, expected: &str, found: String| {
-            Err(SceneError::Value {
-                name: name.into(),
-                field: field.into(),
-                expected: expected.into(),
-                found,
-            })
-        };
+        let value =
+            |(field, expected, found)| SceneError::Value { name: name.into(), field, expected, found };
+        self.defect().map(value).map_or(Ok(()), Err)
+    }
+
+    /// The first key that makes no sense.
+    fn defect(&self) -> Option<Defect> {
         if self.format != FORMAT {
-            return refuse("format", FORMAT, self.format.clone());
+            return refuse("format", FORMAT, &self.format);
         }
         if self.instruments.len() != INSTRUMENTS {
-            return refuse("instruments", "two of them", self.instruments.len().to_string());
+            return refuse("instruments", "two of them", self.instruments.len());
         }
-        for (field, value, low, high) in self.ranges() {
-            if !(low..=high).contains(&value) {
-                return refuse(field, &format!("{low} to {high}"), value.to_string());
-            }
-        }
-        let of_bodies = || self.bodies.as_ref().and_then(|b| b.defect(self.eye.retina_radius_mm));
-        let defect = self.membrane.as_ref().and_then(|m| m.defect()).or_else(of_bodies);
-        let defect = defect.or_else(|| self.optics.as_ref().and_then(|o| o.defect(&self.microscope)));
-        if let Some((field, expected, found)) = defect {
-            return refuse(field, &expected, found);
+        let outside = |(_, value, low, high): &Range| !(low..=high).contains(&value);
+        if let Some((field, value, low, high)) = self.ranges().into_iter().find(outside) {
+            return refuse(field, format!("{low} to {high}"), value);
         }
         let radius_mm = self.eye.retina_radius_mm;
-        if let Some((field, expected, found)) = self.vitreous.as_ref().and_then(|v| v.defect(radius_mm)) {
-            return refuse(&field, &expected, found);
-        }
         let bodies = self.bodies.as_ref().map_or(0, |b| b.body.len());
-        if let Some((field, expected, found)) = self.task.as_ref().and_then(|t| t.defect(radius_mm, bodies)) {
-            return refuse(&field, &expected, found);
-        }
-        if !(8..=256).contains(&self.contact.resolution) {
-            return refuse("contact.resolution", "8 to 256", self.contact.resolution.to_string());
-        }
-        if self.contact.grab_below_rad > self.contact.release_above_rad {
-            let found = format!("{} > {}", self.contact.grab_below_rad, self.contact.release_above_rad);
-            return refuse("contact.grab_below_rad", "not above release_above_rad", found);
-        }
         let goals = self.task.as_ref().map_or(0, |t| t.goals.len());
-        if let Some((field, expected, found)) = self.script.as_ref().and_then(|s| s.defect(goals, bodies)) {
-            return refuse(&field, &expected, found);
-        }
-        Ok(())
+        let of_membrane = self.membrane.as_ref().and_then(MembraneScene::defect);
+        of_membrane
+            .or_else(|| self.bodies.as_ref()?.defect(radius_mm))
+            .or_else(|| self.optics.as_ref()?.defect(&self.microscope))
+            .or_else(|| self.vitreous.as_ref()?.defect(radius_mm))
+            .or_else(|| self.task.as_ref()?.defect(radius_mm, bodies))
+            .or_else(|| self.contact.defect())
+            .or_else(|| self.script.as_ref()?.defect(goals, bodies))
     }
 
     /// Every plain number with its allowed range, both ends included.

@@ -1,6 +1,6 @@
 //! The epiretinal membrane of a scene: key `membrane`.
 
-use super::{AdhesionScene, CurlScene, ElementsScene, MeshScene, Range};
+use super::{AdhesionScene, CurlScene, Defect, ElementsScene, MeshScene, Range, is_default, refuse};
 use serde::{Deserialize, Serialize};
 
 /// A sheet before the retina, its rim attached to the retina: squares, or any mesh.
@@ -8,16 +8,16 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields)]
 pub struct MembraneScene {
     /// Direction from the eye's centre to the middle of the sheet, eye frame (any length).
-    #[serde(default, skip_serializing_if = "is_unset")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub towards_in_eye: [f64; 3],
     /// Width and height of the sheet, mm.
-    #[serde(default, skip_serializing_if = "is_unset")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub size_mm: [f64; 2],
     /// Squares along width and height; each square is two triangles.
-    #[serde(default, skip_serializing_if = "is_unset")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub squares: [u32; 2],
     /// Height of the middle of the sheet over the retina, mm; the rim lies on the retina.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub lift_mm: f64,
     /// One edge (that at the end of the sheet's first axis) is free, and the sheet rises towards
     /// it instead of its middle.
@@ -30,11 +30,11 @@ pub struct MembraneScene {
     /// Damping along a spring, µN·s/mm.
     pub spring_damping_un_s_per_mm: f64,
     /// How a substep is made.
-    #[serde(default, skip_serializing_if = "MembraneIntegrator::is_default")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub integrator: MembraneIntegrator,
     /// Strain over which springs are drawn together again at the end of each substep; 0 for no
     /// limit.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub strain_limit: f64,
     /// Damping of a node by the fluid, 1/s.
     pub fluid_damping_per_s: f64,
@@ -45,10 +45,10 @@ pub struct MembraneScene {
     /// Limit of a node's velocity, mm/s; 0 gives the quasi-static system of the paper.
     pub v_max_mm_s: f64,
     /// Strain beyond which rest lengths creep; 0 for tissue that is elastic for ever.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub yield_strain: f64,
     /// Share of the strain beyond the yield by which rest lengths follow, 1/s.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "is_default")]
     pub creep_per_s: f64,
     /// Share by which `a_max` must be exceeded for the hardest pulling spring to tear.
     pub p_tear: f64,
@@ -84,20 +84,6 @@ pub enum MembraneIntegrator {
     QuasiStatic,
 }
 
-impl MembraneIntegrator {
-    fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-}
-
-fn is_unset<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
-}
-
-fn is_zero(number: &f64) -> bool {
-    *number == 0.0
-}
-
 impl MembraneScene {
     /// Its plain numbers with their allowed ranges, both ends included.
     pub(super) fn ranges(&self) -> Vec<Range> {
@@ -129,50 +115,46 @@ impl MembraneScene {
     }
 
     /// What is wrong beyond the ranges: key, what would be right, what is there.
-    pub(super) fn defect(&self) -> Option<(&'static str, String, String)> {
+    pub(super) fn defect(&self) -> Option<Defect> {
         self.shape_defect().or_else(|| self.material_defect())
     }
 
-    fn shape_defect(&self) -> Option<(&'static str, String, String)> {
+    fn shape_defect(&self) -> Option<Defect> {
         if let Some(mesh) = &self.mesh {
             let beside = [
-                ("membrane.towards_in_eye", !is_unset(&self.towards_in_eye)),
-                ("membrane.size_mm", !is_unset(&self.size_mm)),
-                ("membrane.squares", !is_unset(&self.squares)),
+                ("membrane.towards_in_eye", !is_default(&self.towards_in_eye)),
+                ("membrane.size_mm", !is_default(&self.size_mm)),
+                ("membrane.squares", !is_default(&self.squares)),
                 ("membrane.lift_mm", self.lift_mm != 0.0),
                 ("membrane.loose_edge", self.loose_edge),
             ];
-            let beside = beside.into_iter().find(|(_, is_set)| *is_set);
-            let beside =
-                beside.map(|(key, _)| (key, "no such key beside membrane.mesh".into(), "one".into()));
-            return beside.or_else(|| mesh.defect());
+            return match beside.into_iter().find(|(_, is_set)| *is_set) {
+                Some((key, _)) => refuse(key, "no such key beside membrane.mesh", "one"),
+                None => mesh.defect(),
+            };
         }
         if self.squares.iter().any(|&n| !(2..=800).contains(&n)) {
-            return Some(("membrane.squares", "2 to 800".into(), format!("{:?}", self.squares)));
+            return refuse("membrane.squares", "2 to 800", format!("{:?}", self.squares));
         }
         let towards: f64 = self.towards_in_eye.iter().map(|c| c * c).sum();
         if !(towards.is_finite() && towards > 1e-12) {
-            let found = format!("{:?}", self.towards_in_eye);
-            return Some(("membrane.towards_in_eye", "a direction".into(), found));
+            return refuse("membrane.towards_in_eye", "a direction", format!("{:?}", self.towards_in_eye));
         }
         None
     }
 
-    fn material_defect(&self) -> Option<(&'static str, String, String)> {
+    fn material_defect(&self) -> Option<Defect> {
         let springs =
             matches!(self.integrator, MembraneIntegrator::SemiImplicit | MembraneIntegrator::Explicit);
         if self.yield_strain > 0.0 && !springs {
+            let expected = "0 unless the integrator is semi-implicit or explicit";
             let found = format!("{} with {:?}", self.yield_strain, self.integrator);
-            return Some((
-                "membrane.yield_strain",
-                "0 unless the integrator is semi-implicit or explicit".into(),
-                found,
-            ));
+            return refuse("membrane.yield_strain", expected, found);
         }
         if self.elements.is_some() && springs {
             let expected =
                 "the integrator \"implicit\" or \"quasi-static\": explicit substeps carry springs only";
-            return Some(("membrane.elements", expected.into(), format!("{:?}", self.integrator)));
+            return refuse("membrane.elements", expected, format!("{:?}", self.integrator));
         }
         let elements = self.elements.as_ref().and_then(ElementsScene::defect);
         elements.or_else(|| self.adhesion.as_ref().and_then(AdhesionScene::defect))

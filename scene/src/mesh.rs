@@ -1,6 +1,6 @@
 //! A membrane of any shape: key `membrane.mesh`.
 
-use super::SceneError;
+use super::{Defect, SceneError, refuse};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -51,19 +51,20 @@ impl MeshScene {
         Ok(())
     }
 
-    pub(super) fn defect(&self) -> Option<(&'static str, String, String)> {
+    pub(super) fn defect(&self) -> Option<Defect> {
         if let Some(obj) = &self.obj {
             let expected = "a scene that is loaded from a file, which the mesh lies beside";
-            return Some(("membrane.mesh.obj", expected.into(), obj.clone()));
+            return refuse("membrane.mesh.obj", expected, obj);
         }
         let nodes = self.positions_mm.len();
         if !(3..=MAX_NODES).contains(&nodes) {
-            let expected = format!("3 to {MAX_NODES} corners");
-            return Some(("membrane.mesh.positions_mm", expected, nodes.to_string()));
+            return refuse("membrane.mesh.positions_mm", format!("3 to {MAX_NODES} corners"), nodes);
         }
-        let few = self.triangles.is_empty() || self.triangles.len() > 2 * MAX_NODES;
-        let expected = format!("1 to {} triangles", 2 * MAX_NODES);
-        few.then(|| ("membrane.mesh.triangles", expected, self.triangles.len().to_string()))
+        let triangles = self.triangles.len();
+        if !(1..=2 * MAX_NODES).contains(&triangles) {
+            return refuse("membrane.mesh.triangles", format!("1 to {} triangles", 2 * MAX_NODES), triangles);
+        }
+        None
     }
 }
 

@@ -1,6 +1,6 @@
 //! The microscope's optics: key `optics`. A scene that does not say so looks without a lens.
 
-use super::{MicroscopeScene, Range, SceneFile};
+use super::{Defect, MicroscopeScene, Range, SceneFile, refuse};
 use protocol::optics::{Filter, Lens};
 use protocol::scene::Microscope;
 use serde::{Deserialize, Serialize};
@@ -69,18 +69,18 @@ impl OpticsScene {
 
     /// The first thing that makes no sense beyond a plain range: field, what was expected, what was
     /// found.
-    pub(super) fn defect(&self, microscope: &MicroscopeScene) -> Option<(&'static str, String, String)> {
+    pub(super) fn defect(&self, microscope: &MicroscopeScene) -> Option<Defect> {
         let falls = self.steps_mm.windows(2).all(|w| w[0] > w[1]);
         let in_range = self.steps_mm.iter().all(|s| (1.0..=60.0).contains(s));
         if !falls || !in_range || !(1..=MOST_STEPS).contains(&self.steps_mm.len()) {
             let expected = format!("1 to {MOST_STEPS} fields of 1 to 60 mm, falling");
-            return Some(("optics.steps_mm", expected, format!("{:?}", self.steps_mm)));
+            return refuse("optics.steps_mm", expected, format!("{:?}", self.steps_mm));
         }
         // The target must lie well beyond the lens's focus, or there is no picture in the air.
         let over_target = self.lens_height_mm - microscope.target_in_world_mm[2];
         if over_target < 1.25 * self.focal_mm {
             let expected = format!("at least {:.1} mm over the target", 1.25 * self.focal_mm);
-            return Some(("optics.lens_height_mm", expected, format!("{over_target:.1} mm over it")));
+            return refuse("optics.lens_height_mm", expected, format!("{over_target:.1} mm over it"));
         }
         None
     }

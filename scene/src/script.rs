@@ -4,7 +4,7 @@ mod reactions;
 
 pub use reactions::{GoalCheck, Retarget, Retry, SAME_INSTANT_S};
 
-use crate::Range;
+use crate::{Defect, Range, refuse};
 use protocol::handles::{PedalMode, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::optics::PedalButton;
@@ -120,22 +120,22 @@ impl ScriptScene {
 
     /// First defect of keys and reactions, for a task with `goals` goals and a scene with `bodies`
     /// rigid bodies: key, what was expected, what was found.
-    pub(super) fn defect(&self, goals: usize, bodies: usize) -> Option<(String, String, String)> {
+    pub(super) fn defect(&self, goals: usize, bodies: usize) -> Option<Defect> {
         for (i, key) in self.keys.iter().enumerate() {
             if !(0.0..self.period_s).contains(&key.at_s) || !key.is_sound() {
                 let expected = "instant inside the period, instrument 0 or 1, tip within 30 mm, jaw 0 to 3.2";
-                return Some((format!("script.keys[{i}]"), expected.into(), format!("{key:?}")));
+                return refuse(format!("script.keys[{i}]"), expected, format!("{key:?}"));
             }
         }
         for (i, key) in self.pedal.iter().enumerate() {
             let inside = (0.0..self.period_s).contains(&key.at_s);
             if !inside || !key.axes.iter().all(|a| (-1.0..=1.0).contains(a)) {
                 let expected = "instant inside the period, axes −1 to 1";
-                return Some((format!("script.pedal[{i}]"), expected.into(), format!("{key:?}")));
+                return refuse(format!("script.pedal[{i}]"), expected, format!("{key:?}"));
             }
         }
         if let Some(i) = (0..INSTRUMENTS).find(|&i| self.first_key(i).is_none()) {
-            return Some(("script.keys".into(), "a key for each instrument".into(), format!("none for {i}")));
+            return refuse("script.keys", "a key for each instrument", format!("none for {i}"));
         }
         self.defect_of_retargets(bodies).or_else(|| self.defect_of_goal_checks(goals))
     }

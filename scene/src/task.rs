@@ -1,7 +1,7 @@
 //! What a trainee is asked to do in a scene: key `task`. A training module is composed into it, so
 //! that one scene file (and with it every recording) says all that a run and its score depend on.
 
-use super::Range;
+use super::{Defect, Range, refuse};
 use protocol::events::EventKind;
 use protocol::limits::INSTRUMENTS;
 use serde::{Deserialize, Serialize};
@@ -187,9 +187,6 @@ fn one() -> u32 {
     1
 }
 
-/// A field, what it should hold, and what it holds.
-type Defect = (String, String, String);
-
 impl TaskScene {
     /// Its plain numbers with their allowed ranges, both ends included.
     pub(super) fn ranges(&self) -> Vec<Range> {
@@ -204,10 +201,10 @@ impl TaskScene {
     pub(super) fn defect(&self, radius_mm: f64, bodies: usize) -> Option<Defect> {
         let count = self.goals.len();
         if !(1..=MAX_GOALS).contains(&count) {
-            return Some(("task.goals".into(), format!("1 to {MAX_GOALS} goals"), count.to_string()));
+            return refuse("task.goals", format!("1 to {MAX_GOALS} goals"), count);
         }
         if self.level == 0 {
-            return Some(("task.level".into(), "1 or more".into(), "0".into()));
+            return refuse("task.level", "1 or more", 0);
         }
         self.goals.iter().enumerate().find_map(|(i, goal)| {
             let (field, expected, found) = goal.defect(radius_mm, bodies)?;
@@ -253,36 +250,28 @@ impl Goal {
     }
 
     fn defect(&self, radius_mm: f64, bodies: usize) -> Option<Defect> {
-        let refuse =
-            |field: &str, expected: &str, found: String| Some((field.to_owned(), expected.to_owned(), found));
         if let Some(i) = self.instrument().filter(|&i| i as usize >= INSTRUMENTS) {
-            return refuse("instrument", "0 or 1", i.to_string());
+            return refuse("instrument", "0 or 1", i);
         }
         // A sum that is not a number lies nowhere, so it must not pass as inside.
         let inside = |p: &[f64; 3]| p.iter().map(|c| c * c).sum::<f64>() <= radius_mm * radius_mm;
         if let Some(p) = self.places().iter().find(|p| !inside(p)) {
-            return refuse(
-                "at_in_eye_mm",
-                &format!("within {radius_mm} mm of the eye's centre"),
-                format!("{p:?}"),
-            );
+            let expected = format!("within {radius_mm} mm of the eye's centre");
+            return refuse("at_in_eye_mm", expected, format!("{p:?}"));
         }
-        let positive = |value: f64| value > 0.0 && value <= 30.0;
-        let radius = match self {
-            Goal::Hold { radius_mm, hold_s, .. }
-            | Goal::Near { radius_mm, hold_s, .. }
-            | Goal::Align { radius_mm, hold_s, .. } => {
-                if !(0.0..=60.0).contains(hold_s) {
-                    return refuse("hold_s", "0 to 60", hold_s.to_string());
-                }
-                *radius_mm
-            }
-            Goal::Follow { radius_mm, .. } | Goal::Place { radius_mm, .. } => *radius_mm,
-            Goal::Grip { .. } | Goal::Event { .. } | Goal::Gel { .. } | Goal::Retina { .. } => 1.0,
-        };
-        if !positive(radius) {
-            return refuse("radius_mm", "above 0, at most 30", radius.to_string());
+        if let Goal::Hold { hold_s, .. } | Goal::Near { hold_s, .. } | Goal::Align { hold_s, .. } = self
+            && !(0.0..=60.0).contains(hold_s)
+        {
+            return refuse("hold_s", "0 to 60", hold_s);
         }
+        if let Some(radius) = self.radius_mm().filter(|&r| !(r > 0.0 && r <= 30.0)) {
+            return refuse("radius_mm", "above 0, at most 30", radius);
+        }
+        self.own_defect(radius_mm, bodies)
+    }
+
+    /// What is wrong with the keys that only goals of this kind have.
+    fn own_defect(&self, radius_mm: f64, bodies: usize) -> Option<Defect> {
         match self {
             Goal::Near { towards_in_eye, clearance_mm: [low, high], .. } => {
                 let length = towards_in_eye.iter().map(|c| c * c).sum::<f64>();
@@ -291,42 +280,37 @@ impl Goal {
                 }
                 let rises = *low >= 0.0 && low < high && *high <= radius_mm;
                 if !rises {
-                    return refuse(
-                        "clearance_mm",
-                        "0 ≤ least < greatest ≤ the eye's radius",
-                        format!("[{low}, {high}]"),
-                    );
+                    let expected = "0 ≤ least < greatest ≤ the eye's radius";
+                    return refuse("clearance_mm", expected, format!("[{low}, {high}]"));
                 }
                 None
             }
             Goal::Follow { path_in_eye_mm, .. } if !(2..=MAX_PATH).contains(&path_in_eye_mm.len()) => {
-                refuse("path_in_eye_mm", &format!("2 to {MAX_PATH} points"), path_in_eye_mm.len().to_string())
+                refuse("path_in_eye_mm", format!("2 to {MAX_PATH} points"), path_in_eye_mm.len())
             }
             Goal::Grip { body, .. } | Goal::Place { body, .. } if *body as usize >= bodies => {
-                refuse("body", &format!("one of the scene's {bodies} bodies"), body.to_string())
+                refuse("body", format!("one of the scene's {bodies} bodies"), body)
             }
             Goal::Place { along_in_eye: Some(along), .. } if !has_direction(along) => {
                 refuse("along_in_eye", "a direction", format!("{along:?}"))
             }
             Goal::Place { within_rad, .. } if !(*within_rad > 0.0 && *within_rad <= 3.2) => {
-                refuse("within_rad", "above 0, at most 3.2", within_rad.to_string())
+                refuse("within_rad", "above 0, at most 3.2", within_rad)
             }
-            Goal::Event { at_least, .. } if !at_least.is_finite() => {
-                refuse("at_least", "a number", at_least.to_string())
-            }
+            Goal::Event { at_least, .. } if !at_least.is_finite() => refuse("at_least", "a number", at_least),
             Goal::Gel { removed_ml, .. } if !(*removed_ml > 0.0 && *removed_ml <= 10.0) => {
-                refuse("removed_ml", "above 0, at most 10", removed_ml.to_string())
+                refuse("removed_ml", "above 0, at most 10", removed_ml)
             }
             Goal::Retina { turned_rad, .. } if !(0.0..=3.0).contains(turned_rad) => {
-                refuse("turned_rad", "0 to 3", turned_rad.to_string())
+                refuse("turned_rad", "0 to 3", turned_rad)
             }
             Goal::Retina { loose_share, .. } if !(0.0..=1.0).contains(loose_share) => {
-                refuse("loose_share", "0 to 1", loose_share.to_string())
+                refuse("loose_share", "0 to 1", loose_share)
             }
             Goal::Retina { hold_s, .. } if !(0.0..=60.0).contains(hold_s) => {
-                refuse("hold_s", "0 to 60", hold_s.to_string())
+                refuse("hold_s", "0 to 60", hold_s)
             }
-            Goal::Event { count: 0, .. } => refuse("count", "1 or more", "0".into()),
+            Goal::Event { count: 0, .. } => refuse("count", "1 or more", 0),
             _ => None,
         }
     }

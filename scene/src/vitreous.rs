@@ -1,6 +1,6 @@
 //! The vitreous body of a scene: key `vitreous`.
 
-use super::Range;
+use super::{Defect, Range, refuse};
 use serde::{Deserialize, Serialize};
 
 /// Most zones a scene may have.
@@ -118,28 +118,26 @@ pub struct SuctionScene {
 }
 
 impl GelScene {
-    fn defect(&self, place: &str) -> Option<(String, String, String)> {
+    fn defect(&self, place: &str) -> Option<Defect> {
         let limits = [("compress", self.compress), ("stretch", self.stretch), ("shear", self.shear)];
         for (name, values) in limits {
-            for value in values {
-                if !(0.02..=0.9).contains(&value) {
-                    return Some((format!("{place}.{name}"), "0.02 to 0.9".into(), value.to_string()));
-                }
+            if let Some(value) = values.iter().find(|v| !(0.02..=0.9).contains(*v)) {
+                return refuse(format!("{place}.{name}"), "0.02 to 0.9", value);
             }
         }
         for axis in 0..3 {
             // Then the edges of every cell keep their order and no cell can turn inside out.
             if 1.0 - self.compress[axis] <= 2.0 * self.shear[axis] + 0.01 {
                 let found = format!("compress {} and shear {}", self.compress[axis], self.shear[axis]);
-                let field = format!("{place}.shear[{axis}]");
-                return Some((field, "1 − compress above 2·shear, so that no cell turns over".into(), found));
+                let expected = "1 − compress above 2·shear, so that no cell turns over";
+                return refuse(format!("{place}.shear[{axis}]"), expected, found);
             }
         }
         if !(0.0..=1e6).contains(&self.modulus_pa) {
-            return Some((format!("{place}.modulus_pa"), "0 to 1e6".into(), self.modulus_pa.to_string()));
+            return refuse(format!("{place}.modulus_pa"), "0 to 1e6", self.modulus_pa);
         }
         if self.density > 255 {
-            return Some((format!("{place}.density"), "0 to 255".into(), self.density.to_string()));
+            return refuse(format!("{place}.density"), "0 to 255", self.density);
         }
         None
     }
@@ -170,17 +168,16 @@ impl VitreousScene {
     }
 
     /// What is wrong beyond the ranges: key, what would be right, what is there.
-    pub(super) fn defect(&self, retina_radius_mm: f64) -> Option<(String, String, String)> {
+    pub(super) fn defect(&self, retina_radius_mm: f64) -> Option<Defect> {
         if retina_radius_mm > 16.0 {
             let expected = "at most 16 with a vitreous, whose places are whole µm of 16 bits";
-            return Some(("eye.retina_radius_mm".into(), expected.into(), retina_radius_mm.to_string()));
+            return refuse("eye.retina_radius_mm", expected, retina_radius_mm);
         }
         if let Some(defect) = self.gel.defect("vitreous.gel") {
             return Some(defect);
         }
         if self.zones.len() > MAX_ZONES {
-            let found = self.zones.len().to_string();
-            return Some(("vitreous.zones".into(), format!("at most {MAX_ZONES}"), found));
+            return refuse("vitreous.zones", format!("at most {MAX_ZONES}"), self.zones.len());
         }
         self.zones.iter().enumerate().find_map(|(i, zone)| {
             let place = format!("vitreous.zones[{i}]");
@@ -188,8 +185,8 @@ impl VitreousScene {
             let sizes = shape.iter().all(|s| (0.0..=30.0).contains(s)) && shape.iter().any(|&s| s > 0.0);
             let centre = zone.centre_in_eye_mm.iter().chain([&zone.from_z_mm]);
             if !sizes || !centre.into_iter().all(|c| c.abs() <= 30.0) {
-                let expected = "shell_mm or radius_mm above 0, every length at most 30 mm".into();
-                return Some((place, expected, format!("{zone:?}")));
+                let expected = "shell_mm or radius_mm above 0, every length at most 30 mm";
+                return refuse(place, expected, format!("{zone:?}"));
             }
             zone.gel.defect(&format!("{place}.gel"))
         })

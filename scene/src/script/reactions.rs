@@ -2,6 +2,7 @@
 //! Without them a script is played blindly.
 
 use super::{ScriptKey, ScriptScene};
+use crate::{Defect, refuse};
 use protocol::limits::INSTRUMENTS;
 use serde::{Deserialize, Serialize};
 
@@ -62,7 +63,7 @@ impl ScriptScene {
 
     /// First defect of the retargets in a scene with `bodies` rigid bodies: key, what was expected,
     /// what was found.
-    pub(super) fn defect_of_retargets(&self, bodies: usize) -> Option<(String, String, String)> {
+    pub(super) fn defect_of_retargets(&self, bodies: usize) -> Option<Defect> {
         let is_sound = |retarget: &Retarget| {
             let numbers = retarget.place_in_eye_mm.iter().chain(retarget.along_in_eye.iter().flatten());
             self.is_stretch(retarget.at_s, retarget.until_s)
@@ -73,17 +74,16 @@ impl ScriptScene {
         let wrong = self.retargets.iter().position(|r| !is_sound(r))?;
         let expected = "at_s before until_s inside the period, instrument 0 or 1, a body of the scene, \
                         coordinates within 30 mm";
-        let found = format!("{:?}", self.retargets[wrong]);
-        Some((format!("script.retargets[{wrong}]"), expected.into(), found))
+        refuse(format!("script.retargets[{wrong}]"), expected, format!("{:?}", self.retargets[wrong]))
     }
 
     /// First defect of the goal checks under a task with `goals` goals, as above.
-    pub(super) fn defect_of_goal_checks(&self, goals: usize) -> Option<(String, String, String)> {
+    pub(super) fn defect_of_goal_checks(&self, goals: usize) -> Option<Defect> {
         for (i, check) in self.goal_checks.iter().enumerate() {
             let field = || format!("script.goal_checks[{i}]");
             if !self.is_stretch(check.from_s, check.at_s) || check.goal as usize >= goals {
                 let expected = format!("from_s before at_s inside the period, one of {goals} goals");
-                return Some((field(), expected, format!("{check:?}")));
+                return refuse(field(), expected, format!("{check:?}"));
             }
             let rests = |instrument: u32| {
                 let at = |t: f64| {
@@ -94,14 +94,14 @@ impl ScriptScene {
             };
             if !(0..INSTRUMENTS as u32).all(rests) {
                 let expected = "both instruments with a key at from_s and at at_s: they rest at a check";
-                return Some((field(), expected.into(), format!("{} s, {} s", check.from_s, check.at_s)));
+                return refuse(field(), expected, format!("{} s, {} s", check.from_s, check.at_s));
             }
             let within = |k: &ScriptKey| {
                 k.at_s > check.from_s + SAME_INSTANT_S && k.at_s < check.at_s + SAME_INSTANT_S && k.is_sound()
             };
             if let Some(key) = check.retries.iter().flat_map(|r| &r.keys).find(|k| !within(k)) {
                 let expected = "keys after from_s and up to at_s, tip within 30 mm, jaw 0 to 3.2";
-                return Some((format!("{}.retries", field()), expected.into(), format!("{key:?}")));
+                return refuse(format!("{}.retries", field()), expected, format!("{key:?}"));
             }
         }
         None
