@@ -72,23 +72,16 @@ impl Script {
     /// The script of a checked scene; instruments at rest where it has none.
     pub fn new(scene: &SceneFile) -> Self {
         let script = scene.script_or_rest();
-        let keys_of = |instrument: usize| {
-            let own = script.keys.iter().filter(|k| k.instrument as usize == instrument);
-            let mut keys: Vec<_> = own.collect();
-            keys.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        let own = |instrument: usize| {
             // A round begins with the tool of the scene.
-            let mut tool = scene.instruments[instrument].tool;
-            let gesture = |k: &&ScriptKey| {
-                tool = k.tool.unwrap_or(tool);
-                (k.at_s, Gesture::of(k, tool))
-            };
-            keys.iter().map(gesture).collect()
+            let tool = scene.instruments[instrument].tool;
+            gestures(&script.keys, instrument, tool).collect()
         };
         let mut pedal = script.pedal.clone();
         pedal.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         Script {
             period_s: script.period_s,
-            keys: std::array::from_fn(keys_of),
+            keys: std::array::from_fn(own),
             pedal,
             reactions: Reactions::of(&script),
         }
@@ -137,6 +130,21 @@ impl Script {
         let keys = &self.keys[instrument];
         keys.iter().map(|(_, g)| g.tip_in_eye_mm).sum::<Vector3<f64>>() / keys.len() as f64
     }
+}
+
+/// Keys of one instrument by time.
+pub(crate) fn keys_of(keys: &[ScriptKey], instrument: usize) -> Vec<&ScriptKey> {
+    let mut own: Vec<_> = keys.iter().filter(|k| k.instrument as usize == instrument).collect();
+    own.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    own
+}
+
+/// Gestures of one instrument at the instants of its keys, with `tool` until a key names another.
+fn gestures(keys: &[ScriptKey], instrument: usize, mut tool: Tool) -> impl Iterator<Item = (f64, Gesture)> {
+    keys_of(keys, instrument).into_iter().map(move |key| {
+        tool = key.tool.unwrap_or(tool);
+        (key.at_s, Gesture::of(key, tool))
+    })
 }
 
 /// Share of a reaching movement done after the share `s` of its time: the smoothest way from rest

@@ -3,6 +3,7 @@
 //! A seed draws the errors of the attempt's key frames. Tremor is added when the script is played
 //! ([`crate::tremor`]).
 
+use crate::script::keys_of;
 use nalgebra::Vector3;
 use protocol::handles::PedalMode;
 use protocol::random::Random;
@@ -141,7 +142,7 @@ impl Skill {
         let mut random = Random::new(seed, 1);
         let mut keys = Vec::new();
         for instrument in [0, 1] {
-            let own: Vec<&ScriptKey> = sorted(plan, instrument);
+            let own = keys_of(&plan.keys, instrument);
             keys.extend(self.instrument_keys(&own, radius_mm, &mut random));
         }
         let scale = self.time_scale;
@@ -174,7 +175,7 @@ impl Skill {
         let mut retry = || {
             let mut keys: Vec<ScriptKey> = Vec::new();
             for instrument in 0..2 {
-                let own: Vec<&ScriptKey> = sorted(plan, instrument).into_iter().filter(within).collect();
+                let own: Vec<_> = keys_of(&plan.keys, instrument).into_iter().filter(within).collect();
                 // A retry begins where the instrument is then, not at the first key of the stretch.
                 let drawn = self.instrument_keys(&own, radius_mm, random).into_iter();
                 keys.extend(drawn.filter(|k| k.at_s > from_s + SAME_INSTANT_S));
@@ -275,13 +276,6 @@ const THROUGH_MM: f64 = 0.4;
 fn kept_inside(tip: Vector3<f64>, radius_mm: f64) -> Vector3<f64> {
     let most = radius_mm + THROUGH_MM;
     if tip.norm() > most { tip * (most / tip.norm()) } else { tip }
-}
-
-/// Keys of one instrument by time.
-fn sorted(plan: &ScriptScene, instrument: u32) -> Vec<&ScriptKey> {
-    let mut own: Vec<&ScriptKey> = plan.keys.iter().filter(|k| k.instrument == instrument).collect();
-    own.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    own
 }
 
 #[cfg(test)]

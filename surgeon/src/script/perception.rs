@@ -3,9 +3,9 @@
 //!
 //! Reactions change only keys that have not been played, so that a script stays a function of time.
 
-use super::{Gesture, Script};
+use super::{Script, gestures};
 use nalgebra::Vector3;
-use scene::{GoalCheck, PedalKey, Retarget, SAME_INSTANT_S, ScriptKey, ScriptScene};
+use scene::{GoalCheck, PedalKey, Retarget, SAME_INSTANT_S, ScriptScene};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Time before a movement at which its target is perceived, s: more than a field, so that none of
@@ -153,10 +153,11 @@ impl Script {
         for (instrument, keys) in self.keys.iter_mut().enumerate() {
             keys.iter_mut().filter(|(t, _)| after(*t)).for_each(|(t, _)| *t += later_s);
             let place = keys.partition_point(|(t, _)| !after(*t));
-            let added: Vec<(f64, Gesture)> = added(&keys[..place], &retry.keys, instrument, from_s)
-                .into_iter()
-                .map(|(t, gesture)| (t + later_s, gesture))
-                .collect();
+            // The tool is that at the begin of the stretch until a key names another.
+            let before = keys[..place].iter().rev().find(|(t, _)| *t < from_s + SAME_INSTANT_S);
+            let Some((_, before)) = before.or(keys[..place].first()) else { continue };
+            let added = gestures(&retry.keys, instrument, before.tool);
+            let added: Vec<_> = added.map(|(t, gesture)| (t + later_s, gesture)).collect();
             keys.splice(place..place, added);
         }
         self.pedal.iter_mut().filter(|k| after(k.at_s)).for_each(|k| k.at_s += later_s);
@@ -167,25 +168,6 @@ impl Script {
         self.period_s += later_s;
         self.reactions.repeat(check, later_s);
     }
-}
-
-/// Gestures of a retry at their instants in the plan. The tool is that at `from_s` until a key
-/// names another.
-fn added(
-    played: &[(f64, Gesture)],
-    retry: &[ScriptKey],
-    instrument: usize,
-    from_s: f64,
-) -> Vec<(f64, Gesture)> {
-    let before = played.iter().rev().find(|(t, _)| *t < from_s + SAME_INSTANT_S).or(played.first());
-    let Some(mut tool) = before.map(|(_, gesture)| gesture.tool) else { return Vec::new() };
-    let mut own: Vec<&ScriptKey> = retry.iter().filter(|k| k.instrument as usize == instrument).collect();
-    own.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
-    let gesture = |k: &ScriptKey| {
-        tool = k.tool.unwrap_or(tool);
-        (k.at_s, Gesture::of(k, tool))
-    };
-    own.into_iter().map(gesture).collect()
 }
 
 impl Reactions {
@@ -240,7 +222,7 @@ impl PerceivedBody {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use scene::{Goal, GoalOrder, Retry, SceneFile, TaskScene};
+    use scene::{Goal, GoalOrder, Retry, SceneFile, ScriptKey, TaskScene};
 
     struct Seen {
         reached: bool,
