@@ -68,16 +68,15 @@ impl<H: Message + Debug> BlockSender<H> {
         if bytes > self.capacity {
             return Err(IpcError::TooLarge { channel: H::CHANNEL, bytes, capacity: self.capacity });
         }
-        let fail = |operation| move |problem: String| transport(H::CHANNEL, operation)(problem);
         let units = bytes.div_ceil(16).max(1);
-        let sample = self.publisher.loan_slice_uninit(units).map_err(|e| fail("loan")(format!("{e:?}")))?;
+        let sample = self.publisher.loan_slice_uninit(units).map_err(transport(H::CHANNEL, "loan"))?;
         // SAFETY: `Unit` is sixteen plain bytes, valid whatever they hold, and pages of a shared memory
         // file are never uninitialised: they hold zeros or an earlier block.
         let mut sample = unsafe { sample.assume_init() };
         let header = write(as_bytes_mut(sample.payload_mut()));
         self.stamp.sent_ns = now();
         *sample.user_header_mut() = BlockHeader { stamp: self.stamp, header };
-        sample.send().map_err(|e| fail("send")(format!("{e:?}")))?;
+        sample.send().map_err(transport(H::CHANNEL, "send"))?;
         self.stamp.seq += 1;
         self.notifier.notify();
         Ok(())
@@ -121,7 +120,7 @@ impl<H: Message + Debug> BlockReceiver<H> {
     pub fn receive(&mut self) -> Result<Option<BlockSample<H>>, IpcError> {
         loop {
             let received = self.subscriber.receive();
-            let received = received.map_err(|e| transport(H::CHANNEL, "receive")(format!("{e:?}")))?;
+            let received = received.map_err(transport(H::CHANNEL, "receive"))?;
             let Some(sample) = received else { return Ok(None) };
             self.account.note(&sample.user_header().stamp);
             if sample.user_header().header.validate().is_ok() {
@@ -150,8 +149,7 @@ impl Instance {
         iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, [Unit], BlockHeader<H>>,
         IpcError,
     > {
-        let name =
-            H::CHANNEL.try_into().map_err(|e| transport(H::CHANNEL, "service name")(format!("{e:?}")))?;
+        let name = H::CHANNEL.try_into().map_err(transport(H::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)
             .publish_subscribe::<[Unit]>()
@@ -175,7 +173,7 @@ impl Instance {
             .publisher_builder()
             .initial_max_slice_len(capacity.div_ceil(16))
             .create()
-            .map_err(|e| transport(H::CHANNEL, "publisher")(format!("{e:?}")))?;
+            .map_err(transport(H::CHANNEL, "publisher"))?;
         let notifier = Notifier::open(self, H::CHANNEL)?;
         Ok(BlockSender { publisher, notifier, stamp: Stamp { epoch: now(), ..Stamp::default() }, capacity })
     }
@@ -189,7 +187,7 @@ impl Instance {
             .block_service::<H>()?
             .subscriber_builder()
             .create()
-            .map_err(|e| transport(H::CHANNEL, "subscriber")(format!("{e:?}")))?;
+            .map_err(transport(H::CHANNEL, "subscriber"))?;
         let listener = Listener::open(self, H::CHANNEL)?;
         Ok(BlockReceiver { subscriber, listener, account: Account::default() })
     }

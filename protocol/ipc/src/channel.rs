@@ -48,14 +48,13 @@ pub(super) const MAX_PUBLISHERS: usize = 8;
 const SCHEMA_KEY: &str = "vitreo-schema";
 
 pub(super) fn schema_attribute<M: Message>() -> Result<AttributeVerifier, IpcError> {
-    let fail = transport(M::CHANNEL, "schema attribute");
     let value = format!("{:016x}", M::SCHEMA);
     AttributeVerifier::new()
         .require(
-            &SCHEMA_KEY.try_into().map_err(|e| fail(format!("{e:?}")))?,
-            &value.as_str().try_into().map_err(|e| fail(format!("{e:?}")))?,
+            &SCHEMA_KEY.try_into().map_err(transport(M::CHANNEL, "schema attribute"))?,
+            &value.as_str().try_into().map_err(transport(M::CHANNEL, "schema attribute"))?,
         )
-        .map_err(|e| fail(format!("{e:?}")))
+        .map_err(transport(M::CHANNEL, "schema attribute"))
 }
 
 pub(super) fn open_error<M: Message>(e: PublishSubscribeOpenOrCreateError) -> IpcError {
@@ -65,7 +64,7 @@ pub(super) fn open_error<M: Message>(e: PublishSubscribeOpenOrCreateError) -> Ip
         Open(IncompatibleAttributes | IncompatibleTypes) => {
             IpcError::SchemaDiffers { channel: M::CHANNEL, schema: M::SCHEMA }
         }
-        other => transport(M::CHANNEL, "open")(format!("{other:?}")),
+        other => transport(M::CHANNEL, "open")(other),
     }
 }
 
@@ -82,12 +81,11 @@ impl<M: Message + std::fmt::Debug> Sender<M> {
     /// # Errors
     /// Where the transport fails.
     pub fn send(&mut self, message: &M) -> Result<(), IpcError> {
-        let mut sample =
-            self.publisher.loan_uninit().map_err(|e| transport(M::CHANNEL, "loan")(format!("{e:?}")))?;
+        let mut sample = self.publisher.loan_uninit().map_err(transport(M::CHANNEL, "loan"))?;
         self.stamp.sent_ns = now();
         *sample.user_header_mut() = self.stamp;
         let sample = sample.write_payload(Wire(*message));
-        sample.send().map_err(|e| transport(M::CHANNEL, "send")(format!("{e:?}")))?;
+        sample.send().map_err(transport(M::CHANNEL, "send"))?;
         self.stamp.seq += 1;
         self.notifier.notify();
         Ok(())
@@ -115,8 +113,7 @@ impl<M: Message + std::fmt::Debug> Receiver<M> {
     /// # Errors
     /// Where the transport fails.
     pub fn receive(&mut self) -> Result<Option<Received<M>>, IpcError> {
-        let sample =
-            self.subscriber.receive().map_err(|e| transport(M::CHANNEL, "receive")(format!("{e:?}")))?;
+        let sample = self.subscriber.receive().map_err(transport(M::CHANNEL, "receive"))?;
         let Some(sample) = sample else { return Ok(None) };
         self.account.note(sample.user_header());
         let message = sample.payload().0;
@@ -201,8 +198,7 @@ impl Instance {
         iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, Wire<M>, Stamp>,
         IpcError,
     > {
-        let name =
-            M::CHANNEL.try_into().map_err(|e| transport(M::CHANNEL, "service name")(format!("{e:?}")))?;
+        let name = M::CHANNEL.try_into().map_err(transport(M::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)
             .publish_subscribe::<Wire<M>>()
@@ -221,11 +217,8 @@ impl Instance {
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
     pub fn sender<M: Message + std::fmt::Debug>(&self) -> Result<Sender<M>, IpcError> {
-        let publisher = self
-            .service::<M>()?
-            .publisher_builder()
-            .create()
-            .map_err(|e| transport(M::CHANNEL, "publisher")(format!("{e:?}")))?;
+        let publisher =
+            self.service::<M>()?.publisher_builder().create().map_err(transport(M::CHANNEL, "publisher"))?;
         let notifier = Notifier::open(self, M::CHANNEL)?;
         Ok(Sender { publisher, notifier, stamp: Stamp { epoch: now(), ..Stamp::default() } })
     }
@@ -244,7 +237,7 @@ impl Instance {
             .subscriber_builder()
             .buffer_size(depth)
             .create()
-            .map_err(|e| transport(M::CHANNEL, "subscriber")(format!("{e:?}")))?;
+            .map_err(transport(M::CHANNEL, "subscriber"))?;
         Ok(Receiver { subscriber, listener: Listener::open(self, M::CHANNEL)?, account: Account::default() })
     }
 }

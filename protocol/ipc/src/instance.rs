@@ -1,6 +1,6 @@
 //! The private directory of one simulator, and the node of this process in it.
 
-use super::IpcError;
+use super::{IpcError, transport};
 use iceoryx2::prelude::*;
 use protocol::message::fnv1a;
 use std::fs;
@@ -89,17 +89,16 @@ impl Instance {
     fn open(name: &str, directory: PathBuf, ownership: Option<Ownership>) -> Result<Self, IpcError> {
         check_free_space()?;
         set_log_level(LogLevel::Fatal);
-        let fail = super::transport("node", "open");
         let mut config = Config::default();
         let path = directory.as_os_str().as_encoded_bytes();
-        config.global.set_root_path(&Path::new(path).map_err(|e| fail(format!("{e:?}")))?);
+        config.global.set_root_path(&Path::new(path).map_err(transport("node", "open"))?);
         config.global.prefix =
-            FileName::new(prefix(&directory).as_bytes()).map_err(|e| fail(format!("{e:?}")))?;
+            FileName::new(prefix(&directory).as_bytes()).map_err(transport("node", "open"))?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
-            .map_err(|e| fail(format!("{e:?}")))?;
+            .map_err(transport("node", "open"))?;
         close_to_others(&directory);
         Ok(Self { name: name.into(), directory, node, _ownership: ownership })
     }

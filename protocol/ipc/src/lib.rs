@@ -98,6 +98,10 @@ pub enum IpcError {
     },
 }
 
-fn transport(channel: &'static str, operation: &'static str) -> impl Fn(String) -> IpcError {
-    move |problem| IpcError::Transport { channel, operation, problem }
+/// Makes an error of the library's answer to an operation on a channel.
+fn transport<E: std::fmt::Debug>(
+    channel: &'static str,
+    operation: &'static str,
+) -> impl FnOnce(E) -> IpcError {
+    move |answer| IpcError::Transport { channel, operation, problem: format!("{answer:?}") }
 }

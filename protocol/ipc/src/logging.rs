@@ -127,6 +127,16 @@ pub fn message(level: Level, text: &str) {
     let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
 }
 
+/// Writes a [`message`] of what the program has done.
+pub fn inform(text: &str) {
+    message(Level::INFO, text);
+}
+
+/// Writes a [`message`] of what the program could not do.
+pub fn warn(text: &str) {
+    message(Level::WARN, text);
+}
+
 /// Writes why the program fails, with all causes, and returns the exit code of a failure.
 pub fn fail(error: &(dyn std::error::Error + 'static)) -> ExitCode {
     message(Level::ERROR, &with_causes(error));

@@ -12,7 +12,7 @@ fn event_service(
     instance: &Instance,
     channel: &'static str,
 ) -> Result<iceoryx2::service::port_factory::event::PortFactory<Service>, IpcError> {
-    let name = channel.try_into().map_err(|e| transport(channel, "event name")(format!("{e:?}")))?;
+    let name = channel.try_into().map_err(transport(channel, "event name"))?;
     instance
         .node
         .service_builder(&name)
@@ -20,7 +20,7 @@ fn event_service(
         .max_notifiers(super::channel::MAX_PUBLISHERS)
         .max_listeners(super::channel::MAX_SUBSCRIBERS)
         .open_or_create()
-        .map_err(|e| transport(channel, "event")(format!("{e:?}")))
+        .map_err(transport(channel, "event"))
 }
 
 /// Wakes the receivers of a channel.
@@ -29,7 +29,7 @@ pub(super) struct Notifier(iceoryx2::port::notifier::Notifier<Service>);
 impl Notifier {
     pub(super) fn open(instance: &Instance, channel: &'static str) -> Result<Self, IpcError> {
         let notifier = event_service(instance, channel)?.notifier_builder().create();
-        Ok(Self(notifier.map_err(|e| transport(channel, "notifier")(format!("{e:?}")))?))
+        Ok(Self(notifier.map_err(transport(channel, "notifier"))?))
     }
 
     /// A notification that cannot be delivered is no error: every wait is bounded, and its caller
@@ -45,7 +45,7 @@ pub struct Listener(iceoryx2::port::listener::Listener<Service>);
 impl Listener {
     pub(super) fn open(instance: &Instance, channel: &'static str) -> Result<Self, IpcError> {
         let listener = event_service(instance, channel)?.listener_builder().create();
-        Ok(Self(listener.map_err(|e| transport(channel, "listener")(format!("{e:?}")))?))
+        Ok(Self(listener.map_err(transport(channel, "listener"))?))
     }
 
     /// Takes all notifications away, until there are none.

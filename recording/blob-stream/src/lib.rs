@@ -10,6 +10,7 @@
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
 use protocol::limits::MAX_CAMERAS;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -56,28 +57,16 @@ pub struct FieldHead {
     pub parity: u32,
 }
 
-/// A line whose blobs, if it has any, are skipped.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct HeadLine {
-    cam: u32,
-    seq: u64,
-    t_ns: u64,
-    t_rx_ns: u64,
-    parity: u32,
-    #[serde(default, rename = "blobs")]
-    _blobs: serde::de::IgnoredAny,
-}
-
+/// A line with its blobs; with `B` as `Option<IgnoredAny>` they are skipped and may be absent.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct FieldLine {
+struct FieldLine<B> {
     cam: u32,
     seq: u64,
     t_ns: u64,
     t_rx_ns: u64,
     parity: u32,
-    blobs: Vec<BlobLine>,
+    blobs: B,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -89,13 +78,13 @@ struct BlobLine {
     colour: Colour,
     w: f64,
     h: f64,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     var_x: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     var_y: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     cov_xy: Option<f64>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     flags: Option<u32>,
 }
 
@@ -158,20 +147,28 @@ impl BlobLine {
 /// # Errors
 /// Where the line is no camera-field, has an unknown key, or a number that makes no sense.
 pub fn parse_line(text: &str, file: &str, line_no: u64) -> Result<BlobField, BlobStreamError> {
-    let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line: line_no, problem };
-    let line: FieldLine = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
-    let FieldLine { cam, seq, t_ns, t_rx_ns, parity, .. } = line;
-    check_head(&FieldHead { cam, seq, t_ns, t_rx_ns, parity }).map_err(refuse)?;
+    let (head, blobs): (_, Vec<BlobLine>) = parse(text, file, line_no)?;
     let mut field = BlobField::zeroed();
-    (field.camera, field.field, field.parity) = (line.cam, line.seq, line.parity);
-    (field.exposed_ns, field.blobs_out_ns) = (line.t_ns, line.t_rx_ns);
-    for (i, blob) in line.blobs.iter().enumerate() {
+    (field.camera, field.field, field.parity) = (head.cam, head.seq, head.parity);
+    (field.exposed_ns, field.blobs_out_ns) = (head.t_ns, head.t_rx_ns);
+    for (i, blob) in blobs.iter().enumerate() {
         if let Some((key, expected, found)) = blob.defect() {
-            return Err(refuse(format!("blobs[{i}].{key}: expected {expected}, found {found}")));
+            let problem = format!("blobs[{i}].{key}: expected {expected}, found {found}");
+            return Err(BlobStreamError::Line { file: file.into(), line: line_no, problem });
         }
         field.push(blob.blob());
     }
     Ok(field)
+}
+
+/// Head and blobs of a line.
+fn parse<B: DeserializeOwned>(text: &str, file: &str, line: u64) -> Result<(FieldHead, B), BlobStreamError> {
+    let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line, problem };
+    let parsed = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
+    let FieldLine { cam, seq, t_ns, t_rx_ns, parity, blobs } = parsed;
+    let head = FieldHead { cam, seq, t_ns, t_rx_ns, parity };
+    check_head(&head).map_err(refuse)?;
+    Ok((head, blobs))
 }
 
 /// What is wrong with a line's own numbers.
@@ -192,11 +189,7 @@ fn check_head(head: &FieldHead) -> Result<(), String> {
 /// # Errors
 /// Where the line is no camera-field, or a number of its head makes no sense.
 pub fn parse_head(text: &str, file: &str, line_no: u64) -> Result<FieldHead, BlobStreamError> {
-    let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line: line_no, problem };
-    let line: HeadLine = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
-    let HeadLine { cam, seq, t_ns, t_rx_ns, parity, .. } = line;
-    let head = FieldHead { cam, seq, t_ns, t_rx_ns, parity };
-    check_head(&head).map_err(refuse).map(|()| head)
+    parse::<Option<IgnoredAny>>(text, file, line_no).map(|(head, _)| head)
 }
 
 /// The parser counts lines of its own text, which is always the first; only the column helps.
@@ -228,26 +221,62 @@ pub fn write_blobs(head: &FieldHead, blobs: &[Blob]) -> String {
         protocol::message::all_finite(&numbers) && protocol::message::all_finite(&variances)
     };
     let FieldHead { cam, seq, t_ns, t_rx_ns, parity } = *head;
-    let blobs = blobs.iter().filter(finite).filter_map(BlobLine::from_blob).collect();
+    let blobs: Vec<_> = blobs.iter().filter(finite).filter_map(BlobLine::from_blob).collect();
     let line = FieldLine { cam, seq, t_ns, t_rx_ns, parity, blobs };
     serde_json::to_string(&line).expect("numbers and names only")
 }
 
-/// Iterator over the lines of a stream that are not blank.
-struct Lines {
+/// Reads a file line by line, parsed as `T`; blank lines are skipped.
+pub struct LineReader<T> {
     file: String,
     lines: BufReader<File>,
     text: String,
     line_no: u64,
     ended: bool,
+    parse: fn(&str, &str, u64) -> Result<T, BlobStreamError>,
 }
 
-impl Lines {
-    fn open(path: &Path) -> Result<Self, BlobStreamError> {
+/// Reads a blob stream field by field.
+pub type BlobReader = LineReader<BlobField>;
+
+/// Reads the heads of a list of fields (`fields.jsonl`, or a blob stream).
+pub type HeadReader = LineReader<FieldHead>;
+
+impl BlobReader {
+    /// Opens a stream.
+    ///
+    /// # Errors
+    /// Where the file cannot be opened.
+    pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
+        Self::new(path, parse_line)
+    }
+}
+
+impl HeadReader {
+    /// Opens a list of fields.
+    ///
+    /// # Errors
+    /// Where the file cannot be opened.
+    pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
+        Self::new(path, parse_head)
+    }
+}
+
+impl<T> LineReader<T> {
+    fn new(
+        path: &Path,
+        parse: fn(&str, &str, u64) -> Result<T, BlobStreamError>,
+    ) -> Result<Self, BlobStreamError> {
         let file = path.display().to_string();
         let opened =
             File::open(path).map_err(|source| BlobStreamError::Read { file: file.clone(), source })?;
-        Ok(Lines { file, lines: BufReader::new(opened), text: String::new(), line_no: 0, ended: false })
+        let lines = BufReader::new(opened);
+        Ok(LineReader { file, lines, text: String::new(), line_no: 0, ended: false, parse })
+    }
+
+    /// Number of the line that was read last, from 1.
+    pub fn line_no(&self) -> u64 {
+        self.line_no
     }
 
     /// Fills `text` with the next line; false at the end of the file.
@@ -262,12 +291,13 @@ impl Lines {
         }
         Ok(bytes > 0)
     }
+}
+
+impl<T> Iterator for LineReader<T> {
+    type Item = Result<T, BlobStreamError>;
 
     /// The next line, parsed; `None` at the end and after the file could not be read.
-    fn next_as<T>(
-        &mut self,
-        parse: impl Fn(&str, &str, u64) -> Result<T, BlobStreamError>,
-    ) -> Option<Result<T, BlobStreamError>> {
+    fn next(&mut self) -> Option<Self::Item> {
         while !self.ended {
             match self.read() {
                 Err(error) => {
@@ -276,57 +306,10 @@ impl Lines {
                 }
                 Ok(false) => self.ended = true,
                 Ok(true) if self.text.trim().is_empty() => {}
-                Ok(true) => return Some(parse(self.text.trim(), &self.file, self.line_no)),
+                Ok(true) => return Some((self.parse)(self.text.trim(), &self.file, self.line_no)),
             }
         }
         None
-    }
-}
-
-/// Reads a blob stream field by field; blank lines are skipped.
-pub struct BlobReader(Lines);
-
-impl BlobReader {
-    /// Opens a stream.
-    ///
-    /// # Errors
-    /// Where the file cannot be opened.
-    pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
-        Lines::open(path).map(BlobReader)
-    }
-}
-
-impl Iterator for BlobReader {
-    type Item = Result<BlobField, BlobStreamError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.0.next_as(parse_line)
-    }
-}
-
-/// Reads the heads of a list of fields (`fields.jsonl`, or a blob stream); blank lines are skipped.
-pub struct HeadReader(Lines);
-
-impl HeadReader {
-    /// Opens a list of fields.
-    ///
-    /// # Errors
-    /// Where the file cannot be opened.
-    pub fn open(path: &Path) -> Result<Self, BlobStreamError> {
-        Lines::open(path).map(HeadReader)
-    }
-
-    /// Number of the line that was read last, from 1.
-    pub fn line_no(&self) -> u64 {
-        self.0.line_no
-    }
-}
-
-impl Iterator for HeadReader {
-    type Item = Result<FieldHead, BlobStreamError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        self.0.next_as(parse_head)
     }
 }
 
