@@ -1,7 +1,7 @@
 //! A gamepad of this machine, read from the kernel (evdev). Buttons and sticks become [`Input`]s;
 //! what they mean is in `protocol::bindings`.
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use evdev::{AbsoluteAxisCode, Device, EventSummary, KeyCode};
 use protocol::inputs::{Axis, Input, Key};
 use std::io::ErrorKind;
@@ -54,13 +54,10 @@ impl Gamepad {
     /// # Errors
     /// If there is none that this user may read.
     pub fn require() -> anyhow::Result<Self> {
-        let Some(pad) = Self::find() else {
-            bail!(
-                "no gamepad: none of /dev/input/event* that this user may read has a gamepad's buttons; plug one in, \
-                 or join the group input, or use --input mouse"
-            );
-        };
-        Ok(pad)
+        Self::find().context(
+            "no gamepad: none of /dev/input/event* that this user may read has a gamepad's buttons; plug one in, \
+             or join the group input, or use --input mouse",
+        )
     }
 
     /// What the maker calls it.
@@ -73,32 +70,25 @@ impl Gamepad {
     /// # Errors
     /// If the gamepad is gone.
     pub fn read(&mut self, mut done: impl FnMut(Input)) -> anyhow::Result<()> {
-        let ranges: Vec<(AbsoluteAxisCode, Range)> = match self.device.get_absinfo() {
-            Ok(axes) => {
-                axes.map(|(code, info)| (code, Range { low: info.minimum(), high: info.maximum() })).collect()
-            }
-            Err(error) => return Err(error).context("gamepad"),
+        let axes = self.device.get_absinfo().context("gamepad")?;
+        let range = |low, high| Range { low, high };
+        let ranges: Vec<_> = axes.map(|(code, i)| (code, range(i.minimum(), i.maximum()))).collect();
+        let events = match self.device.fetch_events() {
+            Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(()),
+            events => events.context("gamepad")?,
         };
-        match self.device.fetch_events() {
-            Ok(events) => {
-                for event in events {
-                    match event.destructure() {
-                        EventSummary::Key(_, code, value) => {
-                            button(code, value).into_iter().for_each(&mut done)
-                        }
-                        EventSummary::AbsoluteAxis(_, code, value) => {
-                            let own = ranges.iter().find(|(c, _)| *c == code);
-                            let range = own.map_or(Range { low: -1, high: 1 }, |(_, r)| *r);
-                            self.state.axis(code, range.place(value), &mut done);
-                        }
-                        _ => {}
-                    }
+        for event in events {
+            match event.destructure() {
+                EventSummary::Key(_, code, value) => button(code, value).into_iter().for_each(&mut done),
+                EventSummary::AbsoluteAxis(_, code, value) => {
+                    let own = ranges.iter().find(|(c, _)| *c == code);
+                    let range = own.map_or(range(-1, 1), |(_, r)| *r);
+                    self.state.axis(code, range.place(value), &mut done);
                 }
-                Ok(())
+                _ => {}
             }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(()),
-            Err(error) => Err(error).context("gamepad"),
         }
+        Ok(())
     }
 }
 

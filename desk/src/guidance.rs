@@ -43,6 +43,11 @@ const OPEN_RAD: f64 = 0.9;
 /// Largest step of [`Guidance::advance`], s.
 const MAX_STEP_S: f64 = 0.2;
 
+/// Opening of a tool at rest, rad: only forceps have jaws.
+fn open_rad(tool: Tool) -> f64 {
+    if tool == Tool::Forceps { OPEN_RAD } else { 0.0 }
+}
+
 /// An instrument that follows its target.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GuidedInstrument {
@@ -99,7 +104,7 @@ impl GuidedInstrument {
     }
 
     fn move_jaws(&mut self, closes: bool, dt_s: f64) {
-        let aim = if self.tool != Tool::Forceps || closes { 0.0 } else { OPEN_RAD };
+        let aim = if closes { 0.0 } else { open_rad(self.tool) };
         let most = JAW_RAD_S * dt_s;
         self.jaw_rad += (aim - self.jaw_rad).clamp(-most, most);
     }
@@ -134,7 +139,7 @@ impl Guidance {
                 tip_mm,
                 velocity_mm_s: Vector3::zeros(),
                 roll_rad: first.roll_rad,
-                jaw_rad: if tool == Tool::Forceps { OPEN_RAD } else { 0.0 },
+                jaw_rad: open_rad(tool),
                 tool,
                 angular_velocity_rad_s: Vector3::zeros(),
                 target_mm: tip_mm,
@@ -200,7 +205,7 @@ impl Guidance {
             Some(Action::NextTool) => {
                 let at = TOOLS.iter().position(|t| *t == instrument.tool).unwrap_or(0);
                 (instrument.tool, instrument.kept) = (TOOLS[(at + 1) % TOOLS.len()], false);
-                instrument.jaw_rad = if instrument.tool == Tool::Forceps { OPEN_RAD } else { 0.0 };
+                instrument.jaw_rad = open_rad(instrument.tool);
             }
             _ => {}
         }

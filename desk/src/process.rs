@@ -11,7 +11,7 @@ use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
 use ipc::{Instance, Queue, Receiver, Sender, wait};
-use protocol::control::{Command, Request};
+use protocol::control::Command;
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
@@ -231,14 +231,10 @@ impl DeskShell {
             if let Some(player) = &mut self.player {
                 player.served(command);
             }
-            self.answer(&request, done)?;
+            let done = done.map_err(|e| format!("{e:#}"));
+            self.shell.answer(&request, done.as_ref().map(|()| ()).map_err(String::as_str))?;
         }
         Ok(())
-    }
-
-    fn answer(&mut self, request: &Request, done: Result<()>) -> Result<()> {
-        let text = done.err().map(|e| format!("{e:#}"));
-        Ok(self.shell.answer(request, text.as_deref().map_or(Ok(()), Err))?)
     }
 
     fn execute(&mut self, command: Command) -> Result<()> {

@@ -88,12 +88,12 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Modules(args) => crate::modules::run(args),
         Command::Score(args) => crate::score::run(args),
         Command::Results(args) => crate::results::run(args),
-        Command::Blobs(args) => forward::to(CAMERA, "blobs", args),
-        Command::Colours(args) => forward::to(CAMERA, "colours", args),
-        Command::Hardware(args) => forward::to(CAMERA, "hardware", args),
-        Command::Vectors(args) => forward::to(CAMERA, "vectors", args),
-        Command::Calibrate(args) => forward::whole(CALIBRATION, "vitreo calibrate", args),
-        Command::Bench(args) => forward::to(RENDERER, "bench", args),
+        Command::Blobs(args) => forward::to(CAMERA, "vitreo", Some("blobs"), args),
+        Command::Colours(args) => forward::to(CAMERA, "vitreo", Some("colours"), args),
+        Command::Hardware(args) => forward::to(CAMERA, "vitreo", Some("hardware"), args),
+        Command::Vectors(args) => forward::to(CAMERA, "vitreo", Some("vectors"), args),
+        Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, args),
+        Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), args),
         Command::Doctor(args) => crate::doctor::run(args),
     }
 }

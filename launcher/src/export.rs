@@ -5,7 +5,7 @@ use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
 use blob_stream::write_line;
 use bytemuck::pod_read_unaligned;
-use ipc::logging::message;
+use ipc::logging::warn;
 use protocol::time::Nanos;
 use protocol::wire::{Kind, Layout, Role};
 use recording::{Item, Recording};
@@ -13,7 +13,6 @@ use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write, stdout};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use tracing::Level;
 
 /// Arguments of `vitreo export`.
 #[derive(Debug, clap::Args)]
@@ -91,7 +90,7 @@ fn export(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     outputs.finish(&args.file)?;
     // What could be read has been written; the loss is reported and shows in the exit code.
     let Some(error) = damage else { return Ok(ExitCode::SUCCESS) };
-    message(Level::WARN, &format!("{error}"));
+    warn(&format!("{error}"));
     Ok(ExitCode::from(crate::exit::LOSS))
 }
 
@@ -105,18 +104,15 @@ impl Outputs {
         let poses = args.what.poses.as_deref().map(create).transpose()?;
         let poses = poses.map(PosesCsv::new).transpose()?;
         let blobs = args.what.blobs.as_deref().map(create).transpose()?;
-        let table = match &args.what.csv {
-            None => None,
-            Some(topic) => {
-                let out: Out = match &args.output {
-                    Some(path) => create(path)?,
-                    None => BufWriter::new(Box::new(stdout())),
-                };
-                let mut out = out;
-                writeln!(out, "log_time_ns,{}", header(topic))?;
-                Some((topic.clone(), out))
-            }
-        };
+        let mut table = None;
+        if let Some(topic) = &args.what.csv {
+            let mut out: Out = match &args.output {
+                Some(path) => create(path)?,
+                None => BufWriter::new(Box::new(stdout())),
+            };
+            writeln!(out, "log_time_ns,{}", header(topic))?;
+            table = Some((topic.clone(), out));
+        }
         Ok(Outputs { poses, blobs, table, counts: [0; 3] })
     }
 
@@ -155,7 +151,7 @@ impl Outputs {
         if let Some((topic, mut out)) = self.table {
             out.flush()?;
             if self.counts[2] == 0 {
-                message(Level::WARN, &format!("{file} holds nothing on topic {topic}"));
+                warn(&format!("{file} holds nothing on topic {topic}"));
             }
         }
         Ok(())

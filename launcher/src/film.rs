@@ -6,7 +6,7 @@ use crate::children::command;
 use crate::modules::Composed;
 use crate::progress::pictures_bar;
 use anyhow::{Context, bail};
-use ipc::logging::{arguments, message};
+use ipc::logging::{arguments, inform};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -81,7 +81,7 @@ pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     ended(&mut simulation, "the simulation")?;
     let shown_s = carried? as f64 / PICTURES_PER_S;
     let whole = if shown_s + 0.1 < args.length { "the whole of it" } else { "as long as asked for" };
-    message(tracing::Level::INFO, &format!("{shown_s:.1} s: {whole}"));
+    inform(&format!("{shown_s:.1} s: {whole}"));
     for path in film.iter().chain(&args.stills) {
         println!("{}", path.display());
     }

@@ -16,24 +16,12 @@ pub struct ForwardArgs {
     pub rest: Vec<OsString>,
 }
 
-/// Becomes `binary SUB_COMMAND …`: its output, help and exit code are those of this command.
+/// Becomes `binary SUB_COMMAND …` under the name `called`, which usage lines then say: output, help
+/// and exit code are those of this command.
 ///
 /// # Errors
 /// Where the binary cannot be started; it does not return otherwise.
-pub fn to(binary: &str, sub_command: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
-    // Usage lines then say `vitreo blobs`, which is what was typed.
-    become_binary(binary, "vitreo", Some(sub_command), args)
-}
-
-/// Becomes `binary …` under the name `called`; otherwise as [`to`].
-///
-/// # Errors
-/// Where the binary cannot be started; it does not return otherwise.
-pub fn whole(binary: &str, called: &str, args: &ForwardArgs) -> anyhow::Result<ExitCode> {
-    become_binary(binary, called, None, args)
-}
-
-fn become_binary(
+pub fn to(
     binary: &str,
     called: &str,
     sub_command: Option<&str>,
@@ -41,8 +29,7 @@ fn become_binary(
 ) -> anyhow::Result<ExitCode> {
     let mut command = command(binary)?;
     command.arg0(called).args(sub_command).args(arguments()).args(&args.rest);
-    let error = command.exec();
-    Err(error).with_context(|| format!("start {binary}"))
+    Err(command.exec()).with_context(|| format!("start {binary}"))
 }
 
 #[cfg(test)]

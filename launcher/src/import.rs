@@ -3,7 +3,7 @@
 use crate::progress::counter;
 use anyhow::Context;
 use blob_stream::BlobReader;
-use ipc::logging::message;
+use ipc::logging::{inform, warn};
 use protocol::limits::MAX_BLOBS;
 use protocol::rig::Rig;
 use recording::{Item, Provenance, Source, Writer};
@@ -11,7 +11,6 @@ use scene::{DEFAULT_SCENE, SceneFile};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use tracing::Level;
 
 /// Arguments of `vitreo import`.
 #[derive(Debug, clap::Args)]
@@ -47,9 +46,9 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let imported = copy(&args.blobs, &args.output, &provenance)
         .inspect_err(|_| drop(std::fs::remove_file(&args.output)))?;
     let Imported { fields, blobs, left_out } = imported;
-    message(Level::INFO, &format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
+    inform(&format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
     if left_out > 0 {
-        message(Level::WARN, &format!("{left_out} blobs left out: a field holds the first {MAX_BLOBS}"));
+        warn(&format!("{left_out} blobs left out: a field holds the first {MAX_BLOBS}"));
     }
     Ok(ExitCode::SUCCESS)
 }

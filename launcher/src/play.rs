@@ -4,11 +4,10 @@ use crate::machine::has_display;
 use crate::results::Place;
 use crate::run::{self, DeskArgs, RunArgs};
 use anyhow::bail;
-use ipc::logging::message;
+use ipc::logging::inform;
 use protocol::bindings::rows;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tracing::Level;
 
 /// The module where none is named: the easiest one.
 const FIRST_MODULE: &str = "navigation";
@@ -89,10 +88,7 @@ pub fn run(args: &PlayArgs) -> anyhow::Result<ExitCode> {
         );
     }
     if args.inputs.is_none() {
-        message(
-            Level::INFO,
-            "click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends",
-        );
+        inform("click into the picture; F1 shows the keys on it, vitreo play --keys here; F10 ends");
     }
     run::run(&args.run_args())
 }

@@ -5,13 +5,12 @@
 use crate::exit::LOSS;
 use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
-use ipc::logging::message;
+use ipc::logging::{inform, warn};
 use protocol::message::fnv1a;
 use protocol::time::Nanos;
-use recording::{Item, Note, NoteKind, Recording, RecordingError, Writer};
+use recording::{Item, Note, Recording, RecordingError, Writer};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use tracing::Level;
 
 /// Arguments of `vitreo recover`.
 #[derive(Debug, clap::Args)]
@@ -53,15 +52,12 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     if found != expected {
         bail!("{}: reads back {found:?}, but {expected:?} was written", args.output.display());
     }
-    message(
-        Level::INFO,
-        &format!("{}: {} items, read back and compared", args.output.display(), expected.items),
-    );
+    inform(&format!("{}: {} items, read back and compared", args.output.display(), expected.items));
     if problems == 0 && recording.is_finished() {
         return Ok(ExitCode::SUCCESS);
     }
     if problems == 0 {
-        message(Level::WARN, "the recording was not closed in order; at most its last 200 ms are missing");
+        warn("the recording was not closed in order; at most its last 200 ms are missing");
     }
     Ok(ExitCode::from(LOSS))
 }
@@ -83,21 +79,17 @@ fn copy(recording: &Recording, output: &Path) -> anyhow::Result<(Tally, u64)> {
                 last = log_time;
             }
             Err(error) => {
-                message(Level::WARN, &format!("{error}"));
+                warn(&format!("{error}"));
                 problems += 1;
                 let text = format!("recovered: {error}");
-                let note = Note { instant_ns: last, kind: NoteKind::Loss, process: None, count: 0, text };
-                put(last, &Item::Note(note))?;
+                put(last, &Item::Note(Note::loss(last, 0, text)))?;
             }
         }
         bar.set_position(items.bytes_read());
     }
     if problems == 0 && !recording.is_finished() {
         let text = "recovered: the recorder ended without closing the file".into();
-        put(
-            last,
-            &Item::Note(Note { instant_ns: last, kind: NoteKind::Loss, process: None, count: 0, text }),
-        )?;
+        put(last, &Item::Note(Note::loss(last, 0, text)))?;
     }
     bar.finish_and_clear();
     writer.finish()?;
@@ -120,7 +112,7 @@ fn read_back(output: &Path) -> anyhow::Result<Tally> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use recording::Provenance;
+    use recording::{NoteKind, Provenance};
 
     fn note(count: u64) -> Item {
         let text = format!("note {count} {}", "x".repeat(60));

@@ -16,16 +16,16 @@ use crate::exit::{DIFFERS, LOSS};
 use crate::results::DESK;
 use crate::runtime::{StopSignal, block_on};
 use anyhow::bail;
-use ipc::logging::message;
+use ipc::logging::warn;
 use outputs::{Figures, Outputs};
 use pace::Pace;
 use processes::{ReplayProcesses, Stopped, TrackerMode};
+use protocol::control::Command;
 use protocol::steps::STATE_HASH_VERSION;
 use recording::{Recording, RecordingError, Source};
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
-use tracing::Level;
 use verify::Verdict;
 
 /// Arguments of `vitreo replay`.
@@ -174,8 +174,8 @@ async fn play(
             if !args.endless {
                 return Ok(damage);
             }
-            processes.reset_tracker().await?;
-            processes.reset_world().await?;
+            processes.tracker.command(Command::Reset).await?;
+            processes.world.command(Command::Reset).await?;
             pace.rewind();
         }
     };
@@ -211,7 +211,7 @@ fn print(figures: &Figures) {
         println!("the recording does not determine what follows {lost}");
     }
     if let Some(damage) = &figures.damage {
-        message(Level::WARN, &damage.to_string());
+        warn(&damage.to_string());
     }
 }
 

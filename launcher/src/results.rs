@@ -2,7 +2,7 @@
 
 use crate::score;
 use anyhow::{Context, bail};
-use ipc::logging::message;
+use ipc::logging::{inform, warn};
 use recording::Recording;
 use results::attempt::sha256_of;
 use results::store::{Filter, default_place};
@@ -13,7 +13,6 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{SystemTime, UNIX_EPOCH};
-use tracing::Level;
 use training::score::table::{Category, METRICS};
 
 /// Key of a recording's configuration: the beginning of the run, seconds since 1970.
@@ -170,10 +169,8 @@ pub fn keep(store: &mut Store, trainee: &str, file: &Path) -> anyhow::Result<()>
     let mut attempt = attempt_of(&Recording::open(file)?, &scored);
     attempt.recording_sha256 = Some(sha256_of(file).with_context(|| file.display().to_string())?);
     match store.add(trainee, &attempt)? {
-        Some(id) => {
-            message(Level::INFO, &format!("kept as attempt {id} of {trainee}: {:.2} points", attempt.total))
-        }
-        None => message(Level::INFO, &format!("{}: {trainee} has this attempt already", file.display())),
+        Some(id) => inform(&format!("kept as attempt {id} of {trainee}: {:.2} points", attempt.total)),
+        None => inform(&format!("{}: {trainee} has this attempt already", file.display())),
     }
     Ok(())
 }
@@ -205,7 +202,7 @@ fn add(place: &Place, trainee: &str, files: &[PathBuf]) -> anyhow::Result<ExitCo
             if files.len() == 1 {
                 return Err(problem);
             }
-            message(Level::WARN, &format!("not kept: {problem:#}"));
+            warn(&format!("not kept: {problem:#}"));
             code = crate::exit::LOSS;
         }
     }
@@ -225,7 +222,7 @@ fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result
             None => println!("left in place (--recordings deletes it): {recording}"),
             Some(Ok(())) => println!("deleted: {recording}"),
             Some(Err(problem)) => {
-                message(Level::WARN, &format!("not deleted: {recording}: {problem}"));
+                warn(&format!("not deleted: {recording}: {problem}"));
                 code = ExitCode::from(crate::exit::LOSS);
             }
         }
@@ -253,10 +250,7 @@ fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
 fn draw(attempts: &[Stored], file: &Path) -> anyhow::Result<()> {
     let (curves, left_out) = curve::curves(attempts);
     if left_out > 0 {
-        message(
-            Level::WARN,
-            &format!("{left_out} attempts have a score of an older version and are left out"),
-        );
+        warn(&format!("{left_out} attempts have a score of an older version and are left out"));
     }
     if file == Path::new(TERMINAL) {
         print!("{}", terminal::plot(&curves));

@@ -30,7 +30,7 @@ use crate::modules::Composed;
 use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use crate::runtime::{StopSignal, block_on};
 use anyhow::Context;
-use ipc::logging::message;
+use ipc::logging::warn;
 use options::View;
 use protocol::budget::Stage;
 use protocol::rig::Rig;
@@ -44,7 +44,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::SystemTime;
-use tracing::Level;
 
 /// Runs it.
 ///
@@ -100,7 +99,7 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
     for attempt in attempts {
         let Some(file) = &attempt.record else { continue };
         if open_end && attempt.live.total.is_none() {
-            message(Level::WARN, &format!("{}: broken off, and not kept", file.display()));
+            warn(&format!("{}: broken off, and not kept", file.display()));
             continue;
         }
         keep(&mut store, trainee, file).context("the attempt is not in the results store")?;
@@ -159,12 +158,12 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
     let mut code = 0;
     if let Some(recording) = &report.recording {
         if let Some(problem) = &recording.problem {
-            message(Level::WARN, &format!("the recording is not complete: {problem}"));
+            warn(&format!("the recording is not complete: {problem}"));
             return FAILED;
         }
         let lost = recording.lost + report.lost.values().sum::<u64>();
         if lost > 0 {
-            message(Level::WARN, &format!("the recording misses {lost} blocks and says where"));
+            warn(&format!("the recording misses {lost} blocks and says where"));
             code = LOSS;
         }
     }
@@ -172,7 +171,7 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
         return code;
     }
     for stage in report.stages.iter().filter(|s| s.broken) {
-        message(Level::WARN, &stage.blame());
+        warn(&stage.blame());
         code = BUDGET;
     }
     let drawn = |s: Stage| !matches!(s, Stage::Rendering | Stage::WholeSystem) || view != View::None;
@@ -180,10 +179,7 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
     let unmeasured: Vec<&str> = unmeasured.map(|s| s.stage.name()).collect();
     if code != BUDGET && !unmeasured.is_empty() {
         let names = unmeasured.join(", ");
-        message(
-            Level::WARN,
-            &format!("nothing was measured of {names}; the first second of a run does not count"),
-        );
+        warn(&format!("nothing was measured of {names}; the first second of a run does not count"));
         return FAILED;
     }
     code

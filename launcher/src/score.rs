@@ -5,13 +5,12 @@ use crate::exit::{DIFFERS, LOSS};
 use crate::replay::states_incomparable;
 use crate::score_batch::{self, BatchArgs};
 use anyhow::{Context, bail};
-use ipc::logging::{arguments, is_json, message};
+use ipc::logging::{arguments, is_json, warn};
 use recording::{Item, Recording};
 use scene::SceneFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use tracing::Level;
 use training::score::recording::{LiveScore, Reader, Verdict};
 use training::score::table::{Category, METRICS, PENALTIES};
 
@@ -182,7 +181,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
             }
             Err(problem) if alone => return Err(problem),
             Err(problem) => {
-                message(Level::WARN, &format!("not scored: {problem:#}"));
+                warn(&format!("not scored: {problem:#}"));
                 code = code.max(LOSS);
             }
         }
@@ -192,13 +191,10 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
 
 fn code_of(attempt: &Attempt) -> u8 {
     if let Some(damage) = &attempt.damage {
-        message(Level::WARN, &format!("scored up to the damage: {damage}"));
+        warn(&format!("scored up to the damage: {damage}"));
     }
     if attempt.unmatched > 0 {
-        message(
-            Level::WARN,
-            &format!("{}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched),
-        );
+        warn(&format!("{}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched));
     }
     if let Some(version) = attempt.other_state_hash_version {
         eprintln!("vitreo: {}: {}", attempt.file, states_incomparable(version));

@@ -7,7 +7,7 @@ use crate::results::{attempt_of, keys, write_tables};
 use crate::runtime::{StopSignal, block_on};
 use crate::score::{self, score_file};
 use anyhow::{Context, bail};
-use ipc::logging::message;
+use ipc::logging::{inform, warn};
 use recording::Recording;
 use results::batch::{Row, Shard, list, work};
 use results::parquet_file;
@@ -16,7 +16,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
-use tracing::Level;
 
 /// Arguments of a batch.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -89,7 +88,7 @@ fn score_all(
         let file = folder.join(shard.file_name());
         let listed = all.len().to_string();
         parquet_file::write(&table, &file, &[("shard", share.as_str()), ("listed", listed.as_str())])?;
-        message(Level::INFO, &file.display().to_string());
+        inform(&file.display().to_string());
     }
     Ok(ExitCode::from(summary(&rows, begun.elapsed().as_secs_f64())))
 }
@@ -140,23 +139,20 @@ fn summary(rows: &[Row], wall_s: f64) -> u8 {
     for row in rows {
         if let Some(problem) = &row.problem {
             let how = if row.attempt.is_some() { "scored in part" } else { "not scored" };
-            message(Level::WARN, &format!("{how}: {}: {problem}", row.file.display()));
+            warn(&format!("{how}: {}: {problem}", row.file.display()));
         }
         if row.agrees == Some(false) {
-            message(Level::WARN, &format!("differs from the score of the run: {}", row.file.display()));
+            warn(&format!("differs from the score of the run: {}", row.file.display()));
         }
     }
     let seconds: f64 = rows.iter().map(|r| r.seconds).sum();
     let damaged = rows.iter().filter(|r| r.problem.is_some()).count();
     let differing = rows.iter().filter(|r| r.agrees == Some(false)).count();
-    message(
-        Level::INFO,
-        &format!(
-            "{} recordings, {damaged} with problems, {differing} differing; {seconds:.1} s in {wall_s:.2} s ({:.0} times real time)",
-            rows.len(),
-            seconds / wall_s.max(1e-9)
-        ),
-    );
+    inform(&format!(
+        "{} recordings, {damaged} with problems, {differing} differing; {seconds:.1} s in {wall_s:.2} s ({:.0} times real time)",
+        rows.len(),
+        seconds / wall_s.max(1e-9)
+    ));
     match (differing, damaged) {
         (1.., _) => DIFFERS,
         (0, 1..) => LOSS,

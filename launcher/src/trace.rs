@@ -1,7 +1,7 @@
 //! `vitreo trace`: the way of one field through all instants.
 
 use anyhow::bail;
-use ipc::logging::message;
+use ipc::logging::warn;
 use protocol::frames::FrameRecord;
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
@@ -10,7 +10,6 @@ use recording::{Item, Recording};
 use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use tracing::Level;
 
 /// Width of the picture, characters.
 const BAR: usize = 60;
@@ -126,7 +125,7 @@ pub fn run(args: &TraceArgs) -> anyhow::Result<ExitCode> {
     let mut found = Found::default();
     let mut seen: Option<[u64; 2]> = None;
     for item in recording.items() {
-        let Ok((_, item)) = item.inspect_err(|e| message(Level::WARN, &format!("{e}"))) else { continue };
+        let Ok((_, item)) = item.inspect_err(|e| warn(&format!("{e}"))) else { continue };
         if let Item::Blobs(b) = &item {
             let [low, high] = seen.unwrap_or([b.field; 2]);
             seen = Some([low.min(b.field), high.max(b.field)]);

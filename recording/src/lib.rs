@@ -121,6 +121,20 @@ impl Item {
         }
     }
 
+    /// When it was made, ns; `None` for events, checkpoints and notes, which are filed as they come.
+    pub fn instant_ns(&self) -> Option<Nanos> {
+        match self {
+            Item::Blobs(field) => Some(field.blobs_out_ns),
+            Item::Handle(handle) => Some(handle.instant_ns),
+            Item::Pedal(pedal) => Some(pedal.instant_ns),
+            Item::Poses(frame) => Some(frame.instants.tracked),
+            Item::Step(step) => Some(step.instants.stepped),
+            Item::Frame(frame) => Some(frame.displayed),
+            Item::Picture(header, _) => Some(header.displayed),
+            Item::Event(_) | Item::Checkpoint(..) | Item::Note(_) => None,
+        }
+    }
+
     /// Topic in the file; the name of the channel.
     pub fn topic(&self) -> &'static str {
         Self::TOPICS[self.topic_index()]
@@ -134,18 +148,9 @@ impl Item {
     }
 
     fn topic_index(&self) -> usize {
-        match self {
-            Item::Blobs(_) => 0,
-            Item::Handle(_) => 1,
-            Item::Pedal(_) => 2,
-            Item::Poses(_) => 3,
-            Item::Step(_) => 4,
-            Item::Event(_) => 5,
-            Item::Frame(_) => 6,
-            Item::Checkpoint(..) => 7,
-            Item::Picture(..) => 8,
-            Item::Note(_) => 9,
-        }
+        let own = self.block().map(|block| block.layout.name);
+        let found = LAYOUTS.iter().position(|layout| layout.map(|l| l.name) == own);
+        found.expect("every item has its topic")
     }
 }
 

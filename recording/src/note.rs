@@ -38,6 +38,11 @@ pub struct Note {
 }
 
 impl Note {
+    /// The recording misses `count` blocks here.
+    pub fn loss(instant_ns: Nanos, count: u64, text: String) -> Self {
+        Note { instant_ns, kind: NoteKind::Loss, process: None, count, text }
+    }
+
     /// Appends its message. `process` is 0 for none, else one more than its number.
     pub(super) fn encode(&self, out: &mut Vec<u8>) {
         put_uint(out, 1, self.instant_ns);

@@ -4,6 +4,7 @@ use super::outputs::Outputs;
 use super::pace::{Pace, Part};
 use super::processes::ReplayProcesses;
 use protocol::blobs::BlobField;
+use protocol::control::Command;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::time::Nanos;
@@ -60,7 +61,7 @@ pub async fn run(
     outputs: &mut Outputs,
 ) -> anyhow::Result<Option<RecordingError>> {
     let mut sent = Sent::default();
-    let before = processes.tracker_received();
+    let before = processes.tracker.received;
     let mut damage = None;
     for item in recording.items() {
         let field = match item {
@@ -78,22 +79,22 @@ pub async fn run(
         if part == Part::Shown {
             pace.await_due(field.blobs_out_ns).await?;
         }
-        processes.send_field(&field)?;
+        processes.blobs.send(&field)?;
         sent.note(&field);
         outputs.field(&field, part == Part::Shown)?;
         let since = Instant::now();
         take_frames(processes, pace, outputs, &mut sent).await?;
         while sent.is_full() {
-            processes.wait_for_tracker(since, "tracking the stream").await?;
+            processes.tracker.wait(since, "tracking the stream").await?;
             // Fields that were refused show in no frame, but in the heartbeat.
-            sent.taken = sent.taken.max((processes.tracker_received() - before).min(sent.count));
+            sent.taken = sent.taken.max((processes.tracker.received - before).min(sent.count));
             take_frames(processes, pace, outputs, &mut sent).await?;
         }
     }
-    let (flush, since) = (processes.request_flush()?, Instant::now());
-    while !processes.flushed(flush)? {
+    let (flush, since) = (processes.tracker.request(Command::Flush)?, Instant::now());
+    while processes.tracker.answer(flush)?.is_none() {
         take_frames(processes, pace, outputs, &mut sent).await?;
-        processes.wait_for_tracker(since, "finishing the stream").await?;
+        processes.tracker.wait(since, "finishing the stream").await?;
     }
     take_frames(processes, pace, outputs, &mut sent).await?;
     Ok(damage)

@@ -41,7 +41,7 @@ pub enum TrackerMode {
 pub struct Stopped;
 
 /// One process, its instance, and the channel of what it makes.
-struct ProcessLink<M: Message + Debug> {
+pub struct ProcessLink<M: Message + Debug> {
     process: Process,
     /// Of the one process; empty before it is started.
     children: Vec<Child>,
@@ -52,8 +52,8 @@ struct ProcessLink<M: Message + Debug> {
     answers: Receiver<Answer>,
     wakeups: Wakeups,
     seq: u64,
-    /// Blocks that the process has taken in, by its heartbeat.
-    received: u64,
+    /// Blocks that the process has taken in, by its newest heartbeat.
+    pub received: u64,
     stop: StopSignal,
     // Last, so that the directory goes after the ports.
     instance: Instance,
@@ -94,8 +94,11 @@ impl<M: Message + Debug> ProcessLink<M> {
     }
 
     /// Waits until the process may have something new. `since` is the beginning of the wait for
-    /// `what`. Fails if the process has ended, hangs, or the user stops.
-    async fn wait(&mut self, since: Instant, what: &str) -> anyhow::Result<()> {
+    /// `what`.
+    ///
+    /// # Errors
+    /// Where the process has ended or hangs, or the user stops.
+    pub async fn wait(&mut self, since: Instant, what: &str) -> anyhow::Result<()> {
         tokio::select! {
             () = self.wakeups.wait(Duration::from_millis(MAX_WAIT_MS)) => {}
             () = self.surroundings.ended.notified() => {}
@@ -116,7 +119,11 @@ impl<M: Message + Debug> ProcessLink<M> {
         Ok(())
     }
 
-    fn request(&mut self, command: Command) -> anyhow::Result<u64> {
+    /// Sends a command; returns the number that its answer carries.
+    ///
+    /// # Errors
+    /// Where the channel fails.
+    pub fn request(&mut self, command: Command) -> anyhow::Result<u64> {
         self.seq += 1;
         let (target, command) = (self.process as u32, command as u32);
         self.requests.send(&Request { seq: self.seq, argument: 0, target, command })?;
@@ -124,7 +131,10 @@ impl<M: Message + Debug> ProcessLink<M> {
     }
 
     /// The answer to a request, if it has come.
-    fn answer(&mut self, seq: u64) -> anyhow::Result<Option<Answer>> {
+    ///
+    /// # Errors
+    /// Where the channel fails.
+    pub fn answer(&mut self, seq: u64) -> anyhow::Result<Option<Answer>> {
         while let Some(answer) = self.answers.next_valid()? {
             if answer.seq == seq {
                 return Ok(Some(answer));
@@ -134,7 +144,10 @@ impl<M: Message + Debug> ProcessLink<M> {
     }
 
     /// Sends a command and waits until it is done.
-    async fn command(&mut self, command: Command) -> anyhow::Result<()> {
+    ///
+    /// # Errors
+    /// Where the process cannot do it, has ended or hangs, or the user stops.
+    pub async fn command(&mut self, command: Command) -> anyhow::Result<()> {
         let (seq, since) = (self.request(command)?, Instant::now());
         loop {
             if let Some(answer) = self.answer(seq)? {
@@ -156,13 +169,17 @@ impl<M: Message + Debug> ProcessLink<M> {
 
 /// Tracker and simulation of a replay.
 pub struct ReplayProcesses {
-    blobs: Sender<BlobField>,
-    recorded: Sender<RecordedFrame>,
+    /// Camera fields for the tracker.
+    pub blobs: Sender<BlobField>,
+    /// Frames that the tracker is asked for.
+    pub recorded: Sender<RecordedFrame>,
     handles: Sender<HandleState>,
     pedals: Sender<PedalState>,
     poses: Sender<TrackerFrame>,
-    tracker: ProcessLink<TrackerFrame>,
-    world: ProcessLink<StepRecord>,
+    /// The tracker.
+    pub tracker: ProcessLink<TrackerFrame>,
+    /// The simulation.
+    pub world: ProcessLink<StepRecord>,
 }
 
 impl ReplayProcesses {
@@ -213,22 +230,6 @@ impl ReplayProcesses {
         self.tracker.end().await;
     }
 
-    /// Sends a camera field to the tracker.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn send_field(&mut self, field: &BlobField) -> anyhow::Result<()> {
-        Ok(self.blobs.send(field)?)
-    }
-
-    /// Asks the tracker for a recorded frame.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn send_recorded(&mut self, recorded: &RecordedFrame) -> anyhow::Result<()> {
-        Ok(self.recorded.send(recorded)?)
-    }
-
     /// The tracker's next frame, if there is one.
     ///
     /// # Errors
@@ -252,21 +253,8 @@ impl ReplayProcesses {
             if let Some(frame) = self.try_frame()? {
                 return Ok(frame);
             }
-            self.wait_for_tracker(since, &format!("tracking field {field}")).await?;
+            self.tracker.wait(since, &format!("tracking field {field}")).await?;
         }
-    }
-
-    /// Waits until the tracker may have something new, for `what` since `since`.
-    ///
-    /// # Errors
-    /// Where the tracker has ended or hangs, or the user stops.
-    pub async fn wait_for_tracker(&mut self, since: Instant, what: &str) -> anyhow::Result<()> {
-        self.tracker.wait(since, what).await
-    }
-
-    /// Camera fields and recorded frames that the tracker has received, by its newest heartbeat.
-    pub fn tracker_received(&self) -> u64 {
-        self.tracker.received
     }
 
     /// Lets the simulation make a step and waits for it.
@@ -289,37 +277,5 @@ impl ReplayProcesses {
             }
             self.world.wait(since, &format!("simulating field {}", frame.field)).await?;
         }
-    }
-
-    /// Asks the tracker to finish what is open; [`ReplayProcesses::flushed`] becomes true after it.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn request_flush(&mut self) -> anyhow::Result<u64> {
-        self.tracker.request(Command::Flush)
-    }
-
-    /// True once the tracker has answered the request.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn flushed(&mut self, seq: u64) -> anyhow::Result<bool> {
-        Ok(self.tracker.answer(seq)?.is_some())
-    }
-
-    /// Resets the simulation.
-    ///
-    /// # Errors
-    /// Where it cannot.
-    pub async fn reset_world(&mut self) -> anyhow::Result<()> {
-        self.world.command(Command::Reset).await
-    }
-
-    /// Resets the tracker.
-    ///
-    /// # Errors
-    /// Where it cannot.
-    pub async fn reset_tracker(&mut self) -> anyhow::Result<()> {
-        self.tracker.command(Command::Reset).await
     }
 }

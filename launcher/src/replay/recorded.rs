@@ -8,6 +8,7 @@ use super::processes::ReplayProcesses;
 use super::turns::{StepTurn, Turn, Turns};
 use super::verify::Verdict;
 use anyhow::bail;
+use protocol::control::Command;
 use protocol::poses::TrackerFrame;
 use recording::{Recording, RecordingError};
 use std::collections::VecDeque;
@@ -80,10 +81,10 @@ fn begin(
     outputs: &mut Outputs,
 ) -> anyhow::Result<()> {
     for field in &turn.fields {
-        processes.send_field(field)?;
+        processes.blobs.send(field)?;
         outputs.field(field, shown)?;
     }
-    processes.send_recorded(&turn.request)
+    Ok(processes.recorded.send(&turn.request)?)
 }
 
 async fn simulate(
@@ -94,7 +95,7 @@ async fn simulate(
     verdict: Option<&mut Verdict>,
 ) -> anyhow::Result<()> {
     if step.fresh {
-        processes.reset_world().await?;
+        processes.world.command(Command::Reset).await?;
     }
     let made = processes.step(&step.handles, &step.pedals, frame).await?;
     outputs.step(&made);

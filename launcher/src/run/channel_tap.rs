@@ -33,27 +33,17 @@ pub struct ChannelTap {
     frames: Receiver<FrameRecord>,
     checkpoints: BlockReceiver<CheckpointHeader>,
     pictures: BlockReceiver<PictureHeader>,
-    health: Receiver<Health>,
-    inputs: Receiver<InputEvent>,
-    requests: Receiver<Request>,
-    answers: Receiver<Answer>,
+    /// Heartbeats of the processes.
+    pub health: Receiver<Health>,
+    /// Inputs of keyboard, mouse and gamepad.
+    pub inputs: Receiver<InputEvent>,
+    /// Requests, of any sender to any process.
+    pub requests: Receiver<Request>,
+    /// Answers of the processes.
+    pub answers: Receiver<Answer>,
     /// Of inputs, requests and answers.
     control: Wakeups,
     due: Interval,
-}
-
-/// The instant by which an item is filed, ns; `now` for those that carry none.
-fn filed_at(item: &Item, now: Nanos) -> Nanos {
-    match item {
-        Item::Blobs(b) => b.blobs_out_ns,
-        Item::Handle(h) => h.instant_ns,
-        Item::Pedal(p) => p.instant_ns,
-        Item::Poses(p) => p.instants.tracked,
-        Item::Step(s) => s.instants.stepped,
-        Item::Frame(f) => f.displayed,
-        Item::Picture(p, _) => p.displayed,
-        Item::Event(_) | Item::Checkpoint(..) | Item::Note(_) => now,
-    }
 }
 
 fn drain<M: Message + std::fmt::Debug>(
@@ -64,7 +54,7 @@ fn drain<M: Message + std::fmt::Debug>(
 ) -> Result<(), IpcError> {
     while let Some(message) = receiver.next_valid()? {
         let item = item(message);
-        take(filed_at(&item, now), item);
+        take(item.instant_ns().unwrap_or(now), item);
     }
     Ok(())
 }
@@ -150,41 +140,9 @@ impl ChannelTap {
         if let Some(sample) = self.pictures.receive()? {
             let bytes = (sample.header().bytes as usize).min(sample.payload().len());
             let item = Item::Picture(*sample.header(), sample.payload()[..bytes].to_vec());
-            take(filed_at(&item, now), item);
+            take(item.instant_ns().unwrap_or(now), item);
         }
         Ok(())
-    }
-
-    /// The next heartbeat.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn heartbeat(&mut self) -> Result<Option<Health>, IpcError> {
-        self.health.next_valid()
-    }
-
-    /// The next input of keyboard, mouse or gamepad.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn input(&mut self) -> Result<Option<InputEvent>, IpcError> {
-        self.inputs.next_valid()
-    }
-
-    /// The next request, of any sender to any process.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn request(&mut self) -> Result<Option<Request>, IpcError> {
-        self.requests.next_valid()
-    }
-
-    /// The next answer of a process.
-    ///
-    /// # Errors
-    /// Where the channel fails.
-    pub fn answer(&mut self) -> Result<Option<Answer>, IpcError> {
-        self.answers.next_valid()
     }
 
     /// Blocks that were overwritten before the launcher read them, by channel. Checkpoints and
@@ -199,10 +157,6 @@ impl ChannelTap {
             (Event::CHANNEL, self.events.counts()),
             (FrameRecord::CHANNEL, self.frames.counts()),
         ];
-        counts
-            .into_iter()
-            .filter(|(_, c)| c.lost + c.refused > 0)
-            .map(|(n, c)| (n, c.lost + c.refused))
-            .collect()
+        counts.map(|(channel, c)| (channel, c.lost + c.refused)).into_iter().filter(|(_, n)| *n > 0).collect()
     }
 }

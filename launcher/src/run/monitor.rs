@@ -17,16 +17,9 @@ const WARNINGS: usize = 3;
 
 /// Index into [`CHANNELS`], and the instant from which the age of an item counts, ns.
 fn place(item: &Item) -> Option<(usize, Nanos)> {
-    match item {
-        Item::Blobs(b) => Some((0, b.blobs_out_ns)),
-        Item::Handle(h) => Some((1, h.instant_ns)),
-        Item::Pedal(p) => Some((2, p.instant_ns)),
-        Item::Poses(p) => Some((3, p.instants.tracked)),
-        Item::Step(s) => Some((4, s.instants.stepped)),
-        Item::Frame(f) => Some((5, f.displayed)),
-        Item::Event(e) => Some((6, e.exposed_ns)),
-        _ => None,
-    }
+    let channel = CHANNELS.iter().position(|channel| *channel == item.topic())?;
+    let instant = if let Item::Event(event) = item { Some(event.exposed_ns) } else { item.instant_ns() };
+    Some((channel, instant?))
 }
 
 /// Counts and newest instants of one channel.

@@ -4,7 +4,7 @@
 use super::report::RecordingFigures;
 use ipc::clock::now;
 use protocol::time::Nanos;
-use recording::{Item, Note, NoteKind, Provenance, RecordingError, Writer};
+use recording::{Item, Note, Provenance, RecordingError, Writer};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -136,7 +136,7 @@ impl Gap {
     /// A note about the items that are missing.
     fn note(&self, instant_ns: Nanos) -> Item {
         let text = format!("{} items did not fit the recorder's queue", self.open);
-        Item::Note(Note { instant_ns, kind: NoteKind::Loss, process: None, count: self.open, text })
+        Item::Note(Note::loss(instant_ns, self.open, text))
     }
 }
 
@@ -173,6 +173,7 @@ mod tests {
     use super::*;
     use bytemuck::Zeroable;
     use protocol::handles::PedalState;
+    use recording::NoteKind;
     use std::sync::{Arc, Mutex, mpsc};
 
     /// Waits at each item for leave to go on, and keeps what it was given.

@@ -3,14 +3,13 @@
 use super::latency_stats::LatencyStats;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
-use ipc::logging::{is_json, message};
+use ipc::logging::{inform, is_json};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::{STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
 use protocol::poses::BODY_NAMES;
 use protocol::steps::StepProfile;
 use protocol::time::Nanos;
 use std::io::{IsTerminal, Write};
-use tracing::Level;
 
 /// Period of the screen on a terminal, ns.
 const REDRAW_NS: u64 = 333_000_000;
@@ -190,7 +189,7 @@ impl Screen {
     /// Writes a sentence that stays, above the status; a record where messages are JSON lines.
     pub fn say(&mut self, sentence: &str) {
         if is_json() {
-            return message(Level::INFO, sentence);
+            return inform(sentence);
         }
         self.pass_on(sentence);
     }

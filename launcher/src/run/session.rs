@@ -21,7 +21,7 @@ use anyhow::bail;
 use ipc::clock::now;
 use ipc::{Instance, Sender};
 use protocol::budget::Budgets;
-use protocol::control::Answer;
+use protocol::control::{Answer, Command};
 use protocol::health::Process;
 use protocol::time::Nanos;
 use recording::{Item, Note, NoteKind, Provenance};
@@ -241,7 +241,7 @@ impl<'a> Session<'a> {
 
     /// Lets the cameras end first, and the last fields arrive.
     async fn linger(&mut self) -> anyhow::Result<()> {
-        self.supervisor.ask_to_end(self.args.source());
+        self.supervisor.ask(self.args.source() as u32, Command::Shutdown, 0);
         let end = Instant::now() + LINGER;
         while timeout_at(end, self.tap.wait()).await.is_ok() {
             self.receive()?;
@@ -285,7 +285,7 @@ impl<'a> Session<'a> {
             consumers.take(filed_at, item);
         })?;
         let mut events = Vec::new();
-        while let Some(beat) = self.tap.heartbeat()? {
+        while let Some(beat) = self.tap.health.next_valid()? {
             events.extend(self.supervisor.note(&beat, at));
         }
         self.receive_requests()?;
@@ -306,7 +306,7 @@ impl<'a> Session<'a> {
         }
         self.consumers.lost_before = total;
         let text = format!("{count} blocks were overwritten before they were recorded (so far: {lost:?})");
-        self.consumers.record_note(Note { instant_ns: at, kind: NoteKind::Loss, process: None, count, text });
+        self.consumers.record_note(Note::loss(at, count, text));
     }
 
     fn note_event(&mut self, event: &ProcessEvent) {

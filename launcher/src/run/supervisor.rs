@@ -98,19 +98,17 @@ impl Supervisor {
     /// # Errors
     /// Where its binary is absent or cannot be run.
     pub fn start(&mut self, process: Process, remaining_s: Option<f64>, now: Nanos) -> anyhow::Result<()> {
-        let child = Some(self.spawn(process, remaining_s, 0, &[])?);
-        let (health, cpu, limit) = (None, CpuAccount::default(), RestartLimit::default());
-        let (ready, was_ready, restarts, last_sign_ns) = (false, false, 0, now);
+        let child = self.spawn(process, remaining_s, 0, &[])?;
         self.slots.push(Slot {
             process,
-            health,
-            restarts,
-            cpu,
-            child,
-            ready,
-            was_ready,
-            last_sign_ns,
-            limit,
+            health: None,
+            restarts: 0,
+            cpu: CpuAccount::default(),
+            child: Some(child),
+            ready: false,
+            was_ready: false,
+            last_sign_ns: now,
+            limit: RestartLimit::default(),
         });
         Ok(())
     }
@@ -211,21 +209,6 @@ impl Supervisor {
             events.push(ProcessEvent::Restarting(process, end.how));
         }
         Ok(events)
-    }
-
-    /// The level that is trained.
-    pub fn level(&self) -> u32 {
-        self.args.level
-    }
-
-    /// The level that restarted processes shall know of.
-    pub fn set_level(&mut self, level: u32) {
-        self.args.level = level;
-    }
-
-    /// Asks one process to end.
-    pub fn ask_to_end(&mut self, process: Process) {
-        self.ask(process as u32, Command::Shutdown, 0);
     }
 
     /// Sends a request; returns its number, which its answers carry.

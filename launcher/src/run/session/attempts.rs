@@ -23,10 +23,10 @@ const OBEY: Duration = Duration::from_secs(15);
 impl Session<'_> {
     /// Takes in requests, and the answers of processes.
     pub(super) fn receive_requests(&mut self) -> anyhow::Result<()> {
-        while let Some(event) = self.tap.input()? {
+        while let Some(event) = self.tap.inputs.next_valid()? {
             self.control.note_input(&event);
         }
-        while let Some(request) = self.tap.request()? {
+        while let Some(request) = self.tap.requests.next_valid()? {
             if let Some(seq) = self.control.note_request(&request) {
                 self.answer(
                     seq,
@@ -35,7 +35,7 @@ impl Session<'_> {
             }
         }
         let CommandProgress { seq, waiting, problems } = &mut self.command;
-        while let Some(answer) = self.tap.answer()? {
+        while let Some(answer) = self.tap.answers.next_valid()? {
             if answer.seq == *seq && waiting.contains(&answer.process) {
                 waiting.retain(|p| *p != answer.process);
                 if answer.result != 0 {
@@ -60,7 +60,7 @@ impl Session<'_> {
                     self.resume(since).await
                 }
                 (ControlRequest::Pause, Some(_)) | (ControlRequest::Resume, None) => Ok(()),
-                (ControlRequest::Restart, _) => self.begin_again(Command::Reset).await,
+                (ControlRequest::Restart, _) => self.begin_again(Command::Reset, self.args.level).await,
                 (ControlRequest::Next, _) => self.next_level().await,
                 (ControlRequest::Quit, _) => Ok(()),
             };
@@ -103,19 +103,16 @@ impl Session<'_> {
         if scripted {
             self.args.duration = Some(self.args.attempt_s(composed));
         }
-        self.supervisor.set_level(level);
-        self.begin_again(Command::Load).await?;
-        Ok(())
+        self.begin_again(Command::Load, level).await
     }
 
-    /// Ends the attempt and begins the next: everything stands still, so that no message belongs to
+    /// Ends the attempt and begins the next, of `level`: everything stands still, so that no message belongs to
     /// both.
-    async fn begin_again(&mut self, command: Command) -> anyhow::Result<()> {
+    async fn begin_again(&mut self, command: Command, level: u32) -> anyhow::Result<()> {
         self.consumers.latencies.cool();
         self.paused_ns = Some(now());
         self.command_all(Command::Pause, 0).await?;
         self.end_attempt().await;
-        let level = self.supervisor.level();
         let number = self.attempts.len() as u32;
         self.args.level = level;
         self.args.record = self.first_record.as_deref().map(|file| numbered(file, number));
