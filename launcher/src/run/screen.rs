@@ -3,9 +3,10 @@
 use super::latency_stats::LatencyStats;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
+use bytemuck::Zeroable;
 use ipc::logging::{inform, is_json};
 use protocol::budget::{Budgets, Stage};
-use protocol::health::{STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
+use protocol::health::{Health, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
 use protocol::poses::BODY_NAMES;
 use protocol::steps::StepProfile;
 use protocol::time::Nanos;
@@ -98,15 +99,14 @@ impl Status<'_> {
 
     fn processes(&self, lines: &mut Vec<String>) {
         for slot in self.slots {
-            let health = slot.health;
-            let state = match health.map(|h| h.state) {
-                Some(STATE_RUNNING) => "running",
-                Some(STATE_DEGRADED) => "degraded",
-                Some(STATE_FINISHED) => "finished",
+            let health = slot.health.unwrap_or_else(Health::zeroed);
+            let state = match health.state {
+                STATE_RUNNING => "running",
+                STATE_DEGRADED => "degraded",
+                STATE_FINISHED => "finished",
                 _ => "starting",
             };
-            let text = health.map(|h| h.text()).unwrap_or_default();
-            let (lost, refused) = health.map_or((0, 0), |h| (h.lost, h.refused));
+            let (text, lost, refused) = (health.text(), health.lost, health.refused);
             let percent = slot.cpu.share() * 100.0;
             lines.push(format!(
                 "{:<11} {state:<9} {percent:>5.1} % cpu  {} restarts  {lost} lost  {refused} refused  {text}",

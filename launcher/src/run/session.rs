@@ -18,11 +18,12 @@ use crate::machine::Machine;
 use crate::modules::Composed;
 use crate::runtime::StopSignal;
 use anyhow::bail;
+use bytemuck::Zeroable;
 use ipc::clock::now;
 use ipc::{Instance, Sender};
 use protocol::budget::Budgets;
 use protocol::control::{Answer, Command};
-use protocol::health::Process;
+use protocol::health::{Health, Process};
 use protocol::time::Nanos;
 use recording::{Item, Note, NoteKind, Provenance};
 use std::collections::BTreeMap;
@@ -447,17 +448,16 @@ impl<'a> Session<'a> {
 }
 
 fn process_figures(slot: &Slot) -> ProcessFigures {
-    let health = slot.health;
-    let figure = |pick: fn(&protocol::health::Health) -> u64| health.as_ref().map_or(0, pick);
+    let health = slot.health.unwrap_or_else(Health::zeroed);
     ProcessFigures {
         process: slot.process.name(),
         restarts: slot.restarts,
         cpu_percent: slot.cpu.share() * 100.0,
-        received: figure(|h| h.received),
-        sent: figure(|h| h.sent),
-        lost: figure(|h| h.lost),
-        refused: figure(|h| h.refused),
-        text: health.map(|h| h.text()).unwrap_or_default(),
+        received: health.received,
+        sent: health.sent,
+        lost: health.lost,
+        refused: health.refused,
+        text: health.text(),
     }
 }
 
