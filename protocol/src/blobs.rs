@@ -25,15 +25,10 @@ pub enum Colour {
 
 impl Colour {
     /// Every class.
-    pub const ALL: [Colour; 7] = [
-        Colour::Red,
-        Colour::Yellow,
-        Colour::Green,
-        Colour::Cyan,
-        Colour::Blue,
-        Colour::Magenta,
-        Colour::White,
-    ];
+    pub const ALL: [Colour; 7] = {
+        use Colour::*;
+        [Red, Yellow, Green, Cyan, Blue, Magenta, White]
+    };
 
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {

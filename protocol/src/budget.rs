@@ -26,14 +26,10 @@ pub enum Stage {
 
 impl Stage {
     /// In the order of the data path.
-    pub const ALL: [Stage; 6] = [
-        Stage::Camera,
-        Stage::CameraWait,
-        Stage::Tracking,
-        Stage::Simulation,
-        Stage::Rendering,
-        Stage::WholeSystem,
-    ];
+    pub const ALL: [Stage; 6] = {
+        use Stage::*;
+        [Camera, CameraWait, Tracking, Simulation, Rendering, WholeSystem]
+    };
 
     /// Name in tables, reports and budget files.
     pub fn name(self) -> &'static str {

@@ -67,12 +67,7 @@ pub enum Validity {
 impl Validity {
     /// From the wire; `None` for a number no build ever sent.
     pub fn from_wire(code: u32) -> Option<Self> {
-        match code {
-            0 => Some(Self::Lost),
-            1 => Some(Self::Predicted),
-            2 => Some(Self::Measured),
-            _ => None,
-        }
+        [Self::Lost, Self::Predicted, Self::Measured].get(code as usize).copied()
     }
 }
 

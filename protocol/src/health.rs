@@ -22,14 +22,10 @@ pub enum Process {
 
 impl Process {
     /// In the order of the data path.
-    pub const ALL: [Process; 6] = [
-        Process::VirtualRig,
-        Process::FpgaModel,
-        Process::Tracker,
-        Process::Simcore,
-        Process::Renderer,
-        Process::Desk,
-    ];
+    pub const ALL: [Process; 6] = {
+        use Process::*;
+        [VirtualRig, FpgaModel, Tracker, Simcore, Renderer, Desk]
+    };
 
     /// From the wire.
     pub fn from_wire(code: u32) -> Option<Self> {

@@ -251,24 +251,20 @@ impl Rig {
         let refuse = |field: String, expected: &str, found: String| {
             Err(RigError::Value { path: path.into(), field, expected: expected.into(), found })
         };
-        if self.format != FORMAT {
-            return refuse("format".into(), FORMAT, self.format.clone());
-        }
-        if self.unit != "mm" {
-            return refuse("unit".into(), "mm", self.unit.clone());
-        }
-        if !(1.0..=1000.0).contains(&self.field_hz) {
-            return refuse("field_hz".into(), "1 to 1000", self.field_hz.to_string());
-        }
-        if self.frame.iter().any(|&n| !(16..=8192).contains(&n)) {
-            return refuse("frame".into(), "16 to 8192 px", format!("{:?}", self.frame));
-        }
-        if self.line_ns == 0 || self.line_ns > 10_000_000 || self.exposure_ns > 1_000_000_000 {
-            let found = format!("{} and {}", self.line_ns, self.exposure_ns);
-            return refuse("line_ns and exposure_ns".into(), "1 to 1e7 and at most 1e9 ns", found);
-        }
-        if self.cameras.len() < 2 || self.cameras.len() > MAX_CAMERAS {
-            return refuse("cameras".into(), "2 to 8 cameras", self.cameras.len().to_string());
+        let (cameras, times) = (self.cameras.len(), [self.line_ns, self.exposure_ns]);
+        let in_time = (1..=10_000_000).contains(&times[0]) && times[1] <= 1_000_000_000;
+        let in_frame = self.frame.iter().all(|n| (16..=8192).contains(n));
+        let times = format!("{} and {}", times[0], times[1]);
+        let checks = [
+            (self.format == FORMAT, "format", FORMAT, self.format.clone()),
+            (self.unit == "mm", "unit", "mm", self.unit.clone()),
+            ((1.0..=1000.0).contains(&self.field_hz), "field_hz", "1 to 1000", self.field_hz.to_string()),
+            (in_frame, "frame", "16 to 8192 px", format!("{:?}", self.frame)),
+            (in_time, "line_ns and exposure_ns", "1 to 1e7 and at most 1e9 ns", times),
+            ((2..=MAX_CAMERAS).contains(&cameras), "cameras", "2 to 8 cameras", cameras.to_string()),
+        ];
+        if let Some((_, field, expected, found)) = checks.into_iter().find(|(holds, ..)| !holds) {
+            return refuse(field.into(), expected, found);
         }
         for (i, camera) in self.cameras.iter().enumerate() {
             let twice = self.cameras[..i].iter().any(|c| c.id == camera.id);
@@ -281,11 +277,8 @@ impl Rig {
         }
         for name in BODY_NAMES {
             if self.bodies.iter().filter(|b| b.name == name).count() != 1 {
-                return refuse(
-                    "bodies".into(),
-                    "inst0, inst1 and eye, each once",
-                    format!("not so for {name}"),
-                );
+                let expected = "inst0, inst1 and eye, each once";
+                return refuse("bodies".into(), expected, format!("not so for {name}"));
             }
         }
         if self.bodies.len() != BODY_NAMES.len() {

@@ -20,14 +20,10 @@ pub enum Place {
 
 impl Place {
     /// All of them.
-    pub const ALL: [Place; 6] = [
-        Place::Bottom,
-        Place::Middle,
-        Place::TopLeft,
-        Place::TopRight,
-        Place::BottomLeft,
-        Place::BottomRight,
-    ];
+    pub const ALL: [Place; 6] = {
+        use Place::*;
+        [Bottom, Middle, TopLeft, TopRight, BottomLeft, BottomRight]
+    };
 
     /// The character that a line begins with to stand here.
     pub fn mark(self) -> char {

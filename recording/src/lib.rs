@@ -27,7 +27,6 @@ mod write;
 mod samples;
 
 pub use note::{Note, NoteKind};
-pub use protobuf::Shape;
 pub use read::{Items, Recording};
 pub use write::Writer;
 
@@ -319,8 +318,13 @@ pub enum MessageError {
     #[error("not decodable: {0}")]
     Encoding(String),
     /// A part is missing or an array has the wrong length.
-    #[error("{0}")]
-    Shape(Shape),
+    #[error("expected {expected} elements, found {found}")]
+    Shape {
+        /// Elements that the block has room for, or must have.
+        expected: usize,
+        /// Elements in the message.
+        found: usize,
+    },
     /// A number makes no sense.
     #[error("{0}")]
     Invalid(Invalid),

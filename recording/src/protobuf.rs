@@ -15,16 +15,6 @@ const FIXED32: u64 = 5;
 // Numbers are copied between block and message as they lie in memory.
 const _: () = assert!(cfg!(target_endian = "little"));
 
-/// A message lacks a part or has an array of the wrong length.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("expected {expected} elements, found {found}")]
-pub struct Shape {
-    /// Elements that the block has room for, or must have.
-    pub expected: usize,
-    /// Elements in the message.
-    pub found: usize,
-}
-
 fn refuse(problem: impl Into<String>) -> MessageError {
     MessageError::Encoding(problem.into())
 }
@@ -189,7 +179,7 @@ pub(super) fn decode(
             _ => continue,
         };
         if found != expected {
-            return Err(MessageError::Shape(Shape { expected, found }));
+            return Err(MessageError::Shape { expected, found });
         }
         if let Role::Counted(at) = field.role {
             block[at..at + 4].copy_from_slice(&(found as u32).to_le_bytes());

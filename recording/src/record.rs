@@ -48,7 +48,7 @@ mod tests {
     use super::super::Recording;
     use super::super::samples::{any_item, bits};
     use super::*;
-    use crate::protobuf::{Shape, put_message, put_uint};
+    use crate::protobuf::{put_message, put_uint};
     use proptest::prelude::*;
     use std::path::PathBuf;
 
@@ -162,15 +162,15 @@ mod tests {
         let mut pedal = Vec::new();
         put_message(&mut pedal, 3, |out| out.extend_from_slice(&[0; 24]));
         let refused = decode("pedal", &pedal).unwrap_err();
-        assert_eq!(refused, MessageError::Shape(Shape { expected: 2, found: 3 }));
+        assert_eq!(refused, MessageError::Shape { expected: 2, found: 3 });
         let refused = decode("pedal", &[]).unwrap_err();
-        assert_eq!(refused, MessageError::Shape(Shape { expected: 2, found: 0 }));
+        assert_eq!(refused, MessageError::Shape { expected: 2, found: 0 });
         let refused = decode("steps", &[]).unwrap_err();
-        assert_eq!(refused, MessageError::Shape(Shape { expected: 1, found: 0 }));
+        assert_eq!(refused, MessageError::Shape { expected: 1, found: 0 });
         let mut blobs = Vec::new();
         (0..65).for_each(|_| put_message(&mut blobs, 8, |_| {}));
         let refused = decode("blobs", &blobs).unwrap_err();
-        assert_eq!(refused, MessageError::Shape(Shape { expected: 64, found: 65 }));
+        assert_eq!(refused, MessageError::Shape { expected: 64, found: 65 });
     }
 
     #[test]

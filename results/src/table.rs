@@ -18,7 +18,7 @@ pub enum Cells {
 
 impl Cells {
     /// How many there are.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         match self {
             Cells::Text(c) => c.len(),
             Cells::Whole(c) => c.len(),
@@ -26,11 +26,6 @@ impl Cells {
             Cells::Real(c) => c.len(),
             Cells::Truth(c) => c.len(),
         }
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// A cell for people and CSV. Real numbers have as many digits as lead back to the same bits.
@@ -100,10 +95,6 @@ impl Keys {
 }
 
 impl Table {
-    fn of(rows: usize) -> Self {
-        Table { columns: Vec::new(), rows }
-    }
-
     fn put(&mut self, name: &str, cells: Cells) {
         debug_assert_eq!(cells.len(), self.rows);
         self.columns.push(Column { name: name.replace('-', "_"), cells });
@@ -112,7 +103,7 @@ impl Table {
     /// Attempts of the store.
     pub fn of_store(all: &[Stored], mut keys: Keys) -> Self {
         all.iter().for_each(|s| keys.widen(&s.attempt));
-        let mut table = Table::of(all.len());
+        let mut table = Table { rows: all.len(), ..Table::default() };
         table.put("id", Cells::Whole(all.iter().map(|s| Some(s.id)).collect()));
         table.put("trainee", Cells::Text(all.iter().map(|s| Some(s.trainee.clone())).collect()));
         table.put("at", Cells::Text(all.iter().map(|s| Some(s.at.clone())).collect()));
@@ -123,7 +114,7 @@ impl Table {
 
     /// The rows of a batch; attempts have no cells where a recording could not be scored.
     pub fn of_batch(rows: &[Row], keys: &Keys) -> Self {
-        let mut table = Table::of(rows.len());
+        let mut table = Table { rows: rows.len(), ..Table::default() };
         let attempts: Vec<_> = rows.iter().map(|r| r.attempt.as_ref()).collect();
         table.put("file", Cells::Text(rows.iter().map(|r| Some(r.file.display().to_string())).collect()));
         table.put("problem", Cells::Text(rows.iter().map(|r| r.problem.clone()).collect()));
@@ -156,10 +147,8 @@ impl Table {
         }
         for key in &keys.metrics {
             self.put(&format!("value_{key}"), Cells::Real(each(all, |a| find(&a.metrics, key)?.value)));
-            self.put(
-                &format!("points_{key}"),
-                Cells::Real(each(all, |a| Some(find(&a.metrics, key)?.points))),
-            );
+            let points = each(all, |a| Some(find(&a.metrics, key)?.points));
+            self.put(&format!("points_{key}"), Cells::Real(points));
         }
         self.put("recording", Cells::Text(each(all, |a| a.recording.clone())));
         self.put("recording_sha256", Cells::Text(each(all, |a| a.recording_sha256.clone())));

@@ -53,11 +53,11 @@ struct Planner {
 /// scene's own script has them first; tremor and turn of the eye are that script's.
 pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> ScriptScene {
     let own = scene.script_or_rest();
-    let first = |i: usize| {
+    let start = |i: usize| {
         let key = own.first_key(i).expect("a checked script has a key for each instrument");
-        (Vector3::from(key.tip_in_eye_mm), key.jaw_rad)
+        let tip = Vector3::from(key.tip_in_eye_mm);
+        PlannedPose { tip, jaw_rad: key.jaw_rad, roll_rad: 0.0, at_s: 0.0 }
     };
-    let start = |i: usize| PlannedPose { tip: first(i).0, jaw_rad: first(i).1, roll_rad: 0.0, at_s: 0.0 };
     let radius_mm = scene.eye.retina_radius_mm;
     let bodies = scene.bodies.iter().flat_map(|b| &b.body).map(|b| lying(b, radius_mm)).collect();
     let axes = scene.bodies.iter().flat_map(|b| &b.body).map(scene::BodyScene::longest_axis).collect();
@@ -76,10 +76,7 @@ pub fn of_goals(scene: &SceneFile, task: &TaskScene) -> ScriptScene {
         planner.reach(goal);
         planner.check_goal(number, goal);
     }
-    let home: [PlannedPose; INSTRUMENTS] = std::array::from_fn(start);
-    for (i, home) in home.iter().enumerate() {
-        planner.go(i, home.tip, REACH_MM_S);
-    }
+    (0..INSTRUMENTS).for_each(|i| planner.go(i, start(i).tip, REACH_MM_S));
     let period_s = planner.instruments.iter().map(|h| h.at_s).fold(0.0, f64::max) + 1.0;
     let Planner { mut keys, retargets, goal_checks, .. } = planner;
     keys.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));

@@ -24,13 +24,10 @@ pub const CATEGORIES: usize = 5;
 
 impl Category {
     /// Every one, by number.
-    pub const ALL: [Category; CATEGORIES] = [
-        Category::Target,
-        Category::Efficiency,
-        Category::Instruments,
-        Category::Microscope,
-        Category::Tissue,
-    ];
+    pub const ALL: [Category; CATEGORIES] = {
+        use Category::*;
+        [Target, Efficiency, Instruments, Microscope, Tissue]
+    };
 
     /// Name for people.
     pub fn name(self) -> &'static str {
