@@ -30,56 +30,10 @@ use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
 use sampler::FaultSampler;
 use serde::Serialize;
-use spec::{FaultError, FaultSpec};
-
-/// Kind of fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[repr(u8)]
-#[allow(missing_docs)]
-pub enum FaultKind {
-    Dropped = 0,
-    Late = 1,
-    Torn = 2,
-    HotPixels = 3,
-    Flicker = 4,
-    Reflections = 5,
-    Saturated = 6,
-    ColourDrift = 7,
-    Occlusion = 8,
-    ClockDrift = 9,
-}
+pub use spec::FaultKind;
+use spec::FaultSpec;
 
 impl FaultKind {
-    /// Every kind, in the order of its number.
-    pub const ALL: [FaultKind; 10] = [
-        FaultKind::Dropped,
-        FaultKind::Late,
-        FaultKind::Torn,
-        FaultKind::HotPixels,
-        FaultKind::Flicker,
-        FaultKind::Reflections,
-        FaultKind::Saturated,
-        FaultKind::ColourDrift,
-        FaultKind::Occlusion,
-        FaultKind::ClockDrift,
-    ];
-
-    /// Name in fault files, logs and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            FaultKind::Dropped => "dropped",
-            FaultKind::Late => "late",
-            FaultKind::Torn => "torn",
-            FaultKind::HotPixels => "hot-pixels",
-            FaultKind::Flicker => "flicker",
-            FaultKind::Reflections => "reflections",
-            FaultKind::Saturated => "saturated",
-            FaultKind::ColourDrift => "colour-drift",
-            FaultKind::Occlusion => "occlusion",
-            FaultKind::ClockDrift => "clock-drift",
-        }
-    }
-
     /// True for a fault that lasts from the first field to the last: it has one event a camera.
     pub fn is_permanent(self) -> bool {
         matches!(
@@ -162,24 +116,6 @@ pub enum FaultEvent {
     },
 }
 
-impl FaultEvent {
-    /// Kind of the fault.
-    pub fn kind(&self) -> FaultKind {
-        match self {
-            FaultEvent::Dropped => FaultKind::Dropped,
-            FaultEvent::Late { .. } => FaultKind::Late,
-            FaultEvent::Torn { .. } => FaultKind::Torn,
-            FaultEvent::HotPixels { .. } => FaultKind::HotPixels,
-            FaultEvent::Flicker { .. } => FaultKind::Flicker,
-            FaultEvent::Reflections { .. } => FaultKind::Reflections,
-            FaultEvent::Saturated { .. } => FaultKind::Saturated,
-            FaultEvent::ColourDrift { .. } => FaultKind::ColourDrift,
-            FaultEvent::Occlusion { .. } => FaultKind::Occlusion,
-            FaultEvent::ClockDrift { .. } => FaultKind::ClockDrift,
-        }
-    }
-}
-
 /// A marker of the rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct MarkerId {
@@ -206,8 +142,8 @@ impl FaultInjector {
     /// Faults of `spec` on the cameras of `rig`, drawn from `seed`.
     ///
     /// # Errors
-    /// [`FaultError::Value`] where `spec` names a camera that the rig does not have.
-    pub fn new(spec: FaultSpec, rig: &Rig, seed: u64) -> Result<Self, FaultError> {
+    /// Where `spec` names a camera that the rig does not have.
+    pub fn new(spec: FaultSpec, rig: &Rig, seed: u64) -> anyhow::Result<Self> {
         spec.check_rig(rig)?;
         let bits = |ids: &[u32]| ids.iter().fold(0u32, |bits, id| bits | 1 << id);
         let cameras = FaultKind::ALL.map(|kind| match spec.cameras(kind) {
@@ -229,27 +165,27 @@ impl FaultInjector {
         Self::new(FaultSpec::default(), rig, 0).expect("no fault is limited to a camera")
     }
 
-    /// True if faults of this kind, where they are on, befall the camera.
-    fn applies_to(&self, kind: FaultKind, camera: u32) -> bool {
-        self.cameras[kind as usize] >> camera & 1 == 1
+    /// The section of a fault of `kind`, where it is on and befalls the camera.
+    fn of<'a, S>(&self, section: &'a Option<S>, kind: FaultKind, camera: u32) -> Option<&'a S> {
+        section.as_ref().filter(|_| self.cameras[kind as usize] >> camera & 1 == 1)
     }
 
     /// Permanent faults of a camera.
     pub fn permanent_events(&self, camera: u32) -> impl Iterator<Item = FaultEvent> {
         let clock = self.clock(camera);
-        let spec = &self.spec;
         let all = [
-            spec.hot_pixels.as_ref().map(|s| FaultEvent::HotPixels { count: s.count }),
-            spec.flicker.as_ref().map(|s| FaultEvent::Flicker { depth: s.depth, hz: s.hz }),
-            spec.colour_drift.as_ref().map(|s| {
+            self.of(&self.spec.hot_pixels, FaultKind::HotPixels, camera)
+                .map(|s| FaultEvent::HotPixels { count: s.count }),
+            self.of(&self.spec.flicker, FaultKind::Flicker, camera)
+                .map(|s| FaultEvent::Flicker { depth: s.depth, hz: s.hz }),
+            self.of(&self.spec.colour_drift, FaultKind::ColourDrift, camera).map(|s| {
                 let (hue_deg, gain, period_s) = (s.hue_deg, s.gain, s.period_s);
                 FaultEvent::ColourDrift { hue_deg, gain, period_s }
             }),
-            spec.clock_drift
-                .as_ref()
+            self.of(&self.spec.clock_drift, FaultKind::ClockDrift, camera)
                 .map(|_| FaultEvent::ClockDrift { ppb: clock.ppb, phase_ns: clock.phase_ns }),
         ];
-        all.into_iter().flatten().filter(move |event| self.applies_to(event.kind(), camera))
+        all.into_iter().flatten()
     }
 }
 

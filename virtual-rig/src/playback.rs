@@ -1,6 +1,7 @@
 //! A recorded blob stream, read at the start and played with its own spacing.
 
-use blob_stream::{BlobReader, BlobStreamError};
+use anyhow::{Result, bail, ensure};
+use blob_stream::BlobReader;
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField};
 use protocol::rig::Rig;
@@ -8,34 +9,6 @@ use std::path::Path;
 
 /// Longest time between exposure and reception that a stream may claim, ns.
 const MAX_DELAY_NS: u64 = 10_000_000_000;
-
-/// Why a stream cannot be played.
-#[derive(Debug, thiserror::Error)]
-pub enum PlaybackError {
-    /// A line cannot be read.
-    #[error(transparent)]
-    Line(#[from] BlobStreamError),
-    /// A field contradicts the rig or the fields before it.
-    #[error("blob stream {file}, field {field} of camera {camera}: expected {expected}, found {found}")]
-    Field {
-        /// The file.
-        file: String,
-        /// Number of the field.
-        field: u64,
-        /// Its camera.
-        camera: u32,
-        /// Expected value.
-        expected: &'static str,
-        /// Value found.
-        found: String,
-    },
-    /// Nothing to play.
-    #[error("blob stream {file}: expected at least one field, found none")]
-    Empty {
-        /// The file.
-        file: String,
-    },
-}
 
 /// A stream in memory: fields without their blobs, and all blobs in one row.
 pub struct BlobPlayback {
@@ -56,21 +29,22 @@ struct Entry {
 
 impl BlobPlayback {
     /// Reads a stream of the cameras of `rig`.
-    pub fn load(path: &Path, rig: &Rig) -> Result<Self, PlaybackError> {
-        let file = path.display().to_string();
+    ///
+    /// # Errors
+    /// A line that cannot be read, a field that contradicts the rig, or a stream without fields.
+    pub fn load(path: &Path, rig: &Rig) -> Result<Self> {
+        let file = path.display();
         let mut stream =
             BlobPlayback { fields: Vec::new(), blobs: Vec::new(), read_out_ns: rig.read_out_ns() };
         for field in BlobReader::open(path)? {
             let field = field?;
-            if let Some((expected, found)) = defect(&field, rig) {
-                let (field, camera) = (field.field, field.camera);
-                return Err(PlaybackError::Field { file, field, camera, expected, found });
+            let (number, camera) = (field.field, field.camera);
+            if let Some(problem) = defect(&field, rig) {
+                bail!("blob stream {file}, field {number} of camera {camera}: {problem}");
             }
             stream.push(&field);
         }
-        if stream.fields.is_empty() {
-            return Err(PlaybackError::Empty { file });
-        }
+        ensure!(!stream.fields.is_empty(), "blob stream {file}: expected at least one field, found none");
         Ok(stream)
     }
 
@@ -120,22 +94,23 @@ impl BlobPlayback {
     }
 }
 
-fn defect(field: &BlobField, rig: &Rig) -> Option<(&'static str, String)> {
+/// Contradiction of a field to the rig or in itself.
+fn defect(field: &BlobField, rig: &Rig) -> Option<String> {
     if !rig.cameras.iter().any(|c| c.id == field.camera) {
-        return Some(("a camera of the rig", field.camera.to_string()));
+        return Some(format!("expected a camera of the rig, found {}", field.camera));
     }
     let (exposed, received) = (field.exposed_ns, field.blobs_out_ns);
-    if received < exposed || received - exposed > MAX_DELAY_NS {
-        return Some(("t_rx_ns at most 10 s after t_ns", format!("t_ns {exposed}, t_rx_ns {received}")));
-    }
-    None
+    let in_time = received >= exposed && received - exposed <= MAX_DELAY_NS;
+    (!in_time).then(|| {
+        format!("expected t_rx_ns at most 10 s after t_ns, found t_ns {exposed}, t_rx_ns {received}")
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn load(text: &str) -> Result<BlobPlayback, PlaybackError> {
+    fn load(text: &str) -> Result<BlobPlayback> {
         static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
         let number = NUMBER.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let path = std::env::temp_dir().join(format!("vitreo-stream-{}-{number}.jsonl", std::process::id()));

@@ -114,16 +114,8 @@ impl VirtualRigShell {
 
     /// Puts the note and the faults into the next heartbeat.
     fn say(&mut self) {
-        if self.note.is_empty() || self.text.is_empty() {
-            let text = if self.note.is_empty() { self.text.as_str() } else { self.note };
-            self.shell.say(text);
-        } else {
-            let length = self.text.len();
-            self.text.insert_str(0, "; ");
-            self.text.insert_str(0, self.note);
-            self.shell.say(&self.text);
-            self.text.drain(..self.text.len() - length);
-        }
+        let between = if self.note.is_empty() || self.text.is_empty() { "" } else { "; " };
+        self.shell.say(&format!("{}{between}{}", self.note, self.text));
     }
 
     /// Waits until `offset_ns` after the start and serves requests; a pause moves the start.
@@ -147,9 +139,9 @@ impl VirtualRigShell {
 
     /// Reports the end `offset_ns` after the start, then serves requests until a restart or a stop.
     fn finish(&mut self, offset_ns: u64) -> Result<Wake> {
-        match self.wait_for(offset_ns)? {
-            Wake::Due => {}
-            other => return Ok(other),
+        let wake = self.wait_for(offset_ns)?;
+        if wake != Wake::Due {
+            return Ok(wake);
         }
         self.enter(STATE_FINISHED, "finished")?;
         let wake = self.wait_for(u64::MAX)?;
@@ -163,41 +155,37 @@ impl VirtualRigShell {
     fn serve(&mut self) -> Result<bool> {
         let mut restart = false;
         while let Some((request, command)) = self.shell.serve(now())? {
-            let answer = match command {
-                Command::Pause => {
-                    self.timeline.pause(now());
-                    Ok(())
-                }
-                Command::Start => {
-                    self.timeline.resume(now());
-                    Ok(())
-                }
-                Command::Reset | Command::Load => {
-                    if command == Command::Load
-                        && let Err(problem) = self.load(request.argument)
-                    {
-                        self.shell.answer(&request, Err(&format!("{problem:#}")))?;
-                        continue;
-                    }
-                    self.surgeon.motion = self.surgeon.fresh.clone();
-                    self.timeline.restart(now());
-                    restart = true;
-                    Ok(())
-                }
-                _ => Err("the virtual rig knows start, pause, reset and load only"),
-            };
-            self.shell.answer(&request, answer)?;
+            let done = self.execute(command, request.argument);
+            restart |= done.is_ok() && matches!(command, Command::Reset | Command::Load);
+            self.shell.answer(&request, done.as_ref().map_err(String::as_str).copied())?;
         }
         Ok(restart)
     }
 
-    /// Loads the surgeon of the scene file again; `duration_ms` of 0 keeps the duration.
-    fn load(&mut self, duration_ms: u64) -> Result<()> {
-        self.surgeon = ScriptedSurgeon::load(&self.config, &self.rig)?;
-        if duration_ms > 0 {
-            self.duration_ns = duration_ms * 1_000_000;
+    /// Executes a command; the error is the reason of a refusal.
+    fn execute(&mut self, command: Command, argument: u64) -> Result<(), String> {
+        match command {
+            Command::Pause => self.timeline.pause(now()),
+            Command::Start => self.timeline.resume(now()),
+            Command::Reset => self.restart(),
+            // The surgeon of the scene file is loaded again; a duration of 0 ms keeps the present one.
+            Command::Load => {
+                let loaded = ScriptedSurgeon::load(&self.config, &self.rig);
+                self.surgeon = loaded.map_err(|problem| format!("{problem:#}"))?;
+                if argument > 0 {
+                    self.duration_ns = argument * 1_000_000;
+                }
+                self.restart();
+            }
+            _ => return Err("the virtual rig knows start, pause, reset and load only".into()),
         }
         Ok(())
+    }
+
+    /// Starts the schedule and the surgeon again.
+    fn restart(&mut self) {
+        self.surgeon.motion = self.surgeon.fresh.clone();
+        self.timeline.restart(now());
     }
 
     /// Enters a state and sends the heartbeat at once.

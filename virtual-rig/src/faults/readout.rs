@@ -43,8 +43,7 @@ impl FaultInjector {
     /// Tear of a field of `lines` lines, if it is torn. Field 0 has no previous one and stays
     /// whole.
     pub fn tear(&self, camera: u32, field: u64, lines: usize) -> Option<Tear> {
-        let torn =
-            self.spec.torn.as_ref().filter(|_| self.applies_to(FaultKind::Torn, camera) && field > 0)?;
+        let torn = self.of(&self.spec.torn, FaultKind::Torn, camera).filter(|_| field > 0)?;
         let draw = self.sampler.draw(FaultKind::Torn, camera, field);
         if draw.uniform(0) >= torn.rate {
             return None;
@@ -63,7 +62,7 @@ impl FaultInjector {
         height: usize,
         picture: &mut FieldPicture<B>,
     ) {
-        let hot = self.spec.hot_pixels.as_ref().filter(|_| self.applies_to(FaultKind::HotPixels, camera));
+        let hot = self.of(&self.spec.hot_pixels, FaultKind::HotPixels, camera);
         let pixels = (picture.width * height) as u64;
         for i in 0..hot.map_or(0, |h| u64::from(h.count)) {
             let draw = self.sampler.draw(FaultKind::HotPixels, camera, i);

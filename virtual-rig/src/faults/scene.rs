@@ -54,7 +54,7 @@ impl FaultInjector {
     /// Body whose markers are hidden (index in [`BODY_NAMES`]), and one bit a hidden marker.
     fn hidden(&self, camera: u32, field: u64) -> Option<(usize, u32)> {
         let kind = FaultKind::Occlusion;
-        let spec = self.spec.occlusion.as_ref().filter(|_| self.applies_to(kind, camera))?;
+        let spec = self.of(&self.spec.occlusion, kind, camera)?;
         let draw = self.sampler.episode(kind, camera, field, spec.rate, spec.fields)?.draw;
         let MarkerId { body, marker } = self.pick_marker(&draw)?;
         // Each of the body's markers with probability 1/2, and the picked one.
@@ -64,7 +64,7 @@ impl FaultInjector {
     /// The overexposed marker and its brightness as a multiple of the usual one.
     fn glare(&self, camera: u32, field: u64) -> Option<(MarkerId, f64)> {
         let kind = FaultKind::Saturated;
-        let spec = self.spec.saturated.as_ref().filter(|_| self.applies_to(kind, camera))?;
+        let spec = self.of(&self.spec.saturated, kind, camera)?;
         let draw = self.sampler.episode(kind, camera, field, spec.rate, spec.fields)?.draw;
         Some((self.pick_marker(&draw)?, spec.brightness))
     }
@@ -72,7 +72,7 @@ impl FaultInjector {
     /// The marker with a ghost image, and the function from its patch to the ghost's.
     fn ghost(&self, camera: u32, field: u64) -> Option<(MarkerId, impl Fn(&Patch) -> Patch)> {
         let kind = FaultKind::Reflections;
-        let spec = self.spec.reflections.as_ref().filter(|_| self.applies_to(kind, camera))?;
+        let spec = self.of(&self.spec.reflections, kind, camera)?;
         let episode = self.sampler.episode(kind, camera, field, spec.rate, spec.fields)?;
         let draw = episode.draw;
         let radius = GHOST_PX[0] + GHOST_PX[1] * draw.uniform(3);
@@ -101,18 +101,14 @@ impl FaultInjector {
     pub fn light(&self, camera: u32, exposed_ns: u64) -> Light {
         let t = exposed_ns as f64 * 1e-9;
         let mut light = Light::default();
-        if let Some(flicker) =
-            self.spec.flicker.as_ref().filter(|_| self.applies_to(FaultKind::Flicker, camera))
-        {
+        if let Some(flicker) = self.of(&self.spec.flicker, FaultKind::Flicker, camera) {
             let phase = TAU * self.sampler.draw(FaultKind::Flicker, 0, 0).uniform(0);
             // The exposure averages over a part of the lamp's period.
             let part = PI * flicker.hz * self.exposure_s;
             let left = if part > 0.0 { libm::sin(part) / part } else { 1.0 };
             light.gain = 1.0 + flicker.depth * left * libm::cos(TAU * flicker.hz * t + phase);
         }
-        let drift =
-            self.spec.colour_drift.as_ref().filter(|_| self.applies_to(FaultKind::ColourDrift, camera));
-        if let Some(drift) = drift {
+        if let Some(drift) = self.of(&self.spec.colour_drift, FaultKind::ColourDrift, camera) {
             let draw = self.sampler.draw(FaultKind::ColourDrift, camera, 0);
             let swing = |i: u64| libm::sin(TAU * (t / drift.period_s + draw.uniform(i)));
             light.hue_rad = drift.hue_deg.to_radians() * swing(0);

@@ -26,34 +26,27 @@ impl FaultInjector {
     /// Clock of a camera; all are equal (genlocked) without clock drift.
     pub fn clock(&self, camera: u32) -> Clock {
         let genlocked = Clock { period_ns: self.period_ns, ppb: 0, phase_ns: 0 };
-        match &self.spec.clock_drift {
-            Some(drift) if self.applies_to(FaultKind::ClockDrift, camera) => {
-                let draw = self.sampler.draw(FaultKind::ClockDrift, camera, 0);
-                Clock {
-                    ppb: (drift.ppm * 1000.0 * (2.0 * draw.uniform(0) - 1.0)) as i64,
-                    phase_ns: (drift.phase_ms * 1e6 * draw.uniform(1)) as u64,
-                    ..genlocked
-                }
-            }
-            _ => genlocked,
+        let kind = FaultKind::ClockDrift;
+        let Some(drift) = self.of(&self.spec.clock_drift, kind, camera) else { return genlocked };
+        let draw = self.sampler.draw(kind, camera, 0);
+        Clock {
+            ppb: (drift.ppm * 1000.0 * (2.0 * draw.uniform(0) - 1.0)) as i64,
+            phase_ns: (drift.phase_ms * 1e6 * draw.uniform(1)) as u64,
+            ..genlocked
         }
     }
 
     /// True if the field is dropped.
     pub fn dropped(&self, camera: u32, field: u64) -> bool {
-        let Some(dropped) = &self.spec.dropped else { return false };
-        let drawn = || self.sampler.draw(FaultKind::Dropped, camera, field).uniform(0) < dropped.rate;
-        self.applies_to(FaultKind::Dropped, camera) && drawn()
+        let kind = FaultKind::Dropped;
+        let dropped = self.of(&self.spec.dropped, kind, camera);
+        dropped.is_some_and(|d| self.sampler.draw(kind, camera, field).uniform(0) < d.rate)
     }
 
     /// Delay of the field, ns.
     pub fn delay_ns(&self, camera: u32, field: u64) -> u64 {
-        let Some(late) = &self.spec.late else { return 0 };
+        let Some(late) = self.of(&self.spec.late, FaultKind::Late, camera) else { return 0 };
         let draw = self.sampler.draw(FaultKind::Late, camera, field);
-        if self.applies_to(FaultKind::Late, camera) && draw.uniform(0) < late.rate {
-            (late.delay_ms * 1e6 * draw.uniform(1)) as u64
-        } else {
-            0
-        }
+        if draw.uniform(0) < late.rate { (late.delay_ms * 1e6 * draw.uniform(1)) as u64 } else { 0 }
     }
 }
