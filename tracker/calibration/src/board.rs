@@ -29,8 +29,8 @@ pub struct Board {
     pub pitch_mm: f64,
 }
 
-/// Why a board was not found.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+/// Why a board was not found; of two reasons the greater one says more.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 pub enum BoardError {
     /// Nothing of the kind is in the picture.
     #[error("no {0} found")]
@@ -67,10 +67,13 @@ impl Board {
     /// first inner field is dark. Others are ambiguous by half a turn (square ones by a quarter):
     /// their first point is the one nearest to the picture's top-left, so cameras that are to be
     /// calibrated together must not see them upside down.
+    ///
+    /// # Errors
+    /// A picture without the board, or with a part of it.
     pub fn find(&self, picture: &GreyImage) -> Result<Vec<Correspondence>, BoardError> {
         let mut level = picture.clone();
         let mut scale = 1.0;
-        let mut best = Err(BoardError::Nothing(self.what()));
+        let mut nearest = BoardError::Nothing(self.what());
         loop {
             if level.width.max(level.height) <= LOOK_PX || scale == 1.0 {
                 match self.at_level(&level) {
@@ -79,16 +82,15 @@ impl Board {
                         let full = |p: Vector2<f64>| p * scale + Vector2::repeat((scale - 1.0) / 2.0);
                         return Ok(self.finish(picture, points.into_iter().map(full).collect()));
                     }
-                    Err(e) => best = better(best, e),
+                    Err(problem) => nearest = nearest.max(problem),
                 }
             }
             if level.width.min(level.height) < 200 {
-                break;
+                return Err(nearest);
             }
             level = level.halved();
             scale *= 2.0;
         }
-        best.map(|()| Vec::new())
     }
 
     fn what(&self) -> &'static str {
@@ -173,18 +175,6 @@ impl Board {
             f64::from(picture.between(middle)) * if (c + r) % 2 == 0 { 1.0 } else { -1.0 }
         });
         fields.sum()
-    }
-}
-
-/// The error that tells more.
-fn better(old: Result<(), BoardError>, new: BoardError) -> Result<(), BoardError> {
-    match (old, new) {
-        (
-            Err(BoardError::Incomplete { columns, rows, found }),
-            BoardError::Incomplete { found: more, .. },
-        ) => Err(BoardError::Incomplete { columns, rows, found: found.max(more) }),
-        (Err(old @ BoardError::Incomplete { .. }), BoardError::Nothing(_)) => Err(old),
-        (_, new) => Err(new),
     }
 }
 

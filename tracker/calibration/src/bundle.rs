@@ -11,7 +11,7 @@ use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
 use protocol::rig::Rig;
 use tracker::pose_math::propagated;
-use tracker::projection::project_marker;
+use tracker::projection::{MarkerImage, project_marker};
 use tracker::rig_model::{Marker, RigModel};
 
 /// Prior standard deviations of a rig; 0 fixes a value.
@@ -73,8 +73,25 @@ impl Bundle {
         Bundle {
             cameras: rig.cameras(),
             markers: RigModel::new(rig).bodies.iter().map(|b| b.markers.clone()).collect(),
-            poses: instants.iter().map(|i| i.poses.map(|p| p.map(|(pose, _)| pose))).collect(),
+            poses: instants.iter().map(|i| i.poses.map(|p| p.map(|p| p.pose))).collect(),
         }
+    }
+
+    /// Pose of a marker's body at the exposure of an observation of `instant`, which is number `at`.
+    pub fn pose_at_exposure(
+        &self,
+        at: usize,
+        instant: &FrameObservations,
+        seen: &MarkerObservation,
+    ) -> Option<Isometry3<f64>> {
+        let motion = &instant.poses[seen.body]?.motion;
+        Some(propagated(&self.poses[at][seen.body]?, motion, seen.dt_s))
+    }
+
+    /// Image of an observed marker whose body is at `pose`; `None` behind the camera.
+    pub fn image(&self, pose: &Isometry3<f64>, seen: &MarkerObservation) -> Option<MarkerImage> {
+        let marker = &self.markers[seen.body][seen.marker];
+        project_marker(marker, &pose.into(), &self.cameras[seen.camera])
     }
 
     /// The rig with these cameras and markers.
@@ -204,49 +221,55 @@ impl<'a> SelfCalibrationProblem<'a> {
     fn image(
         &self,
         state: &Bundle,
-        (block, blob): (usize, usize),
+        block: usize,
+        blob: usize,
         own: Option<usize>,
         columns: Option<&mut Vec<Column<2>>>,
     ) -> Option<Vector2<f64>> {
         let seen = &self.instants[block].seen[blob];
-        let motion = &self.instants[block].poses[seen.body]?.1;
-        let pose = propagated(&state.poses[block][seen.body]?, motion, seen.dt_s);
+        let pose = state.pose_at_exposure(block, &self.instants[block], seen)?;
         let camera = &state.cameras[seen.camera];
-        let marker = &state.markers[seen.body][seen.marker];
-        let point = project_marker(marker, &(&pose).into(), camera)?.point;
+        let point = state.image(&pose, seen)?.point;
         let p = camera.in_camera(&point);
         let image = project(camera, &p)?;
         let whiten = self.whitening[block][blob] / self.noise;
         let residual = whiten * (image.pixel - seen.pixel);
         let Some(columns) = columns else { return Some(residual) };
         columns.clear();
-        let mut put = |first: Option<usize>, slopes: &[Vector2<f64>], own: bool| {
-            let Some(first) = first else { return };
-            for (i, slope) in slopes.iter().enumerate() {
-                let unknown = if own { Unknown::Own(first + i) } else { Unknown::Shared(first + i) };
-                columns.push((unknown, whiten * slope));
-            }
-        };
-        let lens: [Vector2<f64>; LENS] = std::array::from_fn(|i| image.by_lens.column(i).into());
-        put(self.lens_at[seen.camera], &lens, false);
-        let places = image.by_point * by_extrinsics(camera, &p);
-        put(
-            self.place_at[seen.camera],
-            &std::array::from_fn::<_, EXTRINSICS, _>(|i| places.column(i).into()),
-            false,
-        );
         let by_world = image.by_point * camera.camera_from_world;
-        let by_marker = by_world * pose.rotation.to_rotation_matrix().matrix();
-        let slopes: [Vector2<f64>; 3] = std::array::from_fn(|i| by_marker.column(i).into());
-        put(self.marker_at[seen.body][seen.marker], &slopes, false);
         let arm = point.coords - pose.translation.vector;
         let turning = -(by_world * arm.cross_matrix());
-        let slopes: [Vector2<f64>; 6] =
-            std::array::from_fn(
-                |i| if i < 3 { turning.column(i).into() } else { by_world.column(i - 3).into() },
-            );
-        put(own, &slopes[..self.own_of(seen.body)], true);
+        let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+        by_pose.fixed_columns_mut::<3>(0).copy_from(&turning);
+        by_pose.fixed_columns_mut::<3>(3).copy_from(&by_world);
+        let by_place = image.by_point * by_extrinsics(camera, &p);
+        let by_marker = by_world * pose.rotation.to_rotation_matrix().matrix();
+        let shared = |first: Option<usize>| first.map(Unknown::Shared);
+        add_columns(columns, shared(self.lens_at[seen.camera]), &whiten, &image.by_lens);
+        add_columns(columns, shared(self.place_at[seen.camera]), &whiten, &by_place);
+        add_columns(columns, shared(self.marker_at[seen.body][seen.marker]), &whiten, &by_marker);
+        let before = columns.len();
+        add_columns(columns, own.map(Unknown::Own), &whiten, &by_pose);
+        columns.truncate(before + self.own_of(seen.body));
         Some(residual)
+    }
+}
+
+/// Adds the whitened derivatives of an image by the unknowns from `first` on; none where they are
+/// fixed.
+fn add_columns<const N: usize>(
+    columns: &mut Vec<Column<2>>,
+    first: Option<Unknown>,
+    whiten: &Matrix2<f64>,
+    by_unknowns: &SMatrix<f64, 2, N>,
+) {
+    let Some(first) = first else { return };
+    for (i, slope) in by_unknowns.column_iter().enumerate() {
+        let unknown = match first {
+            Unknown::Shared(first) => Unknown::Shared(first + i),
+            Unknown::Own(first) => Unknown::Own(first + i),
+        };
+        columns.push((unknown, whiten * Vector2::from(slope)));
     }
 }
 
@@ -289,7 +312,7 @@ impl Problem for SelfCalibrationProblem<'_> {
         let mut columns = Vec::with_capacity(LENS + 2 * EXTRINSICS + 3);
         for (blob, seen) in self.instants[block].seen.iter().enumerate() {
             let wanted = (!out.cost_only()).then_some(&mut columns);
-            match self.image(state, (block, blob), own[seen.body], wanted) {
+            match self.image(state, block, blob, own[seen.body], wanted) {
                 Some(residual) => out.add(&residual, &columns, Loss::Cauchy(SUSPECT)),
                 None => out.refuse(),
             }

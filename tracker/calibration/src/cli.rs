@@ -3,7 +3,8 @@
 mod stream;
 mod target;
 
-use crate::lens::LENS_NAMES;
+use crate::lens::{LENS, LENS_NAMES};
+use crate::multi_camera::Progress;
 use crate::report::Report;
 use crate::residual_plot::residual_picture;
 use crate::target_problem::{Residual, Robustness};
@@ -71,22 +72,16 @@ pub struct SolveArgs {
 
 impl SolveArgs {
     /// Which values of a lens are free.
-    fn free(&self) -> [bool; crate::lens::LENS] {
+    fn free(&self) -> [bool; LENS] {
         LENS_NAMES.map(|name| !self.without.iter().any(|w| w == name))
     }
 }
 
-/// Width and height, `1280x1024`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Pair(pub usize, pub usize);
-
-/// Parses `AxB`.
-fn pair(text: &str) -> Result<Pair, String> {
-    let parts = text.split_once(['x', '×']).and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
-    match parts {
-        Some((a, b)) if (2..=100_000).contains(&a) && (2..=100_000).contains(&b) => Ok(Pair(a, b)),
-        _ => Err("expected two whole numbers from 2, as in 9x6".into()),
-    }
+/// Parses `AxB`, for instance width and height.
+fn pair(text: &str) -> Result<[u32; 2], String> {
+    let parts = text.split_once(['x', '×']).and_then(|(a, b)| Some([a.parse().ok()?, b.parse().ok()?]));
+    let sane = parts.filter(|numbers| numbers.iter().all(|n| (2..=100_000).contains(n)));
+    sane.ok_or_else(|| "expected two whole numbers from 2, as in 9x6".into())
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -97,6 +92,9 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// Runs a calibration. Exit codes: 0 done, 1 failed or refused, 5 a check found that the rig has moved.
+///
+/// # Errors
+/// As the calibration run.
 pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
     match &args.task {
         Task::Intrinsics(args) => target::intrinsics(args),
@@ -108,26 +106,24 @@ pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// A sign of progress for a person, on a terminal only.
-fn spinner(what: &'static str) -> ProgressBar {
+/// A sign of progress for a person, on a terminal only: a bar over `count` things, or a spinner.
+fn progress(what: &'static str, count: Option<u64>) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
-    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
-    bar.set_style(ProgressStyle::with_template("{spinner} {prefix} {msg}").expect("a valid template"));
+    let template =
+        if count.is_some() { "{prefix} {wide_bar} {pos}/{len} {eta}" } else { "{spinner} {prefix} {msg}" };
+    let bar = ProgressBar::with_draw_target(count, ProgressDrawTarget::stderr());
+    bar.set_style(ProgressStyle::with_template(template).expect("a valid template"));
     bar.with_prefix(what)
 }
 
-/// A bar over a known number of things, on a terminal only.
-fn bar(count: u64, what: &'static str) -> ProgressBar {
-    if !std::io::stderr().is_terminal() {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::with_draw_target(Some(count), ProgressDrawTarget::stderr());
-    bar.set_style(
-        ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {eta}").expect("a valid template"),
-    );
-    bar.with_prefix(what)
+/// Runs `work` with a spinner that shows the iteration and the cost that `work` reports.
+fn with_spinner<T>(what: &'static str, work: impl FnOnce(&mut Progress<'_>) -> T) -> T {
+    let spinner = progress(what, None);
+    let done = work(&mut |i, cost| spinner.set_message(format!("iteration {i}, cost {cost:.6e}")));
+    spinner.finish_and_clear();
+    done
 }
 
 impl OutputArgs {

@@ -12,12 +12,11 @@
 use crate::CalibrationError;
 use crate::bundle::Bundle;
 use crate::lens::{EXTRINSICS, by_extrinsics, project};
-use crate::observations::FrameObservations;
+use crate::observations::{FrameObservations, MarkerObservation};
 use crate::self_calibration::{camera_rms, every_camera_saw, fitted, residuals_of};
 use crate::target_problem::rms;
 use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::rig::Rig;
-use tracker::projection::project_marker;
 
 /// Stretches into which a stream is cut.
 const STRETCHES: usize = 8;
@@ -124,11 +123,10 @@ type Row = (SMatrix<f64, 2, EXTRINSICS>, nalgebra::Vector2<f64>, Matrix2<f64>);
 
 /// Residuals of a camera at an instant, with how its place moves its image, and their weights.
 fn rows(instants: &[FrameObservations], bundle: &Bundle, camera: usize, i: usize) -> Vec<Row> {
-    let row = |seen: &crate::observations::MarkerObservation| {
-        let (pose, motion) = (bundle.poses[i][seen.body]?, &instants[i].poses[seen.body]?.1);
-        let pose = tracker::pose_math::propagated(&pose, motion, seen.dt_s);
+    let row = |seen: &MarkerObservation| {
+        let pose = bundle.pose_at_exposure(i, &instants[i], seen)?;
         let model = &bundle.cameras[camera];
-        let image = project_marker(&bundle.markers[seen.body][seen.marker], &(&pose).into(), model)?;
+        let image = bundle.image(&pose, seen)?;
         let p = model.in_camera(&image.point);
         let slope = project(model, &p)?.by_point * by_extrinsics(model, &p);
         let error = seen.pixel - image.pixel;

@@ -1,5 +1,6 @@
 //! Grey pictures: reading, smoothing, sampling between pixels.
 
+use anyhow::{Result, anyhow, ensure};
 use nalgebra::Vector2;
 use std::path::Path;
 
@@ -13,29 +14,6 @@ pub struct GreyImage {
     data: Vec<f32>,
 }
 
-/// Why a picture was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum PictureError {
-    /// It cannot be read or decoded.
-    #[error("picture {file}: {problem}")]
-    Read {
-        /// The file.
-        file: String,
-        /// Why.
-        problem: String,
-    },
-    /// It is too small to hold a target.
-    #[error("picture {file}: expected at least 16×16 pixels, found {width}×{height}")]
-    Small {
-        /// The file.
-        file: String,
-        /// Columns.
-        width: usize,
-        /// Lines.
-        height: usize,
-    },
-}
-
 impl GreyImage {
     /// From values line by line; missing ones are 0.
     pub fn new(width: usize, height: usize, mut data: Vec<f32>) -> Self {
@@ -44,15 +22,17 @@ impl GreyImage {
     }
 
     /// Reads a PNG or JPEG file.
-    pub fn load(path: &Path) -> Result<Self, PictureError> {
-        let file = path.display().to_string();
-        let picture = image::open(path)
-            .map_err(|e| PictureError::Read { file: file.clone(), problem: e.to_string() })?
-            .to_luma32f();
+    ///
+    /// # Errors
+    /// A file that cannot be read or decoded, or is too small to hold a target.
+    pub fn load(path: &Path) -> Result<Self> {
+        let file = path.display();
+        let picture = image::open(path).map_err(|e| anyhow!("picture {file}: {e}"))?.to_luma32f();
         let (width, height) = (picture.width() as usize, picture.height() as usize);
-        if width < 16 || height < 16 {
-            return Err(PictureError::Small { file, width, height });
-        }
+        ensure!(
+            width >= 16 && height >= 16,
+            "picture {file}: expected at least 16×16 pixels, found {width}×{height}"
+        );
         Ok(GreyImage::new(width, height, picture.into_raw().into_iter().map(|v| v * 255.0).collect()))
     }
 

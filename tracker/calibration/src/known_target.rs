@@ -18,29 +18,32 @@ const FEWEST: usize = 12;
 
 /// Pairs the dots of a picture with those of a target (mm), beginning with `picked` ones, of which
 /// four or more that do not lie in a plane are needed.
+///
+/// # Errors
+/// Picked dots that do not determine the view, or too few dots that lie where they are predicted.
 pub fn match_dots(
     size_px: [u32; 2],
     dots: &[Dot],
     target: &[Point3<f64>],
     picked: &[Correspondence],
 ) -> Result<Vec<Correspondence>, CalibrationError> {
-    let refuse = |problem: String| Err(CalibrationError::Geometry(problem));
     if picked.len() < 4 || plane_of(picked)?.is_some() {
         let n = picked.len();
-        return refuse(format!("{n} dots were picked; four or more are needed that do not lie in one plane"));
+        let problem = format!("{n} dots were picked; four or more are needed that do not lie in one plane");
+        return Err(CalibrationError::Geometry(problem));
     }
     let mut samples = picked.to_vec();
     for _ in 0..ROUNDS.0 {
         let flat = affine(&samples)
-            .ok_or_else(|| CalibrationError::Geometry("the picked dots do not fix the view".into()))?;
+            .ok_or_else(|| CalibrationError::geometry("the picked dots do not fix the view"))?;
         samples = paired(dots, target, &|p| Some(flat.tr_mul(&p.to_homogeneous())), samples);
     }
     for _ in 0..ROUNDS.1 {
         if samples.len() < FEWEST {
             let (n, dots) = (samples.len(), dots.len());
-            return refuse(format!(
-                "{n} of the target's dots were recognised among {dots}; check the picked ones"
-            ));
+            let problem =
+                format!("{n} of the target's dots were recognised among {dots}; check the picked ones");
+            return Err(CalibrationError::Geometry(problem));
         }
         let camera = camera_from_dots(0, size_px, &samples)?;
         samples = paired(dots, target, &|p| camera.project(p), samples);

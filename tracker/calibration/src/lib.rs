@@ -27,6 +27,8 @@ pub mod self_calibration;
 pub mod solve;
 pub mod target_problem;
 
+use target_problem::FEWEST_VIEWS;
+
 /// Why a calibration failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
@@ -34,14 +36,15 @@ pub enum CalibrationError {
     #[error("degenerate geometry: {0}")]
     Geometry(String),
     /// Too few pictures with a target in them.
-    #[error("the target was found in {found} pictures; at least {needed} are needed, tilted differently")]
-    TooFewViews {
-        /// With the target.
-        found: usize,
-        /// Least number.
-        needed: usize,
-    },
+    #[error("the target was found in {0} pictures; at least {FEWEST_VIEWS} are needed, tilted differently")]
+    TooFewViews(usize),
     /// The least-squares problem has no solution.
     #[error(transparent)]
     Solve(#[from] solve::SolveError),
+}
+
+impl CalibrationError {
+    fn geometry(problem: impl Into<String>) -> Self {
+        CalibrationError::Geometry(problem.into())
+    }
 }

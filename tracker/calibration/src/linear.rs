@@ -22,10 +22,6 @@ const RANK: f64 = 1e-7;
 /// Spread across a line, as a share of the extent, below which points count as collinear.
 const LINE: f64 = 1e-3;
 
-fn refuse(problem: impl Into<String>) -> CalibrationError {
-    CalibrationError::Geometry(problem.into())
-}
-
 /// The plane in which points lie: `world_from_plane`, with the points at z = 0.
 ///
 /// `None` where they fill space. Refused where they are on a line.
@@ -38,7 +34,7 @@ pub fn plane_of(samples: &[Correspondence]) -> Result<Option<Isometry3<f64>>, Ca
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let extent = order.map(|i| eigen.eigenvalues[i].max(0.0).sqrt());
     if extent[1].is_nan() || extent[1] <= LINE * extent[0] {
-        return Err(refuse("the points of the target lie on a line or in one place"));
+        return Err(CalibrationError::geometry("the points of the target lie on a line or in one place"));
     }
     if extent[2] > PLANE * extent[0] {
         return Ok(None);
@@ -66,7 +62,9 @@ fn null_vector(rows: DMatrix<f64>) -> Result<DVector<f64>, CalibrationError> {
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
     let [second, largest] = [order[1], order[order.len() - 1]].map(|i| eigen.eigenvalues[i].max(0.0));
     if second.is_nan() || second <= RANK * RANK * largest {
-        return Err(refuse("the points do not fix the projection: too few, or all on a line or a plane"));
+        return Err(CalibrationError::geometry(
+            "the points do not fix the projection: too few, or all on a line or a plane",
+        ));
     }
     Ok(eigen.eigenvectors.column(order[0]).into_owned())
 }
@@ -74,7 +72,7 @@ fn null_vector(rows: DMatrix<f64>) -> Result<DVector<f64>, CalibrationError> {
 /// Homography `image_from_plane` of points (x, y) of a plane and their pixels.
 pub fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Result<Matrix3<f64>, CalibrationError> {
     if pairs.len() < 4 {
-        return Err(refuse(format!("{} points; a plane needs at least 4", pairs.len())));
+        return Err(CalibrationError::geometry(format!("{} points; a plane needs at least 4", pairs.len())));
     }
     let from = normaliser(pairs.iter().map(|p| p.0));
     let to = normaliser(pairs.iter().map(|p| p.1));
@@ -90,7 +88,8 @@ pub fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Result<Matrix3<f64>
     }
     let h = null_vector(rows)?;
     let normal = Matrix3::from_row_slice(h.as_slice());
-    let back = to.try_inverse().ok_or_else(|| refuse("all image points are in one place"))?;
+    let back =
+        to.try_inverse().ok_or_else(|| CalibrationError::geometry("all image points are in one place"))?;
     Ok(back * normal * from)
 }
 
@@ -127,7 +126,9 @@ pub fn lens_from_planes(
         rows.push(([a.x * a.x - b.x * b.x, a.y * a.y - b.y * b.y], b.z * b.z - a.z * a.z));
     }
     let focal = solve_focal(&rows).ok_or_else(|| {
-        refuse("every view shows the target from the same direction, or face on: tilt it differently in each")
+        CalibrationError::geometry(
+            "every view shows the target from the same direction, or face on: tilt it differently in each",
+        )
     })?;
     Ok(pinhole_camera(id, size_px, focal * scale, centre))
 }
@@ -177,7 +178,7 @@ fn plane_in_camera(
     let h = h * (sign / size);
     let (x, y, t) = (h.column(0).into_owned(), h.column(1).into_owned(), h.column(2).into_owned());
     let camera_from_plane = isometry(&Matrix3::from_columns(&[x, y, x.cross(&y)]), t)
-        .ok_or_else(|| refuse("a view shows the target edge on"))?;
+        .ok_or_else(|| CalibrationError::geometry("a view shows the target edge on"))?;
     Ok(Some(camera_from_plane * plane.inverse()))
 }
 
@@ -209,13 +210,16 @@ pub fn target_in_camera(
     let m = p.fixed_view::<3, 3>(0, 0).into_owned();
     let scale = m.determinant().cbrt();
     isometry(&(m / scale), p.column(3) / scale)
-        .ok_or_else(|| refuse("the dots do not fix the camera's place"))
+        .ok_or_else(|| CalibrationError::geometry("the dots do not fix the camera's place"))
 }
 
 /// Projection matrix of dots in space (6 or more, not in a plane).
 fn projection_matrix(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, CalibrationError> {
     if samples.len() < 6 {
-        return Err(refuse(format!("{} dots; a target in space needs at least 6", samples.len())));
+        return Err(CalibrationError::geometry(format!(
+            "{} dots; a target in space needs at least 6",
+            samples.len()
+        )));
     }
     let to = normaliser(samples.iter().map(|s| s.pixel));
     let n = samples.len() as f64;
@@ -236,7 +240,8 @@ fn projection_matrix(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, Calib
     let mut from = nalgebra::Matrix4::identity() / size;
     from.fixed_view_mut::<3, 1>(0, 3).copy_from(&(-mean / size));
     from[(3, 3)] = 1.0;
-    let back = to.try_inverse().ok_or_else(|| refuse("all image points are in one place"))?;
+    let back =
+        to.try_inverse().ok_or_else(|| CalibrationError::geometry("all image points are in one place"))?;
     let p = back * Matrix3x4::from_row_slice(h.as_slice()) * from;
     let front = samples.iter().filter(|s| p.row(2).dot(&s.point.coords.push(1.0).transpose()) > 0.0).count();
     Ok(if 2 * front < samples.len() { -p } else { p })
@@ -259,12 +264,13 @@ pub fn camera_from_dots(
     let skew = (w[(0, 1)] - centre.x * centre.y) / fy;
     let fx = (w[(0, 0)] - centre.x * centre.x - skew * skew).max(0.0).sqrt();
     if !(fx.is_finite() && fy.is_finite() && fx > 0.0 && fy > 0.0) {
-        return Err(refuse("the dots do not fix the focal length"));
+        return Err(CalibrationError::geometry("the dots do not fix the focal length"));
     }
     let k = Matrix3::new(fx, skew, centre.x, 0.0, fy, centre.y, 0.0, 0.0, 1.0);
-    let inverse = k.try_inverse().ok_or_else(|| refuse("the dots do not fix the focal length"))?;
-    let place =
-        isometry(&(inverse * m), inverse * t).ok_or_else(|| refuse("the dots do not fix the camera"))?;
+    let inverse =
+        k.try_inverse().ok_or_else(|| CalibrationError::geometry("the dots do not fix the focal length"))?;
+    let place = isometry(&(inverse * m), inverse * t)
+        .ok_or_else(|| CalibrationError::geometry("the dots do not fix the camera"))?;
     let mut camera = pinhole_camera(id, size_px, Vector2::new(fx, fy), centre);
     camera.camera_from_world = place.rotation.to_rotation_matrix().into_inner();
     camera.translation_mm = place.translation.vector;

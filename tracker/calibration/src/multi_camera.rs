@@ -101,15 +101,9 @@ fn placed(alone: &[Alone]) -> Result<Vec<Camera>, CalibrationError> {
         set_camera_pose(&mut camera, &(relative * base));
         cameras[next] = Some(camera);
     }
-    let lost = cameras.iter().position(Option::is_none);
-    lost.map_or_else(
-        || Ok(cameras.iter().flatten().cloned().collect()),
-        |c| {
-            Err(CalibrationError::Geometry(format!(
-                "camera {c} shares no view of the target with the others"
-            )))
-        },
-    )
+    let lost =
+        |c| CalibrationError::Geometry(format!("camera {c} shares no view of the target with the others"));
+    cameras.into_iter().enumerate().map(|(c, camera)| camera.ok_or_else(|| lost(c))).collect()
 }
 
 /// `c_from_k` by every view of both cameras.
@@ -159,9 +153,10 @@ pub fn calibrate_on_dots(
         cameras.push(match before {
             CameraPrior::Size(size) => {
                 if linear::plane_of(samples)?.is_some() {
-                    let problem = "all dots lie in one plane, which does not fix a lens: \
-                        use a stepped target, or give the lens";
-                    return Err(CalibrationError::Geometry(problem.into()));
+                    return Err(CalibrationError::geometry(
+                        "all dots lie in one plane, which does not fix a lens: \
+                         use a stepped target, or give the lens",
+                    ));
                 }
                 linear::camera_from_dots(c as u32, *size, samples)?
             }
@@ -254,14 +249,10 @@ pub fn held_out(
 ) -> Result<[f64; 3], CalibrationError> {
     let common = common_dots(sheets, before.len());
     let part = |which: &dyn Fn(usize) -> bool| -> Vec<TargetView> {
-        let of = |sheet: &TargetView| TargetView {
-            samples: common
-                .iter()
-                .enumerate()
-                .filter(|(i, _)| which(*i))
-                .map(|(_, dot)| Correspondence { point: dot.0, pixel: dot.1[sheet.camera] })
-                .collect(),
-            ..sheet.clone()
+        let chosen = || common.iter().enumerate().filter(|(i, _)| which(*i)).map(|(_, dot)| dot);
+        let of = |sheet: &TargetView| {
+            let sample = |dot: &Dot| Correspondence { point: dot.point, pixel: dot.pixels[sheet.camera] };
+            TargetView { samples: chosen().map(sample).collect(), ..sheet.clone() }
         };
         sheets.iter().map(of).collect()
     };
@@ -270,21 +261,29 @@ pub fn held_out(
     let cameras = &calibrated.scene.cameras;
     let noise = noise_of(&calibrated.residuals, cameras.len());
     let (mut squares, mut n) = (nalgebra::Vector3::zeros(), 0);
-    for (_, (point, pixels)) in common.iter().enumerate().filter(|(i, _)| !chosen(*i)) {
+    for (_, Dot { point, pixels }) in common.iter().enumerate().filter(|(i, _)| !chosen(*i)) {
         let points = cameras.iter().zip(pixels).zip(&noise);
-        let points: Vec<ImagePoint<'_>> = points
-            .map(|((camera, pixel), noise)| ImagePoint { camera, pixel: *pixel, covariance: *noise })
-            .collect();
+        let points: Vec<ImagePoint<'_>> =
+            points.map(|((camera, &pixel), &covariance)| ImagePoint { camera, pixel, covariance }).collect();
         let found = triangulate(&points)
-            .ok_or_else(|| CalibrationError::Geometry("rays of the cameras do not meet".into()))?;
+            .ok_or_else(|| CalibrationError::geometry("rays of the cameras do not meet"))?;
         squares += (found - point).map(|e| e * e);
         n += 1;
     }
     Ok((squares / f64::from(n.max(1))).map(f64::sqrt).into())
 }
 
-/// Dots that every camera sees, with their pixels by camera.
-pub fn common_dots(sheets: &[TargetView], cameras: usize) -> Vec<(Point3<f64>, Vec<Vector2<f64>>)> {
+/// A dot that every camera sees.
+#[derive(Debug, Clone)]
+pub struct Dot {
+    /// Where it is, mm.
+    pub point: Point3<f64>,
+    /// Where each camera sees it, px.
+    pub pixels: Vec<Vector2<f64>>,
+}
+
+/// Dots that every camera sees.
+pub fn common_dots(sheets: &[TargetView], cameras: usize) -> Vec<Dot> {
     let Some(first) = sheets.iter().find(|s| s.camera == 0) else { return Vec::new() };
     let pixel_of = |camera: usize, point: &Point3<f64>| {
         let own = sheets.iter().filter(|s| s.camera == camera).flat_map(|s| &s.samples);
@@ -292,7 +291,7 @@ pub fn common_dots(sheets: &[TargetView], cameras: usize) -> Vec<(Point3<f64>, V
     };
     let dot = |sample: &Correspondence| {
         let pixels = (0..cameras).map(|c| pixel_of(c, &sample.point)).collect::<Option<Vec<_>>>()?;
-        Some((sample.point, pixels))
+        Some(Dot { point: sample.point, pixels })
     };
     first.samples.iter().filter_map(dot).collect()
 }

@@ -3,6 +3,7 @@
 
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
+use protocol::camera::Camera;
 use protocol::geometry::Validity;
 use protocol::limits::BODIES;
 use protocol::poses::TrackerFrame;
@@ -33,8 +34,14 @@ pub struct MarkerObservation {
     pub area_ratio: f64,
 }
 
-/// A pose `world_from_body` with its motion: velocity (mm/s) and angular velocity (rad/s).
-pub type MovingPose = (Isometry3<f64>, [Vector3<f64>; 2]);
+/// A pose with its motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MovingPose {
+    /// `world_from_body`.
+    pub pose: Isometry3<f64>,
+    /// Velocity (mm/s) and angular velocity (rad/s).
+    pub motion: [Vector3<f64>; 2],
+}
 
 /// All observations of one tracker frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -85,6 +92,7 @@ fn drop_hidden(cameras: usize, instants: &mut [FrameObservations]) {
     }
 }
 
+/// The observations of one tracker frame, if there are any.
 fn instant(
     rig: &Rig,
     model: &RigModel,
@@ -97,7 +105,8 @@ fn instant(
         let body = &frame.bodies[b];
         let motion = [body.predictor.velocity_mm_s, body.predictor.angular_velocity_rad_s];
         let measured = body.validity() == Validity::Measured && body.blobs_used > 0;
-        measured.then(|| (body.world_from_body.isometry(), motion.map(Vector3::from)))
+        let pose = || body.world_from_body.isometry();
+        measured.then(|| MovingPose { pose: pose(), motion: motion.map(Vector3::from) })
     };
     let mut out = FrameObservations { exposed_ns, poses: std::array::from_fn(pose), seen: Vec::new() };
     for field in used {
@@ -105,10 +114,9 @@ fn instant(
         let Some(camera) = &model.cameras[field.camera as usize] else { continue };
         fields_of[index].fill(field, camera);
         let dt_s = (field.exposed_ns as f64 - exposed_ns as f64) * 1e-9;
-        pair(model, &mut out, index, fields_of[index].blobs(), field.camera as usize, dt_s);
+        pair(model, &mut out, index, fields_of[index].blobs(), camera, dt_s);
     }
-    let bodies = |b: usize| out.seen.iter().any(|s| s.body == b);
-    (0..BODIES).any(bodies).then_some(out)
+    (!out.seen.is_empty()).then_some(out)
 }
 
 /// The predicted image of a marker in one camera.
@@ -121,19 +129,19 @@ struct Expected {
     doubt: Matrix2<f64>,
 }
 
+/// Adds the observations of the markers in one field.
 fn pair(
     model: &RigModel,
     out: &mut FrameObservations,
     index: usize,
     blobs: &[BlobObservation],
-    id: usize,
+    camera: &Camera,
     dt_s: f64,
 ) {
-    let Some(camera) = &model.cameras[id] else { return };
     let doubt_mm = MOTION_DOUBT.0 * dt_s.abs() + MOTION_DOUBT.1 * dt_s * dt_s;
     let mut expected: Vec<Expected> = Vec::new();
     for (body, pose) in out.poses.iter().enumerate() {
-        let Some((pose, motion)) = pose else { continue };
+        let Some(MovingPose { pose, motion }) = pose else { continue };
         let pose = propagated(pose, motion, dt_s);
         for (m, marker) in model.bodies[body].markers.iter().enumerate() {
             if let Some(image) = project_marker(marker, &(&pose).into(), camera) {

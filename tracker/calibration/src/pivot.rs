@@ -41,10 +41,6 @@ pub struct Pivot {
     pub poses: usize,
 }
 
-fn refuse(problem: String) -> CalibrationError {
-    CalibrationError::Geometry(problem)
-}
-
 /// Spread of residuals from their median length.
 fn spread_of(lengths: &[f64]) -> f64 {
     let mut sorted = lengths.to_vec();
@@ -71,7 +67,7 @@ fn tilted_enough(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<(), Calibrati
     if spread >= TILT_RAD {
         return Ok(());
     }
-    Err(refuse(format!(
+    Err(CalibrationError::geometry(format!(
         "the shaft was tilted by {:.1} mrad only; at least {:.0} mrad of spread are needed to find its pivot",
         spread * 1e3,
         TILT_RAD * 1e3
@@ -82,7 +78,10 @@ fn tilted_enough(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<(), Calibrati
 /// the trocar sits in (the eye).
 pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, CalibrationError> {
     if shafts.len() < FEWEST {
-        return Err(refuse(format!("{} poses with a shaft; at least {FEWEST} are needed", shafts.len())));
+        return Err(CalibrationError::geometry(format!(
+            "{} poses with a shaft; at least {FEWEST} are needed",
+            shafts.len()
+        )));
     }
     tilted_enough(shafts)?;
     let mut weights = vec![1.0; shafts.len()];
@@ -94,7 +93,7 @@ pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, Calibr
             m += across(direction) * *w;
             r += across(direction) * origin.coords * *w;
         }
-        covariance = m.try_inverse().ok_or_else(|| refuse("the shafts fix no point".into()))?;
+        covariance = m.try_inverse().ok_or_else(|| CalibrationError::geometry("the shafts fix no point"))?;
         point = covariance * r;
         let misses: Vec<f64> = shafts.iter().map(|(o, d)| (across(d) * (point - o.coords)).norm()).collect();
         let spread = spread_of(&misses);
@@ -123,7 +122,10 @@ pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, Calibr
 /// body, from `world_from_body` poses. Solves R·q + t = c for q and c by least squares.
 pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), CalibrationError> {
     if poses.len() < FEWEST {
-        return Err(refuse(format!("{} poses; at least {FEWEST} are needed", poses.len())));
+        return Err(CalibrationError::geometry(format!(
+            "{} poses; at least {FEWEST} are needed",
+            poses.len()
+        )));
     }
     let mut weights = vec![1.0; poses.len()];
     let (mut answer, mut inverse) = (DVector::zeros(6), DMatrix::zeros(6, 6));
@@ -141,13 +143,13 @@ pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), Calibr
         // Turning by small angles a, the smallest eigenvalue is about the variance of a over 2.
         let spread = (2.0 * eigen.min().max(0.0)).sqrt();
         if spread < TURN_RAD {
-            return Err(refuse(format!(
+            return Err(CalibrationError::geometry(format!(
                 "the body turned by {:.1} mrad only, or about one axis; at least {:.0} mrad about two axes are needed",
                 spread * 1e3,
                 TURN_RAD * 1e3
             )));
         }
-        inverse = m.try_inverse().ok_or_else(|| refuse("the poses fix no pivot".into()))?;
+        inverse = m.try_inverse().ok_or_else(|| CalibrationError::geometry("the poses fix no pivot"))?;
         answer = &inverse * r;
         let misses: Vec<f64> = poses.iter().map(|p| miss(p, &answer).norm()).collect();
         let spread = spread_of(&misses);

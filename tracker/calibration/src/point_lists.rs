@@ -10,38 +10,10 @@
 //! place.
 
 use crate::target_problem::Correspondence;
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use nalgebra::{Point3, Vector2};
 use serde::Deserialize;
 use std::path::Path;
-
-/// Why a point list was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum PointsError {
-    /// The file cannot be read.
-    #[error("point list {file}: {source}")]
-    Read {
-        /// The file.
-        file: String,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// A line or entry makes no sense.
-    #[error("point list {file}, {place}: {problem}")]
-    Entry {
-        /// The file.
-        file: String,
-        /// Line or entry, counted from 1.
-        place: String,
-        /// What was expected and what was found.
-        problem: String,
-    },
-    /// There is nothing in it.
-    #[error("point list {file}: expected points, found none")]
-    Empty {
-        /// The file.
-        file: String,
-    },
-}
 
 /// Points of one view.
 #[derive(Debug, Clone, PartialEq)]
@@ -72,91 +44,118 @@ const KEYS: [&str; 5] = ["x", "y", "X", "Y", "Z"];
 /// Larger numbers are a mistake: no sensor and no rig is that large.
 const LARGEST: f64 = 1e6;
 
+fn read(path: &Path) -> Result<String> {
+    let text = std::fs::read(path).map_err(|e| anyhow!("point list {}: {e}", path.display()))?;
+    Ok(String::from_utf8_lossy(&text).into_owned())
+}
+
 /// Reads a point list.
-pub fn load(path: &Path) -> Result<Vec<View>, PointsError> {
-    let file = path.display().to_string();
-    let text = std::fs::read(path).map_err(|source| PointsError::Read { file: file.clone(), source })?;
-    parse(&String::from_utf8_lossy(&text), &file)
+///
+/// # Errors
+/// A file that cannot be read; otherwise as [`parse`].
+pub fn load(path: &Path) -> Result<Vec<View>> {
+    parse(&read(path)?, &path.display().to_string())
 }
 
 /// Reads the dots of a target: three columns `X Y Z`, mm, separated by blanks or commas.
-pub fn load_target(path: &Path) -> Result<Vec<Point3<f64>>, PointsError> {
-    let file = path.display().to_string();
-    let text = std::fs::read(path).map_err(|source| PointsError::Read { file: file.clone(), source })?;
-    parse_target(&String::from_utf8_lossy(&text), &file)
+///
+/// # Errors
+/// A file that cannot be read; otherwise as [`parse_target`].
+pub fn load_target(path: &Path) -> Result<Vec<Point3<f64>>> {
+    parse_target(&read(path)?, &path.display().to_string())
 }
 
 /// Parses the text of a target; `file` is for messages.
-pub fn parse_target(text: &str, file: &str) -> Result<Vec<Point3<f64>>, PointsError> {
+///
+/// # Errors
+/// A line that does not hold three numbers within range, or a text without dots.
+pub fn parse_target(text: &str, file: &str) -> Result<Vec<Point3<f64>>> {
     let dot = |(line, text): (usize, &str)| {
-        let fields: Vec<&str> = text.split([',', ' ', '\t']).filter(|f| !f.is_empty()).collect();
-        let [x, y, z] = fields.as_slice() else {
-            let problem = format!("expected 3 numbers X Y Z, found {}", fields.len());
-            return Err(refuse(file, format!("line {line}"), problem));
-        };
-        let mut numbers = [0.0; 5];
-        for ((slot, field), key) in numbers[2..].iter_mut().zip([x, y, z]).zip(&KEYS[2..]) {
-            *slot = number(field, key, file, line)?;
-        }
-        let [_, _, x, y, z] = checked(numbers, file, format!("line {line}"))?;
-        Ok(Point3::new(x, y, z))
+        let place = format!("{file}, line {line}");
+        let fields = text.split([',', ' ', '\t']).filter(|f| !f.is_empty());
+        Ok(Point3::from(columns(fields, [KEYS[2], KEYS[3], KEYS[4]], &place)?))
     };
-    let dots: Vec<_> = lines(text).map(dot).collect::<Result<_, _>>()?;
-    if dots.is_empty() { Err(PointsError::Empty { file: file.into() }) } else { Ok(dots) }
+    let dots = lines(text).map(dot).collect::<Result<Vec<_>>>()?;
+    ensure!(!dots.is_empty(), "point list {file}: expected points, found none");
+    Ok(dots)
 }
 
 /// Parses the text of a point list; `file` is for messages.
-pub fn parse(text: &str, file: &str) -> Result<Vec<View>, PointsError> {
+///
+/// # Errors
+/// A line or entry that does not hold a point, or a text without points.
+pub fn parse(text: &str, file: &str) -> Result<Vec<View>> {
     let text = text.trim_start_matches('\u{feff}');
-    let first = text.trim_start().chars().next();
-    let rows = match first {
+    let rows = match text.trim_start().chars().next() {
         Some('[' | '{') => json(text, file)?,
         Some(c) if c.is_alphabetic() => csv(text, file)?,
-        _ => columns(text, file)?,
+        _ => table(text, file)?,
     };
     let mut views: Vec<View> = Vec::new();
-    for (name, numbers) in rows {
-        let [x, y, a, b, c] = numbers;
+    for Row { view: name, numbers: [x, y, a, b, c] } in rows {
         let sample = Correspondence { pixel: Vector2::new(x, y), point: Point3::new(a, b, c) };
         match views.iter_mut().find(|v| v.name == name) {
             Some(view) => view.samples.push(sample),
             None => views.push(View { name, samples: vec![sample] }),
         }
     }
-    if views.is_empty() { Err(PointsError::Empty { file: file.into() }) } else { Ok(views) }
+    ensure!(!views.is_empty(), "point list {file}: expected points, found none");
+    Ok(views)
 }
 
-type Row = (String, [f64; 5]);
-
-fn refuse(file: &str, place: String, problem: String) -> PointsError {
-    PointsError::Entry { file: file.into(), place, problem }
+/// A point of a list, and its view.
+struct Row {
+    view: String,
+    /// In the order of [`KEYS`].
+    numbers: [f64; 5],
 }
 
-fn checked(numbers: [f64; 5], file: &str, place: String) -> Result<[f64; 5], PointsError> {
-    match numbers.iter().position(|v| !v.is_finite() || v.abs() > LARGEST) {
-        Some(i) => {
-            let problem = format!("{}: expected a number within ±1e6, found {}", KEYS[i], numbers[i]);
-            Err(refuse(file, place, problem))
-        }
-        None => Ok(numbers),
+/// Refuses numbers out of range; `place` is the file with the line or entry.
+fn checked<const N: usize>(numbers: [f64; N], keys: [&str; N], place: &str) -> Result<[f64; N]> {
+    for (key, v) in keys.iter().zip(numbers) {
+        let sane = v.is_finite() && v.abs() <= LARGEST;
+        ensure!(sane, "point list {place}: {key}: expected a number within ±1e6, found {v}");
     }
+    Ok(numbers)
 }
 
-fn json(text: &str, file: &str) -> Result<Vec<Row>, PointsError> {
+/// The numbers in the fields of a line.
+fn numbers<const N: usize>(fields: [&str; N], keys: [&str; N], place: &str) -> Result<[f64; N]> {
+    let mut numbers = [0.0; N];
+    for ((slot, field), key) in numbers.iter_mut().zip(fields).zip(keys) {
+        *slot = field.trim().parse().map_err(|_| {
+            let shown: String = field.trim().chars().take(40).collect();
+            anyhow!("point list {place}: {key}: expected a number, found “{shown}”")
+        })?;
+    }
+    checked(numbers, keys, place)
+}
+
+/// The numbers of a line that has nothing but them.
+fn columns<'a, const N: usize>(
+    fields: impl Iterator<Item = &'a str>,
+    keys: [&str; N],
+    place: &str,
+) -> Result<[f64; N]> {
+    let fields: [&str; N] = fields.collect::<Vec<_>>().try_into().map_err(|found: Vec<&str>| {
+        let (names, found) = (keys.join(" "), found.len());
+        anyhow!("point list {place}: expected {N} numbers {names}, found {found}")
+    })?;
+    numbers(fields, keys, place)
+}
+
+fn json(text: &str, file: &str) -> Result<Vec<Row>> {
     let entries: Vec<Entry> = serde_json::from_str(text)
-        .map_err(|e| refuse(file, format!("line {}", e.line()), format!("column {}: {e}", e.column())))?;
+        .map_err(|e| anyhow!("point list {file}, line {}: column {}: {e}", e.line(), e.column()))?;
     let row = |(i, e): (usize, Entry)| {
-        let place = format!("entry {}", i + 1);
-        let name = match e.view {
+        let place = format!("{file}, entry {}", i + 1);
+        let view = match e.view {
             serde_json::Value::Null => String::new(),
             serde_json::Value::String(name) => name,
             serde_json::Value::Number(n) => n.to_string(),
-            other => {
-                let problem = format!("view: expected a text or a number, found {other}");
-                return Err(refuse(file, place, problem));
-            }
+            other => bail!("point list {place}: view: expected a text or a number, found {other}"),
         };
-        Ok((name, checked([e.x, e.y, e.big_x, e.big_y, e.big_z], file, place)?))
+        Ok(Row { view, numbers: checked([e.x, e.y, e.big_x, e.big_y, e.big_z], KEYS, &place)? })
     };
     entries.into_iter().enumerate().map(row).collect()
 }
@@ -167,54 +166,37 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     trimmed.filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
 }
 
-fn number(text: &str, key: &str, file: &str, line: usize) -> Result<f64, PointsError> {
-    text.trim().parse().map_err(|_| {
-        let shown: String = text.trim().chars().take(40).collect();
-        refuse(file, format!("line {line}"), format!("{key}: expected a number, found “{shown}”"))
-    })
-}
-
-fn csv(text: &str, file: &str) -> Result<Vec<Row>, PointsError> {
+fn csv(text: &str, file: &str) -> Result<Vec<Row>> {
     let mut rest = lines(text);
-    let (at, header) = rest.next().ok_or_else(|| PointsError::Empty { file: file.into() })?;
+    let header = rest.next();
+    let (at, header) = header.with_context(|| format!("point list {file}: expected points, found none"))?;
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let column = |key: &str| names.iter().position(|n| *n == key);
     let mut order = [0; 5];
     for (slot, key) in order.iter_mut().zip(KEYS) {
-        *slot = column(key).ok_or_else(|| {
-            let problem = format!("expected a column {key} (x,y in px; X,Y,Z in mm; optionally view)");
-            refuse(file, format!("line {at}"), problem)
+        *slot = column(key).with_context(|| {
+            format!(
+                "point list {file}, line {at}: expected a column {key} (x,y in px; X,Y,Z in mm; optionally view)"
+            )
         })?;
     }
     let view = column("view");
     let row = |(line, text): (usize, &str)| {
+        let place = format!("{file}, line {line}");
         let fields: Vec<&str> = text.split(',').collect();
-        if fields.len() != names.len() {
-            let problem = format!("expected {} fields, found {}", names.len(), fields.len());
-            return Err(refuse(file, format!("line {line}"), problem));
-        }
-        let mut numbers = [0.0; 5];
-        for ((slot, &at), key) in numbers.iter_mut().zip(&order).zip(KEYS) {
-            *slot = number(fields[at], key, file, line)?;
-        }
-        let name = view.map_or(String::new(), |v| fields[v].trim().to_string());
-        Ok((name, checked(numbers, file, format!("line {line}"))?))
+        let (expected, found) = (names.len(), fields.len());
+        ensure!(found == expected, "point list {place}: expected {expected} fields, found {found}");
+        let numbers = numbers(order.map(|at| fields[at]), KEYS, &place)?;
+        Ok(Row { view: view.map_or("", |v| fields[v].trim()).into(), numbers })
     };
     rest.map(row).collect()
 }
 
-fn columns(text: &str, file: &str) -> Result<Vec<Row>, PointsError> {
+/// Rows of numbers separated by blanks.
+fn table(text: &str, file: &str) -> Result<Vec<Row>> {
     let row = |(line, text): (usize, &str)| {
-        let fields: Vec<&str> = text.split_whitespace().collect();
-        if fields.len() != 5 {
-            let problem = format!("expected 5 numbers x y X Y Z, found {}", fields.len());
-            return Err(refuse(file, format!("line {line}"), problem));
-        }
-        let mut numbers = [0.0; 5];
-        for ((slot, field), key) in numbers.iter_mut().zip(fields).zip(KEYS) {
-            *slot = number(field, key, file, line)?;
-        }
-        Ok((String::new(), checked(numbers, file, format!("line {line}"))?))
+        let numbers = columns(text.split_whitespace(), KEYS, &format!("{file}, line {line}"))?;
+        Ok(Row { view: String::new(), numbers })
     };
     lines(text).map(row).collect()
 }

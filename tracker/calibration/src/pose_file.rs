@@ -1,34 +1,12 @@
 //! Reading poses for exchange (`poses.csv`): `t_ns,…,body,valid,x,y,z,qw,qx,qy,qz`, columns in any
 //! order; rows that are not valid, and predictions (`kind` other than `meas`), are passed over.
 
+use anyhow::{Context, Result, anyhow, ensure};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// Why a file of poses was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum PosesError {
-    /// The file cannot be read.
-    #[error("poses {file}: {source}")]
-    Read {
-        /// The file.
-        file: String,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// A line makes no sense.
-    #[error("poses {file}, line {line}: {problem}")]
-    Line {
-        /// The file.
-        file: String,
-        /// Counted from 1.
-        line: usize,
-        /// What was expected and what was found.
-        problem: String,
-    },
-}
 
 /// Poses `world_from_body` of all bodies at one instant.
 pub type Poses = [Option<Isometry3<f64>>; BODIES];
@@ -37,60 +15,67 @@ pub type Poses = [Option<Isometry3<f64>>; BODIES];
 const COLUMNS: [&str; 10] = ["x", "y", "z", "qw", "qx", "qy", "qz", "t_ns", "body", "valid"];
 
 /// Reads measured poses, by instant.
-pub fn load(path: &Path) -> Result<Vec<Poses>, PosesError> {
+///
+/// # Errors
+/// A file that cannot be read; otherwise as [`parse`].
+pub fn load(path: &Path) -> Result<Vec<Poses>> {
     let file = path.display().to_string();
-    let text = std::fs::read(path).map_err(|source| PosesError::Read { file: file.clone(), source })?;
+    let text = std::fs::read(path).map_err(|e| anyhow!("poses {file}: {e}"))?;
     parse(&String::from_utf8_lossy(&text), &file)
 }
 
 /// Parses the text of a file of poses; `file` is for messages.
-pub fn parse(text: &str, file: &str) -> Result<Vec<Poses>, PosesError> {
-    let refuse = |line: usize, problem: String| PosesError::Line { file: file.into(), line, problem };
+///
+/// # Errors
+/// A header without one of the columns, or a line that does not hold a pose.
+pub fn parse(text: &str, file: &str) -> Result<Vec<Poses>> {
     let mut lines = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(|(_, l)| !l.is_empty());
-    let (at, header) = lines.next().ok_or_else(|| refuse(1, "expected a header, found nothing".into()))?;
+    let header = lines.next();
+    let (at, header) =
+        header.with_context(|| format!("poses {file}, line 1: expected a header, found nothing"))?;
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let column = |name: &str| names.iter().position(|n| *n == name);
     let mut columns = [0; COLUMNS.len()];
     for (slot, name) in columns.iter_mut().zip(COLUMNS) {
-        *slot = column(name).ok_or_else(|| refuse(at, format!("expected a column {name}")))?;
+        *slot = column(name).with_context(|| format!("poses {file}, line {at}: expected a column {name}"))?;
     }
     let kind = column("kind");
     let mut instants: BTreeMap<u64, Poses> = BTreeMap::new();
     for (line, row) in lines {
+        let place = format!("poses {file}, line {line}");
         let fields: Vec<&str> = row.split(',').map(str::trim).collect();
-        if fields.len() != names.len() {
-            return Err(refuse(line, format!("expected {} fields, found {}", names.len(), fields.len())));
-        }
-        let field = |i: usize| fields[columns[i]];
-        if field(9) == "0" || kind.is_some_and(|k| !matches!(fields[k], "meas" | "")) {
+        let (expected, found) = (names.len(), fields.len());
+        ensure!(found == expected, "{place}: expected {expected} fields, found {found}");
+        let [pose @ .., t_ns, body, valid] = columns.map(|i| fields[i]);
+        if valid == "0" || kind.is_some_and(|k| !matches!(fields[k], "meas" | "")) {
             continue;
         }
-        let body = BODY_NAMES.iter().position(|b| *b == field(8));
-        let body = body
-            .ok_or_else(|| refuse(line, format!("body: expected inst0, inst1 or eye, found {}", field(8))))?;
-        let t_ns: u64 = field(7)
-            .parse()
-            .map_err(|_| refuse(line, format!("t_ns: expected a whole number, found {}", field(7))))?;
-        let mut numbers = [0.0; 7];
-        for (i, slot) in numbers.iter_mut().enumerate() {
-            let value = field(i).parse::<f64>().ok().filter(|v| v.is_finite() && v.abs() < 1e6);
-            let expected =
-                || refuse(line, format!("{}: expected a finite number, found {}", COLUMNS[i], field(i)));
-            *slot = value.ok_or_else(expected)?;
-        }
-        let [x, y, z, qw, qx, qy, qz] = numbers;
-        let turn = Quaternion::new(qw, qx, qy, qz);
-        if (turn.norm() - 1.0).abs() > 1e-3 {
-            return Err(refuse(
-                line,
-                format!("expected a unit quaternion, found one of length {}", turn.norm()),
-            ));
-        }
-        let rotation = UnitQuaternion::from_quaternion(turn);
-        let pose = Isometry3::from_parts(Translation3::from(Vector3::new(x, y, z)), rotation);
-        instants.entry(t_ns).or_default()[body] = Some(pose);
+        let index = BODY_NAMES.iter().position(|b| *b == body);
+        let index =
+            index.with_context(|| format!("{place}: body: expected inst0, inst1 or eye, found {body}"))?;
+        let t_ns: u64 =
+            t_ns.parse().map_err(|_| anyhow!("{place}: t_ns: expected a whole number, found {t_ns}"))?;
+        instants.entry(t_ns).or_default()[index] = Some(pose_of(pose, &place)?);
     }
     Ok(instants.into_values().collect())
+}
+
+/// The pose in the fields x, y, z, qw, qx, qy, qz.
+fn pose_of(fields: [&str; 7], place: &str) -> Result<Isometry3<f64>> {
+    let mut numbers = [0.0; 7];
+    for ((slot, field), name) in numbers.iter_mut().zip(fields).zip(COLUMNS) {
+        let value = field.parse::<f64>().ok().filter(|v| v.is_finite() && v.abs() < 1e6);
+        *slot = value.with_context(|| format!("{place}: {name}: expected a finite number, found {field}"))?;
+    }
+    let [x, y, z, qw, qx, qy, qz] = numbers;
+    let turn = Quaternion::new(qw, qx, qy, qz);
+    let length = turn.norm();
+    ensure!(
+        (length - 1.0).abs() <= 1e-3,
+        "{place}: expected a unit quaternion, found one of length {length}"
+    );
+    let rotation = UnitQuaternion::from_quaternion(turn);
+    Ok(Isometry3::from_parts(Translation3::from(Vector3::new(x, y, z)), rotation))
 }
 
 #[cfg(test)]

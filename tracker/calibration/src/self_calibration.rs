@@ -17,22 +17,14 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::limits::BODIES;
 use protocol::rig::Rig;
-use tracker::pose_math::propagated;
-use tracker::projection::project_marker;
 use tracker::rig_model::RigModel;
 
 /// Residuals (seen less computed) under a bundle; `sheet` is the instant.
 pub fn residuals_of(instants: &[FrameObservations], bundle: &Bundle) -> Vec<Residual> {
     let of_instant = |(i, instant): (usize, &FrameObservations)| {
         let residual = |seen: &MarkerObservation| {
-            let motion = &instant.poses[seen.body]?.1;
-            let pose = propagated(&bundle.poses[i][seen.body]?, motion, seen.dt_s);
-            let image = project_marker(
-                &bundle.markers[seen.body][seen.marker],
-                &(&pose).into(),
-                &bundle.cameras[seen.camera],
-            )?;
-            let error = seen.pixel - image.pixel;
+            let pose = bundle.pose_at_exposure(i, instant, seen)?;
+            let error = seen.pixel - bundle.image(&pose, seen)?.pixel;
             Some(Residual { camera: seen.camera, sheet: i, pixel: seen.pixel, error })
         };
         instant.seen.iter().filter_map(residual).collect::<Vec<_>>()
@@ -50,8 +42,6 @@ pub struct SelfCalibration {
     pub before: Vec<Residual>,
     /// Standard deviations of lens and extrinsics by camera; 0 where fixed.
     pub sigmas: Vec<[f64; LENS + EXTRINSICS]>,
-    /// Standard deviations of the markers, mm, by body and marker; none where not an unknown.
-    pub marker_sigmas: Vec<Vec<Option<[f64; 3]>>>,
     /// Weakly observed parameters: their standard deviation is more than nine tenths of the prior
     /// one.
     pub weakly_observed: Vec<String>,
@@ -248,15 +238,13 @@ fn summary(
 ) -> SelfCalibration {
     let cameras = problem.before.cameras.len();
     let mut sigmas = vec![[0.0; LENS + EXTRINSICS]; cameras];
-    let mut marker_sigmas: Vec<Vec<Option<[f64; 3]>>> =
-        problem.before.markers.iter().map(|m| vec![None; m.len()]).collect();
     let mut weakly_observed = Vec::new();
     for (at, value) in problem.values.iter().enumerate() {
         let sigma = solution.sigma(at);
         match *value {
             Value::Lens(c, i) => sigmas[c][i] = sigma,
             Value::Place(c, i) => sigmas[c][LENS + i] = sigma,
-            Value::Marker(b, m, i) => marker_sigmas[b][m].get_or_insert([0.0; 3])[i] = sigma,
+            Value::Marker(..) => {}
         }
         if sigma > 0.9 * problem.sigmas[at] {
             let name = problem.name(at);
@@ -269,7 +257,6 @@ fn summary(
         residuals: residuals_of(problem.instants, &solution.state),
         before,
         sigmas,
-        marker_sigmas,
         weakly_observed,
         shifts_px: (0..cameras).map(|c| shift_of(problem, &solution, c)).collect(),
         reduced_cost: solution.cost / solution.freedom.max(1) as f64 * problem.noise * problem.noise,

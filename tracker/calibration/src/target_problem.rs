@@ -312,7 +312,7 @@ pub fn calibrate_lens(
     let mut camera = match in_space {
         Some(sheet) => linear::camera_from_dots(id, size_px, all[sheet])?,
         None if sheets.len() < FEWEST_VIEWS => {
-            return Err(CalibrationError::TooFewViews { found: sheets.len(), needed: FEWEST_VIEWS });
+            return Err(CalibrationError::TooFewViews(sheets.len()));
         }
         None => linear::lens_from_planes(id, size_px, &all)?,
     };

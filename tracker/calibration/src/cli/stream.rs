@@ -1,6 +1,6 @@
 //! Calibrations that look at a stream of blobs: `waved`, `pivot`, `drift`.
 
-use super::{OutputArgs, bar, positive, spinner};
+use super::{OutputArgs, positive, progress, with_spinner};
 use crate::bundle::PriorSigmas;
 use crate::drift_check::{self, DriftCheck};
 use crate::observations::{FrameObservations, collect};
@@ -96,7 +96,11 @@ impl StreamArgs {
     fn fields(&self, path: &Path) -> anyhow::Result<(Rig, Vec<BlobField>)> {
         ensure!(self.instants >= 10, "--instants: expected 10 or more, found {}", self.instants);
         let recorded = path.extension().is_some_and(|e| e == "mcap");
-        let (own, fields) = if recorded { of_recording(path)? } else { (None, of_lines(path)?) };
+        let (own, fields) = if recorded {
+            of_recording(path)?
+        } else {
+            (None, BlobReader::open(path)?.collect::<Result<_, _>>()?)
+        };
         let rig = match (&self.rig, own) {
             (Some(path), _) => Rig::load(path)?,
             (None, Some(text)) => Rig::parse(&text, "of the recording")?,
@@ -108,21 +112,15 @@ impl StreamArgs {
     /// The rig and what was seen with it.
     fn load(&self, path: &Path) -> anyhow::Result<(Rig, Vec<FrameObservations>)> {
         let (rig, fields) = self.fields(path)?;
-        let progress = spinner("tracking");
-        let seen = spread(collect(&rig, &fields), self.instants);
-        progress.finish_and_clear();
+        let seen = with_spinner("tracking", |_| spread(collect(&rig, &fields), self.instants));
         Ok((rig, seen))
     }
-}
-
-fn of_lines(path: &Path) -> anyhow::Result<Vec<BlobField>> {
-    Ok(BlobReader::open(path)?.collect::<Result<_, _>>()?)
 }
 
 /// The rig and the fields of a recording.
 fn of_recording(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)> {
     let recording = Recording::open(path)?;
-    let progress = bar(recording.bytes(), "reading");
+    let progress = progress("reading", Some(recording.bytes()));
     let (mut fields, mut items) = (Vec::new(), recording.items());
     while let Some(item) = items.next() {
         progress.set_position(items.bytes_read());
@@ -141,6 +139,9 @@ fn of_recording(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)>
 }
 
 /// Runs `vitreo calibrate waved`.
+///
+/// # Errors
+/// A stream or rig that cannot be read, too few usable instants, or a problem without a solution.
 pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     let (rig, fields) = args.from.fields(&args.stream)?;
     let known = PriorSigmas {
@@ -149,11 +150,9 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
         marker_mm: args.marker_mm,
         lens_px: args.lens_px.unwrap_or(0.0),
     };
-    let progress = spinner("bundle adjustment");
-    let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
-    let found = refine_stream(&rig, &fields, &known, args.from.instants, &mut tell)?;
-    progress.finish_and_clear();
-    let seen = spread(collect(&rig, &fields), args.from.instants);
+    let most = args.from.instants;
+    let found = with_spinner("bundle adjustment", |tell| refine_stream(&rig, &fields, &known, most, tell))?;
+    let seen = spread(collect(&rig, &fields), most);
     // A rig so rough that hardly anything is tracked with it has surely drifted.
     let drifted = drift_check::check(&rig, &seen, LIMIT_PX).map_or(true, |d| d.drifted());
     let refined = found.bundle.rig(&rig);
@@ -204,6 +203,9 @@ fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
 }
 
 /// Runs `vitreo calibrate drift`; exit code 5 if a camera has drifted.
+///
+/// # Errors
+/// A stream or rig that cannot be read, or too few usable instants.
 pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let (rig, instants) = args.from.load(&args.stream)?;
     let found = drift_check::check(&rig, &instants, args.limit_px)?;
@@ -240,6 +242,9 @@ fn drift_report(rig: &Rig, found: &DriftCheck, limit_px: f64) -> Report {
 }
 
 /// Runs `vitreo calibrate pivot`.
+///
+/// # Errors
+/// A stream, rig or file of poses that cannot be read, or movements that determine no pivot.
 pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
     let (mut rig, poses, centre) = match &args.poses {
         Some(path) => {

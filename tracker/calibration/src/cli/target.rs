@@ -1,6 +1,6 @@
 //! Calibrations that look at a target: `intrinsics`, `stereo`, `dots`.
 
-use super::{OutputArgs, Pair, SolveArgs, bar, pair, positive, short, spinner};
+use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
 use crate::CalibrationError;
 use crate::board::{Board, Pattern};
 use crate::dots;
@@ -25,7 +25,7 @@ use std::process::ExitCode;
 pub struct BoardArgs {
     /// Points of the board: inner corners (or dots) in a row, and rows.
     #[arg(long, value_name = "COLUMNSxROWS", value_parser = pair)]
-    pub board: Option<Pair>,
+    pub board: Option<[u32; 2]>,
     /// Distance of neighbouring points, mm; without it lengths are in squares.
     #[arg(long, value_name = "MM", default_value = "1", value_parser = positive)]
     pub pitch: f64,
@@ -36,7 +36,8 @@ pub struct BoardArgs {
 
 impl BoardArgs {
     fn board(&self) -> anyhow::Result<Board> {
-        let Pair(columns, rows) = self.board.context("--board COLUMNSxROWS is needed to read pictures")?;
+        let size = self.board.context("--board COLUMNSxROWS is needed to read pictures")?;
+        let [columns, rows] = size.map(|n| n as usize);
         ensure!(columns * rows <= 10_000, "--board: expected at most 10000 points, found {columns}x{rows}");
         Ok(Board { pattern: self.pattern, columns, rows, pitch_mm: self.pitch })
     }
@@ -55,7 +56,7 @@ pub struct IntrinsicsArgs {
     pub points: Vec<PathBuf>,
     /// Size of the pictures that point lists came from, px.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
-    pub size: Option<Pair>,
+    pub size: Option<[u32; 2]>,
     /// Rig whose camera gets the lens; else the camera alone is written.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
@@ -83,7 +84,7 @@ pub struct StereoArgs {
     pub points: Vec<PathBuf>,
     /// Size of the pictures that point lists came from, px.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
-    pub size: Option<Pair>,
+    pub size: Option<[u32; 2]>,
     #[command(flatten)]
     pub board: BoardArgs,
     /// Keep the lenses that each camera alone gives, or those of the rig, if one is named.
@@ -115,7 +116,7 @@ pub struct DotsArgs {
     pub picked: Vec<PathBuf>,
     /// Size of the pictures, px; lenses are then found too.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
-    pub size: Option<Pair>,
+    pub size: Option<[u32; 2]>,
     /// Rig whose cameras are replaced. Without --size its lenses are kept and only places are found.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
@@ -132,8 +133,14 @@ pub struct DotsArgs {
 /// Fewest points of a view in a list; a homography has eight unknowns and a pose six more.
 const FEWEST_POINTS: usize = 6;
 
-/// What cameras saw, the sizes of their pictures (px), and what was passed over.
-type MarkerObservation = (Vec<TargetView>, Vec<[u32; 2]>, Vec<String>);
+/// What cameras saw.
+struct Views {
+    sheets: Vec<TargetView>,
+    /// Size of the pictures of each camera, px.
+    sizes_px: Vec<[u32; 2]>,
+    /// What was passed over.
+    notes: Vec<String>,
+}
 
 /// Takes out views that cannot hold a pose, and says which.
 fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
@@ -151,22 +158,19 @@ fn pass_over_weak(sheets: &mut Vec<TargetView>) -> Vec<String> {
     notes
 }
 
-/// Boards of pictures, their common size, and what was passed over.
-fn sheets_of(
-    pictures: &[PathBuf],
-    board: &Board,
-    camera: usize,
-) -> anyhow::Result<(Vec<TargetView>, [u32; 2], Vec<String>)> {
-    let progress = bar(pictures.len() as u64, "pictures");
+/// Boards in the pictures of one camera, which are of one size.
+fn views_of_pictures(pictures: &[PathBuf], board: &Board, camera: usize) -> anyhow::Result<Views> {
+    let progress = progress("pictures", Some(pictures.len() as u64));
     let (mut sheets, mut notes, mut size) = (Vec::new(), Vec::new(), None);
     for (view, path) in pictures.iter().enumerate() {
         let picture = GreyImage::load(path)?;
-        let own = [picture.width as u32, picture.height as u32];
-        let first = *size.get_or_insert(own);
-        if own != first {
-            let ([w, h], [x, y]) = (first, own);
-            bail!("{}: expected {w}×{h} px as in the pictures before, found {x}×{y}", path.display());
-        }
+        let [x, y] = [picture.width as u32, picture.height as u32];
+        let [w, h] = *size.get_or_insert([x, y]);
+        ensure!(
+            [x, y] == [w, h],
+            "{}: expected {w}×{h} px as in the pictures before, found {x}×{y}",
+            path.display()
+        );
         match board.find(&picture) {
             Ok(samples) => sheets.push(TargetView { name: short(path), camera, view, samples }),
             Err(problem) => notes.push(format!("{} passed over: {problem}", path.display())),
@@ -178,24 +182,20 @@ fn sheets_of(
         notes.iter().for_each(|n| eprintln!("{n}"));
         bail!("the board was found in none of {} pictures", pictures.len());
     }
-    Ok((sheets, size.context("no picture")?, notes))
+    Ok(Views { sheets, sizes_px: vec![size.context("no picture")?], notes })
 }
 
-/// Views of point lists, each list of one camera.
-fn sheets_of_lists(lists: &[PathBuf], camera: usize, first_view: usize) -> anyhow::Result<Vec<TargetView>> {
+/// Views of the point lists of one camera.
+fn sheets_of_lists(lists: &[PathBuf], camera: usize) -> anyhow::Result<Vec<TargetView>> {
     let mut sheets: Vec<TargetView> = Vec::new();
     for path in lists {
         for view in point_lists::load(path)? {
             let name =
                 if view.name.is_empty() { short(path) } else { format!("{} {}", short(path), view.name) };
-            sheets.push(TargetView { name, camera, view: first_view + sheets.len(), samples: view.samples });
+            sheets.push(TargetView { name, camera, view: sheets.len(), samples: view.samples });
         }
     }
     Ok(sheets)
-}
-
-fn size_of(pair: Pair) -> [u32; 2] {
-    [pair.0 as u32, pair.1 as u32]
 }
 
 fn report_of(task: &'static str, found: &Calibrated, sheets: &[TargetView], notes: Vec<String>) -> Report {
@@ -213,23 +213,25 @@ fn report_of(task: &'static str, found: &Calibrated, sheets: &[TargetView], note
 }
 
 /// Runs `vitreo calibrate intrinsics`.
+///
+/// # Errors
+/// Pictures, lists or a rig that cannot be read, too few or degenerate views, or no solution.
 pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
-    let (sheets, size, notes) = if args.points.is_empty() {
-        sheets_of(&args.pictures, &args.board.board()?, 0)?
+    let Views { sheets, sizes_px, notes } = if args.points.is_empty() {
+        views_of_pictures(&args.pictures, &args.board.board()?, 0)?
     } else {
         let size = args.size.context("--size is needed with --points")?;
-        let mut sheets = sheets_of_lists(&args.points, 0, 0)?;
+        let mut sheets = sheets_of_lists(&args.points, 0)?;
         let all = sheets.len();
         let notes = pass_over_weak(&mut sheets);
         ensure!(!sheets.is_empty(), "none of {all} views can be used: {}", notes.join("; "));
-        (sheets, size_of(size), notes)
+        Views { sheets, sizes_px: vec![size], notes }
     };
     let rig = args.rig.as_deref().map(Rig::load).transpose()?;
     let free = FreeParameters { lens: args.solve.free(), place: false };
-    let progress = spinner("least squares");
-    let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
-    let found = calibrate_lens(args.camera, size, &sheets, free, args.solve.loss, &mut tell)?;
-    progress.finish_and_clear();
+    let found = with_spinner("least squares", |tell| {
+        calibrate_lens(args.camera, sizes_px[0], &sheets, free, args.solve.loss, tell)
+    })?;
     let camera = &found.scene.cameras[0];
     let json = match &rig {
         None => serde_json::to_string_pretty(&rig_camera(camera))?,
@@ -244,21 +246,22 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Boards of two cameras' pictures.
-fn sheets_of_pairs(args: &StereoArgs) -> anyhow::Result<MarkerObservation> {
+fn views_of_pairs(args: &StereoArgs) -> anyhow::Result<Views> {
     let (l, r) = (args.left.len(), args.right.len());
     ensure!(l == r, "expected as many right as left pictures, found {l} left and {r} right");
     let board = args.board.board()?;
-    let (mut sheets, left_px, mut notes) = sheets_of(&args.left, &board, 0)?;
-    let (right, right_px, more) = sheets_of(&args.right, &board, 1)?;
-    sheets.extend(right);
-    notes.extend(more);
-    Ok((sheets, vec![left_px, right_px], notes))
+    let mut views = views_of_pictures(&args.left, &board, 0)?;
+    let right = views_of_pictures(&args.right, &board, 1)?;
+    views.sheets.extend(right.sheets);
+    views.sizes_px.extend(right.sizes_px);
+    views.notes.extend(right.notes);
+    Ok(views)
 }
 
 /// Views of several cameras' point lists, put together by their names.
-fn sheets_of_cameras(args: &StereoArgs) -> anyhow::Result<MarkerObservation> {
-    let size = size_of(args.size.context("--size is needed with --points")?);
-    let (mut sheets, mut notes, mut names) = (Vec::new(), Vec::new(), Vec::<String>::new());
+fn views_of_cameras(args: &StereoArgs) -> anyhow::Result<Views> {
+    let size = args.size.context("--size is needed with --points")?;
+    let (mut sheets, mut names) = (Vec::new(), Vec::<String>::new());
     for (camera, path) in args.points.iter().enumerate() {
         for view in point_lists::load(path)? {
             let at = names.iter().position(|n| *n == view.name).unwrap_or(names.len());
@@ -269,17 +272,18 @@ fn sheets_of_cameras(args: &StereoArgs) -> anyhow::Result<MarkerObservation> {
             sheets.push(TargetView { name, camera, view: at, samples: view.samples });
         }
     }
-    notes.extend(pass_over_weak(&mut sheets));
-    Ok((sheets, vec![size; args.points.len()], notes))
+    let notes = pass_over_weak(&mut sheets);
+    Ok(Views { sheets, sizes_px: vec![size; args.points.len()], notes })
 }
 
 /// Runs `vitreo calibrate stereo`.
+///
+/// # Errors
+/// As [`intrinsics`]; cameras that share no views.
 pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let template = Rig::load_or_shipped(args.rig.as_deref())?;
-    let (sheets, sizes, mut notes) =
-        if args.points.is_empty() { sheets_of_pairs(args)? } else { sheets_of_cameras(args)? };
-    let progress = spinner("least squares");
-    let mut tell = |i: usize, cost: f64| progress.set_message(format!("iteration {i}, cost {cost:.6e}"));
+    let Views { sheets, sizes_px, mut notes } =
+        if args.points.is_empty() { views_of_pairs(args)? } else { views_of_cameras(args)? };
     let (free, loss) = (args.solve.free(), args.solve.loss);
     let lenses = match (args.keep_lenses, &args.rig) {
         (false, _) => LensMode::Refined,
@@ -287,20 +291,26 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
         (true, Some(_)) => LensMode::PriorSigmas(template.cameras()),
     };
     if let LensMode::PriorSigmas(cameras) = &lenses {
-        let (known, seen) = (cameras.len(), sizes.len());
+        let (known, seen) = (cameras.len(), sizes_px.len());
         ensure!(known == seen, "--keep-lenses: expected a rig of {seen} cameras, found {known}");
     }
-    let found = calibrate_cameras(&sizes, &sheets, free, &lenses, loss, &mut tell)?;
-    progress.finish_and_clear();
+    let found = with_spinner("least squares", |tell| {
+        calibrate_cameras(&sizes_px, &sheets, free, &lenses, loss, tell)
+    })?;
     notes.push("the world is the frame of the first camera".into());
     let mut report = report_of("stereo", &found, &sheets, notes);
     for camera in &found.scene.cameras[1..] {
         let name = format!("baseline from camera 0 to camera {} (squares without --pitch)", camera.id);
         report.figure(name, camera.centre_in_world().coords.norm(), "mm");
     }
-    args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
-    if args.output.output.is_some() {
-        args.output.write(&rig_with(&template, &found.scene.cameras)?.to_json())?;
+    finish(&args.output, &report, &found, &template)
+}
+
+/// Prints the report and writes `template` with the calibrated cameras.
+fn finish(out: &OutputArgs, report: &Report, found: &Calibrated, template: &Rig) -> anyhow::Result<ExitCode> {
+    out.tell(report, &found.scene.cameras, &found.residuals)?;
+    if out.output.is_some() {
+        out.write(&rig_with(template, &found.scene.cameras)?.to_json())?;
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -309,7 +319,7 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
 fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
     let mut sheets = Vec::new();
     for (camera, path) in args.points.iter().enumerate() {
-        let mut views = sheets_of_lists(std::slice::from_ref(path), camera, 0)?;
+        let mut views = sheets_of_lists(std::slice::from_ref(path), camera)?;
         let n = views.len();
         ensure!(n == 1, "{}: expected dots that stay in place, found {n} views", path.display());
         sheets.append(&mut views);
@@ -323,7 +333,7 @@ fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Option<
         point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
     let (pictures, lists) = (args.pictures.len(), args.picked.len());
     ensure!(pictures == lists, "--picked: expected a list for each of {pictures} pictures, found {lists}");
-    let progress = bar(pictures as u64, "pictures");
+    let progress = progress("pictures", Some(pictures as u64));
     let (mut sheets, mut size) = (Vec::new(), None);
     for (camera, (path, picked)) in args.pictures.iter().zip(&args.picked).enumerate() {
         let picture = GreyImage::load(path)?;
@@ -332,17 +342,9 @@ fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Option<
         let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
         let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
         let of_colour = |dark| match_dots(own, &dots::find(&picture, dark), &target, &picked);
-        let (bright, dark) = (of_colour(false), of_colour(true));
-        let more = |a: &Vec<_>, b: &Vec<_>| a.len() >= b.len();
-        let samples = match (bright, dark) {
-            (Ok(a), Ok(b)) => {
-                if more(&a, &b) {
-                    a
-                } else {
-                    b
-                }
-            }
-            (Ok(a), Err(_)) | (Err(_), Ok(a)) => a,
+        let samples = match (of_colour(false), of_colour(true)) {
+            (Ok(bright), Ok(dark)) if dark.len() > bright.len() => dark,
+            (Ok(found), _) | (Err(_), Ok(found)) => found,
             (Err(problem), Err(_)) => return Err(problem).with_context(|| path.display().to_string()),
         };
         size = size.or(Some(own));
@@ -354,11 +356,14 @@ fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Option<
 }
 
 /// Runs `vitreo calibrate dots`.
+///
+/// # Errors
+/// As [`intrinsics`]; lists or pictures that do not fit the cameras.
 pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     let template = Rig::load_or_shipped(args.rig.as_deref())?;
     let (sheets, size) =
         if args.pictures.is_empty() { (sheets_of_dots(args)?, None) } else { sheets_of_target(args)? };
-    let before: Vec<CameraPrior> = match args.size.map(size_of).or(size.filter(|_| args.rig.is_none())) {
+    let before: Vec<CameraPrior> = match args.size.or(size.filter(|_| args.rig.is_none())) {
         Some(size) => vec![CameraPrior::Size(size); sheets.len()],
         None => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
     };
@@ -375,11 +380,7 @@ pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
             report.figure(name, value * 1e3, "µm");
         }
     }
-    args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
-    if args.output.output.is_some() {
-        args.output.write(&rig_with(&template, &found.scene.cameras)?.to_json())?;
-    }
-    Ok(ExitCode::SUCCESS)
+    finish(&args.output, &report, &found, &template)
 }
 
 /// Median errors over random halves; split `n` is the same on every machine.
@@ -393,7 +394,7 @@ fn median_of_splits(
     ensure!((1..=10_000).contains(&times), "--splits: expected 1 to 10000, found {times}");
     let dots = common_dots(sheets, before.len()).len();
     ensure!(dots >= 24, "--splits: expected 24 dots or more that all cameras see, found {dots}");
-    let progress = bar(u64::from(times), "splits");
+    let progress = progress("splits", Some(times.into()));
     let split = |seed: u32| -> Result<[f64; 3], CalibrationError> {
         let chosen = random_half(dots, seed);
         let errors = held_out(before, sheets, free, loss, &|i| chosen[i]);
@@ -417,9 +418,9 @@ fn random_half(n: usize, seed: u32) -> Vec<bool> {
         ((state >> 33) as usize) % below
     };
     // The first numbers of neighbouring seeds are alike.
-    (0..8).for_each(|_| {
+    for _ in 0..8 {
         draw(2);
-    });
+    }
     let mut order: Vec<usize> = (0..n).collect();
     (1..n).rev().for_each(|i| order.swap(i, draw(i + 1)));
     let mut chosen = vec![false; n];
