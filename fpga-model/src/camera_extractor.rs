@@ -64,12 +64,8 @@ impl CameraExtractor {
             out_clock = found.out_clock.max(out_clock);
             found.blobs().for_each(|blob| out.push(blob));
         };
-        self.scanner.begin();
-        for y in 0..self.lines.min(picture.height) {
-            let (luma, blue, red) = picture.line(y);
-            self.scanner.line(luma, blue, red, &mut leave);
-        }
-        self.scanner.end(&mut leave);
+        let lines = (0..self.lines.min(picture.height)).map(|y| picture.line(y));
+        self.scanner.field(lines, &mut leave);
         out.blobs_left_out = out.blobs_left_out.saturating_add(self.scanner.tally().lost());
         out_clock
     }

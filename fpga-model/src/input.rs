@@ -14,40 +14,10 @@ pub mod y4m;
 use crate::colours::convert::{BLACK, GREY, WHITE};
 use crate::colours::{ColourTable, UNSURE};
 use crate::scan::limits::PICTURE;
+use anyhow::{Result, ensure};
 
 /// Most pixels of a picture: 32 Mi, about what photo cameras have.
 pub const MAX_PIXELS: u64 = 32 << 20;
-
-/// A picture was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum PictureError {
-    /// The file cannot be read.
-    #[error("{file}: {source}")]
-    Read {
-        /// The file.
-        file: String,
-        /// Cause.
-        source: std::io::Error,
-    },
-    /// The file as a whole is refused.
-    #[error("{file}: {problem}")]
-    File {
-        /// The file.
-        file: String,
-        /// Expected and found content.
-        problem: String,
-    },
-    /// One picture of a clip is malformed.
-    #[error("{file}, picture {picture}: {problem}")]
-    Picture {
-        /// The file.
-        file: String,
-        /// Counted from 1.
-        picture: u64,
-        /// Expected and found content.
-        problem: String,
-    },
-}
 
 /// Field order of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -185,16 +155,28 @@ impl<'a> FieldView<'a> {
     }
 }
 
-/// Defect of a picture's size, if any.
-pub fn size_defect(width: u64, height: u64) -> Option<String> {
+/// Checks the size of a picture.
+///
+/// # Errors
+/// No pixels, a side that is longer than the scanner's tables, or too many pixels.
+pub fn check_size(width: u64, height: u64) -> Result<()> {
     let [widest, highest] = [PICTURE.width, PICTURE.lines];
-    if !(1..=widest as u64).contains(&width) || !(1..=highest as u64).contains(&height) {
-        return Some(format!(
-            "expected a size from 1x1 to {widest}x{highest} pixels, found {width}x{height}"
-        ));
-    }
+    ensure!(
+        (1..=widest as u64).contains(&width) && (1..=highest as u64).contains(&height),
+        "expected a size from 1x1 to {widest}x{highest} pixels, found {width}x{height}"
+    );
     let pixels = width * height;
-    (pixels > MAX_PIXELS).then(|| format!("expected at most {MAX_PIXELS} pixels, found {pixels}"))
+    ensure!(pixels <= MAX_PIXELS, "expected at most {MAX_PIXELS} pixels, found {pixels}");
+    Ok(())
+}
+
+/// The first bin of a histogram up to which more than `rank` samples lie.
+pub fn bin_of_rank(counts: &[u32], rank: u64) -> Option<usize> {
+    let mut sum = 0;
+    counts.iter().position(|&n| {
+        sum += u64::from(n);
+        sum > rank
+    })
 }
 
 #[cfg(test)]
@@ -249,10 +231,10 @@ mod tests {
 
     #[test]
     fn sizes_are_bounded_on_both_sides() {
-        assert!(size_defect(1, 1).is_none() && size_defect(720, 288).is_none());
+        assert!(check_size(1, 1).is_ok() && check_size(720, 288).is_ok());
         for (w, h) in [(0, 5), (5, 0), (PICTURE.width as u64 + 1, 1), (1, u64::MAX)] {
-            assert!(size_defect(w, h).unwrap().contains(&format!("{w}x{h}")));
+            assert!(check_size(w, h).unwrap_err().to_string().contains(&format!("{w}x{h}")));
         }
-        assert!(size_defect(8192, 8192).unwrap().contains("found 67108864"));
+        assert!(check_size(8192, 8192).unwrap_err().to_string().contains("found 67108864"));
     }
 }

@@ -31,8 +31,7 @@ use labels::Labels;
 use limits::{CAMERA, DIVIDER_CLOCKS, FULL_WEIGHT, LEVEL_BITS, LINE_CLOCKS, Limits, PICTURE, SPLIT_CLOCKS};
 use owners::Owners;
 use protocol::blobs::{BlobField, Colour};
-use protocol::fields::DARK;
-use protocol::fields::FieldPicture;
+use protocol::fields::{DARK, FieldPicture};
 use runs::{NO_LABEL, Run, Runs};
 use std::ops::Deref;
 use sums::Sums;
@@ -198,14 +197,22 @@ impl Scanner {
 
     /// Extracts a whole field; the losses are added to `blobs_left_out`.
     pub fn scan<B: Deref<Target = [u8]>>(&mut self, picture: &FieldPicture<B>, out: &mut BlobField) {
-        self.begin();
-        let mut push = |found: Found| found.blobs().for_each(|blob| out.push(blob));
-        for y in 0..picture.height {
-            let (luma, blue, red) = picture.line(y);
-            self.line(luma, blue, red, &mut push);
-        }
-        self.end(&mut push);
+        let lines = (0..picture.height).map(|y| picture.line(y));
+        self.field(lines, &mut |found: Found| found.blobs().for_each(|blob| out.push(blob)));
         out.blobs_left_out = out.blobs_left_out.saturating_add(self.tally.lost());
+    }
+
+    /// Processes the lines of a whole field: luma, Cb and Cr of each.
+    pub fn field<'a>(
+        &mut self,
+        lines: impl Iterator<Item = (&'a [u8], &'a [u8], &'a [u8])>,
+        out: &mut impl FnMut(Found),
+    ) {
+        self.begin();
+        for (luma, blue, red) in lines {
+            self.line(luma, blue, red, out);
+        }
+        self.end(out);
     }
 
     /// Begins a field.

@@ -277,20 +277,9 @@ fn nearest_blob(
         let Some(covariance) = marker_covariance(seen, &image, scale, k::ACQUISITION_AREA_RATIO) else {
             continue;
         };
-        best = Some((
-            fit,
-            BlobMatch {
-                camera: field.camera,
-                blob,
-                marker,
-                pixel: seen.pixel,
-                covariance: covariance + Matrix2::identity() * (drift * drift),
-                dt_s: 0.0,
-                area_ratio: seen.area_px / image.area_px,
-                clean: covariance == seen.covariance,
-                outlier: false,
-            },
-        ));
+        let mut matched = BlobMatch::new(field, blob, marker, &image, covariance, 0.0);
+        matched.covariance += Matrix2::identity() * (drift * drift);
+        best = Some((fit, matched));
     }
     best
 }

@@ -182,8 +182,7 @@ impl Associator {
             let jacobian = pose_jacobian(&image, &pose);
             let spread = jacobian * predicted.covariance * jacobian.transpose();
             for (blob, seen) in field.blobs().iter().enumerate() {
-                let pixel = seen.pixel;
-                let r = pixel - image.pixel;
+                let r = seen.pixel - image.pixel;
                 if seen.colour != m.colour || r.norm_squared() > k::GATE_PX * k::GATE_PX {
                     continue;
                 }
@@ -198,20 +197,7 @@ impl Associator {
                 // a blob from winning because of its own uncertainty.
                 let growth = libm::log((covariance.determinant() / seen.covariance.determinant()).max(1.0));
                 if distance2 < k::GATE && self.candidates.len() < MAX_CANDIDATES {
-                    let area_ratio = seen.area_px / image.area_px;
-                    let clean = covariance == seen.covariance;
-                    let outlier = false;
-                    let matched = BlobMatch {
-                        camera,
-                        blob,
-                        marker,
-                        pixel,
-                        covariance,
-                        dt_s,
-                        area_ratio,
-                        clean,
-                        outlier,
-                    };
+                    let matched = BlobMatch::new(field, blob, marker, &image, covariance, dt_s);
                     self.candidates.push(Candidate { cost: distance2 + growth, body, matched });
                 } else if r.norm_squared() < k::NEAR_PX * k::NEAR_PX && self.near.len() < MAX_CANDIDATES {
                     self.near.push(NearMiss { body, camera, marker, blob });

@@ -48,22 +48,18 @@ pub struct DriftReport {
 impl std::fmt::Display for DriftReport {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let um = |mm: f64| mm * 1e3;
+        let [inst0, inst1, eye] = self.markers_mm.map(um);
+        let (mrad, shift) = (self.camera_rad * 1e3, um(self.camera_mm));
+        let (evidence, [tip0, tip1, _]) = (self.evidence, self.unobservable_mm.map(um));
         if !self.detected {
-            return write!(f, "no drift of the rig is detected (evidence {:.1})", self.evidence);
+            return write!(f, "no drift of the rig is detected (evidence {evidence:.1})");
         }
         write!(
             f,
-            "the rig has drifted since it was calibrated (evidence {:.0}): cameras by up to {:.2} mrad and {:.0} µm, \
-             markers by {:.1}, {:.1} and {:.1} µm (inst0, inst1, eye); this is corrected while it runs. What no \
-             residual shows, markers that moved together, may move the tips by {:.1} and {:.1} µm: calibrate anew",
-            self.evidence,
-            self.camera_rad * 1e3,
-            um(self.camera_mm),
-            um(self.markers_mm[0]),
-            um(self.markers_mm[1]),
-            um(self.markers_mm[2]),
-            um(self.unobservable_mm[0]),
-            um(self.unobservable_mm[1]),
+            "the rig has drifted since it was calibrated (evidence {evidence:.0}): cameras by up to {mrad:.2} mrad and {shift:.0} µm, \
+             markers by {inst0:.1}, {inst1:.1} and {eye:.1} µm (inst0, inst1, eye); this is corrected while it runs. \
+             What no residual shows, markers that moved together, may move the tips by {tip0:.1} and {tip1:.1} µm: \
+             calibrate anew"
         )
     }
 }

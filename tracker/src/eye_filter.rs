@@ -109,10 +109,8 @@ impl EyeFilter {
         self.acceleration *= position.e;
         self.angular_velocity += self.angular_acceleration * rotation.g;
         self.angular_acceleration *= rotation.e;
-        for (chain, transition) in CHAINS.into_iter().zip([&position, &rotation]) {
+        for ((chain, transition), model) in CHAINS.into_iter().zip([&position, &rotation]).zip(self.models) {
             self.transform(chain, transition);
-        }
-        for (chain, model) in CHAINS.into_iter().zip(self.models) {
             self.add_noise(chain, Singer { sigma: model.sigma * self.boost, ..model }.noise(dt));
         }
         self.boost = 1.0 + (self.boost - 1.0) * libm::exp(-dt / k::EYE_BOOST.1);

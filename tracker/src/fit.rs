@@ -10,6 +10,7 @@
 
 use crate::body_filter::BodyFilter;
 use crate::constants as k;
+use crate::observation::FieldObservation;
 use crate::pose_math::{Matrix6, Vector6, box_minus, box_plus, propagated};
 use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
 use crate::rig_model::{BodyModel, RigModel};
@@ -44,6 +45,24 @@ pub struct BlobMatch {
     pub clean: bool,
     /// True if the fit rejected it.
     pub outlier: bool,
+}
+
+impl BlobMatch {
+    /// The match of blob `blob` of a field with a marker seen in `image`; `covariance` is as that of
+    /// [`marker_covariance`](crate::observation::marker_covariance).
+    pub fn new(
+        field: &FieldObservation,
+        blob: usize,
+        marker: usize,
+        image: &MarkerImage,
+        covariance: Matrix2<f64>,
+        dt_s: f64,
+    ) -> Self {
+        let seen = &field.blobs[blob];
+        let (camera, pixel, area_ratio) = (field.camera, seen.pixel, seen.area_px / image.area_px);
+        let clean = covariance == seen.covariance;
+        BlobMatch { camera, blob, marker, pixel, covariance, dt_s, area_ratio, clean, outlier: false }
+    }
 }
 
 /// Where a trocar is in the world.

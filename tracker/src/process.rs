@@ -198,11 +198,7 @@ impl TrackerProcess {
     fn serve_control(&mut self) -> anyhow::Result<()> {
         let Some((request, command)) = self.shell.serve(now())? else { return Ok(()) };
         let result = self.execute(command)?;
-        let answer = match &result {
-            Ok(()) => Ok(()),
-            Err(reason) => Err(reason.as_str()),
-        };
-        Ok(self.shell.answer(&request, answer)?)
+        Ok(self.shell.answer(&request, result.as_ref().map_err(String::as_str).copied())?)
     }
 
     /// Executes a command; the inner `Err` is the reason for a refusal.

@@ -35,9 +35,13 @@ pub struct Config {
     /// Markers straight to noisy blobs, without pixels.
     #[arg(long)]
     pub direct: bool,
-    /// Fault injection.
-    #[command(flatten)]
-    pub faults: FaultArgs,
+    /// Inject faults, drawn from the seed: presets (none, mild, hard, or a fault by its name) or a
+    /// file that ends in .toml.
+    #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
+    pub faults: Option<String>,
+    /// Log the injected faults as JSON lines.
+    #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
+    pub fault_log: Option<PathBuf>,
     /// Finish after S seconds.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,
@@ -47,18 +51,6 @@ pub struct Config {
     /// Delay the fields of camera CAM by MS milliseconds.
     #[arg(long, value_name = "CAM=MS", value_parser = late_camera, hide = true)]
     pub late_camera: Option<LateCamera>,
-}
-
-/// Faults of the virtual cameras.
-#[derive(Debug, Clone, clap::Args)]
-pub struct FaultArgs {
-    /// Inject faults, drawn from the seed: presets (none, mild, hard, or a fault by its name) or a
-    /// file that ends in .toml.
-    #[arg(long, value_name = "NAME[,NAME...]|FILE.toml", conflicts_with = "blobs")]
-    pub faults: Option<String>,
-    /// Log the injected faults as JSON lines.
-    #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
-    pub fault_log: Option<PathBuf>,
 }
 
 /// A camera whose fields come too late.

@@ -150,9 +150,14 @@ impl FaultInjector {
             [] => u32::MAX,
             ids => bits(ids),
         });
+        let mut markers = Vec::new();
+        for (body, name) in BODY_NAMES.iter().enumerate() {
+            let own = rig.body(name).map_or(&[][..], |b| &b.markers);
+            markers.extend(own.iter().map(|m| MarkerId { body, marker: m.id }));
+        }
         Ok(FaultInjector {
             cameras,
-            markers: markers_of(rig),
+            markers,
             sampler: FaultSampler::new(seed),
             period_ns: rig.field_period_ns(),
             exposure_s: rig.exposure_ns as f64 * 1e-9,
@@ -187,16 +192,6 @@ impl FaultInjector {
         ];
         all.into_iter().flatten()
     }
-}
-
-/// Every marker of the rig, body by body.
-fn markers_of(rig: &Rig) -> Vec<MarkerId> {
-    let mut markers = Vec::new();
-    for (body, name) in BODY_NAMES.iter().enumerate() {
-        let own = rig.body(name).map_or(&[][..], |b| &b.markers);
-        markers.extend(own.iter().map(|m| MarkerId { body, marker: m.id }));
-    }
-    markers
 }
 
 #[cfg(test)]

@@ -77,11 +77,6 @@ impl Painter {
         }
     }
 
-    /// The image model.
-    pub fn model(&self) -> &ImageModel {
-        &self.model
-    }
-
     /// Draws field `number` of camera `camera`: the lines `2·y + parity` of the frame. Markers come
     /// farthest first, so that near ones hide far ones; they stand still.
     pub fn draw<B: DerefMut<Target = [u8]>>(

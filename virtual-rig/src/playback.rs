@@ -63,13 +63,8 @@ impl BlobPlayback {
     }
 
     /// Fields in the stream.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.fields.len()
-    }
-
-    /// True of no stream that was loaded.
-    pub fn is_empty(&self) -> bool {
-        self.fields.is_empty()
     }
 
     /// When field `i` is due, ns after the start; a field out of order is due at once.
@@ -131,7 +126,7 @@ mod tests {
     fn spacing_and_age_are_kept() {
         let stream =
             load(&(line(0, 4, 48_000_000, 72_000_000) + &line(1, 4, 48_100_000, 72_300_000))).unwrap();
-        assert_eq!((stream.len(), stream.due_ns(0), stream.due_ns(1)), (2, 0, 300_000));
+        assert_eq!((stream.count(), stream.due_ns(0), stream.due_ns(1)), (2, 0, 300_000));
         let mut out = BlobField::zeroed();
         stream.field(1, 5_000_000_000, &mut out);
         assert_eq!((out.camera, out.field, out.count), (1, 4, 1));

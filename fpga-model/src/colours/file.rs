@@ -3,6 +3,7 @@
 use super::{CLASSES, Class, ColourTable};
 use crate::scan::Settings;
 use crate::scan::background::Level;
+use anyhow::{Result, anyhow, ensure};
 use protocol::blobs::Colour;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -13,37 +14,6 @@ const FORMAT: &str = "vitreo-colours-1";
 const MAX_BYTES: u64 = 1 << 20;
 /// The shipped classes.
 pub const SHIPPED: &str = include_str!("../../../assets/colours.toml");
-
-/// A file was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum ColourFileError {
-    /// It cannot be read.
-    #[error("{file}: {source}")]
-    Read {
-        /// The file.
-        file: String,
-        /// Cause.
-        source: std::io::Error,
-    },
-    /// It is not TOML, has an unknown key, or lacks one.
-    #[error("{file}: {source}")]
-    Toml {
-        /// The file.
-        file: String,
-        /// Cause, with the line.
-        source: Box<toml::de::Error>,
-    },
-    /// A value is out of range.
-    #[error("{file}: {key}: {problem}")]
-    Value {
-        /// The file.
-        file: String,
-        /// The key.
-        key: String,
-        /// Expected and found values.
-        problem: String,
-    },
-}
 
 /// Content of a file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -92,65 +62,40 @@ impl ColourFile {
     /// Reads a file, or the shipped classes where none is named.
     ///
     /// # Errors
-    /// [`ColourFileError::Read`] where the file cannot be read or is too long; otherwise as
-    /// [`ColourFile::parse`].
-    pub fn load_or_shipped(path: Option<&Path>) -> Result<Self, ColourFileError> {
+    /// A file that cannot be read or is too long; otherwise as [`ColourFile::parse`].
+    pub fn load_or_shipped(path: Option<&Path>) -> Result<Self> {
         let Some(path) = path else { return Self::parse(SHIPPED, "shipped colours") };
         let file = path.display().to_string();
-        let read = || {
-            let length = std::fs::metadata(path)?.len();
-            if length > MAX_BYTES {
-                let problem = format!("expected at most {MAX_BYTES} bytes, found {length}");
-                return Err(std::io::Error::new(std::io::ErrorKind::InvalidData, problem));
-            }
-            std::fs::read_to_string(path)
-        };
-        let text = read().map_err(|source| ColourFileError::Read { file: file.clone(), source })?;
-        Self::parse(&text, &file)
+        let failed = |e: std::io::Error| anyhow!("{file}: {e}");
+        let length = std::fs::metadata(path).map_err(failed)?.len();
+        ensure!(length <= MAX_BYTES, "{file}: expected at most {MAX_BYTES} bytes, found {length}");
+        Self::parse(&std::fs::read_to_string(path).map_err(failed)?, &file)
     }
 
     /// Parses a text; `file` is its name in messages.
     ///
     /// # Errors
-    /// [`ColourFileError::Toml`] where the text is not TOML of this format,
-    /// [`ColourFileError::Value`] where a value is out of range.
-    pub fn parse(text: &str, file: &str) -> Result<Self, ColourFileError> {
-        let parsed: ColourFile = toml::from_str(text)
-            .map_err(|e| ColourFileError::Toml { file: file.into(), source: Box::new(e) })?;
-        match parsed.defect() {
-            None => Ok(parsed),
-            Some((key, problem)) => Err(ColourFileError::Value { file: file.into(), key, problem }),
-        }
+    /// A text that is not TOML of this format, or a value out of range.
+    pub fn parse(text: &str, file: &str) -> Result<Self> {
+        let parsed: ColourFile = toml::from_str(text).map_err(|e| anyhow!("{file}: {e}"))?;
+        parsed.check().map_err(|problem| anyhow!("{file}: {problem}"))?;
+        Ok(parsed)
     }
 
-    fn defect(&self) -> Option<(String, String)> {
-        let refuse = |key: &str, problem: String| Some((key.to_owned(), problem));
-        if self.format != FORMAT {
-            return refuse("format", format!("expected {FORMAT:?}, found {:?}", self.format));
-        }
-        if self.low == 0 {
-            return refuse("low", "expected at least 1, found 0".into());
-        }
-        if self.high < self.low || self.high_white < self.low {
-            let found = self.high.min(self.high_white);
-            return refuse(
-                "high, high_white",
-                format!("expected at least low = {}, found {found}", self.low),
-            );
-        }
-        if self.classes.is_empty() {
-            return refuse("class", "expected at least one class, found none".into());
-        }
+    /// Refuses the first value that is out of range.
+    fn check(&self) -> Result<()> {
+        ensure!(self.format == FORMAT, "format: expected {FORMAT:?}, found {:?}", self.format);
+        ensure!(self.low > 0, "low: expected at least 1, found 0");
+        let (low, found) = (self.low, self.high.min(self.high_white));
+        ensure!(found >= low, "high, high_white: expected at least low = {low}, found {found}");
+        ensure!(!self.classes.is_empty(), "class: expected at least one class, found none");
         for (i, entry) in self.classes.iter().enumerate() {
             let name = entry.colour.name();
-            if self.classes[..i].iter().any(|other| other.colour == entry.colour) {
-                return refuse("class", format!("expected each colour once, found {name} twice"));
-            }
-            if let Some((key, problem)) = entry.defect(self.black) {
-                return refuse(&format!("class {name}, {key}"), problem);
-            }
+            let first = self.classes[..i].iter().all(|other| other.colour != entry.colour);
+            ensure!(first, "class: expected each colour once, found {name} twice");
+            entry.check(self.black).map_err(|problem| anyhow!("class {name}, {problem}"))?;
         }
-        None
+        Ok(())
     }
 
     /// The classes.
@@ -191,30 +136,23 @@ impl ClassEntry {
         }
     }
 
-    fn defect(&self, black: u8) -> Option<(&'static str, String)> {
+    /// Refuses the first value that is out of range.
+    fn check(&self, black: u8) -> Result<()> {
         let [y, cb, cr] = self.reference;
-        if y <= black {
-            return Some(("reference", format!("expected a luma above black = {black}, found {y}")));
-        }
+        ensure!(y > black, "reference: expected a luma above black = {black}, found {y}");
         if self.colour == Colour::White {
-            let key = match (self.least_chroma, self.tolerance_deg) {
-                (None, None) => return None,
-                (Some(_), _) => "least_chroma",
-                _ => "tolerance_deg",
-            };
-            return Some((key, "expected none, because white has no hue".into()));
+            ensure!(self.least_chroma.is_none(), "least_chroma: expected none, because white has no hue");
+            ensure!(self.tolerance_deg.is_none(), "tolerance_deg: expected none, because white has no hue");
+            return Ok(());
         }
-        if [cb, cr] == [128; 2] {
-            return Some(("reference", "expected chroma other than 128, 128, found grey".into()));
-        }
-        match (self.least_chroma, self.tolerance_deg) {
-            (None | Some(0), _) => Some(("least_chroma", "expected a number from 1 to 255".into())),
-            (_, Some(t)) if t > 0.0 && t <= 180.0 => None,
-            (_, found) => {
-                let found = found.map_or("none".into(), |t| t.to_string());
-                Some(("tolerance_deg", format!("expected more than 0 and at most 180, found {found}")))
-            }
-        }
+        ensure!([cb, cr] != [128; 2], "reference: expected chroma other than 128, 128, found grey");
+        ensure!(self.least_chroma.is_some_and(|c| c > 0), "least_chroma: expected a number from 1 to 255");
+        let found = self.tolerance_deg.map_or("none".into(), |t| t.to_string());
+        ensure!(
+            self.tolerance_deg.is_some_and(|t| t > 0.0 && t <= 180.0),
+            "tolerance_deg: expected more than 0 and at most 180, found {found}"
+        );
+        Ok(())
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::Class;
 use super::convert::GREY;
-use crate::input::Picture;
+use crate::input::{Picture, bin_of_rank};
 use protocol::blobs::Colour;
 
 /// Most samples of one picture.
@@ -46,13 +46,8 @@ impl Region {
     pub fn defect(&self, picture: &Picture) -> Option<String> {
         let inside = |at: usize, length: usize, side: usize| length > 0 && at.saturating_add(length) <= side;
         let fits = inside(self.x, self.width, picture.width) && inside(self.y, self.height, picture.height);
-        let Region { x, y, width, height } = self;
-        (!fits).then(|| {
-            format!(
-                "expected a region within 0,0,{},{}, found {x},{y},{width},{height}",
-                picture.width, picture.height
-            )
-        })
+        let (Region { x, y, width, height }, Picture { width: w, height: h, .. }) = (self, picture);
+        (!fits).then(|| format!("expected a region within 0,0,{w},{h}, found {x},{y},{width},{height}"))
     }
 }
 
@@ -82,11 +77,8 @@ impl Samples {
     /// Where there are too few samples, or their chroma is too near to grey.
     pub fn class(&self, colour: Colour) -> Result<Class, String> {
         if self.0.len() < FEWEST {
-            return Err(format!(
-                "expected at least {FEWEST} samples of {}, found {}",
-                colour.name(),
-                self.0.len()
-            ));
+            let (name, found) = (colour.name(), self.0.len());
+            return Err(format!("expected at least {FEWEST} samples of {name}, found {found}"));
         }
         let at = |k: usize, percent: usize| quantile(self.0.iter().map(|s| s[k]), percent * 10);
         // Three quarters of a marker are at least this bright.
@@ -130,15 +122,10 @@ pub fn apart_deg(a: f64, b: f64) -> f64 {
 
 /// The value below which a share of the values lies.
 fn quantile(values: impl Iterator<Item = u8>, permille: usize) -> u8 {
-    let mut counts = [0usize; 256];
+    let mut counts = [0; 256];
     values.for_each(|v| counts[usize::from(v)] += 1);
-    let rank = counts.iter().sum::<usize>() * permille / 1000;
-    let mut sum = 0;
-    let found = counts.iter().position(|&n| {
-        sum += n;
-        sum > rank
-    });
-    found.unwrap_or(255) as u8
+    let rank = counts.iter().sum::<u32>() as usize * permille / 1000;
+    bin_of_rank(&counts, rank as u64).unwrap_or(255) as u8
 }
 
 fn colourful(all: &[[u8; 3]], permille: usize) -> Vec<[u8; 3]> {

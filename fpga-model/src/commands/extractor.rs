@@ -3,7 +3,7 @@
 use crate::colours::CLASSES;
 use crate::colours::file::ColourFile;
 use crate::input::source::{Reading, Shot};
-use crate::input::{Interlace, still::Levels};
+use crate::input::{Interlace, bin_of_rank, still::Levels};
 use crate::scan::background::Level;
 use crate::scan::{Found, Scanner, Settings, limits};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, Colour};
@@ -138,17 +138,12 @@ impl Tuning {
 
 /// Median luma of a picture.
 fn median(shot: &Shot<'_>) -> u8 {
-    let mut counts = [0usize; 256];
+    let mut counts = [0; 256];
     for y in 0..shot.view.height() {
         shot.view.line(y).0.iter().for_each(|&v| counts[usize::from(v)] += 1);
     }
-    let half = counts.iter().sum::<usize>() / 2;
-    let mut sum = 0;
-    let found = counts.iter().position(|&n| {
-        sum += n;
-        sum > half
-    });
-    found.map_or(DARK, |level| level as u8)
+    let half = u64::from(counts.iter().sum::<u32>()) / 2;
+    bin_of_rank(&counts, half).map_or(DARK, |level| level as u8)
 }
 
 /// A scanner for each camera, and the blobs of the newest picture.
@@ -200,12 +195,7 @@ impl<'a> Extractor<'a> {
             let whole = found.sums.half_box_px.map(f64::from);
             self.boxes.extend(new.iter().map(|b| if new.len() == 1 { whole } else { box_of(b) }));
         };
-        scanner.begin();
-        for y in 0..size[1] {
-            let (luma, blue, red) = shot.view.line(y);
-            scanner.line(luma, blue, red, &mut keep);
-        }
-        scanner.end(&mut keep);
+        scanner.field((0..size[1]).map(|y| shot.view.line(y)), &mut keep);
         u64::from(scanner.tally().lost())
     }
 }

@@ -4,7 +4,8 @@
 //! YUYV, which is 4:2:2. A camera without YUYV is refused. The driver gives no instant of exposure;
 //! the reader stamps pictures on arrival.
 
-use super::{Picture, PictureError, size_defect};
+use super::{Picture, check_size};
+use anyhow::{Result, anyhow, bail, ensure};
 use linuxvideo::format::{Format, PixFormat, PixelFormat};
 use linuxvideo::stream::ReadStream;
 use linuxvideo::{BufType, Device};
@@ -30,29 +31,12 @@ impl Camera {
     /// Opens a camera and starts it.
     ///
     /// # Errors
-    /// [`PictureError::File`] where the device is no camera, or delivers no YUYV of a valid size.
-    pub fn open(path: &Path) -> Result<Self, PictureError> {
+    /// A device that is no camera, or delivers no YUYV of a valid size.
+    pub fn open(path: &Path) -> Result<Self> {
         let file = path.display().to_string();
-        let failed = |what: &str, error: std::io::Error| PictureError::File {
-            file: file.clone(),
-            problem: format!("expected a Video4Linux2 camera that {what}: {error}"),
-        };
-        let device = Device::open(path).map_err(|e| failed("opens", e))?;
-        let now = device.format(BufType::VIDEO_CAPTURE).map_err(|e| failed("takes pictures", e))?;
-        let Format::VideoCapture(now) = now else {
-            let problem = "expected a camera with one plane of samples".into();
-            return Err(PictureError::File { file, problem });
-        };
-        let asked = PixFormat::new(now.width(), now.height(), PixelFormat::YUYV);
-        let camera = device.video_capture(asked).map_err(|e| failed("delivers YUYV", e))?;
-        let got = camera.format();
-        let layout = Layout::of(got.width(), got.height(), got.bytes_per_line());
-        let layout = layout.map_err(|problem| PictureError::File { file: file.clone(), problem })?;
-        if got.pixel_format() != PixelFormat::YUYV {
-            let problem = format!("expected a camera that delivers YUYV, found {}", got.pixel_format());
-            return Err(PictureError::File { file, problem });
-        }
-        let stream = camera.into_stream().map_err(|e| failed("starts", e))?;
+        let refused = |problem| anyhow!("{file}: {problem}");
+        let device = Device::open(path).map_err(|e| failed("opens", e)).map_err(refused)?;
+        let (stream, layout) = start(device).map_err(refused)?;
         Ok(Camera { file, stream, layout, taken: 0 })
     }
 
@@ -64,39 +48,47 @@ impl Camera {
     /// Waits for the next picture.
     ///
     /// # Errors
-    /// [`PictureError::Picture`] where the driver fails or delivers too few bytes.
-    pub fn read(&mut self, into: &mut Picture) -> Result<bool, PictureError> {
+    /// A driver that fails or delivers too few bytes.
+    pub fn read(&mut self, into: &mut Picture) -> Result<bool> {
         self.taken += 1;
         let layout = self.layout;
         let taken = self.stream.dequeue(|bytes| Ok(layout.unpack(&bytes, into)));
-        let problem = match taken {
-            Ok(Ok(())) => return Ok(true),
-            Ok(Err(problem)) => problem,
-            Err(error) => error.to_string(),
-        };
-        Err(PictureError::Picture { file: self.file.clone(), picture: self.taken, problem })
+        let unpacked = taken.map_err(anyhow::Error::from).and_then(|unpacked| unpacked);
+        unpacked.map_err(|problem| anyhow!("{}, picture {}: {problem}", self.file, self.taken))?;
+        Ok(true)
     }
 }
 
+fn failed(what: &str, error: std::io::Error) -> anyhow::Error {
+    anyhow!("expected a Video4Linux2 camera that {what}: {error}")
+}
+
+/// Starts a camera in its present size.
+fn start(device: Device) -> Result<(ReadStream, Layout)> {
+    let now = device.format(BufType::VIDEO_CAPTURE).map_err(|e| failed("takes pictures", e))?;
+    let Format::VideoCapture(now) = now else { bail!("expected a camera with one plane of samples") };
+    let asked = PixFormat::new(now.width(), now.height(), PixelFormat::YUYV);
+    let camera = device.video_capture(asked).map_err(|e| failed("delivers YUYV", e))?;
+    let got = camera.format();
+    let layout = Layout::of(got.width(), got.height(), got.bytes_per_line())?;
+    let format = got.pixel_format();
+    ensure!(format == PixelFormat::YUYV, "expected a camera that delivers YUYV, found {format}");
+    Ok((camera.into_stream().map_err(|e| failed("starts", e))?, layout))
+}
+
 impl Layout {
-    fn of(width: u32, height: u32, bytes_per_line: u32) -> Result<Self, String> {
-        if let Some(defect) = size_defect(width.into(), height.into()) {
-            return Err(defect);
-        }
+    fn of(width: u32, height: u32, bytes_per_line: u32) -> Result<Self> {
+        check_size(width.into(), height.into())?;
         let [width, height, bytes] = [width, height, bytes_per_line].map(|v| v as usize);
         let least = width.div_ceil(2) * 4;
-        if bytes < least {
-            return Err(format!("expected at least {least} bytes a line, found {bytes}"));
-        }
+        ensure!(bytes >= least, "expected at least {least} bytes a line, found {bytes}");
         Ok(Layout { width, height, bytes_per_line: bytes })
     }
 
     /// Fills `into` from Y Cb Y Cr …
-    fn unpack(&self, bytes: &[u8], into: &mut Picture) -> Result<(), String> {
-        let expected = self.bytes_per_line * self.height;
-        if bytes.len() < expected {
-            return Err(format!("expected {expected} bytes of samples, found {}", bytes.len()));
-        }
+    fn unpack(&self, bytes: &[u8], into: &mut Picture) -> Result<()> {
+        let (expected, found) = (self.bytes_per_line * self.height, bytes.len());
+        ensure!(found >= expected, "expected {expected} bytes of samples, found {found}");
         (into.width, into.height) = (self.width, self.height);
         for plane in [&mut into.luma, &mut into.blue, &mut into.red, &mut into.as_read] {
             plane.clear();
@@ -128,7 +120,9 @@ mod tests {
         layout.unpack(&bytes, &mut picture).unwrap();
         assert_eq!(picture.luma, [0, 2, 4, 10, 12, 14]);
         assert_eq!((&picture.blue[..], &picture.red[..]), (&[1, 5, 11, 15][..], &[3, 7, 13, 17][..]));
-        assert!(layout.unpack(&bytes[..19], &mut picture).unwrap_err().contains("expected 20 bytes"));
+        assert!(
+            layout.unpack(&bytes[..19], &mut picture).unwrap_err().to_string().contains("expected 20 bytes")
+        );
         assert!(Layout::of(3, 2, 7).is_err() && Layout::of(0, 2, 8).is_err());
     }
 

@@ -9,9 +9,10 @@
 
 use super::camera::Camera;
 use super::y4m::{Clip, MAGIC};
-use super::{FieldView, Interlace, Picture, PictureError, still};
+use super::{FieldView, Interlace, Picture, still};
 use crate::colours::ColourTable;
-use blob_stream::{BlobStreamError, FieldHead, HeadReader};
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use blob_stream::{FieldHead, HeadReader};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
 use std::collections::VecDeque;
 use std::fs::File;
@@ -21,30 +22,6 @@ use std::path::{Path, PathBuf};
 
 /// Name that stands for a clip on the standard input.
 pub const STDIN: &str = "-";
-
-/// The next picture was refused.
-#[derive(Debug, thiserror::Error)]
-pub enum SourceError {
-    /// A picture was refused.
-    #[error(transparent)]
-    Picture(#[from] PictureError),
-    /// The list of fields cannot be read.
-    #[error(transparent)]
-    Fields(#[from] BlobStreamError),
-    /// List and pictures do not fit.
-    #[error("{file}, line {line}: {problem}")]
-    Mismatch {
-        /// The list.
-        file: String,
-        /// Counted from 1.
-        line: u64,
-        /// Expected and found content.
-        problem: String,
-    },
-    /// The arguments do not fit each other.
-    #[error("{0}")]
-    Arguments(String),
-}
 
 /// Options of reading.
 #[derive(Clone, Default)]
@@ -116,7 +93,7 @@ impl Feed {
     }
 
     /// Reads the next field and returns its parity; `None` at the end.
-    fn advance(&mut self) -> Result<Option<u32>, PictureError> {
+    fn advance(&mut self) -> Result<Option<u32>> {
         if self.waiting.is_empty() {
             let found = match &mut self.kind {
                 Kind::Clip(clip) => clip.read(&mut self.picture)?,
@@ -133,10 +110,11 @@ impl Feed {
             if !found {
                 return Ok(None);
             }
-            if self.interlace != Interlace::Progressive && self.picture.height < 2 {
-                let problem = "expected at least 2 lines in an interlaced picture, found 1".into();
-                return Err(PictureError::File { file: self.file.clone(), problem });
-            }
+            ensure!(
+                self.interlace == Interlace::Progressive || self.picture.height >= 2,
+                "{}: expected at least 2 lines in an interlaced picture, found 1",
+                self.file
+            );
             if self.reading.dark {
                 self.picture.invert();
             }
@@ -183,34 +161,29 @@ impl Source {
     /// Opens stills or clips, with a list of fields or without.
     ///
     /// # Errors
-    /// [`SourceError::Arguments`] where the paths do not fit each other, [`SourceError::Picture`]
-    /// where one cannot be opened, [`SourceError::Fields`] where the list cannot be opened.
-    pub fn open(paths: &[PathBuf], fields: Option<&Path>, reading: &Reading) -> Result<Self, SourceError> {
-        let wrong = |problem: String| Err(SourceError::Arguments(problem));
+    /// Paths that do not fit each other, a picture or a list that cannot be opened.
+    pub fn open(paths: &[PathBuf], fields: Option<&Path>, reading: &Reading) -> Result<Self> {
         let what: Vec<What> = paths.iter().map(|p| What::is(p)).collect::<Result<_, _>>()?;
         let feeds = match what.iter().filter(|&&w| w != What::Still).count() {
-            0 if paths.is_empty() => return wrong("expected at least one picture or clip".into()),
+            0 if paths.is_empty() => bail!("expected at least one picture or clip"),
             0 => vec![Feed::new(Kind::Stills(paths.iter().cloned().collect()), reading)],
-            n if n < paths.len() => return wrong("expected either still images or clips, found both".into()),
-            n if n > MAX_CAMERAS => return wrong(format!("expected at most {MAX_CAMERAS} clips, found {n}")),
+            n if n < paths.len() => bail!("expected either still images or clips, found both"),
+            n if n > MAX_CAMERAS => bail!("expected at most {MAX_CAMERAS} clips, found {n}"),
             _ => {
                 let kinds = paths.iter().zip(what).map(|(path, what)| what.open(path));
-                kinds.map(|kind| Ok(Feed::new(kind?, reading))).collect::<Result<_, PictureError>>()?
+                kinds.map(|kind| Ok(Feed::new(kind?, reading))).collect::<Result<_>>()?
             }
         };
-        let fields = match fields {
-            None => None,
-            Some(path) => Some((path.display().to_string(), HeadReader::open(path)?)),
-        };
+        let open = |path: &Path| anyhow::Ok((path.display().to_string(), HeadReader::open(path)?));
+        let fields = fields.map(open).transpose()?;
         Ok(Source { feeds, fields, turn: 0 })
     }
 
     /// The next field; `None` at the end.
     ///
     /// # Errors
-    /// [`SourceError::Picture`] where a picture is refused, [`SourceError::Fields`] where a line of
-    /// the list is, [`SourceError::Mismatch`] where list and pictures do not fit.
-    pub fn take(&mut self) -> Result<Option<Shot<'_>>, SourceError> {
+    /// A picture or a line of the list that is refused, or a list that does not fit the pictures.
+    pub fn take(&mut self) -> Result<Option<Shot<'_>>> {
         let found = if self.fields.is_some() { self.next_listed()? } else { self.next_in_turn()? };
         Ok(found.map(|(i, parity, head)| {
             let feed = &self.feeds[i];
@@ -227,7 +200,7 @@ impl Source {
     }
 
     /// The next field in turn; cameras take turns until all are at their end.
-    fn next_in_turn(&mut self) -> Result<Option<(usize, u32, FieldHead)>, SourceError> {
+    fn next_in_turn(&mut self) -> Result<Option<(usize, u32, FieldHead)>> {
         for _ in 0..self.feeds.len() {
             let i = self.turn;
             self.turn = (i + 1) % self.feeds.len();
@@ -243,37 +216,35 @@ impl Source {
     }
 
     /// The field of the list's next line.
-    fn next_listed(&mut self) -> Result<Option<(usize, u32, FieldHead)>, SourceError> {
+    fn next_listed(&mut self) -> Result<Option<(usize, u32, FieldHead)>> {
         let Some((file, list)) = &mut self.fields else { return Ok(None) };
         let Some(head) = list.next().transpose()? else {
             return self.expect_end().map(|()| None);
         };
-        let mismatch = |problem| SourceError::Mismatch { file: file.clone(), line: list.line_no(), problem };
+        let place = format!("{file}, line {}", list.line_no());
         let stills = matches!(self.feeds[0].kind, Kind::Stills(_));
         let i = if stills { 0 } else { head.cam as usize };
         let clips = self.feeds.len();
-        let feed = self.feeds.get_mut(i).ok_or_else(|| {
-            mismatch(format!(
-                "cam: expected 0 to {}, one for each of {clips} clips, found {}",
-                clips - 1,
-                head.cam
-            ))
+        let feed = self.feeds.get_mut(i).with_context(|| {
+            let (last, found) = (clips - 1, head.cam);
+            format!("{place}: cam: expected 0 to {last}, one for each of {clips} clips, found {found}")
         })?;
         let Some(parity) = feed.advance()? else {
             let (n, file) = (feed.taken, if stills { "the images" } else { &feed.file });
-            return Err(mismatch(format!("expected picture {} in {file}, found the end after {n}", n + 1)));
+            bail!("{place}: expected picture {} in {file}, found the end after {n}", n + 1);
         };
-        if feed.interlace != Interlace::Progressive && parity != head.parity {
-            return Err(mismatch(format!(
-                "parity: expected {parity}, which field {} of {} has, found {}",
-                feed.taken, feed.file, head.parity
-            )));
-        }
+        ensure!(
+            feed.interlace == Interlace::Progressive || parity == head.parity,
+            "{place}: parity: expected {parity}, which field {} of {} has, found {}",
+            feed.taken,
+            feed.file,
+            head.parity
+        );
         Ok(Some((i, parity, head)))
     }
 
     /// Checks that no picture is left after the list.
-    fn expect_end(&mut self) -> Result<(), SourceError> {
+    fn expect_end(&mut self) -> Result<()> {
         let Some((list, lines)) = &self.fields else { return Ok(()) };
         for feed in &mut self.feeds {
             let n = feed.taken;
@@ -282,28 +253,23 @@ impl Source {
                 Kind::Clip(_) => feed.advance()?.is_some(),
                 Kind::Camera(_) => false,
             };
-            if more {
-                let what = if feed.file.is_empty() { "the images" } else { &feed.file };
-                return Err(SourceError::Mismatch {
-                    file: list.clone(),
-                    line: lines.line_no(),
-                    problem: format!(
-                        "expected a line for picture {} of {what}, found the end of the list",
-                        n + 1
-                    ),
-                });
-            }
+            let what = if feed.file.is_empty() { "the images" } else { &feed.file };
+            ensure!(
+                !more,
+                "{list}, line {}: expected a line for picture {} of {what}, found the end of the list",
+                lines.line_no(),
+                n + 1
+            );
         }
         Ok(())
     }
 }
 
-fn open(path: &Path) -> Result<Input, PictureError> {
+fn open(path: &Path) -> Result<Input> {
     if path.as_os_str() == STDIN {
         return Ok(Box::new(BufReader::new(std::io::stdin())));
     }
-    let file = path.display().to_string();
-    let opened = File::open(path).map_err(|source| PictureError::Read { file, source })?;
+    let opened = File::open(path).map_err(|e| anyhow!("{}: {e}", path.display()))?;
     Ok(Box::new(BufReader::with_capacity(1 << 16, opened)))
 }
 
@@ -318,8 +284,8 @@ enum What {
 impl What {
     /// Classifies a file by its first bytes, anything else by its file type: it can be read only
     /// once.
-    fn is(path: &Path) -> Result<Self, PictureError> {
-        let read_error = |source| PictureError::Read { file: path.display().to_string(), source };
+    fn is(path: &Path) -> Result<Self> {
+        let read_error = |e: std::io::Error| anyhow!("{}: {e}", path.display());
         if path.as_os_str() == STDIN {
             return Ok(What::Clip);
         }
@@ -337,7 +303,7 @@ impl What {
         Ok(if begins { What::Clip } else { What::Still })
     }
 
-    fn open(self, path: &Path) -> Result<Kind, PictureError> {
+    fn open(self, path: &Path) -> Result<Kind> {
         match self {
             What::Still => Ok(Kind::Stills([path.to_path_buf()].into())),
             What::Clip => Clip::open(open(path)?, &path.display().to_string()).map(Kind::Clip),
@@ -371,7 +337,7 @@ mod tests {
     /// Camera, number, instant, parity and a pixel of a field.
     type Told = (u32, u64, u64, u32, u8);
 
-    fn all(source: &mut Source) -> Result<Vec<Told>, SourceError> {
+    fn all(source: &mut Source) -> Result<Vec<Told>> {
         let mut found = Vec::new();
         while let Some(shot) = source.take()? {
             let FieldHead { cam, seq, t_ns, parity, .. } = shot.head;

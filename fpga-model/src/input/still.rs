@@ -4,8 +4,9 @@
 //! stored. Samples of 16 bits have more range than the scanner's 8: [`Levels`] maps a part of it to
 //! black to white.
 
-use super::{Picture, PictureError, size_defect};
+use super::{Picture, bin_of_rank, check_size};
 use crate::colours::convert::{GREY, luma_of_full, ycc_of_rgb};
+use anyhow::{Result, anyhow, ensure};
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use std::fs::File;
 use std::io::BufReader;
@@ -33,14 +34,12 @@ impl Levels {
     /// # Errors
     /// Where the text is not two numbers from 0 to 65535 in ascending order.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let refuse =
-            || format!("expected BLACK:WHITE, two numbers from 0 to 65535, the first lower; found {text:?}");
-        let (black, white) = text.split_once(':').ok_or_else(refuse)?;
-        let levels = Levels {
-            black: black.parse().map_err(|_| refuse())?,
-            white: white.parse().map_err(|_| refuse())?,
-        };
-        if levels.black < levels.white { Ok(levels) } else { Err(refuse()) }
+        let parsed = text.split_once(':').and_then(|(black, white)| {
+            Some(Levels { black: black.parse().ok()?, white: white.parse().ok()? })
+        });
+        parsed.filter(|levels| levels.black < levels.white).ok_or_else(|| {
+            format!("expected BLACK:WHITE, two numbers from 0 to 65535, the first lower; found {text:?}")
+        })
     }
 
     /// Levels of samples whose range is unknown: from the 1 % quantile `a` to `a + 8·(b − a)`, with
@@ -51,12 +50,7 @@ impl Levels {
         samples.iter().for_each(|&s| counts[usize::from(s)] += 1);
         let quantile = |share: u64| {
             let rank = (samples.len() as u64 * share / 100).min(samples.len() as u64 - 1);
-            let mut sum = 0u64;
-            let found = counts.iter().position(|&n| {
-                sum += u64::from(n);
-                sum > rank
-            });
-            found.unwrap_or(0) as u32
+            bin_of_rank(&counts, rank).unwrap_or(0) as u32
         };
         let [low, high, most] = [1, 99, 100].map(quantile);
         let white = (low + AUTO_SPREADS * (high - low).max(1)).min(most).max(low + 1);
@@ -76,28 +70,26 @@ impl Levels {
 /// for 16.
 ///
 /// # Errors
-/// [`PictureError::Read`] where the file cannot be opened, [`PictureError::File`] where it is no
-/// PNG or JPEG, is damaged, or exceeds the limits of size.
-pub fn read(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<(), PictureError> {
-    let file = path.display().to_string();
-    let refuse = |problem: String| PictureError::File { file: file.clone(), problem };
-    let opened = File::open(path).map_err(|source| PictureError::Read { file: file.clone(), source })?;
-    let reader = ImageReader::new(BufReader::new(opened)).with_guessed_format();
-    let mut reader = reader.map_err(|source| PictureError::Read { file: file.clone(), source })?;
-    if !matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::Jpeg)) {
-        return Err(refuse("expected a PNG, a JPEG or a Y4M clip, found something else".into()));
-    }
+/// A file that cannot be opened, is no PNG or JPEG, is damaged, or exceeds the limits of size.
+pub fn read(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<()> {
+    decode(path, levels, into).map_err(|problem| anyhow!("{}: {problem}", path.display()))
+}
+
+fn decode(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<()> {
+    let mut reader = ImageReader::new(BufReader::new(File::open(path)?)).with_guessed_format()?;
+    ensure!(
+        matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::Jpeg)),
+        "expected a PNG, a JPEG or a Y4M clip, found something else"
+    );
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);
-    let decode = |error: ImageError| refuse(format!("expected a whole PNG or JPEG: {error}"));
-    let decoder = reader.into_decoder().map_err(decode)?;
+    let damaged = |error: ImageError| anyhow!("expected a whole PNG or JPEG: {error}");
+    let decoder = reader.into_decoder().map_err(damaged)?;
     let (width, height) = decoder.dimensions();
-    if let Some(defect) = size_defect(width.into(), height.into()) {
-        return Err(refuse(defect));
-    }
+    check_size(width.into(), height.into())?;
     let colour = decoder.color_type();
-    let image = DynamicImage::from_decoder(decoder).map_err(decode)?;
+    let image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     (into.width, into.height) = (width as usize, height as usize);
     into.as_read.clear();
     if colour.has_color() {
@@ -166,7 +158,7 @@ mod tests {
     use proptest::prelude::*;
     use std::io::Write;
 
-    fn read_bytes(bytes: &[u8], levels: Option<Levels>) -> Result<Picture, PictureError> {
+    fn read_bytes(bytes: &[u8], levels: Option<Levels>) -> Result<Picture> {
         let mut file = tempfile::NamedTempFile::new().unwrap();
         file.write_all(bytes).unwrap();
         let mut picture = Picture::default();

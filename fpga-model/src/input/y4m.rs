@@ -4,8 +4,9 @@
 //! repeated, finer chroma averaged in pairs. In an interlaced 4:2:0 picture each field has chroma
 //! lines of its own. Samples are in the studio range unless the header says `XCOLORRANGE=FULL`.
 
-use super::{Interlace, Picture, PictureError, size_defect};
+use super::{Interlace, Picture, check_size};
 use crate::colours::convert::{GREY, chroma_of_full, luma_of_full};
+use anyhow::{Context, Result, anyhow, ensure};
 use std::io::{BufRead, Read};
 
 /// The first bytes of a clip.
@@ -69,17 +70,10 @@ impl<R: BufRead> Clip<R> {
     /// Reads the header; `file` is its name in messages.
     ///
     /// # Errors
-    /// [`PictureError::Read`] where the input cannot be read, [`PictureError::File`] where the
-    /// header is malformed or names a format that is not supported.
-    pub fn open(mut input: R, file: &str) -> Result<Self, PictureError> {
-        let refuse = |problem: String| PictureError::File { file: file.into(), problem };
-        let line = read_line(&mut input).map_err(|e| unreadable(file, e))?;
-        let line = line.ok_or_else(|| {
-            refuse(format!("expected a header line of at most {MAX_HEADER} bytes, found none"))
-        })?;
-        let text =
-            std::str::from_utf8(&line).map_err(|_| refuse("expected a header of plain text".into()))?;
-        let head = parse_head(text).map_err(refuse)?;
+    /// An input that cannot be read, or a header that is malformed or names a format that is not
+    /// supported.
+    pub fn open(mut input: R, file: &str) -> Result<Self> {
+        let head = read_head(&mut input).map_err(|problem| anyhow!("{file}: {problem}"))?;
         Ok(Clip { file: file.into(), input, head, begun: 0, raw: Vec::new() })
     }
 
@@ -91,34 +85,30 @@ impl<R: BufRead> Clip<R> {
     /// Reads the next picture into `into`; false at the end of the clip.
     ///
     /// # Errors
-    /// [`PictureError::Read`] where the input cannot be read, [`PictureError::Picture`] where the
-    /// picture is incomplete.
-    pub fn read(&mut self, into: &mut Picture) -> Result<bool, PictureError> {
-        match self.input.fill_buf() {
-            Ok([]) => return Ok(false),
-            Ok(_) => self.begun += 1,
-            Err(error) => return Err(unreadable(&self.file, error)),
+    /// An input that cannot be read, or a picture that is incomplete.
+    pub fn read(&mut self, into: &mut Picture) -> Result<bool> {
+        let (file, input) = (&self.file, &mut self.input);
+        let unreadable = |e: std::io::Error| anyhow!("{file}: {e}");
+        if input.fill_buf().map_err(unreadable)?.is_empty() {
+            return Ok(false);
         }
-        let line = read_line(&mut self.input).map_err(|e| unreadable(&self.file, e))?;
+        self.begun += 1;
+        let picture = self.begun;
+        let line = read_line(input).map_err(unreadable)?;
         let opened = line.as_deref().is_some_and(|l| l == b"FRAME" || l.starts_with(b"FRAME "));
-        if !opened {
-            return Err(self.refuse("expected a line that begins with FRAME, found something else".into()));
-        }
+        ensure!(
+            opened,
+            "{file}, picture {picture}: expected a line that begins with FRAME, found something else"
+        );
         let expected = self.head.picture_bytes();
         self.raw.clear();
-        let found = self.input.by_ref().take(expected).read_to_end(&mut self.raw);
-        let found = found.map_err(|e| unreadable(&self.file, e))? as u64;
-        if found < expected {
-            return Err(
-                self.refuse(format!("expected {expected} bytes of samples, found the end after {found}"))
-            );
-        }
+        let found = input.take(expected).read_to_end(&mut self.raw).map_err(unreadable)? as u64;
+        ensure!(
+            found == expected,
+            "{file}, picture {picture}: expected {expected} bytes of samples, found the end after {found}"
+        );
         self.unpack(into);
         Ok(true)
-    }
-
-    fn refuse(&self, problem: String) -> PictureError {
-        PictureError::Picture { file: self.file.clone(), picture: self.begun, problem }
     }
 
     /// Fills `into` from the raw planes.
@@ -176,8 +166,12 @@ fn read_line(input: &mut impl BufRead) -> std::io::Result<Option<Vec<u8>>> {
     Ok((line.pop() == Some(b'\n')).then_some(line))
 }
 
-fn unreadable(file: &str, source: std::io::Error) -> PictureError {
-    PictureError::Read { file: file.into(), source }
+fn read_head(input: &mut impl BufRead) -> Result<Head> {
+    let line = read_line(input)?;
+    let line =
+        line.with_context(|| format!("expected a header line of at most {MAX_HEADER} bytes, found none"))?;
+    let text = std::str::from_utf8(&line).map_err(|_| anyhow!("expected a header of plain text"))?;
+    parse_head(text).map_err(anyhow::Error::msg)
 }
 
 /// Parses the header line; the error is its defect.
@@ -202,9 +196,7 @@ fn parse_head(line: &str) -> Result<Head, String> {
             _ => return Err(format!("header: expected W, H, F, I, A, C or X, found {word:?}")),
         }
     }
-    if let Some(defect) = size_defect(width, height) {
-        return Err(format!("header: {defect}"));
-    }
+    check_size(width, height).map_err(|defect| format!("header: {defect}"))?;
     if interlace != Interlace::Progressive && height < 2 {
         return Err("header: expected at least 2 lines in an interlaced picture, found 1".into());
     }
@@ -266,7 +258,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn read_all(bytes: &[u8]) -> Result<Vec<Picture>, PictureError> {
+    fn read_all(bytes: &[u8]) -> Result<Vec<Picture>> {
         let mut clip = Clip::open(bytes, "c.y4m")?;
         let (mut all, mut picture) = (Vec::new(), Picture::default());
         while clip.read(&mut picture)? {

@@ -1,11 +1,10 @@
 //! Small fields that are hard for an extractor, with their settings.
 
 use crate::colours::CLASSES;
-use crate::scan::limits::CAMERA;
-use crate::scan::{Settings, background::Level, limits::Limits};
+use crate::scan::limits::{CAMERA, Limits};
+use crate::scan::{Settings, background::Level};
 use protocol::blobs::Colour;
-use protocol::fields::DARK;
-use protocol::fields::FieldPicture;
+use protocol::fields::{DARK, FieldPicture};
 
 /// A field with its settings.
 pub struct Pattern {

@@ -1,11 +1,14 @@
 //! The parameters of a self-calibration and the derivatives of images by them: camera poses (and
 //! lenses), marker positions, poses of bodies at every instant.
 
-use crate::lens::{EXTRINSICS, LENS, LENS_NAMES, by_extrinsics, lens_of, move_extrinsics, project, set_lens};
+use crate::lens::{
+    EXTRINSICS, LENS, LENS_NAMES, by_extrinsics, by_pose, lens_of, move_extrinsics, move_pose, project,
+    set_lens,
+};
 use crate::observations::{FrameObservations, MarkerObservation};
 use crate::solve::{Column, Loss, NormalEquations, Problem, Unknown};
 use crate::target_problem::camera_pose;
-use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{DVector, Isometry3, Matrix1, Matrix2, SMatrix, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
@@ -238,10 +241,6 @@ impl<'a> SelfCalibrationProblem<'a> {
         columns.clear();
         let by_world = image.by_point * camera.camera_from_world;
         let arm = point.coords - pose.translation.vector;
-        let turning = -(by_world * arm.cross_matrix());
-        let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
-        by_pose.fixed_columns_mut::<3>(0).copy_from(&turning);
-        by_pose.fixed_columns_mut::<3>(3).copy_from(&by_world);
         let by_place = image.by_point * by_extrinsics(camera, &p);
         let by_marker = by_world * pose.rotation.to_rotation_matrix().matrix();
         let shared = |first: Option<usize>| first.map(Unknown::Shared);
@@ -249,7 +248,7 @@ impl<'a> SelfCalibrationProblem<'a> {
         add_columns(columns, shared(self.place_at[seen.camera]), &whiten, &by_place);
         add_columns(columns, shared(self.marker_at[seen.body][seen.marker]), &whiten, &by_marker);
         let before = columns.len();
-        add_columns(columns, own.map(Unknown::Own), &whiten, &by_pose);
+        add_columns(columns, own.map(Unknown::Own), &whiten, &by_pose(&by_world, &arm));
         columns.truncate(before + self.own_of(seen.body));
         Some(residual)
     }
@@ -360,11 +359,7 @@ impl Problem for SelfCalibrationProblem<'_> {
             let (ats, _) = self.own_at(block);
             for (body, (pose, at)) in poses.iter_mut().zip(ats).enumerate() {
                 let (Some(pose), Some(at)) = (pose, at) else { continue };
-                let turn = Vector3::new(step[at], step[at + 1], step[at + 2]);
-                pose.rotation = UnitQuaternion::from_scaled_axis(turn) * pose.rotation;
-                if self.own_of(body) == 6 {
-                    pose.translation.vector += Vector3::new(step[at + 3], step[at + 4], step[at + 5]);
-                }
+                move_pose(pose, &step.as_slice()[at..at + self.own_of(body)]);
             }
         }
         next

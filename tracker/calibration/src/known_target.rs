@@ -1,10 +1,10 @@
 //! Which dot of a picture is which of a target whose dots are known: from a few that a person
 //! picked, by predicting where the others must be, ever more exactly.
 
-use crate::CalibrationError;
 use crate::dots::Dot;
 use crate::linear::{camera_from_dots, plane_of};
 use crate::target_problem::Correspondence;
+use crate::{CalibrationError, median};
 use nalgebra::{Matrix4, Matrix4x2, Point3, Vector2, Vector4};
 
 /// A dot may lie so far from where it is predicted, as a share of the distance between dots.
@@ -83,9 +83,7 @@ fn paired(
         (off < GATE * apart(i)).then_some((off, Correspondence { pixel: nearest.at, point: predicted[i].0 }))
     };
     let pairs: Vec<(f64, Correspondence)> = (0..predicted.len()).filter_map(pair).collect();
-    let mut offs: Vec<f64> = pairs.iter().map(|p| p.0).collect();
-    offs.sort_by(f64::total_cmp);
-    let Some(median) = offs.get(offs.len() / 2) else { return before };
+    let Some(median) = median(pairs.iter().map(|p| p.0)) else { return before };
     let good: Vec<Correspondence> = pairs.iter().filter(|p| p.0 <= SPECK * median).map(|p| p.1).collect();
     if good.len() >= 4 { good } else { before }
 }

@@ -1,6 +1,8 @@
 //! Projection of a point of the camera frame with derivatives by the point and by the lens.
 
-use nalgebra::{Matrix2, Matrix2x3, Rotation3, SMatrix, Vector2, Vector3};
+use nalgebra::{
+    Isometry3, Matrix2, Matrix2x3, Matrix3, Rotation3, SMatrix, UnitQuaternion, Vector2, Vector3,
+};
 use protocol::camera::Camera;
 
 /// Number of values of a lens.
@@ -85,8 +87,26 @@ pub fn by_extrinsics(camera: &Camera, p_in_camera: &Vector3<f64>) -> SMatrix<f64
     let arm = p_in_camera - camera.translation_mm;
     let mut out = SMatrix::<f64, 3, EXTRINSICS>::zeros();
     out.fixed_view_mut::<3, 3>(0, 0).copy_from(&-arm.cross_matrix());
-    out.fixed_view_mut::<3, 3>(0, 3).copy_from(&nalgebra::Matrix3::identity());
+    out.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
     out
+}
+
+/// Derivative of the image of a point of a body by the body's pose, for [`move_pose`]: `by_world` is
+/// that by the point in the world, `arm` leads from the body's origin to the point.
+pub fn by_pose(by_world: &Matrix2x3<f64>, arm: &Vector3<f64>) -> SMatrix<f64, 2, EXTRINSICS> {
+    let mut out = SMatrix::<f64, 2, EXTRINSICS>::zeros();
+    out.fixed_columns_mut::<3>(0).copy_from(&-(by_world * arm.cross_matrix()));
+    out.fixed_columns_mut::<3>(3).copy_from(by_world);
+    out
+}
+
+/// Turns a body about its origin by the first three values of `step` (rad, world), and shifts it by
+/// the other three if there are any (mm).
+pub fn move_pose(pose: &mut Isometry3<f64>, step: &[f64]) {
+    pose.rotation = UnitQuaternion::from_scaled_axis(Vector3::from_column_slice(&step[..3])) * pose.rotation;
+    if let [_, _, _, x, y, z] = *step {
+        pose.translation.vector += Vector3::new(x, y, z);
+    }
 }
 
 /// A camera at the origin with a lens without distortion, for a first guess.
@@ -97,7 +117,7 @@ pub fn pinhole_camera(id: u32, size_px: [u32; 2], focal_px: Vector2<f64>, centre
         focal_px,
         centre_px,
         distortion: [0.0; 5],
-        camera_from_world: nalgebra::Matrix3::identity(),
+        camera_from_world: Matrix3::identity(),
         translation_mm: Vector3::zeros(),
     }
 }

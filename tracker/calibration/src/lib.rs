@@ -43,6 +43,13 @@ pub enum CalibrationError {
     Solve(#[from] solve::SolveError),
 }
 
+/// The median of some values, of an even number of them the upper one; `None` of none.
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied()
+}
+
 impl CalibrationError {
     fn geometry(problem: impl Into<String>) -> Self {
         CalibrationError::Geometry(problem.into())

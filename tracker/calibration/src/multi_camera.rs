@@ -1,8 +1,8 @@
 //! Several cameras: from views of a common target, or from dots of known positions.
 
 use crate::CalibrationError;
+use crate::lens::LENS;
 use crate::linear;
-use crate::solve::Loss;
 use crate::target_problem::{
     Calibrated, Correspondence, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView,
     calibrate, calibrate_lens, camera_pose, set_camera_pose,
@@ -21,7 +21,7 @@ pub enum LensMode {
     /// Calibrated by each camera alone, then fixed.
     Held,
     /// Given, by camera, and fixed.
-    PriorSigmas(Vec<Camera>),
+    Given(Vec<Camera>),
 }
 
 /// Calibrates cameras that see a target together: each lens alone, then all lenses and extrinsics
@@ -32,7 +32,7 @@ pub enum LensMode {
 pub fn calibrate_cameras(
     sizes_px: &[[u32; 2]],
     sheets: &[TargetView],
-    free: [bool; crate::lens::LENS],
+    free: [bool; LENS],
     lenses: &LensMode,
     robustness: Robustness,
     progress: &mut Progress<'_>,
@@ -42,7 +42,7 @@ pub fn calibrate_cameras(
     for (c, &size) in sizes_px.iter().enumerate() {
         let own: Vec<TargetView> = sheets.iter().filter(|s| s.camera == c).cloned().collect();
         let (camera, found) = match lenses {
-            LensMode::PriorSigmas(cameras) => before(&cameras[c], &own)?,
+            LensMode::Given(cameras) => before(&cameras[c], &own)?,
             _ => {
                 let lens = FreeParameters { lens: free, place: false };
                 let found = calibrate_lens(c as u32, size, &own, lens, robustness, progress)?;
@@ -62,15 +62,9 @@ pub fn calibrate_cameras(
         seen.into_iter().next().unwrap_or_else(Isometry3::identity)
     };
     let start = Scene { views: (0..views).map(place).collect(), cameras };
-    let lens = if matches!(lenses, LensMode::Refined) { free } else { [false; crate::lens::LENS] };
-    let problem = TargetProblem {
-        sheets,
-        free: (0..sizes_px.len()).map(|c| FreeParameters { lens, place: c > 0 }).collect(),
-        fixed_views: false,
-        views: start.views.len(),
-        sigma_px: 1.0,
-        loss: Loss::Square,
-    };
+    let lens = if matches!(lenses, LensMode::Refined) { free } else { [false; LENS] };
+    let free = (0..sizes_px.len()).map(|c| FreeParameters { lens, place: c > 0 }).collect();
+    let problem = TargetProblem::new(sheets, free, false, views);
     calibrate(problem, start, robustness, progress)
 }
 
@@ -139,7 +133,7 @@ pub enum CameraPrior {
 pub fn calibrate_on_dots(
     before: &[CameraPrior],
     sheets: &[TargetView],
-    free: [bool; crate::lens::LENS],
+    free: [bool; LENS],
     robustness: Robustness,
     progress: &mut Progress<'_>,
 ) -> Result<Calibrated, CalibrationError> {
@@ -170,16 +164,9 @@ pub fn calibrate_on_dots(
     }
     let free_of = |before: &CameraPrior| match before {
         CameraPrior::Size(_) => FreeParameters { lens: free, place: true },
-        CameraPrior::Lens(_) => FreeParameters { lens: [false; crate::lens::LENS], place: true },
+        CameraPrior::Lens(_) => FreeParameters { lens: [false; LENS], place: true },
     };
-    let problem = TargetProblem {
-        sheets,
-        free: before.iter().map(free_of).collect(),
-        fixed_views: true,
-        views: 1,
-        sigma_px: 1.0,
-        loss: Loss::Square,
-    };
+    let problem = TargetProblem::new(sheets, before.iter().map(free_of).collect(), true, 1);
     let start = Scene { cameras, views: vec![Isometry3::identity()] };
     calibrate(problem, start, robustness, progress)
 }
@@ -243,7 +230,7 @@ pub fn triangulate(points: &[ImagePoint<'_>]) -> Option<Point3<f64>> {
 pub fn held_out(
     before: &[CameraPrior],
     sheets: &[TargetView],
-    free: [bool; crate::lens::LENS],
+    free: [bool; LENS],
     robustness: Robustness,
     chosen: &dyn Fn(usize) -> bool,
 ) -> Result<[f64; 3], CalibrationError> {

@@ -1,6 +1,7 @@
 //! Marker observations of a whole stream: the tracker finds the bodies with the rig as it is, then
 //! every marker is assigned the nearest blob, if the assignment is unambiguous.
 
+use crate::median;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BlobField};
 use protocol::camera::Camera;
@@ -81,10 +82,8 @@ pub fn collect(rig: &Rig, fields: &[BlobField]) -> Vec<FrameObservations> {
 fn drop_hidden(cameras: usize, instants: &mut [FrameObservations]) {
     for camera in 0..cameras {
         let own = |s: &&MarkerObservation| s.camera == camera;
-        let mut ratios: Vec<f64> =
-            instants.iter().flat_map(|i| i.seen.iter().filter(own).map(|s| s.area_ratio)).collect();
-        ratios.sort_by(f64::total_cmp);
-        let Some(&usual) = ratios.get(ratios.len() / 2) else { continue };
+        let ratios = instants.iter().flat_map(|i| i.seen.iter().filter(own).map(|s| s.area_ratio));
+        let Some(usual) = median(ratios) else { continue };
         for instant in instants.iter_mut() {
             let odd = |s: &MarkerObservation| s.camera == camera && (s.area_ratio / usual - 1.0).abs() > AREA;
             instant.seen.retain(|s| !odd(s));

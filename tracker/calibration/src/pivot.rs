@@ -1,6 +1,6 @@
 //! Points about which something pivots: the trocar about which a shaft turns, and the eye's centre.
 
-use crate::CalibrationError;
+use crate::{CalibrationError, median};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 /// Fewest poses; fewer leave no residual to judge by.
@@ -41,17 +41,12 @@ pub struct Pivot {
     pub poses: usize,
 }
 
-/// Spread of residuals from their median length.
-fn spread_of(lengths: &[f64]) -> f64 {
-    let mut sorted = lengths.to_vec();
-    sorted.sort_by(f64::total_cmp);
+/// Cauchy weights of residuals by their lengths; their spread is that of the median length.
+fn weights_of(lengths: &[f64]) -> Vec<f64> {
     // The median of a normal 2-vector's length is 1.18 standard deviations; a floor keeps exact
     // data finite.
-    (sorted.get(sorted.len() / 2).copied().unwrap_or(0.0) / 1.177).max(1e-9)
-}
-
-fn weight(length: f64, spread: f64) -> f64 {
-    1.0 / (1.0 + (length / (SUSPECT * spread)).powi(2))
+    let spread = (median(lengths.iter().copied()).unwrap_or(0.0) / 1.177).max(1e-9);
+    lengths.iter().map(|length| 1.0 / (1.0 + (length / (SUSPECT * spread)).powi(2))).collect()
 }
 
 /// Projection across a direction.
@@ -59,8 +54,8 @@ fn across(d: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() - d * d.transpose()
 }
 
-fn tilted_enough(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<(), CalibrationError> {
-    let information = shafts.iter().map(|s| across(&s.1)).sum::<Matrix3<f64>>() / shafts.len() as f64;
+fn tilted_enough(shafts: &[Shaft]) -> Result<(), CalibrationError> {
+    let information = shafts.iter().map(|s| across(&s.direction)).sum::<Matrix3<f64>>() / shafts.len() as f64;
     // Lines along one direction leave the point free along it; the smallest eigenvalue is the
     // spread squared.
     let spread = information.symmetric_eigenvalues().min().max(0.0).sqrt();
@@ -74,9 +69,27 @@ fn tilted_enough(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<(), Calibrati
     )))
 }
 
-/// The point nearest to all shafts: lines through a point along a unit vector, in the frame of what
-/// the trocar sits in (the eye).
-pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, CalibrationError> {
+/// A shaft in the frame of what its trocar sits in (the eye).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shaft {
+    /// A point on it, mm.
+    pub origin: Point3<f64>,
+    /// Unit vector along it.
+    pub direction: Vector3<f64>,
+}
+
+impl Shaft {
+    /// How far the shaft passes from a point, mm.
+    fn miss(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        across(&self.direction) * (point - self.origin.coords)
+    }
+}
+
+/// The point nearest to all shafts.
+///
+/// # Errors
+/// Too few shafts, or too little tilt.
+pub fn of_shafts(shafts: &[Shaft]) -> Result<Pivot, CalibrationError> {
     if shafts.len() < FEWEST {
         return Err(CalibrationError::geometry(format!(
             "{} poses with a shaft; at least {FEWEST} are needed",
@@ -89,25 +102,19 @@ pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, Calibr
     let mut covariance = Matrix3::zeros();
     for _ in 0..ROUNDS {
         let (mut m, mut r) = (Matrix3::zeros(), Vector3::zeros());
-        for ((origin, direction), w) in shafts.iter().zip(&weights) {
+        for (Shaft { origin, direction }, w) in shafts.iter().zip(&weights) {
             m += across(direction) * *w;
             r += across(direction) * origin.coords * *w;
         }
         covariance = m.try_inverse().ok_or_else(|| CalibrationError::geometry("the shafts fix no point"))?;
         point = covariance * r;
-        let misses: Vec<f64> = shafts.iter().map(|(o, d)| (across(d) * (point - o.coords)).norm()).collect();
-        let spread = spread_of(&misses);
-        weights = misses.iter().map(|m| weight(*m, spread)).collect();
+        weights = weights_of(&shafts.iter().map(|s| s.miss(&point).norm()).collect::<Vec<_>>());
     }
     // Two equations a shaft.
-    let squares: f64 = shafts
-        .iter()
-        .zip(&weights)
-        .map(|((o, d), w)| w * (across(d) * (point - o.coords)).norm_squared())
-        .sum();
+    let squares: f64 = shafts.iter().zip(&weights).map(|(s, w)| w * s.miss(&point).norm_squared()).sum();
     let play = (squares / (2.0 * weights.iter().sum::<f64>() - 3.0).max(1.0)).sqrt();
-    let pull = |((o, d), w): (&(Point3<f64>, Vector3<f64>), &f64)| across(d) * (point - o.coords) * *w;
-    let pulls = shafts.iter().zip(&weights).map(pull).map(|g| DVector::from_column_slice(g.as_slice()));
+    let pulls = shafts.iter().zip(&weights).map(|(s, w)| s.miss(&point) * *w);
+    let pulls = pulls.map(|g| DVector::from_column_slice(g.as_slice()));
     let inverse = DMatrix::from_column_slice(3, 3, covariance.as_slice());
     let covariance = clustered(&inverse, &pulls.collect::<Vec<_>>());
     Ok(Pivot {
@@ -120,6 +127,9 @@ pub fn of_shafts(shafts: &[(Point3<f64>, Vector3<f64>)]) -> Result<Pivot, Calibr
 
 /// The point of a body that stays in place while it turns: where it is in the world, and in the
 /// body, from `world_from_body` poses. Solves R·q + t = c for q and c by least squares.
+///
+/// # Errors
+/// Too few poses, or turns about one axis only.
 pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), CalibrationError> {
     if poses.len() < FEWEST {
         return Err(CalibrationError::geometry(format!(
@@ -151,9 +161,7 @@ pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), Calibr
         }
         inverse = m.try_inverse().ok_or_else(|| CalibrationError::geometry("the poses fix no pivot"))?;
         answer = &inverse * r;
-        let misses: Vec<f64> = poses.iter().map(|p| miss(p, &answer).norm()).collect();
-        let spread = spread_of(&misses);
-        weights = misses.iter().map(|m| weight(*m, spread)).collect();
+        weights = weights_of(&poses.iter().map(|p| miss(p, &answer).norm()).collect::<Vec<_>>());
     }
     let squares: f64 = poses.iter().zip(&weights).map(|(p, w)| w * miss(p, &answer).norm_squared()).sum();
     let play = (squares / (3.0 * weights.iter().sum::<f64>() - 6.0).max(1.0)).sqrt();
@@ -193,8 +201,8 @@ mod tests {
         fn shafts_meet_in_their_trocar(p in prop::array::uniform3(-12.0..12.0f64), tilt in 0.05..0.6f64) {
             let p = Point3::from(p);
             let shafts: Vec<_> = (0..30).map(|i| {
-                let along = turn(i, tilt) * Vector3::z();
-                (p - along * (5.0 + i as f64 / 3.0), along)
+                let direction = turn(i, tilt) * Vector3::z();
+                Shaft { origin: p - direction * (5.0 + i as f64 / 3.0), direction }
             }).collect();
             let found = of_shafts(&shafts).unwrap();
             prop_assert!((found.point - p).norm() < 1e-9 && found.play_mm < 1e-9);
@@ -223,7 +231,7 @@ mod tests {
                 let aside =
                     along.cross(&Vector3::x()).normalize() * 0.05 * (i as f64 * 0.77).sin() * 2f64.sqrt();
                 let aside = if i % 10 == 0 { aside * 60.0 } else { aside };
-                (p + aside - along * 12.0, along)
+                Shaft { origin: p + aside - along * 12.0, direction: along }
             })
             .collect();
         let found = of_shafts(&shafts).unwrap();
@@ -233,7 +241,8 @@ mod tests {
 
     #[test]
     fn what_does_not_pivot_is_refused() {
-        let still: Vec<_> = (0..20).map(|i| (Point3::new(0.0, 0.0, f64::from(i)), Vector3::z())).collect();
+        let still = |i| Shaft { origin: Point3::new(0.0, 0.0, f64::from(i)), direction: Vector3::z() };
+        let still: Vec<_> = (0..20).map(still).collect();
         assert!(of_shafts(&still).unwrap_err().to_string().contains("tilted by 0.0 mrad only"));
         assert!(of_shafts(&still[..3]).unwrap_err().to_string().contains("3 poses"));
         let about_one_axis = |i| {

@@ -1,5 +1,6 @@
 //! Pictures of residuals: vectors over the sensor, enlarged, with a bar for scale.
 
+use crate::median;
 use crate::target_problem::Residual;
 use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
@@ -50,9 +51,7 @@ pub fn residual_picture(size_px: [u32; 2], residuals: &[Residual]) -> RgbImage {
 
 /// Picture pixels per px of residual: the median length becomes [`TYPICAL`].
 fn enlargement(residuals: &[Residual]) -> f64 {
-    let mut lengths: Vec<f64> = residuals.iter().map(|r| r.error.norm()).collect();
-    lengths.sort_by(f64::total_cmp);
-    let median = lengths.get(lengths.len() / 2).copied().unwrap_or(1.0);
+    let median = median(residuals.iter().map(|r| r.error.norm())).unwrap_or(1.0);
     TYPICAL / median.clamp(1e-9, 1e6)
 }
 

@@ -4,10 +4,13 @@
 //! One camera and a moved board: the lens. Several cameras and a board: lenses and extrinsics.
 //! Several cameras and fixed dots: extrinsics in the frame of the dots.
 
-use crate::CalibrationError;
-use crate::lens::{EXTRINSICS, LENS, LENS_NAMES, by_extrinsics, lens_of, move_extrinsics, project, set_lens};
+use crate::lens::{
+    EXTRINSICS, LENS, LENS_NAMES, by_extrinsics, by_pose, lens_of, move_extrinsics, move_pose, project,
+    set_lens,
+};
 use crate::linear;
 use crate::solve::{Column, Loss, NormalEquations, Problem, Solution, Unknown, solve};
+use crate::{CalibrationError, median};
 use nalgebra::{
     DVector, Isometry3, Matrix3, Point3, SMatrix, Translation3, UnitQuaternion, Vector2, Vector3,
 };
@@ -75,6 +78,13 @@ pub struct TargetProblem<'a> {
     pub loss: Loss,
 }
 
+impl<'a> TargetProblem<'a> {
+    /// Least squares over `views` views.
+    pub fn new(sheets: &'a [TargetView], free: Vec<FreeParameters>, fixed_views: bool, views: usize) -> Self {
+        TargetProblem { sheets, free, fixed_views, views, sigma_px: 1.0, loss: Loss::Square }
+    }
+}
+
 /// A shared unknown: camera, and which of its values (lens, then place).
 fn shared_unknowns(free: &[FreeParameters]) -> Vec<(usize, usize)> {
     let of_camera = |(c, free): (usize, &FreeParameters)| {
@@ -133,12 +143,9 @@ impl Problem for TargetProblem<'_> {
                 }
                 if !self.fixed_views {
                     let by_world = image.by_point * camera.camera_from_world;
-                    let arm = world.coords - view.translation.vector;
-                    let turning = -(by_world * arm.cross_matrix());
-                    for i in 0..3 {
-                        columns.push((Unknown::Own(i), turning.column(i) / self.sigma_px));
-                        columns.push((Unknown::Own(3 + i), by_world.column(i) / self.sigma_px));
-                    }
+                    let by_pose = by_pose(&by_world, &(world.coords - view.translation.vector));
+                    let slopes = by_pose.column_iter().enumerate();
+                    columns.extend(slopes.map(|(i, slope)| (Unknown::Own(i), slope / self.sigma_px)));
                 }
                 out.add(&((image.pixel - sample.pixel) / self.sigma_px), &columns, self.loss);
             }
@@ -158,9 +165,7 @@ impl Problem for TargetProblem<'_> {
         }
         if !self.fixed_views {
             for (view, step) in next.views.iter_mut().zip(own).filter(|(_, step)| !step.is_empty()) {
-                let [a, b, c, x, y, z] = std::array::from_fn(|i| step[i]);
-                view.rotation = UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c)) * view.rotation;
-                view.translation.vector += Vector3::new(x, y, z);
+                move_pose(view, step.as_slice());
             }
         }
         next
@@ -243,9 +248,7 @@ impl Robustness {
 /// Standard deviation of one coordinate from the median length of residuals, which a few outliers
 /// do not move: the length of a normal 2-vector has the median σ·√(2 ln 2).
 pub fn robust_sigma(residuals: &[Residual]) -> f64 {
-    let mut lengths: Vec<f64> = residuals.iter().map(|r| r.error.norm()).collect();
-    lengths.sort_by(f64::total_cmp);
-    let median = lengths.get(lengths.len() / 2).copied().unwrap_or(0.0);
+    let median = median(residuals.iter().map(|r| r.error.norm())).unwrap_or(0.0);
     // Exact data would otherwise divide by zero; no camera measures to 1e-6 px.
     (median / (2.0 * std::f64::consts::LN_2).sqrt()).max(1e-6)
 }
@@ -260,7 +263,6 @@ pub fn calibrate(
     robustness: Robustness,
     progress: &mut dyn FnMut(usize, f64),
 ) -> Result<Calibrated, CalibrationError> {
-    (problem.sigma_px, problem.loss) = (1.0, Loss::Square);
     let mut solution = solve(&problem, start, progress)?;
     if robustness != Robustness::Square {
         // Twice: outliers widen the spread of the first.
@@ -320,14 +322,7 @@ pub fn calibrate_lens(
     let views = all.iter().map(|s| linear::target_in_camera(&camera, s)).collect::<Result<_, _>>()?;
     let sheets: Vec<TargetView> =
         sheets.iter().enumerate().map(|(view, s)| TargetView { camera: 0, view, ..s.clone() }).collect();
-    let problem = TargetProblem {
-        sheets: &sheets,
-        free: vec![free],
-        fixed_views: false,
-        views: sheets.len(),
-        sigma_px: 1.0,
-        loss: Loss::Square,
-    };
+    let problem = TargetProblem::new(&sheets, vec![free], false, sheets.len());
     calibrate(problem, Scene { cameras: vec![camera], views }, robustness, progress)
 }
 

@@ -6,12 +6,14 @@ use crate::associate::{Association, AssociationInput};
 use crate::body_filter::BodyFilter;
 use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
+use crate::observation::FieldObservation;
 use crate::pose_math::exp;
+use crate::rig_model::RigModel;
 use crate::roll_recovery;
 use crate::track::Track;
 use nalgebra::{Matrix3, Vector3};
 use protocol::blobs::BlobField;
-use protocol::limits::BODIES;
+use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
 
 /// Fits by body.
@@ -21,6 +23,17 @@ type Fits = [Option<PoseFit>; BODIES];
 pub(super) struct Estimate {
     pub association: Association,
     fits: Fits,
+}
+
+impl Group {
+    fn input<'a>(
+        self,
+        rig: &'a RigModel,
+        fields: &'a [FieldObservation; MAX_CAMERAS],
+        area_scales: &'a [f64; MAX_CAMERAS],
+    ) -> AssociationInput<'a> {
+        AssociationInput { rig, fields, cameras: self.cameras, time_ns: self.time_ns, area_scales }
+    }
 }
 
 impl Tracker {
@@ -69,13 +82,7 @@ impl Tracker {
             }
             Some(predicted)
         });
-        let input = AssociationInput {
-            rig: &self.rig,
-            fields: &self.fields,
-            cameras: group.cameras,
-            time_ns: group.time_ns,
-            area_scales: &self.area_scales,
-        };
+        let input = group.input(&self.rig, &self.fields, &self.area_scales);
         self.associator.associate(&input, &predicted)
     }
 
@@ -134,13 +141,7 @@ impl Tracker {
     /// Finds instruments that rolled otherwise than predicted, by the markers beside their shafts,
     /// and turns their fits. True for those that did.
     fn recover_rolls(&mut self, group: Group, association: &Association, fits: &mut Fits) -> [bool; BODIES] {
-        let input = AssociationInput {
-            rig: &self.rig,
-            fields: &self.fields,
-            cameras: group.cameras,
-            time_ns: group.time_ns,
-            area_scales: &self.area_scales,
-        };
+        let input = group.input(&self.rig, &self.fields, &self.area_scales);
         std::array::from_fn(|body| {
             let track = &mut self.tracks[body];
             let (Some(mut predicted), Some(fit)) = (track.predicted(), &mut fits[body]) else {

@@ -10,11 +10,11 @@ use protocol::fields::FieldHeader;
 use protocol::time::Nanos;
 
 /// Where the fields go.
-pub(super) enum Output {
-    /// Pixels to the camera hardware, published ahead.
-    Fields(Box<BlockSender<FieldHeader>>),
-    /// Blobs to the tracker, held back until they are due.
-    Blobs(Outbox),
+pub(super) struct Output {
+    /// Pixels to the camera hardware, published ahead; `None` on the direct path.
+    fields: Option<Box<BlockSender<FieldHeader>>>,
+    /// Blobs to the tracker on the direct path, held back until they are due.
+    pub(super) blobs: Outbox,
 }
 
 /// Instants of a field.
@@ -29,61 +29,30 @@ pub(super) struct FieldTiming {
 
 impl Output {
     pub(super) fn open(instance: &Instance, path: Path, payload_bytes: usize) -> Result<Self> {
-        Ok(match path {
-            Path::Pixels => Output::Fields(Box::new(instance.block_sender(payload_bytes)?)),
-            Path::Direct => Output::Blobs(Outbox::default()),
-        })
+        let sender = || anyhow::Ok(Box::new(instance.block_sender(payload_bytes)?));
+        let fields = (path == Path::Pixels).then(sender).transpose()?;
+        Ok(Output { fields, blobs: Outbox::default() })
     }
 
     /// Publishes the pixels of a field, or holds its blobs back; false where the outbox is full.
     pub(super) fn put(&mut self, exposure: &mut Exposure, timing: &FieldTiming) -> Result<bool> {
-        match self {
-            Output::Fields(fields) => {
-                let mut header = exposure.header();
-                header.exposed_ns += timing.start_ns;
-                header.first_line_ns += timing.start_ns + timing.late_ns;
-                fields.send(header.bytes(), |payload| {
-                    exposure.paint(payload);
-                    header
-                })?;
-                Ok(true)
-            }
-            Output::Blobs(outbox) => {
-                let mut field = BlobField::zeroed();
-                exposure.blobs(&mut field);
-                Ok(outbox.put(timing.due_ns, &field))
-            }
-        }
-    }
-
-    /// Takes the next blobs that are due `elapsed_ns` after the start.
-    pub(super) fn take_due(&mut self, elapsed_ns: u64) -> Option<BlobField> {
-        match self {
-            Output::Fields(_) => None,
-            Output::Blobs(outbox) => outbox.take(elapsed_ns),
-        }
-    }
-
-    /// When the next blobs are due, ns after the start.
-    pub(super) fn due_ns(&self) -> Option<u64> {
-        match self {
-            Output::Fields(_) => None,
-            Output::Blobs(outbox) => outbox.due_ns(),
-        }
-    }
-
-    /// Drops the blobs held back.
-    pub(super) fn clear(&mut self) {
-        if let Output::Blobs(outbox) = self {
-            outbox.clear();
-        }
+        let Some(fields) = &mut self.fields else {
+            let mut field = BlobField::zeroed();
+            exposure.blobs(&mut field);
+            return Ok(self.blobs.put(timing.due_ns, &field));
+        };
+        let mut header = exposure.header();
+        header.exposed_ns += timing.start_ns;
+        header.first_line_ns += timing.start_ns + timing.late_ns;
+        fields.send(header.bytes(), |payload| {
+            exposure.paint(payload);
+            header
+        })?;
+        Ok(true)
     }
 
     /// Fields of pixels sent so far.
     pub(super) fn sent(&self) -> u64 {
-        match self {
-            Output::Fields(fields) => fields.sent(),
-            Output::Blobs(_) => 0,
-        }
+        self.fields.as_ref().map_or(0, |fields| fields.sent())
     }
 }

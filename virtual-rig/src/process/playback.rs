@@ -14,7 +14,7 @@ impl VirtualRigShell {
         let (mut i, mut beats) = (0, 0);
         let period_ns = self.rig.field_period_ns();
         loop {
-            let over = i == playback.len() || playback.due_ns(i) >= self.duration_ns;
+            let over = i == playback.count() || playback.due_ns(i) >= self.duration_ns;
             let wake = if over { self.finish(0)? } else { self.wait_for(playback.due_ns(i))? };
             match wake {
                 Wake::Stop => return Ok(()),

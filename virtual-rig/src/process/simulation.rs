@@ -29,15 +29,13 @@ const DRAIN_NS: u64 = 5_000_000;
 /// Simulates the cameras until the process is stopped.
 pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Result<()> {
     let path = if config.direct { Path::Direct } else { Path::Pixels };
-    let faults = match &config.faults.faults {
+    let faults = match &config.faults {
         Some(text) => FaultInjector::new(FaultSpec::load(text)?, rig, config.seed)?,
         None => FaultInjector::none(rig),
     };
-    let log = config
-        .faults
-        .fault_log
-        .as_deref()
-        .map(|path| FaultLog::create(path).with_context(|| format!("cannot write {}", path.display())));
+    let log = config.fault_log.as_deref();
+    let log =
+        log.map(|path| FaultLog::create(path).with_context(|| format!("cannot write {}", path.display())));
     let cameras = Cameras::with_faults(rig, path, config.seed, faults)?;
     let mut shell = VirtualRigShell::open(config, rig, surgeon)?;
     let fault_log = log.transpose()?;
@@ -79,13 +77,13 @@ struct Simulation {
 impl Simulation {
     /// The next action `elapsed_ns` after the start, with no exposure from `end_ns` on.
     fn next_action(&self, elapsed_ns: u64, end_ns: u64) -> Action {
-        let send = self.output.due_ns().into_iter().chain(self.controls.map(|c| c.due_ns)).min();
+        let send = self.output.blobs.due_ns().into_iter().chain(self.controls.map(|c| c.due_ns)).min();
         self.schedule.next(elapsed_ns, send, end_ns)
     }
 
     /// Starts again with field 0.
     fn restart(&mut self) {
-        self.output.clear();
+        self.output.blobs.clear();
         self.schedule.reset();
         (self.controls, self.last_due_ns) = (None, 0);
     }
@@ -169,7 +167,7 @@ impl VirtualRigShell {
         if let Some(controls) = simulation.controls.take_if(|c| c.due_ns <= elapsed_ns) {
             self.controls.send(&controls)?;
         }
-        while let Some(mut field) = simulation.output.take_due(elapsed_ns) {
+        while let Some(mut field) = simulation.output.blobs.take(elapsed_ns) {
             field.exposed_ns += self.timeline.start();
             field.read_out_ns += self.timeline.start();
             self.send(&mut field)?;

@@ -4,7 +4,7 @@ use super::{OutputArgs, positive, progress, with_spinner};
 use crate::bundle::PriorSigmas;
 use crate::drift_check::{self, DriftCheck};
 use crate::observations::{FrameObservations, collect};
-use crate::pivot::{self, Pivot};
+use crate::pivot::{self, Pivot, Shaft};
 use crate::pose_file::{self, Poses};
 use crate::report::{Report, camera_report};
 use crate::self_calibration::{SelfCalibration, fitted, fitted_with, refine_stream, spread};
@@ -289,11 +289,9 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
 fn trocar(poses: &[Poses], body: usize) -> anyhow::Result<Pivot> {
     let shaft = |p: &Poses| {
         let (pose, eye) = (p[body]?, p[EYE]?);
-        let origin = Point3::from(pose.translation.vector);
-        Some((
-            eye.inverse_transform_point(&origin),
-            eye.inverse_transform_vector(&(pose.rotation * Vector3::z())),
-        ))
+        let origin = eye.inverse_transform_point(&pose.translation.vector.into());
+        let direction = eye.inverse_transform_vector(&(pose.rotation * Vector3::z()));
+        Some(Shaft { origin, direction })
     };
     let shafts: Vec<_> = poses.iter().filter_map(shaft).collect();
     Ok(pivot::of_shafts(&shafts)?)

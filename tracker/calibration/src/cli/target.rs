@@ -288,9 +288,9 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
     let lenses = match (args.keep_lenses, &args.rig) {
         (false, _) => LensMode::Refined,
         (true, None) => LensMode::Held,
-        (true, Some(_)) => LensMode::PriorSigmas(template.cameras()),
+        (true, Some(_)) => LensMode::Given(template.cameras()),
     };
-    if let LensMode::PriorSigmas(cameras) = &lenses {
+    if let LensMode::Given(cameras) = &lenses {
         let (known, seen) = (cameras.len(), sizes_px.len());
         ensure!(known == seen, "--keep-lenses: expected a rig of {seen} cameras, found {known}");
     }
