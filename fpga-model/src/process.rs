@@ -5,21 +5,16 @@
 //! before its first line has left the sensor. Whether the source is virtual or a camera makes no
 //! difference here.
 
-use crate::camera_extractor::CameraExtractor;
-use crate::config::Config;
+use crate::{camera_extractor::CameraExtractor, config::Config};
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
-use ipc::outbox::Outbox;
-use ipc::shell::Shell;
 use ipc::{BlockReceiver, BlockSample, Instance, Sender, wait};
-use protocol::blobs::BlobField;
-use protocol::control::Command;
+use ipc::{outbox::Outbox, shell::Shell};
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
 use protocol::limits::{MAX_CAMERAS, MAX_WAIT_MS};
-use protocol::rig::Rig;
-use protocol::time::Nanos;
+use protocol::{blobs::BlobField, control::Command, rig::Rig, time::Nanos};
 
 /// Time before an instant from which on channels are not served, ns.
 const FINE_NS: u64 = 500_000;

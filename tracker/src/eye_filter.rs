@@ -7,9 +7,8 @@
 //! pose with its 6×6 covariance *after* the prior went in (see `fit`), so the rest of the state
 //! follows by its regression on the pose: x_r += K·δ, K = P_rp·P_pp⁻¹.
 
-use crate::constants as k;
-use crate::motion_models::{Singer, SingerTransition};
 use crate::pose_math::{Matrix6, box_minus, exp};
+use crate::{constants as k, motion_models::Singer};
 use nalgebra::{Isometry3, SMatrix, Translation3, Vector3};
 
 type Matrix18 = SMatrix<f64, 18, 18>;
@@ -89,9 +88,9 @@ impl EyeFilter {
 
     /// The predicted pose `dt` seconds after (or before) the state's instant.
     pub fn pose_after(&self, dt: f64) -> Isometry3<f64> {
-        let [position, rotation] = self.models.map(|m| m.transition(dt));
-        let shift = self.velocity * dt + self.acceleration * position.h;
-        let angle = self.angular_velocity * dt + self.angular_acceleration * rotation.h;
+        let [position, rotation] = self.models.map(|m| m.transition(dt)[0][2]);
+        let shift = self.velocity * dt + self.acceleration * position;
+        let angle = self.angular_velocity * dt + self.angular_acceleration * rotation;
         let moved = self.world_from_body.translation.vector + shift;
         let turned = exp(angle) * self.world_from_body.rotation;
         Isometry3::from_parts(Translation3::from(moved), turned)
@@ -105,45 +104,43 @@ impl EyeFilter {
         }
         self.world_from_body = self.pose_after(dt);
         let [position, rotation] = self.models.map(|m| m.transition(dt));
-        self.velocity += self.acceleration * position.g;
-        self.acceleration *= position.e;
-        self.angular_velocity += self.angular_acceleration * rotation.g;
-        self.angular_acceleration *= rotation.e;
+        self.velocity += self.acceleration * position[1][2];
+        self.acceleration *= position[2][2];
+        self.angular_velocity += self.angular_acceleration * rotation[1][2];
+        self.angular_acceleration *= rotation[2][2];
         for ((chain, transition), model) in CHAINS.into_iter().zip([&position, &rotation]).zip(self.models) {
             self.transform(chain, transition);
-            self.add_noise(chain, Singer { sigma: model.sigma * self.boost, ..model }.noise(dt));
+            self.add_noise(chain, &Singer { sigma: model.sigma * self.boost, ..model }.noise(dt));
         }
         self.boost = 1.0 + (self.boost - 1.0) * libm::exp(-dt / k::EYE_BOOST.1);
         self.time_ns = time_ns;
     }
 
     /// P ← Φ·P·Φᵀ for one chain: rows, then columns.
-    fn transform(&mut self, chain: usize, t: &SingerTransition) {
+    fn transform(&mut self, chain: usize, transition: &[[f64; 3]; 3]) {
+        let [[_, dt, h], [_, _, g], [_, _, e]] = *transition;
         let p = &mut self.covariance;
         for axis in chain..chain + 3 {
             for k in 0..18 {
                 let (x, v, a) = (p[(axis, k)], p[(axis + 3, k)], p[(axis + 6, k)]);
-                p[(axis, k)] = x + t.dt * v + t.h * a;
-                p[(axis + 3, k)] = v + t.g * a;
-                p[(axis + 6, k)] = t.e * a;
+                p[(axis, k)] = x + dt * v + h * a;
+                p[(axis + 3, k)] = v + g * a;
+                p[(axis + 6, k)] = e * a;
             }
             for k in 0..18 {
                 let (x, v, a) = (p[(k, axis)], p[(k, axis + 3)], p[(k, axis + 6)]);
-                p[(k, axis)] = x + t.dt * v + t.h * a;
-                p[(k, axis + 3)] = v + t.g * a;
-                p[(k, axis + 6)] = t.e * a;
+                p[(k, axis)] = x + dt * v + h * a;
+                p[(k, axis + 3)] = v + g * a;
+                p[(k, axis + 6)] = e * a;
             }
         }
     }
 
-    fn add_noise(&mut self, chain: usize, [q11, q12, q13, q22, q23, q33]: [f64; 6]) {
-        let p = &mut self.covariance;
+    fn add_noise(&mut self, chain: usize, noise: &[[f64; 3]; 3]) {
         for axis in chain..chain + 3 {
-            let (x, v, a) = (axis, axis + 3, axis + 6);
-            for (r, c, q) in [(x, x, q11), (x, v, q12), (x, a, q13), (v, v, q22), (v, a, q23), (a, a, q33)] {
-                p[(r, c)] += q;
-                if r != c {
-                    p[(c, r)] += q;
+            for (r, row) in noise.iter().enumerate() {
+                for (c, q) in row.iter().enumerate() {
+                    self.covariance[(axis + 3 * r, axis + 3 * c)] += q;
                 }
             }
         }

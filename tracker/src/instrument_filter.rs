@@ -254,7 +254,6 @@ impl InstrumentFilter {
     fn add_noise(&mut self, step: &StateTransition, dt: f64) {
         let voluntary = voluntary_model(self.voluntary_variance).noise(dt);
         let play = PLAY_MODEL.noise(&step.play, self.pivot.sigma * self.pivot.sigma);
-        let [q11, q12, q13, q22, q23, q33] = ROLL_MODEL.noise(dt);
         let p = &mut self.covariance;
         for axis in 0..3 {
             add_block(p, [axis, axis + 3, axis + 6, axis + 9], &voluntary);
@@ -264,8 +263,7 @@ impl InstrumentFilter {
             }
             add_block(p, [3 * PLAY + axis, 3 * PLAY + 3 + axis], &play);
         }
-        let roll = [[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]];
-        add_block(p, [ROLL, ROLL + 1, ROLL + 2], &roll);
+        add_block(p, [ROLL, ROLL + 1, ROLL + 2], &ROLL_MODEL.noise(dt));
         for (i, f) in step.roll_tremor.iter().enumerate() {
             let first = ROLL_TREMOR + 2 * i;
             add_block(p, [first, first + 1], &roll_tremor_model(i).noise(f, self.roll_tremor_variance[i]));

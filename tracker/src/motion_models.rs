@@ -17,24 +17,22 @@ pub struct Singer {
     pub tau_s: f64,
 }
 
-/// SingerTransition of one chain over a time: x += dt·v + h·a, v += g·a, a *= e.
-pub(crate) struct SingerTransition {
-    pub(crate) dt: f64,
-    pub(crate) g: f64,
-    pub(crate) h: f64,
-    pub(crate) e: f64,
-}
-
 impl Singer {
-    pub(crate) fn transition(&self, dt: f64) -> SingerTransition {
+    /// Transition over `dt` seconds of (x, v, a).
+    pub(crate) fn transition(&self, dt: f64) -> [[f64; 3]; 3] {
         let e = libm::exp(-dt / self.tau_s);
         let g = self.tau_s * (1.0 - e);
-        SingerTransition { dt, g, h: self.tau_s * (dt - g), e }
+        [[1.0, dt, self.tau_s * (dt - g)], [0.0, 1.0, g], [0.0, 0.0, e]]
     }
 
-    /// Covariance (q11, q12, q13, q22, q23, q33) of the process noise over `dt`. Below τ/20 the
-    /// leading terms are used, because the closed form cancels.
-    pub(crate) fn noise(&self, dt: f64) -> [f64; 6] {
+    /// Covariance of the process noise over `dt`. Below τ/20 the leading terms are used, because the
+    /// closed form cancels.
+    pub(crate) fn noise(&self, dt: f64) -> [[f64; 3]; 3] {
+        let [q11, q12, q13, q22, q23, q33] = self.noise_terms(dt);
+        [[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]]
+    }
+
+    fn noise_terms(&self, dt: f64) -> [f64; 6] {
         let (s2, b) = (self.sigma * self.sigma, 1.0 / self.tau_s);
         let t = b * dt;
         if t < 0.05 {
@@ -158,7 +156,7 @@ mod tests {
     #[test]
     fn short_noise_joins_the_closed_form() {
         let (below, above) = (SINGER.noise(0.002_499_99), SINGER.noise(0.002_500_01));
-        for (a, b) in below.into_iter().zip(above) {
+        for (a, b) in below.into_iter().flatten().zip(above.into_iter().flatten()) {
             assert!((a / b - 1.0).abs() < 0.06, "{a} {b}");
         }
     }

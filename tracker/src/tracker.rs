@@ -12,10 +12,9 @@ use crate::observation::FieldObservation;
 use crate::rig_model::RigModel;
 use crate::track::Track;
 use bytemuck::Zeroable;
-use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
-use protocol::rig::Rig;
+use protocol::{blobs::BlobField, rig::Rig};
 
 /// The exposure that a frame is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

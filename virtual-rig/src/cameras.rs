@@ -1,16 +1,11 @@
 //! The virtual cameras of a rig: fields of pixels, or of blobs.
 
-use crate::direct;
-use crate::faults::tally::FaultTally;
-use crate::faults::timing::Clock;
 use crate::faults::{FaultEvent, FaultInjector, readout::Tear};
 use crate::painter::{MAX_PATCHES, Painter, Patch};
 use crate::projection::{MarkerImage, Markers};
-use protocol::blobs::BlobField;
-use protocol::camera::Camera;
+use crate::{direct, faults::tally::FaultTally, faults::timing::Clock};
 use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture, SensorError, field_size};
-use protocol::region;
-use protocol::rig::Rig;
+use protocol::{blobs::BlobField, camera::Camera, region, rig::Rig};
 use surgeon::motion::{Motion, MotionSource};
 
 /// Form of the fields.

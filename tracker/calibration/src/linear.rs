@@ -4,9 +4,7 @@
 //! They ignore distortion and minimise algebraic errors; the least squares after them does the
 //! rest.
 
-use crate::CalibrationError;
-use crate::lens::pinhole_camera;
-use crate::target_problem::Correspondence;
+use crate::{CalibrationError, lens::pinhole_camera, target_problem::Correspondence};
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix3, Matrix3x4, Point3, Rotation3, Translation3, UnitQuaternion,
     Vector2, Vector3,

@@ -20,12 +20,11 @@ pub(super) struct StateTransition {
 impl StateTransition {
     /// Over `dt` seconds.
     pub fn new(dt: f64) -> Self {
-        let roll = ROLL_MODEL.transition(dt);
         StateTransition {
             voluntary: voluntary_model(1.0).transition(dt),
             tremor: std::array::from_fn(|i| tremor_model(i).transition(dt)),
             play: PLAY_MODEL.transition(dt),
-            roll: [[1.0, roll.dt, roll.h], [0.0, 1.0, roll.g], [0.0, 0.0, roll.e]],
+            roll: ROLL_MODEL.transition(dt),
             roll_tremor: std::array::from_fn(|i| roll_tremor_model(i).transition(dt)),
         }
     }
