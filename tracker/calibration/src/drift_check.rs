@@ -12,7 +12,7 @@
 use crate::lens::{EXTRINSICS, by_extrinsics, project};
 use crate::observations::{FrameObservations, MarkerObservation};
 use crate::self_calibration::{camera_rms, every_camera_saw, fitted, residuals_of};
-use crate::{CalibrationError, bundle::Bundle, target_problem::rms};
+use crate::{CalibrationError, bundle::Bundle, degenerate, target_problem::rms};
 use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::rig::Rig;
 
@@ -69,7 +69,7 @@ pub fn check(
     if instants.len() < STRETCHES * FEWEST {
         let needed = STRETCHES * FEWEST;
         let problem = format!("bodies were seen at {} instants; a check needs {needed}", instants.len());
-        return Err(CalibrationError::Geometry(problem));
+        return Err(degenerate(problem));
     }
     let residuals = residuals_of(&instants, &bundle);
     every_camera_saw(rig, &residuals)?;

@@ -2,7 +2,7 @@
 //! picked, by predicting where the others must be, ever more exactly.
 
 use crate::linear::{camera_from_dots, plane_of};
-use crate::{CalibrationError, median};
+use crate::{CalibrationError, degenerate, median};
 use crate::{dots::Dot, target_problem::Correspondence};
 use nalgebra::{Matrix4, Matrix4x2, Point3, Vector2, Vector4};
 
@@ -29,12 +29,11 @@ pub fn match_dots(
     if picked.len() < 4 || plane_of(picked)?.is_some() {
         let n = picked.len();
         let problem = format!("{n} dots were picked; four or more are needed that do not lie in one plane");
-        return Err(CalibrationError::Geometry(problem));
+        return Err(degenerate(problem));
     }
     let mut samples = picked.to_vec();
     for _ in 0..ROUNDS.0 {
-        let flat = affine(&samples)
-            .ok_or_else(|| CalibrationError::geometry("the picked dots do not fix the view"))?;
+        let flat = affine(&samples).ok_or_else(|| degenerate("the picked dots do not fix the view"))?;
         samples = paired(dots, target, &|p| Some(flat.tr_mul(&p.to_homogeneous())), samples);
     }
     for _ in 0..ROUNDS.1 {
@@ -42,7 +41,7 @@ pub fn match_dots(
             let (n, dots) = (samples.len(), dots.len());
             let problem =
                 format!("{n} of the target's dots were recognised among {dots}; check the picked ones");
-            return Err(CalibrationError::Geometry(problem));
+            return Err(degenerate(problem));
         }
         let camera = camera_from_dots(0, size_px, &samples)?;
         samples = paired(dots, target, &|p| camera.project(p), samples);

@@ -50,8 +50,6 @@ fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
     sorted.get(sorted.len() / 2).copied()
 }
 
-impl CalibrationError {
-    fn geometry(problem: impl Into<String>) -> Self {
-        CalibrationError::Geometry(problem.into())
-    }
+fn degenerate(problem: impl Into<String>) -> CalibrationError {
+    CalibrationError::Geometry(problem.into())
 }

@@ -4,10 +4,13 @@
 //! They ignore distortion and minimise algebraic errors; the least squares after them does the
 //! rest.
 
-use crate::{CalibrationError, lens::pinhole_camera, target_problem::Correspondence};
+use crate::{
+    CalibrationError, degenerate, lens::pinhole_camera, target_problem::Correspondence,
+    target_problem::set_camera_pose,
+};
 use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix3, Matrix3x4, Point3, Rotation3, Translation3, UnitQuaternion,
-    Vector2, Vector3,
+    DMatrix, DVector, Isometry3, Matrix3, Matrix3x4, Point3, Rotation3, SVector, Translation3,
+    UnitQuaternion, Vector2, Vector3,
 };
 use protocol::camera::Camera;
 
@@ -22,7 +25,10 @@ const LINE: f64 = 1e-3;
 
 /// The plane in which points lie: `world_from_plane`, with the points at z = 0.
 ///
-/// `None` where they fill space. Refused where they are on a line.
+/// `None` where they fill space.
+///
+/// # Errors
+/// Points on a line or in one place.
 pub fn plane_of(samples: &[Correspondence]) -> Result<Option<Isometry3<f64>>, CalibrationError> {
     let n = samples.len() as f64;
     let centre = samples.iter().map(|s| s.point.coords).sum::<Vector3<f64>>() / n;
@@ -32,7 +38,7 @@ pub fn plane_of(samples: &[Correspondence]) -> Result<Option<Isometry3<f64>>, Ca
     order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
     let extent = order.map(|i| eigen.eigenvalues[i].max(0.0).sqrt());
     if extent[1].is_nan() || extent[1] <= LINE * extent[0] {
-        return Err(CalibrationError::geometry("the points of the target lie on a line or in one place"));
+        return Err(degenerate("the points of the target lie on a line or in one place"));
     }
     if extent[2] > PLANE * extent[0] {
         return Ok(None);
@@ -60,34 +66,41 @@ fn null_vector(rows: DMatrix<f64>) -> Result<DVector<f64>, CalibrationError> {
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
     let [second, largest] = [order[1], order[order.len() - 1]].map(|i| eigen.eigenvalues[i].max(0.0));
     if second.is_nan() || second <= RANK * RANK * largest {
-        return Err(CalibrationError::geometry(
-            "the points do not fix the projection: too few, or all on a line or a plane",
-        ));
+        return Err(degenerate("the points do not fix the projection: too few, or all on a line or a plane"));
     }
     Ok(eigen.eigenvectors.column(order[0]).into_owned())
 }
 
+/// Equations of a direct linear transform of homogeneous points to pixels.
+fn transform_equations<const N: usize>(
+    pairs: impl ExactSizeIterator<Item = (SVector<f64, N>, Vector2<f64>)>,
+) -> DMatrix<f64> {
+    let mut rows = DMatrix::zeros(2 * pairs.len(), 3 * N);
+    for (i, (p, q)) in pairs.enumerate() {
+        for c in 0..N {
+            rows[(2 * i, c)] = p[c];
+            rows[(2 * i, 2 * N + c)] = -q.x * p[c];
+            rows[(2 * i + 1, N + c)] = p[c];
+            rows[(2 * i + 1, 2 * N + c)] = -q.y * p[c];
+        }
+    }
+    rows
+}
+
 /// Homography `image_from_plane` of points (x, y) of a plane and their pixels.
+///
+/// # Errors
+/// Too few points, or points that do not determine it.
 pub fn homography(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Result<Matrix3<f64>, CalibrationError> {
     if pairs.len() < 4 {
-        return Err(CalibrationError::geometry(format!("{} points; a plane needs at least 4", pairs.len())));
+        return Err(degenerate(format!("{} points; a plane needs at least 4", pairs.len())));
     }
     let from = normaliser(pairs.iter().map(|p| p.0));
     let to = normaliser(pairs.iter().map(|p| p.1));
-    let mut rows = DMatrix::zeros(2 * pairs.len(), 9);
-    for (i, (plane, pixel)) in pairs.iter().enumerate() {
-        let (p, q) = (from * plane.push(1.0), (to * pixel.push(1.0)).xy());
-        for c in 0..3 {
-            rows[(2 * i, c)] = p[c];
-            rows[(2 * i, 6 + c)] = -q.x * p[c];
-            rows[(2 * i + 1, 3 + c)] = p[c];
-            rows[(2 * i + 1, 6 + c)] = -q.y * p[c];
-        }
-    }
-    let h = null_vector(rows)?;
+    let scaled = pairs.iter().map(|(plane, pixel)| (from * plane.push(1.0), (to * pixel.push(1.0)).xy()));
+    let h = null_vector(transform_equations(scaled))?;
     let normal = Matrix3::from_row_slice(h.as_slice());
-    let back =
-        to.try_inverse().ok_or_else(|| CalibrationError::geometry("all image points are in one place"))?;
+    let back = to.try_inverse().ok_or_else(|| degenerate("all image points are in one place"))?;
     Ok(back * normal * from)
 }
 
@@ -105,6 +118,9 @@ fn homography_of(samples: &[Correspondence]) -> Result<Option<Flat>, Calibration
 /// A lens without distortion from plane views, the principal point at the picture's centre, square
 /// or oblong pixels. Each homography [h1 h2 h3] gives two conditions on ω = (K Kᵀ)⁻¹: h1ᵀ ω h2 = 0
 /// and h1ᵀ ω h1 = h2ᵀ ω h2 (Zhang 2000).
+///
+/// # Errors
+/// Views that do not determine the focal lengths.
 pub fn lens_from_planes(
     id: u32,
     size_px: [u32; 2],
@@ -124,7 +140,7 @@ pub fn lens_from_planes(
         rows.push(([a.x * a.x - b.x * b.x, a.y * a.y - b.y * b.y], b.z * b.z - a.z * a.z));
     }
     let focal = solve_focal(&rows).ok_or_else(|| {
-        CalibrationError::geometry(
+        degenerate(
             "every view shows the target from the same direction, or face on: tilt it differently in each",
         )
     })?;
@@ -176,7 +192,7 @@ fn plane_in_camera(
     let h = h * (sign / size);
     let (x, y, t) = (h.column(0).into_owned(), h.column(1).into_owned(), h.column(2).into_owned());
     let camera_from_plane = isometry(&Matrix3::from_columns(&[x, y, x.cross(&y)]), t)
-        .ok_or_else(|| CalibrationError::geometry("a view shows the target edge on"))?;
+        .ok_or_else(|| degenerate("a view shows the target edge on"))?;
     Ok(Some(camera_from_plane * plane.inverse()))
 }
 
@@ -191,6 +207,9 @@ fn isometry(matrix: &Matrix3<f64>, t: Vector3<f64>) -> Option<Isometry3<f64>> {
 }
 
 /// Place of a target before a camera whose lens is known, `camera_from_target`.
+///
+/// # Errors
+/// Points that do not determine the place.
 pub fn target_in_camera(
     camera: &Camera,
     samples: &[Correspondence],
@@ -208,44 +227,34 @@ pub fn target_in_camera(
     let m = p.fixed_view::<3, 3>(0, 0).into_owned();
     let scale = m.determinant().cbrt();
     isometry(&(m / scale), p.column(3) / scale)
-        .ok_or_else(|| CalibrationError::geometry("the dots do not fix the camera's place"))
+        .ok_or_else(|| degenerate("the dots do not fix the camera's place"))
 }
 
 /// Projection matrix of dots in space (6 or more, not in a plane).
 fn projection_matrix(samples: &[Correspondence]) -> Result<Matrix3x4<f64>, CalibrationError> {
     if samples.len() < 6 {
-        return Err(CalibrationError::geometry(format!(
-            "{} dots; a target in space needs at least 6",
-            samples.len()
-        )));
+        return Err(degenerate(format!("{} dots; a target in space needs at least 6", samples.len())));
     }
     let to = normaliser(samples.iter().map(|s| s.pixel));
     let n = samples.len() as f64;
     let mean = samples.iter().map(|s| s.point.coords).sum::<Vector3<f64>>() / n;
     let size = samples.iter().map(|s| (s.point.coords - mean).norm()).sum::<f64>() / n;
-    let mut rows = DMatrix::zeros(2 * samples.len(), 12);
-    for (i, sample) in samples.iter().enumerate() {
-        let p = ((sample.point.coords - mean) / size).push(1.0);
-        let q = (to * sample.pixel.push(1.0)).xy();
-        for c in 0..4 {
-            rows[(2 * i, c)] = p[c];
-            rows[(2 * i, 8 + c)] = -q.x * p[c];
-            rows[(2 * i + 1, 4 + c)] = p[c];
-            rows[(2 * i + 1, 8 + c)] = -q.y * p[c];
-        }
-    }
-    let h = null_vector(rows)?;
+    let scaled =
+        samples.iter().map(|s| (((s.point.coords - mean) / size).push(1.0), (to * s.pixel.push(1.0)).xy()));
+    let h = null_vector(transform_equations(scaled))?;
     let mut from = nalgebra::Matrix4::identity() / size;
     from.fixed_view_mut::<3, 1>(0, 3).copy_from(&(-mean / size));
     from[(3, 3)] = 1.0;
-    let back =
-        to.try_inverse().ok_or_else(|| CalibrationError::geometry("all image points are in one place"))?;
+    let back = to.try_inverse().ok_or_else(|| degenerate("all image points are in one place"))?;
     let p = back * Matrix3x4::from_row_slice(h.as_slice()) * from;
     let front = samples.iter().filter(|s| p.row(2).dot(&s.point.coords.push(1.0).transpose()) > 0.0).count();
     Ok(if 2 * front < samples.len() { -p } else { p })
 }
 
 /// A camera without distortion, its place included, from dots in space.
+///
+/// # Errors
+/// Too few dots, or dots that do not determine the camera.
 pub fn camera_from_dots(
     id: u32,
     size_px: [u32; 2],
@@ -262,16 +271,14 @@ pub fn camera_from_dots(
     let skew = (w[(0, 1)] - centre.x * centre.y) / fy;
     let fx = (w[(0, 0)] - centre.x * centre.x - skew * skew).max(0.0).sqrt();
     if !(fx.is_finite() && fy.is_finite() && fx > 0.0 && fy > 0.0) {
-        return Err(CalibrationError::geometry("the dots do not fix the focal length"));
+        return Err(degenerate("the dots do not fix the focal length"));
     }
     let k = Matrix3::new(fx, skew, centre.x, 0.0, fy, centre.y, 0.0, 0.0, 1.0);
-    let inverse =
-        k.try_inverse().ok_or_else(|| CalibrationError::geometry("the dots do not fix the focal length"))?;
-    let place = isometry(&(inverse * m), inverse * t)
-        .ok_or_else(|| CalibrationError::geometry("the dots do not fix the camera"))?;
+    let inverse = k.try_inverse().ok_or_else(|| degenerate("the dots do not fix the focal length"))?;
+    let place =
+        isometry(&(inverse * m), inverse * t).ok_or_else(|| degenerate("the dots do not fix the camera"))?;
     let mut camera = pinhole_camera(id, size_px, Vector2::new(fx, fy), centre);
-    camera.camera_from_world = place.rotation.to_rotation_matrix().into_inner();
-    camera.translation_mm = place.translation.vector;
+    set_camera_pose(&mut camera, &place);
     Ok(camera)
 }
 

@@ -4,7 +4,7 @@ use crate::target_problem::{
     Calibrated, Correspondence, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView,
     calibrate, calibrate_lens, camera_pose, set_camera_pose,
 };
-use crate::{CalibrationError, lens::LENS, linear};
+use crate::{CalibrationError, degenerate, lens::LENS, linear};
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2};
 use protocol::camera::Camera;
 
@@ -93,8 +93,7 @@ fn placed(alone: &[Alone]) -> Result<Vec<Camera>, CalibrationError> {
         set_camera_pose(&mut camera, &(relative * base));
         cameras[next] = Some(camera);
     }
-    let lost =
-        |c| CalibrationError::Geometry(format!("camera {c} shares no view of the target with the others"));
+    let lost = |c| degenerate(format!("camera {c} shares no view of the target with the others"));
     cameras.into_iter().enumerate().map(|(c, camera)| camera.ok_or_else(|| lost(c))).collect()
 }
 
@@ -140,12 +139,12 @@ pub fn calibrate_on_dots(
         let own = sheets.iter().find(|s| s.camera == c);
         let samples = own.map(|s| s.samples.as_slice()).unwrap_or_default();
         if samples.is_empty() {
-            return Err(CalibrationError::Geometry(format!("camera {c} sees no dot")));
+            return Err(degenerate(format!("camera {c} sees no dot")));
         }
         cameras.push(match before {
             CameraPrior::Size(size) => {
                 if linear::plane_of(samples)?.is_some() {
-                    return Err(CalibrationError::geometry(
+                    return Err(degenerate(
                         "all dots lie in one plane, which does not fix a lens: \
                          use a stepped target, or give the lens",
                     ));
@@ -250,8 +249,7 @@ pub fn held_out(
         let points = cameras.iter().zip(pixels).zip(&noise);
         let points: Vec<ImagePoint<'_>> =
             points.map(|((camera, &pixel), &covariance)| ImagePoint { camera, pixel, covariance }).collect();
-        let found = triangulate(&points)
-            .ok_or_else(|| CalibrationError::geometry("rays of the cameras do not meet"))?;
+        let found = triangulate(&points).ok_or_else(|| degenerate("rays of the cameras do not meet"))?;
         squares += (found - point).map(|e| e * e);
         n += 1;
     }

@@ -1,6 +1,6 @@
 //! Points about which something pivots: the trocar about which a shaft turns, and the eye's centre.
 
-use crate::{CalibrationError, median};
+use crate::{CalibrationError, degenerate, median};
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, Vector3};
 
 /// Fewest poses; fewer leave no residual to judge by.
@@ -62,7 +62,7 @@ fn tilted_enough(shafts: &[Shaft]) -> Result<(), CalibrationError> {
     if spread >= TILT_RAD {
         return Ok(());
     }
-    Err(CalibrationError::geometry(format!(
+    Err(degenerate(format!(
         "the shaft was tilted by {:.1} mrad only; at least {:.0} mrad of spread are needed to find its pivot",
         spread * 1e3,
         TILT_RAD * 1e3
@@ -91,10 +91,7 @@ impl Shaft {
 /// Too few shafts, or too little tilt.
 pub fn of_shafts(shafts: &[Shaft]) -> Result<Pivot, CalibrationError> {
     if shafts.len() < FEWEST {
-        return Err(CalibrationError::geometry(format!(
-            "{} poses with a shaft; at least {FEWEST} are needed",
-            shafts.len()
-        )));
+        return Err(degenerate(format!("{} poses with a shaft; at least {FEWEST} are needed", shafts.len())));
     }
     tilted_enough(shafts)?;
     let mut weights = vec![1.0; shafts.len()];
@@ -106,7 +103,7 @@ pub fn of_shafts(shafts: &[Shaft]) -> Result<Pivot, CalibrationError> {
             m += across(direction) * *w;
             r += across(direction) * origin.coords * *w;
         }
-        covariance = m.try_inverse().ok_or_else(|| CalibrationError::geometry("the shafts fix no point"))?;
+        covariance = m.try_inverse().ok_or_else(|| degenerate("the shafts fix no point"))?;
         point = covariance * r;
         weights = weights_of(&shafts.iter().map(|s| s.miss(&point).norm()).collect::<Vec<_>>());
     }
@@ -132,10 +129,7 @@ pub fn of_shafts(shafts: &[Shaft]) -> Result<Pivot, CalibrationError> {
 /// Too few poses, or turns about one axis only.
 pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), CalibrationError> {
     if poses.len() < FEWEST {
-        return Err(CalibrationError::geometry(format!(
-            "{} poses; at least {FEWEST} are needed",
-            poses.len()
-        )));
+        return Err(degenerate(format!("{} poses; at least {FEWEST} are needed", poses.len())));
     }
     let mut weights = vec![1.0; poses.len()];
     let (mut answer, mut inverse) = (DVector::zeros(6), DMatrix::zeros(6, 6));
@@ -153,13 +147,13 @@ pub fn of_turns(poses: &[Isometry3<f64>]) -> Result<(Pivot, Point3<f64>), Calibr
         // Turning by small angles a, the smallest eigenvalue is about the variance of a over 2.
         let spread = (2.0 * eigen.min().max(0.0)).sqrt();
         if spread < TURN_RAD {
-            return Err(CalibrationError::geometry(format!(
+            return Err(degenerate(format!(
                 "the body turned by {:.1} mrad only, or about one axis; at least {:.0} mrad about two axes are needed",
                 spread * 1e3,
                 TURN_RAD * 1e3
             )));
         }
-        inverse = m.try_inverse().ok_or_else(|| CalibrationError::geometry("the poses fix no pivot"))?;
+        inverse = m.try_inverse().ok_or_else(|| degenerate("the poses fix no pivot"))?;
         answer = &inverse * r;
         weights = weights_of(&poses.iter().map(|p| miss(p, &answer).norm()).collect::<Vec<_>>());
     }

@@ -21,6 +21,9 @@ pub fn rig_camera(camera: &Camera) -> RigCamera {
 }
 
 /// `template` with these cameras in place of its own, checked as when it is read.
+///
+/// # Errors
+/// Cameras that make no valid rig.
 pub fn rig_with(template: &Rig, cameras: &[Camera]) -> Result<Rig, RigError> {
     let mut rig = template.clone();
     rig.cameras = cameras.iter().map(rig_camera).collect();

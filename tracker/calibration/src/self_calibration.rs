@@ -7,12 +7,12 @@
 //! along those directions the solution stays at the prior mean. The eye's centre is the world's
 //! origin by definition; the markers' distances carry the scale.
 
-use crate::CalibrationError;
 use crate::bundle::{Bundle, FIXED_RIG, PriorSigmas, SelfCalibrationProblem, Value};
 use crate::lens::{EXTRINSICS, LENS, by_extrinsics, project};
 use crate::observations::{FrameObservations, MarkerObservation, collect};
 use crate::solve::{Problem, Solution, solve};
 use crate::target_problem::{Residual, rms};
+use crate::{CalibrationError, degenerate};
 use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::blobs::{BlobField, DEFAULT_VARIANCE_PX2};
 use protocol::{limits::BODIES, rig::Rig};
@@ -135,7 +135,7 @@ pub fn every_camera_saw(rig: &Rig, residuals: &[Residual]) -> Result<(), Calibra
             "camera {} saw none of the bodies where the rig expects them: it was moved too far, or is blind",
             rig.cameras[c].id
         );
-        Err(CalibrationError::Geometry(problem))
+        Err(degenerate(problem))
     })
 }
 
@@ -189,7 +189,7 @@ pub fn fitted_with(
             "bodies were seen well enough by two cameras at {} instants; at least {FEWEST_INSTANTS} are needed",
             instants.len()
         );
-        return Err(CalibrationError::Geometry(problem));
+        return Err(degenerate(problem));
     }
     let mut problem =
         SelfCalibrationProblem::new(&instants, Bundle::new(rig, &instants), &FIXED_RIG, eye_moves);

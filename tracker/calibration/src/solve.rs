@@ -259,8 +259,8 @@ impl Assembled {
             .blocks
             .iter()
             .zip(&inverses)
-            .map(|(block, inverse)| inverse * (-&block.o - block.so.tr_mul(&shared)));
-        let own = own.collect();
+            .map(|(block, inverse)| inverse * (-&block.o - block.so.tr_mul(&shared)))
+            .collect();
         Some((shared, own))
     }
 
