@@ -97,27 +97,11 @@ impl Nodes {
             outer_un: vec![Point::zeros(); n],
         }
     }
-
-    /// Momentum, g·mm/s.
-    pub fn momentum(&self) -> Point {
-        self.mass_g.iter().zip(&self.v_mm_s).map(|(&m, v)| v * m).sum()
-    }
-
-    /// Angular momentum about the origin, g·mm²/s.
-    pub fn angular_momentum(&self) -> Point {
-        let all = self.mass_g.iter().zip(&self.x_mm).zip(&self.v_mm_s);
-        all.map(|((&m, x), v)| x.cross(v) * m).sum()
-    }
-
-    /// Kinetic energy, nJ.
-    pub fn kinetic_nj(&self) -> f64 {
-        self.mass_g.iter().zip(&self.v_mm_s).map(|(&m, v)| 0.5 * m * v.norm_squared()).sum()
-    }
 }
 
 #[cfg(test)]
-pub(crate) mod proofs {
-    //! What every elastic thing must obey, for the checks of each.
+mod tests {
+    //! What every elastic thing must obey, for the tests of each.
 
     use super::*;
 

@@ -133,11 +133,8 @@ impl Vitreous {
     /// Takes the gel along with a shaft and holds what is inside it until [`Self::free`].
     pub fn carry(&mut self, state: &mut VitreousState, shaft: &Shaft) -> Outcome {
         let length_um = 2.0 * f64::from(self.lattice.radius_um);
-        let ends = shaft.way.map(|pose| {
-            let along = pose.rotation * Vector3::z();
-            (pose.translation.vector * 1e3, along)
-        });
-        let [(tip0, along0), (tip1, along1)] = ends;
+        let [tip0, tip1] = shaft.way.map(|pose| pose.translation.vector * 1e3);
+        let [along0, along1] = shaft.way.map(|pose| pose.rotation * Vector3::z());
         let tip_way = (tip1 - tip0).norm();
         let end_way = (tip1 + along1 * length_um - tip0 - along0 * length_um).norm();
         let longest = if tip_way > end_way { tip_way } else { end_way };
@@ -145,13 +142,8 @@ impl Vitreous {
         let mut outcome = Outcome::default();
         let pose = |s: f64| (tip0 + (tip1 - tip0) * s, (along0 + (along1 - along0) * s).normalize());
         for piece in 0..pieces {
-            let (from, to) = (f64::from(piece) / f64::from(pieces), f64::from(piece + 1) / f64::from(pieces));
-            outcome = outcome.and(self.carry_piece(
-                state,
-                [pose(from), pose(to)],
-                shaft.radius_mm * 1e3,
-                length_um,
-            ));
+            let ends = [piece, piece + 1].map(|end| pose(f64::from(end) / f64::from(pieces)));
+            outcome = outcome.and(self.carry_piece(state, ends, shaft.radius_mm * 1e3, length_um));
         }
         outcome
     }
@@ -164,7 +156,7 @@ impl Vitreous {
         length_um: f64,
     ) -> Outcome {
         let touch_um = TOUCH * f64::from(self.lattice.pitch_um);
-        let radius_um = if shaft_um > touch_um { shaft_um } else { touch_um };
+        let radius_um = shaft_um.max(touch_um);
         let capsule = Capsule { from_um: tip0, along: along0, length_um, radius_um };
         let Vitreous { finder, lattice, seeds, held, held_list, slip_um, .. } = self;
         finder.find(lattice, state, &capsule, |e, _, t, _| {
@@ -196,8 +188,7 @@ impl Vitreous {
         finder.find(lattice, state, &ball, |e, place, _, d2| {
             let Some(way_mm) = way_mm(&(place * 1e-3)) else { return };
             let distance = d2.sqrt();
-            let way = (way_mm * 1e3).clamp(0.0, PIECE_UM);
-            let way = if way < distance { way } else { distance };
+            let way = (way_mm * 1e3).clamp(0.0, PIECE_UM).min(distance);
             if distance > 1.0 {
                 add_seeds(seeds, e, place, place + (ball.from_um - place) * (way / distance));
                 hold(held, held_list, e);
@@ -243,9 +234,7 @@ impl Vitreous {
 
     /// What instruments held is free again.
     pub fn free(&mut self) {
-        for e in self.held_list.drain(..) {
-            self.held[e as usize] = 0;
-        }
+        self.held_list.drain(..).for_each(|e| self.held[e as usize] = 0);
     }
 
     /// Relaxes a share of the rows that are awake.
@@ -336,5 +325,25 @@ fn drain(bits: &mut [u64], mut each: impl FnMut(usize)) {
             each(word * 64 + bits.trailing_zeros() as usize);
             *bits &= *bits - 1;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    //! What the tests of this folder begin with.
+
+    use super::*;
+
+    /// The shipped scene on a lattice of `cells`.
+    pub fn scene(cells: u32) -> SceneFile {
+        let mut scene = SceneFile::load("vitrectomy").unwrap();
+        scene.vitreous.as_mut().unwrap().lattice = cells;
+        scene
+    }
+
+    /// The shipped vitreous on a lattice of `cells`.
+    pub fn lattice(cells: u32) -> Lattice {
+        let scene = scene(cells);
+        Lattice::new(&scene, scene.vitreous.as_ref().unwrap())
     }
 }

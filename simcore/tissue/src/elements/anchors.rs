@@ -49,7 +49,7 @@ impl Elastic for Anchors {
 
 #[cfg(test)]
 mod tests {
-    use super::super::proofs::*;
+    use super::super::tests::*;
     use super::*;
 
     #[test]

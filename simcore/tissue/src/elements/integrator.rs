@@ -45,15 +45,6 @@ pub struct Settings {
     pub conjugate: Limits,
 }
 
-impl Settings {
-    /// For a scene in real time: the linearised step, solved to a hundredth.
-    pub const REAL_TIME: Settings =
-        Settings { newton: 1, share: 1e-3, conjugate: Limits { iterations: 60, share: 1e-2 } };
-    /// For comparison with truth: to rounding.
-    pub const EXACT: Settings =
-        Settings { newton: 200, share: 1e-11, conjugate: Limits { iterations: 4000, share: 1e-6 } };
-}
-
 /// What a step took.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Effort {
@@ -259,6 +250,24 @@ mod tests {
 
     const TIGHT: Settings =
         Settings { newton: 30, share: 1e-13, conjugate: Limits { iterations: 300, share: 1e-12 } };
+
+    impl Nodes {
+        /// Momentum, g·mm/s.
+        fn momentum(&self) -> Point {
+            self.mass_g.iter().zip(&self.v_mm_s).map(|(&m, v)| v * m).sum()
+        }
+
+        /// Angular momentum about the origin, g·mm²/s.
+        fn angular_momentum(&self) -> Point {
+            let all = self.mass_g.iter().zip(&self.x_mm).zip(&self.v_mm_s);
+            all.map(|((&m, x), v)| x.cross(v) * m).sum()
+        }
+
+        /// Kinetic energy, nJ.
+        fn kinetic_nj(&self) -> f64 {
+            self.mass_g.iter().zip(&self.v_mm_s).map(|(&m, v)| 0.5 * m * v.norm_squared()).sum()
+        }
+    }
 
     /// A mass on a spring of rest length 10 along x; ω² = 100.
     fn oscillator(damping: f64) -> (Nodes, Springs) {

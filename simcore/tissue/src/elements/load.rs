@@ -113,7 +113,7 @@ impl Elastic for Pressure {
 
 #[cfg(test)]
 mod tests {
-    use super::super::proofs::*;
+    use super::super::tests::*;
     use super::*;
 
     /// A tetrahedron of volume 1/6, seen from outside.

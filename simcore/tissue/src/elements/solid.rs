@@ -262,7 +262,7 @@ fn grid([nx, ny, nz]: [u32; 3]) -> impl Iterator<Item = (u32, u32, u32)> {
 #[cfg(test)]
 mod tests {
     use super::super::law::Lame;
-    use super::super::proofs::*;
+    use super::super::tests::*;
     use super::*;
 
     fn laws() -> [SolidLaw; 2] {

@@ -76,11 +76,6 @@ fn stretch(spring: &Spring, x_mm: &[Point]) -> (f64, Point) {
     (length, d / length)
 }
 
-/// Elastic pull of a spring at `x_mm`, µN; negative where it presses.
-pub fn tension_un(spring: &Spring, x_mm: &[Point]) -> f64 {
-    spring.stiffness_un_per_mm * (stretch(spring, x_mm).0 - spring.rest_mm)
-}
-
 impl Elastic for Springs {
     fn add_forces(&self, x_mm: &[Point], v_mm_s: &[Point], force_un: &mut [Point]) {
         for spring in &self.springs {
@@ -126,7 +121,7 @@ impl Elastic for Springs {
 
 #[cfg(test)]
 mod tests {
-    use super::super::proofs::*;
+    use super::super::tests::*;
     use super::*;
 
     fn taut() -> (Springs, Vec<Point>) {

@@ -98,17 +98,6 @@ impl Triangles {
         }
     }
 
-    /// Reference area of a triangle, mm².
-    pub fn area_mm2(&self, triangle: usize) -> f64 {
-        self.shapes[triangle].area_mm2
-    }
-
-    /// Green's strain (C − 1)/2 of a triangle in its own plane.
-    pub fn green_strain(&self, triangle: usize, x_mm: &[Point]) -> Matrix2<f64> {
-        let f = gradient(&self.shapes[triangle], x_mm);
-        (f.transpose() * f - Matrix2::identity()) * 0.5
-    }
-
     /// True tensions (Cauchy stress × thickness) of a triangle, the larger first, µN/mm.
     pub fn tensions_un_per_mm(&self, triangle: usize, x_mm: &[Point]) -> [f64; 2] {
         let f = gradient(&self.shapes[triangle], x_mm);
@@ -211,7 +200,7 @@ impl Elastic for Triangles {
 
 #[cfg(test)]
 mod tests {
-    use super::super::proofs::*;
+    use super::super::tests::*;
     use super::*;
 
     const LAWS: [PlaneLaw; 3] = [

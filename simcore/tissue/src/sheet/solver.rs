@@ -89,14 +89,6 @@ impl Solver {
         self
     }
 
-    /// Uses this instruction set, which must be [available](Isa::available): for the proof that all
-    /// give the same bits.
-    pub fn with_isa(mut self, isa: Isa) -> Self {
-        assert!(Isa::available().contains(&isa), "{isa:?} is not available here");
-        self.isa = isa;
-        self
-    }
-
     /// Derives stiffness, rest lengths and mobility anew, after springs or flags have changed. The
     /// first call of a tissue that bends packs the bending springs too; no other allocates.
     pub fn refresh(&mut self, mesh: &SheetMesh, state: &SheetState, material: &Material) {

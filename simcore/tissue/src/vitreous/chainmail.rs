@@ -231,7 +231,7 @@ fn beyond_um(lattice: &Lattice, state: &VitreousState, element: usize, axis: usi
         return 0;
     }
     let place = state.place_um(lattice, element);
-    if super::state::is_inside(lattice, place) {
+    if lattice.is_inside(place) {
         return 0;
     }
     let square = |c: i32| i64::from(c) * i64::from(c);
@@ -247,8 +247,8 @@ fn beyond_um(lattice: &Lattice, state: &VitreousState, element: usize, axis: usi
 #[cfg(test)]
 mod tests {
     use super::super::lattice::PAD;
-    use super::super::lattice::tests::{lattice, scene};
-    use super::super::state::{ADHERED, ALIVE, broken_link, check, is_inside, living_links};
+    use super::super::state::{ADHERED, ALIVE, broken_link, check, living_links};
+    use super::super::tests::{lattice, scene};
     use super::*;
     use proptest::prelude::*;
 
@@ -427,7 +427,7 @@ mod tests {
                     let mut place = state.place_um(&lattice, e);
                     place[axis] += raised[e] - after[e];
                     let mut most = raised[e];
-                    while !is_inside(&lattice, place) {
+                    while !lattice.is_inside(place) {
                         place[axis] -= sign;
                         most -= sign;
                     }

@@ -4,6 +4,7 @@
 
 use super::lattice::{Lattice, TOGETHER, block};
 use super::state::{ALIVE, VitreousState};
+use super::{drain, set};
 use nalgebra::Vector3;
 
 /// A piece of a straight line with a thickness, eye frame, µm; of length 0 it is a ball.
@@ -74,7 +75,7 @@ impl Finder {
 
     /// To be called for every row in which something moved or went.
     pub fn forget(&mut self, row: usize) {
-        self.stale[row / 64] |= 1 << (row % 64);
+        set(&mut self.stale, row);
     }
 
     /// To be called when everything changed.
@@ -83,15 +84,12 @@ impl Finder {
     }
 
     fn renew(&mut self, lattice: &Lattice, state: &VitreousState) {
-        for (word, bits) in self.stale.iter_mut().enumerate() {
-            while *bits != 0 {
-                let row = word * 64 + bits.trailing_zeros() as usize;
-                *bits &= *bits - 1;
-                if row < self.boxes.len() {
-                    self.boxes[row] = self.simd.dispatch(Bounds { lattice, state, row });
-                }
+        let Finder { boxes, stale, simd } = self;
+        drain(stale, |row| {
+            if row < boxes.len() {
+                boxes[row] = simd.dispatch(Bounds { lattice, state, row });
             }
-        }
+        });
     }
 
     /// Calls `found` for every living element in the capsule with its place, how far along the line
@@ -175,7 +173,7 @@ impl pulp::NullaryFnOnce for Bounds<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::lattice::tests::lattice;
+    use super::super::tests::lattice;
     use super::*;
     use proptest::prelude::*;
 

@@ -60,19 +60,7 @@ impl Haze {
         for (i, slot) in number.iter_mut().enumerate() {
             let corner_mm = [i % along, i / along % along, i / along / along].map(corner);
             // Distance of the brick from the eye's centre.
-            let apart2: f32 = corner_mm
-                .map(|c| {
-                    if c > 0.0 {
-                        c
-                    } else if c + edge_mm < 0.0 {
-                        c + edge_mm
-                    } else {
-                        0.0
-                    }
-                })
-                .iter()
-                .map(|d| d * d)
-                .sum();
+            let apart2: f32 = corner_mm.map(|c| c.max((c + edge_mm).min(0.0))).iter().map(|d| d * d).sum();
             if apart2 <= radius * radius {
                 *slot = bricks.len() as u32;
                 bricks.push(SceneBrick { corner_mm, edge_mm, ..SceneBrick::zeroed() });
@@ -228,7 +216,7 @@ fn fine(shift_um: i16, fine_per_um: f32) -> i16 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::lattice::tests::lattice;
+    use super::super::tests::lattice;
     use super::*;
 
     fn drawn(lattice: &Lattice, state: &VitreousState) -> Haze {

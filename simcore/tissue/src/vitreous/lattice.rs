@@ -178,7 +178,8 @@ impl Lattice {
         (element as i32 + self.rows[self.row_of[element] as usize].steps[k]) as usize
     }
 
-    fn is_inside(&self, at_um: [i32; 3]) -> bool {
+    /// True if a place is inside the eye and behind the lens.
+    pub fn is_inside(&self, at_um: [i32; 3]) -> bool {
         let r2: i64 = at_um.iter().map(|&c| i64::from(c) * i64::from(c)).sum();
         r2 <= i64::from(self.radius_um).pow(2) && at_um[2] <= self.front_um
     }
@@ -319,27 +320,14 @@ impl Lattice {
             let detached = !base && within(at, pole, adhesion.detached_rad);
             Wall { element: e as u32, release_pa, base, detached }
         };
-        let walls = self.numbers().filter(at_retina).map(wall).collect();
-        self.walls = walls;
+        self.walls = self.numbers().filter(at_retina).map(wall).collect();
     }
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
+    use super::super::tests::lattice;
     use super::*;
-
-    /// The shipped scene on a lattice of `cells`.
-    pub fn scene(cells: u32) -> SceneFile {
-        let mut scene = SceneFile::load("vitrectomy").unwrap();
-        scene.vitreous.as_mut().unwrap().lattice = cells;
-        scene
-    }
-
-    /// The shipped vitreous on a lattice of `cells`.
-    pub fn lattice(cells: u32) -> Lattice {
-        let scene = scene(cells);
-        Lattice::new(&scene, scene.vitreous.as_ref().unwrap())
-    }
 
     #[test]
     fn links_are_mutual_and_lead_to_the_next_cell() {
@@ -395,7 +383,7 @@ pub(super) mod tests {
                     lattice.has_room(e, way) && !lattice.has_room(e, [way[0], way[1], way[2] + room + 1])
                 );
                 let rest = lattice.rest_um(e);
-                assert!(super::super::state::is_inside(&lattice, std::array::from_fn(|c| rest[c] + way[c])));
+                assert!(lattice.is_inside(std::array::from_fn(|c| rest[c] + way[c])));
             }
         }
     }

@@ -17,13 +17,14 @@
 
 use super::chainmail::Mail;
 use super::lattice::{COMPRESS, LINKS, Lattice, PAD, Row, SHEAR, STRETCH, TOGETHER, block};
-use super::state::{ADHERED, ALIVE, VitreousState, is_inside};
+use super::set;
+use super::state::{ADHERED, ALIVE, VitreousState};
 
 /// Wakes a row in which something moved, and the rows beside it.
 pub fn wake(lattice: &Lattice, state: &mut VitreousState, row: usize) {
     let beside = lattice.rows[row].beside.map(usize::from);
     for row in beside.into_iter().chain([row]) {
-        state.awake.iter_mut().for_each(|a| a[row / 64] |= 1 << (row % 64));
+        state.awake.iter_mut().for_each(|awake| set(awake, row));
     }
 }
 
@@ -107,10 +108,9 @@ impl Relaxer {
                 continue;
             }
             let along = i as i32 * mail.lattice.pitch_um;
-            let place = [first[0] + along, first[1], first[2]];
-            let place =
-                [place[0] + i32::from(to[0]), place[1] + i32::from(to[1]), place[2] + i32::from(to[2])];
-            if is_inside(mail.lattice, place) {
+            let [x1, y1, z1] = to.map(i32::from);
+            let place = [first[0] + along + x1, first[1] + y1, first[2] + z1];
+            if mail.lattice.is_inside(place) {
                 (x[e], y[e], z[e]) = (to[0], to[1], to[2]);
                 moved = true;
             }
@@ -216,8 +216,8 @@ fn next_awake(bits: &[u64], from: usize, rows: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::super::chainmail::Chainmail;
-    use super::super::lattice::tests::lattice;
     use super::super::state::{check, living_links};
+    use super::super::tests::lattice;
     use super::*;
     use proptest::prelude::*;
 

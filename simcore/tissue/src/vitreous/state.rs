@@ -95,12 +95,6 @@ impl VitreousState {
     }
 }
 
-/// True if a place is inside the eye and behind the lens.
-pub fn is_inside(lattice: &Lattice, place_um: [i32; 3]) -> bool {
-    let r2: i64 = place_um.iter().map(|&c| i64::from(c) * i64::from(c)).sum();
-    r2 <= i64::from(lattice.radius_um).pow(2) && place_um[2] <= lattice.front_um
-}
-
 /// Links of living elements to living elements, a byte an element.
 pub fn living_links(lattice: &Lattice, state: &VitreousState) -> Vec<u8> {
     let mut links = vec![0; lattice.len()];
@@ -165,7 +159,7 @@ pub fn check(lattice: &Lattice, state: &VitreousState) -> Result<(), &'static st
         return Err("an element of the vitreous has left the retina it holds to");
     }
     let places = numbers.filter(|&e| state.is_alive(e)).map(|e| state.place_um(lattice, e));
-    if !places.into_iter().all(|p| is_inside(lattice, p)) || broken_link(lattice, state).is_some() {
+    if !places.into_iter().all(|p| lattice.is_inside(p)) || broken_link(lattice, state).is_some() {
         return Err("an element of the vitreous is out of its limits");
     }
     Ok(())
@@ -173,7 +167,7 @@ pub fn check(lattice: &Lattice, state: &VitreousState) -> Result<(), &'static st
 
 #[cfg(test)]
 mod tests {
-    use super::super::lattice::tests::lattice;
+    use super::super::tests::lattice;
     use super::*;
 
     #[test]

@@ -83,8 +83,8 @@ pub fn look(mail: Mail, state: &mut VitreousState, mut released: impl FnMut(usiz
 
 #[cfg(test)]
 mod tests {
-    use super::super::lattice::tests::lattice;
     use super::super::state::living_links;
+    use super::super::tests::lattice;
     use super::*;
 
     #[test]

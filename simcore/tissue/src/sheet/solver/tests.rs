@@ -141,8 +141,8 @@ fn every_instruction_set_gives_the_same_bits() {
         let runs: Vec<SheetState> = Isa::available()
             .into_iter()
             .map(|isa| {
-                let (mesh, mut state, solver, material) = peel(|m| m.bending_un_per_mm = bending);
-                let mut solver = solver.with_isa(isa);
+                let (mesh, mut state, mut solver, material) = peel(|m| m.bending_un_per_mm = bending);
+                solver.isa = isa;
                 crumple(&mut state, 7);
                 for _ in 0..100 {
                     solver.accelerate(&mesh, &state, &material);
