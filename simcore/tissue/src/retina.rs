@@ -108,9 +108,7 @@ impl Retina {
     pub fn new(scene: &SceneFile) -> Result<Option<(Self, RetinaState)>, SheetError> {
         let Some(table) = &scene.retina else { return Ok(None) };
         let radius_mm = scene.eye.retina_radius_mm;
-        let (axes, triangles) = mesh::hemisphere(radius_mm, table.rings);
-        let positions: Vec<[f32; 3]> =
-            (0..axes[0].len()).map(|n| axes.each_ref().map(|axis| axis[n])).collect();
+        let (positions, triangles) = mesh::hemisphere(radius_mm, table.rings);
         let mut mesh = SheetMesh::from_triangles(&positions, &triangles, &mesh::ora(table.rings))?;
         // Shorter at rest than as it lies: the retina's own tension.
         mesh.rest_mm.iter_mut().for_each(|l| *l = (f64::from(*l) / (1.0 + table.prestrain)) as f32);
@@ -299,8 +297,7 @@ impl Retina {
                 }
             }
             let lost = before - self.measured_mm3(state, bleb);
-            state.blebs[bleb].volume_mm3 -= lost;
-            state.account.leaked_mm3 += lost;
+            state.leak(bleb, lost);
         }
         self.reconnect(state);
     }

@@ -68,25 +68,22 @@ impl Retina {
             hole.open_mm2 += (rest - hole.open_mm2) * if plugged { 0.0 } else { closing };
             let bleb = self.blebs.label[hole.node as usize];
             if !plugged && bleb > 0 {
+                let bleb = &mut state.blebs[usize::from(bleb) - 1];
                 let area = if state.air { full } else { hole.open_mm2 };
-                state.account.leaked_mm3 +=
-                    self.figures.drain(&mut state.blebs[usize::from(bleb) - 1], area, state.air);
+                state.account.leaked_mm3 += bleb.lose(self.figures.leaks_mm3(bleb, area, state.air));
             }
         }
         for (number, (bleb, area_mm2)) in state.blebs.iter_mut().zip(&self.blebs.area_mm2).enumerate() {
             if self.blebs.open[number] {
                 let driven = if state.air { EXCHANGE_MM3_S * SUBSTEP_S } else { 0.0 };
-                let lost = driven.min(LARGEST_LOSS * bleb.volume_mm3.max(0.0));
-                bleb.volume_mm3 -= lost;
-                state.account.leaked_mm3 += lost;
+                state.account.leaked_mm3 += bleb.lose(driven);
             } else if bleb.torn_mm2 > 0.0 {
-                state.account.leaked_mm3 += self.figures.drain(bleb, bleb.torn_mm2, state.air);
+                let leaks = self.figures.leaks_mm3(bleb, bleb.torn_mm2, state.air);
+                state.account.leaked_mm3 += bleb.lose(leaks);
             }
             if state.air && bleb.pressure_pa + scene.air_pa > 0.0 {
-                let seeped = area_mm2 * scene.seep_um_per_s * 1e-3 * SUBSTEP_S;
-                let lost = seeped.min(LARGEST_LOSS * bleb.volume_mm3.max(0.0));
-                bleb.volume_mm3 -= lost;
-                state.account.leaked_mm3 += lost;
+                let seeps = area_mm2 * scene.seep_um_per_s * 1e-3 * SUBSTEP_S;
+                state.account.leaked_mm3 += bleb.lose(seeps);
             }
         }
     }
@@ -107,8 +104,7 @@ impl Retina {
     fn level(&self, state: &mut RetinaState, bleb: usize) {
         let passed = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
         if !state.air || passed > 0.0 {
-            state.blebs[bleb].volume_mm3 -= passed;
-            state.account.leaked_mm3 += passed;
+            state.leak(bleb, passed);
         }
     }
 
@@ -159,8 +155,7 @@ impl Retina {
             let free = |n: &u32| state.sheet.flag[*n as usize] == NODE_FREE;
             if !self.blebs.nodes_of(bleb).iter().any(free) {
                 let pressed = state.blebs[bleb].volume_mm3 - self.measured_mm3(state, bleb);
-                state.blebs[bleb].volume_mm3 -= pressed;
-                state.account.leaked_mm3 += pressed;
+                state.leak(bleb, pressed);
             }
         }
     }
@@ -262,20 +257,25 @@ impl Retina {
         }
         let driven = EXCHANGE_MM3_S * SUBSTEP_S;
         let passed = missing_mm3 - missing_mm3.clamp(-driven, driven);
-        state.blebs[bleb].volume_mm3 -= passed;
-        state.account.leaked_mm3 += passed;
+        state.leak(bleb, passed);
         missing_mm3 - passed
     }
 }
 
 impl Figures {
-    /// Takes out of a bleb what leaks through `area_mm2` in a substep; returns it, mm³ (below 0 for
-    /// what it sucks in).
-    fn drain(&self, bleb: &mut Bleb, area_mm2: f64, air: bool) -> f64 {
+    /// What would leak out of a bleb through `area_mm2` in a substep, mm³ (below 0 for what it sucks
+    /// in).
+    fn leaks_mm3(&self, bleb: &Bleb, area_mm2: f64, air: bool) -> f64 {
         let pressure = bleb.pressure_pa + if air { self.scene.air_pa } else { 0.0 };
-        let most = LARGEST_LOSS * bleb.volume_mm3.max(0.0);
-        let lost = (Figures::leak_mm3_s(area_mm2, pressure) * SUBSTEP_S).min(most);
-        bleb.volume_mm3 -= lost;
+        Figures::leak_mm3_s(area_mm2, pressure) * SUBSTEP_S
+    }
+}
+
+impl Bleb {
+    /// Takes `wanted_mm3` out, at most [`LARGEST_LOSS`]; returns what went, mm³.
+    fn lose(&mut self, wanted_mm3: f64) -> f64 {
+        let lost = wanted_mm3.min(LARGEST_LOSS * self.volume_mm3.max(0.0));
+        self.volume_mm3 -= lost;
         lost
     }
 }

@@ -10,6 +10,7 @@
 //! because the push of the fluid on bleb and choroid is the same.
 
 use super::Retina;
+use super::blebs::FrontNode;
 use super::figures::{FILM_MM, FRONT_SMOOTHING, MAX_BLEBS};
 use super::state::{Bleb, RetinaState};
 use super::volume::at;
@@ -63,15 +64,20 @@ impl Retina {
                 *most = (release, front.node);
             }
         }
-        let nodes = worst.iter().filter(|w| w.1 != u32::MAX).map(|w| w.1);
-        self.take_off(state, nodes);
+        let mut off = false;
+        for (_, node) in worst.into_iter().filter(|w| w.1 != u32::MAX) {
+            off |= self.take_off(state, node);
+        }
+        if off {
+            self.reconnect(state);
+        }
     }
 
     /// Adds up what the front carries: away from the choroid, along it towards the bleb, and the
     /// rim that carries it.
     fn load_front(&mut self, state: &RetinaState) {
         let (blebs, tissue) = (&self.blebs, &state.sheet);
-        let push = |f: &super::blebs::FrontNode| {
+        let push = |f: &FrontNode| {
             let pressure = state.blebs[usize::from(f.bleb)].pressure_pa;
             [self.push[f.node as usize] * pressure, Vector3::zeros()]
         };
@@ -86,7 +92,7 @@ impl Retina {
                 *inward += way / length;
             }
         }
-        let carried = |(front, [force, inward]): (&super::blebs::FrontNode, &[Vector3<f64>; 2])| {
+        let carried = |(front, [force, inward]): (&FrontNode, &[Vector3<f64>; 2])| {
             let foot = at(tissue, front.node);
             let up = -foot / foot.norm();
             let along = inward - up * inward.dot(&up);
@@ -136,31 +142,25 @@ impl Retina {
         d_mm: f64,
         nearest: u32,
     ) {
-        let holds = |tissue: &SheetState, n: u32| tissue.flag[n as usize] == NODE_PINNED;
-        let before = self.body.counts.detached.count;
+        let mut off = false;
         for n in 0..self.body.mesh.nodes() as u32 {
             let near = n == nearest || (at(&state.sheet, n) - from).norm_squared() <= d_mm * d_mm;
-            if near && holds(&state.sheet, n) && !self.fixed[n as usize] {
-                state.sheet.flag[n as usize] = NODE_FREE;
-                self.body.counts.detached.add(1, n as usize);
-            }
+            off |= near && self.take_off(state, n);
         }
-        if self.body.counts.detached.count > before {
+        if off {
             self.reconnect(state);
         }
     }
 
-    fn take_off(&mut self, state: &mut RetinaState, nodes: impl Iterator<Item = u32>) {
-        let before = self.body.counts.detached.count;
-        for n in nodes {
-            if state.sheet.flag[n as usize] == NODE_PINNED {
-                state.sheet.flag[n as usize] = NODE_FREE;
-                self.body.counts.detached.add(1, n as usize);
-            }
+    /// Takes a node off the choroid; `true` if it held, and is not one that always does.
+    fn take_off(&mut self, state: &mut RetinaState, node: u32) -> bool {
+        let n = node as usize;
+        let held = state.sheet.flag[n] == NODE_PINNED && !self.fixed[n];
+        if held {
+            state.sheet.flag[n] = NODE_FREE;
+            self.body.counts.detached.add(1, n);
         }
-        if self.body.counts.detached.count > before {
-            self.reconnect(state);
-        }
+        held
     }
 
     /// Under air, what has come near the choroid beside retina that lies on it lies on too; and all
@@ -180,13 +180,9 @@ impl Retina {
     }
 
     fn beside_lying(&self, state: &RetinaState, node: u32) -> bool {
-        let around = self
-            .body
-            .mesh
-            .triangles_of(node as usize)
-            .iter()
-            .flat_map(|&t| self.body.mesh.triangles[t as usize]);
-        around.into_iter().any(|n| state.sheet.flag[n as usize] == NODE_PINNED)
+        let mesh = &self.body.mesh;
+        let mut around = mesh.triangles_of(node as usize).iter().flat_map(|&t| mesh.triangles[t as usize]);
+        around.any(|n| state.sheet.flag[n as usize] == NODE_PINNED)
     }
 
     /// Attaches a free node that is near enough to the choroid; `true` if it was.

@@ -30,16 +30,16 @@ pub fn triangles(rings: u32) -> usize {
 }
 
 /// Positions (eye frame, mm) and triangles (counter-clockwise seen from the inside of the eye).
-pub fn hemisphere(radius_mm: f64, rings: u32) -> ([Vec<f32>; 3], Vec<[u32; 3]>) {
+pub fn hemisphere(radius_mm: f64, rings: u32) -> (Vec<[f32; 3]>, Vec<[u32; 3]>) {
     let n = rings as usize;
-    let mut positions = [const { Vec::new() }; 3];
+    let mut positions = Vec::with_capacity(nodes(rings));
     for k in 0..=n {
         let polar = std::f64::consts::FRAC_PI_2 * k as f64 / n as f64;
         for j in 0..(6 * k).max(1) {
             let azimuth = std::f64::consts::TAU * j as f64 / (6 * k).max(1) as f64;
             let (out, down) = (libm::sin(polar), libm::cos(polar));
             let p = Vector3::new(out * libm::cos(azimuth), out * libm::sin(azimuth), -down) * radius_mm;
-            positions.iter_mut().zip(p.iter()).for_each(|(axis, c)| axis.push(*c as f32));
+            positions.push(p.map(|c| c as f32).into());
         }
     }
     let mut triangles = Vec::with_capacity(self::triangles(rings));
@@ -67,15 +67,15 @@ mod tests {
     use super::*;
     use std::collections::HashMap;
 
-    fn at(p: &[Vec<f32>; 3], n: u32) -> Vector3<f64> {
-        Vector3::from(p.each_ref().map(|axis| f64::from(axis[n as usize])))
+    fn at(p: &[[f32; 3]], n: u32) -> Vector3<f64> {
+        Vector3::from(p[n as usize]).map(f64::from)
     }
 
     #[test]
     fn counts_follow_the_formulas_and_the_mesh_is_a_disc() {
         for rings in [1, 2, 5, 28] {
             let (p, t) = hemisphere(11.5, rings);
-            assert_eq!((p[0].len(), t.len()), (nodes(rings), triangles(rings)));
+            assert_eq!((p.len(), t.len()), (nodes(rings), triangles(rings)));
             let mut edges: HashMap<[u32; 2], u32> = HashMap::new();
             for [a, b, c] in &t {
                 for (x, y) in [(a, b), (b, c), (c, a)] {

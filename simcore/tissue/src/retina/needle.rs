@@ -37,11 +37,8 @@ impl Retina {
             return None;
         }
         let (from_mm, along) = (needle.tip_in_eye_mm, needle.axis_in_eye.into_inner());
-        self.sides.compare(
-            &Line { from_mm, along, reach_mm: SHAFT_MM },
-            &state.sheet.position_mm,
-            self.body.span(),
-        );
+        let line = Line { from_mm, along, reach_mm: SHAFT_MM };
+        self.sides.compare(&line, &state.sheet.position_mm, self.body.span());
         let surface = self.body.surface(&state.sheet);
         let triangles = surface.triangles;
         let loose = (0..self.blebs.count()).flat_map(|b| self.blebs.triangles_of(b));
@@ -134,15 +131,10 @@ impl Retina {
     /// Tears the spring that lies most across the way of the needle at the nearest living node.
     fn rip(&mut self, state: &mut RetinaState, at_mm: &Vector3<f64>, velocity_mm_s: &Vector3<f64>) {
         let node = self.nearest_node(state, at_mm) as usize;
-        let around = self
-            .body
-            .mesh
-            .triangles_of(node)
-            .iter()
-            .flat_map(|&t| self.body.mesh.triangle_springs[t as usize]);
+        let mesh = &self.body.mesh;
         let mut best: Option<(f64, u32)> = None;
-        for s in around {
-            let [a, b] = self.body.mesh.springs[s as usize].map(|n| at(&state.sheet, n));
+        for s in mesh.triangles_of(node).iter().flat_map(|&t| mesh.triangle_springs[t as usize]) {
+            let [a, b] = mesh.springs[s as usize].map(|n| at(&state.sheet, n));
             let along = ((b - a).normalize().dot(velocity_mm_s)).abs();
             let alive = state.sheet.spring_alive[s as usize] != 0;
             if alive && best.is_none_or(|(least, _)| along < least) {

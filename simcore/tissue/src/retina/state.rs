@@ -92,6 +92,12 @@ impl RetinaState {
         self.blebs.iter().map(|b| b.volume_mm3).sum()
     }
 
+    /// So much of a bleb's fluid has leaked, mm³; below 0 it was sucked in.
+    pub(super) fn leak(&mut self, bleb: usize, lost_mm3: f64) {
+        self.blebs[bleb].volume_mm3 -= lost_mm3;
+        self.account.leaked_mm3 += lost_mm3;
+    }
+
     /// True if a node is off the choroid.
     pub fn is_loose(&self, node: usize) -> bool {
         let flag = self.sheet.flag[node];
@@ -142,12 +148,8 @@ impl RetinaState {
         let nodes_ok = self.holes.iter().map(|h| h.node).chain(self.needles.iter().map(|n| n.node));
         let counts = self.blebs.len() <= MAX_BLEBS && self.holes.len() <= MAX_HOLES;
         let labels = self.bleb_of.iter().all(|&b| usize::from(b) <= self.blebs.len());
-        let labelled = self.bleb_of.len() == nodes;
-        if labelled
-            && all.all(f64::is_finite)
-            && nodes_ok.into_iter().all(|n| (n as usize) < nodes)
-            && counts
-            && labels
+        let labelled = self.bleb_of.len() == nodes && labels;
+        if labelled && counts && all.all(f64::is_finite) && nodes_ok.into_iter().all(|n| (n as usize) < nodes)
         {
             Ok(())
         } else {

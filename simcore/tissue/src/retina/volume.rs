@@ -37,15 +37,6 @@ pub fn under_triangle(corners: &[Vector3<f64>; 3], radius_mm: f64) -> f64 {
     if lengths > 0.0 { whole * (1.0 - radius_mm * radius_mm * radius_mm / lengths) / 6.0 } else { 0.0 }
 }
 
-/// Volume under `triangles`, mm³.
-pub fn under<'a>(
-    state: &SheetState,
-    triangles: impl IntoIterator<Item = &'a [u32; 3]>,
-    radius_mm: f64,
-) -> f64 {
-    triangles.into_iter().map(|t| under_triangle(&t.map(|n| at(state, n)), radius_mm)).sum()
-}
-
 /// Triangles that are computed together.
 const TOGETHER: usize = 8;
 
@@ -172,11 +163,6 @@ impl Cap {
         std::f64::consts::PI * h * (3.0 * c * c + h * h) / 6.0
     }
 
-    /// π (c² + h²), mm².
-    pub fn area_mm2(&self) -> f64 {
-        std::f64::consts::PI * (self.base_mm * self.base_mm + self.height_mm * self.height_mm)
-    }
-
     /// Radius of the sphere, mm.
     pub fn radius_mm(&self) -> f64 {
         (self.base_mm * self.base_mm + self.height_mm * self.height_mm) / (2.0 * self.height_mm)
@@ -218,9 +204,7 @@ mod tests {
             let sideways = if out > 0.0 { x / out } else { 0.0 };
             Vector3::new(p.x * sideways, p.y * sideways, z)
         };
-        let nodes = p[0].len();
-        let at = |n: usize| Vector3::from(p.each_ref().map(|axis| f64::from(axis[n])));
-        ((0..nodes).map(|n| move_up(at(n))).collect(), t)
+        (p.into_iter().map(|p| move_up(Vector3::from(p).map(f64::from))).collect(), t)
     }
 
     /// What a pressure of 1 Pa does to the corners of a triangle, µN.
@@ -288,7 +272,7 @@ mod tests {
     #[test]
     fn what_lies_on_the_choroid_holds_nothing() {
         let (p, t) = hemisphere(R, 12);
-        let at = |n: u32| Vector3::from(p.each_ref().map(|axis| f64::from(axis[n as usize])));
+        let at = |n: u32| Vector3::from(p[n as usize]).map(f64::from);
         let all: f64 = t.iter().map(|t| under_triangle(&t.map(at), R).abs()).sum();
         // Half a unit in the last place (2⁻²¹ mm between 8 and 16) on each axis, over the
         // hemisphere.

@@ -92,12 +92,8 @@ impl Parting {
     /// Adds what a later substep did: the largest of everything, the last of what tore.
     pub fn add(&mut self, now: &Parting) {
         self.broken += now.broken;
-        if now.highest_pa.0 > self.highest_pa.0 {
-            self.highest_pa = now.highest_pa;
-        }
-        if now.highest_mm.0 > self.highest_mm.0 {
-            self.highest_mm = now.highest_mm;
-        }
+        note(&mut self.highest_pa, now.highest_pa.0, now.highest_pa.1);
+        note(&mut self.highest_mm, now.highest_mm.0, now.highest_mm.1);
         if now.torn.0 > 0 {
             self.torn = (self.torn.0 + now.torn.0, now.torn.1);
         }
@@ -143,10 +139,8 @@ impl Adhesion {
         let nodes = self.area_mm2.len();
         let good = |v: &Vec<f32>| v.len() == nodes && v.iter().all(|x| (0.0..=f32::MAX).contains(x));
         let account = |x: f64| x.is_finite() && x >= 0.0;
-        good(&state.parted_mm)
-            && good(&state.lifted_mm)
-            && account(state.freed_mm2)
-            && account(state.torn_mm2)
+        let bonds = good(&state.parted_mm) && good(&state.lifted_mm);
+        bonds && account(state.freed_mm2) && account(state.torn_mm2)
     }
 
     /// True while the node's bond holds.
@@ -206,9 +200,8 @@ impl Adhesion {
             }
             let way = self.place(state, node) - Vector3::new(x[node], y[node], z[node]);
             let distance = way.norm();
-            let parted = state.parted_mm[node].max(distance);
-            state.parted_mm[node] = parted;
-            let stiffness = self.secant(node, parted);
+            state.parted_mm[node] = state.parted_mm[node].max(distance);
+            let stiffness = self.secant(node, state.parted_mm[node]);
             if stiffness == 0.0 {
                 state.freed_mm2 += f64::from(self.area_mm2[node]);
                 parting.broken += 1;
@@ -221,9 +214,7 @@ impl Adhesion {
                 outer[node] += stiffness * way;
             }
             let traction = stiffness * distance / self.area_mm2[node];
-            if traction > parting.highest_pa.0 {
-                parting.highest_pa = (traction, node);
-            }
+            note(&mut parting.highest_pa, traction, node);
             if traction > self.lift_pa {
                 self.lift(state, node, traction, dt_s, &mut parting);
             } else {

@@ -3,8 +3,7 @@
 
 use super::body::SheetBody;
 use super::mesh::SheetMesh;
-use super::state::NODE_PINNED;
-use super::state::{Pierced, SheetContact, SheetState};
+use super::state::{NODE_PINNED, Pierced, SheetContact, SheetState};
 use crate::constants::{CHECKED_WAY_MM, NEEDLE_OUT_MM, SUBSTEP_S, UNDER_MARGIN_MM};
 use crate::needle::Needle;
 use collision::backend::{self, Backend, BackendChoice};
@@ -285,7 +284,9 @@ impl SheetBody {
             return pushed;
         }
         let mut contact = state.contact[i];
-        let found = self.look(state, pusher);
+        let Collider { zcoll, active, .. } = &mut self.collider;
+        let surface = state.surface(&self.mesh, active);
+        let found = zcoll.query(pusher.image, &pusher.eye_from_instrument.inverse(), &surface);
         pushed.found[0] = found;
         if found.pixels == 0 && self.jumped_through(state, pusher) {
             (contact.in_contact, contact.under) = (true, true);
@@ -297,12 +298,6 @@ impl SheetBody {
         }
         state.contact[i] = contact;
         pushed
-    }
-
-    fn look(&mut self, state: &SheetState, pusher: &Pusher) -> Contacts {
-        let Collider { zcoll, active, .. } = &mut self.collider;
-        let surface = state.surface(&self.mesh, active);
-        zcoll.query(pusher.image, &pusher.eye_from_instrument.inverse(), &surface)
     }
 
     fn displace(

@@ -36,64 +36,6 @@ pub fn has_jaws(tool: u32) -> bool {
     tool == Tool::Forceps as u32
 }
 
-/// Binds the free nodes within `reach_mm` of the tip of an instrument; returns how many it holds
-/// now.
-fn bind(
-    sheet: &mut SheetState,
-    instrument: usize,
-    eye_from_instrument: &Isometry3<f64>,
-    reach_mm: f64,
-) -> usize {
-    let tip = eye_from_instrument.translation.vector;
-    for node in 0..sheet.nodes() {
-        let p = sheet.position(node).map(f64::from);
-        let free = sheet.flag[node] == NODE_FREE && sheet.held[instrument].len() < MAX_HELD;
-        if !free || (p - tip).norm_squared() > reach_mm * reach_mm {
-            continue;
-        }
-        let at = eye_from_instrument.inverse_transform_point(&Point3::from(p));
-        let at_in_instrument_mm = at.coords.map(|c| c as f32).into();
-        sheet.held[instrument].push(HeldNode { node: node as u32, at_in_instrument_mm });
-        sheet.flag[node] = NODE_BOUND + instrument as u32;
-    }
-    sheet.held[instrument].len()
-}
-
-/// Lets every node that an instrument holds go, at rest and before the choroid of radius
-/// `radius_mm`; returns how many.
-fn release(sheet: &mut SheetState, instrument: usize, radius_mm: f32) -> usize {
-    let count = sheet.held[instrument].len();
-    for k in 0..count {
-        let node = sheet.held[instrument][k].node as usize;
-        if sheet.flag[node] != NODE_DEAD {
-            let p = sheet.position(node);
-            if p.norm() > radius_mm {
-                sheet.set_position(node, p * (radius_mm / p.norm()));
-            }
-            sheet.flag[node] = NODE_FREE;
-            sheet.set_velocity(node, Vector3::zeros());
-        }
-    }
-    sheet.held[instrument].clear();
-    count
-}
-
-/// Moves what an instrument holds with it, no deeper than the choroid of radius `radius_mm`; its
-/// velocity is what that makes of it over a substep.
-fn carry(sheet: &mut SheetState, instrument: usize, eye_from_instrument: &Isometry3<f64>, radius_mm: f32) {
-    let radius_mm = f64::from(radius_mm);
-    for k in 0..sheet.held[instrument].len() {
-        let held = sheet.held[instrument][k];
-        let node = held.node as usize;
-        let p = (eye_from_instrument * Point3::from(held.at_in_instrument_mm.map(f64::from))).coords;
-        let length = p.norm();
-        let p = if length > radius_mm { p * (radius_mm / length) } else { p };
-        let v = (p - sheet.position(node).map(f64::from)) / SUBSTEP_S;
-        sheet.set_position(node, p.map(|c| c as f32));
-        sheet.set_velocity(node, v.map(|c| c as f32));
-    }
-}
-
 /// Forgets held nodes that were torn away; `true` if any was.
 pub(super) fn drop_dead(held: &mut Vec<HeldNode>, flag: &[u32]) -> bool {
     let before = held.len();
@@ -102,9 +44,20 @@ pub(super) fn drop_dead(held: &mut Vec<HeldNode>, flag: &[u32]) -> bool {
 }
 
 impl SheetBody {
-    /// Moves what instrument `i` holds with it.
+    /// Moves what instrument `i` holds with it, no deeper than the choroid; its velocity is what that
+    /// makes of it over a substep.
     pub fn carry(&self, state: &mut SheetState, i: usize, eye_from_instrument: &Isometry3<f64>) {
-        carry(state, i, eye_from_instrument, self.material.radius_mm);
+        let radius_mm = f64::from(self.material.radius_mm);
+        for k in 0..state.held[i].len() {
+            let held = state.held[i][k];
+            let node = held.node as usize;
+            let p = (eye_from_instrument * Point3::from(held.at_in_instrument_mm.map(f64::from))).coords;
+            let length = p.norm();
+            let p = if length > radius_mm { p * (radius_mm / length) } else { p };
+            let v = (p - state.position(node).map(f64::from)) / SUBSTEP_S;
+            state.set_position(node, p.map(|c| c as f32));
+            state.set_velocity(node, v.map(|c| c as f32));
+        }
     }
 
     /// Binds the free nodes within `reach_mm` of the tip of instrument `i`; returns how many it
@@ -116,20 +69,44 @@ impl SheetBody {
         eye_from_instrument: &Isometry3<f64>,
         reach_mm: f64,
     ) -> usize {
-        let held = bind(state, i, eye_from_instrument, reach_mm);
-        if held > 0 {
+        let tip = eye_from_instrument.translation.vector;
+        for node in 0..state.nodes() {
+            let p = state.position(node).map(f64::from);
+            let free = state.flag[node] == NODE_FREE && state.held[i].len() < MAX_HELD;
+            if !free || (p - tip).norm_squared() > reach_mm * reach_mm {
+                continue;
+            }
+            let at = eye_from_instrument.inverse_transform_point(&Point3::from(p));
+            let at_in_instrument_mm = at.coords.map(|c| c as f32).into();
+            state.held[i].push(HeldNode { node: node as u32, at_in_instrument_mm });
+            state.flag[node] = NODE_BOUND + i as u32;
+        }
+        if !state.held[i].is_empty() {
             self.refresh(state);
         }
-        held
+        state.held[i].len()
     }
 
-    /// Lets go of everything that instrument `i` holds; returns how many nodes that was.
+    /// Lets go of every node that instrument `i` holds, at rest and before the choroid; returns how
+    /// many.
     pub fn let_go(&mut self, state: &mut SheetState, i: usize) -> usize {
-        let released = release(state, i, self.material.radius_mm);
-        if released > 0 {
+        let (count, radius_mm) = (state.held[i].len(), self.material.radius_mm);
+        for k in 0..count {
+            let node = state.held[i][k].node as usize;
+            if state.flag[node] != NODE_DEAD {
+                let p = state.position(node);
+                if p.norm() > radius_mm {
+                    state.set_position(node, p * (radius_mm / p.norm()));
+                }
+                state.flag[node] = NODE_FREE;
+                state.set_velocity(node, Vector3::zeros());
+            }
+        }
+        state.held[i].clear();
+        if count > 0 {
             self.refresh(state);
         }
-        released
+        count
     }
 
     /// Force of the tissue on what instrument `i` holds, µN.
@@ -141,7 +118,6 @@ impl SheetBody {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mesh::SheetMesh;
     use super::*;
     use scene::SceneFile;
 
@@ -158,19 +134,20 @@ mod tests {
     #[test]
     fn bound_nodes_follow_the_tip_and_are_free_again() {
         let scene = SceneFile::load("peel").unwrap();
-        let mut sheet = SheetMesh::new(&scene).unwrap().start();
+        let mut body = SheetBody::membrane(&scene).unwrap().unwrap();
+        let mut sheet = body.mesh.start();
         let pose = Isometry3::translation(0.0, 0.0, -10.9);
-        let count = bind(&mut sheet, 0, &pose, 0.45);
+        let count = body.grab(&mut sheet, 0, &pose, 0.45);
         assert!(count > 3, "{count}");
         let node = sheet.held[0][0].node as usize;
         let before = sheet.position(node);
-        carry(&mut sheet, 0, &Isometry3::translation(0.0, 0.1, -10.9), 11.5);
+        body.carry(&mut sheet, 0, &Isometry3::translation(0.0, 0.1, -10.9));
         let moved = sheet.position(node) - before;
         assert!((moved - Vector3::new(0.0, 0.1, 0.0)).norm() < 1e-5);
         assert!((sheet.velocity(node).y - 100.0).abs() < 0.01);
-        carry(&mut sheet, 0, &Isometry3::translation(0.0, 0.0, -12.9), 11.5);
+        body.carry(&mut sheet, 0, &Isometry3::translation(0.0, 0.0, -12.9));
         assert!(sheet.held[0].iter().all(|h| sheet.position(h.node as usize).norm() <= 11.500_01));
-        assert_eq!(release(&mut sheet, 0, 11.5), count);
+        assert_eq!(body.let_go(&mut sheet, 0), count);
         assert!(sheet.flag.iter().all(|&f| f < NODE_BOUND) && sheet.held[0].is_empty());
     }
 }

@@ -2,8 +2,7 @@
 //! Scenes have a regular one (`grid`), any other manifold mesh will do ([`super::from_triangles`]).
 
 use super::simd::rsqrt;
-use crate::constants::MAX_HELD;
-use crate::constants::TINY_LENGTH2_MM2;
+use crate::constants::{MAX_HELD, TINY_LENGTH2_MM2};
 use crate::sheet::state::{NODE_PINNED, Removed, SheetState};
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;

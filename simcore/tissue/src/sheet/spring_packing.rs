@@ -89,20 +89,15 @@ impl Owners<'_> {
 /// A force on its way: from lane `source` of spring block `from` to a lane of a node block.
 #[derive(Clone, Copy)]
 struct Arrival {
-    from: usize,
+    from: u32,
     source: u8,
     lane: u8,
 }
 
-/// What two spring blocks bring to a node block.
-struct Two {
-    from: [usize; 2],
-    index: [u8; WIDE],
-}
-
-/// Takes as many forces as two blocks of springs can bring at once, one for each node.
-fn take_most(arrivals: &mut Vec<Arrival>) -> Two {
-    let mut blocks: Vec<(usize, u16)> = Vec::new();
+/// Takes as many forces as two blocks of springs can bring at once, one for each node; `from` has
+/// the numbers of these blocks.
+fn take_most(arrivals: &mut Vec<Arrival>) -> Gather {
+    let mut blocks: Vec<(u32, u16)> = Vec::new();
     for arrival in &*arrivals {
         let lane = 1 << arrival.lane;
         match blocks.iter_mut().find(|(from, _)| *from == arrival.from) {
@@ -128,7 +123,7 @@ fn take_most(arrivals: &mut Vec<Arrival>) -> Two {
         *taken = (block * WIDE) as u8 + arrival.source;
         false
     });
-    Two { from, index }
+    Gather { from, index }
 }
 
 impl SpringPacking {
@@ -213,19 +208,19 @@ impl SpringPacking {
     /// How every block of nodes fetches the forces of the springs that end in it.
     fn receive(&mut self, far: &[Option<usize>]) {
         let tables = &mut self.tables;
-        let (ring, slots) = (tables.ring(), tables.slots);
+        let (ring, slots) = (tables.ring() as u32, tables.slots as u32);
         let mut arriving = vec![Vec::new(); tables.nodes.div_ceil(WIDE)];
         for (at, far) in far.iter().enumerate() {
             if let Some(end) = far {
-                let (from, source, lane) = (at / WIDE, (at % WIDE) as u8, (end % WIDE) as u8);
+                let (from, source, lane) = ((at / WIDE) as u32, (at % WIDE) as u8, (end % WIDE) as u8);
                 arriving[end / WIDE].push(Arrival { from, source, lane });
             }
         }
-        let place = |from: usize| ((from / slots % ring * slots + from % slots) * TRIPLE) as u32;
+        let place = |from: u32| (from / slots % ring * slots + from % slots) * TRIPLE as u32;
         tables.gather_start.push(0);
         for mut arrivals in arriving {
             while !arrivals.is_empty() {
-                let Two { from, index } = take_most(&mut arrivals);
+                let Gather { from, index } = take_most(&mut arrivals);
                 tables.gathers.push(Gather { from: from.map(place), index });
             }
             tables.gather_start.push(tables.gathers.len() as u32);

@@ -304,8 +304,6 @@ struct Sweep<L: Lanes> {
 impl<L: Lanes> Sweep<L> {
     #[inline(always)]
     unsafe fn new(tables: &mut Tables, forces: &mut Forces) -> Self {
-        let read = |lists: [&[f32]; 3]| [lists[0].as_ptr(), lists[1].as_ptr(), lists[2].as_ptr()];
-        let write = |[x, y, z]: &mut [&mut [f32]; 3]| [x.as_mut_ptr(), y.as_mut_ptr(), z.as_mut_ptr()];
         // SAFETY: the caller has the instructions.
         let splat = |x| unsafe { L::splat(x) };
         Sweep {
@@ -321,12 +319,12 @@ impl<L: Lanes> Sweep<L> {
             node: tables.node.as_mut_ptr(),
             own: tables.own.as_mut_ptr(),
             force: tables.force.as_mut_ptr(),
-            position: read(forces.position),
-            velocity: read(forces.velocity),
-            outer: read(forces.outer),
+            position: forces.position.map(<[f32]>::as_ptr),
+            velocity: forces.velocity.map(<[f32]>::as_ptr),
+            outer: forces.outer.map(<[f32]>::as_ptr),
             mobile: forces.mobile.as_ptr(),
-            force_un: write(&mut forces.force),
-            acceleration: write(&mut forces.acceleration),
+            force_un: forces.force.each_mut().map(|list| list.as_mut_ptr()),
+            acceleration: forces.acceleration.each_mut().map(|list| list.as_mut_ptr()),
             acceleration2: forces.acceleration2.as_mut_ptr(),
             inverse_mass: splat(forces.inverse_mass),
             fluid: splat(forces.fluid_per_s),

@@ -88,14 +88,12 @@ fn advance_avx2(motion: &mut Motion, rates: &Rates) -> bool {
 #[inline(always)]
 unsafe fn advance<L: Lanes>(motion: &mut Motion, rates: &Rates) -> bool {
     let nodes = motion.mobile.len();
-    let read = |lists: [&[f32]; 3]| [lists[0].as_ptr(), lists[1].as_ptr(), lists[2].as_ptr()];
-    let write = |[x, y, z]: &mut [&mut [f32]; 3]| [x.as_mut_ptr(), y.as_mut_ptr(), z.as_mut_ptr()];
     let bases = Bases {
-        acceleration: read(motion.acceleration),
+        acceleration: motion.acceleration.map(<[f32]>::as_ptr),
         acceleration2: motion.acceleration2.as_ptr(),
         mobile: motion.mobile.as_ptr(),
-        position: write(&mut motion.position),
-        velocity: write(&mut motion.velocity),
+        position: motion.position.each_mut().map(|list| list.as_mut_ptr()),
+        velocity: motion.velocity.each_mut().map(|list| list.as_mut_ptr()),
     };
     let mut outside = 0;
     for block in 0..nodes.div_ceil(WIDE) {
