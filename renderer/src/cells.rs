@@ -3,8 +3,9 @@
 //! 4×4, and a block that an edge cuts is shaded once for each of its sides.
 
 use crate::governor::Tier;
+use crate::passes::IndexList;
 use crate::view::FIELD_FILL;
-use wgpu::{Buffer, BufferUsages, Device};
+use wgpu::Device;
 
 /// Corners of a row, as in `fundus.wgsl`.
 const ROW: u32 = 32;
@@ -47,30 +48,8 @@ fn triangles(tier: &Tier) -> Vec<u32> {
 }
 
 /// The cells of a tier on the device.
-pub struct Cells {
-    /// Triangles.
-    pub indices: Buffer,
-    /// How many indices.
-    pub count: u32,
-}
-
-impl Cells {
-    /// For `tier`.
-    pub fn new(device: &Device, tier: &Tier) -> Self {
-        let triangles = triangles(tier);
-        let indices = device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("cells"),
-            size: size_of_val(&*triangles) as u64,
-            usage: BufferUsages::INDEX,
-            mapped_at_creation: true,
-        });
-        let mapped = indices.get_mapped_range_mut(..);
-        mapped
-            .expect("a buffer that is mapped from the start")
-            .copy_from_slice(bytemuck::cast_slice(&triangles));
-        indices.unmap();
-        Self { indices, count: triangles.len() as u32 }
-    }
+pub fn cells(device: &Device, tier: &Tier) -> IndexList {
+    IndexList::new(device, "cells", &triangles(tier))
 }
 
 #[cfg(test)]

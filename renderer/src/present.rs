@@ -22,13 +22,8 @@ pub enum PresentError {
     Gpu(#[from] GpuError),
 }
 
-/// A place for pictures.
-pub enum Present {
-    /// The picture is complete when it is drawn.
-    Headless,
-    /// A window.
-    Window(Box<Window>),
-}
+/// A place for pictures: a window, or none; then the picture is complete when it is drawn.
+pub struct Present(Option<Box<Window>>);
 
 /// What the display says before a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,61 +42,53 @@ impl Present {
     /// # Errors
     /// If there is no display for a window, or no graphics device.
     pub fn open(window: Option<&WindowConfig>) -> Result<(Gpu, Self), PresentError> {
-        match window {
-            Some(config) => {
-                let (gpu, window) = Window::open(config)?;
-                Ok((gpu, Present::Window(Box::new(window))))
-            }
-            None => Ok((Gpu::headless()?, Present::Headless)),
-        }
+        let Some(config) = window else { return Ok((Gpu::headless()?, Self(None))) };
+        let (gpu, window) = Window::open(config)?;
+        Ok((gpu, Self(Some(Box::new(window)))))
+    }
+
+    /// True if there is no window.
+    pub fn is_headless(&self) -> bool {
+        self.0.is_none()
     }
 
     /// Period of the display, ns.
     pub fn refresh_ns(&self) -> Option<u64> {
-        match self {
-            Present::Headless => None,
-            Present::Window(window) => Some(window.refresh_ns()),
-        }
+        self.0.as_ref().map(|window| window.refresh_ns())
     }
 
     /// Serves the window's events and waits until it takes the next picture.
     pub fn begin(&mut self, gpu: &Gpu, now: impl Fn() -> Nanos) -> Ready {
-        match self {
-            Present::Headless => Ready::At(now()),
-            Present::Window(window) => window.begin(gpu, now),
+        match &mut self.0 {
+            Some(window) => window.begin(gpu, now),
+            None => Ready::At(now()),
         }
     }
 
     /// Serves the window's events while there is nothing to show yet; true if the person closed it.
     pub fn is_closed(&mut self) -> bool {
-        match self {
-            Present::Headless => false,
-            Present::Window(window) => window.is_closed(),
-        }
+        self.0.as_mut().is_some_and(|window| window.is_closed())
     }
 
     /// Hands on what a person did in the window since the last call.
     pub fn take_inputs(&mut self, done: impl FnMut(Input)) {
-        if let Present::Window(window) = self {
+        if let Some(window) = &mut self.0 {
             window.take_inputs(done);
         }
     }
 
     /// Copies the picture into the window; part of drawing.
     pub fn copy(&mut self, gpu: &Gpu, target: &Target) {
-        if let Present::Window(window) = self {
+        if let Some(window) = &mut self.0 {
             window.copy(gpu, target);
         }
     }
 
     /// Lets the display have it, if there is one.
     pub fn show(&mut self, gpu: &Gpu, target: &Target) -> bool {
-        match self {
-            Present::Headless => false,
-            Present::Window(window) => {
-                window.show(gpu, target);
-                true
-            }
+        if let Some(window) = &mut self.0 {
+            window.show(gpu, target);
         }
+        !self.is_headless()
     }
 }

@@ -30,6 +30,7 @@ use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
+use scene::SceneFile;
 use user::User;
 
 /// Runs until a request, a signal or the user stops it.
@@ -95,7 +96,7 @@ impl RendererShell {
     /// Opens device, window, files and channels, and sends the first heartbeat.
     fn start(config: &Config) -> Result<Self> {
         let (instance, shell) = Shell::start(Process::Renderer, &config.shell)?;
-        let scene = start::load_scene(config)?;
+        let scene = SceneFile::load(&config.scene).context("the renderer needs the scene")?;
         let (gpu, present) = Present::open(config.window_config().as_ref())?;
         let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
         let fixed = config.tier.map(|t| t as usize);
@@ -169,7 +170,7 @@ impl RendererShell {
     }
 
     fn is_headless(&self) -> bool {
-        matches!(self.present, Present::Headless)
+        self.present.is_headless()
     }
 
     /// Until a scene or a request comes, or for [`MAX_WAIT_MS`].

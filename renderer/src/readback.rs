@@ -2,6 +2,7 @@
 
 use crate::governor::TIERS;
 use crate::gpu::{Gpu, GpuError};
+use crate::passes::buffer;
 use crate::target::Target;
 use wgpu::{Buffer, BufferUsages, COPY_BYTES_PER_ROW_ALIGNMENT, MapMode};
 
@@ -44,13 +45,8 @@ impl ReadBack {
     /// With room for every tier from `first_tier` on.
     pub fn new(gpu: &Gpu, first_tier: usize) -> Self {
         let tier = &TIERS[first_tier];
-        let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("read-back"),
-            size: u64::from(row_bytes(2 * tier.width_px) * tier.height_px),
-            usage: BufferUsages::COPY_DST | BufferUsages::MAP_READ,
-            mapped_at_creation: false,
-        });
-        Self { buffer }
+        let size = (row_bytes(2 * tier.width_px) * tier.height_px) as usize;
+        Self { buffer: buffer(&gpu.device, "read-back", size, BufferUsages::MAP_READ) }
     }
 
     /// Copies `target` into `picture`, whose memory is used again.
@@ -61,8 +57,7 @@ impl ReadBack {
         let size = target.texture.size();
         let stride = row_bytes(size.width);
         let bytes = u64::from(stride * size.height);
-        let layout =
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(stride), rows_per_image: None };
+        let layout = wgpu::TexelCopyBufferLayout { bytes_per_row: Some(stride), ..Default::default() };
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let to = wgpu::TexelCopyBufferInfo { buffer: &self.buffer, layout };
         encoder.copy_texture_to_buffer(target.texture.as_image_copy(), to, size);

@@ -65,6 +65,27 @@ pub struct Contents {
     pub homes: Vec<SceneHome>,
 }
 
+impl Contents {
+    /// A scene of these; `header` says the rest of it.
+    pub fn block(&self, mut header: SceneHeader) -> SceneBlock {
+        let bytes = size_of_val(&*self.nodes)
+            + size_of_val(&*self.triangles)
+            + size_of_val(&*self.marks)
+            + size_of_val(&*self.bodies)
+            + size_of_val(&*self.bricks)
+            + size_of_val(&*self.homes);
+        let mut payload = vec![0u128; bytes / 16 + 8];
+        let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
+        header.nodes = writer.write(&self.nodes).expect("room for the nodes");
+        header.triangles = writer.write(&self.triangles).expect("room for the triangles");
+        header.marks = writer.write(&self.marks).expect("room for the marks");
+        header.bodies = writer.write(&self.bodies).expect("room for the bodies");
+        header.bricks = writer.write(&self.bricks).expect("room for the bricks");
+        header.homes = writer.write(&self.homes).expect("room for the homes");
+        SceneBlock { header, payload }
+    }
+}
+
 /// A membrane with the forceps at `tip`; nodes within `grabbed_mm` of them are bound to them.
 pub fn membrane_scene(
     file: &SceneFile,
@@ -97,22 +118,7 @@ pub fn scene_with(
     }
     header.instants.exposed = 1_000_000_000;
     header.topology = 1;
-    let c = contents;
-    let bytes = size_of_val(&*c.nodes)
-        + size_of_val(&*c.triangles)
-        + size_of_val(&*c.marks)
-        + size_of_val(&*c.bodies)
-        + size_of_val(&*c.bricks)
-        + size_of_val(&*c.homes);
-    let mut payload = vec![0u128; bytes / 16 + 8];
-    let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
-    header.nodes = writer.write(&c.nodes).expect("room for the nodes");
-    header.triangles = writer.write(&c.triangles).expect("room for the triangles");
-    header.marks = writer.write(&c.marks).expect("room for the marks");
-    header.bodies = writer.write(&c.bodies).expect("room for the bodies");
-    header.bricks = writer.write(&c.bricks).expect("room for the bricks");
-    header.homes = writer.write(&c.homes).expect("room for the homes");
-    SceneBlock { header, payload }
+    contents.block(header)
 }
 
 /// Subjects of the reference pictures.
@@ -128,13 +134,8 @@ pub fn subject(file: &SceneFile, rig: &Rig, name: &str) -> Vec<SceneBlock> {
             let tip = [0.9, 0.5, -10.1];
             let (nodes, triangles) = membrane(file, &through_trocar(rig, 0, tip), 0.3);
             let marks = vec![mark(2.4, 1.9, 0.3), mark(-2.0, 2.2, 0.18)];
-            vec![scene_with(
-                file,
-                rig,
-                tip,
-                0.06,
-                &Contents { nodes, triangles, marks, ..Contents::default() },
-            )]
+            let contents = Contents { nodes, triangles, marks, ..Contents::default() };
+            vec![scene_with(file, rig, tip, 0.06, &contents)]
         }
         "bleb" => {
             let mut scenes =

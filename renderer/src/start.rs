@@ -7,18 +7,16 @@ use crate::costs::Costs;
 use crate::frame::{Renderer, RendererConfig};
 use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
 use crate::gpu::Gpu;
-use crate::latch::Latched;
+use crate::latch::{Latched, latch_scene};
+use crate::reference_scene::Contents;
 use crate::tools::{NOMINAL_CANNULA_MM, Shaft};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use bytemuck::Zeroable;
-use glam::{DMat4, DVec3};
 use protocol::geometry::Pose;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::BODY_NAMES;
 use protocol::rig::Rig;
-use protocol::scene::{
-    NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle, SectionWriter,
-};
+use protocol::scene::{NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle};
 use protocol::time::Nanos;
 use scene::SceneFile;
 
@@ -33,14 +31,6 @@ const HARDWARE_MAP_PX: u32 = 2048;
 const COMPILED_AFTER: usize = 2;
 /// Length of a shaft where the rig gives none, mm.
 const SHAFT_LENGTH_MM: f64 = 60.0;
-
-/// The scene that was asked for.
-///
-/// # Errors
-/// If it cannot be read or is refused.
-pub fn load_scene(config: &Config) -> Result<SceneFile> {
-    SceneFile::load(&config.scene).context("the renderer needs the scene")
-}
 
 /// The best tier for which resources are made.
 pub fn first_tier(gpu: &Gpu, fixed: Option<usize>) -> usize {
@@ -118,11 +108,7 @@ fn warm_up(
     first_tier: usize,
     clock: fn() -> Nanos,
 ) -> Result<Costs> {
-    let mut payload = [0u128; 96];
-    let mut writer = SectionWriter::new(bytemuck::cast_slice_mut(&mut payload));
     let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE as u16, dye: 0 };
-    let nodes = writer.write(&[node(0.0, 0.0), node(1.0, 0.0), node(0.0, 1.0)]);
-    let triangles = writer.write(&[0, 1].map(|tissue| SceneTriangle { nodes: [0, 1, 2], tissue }));
     let body = |shape| SceneBody {
         shape,
         half_extents_mm: [0.5; 3],
@@ -130,35 +116,31 @@ fn warm_up(
         rgba: [1.0; 4],
         ..SceneBody::zeroed()
     };
-    let bodies = writer.write(&[body(0), body(1), body(2)]);
-    let marks = writer.write(&[SceneMark { position_mm: [0.0, 0.0, -11.5], radius_mm: 1.0, rgba: [1.0; 4] }]);
-    let bricks = writer.write(&[SceneBrick { edge_mm: 8.0, ..SceneBrick::zeroed() }]);
+    let contents = Contents {
+        nodes: vec![node(0.0, 0.0), node(1.0, 0.0), node(0.0, 1.0)],
+        triangles: [0, 1].map(|tissue| SceneTriangle { nodes: [0, 1, 2], tissue }).into(),
+        bodies: [0, 1, 2].map(body).into(),
+        marks: vec![SceneMark { position_mm: [0.0, 0.0, -11.5], radius_mm: 1.0, rgba: [1.0; 4] }],
+        bricks: vec![SceneBrick { edge_mm: 8.0, ..SceneBrick::zeroed() }],
+        homes: Vec::new(),
+    };
     let mut header = SceneHeader::zeroed();
     header.microscope = scene.start_microscope();
-    (header.nodes, header.triangles) = (nodes.unwrap_or_default(), triangles.unwrap_or_default());
-    (header.bodies, header.marks) = (bodies.unwrap_or_default(), marks.unwrap_or_default());
-    header.bricks = bricks.unwrap_or_default();
+    header.world_from_eye = Pose::IDENTITY;
     // No real scene has this number, so the first one brings its triangles.
     header.topology = u64::MAX;
-    for (i, instrument) in header.instruments.iter_mut().enumerate() {
-        instrument.tool = scene.instruments[i].tool as u32;
-        instrument.world_from_instrument = Pose::IDENTITY;
+    for (i, x) in [1.0, -1.0].into_iter().enumerate() {
+        header.instruments[i].tool = scene.instruments[i].tool as u32;
+        header.instruments[i].world_from_instrument = Pose { position_mm: [x, 0.0, -6.0], ..Pose::IDENTITY };
     }
-    renderer.take_scene(gpu, &header, bytemuck::cast_slice(&payload))?;
-    let tip = |x: f64| DMat4::from_translation(DVec3::new(x, 0.0, -6.0));
+    let block = contents.block(header);
+    renderer.take_scene(gpu, &block.header, block.payload())?;
+    let poses = latch_scene(&block.header);
     let mut shortest_ns = [None::<u64>; TIERS.len()];
     // What a person may ask for later is compiled too; it is not part of what is measured.
     for (round, tracked) in [true, false, true, true, true].into_iter().enumerate() {
         renderer.show_dose(gpu, round < COMPILED_AFTER);
-        let latched = Latched {
-            field: 0,
-            instants: Zeroable::zeroed(),
-            predicted_to: 0,
-            world_from_eye: DMat4::IDENTITY,
-            world_from_instrument: [tip(1.0), tip(-1.0)],
-            tracked: [tracked; INSTRUMENTS],
-            eye_tracked: tracked,
-        };
+        let latched = Latched { tracked: [tracked; INSTRUMENTS], eye_tracked: tracked, ..poses };
         for (tier, shortest) in shortest_ns.iter_mut().enumerate().skip(first_tier) {
             let begun = clock();
             let commands = renderer.encode(gpu, tier);

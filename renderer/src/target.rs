@@ -1,8 +1,8 @@
 //! Pictures to draw into: one for each tier, made at start-up, both channels side by side.
 
-use crate::cells::Cells;
+use crate::cells::cells;
 use crate::governor::Tier;
-use crate::passes::{COLOUR, DEPTH};
+use crate::passes::{COLOUR, DEPTH, IndexList, texture_descriptor, view};
 use wgpu::{Device, Texture, TextureDescriptor, TextureUsages, TextureView};
 
 /// A picture of both channels with its depth.
@@ -16,7 +16,7 @@ pub struct Target {
     /// Of full tiers: what their samples are drawn into.
     pub multisampled: Option<Multisampled>,
     /// What the retina is drawn as.
-    pub cells: Cells,
+    pub cells: IndexList,
     /// Width of a channel, px.
     pub width_px: u32,
     /// Height, px.
@@ -36,25 +36,15 @@ pub struct Multisampled {
 impl Target {
     /// For `tier`.
     pub fn new(device: &Device, tier: &Tier) -> Self {
-        let size =
-            wgpu::Extent3d { width: 2 * tier.width_px, height: tier.height_px, depth_or_array_layers: 1 };
-        let samples = tier.shading.samples();
+        let (size_px, samples) = ([2 * tier.width_px, tier.height_px], tier.shading.samples());
         let make = |format, sample_count, usage| {
-            device.create_texture(&TextureDescriptor {
-                label: Some("picture"),
-                size,
-                mip_level_count: 1,
-                sample_count,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage: TextureUsages::RENDER_ATTACHMENT | usage,
-                view_formats: &[],
-            })
+            let usage = TextureUsages::RENDER_ATTACHMENT | usage;
+            let plain = texture_descriptor("picture", format, size_px, usage);
+            device.create_texture(&TextureDescriptor { sample_count, ..plain })
         };
         let seen = TextureUsages::TEXTURE_BINDING;
         let texture = make(COLOUR, 1, TextureUsages::COPY_SRC | seen);
         let depth = make(DEPTH, samples, if samples > 1 { seen } else { TextureUsages::empty() });
-        let view = |t: &Texture| t.create_view(&wgpu::TextureViewDescriptor::default());
         let multisampled = || Multisampled {
             samples: view(&make(COLOUR, samples, TextureUsages::empty())),
             resolved: view(&make(COLOUR, 1, seen)),
@@ -65,7 +55,7 @@ impl Target {
             colour: view(&texture),
             depth: view(&depth),
             texture,
-            cells: Cells::new(device, tier),
+            cells: cells(device, tier),
             width_px: tier.width_px,
             height_px: tier.height_px,
         }

@@ -2,6 +2,7 @@
 
 use crate::gpu::Gpu;
 use crate::gpu_clock::Span;
+use crate::passes::buffer;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, QuerySet, RenderPassTimestampWrites};
@@ -47,26 +48,15 @@ impl Timing {
         if !gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
             return None;
         }
-        let buffer = |label, usage| {
-            let mapped_at_creation = false;
-            gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some(label),
-                size: BYTES,
-                usage,
-                mapped_at_creation,
-            })
-        };
+        let buffer = |label, usage| buffer(&gpu.device, label, BYTES as usize, usage);
         Some(Self {
             stamps: gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: Some("stamps"),
                 ty: wgpu::QueryType::Timestamp,
                 count: STAMPS,
             }),
-            resolved: buffer(
-                "stamps",
-                BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST,
-            ),
-            back: buffer("stamps back", BufferUsages::COPY_DST | BufferUsages::MAP_READ),
+            resolved: buffer("stamps", BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC),
+            back: buffer("stamps back", BufferUsages::MAP_READ),
             period_ns: f64::from(gpu.queue.get_timestamp_period()),
             asked: false,
             arrived: Arc::default(),

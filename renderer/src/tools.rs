@@ -9,6 +9,7 @@ pub use load::{ModelError, name, parts};
 use crate::layout::MetalVertex;
 use glam::Vec3;
 use protocol::handles::{self, Tool};
+use std::ops::Range;
 use std::path::Path;
 
 /// Pivot of the forceps' jaws over the tip, mm.
@@ -62,6 +63,14 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// Adds another mesh; returns where its indices are.
+    pub fn append(&mut self, other: Mesh) -> Range<u32> {
+        let (base, first) = (self.vertices.len() as u32, self.indices.len() as u32);
+        self.vertices.extend(other.vertices);
+        self.indices.extend(other.indices.iter().map(|i| base + i));
+        first..self.indices.len() as u32
+    }
+
     /// Two triangles over four corners, counter-clockwise from outside, or clockwise where `flip`.
     pub fn quad(&mut self, [a, b, c, d]: [u32; 4], flip: bool) {
         self.indices.extend(if flip { [a, c, b, a, d, c] } else { [a, b, c, a, c, d] });
@@ -93,9 +102,8 @@ impl Model {
     pub fn mesh(&self, shaft: &Shaft) -> Mesh {
         let mut mesh = Mesh::default();
         for part in &self.parts {
-            let base = mesh.vertices.len() as u32;
-            mesh.vertices.extend(part.vertices.iter().map(|v| fitted(v, &part.name, shaft)));
-            mesh.indices.extend(part.indices.iter().map(|i| base + i));
+            let vertices = part.vertices.iter().map(|v| fitted(v, &part.name, shaft)).collect();
+            mesh.append(Mesh { vertices, indices: part.indices.clone() });
         }
         mesh
     }

@@ -140,7 +140,7 @@ impl Renderer {
         if frame.layers.has(Layers::RETINA) {
             self.retina.draw(pass, &self.tissue_buffers, frame.shading);
             self.fundus.draw(pass, &frame.target.cells, frame.shading);
-            self.dose.draw(pass, &self.fundus, &frame.target.cells, frame.shading);
+            self.dose.draw(pass, &frame.target.cells, frame.shading);
         }
     }
 
@@ -161,7 +161,7 @@ impl Renderer {
     /// The vitreous.
     pub(super) fn draw_haze(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>) {
         if frame.layers.has(Layers::HAZE) {
-            self.haze.draw(pass, &self.fundus, &frame.target.cells, frame.shading);
+            self.haze.draw(pass, &frame.target.cells, frame.shading);
         }
     }
 

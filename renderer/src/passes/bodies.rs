@@ -1,6 +1,6 @@
 //! Rigid bodies of abstract tasks: spheres, boxes and capsules, which also cast shadows.
 
-use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
+use super::{MeshBuffers, PipelineSpec, Uniforms, buffer, pipeline, pipelines};
 use crate::governor::Shading;
 use crate::layout::MetalVertex;
 use crate::tools::Mesh;
@@ -8,8 +8,8 @@ use protocol::scene::SceneBody;
 use std::f32::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;
 use wgpu::{
-    BindGroupLayout, BlendState, Buffer, BufferUsages, ColorWrites, CompareFunction, Device, IndexFormat,
-    Queue, RenderPass, RenderPipeline,
+    BindGroupLayout, BlendState, Buffer, BufferUsages, ColorWrites, CompareFunction, Device, Queue,
+    RenderPass, RenderPipeline,
 };
 
 /// Bodies drawn at most.
@@ -36,8 +36,7 @@ const fn attribute(shader_location: u32, offset: u64, format: wgpu::VertexFormat
 pub struct Bodies {
     pipelines: [RenderPipeline; 2],
     casters: [RenderPipeline; 2],
-    vertices: Buffer,
-    indices: Buffer,
+    shapes: MeshBuffers,
     /// Indices of each shape.
     ranges: [Range<u32>; SHAPES],
     instances: Buffer,
@@ -47,36 +46,22 @@ pub struct Bodies {
 
 impl Bodies {
     /// Makes pipelines, meshes and room.
-    pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let make = |shading| {
-            let spec = PipelineSpec {
-                fragment: Some("fs_main"),
-                depth: Some((CompareFunction::Less, true)),
-                blend: Some(BlendState::ALPHA_BLENDING),
-                ..bodies_spec("vs_main", &groups)
-            };
-            pipeline(device, &spec.shaded(shading))
+        let spec = PipelineSpec {
+            fragment: Some("fs_main"),
+            depth: Some((CompareFunction::Less, true)),
+            blend: Some(BlendState::ALPHA_BLENDING),
+            ..bodies_spec("vs_main", &groups)
         };
         let mut all = Mesh::default();
-        let ranges = [round_mesh(0.0), box_mesh(), round_mesh(1.0)].map(|mesh| {
-            let (base, first) = (all.vertices.len() as u32, all.indices.len() as u32);
-            all.vertices.extend(&mesh.vertices);
-            all.indices.extend(mesh.indices.iter().map(|i| i + base));
-            first..all.indices.len() as u32
-        });
-        let bytes = all.vertices.len() * size_of::<MetalVertex>();
-        let vertices = geometry_buffer(device, "shapes", bytes, BufferUsages::VERTEX);
-        let indices = geometry_buffer(device, "shapes", all.indices.len() * 4, BufferUsages::INDEX);
-        queue.write_buffer(&vertices, 0, bytemuck::cast_slice(&all.vertices));
-        queue.write_buffer(&indices, 0, bytemuck::cast_slice(&all.indices));
+        let ranges = [round_mesh(0.0), box_mesh(), round_mesh(1.0)].map(|mesh| all.append(mesh));
         Self {
-            pipelines: Shading::ALL.map(make),
+            pipelines: pipelines(device, &spec),
             casters: casters(device, uniforms),
-            vertices,
-            indices,
+            shapes: MeshBuffers::new(device, "shapes", &all),
             ranges,
-            instances: geometry_buffer(device, "bodies", MAX_BODIES * STRIDE as usize, BufferUsages::VERTEX),
+            instances: buffer(device, "bodies", MAX_BODIES * STRIDE as usize, BufferUsages::VERTEX),
             sorted: Vec::with_capacity(MAX_BODIES),
             counts: [0; SHAPES],
         }
@@ -109,9 +94,8 @@ impl Bodies {
             return;
         }
         pass.set_pipeline(pipeline);
-        pass.set_vertex_buffer(0, self.vertices.slice(..));
+        self.shapes.bind(pass);
         pass.set_vertex_buffer(1, self.instances.slice(..));
-        pass.set_index_buffer(self.indices.slice(..), IndexFormat::Uint32);
         let mut first = 0;
         for (range, &count) in self.ranges.iter().zip(&self.counts) {
             if count > 0 {
@@ -134,7 +118,7 @@ fn casters(device: &Device, uniforms: &Uniforms) -> [RenderPipeline; 2] {
     let spec = PipelineSpec { closed: true, ..bodies_spec("vs_shadow", &groups) };
     let depth = PipelineSpec { depth: Some((CompareFunction::Less, true)), ..spec };
     let writes = ColorWrites::RED | ColorWrites::GREEN;
-    let mask = PipelineSpec { fragment: Some("fs_shadow"), writes, ..spec };
+    let mask = PipelineSpec { fragment: Some("fs_solid"), writes, ..spec };
     [pipeline(device, &depth), pipeline(device, &mask)]
 }
 

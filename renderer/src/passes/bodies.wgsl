@@ -13,11 +13,6 @@ struct Corner {
     @location(7) rgba: vec4f,
 }
 
-struct Placed {
-    p: vec3f,
-    n: vec3f,
-}
-
 struct Body {
     @builtin(position) clip: vec4f,
     @location(0) p: vec3f,
@@ -39,12 +34,7 @@ fn place_body(in: Corner) -> Placed {
 @vertex
 fn vs_main(in: Corner) -> Body {
     let placed = place_body(in);
-    var out: Body;
-    out.clip = view.clip_from_eye * vec4f(placed.p, 1.0);
-    out.p = placed.p;
-    out.n = placed.n;
-    out.rgba = in.rgba;
-    return out;
+    return Body(view.clip_from_eye * vec4f(placed.p, 1.0), placed.p, placed.n, in.rgba);
 }
 
 @fragment
@@ -61,18 +51,7 @@ fn fs_main(in: Body) -> @location(0) vec4f {
     return vec4f(to_display(colour) * field_shade(view.clip_from_eye * vec4f(in.p, 1.0)), in.rgba.a);
 }
 
-struct Caster {
-    @builtin(position) clip: vec4f,
-    @location(0) to_lamp: vec3f,
-}
-
 @vertex
 fn vs_shadow(in: Corner) -> Caster {
-    let p = place_body(in).p;
-    return Caster(frame.lamp_from_eye * vec4f(p, 1.0), frame.lamp_position.xyz - p);
-}
-
-@fragment
-fn fs_shadow(in: Caster) -> @location(0) vec4f {
-    return vec4f(0.0, length(in.to_lamp) / MASK_FAR, 1.0, 1.0);
+    return caster(place_body(in).p);
 }

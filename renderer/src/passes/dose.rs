@@ -1,13 +1,13 @@
 //! The dose of light on the retina, drawn over it on request: the cells of `protocol::dose` as a
 //! small texture.
 
-use super::fundus::Fundus;
-use super::{PipelineSpec, Uniforms, pipeline, sampled_group, sampled_layout};
-use crate::cells::Cells;
+use super::{
+    IndexList, PipelineSpec, Uniforms, pipelines, sampled_group, sampled_layout, texture_descriptor,
+};
 use crate::governor::Shading;
 use protocol::dose::{ALONG, CELLS};
 use wgpu::{
-    BindGroup, BindGroupLayout, BlendState, CompareFunction, Device, Extent3d, FilterMode, Queue, RenderPass,
+    BindGroup, BindGroupLayout, BlendState, CompareFunction, Device, FilterMode, Queue, RenderPass,
     RenderPipeline, Texture, TextureFormat, TextureUsages, TextureViewDimension,
 };
 
@@ -35,27 +35,17 @@ impl Dose {
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let layout = sampled_layout(device, "dose", TextureViewDimension::D2);
         let groups = [&uniforms.layout, light, &layout];
-        let make = |shading| {
-            let spec = PipelineSpec {
-                fragment: Some("fs_dose"),
-                depth: Some((CompareFunction::Less, false)),
-                blend: Some(BlendState::ALPHA_BLENDING),
-                ..PipelineSpec::new("dose", "vs_dose", &groups)
-            };
-            pipeline(device, &spec.shaded(shading))
+        let spec = PipelineSpec {
+            fragment: Some("fs_dose"),
+            depth: Some((CompareFunction::Less, false)),
+            blend: Some(BlendState::ALPHA_BLENDING),
+            ..PipelineSpec::new("dose", "vs_dose", &groups)
         };
-        let texture = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("dose"),
-            size: extent(),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: TextureFormat::R8Unorm,
-            usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
+        let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
+        let (format, size_px) = (TextureFormat::R8Unorm, [ALONG as u32; 2]);
+        let texture = device.create_texture(&texture_descriptor("dose", format, size_px, usage));
         let group = sampled_group(device, "dose", &layout, &texture, FilterMode::Linear);
-        Self { pipelines: Shading::ALL.map(make), texture, group, doses: [0.0; CELLS], shown: false }
+        Self { pipelines: pipelines(device, &spec), texture, group, doses: [0.0; CELLS], shown: false }
     }
 
     /// Shows it from now on, or no longer.
@@ -78,25 +68,18 @@ impl Dose {
     }
 
     fn upload(&self, queue: &Queue) {
-        let rows = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(ALONG as u32),
-            rows_per_image: None,
-        };
-        queue.write_texture(self.texture.as_image_copy(), &self.doses.map(on_scale), rows, extent());
+        let rows = wgpu::TexelCopyBufferLayout { bytes_per_row: Some(ALONG as u32), ..Default::default() };
+        let (bytes, size) = (self.doses.map(on_scale), self.texture.size());
+        queue.write_texture(self.texture.as_image_copy(), &bytes, rows, size);
     }
 
     /// Draws where it is shown; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, fundus: &Fundus, cells: &Cells, shading: Shading) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, cells: &IndexList, shading: Shading) {
         if self.shown {
             pass.set_bind_group(2, &self.group, &[]);
-            fundus.draw_with(pass, cells, &self.pipelines[shading as usize]);
+            cells.draw(pass, &self.pipelines[shading as usize]);
         }
     }
-}
-
-fn extent() -> Extent3d {
-    Extent3d { width: ALONG as u32, height: ALONG as u32, depth_or_array_layers: 1 }
 }
 
 #[cfg(test)]

@@ -18,14 +18,9 @@ const GRID_REACH: f32 = 1.68294197;
 fn vs_dose(@builtin(vertex_index) index: u32) -> Dose {
     let field_xy = corner(index);
     let p = corner_on_retina(field_xy);
-    var out: Dose;
-    out.p = p;
-    out.field_xy = field_xy;
-    out.clip = behind(p, field_xy);
     // A little before the retina, whose depth it shares otherwise; behind all that lies on it.
-    let before = view.clip_from_eye * vec4f(p * (1.0 + 0.5 * BEHIND / frame.retina.x), 1.0);
-    out.clip.z = before.z / before.w * out.clip.w;
-    return out;
+    let clip = at_depth_of(p * (1.0 + 0.5 * BEHIND / frame.retina.x), behind(p, field_xy));
+    return Dose(clip, p, field_xy);
 }
 
 // Green where little light fell, yellow where the score begins to fall, red where it has none left.

@@ -2,13 +2,16 @@
 //! [`crate::optics::blur_mm`]. Three passes find each pixel's radius and the widest in each tile
 //! and its neighbours; where nothing is out of focus, the last pass only copies.
 
-use super::{PipelineSpec, pipeline};
+use super::{
+    COLOUR, FILTERED, PipelineSpec, UNFILTERED, UNIFORM, bind_group, bind_group_layout, buffer, clear_colour,
+    drawn_and_read, pipeline, texture_type,
+};
 use crate::target::Multisampled;
 use crate::view::FocusPlane;
 use bytemuck::{Pod, Zeroable};
 use wgpu::{
-    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, Buffer, BufferUsages, CommandEncoder,
-    Device, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureView,
+    BindGroup, BindGroupLayout, BindingResource, BindingType, Buffer, BufferUsages, CommandEncoder, Device,
+    Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureView, TextureViewDimension,
 };
 
 /// Edge of a tile, px, as in the shader.
@@ -61,26 +64,17 @@ impl Focus {
             radius: pipeline(device, &spec("fs_radius", RADIUS)),
             tile: pipeline(device, &spec("fs_tile", REACH)),
             reach: pipeline(device, &spec("fs_reach", REACH)),
-            spread: pipeline(device, &spec("fs_main", super::COLOUR)),
-            uniform: device.create_buffer(&wgpu::BufferDescriptor {
-                label: Some("focus"),
-                size: size_of::<FocusUniform>() as u64,
-                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            }),
+            spread: pipeline(device, &spec("fs_main", COLOUR)),
+            uniform: buffer(device, "focus", size_of::<FocusUniform>(), BufferUsages::UNIFORM),
             layout,
         }
     }
 
     /// Room for the tiles of a target of `size_px`, both channels.
     pub fn tiles(&self, device: &Device, samples: &Multisampled, size_px: [u32; 2]) -> Tiles {
-        let make = |format, size_px| {
-            super::drawn_and_read(device, "focus", format, size_px)
-                .create_view(&wgpu::TextureViewDescriptor::default())
-        };
+        let make = |format, size_px| drawn_and_read(device, "focus", format, size_px);
         let tiles_px = size_px.map(|n| n.div_ceil(TILE_PX));
-        let [radii, tiles, reach] =
-            [(RADIUS, size_px), (REACH, tiles_px), (REACH, tiles_px)].map(|(f, s)| make(f, s));
+        let (radii, tiles, reach) = (make(RADIUS, size_px), make(REACH, tiles_px), make(REACH, tiles_px));
         // A pass must not read the texture that it writes; another one stands in.
         let groups = [(&samples.resolved, &tiles), (&radii, &reach), (&radii, &tiles), (&radii, &reach)];
         let groups = groups.map(|(radii, tiles)| self.group(device, samples, radii, tiles));
@@ -94,18 +88,10 @@ impl Focus {
         radii: &TextureView,
         tiles: &TextureView,
     ) -> BindGroup {
-        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-        device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("focus"),
-            layout: &self.layout,
-            entries: &[
-                entry(0, self.uniform.as_entire_binding()),
-                entry(1, wgpu::BindingResource::TextureView(&samples.resolved)),
-                entry(2, wgpu::BindingResource::TextureView(&samples.depth)),
-                entry(3, wgpu::BindingResource::TextureView(tiles)),
-                entry(4, wgpu::BindingResource::TextureView(radii)),
-            ],
-        })
+        let [drawn, depths, tiles, radii] =
+            [&samples.resolved, &samples.depth, tiles, radii].map(BindingResource::TextureView);
+        let uniform = self.uniform.as_entire_binding();
+        bind_group(device, "focus", &self.layout, [uniform, drawn, depths, tiles, radii])
     }
 
     /// Sets the plane in focus; `px_per_mm`: pixels of a millimetre of that plane.
@@ -141,37 +127,21 @@ pub fn begin<'a>(
     label: &str,
     timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
 ) -> RenderPass<'a> {
-    let ops = wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: wgpu::StoreOp::Store };
-    let attachment = wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops };
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some(label),
-        color_attachments: &[Some(attachment)],
+        color_attachments: &[clear_colour(view, wgpu::Color::BLACK)],
         timestamp_writes,
         ..wgpu::RenderPassDescriptor::default()
     })
 }
 
 fn layout(device: &Device) -> BindGroupLayout {
-    let entry =
-        |binding, ty| BindGroupLayoutEntry { binding, visibility: ShaderStages::FRAGMENT, ty, count: None };
-    let texture = |filterable, multisampled| BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled,
+    let texture = texture_type(FILTERED, TextureViewDimension::D2);
+    let samples = BindingType::Texture {
+        sample_type: UNFILTERED,
+        view_dimension: TextureViewDimension::D2,
+        multisampled: true,
     };
-    let uniform = BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    };
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("focus"),
-        entries: &[
-            entry(0, uniform),
-            entry(1, texture(true, false)),
-            entry(2, texture(false, true)),
-            entry(3, texture(true, false)),
-            entry(4, texture(true, false)),
-        ],
-    })
+    let types = [UNIFORM, texture, samples, texture, texture];
+    bind_group_layout(device, "focus", ShaderStages::FRAGMENT, &types)
 }

@@ -2,16 +2,19 @@
 //! This module owns group 1, the map and the shadow map, which the other lit passes share.
 
 use super::shadow::ShadowMap;
-use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
-use crate::cells::Cells;
+use super::{
+    FILTERED, IndexList, PipelineSpec, SAMPLER, UNFILTERED, Uniforms, bind_group, bind_group_layout,
+    overlay_pipelines, pipeline, pipelines, sampler, texture_descriptor, texture_type, view,
+};
 use crate::fundus_map;
 use crate::governor::Shading;
 use image::RgbImage;
 use scene::Side;
+use wgpu::util::{DeviceExt, TextureDataOrder};
 use wgpu::{
-    BindGroup, BindGroupLayout, BindGroupLayoutEntry, BindingType, Buffer, BufferUsages, CompareFunction,
-    Device, IndexFormat, Queue, RenderPass, RenderPipeline, ShaderStages, TextureFormat, TextureUsages,
-    TextureView,
+    BindGroup, BindGroupLayout, BindingResource, BindingType, CompareFunction, Device, FilterMode, Queue,
+    RenderPass, RenderPipeline, SamplerBindingType, ShaderStages, TextureDescriptor, TextureFormat,
+    TextureSampleType, TextureUsages, TextureView, TextureViewDimension,
 };
 
 /// Segments of a ring, as in the shader.
@@ -23,12 +26,12 @@ pub struct Fundus {
     lean: RenderPipeline,
     frames: [RenderPipeline; 2],
     rings: [RenderPipeline; 2],
-    ring: Buffer,
+    ring: IndexList,
 }
 
 impl Fundus {
     /// Makes the pipelines and a ring.
-    pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let spec = |vertex, fragment| PipelineSpec {
             fragment: Some(fragment),
@@ -38,46 +41,28 @@ impl Fundus {
         let ring =
             PipelineSpec { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..spec("vs_ring", "fs_ring") };
         let frame = PipelineSpec { writes: wgpu::ColorWrites::empty(), ..spec("vs_frame", "fs_ring") };
-        // Over everything; in full tiers over the finished picture.
-        let over = |shading| PipelineSpec { depth: super::over_everything(shading), ..ring };
-        let triangles = ring_triangles();
-        let indices = geometry_buffer(device, "ring", triangles.len() * 4, BufferUsages::INDEX);
-        queue.write_buffer(&indices, 0, bytemuck::cast_slice(&triangles));
         Self {
             full: pipeline(device, &spec("vs_main", "fs_main").shaded(Shading::Full)),
             lean: pipeline(device, &spec("vs_lean", "fs_lean").shaded(Shading::Lean)),
-            frames: Shading::ALL.map(|shading| pipeline(device, &frame.shaded(shading))),
-            rings: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
-            ring: indices,
+            frames: pipelines(device, &frame),
+            rings: overlay_pipelines(device, &ring),
+            ring: IndexList::new(device, "ring", &ring_triangles()),
         }
     }
 
     /// Draws into the present viewport; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, cells: &Cells, shading: Shading) {
-        self.draw_with(pass, cells, if shading == Shading::Lean { &self.lean } else { &self.full });
-    }
-
-    /// Draws the cells with a pipeline of another pass.
-    pub fn draw_with(&self, pass: &mut RenderPass<'_>, cells: &Cells, pipeline: &RenderPipeline) {
-        pass.set_pipeline(pipeline);
-        pass.set_index_buffer(cells.indices.slice(..), IndexFormat::Uint32);
-        pass.draw_indexed(0..cells.count, 0, 0..1);
+    pub fn draw(&self, pass: &mut RenderPass<'_>, cells: &IndexList, shading: Shading) {
+        cells.draw(pass, if shading == Shading::Lean { &self.lean } else { &self.full });
     }
 
     /// Closes everything outside the round field; first in a channel.
     pub fn draw_field_mask(&self, pass: &mut RenderPass<'_>, shading: Shading) {
-        self.draw_ring(pass, &self.frames[shading as usize]);
+        self.ring.draw(pass, &self.frames[shading as usize]);
     }
 
     /// The ring that says that tracking is lost.
     pub fn draw_lost_ring(&self, pass: &mut RenderPass<'_>, shading: Shading) {
-        self.draw_ring(pass, &self.rings[shading as usize]);
-    }
-
-    fn draw_ring(&self, pass: &mut RenderPass<'_>, pipeline: &RenderPipeline) {
-        pass.set_pipeline(pipeline);
-        pass.set_index_buffer(self.ring.slice(..), IndexFormat::Uint32);
-        pass.draw_indexed(0..SEGMENTS * 6, 0, 0..1);
+        self.ring.draw(pass, &self.rings[shading as usize]);
     }
 }
 
@@ -101,33 +86,18 @@ pub struct FundusMap {
 impl FundusMap {
     /// Bakes and uploads a map of `size` pixels with its mip levels.
     pub fn new(device: &Device, queue: &Queue, photograph: &RgbImage, size: u32, side: Side) -> Self {
-        let levels = size.ilog2() + 1;
-        let texture = device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("fundus map"),
-            size: wgpu::Extent3d { width: size, height: size, depth_or_array_layers: 1 },
-            mip_level_count: levels,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: TextureFormat::Rgba8Unorm,
-            usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-            view_formats: &[],
-        });
-        let mut pixels = fundus_map::bake(photograph, size, side);
-        for level in 0..levels {
-            let edge = size >> level;
-            let at = wgpu::TexelCopyTextureInfo { mip_level: level, ..texture.as_image_copy() };
-            let rows = wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(edge * 4),
-                rows_per_image: None,
-            };
-            let extent = wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: 1 };
-            queue.write_texture(at, &pixels, rows, extent);
-            if edge > 1 {
-                pixels = fundus_map::half(&pixels, edge);
-            }
+        let mip_level_count = size.ilog2() + 1;
+        let mut level = fundus_map::bake(photograph, size, side);
+        let mut pixels = level.clone();
+        for finer in 0..mip_level_count - 1 {
+            level = fundus_map::half(&level, size >> finer);
+            pixels.extend_from_slice(&level);
         }
-        Self { view: texture.create_view(&wgpu::TextureViewDescriptor::default()), size }
+        let (format, usage) = (TextureFormat::Rgba8Unorm, TextureUsages::TEXTURE_BINDING);
+        let plain = texture_descriptor("fundus map", format, [size; 2], usage);
+        let map = TextureDescriptor { mip_level_count, ..plain };
+        let texture = device.create_texture_with_data(queue, &map, TextureDataOrder::LayerMajor, &pixels);
+        Self { view: view(&texture), size }
     }
 
     /// Mip level at which a texel is about as large as a pixel of `px_per_mm`.
@@ -139,24 +109,11 @@ impl FundusMap {
 
 /// Layout of group 1: map, shadow map with their samplers, shadow mask, the shadow map's depths.
 pub fn light_layout(device: &Device) -> BindGroupLayout {
-    let entry =
-        |binding, ty| BindGroupLayoutEntry { binding, visibility: ShaderStages::FRAGMENT, ty, count: None };
-    let texture = |sample_type| BindingType::Texture {
-        sample_type,
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("light"),
-        entries: &[
-            entry(0, texture(wgpu::TextureSampleType::Float { filterable: true })),
-            entry(1, BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-            entry(2, texture(wgpu::TextureSampleType::Depth)),
-            entry(3, BindingType::Sampler(wgpu::SamplerBindingType::Comparison)),
-            entry(4, texture(wgpu::TextureSampleType::Float { filterable: true })),
-            entry(5, texture(wgpu::TextureSampleType::Float { filterable: false })),
-        ],
-    })
+    let texture = |sample_type| texture_type(sample_type, TextureViewDimension::D2);
+    let comparison = BindingType::Sampler(SamplerBindingType::Comparison);
+    let depth = texture(TextureSampleType::Depth);
+    let types = [texture(FILTERED), SAMPLER, depth, comparison, texture(FILTERED), texture(UNFILTERED)];
+    bind_group_layout(device, "light", ShaderStages::FRAGMENT, &types)
 }
 
 /// Group 1 for a shadow map.
@@ -166,29 +123,20 @@ pub fn light_group(
     map: &FundusMap,
     shadow: &ShadowMap,
 ) -> BindGroup {
-    let linear = wgpu::SamplerDescriptor {
-        label: Some("map"),
-        mag_filter: wgpu::FilterMode::Linear,
-        min_filter: wgpu::FilterMode::Linear,
-        ..wgpu::SamplerDescriptor::default()
-    };
-    let compare = wgpu::SamplerDescriptor {
-        label: Some("shadow"),
+    let linear = sampler(device, FilterMode::Linear);
+    let comparison = device.create_sampler(&wgpu::SamplerDescriptor {
+        mag_filter: FilterMode::Linear,
+        min_filter: FilterMode::Linear,
         compare: Some(CompareFunction::LessEqual),
-        ..linear.clone()
-    };
-    let (sampler, comparison) = (device.create_sampler(&linear), device.create_sampler(&compare));
-    let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-    device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some("light"),
-        layout,
-        entries: &[
-            entry(0, wgpu::BindingResource::TextureView(&map.view)),
-            entry(1, wgpu::BindingResource::Sampler(&sampler)),
-            entry(2, wgpu::BindingResource::TextureView(&shadow.depth)),
-            entry(3, wgpu::BindingResource::Sampler(&comparison)),
-            entry(4, wgpu::BindingResource::TextureView(&shadow.mask)),
-            entry(5, wgpu::BindingResource::TextureView(&shadow.depth)),
-        ],
-    })
+        ..wgpu::SamplerDescriptor::default()
+    });
+    let resources = [
+        BindingResource::TextureView(&map.view),
+        BindingResource::Sampler(&linear),
+        BindingResource::TextureView(&shadow.depth),
+        BindingResource::Sampler(&comparison),
+        BindingResource::TextureView(&shadow.mask),
+        BindingResource::TextureView(&shadow.depth),
+    ];
+    bind_group(device, "light", layout, resources)
 }

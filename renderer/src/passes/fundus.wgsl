@@ -54,10 +54,15 @@ fn corner_on_retina(field_xy: vec2f) -> vec3f {
     return to_retina(view.plane_origin.xyz + ndc.x * view.plane_x.xyz + ndc.y * view.plane_y.xyz);
 }
 
+// `clip` with the depth at which `p` lies.
+fn at_depth_of(p: vec3f, clip: vec4f) -> vec4f {
+    let there = view.clip_from_eye * vec4f(p, 1.0);
+    return vec4f(clip.xy, there.z / there.w * clip.w, clip.w);
+}
+
 fn behind(p: vec3f, field_xy: vec2f) -> vec4f {
     let w = (view.clip_from_eye * vec4f(p, 1.0)).w;
-    let pushed = view.clip_from_eye * vec4f(p * (1.0 + BEHIND / frame.retina.x), 1.0);
-    return vec4f(field_xy / view.field.xy * w, pushed.z / pushed.w * w, w);
+    return at_depth_of(p * (1.0 + BEHIND / frame.retina.x), vec4f(field_xy / view.field.xy * w, 0.0, w));
 }
 
 // Lambert's azimuthal equal-area map about the pole at -z: (x, y) sqrt(2 / (1 - z)).
@@ -86,11 +91,9 @@ fn relief(q: vec3f, uv: vec2f, height: f32) -> vec3f {
 
 @vertex
 fn vs_main(@builtin(vertex_index) index: u32) -> Disc {
-    var out: Disc;
-    out.field_xy = corner(index);
-    out.p = corner_on_retina(out.field_xy);
-    out.clip = behind(out.p, out.field_xy);
-    return out;
+    let field_xy = corner(index);
+    let p = corner_on_retina(field_xy);
+    return Disc(behind(p, field_xy), field_xy, p);
 }
 
 @fragment
@@ -117,12 +120,8 @@ fn vs_lean(@builtin(vertex_index) index: u32) -> LeanDisc {
     let q = p / frame.retina.x;
     let lamp = lamp_at(p);
     let wet = film(q, lamp.l, normalize(p - view.camera.xyz));
-    var out: LeanDisc;
-    out.clip = behind(p, field_xy);
-    out.uv = map_coordinates(q);
-    out.mask = mask_coordinates(p);
-    out.light = vec4f(lamp.strength * max(-dot(q, lamp.l), 0.0), lamp.strength * wet, field_xy);
-    return out;
+    let light = vec4f(lamp.strength * max(-dot(q, lamp.l), 0.0), lamp.strength * wet, field_xy);
+    return LeanDisc(behind(p, field_xy), map_coordinates(q), mask_coordinates(p), light);
 }
 
 @fragment

@@ -1,8 +1,6 @@
 //! The vitreous: bricks of densities gathered in one 3D texture, drawn as a haze.
 
-use super::fundus::Fundus;
-use super::{PipelineSpec, Uniforms, pipeline, sampled_group, sampled_layout};
-use crate::cells::Cells;
+use super::{IndexList, PipelineSpec, Uniforms, pipeline, sampled_group, sampled_layout, texture_descriptor};
 use crate::governor::Shading;
 use crate::layout::FrameUniform;
 use protocol::scene::SceneBrick;
@@ -96,10 +94,10 @@ impl Haze {
     }
 
     /// Draws; groups 0 and 1 are set.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, fundus: &Fundus, cells: &Cells, shading: Shading) {
+    pub fn draw(&self, pass: &mut RenderPass<'_>, cells: &IndexList, shading: Shading) {
         if let Some((_, _, group)) = &self.volume {
             pass.set_bind_group(2, group, &[]);
-            fundus.draw_with(pass, cells, &self.pipelines[shading as usize]);
+            cells.draw(pass, &self.pipelines[shading as usize]);
         }
     }
 }
@@ -135,15 +133,11 @@ fn lattice_of(bricks: &[SceneBrick]) -> Option<Lattice> {
 
 fn texture(device: &Device, lattice: &Lattice) -> Texture {
     let [width, height, depth_or_array_layers] = lattice.along.map(|n| n * BRICK);
+    let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
     device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("haze"),
         size: Extent3d { width, height, depth_or_array_layers },
-        mip_level_count: 1,
-        sample_count: 1,
         dimension: wgpu::TextureDimension::D3,
-        format: TextureFormat::R8Unorm,
-        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-        view_formats: &[],
+        ..texture_descriptor("haze", TextureFormat::R8Unorm, [width, height], usage)
     })
 }
 

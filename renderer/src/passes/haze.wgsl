@@ -65,14 +65,10 @@ struct LeanHaze {
 fn vs_haze_lean(@builtin(vertex_index) index: u32) -> LeanHaze {
     let field_xy = corner(index);
     let p = corner_on_retina(field_xy);
-    var out: LeanHaze;
     let veil = march(p, normalize(p - view.camera.xyz), 0.0, LEAN_STEPS);
-    out.rgba = vec4f(veil.rgb * vignette(field_xy), veil.a);
-    out.clip = behind(p, field_xy);
     // Before all tissue near the retina, behind every instrument over it.
-    let before = view.clip_from_eye * vec4f(p * 0.97, 1.0);
-    out.clip.z = before.z / before.w * out.clip.w;
-    return out;
+    let clip = at_depth_of(p * 0.97, behind(p, field_xy));
+    return LeanHaze(clip, vec4f(veil.rgb * vignette(field_xy), veil.a));
 }
 
 @fragment

@@ -22,15 +22,11 @@ fn vs_main(
     @builtin(instance_index) which: u32,
 ) -> Metal {
     let placed = place_instrument(position, normal, part, which);
-    var out: Metal;
-    out.p = placed.p;
-    out.n = placed.n;
-    out.clip = view.clip_from_eye * vec4f(out.p, 1.0);
-    out.field_xyw = vec3f(out.clip.xy * view.field.xy, out.clip.w);
-    let shape = frame.instruments[which].shape;
-    out.surface = vec3f(material, shape.z, shape.w);
-    out.axis = frame.instruments[which].eye_from_instrument[2].xyz;
-    return out;
+    let clip = view.clip_from_eye * vec4f(placed.p, 1.0);
+    let field_xyw = vec3f(clip.xy * view.field.xy, clip.w);
+    let surface = vec3f(material, frame.instruments[which].shape.zw);
+    let axis = frame.instruments[which].eye_from_instrument[2].xyz;
+    return Metal(clip, placed.p, placed.n, field_xyw, surface, axis);
 }
 
 // Mean colour of the fundus, linear: what a mirror in the eye shows of it.

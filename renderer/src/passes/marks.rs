@@ -1,6 +1,6 @@
 //! Marks on retina and tissue: bleeding, burns.
 
-use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
+use super::{PipelineSpec, Uniforms, buffer, pipelines};
 use crate::governor::Shading;
 use protocol::scene::SceneMark;
 use wgpu::{
@@ -26,20 +26,16 @@ impl Marks {
     /// Makes pipelines and room.
     pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let make = |shading| {
-            let spec = PipelineSpec {
-                fragment: Some("fs_main"),
-                strip: true,
-                depth: Some((CompareFunction::Less, false)),
-                blend: Some(BlendState::ALPHA_BLENDING),
-                instances: Some((size_of::<SceneMark>() as u64, &ATTRIBUTES)),
-                ..PipelineSpec::new("marks", "vs_main", &groups)
-            };
-            pipeline(device, &spec.shaded(shading))
+        let spec = PipelineSpec {
+            fragment: Some("fs_main"),
+            strip: true,
+            depth: Some((CompareFunction::Less, false)),
+            blend: Some(BlendState::ALPHA_BLENDING),
+            instances: Some((size_of::<SceneMark>() as u64, &ATTRIBUTES)),
+            ..PipelineSpec::new("marks", "vs_main", &groups)
         };
-        let marks =
-            geometry_buffer(device, "marks", MAX_MARKS * size_of::<SceneMark>(), BufferUsages::VERTEX);
-        Self { pipelines: Shading::ALL.map(make), marks, count: 0 }
+        let marks = buffer(device, "marks", MAX_MARKS * size_of::<SceneMark>(), BufferUsages::VERTEX);
+        Self { pipelines: pipelines(device, &spec), marks, count: 0 }
     }
 
     /// Takes the marks of a scene in.

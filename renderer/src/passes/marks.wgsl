@@ -20,12 +20,8 @@ fn vs_main(
     let corner = vec2f(f32(index & 1u), f32((index >> 1u) & 1u)) * 2.0 - 1.0;
     let inwards = -normalize(centre + vec3f(0.0, 0.0, -1e-6));
     let side = normalize(cross(inwards, select(vec3f(0.0, 1.0, 0.0), vec3f(1.0, 0.0, 0.0), abs(inwards.y) > 0.9)));
-    var out: Mark;
-    out.p = centre + inwards * BEFORE + (side * corner.x + cross(inwards, side) * corner.y) * radius;
-    out.clip = view.clip_from_eye * vec4f(out.p, 1.0);
-    out.at = corner;
-    out.rgba = rgba;
-    return out;
+    let p = centre + inwards * BEFORE + (side * corner.x + cross(inwards, side) * corner.y) * radius;
+    return Mark(view.clip_from_eye * vec4f(p, 1.0), p, corner, rgba);
 }
 
 @fragment

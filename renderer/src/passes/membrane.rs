@@ -1,6 +1,6 @@
 //! The translucent membrane, and the buffers that it shares with lifted retina.
 
-use super::{PipelineSpec, Uniforms, geometry_buffer, pipeline};
+use super::{PipelineSpec, Uniforms, buffer, pipeline};
 use crate::governor::Shading;
 use crate::layout::TissueVertex;
 use std::ops::Range;
@@ -20,9 +20,8 @@ pub struct TissueBuffers {
 impl TissueBuffers {
     /// With room for `nodes` and `triangles`.
     pub fn new(device: &Device, nodes: usize, triangles: usize) -> Self {
-        let vertices =
-            geometry_buffer(device, "sheet", nodes * size_of::<TissueVertex>(), BufferUsages::VERTEX);
-        let indices = geometry_buffer(device, "sheet", triangles * 12, BufferUsages::INDEX);
+        let vertices = buffer(device, "sheet", nodes * size_of::<TissueVertex>(), BufferUsages::VERTEX);
+        let indices = buffer(device, "sheet", triangles * 12, BufferUsages::INDEX);
         Self { vertices, indices, corners: [0; 3] }
     }
 

@@ -27,14 +27,9 @@ fn vs_main(
     @location(3) dye: f32,
     @builtin(vertex_index) number: u32,
 ) -> Sheet {
-    var out: Sheet;
-    out.p = position;
-    out.n = normal;
-    out.clip = view.clip_from_eye * vec4f(position, 1.0);
-    out.field_xyw = vec3f(out.clip.xy * view.field.xy, out.clip.w);
-    out.edge_dye = vec2f(edge, dye);
-    out.rest = grain(position, number);
-    return out;
+    let clip = view.clip_from_eye * vec4f(position, 1.0);
+    let field_xyw = vec3f(clip.xy * view.field.xy, clip.w);
+    return Sheet(clip, position, normal, field_xyw, vec2f(edge, dye), grain(position, number));
 }
 
 struct Shaded {
@@ -117,14 +112,12 @@ fn vs_lean(
     @builtin(vertex_index) number: u32,
 ) -> LeanSheet {
     let sheet = shaded(position, normal, vec2f(edge, dye), 1.0, grain(position, number));
-    var out: LeanSheet;
-    out.clip = view.clip_from_eye * vec4f(position, 1.0);
+    let clip = view.clip_from_eye * vec4f(position, 1.0);
     let scattered = tint(dye) * frame.ambient.rgb;
-    let shade = field_shade(out.clip);
-    out.lit = vec4f(to_display(scattered + sheet.lit) * shade, sheet.opacity);
-    out.mask = mask_coordinates(position);
-    out.dark = vec4f(to_display(scattered) * shade, distance(position, frame.lamp_position.xyz) / MASK_FAR);
-    return out;
+    let shade = field_shade(clip);
+    let lit = vec4f(to_display(scattered + sheet.lit) * shade, sheet.opacity);
+    let dark = vec4f(to_display(scattered) * shade, distance(position, frame.lamp_position.xyz) / MASK_FAR);
+    return LeanSheet(clip, lit, mask_coordinates(position), dark);
 }
 
 @fragment

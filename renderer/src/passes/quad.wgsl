@@ -8,9 +8,6 @@ struct Quad {
 @vertex
 fn vs_main(@builtin(vertex_index) index: u32) -> Quad {
     let corner = vec2f(f32(index & 1u), f32((index >> 1u) & 1u));
-    var out: Quad;
-    out.clip = vec4f(corner * 2.0 - 1.0, 0.0, 1.0);
-    out.uv = vec2f(corner.x, 1.0 - corner.y);
-    return out;
+    return Quad(vec4f(corner * 2.0 - 1.0, 0.0, 1.0), vec2f(corner.x, 1.0 - corner.y));
 }
 

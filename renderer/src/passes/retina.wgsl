@@ -27,13 +27,9 @@ fn vs_sheet(
     @location(2) u: f32,
     @location(3) v: f32,
 ) -> Sheet {
-    var out: Sheet;
-    out.p = position;
-    out.n = normal;
-    out.uv = vec2f(u, v);
-    out.clip = view.clip_from_eye * vec4f(position, 1.0);
-    out.more = vec2f(frame.retina.x - length(position), field_shade(out.clip));
-    return out;
+    let clip = view.clip_from_eye * vec4f(position, 1.0);
+    let more = vec2f(frame.retina.x - length(position), field_shade(clip));
+    return Sheet(clip, position, normal, vec2f(u, v), more);
 }
 
 @fragment
@@ -65,14 +61,10 @@ fn vs_choroid(
     @location(3) v: f32,
 ) -> Sheet {
     let q = from_map(vec2f(u, v));
-    var out: Sheet;
     // Between the retina's depth and tissue that lies on.
-    out.p = q * (frame.retina.x + 0.05);
-    out.n = -q;
-    out.uv = vec2f(u, v);
-    out.clip = view.clip_from_eye * vec4f(out.p, 1.0);
-    out.more = vec2f(0.0, field_shade(out.clip));
-    return out;
+    let p = q * (frame.retina.x + 0.05);
+    let clip = view.clip_from_eye * vec4f(p, 1.0);
+    return Sheet(clip, p, -q, vec2f(u, v), vec2f(0.0, field_shade(clip)));
 }
 
 @fragment

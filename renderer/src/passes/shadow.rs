@@ -5,13 +5,13 @@
 use super::bodies::Bodies;
 use super::instruments::Meshes;
 use super::membrane::TissueBuffers;
-use super::{COLOUR, DEPTH, PipelineSpec, Uniforms, pipeline};
+use super::{COLOUR, DEPTH, PipelineSpec, Uniforms, clear_colour, clear_depth, drawn_and_read, pipeline};
 use crate::governor::{Shading, Tier};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{
     BlendComponent, BlendFactor, BlendOperation, BlendState, ColorWrites, CommandEncoder, CompareFunction,
-    Device, RenderPass, RenderPassTimestampWrites, RenderPipeline, TextureFormat, TextureView,
+    Device, RenderPass, RenderPassTimestampWrites, RenderPipeline, TextureView,
 };
 
 /// A shadow map for one shading: the texture that the other shading would use is a single pixel.
@@ -28,17 +28,13 @@ pub struct ShadowMap {
 impl ShadowMap {
     /// For `tier`.
     pub fn new(device: &Device, tier: &Tier) -> Self {
-        let texture = |format, size_px| {
-            super::drawn_and_read(device, "shadow map", format, size_px)
-                .create_view(&wgpu::TextureViewDescriptor::default())
-        };
+        let texture = |format, size_px| drawn_and_read(device, "shadow map", format, size_px);
         let size = tier.shadow_px;
-        let (depth, mask): (_, TextureFormat) = (DEPTH, COLOUR);
         let (depth_px, mask_px) = match tier.shading {
             Shading::Full => ([2 * size, size], [1, 1]),
             Shading::Lean => ([1, 1], [size, size]),
         };
-        Self { depth: texture(depth, depth_px), mask: texture(mask, mask_px), size, shading: tier.shading }
+        Self { depth: texture(DEPTH, depth_px), mask: texture(COLOUR, mask_px), size, shading: tier.shading }
     }
 
     /// True if it serves `tier`.
@@ -142,17 +138,12 @@ fn begin<'a>(
     timestamp_writes: Option<RenderPassTimestampWrites<'_>>,
 ) -> RenderPass<'a> {
     let lean = map.shading == Shading::Lean;
-    let mask = [Some(wgpu::RenderPassColorAttachment {
-        view: &map.mask,
-        depth_slice: None,
-        resolve_target: None,
-        ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::WHITE), store: wgpu::StoreOp::Store },
-    })];
+    let mask = [clear_colour(&map.mask, wgpu::Color::WHITE)];
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("shadow"),
         color_attachments: if lean { &mask } else { &[] },
         timestamp_writes,
-        depth_stencil_attachment: (!lean).then(|| super::clear_depth(&map.depth, true)),
+        depth_stencil_attachment: (!lean).then(|| clear_depth(&map.depth, true)),
         ..wgpu::RenderPassDescriptor::default()
     })
 }

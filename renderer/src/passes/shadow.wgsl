@@ -2,11 +2,6 @@
 // right one. Lean tiers: a mask of light; nothing but the retina lies behind, so no depth is needed
 // to shade it.
 
-struct Caster {
-    @builtin(position) clip: vec4f,
-    @location(0) to_lamp: vec3f,
-}
-
 @vertex
 fn vs_instrument(
     @location(0) position: vec3f,
@@ -15,8 +10,7 @@ fn vs_instrument(
     @location(3) material: f32,
     @builtin(instance_index) which: u32,
 ) -> Caster {
-    let p = place_instrument(position, normal, part, which).p;
-    return Caster(frame.lamp_from_eye * vec4f(p, 1.0), frame.lamp_position.xyz - p);
+    return caster(place_instrument(position, normal, part, which).p);
 }
 
 @vertex
@@ -26,13 +20,7 @@ fn vs_membrane(
     @location(2) edge: f32,
     @location(3) number: f32,
 ) -> Caster {
-    return Caster(frame.lamp_from_eye * vec4f(position, 1.0), frame.lamp_position.xyz - position);
-}
-
-// No light passes, and this is how far away it ends.
-@fragment
-fn fs_solid(in: Caster) -> @location(0) vec4f {
-    return vec4f(0.0, length(in.to_lamp) / MASK_FAR, 1.0, 1.0);
+    return caster(position);
 }
 
 // Multiplied with what the mask has: a sheet takes its share of the light.

@@ -3,12 +3,13 @@
 //! only when the text changes.
 
 use super::{
-    PipelineSpec, Uniforms, geometry_buffer, over_everything, pipeline, sampled_group, sampled_layout,
+    PipelineSpec, Uniforms, buffer, overlay_pipelines, sampled_group, sampled_layout, texture_descriptor,
 };
 use crate::governor::Shading;
 use bytemuck::{Pod, Zeroable};
 use font::{self, CELL_H, CELL_W};
 use protocol::scene_text::{Place, lines};
+use wgpu::util::{DeviceExt, TextureDataOrder};
 use wgpu::{
     BindGroup, BindGroupLayout, BlendState, Buffer, BufferUsages, Device, FilterMode, Queue, RenderPass,
     RenderPipeline, TextureFormat, TextureUsages, TextureViewDimension,
@@ -68,11 +69,10 @@ impl Text {
             instances: Some((size_of::<Letter>() as u64, &ATTRIBUTES)),
             ..PipelineSpec::new("text", "vs_main", &groups)
         };
-        let over = |shading| PipelineSpec { depth: over_everything(shading), ..spec };
         Self {
-            pipelines: Shading::ALL.map(|shading| pipeline(device, &over(shading))),
+            pipelines: overlay_pipelines(device, &spec),
             group: font_group(device, queue, &layout),
-            buffer: geometry_buffer(device, "text", MAX_LETTERS * size_of::<Letter>(), BufferUsages::VERTEX),
+            buffer: buffer(device, "text", MAX_LETTERS * size_of::<Letter>(), BufferUsages::VERTEX),
             shown: String::with_capacity(256),
             letters: Vec::with_capacity(MAX_LETTERS),
             blocks: Vec::with_capacity(Place::ALL.len()),
@@ -160,19 +160,9 @@ fn rectangle(block: &Block, [width, height]: [f32; 2]) -> [f32; 4] {
 /// The font as a strip of cells on the device.
 fn font_group(device: &Device, queue: &Queue, layout: &BindGroupLayout) -> BindGroup {
     let (strip, width) = font::strip();
-    let size = wgpu::Extent3d { width, height: CELL_H as u32, depth_or_array_layers: 1 };
-    let texture = device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("font"),
-        size,
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: TextureFormat::R8Unorm,
-        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST,
-        view_formats: &[],
-    });
-    let rows = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(width), rows_per_image: None };
-    queue.write_texture(texture.as_image_copy(), &strip, rows, size);
+    let size_px = [width, CELL_H as u32];
+    let letters = texture_descriptor("font", TextureFormat::R8Unorm, size_px, TextureUsages::TEXTURE_BINDING);
+    let texture = device.create_texture_with_data(queue, &letters, TextureDataOrder::LayerMajor, &strip);
     sampled_group(device, "text", layout, &texture, FilterMode::Nearest)
 }
 

@@ -22,10 +22,8 @@ fn vs_main(
 ) -> Letter {
     let corner = vec2f(f32(index & 1u), f32((index >> 1u) & 1u));
     let at = place.xy + corner * place.zw;
-    var out: Letter;
-    out.clip = vec4f(at.x * 2.0 - 1.0, 1.0 - at.y * 2.0, 0.0, 1.0);
-    out.uv = vec2f((letter + corner.x) / LETTERS, corner.y);
-    return out;
+    let clip = vec4f(at.x * 2.0 - 1.0, 1.0 - at.y * 2.0, 0.0, 1.0);
+    return Letter(clip, vec2f((letter + corner.x) / LETTERS, corner.y));
 }
 
 @fragment

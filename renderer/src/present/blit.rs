@@ -1,11 +1,17 @@
 //! Copies a finished picture onto a surface, as large as fits, its channels arranged.
 
 use crate::gpu::Gpu;
-use crate::passes::shader;
+use crate::passes::{
+    FILTERED, PipelineSpec, SAMPLER, UNIFORM, bind_group, bind_group_layout, buffer, clear_colour, pipeline,
+    sampler, texture_type,
+};
 use crate::stereo::Arrangement;
 use crate::target::Target;
 use bytemuck::{Pod, Zeroable};
-use wgpu::{BindGroupLayout, Buffer, BufferUsages, RenderPipeline, Sampler, ShaderStages, TextureView};
+use wgpu::{
+    BindGroupLayout, BindingResource, Buffer, BufferUsages, FilterMode, RenderPipeline, Sampler,
+    ShaderStages, TextureView, TextureViewDimension,
+};
 
 /// Uniform of the shader.
 #[repr(C)]
@@ -27,20 +33,21 @@ pub struct Blit {
 impl Blit {
     /// For surfaces of `format`.
     pub fn new(device: &wgpu::Device, format: wgpu::TextureFormat) -> Self {
-        let layout = layout(device);
-        let pipeline = pipeline(device, &layout, format);
-        let sampler = device.create_sampler(&wgpu::SamplerDescriptor {
-            mag_filter: wgpu::FilterMode::Linear,
-            min_filter: wgpu::FilterMode::Linear,
-            ..wgpu::SamplerDescriptor::default()
-        });
-        let uniform = device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("blit"),
-            size: size_of::<BlitUniform>() as u64,
-            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        Self { layout, pipeline, sampler, uniform }
+        let types = [texture_type(FILTERED, TextureViewDimension::D2), SAMPLER, UNIFORM];
+        let layout = bind_group_layout(device, "blit", ShaderStages::FRAGMENT, &types);
+        let groups = [&layout];
+        let spec = PipelineSpec {
+            fragment: Some(if format.is_srgb() { "fs_linear" } else { "fs_main" }),
+            strip: true,
+            format,
+            ..PipelineSpec::new("blit", "vs_main", &groups)
+        };
+        Self {
+            pipeline: pipeline(device, &spec),
+            sampler: sampler(device, FilterMode::Linear),
+            uniform: buffer(device, "blit", size_of::<BlitUniform>(), BufferUsages::UNIFORM),
+            layout,
+        }
     }
 
     /// Draws `target` into the middle of `surface` of `size_px`; `channel` is the one whose turn it
@@ -56,15 +63,13 @@ impl Blit {
     ) {
         let uniform = BlitUniform { arrangement: arrangement as u32, channel, padding: [0; 2] };
         gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(&uniform));
-        let group = self.group(gpu, target);
+        let picture = BindingResource::TextureView(&target.colour);
+        let resources = [picture, BindingResource::Sampler(&self.sampler), self.uniform.as_entire_binding()];
+        let group = bind_group(&gpu.device, "blit", &self.layout, resources);
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let ops =
-            wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: wgpu::StoreOp::Store };
-        let attachment =
-            wgpu::RenderPassColorAttachment { view: surface, depth_slice: None, resolve_target: None, ops };
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("blit"),
-            color_attachments: &[Some(attachment)],
+            color_attachments: &[clear_colour(surface, wgpu::Color::BLACK)],
             ..wgpu::RenderPassDescriptor::default()
         });
         let [x, y, w, h] = fit(arrangement.size_px(target.width_px, target.height_px), size_px);
@@ -75,19 +80,6 @@ impl Blit {
         drop(pass);
         gpu.queue.submit([encoder.finish()]);
     }
-
-    fn group(&self, gpu: &Gpu, target: &Target) -> wgpu::BindGroup {
-        let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("blit"),
-            layout: &self.layout,
-            entries: &[
-                entry(0, wgpu::BindingResource::TextureView(&target.colour)),
-                entry(1, wgpu::BindingResource::Sampler(&self.sampler)),
-                entry(2, self.uniform.as_entire_binding()),
-            ],
-        })
-    }
 }
 
 /// Rectangle (x, y, width, height) of a picture in the middle of a window, its shape kept.
@@ -96,67 +88,6 @@ fn fit(picture: [u32; 2], window: [u32; 2]) -> [f32; 4] {
     let scale = (ww / pw).min(wh / ph);
     let (w, h) = ((pw * scale).min(ww), (ph * scale).min(wh));
     [0.5 * (ww - w), 0.5 * (wh - h), w, h]
-}
-
-fn layout(device: &wgpu::Device) -> BindGroupLayout {
-    let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: ShaderStages::FRAGMENT,
-        ty,
-        count: None,
-    };
-    let texture = wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    let uniform = wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Uniform,
-        has_dynamic_offset: false,
-        min_binding_size: None,
-    };
-    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("blit"),
-        entries: &[
-            entry(0, texture),
-            entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering)),
-            entry(2, uniform),
-        ],
-    })
-}
-
-fn pipeline(device: &wgpu::Device, layout: &BindGroupLayout, format: wgpu::TextureFormat) -> RenderPipeline {
-    let module = shader(device, "blit");
-    let groups = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some("blit"),
-        bind_group_layouts: &[Some(layout)],
-        immediate_size: 0,
-    });
-    let entry = if format.is_srgb() { "fs_linear" } else { "fs_main" };
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("blit"),
-        layout: Some(&groups),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vs_main"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState {
-            topology: wgpu::PrimitiveTopology::TriangleStrip,
-            ..wgpu::PrimitiveState::default()
-        },
-        depth_stencil: None,
-        multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(entry),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }
 
 #[cfg(test)]

@@ -144,7 +144,7 @@ impl ApplicationHandler for State {
 
 /// The key's name for `protocol::inputs`, by its place on the keyboard: `w`, `a`, `s` and `d` lie
 /// together on any layout.
-fn name_of(code: KeyCode) -> Option<String> {
+fn name_of(code: KeyCode) -> String {
     let name = format!("{code:?}");
     let known = match code {
         KeyCode::Minus | KeyCode::NumpadSubtract => "minus",
@@ -156,10 +156,10 @@ fn name_of(code: KeyCode) -> Option<String> {
         KeyCode::AltLeft => "alt",
         _ => {
             let short = ["Key", "Digit", "Arrow"].iter().find_map(|prefix| name.strip_prefix(prefix));
-            return Some(short.unwrap_or(&name).to_ascii_lowercase());
+            return short.unwrap_or(&name).to_ascii_lowercase();
         }
     };
-    Some(known.to_owned())
+    known.to_owned()
 }
 
 impl State {
@@ -171,15 +171,18 @@ impl State {
 
     fn tell_key(&mut self, event: &KeyEvent) {
         let PhysicalKey::Code(code) = event.physical_key else { return };
-        let Some(key) = name_of(code).and_then(|name| OurKey::named(&name)) else { return };
+        let Some(key) = OurKey::named(&name_of(code)) else { return };
         if event.repeat {
             return;
         }
-        let pressed = event.state == ElementState::Pressed;
-        if pressed && Action::of(key) == Some(Action::Mouse) {
+        if event.state == ElementState::Pressed && Action::of(key) == Some(Action::Mouse) {
             self.free_mouse();
         }
-        self.tell(if pressed { Input::Press(key) } else { Input::Release(key) });
+        self.tell_press(key, event.state);
+    }
+
+    fn tell_press(&mut self, key: OurKey, state: ElementState) {
+        self.tell(if state == ElementState::Pressed { Input::Press(key) } else { Input::Release(key) });
     }
 
     /// The first click takes the mouse; later ones are for the hands.
@@ -198,8 +201,9 @@ impl State {
             MouseButton::Forward => "mouse-forward",
             MouseButton::Other(_) => return,
         };
-        let Some(key) = OurKey::named(name) else { return };
-        self.tell(if state == ElementState::Pressed { Input::Press(key) } else { Input::Release(key) });
+        if let Some(key) = OurKey::named(name) {
+            self.tell_press(key, state);
+        }
     }
 
     /// The pointer moved to `at`.
@@ -228,9 +232,7 @@ impl State {
         }
         self.mouse = Mouse::Free;
     }
-}
 
-impl State {
     /// F11 and F switch between window and full screen, Escape leaves it; F is for a hand where one
     /// works by the keyboard.
     fn key(&mut self, event: &KeyEvent) {
@@ -268,7 +270,7 @@ impl Window {
     /// # Errors
     /// If there is no display, no such monitor, or no graphics device for the window.
     pub fn open(config: &WindowConfig) -> Result<(Gpu, Self), PresentError> {
-        let no_display = |problem: String| PresentError::NoDisplay(problem);
+        let no_display = PresentError::NoDisplay;
         let mut events =
             EventLoop::new().map_err(|_| no_display("no X11 or Wayland server answers".into()))?;
         let mut state = State { config: config.clone(), ..State::default() };
@@ -279,11 +281,8 @@ impl Window {
         let monitor = window.current_monitor().and_then(|m| m.refresh_rate_millihertz());
         let refresh_ns =
             monitor.filter(|&mhz| mhz > 0).map_or(USUAL_REFRESH_NS, |mhz| 1_000_000_000_000 / u64::from(mhz));
-        let small = if gpu.is_software && !config.full_screen {
-            window.request_inner_size(SOFTWARE_SIZE)
-        } else {
-            None
-        };
+        let shrinks = gpu.is_software && !config.full_screen;
+        let small = shrinks.then(|| window.request_inner_size(SOFTWARE_SIZE)).flatten();
         let size = small.unwrap_or_else(|| window.inner_size());
         let default = surface
             .get_default_config(&gpu.adapter, size.width.max(1), size.height.max(1))
@@ -301,17 +300,8 @@ impl Window {
         };
         surface.configure(&gpu.device, &surface_config);
         let blit = Blit::new(&gpu.device, surface_config.format);
-        let window = Self {
-            events,
-            state,
-            surface,
-            surface_config,
-            blit,
-            config: config.clone(),
-            acquired: None,
-            refresh_ns,
-        };
-        Ok((gpu, window))
+        let (config, acquired) = (config.clone(), None);
+        Ok((gpu, Self { events, state, surface, surface_config, blit, config, acquired, refresh_ns }))
     }
 
     /// Period of the display, ns.
@@ -414,10 +404,10 @@ mod tests {
             (KeyCode::Pause, "pause"),
         ];
         for (code, name) in named {
-            assert_eq!(name_of(code).as_deref(), Some(name));
+            assert_eq!(name_of(code), name);
             assert!(OurKey::named(name).is_some(), "{name}");
         }
-        assert_eq!(OurKey::named(&name_of(KeyCode::Backquote).unwrap()), None);
+        assert_eq!(OurKey::named(&name_of(KeyCode::Backquote)), None);
     }
 
     #[test]
