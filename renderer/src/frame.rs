@@ -10,18 +10,14 @@ use crate::governor::TIERS;
 use crate::gpu::Gpu;
 use crate::latch::Latched;
 use crate::layers::Layers;
-use crate::passes::Uniforms;
-use crate::passes::bodies::Bodies;
-use crate::passes::dose::Dose;
 use crate::passes::focus::{Focus, Tiles};
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
-use crate::passes::haze::Haze;
 use crate::passes::instruments::{Instruments, Meshes};
-use crate::passes::marks::Marks;
 use crate::passes::membrane::{Membrane, TissueBuffers};
-use crate::passes::retina::Retina;
 use crate::passes::shadow::{Shadow, ShadowMap};
-use crate::passes::text::Text;
+use crate::passes::{
+    Uniforms, bodies::Bodies, dose::Dose, haze::Haze, marks::Marks, retina::Retina, text::Text,
+};
 use crate::target::Target;
 use crate::timing::{PassTimes, Timing};
 use crate::tissue::Tissue;
@@ -33,9 +29,7 @@ use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use protocol::message::Invalid;
 use protocol::optics::Filter;
-use protocol::scene::{
-    Microscope, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode, SceneTriangle, section,
-};
+use protocol::scene::{Microscope, SceneHeader, SceneNode, SceneTriangle, section};
 use scene::Side;
 use wgpu::{BindGroup, CommandBuffer};
 
@@ -159,12 +153,12 @@ impl Renderer {
     pub fn take_scene(&mut self, gpu: &Gpu, header: &SceneHeader, payload: &[u8]) -> Result<(), Invalid> {
         let nodes: &[SceneNode] = section(payload, header.nodes)?;
         let triangles: &[SceneTriangle] = section(payload, header.triangles)?;
-        let (marks, bodies): (&[SceneMark], &[SceneBody]) =
-            (section(payload, header.marks)?, section(payload, header.bodies)?);
-        let bricks: &[SceneBrick] = section(payload, header.bricks)?;
-        let text = section::<u8>(payload, header.text)?;
-        let homes: &[SceneHome] = section(payload, header.homes)?;
-        let doses: &[f32] = section(payload, header.doses)?;
+        let marks = section(payload, header.marks)?;
+        let bodies = section(payload, header.bodies)?;
+        let bricks = section(payload, header.bricks)?;
+        let text = section(payload, header.text)?;
+        let homes = section(payload, header.homes)?;
+        let doses = section(payload, header.doses)?;
         self.marks.set(&gpu.queue, marks);
         self.bodies.set(&gpu.queue, bodies);
         self.haze.set(&gpu.device, &gpu.queue, bricks);
@@ -215,11 +209,12 @@ impl Renderer {
         for channel in 0..CHANNELS as u32 {
             self.set_channel(&mut picture, &frame, channel);
             self.fundus.draw_field_mask(&mut picture, frame.shading);
-            self.draw_tracked_instruments(&mut picture, &frame);
+            // Those that are tracked are opaque and hide the retina; it shines through lost ones.
+            self.draw_instruments(&mut picture, &frame, false);
             self.draw_bodies(&mut picture, &frame);
             self.draw_retina(&mut picture, &frame);
             self.draw_marks(&mut picture, &frame);
-            self.draw_lost_instruments(&mut picture, &frame);
+            self.draw_instruments(&mut picture, &frame, true);
             self.draw_membrane(&mut picture, &frame);
             self.draw_haze(&mut picture, &frame);
             self.draw_membrane_depth(&mut picture, &frame);

@@ -16,6 +16,7 @@ use crate::present::{Present, Ready};
 use crate::readback::ReadBack;
 use crate::start;
 use anyhow::{Context, Result};
+use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
 use ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
@@ -82,14 +83,6 @@ struct RendererShell {
     /// Until when the picture shows the tier; `None` before the first such picture.
     status_until: Option<Nanos>,
     write_failed: bool,
-}
-
-/// Instants of a frame, see `FrameRecord`.
-struct FrameStamps {
-    start: Nanos,
-    latched: Nanos,
-    drawn: Nanos,
-    displayed: Nanos,
 }
 
 impl RendererShell {
@@ -250,9 +243,9 @@ impl RendererShell {
         let displayed = self.pacing.next_refresh(shown, refreshed);
         self.missed += self.pacing.missed(refreshed, displayed);
         self.end_status(displayed);
-        let stamps = FrameStamps { start: frame_start, latched: latched_at, drawn, displayed };
-        let mut record = self.record(&latched, tier, &stamps);
-        record.flags |= if stamped.is_some() { DEVICE_CLOCK } else { 0 };
+        let mut record = self.record(&latched, tier, stamped.is_some());
+        (record.frame_start, record.latched) = (frame_start, latched_at);
+        (record.drawn, record.displayed) = (drawn, displayed);
         self.frames.send(&record)?;
         self.frame += 1;
         if self.governor.record_frame(done - frame_start) {
@@ -279,7 +272,8 @@ impl RendererShell {
         Ok(self.pose.as_ref().map(|pose| latch(pose, at(pose))).or_else(from_scene))
     }
 
-    fn record(&mut self, latched: &Latched, tier: usize, stamps: &FrameStamps) -> FrameRecord {
+    /// What is to be told of a frame beside its own instants.
+    fn record(&mut self, latched: &Latched, tier: usize, device_clock: bool) -> FrameRecord {
         let mut instants = latched.instants;
         let scene = self.scene.as_ref();
         instants.stepped = scene.map_or(0, |s| s.instants.stepped);
@@ -290,10 +284,6 @@ impl RendererShell {
             field: latched.field,
             scene_field: scene.map_or(0, |s| s.field),
             instants,
-            frame_start: stamps.start,
-            latched: stamps.latched,
-            drawn: stamps.drawn,
-            displayed: stamps.displayed,
             predicted_to: latched.predicted_to,
             missed: self.missed + self.skipped_scenes(),
             tier: tier as u32,
@@ -303,7 +293,9 @@ impl RendererShell {
                 | flag(changed, TIER_CHANGED)
                 | flag(!latched.all_tracked(), TRACKING_LOST_SHOWN)
                 | flag(tier > FLOOR, BELOW_FLOOR)
+                | flag(device_clock, DEVICE_CLOCK)
                 | self.governor.reason().why.flags(),
+            ..FrameRecord::zeroed()
         }
     }
 

@@ -39,15 +39,12 @@ impl Tissue {
         Self {
             nodes: Vec::with_capacity(nodes),
             triangles: Vec::with_capacity(triangles),
-            membrane: 0,
-            retina: 0,
             in_map: Vec::with_capacity(nodes),
             is_retina: Vec::with_capacity(nodes),
             vertices: Vec::with_capacity(nodes),
             edges: Vec::with_capacity(3 * triangles),
             is_edge: Vec::with_capacity(nodes),
-            topology: None,
-            refused: 0,
+            ..Self::default()
         }
     }
 

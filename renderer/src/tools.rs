@@ -128,7 +128,7 @@ fn fitted(vertex: &MetalVertex, part: &str, shaft: &Shaft) -> MetalVertex {
 
 /// The instruments of a simulator.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Models([Model; TOOLS.len()]);
+pub struct Models(Vec<Model>);
 
 impl Models {
     /// Those that are built in.
@@ -136,8 +136,9 @@ impl Models {
     /// # Errors
     /// If a mesh is invalid.
     pub fn shipped() -> Result<Self, ModelError> {
-        let file = |i: usize| format!("assets/instruments/{}.glb", name(TOOLS[i]));
-        Self::each(|i| load::load(TOOLS[i], &file(i), SHIPPED[i]))
+        let file = |tool| format!("assets/instruments/{}.glb", name(tool));
+        let load = |(tool, bytes)| load::load(tool, &file(tool), bytes);
+        TOOLS.into_iter().zip(SHIPPED).map(load).collect::<Result<_, _>>().map(Self)
     }
 
     /// Those of a folder, which has a file for each tool.
@@ -145,17 +146,13 @@ impl Models {
     /// # Errors
     /// If a file is missing or its mesh is invalid.
     pub fn from_folder(folder: &Path) -> Result<Self, ModelError> {
-        Self::each(|i| {
-            let path = folder.join(format!("{}.glb", name(TOOLS[i])));
+        let load = |tool| {
+            let path = folder.join(format!("{}.glb", name(tool)));
             let file = path.display().to_string();
-            let problem = |e: std::io::Error| ModelError::File { file: file.clone(), problem: e.to_string() };
-            load::load(TOOLS[i], &file, &std::fs::read(&path).map_err(problem)?)
-        })
-    }
-
-    fn each(load: impl Fn(usize) -> Result<Model, ModelError>) -> Result<Self, ModelError> {
-        let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(load);
-        Ok(Self([a?, b?, c?, d?, e?]))
+            let problem = |e: std::io::Error| ModelError { file: file.clone(), problem: e.to_string() };
+            load::load(tool, &file, &std::fs::read(&path).map_err(problem)?)
+        };
+        TOOLS.into_iter().map(load).collect::<Result<_, _>>().map(Self)
     }
 
     /// The model of `tool`.

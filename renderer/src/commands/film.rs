@@ -5,17 +5,12 @@ use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
 use protocol::rig::Rig;
 use protocol::scene_stream::Reader;
-use renderer::config::VIDEO_HZ;
-use renderer::governor::TIERS;
-use renderer::gpu::Gpu;
-use renderer::latch::latch_scene;
-use renderer::offscreen::Offscreen;
-use renderer::output::picture::rgb;
-use renderer::output::save_png;
-use renderer::output::y4m::Y4m;
-use renderer::readback::Picture;
+use renderer::output::{picture::rgb, save_png, y4m::Y4m};
 use renderer::start::{map_px, renderer_config};
 use renderer::stereo::{Arrangement, arrange};
+use renderer::{
+    config::VIDEO_HZ, governor::TIERS, gpu::Gpu, latch::latch_scene, offscreen::Offscreen, readback::Picture,
+};
 use scene::SceneFile;
 use std::path::{Path, PathBuf};
 
@@ -101,9 +96,8 @@ fn save(args: &FilmArgs, folder: &Path, number: u64, picture: &Picture) -> Resul
     let mut file = Vec::new();
     for quality in QUALITIES {
         file.clear();
-        let encoder = JpegEncoder::new_with_quality(&mut file, quality);
-        let colour = image::ExtendedColorType::Rgb8;
-        image::ImageEncoder::write_image(encoder, &pixels, width, height, colour)?;
+        let mut encoder = JpegEncoder::new_with_quality(&mut file, quality);
+        encoder.encode(&pixels, width, height, image::ExtendedColorType::Rgb8)?;
         if file.len() <= most {
             break;
         }

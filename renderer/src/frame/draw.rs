@@ -110,17 +110,8 @@ impl Renderer {
         pass.set_bind_group(1, frame.light, &[]);
     }
 
-    /// Opaque instruments where they are tracked, before the retina that they hide.
-    pub(super) fn draw_tracked_instruments(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>) {
-        self.draw_instruments(pass, frame, false);
-    }
-
-    /// Translucent instruments whose tracking is lost, after the retina that shines through.
-    pub(super) fn draw_lost_instruments(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>) {
-        self.draw_instruments(pass, frame, true);
-    }
-
-    fn draw_instruments(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>, lost: bool) {
+    /// Instruments whose tracking is `lost`, or those where it is not.
+    pub(super) fn draw_instruments(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>, lost: bool) {
         for which in (0..INSTRUMENTS).filter(|_| frame.layers.has(Layers::INSTRUMENTS)) {
             if let (Some(tool), true) = (self.tools[which], self.lost_before[which] == lost) {
                 self.instruments.draw(pass, &self.meshes, which, tool, frame.shading);

@@ -4,7 +4,7 @@ use crate::latch::Latched;
 use protocol::scene_text::{Place, push_line};
 
 /// Text over the picture, from every source; [`Self::collect`] joins it for a frame.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct OverlayText {
     scene: String,
     status: String,
@@ -19,9 +19,8 @@ impl OverlayText {
         Self {
             scene: String::with_capacity(256),
             status: String::with_capacity(64),
-            overlay: String::new(),
-            hides_scene_text: false,
             lines: String::with_capacity(512),
+            ..Self::default()
         }
     }
 

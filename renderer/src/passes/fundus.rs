@@ -22,8 +22,7 @@ const SEGMENTS: u32 = 48;
 
 /// The pass.
 pub struct Fundus {
-    full: RenderPipeline,
-    lean: RenderPipeline,
+    retina: [RenderPipeline; 2],
     frames: [RenderPipeline; 2],
     rings: [RenderPipeline; 2],
     ring: IndexList,
@@ -42,8 +41,10 @@ impl Fundus {
             PipelineSpec { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..spec("vs_ring", "fs_ring") };
         let frame = PipelineSpec { writes: wgpu::ColorWrites::empty(), ..spec("vs_frame", "fs_ring") };
         Self {
-            full: pipeline(device, &spec("vs_main", "fs_main").shaded(Shading::Full)),
-            lean: pipeline(device, &spec("vs_lean", "fs_lean").shaded(Shading::Lean)),
+            retina: [
+                pipeline(device, &spec("vs_main", "fs_main").shaded(Shading::Full)),
+                pipeline(device, &spec("vs_lean", "fs_lean").shaded(Shading::Lean)),
+            ],
             frames: pipelines(device, &frame),
             rings: overlay_pipelines(device, &ring),
             ring: IndexList::new(device, "ring", &ring_triangles()),
@@ -52,7 +53,7 @@ impl Fundus {
 
     /// Draws into the present viewport; groups 0 and 1 are set.
     pub fn draw(&self, pass: &mut RenderPass<'_>, cells: &IndexList, shading: Shading) {
-        cells.draw(pass, if shading == Shading::Lean { &self.lean } else { &self.full });
+        cells.draw(pass, &self.retina[shading as usize]);
     }
 
     /// Closes everything outside the round field; first in a channel.

@@ -55,16 +55,10 @@ pub struct Casters<'a> {
     pub tissue: &'a TissueBuffers,
 }
 
-/// The pipelines of one shading.
-struct CasterPipelines {
-    instruments: RenderPipeline,
-    membrane: RenderPipeline,
-}
-
-/// The pass.
+/// The pass: pipelines for each shading.
 pub struct Shadow {
-    full: CasterPipelines,
-    lean: CasterPipelines,
+    instruments: [RenderPipeline; 2],
+    membrane: [RenderPipeline; 2],
 }
 
 impl Shadow {
@@ -82,14 +76,8 @@ impl Shadow {
         let sheet =
             PipelineSpec { fragment: Some("fs_sheet"), blend: Some(multiplied()), ..spec("vs_membrane") };
         Self {
-            full: CasterPipelines {
-                instruments: depth("vs_instrument", true),
-                membrane: depth("vs_membrane", false),
-            },
-            lean: CasterPipelines {
-                instruments: pipeline(device, &solid),
-                membrane: pipeline(device, &sheet),
-            },
+            instruments: [depth("vs_instrument", true), pipeline(device, &solid)],
+            membrane: [depth("vs_membrane", false), pipeline(device, &sheet)],
         }
     }
 
@@ -103,21 +91,20 @@ impl Shadow {
         timed: Option<RenderPassTimestampWrites<'_>>,
     ) {
         let mut pass = begin(encoder, map, timed);
-        let pipelines = if map.shading == Shading::Lean { &self.lean } else { &self.full };
-        let size = map.size as f32;
+        let (size, shading) = (map.size as f32, map.shading as usize);
         pass.set_bind_group(0, &uniforms.group, &[0]);
         pass.set_viewport(0.0, 0.0, size, size, 0.0, 1.0);
-        pass.set_pipeline(&pipelines.instruments);
-        for (which, tool) in casters.tools.iter().enumerate() {
+        pass.set_pipeline(&self.instruments[shading]);
+        for (which, tool) in casters.tools.into_iter().enumerate() {
             if let Some(tool) = tool {
-                casters.meshes.draw(&mut pass, which, *tool);
+                casters.meshes.draw(&mut pass, which, tool);
             }
         }
         casters.bodies.cast(&mut pass, map.shading);
         if map.shading == Shading::Full {
             pass.set_viewport(size, 0.0, size, size, 0.0, 1.0);
         }
-        pass.set_pipeline(&pipelines.membrane);
+        pass.set_pipeline(&self.membrane[shading]);
         casters.tissue.draw(&mut pass);
     }
 }

@@ -21,25 +21,12 @@ const UNIT: f32 = 1e-3;
 
 /// Why a mesh cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum ModelError {
-    /// The file as a whole.
-    #[error("{file}: {problem}")]
-    File {
-        /// Its path or name.
-        file: String,
-        /// What is wrong, and what was expected.
-        problem: String,
-    },
-    /// A node of it.
-    #[error("{file}: node '{node}': {problem}")]
-    Node {
-        /// Path or name of the file.
-        file: String,
-        /// Name of the node.
-        node: String,
-        /// What is wrong, and what was expected.
-        problem: String,
-    },
+#[error("{file}: {problem}")]
+pub struct ModelError {
+    /// Path or name of the file.
+    pub file: String,
+    /// What is wrong, in which node of it where it is one, and what was expected.
+    pub problem: String,
 }
 
 /// Name of a tool's file without its ending, and of the root node in it.
@@ -70,15 +57,14 @@ pub fn parts(tool: Tool) -> &'static [&'static str] {
 /// If the file is not binary glTF, lacks a part, or a part is not closed, not at gauge or not in
 /// place.
 pub fn load(tool: Tool, file: &str, bytes: &[u8]) -> Result<Model, ModelError> {
-    let whole = |problem: String| ModelError::File { file: file.to_owned(), problem };
+    let whole = |problem: String| ModelError { file: file.to_owned(), problem };
     let gltf = parse(bytes).map_err(whole)?;
     let buffer = gltf.blob.as_deref().ok_or_else(|| whole("expected a binary glTF file (.glb)".into()))?;
     let expected = format!("expected a root node '{}'", name(tool));
     let root = gltf.nodes().find(|n| n.name() == Some(name(tool))).ok_or_else(|| whole(expected))?;
     let part = |wanted: &&str| {
         let node = root.children().find(|n| n.name() == Some(wanted));
-        let in_node =
-            |problem| ModelError::Node { file: file.to_owned(), node: (*wanted).to_owned(), problem };
+        let in_node = |problem: String| whole(format!("node '{wanted}': {problem}"));
         let node = node.ok_or_else(|| in_node(missing(&root)))?;
         let part = read(&node, buffer).map_err(in_node)?;
         check_part(wanted, &part).map_err(in_node)?;
@@ -218,12 +204,10 @@ fn check_closed(part: &Part) -> Result<(), String> {
     if let Some(([a, _], _)) = edges.iter().filter(|(_, n)| **n != 0).min() {
         return Err(format!("not closed: an open edge at {:?} mm", a.map(|c| c as f32 * WELD_MM)));
     }
-    let outwards = volume > 0.0;
-    if outwards {
-        Ok(())
-    } else {
-        Err(format!("expected triangles that face outwards, found a volume of {volume} mm³"))
+    if volume <= 0.0 || volume.is_nan() {
+        return Err(format!("expected triangles that face outwards, found a volume of {volume} mm³"));
     }
+    Ok(())
 }
 
 /// What all parts make together.

@@ -8,7 +8,7 @@
 use super::{Elastic, Point};
 
 /// Pressure on a surface.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Pressure {
     /// Corners of each triangle; the normal by the right-hand rule is the way the pressure pushes.
     pub triangles: Vec<[u32; 3]>,
@@ -29,16 +29,7 @@ pub struct Pressure {
 impl Pressure {
     /// A constant pressure.
     pub fn new(triangles: Vec<[u32; 3]>, pressure_pa: f64) -> Self {
-        Pressure {
-            triangles,
-            pressure_pa,
-            bulk_pa_per_mm3: 0.0,
-            volume_mm3: 0.0,
-            turns: true,
-            x_mm: Vec::new(),
-            gradient_mm2: Vec::new(),
-            now_pa: 0.0,
-        }
+        Pressure { triangles, pressure_pa, turns: true, ..Pressure::default() }
     }
 
     /// Volume between the surface and the origin, mm³.

@@ -17,7 +17,7 @@ use super::{Elastic, Point};
 const TINY_MM: f64 = 1e-6;
 
 /// A spring.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Spring {
     /// Nodes.
     pub ends: [u32; 2],
@@ -29,7 +29,7 @@ pub struct Spring {
     pub rest_mm: f64,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Tangent {
     along: Point,
     /// k − (T/l)⁺, µN/mm.
@@ -57,9 +57,8 @@ impl Springs {
     pub fn replace(&mut self, springs: impl IntoIterator<Item = Spring>) {
         self.springs.clear();
         self.springs.extend(springs);
-        let none = Tangent { along: Point::zeros(), axial: 0.0, across: 0.0 };
         self.tangent.clear();
-        self.tangent.resize(self.springs.len(), none);
+        self.tangent.resize(self.springs.len(), Tangent::default());
     }
 
     /// The springs.

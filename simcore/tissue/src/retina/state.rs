@@ -8,7 +8,7 @@ use protocol::scene::NODE_FREE;
 use serde::{Deserialize, Serialize};
 
 /// The retina.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RetinaState {
     /// Its mesh. `NODE_PINNED` is a node that lies on the choroid and holds there; free and bound
     /// ones are **loose**.
@@ -161,15 +161,7 @@ impl RetinaState {
 /// The retina before anything happened: every node holds.
 pub fn start(mut sheet: SheetState) -> RetinaState {
     sheet.flag.fill(NODE_PINNED);
-    let mut state = RetinaState {
-        bleb_of: vec![0; sheet.nodes()],
-        sheet,
-        blebs: Vec::new(),
-        holes: Vec::new(),
-        account: Account::default(),
-        needles: [NeedleState::default(); INSTRUMENTS],
-        air: false,
-    };
+    let mut state = RetinaState { bleb_of: vec![0; sheet.nodes()], sheet, ..RetinaState::default() };
     state.reserve();
     state
 }

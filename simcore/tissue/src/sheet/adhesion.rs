@@ -57,7 +57,7 @@ pub struct Adhesion {
 }
 
 /// Bonds of a sheet: what changes. One entry a node.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct AdhesionState {
     /// Largest separation so far, mm; from the range on the bond is broken.
     #[serde(with = "crate::pod_serde::list")]
@@ -127,10 +127,7 @@ impl Adhesion {
         AdhesionState {
             parted_mm: self.strength_un.iter().map(parted).collect(),
             lifted_mm: vec![0.0; self.strength_un.len()],
-            freed_mm2: 0.0,
-            torn_mm2: 0.0,
-            warned: false,
-            lifted: false,
+            ..AdhesionState::default()
         }
     }
 

@@ -73,7 +73,8 @@ impl Implicit {
             Some(law) => elements(mesh, law),
             None => Triangles::none(),
         };
-        let springs = Springs::new(vec![NO_SPRING; mesh.springs.len()]);
+        // With room for every spring of the sheet.
+        let springs = Springs::new(vec![Spring::default(); mesh.springs.len()]);
         Implicit {
             rule,
             settings,
@@ -213,10 +214,6 @@ fn elements(mesh: &SheetMesh, law: PlaneLaw) -> Triangles {
     let rest: Vec<Point> = (0..mesh.nodes() as u32).map(|n| mesh.at(n).map(f64::from)).collect();
     Triangles::new(&rest, &mesh.triangles, law).expect("a mesh's triangles have corners and area")
 }
-
-/// Keeps room for every spring of the sheet.
-const NO_SPRING: Spring =
-    Spring { ends: [0, 0], stiffness_un_per_mm: 0.0, damping_un_s_per_mm: 0.0, rest_mm: 0.0 };
 
 #[cfg(test)]
 mod tests {

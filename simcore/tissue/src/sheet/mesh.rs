@@ -3,7 +3,7 @@
 
 use super::simd::rsqrt;
 use crate::constants::{MAX_HELD, TINY_LENGTH2_MM2};
-use crate::sheet::state::{NODE_PINNED, Removed, SheetState};
+use crate::sheet::state::{NODE_PINNED, SheetState};
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;
 
@@ -74,15 +74,10 @@ impl SheetMesh {
             position_mm: self.start_mm.clone(),
             velocity_mm_s: std::array::from_fn(|_| vec![0.0; nodes]),
             flag,
-            rest_mm: Vec::new(),
             spring_alive: vec![1; self.structural],
             triangle_alive: vec![1; self.triangles.len()],
-            topology: 0,
-            rim_warned: false,
-            adhesion: None,
             held: std::array::from_fn(|_| Vec::with_capacity(MAX_HELD)),
-            contact: Default::default(),
-            removed: Removed::default(),
+            ..SheetState::default()
         }
     }
 

@@ -48,7 +48,7 @@ pub struct SheetContact {
 
 /// A sheet: arrays over nodes (x, y and z apart), springs and triangles; and what instruments do to
 /// it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SheetState {
     /// Positions in the eye frame, mm.
     #[serde(with = "crate::pod_serde::lists")]

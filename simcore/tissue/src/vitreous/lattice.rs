@@ -59,8 +59,13 @@ pub struct Wall {
     pub detached: bool,
 }
 
+/// Square of a place's distance from the eye's centre.
+fn square(place: [i32; 3]) -> i64 {
+    place.iter().map(|&c| i64::from(c).pow(2)).sum()
+}
+
 /// The lattice at rest.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Lattice {
     /// Cells along an axis.
     pub cells: usize,
@@ -101,14 +106,7 @@ impl Lattice {
             pitch_um,
             radius_um,
             front_um: (vitreous.front_mm * 1e3) as i32,
-            rows: Vec::new(),
-            row_of: Vec::new(),
-            links: Vec::new(),
-            room_um: Vec::new(),
-            density: Vec::new(),
-            modulus_pa: Vec::new(),
-            limit: Default::default(),
-            walls: Vec::new(),
+            ..Lattice::default()
         };
         lattice.add_rows();
         lattice.add_links();
@@ -180,8 +178,7 @@ impl Lattice {
 
     /// True if a place is inside the eye and behind the lens.
     pub fn is_inside(&self, at_um: [i32; 3]) -> bool {
-        let r2: i64 = at_um.iter().map(|&c| i64::from(c) * i64::from(c)).sum();
-        r2 <= i64::from(self.radius_um).pow(2) && at_um[2] <= self.front_um
+        square(at_um) <= i64::from(self.radius_um).pow(2) && at_um[2] <= self.front_um
     }
 
     fn add_rows(&mut self) {
@@ -239,8 +236,7 @@ impl Lattice {
         self.room_um = vec![0; self.len()];
         for e in self.numbers() {
             let rest = self.rest_um(e);
-            let r2: i64 = rest.iter().map(|&c| i64::from(c) * i64::from(c)).sum();
-            let to_wall = self.radius_um - r2.isqrt() as i32 - 1;
+            let to_wall = self.radius_um - square(rest).isqrt() as i32 - 1;
             self.room_um[e] = to_wall.min(self.front_um - rest[2]).clamp(0, u16::MAX.into()) as u16;
         }
     }
@@ -306,8 +302,7 @@ impl Lattice {
             (0..LINKS).any(|k| {
                 let mut beyond = at;
                 beyond[k / 2] += if k % 2 == 0 { -self.pitch_um } else { self.pitch_um };
-                let r2: i64 = beyond.iter().map(|&c| i64::from(c).pow(2)).sum();
-                self.links[*e] >> k & 1 == 0 && r2 > i64::from(self.radius_um).pow(2)
+                self.links[*e] >> k & 1 == 0 && square(beyond) > i64::from(self.radius_um).pow(2)
             })
         };
         let wall = |e: usize| {

@@ -10,7 +10,7 @@ pub const ALIVE: u8 = 1;
 pub const ADHERED: u8 = 2;
 
 /// The vitreous, as arrays over the elements of a [`Lattice`].
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct VitreousState {
     /// Way from the rest place along x, y and z of the eye frame, µm.
     #[serde(with = "crate::pod_serde::lists")]
@@ -51,14 +51,7 @@ impl VitreousState {
             shift_um: std::array::from_fn(|_| vec![0; lattice.len()]),
             status,
             awake: [vec![0; words], vec![0; words]],
-            cursor: 0,
-            parity: 0,
-            removed: 0,
-            released: 0,
-            milestones: 0,
-            quiet_until_ns: 0,
-            warned: false,
-            tear_warned: false,
+            ..VitreousState::default()
         }
     }
 
