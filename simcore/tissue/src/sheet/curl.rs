@@ -27,19 +27,19 @@
 
 use super::adhesion::{Adhesion, AdhesionState};
 use super::mesh::{NONE, SheetMesh};
-use super::simd::hinges::{HingeLimits, Hinges};
+use super::simd::hinges::Hinges;
 use super::simd::{Isa, WIDE};
 use crate::sheet::state::SheetState;
 use nalgebra::Vector3;
 use scene::CurlScene;
 
 /// Largest ψ: a hinge folded to 168°. Protects the moment of a hinge that other forces folded flat.
-const MAX_PSI: f32 = 20.0;
+pub(super) const MAX_PSI: f32 = 20.0;
 /// Twice the area of a triangle below which a hinge has no direction, mm².
-const TINY_MM2: f32 = 1e-7;
+pub(super) const TINY_MM2: f32 = 1e-7;
 
 /// 1 + cos θ at and below which a hinge counts as folded flat.
-const FOLDED: f32 = 1e-6;
+pub(super) const FOLDED: f32 = 1e-6;
 
 /// Stiffness of a hinge that is let through, as a share of node mass over the square of a substep.
 /// A node belongs to a dozen hinges.
@@ -126,12 +126,6 @@ impl Curl {
         if self.acting.hinges.is_empty() {
             return;
         }
-        let limits = HingeLimits {
-            tiny2: TINY_MM2 * TINY_MM2,
-            folded: FOLDED,
-            psi: MAX_PSI,
-            stiffness_un_per_mm: self.most_un_per_mm,
-        };
         together(&membrane.position_mm, &mut self.place);
         together(outer_un, &mut self.pull);
         let groups = self.acting.hinges.chunks(GROUP * WIDE).zip(self.acting.blocks.chunks_mut(GROUP));
@@ -139,7 +133,7 @@ impl Curl {
             blocks.iter_mut().for_each(|block| block.gather(&self.place));
             let mut open = [0; GROUP];
             for (open, block) in open.iter_mut().zip(&mut *blocks) {
-                *open = block.side_by_side.bend(self.isa, &limits);
+                *open = block.side_by_side.bend(self.isa, self.most_un_per_mm);
             }
             // In the order of the hinges, so that sums do not depend on how many are computed at a
             // time.

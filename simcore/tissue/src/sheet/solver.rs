@@ -20,6 +20,7 @@
 pub use super::material::Material;
 use super::mesh::SheetMesh;
 use super::simd::aligned::Aligned;
+pub use super::simd::kernel::Alarms;
 use super::simd::kernel::Forces;
 use super::simd::motion::Motion;
 use super::simd::{Isa, WIDE};
@@ -27,17 +28,6 @@ use super::spring_packing::SpringPacking;
 use crate::constants::TINY_LENGTH2_MM2;
 use crate::sheet::state::{SheetState, is_bound};
 use protocol::scene::NODE_FREE;
-
-/// What the forces of a substep demand besides moving.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Alarms {
-    /// A node's acceleration is not a number, or infinite.
-    pub not_finite: bool,
-    /// A node's acceleration passes the limit of tearing.
-    pub over_acceleration: bool,
-    /// A spring's tension passes its limit.
-    pub over_tension: bool,
-}
 
 /// Arrays that live for a substep, and figures derived from the living springs and nodes.
 #[derive(Debug)]
@@ -130,7 +120,7 @@ impl Solver {
     /// Forces and accelerations of every node.
     pub fn accelerate(&mut self, mesh: &SheetMesh, state: &SheetState, material: &Material) -> Alarms {
         debug_assert_eq!(mesh.nodes(), self.mobile.len());
-        let passed = self.packing.tables.accelerate(
+        self.packing.tables.accelerate(
             self.isa,
             &mut Forces {
                 position: state.position_mm.each_ref().map(Vec::as_slice),
@@ -145,12 +135,7 @@ impl Solver {
                 tear2: material.a_tear * material.a_tear,
                 tiny2: TINY_LENGTH2_MM2,
             },
-        );
-        Alarms {
-            not_finite: passed.not_finite,
-            over_acceleration: passed.acceleration,
-            over_tension: passed.tension,
-        }
+        )
     }
 
     /// Elastic pull of a spring at the last [`Self::accelerate`], µN; 0 for bending springs of a

@@ -2,6 +2,7 @@
 //! same order, so that the bits are the same.
 
 use super::{Isa, Lanes, Portable, WIDE};
+use crate::sheet::curl::{FOLDED, MAX_PSI, TINY_MM2};
 
 /// One number of each hinge.
 pub type Each = [f32; WIDE];
@@ -19,32 +20,20 @@ pub struct Hinges {
     pub force: [[Each; 3]; 4],
 }
 
-/// Limits that hold for all hinges.
-#[derive(Debug, Clone, Copy)]
-pub struct HingeLimits {
-    /// Twice the area of a triangle, squared, that both must be above, mm⁴.
-    pub tiny2: f32,
-    /// What 1 + cos θ must be above.
-    pub folded: f32,
-    /// Largest ψ.
-    pub psi: f32,
-    /// Largest stiffness of a hinge, µN/mm.
-    pub stiffness_un_per_mm: f32,
-}
-
 impl Hinges {
-    /// Computes the forces with the instructions of `isa`, which must come from [`Isa::available`].
+    /// Computes the forces with the instructions of `isa`, which must come from [`Isa::available`];
+    /// no hinge becomes stiffer than `most_un_per_mm`.
     /// One bit for each hinge for which they hold; not for one whose triangles have no area, nor
     /// for one that is folded.
-    pub fn bend(&mut self, isa: Isa, limits: &HingeLimits) -> u16 {
+    pub fn bend(&mut self, isa: Isa, most_un_per_mm: f32) -> u16 {
         // SAFETY: the processor has what `isa` says.
         unsafe {
             match isa {
                 #[cfg(target_arch = "x86_64")]
-                Isa::Avx512 => bend_avx512(self, limits),
+                Isa::Avx512 => bend_avx512(self, most_un_per_mm),
                 #[cfg(target_arch = "x86_64")]
-                Isa::Avx2 => bend_avx2(self, limits),
-                _ => bend::<Portable>(self, limits),
+                Isa::Avx2 => bend_avx2(self, most_un_per_mm),
+                _ => bend::<Portable>(self, most_un_per_mm),
             }
         }
     }
@@ -52,16 +41,16 @@ impl Hinges {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx2")]
-fn bend_avx512(hinges: &mut Hinges, limits: &HingeLimits) -> u16 {
+fn bend_avx512(hinges: &mut Hinges, most_un_per_mm: f32) -> u16 {
     // SAFETY: as promised by the caller of this function.
-    unsafe { bend::<super::Avx512>(hinges, limits) }
+    unsafe { bend::<super::Avx512>(hinges, most_un_per_mm) }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn bend_avx2(hinges: &mut Hinges, limits: &HingeLimits) -> u16 {
+fn bend_avx2(hinges: &mut Hinges, most_un_per_mm: f32) -> u16 {
     // SAFETY: as promised by the caller of this function.
-    unsafe { bend::<super::Avx2>(hinges, limits) }
+    unsafe { bend::<super::Avx2>(hinges, most_un_per_mm) }
 }
 
 type Point<L> = [<L as Lanes>::V; 3];
@@ -120,7 +109,7 @@ unsafe fn against<L: Lanes>(a: Point<L>, s: L::V, b: Point<L>, t: L::V) -> Point
 
 /// SAFETY: the processor has the instructions of `L`.
 #[inline(always)]
-unsafe fn bend<L: Lanes>(hinges: &mut Hinges, limits: &HingeLimits) -> u16 {
+unsafe fn bend<L: Lanes>(hinges: &mut Hinges, most_un_per_mm: f32) -> u16 {
     // SAFETY: the caller has the instructions; every array has sixteen numbers.
     unsafe {
         let [p, q, a, b] = &hinges.position;
@@ -141,8 +130,8 @@ unsafe fn bend<L: Lanes>(hinges: &mut Hinges, limits: &HingeLimits) -> u16 {
         let sb = L::div(dot::<L>(sub::<L>(b, p), edge), length2);
         let at_q = against::<L>(up_a, sa, up_b, sb);
         let at_p = against::<L>(up_a, L::sub(one, sa), up_b, L::sub(one, sb));
-        let most = L::splat(limits.psi);
-        let least = L::splat(-limits.psi);
+        let most = L::splat(MAX_PSI);
+        let least = L::splat(-MAX_PSI);
         let psi = L::if_above(psi, most, most, psi);
         let psi = L::if_above(least, psi, least, psi);
         let slopes = L::add(dot::<L>(at_p, at_p), dot::<L>(at_q, at_q));
@@ -150,7 +139,7 @@ unsafe fn bend<L: Lanes>(hinges: &mut Hinges, limits: &HingeLimits) -> u16 {
         let stiffness = L::load(hinges.stiffness.as_ptr());
         let bent = L::add(one, L::mul(L::mul(L::splat(0.25), psi), psi));
         let tangent = L::mul(stiffness, bent);
-        let held = L::div(L::splat(limits.stiffness_un_per_mm), L::mul(tangent, slopes));
+        let held = L::div(L::splat(most_un_per_mm), L::mul(tangent, slopes));
         let held = L::if_above(one, held, held, one);
         let beyond = L::sub(psi, L::load(hinges.rest.as_ptr()));
         let moment = L::mul(L::mul(L::mul(stiffness, L::splat(-1.0)), beyond), held);
@@ -159,7 +148,7 @@ unsafe fn bend<L: Lanes>(hinges: &mut Hinges, limits: &HingeLimits) -> u16 {
                 L::store(to[axis].as_mut_ptr(), L::mul(moment, gradient[axis]));
             }
         }
-        let tiny = L::splat(limits.tiny2);
-        L::above(l1, tiny) & L::above(l2, tiny) & L::above(opened, L::splat(limits.folded))
+        let tiny = L::splat(TINY_MM2 * TINY_MM2);
+        L::above(l1, tiny) & L::above(l2, tiny) & L::above(opened, L::splat(FOLDED))
     }
 }

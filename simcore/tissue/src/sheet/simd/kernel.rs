@@ -94,15 +94,15 @@ pub struct Forces<'a> {
     pub tiny2: f32,
 }
 
-/// What was found: lanes in which something passes its limit.
+/// What the forces of a substep demand besides moving.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Passed {
-    /// A squared acceleration is not finite.
+pub struct Alarms {
+    /// A node's acceleration is not a number, or infinite.
     pub not_finite: bool,
-    /// A squared acceleration passes that of tearing.
-    pub acceleration: bool,
-    /// A spring's pull passes its limit.
-    pub tension: bool,
+    /// A node's acceleration passes the limit of tearing.
+    pub over_acceleration: bool,
+    /// A spring's tension passes its limit.
+    pub over_tension: bool,
 }
 
 impl Tables {
@@ -162,7 +162,7 @@ impl Tables {
 
     /// Forces and accelerations with the instructions of `isa`, which must come from
     /// [`Isa::available`].
-    pub fn accelerate(&mut self, isa: Isa, forces: &mut Forces) -> Passed {
+    pub fn accelerate(&mut self, isa: Isa, forces: &mut Forces) -> Alarms {
         let n = self.nodes;
         let read = forces.position.iter().chain(&forces.velocity).chain(&forces.outer);
         assert!(read.chain([&forces.mobile]).all(|v| v.len() == n));
@@ -184,14 +184,14 @@ impl Tables {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx2")]
-fn accelerate_avx512(tables: &mut Tables, forces: &mut Forces) -> Passed {
+fn accelerate_avx512(tables: &mut Tables, forces: &mut Forces) -> Alarms {
     // SAFETY: as promised by the caller of this function.
     unsafe { accelerate::<super::Avx512>(tables, forces) }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn accelerate_avx2(tables: &mut Tables, forces: &mut Forces) -> Passed {
+fn accelerate_avx2(tables: &mut Tables, forces: &mut Forces) -> Alarms {
     // SAFETY: as promised by the caller of this function.
     unsafe { accelerate::<super::Avx2>(tables, forces) }
 }
@@ -199,7 +199,7 @@ fn accelerate_avx2(tables: &mut Tables, forces: &mut Forces) -> Passed {
 /// SAFETY: the processor has the instructions of `L`, the tables passed their check, the slices
 /// have a number a node.
 #[inline(always)]
-unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Passed {
+unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Alarms {
     let (nodes, blocks, ring) = (tables.nodes, tables.blocks(), tables.ring());
     let [ahead, behind] = tables.reach;
     let next = |at: usize| if at + 1 == ring { 0 } else { at + 1 };
@@ -233,7 +233,7 @@ unsafe fn accelerate<L: Lanes>(tables: &mut Tables, forces: &mut Forces) -> Pass
             }
         }
     }
-    Passed { not_finite: finite != u16::MAX, acceleration: over != 0, tension: tension != 0 }
+    Alarms { not_finite: finite != u16::MAX, over_acceleration: over != 0, over_tension: tension != 0 }
 }
 
 /// A block of nodes; the last one may have fewer than sixteen.
