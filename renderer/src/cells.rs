@@ -34,15 +34,15 @@ fn triangles(tier: &Tier) -> Vec<u32> {
         let [from, to] = [i, i + 1].map(|k| f64::from(k * cell) - 0.5 * f64::from(size));
         from.max(-to).max(0.0)
     };
-    let all = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
-    let seen =
-        all.filter(|&(row, column)| away(column, tier.width_px).hypot(away(row, tier.height_px)) < radius);
-    let corners = seen.flat_map(|(row, column)| {
-        let a = row * ROW + column;
-        let (b, c, d) = (a + 1, a + ROW, a + ROW + 1);
-        [a, c, d, a, d, b]
-    });
-    corners.collect()
+    let mut corners = Vec::new();
+    for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+        if away(column, tier.width_px).hypot(away(row, tier.height_px)) < radius {
+            let a = row * ROW + column;
+            let (b, c, d) = (a + 1, a + ROW, a + ROW + 1);
+            corners.extend([a, c, d, a, d, b]);
+        }
+    }
+    corners
 }
 
 /// The cells of a tier on the device.

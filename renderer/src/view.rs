@@ -86,7 +86,12 @@ pub fn view_uniform(
     eye_from_world: &DMat4,
 ) -> ViewUniform {
     let clip_from_eye = clip_from_world(microscope, channel, aspect) * eye_from_world.inverse();
-    let rays = Rays::of(&clip_from_eye);
+    // The rays that a projection shows as points: those of NDC (x, y) run from one point along
+    // `rays` times (x, y, 1). Behind a lens that point is not the objective but the objective's
+    // image in the eye.
+    let [x, y, w] = [0, 1, 3].map(|row| clip_from_eye.row(row));
+    let rays = DMat3::from_cols(x.truncate(), y.truncate(), w.truncate()).transpose().inverse();
+    let from = rays * DVec3::new(-x.w, -y.w, -w.w);
     let target = eye_from_world.transform_point3(DVec3::from(microscope.target_in_world_mm));
     // One unit of w along each ray ends in a plane; `units` of them end in the plane through the
     // target.
@@ -96,31 +101,11 @@ pub fn view_uniform(
     let field = [aspect / FIELD_FILL, 1.0 / FIELD_FILL, inner, 1.0 / (1.0 - inner)];
     ViewUniform {
         clip_from_eye: clip_from_eye.as_mat4().to_cols_array_2d(),
-        camera: vec4(rays.from),
-        plane_origin: vec4(rays.from + rays.middle * units),
-        plane_x: vec4(rays.per_x * units),
-        plane_y: vec4(rays.per_y * units),
+        camera: vec4(from),
+        plane_origin: vec4(from + rays.z_axis * units),
+        plane_x: vec4(rays.x_axis * units),
+        plane_y: vec4(rays.y_axis * units),
         field: field.map(|x| x as f32),
-    }
-}
-
-/// The rays that a projection shows as points: those of NDC (x, y) run from one point along
-/// `middle + x per_x + y per_y`. Behind a lens that point is not the objective but the objective's
-/// image in the eye.
-struct Rays {
-    from: DVec3,
-    middle: DVec3,
-    per_x: DVec3,
-    per_y: DVec3,
-}
-
-impl Rays {
-    fn of(clip: &DMat4) -> Self {
-        let [x, y, w] = [clip.row(0), clip.row(1), clip.row(3)];
-        let rows = DMat3::from_cols(x.truncate(), y.truncate(), w.truncate()).transpose();
-        let back = rows.inverse();
-        let from = back * DVec3::new(-x.w, -y.w, -w.w);
-        Self { from, middle: back.z_axis, per_x: back.x_axis, per_y: back.y_axis }
     }
 }
 

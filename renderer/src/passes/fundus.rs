@@ -69,12 +69,12 @@ impl Fundus {
 
 /// Indices of a ring's triangles: inner corners first, then outer ones.
 fn ring_triangles() -> Vec<u32> {
-    let corners = (0..SEGMENTS).flat_map(|segment| {
-        let (a, b) = (segment, (segment + 1) % SEGMENTS);
+    let corners = |a| {
+        let b = (a + 1) % SEGMENTS;
         let (c, d) = (SEGMENTS + a, SEGMENTS + b);
         [a, c, d, a, d, b]
-    });
-    corners.collect()
+    };
+    (0..SEGMENTS).flat_map(corners).collect()
 }
 
 /// The map of the retina on the device.

@@ -104,11 +104,8 @@ impl Figures {
     /// Distance from the needle within which an injection at `pressure_pa` takes the retina off at
     /// once (the paper's d), mm; 0 below the pressure from which it flows.
     pub fn detach_mm(&self, pressure_pa: f64) -> f64 {
-        if pressure_pa > self.scene.flow_from_pa {
-            self.scene.detach_mm_per_kpa * pressure_pa * 1e-3
-        } else {
-            0.0
-        }
+        let flows = pressure_pa > self.scene.flow_from_pa;
+        if flows { self.scene.detach_mm_per_kpa * pressure_pa * 1e-3 } else { 0.0 }
     }
 
     /// Flow out of an opening of `area_mm2` under `pressure_pa`, mm³/s (Torricelli); into it where

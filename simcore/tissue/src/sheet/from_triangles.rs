@@ -267,14 +267,10 @@ fn springs_of(edges: &[Edge], triangles: usize) -> Vec<[u32; 3]> {
 }
 
 /// Turns a triangle so that its lowest node comes first; its sense stays.
-fn lowest_first([a, b, c]: [u32; 3]) -> [u32; 3] {
-    if a < b && a < c {
-        [a, b, c]
-    } else if b < c {
-        [b, c, a]
-    } else {
-        [c, a, b]
-    }
+fn lowest_first(mut triangle: [u32; 3]) -> [u32; 3] {
+    let lowest = (0..3).min_by_key(|&i| triangle[i]).unwrap_or(0);
+    triangle.rotate_left(lowest);
+    triangle
 }
 
 #[cfg(test)]

@@ -51,8 +51,7 @@ fn is_sane(state: &SheetState, node: usize) -> bool {
 pub fn all_finite(state: &SheetState) -> bool {
     let n = state.nodes();
     let ([x, y, z], [u, v, w]) = (&state.position_mm, &state.velocity_mm_s);
-    let lists = [x, y, z, u, v, w].map(|list| &list[..n]);
-    let [x, y, z, u, v, w] = lists;
+    let [x, y, z, u, v, w] = [x, y, z, u, v, w].map(|list| &list[..n]);
     let mut sane = 0usize;
     for i in 0..n {
         let near = x[i] * x[i] + y[i] * y[i] + z[i] * z[i] <= RUNAWAY_MM * RUNAWAY_MM;

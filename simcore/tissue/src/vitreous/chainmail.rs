@@ -192,12 +192,10 @@ impl Chainmail {
         self.moved.clear();
         let slack: [&[u16]; LINKS] = std::array::from_fn(|k| {
             let ahead = (k % 2 == 1) == up;
-            let kind = if k / 2 != axis {
-                SHEAR
-            } else if ahead {
-                COMPRESS
-            } else {
-                STRETCH
+            let kind = match (k / 2 == axis, ahead) {
+                (false, _) => SHEAR,
+                (true, true) => COMPRESS,
+                (true, false) => STRETCH,
             };
             mail.lattice.limit[k / 2][kind].as_slice()
         });
