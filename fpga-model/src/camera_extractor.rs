@@ -6,8 +6,12 @@
 
 use crate::scan::limits::{CAMERA, DIVIDER_CLOCKS, LINE_CLOCKS};
 use crate::scan::{Found, Scanner, Settings};
+use protocol::blobs::BlobField;
+use protocol::camera::Camera;
 use protocol::fields::{FieldHeader, FieldPicture, SensorError, field_size};
-use protocol::{blobs::BlobField, camera::Camera, region, rig::Rig, time::Nanos};
+use protocol::region;
+use protocol::rig::Rig;
+use protocol::time::Nanos;
 
 /// The extractor of one camera.
 pub struct CameraExtractor {

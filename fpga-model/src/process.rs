@@ -5,16 +5,21 @@
 //! before its first line has left the sensor. Whether the source is virtual or a camera makes no
 //! difference here.
 
-use crate::{camera_extractor::CameraExtractor, config::Config};
+use crate::camera_extractor::CameraExtractor;
+use crate::config::Config;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
+use ipc::outbox::Outbox;
+use ipc::shell::Shell;
 use ipc::{BlockReceiver, BlockSample, Instance, Sender, wait};
-use ipc::{outbox::Outbox, shell::Shell};
+use protocol::blobs::BlobField;
+use protocol::control::Command;
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
 use protocol::limits::{MAX_CAMERAS, MAX_WAIT_MS};
-use protocol::{blobs::BlobField, control::Command, rig::Rig, time::Nanos};
+use protocol::rig::Rig;
+use protocol::time::Nanos;
 
 /// Time before an instant from which on channels are not served, ns.
 const FINE_NS: u64 = 500_000;

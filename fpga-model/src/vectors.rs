@@ -26,7 +26,8 @@
 
 pub mod patterns;
 
-use crate::scan::{Found, Scanner, background::Level};
+use crate::scan::background::Level;
+use crate::scan::{Found, Scanner};
 use patterns::Pattern;
 use std::fmt::Write;
 

@@ -2,10 +2,11 @@
 
 use anyhow::bail;
 use ipc::logging::warn;
+use protocol::blobs::BlobField;
 use protocol::frames::FrameRecord;
+use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
-use protocol::{blobs::BlobField, poses::TrackerFrame};
 use recording::{Item, Recording};
 use serde::Serialize;
 use std::path::PathBuf;

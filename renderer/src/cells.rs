@@ -2,7 +2,9 @@
 //! Their borders lie on multiples of four pixels: a processor that draws shades whole blocks of
 //! 4×4, and a block that an edge cuts is shaded once for each of its sides.
 
-use crate::{governor::Tier, passes::IndexList, view::FIELD_FILL};
+use crate::governor::Tier;
+use crate::passes::IndexList;
+use crate::view::FIELD_FILL;
 use wgpu::Device;
 
 /// Corners of a row, as in `fundus.wgsl`.

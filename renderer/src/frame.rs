@@ -6,23 +6,34 @@ mod overlay;
 mod uniform;
 
 use crate::assets::{AssetError, Assets};
+use crate::governor::TIERS;
+use crate::gpu::Gpu;
+use crate::latch::Latched;
+use crate::layers::Layers;
+use crate::passes::Uniforms;
+use crate::passes::bodies::Bodies;
+use crate::passes::dose::Dose;
 use crate::passes::focus::{Focus, Tiles};
 use crate::passes::fundus::{Fundus, FundusMap, light_group, light_layout};
+use crate::passes::haze::Haze;
 use crate::passes::instruments::{Instruments, Meshes};
+use crate::passes::marks::Marks;
 use crate::passes::membrane::{Membrane, TissueBuffers};
+use crate::passes::retina::Retina;
 use crate::passes::shadow::{Shadow, ShadowMap};
-use crate::passes::{
-    Uniforms, bodies::Bodies, dose::Dose, haze::Haze, marks::Marks, retina::Retina, text::Text,
-};
+use crate::passes::text::Text;
+use crate::target::Target;
 use crate::timing::{PassTimes, Timing};
-use crate::{
-    governor::TIERS, gpu::Gpu, latch::Latched, layers::Layers, target::Target, tissue::Tissue, tools::Shaft,
-    view::CHANNELS,
-};
+use crate::tissue::Tissue;
+use crate::tools::Shaft;
+use crate::view::CHANNELS;
 use bytemuck::Zeroable;
 use overlay::OverlayText;
+use protocol::handles::Tool;
+use protocol::limits::INSTRUMENTS;
+use protocol::message::Invalid;
+use protocol::optics::Filter;
 use protocol::scene::{Microscope, SceneHeader, SceneNode, SceneTriangle, section};
-use protocol::{handles::Tool, limits::INSTRUMENTS, message::Invalid, optics::Filter};
 use scene::Side;
 use wgpu::{BindGroup, CommandBuffer};
 

@@ -1,11 +1,15 @@
 //! The only light inside the eye: the light pipe's beam.
 
-use crate::{latch::Latched, layout::FrameUniform, tools::FIBRE_FACE_MM};
+use crate::latch::Latched;
+use crate::layout::FrameUniform;
+use crate::tools::FIBRE_FACE_MM;
 use glam::dcamera::rh::proj::directx::perspective;
 use glam::dcamera::rh::view::look_at_mat4;
 use glam::{DMat4, DVec3};
 use protocol::dose::{BEAM_INNER_RAD, BEAM_OUTER_RAD};
-use protocol::{handles::Tool, limits::INSTRUMENTS, optics::Filter};
+use protocol::handles::Tool;
+use protocol::limits::INSTRUMENTS;
+use protocol::optics::Filter;
 
 /// The shadow map reaches a little beyond the cone, rad.
 const MAP_RAD: f64 = 0.86;

@@ -2,9 +2,11 @@
 
 use glam::{DMat4, DQuat, DVec3};
 use protocol::geometry::{Pose, Validity};
+use protocol::limits::INSTRUMENTS;
 use protocol::poses::{EYE, TrackerFrame};
+use protocol::predict::predict;
+use protocol::scene::SceneHeader;
 use protocol::time::{Instants, Nanos};
-use protocol::{limits::INSTRUMENTS, predict::predict, scene::SceneHeader};
 
 /// Age of the last frame from which every body counts as lost, ns.
 const SILENT_NS: u64 = 400_000_000;

@@ -5,25 +5,32 @@ mod pictures;
 mod user;
 
 use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO_HZ};
+use crate::frame::Renderer;
 use crate::governor::{FLOOR, Governor, TIERS};
+use crate::gpu::Gpu;
+use crate::gpu_clock::GpuClock;
 use crate::latch::{Latched, latch, latch_scene};
 use crate::output::{Output, OutputConfig};
 use crate::pacing::{Pacing, Ticks};
 use crate::present::{Present, Ready};
-use crate::{frame::Renderer, gpu::Gpu, gpu_clock::GpuClock, readback::ReadBack, start};
+use crate::readback::ReadBack;
+use crate::start;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
 use ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
 use protocol::budget::{Budgets, Stage};
+use protocol::control::Command;
 use protocol::frames::{
     BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PictureHeader, TIER_CHANGED,
     TRACKING_LOST_SHOWN,
 };
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
-use protocol::{control::Command, poses::TrackerFrame, scene::SceneHeader, time::Nanos};
+use protocol::poses::TrackerFrame;
+use protocol::scene::SceneHeader;
+use protocol::time::Nanos;
 use scene::SceneFile;
 use user::User;
 

@@ -1,7 +1,9 @@
 //! Brings finished pictures back from the device, only when an output asks for one.
 
+use crate::governor::TIERS;
 use crate::gpu::{Gpu, GpuError};
-use crate::{governor::TIERS, passes::buffer, target::Target};
+use crate::passes::buffer;
+use crate::target::Target;
 use wgpu::{Buffer, BufferUsages, COPY_BYTES_PER_ROW_ALIGNMENT, MapMode};
 
 /// A picture of both channels side by side, RGBA, 8 bits, rows from top to bottom.

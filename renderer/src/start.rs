@@ -1,15 +1,23 @@
 //! Start of the renderer: scene and rig, tiers, and a warm-up in which the driver compiles its
 //! programs (60 to 700 ms on a software driver, too long for the first picture).
 
+use crate::assets::Assets;
+use crate::config::Config;
+use crate::costs::Costs;
 use crate::frame::{Renderer, RendererConfig};
 use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
+use crate::gpu::Gpu;
 use crate::latch::{Latched, latch_scene};
+use crate::reference_scene::Contents;
 use crate::tools::{NOMINAL_CANNULA_MM, Shaft};
-use crate::{assets::Assets, config::Config, costs::Costs, gpu::Gpu, reference_scene::Contents};
 use anyhow::Result;
 use bytemuck::Zeroable;
+use protocol::geometry::Pose;
+use protocol::limits::INSTRUMENTS;
+use protocol::poses::BODY_NAMES;
+use protocol::rig::Rig;
 use protocol::scene::{NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle};
-use protocol::{geometry::Pose, limits::INSTRUMENTS, poses::BODY_NAMES, rig::Rig, time::Nanos};
+use protocol::time::Nanos;
 use scene::SceneFile;
 
 /// The best tier for which a software driver makes room.

@@ -1,6 +1,8 @@
 //! Times of a frame's passes by timestamps of the device, where it has them.
 
-use crate::{gpu::Gpu, gpu_clock::Span, passes::buffer};
+use crate::gpu::Gpu;
+use crate::gpu_clock::Span;
+use crate::passes::buffer;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use wgpu::{Buffer, BufferUsages, CommandEncoder, MapMode, QuerySet, RenderPassTimestampWrites};

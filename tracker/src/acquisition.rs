@@ -2,11 +2,12 @@
 //! rays meet, find three points with the distances of three markers, align the body with them, and
 //! score the pose by the blobs of all cameras.
 
+use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
 use crate::observation::{FieldObservation, camera_of, marker_covariance};
+use crate::pose_math::Matrix6;
 use crate::projection::{PoseMatrix, project_marker};
 use crate::rig_model::{BodyModel, RigModel, Triple};
-use crate::{constants as k, pose_math::Matrix6};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use protocol::limits::{MAX_BLOBS, MAX_CAMERAS};
 

@@ -18,8 +18,12 @@ mod refusal;
 pub use refusal::Refusal;
 
 use crate::tracker::Reference;
+use protocol::blobs::BlobField;
 use protocol::limits::{CAMERA_WAIT_NS, MAX_CAMERAS, MAX_FIELDS_USED};
-use protocol::{blobs::BlobField, message::Message, poses::ClosedBy, rig::Rig, time::Nanos};
+use protocol::message::Message;
+use protocol::poses::ClosedBy;
+use protocol::rig::Rig;
+use protocol::time::Nanos;
 
 /// Exposures of genlocked cameras differ by less than this (ε), ns.
 const GENLOCK_NS: u64 = 500_000;

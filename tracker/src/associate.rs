@@ -1,11 +1,12 @@
 //! Data association: which blob is which marker of a body whose pose is predicted. By colour, size
 //! and Mahalanobis distance, nearest first, each blob and each marker once in a camera-field.
 
+use crate::constants as k;
 use crate::fit::{BlobMatch, MAX_MATCHES};
 use crate::observation::{FieldObservation, camera_of, marker_covariance};
 use crate::pose_math::{Matrix6, propagated};
 use crate::projection::{PoseMatrix, pose_jacobian, project_marker};
-use crate::{constants as k, rig_model::RigModel};
+use crate::rig_model::RigModel;
 use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 

@@ -1,7 +1,9 @@
 //! The filter of a body: an eye turns about its centre, an instrument passes a trocar.
 
+use crate::eye_filter::EyeFilter;
 use crate::instrument_filter::{InstrumentFilter, Pivot};
-use crate::{eye_filter::EyeFilter, pose_math::Matrix6, rig_model::BodyModel};
+use crate::pose_math::Matrix6;
+use crate::rig_model::BodyModel;
 use nalgebra::{Isometry3, Vector3};
 
 /// The filter of one body.

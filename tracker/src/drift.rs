@@ -11,9 +11,11 @@
 //! What changes no residual is not observable: where all markers of a body moved together, pose and
 //! tip move with them. [`DriftReport::blind_mm`] is how much of that the prior allows.
 
+use crate::constants as k;
+use crate::fit::BlobMatch;
 use crate::pose_math::{Matrix6, propagated};
 use crate::projection::{PoseMatrix, pose_jacobian, project_marker};
-use crate::{constants as k, fit::BlobMatch, rig_model::RigModel};
+use crate::rig_model::RigModel;
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;

@@ -7,8 +7,9 @@
 //! pose with its 6×6 covariance *after* the prior went in (see `fit`), so the rest of the state
 //! follows by its regression on the pose: x_r += K·δ, K = P_rp·P_pp⁻¹.
 
+use crate::constants as k;
+use crate::motion_models::Singer;
 use crate::pose_math::{Matrix6, box_minus, exp};
-use crate::{constants as k, motion_models::Singer};
 use nalgebra::{Isometry3, SMatrix, Translation3, Vector3};
 
 type Matrix18 = SMatrix<f64, 18, 18>;

@@ -8,10 +8,12 @@
 //! repeated with weights 1/(1 + d²/9) (Cauchy); then the worst blobs beyond the limit are rejected
 //! one by one, and the rest is fitted without weights.
 
+use crate::body_filter::BodyFilter;
+use crate::constants as k;
+use crate::observation::FieldObservation;
 use crate::pose_math::{Matrix6, Vector6, box_minus, box_plus, propagated};
 use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
 use crate::rig_model::{BodyModel, RigModel};
-use crate::{body_filter::BodyFilter, constants as k, observation::FieldObservation};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, SMatrix, Vector2, Vector3};
 use protocol::limits::{MAX_CAMERAS, MAX_MARKERS};
 

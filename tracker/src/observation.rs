@@ -1,9 +1,12 @@
 //! Observations: the blobs of a camera-field in pixels of the frame, with their covariances.
 
-use crate::{constants as k, projection::MarkerImage, rig_model::RigModel};
+use crate::constants as k;
+use crate::projection::MarkerImage;
+use crate::rig_model::RigModel;
 use nalgebra::{Matrix2, Vector2};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, BlobField, DEFAULT_VARIANCE_PX2};
-use protocol::{camera::Camera, limits::MAX_BLOBS};
+use protocol::camera::Camera;
+use protocol::limits::MAX_BLOBS;
 
 /// A blob.
 #[derive(Debug, Clone, Copy, PartialEq)]

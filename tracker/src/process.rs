@@ -1,15 +1,22 @@
 //! The process: fields in, frames out. The only module that knows the clock and the transport.
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
+use crate::config::Config;
+use crate::replay::FieldStore;
+use crate::rig_check;
 use crate::tracker::{Reference, Tracker, close};
-use crate::{config::Config, replay::FieldStore, rig_check};
 use anyhow::Context;
+use ipc::clock::now;
+use ipc::shell::Shell;
 use ipc::{Queue, Receiver, Sender, Wakes, wait};
-use ipc::{clock::now, shell::Shell};
+use protocol::blobs::BlobField;
 use protocol::control::{Command, RecordedFrame};
 use protocol::health::{Process, STATE_RUNNING};
+use protocol::limits::MAX_WAIT_MS;
+use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
-use protocol::{blobs::BlobField, limits::MAX_WAIT_MS, message::Message, rig::Rig, time::Nanos};
+use protocol::rig::Rig;
+use protocol::time::Nanos;
 
 /// Runs the tracker until it is asked to stop.
 ///

@@ -1,6 +1,8 @@
 //! Replay: the camera-fields that a recorded frame consumed, found again among those received.
 
-use protocol::{blobs::BlobField, control::RecordedFrame, poses::FieldUsed};
+use protocol::blobs::BlobField;
+use protocol::control::RecordedFrame;
+use protocol::poses::FieldUsed;
 
 /// Fields kept for recorded frames to come; the queue of the channel holds as many.
 const CAPACITY: usize = 256;

@@ -3,8 +3,10 @@
 use crate::rig_model::{Marker, RigModel};
 use anyhow::{Result, bail, ensure};
 use nalgebra::{Matrix3, Point3, Vector3};
+use protocol::camera::Camera;
+use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, EYE};
-use protocol::{camera::Camera, limits::BODIES, rig::Rig};
+use protocol::rig::Rig;
 
 /// Least distance of two cameras, mm; below it depth is not observable.
 const SHORTEST_BASE_MM: f64 = 1.0;

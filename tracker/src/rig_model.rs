@@ -1,6 +1,8 @@
 //! The rig in the form that the tracker computes with: cameras by id, markers and trocar by body.
 
-use crate::{constants as k, eye_filter::StartSigmas, motion_models::Singer};
+use crate::constants as k;
+use crate::eye_filter::StartSigmas;
+use crate::motion_models::Singer;
 use nalgebra::{Point3, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_MARKERS};

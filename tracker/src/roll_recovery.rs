@@ -7,12 +7,15 @@
 //! the shaft fit well.
 
 use crate::associate::{AssociationInput, PredictedBody};
+use crate::constants as k;
+use crate::fit::BlobMatch;
 use crate::observation::{BlobObservation, FieldObservation, camera_of, is_localised, marker_covariance};
 use crate::pose_math::{exp, propagated};
 use crate::projection::{MarkerImage, PoseMatrix, pose_jacobian, project_marker};
-use crate::{constants as k, fit::BlobMatch, rig_model::BodyModel};
+use crate::rig_model::BodyModel;
 use nalgebra::{Isometry3, Matrix2, Vector2, Vector3};
-use protocol::{camera::Camera, limits::BODIES};
+use protocol::camera::Camera;
+use protocol::limits::BODIES;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Most votes; more are clutter.

@@ -2,7 +2,9 @@
 
 use crate::assembler::{ClosedFrame, FrameAssembler};
 use crate::tracker::Tracker;
-use protocol::{blobs::BlobField, poses::TrackerFrame, rig::Rig};
+use protocol::blobs::BlobField;
+use protocol::poses::TrackerFrame;
+use protocol::rig::Rig;
 
 /// Tracks `fields` in the order of their arrival and hands every frame with the fields it used to
 /// `visit`. Time-outs follow the newest `blobs_out_ns`.

@@ -12,9 +12,10 @@ use crate::observation::FieldObservation;
 use crate::rig_model::RigModel;
 use crate::track::Track;
 use bytemuck::Zeroable;
+use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};
 use protocol::poses::{BodyStatus, ClosedBy, EYE, FieldUsed, TrackerFrame};
-use protocol::{blobs::BlobField, rig::Rig};
+use protocol::rig::Rig;
 
 /// The exposure that a frame is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

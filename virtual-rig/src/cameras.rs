@@ -1,11 +1,17 @@
 //! The virtual cameras of a rig: fields of pixels, or of blobs.
 
-use crate::faults::{FaultEvent, FaultInjector, readout::Tear};
+use crate::direct;
+use crate::faults::readout::Tear;
+use crate::faults::tally::FaultTally;
+use crate::faults::timing::Clock;
+use crate::faults::{FaultEvent, FaultInjector};
 use crate::painter::{MAX_PATCHES, Painter, Patch};
 use crate::projection::{MarkerImage, Markers};
-use crate::{direct, faults::tally::FaultTally, faults::timing::Clock};
+use protocol::blobs::BlobField;
+use protocol::camera::Camera;
 use protocol::fields::{FORMAT_YCBCR_422, FieldHeader, FieldPicture, SensorError, field_size};
-use protocol::{blobs::BlobField, camera::Camera, region, rig::Rig};
+use protocol::region;
+use protocol::rig::Rig;
 use surgeon::motion::{Motion, MotionSource};
 
 /// Form of the fields.

@@ -1,9 +1,11 @@
 //! Blobs straight from the markers, with Gaussian noise and no pixels: for fast studies.
 
-use crate::{faults::scene::GHOST, painter::Patch};
+use crate::faults::scene::GHOST;
+use crate::painter::Patch;
 use nalgebra::Vector2;
 use protocol::blobs::{BLOB_SATURATED, Blob, BlobField};
-use protocol::{camera::Camera, random::unit_interval};
+use protocol::camera::Camera;
+use protocol::random::unit_interval;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::f64::consts::{PI, TAU};

@@ -26,7 +26,8 @@ pub mod spec;
 pub mod tally;
 pub mod timing;
 
-use protocol::{poses::BODY_NAMES, rig::Rig};
+use protocol::poses::BODY_NAMES;
+use protocol::rig::Rig;
 use sampler::FaultSampler;
 use serde::Serialize;
 pub use spec::FaultKind;

@@ -10,15 +10,19 @@ mod simulation;
 mod surgeon;
 mod timeline;
 
-use crate::{config::Config, playback::BlobPlayback};
+use crate::config::Config;
+use crate::playback::BlobPlayback;
 use anyhow::{Context, Result, ensure};
 use controls::Controls;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
 use ipc::{Instance, Sender, wait};
 use perception::PerceptionInput;
+use protocol::blobs::BlobField;
+use protocol::control::Command;
 use protocol::health::{Process, STATE_FINISHED, STATE_RUNNING};
-use protocol::{blobs::BlobField, control::Command, limits::MAX_WAIT_MS, rig::Rig};
+use protocol::limits::MAX_WAIT_MS;
+use protocol::rig::Rig;
 use surgeon::ScriptedSurgeon;
 use timeline::Timeline;
 

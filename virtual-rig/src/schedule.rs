@@ -5,7 +5,8 @@
 //! made as soon as its field before has left, ahead of the instant at which its blobs are due; it
 //! is not begun just before another group's field has to leave.
 
-use crate::{cameras::Cameras, faults::timing::Clock};
+use crate::cameras::Cameras;
+use crate::faults::timing::Clock;
 
 /// Time kept free before a send, ns; drawing a field takes less than 1 ms.
 const ROOM_NS: u64 = 3_000_000;

@@ -1,7 +1,8 @@
 //! Files of colour classes (`vitreo-colours-1`): references, tolerances and thresholds.
 
 use super::{CLASSES, Class, ColourTable};
-use crate::{scan::Settings, scan::background::Level};
+use crate::scan::Settings;
+use crate::scan::background::Level;
 use anyhow::{Result, anyhow, ensure};
 use protocol::blobs::Colour;
 use serde::{Deserialize, Serialize};

@@ -4,7 +4,8 @@
 //! most colourful ones. Their medians are the reference, and the spread of their hues gives the
 //! tolerance. Highlights, shadows and some background in a sample therefore have no effect.
 
-use super::{Class, convert::GREY};
+use super::Class;
+use super::convert::GREY;
 use crate::input::{Picture, bin_of_rank};
 use protocol::blobs::Colour;
 

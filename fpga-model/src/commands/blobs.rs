@@ -2,8 +2,10 @@
 
 use super::extractor::{Counts, Extractor, Tuning};
 use super::progress;
-use crate::input::{Interlace, overlay, still::Levels};
-use crate::{colours::file::ColourFile, input::source::Source};
+use crate::colours::file::ColourFile;
+use crate::input::source::Source;
+use crate::input::still::Levels;
+use crate::input::{Interlace, overlay};
 use anyhow::{Context, Result};
 use blob_stream::write_blobs;
 use ipc::clock::now;

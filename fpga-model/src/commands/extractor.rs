@@ -1,9 +1,12 @@
 //! Scanners of `vitreo blobs`: settings by the user, one scanner a camera, blobs found.
 
+use crate::colours::CLASSES;
+use crate::colours::file::ColourFile;
 use crate::input::source::{Reading, Shot};
-use crate::input::{Interlace, bin_of_rank, still::Levels};
+use crate::input::still::Levels;
+use crate::input::{Interlace, bin_of_rank};
+use crate::scan::background::Level;
 use crate::scan::{Found, Scanner, Settings, limits};
-use crate::{colours::CLASSES, colours::file::ColourFile, scan::background::Level};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, Blob, Colour};
 use protocol::fields::DARK;
 

@@ -14,9 +14,11 @@ use crate::colours::ColourTable;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use blob_stream::{FieldHead, HeadReader};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS};
+use std::collections::VecDeque;
+use std::fs::File;
 use std::io::{BufRead, BufReader};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
-use std::{collections::VecDeque, fs::File, os::unix::fs::FileTypeExt};
 
 /// Name that stands for a clip on the standard input.
 pub const STDIN: &str = "-";

@@ -8,7 +8,9 @@ use super::{Picture, bin_of_rank, check_size};
 use crate::colours::convert::{GREY, luma_of_full, ycc_of_rgb};
 use anyhow::{Result, anyhow, ensure};
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
-use std::{fs::File, io::BufReader, path::Path};
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
 
 /// Memory limit of a decoder, bytes: the largest picture with 4 samples of 16 bits, and half as
 /// much again.

@@ -2,9 +2,10 @@
 //!
 //! Everything is computed in integers; only the finished numbers become floating point.
 
+use super::limits::FULL_WEIGHT;
 use super::moments::{BITS, Moments, ONE};
 use super::split::{Shape, shape};
-use super::{limits::FULL_WEIGHT, sums::Sums};
+use super::sums::Sums;
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, Blob};
 
 /// Shift of a centre towards the bright side per relative slope of the illumination, px²:

@@ -2,7 +2,8 @@
 //!
 //! Integers only; the widths that the hardware needs are in [`super::limits::Widths`].
 
-use super::{limits::FULL_WEIGHT, weight::Slope};
+use super::limits::FULL_WEIGHT;
+use super::weight::Slope;
 
 /// Luma from which a pixel counts as saturated: peak white of BT.601.
 pub const SATURATED: u8 = 235;

@@ -1,8 +1,9 @@
 //! Small fields that are hard for an extractor, with their settings.
 
 use crate::colours::CLASSES;
+use crate::scan::Settings;
+use crate::scan::background::Level;
 use crate::scan::limits::{CAMERA, Limits};
-use crate::scan::{Settings, background::Level};
 use protocol::blobs::Colour;
 use protocol::fields::{DARK, FieldPicture};
 

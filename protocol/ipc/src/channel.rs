@@ -4,7 +4,8 @@ use super::instance::{Instance, Service};
 use super::wake::{Listener, Notifier, Wakes};
 use super::{IpcError, Queue, transport};
 use crate::clock::now;
-use iceoryx2::port::{publisher::Publisher, subscriber::Subscriber};
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,

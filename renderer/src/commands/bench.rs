@@ -5,11 +5,13 @@
 use anyhow::Result;
 use ipc::clock::now;
 use protocol::rig::Rig;
+use renderer::frame::Renderer;
 use renderer::governor::{TIERS, Tier};
+use renderer::gpu::Gpu;
 use renderer::latch::{Latched, latch_scene};
+use renderer::layers::Layers;
 use renderer::reference_scene::{self, SUBJECTS};
 use renderer::start::{map_px, renderer_config};
-use renderer::{frame::Renderer, gpu::Gpu, layers::Layers};
 use scene::{DEFAULT_SCENE, SceneFile};
 
 /// Rounds of a measurement, time after which it ends early (ns), and least number of rounds.

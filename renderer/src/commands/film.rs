@@ -5,12 +5,17 @@ use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
 use protocol::rig::Rig;
 use protocol::scene_stream::Reader;
-use renderer::output::{picture::rgb, save_png, y4m::Y4m};
+use renderer::config::VIDEO_HZ;
+use renderer::governor::TIERS;
+use renderer::gpu::Gpu;
+use renderer::latch::latch_scene;
+use renderer::offscreen::Offscreen;
+use renderer::output::picture::rgb;
+use renderer::output::save_png;
+use renderer::output::y4m::Y4m;
+use renderer::readback::Picture;
 use renderer::start::{map_px, renderer_config};
 use renderer::stereo::{Arrangement, arrange};
-use renderer::{
-    config::VIDEO_HZ, governor::TIERS, gpu::Gpu, latch::latch_scene, offscreen::Offscreen, readback::Picture,
-};
 use scene::SceneFile;
 use std::path::{Path, PathBuf};
 

@@ -2,11 +2,14 @@
 
 use super::Renderer;
 use crate::governor::{Shading, TIERS};
+use crate::lamp::lamp_index;
+use crate::layers::Layers;
 use crate::passes::focus::{self, Tiles};
 use crate::passes::shadow::{Casters, ShadowMap};
 use crate::passes::{VIEW_STRIDE, clear_depth};
+use crate::target::Target;
 use crate::timing::{Pass, Timing};
-use crate::{lamp::lamp_index, layers::Layers, target::Target, view::CHANNELS};
+use crate::view::CHANNELS;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{BindGroup, CommandEncoder, RenderPass};
 

@@ -1,11 +1,15 @@
 //! Uniforms of a frame: filled in from the scene and the latched poses just before submission.
 
 use super::Renderer;
+use crate::cells::cell_ndc;
 use crate::governor::{Shading, TIERS, Tier};
 use crate::lamp::{self, Lamp, lamp_index};
+use crate::latch::Latched;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
+use crate::passes::VIEW_STRIDE;
+use crate::tools::JAW_LENGTH_MM;
 use crate::view::{CHANNELS, FIELD_FILL, focus_plane, view_uniform};
-use crate::{cells::cell_ndc, fundus_map, latch::Latched, optics, passes::VIEW_STRIDE, tools::JAW_LENGTH_MM};
+use crate::{fundus_map, optics};
 use bytemuck::Zeroable;
 use glam::Mat4;
 use protocol::scene::Microscope;

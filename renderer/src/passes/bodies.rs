@@ -1,7 +1,9 @@
 //! Rigid bodies of abstract tasks: spheres, boxes and capsules, which also cast shadows.
 
 use super::{MeshBuffers, PipelineSpec, Uniforms, buffer, pipeline, pipelines};
-use crate::{governor::Shading, layout::MetalVertex, tools::Mesh};
+use crate::governor::Shading;
+use crate::layout::MetalVertex;
+use crate::tools::Mesh;
 use protocol::scene::SceneBody;
 use std::f32::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;

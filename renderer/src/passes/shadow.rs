@@ -2,8 +2,10 @@
 //! tiles, instruments, which cast full shadows, and the membrane, which dims. Lean tiers: a mask of
 //! light, which costs a pixel of the picture one fetch instead of several comparisons.
 
+use super::bodies::Bodies;
+use super::instruments::Meshes;
+use super::membrane::TissueBuffers;
 use super::{COLOUR, DEPTH, PipelineSpec, Uniforms, clear_colour, clear_depth, drawn_and_read, pipeline};
-use super::{bodies::Bodies, instruments::Meshes, membrane::TissueBuffers};
 use crate::governor::{Shading, Tier};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;

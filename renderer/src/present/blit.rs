@@ -1,10 +1,12 @@
 //! Copies a finished picture onto a surface, as large as fits, its channels arranged.
 
+use crate::gpu::Gpu;
 use crate::passes::{
     FILTERED, PipelineSpec, SAMPLER, UNIFORM, bind_group, bind_group_layout, buffer, clear_colour, pipeline,
     sampler, texture_type,
 };
-use crate::{gpu::Gpu, stereo::Arrangement, target::Target};
+use crate::stereo::Arrangement;
+use crate::target::Target;
 use bytemuck::{Pod, Zeroable};
 use wgpu::{
     BindGroupLayout, BindingResource, Buffer, BufferUsages, FilterMode, RenderPipeline, Sampler,

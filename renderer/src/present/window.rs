@@ -2,21 +2,25 @@
 
 use super::blit::Blit;
 use super::{PresentError, Ready};
-use crate::{gpu::Gpu, stereo::Arrangement, target::Target};
+use crate::gpu::Gpu;
+use crate::stereo::Arrangement;
+use crate::target::Target;
 use protocol::bindings::Action;
 use protocol::inputs::{Input, Key as OurKey};
 use protocol::time::Nanos;
 use std::sync::Arc;
 use std::time::Duration;
 use wgpu::{CurrentSurfaceTexture, Surface, SurfaceConfiguration, SurfaceTexture};
+use winit::application::ApplicationHandler;
+use winit::dpi::LogicalSize;
 use winit::event::{
     DeviceEvent, DeviceId, ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent,
 };
 use winit::event_loop::{ActiveEventLoop, EventLoop};
 use winit::keyboard::{Key, KeyCode, NamedKey, PhysicalKey};
+use winit::monitor::MonitorHandle;
 use winit::platform::pump_events::{EventLoopExtPumpEvents, PumpStatus};
 use winit::window::{CursorGrabMode, Fullscreen, WindowId};
-use winit::{application::ApplicationHandler, dpi::LogicalSize, monitor::MonitorHandle};
 
 /// Size of the window at the start: two channels of 5:4.
 const SIZE: LogicalSize<u32> = LogicalSize::new(1280, 512);

@@ -3,7 +3,9 @@
 
 use crate::perception::perform;
 use anyhow::Context;
-use protocol::{scene::SceneHeader, scene_stream, time::Instants};
+use protocol::scene::SceneHeader;
+use protocol::scene_stream;
+use protocol::time::Instants;
 use scene::SceneFile;
 use simcore::scene_block::{SceneWriter, bytes_needed};
 use simcore::world::{World, WorldError};

@@ -1,7 +1,9 @@
 //! Boards in pictures: chessboards and grids of dots, as points in a known order.
 
+use crate::grey_image::GreyImage;
 use crate::grid::{self, Node};
-use crate::{corners, dots, grey_image::GreyImage, target_problem::Correspondence};
+use crate::target_problem::Correspondence;
+use crate::{corners, dots};
 use nalgebra::{Point3, Vector2};
 
 /// What is printed on the board.

@@ -4,14 +4,17 @@ mod stream;
 mod target;
 
 use crate::lens::{LENS, LENS_NAMES};
+use crate::multi_camera::Progress;
+use crate::report::Report;
+use crate::residual_plot::residual_picture;
 use crate::target_problem::{Residual, Robustness};
-use crate::{multi_camera::Progress, report::Report, residual_plot::residual_picture};
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use ipc::logging::LogArgs;
 use protocol::camera::Camera;
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::{io::IsTerminal, process::ExitCode};
+use std::process::ExitCode;
 
 /// Finds lenses, camera poses, markers and trocars, and checks whether they still hold.
 #[derive(Debug, Clone, clap::Parser)]

@@ -5,7 +5,8 @@
 //! difference is about r²·tan(tilt)/(4·distance), in mm, and below a tenth of a pixel where dots
 //! are a few pixels wide.
 
-use crate::{grey_image::GreyImage, grid::Node};
+use crate::grey_image::GreyImage;
+use crate::grid::Node;
 use nalgebra::{Matrix2, Vector2};
 
 /// A dot.

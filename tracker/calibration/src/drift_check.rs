@@ -9,10 +9,12 @@
 //! The statistic is a lower bound of the drift: motions that the poses absorb (of the whole rig
 //! about the eye's centre, of all markers of a body together) leave no residual.
 
+use crate::bundle::Bundle;
 use crate::lens::{EXTRINSICS, by_extrinsics, project};
 use crate::observations::{FrameObservations, MarkerObservation};
 use crate::self_calibration::{camera_rms, every_camera_saw, fitted, residuals_of};
-use crate::{CalibrationError, bundle::Bundle, degenerate, target_problem::rms};
+use crate::target_problem::rms;
+use crate::{CalibrationError, degenerate};
 use nalgebra::{Matrix2, SMatrix, SVector};
 use protocol::rig::Rig;
 

@@ -1,9 +1,10 @@
 //! Which dot of a picture is which of a target whose dots are known: from a few that a person
 //! picked, by predicting where the others must be, ever more exactly.
 
+use crate::dots::Dot;
 use crate::linear::{camera_from_dots, plane_of};
+use crate::target_problem::Correspondence;
 use crate::{CalibrationError, degenerate, median};
-use crate::{dots::Dot, target_problem::Correspondence};
 use nalgebra::{Matrix4, Matrix4x2, Point3, Vector2, Vector4};
 
 /// A dot may lie so far from where it is predicted, as a share of the distance between dots.

@@ -4,10 +4,10 @@
 //! They ignore distortion and minimise algebraic errors; the least squares after them does the
 //! rest.
 
-use crate::{
-    CalibrationError, degenerate, lens::pinhole_camera, target_problem::Correspondence,
-    target_problem::set_camera_pose,
-};
+use crate::lens::pinhole_camera;
+use crate::target_problem::Correspondence;
+use crate::target_problem::set_camera_pose;
+use crate::{CalibrationError, degenerate};
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix3, Matrix3x4, Point3, Rotation3, SVector, Translation3,
     UnitQuaternion, Vector2, Vector3,

@@ -1,10 +1,11 @@
 //! Several cameras: from views of a common target, or from dots of known positions.
 
+use crate::lens::LENS;
 use crate::target_problem::{
     Calibrated, Correspondence, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView,
     calibrate, calibrate_lens, camera_pose, set_camera_pose,
 };
-use crate::{CalibrationError, degenerate, lens::LENS, linear};
+use crate::{CalibrationError, degenerate, linear};
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2};
 use protocol::camera::Camera;
 

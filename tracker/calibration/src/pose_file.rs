@@ -3,8 +3,10 @@
 
 use anyhow::{Context, Result, anyhow, ensure};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
-use protocol::{limits::BODIES, poses::BODY_NAMES};
-use std::{collections::BTreeMap, path::Path};
+use protocol::limits::BODIES;
+use protocol::poses::BODY_NAMES;
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Poses `world_from_body` of all bodies at one instant.
 pub type Poses = [Option<Isometry3<f64>>; BODIES];

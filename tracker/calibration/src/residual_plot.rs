@@ -1,6 +1,7 @@
 //! Pictures of residuals: vectors over the sensor, enlarged, with a bar for scale.
 
-use crate::{median, target_problem::Residual};
+use crate::median;
+use crate::target_problem::Residual;
 use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
 

@@ -12,8 +12,9 @@ use crate::rig_model::RigModel;
 use crate::roll_recovery;
 use crate::track::Track;
 use nalgebra::{Matrix3, Vector3};
+use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS};
-use protocol::{blobs::BlobField, poses::EYE};
+use protocol::poses::EYE;
 
 /// Fits by body.
 type Fits = [Option<PoseFit>; BODIES];

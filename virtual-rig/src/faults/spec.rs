@@ -9,7 +9,8 @@
 
 use super::FaultEvent;
 use anyhow::{Context, Result, anyhow, ensure};
-use protocol::{limits::MAX_CAMERAS, rig::Rig};
+use protocol::limits::MAX_CAMERAS;
+use protocol::rig::Rig;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 

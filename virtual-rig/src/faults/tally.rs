@@ -2,8 +2,10 @@
 
 use super::{FaultEvent, FaultKind};
 use serde::Serialize;
+use std::fmt::Write as _;
+use std::fs::File;
 use std::io::{BufWriter, Write as _};
-use std::{fmt::Write as _, fs::File, path::Path};
+use std::path::Path;
 
 /// Most events between two writes of the log; further ones are only counted.
 const WAITING: usize = 256;

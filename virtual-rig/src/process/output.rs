@@ -5,7 +5,9 @@ use anyhow::Result;
 use bytemuck::Zeroable;
 use ipc::outbox::Outbox;
 use ipc::{BlockSender, Instance};
-use protocol::{blobs::BlobField, fields::FieldHeader, time::Nanos};
+use protocol::blobs::BlobField;
+use protocol::fields::FieldHeader;
+use protocol::time::Nanos;
 
 /// Where the fields go.
 pub(super) struct Output {

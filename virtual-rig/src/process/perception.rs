@@ -3,7 +3,8 @@
 use crate::perception::ScenePerception;
 use anyhow::Result;
 use ipc::{BlockReceiver, Instance, Queue, Receiver};
-use protocol::{events::Event, scene::SceneHeader};
+use protocol::events::Event;
+use protocol::scene::SceneHeader;
 use surgeon::motion::MotionSource;
 
 /// The channels of the surgeon's perception, and its newest state.

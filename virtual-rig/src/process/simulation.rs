@@ -5,15 +5,19 @@
 //! camera hardware keeps to those. Blobs that are made without pixels are held back here. A machine
 //! that falls behind by a field leaves fields out and counts them; nothing queues up.
 
+use super::controls::ControlSample;
 use super::output::{FieldTiming, Output};
+use super::surgeon::ScriptedSurgeon;
 use super::{VirtualRigShell, Wake};
-use super::{controls::ControlSample, surgeon::ScriptedSurgeon};
 use crate::cameras::{Cameras, Path};
 use crate::config::{Config, LateCamera};
+use crate::faults::FaultInjector;
+use crate::faults::spec::FaultSpec;
+use crate::faults::tally::FaultLog;
 use crate::schedule::{Action, Schedule};
-use crate::{faults::FaultInjector, faults::spec::FaultSpec, faults::tally::FaultLog};
 use anyhow::{Context, Result};
-use ipc::{clock::now, logging::message};
+use ipc::clock::now;
+use ipc::logging::message;
 use protocol::health::{STATE_DEGRADED, STATE_RUNNING};
 use protocol::rig::Rig;
 

@@ -1,6 +1,8 @@
 //! How far a point is before the retina, wherever the retina is.
 
-use super::{Retina, line::Line, state::RetinaState};
+use super::Retina;
+use super::line::Line;
+use super::state::RetinaState;
 use nalgebra::Vector3;
 
 /// Distance of a point from the retina.

@@ -9,9 +9,11 @@
 //! the adhesion. Over the whole rim of a round bleb the carried force is that of Laplace's law,
 //! because the push of the fluid on bleb and choroid is the same.
 
+use super::Retina;
+use super::blebs::FrontNode;
 use super::figures::{FILM_MM, FRONT_SMOOTHING, MAX_BLEBS};
 use super::state::{Bleb, RetinaState};
-use super::{Retina, blebs::FrontNode, volume::at};
+use super::volume::at;
 use crate::sheet::state::{NODE_PINNED, SheetState};
 use nalgebra::Vector3;
 use protocol::scene::NODE_FREE;

@@ -1,9 +1,11 @@
 //! A needle in the retina: it goes in, takes the retina off while it injects, tears when it moves
 //! too fast, and leaves a hole.
 
+use super::Retina;
 use super::figures::{LEFT_MM, MAX_HOLES, REARM, SHAFT_MM, SPEED_S};
+use super::line::Line;
 use super::state::{Hole, NeedleState, RetinaState};
-use super::{Retina, line::Line, volume::at};
+use super::volume::at;
 use crate::constants::SUBSTEP_S;
 use crate::needle::{Needle, Penetration};
 use nalgebra::Vector3;

@@ -22,7 +22,9 @@
 //! gives way towards the eye's centre (a viscous slider, the choroid lets go), and sinks back when
 //! the pull ceases; lifted to `retina_tear_mm` it tears, and its bond with it.
 
-use super::{mesh::SheetMesh, solver::Solver, state::SheetState};
+use super::mesh::SheetMesh;
+use super::solver::Solver;
+use super::state::SheetState;
 use nalgebra::Vector3;
 use protocol::scene::NODE_DEAD;
 use scene::AdhesionScene;

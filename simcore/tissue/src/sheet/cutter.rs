@@ -1,7 +1,9 @@
 //! What a vitrector's port does to a sheet, membrane or retina: it draws what its camera sees, and
 //! takes what is in it.
 
-use super::{mesh::SheetMesh, state::SheetState, tearing};
+use super::mesh::SheetMesh;
+use super::state::SheetState;
+use super::tearing;
 use crate::vitrector::Port;
 use collision::suction::{PortCamera, SuctionCone};
 use collision::surface::{CollisionError, Surface};

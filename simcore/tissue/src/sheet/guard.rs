@@ -5,7 +5,10 @@
 //! and does not run through the sheet with the next substeps.
 
 use crate::constants::{RUNAWAY_MM, RUNAWAY_MM_S};
-use crate::{sheet::mesh::SheetMesh, sheet::solver::Solver, sheet::state::SheetState, sheet::tearing};
+use crate::sheet::mesh::SheetMesh;
+use crate::sheet::solver::Solver;
+use crate::sheet::state::SheetState;
+use crate::sheet::tearing;
 use nalgebra::Vector3;
 
 /// Positions at the end of the last good step.

@@ -1,6 +1,9 @@
 //! What the next step must know of a sheet of tissue.
 
-use super::{adhesion::AdhesionState, guard::all_finite, mesh::SheetMesh, tearing::check_mesh};
+use super::adhesion::AdhesionState;
+use super::guard::all_finite;
+use super::mesh::SheetMesh;
+use super::tearing::check_mesh;
 use crate::constants::MAX_HELD;
 use collision::surface::Surface;
 use nalgebra::Vector3;

@@ -17,7 +17,8 @@ use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
 use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens};
 use anyhow::{Context, bail, ensure};
 use protocol::rig::Rig;
-use std::{path::PathBuf, process::ExitCode};
+use std::path::PathBuf;
+use std::process::ExitCode;
 
 /// What the board is.
 #[derive(Debug, Clone, clap::Args)]
