@@ -232,7 +232,7 @@ impl DeskShell {
                 player.served(command);
             }
             let done = done.map_err(|e| format!("{e:#}"));
-            self.shell.answer(&request, done.as_ref().map(|()| ()).map_err(String::as_str))?;
+            self.shell.answer(&request, done.as_ref().copied().map_err(String::as_str))?;
         }
         Ok(())
     }

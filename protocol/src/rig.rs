@@ -44,6 +44,9 @@ pub enum RigError {
     },
 }
 
+/// A key that is refused, what would be right, and what is there.
+type Defect = (String, &'static str, String);
+
 /// A rig file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -248,13 +251,17 @@ impl Rig {
     }
 
     fn check(&self, path: &str) -> Result<(), RigError> {
-        let refuse = |field: String, expected: &str, found: String| {
-            Err(RigError::Value { path: path.into(), field, expected: expected.into(), found })
-        };
-        let (cameras, times) = (self.cameras.len(), [self.line_ns, self.exposure_ns]);
-        let in_time = (1..=10_000_000).contains(&times[0]) && times[1] <= 1_000_000_000;
+        let defect = self.defect().or_else(|| self.defect_of_cameras()).or_else(|| self.defect_of_bodies());
+        let Some((field, expected, found)) = defect else { return Ok(()) };
+        Err(RigError::Value { path: path.into(), field, expected: expected.into(), found })
+    }
+
+    /// What is wrong with the keys of the file itself.
+    fn defect(&self) -> Option<Defect> {
         let in_frame = self.frame.iter().all(|n| (16..=8192).contains(n));
-        let times = format!("{} and {}", times[0], times[1]);
+        let in_time = (1..=10_000_000).contains(&self.line_ns) && self.exposure_ns <= 1_000_000_000;
+        let times = format!("{} and {}", self.line_ns, self.exposure_ns);
+        let cameras = self.cameras.len();
         let checks = [
             (self.format == FORMAT, "format", FORMAT, self.format.clone()),
             (self.unit == "mm", "unit", "mm", self.unit.clone()),
@@ -263,43 +270,48 @@ impl Rig {
             (in_time, "line_ns and exposure_ns", "1 to 1e7 and at most 1e9 ns", times),
             ((2..=MAX_CAMERAS).contains(&cameras), "cameras", "2 to 8 cameras", cameras.to_string()),
         ];
-        if let Some((_, field, expected, found)) = checks.into_iter().find(|(holds, ..)| !holds) {
-            return refuse(field.into(), expected, found);
-        }
-        for (i, camera) in self.cameras.iter().enumerate() {
+        let (_, field, expected, found) = checks.into_iter().find(|(holds, ..)| !holds)?;
+        Some((field.into(), expected, found))
+    }
+
+    fn defect_of_cameras(&self) -> Option<Defect> {
+        self.cameras.iter().enumerate().find_map(|(i, camera)| {
             let twice = self.cameras[..i].iter().any(|c| c.id == camera.id);
             if twice || camera.id as usize >= MAX_CAMERAS {
-                return refuse(format!("cameras[{i}].id"), "0 to 7, each once", camera.id.to_string());
+                return Some((format!("cameras[{i}].id"), "0 to 7, each once", camera.id.to_string()));
             }
-            if let Some((what, found)) = camera.defect() {
-                return refuse(format!("cameras[{i}]"), what, found);
-            }
-        }
-        for name in BODY_NAMES {
-            if self.bodies.iter().filter(|b| b.name == name).count() != 1 {
-                let expected = "inst0, inst1 and eye, each once";
-                return refuse("bodies".into(), expected, format!("not so for {name}"));
-            }
+            camera.defect().map(|(what, found)| (format!("cameras[{i}]"), what, found))
+        })
+    }
+
+    /// What is wrong with the bodies, their trocars, and the room that they have.
+    fn defect_of_bodies(&self) -> Option<Defect> {
+        let once = |name: &&str| self.bodies.iter().filter(|b| b.name == *name).count() == 1;
+        if let Some(name) = BODY_NAMES.iter().find(|name| !once(name)) {
+            let expected = "inst0, inst1 and eye, each once";
+            return Some(("bodies".into(), expected, format!("not so for {name}")));
         }
         if self.bodies.len() != BODY_NAMES.len() {
-            return refuse("bodies".into(), "inst0, inst1 and eye", format!("{} bodies", self.bodies.len()));
+            let found = format!("{} bodies", self.bodies.len());
+            return Some(("bodies".into(), "inst0, inst1 and eye", found));
         }
         for body in &self.bodies {
             if let Some((field, what, found)) = body.defect() {
-                return refuse(format!("bodies.{}.{field}", body.name), what, found);
+                return Some((format!("bodies.{}.{field}", body.name), what, found));
             }
         }
         for trocar in &self.trocars {
             let ok = trocar.p_eye.iter().all(|c| c.is_finite()) && trocar.sigma > 0.0;
             if !ok || !trocar.body.starts_with("inst") || self.body(&trocar.body).is_none() {
-                return refuse("trocars".into(), "inst0 or inst1, finite, sigma > 0", format!("{trocar:?}"));
+                let expected = "inst0 or inst1, finite, sigma > 0";
+                return Some(("trocars".into(), expected, format!("{trocar:?}")));
             }
         }
         let sizes = [self.eye_opening.radius, self.workspace.tip_radius];
         if !sizes.iter().all(|r| r.is_finite() && *r > 0.0) || !self.eye_opening.z.is_finite() {
-            return refuse("eye_opening and workspace".into(), "radii > 0", format!("{sizes:?}"));
+            return Some(("eye_opening and workspace".into(), "radii > 0", format!("{sizes:?}")));
         }
-        Ok(())
+        None
     }
 }
 

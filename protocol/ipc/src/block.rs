@@ -9,6 +9,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use protocol::message::Message;
 use std::fmt::Debug;
 
@@ -146,10 +147,7 @@ impl<H: Message + Debug> Wakes for BlockReceiver<H> {
 impl Instance {
     fn block_service<H: Message + Debug>(
         &self,
-    ) -> Result<
-        iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, [Unit], BlockHeader<H>>,
-        IpcError,
-    > {
+    ) -> Result<PortFactory<Service, [Unit], BlockHeader<H>>, IpcError> {
         let name = H::CHANNEL.try_into().map_err(transport(H::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)

@@ -10,6 +10,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use protocol::message::{Invalid, Message};
 use protocol::time::Nanos;
 
@@ -195,10 +196,7 @@ impl Account {
 impl Instance {
     fn service<M: Message + std::fmt::Debug>(
         &self,
-    ) -> Result<
-        iceoryx2::service::port_factory::publish_subscribe::PortFactory<Service, Wire<M>, Stamp>,
-        IpcError,
-    > {
+    ) -> Result<PortFactory<Service, Wire<M>, Stamp>, IpcError> {
         let name = M::CHANNEL.try_into().map_err(transport(M::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)
