@@ -1,20 +1,17 @@
 //! Calibrations that look at a target: `intrinsics`, `stereo`, `dots`.
 
 use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
-use crate::CalibrationError;
 use crate::board::{Board, Pattern};
-use crate::dots;
-use crate::grey_image::GreyImage;
-use crate::known_target::match_dots;
-use crate::lens::LENS;
-use crate::linear::plane_of;
 use crate::multi_camera::{
     CameraPrior, LensMode, calibrate_cameras, calibrate_on_dots, common_dots, held_out,
 };
-use crate::point_lists;
 use crate::report::{Report, camera_report, view_reports};
 use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
 use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens};
+use crate::{
+    CalibrationError, dots, grey_image::GreyImage, known_target::match_dots, lens::LENS, linear::plane_of,
+    point_lists,
+};
 use anyhow::{Context, bail, ensure};
 use protocol::rig::Rig;
 use std::path::PathBuf;
