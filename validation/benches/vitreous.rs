@@ -12,7 +12,7 @@ use scene::SceneFile;
 use std::collections::VecDeque;
 use tissue::vitreous::chainmail::{Chainmail, Mail};
 use tissue::vitreous::lattice::{LINKS, Lattice};
-use tissue::vitreous::state::{VitreousState, is_inside, living_links};
+use tissue::vitreous::state::{VitreousState, living_links};
 use tissue::vitreous::{Shaft, Vitreous};
 
 /// Way of the tool, µm: the one that the step's budget is stated for.
@@ -132,7 +132,7 @@ impl Textbook {
 
     /// How many of those moved are held, or beyond the wall.
     fn beyond(&self, lattice: &Lattice, state: &VitreousState) -> usize {
-        let bad = |&&e: &&usize| state.is_adhered(e) || !is_inside(lattice, state.place_um(lattice, e));
+        let bad = |&&e: &&usize| state.is_adhered(e) || !lattice.is_inside(state.place_um(lattice, e));
         self.moved.iter().filter(bad).count()
     }
 }
