@@ -1,8 +1,9 @@
 //! `fields`: the pixels of one camera-field, written by its source straight into shared memory.
 //!
-//! A block has the [`FieldHeader`] as its header and the planes of YCbCr 4:2:2 as its payload: all of
-//! Y, then all of Cb, then all of Cr, 8 bits a sample in the studio range of ITU-R BT.601. A source that
-//! knows the lines in which markers can appear ([`crate::region`]) may leave the lines below them out.
+//! A block has the [`FieldHeader`] as its header and the planes of YCbCr 4:2:2 as its payload: all
+//! of Y, then all of Cb, then all of Cr, 8 bits a sample in the studio range of ITU-R BT.601. A
+//! source that knows the lines in which markers can appear ([`crate::region`]) may leave the lines
+//! below them out.
 
 use crate::camera::Camera;
 use crate::limits::MAX_CAMERAS;

@@ -6,8 +6,8 @@ use crate::time::Nanos;
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
-/// The processes of a simulator. The desk takes the place of virtual rig, camera hardware and tracker;
-/// the camera hardware runs where there are pixels to scan.
+/// The processes of a simulator. The desk takes the place of virtual rig, camera hardware and
+/// tracker; the camera hardware runs where there are pixels to scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[repr(u32)]
 #[allow(missing_docs)]

@@ -1,9 +1,9 @@
 //! The lines of a field in which a marker of a rig can appear.
 //!
-//! No marker comes below the region, wherever the instruments are in their workspace and however the
-//! eye turns. The camera hardware holds its length in a register, set once from the rig, and reads no
-//! line below: the blobs of a field leave when the region has passed, not at the end of the field. A
-//! source of pixels need not send those lines.
+//! No marker comes below the region, wherever the instruments are in their workspace and however
+//! the eye turns. The camera hardware holds its length in a register, set once from the rig, and
+//! reads no line below: the blobs of a field leave when the region has passed, not at the end of
+//! the field. A source of pixels need not send those lines.
 
 use crate::camera::Camera;
 use crate::limits::INSTRUMENTS;
@@ -16,7 +16,8 @@ use std::f64::consts::{PI, TAU};
 const MAX_TURN_RAD: f64 = 0.35;
 /// Room for blur and for what lies between the points tried, field lines.
 const MARGIN_LINES: f64 = 4.0;
-/// Steps of the search around a circle; from pole to pole and from the centre outwards it takes half.
+/// Steps of the search around a circle; from pole to pole and from the centre outwards it takes
+/// half.
 const STEPS: usize = 24;
 
 /// Lines from the top of a field of `camera` in which any marker of `rig` can appear: 1 to all.
@@ -60,8 +61,9 @@ fn ball() -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// The tip anywhere in its workspace, the shaft through the trocar, any roll. The eye's turn is in it: it
-/// carries the trocar along, which turns shafts about the tip by less than the tip's own room.
+/// The tip anywhere in its workspace, the shaft through the trocar, any roll. The eye's turn is in
+/// it: it carries the trocar along, which turns shafts about the tip by less than the tip's own
+/// room.
 fn instrument(
     tip_radius: f64,
     trocar: Vector3<f64>,

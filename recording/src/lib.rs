@@ -120,7 +120,8 @@ impl Item {
         }
     }
 
-    /// When it was made, ns; `None` for events, checkpoints and notes, which are filed as they come.
+    /// When it was made, ns; `None` for events, checkpoints and notes, which are filed as they
+    /// come.
     pub fn instant_ns(&self) -> Option<Nanos> {
         match self {
             Item::Blobs(field) => Some(field.blobs_out_ns),

@@ -162,7 +162,8 @@ impl Skill {
         }
     }
 
-    /// A goal check with [`Skill::max_retries`] retries, each drawn independently from the same error model.
+    /// A goal check with [`Skill::max_retries`] retries, each drawn independently from the same
+    /// error model.
     fn goal_check(
         &self,
         check: &GoalCheck,

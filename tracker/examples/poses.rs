@@ -1,6 +1,7 @@
 //! `poses RIG.json BLOBS.jsonl OUT.csv`: runs a blob stream through assembler and tracker on the
 //! stream's own clock and writes the exchange format of poses; the time it took goes to stderr.
-//! `--fixed-rig` trusts the rig file, `--covariance` adds status, blobs and the tip's covariance (mm²).
+//! `--fixed-rig` trusts the rig file, `--covariance` adds status, blobs and the tip's covariance
+//! (mm²).
 
 use anyhow::Context;
 use blob_stream::BlobReader;

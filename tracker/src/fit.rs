@@ -48,8 +48,8 @@ pub struct BlobMatch {
 }
 
 impl BlobMatch {
-    /// The match of blob `blob` of a field with a marker seen in `image`; `covariance` is as that of
-    /// [`marker_covariance`](crate::observation::marker_covariance).
+    /// The match of blob `blob` of a field with a marker seen in `image`; `covariance` is as that
+    /// of [`marker_covariance`](crate::observation::marker_covariance).
     pub fn new(
         field: &FieldObservation,
         blob: usize,

@@ -25,8 +25,8 @@ impl Singer {
         [[1.0, dt, self.tau_s * (dt - g)], [0.0, 1.0, g], [0.0, 0.0, e]]
     }
 
-    /// Covariance of the process noise over `dt`. Below τ/20 the leading terms are used, because the
-    /// closed form cancels.
+    /// Covariance of the process noise over `dt`. Below τ/20 the leading terms are used, because
+    /// the closed form cancels.
     pub(crate) fn noise(&self, dt: f64) -> [[f64; 3]; 3] {
         let [q11, q12, q13, q22, q23, q33] = self.noise_terms(dt);
         [[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]]

@@ -1,13 +1,16 @@
 //! The track of one body: its filter, the blobs of the present frame, and the body's validity and
 //! status.
 
+use crate::associate::PredictedBody;
+use crate::body_filter::BodyFilter;
+use crate::constants as k;
 use crate::fit::{BlobMatch, PoseFit};
+use crate::instrument_filter::Pivot;
+use crate::observation::is_localised;
+use crate::pose_math::Matrix6;
+use crate::predictor::TipPredictor;
 use crate::projection::{PoseMatrix, in_view_of_two};
 use crate::rig_model::{BodyModel, Marker, RigModel};
-use crate::{
-    associate::PredictedBody, body_filter::BodyFilter, constants as k, instrument_filter::Pivot,
-    observation::is_localised, pose_math::Matrix6, predictor::TipPredictor,
-};
 use bytemuck::Zeroable;
 use nalgebra::{Isometry3, Matrix3};
 use protocol::geometry::{Pose, Validity};

@@ -2,12 +2,15 @@
 
 mod update;
 
+use crate::acquisition::Acquisition;
 use crate::associate::{Association, Associator};
+use crate::constants as k;
 use crate::drift::{DriftEstimator, DriftReport};
-use crate::{
-    acquisition::Acquisition, constants as k, fit::PoseFit, instrument_filter::Pivot,
-    observation::FieldObservation, rig_model::RigModel, track::Track,
-};
+use crate::fit::PoseFit;
+use crate::instrument_filter::Pivot;
+use crate::observation::FieldObservation;
+use crate::rig_model::RigModel;
+use crate::track::Track;
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS, MAX_FIELDS_USED};

@@ -60,7 +60,8 @@ impl AcquisitionInput {
         self.rig.cameras().iter().enumerate().map(see).collect()
     }
 
-    /// Tells every frame until `end_s`: its instant, s, what became of `inst0`, and how far its roll is off, rad.
+    /// Tells every frame until `end_s`: its instant, s, what became of `inst0`, and how far its
+    /// roll is off, rad.
     fn track(
         &self,
         end_s: f64,
@@ -137,8 +138,8 @@ fn it_is_found_again_by_free_running_cameras() {
     }
 }
 
-/// While the marker beside the shaft is hidden from all cameras the roll is told as doubtful as it is; it is
-/// found again in the first frame.
+/// While the marker beside the shaft is hidden from all cameras the roll is told as doubtful as it
+/// is; it is found again in the first frame.
 #[test]
 fn a_hidden_roll_is_told_as_doubtful_and_found_at_once() {
     for (tip, by) in TIPS.iter().flat_map(|tip| TURNS.map(|by| (*tip, by))) {

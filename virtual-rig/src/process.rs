@@ -168,7 +168,8 @@ impl VirtualRigShell {
             Command::Pause => self.timeline.pause(now()),
             Command::Start => self.timeline.resume(now()),
             Command::Reset => self.restart(),
-            // The surgeon of the scene file is loaded again; a duration of 0 ms keeps the present one.
+            // The surgeon of the scene file is loaded again; a duration of 0 ms keeps the present
+            // one.
             Command::Load => {
                 let loaded = ScriptedSurgeon::load(&self.config, &self.rig);
                 self.surgeon = loaded.map_err(|problem| format!("{problem:#}"))?;

@@ -82,8 +82,8 @@ impl Resume {
         self.checkpoint.is_some() || (!self.gap && !self.items.is_empty())
     }
 
-    /// Arguments with which a restarted simulation goes on where its predecessor stood. One that died
-    /// while it was resuming starts from its scene: its past may be what kills it.
+    /// Arguments with which a restarted simulation goes on where its predecessor stood. One that
+    /// died while it was resuming starts from its scene: its past may be what kills it.
     pub fn arguments(&mut self, instance: &Instance, was_at_work: bool) -> Vec<String> {
         let file = instance.directory().join("resume.journal");
         if was_at_work && self.is_usable() {

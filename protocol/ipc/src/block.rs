@@ -72,8 +72,8 @@ impl<H: Message + Debug> BlockSender<H> {
         }
         let units = bytes.div_ceil(16).max(1);
         let sample = self.publisher.loan_slice_uninit(units).map_err(transport(H::CHANNEL, "loan"))?;
-        // SAFETY: `Unit` is sixteen plain bytes, valid whatever they hold, and pages of a shared memory
-        // file are never uninitialised: they hold zeros or an earlier block.
+        // SAFETY: `Unit` is sixteen plain bytes, valid whatever they hold, and pages of a shared
+        // memory file are never uninitialised: they hold zeros or an earlier block.
         let mut sample = unsafe { sample.assume_init() };
         let header = write(as_bytes_mut(sample.payload_mut()));
         self.stamp.sent_ns = now();

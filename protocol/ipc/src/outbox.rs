@@ -7,8 +7,8 @@ use std::collections::VecDeque;
 /// Fields that can wait: half a second of every camera at 50 Hz.
 const WAITING: usize = 25 * MAX_CAMERAS;
 
-/// Blob fields that are not due yet, earliest first. Due instants are ns on any clock that the caller
-/// keeps to.
+/// Blob fields that are not due yet, earliest first. Due instants are ns on any clock that the
+/// caller keeps to.
 pub struct Outbox {
     /// Due instant, ns, with its field; earliest first.
     waiting: VecDeque<(u64, BlobField)>,

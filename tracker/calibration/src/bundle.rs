@@ -80,7 +80,8 @@ impl Bundle {
         }
     }
 
-    /// Pose of a marker's body at the exposure of an observation of `instant`, which is number `at`.
+    /// Pose of a marker's body at the exposure of an observation of `instant`, which is number
+    /// `at`.
     pub fn pose_at_exposure(
         &self,
         at: usize,

@@ -35,7 +35,8 @@ pub enum Task {
     Intrinsics(target::IntrinsicsArgs),
     /// Lenses and places of cameras that see one board, from pairs of pictures or point lists.
     Stereo(target::StereoArgs),
-    /// Places (and lenses) of cameras that see dots of known places, from a point list or picture of each.
+    /// Places (and lenses) of cameras that see dots of known places, from a point list or picture
+    /// of each.
     Dots(target::DotsArgs),
     /// Places of cameras and markers, from a stream of waved instruments and the rig as it was.
     Waved(stream::WavedArgs),
@@ -91,7 +92,8 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Runs a calibration. Exit codes: 0 done, 1 failed or refused, 5 a check found that the rig has moved.
+/// Runs a calibration. Exit codes: 0 done, 1 failed or refused, 5 a check found that the rig has
+/// moved.
 ///
 /// # Errors
 /// As the calibration run.

@@ -91,8 +91,8 @@ pub fn by_extrinsics(camera: &Camera, p_in_camera: &Vector3<f64>) -> SMatrix<f64
     out
 }
 
-/// Derivative of the image of a point of a body by the body's pose, for [`move_pose`]: `by_world` is
-/// that by the point in the world, `arm` leads from the body's origin to the point.
+/// Derivative of the image of a point of a body by the body's pose, for [`move_pose`]: `by_world`
+/// is that by the point in the world, `arm` leads from the body's origin to the point.
 pub fn by_pose(by_world: &Matrix2x3<f64>, arm: &Vector3<f64>) -> SMatrix<f64, 2, EXTRINSICS> {
     let mut out = SMatrix::<f64, 2, EXTRINSICS>::zeros();
     out.fixed_columns_mut::<3>(0).copy_from(&-(by_world * arm.cross_matrix()));

@@ -1,4 +1,5 @@
-//! Real pictures of a chessboard and real dots before three cameras, against what others made of them.
+//! Real pictures of a chessboard and real dots before three cameras, against what others made of
+//! them.
 
 use calibration::board::{Board, Pattern};
 use calibration::grey_image::GreyImage;
@@ -59,8 +60,8 @@ fn lenses_fit_better_than_opencv_fits_them() {
 
 #[test]
 fn lenses_agree_with_those_in_opencvs_files() {
-    // left_intrinsics.yml: square pixels, five terms of distortion; its own rms is 0.39 px, and one of
-    // its views has 1.2 px, so that its standard deviations are some three times ours.
+    // left_intrinsics.yml: square pixels, five terms of distortion; its own rms is 0.39 px, and one
+    // of its views has 1.2 px, so that its standard deviations are some three times ours.
     let camera = &lens(&BOARDS[0], FreeParameters::LENS).scene.cameras[0];
     let k = matrix("left_intrinsics.yml", "camera_matrix");
     let d = matrix("left_intrinsics.yml", "distortion_coefficients");
@@ -119,8 +120,8 @@ fn opencv_corners() -> Vec<TargetView> {
 
 #[test]
 fn corners_lie_where_opencv_found_them() {
-    // The median over a picture: OpenCV's window is larger than the squares of the steeper views, so
-    // that single corners of it are off by pixels.
+    // The median over a picture: OpenCV's window is larger than the squares of the steeper views,
+    // so that single corners of it are off by pixels.
     for (ours, theirs) in BOARDS.iter().flatten().zip(opencv_corners()) {
         let nearest =
             |p: &Vector2<f64>| theirs.samples.iter().map(|q| (p - q.pixel).norm()).fold(f64::MAX, f64::min);
@@ -132,7 +133,8 @@ fn corners_lie_where_opencv_found_them() {
 
 #[test]
 fn the_same_corners_give_the_same_answer_as_opencvs_solver() {
-    // calibrateCamera and stereoCalibrate of OpenCV 5.0 on corners.csv: rms, fx fy cx cy, k1 k2 p1 p2 k3.
+    // calibrateCamera and stereoCalibrate of OpenCV 5.0 on corners.csv: rms, fx fy cx cy, k1 k2 p1
+    // p2 k3.
     let truth = [
         (0.40869, [536.073, 536.016, 342.370, 235.537], [-0.26509, -0.04674, 0.00183, -0.00031, 0.25231]),
         (0.45864, [542.355, 541.615, 328.324, 246.947], [-0.28054, 0.10432, -0.00056, 0.00130, -0.02372]),

@@ -1,4 +1,5 @@
-//! Streams with truth: a rig that has drifted is noticed and brought back, one that has not is left alone.
+//! Streams with truth: a rig that has drifted is noticed and brought back, one that has not is left
+//! alone.
 
 use blob_stream::BlobReader;
 use calibration::bundle::PriorSigmas;
@@ -12,8 +13,8 @@ use protocol::rig::Rig;
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-/// Systematic shift that is tolerated, px: less than the program's default, since the blobs of these
-/// streams are centred on their markers' images.
+/// Systematic shift that is tolerated, px: less than the program's default, since the blobs of
+/// these streams are centred on their markers' images.
 const LIMIT_PX: f64 = 0.02;
 
 struct Stream {
@@ -38,8 +39,8 @@ fn load(name: &str) -> Stream {
     }
 }
 
-/// Root mean square error, µm, of the tips of poses that are fitted instant by instant with `rig` to what
-/// was seen: neither a filter nor a tracker's own estimate of the drift takes part.
+/// Root mean square error, µm, of the tips of poses that are fitted instant by instant with `rig`
+/// to what was seen: neither a filter nor a tracker's own estimate of the drift takes part.
 fn tips_um(stream: &Stream, rig: &Rig, fields: &[BlobField]) -> f64 {
     let (instants, bundle) = fitted(rig, &collect(rig, fields)).unwrap();
     let (mut squares, mut n) = (0.0, 0);

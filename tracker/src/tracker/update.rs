@@ -1,12 +1,15 @@
 //! The phases of an update: observe, associate, estimate, filter, acquire.
 
 use super::{Group, ORDER, Reference, Tracker};
+use crate::acquisition::AcquisitionInput;
 use crate::associate::{Association, AssociationInput};
+use crate::body_filter::BodyFilter;
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
-use crate::{
-    acquisition::AcquisitionInput, body_filter::BodyFilter, constants as k, observation::FieldObservation,
-    pose_math::exp, rig_model::RigModel, roll_recovery, track::Track,
-};
+use crate::observation::FieldObservation;
+use crate::pose_math::exp;
+use crate::rig_model::RigModel;
+use crate::track::Track;
+use crate::{constants as k, roll_recovery};
 use nalgebra::{Matrix3, Vector3};
 use protocol::blobs::BlobField;
 use protocol::limits::{BODIES, MAX_CAMERAS};

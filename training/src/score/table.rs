@@ -86,8 +86,8 @@ pub const SIGMAS: f64 = 2.0;
 /// Injuries take no more points than this, those of [`Id::Injuries`] included.
 pub const MOST_PENALTY: f64 = 60.0;
 
-/// Makes the enum [`Id`] and the table [`METRICS`] from rows of number, category, key, name, unit, points,
-/// the figures from which on all and none of them are given, and formula.
+/// Makes the enum [`Id`] and the table [`METRICS`] from rows of number, category, key, name, unit,
+/// points, the figures from which on all and none of them are given, and formula.
 macro_rules! metrics {
     ($($id:ident = $category:ident, $key:literal, $name:literal, $unit:literal, $points:literal,
        $full_at:literal => $none_at:literal, $formula:literal;)*) => {

@@ -30,8 +30,8 @@ const MIXTURES: [(&str, &str); 3] = [
     ("hard", include_str!("../../../assets/faults/hard.toml")),
 ];
 
-/// Declares the faults: of each its section of the file, its kind and its name, and every key with its
-/// default, its range, and its unit in messages (with a space before it).
+/// Declares the faults: of each its section of the file, its kind and its name, and every key with
+/// its default, its range, and its unit in messages (with a space before it).
 macro_rules! faults {
     ($($(#[$doc:meta])* $section:ident: $kind:ident = $name:literal {
         $($(#[$key_doc:meta])* $key:ident: $number:ty = $default:expr, $range:expr, $unit:literal;)*
@@ -104,7 +104,8 @@ macro_rules! faults {
                 $(self.$section = other.$section.or(self.$section.take());)*
             }
 
-            /// Cameras that a fault is limited to; empty for all cameras and for a fault that is off.
+            /// Cameras that a fault is limited to; empty for all cameras and for a fault that is
+            /// off.
             pub fn cameras(&self, kind: FaultKind) -> &[u32] {
                 match kind {
                     $(FaultKind::$kind => self.$section.as_ref().map_or(&[], |s| &s.cameras),)*

@@ -106,8 +106,8 @@ impl Session<'_> {
         self.begin_again(Command::Load, level).await
     }
 
-    /// Ends the attempt and begins the next, of `level`: everything stands still, so that no message belongs to
-    /// both.
+    /// Ends the attempt and begins the next, of `level`: everything stands still, so that no
+    /// message belongs to both.
     async fn begin_again(&mut self, command: Command, level: u32) -> anyhow::Result<()> {
         self.consumers.latencies.cool();
         self.paused_ns = Some(now());

@@ -263,8 +263,8 @@ impl Retina {
 }
 
 impl Figures {
-    /// What would leak out of a bleb through `area_mm2` in a substep, mm³ (below 0 for what it sucks
-    /// in).
+    /// What would leak out of a bleb through `area_mm2` in a substep, mm³ (below 0 for what it
+    /// sucks in).
     fn leaks_mm3(&self, bleb: &Bleb, area_mm2: f64, air: bool) -> f64 {
         let pressure = bleb.pressure_pa + if air { self.scene.air_pa } else { 0.0 };
         Figures::leak_mm3_s(area_mm2, pressure) * SUBSTEP_S

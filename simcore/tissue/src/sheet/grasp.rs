@@ -44,8 +44,8 @@ pub(super) fn drop_dead(held: &mut Vec<HeldNode>, flag: &[u32]) -> bool {
 }
 
 impl SheetBody {
-    /// Moves what instrument `i` holds with it, no deeper than the choroid; its velocity is what that
-    /// makes of it over a substep.
+    /// Moves what instrument `i` holds with it, no deeper than the choroid; its velocity is what
+    /// that makes of it over a substep.
     pub fn carry(&self, state: &mut SheetState, i: usize, eye_from_instrument: &Isometry3<f64>) {
         let radius_mm = f64::from(self.material.radius_mm);
         for k in 0..state.held[i].len() {

@@ -10,7 +10,8 @@
 //!   meanwhile;
 //! - it converges: let M be the largest displacement along an axis. What an element wants is at
 //!   most n·M/(n + w), so at most M − 1, and every limit gives at least 1 µm, so after an even and
-//!   an odd pass no displacement is above M − 1. (An element that the wall of the eye stops waits; its neighbours go on.)
+//!   an odd pass no displacement is above M − 1. (An element that the wall of the eye stops waits;
+//!   its neighbours go on.)
 //!
 //! The work is bounded: a call does a number of rows of the lattice and goes on there the next
 //! time. Rows in which nothing moves any more sleep, until something moves in them or beside them.

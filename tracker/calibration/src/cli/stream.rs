@@ -30,8 +30,9 @@ pub struct StreamArgs {
     pub instants: usize,
 }
 
-/// Systematic shift of a camera's image that is tolerated where nothing else is said, px. Balls seen aside
-/// of the axis are not centred on their centre's image: that alone makes 0.025 px in a rig that holds.
+/// Systematic shift of a camera's image that is tolerated where nothing else is said, px. Balls
+/// seen aside of the axis are not centred on their centre's image: that alone makes 0.025 px in a
+/// rig that holds.
 const LIMIT_PX: f64 = 0.05;
 
 /// Arguments of `vitreo calibrate waved`.

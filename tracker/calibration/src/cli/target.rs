@@ -2,16 +2,17 @@
 
 use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
 use crate::board::{Board, Pattern};
+use crate::grey_image::GreyImage;
+use crate::known_target::match_dots;
+use crate::lens::LENS;
+use crate::linear::plane_of;
 use crate::multi_camera::{
     CameraPrior, LensMode, calibrate_cameras, calibrate_on_dots, common_dots, held_out,
 };
 use crate::report::{Report, camera_report, view_reports};
 use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
 use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens};
-use crate::{
-    CalibrationError, dots, grey_image::GreyImage, known_target::match_dots, lens::LENS, linear::plane_of,
-    point_lists,
-};
+use crate::{CalibrationError, dots, point_lists};
 use anyhow::{Context, bail, ensure};
 use protocol::rig::Rig;
 use std::path::PathBuf;
@@ -75,8 +76,8 @@ pub struct StereoArgs {
     /// Pictures of the second camera at the same instants, in the same order.
     #[arg(long, value_name = "PICTURE", num_args = 1.., required_unless_present = "points")]
     pub right: Vec<PathBuf>,
-    /// Instead of pictures a point list of each camera, of two or more; views of one name are of one
-    /// instant.
+    /// Instead of pictures a point list of each camera, of two or more; views of one name are of
+    /// one instant.
     #[arg(long, value_name = "FILE", num_args = 2.., requires = "size", conflicts_with_all = ["left", "right"])]
     pub points: Vec<PathBuf>,
     /// Size of the pictures that point lists came from, px.
@@ -108,13 +109,15 @@ pub struct DotsArgs {
     /// Dots of the target in the pictures: X Y Z a line, mm.
     #[arg(long, value_name = "FILE")]
     pub target: Option<PathBuf>,
-    /// For each picture a point list of four dots or more that a person picked, not all in one plane.
+    /// For each picture a point list of four dots or more that a person picked, not all in one
+    /// plane.
     #[arg(long, value_name = "POINTS", num_args = 1..)]
     pub picked: Vec<PathBuf>,
     /// Size of the pictures, px; lenses are then found too.
     #[arg(long, value_name = "WIDTHxHEIGHT", value_parser = pair)]
     pub size: Option<[u32; 2]>,
-    /// Rig whose cameras are replaced. Without --size its lenses are kept and only places are found.
+    /// Rig whose cameras are replaced. Without --size its lenses are kept and only places are
+    /// found.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,
     /// Also calibrate on a random half of the dots that all cameras see and triangulate the other
