@@ -105,7 +105,7 @@ impl DeskShell {
             _instance: instance,
         };
         if let Some(pad) = &process.gamepad {
-            process.shell.say(&format!("gamepad: {}", pad.name()));
+            process.shell.set_text(&format!("gamepad: {}", pad.name()));
         }
         process.shell.report.state = STATE_RUNNING;
         process.shell.beat_now(now())?;

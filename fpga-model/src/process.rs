@@ -115,7 +115,7 @@ impl FpgaModelShell {
         if self.foreign == 1 {
             let FieldHeader { camera, width, height, .. } = header;
             self.shell.report.state = STATE_DEGRADED;
-            self.shell.say(&format!("no camera {camera} with fields of {width}×{height} px in the rig"));
+            self.shell.set_text(&format!("no camera {camera} with fields of {width}×{height} px in the rig"));
             self.shell.beat_now(now())?;
         }
         Ok(())

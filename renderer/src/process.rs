@@ -342,7 +342,7 @@ impl RendererShell {
             tracing::info!("{text}");
         }
         if !self.write_failed {
-            self.shell.say(&text);
+            self.shell.set_text(&text);
         }
     }
 }

@@ -113,9 +113,9 @@ impl VirtualRigShell {
     }
 
     /// Puts the note and the faults into the next heartbeat.
-    fn say(&mut self) {
+    fn report_text(&mut self) {
         let between = if self.note.is_empty() || self.text.is_empty() { "" } else { "; " };
-        self.shell.say(&format!("{}{between}{}", self.note, self.text));
+        self.shell.set_text(&format!("{}{between}{}", self.note, self.text));
     }
 
     /// Waits until `offset_ns` after the start and serves requests; a pause moves the start.
@@ -193,7 +193,7 @@ impl VirtualRigShell {
     fn enter(&mut self, state: u32, note: &'static str) -> Result<()> {
         self.shell.report.state = state;
         self.note = note;
-        self.say();
+        self.report_text();
         Ok(self.shell.beat_now(now())?)
     }
 }

@@ -221,12 +221,12 @@ fn check(file: &Path, pictures: &[PathBuf], json: bool) -> Result<()> {
         ensure!(pixels > 0.0, "{}: expected pixels, found none", shot.file);
         let coloured = file.classes().into_iter().map(|c| c.colour).filter(|&c| c != Colour::White);
         let shares = coloured.map(|c| (c.name(), counts[c as usize] as f64 / pixels));
-        tell_shares(shot.file, shot.head.seq, shares.collect(), json);
+        print_shares(shot.file, shot.head.seq, shares.collect(), json);
     }
     Ok(())
 }
 
-fn tell_shares(file: &str, picture: u64, shares: Vec<(&'static str, f64)>, json: bool) {
+fn print_shares(file: &str, picture: u64, shares: Vec<(&'static str, f64)>, json: bool) {
     if json {
         let shares: BTreeMap<_, _> = shares.into_iter().collect();
         println!("{}", serde_json::json!({ "file": file, "picture": picture, "shares": shares }));

@@ -176,7 +176,7 @@ impl Screen {
     /// Shows the status.
     pub fn show(&mut self, status: &Status<'_>) {
         if !self.terminal {
-            self.say(&status.line());
+            self.print(&status.line());
             return;
         }
         let lines = status.lines();
@@ -187,7 +187,7 @@ impl Screen {
     }
 
     /// Writes a sentence that stays, above the status; a record where messages are JSON lines.
-    pub fn say(&mut self, sentence: &str) {
+    pub fn print(&mut self, sentence: &str) {
         if is_json() {
             return inform(sentence);
         }

@@ -202,7 +202,7 @@ impl<'a> Session<'a> {
         for process in picture.into_iter().chain([Process::Simcore]).chain(trackers) {
             self.supervisor.start(process, None, now())?;
         }
-        self.screen.say(&format!("starting {}", self.supervisor.awaited().join(", ")));
+        self.screen.print(&format!("starting {}", self.supervisor.awaited().join(", ")));
         let mut message_at = Instant::now() + START_MESSAGE_PERIOD;
         while !self.supervisor.all_ready() {
             self.turn().await?;
@@ -211,7 +211,7 @@ impl<'a> Session<'a> {
             }
             if Instant::now() > message_at {
                 message_at += START_MESSAGE_PERIOD;
-                self.screen.say(&format!("waiting for {}", self.supervisor.awaited().join(", ")));
+                self.screen.print(&format!("waiting for {}", self.supervisor.awaited().join(", ")));
             }
         }
         Ok(())
@@ -328,7 +328,7 @@ impl<'a> Session<'a> {
                 let restarts = self.supervisor.restarts_of(*process);
                 let text = format!("{} restarted: {how}", process.name());
                 // The last lines of the process have been passed on as they came.
-                self.screen.say(text.lines().next().unwrap_or_default());
+                self.screen.print(text.lines().next().unwrap_or_default());
                 let kind = NoteKind::Restart;
                 let (process, count) = (Some(*process), u64::from(restarts));
                 self.consumers.record_note(Note { instant_ns: at, kind, process, count, text: text.clone() });

@@ -89,7 +89,7 @@ impl Shell {
     }
 
     /// Puts a text into the next heartbeat.
-    pub fn say(&mut self, text: &str) {
+    pub fn set_text(&mut self, text: &str) {
         self.report.text = text_bytes(text);
     }
 

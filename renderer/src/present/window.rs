@@ -117,19 +117,19 @@ impl ApplicationHandler for State {
             WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => self.resized = true,
             WindowEvent::KeyboardInput { event, .. } => {
                 self.key(&event);
-                self.tell_key(&event);
+                self.handle_key(&event);
             }
             WindowEvent::MouseInput { state, button, .. } => self.click(button, state),
             WindowEvent::CursorMoved { position, .. } => self.follow([position.x, position.y]),
             WindowEvent::MouseWheel { delta, .. } if self.mouse != Mouse::Free => {
-                self.tell(Input::Wheel(match delta {
+                self.push_input(Input::Wheel(match delta {
                     MouseScrollDelta::LineDelta(_, lines) => f64::from(lines),
                     MouseScrollDelta::PixelDelta(px) => px.y / NOTCH_PX,
                 }))
             }
             WindowEvent::Focused(false) => {
                 self.free_mouse();
-                self.tell(Input::LetGo);
+                self.push_input(Input::LetGo);
             }
             _ => {}
         }
@@ -137,7 +137,7 @@ impl ApplicationHandler for State {
 
     fn device_event(&mut self, _: &ActiveEventLoop, _: DeviceId, event: DeviceEvent) {
         if let (DeviceEvent::MouseMotion { delta: (right, down) }, Mouse::Held) = (event, self.mouse) {
-            self.tell(Input::Move([right, down]));
+            self.push_input(Input::Move([right, down]));
         }
     }
 }
@@ -163,13 +163,13 @@ fn name_of(code: KeyCode) -> String {
 }
 
 impl State {
-    fn tell(&mut self, input: Input) {
+    fn push_input(&mut self, input: Input) {
         if self.inputs.len() < MAX_INPUTS {
             self.inputs.push(input);
         }
     }
 
-    fn tell_key(&mut self, event: &KeyEvent) {
+    fn handle_key(&mut self, event: &KeyEvent) {
         let PhysicalKey::Code(code) = event.physical_key else { return };
         let Some(key) = OurKey::named(&name_of(code)) else { return };
         if event.repeat {
@@ -178,11 +178,11 @@ impl State {
         if event.state == ElementState::Pressed && Action::of(key) == Some(Action::Mouse) {
             self.free_mouse();
         }
-        self.tell_press(key, event.state);
+        self.push_press(key, event.state);
     }
 
-    fn tell_press(&mut self, key: OurKey, state: ElementState) {
-        self.tell(if state == ElementState::Pressed { Input::Press(key) } else { Input::Release(key) });
+    fn push_press(&mut self, key: OurKey, state: ElementState) {
+        self.push_input(if state == ElementState::Pressed { Input::Press(key) } else { Input::Release(key) });
     }
 
     /// The first click takes the mouse; later ones are for the hands.
@@ -202,7 +202,7 @@ impl State {
             MouseButton::Other(_) => return,
         };
         if let Some(key) = OurKey::named(name) {
-            self.tell_press(key, state);
+            self.push_press(key, state);
         }
     }
 
@@ -211,7 +211,7 @@ impl State {
         let Mouse::Followed(last) = self.mouse else { return };
         self.mouse = Mouse::Followed(Some(at));
         if let Some([x, y]) = last {
-            self.tell(Input::Move([at[0] - x, at[1] - y]));
+            self.push_input(Input::Move([at[0] - x, at[1] - y]));
         }
     }
 

@@ -57,7 +57,7 @@ impl RendererShell {
         if let (Some(problem), false) = (problem, self.write_failed) {
             self.write_failed = true;
             self.shell.report.state = STATE_DEGRADED;
-            self.shell.say(&format!("a picture file cannot be written: {problem}"));
+            self.shell.set_text(&format!("a picture file cannot be written: {problem}"));
         }
         Ok(())
     }

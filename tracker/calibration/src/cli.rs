@@ -130,7 +130,7 @@ fn with_spinner<T>(what: &'static str, work: impl FnOnce(&mut Progress<'_>) -> T
 
 impl OutputArgs {
     /// Prints the report and draws the residuals.
-    fn tell(&self, report: &Report, cameras: &[Camera], residuals: &[Residual]) -> anyhow::Result<()> {
+    fn print(&self, report: &Report, cameras: &[Camera], residuals: &[Residual]) -> anyhow::Result<()> {
         if let Some(folder) = &self.residuals {
             std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
             for (index, camera) in cameras.iter().enumerate() {

@@ -12,21 +12,21 @@ use std::f64::consts::{PI, TAU};
 /// Smoothing before second derivatives are taken, px.
 const SMOOTHING_PX: f64 = 1.5;
 /// Saddles weaker than this share of the strongest are noise.
-const WEAKEST: f32 = 0.01;
+const MIN_RELATIVE_STRENGTH: f32 = 0.01;
 /// Two corners are never this close, px.
-const APART_PX: isize = 4;
+const MIN_DISTANCE_PX: isize = 4;
 /// Radii of the ring, px; one must fit into the squares.
 const RINGS_PX: [f64; 2] = [6.0, 4.0];
 /// Samples of a ring; a multiple of 4.
 const RING: usize = 32;
 /// Correlation of a ring with itself half a turn on, above which it is point symmetric.
-const SYMMETRY: f64 = 0.6;
+const MIN_SYMMETRY: f64 = 0.6;
 /// Most corners considered; more are texture.
-const MOST: usize = 2000;
+const MAX_CORNERS: usize = 2000;
 /// Half the window of the coarse refinement, px.
 const COARSE_WINDOW: isize = 4;
 /// A refinement that strays farther than this has found something else, in half windows.
-const STRAY: f64 = 0.7;
+const MAX_SHIFT: f64 = 0.7;
 
 /// A corner.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,12 +45,12 @@ pub fn find(picture: &GreyImage) -> Vec<Corner> {
     let smooth = picture.blurred(SMOOTHING_PX);
     let mut saddles = saddles(&smooth);
     saddles.sort_by(|a, b| b.1.total_cmp(&a.1));
-    saddles.truncate(MOST);
+    saddles.truncate(MAX_CORNERS);
     let mut found: Vec<Corner> = Vec::new();
     for (at, strength) in saddles {
         let Some(at) = refined(picture, at, COARSE_WINDOW) else { continue };
         let Some(lines) = RINGS_PX.iter().find_map(|&r| lines_through(&smooth, at, r)) else { continue };
-        if found.iter().all(|c| (c.at - at).norm() > APART_PX as f64) {
+        if found.iter().all(|c| (c.at - at).norm() > MIN_DISTANCE_PX as f64) {
             found.push(Corner { at, lines, strength });
         }
     }
@@ -69,10 +69,10 @@ fn saddles(smooth: &GreyImage) -> Vec<(Vector2<f64>, f32)> {
     let map: Vec<f32> = (0..w * h).map(|i| strength(i % w, i / w)).collect();
     let strongest = map.iter().copied().fold(0.0, f32::max);
     let mut found = Vec::new();
-    for y in APART_PX..h - APART_PX {
-        for x in APART_PX..w - APART_PX {
+    for y in MIN_DISTANCE_PX..h - MIN_DISTANCE_PX {
+        for x in MIN_DISTANCE_PX..w - MIN_DISTANCE_PX {
             let s = map[(y * w + x) as usize];
-            if s > 0.0 && s >= WEAKEST * strongest && is_peak(&map, w, x, y, s) {
+            if s > 0.0 && s >= MIN_RELATIVE_STRENGTH * strongest && is_peak(&map, w, x, y, s) {
                 found.push((Vector2::new(x as f64, y as f64), s));
             }
         }
@@ -82,7 +82,7 @@ fn saddles(smooth: &GreyImage) -> Vec<(Vector2<f64>, f32)> {
 
 /// True if nothing near is stronger; of equals the first counts.
 fn is_peak(map: &[f32], w: isize, x: isize, y: isize, s: f32) -> bool {
-    let around = -APART_PX..=APART_PX;
+    let around = -MIN_DISTANCE_PX..=MIN_DISTANCE_PX;
     around.clone().all(|j| {
         around.clone().all(|i| {
             let other = map[((y + j) * w + x + i) as usize];
@@ -106,7 +106,7 @@ fn lines_through(smooth: &GreyImage, at: Vector2<f64>, radius: f64) -> Option<[V
     ring.iter_mut().for_each(|v| *v -= (low + high) / 2.0);
     let energy: f64 = ring.iter().map(|v| v * v).sum();
     let symmetry: f64 = (0..RING).map(|i| ring[i] * ring[(i + RING / 2) % RING]).sum();
-    if energy <= 0.0 || symmetry < SYMMETRY * energy {
+    if energy <= 0.0 || symmetry < MIN_SYMMETRY * energy {
         return None;
     }
     let crossings: Vec<(f64, bool)> = (0..RING)
@@ -129,8 +129,10 @@ fn lines_through(smooth: &GreyImage, at: Vector2<f64>, radius: f64) -> Option<[V
     (straight && wide).then_some(ordered)
 }
 
-/// Most steps of the refinement, and the step in px at which it stands still.
-const REFINING: (usize, f64) = (30, 1e-4);
+/// Most steps of the refinement.
+const MAX_ITERATIONS: usize = 30;
+/// Step at which the refinement has converged, px.
+const CONVERGED_PX: f64 = 1e-4;
 
 /// The exact place of a corner near `start`, from slopes within ±`half` px; weights fall off
 /// towards the border of the window, so that nothing jumps when a pixel leaves it. `None` where
@@ -138,7 +140,7 @@ const REFINING: (usize, f64) = (30, 1e-4);
 pub fn refined(picture: &GreyImage, start: Vector2<f64>, half: isize) -> Option<Vector2<f64>> {
     let mut at = start;
     let reach = half as f64;
-    for _ in 0..REFINING.0 {
+    for _ in 0..MAX_ITERATIONS {
         if !picture.holds(at, reach + 1.0) {
             return None;
         }
@@ -161,10 +163,10 @@ pub fn refined(picture: &GreyImage, start: Vector2<f64>, half: isize) -> Option<
         }
         let step = m.try_inverse()? * r;
         at += step;
-        if (at - start).norm() > STRAY * reach + 1.0 {
+        if (at - start).norm() > MAX_SHIFT * reach + 1.0 {
             return None;
         }
-        if step.norm() < REFINING.1 {
+        if step.norm() < CONVERGED_PX {
             break;
         }
     }

@@ -18,23 +18,26 @@ pub struct Dot {
     pub area_px: f64,
 }
 
-/// A region stands out if it differs from its surroundings by this share of the picture's contrast,
-/// and by so many standard deviations of the noise.
-const STANDS_OUT: (f32, f32) = (0.06, 4.0);
+/// Least difference of a dot from its surroundings, as a share of the picture's contrast.
+const MIN_CONTRAST: f32 = 0.06;
+/// The same in standard deviations of the noise; the larger of both holds.
+const MIN_SIGMAS: f32 = 4.0;
 /// Smoothing against noise before that is judged, px.
 const SMOOTHING_PX: f64 = 0.8;
 /// Shares of the pixels between which the contrast is measured.
 const CONTRAST: [f64; 2] = [0.005, 0.995];
-/// Smallest and largest area, px, and as a share of the picture.
-const AREA: (f64, f64) = (6.0, 0.02);
+/// Smallest area, px.
+const MIN_AREA_PX: f64 = 6.0;
+/// Largest area as a share of the picture.
+const MAX_AREA_SHARE: f64 = 0.02;
 /// Longest over shortest axis of a tilted dot.
-const OBLONG: f64 = 3.0;
+const MAX_AXIS_RATIO: f64 = 3.0;
 /// Area over that of the ellipse of equal moments: 1 for an ellipse.
-const FULL: (f64, f64) = (0.8, 1.2);
+const FILL_RATIO: std::ops::Range<f64> = 0.8..1.2;
 /// Surroundings: smoothing of the background as a share of the picture's width.
 const BACKGROUND: f64 = 1.0 / 40.0;
 /// Shares of a dot's brightness between which the weight of a pixel rises from 0 to 1.
-const RAMP: (f32, f32) = (0.25, 0.75);
+const RAMP: [f32; 2] = [0.25, 0.75];
 /// So far beyond its region a dot's rim is weighed, px.
 const RIM: isize = 2;
 
@@ -47,7 +50,7 @@ pub fn find(picture: &GreyImage, dark: bool) -> Vec<Dot> {
     let (w, h) = (picture.width as isize, picture.height as isize);
     let out: Vec<f32> =
         (0..w * h).map(|i| sign * (smooth.at(i % w, i / w) - ground.at(i % w, i / w))).collect();
-    let threshold = (STANDS_OUT.0 * (high - low)).max(STANDS_OUT.1 * noise_of(&out));
+    let threshold = (MIN_CONTRAST * (high - low)).max(MIN_SIGMAS * noise_of(&out));
     let mut inside: Vec<bool> = out.iter().map(|v| *v > threshold).collect();
     let mut dots = Vec::new();
     for start in 0..inside.len() {
@@ -89,7 +92,7 @@ fn flood(inside: &mut [bool], w: isize, h: isize, start: isize) -> Vec<(isize, i
 /// The dot of a region, if it is one.
 fn dot(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Option<Dot> {
     let area = region.len() as f64;
-    if area < AREA.0 || area > AREA.1 * (picture.width * picture.height) as f64 {
+    if area < MIN_AREA_PX || area > MAX_AREA_SHARE * (picture.width * picture.height) as f64 {
         return None;
     }
     let mean = region.iter().map(|&(x, y)| Vector2::new(x as f64, y as f64)).sum::<Vector2<f64>>() / area;
@@ -99,8 +102,8 @@ fn dot(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Option<Dot>
     let axes = spread.symmetric_eigenvalues();
     let (short, long) = (axes.min().sqrt(), axes.max().sqrt());
     // An ellipse of semi-axes 2s and 2l has the variances s² and l².
-    let full = area / (4.0 * std::f64::consts::PI * short * long);
-    if long > OBLONG * short || !(FULL.0..FULL.1).contains(&full) {
+    let fill = area / (4.0 * std::f64::consts::PI * short * long);
+    if long > MAX_AXIS_RATIO * short || !FILL_RATIO.contains(&fill) {
         return None;
     }
     let reach = 2.0 * long + RIM as f64 + 1.0;
@@ -129,7 +132,7 @@ fn centre(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Vector2<
     for y in y0..=y1 {
         for x in x0..=x1 {
             let share = (sign * picture.at(x, y) - ground) / (body - ground).max(1e-6);
-            let weight = f64::from(((share - RAMP.0) / (RAMP.1 - RAMP.0)).clamp(0.0, 1.0));
+            let weight = f64::from(((share - RAMP[0]) / (RAMP[1] - RAMP[0])).clamp(0.0, 1.0));
             sum += weight;
             at += Vector2::new(x as f64, y as f64) * weight;
         }

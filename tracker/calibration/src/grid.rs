@@ -20,8 +20,10 @@ pub struct Node {
     pub lines: [Vector2<f64>; 2],
 }
 
-/// Indices of the points of a `columns`×`rows` grid, row by row, in one of its orientations. `Err`
-/// tells the size of the largest grid that was found. A grid in which they would fit in several
+/// Indices of the points of a `columns`×`rows` grid, row by row, in one of its orientations.
+///
+/// # Errors
+/// With the size of the largest grid that was found. A grid in which they would fit in several
 /// places is another one.
 pub fn find(nodes: &[Node], columns: usize, rows: usize) -> Result<Vec<usize>, usize> {
     let mut largest = 0;
@@ -40,7 +42,7 @@ pub fn find(nodes: &[Node], columns: usize, rows: usize) -> Result<Vec<usize>, u
 
 type Cell = (i32, i32);
 
-/// All nodes that hang together with the seed, by cell.
+/// All nodes connected with the seed, by cell.
 fn grow(nodes: &[Node], seed: usize) -> HashMap<Cell, usize> {
     let mut cells = HashMap::from([((0, 0), seed)]);
     let mut taken = vec![false; nodes.len()];
@@ -68,8 +70,9 @@ fn neighbour(
     cells: &HashMap<Cell, usize>,
     taken: &[bool],
     cell: Cell,
-    (dx, dy): Cell,
+    direction: Cell,
 ) -> Option<usize> {
+    let (dx, dy) = direction;
     let at = |c: i32, r: i32| cells.get(&(c, r)).map(|&n| nodes[n].at);
     let here = at(cell.0, cell.1)?;
     let behind = at(cell.0 - dx, cell.1 - dy).map(|b| here - b);
@@ -93,8 +96,8 @@ fn neighbour(
         None => {
             // Only the seed's own directions are known: the nearest node along the line.
             let line = nodes[*cells.get(&cell)?].lines[usize::from(dx == 0)];
-            let way = line * f64::from(dx + dy);
-            let ahead = free().filter(|(_, n)| way.angle(&(n.at - here)) < FIRST_ANGLE_RAD);
+            let forward = line * f64::from(dx + dy);
+            let ahead = free().filter(|(_, n)| forward.angle(&(n.at - here)) < FIRST_ANGLE_RAD);
             ahead.min_by(|a, b| (a.1.at - here).norm().total_cmp(&(b.1.at - here).norm())).map(|(i, _)| i)
         }
     }

@@ -206,7 +206,7 @@ impl VirtualRigShell {
         tally.clear_waiting();
         self.text.clear();
         tally.summary(&mut self.text);
-        self.say();
+        self.report_text();
         Ok(())
     }
 }

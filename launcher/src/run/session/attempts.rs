@@ -65,7 +65,7 @@ impl Session<'_> {
                 (ControlRequest::Quit, _) => Ok(()),
             };
             if let Err(problem) = &done {
-                self.screen.say(&format!("{problem:#}"));
+                self.screen.print(&format!("{problem:#}"));
             }
             if let Some(seq) = seq {
                 self.answer(seq, done.map_err(|e| format!("{e:#}")))?;

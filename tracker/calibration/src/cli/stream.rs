@@ -158,7 +158,7 @@ pub fn waved(args: &WavedArgs) -> anyhow::Result<ExitCode> {
     let drifted = drift_check::check(&rig, &seen, LIMIT_PX).map_or(true, |d| d.drifted());
     let refined = found.bundle.rig(&rig);
     let report = waved_report(&rig, &found, drifted);
-    args.output.tell(&report, &found.bundle.cameras, &found.residuals)?;
+    args.output.print(&report, &found.bundle.cameras, &found.residuals)?;
     // Checked as when it is read: a refined rig must be one.
     args.output.write(&Rig::parse(&refined.to_json(), "of the calibration")?.to_json())?;
     Ok(ExitCode::SUCCESS)
@@ -210,7 +210,7 @@ fn waved_report(rig: &Rig, found: &SelfCalibration, drifted: bool) -> Report {
 pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     let (rig, instants) = args.from.load(&args.stream)?;
     let found = drift_check::check(&rig, &instants, args.limit_px)?;
-    args.output.tell(&drift_report(&rig, &found, args.limit_px), &[], &[])?;
+    args.output.print(&drift_report(&rig, &found, args.limit_px), &[], &[])?;
     let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(_, c)| c.drifted);
     for (camera, shift) in shifted {
         eprintln!(
@@ -270,7 +270,7 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
     }
     match centre {
         Some(Ok((found, in_eye))) => {
-            tell_pivot(&mut report, "eye's centre in the world", &found);
+            report_pivot(&mut report, "eye's centre in the world", &found);
             if args.recentre {
                 recentre(&mut rig, found.point.coords, in_eye);
                 report.notes.push("the world's origin was moved to the eye's centre".into());
@@ -281,7 +281,7 @@ pub fn pivot(args: &PivotArgs) -> anyhow::Result<ExitCode> {
         None => {}
     }
     ensure!(!report.figures.is_empty(), "no pivot was found: {}", report.notes.join("; "));
-    args.output.tell(&report, &[], &[])?;
+    args.output.print(&report, &[], &[])?;
     args.output.write(&Rig::parse(&rig.to_json(), "of the calibration")?.to_json())?;
     Ok(ExitCode::SUCCESS)
 }
@@ -298,7 +298,7 @@ fn trocar(poses: &[Poses], body: usize) -> anyhow::Result<Pivot> {
     Ok(pivot::of_shafts(&shafts)?)
 }
 
-fn tell_pivot(report: &mut Report, what: &str, found: &Pivot) {
+fn report_pivot(report: &mut Report, what: &str, found: &Pivot) {
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
         report.uncertain(format!("{what}: {axis}"), [found.point[i], found.sigma_mm[i]], "mm");
     }
@@ -307,7 +307,7 @@ fn tell_pivot(report: &mut Report, what: &str, found: &Pivot) {
 }
 
 fn set_trocar(rig: &mut Rig, name: &str, found: &Pivot, report: &mut Report) {
-    tell_pivot(report, &format!("trocar of {name} in the eye"), found);
+    report_pivot(report, &format!("trocar of {name} in the eye"), found);
     if let Some(old) = rig.trocars.iter_mut().find(|t| t.body == name) {
         let moved = (found.point.coords - Vector3::from(old.p_eye)).norm();
         report.figure(format!("trocar of {name}: distance from the rig's"), moved, "mm");

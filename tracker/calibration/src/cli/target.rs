@@ -240,7 +240,7 @@ pub fn intrinsics(args: &IntrinsicsArgs) -> anyhow::Result<ExitCode> {
             .to_json(),
     };
     let report = report_of("intrinsics", &found, &sheets, notes);
-    args.output.tell(&report, &found.scene.cameras, &found.residuals)?;
+    args.output.print(&report, &found.scene.cameras, &found.residuals)?;
     args.output.write(&json)?;
     Ok(ExitCode::SUCCESS)
 }
@@ -308,7 +308,7 @@ pub fn stereo(args: &StereoArgs) -> anyhow::Result<ExitCode> {
 
 /// Prints the report and writes `template` with the calibrated cameras.
 fn finish(out: &OutputArgs, report: &Report, found: &Calibrated, template: &Rig) -> anyhow::Result<ExitCode> {
-    out.tell(report, &found.scene.cameras, &found.residuals)?;
+    out.print(report, &found.scene.cameras, &found.residuals)?;
     if out.output.is_some() {
         out.write(&rig_with(template, &found.scene.cameras)?.to_json())?;
     }
