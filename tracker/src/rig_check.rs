@@ -1,7 +1,6 @@
 //! Checks a rig for defects that make tracking impossible.
 
 use crate::rig_model::{Marker, RigModel};
-use anyhow::{Result, bail, ensure};
 use nalgebra::{Matrix3, Point3, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::BODIES;
@@ -16,11 +15,76 @@ const SHORTEST_ROLL_LEVER_MM: f64 = 0.1;
 /// Least distance of two markers of one body, mm.
 const CLOSEST_MARKERS_MM: f64 = 0.05;
 
+/// A defect of a rig.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RigDefect {
+    /// A camera does not see the workspace.
+    #[error(
+        "camera {camera} sees nothing: no point of the workspace of radius {radius_mm} mm about the eye's centre is in its picture"
+    )]
+    Blind {
+        /// Camera id.
+        camera: u32,
+        /// Radius of the workspace.
+        radius_mm: f64,
+    },
+    /// All cameras have the same centre.
+    #[error("no two cameras are more than {SHORTEST_BASE_MM} mm apart: depth cannot be told")]
+    OnePlace,
+    /// The markers of a body are collinear.
+    #[error(
+        "the markers of {body} lie in a line (within {lever_mm:.3} mm): its turn about that line, the roll, is free; \
+         at least one marker must stand {SHORTEST_ROLL_LEVER_MM} mm off"
+    )]
+    Collinear {
+        /// Name of the body.
+        body: &'static str,
+        /// Distance of the farthest marker from the line.
+        lever_mm: f64,
+    },
+    /// Two markers of a body have the same id.
+    #[error("{body} has marker id {id} twice")]
+    MarkerTwice {
+        /// Name of the body.
+        body: &'static str,
+        /// The id.
+        id: u32,
+    },
+    /// Two markers of a body have the same position.
+    #[error("markers {first} and {second} of {body} are in one place: they cannot be told apart")]
+    SamePlace {
+        /// Name of the body.
+        body: &'static str,
+        /// Index of one.
+        first: usize,
+        /// Index of the other.
+        second: usize,
+    },
+    /// A body has several trocars.
+    #[error("{body} has {count} trocars; a shaft passes one")]
+    TrocarTwice {
+        /// Name of the body.
+        body: &'static str,
+        /// How many.
+        count: usize,
+    },
+    /// A trocar is inside of the eye.
+    #[error(
+        "the trocar of {body} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: no shaft can pass it"
+    )]
+    TrocarInside {
+        /// Name of the body.
+        body: &'static str,
+        /// From the eye's centre.
+        distance_mm: f64,
+    },
+}
+
 /// Checks a rig.
 ///
 /// # Errors
 /// The first defect found.
-pub fn check(rig: &Rig) -> Result<()> {
+pub fn check(rig: &Rig) -> Result<(), RigDefect> {
     let model = RigModel::new(rig);
     check_cameras(rig, &model)?;
     for body in 0..BODIES {
@@ -30,21 +94,17 @@ pub fn check(rig: &Rig) -> Result<()> {
     Ok(())
 }
 
-fn check_cameras(rig: &Rig, model: &RigModel) -> Result<()> {
+fn check_cameras(rig: &Rig, model: &RigModel) -> Result<(), RigDefect> {
     let radius_mm = rig.workspace.tip_radius;
     let cameras = || model.cameras.iter().flatten();
     for camera in cameras() {
-        ensure!(
-            sees_workspace(camera, radius_mm),
-            "camera {} sees nothing: no point of the workspace of radius {radius_mm} mm about the eye's centre is in \
-             its picture",
-            camera.id
-        );
+        if !sees_workspace(camera, radius_mm) {
+            return Err(RigDefect::Blind { camera: camera.id, radius_mm });
+        }
     }
     let apart = |a: &Camera, b: &Camera| (a.centre_in_world() - b.centre_in_world()).norm();
     let based = cameras().any(|a| cameras().any(|b| apart(a, b) > SHORTEST_BASE_MM));
-    ensure!(based, "no two cameras are more than {SHORTEST_BASE_MM} mm apart: depth cannot be told");
-    Ok(())
+    if based { Ok(()) } else { Err(RigDefect::OnePlace) }
 }
 
 /// True if any point of a grid through the workspace is in the frame.
@@ -58,26 +118,23 @@ fn sees_workspace(camera: &Camera, radius_mm: f64) -> bool {
     })
 }
 
-fn check_markers(rig: &Rig, model: &RigModel, body: usize) -> Result<()> {
+fn check_markers(rig: &Rig, model: &RigModel, body: usize) -> Result<(), RigDefect> {
     let name = BODY_NAMES[body];
     let markers = &model.bodies[body].markers;
     let ids: Vec<u32> = rig.body(name).map(|b| b.markers.iter().map(|m| m.id).collect()).unwrap_or_default();
     if let Some((_, id)) = ids.iter().enumerate().find(|(i, id)| ids[..*i].contains(id)) {
-        bail!("{name} has marker id {id} twice");
+        return Err(RigDefect::MarkerTwice { body: name, id: *id });
     }
     for (second, m) in markers.iter().enumerate() {
         let same = |o: &Marker| (o.position - m.position).norm() < CLOSEST_MARKERS_MM;
         if let Some(first) = markers[..second].iter().position(same) {
-            bail!("markers {first} and {second} of {name} are in one place: they cannot be told apart");
+            return Err(RigDefect::SamePlace { body: name, first, second });
         }
     }
     let lever_mm = roll_lever(markers.iter().map(|m| m.position));
-    let flat = lever_mm < SHORTEST_ROLL_LEVER_MM;
-    ensure!(
-        !flat,
-        "the markers of {name} lie in a line (within {lever_mm:.3} mm): its turn about that line, the roll, is free; \
-         at least one marker must stand {SHORTEST_ROLL_LEVER_MM} mm off"
-    );
+    if lever_mm < SHORTEST_ROLL_LEVER_MM {
+        return Err(RigDefect::Collinear { body: name, lever_mm });
+    }
     Ok(())
 }
 
@@ -94,18 +151,17 @@ fn roll_lever(points: impl Iterator<Item = Point3<f64>> + Clone) -> f64 {
     libm::sqrt((scatter.trace() - along.max()).max(0.0))
 }
 
-fn check_trocar(rig: &Rig, body: usize) -> Result<()> {
+fn check_trocar(rig: &Rig, body: usize) -> Result<(), RigDefect> {
     let name = BODY_NAMES[body];
     let count = rig.trocars.iter().filter(|t| t.body == name).count();
-    ensure!(count <= 1, "{name} has {count} trocars; a shaft passes one");
+    if count > 1 {
+        return Err(RigDefect::TrocarTwice { body: name, count });
+    }
     if let Some(trocar) = rig.trocar(name).filter(|_| body != EYE) {
         let distance_mm = Vector3::from(trocar.p_eye).norm();
-        let inside = distance_mm < 0.5 * rig.workspace.tip_radius;
-        ensure!(
-            !inside,
-            "the trocar of {name} is {distance_mm:.2} mm from the eye's centre, inside of the workspace of tips: \
-             no shaft can pass it"
-        );
+        if distance_mm < 0.5 * rig.workspace.tip_radius {
+            return Err(RigDefect::TrocarInside { body: name, distance_mm });
+        }
     }
     Ok(())
 }
