@@ -180,9 +180,11 @@ impl TrackerProcess {
         Ok(self.poses.send(&frame)?)
     }
 
-    /// Updates the figures of the next heartbeat, and warns once of a drifted rig.
+    /// Updates the figures of the next heartbeat, and warns once of a rig that has drifted by more
+    /// than the corrections of every calibration.
     fn report(&mut self) {
-        if let Some(report) = self.tracker.drift().filter(|r| r.detected && !self.drift_reported) {
+        let drift = self.tracker.drift().filter(|r| r.detected && r.is_large());
+        if let Some(report) = drift.filter(|_| !self.drift_reported) {
             tracing::warn!("{report}");
             self.drift_reported = true;
         }
