@@ -44,6 +44,74 @@ fn first(count: usize) -> [__m256i; 2] {
     [0, 8].map(|from| _mm256_cmpgt_epi32(_mm256_set1_epi32(count as i32 - from), lanes))
 }
 
+/// [`Lanes::rsqrt`] of one register.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn rsqrt_half(x: __m256) -> __m256 {
+    let bits = _mm256_srli_epi32::<1>(_mm256_castps_si256(x));
+    let guess = _mm256_castps_si256(_mm256_set1_ps(ROOT[0]));
+    let y = _mm256_castsi256_ps(_mm256_sub_epi32(guess, bits));
+    let share = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(x, _mm256_set1_ps(ROOT[1])), y), y);
+    let y = _mm256_mul_ps(y, _mm256_sub_ps(_mm256_set1_ps(ROOT[2]), share));
+    let share = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(x, _mm256_set1_ps(ROOT[3])), y), y);
+    _mm256_mul_ps(y, _mm256_sub_ps(_mm256_set1_ps(ROOT[4]), share))
+}
+
+/// [`Lanes::neighbours`] of the nodes of one register: x, y, z, u, v, w.
+///
+/// # Safety
+/// Eight nodes of eight numbers can be read, each at its pointer.
+#[inline]
+#[target_feature(enable = "avx2")]
+unsafe fn neighbours_half(node: [*const f32; 8]) -> [__m256; 6] {
+    // SAFETY: the caller lends the nodes.
+    let n = unsafe {
+        [
+            _mm256_loadu_ps(node[0]),
+            _mm256_loadu_ps(node[1]),
+            _mm256_loadu_ps(node[2]),
+            _mm256_loadu_ps(node[3]),
+            _mm256_loadu_ps(node[4]),
+            _mm256_loadu_ps(node[5]),
+            _mm256_loadu_ps(node[6]),
+            _mm256_loadu_ps(node[7]),
+        ]
+    };
+    let a = columns([n[0], n[1], n[2], n[3]]);
+    let b = columns([n[4], n[5], n[6], n[7]]);
+    [
+        _mm256_permute2f128_ps::<0x20>(a[0], b[0]),
+        _mm256_permute2f128_ps::<0x20>(a[1], b[1]),
+        _mm256_permute2f128_ps::<0x20>(a[2], b[2]),
+        _mm256_permute2f128_ps::<0x31>(a[0], b[0]),
+        _mm256_permute2f128_ps::<0x31>(a[1], b[1]),
+        _mm256_permute2f128_ps::<0x31>(a[2], b[2]),
+    ]
+}
+
+/// The numbers of a block at the lowest four bits of eight indices.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn pick(block: V, index: __m256i) -> __m256 {
+    // The sign of a lane chooses: bit 3 of its index comes to stand there.
+    let high = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index));
+    let low = _mm256_permutevar8x32_ps(block[0], index);
+    _mm256_blendv_ps(low, _mm256_permutevar8x32_ps(block[1], index), high)
+}
+
+/// [`Lanes::gather`] of one register of indices.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn gather_half(first: V, second: V, index: __m256i) -> __m256 {
+    // As in `pick`: bit 4 chooses the block, bit 5 stands for none.
+    let later = _mm256_castsi256_ps(_mm256_slli_epi32::<27>(index));
+    let absent = _mm256_castsi256_ps(_mm256_slli_epi32::<26>(index));
+    let found = _mm256_blendv_ps(pick(first, index), pick(second, index), later);
+    _mm256_blendv_ps(found, _mm256_setzero_ps(), absent)
+}
+
+// Intrinsics are inlined only into functions with their target feature. The closures of the trait's
+// functions do not have it, so that there are none.
 // SAFETY: used only where `Isa::available` found the instructions; pointers are used as the trait
 // says, unaligned.
 unsafe impl Lanes for Avx2 {
@@ -122,25 +190,15 @@ unsafe impl Lanes for Avx2 {
     #[inline(always)]
     unsafe fn rsqrt(x: V) -> V {
         // SAFETY: the caller has the instructions.
-        unsafe {
-            let [guess, first, second, half, newton] = ROOT.map(|x| _mm256_set1_ps(x));
-            x.map(|x| {
-                let bits = _mm256_srli_epi32::<1>(_mm256_castps_si256(x));
-                let y = _mm256_castsi256_ps(_mm256_sub_epi32(_mm256_castps_si256(guess), bits));
-                let share = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(x, first), y), y);
-                let y = _mm256_mul_ps(y, _mm256_sub_ps(second, share));
-                let share = _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(x, half), y), y);
-                _mm256_mul_ps(y, _mm256_sub_ps(newton, share))
-            })
-        }
+        unsafe { [rsqrt_half(x[0]), rsqrt_half(x[1])] }
     }
 
     #[inline(always)]
     unsafe fn above(a: V, b: V) -> u16 {
         // SAFETY: the caller has the instructions.
         unsafe {
-            let mask = |h: usize| _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(a[h], b[h])) as u16;
-            mask(0) | mask(1) << 8
+            let low = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(a[0], b[0])) as u16;
+            low | (_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(a[1], b[1])) as u16) << 8
         }
     }
 
@@ -148,8 +206,10 @@ unsafe impl Lanes for Avx2 {
     unsafe fn if_above(a: V, b: V, x: V, y: V) -> V {
         // SAFETY: the caller has the instructions.
         unsafe {
-            let half = |h: usize| _mm256_blendv_ps(y[h], x[h], _mm256_cmp_ps::<_CMP_GT_OQ>(a[h], b[h]));
-            [half(0), half(1)]
+            [
+                _mm256_blendv_ps(y[0], x[0], _mm256_cmp_ps::<_CMP_GT_OQ>(a[0], b[0])),
+                _mm256_blendv_ps(y[1], x[1], _mm256_cmp_ps::<_CMP_GT_OQ>(a[1], b[1])),
+            ]
         }
     }
 
@@ -172,15 +232,9 @@ unsafe impl Lanes for Avx2 {
     unsafe fn neighbours(nodes: *const f32, at: *const u32) -> [V; 6] {
         // SAFETY: the caller lends sixteen offsets and a node behind each.
         unsafe {
-            let node = |i: usize| _mm256_loadu_ps(nodes.add(*at.add(i) as usize));
-            let half = |h: usize| {
-                let a = columns([node(h), node(h + 1), node(h + 2), node(h + 3)]);
-                let b = columns([node(h + 4), node(h + 5), node(h + 6), node(h + 7)]);
-                let place = |k: usize| _mm256_permute2f128_ps::<0x20>(a[k], b[k]);
-                let speed = |k: usize| _mm256_permute2f128_ps::<0x31>(a[k], b[k]);
-                [place(0), place(1), place(2), speed(0), speed(1), speed(2)]
-            };
-            let (low, high) = (half(0), half(8));
+            let node = |i: usize| nodes.add(*at.add(i) as usize);
+            let low = neighbours_half(std::array::from_fn(node));
+            let high = neighbours_half(std::array::from_fn(|i| node(i + 8)));
             std::array::from_fn(|k| [low[k], high[k]])
         }
     }
@@ -191,8 +245,10 @@ unsafe impl Lanes for Avx2 {
     unsafe fn index(from: *const u8) -> [__m256i; 2] {
         // SAFETY: the caller lends sixteen.
         unsafe {
-            let half = |h: usize| _mm256_cvtepu8_epi32(_mm_loadl_epi64(from.add(8 * h).cast()));
-            [half(0), half(1)]
+            [
+                _mm256_cvtepu8_epi32(_mm_loadl_epi64(from.cast())),
+                _mm256_cvtepu8_epi32(_mm_loadl_epi64(from.add(8).cast())),
+            ]
         }
     }
 
@@ -201,16 +257,7 @@ unsafe impl Lanes for Avx2 {
         // SAFETY: the caller lends sixteen numbers at both.
         unsafe {
             let (first, second) = (Self::load(first), Self::load(second));
-            index.map(|index| {
-                // The sign of a lane chooses: bits 3, 4 and 5 of its index come to stand there.
-                let low = |half: __m256| _mm256_permutevar8x32_ps(half, index);
-                let high = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index));
-                let later = _mm256_castsi256_ps(_mm256_slli_epi32::<27>(index));
-                let absent = _mm256_castsi256_ps(_mm256_slli_epi32::<26>(index));
-                let of = |block: V| _mm256_blendv_ps(low(block[0]), low(block[1]), high);
-                let found = _mm256_blendv_ps(of(first), of(second), later);
-                _mm256_blendv_ps(found, _mm256_setzero_ps(), absent)
-            })
+            [gather_half(first, second, index[0]), gather_half(first, second, index[1])]
         }
     }
 }

@@ -127,12 +127,17 @@ unsafe fn shortened<L: Lanes>(square: L::V, limit: f32, limit2: f32) -> L::V {
     }
 }
 
+#[inline(always)]
+unsafe fn squared<L: Lanes>([x, y, z]: [L::V; 3]) -> L::V {
+    // SAFETY: the caller has the instructions.
+    unsafe { L::add(L::add(L::mul(x, x), L::mul(y, y)), L::mul(z, z)) }
+}
+
 /// Moves a block of nodes; returns those that are mobile and now beyond the retina.
 #[inline(always)]
 unsafe fn advance_block<L: Lanes>(bases: &Bases, rates: &Rates, span: Span) -> u16 {
     // SAFETY: handed on.
     unsafe {
-        let squared = |[x, y, z]: [L::V; 3]| L::add(L::add(L::mul(x, x), L::mul(y, y)), L::mul(z, z));
         let mobile = span.part::<L>(bases.mobile);
         let a2 = span.part::<L>(bases.acceleration2);
         let limit = shortened::<L>(a2, rates.a_max, rates.a_max * rates.a_max);
@@ -143,7 +148,7 @@ unsafe fn advance_block<L: Lanes>(bases: &Bases, rates: &Rates, span: Span) -> u
                 (span.part::<L>(bases.position[axis]), span.part::<L>(bases.velocity[axis]));
             new[axis] = L::add(old[axis], L::mul(span.part::<L>(bases.acceleration[axis]), limit));
         }
-        let slow = shortened::<L>(squared(new), rates.v_max, rates.v_max2);
+        let slow = shortened::<L>(squared::<L>(new), rates.v_max, rates.v_max2);
         let way = L::mul(L::mul(slow, L::splat(rates.new_dt)), mobile);
         let kept = L::mul(slow, L::splat(rates.keep));
         for axis in 0..3 {
@@ -155,6 +160,6 @@ unsafe fn advance_block<L: Lanes>(bases: &Bases, rates: &Rates, span: Span) -> u
             span.put::<L>(bases.position[axis], place[axis]);
             span.put::<L>(bases.velocity[axis], L::mul(new[axis], kept));
         }
-        L::above(squared(place), L::splat(rates.radius2)) & L::above(mobile, L::splat(0.0))
+        L::above(squared::<L>(place), L::splat(rates.radius2)) & L::above(mobile, L::splat(0.0))
     }
 }
