@@ -9,7 +9,7 @@
 //! moves the rig a part of the way.
 //!
 //! What changes no residual is not observable: where all markers of a body moved together, pose and
-//! tip move with them. [`DriftReport::blind_mm`] is how much of that the prior allows.
+//! tip move with them. [`DriftReport::unobservable_mm`] is how much of that the prior allows.
 
 use crate::constants as k;
 use crate::fit::BlobMatch;
