@@ -95,8 +95,7 @@ fn subscribe(process: &'static str, format: LogFormat, filter: Targets) {
         && std::io::stderr().is_terminal()
         && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
     let lines = tracing_subscriber::fmt::layer()
-        .event_format(Lines { process, format })
-        .with_ansi(colours)
+        .event_format(Lines { process, format, colours })
         .with_writer(std::io::stderr);
     // A program that embeds this crate may have its own subscriber; that one stays.
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();
@@ -167,6 +166,9 @@ pub fn with_causes(error: &(dyn std::error::Error + 'static)) -> String {
 struct Lines {
     process: &'static str,
     format: LogFormat,
+    /// The level in its colour: for terminals. The layer's own setting would need a feature of its
+    /// crate.
+    colours: bool,
 }
 
 /// What every record has.
@@ -230,7 +232,7 @@ where
         let mut fields = Fields(Map::new());
         event.record(&mut fields);
         let line = match self.format {
-            LogFormat::Text => head.text(&fields.0, writer.has_ansi_escapes()),
+            LogFormat::Text => head.text(&fields.0, self.colours),
             LogFormat::Json => head.json(fields.0),
         };
         writeln!(writer, "{line}")
@@ -298,12 +300,11 @@ mod tests {
     }
 
     /// The lines that `work` logs at level info and above.
-    fn lines(format: LogFormat, work: impl FnOnce()) -> Vec<String> {
+    fn lines(format: LogFormat, colours: bool, work: impl FnOnce()) -> Vec<String> {
         let kept = Kept::default();
         let writer = kept.clone();
         let layer = tracing_subscriber::fmt::layer()
-            .event_format(Lines { process: "tracker", format })
-            .with_ansi(false)
+            .event_format(Lines { process: "tracker", format, colours })
             .with_writer(move || writer.clone());
         let filter = "info".parse::<Targets>().unwrap();
         tracing::subscriber::with_default(
@@ -322,7 +323,7 @@ mod tests {
 
     #[test]
     fn a_json_line_holds_process_level_message_and_field_number() {
-        let lines = lines(LogFormat::Json, records);
+        let lines = lines(LogFormat::Json, false, records);
         assert_eq!(lines.len(), 2, "{lines:?}");
         let first: Value = serde_json::from_str(&lines[0]).unwrap();
         assert_eq!((&first["field"], &first["depth_mm"]), (&7.into(), &0.5.into()));
@@ -335,10 +336,16 @@ mod tests {
 
     #[test]
     fn a_text_line_holds_time_level_process_and_fields() {
-        let lines = lines(LogFormat::Text, records);
+        let lines = lines(LogFormat::Text, false, records);
         let (time, rest) = lines[0].split_once(' ').unwrap();
         assert!(time.starts_with("20") && time.ends_with('Z'), "{time}");
         assert_eq!(rest, "WARN  tracker: frame withheld: \"x\" depth_mm=0.5 field=7");
+    }
+
+    #[test]
+    fn a_terminal_gets_the_level_in_its_colour() {
+        let lines = lines(LogFormat::Text, true, records);
+        assert!(lines[0].contains("\x1b[") && lines[0].contains("WARN"), "{lines:?}");
     }
 
     #[test]
