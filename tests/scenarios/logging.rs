@@ -1,7 +1,8 @@
 //! Messages of a run on standard error: text for a person, JSON lines for a program.
 
 use serde_json::Value;
-use vitreo_tests::{instance_name, vitreo};
+use std::process::{Command, Stdio};
+use vitreo_tests::{binaries, instance_name, repository, vitreo};
 
 /// Standard error of a run of one second; `None` where no driver can draw its picture.
 fn run(extra: &[&str]) -> Option<String> {
@@ -45,4 +46,19 @@ fn graphics_libraries_write_nothing() {
     for chatter in ["XDG_RUNTIME_DIR", "libEGL", "MESA"] {
         assert!(!text.contains(chatter), "{chatter} in:\n{text}");
     }
+}
+
+/// Every program begins to log when it starts; on a terminal it does so in colours.
+#[test]
+fn programs_start_on_a_terminal() {
+    let vitreo = binaries().join("vitreo");
+    let output = Command::new("script")
+        .args(["-qec", &format!("{} modules", vitreo.display()), "/dev/null"])
+        .current_dir(repository())
+        .stdin(Stdio::null())
+        .output()
+        .expect("script, of Debian's base system, gives a terminal");
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && text.contains("navigation"), "{text}");
+    assert!(!text.contains("tracing-subscriber"), "{text}");
 }
