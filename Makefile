@@ -37,7 +37,7 @@ setup: ## Install a C compiler, a Vulkan driver and Rust, where they are missing
 demo: setup ## Run 20 s of surgery; leave recording, report, pictures and video in out/
 	cargo build --release --workspace
 	@mkdir -p out
-	$(RELEASE) run --headless --instance demo --duration 20 --record out/demo.mcap --report out/report.json \
+	$(RELEASE) run --headless --instance demo --duration 20 --force --record out/demo.mcap --report out/report.json \
 		--stills out/stills --video out/demo.y4m
 	$(RELEASE) replay out/demo.mcap --instance demo --lockstep --verify
 	@echo; echo "recording   out/demo.mcap     (vitreo info, vitreo trace, Foxglove)"; \
@@ -63,7 +63,7 @@ setup-python:
 test-python: setup setup-python ## Read a fresh recording with Python's mcap
 	cargo build --workspace
 	@mkdir -p out
-	$(DEBUG) run --no-picture --direct --instance python --duration 4 --record out/python.mcap
+	$(DEBUG) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
@@ -74,17 +74,17 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	cargo bench -p validation --bench vitreous
 	cargo build --release --workspace
 	@mkdir -p out
-	$(RELEASE) run --no-picture --instance bench --duration 30 --report out/bench-no-picture.json
-	$(RELEASE) run --headless --instance bench --duration 30 --report out/bench-headless.json
+	$(RELEASE) run --no-picture --instance bench --duration 30 --force --report out/bench-no-picture.json
+	$(RELEASE) run --headless --instance bench --duration 30 --force --report out/bench-headless.json
 
 bench-score: setup ## Measure how fast recordings are scored on one core, without and with simulating again
 	cargo build --release --workspace
 	@mkdir -p out/score
 	for m in $(SCORED); do \
-		$(RELEASE) run --module $$m --no-picture --direct --instance bench --record out/score/$$m.mcap >/dev/null || exit 1; done
+		$(RELEASE) run --module $$m --no-picture --direct --instance bench --force --record out/score/$$m.mcap >/dev/null || exit 1; done
 	for how in "" --resimulate; do for m in $(SCORED); do \
-		$(RELEASE) score out/score/$$m.mcap --jobs 1 --csv out/score/$$m.csv $$how || exit 1; done; \
-		$(RELEASE) score $(SCORED:%=out/score/%.mcap) --jobs 1 --csv out/score/all.csv $$how || exit 1; done
+		$(RELEASE) score out/score/$$m.mcap --jobs 1 --force --csv out/score/$$m.csv $$how || exit 1; done; \
+		$(RELEASE) score $(SCORED:%=out/score/%.mcap) --jobs 1 --force --csv out/score/all.csv $$how || exit 1; done
 
 validation: setup ## Compare the tissue with closed forms; pictures into docs/validation
 	cargo run --release -p validation --example validation
@@ -94,7 +94,7 @@ study: setup ## Let four scripted surgeons and recorded hands do the training mo
 
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release --workspace
-	$(RELEASE) run --no-picture --instance golden --duration 2 --record tests/data/golden/peel-2s.mcap
+	$(RELEASE) run --no-picture --instance golden --duration 2 --force --record tests/data/golden/peel-2s.mcap
 
 pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
 	cargo run --release -p renderer --example pictures -- tests/data/pictures
@@ -107,7 +107,7 @@ instruments: setup ## Renew the instruments' meshes
 	cargo run --release -p renderer --example instruments -- assets/instruments
 
 vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
-	cargo run -p fpga-model -- vectors fpga-model/vectors
+	cargo run -p fpga-model -- vectors --force fpga-model/vectors
 
 clean: ## Remove what was built and put out
 	cargo clean

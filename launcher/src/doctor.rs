@@ -4,6 +4,7 @@ mod graphics;
 mod system;
 
 use crate::exit::FAILED;
+use outputs::{print, println};
 use serde::Serialize;
 use std::process::ExitCode;
 

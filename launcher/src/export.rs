@@ -2,15 +2,15 @@
 
 use crate::poses_csv::PosesCsv;
 use crate::progress::bytes_bar;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use blob_stream::write_line;
 use bytemuck::pod_read_unaligned;
 use ipc::logging::warn;
+use outputs::{Force, OutputFile, STDOUT, csv_cell};
 use protocol::time::Nanos;
 use protocol::wire::{Kind, Layout, Role};
 use recording::{Item, Recording};
-use std::fs::File;
-use std::io::{BufWriter, ErrorKind, Write, stdout};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -22,9 +22,11 @@ pub struct ExportArgs {
     pub file: PathBuf,
     #[command(flatten)]
     what: What,
-    /// Where `--csv` goes; standard output if not given.
+    /// Where `--csv` goes [default: standard output].
     #[arg(short, long, value_name = "OUT.csv", requires = "csv")]
     pub output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 #[derive(Debug, clap::Args)]
@@ -48,13 +50,11 @@ struct What {
 const TABLES: [&str; 8] =
     ["handles", "pedal", "steps", "events", "frames", "notes", "checkpoints", "pictures"];
 
-type Out = BufWriter<Box<dyn Write>>;
-
 /// Where each kind of item goes.
-struct Outputs {
-    poses: Option<PosesCsv<Out>>,
-    blobs: Option<Out>,
-    table: Option<(String, Out)>,
+struct Tables {
+    poses: Option<PosesCsv<OutputFile>>,
+    blobs: Option<OutputFile>,
+    table: Option<(String, OutputFile)>,
     counts: [u64; 3],
 }
 
@@ -63,57 +63,47 @@ struct Outputs {
 /// # Errors
 /// Where the recording cannot be read, or a file exists already or cannot be written.
 pub fn run(args: &ExportArgs) -> anyhow::Result<ExitCode> {
-    export(args).or_else(|error| match error.downcast_ref::<std::io::Error>() {
-        // Whoever reads the table has seen enough of it.
-        Some(e) if e.kind() == ErrorKind::BrokenPipe => Ok(ExitCode::SUCCESS),
-        _ => Err(error),
-    })
-}
-
-fn export(args: &ExportArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
+    let mut outputs = outputs::Outputs::new(args.force.force).reading(&args.file);
+    let mut tables = Tables::open(args, &mut outputs)?;
     if let Some(rig) = &args.what.rig {
-        std::fs::write(rig, &recording.provenance().rig_json).with_context(|| rig.display().to_string())?;
+        outputs.write(rig, &recording.provenance().rig_json)?;
     }
-    let mut outputs = Outputs::open(args)?;
     let bar = bytes_bar(recording.bytes(), "export");
     let mut items = recording.items();
     let mut damage = None;
     while let Some(item) = items.next() {
         match item {
-            Ok((log_time, item)) => outputs.take(log_time, &item)?,
+            Ok((log_time, item)) => tables.take(log_time, &item)?,
             Err(error) => damage = Some(damage.unwrap_or(error)),
         }
         bar.set_position(items.bytes_read());
     }
     bar.finish_and_clear();
-    outputs.finish(&args.file)?;
+    tables.finish(&args.file)?;
     // What could be read has been written; the loss is reported and shows in the exit code.
     let Some(error) = damage else { return Ok(ExitCode::SUCCESS) };
     warn(&format!("{error}"));
     Ok(ExitCode::from(crate::exit::LOSS))
 }
 
-fn create(path: &Path) -> anyhow::Result<Out> {
-    let file = File::create(path).with_context(|| path.display().to_string())?;
-    Ok(BufWriter::new(Box::new(file)))
-}
-
-impl Outputs {
-    fn open(args: &ExportArgs) -> anyhow::Result<Self> {
-        let poses = args.what.poses.as_deref().map(create).transpose()?;
+impl Tables {
+    fn open(args: &ExportArgs, outputs: &mut outputs::Outputs) -> anyhow::Result<Self> {
+        let to = args.what.csv.as_ref().map(|_| args.output.as_deref().unwrap_or(Path::new(STDOUT)));
+        let What { poses, blobs, rig, csv } = &args.what;
+        for path in [poses, blobs, rig].into_iter().filter_map(|p| p.as_deref()).chain(to) {
+            outputs.claim(path)?;
+        }
+        let poses = poses.as_deref().map(|path| outputs.create(path)).transpose()?;
         let poses = poses.map(PosesCsv::new).transpose()?;
-        let blobs = args.what.blobs.as_deref().map(create).transpose()?;
+        let blobs = blobs.as_deref().map(|path| outputs.create(path)).transpose()?;
         let mut table = None;
-        if let Some(topic) = &args.what.csv {
-            let mut out: Out = match &args.output {
-                Some(path) => create(path)?,
-                None => BufWriter::new(Box::new(stdout())),
-            };
+        if let Some((topic, to)) = csv.as_ref().zip(to) {
+            let mut out = outputs.create(to)?;
             writeln!(out, "log_time_ns,{}", header(topic))?;
             table = Some((topic.clone(), out));
         }
-        Ok(Outputs { poses, blobs, table, counts: [0; 3] })
+        Ok(Tables { poses, blobs, table, counts: [0; 3] })
     }
 
     fn take(&mut self, log_time: Nanos, item: &Item) -> anyhow::Result<()> {
@@ -138,18 +128,19 @@ impl Outputs {
     fn finish(self, file: &Path) -> anyhow::Result<()> {
         let file = file.display();
         if let Some(poses) = self.poses {
-            poses.finish()?;
+            let whole = poses.into_inner();
             if self.counts[0] == 0 {
                 bail!(
                     "{file} holds no poses; `vitreo replay {file} --lockstep --poses OUT.csv` computes them"
                 );
             }
+            whole.finish()?;
         }
-        if let Some(mut blobs) = self.blobs {
-            blobs.flush()?;
+        if let Some(blobs) = self.blobs {
+            blobs.finish()?;
         }
-        if let Some((topic, mut out)) = self.table {
-            out.flush()?;
+        if let Some((topic, out)) = self.table {
+            out.finish()?;
             if self.counts[2] == 0 {
                 warn(&format!("{file} holds nothing on topic {topic}"));
             }
@@ -186,7 +177,7 @@ fn row(item: &Item) -> String {
             note.instant_ns,
             note.kind,
             note.count,
-            quoted(&note.text)
+            csv_cell(&note.text)
         );
     }
     let Some(block) = item.block() else { return String::new() };
@@ -217,11 +208,6 @@ fn number(kind: &Kind, bytes: &[u8]) -> String {
         Kind::U32 => pod_read_unaligned::<u32>(bytes).to_string(),
         _ => String::new(),
     }
-}
-
-/// A text cell after RFC 4180.
-fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.replace('"', "\"\""))
 }
 
 #[cfg(test)]
@@ -304,10 +290,5 @@ mod tests {
             let cells = |text: &str| text.split(',').count();
             assert_eq!(cells(&row(&item)), cells(&header(item.topic())), "{}", item.topic());
         }
-    }
-
-    #[test]
-    fn texts_are_quoted() {
-        assert_eq!(quoted("a \"b\""), "\"a \"\"b\"\"\"");
     }
 }

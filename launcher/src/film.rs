@@ -7,6 +7,7 @@ use crate::modules::Composed;
 use crate::progress::pictures_bar;
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, inform};
+use outputs::{Force, Outputs};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -54,6 +55,8 @@ pub struct FilmArgs {
     #[arg(long, value_name = "HOW", default_value = "side-by-side",
           value_parser = ["side-by-side", "anaglyph", "interleaved", "left", "right"])]
     pub arrange: String,
+    #[command(flatten)]
+    force: Force,
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
@@ -67,12 +70,11 @@ fn seconds(text: &str) -> Result<f64, String> {
 /// Where the module is refused, or simulation or renderer fail.
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     let level = args.level.map_or_else(|| Ok(surgeon::load(&args.module)?.levels()), anyhow::Ok)?;
-    let composed = Composed::new(&args.module, level, &args.surgeon, args.seed)?;
     let film = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.y4m".into()));
-    let folders = [film.as_deref().and_then(Path::parent), args.stills.as_deref()];
-    for folder in folders.into_iter().flatten().filter(|f| !f.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).with_context(|| format!("make folder {}", folder.display()))?;
-    }
+    let mut outputs = Outputs::new(args.force.force).reading(&args.module);
+    film.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
+    args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
+    let composed = Composed::new(&args.module, level, &args.surgeon, args.seed)?;
     let (mut simulation, scenes) = simulate(args, &composed)?;
     let (mut renderer, pictures) = draw(args, &composed, film.as_deref())?;
     let carried = carry(scenes, pictures, (args.length.min(composed.longest_s) * PICTURES_PER_S) as u64 + 1);
@@ -117,6 +119,9 @@ fn draw(args: &FilmArgs, composed: &Composed, film: Option<&Path>) -> anyhow::Re
     if let Some(stills) = &args.stills {
         let every = ((args.every * PICTURES_PER_S).round() as u64).max(1);
         command.arg("--stills").arg(stills).args(["--every", &every.to_string()]);
+    }
+    if args.force.force {
+        command.arg("--force");
     }
     if let Some(kb) = args.jpeg {
         command.args(["--jpeg", &(u64::from(kb) * 1000).to_string()]);

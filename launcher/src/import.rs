@@ -4,6 +4,7 @@ use crate::progress::counter;
 use anyhow::Context;
 use blob_stream::BlobReader;
 use ipc::logging::{inform, warn};
+use outputs::{Force, GrowingFile, Outputs};
 use protocol::limits::MAX_BLOBS;
 use protocol::rig::Rig;
 use recording::{Item, Provenance, Source, Writer};
@@ -27,6 +28,9 @@ pub struct ImportArgs {
     /// The recording to write.
     #[arg(short, long, value_name = "FILE.mcap")]
     pub output: PathBuf,
+    /// Whether a file that exists is written over.
+    #[command(flatten)]
+    pub force: Force,
 }
 
 /// What went into the recording.
@@ -42,9 +46,14 @@ struct Imported {
 /// # Errors
 /// Where rig or stream are refused, or the recording cannot be written.
 pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
+    let mut outputs =
+        Outputs::new(args.force.force).reading_all([&args.rig, &args.blobs]).reading(&args.scene);
+    outputs.claim(&args.output)?;
     let provenance = provenance(&args.rig, &args.blobs, &args.scene)?;
-    let imported = copy(&args.blobs, &args.output, &provenance)
-        .inspect_err(|_| drop(std::fs::remove_file(&args.output)))?;
+    let stream = BlobReader::open(&args.blobs)?;
+    let mut output = outputs.grow(&args.output)?;
+    let imported = copy(stream, &output, &provenance)?;
+    output.appear()?;
     let Imported { fields, blobs, left_out } = imported;
     inform(&format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
     if left_out > 0 {
@@ -70,10 +79,9 @@ fn provenance(rig: &Path, blobs: &Path, scene: &str) -> anyhow::Result<Provenanc
     })
 }
 
-fn copy(blobs: &Path, output: &Path, provenance: &Provenance) -> anyhow::Result<Imported> {
-    let stream = BlobReader::open(blobs)?;
+fn copy(stream: BlobReader, output: &GrowingFile, provenance: &Provenance) -> anyhow::Result<Imported> {
     let bar = counter("camera-fields");
-    let mut writer = Writer::create(output, provenance)?;
+    let mut writer = Writer::on(output.handle()?, output.path(), provenance)?;
     let mut imported = Imported::default();
     for field in stream {
         let field = field?;
@@ -108,7 +116,7 @@ mod tests {
         let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
         let earlier = LINE.replace("\"seq\":3", "\"seq\":2");
         std::fs::write(&blobs, format!("{LINE}\n{LINE}\n{earlier}\n")).unwrap();
-        let args = ImportArgs { rig, blobs, scene: DEFAULT_SCENE.into(), output };
+        let args = ImportArgs { rig, blobs, scene: DEFAULT_SCENE.into(), output, force: Force::default() };
         run(&args).unwrap();
         let recording = Recording::open(&args.output).unwrap();
         assert_eq!(recording.provenance().source, Source::Import);
@@ -126,7 +134,7 @@ mod tests {
         let rig = rig_in(directory.path());
         let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
         std::fs::write(&blobs, format!("{LINE}\n{{\"cam\":0}}\n")).unwrap();
-        let args = ImportArgs { rig, blobs, scene: DEFAULT_SCENE.into(), output };
+        let args = ImportArgs { rig, blobs, scene: DEFAULT_SCENE.into(), output, force: Force::default() };
         let error = format!("{:#}", run(&args).unwrap_err());
         assert!(error.contains("b.jsonl") && error.contains("line 2"), "{error}");
         assert!(!args.output.exists());

@@ -1,5 +1,6 @@
 //! `vitreo info`: what a recording holds.
 
+use outputs::println;
 use recording::{Item, NoteKind, Recording};
 use serde::Serialize;
 use std::collections::BTreeMap;

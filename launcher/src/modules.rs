@@ -1,8 +1,12 @@
 //! `vitreo modules`: what there is to train; and the scene that `vitreo run --module` composes.
 
-use anyhow::bail;
+use anyhow::{Context, bail};
+use outputs::{print, println};
+use rustix::fs::{MemfdFlags, memfd_create};
 use scene::module::{Kind, Module, names};
+use std::fs::File;
 use std::io::{Seek, Write};
+use std::os::fd::AsRawFd;
 use std::process::ExitCode;
 use surgeon::skill::{SKILLS, Skill, by_name};
 
@@ -51,10 +55,11 @@ pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A composed scene in a file that lasts as long as this value, for the processes to read.
+/// A composed scene in a file that lasts as long as this value, for the processes to read. It is in
+/// memory and reached through this process, so that nothing is left of it however the run ends.
 #[derive(Debug)]
 pub struct Composed {
-    file: tempfile::NamedTempFile,
+    file: File,
     module: Module,
     surgeon: Skill,
     seed: u64,
@@ -73,7 +78,7 @@ impl Composed {
             let known: Vec<&str> = SKILLS.iter().map(|s| s.name).collect();
             bail!("--surgeon: expected one of {}, found {surgeon}", known.join(", "));
         };
-        let file = tempfile::Builder::new().prefix("vitreo-").suffix(".toml").tempfile()?;
+        let file = memfd_create("vitreo-scene", MemfdFlags::CLOEXEC).context("memory for the scene")?.into();
         let module = surgeon::load(module)?;
         let mut composed = Composed { file, module, surgeon, seed, level, longest_s: 0.0 };
         composed.write()?;
@@ -82,10 +87,9 @@ impl Composed {
 
     fn write(&mut self) -> anyhow::Result<()> {
         let scene = surgeon::compose(&self.module, self.level, &self.surgeon, self.seed)?;
-        let file = self.file.as_file_mut();
-        file.set_len(0)?;
-        file.rewind()?;
-        file.write_all(scene.to_toml().as_bytes())?;
+        self.file.set_len(0)?;
+        self.file.rewind()?;
+        self.file.write_all(scene.to_toml().as_bytes())?;
         let script = scene.script_or_rest();
         let again = script.goal_checks.iter().map(|l| (l.at_s - l.from_s) * l.retries.len() as f64);
         self.longest_s = script.period_s + again.sum::<f64>();
@@ -107,7 +111,7 @@ impl Composed {
 
     /// Its name.
     pub fn name(&self) -> String {
-        self.file.path().display().to_string()
+        format!("/proc/{}/fd/{}", std::process::id(), self.file.as_raw_fd())
     }
 }
 

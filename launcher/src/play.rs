@@ -5,6 +5,7 @@ use crate::results::Place;
 use crate::run::{self, DeskArgs, RunArgs};
 use anyhow::bail;
 use ipc::logging::inform;
+use outputs::{Force, print};
 use protocol::bindings::rows;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -67,6 +68,9 @@ pub struct PlayArgs {
     /// Save a film.
     #[arg(long, value_name = "FILE.y4m", conflicts_with = "no_picture")]
     pub video: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
     /// Name of this simulator.
     #[arg(long, value_name = "NAME", default_value = "main")]
     pub instance: String,
@@ -116,6 +120,7 @@ impl PlayArgs {
             full_screen: self.full_screen,
             stills: self.stills.clone(),
             video: self.video.clone(),
+            force: self.force,
             instance: self.instance.clone(),
             desk: Some(DeskArgs { input: self.input.clone(), inputs: self.inputs.clone() }),
             ..RunArgs::default()

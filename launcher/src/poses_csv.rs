@@ -58,12 +58,9 @@ impl<W: Write> PosesCsv<W> {
         writeln!(self.out, "{t},{t_out},{body},{valid},{x},{y},{z},{qw},{qx},{qy},{qz},{kind}")
     }
 
-    /// Hands everything over to the file.
-    ///
-    /// # Errors
-    /// Where the rest cannot be written.
-    pub fn finish(mut self) -> io::Result<()> {
-        self.out.flush()
+    /// What it was written to.
+    pub fn into_inner(self) -> W {
+        self.out
     }
 }
 
@@ -163,7 +160,6 @@ mod tests {
         let mut bytes = Vec::new();
         let mut csv = PosesCsv::new(&mut bytes).unwrap();
         csv.measured(&frame(0), 65_000_000).unwrap();
-        csv.finish().unwrap();
         let text = String::from_utf8(bytes).unwrap();
         let rows: Vec<&str> = text.lines().collect();
         assert_eq!(rows[0], "t_ns,t_out_ns,body,valid,x,y,z,qw,qx,qy,qz,kind");

@@ -6,6 +6,7 @@ use crate::exit::LOSS;
 use crate::progress::bytes_bar;
 use anyhow::{Context, bail};
 use ipc::logging::{inform, warn};
+use outputs::{Force, GrowingFile, Outputs, STDOUT};
 use protocol::message::fnv1a;
 use protocol::time::Nanos;
 use recording::{Item, Note, Recording, RecordingError, Writer};
@@ -21,6 +22,9 @@ pub struct RecoverArgs {
     /// The whole recording to write.
     #[arg(short, long, value_name = "OUT.mcap")]
     pub output: PathBuf,
+    /// Whether a file that exists is written over.
+    #[command(flatten)]
+    pub force: Force,
 }
 
 /// Count and running hash of items, to compare two passes.
@@ -44,10 +48,12 @@ impl Tally {
 /// Where nothing can be read, the output exists, or it differs when it is read back.
 pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
-    if std::fs::canonicalize(&args.output).ok() == std::fs::canonicalize(&args.file).ok() {
-        bail!("{}: the output would overwrite the recording", args.output.display());
+    if args.output == Path::new(STDOUT) {
+        bail!("what is recovered is read back: give a file, not {STDOUT}");
     }
-    let (expected, problems) = copy(&recording, &args.output)?;
+    let mut output = Outputs::new(args.force.force).reading(&args.file).grow(&args.output)?;
+    let (expected, problems) = copy(&recording, &output)?;
+    output.appear()?;
     let found = read_back(&args.output).context("reading the output back")?;
     if found != expected {
         bail!("{}: reads back {found:?}, but {expected:?} was written", args.output.display());
@@ -63,8 +69,8 @@ pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
 }
 
 /// Copies what can be read; returns what was written, and the problems with their places.
-fn copy(recording: &Recording, output: &Path) -> anyhow::Result<(Tally, u64)> {
-    let mut writer = Writer::create(output, recording.provenance())?;
+fn copy(recording: &Recording, output: &GrowingFile) -> anyhow::Result<(Tally, u64)> {
+    let mut writer = Writer::on(output.handle()?, output.path(), recording.provenance())?;
     let (mut tally, mut problems, mut last) = (Tally::default(), 0, 0);
     let bar = bytes_bar(recording.bytes(), "recover");
     let mut items = recording.items();
@@ -129,6 +135,13 @@ mod tests {
         std::fs::read(path).unwrap()
     }
 
+    fn copied(recording: &Recording, output: &Path) -> anyhow::Result<(Tally, u64)> {
+        let mut output = Outputs::new(true).grow(output)?;
+        let copied = copy(recording, &output)?;
+        output.appear()?;
+        Ok(copied)
+    }
+
     fn counts(path: &Path) -> Vec<u64> {
         let items = Recording::open(path).unwrap().items();
         let log = |item: Result<(Nanos, Item), RecordingError>| match item.unwrap().1 {
@@ -147,7 +160,7 @@ mod tests {
         for cut in (1000..bytes.len()).step_by(997) {
             std::fs::write(&file, &bytes[..cut]).unwrap();
             let Ok(recording) = Recording::open(&file) else { continue };
-            copy(&recording, &output).unwrap();
+            copied(&recording, &output).unwrap();
             assert!(Recording::open(&output).unwrap().is_finished());
             assert!(whole.starts_with(&counts(&output)));
             read_back(&output).unwrap();
@@ -159,10 +172,10 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let (file, output) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
         recorded(&file);
-        let (tally, problems) = copy(&Recording::open(&file).unwrap(), &output).unwrap();
+        let (tally, problems) = copied(&Recording::open(&file).unwrap(), &output).unwrap();
         assert_eq!((tally.items, problems), (200, 0));
         assert_eq!(read_back(&output).unwrap(), tally);
-        let onto_itself = RecoverArgs { file: file.clone(), output: file };
+        let onto_itself = RecoverArgs { file: file.clone(), output: file, force: Force { force: true } };
         assert!(run(&onto_itself).is_err());
     }
 }

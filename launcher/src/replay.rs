@@ -15,6 +15,7 @@ mod verify;
 use crate::exit::{DIFFERS, LOSS};
 use crate::results::DESK;
 use crate::runtime::{StopSignal, block_on};
+use ::outputs::{Force, println};
 use anyhow::bail;
 use ipc::logging::warn;
 use outputs::{Figures, Outputs};
@@ -76,6 +77,9 @@ pub struct ReplayArgs {
     /// Write figures as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
     /// Name of the replay's instances, up to 16 characters.
     #[arg(long, value_name = "NAME")]
     pub instance: Option<String>,
@@ -131,7 +135,7 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         Err(error) => return Err(error),
     };
     outputs.figures.verify = verdict;
-    let figures = outputs.finish(args.report.as_deref())?;
+    let figures = outputs.finish()?;
     print(&figures);
     if stopped && args.lockstep {
         bail!(Stopped);

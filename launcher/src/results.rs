@@ -3,13 +3,12 @@
 use crate::score;
 use anyhow::{Context, bail};
 use ipc::logging::{inform, warn};
+use outputs::{Force, Outputs, print, println, save};
 use recording::Recording;
 use results::attempt::sha256_of;
-use results::store::{Filter, default_place};
+use results::store::{Filter, NamedRecording, default_place};
 use results::table::{Keys, Table};
 use results::{Attempt, Points, Store, Stored, curve, parquet_file, plot, terminal};
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -50,6 +49,8 @@ pub struct ResultsArgs {
     /// Write every figure as Parquet.
     #[arg(long, value_name = "FILE.parquet")]
     parquet: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
 }
 
 /// Where the store lies.
@@ -215,14 +216,14 @@ fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result
         bail!("{}: no trainee '{trainee}'", path.display());
     };
     println!("{trainee} and {attempts} attempts deleted");
-    let left: Vec<&String> = recordings.iter().filter(|r| Path::new(r).exists()).collect();
     let mut code = ExitCode::SUCCESS;
-    for recording in left {
-        match with_recordings.then(|| std::fs::remove_file(recording)) {
-            None => println!("left in place (--recordings deletes it): {recording}"),
-            Some(Ok(())) => println!("deleted: {recording}"),
+    for recording in recordings.iter().filter(|r| Path::new(&r.path).exists()) {
+        let path = &recording.path;
+        match with_recordings.then(|| delete_recording(recording)) {
+            None => println!("left in place (--recordings deletes it): {path}"),
+            Some(Ok(())) => println!("deleted: {path}"),
             Some(Err(problem)) => {
-                warn(&format!("not deleted: {recording}: {problem}"));
+                warn(&format!("not deleted: {path}: {problem:#}"));
                 code = ExitCode::from(crate::exit::LOSS);
             }
         }
@@ -230,24 +231,42 @@ fn delete(place: &Place, trainee: &str, with_recordings: bool) -> anyhow::Result
     Ok(code)
 }
 
+/// Removes a recording if it is that of the attempt still, and nobody else's.
+fn delete_recording(recording: &NamedRecording) -> anyhow::Result<()> {
+    let path = Path::new(&recording.path);
+    if recording.shared {
+        bail!("another attempt in the store names it");
+    }
+    if recording.sha256.as_ref().is_none_or(|known| sha256_of(path).is_ok_and(|found| found != *known)) {
+        bail!("the file of that name is another one than the attempt's recording");
+    }
+    Ok(std::fs::remove_file(path)?)
+}
+
 fn show(args: &ResultsArgs) -> anyhow::Result<ExitCode> {
     let (trainee, module) = (args.trainee.clone(), args.module.clone());
-    let attempts =
-        Store::open(&args.place.path()?)?.attempts(&Filter { trainee, module, level: args.level })?;
+    let place = args.place.path()?;
+    let mut outputs = Outputs::new(args.force.force).reading(&place);
+    let plot = args.plot.as_deref().filter(|file| *file != Path::new(TERMINAL));
+    for file in plot.into_iter().chain(args.csv.as_deref()).chain(args.parquet.as_deref()) {
+        outputs.claim(file)?;
+    }
+    let attempts = Store::open(&place)?.attempts(&Filter { trainee, module, level: args.level })?;
     let told = [args.plot.is_some(), args.csv.is_some(), args.parquet.is_some()].contains(&true);
     if !told {
         print!("{}", list(&attempts));
     }
     if let Some(file) = &args.plot {
-        draw(&attempts, file)?;
+        draw(&attempts, &mut outputs, file)?;
     }
     if args.csv.is_some() || args.parquet.is_some() {
-        write_tables(&Table::of_store(&attempts, keys()), args.csv.as_deref(), args.parquet.as_deref())?;
+        let table = Table::of_store(&attempts, keys());
+        write_tables(&table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn draw(attempts: &[Stored], file: &Path) -> anyhow::Result<()> {
+fn draw(attempts: &[Stored], outputs: &mut Outputs, file: &Path) -> anyhow::Result<()> {
     let (curves, left_out) = curve::curves(attempts);
     if left_out > 0 {
         warn(&format!("{left_out} attempts have a score of an older version and are left out"));
@@ -256,25 +275,41 @@ fn draw(attempts: &[Stored], file: &Path) -> anyhow::Result<()> {
         print!("{}", terminal::plot(&curves));
         return Ok(());
     }
-    plot::plot(&curves).save(file).with_context(|| file.display().to_string())
+    Ok(outputs.write(file, plot::png(&curves)?)?)
 }
 
 /// Writes a table into the files that are asked for.
 ///
 /// # Errors
 /// Where a file cannot be written.
-pub fn write_tables(table: &Table, csv: Option<&Path>, parquet: Option<&Path>) -> anyhow::Result<()> {
+pub fn write_tables(
+    table: &Table,
+    outputs: &mut Outputs,
+    csv: Option<&Path>,
+    parquet: Option<&Path>,
+) -> anyhow::Result<()> {
     if let Some(file) = csv {
-        let written = match file == Path::new("-") {
-            true => table.write_csv(&mut std::io::stdout().lock()),
-            false => File::create(file).and_then(|f| table.write_csv(&mut BufWriter::new(f))),
-        };
-        written.with_context(|| file.display().to_string())?;
+        save(outputs.create(file)?, |out| table.write_csv(out).with_context(|| file.display().to_string()))?;
     }
     if let Some(file) = parquet {
-        parquet_file::write(table, file, &[])?;
+        write_parquet(table, outputs, file, &[])?;
     }
     Ok(())
+}
+
+/// Writes a table as a Parquet file with notes.
+///
+/// # Errors
+/// Where the file cannot be written.
+pub fn write_parquet(
+    table: &Table,
+    outputs: &mut Outputs,
+    file: &Path,
+    notes: &[(&str, &str)],
+) -> anyhow::Result<()> {
+    save(outputs.create(file)?, |out| {
+        parquet_file::write(table, out, notes).with_context(|| file.display().to_string())
+    })
 }
 
 /// The attempts, a line each.

@@ -32,6 +32,7 @@ use crate::runtime::{StopSignal, block_on};
 use anyhow::Context;
 use ipc::logging::warn;
 use options::View;
+use outputs::{Outputs, print};
 use protocol::budget::Stage;
 use protocol::rig::Rig;
 use protocol::steps::STATE_HASH_VERSION;
@@ -61,18 +62,17 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let args = &args.with_scene_of(composed.as_ref()).with_recording_of_trainee()?;
     let view = args.view(has_display());
     let budgets = args.budget_table()?;
-    args.prepare()?;
+    let mut outputs = args.prepare()?;
     let stop = StopSignal::install()?;
-    let mut session = Session::open(args, composed.as_mut(), view, &budgets, stop)?;
+    let mut session = Session::open(args, composed.as_mut(), view, &budgets, &mut outputs, stop)?;
     let outcome = session.run().await;
     let ended_by = match &outcome {
         Ok(why) => (*why).to_string(),
         Err(error) => format!("failure: {error:#}"),
     };
     let (report, attempts) = session.close(ended_by).await;
-    if let Some(file) = &args.report {
-        write_report(&report, file)?;
-    }
+    // Whatever becomes of the report, the attempt is kept.
+    let written = args.report.as_deref().map(|file| write_report(&report, &mut outputs, file)).transpose();
     let ran = report.duration_s > 0.0;
     if ran {
         print!("{}", report.text());
@@ -82,6 +82,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     if let Some(trainee) = &args.trainee {
         keep_all(args, trainee, &attempts)?;
     }
+    written?;
     Ok(ExitCode::from(verdict(&report, args.assert_budgets, view)))
 }
 
@@ -148,9 +149,9 @@ fn module(args: &RunArgs, name: &str, scripted: bool) -> String {
     format!("{name} level {}{who}", args.level)
 }
 
-fn write_report(report: &Report, file: &Path) -> anyhow::Result<()> {
+fn write_report(report: &Report, outputs: &mut Outputs, file: &Path) -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(report)?;
-    std::fs::write(file, text + "\n").with_context(|| format!("report {}", file.display()))
+    outputs.write(file, text + "\n").context("the report is not written")
 }
 
 /// The exit code, with its reasons on standard error.

@@ -6,11 +6,14 @@ use crate::replay::states_incomparable;
 use crate::score_batch::{self, BatchArgs};
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, is_json, warn};
+use outputs::{STDOUT, print, println};
 use recording::{Item, Recording};
 use scene::SceneFile;
 use serde::Serialize;
+use std::io::Write as _;
+use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{Child, ExitCode, Stdio};
 use training::score::recording::{LiveScore, Reader, Verdict};
 use training::score::table::{Category, METRICS, PENALTIES};
 
@@ -122,15 +125,20 @@ pub fn score_file(file: &Path) -> anyhow::Result<Attempt> {
 /// # Errors
 /// Where the simulation refuses the recording, or it holds no task.
 pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
-    let again = tempfile::Builder::new().prefix("vitreo-").suffix(".mcap").tempfile()?;
+    // A file without a name, which nobody can leave behind.
+    let again = tempfile::tempfile().context("a temporary file")?;
+    let place = format!("/proc/self/fd/{}", again.as_raw_fd());
     let told = command("vitreo-offline")?
         .args(arguments())
         .arg("resimulate")
-        .args([file, again.path()])
-        .output()
+        .args([file, Path::new(STDOUT)])
+        .stdout(again.try_clone().context("a temporary file")?)
+        .stderr(Stdio::piped())
+        .spawn()
+        .and_then(Child::wait_with_output)
         .context("start vitreo-offline")?;
     if !told.status.success() && is_json() {
-        eprint!("{}", String::from_utf8_lossy(&told.stderr));
+        pass_on(&told.stderr);
         bail!("{}: not simulated again ({})", file.display(), told.status);
     }
     if !told.status.success() {
@@ -138,9 +146,9 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
         let why = why.lines().last().unwrap_or("it ended without a word");
         bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-offline: "));
     }
-    eprint!("{}", String::from_utf8_lossy(&told.stderr));
+    pass_on(&told.stderr);
     // The score of the live run stands in the recording; the copy holds that of the new steps.
-    let (told, scored) = (score_file(file)?, score_file(again.path())?);
+    let (told, scored) = (score_file(file)?, score_file(Path::new(&place))?);
     let same = |a: f64, b: f64| a.to_bits() == b.to_bits();
     let agrees = told.live_total.map(|live| same(live, scored.score.total));
     let other_state_hash_version = Recording::open(file)?.provenance().other_state_hash_version();
@@ -153,6 +161,11 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
         damage: told.damage,
         ..scored
     })
+}
+
+/// Shows what another program wrote to standard error. A closed one is no reason to fail.
+fn pass_on(text: &[u8]) {
+    let _ = std::io::stderr().write_all(text);
 }
 
 /// Runs it. Exit code 3 where a recording could not be scored whole or resimulated states
@@ -197,7 +210,7 @@ fn code_of(attempt: &Attempt) -> u8 {
         warn(&format!("{}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched));
     }
     if let Some(version) = attempt.other_state_hash_version {
-        eprintln!("vitreo: {}: {}", attempt.file, states_incomparable(version));
+        warn(&format!("{}: {}", attempt.file, states_incomparable(version)));
     }
     match (attempt.agrees, attempt.damage.is_some() || attempt.unmatched > 0) {
         (_, true) => LOSS,

@@ -3,14 +3,14 @@
 use crate::exit::{DIFFERS, LOSS};
 use crate::progress::files_bar;
 use crate::replay::states_incomparable;
-use crate::results::{attempt_of, keys, write_tables};
+use crate::results::{attempt_of, keys, write_parquet, write_tables};
 use crate::runtime::{StopSignal, block_on};
 use crate::score::{self, score_file};
-use anyhow::{Context, bail};
+use anyhow::bail;
 use ipc::logging::{inform, warn};
+use outputs::{Force, Outputs, println};
 use recording::Recording;
 use results::batch::{Row, Shard, list, work};
-use results::parquet_file;
 use results::table::Table;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -35,6 +35,9 @@ pub struct BatchArgs {
     /// Recordings scored at the same time [default: as many as there are processors].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub jobs: Option<u32>,
+    /// Whether tables that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
 }
 
 impl BatchArgs {
@@ -65,8 +68,10 @@ fn score_all(
     let shard = args.shard.unwrap_or(Shard::WHOLE);
     let all = list(named, args.manifest.as_deref())?;
     let own = shard.of(&all);
-    if let Some(folder) = &args.out {
-        std::fs::create_dir_all(folder).with_context(|| format!("make folder {}", folder.display()))?;
+    let file = args.out.as_ref().map(|folder| folder.join(shard.file_name()));
+    let mut outputs = Outputs::new(args.force.force).reading_all(&own).reading_all(&args.manifest);
+    for file in args.csv.iter().chain(&file) {
+        outputs.claim(file)?;
     }
     let begun = Instant::now();
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
@@ -82,12 +87,11 @@ fn score_all(
     if args.csv.is_none() && args.out.is_none() {
         rows.iter().for_each(|row| println!("{}", line(row)));
     }
-    write_tables(&table, args.csv.as_deref(), None)?;
-    if let Some(folder) = &args.out {
+    write_tables(&table, &mut outputs, args.csv.as_deref(), None)?;
+    if let Some(file) = &file {
         let share = format!("{}/{}", shard.index, shard.count);
-        let file = folder.join(shard.file_name());
         let listed = all.len().to_string();
-        parquet_file::write(&table, &file, &[("shard", share.as_str()), ("listed", listed.as_str())])?;
+        write_parquet(&table, &mut outputs, file, &[("shard", share.as_str()), ("listed", listed.as_str())])?;
         inform(&file.display().to_string());
     }
     Ok(ExitCode::from(summary(&rows, begun.elapsed().as_secs_f64())))
@@ -188,6 +192,7 @@ pub(crate) mod tests {
         std::fs::write(at("list.txt"), "in/a.mcap\nin/b.mcap\nin/c.mcap\nin/d.mcap\n").unwrap();
         let shard = |index| {
             let args = BatchArgs {
+                force: Force { force: true },
                 manifest: Some(at("list.txt")),
                 shard: Some(Shard { index, count: 2 }),
                 out: Some(at("out")),

@@ -2,6 +2,7 @@
 
 use anyhow::bail;
 use ipc::logging::warn;
+use outputs::println;
 use protocol::blobs::BlobField;
 use protocol::frames::FrameRecord;
 use protocol::poses::TrackerFrame;

@@ -263,7 +263,8 @@ mod tests {
             let path = directory.path().join("a.mcap");
             written(&path, &items);
             let scratch = directory.path().join("scratch.mcap");
-            write(Writer::temporary(&scratch, &provenance()).unwrap(), &items);
+            let file = fs::File::create(&scratch).unwrap();
+            write(Writer::temporary(file, &scratch, &provenance()).unwrap(), &items);
             for path in [&path, &scratch] {
                 let recording = Recording::open(path).unwrap();
                 prop_assert!(recording.is_finished());

@@ -36,12 +36,12 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Makes the file (an old one is overwritten) and writes the provenance at its start.
+    /// Writes the provenance at the start of an empty file; `path` is its name in errors.
     ///
     /// # Errors
     /// Where the file cannot be written.
-    pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
-        Self::begin(path, provenance, true)
+    pub fn on(target: File, path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
+        Self::begin(target, path, provenance, true)
     }
 
     /// The same for a file that is read once and removed: not compressed, without the messages for
@@ -49,14 +49,27 @@ impl Writer {
     ///
     /// # Errors
     /// Where the file cannot be written.
-    pub fn temporary(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
-        Self::begin(path, provenance, false)
+    pub fn temporary(target: File, path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
+        Self::begin(target, path, provenance, false)
     }
 
-    fn begin(path: &Path, provenance: &Provenance, lasting: bool) -> Result<Self, RecordingError> {
+    /// As [`Writer::on`], of a new file in the place of one of that name.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn create(path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
+        let io = |problem| RecordingError::Io { file: path.display().to_string(), problem };
+        Self::on(File::create(path).map_err(io)?, path, provenance)
+    }
+
+    fn begin(
+        target: File,
+        path: &Path,
+        provenance: &Provenance,
+        lasting: bool,
+    ) -> Result<Self, RecordingError> {
         let file = path.display().to_string();
-        let io = |problem| RecordingError::Io { file: file.clone(), problem };
-        let target = BufWriter::with_capacity(64 << 10, File::create(path).map_err(io)?);
+        let target = BufWriter::with_capacity(64 << 10, target);
         let fail = |e: mcap::McapError| RecordingError::Write { file: file.clone(), problem: e.to_string() };
         // Without seeking, a chunk reaches the file in one piece with its length and CRC known.
         let options = WriteOptions::new()

@@ -66,6 +66,9 @@ pub struct Config {
     /// Save a video at 25 pictures a second.
     #[arg(long, value_name = "FILE.y4m")]
     pub video: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: outputs::Force,
     /// Small pictures a second for console and recorder, 0 to 15.
     #[arg(long, value_name = "HZ", default_value_t = 2.0, value_parser = pictures_hz)]
     pub pictures_hz: f64,

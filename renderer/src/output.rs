@@ -6,6 +6,8 @@ pub mod y4m;
 
 use crate::readback::Picture;
 use crate::stereo::{Arrangement, arrange};
+use image::{ExtendedColorType, ImageFormat};
+use outputs::{OutputError, Outputs};
 use protocol::time::Nanos;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -24,6 +26,8 @@ pub struct OutputConfig {
     pub stills: Option<PathBuf>,
     /// Video file.
     pub video: Option<PathBuf>,
+    /// Write over files that exist.
+    pub force: bool,
     /// Size of a video picture, both channels, px.
     pub video_px: [u32; 2],
     /// Pictures a second of the video.
@@ -88,16 +92,18 @@ impl Output {
     /// Opens the files and starts the thread; `first_tier` gives the largest picture.
     ///
     /// # Errors
-    /// If a folder, a file or the thread cannot be created.
-    pub fn start(config: &OutputConfig, first_tier: usize) -> std::io::Result<Self> {
+    /// If a folder or file is refused, or the thread cannot be started.
+    pub fn start(config: &OutputConfig, first_tier: usize) -> anyhow::Result<Self> {
+        let mut outputs = Outputs::new(config.force);
         if let Some(folder) = &config.stills {
-            std::fs::create_dir_all(folder)?;
+            outputs.claim_folder(folder)?;
         }
         let [both_px, height_px] = config.video_px;
         let video_px = config.arrangement.size_px(both_px / 2, height_px);
-        let video = config.video.as_deref().map(|path| Y4m::create(path, video_px, config.video_hz));
+        let video = config.video.as_deref().map(|path| outputs.grow(path)).transpose()?;
+        let video = video.map(|file| Y4m::begin(file, video_px, config.video_hz)).transpose()?;
         let (stills, arrangement) = (config.stills.clone(), config.arrangement);
-        let mut writer = Writer { stills, video: video.transpose()?, arrangement };
+        let mut writer = Writer { stills, video, arrangement };
         let (jobs, inbox) = sync_channel::<Job>(POOL);
         let (outbox, done) = sync_channel::<Job>(POOL);
         let thread = std::thread::Builder::new().name("pictures".into()).spawn(move || {
@@ -217,22 +223,35 @@ impl Writer {
     }
 }
 
-/// Saves `picture` as a PNG; the file appears whole or not at all.
+/// Saves `picture` as a PNG, in the place of one that is there; the file appears whole or not at
+/// all.
 ///
 /// # Errors
 /// If the file cannot be written.
-pub fn save_png(path: &Path, picture: &Picture) -> Result<(), image::ImageError> {
-    let unfinished = path.with_extension("png.part");
-    let rgb = picture::rgb(picture);
-    image::save_buffer_with_format(
-        &unfinished,
-        &rgb,
-        picture.width_px,
-        picture.height_px,
-        image::ExtendedColorType::Rgb8,
-        image::ImageFormat::Png,
-    )?;
-    std::fs::rename(&unfinished, path).map_err(image::ImageError::IoError)
+pub fn save_png(path: &Path, picture: &Picture) -> Result<(), SaveError> {
+    let (rgb, size) = (picture::rgb(picture), [picture.width_px, picture.height_px]);
+    outputs::save(Outputs::new(true).create(path)?, |file| {
+        image::write_buffer_with_format(
+            file,
+            &rgb,
+            size[0],
+            size[1],
+            ExtendedColorType::Rgb8,
+            ImageFormat::Png,
+        )?;
+        Ok(())
+    })
+}
+
+/// Why a picture could not be saved.
+#[derive(Debug, thiserror::Error)]
+pub enum SaveError {
+    /// The file is refused.
+    #[error(transparent)]
+    Output(#[from] OutputError),
+    /// The picture could not be encoded or written.
+    #[error(transparent)]
+    Image(#[from] image::ImageError),
 }
 
 #[cfg(test)]
@@ -249,15 +268,16 @@ mod tests {
             video: folder.map(|f| f.join("v.y4m")),
             video_px: [8, 4],
             video_hz: 25,
+            force: false,
             arrangement,
         }
     }
 
     #[test]
     fn stills_video_and_jpeg_are_written() {
-        let folder = std::env::temp_dir().join(format!("vitreo-output-{}", std::process::id()));
-        let config = config(Some(&folder), Arrangement::SideBySide);
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let config = config(Some(folder), Arrangement::SideBySide);
         let mut output = Output::start(&config, 8).unwrap();
         let request = PictureRequest {
             frame: 7,
@@ -279,14 +299,13 @@ mod tests {
         assert!(folder.join("last.png").is_file());
         let video = std::fs::read(folder.join("v.y4m")).unwrap();
         assert_eq!(video.windows(5).filter(|w| w == b"FRAME").count(), 2);
-        std::fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]
     fn files_are_arranged_and_small_pictures_are_not() {
-        let folder = std::env::temp_dir().join(format!("vitreo-arranged-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let mut output = Output::start(&config(Some(&folder), Arrangement::Right), 8).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let mut output = Output::start(&config(Some(folder), Arrangement::Right), 8).unwrap();
         let fill = |p: &mut Picture| {
             *p = picture(90);
             p.rgba.chunks_mut(32).for_each(|row| row[16..].fill(30));
@@ -309,7 +328,6 @@ mod tests {
         let video = std::fs::read(folder.join("v.y4m")).unwrap();
         assert!(video.starts_with(b"YUV4MPEG2 W4 H4 "));
         assert_eq!(image::load_from_memory(&jpeg.unwrap()).unwrap().width(), 8);
-        std::fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]

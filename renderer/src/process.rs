@@ -98,6 +98,7 @@ impl RendererShell {
         let output_config = OutputConfig {
             stills: config.stills.clone(),
             video: config.video.clone(),
+            force: config.force.force,
             video_px: start::video_px(&gpu, fixed),
             video_hz: VIDEO_HZ,
             arrangement: config.arrange.for_files(),

@@ -28,6 +28,13 @@ const COLOURS: [Rgb<u8>; 7] = [
 ];
 
 /// A picture of the curves: a point an attempt, its deviation as a bar, joined by lines.
+pub fn png(curves: &[Curve]) -> image::ImageResult<Vec<u8>> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    plot(curves).write_to(&mut bytes, image::ImageFormat::Png)?;
+    Ok(bytes.into_inner())
+}
+
+/// As [`png`], the pixels.
 pub fn plot(curves: &[Curve]) -> RgbImage {
     let mut chart = Chart { picture: RgbImage::from_pixel(SIZE[0], SIZE[1], PAPER), letters: strip() };
     let most = longest(curves);

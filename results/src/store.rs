@@ -94,6 +94,17 @@ pub struct Filter {
     pub level: Option<u32>,
 }
 
+/// A recording that a deleted attempt named.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub struct NamedRecording {
+    /// Where it lay when the attempt was kept.
+    pub path: String,
+    /// SHA-256 of its contents then, hexadecimal, where it was taken.
+    pub sha256: Option<String>,
+    /// True if another attempt names it too.
+    pub shared: bool,
+}
+
 /// The store, open.
 #[derive(Debug)]
 pub struct Store {
@@ -176,15 +187,20 @@ impl Store {
         store_error(&self.path, self.patience, error)
     }
 
-    fn number(&self, pragma: &str) -> Result<i64, StoreError> {
-        self.connection.pragma_query_value(None, pragma, |row| row.get(0)).map_err(|e| self.store_error(e))
+    /// Version of the schema, owner, and number of tables, at one instant: somebody else may be
+    /// making the store.
+    fn identity(&self) -> rusqlite::Result<[i64; 3]> {
+        let reading = self.connection.unchecked_transaction()?;
+        let number = |pragma| reading.pragma_query_value(None, pragma, |row| row.get(0));
+        let tables = reading.query_row("SELECT count(*) FROM sqlite_schema", [], |row| row.get(0))?;
+        Ok([number("user_version")?, number("application_id")?, tables])
     }
 
     /// Brings the schema up to date.
     fn migrate(&mut self) -> Result<(), StoreError> {
         let file = self.path.display().to_string();
-        let (found, owner) = (self.number("user_version")?, self.number("application_id")?);
-        let is_empty = found == 0 && owner == 0 && self.is_empty()?;
+        let [found, owner, tables] = self.identity().map_err(|e| self.store_error(e))?;
+        let is_empty = [found, owner, tables] == [0; 3];
         if !is_empty && owner != i64::from(APPLICATION_ID) {
             return Err(StoreError::Foreign { file, found: "a database of another program".into() });
         }
@@ -202,13 +218,6 @@ impl Store {
             change.pragma_update(None, "application_id", APPLICATION_ID)?;
             change.pragma_update(None, "user_version", VERSION as i64)
         })
-    }
-
-    fn is_empty(&self) -> Result<bool, StoreError> {
-        let tables = "SELECT count(*) FROM sqlite_schema";
-        let count: i64 =
-            self.connection.query_row(tables, [], |row| row.get(0)).map_err(|e| self.store_error(e))?;
-        Ok(count == 0)
     }
 
     /// All of `what` or nothing.
@@ -255,16 +264,28 @@ impl Store {
     ///
     /// # Errors
     /// If the store cannot be written.
-    pub fn delete(&mut self, trainee: &str) -> Result<Option<(usize, Vec<String>)>, StoreError> {
+    pub fn delete(&mut self, trainee: &str) -> Result<Option<(usize, Vec<NamedRecording>)>, StoreError> {
         let filter = Filter { trainee: Some(trainee.into()), ..Filter::default() };
         let attempts = self.attempts(&filter)?;
         let deleted =
             self.change(|change| change.execute("DELETE FROM trainees WHERE pseudonym = ?1", [trainee]))?;
-        let mut recordings: Vec<String> =
-            attempts.iter().filter_map(|s| s.attempt.recording.clone()).collect();
+        let named = attempts.iter().filter_map(|s| Some((s.attempt.recording.as_ref()?, &s.attempt)));
+        let mut recordings = named
+            .map(|(path, attempt)| {
+                let sha256 = attempt.recording_sha256.clone();
+                let shared = self.names(path, &sha256).map_err(|e| self.store_error(e))?;
+                Ok(NamedRecording { path: path.clone(), sha256, shared })
+            })
+            .collect::<Result<Vec<_>, StoreError>>()?;
         recordings.sort();
         recordings.dedup();
         Ok((deleted > 0).then_some((attempts.len(), recordings)))
+    }
+
+    /// True if an attempt has its recording there, or of these contents.
+    fn names(&self, path: &str, sha256: &Option<String>) -> rusqlite::Result<bool> {
+        let query = "SELECT count(*) FROM attempts WHERE recording = ?1 OR recording_sha256 = ?2";
+        self.connection.query_row(query, params![path, sha256], |row| row.get::<_, i64>(0)).map(|n| n > 0)
     }
 
     /// Pseudonyms and how many attempts each has made, in the order of the alphabet.

@@ -3,6 +3,7 @@
 
 use crate::attempt::{Attempt, Points, Stored};
 use crate::batch::Row;
+use outputs::csv_cell;
 use std::io::{self, Write};
 
 /// The cells of a column; a cell may be empty.
@@ -34,20 +35,12 @@ impl Cells {
             cell.as_ref().map_or_else(String::new, T::to_string)
         }
         match self {
-            Cells::Text(c) => c[row].as_deref().map_or_else(String::new, quoted),
+            Cells::Text(c) => c[row].as_deref().map_or_else(String::new, |t| csv_cell(t).into_owned()),
             Cells::Whole(c) => text(&c[row]),
             Cells::Natural(c) => text(&c[row]),
             Cells::Real(c) => text(&c[row]),
             Cells::Truth(c) => text(&c[row]),
         }
-    }
-}
-
-/// A text cell after RFC 4180.
-fn quoted(text: &str) -> String {
-    match text.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text.to_owned(),
     }
 }
 

@@ -11,6 +11,7 @@ mod film;
 mod instruments;
 mod logging;
 mod modules;
+mod outputs;
 mod picture_stream;
 mod pictures;
 mod play;

@@ -42,6 +42,9 @@ pub struct Config {
     /// Log the injected faults as JSON lines.
     #[arg(long, value_name = "FILE.jsonl", requires = "faults")]
     pub fault_log: Option<PathBuf>,
+    /// Whether a fault log that exists is written over.
+    #[command(flatten)]
+    pub force: outputs::Force,
     /// Finish after S seconds.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub duration: Option<f64>,

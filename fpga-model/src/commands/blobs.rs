@@ -9,8 +9,9 @@ use crate::input::{Interlace, overlay};
 use anyhow::{Context, Result};
 use blob_stream::write_blobs;
 use ipc::clock::now;
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use ipc::logging::inform;
+use outputs::{Force, OutputFile, Outputs, STDOUT};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Find the blobs in pictures and clips.
@@ -53,6 +54,9 @@ pub struct BlobsArgs {
     /// How the scanner is set.
     #[command(flatten)]
     pub tuning: Tuning,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
 }
 
 /// Runs the command.
@@ -66,7 +70,10 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
         args.fields.as_deref(),
         &args.tuning.reading(args.levels, args.interlaced, &colours),
     )?;
-    let mut out = Output::create(args.output.as_deref())?;
+    let outputs = Outputs::new(args.force.force).reading_all(&args.pictures).reading_all(&args.fields);
+    let mut outputs = outputs.reading_all(&args.colours);
+    let name = args.output.as_deref().unwrap_or(Path::new(STDOUT));
+    let mut out = outputs.create(name)?;
     let mut extractor = Extractor::new(&colours, &args.tuning);
     let mut tally = Counts::default();
     let bar = progress::counter("pictures");
@@ -80,17 +87,18 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
         let began = now();
         let lost = extractor.scan(&shot);
         tally.add(&shot, &extractor.blobs, lost, now() - began);
-        out.line(&write_blobs(&shot.head, &extractor.blobs), shot.is_live)?;
+        line(&mut out, &write_blobs(&shot.head, &extractor.blobs), shot.is_live)
+            .with_context(|| format!("cannot write {}", name.display()))?;
         if let Some(path) = overlay_path(args, tally.pictures - 1) {
             let lines = if shot.is_field { 2 } else { 1 };
             let image = overlay::draw(&shot.view, extractor.blobs.iter().zip(&extractor.boxes), lines);
-            overlay::save(&image, &path).with_context(|| format!("cannot write {}", path.display()))?;
+            outputs.write(&path, overlay::png(&image)?)?;
         }
         bar.inc(1);
     }
     bar.finish_and_clear();
     out.finish()?;
-    eprintln!("{}", tally.summary());
+    inform(&tally.summary());
     Ok(())
 }
 
@@ -111,35 +119,10 @@ fn numbered(name: &str, n: u64) -> Option<String> {
     (width < 20).then(|| format!("{}{n:0width$}{rest}", &name[..at]))
 }
 
-/// Output to a file or the standard output.
-struct Output {
-    to: Box<dyn Write>,
-    name: String,
-}
-
-impl Output {
-    fn create(path: Option<&Path>) -> Result<Self> {
-        Ok(match path {
-            None => {
-                Output { to: Box::new(BufWriter::new(std::io::stdout())), name: "the standard output".into() }
-            }
-            Some(path) => {
-                let name = path.display().to_string();
-                let file = File::create(path).with_context(|| format!("cannot write {name}"))?;
-                Output { to: Box::new(BufWriter::new(file)), name }
-            }
-        })
-    }
-
-    fn line(&mut self, text: &str, at_once: bool) -> Result<()> {
-        let written = writeln!(self.to, "{text}");
-        let written = if at_once { written.and_then(|()| self.to.flush()) } else { written };
-        written.with_context(|| format!("cannot write {}", self.name))
-    }
-
-    fn finish(mut self) -> Result<()> {
-        self.to.flush().with_context(|| format!("cannot write {}", self.name))
-    }
+/// Writes a line; at once where it is live.
+fn line(out: &mut OutputFile, text: &str, at_once: bool) -> std::io::Result<()> {
+    writeln!(out, "{text}")?;
+    if at_once { out.flush() } else { Ok(()) }
 }
 
 #[cfg(test)]

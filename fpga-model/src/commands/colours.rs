@@ -5,8 +5,10 @@ use crate::colours::file::ColourFile;
 use crate::colours::learn::{Region, Samples, apart_deg, hue_deg};
 use crate::colours::{CLASSES, Class, ColourTable};
 use crate::input::source::{Reading, Source};
-use crate::input::{Picture, still};
+use crate::input::{Picture, overlay, still};
 use anyhow::{Context, Result, bail, ensure};
+use ipc::logging::{inform, warn};
+use outputs::{Force, Outputs, println};
 use protocol::blobs::Colour;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -32,6 +34,9 @@ pub enum Action {
         /// Where the classes go.
         #[arg(short, long, value_name = "FILE.toml")]
         output: PathBuf,
+        /// Whether a file that exists is written over.
+        #[command(flatten)]
+        force: Force,
     },
     /// Show classes: as a table, and the chroma plane as a picture.
     Show {
@@ -45,6 +50,9 @@ pub enum Action {
         /// As JSON.
         #[arg(long)]
         json: bool,
+        /// Whether a file that exists is written over.
+        #[command(flatten)]
+        force: Force,
     },
     /// Say which share of each picture's pixels belongs to which class.
     Check {
@@ -99,13 +107,17 @@ fn parse_region(text: &str) -> Option<Region> {
 /// written.
 pub fn run(args: &ColoursArgs) -> Result<()> {
     match &args.action {
-        Action::Learn { samples, output } => learn(samples, output),
-        Action::Show { file, picture, json } => show(file.as_deref(), picture.as_deref(), *json),
+        Action::Learn { samples, output, force } => learn(samples, output, *force),
+        Action::Show { file, picture, json, force } => {
+            show(file.as_deref(), picture.as_deref(), *json, *force)
+        }
         Action::Check { file, pictures, json } => check(file, pictures, *json),
     }
 }
 
-fn learn(samples: &[Sample], output: &Path) -> Result<()> {
+fn learn(samples: &[Sample], output: &Path, force: Force) -> Result<()> {
+    let mut outputs = Outputs::new(force.force).reading_all(samples.iter().map(|s| &s.picture));
+    outputs.claim(output)?;
     let mut learnt: BTreeMap<Colour, Samples> = BTreeMap::new();
     let mut picture = Picture::default();
     for sample in samples {
@@ -122,8 +134,8 @@ fn learn(samples: &[Sample], output: &Path) -> Result<()> {
     // The file must be readable; a class darker than black, for instance, is refused.
     let name = output.display().to_string();
     ColourFile::parse(&text, &name).context("the samples do not make a colour file")?;
-    std::fs::write(output, text).with_context(|| format!("cannot write {name}"))?;
-    eprintln!("{name}: {} classes", classes.len());
+    outputs.write(output, text)?;
+    inform(&format!("{name}: {} classes", classes.len()));
     Ok(())
 }
 
@@ -134,7 +146,7 @@ fn warn_of_neighbours(classes: &[Class]) {
             let apart = apart_deg(hue_deg(&a.reference), hue_deg(&b.reference));
             if apart < 20.0 {
                 let names = [a, b].map(|c| c.colour.name());
-                eprintln!("{} and {} are only {apart:.0} degrees of hue apart", names[0], names[1]);
+                warn(&format!("{} and {} are only {apart:.0} degrees of hue apart", names[0], names[1]));
             }
         }
     }
@@ -146,7 +158,9 @@ fn share_of_plane(table: &ColourTable, colour: Colour) -> f64 {
     cells.filter(|&[cb, cr]| table.class(cb, cr) == colour as u8).count() as f64 / 65_536.0
 }
 
-fn show(file: Option<&Path>, picture: Option<&Path>, json: bool) -> Result<()> {
+fn show(file: Option<&Path>, picture: Option<&Path>, json: bool, force: Force) -> Result<()> {
+    let mut outputs = Outputs::new(force.force).reading_all(file);
+    picture.map_or(Ok(()), |path| outputs.claim(path))?;
     let file = ColourFile::load_or_shipped(file)?;
     let table = file.table();
     for class in file.classes() {
@@ -170,8 +184,7 @@ fn show(file: Option<&Path>, picture: Option<&Path>, json: bool) -> Result<()> {
     }
     if let Some(path) = picture {
         let image = plane(&file.classes(), &table);
-        let written = image.save_with_format(path, image::ImageFormat::Png);
-        written.with_context(|| format!("cannot write {}", path.display()))?;
+        outputs.write(path, overlay::png(&image)?)?;
     }
     Ok(())
 }

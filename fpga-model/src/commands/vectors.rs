@@ -2,7 +2,9 @@
 //! with.
 
 use crate::vectors::{patterns, text};
-use anyhow::{Context, Result};
+use anyhow::Result;
+use ipc::logging::inform;
+use outputs::{Force, Outputs};
 use std::path::PathBuf;
 
 /// Arguments of `vectors`.
@@ -11,6 +13,9 @@ pub struct VectorsArgs {
     /// Folder to write to.
     #[arg(value_name = "FOLDER", default_value = "fpga-model/vectors")]
     pub folder: PathBuf,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
 }
 
 /// Writes one file a pattern.
@@ -19,12 +24,15 @@ pub struct VectorsArgs {
 /// Where the folder or a file cannot be written.
 pub fn run(args: &VectorsArgs) -> Result<()> {
     let folder = &args.folder;
-    std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let all = patterns::all();
+    let mut outputs = Outputs::new(args.force.force);
+    let path = |name: &str| folder.join(format!("{name}.txt"));
     for pattern in &all {
-        let path = folder.join(format!("{}.txt", pattern.name));
-        std::fs::write(&path, text(pattern)).with_context(|| format!("cannot write {}", path.display()))?;
+        outputs.claim(&path(pattern.name))?;
     }
-    eprintln!("{} files in {}", all.len(), folder.display());
+    for pattern in &all {
+        outputs.write(&path(pattern.name), text(pattern))?;
+    }
+    inform(&format!("{} files in {}", all.len(), folder.display()));
     Ok(())
 }

@@ -8,7 +8,6 @@ use super::FieldView;
 use crate::colours::convert::rgb_of_ycc;
 use image::{Rgb, RgbImage};
 use protocol::blobs::{BLOB_CLIPPED, BLOB_MERGED, BLOB_SATURATED, Blob, Colour};
-use std::path::Path;
 
 /// Arm of a cross, px.
 const ARM: i64 = 3;
@@ -48,12 +47,14 @@ pub fn draw<'a>(
     image
 }
 
-/// Writes an image as PNG.
+/// An image as a PNG file.
 ///
 /// # Errors
-/// Where the file cannot be written.
-pub fn save(image: &RgbImage, path: &Path) -> Result<(), image::ImageError> {
-    image.save_with_format(path, image::ImageFormat::Png)
+/// Where it cannot be encoded.
+pub fn png(image: &RgbImage) -> Result<Vec<u8>, image::ImageError> {
+    let mut file = std::io::Cursor::new(Vec::new());
+    image.write_to(&mut file, image::ImageFormat::Png)?;
+    Ok(file.into_inner())
 }
 
 fn put(image: &mut RgbImage, x: i64, y: i64, colour: Rgb<u8>) {

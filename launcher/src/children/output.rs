@@ -1,5 +1,6 @@
 //! What children write: kept for messages, filed, and passed on unchanged.
 
+use protocol::message::printable;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::Write;
@@ -74,7 +75,7 @@ impl Output {
 pub(super) fn pass_on(line: &str, lines: Option<&LineSender>) {
     match lines {
         Some(lines) => drop(lines.try_send(line.to_owned())),
-        None => drop(std::io::stderr().write_all(format!("{line}\n").as_bytes())),
+        None => drop(std::io::stderr().write_all(format!("{}\n", printable(line)).as_bytes())),
     }
 }
 

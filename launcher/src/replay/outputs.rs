@@ -3,6 +3,7 @@
 use super::ReplayArgs;
 use super::verify::Verdict;
 use crate::poses_csv::{DisplayClock, PosesCsv};
+use ::outputs::OutputFile;
 use anyhow::Context;
 use blob_stream::write_line;
 use protocol::blobs::BlobField;
@@ -11,9 +12,8 @@ use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
 use serde::Serialize;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::io::Write;
+use std::path::PathBuf;
 
 /// Figures of a replay.
 #[derive(Debug, Default, Serialize)]
@@ -46,31 +46,35 @@ pub struct Figures {
 
 /// The files being written.
 pub struct Outputs {
-    poses: Option<PosesCsv<BufWriter<File>>>,
+    poses: Option<PosesCsv<OutputFile>>,
     display: Option<DisplayClock>,
-    blobs: Option<BufWriter<File>>,
+    blobs: Option<OutputFile>,
+    report: Option<PathBuf>,
+    outputs: ::outputs::Outputs,
     processing_ns: u64,
     /// Figures for the report.
     pub figures: Figures,
     span: Option<[Nanos; 2]>,
 }
 
-fn create(path: &Path) -> anyhow::Result<BufWriter<File>> {
-    Ok(BufWriter::new(File::create(path).with_context(|| path.display().to_string())?))
-}
-
 impl Outputs {
-    /// Creates the files.
+    /// Begins the files.
     ///
     /// # Errors
-    /// Where a file cannot be made.
+    /// Where a file is refused.
     pub fn open(args: &ReplayArgs) -> anyhow::Result<Self> {
-        let poses = args.poses.as_deref().map(create).transpose()?;
+        let mut outputs = ::outputs::Outputs::new(args.force.force).reading(&args.file);
+        for path in [&args.poses, &args.blobs, &args.report].into_iter().flatten() {
+            outputs.claim(path)?;
+        }
+        let poses = args.poses.as_deref().map(|path| outputs.create(path)).transpose()?;
         let lead_ns = (args.display_lead_ms * 1e6) as u64;
         Ok(Outputs {
             poses: poses.map(PosesCsv::new).transpose()?,
             display: args.display_hz.map(|hz| DisplayClock::new(hz, lead_ns)),
-            blobs: args.blobs.as_deref().map(create).transpose()?,
+            blobs: args.blobs.as_deref().map(|path| outputs.create(path)).transpose()?,
+            report: args.report.clone(),
+            outputs,
             processing_ns: args.processing_us * 1000,
             figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
             span: None,
@@ -122,23 +126,23 @@ impl Outputs {
     ///
     /// # Errors
     /// Where a file cannot be written.
-    pub fn finish(mut self, report: Option<&Path>) -> anyhow::Result<Figures> {
+    pub fn finish(mut self) -> anyhow::Result<Figures> {
         if let Some(mut csv) = self.poses.take() {
             if let Some(display) = &mut self.display {
                 // A display goes on showing the last frame until the next one would be due.
                 let until = display.newest_out_ns().map_or(0, |out| out + FIELD_PERIOD_NS);
                 display.show_until(until, |f, latched, at| csv.predicted(f, latched, at)).context("poses")?;
             }
-            csv.finish().context("poses")?;
+            csv.into_inner().finish()?;
         }
-        if let Some(mut blobs) = self.blobs.take() {
-            blobs.flush().context("blob stream")?;
+        if let Some(blobs) = self.blobs.take() {
+            blobs.finish()?;
         }
         let [start, end] = self.span.unwrap_or([0; 2]);
         self.figures.stream_s = (end - start) as f64 * 1e-9;
-        if let Some(path) = report {
+        if let Some(path) = &self.report {
             let text = serde_json::to_string_pretty(&self.figures)?;
-            std::fs::write(path, text + "\n").with_context(|| path.display().to_string())?;
+            self.outputs.write(path, text + "\n")?;
         }
         Ok(self.figures)
     }

@@ -4,6 +4,7 @@ use super::arguments::{Arguments, injected_delay, percentile, positive};
 use crate::modules::Composed;
 use crate::results::{Place, seconds_since_1970};
 use anyhow::{Context, bail};
+use outputs::{Force, Outputs, numbered};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::Process;
 use results::Store;
@@ -75,6 +76,9 @@ pub struct RunArgs {
     /// Write the figures of the run.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
     /// Exit with 4 where a latency budget is broken.
     #[arg(long)]
     pub assert_budgets: bool,
@@ -161,17 +165,6 @@ pub enum View {
     Headless,
     /// Not drawn.
     None,
-}
-
-/// Where a restarted renderer puts its film or stills, and a new attempt its recording, beside
-/// those before: `a-2.y4m`.
-pub(super) fn numbered(file: &Path, restarts: u32) -> PathBuf {
-    if restarts == 0 {
-        return file.to_path_buf();
-    }
-    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
-    let ending = file.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
-    file.with_file_name(format!("{stem}-{}{ending}", restarts + 1))
 }
 
 /// The camera that `--inject-delay camera-wait=MS` makes late.
@@ -277,9 +270,11 @@ impl RunArgs {
                 args.value("--lose-device-after", self.lose_device_after.filter(|_| restarts == 0));
                 args.flag("--desk", self.desk.is_some() && view == View::Window);
                 args.value("--monitor", self.monitor.as_ref());
+                // A restarted renderer puts its film and stills beside those before: a-2.y4m.
                 for (name, output) in [("--stills", &self.stills), ("--video", &self.video)] {
-                    args.path(name, output.as_deref().map(|o| numbered(o, restarts)).as_deref());
+                    args.path(name, output.as_deref().map(|o| self.numbered(o, restarts)).as_deref());
                 }
+                args.flag("--force", self.force.force && (self.stills.is_some() || self.video.is_some()));
             }
             Process::Simcore => args.value("--collision", self.collision.as_ref()),
             Process::FpgaModel | Process::Tracker => {}
@@ -301,8 +296,9 @@ impl RunArgs {
         args.path("--blobs", self.blobs.as_deref());
         args.flag("--direct", self.direct);
         args.value("--faults", self.faults.as_ref());
-        let log = self.fault_log.as_deref().map(|file| numbered(file, restarts));
+        let log = self.fault_log.as_deref().map(|file| self.numbered(file, restarts));
         args.path("--fault-log", log.as_deref());
+        args.flag("--force", self.force.force && log.is_some());
         args.value("--duration", remaining_s);
         args.value("--after-round", self.after_round);
         let late = self.delay_ms(Stage::CameraWait).map(|ms| format!("{LATE_CAMERA}={ms}"));
@@ -326,11 +322,26 @@ impl RunArgs {
         Ok(budgets)
     }
 
-    /// Looks at every file before anything is started, and makes the folders of the outputs.
+    /// The name of an output where something began again: `a-2.y4m`.
+    pub(super) fn numbered(&self, file: &Path, number: u32) -> PathBuf {
+        numbered(file, number, self.force.force)
+    }
+
+    /// The files that the run reads.
+    fn inputs(&self) -> impl Iterator<Item = PathBuf> {
+        let files = [&self.rig, &self.motion, &self.blobs, &self.budgets, &self.fundus, &self.instruments];
+        let desk = self.desk.as_ref().and_then(|d| d.inputs.clone());
+        // Of these, those that are no files have no place on the disk.
+        let names = [&self.scene, &self.module, &self.faults].into_iter().flatten().map(PathBuf::from);
+        files.into_iter().flatten().cloned().chain(desk).chain(names)
+    }
+
+    /// Looks at every file before anything is started: what is read must be there, what is written
+    /// must not.
     ///
     /// # Errors
-    /// Where a file cannot be read or is refused, or a folder cannot be made.
-    pub fn prepare(&self) -> anyhow::Result<()> {
+    /// Where a file cannot be read or an output is refused.
+    pub fn prepare(&self) -> anyhow::Result<Outputs> {
         let inputs = self.desk.as_ref().and_then(|d| d.inputs.clone());
         for (what, file) in [("--motion", &self.motion), ("--blobs", &self.blobs), ("--inputs", &inputs)] {
             if let Some(file) = file.as_deref().filter(|f| !f.is_file()) {
@@ -341,12 +352,12 @@ impl RunArgs {
         {
             bail!("--faults {file}: no such file");
         }
-        let files = [&self.record, &self.report, &self.video, &self.fault_log].into_iter().flatten();
-        let folders = files.filter_map(|f| f.parent()).chain(self.stills.as_deref());
-        for folder in folders.filter(|f| !f.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).with_context(|| format!("make folder {}", folder.display()))?;
+        let mut outputs = Outputs::new(self.force.force).reading_all(self.inputs());
+        for file in [&self.record, &self.report, &self.video, &self.fault_log].into_iter().flatten() {
+            outputs.claim(file)?;
         }
-        Ok(())
+        self.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
+        Ok(outputs)
     }
 }
 
@@ -486,7 +497,6 @@ mod tests {
         let film = |restarts| args.arguments_of(Process::Renderer, View::Headless, None, restarts).pop();
         assert_eq!(film(0).as_deref(), Some("out/a.y4m"));
         assert_eq!(film(2).as_deref(), Some("out/a-3.y4m"));
-        assert_eq!(numbered(Path::new("out/stills"), 1), Path::new("out/stills-2"));
     }
 
     #[test]

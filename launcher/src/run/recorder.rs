@@ -3,9 +3,9 @@
 
 use super::report::RecordingFigures;
 use ipc::clock::now;
+use outputs::GrowingFile;
 use protocol::time::Nanos;
 use recording::{Item, Note, Provenance, RecordingError, Writer};
-use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use tokio::runtime::Handle;
@@ -42,7 +42,7 @@ impl Store for Writer {
 
 /// A recording that is being written.
 pub struct Recorder {
-    file: PathBuf,
+    file: GrowingFile,
     /// `None` once nothing more can be written.
     queue: Option<Sender<(Nanos, Item)>>,
     task: JoinHandle<()>,
@@ -60,22 +60,29 @@ struct Gap {
 }
 
 impl Recorder {
-    /// Creates the file and starts writing. To be called within the runtime.
+    /// Starts writing. To be called within the runtime.
     ///
     /// # Errors
-    /// Where the file cannot be made.
-    pub fn start(file: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
-        let writer = Writer::create(file, provenance)?;
+    /// Where the file cannot be written.
+    pub fn start(file: GrowingFile, provenance: &Provenance) -> anyhow::Result<Self> {
+        let writer = Writer::on(file.handle()?, file.path(), provenance)?;
         Ok(Self::with(file, writer, QUEUE))
     }
 
-    fn with(file: &Path, store: impl Store, capacity: usize) -> Self {
+    /// Gives the file its name: what it records has begun.
+    ///
+    /// # Errors
+    /// Where the name was taken meanwhile.
+    pub fn appear(&mut self) -> anyhow::Result<()> {
+        Ok(self.file.appear()?)
+    }
+
+    fn with(file: GrowingFile, store: impl Store, capacity: usize) -> Self {
         let (queue, items) = channel(capacity);
         let failure = Arc::new(OnceLock::new());
         let (kept, runtime) = (Arc::clone(&failure), Handle::current());
         let task = spawn_blocking(move || write_all(items, store, &runtime, &kept));
-        let (gap, file) = (Gap::default(), file.to_path_buf());
-        Recorder { file, queue: Some(queue), task, gap, items: 0, failure }
+        Recorder { file, queue: Some(queue), task, gap: Gap::default(), items: 0, failure }
     }
 
     /// Offers an item; never waits.
@@ -123,10 +130,10 @@ impl Recorder {
         let ended = self.task.await;
         let panicked = ended.err().map(|error| format!("the recorder failed: {error}"));
         RecordingFigures {
-            file: self.file.display().to_string(),
+            file: self.file.path().display().to_string(),
             items: self.items,
             lost: self.gap.total,
-            bytes: std::fs::metadata(&self.file).map_or(0, |m| m.len()),
+            bytes: self.file.path().metadata().map_or(0, |m| m.len()),
             problem: self.failure.get().cloned().or(panicked),
         }
     }
@@ -172,8 +179,10 @@ fn write_items(
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
+    use outputs::Outputs;
     use protocol::handles::PedalState;
     use recording::NoteKind;
+    use std::path::Path;
     use std::sync::{Arc, Mutex, mpsc};
 
     /// Waits at each item for leave to go on, and keeps what it was given.
@@ -212,7 +221,7 @@ mod tests {
         let (go, leave) = mpsc::channel();
         let kept = Arc::new(Mutex::new(Vec::new()));
         let store = Slow { leave, kept: Arc::clone(&kept), full_after };
-        (Recorder::with(Path::new("/nonexistent/x"), store, 4), go, kept)
+        (Recorder::with(Outputs::new(false).grow(Path::new("/dev/null")).unwrap(), store, 4), go, kept)
     }
 
     #[tokio::test(flavor = "multi_thread", worker_threads = 1)]

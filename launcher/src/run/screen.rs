@@ -7,6 +7,7 @@ use bytemuck::Zeroable;
 use ipc::logging::{inform, is_json};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::{Health, STATE_DEGRADED, STATE_FINISHED, STATE_RUNNING};
+use protocol::message::printable;
 use protocol::poses::BODY_NAMES;
 use protocol::steps::StepProfile;
 use protocol::time::Nanos;
@@ -194,9 +195,9 @@ impl Screen {
         self.pass_on(sentence);
     }
 
-    /// Writes a line of a child as it is, above the status.
+    /// Writes a line of a child, above the status.
     pub fn pass_on(&mut self, sentence: &str) {
-        let text = format!("{}{sentence}\n", clear(self.drawn_lines));
+        let text = format!("{}{}\n", clear(self.drawn_lines), printable(sentence));
         self.drawn_lines = 0;
         let _ = std::io::stderr().write_all(text.as_bytes());
     }
@@ -218,7 +219,7 @@ fn frame(lines: &[String], drawn: usize) -> String {
     const NO_WRAP: &str = "\x1b[?7l";
     const WRAP: &str = "\x1b[?7h";
     let up = if drawn == 0 { String::new() } else { format!("\x1b[{drawn}F") };
-    let body: String = lines.iter().map(|l| format!("{l}\x1b[K\n")).collect();
+    let body: String = lines.iter().map(|l| format!("{}\x1b[K\n", printable(l))).collect();
     format!("{up}{NO_WRAP}{body}\x1b[J{WRAP}")
 }
 

@@ -21,6 +21,7 @@ use anyhow::bail;
 use bytemuck::Zeroable;
 use ipc::clock::now;
 use ipc::{Instance, Sender};
+use outputs::Outputs;
 use protocol::budget::Budgets;
 use protocol::control::{Answer, Command};
 use protocol::health::{Health, Process};
@@ -143,11 +144,13 @@ impl<'a> Session<'a> {
         composed: Option<&'a mut Composed>,
         view: View,
         budgets: &'a Budgets,
+        outputs: &mut Outputs,
         stop: StopSignal,
     ) -> anyhow::Result<Self> {
         let provenance = super::provenance(args)?;
         let instance = Instance::own(&args.instance)?;
-        let recorder = args.record.as_deref().map(|file| Recorder::start(file, &provenance)).transpose()?;
+        let file = args.record.as_deref().map(|file| outputs.grow(file)).transpose()?;
+        let recorder = file.map(|file| Recorder::start(file, &provenance)).transpose()?;
         let (latencies, monitor, resume) = (LatencyStats::default(), Monitor::default(), Resume::default());
         let (line_sender, lines) = mpsc::channel(LINES_QUEUE);
         Ok(Session {
@@ -270,7 +273,7 @@ impl<'a> Session<'a> {
         };
         events.extend(self.supervisor.check(now(), remaining_s, restart_arguments).await?);
         for event in &events {
-            self.note_event(event);
+            self.note_event(event)?;
         }
         Ok(events)
     }
@@ -310,12 +313,13 @@ impl<'a> Session<'a> {
         self.consumers.record_note(Note::loss(at, count, text));
     }
 
-    fn note_event(&mut self, event: &ProcessEvent) {
+    fn note_event(&mut self, event: &ProcessEvent) -> anyhow::Result<()> {
         let at = now();
         match event {
             ProcessEvent::Ready(process) => {
                 if *process == self.args.source() && self.started_ns == 0 {
                     (self.started_ns, self.attempt_ns) = (at, at);
+                    self.consumers.recorder.as_mut().map_or(Ok(()), Recorder::appear)?;
                     self.note_own_cpu(at);
                     self.consumers.monitor.measure(at);
                 }
@@ -337,6 +341,7 @@ impl<'a> Session<'a> {
             }
             ProcessEvent::StreamEnded | ProcessEvent::WindowClosed => {}
         }
+        Ok(())
     }
 
     fn elapsed_s(&self, at: Nanos) -> f64 {

@@ -8,6 +8,7 @@
 //! Records of the `log` crate, which graphics libraries use, come out in the same form. No span is
 //! opened, and a record that the filter leaves out costs one comparison and allocates nothing.
 
+use protocol::message::printable;
 use serde_json::{Map, Value};
 use std::fmt::{self, Debug, Write as _};
 use std::io::{IsTerminal, Write as _};
@@ -120,7 +121,7 @@ pub fn message(level: Level, text: &str) {
             let fields = Map::from_iter([("message".to_owned(), Value::from(text))]);
             head.json(fields)
         }
-        _ => format!("{}: {text}", program()),
+        _ => format!("{}: {}", program(), printable(text)),
     };
     // A closed standard error is no reason to fail.
     let _ = std::io::stderr().write_all(format!("{line}\n").as_bytes());
@@ -207,7 +208,7 @@ impl Head<'_> {
         };
         let mut line = format!("{} {colour}{:5}{plain} {}:", time(), self.level.as_str(), self.process);
         let message = fields.get("message").and_then(Value::as_str).unwrap_or_default();
-        let _ = write!(line, " {message}");
+        let _ = write!(line, " {}", printable(message));
         for (name, value) in fields.iter().filter(|(name, _)| *name != "message") {
             let _ = write!(line, " {name}={value}");
         }

@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
+use outputs::{Force, Outputs};
 use protocol::rig::Rig;
 use protocol::scene_stream::Reader;
 use renderer::config::VIDEO_HZ;
@@ -46,6 +47,9 @@ pub struct FilmArgs {
     /// Write stills as JPEG of at most this many bytes, instead of PNG.
     #[arg(long, value_name = "BYTES")]
     pub jpeg: Option<usize>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
 }
 
 /// Draws the stream on standard input.
@@ -53,6 +57,8 @@ pub struct FilmArgs {
 /// # Errors
 /// If the stream breaks off, the device is lost or a file cannot be written.
 pub fn film(args: &FilmArgs) -> Result<()> {
+    let mut outputs = Outputs::new(args.force.force);
+    args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
     let scene = SceneFile::load(&args.scene)?;
     let (gpu, rig, tier) = (Gpu::headless()?, Rig::load_or_shipped(None)?, args.tier as usize);
     let config = renderer_config(&scene, &rig, tier, map_px(&gpu));
@@ -72,10 +78,9 @@ pub fn film(args: &FilmArgs) -> Result<()> {
         }
         if let Some(path) = &args.video {
             let size = [picture.width_px & !1, picture.height_px & !1];
-            let open = || Y4m::create(path, size, VIDEO_HZ).with_context(|| path.display().to_string());
             let file = match &mut video {
                 Some(file) => file,
-                none => none.insert(open()?),
+                none => none.insert(Y4m::begin(outputs.grow(path)?, size, VIDEO_HZ)?),
             };
             file.write(&picture, 1).with_context(|| path.display().to_string())?;
         }
@@ -107,5 +112,5 @@ fn save(args: &FilmArgs, folder: &Path, number: u64, picture: &Picture) -> Resul
             break;
         }
     }
-    std::fs::write(&path, file).with_context(|| path.display().to_string())
+    Ok(Outputs::new(true).write(&path, file)?)
 }

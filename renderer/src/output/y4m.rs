@@ -2,12 +2,13 @@
 
 use super::picture::scale_rgb;
 use crate::readback::Picture;
+use outputs::GrowingFile;
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
 
-/// A file being written. All pictures have one size.
+/// A file being written; it appears with its first picture. All pictures have one size.
 pub struct Y4m {
+    name: GrowingFile,
     file: BufWriter<File>,
     size: [u32; 2],
     rgb: Vec<u8>,
@@ -15,15 +16,15 @@ pub struct Y4m {
 }
 
 impl Y4m {
-    /// Creates `path` for pictures of `size` (both even), `hz` a second.
+    /// Begins a file for pictures of `size` (both even), `hz` a second.
     ///
     /// # Errors
-    /// If the file cannot be created.
-    pub fn create(path: &Path, size: [u32; 2], hz: u32) -> std::io::Result<Self> {
-        let mut file = BufWriter::new(File::create(path)?);
+    /// If the file cannot be written.
+    pub fn begin(name: GrowingFile, size: [u32; 2], hz: u32) -> std::io::Result<Self> {
+        let mut file = BufWriter::new(name.handle().map_err(std::io::Error::other)?);
         let [w, h] = size;
         writeln!(file, "YUV4MPEG2 W{w} H{h} F{hz}:1 Ip A1:1 C420jpeg XCOLORRANGE=FULL")?;
-        Ok(Self { file, size, rgb: Vec::new(), planes: Vec::new() })
+        Ok(Self { name, file, size, rgb: Vec::new(), planes: Vec::new() })
     }
 
     /// Writes `picture`, scaled to the file's size, `count` times.
@@ -31,6 +32,7 @@ impl Y4m {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&mut self, picture: &Picture, count: u64) -> std::io::Result<()> {
+        self.name.appear().map_err(std::io::Error::other)?;
         let [w, h] = self.size;
         scale_rgb(picture, w, h, &mut self.rgb);
         to_planes(&self.rgb, w as usize, h as usize, &mut self.planes);
@@ -75,6 +77,7 @@ fn to_planes(rgb: &[u8], w: usize, h: usize, out: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use outputs::Outputs;
 
     #[test]
     fn primaries_have_their_published_values() {
@@ -88,15 +91,17 @@ mod tests {
 
     #[test]
     fn every_frame_has_the_same_length() {
-        let path = std::env::temp_dir().join(format!("vitreo-{}.y4m", std::process::id()));
-        let mut video = Y4m::create(&path, [8, 4], 25).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.y4m");
+        let file = Outputs::new(false).grow(&path).unwrap();
+        let mut video = Y4m::begin(file, [8, 4], 25).unwrap();
+        assert!(!path.exists());
         for n in [4u32, 8, 20] {
             let picture = Picture { width_px: 2 * n, height_px: n, rgba: vec![50; (8 * n * n) as usize] };
             video.write(&picture, 1).unwrap();
         }
         video.flush().unwrap();
         let bytes = std::fs::read(&path).unwrap();
-        std::fs::remove_file(&path).unwrap();
         let header = bytes.iter().position(|&b| b == b'\n').unwrap() + 1;
         assert!(bytes.starts_with(b"YUV4MPEG2 W8 H4 F25:1 Ip A1:1 C420"));
         assert_eq!(bytes.len() - header, 3 * (6 + 8 * 4 * 3 / 2));

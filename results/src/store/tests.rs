@@ -86,7 +86,8 @@ fn a_deleted_trainee_leaves_no_trace_in_the_file() {
     let holds = |needle: &str| bytes().windows(needle.len()).any(|w| w == needle.as_bytes());
     assert!(holds("Pseudonym-Magnolia") && holds("/data/2.mcap"));
     let (attempts, recordings) = store.delete("Pseudonym-Magnolia").unwrap().unwrap();
-    assert_eq!((attempts, recordings), (2, vec!["/data/1.mcap".into(), "/data/2.mcap".into()]));
+    let paths: Vec<&str> = recordings.iter().map(|r| r.path.as_str()).collect();
+    assert_eq!((attempts, paths), (2, vec!["/data/1.mcap", "/data/2.mcap"]));
     assert_eq!(store.delete("Pseudonym-Magnolia").unwrap(), None);
     drop(store);
     assert!(!holds("Magnolia") && !holds("/data/1.mcap") && !holds("/data/2.mcap"));
@@ -133,7 +134,7 @@ fn an_older_schema_is_brought_up_to_date() {
         all
     };
     assert_eq!(schema(&store), schema(&Store::open_or_create(&fresh).unwrap()));
-    assert_eq!(store.number("user_version").unwrap(), VERSION as i64);
+    assert_eq!(store.identity().unwrap()[0], VERSION as i64);
 }
 
 #[test]
@@ -157,6 +158,41 @@ fn a_newer_schema_and_foreign_files_are_refused_untouched() {
     Connection::open(&other).unwrap().execute_batch("CREATE TABLE trainees (name TEXT)").unwrap();
     assert!(matches!(Store::open(&other), Err(StoreError::Foreign { .. })));
     assert!(matches!(Store::open(&path.with_file_name("none")), Err(StoreError::Missing { .. })));
+}
+
+#[test]
+fn eight_that_make_the_store_at_once_all_get_it() {
+    for _ in 0..40 {
+        let (_folder, path) = place();
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let together = std::sync::Barrier::new(8);
+        std::thread::scope(|scope| {
+            let make = || {
+                together.wait();
+                Store::open_or_create(&path).map(drop)
+            };
+            let makers: Vec<_> = (0..8).map(|_| scope.spawn(make)).collect();
+            makers.into_iter().for_each(|maker| maker.join().unwrap().unwrap());
+        });
+    }
+}
+
+#[test]
+fn a_deleted_recording_that_another_names_is_told() {
+    let (_folder, path) = place();
+    let mut store = Store::open_or_create(&path).unwrap();
+    let of = |trainee: &str, at, recording: &str, sha256: &str, store: &mut Store| {
+        let (recording, recording_sha256) = (Some(recording.into()), Some(sha256.into()));
+        store.add(trainee, &Attempt { recording, recording_sha256, ..attempt(at, "shadow", 1.0) }).unwrap()
+    };
+    of("a", 1, "/r/one", "11", &mut store);
+    of("a", 2, "/r/two", "22", &mut store);
+    of("a", 3, "/r/three", "33", &mut store);
+    of("b", 4, "/r/two", "44", &mut store);
+    of("b", 5, "/r/copy-of-three", "33", &mut store);
+    let (_, recordings) = store.delete("a").unwrap().unwrap();
+    let shared: Vec<_> = recordings.iter().map(|r| (r.path.as_str(), r.shared)).collect();
+    assert_eq!(shared, [("/r/one", false), ("/r/three", true), ("/r/two", true)]);
 }
 
 #[test]

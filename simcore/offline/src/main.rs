@@ -4,6 +4,7 @@
 use anyhow::Context;
 use clap::Parser;
 use ipc::logging::{LogArgs, message};
+use outputs::{Force, Outputs};
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::io::BufWriter;
 use std::path::PathBuf;
@@ -27,9 +28,11 @@ enum Command {
         /// The recording.
         #[arg(value_name = "FILE.mcap")]
         file: PathBuf,
-        /// Poses, steps and events of the resimulated run.
+        /// Poses, steps and events of the resimulated run; - is standard output.
         #[arg(value_name = "OUT.mcap")]
         out: PathBuf,
+        #[command(flatten)]
+        force: Force,
     },
     /// Play a scene's script, and write the scene of every N-th field to standard output.
     Film {
@@ -64,8 +67,11 @@ fn run(command: Command) -> anyhow::Result<()> {
             let mut out = BufWriter::new(std::io::stdout().lock());
             offline::film::write(&scene, seed, every, length, &mut out)?;
         }
-        Command::Resimulate { file, out } => {
-            if let Some(step) = offline::resimulate::run(&file, &out)?.differs_at {
+        Command::Resimulate { file, out, force } => {
+            let mut out = Outputs::new(force.force).reading(&file).grow(&out)?;
+            let done = offline::resimulate::run(&file, &out)?;
+            out.appear()?;
+            if let Some(step) = done.differs_at {
                 let file = file.display();
                 let text = format!("{file}: from step {step} on the state is not the recorded one");
                 message(tracing::Level::WARN, &text);

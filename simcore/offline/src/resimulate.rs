@@ -3,6 +3,7 @@
 //! read once. Pure but for the two files; the same bits as in the live run.
 
 use anyhow::{Context, bail};
+use outputs::GrowingFile;
 use protocol::steps::{STATE_HASH_VERSION, StepRecord};
 use recording::{Item, Recording, STATE_HASH, Writer};
 use scene::SceneFile;
@@ -27,7 +28,7 @@ pub struct Resimulated {
 
 /// Resimulates `file` into `out`. A damaged recording is done up to its damage; one whose inputs
 /// are missing is refused.
-pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
+pub fn run(file: &Path, out: &GrowingFile) -> anyhow::Result<Resimulated> {
     let recording = Recording::open(file)?;
     let provenance = recording.provenance();
     let other_state_hash_version = provenance.other_state_hash_version();
@@ -35,7 +36,7 @@ pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
     let mut world = World::new(&scene).context("scene")?.unseen();
     let mut own = provenance.clone();
     own.versions.insert(STATE_HASH.into(), STATE_HASH_VERSION.to_string());
-    let mut writer = Writer::temporary(out, &own)?;
+    let mut writer = Writer::temporary(out.handle()?, out.path(), &own)?;
     let mut past = InputHistory::default();
     let mut done = Resimulated { other_state_hash_version, ..Resimulated::default() };
     for item in recording.items_of(&TOPICS) {
@@ -63,8 +64,16 @@ pub fn run(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use outputs::Outputs;
     use recording::Provenance;
     use std::path::PathBuf;
+
+    fn resimulated(file: &Path, out: &Path) -> anyhow::Result<Resimulated> {
+        let mut out = Outputs::new(true).grow(out)?;
+        let done = run(file, &out)?;
+        out.appear()?;
+        Ok(done)
+    }
 
     fn golden() -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/golden/peel-2s.mcap")
@@ -78,7 +87,7 @@ mod tests {
     fn a_live_run_comes_out_to_the_bit() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("again.mcap");
-        let done = run(&golden(), &out).unwrap();
+        let done = resimulated(&golden(), &out).unwrap();
         assert_eq!(done.differs_at, None);
         let hashes = |file: &Path| -> Vec<(u64, u64)> {
             let of = |item| {
@@ -108,18 +117,18 @@ mod tests {
             writer.finish().unwrap();
         };
         copy(&provenance, &|item| Some(item).filter(|i| !matches!(i, Item::Poses(p) if p.frame == 40)));
-        let problem = run(&bad, &out).unwrap_err().to_string();
+        let problem = resimulated(&bad, &out).unwrap_err().to_string();
         assert!(problem.contains("bad.mcap") && problem.contains("inputs of step"), "{problem}");
         let another = |item| match item {
             Item::Step(s) if s.step == 30 => Some(Item::Step(StepRecord { state_hash: !s.state_hash, ..s })),
             other => Some(other),
         };
         copy(&provenance, &another);
-        assert_eq!(run(&bad, &out).unwrap().differs_at, Some(30));
+        assert_eq!(resimulated(&bad, &out).unwrap().differs_at, Some(30));
         // Hashes of another version say nothing about the states.
         provenance.versions.insert(STATE_HASH.into(), "7".into());
         copy(&provenance, &another);
-        let done = run(&bad, &out).unwrap();
+        let done = resimulated(&bad, &out).unwrap();
         assert_eq!((done.differs_at, done.other_state_hash_version), (None, Some(7)));
         let own = Recording::open(&out).unwrap().provenance().other_state_hash_version();
         assert_eq!(own, None, "what was simulated here is of this version");

@@ -8,9 +8,9 @@ use crate::multi_camera::Progress;
 use crate::report::Report;
 use crate::residual_plot::residual_picture;
 use crate::target_problem::{Residual, Robustness};
-use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use ipc::logging::LogArgs;
+use ipc::logging::{LogArgs, inform};
+use outputs::{Force, Outputs, print, println};
 use protocol::camera::Camera;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -46,6 +46,25 @@ pub enum Task {
     Drift(stream::DriftArgs),
 }
 
+impl Task {
+    /// What a calibration writes and the files that it reads.
+    fn files(&self) -> (&OutputArgs, Vec<&PathBuf>) {
+        match self {
+            Task::Intrinsics(a) => (&a.output, a.pictures.iter().chain(&a.points).chain(&a.rig).collect()),
+            Task::Stereo(a) => {
+                (&a.output, a.left.iter().chain(&a.right).chain(&a.points).chain(&a.rig).collect())
+            }
+            Task::Dots(a) => {
+                let lists = a.points.iter().chain(&a.pictures).chain(&a.picked);
+                (&a.output, lists.chain(&a.target).chain(&a.rig).collect())
+            }
+            Task::Waved(a) => (&a.output, std::iter::once(&a.stream).chain(&a.from.rig).collect()),
+            Task::Pivot(a) => (&a.output, a.stream.iter().chain(&a.poses).chain(&a.from.rig).collect()),
+            Task::Drift(a) => (&a.output, std::iter::once(&a.stream).chain(&a.from.rig).collect()),
+        }
+    }
+}
+
 /// Where results go.
 #[derive(Debug, Clone, clap::Args)]
 pub struct OutputArgs {
@@ -58,6 +77,9 @@ pub struct OutputArgs {
     /// Folder to write a picture of each camera's residuals to.
     #[arg(long, value_name = "FOLDER")]
     pub residuals: Option<PathBuf>,
+    /// Whether files that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
 }
 
 /// How to solve.
@@ -98,6 +120,8 @@ fn positive(text: &str) -> Result<f64, String> {
 /// # Errors
 /// As the calibration run.
 pub fn run(args: &CalibrateArgs) -> anyhow::Result<ExitCode> {
+    let (output, inputs) = args.task.files();
+    output.claim(&inputs)?;
     match &args.task {
         Task::Intrinsics(args) => target::intrinsics(args),
         Task::Stereo(args) => target::stereo(args),
@@ -129,16 +153,24 @@ fn with_spinner<T>(what: &'static str, work: impl FnOnce(&mut Progress<'_>) -> T
 }
 
 impl OutputArgs {
+    /// Looks at what will be written, before anything is computed.
+    fn claim(&self, inputs: &[&PathBuf]) -> anyhow::Result<()> {
+        let mut outputs = Outputs::new(self.force.force).reading_all(inputs);
+        self.output.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
+        Ok(self.residuals.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?)
+    }
+
     /// Prints the report and draws the residuals.
     fn print(&self, report: &Report, cameras: &[Camera], residuals: &[Residual]) -> anyhow::Result<()> {
         if let Some(folder) = &self.residuals {
-            std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
             for (index, camera) in cameras.iter().enumerate() {
                 let own: Vec<Residual> = residuals.iter().filter(|r| r.camera == index).copied().collect();
                 let path = folder.join(format!("residuals_cam{}.png", camera.id));
                 let picture = residual_picture(camera.size_px, &own);
-                picture.save(&path).with_context(|| path.display().to_string())?;
-                eprintln!("{}: {} residuals", path.display(), own.len());
+                let mut png = std::io::Cursor::new(Vec::new());
+                picture.write_to(&mut png, image::ImageFormat::Png)?;
+                Outputs::new(true).write(&path, png.into_inner())?;
+                inform(&format!("{}: {} residuals", path.display(), own.len()));
             }
         }
         if self.json {
@@ -152,8 +184,8 @@ impl OutputArgs {
     /// Writes the result, if a file is named.
     fn write(&self, json: &str) -> anyhow::Result<()> {
         let Some(path) = &self.output else { return Ok(()) };
-        std::fs::write(path, format!("{json}\n")).with_context(|| path.display().to_string())?;
-        eprintln!("{} written", path.display());
+        Outputs::new(self.force.force).write(path, format!("{json}\n"))?;
+        inform(&format!("{} written", path.display()));
         Ok(())
     }
 }

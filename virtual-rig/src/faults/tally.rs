@@ -1,6 +1,7 @@
 //! Counts and log of the injected faults.
 
 use super::{FaultEvent, FaultKind};
+use outputs::{OutputError, Outputs};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::fs::File;
@@ -80,12 +81,14 @@ pub struct FaultLog {
 }
 
 impl FaultLog {
-    /// Creates the file, or empties it.
+    /// Creates the file.
     ///
     /// # Errors
-    /// Where the file cannot be created.
-    pub fn create(path: &Path) -> std::io::Result<Self> {
-        Ok(FaultLog { file: BufWriter::new(File::create(path)?) })
+    /// Where the file is refused.
+    pub fn create(path: &Path, force: bool) -> Result<Self, OutputError> {
+        let mut file = Outputs::new(force).grow(path)?;
+        file.appear()?;
+        Ok(FaultLog { file: BufWriter::new(file.handle()?) })
     }
 
     /// Writes records and flushes them to the file.
@@ -125,7 +128,7 @@ mod tests {
     #[test]
     fn each_event_is_a_line_of_json() {
         let path = std::env::temp_dir().join(format!("vitreo-faults-{}.jsonl", std::process::id()));
-        let mut log = FaultLog::create(&path).unwrap();
+        let mut log = FaultLog::create(&path, true).unwrap();
         let event = FaultEvent::Occlusion { body: "inst0", markers: 5 };
         log.write(&[FaultRecord { field: 7, camera: 2, event }]).unwrap();
         log.write(&[FaultRecord { field: 8, camera: 0, event: FaultEvent::Late { delay_ns: 30 } }]).unwrap();

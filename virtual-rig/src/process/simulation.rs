@@ -34,8 +34,7 @@ pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Resul
         None => FaultInjector::none(rig),
     };
     let log = config.fault_log.as_deref();
-    let log =
-        log.map(|path| FaultLog::create(path).with_context(|| format!("cannot write {}", path.display())));
+    let log = log.map(|path| FaultLog::create(path, config.force.force));
     let cameras = Cameras::with_faults(rig, path, config.seed, faults)?;
     let mut shell = VirtualRigShell::open(config, rig, surgeon)?;
     let fault_log = log.transpose()?;

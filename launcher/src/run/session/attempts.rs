@@ -3,12 +3,12 @@
 use super::{Attempt, CommandProgress, Session};
 use crate::run::attempt_control::{ControlRequest, PendingRequest};
 use crate::run::latency_stats::WARM_UP_NS;
-use crate::run::options::numbered;
 use crate::run::provenance;
 use crate::run::recorder::Recorder;
 use crate::run::report::{Incident, RecordingFigures};
 use anyhow::bail;
 use ipc::clock::now;
+use outputs::Outputs;
 use protocol::control::{Answer, Command, EVERY_PROCESS, LAUNCHER};
 use protocol::health::Process;
 use protocol::message::text_bytes;
@@ -115,12 +115,11 @@ impl Session<'_> {
         self.end_attempt().await;
         let number = self.attempts.len() as u32;
         self.args.level = level;
-        self.args.record = self.first_record.as_deref().map(|file| numbered(file, number));
+        self.args.record = self.first_record.as_deref().map(|file| self.args.numbered(file, number));
         self.provenance = provenance(&self.args)?;
         let duration_ms = self.args.duration.map_or(0, |s| (s * 1e3) as u64);
         self.command_all(command, duration_ms).await?;
-        let file = self.args.record.as_deref();
-        self.consumers.recorder = file.map(|file| Recorder::start(file, &self.provenance)).transpose()?;
+        self.consumers.recorder = self.recorder_of_attempt()?;
         self.command_all(Command::Start, 0).await?;
         let at = now();
         (self.paused_ns, self.attempt_ns) = (None, at);
@@ -128,6 +127,15 @@ impl Session<'_> {
         let at_s = self.elapsed_s(at);
         self.incidents.push(Incident { at_s, what: format!("attempt {}, level {level}", number + 1) });
         Ok(())
+    }
+
+    /// A recorder of the attempt that begins.
+    fn recorder_of_attempt(&self) -> anyhow::Result<Option<Recorder>> {
+        let Some(file) = &self.args.record else { return Ok(None) };
+        let file = Outputs::new(self.args.force.force).grow(file)?;
+        let mut recorder = Recorder::start(file, &self.provenance)?;
+        recorder.appear()?;
+        Ok(Some(recorder))
     }
 
     /// Ends the recording of the attempt and keeps what is known of it.

@@ -11,6 +11,7 @@ use crate::self_calibration::{SelfCalibration, fitted, fitted_with, refine_strea
 use crate::target_problem::{rms, robust_sigma};
 use anyhow::{Context, ensure};
 use blob_stream::BlobReader;
+use ipc::logging::warn;
 use nalgebra::{Point3, Vector3};
 use protocol::blobs::BlobField;
 use protocol::poses::{BODY_NAMES, EYE};
@@ -130,7 +131,7 @@ fn of_recording(path: &Path) -> anyhow::Result<(Option<String>, Vec<BlobField>)>
             Ok(_) => {}
             // What came before the damage serves as well.
             Err(error) => {
-                eprintln!("{}: read up to here: {error}", path.display());
+                warn(&format!("{}: read up to here: {error}", path.display()));
                 break;
             }
         }
@@ -213,11 +214,11 @@ pub fn drift(args: &DriftArgs) -> anyhow::Result<ExitCode> {
     args.output.print(&drift_report(&rig, &found, args.limit_px), &[], &[])?;
     let shifted = rig.cameras.iter().zip(&found.cameras).filter(|(_, c)| c.drifted);
     for (camera, shift) in shifted {
-        eprintln!(
+        warn(&format!(
             "camera {} has drifted: its residuals are shifted by {:.3} px (chance {:.3} px, limit {:.3} px); \
              refine the rig with: calibrate waved",
             camera.id, shift.systematic_px, shift.chance_px, args.limit_px
-        );
+        ));
     }
     // The launcher's code for a verification that found a difference.
     Ok(if found.drifted() { ExitCode::from(5) } else { ExitCode::SUCCESS })

@@ -14,6 +14,7 @@ use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
 use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens};
 use crate::{CalibrationError, dots, point_lists};
 use anyhow::{Context, bail, ensure};
+use ipc::logging::warn;
 use protocol::rig::Rig;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -179,7 +180,7 @@ fn views_of_pictures(pictures: &[PathBuf], board: &Board, camera: usize) -> anyh
     }
     progress.finish_and_clear();
     if sheets.is_empty() {
-        notes.iter().for_each(|n| eprintln!("{n}"));
+        notes.iter().for_each(|n| warn(n));
         bail!("the board was found in none of {} pictures", pictures.len());
     }
     Ok(Views { sheets, sizes_px: vec![size.context("no picture")?], notes })

@@ -1,0 +1,285 @@
+//! Which files a command reads and writes, looked at together before anything is written.
+
+use super::{GrowingFile, OutputError, OutputFile, STDOUT};
+use rustix::fs::{Access, FlockOperation, access, flock};
+use std::fs::{self, File, Metadata};
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::path::{Path, PathBuf};
+
+/// The inputs and outputs of a command.
+#[derive(Debug, Default)]
+pub struct Outputs {
+    force: bool,
+    inputs: Vec<PathBuf>,
+    /// Name of each output, and whether it is being written.
+    outputs: Vec<(PathBuf, bool)>,
+}
+
+impl Outputs {
+    /// Nothing yet; with `force` files that exist are written over.
+    pub fn new(force: bool) -> Self {
+        Outputs { force, ..Outputs::default() }
+    }
+
+    /// Adds a file that the command reads, or a folder whose files it reads. One that does not exist
+    /// is no concern of an output.
+    pub fn reading(mut self, input: impl AsRef<Path>) -> Self {
+        self.inputs.push(input.as_ref().to_path_buf());
+        self
+    }
+
+    /// As [`Outputs::reading`], of several.
+    pub fn reading_all<P: AsRef<Path>>(self, inputs: impl IntoIterator<Item = P>) -> Self {
+        inputs.into_iter().fold(self, Outputs::reading)
+    }
+
+    /// True if files that exist are written over.
+    pub fn is_forced(&self) -> bool {
+        self.force
+    }
+
+    /// Checks that `path` may be written, and keeps its name for [`Outputs::create`] or
+    /// [`Outputs::grow`]. Changes nothing.
+    ///
+    /// # Errors
+    /// Where it exists, is an input or another output, or its folder refuses it.
+    pub fn claim(&mut self, path: &Path) -> Result<(), OutputError> {
+        self.note(path)?;
+        if path == Path::new(STDOUT) {
+            return Ok(());
+        }
+        let shown = || path.display().to_string();
+        self.check_inputs(path)?;
+        match path.metadata() {
+            Ok(found) if found.is_dir() => {
+                Err(OutputError::Kind { path: shown(), expected: "a file, found a folder" })
+            }
+            Ok(found) if is_device(&found) => Ok(()),
+            Ok(_) if !self.force => Err(OutputError::Exists { path: shown() }),
+            Ok(_) if is_being_written(path) => Err(OutputError::InUse { path: shown() }),
+            // A link that leads nowhere is a name that is taken.
+            Err(_) if path.symlink_metadata().is_ok() && !self.force => {
+                Err(OutputError::Exists { path: shown() })
+            }
+            _ => check_folder(path),
+        }
+    }
+
+    /// As [`Outputs::claim`], of a folder for several files: it must be empty, or absent.
+    ///
+    /// # Errors
+    /// Where it holds files, is a file, or is an input or another output.
+    pub fn claim_folder(&mut self, path: &Path) -> Result<(), OutputError> {
+        self.note(path)?;
+        let shown = || path.display().to_string();
+        if let Some(input) = self.inputs.iter().find(|input| same_file(input, path) && !self.force) {
+            return Err(OutputError::Input { path: shown(), input: input.display().to_string() });
+        }
+        match path.metadata() {
+            Ok(found) if !found.is_dir() => {
+                Err(OutputError::Kind { path: shown(), expected: "a folder, found a file" })
+            }
+            Ok(_) if !self.force && has_entries(path) => Err(OutputError::NotEmpty { path: shown() }),
+            _ => check_folder(&path.join("any")),
+        }
+    }
+
+    /// Begins a file that appears whole with [`OutputFile::finish`].
+    ///
+    /// # Errors
+    /// As [`Outputs::claim`], and where the file cannot be made.
+    pub fn create(&mut self, path: &Path) -> Result<OutputFile, OutputError> {
+        self.begin(path)?;
+        OutputFile::begin(path, self.force)
+    }
+
+    /// Begins a file that grows under its name from [`GrowingFile::appear`] on.
+    ///
+    /// # Errors
+    /// As [`Outputs::claim`], and where the file cannot be made.
+    pub fn grow(&mut self, path: &Path) -> Result<GrowingFile, OutputError> {
+        self.begin(path)?;
+        GrowingFile::begin(path, self.force)
+    }
+
+    /// Writes a file in one piece.
+    ///
+    /// # Errors
+    /// As [`Outputs::create`], and where the file cannot be written.
+    pub fn write(&mut self, path: &Path, contents: impl AsRef<[u8]>) -> Result<(), OutputError> {
+        let mut file = self.create(path)?;
+        let written = io_write(&mut file, contents.as_ref());
+        written.map_err(|problem| OutputError::io(path, problem))?;
+        file.finish()
+    }
+
+    /// Keeps the name; refuses one that is kept already.
+    fn note(&mut self, path: &Path) -> Result<(), OutputError> {
+        let name = resolved(path);
+        if self.outputs.iter().any(|(other, _)| *other == name || same_file(other, &name)) {
+            return Err(OutputError::Twice { path: path.display().to_string() });
+        }
+        self.outputs.push((name, false));
+        Ok(())
+    }
+
+    fn begin(&mut self, path: &Path) -> Result<(), OutputError> {
+        let name = resolved(path);
+        match self.outputs.iter_mut().find(|(claimed, _)| *claimed == name) {
+            Some((_, true)) => Err(OutputError::Twice { path: path.display().to_string() }),
+            Some((_, begun)) => {
+                *begun = true;
+                Ok(())
+            }
+            None => {
+                self.claim(path)?;
+                self.outputs.iter_mut().filter(|(claimed, _)| *claimed == name).for_each(|o| o.1 = true);
+                Ok(())
+            }
+        }
+    }
+
+    fn check_inputs(&self, path: &Path) -> Result<(), OutputError> {
+        let refused = |input: &Path| OutputError::Input {
+            path: path.display().to_string(),
+            input: input.display().to_string(),
+        };
+        for input in &self.inputs {
+            if same_file(input, path) {
+                return Err(refused(input));
+            }
+            // Of a folder every file directly in it.
+            let files = fs::read_dir(input).into_iter().flatten().flatten().map(|e| e.path());
+            if let Some(within) = files.filter(|f| f.is_file()).find(|f| same_file(f, path)) {
+                return Err(refused(&within));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn io_write(file: &mut OutputFile, contents: &[u8]) -> std::io::Result<()> {
+    std::io::Write::write_all(file, contents)
+}
+
+/// Something that exists to be written to: a pipe, a terminal, `/dev/null`.
+pub(super) fn is_device(found: &Metadata) -> bool {
+    let kind = found.file_type();
+    kind.is_fifo() || kind.is_char_device() || kind.is_socket()
+}
+
+/// True if both names exist and lead to the same file. What is written through (a pipe, a device)
+/// cannot be lost.
+fn same_file(a: &Path, b: &Path) -> bool {
+    let (Ok(a), Ok(b)) = (a.metadata(), b.metadata()) else { return false };
+    !is_device(&a) && (a.dev(), a.ino()) == (b.dev(), b.ino())
+}
+
+/// True if another program holds the lock of a growing file.
+pub(super) fn is_being_written(path: &Path) -> bool {
+    let Ok(file) = File::open(path) else { return false };
+    flock(&file, FlockOperation::NonBlockingLockShared).is_err_and(|e| e == rustix::io::Errno::WOULDBLOCK)
+}
+
+/// The name with its folder resolved, so that equal places have equal names.
+fn resolved(path: &Path) -> PathBuf {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    match (folder.canonicalize(), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => path.to_path_buf(),
+    }
+}
+
+fn has_entries(folder: &Path) -> bool {
+    fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some())
+}
+
+/// Whether the folder of a file, or the nearest one above that exists, takes new files.
+fn check_folder(path: &Path) -> Result<(), OutputError> {
+    let absolute = std::path::absolute(path).map_err(|e| OutputError::io(path, e))?;
+    let Some(folder) = absolute.ancestors().skip(1).find(|f| f.symlink_metadata().is_ok()) else {
+        return Ok(());
+    };
+    let refused = |problem: rustix::io::Errno| OutputError::io(path, problem.into());
+    if !folder.is_dir() {
+        return Err(refused(rustix::io::Errno::NOTDIR));
+    }
+    access(folder, Access::WRITE_OK | Access::EXEC_OK).map_err(refused)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(result: Result<(), OutputError>) -> String {
+        result.unwrap_err().to_string()
+    }
+
+    #[test]
+    fn an_input_is_no_output_under_any_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("a"), "a").unwrap();
+        fs::hard_link(at("a"), at("hard")).unwrap();
+        std::os::unix::fs::symlink(at("a"), at("soft")).unwrap();
+        for force in [false, true] {
+            for name in ["a", "hard", "soft", "./a"] {
+                let error = text(Outputs::new(force).reading(at("a")).claim(&at(name)));
+                assert!(error.contains("is what the command reads"), "{error}");
+            }
+            // A file of a folder that is read.
+            let error = text(Outputs::new(force).reading(folder.path()).claim(&at("a")));
+            assert!(error.contains("is what the command reads"), "{error}");
+        }
+        Outputs::new(false).reading(at("a")).claim(&at("b")).unwrap();
+    }
+
+    #[test]
+    fn what_exists_is_refused_without_force() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        fs::write(at("a"), "a").unwrap();
+        std::os::unix::fs::symlink(at("nowhere"), at("link")).unwrap();
+        for name in ["a", "link"] {
+            assert!(text(Outputs::new(false).claim(&at(name))).contains("--force"));
+            Outputs::new(true).claim(&at(name)).unwrap();
+        }
+        assert!(text(Outputs::new(true).claim(folder.path())).contains("found a folder"));
+        assert!(text(Outputs::new(false).claim_folder(folder.path())).contains("holds files"));
+        assert!(text(Outputs::new(true).claim_folder(&at("a"))).contains("found a file"));
+        Outputs::new(true).claim_folder(folder.path()).unwrap();
+        Outputs::new(false).claim_folder(&at("new")).unwrap();
+        assert!(!at("new").exists(), "a claim changes nothing");
+    }
+
+    #[test]
+    fn one_name_is_one_output() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut outputs = Outputs::new(true);
+        outputs.claim(&folder.path().join("a")).unwrap();
+        assert!(text(outputs.claim(&folder.path().join("./a"))).contains("two outputs"));
+        let file = outputs.create(&folder.path().join("a")).unwrap();
+        assert!(outputs.create(&folder.path().join("a")).is_err());
+        file.finish().unwrap();
+    }
+
+    #[test]
+    fn devices_and_standard_output_are_written_as_they_are() {
+        let mut outputs = Outputs::new(false).reading("/dev/null");
+        outputs.claim(Path::new("/dev/null")).unwrap();
+        outputs.claim(Path::new("-")).unwrap();
+        assert!(text(outputs.claim(Path::new("-"))).contains("two outputs"));
+    }
+
+    #[test]
+    fn a_folder_that_refuses_is_told_before_anything_is_done() {
+        assert!(text(Outputs::new(false).claim(Path::new("/proc/version/a"))).contains("is a file"));
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("f"), "").unwrap();
+        let within = folder.path().join("f/g/h");
+        assert!(text(Outputs::new(false).claim(&within)).contains("a part of its path is a file"));
+    }
+}

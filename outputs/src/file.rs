@@ -1,0 +1,299 @@
+//! A file being written.
+
+use super::claim::{is_being_written, is_device};
+use super::{OutputError, STDOUT};
+use rustix::fs::{FlockOperation, flock};
+use std::fs::{self, File, OpenOptions, Permissions};
+use std::io::{self, BufWriter, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use tempfile::{Builder, NamedTempFile, PersistError, TempPath};
+
+/// Buffer of a file, bytes.
+const BUFFER: usize = 64 << 10;
+
+/// A file that appears whole under its name with [`OutputFile::finish`]; dropped before, it never
+/// was. Standard output and devices are written as they are.
+#[derive(Debug)]
+pub struct OutputFile {
+    to: BufWriter<Target>,
+    path: PathBuf,
+}
+
+#[derive(Debug)]
+enum Target {
+    /// Written where it is.
+    Direct(File),
+    /// Gets its name at the end.
+    Unnamed { file: NamedTempFile, place: Place },
+}
+
+/// The name that a file is to get.
+#[derive(Debug, Clone)]
+struct Place {
+    /// With links resolved.
+    path: PathBuf,
+    force: bool,
+}
+
+impl OutputFile {
+    pub(super) fn begin(path: &Path, force: bool) -> Result<Self, OutputError> {
+        let target = match direct(path)? {
+            Some(file) => Target::Direct(file),
+            None => {
+                let place = Place::of(path, force);
+                Target::Unnamed { file: place.temporary()?, place }
+            }
+        };
+        Ok(OutputFile { to: BufWriter::with_capacity(BUFFER, target), path: path.into() })
+    }
+
+    /// Writes what is left and gives the file its name.
+    ///
+    /// # Errors
+    /// Where it cannot be written, or its name was taken meanwhile.
+    pub fn finish(self) -> Result<(), OutputError> {
+        let OutputFile { to, path } = self;
+        let target = to.into_inner().map_err(|e| OutputError::io(&path, e.into_error()))?;
+        let Target::Unnamed { file, place } = target else { return Ok(()) };
+        file.as_file().sync_all().map_err(|e| OutputError::io(&path, e))?;
+        let named = if place.force { file.persist(&place.path) } else { file.persist_noclobber(&place.path) };
+        named.map_err(|PersistError { error, .. }| place.refused(error))?;
+        place.sync_folder();
+        Ok(())
+    }
+}
+
+impl Write for Target {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Target::Direct(file) => file.write(bytes),
+            Target::Unnamed { file, .. } => file.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Write for OutputFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.to.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
+    }
+}
+
+impl io::Seek for OutputFile {
+    fn seek(&mut self, to: io::SeekFrom) -> io::Result<u64> {
+        self.to.flush()?;
+        match self.to.get_mut() {
+            Target::Direct(file) => file.seek(to),
+            Target::Unnamed { file, .. } => file.as_file_mut().seek(to),
+        }
+    }
+}
+
+/// Writes a file through `write`, for writers that know nothing of names.
+///
+/// # Errors
+/// Those of `write`, and of [`OutputFile::finish`].
+pub fn save<E: From<OutputError>>(
+    mut file: OutputFile,
+    write: impl FnOnce(&mut OutputFile) -> Result<(), E>,
+) -> Result<(), E> {
+    write(&mut file)?;
+    Ok(file.finish()?)
+}
+
+/// A file that is written while something runs. It gets its name with [`GrowingFile::appear`];
+/// dropped before, it never was. While it grows it is locked, and nothing writes over it.
+#[derive(Debug)]
+pub struct GrowingFile {
+    file: File,
+    /// Its name until it appears, and the one that it gets.
+    unnamed: Option<(TempPath, Place)>,
+    path: PathBuf,
+}
+
+impl GrowingFile {
+    pub(super) fn begin(path: &Path, force: bool) -> Result<Self, OutputError> {
+        if let Some(file) = direct(path)? {
+            return Ok(GrowingFile { file, unnamed: None, path: path.into() });
+        }
+        let place = Place::of(path, force);
+        let (file, temporary) = place.temporary()?.into_parts();
+        // Where the file system has no locks there is no protection by them.
+        let _ = flock(&file, FlockOperation::NonBlockingLockExclusive);
+        Ok(GrowingFile { file, unnamed: Some((temporary, place)), path: path.into() })
+    }
+
+    /// The name that it has or gets.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The file, to be written from its start; it stays locked as long as one handle is open.
+    ///
+    /// # Errors
+    /// Where no further handle can be opened.
+    pub fn handle(&self) -> Result<File, OutputError> {
+        self.file.try_clone().map_err(|e| OutputError::io(&self.path, e))
+    }
+
+    /// Gives the file its name, once what it belongs to has begun. Later calls do nothing.
+    ///
+    /// # Errors
+    /// Where the name was taken meanwhile, or another program writes the file of that name.
+    pub fn appear(&mut self) -> Result<(), OutputError> {
+        let Some((temporary, place)) = self.unnamed.take() else { return Ok(()) };
+        if place.force && is_being_written(&place.path) {
+            return Err(OutputError::InUse { path: self.path.display().to_string() });
+        }
+        let named = if place.force {
+            temporary.persist(&place.path)
+        } else {
+            temporary.persist_noclobber(&place.path)
+        };
+        named.map_err(|e| place.refused(e.error))?;
+        place.sync_folder();
+        Ok(())
+    }
+}
+
+impl Place {
+    fn of(path: &Path, force: bool) -> Self {
+        // What a link leads to is written over, not the link.
+        let resolved = if force { path.canonicalize().ok() } else { None };
+        Place { path: resolved.unwrap_or_else(|| path.into()), force }
+    }
+
+    /// A file of an unlikely name beside the place, in a folder that is made where it is missing.
+    fn temporary(&self) -> Result<NamedTempFile, OutputError> {
+        let refused = |problem| OutputError::io(&self.path, problem);
+        fs::create_dir_all(self.folder()).map_err(refused)?;
+        let name = self.path.file_name().unwrap_or_default().to_string_lossy();
+        let mut builder = Builder::new();
+        let (prefix, mode) = (format!(".{name}."), Permissions::from_mode(0o666));
+        builder.prefix(&prefix).suffix(".part").permissions(mode);
+        builder.tempfile_in(self.folder()).map_err(refused)
+    }
+
+    fn folder(&self) -> &Path {
+        self.path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    }
+
+    /// Brings the name to the disk; not every file system can.
+    fn sync_folder(&self) {
+        let _ = File::open(self.folder()).and_then(|folder| folder.sync_all());
+    }
+
+    fn refused(&self, problem: io::Error) -> OutputError {
+        match problem.kind() {
+            io::ErrorKind::AlreadyExists => OutputError::Exists { path: self.path.display().to_string() },
+            _ => OutputError::io(&self.path, problem),
+        }
+    }
+}
+
+/// What is written where it is: standard output, a pipe, a device.
+fn direct(path: &Path) -> Result<Option<File>, OutputError> {
+    let refused = |problem| OutputError::io(path, problem);
+    if path == Path::new(STDOUT) {
+        let descriptor = io::stdout().as_fd().try_clone_to_owned().map_err(refused)?;
+        return Ok(Some(descriptor.into()));
+    }
+    match path.metadata() {
+        Ok(found) if is_device(&found) => {
+            OpenOptions::new().write(true).open(path).map(Some).map_err(refused)
+        }
+        _ => Ok(None),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Outputs;
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap().flatten();
+        let mut names: Vec<String> = entries.map(|e| e.file_name().to_string_lossy().into()).collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_appears_whole_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("new/folder/a.csv");
+        let mut file = Outputs::new(false).create(&path).unwrap();
+        file.write_all(b"half").unwrap();
+        file.flush().unwrap();
+        assert!(!path.exists());
+        drop(file);
+        assert!(names(path.parent().unwrap()).is_empty(), "nothing is left over");
+        Outputs::new(false).write(&path, "whole").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "whole");
+        assert_eq!(names(path.parent().unwrap()), ["a.csv"]);
+        let umask = rustix::process::umask(rustix::fs::Mode::empty());
+        rustix::process::umask(umask);
+        assert_eq!(path.metadata().unwrap().permissions().mode() & 0o777, 0o666 & !umask.bits());
+    }
+
+    #[test]
+    fn a_name_that_was_taken_meanwhile_is_left_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let file = Outputs::new(false).create(&path).unwrap();
+        let mut grown = Outputs::new(false).grow(&path).unwrap();
+        fs::write(&path, "theirs").unwrap();
+        assert!(matches!(file.finish(), Err(OutputError::Exists { .. })));
+        assert!(matches!(grown.appear(), Err(OutputError::Exists { .. })));
+        drop(grown);
+        assert_eq!((fs::read_to_string(&path).unwrap().as_str(), names(folder.path()).len()), ("theirs", 1));
+    }
+
+    #[test]
+    fn force_replaces_what_a_link_leads_to_and_never_a_file_that_grows() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, link) = (folder.path().join("a"), folder.path().join("link"));
+        let mut grown = Outputs::new(false).grow(&path).unwrap();
+        grown.appear().unwrap();
+        std::os::unix::fs::symlink(&path, &link).unwrap();
+        let in_use = Outputs::new(true).create(&link).unwrap_err();
+        assert!(matches!(in_use, OutputError::InUse { .. }), "{in_use}");
+        drop(grown);
+        Outputs::new(true).write(&link, "new").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "new");
+        assert!(link.symlink_metadata().unwrap().is_symlink());
+    }
+
+    #[test]
+    fn a_growing_file_has_no_name_before_it_appears() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        fs::write(&path, "earlier").unwrap();
+        let mut grown = Outputs::new(true).grow(&path).unwrap();
+        grown.handle().unwrap().write_all(b"later").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "earlier");
+        grown.appear().unwrap();
+        grown.appear().unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "later");
+        grown.handle().unwrap().write_all(b", longer").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "later, longer");
+        // One that never appeared.
+        drop(Outputs::new(false).grow(&folder.path().join("b")).unwrap());
+        assert_eq!(names(folder.path()), ["a.mcap"]);
+    }
+
+    #[test]
+    fn a_full_device_is_told() {
+        let full = Outputs::new(false).write(Path::new("/dev/full"), "x").unwrap_err().to_string();
+        assert!(full.contains("/dev/full") && full.contains("the disk is full"), "{full}");
+    }
+}

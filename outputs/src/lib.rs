@@ -1,0 +1,171 @@
+//! Everything that a command writes comes into being here, so that nothing is lost.
+//!
+//! - A file that exists is refused without `--force`; one that the command reads is refused always,
+//!   under whatever name or link.
+//! - A file appears whole under its name or not at all: it is written under a temporary name beside
+//!   it, brought to the disk and renamed ([`OutputFile`]).
+//! - What is written while something runs (a recording, a film) gets its name once the run has
+//!   begun, and grows from then on, so that a crash costs its end only ([`GrowingFile`]).
+//! - `-` is standard output. A pipe or a device is written as it is. Folders are made where they
+//!   are missing.
+//! - [`print!`] and [`println!`] are the standard ones, but do not end the program where nobody
+//!   reads any more ([`standard_output_failure`]).
+
+mod claim;
+mod file;
+mod stdout;
+
+pub use claim::Outputs;
+pub use file::{GrowingFile, OutputFile, save};
+pub use stdout::{standard_output_failure, write_to_stdout};
+
+use std::borrow::Cow;
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Name that stands for standard output.
+pub const STDOUT: &str = "-";
+
+/// The option of every command that writes files.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, clap::Args)]
+pub struct Force {
+    /// Write over files that exist.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Why something cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// There is a file of that name.
+    #[error("{path}: exists already; --force writes over it")]
+    Exists {
+        /// The file.
+        path: String,
+    },
+    /// There is something in that folder.
+    #[error("{path}: holds files already; --force writes among them")]
+    NotEmpty {
+        /// The folder.
+        path: String,
+    },
+    /// The command reads that file.
+    #[error("{path}: is what the command reads ({input}), and would be lost")]
+    Input {
+        /// The output.
+        path: String,
+        /// The input.
+        input: String,
+    },
+    /// Two outputs of one command have the same name.
+    #[error("{path}: two outputs cannot have the same name")]
+    Twice {
+        /// The name.
+        path: String,
+    },
+    /// Another program is still writing it.
+    #[error("{path}: another program is writing it; choose another name")]
+    InUse {
+        /// The file.
+        path: String,
+    },
+    /// A folder where a file was expected, or a file in the place of a folder.
+    #[error("{path}: expected {expected}")]
+    Kind {
+        /// The name.
+        path: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// The operating system refused.
+    #[error("{path}: cannot be written: {}", plainly(problem))]
+    Io {
+        /// The file or folder.
+        path: String,
+        /// The system's answer.
+        #[source]
+        problem: io::Error,
+    },
+}
+
+impl OutputError {
+    fn io(path: &Path, problem: io::Error) -> Self {
+        OutputError::Io { path: path.display().to_string(), problem }
+    }
+}
+
+/// The system's answer in plain words where it is a frequent one.
+pub fn plainly(problem: &io::Error) -> String {
+    match problem.kind() {
+        io::ErrorKind::StorageFull => "the disk is full".into(),
+        io::ErrorKind::QuotaExceeded => "the disk quota is used up".into(),
+        io::ErrorKind::ReadOnlyFilesystem => "the file system is read-only".into(),
+        io::ErrorKind::PermissionDenied => "no permission".into(),
+        io::ErrorKind::NotADirectory => "a part of its path is a file".into(),
+        _ => problem.to_string(),
+    }
+}
+
+/// A text as a cell of comma-separated values after RFC 4180. What a spreadsheet would take for a
+/// formula gets an apostrophe before it.
+pub fn csv_cell(text: &str) -> Cow<'_, str> {
+    let guarded = match text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
+        true => Cow::Owned(format!("'{text}")),
+        false => Cow::Borrowed(text),
+    };
+    match guarded.contains([',', '"', '\n', '\r']) {
+        true => Cow::Owned(format!("\"{}\"", guarded.replace('"', "\"\""))),
+        false => guarded,
+    }
+}
+
+/// The first of `file`, `file-2`, `file-3` … from the `number`th on (0 is the name itself) that
+/// does not exist; with `force` the `number`th itself.
+pub fn numbered(file: &Path, number: u32, force: bool) -> PathBuf {
+    let name = |n: u32| match n {
+        0 => file.to_path_buf(),
+        _ => {
+            let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+            let ending = file.extension().map(|e| format!(".{}", e.to_string_lossy())).unwrap_or_default();
+            file.with_file_name(format!("{stem}-{}{ending}", n + 1))
+        }
+    };
+    let is_taken = |path: &PathBuf| !force && number > 0 && path.symlink_metadata().is_ok();
+    (number..=u32::MAX).map(name).find(|path| !is_taken(path)).unwrap_or_else(|| name(number))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_pass_over_what_exists() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.y4m");
+        let name = |path: PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
+        assert_eq!(name(numbered(&file, 0, false)), "a.y4m");
+        assert_eq!(name(numbered(&file, 2, false)), "a-3.y4m");
+        std::fs::write(folder.path().join("a-3.y4m"), "").unwrap();
+        assert_eq!(name(numbered(&file, 2, false)), "a-4.y4m");
+        assert_eq!(name(numbered(&file, 2, true)), "a-3.y4m");
+        assert_eq!(name(numbered(&folder.path().join("stills"), 1, false)), "stills-2");
+    }
+
+    #[test]
+    fn cells_are_quoted_and_no_formulas() {
+        let cells = [("plain", "plain"), ("a \"b\"", "\"a \"\"b\"\"\""), ("a,b\nc", "\"a,b\nc\""), ("", "")];
+        for (text, cell) in cells {
+            assert_eq!(csv_cell(text), cell);
+        }
+        for formula in ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1"] {
+            assert_eq!(csv_cell(formula), format!("'{formula}"));
+        }
+        assert_eq!(csv_cell("=HYPERLINK(\"x\",1)"), "\"'=HYPERLINK(\"\"x\"\",1)\"");
+    }
+
+    #[test]
+    fn a_full_disk_is_told_in_plain_words() {
+        let error = OutputError::io(Path::new("a/b.mcap"), io::ErrorKind::StorageFull.into());
+        assert_eq!(error.to_string(), "a/b.mcap: cannot be written: the disk is full");
+    }
+}

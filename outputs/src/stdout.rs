@@ -1,0 +1,46 @@
+//! Standard output that may go away: a pipe whose reader has seen enough, a closed terminal, a full
+//! disk. The standard macros end the program there, and with it whatever it had yet to do.
+
+use protocol::message::printable;
+use std::fmt::Arguments;
+use std::io::{self, Write};
+use std::sync::OnceLock;
+
+static FAILURE: OnceLock<io::ErrorKind> = OnceLock::new();
+
+/// As the standard macro, but a closed standard output ends nothing.
+#[macro_export]
+macro_rules! print {
+    ($($text:tt)*) => { $crate::write_to_stdout(::std::format_args!($($text)*), false) };
+}
+
+/// As the standard macro, but a closed standard output ends nothing.
+#[macro_export]
+macro_rules! println {
+    () => { $crate::write_to_stdout(::std::format_args!(""), true) };
+    ($($text:tt)*) => { $crate::write_to_stdout(::std::format_args!($($text)*), true) };
+}
+
+/// Writes to standard output, with a line's end if asked. After a first failure nothing more is
+/// written, and [`standard_output_failure`] tells it.
+pub fn write_to_stdout(text: Arguments<'_>, line: bool) {
+    if FAILURE.get().is_some() {
+        return;
+    }
+    // Texts from files and other programs must not command the terminal.
+    let (text, mut out) = (text.to_string(), io::stdout().lock());
+    let written = out.write_all(printable(&text).as_bytes());
+    let written = written.and_then(|()| if line { out.write_all(b"\n") } else { Ok(()) });
+    if let Err(problem) = written {
+        let _ = FAILURE.set(problem.kind());
+    }
+}
+
+/// Why standard output did not take everything; for the end of a program, which writes out what is
+/// still buffered. Nothing where its reader went away: he has seen enough.
+pub fn standard_output_failure() -> Option<io::ErrorKind> {
+    if let Err(problem) = io::stdout().flush() {
+        let _ = FAILURE.set(problem.kind());
+    }
+    FAILURE.get().copied().filter(|kind| *kind != io::ErrorKind::BrokenPipe)
+}
