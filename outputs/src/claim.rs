@@ -72,7 +72,7 @@ impl Outputs {
     pub fn claim_folder(&mut self, path: &Path) -> Result<(), OutputError> {
         self.note(path)?;
         let shown = || path.display().to_string();
-        if let Some(input) = self.inputs.iter().find(|input| same_file(input, path) && !self.force) {
+        if let Some(input) = self.inputs.iter().find(|i| same_file(i, path) && !(self.force && i.is_dir())) {
             return Err(OutputError::Input { path: shown(), input: input.display().to_string() });
         }
         match path.metadata() {

@@ -69,7 +69,8 @@ impl Write for Target {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Target::Direct(file) => file.write(bytes),
-            Target::Unnamed { file, .. } => file.write(bytes),
+            // Its own writer names the temporary file in errors.
+            Target::Unnamed { file, .. } => file.as_file_mut().write(bytes),
         }
     }
 
@@ -80,11 +81,11 @@ impl Write for Target {
 
 impl Write for OutputFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.to.write(bytes)
+        self.to.write(bytes).map_err(|problem| named(&self.path, problem))
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.to.flush()
+        self.to.flush().map_err(|problem| named(&self.path, problem))
     }
 }
 
@@ -198,6 +199,11 @@ impl Place {
             _ => OutputError::io(&self.path, problem),
         }
     }
+}
+
+/// The system's answer with the name of the file, for writers that know none.
+fn named(path: &Path, problem: io::Error) -> io::Error {
+    io::Error::new(problem.kind(), OutputError::io(path, problem))
 }
 
 /// What is written where it is: standard output, a pipe, a device.

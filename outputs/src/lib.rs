@@ -90,7 +90,9 @@ pub enum OutputError {
 
 impl OutputError {
     fn io(path: &Path, problem: io::Error) -> Self {
-        OutputError::Io { path: path.display().to_string(), problem }
+        // An error of a writer here names the file already.
+        let named = |problem| OutputError::Io { path: path.display().to_string(), problem };
+        problem.downcast().unwrap_or_else(named)
     }
 }
 
