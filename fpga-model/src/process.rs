@@ -9,6 +9,7 @@ use crate::camera_extractor::CameraExtractor;
 use crate::config::Config;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
+use ipc::awake::Awake;
 use ipc::clock::{now, sleep_until};
 use ipc::outbox::Outbox;
 use ipc::shell::Shell;
@@ -17,7 +18,7 @@ use protocol::blobs::BlobField;
 use protocol::control::Command;
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
-use protocol::limits::{MAX_CAMERAS, MAX_WAIT_MS};
+use protocol::limits::{FIELD_PERIOD_NS, MAX_CAMERAS, MAX_WAIT_MS};
 use protocol::rig::Rig;
 use protocol::time::Nanos;
 
@@ -34,6 +35,7 @@ pub fn run(config: &Config) -> Result<()> {
     let mut shell = FpgaModelShell::open(config, extractors)?;
     while !shell.shell.stopping() {
         shell.serve()?;
+        shell.wake()?;
         shell.take_fields()?;
         shell.send_due()?;
         shell.rest();
@@ -54,6 +56,11 @@ struct FpgaModelShell {
     delay_ns: u64,
     /// Fields of no camera of the rig, or of another size.
     foreign: u64,
+    awake: Awake,
+    /// Fields of the past that were passed over.
+    passed_over: u64,
+    /// Fields for which the outbox had no room.
+    no_room: u64,
     /// Keeps the node alive; dropped last.
     _instance: Instance,
 }
@@ -75,8 +82,34 @@ impl FpgaModelShell {
             newest: [0; MAX_CAMERAS],
             delay_ns,
             foreign: 0,
+            awake: Awake::default(),
+            passed_over: 0,
+            no_room: 0,
             _instance: instance,
         })
+    }
+
+    /// After a sleep: passes over the fields that were due in it. Hardware does not send what is
+    /// past.
+    fn wake(&mut self) -> Result<()> {
+        let at = now();
+        let Some(slept_ns) = self.awake.slept(at) else { return Ok(()) };
+        let (past, before) = (at.saturating_sub(FIELD_PERIOD_NS), self.passed_over);
+        while self.outbox.due_ns().is_some_and(|due| due < past) && self.outbox.take(past).is_some() {
+            self.passed_over += 1;
+        }
+        while let Some(sample) = self.fields.receive()? {
+            if sample.header().read_out_ns() + self.delay_ns < past {
+                self.passed_over += 1;
+            } else {
+                self.take(&sample)?;
+            }
+        }
+        let passed_over = self.passed_over - before;
+        if passed_over > 0 {
+            tracing::warn!("slept for {:.1} s: {passed_over} fields passed over", slept_ns as f64 * 1e-9);
+        }
+        Ok(())
     }
 
     /// Scans the fields received.
@@ -85,7 +118,8 @@ impl FpgaModelShell {
             self.take(&sample)?;
         }
         let counts = self.fields.counts();
-        (self.shell.report.received, self.shell.report.lost) = (counts.received, counts.lost);
+        self.shell.report.received = counts.received;
+        self.shell.report.lost = counts.lost + self.passed_over + self.no_room;
         self.shell.report.refused = counts.refused + self.foreign;
         Ok(())
     }
@@ -104,7 +138,7 @@ impl FpgaModelShell {
         let mut field = BlobField::zeroed();
         let due_ns = extractor.extract(header, &picture, &mut field) + self.delay_ns;
         if !self.outbox.put(due_ns, &field) {
-            self.shell.report.lost += 1;
+            self.no_room += 1;
         }
         Ok(())
     }

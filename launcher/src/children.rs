@@ -19,6 +19,7 @@ use protocol::control::{Command as ControlCommand, EVERY_PROCESS, Request};
 use protocol::health::{Health, Process, STATE_STARTING};
 use rustix::process::{Pid, Signal, kill_process, setpriority_process};
 use std::fs::File;
+use std::io::{self, Write};
 use std::process::{ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
@@ -43,6 +44,8 @@ pub struct Surroundings {
     pub nice: i32,
     /// Real-time scheduling, where this user may ask for it: it runs as soon as it wakes up.
     pub realtime: bool,
+    /// Its standard input stays open, for [`Child::tell`].
+    pub listens: bool,
     /// Where lines of its standard error go; to that of this program if there is none.
     pub lines: Option<LineSender>,
     /// Notified when the child has ended.
@@ -55,6 +58,8 @@ pub struct Child {
     process: Process,
     pid: u32,
     output: Arc<Output>,
+    /// Its standard input, where it listens.
+    input: Option<File>,
     /// Its exit status, once it has ended and its output has been read.
     status: watch::Receiver<Option<ExitStatus>>,
 }
@@ -78,10 +83,12 @@ impl Child {
                 command.env(name, value);
             }
         }
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let input = if surroundings.listens { Stdio::piped() } else { Stdio::null() };
+        command.stdin(input).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut command = tokio::process::Command::from(command);
         let child = command.process_group(0).kill_on_drop(true).spawn();
-        let child = child.with_context(|| format!("start {}", process.binary()))?;
+        let mut child = child.with_context(|| format!("start {}", process.binary()))?;
+        let input = child.stdin.take().and_then(|input| input.into_owned_fd().ok()).map(File::from);
         let pid = child.id().context("the id of a child")?;
         if surroundings.nice > 0 {
             // Without it the child works too, only less politely.
@@ -90,7 +97,7 @@ impl Child {
         let output = Arc::new(Output::new(open_log(instance, process)));
         let (end, status) = watch::channel(None);
         tokio::spawn(attend(child, Arc::clone(&output), surroundings.clone(), end));
-        Ok(Child { process, pid, output, status })
+        Ok(Child { process, pid, output, input, status })
     }
 
     /// Which process it is.
@@ -124,6 +131,15 @@ impl Child {
         let lines = if is_json() { Vec::new() } else { self.output.tail() };
         let lines: String = lines.iter().map(|l| format!("\n    {l}")).collect();
         format!("{} {how}{lines}", self.process.binary())
+    }
+
+    /// Writes a line to its standard input and closes it.
+    ///
+    /// # Errors
+    /// Where it does not listen, or has ended.
+    pub fn tell(&mut self, line: &str) -> io::Result<()> {
+        let mut input = self.input.take().ok_or(io::ErrorKind::BrokenPipe)?;
+        input.write_all(format!("{line}\n").as_bytes())
     }
 
     /// Asks it to end, by SIGTERM.

@@ -3,7 +3,7 @@
 //! - `options`, `arguments`: the command line, and what each process is given of it
 //! - `session`: the loop that receives, supervises, records and shows
 //! - `attempt_control`: requests for a pause, a restart or the next level
-//! - `supervisor`, `policy`: starting, restarting, bounding restarts
+//! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
 //!   simulation
 //! - `latency_stats`, `report`: latencies against budgets; `monitor`, `screen`: the status
@@ -20,6 +20,7 @@ mod report;
 mod resume;
 mod screen;
 mod session;
+mod standby;
 mod supervisor;
 
 pub use options::{DeskArgs, RunArgs};
@@ -167,6 +168,10 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
             warn(&format!("the recording misses {lost} blocks and says where"));
             code = LOSS;
         }
+    }
+    if report.states_lost > 0 {
+        warn(&format!("the state of the eye was lost {} times", report.states_lost));
+        code = LOSS;
     }
     if !assert_budgets {
         return code;

@@ -83,6 +83,8 @@ events! {
     InputRefused = 41, "simulation.input_refused", "", Warning, "input refused";
     /// The simulation resumed from a checkpoint; steps recomputed.
     Resumed = 42, "simulation.resumed", "steps", Warning, "simulation resumed from a checkpoint";
+    /// The simulation stood still and passed over what it missed; for how long.
+    Slept = 43, "simulation.slept", "ms", Warning, "simulation stood still";
     /// The vitrector cut membrane away; area in this step.
     TissueCut = 50, "membrane.cut", "mm²", Info, "membrane cut away";
     /// Hook or jaws lift the membrane from below; nodes.

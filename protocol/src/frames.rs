@@ -16,6 +16,8 @@ pub const TRACKING_LOST_SHOWN: u32 = 4;
 pub const BELOW_FLOOR: u32 = 8;
 /// `drawn` comes from the graphics device's own clock.
 pub const DEVICE_CLOCK: u32 = 16;
+/// No new scene had come for a while, and the picture said so.
+pub const PICTURE_HELD: u32 = 32;
 /// The flags carry a [`TierReason`] from this bit on, four bits wide.
 const REASON_SHIFT: u32 = 8;
 
@@ -107,7 +109,7 @@ pub struct FrameRecord {
     #[wire(tag = 13)]
     pub height_px: u32,
     /// Bits `DISPLAY_ESTIMATED`, `TIER_CHANGED`, `TRACKING_LOST_SHOWN`, `BELOW_FLOOR`,
-    /// `DEVICE_CLOCK`, and a [`TierReason`].
+    /// `DEVICE_CLOCK`, `PICTURE_HELD`, and a [`TierReason`].
     #[wire(tag = 14)]
     pub flags: u32,
 }

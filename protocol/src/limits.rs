@@ -29,8 +29,13 @@ pub const MAX_WAIT_MS: u64 = 5;
 pub const HEARTBEAT_NS: u64 = 100_000_000;
 /// A process without a heartbeat for this long is taken for hung, ns.
 pub const HEARTBEAT_LOST_NS: u64 = 3_000_000_000;
-/// Period of the simulation's checkpoints, ns.
+/// Longest time between two checkpoints of the simulation, ns.
 pub const CHECKPOINT_NS: u64 = 5_000_000_000;
+/// Time spent on steps after which a checkpoint comes earlier, ns: a restarted simulation makes them
+/// again before it goes on.
+pub const CHECKPOINT_WORK_NS: u64 = 200_000_000;
+/// Shortest time between two checkpoints, ns.
+pub const CHECKPOINT_LEAST_NS: u64 = 500_000_000;
 
 /// Largest scene block, bytes.
 pub const MAX_SCENE_BYTES: usize = 4 << 20;

@@ -9,7 +9,10 @@ use std::path::PathBuf;
 pub const VIDEO_HZ: u32 = 25;
 /// Time between two stills, ns.
 pub const STILL_NS: u64 = 1_000_000_000;
-/// A window is redrawn and its events are served at least this often, ns.
+/// Age of the newest scene from which on the picture says that it is held, ns.
+pub const HELD_NS: u64 = 250_000_000;
+/// A window is redrawn and its events are served at least this often, and any picture that is held
+/// is redrawn, ns.
 pub const IDLE_REDRAW_NS: u64 = 50_000_000;
 /// Niceness of the process: tracking and simulation come first.
 pub const NICENESS: i32 = 5;
@@ -75,6 +78,12 @@ pub struct Config {
     /// Destroy the graphics device after this many frames, to test that the other processes go on.
     #[arg(long, value_name = "FRAMES", hide = true)]
     pub lose_device_after: Option<u64>,
+    /// Begin at this quality tier, at which a predecessor was drawing.
+    #[arg(long, value_name = "N", hide = true, value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
+    pub start_tier: Option<u32>,
+    /// Prepare everything, then wait for a line on standard input before taking part.
+    #[arg(long, conflicts_with = "window", hide = true)]
+    pub standby: bool,
     /// Draw at this quality tier (0 is the best) instead of letting the governor choose.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..crate::governor::TIERS.len() as i64))]
     pub tier: Option<u32>,

@@ -256,6 +256,11 @@ impl Renderer {
         self.overlay.set_status(status);
     }
 
+    /// Sets the mark of a picture that is held, from the next frame on; empty for none.
+    pub fn set_held(&mut self, mark: &str) {
+        self.overlay.set_held(mark);
+    }
+
     /// Sets lines of `protocol::scene_text` over the picture from the next frame on;
     /// `hides_scene_text`: in place of the scene's.
     pub fn set_overlay(&mut self, lines: &str, hides_scene_text: bool) {

@@ -1,10 +1,13 @@
 //! The loop: a new scene or the display wakes it, it draws one stereo frame with the newest pose,
 //! and publishes the frame's instants.
 
+mod held;
 mod pictures;
+mod standby;
 mod user;
 
 use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO_HZ};
+use crate::costs::Costs;
 use crate::frame::Renderer;
 use crate::governor::{FLOOR, Governor, TIERS};
 use crate::gpu::Gpu;
@@ -17,14 +20,15 @@ use crate::readback::ReadBack;
 use crate::start;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
+use held::Held;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
-use ipc::{BlockReceiver, BlockSender, Queue, Receiver, Sender, wait};
+use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, wait};
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
-    BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PictureHeader, TIER_CHANGED,
-    TRACKING_LOST_SHOWN,
+    BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PICTURE_HELD, PictureHeader,
+    TIER_CHANGED, TRACKING_LOST_SHOWN,
 };
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};
@@ -42,7 +46,7 @@ use user::User;
 pub fn run(config: &Config) -> Result<()> {
     // Before the driver starts its threads, which inherit it.
     let _ = rustix::process::nice(NICENESS);
-    let mut process = RendererShell::start(config)?;
+    let Some(mut process) = start(config)? else { return Ok(()) };
     while !process.shell.stopping() {
         process.turn()?;
     }
@@ -74,6 +78,7 @@ struct RendererShell {
     lose_device_after: Option<u64>,
     /// Header of the present scene.
     scene: Option<SceneHeader>,
+    held: Held,
     pose: Option<TrackerFrame>,
     frame: u64,
     /// Refreshes of the display that showed nothing new.
@@ -85,16 +90,52 @@ struct RendererShell {
     write_failed: bool,
 }
 
-impl RendererShell {
-    /// Opens device, window, files and channels, and sends the first heartbeat.
-    fn start(config: &Config) -> Result<Self> {
-        let (instance, shell) = Shell::start(Process::Renderer, &config.shell)?;
+/// What takes long to make, and takes part in nothing.
+struct Prepared {
+    gpu: Gpu,
+    present: Present,
+    renderer: Renderer,
+    costs: Costs,
+    first_tier: usize,
+}
+
+impl Prepared {
+    fn new(config: &Config) -> Result<Self> {
         let scene = SceneFile::load(&config.scene).context("the renderer needs the scene")?;
         let (gpu, present) = Present::open(config.window_config().as_ref())?;
+        let first_tier = start::first_tier(&gpu, config.tier.map(|t| t as usize));
+        let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier, now)?;
+        Ok(Prepared { gpu, present, renderer, costs, first_tier })
+    }
+}
+
+/// The process, ready to draw; `None` for one that waited to take over in vain.
+fn start(config: &Config) -> Result<Option<RendererShell>> {
+    let start_tier = config.start_tier.map(|t| t as usize);
+    if !config.standby {
+        let joined = Shell::start(Process::Renderer, &config.shell)?;
+        return RendererShell::open(config, joined, Prepared::new(config)?, start_tier).map(Some);
+    }
+    standby::step_back();
+    let prepared = Prepared::new(config)?;
+    let Some(tier) = standby::order().context("standard input")? else { return Ok(None) };
+    let joined = Shell::start(Process::Renderer, &config.shell)?;
+    RendererShell::open(config, joined, prepared, tier.or(start_tier)).map(Some)
+}
+
+impl RendererShell {
+    /// Opens files and channels, and sends the first heartbeat. It begins at `start_tier`, if that
+    /// is a tier it has prepared.
+    fn open(
+        config: &Config,
+        (instance, shell): (Instance, Shell),
+        prepared: Prepared,
+        start_tier: Option<usize>,
+    ) -> Result<Self> {
+        let Prepared { gpu, present, renderer, costs, first_tier } = prepared;
         let limit_ns = (Budgets::default().of(Stage::Rendering).limit_ms * 1e6) as u64;
         let fixed = config.tier.map(|t| t as usize);
-        let first_tier = start::first_tier(&gpu, fixed);
-        let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier, now)?;
+        let start_tier = start_tier.map_or(start::start_tier(&gpu), |t| t.max(first_tier));
         let output_config = OutputConfig {
             stills: config.stills.clone(),
             video: config.video.clone(),
@@ -112,7 +153,7 @@ impl RendererShell {
             frames: instance.sender()?,
             pictures: instance.block_sender(MAX_PICTURE_BYTES)?,
             clock: GpuClock::default(),
-            governor: Governor::new(limit_ns, start::start_tier(&gpu), fixed, costs),
+            governor: Governor::new(limit_ns, start_tier, fixed, costs),
             pacing: Pacing::new(present.refresh_ns(), limit_ns),
             read_back: ReadBack::new(&gpu, first_tier),
             stills: rate(config.stills.is_some(), 1e9 / STILL_NS as f64),
@@ -127,6 +168,7 @@ impl RendererShell {
             renderer,
             output,
             scene: None,
+            held: Held::default(),
             pose: None,
             frame: 0,
             missed: 0,
@@ -172,9 +214,11 @@ impl RendererShell {
         wait(&[&self.scenes, self.shell.control()], MAX_WAIT_MS * 1_000_000);
     }
 
-    /// True if a window has not been redrawn for [`IDLE_REDRAW_NS`].
+    /// True if a window, or a picture that is held and has to say so, has not been redrawn for
+    /// [`IDLE_REDRAW_NS`].
     fn is_idle(&self, at: Nanos) -> bool {
-        !self.is_headless() && at.saturating_sub(self.last_drawn) > IDLE_REDRAW_NS
+        let redraws = !self.is_headless() || (self.held.age_ns(at).is_some() && !self.user.is_paused());
+        redraws && at.saturating_sub(self.last_drawn) > IDLE_REDRAW_NS
     }
 
     /// Draws a frame if the display takes one; `waited`: for a scene, not for the display.
@@ -218,12 +262,16 @@ impl RendererShell {
         // A scene with triangles that name no node is drawn without them and counts as refused too.
         self.shell.report.refused += u64::from(self.renderer.refused_triangles() > 0);
         self.scene = Some(*sample.header());
+        self.held.note_scene(now());
         Ok(true)
     }
 
     /// One stereo frame: records commands, latches the newest pose, submits, waits, presents.
     fn draw_frame(&mut self, frame_start: Nanos, refreshed: Nanos) -> Result<()> {
         let tier = self.governor.tier_index();
+        if let Some(mark) = self.held.new_mark(frame_start, self.user.is_paused()) {
+            self.renderer.set_held(&mark);
+        }
         if self.lose_device_after == Some(self.frame) {
             self.gpu.device.destroy();
         }
@@ -295,6 +343,7 @@ impl RendererShell {
                 | flag(!latched.all_tracked(), TRACKING_LOST_SHOWN)
                 | flag(tier > FLOOR, BELOW_FLOOR)
                 | flag(device_clock, DEVICE_CLOCK)
+                | flag(self.held.is_shown(), PICTURE_HELD)
                 | self.governor.reason().why.flags(),
             ..FrameRecord::zeroed()
         }
@@ -316,6 +365,7 @@ impl RendererShell {
             match command {
                 Command::Pause => self.user.pause(true),
                 Command::Start => self.user.pause(false),
+                Command::Flush => self.held.end(),
                 _ => {}
             }
             let answer = match command {

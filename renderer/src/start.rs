@@ -92,10 +92,16 @@ pub fn renderer(
     clock: fn() -> Nanos,
 ) -> Result<(Renderer, Costs)> {
     let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+    let begun = clock();
     let assets = Assets::load(config.fundus.as_deref(), config.instruments.as_deref())?;
+    let loaded = clock();
     let mut renderer =
         Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), &assets);
+    let made = clock();
     let costs = warm_up(gpu, &mut renderer, scene, first_tier, clock)?;
+    let ms = |from: Nanos, to: Nanos| (to - from) as f64 * 1e-6;
+    let (assets_ms, resources_ms, warm_up_ms) = (ms(begun, loaded), ms(loaded, made), ms(made, clock()));
+    tracing::debug!(assets_ms, resources_ms, warm_up_ms, "started");
     Ok((renderer, costs))
 }
 

@@ -1,12 +1,15 @@
 //! The loop: poses, handles and pedal in; steps, scene, events and checkpoints out. The only module
 //! that knows the transport and the clock.
 
+mod resuming;
+mod saving;
+
 use crate::config::Args;
-use crate::resume::{InputHistory, ResumeOutcome};
 use crate::scene_block::{SceneWriter, bytes_needed};
 use crate::world::World;
 use anyhow::Context;
 use collision::backend::Backend;
+use ipc::awake::Awake;
 use ipc::clock::now;
 use ipc::shell::Shell;
 use ipc::{BlockSender, Instance, IpcError, Queue, Receiver, Sender, wait};
@@ -14,16 +17,14 @@ use protocol::control::Command;
 use protocol::events::{Event, EventKind, NO_INSTRUMENT};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Process, STATE_RUNNING};
-use protocol::journal::{JournalError, Reader};
-use protocol::limits::{CHECKPOINT_NS, MAX_CHECKPOINT_BYTES, MAX_WAIT_MS};
+use protocol::limits::MAX_WAIT_MS;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
-use protocol::steps::{CheckpointHeader, StepInput, StepRecord};
+use protocol::steps::{StepInput, StepRecord};
 use protocol::time::Nanos;
+use saving::Saving;
 use scene::SceneFile;
-use std::io::BufReader;
-use std::path::Path;
 
 /// Runs the simulation until a stop is requested.
 ///
@@ -36,11 +37,14 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
     let (instance, mut shell) = Shell::start(Process::Simcore, &args.shell)?;
     let mut simcore = SimcoreShell::open(&instance, &world)?;
     if let Some(file) = &args.resume {
+        // The launcher knows by this heartbeat that the channels are open.
+        shell.beat_now(now())?;
+        resuming::await_journal(file, &shell)?;
         simcore.resume(&mut world, file)?;
     }
     shell.report.state = STATE_RUNNING;
     shell.beat_now(now())?;
-    let mut paused = false;
+    let (mut paused, mut awake) = (false, Awake::default());
     while !shell.stopping() {
         // Handles and pedal are taken with the next pose: they need not wake this process.
         wait(&[&simcore.poses, shell.control()], MAX_WAIT_MS * 1_000_000);
@@ -56,7 +60,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
             }
             shell.answer(&request, result.as_ref().map(|_| ()).map_err(String::as_str))?;
         }
-        while let Some(frame) = simcore.poses.next_valid()? {
+        while let Some(frame) = simcore.next_pose(&world, awake.slept(now()))? {
             if !paused {
                 simcore.step(&mut world, &frame, &shell)?;
             }
@@ -84,20 +88,22 @@ struct SimcoreShell {
     scenes: BlockSender<SceneHeader>,
     steps: Sender<StepRecord>,
     events: Sender<Event>,
-    checkpoints: BlockSender<CheckpointHeader>,
     writer: SceneWriter,
     handle_queue: Vec<HandleState>,
     pedal_queue: Vec<PedalState>,
-    saved: Vec<u8>,
+    saving: Saving,
     scene_bytes: usize,
-    next_checkpoint_ns: Nanos,
     /// Events raised by this shell, which the world's own numbers leave room for.
     own_events: u64,
     refused: u64,
+    /// Handles and pedal hold inputs of before this process, which the next step takes.
+    inherited: bool,
+    /// Poses that were passed over because this process slept or was not there.
+    passed_over: u64,
 }
 
 impl SimcoreShell {
-    fn open(instance: &Instance, world: &World) -> Result<Self, IpcError> {
+    fn open(instance: &Instance, world: &World) -> anyhow::Result<Self> {
         let scene_bytes = Self::bytes(world);
         Ok(SimcoreShell {
             poses: instance.receiver(Queue::InOrder)?,
@@ -106,21 +112,22 @@ impl SimcoreShell {
             scenes: instance.block_sender(scene_bytes)?,
             steps: instance.sender()?,
             events: instance.sender()?,
-            checkpoints: instance.block_sender(MAX_CHECKPOINT_BYTES)?,
             writer: SceneWriter::new(world),
             handle_queue: Vec::with_capacity(2 * HandleState::QUEUE),
             pedal_queue: Vec::with_capacity(2 * PedalState::QUEUE),
-            saved: Vec::with_capacity(1 << 16),
+            saving: Saving::open(instance, world)?,
             scene_bytes,
-            next_checkpoint_ns: 0,
             own_events: 0,
             refused: 0,
+            inherited: false,
+            passed_over: 0,
         })
     }
 
     /// One tracker frame: everything the handles and the pedal said until now goes with it.
     fn step(&mut self, world: &mut World, frame: &TrackerFrame, shell: &Shell) -> anyhow::Result<()> {
         self.drain()?;
+        let begun = now();
         let (handles, pedals) = (&self.handle_queue[..], &self.pedal_queue[..]);
         let report = world.step(&StepInput { frame, handles, pedals }, &mut now);
         shell.inject_delay();
@@ -143,21 +150,41 @@ impl SimcoreShell {
             state_hash: hash,
             profile,
             inputs_refused: state.refused + self.refused_by_channels(),
-            frames_lost: self.poses.counts().lost,
+            frames_lost: self.poses.counts().lost + self.passed_over,
             membrane_cut_um2: removed.membrane_um2,
             retina_cut_um2: removed.retina_um2,
             vitreous_removed_um3: removed.vitreous_um3,
             vitreous_left_um3: removed.vitreous_left_um3,
         })?;
         self.send_events(world, frame)?;
-        self.save_if_due(world, hash)
+        self.saving.save_if_due(world, hash, [begun, now()])
+    }
+
+    /// The next pose to step to; after a sleep the newest one. What lies before it is past: the
+    /// hands went on, and the eye was not there. Such poses count as lost, and are told.
+    fn next_pose(&mut self, world: &World, slept_ns: Option<u64>) -> Result<Option<TrackerFrame>, IpcError> {
+        let Some(mut next) = self.poses.next_valid()? else { return Ok(None) };
+        if let Some(slept_ns) = slept_ns {
+            let before = self.passed_over;
+            while let Some(newer) = self.poses.next_valid()? {
+                next = newer;
+                self.passed_over += 1;
+            }
+            if self.passed_over > before {
+                let slept_ms = slept_ns as f64 * 1e-6;
+                self.send_own_event(world, next.instants.exposed, EventKind::Slept, slept_ms)?;
+            }
+        }
+        Ok(Some(next))
     }
 
     fn drain(&mut self) -> Result<(), IpcError> {
         // Takes their notifications away, without waiting.
         wait(&[&self.handles, &self.pedals], 0);
-        self.handle_queue.clear();
-        self.pedal_queue.clear();
+        if !std::mem::take(&mut self.inherited) {
+            self.handle_queue.clear();
+            self.pedal_queue.clear();
+        }
         while self.handle_queue.len() < self.handle_queue.capacity() {
             let Some(handle) = self.handles.next_valid()? else { break };
             self.handle_queue.push(handle);
@@ -204,64 +231,12 @@ impl SimcoreShell {
         self.events.send(&event)
     }
 
-    /// A checkpoint at the first step and every five seconds.
-    fn save_if_due(&mut self, world: &World, state_hash: u64) -> anyhow::Result<()> {
-        let at = now();
-        if at < self.next_checkpoint_ns {
-            return Ok(());
-        }
-        self.next_checkpoint_ns = at + CHECKPOINT_NS;
-        world.save(&mut self.saved).context("checkpoint")?;
-        let state = world.state();
-        let header = CheckpointHeader {
-            step: state.step,
-            field: state.field,
-            handles_below: state.handles_below,
-            pedals_below: state.pedals_below,
-            state_hash,
-            bytes: self.saved.len() as u64,
-        };
-        let saved = &self.saved;
-        self.checkpoints.send(saved.len(), |payload| {
-            payload[..saved.len()].copy_from_slice(saved);
-            header
-        })?;
-        Ok(())
-    }
-
-    /// Replays the journal to its end, and sends an event.
-    fn resume(&mut self, world: &mut World, file: &Path) -> anyhow::Result<()> {
-        let journal =
-            std::fs::File::open(file).map_err(JournalError::Io).and_then(|f| Reader::new(BufReader::new(f)));
-        let mut journal = journal.with_context(|| format!("--resume {}", file.display()))?;
-        let mut past = InputHistory::default();
-        loop {
-            match journal.next_entry() {
-                Ok(Some(entry)) => past.note(entry),
-                Ok(None) => break,
-                Err(error) => {
-                    tracing::warn!("--resume: {error}; going on with what comes before");
-                    break;
-                }
-            }
-        }
-        let resumed = past.replay(world).with_context(|| format!("--resume {}", file.display()))?;
-        if !resumed.agrees || resumed.missing > 0 {
-            let ResumeOutcome { steps, missing, agrees } = resumed;
-            tracing::warn!("resumed with {steps} steps; missing: {missing}; state as recorded: {agrees}");
-        }
-        self.writer.forget();
-        let exposed = world.state().exposed_ns;
-        self.send_own_event(world, exposed, EventKind::Resumed, resumed.steps as f64)?;
-        Ok(())
-    }
-
     fn reset(&mut self, world: &mut World) -> Result<(), IpcError> {
         // What hands and foot did before belongs to the past that is forgotten.
         self.drain()?;
         world.reset();
         self.writer.forget();
-        self.next_checkpoint_ns = 0;
+        self.saving.now();
         Ok(())
     }
 
@@ -290,7 +265,8 @@ impl SimcoreShell {
     fn report(&self, shell: &mut Shell, world: &World) {
         let counts = [self.poses.counts(), self.handles.counts(), self.pedals.counts()];
         shell.report.received = counts.iter().map(|c| c.received).sum();
-        shell.report.lost = counts.iter().map(|c| c.lost).sum::<u64>() + world.events_left_out();
+        let lost: u64 = counts.iter().map(|c| c.lost).sum();
+        shell.report.lost = lost + self.passed_over + world.events_left_out();
         shell.report.refused = counts.iter().map(|c| c.refused).sum();
         shell.report.sent = self.scenes.sent() + self.steps.sent() + self.events.sent();
     }

@@ -66,7 +66,7 @@ impl InputHistory {
     ///
     /// # Errors
     /// [`CheckpointError`] for a checkpoint that is damaged or belongs to another scene.
-    pub fn replay(mut self, world: &mut World) -> Result<ResumeOutcome, CheckpointError> {
+    pub fn replay(&mut self, world: &mut World) -> Result<ResumeOutcome, CheckpointError> {
         let mut agrees = true;
         if let Some((header, bytes)) = &self.checkpoint {
             let used = bytes.get(..header.bytes as usize).unwrap_or(bytes);
@@ -81,6 +81,12 @@ impl InputHistory {
             steps += 1;
         }
         Ok(ResumeOutcome { steps, missing: self.steps.len() as u64, agrees })
+    }
+
+    /// Handle and pedal states that no step has consumed yet, and the number of poses; all in the
+    /// order in which they came.
+    pub fn unconsumed(self) -> (Vec<HandleState>, Vec<PedalState>, u64) {
+        (self.handles.into(), self.pedals.into(), self.poses.len() as u64)
     }
 
     /// Does the oldest recorded step that is waiting, from where `world` stands; its pose, its
@@ -210,6 +216,20 @@ mod tests {
         let (world, resumed) = repeat(items);
         assert_eq!((resumed.missing, resumed.agrees), (20, true));
         assert_eq!(world.state().field, 219);
+    }
+
+    #[test]
+    fn inputs_that_no_step_consumed_are_left() {
+        let (_, mut items) = record(20, &[5]);
+        // The last step was not made: its pose and handles wait.
+        items.pop();
+        let mut world = World::new(&SceneFile::load("peel").unwrap()).unwrap();
+        let mut past = InputHistory::default();
+        items.into_iter().for_each(|i| past.note(i));
+        past.replay(&mut world).unwrap();
+        let (handles, pedals, poses) = past.unconsumed();
+        assert_eq!((handles.len(), pedals.len(), poses), (2, 1, 1));
+        assert_eq!((pedals[0].seq, world.state().field), (219, 218));
     }
 
     #[test]

@@ -29,6 +29,9 @@ const FIT_MARGIN_MM: f64 = 0.5;
 /// Height of a pivot where the rig has no trocar: straight above the eye, mm.
 const PIVOT_WITHOUT_TROCAR_MM: f64 = 12.0;
 
+/// Time after which the eye's swing no longer depends on how it began, ns.
+const SETTLED_NS: u64 = 3_000_000_000;
+
 /// Everything that moves, at one instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
@@ -102,6 +105,19 @@ impl MotionSource {
             recorded,
             load,
         }
+    }
+
+    /// The script, with the reactions so far.
+    pub fn script(&self) -> &Script {
+        &self.script
+    }
+
+    /// Goes on with a script as it stood `t_ns` after the start. The eye swings as it did, but for
+    /// what is left of movements of [`SETTLED_NS`] before.
+    pub fn go_on(&mut self, script: Script, t_ns: u64) {
+        self.script = script;
+        let from_ns = t_ns.saturating_sub(SETTLED_NS);
+        self.eye = EyeSpring::at_rest(from_ns, self.load.at(&self.script, from_ns as f64 * 1e-9));
     }
 
     /// Length of a round of the script, s, retries so far included.
@@ -236,6 +252,21 @@ mod tests {
             }
         }
         assert!((0.02..0.15).contains(&turned), "the eye turns, and not wildly: {turned}");
+    }
+
+    #[test]
+    fn who_goes_on_later_moves_alike() {
+        let (mut whole, _) = source(None);
+        let (mut later, _) = source(None);
+        later.go_on(whole.script().clone(), 12_345_000_000);
+        for k in 0..100 {
+            let t = 12_345_000_000 + k * 20_000_000;
+            let (a, b) = (whole.at(t), later.at(t));
+            for i in 0..INSTRUMENTS {
+                let [a, b] = [a, b].map(|m| m.world_from_instrument[i].translation.vector);
+                assert!((a - b).norm() < 1e-4, "{a} {b}");
+            }
+        }
     }
 
     #[test]

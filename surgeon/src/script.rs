@@ -15,11 +15,13 @@ use protocol::handles::{PedalMode, PedalState, Tool};
 use protocol::limits::INSTRUMENTS;
 use protocol::time::Nanos;
 use scene::{PedalKey, SceneFile, ScriptKey};
+use serde::{Deserialize, Serialize};
 
 /// Commanded state of one instrument at an instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Gesture {
     /// Tip in the eye frame, mm.
+    #[serde(with = "as_array")]
     pub tip_in_eye_mm: Vector3<f64>,
     /// Turn about the shaft, rad.
     pub roll_rad: f64,
@@ -56,8 +58,9 @@ impl Gesture {
     }
 }
 
-/// The movements of all instruments; a round is repeated without a jump.
-#[derive(Debug, Clone)]
+/// The movements of all instruments; a round is repeated without a jump. Written to a file and read
+/// again it goes on as it stood, with the reactions so far.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Script {
     period_s: f64,
     /// Sorted by instant; never empty for a checked scene.
@@ -129,6 +132,20 @@ impl Script {
     pub fn mean_tip_in_eye_mm(&self, instrument: usize) -> Vector3<f64> {
         let keys = &self.keys[instrument];
         keys.iter().map(|(_, g)| g.tip_in_eye_mm).sum::<Vector3<f64>>() / keys.len() as f64
+    }
+}
+
+/// A place as three numbers, in files.
+mod as_array {
+    use super::{Deserialize, Serialize, Vector3};
+    use serde::{Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(place: &Vector3<f64>, to: S) -> Result<S::Ok, S::Error> {
+        <[f64; 3]>::from(*place).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vector3<f64>, D::Error> {
+        Ok(Vector3::from(<[f64; 3]>::deserialize(from)?))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Processes die; the run goes on and says so, and recordings stay whole.
 
 use protocol::frames::FrameRecord;
-use protocol::health::{Process, STATE_RUNNING};
+use protocol::health::{Process, STATE_RUNNING, STATE_STARTING};
 use protocol::steps::StepRecord;
 use vitreo_tests::{Observer, Running, instance_name, json, kill, next, vitreo};
 
@@ -60,6 +60,78 @@ fn a_dead_simcore_resumes_where_it_was() {
     let (report, folder) = run_and_kill(Process::Simcore, &["--direct"]);
     assert_eq!(report["restarts"]["simcore"], 1, "{}", report["restarts"]);
     replays_to_the_bit(&folder);
+}
+
+/// Waits for a heartbeat of another simcore than `pid` that is still starting, and kills it.
+fn kill_while_starting(observer: &mut Observer, pid: u32) -> u32 {
+    let starting = observer.health(Process::Simcore, |h| h.pid != pid);
+    assert_eq!(starting.state, STATE_STARTING, "a resumed simulation tells that it is starting first");
+    kill(starting.pid);
+    starting.pid
+}
+
+#[test]
+fn a_simcore_killed_while_it_resumes_goes_on_where_it_was() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (file, report, name) = (path("a.mcap"), path("report.json"), instance_name());
+    let run = ["run", "--no-picture", "--direct", "--duration", "60", "--instance", &name];
+    let running = Running::start(&[&run[..], &["--record", &file, "--report", &report]].concat());
+    let mut observer = Observer::join(&name);
+    let mut steps = observer.receiver::<StepRecord>();
+    let health = observer.health(Process::Simcore, |h| h.state == STATE_RUNNING);
+    next(&mut steps, |s| s.step >= 60);
+    kill(health.pid);
+    let again = kill_while_starting(&mut observer, health.pid);
+    let third = kill_while_starting(&mut observer, again);
+    let reborn = observer.health(Process::Simcore, |h| h.pid != third && h.state == STATE_RUNNING);
+    assert_ne!(reborn.pid, health.pid);
+    let mut last = 0;
+    let reached = next(&mut steps, |s| {
+        assert!(s.step >= 60, "step {} comes after step 60: the eye is new", s.step);
+        s.step >= 200
+    });
+    while let Some(step) = steps.next_valid().expect("channel works") {
+        assert!(step.step > last.max(reached.step));
+        last = step.step;
+    }
+    drop((steps, observer));
+    vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
+    running.finish().expect_code(0);
+    let report = json(&folder.path().join("report.json"));
+    assert_eq!((&report["restarts"]["simcore"], &report["states_lost"]), (&3.into(), &0.into()));
+    replays_to_the_bit(&folder);
+}
+
+#[test]
+fn a_state_that_cannot_be_resumed_is_lost_and_told() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (file, report, name) = (path("a.mcap"), path("report.json"), instance_name());
+    let run = ["run", "--no-picture", "--direct", "--duration", "90", "--instance", &name];
+    let running = Running::start(&[&run[..], &["--record", &file, "--report", &report]].concat());
+    let mut observer = Observer::join(&name);
+    let mut steps = observer.receiver::<StepRecord>();
+    let mut pid = observer.health(Process::Simcore, |h| h.state == STATE_RUNNING).pid;
+    next(&mut steps, |s| s.step >= 60);
+    kill(pid);
+    // Its past kills it, as it seems from outside.
+    for _ in 0..5 {
+        pid = kill_while_starting(&mut observer, pid);
+    }
+    observer.health(Process::Simcore, |h| h.pid != pid && h.state == STATE_RUNNING);
+    next(&mut steps, |s| s.step < 30);
+    drop((steps, observer));
+    vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
+    let told = running.finish().expect_code(3).stderr;
+    assert!(told.contains("the state of the eye is lost"), "{told}");
+    let report = json(&folder.path().join("report.json"));
+    assert_eq!(report["states_lost"], 1);
+    let incidents = report["happenings"].to_string();
+    assert!(incidents.contains("begins at its scene"), "{incidents}");
+    let verified = vitreo(&["replay", &file, "--lockstep", "--verify", "--instance", &instance_name()]);
+    assert_eq!(verified.code, Some(3), "{verified:?}");
+    assert!(!format!("{verified:?}").contains("18446744073709551615"), "{verified:?}");
 }
 
 #[test]

@@ -103,6 +103,13 @@ impl FrameAssembler {
         self.refused = 0;
     }
 
+    /// Passes over the fields that wait, after a time in which nobody looked; returns their number.
+    pub fn pass_over(&mut self) -> u64 {
+        let waiting = self.pending.len() as u64;
+        self.pending.clear();
+        waiting
+    }
+
     /// Fields refused since the start.
     pub fn refused(&self) -> u32 {
         self.refused

@@ -6,17 +6,19 @@ use crate::replay::FieldStore;
 use crate::rig_check;
 use crate::tracker::{Reference, Tracker, close};
 use anyhow::Context;
+use ipc::awake::Awake;
 use ipc::clock::now;
 use ipc::shell::Shell;
 use ipc::{Queue, Receiver, Sender, Wakes, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Command, RecordedFrame};
 use protocol::health::{Process, STATE_RUNNING};
-use protocol::limits::MAX_WAIT_MS;
+use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED, MAX_WAIT_MS};
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
 use protocol::rig::Rig;
 use protocol::time::Nanos;
+use std::collections::VecDeque;
 
 /// Runs the tracker until it is asked to stop.
 ///
@@ -56,6 +58,11 @@ struct TrackerProcess {
     clock: Clock,
     replay: bool,
     drift_reported: bool,
+    awake: Awake,
+    /// The newest fields that came during a sleep.
+    newest: VecDeque<BlobField>,
+    /// Fields passed over after a sleep.
+    passed_over: u64,
 }
 
 impl TrackerProcess {
@@ -75,6 +82,9 @@ impl TrackerProcess {
             clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
             replay: config.replay,
             drift_reported: false,
+            awake: Awake::default(),
+            newest: VecDeque::with_capacity(MAX_FIELDS_USED),
+            passed_over: 0,
         };
         process.shell.report.state = STATE_RUNNING;
         process.shell.beat_now(now())?;
@@ -96,8 +106,43 @@ impl TrackerProcess {
         wait(&sources, timeout_ns);
     }
 
+    /// After a sleep: passes over the fields of the past, so that no pose of it goes out as the
+    /// present. They count as lost, and are told.
+    fn wake(&mut self) -> anyhow::Result<()> {
+        let Some(slept_ns) = self.awake.slept(now()) else { return Ok(()) };
+        let mut passed_over = self.assembler.pass_over();
+        while let Some(field) = self.blobs.next_valid()? {
+            if self.newest.len() == MAX_FIELDS_USED {
+                self.newest.pop_front();
+                passed_over += 1;
+            }
+            self.newest.push_back(field);
+        }
+        let newest_ns = self.newest.iter().map(|f| f.exposed_ns).max().unwrap_or(0);
+        let at = now();
+        for field in self.newest.drain(..) {
+            // Those of the newest frame; their cameras expose within a period.
+            if field.exposed_ns + FIELD_PERIOD_NS <= newest_ns {
+                passed_over += 1;
+            } else {
+                let _ = self.assembler.push(&field, at);
+            }
+        }
+        while let Some(closed) = self.assembler.complete(at) {
+            self.publish(&closed)?;
+        }
+        self.passed_over += passed_over;
+        if passed_over > 0 {
+            tracing::warn!("slept for {:.1} s: {passed_over} fields passed over", slept_ns as f64 * 1e-9);
+        }
+        Ok(())
+    }
+
     /// Takes in all fields that have arrived, and closes frames.
     fn receive_fields(&mut self) -> anyhow::Result<()> {
+        if matches!(self.clock, Clock::System) && !self.replay {
+            self.wake()?;
+        }
         while let Some(field) = self.blobs.next_valid()? {
             if self.replay {
                 self.store.push(&field);
@@ -192,7 +237,7 @@ impl TrackerProcess {
         let report = &mut self.shell.report;
         report.received = blobs.received + recorded.received;
         report.sent = self.poses.sent();
-        report.lost = blobs.lost + recorded.lost + self.store.dropped();
+        report.lost = blobs.lost + recorded.lost + self.store.dropped() + self.passed_over;
         let fields = u64::from(self.assembler.refused());
         report.refused = blobs.refused + recorded.refused + fields + self.tracker.blobs_refused();
     }

@@ -51,6 +51,12 @@ pub struct Config {
     /// Finish S seconds after the script's round, retries included, if that is before the duration.
     #[arg(long, value_name = "S", value_parser = seconds)]
     pub after_round: Option<f64>,
+    /// Go on with the script where a predecessor in this instance stood, who was killed.
+    #[arg(long, hide = true)]
+    pub resume: bool,
+    /// Goals that are reached already, a bit for each.
+    #[arg(long, value_name = "BITS", default_value_t = 0, requires = "resume", hide = true)]
+    pub goals_reached: u64,
     /// Delay the fields of camera CAM by MS milliseconds.
     #[arg(long, value_name = "CAM=MS", value_parser = late_camera, hide = true)]
     pub late_camera: Option<LateCamera>,

@@ -37,6 +37,18 @@ impl ScenePerception {
     }
 }
 
+impl ScenePerception {
+    /// A bit for each goal that is reached.
+    pub fn goals_reached(&self) -> u64 {
+        self.reached
+    }
+
+    /// Takes over the goals that a predecessor saw reached.
+    pub fn take_goals(&mut self, reached: u64) {
+        self.reached |= reached;
+    }
+}
+
 impl Perception for ScenePerception {
     fn reached(&self, goal: usize) -> bool {
         self.reached.checked_shr(goal as u32).is_some_and(|bits| bits & 1 == 1)

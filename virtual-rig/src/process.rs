@@ -3,6 +3,7 @@
 //! It either simulates the cameras (`simulation`) or plays a recorded stream of blobs (`playback`).
 
 mod controls;
+mod kept;
 mod output;
 mod perception;
 mod playback;
@@ -14,9 +15,11 @@ use crate::config::Config;
 use crate::playback::BlobPlayback;
 use anyhow::{Context, Result, ensure};
 use controls::Controls;
+use ipc::awake::Awake;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
 use ipc::{Instance, Sender, wait};
+use kept::{Keeper, Standing};
 use perception::PerceptionInput;
 use protocol::blobs::BlobField;
 use protocol::control::Command;
@@ -72,6 +75,11 @@ struct VirtualRigShell {
     /// Injected delay of fields and controls, for tests of the time budgets, ns.
     delay_ns: u64,
     duration_ns: u64,
+    /// Keeps how the script stands, for a successor.
+    keeper: Keeper,
+    /// Time that had passed when the predecessor was killed, ns after the start.
+    resumed_at: Option<u64>,
+    awake: Awake,
     /// Note on the state.
     note: &'static str,
     /// Summary of the faults.
@@ -83,25 +91,54 @@ struct VirtualRigShell {
 impl VirtualRigShell {
     fn open(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Result<Self> {
         let (instance, shell) = Shell::start(Process::VirtualRig, &config.shell).context("cannot start")?;
+        let resumed = config.resume.then(|| kept::predecessor(instance.directory())).flatten();
+        let goals = resumed.as_ref().map_or(0, |(_, standing)| standing.reached) | config.goals_reached;
         let reacts = surgeon.motion.is_reactive();
         let mut shell = VirtualRigShell {
             shell,
             blobs: instance.sender()?,
             controls: Controls::open(&instance)?,
-            perception: reacts.then(|| PerceptionInput::open(&instance)).transpose()?,
+            perception: reacts.then(|| PerceptionInput::open(&instance, goals)).transpose()?,
             surgeon,
             config: config.clone(),
             rig: rig.clone(),
             timeline: Timeline::default(),
             delay_ns: (config.shell.inject_delay_ms.max(0.0) * 1e6) as u64,
             duration_ns: config.duration.map_or(u64::MAX, |s| (s * 1e9) as u64),
+            keeper: Keeper::open(instance.directory()).context("the instance's directory")?,
+            resumed_at: None,
+            awake: Awake::default(),
             note: "",
             text: String::with_capacity(256),
             instance,
         };
         shell.enter(STATE_RUNNING, shell.surgeon.note)?;
         shell.timeline.restart(now());
+        if let Some((time_ns, standing)) = resumed {
+            shell.go_on(time_ns, standing);
+        } else if config.resume {
+            tracing::warn!("the script begins anew: its state was not kept");
+        }
+        shell.keep();
         Ok(shell)
+    }
+
+    /// Goes on where the predecessor stood. The time without a rig is one in which nothing went on.
+    fn go_on(&mut self, time_ns: u64, standing: Standing) {
+        self.surgeon.motion.go_on(standing.script, time_ns);
+        self.duration_ns = standing.duration_ns;
+        self.timeline.go_on(now(), time_ns, standing.paused);
+        self.resumed_at = Some(time_ns);
+    }
+
+    /// Keeps how the script stands; to be called when it has changed.
+    fn keep(&mut self) {
+        self.keeper.keep(&Standing {
+            script: self.surgeon.motion.script().clone(),
+            reached: self.perception.as_ref().map_or(0, PerceptionInput::goals_reached),
+            duration_ns: self.duration_ns,
+            paused: self.timeline.is_paused(),
+        });
     }
 
     /// Sends blobs now.
@@ -154,10 +191,18 @@ impl VirtualRigShell {
     /// Serves requests and the heartbeat; true if the schedule starts again.
     fn serve(&mut self) -> Result<bool> {
         let mut restart = false;
+        if let Some(slept_ns) = self.awake.slept(now()) {
+            // The hand stood still with the rig that moves it.
+            self.timeline.shift(slept_ns);
+            tracing::warn!("slept for {:.1} s", slept_ns as f64 * 1e-9);
+        }
         while let Some((request, command)) = self.shell.serve(now())? {
             let done = self.execute(command, request.argument);
             restart |= done.is_ok() && matches!(command, Command::Reset | Command::Load);
             self.shell.answer(&request, done.as_ref().map_err(String::as_str).copied())?;
+            self.keep();
+            // What a command takes is no sleep.
+            self.awake = Awake::default();
         }
         Ok(restart)
     }

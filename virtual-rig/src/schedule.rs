@@ -66,6 +66,18 @@ impl Schedule {
         self.0.iter_mut().for_each(|g| (g.next, g.busy_until_ns) = (0, 0));
     }
 
+    /// Goes on with the first field of each group that is exposed later than `elapsed_ns` after the
+    /// start.
+    pub fn go_on_after(&mut self, elapsed_ns: u64) {
+        for group in &mut self.0 {
+            // A clock differs from its period by millionths.
+            group.next = (elapsed_ns / group.clock.period_ns.max(1)).saturating_sub(2);
+            while group.clock.exposed_ns(group.next) <= elapsed_ns {
+                group.next += 1;
+            }
+        }
+    }
+
     /// Next action `elapsed_ns` after the start, with the next send due at `send_ns`. No field is
     /// exposed from `duration_ns` on.
     pub fn next(&self, elapsed_ns: u64, send_ns: Option<u64>, duration_ns: u64) -> Action {
@@ -171,6 +183,15 @@ mod tests {
         assert_eq!(schedule.exposed(0), 3);
         schedule.reset();
         assert_eq!(schedule.exposed(0), 0);
+    }
+
+    #[test]
+    fn numbers_go_on_where_they_stood() {
+        let mut schedule = Schedule::from_clocks([0, 10].into_iter().map(|ms| (clock(ms * MS), 20 * MS)));
+        schedule.go_on_after(40 * MS);
+        assert_eq!([schedule.exposed(0), schedule.exposed(1)], [3, 2]);
+        schedule.go_on_after(0);
+        assert_eq!([schedule.exposed(0), schedule.exposed(1)], [1, 0]);
     }
 
     #[test]

@@ -191,6 +191,9 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             self.lose(|| format!("step {} follows {} (field {})", step.step, expected - 1, step.field));
         }
         self.last_step = Some(step);
+        if fresh {
+            (self.handles.below, self.pedals.below) = (0, 0);
+        }
         let handles = self.handles.below(step.handles_below);
         let pedals = self.pedals.below(step.pedals_below);
         let missing = [handles.as_ref().err(), pedals.as_ref().err()].into_iter().flatten().next().cloned();

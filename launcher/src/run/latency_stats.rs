@@ -6,7 +6,7 @@
 
 use hdrhistogram::Histogram;
 use protocol::budget::{Budget, Budgets, Stage, frame_latencies, pose_latencies, step_latencies};
-use protocol::frames::{BELOW_FLOOR, FrameRecord};
+use protocol::frames::{BELOW_FLOOR, FrameRecord, PICTURE_HELD};
 use protocol::poses::TrackerFrame;
 use protocol::steps::{StepProfile, StepRecord};
 use protocol::time::Nanos;
@@ -131,7 +131,9 @@ impl LatencyStats {
 
     /// Takes a displayed frame.
     pub fn note_frame(&mut self, frame: &FrameRecord) {
-        if self.is_warm(frame.instants.exposed) {
+        // A picture that is held says so: its age is no latency of the data path.
+        let held = frame.flags & PICTURE_HELD != 0;
+        if self.is_warm(frame.instants.exposed) && !held {
             self.note_all(&frame_latencies(frame), frame.field);
             self.below_floor += u64::from(frame.flags & BELOW_FLOOR != 0);
         }

@@ -4,27 +4,39 @@ use protocol::time::Nanos;
 use std::collections::VecDeque;
 
 /// Restarts of one process that are allowed within [`WINDOW_NS`]; one more ends the run.
-pub const MAX_RESTARTS: usize = 5;
-/// The time in which they are counted, ns.
-pub const WINDOW_NS: u64 = 60_000_000_000;
+pub const MAX_RESTARTS: usize = 12;
+/// The time in which they are counted, ns. A process that dies whenever it is started reaches the
+/// limit after some 25 s, in which a shortage may pass.
+pub const WINDOW_NS: u64 = 120_000_000_000;
+/// A process that dies this soon after its restart waits before the next one, ns.
+const SOON_NS: u64 = 2_000_000_000;
+/// The first wait, which doubles from death to death, and the longest, ns.
+const FIRST_WAIT_NS: u64 = 100_000_000;
+const LONGEST_WAIT_NS: u64 = 3_200_000_000;
 
 /// Bounds the rate of restarts of one process.
 #[derive(Debug, Default)]
 pub struct RestartLimit {
+    /// Instants of the restarts of late.
     recent: VecDeque<Nanos>,
+    wait_ns: u64,
 }
 
 impl RestartLimit {
-    /// Asks for one more restart at `now`; false if there were too many of late.
-    pub fn allows(&mut self, now: Nanos) -> bool {
+    /// The instant of the restart of a process that died at `now`; `None` if there were too many of
+    /// late.
+    pub fn restart_at(&mut self, now: Nanos) -> Option<Nanos> {
         while self.recent.front().is_some_and(|&t| now.saturating_sub(t) > WINDOW_NS) {
             self.recent.pop_front();
         }
-        let allowed = self.recent.len() < MAX_RESTARTS;
-        if allowed {
-            self.recent.push_back(now);
+        if self.recent.len() == MAX_RESTARTS {
+            return None;
         }
-        allowed
+        let soon = self.recent.back().is_some_and(|&t| now.saturating_sub(t) < SOON_NS);
+        let longer = (2 * self.wait_ns).clamp(FIRST_WAIT_NS, LONGEST_WAIT_NS);
+        self.wait_ns = if soon { longer } else { 0 };
+        self.recent.push_back(now + self.wait_ns);
+        self.recent.back().copied()
     }
 }
 
@@ -62,11 +74,29 @@ mod tests {
     #[test]
     fn restarts_are_bounded_in_a_window_and_allowed_again_after_it() {
         let mut limit = RestartLimit::default();
-        let second = 1_000_000_000;
-        assert!((0..MAX_RESTARTS as u64).all(|i| limit.allows(i * second)));
-        assert!(!limit.allows(10 * second));
-        assert!(limit.allows(WINDOW_NS + second / 2), "the first one is out of the window");
-        assert!(!limit.allows(WINDOW_NS + second / 2));
+        let step = WINDOW_NS / 20;
+        assert!((0..MAX_RESTARTS as u64).all(|i| limit.restart_at(i * step) == Some(i * step)));
+        assert_eq!(limit.restart_at(MAX_RESTARTS as u64 * step), None);
+        let later = WINDOW_NS + step / 2;
+        assert_eq!(limit.restart_at(later), Some(later), "the first one is out of the window");
+        assert_eq!(limit.restart_at(later + step / 4), None);
+    }
+
+    #[test]
+    fn a_process_that_dies_at_once_is_given_longer_and_longer() {
+        let (mut limit, mut now, mut waits) = (RestartLimit::default(), 50_000_000_000, Vec::new());
+        while let Some(at) = limit.restart_at(now) {
+            waits.push((at - now) / 1_000_000);
+            now = at + 60_000_000;
+        }
+        assert_eq!(waits[..8], [0, 100, 200, 400, 800, 1600, 3200, 3200]);
+        assert_eq!(waits.len(), MAX_RESTARTS);
+        let mut limit = RestartLimit::default();
+        assert_eq!([0, 1, 10].map(|s| s * 1_000_000_000).map(|t| limit.restart_at(t).unwrap() - t), [
+            0,
+            100_000_000,
+            0
+        ]);
     }
 
     #[test]

@@ -47,6 +47,8 @@ pub struct Report {
     pub incidents: Vec<Incident>,
     /// Blocks that the launcher missed, by channel.
     pub lost: BTreeMap<&'static str, u64>,
+    /// How often the simulation died and could not go on from its past.
+    pub states_lost: u64,
     /// Messages by channel.
     pub received: BTreeMap<&'static str, u64>,
     /// Events by kind.
@@ -406,6 +408,7 @@ mod tests {
             restarts: BTreeMap::from([("tracker", 2)]),
             incidents: vec![Incident { at_s: 3.0, what: "tracker restarted".into() }],
             lost: BTreeMap::new(),
+            states_lost: 0,
             received: BTreeMap::new(),
             events: BTreeMap::new(),
             removed: Some(Removed { vitreous_ml: 0.5, vitreous_left_ml: 3.25, ..Removed::default() }),

@@ -1,47 +1,75 @@
-//! What a restarted simulation needs to go on where its predecessor stood: the newest checkpoint
-//! and every input since, in a bounded ring. Pure but for [`Resume::write`].
+//! What a restarted simulation needs to go on where its predecessor stood: a checkpoint and every
+//! input since, in a bounded ring. Pure but for the journals it writes.
+//!
+//! A simulation that dies while it is resuming is resumed again from the same past. If that past
+//! may be what kills it, the checkpoint before the newest is tried, which leads to the same state
+//! by other steps; at last it begins at its scene, and the state is lost.
 
-use anyhow::Context;
 use ipc::Instance;
 use protocol::journal::{self, Entry};
 use protocol::steps::{CheckpointHeader, StepRecord};
 use recording::Item;
 use std::collections::VecDeque;
-use std::fs::File;
-use std::io::BufWriter;
-use std::path::Path;
+use std::fs::{self, File};
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
 
-/// Inputs and steps kept since the newest checkpoint. A checkpoint comes every 5 s, in which some
-/// 1,300 of them arrive.
+/// Inputs and steps kept since a checkpoint. One comes every 5 s at least, in which some 1,300 of
+/// them arrive; two such times are kept.
 const RING: usize = 8192;
+/// Deaths in a row while resuming after which another past is tried: that since the checkpoint
+/// before the newest, then none.
+const NEWEST_TRIES: u32 = 3;
+const OLDER_TRIES: u32 = 2;
 
-/// The newest checkpoint and the inputs since.
-#[derive(Debug, Default)]
-pub struct Resume {
+/// A checkpoint and the inputs and steps since.
+#[derive(Debug, Clone, Default)]
+struct Trail {
     checkpoint: Option<Item>,
     items: VecDeque<Item>,
     /// True if inputs since the checkpoint (or the start) were dropped from the ring.
     gap: bool,
 }
 
-impl Resume {
-    /// Takes an item; other kinds than inputs, steps and checkpoints are passed over.
-    pub fn note(&mut self, item: &Item) {
-        match item {
-            Item::Handle(_) | Item::Pedal(_) | Item::Poses(_) | Item::Step(_) => {
-                if self.items.len() == RING {
-                    self.items.pop_front();
-                    self.gap = true;
-                }
-                self.items.push_back(item.clone());
-            }
-            Item::Checkpoint(header, _) => {
-                self.trim(header);
-                self.checkpoint = Some(item.clone());
-                self.gap = false;
-            }
-            _ => {}
+/// The newest two checkpoints and the inputs since.
+#[derive(Debug, Default)]
+pub struct Resume {
+    newest: Trail,
+    /// Since the checkpoint before, or the start.
+    older: Trail,
+    /// A step was made since the start.
+    begun: bool,
+    /// Simulations in a row that died while they were resuming.
+    failed: u32,
+    /// Where the simulation started last waits for its journal.
+    waiting: Option<PathBuf>,
+    journals: u32,
+}
+
+/// From where a restarted simulation goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// Where its predecessor stood.
+    Past,
+    /// The scene: there is no past yet.
+    Beginning,
+    /// The scene: the state is lost.
+    Lost,
+}
+
+impl Trail {
+    fn push(&mut self, item: Item) {
+        if self.items.len() == RING {
+            self.items.pop_front();
+            self.gap = true;
         }
+        self.items.push_back(item);
+    }
+
+    /// True if the simulation can go on from here. Without a checkpoint it can be computed again
+    /// from the start only if no input is missing.
+    fn is_usable(&self) -> bool {
+        self.checkpoint.is_some() || (!self.gap && !self.items.is_empty())
     }
 
     /// Drops what the checkpoint's state has consumed. Matching is by place, not by number alone:
@@ -71,39 +99,80 @@ impl Resume {
         });
     }
 
+    /// Writes it as a journal, whole or not at all.
+    fn write(&self, file: &Path) -> io::Result<()> {
+        let items = self.checkpoint.iter().chain(&self.items);
+        let entries: Vec<Entry> = items.filter_map(|i| i.clone().into_entry()).collect();
+        let part = file.with_extension("part");
+        journal::write(&mut BufWriter::new(File::create(&part)?), entries.iter())?;
+        fs::rename(part, file)
+    }
+}
+
+impl Resume {
+    /// Takes an item; other kinds than inputs, steps and checkpoints are passed over.
+    pub fn note(&mut self, item: &Item) {
+        match item {
+            Item::Handle(_) | Item::Pedal(_) | Item::Poses(_) | Item::Step(_) => {
+                self.begun |= matches!(item, Item::Step(_));
+                self.older.push(item.clone());
+                self.newest.push(item.clone());
+            }
+            Item::Checkpoint(header, _) => {
+                let items = self.newest.items.clone();
+                let mut next = Trail { checkpoint: Some(item.clone()), items, gap: false };
+                next.trim(header);
+                self.older = std::mem::replace(&mut self.newest, next);
+            }
+            _ => {}
+        }
+    }
+
     /// Forgets everything: the simulation starts from its scene.
     pub fn clear(&mut self) {
-        *self = Resume::default();
+        *self = Resume { journals: self.journals, ..Resume::default() };
     }
 
-    /// True if the simulation can go on from here. Without a checkpoint it can be computed again
-    /// from the start only if no input is missing.
-    pub fn is_usable(&self) -> bool {
-        self.checkpoint.is_some() || (!self.gap && !self.items.is_empty())
-    }
-
-    /// Arguments with which a restarted simulation goes on where its predecessor stood. One that
-    /// died while it was resuming starts from its scene: its past may be what kills it.
-    pub fn arguments(&mut self, instance: &Instance, was_at_work: bool) -> Vec<String> {
-        let file = instance.directory().join("resume.journal");
-        if was_at_work && self.is_usable() {
-            match self.write(&file).with_context(|| format!("write {}", file.display())) {
-                Ok(()) => return vec!["--resume".into(), file.display().to_string()],
-                Err(error) => tracing::warn!("simcore starts from its scene: {error:#}"),
-            }
+    /// Decides from where a simulation is started again; the one before was at work when it died,
+    /// or was not.
+    fn origin(&mut self, was_at_work: bool) -> Origin {
+        self.failed = if was_at_work { 0 } else { self.failed + 1 };
+        let tries = NEWEST_TRIES + if self.older.is_usable() { OLDER_TRIES } else { 0 };
+        match self.begun {
+            true if self.newest.is_usable() && self.failed < tries => Origin::Past,
+            true => Origin::Lost,
+            false => Origin::Beginning,
         }
-        self.clear();
-        Vec::new()
     }
 
-    /// Writes the checkpoint and the inputs since as a journal.
+    /// Arguments with which a restarted simulation goes on where its predecessor stood. Its journal
+    /// is written once it has opened its channels ([`Resume::serve`]), so that no input falls in
+    /// between.
+    pub fn arguments(&mut self, instance: &Instance, was_at_work: bool) -> (Vec<String>, Origin) {
+        if let Some(unread) = self.waiting.take() {
+            let _ = fs::remove_file(unread);
+        }
+        let origin = self.origin(was_at_work);
+        if origin != Origin::Past {
+            self.clear();
+            return (Vec::new(), origin);
+        }
+        // A name of its own: the simulation starts as soon as there is such a file.
+        let file = instance.directory().join(format!("resume-{}.journal", self.journals));
+        self.journals += 1;
+        self.waiting = Some(file.clone());
+        (vec!["--resume".into(), file.display().to_string()], origin)
+    }
+
+    /// Writes the journal for which the simulation waits that was started last. Everything sent
+    /// until it opened its channels must have been noted.
     ///
     /// # Errors
-    /// Where the file cannot be written.
-    pub fn write(&self, file: &Path) -> std::io::Result<()> {
-        let entries: Vec<Entry> =
-            self.checkpoint.iter().chain(&self.items).filter_map(|i| i.clone().into_entry()).collect();
-        journal::write(&mut BufWriter::new(File::create(file)?), entries.iter())
+    /// Where the file cannot be written; the simulation then gives up waiting, and is started again.
+    pub fn serve(&self) -> io::Result<()> {
+        let Some(file) = self.waiting.as_deref() else { return Ok(()) };
+        let trail = if self.failed < NEWEST_TRIES { &self.newest } else { &self.older };
+        trail.write(file)
     }
 }
 
@@ -137,7 +206,7 @@ mod tests {
         Item::Checkpoint(header, Vec::new())
     }
 
-    fn kept(resume: &Resume) -> Vec<String> {
+    fn kept(trail: &Trail) -> Vec<String> {
         let name = |i: &Item| match i {
             Item::Handle(h) => format!("h{}", h.seq),
             Item::Pedal(p) => format!("p{}", p.seq),
@@ -145,7 +214,7 @@ mod tests {
             Item::Step(s) => format!("s{}", s.step),
             _ => "?".into(),
         };
-        resume.items.iter().map(name).collect()
+        trail.items.iter().map(name).collect()
     }
 
     #[test]
@@ -156,8 +225,10 @@ mod tests {
             resume.note(&item);
         }
         resume.note(&checkpoint(0, 10, 1));
-        assert_eq!(kept(&resume), ["h1", "p0", "f11/1", "s1"]);
-        assert!(resume.is_usable());
+        assert_eq!(kept(&resume.newest), ["h1", "p0", "f11/1", "s1"]);
+        assert_eq!(kept(&resume.older).len(), 7, "everything since the start");
+        resume.note(&handle(2));
+        assert_eq!((kept(&resume.newest).len(), kept(&resume.older).len()), (5, 8));
     }
 
     #[test]
@@ -168,20 +239,52 @@ mod tests {
             resume.note(&item);
         }
         resume.note(&checkpoint(8, 7, 1));
-        assert_eq!(kept(&resume), ["h1"]);
+        assert_eq!(kept(&resume.newest), ["h1"]);
     }
 
     #[test]
     fn without_a_checkpoint_the_start_must_be_whole() {
+        let mut trail = Trail::default();
+        assert!(!trail.is_usable());
+        trail.push(pose(0, 0));
+        assert!(trail.is_usable());
+        (0..RING as u64).for_each(|seq| trail.push(handle(seq)));
+        assert!(!trail.is_usable());
+        assert_eq!(trail.items.len(), RING);
+    }
+
+    #[test]
+    fn one_that_dies_while_resuming_is_resumed_again_then_from_an_older_past_and_last_from_the_scene() {
         let mut resume = Resume::default();
-        assert!(!resume.is_usable());
-        resume.note(&pose(0, 0));
-        assert!(resume.is_usable());
-        (0..RING as u64).for_each(|seq| resume.note(&handle(seq)));
-        assert!(!resume.is_usable());
-        assert_eq!(resume.items.len(), RING);
-        resume.note(&checkpoint(0, 0, 3));
-        assert!(resume.is_usable());
-        assert_eq!(kept(&resume).first().map(String::as_str), Some("h3"));
+        assert_eq!(resume.origin(false), Origin::Beginning, "nothing was done yet");
+        for item in [pose(10, 0), step(1, 10, 0), checkpoint(1, 10, 0), pose(11, 1), step(2, 11, 1)] {
+            resume.note(&item);
+        }
+        assert_eq!(resume.origin(true), Origin::Past);
+        for _ in 1..NEWEST_TRIES + OLDER_TRIES {
+            assert_eq!(resume.origin(false), Origin::Past);
+        }
+        assert_eq!(resume.origin(false), Origin::Lost);
+        assert_eq!(resume.origin(true), Origin::Past, "one that was at work gets every try again");
+    }
+
+    #[test]
+    fn the_journal_holds_what_came_until_the_channels_were_open() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.journal");
+        let mut resume = Resume { waiting: Some(file.clone()), ..Resume::default() };
+        for item in [pose(10, 0), step(1, 10, 0), checkpoint(1, 10, 0), handle(7)] {
+            resume.note(&item);
+        }
+        assert!(!file.exists());
+        resume.note(&handle(8));
+        let entries = |resume: &Resume| {
+            resume.serve().unwrap();
+            let mut journal = journal::Reader::new(std::io::BufReader::new(File::open(&file).unwrap())).unwrap();
+            std::iter::from_fn(|| journal.next_entry().unwrap()).count()
+        };
+        assert_eq!(entries(&resume), 3, "the checkpoint and two handles");
+        resume.failed = NEWEST_TRIES;
+        assert_eq!(entries(&resume), 4, "without a checkpoint, from the start: pose, step, two handles");
     }
 }

@@ -1,6 +1,7 @@
 //! A run from its first process to its last: the loop that receives, supervises, records and shows.
 
 mod attempts;
+mod restarts;
 
 use super::attempt_control::AttemptControl;
 use super::channel_tap::ChannelTap;
@@ -26,7 +27,8 @@ use protocol::budget::Budgets;
 use protocol::control::{Answer, Command};
 use protocol::health::{Health, Process};
 use protocol::time::Nanos;
-use recording::{Item, Note, NoteKind, Provenance};
+use recording::{Item, Note, Provenance};
+use restarts::GoalsReached;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -70,6 +72,8 @@ pub struct Session<'a> {
     /// What the processes write to standard error.
     lines: mpsc::Receiver<String>,
     incidents: Vec<Incident>,
+    /// How often the simulation could not go on from its past.
+    states_lost: u64,
     /// When the cameras were ready; 0 before.
     started_ns: Nanos,
     /// When the attempt began, moved by every pause; 0 before.
@@ -108,6 +112,7 @@ struct Consumers {
     resume: Resume,
     recorder: Option<Recorder>,
     score: LiveScore,
+    goals: GoalsReached,
     lost_before: u64,
 }
 
@@ -117,7 +122,10 @@ impl Consumers {
             Item::Poses(pose) => self.latencies.note_pose(pose),
             Item::Step(step) => self.latencies.note_step(step),
             Item::Frame(frame) => self.latencies.note_frame(frame),
-            Item::Event(event) => self.score.note(event),
+            Item::Event(event) => {
+                self.score.note(event);
+                self.goals.note(event);
+            }
             _ => {}
         }
         self.monitor.note(&item);
@@ -173,12 +181,14 @@ impl<'a> Session<'a> {
                 resume,
                 recorder,
                 score: LiveScore::default(),
+                goals: GoalsReached::default(),
                 lost_before: 0,
             },
             supervisor: Supervisor::new(&instance, args, view, line_sender)?,
             screen: Screen::new(),
             lines,
             incidents: Vec::new(),
+            states_lost: 0,
             started_ns: 0,
             attempt_ns: 0,
             own_cpu: CpuAccount::default(),
@@ -246,6 +256,8 @@ impl<'a> Session<'a> {
     /// Lets the cameras end first, and the last fields arrive.
     async fn linger(&mut self) -> anyhow::Result<()> {
         self.supervisor.ask(self.args.source() as u32, Command::Shutdown, 0);
+        // Its last picture is not held: nothing more will come.
+        self.supervisor.ask(Process::Renderer as u32, Command::Flush, 0);
         let end = Instant::now() + LINGER;
         while timeout_at(end, self.tap.wait()).await.is_ok() {
             self.receive()?;
@@ -262,16 +274,7 @@ impl<'a> Session<'a> {
             () = self.stop.raised() => {}
         }
         let mut events = self.receive()?;
-        let remaining_s = self.remaining_ns().map(|left| (left as f64 * 1e-9).max(0.1));
-        let (instance, consumers) = (&self.instance, &mut self.consumers);
-        let restart_arguments = |process, was_at_work| {
-            instance.clean_up_after_the_dead();
-            match process {
-                Process::Simcore => consumers.resume.arguments(instance, was_at_work),
-                _ => Vec::new(),
-            }
-        };
-        events.extend(self.supervisor.check(now(), remaining_s, restart_arguments).await?);
+        self.supervise(&mut events).await?;
         for event in &events {
             self.note_event(event)?;
         }
@@ -327,19 +330,8 @@ impl<'a> Session<'a> {
                     self.consumers.latencies.warm_from(at + WARM_UP_NS);
                 }
             }
-            ProcessEvent::Restarting(process, how) => {
-                self.consumers.latencies.cool();
-                let restarts = self.supervisor.restarts_of(*process);
-                let text = format!("{} restarted: {how}", process.name());
-                // The last lines of the process have been passed on as they came.
-                self.screen.print(text.lines().next().unwrap_or_default());
-                let kind = NoteKind::Restart;
-                let (process, count) = (Some(*process), u64::from(restarts));
-                self.consumers.record_note(Note { instant_ns: at, kind, process, count, text: text.clone() });
-                let at_s = self.elapsed_s(at);
-                self.incidents.push(Incident { at_s, what: text });
-            }
-            ProcessEvent::StreamEnded | ProcessEvent::WindowClosed => {}
+            ProcessEvent::Restarting(process, how) => self.tell_restart(at, *process, how),
+            ProcessEvent::Joined(_) | ProcessEvent::StreamEnded | ProcessEvent::WindowClosed => {}
         }
         Ok(())
     }
@@ -429,6 +421,7 @@ impl<'a> Session<'a> {
             restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
             incidents: std::mem::take(&mut self.incidents),
             lost: self.tap.lost(),
+            states_lost: self.states_lost,
             received: CHANNELS.into_iter().zip(self.consumers.monitor.traffic.map(|t| t.count)).collect(),
             events: self.consumers.monitor.events.clone(),
             removed: self.consumers.monitor.removed,

@@ -2,8 +2,9 @@
 
 use super::options::{RunArgs, View};
 use super::policy::{CpuAccount, MAX_RESTARTS, RestartLimit, WINDOW_NS};
+use super::standby::{self, Standby};
 use crate::children::{self, Child, LineSender, Surroundings, realtime_allowed};
-use anyhow::ensure;
+use anyhow::{Context, ensure};
 use ipc::{Instance, Sender};
 use protocol::control::{Command, Request};
 use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
@@ -24,6 +25,8 @@ const RENDERER_NICE: i32 = 5;
 /// A change in the state of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ProcessEvent {
+    /// A process has opened its channels, and goes on preparing for work.
+    Joined(Process),
     /// A process is ready for work, at first or again.
     Ready(Process),
     /// A process died or hung and is being restarted; with the way it ended.
@@ -45,8 +48,11 @@ pub struct Slot {
     pub restarts: u32,
     /// Its CPU time while it was at work.
     pub cpu: CpuAccount,
-    /// `None` once the run has ended.
+    /// `None` while it waits for its restart, and once the run has ended.
     child: Option<Child>,
+    /// When it is to be started again.
+    restart_at: Option<Nanos>,
+    joined: bool,
     ready: bool,
     was_ready: bool,
     last_sign_ns: Nanos,
@@ -63,6 +69,7 @@ pub struct Supervisor {
     requests_sent: u64,
     last_check_ns: Nanos,
     stream_ended: bool,
+    standby: Standby,
     /// Takes what the children write to standard error.
     lines: LineSender,
     /// Notified when a child has ended.
@@ -83,6 +90,7 @@ impl Supervisor {
             requests_sent: 0,
             last_check_ns: 0,
             stream_ended: false,
+            standby: Standby::default(),
             lines,
             child_ended: Arc::default(),
         })
@@ -105,6 +113,8 @@ impl Supervisor {
             restarts: 0,
             cpu: CpuAccount::default(),
             child: Some(child),
+            restart_at: None,
+            joined: false,
             ready: false,
             was_ready: false,
             last_sign_ns: now,
@@ -123,7 +133,8 @@ impl Supervisor {
         let mut args = self.args.arguments_of(process, self.view, remaining_s, restarts);
         args.extend_from_slice(extra);
         let (lines, ended) = (Some(self.lines.clone()), Arc::clone(&self.child_ended));
-        let mut surroundings = Surroundings { lines, ended, ..Surroundings::default() };
+        let listens = extra.iter().any(|a| a == standby::OPTION);
+        let mut surroundings = Surroundings { lines, ended, listens, ..Surroundings::default() };
         match process {
             Process::Renderer => {
                 let threads = software_threads(realtime_allowed()).to_string();
@@ -138,12 +149,12 @@ impl Supervisor {
 
     /// True once every started process is at work.
     pub fn all_ready(&self) -> bool {
-        self.slots.iter().all(|s| s.ready)
+        self.slots.iter().all(|s| s.ready && s.child.is_some())
     }
 
     /// Names of the processes that are not ready yet.
     pub fn awaited(&self) -> Vec<&'static str> {
-        self.slots.iter().filter(|s| !s.ready).map(|s| s.process.name()).collect()
+        self.slots.iter().filter(|s| !s.ready || s.child.is_none()).map(|s| s.process.name()).collect()
     }
 
     /// Takes a heartbeat.
@@ -153,7 +164,8 @@ impl Supervisor {
         slot.health = Some(*beat);
         slot.last_sign_ns = now;
         if beat.state == STATE_STARTING {
-            return None;
+            let first = !std::mem::replace(&mut slot.joined, true);
+            return first.then_some(ProcessEvent::Joined(slot.process));
         }
         slot.cpu.note(beat.pid, beat.cpu_ns, beat.instant_ns);
         let first = !slot.ready;
@@ -171,22 +183,15 @@ impl Supervisor {
         self.slots.iter().find(|s| s.process == process).map_or(0, |s| s.restarts)
     }
 
-    /// Restarts every process that has ended or is silent. `restart_arguments` gives the further
-    /// arguments of a process, which was at work when it died or was not.
+    /// Finds the processes that have ended or are silent, and plans their restarts.
     ///
     /// # Errors
     /// Where a process does not start or dies too often.
-    pub async fn check(
-        &mut self,
-        now: Nanos,
-        remaining_s: Option<f64>,
-        mut restart_arguments: impl FnMut(Process, bool) -> Vec<String>,
-    ) -> anyhow::Result<Vec<ProcessEvent>> {
+    pub async fn find_dead(&mut self, now: Nanos) -> anyhow::Result<Vec<ProcessEvent>> {
         let slept = self.last_check_ns > 0 && now.saturating_sub(self.last_check_ns) > OWN_SLEEP_NS;
         self.last_check_ns = now;
         let mut events = Vec::new();
-        for i in 0..self.slots.len() {
-            let slot = &mut self.slots[i];
+        for slot in &mut self.slots {
             if slept {
                 slot.last_sign_ns = now;
             }
@@ -198,17 +203,53 @@ impl Supervisor {
             if end.orderly && slot.process == self.args.source() && self.stream_ended {
                 continue;
             }
-            slot.may_restart(now, &end.how)?;
-            let (process, was_at_work) = (slot.process, slot.ready);
+            slot.restart_at = Some(slot.may_restart(now, &end.how)?);
             slot.restarts += 1;
-            let restarts = slot.restarts;
-            let child =
-                self.spawn(process, remaining_s, restarts, &restart_arguments(process, was_at_work))?;
-            let slot = &mut self.slots[i];
-            (slot.child, slot.health, slot.ready, slot.last_sign_ns) = (Some(child), None, false, now);
-            events.push(ProcessEvent::Restarting(process, end.how));
+            slot.child = None;
+            events.push(ProcessEvent::Restarting(slot.process, end.how));
         }
         Ok(events)
+    }
+
+    /// Starts the processes again whose time has come. `restart_arguments` gives the further
+    /// arguments of a process, which was at work when it died or was not.
+    ///
+    /// # Errors
+    /// Where a binary is absent or cannot be run.
+    pub fn restart_due(
+        &mut self,
+        now: Nanos,
+        remaining_s: Option<f64>,
+        mut restart_arguments: impl FnMut(Process, bool) -> Vec<String>,
+    ) -> anyhow::Result<()> {
+        for i in 0..self.slots.len() {
+            let slot = &mut self.slots[i];
+            if slot.restart_at.take_if(|at| *at <= now).is_none() {
+                continue;
+            }
+            let (process, restarts) = (slot.process, slot.restarts);
+            let further = restart_arguments(process, slot.ready);
+            let child = match self.standby.take_over(process, &further) {
+                Some(child) => child,
+                None => self.spawn(process, remaining_s, restarts, &further)?,
+            };
+            let slot = &mut self.slots[i];
+            (slot.child, slot.health, slot.last_sign_ns) = (Some(child), None, now);
+            (slot.joined, slot.ready) = (false, false);
+        }
+        Ok(())
+    }
+
+    /// Has a renderer wait to take over, once the one at work has found its pace.
+    pub fn keep_standby(&mut self, now: Nanos) {
+        let renderer = self.slots.iter().find(|s| s.process == Process::Renderer);
+        let Some(renderer) = renderer.filter(|_| self.view == View::Headless) else { return };
+        let (at_work, restarts) = (renderer.ready && renderer.child.is_some(), renderer.restarts);
+        if self.standby.is_wanted(now, at_work) {
+            // Without one a restart only takes longer.
+            let child = self.spawn(Process::Renderer, None, restarts + 1, &[standby::OPTION.into()]);
+            self.standby.set(child.ok());
+        }
     }
 
     /// Sends a request; returns its number, which its answers carry.
@@ -222,6 +263,7 @@ impl Supervisor {
 
     /// Ends every process in order; returns those that had to be killed.
     pub async fn end(&mut self) -> Vec<Process> {
+        self.standby = Standby::default();
         let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
         children::end_all(&children, &mut self.requests, self.requests_sent).await
     }
@@ -254,13 +296,14 @@ impl Slot {
         Some(End { orderly: false, how })
     }
 
-    /// Fails where a restart would not help: the process never worked, or dies too often.
-    fn may_restart(&mut self, now: Nanos, how: &str) -> anyhow::Result<()> {
+    /// When it is started again. Fails where that would not help: the process never worked, or dies
+    /// too often.
+    fn may_restart(&mut self, now: Nanos, how: &str) -> anyhow::Result<Nanos> {
         ensure!(self.was_ready, "{}", start_failure(self.process, how));
         let (name, window_s) = (self.process.binary(), WINDOW_NS / 1_000_000_000);
-        let allowed = self.limit.allows(now);
-        ensure!(allowed, "{name} died more than {MAX_RESTARTS} times in {window_s} s; the last time: {how}");
-        Ok(())
+        self.limit.restart_at(now).with_context(|| {
+            format!("{name} died more than {MAX_RESTARTS} times in {window_s} s; the last time: {how}")
+        })
     }
 }
 

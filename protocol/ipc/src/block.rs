@@ -148,6 +148,7 @@ impl Instance {
     fn block_service<H: Message + Debug>(
         &self,
     ) -> Result<PortFactory<Service, [Unit], BlockHeader<H>>, IpcError> {
+        self.check_owners()?;
         let name = H::CHANNEL.try_into().map_err(transport(H::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)
@@ -174,6 +175,7 @@ impl Instance {
             .create()
             .map_err(transport(H::CHANNEL, "publisher"))?;
         let notifier = Notifier::open(self, H::CHANNEL)?;
+        self.reserve()?;
         Ok(BlockSender { publisher, notifier, stamp: Stamp { epoch: now(), ..Stamp::default() }, capacity })
     }
 
@@ -188,6 +190,7 @@ impl Instance {
             .create()
             .map_err(transport(H::CHANNEL, "subscriber"))?;
         let listener = Listener::open(self, H::CHANNEL)?;
+        self.reserve()?;
         Ok(BlockReceiver { subscriber, listener, account: Account::default() })
     }
 }

@@ -197,6 +197,7 @@ impl Instance {
     fn service<M: Message + std::fmt::Debug>(
         &self,
     ) -> Result<PortFactory<Service, Wire<M>, Stamp>, IpcError> {
+        self.check_owners()?;
         let name = M::CHANNEL.try_into().map_err(transport(M::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)
@@ -219,6 +220,7 @@ impl Instance {
         let publisher =
             self.service::<M>()?.publisher_builder().create().map_err(transport(M::CHANNEL, "publisher"))?;
         let notifier = Notifier::open(self, M::CHANNEL)?;
+        self.reserve()?;
         Ok(Sender { publisher, notifier, stamp: Stamp { epoch: now(), ..Stamp::default() } })
     }
 
@@ -237,6 +239,8 @@ impl Instance {
             .buffer_size(depth)
             .create()
             .map_err(transport(M::CHANNEL, "subscriber"))?;
-        Ok(Receiver { subscriber, listener: Listener::open(self, M::CHANNEL)?, account: Account::default() })
+        let listener = Listener::open(self, M::CHANNEL)?;
+        self.reserve()?;
+        Ok(Receiver { subscriber, listener, account: Account::default() })
     }
 }

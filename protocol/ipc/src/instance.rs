@@ -1,18 +1,17 @@
 //! The private directory of one simulator, and the node of this process in it.
 
+use super::segments::{SHM, Segments, owner_of};
 use super::{IpcError, transport};
 use iceoryx2::prelude::*;
-use protocol::message::fnv1a;
 use std::fs;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path as StdPath, PathBuf};
 
-/// Where shared memory lives.
-const SHM: &str = "/dev/shm";
 /// Longest instance name; longer root paths fail inside iceoryx2.
 const MAX_NAME: usize = 18;
-/// Free shared memory asked for before anything is created, MiB: too little would end in SIGBUS.
-const NEEDED_MIB: u64 = 96;
+/// File in the directory that holds the token by which the instance's segments are called.
+const TOKEN: &str = "token";
 
 pub(super) type Service = ipc::Service;
 
@@ -20,6 +19,7 @@ pub(super) type Service = ipc::Service;
 pub struct Instance {
     name: String,
     directory: PathBuf,
+    segments: Segments,
     pub(super) node: Node<Service>,
     /// Held by the launcher for as long as the simulator runs. The last field, so that the node has
     /// written its last when the directory is taken away.
@@ -51,11 +51,6 @@ pub fn instance_directory(name: &str) -> Result<PathBuf, IpcError> {
     Ok(StdPath::new(SHM).join(format!("vitreo-{uid}-{name}")))
 }
 
-/// Prefix of the shared-memory files of an instance, unique by user and name.
-fn prefix(directory: &StdPath) -> String {
-    format!("vitreo_{:016x}_", fnv1a(directory.as_os_str().as_encoded_bytes()))
-}
-
 impl Instance {
     /// Joins the instance `name`, making its directory where it does not exist.
     ///
@@ -64,7 +59,8 @@ impl Instance {
     pub fn join(name: &str) -> Result<Self, IpcError> {
         let directory = instance_directory(name)?;
         make_private(&directory)?;
-        Self::open(name, directory, None)
+        let segments = Segments::new(&token(&directory)?);
+        Self::open(name, directory, segments, None)
     }
 
     /// Owns the instance `name`: refuses where another owner runs, and removes what a dead one
@@ -82,25 +78,43 @@ impl Instance {
             return Err(IpcError::InUse(name.into()));
         }
         remove_contents(&directory, false);
+        let segments = Segments::new(&token(&directory)?);
+        segments.check_free_space()?;
         let ownership = Ownership { directory: directory.clone(), _lock: lock };
-        Self::open(name, directory, Some(ownership))
+        Self::open(name, directory, segments, Some(ownership))
     }
 
-    fn open(name: &str, directory: PathBuf, ownership: Option<Ownership>) -> Result<Self, IpcError> {
-        check_free_space()?;
+    fn open(
+        name: &str,
+        directory: PathBuf,
+        segments: Segments,
+        ownership: Option<Ownership>,
+    ) -> Result<Self, IpcError> {
+        segments.check_owners()?;
         set_log_level(LogLevel::Fatal);
         let mut config = Config::default();
         let path = directory.as_os_str().as_encoded_bytes();
         config.global.set_root_path(&Path::new(path).map_err(transport("node", "open"))?);
-        config.global.prefix =
-            FileName::new(prefix(&directory).as_bytes()).map_err(transport("node", "open"))?;
+        let prefix = FileName::new(segments.prefix().as_bytes());
+        config.global.prefix = prefix.map_err(transport("node", "open"))?;
         let node = NodeBuilder::new()
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(transport("node", "open"))?;
-        close_to_others(&directory);
-        Ok(Self { name: name.into(), directory, node, _ownership: ownership })
+        segments.close_to_others();
+        Ok(Self { name: name.into(), directory, segments, node, _ownership: ownership })
+    }
+
+    /// To be called before a port is opened, which may wait long for what somebody else left.
+    pub(super) fn check_owners(&self) -> Result<(), IpcError> {
+        self.segments.check_owners()
+    }
+
+    /// To be called after a port has been opened: takes the memory of its segments, so that none
+    /// can be missing later.
+    pub(super) fn reserve(&self) -> Result<(), IpcError> {
+        self.segments.reserve()
     }
 
     /// Its name.
@@ -132,42 +146,44 @@ fn make_private(directory: &StdPath) -> Result<(), IpcError> {
         Err(e) => return Err(fail(e.to_string())),
     }
     let meta = fs::symlink_metadata(directory).map_err(|e| fail(e.to_string()))?;
-    if !meta.is_dir() || meta.uid() != rustix::process::getuid().as_raw() || meta.mode() & 0o077 != 0 {
+    if meta.uid() != rustix::process::getuid().as_raw() {
+        return Err(fail(format!("belongs to {}; choose another --instance NAME", owner_of(&meta))));
+    }
+    if !meta.is_dir() || meta.mode() & 0o077 != 0 {
         return Err(fail("exists, but is not a private directory of this user".into()));
     }
     Ok(())
 }
 
-fn check_free_space() -> Result<(), IpcError> {
-    let Ok(vfs) = rustix::fs::statvfs(SHM) else { return Ok(()) };
-    let free_mib = (vfs.f_bavail * vfs.f_frsize) >> 20;
-    if free_mib < NEEDED_MIB {
-        return Err(IpcError::SharedMemoryFull { free_mib, needed_mib: NEEDED_MIB });
-    }
-    Ok(())
-}
-
-/// The files of an instance in shared memory.
-fn shared_files(directory: &StdPath) -> impl Iterator<Item = PathBuf> {
-    let prefix = prefix(directory);
-    let entries = fs::read_dir(SHM).into_iter().flatten().flatten();
-    entries.filter(move |e| e.file_name().to_string_lossy().starts_with(&prefix)).map(|e| e.path())
-}
-
-/// iceoryx2 opens its management segment to every user, who could then block new nodes by writing
-/// to it. Nobody else has business there. A file of another user cannot be changed and is left.
-fn close_to_others(directory: &StdPath) {
-    // Other segments are private from the start, and their mode marks whether they are ready.
-    for file in shared_files(directory).filter(|f| f.extension().is_some_and(|e| e == "global_mgmt")) {
-        let _ = fs::set_permissions(file, fs::Permissions::from_mode(0o600));
-    }
+/// The token of the instance, which nobody else can guess: drawn by who comes first, and kept in
+/// the private directory for those who join.
+fn token(directory: &StdPath) -> Result<String, IpcError> {
+    let file = directory.join(TOKEN);
+    let drawn = directory.join(format!("{TOKEN}-{}", std::process::id()));
+    let draw = || -> io::Result<String> {
+        if !file.exists() {
+            let mut bytes = [0; 8];
+            fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
+            let mut out =
+                fs::File::options().write(true).create(true).truncate(true).mode(0o600).open(&drawn)?;
+            write!(out, "{:016x}", u64::from_ne_bytes(bytes))?;
+            // Whole or not at all; another's that came first stays.
+            let linked = fs::hard_link(&drawn, &file);
+            fs::remove_file(&drawn)?;
+            linked.or_else(|e| if e.kind() == ErrorKind::AlreadyExists { Ok(()) } else { Err(e) })?;
+        }
+        fs::read_to_string(&file)
+    };
+    let text = draw().map_err(|e| directory_error(directory, e.to_string()))?;
+    let is_token = text.len() == 16 && text.bytes().all(|b| b.is_ascii_hexdigit());
+    is_token.then_some(text).ok_or_else(|| directory_error(&file, "holds no token".into()))
 }
 
 /// Removes the files of an instance, and with `and_itself` its directory. What cannot be removed
 /// is left: the next owner tries again.
 fn remove_contents(directory: &StdPath, and_itself: bool) {
-    for file in shared_files(directory) {
-        let _ = fs::remove_file(file);
+    if let Ok(token) = fs::read_to_string(directory.join(TOKEN)) {
+        Segments::new(&token).remove();
     }
     for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
         let path = entry.path();
@@ -180,5 +196,64 @@ fn remove_contents(directory: &StdPath, and_itself: bool) {
     }
     if and_itself {
         let _ = fs::remove_dir(directory);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn name(what: &str) -> String {
+        format!("{what}{}", std::process::id() % 1_000_000)
+    }
+
+    #[test]
+    fn the_prefix_is_drawn_anew_by_every_owner_and_found_by_those_who_join() {
+        let name = name("tok");
+        let prefix = |instance: &Instance| instance.segments.prefix().to_owned();
+        let owner = Instance::own(&name).unwrap();
+        let first = prefix(&owner);
+        assert_eq!(prefix(&Instance::join(&name).unwrap()), first);
+        drop(owner);
+        let second = prefix(&Instance::own(&name).unwrap());
+        assert_ne!(first, second, "nobody can know it beforehand");
+    }
+
+    #[test]
+    fn who_joins_before_an_owner_and_after_each_other_meet() {
+        let name = name("pre");
+        let (one, two) = (Instance::join(&name).unwrap(), Instance::join(&name).unwrap());
+        assert_eq!(one.segments.prefix(), two.segments.prefix());
+        drop((one, two));
+        drop(Instance::own(&name).unwrap());
+        assert!(!instance_directory(&name).unwrap().exists());
+    }
+
+    #[test]
+    fn the_directory_of_somebody_else_is_refused_at_once_by_its_owner() {
+        let directory = instance_directory(&name("oth")).unwrap();
+        fs::create_dir(&directory).unwrap();
+        if std::os::unix::fs::chown(&directory, Some(65534), None).is_err() {
+            fs::remove_dir(&directory).unwrap();
+            return println!("skipped: only root can give a directory away");
+        }
+        let told = Instance::own(&name("oth")).err().unwrap().to_string();
+        fs::remove_dir(&directory).unwrap();
+        assert!(told.contains("belongs to nobody") || told.contains("belongs to user 65534"), "{told}");
+        assert!(told.contains(&directory.display().to_string()), "{told}");
+    }
+
+    #[test]
+    fn a_segment_of_somebody_else_is_refused_at_once_by_its_owner() {
+        let instance = Instance::own(&name("seg")).unwrap();
+        let file = StdPath::new(SHM).join(format!("{}x.data", instance.segments.prefix()));
+        fs::write(&file, "").unwrap();
+        if std::os::unix::fs::chown(&file, Some(65534), None).is_err() {
+            fs::remove_file(&file).unwrap();
+            return println!("skipped: only root can give a file away");
+        }
+        let told = instance.sender::<protocol::control::Request>().err().unwrap().to_string();
+        fs::remove_file(&file).unwrap();
+        assert!(told.contains(&file.display().to_string()) && told.contains("belongs to"), "{told}");
     }
 }

@@ -1,6 +1,6 @@
 //! Transport over shared memory. The only module that names iceoryx2.
 //!
-//! An [`Instance`] is a private directory on tmpfs; every channel of a simulator lives in it, so
+//! An [`Instance`] is a private directory on tmpfs, with a token in it that names its segments; every channel of a simulator lives in it, so
 //! that several simulators or tests run side by side. [`Sender`]s and [`Receiver`]s carry fixed
 //! blocks, [`BlockSender`]s and [`BlockReceiver`]s a header with a payload of variable size, both
 //! without a copy. A receiver that reads slowly blocks nobody: the oldest blocks are overwritten
@@ -15,12 +15,14 @@
 
 #![allow(unsafe_code)] // wire wrappers and borrowed file descriptors; each use has its SAFETY note
 
+pub mod awake;
 mod block;
 mod channel;
 pub mod clock;
 mod instance;
 pub mod logging;
 pub mod outbox;
+mod segments;
 pub mod shell;
 mod wake;
 
@@ -57,7 +59,8 @@ pub enum IpcError {
     },
     /// Too little shared memory is free.
     #[error(
-        "/dev/shm has {free_mib} MiB free, {needed_mib} MiB are needed; remove files there or enlarge it"
+        "/dev/shm has {free_mib} MiB free, {needed_mib} MiB are needed; remove files there or enlarge it \
+         (mount -o remount,size=256M /dev/shm; in a container, --shm-size=256m)"
     )]
     SharedMemoryFull {
         /// Free.

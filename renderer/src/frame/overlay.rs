@@ -8,6 +8,7 @@ use protocol::scene_text::{Place, push_line};
 pub struct OverlayText {
     scene: String,
     status: String,
+    held: String,
     overlay: String,
     hides_scene_text: bool,
     lines: String,
@@ -36,6 +37,12 @@ impl OverlayText {
         self.status.push_str(status);
     }
 
+    /// Sets the mark of a picture that is held; empty for none.
+    pub fn set_held(&mut self, mark: &str) {
+        self.held.clear();
+        self.held.push_str(mark);
+    }
+
     /// Sets lines of `protocol::scene_text`; `hides_scene_text`: in place of the scene's.
     pub fn set_overlay(&mut self, lines: &str, hides_scene_text: bool) {
         self.overlay.clear();
@@ -49,6 +56,7 @@ impl OverlayText {
         for line in self.status.lines() {
             push_line(&mut self.lines, Place::TopLeft, line);
         }
+        push_line(&mut self.lines, Place::Bottom, &self.held);
         push_line(&mut self.lines, Place::Bottom, lost_text(latched));
         self.lines.push_str(&self.overlay);
         if !self.hides_scene_text {

@@ -35,8 +35,13 @@ pub struct EyeSpring {
 impl EyeSpring {
     /// At rest under the load of the start.
     pub fn new(load_at_start: Vector3<f64>) -> Self {
-        let rest = Swing { angle: load_at_start, speed: Vector3::zeros() };
-        EyeSpring { steps: 0, kept: [rest; KEPT] }
+        Self::at_rest(0, load_at_start)
+    }
+
+    /// At rest under the load of `t_ns` after the start. What came before is forgotten.
+    pub fn at_rest(t_ns: u64, load: Vector3<f64>) -> Self {
+        let rest = Swing { angle: load, speed: Vector3::zeros() };
+        EyeSpring { steps: t_ns / STEP_NS, kept: [rest; KEPT] }
     }
 
     /// Rotation `world_from_eye` at `t_ns` after the start, under `load` (rad about x, y, z, as a

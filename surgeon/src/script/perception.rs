@@ -6,6 +6,7 @@
 use super::{Script, gestures};
 use nalgebra::Vector3;
 use scene::{GoalCheck, PedalKey, Retarget, SAME_INSTANT_S, ScriptScene};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Time before a movement at which its target is perceived, s: more than a field, so that none of
@@ -53,7 +54,7 @@ pub trait Perception {
 }
 
 /// Pending reactions of a script.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Reactions {
     /// Retargets, and whether each is done; those of a repeated stretch become pending again.
     retargets: Vec<(Retarget, bool)>,
@@ -318,6 +319,24 @@ mod tests {
             assert!((script.at(0, t).tip_in_eye_mm.x - x).abs() < 1e-9, "{t} s");
         }
         assert_eq!(script.keys[1].len(), 5);
+    }
+
+    #[test]
+    fn a_script_that_was_kept_goes_on_as_it_stood() {
+        let seen = Seen { reached: false, body: Vector3::new(1.0, 0.5, -9.9) };
+        let mut script = Script::new(&scene());
+        (0..150).for_each(|k| script.see(f64::from(k) * 0.02, &seen));
+        let mut again: Script = serde_json::from_str(&serde_json::to_string(&script).unwrap()).unwrap();
+        for k in 150..500 {
+            let t = f64::from(k) * 0.02;
+            script.see(t, &seen);
+            again.see(t, &seen);
+            for i in 0..2 {
+                let off = script.at(i, t).tip_in_eye_mm - again.at(i, t).tip_in_eye_mm;
+                assert!(off.norm() < 1e-9, "{t} s");
+            }
+        }
+        assert!((script.period_s() - 10.0).abs() < 1e-9 && (again.period_s() - 10.0).abs() < 1e-9);
     }
 
     #[test]

@@ -17,19 +17,29 @@ pub(super) struct PerceptionInput {
 }
 
 impl PerceptionInput {
-    pub(super) fn open(instance: &Instance) -> Result<Self> {
+    /// `reached`: goals that are reached already, a bit for each.
+    pub(super) fn open(instance: &Instance, reached: u64) -> Result<Self> {
         let (scenes, events) = (instance.block_receiver()?, instance.receiver(Queue::InOrder)?);
-        Ok(PerceptionInput { scenes, events, newest: ScenePerception::default(), any: false })
+        let mut newest = ScenePerception::default();
+        newest.take_goals(reached);
+        Ok(PerceptionInput { scenes, events, newest, any: false })
+    }
+
+    /// A bit for each goal that is reached.
+    pub(super) fn goals_reached(&self) -> u64 {
+        self.newest.goals_reached()
     }
 
     /// Takes in the events and, where a reaction is due, the newest scene. Before the first scene
-    /// the script is played without reactions.
-    pub(super) fn show(&mut self, surgeon: &mut MotionSource, exposed_ns: u64) -> Result<()> {
+    /// the script is played without reactions. True if the surgeon's state may have changed.
+    pub(super) fn show(&mut self, surgeon: &mut MotionSource, exposed_ns: u64) -> Result<bool> {
+        let before = self.newest.goals_reached();
         while let Some(event) = self.events.next_valid()? {
             self.newest.take_event(&event);
         }
+        let told = self.newest.goals_reached() != before;
         if !surgeon.perceives_now(exposed_ns) {
-            return Ok(());
+            return Ok(told);
         }
         if let Some(sample) = self.scenes.receive()? {
             self.newest.take_scene(sample.header(), sample.payload());
@@ -38,6 +48,6 @@ impl PerceptionInput {
         if self.any {
             surgeon.see(exposed_ns, &self.newest);
         }
-        Ok(())
+        Ok(told || self.any)
     }
 }

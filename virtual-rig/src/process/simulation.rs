@@ -48,6 +48,9 @@ pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Resul
         fault_log,
         in_time: 0,
     };
+    if let Some(time_ns) = shell.resumed_at {
+        simulation.schedule.go_on_after(time_ns);
+    }
     shell.simulate(&mut simulation)?;
     let mut summary = String::new();
     simulation.cameras.tally.summary(&mut summary);
@@ -132,8 +135,11 @@ impl VirtualRigShell {
             let due_ns = exposed_ns + simulation.schedule.0[group].out_after_ns + self.delay_ns;
             let controls = ControlSample::at(&mut self.surgeon.motion, exposed_ns, number, due_ns);
             simulation.controls = Some(controls);
-            if let Some(perception) = &mut self.perception {
-                perception.show(&mut self.surgeon.motion, exposed_ns)?;
+            self.keeper.keep_time(exposed_ns);
+            if let Some(perception) = &mut self.perception
+                && perception.show(&mut self.surgeon.motion, exposed_ns)?
+            {
+                self.keep();
             }
         }
         self.report_faults(simulation)

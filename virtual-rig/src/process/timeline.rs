@@ -44,6 +44,19 @@ impl Timeline {
         self.start_ns += pause_ns;
     }
 
+    /// Moves the start by a time in which nothing went on.
+    pub(super) fn shift(&mut self, by_ns: u64) {
+        if !self.is_paused() {
+            self.start_ns += by_ns;
+        }
+    }
+
+    /// Goes on where `elapsed_ns` had passed since the start.
+    pub(super) fn go_on(&mut self, now: Nanos, elapsed_ns: u64, paused: bool) {
+        self.start_ns = now.saturating_sub(elapsed_ns);
+        self.paused_since = paused.then_some(now);
+    }
+
     /// Starts again after [`LEAD_NS`]; a pause continues.
     pub(super) fn restart(&mut self, now: Nanos) {
         self.start_ns = now + LEAD_NS;
@@ -71,5 +84,17 @@ mod tests {
         assert!(timeline.is_paused());
         timeline.resume(start + 500 + LEAD_NS + 40);
         assert_eq!(timeline.start(), start + 540 + LEAD_NS);
+    }
+
+    #[test]
+    fn a_sleep_moves_the_start_and_who_goes_on_has_the_time_behind_him() {
+        let mut timeline = Timeline::default();
+        timeline.go_on(9_000, 2_000, true);
+        assert_eq!((timeline.start(), timeline.elapsed(9_000), timeline.is_paused()), (7_000, 2_000, true));
+        timeline.shift(50);
+        assert_eq!(timeline.start(), 7_000, "a pause counts once");
+        timeline.resume(9_100);
+        timeline.shift(50);
+        assert_eq!(timeline.start(), 7_150);
     }
 }

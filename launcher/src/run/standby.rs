@@ -1,0 +1,92 @@
+//! A second renderer that has loaded and compiled everything and waits to take over: a software
+//! driver takes seconds for that. It costs memory, and no processor while it waits.
+
+use crate::children::Child;
+use protocol::health::Process;
+use protocol::time::Nanos;
+
+/// Makes a renderer wait.
+pub const OPTION: &str = "--standby";
+/// The renderer at work has been so for this long before another is prepared, ns: it has found its
+/// tier, and one that does not last needs none.
+const AFTER_NS: u64 = 3_000_000_000;
+/// Memory that must be available for one, KiB.
+const MEMORY_KIB: u64 = 1 << 20;
+/// How often one may end while it waits before none is started any more.
+const MAX_FAILURES: u32 = 3;
+
+/// The renderer that waits, if there is one.
+#[derive(Debug, Default)]
+pub struct Standby {
+    child: Option<Child>,
+    /// Since when the renderer is at work.
+    at_work_since: Option<Nanos>,
+    failures: u32,
+}
+
+impl Standby {
+    /// True if one should be started now.
+    pub fn is_wanted(&mut self, now: Nanos, at_work: bool) -> bool {
+        if self.child.take_if(|child| child.exited().is_some()).is_some() {
+            self.failures += 1;
+        }
+        if !at_work {
+            self.at_work_since = None;
+            return false;
+        }
+        let since = *self.at_work_since.get_or_insert(now);
+        self.child.is_none()
+            && self.failures < MAX_FAILURES
+            && now.saturating_sub(since) >= AFTER_NS
+            && is_memory_enough()
+    }
+
+    /// Keeps one that was started; `None` where it could not be.
+    pub fn set(&mut self, child: Option<Child>) {
+        self.failures += u32::from(child.is_none());
+        (self.child, self.at_work_since) = (child, None);
+    }
+
+    /// Lets the one that waits take the place of a process, with what its restart would be given;
+    /// `None` if none waits.
+    pub fn take_over(&mut self, process: Process, arguments: &[String]) -> Option<Child> {
+        let mut child = self.child.take_if(|c| process == Process::Renderer && c.exited().is_none())?;
+        self.at_work_since = None;
+        // The tier; none where none was drawn yet.
+        child.tell(arguments.last().map_or("", String::as_str)).ok()?;
+        Some(child)
+    }
+}
+
+fn is_memory_enough() -> bool {
+    let info = std::fs::read_to_string("/proc/meminfo").unwrap_or_default();
+    available_kib(&info).is_some_and(|kib| kib >= MEMORY_KIB)
+}
+
+fn available_kib(info: &str) -> Option<u64> {
+    let line = info.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    line.trim().trim_end_matches("kB").trim().parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_is_wanted_when_the_renderer_has_worked_for_a_while() {
+        let mut standby = Standby::default();
+        let second = 1_000_000_000;
+        assert!(!standby.is_wanted(10 * second, true));
+        assert!(!standby.is_wanted(12 * second, false), "it died");
+        assert!(!standby.is_wanted(14 * second, true), "counted anew");
+        assert_eq!(standby.is_wanted(17 * second, true), is_memory_enough());
+        (0..MAX_FAILURES).for_each(|_| standby.set(None));
+        assert!(!standby.is_wanted(30 * second, true) && !standby.is_wanted(40 * second, true));
+    }
+
+    #[test]
+    fn the_memory_available_is_read() {
+        assert_eq!(available_kib("MemTotal: 9 kB\nMemAvailable:   16243900 kB\n"), Some(16_243_900));
+        assert_eq!(available_kib("MemTotal: 9 kB\n"), None);
+    }
+}

@@ -1,0 +1,41 @@
+//! A renderer that waits to take over: it has opened its device, loaded everything and drawn its
+//! first frames (seconds on a software driver), but takes part in nothing. The launcher tells it to
+//! begin by a line on standard input, which ends when there is nothing to wait for any more.
+
+use crate::config::NICENESS;
+use rustix::process::{Pid, nice, setpriority_process};
+use std::fs::read_dir;
+use std::io::{self, BufRead};
+
+/// Added to the niceness while it prepares, so that it takes nothing from the one that draws.
+const PREPARING: i32 = 10;
+
+/// Makes room for others where it can be taken back. To be called before the driver starts its
+/// threads, which inherit it.
+pub(super) fn step_back() {
+    // Without the right to return it would stay behind for ever.
+    if nice(1).is_ok() && nice(-1).is_ok() {
+        let _ = nice(PREPARING);
+    }
+}
+
+/// Takes every thread back to the usual niceness.
+fn step_forward() {
+    for task in read_dir("/proc/self/task").into_iter().flatten().flatten() {
+        let id = task.file_name().to_str().and_then(|name| name.parse().ok());
+        if let Some(id) = id.and_then(Pid::from_raw) {
+            let _ = setpriority_process(Some(id), NICENESS);
+        }
+    }
+}
+
+/// Waits for the order to take over; `None` where there is nothing to wait for any more. The order
+/// is the tier to begin with, or an empty line.
+pub(super) fn order() -> io::Result<Option<Option<usize>>> {
+    let mut line = String::new();
+    if io::stdin().lock().read_line(&mut line)? == 0 {
+        return Ok(None);
+    }
+    step_forward();
+    Ok(Some(line.trim().parse().ok()))
+}

@@ -1,0 +1,123 @@
+//! Checkpoints: when they are due, and how they leave.
+
+use crate::world::World;
+use anyhow::Context;
+use ipc::{BlockSender, Instance, IpcError};
+use protocol::limits::{
+    CHECKPOINT_LEAST_NS, CHECKPOINT_NS, CHECKPOINT_WORK_NS, MAX_CHECKPOINT_BYTES,
+};
+use protocol::steps::CheckpointHeader;
+use protocol::time::Nanos;
+
+/// Room for a state that grows, as a multiple of that at the start, and bytes besides: what grows
+/// (dye, freed nodes, marks) is less than what a scene begins with.
+const ROOM: usize = 2;
+const ROOM_BYTES: usize = 256 << 10;
+
+/// The channel of the checkpoints, and what was done since the last one.
+pub(super) struct Saving {
+    checkpoints: BlockSender<CheckpointHeader>,
+    saved: Vec<u8>,
+    due: Due,
+    too_large: bool,
+}
+
+/// When a checkpoint is due. Pure.
+#[derive(Debug, Default)]
+struct Due {
+    /// `None` before the first.
+    last_ns: Option<Nanos>,
+    /// Time spent on steps since.
+    work_ns: u64,
+}
+
+impl Due {
+    /// Takes a step that began and ended at these instants; true if a checkpoint is due after it.
+    fn after_step(&mut self, [begun, ended]: [Nanos; 2]) -> bool {
+        self.work_ns += ended.saturating_sub(begun);
+        let since_ns = self.last_ns.map_or(u64::MAX, |last| ended.saturating_sub(last));
+        let due = since_ns >= CHECKPOINT_NS
+            || (self.work_ns >= CHECKPOINT_WORK_NS && since_ns >= CHECKPOINT_LEAST_NS);
+        if due {
+            (self.last_ns, self.work_ns) = (Some(ended), 0);
+        }
+        due
+    }
+}
+
+impl Saving {
+    pub(super) fn open(instance: &Instance, world: &World) -> anyhow::Result<Self> {
+        let mut saved = Vec::with_capacity(1 << 16);
+        world.save(&mut saved).context("checkpoint")?;
+        let capacity = (ROOM * saved.len() + ROOM_BYTES).min(MAX_CHECKPOINT_BYTES);
+        let checkpoints = instance.block_sender(capacity)?;
+        Ok(Saving { checkpoints, saved, due: Due::default(), too_large: false })
+    }
+
+    /// The next step is followed by a checkpoint.
+    pub(super) fn now(&mut self) {
+        self.due = Due::default();
+    }
+
+    /// Sends a checkpoint at the first step, every five seconds, and before it would take long to
+    /// make the steps since the last one again. `step` is when this one began and ended.
+    pub(super) fn save_if_due(
+        &mut self,
+        world: &World,
+        state_hash: u64,
+        step: [Nanos; 2],
+    ) -> anyhow::Result<()> {
+        if !self.due.after_step(step) {
+            return Ok(());
+        }
+        world.save(&mut self.saved).context("checkpoint")?;
+        let state = world.state();
+        let header = CheckpointHeader {
+            step: state.step,
+            field: state.field,
+            handles_below: state.handles_below,
+            pedals_below: state.pedals_below,
+            state_hash,
+            bytes: self.saved.len() as u64,
+        };
+        let saved = &self.saved;
+        let sent = self.checkpoints.send(saved.len(), |payload| {
+            payload[..saved.len()].copy_from_slice(saved);
+            header
+        });
+        match sent {
+            // The steps since the last one that fitted are made again.
+            Err(problem @ IpcError::TooLarge { .. }) => {
+                if !std::mem::replace(&mut self.too_large, true) {
+                    tracing::warn!("no further checkpoints: {problem}");
+                }
+                Ok(())
+            }
+            other => Ok(other?),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Steps of `step_ns` every 20 ms for 20 s: when checkpoints are due, ms.
+    fn due(step_ns: u64) -> Vec<u64> {
+        let mut due = Due::default();
+        let at = |k: u64| 1_000_000_000 + k * 20_000_000;
+        let all = (0..1000).filter(|&k| due.after_step([at(k), at(k) + step_ns]));
+        all.map(|k| k * 20).collect()
+    }
+
+    #[test]
+    fn light_steps_are_saved_every_five_seconds() {
+        assert_eq!(due(400_000), [0, 5000, 10_000, 15_000]);
+    }
+
+    #[test]
+    fn heavy_steps_are_saved_before_it_takes_long_to_make_them_again() {
+        assert_eq!(due(4_000_000)[..4], [0, 1000, 2000, 3000]);
+        assert_eq!(due(19_000_000)[..3], [0, 500, 1000], "and not all the time");
+    }
+}
