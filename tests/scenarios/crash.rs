@@ -1,5 +1,7 @@
 //! Processes die; the run goes on and says so, and recordings stay whole.
 
+use protocol::blobs::BlobField;
+use protocol::events::{Event, EventKind};
 use protocol::frames::FrameRecord;
 use protocol::health::{Process, STATE_RUNNING, STATE_STARTING};
 use protocol::steps::StepRecord;
@@ -46,6 +48,32 @@ fn a_dead_virtual_rig_is_restarted_and_the_recording_replays() {
     let (report, folder) = run_and_kill(Process::VirtualRig, &[]);
     assert_eq!(report["restarts"]["virtual-rig"], 1, "{}", report["restarts"]);
     replays_to_the_bit(&folder);
+}
+
+#[test]
+fn a_surgeon_whose_rig_dies_goes_on_where_he_was() {
+    let (name, report) = (instance_name(), tempfile::NamedTempFile::new().expect("file"));
+    let run = ["run", "--module", "forceps", "--no-picture", "--direct", "--instance", &name, "--report"];
+    let running = Running::start(&[&run[..], &[&report.path().display().to_string()]].concat());
+    let mut observer = Observer::join(&name);
+    let (mut events, mut blobs) = (observer.receiver::<Event>(), observer.receiver::<BlobField>());
+    let health = observer.health(Process::VirtualRig, |h| h.state == STATE_RUNNING);
+    next(&mut events, |e| e.kind == EventKind::GoalReached as u32);
+    kill(health.pid);
+    let reborn = observer.health(Process::VirtualRig, |h| h.pid != health.pid && h.state == STATE_RUNNING);
+    assert_ne!(reborn.pid, health.pid);
+    let mut newest = 0;
+    next(&mut blobs, |b| {
+        assert!(b.field >= newest, "field {} follows {newest}", b.field);
+        newest = newest.max(b.field);
+        b.exposed_ns > reborn.instant_ns + 1_000_000_000
+    });
+    let score = next(&mut events, |e| e.kind == EventKind::ScoreTotal as u32).value;
+    drop((events, blobs, observer));
+    running.finish().expect_code(0);
+    assert_eq!(json(report.path())["restarts"]["virtual-rig"], 1);
+    // Undisturbed he has 98; a round begun anew costs 20 and more.
+    assert!(score > 92.0, "{score} points");
 }
 
 #[test]

@@ -16,4 +16,5 @@ mod picture_stream;
 mod pictures;
 mod play;
 mod record_replay;
+mod sleep;
 mod streams;

@@ -4,6 +4,7 @@ use ipc::{BlockReceiver, Instance, Queue, Receiver, wait};
 use protocol::frames::PictureHeader;
 use protocol::health::{Health, Process};
 use protocol::message::Message;
+use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -68,8 +69,13 @@ impl Watchdog {
 
 /// Kills a process at once, as a crash would.
 pub fn kill(pid: u32) {
+    signal(pid, Signal::KILL);
+}
+
+/// Sends a signal to a process.
+pub fn signal(pid: u32, signal: Signal) {
     if let Some(pid) = rustix::process::Pid::from_raw(pid as i32) {
-        let _ = rustix::process::kill_process(pid, rustix::process::Signal::KILL);
+        let _ = rustix::process::kill_process(pid, signal);
     }
 }
 
@@ -187,7 +193,7 @@ impl Observer {
 ///
 /// # Panics
 /// If none comes before the watchdog's time.
-pub fn next<M: Message + std::fmt::Debug>(receiver: &mut Receiver<M>, wanted: impl Fn(&M) -> bool) -> M {
+pub fn next<M: Message + std::fmt::Debug>(receiver: &mut Receiver<M>, mut wanted: impl FnMut(&M) -> bool) -> M {
     let deadline = ipc::clock::now() + WATCHDOG.as_nanos() as u64;
     while ipc::clock::now() < deadline {
         while let Some(message) = receiver.next_valid().expect("channel works") {

@@ -1,0 +1,117 @@
+//! Processes that are stopped for a while and continued: what they missed is past, and they do not
+//! act on it as though it were the present.
+
+use ipc::Receiver;
+use protocol::blobs::BlobField;
+use protocol::frames::{FrameRecord, PICTURE_HELD};
+use protocol::health::{Process, STATE_RUNNING};
+use protocol::limits::FIELD_PERIOD_NS;
+use protocol::message::Message;
+use protocol::poses::TrackerFrame;
+use protocol::steps::StepRecord;
+use vitreo_tests::{Observer, Running, instance_name, next, signal, vitreo};
+
+/// Fields for which a process is stopped: two seconds, less than makes it count as hung.
+const STOPPED: u64 = 100;
+/// Age of an input that nobody can take for the present, ns: half of the stop. Awake, an input is
+/// some 25 ms old.
+const PAST_NS: u64 = STOPPED / 2 * FIELD_PERIOD_NS;
+
+struct Run {
+    running: Running,
+    observer: Observer,
+    file: String,
+    name: String,
+    _folder: tempfile::TempDir,
+}
+
+fn start(view: &str) -> Run {
+    let (folder, name) = (tempfile::tempdir().expect("folder"), instance_name());
+    let file = folder.path().join("a.mcap").display().to_string();
+    let run = ["run", view, "--direct", "--duration", "90", "--instance", &name, "--record", &file];
+    let running = Running::start(&run);
+    Run { running, observer: Observer::join(&name), file, name, _folder: folder }
+}
+
+impl Run {
+    /// Stops `process` at work until `sent` says that the time is over.
+    fn stop_while(&mut self, process: Process, sent: impl FnOnce()) {
+        let pid = self.observer.health(process, |h| h.state == STATE_RUNNING).pid;
+        signal(pid, rustix::process::Signal::STOP);
+        sent();
+        signal(pid, rustix::process::Signal::CONT);
+    }
+
+    fn end(self) -> String {
+        let Run { running, observer, file, name, _folder: folder } = self;
+        drop(observer);
+        vitreo(&["ctl", "quit", "--instance", &name]).expect_code(0);
+        let told = running.finish().expect_code(0).stderr;
+        let verified = vitreo(&["replay", &file, "--lockstep", "--verify", "--instance", &instance_name()]);
+        assert!(matches!(verified.code, Some(0 | 3)), "verification differs: {verified:?}");
+        drop(folder);
+        told
+    }
+}
+
+/// The next block that is sent, not one that waits.
+fn to_come<M: Message + std::fmt::Debug>(receiver: &mut Receiver<M>) -> M {
+    while receiver.next_valid().expect("channel works").is_some() {}
+    next(receiver, |_| true)
+}
+
+#[test]
+fn a_simulation_that_slept_passes_over_what_it_missed() {
+    let mut run = start("--no-picture");
+    let (mut steps, mut poses) = (run.observer.receiver::<StepRecord>(), run.observer.receiver());
+    let before = next(&mut steps, |s| s.step >= 60);
+    run.stop_while(Process::Simcore, || {
+        let begun = to_come(&mut poses);
+        next(&mut poses, |p: &TrackerFrame| p.frame >= begun.frame + STOPPED);
+    });
+    let after = next(&mut steps, |s| s.frame > before.frame + STOPPED);
+    assert!(after.step < before.step + STOPPED / 2, "step {} after {}", after.step, before.step);
+    assert!(after.frames_lost >= STOPPED / 2, "{} frames are told", after.frames_lost);
+    next(&mut steps, |s| {
+        let age_ns = s.instants.stepped.saturating_sub(s.instants.exposed);
+        assert!(age_ns < PAST_NS, "step {} is made of a pose of {} ms ago", s.step, age_ns / 1_000_000);
+        s.step > after.step + 50
+    });
+    drop((steps, poses));
+    run.end();
+}
+
+#[test]
+fn a_tracker_that_slept_passes_over_what_it_missed() {
+    let mut run = start("--no-picture");
+    let (mut blobs, mut poses) = (run.observer.receiver::<BlobField>(), run.observer.receiver());
+    let before = next(&mut poses, |p: &TrackerFrame| p.frame >= 60);
+    run.stop_while(Process::Tracker, || {
+        let begun = to_come(&mut blobs);
+        next(&mut blobs, |b| b.field >= begun.field + STOPPED);
+    });
+    let after = next(&mut poses, |p| p.field > before.field + STOPPED);
+    next(&mut poses, |p| {
+        let age_ns = p.instants.tracked.saturating_sub(p.instants.exposed);
+        assert!(age_ns < PAST_NS, "frame {} is of {} ms ago", p.frame, age_ns / 1_000_000);
+        p.frame > after.frame + 50
+    });
+    drop((blobs, poses));
+    assert!(run.end().contains("fields passed over"));
+}
+
+#[test]
+fn a_picture_says_that_it_is_held() {
+    if let Err(e) = renderer::gpu::Gpu::headless() {
+        return println!("skipped: {e}");
+    }
+    let mut run = start("--headless");
+    let mut frames = run.observer.receiver::<FrameRecord>();
+    let drawn = next(&mut frames, |f| f.frame >= 20 && f.flags & PICTURE_HELD == 0);
+    let mut held = drawn;
+    run.stop_while(Process::Simcore, || held = next(&mut frames, |f| f.flags & PICTURE_HELD != 0));
+    let after = next(&mut frames, |f| f.flags & PICTURE_HELD == 0 && f.scene_field > held.scene_field);
+    assert!(after.frame > held.frame);
+    drop(frames);
+    run.end();
+}
