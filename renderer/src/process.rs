@@ -27,8 +27,8 @@ use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, wait};
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
-    BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PICTURE_HELD, PictureHeader,
-    TIER_CHANGED, TRACKING_LOST_SHOWN,
+    BELOW_FLOOR, DEVICE_CLOCK, DISPLAY_ESTIMATED, FrameRecord, PICTURE_HELD, PictureHeader, TIER_CHANGED,
+    TRACKING_LOST_SHOWN,
 };
 use protocol::health::{Process, STATE_RUNNING};
 use protocol::limits::{MAX_PICTURE_BYTES, MAX_WAIT_MS};

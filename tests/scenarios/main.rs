@@ -16,5 +16,6 @@ mod picture_stream;
 mod pictures;
 mod play;
 mod record_replay;
+mod shortage;
 mod sleep;
 mod streams;

@@ -193,7 +193,10 @@ impl Observer {
 ///
 /// # Panics
 /// If none comes before the watchdog's time.
-pub fn next<M: Message + std::fmt::Debug>(receiver: &mut Receiver<M>, mut wanted: impl FnMut(&M) -> bool) -> M {
+pub fn next<M: Message + std::fmt::Debug>(
+    receiver: &mut Receiver<M>,
+    mut wanted: impl FnMut(&M) -> bool,
+) -> M {
     let deadline = ipc::clock::now() + WATCHDOG.as_nanos() as u64;
     while ipc::clock::now() < deadline {
         while let Some(message) = receiver.next_valid().expect("channel works") {

@@ -92,11 +92,10 @@ mod tests {
         assert_eq!(waits[..8], [0, 100, 200, 400, 800, 1600, 3200, 3200]);
         assert_eq!(waits.len(), MAX_RESTARTS);
         let mut limit = RestartLimit::default();
-        assert_eq!([0, 1, 10].map(|s| s * 1_000_000_000).map(|t| limit.restart_at(t).unwrap() - t), [
-            0,
-            100_000_000,
-            0
-        ]);
+        assert_eq!(
+            [0, 1, 10].map(|s| s * 1_000_000_000).map(|t| limit.restart_at(t).unwrap() - t),
+            [0, 100_000_000, 0]
+        );
     }
 
     #[test]

@@ -280,7 +280,8 @@ mod tests {
         resume.note(&handle(8));
         let entries = |resume: &Resume| {
             resume.serve().unwrap();
-            let mut journal = journal::Reader::new(std::io::BufReader::new(File::open(&file).unwrap())).unwrap();
+            let mut journal =
+                journal::Reader::new(std::io::BufReader::new(File::open(&file).unwrap())).unwrap();
             std::iter::from_fn(|| journal.next_entry().unwrap()).count()
         };
         assert_eq!(entries(&resume), 3, "the checkpoint and two handles");

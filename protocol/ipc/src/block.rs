@@ -148,7 +148,7 @@ impl Instance {
     fn block_service<H: Message + Debug>(
         &self,
     ) -> Result<PortFactory<Service, [Unit], BlockHeader<H>>, IpcError> {
-        self.check_owners()?;
+        self.check()?;
         let name = H::CHANNEL.try_into().map_err(transport(H::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)

@@ -197,7 +197,7 @@ impl Instance {
     fn service<M: Message + std::fmt::Debug>(
         &self,
     ) -> Result<PortFactory<Service, Wire<M>, Stamp>, IpcError> {
-        self.check_owners()?;
+        self.check()?;
         let name = M::CHANNEL.try_into().map_err(transport(M::CHANNEL, "service name"))?;
         self.node
             .service_builder(&name)

@@ -90,7 +90,7 @@ impl Instance {
         segments: Segments,
         ownership: Option<Ownership>,
     ) -> Result<Self, IpcError> {
-        segments.check_owners()?;
+        segments.check()?;
         set_log_level(LogLevel::Fatal);
         let mut config = Config::default();
         let path = directory.as_os_str().as_encoded_bytes();
@@ -106,9 +106,10 @@ impl Instance {
         Ok(Self { name: name.into(), directory, segments, node, _ownership: ownership })
     }
 
-    /// To be called before a port is opened, which may wait long for what somebody else left.
-    pub(super) fn check_owners(&self) -> Result<(), IpcError> {
-        self.segments.check_owners()
+    /// To be called before a port is opened, which may wait long for what somebody else left, and
+    /// end by a signal where there is no room.
+    pub(super) fn check(&self) -> Result<(), IpcError> {
+        self.segments.check()
     }
 
     /// To be called after a port has been opened: takes the memory of its segments, so that none

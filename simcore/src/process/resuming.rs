@@ -65,7 +65,8 @@ impl SimcoreShell {
     fn inherit(&mut self, past: InputHistory) -> anyhow::Result<()> {
         let (mut handles, mut pedals, poses) = past.unconsumed();
         self.drain()?;
-        handles.extend(self.handle_queue.iter().filter(|h| !handles.contains(h)).copied().collect::<Vec<_>>());
+        handles
+            .extend(self.handle_queue.iter().filter(|h| !handles.contains(h)).copied().collect::<Vec<_>>());
         pedals.extend(self.pedal_queue.iter().filter(|p| !pedals.contains(p)).copied().collect::<Vec<_>>());
         (self.handle_queue, self.pedal_queue) = (handles, pedals);
         self.inherited = true;

@@ -3,9 +3,7 @@
 use crate::world::World;
 use anyhow::Context;
 use ipc::{BlockSender, Instance, IpcError};
-use protocol::limits::{
-    CHECKPOINT_LEAST_NS, CHECKPOINT_NS, CHECKPOINT_WORK_NS, MAX_CHECKPOINT_BYTES,
-};
+use protocol::limits::{CHECKPOINT_LEAST_NS, CHECKPOINT_NS, CHECKPOINT_WORK_NS, MAX_CHECKPOINT_BYTES};
 use protocol::steps::CheckpointHeader;
 use protocol::time::Nanos;
 
