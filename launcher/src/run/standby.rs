@@ -35,10 +35,12 @@ impl Standby {
             return false;
         }
         let since = *self.at_work_since.get_or_insert(now);
-        self.child.is_none()
-            && self.failures < MAX_FAILURES
-            && now.saturating_sub(since) >= AFTER_NS
-            && is_memory_enough()
+        if self.child.is_some() || self.failures >= MAX_FAILURES || now.saturating_sub(since) < AFTER_NS {
+            return false;
+        }
+        // Without it this is asked again after as long.
+        self.at_work_since = None;
+        is_memory_enough()
     }
 
     /// Keeps one that was started; `None` where it could not be.
