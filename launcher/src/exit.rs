@@ -9,3 +9,5 @@ pub const LOSS: u8 = 3;
 pub const BUDGET: u8 = 4;
 /// Verification found a difference.
 pub const DIFFERS: u8 = 5;
+/// A body was tracked less than asserted.
+pub const UNTRACKED: u8 = 6;

@@ -25,3 +25,4 @@ pub mod runtime;
 pub mod score;
 pub mod score_batch;
 pub mod trace;
+mod tracking;

@@ -12,9 +12,11 @@ mod recorded;
 mod turns;
 mod verify;
 
-use crate::exit::{DIFFERS, LOSS};
+use crate::exit::{DIFFERS, LOSS, UNTRACKED};
 use crate::results::DESK;
+use crate::run::share;
 use crate::runtime::{StopSignal, block_on};
+use crate::tracking::untracked;
 use ::outputs::{Force, println};
 use anyhow::bail;
 use ipc::logging::warn;
@@ -22,6 +24,7 @@ use outputs::{Figures, Outputs};
 use pace::Pace;
 use processes::{ReplayProcesses, Stopped, TrackerMode};
 use protocol::control::Command;
+use protocol::rig::Rig;
 use protocol::steps::STATE_HASH_VERSION;
 use recording::{Recording, RecordingError, Source};
 use std::path::PathBuf;
@@ -74,6 +77,9 @@ pub struct ReplayArgs {
     /// or gpu. It changes no result.
     #[arg(long, value_name = "WHO", value_parser = ["auto", "cpu", "gpu"])]
     pub collision: Option<String>,
+    /// Exit with 6 where a body was tracked in a smaller share of frames, 0 to 1.
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub assert_tracking: Option<f64>,
     /// Write figures as JSON.
     #[arg(long, value_name = "FILE.json")]
     pub report: Option<PathBuf>,
@@ -120,7 +126,8 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         bail!("{}: an imported stream holds no results to compare with", args.file.display());
     }
     let stop = StopSignal::install()?;
-    let mut outputs = Outputs::open(args)?;
+    let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
+    let mut outputs = Outputs::open(args, &rig)?;
     let other_state_hash_version = recording.provenance().other_state_hash_version();
     let mut verdict = args.verify.then(|| Verdict { other_state_hash_version, ..Verdict::default() });
     let mut shown = Shown { outputs: &mut outputs, verdict: verdict.as_mut() };
@@ -142,6 +149,11 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     }
     if args.verify && figures.frames == 0 {
         bail!("{}: holds no tracker frames to compare with", args.file.display());
+    }
+    let (body, tracked) = figures.least_tracked;
+    if let Some(asserted) = args.assert_tracking.filter(|asserted| tracked < *asserted) {
+        warn(&untracked(body, tracked, asserted));
+        return Ok(ExitCode::from(UNTRACKED));
     }
     Ok(ExitCode::from(code(&figures)))
 }
@@ -213,6 +225,10 @@ fn print(figures: &Figures) {
     }
     if let Some(lost) = &figures.lost {
         println!("the recording does not determine what follows {lost}");
+    }
+    for warning in &figures.warnings {
+        let to = warning.to_s.map_or("the end".into(), |s| format!("{s:.0} s"));
+        warn(&format!("from {:.0} s to {to}: {}", warning.from_s, warning.finding.text()));
     }
     if let Some(damage) = &figures.damage {
         warn(&damage.to_string());

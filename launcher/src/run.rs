@@ -6,6 +6,7 @@
 //! - `supervisor`, `policy`, `standby`: starting, restarting, bounding restarts
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
 //!   simulation
+//! - `watch`: what should not stay silent
 //! - `latency_stats`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
 mod arguments;
@@ -22,14 +23,18 @@ mod screen;
 mod session;
 mod standby;
 mod supervisor;
+mod watch;
 
+pub use arguments::share;
 pub use options::{DeskArgs, RunArgs};
+pub use watch::{Warning, Watch};
 
-use crate::exit::{BUDGET, FAILED, LOSS};
+use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED};
 use crate::machine::has_display;
 use crate::modules::Composed;
 use crate::results::{BEGAN, DESK, SURGEON, keep, seconds_since_1970};
 use crate::runtime::{StopSignal, block_on};
+use crate::tracking::untracked;
 use anyhow::Context;
 use ipc::logging::warn;
 use options::View;
@@ -84,7 +89,7 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
         keep_all(args, trainee, &attempts)?;
     }
     written?;
-    Ok(ExitCode::from(verdict(&report, args.assert_budgets, view)))
+    Ok(ExitCode::from(verdict(&report, args, view)))
 }
 
 /// The score of an attempt, with its level where there were several.
@@ -156,7 +161,7 @@ fn write_report(report: &Report, outputs: &mut Outputs, file: &Path) -> anyhow::
 }
 
 /// The exit code, with its reasons on standard error.
-fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
+fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     let mut code = 0;
     if let Some(recording) = &report.recording {
         if let Some(problem) = &recording.problem {
@@ -173,7 +178,12 @@ fn verdict(report: &Report, assert_budgets: bool, view: View) -> u8 {
         warn(&format!("the state of the eye was lost {} times", report.states_lost));
         code = LOSS;
     }
-    if !assert_budgets {
+    let (body, share) = report.least_tracked;
+    if let Some(asserted) = args.assert_tracking.filter(|asserted| share < *asserted) {
+        warn(&untracked(body, share, asserted));
+        return UNTRACKED;
+    }
+    if !args.assert_budgets {
         return code;
     }
     for stage in report.stages.iter().filter(|s| s.broken) {

@@ -3,12 +3,15 @@
 use super::ReplayArgs;
 use super::verify::Verdict;
 use crate::poses_csv::{DisplayClock, PosesCsv};
+use crate::run::{Warning, Watch};
+use crate::tracking::{Tracking, TrackingFigures};
 use ::outputs::OutputFile;
 use anyhow::Context;
 use blob_stream::write_line;
 use protocol::blobs::BlobField;
 use protocol::limits::FIELD_PERIOD_NS;
 use protocol::poses::TrackerFrame;
+use protocol::rig::Rig;
 use protocol::steps::StepRecord;
 use protocol::time::Nanos;
 use serde::Serialize;
@@ -34,6 +37,13 @@ pub struct Figures {
     pub wall_s: f64,
     /// Hash of the last step's state.
     pub state_hash: String,
+    /// How well bodies were tracked.
+    pub tracking: TrackingFigures,
+    /// The body that was tracked in the least share of frames, and that share.
+    #[serde(skip)]
+    pub least_tracked: (&'static str, f64),
+    /// What was wrong for longer than a moment, with its likely cause and what helps.
+    pub warnings: Vec<Warning>,
     /// The recording does not end well.
     pub damage: Option<String>,
     /// It ends within a record, as after a crash.
@@ -51,6 +61,8 @@ pub struct Outputs {
     blobs: Option<OutputFile>,
     report: Option<PathBuf>,
     outputs: ::outputs::Outputs,
+    tracking: Tracking,
+    watch: Watch,
     processing_ns: u64,
     /// Figures for the report.
     pub figures: Figures,
@@ -62,7 +74,7 @@ impl Outputs {
     ///
     /// # Errors
     /// Where a file is refused.
-    pub fn open(args: &ReplayArgs) -> anyhow::Result<Self> {
+    pub fn open(args: &ReplayArgs, rig: &Rig) -> anyhow::Result<Self> {
         let mut outputs = ::outputs::Outputs::new(args.force.force).reading(&args.file);
         for path in [&args.poses, &args.blobs, &args.report].into_iter().flatten() {
             outputs.claim(path)?;
@@ -75,6 +87,8 @@ impl Outputs {
             blobs: args.blobs.as_deref().map(|path| outputs.create(path)).transpose()?,
             report: args.report.clone(),
             outputs,
+            tracking: Tracking::new(rig),
+            watch: Watch::default(),
             processing_ns: args.processing_us * 1000,
             figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
             span: None,
@@ -87,6 +101,7 @@ impl Outputs {
     /// Where it cannot be written.
     pub fn field(&mut self, field: &BlobField, shown: bool) -> anyhow::Result<()> {
         self.figures.camera_fields += 1;
+        self.tracking.note_field(field);
         if let (Some(blobs), true) = (&mut self.blobs, shown) {
             writeln!(blobs, "{}", write_line(field)).context("blob stream")?;
         }
@@ -103,6 +118,10 @@ impl Outputs {
         let exposed = frame.instants.exposed;
         let [start, end] = self.span.unwrap_or([exposed; 2]);
         self.span = Some([start.min(exposed), end.max(exposed)]);
+        if self.tracking.note_frame(frame) {
+            let at_s = exposed.saturating_sub(start.min(exposed)) as f64 * 1e-9;
+            self.watch.note(at_s, self.tracking.findings());
+        }
         let out_ns = frame.instants.blobs_out.max(exposed) + self.processing_ns;
         let Some(csv) = &mut self.poses else { return Ok(()) };
         if let Some(display) = &mut self.display {
@@ -140,6 +159,9 @@ impl Outputs {
         }
         let [start, end] = self.span.unwrap_or([0; 2]);
         self.figures.stream_s = (end - start) as f64 * 1e-9;
+        self.figures.tracking = self.tracking.figures();
+        self.figures.least_tracked = self.tracking.least_share();
+        self.figures.warnings = self.watch.warnings().to_vec();
         if let Some(path) = &self.report {
             let text = serde_json::to_string_pretty(&self.figures)?;
             self.outputs.write(path, text + "\n")?;

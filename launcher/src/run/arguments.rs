@@ -16,6 +16,12 @@ pub(super) fn percentile(text: &str) -> Result<f64, String> {
     if (0.0..=100.0).contains(&value) { Ok(value) } else { Err("expected 0 to 100".into()) }
 }
 
+/// A share, 0 to 1.
+pub fn share(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| format!("expected a number, found '{text}'"))?;
+    if (0.0..=1.0).contains(&value) { Ok(value) } else { Err("expected 0 to 1".into()) }
+}
+
 /// `STAGE=MS`: a stage of the data path and what to delay it by, ms.
 pub(super) fn injected_delay(text: &str) -> Result<(Stage, f64), String> {
     let names = || {

@@ -1,7 +1,9 @@
 //! The report of a run: everything the run is judged by, as JSON and as tables. Pure.
 
 use super::latency_stats::{LatencyStats, StageFigures};
+use super::watch::Warning;
 use crate::machine::Machine;
+use crate::tracking::TrackingFigures;
 use protocol::budget::Stage;
 use protocol::steps::{StepProfile, StepRecord};
 use serde::Serialize;
@@ -38,6 +40,13 @@ pub struct Report {
     pub step_profile: Vec<PhaseFigures>,
     /// The picture, where there was one.
     pub picture: Option<Picture>,
+    /// How well bodies were tracked.
+    pub tracking: TrackingFigures,
+    /// The body that was tracked in the least share of frames, and that share.
+    #[serde(skip)]
+    pub least_tracked: (&'static str, f64),
+    /// What was wrong for longer than a moment, with its likely cause and what helps.
+    pub warnings: Vec<Warning>,
     /// Each process.
     pub processes: Vec<ProcessFigures>,
     /// Number of restarts, by process.

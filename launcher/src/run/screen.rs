@@ -3,6 +3,7 @@
 use super::latency_stats::LatencyStats;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
+use super::watch::Watch;
 use bytemuck::Zeroable;
 use ipc::logging::{inform, is_json};
 use protocol::budget::{Budgets, Stage};
@@ -38,6 +39,8 @@ pub struct Status<'a> {
     pub recorder: String,
     /// The newest thing that happened to a process; empty if nothing did.
     pub incident: &'a str,
+    /// What is wrong and lasts.
+    pub watch: &'a Watch,
 }
 
 impl Status<'_> {
@@ -120,6 +123,9 @@ impl Status<'_> {
     fn warnings(&self, lines: &mut Vec<String>) {
         if !self.incident.is_empty() {
             lines.push(format!("! {}", self.incident));
+        }
+        for finding in self.watch.present() {
+            lines.push(format!("! {}", finding.text()));
         }
         for event in &self.monitor.warnings {
             lines.push(format!("! field {}: {}", event.field, event.describe()));
@@ -255,6 +261,7 @@ mod tests {
             slots: &[],
             recorder: "recording".into(),
             incident: "tracker restarted",
+            watch: &Watch::default(),
         });
     }
 

@@ -1,35 +1,36 @@
 //! A run from its first process to its last: the loop that receives, supervises, records and shows.
 
 mod attempts;
+mod closing;
 mod restarts;
+mod status;
 
 use super::attempt_control::AttemptControl;
 use super::channel_tap::ChannelTap;
 use super::latency_stats::{LatencyStats, WARM_UP_NS};
-use super::monitor::{CHANNELS, Monitor};
+use super::monitor::Monitor;
 use super::options::{RunArgs, View};
 use super::policy::CpuAccount;
 use super::recorder::Recorder;
-use super::report::{FORMAT, Incident, ProcessFigures, Report, Setup, Versions, paper_table_4, step_profile};
+use super::report::Incident;
 use super::resume::Resume;
-use super::screen::{Screen, Status};
-use super::supervisor::{ProcessEvent, Slot, Supervisor};
-use crate::children::realtime_allowed;
-use crate::machine::Machine;
+use super::screen::Screen;
+use super::supervisor::{ProcessEvent, Supervisor};
+use super::watch::Watch;
 use crate::modules::Composed;
 use crate::runtime::StopSignal;
+use crate::tracking::Tracking;
 use anyhow::bail;
-use bytemuck::Zeroable;
 use ipc::clock::now;
 use ipc::{Instance, Sender};
 use outputs::Outputs;
 use protocol::budget::Budgets;
 use protocol::control::{Answer, Command};
-use protocol::health::{Health, Process};
+use protocol::health::Process;
+use protocol::rig::Rig;
 use protocol::time::Nanos;
 use recording::{Item, Note, Provenance};
 use restarts::GoalsReached;
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -78,6 +79,8 @@ pub struct Session<'a> {
     started_ns: Nanos,
     /// When the attempt began, moved by every pause; 0 before.
     attempt_ns: Nanos,
+    /// When the run was last looked at for what should not stay silent.
+    watched_ns: Nanos,
     own_cpu: CpuAccount,
     // Last, so that the directory goes after the channels.
     instance: Instance,
@@ -109,6 +112,8 @@ pub struct Attempt {
 struct Consumers {
     latencies: LatencyStats,
     monitor: Monitor,
+    tracking: Tracking,
+    watch: Watch,
     resume: Resume,
     recorder: Option<Recorder>,
     score: LiveScore,
@@ -119,7 +124,11 @@ struct Consumers {
 impl Consumers {
     fn take(&mut self, at: Nanos, item: Item) {
         match &item {
-            Item::Poses(pose) => self.latencies.note_pose(pose),
+            Item::Blobs(field) => self.tracking.note_field(field),
+            Item::Poses(pose) => {
+                self.latencies.note_pose(pose);
+                self.tracking.note_frame(pose);
+            }
             Item::Step(step) => self.latencies.note_step(step),
             Item::Frame(frame) => self.latencies.note_frame(frame),
             Item::Event(event) => {
@@ -159,6 +168,7 @@ impl<'a> Session<'a> {
         let instance = Instance::own(&args.instance)?;
         let file = args.record.as_deref().map(|file| outputs.grow(file)).transpose()?;
         let recorder = file.map(|file| Recorder::start(file, &provenance)).transpose()?;
+        let tracking = Tracking::new(&Rig::load_or_shipped(args.rig.as_deref())?);
         let (latencies, monitor, resume) = (LatencyStats::default(), Monitor::default(), Resume::default());
         let (line_sender, lines) = mpsc::channel(LINES_QUEUE);
         Ok(Session {
@@ -178,6 +188,8 @@ impl<'a> Session<'a> {
             consumers: Consumers {
                 latencies,
                 monitor,
+                tracking,
+                watch: Watch::default(),
                 resume,
                 recorder,
                 score: LiveScore::default(),
@@ -191,6 +203,7 @@ impl<'a> Session<'a> {
             states_lost: 0,
             started_ns: 0,
             attempt_ns: 0,
+            watched_ns: 0,
             own_cpu: CpuAccount::default(),
             instance,
         })
@@ -249,6 +262,7 @@ impl<'a> Session<'a> {
             if let Some(why) = self.serve_requests().await? {
                 return Ok(why);
             }
+            self.watch();
             self.show();
         }
     }
@@ -346,143 +360,5 @@ impl<'a> Session<'a> {
         let until = self.paused_ns.unwrap_or_else(now);
         let begun = if self.attempt_ns == 0 { 0 } else { until as i64 - self.attempt_ns as i64 };
         Some(duration_ns - begun)
-    }
-
-    /// Shows the status where it is due.
-    fn show(&mut self) {
-        let at = now();
-        if self.started_ns == 0 || !self.screen.due(at) {
-            return;
-        }
-        self.note_own_cpu(at);
-        self.consumers.monitor.measure(at);
-        let recorder = match &self.consumers.recorder {
-            None => String::new(),
-            Some(r) => match r.problem() {
-                Some(problem) => format!("RECORDING FAILED: {problem}"),
-                None if r.lost() > 0 => format!("recording, {} lost", r.lost()),
-                None => "recording".into(),
-            },
-        };
-        let newest = self.incidents.last().map_or("", |h| h.what.lines().next().unwrap_or(""));
-        let incident = if self.paused_ns.is_some() { "paused" } else { newest };
-        let status = Status {
-            now: at,
-            elapsed_s: self.elapsed_s(at),
-            duration_s: self.args.duration,
-            monitor: &self.consumers.monitor,
-            latencies: &self.consumers.latencies,
-            budgets: self.budgets,
-            slots: &self.supervisor.slots,
-            recorder,
-            incident,
-        };
-        self.screen.show(&status);
-    }
-
-    fn note_own_cpu(&mut self, at: Nanos) {
-        let cpu = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
-        let cpu_ns = cpu.tv_sec as u64 * 1_000_000_000 + cpu.tv_nsec as u64;
-        self.own_cpu.note(std::process::id(), cpu_ns, at);
-    }
-
-    /// Ends the processes and the recording, and sums up.
-    pub async fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
-        let at = now();
-        self.note_own_cpu(at);
-        for process in self.supervisor.end().await {
-            let what = format!("{} did not end and was killed", process.name());
-            self.incidents.push(Incident { at_s: self.elapsed_s(at), what });
-        }
-        // What was sent on the way out; a channel that fails now has nothing more to say.
-        let _ = self.receive();
-        let recording = self.end_attempt().await;
-        let slots = &self.supervisor.slots;
-        let renderer = slots.iter().find(|s| s.process == Process::Renderer);
-        let words = renderer.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default();
-        let mut processes: Vec<ProcessFigures> = slots.iter().map(process_figures).collect();
-        processes.sort_by_key(|p| Process::ALL.iter().position(|q| q.name() == p.process));
-        processes.push(self.own_figures());
-        let stages = self.consumers.latencies.judge(self.budgets);
-        let report = Report {
-            format: FORMAT,
-            budgets_kept: stages.iter().all(|s| !s.broken),
-            ended_by,
-            duration_s: self.elapsed_s(at),
-            setup: setup(&self.args, self.view, &self.provenance),
-            machine: Machine::detect(),
-            versions: Versions::of_this_build(),
-            stages,
-            warm_up_left_out: self.consumers.latencies.warm_up,
-            paper_table_4: paper_table_4(&self.consumers.latencies),
-            step_profile: step_profile(&self.consumers.latencies),
-            picture: self.consumers.monitor.picture(words),
-            processes,
-            restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
-            incidents: std::mem::take(&mut self.incidents),
-            lost: self.tap.lost(),
-            states_lost: self.states_lost,
-            received: CHANNELS.into_iter().zip(self.consumers.monitor.traffic.map(|t| t.count)).collect(),
-            events: self.consumers.monitor.events.clone(),
-            removed: self.consumers.monitor.removed,
-            recording,
-        };
-        (report, self.attempts)
-    }
-
-    fn own_figures(&self) -> ProcessFigures {
-        let received = self.consumers.monitor.traffic.iter().map(|t| t.count).sum();
-        ProcessFigures {
-            process: "launcher",
-            restarts: 0,
-            cpu_percent: self.own_cpu.share() * 100.0,
-            received,
-            sent: 0,
-            lost: self.consumers.lost_before,
-            refused: 0,
-            text: String::new(),
-        }
-    }
-}
-
-fn process_figures(slot: &Slot) -> ProcessFigures {
-    let health = slot.health.unwrap_or_else(Health::zeroed);
-    ProcessFigures {
-        process: slot.process.name(),
-        restarts: slot.restarts,
-        cpu_percent: slot.cpu.share() * 100.0,
-        received: health.received,
-        sent: health.sent,
-        lost: health.lost,
-        refused: health.refused,
-        text: health.text(),
-    }
-}
-
-fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
-    let path = |p: &std::path::Path| p.display().to_string();
-    let source = match (&args.desk, &args.blobs, &args.motion) {
-        (Some(desk), ..) => match &desk.inputs {
-            Some(file) => format!("inputs of {}", path(file)),
-            None => format!("desk, {}", desk.input),
-        },
-        (_, Some(blobs), _) => format!("blob stream {}", path(blobs)),
-        (_, _, Some(motion)) => format!("script with the hand of {}", path(motion)),
-        _ => "script".into(),
-    };
-    let delays = args.inject_delay.iter().map(|(stage, ms)| (stage.name(), *ms));
-    Setup {
-        instance: args.instance.clone(),
-        scene: provenance.scene_name.clone(),
-        rig: args.rig.as_deref().map_or("shipped".into(), path),
-        seed: args.seed,
-        source,
-        view: match view {
-            View::Window => "window",
-            View::Headless => "headless",
-            View::None => "none",
-        },
-        realtime: realtime_allowed(),
-        injected_delays_ms: delays.collect::<BTreeMap<_, _>>(),
     }
 }

@@ -1,0 +1,121 @@
+//! The end of a run: processes and recording are ended, figures summed up.
+
+use super::{Attempt, Session};
+use crate::children::realtime_allowed;
+use crate::machine::Machine;
+use crate::run::monitor::CHANNELS;
+use crate::run::options::{RunArgs, View};
+use crate::run::report::{
+    FORMAT, Incident, ProcessFigures, Report, Setup, Versions, paper_table_4, step_profile,
+};
+use crate::run::supervisor::Slot;
+use bytemuck::Zeroable;
+use ipc::clock::now;
+use protocol::health::{Health, Process};
+use recording::Provenance;
+use std::collections::BTreeMap;
+
+impl Session<'_> {
+    /// Ends the processes and the recording, and sums up.
+    pub async fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
+        let at = now();
+        self.note_own_cpu(at);
+        for process in self.supervisor.end().await {
+            let what = format!("{} did not end and was killed", process.name());
+            self.incidents.push(Incident { at_s: self.elapsed_s(at), what });
+        }
+        // What was sent on the way out; a channel that fails now has nothing more to say.
+        let _ = self.receive();
+        let recording = self.end_attempt().await;
+        let slots = &self.supervisor.slots;
+        let renderer = slots.iter().find(|s| s.process == Process::Renderer);
+        let words = renderer.and_then(|s| s.health).map(|h| h.text()).unwrap_or_default();
+        let mut processes: Vec<ProcessFigures> = slots.iter().map(process_figures).collect();
+        processes.sort_by_key(|p| Process::ALL.iter().position(|q| q.name() == p.process));
+        processes.push(self.own_figures());
+        let stages = self.consumers.latencies.judge(self.budgets);
+        let report = Report {
+            format: FORMAT,
+            budgets_kept: stages.iter().all(|s| !s.broken),
+            ended_by,
+            duration_s: self.elapsed_s(at),
+            setup: setup(&self.args, self.view, &self.provenance),
+            machine: Machine::detect(),
+            versions: Versions::of_this_build(),
+            stages,
+            warm_up_left_out: self.consumers.latencies.warm_up,
+            paper_table_4: paper_table_4(&self.consumers.latencies),
+            step_profile: step_profile(&self.consumers.latencies),
+            picture: self.consumers.monitor.picture(words),
+            tracking: self.consumers.tracking.figures(),
+            least_tracked: self.consumers.tracking.least_share(),
+            warnings: self.consumers.watch.warnings().to_vec(),
+            processes,
+            restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
+            incidents: std::mem::take(&mut self.incidents),
+            lost: self.tap.lost(),
+            states_lost: self.states_lost,
+            received: CHANNELS.into_iter().zip(self.consumers.monitor.traffic.map(|t| t.count)).collect(),
+            events: self.consumers.monitor.events.clone(),
+            removed: self.consumers.monitor.removed,
+            recording,
+        };
+        (report, self.attempts)
+    }
+
+    fn own_figures(&self) -> ProcessFigures {
+        let received = self.consumers.monitor.traffic.iter().map(|t| t.count).sum();
+        ProcessFigures {
+            process: "launcher",
+            restarts: 0,
+            cpu_percent: self.own_cpu.share() * 100.0,
+            received,
+            sent: 0,
+            lost: self.consumers.lost_before,
+            refused: 0,
+            text: String::new(),
+        }
+    }
+}
+
+fn process_figures(slot: &Slot) -> ProcessFigures {
+    let health = slot.health.unwrap_or_else(Health::zeroed);
+    ProcessFigures {
+        process: slot.process.name(),
+        restarts: slot.restarts,
+        cpu_percent: slot.cpu.share() * 100.0,
+        received: health.received,
+        sent: health.sent,
+        lost: health.lost,
+        refused: health.refused,
+        text: health.text(),
+    }
+}
+
+fn setup(args: &RunArgs, view: View, provenance: &Provenance) -> Setup {
+    let path = |p: &std::path::Path| p.display().to_string();
+    let source = match (&args.desk, &args.blobs, &args.motion) {
+        (Some(desk), ..) => match &desk.inputs {
+            Some(file) => format!("inputs of {}", path(file)),
+            None => format!("desk, {}", desk.input),
+        },
+        (_, Some(blobs), _) => format!("blob stream {}", path(blobs)),
+        (_, _, Some(motion)) => format!("script with the hand of {}", path(motion)),
+        _ => "script".into(),
+    };
+    let delays = args.inject_delay.iter().map(|(stage, ms)| (stage.name(), *ms));
+    Setup {
+        instance: args.instance.clone(),
+        scene: provenance.scene_name.clone(),
+        rig: args.rig.as_deref().map_or("shipped".into(), path),
+        seed: args.seed,
+        source,
+        view: match view {
+            View::Window => "window",
+            View::Headless => "headless",
+            View::None => "none",
+        },
+        realtime: realtime_allowed(),
+        injected_delays_ms: delays.collect::<BTreeMap<_, _>>(),
+    }
+}

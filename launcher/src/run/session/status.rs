@@ -1,0 +1,71 @@
+//! What a run shows and warns of while it goes on.
+
+use super::Session;
+use crate::run::screen::Status;
+use crate::run::watch::findings;
+use ipc::clock::now;
+use protocol::time::Nanos;
+use recording::{Note, NoteKind};
+
+/// Period in which a run is looked at for what should not stay silent, ns.
+const WATCH_NS: u64 = 1_000_000_000;
+
+impl Session<'_> {
+    /// Shows the status where it is due.
+    pub(super) fn show(&mut self) {
+        let at = now();
+        if self.started_ns == 0 || !self.screen.due(at) {
+            return;
+        }
+        self.note_own_cpu(at);
+        let recorder = match &self.consumers.recorder {
+            None => String::new(),
+            Some(r) => match r.problem() {
+                Some(problem) => format!("RECORDING FAILED: {problem}"),
+                None if r.lost() > 0 => format!("recording, {} lost", r.lost()),
+                None => "recording".into(),
+            },
+        };
+        let newest = self.incidents.last().map_or("", |h| h.what.lines().next().unwrap_or(""));
+        let incident = if self.paused_ns.is_some() { "paused" } else { newest };
+        let status = Status {
+            now: at,
+            elapsed_s: self.elapsed_s(at),
+            duration_s: self.args.duration,
+            monitor: &self.consumers.monitor,
+            latencies: &self.consumers.latencies,
+            budgets: self.budgets,
+            slots: &self.supervisor.slots,
+            recorder,
+            incident,
+            watch: &self.consumers.watch,
+        };
+        self.screen.show(&status);
+    }
+
+    pub(super) fn note_own_cpu(&mut self, at: Nanos) {
+        let cpu = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        let cpu_ns = cpu.tv_sec as u64 * 1_000_000_000 + cpu.tv_nsec as u64;
+        self.own_cpu.note(std::process::id(), cpu_ns, at);
+    }
+
+    /// Looks at the last second, and tells what has been wrong for a while.
+    pub(super) fn watch(&mut self) {
+        let at = now();
+        if self.started_ns == 0 || self.paused_ns.is_some() || at < self.watched_ns + WATCH_NS {
+            return;
+        }
+        self.watched_ns = at;
+        let consumers = &mut self.consumers;
+        consumers.monitor.measure(at);
+        let (monitor, since_ns) = (&consumers.monitor, at - self.started_ns);
+        let found = findings(&self.args, &consumers.tracking, monitor, self.budgets, since_ns);
+        let at_s = self.elapsed_s(at);
+        for finding in self.consumers.watch.note(at_s, &found) {
+            let text = finding.text();
+            self.screen.print(&format!("! {text}"));
+            let (kind, count) = (NoteKind::Log, 1);
+            self.consumers.record_note(Note { instant_ns: at, kind, process: None, count, text });
+        }
+    }
+}

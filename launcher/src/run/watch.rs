@@ -1,0 +1,190 @@
+//! What a run should not keep silent: findings that last, from when to when. Pure.
+
+use super::monitor::Monitor;
+use super::options::RunArgs;
+use crate::tracking::{Finding, Tracking};
+use protocol::budget::{Budgets, Stage};
+use protocol::time::Nanos;
+use serde::Serialize;
+
+/// Periods in a row for which something must be wrong before it is told.
+const LASTS: u32 = 2;
+/// Periods in a row after which it is over.
+const OVER: u32 = 3;
+/// Findings kept for the report.
+const KEPT: usize = 100;
+/// Time after the start within which a handle or pedal must have come, ns.
+const INPUT_NS: u64 = 3_000_000_000;
+/// Share of the asked rate below which a picture is told to be slow.
+const SLOW_SHARE: f64 = 0.8;
+
+/// A finding that lasted.
+#[derive(Debug, Clone, Serialize)]
+pub struct Warning {
+    /// When it was told, s since the start.
+    pub from_s: f64,
+    /// When it was over, s; `None` where it lasts.
+    pub to_s: Option<f64>,
+    /// What it is.
+    #[serde(flatten)]
+    pub finding: Finding,
+}
+
+/// A finding that may last.
+#[derive(Debug)]
+struct Candidate {
+    finding: Finding,
+    seen: u32,
+    absent: u32,
+    /// Index of the warning, once it was told.
+    told: Option<usize>,
+}
+
+/// Watches a run.
+#[derive(Debug, Default)]
+pub struct Watch {
+    candidates: Vec<Candidate>,
+    warnings: Vec<Warning>,
+}
+
+impl Watch {
+    /// Takes what was found in a period; returns what is to be told now for the first time.
+    pub fn note(&mut self, at_s: f64, found: &[Finding]) -> Vec<Finding> {
+        let mut news = Vec::new();
+        for finding in found {
+            let index = self.candidates.iter().position(|c| c.finding.subject == finding.subject);
+            let index = index.unwrap_or_else(|| {
+                self.candidates.push(Candidate { finding: finding.clone(), seen: 0, absent: 0, told: None });
+                self.candidates.len() - 1
+            });
+            let candidate = &mut self.candidates[index];
+            (candidate.seen, candidate.absent) = (candidate.seen + 1, 0);
+            candidate.finding = finding.clone();
+            if candidate.seen >= LASTS && candidate.told.is_none() && self.warnings.len() < KEPT {
+                candidate.told = Some(self.warnings.len());
+                self.warnings.push(Warning { from_s: at_s, to_s: None, finding: finding.clone() });
+                news.push(finding.clone());
+            }
+        }
+        let present = |c: &Candidate| found.iter().any(|f| f.subject == c.finding.subject);
+        for candidate in self.candidates.iter_mut().filter(|c| !present(c)) {
+            candidate.absent += 1;
+            if let Some(told) = candidate.told.filter(|_| candidate.absent == OVER) {
+                self.warnings[told].to_s = Some(at_s);
+            }
+        }
+        self.candidates.retain(|c| c.absent < if c.told.is_some() { OVER } else { 1 });
+        news
+    }
+
+    /// What is wrong now.
+    pub fn present(&self) -> impl Iterator<Item = &Finding> {
+        self.candidates.iter().filter(|c| c.told.is_some()).map(|c| &c.finding)
+    }
+
+    /// Everything that was told.
+    pub fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+}
+
+/// What is wrong with a run in the newest period, `since_ns` after its start.
+pub fn findings(
+    args: &RunArgs,
+    tracking: &Tracking,
+    monitor: &Monitor,
+    budgets: &Budgets,
+    since_ns: Nanos,
+) -> Vec<Finding> {
+    // At a desk nothing is tracked.
+    let mut found = if args.desk.is_none() { tracking.findings().to_vec() } else { Vec::new() };
+    if since_ns >= INPUT_NS {
+        // A recorded stream brings blobs alone.
+        found.extend(missing_inputs(monitor).filter(|_| args.blobs.is_none()));
+        found.extend(slow_picture(monitor, budgets));
+    }
+    found
+}
+
+fn missing_inputs(monitor: &Monitor) -> impl Iterator<Item = Finding> {
+    let expected = [
+        (1, "handles", "jaws, cutter and light stay as they were"),
+        (2, "pedal", "suction, cutting and the microscope stay as they were"),
+    ];
+    expected.into_iter().filter(|(channel, ..)| monitor.traffic[*channel].count == 0).map(
+        |(_, name, effect)| Finding {
+            what: format!("nothing ever came on channel {name}"),
+            cause: format!("its driver does not run, so {effect}"),
+            remedy: "start the driver, or vitreo doctor".into(),
+            subject: name.into(),
+        },
+    )
+}
+
+fn slow_picture(monitor: &Monitor, budgets: &Budgets) -> Option<Finding> {
+    let (frame, limit_ms) = (monitor.frame?, budgets.of(Stage::Rendering).limit_ms);
+    let (rate, asked) = (monitor.traffic[5].rate_hz, 1e3 / limit_ms.max(1e-3));
+    (limit_ms > 0.0 && rate < SLOW_SHARE * asked).then(|| Finding {
+        what: format!("the picture comes {rate:.0} times a second of {asked:.1} asked"),
+        cause: format!(
+            "this machine draws 2 × {} × {} px no faster beside all else",
+            frame.width_px, frame.height_px
+        ),
+        remedy: "end other programs, or use a graphics card: vitreo doctor says what draws".into(),
+        subject: "picture".into(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+    use protocol::frames::FrameRecord;
+    use protocol::rig::Rig;
+    use recording::Item;
+
+    fn finding(subject: &str) -> Finding {
+        let [what, cause, remedy] = ["a", "b", "c"].map(String::from);
+        Finding { what, cause, remedy, subject: subject.into() }
+    }
+
+    #[test]
+    fn what_lasts_is_told_once_and_ends() {
+        let mut watch = Watch::default();
+        let x = [finding("x")];
+        assert!(watch.note(1.0, &x).is_empty(), "a moment is no news");
+        assert_eq!(watch.note(2.0, &x).len(), 1);
+        assert!(watch.note(3.0, &x).is_empty() && watch.note(4.0, &[]).is_empty());
+        assert_eq!(watch.present().count(), 1, "a gap of a period is none");
+        watch.note(5.0, &[]);
+        watch.note(6.0, &[]);
+        assert_eq!((watch.present().count(), watch.warnings().len()), (0, 1));
+        assert_eq!((watch.warnings()[0].from_s, watch.warnings()[0].to_s), (2.0, Some(6.0)));
+        watch.note(7.0, &x);
+        assert_eq!(watch.note(8.0, &x).len(), 1, "told again when it comes again");
+    }
+
+    #[test]
+    fn pedal_handles_and_a_slow_picture_are_missed() {
+        let (tracking, budgets) = (Tracking::new(&Rig::load_or_shipped(None).unwrap()), Budgets::default());
+        let mut monitor = Monitor::default();
+        let subjects = |monitor: &Monitor, since| {
+            findings(&RunArgs::default(), &tracking, monitor, &budgets, since)
+                .into_iter()
+                .map(|f| f.subject)
+                .collect::<Vec<_>>()
+        };
+        assert!(subjects(&monitor, INPUT_NS - 1).is_empty());
+        assert_eq!(subjects(&monitor, INPUT_NS), ["handles", "pedal"]);
+        monitor.note(&Item::Pedal(Zeroable::zeroed()));
+        monitor.note(&Item::Handle(Zeroable::zeroed()));
+        monitor.note(&Item::Frame(FrameRecord { displayed: 1, ..FrameRecord::zeroed() }));
+        monitor.measure(1_000_000_000);
+        assert_eq!(subjects(&monitor, INPUT_NS), ["picture"]);
+        (0..50).for_each(|i| {
+            monitor.note(&Item::Frame(FrameRecord { displayed: 2 + i, ..FrameRecord::zeroed() }))
+        });
+        monitor.measure(2_000_000_000);
+        assert!(subjects(&monitor, INPUT_NS).is_empty());
+    }
+}
