@@ -52,9 +52,10 @@ fn a_dead_virtual_rig_is_restarted_and_the_recording_replays() {
 
 #[test]
 fn a_surgeon_whose_rig_dies_goes_on_where_he_was() {
-    let (name, report) = (instance_name(), tempfile::NamedTempFile::new().expect("file"));
+    let (name, folder) = (instance_name(), tempfile::tempdir().expect("folder"));
+    let report = folder.path().join("report.json");
     let run = ["run", "--module", "forceps", "--no-picture", "--direct", "--instance", &name, "--report"];
-    let running = Running::start(&[&run[..], &[&report.path().display().to_string()]].concat());
+    let running = Running::start(&[&run[..], &[&report.display().to_string()]].concat());
     let mut observer = Observer::join(&name);
     let (mut events, mut blobs) = (observer.receiver::<Event>(), observer.receiver::<BlobField>());
     let health = observer.health(Process::VirtualRig, |h| h.state == STATE_RUNNING);
@@ -71,7 +72,7 @@ fn a_surgeon_whose_rig_dies_goes_on_where_he_was() {
     let score = next(&mut events, |e| e.kind == EventKind::ScoreTotal as u32).value;
     drop((events, blobs, observer));
     running.finish().expect_code(0);
-    assert_eq!(json(report.path())["restarts"]["virtual-rig"], 1);
+    assert_eq!(json(&report)["restarts"]["virtual-rig"], 1);
     // Undisturbed he has 98; a round begun anew costs 20 and more.
     assert!(score > 92.0, "{score} points");
 }

@@ -60,13 +60,11 @@ impl Segments {
                 continue;
             }
             let Ok(open) = fs::File::options().read(true).write(true).open(&file) else { continue };
-            match fallocate(&open, FallocateFlags::empty(), 0, meta.len()) {
-                Err(Errno::NOSPC | Errno::NOMEM) => {
-                    let needed_mib = (meta.len() - meta.blocks() * BLOCK).div_ceil(1 << 20);
-                    return Err(IpcError::SharedMemoryFull { free_mib: free_mib(), needed_mib });
-                }
-                // A system that cannot reserve runs as well, as long as there is memory.
-                Ok(()) | Err(_) => {}
+            let reserved = fallocate(&open, FallocateFlags::empty(), 0, meta.len());
+            // A system that cannot reserve runs as well, as long as there is memory.
+            if let Err(Errno::NOSPC | Errno::NOMEM) = reserved {
+                let needed_mib = (meta.len() - meta.blocks() * BLOCK).div_ceil(1 << 20);
+                return Err(IpcError::SharedMemoryFull { free_mib: free_mib(), needed_mib });
             }
         }
         Ok(())
