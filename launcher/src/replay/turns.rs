@@ -4,13 +4,17 @@
 //! The recorder wrote blocks in the order of arrival, which is not quite the order of cause:
 //! a field can stand behind the frame that consumed it. So items are read some time ahead, and
 //! what belongs together is matched by number.
+//!
+//! Where something is missing, the poses that follow are not determined any more, because the tracker
+//! remembers what it saw. Steps are made of the recorded poses then; where they lack something too,
+//! their states are determined again from the next checkpoint on.
 
 use protocol::blobs::BlobField;
 use protocol::control::RecordedFrame;
 use protocol::handles::{HandleState, PedalState};
 use protocol::message::Message;
 use protocol::poses::{FieldUsed, TrackerFrame};
-use protocol::steps::StepRecord;
+use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::Nanos;
 use recording::{Item, NoteKind, RecordingError};
 use std::collections::VecDeque;
@@ -33,7 +37,14 @@ pub struct StepTurn {
     pub pedals: Vec<PedalState>,
     /// What was recorded; `None` for a step that a restarted simulation made again in silence.
     pub recorded: Option<StepRecord>,
+    /// The recording determines its state.
+    pub determined: bool,
+    /// The state before it, where it is determined again after a loss.
+    pub resume: Option<Box<Checkpoint>>,
 }
+
+/// A recorded state of the simulation.
+pub type Checkpoint = (CheckpointHeader, Vec<u8>);
 
 /// One tracker frame and the step made of it.
 #[derive(Debug, Clone)]
@@ -46,7 +57,7 @@ pub struct Turn {
     pub recorded: Box<TrackerFrame>,
     /// The step, if the simulation made one.
     pub step: Option<StepTurn>,
-    /// Why from this turn on the recording does not determine the result; given once.
+    /// Why from this turn on the recording does not determine the result; given once for each loss.
     pub lost: Option<String>,
 }
 
@@ -55,6 +66,7 @@ pub struct Turn {
 enum Pending {
     Pose(Box<TrackerFrame>),
     Step(StepRecord),
+    Checkpoint(Box<Checkpoint>),
     Lost(String),
 }
 
@@ -69,10 +81,19 @@ pub struct Turns<I> {
     handles: Consumed<HandleState>,
     pedals: Consumed<PedalState>,
     last_step: Option<StepRecord>,
+    last_frame: Option<u64>,
     begun: bool,
+    /// Since the last loss no state has been determined.
+    undetermined: bool,
+    /// Recorded steps without their poses.
+    pub strays: u64,
+    /// Steps that were made and are not recorded, by their numbers.
+    pub missing: u64,
+    /// The newest checkpoint that was passed.
+    checkpoint: Option<Box<Checkpoint>>,
     /// A loss that no turn has reported yet; at the end, one behind the last turn.
     pub lost: Option<String>,
-    /// The error at which the recording ends, if it does not end well.
+    /// What is wrong with the file first, if something is.
     pub damage: Option<RecordingError>,
 }
 
@@ -89,7 +110,12 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             handles: Consumed::new("handle", |h: &HandleState| h.seq),
             pedals: Consumed::new("pedal", |p: &PedalState| p.seq),
             last_step: None,
+            last_frame: None,
             begun: false,
+            undetermined: false,
+            strays: 0,
+            missing: 0,
+            checkpoint: None,
             lost: None,
             damage: None,
         }
@@ -100,8 +126,12 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         let (at, item) = match self.items.next() {
             Some(Ok(next)) if !self.ended => next,
             Some(Err(error)) if !self.ended => {
-                (self.ended, self.damage) = (true, Some(error));
-                return false;
+                if !matches!(error, RecordingError::Truncated { .. }) {
+                    let lost = Pending::Lost(error.to_string());
+                    self.pending.push_back((self.place, self.horizon_ns, lost));
+                }
+                self.damage.get_or_insert(error);
+                return true;
             }
             _ => {
                 self.ended = true;
@@ -122,6 +152,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             Item::Pedal(pedal) => self.pedals.waiting.push_back((self.place, pedal)),
             Item::Poses(frame) => wait(Pending::Pose(frame)),
             Item::Step(step) => wait(Pending::Step(step)),
+            Item::Checkpoint(header, state) => wait(Pending::Checkpoint(Box::new((header, state)))),
             Item::Note(note) if note.kind == NoteKind::Loss => wait(Pending::Lost(note.text)),
             _ => {}
         }
@@ -132,8 +163,15 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         while self.horizon_ns < at && self.read() {}
     }
 
-    /// Notes the first reason why the result is no longer determined.
+    /// Notes why states are no longer determined, nor poses.
     fn lose(&mut self, why: impl FnOnce() -> String) {
+        self.undetermined = true;
+        self.lose_poses(why);
+    }
+
+    /// Notes why poses are no longer determined. Steps are all the same: they are made of the recorded
+    /// poses, and by their numbers nothing that they consumed is missing.
+    fn lose_poses(&mut self, why: impl FnOnce() -> String) {
         if self.lost.is_none() {
             self.lost = Some(why());
         }
@@ -178,7 +216,8 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
                 self.last_step = self.last_step.map(|s| StepRecord { step: s.step + 1, ..s });
                 let handles = self.handles.before(place);
                 let pedals = self.pedals.before(place);
-                Some(StepTurn { fresh: false, handles, pedals, recorded: None })
+                let determined = !self.undetermined;
+                Some(StepTurn { fresh: false, handles, pedals, recorded: None, determined, resume: None })
             }
             _ => None,
         }
@@ -188,8 +227,15 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         let fresh = step.step <= 1 && self.last_step.is_some();
         let expected = if fresh { 0 } else { self.last_step.map_or(0, |s| s.step) } + 1;
         if step.step > expected {
+            self.missing += step.step - expected;
             self.lose(|| format!("step {} follows {} (field {})", step.step, expected - 1, step.field));
         }
+        let resume = self.undetermined.then(|| self.checkpoint_before(&step)).flatten();
+        if let Some((header, _)) = resume.as_deref() {
+            self.handles.skip(header.handles_below);
+            self.pedals.skip(header.pedals_below);
+        }
+        self.undetermined &= resume.is_none() && !fresh;
         self.last_step = Some(step);
         let handles = self.handles.below(step.handles_below);
         let pedals = self.pedals.below(step.pedals_below);
@@ -198,28 +244,53 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             self.lose(|| format!("{what} (field {})", step.field));
         }
         let (handles, pedals) = (handles.unwrap_or_default(), pedals.unwrap_or_default());
-        StepTurn { fresh, handles, pedals, recorded: Some(step) }
+        let determined = !self.undetermined;
+        let resume = resume.filter(|_| determined);
+        StepTurn { fresh, handles, pedals, recorded: Some(step), determined, resume }
+    }
+
+    /// The checkpoint of the state before a step. It may stand a little behind the step in the
+    /// recording; one of the same number but another state belongs to an earlier run of the
+    /// simulation.
+    fn checkpoint_before(&self, step: &StepRecord) -> Option<Box<Checkpoint>> {
+        let ahead = self.pending.iter().filter_map(|(_, _, pending)| match pending {
+            Pending::Checkpoint(checkpoint) => Some(checkpoint),
+            _ => None,
+        });
+        let last = self.last_step.filter(|last| last.step + 1 == step.step);
+        let fits = |of: &CheckpointHeader| {
+            of.step + 1 == step.step && last.is_none_or(|last| last.state_hash == of.state_hash)
+        };
+        self.checkpoint.iter().chain(ahead).find(|checkpoint| fits(&checkpoint.0)).cloned()
     }
 
     /// A step without its pose: a repeated one is no matter, another one is a loss.
     fn stray_step(&mut self, step: &StepRecord) {
         let repeated = self.last_step.is_some_and(|last| step.step <= last.step && step.step > 1);
         if !repeated {
+            self.strays += 1;
+            self.last_step = Some(*step);
             self.lose(|| format!("the poses of step {} (field {}) are missing", step.step, step.field));
         }
     }
 
     fn turn(&mut self, frame: Box<TrackerFrame>, place: u64, at: Nanos) -> Turn {
+        let before = self.last_frame.replace(frame.frame);
+        if before.is_some_and(|before| frame.frame != before + 1 && frame.frame != 0) {
+            self.lose_poses(|| format!("tracker frame {} follows {}", frame.frame, before.unwrap_or(0)));
+        }
         self.read_until(at.saturating_add(AHEAD_NS));
         if !std::mem::replace(&mut self.begun, true) && frame.frame != 0 {
-            self.lose(|| format!("the recording begins at tracker frame {}, not at 0", frame.frame));
+            self.lose_poses(|| format!("the recording begins at tracker frame {}, not at 0", frame.frame));
         }
         let mut fields = Vec::with_capacity(frame.used().len());
         for used in frame.used() {
             let is_it = |f: &BlobField| key(f) == (used.camera, used.field, used.exposed_ns);
             match self.fields.iter().position(is_it).and_then(|i| self.fields.remove(i)) {
                 Some(field) => fields.push(field),
-                None => self.lose(|| format!("field {} of camera {} is missing", used.field, used.camera)),
+                None => {
+                    self.lose_poses(|| format!("field {} of camera {} is missing", used.field, used.camera))
+                }
             }
         }
         let step = self.step_of(&frame, place, at);
@@ -235,7 +306,8 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Iterator for Tur
             match self.pending.pop_front() {
                 Some((place, at, Pending::Pose(frame))) => return Some(self.turn(frame, place, at)),
                 Some((_, _, Pending::Step(step))) => self.stray_step(&step),
-                Some((_, _, Pending::Lost(text))) => self.lose(|| text),
+                Some((_, _, Pending::Lost(text))) => self.lose_poses(|| text),
+                Some((_, _, Pending::Checkpoint(checkpoint))) => self.checkpoint = Some(checkpoint),
                 None => {
                     if !self.read() {
                         return None;
@@ -302,8 +374,27 @@ impl<M: Message> Consumed<M> {
         let Some(last) = last else {
             return Err(format!("{} state {} is missing", self.name, below.wrapping_sub(1)));
         };
+        let mut next = self.below;
+        let taken: Vec<M> = self.waiting.drain(..=last).map(|(_, m)| m).collect();
         self.below = below;
-        Ok(self.waiting.drain(..=last).map(|(_, m)| m).collect())
+        for number in taken.iter().map(self.seq) {
+            // A recording may begin anywhere, and a sender that was started again counts from 0.
+            if number != next && number != 0 && next != 0 {
+                return Err(format!("{} state {next} is missing", self.name));
+            }
+            next = number + 1;
+        }
+        Ok(taken)
+    }
+
+    /// Forgets what a checkpoint's state has consumed.
+    fn skip(&mut self, below: u64) {
+        let last = self.waiting.iter().position(|(_, m)| (self.seq)(m) + 1 == below);
+        match last {
+            Some(last) => drop(self.waiting.drain(..=last)),
+            None => self.waiting.retain(|(_, m)| (self.seq)(m) >= below),
+        }
+        self.below = below;
     }
 
     /// What had come before a place of the recording.
@@ -454,12 +545,77 @@ mod tests {
         assert_eq!(lost(vec![(1, Item::Note(note)), (2, pose(0, &[]))]), [text]);
     }
 
+    fn checkpoint(of: u64, handles_below: u64) -> Item {
+        let header =
+            CheckpointHeader { step: of, handles_below, state_hash: of * 7, ..CheckpointHeader::zeroed() };
+        Item::Checkpoint(header, vec![of as u8])
+    }
+
+    fn determined(all: &[Turn]) -> Vec<(u64, bool, bool)> {
+        let of = |s: &StepTurn| (s.recorded.unwrap().step, s.determined, s.resume.is_some());
+        all.iter().filter_map(|t| t.step.as_ref().map(of)).collect()
+    }
+
     #[test]
-    fn damage_ends_the_turns_and_is_kept() {
-        let damage = RecordingError::Truncated { file: "a".into(), offset: 9 };
-        let items = vec![Ok((1, pose(0, &[]))), Err(damage), Ok((2, pose(1, &[])))];
+    fn after_a_gap_steps_are_determined_from_the_next_checkpoint_on() {
+        let mut items = vec![(1, pose(0, &[])), (1, step(1, 0, 0)), (1, checkpoint(1, 0))];
+        // Step 2 with its pose and handles 0 and 1 are missing.
+        items.extend([(41, handle(2)), (42, pose(2, &[])), (42, step(3, 2, 3))]);
+        items.extend([(61, handle(3)), (62, pose(3, &[])), (62, step(4, 3, 4)), (62, checkpoint(4, 4))]);
+        items.extend([(81, handle(4)), (82, pose(4, &[])), (82, step(5, 4, 5))]);
+        items.extend([(101, pose(5, &[])), (102, step(6, 5, 5))]);
+        let items = items.into_iter().map(|(ms, item)| Ok((ms * MS, item)));
+        let mut turns = Turns::new(items);
+        let all: Vec<Turn> = turns.by_ref().collect();
+        let expected =
+            [(1, true, false), (3, false, false), (4, false, false), (5, true, true), (6, true, false)];
+        assert_eq!(determined(&all), expected);
+        assert_eq!((turns.missing, turns.strays), (1, 0));
+        assert_eq!(handles(&all[3]), [4]);
+        assert_eq!(all.iter().filter(|t| t.lost.is_some()).count(), 1);
+    }
+
+    #[test]
+    fn a_missing_field_or_a_note_of_loss_leaves_the_steps_determined() {
+        let note = Note::loss(0, 3, "3 items".into());
+        let all = turns(vec![
+            (1, pose(0, &[(2, 5)])),
+            (1, step(1, 0, 0)),
+            (2, Item::Note(note)),
+            (20, pose(1, &[])),
+            (20, step(2, 1, 0)),
+        ]);
+        assert!(all.iter().all(|t| t.lost.is_some()));
+        assert_eq!(determined(&all), [(1, true, false), (2, true, false)]);
+    }
+
+    #[test]
+    fn a_handle_missing_among_others_is_noticed() {
+        let items = vec![
+            (1, handle(0)),
+            (2, pose(0, &[])),
+            (2, step(1, 0, 1)),
+            (3, handle(1)),
+            (4, handle(3)),
+            (5, pose(1, &[])),
+            (5, step(2, 1, 4)),
+        ];
+        let all = turns(items);
+        assert_eq!(determined(&all), [(1, true, false), (2, false, false)]);
+        assert_eq!(all[1].lost.as_deref(), Some("handle state 2 is missing (field 11)"));
+    }
+
+    #[test]
+    fn damage_is_a_loss_behind_which_the_turns_go_on() {
+        let damaged = || RecordingError::Damaged { file: "a".into(), offset: 9, problem: "p".into() };
+        let items = vec![Ok((1, pose(0, &[]))), Err(damaged()), Ok((2, pose(1, &[]))), Err(damaged())];
         let mut turns = Turns::new(items.into_iter());
-        assert_eq!(turns.by_ref().count(), 1);
-        assert!(matches!(turns.damage, Some(RecordingError::Truncated { offset: 9, .. })));
+        let lost: Vec<bool> = turns.by_ref().map(|t| t.lost.is_some()).collect();
+        assert_eq!(lost, [false, true]);
+        assert!(matches!(turns.damage, Some(RecordingError::Damaged { offset: 9, .. })));
+        let cut = RecordingError::Truncated { file: "a".into(), offset: 9 };
+        let mut turns = Turns::new(vec![Ok((1, pose(0, &[]))), Err(cut)].into_iter());
+        assert!(turns.by_ref().all(|t| t.lost.is_none()));
+        assert!(turns.lost.is_none() && turns.damage.is_some(), "what follows a cut is nobody's loss");
     }
 }
