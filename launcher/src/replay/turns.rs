@@ -23,6 +23,9 @@ use std::collections::VecDeque;
 const AHEAD_NS: u64 = 500_000_000;
 /// How far a step may stand behind its pose: the simulation may have been started again, ns.
 const STEP_AHEAD_NS: u64 = 30_000_000_000;
+/// How far a checkpoint may stand behind the steps after it, where a recorder that stood still filed
+/// what had waited channel by channel, ns.
+const CHECKPOINT_AHEAD_NS: u64 = 10_000_000_000;
 /// Camera-fields kept for frames to come: more than ten seconds of three cameras.
 const FIELDS_KEPT: usize = 2048;
 
@@ -87,7 +90,7 @@ pub struct Turns<I> {
     undetermined: bool,
     /// Recorded steps without their poses.
     pub strays: u64,
-    /// Steps that were made and are not recorded, by their numbers.
+    /// Steps that were made and whose poses or records are missing, by their numbers.
     pub missing: u64,
     /// The newest checkpoint that was passed.
     checkpoint: Option<Box<Checkpoint>>,
@@ -209,7 +212,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         match self.find_step(frame, at) {
             StepSearch::Found(index) => {
                 let (_, _, Pending::Step(step)) = self.pending.remove(index)? else { return None };
-                Some(self.recorded_step(step))
+                Some(self.recorded_step(step, at))
             }
             // A simulation that resumes makes the steps since its checkpoint again, in silence.
             StepSearch::PassedOver { next, poses } if next > last + 1 && poses < next - last => {
@@ -223,12 +226,15 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         }
     }
 
-    fn recorded_step(&mut self, step: StepRecord) -> StepTurn {
+    fn recorded_step(&mut self, step: StepRecord, at: Nanos) -> StepTurn {
         let fresh = step.step <= 1 && self.last_step.is_some();
         let expected = if fresh { 0 } else { self.last_step.map_or(0, |s| s.step) } + 1;
         if step.step > expected {
             self.missing += step.step - expected;
             self.lose(|| format!("step {} follows {} (field {})", step.step, expected - 1, step.field));
+        }
+        if self.undetermined {
+            self.read_until(at.saturating_add(CHECKPOINT_AHEAD_NS));
         }
         let resume = self.undetermined.then(|| self.checkpoint_before(&step)).flatten();
         if let Some((header, _)) = resume.as_deref() {

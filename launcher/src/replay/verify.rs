@@ -16,7 +16,7 @@ pub struct Verdict {
     /// Recorded steps whose state the recording does not determine, behind a gap and before the next
     /// checkpoint.
     pub undetermined: u64,
-    /// Steps that were made and are not recorded, by their numbers.
+    /// Steps that were made and whose poses or records are missing, by their numbers.
     pub missing: u64,
     /// Tracker frames behind the first gap: the tracker remembers what it saw.
     pub poses_undetermined: u64,
@@ -81,7 +81,7 @@ impl Verdict {
         }
         format!(
             "; in {stretches} stretches: {undetermined} steps and {poses_undetermined} poses behind gaps \
-             could not be verified, {missing} steps are missing"
+             could not be verified, {missing} steps lack their poses or their record"
         )
     }
 }

@@ -166,6 +166,13 @@ fn after_a_gap_steps_are_determined_from_the_next_checkpoint_on() {
 }
 
 #[test]
+fn a_checkpoint_that_was_filed_seconds_late_is_found() {
+    let mut items = vec![(1, pose(0, &[])), (1, step(1, 0, 0)), (42, pose(2, &[])), (42, step(3, 2, 0))];
+    items.extend([(62, pose(3, &[])), (62, step(4, 3, 0)), (3000, checkpoint(3, 0))]);
+    assert_eq!(determined(&turns(items)), [(1, true, false), (3, false, false), (4, true, true)]);
+}
+
+#[test]
 fn a_missing_field_or_a_note_of_loss_leaves_the_steps_determined() {
     let note = Note::loss(0, 3, "3 items".into());
     let all = turns(vec![
