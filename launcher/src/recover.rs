@@ -188,7 +188,9 @@ mod tests {
         let mut damaged = bytes.clone();
         damaged[ends[0] + 200..ends[1]].fill(0xa5);
         std::fs::write(&file, &damaged).unwrap();
-        let (tally, problems) = copy(&Recording::open(&file).unwrap(), &output).unwrap();
+        let mut grown = Outputs::new(true).grow(&output).unwrap();
+        let (tally, problems) = copy(&Recording::open(&file).unwrap(), &grown).unwrap();
+        grown.appear().unwrap();
         assert!(problems > 0);
         assert_eq!(read_back(&output).unwrap(), tally);
         let saved = counts(&output);
@@ -206,7 +208,7 @@ mod tests {
         let digit = bytes.windows(6).position(|w| w == b"1234.5").unwrap();
         bytes[digit] = b'9';
         std::fs::write(&file, &bytes).unwrap();
-        let args = RecoverArgs { file, output: output.clone() };
+        let args = RecoverArgs { file, output: output.clone(), force: Force::default() };
         assert_eq!(run(&args).unwrap(), ExitCode::from(LOSS));
         let losses = Recording::open(&output).unwrap().items().filter(
             |item| matches!(item, Ok((_, Item::Note(n))) if n.kind == NoteKind::Loss && n.text.contains("rig")),
