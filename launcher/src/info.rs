@@ -26,6 +26,8 @@ struct Contents {
     source: &'static str,
     /// The recorder closed the file in order.
     finished: bool,
+    /// Rig, scene and configuration are under a checksum; former versions wrote none.
+    checksum: bool,
     /// Blocks that are missing, by the notes of the recorder.
     missing: u64,
     restarts: u64,
@@ -83,6 +85,9 @@ impl Contents {
         };
         println!("{}", self.file);
         println!("  {:.1} MiB, {}, {state}", self.bytes as f64 / f64::from(1 << 20), self.source);
+        if !self.checksum {
+            println!("  without checksum of rig and scene, as former versions wrote it");
+        }
         println!("  scene {}, {:.2} s from {} ns", self.scene, self.duration_s, self.start_ns);
         for (group, map) in [("version", &self.versions), ("seed", &self.seeds), ("config", &self.config)] {
             map.iter().for_each(|(key, value)| println!("  {group} {key}: {value}"));
@@ -110,13 +115,15 @@ impl Contents {
 /// # Errors
 /// Where the file cannot be read as a recording.
 pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
-    let recording = Recording::open(&args.file)?;
+    let recording = Recording::open_in_doubt(&args.file)?;
     let provenance = recording.provenance().clone();
     let mut contents = Contents {
         file: args.file.display().to_string(),
         bytes: recording.bytes(),
         source: provenance.source.name(),
         finished: recording.is_finished(),
+        checksum: recording.has_checksum(),
+        damage: recording.doubt().map(ToString::to_string),
         scene: provenance.scene_name,
         seeds: provenance.seeds,
         config: provenance.config,

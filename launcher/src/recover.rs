@@ -1,6 +1,7 @@
 //! `vitreo recover`: makes a whole file of a truncated or damaged recording.
 //!
-//! Every item that can be read is written to a new file, which is then read back and compared.
+//! Every item that can be read is written to a new file, which is then read back and compared. Behind
+//! damage it goes on at the next good chunk, and a note stands where something is missing.
 
 use crate::exit::LOSS;
 use crate::progress::bytes_bar;
@@ -47,7 +48,7 @@ impl Tally {
 /// # Errors
 /// Where nothing can be read, the output exists, or it differs when it is read back.
 pub fn run(args: &RecoverArgs) -> anyhow::Result<ExitCode> {
-    let recording = Recording::open(&args.file)?;
+    let recording = Recording::open_in_doubt(&args.file)?;
     if args.output == Path::new(STDOUT) {
         bail!("what is recovered is read back: give a file, not {STDOUT}");
     }
@@ -78,6 +79,11 @@ fn copy(recording: &Recording, output: &GrowingFile) -> anyhow::Result<(Tally, u
         tally.take(log_time, item);
         writer.write(log_time, item)
     };
+    if let Some(doubt) = recording.doubt() {
+        warn(&format!("{doubt}; they are taken as they are"));
+        problems += 1;
+        put(last, &Item::Note(Note::loss(last, 0, format!("recovered: {doubt}"))))?;
+    }
     while let Some(item) = items.next() {
         match item {
             Ok((log_time, item)) => {
@@ -165,6 +171,49 @@ mod tests {
             assert!(whole.starts_with(&counts(&output)));
             read_back(&output).unwrap();
         }
+    }
+
+    #[test]
+    fn behind_damage_in_the_middle_it_goes_on() {
+        let directory = tempfile::tempdir().unwrap();
+        let (file, output) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
+        let bytes = recorded(&file);
+        let whole = counts(&file);
+        let mut items = Recording::open(&file).unwrap().items();
+        // Where the chunk of an item ends.
+        let ends = std::iter::from_fn(|| items.next().map(|_| items.bytes_read() as usize));
+        let mut ends: Vec<usize> = ends.collect();
+        ends.dedup();
+        assert!(ends.len() >= 3, "{ends:?}");
+        let mut damaged = bytes.clone();
+        damaged[ends[0] + 200..ends[1]].fill(0xa5);
+        std::fs::write(&file, &damaged).unwrap();
+        let mut grown = Outputs::new(true).grow(&output).unwrap();
+        let (tally, problems) = copy(&Recording::open(&file).unwrap(), &grown).unwrap();
+        grown.appear().unwrap();
+        assert!(problems > 0);
+        assert_eq!(read_back(&output).unwrap(), tally);
+        let saved = counts(&output);
+        let before = saved.iter().zip(&whole).take_while(|(a, b)| a == b).count();
+        assert!(before > 0 && before < saved.len() && whole.ends_with(&saved[before..]), "{saved:?}");
+    }
+
+    #[test]
+    fn a_changed_rig_is_warned_of_and_noted() {
+        let directory = tempfile::tempdir().unwrap();
+        let (file, output) = (directory.path().join("a.mcap"), directory.path().join("b.mcap"));
+        let provenance = Provenance { rig_json: "{\"focal\": 1234.5}".into(), ..Provenance::default() };
+        Writer::create(&file, &provenance).unwrap().finish().unwrap();
+        let mut bytes = std::fs::read(&file).unwrap();
+        let digit = bytes.windows(6).position(|w| w == b"1234.5").unwrap();
+        bytes[digit] = b'9';
+        std::fs::write(&file, &bytes).unwrap();
+        let args = RecoverArgs { file, output: output.clone(), force: Force::default() };
+        assert_eq!(run(&args).unwrap(), ExitCode::from(LOSS));
+        let losses = Recording::open(&output).unwrap().items().filter(
+            |item| matches!(item, Ok((_, Item::Note(n))) if n.kind == NoteKind::Loss && n.text.contains("rig")),
+        );
+        assert_eq!(losses.count(), 1);
     }
 
     #[test]

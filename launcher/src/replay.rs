@@ -42,7 +42,8 @@ pub struct ReplayArgs {
     #[arg(long)]
     pub lockstep: bool,
     /// Compare every pose and every state with what was recorded; exit 5 where they differ, 3 where
-    /// states cannot be compared because the recording is of another version of the state hash.
+    /// not all could be compared: the recording has gaps, was not closed, or is of another version of
+    /// the state hash.
     #[arg(long)]
     pub verify: bool,
     /// Speed: 2 is twice as fast as recorded.
@@ -141,6 +142,7 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
         Err(error) if error.is::<Stopped>() => true,
         Err(error) => return Err(error),
     };
+    outputs.figures.unclosed = !recording.is_finished();
     outputs.figures.verify = verdict;
     let figures = outputs.finish()?;
     print(&figures);
@@ -216,7 +218,11 @@ fn print(figures: &Figures) {
         match (&verdict.difference, verdict.other_state_hash_version) {
             (Some(difference), _) => println!("verification differs at {difference}"),
             (None, None) => {
-                println!("verified: {} poses and {} states identical", verdict.poses, verdict.steps)
+                let left_out = verdict.left_out();
+                println!(
+                    "verified: {} poses and {} states identical{left_out}",
+                    verdict.poses, verdict.steps
+                );
             }
             (None, Some(version)) => {
                 println!("verified: {} poses identical; {}", verdict.poses, states_incomparable(version));
@@ -224,7 +230,10 @@ fn print(figures: &Figures) {
         }
     }
     if let Some(lost) = &figures.lost {
-        println!("the recording does not determine what follows {lost}");
+        println!("the recording has gaps; the first: {lost}");
+    }
+    if figures.unclosed && figures.damage.is_none() {
+        warn("the recording was not closed in order: what it holds to its end was replayed");
     }
     for warning in &figures.warnings {
         let to = warning.to_s.map_or("the end".into(), |s| format!("{s:.0} s"));
@@ -235,13 +244,14 @@ fn print(figures: &Figures) {
     }
 }
 
-/// The exit code. A recording that ends within a record is what a crash leaves, and no loss of the
-/// replay's.
+/// The exit code. A recording that was not closed is what a crash leaves, and no loss of the replay's;
+/// but to verify it is to ask whether it is whole.
 fn code(figures: &Figures) -> u8 {
     if figures.verify.as_ref().is_some_and(|v| v.difference.is_some()) {
         return DIFFERS;
     }
-    let damaged = figures.damage.is_some() && !figures.cut;
+    let whole = !figures.cut && !figures.unclosed || figures.verify.is_none();
+    let damaged = figures.damage.is_some() && !figures.cut || !whole;
     let incomparable = figures.verify.as_ref().is_some_and(|v| v.other_state_hash_version.is_some());
     if damaged || incomparable || figures.lost.is_some() { LOSS } else { 0 }
 }
@@ -270,7 +280,10 @@ mod tests {
         assert_eq!(code(&figures(None, None, None, false)), 0);
         assert_eq!(code(&figures(Some("field 4"), Some("field 9"), None, false)), DIFFERS);
         assert_eq!(code(&figures(None, Some("field 9"), None, false)), LOSS);
-        assert_eq!(code(&figures(None, None, Some("cut"), true)), 0);
+        assert_eq!(code(&figures(None, None, Some("cut"), true)), LOSS);
+        assert_eq!(code(&Figures { verify: None, ..figures(None, None, Some("cut"), true) }), 0);
+        assert_eq!(code(&Figures { unclosed: true, ..figures(None, None, None, false) }), LOSS);
+        assert_eq!(code(&Figures { unclosed: true, ..Figures::default() }), 0);
         assert_eq!(code(&figures(None, None, Some("damaged"), false)), LOSS);
         let mut incomparable = figures(None, None, None, false);
         let verdict = incomparable.verify.insert(Verdict::default());

@@ -61,7 +61,8 @@ pub struct Attempt {
     /// not be compared; only where it was resimulated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub other_state_hash_version: Option<u32>,
-    /// What the recording's damage is, if it has some; the score is that of what comes before.
+    /// What the recording's damage is, if it has some; the score is that of what comes before, or
+    /// where it was resimulated of all that could be.
     pub damage: Option<String>,
     /// The score.
     #[serde(flatten)]
@@ -137,11 +138,13 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
         .spawn()
         .and_then(Child::wait_with_output)
         .context("start vitreo-offline")?;
-    if !told.status.success() && is_json() {
+    let gaps = told.status.code() == Some(LOSS.into());
+    let done = told.status.success() || gaps;
+    if !done && is_json() {
         pass_on(&told.stderr);
         bail!("{}: not simulated again ({})", file.display(), told.status);
     }
-    if !told.status.success() {
+    if !done {
         let why = String::from_utf8_lossy(&told.stderr);
         let why = why.lines().last().unwrap_or("it ended without a word");
         bail!("{}: not simulated again: {}", file.display(), why.trim_start_matches("vitreo-offline: "));
@@ -158,7 +161,9 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
         seconds: told.seconds,
         live_total: told.live_total,
         agrees,
-        damage: told.damage,
+        damage: told
+            .damage
+            .or_else(|| gaps.then(|| format!("{}: inputs of steps are missing", file.display()))),
         ..scored
     })
 }
@@ -204,7 +209,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
 
 fn code_of(attempt: &Attempt) -> u8 {
     if let Some(damage) = &attempt.damage {
-        warn(&format!("scored up to the damage: {damage}"));
+        warn(&format!("not scored whole: {damage}"));
     }
     if attempt.unmatched > 0 {
         warn(&format!("{}: {} steps have no poses and are not scored", attempt.file, attempt.unmatched));

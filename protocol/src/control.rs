@@ -79,6 +79,33 @@ impl Message for Request {
     }
 }
 
+/// What is wrong with the run, for the picture; the newest counts, an empty text for nothing.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Wire, Zeroable)]
+pub struct Notice {
+    /// When it was sent.
+    pub instant_ns: Nanos,
+    /// Zero-padded text.
+    pub text: [u8; TEXT_BYTES],
+}
+
+impl Notice {
+    /// The text.
+    pub fn text(&self) -> String {
+        text_of(&self.text)
+    }
+}
+
+impl Message for Notice {
+    const CHANNEL: &'static str = "notices";
+    const VERSION: u32 = 1;
+    const QUEUE: usize = 16;
+
+    fn validate(&self) -> Result<(), Invalid> {
+        Ok(())
+    }
+}
+
 /// A recorded tracker frame and the camera-fields that it consumed. Replay sends it to the tracker,
 /// which tracks exactly these fields and reads no clock. Frame 0 begins with a fresh tracker.
 #[repr(C)]

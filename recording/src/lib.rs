@@ -11,18 +11,28 @@
 //!
 //! Log times are instants of `CLOCK_MONOTONIC` in ns, and those of the stream's own clock in an
 //! imported recording. A [`Writer`] closes its chunk when it is 24 KiB large or, with
-//! [`Writer::keep_up`], 100 ms old; a chunk is written in one piece and carries a CRC, so that a
-//! killed recorder leaves a file that is readable up to its last chunk.
+//! [`Writer::flush_aged`], 80 ms old; a chunk is written in one piece and carries a CRC, so that a
+//! killed recorder leaves a file that is readable up to its last chunk, and with
+//! [`Writer::sync_along`] a power failure does no worse. `docs/recording.md` says what is under
+//! which checksum.
 
+mod checksum;
+mod data_section;
 mod descriptors;
+mod disk;
 mod note;
 mod protobuf;
 mod read;
 mod record;
 mod records;
+mod resync;
 mod viewer_messages;
 mod write;
 
+#[cfg(test)]
+mod damage_tests;
+#[cfg(test)]
+mod disk_tests;
 #[cfg(test)]
 mod samples;
 
@@ -253,13 +263,21 @@ impl Provenance {
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// The operating system refused.
-    #[error("{file}: {problem}")]
+    #[error("{}", in_plain_words(file, problem))]
     Io {
         /// The file.
         file: String,
         /// The system's answer.
         #[source]
         problem: std::io::Error,
+    },
+    /// Written, but the disk did not confirm it.
+    #[error("{file}: the disk did not confirm what was written, which a power failure may lose: {problem}")]
+    NotSafe {
+        /// The file.
+        file: String,
+        /// The system's answer.
+        problem: String,
     },
     /// The MCAP library refused to write.
     #[error("{file}: cannot write: {problem}")]
@@ -310,6 +328,18 @@ pub enum RecordingError {
         /// What is wrong.
         problem: MessageError,
     },
+}
+
+/// The system's answer about a file, in words for whoever sits before the screen.
+fn in_plain_words(file: &str, problem: &std::io::Error) -> String {
+    use std::io::ErrorKind;
+    match problem.kind() {
+        ErrorKind::StorageFull => format!("the disk is full: {file}"),
+        ErrorKind::QuotaExceeded => format!("the disk quota is used up: {file}"),
+        ErrorKind::ReadOnlyFilesystem => format!("the disk can only be read: {file}"),
+        ErrorKind::FileTooLarge => format!("the file cannot become larger here: {file}"),
+        _ => format!("{file}: {problem}"),
+    }
 }
 
 /// Why a message of a recording was refused.

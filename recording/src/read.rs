@@ -1,11 +1,13 @@
 //! Reading a recording, whole or not.
 //!
-//! The file's outer records are framed here, so that every problem has a byte offset and a
-//! damaged chunk can be skipped; chunks and records are parsed by the `mcap` crate.
+//! The file's outer records are framed and held to their checksums here ([`super::data_section`]), so
+//! that every problem has a byte offset and reading goes on behind damage; chunks and records are
+//! parsed by the `mcap` crate.
 
-use super::records::{Records, chunk_records};
+use super::data_section::DataSection;
+use super::records::{Outer, Records};
 use super::write::METADATA;
-use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, record};
+use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, Source, checksum, record};
 use mcap::parse_record;
 use mcap::records::{Record, op};
 use protocol::time::Nanos;
@@ -17,6 +19,8 @@ use std::path::{Path, PathBuf};
 pub struct Recording {
     path: PathBuf,
     provenance: Provenance,
+    checksum: bool,
+    doubt: Option<RecordingError>,
     finished: bool,
     bytes: u64,
 }
@@ -25,39 +29,44 @@ impl Recording {
     /// Opens a recording and reads its provenance.
     ///
     /// # Errors
-    /// Where the file cannot be read, is no recording, or ends before its provenance.
+    /// Where the file cannot be read, is no recording, ends before its provenance, or its provenance
+    /// does not match its checksum.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
+        let mut recording = Self::open_in_doubt(path)?;
+        recording.doubt.take().map_or(Ok(recording), Err)
+    }
+
+    /// As [`Recording::open`], but a provenance that does not match its checksum is taken as it is:
+    /// for those who look at a damaged file or save what is left of it.
+    ///
+    /// # Errors
+    /// As there, but for the checksum.
+    pub fn open_in_doubt(path: &Path) -> Result<Self, RecordingError> {
         let mut records = Records::open(path)?;
-        let foreign = |problem: String| RecordingError::Foreign { file: path.display().to_string(), problem };
-        let early = |e: RecordingError| match e {
-            RecordingError::Truncated { .. } => foreign("ends before its provenance".into()),
-            other => other,
-        };
-        let provenance = loop {
-            let Some((offset, opcode, body)) = records.next_record().map_err(early)? else {
-                return Err(foreign("ends before its provenance".into()));
-            };
-            match opcode {
-                op::HEADER | op::METADATA => {}
-                _ => return Err(foreign("its provenance is not at the start".into())),
-            }
-            match parse_record(opcode, &body).map_err(|e| records.damaged(offset, e))? {
-                Record::Header(header) if header.profile != PROFILE => {
-                    return Err(foreign(format!("an MCAP file of profile '{}'", header.profile)));
-                }
-                Record::Metadata(data) if data.name == METADATA => {
-                    break provenance_of(data.metadata).map_err(foreign)?;
-                }
-                _ => {}
-            }
-        };
         let finished = records.has_footer()?;
-        Ok(Recording { path: path.into(), provenance, finished, bytes: records.length })
+        let (offset, pairs) = metadata_of(&mut records)?;
+        let foreign = |problem| RecordingError::Foreign { file: path.display().to_string(), problem };
+        let holds = checksum::holds(&pairs);
+        let doubt = (holds == Some(false))
+            .then(|| records.damaged(offset, "rig, scene or configuration do not match their checksum"));
+        let provenance = provenance_of(pairs).map_err(foreign)?;
+        let (path, checksum, bytes) = (path.into(), holds.is_some(), records.length);
+        Ok(Recording { path, provenance, checksum, doubt, finished, bytes })
     }
 
     /// Rig, scene, configuration, seeds and versions.
     pub fn provenance(&self) -> &Provenance {
         &self.provenance
+    }
+
+    /// Why the provenance cannot be trusted, where [`Recording::open_in_doubt`] took it as it is.
+    pub fn doubt(&self) -> Option<&RecordingError> {
+        self.doubt.as_ref()
+    }
+
+    /// True if the provenance has a checksum; recordings of former versions have none.
+    pub fn has_checksum(&self) -> bool {
+        self.checksum
     }
 
     /// True if the recorder closed the file in order; a crashed one leaves it without a footer.
@@ -78,8 +87,8 @@ impl Recording {
     /// All items in the order of the file, which is the order in which the recorder got them,
     /// with their log times.
     ///
-    /// After an error the iterator goes on behind the damage where it can find the next record
-    /// (`vitreo recover` makes use of that); a caller that needs an unbroken record stops there.
+    /// After an error the iterator goes on behind the damage, at the next good chunk (`vitreo
+    /// recover` makes use of that); a caller that needs an unbroken record stops there.
     pub fn items(&self) -> Items {
         self.items_of(&Item::TOPICS)
     }
@@ -88,11 +97,38 @@ impl Recording {
     /// work.
     pub fn items_of(&self, topics: &[&'static str]) -> Items {
         Items {
-            records: Records::open(&self.path).map_err(Some),
+            section: Records::open(&self.path).and_then(DataSection::new).map_err(Some),
+            file: self.path.display().to_string(),
             wanted: topics.to_vec(),
             topics: HashMap::new(),
+            channels_known: false,
             ready: VecDeque::new(),
-            ended: false,
+        }
+    }
+}
+
+/// The metadata at the file's start, and their place.
+fn metadata_of(records: &mut Records) -> Result<(u64, BTreeMap<String, String>), RecordingError> {
+    let file = records.file.clone();
+    let foreign = |problem: String| RecordingError::Foreign { file: file.clone(), problem };
+    loop {
+        let next = records.next_record().map_err(|e| match e {
+            RecordingError::Truncated { .. } => foreign("ends before its provenance".into()),
+            other => other,
+        });
+        let Some(Outer { offset, opcode, body }) = next? else {
+            return Err(foreign("ends before its provenance".into()));
+        };
+        match opcode {
+            op::HEADER | op::METADATA => {}
+            _ => return Err(foreign("its provenance is not at the start".into())),
+        }
+        match parse_record(opcode, &body).map_err(|e| records.damaged(offset, e))? {
+            Record::Header(header) if header.profile != PROFILE => {
+                return Err(foreign(format!("an MCAP file of profile '{}'", header.profile)));
+            }
+            Record::Metadata(data) if data.name == METADATA => return Ok((offset, data.metadata)),
+            _ => {}
         }
     }
 }
@@ -119,53 +155,58 @@ fn provenance_of(mut pairs: BTreeMap<String, String>) -> Result<Provenance, Stri
 #[derive(Debug)]
 pub struct Items {
     /// The error stands here until it has been given out.
-    records: Result<Records, Option<RecordingError>>,
+    section: Result<DataSection, Option<RecordingError>>,
+    file: String,
     /// Topics to decode.
     wanted: Vec<&'static str>,
     /// Topic by channel, of those.
-    topics: HashMap<u16, String>,
+    topics: HashMap<u16, &'static str>,
+    /// The file has told its channels.
+    channels_known: bool,
     /// What the last chunk held.
     ready: VecDeque<Result<(Nanos, Item), RecordingError>>,
-    ended: bool,
 }
 
 impl Items {
     /// Bytes of the file read so far, for a progress bar.
     pub fn bytes_read(&self) -> u64 {
-        self.records.as_ref().map_or(0, |r| r.offset)
+        self.section.as_ref().map_or(0, |section| section.records.offset)
     }
 
-    /// Reads one outer record; false at the end of the data.
+    /// Reads one chunk; false at the end of the data.
     fn advance(&mut self) -> Result<bool, RecordingError> {
-        let records = match &mut self.records {
-            Ok(records) => records,
+        let section = match &mut self.section {
+            Ok(section) => section,
             Err(failed) => return failed.take().map_or(Ok(false), Err),
         };
-        let Some((offset, opcode, body)) = records.next_record()? else { return Ok(false) };
-        let parsed = match opcode {
-            // The summary repeats what stands before it.
-            op::DATA_END | op::FOOTER => return Ok(false),
-            op::CHUNK => chunk_records(&body),
-            op::CHANNEL | op::MESSAGE => parse_record(opcode, &body).map(|record| vec![record]),
-            _ => return Ok(true),
-        };
-        let parsed = parsed.map_err(|e| records.damaged(offset, e))?;
-        let file = records.file.clone();
-        parsed.into_iter().for_each(|record| self.take(&file, record));
+        let Some(records) = section.next_chunk()? else { return Ok(false) };
+        if section.damaged && !self.channels_known {
+            self.assume_channels();
+        }
+        records.into_iter().for_each(|record| self.take(record));
         Ok(true)
     }
 
+    /// Where the chunk with the channels is lost, they are those that the writer makes.
+    fn assume_channels(&mut self) {
+        let all = (1..).zip(Item::TOPICS);
+        self.topics = all.filter(|(_, topic)| self.wanted.contains(topic)).collect();
+        self.channels_known = true;
+    }
+
     /// Decodes a message, or notes a channel.
-    fn take(&mut self, file: &str, record: Record<'_>) {
+    fn take(&mut self, record: Record<'_>) {
         match record {
-            Record::Channel(channel) if self.wanted.contains(&channel.topic.as_str()) => {
-                self.topics.insert(channel.id, channel.topic);
+            Record::Channel(channel) => {
+                self.channels_known = true;
+                let wanted = self.wanted.iter().find(|topic| **topic == channel.topic);
+                self.topics.extend(wanted.map(|topic| (channel.id, *topic)));
             }
             Record::Message { header, data } => {
                 let Some(topic) = self.topics.get(&header.channel_id) else { return };
                 let log_time_ns = header.log_time;
                 let refused = |problem| {
-                    let (file, topic) = (file.into(), topic.clone());
+                    let (file, topic) = (self.file.clone(), (*topic).into());
                     RecordingError::Message { file, topic, log_time_ns, problem }
                 };
                 let decoded = record::decode(topic, &data).map_err(refused);
@@ -173,12 +214,6 @@ impl Items {
             }
             _ => {}
         }
-    }
-
-    /// Behind a damaged chunk the next record begins where it should; a broken frame leaves
-    /// nothing to go by.
-    fn can_go_on_after(&self, error: &RecordingError) -> bool {
-        matches!(error, RecordingError::Damaged { offset, .. } if *offset < self.bytes_read())
     }
 }
 
@@ -190,15 +225,10 @@ impl Iterator for Items {
             if let Some(item) = self.ready.pop_front() {
                 return Some(item);
             }
-            if self.ended {
-                return None;
-            }
             match self.advance() {
-                Ok(more) => self.ended = !more,
-                Err(error) => {
-                    self.ended = !self.can_go_on_after(&error);
-                    return Some(Err(error));
-                }
+                Ok(true) => {}
+                Ok(false) => return None,
+                Err(error) => return Some(Err(error)),
             }
         }
     }
@@ -370,7 +400,10 @@ mod tests {
         bytes[ends[0] as usize + 80] ^= 0xff;
         fs::write(&path, &bytes).unwrap();
         let items: Vec<_> = Recording::open(&path).unwrap().items().collect();
-        assert_eq!(items.len(), 3);
+        assert_eq!(items.len(), 4);
+        let missing = items[3].as_ref().unwrap_err().to_string();
+        // The note and its copy for viewers.
+        assert!(missing.contains("2 of 6 messages"), "{missing}");
         let error = items[1].as_ref().unwrap_err();
         assert!(matches!(error, RecordingError::Damaged { offset, .. } if *offset == ends[0]), "{error}");
         assert!(matches!(&items[2], Ok((2, Item::Note(n))) if n.count == 2));

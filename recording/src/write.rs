@@ -1,56 +1,100 @@
 //! Writing a recording.
+//!
+//! The `mcap` crate writes into memory, where it cannot fail; whole pieces (a chunk with its indexes)
+//! go from there to the file, see [`super::disk`]. So a full disk costs time and no format: what
+//! could not be written waits, and the caller waits with the next items.
 
+use super::disk::{Disk, Medium, NamedFile};
 use super::{
-    FORMAT, Item, PROFILE, Provenance, RecordingError, descriptors, message_name, record, viewer_messages,
+    FORMAT, Item, PROFILE, Provenance, RecordingError, checksum, descriptors, message_name, record,
+    viewer_messages,
 };
 use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
 use mcap::{Compression, McapResult, WriteOptions};
 use protocol::time::Nanos;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, Write};
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 /// A chunk is closed before a message once it has passed this, so that with the message it stays
 /// below 32 KiB (checkpoints and pictures can be larger), bytes.
 const CHUNK_BYTES: u64 = 24 << 10;
-/// A chunk is closed at this age: half of what may be lost at a crash, ns.
-const CHUNK_AGE_NS: u64 = 100_000_000;
+/// A chunk is closed at this age, ns. With 40 ms until its age is looked at and twice as much for the
+/// disk, what may be lost stays below 200 ms.
+const CHUNK_AGE_NS: u64 = 80_000_000;
 /// Name of the metadata record with the provenance.
 pub(super) const METADATA: &str = "vitreo";
 
+/// What the `mcap` crate has written and the disk has not taken over yet.
+#[derive(Clone, Default)]
+struct Buffer(Arc<Mutex<Vec<u8>>>);
+
+impl Buffer {
+    fn take(&self) -> Vec<u8> {
+        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Write for Buffer {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+type Mcap = mcap::Writer<NoSeek<Buffer>>;
+
 /// A recording being written.
 ///
-/// Dropping it finishes the file as well; [`Writer::finish`] reports whether that worked.
+/// Only [`Writer::finish`] ends the file in order; one that is dropped is left as by a crash.
+///
+/// After an error nothing is forgotten: the item is kept, and [`Writer::flush_aged`] tries again.
+/// As long as errors come, a caller gives no further items.
 pub struct Writer {
     file: String,
-    mcap: mcap::Writer<BufWriter<File>>,
+    mcap: Mcap,
+    buffer: Buffer,
+    disk: Disk,
+    /// False for a file that is read once and removed.
+    lasting: bool,
     channels: [u16; Item::TOPICS.len()],
-    /// Channels of the messages for viewers; none in a temporary file.
-    viewers: Option<[u16; viewer_messages::TOPICS.len()]>,
+    viewers: [u16; viewer_messages::TOPICS.len()],
     sequences: BTreeMap<u16, u32>,
-    buffer: Vec<u8>,
+    message: Vec<u8>,
     /// When [`Writer::flush_aged`] first saw the open chunk.
     open_since: Option<Nanos>,
-    open: bool,
+    /// Items in the open chunk.
+    open: u64,
+    ended: bool,
 }
 
 impl Writer {
-    /// Writes the provenance at the start of an empty file; `path` is its name in errors.
+    /// Writes the provenance at the start of a file that is open and empty; `path` is its name, for
+    /// messages and for the directory entry that [`Writer::finish`] carries to the disk.
     ///
     /// # Errors
     /// Where the file cannot be written.
     pub fn on(target: File, path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
-        Self::begin(target, path, provenance, true)
+        let medium = NamedFile { file: target, path: path.into() };
+        Self::begin(path.display().to_string(), Box::new(medium), provenance, true)
     }
 
     /// The same for a file that is read once and removed: not compressed, without the messages for
-    /// viewers.
+    /// viewers, and not carried to the disk.
     ///
     /// # Errors
     /// Where the file cannot be written.
     pub fn temporary(target: File, path: &Path, provenance: &Provenance) -> Result<Self, RecordingError> {
-        Self::begin(target, path, provenance, false)
+        let medium = NamedFile { file: target, path: path.into() };
+        Self::begin(path.display().to_string(), Box::new(medium), provenance, false)
     }
 
     /// As [`Writer::on`], of a new file in the place of one of that name.
@@ -62,82 +106,144 @@ impl Writer {
         Self::on(File::create(path).map_err(io)?, path, provenance)
     }
 
-    fn begin(
-        target: File,
-        path: &Path,
+    pub(super) fn begin(
+        file: String,
+        medium: Box<dyn Medium>,
         provenance: &Provenance,
         lasting: bool,
     ) -> Result<Self, RecordingError> {
-        let file = path.display().to_string();
-        let target = BufWriter::with_capacity(64 << 10, target);
         let fail = |e: mcap::McapError| RecordingError::Write { file: file.clone(), problem: e.to_string() };
-        // Without seeking, a chunk reaches the file in one piece with its length and CRC known.
+        // Without seeking, a chunk reaches the buffer in one piece with its length and CRC known.
         let options = WriteOptions::new()
             .profile(PROFILE)
             .library(format!("vitreo {}", env!("CARGO_PKG_VERSION")))
             .compression(lasting.then_some(Compression::Zstd))
             .chunk_size(Some(CHUNK_BYTES))
             .disable_seeking(true);
-        let mut mcap = options.create(target).map_err(fail)?;
-        mcap.write_metadata(&Metadata { name: METADATA.into(), metadata: pairs(provenance) })
-            .map_err(fail)?;
+        let buffer = Buffer::default();
+        let mut mcap = options.create(NoSeek::new(buffer.clone())).map_err(fail)?;
+        let metadata = checksum::signed(pairs(provenance));
+        mcap.write_metadata(&Metadata { name: METADATA.into(), metadata }).map_err(fail)?;
         let (channels, viewers) = add_channels(&mut mcap).map_err(fail)?;
         mcap.flush().map_err(fail)?;
-        let (sequences, buffer) = (BTreeMap::new(), Vec::new());
-        let viewers = lasting.then_some(viewers);
-        Ok(Writer { file, mcap, channels, viewers, sequences, buffer, open_since: None, open: false })
+        let mut disk = Disk::new(file.clone(), medium);
+        disk.put(buffer.take(), 0);
+        disk.settle()?;
+        Ok(Writer {
+            file,
+            mcap,
+            buffer,
+            disk,
+            lasting,
+            channels,
+            viewers,
+            sequences: BTreeMap::new(),
+            message: Vec::new(),
+            open_since: None,
+            open: 0,
+            ended: false,
+        })
+    }
+
+    /// From now on carries to the disk what is written, on a thread of its own, so that a power
+    /// failure loses no more than a crash.
+    ///
+    /// # Errors
+    /// Where the system refuses a descriptor or a thread.
+    pub fn sync_along(&mut self) -> Result<(), RecordingError> {
+        self.disk.sync_along()
     }
 
     /// Appends an item, and its message for viewers where it has one. `log_time_ns` is the instant
     /// by which viewers sort; items keep the order of the calls.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// Where the file cannot be written; the item is kept.
     pub fn write(&mut self, log_time_ns: Nanos, item: &Item) -> Result<(), RecordingError> {
-        self.buffer.clear();
-        record::encode(item, &mut self.buffer);
+        self.message.clear();
+        record::encode(item, &mut self.message);
         self.append(self.channels[item.topic_index()], log_time_ns)?;
-        let Some(viewers) = self.viewers else { return Ok(()) };
-        self.buffer.clear();
-        if let Some(viewer) = viewer_messages::encode(item, &mut self.buffer) {
-            self.append(viewers[viewer], log_time_ns)?;
+        self.open += 1;
+        if self.lasting {
+            self.message.clear();
+            if let Some(viewer) = viewer_messages::encode(item, &mut self.message) {
+                self.append(self.viewers[viewer], log_time_ns)?;
+            }
         }
-        Ok(())
+        self.disk.settle()
     }
 
+    /// Appends the message. The chunk before it goes to the disk where it was large enough.
     fn append(&mut self, channel_id: u16, log_time: Nanos) -> Result<(), RecordingError> {
         let sequence = self.sequences.entry(channel_id).or_insert(0);
         let header = MessageHeader { channel_id, sequence: *sequence, log_time, publish_time: log_time };
         *sequence = sequence.wrapping_add(1);
-        self.open = true;
-        let written = self.mcap.write_to_known_channel(&header, &self.buffer);
-        written.map_err(|e| self.failure(e))
-    }
-
-    /// Closes and flushes the open chunk once it is 100 ms old. To be called at least every 50 ms
-    /// with the present instant, so that a crash loses at most 200 ms.
-    ///
-    /// # Errors
-    /// Where the file cannot be written.
-    pub fn flush_aged(&mut self, now_ns: Nanos) -> Result<(), RecordingError> {
-        if !self.open {
-            return Ok(());
-        }
-        let since = *self.open_since.get_or_insert(now_ns);
-        if now_ns.saturating_sub(since) >= CHUNK_AGE_NS {
-            self.mcap.flush().map_err(|e| self.failure(e))?;
-            (self.open, self.open_since) = (false, None);
+        let written = self.mcap.write_to_known_channel(&header, &self.message);
+        written.map_err(|e| self.failure(e))?;
+        let piece = self.buffer.take();
+        if !piece.is_empty() {
+            self.disk.put(piece, std::mem::take(&mut self.open));
+            self.open_since = None;
         }
         Ok(())
     }
 
-    /// Closes the last chunk and writes summary and footer.
+    /// Closes the open chunk once it is 80 ms old and writes it, and tries again what could not be
+    /// written. To be called at least every 40 ms with the present instant, so that a crash loses
+    /// at most 200 ms.
     ///
     /// # Errors
     /// Where the file cannot be written.
+    pub fn flush_aged(&mut self, now_ns: Nanos) -> Result<(), RecordingError> {
+        if self.open > 0 && !self.ended {
+            let since = *self.open_since.get_or_insert(now_ns);
+            if now_ns.saturating_sub(since) >= CHUNK_AGE_NS {
+                self.mcap.flush().map_err(|e| self.failure(e))?;
+                self.disk.put(self.buffer.take(), std::mem::take(&mut self.open));
+                self.open_since = None;
+            }
+        }
+        self.disk.settle()
+    }
+
+    /// Items that were given and are not on the file.
+    pub fn unwritten(&self) -> u64 {
+        self.open + self.disk.waiting_items()
+    }
+
+    /// Bytes on the file.
+    pub fn bytes(&self) -> u64 {
+        self.disk.length()
+    }
+
+    /// How long written bytes have been waiting for the disk, with [`Writer::sync_along`].
+    pub fn sync_lag(&self) -> Duration {
+        self.disk.sync_lag()
+    }
+
+    /// Closes the last chunk, writes summary and footer, and carries the file and its directory
+    /// entry to the disk.
+    ///
+    /// # Errors
+    /// Where the file cannot be written; it then ends with a whole chunk.
     pub fn finish(mut self) -> Result<(), RecordingError> {
-        let finished = self.mcap.finish();
-        finished.map(|_| ()).map_err(|e| self.failure(e))
+        self.end()
+    }
+
+    /// As [`Writer::finish`], for a caller that wants to know what became of the items.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn end(&mut self) -> Result<(), RecordingError> {
+        if !self.ended {
+            self.mcap.flush().map_err(|e| self.failure(e))?;
+            self.disk.put(self.buffer.take(), std::mem::take(&mut self.open));
+            self.mcap.finish().map_err(|e| self.failure(e))?;
+            self.disk.put(self.buffer.take(), 0);
+            self.ended = true;
+        }
+        self.disk.settle()?;
+        if self.lasting { self.disk.sync() } else { Ok(()) }
     }
 
     fn failure(&self, problem: mcap::McapError) -> RecordingError {
@@ -147,7 +253,7 @@ impl Writer {
 
 type Channels = ([u16; Item::TOPICS.len()], [u16; viewer_messages::TOPICS.len()]);
 
-fn add_channels(mcap: &mut mcap::Writer<BufWriter<File>>) -> McapResult<Channels> {
+fn add_channels(mcap: &mut Mcap) -> McapResult<Channels> {
     let none = BTreeMap::new();
     let descriptors = descriptors::file_descriptor_set();
     let (mut channels, mut viewers) = ([0; Item::TOPICS.len()], [0; viewer_messages::TOPICS.len()]);

@@ -109,9 +109,36 @@ impl InputHistory {
         }
     }
 
+    /// Gives up the steps that are waiting and goes on where a later checkpoint stood; how many of
+    /// them were given up. For a record with gaps.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] for a checkpoint that is damaged or belongs to another scene.
+    pub fn jump(
+        &mut self,
+        world: &mut World,
+        header: &CheckpointHeader,
+        bytes: &[u8],
+    ) -> Result<u64, CheckpointError> {
+        world.restore(bytes.get(..header.bytes as usize).unwrap_or(bytes))?;
+        let waiting = self.steps.len();
+        self.trim(header);
+        // The step of the checkpoint, or its inputs, may be among what is missing.
+        let next = self.steps.iter().position(|s| s.step > header.step).unwrap_or(self.steps.len());
+        self.steps.drain(..next);
+        self.handles.retain(|h| h.seq >= header.handles_below);
+        self.pedals.retain(|p| p.seq >= header.pedals_below);
+        Ok((waiting - self.steps.len()) as u64)
+    }
+
     /// The oldest recorded step that is waiting.
     pub fn waiting(&self) -> Option<&StepRecord> {
         self.steps.front()
+    }
+
+    /// Recorded steps that are waiting.
+    pub fn waiting_steps(&self) -> u64 {
+        self.steps.len() as u64
     }
 
     /// One recorded step: its pose and the hash of the state; `None` where an input is missing.
@@ -132,13 +159,21 @@ impl InputHistory {
 }
 
 /// Takes what a step consumed off the front of a queue: up to the first with number `below` − 1,
-/// which is also right where a restarted sender began again at 0. `None` if that one is missing.
+/// which is also right where a restarted sender began again at 0. `None` if that one is missing, or
+/// one before it.
 fn take<T>(queue: &mut VecDeque<T>, before: u64, below: u64, seq: impl Fn(&T) -> u64) -> Option<Vec<T>> {
     if below == before {
         return Some(Vec::new());
     }
     let last = queue.iter().position(|x| seq(x) + 1 == below)?;
-    Some(queue.drain(..=last).collect())
+    let numbers = queue.range(..=last).map(&seq);
+    // At its start a record may begin anywhere.
+    let follows = |next: &mut u64, number: u64| {
+        let follows = number == *next || number == 0 || *next == 0;
+        *next = number + 1;
+        Some(follows)
+    };
+    numbers.scan(before, follows).all(|follows| follows).then(|| queue.drain(..=last).collect())
 }
 
 #[cfg(test)]
@@ -197,6 +232,33 @@ mod tests {
         let (world, items) = record(100, &[10, 60]);
         let (again, resumed) = repeat(items);
         assert_eq!(resumed, ResumeOutcome { steps: 39, missing: 0, agrees: true });
+        assert_eq!(again.state(), world.state());
+    }
+
+    #[test]
+    fn over_a_gap_it_goes_on_from_a_later_checkpoint() {
+        let (world, items) = record(100, &[10, 60]);
+        let mut again = World::new(&SceneFile::load("peel").unwrap()).unwrap();
+        let mut past = InputHistory::default();
+        let mut checkpoints = Vec::new();
+        let lost = |item: &Entry| matches!(item, Entry::Handle(h) if h.field == 230);
+        for item in items.into_iter().filter(|item| !lost(item)) {
+            match item {
+                Entry::Checkpoint(header, bytes) => checkpoints.push((header, bytes)),
+                other => past.note(other),
+            }
+        }
+        let mut steps = 0;
+        while past.advance(&mut again).is_some() {
+            steps += 1;
+        }
+        assert_eq!((steps, past.waiting().map(|s| s.step)), (30, Some(31)));
+        let (header, bytes) = &checkpoints[1];
+        assert_eq!(past.jump(&mut again, header, bytes).unwrap(), 31);
+        while past.advance(&mut again).is_some() {
+            steps += 1;
+        }
+        assert_eq!(steps, 30 + 39);
         assert_eq!(again.state(), world.state());
     }
 

@@ -48,6 +48,8 @@ pub struct Figures {
     pub damage: Option<String>,
     /// It ends within a record, as after a crash.
     pub cut: bool,
+    /// The recorder did not close it in order.
+    pub unclosed: bool,
     /// Where and why the recording ceases to determine the result.
     pub lost: Option<String>,
     /// The comparison with the recording, with `--verify`.

@@ -4,20 +4,25 @@
 //! Tracker and simulation are not connected: the replay carries every message itself, so that
 //! each gets exactly what was recorded, in the recorded order.
 
+use super::turns::Checkpoint;
 use crate::children::{Child, Surroundings, end_all, wait_until_running};
 use crate::runtime::{StopSignal, Wakeups};
 use anyhow::{Context, bail};
+use ipc::logging::warn;
 use ipc::{Instance, Queue, Receiver, Sender, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Answer, Command, RecordedFrame, Request};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Health, Process};
+use protocol::journal::{self, Entry};
 use protocol::limits::MAX_WAIT_MS;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
 use protocol::steps::StepRecord;
 use recording::Provenance;
 use std::fmt::Debug;
+use std::fs::File;
+use std::io::BufWriter;
 use std::time::Duration;
 use tokio::time::Instant;
 
@@ -164,6 +169,7 @@ impl<M: Message + Debug> ProcessLink<M> {
         self.seq += 1;
         end_all(&self.children, &mut self.requests, self.seq).await;
         self.children.clear();
+        self.instance.clean_up_after_the_dead();
     }
 }
 
@@ -180,6 +186,8 @@ pub struct ReplayProcesses {
     pub tracker: ProcessLink<TrackerFrame>,
     /// The simulation.
     pub world: ProcessLink<StepRecord>,
+    /// Its arguments.
+    of_world: Vec<String>,
 }
 
 impl ReplayProcesses {
@@ -198,6 +206,7 @@ impl ReplayProcesses {
             poses: world.instance.sender()?,
             tracker,
             world,
+            of_world: Vec::new(),
         })
     }
 
@@ -221,7 +230,33 @@ impl ReplayProcesses {
         self.tracker.start(&["--rig".into(), rig, how.into()]).await?;
         let mut of_world = vec!["--scene".to_owned(), scene];
         of_world.extend(collision.into_iter().flat_map(|c| ["--collision".to_owned(), c.to_owned()]));
-        self.world.start(&of_world).await
+        self.of_world = of_world;
+        self.world.start(&self.of_world).await
+    }
+
+    /// Starts the simulation again at a recorded state; false where it refuses that (of another
+    /// version, say), and stands at its start.
+    ///
+    /// # Errors
+    /// Where it does not start at all, or the user stops.
+    pub async fn restore(&mut self, checkpoint: &Checkpoint) -> anyhow::Result<bool> {
+        let file = self.world.instance.directory().join("resume.journal");
+        let entry = Entry::Checkpoint(checkpoint.0, checkpoint.1.clone());
+        let written = File::create(&file)
+            .and_then(|out| journal::write(&mut BufWriter::new(out), [&entry].into_iter()));
+        written.with_context(|| file.display().to_string())?;
+        self.world.end().await;
+        let resume = ["--resume".to_owned(), file.display().to_string()];
+        match self.world.start(&[&self.of_world[..], &resume].concat()).await {
+            Ok(()) => Ok(true),
+            Err(error) if error.is::<Stopped>() => Err(error),
+            Err(error) => {
+                warn(&format!("step {}: its checkpoint is of no use: {error:#}", checkpoint.0.step));
+                self.world.end().await;
+                self.world.start(&self.of_world).await?;
+                Ok(false)
+            }
+        }
     }
 
     /// Ends both processes.

@@ -1,5 +1,6 @@
 //! Replaying a recorded run: the tracker tracks the recorded frames' fields, the simulation gets
-//! what each step consumed.
+//! what each step consumed. Where the recording has a gap, verification goes on from the next
+//! checkpoint with the recorded poses.
 
 use super::Shown;
 use super::outputs::Outputs;
@@ -17,7 +18,7 @@ use std::collections::VecDeque;
 /// and the queue holds 256.
 const WINDOW: usize = 12;
 
-/// Runs the recording once; returns the problem at which it ended, if it did not end well.
+/// Runs the recording once; returns what is wrong with the file first, if something is.
 ///
 /// # Errors
 /// Where a process fails, a file cannot be written, or the user stops.
@@ -29,6 +30,8 @@ pub async fn run(
 ) -> anyhow::Result<Option<RecordingError>> {
     let Shown { outputs, verdict } = shown;
     let mut turns = Turns::new(recording.items());
+    // The simulation's state is one that the recording determines.
+    let mut known = true;
     let mut under_way: VecDeque<(Turn, bool)> = VecDeque::with_capacity(WINDOW);
     let (mut more, mut stopped_early) = (true, false);
     loop {
@@ -59,13 +62,24 @@ pub async fn run(
         }
         // What the record does not determine cannot be compared.
         let determined = outputs.figures.lost.is_none();
-        let mut verdict = verdict.as_deref_mut().filter(|_| determined);
-        if let Some(verdict) = &mut verdict {
-            verdict.pose(&turn.recorded, &frame);
+        let frame = if determined { &frame } else { &*turn.recorded };
+        match verdict {
+            Some(verdict) if determined => verdict.pose(&turn.recorded, frame),
+            Some(verdict) => verdict.poses_undetermined += 1,
+            None => {}
         }
         if let Some(step) = &turn.step {
-            simulate(step, &frame, processes, outputs, verdict).await?;
+            known &= step.determined;
+            if let (Some(checkpoint), Some(_)) = (&step.resume, &verdict) {
+                known = processes.restore(checkpoint).await?;
+            }
+            known |= step.fresh && step.determined;
+            simulate(step, frame, processes, outputs, verdict.as_deref_mut(), known).await?;
         }
+    }
+    if let Some(verdict) = verdict {
+        verdict.missing += turns.missing;
+        verdict.undetermined += turns.strays;
     }
     if let (Some(why), None, false) = (&turns.lost, &outputs.figures.lost, stopped_early) {
         outputs.figures.lost = Some(format!("the last field: {why}"));
@@ -93,14 +107,17 @@ async fn simulate(
     processes: &mut ReplayProcesses,
     outputs: &mut Outputs,
     verdict: Option<&mut Verdict>,
+    known: bool,
 ) -> anyhow::Result<()> {
     if step.fresh {
         processes.world.command(Command::Reset).await?;
     }
     let made = processes.step(&step.handles, &step.pedals, frame).await?;
     outputs.step(&made);
-    if let (Some(recorded), Some(verdict)) = (&step.recorded, verdict) {
-        verdict.step(recorded, &made);
+    match (&step.recorded, verdict) {
+        (Some(recorded), Some(verdict)) if known => verdict.step(recorded, &made),
+        (Some(_), Some(verdict)) => verdict.pass_over(),
+        _ => {}
     }
     Ok(())
 }

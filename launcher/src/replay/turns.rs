@@ -4,13 +4,17 @@
 //! The recorder wrote blocks in the order of arrival, which is not quite the order of cause:
 //! a field can stand behind the frame that consumed it. So items are read some time ahead, and
 //! what belongs together is matched by number.
+//!
+//! Where something is missing, the poses that follow are not determined any more, because the tracker
+//! remembers what it saw. Steps are made of the recorded poses then; where they lack something too,
+//! their states are determined again from the next checkpoint on.
 
 use protocol::blobs::BlobField;
 use protocol::control::RecordedFrame;
 use protocol::handles::{HandleState, PedalState};
 use protocol::message::Message;
 use protocol::poses::{FieldUsed, TrackerFrame};
-use protocol::steps::StepRecord;
+use protocol::steps::{CheckpointHeader, StepRecord};
 use protocol::time::Nanos;
 use recording::{Item, NoteKind, RecordingError};
 use std::collections::VecDeque;
@@ -19,6 +23,9 @@ use std::collections::VecDeque;
 const AHEAD_NS: u64 = 500_000_000;
 /// How far a step may stand behind its pose: the simulation may have been started again, ns.
 const STEP_AHEAD_NS: u64 = 30_000_000_000;
+/// How far a checkpoint may stand behind the steps after it, where a recorder that stood still filed
+/// what had waited channel by channel, ns.
+const CHECKPOINT_AHEAD_NS: u64 = 10_000_000_000;
 /// Camera-fields kept for frames to come: more than ten seconds of three cameras.
 const FIELDS_KEPT: usize = 2048;
 
@@ -33,7 +40,14 @@ pub struct StepTurn {
     pub pedals: Vec<PedalState>,
     /// What was recorded; `None` for a step that a restarted simulation made again in silence.
     pub recorded: Option<StepRecord>,
+    /// The recording determines its state.
+    pub determined: bool,
+    /// The state before it, where it is determined again after a loss.
+    pub resume: Option<Box<Checkpoint>>,
 }
+
+/// A recorded state of the simulation.
+pub type Checkpoint = (CheckpointHeader, Vec<u8>);
 
 /// One tracker frame and the step made of it.
 #[derive(Debug, Clone)]
@@ -46,7 +60,7 @@ pub struct Turn {
     pub recorded: Box<TrackerFrame>,
     /// The step, if the simulation made one.
     pub step: Option<StepTurn>,
-    /// Why from this turn on the recording does not determine the result; given once.
+    /// Why from this turn on the recording does not determine the result; given once for each loss.
     pub lost: Option<String>,
 }
 
@@ -55,6 +69,7 @@ pub struct Turn {
 enum Pending {
     Pose(Box<TrackerFrame>),
     Step(StepRecord),
+    Checkpoint(Box<Checkpoint>),
     Lost(String),
 }
 
@@ -69,10 +84,19 @@ pub struct Turns<I> {
     handles: Consumed<HandleState>,
     pedals: Consumed<PedalState>,
     last_step: Option<StepRecord>,
+    last_frame: Option<u64>,
     begun: bool,
+    /// Since the last loss no state has been determined.
+    undetermined: bool,
+    /// Recorded steps without their poses.
+    pub strays: u64,
+    /// Steps that were made and whose poses or records are missing, by their numbers.
+    pub missing: u64,
+    /// The newest checkpoint that was passed.
+    checkpoint: Option<Box<Checkpoint>>,
     /// A loss that no turn has reported yet; at the end, one behind the last turn.
     pub lost: Option<String>,
-    /// The error at which the recording ends, if it does not end well.
+    /// What is wrong with the file first, if something is.
     pub damage: Option<RecordingError>,
 }
 
@@ -89,7 +113,12 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             handles: Consumed::new("handle", |h: &HandleState| h.seq),
             pedals: Consumed::new("pedal", |p: &PedalState| p.seq),
             last_step: None,
+            last_frame: None,
             begun: false,
+            undetermined: false,
+            strays: 0,
+            missing: 0,
+            checkpoint: None,
             lost: None,
             damage: None,
         }
@@ -100,8 +129,12 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         let (at, item) = match self.items.next() {
             Some(Ok(next)) if !self.ended => next,
             Some(Err(error)) if !self.ended => {
-                (self.ended, self.damage) = (true, Some(error));
-                return false;
+                if !matches!(error, RecordingError::Truncated { .. }) {
+                    let lost = Pending::Lost(error.to_string());
+                    self.pending.push_back((self.place, self.horizon_ns, lost));
+                }
+                self.damage.get_or_insert(error);
+                return true;
             }
             _ => {
                 self.ended = true;
@@ -122,6 +155,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             Item::Pedal(pedal) => self.pedals.waiting.push_back((self.place, pedal)),
             Item::Poses(frame) => wait(Pending::Pose(frame)),
             Item::Step(step) => wait(Pending::Step(step)),
+            Item::Checkpoint(header, state) => wait(Pending::Checkpoint(Box::new((header, state)))),
             Item::Note(note) if note.kind == NoteKind::Loss => wait(Pending::Lost(note.text)),
             _ => {}
         }
@@ -132,8 +166,15 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         while self.horizon_ns < at && self.read() {}
     }
 
-    /// Notes the first reason why the result is no longer determined.
+    /// Notes why states are no longer determined, nor poses.
     fn lose(&mut self, why: impl FnOnce() -> String) {
+        self.undetermined = true;
+        self.lose_poses(why);
+    }
+
+    /// Notes why poses are no longer determined. Steps are all the same: they are made of the recorded
+    /// poses, and by their numbers nothing that they consumed is missing.
+    fn lose_poses(&mut self, why: impl FnOnce() -> String) {
         if self.lost.is_none() {
             self.lost = Some(why());
         }
@@ -171,25 +212,36 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         match self.find_step(frame, at) {
             StepSearch::Found(index) => {
                 let (_, _, Pending::Step(step)) = self.pending.remove(index)? else { return None };
-                Some(self.recorded_step(step))
+                Some(self.recorded_step(step, at))
             }
             // A simulation that resumes makes the steps since its checkpoint again, in silence.
             StepSearch::PassedOver { next, poses } if next > last + 1 && poses < next - last => {
                 self.last_step = self.last_step.map(|s| StepRecord { step: s.step + 1, ..s });
                 let handles = self.handles.before(place);
                 let pedals = self.pedals.before(place);
-                Some(StepTurn { fresh: false, handles, pedals, recorded: None })
+                let determined = !self.undetermined;
+                Some(StepTurn { fresh: false, handles, pedals, recorded: None, determined, resume: None })
             }
             _ => None,
         }
     }
 
-    fn recorded_step(&mut self, step: StepRecord) -> StepTurn {
+    fn recorded_step(&mut self, step: StepRecord, at: Nanos) -> StepTurn {
         let fresh = step.step <= 1 && self.last_step.is_some();
         let expected = if fresh { 0 } else { self.last_step.map_or(0, |s| s.step) } + 1;
         if step.step > expected {
+            self.missing += step.step - expected;
             self.lose(|| format!("step {} follows {} (field {})", step.step, expected - 1, step.field));
         }
+        if self.undetermined {
+            self.read_until(at.saturating_add(CHECKPOINT_AHEAD_NS));
+        }
+        let resume = self.undetermined.then(|| self.checkpoint_before(&step)).flatten();
+        if let Some((header, _)) = resume.as_deref() {
+            self.handles.skip(header.handles_below);
+            self.pedals.skip(header.pedals_below);
+        }
+        self.undetermined &= resume.is_none() && !fresh;
         self.last_step = Some(step);
         if fresh {
             (self.handles.below, self.pedals.below) = (0, 0);
@@ -201,28 +253,53 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             self.lose(|| format!("{what} (field {})", step.field));
         }
         let (handles, pedals) = (handles.unwrap_or_default(), pedals.unwrap_or_default());
-        StepTurn { fresh, handles, pedals, recorded: Some(step) }
+        let determined = !self.undetermined;
+        let resume = resume.filter(|_| determined);
+        StepTurn { fresh, handles, pedals, recorded: Some(step), determined, resume }
+    }
+
+    /// The checkpoint of the state before a step. It may stand a little behind the step in the
+    /// recording; one of the same number but another state belongs to an earlier run of the
+    /// simulation.
+    fn checkpoint_before(&self, step: &StepRecord) -> Option<Box<Checkpoint>> {
+        let ahead = self.pending.iter().filter_map(|(_, _, pending)| match pending {
+            Pending::Checkpoint(checkpoint) => Some(checkpoint),
+            _ => None,
+        });
+        let last = self.last_step.filter(|last| last.step + 1 == step.step);
+        let fits = |of: &CheckpointHeader| {
+            of.step + 1 == step.step && last.is_none_or(|last| last.state_hash == of.state_hash)
+        };
+        self.checkpoint.iter().chain(ahead).find(|checkpoint| fits(&checkpoint.0)).cloned()
     }
 
     /// A step without its pose: a repeated one is no matter, another one is a loss.
     fn stray_step(&mut self, step: &StepRecord) {
         let repeated = self.last_step.is_some_and(|last| step.step <= last.step && step.step > 1);
         if !repeated {
+            self.strays += 1;
+            self.last_step = Some(*step);
             self.lose(|| format!("the poses of step {} (field {}) are missing", step.step, step.field));
         }
     }
 
     fn turn(&mut self, frame: Box<TrackerFrame>, place: u64, at: Nanos) -> Turn {
+        let before = self.last_frame.replace(frame.frame);
+        if before.is_some_and(|before| frame.frame != before + 1 && frame.frame != 0) {
+            self.lose_poses(|| format!("tracker frame {} follows {}", frame.frame, before.unwrap_or(0)));
+        }
         self.read_until(at.saturating_add(AHEAD_NS));
         if !std::mem::replace(&mut self.begun, true) && frame.frame != 0 {
-            self.lose(|| format!("the recording begins at tracker frame {}, not at 0", frame.frame));
+            self.lose_poses(|| format!("the recording begins at tracker frame {}, not at 0", frame.frame));
         }
         let mut fields = Vec::with_capacity(frame.used().len());
         for used in frame.used() {
             let is_it = |f: &BlobField| key(f) == (used.camera, used.field, used.exposed_ns);
             match self.fields.iter().position(is_it).and_then(|i| self.fields.remove(i)) {
                 Some(field) => fields.push(field),
-                None => self.lose(|| format!("field {} of camera {} is missing", used.field, used.camera)),
+                None => {
+                    self.lose_poses(|| format!("field {} of camera {} is missing", used.field, used.camera))
+                }
             }
         }
         let step = self.step_of(&frame, place, at);
@@ -238,7 +315,8 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Iterator for Tur
             match self.pending.pop_front() {
                 Some((place, at, Pending::Pose(frame))) => return Some(self.turn(frame, place, at)),
                 Some((_, _, Pending::Step(step))) => self.stray_step(&step),
-                Some((_, _, Pending::Lost(text))) => self.lose(|| text),
+                Some((_, _, Pending::Lost(text))) => self.lose_poses(|| text),
+                Some((_, _, Pending::Checkpoint(checkpoint))) => self.checkpoint = Some(checkpoint),
                 None => {
                     if !self.read() {
                         return None;
@@ -305,8 +383,27 @@ impl<M: Message> Consumed<M> {
         let Some(last) = last else {
             return Err(format!("{} state {} is missing", self.name, below.wrapping_sub(1)));
         };
+        let mut next = self.below;
+        let taken: Vec<M> = self.waiting.drain(..=last).map(|(_, m)| m).collect();
         self.below = below;
-        Ok(self.waiting.drain(..=last).map(|(_, m)| m).collect())
+        for number in taken.iter().map(self.seq) {
+            // A recording may begin anywhere, and a sender that was started again counts from 0.
+            if number != next && number != 0 && next != 0 {
+                return Err(format!("{} state {next} is missing", self.name));
+            }
+            next = number + 1;
+        }
+        Ok(taken)
+    }
+
+    /// Forgets what a checkpoint's state has consumed.
+    fn skip(&mut self, below: u64) {
+        let last = self.waiting.iter().position(|(_, m)| (self.seq)(m) + 1 == below);
+        match last {
+            Some(last) => drop(self.waiting.drain(..=last)),
+            None => self.waiting.retain(|(_, m)| (self.seq)(m) >= below),
+        }
+        self.below = below;
     }
 
     /// What had come before a place of the recording.
@@ -321,148 +418,4 @@ impl<M: Message> Consumed<M> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use bytemuck::Zeroable;
-    use recording::Note;
-
-    const MS: u64 = 1_000_000;
-
-    fn blobs(camera: u32, field: u64) -> Item {
-        let mut block = BlobField::zeroed();
-        (block.camera, block.field, block.exposed_ns) = (camera, field, (field + 1) * 20 * MS);
-        Item::Blobs(Box::new(block))
-    }
-
-    fn pose(frame: u64, used: &[(u32, u64)]) -> Item {
-        let mut block = TrackerFrame::zeroed();
-        (block.frame, block.field) = (frame, frame + 10);
-        for (slot, &(camera, field)) in block.used.iter_mut().zip(used) {
-            *slot = FieldUsed { field, exposed_ns: (field + 1) * 20 * MS, camera, blobs_used: 3 };
-        }
-        block.used_count = used.len() as u32;
-        Item::Poses(Box::new(block))
-    }
-
-    fn step(number: u64, frame: u64, handles_below: u64) -> Item {
-        Item::Step(StepRecord {
-            step: number,
-            frame,
-            field: frame + 10,
-            handles_below,
-            state_hash: number * 7,
-            ..StepRecord::zeroed()
-        })
-    }
-
-    fn handle(seq: u64) -> Item {
-        Item::Handle(HandleState { seq, ..HandleState::zeroed() })
-    }
-
-    fn turns(items: Vec<(u64, Item)>) -> Vec<Turn> {
-        Turns::new(items.into_iter().map(|(ms, item)| Ok((ms * MS, item)))).collect()
-    }
-
-    fn handles(turn: &Turn) -> Vec<u64> {
-        turn.step.as_ref().map_or(Vec::new(), |s| s.handles.iter().map(|h| h.seq).collect())
-    }
-
-    #[test]
-    fn what_was_consumed_is_found_even_behind_its_consumer() {
-        let all = turns(vec![
-            (1, blobs(0, 0)),
-            (2, pose(0, &[(0, 0), (1, 0)])),
-            (2, step(1, 0, 2)),
-            (3, handle(0)),
-            (3, handle(1)),
-            (4, blobs(1, 0)),
-            (4, handle(2)),
-            (20, blobs(0, 1)),
-            (21, pose(1, &[(0, 1)])),
-            (23, step(2, 1, 2)),
-        ]);
-        assert_eq!(all.len(), 2);
-        assert!(all.iter().all(|t| t.lost.is_none()), "{:?}", all[0].lost);
-        let used = all[0].fields.iter().map(|f| (f.camera, f.field)).collect::<Vec<_>>();
-        assert_eq!(used, [(0, 0), (1, 0)]);
-        assert_eq!((all[0].request.used_count, all[0].request.field), (2, 10));
-        assert_eq!((handles(&all[0]), handles(&all[1])), (vec![0, 1], vec![]));
-    }
-
-    #[test]
-    fn a_pose_that_was_not_stepped_has_no_step() {
-        let all = turns(vec![
-            (1, pose(0, &[])),
-            (1, step(1, 0, 0)),
-            (20, pose(1, &[])),
-            (40, pose(2, &[])),
-            (41, step(2, 2, 0)),
-        ]);
-        assert_eq!(all.iter().map(|t| t.step.is_some()).collect::<Vec<_>>(), [true, false, true]);
-        assert!(all.iter().all(|t| t.lost.is_none()));
-    }
-
-    #[test]
-    fn steps_made_again_in_silence_are_made_with_what_had_come() {
-        // The simulation died after step 1; its successor made step 2 from pose 1, and published
-        // step 3.
-        let all = turns(vec![
-            (1, pose(0, &[])),
-            (1, step(1, 0, 0)),
-            (19, handle(0)),
-            (20, pose(1, &[])),
-            (39, handle(1)),
-            (40, pose(2, &[])),
-            (41, step(3, 2, 2)),
-        ]);
-        assert!(all.iter().all(|t| t.lost.is_none()), "{all:?}");
-        assert!(all[1].step.as_ref().is_some_and(|s| s.recorded.is_none()));
-        assert_eq!((handles(&all[1]), handles(&all[2])), (vec![0], vec![1]));
-    }
-
-    #[test]
-    fn restarted_senders_are_followed() {
-        let all = turns(vec![
-            (1, handle(7)),
-            (1, handle(8)),
-            (2, pose(0, &[])),
-            (2, step(1, 0, 9)),
-            (3, handle(9)),
-            (4, handle(0)),
-            (5, handle(1)),
-            (6, pose(1, &[])),
-            (6, step(2, 1, 1)),
-            (7, pose(0, &[])),
-            (7, step(1, 0, 2)),
-        ]);
-        assert_eq!(all.iter().map(handles).collect::<Vec<_>>(), [vec![7, 8], vec![9, 0], vec![1]]);
-        let fresh: Vec<_> = all.iter().map(|t| t.step.as_ref().unwrap().fresh).collect();
-        assert_eq!(fresh, [false, false, true]);
-    }
-
-    #[test]
-    fn losses_are_named_once_where_they_are() {
-        let lost = |items| turns(items).into_iter().filter_map(|t| t.lost).collect::<Vec<_>>();
-        let missing_field =
-            vec![(1, pose(0, &[(2, 5)])), (1, step(1, 0, 0)), (2, pose(1, &[])), (2, step(2, 1, 0))];
-        assert_eq!(lost(missing_field), ["field 5 of camera 2 is missing"]);
-        let middle = vec![(1, pose(4, &[])), (1, step(1, 4, 0))];
-        assert_eq!(lost(middle), ["the recording begins at tracker frame 4, not at 0"]);
-        let handle_gone = vec![(1, pose(0, &[])), (1, step(1, 0, 4))];
-        assert_eq!(lost(handle_gone), ["handle state 3 is missing (field 10)"]);
-        let step_gone = vec![(1, pose(0, &[])), (1, step(1, 0, 0)), (2, pose(1, &[])), (2, step(4, 1, 0))];
-        assert_eq!(lost(step_gone), ["step 4 follows 1 (field 11)"]);
-        let text = "3 items did not fit".to_string();
-        let note = Note { instant_ns: 0, kind: NoteKind::Loss, process: None, count: 3, text: text.clone() };
-        assert_eq!(lost(vec![(1, Item::Note(note)), (2, pose(0, &[]))]), [text]);
-    }
-
-    #[test]
-    fn damage_ends_the_turns_and_is_kept() {
-        let damage = RecordingError::Truncated { file: "a".into(), offset: 9 };
-        let items = vec![Ok((1, pose(0, &[]))), Err(damage), Ok((2, pose(1, &[])))];
-        let mut turns = Turns::new(items.into_iter());
-        assert_eq!(turns.by_ref().count(), 1);
-        assert!(matches!(turns.damage, Some(RecordingError::Truncated { offset: 9, .. })));
-    }
-}
+mod tests;

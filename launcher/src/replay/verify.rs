@@ -11,6 +11,18 @@ pub struct Verdict {
     pub poses: u64,
     /// Steps whose states were compared.
     pub steps: u64,
+    /// Runs of steps in which they lie: one more than gaps that a checkpoint bridged.
+    pub stretches: u64,
+    /// Recorded steps whose state the recording does not determine, behind a gap and before the next
+    /// checkpoint.
+    pub undetermined: u64,
+    /// Steps that were made and whose poses or records are missing, by their numbers.
+    pub missing: u64,
+    /// Tracker frames behind the first gap: the tracker remembers what it saw.
+    pub poses_undetermined: u64,
+    /// The last step belongs to a stretch.
+    #[serde(skip)]
+    pub(super) in_stretch: bool,
     /// Version of the recording's state hashes where it is not this build's: states are not
     /// compared.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -44,6 +56,7 @@ impl Verdict {
     pub fn step(&mut self, recorded: &StepRecord, replayed: &StepRecord) {
         let comparable = self.other_state_hash_version.is_none();
         self.steps += u64::from(comparable);
+        self.stretches += u64::from(!std::mem::replace(&mut self.in_stretch, true));
         let of = |s: &StepRecord| (s.step, s.field, s.advanced_ns, if comparable { s.state_hash } else { 0 });
         if of(recorded) != of(replayed) {
             let say = |s: &StepRecord| {
@@ -52,6 +65,24 @@ impl Verdict {
             let (a, b) = (say(recorded), say(replayed));
             self.differs(format!("field {}: recorded {a}; replayed {b}", recorded.field));
         }
+    }
+
+    /// A recorded step whose state is not determined.
+    pub fn pass_over(&mut self) {
+        self.undetermined += 1;
+        self.in_stretch = false;
+    }
+
+    /// What could not be compared; empty where everything was.
+    pub fn left_out(&self) -> String {
+        let Verdict { stretches, undetermined, missing, poses_undetermined, .. } = self;
+        if undetermined + missing + poses_undetermined == 0 {
+            return String::new();
+        }
+        format!(
+            "; in {stretches} stretches: {undetermined} steps and {poses_undetermined} poses behind gaps \
+             could not be verified, {missing} steps lack their poses or their record"
+        )
     }
 }
 
@@ -102,6 +133,20 @@ mod tests {
         let step = StepRecord { field: 42, ..StepRecord::zeroed() };
         verdict.step(&step, &StepRecord { state_hash: 1, ..step });
         assert_eq!(verdict.difference.as_ref(), Some(&text), "the first one stays");
+    }
+
+    #[test]
+    fn stretches_are_runs_of_steps_that_could_be_compared() {
+        let mut verdict = Verdict::default();
+        let step = StepRecord { field: 42, ..StepRecord::zeroed() };
+        assert_eq!(verdict.left_out(), "");
+        verdict.step(&step, &step);
+        verdict.step(&step, &step);
+        verdict.pass_over();
+        verdict.pass_over();
+        verdict.step(&step, &step);
+        assert_eq!((verdict.steps, verdict.stretches, verdict.undetermined), (3, 2, 2));
+        assert!(verdict.left_out().contains("in 2 stretches: 2 steps"));
     }
 
     #[test]

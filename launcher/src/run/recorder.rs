@@ -1,29 +1,47 @@
-//! The recorder: writes on a thread for blocking work behind a bounded queue, so that a slow disk
-//! delays nothing else. What does not fit the queue is counted, and the gap is recorded as a note.
+//! The recorder: writes on a thread of its own behind a bounded queue, so that a slow, full or hung
+//! disk delays nothing else. What does not fit the queue is counted, and the gap is recorded as a
+//! note.
+//!
+//! While the disk is full, the thread takes no further items and tries again; what it holds is
+//! written as soon as there is space. It is a plain thread, which nobody waits for: a write that
+//! never returns holds up neither the report nor the end of the program.
 
 use super::report::RecordingFigures;
+use anyhow::Context;
 use ipc::clock::now;
 use outputs::GrowingFile;
 use protocol::time::Nanos;
-use recording::{Item, Note, Provenance, RecordingError, Writer};
-use std::sync::{Arc, OnceLock};
-use std::time::Duration;
-use tokio::runtime::Handle;
-use tokio::sync::mpsc::error::TrySendError;
-use tokio::sync::mpsc::{Receiver, Sender, channel};
-use tokio::task::{JoinHandle, spawn_blocking};
+use recording::{Item, Note, NoteKind, Provenance, RecordingError, Writer};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
 use tokio::time::timeout;
 
 /// Items that wait for the disk at most: about fifteen seconds of a run.
 const QUEUE: usize = 8192;
 /// Longest time until the writer looks whether a chunk is due.
 const CHUNK_CHECK: Duration = Duration::from_millis(40);
+/// Time between two attempts while the disk refuses.
+const RETRY: Duration = Duration::from_millis(100);
+/// From here on a write that has not returned is told.
+const STALL: Duration = Duration::from_secs(1);
+/// What is queued gets this long to be written when a run ends; with what else ends, a run is over
+/// within 5 s of being asked to.
+const FINISH: Duration = Duration::from_secs(3);
 
-/// Anything that stores items.
+/// Anything that stores items. After an error it keeps the item, and `keep_up` tries again.
 trait Store: Send + 'static {
     fn write(&mut self, at: Nanos, item: &Item) -> Result<(), RecordingError>;
     fn keep_up(&mut self, now: Nanos) -> Result<(), RecordingError>;
-    fn finish(self) -> Result<(), RecordingError>;
+    fn finish(&mut self) -> Result<(), RecordingError>;
+    /// Items that were given and are not on the file.
+    fn unwritten(&self) -> u64;
+    fn bytes(&self) -> u64;
+    /// How long written bytes have been waiting for the disk.
+    fn sync_lag(&self) -> Duration;
 }
 
 impl Store for Writer {
@@ -35,21 +53,34 @@ impl Store for Writer {
         Writer::flush_aged(self, now)
     }
 
-    fn finish(self) -> Result<(), RecordingError> {
-        Writer::finish(self)
+    fn finish(&mut self) -> Result<(), RecordingError> {
+        Writer::end(self)
+    }
+
+    fn unwritten(&self) -> u64 {
+        Writer::unwritten(self)
+    }
+
+    fn bytes(&self) -> u64 {
+        Writer::bytes(self)
+    }
+
+    fn sync_lag(&self) -> Duration {
+        Writer::sync_lag(self)
     }
 }
 
 /// A recording that is being written.
 pub struct Recorder {
     file: GrowingFile,
-    /// `None` once nothing more can be written.
-    queue: Option<Sender<(Nanos, Item)>>,
-    task: JoinHandle<()>,
+    /// `None` once the thread is gone.
+    queue: Option<SyncSender<(Nanos, Item)>>,
+    ended: oneshot::Receiver<()>,
+    thread: thread::Thread,
     gap: Gap,
-    items: u64,
-    /// Why writing ended early.
-    failure: Arc<OnceLock<String>>,
+    /// Items that were queued.
+    queued: u64,
+    progress: Arc<Progress>,
 }
 
 /// Counts what is missing, until a note about it could be placed.
@@ -59,14 +90,61 @@ struct Gap {
     total: u64,
 }
 
+/// What the thread is doing, for those who do not wait for it.
+#[derive(Default)]
+struct Progress(Mutex<State>);
+
+#[derive(Default)]
+struct State {
+    /// What it is doing with the file, since when.
+    busy: Option<(&'static str, Instant)>,
+    /// Why nothing can be written now; since when.
+    trouble: Option<(String, Instant)>,
+    sync_lag: Duration,
+    /// Items on the file.
+    written: u64,
+    /// Notes of the thread's own, on the file or not.
+    own_notes: u64,
+    bytes: u64,
+    /// No further items come.
+    ending: bool,
+    /// A note about the last gap, to be written at the end.
+    last_note: Option<(Nanos, Item)>,
+    /// Why the file could not be ended.
+    failure: Option<String>,
+    finished: bool,
+}
+
+impl Progress {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl State {
+    /// Why nothing is written at the moment, if so.
+    fn stall(&self, file: &Path) -> Option<String> {
+        let file = file.display();
+        if let Some((what, since)) = self.busy.filter(|(_, since)| since.elapsed() >= STALL) {
+            return Some(format!("blocked in {what} {file} for {:.0} s", since.elapsed().as_secs_f64()));
+        }
+        if let Some((problem, _)) = &self.trouble {
+            return Some(problem.clone());
+        }
+        let lag = self.sync_lag;
+        (lag >= STALL).then(|| format!("the disk has not confirmed {file} for {:.0} s", lag.as_secs_f64()))
+    }
+}
+
 impl Recorder {
-    /// Starts writing. To be called within the runtime.
+    /// Starts writing.
     ///
     /// # Errors
-    /// Where the file cannot be written.
+    /// Where the file cannot be written, or a thread cannot be made.
     pub fn start(file: GrowingFile, provenance: &Provenance) -> anyhow::Result<Self> {
-        let writer = Writer::on(file.handle()?, file.path(), provenance)?;
-        Ok(Self::with(file, writer, QUEUE))
+        let mut writer = Writer::on(file.handle()?, file.path(), provenance)?;
+        writer.sync_along()?;
+        Self::with(file, writer, QUEUE)
     }
 
     /// Gives the file its name: what it records has begun.
@@ -77,12 +155,19 @@ impl Recorder {
         Ok(self.file.appear()?)
     }
 
-    fn with(file: GrowingFile, store: impl Store, capacity: usize) -> Self {
-        let (queue, items) = channel(capacity);
-        let failure = Arc::new(OnceLock::new());
-        let (kept, runtime) = (Arc::clone(&failure), Handle::current());
-        let task = spawn_blocking(move || write_all(items, store, &runtime, &kept));
-        Recorder { file, queue: Some(queue), task, gap: Gap::default(), items: 0, failure }
+    fn with(file: GrowingFile, store: impl Store, capacity: usize) -> anyhow::Result<Self> {
+        let (queue, items) = sync_channel(capacity);
+        let (end, ended) = oneshot::channel();
+        let progress = Arc::new(Progress::default());
+        let own = Arc::clone(&progress);
+        let work = move || {
+            Thread { items, store, progress: own, taken: 0 }.work();
+            let _ = end.send(());
+        };
+        let started = thread::Builder::new().name("recorder".into()).spawn(work);
+        let thread = started.context("start the recorder")?.thread().clone();
+        let gap = Gap::default();
+        Ok(Recorder { file, queue: Some(queue), ended, thread, gap, queued: 0, progress })
     }
 
     /// Offers an item; never waits.
@@ -93,48 +178,62 @@ impl Recorder {
         };
         if self.gap.open > 0 && queue.try_send((at, self.gap.note(at))).is_ok() {
             self.gap.open = 0;
-            self.items += 1;
+            self.queued += 1;
         }
         match queue.try_send((at, item)) {
-            Ok(()) => self.items += 1,
+            Ok(()) => self.queued += 1,
             Err(TrySendError::Full(_)) => {
                 self.gap.open += 1;
                 self.gap.total += 1;
             }
-            Err(TrySendError::Closed(_)) => {
+            Err(TrySendError::Disconnected(_)) => {
                 self.gap.total += 1;
                 self.queue = None;
             }
         }
     }
 
-    /// Items that did not reach the file so far.
+    /// Items that will not reach the file, so far.
     pub fn lost(&self) -> u64 {
         self.gap.total
     }
 
-    /// Why nothing more is written, if so.
-    pub fn problem(&self) -> Option<&str> {
-        let stopped = self.queue.is_none();
-        stopped.then(|| self.failure.get().map_or("the recorder stopped", String::as_str))
+    /// Why nothing is written at the moment, if so.
+    pub fn problem(&self) -> Option<String> {
+        let stopped = self.queue.is_none().then(|| "the recorder stopped".to_owned());
+        stopped.or_else(|| self.progress.lock().stall(self.file.path()))
     }
 
-    /// Writes what is queued, ends the file, and returns what became of it.
+    /// Lets what is queued be written and the file be ended, and returns what became of it, after
+    /// three seconds at the latest.
     pub async fn finish(mut self) -> RecordingFigures {
-        if let (Some(queue), 1..) = (&self.queue, self.gap.open) {
-            // The writer empties the queue; waiting is no harm now.
+        {
+            let mut state = self.progress.lock();
             let at = now();
-            self.items += u64::from(queue.send((at, self.gap.note(at))).await.is_ok());
+            state.last_note = (self.gap.open > 0).then(|| (at, self.gap.note(at)));
+            self.queued += u64::from(state.last_note.is_some());
+            state.ending = true;
         }
         self.queue = None;
-        let ended = self.task.await;
-        let panicked = ended.err().map(|error| format!("the recorder failed: {error}"));
+        self.thread.unpark();
+        let in_time = timeout(FINISH, &mut self.ended).await.is_ok();
+        let state = self.progress.lock();
+        let missing = (self.queued + state.own_notes).saturating_sub(state.written);
+        let problem = match &state.failure {
+            Some(failure) => Some(failure.clone()),
+            None if state.finished => None,
+            None if in_time => Some("the recorder failed".into()),
+            None => {
+                let why = state.stall(self.file.path()).unwrap_or_else(|| "the disk is slow".into());
+                Some(format!("the recorder did not finish: {why}; {missing} items are not in the file"))
+            }
+        };
         RecordingFigures {
             file: self.file.path().display().to_string(),
-            items: self.items,
-            lost: self.gap.total,
-            bytes: self.file.path().metadata().map_or(0, |m| m.len()),
-            problem: self.failure.get().cloned().or(panicked),
+            items: state.written,
+            lost: self.gap.total + missing,
+            bytes: state.bytes,
+            problem,
         }
     }
 }
@@ -147,112 +246,103 @@ impl Gap {
     }
 }
 
-/// Writes items until the queue is closed or the store fails. The reason is kept before the queue
-/// goes, so that it is there when the queue is found closed.
-fn write_all(
-    mut items: Receiver<(Nanos, Item)>,
-    store: impl Store,
-    runtime: &Handle,
-    failure: &OnceLock<String>,
-) {
-    if let Err(error) = write_items(&mut items, store, runtime) {
-        let _ = failure.set(error.to_string());
-    }
+/// The thread's side.
+struct Thread<S> {
+    items: Receiver<(Nanos, Item)>,
+    store: S,
+    progress: Arc<Progress>,
+    /// Items given to the store.
+    taken: u64,
 }
 
-fn write_items(
-    items: &mut Receiver<(Nanos, Item)>,
-    mut store: impl Store,
-    runtime: &Handle,
-) -> Result<(), RecordingError> {
-    loop {
-        match runtime.block_on(async { timeout(CHUNK_CHECK, items.recv()).await }) {
-            Ok(Some((at, item))) => store.write(at, &item)?,
-            Ok(None) => return store.finish(),
-            Err(_) => {}
+impl<S: Store> Thread<S> {
+    /// Writes items until the queue is closed and the file ended, or the run is at its end and the
+    /// disk still refuses.
+    fn work(mut self) {
+        loop {
+            if self.progress.lock().trouble.is_some() {
+                thread::park_timeout(RETRY);
+                let last = self.progress.lock().ending;
+                if let (Err(problem), true) = (self.attempt("writing", |store| store.keep_up(now())), last) {
+                    return self.give_up(&problem);
+                }
+                continue;
+            }
+            // An error is told as long as it lasts, and tried again.
+            let _ = match self.items.recv_timeout(CHUNK_CHECK) {
+                Ok((at, item)) => self.take(at, &item),
+                Err(RecvTimeoutError::Timeout) => self.attempt("writing", |store| store.keep_up(now())),
+                Err(RecvTimeoutError::Disconnected) => return self.end(),
+            };
         }
-        store.keep_up(now())?;
+    }
+
+    fn take(&mut self, at: Nanos, item: &Item) -> Result<(), RecordingError> {
+        self.taken += 1;
+        self.attempt("writing", |store| {
+            store.write(at, item)?;
+            store.keep_up(now())
+        })
+    }
+
+    /// Does something with the file, and tells so before and after.
+    fn attempt(
+        &mut self,
+        what: &'static str,
+        act: impl FnOnce(&mut S) -> Result<(), RecordingError>,
+    ) -> Result<(), RecordingError> {
+        self.progress.lock().busy = Some((what, Instant::now()));
+        let done = act(&mut self.store);
+        let mut state = self.progress.lock();
+        state.busy = None;
+        state.written = self.taken - self.store.unwritten();
+        (state.bytes, state.sync_lag) = (self.store.bytes(), self.store.sync_lag());
+        let before = state.trouble.take();
+        match &done {
+            Ok(()) => {
+                drop(state);
+                if let Some((problem, since)) = before {
+                    self.note_outage(&problem, since.elapsed());
+                }
+            }
+            Err(problem) => {
+                let since = before.map_or_else(Instant::now, |(_, since)| since);
+                state.trouble = Some((problem.to_string(), since));
+            }
+        }
+        done
+    }
+
+    /// Writes into the recording that it stood still. Where the disk refuses again, the next attempt
+    /// tells.
+    fn note_outage(&mut self, problem: &str, length: Duration) {
+        let text = format!("nothing could be written for {:.1} s: {problem}", length.as_secs_f64());
+        let note = Note { instant_ns: now(), kind: NoteKind::Log, process: None, count: 0, text };
+        self.taken += 1;
+        self.progress.lock().own_notes += 1;
+        let _ = self.store.write(note.instant_ns, &Item::Note(note));
+    }
+
+    fn end(mut self) {
+        let last_note = self.progress.lock().last_note.take();
+        if let Some((at, note)) = last_note {
+            let _ = self.take(at, &note);
+        }
+        match self.attempt("ending", S::finish) {
+            Ok(()) => self.progress.lock().finished = true,
+            Err(problem @ RecordingError::NotSafe { .. }) => {
+                self.progress.lock().failure = Some(problem.to_string());
+            }
+            Err(problem) => self.give_up(&problem),
+        }
+    }
+
+    /// The file ends with its last whole chunk.
+    fn give_up(self, problem: &RecordingError) {
+        let text = format!("{problem}; the file could not be closed (vitreo recover makes it whole)");
+        self.progress.lock().failure = Some(text);
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use bytemuck::Zeroable;
-    use outputs::Outputs;
-    use protocol::handles::PedalState;
-    use recording::NoteKind;
-    use std::path::Path;
-    use std::sync::{Arc, Mutex, mpsc};
-
-    /// Waits at each item for leave to go on, and keeps what it was given.
-    struct Slow {
-        leave: mpsc::Receiver<()>,
-        kept: Arc<Mutex<Vec<Item>>>,
-        full_after: usize,
-    }
-
-    impl Store for Slow {
-        fn write(&mut self, _: Nanos, item: &Item) -> Result<(), RecordingError> {
-            let _ = self.leave.recv();
-            let mut kept = self.kept.lock().unwrap();
-            if kept.len() == self.full_after {
-                let problem = std::io::Error::from(std::io::ErrorKind::StorageFull);
-                return Err(RecordingError::Io { file: "f".into(), problem });
-            }
-            kept.push(item.clone());
-            Ok(())
-        }
-
-        fn keep_up(&mut self, _: Nanos) -> Result<(), RecordingError> {
-            Ok(())
-        }
-
-        fn finish(self) -> Result<(), RecordingError> {
-            Ok(())
-        }
-    }
-
-    fn pedal(seq: u64) -> Item {
-        Item::Pedal(PedalState { seq, ..PedalState::zeroed() })
-    }
-
-    fn slow(full_after: usize) -> (Recorder, mpsc::Sender<()>, Arc<Mutex<Vec<Item>>>) {
-        let (go, leave) = mpsc::channel();
-        let kept = Arc::new(Mutex::new(Vec::new()));
-        let store = Slow { leave, kept: Arc::clone(&kept), full_after };
-        (Recorder::with(Outputs::new(false).grow(Path::new("/dev/null")).unwrap(), store, 4), go, kept)
-    }
-
-    #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
-    async fn a_slow_disk_blocks_nobody_and_the_gap_is_noted() {
-        let (mut recorder, go, kept) = slow(usize::MAX);
-        (0..20).for_each(|seq| recorder.offer(seq, pedal(seq)));
-        let lost = recorder.lost();
-        assert!((15..=16).contains(&lost), "queue of four, at most one in the store: {lost}");
-        drop(go);
-        let figures = recorder.finish().await;
-        assert_eq!((figures.lost, figures.problem), (lost, None));
-        let kept = kept.lock().unwrap();
-        let noted = kept.iter().filter_map(|i| match i {
-            Item::Note(n) if n.kind == NoteKind::Loss => Some(n.count),
-            _ => None,
-        });
-        assert_eq!(noted.sum::<u64>(), lost);
-        assert_eq!(kept.len() as u64, figures.items);
-    }
-
-    #[tokio::test(flavor = "multi_thread", worker_threads = 1)]
-    async fn a_full_disk_ends_the_recording_not_the_run() {
-        let (mut recorder, go, _) = slow(2);
-        drop(go);
-        (0..3).for_each(|seq| recorder.offer(seq, pedal(seq)));
-        // The third write fails; from then on the queue is closed.
-        while recorder.problem().is_none() {
-            recorder.offer(9, pedal(9));
-        }
-        recorder.offer(10, pedal(10));
-        let figures = recorder.finish().await;
-        assert!(figures.problem.is_some() && figures.lost >= 2, "{figures:?}");
-    }
-}
+mod tests;

@@ -25,7 +25,7 @@ use ipc::clock::now;
 use ipc::{Instance, Sender};
 use outputs::Outputs;
 use protocol::budget::Budgets;
-use protocol::control::{Answer, Command};
+use protocol::control::{Answer, Command, Notice};
 use protocol::health::Process;
 use protocol::rig::Rig;
 use protocol::time::Nanos;
@@ -57,6 +57,7 @@ pub struct Session<'a> {
     composed: Option<&'a mut Composed>,
     control: AttemptControl,
     answers: Sender<Answer>,
+    notices: Sender<Notice>,
     /// The answers to the newest command.
     command: CommandProgress,
     /// Since when everything stands still.
@@ -179,6 +180,7 @@ impl<'a> Session<'a> {
             composed,
             control: AttemptControl::default(),
             answers: instance.sender()?,
+            notices: instance.sender()?,
             command: CommandProgress::default(),
             paused_ns: None,
             attempts: Vec::new(),

@@ -1,12 +1,16 @@
-//! The user at the window: forwards their inputs on `inputs`, and overlays help, pause and the
-//! desk's hints on the picture.
+//! The user at the window: forwards their inputs on `inputs`, and overlays help, pause, the desk's
+//! hints and the launcher's notices on the picture.
 
 use crate::present::Present;
 use ipc::{Instance, IpcError, Queue, Receiver, Sender};
 use protocol::bindings::{Action, help};
+use protocol::control::Notice;
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
 use protocol::scene_text::{Place, push_line};
 use protocol::time::Nanos;
+
+/// Letters of a line in a corner.
+const CORNER_LETTERS: usize = 16;
 
 /// Lines of `protocol::scene_text` over the picture.
 pub struct Overlay {
@@ -20,7 +24,9 @@ pub struct Overlay {
 pub struct User {
     inputs: Sender<InputEvent>,
     hints: Receiver<Hint>,
+    notices: Receiver<Notice>,
     hint: String,
+    notice: String,
     at_desk: bool,
     help: bool,
     dose: bool,
@@ -37,8 +43,10 @@ impl User {
     /// If a channel cannot be opened.
     pub fn open(instance: &Instance, at_desk: bool, dose: bool) -> Result<Self, IpcError> {
         let (inputs, hints) = (instance.sender()?, instance.receiver(Queue::Newest)?);
-        let (hint, help) = (String::new(), false);
-        Ok(User { inputs, hints, hint, at_desk, help, dose, paused: false, changed: false })
+        let notices = instance.receiver(Queue::Newest)?;
+        let (hint, notice) = (String::new(), String::new());
+        let (help, paused, changed) = (false, false, false);
+        Ok(User { inputs, hints, notices, hint, notice, at_desk, help, dose, paused, changed })
     }
 
     /// True while the dose of light is shown.
@@ -78,6 +86,11 @@ impl User {
             self.hint = hint.text();
             self.changed = true;
         }
+        if let Some(notice) = self.notices.next_valid()? {
+            let text = notice.text();
+            self.changed |= text != self.notice;
+            self.notice = text;
+        }
         sent
     }
 
@@ -85,21 +98,37 @@ impl User {
     pub fn take_overlay(&mut self) -> Option<Overlay> {
         let help = if self.help { help(self.at_desk) } else { String::new() };
         std::mem::take(&mut self.changed)
-            .then(|| Overlay { lines: lines(&self.hint, self.paused, &help), hides_scene_text: self.help })
+            .then(|| Overlay { lines: lines(&self.hint, &self.notice, self.paused, &help), hides_scene_text: self.help })
     }
 }
 
 /// Lines of the overlay, each with its place.
-fn lines(hint: &str, paused: bool, help: &str) -> String {
+fn lines(hint: &str, notice: &str, paused: bool, help: &str) -> String {
     let mut text = String::new();
     if !hint.is_empty() {
         push_line(&mut text, Place::BottomLeft, hint);
     }
+    wrapped(notice).iter().for_each(|line| push_line(&mut text, Place::BottomRight, line));
     if paused {
         push_line(&mut text, Place::Middle, "paused");
     }
     help.lines().for_each(|line| push_line(&mut text, Place::Middle, line));
     text
+}
+
+/// A text in lines that fit a corner outside of the round field.
+fn wrapped(text: &str) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.len() + 1 + word.len() <= CORNER_LETTERS => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.into()),
+        }
+    }
+    lines
 }
 
 #[cfg(test)]
@@ -108,9 +137,17 @@ mod tests {
 
     #[test]
     fn help_pause_and_hint_stand_at_their_places() {
-        assert_eq!(lines("", false, ""), "");
-        let text = lines("hand 2: light", true, "");
+        assert_eq!(lines("", "", false, ""), "");
+        let text = lines("hand 2: light", "", true, "");
         assert!(text.contains("[hand 2: light\n") && text.contains("=paused"), "{text}");
-        assert!(lines("", false, &help(true)).lines().all(|l| l.starts_with('=')));
+        assert!(lines("", "", false, &help(true)).lines().all(|l| l.starts_with('=')));
+    }
+
+    #[test]
+    fn a_notice_stands_in_its_corner_in_short_lines() {
+        let text = lines("", "camera 1 agrees with no other camera", false, "");
+        let mark = Place::BottomRight.mark();
+        assert!(text.lines().count() > 1 && text.lines().all(|l| l.starts_with(mark)), "{text}");
+        assert!(text.lines().all(|l| l.len() <= CORNER_LETTERS + 1), "{text}");
     }
 }

@@ -55,12 +55,15 @@ fn main() -> ExitCode {
     let args = Args::parse();
     ipc::logging::init("offline", &args.log);
     match run(args.command) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(code) => code,
         Err(error) => ipc::logging::fail(error.as_ref()),
     }
 }
 
-fn run(command: Command) -> anyhow::Result<()> {
+/// Exit code where something of the recording is missing.
+const LOSS: u8 = 3;
+
+fn run(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::Film { scene, every, seed, length } => {
             let scene = SceneFile::load(&scene).context("scene")?;
@@ -71,12 +74,16 @@ fn run(command: Command) -> anyhow::Result<()> {
             let mut out = Outputs::new(force.force).reading(&file).grow(&out)?;
             let done = offline::resimulate::run(&file, &out)?;
             out.appear()?;
+            let warn = |text: String| message(tracing::Level::WARN, &format!("{}: {text}", file.display()));
             if let Some(step) = done.differs_at {
-                let file = file.display();
-                let text = format!("{file}: from step {step} on the state is not the recorded one");
-                message(tracing::Level::WARN, &text);
+                warn(format!("from step {step} on the state is not the recorded one"));
+            }
+            if done.undone > 0 || done.gaps > 0 || done.damage.is_some() {
+                let (undone, gaps) = (done.undone, done.gaps);
+                warn(format!("inputs of {undone} steps are missing; gone on from a checkpoint {gaps} times"));
+                return Ok(ExitCode::from(LOSS));
             }
         }
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,24 +1,36 @@
 //! A recording is resimulated, in one go and without the other processes: every step from the
 //! recorded poses, handles and pedal, written as a recording of poses, steps and events that is
 //! read once. Pure but for the two files; the same bits as in the live run.
+//!
+//! Over a gap it goes on from the next checkpoint, as `vitreo replay --verify` does.
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 use outputs::GrowingFile;
-use protocol::steps::{STATE_HASH_VERSION, StepRecord};
+use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, StepRecord};
 use recording::{Item, Recording, STATE_HASH, Writer};
 use scene::SceneFile;
 use simcore::resume::InputHistory;
 use simcore::world::World;
+use std::collections::VecDeque;
 use std::path::Path;
 
-/// What a step consumes, and what tells that it was made.
-const TOPICS: [&str; 4] = ["poses", "handles", "pedal", "steps"];
+/// What a step consumes, what tells that it was made, and where it can go on after a gap.
+const TOPICS: [&str; 5] = ["poses", "handles", "pedal", "steps", "checkpoints"];
+/// Checkpoints that are kept. What is missing when this many further ones have come does not come any
+/// more.
+const CHECKPOINTS: usize = 2;
 
 /// What came of it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Resimulated {
     /// Steps done.
     pub steps: u64,
+    /// Gaps over which a checkpoint led.
+    pub gaps: u64,
+    /// Recorded steps that could not be done, because inputs are missing.
+    pub undone: u64,
+    /// What is wrong with the file first, if something is.
+    pub damage: Option<String>,
     /// The first of them whose state is not the recorded one.
     pub differs_at: Option<u64>,
     /// Version of the recording's state hashes where it is not this build's: states are not
@@ -26,39 +38,91 @@ pub struct Resimulated {
     pub other_state_hash_version: Option<u32>,
 }
 
-/// Resimulates `file` into `out`. A damaged recording is done up to its damage; one whose inputs
-/// are missing is refused.
+/// Resimulates `file` into `out`. Where inputs are missing it goes on from the next checkpoint.
 pub fn run(file: &Path, out: &GrowingFile) -> anyhow::Result<Resimulated> {
     let recording = Recording::open(file)?;
     let provenance = recording.provenance();
     let other_state_hash_version = provenance.other_state_hash_version();
     let scene = SceneFile::parse(&provenance.scene_toml, &file.display().to_string()).context("its scene")?;
-    let mut world = World::new(&scene).context("scene")?.unseen();
+    let world = World::new(&scene).context("scene")?.unseen();
     let mut own = provenance.clone();
     own.versions.insert(STATE_HASH.into(), STATE_HASH_VERSION.to_string());
-    let mut writer = Writer::temporary(out.handle()?, out.path(), &own)?;
-    let mut past = InputHistory::default();
-    let mut done = Resimulated { other_state_hash_version, ..Resimulated::default() };
+    let writer = Writer::temporary(out.handle()?, out.path(), &own)?;
+    let done = Resimulated { other_state_hash_version, ..Resimulated::default() };
+    let (past, checkpoints) = (InputHistory::default(), VecDeque::new());
+    let mut run = Run { world, writer, past, checkpoints, done };
     for item in recording.items_of(&TOPICS) {
-        let Ok((_, item)) = item else { break };
-        past.note(item.into_entry().expect("only topics of the journal are asked for"));
-        while let Some((frame, recorded, state_hash)) = past.advance(&mut world) {
-            done.steps += 1;
-            let differs = other_state_hash_version.is_none() && state_hash != recorded.state_hash;
-            done.differs_at = done.differs_at.or(differs.then_some(recorded.step));
-            let at = frame.instants.exposed;
-            writer.write(at, &Item::Poses(frame))?;
-            writer.write(at, &Item::Step(StepRecord { state_hash, ..recorded }))?;
-            for event in world.events() {
-                writer.write(at, &Item::Event(*event))?;
+        match item {
+            Ok((_, Item::Checkpoint(header, state))) => run.take_checkpoint(header, state)?,
+            Ok((_, item)) => {
+                run.past.note(item.into_entry().expect("only topics of the journal are asked for"));
+                run.advance()?;
             }
+            Err(problem) => run.done.damage = run.done.damage.take().or(Some(problem.to_string())),
         }
     }
-    if let Some(step) = past.waiting() {
-        bail!("{}: inputs of step {} (field {}) are missing", file.display(), step.step, step.field);
+    while run.past.waiting().is_some() && run.go_on()? {}
+    let left = run.past.waiting_steps();
+    run.done.undone += left;
+    run.writer.finish()?;
+    Ok(run.done)
+}
+
+/// A resimulation under way.
+struct Run {
+    world: World,
+    writer: Writer,
+    past: InputHistory,
+    checkpoints: VecDeque<(CheckpointHeader, Vec<u8>)>,
+    done: Resimulated,
+}
+
+impl Run {
+    /// Does the steps whose inputs are there.
+    fn advance(&mut self) -> anyhow::Result<()> {
+        while let Some((frame, recorded, state_hash)) = self.past.advance(&mut self.world) {
+            self.done.steps += 1;
+            let comparable = self.done.other_state_hash_version.is_none();
+            let differs = comparable && state_hash != recorded.state_hash;
+            self.done.differs_at = self.done.differs_at.or(differs.then_some(recorded.step));
+            let at = frame.instants.exposed;
+            self.writer.write(at, &Item::Poses(frame))?;
+            self.writer.write(at, &Item::Step(StepRecord { state_hash, ..recorded }))?;
+            for event in self.world.events() {
+                self.writer.write(at, &Item::Event(*event))?;
+            }
+        }
+        Ok(())
     }
-    writer.finish()?;
-    Ok(done)
+
+    /// Keeps a checkpoint; where steps have been waiting since the one before the last, their inputs
+    /// are missing.
+    fn take_checkpoint(&mut self, header: CheckpointHeader, state: Vec<u8>) -> anyhow::Result<()> {
+        if self.checkpoints.len() == CHECKPOINTS {
+            let oldest = self.checkpoints.front().expect("two are kept").0.step;
+            match self.past.waiting() {
+                Some(waiting) if waiting.step <= oldest => drop(self.go_on()?),
+                _ => drop(self.checkpoints.pop_front()),
+            }
+        }
+        self.checkpoints.push_back((header, state));
+        Ok(())
+    }
+
+    /// Goes on from the first checkpoint behind the step that is waiting; false if there is none.
+    fn go_on(&mut self) -> anyhow::Result<bool> {
+        let Some(waiting) = self.past.waiting().map(|s| s.step) else { return Ok(false) };
+        while let Some((header, state)) = self.checkpoints.pop_front() {
+            if header.step >= waiting {
+                let jumped = self.past.jump(&mut self.world, &header, &state);
+                self.done.undone += jumped.context("a checkpoint of the recording")?;
+                self.done.gaps += 1;
+                self.advance()?;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
 }
 
 #[cfg(test)]
@@ -105,6 +169,39 @@ mod tests {
     }
 
     #[test]
+    fn over_a_gap_it_goes_on_from_a_checkpoint() {
+        let folder = tempfile::tempdir().unwrap();
+        let (bad, out) = (folder.path().join("bad.mcap"), folder.path().join("again.mcap"));
+        let recording = Recording::open(&golden()).unwrap();
+        // A checkpoint of the state after step 60, of a world that does the steps.
+        let scene = SceneFile::parse(&recording.provenance().scene_toml, "golden").unwrap();
+        let (mut world, mut past) = (World::new(&scene).unwrap().unseen(), InputHistory::default());
+        let mut writer = Writer::create(&bad, recording.provenance()).unwrap();
+        for item in items(&golden(), &TOPICS[..4]) {
+            past.note(item.clone().into_entry().unwrap());
+            if !matches!(&item, Item::Poses(p) if p.frame == 40) {
+                writer.write(1, &item).unwrap();
+            }
+            while let Some((_, step, state_hash)) = past.advance(&mut world) {
+                if step.step == 60 {
+                    let mut state = Vec::new();
+                    world.save(&mut state).unwrap();
+                    let (handles_below, pedals_below) = (step.handles_below, step.pedals_below);
+                    let (field, bytes) = (step.field, state.len() as u64);
+                    let header =
+                        CheckpointHeader { step: 60, field, handles_below, pedals_below, state_hash, bytes };
+                    writer.write(1, &Item::Checkpoint(header, state)).unwrap();
+                }
+            }
+        }
+        writer.finish().unwrap();
+        let done = resimulated(&bad, &out).unwrap();
+        let all = items(&golden(), &["steps"]).len() as u64;
+        assert_eq!((done.gaps, done.differs_at, done.steps + done.undone), (1, None, all), "{done:?}");
+        assert!(done.undone > 0 && done.undone <= 22, "from the lost pose to the checkpoint: {done:?}");
+    }
+
+    #[test]
     fn missing_inputs_are_told_and_another_state_noticed() {
         let folder = tempfile::tempdir().unwrap();
         let (bad, out) = (folder.path().join("bad.mcap"), folder.path().join("again.mcap"));
@@ -117,8 +214,9 @@ mod tests {
             writer.finish().unwrap();
         };
         copy(&provenance, &|item| Some(item).filter(|i| !matches!(i, Item::Poses(p) if p.frame == 40)));
-        let problem = resimulated(&bad, &out).unwrap_err().to_string();
-        assert!(problem.contains("bad.mcap") && problem.contains("inputs of step"), "{problem}");
+        let done = resimulated(&bad, &out).unwrap();
+        let all = items(&golden(), &["steps"]).len() as u64;
+        assert!(done.undone > 0 && done.steps > 30 && done.steps + done.undone == all, "{done:?}");
         let another = |item| match item {
             Item::Step(s) if s.step == 30 => Some(Item::Step(StepRecord { state_hash: !s.state_hash, ..s })),
             other => Some(other),

@@ -4,6 +4,8 @@ use super::Session;
 use crate::run::screen::Status;
 use crate::run::watch::findings;
 use ipc::clock::now;
+use protocol::control::Notice;
+use protocol::message::text_bytes;
 use protocol::time::Nanos;
 use recording::{Note, NoteKind};
 
@@ -67,5 +69,8 @@ impl Session<'_> {
             let (kind, count) = (NoteKind::Log, 1);
             self.consumers.record_note(Note { instant_ns: at, kind, process: None, count, text });
         }
+        let shown = self.consumers.watch.present().next().map_or("", |finding| finding.what.as_str());
+        // Sent each time: a renderer that was restarted has not seen it. The picture can do without.
+        let _ = self.notices.send(&Notice { instant_ns: at, text: text_bytes(shown) });
     }
 }
