@@ -55,9 +55,9 @@ impl InputHistory {
             self.poses.drain(..frame.map_or(0, |f| f + 1));
             self.steps.drain(..=at);
         }
-        let consumed = self.handles.iter().rposition(|h| h.seq + 1 == header.handles_below);
+        let consumed = self.handles.iter().rposition(|h| h.seq.wrapping_add(1) == header.handles_below);
         self.handles.drain(..consumed.map_or(0, |at| at + 1));
-        let consumed = self.pedals.iter().rposition(|p| p.seq + 1 == header.pedals_below);
+        let consumed = self.pedals.iter().rposition(|p| p.seq.wrapping_add(1) == header.pedals_below);
         self.pedals.drain(..consumed.map_or(0, |at| at + 1));
     }
 
