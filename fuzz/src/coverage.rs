@@ -33,6 +33,21 @@ pub struct Coverage {
     seen: Vec<u8>,
     /// Counters that were ever above 0.
     branches: usize,
+    /// Blocks of counters of which one was ever above 0: only those are looked at after every input.
+    live: Vec<usize>,
+    /// Inputs until all counters are looked at again.
+    until_all: u32,
+}
+
+/// Counters of a block.
+const BLOCK: usize = 256;
+/// All counters are looked at after so many inputs; an input that reaches a block for the first time
+/// may be missed, the next one that does is not.
+const ALL_EVERY: u32 = 64;
+
+fn block(counters: &mut [u8], at: usize) -> &mut [u8] {
+    let end = counters.len().min(at + BLOCK);
+    &mut counters[at..end]
 }
 
 /// The class of a count, a bit: 1, 2, 3, 4–7, 8–15, 16–31, 32–127, more.
@@ -56,9 +71,14 @@ impl Coverage {
         !counters().is_empty()
     }
 
-    /// Sets all counters to 0.
-    pub fn begin() {
-        counters().fill(0);
+    /// Sets the counters to 0.
+    pub fn begin(&self) {
+        let counters = counters();
+        if self.until_all == 0 {
+            counters.fill(0);
+        } else {
+            self.live.iter().for_each(|&at| block(counters, at).fill(0));
+        }
     }
 
     /// True if the counters hold what was not seen before; it is seen now.
@@ -66,22 +86,36 @@ impl Coverage {
         self.take(counters())
     }
 
+    /// Lets the next input be judged by all counters.
+    pub fn look_at_all(&mut self) {
+        self.until_all = 0;
+    }
+
     /// Branches taken so far.
     pub fn branches(&self) -> usize {
         self.branches
     }
 
-    fn take(&mut self, counters: &[u8]) -> bool {
+    fn take(&mut self, counters: &mut [u8]) -> bool {
         self.seen.resize(counters.len(), 0);
-        let mut new = false;
-        let (words, rest) = counters.as_chunks::<32>();
-        for (i, word) in words.iter().enumerate() {
-            // Most counters are 0.
-            if *word != [0; 32] {
-                new |= self.note(32 * i, word);
+        if self.until_all == 0 {
+            self.until_all = ALL_EVERY;
+            for at in (0..counters.len()).step_by(BLOCK) {
+                if block(counters, at).iter().any(|c| *c > 0) && !self.live.contains(&at) {
+                    self.live.push(at);
+                }
             }
+            return self.take_live(counters);
         }
-        new | self.note(32 * words.len(), rest)
+        self.until_all -= 1;
+        self.take_live(counters)
+    }
+
+    fn take_live(&mut self, counters: &mut [u8]) -> bool {
+        let live = std::mem::take(&mut self.live);
+        let new = live.iter().fold(false, |new, &at| new | self.note(at, block(counters, at)));
+        self.live = live;
+        new
     }
 
     fn note(&mut self, at: usize, counters: &[u8]) -> bool {
@@ -106,15 +140,27 @@ mod tests {
     fn a_branch_is_new_once_in_each_class_of_counts() {
         let mut coverage = Coverage::default();
         let mut counters = [0; 70];
-        assert!(!coverage.take(&counters));
+        assert!(!coverage.take(&mut counters));
+        coverage.until_all = 0;
         counters[69] = 1;
-        assert!(coverage.take(&counters) && !coverage.take(&counters));
+        assert!(coverage.take(&mut counters) && !coverage.take(&mut counters));
         counters[69] = 5;
-        assert!(coverage.take(&counters));
+        assert!(coverage.take(&mut counters));
         counters[69] = 7;
-        assert!(!coverage.take(&counters), "4 to 7 are one class");
+        assert!(!coverage.take(&mut counters), "4 to 7 are one class");
         counters[3] = 255;
-        assert!(coverage.take(&counters));
+        assert!(coverage.take(&mut counters));
         assert_eq!(coverage.branches(), 2);
+    }
+
+    #[test]
+    fn a_block_that_was_never_reached_is_found_before_long() {
+        let mut coverage = Coverage::default();
+        let mut counters = [0; 4 * BLOCK];
+        counters[7] = 1;
+        assert!(coverage.take(&mut counters));
+        counters[3 * BLOCK] = 1;
+        let found = (0..=ALL_EVERY).position(|_| coverage.take(&mut counters));
+        assert!(found.is_some());
     }
 }

@@ -115,6 +115,7 @@ impl<'a> Engine<'a> {
         let begin = Instant::now();
         let mut random = Random::new(seed);
         for seed in corpus::of(&self.target) {
+            self.coverage.look_at_all();
             self.try_one(&seed);
             self.kept.push(seed);
         }
@@ -170,7 +171,11 @@ impl<'a> Engine<'a> {
         let recent = self.kept.len().min(16);
         let from = match random.below(4) {
             0 => self.kept.len() - 1 - random.below(recent),
-            _ => random.below(self.kept.len()),
+            // A short one is tried faster, and a change in it means more.
+            _ => {
+                let two = [random.below(self.kept.len()), random.below(self.kept.len())];
+                if self.kept[two[0]].len() <= self.kept[two[1]].len() { two[0] } else { two[1] }
+            }
         };
         mutate::vary(&self.kept, from, self.target.longest, random, input);
         if self.try_one(input) {
@@ -183,7 +188,7 @@ impl<'a> Engine<'a> {
     /// Tries an input; true if it reached something new.
     fn try_one(&mut self, input: &[u8]) -> bool {
         self.present.note(input);
-        Coverage::begin();
+        self.coverage.begin();
         let begin = self.watch.begin();
         let done = catch_unwind(AssertUnwindSafe(|| (self.target.run)(input)));
         let took = self.watch.end(begin);

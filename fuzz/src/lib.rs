@@ -1,8 +1,7 @@
 //! Hostile inputs for every reader and every message of vitreo.
 //!
-//! One list of targets ([`targets::all`]) serves three ends: the test that replays the kept inputs
-//! (`fuzz/tests/corpora.rs`), the engine of `make fuzz` ([`engine`]), and libFuzzer (`docs/fuzzing.md`).
-//! A target takes any bytes and must neither panic, nor take longer than a second, nor hold more than
+//! One list of targets ([`targets::all`]) serves two ends: the test that replays the kept inputs
+//! (`fuzz/tests/corpora.rs`) and the engine of `make fuzz` ([`engine`], `docs/fuzzing.md`). A target takes any bytes and must neither panic, nor take longer than a second, nor hold more than
 //! a gigabyte.
 //!
 //! The engine keeps an input that reaches a branch which none before it reached, and makes new ones

@@ -112,7 +112,8 @@ fn one(target: Target, bounds: &Bounds, out: &Path) {
 fn keep(target: Target, out: &Path, most: usize) -> Result<()> {
     let mut coverage = Coverage::default();
     let mut reaches_more = |input: &[u8]| {
-        Coverage::begin();
+        coverage.look_at_all();
+        coverage.begin();
         (target.run)(input);
         coverage.end()
     };

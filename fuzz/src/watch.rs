@@ -44,18 +44,23 @@ impl Watch {
 
     /// An input begins.
     #[inline]
-    pub fn begin(&self) -> Instant {
-        let now = Instant::now();
-        self.since_ns.store((now - self.begun).as_nanos() as u64 + 1, Ordering::Relaxed);
-        now
+    pub fn begin(&self) -> Duration {
+        self.since_ns.store(self.begun.elapsed().as_nanos() as u64 + 1, Ordering::Relaxed);
+        computed()
     }
 
-    /// It has ended; how long it took.
+    /// It has ended; how long this thread computed for it.
     #[inline]
-    pub fn end(&self, begin: Instant) -> Duration {
+    pub fn end(&self, begin: Duration) -> Duration {
         self.since_ns.store(0, Ordering::Relaxed);
-        begin.elapsed()
+        computed().saturating_sub(begin)
     }
+}
+
+/// How long this thread has computed: what others do on the machine is not in it.
+fn computed() -> Duration {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
 }
 
 /// Bounds the memory of this process, so that a runaway allocation ends it and not the machine.

@@ -28,7 +28,7 @@ pub fn targets() -> Vec<Target> {
         target("recording", recording, corpus::recordings, 96 << 10),
         target("journal", journal, corpus::journals, 64 << 10),
         target("scene-stream", scene_stream, corpus::scene_streams, 16 << 10),
-        target("checkpoint", checkpoint, checkpoints, 512 << 10),
+        target("state", checkpoint, checkpoints, 512 << 10),
         target("mesh-glb", mesh, || corpus::shipped(&["assets/instruments"], "glb"), 32 << 10),
         target("fundus", fundus, corpus::photographs, 16 << 10),
         target("grey-picture", |b| drop(black_box(GreyImage::decode(b, "f"))), corpus::pictures, 16 << 10),

@@ -15,19 +15,22 @@ use std::hint::black_box;
 use surgeon::motion::recorded::RecordedMotion;
 use virtual_rig::faults::spec::FaultSpec;
 
-/// Longest text that is made, bytes: some longer than our longest scene.
-const LONGEST: usize = 8 << 10;
+/// Longest text that is made, bytes: scenes and modules are long, a line of a table is not.
+const LONGEST: [usize; 2] = [8 << 10, 2 << 10];
+/// Longest recorded hand, which must have 500 samples, bytes.
+const MOTION: usize = 16 << 10;
 /// Between the words of a command line.
 const BETWEEN: char = '\n';
 
 /// Targets of all readers of texts.
 pub fn targets() -> Vec<Target> {
-    let target =
-        |name, run, seeds| Target { name, kind: Kind::Text, run, seeds, layout: None, longest: LONGEST };
+    let of = |name, run, seeds, longest| Target { name, kind: Kind::Text, run, seeds, layout: None, longest };
+    let target = |name, run, seeds| of(name, run, seeds, LONGEST[1]);
+    let long = |name, run, seeds| of(name, run, seeds, LONGEST[0]);
     vec![
-        target("scene-toml", scene, || shipped(&["assets/scenes", "tests/data/pictures/scenes"], "toml")),
-        target("module-toml", module, || shipped(&["assets/modules"], "toml")),
-        target("rig-json", rig, || shipped(&["assets", "tests/data/tracker"], "json")),
+        long("scene-toml", scene, || shipped(&["assets/scenes", "tests/data/pictures/scenes"], "toml")),
+        long("module-toml", module, || shipped(&["assets/modules"], "toml")),
+        long("rig-json", rig, || shipped(&["assets", "tests/data/tracker"], "json")),
         target(
             "colours-toml",
             |b| drop(ColourFile::parse(&lossy(b), "f").map(|f| f.table())),
@@ -44,8 +47,8 @@ pub fn targets() -> Vec<Target> {
             },
         ),
         target("faults-toml", faults, || shipped(&["assets/faults"], "toml")),
-        target("blob-lines", blob_lines, || corpus::lines_of("tests/data/tracker", "blobs.jsonl", 12)),
-        target("motion-csv", motion, || vec![corpus::motion(520)]),
+        long("blob-lines", blob_lines, || corpus::lines_of("tests/data/tracker", "blobs.jsonl", 4)),
+        of("motion-csv", motion, || vec![corpus::motion(520)], MOTION),
         target(
             "desk-inputs",
             |b| drop(black_box(Inputs::parse(&lossy(b), "f"))),

@@ -6,6 +6,7 @@ use super::{
 };
 use crate::layout::MetalVertex;
 use glam::Vec3;
+use gltf::accessor::{DataType, Dimensions};
 use gltf::{Gltf, Node, Primitive};
 use protocol::handles::{PORT_HEIGHT_MM, PORT_RADIUS_MM, Tool};
 use std::collections::HashMap;
@@ -118,9 +119,19 @@ fn add(part: &mut Part, primitive: &Primitive<'_>, buffer: &[u8], side: f32) -> 
         return Err(format!("expected triangles, found {:?}", primitive.mode()));
     }
     // The reader trusts the file's lengths.
-    for (_, accessor) in
-        primitive.attributes().chain(primitive.indices().map(|i| (gltf::Semantic::Normals, i)))
-    {
+    for (semantic, accessor) in primitive.attributes() {
+        let is_read = matches!(semantic, gltf::Semantic::Positions | gltf::Semantic::Normals);
+        let vectors = (accessor.data_type(), accessor.dimensions()) == (DataType::F32, Dimensions::Vec3);
+        if is_read && !vectors {
+            return Err(format!("expected three floats a vertex as {semantic:?}, found other numbers"));
+        }
+        inside(&accessor, buffer)?;
+    }
+    if let Some(accessor) = primitive.indices() {
+        let counts = matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::U32);
+        if !counts || accessor.dimensions() != Dimensions::Scalar {
+            return Err(format!("expected whole numbers as indices, found {:?}", accessor.data_type()));
+        }
         inside(&accessor, buffer)?;
     }
     let material = match primitive.material().name() {
