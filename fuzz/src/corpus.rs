@@ -16,9 +16,37 @@ pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("fuzz lies in the workspace").to_owned()
 }
 
-/// Folder of the inputs of a target that reach something of their own.
-pub fn kept_folder(target: &Target) -> PathBuf {
+/// File of the inputs of a target that reach something of their own: each with its length before it
+/// (`u32`, little-endian).
+pub fn kept_file(target: &Target) -> PathBuf {
     repository().join("fuzz/corpus").join(target.name)
+}
+
+/// The inputs of a target that are kept.
+pub fn kept(target: &Target) -> Vec<Vec<u8>> {
+    let bytes = fs::read(kept_file(target)).unwrap_or_default();
+    let (mut rest, mut inputs) = (&bytes[..], Vec::new());
+    while let Some((length, after)) = rest.split_first_chunk::<4>() {
+        let length = u32::from_le_bytes(*length) as usize;
+        let (input, after) = after.split_at_checked(length).unwrap_or((after, &[]));
+        inputs.push(input.to_vec());
+        rest = after;
+    }
+    inputs
+}
+
+/// Writes the file of kept inputs; none where there are none.
+///
+/// # Errors
+/// What the operating system refuses.
+pub fn keep(target: &Target, inputs: &[Vec<u8>]) -> std::io::Result<()> {
+    let with_length = |input: &Vec<u8>| [&(input.len() as u32).to_le_bytes()[..], input].concat();
+    let path = kept_file(target);
+    if inputs.is_empty() {
+        return if path.exists() { fs::remove_file(path) } else { Ok(()) };
+    }
+    fs::create_dir_all(path.parent().expect("a folder"))?;
+    fs::write(path, inputs.iter().flat_map(with_length).collect::<Vec<u8>>())
 }
 
 /// Folder of the inputs on which a target once failed.
@@ -36,8 +64,8 @@ pub fn files_in(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 /// What a target begins with: its seeds and the kept inputs.
 pub fn of(target: &Target) -> Vec<Vec<u8>> {
-    let kept = files_in(&kept_folder(target)).into_iter().chain(files_in(&crash_folder(target)));
-    (target.seeds)().into_iter().chain(kept.map(|(_, bytes)| bytes)).collect()
+    let failed = files_in(&crash_folder(target)).into_iter().map(|(_, bytes)| bytes);
+    (target.seeds)().into_iter().chain(kept(target)).chain(failed).collect()
 }
 
 /// A file of the repository.

@@ -118,19 +118,18 @@ fn keep(target: Target, out: &Path, most: usize) -> Result<()> {
         coverage.end()
     };
     (target.seeds)().iter().for_each(|seed| _ = reaches_more(seed));
-    let folder = corpus::kept_folder(&target);
-    let found = [corpus::files_in(&folder), corpus::files_in(&out.join(target.name).join("new"))];
-    let mut all: Vec<Vec<u8>> = found.into_iter().flatten().map(|(_, bytes)| bytes).collect();
-    all.sort_by_key(Vec::len);
-    let (mut files, mut bytes) = (0, 0);
-    let _ = std::fs::remove_dir_all(&folder);
+    let new = corpus::files_in(&out.join(target.name).join("new")).into_iter().map(|(_, bytes)| bytes);
+    let mut all: Vec<Vec<u8>> = corpus::kept(&target).into_iter().chain(new).collect();
+    all.sort_by(|a, b| (a.len(), a).cmp(&(b.len(), b)));
+    let (mut kept, mut bytes) = (Vec::new(), 0);
     for input in all {
         if bytes + input.len() <= most && reaches_more(&input) {
-            std::fs::create_dir_all(&folder)?;
-            std::fs::write(folder.join(format!("{:016x}", protocol::message::fnv1a(&input))), &input)?;
-            (files, bytes) = (files + 1, bytes + input.len());
+            bytes += input.len();
+            kept.push(input);
         }
     }
+    corpus::keep(&target, &kept)?;
+    let files = kept.len();
     println!("{}: {files} inputs, {bytes} bytes", target.name);
     Ok(())
 }

@@ -137,7 +137,7 @@ fn take<T>(queue: &mut VecDeque<T>, before: u64, below: u64, seq: impl Fn(&T) ->
     if below == before {
         return Some(Vec::new());
     }
-    let last = queue.iter().position(|x| seq(x) + 1 == below)?;
+    let last = queue.iter().position(|x| seq(x).wrapping_add(1) == below)?;
     Some(queue.drain(..=last).collect())
 }
 

@@ -79,6 +79,11 @@ pub fn load(tool: Tool, file: &str, bytes: &[u8]) -> Result<Model, ModelError> {
 /// The file's parsed and validated contents.
 fn parse(bytes: &[u8]) -> Result<Gltf, String> {
     let no_file = |e: gltf::Error| format!("no glTF file: {e}");
+    // The library takes the header's length off the file's without a look at it.
+    let length = bytes.get(8..12).and_then(|b| Some(u32::from_le_bytes(b.try_into().ok()?)));
+    if bytes.starts_with(b"glTF") && length.is_none_or(|length| length < 12) {
+        return Err("no glTF file: its header is cut or tells a length that is too short".into());
+    }
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(no_file)?;
     let root = document.into_json();
     // The library's validation looks up the positions' accessor before it checks that there is one.
