@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak test-python bench bench-score validation golden pictures gallery instruments vectors study clean
+.PHONY: help setup setup-python demo test soak test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -53,6 +53,10 @@ test: setup ## Format, lint, build and run every check
 
 soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (three quarters of an hour on two cores; SOAK="--programmes 20")
 	cargo run --release -p validation --example soak -- $(SOAK)
+
+fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
+	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz
+	$(TARGET)/debug/fuzz run $(FUZZ)
 
 setup-python:
 	@python3 -c 'import venv, ensurepip' 2>/dev/null || { $(AS_ROOT) apt-get update -qq; \

@@ -14,9 +14,12 @@
 
 use protocol::bindings::Action;
 use protocol::control::Command;
+use protocol::file::read_text;
 use protocol::inputs::{Axis, Input, Key};
 use std::path::Path;
 
+/// Longest file, bytes: as many lines as one may have, forty letters each.
+const MAX_INPUT_BYTES: u64 = 4 << 20;
 /// Most lines of a file.
 const MAX_LINES: usize = 100_000;
 /// Latest instant of a line, s.
@@ -67,7 +70,7 @@ impl Inputs {
     /// If it cannot be read or a line is refused.
     pub fn load(path: &Path) -> Result<Self, InputFileError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path)
+        let text = read_text(path, MAX_INPUT_BYTES)
             .map_err(|source| InputFileError::Read { file: file.clone(), source })?;
         Self::parse(&text, &file)
     }

@@ -53,7 +53,7 @@ impl CameraExtractor {
         (out.count, out.blobs_left_out) = (0, 0);
         let last = self.scan(picture, out);
         let after = u128::from(last.max(end_clock(self.lines))) * u128::from(header.line_period_ns);
-        header.first_line_ns + (after / u128::from(LINE_CLOCKS)) as u64
+        header.first_line_ns.saturating_add((after / u128::from(LINE_CLOCKS)) as u64)
     }
 
     /// Extracts the blobs of the region; returns the clock at which the last one leaves, 0 without

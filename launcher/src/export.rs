@@ -168,8 +168,8 @@ fn columns(layout: &Layout, names: &mut Vec<&'static str>) {
     }
 }
 
-/// The cells of [`header`].
-fn row(item: &Item) -> String {
+/// The cells of a table's row after the log time.
+pub fn row(item: &Item) -> String {
     if let Item::Note(note) = item {
         let process = note.process.map_or("", |p| p.name());
         return format!(

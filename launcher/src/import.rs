@@ -1,10 +1,11 @@
 //! `vitreo import`: a rig and a blob stream of another tool become a recording.
 
 use crate::progress::counter;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use blob_stream::BlobReader;
 use ipc::logging::{inform, warn};
 use outputs::{Force, GrowingFile, Outputs};
+use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::limits::MAX_BLOBS;
 use protocol::rig::Rig;
 use recording::{Item, Provenance, Source, Writer};
@@ -65,7 +66,7 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
 /// The rig is checked and then kept as the file has it.
 fn provenance(rig: &Path, blobs: &Path, scene: &str) -> anyhow::Result<Provenance> {
     Rig::load(rig)?;
-    let rig_json = std::fs::read_to_string(rig).with_context(|| rig.display().to_string())?;
+    let rig_json = read_text(rig, MAX_SETTINGS_BYTES).with_context(|| rig.display().to_string())?;
     let file = SceneFile::load(scene)?;
     let key = |key: &str, value: String| BTreeMap::from([(key.to_string(), value)]);
     Ok(Provenance {
@@ -91,6 +92,7 @@ fn copy(stream: BlobReader, output: &GrowingFile, provenance: &Provenance) -> an
         writer.write(field.blobs_out_ns, &Item::Blobs(Box::new(field)))?;
         bar.inc(1);
     }
+    ensure!(imported.fields > 0, "blob stream {}: holds no field", blobs.display());
     writer.finish()?;
     bar.finish_and_clear();
     Ok(imported)
@@ -126,6 +128,20 @@ mod tests {
             other => panic!("{other:?}"),
         });
         assert_eq!(fields.collect::<Vec<_>>(), [3, 3, 2]);
+    }
+
+    #[test]
+    fn a_stream_without_a_field_is_refused_and_leaves_no_file() {
+        let directory = tempfile::tempdir().unwrap();
+        let rig = rig_in(directory.path());
+        let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
+        let args = ImportArgs { rig, blobs, scene: DEFAULT_SCENE.into(), output };
+        for text in ["", "\n\n"] {
+            std::fs::write(&args.blobs, text).unwrap();
+            let error = format!("{:#}", run(&args).unwrap_err());
+            assert!(error.contains("b.jsonl: holds no field"), "{error}");
+            assert!(!args.output.exists());
+        }
     }
 
     #[test]

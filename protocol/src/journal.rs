@@ -4,6 +4,7 @@
 //! reader are of one build, which the hash of their schemas proves.
 
 use crate::handles::{HandleState, PedalState};
+use crate::limits::MAX_CHECKPOINT_BYTES;
 use crate::message::{Message, fnv1a};
 use crate::poses::TrackerFrame;
 use crate::steps::{CheckpointHeader, StepRecord};
@@ -11,8 +12,6 @@ use std::io::{ErrorKind, Read, Write};
 
 /// First bytes of a journal; the hash of the blocks' schemas follows.
 const NAME: &[u8; 16] = b"vitreo-journal1\n";
-/// Largest checkpoint that is read, bytes.
-const MAX_CHECKPOINT_BYTES: u64 = 1 << 30;
 
 /// One entry.
 #[derive(Debug, Clone)]
@@ -122,7 +121,7 @@ impl<R: Read> Reader<R> {
         let entry = match kind[0] {
             0 => {
                 let header: CheckpointHeader = self.block()?;
-                if header.bytes > MAX_CHECKPOINT_BYTES {
+                if header.bytes > MAX_CHECKPOINT_BYTES as u64 {
                     return Err(self.bad(format!("a checkpoint of {} bytes", header.bytes)));
                 }
                 let mut state = Vec::new();

@@ -36,6 +36,7 @@ pub mod control;
 pub mod dose;
 pub mod events;
 pub mod fields;
+pub mod file;
 pub mod frames;
 pub mod geometry;
 pub mod handles;

@@ -55,7 +55,12 @@ pub fn predict_body(state: &BodyState, ahead_s: f64) -> Predicted {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(motion.angular_velocity_rad_s) * v_time);
     let moved =
         Isometry3::from_parts(Translation3::from(start.translation.vector + shift), turn * start.rotation);
-    Predicted { world_from_body: Pose::from_isometry(&moved), validity: Validity::Predicted }
+    let world_from_body = Pose::from_isometry(&moved);
+    if !world_from_body.is_valid() {
+        // Finite numbers of a state can still lead nowhere.
+        return Predicted { world_from_body: state.world_from_body, validity: Validity::Lost };
+    }
+    Predicted { world_from_body, validity: Validity::Predicted }
 }
 
 /// ∫₀^dt e^(−s/τ) ds; `tau` 0 means no decay.
@@ -111,6 +116,23 @@ mod tests {
         assert!(full.iter().all(|c| c.abs() < 1e-9), "{full:?}");
         let half = predict_body(&body, 0.5 / 9.0).world_from_body.position_mm;
         assert!((half[0] + 0.1).abs() < 1e-9, "{half:?}");
+    }
+
+    #[test]
+    fn a_motion_that_leads_nowhere_is_lost_where_it_was() {
+        for (velocity, turn) in [(1e300, 0.0), (f64::MAX, 0.0), (0.0, 1e300), (-1e8, f64::MAX)] {
+            let mut body = still();
+            body.predictor.velocity_mm_s = [velocity, 0.0, velocity];
+            body.predictor.angular_velocity_rad_s = [turn, turn, 0.0];
+            for ahead_s in [0.06, -0.2, 1e9] {
+                let p = predict_body(&body, ahead_s);
+                assert!(p.world_from_body.is_valid(), "{velocity} {turn} {ahead_s}: {p:?}");
+            }
+        }
+        let mut body = still();
+        body.predictor.velocity_mm_s = [1e300, 0.0, 0.0];
+        let p = predict_body(&body, 0.06);
+        assert_eq!((p.validity, p.world_from_body), (Validity::Lost, Pose::IDENTITY));
     }
 
     #[test]

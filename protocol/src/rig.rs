@@ -2,6 +2,7 @@
 
 use crate::blobs::Colour;
 use crate::camera::Camera;
+use crate::file::{MAX_SETTINGS_BYTES, looks_like, other_format, other_format_in, read_text};
 use crate::limits::{MAX_CAMERAS, MAX_MARKERS};
 use crate::poses::BODY_NAMES;
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -46,6 +47,24 @@ pub enum RigError {
 
 /// A key that is refused, what would be right, and what is there.
 type Defect = (String, &'static str, String);
+
+/// Why a text is no rig: another kind of file, another format, or the parser's own words.
+fn refusal(text: &str, name: &str, source: serde_json::Error) -> RigError {
+    let value = |field: &str, expected: &str, found: String| RigError::Value {
+        path: name.into(),
+        field: field.into(),
+        expected: expected.into(),
+        found,
+    };
+    if !text.trim_start().starts_with('{') {
+        let expected = "a rig in JSON, which begins with {";
+        return value("contents", expected, looks_like(text.as_bytes()).into());
+    }
+    match other_format_in(text, FORMAT) {
+        Some(found) => value("format", FORMAT, found),
+        None => RigError::Parse { path: name.into(), source },
+    }
+}
 
 /// A rig file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -203,8 +222,8 @@ impl Rig {
     /// Where the file cannot be read, is no rig file, or a value makes no sense.
     pub fn load(path: &Path) -> Result<Self, RigError> {
         let name = path.display().to_string();
-        let text =
-            std::fs::read_to_string(path).map_err(|source| RigError::Read { path: name.clone(), source })?;
+        let text = read_text(path, MAX_SETTINGS_BYTES)
+            .map_err(|source| RigError::Read { path: name.clone(), source })?;
         Self::parse(&text, &name)
     }
 
@@ -213,8 +232,7 @@ impl Rig {
     /// # Errors
     /// Where the text is no rig file, or a value makes no sense.
     pub fn parse(text: &str, name: &str) -> Result<Self, RigError> {
-        let rig: Rig =
-            serde_json::from_str(text).map_err(|source| RigError::Parse { path: name.into(), source })?;
+        let rig: Rig = serde_json::from_str(text).map_err(|source| refusal(text, name, source))?;
         rig.check(name)?;
         Ok(rig)
     }
@@ -263,7 +281,7 @@ impl Rig {
         let times = format!("{} and {}", self.line_ns, self.exposure_ns);
         let cameras = self.cameras.len();
         let checks = [
-            (self.format == FORMAT, "format", FORMAT, self.format.clone()),
+            (self.format == FORMAT, "format", FORMAT, other_format(&self.format, FORMAT).unwrap_or_default()),
             (self.unit == "mm", "unit", "mm", self.unit.clone()),
             ((1.0..=1000.0).contains(&self.field_hz), "field_hz", "1 to 1000", self.field_hz.to_string()),
             (in_frame, "frame", "16 to 8192 px", format!("{:?}", self.frame)),
@@ -382,6 +400,25 @@ mod tests {
         assert_eq!(rig, Rig::parse(&rig.to_json(), "again").unwrap());
         assert_eq!(rig.field_period_ns(), 20_000_000);
         assert_eq!(rig.read_out_ns(), 2_000_000 + 288 * 64_000);
+    }
+
+    #[test]
+    fn other_files_and_formats_are_named() {
+        let cases = [
+            ("t_ns,cam,x,y\n1,2,3,4\n", "expected a rig in JSON, which begins with {, found a table (CSV)"),
+            ("[eye]\n", "found TOML"),
+            ("", "found an empty file"),
+            (
+                "{\"format\": \"vitreo-rig-2\", \"eyes\": 2}",
+                "found vitreo-rig-2, the format of a newer vitreo",
+            ),
+        ];
+        for (text, named) in cases {
+            let error = Rig::parse(text, "r.json").unwrap_err().to_string();
+            assert!(error.contains("r.json") && error.contains(named), "{error}");
+        }
+        let error = Rig::load(Path::new("/dev/zero")).unwrap_err().to_string();
+        assert_eq!(error, "rig file /dev/zero: expected at most 1 MiB, found more");
     }
 
     #[test]

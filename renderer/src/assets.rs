@@ -2,13 +2,19 @@
 //! meshes, built in or from files.
 
 use crate::tools::{ModelError, Models};
-use image::RgbImage;
+use image::{ImageReader, Limits, RgbImage};
+use protocol::file::{MAX_TABLE_BYTES, looks_like, read_bytes};
+use std::io::Cursor;
 use std::path::Path;
 
 /// The photograph that is built in (see `assets/README.md`).
 const PHOTOGRAPH: &[u8] = include_bytes!("../../assets/fundus.jpg");
 /// Least width of a photograph, px: a software driver's map shows as many.
 const MIN_PX: u32 = 512;
+/// Greatest width and height of a photograph, px.
+const MAX_PX: u32 = 8192;
+/// Memory limit of a decoder, bytes: the largest photograph with 16 bits a sample.
+const MAX_DECODER_BYTES: u64 = 512 << 20;
 /// Most that width and height of a photograph may differ, share of the width.
 const SQUARE: f64 = 0.02;
 
@@ -70,15 +76,27 @@ pub fn shipped_photograph() -> Result<RgbImage, AssetError> {
 
 fn photograph(path: &Path) -> Result<RgbImage, AssetError> {
     let file = path.display().to_string();
-    let bytes = std::fs::read(path)
+    let bytes = read_bytes(path, MAX_TABLE_BYTES)
         .map_err(|e| AssetError::Photograph { file: file.clone(), problem: e.to_string() })?;
     decode(&file, &bytes)
 }
 
-fn decode(file: &str, bytes: &[u8]) -> Result<RgbImage, AssetError> {
+/// A photograph from the bytes of `file`.
+///
+/// # Errors
+/// If they are no square colour photograph, or one of more than [`MAX_PX`] a side.
+pub fn decode(file: &str, bytes: &[u8]) -> Result<RgbImage, AssetError> {
     let refused = |problem: String| AssetError::Photograph { file: file.to_owned(), problem };
-    let picture = image::load_from_memory(bytes);
-    let picture = picture.map_err(|e| refused(format!("expected a JPEG or PNG picture: {e}")))?;
+    let unreadable = |e: image::ImageError| {
+        let found = looks_like(bytes);
+        refused(format!("expected a JPEG or PNG picture of at most {MAX_PX} px a side, found {found}: {e}"))
+    };
+    let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().expect("memory is read");
+    let mut limits = Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(MAX_PX), Some(MAX_PX));
+    limits.max_alloc = Some(MAX_DECODER_BYTES);
+    reader.limits(limits);
+    let picture = reader.decode().map_err(unreadable)?;
     if !picture.color().has_color() {
         return Err(refused(format!("expected colours, found {:?}", picture.color())));
     }
@@ -114,6 +132,8 @@ mod tests {
         assert!(problem(&png(600, 600, image::ColorType::L8)).contains("colours, found L8"));
         assert!(problem(&png(600, 400, image::ColorType::Rgb8)).contains("600×400"));
         assert!(problem(&png(100, 100, image::ColorType::Rgb8)).contains("at least 512 px"));
+        let wide = problem(&png(8200, 8, image::ColorType::Rgb8));
+        assert!(wide.contains("at most 8192 px a side, found a PNG picture"), "{wide}");
         assert!(decode("eye.png", &whole).is_ok() && shipped_photograph().is_ok());
     }
 

@@ -4,10 +4,11 @@
 
 mod load;
 
-pub use load::{ModelError, name, parts};
+pub use load::{ModelError, load, name, parts};
 
 use crate::layout::MetalVertex;
 use glam::Vec3;
+use protocol::file::read_bytes;
 use protocol::handles::{self, Tool};
 use std::ops::Range;
 use std::path::Path;
@@ -24,6 +25,9 @@ pub const NOMINAL_LENGTH_MM: f32 = 60.0;
 pub const NOMINAL_CANNULA_MM: f32 = 0.05;
 /// A shaft is made longer or shorter beyond this height over its tip, mm.
 const STRETCHED_FROM_MM: f32 = 5.0;
+
+/// Longest file, bytes.
+const MAX_MESH_BYTES: u64 = 16 << 20;
 
 /// Materials of [`MetalVertex`].
 const METAL: f32 = 0.0;
@@ -137,7 +141,7 @@ impl Models {
     /// If a mesh is invalid.
     pub fn shipped() -> Result<Self, ModelError> {
         let file = |tool| format!("assets/instruments/{}.glb", name(tool));
-        let load = |(tool, bytes)| load::load(tool, &file(tool), bytes);
+        let load = |(tool, bytes)| load(tool, &file(tool), bytes);
         TOOLS.into_iter().zip(SHIPPED).map(load).collect::<Result<_, _>>().map(Self)
     }
 
@@ -150,7 +154,7 @@ impl Models {
             let path = folder.join(format!("{}.glb", name(tool)));
             let file = path.display().to_string();
             let problem = |e: std::io::Error| ModelError { file: file.clone(), problem: e.to_string() };
-            load::load(tool, &file, &std::fs::read(&path).map_err(problem)?)
+            load(tool, &file, &read_bytes(&path, MAX_MESH_BYTES).map_err(problem)?)
         };
         TOOLS.into_iter().map(load).collect::<Result<_, _>>().map(Self)
     }

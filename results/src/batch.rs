@@ -2,6 +2,7 @@
 //! several threads. The rows come in the order of the list, whatever the threads do.
 
 use crate::attempt::Attempt;
+use protocol::file::{MAX_TABLE_BYTES, read_text};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -101,7 +102,7 @@ pub fn list(named: &[PathBuf], manifest: Option<&Path>) -> Result<Vec<PathBuf>, 
         }
     }
     if let Some(manifest) = manifest {
-        let text = std::fs::read_to_string(manifest).map_err(|e| refused(manifest, e))?;
+        let text = read_text(manifest, MAX_TABLE_BYTES).map_err(|e| refused(manifest, e))?;
         all.extend(lines(&text, manifest.parent().unwrap_or(Path::new(""))));
     }
     let mut seen = BTreeSet::new();
@@ -115,7 +116,7 @@ fn refused(path: &Path, problem: std::io::Error) -> BatchError {
 
 /// Paths of a manifest: one a line, from its own folder on; blank lines and those that begin with
 /// `#` are passed over.
-fn lines(text: &str, folder: &Path) -> Vec<PathBuf> {
+pub fn lines(text: &str, folder: &Path) -> Vec<PathBuf> {
     let lines = text.lines().map(|line| line.trim_end_matches('\r'));
     let paths = lines.filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
     paths.map(|line| folder.join(line)).collect()

@@ -18,7 +18,7 @@ pub use adhesion::{AdhesionScene, CurlScene, PatchScene};
 pub use bodies::{BodiesScene, BodyScene, BodyShape, MAX_BODIES};
 pub use elements::{ElementsLaw, ElementsScene};
 pub use membrane::{MembraneIntegrator, MembraneScene};
-pub use mesh::{MeshScene, Pinned};
+pub use mesh::{MeshScene, Pinned, parse_obj};
 pub use optics::OpticsScene;
 pub use retina::{RetinaOperation, RetinaScene};
 pub use script::{GoalCheck, PedalKey, Retarget, Retry, SAME_INSTANT_S, ScriptKey, ScriptScene};
@@ -28,6 +28,7 @@ pub use vitreous::{
     GelScene, RelaxationScene, SuctionScene, VitreousAdhesionScene, VitreousScene, ZoneScene,
 };
 
+use protocol::file::{MAX_TABLE_BYTES, other_format, other_format_in, read_text};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use serde::{Deserialize, Serialize};
@@ -236,7 +237,7 @@ impl SceneFile {
     pub fn load(name: &str) -> Result<Self, SceneError> {
         let path = Path::new(name);
         if path.is_file() {
-            let text = std::fs::read_to_string(path)
+            let text = read_text(path, MAX_TABLE_BYTES)
                 .map_err(|source| SceneError::Read { name: name.into(), source })?;
             let mut scene = Self::read(&text, name)?;
             if let Some(mesh) = scene.membrane.as_mut().and_then(|m| m.mesh.as_mut()) {
@@ -264,8 +265,15 @@ impl SceneFile {
     }
 
     fn read(text: &str, name: &str) -> Result<Self, SceneError> {
-        toml::from_str(text)
-            .map_err(|source| SceneError::Parse { name: name.into(), source: Box::new(source) })
+        toml::from_str(text).map_err(|source| match other_format_in(text, FORMAT) {
+            Some(found) => SceneError::Value {
+                name: name.into(),
+                field: "format".into(),
+                expected: FORMAT.into(),
+                found,
+            },
+            None => SceneError::Parse { name: name.into(), source: Box::new(source) },
+        })
     }
 
     /// The script; instruments at rest where the scene has none.
@@ -291,8 +299,8 @@ impl SceneFile {
 
     /// The first key that makes no sense.
     fn defect(&self) -> Option<Defect> {
-        if self.format != FORMAT {
-            return refuse("format", FORMAT, &self.format);
+        if let Some(found) = other_format(&self.format, FORMAT) {
+            return refuse("format", FORMAT, found);
         }
         if self.instruments.len() != INSTRUMENTS {
             return refuse("instruments", "two of them", self.instruments.len());
@@ -304,7 +312,7 @@ impl SceneFile {
         let radius_mm = self.eye.retina_radius_mm;
         let bodies = self.bodies.as_ref().map_or(0, |b| b.body.len());
         let goals = self.task.as_ref().map_or(0, |t| t.goals.len());
-        let of_membrane = self.membrane.as_ref().and_then(MembraneScene::defect);
+        let of_membrane = self.membrane.as_ref().and_then(|m| m.defect(radius_mm));
         of_membrane
             .or_else(|| self.bodies.as_ref()?.defect(radius_mm))
             .or_else(|| self.optics.as_ref()?.defect(&self.microscope))
@@ -374,6 +382,17 @@ mod tests {
         assert_eq!(*scene.script_or_rest(), ScriptScene::at_rest());
         assert_eq!(ScriptScene::at_rest().defect(0, 0), None);
         assert_eq!(scene, SceneFile::parse(&scene.to_toml(), "again").unwrap());
+    }
+
+    #[test]
+    fn a_newer_format_is_named_before_its_keys() {
+        let newer = "format = \"vitreo-scene-2\"\nheadline = \"of the future\"\n";
+        let error = SceneFile::parse(newer, "s.toml").unwrap_err().to_string();
+        let expected = "format: expected vitreo-scene-1, found vitreo-scene-2, the format of a newer vitreo";
+        assert!(error.contains("s.toml") && error.contains(expected), "{error}");
+        let other = SHIPPED[0].1.replacen("vitreo-scene-1", "vitreo-scene-0", 1);
+        let error = SceneFile::parse(&other, "s.toml").unwrap_err().to_string();
+        assert!(error.contains("format: expected vitreo-scene-1, found 'vitreo-scene-0'"), "{error}");
     }
 
     #[test]

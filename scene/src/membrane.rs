@@ -114,12 +114,13 @@ impl MembraneScene {
         ranges
     }
 
-    /// What is wrong beyond the ranges: key, what would be right, what is there.
-    pub(super) fn defect(&self) -> Option<Defect> {
-        self.shape_defect().or_else(|| self.material_defect())
+    /// What is wrong beyond the ranges in an eye of this radius: key, what would be right, what is
+    /// there.
+    pub(super) fn defect(&self, retina_radius_mm: f64) -> Option<Defect> {
+        self.shape_defect(retina_radius_mm).or_else(|| self.material_defect())
     }
 
-    fn shape_defect(&self) -> Option<Defect> {
+    fn shape_defect(&self, retina_radius_mm: f64) -> Option<Defect> {
         if let Some(mesh) = &self.mesh {
             let beside = [
                 ("membrane.towards_in_eye", !is_default(&self.towards_in_eye)),
@@ -130,7 +131,7 @@ impl MembraneScene {
             ];
             return match beside.into_iter().find(|(_, is_set)| *is_set) {
                 Some((key, _)) => refuse(key, "no such key beside membrane.mesh", "one"),
-                None => mesh.defect(),
+                None => mesh.defect(retina_radius_mm),
             };
         }
         if self.squares.iter().any(|&n| !(2..=800).contains(&n)) {

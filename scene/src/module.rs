@@ -2,6 +2,7 @@
 //! shipped one.
 
 use crate::{Goal, GoalOrder, SceneError, SceneFile, ScriptScene, TaskScene};
+use protocol::file::{MAX_TABLE_BYTES, other_format, other_format_in, read_text};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -171,14 +172,22 @@ impl Module {
     /// # Errors
     /// If a key is unknown, missing or out of its range; the error names it.
     pub fn parse(name: &str, text: &str, scene: Option<&str>) -> Result<Self, ModuleError> {
-        let file: ModuleFile = toml::from_str(text)
-            .map_err(|source| ModuleError::Parse { name: name.into(), source: Box::new(source) })?;
+        let file: ModuleFile = toml::from_str(text).map_err(|source| {
+            let of = |found| ModuleError::Value {
+                name: name.into(),
+                field: "format".into(),
+                expected: FORMAT.into(),
+                found,
+            };
+            let parse = || ModuleError::Parse { name: name.into(), source: Box::new(source) };
+            other_format_in(text, FORMAT).map_or_else(parse, of)
+        })?;
         let refuse = |field: &str, expected: &str, found: String| {
             let (field, expected) = (field.to_owned(), expected.to_owned());
             Err(ModuleError::Value { name: name.into(), field, expected, found })
         };
-        if file.format != FORMAT {
-            return refuse("format", FORMAT, file.format);
+        if let Some(found) = other_format(&file.format, FORMAT) {
+            return refuse("format", FORMAT, found);
         }
         if file.level.is_empty() {
             return refuse("level", "at least one level", "none".into());
@@ -275,6 +284,7 @@ fn merge(table: &mut toml::Table, changes: &toml::Table) {
 }
 
 fn read(path: &Path) -> Result<String, ModuleError> {
-    std::fs::read_to_string(path)
+    // A level's goals and scripts are long, a scene's mesh is longer.
+    read_text(path, MAX_TABLE_BYTES)
         .map_err(|source| ModuleError::Read { name: path.display().to_string(), source })
 }

@@ -55,9 +55,9 @@ impl InputHistory {
             self.poses.drain(..frame.map_or(0, |f| f + 1));
             self.steps.drain(..=at);
         }
-        let consumed = self.handles.iter().rposition(|h| h.seq + 1 == header.handles_below);
+        let consumed = self.handles.iter().rposition(|h| h.seq.wrapping_add(1) == header.handles_below);
         self.handles.drain(..consumed.map_or(0, |at| at + 1));
-        let consumed = self.pedals.iter().rposition(|p| p.seq + 1 == header.pedals_below);
+        let consumed = self.pedals.iter().rposition(|p| p.seq.wrapping_add(1) == header.pedals_below);
         self.pedals.drain(..consumed.map_or(0, |at| at + 1));
     }
 
@@ -165,12 +165,12 @@ fn take<T>(queue: &mut VecDeque<T>, before: u64, below: u64, seq: impl Fn(&T) ->
     if below == before {
         return Some(Vec::new());
     }
-    let last = queue.iter().position(|x| seq(x) + 1 == below)?;
+    let last = queue.iter().position(|x| seq(x).wrapping_add(1) == below)?;
     let numbers = queue.range(..=last).map(&seq);
     // At its start a record may begin anywhere.
     let follows = |next: &mut u64, number: u64| {
         let follows = number == *next || number == 0 || *next == 0;
-        *next = number + 1;
+        *next = number.wrapping_add(1);
         Some(follows)
     };
     numbers.scan(before, follows).all(|follows| follows).then(|| queue.drain(..=last).collect())

@@ -8,6 +8,7 @@ mod crash;
 mod dose;
 mod faults;
 mod film;
+mod hostile;
 mod instruments;
 mod logging;
 mod modules;

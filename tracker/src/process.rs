@@ -189,8 +189,14 @@ impl TrackerProcess {
         self.send(frame)
     }
 
-    /// Tracks the recorded frames again, as far as their fields have arrived.
+    /// Tracks the recorded frames again, as far as their fields have arrived. Where nothing is
+    /// replayed nobody has frames to send: what comes is counted as refused.
     fn replay_frames(&mut self) -> anyhow::Result<()> {
+        while !self.replay {
+            if self.recorded.next_valid()?.is_none() {
+                return Ok(());
+            }
+        }
         loop {
             if self.waiting.is_none() {
                 self.waiting = self.recorded.next_valid()?;
@@ -235,11 +241,12 @@ impl TrackerProcess {
         }
         let (blobs, recorded) = (self.blobs.counts(), self.recorded.counts());
         let report = &mut self.shell.report;
-        report.received = blobs.received + recorded.received;
+        let strange = if self.replay { 0 } else { recorded.received - recorded.refused };
+        report.received = blobs.received + recorded.received - strange;
         report.sent = self.poses.sent();
         report.lost = blobs.lost + recorded.lost + self.store.dropped() + self.passed_over;
         let fields = u64::from(self.assembler.refused());
-        report.refused = blobs.refused + recorded.refused + fields + self.tracker.blobs_refused();
+        report.refused = blobs.refused + recorded.refused + strange + fields + self.tracker.blobs_refused();
     }
 
     fn serve_control(&mut self) -> anyhow::Result<()> {

@@ -3,15 +3,14 @@
 use super::{CLASSES, Class, ColourTable};
 use crate::scan::Settings;
 use crate::scan::background::Level;
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 use protocol::blobs::Colour;
+use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_text};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// Format key of a file.
 const FORMAT: &str = "vitreo-colours-1";
-/// Longest file, bytes.
-const MAX_BYTES: u64 = 1 << 20;
 /// The shipped classes.
 pub const SHIPPED: &str = include_str!("../../../assets/colours.toml");
 
@@ -67,9 +66,7 @@ impl ColourFile {
         let Some(path) = path else { return Self::parse(SHIPPED, "shipped colours") };
         let file = path.display().to_string();
         let failed = |e: std::io::Error| anyhow!("{file}: {e}");
-        let length = std::fs::metadata(path).map_err(failed)?.len();
-        ensure!(length <= MAX_BYTES, "{file}: expected at most {MAX_BYTES} bytes, found {length}");
-        Self::parse(&std::fs::read_to_string(path).map_err(failed)?, &file)
+        Self::parse(&read_text(path, MAX_SETTINGS_BYTES).map_err(failed)?, &file)
     }
 
     /// Parses a text; `file` is its name in messages.
@@ -77,14 +74,19 @@ impl ColourFile {
     /// # Errors
     /// A text that is not TOML of this format, or a value out of range.
     pub fn parse(text: &str, file: &str) -> Result<Self> {
-        let parsed: ColourFile = toml::from_str(text).map_err(|e| anyhow!("{file}: {e}"))?;
+        let parsed: ColourFile = toml::from_str(text).map_err(|e| match other_format_in(text, FORMAT) {
+            Some(found) => anyhow!("{file}: format: expected {FORMAT:?}, found {found}"),
+            None => anyhow!("{file}: {e}"),
+        })?;
         parsed.check().map_err(|problem| anyhow!("{file}: {problem}"))?;
         Ok(parsed)
     }
 
     /// Refuses the first value that is out of range.
     fn check(&self) -> Result<()> {
-        ensure!(self.format == FORMAT, "format: expected {FORMAT:?}, found {:?}", self.format);
+        if let Some(found) = other_format(&self.format, FORMAT) {
+            bail!("format: expected {FORMAT:?}, found {found}");
+        }
         ensure!(self.low > 0, "low: expected at least 1, found 0");
         let (low, found) = (self.low, self.high.min(self.high_white));
         ensure!(found >= low, "high, high_white: expected at least low = {low}, found {found}");

@@ -9,7 +9,7 @@ use crate::colours::convert::{GREY, luma_of_full, ycc_of_rgb};
 use anyhow::{Result, anyhow, ensure};
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use std::fs::File;
-use std::io::BufReader;
+use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
 
 /// Memory limit of a decoder, bytes: the largest picture with 4 samples of 16 bits, and half as
@@ -72,11 +72,17 @@ impl Levels {
 /// # Errors
 /// A file that cannot be opened, is no PNG or JPEG, is damaged, or exceeds the limits of size.
 pub fn read(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<()> {
-    decode(path, levels, into).map_err(|problem| anyhow!("{}: {problem}", path.display()))
+    let opened = File::open(path).map_err(anyhow::Error::from);
+    let decoded = opened.and_then(|file| decode(BufReader::new(file), levels, into));
+    decoded.map_err(|problem| anyhow!("{}: {problem}", path.display()))
 }
 
-fn decode(path: &Path, levels: Option<Levels>, into: &mut Picture) -> Result<()> {
-    let mut reader = ImageReader::new(BufReader::new(File::open(path)?)).with_guessed_format()?;
+/// Decodes an image, as [`read`] does.
+///
+/// # Errors
+/// As [`read`], without the file's name.
+pub fn decode(input: impl BufRead + Seek, levels: Option<Levels>, into: &mut Picture) -> Result<()> {
+    let mut reader = ImageReader::new(input).with_guessed_format()?;
     ensure!(
         matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::Jpeg)),
         "expected a PNG, a JPEG or a Y4M clip, found something else"

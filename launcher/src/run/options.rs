@@ -6,6 +6,7 @@ use crate::results::{Place, seconds_since_1970};
 use anyhow::{Context, bail};
 use outputs::{Force, Outputs, numbered};
 use protocol::budget::{Budgets, Stage};
+use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::health::Process;
 use results::Store;
 use results::store::check_name;
@@ -317,7 +318,8 @@ impl RunArgs {
             None => Budgets::default(),
             Some(file) => {
                 let name = file.display().to_string();
-                let text = std::fs::read_to_string(file).with_context(|| format!("budget file {name}"))?;
+                let text =
+                    read_text(file, MAX_SETTINGS_BYTES).with_context(|| format!("budget file {name}"))?;
                 Budgets::parse(&text, &name)?
             }
         };

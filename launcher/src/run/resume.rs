@@ -84,8 +84,9 @@ impl Trail {
         });
         let of_step = |field: u64, number: u64| field == header.field && frame.is_none_or(|f| f == number);
         let pose_at = last(&|i| matches!(i, Item::Poses(p) if of_step(p.field, p.frame)));
-        let handle_at = last(&|i| matches!(i, Item::Handle(h) if h.seq + 1 == header.handles_below));
-        let pedal_at = last(&|i| matches!(i, Item::Pedal(p) if p.seq + 1 == header.pedals_below));
+        let handle_at =
+            last(&|i| matches!(i, Item::Handle(h) if h.seq.wrapping_add(1) == header.handles_below));
+        let pedal_at = last(&|i| matches!(i, Item::Pedal(p) if p.seq.wrapping_add(1) == header.pedals_below));
         let mut place = 0;
         self.items.retain(|item| {
             let consumed_to = match item {

@@ -174,7 +174,7 @@ pub(super) struct Account {
 impl Account {
     pub(super) fn note(&mut self, stamp: &Stamp) {
         self.counts.received += 1;
-        let next = stamp.seq + 1;
+        let next = stamp.seq.saturating_add(1);
         match self.senders.iter_mut().find(|(epoch, _)| *epoch == stamp.epoch) {
             Some((_, expected)) => {
                 self.counts.lost += stamp.seq.saturating_sub(*expected);

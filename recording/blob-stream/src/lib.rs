@@ -9,6 +9,7 @@
 
 use bytemuck::Zeroable;
 use protocol::blobs::{Blob, BlobField, Colour, DEFAULT_VARIANCE_PX2};
+use protocol::file::looks_like;
 use protocol::limits::MAX_CAMERAS;
 use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
@@ -164,7 +165,7 @@ pub fn parse_line(text: &str, file: &str, line_no: u64) -> Result<BlobField, Blo
 /// Head and blobs of a line.
 fn parse<B: DeserializeOwned>(text: &str, file: &str, line: u64) -> Result<(FieldHead, B), BlobStreamError> {
     let refuse = |problem: String| BlobStreamError::Line { file: file.into(), line, problem };
-    let parsed = serde_json::from_str(text).map_err(|e| refuse(in_columns(&e)))?;
+    let parsed = serde_json::from_str(text).map_err(|e| refuse(mismatch(text, &e)))?;
     let FieldLine { cam, seq, t_ns, t_rx_ns, parity, blobs } = parsed;
     let head = FieldHead { cam, seq, t_ns, t_rx_ns, parity };
     check_head(&head).map_err(refuse)?;
@@ -190,6 +191,15 @@ fn check_head(head: &FieldHead) -> Result<(), String> {
 /// Where the line is no camera-field, or a number of its head makes no sense.
 pub fn parse_head(text: &str, file: &str, line_no: u64) -> Result<FieldHead, BlobStreamError> {
     parse::<Option<IgnoredAny>>(text, file, line_no).map(|(head, _)| head)
+}
+
+/// Why a text is no line of a stream: what it looks like, or the parser's own words.
+fn mismatch(text: &str, error: &serde_json::Error) -> String {
+    if text.starts_with('{') {
+        return in_columns(error);
+    }
+    let found = looks_like(text.as_bytes());
+    format!("expected one camera-field in JSON, which begins with {{, found {found}")
 }
 
 /// The parser counts lines of its own text, which is always the first; only the column helps.
@@ -353,6 +363,16 @@ mod tests {
             assert_ne!(broken, LINE, "{from} is not in the line");
             let error = parse_line(&broken, "b.jsonl", 12).unwrap_err().to_string();
             assert!(error.starts_with("blob stream b.jsonl, line 12: ") && error.contains(named), "{error}");
+        }
+    }
+
+    #[test]
+    fn other_files_are_named_for_what_they_look_like() {
+        let cases = [("t_ns,cam,x,y", "a table (CSV)"), ("[a]", "TOML"), ("<svg/>", "XML")];
+        for (text, what) in cases {
+            let error = parse_line(text, "b.csv", 1).unwrap_err().to_string();
+            let expected = format!("expected one camera-field in JSON, which begins with {{, found {what}");
+            assert!(error.contains("b.csv, line 1: ") && error.contains(&expected), "{error}");
         }
     }
 

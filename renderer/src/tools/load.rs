@@ -6,6 +6,7 @@ use super::{
 };
 use crate::layout::MetalVertex;
 use glam::Vec3;
+use gltf::accessor::{DataType, Dimensions};
 use gltf::{Gltf, Node, Primitive};
 use protocol::handles::{PORT_HEIGHT_MM, PORT_RADIUS_MM, Tool};
 use std::collections::HashMap;
@@ -78,6 +79,11 @@ pub fn load(tool: Tool, file: &str, bytes: &[u8]) -> Result<Model, ModelError> {
 /// The file's parsed and validated contents.
 fn parse(bytes: &[u8]) -> Result<Gltf, String> {
     let no_file = |e: gltf::Error| format!("no glTF file: {e}");
+    // The library takes the header's length off the file's without a look at it.
+    let length = bytes.get(8..12).and_then(|b| Some(u32::from_le_bytes(b.try_into().ok()?)));
+    if bytes.starts_with(b"glTF") && length.is_none_or(|length| length < 12) {
+        return Err("no glTF file: its header is cut or tells a length that is too short".into());
+    }
     let Gltf { document, blob } = Gltf::from_slice_without_validation(bytes).map_err(no_file)?;
     let root = document.into_json();
     // The library's validation looks up the positions' accessor before it checks that there is one.
@@ -118,9 +124,19 @@ fn add(part: &mut Part, primitive: &Primitive<'_>, buffer: &[u8], side: f32) -> 
         return Err(format!("expected triangles, found {:?}", primitive.mode()));
     }
     // The reader trusts the file's lengths.
-    for (_, accessor) in
-        primitive.attributes().chain(primitive.indices().map(|i| (gltf::Semantic::Normals, i)))
-    {
+    for (semantic, accessor) in primitive.attributes() {
+        let is_read = matches!(semantic, gltf::Semantic::Positions | gltf::Semantic::Normals);
+        let vectors = (accessor.data_type(), accessor.dimensions()) == (DataType::F32, Dimensions::Vec3);
+        if is_read && !vectors {
+            return Err(format!("expected three floats a vertex as {semantic:?}, found other numbers"));
+        }
+        inside(&accessor, buffer)?;
+    }
+    if let Some(accessor) = primitive.indices() {
+        let counts = matches!(accessor.data_type(), DataType::U8 | DataType::U16 | DataType::U32);
+        if !counts || accessor.dimensions() != Dimensions::Scalar {
+            return Err(format!("expected whole numbers as indices, found {:?}", accessor.data_type()));
+        }
         inside(&accessor, buffer)?;
     }
     let material = match primitive.material().name() {

@@ -82,7 +82,7 @@ impl World {
                 instrument.touches = false;
             }
             (instrument.tool, instrument.jaw_target_rad) = (handle.tool, handle.jaw_rad);
-            self.state.handles_below = handle.seq + 1;
+            self.state.handles_below = handle.seq.wrapping_add(1);
         }
         for i in 0..INSTRUMENTS {
             self.change_tool(i);
@@ -109,7 +109,7 @@ impl World {
             let state = &mut self.state;
             microscope::apply_pedal(&mut state.microscope, &mut state.optics, pedal, &self.scene);
             self.state.tools.press(pedal, &self.figures);
-            self.state.pedals_below = pedal.seq + 1;
+            self.state.pedals_below = pedal.seq.wrapping_add(1);
         }
     }
 

@@ -2,6 +2,7 @@
 //! in a mirrored loop so that their end joins their beginning without a jump.
 
 use nalgebra::Vector3;
+use protocol::file::{MAX_TABLE_BYTES, read_bytes};
 use std::f64::consts::TAU;
 use std::path::Path;
 
@@ -63,8 +64,8 @@ impl RecordedMotion {
     /// [`RecordedMotionError::Read`] where the file cannot be read, else as [`Self::parse`].
     pub fn load(path: &Path) -> Result<Self, RecordedMotionError> {
         let file = path.display().to_string();
-        let bytes =
-            std::fs::read(path).map_err(|source| RecordedMotionError::Read { file: file.clone(), source })?;
+        let bytes = read_bytes(path, MAX_TABLE_BYTES)
+            .map_err(|source| RecordedMotionError::Read { file: file.clone(), source })?;
         Self::parse(&String::from_utf8_lossy(&bytes), &file)
     }
 

@@ -1,8 +1,16 @@
 //! Grey pictures: reading, smoothing, sampling between pixels.
 
 use anyhow::{Result, anyhow, ensure};
+use image::{ImageReader, Limits};
 use nalgebra::Vector2;
+use protocol::file::{MAX_TABLE_BYTES, looks_like, read_bytes};
+use std::io::Cursor;
 use std::path::Path;
+
+/// Greatest width and height of a picture, px.
+const MAX_PX: u32 = 8192;
+/// Memory limit of a decoder, bytes: the largest picture with 8 bits a sample.
+const MAX_DECODER_BYTES: u64 = 256 << 20;
 
 /// A grey picture, 0 to 255; the centre of the top-left pixel is (0, 0).
 #[derive(Debug, Clone, PartialEq)]
@@ -26,8 +34,28 @@ impl GreyImage {
     /// # Errors
     /// A file that cannot be read or decoded, or is too small to hold a target.
     pub fn load(path: &Path) -> Result<Self> {
-        let file = path.display();
-        let picture = image::open(path).map_err(|e| anyhow!("picture {file}: {e}"))?.to_luma32f();
+        let file = path.display().to_string();
+        let bytes = read_bytes(path, MAX_TABLE_BYTES).map_err(|e| anyhow!("picture {file}: {e}"))?;
+        Self::decode(&bytes, &file)
+    }
+
+    /// Decodes the bytes of a PNG or JPEG file; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// Bytes that cannot be decoded, or a picture that is too small to hold a target or too large.
+    pub fn decode(bytes: &[u8], file: &str) -> Result<Self> {
+        let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format()?;
+        let mut limits = Limits::default();
+        (limits.max_image_width, limits.max_image_height) = (Some(MAX_PX), Some(MAX_PX));
+        limits.max_alloc = Some(MAX_DECODER_BYTES);
+        reader.limits(limits);
+        let found = looks_like(bytes);
+        let picture = reader.decode().map_err(|e| {
+            anyhow!(
+                "picture {file}: expected a PNG or JPEG of at most {MAX_PX} px a side, found {found}: {e}"
+            )
+        })?;
+        let picture = picture.to_luma32f();
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         ensure!(
             width >= 16 && height >= 16,

@@ -12,6 +12,7 @@
 use crate::target_problem::Correspondence;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use nalgebra::{Point3, Vector2};
+use protocol::file::{MAX_TABLE_BYTES, read_bytes};
 use serde::Deserialize;
 use std::path::Path;
 
@@ -45,7 +46,8 @@ const KEYS: [&str; 5] = ["x", "y", "X", "Y", "Z"];
 const LARGEST: f64 = 1e6;
 
 fn read(path: &Path) -> Result<String> {
-    let text = std::fs::read(path).map_err(|e| anyhow!("point list {}: {e}", path.display()))?;
+    let text =
+        read_bytes(path, MAX_TABLE_BYTES).map_err(|e| anyhow!("point list {}: {e}", path.display()))?;
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 

@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result, anyhow, ensure};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use protocol::file::{MAX_TABLE_BYTES, read_bytes};
 use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use std::collections::BTreeMap;
@@ -20,7 +21,7 @@ const COLUMNS: [&str; 10] = ["x", "y", "z", "qw", "qx", "qy", "qz", "t_ns", "bod
 /// A file that cannot be read; otherwise as [`parse`].
 pub fn load(path: &Path) -> Result<Vec<Poses>> {
     let file = path.display().to_string();
-    let text = std::fs::read(path).map_err(|e| anyhow!("poses {file}: {e}"))?;
+    let text = read_bytes(path, MAX_TABLE_BYTES).map_err(|e| anyhow!("poses {file}: {e}"))?;
     parse(&String::from_utf8_lossy(&text), &file)
 }
 

@@ -9,10 +9,12 @@
 
 use super::FaultEvent;
 use anyhow::{Context, Result, anyhow, ensure};
+use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_text};
 use protocol::limits::MAX_CAMERAS;
 use protocol::rig::Rig;
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
+use std::path::Path;
 
 /// Format key of the files.
 pub const FORMAT: &str = "vitreo-faults-1";
@@ -220,7 +222,8 @@ impl FaultSpec {
     /// An unknown preset, or a file that cannot be read; otherwise as [`FaultSpec::parse`].
     pub fn load(text: &str) -> Result<Self> {
         if text.ends_with(".toml") {
-            let read = std::fs::read_to_string(text).map_err(|e| anyhow!("fault file {text}: {e}"))?;
+            let read = read_text(Path::new(text), MAX_SETTINGS_BYTES);
+            let read = read.map_err(|e| anyhow!("fault file {text}: {e}"))?;
             return Self::parse(&read, text);
         }
         let mut all = Self::empty();
@@ -250,9 +253,11 @@ impl FaultSpec {
     /// # Errors
     /// A text that is not TOML of this format, or a value out of range.
     pub fn parse(text: &str, file: &str) -> Result<Self> {
-        let spec: FaultSpec = toml::from_str(text).map_err(|e| anyhow!("fault file {file}: {e}"))?;
-        let found = &spec.format;
-        ensure!(found == FORMAT, "fault file {file}: format: expected {FORMAT}, found {found}");
+        let refused = |found| anyhow!("fault file {file}: format: expected {FORMAT}, found {found}");
+        let spec: FaultSpec = toml::from_str(text).map_err(|e| {
+            other_format_in(text, FORMAT).map_or_else(|| anyhow!("fault file {file}: {e}"), refused)
+        })?;
+        other_format(&spec.format, FORMAT).map_or(Ok(()), |found| Err(refused(found)))?;
         spec.check_numbers(file)?;
         let expected = format!("ids of 0 to {}", MAX_CAMERAS - 1);
         spec.check_cameras(file, &expected, |id| (id as usize) < MAX_CAMERAS)?;

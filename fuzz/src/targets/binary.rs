@@ -1,0 +1,143 @@
+//! Readers of files that are no text: recordings, journals, checkpoints, meshes, pictures, clips, the
+//! store of results.
+
+use super::{Kind, Target};
+use crate::corpus::{self, Scratch};
+use calibration::grey_image::GreyImage;
+use fpga_model::input::Picture;
+use fpga_model::input::still;
+use fpga_model::input::y4m::Clip;
+use protocol::journal;
+use protocol::scene_stream;
+use recording::Recording;
+use renderer::tools::TOOLS;
+use results::Store;
+use results::store::Filter;
+use scene::SceneFile;
+use simcore::world::World;
+use std::cell::RefCell;
+use std::hint::black_box;
+use std::io::Cursor;
+use std::time::Duration;
+
+/// Targets of all readers of such files.
+pub fn targets() -> Vec<Target> {
+    let target =
+        |name, run, seeds, longest| Target { name, kind: Kind::Recording, run, seeds, layout: None, longest };
+    vec![
+        target("recording", recording, corpus::recordings, 96 << 10),
+        target("journal", journal, corpus::journals, 64 << 10),
+        target("scene-stream", scene_stream, corpus::scene_streams, 16 << 10),
+        target("state", checkpoint, checkpoints, 512 << 10),
+        target("mesh-glb", mesh, || corpus::shipped(&["assets/instruments"], "glb"), 32 << 10),
+        target("fundus", fundus, corpus::photographs, 16 << 10),
+        target("grey-picture", |b| drop(black_box(GreyImage::decode(b, "f"))), corpus::pictures, 16 << 10),
+        target("still", still_picture, corpus::pictures, 16 << 10),
+        target("clip-y4m", clip, clips, 4 << 10),
+        target("results-store", store, corpus::stores, 128 << 10),
+    ]
+}
+
+thread_local! {
+    static FILE: Scratch = Scratch::new();
+    static WORLD: RefCell<World> = RefCell::new(peel());
+}
+
+fn peel() -> World {
+    World::new(&SceneFile::load("peel").expect("a shipped scene")).expect("a world")
+}
+
+fn recording(bytes: &[u8]) {
+    FILE.with(|file| {
+        let Ok(recording) = Recording::open(file.with(bytes)) else { return };
+        black_box((recording.provenance(), recording.is_finished()));
+        for item in recording.items().take(100_000).flatten() {
+            let (_, item) = item;
+            black_box(item.encoded().len());
+        }
+    });
+}
+
+fn journal(bytes: &[u8]) {
+    let Ok(mut reader) = journal::Reader::new(bytes) else { return };
+    let mut history = simcore::resume::InputHistory::default();
+    while let Ok(Some(entry)) = reader.next_entry() {
+        history.note(entry);
+    }
+    black_box(history.waiting().is_some());
+}
+
+fn scene_stream(bytes: &[u8]) {
+    let Ok(mut reader) = scene_stream::Reader::new(bytes) else { return };
+    while let Ok(Some((header, payload))) = reader.next_scene() {
+        let text = protocol::scene::section::<u8>(payload, header.text);
+        black_box(text.map_or(0, |t| t.len()));
+    }
+}
+
+fn checkpoints() -> Vec<Vec<u8>> {
+    let mut bytes = Vec::new();
+    peel().save(&mut bytes).expect("a checkpoint");
+    vec![bytes]
+}
+
+/// A checkpoint that is taken must be one that the world goes on from.
+fn checkpoint(bytes: &[u8]) {
+    WORLD.with_borrow_mut(|world| {
+        if world.restore(bytes).is_ok() {
+            let frame = corpus::resting_frame(1);
+            let input = protocol::steps::StepInput { frame: &frame, handles: &[], pedals: &[] };
+            black_box(world.step(&input, &mut simcore::world::no_clock));
+        }
+    });
+}
+
+fn mesh(bytes: &[u8]) {
+    for tool in TOOLS {
+        if let Ok(model) = renderer::tools::load(tool, "f", bytes) {
+            black_box(model.parts.len());
+        }
+    }
+}
+
+fn fundus(bytes: &[u8]) {
+    drop(black_box(renderer::assets::decode("f", bytes)));
+}
+
+fn still_picture(bytes: &[u8]) {
+    let mut picture = Picture::default();
+    for levels in [None, Some(still::Levels { black: 10, white: 2000 })] {
+        if still::decode(Cursor::new(bytes), levels, &mut picture).is_ok() {
+            assert_eq!(picture.luma.len(), picture.width * picture.height);
+            assert_eq!(picture.red.len(), picture.chroma_width() * picture.height);
+        }
+    }
+}
+
+fn clips() -> Vec<Vec<u8>> {
+    let clip = |head: &str, bytes: usize| [head.as_bytes(), b"\nFRAME\n", &vec![77; bytes]].concat();
+    vec![
+        clip("YUV4MPEG2 W8 H4 F50:1 It C420jpeg", 48),
+        clip("YUV4MPEG2 W4 H2 F25:1 Ip C444alpha XCOLORRANGE=FULL", 32),
+        clip("YUV4MPEG2 W4 H3 Ib A1:1 C411", 18),
+        clip("YUV4MPEG2 W3 H3 Cmono", 9),
+    ]
+}
+
+fn clip(bytes: &[u8]) {
+    let Ok(mut clip) = Clip::open(bytes, "f") else { return };
+    let mut picture = Picture::default();
+    while let Ok(true) = clip.read(&mut picture) {
+        assert_eq!(picture.blue.len(), picture.chroma_width() * picture.height);
+    }
+}
+
+fn store(bytes: &[u8]) {
+    FILE.with(|file| {
+        let path = file.with(bytes);
+        if let Ok(store) = Store::open_with(path, Duration::ZERO) {
+            drop(black_box(store.attempts(&Filter::default())));
+            drop(black_box(store.trainees()));
+        }
+    });
+}

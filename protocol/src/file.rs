@@ -1,0 +1,194 @@
+//! Reading small files: never more than a limit, and what a file looks like that is something else.
+//!
+//! Whatever a person names may be a device without an end, a recording, or the wrong file.
+
+use std::fs::File;
+use std::io::{Error, ErrorKind, Read, Result};
+use std::path::Path;
+
+/// Settings: rigs, modules, colours, budgets, faults, inputs of a desk, bytes.
+pub const MAX_SETTINGS_BYTES: u64 = 1 << 20;
+/// Lists and tables, and scenes with a mesh of their own, bytes.
+pub const MAX_TABLE_BYTES: u64 = 64 << 20;
+
+/// A file's bytes.
+///
+/// # Errors
+/// Where it cannot be read, or is longer than `limit` bytes; the message says so, the file's name is
+/// the caller's to add.
+pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        let expected = if limit.is_multiple_of(1 << 20) {
+            format!("{} MiB", limit >> 20)
+        } else {
+            format!("{limit} bytes")
+        };
+        return Err(Error::new(ErrorKind::FileTooLarge, format!("expected at most {expected}, found more")));
+    }
+    Ok(bytes)
+}
+
+/// A file's text.
+///
+/// # Errors
+/// As [`read_bytes`], and for what is no text: the message says what it looks like.
+pub fn read_text(path: &Path, limit: u64) -> Result<String> {
+    String::from_utf8(read_bytes(path, limit)?).map_err(|e| {
+        let found = looks_like(e.as_bytes());
+        Error::new(ErrorKind::InvalidData, format!("expected text, found {found}"))
+    })
+}
+
+/// First bytes of files that are no text, and what those are.
+const SIGNATURES: &[(&[u8], &str)] = &[
+    (b"\x89PNG", "a PNG picture"),
+    (b"\xff\xd8\xff", "a JPEG picture"),
+    (b"\x89MCAP", "a recording (MCAP)"),
+    (b"glTF", "a binary glTF mesh"),
+    (b"SQLite format 3", "an SQLite database"),
+    (b"PAR1", "a Parquet table"),
+    (b"PK\x03\x04", "a ZIP archive"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"\x28\xb5\x2f\xfd", "a zstd archive"),
+    (b"\x7fELF", "a program"),
+    (b"YUV4MPEG2", "a Y4M clip"),
+];
+
+/// What a file looks like, for messages about one that is something else.
+pub fn looks_like(bytes: &[u8]) -> &'static str {
+    if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        let head = &bytes[..bytes.len().min(64)];
+        let binary = head.windows(13).any(|w| w == b"format binary");
+        return if binary { "a binary PLY mesh" } else { "a PLY mesh" };
+    }
+    if let Some((_, what)) = SIGNATURES.iter().find(|(begin, _)| bytes.starts_with(begin)) {
+        return what;
+    }
+    // Enough to tell; a letter that is cut in two at the end is no sign of another kind.
+    let head = &bytes[..bytes.len().min(4096)];
+    let text = match std::str::from_utf8(head) {
+        Ok(text) => text,
+        Err(e) if e.error_len().is_none() => std::str::from_utf8(&head[..e.valid_up_to()]).unwrap_or(""),
+        Err(_) => return "binary data",
+    };
+    if text.contains('\0') { "binary data" } else { text_looks_like(text) }
+}
+
+fn text_looks_like(text: &str) -> &'static str {
+    let text = text.trim_start_matches('\u{feff}').trim();
+    let first = text.lines().map(str::trim).find(|l| !l.is_empty() && !l.starts_with('#')).unwrap_or("");
+    let is_section = first.starts_with('[')
+        && first.ends_with(']')
+        && first.chars().all(|c| c.is_alphanumeric() || "[]._-\"".contains(c));
+    match first.chars().next() {
+        None => "an empty file",
+        Some('{') => "JSON",
+        Some('<') => "XML",
+        Some('[') if !is_section => "JSON",
+        _ if is_section || first.contains(" = ") => "TOML",
+        _ if first.matches([',', ';', '\t']).count() >= 2 => "a table (CSV)",
+        _ => "other text",
+    }
+}
+
+/// The name of a format in words for messages, where it is not `expected`; a newer version is
+/// called so.
+pub fn other_format(found: &str, expected: &str) -> Option<String> {
+    let version = |name: &str| {
+        let (stem, number) = name.rsplit_once('-')?;
+        Some((stem.to_owned(), number.parse::<u32>().ok()?))
+    };
+    let found = found.trim();
+    let newer = match (version(found), version(expected)) {
+        (Some((stem, number)), Some((own, known))) => stem == own && number > known,
+        _ => false,
+    };
+    let shown: String = found.chars().take(40).collect();
+    (found != expected).then(|| match newer {
+        true => format!("{shown}, the format of a newer vitreo"),
+        false => format!("'{shown}'"),
+    })
+}
+
+/// The value of the key `format` of a TOML or JSON text that could not be read otherwise: a later
+/// format has other keys, and its name says more than the first key that is missing here.
+pub fn format_key(text: &str) -> Option<&str> {
+    text.lines().find_map(|line| {
+        let line = line.trim_start().trim_start_matches('{').trim_start();
+        let rest = line.strip_prefix("\"format\"").or_else(|| line.strip_prefix("format"))?;
+        let value = rest.trim_start().strip_prefix(['=', ':'])?.trim_start();
+        let quote = value.chars().next().filter(|c| matches!(c, '"' | '\''))?;
+        value[1..].split(quote).next()
+    })
+}
+
+/// What the key `format` of a text says, where it is there and is not `expected`; see
+/// [`other_format`].
+pub fn other_format_in(text: &str, expected: &str) -> Option<String> {
+    other_format(format_key(text)?, expected)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn what_has_no_end_is_refused_at_the_limit() {
+        let error = read_text(Path::new("/dev/zero"), MAX_SETTINGS_BYTES).unwrap_err();
+        assert_eq!(error.to_string(), "expected at most 1 MiB, found more");
+        let error = read_bytes(Path::new("/dev/zero"), 100).unwrap_err();
+        assert_eq!(error.to_string(), "expected at most 100 bytes, found more");
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), "twelve bytes").unwrap();
+        assert_eq!(read_text(file.path(), 12).unwrap(), "twelve bytes");
+        assert!(read_text(file.path(), 11).is_err());
+    }
+
+    #[test]
+    fn files_are_told_apart() {
+        let cases: [(&[u8], &str); 12] = [
+            (b"ply\nformat binary_little_endian 1.0\n\xff", "a binary PLY mesh"),
+            (b"ply\nformat ascii 1.0\n", "a PLY mesh"),
+            (b"\x89PNG\r\n", "a PNG picture"),
+            (b"\x00\x00\x00", "binary data"),
+            (b"\xff\x00", "binary data"),
+            (b"t_ns,body,x,y\n1,inst0,2,3\n", "a table (CSV)"),
+            (b"# a\n\n[eye]\n", "TOML"),
+            (b"format = \"vitreo-scene-1\"", "TOML"),
+            (b" {\"cam\":1}", "JSON"),
+            (b"[1, 2]", "JSON"),
+            (b" \n", "an empty file"),
+            (b"hello", "other text"),
+        ];
+        for (bytes, what) in cases {
+            assert_eq!(looks_like(bytes), what, "{:?}", String::from_utf8_lossy(bytes));
+        }
+        let cut = [&[b'a'; 4095][..], "é".as_bytes()].concat();
+        assert_eq!(looks_like(&cut), "other text");
+    }
+
+    #[test]
+    fn newer_formats_are_named() {
+        let own = "vitreo-scene-1";
+        let newer = "vitreo-scene-12, the format of a newer vitreo";
+        for text in ["# x\nformat = \"vitreo-scene-12\"\n", "{\"format\" : \"vitreo-scene-12\"}"] {
+            assert_eq!(other_format_in(text, own).unwrap(), newer);
+        }
+        assert_eq!(other_format_in("format = 'vitreo-module-1'", own).unwrap(), "'vitreo-module-1'");
+        assert_eq!(other_format_in("format = \"vitreo-scene-1\"", own), None);
+        assert_eq!(other_format_in("formats = \"x\"\ntitle = 1", own), None);
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_look_like_something(bytes in prop::collection::vec(any::<u8>(), 0..200), text in "\\PC{0,80}") {
+            let _ = looks_like(&bytes);
+            let _ = looks_like(text.as_bytes());
+            let _ = other_format_in(&text, "a-1");
+            let _ = other_format_in(&format!("format={text}"), "a-1");
+        }
+    }
+}
