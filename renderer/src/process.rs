@@ -36,6 +36,7 @@ use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::time::Nanos;
 use scene::SceneFile;
+use standby::Order;
 use user::User;
 
 /// Runs until a request, a signal or the user stops it.
@@ -116,9 +117,10 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
         let joined = Shell::start(Process::Renderer, &config.shell)?;
         return RendererShell::open(config, joined, Prepared::new(config)?, start_tier).map(Some);
     }
+    let order = Order::listen();
     standby::step_back();
     let prepared = Prepared::new(config)?;
-    let Some(tier) = standby::order().context("standard input")? else { return Ok(None) };
+    let Some(tier) = order.wait() else { return Ok(None) };
     let joined = Shell::start(Process::Renderer, &config.shell)?;
     RendererShell::open(config, joined, prepared, tier.or(start_tier)).map(Some)
 }

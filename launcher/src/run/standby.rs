@@ -9,7 +9,7 @@ use protocol::time::Nanos;
 pub const OPTION: &str = "--standby";
 /// The renderer at work has been so for this long before another is prepared, ns: it has found its
 /// tier, and one that does not last needs none.
-const AFTER_NS: u64 = 3_000_000_000;
+const AFTER_NS: u64 = 2_000_000_000;
 /// Memory that must be available for one, KiB.
 const MEMORY_KIB: u64 = 1 << 20;
 /// How often one may end while it waits before none is started any more.
@@ -81,7 +81,7 @@ mod tests {
         assert!(!standby.is_wanted(10 * second, true));
         assert!(!standby.is_wanted(12 * second, false), "it died");
         assert!(!standby.is_wanted(14 * second, true), "counted anew");
-        assert_eq!(standby.is_wanted(17 * second, true), is_memory_enough());
+        assert_eq!(standby.is_wanted(16 * second, true), is_memory_enough());
         (0..MAX_FAILURES).for_each(|_| standby.set(None));
         assert!(!standby.is_wanted(30 * second, true) && !standby.is_wanted(40 * second, true));
     }

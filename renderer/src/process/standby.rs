@@ -6,9 +6,10 @@ use crate::config::NICENESS;
 use rustix::process::{Pid, nice, setpriority_process};
 use std::fs::read_dir;
 use std::io::{self, BufRead};
+use std::sync::mpsc::{Receiver, channel};
 
 /// Added to the niceness while it prepares, so that it takes nothing from the one that draws.
-const PREPARING: i32 = 10;
+const PREPARING: i32 = 5;
 
 /// Makes room for others where it can be taken back. To be called before the driver starts its
 /// threads, which inherit it.
@@ -29,13 +30,30 @@ fn step_forward() {
     }
 }
 
-/// Waits for the order to take over; `None` where there is nothing to wait for any more. The order
-/// is the tier to begin with, or an empty line.
-pub(super) fn order() -> io::Result<Option<Option<usize>>> {
-    let mut line = String::new();
-    if io::stdin().lock().read_line(&mut line)? == 0 {
-        return Ok(None);
+/// The order to take over, which may come while this process still prepares.
+pub(super) struct Order(Receiver<Option<usize>>);
+
+impl Order {
+    /// Listens from now on; on the order every thread goes forward at once.
+    pub(super) fn listen() -> Self {
+        let (told, order) = channel();
+        // It ends with the line, or with the process.
+        std::thread::spawn(move || {
+            let mut line = String::new();
+            if io::stdin().lock().read_line(&mut line).is_ok_and(|bytes| bytes > 0) {
+                step_forward();
+                let _ = told.send(line.trim().parse().ok());
+            }
+        });
+        Order(order)
     }
-    step_forward();
-    Ok(Some(line.trim().parse().ok()))
+
+    /// Waits for it: the tier to begin with, if it names one. `None` where there is nothing to wait
+    /// for any more.
+    pub(super) fn wait(self) -> Option<Option<usize>> {
+        let order = self.0.recv().ok()?;
+        // Threads that were made since.
+        step_forward();
+        Some(order)
+    }
 }
