@@ -54,6 +54,7 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
     let stream = BlobReader::open(&args.blobs)?;
     let mut output = outputs.grow(&args.output)?;
     let imported = copy(stream, &output, &provenance)?;
+    ensure!(imported.fields > 0, "blob stream {}: holds no field", args.blobs.display());
     output.appear()?;
     let Imported { fields, blobs, left_out } = imported;
     inform(&format!("{}: {fields} camera-fields, {blobs} blobs", args.output.display()));
@@ -92,7 +93,6 @@ fn copy(stream: BlobReader, output: &GrowingFile, provenance: &Provenance) -> an
         writer.write(field.blobs_out_ns, &Item::Blobs(Box::new(field)))?;
         bar.inc(1);
     }
-    ensure!(imported.fields > 0, "blob stream {}: holds no field", blobs.display());
     writer.finish()?;
     bar.finish_and_clear();
     Ok(imported)
@@ -135,7 +135,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let rig = rig_in(directory.path());
         let (blobs, output) = (directory.path().join("b.jsonl"), directory.path().join("b.mcap"));
-        let args = ImportArgs { rig, blobs, scene: DEFAULT_SCENE.into(), output };
+        let args = ImportArgs { rig, blobs, scene: DEFAULT_SCENE.into(), output, force: Force::default() };
         for text in ["", "\n\n"] {
             std::fs::write(&args.blobs, text).unwrap();
             let error = format!("{:#}", run(&args).unwrap_err());

@@ -392,6 +392,9 @@ mod tests {
     fn report() -> Report {
         let latencies = latencies();
         Report {
+            tracking: TrackingFigures::default(),
+            least_tracked: ("eye", 1.0),
+            warnings: Vec::new(),
             format: FORMAT,
             budgets_kept: true,
             ended_by: "duration".into(),

@@ -71,8 +71,8 @@ impl Agreement {
                 let pixel = Vector2::new(blob.x_px, field.y_frame_px(blob));
                 let same_colour = other.blobs().iter().filter(|b| b.colour == blob.colour);
                 let line = Line::seen(own, pixel, its, self.reach_mm);
-                let apart =
-                    same_colour.map(|b| line.and_then(|l| l.distance(b.x_px, other.y_frame_px(b))).unwrap_or(f64::MAX));
+                let apart = same_colour
+                    .map(|b| line.and_then(|l| l.distance(b.x_px, other.y_frame_px(b))).unwrap_or(f64::MAX));
                 if let Some(nearest) = apart.min_by(f64::total_cmp).filter(|_| kept.len() < KEPT) {
                     kept.push(nearest);
                 }

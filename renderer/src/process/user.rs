@@ -97,8 +97,10 @@ impl User {
     /// The overlay, if it has changed since the last call.
     pub fn take_overlay(&mut self) -> Option<Overlay> {
         let help = if self.help { help(self.at_desk) } else { String::new() };
-        std::mem::take(&mut self.changed)
-            .then(|| Overlay { lines: lines(&self.hint, &self.notice, self.paused, &help), hides_scene_text: self.help })
+        std::mem::take(&mut self.changed).then(|| Overlay {
+            lines: lines(&self.hint, &self.notice, self.paused, &help),
+            hides_scene_text: self.help,
+        })
     }
 }
 
