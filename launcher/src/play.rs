@@ -2,7 +2,7 @@
 
 use crate::machine::has_display;
 use crate::results::Place;
-use crate::run::{self, DeskArgs, RunArgs};
+use crate::run::{self, DeskArgs, MAX_RESTARTS, RunArgs};
 use anyhow::bail;
 use ipc::logging::inform;
 use outputs::{Force, print};
@@ -120,6 +120,7 @@ impl PlayArgs {
             full_screen: self.full_screen,
             stills: self.stills.clone(),
             video: self.video.clone(),
+            max_restarts: MAX_RESTARTS,
             force: self.force,
             instance: self.instance.clone(),
             desk: Some(DeskArgs { input: self.input.clone(), inputs: self.inputs.clone() }),

@@ -27,6 +27,7 @@ mod watch;
 
 pub use arguments::share;
 pub use options::{DeskArgs, RunArgs};
+pub use policy::MAX_RESTARTS;
 pub use watch::{Warning, Watch};
 
 use crate::exit::{BUDGET, FAILED, LOSS, UNTRACKED};

@@ -1,5 +1,7 @@
 //! Harness of the cross-process checks: own instance names, a watchdog on every child, clean-up.
 
+pub mod endure;
+
 use ipc::{BlockReceiver, Instance, Queue, Receiver, wait};
 use protocol::frames::PictureHeader;
 use protocol::health::{Health, Process};
@@ -128,6 +130,13 @@ impl Running {
         Self { child, watchdog }
     }
 
+    /// As [`Running::start`], for a campaign that lasts longer than the watchdog waits.
+    pub fn start_unwatched(args: &[&str]) -> Self {
+        let mut running = Self::start(args);
+        running.watchdog = Watchdog { done: None, thread: None };
+        running
+    }
+
     /// Process id of the launcher.
     pub fn pid(&self) -> u32 {
         self.child.id()
@@ -178,6 +187,16 @@ impl Observer {
     /// Opens the channel of small pictures, of which the newest wins.
     pub fn pictures(&self) -> BlockReceiver<PictureHeader> {
         self.instance.block_receiver().expect("channel")
+    }
+
+    /// The heartbeats that have come since the last call; waits for some ms where there are none.
+    ///
+    /// # Panics
+    /// If the channel fails.
+    pub fn heartbeats(&mut self) -> Vec<Health> {
+        wait(&[&self.health], 2_000_000);
+        let next = || self.health.next_valid().expect("channel works");
+        std::iter::from_fn(next).collect()
     }
 
     /// Waits for a heartbeat of `process` that satisfies `wanted`.

@@ -1,6 +1,7 @@
 //! What `vitreo run` takes, and what each process is given of it.
 
 use super::arguments::{Arguments, injected_delay, percentile, positive, share};
+use super::policy::MAX_RESTARTS;
 use crate::modules::Composed;
 use crate::results::{Place, seconds_since_1970};
 use anyhow::{Context, bail};
@@ -140,6 +141,9 @@ pub struct RunArgs {
     /// Slow a stage down, to see that its budget notices.
     #[arg(long, value_name = "STAGE=MS", value_parser = injected_delay, hide = true)]
     pub inject_delay: Vec<(Stage, f64)>,
+    /// Restarts of one process within two minutes after which the run ends.
+    #[arg(long, value_name = "N", hide = true, default_value_t = MAX_RESTARTS)]
+    pub max_restarts: usize,
     /// Lose the graphics device after so many frames, once, to see that the picture comes back.
     #[arg(long, value_name = "FRAMES", hide = true, conflicts_with = "no_picture")]
     pub lose_device_after: Option<u64>,

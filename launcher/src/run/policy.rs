@@ -15,21 +15,38 @@ const FIRST_WAIT_NS: u64 = 100_000_000;
 const LONGEST_WAIT_NS: u64 = 3_200_000_000;
 
 /// Bounds the rate of restarts of one process.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct RestartLimit {
+    most: usize,
     /// Instants of the restarts of late.
     recent: VecDeque<Nanos>,
     wait_ns: u64,
 }
 
+impl Default for RestartLimit {
+    fn default() -> Self {
+        Self::of(MAX_RESTARTS)
+    }
+}
+
 impl RestartLimit {
+    /// Allows `most` restarts in the window.
+    pub fn of(most: usize) -> Self {
+        RestartLimit { most, recent: VecDeque::new(), wait_ns: 0 }
+    }
+
+    /// How many it allows.
+    pub fn most(&self) -> usize {
+        self.most
+    }
+
     /// The instant of the restart of a process that died at `now`; `None` if there were too many of
     /// late.
     pub fn restart_at(&mut self, now: Nanos) -> Option<Nanos> {
         while self.recent.front().is_some_and(|&t| now.saturating_sub(t) > WINDOW_NS) {
             self.recent.pop_front();
         }
-        if self.recent.len() == MAX_RESTARTS {
+        if self.recent.len() >= self.most {
             return None;
         }
         let soon = self.recent.back().is_some_and(|&t| now.saturating_sub(t) < SOON_NS);

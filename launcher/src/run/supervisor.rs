@@ -1,7 +1,7 @@
 //! Keeps the processes of a run alive: starts them, notices the dead and the hung, restarts them.
 
 use super::options::{RunArgs, View};
-use super::policy::{CpuAccount, MAX_RESTARTS, RestartLimit, WINDOW_NS};
+use super::policy::{CpuAccount, RestartLimit, WINDOW_NS};
 use super::standby::{self, Standby};
 use crate::children::{self, Child, LineSender, Surroundings, realtime_allowed};
 use anyhow::{Context, ensure};
@@ -118,7 +118,7 @@ impl Supervisor {
             ready: false,
             was_ready: false,
             last_sign_ns: now,
-            limit: RestartLimit::default(),
+            limit: RestartLimit::of(self.args.max_restarts),
         });
         Ok(())
     }
@@ -301,8 +301,10 @@ impl Slot {
     fn may_restart(&mut self, now: Nanos, how: &str) -> anyhow::Result<Nanos> {
         ensure!(self.was_ready, "{}", start_failure(self.process, how));
         let (name, window_s) = (self.process.binary(), WINDOW_NS / 1_000_000_000);
-        self.limit.restart_at(now).with_context(|| {
-            format!("{name} died more than {MAX_RESTARTS} times in {window_s} s; the last time: {how}")
+        let at = self.limit.restart_at(now);
+        at.with_context(|| {
+            let most = self.limit.most();
+            format!("{name} died more than {most} times in {window_s} s; the last time: {how}")
         })
     }
 }

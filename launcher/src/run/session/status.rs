@@ -61,7 +61,7 @@ impl Session<'_> {
         let consumers = &mut self.consumers;
         consumers.monitor.measure(at);
         let (monitor, since_ns) = (&consumers.monitor, at - self.started_ns);
-        let found = findings(&self.args, &consumers.tracking, monitor, self.budgets, since_ns);
+        let found = findings(&self.args, &consumers.tracking, monitor, since_ns);
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
             let text = finding.text();
