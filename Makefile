@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz clean
+.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -57,6 +57,10 @@ soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every ste
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz
 	$(TARGET)/debug/fuzz run $(FUZZ)
+
+endure: setup ## Kill and stop processes a thousand times, and take disk, memory and rights away (an hour; ENDURE="--kills 100")
+	cargo build --release --workspace
+	cargo run --release -p vitreo-tests --example endure -- $(ENDURE)
 
 setup-python:
 	@python3 -c 'import venv, ensurepip' 2>/dev/null || { $(AS_ROOT) apt-get update -qq; \

@@ -6,6 +6,7 @@ mod bad_input;
 mod budgets;
 mod crash;
 mod dose;
+mod endure;
 mod faults;
 mod film;
 mod hostile;

@@ -1,7 +1,7 @@
 //! Campaigns against a running simulator: processes are killed or stopped at random instants, and
 //! what that costs is measured. The short form runs with the tests, the long one by `make endure`.
 
-use crate::{Observer, Running, instance_name, json, signal, vitreo};
+use crate::{Observer, binaries, instance_name, json, repository, signal, vitreo};
 use ipc::clock::now;
 use protocol::health::{Health, Process, STATE_STARTING};
 use protocol::random::Random;
@@ -10,6 +10,7 @@ use recording::{Item, Recording};
 use rustix::process::Signal;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 /// How long a process may take to be back before it is given up.
@@ -156,14 +157,17 @@ impl Watched {
 
 /// Runs a campaign; the recording lies in `folder`.
 pub fn run(campaign: &Campaign, folder: &Path, mut progress: impl FnMut(usize)) -> Outcome {
-    let (name, before) = (instance_name(), shared_memory());
+    let name = instance_name();
     let path = |file: &str| folder.join(format!("{file}-{}", campaign.seed)).display().to_string();
     let (record, report) = (path("run") + ".mcap", path("report") + ".json");
     let fixed = ["run", "--duration", LONGEST_S, "--instance", &name, "--max-restarts", "1000000", "--force"];
     let outputs = ["--record", &record, "--report", &report];
     let own: Vec<&str> = campaign.run.iter().map(String::as_str).collect();
-    let running = Running::start_unwatched(&[&fixed[..], &outputs, &own].concat());
+    let told = folder.join(format!("told-{}.txt", campaign.seed));
+    let mut child = start(&[&fixed[..], &outputs, &own].concat(), &told);
     let observer = Observer::join(&name);
+    let directory = ipc::instance_directory(&name).expect("valid name");
+    let token = std::fs::read_to_string(directory.join("token")).unwrap_or_default();
     let (newest, waiting, outcome) = (BTreeMap::new(), Vec::new(), Outcome::default());
     let mut watched = Watched { observer, newest, waiting, outcome };
     strike(campaign, &mut watched, &mut progress);
@@ -172,20 +176,41 @@ pub fn run(campaign: &Campaign, folder: &Path, mut progress: impl FnMut(usize)) 
     let Watched { mut outcome, observer, .. } = watched;
     drop(observer);
     vitreo(&["ctl", "quit", "--instance", &name]);
-    let ended = running.finish();
-    outcome.code = ended.code;
-    outcome.told = ended.stderr;
+    outcome.code = end(&mut child);
+    outcome.told = std::fs::read_to_string(&told).unwrap_or_default();
     let verify = vitreo(&["replay", &record, "--lockstep", "--verify", "--instance", &instance_name()]);
     outcome.verified = verify.code;
     outcome.verdict = verify.stdout.lines().rev().find(|l| l.contains("verif")).unwrap_or_default().into();
     measure(Path::new(&record), &mut outcome);
-    let left = shared_memory().difference(&before).filter(|f| f.contains(&name)).cloned().collect::<Vec<_>>();
-    outcome.left_over = left.into_iter().chain(processes_of(&name)).collect();
+    let left = shared_memory().into_iter().filter(|file| file.contains(&name) || file.contains(token.trim()));
+    outcome.left_over = left.chain(processes_of(&name)).collect();
     if Path::new(&report).exists() {
         let lost = json(Path::new(&report))["states_lost"].as_u64().unwrap_or(0);
         outcome.given_up += lost as usize;
     }
     outcome
+}
+
+/// Starts `vitreo`, which writes what it has to say into a file: nobody reads a pipe for so long.
+fn start(args: &[&str], told: &Path) -> Child {
+    let mut command = Command::new(binaries().join("vitreo"));
+    command.args(args).current_dir(repository()).stdin(Stdio::null()).stdout(Stdio::null());
+    command.stderr(std::fs::File::create(told).expect("a file for its messages"));
+    command.spawn().expect("vitreo starts")
+}
+
+/// Waits for its end; kills it where it does not come. Its exit code.
+fn end(child: &mut Child) -> Option<i32> {
+    let until = now() + GIVEN_UP_NS;
+    while now() < until {
+        if let Ok(Some(status)) = child.try_wait() {
+            return status.code();
+        }
+        ipc::wait(&[], 20_000_000);
+    }
+    let _ = child.kill();
+    let _ = child.wait();
+    None
 }
 
 fn strike(campaign: &Campaign, watched: &mut Watched, progress: &mut impl FnMut(usize)) {
@@ -245,8 +270,12 @@ fn measure(record: &Path, outcome: &mut Outcome) {
     let (mut exposed, mut cameras, mut shown) = (BTreeSet::new(), BTreeMap::new(), Vec::new());
     for (_, item) in recording.items_of(&["poses", "blobs", "frames"]).flatten() {
         match item {
-            Item::Poses(frame) => drop(exposed.insert(frame.field)),
-            Item::Blobs(field) => drop(cameras.entry(field.camera).or_insert_with(BTreeSet::new).insert(field.field)),
+            Item::Poses(frame) => {
+                exposed.insert(frame.field);
+            }
+            Item::Blobs(field) => {
+                cameras.entry(field.camera).or_insert_with(BTreeSet::new).insert(field.field);
+            }
             Item::Frame(frame) => shown.push(frame.displayed),
             _ => {}
         }

@@ -130,13 +130,6 @@ impl Running {
         Self { child, watchdog }
     }
 
-    /// As [`Running::start`], for a campaign that lasts longer than the watchdog waits.
-    pub fn start_unwatched(args: &[&str]) -> Self {
-        let mut running = Self::start(args);
-        running.watchdog = Watchdog { done: None, thread: None };
-        running
-    }
-
     /// Process id of the launcher.
     pub fn pid(&self) -> u32 {
         self.child.id()

@@ -1,5 +1,5 @@
-//! A second renderer that has loaded and compiled everything and waits to take over: a software
-//! driver takes seconds for that. It costs memory, and no processor while it waits.
+//! Renderers that have loaded and compiled everything and wait to take over: a software driver takes
+//! seconds for that. They cost memory, and no processor while they wait.
 
 use crate::children::Child;
 use protocol::health::Process;
@@ -7,18 +7,20 @@ use protocol::time::Nanos;
 
 /// Makes a renderer wait.
 pub const OPTION: &str = "--standby";
-/// The renderer at work has been so for this long before another is prepared, ns: it has found its
-/// tier, and one that does not last needs none.
-const AFTER_NS: u64 = 2_000_000_000;
+/// The renderer at work has been so for this long before another is prepared, and that one for as
+/// long before the next, ns: one that does not last needs none, and it needs the processor itself.
+const AFTER_NS: u64 = 1_500_000_000;
+/// How many wait: a renderer that dies soon after it took over needs the second.
+const WAITING: usize = 2;
 /// Memory that must be available for one, KiB.
 const MEMORY_KIB: u64 = 1 << 20;
 /// How often one may end while it waits before none is started any more.
 const MAX_FAILURES: u32 = 3;
 
-/// The renderer that waits, if there is one.
+/// The renderers that wait, the oldest first.
 #[derive(Debug, Default)]
 pub struct Standby {
-    child: Option<Child>,
+    children: Vec<Child>,
     /// Since when the renderer is at work.
     at_work_since: Option<Nanos>,
     failures: u32,
@@ -27,15 +29,15 @@ pub struct Standby {
 impl Standby {
     /// True if one should be started now.
     pub fn is_wanted(&mut self, now: Nanos, at_work: bool) -> bool {
-        if self.child.take_if(|child| child.exited().is_some()).is_some() {
-            self.failures += 1;
-        }
+        let waited = self.children.len();
+        self.children.retain(|child| child.exited().is_none());
+        self.failures += (waited - self.children.len()) as u32;
         if !at_work {
             self.at_work_since = None;
             return false;
         }
         let since = *self.at_work_since.get_or_insert(now);
-        if self.child.is_some() || self.failures >= MAX_FAILURES || now.saturating_sub(since) < AFTER_NS {
+        if self.children.len() >= WAITING || self.failures >= MAX_FAILURES || now.saturating_sub(since) < AFTER_NS {
             return false;
         }
         // Without it this is asked again after as long.
@@ -46,13 +48,18 @@ impl Standby {
     /// Keeps one that was started; `None` where it could not be.
     pub fn set(&mut self, child: Option<Child>) {
         self.failures += u32::from(child.is_none());
-        (self.child, self.at_work_since) = (child, None);
+        self.children.extend(child);
+        self.at_work_since = None;
     }
 
     /// Lets the one that waits take the place of a process, with what its restart would be given;
     /// `None` if none waits.
     pub fn take_over(&mut self, process: Process, arguments: &[String]) -> Option<Child> {
-        let mut child = self.child.take_if(|c| process == Process::Renderer && c.exited().is_none())?;
+        self.children.retain(|child| child.exited().is_none());
+        if process != Process::Renderer || self.children.is_empty() {
+            return None;
+        }
+        let mut child = self.children.remove(0);
         self.at_work_since = None;
         // The tier; none where none was drawn yet.
         child.tell(arguments.last().map_or("", String::as_str)).ok()?;

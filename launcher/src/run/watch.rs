@@ -91,12 +91,7 @@ impl Watch {
 }
 
 /// What is wrong with a run in the newest period, `since_ns` after its start.
-pub fn findings(
-    args: &RunArgs,
-    tracking: &Tracking,
-    monitor: &Monitor,
-    since_ns: Nanos,
-) -> Vec<Finding> {
+pub fn findings(args: &RunArgs, tracking: &Tracking, monitor: &Monitor, since_ns: Nanos) -> Vec<Finding> {
     // At a desk nothing is tracked.
     let mut found = if args.desk.is_none() { tracking.findings().to_vec() } else { Vec::new() };
     if since_ns >= INPUT_NS {

@@ -144,6 +144,9 @@ fn make_private(directory: &StdPath) -> Result<(), IpcError> {
     match fs::DirBuilder::new().mode(0o700).create(directory) {
         Ok(()) => return Ok(()),
         Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+        Err(e) if e.kind() == std::io::ErrorKind::StorageFull => {
+            return Err(IpcError::SharedMemoryFull { free_mib: 0, needed_mib: NEEDED_MIB });
+        }
         Err(e) => return Err(fail(e.to_string())),
     }
     let meta = fs::symlink_metadata(directory).map_err(|e| fail(e.to_string()))?;
