@@ -145,7 +145,8 @@ fn make_private(directory: &StdPath) -> Result<(), IpcError> {
         Ok(()) => return Ok(()),
         Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
         Err(e) if e.kind() == std::io::ErrorKind::StorageFull => {
-            return Err(IpcError::SharedMemoryFull { free_mib: 0, needed_mib: NEEDED_MIB });
+            let needed_mib = super::segments::NEEDED_MIB;
+            return Err(IpcError::SharedMemoryFull { free_mib: 0, needed_mib });
         }
         Err(e) => return Err(fail(e.to_string())),
     }

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 pub(super) const SHM: &str = "/dev/shm";
 /// Shared memory that a run takes, MiB: 60 with the picture of `peel`, 84 with that of `vitrectomy`,
 /// the largest shipped scene; besides them what a restarted process is given.
-const NEEDED_MIB: u64 = 96;
+pub(super) const NEEDED_MIB: u64 = 96;
 /// Room for the heads of the files of a port, MiB.
 const HEADS_MIB: u64 = 1;
 /// Unit of [`MetadataExt::blocks`], bytes.
