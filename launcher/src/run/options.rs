@@ -1,9 +1,11 @@
 //! What `vitreo run` takes, and what each process is given of it.
 
 use super::arguments::{Arguments, injected_delay, percentile, positive};
+use crate::fundus::FundusArgs;
+use crate::inputs::{check_file, check_folder};
 use crate::modules::Composed;
 use crate::results::{Place, seconds_since_1970};
-use anyhow::{Context, bail};
+use anyhow::Context;
 use outputs::{Force, Outputs, numbered};
 use protocol::budget::{Budgets, Stage};
 use protocol::health::Process;
@@ -94,10 +96,9 @@ pub struct RunArgs {
     /// Draw in a window [default where there is a display].
     #[arg(long, conflicts_with = "no_picture")]
     pub window: bool,
-    /// Fundus photograph to lay on the retina: a square JPEG or PNG of a left eye, the fovea in its
-    /// middle.
-    #[arg(long, value_name = "PHOTO", conflicts_with = "no_picture")]
-    pub fundus: Option<PathBuf>,
+    /// The fundus photograph.
+    #[command(flatten)]
+    pub fundus: FundusArgs,
     /// Folder with the instruments' meshes to draw instead of the shipped ones.
     #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
     pub instruments: Option<PathBuf>,
@@ -115,7 +116,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "NAME|N", requires = "full_screen")]
     pub monitor: Option<String>,
     /// Draw nothing; run and measure the rest.
-    #[arg(long, conflicts_with_all = ["stills", "video"])]
+    #[arg(long, conflicts_with_all = ["stills", "video", "fundus"])]
     pub no_picture: bool,
     /// Name of this simulator; several run side by side under different names.
     #[arg(long, value_name = "NAME", default_value = "main")]
@@ -262,7 +263,7 @@ impl RunArgs {
             Process::VirtualRig => self.rig_arguments(&mut args, remaining_s, restarts),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
-                args.path("--fundus", self.fundus.as_deref());
+                args.0.extend(self.fundus.arguments());
                 args.path("--instruments", self.instruments.as_deref());
                 args.value("--arrange", self.arrange.as_ref());
                 args.flag("--full-screen", self.full_screen);
@@ -329,7 +330,8 @@ impl RunArgs {
 
     /// The files that the run reads.
     fn inputs(&self) -> impl Iterator<Item = PathBuf> {
-        let files = [&self.rig, &self.motion, &self.blobs, &self.budgets, &self.fundus, &self.instruments];
+        let photograph = &self.fundus.fundus;
+        let files = [&self.rig, &self.motion, &self.blobs, &self.budgets, photograph, &self.instruments];
         let desk = self.desk.as_ref().and_then(|d| d.inputs.clone());
         // Of these, those that are no files have no place on the disk.
         let names = [&self.scene, &self.module, &self.faults].into_iter().flatten().map(PathBuf::from);
@@ -343,15 +345,19 @@ impl RunArgs {
     /// Where a file cannot be read or an output is refused.
     pub fn prepare(&self) -> anyhow::Result<Outputs> {
         let inputs = self.desk.as_ref().and_then(|d| d.inputs.clone());
-        for (what, file) in [("--motion", &self.motion), ("--blobs", &self.blobs), ("--inputs", &inputs)] {
-            if let Some(file) = file.as_deref().filter(|f| !f.is_file()) {
-                bail!("{what} {}: no such file", file.display());
-            }
+        let faults = self.faults.as_ref().filter(|f| f.ends_with(".toml")).map(PathBuf::from);
+        for (option, file) in [
+            ("--rig", &self.rig),
+            ("--motion", &self.motion),
+            ("--blobs", &self.blobs),
+            ("--inputs", &inputs),
+            ("--budgets", &self.budgets),
+            ("--fundus", &self.fundus.fundus),
+            ("--faults", &faults),
+        ] {
+            file.as_deref().map_or(Ok(()), |file| check_file(option, file))?;
         }
-        if let Some(file) = self.faults.as_deref().filter(|f| f.ends_with(".toml") && !Path::new(f).is_file())
-        {
-            bail!("--faults {file}: no such file");
-        }
+        self.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.force.force).reading_all(self.inputs());
         for file in [&self.record, &self.report, &self.video, &self.fault_log].into_iter().flatten() {
             outputs.claim(file)?;
@@ -362,146 +368,4 @@ impl RunArgs {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        run: RunArgs,
-    }
-
-    fn parse(args: &[&str]) -> Result<RunArgs, String> {
-        let line = Line::try_parse_from(std::iter::once(&"run").chain(args));
-        line.map(|l| l.run).map_err(|e| e.to_string())
-    }
-
-    #[test]
-    fn a_display_opens_a_window_unless_told_otherwise() {
-        let view = |args: &[&str], display| parse(args).unwrap().view(display);
-        assert_eq!(view(&[], true), View::Window);
-        assert_eq!(view(&[], false), View::Headless);
-        assert_eq!(view(&["--headless"], true), View::Headless);
-        assert_eq!(view(&["--window"], false), View::Window);
-        assert_eq!(view(&["--no-picture"], true), View::None);
-    }
-
-    #[test]
-    fn options_that_exclude_each_other_are_refused() {
-        for wrong in [
-            &["--headless", "--window"][..],
-            &["--motion-full"],
-            &["--blobs", "b.jsonl"],
-            &["--motion", "m.csv", "--blobs", "b", "--rig", "r"],
-            &["--duration", "0"],
-            &["--duration", "NaN"],
-            &["--percentile", "101"],
-            &["--inject-delay", "whole-system=3"],
-            &["--inject-delay", "tracking=-1"],
-            &["--inject-delay", "tracking"],
-            &["--no-picture", "--video", "v.y4m"],
-        ] {
-            assert!(parse(wrong).is_err(), "{wrong:?} was taken");
-        }
-    }
-
-    #[test]
-    fn each_delay_reaches_the_process_of_its_stage() {
-        let stages = ["camera", "camera-wait", "tracking", "simulation", "rendering"];
-        for (slow, stage) in stages.iter().enumerate() {
-            let args = parse(&["--inject-delay", &format!("{stage}=7")]).unwrap();
-            let delayed: Vec<Process> = Process::ALL
-                .into_iter()
-                .filter(|&p| p != Process::Desk)
-                .filter(|&p| {
-                    let given = args.arguments_of(p, View::Headless, None, 0);
-                    given.windows(2).any(|w| w == ["--inject-delay-ms", "7"] || w == ["--late-camera", "2=7"])
-                })
-                .collect();
-            let owner = [1, 0, 2, 3, 4][slow];
-            assert_eq!(delayed, [Process::ALL[owner]], "{stage}");
-        }
-    }
-
-    #[test]
-    fn without_pixels_the_rig_sends_the_blobs_and_is_delayed_itself() {
-        let args = parse(&["--direct", "--inject-delay", "camera=7"]).unwrap();
-        assert_eq!(args.trackers(), [Process::Tracker]);
-        let given = args.arguments_of(Process::VirtualRig, View::Headless, None, 0).join(" ");
-        assert_eq!(given, "--inject-delay-ms 7 --seed 1 --direct");
-    }
-
-    #[test]
-    fn each_process_gets_what_it_understands() {
-        let args = parse(&[
-            "--rig",
-            "r.json",
-            "--scene",
-            "peel",
-            "--seed",
-            "9",
-            "--stills",
-            "s",
-            "--collision",
-            "cpu",
-        ])
-        .unwrap();
-        let of = |p| args.arguments_of(p, View::Headless, Some(2.5), 0).join(" ");
-        assert_eq!(of(Process::VirtualRig), "--rig r.json --scene peel --seed 9 --duration 2.5");
-        assert_eq!(of(Process::FpgaModel), "--rig r.json");
-        assert_eq!(of(Process::Tracker), "--rig r.json");
-        assert_eq!(of(Process::Simcore), "--scene peel --collision cpu");
-        assert_eq!(of(Process::Renderer), "--rig r.json --scene peel --headless --stills s");
-    }
-
-    #[test]
-    fn the_renderer_learns_how_the_channels_share_the_display() {
-        let args = parse(&["--full-screen", "--monitor", "1", "--arrange", "interleaved"]).unwrap();
-        let given = args.arguments_of(Process::Renderer, args.view(false), None, 0).join(" ");
-        assert_eq!(given, "--window --arrange interleaved --full-screen --monitor 1");
-        assert!(parse(&["--monitor", "1"]).is_err() && parse(&["--headless", "--full-screen"]).is_err());
-        assert!(parse(&["--arrange", "cross-eyed"]).unwrap_err().contains("anaglyph"));
-    }
-
-    #[test]
-    fn the_desk_takes_the_place_of_cameras_and_tracker() {
-        let mut args = parse(&["--module", "navigation"]).unwrap();
-        assert_eq!(args.source(), Process::VirtualRig);
-        assert_eq!(args.trackers(), [Process::Tracker, Process::FpgaModel]);
-        args.desk = Some(DeskArgs { input: "mouse".into(), inputs: None });
-        let given = |args: &RunArgs, p| args.arguments_of(p, View::Window, None, 0).join(" ");
-        assert_eq!((args.source(), given(&args, Process::Desk).as_str()), (Process::Desk, "--input mouse"));
-        assert!(args.trackers().is_empty());
-        assert_eq!(given(&args, Process::Renderer), "--window --desk");
-        args.desk = Some(DeskArgs { input: "auto".into(), inputs: Some("moves.txt".into()) });
-        assert_eq!(given(&args, Process::Desk), "--inputs moves.txt");
-    }
-
-    #[test]
-    fn faults_reach_the_cameras_and_nobody_else() {
-        let args = parse(&["--faults", "mild,dropped", "--fault-log", "f.jsonl"]).unwrap();
-        let of = |p, restarts| args.arguments_of(p, View::Headless, None, restarts).join(" ");
-        let cameras = of(Process::VirtualRig, 0);
-        assert_eq!(cameras, "--seed 1 --faults mild,dropped --fault-log f.jsonl");
-        assert!(of(Process::VirtualRig, 1).ends_with("f-2.jsonl"), "a restart keeps what was written");
-        assert!(!of(Process::Tracker, 0).contains("fault") && !of(Process::Simcore, 0).contains("fault"));
-        assert!(parse(&["--fault-log", "f"]).is_err(), "no faults, no log");
-        let missing = parse(&["--faults", "/nowhere/f.toml"]).unwrap().prepare().unwrap_err().to_string();
-        assert!(missing.contains("/nowhere/f.toml"), "{missing}");
-    }
-
-    #[test]
-    fn a_restarted_renderer_does_not_write_over_what_there_is() {
-        let args = parse(&["--video", "out/a.y4m"]).unwrap();
-        let film = |restarts| args.arguments_of(Process::Renderer, View::Headless, None, restarts).pop();
-        assert_eq!(film(0).as_deref(), Some("out/a.y4m"));
-        assert_eq!(film(2).as_deref(), Some("out/a-3.y4m"));
-    }
-
-    #[test]
-    fn the_percentile_of_the_command_line_wins() {
-        assert_eq!(parse(&["--percentile", "95"]).unwrap().budget_table().unwrap().percentile, 95.0);
-        assert_eq!(parse(&[]).unwrap().budget_table().unwrap(), Budgets::default());
-    }
-}
+mod tests;

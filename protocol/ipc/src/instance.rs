@@ -154,6 +154,12 @@ fn shared_files(directory: &StdPath) -> impl Iterator<Item = PathBuf> {
     entries.filter(move |e| e.file_name().to_string_lossy().starts_with(&prefix)).map(|e| e.path())
 }
 
+/// What the paths of an instance's files in shared memory begin with; `None` where it has none.
+pub fn shared_memory_prefix(directory: &StdPath) -> Option<PathBuf> {
+    let any = shared_files(directory).next().is_some();
+    any.then(|| StdPath::new(SHM).join(prefix(directory)))
+}
+
 /// iceoryx2 opens its management segment to every user, who could then block new nodes by writing
 /// to it. Nobody else has business there. A file of another user cannot be changed and is left.
 fn close_to_others(directory: &StdPath) {
