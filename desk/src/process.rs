@@ -73,9 +73,10 @@ struct DeskShell {
 
 impl DeskShell {
     fn open(config: &Config) -> Result<Self> {
-        let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+        let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
         let guidance = Guidance::new(&SceneFile::load(&config.scene)?, &rig);
-        let player = config.inputs.as_deref().map(Inputs::load).transpose()?.map(Player::new);
+        let player =
+            config.inputs.as_deref().map(Inputs::load).transpose().context("--inputs")?.map(Player::new);
         let gamepad = match (config.input, &player) {
             (InputSource::Gamepad, None) => Some(Gamepad::require()?),
             (InputSource::Auto, None) => Gamepad::find(),

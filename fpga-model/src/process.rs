@@ -30,7 +30,7 @@ const FINE_NS: u64 = 500_000;
 /// # Errors
 /// Where the rig cannot be read or simulated, or a channel fails.
 pub fn run(config: &Config) -> Result<()> {
-    let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+    let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
     let extractors = rig.cameras().iter().map(|c| CameraExtractor::new(&rig, c)).collect::<Result<_, _>>()?;
     let mut shell = FpgaModelShell::open(config, extractors)?;
     while !shell.shell.stopping() {

@@ -6,6 +6,13 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// Settings for dots on a target, particles in a flow, stars, and dark beads: those of
+/// `docs/real-pictures.md`.
+const DOTS: &str = "--spots --background tracked --threshold 10:20 --least-area 3";
+const PARTICLES: &str = "--spots --background tracked --threshold 8:16 --least-area 1";
+const STARS: &str = "--spots --background tracked --threshold 12:24 --least-area 1";
+const BEADS: &str = "--spots --grey --polarity dark --background tracked --threshold 12:24 --least-area 1";
+
 /// The collection, if it is there.
 fn cameras() -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
@@ -74,12 +81,23 @@ fn table(path: &Path) -> Vec<Vec<f64>> {
 }
 
 #[test]
+fn the_documented_commands_are_those_that_are_checked() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/real-pictures.md");
+    let page = std::fs::read_to_string(page).expect("docs/real-pictures.md");
+    for (what, options) in [("dots", DOTS), ("particles", PARTICLES), ("star", STARS), ("beads", BEADS)] {
+        let command = format!("vitreo blobs {options} ");
+        let line = page.lines().find(|l| l.starts_with(&command));
+        let line = line.unwrap_or_else(|| panic!("no line begins with: {command}"));
+        assert!(line.contains(what), "{line}");
+    }
+}
+
+#[test]
 fn dots_of_the_calibration_target_are_found_where_another_program_found_them() {
     let Some(data) = cameras() else { return };
     for camera in 1..=3 {
         let picture = data.join(format!("myptv/Calibration/cal{camera}.png"));
-        let options = "--spots --background tracked --threshold 10:20 --least-area 3";
-        let found = blobs(options, &[picture]).remove(0);
+        let found = blobs(DOTS, &[picture]).remove(0);
         // x_px y_px X Y Z
         let dots = table(&data.join(format!("myptv/Calibration/cam{camera}_cal_points")));
         let dots: Vec<[f64; 2]> = dots.iter().map(|r| [r[0], r[1]]).collect();
@@ -102,7 +120,7 @@ fn particles_in_a_flow_are_those_another_program_found() {
     for camera in 1..=3 {
         let pictures: Vec<PathBuf> =
             (1..=3).map(|i| data.join(format!("myptv/Images_cam{camera}/0{i}.png"))).collect();
-        let found = blobs("--spots --background tracked --threshold 8:16 --least-area 1", &pictures);
+        let found = blobs(PARTICLES, &pictures);
         // y_px x_px size_y size_x mass frame
         let rows = table(&data.join(format!("myptv/blobs_cam{camera}")));
         for (frame, found) in found.iter().enumerate() {
@@ -143,7 +161,7 @@ fn stars_are_at_the_centres_of_their_light() {
     let Some(data) = cameras() else { return };
     let names = ["2019-07-29T204726_Alt40_Azi-135_Try1.png", "2019-07-29T204726_Alt40_Azi135_Try1.png"];
     let pictures = names.map(|n| data.join("tetra3_stars").join(n));
-    let found = blobs("--spots --background tracked --threshold 12:24 --least-area 1", &pictures);
+    let found = blobs(STARS, &pictures);
     for (picture, stars) in pictures.iter().zip(&found) {
         let samples = image::open(picture).expect("picture").into_luma16();
         let [width, height] = [samples.width(), samples.height()].map(f64::from);
@@ -167,10 +185,7 @@ fn beads_that_diffuse_are_seen_again_in_the_next_frame() {
     let Some(data) = cameras() else { return };
     let pictures: Vec<PathBuf> =
         (0..6).map(|i| data.join(format!("trackpy_bulk_water/bulk_water_00{i}.png"))).collect();
-    let found = blobs(
-        "--spots --grey --polarity dark --background tracked --threshold 12:24 --least-area 1",
-        &pictures,
-    );
+    let found = blobs(BEADS, &pictures);
     for pair in found.windows(2) {
         let before: Vec<[f64; 2]> = pair[0].iter().map(|b| [b.x, b.y]).collect();
         // A bead moves by a pixel or two a frame; beads are some 30 px apart.

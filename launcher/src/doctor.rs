@@ -1,6 +1,8 @@
 //! `vitreo doctor`: what this machine has and lacks, and what to type to mend it.
 
+mod devices;
 mod graphics;
+mod leftovers;
 mod system;
 
 use crate::exit::FAILED;
@@ -58,7 +60,9 @@ impl Check {
 
 fn every_check() -> Vec<Check> {
     let mut checks = system::checks();
+    checks.extend(leftovers::checks());
     checks.extend(graphics::checks());
+    checks.extend(devices::checks());
     checks
 }
 

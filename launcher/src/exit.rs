@@ -1,8 +1,14 @@
-//! Exit codes, a contract with other people's scripts. Wrong use exits with 2, which clap does by
-//! itself.
+//! Exit codes, a contract with other people's scripts.
+
+use ipc::IpcError;
+use scene::SceneError;
+use scene::module::ModuleError;
+use std::error::Error;
 
 /// Something failed.
 pub const FAILED: u8 = 1;
+/// Wrong use: an option, or a name that there is not. clap exits with it by itself.
+pub const WRONG_USE: u8 = 2;
 /// Done, but something was lost.
 pub const LOSS: u8 = 3;
 /// A latency budget was broken.
@@ -11,3 +17,53 @@ pub const BUDGET: u8 = 4;
 pub const DIFFERS: u8 = 5;
 /// A body was tracked less than asserted.
 pub const UNTRACKED: u8 = 6;
+
+/// The command was asked for something that there is not; nothing was begun.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct WrongUse(pub String);
+
+/// The exit code of a command that ends with an error.
+pub fn code_of(error: &anyhow::Error) -> u8 {
+    if error.chain().find_map(is_wrong_use) == Some(true) { WRONG_USE } else { FAILED }
+}
+
+/// Whether a cause is wrong use; `None` where that depends on its own cause.
+fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
+    if let Some(module) = cause.downcast_ref() {
+        // A scene that a module's file names is the file's defect.
+        return Some(matches!(module, ModuleError::Missing { .. } | ModuleError::Level { .. }));
+    }
+    if let Some(scene) = cause.downcast_ref() {
+        return Some(matches!(scene, SceneError::Missing { .. }));
+    }
+    if let Some(transport) = cause.downcast_ref() {
+        return Some(matches!(transport, IpcError::InstanceName(_)));
+    }
+    cause.is::<WrongUse>().then_some(true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::anyhow;
+
+    #[test]
+    fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
+        let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
+        let wrong: [anyhow::Error; 5] = [
+            WrongUse("--until".into()).into(),
+            anyhow::Error::from(missing()).context("the scene"),
+            ModuleError::Missing { name: "x".into(), shipped: "peeling".into() }.into(),
+            ModuleError::Level { name: "peeling".into(), levels: 2, found: 9 }.into(),
+            IpcError::InstanceName("a b".into()).into(),
+        ];
+        wrong.iter().for_each(|error| assert_eq!(code_of(error), WRONG_USE, "{error:#}"));
+        let failed: [anyhow::Error; 3] = [
+            anyhow!("no"),
+            ModuleError::Scene { name: "own".into(), source: missing() }.into(),
+            IpcError::InUse("main".into()).into(),
+        ];
+        failed.iter().for_each(|error| assert_eq!(code_of(error), FAILED, "{error:#}"));
+    }
+}

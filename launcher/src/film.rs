@@ -3,6 +3,8 @@
 //! however slow the machine is.
 
 use crate::children::command;
+use crate::fundus::FundusArgs;
+use crate::inputs::check_file;
 use crate::modules::Composed;
 use crate::progress::pictures_bar;
 use anyhow::{Context, bail};
@@ -51,6 +53,9 @@ pub struct FilmArgs {
     /// Quality tier of the picture, 0 (2×1280×1024) to 8.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..9))]
     pub tier: u32,
+    /// The fundus photograph.
+    #[command(flatten)]
+    pub fundus: FundusArgs,
     /// How the two channels share the picture: side-by-side, anaglyph, interleaved, left or right.
     #[arg(long, value_name = "HOW", default_value = "side-by-side",
           value_parser = ["side-by-side", "anaglyph", "interleaved", "left", "right"])]
@@ -71,7 +76,8 @@ fn seconds(text: &str) -> Result<f64, String> {
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
     let level = args.level.map_or_else(|| Ok(surgeon::load(&args.module)?.levels()), anyhow::Ok)?;
     let film = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.y4m".into()));
-    let mut outputs = Outputs::new(args.force.force).reading(&args.module);
+    args.fundus.fundus.as_deref().map_or(Ok(()), |photograph| check_file("--fundus", photograph))?;
+    let mut outputs = Outputs::new(args.force.force).reading(&args.module).reading_all(&args.fundus.fundus);
     film.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
     args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
     let composed = Composed::new(&args.module, level, &args.surgeon, args.seed)?;
@@ -112,7 +118,7 @@ fn draw(args: &FilmArgs, composed: &Composed, film: Option<&Path>) -> anyhow::Re
     let mut command = command("vitreo-renderer")?;
     command.args(["film", "--scene", &composed.name(), "--tier", &args.tier.to_string()]);
     command.args(arguments());
-    command.args(["--arrange", &args.arrange]);
+    command.args(["--arrange", &args.arrange]).args(args.fundus.arguments());
     if let Some(film) = film {
         command.arg("--video").arg(film);
     }
@@ -173,12 +179,15 @@ mod tests {
         let parse = |words: &[&str]| Line::try_parse_from(std::iter::once(&"film").chain(words));
         let film = parse(&["peeling", "--length", "30", "-o", "a.y4m", "--tier", "3"]).unwrap().film;
         assert_eq!((film.module.as_str(), film.level, film.length, film.tier), ("peeling", None, 30.0, 3));
+        let film = parse(&["peeling", "--fundus", "a.jpg", "--fundus-field", "50"]).unwrap().film;
+        assert_eq!(film.fundus.arguments(), ["--fundus", "a.jpg", "--fundus-field", "50"]);
         for wrong in [
             &[][..],
             &["peeling", "--length", "0"],
             &["peeling", "--every", "2"],
             &["peeling", "--tier", "9"],
             &["peeling", "--arrange", "sequential"],
+            &["peeling", "--fundus-eye", "right"],
         ] {
             assert!(parse(wrong).is_err(), "{wrong:?} was taken");
         }

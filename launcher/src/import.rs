@@ -66,7 +66,7 @@ pub fn run(args: &ImportArgs) -> anyhow::Result<ExitCode> {
 
 /// The rig is checked and then kept as the file has it.
 fn provenance(rig: &Path, blobs: &Path, scene: &str) -> anyhow::Result<Provenance> {
-    Rig::load(rig)?;
+    Rig::load(rig).context("--rig")?;
     let rig_json = read_text(rig, MAX_SETTINGS_BYTES).with_context(|| rig.display().to_string())?;
     let file = SceneFile::load(scene)?;
     let key = |key: &str, value: String| BTreeMap::from([(key.to_string(), value)]);

@@ -11,7 +11,10 @@ fn main() -> ExitCode {
         Ok(code) => code,
         // Who reads the output has seen enough of it.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) => ipc::logging::fail(error.as_ref()),
+        Err(error) => {
+            ipc::logging::fail(error.as_ref());
+            ExitCode::from(launcher::exit::code_of(&error))
+        }
     };
     match outputs::standard_output_failure() {
         Some(problem) if code == ExitCode::SUCCESS => {

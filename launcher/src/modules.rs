@@ -1,5 +1,6 @@
 //! `vitreo modules`: what there is to train; and the scene that `vitreo run --module` composes.
 
+use crate::exit::WrongUse;
 use anyhow::{Context, bail};
 use outputs::{print, println};
 use rustix::fs::{MemfdFlags, memfd_create};
@@ -76,7 +77,8 @@ impl Composed {
     pub fn new(module: &str, level: u32, surgeon: &str, seed: u64) -> anyhow::Result<Self> {
         let Some(surgeon) = by_name(surgeon) else {
             let known: Vec<&str> = SKILLS.iter().map(|s| s.name).collect();
-            bail!("--surgeon: expected one of {}, found {surgeon}", known.join(", "));
+            let known = known.join(", ");
+            bail!(WrongUse(format!("--surgeon: expected one of {known}, found {surgeon}")));
         };
         let file = memfd_create("vitreo-scene", MemfdFlags::CLOEXEC).context("memory for the scene")?.into();
         let module = surgeon::load(module)?;

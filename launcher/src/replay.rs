@@ -9,10 +9,11 @@ mod outputs;
 mod pace;
 mod processes;
 mod recorded;
+mod span;
 mod turns;
 mod verify;
 
-use crate::exit::{DIFFERS, LOSS, UNTRACKED};
+use crate::exit::{DIFFERS, LOSS, UNTRACKED, WrongUse};
 use crate::results::DESK;
 use crate::run::share;
 use crate::runtime::{StopSignal, block_on};
@@ -112,6 +113,9 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 }
 
 async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
+    if let Some(until) = args.until.filter(|until| *until <= args.from) {
+        bail!(WrongUse(format!("--until {until}: expected more than --from {}", args.from)));
+    }
     let recording = Recording::open(&args.file)?;
     if recording.provenance().config.contains_key(DESK) {
         let file = args.file.display();
@@ -126,6 +130,7 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if args.verify && mode == TrackerMode::StreamClock {
         bail!("{}: an imported stream holds no results to compare with", args.file.display());
     }
+    span::check(&recording, args)?;
     let stop = StopSignal::install()?;
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
     let mut outputs = Outputs::open(args, &rig)?;
@@ -182,13 +187,15 @@ async fn play(
         let mut pace = Pace::new(args, stop);
         loop {
             let begun = Instant::now();
-            let damage = match mode {
-                TrackerMode::Recorded => recorded::run(recording, &mut processes, &mut pace, shown).await?,
+            let outcome = match mode {
+                TrackerMode::Recorded => recorded::run(recording, &mut processes, &mut pace, shown).await,
                 TrackerMode::StreamClock => {
-                    imported::run(recording, &mut processes, &mut pace, shown.outputs).await?
+                    imported::run(recording, &mut processes, &mut pace, shown.outputs).await
                 }
             };
+            // Also where the user stopped it.
             shown.outputs.figures.wall_s += begun.elapsed().as_secs_f64();
+            let damage = outcome?;
             if !args.endless {
                 return Ok(damage);
             }
@@ -202,14 +209,24 @@ async fn play(
     outcome
 }
 
+/// What was replayed, and how fast as far as that was measured.
+fn summary(figures: &Figures) -> String {
+    let Figures { camera_fields, frames, steps, stream_s, wall_s, .. } = figures;
+    let counts = format!("{camera_fields} camera-fields, {frames} tracker frames, {steps} steps");
+    match (*stream_s > 0.0, *wall_s > 0.0) {
+        (true, true) => {
+            let speed = stream_s / wall_s;
+            format!("{counts}; {stream_s:.2} s in {wall_s:.2} s ({speed:.1} times real time)")
+        }
+        (true, false) => format!("{counts}; {stream_s:.2} s"),
+        (false, _) => counts,
+    }
+}
+
 fn print(figures: &Figures) {
-    let Figures { camera_fields, frames, steps, fields_refused, stream_s, wall_s, .. } = figures;
-    let speed = stream_s / wall_s.max(1e-9);
-    println!(
-        "{camera_fields} camera-fields, {frames} tracker frames, {steps} steps; \
-         {stream_s:.2} s in {wall_s:.2} s ({speed:.1} times real time)"
-    );
-    if *fields_refused > 0 {
+    println!("{}", summary(figures));
+    let fields_refused = figures.fields_refused;
+    if fields_refused > 0 {
         println!(
             "{fields_refused} camera-fields refused by the tracker (twice, out of order, unknown camera)"
         );
@@ -289,6 +306,14 @@ mod tests {
         let verdict = incomparable.verify.insert(Verdict::default());
         verdict.other_state_hash_version = Some(7);
         assert_eq!(code(&incomparable), LOSS);
+    }
+
+    #[test]
+    fn a_speed_is_told_where_it_was_measured() {
+        let figures = |stream_s, wall_s| Figures { stream_s, wall_s, frames: 147, ..Figures::default() };
+        assert!(summary(&figures(2.94, 1.47)).ends_with("2.94 s in 1.47 s (2.0 times real time)"));
+        assert!(summary(&figures(2.94, 0.0)).ends_with("147 tracker frames, 0 steps; 2.94 s"));
+        assert!(summary(&figures(0.0, 0.0)).ends_with("147 tracker frames, 0 steps"));
     }
 
     #[test]

@@ -68,8 +68,8 @@ async fn simulate(args: &RunArgs) -> anyhow::Result<ExitCode> {
     let mut composed = composed.transpose()?;
     let args = &args.with_scene_of(composed.as_ref()).with_recording_of_trainee()?;
     let view = args.view(has_display());
-    let budgets = args.budget_table()?;
     let mut outputs = args.prepare()?;
+    let budgets = args.budget_table()?;
     let stop = StopSignal::install()?;
     let mut session = Session::open(args, composed.as_mut(), view, &budgets, &mut outputs, stop)?;
     let outcome = session.run().await;
@@ -117,7 +117,7 @@ fn keep_all(args: &RunArgs, trainee: &str, attempts: &[Attempt]) -> anyhow::Resu
 
 /// What makes the recording of this run complete; reads rig and scene, and so checks them early.
 fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
-    let rig = Rig::load_or_shipped(args.rig.as_deref())?;
+    let rig = Rig::load_or_shipped(args.rig.as_deref()).context("--rig")?;
     let scene_name = args.scene.as_deref().unwrap_or(DEFAULT_SCENE);
     let scene = SceneFile::load(scene_name)?;
     let scene_name = args.module.as_deref().unwrap_or(scene_name);

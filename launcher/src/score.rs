@@ -152,8 +152,7 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     pass_on(&told.stderr);
     // The score of the live run stands in the recording; the copy holds that of the new steps.
     let (told, scored) = (score_file(file)?, score_file(Path::new(&place))?);
-    let same = |a: f64, b: f64| a.to_bits() == b.to_bits();
-    let agrees = told.live_total.map(|live| same(live, scored.score.total));
+    let agrees = agrees_again(&told, scored.score.total);
     let other_state_hash_version = Recording::open(file)?.provenance().other_state_hash_version();
     Ok(Attempt {
         file: told.file,
@@ -166,6 +165,12 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
             .or_else(|| gaps.then(|| format!("{}: inputs of steps are missing", file.display()))),
         ..scored
     })
+}
+
+/// Whether new steps lead to the score that the live run published; `None` where that is of another
+/// version of the score, or there is none.
+fn agrees_again(told: &Attempt, total: f64) -> Option<bool> {
+    told.agrees.and(told.live_total).map(|live| live.to_bits() == total.to_bits())
 }
 
 /// Shows what another program wrote to standard error. A closed one is no reason to fail.
@@ -278,4 +283,32 @@ pub fn live_text(live: &LiveScore) -> String {
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_score_of_another_version_neither_agrees_nor_differs() {
+        let scene = surgeon::load("navigation").unwrap().level_scene(1).unwrap();
+        let scorer = training::score::Scorer::of(&scene).unwrap();
+        let score = scorer.score(&scorer.start());
+        let told = |agrees| Attempt {
+            file: String::new(),
+            module: String::new(),
+            level: 1,
+            ended: true,
+            seconds: 1.0,
+            unmatched: 0,
+            live_total: Some(97.5),
+            agrees,
+            other_state_hash_version: None,
+            damage: None,
+            score: score.clone(),
+        };
+        assert_eq!(agrees_again(&told(Some(true)), 97.5), Some(true));
+        assert_eq!(agrees_again(&told(Some(true)), 97.4), Some(false));
+        assert_eq!(agrees_again(&told(None), 97.4), None);
+    }
 }

@@ -1,6 +1,7 @@
 //! What the picture is made from besides the scene: the fundus photograph and the instruments'
 //! meshes, built in or from files.
 
+use crate::photograph::{FundusArgs, Photograph};
 use crate::tools::{ModelError, Models};
 use image::{ImageReader, Limits, RgbImage};
 use protocol::file::{MAX_TABLE_BYTES, looks_like, read_bytes};
@@ -37,8 +38,8 @@ pub enum AssetError {
 /// Photograph and meshes.
 #[derive(Debug, Clone)]
 pub struct Assets {
-    /// The fundus of a **left** eye, the fovea in its middle; see [`crate::fundus_map`].
-    pub photograph: RgbImage,
+    /// The fundus.
+    pub photograph: Photograph,
     /// The instruments.
     pub models: Models,
 }
@@ -49,17 +50,24 @@ impl Assets {
     /// # Errors
     /// If an asset that is built in cannot be decoded.
     pub fn shipped() -> Result<Self, AssetError> {
-        Self::load(None, None)
+        Self::load(&FundusArgs::default(), None)
     }
 
-    /// From a photograph and a folder of meshes, where they are given.
+    /// From a photograph and a folder of meshes, where they are given. Warns of a photograph that
+    /// seems to be another than it is said to be.
     ///
     /// # Errors
     /// If a file cannot be read, or is not a square colour photograph or a valid mesh.
-    pub fn load(photograph: Option<&Path>, instruments: Option<&Path>) -> Result<Self, AssetError> {
-        let photograph = match photograph {
-            Some(path) => self::photograph(path)?,
-            None => shipped_photograph()?,
+    pub fn load(fundus: &FundusArgs, instruments: Option<&Path>) -> Result<Self, AssetError> {
+        let photograph = match &fundus.fundus {
+            Some(path) => {
+                let photograph = Photograph::described(self::photograph(path)?, fundus)?;
+                for doubt in photograph.doubts() {
+                    tracing::warn!("fundus photograph {}: {doubt}", path.display());
+                }
+                photograph
+            }
+            None => Photograph::new(shipped_photograph()?),
         };
         let models = instruments.map_or_else(Models::shipped, Models::from_folder)?;
         Ok(Self { photograph, models })
@@ -140,9 +148,10 @@ mod tests {
     #[test]
     fn missing_files_are_named() {
         let nowhere = Path::new("/nowhere/at/all");
-        let e = Assets::load(Some(nowhere), None).unwrap_err().to_string();
+        let fundus = FundusArgs { fundus: Some(nowhere.into()), ..FundusArgs::default() };
+        let e = Assets::load(&fundus, None).unwrap_err().to_string();
         assert!(e.starts_with("fundus photograph /nowhere/at/all: "), "{e}");
-        let e = Assets::load(None, Some(nowhere)).unwrap_err().to_string();
+        let e = Assets::load(&FundusArgs::default(), Some(nowhere)).unwrap_err().to_string();
         assert!(e.starts_with("instrument: /nowhere/at/all/forceps.glb: "), "{e}");
     }
 }

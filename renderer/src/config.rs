@@ -1,5 +1,6 @@
 //! Arguments of the program.
 
+use crate::photograph::FundusArgs;
 use crate::present::window::WindowConfig;
 use crate::stereo::Arrangement;
 use ipc::shell::ShellArgs;
@@ -34,10 +35,9 @@ pub struct Config {
     /// Scene by name or file; gives eye, membrane size and shafts.
     #[arg(long, value_name = "NAME|FILE", default_value = scene::DEFAULT_SCENE)]
     pub scene: String,
-    /// Fundus photograph to lay on the retina instead of the shipped one: a square JPEG or PNG of a
-    /// left eye, the fovea in its middle.
-    #[arg(long, value_name = "PHOTO")]
-    pub fundus: Option<PathBuf>,
+    /// The fundus photograph.
+    #[command(flatten)]
+    pub fundus: FundusArgs,
     /// Folder with the instruments' meshes (forceps.glb, light-pipe.glb, pick.glb, vitrector.glb,
     /// needle.glb) to draw instead of the shipped ones.
     #[arg(long, value_name = "DIR")]
@@ -124,6 +124,11 @@ mod tests {
         assert!(parse(&["--headless", "--window"]).is_err());
         assert!(parse(&["--window", "--full-screen", "--monitor", "1", "--arrange", "sequential"]).is_ok());
         assert!(parse(&["--full-screen"]).is_err() && parse(&["--arrange", "cross-eyed"]).is_err());
+        assert!(parse(&["--fundus", "a.jpg", "--fundus-eye", "right", "--fundus-fovea", "0.6,0.5"]).is_ok());
+        for wrong in [&["--fundus-eye", "up"][..], &["--fundus-fovea", "2,0.5"], &["--fundus-field", "180"]] {
+            assert!(parse(&[&["--fundus", "a.jpg"], wrong].concat()).is_err(), "{wrong:?}");
+        }
+        assert!(parse(&["--fundus-eye", "right"]).is_err(), "of no photograph");
         assert!(parse(&["--pictures-hz", "nan"]).is_err() && parse(&["--tier", "99"]).is_err());
     }
 }

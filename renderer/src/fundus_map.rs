@@ -1,7 +1,7 @@
 //! The map that is laid on the retina, made from the fundus photograph at start-up.
 //!
-//! The photograph shows a round part of a **left** eye, the fovea in its middle. The map is in
-//! Lambert's azimuthal equal-area projection about the posterior pole, so that the shader finds
+//! The photograph shows a round part of an eye about its fovea ([`crate::photograph`]). The map is
+//! in Lambert's azimuthal equal-area projection about the posterior pole, so that the shader finds
 //! its coordinates with one inverse square root. Beyond the photograph's border what lies there
 //! runs on outwards and fades into the mean colour: the periphery has few marks, and its vessels
 //! run outwards. It ends at the
@@ -10,16 +10,10 @@
 //! The map's fourth channel is the height of vessels, found as what is darker than its
 //! surroundings in green, where blood absorbs most. The same difference sharpens the picture.
 
+use crate::photograph::Photograph;
 use image::RgbImage;
 use scene::Side;
 
-/// Fovea in the photograph, share of its width.
-const FOVEA: [f32; 2] = [0.503, 0.497];
-/// Radius of the photograph's round field about the fovea that is used, share of its width.
-const FIELD_RADIUS: f32 = 0.478;
-/// Angle at the eye's centre from the fovea to the border of the field, rad. The optic disc lies
-/// 0.345 widths from the fovea in the picture and 4.5 mm on a retina of 11.5 mm radius.
-const FIELD_ANGLE: f32 = 4.5 / 11.5 * FIELD_RADIUS / 0.345;
 /// The map reaches to this angle from the pole, rad.
 const MAP_ANGLE: f32 = 2.2;
 /// Angle from the pole to the ora serrata, where the retina ends: about 21 mm from the fovea, rad.
@@ -64,7 +58,7 @@ fn equal_area(theta: f32) -> f32 {
 }
 
 /// A square map of `size` pixels, RGBA, rows from eye −y to +y, columns from eye −x to +x.
-pub fn bake(photograph: &RgbImage, size: u32, side: Side) -> Vec<u8> {
+pub fn bake(photograph: &Photograph, size: u32, side: Side) -> Vec<u8> {
     let mut out = Vec::with_capacity((size * size * 4) as usize);
     for row in 0..size {
         for column in 0..size {
@@ -118,17 +112,19 @@ fn means_along_rows(plane: &[f32], size: usize, half: usize) -> Vec<f32> {
 }
 
 /// Colour in direction `unit` (eye x and y) at the angle `theta` from the pole.
-fn colour(photograph: &RgbImage, unit: [f32; 2], theta: f32, side: Side) -> [f32; 3] {
-    let beyond = (theta - FIELD_ANGLE).max(0.0);
-    let radius = FIELD_RADIUS * (theta / FIELD_ANGLE).min(1.0);
-    // In a left eye +x is temporal and the photograph's right is temporal as well; a right eye
-    // is its mirror image, and its +x is nasal: there the disc lies on the photograph's left.
-    let mirror = if side == Side::Left { 1.0 } else { -1.0 };
-    let width = photograph.width() as f32;
-    let u = (FOVEA[0] + mirror * unit[0] * radius) * width - 0.5;
-    let v = (FOVEA[1] - unit[1] * radius) * width - 0.5;
+fn colour(photograph: &Photograph, unit: [f32; 2], theta: f32, side: Side) -> [f32; 3] {
+    // In a left eye +x is temporal and the right of its photograph is temporal as well; in a right
+    // eye both are nasal. The other eye is the mirror image.
+    let mirror = if side == photograph.eye { 1.0 } else { -1.0 };
+    let towards = [mirror * unit[0], -unit[1]];
+    let (border, border_rad) = photograph.border(towards);
+    let beyond = (theta - border_rad).max(0.0);
+    let radius = border * (theta / border_rad).min(1.0);
+    let width = photograph.picture.width() as f32;
+    let u = (photograph.fovea[0] + towards[0] * radius) * width - 0.5;
+    let v = (photograph.fovea[1] + towards[1] * radius) * width - 0.5;
     let fade = (beyond / FADE).min(1.0) * 0.9;
-    let photo = bilinear(photograph, u, v);
+    let photo = bilinear(&photograph.picture, u, v);
     let retina = std::array::from_fn(|c| photo[c] + (PERIPHERY[c] - photo[c]) * fade);
     if theta < ORA_ANGLE - 0.1 { retina } else { before_the_ora(retina, unit, theta) }
 }
@@ -179,11 +175,17 @@ pub fn half(pixels: &[u8], size: u32) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::assets::shipped_photograph;
+    use crate::photograph::{FIELD_ANGLE, FIELD_RADIUS};
+
+    fn shipped() -> Photograph {
+        Photograph::new(shipped_photograph().unwrap())
+    }
 
     /// Brightest place of the green channel, smoothed: the optic disc. Map coordinates −1 to 1.
     fn disc(side: Side) -> [f32; 2] {
         let size = 128u32;
-        let map = bake(&crate::assets::shipped_photograph().unwrap(), size, side);
+        let map = bake(&shipped(), size, side);
         let green = |x: u32, y: u32| u32::from(map[((y * size + x) * 4 + 1) as usize]);
         let score = |x: u32, y: u32| {
             (0..3).flat_map(|i| (0..3).map(move |j| (i, j))).map(|(i, j)| green(x + i, y + j)).sum::<u32>()
@@ -214,7 +216,7 @@ mod tests {
     #[test]
     fn the_retina_ends_at_the_ora_serrata() {
         let size = 256;
-        let map = bake(&crate::assets::shipped_photograph().unwrap(), size, Side::Right);
+        let map = bake(&shipped(), size, Side::Right);
         for unit in [[1.0, 0.0], [0.0, 1.0], [-0.6, 0.8], [0.6, -0.8]] {
             let [retina, plana, sclera] =
                 [-0.15, 0.15, 0.36].map(|past| at(&map, size, ORA_ANGLE + past, unit));
@@ -230,8 +232,9 @@ mod tests {
         let mut photograph = RgbImage::from_pixel(1024, 1024, image::Rgb([180, 80, 50]));
         (0..1024)
             .for_each(|y| (700..706).for_each(|x| photograph.put_pixel(x, y, image::Rgb([140, 40, 35]))));
+        let photograph = Photograph::new(photograph);
         let (size, map) = (1024, bake(&photograph, 1024, Side::Left));
-        let theta = (702.5 / 1024.0 - FOVEA[0]) / FIELD_RADIUS * FIELD_ANGLE;
+        let theta = (702.5 / 1024.0 - photograph.fovea[0]) / FIELD_RADIUS * FIELD_ANGLE;
         let heights: Vec<u8> = [-0.05, -0.02, 0.0].map(|d| at(&map, size, theta + d, [1.0, 0.0])[3]).to_vec();
         assert!(heights[0] < 30 && heights[2] > 180, "{heights:?}");
         let vessel = at(&map, size, theta, [1.0, 0.0]);

@@ -1,7 +1,7 @@
 //! A renderer without window and process: scenes in, pictures out. For films, stills, measurements
 //! and tests.
 
-use crate::assets::AssetError;
+use crate::assets::{AssetError, Assets};
 use crate::frame::{Renderer, RendererConfig};
 use crate::gpu::{Gpu, GpuError};
 use crate::latch::Latched;
@@ -22,9 +22,14 @@ impl Offscreen {
     /// # Errors
     /// If a shipped asset cannot be decoded.
     pub fn new(gpu: Gpu, config: RendererConfig) -> Result<Self, AssetError> {
-        let renderer = Renderer::new(&gpu, config)?;
+        Ok(Self::with_assets(gpu, config, &Assets::shipped()?))
+    }
+
+    /// As [`Self::new`], with other assets than the shipped ones.
+    pub fn with_assets(gpu: Gpu, config: RendererConfig, assets: &Assets) -> Self {
+        let renderer = Renderer::with_assets(&gpu, config, assets);
         let read_back = ReadBack::new(&gpu, config.first_tier);
-        Ok(Self { gpu, renderer, read_back })
+        Self { gpu, renderer, read_back }
     }
 
     /// Records and submits a frame of the scene that was taken last.

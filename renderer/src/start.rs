@@ -10,7 +10,7 @@ use crate::gpu::Gpu;
 use crate::latch::{Latched, latch_scene};
 use crate::reference_scene::Contents;
 use crate::tools::{NOMINAL_CANNULA_MM, Shaft};
-use anyhow::Result;
+use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use protocol::geometry::Pose;
 use protocol::limits::INSTRUMENTS;
@@ -91,9 +91,9 @@ pub fn renderer(
     first_tier: usize,
     clock: fn() -> Nanos,
 ) -> Result<(Renderer, Costs)> {
-    let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+    let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
     let begun = clock();
-    let assets = Assets::load(config.fundus.as_deref(), config.instruments.as_deref())?;
+    let assets = Assets::load(&config.fundus, config.instruments.as_deref())?;
     let loaded = clock();
     let mut renderer =
         Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), &assets);

@@ -1,7 +1,9 @@
 //! Wrong input ends with a clear message and the right exit code.
 
+use protocol::poses::TrackerFrame;
 use std::path::Path;
-use vitreo_tests::{instance_name, repository, vitreo};
+use std::process::Command;
+use vitreo_tests::{Observer, Running, binaries, instance_name, interrupt, next, repository, vitreo};
 
 fn write(folder: &Path, name: &str, text: &[u8]) -> String {
     let path = folder.join(name);
@@ -12,7 +14,18 @@ fn write(folder: &Path, name: &str, text: &[u8]) -> String {
 /// Runs, expects failure, and expects every one of `named` in the message.
 #[track_caller]
 fn refused(args: &[&str], named: &[&str]) {
-    let finished = vitreo(args).expect_code(1);
+    fails(1, args, named);
+}
+
+/// As [`refused`], where what was asked for does not exist.
+#[track_caller]
+fn misused(args: &[&str], named: &[&str]) {
+    fails(2, args, named);
+}
+
+#[track_caller]
+fn fails(code: i32, args: &[&str], named: &[&str]) {
+    let finished = vitreo(args).expect_code(code);
     for word in named {
         assert!(finished.stderr.contains(word), "'{word}' is missing in: {}", finished.stderr);
     }
@@ -30,8 +43,71 @@ fn missing_and_foreign_files_are_named() {
         refused(&[&[command, foreign.as_str()], tail].concat(), &["foreign.mcap"]);
         refused(&[&[command, empty.as_str()], tail].concat(), &["empty.mcap"]);
     }
+}
+
+#[test]
+fn files_of_options_are_named_with_their_options() {
     let name = instance_name();
-    refused(&["run", "--no-picture", "--scene", "nowhere", "--instance", &name], &["nowhere", "peel"]);
+    for option in ["--rig", "--motion", "--budgets", "--fundus", "--instruments"] {
+        refused(&["run", "--headless", "--instance", &name, option, "no.thing"], &[option, "no.thing"]);
+    }
+    let folder = tempfile::tempdir().expect("folder");
+    let folder = folder.path().display().to_string();
+    refused(&["run", "--no-picture", "--instance", &name, "--budgets", &folder], &["--budgets", "a folder"]);
+    refused(
+        &["play", "--no-picture", "--inputs", "no.thing", "--instance", &name],
+        &["--inputs", "no.thing"],
+    );
+    refused(&["film", "navigation", "--fundus", "no.thing"], &["--fundus", "no.thing"]);
+    refused(&["import", "--rig", "no.thing", "b.jsonl", "-o", "o.mcap"], &["--rig", "no.thing"]);
+    for process in ["vitreo-tracker", "vitreo-virtual-rig", "vitreo-fpga-model"] {
+        let mut command = Command::new(binaries().join(process));
+        let done = command.args(["--instance", &name, "--rig", "no.thing"]).output().expect("it starts");
+        let told = String::from_utf8_lossy(&done.stderr);
+        assert!(told.contains("--rig") && told.contains("no.thing"), "{process}: {told}");
+        assert_eq!(done.status.code(), Some(1), "{process}: {told}");
+    }
+}
+
+#[test]
+fn what_does_not_exist_is_wrong_use() {
+    let name = instance_name();
+    let run = |args: &[&'static str], named: &[&str]| {
+        misused(&[&["run", "--no-picture", "--instance", &name], args].concat(), named);
+    };
+    run(&["--scene", "nowhere"], &["nowhere", "peel"]);
+    run(&["--module", "nowhere"], &["nowhere", "navigation"]);
+    run(&["--module", "navigation", "--level", "99"], &["level from 1 to", "99"]);
+    run(&["--module", "navigation", "--surgeon", "nobody"], &["--surgeon", "expert", "nobody"]);
+    run(&["--faults", "mild,nonsense"], &["--faults", "dropped", "nonsense"]);
+    misused(&["run", "--no-picture", "--instance", "Not a name"], &["Not a name"]);
+    misused(&["ctl", "pause", "--instance", "Not a name"], &["Not a name"]);
+    misused(&["film", "nowhere"], &["nowhere", "navigation"]);
+    misused(&["modules", "--scene", "nowhere"], &["nowhere"]);
+}
+
+#[test]
+fn a_part_that_a_recording_does_not_have_is_refused() {
+    let golden = repository().join("tests/data/golden/peel-2s.mcap").display().to_string();
+    let name = instance_name();
+    let replay = |args: &[&'static str]| [&["replay", golden.as_str(), "--instance", &name], args].concat();
+    misused(&replay(&["--from", "1.5", "--until", "0.5"]), &["--until 0.5", "--from 1.5"]);
+    misused(&replay(&["--until", "0"]), &["--until 0"]);
+    refused(&replay(&["--from", "100"]), &["--from 100", "peel-2s.mcap holds 1.", " s only"]);
+}
+
+#[test]
+fn a_replay_that_is_stopped_tells_what_it_measured() {
+    let golden = repository().join("tests/data/golden/peel-2s.mcap").display().to_string();
+    let name = instance_name();
+    let replay = Running::start(&["replay", &golden, "--rate", "0.05", "--instance", &name]);
+    let mut poses = Observer::join(&format!("{name}-t")).receiver::<TrackerFrame>();
+    (0..3).for_each(|_| drop(next(&mut poses, |_| true)));
+    interrupt(replay.pid());
+    let told = replay.finish().expect_code(0).stdout;
+    let speed = told.split(" times real time").next().and_then(|t| t.rsplit('(').next());
+    let speed: f64 = speed.and_then(|s| s.parse().ok()).unwrap_or_else(|| panic!("no speed: {told}"));
+    assert!(speed < 1.0, "at a twentieth of the speed: {told}");
 }
 
 #[test]

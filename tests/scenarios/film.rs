@@ -1,6 +1,6 @@
 //! Films are made without a clock: as many pictures as asked for, and stills at their instants.
 
-use vitreo_tests::vitreo;
+use vitreo_tests::{repository, vitreo};
 
 /// Size of a picture of the smallest tier, both channels, px.
 const SIZE: [usize; 2] = [320, 128];
@@ -32,9 +32,25 @@ fn a_film_has_every_picture_and_its_stills() {
 
 #[test]
 fn what_cannot_be_filmed_is_refused() {
-    let missing = vitreo(&["film", "juggling", "-o", "/nowhere/f.y4m"]).expect_code(1).stderr;
+    let missing = vitreo(&["film", "juggling", "-o", "/nowhere/f.y4m"]).expect_code(2).stderr;
     assert!(missing.contains("juggling") && missing.contains("peeling"), "{missing}");
-    let nobody = vitreo(&["film", "peeling", "--surgeon", "genius"]).expect_code(1).stderr;
+    let nobody = vitreo(&["film", "peeling", "--surgeon", "genius"]).expect_code(2).stderr;
     assert!(nobody.contains("expert, average, novice"), "{nobody}");
     vitreo(&["film", "peeling", "--length", "-3"]).expect_code(2);
+}
+
+#[test]
+fn a_photograph_of_the_other_eye_is_warned_of() {
+    let folder = tempfile::tempdir().expect("folder");
+    let photograph = repository().join("assets/fundus.jpg").display().to_string();
+    let film = |name: &str, eye: &str| {
+        let file = folder.path().join(name).display().to_string();
+        let how = ["--length", "0.04", "--tier", "8", "--fundus", &photograph, "--fundus-eye", eye];
+        let told = vitreo(&[&["film", "peeling", "-o", &file][..], &how].concat()).expect_code(0).stderr;
+        (std::fs::read(&file).expect("the film"), told)
+    };
+    let ((left, quiet), (right, warned)) = (film("l.y4m", "left"), film("r.y4m", "right"));
+    assert!(!quiet.contains("--fundus-eye"), "{quiet}");
+    assert!(warned.contains("fundus.jpg") && warned.contains("--fundus-eye left"), "{warned}");
+    assert_ne!(left, right, "it is laid on the other way round");
 }

@@ -5,6 +5,7 @@ mod architecture;
 mod bad_input;
 mod budgets;
 mod crash;
+mod doctor;
 mod dose;
 mod endure;
 mod faults;

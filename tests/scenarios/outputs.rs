@@ -199,7 +199,7 @@ fn a_failed_command_leaves_nothing_and_takes_nothing() {
     }
     // A run that never starts, over a recording that is there.
     let run = ["run", "--no-picture", "--scene", "nowhere", "--force", "--record"];
-    vitreo(&[&run[..], &[&precious, "--instance", &instance_name()]].concat()).expect_code(1);
+    vitreo(&[&run[..], &[&precious, "--instance", &instance_name()]].concat()).expect_code(2);
     // Two outputs of one name.
     let run = ["run", "--no-picture", "--instance", &instance_name(), "--record", &fresh, "--report", &fresh];
     vitreo(&run).expect_code(1);

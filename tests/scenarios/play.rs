@@ -98,8 +98,8 @@ fn inputs_that_make_no_sense_are_refused_by_file_and_line() {
     }
     let missing = play(&["--inputs", "/nowhere/moves.txt"]).expect_code(1).stderr;
     assert!(missing.contains("/nowhere/moves.txt"), "{missing}");
-    let module = play(&["juggling", "--inputs", INPUTS]).expect_code(1).stderr;
+    let module = play(&["juggling", "--inputs", INPUTS]).expect_code(2).stderr;
     assert!(module.contains("juggling") && module.contains("navigation"), "{module}");
-    let level = play(&["navigation", "--level", "9", "--inputs", INPUTS]).expect_code(1).stderr;
+    let level = play(&["navigation", "--level", "9", "--inputs", INPUTS]).expect_code(2).stderr;
     assert!(level.contains("1 to 3") && level.contains('9'), "{level}");
 }

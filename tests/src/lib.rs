@@ -81,6 +81,13 @@ pub fn signal(pid: u32, signal: Signal) {
     }
 }
 
+/// Ends a process in order, as Ctrl-C does.
+pub fn interrupt(pid: u32) {
+    if let Some(pid) = rustix::process::Pid::from_raw(pid as i32) {
+        let _ = rustix::process::kill_process(pid, rustix::process::Signal::INT);
+    }
+}
+
 /// What a finished command left.
 #[derive(Debug)]
 pub struct Finished {

@@ -12,7 +12,6 @@ pub use meter::{Meter, Scorer};
 
 use meter::larger;
 use protocol::events::{EventDraft, EventKind};
-use protocol::limits::INSTRUMENTS;
 use serde::Serialize;
 use table::{CATEGORIES, COUNT, Category, Id, METRICS, MOST_PENALTY, PENALTIES, VERSION};
 
@@ -106,7 +105,7 @@ impl Scorer {
             let way: f64 = m.instruments.iter().map(|h| h.way_mm).sum();
             if share > 0.0 { (way / (self.task.par_mm * share), 0.0) } else { (none(Id::Way), 0.0) }
         });
-        figures[Id::Tremor as usize] = Some(tremor_um(m));
+        figures[Id::Tremor as usize] = Some(self.tremor_um(m));
         let fastest = |of: fn(&meter::InstrumentStats) -> f64| m.instruments.iter().map(of).fold(0.0, larger);
         figures[Id::Speed as usize] = Some((fastest(|h| h.fastest_mm_s), 0.0));
         figures[Id::SpeedNearRetina as usize] = Some((fastest(|h| h.fastest_near_mm_s), 0.0));
@@ -117,6 +116,23 @@ impl Scorer {
         figures[Id::LightDose as usize] = self.lit.then_some((m.dose_mj_mm2, 0.0));
         figures[Id::Injuries as usize] = Some((penalty(m), 0.0));
         figures
+    }
+
+    /// Tremor of the worse of the hands at the task, less tracking noise, and its deviation, µm.
+    fn tremor_um(&self, m: &Meter) -> (f64, f64) {
+        let mut worst = (0.0, 0.0);
+        let hands = m.instruments.iter().zip(self.at_task).filter(|(_, at_task)| *at_task);
+        for (hand, _) in hands.filter(|(hand, _)| hand.tremor_samples > 0) {
+            let n = f64::from(hand.tremor_samples);
+            let (all, noise) = (hand.tremor_mm2 / n, hand.noise_mm2 / n);
+            let own = if all > noise { libm::sqrt(all - noise) } else { 0.0 };
+            // From own² = all − noise; where noise is all there is, the noise's own doubt remains.
+            let doubt = NOISE_DOUBT * if own * own > noise { noise / own } else { libm::sqrt(noise) };
+            if own * 1e3 >= worst.0 {
+                worst = (own * 1e3, doubt * 1e3);
+            }
+        }
+        worst
     }
 }
 
@@ -134,25 +150,6 @@ impl Score {
             }
         })
     }
-}
-
-/// Tremor of the worse hand less tracking noise, and its deviation, µm.
-fn tremor_um(m: &Meter) -> (f64, f64) {
-    let mut worst = (0.0, 0.0);
-    for hand in &m.instruments[..INSTRUMENTS] {
-        if hand.tremor_samples == 0 {
-            continue;
-        }
-        let n = f64::from(hand.tremor_samples);
-        let (all, noise) = (hand.tremor_mm2 / n, hand.noise_mm2 / n);
-        let own = if all > noise { libm::sqrt(all - noise) } else { 0.0 };
-        // From own² = all − noise; where noise is all there is, the noise's own doubt remains.
-        let doubt = NOISE_DOUBT * if own * own > noise { noise / own } else { libm::sqrt(noise) };
-        if own * 1e3 >= worst.0 {
-            worst = (own * 1e3, doubt * 1e3);
-        }
-    }
-    worst
 }
 
 /// Points lost to injuries.

@@ -36,7 +36,7 @@ const FINE_NS: u64 = 1_000_000;
 /// # Errors
 /// Where an input cannot be read or does not fit the rig, or a channel fails.
 pub fn run(config: &Config) -> Result<()> {
-    let rig = Rig::load_or_shipped(config.rig.as_deref())?;
+    let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
     let surgeon = ScriptedSurgeon::load(config, &rig)?;
     if let Some(late) = config.late_camera {
         let known = rig.cameras.iter().any(|c| c.id == late.camera);
@@ -44,7 +44,7 @@ pub fn run(config: &Config) -> Result<()> {
     }
     match &config.blobs {
         Some(path) => {
-            let playback = BlobPlayback::load(path, &rig)?;
+            let playback = BlobPlayback::load(path, &rig).context("--blobs")?;
             VirtualRigShell::open(config, &rig, surgeon)?.play(&playback)
         }
         None => simulation::run(config, &rig, surgeon),

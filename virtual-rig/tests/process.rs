@@ -316,17 +316,17 @@ fn bad_input_ends_with_a_message_that_names_the_file() {
         let out = Command::new(env!("CARGO_BIN_EXE_vitreo-virtual-rig")).args(args).output().unwrap();
         (out.status.code(), String::from_utf8(out.stderr).unwrap())
     };
-    for (args, named) in [
-        (["--motion", "/dev/null"], "/dev/null"),
-        (["--blobs", "/nonexistent.jsonl"], "/nonexistent.jsonl"),
-        (["--scene", "nowhere"], "nowhere"),
-        (["--rig", "/nonexistent.json"], "/nonexistent.json"),
-        (["--late-camera", "7=3"], "camera 7"),
-        (["--faults", "dropped,gremlins"], "gremlins"),
-        (["--faults", "/nonexistent.toml"], "/nonexistent.toml"),
+    for (args, named, wanted) in [
+        (["--motion", "/dev/null"], "/dev/null", 1),
+        (["--blobs", "/nonexistent.jsonl"], "/nonexistent.jsonl", 1),
+        (["--scene", "nowhere"], "nowhere", 1),
+        (["--rig", "/nonexistent.json"], "--rig: rig file /nonexistent.json", 1),
+        (["--late-camera", "7=3"], "camera 7", 1),
+        (["--faults", "dropped,gremlins"], "gremlins", 2),
+        (["--faults", "/nonexistent.toml"], "/nonexistent.toml", 1),
     ] {
         let (code, text) = run(&args);
-        assert_eq!(code, Some(1), "{text}");
+        assert_eq!(code, Some(wanted), "{text}");
         assert!(text.starts_with("vitreo-virtual-rig: ") && text.contains(named), "{text}");
     }
     assert_eq!(run(&["--seed", "many"]).0, Some(2), "wrong use");

@@ -1,14 +1,11 @@
-//! Processors, shared memory, limits, leftovers, binaries.
+//! Processors, shared memory, limits, binaries.
 
 use super::Check;
 use crate::children::{find_binary, realtime_allowed};
 use crate::machine::Machine;
 use protocol::health::Process;
-use protocol::message::fnv1a;
 use rustix::process::{Resource, getrlimit};
-use std::fs;
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
 
 /// Shared memory below this is too little to start, MiB; a run needs about 96.
 const SHM_NEEDED_MIB: u64 = 96;
@@ -26,7 +23,6 @@ pub(super) fn checks() -> Vec<Check> {
         realtime(realtime_allowed(), limit(Resource::Rtprio)),
         memory_lock(limit(Resource::Memlock)),
         terminal(std::io::stderr().is_terminal()),
-        leftovers(Path::new("/dev/shm")),
     ];
     checks.extend(Process::ALL.map(|p| binary(p.binary())));
     checks.push(binary(crate::cli::CALIBRATION));
@@ -102,36 +98,6 @@ fn terminal(is_terminal: bool) -> Check {
     Check::ok("terminal", found)
 }
 
-/// Directories of simulators of this user that no launcher owns any more.
-fn stale_directories(shm: &Path) -> Vec<PathBuf> {
-    let prefix = format!("vitreo-{}-", rustix::process::getuid().as_raw());
-    let mine = |e: &fs::DirEntry| e.file_name().to_string_lossy().starts_with(&prefix);
-    let entries = fs::read_dir(shm).into_iter().flatten().flatten().filter(mine).map(|e| e.path());
-    entries.filter(|path| path.is_dir() && !is_owned(path)).collect()
-}
-
-/// True if a running launcher holds the directory's lock.
-fn is_owned(directory: &Path) -> bool {
-    let Ok(lock) = fs::File::open(directory.join("owner.lock")) else { return false };
-    rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockShared).is_err()
-}
-
-fn leftovers(shm: &Path) -> Check {
-    let name = "leftovers";
-    let stale = stale_directories(shm);
-    if stale.is_empty() {
-        return Check::ok(name, "none");
-    }
-    let remove = |p: &PathBuf| {
-        let segments = fnv1a(p.as_os_str().as_encoded_bytes());
-        format!("{} {}", p.display(), shm.join(format!("vitreo_{segments:016x}_*")).display())
-    };
-    let found: Vec<String> = stale.iter().map(|p| p.display().to_string()).collect();
-    let remedy: Vec<String> = stale.iter().map(remove).collect();
-    let found = format!("of simulators that were killed, or of processes run by hand: {}", found.join(", "));
-    Check::warn(name, found, format!("rm -rf {}", remedy.join(" ")))
-}
-
 fn binary(name: &'static str) -> Check {
     match find_binary(name) {
         Ok(path) => Check::ok(name, path.display().to_string()),
@@ -159,21 +125,5 @@ mod tests {
         assert_eq!(memory_lock(Some(8 << 20)).state, State::Warn);
         assert_eq!(memory_lock(None).state, State::Ok);
         assert_eq!(processors(1, "x").state, State::Warn);
-    }
-
-    #[test]
-    fn directories_without_an_owner_are_found() {
-        let shm = tempfile::tempdir().unwrap();
-        let uid = rustix::process::getuid().as_raw();
-        let [dead, alive] = ["dead", "alive"].map(|n| shm.path().join(format!("vitreo-{uid}-{n}")));
-        for directory in [&dead, &alive] {
-            fs::create_dir(directory).unwrap();
-            fs::write(directory.join("owner.lock"), "").unwrap();
-        }
-        let lock = fs::File::open(alive.join("owner.lock")).unwrap();
-        rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive).unwrap();
-        assert_eq!(stale_directories(shm.path()), std::slice::from_ref(&dead));
-        let check = leftovers(shm.path());
-        assert!(check.mend.unwrap().contains(&dead.display().to_string()));
     }
 }

@@ -2,9 +2,11 @@
 
 use super::arguments::{Arguments, injected_delay, percentile, positive, share};
 use super::policy::MAX_RESTARTS;
+use crate::fundus::FundusArgs;
+use crate::inputs::{check_file, check_folder};
 use crate::modules::Composed;
 use crate::results::{Place, seconds_since_1970};
-use anyhow::{Context, bail};
+use anyhow::Context;
 use outputs::{Force, Outputs, numbered};
 use protocol::budget::{Budgets, Stage};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
@@ -99,10 +101,9 @@ pub struct RunArgs {
     /// Draw in a window [default where there is a display].
     #[arg(long, conflicts_with = "no_picture")]
     pub window: bool,
-    /// Fundus photograph to lay on the retina: a square JPEG or PNG of a left eye, the fovea in its
-    /// middle.
-    #[arg(long, value_name = "PHOTO", conflicts_with = "no_picture")]
-    pub fundus: Option<PathBuf>,
+    /// The fundus photograph.
+    #[command(flatten)]
+    pub fundus: FundusArgs,
     /// Folder with the instruments' meshes to draw instead of the shipped ones.
     #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
     pub instruments: Option<PathBuf>,
@@ -120,7 +121,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "NAME|N", requires = "full_screen")]
     pub monitor: Option<String>,
     /// Draw nothing; run and measure the rest.
-    #[arg(long, conflicts_with_all = ["stills", "video"])]
+    #[arg(long, conflicts_with_all = ["stills", "video", "fundus"])]
     pub no_picture: bool,
     /// Name of this simulator; several run side by side under different names.
     #[arg(long, value_name = "NAME", default_value = "main")]
@@ -270,7 +271,7 @@ impl RunArgs {
             Process::VirtualRig => self.rig_arguments(&mut args, remaining_s, restarts),
             Process::Renderer => {
                 args.0.push(if view == View::Window { "--window" } else { "--headless" }.into());
-                args.path("--fundus", self.fundus.as_deref());
+                args.0.extend(self.fundus.arguments());
                 args.path("--instruments", self.instruments.as_deref());
                 args.value("--arrange", self.arrange.as_ref());
                 args.flag("--full-screen", self.full_screen);
@@ -338,7 +339,8 @@ impl RunArgs {
 
     /// The files that the run reads.
     fn inputs(&self) -> impl Iterator<Item = PathBuf> {
-        let files = [&self.rig, &self.motion, &self.blobs, &self.budgets, &self.fundus, &self.instruments];
+        let photograph = &self.fundus.fundus;
+        let files = [&self.rig, &self.motion, &self.blobs, &self.budgets, photograph, &self.instruments];
         let desk = self.desk.as_ref().and_then(|d| d.inputs.clone());
         // Of these, those that are no files have no place on the disk.
         let names = [&self.scene, &self.module, &self.faults].into_iter().flatten().map(PathBuf::from);
@@ -352,15 +354,19 @@ impl RunArgs {
     /// Where a file cannot be read or an output is refused.
     pub fn prepare(&self) -> anyhow::Result<Outputs> {
         let inputs = self.desk.as_ref().and_then(|d| d.inputs.clone());
-        for (what, file) in [("--motion", &self.motion), ("--blobs", &self.blobs), ("--inputs", &inputs)] {
-            if let Some(file) = file.as_deref().filter(|f| !f.is_file()) {
-                bail!("{what} {}: no such file", file.display());
-            }
+        let faults = self.faults.as_ref().filter(|f| f.ends_with(".toml")).map(PathBuf::from);
+        for (option, file) in [
+            ("--rig", &self.rig),
+            ("--motion", &self.motion),
+            ("--blobs", &self.blobs),
+            ("--inputs", &inputs),
+            ("--budgets", &self.budgets),
+            ("--fundus", &self.fundus.fundus),
+            ("--faults", &faults),
+        ] {
+            file.as_deref().map_or(Ok(()), |file| check_file(option, file))?;
         }
-        if let Some(file) = self.faults.as_deref().filter(|f| f.ends_with(".toml") && !Path::new(f).is_file())
-        {
-            bail!("--faults {file}: no such file");
-        }
+        self.instruments.as_deref().map_or(Ok(()), |folder| check_folder("--instruments", folder))?;
         let mut outputs = Outputs::new(self.force.force).reading_all(self.inputs());
         for file in [&self.record, &self.report, &self.video, &self.fault_log].into_iter().flatten() {
             outputs.claim(file)?;

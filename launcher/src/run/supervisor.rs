@@ -4,7 +4,8 @@ use super::options::{RunArgs, View};
 use super::policy::{CpuAccount, RestartLimit, WINDOW_NS};
 use super::standby::{self, Standby};
 use crate::children::{self, Child, LineSender, Surroundings, realtime_allowed};
-use anyhow::{Context, ensure};
+use crate::exit::{WRONG_USE, WrongUse};
+use anyhow::{Context, bail, ensure};
 use ipc::{Instance, Sender};
 use protocol::control::{Command, Request};
 use protocol::health::{Health, Process, STATE_FINISHED, STATE_STARTING};
@@ -203,6 +204,9 @@ impl Supervisor {
             if end.orderly && slot.process == self.args.source() && self.stream_ended {
                 continue;
             }
+            if end.code == Some(WRONG_USE.into()) && !slot.was_ready {
+                bail!(WrongUse(start_failure(slot.process, &end.how)));
+            }
             slot.restart_at = Some(slot.may_restart(now, &end.how)?);
             slot.restarts += 1;
             slot.child = None;
@@ -273,6 +277,8 @@ impl Supervisor {
 struct End {
     /// By itself, with success.
     orderly: bool,
+    /// Its exit code, if it has one.
+    code: Option<i32>,
     /// For a person, with its last lines.
     how: String,
 }
@@ -282,7 +288,8 @@ impl Slot {
     async fn end(&mut self, now: Nanos) -> Option<End> {
         let child = self.child.as_ref()?;
         if let Some(status) = child.exited() {
-            return Some(End { orderly: status.success(), how: child.exit_report() });
+            let (orderly, code) = (status.success(), status.code());
+            return Some(End { orderly, code, how: child.exit_report() });
         }
         let patience = if self.ready { HEARTBEAT_LOST_NS } else { START_NS };
         let silent_ns = now.saturating_sub(self.last_sign_ns);
@@ -293,7 +300,7 @@ impl Slot {
         let silent_s = silent_ns as f64 * 1e-9;
         let how =
             format!("{} gave no sign of life for {silent_s:.1} s and was killed", self.process.binary());
-        Some(End { orderly: false, how })
+        Some(End { orderly: false, code: None, how })
     }
 
     /// When it is started again. Fails where that would not help: the process never worked, or dies
@@ -309,10 +316,13 @@ impl Slot {
     }
 }
 
+/// What the renderer's messages about adapters and drivers say, and no other of its messages.
+const GRAPHICS: [&str; 2] = ["graphics driver", "graphics device"];
+
 /// Why a process did not start, and what helps.
 fn start_failure(process: Process, how: &str) -> String {
     let hint = match process {
-        Process::Renderer => {
+        Process::Renderer if GRAPHICS.iter().any(|word| how.contains(word)) => {
             "\nA software driver for the picture is installed by: sudo apt-get install mesa-vulkan-drivers libvulkan1\n\
              Everything but the picture runs without one: vitreo run --no-picture\n\
              vitreo doctor lists what this machine has and lacks"
@@ -336,10 +346,19 @@ mod tests {
 
     #[test]
     fn a_renderer_that_does_not_start_names_package_and_way_round() {
-        let text = start_failure(Process::Renderer, "no adapter");
-        for word in ["no adapter", "mesa-vulkan-drivers", "--no-picture", "vitreo doctor"] {
+        let text = start_failure(Process::Renderer, "no graphics driver found");
+        for word in ["no graphics driver", "mesa-vulkan-drivers", "--no-picture", "vitreo doctor"] {
             assert!(text.contains(word), "{word} is missing in {text}");
         }
         assert!(!start_failure(Process::Tracker, "x").contains("mesa"));
+    }
+
+    #[test]
+    fn a_renderer_that_misses_a_file_advises_no_driver() {
+        let text = start_failure(Process::Renderer, "fundus photograph eye.jpg: No such file or directory");
+        assert!(
+            text.contains("eye.jpg") && !text.contains("mesa") && !text.contains("--no-picture"),
+            "{text}"
+        );
     }
 }

@@ -184,6 +184,12 @@ fn token(directory: &StdPath) -> Result<String, IpcError> {
     is_token.then_some(text).ok_or_else(|| directory_error(&file, "holds no token".into()))
 }
 
+/// What the paths of an instance's files in shared memory begin with; `None` where it has none.
+pub fn shared_memory_prefix(directory: &StdPath) -> Option<PathBuf> {
+    let token = fs::read_to_string(directory.join(TOKEN)).ok()?;
+    Segments::new(&token).common_path()
+}
+
 /// Removes the files of an instance, and with `and_itself` its directory. What cannot be removed
 /// is left: the next owner tries again.
 fn remove_contents(directory: &StdPath, and_itself: bool) {

@@ -42,6 +42,11 @@ impl Segments {
         entries.filter(|e| e.file_name().to_string_lossy().starts_with(&self.prefix)).map(|e| e.path())
     }
 
+    /// What the paths of its files begin with; `None` where there are none.
+    pub(super) fn common_path(&self) -> Option<PathBuf> {
+        self.files().next().map(|_| Path::new(SHM).join(&self.prefix))
+    }
+
     /// Asks for the shared memory of a whole run.
     pub(super) fn check_free_space(&self) -> Result<(), IpcError> {
         let free_mib = free_mib();

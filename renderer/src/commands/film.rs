@@ -6,6 +6,7 @@ use image::codecs::jpeg::JpegEncoder;
 use outputs::{Force, Outputs};
 use protocol::rig::Rig;
 use protocol::scene_stream::Reader;
+use renderer::assets::Assets;
 use renderer::config::VIDEO_HZ;
 use renderer::governor::TIERS;
 use renderer::gpu::Gpu;
@@ -14,6 +15,7 @@ use renderer::offscreen::Offscreen;
 use renderer::output::picture::rgb;
 use renderer::output::save_png;
 use renderer::output::y4m::Y4m;
+use renderer::photograph::FundusArgs;
 use renderer::readback::Picture;
 use renderer::start::{map_px, renderer_config};
 use renderer::stereo::{Arrangement, arrange};
@@ -32,6 +34,9 @@ pub struct FilmArgs {
     /// Quality tier, 0 is the best.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..TIERS.len() as i64))]
     pub tier: u32,
+    /// The fundus photograph.
+    #[command(flatten)]
+    pub fundus: FundusArgs,
     /// How the two channels share the picture.
     #[arg(long, value_enum, value_name = "HOW", default_value_t)]
     pub arrange: Arrangement,
@@ -60,9 +65,10 @@ pub fn film(args: &FilmArgs) -> Result<()> {
     let mut outputs = Outputs::new(args.force.force);
     args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
     let scene = SceneFile::load(&args.scene)?;
+    let assets = Assets::load(&args.fundus, None)?;
     let (gpu, rig, tier) = (Gpu::headless()?, Rig::load_or_shipped(None)?, args.tier as usize);
     let config = renderer_config(&scene, &rig, tier, map_px(&gpu));
-    let mut offscreen = Offscreen::new(gpu, config)?;
+    let mut offscreen = Offscreen::with_assets(gpu, config, &assets);
     let mut reader = Reader::new(std::io::stdin().lock())?;
     let (mut picture, mut video, mut number) = (Picture::default(), None, 0u64);
     while let Some((header, payload)) = reader.next_scene()? {

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::fundus_map;
 use crate::governor::Shading;
-use image::RgbImage;
+use crate::photograph::Photograph;
 use scene::Side;
 use wgpu::util::{DeviceExt, TextureDataOrder};
 use wgpu::{
@@ -86,7 +86,7 @@ pub struct FundusMap {
 
 impl FundusMap {
     /// Bakes and uploads a map of `size` pixels with its mip levels.
-    pub fn new(device: &Device, queue: &Queue, photograph: &RgbImage, size: u32, side: Side) -> Self {
+    pub fn new(device: &Device, queue: &Queue, photograph: &Photograph, size: u32, side: Side) -> Self {
         let mip_level_count = size.ilog2() + 1;
         let mut level = fundus_map::bake(photograph, size, side);
         let mut pixels = level.clone();

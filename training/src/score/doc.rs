@@ -22,6 +22,10 @@ is first seen in the eye (event 110) and ends with the last goal (112) or with i
 A gap of more than 0.2 s between two poses of a recording (a pause, or a tracker that said nothing) is no part of the attempt: no time
 passes in it, and no way, speed or tremor is taken across it.
 
+Tremor is judged of the hands at the task: those that its goals name, both where both tips are to be aligned, and for goals that name
+none (an event, vitreous, the retina, a body to be put down) those that do not begin with a light pipe. A hand that only holds the light
+may rest, or be led by a script beside a person's or a recorded hand; its tremor would hide theirs. Its way, speed and contacts count.
+
 Positions are those of the tip in the eye's frame. *Smoothed* keeps what a hand intends and drops its tremor, so that tremor is judged
 once, as tremor.
 

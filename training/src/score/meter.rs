@@ -12,7 +12,7 @@ use protocol::events::{Event, EventKind};
 use protocol::handles::Tool;
 use protocol::limits::{INSTRUMENTS, MAX_STEP_NS};
 use protocol::time::Nanos;
-use scene::{SceneFile, TaskScene};
+use scene::{Goal, SceneFile, TaskScene};
 use serde::{Deserialize, Serialize};
 
 /// Tears and pulls raise events repeatedly while they last; one counts in this time, ns.
@@ -27,6 +27,8 @@ pub struct Scorer {
     touch_mm: f64,
     /// Instrument 1 begins with a light pipe.
     pub(super) lit: bool,
+    /// The hands that do the task: what they hold does what the goals ask for.
+    pub(super) at_task: [bool; INSTRUMENTS],
 }
 
 /// Sums over one instrument.
@@ -103,6 +105,7 @@ impl Scorer {
             radius_mm: scene.eye.retina_radius_mm,
             touch_mm: scene.contact.touch_mm,
             lit: scene.instruments.get(1).is_some_and(|i| i.tool == Tool::LightPipe),
+            at_task: at_task(scene),
         })
     }
 
@@ -340,6 +343,22 @@ impl Tally {
             self.variance += p * (1.0 - p);
         }
     }
+}
+
+/// The hands that do a scene's task. A goal that names an instrument is for its hand, one that aligns
+/// both tips for both, and any other for the hands that do not begin with a light pipe: a hand that
+/// only lights may rest, or be led by a script beside a person's.
+fn at_task(scene: &SceneFile) -> [bool; INSTRUMENTS] {
+    let lights = |i: usize| scene.instruments.get(i).is_some_and(|own| own.tool == Tool::LightPipe);
+    let tools: [bool; INSTRUMENTS] = std::array::from_fn(|i| !lights(i));
+    let by_any = if tools.contains(&true) { tools } else { [true; INSTRUMENTS] };
+    let goals = scene.task.iter().flat_map(|task| &task.goals);
+    let of_goal = |goal: &Goal| match (goal, goal.instrument()) {
+        (Goal::Align { .. }, _) => [true; INSTRUMENTS],
+        (_, Some(hand)) => std::array::from_fn(|i| i == hand as usize),
+        (_, None) => by_any,
+    };
+    goals.map(of_goal).fold([false; INSTRUMENTS], |all, own| std::array::from_fn(|i| all[i] || own[i]))
 }
 
 /// The touch by which jaws take hold, or through which a needle goes in, is work.

@@ -4,7 +4,7 @@
 use protocol::events::EventKind;
 
 /// Version of the score. Whoever changes a formula, weight, threshold or penalty counts it up.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// What is judged: the five categories that studies of the commercial device report (Vergmann et
 /// al. 2016, Acta Ophthalmologica, doi 10.1111/aos.13209).
@@ -131,7 +131,7 @@ metrics! {
          eye / (par_mm of the task × share of goals reached)";
     Tremor = Instruments, "tremor", "tremor", "µm RMS", 6.0, 30.0 => 120.0,
         "root of the mean square of the tip in the eye, all axes together, between 6 and 14 Hz (Butterworth, 4 poles at each \
-         end), less what the tracker's covariance puts into the band; the worse of the two hands";
+         end), less what the tracker's covariance puts into the band; the worse of the hands at the task";
     Speed = Instruments, "speed", "greatest speed", "mm/s", 3.0, 12.0 => 40.0,
         "greatest speed of a smoothed tip in the eye";
     SpeedNearRetina = Instruments, "speed-near-retina", "greatest speed near the retina", "mm/s", 3.0, 4.0 => 16.0,

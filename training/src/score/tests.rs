@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use protocol::events::{Event, NO_INSTRUMENT};
 use protocol::geometry::Pose;
 use protocol::poses::TrackerFrame;
-use scene::SceneFile;
+use scene::{Goal, SceneFile, TaskScene};
 use surgeon::tremor::Tremor;
 
 const FIELDS: u64 = 500;
@@ -47,6 +47,8 @@ fn scorer() -> Scorer {
 struct Attempt {
     tip: Box<dyn Fn(f64) -> [f64; 3]>,
     pipe: [f64; 3],
+    /// How the light pipe moves about there.
+    pipe_moves: Box<dyn Fn(f64) -> [f64; 3]>,
     events: Vec<(u64, Event)>,
     fields: u64,
     /// Variance of each coordinate of the tips, mm².
@@ -80,6 +82,7 @@ fn clean() -> Attempt {
     Attempt {
         tip: Box::new(|t| [6.0 * (0.1 * std::f64::consts::TAU * t).sin(), 0.0, -8.0]),
         pipe: [0.0, 0.0, 4.0],
+        pipe_moves: Box::new(|_| [0.0; 3]),
         events: vec![
             event(0, EventKind::TaskStarted, 60.0),
             goal(0, 200),
@@ -97,7 +100,9 @@ fn score(attempt: &Attempt) -> Score {
     for field in 0..attempt.fields {
         let mut frame = TrackerFrame::zeroed();
         frame.instants.exposed = (field + 1) * PERIOD;
-        let tips = [(attempt.tip)(field as f64 * 0.02), attempt.pipe];
+        let t = field as f64 * 0.02;
+        let moves = (attempt.pipe_moves)(t);
+        let tips = [(attempt.tip)(t), std::array::from_fn(|c| attempt.pipe[c] + moves[c])];
         for (body, at) in frame.bodies.iter_mut().zip(tips.into_iter().chain([[0.0; 3]])) {
             // Handles up: +z of the instrument towards the microscope.
             let pose = Isometry3::from_parts(Vector3::from(at).into(), UnitQuaternion::identity());
@@ -194,6 +199,40 @@ fn tremor_speed_and_slips_are_instrument_handling() {
     assert!(near[2] > 0.0, "{near:?}");
     let slipped = lost(|a| a.events.push(by_tip(100, EventKind::GripSlipped, 500.0, [0.0, 0.0, -10.0])));
     assert!((only(Category::Instruments, slipped, "grip") - 1.0).abs() < 1e-9);
+}
+
+/// The hands at a task of one goal, in a scene with a light pipe in hand 1.
+fn at_task(goal: Goal) -> [bool; 2] {
+    let task = TaskScene { goals: vec![goal], ..scorer().task };
+    let scene = SceneFile { task: Some(task), ..SceneFile::load("peel").unwrap() };
+    Scorer::of(&scene).unwrap().at_task
+}
+
+#[test]
+fn the_hands_at_the_task_are_those_that_its_goals_ask_for() {
+    let hold =
+        |instrument| Goal::Hold { instrument, at_in_eye_mm: [0.0, 0.0, -8.0], radius_mm: 1.0, hold_s: 1.0 };
+    let places = [[1.0, 0.0, -8.0], [-1.0, 0.0, -8.0]];
+    let align = Goal::Align { at_in_eye_mm: places, radius_mm: 1.0, hold_s: 1.0 };
+    let peel = Goal::Event { event: EventKind::MembraneOff, what: "peel".into(), at_least: 0.0, count: 1 };
+    assert_eq!(at_task(hold(0)), [true, false]);
+    assert_eq!(at_task(hold(1)), [false, true], "the light pipe is to be led");
+    assert_eq!(at_task(align), [true, true]);
+    assert_eq!(at_task(peel), [true, false], "hand 1 only lights");
+}
+
+#[test]
+fn the_tremor_of_a_hand_that_only_lights_is_not_judged() {
+    let tremor = |score: &Score| score.metrics[Id::Tremor as usize].value.unwrap();
+    let shaken = |um: f64| {
+        let mut attempt = clean();
+        let tremor = Tremor::new(um, 9.0, 5, 1);
+        attempt.pipe_moves = Box::new(move |t| tremor.at(t).into());
+        score(&attempt)
+    };
+    let (still, trembling) = (shaken(0.0), shaken(200.0));
+    assert!(tremor(&still) < 5.0);
+    assert_eq!(tremor(&still).to_bits(), tremor(&trembling).to_bits());
 }
 
 #[test]

@@ -8,7 +8,7 @@
 //! ```
 
 use super::FaultEvent;
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Result, anyhow, ensure};
 use protocol::file::{MAX_SETTINGS_BYTES, other_format, other_format_in, read_text};
 use protocol::limits::MAX_CAMERAS;
 use protocol::rig::Rig;
@@ -24,6 +24,16 @@ pub const MAX_DELAY_MS: f64 = 500.0;
 pub const MAX_RUN: u32 = 500;
 /// Most hot pixels of a camera.
 pub const MAX_HOT: u32 = 10_000;
+
+/// A preset that there is not: wrong use, not a failure.
+#[derive(Debug, thiserror::Error)]
+#[error("--faults: expected a file name ending in .toml or some of {known}, found '{found}'")]
+pub struct UnknownPreset {
+    /// Every preset.
+    known: String,
+    /// What was asked for.
+    found: String,
+}
 
 /// Presets of several faults: name and text.
 const MIXTURES: [(&str, &str); 3] = [
@@ -242,10 +252,8 @@ impl FaultSpec {
         if let Some((name, text)) = MIXTURES.iter().find(|(known, _)| *known == name) {
             return Self::parse(text, name);
         }
-        Self::single(name).with_context(|| {
-            let known = Self::presets().collect::<Vec<_>>().join(", ");
-            format!("--faults: expected a file name ending in .toml or some of {known}, found '{name}'")
-        })
+        let known = || Self::presets().collect::<Vec<_>>().join(", ");
+        Ok(Self::single(name).ok_or_else(|| UnknownPreset { known: known(), found: name.into() })?)
     }
 
     /// Parses and checks the text of a fault file; `file` is its name in error messages.

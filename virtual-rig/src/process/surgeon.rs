@@ -1,7 +1,7 @@
 //! The scripted surgeon of the scene file.
 
 use crate::config::Config;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use protocol::rig::Rig;
 use scene::SceneFile;
 use surgeon::motion::recorded::RecordedMotion;
@@ -24,7 +24,7 @@ impl ScriptedSurgeon {
     /// Loads the scene and the recorded motion.
     pub(super) fn load(config: &Config, rig: &Rig) -> Result<Self> {
         let scene = SceneFile::load(&config.scene)?;
-        let recorded = config.motion.as_deref().map(RecordedMotion::load).transpose()?;
+        let recorded = config.motion.as_deref().map(RecordedMotion::load).transpose().context("--motion")?;
         let recorded = recorded.map(if config.motion_full { MotionUse::Full } else { MotionUse::Tremor });
         let motion = MotionSource::new(&scene, rig, recorded, config.seed);
         let scripted = scene.script.is_some() || config.motion_full;

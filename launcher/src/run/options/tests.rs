@@ -114,8 +114,10 @@ fn faults_reach_the_cameras_and_nobody_else() {
     assert!(of(Process::VirtualRig, 1).ends_with("f-2.jsonl"), "a restart keeps what was written");
     assert!(!of(Process::Tracker, 0).contains("fault") && !of(Process::Simcore, 0).contains("fault"));
     assert!(parse(&["--fault-log", "f"]).is_err(), "no faults, no log");
-    let missing = parse(&["--faults", "/nowhere/f.toml"]).unwrap().prepare().unwrap_err().to_string();
-    assert!(missing.contains("/nowhere/f.toml"), "{missing}");
+    for option in ["--rig", "--motion", "--budgets", "--fundus", "--instruments", "--faults"] {
+        let missing = parse(&[option, "/nowhere/f.toml"]).unwrap().prepare().unwrap_err().to_string();
+        assert_eq!(missing, format!("{option} /nowhere/f.toml"));
+    }
 }
 
 #[test]
