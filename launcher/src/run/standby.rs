@@ -37,7 +37,10 @@ impl Standby {
             return false;
         }
         let since = *self.at_work_since.get_or_insert(now);
-        if self.children.len() >= WAITING || self.failures >= MAX_FAILURES || now.saturating_sub(since) < AFTER_NS {
+        if self.children.len() >= WAITING
+            || self.failures >= MAX_FAILURES
+            || now.saturating_sub(since) < AFTER_NS
+        {
             return false;
         }
         // Without it this is asked again after as long.
