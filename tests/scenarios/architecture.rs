@@ -26,7 +26,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("tracker", &["protocol", "ipc"]),
     ("calibration", &["protocol", "ipc", "outputs", "recording", "blob-stream", "tracker"]),
     ("renderer", &["protocol", "ipc", "outputs", "scene", "font"]),
-    ("results", &["protocol", "font"]),
+    ("results", &["protocol", "font", "outputs"]),
     ("desk", &["protocol", "ipc", "scene"]),
     (
         "launcher",
@@ -73,6 +73,19 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("rusqlite", &["results"]),
     ("parquet", &["results"]),
     ("tokio", &["launcher"]),
+];
+/// Folders of crates that ship with nothing.
+const PROOF_FOLDERS: [&str; 3] = ["validation/", "fuzz/", "tests/"];
+/// Where files are made besides: in the private directory of an instance, in memory, and a recording
+/// on a file that is there.
+const WRITERS: [&str; 7] = [
+    "outputs/src/",
+    "protocol/ipc/src/",
+    "launcher/src/children",
+    "recording/src/write.rs",
+    "launcher/src/run/resume.rs",
+    "launcher/src/replay/processes.rs",
+    "virtual-rig/src/process/kept.rs",
 ];
 /// Longest source file, lines.
 const FILE_CAP: usize = 500;
@@ -243,6 +256,22 @@ fn pure_modules_know_neither_transport_nor_clock() {
         }
         for clock in ["now()", "Instant::now"] {
             assert!(shell || presents || !code.contains(clock), "{path} reads a clock; time is an argument");
+        }
+    }
+}
+
+#[test]
+fn files_come_into_being_in_one_crate() {
+    let making = ["File::create", "File::options", "fs::write(", "OpenOptions", "fs::rename", "fs::copy("];
+    for (path, text) in sources() {
+        let product = path.contains("/src/") && !PROOF_FOLDERS.iter().any(|folder| path.starts_with(folder));
+        let tests = path.ends_with("tests.rs") || path.contains("/tests/");
+        if !product || tests || WRITERS.iter().any(|w| path.starts_with(w)) {
+            continue;
+        }
+        let code = code(text.split("#[cfg(test)]\nmod ").next().unwrap_or_default());
+        for word in making {
+            assert!(!code.contains(word), "{path} has {word}; what a command writes goes through outputs");
         }
     }
 }
