@@ -94,15 +94,15 @@ fn images_that_are_no_images_are_refused() {
     refused(&[("i.png", &whole), ("c.y4m", &clip(1))], &["i.png", "c.y4m"], 1, &["found both"]);
     refused(
         &[("i.png", &whole)],
-        &["i.png", "--overlay", "/nowhere/o.png"],
+        &["i.png", "--overlay", "/dev/null/o.png"],
         1,
-        &["cannot write /nowhere/o.png"],
+        &["/dev/null/o.png: cannot be written: a part of its path is a file"],
     );
     refused(
         &[("i.png", &whole)],
-        &["i.png", "-o", "/nowhere/b.jsonl"],
+        &["i.png", "-o", "/dev/null/b.jsonl"],
         1,
-        &["cannot write /nowhere/b.jsonl"],
+        &["/dev/null/b.jsonl: cannot be written: a part of its path is a file"],
     );
 }
 

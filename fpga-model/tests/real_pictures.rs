@@ -302,7 +302,7 @@ fn a_learnt_ball_is_the_largest_blob_of_its_colour() {
         (&["cam0_20220716_063802"], &["cam0_20220716_065748"]),
     ] {
         let samples: Vec<String> = teachers.iter().map(|t| sample(t)).collect();
-        let mut args = vec!["colours", "learn", "-o", &file];
+        let mut args = vec!["colours", "learn", "--force", "-o", &file];
         args.extend(samples.iter().map(String::as_str));
         run(&args, &[]);
         let options =

@@ -22,3 +22,4 @@ mod record_replay;
 mod shortage;
 mod sleep;
 mod streams;
+mod watch;

@@ -55,7 +55,7 @@ const CASES: &[Case] = &[
 ];
 
 /// The recording of an attempt that ended, made once.
-fn attempt() -> &'static [u8] {
+pub fn attempt() -> &'static [u8] {
     static ATTEMPT: OnceLock<Vec<u8>> = OnceLock::new();
     ATTEMPT.get_or_init(|| {
         let folder = tempfile::tempdir().expect("folder");

@@ -280,16 +280,20 @@ fn measure(record: &Path, outcome: &mut Outcome) {
             _ => {}
         }
     }
-    let lacking = |fields: &BTreeSet<u64>| match (fields.first(), fields.last()) {
-        (Some(first), Some(last)) => [last - first + 1, last - first + 1 - fields.len() as u64],
-        _ => [0, 0],
-    };
     outcome.poses = lacking(&exposed);
     let sum = |a: [u64; 2], b: [u64; 2]| [a[0] + b[0], a[1] + b[1]];
     outcome.fields = cameras.values().map(lacking).fold([0; 2], sum);
     shown.sort_unstable();
     let gaps = shown.windows(2).map(|w| (w[1] - w[0]) as f64 * 1e-6);
     outcome.longest_without_picture_ms = gaps.fold(0.0, f64::max);
+}
+
+/// Numbers from the first to the last, and how many of them are not there.
+fn lacking(fields: &BTreeSet<u64>) -> [u64; 2] {
+    match (fields.first(), fields.last()) {
+        (Some(first), Some(last)) => [last - first + 1, last - first + 1 - fields.len() as u64],
+        _ => [0, 0],
+    }
 }
 
 /// Names of everything in shared memory.

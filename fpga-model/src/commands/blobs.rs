@@ -73,6 +73,10 @@ pub fn run(args: &BlobsArgs) -> Result<()> {
     let outputs = Outputs::new(args.force.force).reading_all(&args.pictures).reading_all(&args.fields);
     let mut outputs = outputs.reading_all(&args.colours);
     let name = args.output.as_deref().unwrap_or(Path::new(STDOUT));
+    if let Some(path) = args.overlay.as_deref().filter(|path| numbered(&path.to_string_lossy(), 0).is_none())
+    {
+        outputs.claim(path)?;
+    }
     let mut out = outputs.create(name)?;
     let mut extractor = Extractor::new(&colours, &args.tuning);
     let mut tally = Counts::default();

@@ -6,7 +6,7 @@ use blob_stream::{parse_line, write_line};
 use bytemuck::Zeroable;
 use protocol::blobs::BlobField;
 use protocol::budget::{frame_latencies, pose_latencies, step_latencies};
-use protocol::control::{Answer, Command, RecordedFrame, Request};
+use protocol::control::{Answer, Command, Notice, RecordedFrame, Request};
 use protocol::events::Event;
 use protocol::fields::{FieldHeader, FieldPicture};
 use protocol::frames::{FrameRecord, PictureHeader};
@@ -49,6 +49,7 @@ pub fn targets() -> Vec<Target> {
         }),
         target::<RecordedFrame>("recorded-frame", |b| take(b, recorded_frame)),
         target::<Answer>("answer", |b| take(b, |a: &Answer, rare| text(rare, || a.text()))),
+        target::<Notice>("notice", |b| take(b, |n: &Notice, rare| text(rare, || n.text()))),
         target::<InputEvent>("input", |b| take(b, input)),
         target::<Hint>("hint", |b| take(b, |h: &Hint, rare| text(rare, || h.text()))),
     ]

@@ -199,7 +199,7 @@ fn an_instance_has_one_owner_and_leaves_nothing() {
     let first = Instance::own(&name).unwrap();
     assert!(matches!(Instance::own(&name), Err(IpcError::InUse(_))));
     let directory = first.directory().to_owned();
-    let mark = format!("vitreo_{:016x}_", protocol::message::fnv1a(directory.as_os_str().as_encoded_bytes()));
+    let mark = format!("vitreo_{}_", std::fs::read_to_string(directory.join("token")).unwrap());
     let files = || {
         let files = std::fs::read_dir("/dev/shm").unwrap().flatten();
         files.filter(|f| f.file_name().to_string_lossy().starts_with(&mark)).collect::<Vec<_>>()

@@ -1,0 +1,38 @@
+//! A rig that is wrong does not stay silent: what is wrong is named, with what helps.
+
+use super::outputs::attempt;
+use vitreo_tests::{instance_name, json, vitreo};
+
+#[test]
+fn a_camera_that_was_moved_is_named_by_replay_and_run() {
+    let folder = tempfile::tempdir().expect("folder");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let [recording, blobs, rig, moved, stream, report] =
+        ["a.mcap", "b.jsonl", "rig.json", "moved.json", "s.mcap", "r.json"].map(path);
+    std::fs::write(&recording, attempt()).expect("written");
+    vitreo(&["export", &recording, "--blobs", &blobs, "--rig", &rig]).expect_code(0);
+    let mut cameras = json(folder.path().join("rig.json").as_path());
+    let centre = cameras["cameras"][1]["cx"].as_f64().expect("cx");
+    cameras["cameras"][1]["cx"] = (centre + 2.0).into();
+    std::fs::write(&moved, cameras.to_string()).expect("written");
+    let verdict = |rig: &str, code: i32| {
+        vitreo(&["import", "--rig", rig, &blobs, "-o", &stream, "--force"]).expect_code(0);
+        let name = instance_name();
+        let replay = ["replay", &stream, "--lockstep", "--assert-tracking", "0.95", "--instance", &name];
+        vitreo(&[&replay[..], &["--report", &report, "--force"]].concat()).expect_code(code)
+    };
+    let good = verdict(&rig, 0);
+    assert!(!good.stderr.contains("agrees with no other"), "{}", good.stderr);
+    let named = "camera 1 agrees with no other camera";
+    let bad = verdict(&moved, 6);
+    assert!(bad.stderr.contains(named) && bad.stderr.contains("calibrate waved"), "{}", bad.stderr);
+    let warnings = json(folder.path().join("r.json").as_path())["warnings"].clone();
+    assert!(warnings.to_string().contains(named) && warnings[0]["remedy"].is_string(), "{warnings}");
+    // The same live, from the stream.
+    let run = ["run", "--no-picture", "--rig", &moved, "--blobs", &blobs, "--duration", "8", "--force"];
+    let asserted = ["--assert-tracking", "0.95", "--instance", &instance_name(), "--report", &report];
+    let live = vitreo(&[&run[..], &asserted].concat()).expect_code(6);
+    assert!(live.stderr.contains(named), "{}", live.stderr);
+    let figures = json(folder.path().join("r.json").as_path());
+    assert_eq!(figures["tracking"]["bodies"]["eye"]["tracked_share"].as_f64(), Some(0.0));
+}
