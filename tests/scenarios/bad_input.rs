@@ -102,7 +102,9 @@ fn a_replay_that_is_stopped_tells_what_it_measured() {
     let name = instance_name();
     let replay = Running::start(&["replay", &golden, "--rate", "0.05", "--instance", &name]);
     let mut poses = Observer::join(&format!("{name}-t")).receiver::<TrackerFrame>();
-    (0..3).for_each(|_| drop(next(&mut poses, |_| true)));
+    for _ in 0..3 {
+        next(&mut poses, |_| true);
+    }
     interrupt(replay.pid());
     let told = replay.finish().expect_code(0).stdout;
     let speed = told.split(" times real time").next().and_then(|t| t.rsplit('(').next());

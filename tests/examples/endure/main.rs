@@ -90,7 +90,7 @@ fn campaigns(what: &'static str, all: &[Campaign], folder: &Path) -> bool {
         let outcome = run(campaign, folder, |blows| bar.set_position((done + blows) as u64));
         done += outcome.blows;
         if !outcome.survived() {
-            bar.println(format!("seed {}: {outcome:#?}", campaign.seed));
+            bar.suspend(|| eprintln!("seed {}: {outcome:#?}", campaign.seed));
         }
         outcomes.push(outcome);
     }
