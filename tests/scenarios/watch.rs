@@ -34,5 +34,6 @@ fn a_camera_that_was_moved_is_named_by_replay_and_run() {
     let live = vitreo(&[&run[..], &asserted].concat()).expect_code(6);
     assert!(live.stderr.contains(named), "{}", live.stderr);
     let figures = json(folder.path().join("r.json").as_path());
-    assert_eq!(figures["tracking"]["bodies"]["eye"]["tracked_share"].as_f64(), Some(0.0));
+    let share = figures["tracking"]["bodies"]["eye"]["tracked_share"].as_f64();
+    assert!(share.is_some_and(|share| share < 0.1), "{share:?}");
 }
