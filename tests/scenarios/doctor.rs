@@ -1,9 +1,10 @@
 //! `vitreo doctor` on a machine on which a process runs by hand.
 
-use ipc::{Instance, instance_directory};
-use protocol::health::Process;
+use ipc::clock::now;
+use ipc::{Instance, instance_directory, shared_memory_prefix};
+use std::path::Path;
 use std::process::{Command, Stdio};
-use vitreo_tests::{Observer, binaries, instance_name, kill, vitreo};
+use vitreo_tests::{WATCHDOG, binaries, instance_name, kill, vitreo};
 
 /// What is found of leftovers, and what is offered for them.
 fn leftovers() -> (String, String) {
@@ -22,16 +23,22 @@ fn the_directory_of_a_process_run_by_hand_is_not_offered_for_removal() {
     let mut simulation = Command::new(binaries().join("vitreo-simcore"));
     let simulation = simulation.args(["--instance", &name]).stdout(Stdio::null()).stderr(Stdio::null());
     let mut simulation = simulation.spawn().expect("the simulation starts");
-    let mut observer = Observer::join(&name);
-    observer.health(Process::Simcore, |_| true);
-    drop(observer);
-    let (found, mend) = leftovers();
+    let in_use = format!("{directory} is in use by {} vitreo-simcore", simulation.id());
+    // Nothing of the instance is opened here: processes that other tests start would inherit it.
+    let deadline = now() + WATCHDOG.as_nanos() as u64;
+    let mend = loop {
+        let (found, mend) = leftovers();
+        if found.contains(&in_use) {
+            break mend;
+        }
+        assert!(now() < deadline, "not in use: {found}");
+    };
     kill(simulation.id());
     simulation.wait().expect("it has ended");
-    let in_use = format!("{directory} is in use by {} vitreo-simcore", simulation.id());
-    assert!(found.contains(&in_use), "{found}");
     assert!(!mend.contains(&directory), "{mend}");
     let (_, mend) = leftovers();
-    assert!(mend.contains(&format!("{directory} /dev/shm/vitreo_")), "nobody uses it any more: {mend}");
+    let shared = shared_memory_prefix(Path::new(&directory)).map(|p| p.display().to_string());
+    assert!(mend.contains(&directory), "nobody uses it any more: {mend}");
+    assert!(mend.contains(&shared.unwrap_or_default()), "nor its memory: {mend}");
     drop(Instance::own(&name).expect("an owner clears up"));
 }
