@@ -4,7 +4,7 @@
 use crate::handles::{HandleState, PedalState};
 use crate::message::{Invalid, Message, require};
 use crate::poses::TrackerFrame;
-use crate::time::Instants;
+use crate::time::{Instants, Nanos};
 use crate::wire::Wire;
 use bytemuck::{Pod, Zeroable};
 
@@ -103,6 +103,53 @@ impl StepProfile {
 /// Any numbers may come in a block, whose times are not validated.
 fn sum_of(times_ns: &[u64]) -> u64 {
     times_ns.iter().fold(0, |sum, ns| sum.saturating_add(*ns))
+}
+
+/// An input of the simulation, numbered by its sender.
+pub trait Numbered {
+    /// Counts up by one; from 0 again where the sender was started again.
+    fn number(&self) -> u64;
+    /// When it was sent, ns.
+    fn sent_ns(&self) -> Nanos;
+}
+
+impl Numbered for HandleState {
+    fn number(&self) -> u64 {
+        self.seq
+    }
+
+    fn sent_ns(&self) -> Nanos {
+        self.instant_ns
+    }
+}
+
+impl Numbered for PedalState {
+    fn number(&self) -> u64 {
+        self.seq
+    }
+
+    fn sent_ns(&self) -> Nanos {
+        self.instant_ns
+    }
+}
+
+/// Place among `waiting`, which are in the order in which they came, of the last input that a step
+/// consumed: all below number `before` were consumed before it, all below `below` are after it.
+/// `None` if that input is not there, or nothing was consumed. Senders that were started again have
+/// used the number several times: the step has seen those that were sent before it was done, at
+/// `stepped_ns`.
+pub fn last_consumed<'a, T: Numbered + 'a>(
+    waiting: impl Iterator<Item = &'a T>,
+    [before, below]: [u64; 2],
+    stepped_ns: Nanos,
+) -> Option<usize> {
+    let of_number = waiting.enumerate().filter(|(_, input)| input.number().checked_add(1) == Some(below));
+    let candidates: Vec<(usize, bool)> =
+        of_number.map(|(at, input)| (at, input.sent_ns() <= stepped_ns)).collect();
+    let seen = candidates.iter().rev().find(|(_, in_time)| *in_time);
+    // Something was consumed; where the instants tell nothing it is the first of that number.
+    let first = candidates.first().filter(|_| below != before);
+    seen.or(first).map(|(at, _)| *at)
 }
 
 /// Version of [`StepRecord::state_hash`]: raised where the same inputs lead to another hash, so
@@ -209,6 +256,20 @@ impl Message for CheckpointHeader {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn of_senders_that_began_anew_a_step_has_seen_those_before_it() {
+        let sent = |seq, instant_ns| HandleState { seq, instant_ns, ..HandleState::zeroed() };
+        // Three senders; the third is there when the step is done, the fourth is not.
+        let waiting =
+            [sent(7, 1), sent(0, 5), sent(1, 6), sent(0, 10), sent(1, 11), sent(0, 20), sent(1, 21)];
+        let at = |below, stepped_ns| last_consumed(waiting.iter(), [7, below], stepped_ns);
+        assert_eq!((at(2, 12), at(2, 8), at(2, 30)), (Some(4), Some(2), Some(6)));
+        assert_eq!((at(8, 12), at(3, 12), at(0, 12)), (Some(0), None, None));
+        assert_eq!(at(2, 0), Some(2), "instants that tell nothing: the first");
+        let again = |stepped_ns| last_consumed(waiting[3..].iter(), [2, 2], stepped_ns);
+        assert_eq!((again(12), again(9)), (Some(1), None), "a new sender has come as far as the one before");
+    }
 
     #[test]
     fn times_that_no_clock_gave_are_summed_up_without_overflow() {

@@ -6,7 +6,8 @@ use crate::world::{World, no_clock};
 use protocol::handles::{HandleState, PedalState};
 use protocol::journal::Entry;
 use protocol::poses::TrackerFrame;
-use protocol::steps::{CheckpointHeader, StepInput, StepRecord};
+use protocol::steps::{CheckpointHeader, Numbered, StepInput, StepRecord, last_consumed};
+use protocol::time::Nanos;
 use std::collections::VecDeque;
 
 /// What a recording knows since its newest checkpoint.
@@ -149,8 +150,9 @@ impl InputHistory {
         }
         let exposed = step.instants.exposed;
         let pose = self.poses.iter().position(|p| p.frame == step.frame && p.instants.exposed == exposed)?;
-        let handles = take(&mut self.handles, state.handles_below, step.handles_below, |h| h.seq)?;
-        let pedals = take(&mut self.pedals, state.pedals_below, step.pedals_below, |p| p.seq)?;
+        let stepped_ns = step.instants.stepped;
+        let handles = take(&mut self.handles, state.handles_below, step.handles_below, stepped_ns)?;
+        let pedals = take(&mut self.pedals, state.pedals_below, step.pedals_below, stepped_ns)?;
         let frame = self.poses.drain(..=pose).next_back()?;
         let input = StepInput { frame: &frame, handles: &handles, pedals: &pedals };
         let state_hash = world.step(&input, &mut no_clock).state_hash;
@@ -158,15 +160,14 @@ impl InputHistory {
     }
 }
 
-/// Takes what a step consumed off the front of a queue: up to the first with number `below` − 1,
-/// which is also right where a restarted sender began again at 0. `None` if that one is missing, or
-/// one before it.
-fn take<T>(queue: &mut VecDeque<T>, before: u64, below: u64, seq: impl Fn(&T) -> u64) -> Option<Vec<T>> {
-    if below == before {
-        return Some(Vec::new());
-    }
-    let last = queue.iter().position(|x| seq(x).wrapping_add(1) == below)?;
-    let numbers = queue.range(..=last).map(&seq);
+/// Takes what a step consumed off the front of a queue: up to the input with number `below` − 1.
+/// `None` if that one is missing, or one before it.
+fn take<T: Numbered>(queue: &mut VecDeque<T>, before: u64, below: u64, stepped_ns: Nanos) -> Option<Vec<T>> {
+    let Some(last) = last_consumed(queue.iter(), [before, below], stepped_ns) else {
+        // Nothing was consumed, or it is missing.
+        return (below == before).then(Vec::new);
+    };
+    let numbers = queue.range(..=last).map(T::number);
     // At its start a record may begin anywhere.
     let follows = |next: &mut u64, number: u64| {
         let follows = number == *next || number == 0 || *next == 0;

@@ -12,9 +12,8 @@
 use protocol::blobs::BlobField;
 use protocol::control::RecordedFrame;
 use protocol::handles::{HandleState, PedalState};
-use protocol::message::Message;
 use protocol::poses::{FieldUsed, TrackerFrame};
-use protocol::steps::{CheckpointHeader, StepRecord};
+use protocol::steps::{CheckpointHeader, Numbered, StepRecord, last_consumed};
 use protocol::time::Nanos;
 use recording::{Item, NoteKind, RecordingError};
 use std::collections::VecDeque;
@@ -110,8 +109,8 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             horizon_ns: 0,
             pending: VecDeque::new(),
             fields: VecDeque::new(),
-            handles: Consumed::new("handle", |h: &HandleState| h.seq),
-            pedals: Consumed::new("pedal", |p: &PedalState| p.seq),
+            handles: Consumed::new("handle"),
+            pedals: Consumed::new("pedal"),
             last_step: None,
             last_frame: None,
             begun: false,
@@ -238,16 +237,16 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         }
         let resume = self.undetermined.then(|| self.checkpoint_before(&step)).flatten();
         if let Some((header, _)) = resume.as_deref() {
-            self.handles.skip(header.handles_below);
-            self.pedals.skip(header.pedals_below);
+            self.handles.skip(header.handles_below, step.instants.stepped);
+            self.pedals.skip(header.pedals_below, step.instants.stepped);
         }
         self.undetermined &= resume.is_none() && !fresh;
         self.last_step = Some(step);
         if fresh {
             (self.handles.below, self.pedals.below) = (0, 0);
         }
-        let handles = self.handles.below(step.handles_below);
-        let pedals = self.pedals.below(step.pedals_below);
+        let handles = self.handles.below(step.handles_below, step.instants.stepped);
+        let pedals = self.pedals.below(step.pedals_below, step.instants.stepped);
         let missing = [handles.as_ref().err(), pedals.as_ref().err()].into_iter().flatten().next().cloned();
         if let Some(what) = missing {
             self.lose(|| format!("{what} (field {})", step.field));
@@ -363,45 +362,47 @@ fn request_of(frame: &TrackerFrame, fields: &[BlobField]) -> RecordedFrame {
 /// Inputs of the simulation that wait to be consumed.
 struct Consumed<M> {
     name: &'static str,
-    seq: fn(&M) -> u64,
     waiting: VecDeque<(u64, M)>,
     below: u64,
 }
 
-impl<M: Message> Consumed<M> {
-    fn new(name: &'static str, seq: fn(&M) -> u64) -> Self {
-        Consumed { name, seq, waiting: VecDeque::new(), below: 0 }
+impl<M: Numbered> Consumed<M> {
+    fn new(name: &'static str) -> Self {
+        Consumed { name, waiting: VecDeque::new(), below: 0 }
     }
 
-    /// What a step consumed, after which all with numbers below `below` are consumed. A sender
-    /// that was started again counts from 0, so numbers say "up to that one", not "all smaller".
-    fn below(&mut self, below: u64) -> Result<Vec<M>, String> {
-        if below == self.below {
-            return Ok(Vec::new());
-        }
-        let last = self.waiting.iter().position(|(_, m)| (self.seq)(m) + 1 == below);
-        let Some(last) = last else {
+    fn last(&self, below: u64, stepped_ns: Nanos) -> Option<usize> {
+        last_consumed(self.waiting.iter().map(|(_, m)| m), [self.below, below], stepped_ns)
+    }
+
+    /// What a step that was done at `stepped_ns` consumed, after which all with numbers below `below`
+    /// are consumed. A sender that was started again counts from 0, so numbers say "up to that one",
+    /// not "all smaller".
+    fn below(&mut self, below: u64, stepped_ns: Nanos) -> Result<Vec<M>, String> {
+        let Some(last) = self.last(below, stepped_ns) else {
+            if below == self.below {
+                return Ok(Vec::new());
+            }
             return Err(format!("{} state {} is missing", self.name, below.wrapping_sub(1)));
         };
         let mut next = self.below;
         let taken: Vec<M> = self.waiting.drain(..=last).map(|(_, m)| m).collect();
         self.below = below;
-        for number in taken.iter().map(self.seq) {
+        for number in taken.iter().map(M::number) {
             // A recording may begin anywhere, and a sender that was started again counts from 0.
             if number != next && number != 0 && next != 0 {
                 return Err(format!("{} state {next} is missing", self.name));
             }
-            next = number + 1;
+            next = number.wrapping_add(1);
         }
         Ok(taken)
     }
 
-    /// Forgets what a checkpoint's state has consumed.
-    fn skip(&mut self, below: u64) {
-        let last = self.waiting.iter().position(|(_, m)| (self.seq)(m) + 1 == below);
-        match last {
+    /// Forgets what a checkpoint's state before a step that was done at `stepped_ns` has consumed.
+    fn skip(&mut self, below: u64, stepped_ns: Nanos) {
+        match self.last(below, stepped_ns) {
             Some(last) => drop(self.waiting.drain(..=last)),
-            None => self.waiting.retain(|(_, m)| (self.seq)(m) >= below),
+            None => self.waiting.retain(|(_, m)| m.number() >= below),
         }
         self.below = below;
     }
@@ -411,7 +412,7 @@ impl<M: Message> Consumed<M> {
         let count = self.waiting.partition_point(|(at, _)| *at < place);
         let taken: Vec<M> = self.waiting.drain(..count).map(|(_, m)| m).collect();
         if let Some(last) = taken.last() {
-            self.below = (self.seq)(last) + 1;
+            self.below = last.number().wrapping_add(1);
         }
         taken
     }

@@ -119,6 +119,42 @@ fn restarted_senders_are_followed() {
 }
 
 #[test]
+fn of_several_senders_between_two_steps_all_are_consumed() {
+    let sent =
+        |seq, ms| (ms, Item::Handle(HandleState { seq, instant_ns: ms * MS, ..HandleState::zeroed() }));
+    let done = |number, frame, below, ms| match step(number, frame, below) {
+        Item::Step(mut step) => {
+            step.instants.stepped = ms * MS;
+            (ms, Item::Step(step))
+        }
+        _ => unreachable!("a step"),
+    };
+    let all = turns(vec![
+        sent(7, 1),
+        (2, pose(0, &[])),
+        done(1, 0, 8, 2),
+        // While there is no simulation, one sender and another; the third is at work when it is back.
+        sent(0, 10),
+        sent(1, 11),
+        sent(0, 20),
+        sent(0, 30),
+        sent(1, 31),
+        (32, pose(1, &[])),
+        done(2, 1, 2, 33),
+        (34, pose(2, &[])),
+        done(3, 2, 2, 35),
+        // A fourth comes as far as the third in the same time.
+        sent(0, 40),
+        sent(1, 41),
+        (42, pose(3, &[])),
+        done(4, 3, 2, 43),
+    ]);
+    let consumed: Vec<_> = all.iter().map(handles).collect();
+    assert_eq!(consumed, [vec![7], vec![0, 1, 0, 0, 1], vec![], vec![0, 1]]);
+    assert!(all.iter().all(|t| t.lost.is_none()), "{:?}", all.iter().find_map(|t| t.lost.clone()));
+}
+
+#[test]
 fn losses_are_named_once_where_they_are() {
     let lost = |items| turns(items).into_iter().filter_map(|t| t.lost).collect::<Vec<_>>();
     let missing_field =
