@@ -41,6 +41,8 @@ pub struct Coverage {
 
 /// Counters of a block.
 const BLOCK: usize = 256;
+/// Counters that are looked at together.
+const WORD: usize = 16;
 /// All counters are looked at after so many inputs; an input that reaches a block for the first time
 /// may be missed, the next one that does is not.
 const ALL_EVERY: u32 = 64;
@@ -120,12 +122,18 @@ impl Coverage {
 
     fn note(&mut self, at: usize, counters: &[u8]) -> bool {
         let mut new = false;
-        for (seen, &count) in self.seen[at..].iter_mut().zip(counters) {
-            let class = class(count);
-            if class & !*seen != 0 {
-                self.branches += usize::from(*seen == 0);
-                *seen |= class;
-                new = true;
+        for (seen, counts) in self.seen[at..].chunks_mut(WORD).zip(counters.chunks(WORD)) {
+            // Most branches are not taken.
+            if counts == &[0; WORD][..counts.len()] {
+                continue;
+            }
+            for (seen, &count) in seen.iter_mut().zip(counts) {
+                let class = class(count);
+                if class & !*seen != 0 {
+                    self.branches += usize::from(*seen == 0);
+                    *seen |= class;
+                    new = true;
+                }
             }
         }
         new
