@@ -179,6 +179,11 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
         warn(&format!("the state of the eye was lost {} times", report.states_lost));
         code = LOSS;
     }
+    if !report.unfinished.is_empty() {
+        // Their last lines have told why.
+        warn("not everything could be written");
+        return FAILED;
+    }
     let (body, share) = report.least_tracked;
     if let Some(asserted) = args.assert_tracking.filter(|asserted| share < *asserted) {
         warn(&untracked(body, share, asserted));

@@ -1,7 +1,7 @@
 //! Which files a command reads and writes, looked at together before anything is written.
 
 use super::{GrowingFile, OutputError, OutputFile, STDOUT};
-use rustix::fs::{Access, FlockOperation, access, flock};
+use rustix::fs::{FlockOperation, flock};
 use std::fs::{self, File, Metadata};
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
@@ -61,7 +61,10 @@ impl Outputs {
             Err(_) if path.symlink_metadata().is_ok() && !self.force => {
                 Err(OutputError::Exists { path: shown() })
             }
-            _ => check_folder(path),
+            _ => check_takes_files(
+                path,
+                path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")),
+            ),
         }
     }
 
@@ -80,7 +83,7 @@ impl Outputs {
                 Err(OutputError::Kind { path: shown(), expected: "a folder, found a file" })
             }
             Ok(_) if !self.force && has_entries(path) => Err(OutputError::NotEmpty { path: shown() }),
-            _ => check_folder(&path.join("any")),
+            _ => check_takes_files(path, path),
         }
     }
 
@@ -197,17 +200,18 @@ fn has_entries(folder: &Path) -> bool {
     fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some())
 }
 
-/// Whether the folder of a file, or the nearest one above that exists, takes new files.
-fn check_folder(path: &Path) -> Result<(), OutputError> {
-    let absolute = std::path::absolute(path).map_err(|e| OutputError::io(path, e))?;
-    let Some(folder) = absolute.ancestors().skip(1).find(|f| f.symlink_metadata().is_ok()) else {
+/// Whether the folder, or the nearest one above it that exists, takes a new file; `path` is the output
+/// that is to come there.
+fn check_takes_files(path: &Path, folder: &Path) -> Result<(), OutputError> {
+    let absolute = std::path::absolute(folder).map_err(|e| OutputError::io(path, e))?;
+    let Some(folder) = absolute.ancestors().find(|f| f.symlink_metadata().is_ok()) else {
         return Ok(());
     };
-    let refused = |problem: rustix::io::Errno| OutputError::io(path, problem.into());
     if !folder.is_dir() {
-        return Err(refused(rustix::io::Errno::NOTDIR));
+        return Err(OutputError::io(path, rustix::io::Errno::NOTDIR.into()));
     }
-    access(folder, Access::WRITE_OK | Access::EXEC_OK).map_err(refused)
+    // Rights alone do not tell: some file systems take no file from anybody.
+    tempfile::tempfile_in(folder).map(drop).map_err(|e| OutputError::io(path, e.kind().into()))
 }
 
 #[cfg(test)]
@@ -281,5 +285,8 @@ mod tests {
         fs::write(folder.path().join("f"), "").unwrap();
         let within = folder.path().join("f/g/h");
         assert!(text(Outputs::new(false).claim(&within)).contains("a part of its path is a file"));
+        // Root has every right there, and yet no file can be made.
+        assert!(text(Outputs::new(false).claim(Path::new("/sys/a"))).contains("cannot be written"));
+        assert!(text(Outputs::new(false).claim_folder(Path::new("/sys/a"))).contains("cannot be written"));
     }
 }

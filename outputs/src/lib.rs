@@ -89,7 +89,8 @@ pub enum OutputError {
 }
 
 impl OutputError {
-    fn io(path: &Path, problem: io::Error) -> Self {
+    /// The system's answer about the output `path`.
+    pub fn io(path: &Path, problem: io::Error) -> Self {
         // An error of a writer here names the file already.
         let named = |problem| OutputError::Io { path: path.display().to_string(), problem };
         problem.downcast().unwrap_or_else(named)

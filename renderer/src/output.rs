@@ -70,20 +70,14 @@ struct Job {
     error: Option<String>,
 }
 
-/// A finished small picture, or the first error of a writer.
-pub enum Finished<'a> {
-    /// Bytes of a JPEG of a frame.
-    Jpeg(PictureRequest, &'a [u8]),
-    /// A file could not be written.
-    Failed(String),
-}
-
 /// The writing thread and its pool of pictures.
 pub struct Output {
     jobs: Option<SyncSender<Job>>,
     done: Receiver<Job>,
     pool: Vec<Job>,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<JoinHandle<Option<String>>>,
+    /// The first file that could not be written, and why.
+    problem: Option<String>,
     /// Pictures dropped because none of the pool was free.
     pub dropped: u64,
 }
@@ -111,10 +105,10 @@ impl Output {
             for mut job in inbox {
                 job.error = writer.write(&mut job).err().map(|e| e.to_string());
                 if outbox.send(job).is_err() {
-                    return;
+                    break;
                 }
             }
-            writer.finish();
+            writer.finish().err().map(|e| e.to_string())
         })?;
         let job = || Job {
             picture: Picture::with_room(first_tier),
@@ -123,7 +117,7 @@ impl Output {
             error: None,
         };
         let pool = (0..POOL).map(|_| job()).collect();
-        Ok(Self { jobs: Some(jobs), done, pool, thread: Some(thread), dropped: 0 })
+        Ok(Self { jobs: Some(jobs), done, pool, thread: Some(thread), problem: None, dropped: 0 })
     }
 
     /// Lets `fill` fill a free picture and sends it to the thread. Without a free one the request
@@ -153,16 +147,25 @@ impl Output {
         Ok(())
     }
 
-    /// Takes finished pictures back; calls `finished` with JPEGs and errors.
-    pub fn collect(&mut self, mut finished: impl FnMut(Finished<'_>)) {
-        while let Ok(mut job) = self.done.try_recv() {
-            if let Some(error) = job.error.take() {
-                finished(Finished::Failed(error));
-            } else if job.request.jpeg {
-                finished(Finished::Jpeg(job.request, &job.jpeg));
+    /// Takes finished pictures back; calls `finished` with each small JPEG and what it is of.
+    pub fn collect(&mut self, mut finished: impl FnMut(PictureRequest, &[u8])) {
+        while let Ok(job) = self.done.try_recv() {
+            if job.error.is_none() && job.request.jpeg {
+                finished(job.request, &job.jpeg);
             }
-            self.pool.push(job);
+            self.take_back(job);
         }
+    }
+
+    /// The first file that could not be written, and why.
+    pub fn problem(&self) -> Option<&str> {
+        self.problem.as_deref()
+    }
+
+    fn take_back(&mut self, mut job: Job) {
+        let error = job.error.take();
+        self.problem = self.problem.take().or(error);
+        self.pool.push(job);
     }
 
     /// Waits until a picture of the pool is free.
@@ -170,21 +173,18 @@ impl Output {
         if self.pool.is_empty()
             && let Ok(job) = self.done.recv()
         {
-            self.pool.push(job);
+            self.take_back(job);
         }
     }
 
-    /// Finishes the pictures in flight and closes the files; returns the first error.
+    /// Finishes the pictures in flight and closes the files; returns the first error of all.
     pub fn finish(mut self) -> Option<String> {
         self.jobs = None;
-        let mut first = None;
         while let Ok(job) = self.done.recv() {
-            first = first.or(job.error);
+            self.take_back(job);
         }
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-        first
+        let unclosed = self.thread.take().and_then(|thread| thread.join().ok().flatten());
+        self.problem.or(unclosed)
     }
 }
 
@@ -214,12 +214,8 @@ impl Writer {
         Ok(())
     }
 
-    fn finish(&mut self) {
-        if let Some(video) = &mut self.video
-            && let Err(e) = video.flush()
-        {
-            tracing::warn!("video: {e}");
-        }
+    fn finish(&mut self) -> Result<(), OutputError> {
+        self.video.as_mut().map_or(Ok(()), Y4m::flush)
     }
 }
 
@@ -315,11 +311,7 @@ mod tests {
         output.submit(request, fill).unwrap();
         let mut jpeg = None;
         while jpeg.is_none() {
-            output.collect(|f| {
-                if let Finished::Jpeg(_, bytes) = f {
-                    jpeg = Some(bytes.to_vec());
-                }
-            });
+            output.collect(|_, bytes| jpeg = Some(bytes.to_vec()));
             std::thread::yield_now();
         }
         assert_eq!(output.finish(), None);
@@ -339,6 +331,27 @@ mod tests {
             output.submit(PictureRequest { jpeg: true, ..PictureRequest::default() }, |_| Err("not asked"));
         assert_eq!((filled, output.dropped, held.len()), (Ok(()), 1, POOL));
         output.finish();
+    }
+
+    #[test]
+    fn a_file_that_fills_the_disk_is_told_at_once_and_at_the_end() {
+        let full = OutputConfig {
+            video: Some("/dev/full".into()),
+            video_px: [512, 256],
+            ..config(None, Arrangement::default())
+        };
+        let mut output = Output::start(&full, 8).unwrap();
+        for _ in 0..100 {
+            output.wait_for_slot();
+            let request = PictureRequest { video: 1, ..PictureRequest::default() };
+            let fill = |p: &mut Picture| {
+                *p = Picture { width_px: 512, height_px: 256, rgba: vec![50; 4 * 512 * 256] };
+                Ok::<(), ()>(())
+            };
+            output.submit(request, fill).unwrap();
+        }
+        assert!(output.problem().is_some(), "so much is in no buffer");
+        assert!(output.finish().is_some_and(|p| p.contains("/dev/full") && p.contains("disk is full")));
     }
 
     #[test]

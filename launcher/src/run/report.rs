@@ -54,6 +54,8 @@ pub struct Report {
     /// What happened to the processes, in words, with the time since the start.
     #[serde(rename = "happenings")]
     pub incidents: Vec<Incident>,
+    /// Processes that ended with an error when they were asked to end: what they wrote is not whole.
+    pub unfinished: Vec<String>,
     /// Blocks that the launcher missed, by channel.
     pub lost: BTreeMap<&'static str, u64>,
     /// How often the simulation died and could not go on from its past.
@@ -419,6 +421,7 @@ mod tests {
             processes: Vec::new(),
             restarts: BTreeMap::from([("tracker", 2)]),
             incidents: vec![Incident { at_s: 3.0, what: "tracker restarted".into() }],
+            unfinished: Vec::new(),
             lost: BTreeMap::new(),
             states_lost: 0,
             received: BTreeMap::new(),

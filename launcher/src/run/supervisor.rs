@@ -265,12 +265,25 @@ impl Supervisor {
         seq
     }
 
-    /// Ends every process in order; returns those that had to be killed.
-    pub async fn end(&mut self) -> Vec<Process> {
+    /// Ends every process in order.
+    pub async fn end(&mut self) -> Ends {
         self.standby = Standby::default();
         let children: Vec<Child> = self.slots.iter_mut().filter_map(|s| s.child.take()).collect();
-        children::end_all(&children, &mut self.requests, self.requests_sent).await
+        let killed = children::end_all(&children, &mut self.requests, self.requests_sent).await;
+        let failed = children.iter().filter(|c| c.exited().is_some_and(|s| s.code().is_some_and(|c| c != 0)));
+        Ends {
+            killed: killed.iter().map(|p| format!("{} did not end and was killed", p.name())).collect(),
+            failed: failed.map(Child::exit_report).collect(),
+        }
     }
+}
+
+/// Of processes that were to end in order, those that did not, in words.
+pub struct Ends {
+    /// Had to be killed.
+    pub killed: Vec<String>,
+    /// Ended with an error.
+    pub failed: Vec<String>,
 }
 
 /// How a process ended.

@@ -88,7 +88,7 @@ pub fn film(args: &FilmArgs) -> Result<()> {
                 Some(file) => file,
                 none => none.insert(Y4m::begin(outputs.grow(path)?, size, VIDEO_HZ)?),
             };
-            file.write(&picture, 1).with_context(|| path.display().to_string())?;
+            file.write(&picture, 1)?;
         }
         if let Some(folder) = still {
             save(args, folder, number, &picture)?;

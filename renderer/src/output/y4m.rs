@@ -2,7 +2,7 @@
 
 use super::picture::scale_rgb;
 use crate::readback::Picture;
-use outputs::GrowingFile;
+use outputs::{GrowingFile, OutputError};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
@@ -20,10 +20,11 @@ impl Y4m {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn begin(name: GrowingFile, size: [u32; 2], hz: u32) -> std::io::Result<Self> {
-        let mut file = BufWriter::new(name.handle().map_err(std::io::Error::other)?);
+    pub fn begin(name: GrowingFile, size: [u32; 2], hz: u32) -> Result<Self, OutputError> {
+        let mut file = BufWriter::new(name.handle()?);
         let [w, h] = size;
-        writeln!(file, "YUV4MPEG2 W{w} H{h} F{hz}:1 Ip A1:1 C420jpeg XCOLORRANGE=FULL")?;
+        writeln!(file, "YUV4MPEG2 W{w} H{h} F{hz}:1 Ip A1:1 C420jpeg XCOLORRANGE=FULL")
+            .map_err(|e| OutputError::io(name.path(), e))?;
         Ok(Self { name, file, size, rgb: Vec::new(), planes: Vec::new() })
     }
 
@@ -31,14 +32,14 @@ impl Y4m {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn write(&mut self, picture: &Picture, count: u64) -> std::io::Result<()> {
-        self.name.appear().map_err(std::io::Error::other)?;
+    pub fn write(&mut self, picture: &Picture, count: u64) -> Result<(), OutputError> {
+        self.name.appear()?;
         let [w, h] = self.size;
         scale_rgb(picture, w, h, &mut self.rgb);
         to_planes(&self.rgb, w as usize, h as usize, &mut self.planes);
         for _ in 0..count {
-            self.file.write_all(b"FRAME\n")?;
-            self.file.write_all(&self.planes)?;
+            let written = self.file.write_all(b"FRAME\n").and_then(|()| self.file.write_all(&self.planes));
+            written.map_err(|e| OutputError::io(self.name.path(), e))?;
         }
         Ok(())
     }
@@ -47,8 +48,8 @@ impl Y4m {
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn flush(&mut self) -> std::io::Result<()> {
-        self.file.flush()
+    pub fn flush(&mut self) -> Result<(), OutputError> {
+        self.file.flush().map_err(|e| OutputError::io(self.name.path(), e))
     }
 }
 

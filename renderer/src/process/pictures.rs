@@ -1,7 +1,7 @@
 //! Pictures for others: stills, video, the small JPEGs of the channel `pictures`.
 
 use super::RendererShell;
-use crate::output::{Finished, PictureRequest};
+use crate::output::PictureRequest;
 use anyhow::Result;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::health::STATE_DEGRADED;
@@ -34,27 +34,23 @@ impl RendererShell {
 
     /// Publishes finished small pictures; a file that cannot be written is reported once.
     pub(super) fn publish_pictures(&mut self) -> Result<()> {
-        let mut problem = None;
         let pictures = &mut self.pictures;
         let mut sent = Ok(());
-        self.output.collect(|finished| match finished {
-            Finished::Jpeg(of, jpeg) => {
-                let bytes = jpeg.len().min(MAX_PICTURE_BYTES);
-                let header = PictureHeader {
-                    frame: of.frame,
-                    field: of.field,
-                    displayed: of.displayed,
-                    bytes: bytes as u64,
-                };
-                sent = pictures.send(bytes, |to| {
-                    to[..bytes].copy_from_slice(&jpeg[..bytes]);
-                    header
-                });
-            }
-            Finished::Failed(error) => problem = Some(error),
+        self.output.collect(|of, jpeg| {
+            let bytes = jpeg.len().min(MAX_PICTURE_BYTES);
+            let header = PictureHeader {
+                frame: of.frame,
+                field: of.field,
+                displayed: of.displayed,
+                bytes: bytes as u64,
+            };
+            sent = pictures.send(bytes, |to| {
+                to[..bytes].copy_from_slice(&jpeg[..bytes]);
+                header
+            });
         });
         sent?;
-        if let (Some(problem), false) = (problem, self.write_failed) {
+        if let (Some(problem), false) = (self.output.problem(), self.write_failed) {
             self.write_failed = true;
             self.shell.report.state = STATE_DEGRADED;
             self.shell.set_text(&format!("a picture file cannot be written: {problem}"));

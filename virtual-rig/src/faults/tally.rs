@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Most events between two writes of the log; further ones are only counted.
 const WAITING: usize = 256;
@@ -78,6 +78,7 @@ impl FaultTally {
 /// The fault log: one line of JSON an event.
 pub struct FaultLog {
     file: BufWriter<File>,
+    path: PathBuf,
 }
 
 impl FaultLog {
@@ -88,19 +89,22 @@ impl FaultLog {
     pub fn create(path: &Path, force: bool) -> Result<Self, OutputError> {
         let mut file = Outputs::new(force).grow(path)?;
         file.appear()?;
-        Ok(FaultLog { file: BufWriter::new(file.handle()?) })
+        Ok(FaultLog { file: BufWriter::new(file.handle()?), path: path.into() })
     }
 
     /// Writes records and flushes them to the file.
     ///
     /// # Errors
     /// Where the file cannot be written.
-    pub fn write(&mut self, records: &[FaultRecord]) -> std::io::Result<()> {
-        for record in records {
-            serde_json::to_writer(&mut self.file, record)?;
-            self.file.write_all(b"\n")?;
-        }
-        self.file.flush()
+    pub fn write(&mut self, records: &[FaultRecord]) -> Result<(), OutputError> {
+        let mut write = || {
+            for record in records {
+                serde_json::to_writer(&mut self.file, record)?;
+                self.file.write_all(b"\n")?;
+            }
+            self.file.flush()
+        };
+        write().map_err(|problem| OutputError::io(&self.path, problem))
     }
 }
 

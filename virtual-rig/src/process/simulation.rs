@@ -18,6 +18,7 @@ use crate::schedule::{Action, Schedule};
 use anyhow::{Context, Result};
 use ipc::clock::now;
 use ipc::logging::message;
+use outputs::OutputError;
 use protocol::health::{STATE_DEGRADED, STATE_RUNNING};
 use protocol::rig::Rig;
 
@@ -34,10 +35,9 @@ pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Resul
         None => FaultInjector::none(rig),
     };
     let log = config.fault_log.as_deref();
-    let log = log.map(|path| FaultLog::create(path, config.force.force));
+    let fault_log = log.map(|path| FaultLog::create(path, config.force.force)).transpose()?;
     let cameras = Cameras::with_faults(rig, path, config.seed, faults)?;
     let mut shell = VirtualRigShell::open(config, rig, surgeon)?;
-    let fault_log = log.transpose()?;
     let mut simulation = Simulation {
         output: Output::open(&shell.instance, path, cameras.payload_bytes())?,
         schedule: Schedule::of(&cameras),
@@ -46,6 +46,7 @@ pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Resul
         last_due_ns: 0,
         late: config.late_camera,
         fault_log,
+        unlogged: None,
         in_time: 0,
     };
     if let Some(time_ns) = shell.resumed_at {
@@ -57,7 +58,7 @@ pub(super) fn run(config: &Config, rig: &Rig, surgeon: ScriptedSurgeon) -> Resul
     if !summary.is_empty() {
         message(tracing::Level::INFO, &summary);
     }
-    Ok(())
+    simulation.unlogged.map_or(Ok(()), |problem| Err(problem).context("the fault log is not complete"))
 }
 
 /// The cameras, their schedule and output.
@@ -72,6 +73,8 @@ struct Simulation {
     /// Camera with an additional delay.
     late: Option<LateCamera>,
     fault_log: Option<FaultLog>,
+    /// Why no more faults are logged.
+    unlogged: Option<OutputError>,
     /// Consecutive fields exposed in time.
     in_time: u64,
 }
@@ -205,8 +208,9 @@ impl VirtualRigShell {
         if tally.waiting().is_empty() {
             return Ok(());
         }
-        if let Some(log) = &mut simulation.fault_log {
-            log.write(tally.waiting()).context("cannot write the fault log")?;
+        if let Some(Err(problem)) = simulation.fault_log.as_mut().map(|log| log.write(tally.waiting())) {
+            tracing::warn!("{problem}; no more faults are logged");
+            (simulation.fault_log, simulation.unlogged) = (None, Some(problem));
         }
         tally.clear_waiting();
         self.text.clear();

@@ -20,8 +20,8 @@ impl Session<'_> {
     pub async fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
         let at = now();
         self.note_own_cpu(at);
-        for process in self.supervisor.end().await {
-            let what = format!("{} did not end and was killed", process.name());
+        let ends = self.supervisor.end().await;
+        for what in ends.killed.into_iter().chain(ends.failed.iter().cloned()) {
             self.incidents.push(Incident { at_s: self.elapsed_s(at), what });
         }
         // What was sent on the way out; a channel that fails now has nothing more to say.
@@ -53,6 +53,7 @@ impl Session<'_> {
             processes,
             restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
             incidents: std::mem::take(&mut self.incidents),
+            unfinished: ends.failed,
             lost: self.tap.lost(),
             states_lost: self.states_lost,
             received: CHANNELS.into_iter().zip(self.consumers.monitor.traffic.map(|t| t.count)).collect(),
