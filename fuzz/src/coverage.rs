@@ -121,19 +121,25 @@ impl Coverage {
     }
 
     fn note(&mut self, at: usize, counters: &[u8]) -> bool {
-        let mut new = false;
-        for (seen, counts) in self.seen[at..].chunks_mut(WORD).zip(counters.chunks(WORD)) {
+        let (words, rest) = counters.as_chunks::<WORD>();
+        let mut new = self.note_each(at + WORD * words.len(), rest);
+        for (i, word) in words.iter().enumerate() {
             // Most branches are not taken.
-            if counts == &[0; WORD][..counts.len()] {
-                continue;
+            if u128::from_ne_bytes(*word) != 0 {
+                new |= self.note_each(at + WORD * i, word);
             }
-            for (seen, &count) in seen.iter_mut().zip(counts) {
-                let class = class(count);
-                if class & !*seen != 0 {
-                    self.branches += usize::from(*seen == 0);
-                    *seen |= class;
-                    new = true;
-                }
+        }
+        new
+    }
+
+    fn note_each(&mut self, at: usize, counters: &[u8]) -> bool {
+        let mut new = false;
+        for (seen, &count) in self.seen[at..].iter_mut().zip(counters) {
+            let class = class(count);
+            if class & !*seen != 0 {
+                self.branches += usize::from(*seen == 0);
+                *seen |= class;
+                new = true;
             }
         }
         new
