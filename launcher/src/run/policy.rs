@@ -8,8 +8,9 @@ pub const MAX_RESTARTS: usize = 12;
 /// The time in which they are counted, ns. A process that dies whenever it is started reaches the
 /// limit after some 25 s, in which a shortage may pass.
 pub const WINDOW_NS: u64 = 120_000_000_000;
-/// A process that dies this soon after its restart waits before the next one, ns.
-const SOON_NS: u64 = 2_000_000_000;
+/// A restarted process that was at work for less than this, or never, waits before it is started
+/// again, ns.
+const SOON_NS: u64 = 300_000_000;
 /// The first wait, which doubles from death to death, and the longest, ns.
 const FIRST_WAIT_NS: u64 = 100_000_000;
 const LONGEST_WAIT_NS: u64 = 3_200_000_000;
@@ -40,16 +41,16 @@ impl RestartLimit {
         self.most
     }
 
-    /// The instant of the restart of a process that died at `now`; `None` if there were too many of
-    /// late.
-    pub fn restart_at(&mut self, now: Nanos) -> Option<Nanos> {
+    /// The instant of the restart of a process that died at `now` after it had been at work for
+    /// `worked_ns`; `None` if there were too many of late.
+    pub fn restart_at(&mut self, now: Nanos, worked_ns: u64) -> Option<Nanos> {
         while self.recent.front().is_some_and(|&t| now.saturating_sub(t) > WINDOW_NS) {
             self.recent.pop_front();
         }
         if self.recent.len() >= self.most {
             return None;
         }
-        let soon = self.recent.back().is_some_and(|&t| now.saturating_sub(t) < SOON_NS);
+        let soon = !self.recent.is_empty() && worked_ns < SOON_NS;
         let longer = (2 * self.wait_ns).clamp(FIRST_WAIT_NS, LONGEST_WAIT_NS);
         self.wait_ns = if soon { longer } else { 0 };
         self.recent.push_back(now + self.wait_ns);
@@ -92,27 +93,29 @@ mod tests {
     fn restarts_are_bounded_in_a_window_and_allowed_again_after_it() {
         let mut limit = RestartLimit::default();
         let step = WINDOW_NS / 20;
-        assert!((0..MAX_RESTARTS as u64).all(|i| limit.restart_at(i * step) == Some(i * step)));
-        assert_eq!(limit.restart_at(MAX_RESTARTS as u64 * step), None);
+        assert!((0..MAX_RESTARTS as u64).all(|i| limit.restart_at(i * step, step) == Some(i * step)));
+        assert_eq!(limit.restart_at(MAX_RESTARTS as u64 * step, step), None);
         let later = WINDOW_NS + step / 2;
-        assert_eq!(limit.restart_at(later), Some(later), "the first one is out of the window");
-        assert_eq!(limit.restart_at(later + step / 4), None);
+        assert_eq!(limit.restart_at(later, step), Some(later), "the first one is out of the window");
+        assert_eq!(limit.restart_at(later + step / 4, step), None);
     }
 
     #[test]
     fn a_process_that_dies_at_once_is_given_longer_and_longer() {
         let (mut limit, mut now, mut waits) = (RestartLimit::default(), 50_000_000_000, Vec::new());
-        while let Some(at) = limit.restart_at(now) {
+        while let Some(at) = limit.restart_at(now, 0) {
             waits.push((at - now) / 1_000_000);
             now = at + 60_000_000;
         }
         assert_eq!(waits[..8], [0, 100, 200, 400, 800, 1600, 3200, 3200]);
         assert_eq!(waits.len(), MAX_RESTARTS);
         let mut limit = RestartLimit::default();
-        assert_eq!(
-            [0, 1, 10].map(|s| s * 1_000_000_000).map(|t| limit.restart_at(t).unwrap() - t),
-            [0, 100_000_000, 0]
-        );
+        // One that was at work is back at once, however soon it dies after its restart.
+        let deaths = [(0, 0), (1, 50), (2, 700), (3, 0)].map(|(s, worked_ms)| {
+            let at = s * 1_000_000_000;
+            limit.restart_at(at, worked_ms * 1_000_000).unwrap() - at
+        });
+        assert_eq!(deaths, [0, 100_000_000, 0, 100_000_000]);
     }
 
     #[test]

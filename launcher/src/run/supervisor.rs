@@ -56,6 +56,8 @@ pub struct Slot {
     joined: bool,
     ready: bool,
     was_ready: bool,
+    /// When it became so.
+    ready_at: Nanos,
     last_sign_ns: Nanos,
     limit: RestartLimit,
 }
@@ -118,6 +120,7 @@ impl Supervisor {
             joined: false,
             ready: false,
             was_ready: false,
+            ready_at: 0,
             last_sign_ns: now,
             limit: RestartLimit::of(self.args.max_restarts),
         });
@@ -171,6 +174,9 @@ impl Supervisor {
         slot.cpu.note(beat.pid, beat.cpu_ns, beat.instant_ns);
         let first = !slot.ready;
         (slot.ready, slot.was_ready) = (true, true);
+        if first {
+            slot.ready_at = now;
+        }
         let process = slot.process;
         if beat.state == STATE_FINISHED && beat.process == self.args.source() as u32 && !self.stream_ended {
             self.stream_ended = true;
@@ -321,7 +327,8 @@ impl Slot {
     fn may_restart(&mut self, now: Nanos, how: &str) -> anyhow::Result<Nanos> {
         ensure!(self.was_ready, "{}", start_failure(self.process, how));
         let (name, window_s) = (self.process.binary(), WINDOW_NS / 1_000_000_000);
-        let at = self.limit.restart_at(now);
+        let worked_ns = if self.ready { now.saturating_sub(self.ready_at) } else { 0 };
+        let at = self.limit.restart_at(now, worked_ns);
         at.with_context(|| {
             let most = self.limit.most();
             format!("{name} died more than {most} times in {window_s} s; the last time: {how}")

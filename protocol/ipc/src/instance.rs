@@ -72,7 +72,7 @@ impl Instance {
     pub fn own(name: &str) -> Result<Self, IpcError> {
         let directory = instance_directory(name)?;
         make_private(&directory)?;
-        let io = |e: std::io::Error| directory_error(&directory, e.to_string());
+        let io = |e: std::io::Error| refused_by_system(&directory, &e);
         let lock = fs::File::create(directory.join("owner.lock")).map_err(io)?;
         if rustix::fs::flock(&lock, rustix::fs::FlockOperation::NonBlockingLockExclusive).is_err() {
             return Err(IpcError::InUse(name.into()));
@@ -138,19 +138,24 @@ fn directory_error(path: &StdPath, problem: String) -> IpcError {
     IpcError::Directory { path: path.display().to_string(), problem }
 }
 
+/// The system's answer; where shared memory is full, with how much is needed.
+fn refused_by_system(path: &StdPath, problem: &io::Error) -> IpcError {
+    if problem.kind() == ErrorKind::StorageFull {
+        let needed_mib = super::segments::NEEDED_MIB;
+        return IpcError::SharedMemoryFull { free_mib: 0, needed_mib };
+    }
+    directory_error(path, problem.to_string())
+}
+
 /// Makes the directory for the owner only, or checks that it is so.
 fn make_private(directory: &StdPath) -> Result<(), IpcError> {
     let fail = |problem: String| directory_error(directory, problem);
     match fs::DirBuilder::new().mode(0o700).create(directory) {
         Ok(()) => return Ok(()),
         Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
-        Err(e) if e.kind() == std::io::ErrorKind::StorageFull => {
-            let needed_mib = super::segments::NEEDED_MIB;
-            return Err(IpcError::SharedMemoryFull { free_mib: 0, needed_mib });
-        }
-        Err(e) => return Err(fail(e.to_string())),
+        Err(e) => return Err(refused_by_system(directory, &e)),
     }
-    let meta = fs::symlink_metadata(directory).map_err(|e| fail(e.to_string()))?;
+    let meta = fs::symlink_metadata(directory).map_err(|e| refused_by_system(directory, &e))?;
     if meta.uid() != rustix::process::getuid().as_raw() {
         return Err(fail(format!("belongs to {}; choose another --instance NAME", owner_of(&meta))));
     }
@@ -179,7 +184,7 @@ fn token(directory: &StdPath) -> Result<String, IpcError> {
         }
         fs::read_to_string(&file)
     };
-    let text = draw().map_err(|e| directory_error(directory, e.to_string()))?;
+    let text = draw().map_err(|e| refused_by_system(directory, &e))?;
     let is_token = text.len() == 16 && text.bytes().all(|b| b.is_ascii_hexdigit());
     is_token.then_some(text).ok_or_else(|| directory_error(&file, "holds no token".into()))
 }
@@ -213,6 +218,14 @@ fn remove_contents(directory: &StdPath, and_itself: bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn full_shared_memory_is_told_with_figures_wherever_it_is_noticed() {
+        let full = refused_by_system(StdPath::new("/dev/shm/x"), &ErrorKind::StorageFull.into()).to_string();
+        assert!(full.contains("MiB are needed") && full.contains("remount"), "{full}");
+        let other = refused_by_system(StdPath::new("/dev/shm/x"), &ErrorKind::PermissionDenied.into());
+        assert!(other.to_string().starts_with("shared memory directory /dev/shm/x"), "{other}");
+    }
 
     fn name(what: &str) -> String {
         format!("{what}{}", std::process::id() % 1_000_000)
