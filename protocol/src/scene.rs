@@ -26,7 +26,8 @@ pub const NODE_FREE: u32 = 0;
 /// The node belongs to no triangle any more.
 pub const NODE_DEAD: u32 = 1;
 /// The node is bound to instrument `flag - NODE_BOUND`; `position` is then in that
-/// **instrument's** frame, so that it moves with the pose the renderer latched.
+/// **instrument's** frame, so that it moves with the pose the renderer latched. Farther from the eye's
+/// centre than the retina it lies on the retina.
 pub const NODE_BOUND: u32 = 16;
 
 /// A node of a tissue mesh.
@@ -58,7 +59,8 @@ pub struct SceneTriangle {
     pub tissue: u32,
 }
 
-/// Rest position of a node of the retina, which is its place in the photograph of the fundus.
+/// Where a node of a tissue mesh lay at the start. What is drawn on the tissue stays with it by this:
+/// the photograph of the fundus on retina, the grain of a membrane.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Wire, Zeroable)]
 pub struct SceneHome {
@@ -66,7 +68,13 @@ pub struct SceneHome {
     pub position_mm: [f32; 3],
     /// Number of the node in the section of nodes.
     pub node: u32,
+    /// Way from there to the edge that the sheet had at the start, mm; [`FAR_FROM_EDGE_MM`] where it
+    /// has none.
+    pub from_edge_mm: f32,
 }
+
+/// Stands for "no edge near".
+pub const FAR_FROM_EDGE_MM: f32 = 1000.0;
 
 /// A mark on the retina or the tissue.
 #[repr(C)]
@@ -194,7 +202,7 @@ pub struct SceneHeader {
     /// Bytes of UTF-8 shown on the picture: lines as in [`crate::scene_text`].
     #[wire(elements = u8)]
     pub text: Section,
-    /// Rest positions of the retina's nodes.
+    /// Where the nodes lay at the start.
     #[wire(elements = SceneHome)]
     pub homes: Section,
     /// Doses of light on the retina, mJ/mm², in the cells of [`crate::dose`].
@@ -204,8 +212,8 @@ pub struct SceneHeader {
 
 impl Message for SceneHeader {
     const CHANNEL: &'static str = "scene";
-    /// 2: lens, inverter, aperture and filter; homes of the retina's nodes. 3: doses of light.
-    const VERSION: u32 = 3;
+    /// 2: lens, inverter, aperture and filter; homes of the retina's nodes. 3: doses of light. 4: homes of all nodes.
+    const VERSION: u32 = 4;
     const QUEUE: usize = 1;
 
     fn validate(&self) -> Result<(), Invalid> {

@@ -170,6 +170,7 @@ impl Renderer {
         self.tissue_buffers.reserve(&gpu.device, nodes.len(), triangles.len());
         if self.tissue.take(nodes, triangles, homes, header.topology) {
             self.tissue_buffers.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
+            self.tissue_buffers.set_homes(&gpu.queue, self.tissue.homes());
         }
         self.microscope = header.microscope;
         self.filter = Filter::from_wire(header.filter);
@@ -237,7 +238,9 @@ impl Renderer {
     pub fn submit(&mut self, gpu: &Gpu, tier: usize, latched: &Latched, commands: CommandBuffer) {
         self.write_uniforms(&gpu.queue, tier, latched);
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
-        self.tissue_buffers.set_vertices(&gpu.queue, self.tissue.vertices(&eye_from_instrument));
+        let radius_mm = self.config.retina_radius_mm as f32;
+        let vertices = self.tissue.vertices(&eye_from_instrument, radius_mm);
+        self.tissue_buffers.set_vertices(&gpu.queue, vertices);
         self.timing.iter_mut().for_each(Timing::before_submit);
         gpu.queue.submit([commands]);
         self.timing.iter_mut().for_each(Timing::after_submit);

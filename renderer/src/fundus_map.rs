@@ -2,35 +2,21 @@
 //!
 //! The photograph shows a round part of an eye about its fovea ([`crate::photograph`]). The map is
 //! in Lambert's azimuthal equal-area projection about the posterior pole, so that the shader finds
-//! its coordinates with one inverse square root. Beyond the photograph's border what lies there
-//! runs on outwards and fades into the mean colour: the periphery has few marks, and its vessels
-//! run outwards. It ends at the
-//! ora serrata; before that lie the brown pars plana and the pale sclera round it.
+//! its coordinates with one inverse square root. What lies beyond the photograph's border is grown by
+//! procedure ([`crate::periphery`]).
 //!
 //! The map's fourth channel is the height of vessels, found as what is darker than its
 //! surroundings in green, where blood absorbs most. The same difference sharpens the picture.
 
+use crate::periphery::{Periphery, Place};
 use crate::photograph::Photograph;
-use image::RgbImage;
 use scene::Side;
+
+/// Radius of the retina for which the map is made, mm: sizes on it are right in other eyes as angles.
+pub const RADIUS_MM: f32 = 11.5;
 
 /// The map reaches to this angle from the pole, rad.
 const MAP_ANGLE: f32 = 2.2;
-/// Angle from the pole to the ora serrata, where the retina ends: about 21 mm from the fovea, rad.
-const ORA_ANGLE: f32 = 21.0 / 11.5;
-/// Its teeth, and how far they reach, rad.
-const ORA_TEETH: f32 = 40.0;
-const ORA_TOOTH: f32 = 0.022;
-/// Width of the pars plana before it (about 4 mm), rad.
-const PARS_PLANA: f32 = 0.30;
-/// Angle beyond the photograph's border within which it fades, rad.
-const FADE: f32 = 0.45;
-/// Mean colour towards the periphery, of the photograph's 255.
-const PERIPHERY: [f32; 3] = [168.0, 66.0, 44.0];
-/// Colours of the line along the ora serrata, of the pars plana and of the sclera, of 255.
-const ORA: [f32; 3] = [196.0, 150.0, 122.0];
-const PLANA: [f32; 3] = [96.0, 58.0, 42.0];
-const SCLERA: [f32; 3] = [206.0, 186.0, 170.0];
 /// Half width of the surroundings with which vessels are compared, share of the retina's radius.
 const SURROUNDINGS: f32 = 0.030;
 /// Difference to the surroundings (of 255) at which a vessel has its full height.
@@ -59,14 +45,19 @@ fn equal_area(theta: f32) -> f32 {
 
 /// A square map of `size` pixels, RGBA, rows from eye −y to +y, columns from eye −x to +x.
 pub fn bake(photograph: &Photograph, size: u32, side: Side) -> Vec<u8> {
+    let periphery = Periphery::grow(photograph, size as usize, side);
+    let temporal = if side == Side::Left { 1.0 } else { -1.0 };
     let mut out = Vec::with_capacity((size * size * 4) as usize);
     for row in 0..size {
         for column in 0..size {
             let at = |i: u32| ((i as f32 + 0.5) / size as f32 - 0.5) / map_scale();
             let (x, y) = (at(column), at(row));
             let rho = (x * x + y * y).sqrt().min(2.0);
-            let theta = 2.0 * (0.5 * rho).asin();
-            let rgb = colour(photograph, [x, y].map(|c| c / rho.max(1e-6)), theta, side);
+            let canonical = [temporal * x, -y].map(|c| c / rho.max(1e-6));
+            let place = Place { canonical, theta: 2.0 * (0.5 * rho).asin() };
+            let (border, border_rad) = photograph.border(photograph.towards(canonical));
+            let inside = photograph.colour(canonical, border * (place.theta / border_rad).min(1.0));
+            let rgb = periphery.colour(inside, place, border_rad, (row * size + column) as usize);
             out.extend(rgb.map(|c| (c + 0.5) as u8));
             out.push(0);
         }
@@ -111,52 +102,6 @@ fn means_along_rows(plane: &[f32], size: usize, half: usize) -> Vec<f32> {
     out
 }
 
-/// Colour in direction `unit` (eye x and y) at the angle `theta` from the pole.
-fn colour(photograph: &Photograph, unit: [f32; 2], theta: f32, side: Side) -> [f32; 3] {
-    // In a left eye +x is temporal and the right of its photograph is temporal as well; in a right
-    // eye both are nasal. The other eye is the mirror image.
-    let mirror = if side == photograph.eye { 1.0 } else { -1.0 };
-    let towards = [mirror * unit[0], -unit[1]];
-    let (border, border_rad) = photograph.border(towards);
-    let beyond = (theta - border_rad).max(0.0);
-    let radius = border * (theta / border_rad).min(1.0);
-    let width = photograph.picture.width() as f32;
-    let u = (photograph.fovea[0] + towards[0] * radius) * width - 0.5;
-    let v = (photograph.fovea[1] + towards[1] * radius) * width - 0.5;
-    let fade = (beyond / FADE).min(1.0) * 0.9;
-    let photo = bilinear(&photograph.picture, u, v);
-    let retina = std::array::from_fn(|c| photo[c] + (PERIPHERY[c] - photo[c]) * fade);
-    if theta < ORA_ANGLE - 0.1 { retina } else { before_the_ora(retina, unit, theta) }
-}
-
-/// What lies about the retina's border: its teeth, the streaked pars plana, the sclera.
-fn before_the_ora(retina: [f32; 3], unit: [f32; 2], theta: f32) -> [f32; 3] {
-    let bearing = unit[1].atan2(unit[0]);
-    let uneven = (3.0 * bearing).sin() + 0.7 * (7.0 * bearing + 1.0).sin();
-    let tooth = (0.5 * ORA_TEETH * bearing + 0.8 * uneven).sin().abs();
-    let past = theta - ORA_ANGLE - ORA_TOOTH * (tooth * 2.0 - 1.0 + 0.5 * uneven);
-    let step = |from: f32, to: f32| ((past - from) / (to - from)).clamp(0.0, 1.0);
-    let mix = |a: [f32; 3], b: [f32; 3], share: f32| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share);
-    let streaks = 1.0 + 0.12 * (70.0 * bearing + 2.0 * uneven).sin() * step(0.0, 0.1);
-    let line = mix(retina, ORA, step(-0.02, 0.0));
-    let plana = mix(line, PLANA.map(|c| c * streaks), step(0.004, 0.02));
-    mix(plana, SCLERA, step(PARS_PLANA, PARS_PLANA + 0.05))
-}
-
-fn bilinear(picture: &RgbImage, u: f32, v: f32) -> [f32; 3] {
-    let (w, h) = (picture.width() as i32, picture.height() as i32);
-    let (x, y) = (u.floor(), v.floor());
-    let (fx, fy) = (u - x, v - y);
-    let at = |dx: i32, dy: i32| {
-        let (px, py) = ((x as i32 + dx).clamp(0, w - 1), (y as i32 + dy).clamp(0, h - 1));
-        picture.get_pixel(px as u32, py as u32).0.map(f32::from)
-    };
-    let (a, b, c, d) = (at(0, 0), at(1, 0), at(0, 1), at(1, 1));
-    std::array::from_fn(|i| {
-        (a[i] * (1.0 - fx) + b[i] * fx) * (1.0 - fy) + (c[i] * (1.0 - fx) + d[i] * fx) * fy
-    })
-}
-
 /// The next smaller mip level of a square RGBA picture of `size` pixels.
 pub fn half(pixels: &[u8], size: u32) -> Vec<u8> {
     let (n, stride) = ((size / 2).max(1) as usize, size as usize * 4);
@@ -176,7 +121,9 @@ pub fn half(pixels: &[u8], size: u32) -> Vec<u8> {
 mod tests {
     use super::*;
     use crate::assets::shipped_photograph;
+    use crate::periphery::ORA_ANGLE;
     use crate::photograph::{FIELD_ANGLE, FIELD_RADIUS};
+    use image::RgbImage;
 
     fn shipped() -> Photograph {
         Photograph::new(shipped_photograph().unwrap())

@@ -1,6 +1,7 @@
 //! The structs that the shaders see, in one place. `tests/shaders.rs` compares sizes and offsets
 //! with those in `passes/common.wgsl`. Everything is in the eye frame, mm, linear light.
 
+use crate::fundus_map;
 use bytemuck::{Pod, Zeroable};
 use protocol::limits::INSTRUMENTS;
 
@@ -87,9 +88,25 @@ pub struct TissueVertex {
     pub position: [f32; 3],
     /// Unit.
     pub normal: [f32; 3],
-    /// Membrane: 1 on an edge of the sheet, and the share of the dye that it can take. Retina:
-    /// place in the fundus map, 0 to 1.
+    /// 1 on an edge of the sheet, and the share of the dye that it can take.
     pub more: [f32; 2],
+}
+
+/// Where a vertex of the membrane or of lifted retina lay at the start.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+pub struct TissueHome {
+    /// Place in the fundus map, 0 to 1.
+    pub in_map: [f32; 2],
+    /// Way to the edge that the sheet had, mm.
+    pub from_edge_mm: f32,
+}
+
+impl TissueHome {
+    /// Of a place in the eye, mm.
+    pub fn of(position_mm: [f32; 3], from_edge_mm: f32) -> Self {
+        TissueHome { in_map: fundus_map::coordinates(position_mm), from_edge_mm }
+    }
 }
 
 /// Both vertex types look the same to the GPU: two vectors of three, two numbers.

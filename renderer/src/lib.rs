@@ -22,6 +22,7 @@ pub mod optics;
 pub mod output;
 pub mod pacing;
 pub mod passes;
+pub mod periphery;
 pub mod photograph;
 pub mod present;
 pub mod process;

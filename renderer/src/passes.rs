@@ -13,7 +13,7 @@ pub mod shadow;
 pub mod text;
 
 use crate::governor::Shading;
-use crate::layout::{FrameUniform, VERTEX_STRIDE, ViewUniform};
+use crate::layout::{FrameUniform, TissueHome, VERTEX_STRIDE, ViewUniform};
 use crate::tools::Mesh;
 use std::num::NonZeroU64;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
@@ -34,17 +34,18 @@ pub const VIEW_STRIDE: u32 = 256;
 const COMMON: &str = include_str!("passes/common.wgsl");
 const PLACE: &str = include_str!("passes/place.wgsl");
 const CASTER: &str = include_str!("passes/caster.wgsl");
+const SHEET: &str = include_str!("passes/sheet.wgsl");
 const FUNDUS: &str = include_str!("passes/fundus.wgsl");
 const QUAD: &str = include_str!("passes/quad.wgsl");
 
 /// Whole text of every shader, by name, for the device and for the validation test.
 pub fn shader_sources() -> [(&'static str, String); 12] {
     [
-        ("shadow", [COMMON, PLACE, CASTER, include_str!("passes/shadow.wgsl")].concat()),
+        ("shadow", [COMMON, PLACE, CASTER, SHEET, include_str!("passes/shadow.wgsl")].concat()),
         ("fundus", [COMMON, FUNDUS].concat()),
         ("instruments", [COMMON, PLACE, include_str!("passes/instruments.wgsl")].concat()),
-        ("membrane", [COMMON, include_str!("passes/membrane.wgsl")].concat()),
-        ("retina", [COMMON, include_str!("passes/retina.wgsl")].concat()),
+        ("membrane", [COMMON, SHEET, include_str!("passes/membrane.wgsl")].concat()),
+        ("retina", [COMMON, FUNDUS, include_str!("passes/retina.wgsl")].concat()),
         ("bodies", [COMMON, PLACE, CASTER, include_str!("passes/bodies.wgsl")].concat()),
         ("marks", [COMMON, include_str!("passes/marks.wgsl")].concat()),
         ("haze", [COMMON, FUNDUS, include_str!("passes/haze.wgsl")].concat()),
@@ -219,6 +220,8 @@ pub struct PipelineSpec<'a> {
     pub groups: &'a [&'a BindGroupLayout],
     /// True if it takes vertices from a buffer.
     pub vertices: bool,
+    /// True if a second buffer says where the vertices lay at the start.
+    pub homes: bool,
     /// Drawn as a strip of triangles.
     pub strip: bool,
     /// Closed bodies: back faces are culled.
@@ -235,8 +238,8 @@ pub struct PipelineSpec<'a> {
     pub shading: Shading,
     /// Samples of a pixel of the picture.
     pub samples: u32,
-    /// Format of the picture.
-    pub format: TextureFormat,
+    /// Format of the picture; `None` where only depth is written.
+    pub format: Option<TextureFormat>,
 }
 
 impl<'a> PipelineSpec<'a> {
@@ -248,6 +251,7 @@ impl<'a> PipelineSpec<'a> {
             fragment: None,
             groups,
             vertices: false,
+            homes: false,
             strip: false,
             closed: false,
             depth: None,
@@ -256,7 +260,7 @@ impl<'a> PipelineSpec<'a> {
             instances: None,
             shading: Shading::Full,
             samples: 1,
-            format: COLOUR,
+            format: Some(COLOUR),
         }
     }
 
@@ -269,6 +273,9 @@ impl<'a> PipelineSpec<'a> {
 /// Position, normal and two numbers, as in [`crate::layout`].
 const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
     wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
+
+/// Place in the map and way to the edge.
+const HOME_ATTRIBUTES: [wgpu::VertexAttribute; 1] = wgpu::vertex_attr_array![4 => Float32x3];
 
 /// The pipelines of a pass that draws into the picture, for each shading.
 pub fn pipelines(device: &Device, spec: &PipelineSpec<'_>) -> [RenderPipeline; 2] {
@@ -302,11 +309,16 @@ pub fn pipeline(device: &Device, spec: &PipelineSpec<'_>) -> RenderPipeline {
     if spec.vertices {
         buffers.push(vertex_buffer(VERTEX_STRIDE, wgpu::VertexStepMode::Vertex, &ATTRIBUTES[..]));
     }
+    if spec.homes {
+        let stride = size_of::<TissueHome>() as u64;
+        buffers.push(vertex_buffer(stride, wgpu::VertexStepMode::Vertex, &HOME_ATTRIBUTES[..]));
+    }
     if let Some((stride, attributes)) = spec.instances {
         buffers.push(vertex_buffer(stride, wgpu::VertexStepMode::Instance, attributes));
     }
-    let target =
-        [Some(wgpu::ColorTargetState { format: spec.format, blend: spec.blend, write_mask: spec.writes })];
+    let target = spec
+        .format
+        .map(|format| Some(wgpu::ColorTargetState { format, blend: spec.blend, write_mask: spec.writes }));
     let topology = if spec.strip {
         wgpu::PrimitiveTopology::TriangleStrip
     } else {
@@ -338,7 +350,7 @@ pub fn pipeline(device: &Device, spec: &PipelineSpec<'_>) -> RenderPipeline {
             module: &module,
             entry_point: Some(entry),
             compilation_options: options.clone(),
-            targets: &target,
+            targets: target.as_slice(),
         }),
         multiview_mask: None,
         cache: None,

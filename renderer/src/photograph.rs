@@ -136,6 +136,24 @@ impl Photograph {
         (widths, self.field_rad * (widths / FIELD_RADIUS))
     }
 
+    /// The direction in the picture of a canonical one, which is temporal and down.
+    pub fn towards(&self, [temporal, down]: [f32; 2]) -> [f32; 2] {
+        [if self.eye == Side::Left { temporal } else { -temporal }, down]
+    }
+
+    /// Colour in a canonical direction, `widths` of the picture from the fovea.
+    pub fn colour(&self, canonical: [f32; 2], widths: f32) -> [f32; 3] {
+        let (towards, width) = (self.towards(canonical), self.picture.width() as f32);
+        let at = |c: usize| (self.fovea[c] + towards[c] * widths) * width - 0.5;
+        bilinear(&self.picture, at(0), at(1))
+    }
+
+    /// Colour in a canonical direction at a share of the way to the border.
+    pub fn at_share(&self, canonical: [f32; 2], share: f32) -> [f32; 3] {
+        let (border, _) = self.border(self.towards(canonical));
+        self.colour(canonical, border * share)
+    }
+
     /// What makes it doubtful that the photograph is what it is said to be, for a person.
     pub fn doubts(&self) -> Vec<String> {
         let black = self.black_share();
@@ -227,6 +245,20 @@ impl Cells {
         let (sum, count) = cells.fold((0.0, 0.0), |(s, n), i| (s + self.sums[i].0, n + self.sums[i].1));
         sum / f32::max(count, 1.0)
     }
+}
+
+fn bilinear(picture: &RgbImage, u: f32, v: f32) -> [f32; 3] {
+    let (w, h) = (picture.width() as i32, picture.height() as i32);
+    let (x, y) = (u.floor(), v.floor());
+    let (fx, fy) = (u - x, v - y);
+    let at = |dx: i32, dy: i32| {
+        let (px, py) = ((x as i32 + dx).clamp(0, w - 1), (y as i32 + dy).clamp(0, h - 1));
+        picture.get_pixel(px as u32, py as u32).0.map(f32::from)
+    };
+    let (a, b, c, d) = (at(0, 0), at(1, 0), at(0, 1), at(1, 1));
+    std::array::from_fn(|i| {
+        (a[i] * (1.0 - fx) + b[i] * fx) * (1.0 - fy) + (c[i] * (1.0 - fx) + d[i] * fx) * fy
+    })
 }
 
 #[cfg(test)]

@@ -6,8 +6,8 @@ use glam::{DMat3, DQuat, DVec3};
 use protocol::geometry::Pose;
 use protocol::rig::Rig;
 use protocol::scene::{
-    NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark, SceneNode,
-    SceneTriangle, SectionWriter,
+    FAR_FROM_EDGE_MM, NODE_BOUND, NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneHome, SceneMark,
+    SceneNode, SceneTriangle, SectionWriter,
 };
 use scene::SceneFile;
 
@@ -94,8 +94,7 @@ pub fn membrane_scene(
     jaw_rad: f64,
     grabbed_mm: f64,
 ) -> SceneBlock {
-    let (nodes, triangles) = membrane(file, &through_trocar(rig, 0, tip), grabbed_mm);
-    scene_with(file, rig, tip, jaw_rad, &Contents { nodes, triangles, ..Contents::default() })
+    scene_with(file, rig, tip, jaw_rad, &membrane(file, &through_trocar(rig, 0, tip), grabbed_mm))
 }
 
 /// A scene with `contents`, the forceps at `tip` and a light pipe beside the macula.
@@ -132,9 +131,8 @@ pub fn subject(file: &SceneFile, rig: &Rig, name: &str) -> Vec<SceneBlock> {
     match name {
         "peel" => {
             let tip = [0.9, 0.5, -10.1];
-            let (nodes, triangles) = membrane(file, &through_trocar(rig, 0, tip), 0.3);
             let marks = vec![mark(2.4, 1.9, 0.3), mark(-2.0, 2.2, 0.18)];
-            let contents = Contents { nodes, triangles, marks, ..Contents::default() };
+            let contents = Contents { marks, ..membrane(file, &through_trocar(rig, 0, tip), 0.3) };
             vec![scene_with(file, rig, tip, 0.06, &contents)]
         }
         "bleb" => {
@@ -174,7 +172,11 @@ fn bleb(height: f32) -> Contents {
             let out = (centre + away).normalize();
             let p = out * (11.5 - lift);
             let node = contents.nodes.len() as u32;
-            contents.homes.push(SceneHome { position_mm: (out * 11.5).to_array(), node });
+            contents.homes.push(SceneHome {
+                position_mm: (out * 11.5).to_array(),
+                node,
+                from_edge_mm: FAR_FROM_EDGE_MM,
+            });
             contents.nodes.push(SceneNode { position_mm: p.to_array(), flag: NODE_FREE as u16, dye: 0 });
         }
     }
@@ -232,13 +234,13 @@ fn bodies() -> Contents {
 }
 
 /// The sheet over the pole, lifted in the middle and drawn towards the tip of `forceps`.
-fn membrane(file: &SceneFile, forceps: &Pose, grabbed_mm: f64) -> (Vec<SceneNode>, Vec<SceneTriangle>) {
+fn membrane(file: &SceneFile, forceps: &Pose, grabbed_mm: f64) -> Contents {
     let m = file.membrane.as_ref().expect("the shipped scene has a membrane");
     let [nx, ny] = m.squares;
     let radius = file.eye.retina_radius_mm;
     let tip = DVec3::from(forceps.position_mm);
     let instrument_from_eye = forceps.isometry().inverse();
-    let mut nodes = Vec::new();
+    let mut contents = Contents::default();
     for j in 0..=ny {
         for i in 0..=nx {
             let (u, v) = (f64::from(i) / f64::from(nx), f64::from(j) / f64::from(ny));
@@ -257,7 +259,13 @@ fn membrane(file: &SceneFile, forceps: &Pose, grabbed_mm: f64) -> (Vec<SceneNode
             } else {
                 (nalgebra::Point3::new(p.x, p.y, p.z), NODE_FREE)
             };
-            nodes.push(SceneNode {
+            let inside = |share: f64, size_mm: f64| share.min(1.0 - share) * size_mm;
+            contents.homes.push(SceneHome {
+                position_mm: DVec3::new(x, y, -(radius * radius - x * x - y * y).sqrt()).as_vec3().to_array(),
+                node: contents.nodes.len() as u32,
+                from_edge_mm: inside(u, m.size_mm[0]).min(inside(v, m.size_mm[1])) as f32,
+            });
+            contents.nodes.push(SceneNode {
                 position_mm: [q.x as f32, q.y as f32, q.z as f32],
                 flag: flag as u16,
                 dye: 0,
@@ -265,10 +273,9 @@ fn membrane(file: &SceneFile, forceps: &Pose, grabbed_mm: f64) -> (Vec<SceneNode
         }
     }
     let at = |i: u32, j: u32| j * (nx + 1) + i;
-    let mut triangles = Vec::new();
     for (j, i) in (0..ny).flat_map(|j| (0..nx).map(move |i| (j, i))) {
         let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
-        triangles.extend([[a, b, c], [a, c, d]].map(|nodes| SceneTriangle { nodes, tissue: 0 }));
+        contents.triangles.extend([[a, b, c], [a, c, d]].map(|nodes| SceneTriangle { nodes, tissue: 0 }));
     }
-    (nodes, triangles)
+    contents
 }

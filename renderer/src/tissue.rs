@@ -1,15 +1,16 @@
 //! The tissue mesh of a scene block, made ready for the GPU: bound nodes moved with the latched
-//! instruments, normals from the triangles, edges of the membrane marked, and for retina the place
-//! in the fundus map where it lay at the start, so that its picture moves with it.
+//! instruments, normals from the triangles, edges of the membrane marked, and of each node the place
+//! in the fundus map where it lay at the start, so that what is drawn on the tissue moves with it.
 //!
 //! What comes in is checked: a triangle with a node that does not exist or is not a finite point
 //! is left out and counted.
 
-use crate::fundus_map;
-use crate::layout::TissueVertex;
+use crate::layout::{TissueHome, TissueVertex};
 use glam::{Mat4, Vec3};
 use protocol::limits::INSTRUMENTS;
-use protocol::scene::{NODE_BOUND, SceneHome, SceneNode, SceneTriangle, TISSUE_GONE, TISSUE_MEMBRANE};
+use protocol::scene::{
+    FAR_FROM_EDGE_MM, NODE_BOUND, SceneHome, SceneNode, SceneTriangle, TISSUE_GONE, TISSUE_MEMBRANE,
+};
 
 /// Farthest that a node may be from the eye's centre, mm; farther ones are broken numbers.
 const FARTHEST_MM: f32 = 1e3;
@@ -22,9 +23,7 @@ pub struct Tissue {
     triangles: Vec<[u32; 3]>,
     membrane: usize,
     retina: usize,
-    /// Place in the fundus map of each node of the retina.
-    in_map: Vec<[f32; 2]>,
-    is_retina: Vec<bool>,
+    homes: Vec<TissueHome>,
     vertices: Vec<TissueVertex>,
     edges: Vec<(u32, u32)>,
     is_edge: Vec<bool>,
@@ -39,8 +38,7 @@ impl Tissue {
         Self {
             nodes: Vec::with_capacity(nodes),
             triangles: Vec::with_capacity(triangles),
-            in_map: Vec::with_capacity(nodes),
-            is_retina: Vec::with_capacity(nodes),
+            homes: Vec::with_capacity(nodes),
             vertices: Vec::with_capacity(nodes),
             edges: Vec::with_capacity(3 * triangles),
             is_edge: Vec::with_capacity(nodes),
@@ -63,10 +61,10 @@ impl Tissue {
         if changed {
             self.topology = Some(topology);
             self.triangles.clear();
-            self.in_map.clear();
-            self.in_map.resize(self.nodes.len(), [0.0; 2]);
+            self.homes.clear();
+            self.homes.extend(self.nodes.iter().map(|n| TissueHome::of(n.position_mm, FAR_FROM_EDGE_MM)));
             for home in homes.iter().filter(|h| h.node < count) {
-                self.in_map[home.node as usize] = fundus_map::coordinates(home.position_mm);
+                self.homes[home.node as usize] = TissueHome::of(home.position_mm, home.from_edge_mm);
             }
             let fits = |t: &&SceneTriangle| t.nodes.iter().all(|&n| n < count);
             let kind = |t: &SceneTriangle| match t.tissue {
@@ -97,14 +95,14 @@ impl Tissue {
         &self.triangles
     }
 
+    /// Home of each node; they change with the triangles only.
+    pub fn homes(&self) -> &[TissueHome] {
+        &self.homes
+    }
+
     /// An edge that belongs to one triangle only is an edge of the sheet.
     fn mark_edges(&mut self) {
         self.edges.clear();
-        self.is_retina.clear();
-        self.is_retina.resize(self.nodes.len(), false);
-        for &n in self.triangles[self.membrane..].iter().flatten() {
-            self.is_retina[n as usize] = true;
-        }
         for t in &self.triangles[..self.membrane] {
             for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 self.edges.push((a.min(b), a.max(b)));
@@ -121,16 +119,17 @@ impl Tissue {
         }
     }
 
-    /// Vertices in the eye frame; bound nodes follow their instrument.
-    pub fn vertices(&mut self, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> &[TissueVertex] {
+    /// Vertices in the eye frame; bound nodes follow their instrument, no deeper than the choroid,
+    /// which is `radius_mm` from the eye's centre.
+    pub fn vertices(&mut self, eye_from_instrument: &[Mat4; INSTRUMENTS], radius_mm: f32) -> &[TissueVertex] {
         self.vertices.clear();
         for (i, node) in self.nodes.iter().enumerate() {
             let edge = f32::from(u8::from(self.is_edge[i]));
             let dye = f32::from(node.dye) / f32::from(u16::MAX);
             self.vertices.push(TissueVertex {
-                position: in_eye(node, eye_from_instrument).to_array(),
+                position: in_eye(node, eye_from_instrument, radius_mm).to_array(),
                 normal: [0.0; 3],
-                more: if self.is_retina[i] { self.in_map[i] } else { [edge, dye] },
+                more: [edge, dye],
             });
         }
         self.add_normals();
@@ -153,12 +152,13 @@ impl Tissue {
     }
 }
 
-/// Position in the eye frame; broken numbers are put out of sight, far behind the camera.
-fn in_eye(node: &SceneNode, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> Vec3 {
+/// Position in the eye frame; broken numbers are put out of sight, far behind the camera. The choroid
+/// stops what an instrument holds here as it does in the simulation.
+fn in_eye(node: &SceneNode, eye_from_instrument: &[Mat4; INSTRUMENTS], radius_mm: f32) -> Vec3 {
     let p = Vec3::from(node.position_mm);
     let bound =
         u32::from(node.flag).checked_sub(NODE_BOUND).and_then(|i| eye_from_instrument.get(i as usize));
-    let p = bound.map_or(p, |m| m.transform_point3(p));
+    let p = bound.map_or(p, |m| m.transform_point3(p).clamp_length_max(radius_mm));
     if p.is_finite() && p.length_squared() < FARTHEST_MM * FARTHEST_MM {
         p
     } else {
@@ -169,7 +169,10 @@ fn in_eye(node: &SceneNode, eye_from_instrument: &[Mat4; INSTRUMENTS]) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fundus_map;
     use protocol::scene::NODE_FREE;
+
+    const RADIUS_MM: f32 = 11.5;
 
     fn node(position_mm: [f32; 3], flag: u32) -> SceneNode {
         SceneNode { position_mm, flag: flag as u16, dye: 0 }
@@ -190,7 +193,7 @@ mod tests {
         assert!(tissue.take(&nodes, &triangles, &[], 1));
         assert!(!tissue.take(&nodes, &triangles, &[], 1), "same topology");
         tissue.nodes[2].dye = u16::MAX;
-        let v = tissue.vertices(&[Mat4::IDENTITY; 2]);
+        let v = tissue.vertices(&[Mat4::IDENTITY; 2], RADIUS_MM);
         assert!(v.iter().all(|v| (v.normal[2] - 1.0).abs() < 1e-6));
         assert_eq!(v.iter().map(|v| v.more[1]).collect::<Vec<_>>(), [0.0, 0.0, 1.0, 0.0, 0.0]);
         assert_eq!(v.iter().map(|v| v.more[0]).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
@@ -203,25 +206,35 @@ mod tests {
         let mut tissue = Tissue::default();
         tissue.take(&nodes, &triangles, &[], 1);
         let moved = Mat4::from_translation(Vec3::new(0.0, 2.0, -9.0));
-        let v = tissue.vertices(&[Mat4::IDENTITY, moved]);
+        let v = tissue.vertices(&[Mat4::IDENTITY, moved], RADIUS_MM);
         assert_eq!(v[0].position, [0.1, 2.0, -9.0]);
     }
 
     #[test]
-    fn retina_keeps_its_place_in_the_map_when_it_moves_and_what_is_gone_comes_last() {
+    fn what_is_held_is_not_drawn_through_the_wall() {
+        let (mut nodes, triangles) = square();
+        nodes[0] = node([0.0, 0.0, -1.0], NODE_BOUND);
+        let mut tissue = Tissue::default();
+        tissue.take(&nodes, &triangles, &[], 1);
+        let deep = Mat4::from_translation(Vec3::new(0.0, 0.0, -11.44));
+        assert_eq!(tissue.vertices(&[deep, Mat4::IDENTITY], RADIUS_MM)[0].position, [0.0, 0.0, -RADIUS_MM]);
+    }
+
+    #[test]
+    fn tissue_keeps_its_place_in_the_map_when_it_moves_and_what_is_gone_comes_last() {
         let (mut nodes, mut triangles) = square();
         (triangles[1].tissue, triangles[3].tissue) = (2, 1);
-        let home = SceneHome { position_mm: [1.0, -2.0, -11.0], node: 4 };
+        let home = SceneHome { position_mm: [1.0, -2.0, -11.0], node: 4, from_edge_mm: 0.5 };
         let beyond = SceneHome { node: 99, ..home };
         let mut tissue = Tissue::default();
         tissue.take(&nodes, &triangles, &[home, beyond], 1);
         assert_eq!(tissue.counts(), [2, 1]);
         assert_eq!(tissue.triangles()[2..], [triangles[3].nodes, triangles[1].nodes]);
-        let first = tissue.vertices(&[Mat4::IDENTITY; 2])[4].more;
-        assert_eq!(first, fundus_map::coordinates(home.position_mm));
+        let there = TissueHome { in_map: fundus_map::coordinates(home.position_mm), from_edge_mm: 0.5 };
+        assert_eq!(tissue.homes()[4], there);
         nodes[4].position_mm = [3.0, 1.0, -9.0];
         tissue.take(&nodes, &triangles, &[home], 2);
-        assert_eq!(tissue.vertices(&[Mat4::IDENTITY; 2])[4].more, first);
+        assert_eq!((tissue.homes()[4], tissue.homes().len()), (there, nodes.len()));
     }
 
     #[test]
@@ -233,7 +246,7 @@ mod tests {
         tissue.take(&nodes, &triangles, &[], 1);
         assert_eq!((tissue.triangles().len(), tissue.refused), (4, 1));
         let finite = |v: &TissueVertex| v.position.iter().chain(&v.normal).all(|c| c.is_finite());
-        assert!(tissue.vertices(&[Mat4::IDENTITY; 2]).iter().all(finite));
+        assert!(tissue.vertices(&[Mat4::IDENTITY; 2], RADIUS_MM).iter().all(finite));
         // Fewer nodes under the same topology number must not leave dangling indices.
         assert!(tissue.take(&nodes[..3], &triangles, &[], 1));
         assert!(tissue.triangles().iter().flatten().all(|&n| n < 3));

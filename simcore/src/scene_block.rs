@@ -1,5 +1,7 @@
 //! The scene as the renderer draws it, written straight into the lent block.
 
+mod homes;
+
 use crate::bodies::state::BodyState;
 use crate::microscope;
 use crate::state::InstrumentState;
@@ -43,11 +45,12 @@ pub fn bytes_needed(
     vitreous: Option<&Vitreous>,
     retina: Option<&SheetMesh>,
 ) -> usize {
-    let mesh =
-        |s: &SheetMesh| s.nodes() * size_of::<SceneNode>() + s.triangles.len() * size_of::<SceneTriangle>();
+    let mesh = |s: &SheetMesh| {
+        s.nodes() * (size_of::<SceneNode>() + size_of::<SceneHome>())
+            + s.triangles.len() * size_of::<SceneTriangle>()
+    };
     let bricks = vitreous.map_or(0, |v| size_of_val(v.haze().bricks()));
-    let homes = retina.map_or(0, |s| s.nodes() * size_of::<SceneHome>());
-    mesh(sheet) * (1 + usize::from(bonded)) + retina.map_or(0, mesh) + homes + bricks + BESIDE_THE_MESH
+    mesh(sheet) * (1 + usize::from(bonded)) + retina.map_or(0, mesh) + bricks + BESIDE_THE_MESH
 }
 
 /// Fills scene blocks; keeps the lists that are copied into them.
@@ -57,7 +60,7 @@ pub struct SceneWriter {
     triangles: Vec<SceneTriangle>,
     /// Topology for which `triangles` holds.
     topology: Option<u64>,
-    /// Where the retina's nodes lay at the start; it never changes.
+    /// Where the nodes lay at the start; it never changes.
     homes: Vec<SceneHome>,
     marks: Vec<SceneMark>,
     bodies: Vec<SceneBody>,
@@ -72,14 +75,10 @@ impl SceneWriter {
     /// Lists for a world.
     pub fn new(world: &World) -> Self {
         let (sheet, retina) = (world.sheet(), world.retina().map(|r| &r.body.mesh));
-        let homes = world.retina().map_or(&[][..], |r| &r.home_mm).iter().enumerate();
         let sheets = 1 + usize::from(world.adhesion().is_some());
         let triangles = sheets * sheet.triangles.len() + retina.map_or(0, |s| s.triangles.len());
-        let base = sheets * sheet.nodes();
         SceneWriter {
-            homes: homes
-                .map(|(n, p)| SceneHome { position_mm: (*p).into(), node: (base + n) as u32 })
-                .collect(),
+            homes: homes::homes(world),
             nodes: Vec::with_capacity(sheets * sheet.nodes() + retina.map_or(0, |s| s.nodes())),
             triangles: Vec::with_capacity(triangles),
             topology: None,

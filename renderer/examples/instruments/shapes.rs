@@ -98,9 +98,11 @@ fn half_cone() -> Vec<Facet> {
 }
 
 fn light_pipe() -> Shape {
+    // Length of fibre that stands out of the steel and glows, mm.
+    const BARE: f64 = 0.3;
     let face = f64::from(renderer::tools::FIBRE_FACE_MM);
-    let shaft = tube(&[[0.0, 0.78 * R], [0.025, 0.92 * R], [0.07, R], [LENGTH, R]]);
-    let fibre = tube(&[[face, 0.5 * R], [0.5 * face, 0.6 * R], [0.01, 0.62 * R]]);
+    let shaft = tube(&[[BARE, 0.80 * R], [BARE + 0.02, 0.94 * R], [BARE + 0.05, R], [LENGTH, R]]);
+    let fibre = tube(&[[face, 0.5 * R], [0.5 * face, 0.66 * R], [0.02, 0.74 * R], [BARE + 0.01, 0.76 * R]]);
     let glass = Surface { material: "fibre", triangles: fibre };
     let fibre = Part { name: "fibre", at: DVec3::ZERO, surfaces: vec![glass] };
     Shape { name: "light-pipe", parts: vec![metal("shaft", shaft), fibre] }

@@ -80,9 +80,15 @@ fn vignette(field_xy: vec2f) -> f32 {
     return border * (1.0 - 0.3 * r2 * r2);
 }
 
-// Share of the lamp's beam that leaves in direction `away` (unit, from the lamp).
-fn spot(away: vec3f) -> f32 {
-    let s = clamp((dot(away, frame.lamp_direction.xyz) - frame.lamp_direction.w) * frame.lamp_colour.w, 0.0, 1.0);
+// Place of the direction `away` (unit, from the lamp) in the beam: 0 on the outer edge of its cone, 1
+// on the inner one. It can be interpolated over a cell, as the beam's share cannot.
+fn beam_place(away: vec3f) -> f32 {
+    return (dot(away, frame.lamp_direction.xyz) - frame.lamp_direction.w) * frame.lamp_colour.w;
+}
+
+// Share of the lamp's light there.
+fn beam(place: f32) -> f32 {
+    let s = clamp(place, 0.0, 1.0);
     return s * s * (3.0 - 2.0 * s);
 }
 
@@ -152,11 +158,16 @@ struct Lamp {
     strength: f32,
 }
 
-fn lamp_at(p: vec3f) -> Lamp {
+// As if it shone to all sides as in the middle of its beam.
+fn lamp_everywhere(p: vec3f) -> Lamp {
     let to_lamp = frame.lamp_position.xyz - p;
     let inverse_square = 1.0 / max(dot(to_lamp, to_lamp), 0.25);
-    let l = to_lamp * sqrt(inverse_square);
-    return Lamp(l, spot(-l) * frame.lamp_position.w * inverse_square);
+    return Lamp(to_lamp * sqrt(inverse_square), frame.lamp_position.w * inverse_square);
+}
+
+fn lamp_at(p: vec3f) -> Lamp {
+    let lamp = lamp_everywhere(p);
+    return Lamp(lamp.l, lamp.strength * beam(beam_place(-lamp.l)));
 }
 
 // (n·h)^32 by five products.

@@ -57,7 +57,7 @@ impl Focus {
         let spec = |fragment, format| PipelineSpec {
             fragment: Some(fragment),
             strip: true,
-            format,
+            format: Some(format),
             ..PipelineSpec::new("focus", "vs_main", &groups)
         };
         Self {

@@ -73,7 +73,9 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
     if in.surface.x > 1.5 {
         light = light * 0.12;
     } else if in.surface.x > 0.5 {
-        light = frame.lamp_colour.rgb * 4.0;
+        // The face sends out the beam; the sides glow.
+        let face = max(-dot(n, in.axis), 0.0);
+        light = frame.lamp_colour.rgb * (0.8 + 3.2 * face * face);
     }
     return vec4f(to_display(light) * shade, in.surface.y);
 }

@@ -2,7 +2,7 @@
 
 use super::{PipelineSpec, Uniforms, buffer, pipeline};
 use crate::governor::Shading;
-use crate::layout::TissueVertex;
+use crate::layout::{TissueHome, TissueVertex};
 use std::ops::Range;
 use wgpu::{
     BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, IndexFormat, Queue,
@@ -12,6 +12,7 @@ use wgpu::{
 /// Vertices and triangles of membrane and retina on the device.
 pub struct TissueBuffers {
     vertices: Buffer,
+    homes: Buffer,
     indices: Buffer,
     /// Corners of membrane triangles, which come first, of retina, and of retina that is gone.
     corners: [u32; 3],
@@ -21,8 +22,9 @@ impl TissueBuffers {
     /// With room for `nodes` and `triangles`.
     pub fn new(device: &Device, nodes: usize, triangles: usize) -> Self {
         let vertices = buffer(device, "sheet", nodes * size_of::<TissueVertex>(), BufferUsages::VERTEX);
+        let homes = buffer(device, "sheet", nodes * size_of::<TissueHome>(), BufferUsages::VERTEX);
         let indices = buffer(device, "sheet", triangles * 12, BufferUsages::INDEX);
-        Self { vertices, indices, corners: [0; 3] }
+        Self { vertices, homes, indices, corners: [0; 3] }
     }
 
     /// Makes room where a scene brings more than was foreseen.
@@ -39,6 +41,11 @@ impl TissueBuffers {
     pub fn set_triangles(&mut self, queue: &Queue, triangles: &[[u32; 3]], [membrane, retina]: [usize; 2]) {
         queue.write_buffer(&self.indices, 0, bytemuck::cast_slice(triangles));
         self.corners = [membrane, retina, triangles.len() - membrane - retina].map(|n| 3 * n as u32);
+    }
+
+    /// Sets where the nodes lay at the start.
+    pub fn set_homes(&self, queue: &Queue, homes: &[TissueHome]) {
+        queue.write_buffer(&self.homes, 0, bytemuck::cast_slice(homes));
     }
 
     /// Takes the vertices in.
@@ -65,6 +72,7 @@ impl TissueBuffers {
     fn draw_range(&self, pass: &mut RenderPass<'_>, range: Range<u32>) {
         if !range.is_empty() {
             pass.set_vertex_buffer(0, self.vertices.slice(..));
+            pass.set_vertex_buffer(1, self.homes.slice(..));
             pass.set_index_buffer(self.indices.slice(..), IndexFormat::Uint32);
             pass.draw_indexed(range, 0, 0..1);
         }
@@ -85,6 +93,7 @@ impl Membrane {
         let spec = |vertex, fragment| PipelineSpec {
             fragment: Some(fragment),
             vertices: true,
+            homes: true,
             depth: Some((CompareFunction::Less, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
             ..PipelineSpec::new("membrane", vertex, &groups)

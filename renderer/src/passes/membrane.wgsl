@@ -10,13 +10,8 @@ struct Sheet {
     @location(2) field_xyw: vec3f,
     // 1 on an edge of the sheet; share of the dye that it can take.
     @location(3) edge_dye: vec2f,
-    @location(4) rest: vec2f,
-}
-
-// Grain of the sheet: a smooth pattern of the place, and a faint one of the node's number.
-fn grain(position: vec3f, number: u32) -> vec2f {
-    let turn = f32(number) * 2.399;
-    return position.xy * 2.1 + 0.13 * vec2f(sin(turn), cos(turn));
+    // Where it lay at the start (mm), and how far from the edge of the mesh (mm).
+    @location(4) home: vec3f,
 }
 
 @vertex
@@ -25,11 +20,11 @@ fn vs_main(
     @location(1) normal: vec3f,
     @location(2) edge: f32,
     @location(3) dye: f32,
-    @builtin(vertex_index) number: u32,
+    @location(4) home: vec3f,
 ) -> Sheet {
     let clip = view.clip_from_eye * vec4f(position, 1.0);
     let field_xyw = vec3f(clip.xy * view.field.xy, clip.w);
-    return Sheet(clip, position, normal, field_xyw, vec2f(edge, dye), grain(position, number));
+    return Sheet(clip, position, normal, field_xyw, vec2f(edge, dye), vec3f(rest_place(home.xy), home.z));
 }
 
 struct Shaded {
@@ -48,8 +43,12 @@ fn tint(dye: f32) -> vec3f {
     return mix(TINT, DYE, dye);
 }
 
+// Patterns of the tissue a millimetre.
+const GRAIN: f32 = 2.1;
+
 // Scar tissue grows in patches and strands: 0 where it is a mere film, 1 where it is white.
-fn thickness(rest: vec2f) -> f32 {
+fn thickness(at: vec2f) -> f32 {
+    let rest = at * GRAIN;
     let bent = rest + 0.7 * vec2f(sin(rest.y * 0.9 + 0.4), sin(rest.x * 0.7 - 1.1));
     let patches = sin(bent.x * 0.8 + 0.6 * sin(bent.y * 0.5)) * sin(bent.y * 0.9 - 0.3 * bent.x + 1.7);
     let strands = sin(bent.x * 2.1 + 3.3 * bent.y + 1.6 * sin(bent.x * 0.6));
@@ -57,7 +56,7 @@ fn thickness(rest: vec2f) -> f32 {
 }
 
 // Without shadow; the scattered light comes on top.
-fn shaded(p: vec3f, normal: vec3f, edge_dye: vec2f, past: f32, rest: vec2f) -> Shaded {
+fn shaded(p: vec3f, normal: vec3f, edge_dye: vec2f, past: f32, home: vec3f) -> Shaded {
     let v = normalize(view.camera.xyz - p);
     let facing = abs(dot(normal, v));
     let n = normal * sign(dot(normal, v) + 1e-6);
@@ -66,19 +65,22 @@ fn shaded(p: vec3f, normal: vec3f, edge_dye: vec2f, past: f32, rest: vec2f) -> S
     let rim = (1.0 - facing) * (1.0 - facing);
     let sheen = strength * gloss(max(dot(n, normalize(lamp.l + v)), 0.0)) * (0.5 + rim);
     let lit = tint(edge_dye.y) * (strength * (0.25 + 0.6 * abs(dot(n, lamp.l)))) + vec3f(sheen);
-    let body = 0.07 + 0.19 * thickness(rest) + 0.25 * edge_dye.x * edge_dye.x + 0.32 * edge_dye.y;
-    let opacity = clamp(body + 0.6 * rim + 0.4 * sheen, 0.0, 0.92);
+    // Where it was cut or torn the edge curls in and is white.
+    let cut = edge_dye.x * edge_dye.x * smoothstep(0.0, 0.2, home.z);
+    let body = 0.07 + 0.19 * thickness(home.xy) + 0.25 * cut + 0.32 * edge_dye.y;
+    let opacity = clamp((body + 0.6 * rim + 0.4 * sheen) * grown(home.xy, home.z), 0.0, 0.92);
     return Shaded(frame.lamp_colour.rgb * lit, opacity);
 }
 
 @fragment
 fn fs_main(in: Sheet) -> @location(0) vec4f {
     // Fine wrinkles of two sizes that run in different directions.
-    let fine = sin(in.rest.x * 7.0 + in.rest.y * 3.0 + 1.5 * sin(in.rest.y * 2.0));
-    let coarse = sin(in.rest.y * 3.7 - in.rest.x * 1.9 + 2.0 * sin(in.rest.x * 1.3));
+    let at_rest = in.home.xy * GRAIN;
+    let fine = sin(at_rest.x * 7.0 + at_rest.y * 3.0 + 1.5 * sin(at_rest.y * 2.0));
+    let coarse = sin(at_rest.y * 3.7 - at_rest.x * 1.9 + 2.0 * sin(at_rest.x * 1.3));
     let wrinkles = vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0) * frame.shadow.w;
     let at = lamp_coordinates(in.p);
-    let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge_dye, lit_past_instruments(at.xy, at.z), in.rest);
+    let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge_dye, lit_past_instruments(at.xy, at.z), in.home);
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
     return vec4f(to_display(tint(in.edge_dye.y) * frame.ambient.rgb + sheet.lit) * shade, sheet.opacity);
 }
@@ -86,7 +88,7 @@ fn fs_main(in: Sheet) -> @location(0) vec4f {
 // Depth of what is seen rather than seen through: folds, edges, sheen.
 @fragment
 fn fs_depth(in: Sheet) -> @location(0) vec4f {
-    if shaded(in.p, normalize(in.n), in.edge_dye, 1.0, in.rest).opacity < SEEN {
+    if shaded(in.p, normalize(in.n), in.edge_dye, 1.0, in.home).opacity < SEEN {
         discard;
     }
     return vec4f(0.0);
@@ -109,9 +111,9 @@ fn vs_lean(
     @location(1) normal: vec3f,
     @location(2) edge: f32,
     @location(3) dye: f32,
-    @builtin(vertex_index) number: u32,
+    @location(4) home: vec3f,
 ) -> LeanSheet {
-    let sheet = shaded(position, normal, vec2f(edge, dye), 1.0, grain(position, number));
+    let sheet = shaded(position, normal, vec2f(edge, dye), 1.0, vec3f(rest_place(home.xy), home.z));
     let clip = view.clip_from_eye * vec4f(position, 1.0);
     let scattered = tint(dye) * frame.ambient.rgb;
     let shade = field_shade(clip);

@@ -19,6 +19,7 @@ impl Retina {
             let spec = PipelineSpec {
                 fragment: Some(fragment),
                 vertices: true,
+                homes: true,
                 depth: Some((CompareFunction::Less, true)),
                 ..PipelineSpec::new("retina", vertex, &groups)
             };

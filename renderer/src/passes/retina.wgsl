@@ -24,32 +24,38 @@ fn from_map(uv: vec2f) -> vec3f {
 fn vs_sheet(
     @location(0) position: vec3f,
     @location(1) normal: vec3f,
-    @location(2) u: f32,
-    @location(3) v: f32,
+    @location(4) home: vec3f,
 ) -> Sheet {
     let clip = view.clip_from_eye * vec4f(position, 1.0);
     let more = vec2f(frame.retina.x - length(position), field_shade(clip));
-    return Sheet(clip, position, normal, vec2f(u, v), more);
+    return Sheet(clip, position, normal, home.xy, more);
 }
+
+// Height over which lying retina, which is the fundus, becomes a sheet of its own, mm: about its
+// thickness.
+const COMES_OFF: f32 = 0.25;
 
 @fragment
 fn fs_sheet(in: Sheet) -> @location(0) vec4f {
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z).rgb;
-    // Without the choroid behind it the retina turns pale and grey; its vessels stay.
-    let lifted = smoothstep(0.02, 0.5, in.more.x);
-    let pale = vec3f(0.46, 0.34, 0.27) * (0.1 + 2.0 * photo.g);
-    let albedo = mix(photo * photo, pale, 0.6 * lifted);
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z);
+    let off = smoothstep(0.0, COMES_OFF, in.more.x);
+    // Fresh detached retina is translucent: the choroid shines through, fainter and greyer the farther
+    // behind it lies. The vessels stay.
+    let veiled = smoothstep(0.05, 2.5, in.more.x);
+    let pale = vec3f(0.40, 0.27, 0.19) * (0.15 + 1.7 * photo.g);
+    let albedo = mix(photo.rgb * photo.rgb, pale, 0.18 * off + 0.42 * veiled);
     let v = normalize(view.camera.xyz - in.p);
-    var n = normalize(in.n);
-    n = n * sign(dot(n, v) + 1e-6);
+    let folded = normalize(in.n);
+    let lying = relief(normalize(in.p), in.uv, photo.a);
+    let n = normalize(mix(lying, folded * sign(dot(folded, v) + 1e-6), off));
     let lamp = lamp_at(in.p);
     let strength = lamp.strength * past_casters(in.p);
-    let h = max(dot(n, normalize(lamp.l + v)), 0.0);
     // Light also comes through from behind.
     let facing = dot(n, lamp.l);
-    let diffuse = max(facing, 0.0) + 0.25 * lifted * max(-facing, 0.0);
+    let diffuse = max(facing, 0.0) + 0.25 * off * max(-facing, 0.0);
     let light = frame.ambient.rgb + frame.lamp_colour.rgb * (strength * diffuse);
-    let wet = strength * frame.retina.w * (1.0 + lifted) * gloss(h);
+    let lying_wet = film(-lying, lamp.l, -v) * wetness(photo);
+    let wet = strength * mix(lying_wet, 2.0 * frame.retina.w * gloss(max(dot(n, normalize(lamp.l + v)), 0.0)), off);
     return vec4f(to_display(albedo * light + vec3f(wet)) * in.more.y, 1.0);
 }
 
@@ -57,14 +63,15 @@ fn fs_sheet(in: Sheet) -> @location(0) vec4f {
 fn vs_choroid(
     @location(0) position: vec3f,
     @location(1) normal: vec3f,
-    @location(2) u: f32,
-    @location(3) v: f32,
+    @location(4) home: vec3f,
 ) -> Sheet {
-    let q = from_map(vec2f(u, v));
-    // Between the retina's depth and tissue that lies on.
-    let p = q * (frame.retina.x + 0.05);
+    let q = from_map(home.xy);
+    // Between the retina's depth and tissue that lies on. Where the sheet lies where it lay, both meet,
+    // or the choroid would look out from under its edge.
+    let moved = distance(position, q * frame.retina.x);
+    let p = q * (frame.retina.x + min(0.05, 0.5 * moved));
     let clip = view.clip_from_eye * vec4f(p, 1.0);
-    return Sheet(clip, p, -q, vec2f(u, v), vec2f(0.0, field_shade(clip)));
+    return Sheet(clip, p, -q, home.xy, vec2f(0.0, field_shade(clip)));
 }
 
 @fragment

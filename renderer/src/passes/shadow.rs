@@ -66,18 +66,30 @@ impl Shadow {
     pub fn new(device: &Device, uniforms: &Uniforms) -> Self {
         let groups = [&uniforms.layout];
         let spec = |vertex| PipelineSpec { vertices: true, ..PipelineSpec::new("shadow", vertex, &groups) };
-        let depth = |vertex, closed| {
-            let depth = Some((CompareFunction::Less, true));
-            pipeline(device, &PipelineSpec { depth, closed, ..spec(vertex) })
+        let depth = PipelineSpec {
+            depth: Some((CompareFunction::Less, true)),
+            closed: true,
+            ..spec("vs_instrument")
         };
         let writes = ColorWrites::RED | ColorWrites::GREEN;
         let solid =
             PipelineSpec { fragment: Some("fs_solid"), writes, closed: true, ..spec("vs_instrument") };
-        let sheet =
-            PipelineSpec { fragment: Some("fs_sheet"), blend: Some(multiplied()), ..spec("vs_membrane") };
+        let sheet = PipelineSpec {
+            fragment: Some("fs_sheet"),
+            blend: Some(multiplied()),
+            homes: true,
+            ..spec("vs_membrane")
+        };
+        let outline = PipelineSpec {
+            fragment: Some("fs_outline"),
+            depth: Some((CompareFunction::Less, true)),
+            format: None,
+            homes: true,
+            ..spec("vs_membrane")
+        };
         Self {
-            instruments: [depth("vs_instrument", true), pipeline(device, &solid)],
-            membrane: [depth("vs_membrane", false), pipeline(device, &sheet)],
+            instruments: [pipeline(device, &depth), pipeline(device, &solid)],
+            membrane: [pipeline(device, &outline), pipeline(device, &sheet)],
         }
     }
 

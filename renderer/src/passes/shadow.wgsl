@@ -13,18 +13,27 @@ fn vs_instrument(
     return caster(place_instrument(position, normal, part, which).p);
 }
 
+struct Film {
+    @builtin(position) clip: vec4f,
+    // Where it lay at the start (mm), and how far from the edge of the mesh (mm).
+    @location(0) home: vec3f,
+}
+
 @vertex
-fn vs_membrane(
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-    @location(2) edge: f32,
-    @location(3) number: f32,
-) -> Caster {
-    return caster(position);
+fn vs_membrane(@location(0) position: vec3f, @location(4) home: vec3f) -> Film {
+    return Film(caster(position).clip, vec3f(rest_place(home.xy), home.z));
 }
 
 // Multiplied with what the mask has: a sheet takes its share of the light.
 @fragment
-fn fs_sheet(in: Caster) -> @location(0) vec4f {
-    return vec4f(1.0, 1.0, 1.0 - frame.ambient.w, 1.0);
+fn fs_sheet(in: Film) -> @location(0) vec4f {
+    return vec4f(1.0, 1.0, 1.0 - frame.ambient.w * grown(in.home.xy, in.home.z), 1.0);
+}
+
+// In the map of depths there is a sheet or none.
+@fragment
+fn fs_outline(in: Film) {
+    if grown(in.home.xy, in.home.z) < 0.5 {
+        discard;
+    }
 }

@@ -39,7 +39,7 @@ impl Blit {
         let spec = PipelineSpec {
             fragment: Some(if format.is_srgb() { "fs_linear" } else { "fs_main" }),
             strip: true,
-            format,
+            format: Some(format),
             ..PipelineSpec::new("blit", "vs_main", &groups)
         };
         Self {

@@ -91,6 +91,17 @@ impl SheetMesh {
         &self.node_triangles[self.node_start[node] as usize..self.node_start[node + 1] as usize]
     }
 
+    /// Where a node is at the start, eye frame, mm.
+    pub fn start_position(&self, node: usize) -> Vector3<f32> {
+        self.at(node as u32)
+    }
+
+    /// Edges of the whole sheet: springs that belong to one triangle only.
+    pub fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        let one = |[a, b]: [u32; 2]| a != NONE && b == NONE;
+        self.springs.iter().zip(&self.spring_triangles).filter(move |(_, t)| one(**t)).map(|(s, _)| *s)
+    }
+
     pub(super) fn at(&self, node: u32) -> Vector3<f32> {
         let [x, y, z] = &self.start_mm;
         Vector3::new(x[node as usize], y[node as usize], z[node as usize])

@@ -1,0 +1,505 @@
+//! The fundus beyond the photograph, by procedure: vessels that go on from the photograph's, branch
+//! and taper, vortex veins, the grain of the pigment; before it the ora serrata and the pars plana.
+//!
+//! Everything is laid out in **canonical** directions, temporal and down, so that both eyes and
+//! mirrored photographs have the same periphery. A vessel divides by Murray's law (Proc. Natl. Acad.
+//! Sci. 12, 207, 1926): the cubes of the radii of the branches sum up to the trunk's.
+
+use crate::fundus_map::{RADIUS_MM, map_scale};
+use crate::photograph::Photograph;
+use scene::Side;
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
+
+/// Angle from the pole to the ora serrata, where the retina ends: about 21 mm from the fovea, rad.
+pub const ORA_ANGLE: f32 = 21.0 / RADIUS_MM;
+/// Angle inside the photograph's border over which it gives way, rad.
+const SEAM: f32 = 0.07;
+/// Angle beyond the border within which its colours fade into [`PERIPHERY`], rad.
+const FADE: f32 = 0.5;
+/// Mean colour towards the periphery, of the photograph's 255.
+const PERIPHERY: [f32; 3] = [168.0, 66.0, 44.0];
+/// Colours of the line along the ora serrata, of the pars plana, of the sclera, of a vortex vein.
+const ORA: [f32; 3] = [190.0, 140.0, 112.0];
+const PLANA: [f32; 3] = [96.0, 58.0, 42.0];
+const SCLERA: [f32; 3] = [206.0, 186.0, 170.0];
+const VORTEX: [f32; 3] = [192.0, 58.0, 30.0];
+/// Width of the pars plana (about 4 mm), rad.
+const PARS_PLANA: f32 = 0.30;
+/// Teeth of the ora serrata all round, and the longest, rad.
+const TEETH: usize = 36;
+const TOOTH: f32 = 0.09;
+/// Share of red, green and blue that a vessel's blood takes away.
+const ABSORBED: [f32; 3] = [0.24, 0.62, 0.52];
+
+/// Directions in which the photograph's border is looked at.
+const BEARINGS: usize = 720;
+/// Share of the way to the border at which vessels are found, and at which their direction is.
+const FOUND_AT: f32 = 0.95;
+const CAME_FROM: f32 = 0.91;
+/// Half width of the surroundings with which a vessel is compared, directions.
+const SURROUNDINGS: usize = 14;
+/// By how much a vessel is darker than its surroundings in green, of 255.
+const DARKER: f32 = 7.0;
+/// Most vessels that go on, and how many there are at least.
+const MOST: usize = 30;
+const LEAST: usize = 12;
+
+/// Way of a step along a vessel, mm.
+const STEP_MM: f32 = 0.08;
+/// Divisions a millimetre, and the share of its radius that a vessel loses in one.
+const DIVISIONS: f32 = 0.17;
+const TAPER: f32 = 0.035;
+/// A vessel ends below this radius, mm.
+const THINNEST_MM: f32 = 0.007;
+/// How a vessel's direction wanders in a step, and how fast it turns back outwards.
+const MEANDER: f32 = 0.10;
+const OUTWARDS: f32 = 0.035;
+
+/// The periphery of an eye on a map of `size` pixels.
+pub struct Periphery {
+    /// Colours at the photograph's border by canonical bearing, without its vessels.
+    border: Vec<[f32; 3]>,
+    /// Teeth of the ora serrata: bearing, half width, length, rad.
+    teeth: Vec<[f32; 3]>,
+    blood: Layer,
+    vortex: Layer,
+    noise: Noise,
+}
+
+/// A place of the map: canonical direction, angle from the pole.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// Temporal and down, unit.
+    pub canonical: [f32; 2],
+    /// rad.
+    pub theta: f32,
+}
+
+impl Place {
+    fn bearing(self) -> f32 {
+        self.canonical[1].atan2(self.canonical[0]).rem_euclid(TAU)
+    }
+}
+
+/// The growing end of a vessel.
+#[derive(Debug, Clone, Copy)]
+struct Tip {
+    theta: f32,
+    bearing: f32,
+    /// From outwards towards growing bearings, rad.
+    heading: f32,
+    radius_mm: f32,
+    /// Share of the light that it takes at most.
+    dark: f32,
+}
+
+impl Periphery {
+    /// Grows what lies beyond `photograph` in an eye of `side`.
+    pub fn grow(photograph: &Photograph, size: usize, side: Side) -> Self {
+        let ring = Ring::of(photograph);
+        let mut random = Random(0x05ee_d07e);
+        let mut grown = Periphery {
+            border: ring.colours(),
+            teeth: teeth(&mut random),
+            blood: Layer::new(size, side),
+            vortex: Layer::new(size, side),
+            noise: Noise(11),
+        };
+        let tips = ring.vessels(photograph, &mut random);
+        grown.vessels(tips, &mut random);
+        for quadrant in 0..4 {
+            let bearing = FRAC_PI_4 + quadrant as f32 * FRAC_PI_2 + random.within(0.25);
+            grown.vortex_vein(1.30 + random.within(0.07), bearing, &mut random);
+        }
+        grown
+    }
+
+    /// Colour at a place whose pixel of the map is `index`; the photograph's border lies there at
+    /// `border_rad` and shows `photo` inside it.
+    pub fn colour(&self, photo: [f32; 3], place: Place, border_rad: f32, index: usize) -> [f32; 3] {
+        let beyond = place.theta - border_rad;
+        if beyond < -SEAM {
+            return photo;
+        }
+        let bearing = place.bearing();
+        let fade = smooth(beyond / FADE) * 0.95;
+        let near = mix(self.border_colour(bearing), PERIPHERY, fade);
+        let at = place.canonical.map(|c| c * place.theta * RADIUS_MM);
+        let patches = self.noise.at(at.map(|c| c * 0.55)) + 0.6 * self.noise.at(at.map(|c| c * 1.9));
+        let grain = self.noise.at(at.map(|c| c * 7.0)) * (0.4 + smooth((place.theta - 1.1) / 0.6));
+        let uneven = smooth((beyond + SEAM) / FADE) * (0.055 * patches + 0.035 * grain);
+        let ground = near.map(|c| c * (1.0 + uneven));
+        let ground = mix(ground, VORTEX, 0.45 * self.vortex.shares[index]);
+        let blood = self.blood.shares[index];
+        let retina = std::array::from_fn(|c| ground[c] * (1.0 - ABSORBED[c] * blood));
+        let retina = mix(photo, retina, smooth((beyond + SEAM) / SEAM));
+        self.before_the_ora(retina, place.theta, bearing, at)
+    }
+
+    /// What lies about the retina's border: pointed teeth with round bays between them, the streaked
+    /// pars plana, the sclera.
+    fn before_the_ora(&self, retina: [f32; 3], theta: f32, bearing: f32, at: [f32; 2]) -> [f32; 3] {
+        if theta < ORA_ANGLE - 0.1 {
+            return retina;
+        }
+        let reach = |&[middle, half, length]: &[f32; 3]| {
+            let away = (bearing - middle + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU;
+            length * (1.0 - away.abs() / half).max(0.0).powi(2)
+        };
+        let round = theta - ORA_ANGLE + 0.012 * self.noise.at(at.map(|c| c * 0.8));
+        let past = round - self.teeth.iter().map(reach).fold(0.0, f32::max);
+        let step = |from: f32, to: f32| smooth((past - from) / (to - from));
+        let streak = self.noise.at([bearing * 45.0, theta * 3.0]) + 0.5 * self.noise.at(at.map(|c| c * 5.0));
+        let line = mix(retina, ORA, 0.8 * step(-0.022, 0.0));
+        let plana = mix(line, PLANA.map(|c| c * (1.0 + 0.14 * streak)), step(0.004, 0.02));
+        mix(plana, SCLERA, smooth((round - PARS_PLANA) / 0.05))
+    }
+
+    fn border_colour(&self, bearing: f32) -> [f32; 3] {
+        let at = bearing / TAU * BEARINGS as f32;
+        let (i, share) = (at as usize, at.fract());
+        mix(self.border[i % BEARINGS], self.border[(i + 1) % BEARINGS], share)
+    }
+
+    fn vessels(&mut self, mut tips: Vec<Tip>, random: &mut Random) {
+        while let Some(mut tip) = tips.pop() {
+            while tip.radius_mm > THINNEST_MM
+                && tip.theta < ORA_ANGLE - 0.06 - 0.25 * random.share() * STEP_MM
+            {
+                let from = tip;
+                tip.go(STEP_MM, random);
+                let fine = (tip.radius_mm / 0.05).min(1.0).sqrt();
+                self.blood.line(&from, &tip, tip.dark * fine);
+                if random.share() < DIVISIONS * STEP_MM {
+                    tips.push(tip.divide(random));
+                }
+            }
+        }
+    }
+
+    /// Veins of the choroid that run together behind the equator.
+    fn vortex_vein(&mut self, theta: f32, bearing: f32, random: &mut Random) {
+        const STRANDS: usize = 11;
+        for strand in 0..STRANDS {
+            let heading = TAU * (strand as f32 + random.within(0.3)) / STRANDS as f32;
+            let curl = if heading.sin() > 0.0 { 0.018 } else { -0.018 };
+            let mut tip = Tip { theta, bearing, heading, radius_mm: 0.17, dark: 1.0 };
+            for _ in 0..(30.0 + 25.0 * random.share()) as usize {
+                let from = tip;
+                tip.step(STEP_MM);
+                tip.heading += curl + random.within(0.04);
+                tip.radius_mm *= 0.985;
+                self.vortex.line(&from, &tip, 0.4 + 2.5 * tip.radius_mm);
+            }
+        }
+    }
+}
+
+impl Tip {
+    fn step(&mut self, way_mm: f32) {
+        self.theta += way_mm * self.heading.cos() / RADIUS_MM;
+        self.bearing += way_mm * self.heading.sin() / (RADIUS_MM * self.theta.sin().max(0.2));
+    }
+
+    fn go(&mut self, way_mm: f32, random: &mut Random) {
+        self.step(way_mm);
+        self.heading += random.within(MEANDER) - OUTWARDS * self.heading;
+        self.radius_mm *= 1.0 - TAPER * way_mm;
+    }
+
+    /// Divides; returns the thinner branch, which turns away more.
+    fn divide(&mut self, random: &mut Random) -> Tip {
+        let share = 0.15 + 0.35 * random.share();
+        let trunk = self.radius_mm;
+        let turn = (0.35 + 0.35 * random.share()) * if random.share() < 0.5 { 1.0 } else { -1.0 };
+        let branch =
+            Tip { radius_mm: trunk * share.cbrt(), heading: self.heading + turn * (1.0 - share), ..*self };
+        self.radius_mm = trunk * (1.0 - share).cbrt();
+        self.heading -= turn * share;
+        branch
+    }
+}
+
+/// The photograph along circles inside its border.
+struct Ring {
+    found: Vec<[f32; 3]>,
+    came: Vec<[f32; 3]>,
+}
+
+impl Ring {
+    fn of(photograph: &Photograph) -> Self {
+        let circle = |share: f32| {
+            (0..BEARINGS).map(|i| photograph.at_share(direction(bearing_of(i)), share)).collect()
+        };
+        Ring { found: circle(FOUND_AT), came: circle(CAME_FROM) }
+    }
+
+    /// Colours without vessels, smooth all round.
+    fn colours(&self) -> Vec<[f32; 3]> {
+        (0..BEARINGS).map(|i| mean_about(&self.found, i, 2 * SURROUNDINGS)).collect()
+    }
+
+    /// How much darker each direction is than its surroundings in green, of 255.
+    fn darker(ring: &[[f32; 3]]) -> Vec<f32> {
+        (0..BEARINGS).map(|i| mean_about(ring, i, SURROUNDINGS)[1] - mean_about(ring, i, 1)[1]).collect()
+    }
+
+    /// The vessels that cross it, the darkest first, as far as they are wanted.
+    fn vessels(&self, photograph: &Photograph, random: &mut Random) -> Vec<Tip> {
+        let (found, came) = (Self::darker(&self.found), Self::darker(&self.came));
+        let mut peaks = peaks(&found);
+        peaks.sort_by(|a, b| found[*b].total_cmp(&found[*a]));
+        peaks.truncate(MOST);
+        let tip = |i: usize| {
+            let (_, border_rad) = photograph.border(photograph.towards(direction(bearing_of(i))));
+            let theta = border_rad * FOUND_AT;
+            let from = (0..=16).map(|k| (i + BEARINGS + k - 8) % BEARINGS);
+            let from = from.max_by(|a, b| came[*a].total_cmp(&came[*b])).unwrap_or(i);
+            let turned = ((i + BEARINGS + BEARINGS / 2 - from) % BEARINGS) as f32 - (BEARINGS / 2) as f32;
+            let along = border_rad * (FOUND_AT - CAME_FROM);
+            let heading = (turned / BEARINGS as f32 * TAU * theta.sin()).atan2(along);
+            let radius_mm = (0.016 + 0.0016 * found[i]).min(0.065);
+            Tip { theta, bearing: bearing_of(i), heading, radius_mm, dark: 0.0 }
+        };
+        let mut tips: Vec<Tip> = peaks.into_iter().map(tip).collect();
+        for more in tips.len()..LEAST {
+            let i = (more * 211 + (random.share() * 20.0) as usize) % BEARINGS;
+            tips.push(Tip { radius_mm: 0.02, heading: random.within(0.4), ..tip(i) });
+        }
+        tips.iter_mut().for_each(|t| t.dark = 0.62 + 0.3 * random.share());
+        tips
+    }
+}
+
+/// Local maxima above [`DARKER`].
+fn peaks(darker: &[f32]) -> Vec<usize> {
+    let n = darker.len();
+    let is_peak = |i: &usize| {
+        let [before, at, after] = [(i + n - 1) % n, *i, (i + 1) % n].map(|k| darker[k]);
+        at > DARKER && at >= before && at > after
+    };
+    (0..n).filter(is_peak).collect()
+}
+
+fn mean_about(ring: &[[f32; 3]], at: usize, half: usize) -> [f32; 3] {
+    let mut sum = [0.0; 3];
+    for k in 0..=2 * half {
+        let colour = ring[(at + BEARINGS + k - half) % BEARINGS];
+        (0..3).for_each(|c| sum[c] += colour[c]);
+    }
+    sum.map(|c| c / (2 * half + 1) as f32)
+}
+
+fn bearing_of(i: usize) -> f32 {
+    i as f32 / BEARINGS as f32 * TAU
+}
+
+fn direction(bearing: f32) -> [f32; 2] {
+    [bearing.cos(), bearing.sin()]
+}
+
+/// Bearings, half widths and lengths of the ora serrata's teeth; they are longer nasally.
+fn teeth(random: &mut Random) -> Vec<[f32; 3]> {
+    let tooth = |i: usize| {
+        let bearing = (i as f32 + random.within(0.3)) / TEETH as f32 * TAU;
+        let nasal = 0.6 - 0.4 * bearing.cos();
+        [bearing, 0.045 + 0.04 * random.share(), TOOTH * nasal * (0.2 + 0.8 * random.share())]
+    };
+    (0..TEETH).map(tooth).collect()
+}
+
+/// Shares of something on the map, 0 to 1.
+struct Layer {
+    size: usize,
+    /// +1 where temporal is +x.
+    mirror: f32,
+    shares: Vec<f32>,
+}
+
+impl Layer {
+    fn new(size: usize, side: Side) -> Self {
+        let mirror = if side == Side::Left { 1.0 } else { -1.0 };
+        Layer { size, mirror, shares: vec![0.0; size * size] }
+    }
+
+    /// Pixel of a place, from the middle of the map.
+    fn pixel(&self, theta: f32, bearing: f32) -> [f32; 2] {
+        let rho = 2.0 * (0.5 * theta).sin() * map_scale() * self.size as f32;
+        let [temporal, down] = direction(bearing);
+        [self.mirror * temporal * rho, -down * rho]
+    }
+
+    /// A soft line; one thinner than a pixel is as much fainter.
+    fn line(&mut self, from: &Tip, to: &Tip, share: f32) {
+        let [a, b] = [from, to].map(|t| self.pixel(t.theta, t.bearing));
+        let wanted = to.radius_mm / RADIUS_MM * map_scale() * self.size as f32;
+        let radius = wanted.max(0.8);
+        let stamps = (2.0 * (b[0] - a[0]).hypot(b[1] - a[1]) / radius).ceil().max(1.0);
+        for k in 1..=stamps as usize {
+            let at = [0, 1].map(|c| a[c] + (b[c] - a[c]) * k as f32 / stamps);
+            self.stamp(at, radius, share * (wanted / radius));
+        }
+    }
+
+    /// A soft disc.
+    fn stamp(&mut self, at: [f32; 2], radius: f32, share: f32) {
+        let (reach, last) = (1.6 * radius, self.size as f32 - 1.0);
+        let [x, y] = at.map(|c| c + 0.5 * last);
+        let range = |c: f32| (c - reach).ceil().max(0.0) as usize..=(c + reach).floor().min(last) as usize;
+        for j in range(y) {
+            for i in range(x) {
+                let away2 = ((i as f32 - x).powi(2) + (j as f32 - y).powi(2)) / (radius * radius);
+                let here = &mut self.shares[j as usize * self.size + i as usize];
+                *here = here.max(share * (-away2 * away2).exp()).min(1.0);
+            }
+        }
+    }
+}
+
+/// Smooth noise of the place, −1 to 1.
+#[derive(Debug, Clone, Copy)]
+struct Noise(u64);
+
+impl Noise {
+    fn at(self, [x, y]: [f32; 2]) -> f32 {
+        let (i, j) = (x.floor(), y.floor());
+        let (u, v) = (smooth(x - i), smooth(y - j));
+        let corner = |di: i64, dj: i64| {
+            let place = ((i as i64 + di) as u64) << 32 ^ (j as i64 + dj) as u32 as u64;
+            Random(place ^ self.0 << 17).share() * 2.0 - 1.0
+        };
+        let row = |dj: i64| corner(0, dj) * (1.0 - u) + corner(1, dj) * u;
+        row(0) * (1.0 - v) + row(1) * v
+    }
+}
+
+/// SplitMix64 (Steele, Lea, Flood: OOPSLA 2014): the same periphery on every machine.
+struct Random(u64);
+
+impl Random {
+    /// 0 to 1.
+    fn share(&mut self) -> f32 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ z >> 31) >> 40) as f32 / (1u64 << 24) as f32
+    }
+
+    /// −`most` to `most`.
+    fn within(&mut self, most: f32) -> f32 {
+        most * (2.0 * self.share() - 1.0)
+    }
+}
+
+/// 0 below 0, 1 above 1, smooth between.
+fn smooth(share: f32) -> f32 {
+    let s = share.clamp(0.0, 1.0);
+    s * s * (3.0 - 2.0 * s)
+}
+
+fn mix(a: [f32; 3], b: [f32; 3], share: f32) -> [f32; 3] {
+    std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::assets::shipped_photograph;
+    use crate::fundus_map::bake;
+    use std::sync::OnceLock;
+
+    const SIZE: usize = 1024;
+
+    fn shipped() -> Photograph {
+        Photograph::new(shipped_photograph().unwrap())
+    }
+
+    /// The map of a left eye, baked once.
+    fn map() -> &'static [u8] {
+        static MAP: OnceLock<Vec<u8>> = OnceLock::new();
+        MAP.get_or_init(|| bake(&shipped(), SIZE as u32, Side::Left))
+    }
+
+    /// Colours of the map round the photograph, `beyond` its border (rad).
+    fn circle(map: &[u8], beyond: f32) -> Vec<[f32; 3]> {
+        let photograph = shipped();
+        let colour = |i: usize| {
+            let towards = direction(bearing_of(i));
+            let theta = photograph.border(photograph.towards(towards)).1 + beyond;
+            let rho = 2.0 * (0.5 * theta).sin() * map_scale();
+            let [x, y] = [0.5 + towards[0] * rho, 0.5 - towards[1] * rho].map(|c| (c * SIZE as f32) as usize);
+            std::array::from_fn(|c| f32::from(map[(y * SIZE + x) * 4 + c]))
+        };
+        (0..BEARINGS).map(colour).collect()
+    }
+
+    /// Pearson's correlation.
+    fn correlation(a: &[f32], b: &[f32]) -> f32 {
+        let mean = |v: &[f32]| v.iter().sum::<f32>() / v.len() as f32;
+        let (ma, mb) = (mean(a), mean(b));
+        let sum = |f: &dyn Fn(f32, f32) -> f32| a.iter().zip(b).map(|(a, b)| f(a - ma, b - mb)).sum::<f32>();
+        sum(&|a, b| a * b) / (sum(&|a, _| a * a) * sum(&|_, b| b * b)).sqrt()
+    }
+
+    #[test]
+    fn what_the_border_shows_is_not_drawn_outwards() {
+        let at = |beyond| Ring::darker(&circle(map(), beyond));
+        let alike = correlation(&at(0.15), &at(0.40));
+        assert!(alike < 0.4, "{alike}");
+    }
+
+    /// The colours change across the seam no more than the photograph's do over as much.
+    #[test]
+    fn no_seam_runs_round_the_photograph() {
+        let way = SEAM + 0.01;
+        let [within, inside, beyond] = [-2.0 * way, -way, 0.0].map(|b| circle(map(), b + 0.005));
+        for i in (0..BEARINGS).step_by(20) {
+            let [w, a, b] = [&within, &inside, &beyond].map(|ring| mean_about(ring, i, 20));
+            let [own, across] =
+                [[w, a], [a, b]].map(|[p, q]| (0..3).map(|c| (p[c] - q[c]).abs()).sum::<f32>());
+            assert!(across < own.max(30.0) + 30.0, "direction {i}: {w:?}, {a:?}, {b:?}");
+        }
+    }
+
+    #[test]
+    fn vessels_go_on_where_the_photograph_has_them_and_taper() {
+        let photograph = shipped();
+        let grown = Periphery::grow(&photograph, SIZE, Side::Left);
+        let blood = |theta: f32, bearing: f32| {
+            let (rho, [x, y]) = (2.0 * (0.5 * theta).sin() * map_scale(), direction(bearing));
+            let [i, j] = [0.5 + x * rho, 0.5 - y * rho].map(|c| (c * SIZE as f32) as usize);
+            grown.blood.shares[j * SIZE + i]
+        };
+        let tips = Ring::of(&photograph).vessels(&photograph, &mut Random(1));
+        assert!((LEAST..=MOST).contains(&tips.len()), "{}", tips.len());
+        for tip in tips.iter().take(6) {
+            let near = (-8..=8).map(|k| blood(tip.theta + 0.02, tip.bearing + 0.01 * k as f32));
+            assert!(near.fold(0.0, f32::max) > 0.3, "{tip:?}");
+        }
+        let all_round = |theta| (0..BEARINGS).map(|i| blood(theta, bearing_of(i))).sum::<f32>();
+        let [near, far, end] = [0.75, 1.6, ORA_ANGLE - 0.02].map(all_round);
+        assert!(near > far && far > 0.1 * near && end < 0.1 * far, "{near}, {far}, {end}");
+    }
+
+    #[test]
+    fn both_eyes_are_mirror_images() {
+        let [left, right] = [Side::Left, Side::Right].map(|side| Periphery::grow(&shipped(), 256, side));
+        for (l, r) in left.blood.shares.chunks(256).zip(right.blood.shares.chunks(256)) {
+            assert!(l.iter().zip(r.iter().rev()).all(|(l, r)| (l - r).abs() < 0.02));
+        }
+    }
+
+    #[test]
+    fn the_thicker_branch_keeps_more_of_the_way_and_the_cubes_sum_up() {
+        let trunk = Tip { theta: 0.8, bearing: 1.0, heading: 0.1, radius_mm: 0.05, dark: 0.7 };
+        for seed in 0..50 {
+            let mut tip = trunk;
+            let branch = tip.divide(&mut Random(seed));
+            let cubes = tip.radius_mm.powi(3) + branch.radius_mm.powi(3);
+            assert!((cubes / trunk.radius_mm.powi(3) - 1.0).abs() < 1e-4);
+            let [kept, turned] = [tip, branch].map(|t| (t.heading - trunk.heading).abs());
+            assert!(kept <= turned && branch.radius_mm <= tip.radius_mm);
+        }
+    }
+}
