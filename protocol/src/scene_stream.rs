@@ -88,10 +88,13 @@ impl<R: Read> Reader<R> {
     pub fn new(mut from: R) -> Result<Self, StreamError> {
         let (mut name, mut schemas) = ([0; NAME.len()], [0; SCHEMAS.len()]);
         from.read_exact(&mut name)?;
+        if &name != NAME {
+            return Err(StreamError::Foreign);
+        }
         for schema in &mut schemas {
             *schema = u64::from_le_bytes(read_plain(&mut from)?);
         }
-        if &name != NAME || schemas != SCHEMAS {
+        if schemas != SCHEMAS {
             return Err(StreamError::Foreign);
         }
         let poses = Box::new(bytemuck::Zeroable::zeroed());
@@ -190,7 +193,7 @@ mod tests {
         let header_at = NAME.len() + size_of_val(&SCHEMAS);
         let poses_at = header_at + size_of::<SceneHeader>();
         let length_at = poses_at + size_of::<TrackerFrame>();
-        for (at, told) in [(length_at + 7, "bytes"), (length_at - 9, "TrackerFrame")] {
+        for (at, told) in [(length_at + 7, "bytes"), (length_at - 13, "TrackerFrame")] {
             let mut bent = bytes.clone();
             bent[at] = 0xff;
             let problem = Reader::new(&bent[..]).unwrap().next_scene().unwrap_err().to_string();

@@ -170,7 +170,9 @@ fn an_input_is_never_an_output() {
 #[test]
 fn what_is_there_is_kept_unless_told_otherwise() {
     let desk = Desk::new();
-    ["precious", "precious.mp4"].map(|name| std::fs::write(desk.at(name), "precious").expect("written"));
+    for name in ["precious", "precious.mp4"] {
+        std::fs::write(desk.at(name), "precious").expect("written");
+    }
     std::fs::create_dir(desk.at("folder")).expect("folder");
     std::fs::write(desk.at("folder/precious"), "precious").expect("written");
     let before = desk.contents();

@@ -88,15 +88,7 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Command::FilmRecording { file, from, until } => {
-            let mut out = BufWriter::new(std::io::stdout().lock());
-            let part = Part { from_s: from, until_s: until };
-            let done = recorded_film::write(&file, part, &mut out)?;
-            // A film shows what happened: whoever looks at it must know where it does not.
-            Ok(ExitCode::from(match (tell(&file, &done), &done) {
-                (_, Resimulated { differs_at: Some(_), .. }) => DIFFERS,
-                (0, Resimulated { other_state_hash_version: Some(_), .. }) => LOSS,
-                (code, _) => code,
-            }))
+            Ok(ExitCode::from(film_recording(&file, Part { from_s: from, until_s: until })?))
         }
         Command::Resimulate { file, out, force } => {
             let mut out = Outputs::new(force.force).reading(&file).grow(&out)?;
@@ -107,16 +99,35 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
     }
 }
 
+/// Writes the scenes of a recording; the exit code. A film shows what happened: whoever looks at it
+/// must know where it does not.
+fn film_recording(file: &Path, part: Part) -> anyhow::Result<u8> {
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    let done = recorded_film::write(file, part, &mut out)?;
+    if let Some(damage) = &done.damage {
+        message(tracing::Level::WARN, damage);
+    }
+    if let Some(version) = done.other_state_hash_version {
+        let file = file.display();
+        let told = format!("{file}: its state hashes are of version {version}: states cannot be compared");
+        message(tracing::Level::WARN, &told);
+    }
+    Ok(match (tell(file, &done), &done) {
+        (_, Resimulated { differs_at: Some(_), .. }) => DIFFERS,
+        (0, Resimulated { other_state_hash_version: Some(_), .. }) => LOSS,
+        (code, _) => code,
+    })
+}
+
 /// Tells what is not as it was recorded; the exit code.
 fn tell(file: &Path, done: &Resimulated) -> u8 {
     let warn = |text: String| message(tracing::Level::WARN, &format!("{}: {text}", file.display()));
     if let Some(step) = done.differs_at {
         warn(format!("from step {step} on the state is not the recorded one"));
     }
-    if done.has_gaps() {
-        let (undone, gaps) = (done.undone, done.gaps);
+    let (undone, gaps) = (done.undone, done.gaps);
+    if undone > 0 || gaps > 0 {
         warn(format!("inputs of {undone} steps are missing; gone on from a checkpoint {gaps} times"));
-        return LOSS;
     }
-    0
+    if done.has_gaps() { LOSS } else { 0 }
 }
