@@ -26,7 +26,7 @@ pub enum Subject {
     /// A module, composed for a surgeon.
     Module {
         /// Its scene.
-        composed: Composed,
+        composed: Box<Composed>,
         /// Seed of the tremor.
         seed: u64,
         /// Longest film, s.
@@ -64,7 +64,7 @@ impl Subject {
         }
         let level = args.level.map_or_else(|| Ok(surgeon::load(&args.subject)?.levels()), anyhow::Ok)?;
         let (seed, surgeon) = (args.seed.unwrap_or(SEED), args.surgeon.as_deref().unwrap_or(SURGEON));
-        let composed = Composed::new(&args.subject, level, surgeon, seed)?;
+        let composed = Box::new(Composed::new(&args.subject, level, surgeon, seed)?);
         Ok(Subject::Module { composed, seed, length_s: args.length.unwrap_or(LONGEST_S) })
     }
 

@@ -38,7 +38,7 @@ fn bytes_of(atom: &impl Encode) -> Vec<u8> {
 /// The beginning of a file: what it is, its size and the parameter sets of sequence and picture.
 /// `length` in ticks, 0 while it is not known.
 pub fn head(size_px: [u32; 2], [sequence, picture]: &[Vec<u8>; 2], length: u64) -> Vec<u8> {
-    let brands = [b"iso5", b"iso6", b"avc1", b"mp41"].map(|name| FourCC::new(name)).to_vec();
+    let brands = [b"iso5", b"iso6", b"avc1", b"mp41"].map(FourCC::new).to_vec();
     let kind = Ftyp { major_brand: FourCC::new(b"iso5"), minor_version: 512, compatible_brands: brands };
     let [width, height] = size_px.map(|n| n as u16);
     let mvhd = Mvhd {
