@@ -18,7 +18,7 @@ use renderer::output::save_png;
 use renderer::output::video::Video;
 use renderer::photograph::FundusArgs;
 use renderer::readback::Picture;
-use renderer::start::{map_px, renderer_config};
+use renderer::start::{HARDWARE_MAP_PX, renderer_config};
 use renderer::stereo::{Arrangement, arrange};
 use scene::SceneFile;
 use std::path::{Path, PathBuf};
@@ -97,9 +97,8 @@ impl<'a> Film<'a> {
         let scene = SceneFile::load(&args.scene)?;
         let assets = Assets::load(&args.fundus, None)?;
         let rig = Rig::load_or_shipped(args.rig.as_deref()).context("--rig")?;
-        let gpu = Gpu::headless()?;
-        let config = renderer_config(&scene, &rig, args.tier as usize, map_px(&gpu));
-        let offscreen = Offscreen::with_assets(gpu, config, &assets);
+        let config = renderer_config(&scene, &rig, args.tier as usize, HARDWARE_MAP_PX);
+        let offscreen = Offscreen::with_assets(Gpu::headless()?, config, &assets);
         Ok(Film { args, outputs, offscreen, picture: Picture::default(), video: None, number: 0, stills: 0 })
     }
 
