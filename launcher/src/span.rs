@@ -8,11 +8,11 @@ use recording::Recording;
 /// A part of a recording, counted from its first exposure.
 #[derive(Debug, Clone, Copy, Default, PartialEq, clap::Args)]
 pub struct SpanArgs {
-    /// Show from so many seconds after the start; what comes before is computed as fast as
-    /// possible.
+    /// Show the recording from so many seconds after its start; what comes before is computed as fast
+    /// as possible.
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative)]
     pub from: f64,
-    /// End so many seconds after the start.
+    /// End so many seconds after its start.
     #[arg(long, value_name = "S", value_parser = not_negative)]
     pub until: Option<f64>,
 }
