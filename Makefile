@@ -17,9 +17,10 @@ INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recomm
 help: ## Say what there is
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-setup: ## Install a C compiler, a Vulkan driver and Rust, where they are missing
+setup: ## Install C and C++ compilers, a Vulkan driver and Rust, where they are missing
 	@set -eu; missing=""; \
 	command -v cc >/dev/null || missing="$$missing gcc libc6-dev"; \
+	command -v c++ >/dev/null || missing="$$missing g++"; \
 	command -v pkg-config >/dev/null || missing="$$missing pkg-config"; \
 	ls /usr/lib/*/libvulkan.so.1 /usr/lib64/libvulkan.so.1 2>/dev/null | grep -q . \
 		|| missing="$$missing libvulkan1"; \
@@ -34,16 +35,18 @@ setup: ## Install a C compiler, a Vulkan driver and Rust, where they are missing
 	command -v cargo >/dev/null || { echo "installing Rust"; \
 		curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal -c clippy -c rustfmt; }
 
-demo: setup ## Run 20 s of surgery; leave recording, report, pictures and video in out/
+demo: setup ## Run 20 s of surgery; leave recording, report, pictures and a film of it in out/
 	cargo build --release --workspace
 	@mkdir -p out
-	$(RELEASE) run --headless --instance demo --duration 20 --force --record out/demo.mcap --report out/report.json \
-		--stills out/stills --video out/demo.y4m
+	$(RELEASE) run --headless --instance demo --duration 20 --force --record out/demo.mcap --report out/report.json
 	$(RELEASE) replay out/demo.mcap --instance demo --lockstep --verify
+	@echo; echo "drawn again from the recording, as a good graphics card draws it live:"
+	$(RELEASE) film out/demo.mcap --force --stills out/stills --every 2
+	$(RELEASE) film out/demo.mcap --force --tier 2 -o out/demo.mp4
 	@echo; echo "recording   out/demo.mcap     (vitreo info, vitreo trace, Foxglove)"; \
 	echo "report      out/report.json"; \
-	echo "pictures    out/stills/       (left and right channel side by side)"; \
-	echo "video       out/demo.y4m      (mpv, ffplay, VLC)"
+	echo "pictures    out/stills/       (left and right channel side by side, 2x1280x1024)"; \
+	echo "film        out/demo.mp4      (any player; 2x640x512)"
 
 test: setup ## Format, lint, build and run every check
 	cargo fmt --all --check

@@ -45,7 +45,7 @@ pub enum Command {
     Info(crate::info::InfoArgs),
     /// Show the way of one field through all instants.
     Trace(crate::trace::TraceArgs),
-    /// Make a film of a module as a scripted surgeon does it.
+    /// Make a film of a module as a scripted surgeon does it, or of a recording as it was.
     Film(crate::film::FilmArgs),
     /// List the training modules.
     Modules(crate::modules::ModulesArgs),

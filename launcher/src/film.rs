@@ -1,47 +1,55 @@
-//! `vitreo film`: a film of a module as the scripted surgeon does it. Simulation and renderer work
-//! one after the other, without cameras and without a clock, so that the film is whole and good
-//! however slow the machine is.
+//! `vitreo film`: a film of a module as the scripted surgeon does it, or of a recording as it was.
+//! Simulation and renderer work one after the other, without cameras and without a clock, so that the
+//! film is whole and good however slow the machine is.
+
+mod subject;
 
 use crate::children::command;
 use crate::fundus::FundusArgs;
 use crate::inputs::check_file;
-use crate::modules::Composed;
 use crate::progress::pictures_bar;
+use crate::span::SpanArgs;
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, inform};
-use outputs::{Force, Outputs};
+use outputs::{Force, Outputs, println, video_file};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, ExitCode, Stdio};
+use subject::Subject;
 
 /// Pictures a second: that of the renderer's films.
 const PICTURES_PER_S: f64 = 25.0;
-/// Fields of the simulation from one picture to the next.
-const FIELDS_PER_PICTURE: u32 = 2;
+/// Exit codes of `vitreo-offline` with which its scenes are whole: done, with loss, not as recorded.
+const DONE: [u8; 3] = [0, crate::exit::LOSS, crate::exit::DIFFERS];
 
 /// Arguments of `vitreo film`.
 #[derive(Debug, clap::Args)]
 pub struct FilmArgs {
-    /// The module: its name or folder (vitreo modules lists them).
-    #[arg(value_name = "MODULE")]
-    pub module: String,
+    /// A module, by its name or folder (vitreo modules lists them), or a recording, which is simulated
+    /// again and shown as it was.
+    #[arg(value_name = "MODULE|FILE.mcap")]
+    pub subject: String,
     /// Level of the module, from 1 on [default: the last, which shows most].
     #[arg(long, value_name = "N")]
     pub level: Option<u32>,
-    /// Who works: expert, average, novice or careless.
-    #[arg(long, value_name = "WHO", default_value = "expert")]
-    pub surgeon: String,
-    /// Seed of the surgeon's attempt and tremor.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
-    /// Longest film, s; it ends earlier where the operation does.
-    #[arg(long, value_name = "S", default_value_t = 120.0, value_parser = seconds)]
-    pub length: f64,
-    /// The film [default: out/film.y4m, or none where stills are asked for].
-    #[arg(short, long, value_name = "FILE.y4m")]
+    /// Who works in the module: expert, average, novice or careless [default: expert].
+    #[arg(long, value_name = "WHO")]
+    pub surgeon: Option<String>,
+    /// Seed of the surgeon's attempt and tremor [default: 1].
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Longest film of a module, s; it ends earlier where the operation does [default: 120].
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    pub length: Option<f64>,
+    /// The part of the recording.
+    #[command(flatten)]
+    pub span: SpanArgs,
+    /// The film, by its ending: MP4 (H.264), or Y4M without compression [default: out/film.mp4, or
+    /// none where stills are asked for].
+    #[arg(short, long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file)]
     pub output: Option<PathBuf>,
-    /// Stills into this folder.
+    /// Stills into this folder, named by their instants in s. Without a film nothing else is drawn.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
     /// Time from one still to the next, s.
@@ -50,9 +58,9 @@ pub struct FilmArgs {
     /// Stills are JPEG of at most so many kB instead of PNG.
     #[arg(long, value_name = "KB", requires = "stills")]
     pub jpeg: Option<u32>,
-    /// Quality tier of the picture, 0 (2×1280×1024) to 8.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..9))]
-    pub tier: u32,
+    /// Quality tier of the picture, 0 (2×1280×1024) to 8 [default: 1 of a module, 0 of a recording].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..9))]
+    pub tier: Option<u32>,
     /// The fundus photograph.
     #[command(flatten)]
     pub fundus: FundusArgs,
@@ -69,44 +77,37 @@ fn seconds(text: &str) -> Result<f64, String> {
     if (0.04..=3_600.0).contains(&value) { Ok(value) } else { Err("expected 0.04 to 3600 s".into()) }
 }
 
-/// Runs it.
+/// Runs it. Exit code 3 where a part of the recording is missing or its states cannot be compared, 5
+/// where a state is not the recorded one.
 ///
 /// # Errors
-/// Where the module is refused, or simulation or renderer fail.
+/// Where module or recording are refused, or simulation or renderer fail.
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
-    let level = args.level.map_or_else(|| Ok(surgeon::load(&args.module)?.levels()), anyhow::Ok)?;
-    let film = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.y4m".into()));
+    let film = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.mp4".into()));
     args.fundus.fundus.as_deref().map_or(Ok(()), |photograph| check_file("--fundus", photograph))?;
-    let mut outputs = Outputs::new(args.force.force).reading(&args.module).reading_all(&args.fundus.fundus);
+    let mut outputs = Outputs::new(args.force.force).reading(&args.subject).reading_all(&args.fundus.fundus);
     film.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
     args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
-    let composed = Composed::new(&args.module, level, &args.surgeon, args.seed)?;
-    let (mut simulation, scenes) = simulate(args, &composed)?;
-    let (mut renderer, pictures) = draw(args, &composed, film.as_deref())?;
-    let carried = carry(scenes, pictures, (args.length.min(composed.longest_s) * PICTURES_PER_S) as u64 + 1);
+    let subject = Subject::open(args)?;
+    let (mut simulation, scenes) = simulate(args, &subject)?;
+    let (mut renderer, pictures) = draw(args, &subject, film.as_deref())?;
+    let carried = carry(scenes, pictures, (subject.longest_s() * PICTURES_PER_S) as u64 + 1);
     // The pipe is closed now: the process that failed has written why, and the other ends.
-    ended(&mut renderer, "the picture")?;
-    ended(&mut simulation, "the simulation")?;
+    ended(&mut renderer, "the picture", &DONE[..1])?;
+    let code = ended(&mut simulation, "the simulation", &DONE)?;
     let shown_s = carried? as f64 / PICTURES_PER_S;
-    let whole = if shown_s + 0.1 < args.length { "the whole of it" } else { "as long as asked for" };
-    inform(&format!("{shown_s:.1} s: {whole}"));
+    inform(&format!("{shown_s:.1} s: {}", subject.share(shown_s)));
     for path in film.iter().chain(&args.stills) {
         println!("{}", path.display());
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(ExitCode::from(code))
 }
 
 /// Starts the simulation, which writes scenes.
-fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, ChildStdout)> {
+fn simulate(args: &FilmArgs, subject: &Subject) -> anyhow::Result<(Child, ChildStdout)> {
     let mut command = command("vitreo-offline")?;
-    command.args(arguments()).args([
-        "film",
-        "--scene",
-        &composed.name(),
-        "--every",
-        &FIELDS_PER_PICTURE.to_string(),
-    ]);
-    command.args(["--seed", &args.seed.to_string(), "--length", &args.length.to_string()]);
+    command.args(arguments());
+    subject.for_simulation(args, &mut command);
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("start the simulation")?;
     let scenes = child.stdout.take().context("the simulation's output")?;
@@ -114,17 +115,17 @@ fn simulate(args: &FilmArgs, composed: &Composed) -> anyhow::Result<(Child, Chil
 }
 
 /// Starts the renderer, which draws them.
-fn draw(args: &FilmArgs, composed: &Composed, film: Option<&Path>) -> anyhow::Result<(Child, ChildStdin)> {
+fn draw(args: &FilmArgs, subject: &Subject, film: Option<&Path>) -> anyhow::Result<(Child, ChildStdin)> {
     let mut command = command("vitreo-renderer")?;
-    command.args(["film", "--scene", &composed.name(), "--tier", &args.tier.to_string()]);
-    command.args(arguments());
+    let tier = args.tier.unwrap_or(subject.tier());
+    command.args(["film", "--tier", &tier.to_string()]).args(arguments());
+    subject.for_renderer(args, &mut command);
     command.args(["--arrange", &args.arrange]).args(args.fundus.arguments());
     if let Some(film) = film {
         command.arg("--video").arg(film);
     }
     if let Some(stills) = &args.stills {
-        let every = ((args.every * PICTURES_PER_S).round() as u64).max(1);
-        command.arg("--stills").arg(stills).args(["--every", &every.to_string()]);
+        command.arg("--stills").arg(stills).args(["--every", &args.every.to_string()]);
     }
     if args.force.force {
         command.arg("--force");
@@ -144,8 +145,8 @@ fn carry(scenes: ChildStdout, pictures: ChildStdin, expected: u64) -> anyhow::Re
     let bar = pictures_bar(expected, "pictures");
     let mut carried = 0;
     scene_stream::begin(&mut to)?;
-    while let Some((header, payload)) = reader.next_scene()? {
-        scene_stream::write(&mut to, &header, payload)?;
+    while let Some(scene) = reader.next_scene()? {
+        scene_stream::write(&mut to, &scene.header, scene.poses, scene.payload)?;
         carried += 1;
         bar.inc(1);
     }
@@ -154,13 +155,15 @@ fn carry(scenes: ChildStdout, pictures: ChildStdin, expected: u64) -> anyhow::Re
     Ok(carried)
 }
 
-fn ended(child: &mut Child, what: &str) -> anyhow::Result<()> {
+/// Waits for the end of a process; its exit code, one of `good`.
+fn ended(child: &mut Child, what: &str, good: &[u8]) -> anyhow::Result<u8> {
     let status = child.wait().with_context(|| format!("wait for {what}"))?;
+    let code = status.code().and_then(|code| u8::try_from(code).ok()).filter(|code| good.contains(code));
     // A broken pipe is the other one's failure.
-    if !status.success() {
+    let Some(code) = code else {
         bail!("{what} failed ({status}); vitreo doctor says what this machine lacks");
-    }
-    Ok(())
+    };
+    Ok(code)
 }
 
 #[cfg(test)]
@@ -178,9 +181,12 @@ mod tests {
     fn odd_wishes_are_refused() {
         let parse = |words: &[&str]| Line::try_parse_from(std::iter::once(&"film").chain(words));
         let film = parse(&["peeling", "--length", "30", "-o", "a.y4m", "--tier", "3"]).unwrap().film;
-        assert_eq!((film.module.as_str(), film.level, film.length, film.tier), ("peeling", None, 30.0, 3));
+        assert_eq!((film.subject.as_str(), film.level, film.length), ("peeling", None, Some(30.0)));
+        assert_eq!(film.tier, Some(3));
         let film = parse(&["peeling", "--fundus", "a.jpg", "--fundus-field", "50"]).unwrap().film;
         assert_eq!(film.fundus.arguments(), ["--fundus", "a.jpg", "--fundus-field", "50"]);
+        let film = parse(&["a.mcap", "--from", "1.5", "--until", "3", "-o", "a.mp4"]).unwrap().film;
+        assert_eq!(film.span, SpanArgs { from: 1.5, until: Some(3.0) });
         for wrong in [
             &[][..],
             &["peeling", "--length", "0"],
@@ -188,8 +194,45 @@ mod tests {
             &["peeling", "--tier", "9"],
             &["peeling", "--arrange", "sequential"],
             &["peeling", "--fundus-eye", "right"],
+            &["a.mcap", "--from", "-1"],
+            &["a.mcap", "-o", "a.avi"],
+            &["a.mcap", "-o", "a"],
         ] {
             assert!(parse(wrong).is_err(), "{wrong:?} was taken");
         }
+    }
+
+    fn golden() -> String {
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/data/golden/peel-2s.mcap").into()
+    }
+
+    #[test]
+    fn a_file_is_a_recording_and_each_has_its_own_options() {
+        let open = |words: &[&str]| {
+            let film = Line::try_parse_from(std::iter::once(&"film").chain(words)).unwrap().film;
+            Subject::open(&film).map(|subject| (subject.tier(), subject.longest_s()))
+        };
+        let golden = golden();
+        let (tier, length_s) = open(&[&golden, "--from", "0.5", "--until", "1.5"]).unwrap();
+        assert_eq!((tier, length_s), (0, 1.0));
+        assert_eq!(open(&["navigation", "--length", "2"]).unwrap(), (1, 2.0));
+        for (words, told) in [
+            (&[golden.as_str(), "--level", "2"][..], "--level"),
+            (&[&golden, "--surgeon", "expert"], "--surgeon"),
+            (&[&golden, "--length", "2"], "--until"),
+            (&[&golden, "--seed", "2"], "--seed"),
+            (&[&golden, "--from", "1", "--until", "0.5"], "--until 0.5"),
+            (&[&golden, "--from", "60"], "--from 60"),
+            (&["navigation", "--from", "1"], "--length"),
+            (&["navigation", "--until", "1"], "--length"),
+            (&["juggling"], "juggling"),
+        ] {
+            let error = open(words).unwrap_err();
+            assert_eq!(crate::exit::code_of(&error), crate::exit::WRONG_USE, "{words:?}");
+            assert!(error.to_string().contains(told), "{words:?}: {error}");
+        }
+        let missing = open(&["no.mcap"]).unwrap_err();
+        assert_eq!(crate::exit::code_of(&missing), crate::exit::FAILED);
+        assert!(missing.to_string().contains("no.mcap"), "{missing}");
     }
 }

@@ -1,13 +1,10 @@
 //! `vitreo modules`: what there is to train; and the scene that `vitreo run --module` composes.
 
 use crate::exit::WrongUse;
-use anyhow::{Context, bail};
+use crate::memory_file::MemoryFile;
+use anyhow::bail;
 use outputs::{print, println};
-use rustix::fs::{MemfdFlags, memfd_create};
 use scene::module::{Kind, Module, names};
-use std::fs::File;
-use std::io::{Seek, Write};
-use std::os::fd::AsRawFd;
 use std::process::ExitCode;
 use surgeon::skill::{SKILLS, Skill, by_name};
 
@@ -56,11 +53,10 @@ pub fn run(args: &ModulesArgs) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A composed scene in a file that lasts as long as this value, for the processes to read. It is in
-/// memory and reached through this process, so that nothing is left of it however the run ends.
+/// A composed scene in a file that lasts as long as this value, for the processes to read.
 #[derive(Debug)]
 pub struct Composed {
-    file: File,
+    file: MemoryFile,
     module: Module,
     surgeon: Skill,
     seed: u64,
@@ -80,8 +76,7 @@ impl Composed {
             let known = known.join(", ");
             bail!(WrongUse(format!("--surgeon: expected one of {known}, found {surgeon}")));
         };
-        let file = memfd_create("vitreo-scene", MemfdFlags::CLOEXEC).context("memory for the scene")?.into();
-        let module = surgeon::load(module)?;
+        let (file, module) = (MemoryFile::new("")?, surgeon::load(module)?);
         let mut composed = Composed { file, module, surgeon, seed, level, longest_s: 0.0 };
         composed.write()?;
         Ok(composed)
@@ -89,9 +84,7 @@ impl Composed {
 
     fn write(&mut self) -> anyhow::Result<()> {
         let scene = surgeon::compose(&self.module, self.level, &self.surgeon, self.seed)?;
-        self.file.set_len(0)?;
-        self.file.rewind()?;
-        self.file.write_all(scene.to_toml().as_bytes())?;
+        self.file.replace(&scene.to_toml())?;
         let script = scene.script_or_rest();
         let again = script.goal_checks.iter().map(|l| (l.at_s - l.from_s) * l.retries.len() as f64);
         self.longest_s = script.period_s + again.sum::<f64>();
@@ -113,7 +106,7 @@ impl Composed {
 
     /// Its name.
     pub fn name(&self) -> String {
-        format!("/proc/{}/fd/{}", std::process::id(), self.file.as_raw_fd())
+        self.file.name()
     }
 }
 

@@ -66,7 +66,7 @@ pub struct PlayArgs {
     #[arg(long, value_name = "DIR", conflicts_with = "no_picture")]
     pub stills: Option<PathBuf>,
     /// Save a film.
-    #[arg(long, value_name = "FILE.y4m", conflicts_with = "no_picture")]
+    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file, conflicts_with = "no_picture")]
     pub video: Option<PathBuf>,
     /// Whether files that exist are written over.
     #[command(flatten)]

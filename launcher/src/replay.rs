@@ -9,14 +9,14 @@ mod outputs;
 mod pace;
 mod processes;
 mod recorded;
-mod span;
 mod turns;
 mod verify;
 
-use crate::exit::{DIFFERS, LOSS, UNTRACKED, WrongUse};
+use crate::exit::{DIFFERS, LOSS, UNTRACKED};
 use crate::results::DESK;
 use crate::run::share;
 use crate::runtime::{StopSignal, block_on};
+use crate::span::{SpanArgs, not_negative};
 use crate::tracking::untracked;
 use ::outputs::{Force, println};
 use anyhow::bail;
@@ -50,13 +50,9 @@ pub struct ReplayArgs {
     /// Speed: 2 is twice as fast as recorded.
     #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = positive, conflicts_with = "lockstep")]
     pub rate: f64,
-    /// Show from so many seconds after the start; what comes before is computed as fast as
-    /// possible.
-    #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = not_negative)]
-    pub from: f64,
-    /// End so many seconds after the start.
-    #[arg(long, value_name = "S", value_parser = not_negative)]
-    pub until: Option<f64>,
+    /// The part to be shown.
+    #[command(flatten)]
+    pub span: SpanArgs,
     /// Begin again at the end, until Ctrl-C.
     #[arg(long = "loop", conflicts_with_all = ["verify", "poses", "blobs", "report"])]
     pub endless: bool,
@@ -93,13 +89,6 @@ pub struct ReplayArgs {
     pub instance: Option<String>,
 }
 
-fn not_negative(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
-        _ => Err("expected a number of 0 or more".into()),
-    }
-}
-
 fn positive(text: &str) -> Result<f64, String> {
     not_negative(text).ok().filter(|v| *v > 0.0).ok_or("expected a number above 0".into())
 }
@@ -113,9 +102,6 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 }
 
 async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
-    if let Some(until) = args.until.filter(|until| *until <= args.from) {
-        bail!(WrongUse(format!("--until {until}: expected more than --from {}", args.from)));
-    }
     let recording = Recording::open(&args.file)?;
     if recording.provenance().config.contains_key(DESK) {
         let file = args.file.display();
@@ -130,7 +116,7 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if args.verify && mode == TrackerMode::StreamClock {
         bail!("{}: an imported stream holds no results to compare with", args.file.display());
     }
-    span::check(&recording, args)?;
+    args.span.check(&recording)?;
     let stop = StopSignal::install()?;
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
     let mut outputs = Outputs::open(args, &rig)?;

@@ -14,10 +14,12 @@
 mod claim;
 mod file;
 mod stdout;
+mod video;
 
 pub use claim::Outputs;
 pub use file::{GrowingFile, OutputFile, save};
 pub use stdout::{standard_output_failure, write_to_stdout};
+pub use video::{VideoFormat, video_file};
 
 use std::borrow::Cow;
 use std::io;

@@ -1,15 +1,19 @@
 //! A stream of scenes in a pipe or a file, from simulation to renderer where no clock runs, as for
 //! a film.
 //!
-//! A line with name and schema hash, then for each scene its header, the length of its payload, and
-//! the payload.
+//! A line with name and schema hashes, then for each scene its header, the poses that its step was made
+//! of, the length of its payload, and the payload.
 
 use crate::message::Message;
+use crate::poses::TrackerFrame;
 use crate::scene::SceneHeader;
+use bytemuck::Pod;
 use std::io::{ErrorKind, Read, Write};
 
-/// First bytes of a stream; the hash of the header's layout follows.
-const NAME: &[u8; 16] = b"vitreo-scenes-1\n";
+/// First bytes of a stream; the hashes of the layouts of header and poses follow.
+const NAME: &[u8; 16] = b"vitreo-scenes-2\n";
+/// The hashes.
+const SCHEMAS: [u64; 2] = [SceneHeader::SCHEMA, TrackerFrame::SCHEMA];
 /// Payloads consist of units of this size, bytes.
 const UNIT: usize = 16;
 
@@ -38,22 +42,40 @@ pub enum StreamError {
 /// Those of the operating system.
 pub fn begin(out: &mut impl Write) -> std::io::Result<()> {
     out.write_all(NAME)?;
-    out.write_all(&SceneHeader::SCHEMA.to_le_bytes())
+    SCHEMAS.iter().try_for_each(|schema| out.write_all(&schema.to_le_bytes()))
 }
 
 /// Writes a scene.
 ///
 /// # Errors
 /// Those of the operating system.
-pub fn write(out: &mut impl Write, header: &SceneHeader, payload: &[u8]) -> std::io::Result<()> {
+pub fn write(
+    out: &mut impl Write,
+    header: &SceneHeader,
+    poses: &TrackerFrame,
+    payload: &[u8],
+) -> std::io::Result<()> {
     out.write_all(bytemuck::bytes_of(header))?;
+    out.write_all(bytemuck::bytes_of(poses))?;
     out.write_all(&(payload.len() as u64).to_le_bytes())?;
     out.write_all(payload)
+}
+
+/// A scene of a stream.
+#[derive(Debug)]
+pub struct StreamedScene<'a> {
+    /// Its header.
+    pub header: SceneHeader,
+    /// The poses that its step was made of, with their validity.
+    pub poses: &'a TrackerFrame,
+    /// Its payload.
+    pub payload: &'a [u8],
 }
 
 /// Reads a stream.
 pub struct Reader<R> {
     from: R,
+    poses: Box<TrackerFrame>,
     payload: Vec<u128>,
     read: u64,
 }
@@ -64,20 +86,26 @@ impl<R: Read> Reader<R> {
     /// # Errors
     /// [`StreamError::Foreign`] for anything but a stream of this build.
     pub fn new(mut from: R) -> Result<Self, StreamError> {
-        let (mut name, mut schema) = ([0; NAME.len()], [0; 8]);
+        let (mut name, mut schemas) = ([0; NAME.len()], [0; SCHEMAS.len()]);
         from.read_exact(&mut name)?;
-        from.read_exact(&mut schema)?;
-        if &name != NAME || u64::from_le_bytes(schema) != SceneHeader::SCHEMA {
+        if &name != NAME {
             return Err(StreamError::Foreign);
         }
-        Ok(Reader { from, payload: Vec::new(), read: 0 })
+        for schema in &mut schemas {
+            *schema = u64::from_le_bytes(read_plain(&mut from)?);
+        }
+        if schemas != SCHEMAS {
+            return Err(StreamError::Foreign);
+        }
+        let poses = Box::new(bytemuck::Zeroable::zeroed());
+        Ok(Reader { from, poses, payload: Vec::new(), read: 0 })
     }
 
-    /// The next scene with its payload; `None` at the end.
+    /// The next scene; `None` at the end.
     ///
     /// # Errors
     /// A cut stream, or a scene that makes no sense.
-    pub fn next_scene(&mut self) -> Result<Option<(SceneHeader, &[u8])>, StreamError> {
+    pub fn next_scene(&mut self) -> Result<Option<StreamedScene<'_>>, StreamError> {
         let mut bytes = [0; size_of::<SceneHeader>()];
         let mut have = 0;
         while have < bytes.len() {
@@ -93,9 +121,9 @@ impl<R: Read> Reader<R> {
         let number = self.read;
         let bad = |problem: String| StreamError::Scene { number, problem };
         header.validate().map_err(|e| bad(e.to_string()))?;
-        let mut length = [0; 8];
-        self.from.read_exact(&mut length)?;
-        let length = u64::from_le_bytes(length);
+        *self.poses = read_plain(&mut self.from)?;
+        self.poses.validate().map_err(|e| bad(e.to_string()))?;
+        let length = u64::from_le_bytes(read_plain(&mut self.from)?);
         if length > crate::limits::MAX_SCENE_BYTES as u64 {
             return Err(bad(format!("a payload of {length} bytes")));
         }
@@ -103,8 +131,15 @@ impl<R: Read> Reader<R> {
         let payload = &mut bytemuck::cast_slice_mut(&mut self.payload)[..length as usize];
         self.from.read_exact(payload)?;
         self.read += 1;
-        Ok(Some((header, payload)))
+        Ok(Some(StreamedScene { header, poses: &self.poses, payload }))
     }
+}
+
+/// A plain value as it lies in memory.
+fn read_plain<T: Pod>(from: &mut impl Read) -> std::io::Result<T> {
+    let mut value = T::zeroed();
+    from.read_exact(bytemuck::bytes_of_mut(&mut value))?;
+    Ok(value)
 }
 
 #[cfg(test)]
@@ -112,6 +147,13 @@ mod tests {
     use super::*;
     use crate::geometry::Pose;
     use bytemuck::Zeroable;
+
+    fn poses(frame: u64) -> TrackerFrame {
+        let mut poses = TrackerFrame { frame, ..TrackerFrame::zeroed() };
+        poses.instants.exposed = frame;
+        poses.bodies.iter_mut().for_each(|b| b.world_from_body = Pose::IDENTITY);
+        poses
+    }
 
     fn stream() -> Vec<u8> {
         let mut bytes = Vec::new();
@@ -123,7 +165,7 @@ mod tests {
             header.instants.exposed = step;
             (header.microscope.field_mm, header.microscope.working_distance_mm) = (16.0, 200.0);
             header.validate().unwrap();
-            write(&mut bytes, &header, &vec![step as u8; 32 * step as usize]).unwrap();
+            write(&mut bytes, &header, &poses(step), &vec![step as u8; 32 * step as usize]).unwrap();
         }
         bytes
     }
@@ -133,8 +175,9 @@ mod tests {
         let bytes = stream();
         let mut reader = Reader::new(&bytes[..]).unwrap();
         for step in 1..4u64 {
-            let (header, payload) = reader.next_scene().unwrap().unwrap();
-            assert_eq!((header.step, payload), (step, &vec![step as u8; 32 * step as usize][..]));
+            let scene = reader.next_scene().unwrap().unwrap();
+            assert_eq!((scene.header.step, scene.poses.frame), (step, step));
+            assert_eq!(scene.payload, vec![step as u8; 32 * step as usize]);
         }
         assert!(reader.next_scene().unwrap().is_none());
     }
@@ -147,10 +190,14 @@ mod tests {
         let mut cut = Reader::new(&bytes[..bytes.len() - 1]).unwrap();
         let last = (0..3).map(|_| cut.next_scene().map(|s| s.is_some())).last().unwrap();
         assert!(matches!(last, Err(StreamError::Io(_))));
-        let mut bent = bytes.clone();
-        let length_at = NAME.len() + 8 + size_of::<SceneHeader>();
-        bent[length_at + 7] = 0xff;
-        let problem = Reader::new(&bent[..]).unwrap().next_scene().unwrap_err().to_string();
-        assert!(problem.contains("scene 0") && problem.contains("bytes"), "{problem}");
+        let header_at = NAME.len() + size_of_val(&SCHEMAS);
+        let poses_at = header_at + size_of::<SceneHeader>();
+        let length_at = poses_at + size_of::<TrackerFrame>();
+        for (at, told) in [(length_at + 7, "bytes"), (length_at - 13, "TrackerFrame")] {
+            let mut bent = bytes.clone();
+            bent[at] = 0xff;
+            let problem = Reader::new(&bent[..]).unwrap().next_scene().unwrap_err().to_string();
+            assert!(problem.contains("scene 0") && problem.contains(told), "{problem}");
+        }
     }
 }

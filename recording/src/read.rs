@@ -105,6 +105,20 @@ impl Recording {
             ready: VecDeque::new(),
         }
     }
+
+    /// Instants of exposure of what is replayed: those of the tracker's frames, or of the
+    /// camera-fields of an imported stream. Damage ends them. The first is the recording's start.
+    pub fn exposures(&self) -> impl Iterator<Item = Nanos> + use<> {
+        let topic = match self.provenance.source {
+            Source::Live => "poses",
+            Source::Import => "blobs",
+        };
+        self.items_of(&[topic]).map_while(Result::ok).filter_map(|(_, item)| match item {
+            Item::Poses(frame) => Some(frame.instants.exposed),
+            Item::Blobs(field) => Some(field.exposed_ns),
+            _ => None,
+        })
+    }
 }
 
 /// The metadata at the file's start, and their place.

@@ -66,8 +66,8 @@ pub struct Config {
     /// Save a still every second, and the last picture as last.png, in this folder.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
-    /// Save a video at 25 pictures a second.
-    #[arg(long, value_name = "FILE.y4m")]
+    /// Save a video at 25 pictures a second, by its ending MP4 (H.264) or Y4M.
+    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file)]
     pub video: Option<PathBuf>,
     /// Whether files that exist are written over.
     #[command(flatten)]

@@ -244,6 +244,12 @@ impl Renderer {
         self.timing.iter_mut().for_each(Timing::before_submit);
         gpu.queue.submit([commands]);
         self.timing.iter_mut().for_each(Timing::after_submit);
+        self.settle(gpu, latched);
+    }
+
+    /// Lets the next frame have the text and the fading of these poses. Where no time passes between
+    /// frames, to be called before [`Self::encode`], so that each frame has its own.
+    pub fn settle(&mut self, gpu: &Gpu, latched: &Latched) {
         self.text.set(&gpu.queue, self.overlay.collect(latched));
         self.lost_before = latched.tracked.map(|t| !t);
         self.eye_lost_before = !latched.eye_tracked;

@@ -1,7 +1,10 @@
 //! Encoding and writing of pictures: stills, video, small JPEGs. A thread of its own does the work;
 //! the display never waits for it. Pictures that it cannot take are dropped and counted.
 
+pub mod mp4;
 pub mod picture;
+pub mod planes;
+pub mod video;
 pub mod y4m;
 
 use crate::readback::Picture;
@@ -12,7 +15,7 @@ use protocol::time::Nanos;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use y4m::Y4m;
+use video::{Video, VideoError};
 
 /// Pictures in flight at most.
 const POOL: usize = 3;
@@ -80,6 +83,9 @@ pub struct Output {
     problem: Option<String>,
     /// Pictures dropped because none of the pool was free.
     pub dropped: u64,
+    /// Pictures of the video among them, in whose place the next one stands, so that the video keeps
+    /// the time.
+    owed: u64,
 }
 
 impl Output {
@@ -95,7 +101,7 @@ impl Output {
         let [both_px, height_px] = config.video_px;
         let video_px = config.arrangement.size_px(both_px / 2, height_px);
         let video = config.video.as_deref().map(|path| outputs.grow(path)).transpose()?;
-        let video = video.map(|file| Y4m::begin(file, video_px, config.video_hz)).transpose()?;
+        let video = video.map(|file| Video::begin(file, video_px, config.video_hz)).transpose()?;
         let (stills, arrangement) = (config.stills.clone(), config.arrangement);
         let mut writer = Writer { stills, video, arrangement };
         let (jobs, inbox) = sync_channel::<Job>(POOL);
@@ -117,7 +123,7 @@ impl Output {
             error: None,
         };
         let pool = (0..POOL).map(|_| job()).collect();
-        Ok(Self { jobs: Some(jobs), done, pool, thread: Some(thread), problem: None, dropped: 0 })
+        Ok(Self { jobs: Some(jobs), done, pool, thread: Some(thread), problem: None, dropped: 0, owed: 0 })
     }
 
     /// Lets `fill` fill a free picture and sends it to the thread. Without a free one the request
@@ -127,11 +133,14 @@ impl Output {
     /// Those of `fill`.
     pub fn submit<E>(
         &mut self,
-        request: PictureRequest,
+        mut request: PictureRequest,
         fill: impl FnOnce(&mut Picture) -> Result<(), E>,
     ) -> Result<(), E> {
+        if request.video > 0 {
+            request.video += std::mem::take(&mut self.owed);
+        }
         let (Some(mut job), Some(jobs)) = (self.pool.pop(), &self.jobs) else {
-            self.dropped += 1;
+            self.drop_picture(&request);
             return Ok(());
         };
         let filled = fill(&mut job.picture);
@@ -141,10 +150,15 @@ impl Output {
             return filled;
         }
         if let Err(TrySendError::Full(job) | TrySendError::Disconnected(job)) = jobs.try_send(job) {
+            self.drop_picture(&job.request);
             self.pool.push(job);
-            self.dropped += 1;
         }
         Ok(())
+    }
+
+    fn drop_picture(&mut self, request: &PictureRequest) {
+        self.dropped += 1;
+        self.owed += request.video;
     }
 
     /// Takes finished pictures back; calls `finished` with each small JPEG and what it is of.
@@ -190,7 +204,7 @@ impl Output {
 
 struct Writer {
     stills: Option<PathBuf>,
-    video: Option<Y4m>,
+    video: Option<Video>,
     arrangement: Arrangement,
 }
 
@@ -214,8 +228,8 @@ impl Writer {
         Ok(())
     }
 
-    fn finish(&mut self) -> Result<(), OutputError> {
-        self.video.as_mut().map_or(Ok(()), Y4m::flush)
+    fn finish(&mut self) -> Result<(), VideoError> {
+        self.video.as_mut().map_or(Ok(()), Video::finish)
     }
 }
 
@@ -334,12 +348,41 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_fills_the_disk_is_told_at_once_and_at_the_end() {
-        let full = OutputConfig {
-            video: Some("/dev/full".into()),
-            video_px: [512, 256],
-            ..config(None, Arrangement::default())
+    fn a_video_keeps_the_time_where_pictures_are_dropped() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut output = Output::start(&config(Some(folder.path()), Arrangement::default()), 8).unwrap();
+        let submit = |output: &mut Output, video| {
+            let fill = |p: &mut Picture| {
+                *p = picture(90);
+                Ok::<(), ()>(())
+            };
+            output.submit(PictureRequest { video, ..PictureRequest::default() }, fill).unwrap();
         };
+        let held: Vec<Job> = output.pool.drain(..).collect();
+        (0..2).for_each(|_| submit(&mut output, 2));
+        output.pool.extend(held);
+        submit(&mut output, 1);
+        assert_eq!((output.dropped, output.finish()), (2, None));
+        let video = std::fs::read(folder.path().join("v.y4m")).unwrap();
+        assert_eq!(video.windows(5).filter(|w| w == b"FRAME").count(), 5);
+    }
+
+    #[test]
+    fn a_video_of_another_ending_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let video = Some(folder.path().join("v.avi"));
+        let other = OutputConfig { video, ..config(None, Arrangement::default()) };
+        let told = Output::start(&other, 8).err().expect("refused").to_string();
+        assert!(told.contains("v.avi") && told.contains(".mp4"), "{told}");
+    }
+
+    #[test]
+    fn a_file_that_fills_the_disk_is_told_at_once_and_at_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let video = folder.path().join("full.y4m");
+        std::os::unix::fs::symlink("/dev/full", &video).unwrap();
+        let full =
+            OutputConfig { video: Some(video), video_px: [512, 256], ..config(None, Arrangement::default()) };
         let mut output = Output::start(&full, 8).unwrap();
         for _ in 0..100 {
             output.wait_for_slot();
@@ -351,7 +394,7 @@ mod tests {
             output.submit(request, fill).unwrap();
         }
         assert!(output.problem().is_some(), "so much is in no buffer");
-        assert!(output.finish().is_some_and(|p| p.contains("/dev/full") && p.contains("disk is full")));
+        assert!(output.finish().is_some_and(|p| p.contains("full.y4m") && p.contains("disk is full")));
     }
 
     #[test]

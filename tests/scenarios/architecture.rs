@@ -72,6 +72,8 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("evdev", &["desk"]),
     ("rusqlite", &["results"]),
     ("parquet", &["results"]),
+    ("openh264", &["renderer"]),
+    ("mp4-atom", &["renderer"]),
     ("tokio", &["launcher"]),
 ];
 /// Folders of crates that ship with nothing.

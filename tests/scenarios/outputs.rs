@@ -52,7 +52,16 @@ const CASES: &[Case] = &[
     Case { words: "colours show IN --picture OUT", input: "colours.toml" },
     Case { words: "calibrate drift --rig rig.json IN --residuals OUT", input: "b.jsonl" },
     Case { words: "calibrate waved IN --instants 20 -o OUT", input: "a.mcap" },
+    // A file is a recording, whatever its name; a film's name has its ending.
+    Case { words: "film IN --tier 8 --until 0.1 -o OUT", input: "film.mp4" },
 ];
+
+impl Case {
+    /// `name` with the ending that the output must have.
+    fn named(&self, name: &str) -> String {
+        if self.words.starts_with("film") { format!("{name}.mp4") } else { name.into() }
+    }
+}
 
 /// The recording of an attempt that ended, made once.
 pub fn attempt() -> &'static [u8] {
@@ -72,6 +81,7 @@ impl Desk {
         let desk = Desk { folder: tempfile::tempdir().expect("folder") };
         let copies = [
             ("tests/data/golden/peel-2s.mcap", "a.mcap"),
+            ("tests/data/golden/peel-2s.mcap", "film.mp4"),
             ("assets/rig.json", "rig.json"),
             ("assets/colours.toml", "colours.toml"),
             ("tests/data/inputs/navigation-1.txt", "inputs.txt"),
@@ -160,7 +170,9 @@ fn an_input_is_never_an_output() {
 #[test]
 fn what_is_there_is_kept_unless_told_otherwise() {
     let desk = Desk::new();
-    std::fs::write(desk.at("precious"), "precious").expect("written");
+    for name in ["precious", "precious.mp4"] {
+        std::fs::write(desk.at(name), "precious").expect("written");
+    }
     std::fs::create_dir(desk.at("folder")).expect("folder");
     std::fs::write(desk.at("folder/precious"), "precious").expect("written");
     let before = desk.contents();
@@ -168,7 +180,7 @@ fn what_is_there_is_kept_unless_told_otherwise() {
         if case.words.contains("--residuals") {
             refused(case, desk.run(case, &desk.name("folder"), false), "--force");
         } else {
-            refused(case, desk.run(case, &desk.name("precious"), false), "--force");
+            refused(case, desk.run(case, &desk.name(&case.named("precious")), false), "--force");
         }
         assert!(desk.contents() == before, "{} changed something", case.words);
     }
@@ -209,14 +221,17 @@ fn a_failed_command_leaves_nothing_and_takes_nothing() {
 #[test]
 fn refusing_folders_and_full_disks_are_told() {
     let desk = Desk::new();
+    let full = ["full", "full.mp4"].map(|name| desk.at(name));
+    full.iter().for_each(|name| std::os::unix::fs::symlink("/dev/full", name).expect("a link"));
     let before = desk.contents();
     for case in CASES.iter().filter(|c| !c.words.contains("--residuals")) {
-        let refusing = desk.run(case, "/sys/vitreo-output", false);
-        refused(case, refusing, "/sys/vitreo-output: cannot be written");
+        let output = case.named("/sys/vitreo-output");
+        refused(case, desk.run(case, &output, false), &format!("{output}: cannot be written"));
         // A device takes what it is given until it is full; tables that need to seek do not fit one.
-        let full = desk.run(case, "/dev/full", false);
+        let output = desk.name(&case.named("full"));
+        let full = desk.run(case, &output, false);
         assert_eq!(full.code, Some(1), "{}: {full:?}", case.words);
-        let told = full.stderr.contains("/dev/full") || full.stderr.contains("No space left");
+        let told = full.stderr.contains(&output) || full.stderr.contains("No space left");
         assert!(told && !full.stderr.contains("panicked"), "{}: {}", case.words, full.stderr);
         assert!(desk.contents() == before, "{} left something", case.words);
     }

@@ -83,7 +83,7 @@ pub fn scene_streams() -> Vec<Vec<u8>> {
         header.instants.exposed = step;
         header.text = Section { offset: 0, count: 5 };
         header.validate().expect("a valid scene");
-        scene_stream::write(&mut bytes, &header, b"hello___________").expect("memory");
+        scene_stream::write(&mut bytes, &header, &resting_frame(step), b"hello___________").expect("memory");
     }
     vec![bytes]
 }

@@ -69,8 +69,8 @@ fn journal(bytes: &[u8]) {
 
 fn scene_stream(bytes: &[u8]) {
     let Ok(mut reader) = scene_stream::Reader::new(bytes) else { return };
-    while let Ok(Some((header, payload))) = reader.next_scene() {
-        let text = protocol::scene::section::<u8>(payload, header.text);
+    while let Ok(Some(scene)) = reader.next_scene() {
+        let text = protocol::scene::section::<u8>(scene.payload, scene.header.text);
         black_box(text.map_or(0, |t| t.len()));
     }
 }

@@ -35,8 +35,8 @@ impl Pace {
     pub fn new(args: &ReplayArgs, stop: &StopSignal) -> Self {
         let ns = |s: f64| (s * 1e9) as u64;
         Pace {
-            from_ns: ns(args.from),
-            until_ns: args.until.map(ns),
+            from_ns: ns(args.span.from),
+            until_ns: args.span.until.map(ns),
             stretch: (!args.lockstep).then(|| 1.0 / args.rate),
             stop: stop.clone(),
             start: None,

@@ -7,7 +7,7 @@ use crate::inputs::{check_file, check_folder};
 use crate::modules::Composed;
 use crate::results::{Place, seconds_since_1970};
 use anyhow::Context;
-use outputs::{Force, Outputs, numbered};
+use outputs::{Force, Outputs, numbered, video_file};
 use protocol::budget::{Budgets, Stage};
 use protocol::file::{MAX_SETTINGS_BYTES, read_text};
 use protocol::health::Process;
@@ -129,8 +129,8 @@ pub struct RunArgs {
     /// Save stereo pictures.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
-    /// Save a film.
-    #[arg(long, value_name = "FILE.y4m")]
+    /// Save a film, by its ending: MP4 (H.264), or Y4M without compression.
+    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = video_file)]
     pub video: Option<PathBuf>,
     /// Go on when the attempt is over: its end screen stands until a restart, the next level
     /// (vitreo ctl, pedal or keys) or the end.

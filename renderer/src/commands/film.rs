@@ -1,23 +1,24 @@
 //! `vitreo-renderer film`: draws a stream of scenes into a film and stills. No clock: each scene is
-//! drawn as the simulation left it, however long that takes.
+//! drawn with the poses that it was made of, however long that takes. Without a film only the stills
+//! are drawn.
 
 use anyhow::{Context, Result};
 use image::codecs::jpeg::JpegEncoder;
 use outputs::{Force, Outputs};
 use protocol::rig::Rig;
-use protocol::scene_stream::Reader;
+use protocol::scene_stream::{Reader, StreamedScene};
 use renderer::assets::Assets;
 use renderer::config::VIDEO_HZ;
 use renderer::governor::TIERS;
 use renderer::gpu::Gpu;
-use renderer::latch::latch_scene;
+use renderer::latch::latch;
 use renderer::offscreen::Offscreen;
 use renderer::output::picture::rgb;
 use renderer::output::save_png;
-use renderer::output::y4m::Y4m;
+use renderer::output::video::Video;
 use renderer::photograph::FundusArgs;
 use renderer::readback::Picture;
-use renderer::start::{map_px, renderer_config};
+use renderer::start::{HARDWARE_MAP_PX, renderer_config};
 use renderer::stereo::{Arrangement, arrange};
 use scene::SceneFile;
 use std::path::{Path, PathBuf};
@@ -31,6 +32,12 @@ pub struct FilmArgs {
     /// Scene by name or file, whose stream comes on standard input.
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: String,
+    /// Rig file (default: the shipped rig); gives the length of the instruments.
+    #[arg(long, value_name = "RIG.json")]
+    pub rig: Option<PathBuf>,
+    /// Instant of the first scene, s, from which the names of stills count.
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    pub from: f64,
     /// Quality tier, 0 is the best.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..TIERS.len() as i64))]
     pub tier: u32,
@@ -40,15 +47,15 @@ pub struct FilmArgs {
     /// How the two channels share the picture.
     #[arg(long, value_enum, value_name = "HOW", default_value_t)]
     pub arrange: Arrangement,
-    /// Write the film.
-    #[arg(long, value_name = "FILE.y4m")]
+    /// Write the film, by its ending MP4 (H.264) or Y4M.
+    #[arg(long, value_name = "FILE.mp4|FILE.y4m", value_parser = outputs::video_file)]
     pub video: Option<PathBuf>,
     /// Write stills into this folder.
     #[arg(long, value_name = "DIR")]
     pub stills: Option<PathBuf>,
-    /// Scenes from one still to the next.
-    #[arg(long, value_name = "N", default_value_t = u64::from(VIDEO_HZ), value_parser = clap::value_parser!(u64).range(1..))]
-    pub every: u64,
+    /// Time from one still to the next, s.
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    pub every: f64,
     /// Write stills as JPEG of at most this many bytes, instead of PNG.
     #[arg(long, value_name = "BYTES")]
     pub jpeg: Option<usize>,
@@ -62,48 +69,87 @@ pub struct FilmArgs {
 /// # Errors
 /// If the stream breaks off, the device is lost or a file cannot be written.
 pub fn film(args: &FilmArgs) -> Result<()> {
-    let mut outputs = Outputs::new(args.force.force);
-    args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
-    let scene = SceneFile::load(&args.scene)?;
-    let assets = Assets::load(&args.fundus, None)?;
-    let (gpu, rig, tier) = (Gpu::headless()?, Rig::load_or_shipped(None)?, args.tier as usize);
-    let config = renderer_config(&scene, &rig, tier, map_px(&gpu));
-    let mut offscreen = Offscreen::with_assets(gpu, config, &assets);
+    let mut film = Film::begin(args)?;
     let mut reader = Reader::new(std::io::stdin().lock())?;
-    let (mut picture, mut video, mut number) = (Picture::default(), None, 0u64);
-    while let Some((header, payload)) = reader.next_scene()? {
-        offscreen.renderer.take_scene(&offscreen.gpu, &header, payload)?;
-        // Text follows with the next frame, so the first one is drawn twice.
-        for _ in 0..if number == 0 { 2 } else { 1 } {
-            offscreen.draw(tier, &latch_scene(&header));
-        }
-        let still = args.stills.as_deref().filter(|_| number.is_multiple_of(args.every));
-        if args.video.is_some() || still.is_some() {
-            offscreen.read(tier, &mut picture)?;
-            arrange(&mut picture, args.arrange.for_files());
-        }
-        if let Some(path) = &args.video {
-            let size = [picture.width_px & !1, picture.height_px & !1];
-            let file = match &mut video {
-                Some(file) => file,
-                none => none.insert(Y4m::begin(outputs.grow(path)?, size, VIDEO_HZ)?),
-            };
-            file.write(&picture, 1)?;
-        }
-        if let Some(folder) = still {
-            save(args, folder, number, &picture)?;
-        }
-        number += 1;
+    while let Some(scene) = reader.next_scene()? {
+        film.take(&scene)?;
     }
-    if let Some(file) = &mut video {
-        file.flush()?;
+    Ok(film.video.as_mut().map_or(Ok(()), Video::finish)?)
+}
+
+/// A film that is being drawn.
+struct Film<'a> {
+    args: &'a FilmArgs,
+    outputs: Outputs,
+    offscreen: Offscreen,
+    picture: Picture,
+    video: Option<Video>,
+    /// Scenes so far.
+    number: u64,
+    /// Stills so far.
+    stills: u64,
+}
+
+impl<'a> Film<'a> {
+    fn begin(args: &'a FilmArgs) -> Result<Self> {
+        let mut outputs = Outputs::new(args.force.force);
+        args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
+        let scene = SceneFile::load(&args.scene)?;
+        let assets = Assets::load(&args.fundus, None)?;
+        let rig = Rig::load_or_shipped(args.rig.as_deref()).context("--rig")?;
+        let config = renderer_config(&scene, &rig, args.tier as usize, HARDWARE_MAP_PX);
+        let offscreen = Offscreen::with_assets(Gpu::headless()?, config, &assets);
+        Ok(Film { args, outputs, offscreen, picture: Picture::default(), video: None, number: 0, stills: 0 })
     }
-    Ok(())
+
+    /// Takes the next scene, and draws it where it is wanted: what is drawn later can depend on every
+    /// scene.
+    fn take(&mut self, scene: &StreamedScene<'_>) -> Result<()> {
+        let gpu = &self.offscreen.gpu;
+        self.offscreen.renderer.take_scene(gpu, &scene.header, scene.payload)?;
+        // The picture that is nearest to the instant of the next still.
+        let next = (self.stills as f64 * self.args.every * f64::from(VIDEO_HZ)).round() as u64;
+        let still = self.args.stills.as_deref().filter(|_| self.number >= next);
+        match (&self.args.video, still) {
+            // What the scene brought goes to the device, or it would pile up here.
+            (None, None) => drop(gpu.queue.submit([])),
+            (video, still) => {
+                self.draw(scene)?;
+                if let Some(path) = video {
+                    self.write(path)?;
+                }
+                if let Some(folder) = still {
+                    save(self.args, folder, self.number, &self.picture)?;
+                    self.stills += 1;
+                }
+            }
+        }
+        self.number += 1;
+        Ok(())
+    }
+
+    fn draw(&mut self, scene: &StreamedScene<'_>) -> Result<()> {
+        let (tier, latched) = (self.args.tier as usize, latch(scene.poses, scene.poses.instants.exposed));
+        self.offscreen.renderer.settle(&self.offscreen.gpu, &latched);
+        self.offscreen.draw(tier, &latched);
+        self.offscreen.read(tier, &mut self.picture)?;
+        arrange(&mut self.picture, self.args.arrange.for_files());
+        Ok(())
+    }
+
+    fn write(&mut self, path: &Path) -> Result<()> {
+        let size_px = [self.picture.width_px & !1, self.picture.height_px & !1];
+        let file = match &mut self.video {
+            Some(file) => file,
+            none => none.insert(Video::begin(self.outputs.grow(path)?, size_px, VIDEO_HZ)?),
+        };
+        Ok(file.write(&self.picture, 1)?)
+    }
 }
 
 /// A still, named by its instant in seconds.
 fn save(args: &FilmArgs, folder: &Path, number: u64, picture: &Picture) -> Result<()> {
-    let name = format!("still-{:05.1}", number as f64 / f64::from(VIDEO_HZ));
+    let name = format!("still-{:06.2}", args.from + number as f64 / f64::from(VIDEO_HZ));
     let Some(most) = args.jpeg else {
         return save_png(&folder.join(name + ".png"), picture).context("a still");
     };

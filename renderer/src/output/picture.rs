@@ -17,6 +17,9 @@ pub fn rgb(picture: &Picture) -> Vec<u8> {
 /// change of tier changes sharpness and nothing else.
 pub fn scale_rgb(picture: &Picture, width: u32, height: u32, out: &mut Vec<u8>) {
     out.clear();
+    if (width, height) == (picture.width_px, picture.height_px) {
+        return out.extend(picture.rgba.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]));
+    }
     // Sample positions in 1/256 px of the source.
     let at = |i: u32, n: u32, m: u32| {
         let p =

@@ -1,6 +1,7 @@
 //! Raw video: YUV4MPEG2 with 4:2:0 chroma, full range, ITU-R BT.601 (as in JPEG).
 
 use super::picture::scale_rgb;
+use super::planes::{JPEG, to_planes};
 use crate::readback::Picture;
 use outputs::{GrowingFile, OutputError};
 use std::fs::File;
@@ -36,7 +37,7 @@ impl Y4m {
         self.name.appear()?;
         let [w, h] = self.size;
         scale_rgb(picture, w, h, &mut self.rgb);
-        to_planes(&self.rgb, w as usize, h as usize, &mut self.planes);
+        to_planes(&self.rgb, w as usize, h as usize, &JPEG, &mut self.planes);
         for _ in 0..count {
             let written = self.file.write_all(b"FRAME\n").and_then(|()| self.file.write_all(&self.planes));
             written.map_err(|e| OutputError::io(self.name.path(), e))?;
@@ -53,42 +54,10 @@ impl Y4m {
     }
 }
 
-/// Y, Cb, Cr planes; chroma is the mean of four pixels.
-fn to_planes(rgb: &[u8], w: usize, h: usize, out: &mut Vec<u8>) {
-    out.clear();
-    let at = |x: usize, y: usize| [0, 1, 2].map(|c| i32::from(rgb[(y * w + x) * 3 + c]));
-    // BT.601 in 1/65536.
-    let dot = |[r, g, b]: [i32; 3], k: [i32; 3], shift: u32, offset: i32| {
-        let sum = k[0] * r + k[1] * g + k[2] * b + (1 << (shift - 1));
-        ((sum >> shift) + offset).clamp(0, 255) as u8
-    };
-    for y in 0..h {
-        out.extend((0..w).map(|x| dot(at(x, y), [19_595, 38_470, 7_471], 16, 0)));
-    }
-    for k in [[-11_059, -21_709, 32_768], [32_768, -27_439, -5_329]] {
-        for y in (0..h).step_by(2) {
-            out.extend((0..w).step_by(2).map(|x| {
-                let four = [at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1)];
-                dot([0, 1, 2].map(|c| four.iter().map(|p| p[c]).sum()), k, 18, 128)
-            }));
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use outputs::Outputs;
-
-    #[test]
-    fn primaries_have_their_published_values() {
-        let mut out = Vec::new();
-        // JFIF 1.02: red is (76, 85, 255), grey has no chroma.
-        to_planes(&[255, 0, 0].repeat(4), 2, 2, &mut out);
-        assert_eq!(out, [76, 76, 76, 76, 85, 255]);
-        to_planes(&[100; 12], 2, 2, &mut out);
-        assert_eq!(out, [100, 100, 100, 100, 128, 128]);
-    }
 
     #[test]
     fn every_frame_has_the_same_length() {

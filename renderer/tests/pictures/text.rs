@@ -2,7 +2,7 @@
 
 use crate::stage::Stage;
 use renderer::governor::TIERS;
-use renderer::latch::latch_scene;
+use renderer::latch::{Latched, latch_scene};
 use renderer::offscreen::Offscreen;
 use renderer::readback::Picture;
 use renderer::reference_scene::{Contents, scene_with};
@@ -50,4 +50,23 @@ fn the_status_stands_in_the_corner_and_goes_again() {
         }
         assert_eq!(ink(&shown, 0, [0.0, 0.85, 1.0, 1.0]), ink(&gone, 0, [0.0, 0.85, 1.0, 1.0]));
     }
+}
+
+#[test]
+fn what_is_settled_belongs_to_the_frame_itself() {
+    let Some(stage) = Stage::open() else { return };
+    let mut offscreen = stage.renderer(FIRST_TIER);
+    let scene = scene_with(&stage.file, &stage.rig, [6.0, 3.0, 2.0], 0.3, &Contents::default());
+    offscreen.renderer.take_scene(&stage.gpu, &scene.header, scene.payload()).unwrap();
+    let seen = latch_scene(&scene.header);
+    let lost = Latched { tracked: [false, true], ..seen };
+    let mut bottom = |latched: &Latched| {
+        offscreen.renderer.settle(&stage.gpu, latched);
+        offscreen.draw(FIRST_TIER, latched);
+        let mut picture = Picture::default();
+        offscreen.read(FIRST_TIER, &mut picture).unwrap();
+        ink(&picture, 0, [0.2, 0.85, 0.8, 1.0])
+    };
+    let told = [&seen, &lost, &seen].map(&mut bottom);
+    assert!(told[0] == told[2] && told[1] > told[0] + 120, "a lost body is told at once: {told:?}");
 }

@@ -1,13 +1,14 @@
 //! A scene's script played without cameras and without a clock, field by field, and what the
 //! simulation sends of it: for films and for pictures of a moment.
 
+use crate::blocks::Blocks;
 use crate::perception::perform;
 use anyhow::Context;
+use protocol::poses::TrackerFrame;
 use protocol::scene::SceneHeader;
 use protocol::scene_stream;
 use protocol::time::Instants;
 use scene::SceneFile;
-use simcore::scene_block::{SceneWriter, bytes_needed};
 use simcore::world::{World, WorldError};
 use std::io::Write;
 use surgeon::rehearsal::Rehearsal;
@@ -23,9 +24,10 @@ const END_SCREEN_S: f64 = 3.0;
 pub struct Film {
     rehearsal: Rehearsal,
     world: World,
-    writer: SceneWriter,
+    blocks: Blocks,
     field: u64,
-    payload: Vec<u128>,
+    /// Poses of the field before, and the hash of the state that they led to.
+    last: Option<(Box<TrackerFrame>, u64)>,
 }
 
 impl Film {
@@ -36,14 +38,7 @@ impl Film {
             rehearsal = rehearsal.with_tremor(seed);
         }
         let world = World::new(scene)?;
-        let bytes = bytes_needed(
-            world.sheet(),
-            world.adhesion().is_some(),
-            world.vitreous().map(|(v, _)| v),
-            world.retina().map(|r| &r.body.mesh),
-        );
-        let payload = vec![0; bytes.div_ceil(size_of::<u128>())];
-        Ok(Film { rehearsal, writer: SceneWriter::new(&world), world, field: 0, payload })
+        Ok(Film { rehearsal, blocks: Blocks::new(&world), world, field: 0, last: None })
     }
 
     /// Fields of the script's round.
@@ -66,7 +61,8 @@ impl Film {
     /// Plays on until `field` fields after the beginning.
     pub fn play_to(&mut self, field: u64) {
         while self.field < field {
-            perform(&mut self.rehearsal, &mut self.world, self.field);
+            let (poses, report) = perform(&mut self.rehearsal, &mut self.world, self.field);
+            self.last = Some((poses, report.state_hash));
             self.field += 1;
         }
     }
@@ -76,9 +72,8 @@ impl Film {
         // Instants of 0 mean "not yet".
         let exposed = self.world.state().exposed_ns.max(1);
         let instants = Instants { exposed, ..bytemuck::Zeroable::zeroed() };
-        let payload = bytemuck::cast_slice_mut(&mut self.payload);
-        let header = self.writer.write(&self.world, instants, 0, payload);
-        (header, bytemuck::cast_slice(&self.payload))
+        let state_hash = self.last.as_ref().map_or(0, |(_, hash)| *hash);
+        self.blocks.make(&self.world, instants, state_hash)
     }
 }
 
@@ -98,8 +93,9 @@ pub fn write(
         // Before the first step no instrument has been seen.
         film.play_to(field + 1);
         over = over.or_else(|| film.world.task().is_some_and(|(_, s)| is_over(s)).then_some(field));
+        let (poses, _) = film.last.clone().expect("a step was made");
         let (header, payload) = film.scene();
-        scene_stream::write(out, &header, payload)?;
+        scene_stream::write(out, &header, &poses, payload)?;
         written += 1;
         field += every.max(1);
     }
@@ -118,9 +114,10 @@ mod tests {
         assert_eq!(write(&scene, Some(3), 10, Some(1.0), &mut bytes).unwrap(), 6);
         let mut reader = scene_stream::Reader::new(&bytes[..]).unwrap();
         let mut steps = Vec::new();
-        while let Some((header, payload)) = reader.next_scene().unwrap() {
-            steps.push(header.step);
-            assert!(header.nodes.count > 100 && payload.len() > 1000);
+        while let Some(scene) = reader.next_scene().unwrap() {
+            steps.push(scene.header.step);
+            assert_eq!(scene.header.instants.exposed, scene.poses.instants.exposed);
+            assert!(scene.header.nodes.count > 100 && scene.payload.len() > 1000);
         }
         assert_eq!(steps, [1, 11, 21, 31, 41, 51]);
         let mut nothing = std::io::sink();

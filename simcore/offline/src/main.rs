@@ -4,10 +4,12 @@
 use anyhow::Context;
 use clap::Parser;
 use ipc::logging::{LogArgs, message};
+use offline::recorded_film::{self, Part};
+use offline::resimulate::{self, Resimulated};
 use outputs::{Force, Outputs};
 use scene::{DEFAULT_SCENE, SceneFile};
 use std::io::BufWriter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// The simulation of vitreo without cameras and clock.
@@ -49,6 +51,18 @@ enum Command {
         #[arg(long, value_name = "S")]
         length: Option<f64>,
     },
+    /// Do every step of a recording again, and write the scene of every 40 ms to standard output.
+    FilmRecording {
+        /// The recording.
+        #[arg(value_name = "FILE.mcap")]
+        file: PathBuf,
+        /// Where the film begins, s after the first exposure.
+        #[arg(long, value_name = "S", default_value_t = 0.0)]
+        from: f64,
+        /// Where it ends; without it at the recording's end.
+        #[arg(long, value_name = "S")]
+        until: Option<f64>,
+    },
 }
 
 fn main() -> ExitCode {
@@ -62,6 +76,8 @@ fn main() -> ExitCode {
 
 /// Exit code where something of the recording is missing.
 const LOSS: u8 = 3;
+/// Exit code where a state is not the recorded one.
+const DIFFERS: u8 = 5;
 
 fn run(command: Command) -> anyhow::Result<ExitCode> {
     match command {
@@ -69,21 +85,49 @@ fn run(command: Command) -> anyhow::Result<ExitCode> {
             let scene = SceneFile::load(&scene).context("scene")?;
             let mut out = BufWriter::new(std::io::stdout().lock());
             offline::film::write(&scene, seed, every, length, &mut out)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::FilmRecording { file, from, until } => {
+            Ok(ExitCode::from(film_recording(&file, Part { from_s: from, until_s: until })?))
         }
         Command::Resimulate { file, out, force } => {
             let mut out = Outputs::new(force.force).reading(&file).grow(&out)?;
-            let done = offline::resimulate::run(&file, &out)?;
+            let done = resimulate::run(&file, &out)?;
             out.appear()?;
-            let warn = |text: String| message(tracing::Level::WARN, &format!("{}: {text}", file.display()));
-            if let Some(step) = done.differs_at {
-                warn(format!("from step {step} on the state is not the recorded one"));
-            }
-            if done.undone > 0 || done.gaps > 0 || done.damage.is_some() {
-                let (undone, gaps) = (done.undone, done.gaps);
-                warn(format!("inputs of {undone} steps are missing; gone on from a checkpoint {gaps} times"));
-                return Ok(ExitCode::from(LOSS));
-            }
+            Ok(ExitCode::from(tell(&file, &done)))
         }
     }
-    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes the scenes of a recording; the exit code. A film shows what happened: whoever looks at it
+/// must know where it does not.
+fn film_recording(file: &Path, part: Part) -> anyhow::Result<u8> {
+    let mut out = BufWriter::new(std::io::stdout().lock());
+    let done = recorded_film::write(file, part, &mut out)?;
+    if let Some(damage) = &done.damage {
+        message(tracing::Level::WARN, damage);
+    }
+    if let Some(version) = done.other_state_hash_version {
+        let file = file.display();
+        let told = format!("{file}: its state hashes are of version {version}: states cannot be compared");
+        message(tracing::Level::WARN, &told);
+    }
+    Ok(match (tell(file, &done), &done) {
+        (_, Resimulated { differs_at: Some(_), .. }) => DIFFERS,
+        (0, Resimulated { other_state_hash_version: Some(_), .. }) => LOSS,
+        (code, _) => code,
+    })
+}
+
+/// Tells what is not as it was recorded; the exit code.
+fn tell(file: &Path, done: &Resimulated) -> u8 {
+    let warn = |text: String| message(tracing::Level::WARN, &format!("{}: {text}", file.display()));
+    if let Some(step) = done.differs_at {
+        warn(format!("from step {step} on the state is not the recorded one"));
+    }
+    let (undone, gaps) = (done.undone, done.gaps);
+    if undone > 0 || gaps > 0 {
+        warn(format!("inputs of {undone} steps are missing; gone on from a checkpoint {gaps} times"));
+    }
+    if done.has_gaps() { LOSS } else { 0 }
 }

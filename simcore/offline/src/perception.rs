@@ -2,6 +2,7 @@
 //! person sees as much in the picture.
 
 use nalgebra::Vector3;
+use protocol::poses::TrackerFrame;
 use protocol::scene::NODE_FREE;
 use simcore::world::{StepReport, World, no_clock};
 use surgeon::rehearsal::Rehearsal;
@@ -10,11 +11,13 @@ use surgeon::script::{PerceivedBody, Perception};
 /// A world as a scripted surgeon sees it.
 pub struct WorldPerception<'a>(pub &'a World);
 
-/// Steps a world by one field of a rehearsal, and lets the surgeon see what came of it.
-pub fn perform(rehearsal: &mut Rehearsal, world: &mut World, field: u64) -> StepReport {
-    let report = world.step(&rehearsal.inputs(field).input(), &mut no_clock);
+/// Steps a world by one field of a rehearsal, and lets the surgeon see what came of it; the poses of
+/// the field, and what the step reports.
+pub fn perform(rehearsal: &mut Rehearsal, world: &mut World, field: u64) -> (Box<TrackerFrame>, StepReport) {
+    let inputs = rehearsal.inputs(field);
+    let report = world.step(&inputs.input(), &mut no_clock);
     rehearsal.see(field, &WorldPerception(world));
-    report
+    (inputs.frame, report)
 }
 
 impl Perception for WorldPerception<'_> {

@@ -1,17 +1,20 @@
 //! A recording is resimulated, in one go and without the other processes: every step from the
-//! recorded poses, handles and pedal, written as a recording of poses, steps and events that is
-//! read once. Pure but for the two files; the same bits as in the live run.
+//! recorded poses, handles and pedal ([`steps`]), for a film or written as a recording of poses,
+//! steps and events that is read once ([`run`]). Pure but for the files; the same bits as in the
+//! live run.
 //!
 //! Over a gap it goes on from the next checkpoint, as `vitreo replay --verify` does.
 
 use anyhow::Context;
 use outputs::GrowingFile;
+use protocol::poses::TrackerFrame;
 use protocol::steps::{CheckpointHeader, STATE_HASH_VERSION, StepRecord};
 use recording::{Item, Recording, STATE_HASH, Writer};
 use scene::SceneFile;
 use simcore::resume::InputHistory;
 use simcore::world::World;
 use std::collections::VecDeque;
+use std::ops::ControlFlow;
 use std::path::Path;
 
 /// What a step consumes, what tells that it was made, and where it can go on after a gap.
@@ -38,19 +41,69 @@ pub struct Resimulated {
     pub other_state_hash_version: Option<u32>,
 }
 
+impl Resimulated {
+    /// True where a part of the recording is missing.
+    pub fn has_gaps(&self) -> bool {
+        self.undone > 0 || self.gaps > 0 || self.damage.is_some()
+    }
+}
+
+/// A step that was done again.
+pub struct StepAgain<'a> {
+    /// The world after it.
+    pub world: &'a World,
+    /// The recorded poses that it consumed.
+    pub poses: Box<TrackerFrame>,
+    /// What was recorded of it; the state's hash is that of `world`.
+    pub step: StepRecord,
+}
+
 /// Resimulates `file` into `out`. Where inputs are missing it goes on from the next checkpoint.
+///
+/// # Errors
+/// Where the file is no recording, its scene cannot be simulated, or `out` cannot be written.
 pub fn run(file: &Path, out: &GrowingFile) -> anyhow::Result<Resimulated> {
     let recording = Recording::open(file)?;
-    let provenance = recording.provenance();
-    let other_state_hash_version = provenance.other_state_hash_version();
-    let scene = SceneFile::parse(&provenance.scene_toml, &file.display().to_string()).context("its scene")?;
-    let world = World::new(&scene).context("scene")?.unseen();
-    let mut own = provenance.clone();
+    let (scene, mut own) = (scene_of(&recording)?, recording.provenance().clone());
     own.versions.insert(STATE_HASH.into(), STATE_HASH_VERSION.to_string());
-    let writer = Writer::temporary(out.handle()?, out.path(), &own)?;
+    let mut writer = Writer::temporary(out.handle()?, out.path(), &own)?;
+    let world = World::new(&scene).context("scene")?.unseen();
+    let done = steps(&recording, world, |again| {
+        let at = again.poses.instants.exposed;
+        writer.write(at, &Item::Poses(again.poses))?;
+        writer.write(at, &Item::Step(again.step))?;
+        for event in again.world.events() {
+            writer.write(at, &Item::Event(*event))?;
+        }
+        Ok(ControlFlow::Continue(()))
+    })?;
+    writer.finish()?;
+    Ok(done)
+}
+
+/// The scene of a recording.
+///
+/// # Errors
+/// Where it is refused.
+pub fn scene_of(recording: &Recording) -> anyhow::Result<SceneFile> {
+    let file = recording.path().display().to_string();
+    SceneFile::parse(&recording.provenance().scene_toml, &file).context("its scene")
+}
+
+/// Does every step of a recording again in `world`, which stands at the start of the recording's
+/// scene, and gives each to `each`, until that has enough.
+///
+/// # Errors
+/// Those of `each`, and for a checkpoint that does not fit the scene.
+pub fn steps(
+    recording: &Recording,
+    world: World,
+    each: impl FnMut(StepAgain<'_>) -> anyhow::Result<ControlFlow<()>>,
+) -> anyhow::Result<Resimulated> {
+    let other_state_hash_version = recording.provenance().other_state_hash_version();
     let done = Resimulated { other_state_hash_version, ..Resimulated::default() };
     let (past, checkpoints) = (InputHistory::default(), VecDeque::new());
-    let mut run = Run { world, writer, past, checkpoints, done };
+    let mut run = Run { world, each, ended: false, past, checkpoints, done };
     for item in recording.items_of(&TOPICS) {
         match item {
             Ok((_, Item::Checkpoint(header, state))) => run.take_checkpoint(header, state)?,
@@ -60,36 +113,40 @@ pub fn run(file: &Path, out: &GrowingFile) -> anyhow::Result<Resimulated> {
             }
             Err(problem) => run.done.damage = run.done.damage.take().or(Some(problem.to_string())),
         }
+        if run.ended {
+            return Ok(run.done);
+        }
     }
-    while run.past.waiting().is_some() && run.go_on()? {}
-    let left = run.past.waiting_steps();
-    run.done.undone += left;
-    run.writer.finish()?;
+    while run.past.waiting().is_some() && !run.ended && run.go_on()? {}
+    if !run.ended {
+        run.done.undone += run.past.waiting_steps();
+    }
     Ok(run.done)
 }
 
 /// A resimulation under way.
-struct Run {
+struct Run<F> {
     world: World,
-    writer: Writer,
+    each: F,
+    /// `each` has enough.
+    ended: bool,
     past: InputHistory,
     checkpoints: VecDeque<(CheckpointHeader, Vec<u8>)>,
     done: Resimulated,
 }
 
-impl Run {
+impl<F: FnMut(StepAgain<'_>) -> anyhow::Result<ControlFlow<()>>> Run<F> {
     /// Does the steps whose inputs are there.
     fn advance(&mut self) -> anyhow::Result<()> {
-        while let Some((frame, recorded, state_hash)) = self.past.advance(&mut self.world) {
+        while let Some((poses, recorded, state_hash)) = self.past.advance(&mut self.world) {
             self.done.steps += 1;
             let comparable = self.done.other_state_hash_version.is_none();
             let differs = comparable && state_hash != recorded.state_hash;
             self.done.differs_at = self.done.differs_at.or(differs.then_some(recorded.step));
-            let at = frame.instants.exposed;
-            self.writer.write(at, &Item::Poses(frame))?;
-            self.writer.write(at, &Item::Step(StepRecord { state_hash, ..recorded }))?;
-            for event in self.world.events() {
-                self.writer.write(at, &Item::Event(*event))?;
+            let step = StepRecord { state_hash, ..recorded };
+            if (self.each)(StepAgain { world: &self.world, poses, step })?.is_break() {
+                self.ended = true;
+                break;
             }
         }
         Ok(())
