@@ -5,8 +5,13 @@
 //! mirrored photographs have the same periphery. A vessel divides by Murray's law (Proc. Natl. Acad.
 //! Sci. 12, 207, 1926): the cubes of the radii of the branches sum up to the trunk's.
 
-use crate::fundus_map::{RADIUS_MM, map_scale};
+mod layer;
+mod random;
+
+use crate::fundus_map::RADIUS_MM;
 use crate::photograph::Photograph;
+use layer::Layer;
+use random::{Noise, Random, smooth};
 use scene::Side;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
@@ -308,96 +313,6 @@ fn teeth(random: &mut Random) -> Vec<[f32; 3]> {
     (0..TEETH).map(tooth).collect()
 }
 
-/// Shares of something on the map, 0 to 1.
-struct Layer {
-    size: usize,
-    /// +1 where temporal is +x.
-    mirror: f32,
-    shares: Vec<f32>,
-}
-
-impl Layer {
-    fn new(size: usize, side: Side) -> Self {
-        let mirror = if side == Side::Left { 1.0 } else { -1.0 };
-        Layer { size, mirror, shares: vec![0.0; size * size] }
-    }
-
-    /// Pixel of a place, from the middle of the map.
-    fn pixel(&self, theta: f32, bearing: f32) -> [f32; 2] {
-        let rho = 2.0 * (0.5 * theta).sin() * map_scale() * self.size as f32;
-        let [temporal, down] = direction(bearing);
-        [self.mirror * temporal * rho, -down * rho]
-    }
-
-    /// A soft line; one thinner than a pixel is as much fainter.
-    fn line(&mut self, from: &Tip, to: &Tip, share: f32) {
-        let [a, b] = [from, to].map(|t| self.pixel(t.theta, t.bearing));
-        let wanted = to.radius_mm / RADIUS_MM * map_scale() * self.size as f32;
-        let radius = wanted.max(0.8);
-        let stamps = (2.0 * (b[0] - a[0]).hypot(b[1] - a[1]) / radius).ceil().max(1.0);
-        for k in 1..=stamps as usize {
-            let at = [0, 1].map(|c| a[c] + (b[c] - a[c]) * k as f32 / stamps);
-            self.stamp(at, radius, share * (wanted / radius));
-        }
-    }
-
-    /// A soft disc.
-    fn stamp(&mut self, at: [f32; 2], radius: f32, share: f32) {
-        let (reach, last) = (1.6 * radius, self.size as f32 - 1.0);
-        let [x, y] = at.map(|c| c + 0.5 * last);
-        let range = |c: f32| (c - reach).ceil().max(0.0) as usize..=(c + reach).floor().min(last) as usize;
-        for j in range(y) {
-            for i in range(x) {
-                let away2 = ((i as f32 - x).powi(2) + (j as f32 - y).powi(2)) / (radius * radius);
-                let here = &mut self.shares[j as usize * self.size + i as usize];
-                *here = here.max(share * (-away2 * away2).exp()).min(1.0);
-            }
-        }
-    }
-}
-
-/// Smooth noise of the place, −1 to 1.
-#[derive(Debug, Clone, Copy)]
-struct Noise(u64);
-
-impl Noise {
-    fn at(self, [x, y]: [f32; 2]) -> f32 {
-        let (i, j) = (x.floor(), y.floor());
-        let (u, v) = (smooth(x - i), smooth(y - j));
-        let corner = |di: i64, dj: i64| {
-            let place = ((i as i64 + di) as u64) << 32 ^ (j as i64 + dj) as u32 as u64;
-            Random(place ^ self.0 << 17).share() * 2.0 - 1.0
-        };
-        let row = |dj: i64| corner(0, dj) * (1.0 - u) + corner(1, dj) * u;
-        row(0) * (1.0 - v) + row(1) * v
-    }
-}
-
-/// SplitMix64 (Steele, Lea, Flood: OOPSLA 2014): the same periphery on every machine.
-struct Random(u64);
-
-impl Random {
-    /// 0 to 1.
-    fn share(&mut self) -> f32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ z >> 31) >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    /// −`most` to `most`.
-    fn within(&mut self, most: f32) -> f32 {
-        most * (2.0 * self.share() - 1.0)
-    }
-}
-
-/// 0 below 0, 1 above 1, smooth between.
-fn smooth(share: f32) -> f32 {
-    let s = share.clamp(0.0, 1.0);
-    s * s * (3.0 - 2.0 * s)
-}
-
 fn mix(a: [f32; 3], b: [f32; 3], share: f32) -> [f32; 3] {
     std::array::from_fn(|c| a[c] + (b[c] - a[c]) * share)
 }
@@ -406,7 +321,7 @@ fn mix(a: [f32; 3], b: [f32; 3], share: f32) -> [f32; 3] {
 mod tests {
     use super::*;
     use crate::assets::shipped_photograph;
-    use crate::fundus_map::bake;
+    use crate::fundus_map::{bake, map_scale};
     use std::sync::OnceLock;
 
     const SIZE: usize = 1024;
