@@ -45,7 +45,7 @@ impl Layer {
         for j in range(y) {
             for i in range(x) {
                 let away2 = ((i as f32 - x).powi(2) + (j as f32 - y).powi(2)) / (radius * radius);
-                let here = &mut self.shares[j as usize * self.size + i as usize];
+                let here = &mut self.shares[j * self.size + i];
                 *here = here.max(share * (-away2 * away2).exp()).min(1.0);
             }
         }
