@@ -10,6 +10,8 @@ use std::time::{Duration, Instant};
 pub const SLOW: Duration = Duration::from_secs(1);
 /// An input that takes longer than this ends the process: it may never end by itself.
 const HUNG: Duration = Duration::from_secs(20);
+/// From one look for that to the next.
+const LOOK: Duration = Duration::from_millis(200);
 /// Exit code of a process that was ended for that.
 pub const HUNG_CODE: i32 = 7;
 /// The process must not hold more, bytes.
@@ -29,14 +31,17 @@ impl Watch {
     /// is left of it.
     pub fn start() -> Self {
         let watch = Watch { begun: Instant::now(), since_ns: Arc::default() };
-        let (begun, since_ns) = (watch.begun, Arc::downgrade(&watch.since_ns));
+        let since_ns = Arc::downgrade(&watch.since_ns);
         std::thread::spawn(move || {
+            // Counted in looks: a process that is stopped for a while looks once.
+            let (mut seen_ns, mut looks) = (0, 0);
             while let Some(since_ns) = since_ns.upgrade().map(|s| s.load(Ordering::Relaxed)) {
-                let now_ns = begun.elapsed().as_nanos() as u64;
-                if since_ns > 0 && now_ns.saturating_sub(since_ns) > HUNG.as_nanos() as u64 {
+                looks = if since_ns > 0 && since_ns == seen_ns { looks + 1 } else { 0 };
+                seen_ns = since_ns;
+                if LOOK * looks > HUNG {
                     std::process::exit(HUNG_CODE);
                 }
-                std::thread::sleep(Duration::from_millis(200));
+                std::thread::sleep(LOOK);
             }
         });
         watch

@@ -32,6 +32,7 @@ pub mod bindings;
 pub mod blobs;
 pub mod budget;
 pub mod camera;
+pub mod contain;
 pub mod control;
 pub mod dose;
 pub mod events;

@@ -343,6 +343,12 @@ impl SceneFile {
             ("microscope.target_in_world_mm[1]", v.target_in_world_mm[1], -50.0, 50.0),
             ("microscope.target_in_world_mm[2]", v.target_in_world_mm[2], -50.0, 50.0),
         ];
+        for (field, instrument) in ["instruments[0].shaft_radius_mm", "instruments[1].shaft_radius_mm"]
+            .into_iter()
+            .zip(&self.instruments)
+        {
+            ranges.push((field, instrument.shaft_radius_mm, 0.05, 1.0));
+        }
         ranges.extend(self.membrane.iter().flat_map(|m| m.ranges()));
         ranges.extend(self.optics.iter().flat_map(|o| o.ranges()));
         ranges.extend(self.bodies.iter().flat_map(|b| b.ranges()));
@@ -393,6 +399,48 @@ mod tests {
         let other = SHIPPED[0].1.replacen("vitreo-scene-1", "vitreo-scene-0", 1);
         let error = SceneFile::parse(&other, "s.toml").unwrap_err().to_string();
         assert!(error.contains("format: expected vitreo-scene-1, found 'vitreo-scene-0'"), "{error}");
+    }
+
+    /// Texts of `value` with one of its numbers in turn not a number, and where that stands.
+    fn without_a_number(value: &toml::Value) -> Vec<(String, toml::Value)> {
+        let inner = |key: String, child: &toml::Value, put: &dyn Fn(toml::Value) -> toml::Value| {
+            let changed = without_a_number(child).into_iter();
+            changed.map(|(at, c)| (format!("{key}.{at}"), put(c))).collect::<Vec<_>>()
+        };
+        match value {
+            toml::Value::Float(_) => vec![(String::new(), toml::Value::Float(f64::NAN))],
+            toml::Value::Array(all) => (0..all.len())
+                .flat_map(|i| {
+                    inner(i.to_string(), &all[i], &|changed| {
+                        let mut copy = all.clone();
+                        copy[i] = changed;
+                        toml::Value::Array(copy)
+                    })
+                })
+                .collect(),
+            toml::Value::Table(table) => table
+                .iter()
+                .flat_map(|(key, child)| {
+                    inner(key.clone(), child, &|changed| {
+                        let mut copy = table.clone();
+                        copy.insert(key.clone(), changed);
+                        toml::Value::Table(copy)
+                    })
+                })
+                .collect(),
+            _ => vec![],
+        }
+    }
+
+    #[test]
+    fn every_number_has_its_range() {
+        for (name, text) in SHIPPED {
+            let table = toml::Value::Table(text.parse().unwrap());
+            for (at, changed) in without_a_number(&table) {
+                let changed = toml::to_string(&changed).unwrap();
+                assert!(SceneFile::parse(&changed, name).is_err(), "{name}: {at} may be anything");
+            }
+        }
     }
 
     #[test]

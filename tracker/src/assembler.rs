@@ -275,7 +275,7 @@ impl FrameAssembler {
         let genlocked = others().any(|t| t.abs_diff(due_ns) <= GENLOCK_NS);
         let before = others().any(|t| t < due_ns && t + self.period_ns > due_ns + GENLOCK_NS);
         let delay_ns = camera.last_arrival_ns.saturating_sub(camera.last_exposed_ns);
-        let field = camera.last_field + periods;
+        let field = camera.last_field.saturating_add(periods);
         let reference = Reference { camera: id as u32, field, exposed_ns: due_ns };
         (before && !genlocked).then_some((reference, due_ns + delay_ns))
     }

@@ -8,6 +8,7 @@ use super::{Picture, bin_of_rank, check_size};
 use crate::colours::convert::{GREY, luma_of_full, ycc_of_rgb};
 use anyhow::{Result, anyhow, ensure};
 use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
+use protocol::contain::contain;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
@@ -90,12 +91,13 @@ pub fn decode(input: impl BufRead + Seek, levels: Option<Levels>, into: &mut Pic
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);
-    let damaged = |error: ImageError| anyhow!("expected a whole PNG or JPEG: {error}");
-    let decoder = reader.into_decoder().map_err(damaged)?;
+    let damaged = |problem: String| anyhow!("expected a whole PNG or JPEG: {problem}");
+    let unreadable = |error: ImageError| damaged(error.to_string());
+    let decoder = contain(|| reader.into_decoder()).map_err(damaged)?.map_err(unreadable)?;
     let (width, height) = decoder.dimensions();
     check_size(width.into(), height.into())?;
     let colour = decoder.color_type();
-    let image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
+    let image = contain(|| DynamicImage::from_decoder(decoder)).map_err(damaged)?.map_err(unreadable)?;
     (into.width, into.height) = (width as usize, height as usize);
     into.as_read.clear();
     if colour.has_color() {

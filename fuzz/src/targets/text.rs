@@ -94,12 +94,20 @@ pub fn targets() -> Vec<Target> {
         target("file-kind", file_kind, || {
             vec![corpus::head("assets/fundus.jpg", 40), b"ply\nformat ascii 1.0\n".to_vec()]
         }),
-        target(
-            "scene-text",
-            |b| _ = black_box(protocol::scene_text::lines(&lossy(b)).count()),
-            || vec!["<tier 6\n_µ\n".into()],
-        ),
+        target("scene-text", scene_text, || vec!["<Tier 6\n_µ\n=#Finished\n=|0.5|tissue|5 of 10\n".into()]),
     ]
+}
+
+/// Lines, their rows, and rows written again, which must be the same rows.
+fn scene_text(bytes: &[u8]) {
+    use protocol::scene_text::{Row, lines};
+    let text = lossy(bytes);
+    for (_, line) in lines(&text) {
+        let (row, mut again) = (Row::of(line.trim_end_matches('\r')), String::new());
+        row.push(&mut again);
+        let back = lines(&again).next().map(|(_, line)| Row::of(line));
+        assert!(!matches!(row, Row::Title(_)) || back == Some(row), "{row:?} became {back:?}");
+    }
 }
 
 fn lossy(bytes: &[u8]) -> std::borrow::Cow<'_, str> {

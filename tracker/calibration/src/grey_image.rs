@@ -3,6 +3,7 @@
 use anyhow::{Result, anyhow, ensure};
 use image::{ImageReader, Limits};
 use nalgebra::Vector2;
+use protocol::contain::contain;
 use protocol::file::{MAX_TABLE_BYTES, looks_like, read_bytes};
 use std::io::Cursor;
 use std::path::Path;
@@ -50,11 +51,12 @@ impl GreyImage {
         limits.max_alloc = Some(MAX_DECODER_BYTES);
         reader.limits(limits);
         let found = looks_like(bytes);
-        let picture = reader.decode().map_err(|e| {
+        let refused = |problem: String| {
             anyhow!(
-                "picture {file}: expected a PNG or JPEG of at most {MAX_PX} px a side, found {found}: {e}"
+                "picture {file}: expected a PNG or JPEG of at most {MAX_PX} px a side, found {found}: {problem}"
             )
-        })?;
+        };
+        let picture = contain(|| reader.decode()).map_err(refused)?.map_err(|e| refused(e.to_string()))?;
         let picture = picture.to_luma32f();
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         ensure!(
