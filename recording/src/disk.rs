@@ -27,6 +27,8 @@ pub(super) trait Medium: Send {
     fn syncing(&self) -> io::Result<Carry>;
     /// Carries data and directory entry to the disk.
     fn sync_all(&self) -> io::Result<()>;
+    /// An unnamed file on the same disk, which vanishes with the process.
+    fn scratch(&self) -> io::Result<File>;
 }
 
 /// A file with the folder that names it.
@@ -61,6 +63,14 @@ impl Medium for NamedFile {
         confirmed(self.file.sync_all())?;
         sync_folder_of(&self.path)
     }
+
+    fn scratch(&self) -> io::Result<File> {
+        tempfile::tempfile_in(folder_of(&self.path))
+    }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Pipes, devices and the folders of some file systems are not carried to any disk.
@@ -73,8 +83,7 @@ fn confirmed(done: io::Result<()>) -> io::Result<()> {
 
 /// Carries a file's directory entry to the disk.
 fn sync_folder_of(path: &Path) -> io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-    confirmed(File::open(folder.unwrap_or(Path::new(".")))?.sync_all())
+    confirmed(File::open(folder_of(path))?.sync_all())
 }
 
 /// A piece that is to be written whole.

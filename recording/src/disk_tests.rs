@@ -2,6 +2,7 @@
 
 use super::disk::{Carry, Medium};
 use super::{Item, Note, NoteKind, Provenance, Recording, Writer};
+use std::fs::File;
 use std::io;
 use std::sync::{Arc, Mutex, mpsc};
 
@@ -48,6 +49,10 @@ impl Medium for Fake {
     fn sync_all(&self) -> io::Result<()> {
         self.state.lock().unwrap().closed = true;
         Ok(())
+    }
+
+    fn scratch(&self) -> io::Result<File> {
+        Err(io::ErrorKind::StorageFull.into())
     }
 }
 

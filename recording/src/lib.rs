@@ -17,6 +17,7 @@
 //! which checksum.
 
 mod checksum;
+mod chunks;
 mod data_section;
 mod descriptors;
 mod disk;
@@ -26,6 +27,7 @@ mod read;
 mod record;
 mod records;
 mod resync;
+mod summary;
 mod viewer_messages;
 mod write;
 

@@ -169,7 +169,7 @@ pub(super) fn chunk_bytes(body: &[u8]) -> Option<u64> {
     let plain = name.is_empty() && packed == unpacked;
     let known = plain || [&b"zstd"[..], b"lz4"].contains(&name);
     let bounded = unpacked <= MAX_CHUNK_BYTES && packed <= MAX_CHUNK_BYTES;
-    (known && bounded).then_some(FIXED + name_bytes as u64 + packed)
+    (known && bounded).then(|| FIXED + name_bytes as u64 + packed)
 }
 
 /// The records in a chunk, once its lengths and its CRC have been found right.

@@ -4,20 +4,15 @@
 //! go from there to the file, see [`super::disk`]. So a full disk costs time and no format: what
 //! could not be written waits, and the caller waits with the next items.
 
+use super::chunks::Chunks;
 use super::disk::{Disk, Medium, NamedFile};
-use super::{
-    FORMAT, Item, PROFILE, Provenance, RecordingError, checksum, descriptors, message_name, record,
-    viewer_messages,
-};
+use super::{FORMAT, Item, PROFILE, Provenance, RecordingError, checksum, record, viewer_messages};
 use mcap::records::{MessageHeader, Metadata};
-use mcap::write::NoSeek;
-use mcap::{Compression, McapResult, WriteOptions};
+use mcap::{Compression, WriteOptions};
 use protocol::time::Nanos;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Write};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// A chunk is closed before a message once it has passed this, so that with the message it stays
@@ -29,29 +24,6 @@ const CHUNK_AGE_NS: u64 = 80_000_000;
 /// Name of the metadata record with the provenance.
 pub(super) const METADATA: &str = "vitreo";
 
-/// What the `mcap` crate has written and the disk has not taken over yet.
-#[derive(Clone, Default)]
-struct Buffer(Arc<Mutex<Vec<u8>>>);
-
-impl Buffer {
-    fn take(&self) -> Vec<u8> {
-        std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
-    }
-}
-
-impl Write for Buffer {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
-type Mcap = mcap::Writer<NoSeek<Buffer>>;
-
 /// A recording being written.
 ///
 /// Only [`Writer::finish`] ends the file in order; one that is dropped is left as by a crash.
@@ -60,8 +32,7 @@ type Mcap = mcap::Writer<NoSeek<Buffer>>;
 /// As long as errors come, a caller gives no further items.
 pub struct Writer {
     file: String,
-    mcap: Mcap,
-    buffer: Buffer,
+    chunks: Chunks,
     disk: Disk,
     /// False for a file that is read once and removed.
     lasting: bool,
@@ -113,26 +84,20 @@ impl Writer {
         lasting: bool,
     ) -> Result<Self, RecordingError> {
         let fail = |e: mcap::McapError| RecordingError::Write { file: file.clone(), problem: e.to_string() };
-        // Without seeking, a chunk reaches the buffer in one piece with its length and CRC known.
         let options = WriteOptions::new()
             .profile(PROFILE)
             .library(format!("vitreo {}", env!("CARGO_PKG_VERSION")))
             .compression(lasting.then_some(Compression::Zstd))
-            .chunk_size(Some(CHUNK_BYTES))
-            .disable_seeking(true);
-        let buffer = Buffer::default();
-        let mut mcap = options.create(NoSeek::new(buffer.clone())).map_err(fail)?;
-        let metadata = checksum::signed(pairs(provenance));
-        mcap.write_metadata(&Metadata { name: METADATA.into(), metadata }).map_err(fail)?;
-        let (channels, viewers) = add_channels(&mut mcap).map_err(fail)?;
-        mcap.flush().map_err(fail)?;
+            .chunk_size(Some(CHUNK_BYTES));
+        let metadata = Metadata { name: METADATA.into(), metadata: checksum::signed(pairs(provenance)) };
+        let scratch = medium.scratch().ok();
+        let (mut chunks, (channels, viewers)) = Chunks::begin(options, &metadata, scratch).map_err(fail)?;
         let mut disk = Disk::new(file.clone(), medium);
-        disk.put(buffer.take(), 0);
+        disk.put(chunks.take(), 0);
         disk.settle()?;
         Ok(Writer {
             file,
-            mcap,
-            buffer,
+            chunks,
             disk,
             lasting,
             channels,
@@ -178,9 +143,9 @@ impl Writer {
         let sequence = self.sequences.entry(channel_id).or_insert(0);
         let header = MessageHeader { channel_id, sequence: *sequence, log_time, publish_time: log_time };
         *sequence = sequence.wrapping_add(1);
-        let written = self.mcap.write_to_known_channel(&header, &self.message);
+        let written = self.chunks.append(&header, &self.message);
         written.map_err(|e| self.failure(e))?;
-        let piece = self.buffer.take();
+        let piece = self.chunks.take();
         if !piece.is_empty() {
             self.disk.put(piece, std::mem::take(&mut self.open));
             self.open_since = None;
@@ -198,8 +163,8 @@ impl Writer {
         if self.open > 0 && !self.ended {
             let since = *self.open_since.get_or_insert(now_ns);
             if now_ns.saturating_sub(since) >= CHUNK_AGE_NS {
-                self.mcap.flush().map_err(|e| self.failure(e))?;
-                self.disk.put(self.buffer.take(), std::mem::take(&mut self.open));
+                self.chunks.flush().map_err(|e| self.failure(e))?;
+                self.disk.put(self.chunks.take(), std::mem::take(&mut self.open));
                 self.open_since = None;
             }
         }
@@ -236,10 +201,9 @@ impl Writer {
     /// As there.
     pub fn end(&mut self) -> Result<(), RecordingError> {
         if !self.ended {
-            self.mcap.flush().map_err(|e| self.failure(e))?;
-            self.disk.put(self.buffer.take(), std::mem::take(&mut self.open));
-            self.mcap.finish().map_err(|e| self.failure(e))?;
-            self.disk.put(self.buffer.take(), 0);
+            let [chunk, rest] = self.chunks.end().map_err(|e| self.failure(e))?;
+            self.disk.put(chunk, std::mem::take(&mut self.open));
+            self.disk.put(rest, 0);
             self.ended = true;
         }
         self.disk.settle()?;
@@ -249,26 +213,6 @@ impl Writer {
     fn failure(&self, problem: mcap::McapError) -> RecordingError {
         RecordingError::Write { file: self.file.clone(), problem: problem.to_string() }
     }
-}
-
-type Channels = ([u16; Item::TOPICS.len()], [u16; viewer_messages::TOPICS.len()]);
-
-fn add_channels(mcap: &mut Mcap) -> McapResult<Channels> {
-    let none = BTreeMap::new();
-    let descriptors = descriptors::file_descriptor_set();
-    let (mut channels, mut viewers) = ([0; Item::TOPICS.len()], [0; viewer_messages::TOPICS.len()]);
-    for (i, topic) in Item::TOPICS.into_iter().enumerate() {
-        let schema = mcap.add_schema(&message_name(i), "protobuf", &descriptors)?;
-        channels[i] = mcap.add_channel(schema, topic, "protobuf", &none)?;
-    }
-    for (i, schema) in viewer_messages::schemas().into_iter().enumerate() {
-        let schema = match schema {
-            Some(s) => mcap.add_schema(&s.name, &s.encoding, &s.data)?,
-            None => 0,
-        };
-        viewers[i] = mcap.add_channel(schema, viewer_messages::TOPICS[i], "protobuf", &none)?;
-    }
-    Ok((channels, viewers))
 }
 
 /// The provenance as key and value pairs; each group has a prefix.

@@ -168,6 +168,7 @@ impl Instance {
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
     pub fn block_sender<H: Message + Debug>(&self, capacity: usize) -> Result<BlockSender<H>, IpcError> {
+        let _limit = self.open_limit(H::CHANNEL);
         let publisher = self
             .block_service::<H>()?
             .publisher_builder()
@@ -184,6 +185,7 @@ impl Instance {
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
     pub fn block_receiver<H: Message + Debug>(&self) -> Result<BlockReceiver<H>, IpcError> {
+        let _limit = self.open_limit(H::CHANNEL);
         let subscriber = self
             .block_service::<H>()?
             .subscriber_builder()

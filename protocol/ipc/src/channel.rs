@@ -217,6 +217,7 @@ impl Instance {
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
     pub fn sender<M: Message + std::fmt::Debug>(&self) -> Result<Sender<M>, IpcError> {
+        let _limit = self.open_limit(M::CHANNEL);
         let publisher =
             self.service::<M>()?.publisher_builder().create().map_err(transport(M::CHANNEL, "publisher"))?;
         let notifier = Notifier::open(self, M::CHANNEL)?;
@@ -229,6 +230,7 @@ impl Instance {
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
     pub fn receiver<M: Message + std::fmt::Debug>(&self, queue: Queue) -> Result<Receiver<M>, IpcError> {
+        let _limit = self.open_limit(M::CHANNEL);
         let depth = match queue {
             Queue::InOrder => M::QUEUE,
             Queue::Newest => 1,

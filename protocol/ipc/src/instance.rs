@@ -1,5 +1,6 @@
 //! The private directory of one simulator, and the node of this process in it.
 
+use super::open_limit::OpenLimit;
 use super::segments::{SHM, Segments, owner_of};
 use super::{IpcError, transport};
 use iceoryx2::prelude::*;
@@ -91,6 +92,7 @@ impl Instance {
         ownership: Option<Ownership>,
     ) -> Result<Self, IpcError> {
         segments.check()?;
+        let _limit = OpenLimit::start("node", &directory);
         set_log_level(LogLevel::Fatal);
         let mut config = Config::default();
         let path = directory.as_os_str().as_encoded_bytes();
@@ -110,6 +112,11 @@ impl Instance {
     /// end by a signal where there is no room.
     pub(super) fn check(&self) -> Result<(), IpcError> {
         self.segments.check()
+    }
+
+    /// To be held while a port of `channel` is opened.
+    pub(super) fn open_limit(&self, channel: &'static str) -> OpenLimit {
+        OpenLimit::start(channel, &self.directory)
     }
 
     /// To be called after a port has been opened: takes the memory of its segments, so that none
