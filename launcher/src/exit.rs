@@ -1,6 +1,7 @@
 //! Exit codes, a contract with other people's scripts.
 
 use ipc::IpcError;
+use results::store::StoreError;
 use scene::SceneError;
 use scene::module::ModuleError;
 use std::error::Error;
@@ -40,6 +41,9 @@ fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
     if let Some(transport) = cause.downcast_ref() {
         return Some(matches!(transport, IpcError::InstanceName(_)));
     }
+    if let Some(store) = cause.downcast_ref() {
+        return Some(matches!(store, StoreError::Value { field: "trainee", .. }));
+    }
     cause.is::<WrongUse>().then_some(true)
 }
 
@@ -51,7 +55,8 @@ mod tests {
     #[test]
     fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
         let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
-        let wrong: [anyhow::Error; 5] = [
+        let wrong: [anyhow::Error; 6] = [
+            results::store::check_name("a b").unwrap_err().into(),
             WrongUse("--until".into()).into(),
             anyhow::Error::from(missing()).context("the scene"),
             ModuleError::Missing { name: "x".into(), shipped: "peeling".into() }.into(),

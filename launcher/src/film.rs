@@ -8,14 +8,16 @@ use crate::children::command;
 use crate::fundus::FundusArgs;
 use crate::inputs::check_file;
 use crate::progress::pictures_bar;
+use crate::runtime::{INTERRUPTED, StopSignal, block_on};
 use crate::span::SpanArgs;
 use anyhow::{Context, bail};
 use ipc::logging::{arguments, inform};
 use outputs::{Force, Outputs, println, video_file};
 use protocol::scene_stream::{self, Reader};
 use std::io::{BufWriter, Write};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, ExitCode, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
 use subject::Subject;
 
 /// Pictures a second: that of the renderer's films.
@@ -78,44 +80,71 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 /// Runs it. Exit code 3 where a part of the recording is missing or its states cannot be compared, 5
-/// where a state is not the recorded one.
+/// where a state is not the recorded one, 130 where a signal ended it: the film then shows what was
+/// drawn until then.
 ///
 /// # Errors
 /// Where module or recording are refused, or simulation or renderer fail.
 pub fn run(args: &FilmArgs) -> anyhow::Result<ExitCode> {
+    block_on(async { film(args, &StopSignal::install()?) })
+}
+
+fn film(args: &FilmArgs, stop: &StopSignal) -> anyhow::Result<ExitCode> {
     let film = args.output.clone().or_else(|| args.stills.is_none().then(|| "out/film.mp4".into()));
     args.fundus.fundus.as_deref().map_or(Ok(()), |photograph| check_file("--fundus", photograph))?;
     let mut outputs = Outputs::new(args.force.force).reading(&args.subject).reading_all(&args.fundus.fundus);
     film.as_deref().map_or(Ok(()), |file| outputs.claim(file))?;
     args.stills.as_deref().map_or(Ok(()), |folder| outputs.claim_folder(folder))?;
     let subject = Subject::open(args)?;
-    let (mut simulation, scenes) = simulate(args, &subject)?;
+    // Dropped in reverse: a simulation that is in the way ends without a word of its broken pipe.
+    let (mut scenes, mut simulation) = simulate(args, &subject)?;
     let (mut renderer, pictures) = draw(args, &subject, film.as_deref())?;
-    let carried = carry(scenes, pictures, (subject.longest_s() * PICTURES_PER_S) as u64 + 1);
-    // The pipe is closed now: the process that failed has written why, and the other ends.
-    ended(&mut renderer, "the picture", &DONE[..1])?;
-    let code = ended(&mut simulation, "the simulation", &DONE)?;
+    let carried = carry(&mut scenes, pictures, (subject.longest_s() * PICTURES_PER_S) as u64 + 1, stop);
+    // Its pipe is closed: it ends the film, or has written why it could not.
+    ended(&mut renderer.0, "the picture", &DONE[..1])?;
+    let code = match stop.is_raised() {
+        true => INTERRUPTED,
+        false => ended(&mut simulation.0, "the simulation", &DONE)?,
+    };
     let shown_s = carried? as f64 / PICTURES_PER_S;
-    inform(&format!("{shown_s:.1} s: {}", subject.share(shown_s)));
+    let share = if stop.is_raised() { "stopped" } else { subject.share(shown_s) };
+    inform(&format!("{shown_s:.1} s: {share}"));
     for path in film.iter().chain(&args.stills) {
         println!("{}", path.display());
     }
     Ok(ExitCode::from(code))
 }
 
+/// A process that is killed when nobody waits for its end any more.
+struct Worker(Child);
+
+impl Worker {
+    /// Out of the reach of Ctrl-C, which is for this program alone.
+    fn start(command: &mut Command, what: &str) -> anyhow::Result<Self> {
+        command.process_group(0).spawn().with_context(|| format!("start {what}")).map(Worker)
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// Starts the simulation, which writes scenes.
-fn simulate(args: &FilmArgs, subject: &Subject) -> anyhow::Result<(Child, ChildStdout)> {
+fn simulate(args: &FilmArgs, subject: &Subject) -> anyhow::Result<(ChildStdout, Worker)> {
     let mut command = command("vitreo-offline")?;
     command.args(arguments());
     subject.for_simulation(args, &mut command);
-    let mut child =
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().context("start the simulation")?;
-    let scenes = child.stdout.take().context("the simulation's output")?;
-    Ok((child, scenes))
+    command.stdin(Stdio::null()).stdout(Stdio::piped());
+    let mut worker = Worker::start(&mut command, "the simulation")?;
+    let scenes = worker.0.stdout.take().context("the simulation's output")?;
+    Ok((scenes, worker))
 }
 
 /// Starts the renderer, which draws them.
-fn draw(args: &FilmArgs, subject: &Subject, film: Option<&Path>) -> anyhow::Result<(Child, ChildStdin)> {
+fn draw(args: &FilmArgs, subject: &Subject, film: Option<&Path>) -> anyhow::Result<(Worker, ChildStdin)> {
     let mut command = command("vitreo-renderer")?;
     let tier = args.tier.unwrap_or(subject.tier());
     command.args(["film", "--tier", &tier.to_string()]).args(arguments());
@@ -133,19 +162,27 @@ fn draw(args: &FilmArgs, subject: &Subject, film: Option<&Path>) -> anyhow::Resu
     if let Some(kb) = args.jpeg {
         command.args(["--jpeg", &(u64::from(kb) * 1000).to_string()]);
     }
-    let mut child =
-        command.stdin(Stdio::piped()).stdout(Stdio::null()).spawn().context("start the renderer")?;
-    let pictures = child.stdin.take().context("the renderer's input")?;
-    Ok((child, pictures))
+    command.stdin(Stdio::piped()).stdout(Stdio::null());
+    let mut worker = Worker::start(&mut command, "the renderer")?;
+    let pictures = worker.0.stdin.take().context("the renderer's input")?;
+    Ok((worker, pictures))
 }
 
-/// Carries the scenes from the one to the other and shows how far they are; how many.
-fn carry(scenes: ChildStdout, pictures: ChildStdin, expected: u64) -> anyhow::Result<u64> {
+/// Carries the scenes from the one to the other, until the last or a signal, and shows how far they
+/// are; how many.
+fn carry(
+    scenes: &mut ChildStdout,
+    pictures: ChildStdin,
+    expected: u64,
+    stop: &StopSignal,
+) -> anyhow::Result<u64> {
     let (mut reader, mut to) = (Reader::new(scenes)?, BufWriter::new(pictures));
     let bar = pictures_bar(expected, "pictures");
     let mut carried = 0;
     scene_stream::begin(&mut to)?;
-    while let Some(scene) = reader.next_scene()? {
+    while !stop.is_raised()
+        && let Some(scene) = reader.next_scene()?
+    {
         scene_stream::write(&mut to, &scene.header, scene.poses, scene.payload)?;
         carried += 1;
         bar.inc(1);
@@ -159,11 +196,11 @@ fn carry(scenes: ChildStdout, pictures: ChildStdin, expected: u64) -> anyhow::Re
 fn ended(child: &mut Child, what: &str, good: &[u8]) -> anyhow::Result<u8> {
     let status = child.wait().with_context(|| format!("wait for {what}"))?;
     let code = status.code().and_then(|code| u8::try_from(code).ok()).filter(|code| good.contains(code));
-    // A broken pipe is the other one's failure.
-    let Some(code) = code else {
-        bail!("{what} failed ({status}); vitreo doctor says what this machine lacks");
-    };
-    Ok(code)
+    match code {
+        Some(code) => Ok(code),
+        None if status.code().is_some() => bail!("{what} failed, as told above"),
+        None => bail!("{what} failed ({status})"),
+    }
 }
 
 #[cfg(test)]

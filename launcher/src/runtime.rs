@@ -19,8 +19,8 @@ use tokio::runtime::Builder;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
-/// Exit code after a second signal: that of a program that Ctrl-C ended.
-const INTERRUPTED: i32 = 130;
+/// Exit code of a program that Ctrl-C ended.
+pub const INTERRUPTED: u8 = 130;
 
 /// Runs a command to its end.
 ///
@@ -48,7 +48,7 @@ impl StopSignal {
             tokio::spawn(async move {
                 while signals.recv().await.is_some() {
                     if raise.send_replace(true) {
-                        std::process::exit(INTERRUPTED);
+                        std::process::exit(INTERRUPTED.into());
                     }
                 }
             });

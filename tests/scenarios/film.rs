@@ -2,10 +2,11 @@
 //! stills at their instants.
 
 use std::path::Path;
-use vitreo_tests::{instance_name, repository, vitreo};
+use std::time::{Duration, Instant};
+use vitreo_tests::{Running, instance_name, interrupt, repository, vitreo};
 
-/// Size of a picture of the smallest tier, both channels, px.
-const SIZE: [usize; 2] = [320, 128];
+/// Size of a picture of the smallest tier in files, both channels, px.
+const SIZE: [usize; 2] = [960, 384];
 
 fn golden() -> String {
     repository().join("tests/data/golden/peel-2s.mcap").display().to_string()
@@ -169,4 +170,33 @@ fn a_run_and_a_film_write_mp4_where_the_ending_says_so() {
     assert_eq!((&kinds[..2], kinds.last().unwrap().as_str()), (&["ftyp".into(), "moov".into()][..], "mfra"));
     let run = ["run", "--headless", "--video", "a.avi", "--instance", &instance_name()];
     assert!(vitreo(&run).expect_code(2).stderr.contains(".mp4"));
+}
+
+#[test]
+fn an_interrupted_film_shows_what_was_drawn() {
+    let folder = tempfile::tempdir().expect("folder");
+    let film = folder.path().join("film.mp4");
+    let how = ["--surgeon", "careless", "--tier", "8", "-o", &film.display().to_string()];
+    let running = Running::start(&[&["film", "vitrectomy"][..], &how].concat());
+    // More than the file's beginning: some pictures are drawn.
+    let begun = Instant::now();
+    while std::fs::metadata(&film).map_or(0, |m| m.len()) < 5_000 {
+        assert!(begun.elapsed() < Duration::from_secs(60), "nothing is drawn");
+        std::thread::yield_now();
+    }
+    interrupt(running.pid());
+    let done = running.finish().expect_code(130);
+    assert!(done.stderr.contains(" s: stopped"), "{done:?}");
+    assert_eq!(boxes(&std::fs::read(&film).expect("the film")).last().unwrap(), "mfra", "it is closed");
+}
+
+#[test]
+fn a_film_on_a_full_disk_is_told_once() {
+    let folder = tempfile::tempdir().expect("folder");
+    let film = folder.path().join("full.mp4");
+    std::os::unix::fs::symlink("/dev/full", &film).expect("a link");
+    let film = film.display().to_string();
+    let told = vitreo(&["film", &golden(), "--tier", "8", "--force", "-o", &film]).expect_code(1).stderr;
+    assert!(told.contains("the disk is full") && told.contains(&film), "{told}");
+    assert!(!told.contains("Broken pipe") && !told.contains("doctor"), "{told}");
 }

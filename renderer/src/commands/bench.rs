@@ -10,6 +10,8 @@ use renderer::governor::{TIERS, Tier};
 use renderer::gpu::Gpu;
 use renderer::latch::{Latched, latch_scene};
 use renderer::layers::Layers;
+use renderer::passes::COLOUR;
+use renderer::passes::text::Text;
 use renderer::reference_scene::{self, SUBJECTS};
 use renderer::start::{map_px, renderer_config};
 use scene::{DEFAULT_SCENE, SceneFile};
@@ -18,6 +20,9 @@ use scene::{DEFAULT_SCENE, SceneFile};
 const ROUNDS: usize = 60;
 const MAX_TIME_NS: u64 = 15_000_000_000;
 const MIN_ROUNDS: usize = 3;
+
+/// Text over the picture while one works.
+const TEXT: &str = "<Level 2\n<3 of 7\n>4:32\n^Grip slipped\n_Next: the edge is in the jaws\n";
 
 /// Arguments.
 #[derive(Debug, clap::Args)]
@@ -37,6 +42,7 @@ struct Bench {
     gpu: Gpu,
     renderer: Renderer,
     latched: Latched,
+    text: Text,
 }
 
 /// Of a frame, ms.
@@ -65,13 +71,37 @@ impl Bench {
             renderer.take_scene(&gpu, &scene.header, scene.payload())?;
         }
         let latched = latch_scene(&scenes[scenes.len() - 1].header);
-        Ok(Self { gpu, renderer, latched })
+        let text = Text::new(&gpu.device, COLOUR);
+        Ok(Self { gpu, renderer, latched, text })
     }
 
     fn frame(&mut self, tier: usize, layers: Layers) -> Result<()> {
         let commands = self.renderer.encode_layers(&self.gpu, tier, layers);
         self.renderer.submit(&self.gpu, tier, &self.latched, commands);
+        if layers.has(Layers::TEXT) {
+            self.write(tier);
+        }
         Ok(self.gpu.wait()?)
+    }
+
+    /// Writes the text of a usual moment over the picture, as a window of its size does in the pass
+    /// that copies it.
+    fn write(&mut self, tier: usize) {
+        let target = self.renderer.target(tier);
+        let (gpu, size_px) = (&self.gpu, [target.width_px, target.height_px]);
+        self.text.set(&gpu.device, &gpu.queue, TEXT, size_px);
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        let ops = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
+        let view = &target.colour;
+        let colour = wgpu::RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops };
+        let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+            label: Some("text"),
+            color_attachments: &[Some(colour)],
+            ..Default::default()
+        });
+        self.text.draw(&mut pass, &[[0, 0], [size_px[0], 0]], 1);
+        drop(pass);
+        gpu.queue.submit([encoder.finish()]);
     }
 
     /// One frame, after another that is not counted and fills the caches for these layers.

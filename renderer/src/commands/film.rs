@@ -130,10 +130,11 @@ impl<'a> Film<'a> {
 
     fn draw(&mut self, scene: &StreamedScene<'_>) -> Result<()> {
         let (tier, latched) = (self.args.tier as usize, latch(scene.poses, scene.poses.instants.exposed));
-        self.offscreen.renderer.settle(&self.offscreen.gpu, &latched);
+        self.offscreen.renderer.settle(&latched);
         self.offscreen.draw(tier, &latched);
-        self.offscreen.read(tier, &mut self.picture)?;
-        arrange(&mut self.picture, self.args.arrange.for_files());
+        let arrangement = self.args.arrange.for_files();
+        self.offscreen.compose(tier, arrangement, &mut self.picture)?;
+        arrange(&mut self.picture, arrangement);
         Ok(())
     }
 
