@@ -3,10 +3,13 @@
 
 use crate::photograph::{FundusArgs, Photograph};
 use crate::tools::{ModelError, Models};
+use crate::{fundus_map, kept_map};
 use image::{ImageReader, Limits, RgbImage};
+use protocol::contain::contain;
 use protocol::file::{MAX_TABLE_BYTES, looks_like, read_bytes};
+use scene::Side;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The photograph that is built in (see `assets/README.md`).
 const PHOTOGRAPH: &[u8] = include_bytes!("../../assets/fundus.jpg");
@@ -42,6 +45,8 @@ pub struct Assets {
     pub photograph: Photograph,
     /// The instruments.
     pub models: Models,
+    /// Where the next renderer of a run finds what this one has baked.
+    kept_in: Option<PathBuf>,
 }
 
 impl Assets {
@@ -70,7 +75,26 @@ impl Assets {
             None => Photograph::new(shipped_photograph()?),
         };
         let models = instruments.map_or_else(Models::shipped, Models::from_folder)?;
-        Ok(Self { photograph, models })
+        Ok(Self { photograph, models, kept_in: None })
+    }
+
+    /// From now on keeps the map of the fundus in `folder`, and takes one that is kept there: it
+    /// must belong to this photograph.
+    #[must_use]
+    pub fn kept_in(self, folder: PathBuf) -> Self {
+        Self { kept_in: Some(folder), ..self }
+    }
+
+    /// The map of the fundus, of `size` × `size` pixels; see [`fundus_map::bake`].
+    pub fn map(&self, size: u32, side: Side) -> Vec<u8> {
+        let Some(folder) = &self.kept_in else { return fundus_map::bake(&self.photograph, size, side) };
+        kept_map::take(folder, size, side).unwrap_or_else(|| {
+            let map = fundus_map::bake(&self.photograph, size, side);
+            if let Err(problem) = kept_map::put(folder, size, side, &map) {
+                tracing::debug!("the map of the fundus is not kept: {problem}");
+            }
+            map
+        })
     }
 }
 
@@ -95,7 +119,7 @@ fn photograph(path: &Path) -> Result<RgbImage, AssetError> {
 /// If they are no square colour photograph, or one of more than [`MAX_PX`] a side.
 pub fn decode(file: &str, bytes: &[u8]) -> Result<RgbImage, AssetError> {
     let refused = |problem: String| AssetError::Photograph { file: file.to_owned(), problem };
-    let unreadable = |e: image::ImageError| {
+    let unreadable = |e: String| {
         let found = looks_like(bytes);
         refused(format!("expected a JPEG or PNG picture of at most {MAX_PX} px a side, found {found}: {e}"))
     };
@@ -104,7 +128,7 @@ pub fn decode(file: &str, bytes: &[u8]) -> Result<RgbImage, AssetError> {
     (limits.max_image_width, limits.max_image_height) = (Some(MAX_PX), Some(MAX_PX));
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);
-    let picture = reader.decode().map_err(unreadable)?;
+    let picture = contain(|| reader.decode()).map_err(unreadable)?.map_err(|e| unreadable(e.to_string()))?;
     if !picture.color().has_color() {
         return Err(refused(format!("expected colours, found {:?}", picture.color())));
     }

@@ -6,6 +6,8 @@ mod pictures;
 mod standby;
 mod user;
 
+use crate::assets::Assets;
+use crate::compose::Composer;
 use crate::config::{Config, IDLE_REDRAW_NS, NICENESS, STATUS_NS, STILL_NS, VIDEO_HZ};
 use crate::costs::Costs;
 use crate::frame::Renderer;
@@ -18,12 +20,14 @@ use crate::pacing::{Pacing, Ticks};
 use crate::present::{Present, Ready};
 use crate::readback::ReadBack;
 use crate::start;
+use crate::stereo::Arrangement;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
 use held::Held;
 use ipc::clock::{now, sleep_until};
 use ipc::shell::Shell;
-use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, wait};
+use ipc::{BlockReceiver, BlockSender, Instance, Queue, Receiver, Sender, instance_directory, wait};
+use protocol::bindings::next_steps;
 use protocol::budget::{Budgets, Stage};
 use protocol::control::Command;
 use protocol::frames::{
@@ -69,7 +73,11 @@ struct RendererShell {
     clock: GpuClock,
     pacing: Pacing,
     output: Output,
+    composer: Composer,
     read_back: ReadBack,
+    /// Size of a channel of the video, if there is one, px.
+    video_px: Option<[u32; 2]>,
+    arrangement: Arrangement,
     stills: Ticks,
     video: Ticks,
     small: Ticks,
@@ -101,11 +109,15 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn new(config: &Config) -> Result<Self> {
+    /// With a `start_tier`, no more than is needed to draw at that tier.
+    fn new(config: &Config, start_tier: Option<usize>) -> Result<Self> {
         let scene = SceneFile::load(&config.scene).context("the renderer needs the scene")?;
         let (gpu, present) = Present::open(config.window_config().as_ref())?;
         let first_tier = start::first_tier(&gpu, config.tier.map(|t| t as usize));
-        let (renderer, costs) = start::renderer(&gpu, &scene, config, first_tier, now)?;
+        let start_tier = start_tier.map(|tier| tier.max(first_tier));
+        let folder = instance_directory(&config.shell.instance)?;
+        let assets = Assets::load(&config.fundus, config.instruments.as_deref())?.kept_in(folder);
+        let (renderer, costs) = start::renderer(&gpu, &scene, config, &assets, first_tier, start_tier, now)?;
         Ok(Prepared { gpu, present, renderer, costs, first_tier })
     }
 }
@@ -115,11 +127,11 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
     let start_tier = config.start_tier.map(|t| t as usize);
     if !config.standby {
         let joined = Shell::start(Process::Renderer, &config.shell)?;
-        return RendererShell::open(config, joined, Prepared::new(config)?, start_tier).map(Some);
+        return RendererShell::open(config, joined, Prepared::new(config, start_tier)?, start_tier).map(Some);
     }
     let order = Order::listen();
     standby::step_back();
-    let prepared = Prepared::new(config)?;
+    let prepared = Prepared::new(config, None)?;
     let Some(tier) = order.wait() else { return Ok(None) };
     let joined = Shell::start(Process::Renderer, &config.shell)?;
     RendererShell::open(config, joined, prepared, tier.or(start_tier)).map(Some)
@@ -157,7 +169,10 @@ impl RendererShell {
             clock: GpuClock::default(),
             governor: Governor::new(limit_ns, start_tier, fixed, costs),
             pacing: Pacing::new(present.refresh_ns(), limit_ns),
+            composer: Composer::new(&gpu),
             read_back: ReadBack::new(&gpu, first_tier),
+            video_px: config.video.is_some().then_some(output_config.video_px),
+            arrangement: output_config.arrangement,
             stills: rate(config.stills.is_some(), 1e9 / STILL_NS as f64),
             video: rate(config.video.is_some(), f64::from(VIDEO_HZ)),
             small: Ticks::new(config.pictures_hz),
@@ -181,6 +196,9 @@ impl RendererShell {
         };
         process.shell.report.state = STATE_RUNNING;
         process.show_tier(false);
+        if !process.is_headless() {
+            process.renderer.set_next_steps(&next_steps());
+        }
         process.shell.beat_now(now())?;
         Ok(process)
     }
@@ -282,14 +300,15 @@ impl RendererShell {
         let latched_at = now();
         let Some(latched) = self.latch(self.pacing.expected(latched_at, refreshed))? else { return Ok(()) };
         self.renderer.submit(&self.gpu, tier, &latched, commands);
-        self.present.copy(&self.gpu, self.renderer.target(tier));
+        self.present.copy(&self.gpu, self.renderer.target(tier), self.renderer.text());
         self.gpu.wait()?;
         let done = now();
         let stamped = self.renderer.pass_times();
         let drawn = stamped.map_or(done, |times| self.clock.finished_at(latched_at, times.whole, done));
         self.last_drawn = done;
         // Presenting takes time where the processor copies the picture to the display.
-        let shown = if self.present.show(&self.gpu, self.renderer.target(tier)) { now() } else { drawn };
+        let presented = self.present.show(&self.gpu, self.renderer.target(tier), self.renderer.text());
+        let shown = if presented { now() } else { drawn };
         self.pacing.record_frame(frame_start, latched_at, shown);
         let displayed = self.pacing.next_refresh(shown, refreshed);
         self.missed += self.pacing.missed(refreshed, displayed);
@@ -389,7 +408,7 @@ impl RendererShell {
         let (index, t, reason) = (self.governor.tier_index(), self.governor.tier(), self.governor.reason());
         let (width, height) = (t.width_px, t.height_px);
         let text = format!("tier {index}: 2×{width}×{height} ({reason}), {}", self.gpu.name);
-        self.renderer.set_status(&format!("tier {index}: {width}*{height}\n{reason}"));
+        self.renderer.set_status(&format!("tier {index}: {width}×{height}\n{reason}"));
         self.status_until = None;
         if changed {
             tracing::info!("{text}");

@@ -2,6 +2,7 @@
 //! programs (60 to 700 ms on a software driver, too long for the first picture).
 
 use crate::assets::Assets;
+use crate::compose::output_px;
 use crate::config::Config;
 use crate::costs::Costs;
 use crate::frame::{Renderer, RendererConfig};
@@ -19,6 +20,7 @@ use protocol::rig::Rig;
 use protocol::scene::{NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle};
 use protocol::time::Nanos;
 use scene::SceneFile;
+use std::ops::Range;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
@@ -29,6 +31,8 @@ const SOFTWARE_MAP_PX: u32 = 1024;
 pub const HARDWARE_MAP_PX: u32 = 2048;
 /// Rounds of the warm-up after which the driver has compiled everything.
 const COMPILED_AFTER: usize = 2;
+/// Rounds of it with those that are measured.
+const ROUNDS: usize = 5;
 /// Length of a shaft where the rig gives none, mm.
 const SHAFT_LENGTH_MM: f64 = 60.0;
 
@@ -43,11 +47,10 @@ pub fn start_tier(gpu: &Gpu) -> usize {
     if gpu.is_software { SOFTWARE_START } else { HARDWARE_START }
 }
 
-/// Size of a video picture, both channels: that of the fixed tier, or one that a machine of this
-/// kind usually reaches.
+/// Size of a channel of a video's pictures: that of the fixed tier in files, or of one that a machine
+/// of this kind usually reaches.
 pub fn video_px(gpu: &Gpu, fixed: Option<usize>) -> [u32; 2] {
-    let tier = &TIERS[fixed.unwrap_or(if gpu.is_software { 5 } else { 2 })];
-    [2 * tier.width_px, tier.height_px]
+    output_px(&TIERS[fixed.unwrap_or(if gpu.is_software { 5 } else { 2 })])
 }
 
 /// What a renderer allocates for a scene and the rig's instruments.
@@ -80,38 +83,40 @@ pub fn map_px(gpu: &Gpu) -> u32 {
 }
 
 /// A renderer for `scene` that has drawn its first frames, and the costs of the tiers measured from
-/// these; `clock` gives ns.
+/// these; `clock` gives ns. One that is to be back soon draws at its `start_tier` alone and takes
+/// the usual costs.
 ///
 /// # Errors
-/// If rig or assets cannot be read, or the device is lost.
+/// If the rig cannot be read, or the device is lost.
 pub fn renderer(
     gpu: &Gpu,
     scene: &SceneFile,
     config: &Config,
+    assets: &Assets,
     first_tier: usize,
+    start_tier: Option<usize>,
     clock: fn() -> Nanos,
 ) -> Result<(Renderer, Costs)> {
     let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
     let begun = clock();
-    let assets = Assets::load(&config.fundus, config.instruments.as_deref())?;
-    let loaded = clock();
     let mut renderer =
-        Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), &assets);
+        Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), assets);
     let made = clock();
-    let costs = warm_up(gpu, &mut renderer, scene, first_tier, clock)?;
+    let tiers = start_tier.map_or(first_tier..TIERS.len(), |tier| tier..tier + 1);
+    let costs = warm_up(gpu, &mut renderer, scene, tiers, clock)?;
     let ms = |from: Nanos, to: Nanos| (to - from) as f64 * 1e-6;
-    let (assets_ms, resources_ms, warm_up_ms) = (ms(begun, loaded), ms(loaded, made), ms(made, clock()));
-    tracing::debug!(assets_ms, resources_ms, warm_up_ms, "started");
+    let (resources_ms, warm_up_ms) = (ms(begun, made), ms(made, clock()));
+    tracing::debug!(resources_ms, warm_up_ms, "started");
     Ok((renderer, costs))
 }
 
-/// Draws everything once, tracked and lost, at every tier from `first_tier` on. The frames after
-/// that measure the cost of the tiers.
+/// Draws everything once, tracked and lost, at `tiers`. The frames after that measure the cost of
+/// the tiers, where there are several.
 fn warm_up(
     gpu: &Gpu,
     renderer: &mut Renderer,
     scene: &SceneFile,
-    first_tier: usize,
+    tiers: Range<usize>,
     clock: fn() -> Nanos,
 ) -> Result<Costs> {
     let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE as u16, dye: 0 };
@@ -144,10 +149,11 @@ fn warm_up(
     let poses = latch_scene(&block.header);
     let mut shortest_ns = [None::<u64>; TIERS.len()];
     // What a person may ask for later is compiled too; it is not part of what is measured.
-    for (round, tracked) in [true, false, true, true, true].into_iter().enumerate() {
+    let rounds = if tiers.len() > 1 { ROUNDS } else { COMPILED_AFTER };
+    for (round, tracked) in (0..rounds).map(|round| (round, round != 1)) {
         renderer.show_dose(gpu, round < COMPILED_AFTER);
         let latched = Latched { tracked: [tracked; INSTRUMENTS], eye_tracked: tracked, ..poses };
-        for (tier, shortest) in shortest_ns.iter_mut().enumerate().skip(first_tier) {
+        for (tier, shortest) in shortest_ns.iter_mut().enumerate().take(tiers.end).skip(tiers.start) {
             let begun = clock();
             let commands = renderer.encode(gpu, tier);
             renderer.submit(gpu, tier, &latched, commands);
