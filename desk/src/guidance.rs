@@ -168,13 +168,13 @@ impl Guidance {
         let instrument = &self.instruments[self.selected];
         let tool = match instrument.tool {
             Tool::Forceps => "forceps",
-            Tool::LightPipe => "light",
+            Tool::LightPipe => "light pipe",
             Tool::Pick => "pick",
             Tool::Vitrector => "vitrector",
             Tool::Needle => "needle",
         };
         let kept = if instrument.kept { ", kept" } else { "" };
-        format!("hand {}: {tool}{kept}", self.selected + 1)
+        format!("Hand {}: {tool}{kept}", self.selected + 1)
     }
 
     /// Applies an input.

@@ -170,18 +170,26 @@ const HELP: &[(&[Action], &str)] = &[
 const WITHOUT_DESK: [Action; 6] =
     [Action::Pause, Action::Restart, Action::Next, Action::FullScreen, Action::Help, Action::Quit];
 
+/// The first key of keyboard or mouse of an action.
+fn first_key(action: &Action) -> &'static str {
+    let own = BINDINGS.iter().filter(|b| b.action == *action).flat_map(|b| b.keys);
+    own.copied().find(|k| !k.starts_with("pad-")).unwrap_or_default()
+}
+
+/// What a window offers when an attempt is over, with its keys.
+pub fn next_steps() -> String {
+    let offers = [(Action::Next, "next level"), (Action::Restart, "again"), (Action::Quit, "end")];
+    offers.map(|(action, what)| format!("{}: {what}", first_key(&action).to_uppercase())).join("   ")
+}
+
 /// The help of a window, a line each: the first key of keyboard or mouse of every action. With
 /// `at_desk` a person moves the instruments by them.
 pub fn help(at_desk: bool) -> String {
-    let key = |action: &Action| {
-        let own = BINDINGS.iter().filter(|b| b.action == *action).flat_map(|b| b.keys);
-        own.copied().find(|k| !k.starts_with("pad-")).unwrap_or_default()
-    };
     let mut text =
         if at_desk { "mouse: tip sideways\nwheel: tip deeper, higher\n".to_owned() } else { String::new() };
     let useful = |actions: &[Action]| at_desk || actions.iter().all(|a| WITHOUT_DESK.contains(a));
     for (actions, meaning) in HELP.iter().filter(|(actions, _)| useful(actions)) {
-        let keys: Vec<&str> = actions.iter().map(key).collect();
+        let keys: Vec<&str> = actions.iter().map(first_key).collect();
         text.push_str(&format!("{}: {meaning}\n", keys.join(" ")));
     }
     text
@@ -205,6 +213,11 @@ mod tests {
             assert_eq!(BINDINGS.iter().filter(|b| b.action == binding.action).count(), 1);
         }
         assert_eq!(Action::of(Key::named("y").unwrap()), None);
+    }
+
+    #[test]
+    fn the_end_of_an_attempt_offers_what_keys_do() {
+        assert_eq!(next_steps(), "N: next level   F5: again   F10: end");
     }
 
     #[test]

@@ -48,6 +48,9 @@ pub const TISSUE_MEMBRANE: u32 = 0;
 pub const TISSUE_RETINA: u32 = 1;
 /// Retina that is gone: nothing is drawn but the choroid where it lay.
 pub const TISSUE_GONE: u32 = 2;
+/// Retina that lies where it lay at the start, beside one that does not. It is the fundus itself; what
+/// comes off is rounded off against it.
+pub const TISSUE_LYING: u32 = 3;
 
 /// A triangle of a tissue mesh.
 #[repr(C)]

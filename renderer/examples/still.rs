@@ -12,6 +12,7 @@ use renderer::output::save_png;
 use renderer::readback::Picture;
 use renderer::reference_scene::subject;
 use renderer::start::{map_px, renderer_config};
+use renderer::stereo::Arrangement;
 use scene::{DEFAULT_SCENE, SceneFile};
 
 fn main() -> Result<()> {
@@ -44,7 +45,7 @@ fn main() -> Result<()> {
     let latched = latched.expect("a scene");
     let mut picture = Picture::default();
     offscreen.draw(tier, &latched);
-    offscreen.read(tier, &mut picture)?;
+    offscreen.compose(tier, Arrangement::SideBySide, &mut picture)?;
     save_png(out.as_ref(), &picture)?;
     Ok(())
 }

@@ -2,7 +2,7 @@
 //! poses and submits.
 
 mod draw;
-mod overlay;
+pub mod overlay;
 mod uniform;
 
 use crate::assets::{AssetError, Assets};
@@ -10,7 +10,6 @@ use crate::governor::TIERS;
 use crate::gpu::Gpu;
 use crate::latch::Latched;
 use crate::layers::Layers;
-use crate::passes::Uniforms;
 use crate::passes::bodies::Bodies;
 use crate::passes::dose::Dose;
 use crate::passes::focus::{Focus, Tiles};
@@ -21,7 +20,7 @@ use crate::passes::marks::Marks;
 use crate::passes::membrane::{Membrane, TissueBuffers};
 use crate::passes::retina::Retina;
 use crate::passes::shadow::{Shadow, ShadowMap};
-use crate::passes::text::Text;
+use crate::passes::{PassDevice, Uniforms};
 use crate::target::Target;
 use crate::timing::{PassTimes, Timing};
 use crate::tissue::Tissue;
@@ -75,7 +74,6 @@ pub struct Renderer {
     haze: Haze,
     dose: Dose,
     focus: Focus,
-    text: Text,
     timing: Option<Timing>,
     tools: [Option<Tool>; INSTRUMENTS],
     jaws_rad: [f64; INSTRUMENTS],
@@ -99,9 +97,10 @@ impl Renderer {
     /// As [`Self::new`], with other assets than the shipped ones.
     pub fn with_assets(gpu: &Gpu, config: RendererConfig, assets: &Assets) -> Self {
         let (device, queue) = (&gpu.device, &gpu.queue);
+        let passes = PassDevice::new(device, config.first_tier);
         let uniforms = Uniforms::new(device);
         let layout = light_layout(device);
-        let map = FundusMap::new(device, queue, &assets.photograph, config.map_px, config.side);
+        let map = FundusMap::new(device, queue, assets.map(config.map_px, config.side), config.map_px);
         let mut shadow_maps: Vec<(ShadowMap, BindGroup)> = Vec::new();
         for tier in &TIERS[config.first_tier..] {
             if !shadow_maps.iter().any(|(map, _)| map.serves(tier)) {
@@ -112,7 +111,7 @@ impl Renderer {
         }
         let target = |(i, tier)| (i >= config.first_tier).then(|| Target::new(device, tier));
         let targets: Vec<Option<Target>> = TIERS.iter().enumerate().map(target).collect();
-        let focus = Focus::new(device);
+        let focus = Focus::new(&passes);
         let tiles = |target: &Option<Target>| {
             let target = target.as_ref()?;
             let size_px = [2 * target.width_px, target.height_px];
@@ -124,19 +123,18 @@ impl Renderer {
             tiles: targets.iter().map(tiles).collect(),
             targets,
             meshes: Meshes::new(device, &assets.models, &config.shafts),
-            tissue_buffers: TissueBuffers::new(device, config.tissue[0], config.tissue[1]),
+            tissue_buffers: TissueBuffers::new(device, 2 * config.tissue[0], 2 * config.tissue[1]),
             tissue: Tissue::with_capacity(config.tissue[0], config.tissue[1]),
-            shadow: Shadow::new(device, &uniforms),
-            fundus: Fundus::new(device, &uniforms, &layout),
-            instruments: Instruments::new(device, &uniforms, &layout),
-            membrane: Membrane::new(device, &uniforms, &layout),
-            retina: Retina::new(device, &uniforms, &layout),
-            bodies: Bodies::new(device, &uniforms, &layout),
-            marks: Marks::new(device, &uniforms, &layout),
-            haze: Haze::new(device, &uniforms, &layout),
-            dose: Dose::new(device, &uniforms, &layout),
+            shadow: Shadow::new(&passes, &uniforms),
+            fundus: Fundus::new(&passes, &uniforms, &layout),
+            instruments: Instruments::new(&passes, &uniforms, &layout),
+            membrane: Membrane::new(&passes, &uniforms, &layout),
+            retina: Retina::new(&passes, &uniforms, &layout),
+            bodies: Bodies::new(&passes, &uniforms, &layout),
+            marks: Marks::new(&passes, &uniforms, &layout),
+            haze: Haze::new(&passes, &uniforms, &layout),
+            dose: Dose::new(&passes, &uniforms, &layout),
             focus,
-            text: Text::new(device, queue, &uniforms),
             timing: Timing::new(gpu),
             uniforms,
             map,
@@ -167,8 +165,9 @@ impl Renderer {
         self.bodies.set(&gpu.queue, bodies);
         self.haze.set(&gpu.device, &gpu.queue, bricks);
         self.dose.set(&gpu.queue, doses);
-        self.tissue_buffers.reserve(&gpu.device, nodes.len(), triangles.len());
         if self.tissue.take(nodes, triangles, homes, header.topology) {
+            let (vertices, triangles) = (self.tissue.homes().len(), self.tissue.triangles().len());
+            self.tissue_buffers.reserve(&gpu.device, vertices, triangles);
             self.tissue_buffers.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
             self.tissue_buffers.set_homes(&gpu.queue, self.tissue.homes());
         }
@@ -222,9 +221,10 @@ impl Renderer {
             self.draw_instruments(&mut picture, &frame, true);
             self.draw_membrane(&mut picture, &frame);
             self.draw_haze(&mut picture, &frame);
+            self.draw_edges(&mut picture, &frame);
             self.draw_membrane_depth(&mut picture, &frame);
             if frame.draws_overlay_with_picture() {
-                self.draw_overlay(&mut picture, &frame, channel);
+                self.draw_overlay(&mut picture, &frame);
             }
         }
         drop(picture);
@@ -234,23 +234,26 @@ impl Renderer {
     }
 
     /// Writes uniforms and tissue for the latched poses and submits `commands`. Returns at once,
-    /// while the device draws. Text and the fading of a body just lost follow with the next frame.
+    /// while the device draws. The fading of a body just lost follows with the next frame.
     pub fn submit(&mut self, gpu: &Gpu, tier: usize, latched: &Latched, commands: CommandBuffer) {
         self.write_uniforms(&gpu.queue, tier, latched);
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         let radius_mm = self.config.retina_radius_mm as f32;
         let vertices = self.tissue.vertices(&eye_from_instrument, radius_mm);
         self.tissue_buffers.set_vertices(&gpu.queue, vertices);
+        if self.tissue.is_restacked() {
+            self.tissue_buffers.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
+        }
         self.timing.iter_mut().for_each(Timing::before_submit);
         gpu.queue.submit([commands]);
         self.timing.iter_mut().for_each(Timing::after_submit);
-        self.settle(gpu, latched);
+        self.settle(latched);
     }
 
-    /// Lets the next frame have the text and the fading of these poses. Where no time passes between
-    /// frames, to be called before [`Self::encode`], so that each frame has its own.
-    pub fn settle(&mut self, gpu: &Gpu, latched: &Latched) {
-        self.text.set(&gpu.queue, self.overlay.collect(latched));
+    /// Lets the next frame have the fading of these poses. Where no time passes between frames, to be
+    /// called before [`Self::encode`], so that each frame has its own.
+    pub fn settle(&mut self, latched: &Latched) {
+        self.overlay.collect(latched);
         self.lost_before = latched.tracked.map(|t| !t);
         self.eye_lost_before = !latched.eye_tracked;
     }
@@ -258,6 +261,12 @@ impl Renderer {
     /// Shows or hides the dose of light on the retina from the next frame on.
     pub fn show_dose(&mut self, gpu: &Gpu, shown: bool) {
         self.dose.show(&gpu.queue, shown);
+    }
+
+    /// Lines of `protocol::scene_text` over the picture submitted last, which who shows it writes at
+    /// the size of what it is shown on.
+    pub fn text(&self) -> &str {
+        self.overlay.lines()
     }
 
     /// Sets the lines in the top left corner from the next frame on; empty for none.
@@ -268,6 +277,11 @@ impl Renderer {
     /// Sets the mark of a picture that is held, from the next frame on; empty for none.
     pub fn set_held(&mut self, mark: &str) {
         self.overlay.set_held(mark);
+    }
+
+    /// Sets what a page of the scene ends with, as what a person can do next; empty for nothing.
+    pub fn set_next_steps(&mut self, steps: &str) {
+        self.overlay.set_next_steps(steps);
     }
 
     /// Sets lines of `protocol::scene_text` over the picture from the next frame on;

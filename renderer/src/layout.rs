@@ -13,7 +13,8 @@ pub struct InstrumentUniform {
     pub eye_from_instrument: [[f32; 4]; 4],
     /// Half the jaw opening (rad), z of the pivot (mm), opacity, 1 if the lamp lights it.
     pub shape: [f32; 4],
-    /// Radius and length of the shaft (mm), 1 if it is drawn, 0.
+    /// Radius and length of the shaft (mm), 1 if it is drawn, height over the tip from which it is
+    /// round (mm).
     pub shaft: [f32; 4],
 }
 
@@ -54,7 +55,7 @@ pub struct FrameUniform {
 pub struct ViewUniform {
     /// Columns of the channel's projection.
     pub clip_from_eye: [[f32; 4]; 4],
-    /// Position of the channel's objective.
+    /// Position of the channel's objective, and height of a pixel in NDC.
     pub camera: [f32; 4],
     /// Middle of the plane through the target.
     pub plane_origin: [f32; 4],

@@ -6,6 +6,7 @@
 
 pub mod assets;
 pub mod cells;
+pub mod compose;
 pub mod config;
 pub mod costs;
 pub mod frame;
@@ -13,6 +14,7 @@ pub mod fundus_map;
 pub mod governor;
 pub mod gpu;
 pub mod gpu_clock;
+mod kept_map;
 pub mod lamp;
 pub mod latch;
 pub mod layers;
@@ -32,6 +34,7 @@ pub mod similarity;
 pub mod start;
 pub mod stereo;
 pub mod target;
+pub mod text;
 pub mod timing;
 pub mod tissue;
 pub mod tools;

@@ -2,10 +2,13 @@
 //! and tests.
 
 use crate::assets::{AssetError, Assets};
+use crate::compose::{Composer, output_px};
 use crate::frame::{Renderer, RendererConfig};
+use crate::governor::TIERS;
 use crate::gpu::{Gpu, GpuError};
 use crate::latch::Latched;
 use crate::readback::{Picture, ReadBack};
+use crate::stereo::Arrangement;
 
 /// A renderer, its device, and the buffer through which its pictures come back.
 pub struct Offscreen {
@@ -13,6 +16,7 @@ pub struct Offscreen {
     pub gpu: Gpu,
     /// What draws.
     pub renderer: Renderer,
+    composer: Composer,
     read_back: ReadBack,
 }
 
@@ -29,7 +33,8 @@ impl Offscreen {
     pub fn with_assets(gpu: Gpu, config: RendererConfig, assets: &Assets) -> Self {
         let renderer = Renderer::with_assets(&gpu, config, assets);
         let read_back = ReadBack::new(&gpu, config.first_tier);
-        Self { gpu, renderer, read_back }
+        let composer = Composer::new(&gpu);
+        Self { gpu, renderer, composer, read_back }
     }
 
     /// Records and submits a frame of the scene that was taken last.
@@ -38,11 +43,28 @@ impl Offscreen {
         self.renderer.submit(&self.gpu, tier, latched, commands);
     }
 
-    /// Waits for the frame drawn last and copies it into `picture`, whose memory is used again.
+    /// Waits for the frame drawn last and copies it into `picture`, whose memory is used again: the
+    /// tier's own picture, without text.
     ///
     /// # Errors
     /// If the device was lost.
     pub fn read(&self, tier: usize, picture: &mut Picture) -> Result<(), GpuError> {
-        self.read_back.read(&self.gpu, self.renderer.target(tier), picture)
+        self.read_back.read(&self.gpu, &self.renderer.target(tier).texture, picture)
+    }
+
+    /// As [`Self::read`], as it is written into files: with text, and as large as text needs
+    /// ([`output_px`]). The channels lie side by side; `arrangement` is what the file makes of them.
+    ///
+    /// # Errors
+    /// If the device was lost.
+    pub fn compose(
+        &mut self,
+        tier: usize,
+        arrangement: Arrangement,
+        picture: &mut Picture,
+    ) -> Result<(), GpuError> {
+        let (target, size_px) = (self.renderer.target(tier), output_px(&TIERS[tier]));
+        let texture = self.composer.compose(&self.gpu, target, size_px, self.renderer.text(), arrangement);
+        self.read_back.read(&self.gpu, texture, picture)
     }
 }

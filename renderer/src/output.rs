@@ -31,7 +31,7 @@ pub struct OutputConfig {
     pub video: Option<PathBuf>,
     /// Write over files that exist.
     pub force: bool,
-    /// Size of a video picture, both channels, px.
+    /// Size of a channel of the video's pictures, px.
     pub video_px: [u32; 2],
     /// Pictures a second of the video.
     pub video_hz: u32,
@@ -98,8 +98,8 @@ impl Output {
         if let Some(folder) = &config.stills {
             outputs.claim_folder(folder)?;
         }
-        let [both_px, height_px] = config.video_px;
-        let video_px = config.arrangement.size_px(both_px / 2, height_px);
+        let [width_px, height_px] = config.video_px;
+        let video_px = config.arrangement.size_px(width_px, height_px);
         let video = config.video.as_deref().map(|path| outputs.grow(path)).transpose()?;
         let video = video.map(|file| Video::begin(file, video_px, config.video_hz)).transpose()?;
         let (stills, arrangement) = (config.stills.clone(), config.arrangement);
@@ -276,7 +276,7 @@ mod tests {
         OutputConfig {
             stills: folder.map(Into::into),
             video: folder.map(|f| f.join("v.y4m")),
-            video_px: [8, 4],
+            video_px: [4, 4],
             video_hz: 25,
             force: false,
             arrangement,
@@ -382,7 +382,7 @@ mod tests {
         let video = folder.path().join("full.y4m");
         std::os::unix::fs::symlink("/dev/full", &video).unwrap();
         let full =
-            OutputConfig { video: Some(video), video_px: [512, 256], ..config(None, Arrangement::default()) };
+            OutputConfig { video: Some(video), video_px: [256, 256], ..config(None, Arrangement::default()) };
         let mut output = Output::start(&full, 8).unwrap();
         for _ in 0..100 {
             output.wait_for_slot();

@@ -8,20 +8,21 @@ pub mod haze;
 pub mod instruments;
 pub mod marks;
 pub mod membrane;
+mod pipelines;
 pub mod retina;
 pub mod shadow;
 pub mod text;
 
-use crate::governor::Shading;
-use crate::layout::{FrameUniform, TissueHome, VERTEX_STRIDE, ViewUniform};
+pub use pipelines::{PassDevice, PipelineSpec};
+
+use crate::layout::{FrameUniform, ViewUniform};
 use crate::tools::Mesh;
 use std::num::NonZeroU64;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 use wgpu::{
-    BindGroup, BindGroupLayout, BindingResource, BindingType, BlendState, Buffer, BufferUsages, ColorWrites,
-    CompareFunction, Device, FilterMode, IndexFormat, RenderPass, RenderPipeline, Sampler,
-    SamplerBindingType, ShaderStages, Texture, TextureDescriptor, TextureFormat, TextureSampleType,
-    TextureUsages, TextureView, TextureViewDimension,
+    BindGroup, BindGroupLayout, BindingResource, BindingType, Buffer, BufferUsages, Device, FilterMode,
+    IndexFormat, RenderPass, RenderPipeline, Sampler, SamplerBindingType, ShaderStages, Texture,
+    TextureDescriptor, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDimension,
 };
 
 /// Format of the pictures: square roots of linear light, 8 bits.
@@ -54,19 +55,6 @@ pub fn shader_sources() -> [(&'static str, String); 12] {
         ("text", include_str!("passes/text.wgsl").to_owned()),
         ("blit", [QUAD, include_str!("present/blit.wgsl")].concat()),
     ]
-}
-
-/// The shader called `name`.
-///
-/// # Panics
-/// If there is none of that name.
-pub fn shader(device: &Device, name: &str) -> wgpu::ShaderModule {
-    let (label, text) =
-        shader_sources().into_iter().find(|(n, _)| *n == name).expect("a shader of this crate");
-    device.create_shader_module(wgpu::ShaderModuleDescriptor {
-        label: Some(label),
-        source: wgpu::ShaderSource::Wgsl(text.into()),
-    })
 }
 
 /// A texture of two dimensions with one level and one sample a pixel.
@@ -205,156 +193,6 @@ pub fn sampled_group(
     let (view, sampler) = (view(texture), sampler(device, mag_filter));
     let resources = [BindingResource::TextureView(&view), BindingResource::Sampler(&sampler)];
     bind_group(device, label, layout, resources)
-}
-
-/// The settings in which pipelines of this crate differ.
-#[derive(Debug, Clone, Copy)]
-pub struct PipelineSpec<'a> {
-    /// Name of the shader.
-    pub shader: &'a str,
-    /// Entry points; without a fragment stage only depth is written.
-    pub vertex: &'a str,
-    /// Fragment entry point.
-    pub fragment: Option<&'a str>,
-    /// Groups.
-    pub groups: &'a [&'a BindGroupLayout],
-    /// True if it takes vertices from a buffer.
-    pub vertices: bool,
-    /// True if a second buffer says where the vertices lay at the start.
-    pub homes: bool,
-    /// Drawn as a strip of triangles.
-    pub strip: bool,
-    /// Closed bodies: back faces are culled.
-    pub closed: bool,
-    /// Depth: test and write.
-    pub depth: Option<(CompareFunction, bool)>,
-    /// Blending of the picture.
-    pub blend: Option<BlendState>,
-    /// Channels of the picture that are written.
-    pub writes: ColorWrites,
-    /// A buffer of instances: bytes of one, and its attributes.
-    pub instances: Option<(u64, &'a [wgpu::VertexAttribute])>,
-    /// For shaders that serve both: which.
-    pub shading: Shading,
-    /// Samples of a pixel of the picture.
-    pub samples: u32,
-    /// Format of the picture; `None` where only depth is written.
-    pub format: Option<TextureFormat>,
-}
-
-impl<'a> PipelineSpec<'a> {
-    /// An opaque list of triangles without buffers, tested against nothing.
-    pub fn new(shader: &'a str, vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> Self {
-        Self {
-            shader,
-            vertex,
-            fragment: None,
-            groups,
-            vertices: false,
-            homes: false,
-            strip: false,
-            closed: false,
-            depth: None,
-            blend: None,
-            writes: ColorWrites::ALL,
-            instances: None,
-            shading: Shading::Full,
-            samples: 1,
-            format: Some(COLOUR),
-        }
-    }
-
-    /// For the picture of a tier with this shading.
-    pub fn shaded(self, shading: Shading) -> Self {
-        Self { shading, samples: shading.samples(), ..self }
-    }
-}
-
-/// Position, normal and two numbers, as in [`crate::layout`].
-const ATTRIBUTES: [wgpu::VertexAttribute; 4] =
-    wgpu::vertex_attr_array![0 => Float32x3, 1 => Float32x3, 2 => Float32, 3 => Float32];
-
-/// Place in the map and way to the edge.
-const HOME_ATTRIBUTES: [wgpu::VertexAttribute; 1] = wgpu::vertex_attr_array![4 => Float32x3];
-
-/// The pipelines of a pass that draws into the picture, for each shading.
-pub fn pipelines(device: &Device, spec: &PipelineSpec<'_>) -> [RenderPipeline; 2] {
-    Shading::ALL.map(|shading| pipeline(device, &spec.shaded(shading)))
-}
-
-/// The pipelines of an overlay: lean tiers draw it in the pass of the picture, full tiers after it,
-/// without a depth attachment.
-pub fn overlay_pipelines(device: &Device, spec: &PipelineSpec<'_>) -> [RenderPipeline; 2] {
-    let always = (CompareFunction::Always, false);
-    let depth = |shading| (shading == Shading::Lean).then_some(always);
-    Shading::ALL.map(|shading| pipeline(device, &PipelineSpec { depth: depth(shading), ..*spec }))
-}
-
-/// Makes a pipeline.
-pub fn pipeline(device: &Device, spec: &PipelineSpec<'_>) -> RenderPipeline {
-    let module = shader(device, spec.shader);
-    let constants = [("LEAN", 1.0)];
-    let constants: &[(&str, f64)] = if spec.shading == Shading::Lean { &constants } else { &[] };
-    let options = wgpu::PipelineCompilationOptions { constants, ..Default::default() };
-    let groups: Vec<_> = spec.groups.iter().map(|&g| Some(g)).collect();
-    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(spec.shader),
-        bind_group_layouts: &groups,
-        immediate_size: 0,
-    });
-    let vertex_buffer = |array_stride, step_mode, attributes| {
-        Some(wgpu::VertexBufferLayout { array_stride, step_mode, attributes })
-    };
-    let mut buffers = Vec::new();
-    if spec.vertices {
-        buffers.push(vertex_buffer(VERTEX_STRIDE, wgpu::VertexStepMode::Vertex, &ATTRIBUTES[..]));
-    }
-    if spec.homes {
-        let stride = size_of::<TissueHome>() as u64;
-        buffers.push(vertex_buffer(stride, wgpu::VertexStepMode::Vertex, &HOME_ATTRIBUTES[..]));
-    }
-    if let Some((stride, attributes)) = spec.instances {
-        buffers.push(vertex_buffer(stride, wgpu::VertexStepMode::Instance, attributes));
-    }
-    let target = spec
-        .format
-        .map(|format| Some(wgpu::ColorTargetState { format, blend: spec.blend, write_mask: spec.writes }));
-    let topology = if spec.strip {
-        wgpu::PrimitiveTopology::TriangleStrip
-    } else {
-        wgpu::PrimitiveTopology::TriangleList
-    };
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some(spec.shader),
-        layout: Some(&layout),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some(spec.vertex),
-            compilation_options: options.clone(),
-            buffers: &buffers,
-        },
-        primitive: wgpu::PrimitiveState {
-            topology,
-            cull_mode: spec.closed.then_some(wgpu::Face::Back),
-            ..wgpu::PrimitiveState::default()
-        },
-        depth_stencil: spec.depth.map(|(compare, write)| wgpu::DepthStencilState {
-            format: DEPTH,
-            depth_write_enabled: Some(write),
-            depth_compare: Some(compare),
-            stencil: wgpu::StencilState::default(),
-            bias: wgpu::DepthBiasState::default(),
-        }),
-        multisample: wgpu::MultisampleState { count: spec.samples, ..wgpu::MultisampleState::default() },
-        fragment: spec.fragment.map(|entry| wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(entry),
-            compilation_options: options.clone(),
-            targets: target.as_slice(),
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }
 
 /// A buffer with room for `size` bytes, which the queue can write.

@@ -77,17 +77,18 @@ impl Present {
         }
     }
 
-    /// Copies the picture into the window; part of drawing.
-    pub fn copy(&mut self, gpu: &Gpu, target: &Target) {
+    /// Copies the picture into the window, with `text` (lines of `protocol::scene_text`) over it; part
+    /// of drawing.
+    pub fn copy(&mut self, gpu: &Gpu, target: &Target, text: &str) {
         if let Some(window) = &mut self.0 {
-            window.copy(gpu, target);
+            window.copy(gpu, target, text);
         }
     }
 
     /// Lets the display have it, if there is one.
-    pub fn show(&mut self, gpu: &Gpu, target: &Target) -> bool {
+    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str) -> bool {
         if let Some(window) = &mut self.0 {
-            window.show(gpu, target);
+            window.show(gpu, target, text);
         }
         !self.is_headless()
     }

@@ -37,6 +37,12 @@ impl Arrangement {
         }
     }
 
+    /// Pixels for one of the text over a picture: of lines in turn each eye sees every second one, so
+    /// two that are the same show all of it to both.
+    pub fn text_scale(self) -> u32 {
+        if self == Arrangement::Interleaved { 2 } else { 1 }
+    }
+
     /// The arrangement for files, where nothing alternates in time.
     pub fn for_files(self) -> Self {
         if self == Arrangement::Sequential { Arrangement::SideBySide } else { self }

@@ -2,15 +2,21 @@
 //! instruments, normals from the triangles, edges of the membrane marked, and of each node the place
 //! in the fundus map where it lay at the start, so that what is drawn on the tissue moves with it.
 //!
+//! Retina is rounded off on the way (`rim`), and the layers of a folded membrane are put in order.
+//!
 //! What comes in is checked: a triangle with a node that does not exist or is not a finite point
 //! is left out and counted.
+
+mod rim;
 
 use crate::layout::{TissueHome, TissueVertex};
 use glam::{Mat4, Vec3};
 use protocol::limits::INSTRUMENTS;
 use protocol::scene::{
-    FAR_FROM_EDGE_MM, NODE_BOUND, SceneHome, SceneNode, SceneTriangle, TISSUE_GONE, TISSUE_MEMBRANE,
+    FAR_FROM_EDGE_MM, NODE_BOUND, SceneHome, SceneNode, SceneTriangle, TISSUE_GONE, TISSUE_LYING,
+    TISSUE_MEMBRANE,
 };
+use rim::Rim;
 
 /// Farthest that a node may be from the eye's centre, mm; farther ones are broken numbers.
 const FARTHEST_MM: f32 = 1e3;
@@ -21,6 +27,13 @@ pub struct Tissue {
     nodes: Vec<SceneNode>,
     /// Those of the membrane first, then those of the retina, then those that are gone.
     triangles: Vec<[u32; 3]>,
+    /// Of the retina as they came.
+    loose: Vec<[u32; 3]>,
+    lying: Vec<[u32; 3]>,
+    rim: Rim,
+    /// Triangles of the membrane and three times how deep they lie, mm.
+    stack: Vec<(f32, [u32; 3])>,
+    restacked: bool,
     membrane: usize,
     retina: usize,
     homes: Vec<TissueHome>,
@@ -37,10 +50,11 @@ impl Tissue {
     pub fn with_capacity(nodes: usize, triangles: usize) -> Self {
         Self {
             nodes: Vec::with_capacity(nodes),
-            triangles: Vec::with_capacity(triangles),
-            homes: Vec::with_capacity(nodes),
-            vertices: Vec::with_capacity(nodes),
+            triangles: Vec::with_capacity(2 * triangles),
+            homes: Vec::with_capacity(2 * nodes),
+            vertices: Vec::with_capacity(2 * nodes),
             edges: Vec::with_capacity(3 * triangles),
+            stack: Vec::with_capacity(triangles),
             is_edge: Vec::with_capacity(nodes),
             ..Self::default()
         }
@@ -70,15 +84,21 @@ impl Tissue {
             let kind = |t: &SceneTriangle| match t.tissue {
                 TISSUE_MEMBRANE => 0,
                 TISSUE_GONE => 2,
+                TISSUE_LYING => 3,
                 _ => 1,
             };
             let of = |which: u32| triangles.iter().filter(move |t| kind(t) == which);
             self.triangles.extend(of(0).filter(fits).map(|t| t.nodes));
             self.membrane = self.triangles.len();
-            self.triangles.extend(of(1).filter(fits).map(|t| t.nodes));
+            self.loose.clear();
+            self.loose.extend(of(1).filter(fits).map(|t| t.nodes));
+            self.lying.clear();
+            self.lying.extend(of(3).filter(fits).map(|t| t.nodes));
+            self.rim.divide(count as usize, &self.loose, &self.lying, &mut self.triangles);
+            self.rim.place_homes(&mut self.homes);
             self.retina = self.triangles.len() - self.membrane;
             self.triangles.extend(of(2).filter(fits).map(|t| t.nodes));
-            self.refused = (triangles.len() - self.triangles.len()) as u64;
+            self.refused = triangles.iter().filter(|t| !fits(t)).count() as u64;
             self.mark_edges();
         }
         changed
@@ -95,7 +115,7 @@ impl Tissue {
         &self.triangles
     }
 
-    /// Home of each node; they change with the triangles only.
+    /// Home of each vertex; they change with the triangles only.
     pub fn homes(&self) -> &[TissueHome] {
         &self.homes
     }
@@ -132,8 +152,31 @@ impl Tissue {
                 more: [edge, dye],
             });
         }
+        let held = |node: usize| u32::from(self.nodes[node].flag) >= NODE_BOUND;
+        self.rim.place(&mut self.vertices, held);
         self.add_normals();
+        self.stack_membrane();
         &self.vertices
+    }
+
+    /// Whether the vertices taken last changed the order of the triangles.
+    pub fn is_restacked(&self) -> bool {
+        self.restacked
+    }
+
+    /// Puts the membrane's triangles in order from the choroid up, as they are drawn: each lets through
+    /// what lies behind it, so where the membrane is folded over the lower layer has to be there first.
+    fn stack_membrane(&mut self) {
+        let depth = |n: u32| Vec3::from(self.vertices[n as usize].position).length();
+        self.stack.clear();
+        let membrane = &mut self.triangles[..self.membrane];
+        self.stack.extend(membrane.iter().map(|t| (t.map(depth).iter().sum::<f32>(), *t)));
+        self.restacked = !self.stack.is_sorted_by(|a, b| a.0 >= b.0);
+        if self.restacked {
+            // It is nearly in order: that of the last frame.
+            self.stack.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            membrane.iter_mut().zip(&self.stack).for_each(|(t, (_, sorted))| *t = *sorted);
+        }
     }
 
     fn add_normals(&mut self) {
@@ -197,6 +240,27 @@ mod tests {
         assert!(v.iter().all(|v| (v.normal[2] - 1.0).abs() < 1e-6));
         assert_eq!(v.iter().map(|v| v.more[1]).collect::<Vec<_>>(), [0.0, 0.0, 1.0, 0.0, 0.0]);
         assert_eq!(v.iter().map(|v| v.more[0]).collect::<Vec<_>>(), [0.0, 1.0, 1.0, 1.0, 1.0]);
+    }
+
+    #[test]
+    fn a_folded_membrane_is_drawn_from_the_choroid_up() {
+        let at = |[x, y, z]: [f32; 3]| node([x, y, z], NODE_FREE);
+        let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        let layer = |z: f32| corners.map(|[x, y]| at([x, y, z]));
+        // The flap comes before what it lies over, and after it.
+        let mut nodes = [layer(-10.0), layer(-11.0), layer(-10.5)].concat();
+        let triangles = [[0, 1, 2], [3, 4, 5], [6, 7, 8]].map(|nodes| SceneTriangle { nodes, tissue: 0 });
+        let mut tissue = Tissue::default();
+        let mut drawn = |nodes: &[SceneNode]| {
+            tissue.take(nodes, &triangles, &[], 1);
+            tissue.vertices(&[Mat4::IDENTITY; 2], RADIUS_MM);
+            let order: Vec<u32> = tissue.triangles().iter().map(|t| t[0] / 3).collect();
+            (order, tissue.is_restacked())
+        };
+        assert_eq!(drawn(&nodes), (vec![1, 2, 0], true));
+        assert_eq!(drawn(&nodes), (vec![1, 2, 0], false), "as it was");
+        nodes[6..].iter_mut().for_each(|n| n.position_mm[2] = -9.0);
+        assert_eq!(drawn(&nodes), (vec![1, 0, 2], true));
     }
 
     #[test]

@@ -3,8 +3,10 @@
 //! example `instruments`), drawn at 25 gauge, and are widened here to the gauge of a scene.
 
 mod load;
+mod outline;
 
 pub use load::{ModelError, load, name, parts};
+pub use outline::{outline, round_from_mm};
 
 use crate::layout::MetalVertex;
 use glam::Vec3;

@@ -1,15 +1,15 @@
 //! Learning curves as a picture.
 
 use crate::curve::{Curve, longest};
-use font::{CELL_H, CELL_W, number, strip};
+use font::{Face, line_px};
 use image::{Rgb, RgbImage};
 
 /// Size of the picture, px.
 pub const SIZE: [u32; 2] = [960, 600];
 /// The field of the plot: left, top, right, bottom, px.
 const FIELD: [f64; 4] = [70.0, 40.0, 930.0, 470.0];
-/// Enlargement of letters.
-const LETTER: i64 = 2;
+/// Size of letters, px.
+const LETTER: f32 = 14.0;
 /// Rows and columns of the legend below.
 const LEGEND: [usize; 2] = [4, 2];
 
@@ -36,7 +36,7 @@ pub fn png(curves: &[Curve]) -> image::ImageResult<Vec<u8>> {
 
 /// As [`png`], the pixels.
 pub fn plot(curves: &[Curve]) -> RgbImage {
-    let mut chart = Chart { picture: RgbImage::from_pixel(SIZE[0], SIZE[1], PAPER), letters: strip() };
+    let mut chart = Chart { picture: RgbImage::from_pixel(SIZE[0], SIZE[1], PAPER), face: Face::new() };
     let most = longest(curves);
     chart.frame(most);
     for (curve, colour) in curves.iter().zip(COLOURS.iter().cycle()) {
@@ -68,7 +68,7 @@ fn up(score: f64) -> f64 {
 
 struct Chart {
     picture: RgbImage,
-    letters: (Vec<u8>, u32),
+    face: Face,
 }
 
 impl Chart {
@@ -97,44 +97,40 @@ impl Chart {
 
     /// Writes with the upper left corner at (x, y).
     fn write(&mut self, x: i64, y: i64, text: &str, colour: Rgb<u8>) {
-        for (i, character) in text.chars().enumerate() {
-            let left = x + (i * CELL_W) as i64 * LETTER;
-            for row in 0..CELL_H {
-                for column in 0..CELL_W {
-                    let at = row * self.letters.1 as usize + number(character) * CELL_W + column;
-                    if self.letters.0[at] > 0 {
-                        let (column, row) = (column as i64 * LETTER, row as i64 * LETTER);
-                        self.block(left + column, y + row, LETTER, LETTER, colour);
-                    }
-                }
-            }
-        }
+        let width = self.picture.width();
+        self.face.write(&mut self.picture, width, [x as f32, y as f32], text, LETTER, colour.0);
+    }
+
+    /// Width of a text, px.
+    fn width(&mut self, text: &str) -> i64 {
+        self.face.width_px(text, LETTER).ceil() as i64
     }
 
     /// Axes, grid and their numbers.
     fn frame(&mut self, most: usize) {
         let [left, top, right, bottom] = FIELD;
-        let letter_h = CELL_H as i64 * LETTER;
+        let letter_h = line_px(LETTER) as i64;
         for points in (0..=100).step_by(10) {
             let y = up(f64::from(points));
             self.line([left, y], [right, y], 1, GRID);
             if points % 20 == 0 {
-                let text = format!("{points:>3}");
-                let x = left as i64 - 10 - text.len() as i64 * CELL_W as i64 * LETTER;
+                let text = points.to_string();
+                let x = left as i64 - 10 - self.width(&text);
                 self.write(x, y as i64 - letter_h / 2 + 1, &text, INK);
             }
         }
         let every = most.div_ceil(20).max(1);
         for attempt in (0..most).step_by(every) {
             let (x, text) = (across(attempt, most), (attempt + 1).to_string());
-            let half = text.len() as i64 * CELL_W as i64 * LETTER / 2;
+            let half = self.width(&text) / 2;
             self.line([x, bottom], [x, bottom + 5.0], 1, INK);
             self.write(x as i64 - half + 1, bottom as i64 + 9, &text, INK);
         }
         self.line([left, top], [left, bottom], 2, INK);
         self.line([left, bottom], [right, bottom], 2, INK);
-        self.write(left as i64 - 46, 12, "points", INK);
-        self.write(right as i64 - 84, bottom as i64 + 30, "attempt", INK);
+        self.write(left as i64 - 46, 12, "Points", INK);
+        let width = self.width("Attempt");
+        self.write(right as i64 - width, bottom as i64 + 30, "Attempt", INK);
     }
 
     /// Names of the curves; where there are more than fit, the last line says how many are not
@@ -142,12 +138,12 @@ impl Chart {
     fn legend(&mut self, curves: &[Curve]) {
         let [rows, columns] = LEGEND;
         let (places, width) = (rows * columns, (SIZE[0] as i64 - 40) / columns as i64);
-        let fits = width as usize / (CELL_W * LETTER as usize) - 3;
         let named = if curves.len() > places { places - 1 } else { curves.len() };
         for (i, (curve, colour)) in curves.iter().zip(COLOURS.iter().cycle()).take(named).enumerate() {
             let (x, y) = place_in_legend(i, width);
             self.block(x, y + 2, 12, 12, *colour);
-            let label: String = curve.label.chars().take(fits).collect();
+            let mut label = curve.label.clone();
+            while self.width(&label) > width - 40 && label.pop().is_some() {}
             self.write(x + 20, y, &label, INK);
         }
         if named < curves.len() {

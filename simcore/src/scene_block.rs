@@ -11,7 +11,7 @@ use protocol::events::EventKind;
 use protocol::geometry::Pose;
 use protocol::scene::{
     NODE_DEAD, NODE_FREE, SceneBody, SceneHeader, SceneHome, SceneInstrument, SceneMark, SceneNode,
-    SceneTriangle, SectionWriter, TISSUE_GONE, TISSUE_MEMBRANE, TISSUE_RETINA,
+    SceneTriangle, SectionWriter, TISSUE_GONE, TISSUE_LYING, TISSUE_MEMBRANE, TISSUE_RETINA,
 };
 use protocol::time::Instants;
 use scene::{BodyScene, BodyShape, MAX_BODIES};
@@ -60,6 +60,8 @@ pub struct SceneWriter {
     triangles: Vec<SceneTriangle>,
     /// Topology for which `triangles` holds.
     topology: Option<u64>,
+    /// By node of the retina: whether a triangle that is loose or moved has it.
+    beside: Vec<bool>,
     /// Where the nodes lay at the start; it never changes.
     homes: Vec<SceneHome>,
     marks: Vec<SceneMark>,
@@ -82,10 +84,15 @@ impl SceneWriter {
             nodes: Vec::with_capacity(sheets * sheet.nodes() + retina.map_or(0, |s| s.nodes())),
             triangles: Vec::with_capacity(triangles),
             topology: None,
+            beside: Vec::with_capacity(retina.map_or(0, |s| s.nodes())),
             marks: Vec::with_capacity(crate::constants::MAX_MARKS),
             bodies: Vec::with_capacity(MAX_BODIES + MAX_BALLS),
             doses: vec![0.0; protocol::dose::CELLS],
-            elevation: Elevation { raised: vec![false; sheet.triangles.len()], changes: 0 },
+            elevation: Elevation {
+                raised: vec![false; sheet.triangles.len()],
+                beside: vec![false; sheet.nodes()],
+                changes: 0,
+            },
             task: TaskText::default(),
             generation: 0,
         }
@@ -195,18 +202,29 @@ impl SceneWriter {
         }
     }
 
-    /// Only triangles of the retina that are loose, lie elsewhere than at the start, or are gone:
-    /// what lies where it lay is the fundus itself.
+    /// Only triangles of the retina that are loose, lie elsewhere than at the start, or are gone, and
+    /// those beside them: what lies where it lay is the fundus itself.
     fn collect_retina_triangles(&mut self, world: &World, base: u32) {
         let (Some(model), Some(retina)) = (world.retina(), &world.state().retina) else { return };
-        for (t, nodes) in model.body.mesh.triangles.iter().enumerate() {
-            let gone = retina.sheet.triangle_alive[t] == 0;
-            let loose = model.body.active()[t] != 0;
-            if gone || loose || nodes.iter().any(|&n| model.has_moved(retina, n)) {
-                let tissue = if gone { TISSUE_GONE } else { TISSUE_RETINA };
-                self.triangles.push(SceneTriangle { nodes: nodes.map(|n| n + base), tissue });
+        let gone = |t: usize| retina.sheet.triangle_alive[t] == 0;
+        let differs = |t: usize, nodes: &[u32; 3]| {
+            model.body.active()[t] != 0 || nodes.iter().any(|&n| model.has_moved(retina, n))
+        };
+        let all = || model.body.mesh.triangles.iter().enumerate();
+        let sent = |nodes: &[u32; 3], tissue| SceneTriangle { nodes: nodes.map(|n| n + base), tissue };
+        self.beside.clear();
+        self.beside.resize(retina.sheet.nodes(), false);
+        for (t, nodes) in all() {
+            if gone(t) {
+                self.triangles.push(sent(nodes, TISSUE_GONE));
+            } else if differs(t, nodes) {
+                self.triangles.push(sent(nodes, TISSUE_RETINA));
+                nodes.iter().for_each(|&n| self.beside[n as usize] = true);
             }
         }
+        let beside = |nodes: &[u32; 3]| nodes.iter().any(|&n| self.beside[n as usize]);
+        let lying = all().filter(|(t, nodes)| !gone(*t) && !differs(*t, nodes) && beside(nodes));
+        self.triangles.extend(lying.map(|(_, nodes)| sent(nodes, TISSUE_LYING)));
     }
 
     /// Changes with every change of the triangles that are sent.
@@ -232,6 +250,8 @@ impl SceneWriter {
 struct Elevation {
     /// Triangles of the sheet with a lifted corner.
     raised: Vec<bool>,
+    /// Nodes of raised triangles.
+    beside: Vec<bool>,
     /// How often that changed.
     changes: u64,
 }
@@ -248,6 +268,11 @@ impl Elevation {
             *raised = now;
         }
         self.changes += u64::from(changed);
+        if changed {
+            self.beside.fill(false);
+            let raised = world.sheet().triangles.iter().zip(&self.raised).filter(|(_, raised)| **raised);
+            raised.flat_map(|(t, _)| t).for_each(|&n| self.beside[n as usize] = true);
+        }
     }
 
     /// Every node, so that a node keeps its number.
@@ -263,8 +288,11 @@ impl Elevation {
     }
 
     fn triangles<'a>(&'a self, world: &'a World, base: u32) -> impl Iterator<Item = SceneTriangle> + 'a {
-        let raised = world.sheet().triangles.iter().zip(&self.raised).filter(|(_, raised)| **raised);
-        raised.map(move |(t, _)| SceneTriangle { nodes: t.map(|n| n + base), tissue: TISSUE_RETINA })
+        world.sheet().triangles.iter().zip(&self.raised).filter_map(move |(nodes, raised)| {
+            let beside = nodes.iter().any(|&n| self.beside[n as usize]);
+            let tissue = if *raised { TISSUE_RETINA } else { TISSUE_LYING };
+            (*raised || beside).then(|| SceneTriangle { nodes: nodes.map(|n| n + base), tissue })
+        })
     }
 }
 

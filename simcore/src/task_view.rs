@@ -4,8 +4,10 @@
 use crate::world::World;
 use nalgebra::Vector3;
 use protocol::scene::SceneBody;
-use protocol::scene_text::{Place, push_line};
-use scene::{Goal, MAX_GOALS};
+use protocol::scene_text::{Place, Row, capitalised, push_line, push_sentence};
+use scene::{Goal, MAX_GOALS, TaskScene};
+use training::score::Score;
+use training::score::table::Category;
 use training::task::{Phase, Task, TaskState};
 
 /// Balls that a task may show: goals, and beads along a path.
@@ -123,7 +125,7 @@ impl TaskText {
             self.made_for = Some(key);
             self.text.clear();
             if !notice.is_empty() {
-                push_line(&mut self.text, Place::Bottom, notice);
+                push_sentence(&mut self.text, Place::Top, notice);
             }
             match task {
                 Some(_) if over => end_screen(world, &mut self.text),
@@ -132,7 +134,7 @@ impl TaskText {
             }
             if gone > 0 {
                 let left_ml = removed.vitreous_left_um3 as f64 * 1e-12;
-                push_line(&mut self.text, Place::TopRight, &format!("vitreous {left_ml:.2} ml"));
+                push_line(&mut self.text, Place::TopRight, &format!("Vitreous {left_ml:.2} ml"));
             }
             self.text.truncate(self.text.floor_char_boundary(MAX_TEXT));
         }
@@ -142,24 +144,30 @@ impl TaskText {
 
 fn running(task: &Task, state: &TaskState, out: &mut String) {
     let scene = task.scene();
-    let left_s = (scene.limit_s - state.elapsed_s()).max(0.0) as u64;
-    push_line(out, Place::TopLeft, &format!("level {}", scene.level));
-    push_line(out, Place::TopLeft, &format!("{} of {}", state.reached(), scene.goals.len()));
-    push_line(out, Place::TopRight, &format!("{}:{:02}", left_s / 60, left_s % 60));
     let next = scene.goals.iter().enumerate().find(|(i, _)| task.is_open(state, *i)).map(|(_, g)| g);
+    push_task(scene, state.elapsed_s(), state.reached(), next, out);
+}
+
+/// Lines of a task `elapsed_s` after its beginning, with so many of its goals reached: level, time
+/// that is left, what is to be done next, and at the beginning the instructions.
+pub fn push_task(scene: &TaskScene, elapsed_s: f64, reached: usize, next: Option<&Goal>, out: &mut String) {
+    let left_s = (scene.limit_s - elapsed_s).max(0.0) as u64;
+    push_line(out, Place::TopLeft, &format!("Level {}", scene.level));
+    push_line(out, Place::TopLeft, &format!("{reached} of {}", scene.goals.len()));
+    push_line(out, Place::TopRight, &format!("{}:{:02}", left_s / 60, left_s % 60));
+    if elapsed_s < INSTRUCTIONS_S {
+        push_line(out, Place::Bottom, &scene.title);
+        scene.instructions.iter().for_each(|line| push_line(out, Place::Bottom, line));
+    }
     let hint = match next {
         Some(Goal::Event { what, .. } | Goal::Gel { what, .. } | Goal::Retina { what, .. }) => {
-            format!("next: {what}")
+            format!("Next: {what}")
         }
-        Some(Goal::Grip { instrument, .. }) => format!("next: pick up, {} hand", hand(*instrument)),
-        Some(Goal::Place { .. }) => "next: place it on the mark".into(),
+        Some(Goal::Grip { instrument, .. }) => format!("Next: pick up, {} hand", hand(*instrument)),
+        Some(Goal::Place { .. }) => "Next: place it on the mark".into(),
         _ => String::new(),
     };
     push_line(out, Place::Bottom, &hint);
-    if state.elapsed_s() < INSTRUCTIONS_S {
-        push_line(out, Place::Middle, &scene.title);
-        scene.instructions.iter().for_each(|line| push_line(out, Place::Middle, line));
-    }
 }
 
 fn hand(instrument: u32) -> &'static str {
@@ -167,17 +175,25 @@ fn hand(instrument: u32) -> &'static str {
 }
 
 fn end_screen(world: &World, out: &mut String) {
-    let (Some((task, _)), Some(score)) = (world.task(), world.score()) else { return };
-    let end = if score.finished { "finished" } else { "time is over" };
-    push_line(out, Place::Middle, &format!("{}, level {}: {end}", task.scene().module, task.scene().level));
-    push_line(out, Place::Middle, &format!("{:.0} of 100 points (± {:.1})", score.total, score.sigma));
-    for category in training::score::table::Category::ALL {
-        let points = score.categories[category as usize];
-        push_line(
-            out,
-            Place::Middle,
-            &format!("{} {points:.0} of {:.0}", category.name(), category.points()),
-        );
+    if let (Some((task, _)), Some(score)) = (world.task(), world.score()) {
+        push_result(task.scene(), &score, out);
+    }
+}
+
+/// The page of an attempt that is over: what was practised, how it ended, the points of all and of
+/// each category.
+pub fn push_result(scene: &TaskScene, score: &Score, out: &mut String) {
+    // What stands before the colon names the module, what comes after it its steps.
+    let name = scene.title.split(':').next().unwrap_or_default();
+    let name = if name.is_empty() { &scene.module } else { name };
+    Row::Title(&format!("{name}, level {}", scene.level)).push(out);
+    let end = if score.finished { "Finished" } else { "Time is over" };
+    Row::Plain(&format!("{end}: {:.0} of 100 points (± {:.1})", score.total, score.sigma)).push(out);
+    for category in Category::ALL {
+        let (points, most) = (score.categories[category as usize], category.points());
+        let name: String = capitalised(category.name()).collect();
+        let share = (points / most.max(1e-9)) as f32;
+        Row::Bar { name: &name, share, value: &format!("{points:.0} of {most:.0}") }.push(out);
     }
 }
 
@@ -208,7 +224,7 @@ mod tests {
         let left_ml = world.removed().vitreous_left_um3 as f64 * 1e-12;
         let shown = text.lines(&world, "warned", 7).to_owned();
         let lines: Vec<_> = protocol::scene_text::lines(&shown).collect();
-        let left = format!("vitreous {left_ml:.2} ml");
-        assert_eq!(lines, [(Place::Bottom, "warned"), (Place::TopRight, left.as_str())]);
+        let left = format!("Vitreous {left_ml:.2} ml");
+        assert_eq!(lines, [(Place::Top, "Warned"), (Place::TopRight, left.as_str())]);
     }
 }

@@ -74,6 +74,7 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("parquet", &["results"]),
     ("openh264", &["renderer"]),
     ("mp4-atom", &["renderer"]),
+    ("swash", &["font"]),
     ("tokio", &["launcher"]),
 ];
 /// Folders of crates that ship with nothing.

@@ -22,4 +22,5 @@ mod record_replay;
 mod shortage;
 mod sleep;
 mod streams;
+mod text;
 mod watch;

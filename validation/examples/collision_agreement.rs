@@ -10,7 +10,7 @@
 use collision::instrument_image::InstrumentImage;
 use collision::surface::Surface;
 use collision::zcoll::{Contacts, Zcoll};
-use font::{CELL_H, CELL_W, glyph};
+use font::{Face, line_px};
 use image::{Rgb, RgbImage};
 use protocol::handles::Tool;
 use protocol::random::Random;
@@ -185,31 +185,27 @@ fn misses() -> Vec<(usize, usize, usize)> {
     RESOLUTIONS.iter().zip(counts).map(|(r, (missed, all))| (*r, missed, all)).collect()
 }
 
-/// Writes into a picture, centred on a column; letters of dots.
-fn write(picture: &mut RgbImage, text: &str, middle: u32, top: u32) {
-    let left = i64::from(middle) - (text.chars().count() * CELL_W) as i64 / 2;
-    for (i, character) in text.chars().enumerate() {
-        for (row, bits) in glyph(character).iter().enumerate() {
-            for column in (0..5).filter(|c| bits >> (4 - c) & 1 == 1) {
-                let x = (left + (i * CELL_W + column) as i64).max(0) as u32;
-                picture.put_pixel(x.min(picture.width() - 1), top + row as u32, Rgb([40; 3]));
-            }
-        }
-    }
+/// Size of letters, px.
+const LETTER: f32 = 14.0;
+
+/// Writes into a picture, centred on a column.
+fn write(picture: &mut RgbImage, face: &mut Face, text: &str, middle: u32, top: u32) {
+    let (left, width) = (middle as f32 - 0.5 * face.width_px(text, LETTER), picture.width());
+    face.write(picture, width, [left.max(0.0), top as f32], text, LETTER, [40; 3]);
 }
 
-/// Bars of the missed share over the resolution, a line every tenth; drawn small and doubled, so
-/// that the letters can be read.
+/// Bars of the missed share over the resolution, a line every tenth.
 fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> {
-    let (bar, gap, height) = (22u32, 10u32, 200u32);
-    let (left, top) = (34u32, 28u32);
+    let (bar, gap, height) = (44u32, 20u32, 400u32);
+    let (left, top) = (68u32, 56u32);
     let width = left + gap + misses.len() as u32 * (bar + gap);
-    let mut picture = RgbImage::from_pixel(width, top + height + 34, Rgb([255; 3]));
+    let (mut face, line) = (Face::new(), line_px(LETTER) as u32);
+    let mut picture = RgbImage::from_pixel(width, top + height + 68, Rgb([255; 3]));
     for tenth in 0..=10 {
         let y = top + height * tenth / 10;
         let grey = if tenth == 10 { 40 } else { 215 };
         (left..width).for_each(|x| picture.put_pixel(x, y, Rgb([grey; 3])));
-        write(&mut picture, &format!("{} %", 100 - 10 * tenth), left / 2, y - CELL_H as u32 / 2);
+        write(&mut picture, &mut face, &format!("{} %", 100 - 10 * tenth), left / 2, y - line / 2);
     }
     for (i, &(resolution, missed, all)) in misses.iter().enumerate() {
         let from = left + gap + i as u32 * (bar + gap);
@@ -218,13 +214,13 @@ fn plot(misses: &[(usize, usize, usize)], path: &str) -> image::ImageResult<()> 
         for (x, y) in (from..from + bar).flat_map(|x| (above..top + height).map(move |y| (x, y))) {
             picture.put_pixel(x, y, Rgb([40, 90, 160]));
         }
-        write(&mut picture, &format!("{:.1}", 100.0 * share), from + bar / 2, above - CELL_H as u32 - 1);
-        write(&mut picture, &resolution.to_string(), from + bar / 2, top + height + 5);
+        let middle = from + bar / 2;
+        write(&mut picture, &mut face, &format!("{:.1}", 100.0 * share), middle, above - line - 2);
+        write(&mut picture, &mut face, &resolution.to_string(), middle, top + height + 10);
     }
-    write(&mut picture, "meeting triangles that no pixel reports", width / 2, 2);
-    write(&mut picture, "pixels along a side of the image, R", width / 2, top + height + 20);
-    let (w, h) = picture.dimensions();
-    image::imageops::resize(&picture, 2 * w, 2 * h, image::imageops::FilterType::Nearest).save(path)
+    write(&mut picture, &mut face, "Meeting triangles that no pixel reports, %", width / 2, 4);
+    write(&mut picture, &mut face, "Pixels along a side of the image, R", width / 2, top + height + 40);
+    picture.save(path)
 }
 
 fn main() -> ExitCode {

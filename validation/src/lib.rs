@@ -20,3 +20,4 @@ pub mod moments;
 pub mod pipeline;
 pub mod rays;
 pub mod soak;
+pub mod stability;

@@ -131,7 +131,7 @@ fn jaws_close_while_used_or_kept() {
     assert_eq!(after(&mut guidance, 50), 0.0);
     guidance.apply(Input::Press(key("c")));
     guidance.apply(Input::Release(key("mouse-left")));
-    assert_eq!((after(&mut guidance, 50), guidance.hint().as_str()), (0.0, "hand 1: forceps, kept"));
+    assert_eq!((after(&mut guidance, 50), guidance.hint().as_str()), (0.0, "Hand 1: forceps, kept"));
     guidance.apply(Input::Press(key("c")));
     assert_eq!(after(&mut guidance, 50), OPEN_RAD);
 }

@@ -119,6 +119,17 @@ impl Renderer {
         }
     }
 
+    /// Edges of the instruments' shafts, where a pixel has one sample. After everything that lies
+    /// behind them: they let it through by the share of a pixel that they leave free.
+    pub(super) fn draw_edges(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>) {
+        let drawn = frame.layers.has(Layers::INSTRUMENTS) && frame.shading == Shading::Lean;
+        for which in (0..INSTRUMENTS).filter(|_| drawn) {
+            if let Some(tool) = self.tools[which] {
+                self.instruments.draw_edges(pass, &self.meshes, which, tool);
+            }
+        }
+    }
+
     /// Rigid bodies of abstract tasks.
     pub(super) fn draw_bodies(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>) {
         if frame.layers.has(Layers::BODIES) {
@@ -172,18 +183,14 @@ impl Renderer {
         self.focus.draw(&mut pass, tiles);
         for channel in 0..CHANNELS as u32 {
             self.set_channel(&mut pass, frame, channel);
-            self.draw_overlay(&mut pass, frame, channel);
+            self.draw_overlay(&mut pass, frame);
         }
     }
 
-    /// The ring that warns of lost tracking, and text.
-    pub(super) fn draw_overlay(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>, channel: u32) {
+    /// The ring that warns of lost tracking.
+    pub(super) fn draw_overlay(&self, pass: &mut RenderPass<'_>, frame: &FrameContext<'_>) {
         if self.lost_before.contains(&true) || self.eye_lost_before {
             self.fundus.draw_lost_ring(pass, frame.shading);
-        }
-        if frame.layers.has(Layers::TEXT) {
-            let size_px = [frame.target.width_px, frame.target.height_px].map(|n| n as f32);
-            self.text.draw(pass, channel as f32 * size_px[0], size_px, frame.shading);
         }
     }
 }

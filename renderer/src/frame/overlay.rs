@@ -1,7 +1,7 @@
 //! Lines of text over the picture: the scene's own, the process's status, and a user's overlay.
 
 use crate::latch::Latched;
-use protocol::scene_text::{Place, push_line};
+use protocol::scene_text::{Place, lines, push_line, push_sentence};
 
 /// Text over the picture, from every source; [`Self::collect`] joins it for a frame.
 #[derive(Debug, Default)]
@@ -11,6 +11,7 @@ pub struct OverlayText {
     held: String,
     overlay: String,
     hides_scene_text: bool,
+    next_steps: String,
     lines: String,
 }
 
@@ -43,6 +44,12 @@ impl OverlayText {
         self.held.push_str(mark);
     }
 
+    /// Sets what a page of the scene ends with; empty for nothing.
+    pub fn set_next_steps(&mut self, steps: &str) {
+        self.next_steps.clear();
+        self.next_steps.push_str(steps);
+    }
+
     /// Sets lines of `protocol::scene_text`; `hides_scene_text`: in place of the scene's.
     pub fn set_overlay(&mut self, lines: &str, hides_scene_text: bool) {
         self.overlay.clear();
@@ -50,18 +57,25 @@ impl OverlayText {
         self.hides_scene_text = hides_scene_text;
     }
 
-    /// Every line of the next frame.
-    pub fn collect(&mut self, latched: &Latched) -> &str {
+    /// Joins every line of a frame.
+    pub fn collect(&mut self, latched: &Latched) {
         self.lines.clear();
         for line in self.status.lines() {
-            push_line(&mut self.lines, Place::TopLeft, line);
+            push_sentence(&mut self.lines, Place::TopLeft, line);
         }
-        push_line(&mut self.lines, Place::Bottom, &self.held);
-        push_line(&mut self.lines, Place::Bottom, lost_text(latched));
+        push_line(&mut self.lines, Place::Top, &self.held);
+        push_line(&mut self.lines, Place::Top, lost_text(latched));
         self.lines.push_str(&self.overlay);
         if !self.hides_scene_text {
             self.lines.push_str(&self.scene);
+            if !self.next_steps.is_empty() && lines(&self.scene).any(|(place, _)| place == Place::Page) {
+                push_line(&mut self.lines, Place::Page, &self.next_steps);
+            }
         }
+    }
+
+    /// What was joined last.
+    pub fn lines(&self) -> &str {
         &self.lines
     }
 }
@@ -70,12 +84,40 @@ impl OverlayText {
 fn lost_text(latched: &Latched) -> &'static str {
     match (latched.tracked, latched.eye_tracked) {
         ([true, true], true) => "",
-        ([false, true], true) => "TRACKING LOST: INST0",
-        ([true, false], true) => "TRACKING LOST: INST1",
-        ([false, false], true) => "TRACKING LOST: INST0 INST1",
-        ([true, true], false) => "TRACKING LOST: EYE",
-        ([false, true], false) => "TRACKING LOST: INST0 EYE",
-        ([true, false], false) => "TRACKING LOST: INST1 EYE",
-        ([false, false], false) => "TRACKING LOST: INST0 INST1 EYE",
+        ([false, true], true) => "Tracking lost: instrument 1",
+        ([true, false], true) => "Tracking lost: instrument 2",
+        ([false, false], true) => "Tracking lost: both instruments",
+        ([true, true], false) => "Tracking lost: eye",
+        ([false, true], false) => "Tracking lost: instrument 1, eye",
+        ([true, false], false) => "Tracking lost: instrument 2, eye",
+        ([false, false], false) => "Tracking lost: both instruments, eye",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::latch::latch_scene;
+    use bytemuck::Zeroable;
+    use protocol::scene::SceneHeader;
+
+    #[test]
+    fn every_source_has_its_place_and_a_page_ends_with_what_to_do_next() {
+        let mut overlay = OverlayText::new();
+        let latched =
+            Latched { tracked: [true, false], eye_tracked: true, ..latch_scene(&SceneHeader::zeroed()) };
+        overlay.set_status("tier 6\nfixed by --tier");
+        overlay.set_held("Picture held for 1.2 s");
+        overlay.set_next_steps("N: next level");
+        overlay.set_scene("_Next: the edge\n".as_bytes());
+        overlay.collect(&latched);
+        let begin = "<Tier 6\n<Fixed by --tier\n^Picture held for 1.2 s\n^Tracking lost: instrument 2\n";
+        assert_eq!(overlay.lines(), format!("{begin}_Next: the edge\n"));
+        overlay.set_scene("=#Over\n".as_bytes());
+        overlay.collect(&latched);
+        assert_eq!(overlay.lines(), format!("{begin}=#Over\n=N: next level\n"));
+        overlay.set_overlay("=help\n", true);
+        overlay.collect(&latched);
+        assert_eq!(overlay.lines(), format!("{begin}=help\n"), "in place of the scene's");
     }
 }

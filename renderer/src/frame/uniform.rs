@@ -7,7 +7,7 @@ use crate::lamp::{self, Lamp, lamp_index};
 use crate::latch::Latched;
 use crate::layout::{FrameUniform, InstrumentUniform, ViewUniform};
 use crate::passes::VIEW_STRIDE;
-use crate::tools::JAW_LENGTH_MM;
+use crate::tools::{JAW_LENGTH_MM, round_from_mm};
 use crate::view::{CHANNELS, FIELD_FILL, focus_plane, view_uniform};
 use crate::{fundus_map, optics};
 use bytemuck::Zeroable;
@@ -27,8 +27,9 @@ const RELIEF: f32 = 0.35;
 const WRINKLES: f32 = 0.045;
 /// Depth bias of the shadow map, in its depth.
 const SHADOW_BIAS: f32 = 2e-5;
-/// Least half width of the soft edge of a shadow, share of the map: about a texel.
+/// Least half width of the soft edge of a shadow: share of the map, and texels.
 const SHADOW_SOFT: f32 = 1.2e-3;
+const SHADOW_SOFT_PX: f32 = 0.75;
 /// Greatest half width, share of the map: that of a caster 1.5 mm from the lamp.
 const SHADOW_WIDEST: f32 = 0.03;
 
@@ -44,6 +45,7 @@ impl Renderer {
         for (channel, slot) in views.chunks_exact_mut(VIEW_STRIDE as usize).enumerate() {
             let mut uniform = view_uniform(&self.microscope, channel, aspect, &eye_from_world);
             [uniform.plane_x[3], uniform.plane_y[3]] = cell_ndc(tier);
+            uniform.camera[3] = 2.0 / tier.height_px as f32;
             slot[..size_of::<ViewUniform>()].copy_from_slice(bytemuck::bytes_of(&uniform));
         }
         queue.write_buffer(&self.uniforms.views, 0, &views);
@@ -64,7 +66,8 @@ impl Renderer {
         let level = self.map.level(px_per_mm as f32, radius) + blur as f32;
         uniform.retina = [radius, fundus_map::map_scale(), level, FILM];
         uniform.penumbra = [lamp::soft_edge_per_depth() as f32, SHADOW_WIDEST, radius.recip(), 0.0];
-        uniform.shadow = [SHADOW_BIAS, SHADOW_SOFT, RELIEF, WRINKLES];
+        let softest = SHADOW_SOFT.max(SHADOW_SOFT_PX / tier.shadow_px as f32);
+        uniform.shadow = [SHADOW_BIAS, softest, RELIEF, WRINKLES];
         let poses = latched.eye_from_instrument();
         self.haze.write(&mut uniform);
         let pipe = lamp_index(&self.tools);
@@ -85,6 +88,7 @@ impl Renderer {
     ) -> InstrumentUniform {
         let shaft = &self.config.shafts[which];
         let flag = |holds: bool| if holds { 1.0 } else { 0.0 };
+        let round_from = self.tools[which].map_or(0.0, round_from_mm);
         InstrumentUniform {
             eye_from_instrument: eye_from_instrument.to_cols_array_2d(),
             shape: [
@@ -93,7 +97,7 @@ impl Renderer {
                 if tracked { 1.0 } else { LOST_OPACITY },
                 flag(lit),
             ],
-            shaft: [shaft.radius_mm, shaft.length_mm, flag(self.tools[which].is_some()), 0.0],
+            shaft: [shaft.radius_mm, shaft.length_mm, flag(self.tools[which].is_some()), round_from],
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Rigid bodies of abstract tasks: spheres, boxes and capsules, which also cast shadows.
 
-use super::{MeshBuffers, PipelineSpec, Uniforms, buffer, pipeline, pipelines};
+use super::{MeshBuffers, PassDevice, PipelineSpec, Uniforms, buffer};
 use crate::governor::Shading;
 use crate::layout::MetalVertex;
 use crate::tools::Mesh;
@@ -8,8 +8,8 @@ use protocol::scene::SceneBody;
 use std::f32::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;
 use wgpu::{
-    BindGroupLayout, BlendState, Buffer, BufferUsages, ColorWrites, CompareFunction, Device, Queue,
-    RenderPass, RenderPipeline,
+    BindGroupLayout, BlendState, Buffer, BufferUsages, ColorWrites, CompareFunction, Queue, RenderPass,
+    RenderPipeline,
 };
 
 /// Bodies drawn at most.
@@ -46,7 +46,7 @@ pub struct Bodies {
 
 impl Bodies {
     /// Makes pipelines, meshes and room.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let spec = PipelineSpec {
             fragment: Some("fs_main"),
@@ -57,7 +57,7 @@ impl Bodies {
         let mut all = Mesh::default();
         let ranges = [round_mesh(0.0), box_mesh(), round_mesh(1.0)].map(|mesh| all.append(mesh));
         Self {
-            pipelines: pipelines(device, &spec),
+            pipelines: device.pipelines(&spec),
             casters: casters(device, uniforms),
             shapes: MeshBuffers::new(device, "shapes", &all),
             ranges,
@@ -113,13 +113,13 @@ fn bodies_spec<'a>(vertex: &'a str, groups: &'a [&'a BindGroupLayout]) -> Pipeli
 }
 
 /// Depth for full tiers, the mask for lean ones.
-fn casters(device: &Device, uniforms: &Uniforms) -> [RenderPipeline; 2] {
+fn casters(device: &PassDevice<'_>, uniforms: &Uniforms) -> [RenderPipeline; 2] {
     let groups = [&uniforms.layout];
     let spec = PipelineSpec { closed: true, ..bodies_spec("vs_shadow", &groups) };
     let depth = PipelineSpec { depth: Some((CompareFunction::Less, true)), ..spec };
     let writes = ColorWrites::RED | ColorWrites::GREEN;
     let mask = PipelineSpec { fragment: Some("fs_solid"), writes, ..spec };
-    [pipeline(device, &depth), pipeline(device, &mask)]
+    [device.pipeline(&depth), device.pipeline(&mask)]
 }
 
 /// A unit sphere; `cap` marks its halves for capsules, each with an equator of its own.

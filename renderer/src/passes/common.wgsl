@@ -5,7 +5,8 @@ struct Instrument {
     eye_from_instrument: mat4x4f,
     // half the jaw opening (rad), z of the jaws' pivot (mm), opacity, 1 if the lamp lights it
     shape: vec4f,
-    // radius and length of the shaft (mm), 1 if it is drawn, 0
+    // radius and length of the shaft (mm), 1 if it is drawn, height over the tip from which it is
+    // round (mm)
     shaft: vec4f,
 }
 
@@ -37,6 +38,7 @@ struct Frame {
 
 struct View {
     clip_from_eye: mat4x4f,
+    // Position of the objective, height of a pixel in NDC.
     camera: vec4f,
     // Plane through the target: its middle, and the way of one unit of NDC along x and y; then
     // width and height of a cell in NDC.

@@ -2,13 +2,13 @@
 //! small texture.
 
 use super::{
-    IndexList, PipelineSpec, Uniforms, pipelines, sampled_group, sampled_layout, texture_descriptor,
+    IndexList, PassDevice, PipelineSpec, Uniforms, sampled_group, sampled_layout, texture_descriptor,
 };
 use crate::governor::Shading;
 use protocol::dose::{ALONG, CELLS};
 use wgpu::{
-    BindGroup, BindGroupLayout, BlendState, CompareFunction, Device, FilterMode, Queue, RenderPass,
-    RenderPipeline, Texture, TextureFormat, TextureUsages, TextureViewDimension,
+    BindGroup, BindGroupLayout, BlendState, CompareFunction, FilterMode, Queue, RenderPass, RenderPipeline,
+    Texture, TextureFormat, TextureUsages, TextureViewDimension,
 };
 
 /// Dose at which the scale ends, mJ/mm²: where the score has no points left for light.
@@ -32,7 +32,7 @@ pub struct Dose {
 
 impl Dose {
     /// Makes pipelines and texture.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let layout = sampled_layout(device, "dose", TextureViewDimension::D2);
         let groups = [&uniforms.layout, light, &layout];
         let spec = PipelineSpec {
@@ -45,7 +45,7 @@ impl Dose {
         let (format, size_px) = (TextureFormat::R8Unorm, [ALONG as u32; 2]);
         let texture = device.create_texture(&texture_descriptor("dose", format, size_px, usage));
         let group = sampled_group(device, "dose", &layout, &texture, FilterMode::Linear);
-        Self { pipelines: pipelines(device, &spec), texture, group, doses: [0.0; CELLS], shown: false }
+        Self { pipelines: device.pipelines(&spec), texture, group, doses: [0.0; CELLS], shown: false }
     }
 
     /// Shows it from now on, or no longer.

@@ -3,8 +3,8 @@
 //! and its neighbours; where nothing is out of focus, the last pass only copies.
 
 use super::{
-    COLOUR, FILTERED, PipelineSpec, UNFILTERED, UNIFORM, bind_group, bind_group_layout, buffer, clear_colour,
-    drawn_and_read, pipeline, texture_type,
+    COLOUR, FILTERED, PassDevice, PipelineSpec, UNFILTERED, UNIFORM, bind_group, bind_group_layout, buffer,
+    clear_colour, drawn_and_read, texture_type,
 };
 use crate::target::Multisampled;
 use crate::view::FocusPlane;
@@ -34,10 +34,9 @@ struct FocusUniform {
 pub struct Focus {
     uniform: Buffer,
     layout: BindGroupLayout,
-    radius: RenderPipeline,
-    tile: RenderPipeline,
-    reach: RenderPipeline,
-    spread: RenderPipeline,
+    /// For the radii, the widest of a tile, that of it and its neighbours, the picture; none where no
+    /// tier has full shading.
+    pipelines: Option<[RenderPipeline; 4]>,
 }
 
 /// Textures and bind groups that the pass needs beside a target.
@@ -51,7 +50,7 @@ pub struct Tiles {
 
 impl Focus {
     /// Makes the pipelines.
-    pub fn new(device: &Device) -> Self {
+    pub fn new(device: &PassDevice<'_>) -> Self {
         let layout = layout(device);
         let groups = [&layout];
         let spec = |fragment, format| PipelineSpec {
@@ -61,10 +60,11 @@ impl Focus {
             ..PipelineSpec::new("focus", "vs_main", &groups)
         };
         Self {
-            radius: pipeline(device, &spec("fs_radius", RADIUS)),
-            tile: pipeline(device, &spec("fs_tile", REACH)),
-            reach: pipeline(device, &spec("fs_reach", REACH)),
-            spread: pipeline(device, &spec("fs_main", COLOUR)),
+            pipelines: device.for_full(|| {
+                let stages =
+                    [("fs_radius", RADIUS), ("fs_tile", REACH), ("fs_reach", REACH), ("fs_main", COLOUR)];
+                stages.map(|(fragment, format)| device.pipeline(&spec(fragment, format)))
+            }),
             uniform: buffer(device, "focus", size_of::<FocusUniform>(), BufferUsages::UNIFORM),
             layout,
         }
@@ -104,7 +104,7 @@ impl Focus {
 
     /// Finds the widest circles of confusion, by tile.
     pub fn find_reach(&self, encoder: &mut CommandEncoder, tiles: &Tiles) {
-        for (i, pipeline) in [&self.radius, &self.tile, &self.reach].into_iter().enumerate() {
+        for (i, pipeline) in self.pipelines.iter().flat_map(|all| &all[..3]).enumerate() {
             let mut pass = begin(encoder, &tiles.views[i], "reach of patches", None);
             pass.set_pipeline(pipeline);
             pass.set_bind_group(0, &tiles.groups[i], &[]);
@@ -114,7 +114,8 @@ impl Focus {
 
     /// Draws the blurred picture into `pass`.
     pub fn draw(&self, pass: &mut RenderPass<'_>, tiles: &Tiles) {
-        pass.set_pipeline(&self.spread);
+        let Some([.., spread]) = &self.pipelines else { return };
+        pass.set_pipeline(spread);
         pass.set_bind_group(0, &tiles.groups[3], &[]);
         pass.draw(0..3, 0..1);
     }

@@ -3,13 +3,11 @@
 
 use super::shadow::ShadowMap;
 use super::{
-    FILTERED, IndexList, PipelineSpec, SAMPLER, UNFILTERED, Uniforms, bind_group, bind_group_layout,
-    overlay_pipelines, pipeline, pipelines, sampler, texture_descriptor, texture_type, view,
+    FILTERED, IndexList, PassDevice, PipelineSpec, SAMPLER, UNFILTERED, Uniforms, bind_group,
+    bind_group_layout, sampler, texture_descriptor, texture_type, view,
 };
 use crate::fundus_map;
 use crate::governor::Shading;
-use crate::photograph::Photograph;
-use scene::Side;
 use wgpu::util::{DeviceExt, TextureDataOrder};
 use wgpu::{
     BindGroup, BindGroupLayout, BindingResource, BindingType, CompareFunction, Device, FilterMode, Queue,
@@ -30,7 +28,7 @@ pub struct Fundus {
 
 impl Fundus {
     /// Makes the pipelines and a ring.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let spec = |vertex, fragment| PipelineSpec {
             fragment: Some(fragment),
@@ -41,12 +39,10 @@ impl Fundus {
             PipelineSpec { blend: Some(wgpu::BlendState::ALPHA_BLENDING), ..spec("vs_ring", "fs_ring") };
         let frame = PipelineSpec { writes: wgpu::ColorWrites::empty(), ..spec("vs_frame", "fs_ring") };
         Self {
-            retina: [
-                pipeline(device, &spec("vs_main", "fs_main").shaded(Shading::Full)),
-                pipeline(device, &spec("vs_lean", "fs_lean").shaded(Shading::Lean)),
-            ],
-            frames: pipelines(device, &frame),
-            rings: overlay_pipelines(device, &ring),
+            retina: device
+                .shadings(|shading| device.pipeline(&spec("vs_main", "fs_main").shaded_apart(shading))),
+            frames: device.pipelines(&frame),
+            rings: device.overlay_pipelines(&ring),
             ring: IndexList::new(device, "ring", &ring_triangles()),
         }
     }
@@ -85,10 +81,9 @@ pub struct FundusMap {
 }
 
 impl FundusMap {
-    /// Bakes and uploads a map of `size` pixels with its mip levels.
-    pub fn new(device: &Device, queue: &Queue, photograph: &Photograph, size: u32, side: Side) -> Self {
+    /// Uploads a map of `size` pixels, as [`fundus_map::bake`] makes it, with its mip levels.
+    pub fn new(device: &Device, queue: &Queue, mut level: Vec<u8>, size: u32) -> Self {
         let mip_level_count = size.ilog2() + 1;
-        let mut level = fundus_map::bake(photograph, size, side);
         let mut pixels = level.clone();
         for finer in 0..mip_level_count - 1 {
             level = fundus_map::half(&level, size >> finer);

@@ -1,6 +1,8 @@
 //! The vitreous: bricks of densities gathered in one 3D texture, drawn as a haze.
 
-use super::{IndexList, PipelineSpec, Uniforms, pipeline, sampled_group, sampled_layout, texture_descriptor};
+use super::{
+    IndexList, PassDevice, PipelineSpec, Uniforms, sampled_group, sampled_layout, texture_descriptor,
+};
 use crate::governor::Shading;
 use crate::layout::FrameUniform;
 use protocol::scene::SceneBrick;
@@ -39,23 +41,23 @@ pub struct Haze {
 
 impl Haze {
     /// Makes the pipelines.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let layout = sampled_layout(device, "haze", TextureViewDimension::D3);
         let groups = [&uniforms.layout, light, &layout];
-        let make = |vertex, fragment, compare, shading| {
+        let pipelines = device.shadings(|shading| {
+            let (vertex, fragment, compare) = match shading {
+                // The march stops at the shafts, so this haze covers instruments as well.
+                Shading::Full => ("vs_main", "fs_haze", CompareFunction::Always),
+                Shading::Lean => ("vs_haze_lean", "fs_haze_lean", CompareFunction::Less),
+            };
             let spec = PipelineSpec {
                 fragment: Some(fragment),
                 depth: Some((compare, false)),
                 blend: Some(BlendState::ALPHA_BLENDING),
                 ..PipelineSpec::new("haze", vertex, &groups)
             };
-            pipeline(device, &spec.shaded(shading))
-        };
-        let pipelines = [
-            // The march stops at the shafts, so this haze covers instruments as well.
-            make("vs_main", "fs_haze", CompareFunction::Always, Shading::Full),
-            make("vs_haze_lean", "fs_haze_lean", CompareFunction::Less, Shading::Lean),
-        ];
+            device.pipeline(&spec.shaded(shading))
+        });
         Self { layout, pipelines, volume: None, known: Vec::new() }
     }
 

@@ -1,8 +1,8 @@
 //! The two instruments.
 
-use super::{MeshBuffers, PipelineSpec, Uniforms, pipelines};
+use super::{MeshBuffers, PassDevice, PipelineSpec, Uniforms};
 use crate::governor::Shading;
-use crate::tools::{Mesh, Models, Shaft, TOOLS};
+use crate::tools::{Mesh, Models, Shaft, TOOLS, outline};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use std::ops::Range;
@@ -13,6 +13,8 @@ pub struct Meshes {
     buffers: MeshBuffers,
     /// Indices, by instrument and tool.
     ranges: [[Range<u32>; TOOLS.len()]; INSTRUMENTS],
+    /// The same of the strips along their edges.
+    edges: [[Range<u32>; TOOLS.len()]; INSTRUMENTS],
 }
 
 impl Meshes {
@@ -20,26 +22,44 @@ impl Meshes {
     pub fn new(device: &Device, models: &Models, shafts: &[Shaft; INSTRUMENTS]) -> Self {
         let mut all = Mesh::default();
         let ranges = shafts.map(|shaft| TOOLS.map(|tool| all.append(models.of(tool).mesh(&shaft))));
-        Self { buffers: MeshBuffers::new(device, "metal", &all), ranges }
+        let edges = shafts.map(|shaft| TOOLS.map(|tool| all.append(outline(models.of(tool), tool, &shaft))));
+        Self { buffers: MeshBuffers::new(device, "metal", &all), ranges, edges }
     }
 
     /// Draws instrument `which` as `tool` with the pipeline that is set.
     pub fn draw(&self, pass: &mut RenderPass<'_>, which: usize, tool: Tool) {
+        self.draw_of(&self.ranges, pass, which, tool);
+    }
+
+    /// Draws the strips along its edges with the pipeline that is set.
+    pub fn draw_edges(&self, pass: &mut RenderPass<'_>, which: usize, tool: Tool) {
+        self.draw_of(&self.edges, pass, which, tool);
+    }
+
+    fn draw_of(
+        &self,
+        ranges: &[[Range<u32>; TOOLS.len()]; INSTRUMENTS],
+        pass: &mut RenderPass<'_>,
+        which: usize,
+        tool: Tool,
+    ) {
         let Some(index) = TOOLS.iter().position(|&t| t == tool) else { return };
         self.buffers.bind(pass);
-        pass.draw_indexed(self.ranges[which][index].clone(), 0, which as u32..which as u32 + 1);
+        pass.draw_indexed(ranges[which][index].clone(), 0, which as u32..which as u32 + 1);
     }
 }
 
 /// The pass.
 pub struct Instruments {
     pipelines: [RenderPipeline; 2],
+    /// Of the smoothed edges, which full shading has by its samples.
+    edges: RenderPipeline,
 }
 
 impl Instruments {
     /// Makes a pipeline for each shading. Blending serves instruments that fade because they are
     /// lost; a faded one is drawn after the retina, a solid one before it.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let spec = PipelineSpec {
             fragment: Some("fs_main"),
@@ -49,7 +69,15 @@ impl Instruments {
             blend: Some(BlendState::ALPHA_BLENDING),
             ..PipelineSpec::new("instruments", "vs_main", &groups)
         };
-        Self { pipelines: pipelines(device, &spec) }
+        let edges = PipelineSpec {
+            vertex: "vs_edge",
+            fragment: Some("fs_edge"),
+            closed: false,
+            depth: Some((CompareFunction::Less, false)),
+            ..spec
+        };
+        let edges = device.pipeline(&edges.shaded(Shading::Lean));
+        Self { pipelines: device.pipelines(&spec), edges }
     }
 
     /// Draws instrument `which`; groups 0 and 1 are set.
@@ -63,5 +91,12 @@ impl Instruments {
     ) {
         pass.set_pipeline(&self.pipelines[shading as usize]);
         meshes.draw(pass, which, tool);
+    }
+
+    /// Draws the edges of round parts of instrument `which`, over everything behind it; groups 0 and 1
+    /// are set.
+    pub fn draw_edges(&self, pass: &mut RenderPass<'_>, meshes: &Meshes, which: usize, tool: Tool) {
+        pass.set_pipeline(&self.edges);
+        meshes.draw_edges(pass, which, tool);
     }
 }

@@ -7,10 +7,41 @@ struct Metal {
     // field coordinates times w, and w: divided in the fragment, since they bend over long
     // triangles
     @location(2) field_xyw: vec3f,
-    // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp
-    @location(3) surface: vec3f,
+    // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp; share of its width
+    // that a round part is drawn with
+    @location(3) surface: vec4f,
     // of the shaft, towards the handle
     @location(4) @interpolate(flat) axis: vec3f,
+}
+
+fn seen_across(z: f32, which: u32) -> Across {
+    return across(z, which, view.camera.xyz, view.clip_from_eye);
+}
+
+fn pixels(ndc: vec2f) -> f32 {
+    return max(length(ndc * view.field.xy) / (view.field.y * view.camera.w), 1e-3);
+}
+
+// Where a pixel has one sample, round parts are drawn half a pixel thinner: so wide are they to where
+// a pixel is covered to the full. The rest of the edge is drawn by fs_edge.
+fn inside_edge(position: vec3f, which: u32) -> f32 {
+    if !LEAN || !is_round(position.z, which) {
+        return 1.0;
+    }
+    let radius_px = length(position.xy) * pixels(seen_across(position.z, which).ndc_per_mm);
+    return max(1.0 - 0.5 / max(radius_px, 1e-3), 0.0);
+}
+
+// The normal of a part that is drawn with the share `inside` of its width, as it is where the whole
+// part is seen so far from its axis.
+fn normal_inside(n: vec3f, p: vec3f, axis: vec3f, inside: f32) -> vec3f {
+    let v = normalize(view.camera.xyz - p);
+    let side = normalize(cross(axis, v) + vec3f(1e-6, 0.0, 0.0));
+    let up = cross(side, axis);
+    let sideways = dot(n, side);
+    let towards = dot(n, up);
+    let turned = sqrt(max(towards * towards + sideways * sideways * (1.0 - inside * inside), 0.0));
+    return n - side * (sideways * (1.0 - inside)) + up * (turned - towards);
 }
 
 @vertex
@@ -21,10 +52,11 @@ fn vs_main(
     @location(3) material: f32,
     @builtin(instance_index) which: u32,
 ) -> Metal {
-    let placed = place_instrument(position, normal, part, which);
+    let inside = inside_edge(position, which);
+    let placed = place_instrument(vec3f(position.xy * inside, position.z), normal, part, which);
     let clip = view.clip_from_eye * vec4f(placed.p, 1.0);
     let field_xyw = vec3f(clip.xy * view.field.xy, clip.w);
-    let surface = vec3f(material, frame.instruments[which].shape.zw);
+    let surface = vec4f(material, frame.instruments[which].shape.zw, inside);
     let axis = frame.instruments[which].eye_from_instrument[2].xyz;
     return Metal(clip, placed.p, placed.n, field_xyw, surface, axis);
 }
@@ -47,19 +79,18 @@ fn mirrored(p: vec3f, ray: vec3f) -> vec3f {
     return FUNDUS * behind * (2.0 * frame.ambient.rgb + frame.lamp_colour.rgb * min(lit, 3.0));
 }
 
-@fragment
-fn fs_main(in: Metal) -> @location(0) vec4f {
-    let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
-    let n = normalize(in.n);
-    let v = normalize(view.camera.xyz - in.p);
+// Light that metal, fibre or port (`surface`, as in Metal) at `p` with the normal `n` sends to the
+// viewer, linear; `axis` of the shaft.
+fn sent(p: vec3f, n: vec3f, axis: vec3f, surface: vec3f) -> vec3f {
+    let v = normalize(view.camera.xyz - p);
     // Steel turned on a lathe: grooves run round the shaft and draw every light out along it.
-    let grooves = cross(in.axis, n) + vec3f(1e-5, 0.0, 0.0);
+    let grooves = cross(axis, n) + vec3f(1e-5, 0.0, 0.0);
     let facing = max(dot(n, v), 0.0);
     // The microscope's own light, from where one looks, keeps the shaft readable against the dark.
     let coaxial = vec3f(0.078, 0.082, 0.088) * (facing * facing * facing * facing);
-    var light = STEEL * (0.55 * mirrored(in.p, reflect(-v, n)) + 0.3 * frame.ambient.rgb + coaxial);
-    if in.surface.z > 0.0 {
-        let lamp = lamp_at(in.p);
+    var light = STEEL * (0.55 * mirrored(p, reflect(-v, n)) + 0.3 * frame.ambient.rgb + coaxial);
+    if surface.z > 0.0 {
+        let lamp = lamp_at(p);
         // Half way between lamp and viewer, of any length: only squares of cosines are needed.
         let half_way = lamp.l + v;
         let per_square = 1.0 / max(dot(half_way, half_way), 1e-6);
@@ -70,12 +101,68 @@ fn fs_main(in: Metal) -> @location(0) vec4f {
         let direct = 0.14 * max(dot(n, lamp.l), 0.0) + 0.35 * streak + 0.9 * gloss_of_square(towards * towards * per_square);
         light += STEEL * frame.lamp_colour.rgb * (min(lamp.strength, 4.0) * direct);
     }
-    if in.surface.x > 1.5 {
+    if surface.x > 1.5 {
         light = light * 0.12;
-    } else if in.surface.x > 0.5 {
+    } else if surface.x > 0.5 {
         // The face sends out the beam; the sides glow.
-        let face = max(-dot(n, in.axis), 0.0);
+        let face = max(-dot(n, axis), 0.0);
         light = frame.lamp_colour.rgb * (0.8 + 3.2 * face * face);
     }
+    return light;
+}
+
+@fragment
+fn fs_main(in: Metal) -> @location(0) vec4f {
+    let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
+    var n = normalize(in.n);
+    if LEAN {
+        n = normal_inside(n, in.p, in.axis, in.surface.w);
+    }
+    let light = sent(in.p, n, in.axis, in.surface.xyz);
     return vec4f(to_display(light) * shade, in.surface.y);
+}
+
+struct Edge {
+    @builtin(position) clip: vec4f,
+    // As it is shown without vignette, and opacity.
+    @location(0) shown: vec4f,
+    // field coordinates times w, and w
+    @location(1) field_xyw: vec3f,
+    // Way from the axis, half the width of the strip (px), share of a pixel that the part covers at
+    // most.
+    @location(2) across: vec3f,
+}
+
+// A strip through the axis of a round part (`position.x` is its radius, with the side as its sign),
+// wider by half a pixel on both sides. The part itself hides all of it but the pixels on its edge.
+// They are few, lie in a row and are lit alike, so light is computed at the strip's corners.
+@vertex
+fn vs_edge(
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    @location(2) part: f32,
+    @location(3) material: f32,
+    @builtin(instance_index) which: u32,
+) -> Edge {
+    let at = seen_across(position.z, which);
+    let px_per_mm = pixels(at.ndc_per_mm);
+    let radius_px = abs(position.x) * px_per_mm;
+    let half_px = radius_px + 0.5;
+    let p = at.axis + at.side * (normal.x * half_px / px_per_mm);
+    // Of what is seen of the part in the pixels on its edge.
+    let sine = clamp(1.0 - 0.75 / max(radius_px, 1e-3), 0.0, 1.0);
+    let n = at.side * (normal.x * sine) + at.up * sqrt(1.0 - sine * sine);
+    let surface = vec3f(material, frame.instruments[which].shape.zw);
+    let axis = frame.instruments[which].eye_from_instrument[2].xyz;
+    let light = sent(at.axis + n * abs(position.x), n, axis, surface);
+    let clip = view.clip_from_eye * vec4f(p, 1.0);
+    let wide = vec3f(normal.x * half_px, half_px, min(2.0 * radius_px, 1.0));
+    return Edge(clip, vec4f(to_display(light), surface.y), vec3f(clip.xy * view.field.xy, clip.w), wide);
+}
+
+@fragment
+fn fs_edge(in: Edge) -> @location(0) vec4f {
+    let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
+    let covered = clamp(in.across.y - abs(in.across.x), 0.0, in.across.z);
+    return vec4f(in.shown.rgb * shade, in.shown.a * covered);
 }

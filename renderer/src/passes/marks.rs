@@ -1,11 +1,10 @@
 //! Marks on retina and tissue: bleeding, burns.
 
-use super::{PipelineSpec, Uniforms, buffer, pipelines};
+use super::{PassDevice, PipelineSpec, Uniforms, buffer};
 use crate::governor::Shading;
 use protocol::scene::SceneMark;
 use wgpu::{
-    BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Device, Queue, RenderPass,
-    RenderPipeline,
+    BindGroupLayout, BlendState, Buffer, BufferUsages, CompareFunction, Queue, RenderPass, RenderPipeline,
 };
 
 /// Marks drawn at most; the simulation keeps fewer.
@@ -24,7 +23,7 @@ pub struct Marks {
 
 impl Marks {
     /// Makes pipelines and room.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let spec = PipelineSpec {
             fragment: Some("fs_main"),
@@ -35,7 +34,7 @@ impl Marks {
             ..PipelineSpec::new("marks", "vs_main", &groups)
         };
         let marks = buffer(device, "marks", MAX_MARKS * size_of::<SceneMark>(), BufferUsages::VERTEX);
-        Self { pipelines: pipelines(device, &spec), marks, count: 0 }
+        Self { pipelines: device.pipelines(&spec), marks, count: 0 }
     }
 
     /// Takes the marks of a scene in.

@@ -1,6 +1,6 @@
 //! The translucent membrane, and the buffers that it shares with lifted retina.
 
-use super::{PipelineSpec, Uniforms, buffer, pipeline};
+use super::{PassDevice, PipelineSpec, Uniforms, buffer};
 use crate::governor::Shading;
 use crate::layout::{TissueHome, TissueVertex};
 use std::ops::Range;
@@ -81,44 +81,46 @@ impl TissueBuffers {
 
 /// The pass.
 pub struct Membrane {
-    full: RenderPipeline,
-    lean: RenderPipeline,
-    depth: RenderPipeline,
+    pipelines: [RenderPipeline; 2],
+    /// None where no tier has full shading.
+    depth: Option<RenderPipeline>,
 }
 
 impl Membrane {
     /// Makes a pipeline for each shading: both sides, tested against the instruments, blended.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
-        let spec = |vertex, fragment| PipelineSpec {
-            fragment: Some(fragment),
+        let spec = PipelineSpec {
+            fragment: Some("fs_main"),
             vertices: true,
             homes: true,
             depth: Some((CompareFunction::Less, false)),
             blend: Some(BlendState::ALPHA_BLENDING),
-            ..PipelineSpec::new("membrane", vertex, &groups)
+            ..PipelineSpec::new("membrane", "vs_main", &groups)
         };
         let depth = PipelineSpec {
             depth: Some((CompareFunction::Less, true)),
             writes: wgpu::ColorWrites::empty(),
-            ..spec("vs_main", "fs_depth")
+            fragment: Some("fs_depth"),
+            ..spec
         };
         Self {
-            full: pipeline(device, &spec("vs_main", "fs_main").shaded(Shading::Full)),
-            lean: pipeline(device, &spec("vs_lean", "fs_lean").shaded(Shading::Lean)),
-            depth: pipeline(device, &depth.shaded(Shading::Full)),
+            pipelines: device.shadings(|shading| device.pipeline(&spec.shaded_apart(shading))),
+            depth: device.for_full(|| device.pipeline(&depth.shaded(Shading::Full))),
         }
     }
 
     /// Writes the depth of its opaque parts, for the depth of field.
     pub fn draw_depth(&self, pass: &mut RenderPass<'_>, tissue: &TissueBuffers) {
-        pass.set_pipeline(&self.depth);
-        tissue.draw(pass);
+        if let Some(depth) = &self.depth {
+            pass.set_pipeline(depth);
+            tissue.draw(pass);
+        }
     }
 
     /// Draws; groups 0 and 1 are set.
     pub fn draw(&self, pass: &mut RenderPass<'_>, tissue: &TissueBuffers, shading: Shading) {
-        pass.set_pipeline(if shading == Shading::Lean { &self.lean } else { &self.full });
+        pass.set_pipeline(&self.pipelines[shading as usize]);
         tissue.draw(pass);
     }
 }

@@ -68,17 +68,24 @@ fn shaded(p: vec3f, normal: vec3f, edge_dye: vec2f, past: f32, home: vec3f) -> S
     // Where it was cut or torn the edge curls in and is white.
     let cut = edge_dye.x * edge_dye.x * smoothstep(0.0, 0.2, home.z);
     let body = 0.07 + 0.19 * thickness(home.xy) + 0.25 * cut + 0.32 * edge_dye.y;
-    let opacity = clamp((body + 0.6 * rim + 0.4 * sheen) * grown(home.xy, home.z), 0.0, 0.92);
+    let opacity = clamp((body + 0.6 * rim + 0.4 * sheen) * grown(home.xy, home.z, frame.retina.x - length(p)), 0.0, 0.92);
     return Shaded(frame.lamp_colour.rgb * lit, opacity);
+}
+
+// Tilt of fine wrinkles of two sizes that run in different directions, bend, and are drawn in some
+// places and smooth in others.
+fn wrinkled(at: vec2f) -> vec3f {
+    let rest = at * GRAIN;
+    let bent = rest + vec2f(0.5 * sin(1.1 * rest.y + 0.9 * sin(0.7 * rest.x)), 0.6 * sin(0.8 * rest.x - 0.5 * rest.y));
+    let drawn = smoothstep(-0.5, 0.9, sin(0.9 * bent.x + 0.4) * sin(1.3 * bent.y - 0.9));
+    let fine = (0.2 + 0.8 * drawn) * sin(6.0 * bent.x + 3.0 * bent.y + 1.5 * sin(2.0 * bent.y));
+    let coarse = (1.0 - 0.7 * drawn) * sin(3.7 * bent.y - 1.9 * bent.x + 2.0 * sin(1.3 * bent.x));
+    return vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0);
 }
 
 @fragment
 fn fs_main(in: Sheet) -> @location(0) vec4f {
-    // Fine wrinkles of two sizes that run in different directions.
-    let at_rest = in.home.xy * GRAIN;
-    let fine = sin(at_rest.x * 7.0 + at_rest.y * 3.0 + 1.5 * sin(at_rest.y * 2.0));
-    let coarse = sin(at_rest.y * 3.7 - at_rest.x * 1.9 + 2.0 * sin(at_rest.x * 1.3));
-    let wrinkles = vec3f(fine + 0.5 * coarse, 0.6 * coarse - 0.4 * fine, 0.0) * frame.shadow.w;
+    let wrinkles = wrinkled(in.home.xy) * frame.shadow.w;
     let at = lamp_coordinates(in.p);
     let sheet = shaded(in.p, normalize(normalize(in.n) + wrinkles), in.edge_dye, lit_past_instruments(at.xy, at.z), in.home);
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);

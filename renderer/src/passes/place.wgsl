@@ -20,3 +20,29 @@ fn place_instrument(position: vec3f, normal: vec3f, part: f32, which: u32) -> Pl
     let m = frame.instruments[which].eye_from_instrument;
     return Placed((m * vec4f(p, 1.0)).xyz, (m * vec4f(turn_about_y(normal, angle), 0.0)).xyz);
 }
+
+// Across the shaft of instrument `which`, `z` mm over its tip, as it is seen from `eye`.
+struct Across {
+    axis: vec3f,
+    // Unit, at right angles to the shaft, on the side of `eye`.
+    up: vec3f,
+    // Unit, at right angles to the shaft and to the line of sight.
+    side: vec3f,
+    // The way of a millimetre along `side` in NDC.
+    ndc_per_mm: vec2f,
+}
+
+fn across(z: f32, which: u32, eye: vec3f, clip_from_eye: mat4x4f) -> Across {
+    let m = frame.instruments[which].eye_from_instrument;
+    let axis = (m * vec4f(0.0, 0.0, z, 1.0)).xyz;
+    let v = normalize(eye - axis);
+    let side = normalize(cross(m[2].xyz, v) + vec3f(1e-6, 0.0, 0.0));
+    let clip = clip_from_eye * vec4f(axis, 1.0);
+    let step = clip_from_eye * vec4f(side, 0.0);
+    return Across(axis, cross(side, m[2].xyz), side, (step.xy * clip.w - clip.xy * step.w) / (clip.w * clip.w));
+}
+
+// True where an instrument is round. Jaws end as wide as the shaft begins.
+fn is_round(z: f32, which: u32) -> bool {
+    return z >= frame.instruments[which].shaft.w - 0.01;
+}

@@ -1,9 +1,9 @@
 //! Retina that is off the choroid, and the bare choroid under it.
 
 use super::membrane::TissueBuffers;
-use super::{PipelineSpec, Uniforms, pipeline};
+use super::{PassDevice, PipelineSpec, Uniforms};
 use crate::governor::Shading;
-use wgpu::{BindGroupLayout, CompareFunction, Device, RenderPass, RenderPipeline};
+use wgpu::{BindGroupLayout, CompareFunction, RenderPass, RenderPipeline};
 
 /// The pass.
 pub struct Retina {
@@ -13,7 +13,7 @@ pub struct Retina {
 
 impl Retina {
     /// Makes the pipelines: both sides, opaque.
-    pub fn new(device: &Device, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms, light: &BindGroupLayout) -> Self {
         let groups = [&uniforms.layout, light];
         let make = |shading, vertex, fragment| {
             let spec = PipelineSpec {
@@ -23,10 +23,10 @@ impl Retina {
                 depth: Some((CompareFunction::Less, true)),
                 ..PipelineSpec::new("retina", vertex, &groups)
             };
-            pipeline(device, &spec.shaded(shading))
+            device.pipeline(&spec.shaded(shading))
         };
         let both = |s| [make(s, "vs_sheet", "fs_sheet"), make(s, "vs_choroid", "fs_choroid")];
-        Self { pipelines: Shading::ALL.map(both) }
+        Self { pipelines: device.shadings(both) }
     }
 
     /// Draws before the fundus, which then shades only what is still seen of it; groups 0 and 1 are

@@ -5,7 +5,7 @@
 use super::bodies::Bodies;
 use super::instruments::Meshes;
 use super::membrane::TissueBuffers;
-use super::{COLOUR, DEPTH, PipelineSpec, Uniforms, clear_colour, clear_depth, drawn_and_read, pipeline};
+use super::{COLOUR, DEPTH, PassDevice, PipelineSpec, Uniforms, clear_colour, clear_depth, drawn_and_read};
 use crate::governor::{Shading, Tier};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
@@ -58,12 +58,14 @@ pub struct Casters<'a> {
 /// The pass: pipelines for each shading.
 pub struct Shadow {
     instruments: [RenderPipeline; 2],
+    /// Soft edges of round parts, in the mask.
+    edges: RenderPipeline,
     membrane: [RenderPipeline; 2],
 }
 
 impl Shadow {
     /// Makes the pipelines.
-    pub fn new(device: &Device, uniforms: &Uniforms) -> Self {
+    pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms) -> Self {
         let groups = [&uniforms.layout];
         let spec = |vertex| PipelineSpec { vertices: true, ..PipelineSpec::new("shadow", vertex, &groups) };
         let depth = PipelineSpec {
@@ -74,6 +76,8 @@ impl Shadow {
         let writes = ColorWrites::RED | ColorWrites::GREEN;
         let solid =
             PipelineSpec { fragment: Some("fs_solid"), writes, closed: true, ..spec("vs_instrument") };
+        let edges =
+            PipelineSpec { fragment: Some("fs_edge"), writes, blend: Some(the_darker()), ..spec("vs_edge") };
         let sheet = PipelineSpec {
             fragment: Some("fs_sheet"),
             blend: Some(multiplied()),
@@ -88,8 +92,9 @@ impl Shadow {
             ..spec("vs_membrane")
         };
         Self {
-            instruments: [pipeline(device, &depth), pipeline(device, &solid)],
-            membrane: [pipeline(device, &outline), pipeline(device, &sheet)],
+            instruments: [device.pipeline(&depth), device.pipeline(&solid.shaded(Shading::Lean))],
+            edges: device.pipeline(&edges.shaded(Shading::Lean)),
+            membrane: [device.pipeline(&outline), device.pipeline(&sheet)],
         }
     }
 
@@ -107,10 +112,13 @@ impl Shadow {
         pass.set_bind_group(0, &uniforms.group, &[0]);
         pass.set_viewport(0.0, 0.0, size, size, 0.0, 1.0);
         pass.set_pipeline(&self.instruments[shading]);
-        for (which, tool) in casters.tools.into_iter().enumerate() {
-            if let Some(tool) = tool {
-                casters.meshes.draw(&mut pass, which, tool);
-            }
+        let tools = (0..).zip(casters.tools).filter_map(|(which, tool)| Some((which, tool?)));
+        for (which, tool) in tools.clone() {
+            casters.meshes.draw(&mut pass, which, tool);
+        }
+        if map.shading == Shading::Lean {
+            pass.set_pipeline(&self.edges);
+            tools.for_each(|(which, tool)| casters.meshes.draw_edges(&mut pass, which, tool));
         }
         casters.bodies.cast(&mut pass, map.shading);
         if map.shading == Shading::Full {
@@ -123,12 +131,17 @@ impl Shadow {
 
 /// What is there times what comes.
 fn multiplied() -> BlendState {
-    let product = BlendComponent {
-        src_factor: BlendFactor::Dst,
-        dst_factor: BlendFactor::Zero,
-        operation: BlendOperation::Add,
-    };
-    BlendState { color: product, alpha: product }
+    blended(BlendFactor::Dst, BlendFactor::Zero, BlendOperation::Add)
+}
+
+/// The lesser of what is there and what comes.
+fn the_darker() -> BlendState {
+    blended(BlendFactor::One, BlendFactor::One, BlendOperation::Min)
+}
+
+fn blended(src_factor: BlendFactor, dst_factor: BlendFactor, operation: BlendOperation) -> BlendState {
+    let component = BlendComponent { src_factor, dst_factor, operation };
+    BlendState { color: component, alpha: component }
 }
 
 fn begin<'a>(

@@ -1,206 +1,141 @@
-//! Lines of text on the picture, at the places of [`protocol::scene_text`]. Both channels show a
-//! line at the same place, so it floats in the plane of the target. Letters are sent to the device
-//! only when the text changes.
+//! Text over a finished picture, at the resolution at which it is seen: in a window, or in a file.
+//! A layer of the size of a channel is drawn over each of them at whole pixels, so both show the
+//! same pixels at the same place and text floats in the plane of the target. It is laid out, and
+//! what has changed of it is sent to the device, only when text or size change.
 
-use super::{
-    PipelineSpec, Uniforms, buffer, overlay_pipelines, sampled_group, sampled_layout, texture_descriptor,
-};
-use crate::governor::Shading;
-use bytemuck::{Pod, Zeroable};
-use font::{self, CELL_H, CELL_W};
-use protocol::scene_text::{Place, lines};
-use wgpu::util::{DeviceExt, TextureDataOrder};
+use super::{PassDevice, PipelineSpec, UNFILTERED, bind_group, bind_group_layout, buffer, texture_type};
+use super::{texture_descriptor, view};
+use crate::text::canvas::Canvas;
+use crate::text::layout::{Rect, lay_out};
+use font::Face;
+use protocol::scene_text::Place;
 use wgpu::{
-    BindGroup, BindGroupLayout, BlendState, Buffer, BufferUsages, Device, FilterMode, Queue, RenderPass,
-    RenderPipeline, TextureFormat, TextureUsages, TextureViewDimension,
+    BindGroup, BindGroupLayout, BindingResource, BlendState, Buffer, BufferUsages, Device, Extent3d,
+    Origin3d, Queue, RenderPass, RenderPipeline, ShaderStages, TexelCopyBufferLayout, TexelCopyTextureInfo,
+    Texture, TextureFormat, TextureUsages, TextureViewDimension,
 };
 
-/// Letters drawn at most; what comes after is left out.
-const MAX_LETTERS: usize = 2048;
-/// Height of a channel at which a letter is drawn as large as in the font, px; at twice as much
-/// twice as large.
-const PLAIN_PX: f32 = 256.0;
-/// Widest block, share of a channel's width.
-const WIDEST: f32 = 0.96;
-/// Distance from the picture's edge, share of its height.
-const MARGIN: f32 = 0.02;
+/// Left, top, right and bottom of a block, shares of a channel.
+type Block = [f32; 4];
 
-/// A letter of a block.
-#[repr(C)]
-#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-struct Letter {
-    /// Left, top, width, height in the block, 0 to 1.
-    place: [f32; 4],
-    /// Number in the font.
-    letter: f32,
-}
-
-const ATTRIBUTES: [wgpu::VertexAttribute; 2] = wgpu::vertex_attr_array![0 => Float32x4, 1 => Float32];
-
-/// The lines of one place.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Block {
-    place: Place,
-    columns: usize,
-    rows: usize,
-    first: u32,
-    count: u32,
-}
+const ATTRIBUTES: [wgpu::VertexAttribute; 1] = wgpu::vertex_attr_array![0 => Float32x4];
 
 /// The pass.
 pub struct Text {
-    pipelines: [RenderPipeline; 2],
-    group: BindGroup,
-    buffer: Buffer,
+    pipeline: RenderPipeline,
+    layout: BindGroupLayout,
+    layer: Option<(Texture, BindGroup)>,
+    blocks: Buffer,
+    face: Face,
+    canvas: Canvas,
     shown: String,
-    letters: Vec<Letter>,
-    blocks: Vec<Block>,
 }
 
 impl Text {
-    /// Makes pipeline and font.
-    pub fn new(device: &Device, queue: &Queue, uniforms: &Uniforms) -> Self {
-        let layout = sampled_layout(device, "text", TextureViewDimension::D2);
-        let groups = [&uniforms.layout, &layout];
+    /// For pictures of `format`.
+    pub fn new(device: &Device, format: TextureFormat) -> Self {
+        let types = [texture_type(UNFILTERED, TextureViewDimension::D2)];
+        let layout = bind_group_layout(device, "text", ShaderStages::FRAGMENT | ShaderStages::VERTEX, &types);
+        let groups = [&layout];
         let spec = PipelineSpec {
-            fragment: Some("fs_main"),
+            fragment: Some(if format.is_srgb() { "fs_linear" } else { "fs_main" }),
             strip: true,
-            blend: Some(BlendState::ALPHA_BLENDING),
-            instances: Some((size_of::<Letter>() as u64, &ATTRIBUTES)),
+            format: Some(format),
+            blend: Some(BlendState::PREMULTIPLIED_ALPHA_BLENDING),
+            instances: Some((size_of::<Block>() as u64, &ATTRIBUTES)),
             ..PipelineSpec::new("text", "vs_main", &groups)
         };
         Self {
-            pipelines: overlay_pipelines(device, &spec),
-            group: font_group(device, queue, &layout),
-            buffer: buffer(device, "text", MAX_LETTERS * size_of::<Letter>(), BufferUsages::VERTEX),
-            shown: String::with_capacity(256),
-            letters: Vec::with_capacity(MAX_LETTERS),
-            blocks: Vec::with_capacity(Place::ALL.len()),
+            pipeline: PassDevice::new(device, 0).pipeline(&spec),
+            blocks: buffer(device, "text", Place::ALL.len() * size_of::<Block>(), BufferUsages::VERTEX),
+            layout,
+            layer: None,
+            face: Face::new(),
+            canvas: Canvas::default(),
+            shown: String::with_capacity(1024),
         }
     }
 
-    /// Chooses the text; uploads it if it has changed.
-    pub fn set(&mut self, queue: &Queue, text: &str) {
-        if self.shown == text {
+    /// Chooses the text, lines of `protocol::scene_text`, for channels of `size_px`. To be called
+    /// before the commands that draw it are submitted.
+    pub fn set(&mut self, device: &Device, queue: &Queue, text: &str, size_px: [u32; 2]) {
+        let size_px = size_px.map(|n| n.max(1));
+        let resized = self.canvas.size_px() != size_px;
+        if self.shown == text && !resized {
             return;
+        }
+        if resized {
+            self.canvas.resize(size_px);
+            self.layer = None;
         }
         self.shown.clear();
         self.shown.push_str(text);
-        lay_out(text, &mut self.letters, &mut self.blocks);
-        queue.write_buffer(&self.buffer, 0, bytemuck::cast_slice(&self.letters));
+        let layout = lay_out(&mut self.face, text, size_px);
+        if layout.blocks.is_empty() {
+            return self.canvas.show(&mut self.face, layout, |_, _| {});
+        }
+        let group_layout = &self.layout;
+        let (texture, _) = self.layer.get_or_insert_with(|| layer(device, group_layout, size_px));
+        self.canvas.show(&mut self.face, layout, |pixels, rect| upload(queue, texture, pixels, rect));
+        let [w, h] = size_px.map(|n| n as f32);
+        let mut places = [Block::default(); Place::ALL.len()];
+        for (place, block) in places.iter_mut().zip(self.canvas.blocks()) {
+            let rect = within(block.rect, size_px);
+            let [left, right] = [rect.left, rect.right].map(|x| x as f32 / w);
+            let [top, bottom] = [rect.top, rect.bottom].map(|y| y as f32 / h);
+            *place = [left, top, right, bottom];
+        }
+        queue.write_buffer(&self.blocks, 0, bytemuck::cast_slice(&places));
     }
 
-    /// Draws into the channel that begins at `left_px`.
-    pub fn draw(&self, pass: &mut RenderPass<'_>, left_px: f32, size_px: [f32; 2], shading: Shading) {
-        if self.blocks.is_empty() {
-            return;
-        }
-        pass.set_pipeline(&self.pipelines[shading as usize]);
-        pass.set_bind_group(1, &self.group, &[]);
-        pass.set_vertex_buffer(0, self.buffer.slice(..));
-        for block in &self.blocks {
-            let [x, y, w, h] = rectangle(block, size_px);
-            pass.set_viewport(left_px + x, y, w, h, 0.0, 1.0);
-            pass.draw(0..4, block.first..block.first + block.count);
+    /// Draws it over the channels whose upper left corners lie at `corners_px`, each pixel of the
+    /// layer `scale` pixels wide and high.
+    pub fn draw(&self, pass: &mut RenderPass<'_>, corners_px: &[[u32; 2]], scale: u32) {
+        let count = self.canvas.blocks().len().min(Place::ALL.len()) as u32;
+        let Some((_, group)) = self.layer.as_ref().filter(|_| count > 0) else { return };
+        let [w, h] = self.canvas.size_px().map(|n| (n * scale) as f32);
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, group, &[]);
+        pass.set_vertex_buffer(0, self.blocks.slice(..));
+        for corner in corners_px {
+            let [x, y] = corner.map(|n| n as f32);
+            pass.set_viewport(x, y, w, h, 0.0, 1.0);
+            pass.draw(0..4, 0..count);
         }
     }
 }
 
-/// Letters and blocks of `text`, one block a place.
-fn lay_out(text: &str, letters: &mut Vec<Letter>, blocks: &mut Vec<Block>) {
-    letters.clear();
-    blocks.clear();
-    for place in Place::ALL {
-        let of_place = || lines(text).filter(|(p, _)| *p == place).map(|(_, line)| line);
-        let rows = of_place().count();
-        if rows == 0 {
-            continue;
-        }
-        let columns = of_place().map(|l| l.chars().count()).max().unwrap_or(0);
-        let first = letters.len();
-        for (row, line) in of_place().enumerate() {
-            let indent = match place {
-                Place::Bottom | Place::Middle => 0.5 * (columns - line.chars().count()) as f32,
-                Place::TopLeft | Place::BottomLeft => 0.0,
-                Place::TopRight | Place::BottomRight => (columns - line.chars().count()) as f32,
-            };
-            let [w, h] = [1.0 / columns as f32, 1.0 / rows as f32];
-            for (column, character) in line.chars().enumerate().take(MAX_LETTERS - letters.len()) {
-                let place = [(indent + column as f32) * w, row as f32 * h, w, h];
-                letters.push(Letter { place, letter: font::number(character) as f32 });
-            }
-        }
-        let (first, count) = (first as u32, (letters.len() - first) as u32);
-        blocks.push(Block { place, columns, rows, first, count });
+/// The part of a rectangle that lies on the layer.
+fn within(rect: Rect, size_px: [u32; 2]) -> Rect {
+    let [w, h] = size_px.map(|n| n as i32);
+    Rect {
+        left: rect.left.clamp(0, w),
+        top: rect.top.clamp(0, h),
+        right: rect.right.clamp(0, w),
+        bottom: rect.bottom.clamp(0, h),
     }
 }
 
-/// Where a block lies on a channel of `size_px`: left, top, width, height, whole pixels wherever it
-/// fits.
-fn rectangle(block: &Block, [width, height]: [f32; 2]) -> [f32; 4] {
-    let cells = [(block.columns * CELL_W) as f32, (block.rows * CELL_H) as f32];
-    let wanted = (height / PLAIN_PX).floor().max(1.0);
-    let scale = wanted.min(WIDEST * width / cells[0]).min(WIDEST * height / cells[1]);
-    let [w, h] = cells.map(|c| c * scale);
-    let margin = MARGIN * height;
-    let x = match block.place {
-        Place::Bottom | Place::Middle => 0.5 * (width - w),
-        Place::TopLeft | Place::BottomLeft => margin,
-        Place::TopRight | Place::BottomRight => width - margin - w,
-    };
-    let y = match block.place {
-        Place::TopLeft | Place::TopRight => margin,
-        Place::Middle => 0.5 * (height - h),
-        Place::Bottom | Place::BottomLeft | Place::BottomRight => height - margin - h,
-    };
-    // A wide block keeps its margin as long as there is room for one.
-    [x.floor().clamp(0.0, width - w), y.floor().clamp(0.0, height - h), w, h]
+fn layer(device: &Device, layout: &BindGroupLayout, size_px: [u32; 2]) -> (Texture, BindGroup) {
+    let usage = TextureUsages::TEXTURE_BINDING | TextureUsages::COPY_DST;
+    let descriptor = texture_descriptor("text", TextureFormat::Rgba8Unorm, size_px, usage);
+    let texture = device.create_texture(&descriptor);
+    let group = bind_group(device, "text", layout, [BindingResource::TextureView(&view(&texture))]);
+    (texture, group)
 }
 
-/// The font as a strip of cells on the device.
-fn font_group(device: &Device, queue: &Queue, layout: &BindGroupLayout) -> BindGroup {
-    let (strip, width) = font::strip();
-    let size_px = [width, CELL_H as u32];
-    let letters = texture_descriptor("font", TextureFormat::R8Unorm, size_px, TextureUsages::TEXTURE_BINDING);
-    let texture = device.create_texture_with_data(queue, &letters, TextureDataOrder::LayerMajor, &strip);
-    sampled_group(device, "text", layout, &texture, FilterMode::Nearest)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lines_of_a_place_form_a_block_and_are_centred_or_flush() {
-        let (mut letters, mut blocks) = (Vec::new(), Vec::new());
-        lay_out("<TIER 6\n<NOW\nHOLD\n_AND STAY\n", &mut letters, &mut blocks);
-        let shapes: Vec<_> = blocks.iter().map(|b| (b.place, b.columns, b.rows, b.count)).collect();
-        assert_eq!(shapes, [(Place::Bottom, 8, 2, 12), (Place::TopLeft, 6, 2, 9)]);
-        assert_eq!(letters[0].place, [0.25, 0.0, 0.125, 0.5], "two columns of eight are left on both sides");
-        assert_eq!(letters[12 + 6].place[..2], [0.0, 0.5], "the second line begins at the left");
+/// Sends a rectangle of the layer to the device.
+fn upload(queue: &Queue, texture: &Texture, pixels: &[u8], rect: Rect) {
+    let (size, rect) = (texture.size(), within(rect, [texture.width(), texture.height()]));
+    if rect.width() <= 0 || rect.height() <= 0 {
+        return;
     }
-
-    #[test]
-    fn too_much_text_is_cut() {
-        let (mut letters, mut blocks) = (Vec::new(), Vec::new());
-        lay_out(&"A LONG LINE\n".repeat(400), &mut letters, &mut blocks);
-        assert_eq!((letters.len(), blocks[0].count), (MAX_LETTERS, MAX_LETTERS as u32));
-    }
-
-    #[test]
-    fn every_block_stays_on_the_picture() {
-        for place in Place::ALL {
-            for (columns, rows) in [(1, 1), (26, 2), (70, 5), (200, 90)] {
-                for size in [[160.0, 128.0], [400.0, 320.0], [1280.0, 1024.0]] {
-                    let block = Block { place, columns, rows, first: 0, count: 0 };
-                    let [x, y, w, h] = rectangle(&block, size);
-                    assert!(
-                        x >= 0.0 && y >= 0.0 && x + w <= size[0] && y + h <= size[1],
-                        "{block:?} {size:?}"
-                    );
-                    assert!(w > 0.0 && h > 0.0);
-                }
-            }
-        }
-    }
+    let (left, top) = (rect.left as u32, rect.top as u32);
+    let (bytes_per_row, offset) = (4 * size.width, u64::from(4 * (top * size.width + left)));
+    let rows = TexelCopyBufferLayout { offset, bytes_per_row: Some(bytes_per_row), rows_per_image: None };
+    let origin = Origin3d { x: left, y: top, z: 0 };
+    let to = TexelCopyTextureInfo { origin, ..texture.as_image_copy() };
+    let extent =
+        Extent3d { width: rect.width() as u32, height: rect.height() as u32, depth_or_array_layers: 1 };
+    queue.write_texture(to, pixels, rows, extent);
 }

@@ -1,6 +1,6 @@
 //! A window that shows both channels, arranged for its display and synchronised to it.
 
-use super::blit::Blit;
+use super::blit::{Blit, Shown};
 use super::{PresentError, Ready};
 use crate::gpu::Gpu;
 use crate::stereo::Arrangement;
@@ -355,28 +355,30 @@ impl Window {
         }
     }
 
-    /// Copies the picture, as large as fits without distortion; of alternating channels the left
-    /// one.
-    pub fn copy(&mut self, gpu: &Gpu, target: &Target) {
-        self.copy_channel(gpu, target, 0);
+    /// Copies the picture, as large as fits without distortion, with `text` over it; of alternating
+    /// channels the left one.
+    pub fn copy(&mut self, gpu: &Gpu, target: &Target, text: &str) {
+        self.copy_channel(gpu, target, text, 0);
     }
 
-    fn copy_channel(&mut self, gpu: &Gpu, target: &Target, channel: u32) {
+    fn copy_channel(&mut self, gpu: &Gpu, target: &Target, text: &str, channel: u32) {
         let Some(acquired) = &self.acquired else { return };
         let view = acquired.texture.create_view(&wgpu::TextureViewDescriptor::default());
         let size_px = [self.surface_config.width, self.surface_config.height];
-        self.blit.draw(gpu, target, &view, size_px, self.config.arrangement, channel);
+        let arrangement = self.config.arrangement;
+        let shown = Shown { arrangement, channel, text, text_scale: arrangement.text_scale() };
+        self.blit.draw(gpu, target, &view, size_px, shown);
     }
 
     /// Queues the picture for the next refresh; where channels alternate, the right one for the
     /// refresh after that.
-    pub fn show(&mut self, gpu: &Gpu, target: &Target) {
+    pub fn show(&mut self, gpu: &Gpu, target: &Target, text: &str) {
         if let Some(acquired) = self.acquired.take() {
             gpu.queue.present(acquired);
         }
         if self.config.arrangement == Arrangement::Sequential {
             self.acquire(gpu);
-            self.copy_channel(gpu, target, 1);
+            self.copy_channel(gpu, target, text, 1);
             if let Some(acquired) = self.acquired.take() {
                 gpu.queue.present(acquired);
             }

@@ -42,7 +42,11 @@ impl Held {
         if std::mem::replace(&mut self.shown, tenths) == tenths {
             return None;
         }
-        Some(if tenths == 0 { String::new() } else { format!("PICTURE HELD {:.1} s", tenths as f64 * 0.1) })
+        Some(if tenths == 0 {
+            String::new()
+        } else {
+            format!("Picture held for {:.1} s", tenths as f64 * 0.1)
+        })
     }
 }
 
@@ -58,9 +62,9 @@ mod tests {
         assert_eq!((held.age_ns(900 * MS), held.new_mark(900 * MS, false)), (None, None), "no scene yet");
         held.note_scene(1000 * MS);
         assert_eq!(held.new_mark(1250 * MS, false), None);
-        assert_eq!(held.new_mark(2249 * MS, false).as_deref(), Some("PICTURE HELD 1.2 s"));
+        assert_eq!(held.new_mark(2249 * MS, false).as_deref(), Some("Picture held for 1.2 s"));
         assert_eq!(held.new_mark(2260 * MS, false), None, "as it says already");
-        assert_eq!(held.new_mark(2310 * MS, false).as_deref(), Some("PICTURE HELD 1.3 s"));
+        assert_eq!(held.new_mark(2310 * MS, false).as_deref(), Some("Picture held for 1.3 s"));
         held.note_scene(2320 * MS);
         assert_eq!(held.new_mark(2330 * MS, false).as_deref(), Some(""));
     }

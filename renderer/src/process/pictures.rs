@@ -1,6 +1,8 @@
 //! Pictures for others: stills, video, the small JPEGs of the channel `pictures`.
 
 use super::RendererShell;
+use crate::compose::{SMALL_PX, output_px};
+use crate::governor::TIERS;
 use crate::output::PictureRequest;
 use anyhow::Result;
 use protocol::frames::{FrameRecord, PictureHeader};
@@ -28,8 +30,24 @@ impl RendererShell {
             return Ok(());
         }
         let (gpu, target) = (&self.gpu, self.renderer.target(tier));
-        self.output.submit(request, |picture| self.read_back.read(gpu, target, picture))?;
+        let (size_px, arrangement) = (self.picture_px(tier, request), self.arrangement);
+        let (composer, text) = (&mut self.composer, self.renderer.text());
+        let read_back = &self.read_back;
+        self.output.submit(request, |picture| {
+            let texture = composer.compose(gpu, target, size_px, text, arrangement);
+            read_back.read(gpu, texture, picture)
+        })?;
         Ok(())
+    }
+
+    /// Size of a channel of the picture for a request, so that the text on it is not scaled: that of
+    /// the video while there is one; a small picture alone is drawn small.
+    fn picture_px(&self, tier: usize, request: PictureRequest) -> [u32; 2] {
+        match self.video_px {
+            Some(size_px) => size_px,
+            None if request.still || request.last => output_px(&TIERS[tier]),
+            None => SMALL_PX,
+        }
     }
 
     /// Publishes finished small pictures; a file that cannot be written is reported once.

@@ -6,11 +6,8 @@ use ipc::{Instance, IpcError, Queue, Receiver, Sender};
 use protocol::bindings::{Action, help};
 use protocol::control::Notice;
 use protocol::inputs::{Hint, Input, InputEvent, Origin};
-use protocol::scene_text::{Place, push_line};
+use protocol::scene_text::{Place, Row, push_line, push_sentence};
 use protocol::time::Nanos;
-
-/// Letters of a line in a corner.
-const CORNER_LETTERS: usize = 16;
 
 /// Lines of `protocol::scene_text` over the picture.
 pub struct Overlay {
@@ -110,27 +107,14 @@ fn lines(hint: &str, notice: &str, paused: bool, help: &str) -> String {
     if !hint.is_empty() {
         push_line(&mut text, Place::BottomLeft, hint);
     }
-    wrapped(notice).iter().for_each(|line| push_line(&mut text, Place::BottomRight, line));
+    if !notice.is_empty() {
+        push_sentence(&mut text, Place::BottomRight, notice);
+    }
     if paused {
-        push_line(&mut text, Place::Middle, "paused");
+        push_line(&mut text, Place::Top, "Paused");
     }
-    help.lines().for_each(|line| push_line(&mut text, Place::Middle, line));
+    help.lines().for_each(|line| Row::Plain(line).push(&mut text));
     text
-}
-
-/// A text in lines that fit a corner outside of the round field.
-fn wrapped(text: &str) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match lines.last_mut() {
-            Some(line) if line.len() + 1 + word.len() <= CORNER_LETTERS => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.into()),
-        }
-    }
-    lines
 }
 
 #[cfg(test)]
@@ -138,18 +122,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn help_pause_and_hint_stand_at_their_places() {
+    fn help_pause_notice_and_hint_stand_at_their_places() {
         assert_eq!(lines("", "", false, ""), "");
-        let text = lines("hand 2: light", "", true, "");
-        assert!(text.contains("[hand 2: light\n") && text.contains("=paused"), "{text}");
+        let text = lines("Hand 2: pick", "camera 1 stands still", true, "");
+        assert_eq!(text, "[Hand 2: pick\n]Camera 1 stands still\n^Paused\n");
         assert!(lines("", "", false, &help(true)).lines().all(|l| l.starts_with('=')));
-    }
-
-    #[test]
-    fn a_notice_stands_in_its_corner_in_short_lines() {
-        let text = lines("", "camera 1 agrees with no other camera", false, "");
-        let mark = Place::BottomRight.mark();
-        assert!(text.lines().count() > 1 && text.lines().all(|l| l.starts_with(mark)), "{text}");
-        assert!(text.lines().all(|l| l.len() <= CORNER_LETTERS + 1), "{text}");
     }
 }

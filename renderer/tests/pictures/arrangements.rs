@@ -2,7 +2,7 @@
 
 use renderer::governor::Tier;
 use renderer::gpu::Gpu;
-use renderer::present::blit::Blit;
+use renderer::present::blit::{Blit, Shown};
 use renderer::readback::{Picture, ReadBack};
 use renderer::stereo::{Arrangement, arrange};
 use renderer::target::Target;
@@ -55,7 +55,7 @@ fn the_device_arranges_as_files_do() {
     };
     let picture = noise();
     let source = holding(&gpu, &picture);
-    let blit = Blit::new(&gpu.device, source.texture.format());
+    let mut blit = Blit::new(&gpu.device, source.texture.format());
     let read_back = ReadBack::new(&gpu, 8);
     use Arrangement::*;
     for (arrangement, channel, expected) in [
@@ -71,9 +71,10 @@ fn the_device_arranges_as_files_do() {
         arrange(&mut wanted, expected);
         // A target is two channels wide; half as wide a one is as wide as a channel.
         let surface = target(&gpu, wanted.width_px / 2);
-        blit.draw(&gpu, &source, &surface.colour, [wanted.width_px, wanted.height_px], arrangement, channel);
+        let shown = Shown { arrangement, channel, text: "", text_scale: arrangement.text_scale() };
+        blit.draw(&gpu, &source, &surface.colour, [wanted.width_px, wanted.height_px], shown);
         let mut shown = Picture::default();
-        read_back.read(&gpu, &surface, &mut shown).unwrap();
+        read_back.read(&gpu, &surface.texture, &mut shown).unwrap();
         let worst = shown.rgba.iter().zip(&wanted.rgba).map(|(a, b)| a.abs_diff(*b)).max();
         assert!(shown.rgba.len() == wanted.rgba.len() && worst <= Some(1), "{arrangement:?}: {worst:?}");
     }

@@ -31,6 +31,12 @@ fn light(picture: &Picture, x: u32, y: u32, colour: usize) -> f64 {
     (f64::from(picture.rgb(x, y)[colour]) / 255.0).powi(2)
 }
 
+/// Light of red, the strongest colour, before the tone curve 1.35 x / (0.6 + x).
+pub fn linear_red(picture: &Picture, x: u32, y: u32) -> f64 {
+    let shown = light(picture, x, y, 0);
+    0.6 * shown / (1.35 - shown)
+}
+
 /// Mean variance along x and y of the blue light that a ball adds to the left channel, px².
 fn spread_px2(with: &Picture, without: &Picture) -> f64 {
     let width = with.width_px / 2;
@@ -129,13 +135,8 @@ fn shadow_edge_mm(stage: &Stage, below_mm: f64) -> f64 {
     });
     let px_per_mm = FILL * f64::from(with.height_px) / FIELD_MM;
     let (middle_x, middle_y) = (with.width_px / 4, with.height_px / 2);
-    // Linear light of red, the strongest colour, before the tone curve 1.35 x / (0.6 + x).
     let red = |picture: &Picture, x: u32| {
-        let of_row = |y: u32| {
-            let t = light(picture, x, y, 0);
-            0.6 * t / (1.35 - t)
-        };
-        (middle_y - 10..middle_y + 10).map(of_row).sum::<f64>()
+        (middle_y - 10..middle_y + 10).map(|y| linear_red(picture, x, y)).sum::<f64>()
     };
     // Right in the picture is −x: from the lit side at the right to the dark one at the left.
     let reach = (0.6 * px_per_mm) as u32;

@@ -15,7 +15,7 @@ const RED: [f32; 4] = [0.9, 0.02, 0.02, 1.0];
 
 /// Pinhole projection of `p` into `channel`, px of the channel; the surgeon's right is −x, up is
 /// −y.
-fn project(stage: &Stage, picture: &Picture, channel: u32, p: DVec3) -> [f64; 2] {
+pub fn project(stage: &Stage, picture: &Picture, channel: u32, p: DVec3) -> [f64; 2] {
     let m = &stage.file.microscope;
     let target = DVec3::from(m.target_in_world_mm);
     let side = (f64::from(channel) - 0.5) * m.stereo_base_mm;

@@ -3,12 +3,14 @@
 
 mod arrangements;
 mod device_lost;
+mod edges;
 mod focus;
 mod geometry;
 mod markers;
 mod optics;
 mod picture;
 mod reference;
+mod shadows;
 mod stage;
 mod text;
 mod timing;

@@ -2,7 +2,7 @@
 
 use crate::numbers::mean;
 use crate::{CARELESS_BELOW, EXPERT_FROM, Outcome};
-use font::{CELL_H, CELL_W, number, strip};
+use font::Face;
 use image::{Rgb, RgbImage};
 use surgeon::skill::Skill;
 
@@ -10,8 +10,8 @@ use surgeon::skill::Skill;
 const FIELD: [i64; 2] = [260, 250];
 const MARGIN: [i64; 3] = [44, 34, 34];
 const IN_A_ROW: usize = 4;
-/// Enlargement of letters.
-const LETTER: i64 = 2;
+/// Size of letters, px.
+const LETTER: f32 = 14.0;
 
 const PAPER: Rgb<u8> = Rgb([255, 255, 255]);
 const INK: Rgb<u8> = Rgb([40, 40, 40]);
@@ -22,7 +22,7 @@ const COLOURS: [Rgb<u8>; 4] = [Rgb([0, 114, 178]), Rgb([0, 158, 115]), Rgb([230,
 
 struct Chart {
     picture: RgbImage,
-    letters: (Vec<u8>, u32),
+    face: Face,
 }
 
 /// Draws the picture.
@@ -30,7 +30,7 @@ pub fn draw(outcomes: &[Outcome], surgeons: &[Skill]) -> RgbImage {
     let rows = outcomes.len().div_ceil(IN_A_ROW) as i64;
     let (width, height) = (FIELD[0] * IN_A_ROW as i64, FIELD[1] * rows + 34);
     let mut chart =
-        Chart { picture: RgbImage::from_pixel(width as u32, height as u32, PAPER), letters: strip() };
+        Chart { picture: RgbImage::from_pixel(width as u32, height as u32, PAPER), face: Face::new() };
     for (i, outcome) in outcomes.iter().enumerate() {
         let corner = [FIELD[0] * (i % IN_A_ROW) as i64, FIELD[1] * (i / IN_A_ROW) as i64];
         chart.field(corner, outcome);
@@ -51,7 +51,9 @@ impl Chart {
         for points in (0..=100).step_by(20) {
             let y = up(f64::from(points));
             self.block([x, y], [width, 1], GRID);
-            self.write([left + 2, y - 7], &format!("{points:>3}"), INK);
+            let text = points.to_string();
+            let across = x - 6 - self.face.width_px(&text, LETTER).ceil() as i64;
+            self.write([across, y - 8], &text, INK);
         }
         for points in [EXPERT_FROM, CARELESS_BELOW] {
             self.block([x, up(points)], [width, 1], BOUND);
@@ -82,15 +84,7 @@ impl Chart {
     }
 
     fn write(&mut self, [x, y]: [i64; 2], text: &str, colour: Rgb<u8>) {
-        for (i, character) in text.chars().enumerate() {
-            let left = x + (i * CELL_W) as i64 * LETTER;
-            for (row, column) in (0..CELL_H).flat_map(|r| (0..CELL_W).map(move |c| (r, c))) {
-                let at = row * self.letters.1 as usize + number(character) * CELL_W + column;
-                if self.letters.0[at] > 0 {
-                    let place = [left + column as i64 * LETTER, y + row as i64 * LETTER];
-                    self.block(place, [LETTER, LETTER], colour);
-                }
-            }
-        }
+        let width = self.picture.width();
+        self.face.write(&mut self.picture, width, [x as f32, y as f32], text, LETTER, colour.0);
     }
 }

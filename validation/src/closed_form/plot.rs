@@ -2,7 +2,7 @@
 //! size and halved, so that lines are smooth.
 
 use super::case::{Chart, Curve, Outcome};
-use font::{CELL_H, CELL_W, glyph};
+use font::{Face, line_px};
 use image::RgbImage;
 use image::imageops::{FilterType, resize};
 
@@ -10,8 +10,8 @@ use image::imageops::{FilterType, resize};
 const SIZE: [u32; 2] = [1120, 440];
 /// Factor by which it is drawn larger.
 const SCALE: usize = 2;
-/// Height of a dot of the letters while drawing, px.
-const DOT: usize = 3;
+/// Size of letters while drawing, px.
+const LETTER: f32 = 26.0;
 const INK: [u8; 3] = [40, 40, 40];
 const GREY: [u8; 3] = [225, 225, 225];
 /// Told apart by people who do not see all colours (Okabe and Ito).
@@ -28,6 +28,7 @@ const COLOURS: [[u8; 3]; 7] = [
 /// A picture that grows under the pen.
 struct Canvas {
     image: RgbImage,
+    face: Face,
 }
 
 /// Where a chart lies: left, top, right and bottom, px while drawing.
@@ -36,7 +37,7 @@ type Frame = [f64; 4];
 /// The picture of a case.
 pub fn draw(title: &str, outcome: &Outcome) -> RgbImage {
     let [w, h] = SIZE.map(|s| s * SCALE as u32);
-    let mut canvas = Canvas { image: RgbImage::from_pixel(w, h, image::Rgb([255; 3])) };
+    let mut canvas = Canvas { image: RgbImage::from_pixel(w, h, image::Rgb([255; 3])), face: Face::new() };
     canvas.text(title, [w as f64 * 0.5, 16.0], 0.5, INK);
     let (top, bottom) = (96.0, f64::from(h) - 100.0);
     let half = f64::from(w) * 0.5;
@@ -74,17 +75,9 @@ impl Canvas {
 
     /// Text whose share `anchor` of its width lies left of `at`; `at` is its top.
     fn text(&mut self, text: &str, at: [f64; 2], anchor: f64, colour: [u8; 3]) {
-        let left = at[0] - anchor * (text.chars().count() * CELL_W * DOT) as f64;
-        for (i, character) in text.chars().enumerate() {
-            for (row, bits) in glyph(character).iter().enumerate() {
-                for column in (0..5).filter(|c| bits >> (4 - c) & 1 == 1) {
-                    for (i, p, q) in (0..DOT).flat_map(|p| (0..DOT).map(move |q| (i, p, q))) {
-                        let x = left as i64 + ((i * CELL_W + column) * DOT + p) as i64;
-                        self.dot(x, at[1] as i64 + (row * DOT + q) as i64, colour);
-                    }
-                }
-            }
-        }
+        let left = at[0] as f32 - anchor as f32 * self.face.width_px(text, LETTER);
+        let width = self.image.width();
+        self.face.write(&mut self.image, width, [left, at[1] as f32], text, LETTER, colour);
     }
 
     fn chart(&mut self, chart: &Chart, frame: Frame) {
@@ -98,7 +91,7 @@ impl Canvas {
         for tick in scale.ticks(1) {
             let [_, y] = scale.place([scale.low[0], tick], true);
             self.line([left, y], [right, y], 1.0, GREY);
-            self.text(&scale.name(tick), [left - 10.0, y - (CELL_H * DOT / 2) as f64], 1.0, INK);
+            self.text(&scale.name(tick), [left - 10.0, y - 0.5 * f64::from(line_px(LETTER))], 1.0, INK);
         }
         for (a, b) in [([left, top], [left, bottom]), ([left, bottom], [right, bottom])] {
             self.line(a, b, 2.0, INK);
@@ -124,8 +117,9 @@ impl Canvas {
 
     /// In the corner that holds the fewest points.
     fn legend(&mut self, chart: &Chart, [left, top, right, bottom]: Frame) {
-        let longest = chart.curves.iter().map(|c| c.name.chars().count()).max().unwrap_or(0);
-        let (line, wide) = ((CELL_H * DOT + 6) as f64, (longest * CELL_W * DOT) as f64 + 50.0);
+        let names = chart.curves.iter().map(|c| self.face.width_px(&c.name, LETTER));
+        let longest = f64::from(names.fold(0.0, f32::max));
+        let (line, wide) = (f64::from(line_px(LETTER)), longest + 56.0);
         let high = line * chart.curves.len() as f64;
         let Some(scale) = Scale::around(chart, [left, top, right, bottom]) else { return };
         let inside = |corner: &[f64; 2]| {
@@ -144,7 +138,7 @@ impl Canvas {
         for (i, curve) in chart.curves.iter().enumerate() {
             let y = corner[1] + line * i as f64;
             let colour = COLOURS[i % COLOURS.len()];
-            let middle = y + (CELL_H * DOT / 2) as f64;
+            let middle = y + 0.5 * f64::from(line_px(LETTER));
             if !curve.marks {
                 self.line([corner[0], middle], [corner[0] + 36.0, middle], 4.0, colour);
             }
