@@ -19,7 +19,7 @@ use crate::output::{Output, OutputConfig};
 use crate::pacing::{Pacing, Ticks};
 use crate::present::{Present, Ready};
 use crate::readback::ReadBack;
-use crate::start;
+use crate::start::{self, Hurry};
 use crate::stereo::Arrangement;
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
@@ -109,15 +109,14 @@ struct Prepared {
 }
 
 impl Prepared {
-    /// With a `start_tier`, no more than is needed to draw at that tier.
-    fn new(config: &Config, start_tier: Option<usize>) -> Result<Self> {
+    /// In a `hurry`, no more than is needed to begin.
+    fn new(config: &Config, hurry: Hurry<'_>) -> Result<Self> {
         let scene = SceneFile::load(&config.scene).context("the renderer needs the scene")?;
         let (gpu, present) = Present::open(config.window_config().as_ref())?;
         let first_tier = start::first_tier(&gpu, config.tier.map(|t| t as usize));
-        let start_tier = start_tier.map(|tier| tier.max(first_tier));
         let folder = instance_directory(&config.shell.instance)?;
         let assets = Assets::load(&config.fundus, config.instruments.as_deref())?.kept_in(folder);
-        let (renderer, costs) = start::renderer(&gpu, &scene, config, &assets, first_tier, start_tier, now)?;
+        let (renderer, costs) = start::renderer(&gpu, &scene, config, &assets, first_tier, hurry, now)?;
         Ok(Prepared { gpu, present, renderer, costs, first_tier })
     }
 }
@@ -127,11 +126,17 @@ fn start(config: &Config) -> Result<Option<RendererShell>> {
     let start_tier = config.start_tier.map(|t| t as usize);
     if !config.standby {
         let joined = Shell::start(Process::Renderer, &config.shell)?;
-        return RendererShell::open(config, joined, Prepared::new(config, start_tier)?, start_tier).map(Some);
+        return RendererShell::open(
+            config,
+            joined,
+            Prepared::new(config, &|| start_tier.map(Some))?,
+            start_tier,
+        )
+        .map(Some);
     }
     let order = Order::listen();
     standby::step_back();
-    let prepared = Prepared::new(config, None)?;
+    let prepared = Prepared::new(config, &|| order.given())?;
     let Some(tier) = order.wait() else { return Ok(None) };
     let joined = Shell::start(Process::Renderer, &config.shell)?;
     RendererShell::open(config, joined, prepared, tier.or(start_tier)).map(Some)

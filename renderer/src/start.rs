@@ -9,7 +9,7 @@ use crate::frame::{Renderer, RendererConfig};
 use crate::governor::{HARDWARE_START, SOFTWARE_START, TIERS};
 use crate::gpu::Gpu;
 use crate::latch::{Latched, latch_scene};
-use crate::reference_scene::Contents;
+use crate::reference_scene::{Contents, SceneBlock};
 use crate::tools::{NOMINAL_CANNULA_MM, Shaft};
 use anyhow::{Context, Result};
 use bytemuck::Zeroable;
@@ -20,7 +20,6 @@ use protocol::rig::Rig;
 use protocol::scene::{NODE_FREE, SceneBody, SceneBrick, SceneHeader, SceneMark, SceneNode, SceneTriangle};
 use protocol::time::Nanos;
 use scene::SceneFile;
-use std::ops::Range;
 
 /// The best tier for which a software driver makes room.
 const SOFTWARE_BEST: usize = 3;
@@ -82,9 +81,13 @@ pub fn map_px(gpu: &Gpu) -> u32 {
     if gpu.is_software { SOFTWARE_MAP_PX } else { HARDWARE_MAP_PX }
 }
 
+/// Whether the warm-up must be short, asked before each of its frames, and the tier to begin at, if one
+/// is named.
+pub type Hurry<'a> = &'a dyn Fn() -> Option<Option<usize>>;
+
 /// A renderer for `scene` that has drawn its first frames, and the costs of the tiers measured from
-/// these; `clock` gives ns. One that is to be back soon draws at its `start_tier` alone and takes
-/// the usual costs.
+/// these; `clock` gives ns. In a `hurry` it draws no more than is needed to begin, and takes the
+/// usual costs.
 ///
 /// # Errors
 /// If the rig cannot be read, or the device is lost.
@@ -94,7 +97,7 @@ pub fn renderer(
     config: &Config,
     assets: &Assets,
     first_tier: usize,
-    start_tier: Option<usize>,
+    hurry: Hurry<'_>,
     clock: fn() -> Nanos,
 ) -> Result<(Renderer, Costs)> {
     let rig = Rig::load_or_shipped(config.rig.as_deref()).context("--rig")?;
@@ -102,23 +105,68 @@ pub fn renderer(
     let mut renderer =
         Renderer::with_assets(gpu, renderer_config(scene, &rig, first_tier, map_px(gpu)), assets);
     let made = clock();
-    let tiers = start_tier.map_or(first_tier..TIERS.len(), |tier| tier..tier + 1);
-    let costs = warm_up(gpu, &mut renderer, scene, tiers, clock)?;
+    let costs = WarmUp::new(gpu, &mut renderer, scene, clock)?.costs(first_tier, hurry)?;
     let ms = |from: Nanos, to: Nanos| (to - from) as f64 * 1e-6;
     let (resources_ms, warm_up_ms) = (ms(begun, made), ms(made, clock()));
     tracing::debug!(resources_ms, warm_up_ms, "started");
     Ok((renderer, costs))
 }
 
-/// Draws everything once, tracked and lost, at `tiers`. The frames after that measure the cost of
-/// the tiers, where there are several.
-fn warm_up(
-    gpu: &Gpu,
-    renderer: &mut Renderer,
-    scene: &SceneFile,
-    tiers: Range<usize>,
+/// Draws everything once, tracked and lost. The frames after that measure the cost of the tiers.
+struct WarmUp<'a> {
+    gpu: &'a Gpu,
+    renderer: &'a mut Renderer,
+    poses: Latched,
     clock: fn() -> Nanos,
-) -> Result<Costs> {
+}
+
+impl<'a> WarmUp<'a> {
+    fn new(
+        gpu: &'a Gpu,
+        renderer: &'a mut Renderer,
+        scene: &SceneFile,
+        clock: fn() -> Nanos,
+    ) -> Result<Self> {
+        let block = everything(scene);
+        renderer.take_scene(gpu, &block.header, block.payload())?;
+        Ok(WarmUp { gpu, renderer, poses: latch_scene(&block.header), clock })
+    }
+
+    fn costs(mut self, first_tier: usize, hurry: Hurry<'_>) -> Result<Costs> {
+        let mut shortest_ns = [None::<u64>; TIERS.len()];
+        for round in 0..ROUNDS {
+            for (tier, shortest) in shortest_ns.iter_mut().enumerate().skip(first_tier) {
+                if let Some(begin_at) = hurry() {
+                    let soon = begin_at.unwrap_or(start_tier(self.gpu)).max(first_tier);
+                    let missing = if round < COMPILED_AFTER { COMPILED_AFTER } else { 0 };
+                    (0..missing).try_for_each(|round| self.draw(soon, round).map(drop))?;
+                    return Ok(Costs::default());
+                }
+                let took = self.draw(tier, round)?;
+                if round >= COMPILED_AFTER {
+                    *shortest = Some(shortest.map_or(took, |before| before.min(took)));
+                }
+            }
+        }
+        Ok(Costs::measured(&shortest_ns))
+    }
+
+    /// Draws a frame of a round; ns that it took.
+    fn draw(&mut self, tier: usize, round: usize) -> Result<u64> {
+        // What a person may ask for later is compiled too; it is not part of what is measured.
+        self.renderer.show_dose(self.gpu, round < COMPILED_AFTER);
+        let tracked = round != 1;
+        let latched = Latched { tracked: [tracked; INSTRUMENTS], eye_tracked: tracked, ..self.poses };
+        let begun = (self.clock)();
+        let commands = self.renderer.encode(self.gpu, tier);
+        self.renderer.submit(self.gpu, tier, &latched, commands);
+        self.gpu.wait()?;
+        Ok((self.clock)() - begun)
+    }
+}
+
+/// A scene with something of everything that can be drawn.
+fn everything(scene: &SceneFile) -> SceneBlock {
     let node = |x: f32, y: f32| SceneNode { position_mm: [x, y, -11.0], flag: NODE_FREE as u16, dye: 0 };
     let body = |shape| SceneBody {
         shape,
@@ -144,25 +192,5 @@ fn warm_up(
         header.instruments[i].tool = scene.instruments[i].tool as u32;
         header.instruments[i].world_from_instrument = Pose { position_mm: [x, 0.0, -6.0], ..Pose::IDENTITY };
     }
-    let block = contents.block(header);
-    renderer.take_scene(gpu, &block.header, block.payload())?;
-    let poses = latch_scene(&block.header);
-    let mut shortest_ns = [None::<u64>; TIERS.len()];
-    // What a person may ask for later is compiled too; it is not part of what is measured.
-    let rounds = if tiers.len() > 1 { ROUNDS } else { COMPILED_AFTER };
-    for (round, tracked) in (0..rounds).map(|round| (round, round != 1)) {
-        renderer.show_dose(gpu, round < COMPILED_AFTER);
-        let latched = Latched { tracked: [tracked; INSTRUMENTS], eye_tracked: tracked, ..poses };
-        for (tier, shortest) in shortest_ns.iter_mut().enumerate().take(tiers.end).skip(tiers.start) {
-            let begun = clock();
-            let commands = renderer.encode(gpu, tier);
-            renderer.submit(gpu, tier, &latched, commands);
-            gpu.wait()?;
-            let took = clock() - begun;
-            if round >= COMPILED_AFTER {
-                *shortest = Some(shortest.map_or(took, |before| before.min(took)));
-            }
-        }
-    }
-    Ok(Costs::measured(&shortest_ns))
+    contents.block(header)
 }

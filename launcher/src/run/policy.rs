@@ -12,8 +12,8 @@ pub const WINDOW_NS: u64 = 120_000_000_000;
 /// again, ns.
 const SOON_NS: u64 = 300_000_000;
 /// The first wait, which doubles from death to death, and the longest, ns.
-const FIRST_WAIT_NS: u64 = 100_000_000;
-const LONGEST_WAIT_NS: u64 = 3_200_000_000;
+const FIRST_WAIT_NS: u64 = 20_000_000;
+const LONGEST_WAIT_NS: u64 = 6_400_000_000;
 
 /// Bounds the rate of restarts of one process.
 #[derive(Debug)]
@@ -107,7 +107,7 @@ mod tests {
             waits.push((at - now) / 1_000_000);
             now = at + 60_000_000;
         }
-        assert_eq!(waits[..8], [0, 100, 200, 400, 800, 1600, 3200, 3200]);
+        assert_eq!(waits[..11], [0, 20, 40, 80, 160, 320, 640, 1280, 2560, 5120, 6400]);
         assert_eq!(waits.len(), MAX_RESTARTS);
         let mut limit = RestartLimit::default();
         // One that was at work is back at once, however soon it dies after its restart.
@@ -115,7 +115,7 @@ mod tests {
             let at = s * 1_000_000_000;
             limit.restart_at(at, worked_ms * 1_000_000).unwrap() - at
         });
-        assert_eq!(deaths, [0, 100_000_000, 0, 100_000_000]);
+        assert_eq!(deaths, [0, 20_000_000, 0, 20_000_000]);
     }
 
     #[test]

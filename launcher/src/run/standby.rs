@@ -55,6 +55,11 @@ impl Standby {
         self.at_work_since = None;
     }
 
+    /// True if one waits.
+    pub fn waits(&self) -> bool {
+        !self.children.is_empty()
+    }
+
     /// Lets the one that waits take the place of a process, with what its restart would be given;
     /// `None` if none waits.
     pub fn take_over(&mut self, process: Process, arguments: &[String]) -> Option<Child> {

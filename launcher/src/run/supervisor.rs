@@ -213,7 +213,10 @@ impl Supervisor {
             if end.code == Some(WRONG_USE.into()) && !slot.was_ready {
                 bail!(WrongUse(start_failure(slot.process, &end.how)));
             }
-            slot.restart_at = Some(slot.may_restart(now, &end.how)?);
+            let due = slot.may_restart(now, &end.how)?;
+            // One that waits has nothing left to fail at.
+            let waits = slot.process == Process::Renderer && self.standby.waits();
+            slot.restart_at = Some(if waits { now } else { due });
             slot.restarts += 1;
             slot.child = None;
             events.push(ProcessEvent::Restarting(slot.process, end.how));

@@ -4,6 +4,7 @@
 
 use crate::config::NICENESS;
 use rustix::process::{Pid, nice, setpriority_process};
+use std::cell::OnceCell;
 use std::fs::read_dir;
 use std::io::{self, BufRead};
 use std::sync::mpsc::{Receiver, channel};
@@ -31,7 +32,10 @@ fn step_forward() {
 }
 
 /// The order to take over, which may come while this process still prepares.
-pub(super) struct Order(Receiver<Option<usize>>);
+pub(super) struct Order {
+    listener: Receiver<Option<usize>>,
+    given: OnceCell<Option<usize>>,
+}
 
 impl Order {
     /// Listens from now on; on the order every thread goes forward at once.
@@ -45,13 +49,22 @@ impl Order {
                 let _ = told.send(line.trim().parse().ok());
             }
         });
-        Order(order)
+        Order { listener: order, given: OnceCell::new() }
+    }
+
+    /// It, if it has come: the tier to begin with, if it names one.
+    pub(super) fn given(&self) -> Option<Option<usize>> {
+        if let Ok(order) = self.listener.try_recv() {
+            // It comes once.
+            let _ = self.given.set(order);
+        }
+        self.given.get().copied()
     }
 
     /// Waits for it: the tier to begin with, if it names one. `None` where there is nothing to wait
     /// for any more.
     pub(super) fn wait(self) -> Option<Option<usize>> {
-        let order = self.0.recv().ok()?;
+        let order = self.given().or_else(|| self.listener.recv().ok())?;
         // Threads that were made since.
         step_forward();
         Some(order)
