@@ -2,8 +2,8 @@
 //!
 //! A square grid over Lambert's azimuthal equal-area map about the posterior pole (−z): every cell
 //! has the same area. In the map the direction at the angle θ from the pole lies at the radius
-//! 2 sin(θ/2); the grid reaches to [`REACH_RAD`], beyond the ora serrata (21 mm from the fovea,
-//! 1.83 rad). Cells whose centre lies farther than that have no place on the retina.
+//! 2 sin(θ/2); the grid reaches to [`REACH_RAD`], which is the ora serrata (23 mm from
+//! the fovea). Cells whose centre lies farther than that have no place on the retina.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 

@@ -104,7 +104,7 @@ impl Renderer {
         let mut shadow_maps: Vec<(ShadowMap, BindGroup)> = Vec::new();
         for tier in &TIERS[config.first_tier..] {
             if !shadow_maps.iter().any(|(map, _)| map.serves(tier)) {
-                let shadow = ShadowMap::new(device, tier);
+                let shadow = ShadowMap::new(device, &gpu.queue, tier);
                 let group = light_group(device, &layout, &map, &shadow);
                 shadow_maps.push((shadow, group));
             }
@@ -235,7 +235,13 @@ impl Renderer {
 
     /// Writes uniforms and tissue for the latched poses and submits `commands`. Returns at once,
     /// while the device draws. The fading of a body just lost follows with the next frame.
-    pub fn submit(&mut self, gpu: &Gpu, tier: usize, latched: &Latched, commands: CommandBuffer) {
+    pub fn submit(
+        &mut self,
+        gpu: &Gpu,
+        tier: usize,
+        latched: &Latched,
+        commands: impl IntoIterator<Item = CommandBuffer>,
+    ) {
         self.write_uniforms(&gpu.queue, tier, latched);
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         let radius_mm = self.config.retina_radius_mm as f32;
@@ -245,7 +251,7 @@ impl Renderer {
             self.tissue_buffers.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
         }
         self.timing.iter_mut().for_each(Timing::before_submit);
-        gpu.queue.submit([commands]);
+        gpu.queue.submit(commands);
         self.timing.iter_mut().for_each(Timing::after_submit);
         self.settle(latched);
     }

@@ -16,7 +16,7 @@ use scene::Side;
 pub const RADIUS_MM: f32 = 11.5;
 
 /// The map reaches to this angle from the pole, rad.
-const MAP_ANGLE: f32 = 2.2;
+const MAP_ANGLE: f32 = 2.4;
 /// Half width of the surroundings with which vessels are compared, share of the retina's radius.
 const SURROUNDINGS: f32 = 0.030;
 /// Difference to the surroundings (of 255) at which a vessel has its full height.

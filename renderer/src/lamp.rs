@@ -12,7 +12,7 @@ use protocol::limits::INSTRUMENTS;
 use protocol::optics::Filter;
 
 /// The shadow map reaches a little beyond the cone, rad.
-const MAP_RAD: f64 = 0.86;
+pub const MAP_RAD: f64 = 0.86;
 /// What lies nearer to the lamp casts no shadow, mm.
 const NEAR_MM: f64 = 0.3;
 /// Far end of the shadow map: across the eye, mm.

@@ -40,7 +40,7 @@ impl Offscreen {
     /// Records and submits a frame of the scene that was taken last.
     pub fn draw(&mut self, tier: usize, latched: &Latched) {
         let commands = self.renderer.encode(&self.gpu, tier);
-        self.renderer.submit(&self.gpu, tier, latched, commands);
+        self.renderer.submit(&self.gpu, tier, latched, [commands]);
     }
 
     /// Waits for the frame drawn last and copies it into `picture`, whose memory is used again: the

@@ -15,8 +15,10 @@ use random::{Noise, Random, smooth};
 use scene::Side;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
-/// Angle from the pole to the ora serrata, where the retina ends: about 21 mm from the fovea, rad.
-pub const ORA_ANGLE: f32 = 21.0 / RADIUS_MM;
+/// Angle from the pole to the ora serrata, where the retina ends, rad: 23 mm from the fovea, which is 7
+/// to 8 mm behind the limbus of an eye 24 mm long ("Examination of the ora serrata", Archives of
+/// Ophthalmology, about 1950).
+pub const ORA_ANGLE: f32 = 23.0 / RADIUS_MM;
 /// Angle inside the photograph's border over which it gives way, rad.
 const SEAM: f32 = 0.07;
 /// Angle beyond the border within which its colours fade into [`PERIPHERY`], rad.

@@ -304,7 +304,7 @@ impl RendererShell {
         self.shell.inject_delay();
         let latched_at = now();
         let Some(latched) = self.latch(self.pacing.expected(latched_at, refreshed))? else { return Ok(()) };
-        self.renderer.submit(&self.gpu, tier, &latched, commands);
+        self.renderer.submit(&self.gpu, tier, &latched, [commands]);
         self.present.copy(&self.gpu, self.renderer.target(tier), self.renderer.text());
         self.gpu.wait()?;
         let done = now();

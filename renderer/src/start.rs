@@ -159,7 +159,7 @@ impl<'a> WarmUp<'a> {
         let latched = Latched { tracked: [tracked; INSTRUMENTS], eye_tracked: tracked, ..self.poses };
         let begun = (self.clock)();
         let commands = self.renderer.encode(self.gpu, tier);
-        self.renderer.submit(self.gpu, tier, &latched, commands);
+        self.renderer.submit(self.gpu, tier, &latched, [commands]);
         self.gpu.wait()?;
         Ok((self.clock)() - begun)
     }

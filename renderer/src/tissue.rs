@@ -20,6 +20,9 @@ use rim::Rim;
 
 /// Farthest that a node may be from the eye's centre, mm; farther ones are broken numbers.
 const FARTHEST_MM: f32 = 1e3;
+/// Triangles of the membrane whose depths differ by less are drawn in the mesh's order, mm: layers of a
+/// fold lie farther apart, and a driver shades shared corners of neighbours once.
+const LAYER_MM: f32 = 0.1;
 
 /// Membrane and lifted retina as they are drawn.
 #[derive(Debug, Default)]
@@ -31,8 +34,8 @@ pub struct Tissue {
     loose: Vec<[u32; 3]>,
     lying: Vec<[u32; 3]>,
     rim: Rim,
-    /// Triangles of the membrane and three times how deep they lie, mm.
-    stack: Vec<(f32, [u32; 3])>,
+    /// Triangles of the membrane, and how deep they lie in [`LAYER_MM`].
+    stack: Vec<(i32, [u32; 3])>,
     restacked: bool,
     membrane: usize,
     retina: usize,
@@ -170,11 +173,12 @@ impl Tissue {
         let depth = |n: u32| Vec3::from(self.vertices[n as usize].position).length();
         self.stack.clear();
         let membrane = &mut self.triangles[..self.membrane];
-        self.stack.extend(membrane.iter().map(|t| (t.map(depth).iter().sum::<f32>(), *t)));
+        let layer = |t: &[u32; 3]| (t.map(depth).iter().sum::<f32>() / (3.0 * LAYER_MM)) as i32;
+        self.stack.extend(membrane.iter().map(|t| (layer(t), *t)));
         self.restacked = !self.stack.is_sorted_by(|a, b| a.0 >= b.0);
         if self.restacked {
-            // It is nearly in order: that of the last frame.
-            self.stack.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+            // Within a layer as the mesh has them, whose nodes are near each other.
+            self.stack.sort_unstable_by_key(|&(layer, t)| (std::cmp::Reverse(layer), t));
             membrane.iter_mut().zip(&self.stack).for_each(|(t, (_, sorted))| *t = *sorted);
         }
     }

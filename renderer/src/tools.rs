@@ -6,7 +6,7 @@ mod load;
 mod outline;
 
 pub use load::{ModelError, load, name, parts};
-pub use outline::{outline, round_from_mm};
+pub use outline::{angular, outline, round_from_mm};
 
 use crate::layout::MetalVertex;
 use glam::Vec3;
@@ -106,8 +106,13 @@ pub struct Model {
 impl Model {
     /// Its mesh on a given shaft, all parts together, the jaws closed.
     pub fn mesh(&self, shaft: &Shaft) -> Mesh {
+        self.mesh_of(shaft, |_| true)
+    }
+
+    /// The same of parts whose names are `wanted`.
+    fn mesh_of(&self, shaft: &Shaft, wanted: impl Fn(&str) -> bool) -> Mesh {
         let mut mesh = Mesh::default();
-        for part in &self.parts {
+        for part in self.parts.iter().filter(|part| wanted(&part.name)) {
             let vertices = part.vertices.iter().map(|v| fitted(v, &part.name, shaft)).collect();
             mesh.append(Mesh { vertices, indices: part.indices.clone() });
         }

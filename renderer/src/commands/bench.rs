@@ -77,16 +77,14 @@ impl Bench {
 
     fn frame(&mut self, tier: usize, layers: Layers) -> Result<()> {
         let commands = self.renderer.encode_layers(&self.gpu, tier, layers);
-        self.renderer.submit(&self.gpu, tier, &self.latched, commands);
-        if layers.has(Layers::TEXT) {
-            self.write(tier);
-        }
+        let text = layers.has(Layers::TEXT).then(|| self.text(tier));
+        self.renderer.submit(&self.gpu, tier, &self.latched, [commands].into_iter().chain(text));
         Ok(self.gpu.wait()?)
     }
 
     /// Writes the text of a usual moment over the picture, as a window of its size does in the pass
     /// that copies it.
-    fn write(&mut self, tier: usize) {
+    fn text(&mut self, tier: usize) -> wgpu::CommandBuffer {
         let target = self.renderer.target(tier);
         let (gpu, size_px) = (&self.gpu, [target.width_px, target.height_px]);
         self.text.set(&gpu.device, &gpu.queue, TEXT, size_px);
@@ -101,7 +99,7 @@ impl Bench {
         });
         self.text.draw(&mut pass, &[[0, 0], [size_px[0], 0]], 1);
         drop(pass);
-        gpu.queue.submit([encoder.finish()]);
+        encoder.finish()
     }
 
     /// One frame, after another that is not counted and fills the caches for these layers.

@@ -82,15 +82,9 @@ fn vignette(field_xy: vec2f) -> f32 {
     return border * (1.0 - 0.3 * r2 * r2);
 }
 
-// Place of the direction `away` (unit, from the lamp) in the beam: 0 on the outer edge of its cone, 1
-// on the inner one. It can be interpolated over a cell, as the beam's share cannot.
-fn beam_place(away: vec3f) -> f32 {
-    return (dot(away, frame.lamp_direction.xyz) - frame.lamp_direction.w) * frame.lamp_colour.w;
-}
-
-// Share of the lamp's light there.
-fn beam(place: f32) -> f32 {
-    let s = clamp(place, 0.0, 1.0);
+// Share of the lamp's light that leaves in the direction `away` (unit, from the lamp).
+fn beam(away: vec3f) -> f32 {
+    let s = clamp((dot(away, frame.lamp_direction.xyz) - frame.lamp_direction.w) * frame.lamp_colour.w, 0.0, 1.0);
     return s * s * (3.0 - 2.0 * s);
 }
 
@@ -169,7 +163,7 @@ fn lamp_everywhere(p: vec3f) -> Lamp {
 
 fn lamp_at(p: vec3f) -> Lamp {
     let lamp = lamp_everywhere(p);
-    return Lamp(lamp.l, lamp.strength * beam(beam_place(-lamp.l)));
+    return Lamp(lamp.l, lamp.strength * beam(-lamp.l));
 }
 
 // (n·h)^32 by five products.

@@ -3,8 +3,8 @@
 // is shaded.
 //
 // Full tiers cast every pixel's ray onto the sphere and light it there. Lean tiers light the
-// corners: light and film are smooth, so a pixel costs two fetches, the beam's edge, the vignette and
-// the tone curve.
+// corners: light and film are smooth, so a pixel costs two fetches, one of which has shadows and the
+// beam's edge, the vignette and the tone curve.
 
 struct Disc {
     @builtin(position) clip: vec4f,
@@ -14,8 +14,7 @@ struct Disc {
 
 struct LeanDisc {
     @builtin(position) clip: vec4f,
-    // Place in the map; place in the beam, see beam_place.
-    @location(0) uv_beam: vec3f,
+    @location(0) uv: vec2f,
     @location(1) mask: vec3f,
     // Irradiance and film in the middle of the beam, without shadow; field coordinates.
     @location(2) light: vec4f,
@@ -122,16 +121,15 @@ fn vs_lean(@builtin(vertex_index) index: u32) -> LeanDisc {
     let lamp = lamp_everywhere(p);
     let wet = film(q, lamp.l, normalize(p - view.camera.xyz));
     let light = vec4f(lamp.strength * max(-dot(q, lamp.l), 0.0), lamp.strength * wet, field_xy);
-    let uv_beam = vec3f(map_coordinates(q), beam_place(-lamp.l));
-    return LeanDisc(behind(p, field_xy), uv_beam, mask_coordinates(p), light);
+    return LeanDisc(behind(p, field_xy), map_coordinates(q), mask_coordinates(p), light);
 }
 
 @fragment
 fn fs_lean(in: LeanDisc) -> @location(0) vec4f {
-    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv_beam.xy, frame.retina.z);
+    let photo = textureSampleLevel(fundus_map, fundus_sampler, in.uv, frame.retina.z);
     let albedo = photo.rgb * photo.rgb;
     let mask = lean_mask(in.mask);
-    let past = mask.r * mask.b * beam(in.uv_beam.z);
+    let past = mask.r * mask.b;
     let light = frame.ambient.rgb + frame.lamp_colour.rgb * (past * in.light.x);
     let wet = past * in.light.y * wetness(photo);
     return vec4f(to_display(albedo * light + vec3f(wet)) * vignette(in.light.zw), 1.0);

@@ -2,7 +2,7 @@
 
 use super::{MeshBuffers, PassDevice, PipelineSpec, Uniforms};
 use crate::governor::Shading;
-use crate::tools::{Mesh, Models, Shaft, TOOLS, outline};
+use crate::tools::{Mesh, Models, Shaft, TOOLS, angular, outline};
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use std::ops::Range;
@@ -15,6 +15,8 @@ pub struct Meshes {
     ranges: [[Range<u32>; TOOLS.len()]; INSTRUMENTS],
     /// The same of the strips along their edges.
     edges: [[Range<u32>; TOOLS.len()]; INSTRUMENTS],
+    /// The same of the parts that are not round.
+    angular: [[Range<u32>; TOOLS.len()]; INSTRUMENTS],
 }
 
 impl Meshes {
@@ -23,7 +25,8 @@ impl Meshes {
         let mut all = Mesh::default();
         let ranges = shafts.map(|shaft| TOOLS.map(|tool| all.append(models.of(tool).mesh(&shaft))));
         let edges = shafts.map(|shaft| TOOLS.map(|tool| all.append(outline(models.of(tool), tool, &shaft))));
-        Self { buffers: MeshBuffers::new(device, "metal", &all), ranges, edges }
+        let angular = shafts.map(|shaft| TOOLS.map(|tool| all.append(angular(models.of(tool), &shaft))));
+        Self { buffers: MeshBuffers::new(device, "metal", &all), ranges, edges, angular }
     }
 
     /// Draws instrument `which` as `tool` with the pipeline that is set.
@@ -36,6 +39,11 @@ impl Meshes {
         self.draw_of(&self.edges, pass, which, tool);
     }
 
+    /// Draws the parts that are not round with the pipeline that is set.
+    pub fn draw_angular(&self, pass: &mut RenderPass<'_>, which: usize, tool: Tool) {
+        self.draw_of(&self.angular, pass, which, tool);
+    }
+
     fn draw_of(
         &self,
         ranges: &[[Range<u32>; TOOLS.len()]; INSTRUMENTS],
@@ -44,8 +52,12 @@ impl Meshes {
         tool: Tool,
     ) {
         let Some(index) = TOOLS.iter().position(|&t| t == tool) else { return };
+        let range = ranges[which][index].clone();
+        if range.is_empty() {
+            return;
+        }
         self.buffers.bind(pass);
-        pass.draw_indexed(ranges[which][index].clone(), 0, which as u32..which as u32 + 1);
+        pass.draw_indexed(range, 0, which as u32..which as u32 + 1);
     }
 }
 

@@ -7,9 +7,8 @@ struct Metal {
     // field coordinates times w, and w: divided in the fragment, since they bend over long
     // triangles
     @location(2) field_xyw: vec3f,
-    // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp; share of its width
-    // that a round part is drawn with
-    @location(3) surface: vec4f,
+    // material (0 metal, 1 glowing fibre, 2 dark port), opacity, lit by the lamp
+    @location(3) surface: vec3f,
     // of the shaft, towards the handle
     @location(4) @interpolate(flat) axis: vec3f,
 }
@@ -56,9 +55,10 @@ fn vs_main(
     let placed = place_instrument(vec3f(position.xy * inside, position.z), normal, part, which);
     let clip = view.clip_from_eye * vec4f(placed.p, 1.0);
     let field_xyw = vec3f(clip.xy * view.field.xy, clip.w);
-    let surface = vec4f(material, frame.instruments[which].shape.zw, inside);
+    let surface = vec3f(material, frame.instruments[which].shape.zw);
     let axis = frame.instruments[which].eye_from_instrument[2].xyz;
-    return Metal(clip, placed.p, placed.n, field_xyw, surface, axis);
+    let n = select(placed.n, normal_inside(placed.n, placed.p, axis, inside), LEAN);
+    return Metal(clip, placed.p, n, field_xyw, surface, axis);
 }
 
 // Mean colour of the fundus, linear: what a mirror in the eye shows of it.
@@ -114,11 +114,7 @@ fn sent(p: vec3f, n: vec3f, axis: vec3f, surface: vec3f) -> vec3f {
 @fragment
 fn fs_main(in: Metal) -> @location(0) vec4f {
     let shade = vignette(in.field_xyw.xy / in.field_xyw.z);
-    var n = normalize(in.n);
-    if LEAN {
-        n = normal_inside(n, in.p, in.axis, in.surface.w);
-    }
-    let light = sent(in.p, n, in.axis, in.surface.xyz);
+    let light = sent(in.p, normalize(in.n), in.axis, in.surface);
     return vec4f(to_display(light) * shade, in.surface.y);
 }
 

@@ -5,21 +5,27 @@
 use super::bodies::Bodies;
 use super::instruments::Meshes;
 use super::membrane::TissueBuffers;
-use super::{COLOUR, DEPTH, PassDevice, PipelineSpec, Uniforms, clear_colour, clear_depth, drawn_and_read};
+use super::{COLOUR, DEPTH, PassDevice, PipelineSpec, Uniforms, clear_depth, drawn_and_read};
+use super::{texture_descriptor, view};
 use crate::governor::{Shading, Tier};
+use crate::lamp::MAP_RAD;
+use protocol::dose::beam_share;
 use protocol::handles::Tool;
 use protocol::limits::INSTRUMENTS;
 use wgpu::{
     BlendComponent, BlendFactor, BlendOperation, BlendState, ColorWrites, CommandEncoder, CompareFunction,
-    Device, RenderPass, RenderPassTimestampWrites, RenderPipeline, TextureView,
+    Device, Queue, RenderPass, RenderPassColorAttachment, RenderPassTimestampWrites, RenderPipeline,
+    TexelCopyBufferLayout, Texture, TextureUsages, TextureView,
 };
 
 /// A shadow map for one shading: the texture that the other shading would use is a single pixel.
 pub struct ShadowMap {
     /// Depth of two square tiles, side by side.
     pub depth: TextureView,
-    /// Light past instruments, their distance from the lamp, light past the membrane.
+    /// Light past instruments, their distance from the lamp, light of the beam past the membrane.
     pub mask: TextureView,
+    /// The mask's texture, and one that nothing throws a shadow into; none in full tiers.
+    lean: Option<[Texture; 2]>,
     /// Edge of a tile or of the mask, px.
     pub size: u32,
     shading: Shading,
@@ -27,20 +33,44 @@ pub struct ShadowMap {
 
 impl ShadowMap {
     /// For `tier`.
-    pub fn new(device: &Device, tier: &Tier) -> Self {
+    pub fn new(device: &Device, queue: &Queue, tier: &Tier) -> Self {
         let texture = |format, size_px| drawn_and_read(device, "shadow map", format, size_px);
-        let size = tier.shadow_px;
-        let (depth_px, mask_px) = match tier.shading {
-            Shading::Full => ([2 * size, size], [1, 1]),
-            Shading::Lean => ([1, 1], [size, size]),
-        };
-        Self { depth: texture(DEPTH, depth_px), mask: texture(COLOUR, mask_px), size, shading: tier.shading }
+        let (size, shading) = (tier.shadow_px, tier.shading);
+        match shading {
+            Shading::Full => {
+                let (depth, mask) = (texture(DEPTH, [2 * size, size]), texture(COLOUR, [1, 1]));
+                Self { depth, mask, lean: None, size, shading }
+            }
+            Shading::Lean => {
+                let drawn = TextureUsages::RENDER_ATTACHMENT | TextureUsages::TEXTURE_BINDING;
+                let mask = mask_texture(device, size, drawn | TextureUsages::COPY_DST);
+                let unshadowed =
+                    mask_texture(device, size, TextureUsages::COPY_SRC | TextureUsages::COPY_DST);
+                let layout = TexelCopyBufferLayout { bytes_per_row: Some(4 * size), ..Default::default() };
+                let pixels = beam_mask(size);
+                queue.write_texture(unshadowed.as_image_copy(), &pixels, layout, unshadowed.size());
+                let depth = texture(DEPTH, [1, 1]);
+                Self { depth, mask: view(&mask), lean: Some([mask, unshadowed]), size, shading }
+            }
+        }
     }
 
     /// True if it serves `tier`.
     pub fn serves(&self, tier: &Tier) -> bool {
         (self.size, self.shading) == (tier.shadow_px, tier.shading)
     }
+}
+
+fn mask_texture(device: &Device, size: u32, usage: TextureUsages) -> Texture {
+    device.create_texture(&texture_descriptor("shadow mask", COLOUR, [size, size], usage))
+}
+
+/// The mask where nothing throws a shadow: all light, up to any distance, and of the beam its share.
+fn beam_mask(size: u32) -> Vec<u8> {
+    let edge = |i: u32| (2.0 * (f64::from(i) + 0.5) / f64::from(size) - 1.0) * MAP_RAD.tan();
+    let share = |x: f64, y: f64| beam_share(1.0 / (1.0 + x * x + y * y).sqrt());
+    let texel = |i: u32| [255, 255, (255.0 * share(edge(i % size), edge(i / size))).round() as u8, 255];
+    (0..size * size).flat_map(texel).collect()
 }
 
 /// What throws a shadow.
@@ -58,8 +88,8 @@ pub struct Casters<'a> {
 /// The pass: pipelines for each shading.
 pub struct Shadow {
     instruments: [RenderPipeline; 2],
-    /// Soft edges of round parts, in the mask.
-    edges: RenderPipeline,
+    /// Round parts with their soft edges, in the mask.
+    round: RenderPipeline,
     membrane: [RenderPipeline; 2],
 }
 
@@ -76,13 +106,17 @@ impl Shadow {
         let writes = ColorWrites::RED | ColorWrites::GREEN;
         let solid =
             PipelineSpec { fragment: Some("fs_solid"), writes, closed: true, ..spec("vs_instrument") };
-        let edges =
-            PipelineSpec { fragment: Some("fs_edge"), writes, blend: Some(the_darker()), ..spec("vs_edge") };
+        let round = PipelineSpec {
+            fragment: Some("fs_round"),
+            writes,
+            blend: Some(the_darker()),
+            ..spec("vs_round")
+        };
         let sheet = PipelineSpec {
             fragment: Some("fs_sheet"),
             blend: Some(multiplied()),
             homes: true,
-            ..spec("vs_membrane")
+            ..spec("vs_sheet")
         };
         let outline = PipelineSpec {
             fragment: Some("fs_outline"),
@@ -93,7 +127,7 @@ impl Shadow {
         };
         Self {
             instruments: [device.pipeline(&depth), device.pipeline(&solid.shaded(Shading::Lean))],
-            edges: device.pipeline(&edges.shaded(Shading::Lean)),
+            round: device.pipeline(&round.shaded(Shading::Lean)),
             membrane: [device.pipeline(&outline), device.pipeline(&sheet)],
         }
     }
@@ -107,18 +141,22 @@ impl Shadow {
         casters: &Casters<'_>,
         timed: Option<RenderPassTimestampWrites<'_>>,
     ) {
+        if let Some([mask, unshadowed]) = &map.lean {
+            encoder.copy_texture_to_texture(unshadowed.as_image_copy(), mask.as_image_copy(), mask.size());
+        }
         let mut pass = begin(encoder, map, timed);
         let (size, shading) = (map.size as f32, map.shading as usize);
         pass.set_bind_group(0, &uniforms.group, &[0]);
         pass.set_viewport(0.0, 0.0, size, size, 0.0, 1.0);
         pass.set_pipeline(&self.instruments[shading]);
         let tools = (0..).zip(casters.tools).filter_map(|(which, tool)| Some((which, tool?)));
-        for (which, tool) in tools.clone() {
-            casters.meshes.draw(&mut pass, which, tool);
-        }
-        if map.shading == Shading::Lean {
-            pass.set_pipeline(&self.edges);
-            tools.for_each(|(which, tool)| casters.meshes.draw_edges(&mut pass, which, tool));
+        match map.shading {
+            Shading::Full => tools.for_each(|(which, tool)| casters.meshes.draw(&mut pass, which, tool)),
+            Shading::Lean => {
+                tools.clone().for_each(|(which, tool)| casters.meshes.draw_angular(&mut pass, which, tool));
+                pass.set_pipeline(&self.round);
+                tools.for_each(|(which, tool)| casters.meshes.draw_edges(&mut pass, which, tool));
+            }
         }
         casters.bodies.cast(&mut pass, map.shading);
         if map.shading == Shading::Full {
@@ -150,7 +188,9 @@ fn begin<'a>(
     timestamp_writes: Option<RenderPassTimestampWrites<'_>>,
 ) -> RenderPass<'a> {
     let lean = map.shading == Shading::Lean;
-    let mask = [clear_colour(&map.mask, wgpu::Color::WHITE)];
+    let ops = wgpu::Operations { load: wgpu::LoadOp::Load, store: wgpu::StoreOp::Store };
+    let view = &map.mask;
+    let mask = [Some(RenderPassColorAttachment { view, depth_slice: None, resolve_target: None, ops })];
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("shadow"),
         color_attachments: if lean { &mask } else { &[] },

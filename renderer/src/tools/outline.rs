@@ -37,6 +37,11 @@ pub fn outline(model: &Model, tool: Tool, shaft: &Shaft) -> Mesh {
     mesh
 }
 
+/// The parts of `model` that are not round.
+pub fn angular(model: &Model, shaft: &Shaft) -> Mesh {
+    model.mesh_of(shaft, |part| !ROUND.contains(&part))
+}
+
 /// Height and greatest radius of each ring, the lowest first; those in between that lie on the line
 /// of their neighbours are left out.
 fn widest_rings(vertices: &mut [MetalVertex]) -> Vec<[f32; 2]> {

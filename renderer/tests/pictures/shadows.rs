@@ -26,7 +26,7 @@ const DARK: f64 = 0.2;
 const WANDERS_PX: f64 = 0.15;
 const BESIDE_PX: f64 = 0.25;
 /// How soft it is, over what similar triangles say; a texel of the leanest mask is half a soft edge.
-const SOFT: std::ops::Range<f64> = 0.85..1.5;
+const SOFT: std::ops::Range<f64> = 0.85..1.6;
 
 fn along() -> DVec3 {
     DVec3::new(1.0, 0.23, 0.06).normalize()

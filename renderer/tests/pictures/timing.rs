@@ -24,7 +24,7 @@ fn timestamps_lie_between_submission_and_end() {
         let (tier, passes) = TIERS[frame / 2 % 2];
         let commands = renderer.encode(gpu, tier);
         let submitted = now();
-        renderer.submit(gpu, tier, &latched, commands);
+        renderer.submit(gpu, tier, &latched, [commands]);
         if frame % 4 == 3 {
             // This one is neither awaited nor read; the next must not be disturbed by it.
             continue;
