@@ -7,6 +7,7 @@ mod edges;
 mod focus;
 mod geometry;
 mod markers;
+mod membranes;
 mod optics;
 mod picture;
 mod reference;
