@@ -30,7 +30,7 @@ pub struct ScoreArgs {
     #[arg(long)]
     pub resimulate: bool,
     /// One line of JSON for each recording.
-    #[arg(long, conflicts_with_all = ["out", "csv"])]
+    #[arg(long, conflicts_with_all = ["out", "csv", "doc"])]
     pub json: bool,
     /// Print docs/score.md, which is made from the table of metrics.
     #[arg(long, conflicts_with = "files")]
@@ -189,7 +189,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     if args.batch.wanted(&args.files) {
-        return score_batch::run(&args.batch, &args.files, args.resimulate);
+        return score_batch::run(&args.batch, &args.files, args.resimulate, args.json);
     }
     let (mut code, alone) = (0, args.files.len() == 1);
     for file in &args.files {

@@ -55,14 +55,15 @@ impl BatchArgs {
 ///
 /// # Errors
 /// Where a list or folder cannot be read, a table cannot be written, or a signal stops it.
-pub fn run(args: &BatchArgs, named: &[PathBuf], resimulate: bool) -> anyhow::Result<ExitCode> {
-    block_on(async { score_all(args, named, resimulate, &StopSignal::install()?.flag()) })
+pub fn run(args: &BatchArgs, named: &[PathBuf], resimulate: bool, json: bool) -> anyhow::Result<ExitCode> {
+    block_on(async { score_all(args, named, resimulate, json, &StopSignal::install()?.flag()) })
 }
 
 fn score_all(
     args: &BatchArgs,
     named: &[PathBuf],
     resimulate: bool,
+    json: bool,
     stop: &AtomicBool,
 ) -> anyhow::Result<ExitCode> {
     let shard = args.shard.unwrap_or(Shard::WHOLE);
@@ -77,14 +78,17 @@ fn score_all(
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(processors, |n| n as usize);
     let bar = files_bar(own.len() as u64, "score");
-    let rows = work(&own, jobs, stop, |path| row(path, resimulate), |_| bar.inc(1));
+    let done = work(&own, jobs, stop, |path| score_one(path, resimulate), |_| bar.inc(1));
     bar.finish_and_clear();
+    let (rows, lines): (Vec<Row>, Vec<String>) = done.into_iter().unzip();
     // What a shard that was stopped leaves would be taken for the whole of it.
     if rows.len() < own.len() {
         bail!("stopped after {} of {} recordings; nothing was written", rows.len(), own.len());
     }
     let table = Table::of_batch(&rows, &keys());
-    if args.csv.is_none() && args.out.is_none() {
+    if json {
+        lines.iter().for_each(|line| println!("{line}"));
+    } else if args.csv.is_none() && args.out.is_none() {
         rows.iter().for_each(|row| println!("{}", line(row)));
     }
     write_tables(&table, &mut outputs, args.csv.as_deref(), None)?;
@@ -97,24 +101,30 @@ fn score_all(
     Ok(ExitCode::from(summary(&rows, begun.elapsed().as_secs_f64())))
 }
 
-/// Scores one recording; what is wrong with it stands in the row.
-fn row(path: &Path, resimulate: bool) -> Row {
+/// Scores one recording; what is wrong with it stands in the row, and in the line of JSON.
+fn score_one(path: &Path, resimulate: bool) -> (Row, String) {
     let scored = if resimulate { score::score_resimulated(path) } else { score_file(path) };
-    match scored.and_then(|scored| Ok((attempt_of(&Recording::open(path)?, &scored), scored))) {
-        Ok((attempt, scored)) => Row {
-            file: path.into(),
-            problem: problem(&scored),
-            seconds: scored.seconds,
-            ended: scored.ended,
-            agrees: scored.agrees,
-            attempt: Some(attempt),
-        },
-        Err(problem) => {
-            // The row names the file already.
-            let (told, name) = (format!("{problem:#}"), format!("{}: ", path.display()));
-            let problem = told.strip_prefix(&name).unwrap_or(&told).to_owned();
-            Row { file: path.into(), problem: Some(problem), ..Row::default() }
-        }
+    let whole = scored.and_then(|scored| {
+        let line = serde_json::to_string(&scored)?;
+        Ok((row(path, attempt_of(&Recording::open(path)?, &scored), &scored), line))
+    });
+    whole.unwrap_or_else(|problem| {
+        // The row names the file already.
+        let (told, name) = (format!("{problem:#}"), format!("{}: ", path.display()));
+        let problem = told.strip_prefix(&name).unwrap_or(&told).to_owned();
+        let line = serde_json::json!({ "file": path.display().to_string(), "problem": problem });
+        (Row { file: path.into(), problem: Some(problem), ..Row::default() }, line.to_string())
+    })
+}
+
+fn row(path: &Path, attempt: results::Attempt, scored: &score::Attempt) -> Row {
+    Row {
+        file: path.into(),
+        problem: problem(scored),
+        seconds: scored.seconds,
+        ended: scored.ended,
+        agrees: scored.agrees,
+        attempt: Some(attempt),
     }
 }
 
@@ -199,7 +209,7 @@ pub(crate) mod tests {
                 csv: Some(at(&format!("{index}.csv"))),
                 jobs: Some(2),
             };
-            let code = run(&args, &[], false).unwrap();
+            let code = run(&args, &[], false, false).unwrap();
             (format!("{code:?}"), std::fs::read_to_string(at(&format!("{index}.csv"))).unwrap())
         };
         let ((damaged, first), (whole, second)) = (shard(0), shard(1));
@@ -226,7 +236,14 @@ pub(crate) mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.mcap");
         std::fs::write(&file, "torn").unwrap();
-        let damaged = row(&file, false);
+        let (damaged, told) = score_one(&file, false);
+        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+        assert_eq!(told["file"], file.display().to_string());
+        assert!(told["problem"].as_str().is_some_and(|p| !p.is_empty()), "{told}");
+        broken_off(&folder.path().join("b.mcap"));
+        let (_, told) = score_one(&folder.path().join("b.mcap"), false);
+        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
+        assert_eq!((told["module"].as_str(), told["ended"].as_bool()), (Some("navigation"), Some(false)));
         assert!(damaged.attempt.is_none() && damaged.problem.as_ref().is_some_and(|p| !p.contains("a.mcap")));
         let good = Row { attempt: Some(results::Attempt::default()), ended: true, ..Row::default() };
         let differing = Row { agrees: Some(false), ..good.clone() };

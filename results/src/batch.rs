@@ -142,15 +142,15 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), BatchError> {
 /// Works through a list on `jobs` threads; `each` is done as often as the list is long, `done`
 /// hears of every row as it comes, on the caller's thread. Once `stop` is raised nothing new is
 /// begun. Rows come in the order of the list.
-pub fn work(
+pub fn work<R: Send>(
     list: &[PathBuf],
     jobs: usize,
     stop: &AtomicBool,
-    each: impl Fn(&Path) -> Row + Sync,
-    mut done: impl FnMut(&Row),
-) -> Vec<Row> {
+    each: impl Fn(&Path) -> R + Sync,
+    mut done: impl FnMut(&R),
+) -> Vec<R> {
     let next = AtomicUsize::new(0);
-    let mut rows: Vec<Option<Row>> = vec![None; list.len()];
+    let mut rows: Vec<Option<R>> = list.iter().map(|_| None).collect();
     std::thread::scope(|scope| {
         let (sender, receiver) = mpsc::channel();
         for _ in 0..jobs.clamp(1, list.len().max(1)) {
@@ -237,6 +237,6 @@ mod tests {
             assert!(rows.iter().map(|r| &r.file).eq(&list) && heard == 97, "{jobs} jobs");
         }
         stop.store(true, Ordering::Relaxed);
-        assert!(work(&list, 2, &stop, |_| unreachable!("nothing is begun"), |_| {}).is_empty());
+        assert!(work(&list, 2, &stop, |_| -> Row { unreachable!("nothing is begun") }, |_| {}).is_empty());
     }
 }
