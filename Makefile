@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz clean
+.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz install uninstall test-install clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -11,6 +11,12 @@ RELEASE := $(TARGET)/release/vitreo
 DEBUG := $(TARGET)/debug/vitreo
 # Modules whose recordings bench-score scores.
 SCORED := navigation shadow steady-path forceps bimanual vitrectomy peeling relocation
+PREFIX ?= /usr/local
+BIN := $(DESTDIR)$(PREFIX)/bin
+PROGRAMS := $(DESTDIR)$(PREFIX)/lib/vitreo
+SHARE := $(DESTDIR)$(PREFIX)/share
+INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-calibration vitreo-desk vitreo-fpga-model \
+	vitreo-offline vitreo-renderer vitreo-simcore vitreo-tracker vitreo-virtual-rig)
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
@@ -119,6 +125,29 @@ instruments: setup ## Renew the instruments' meshes
 
 vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
 	cargo run -p fpga-model -- vectors --force fpga-model/vectors
+
+# Programs that vitreo starts lie beside it; on the path is a link.
+install: setup ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again
+	cargo build --release --workspace --bins
+	install -d $(BIN) $(PROGRAMS) $(SHARE)/doc/vitreo/docs $(SHARE)/bash-completion/completions \
+		$(SHARE)/zsh/site-functions $(SHARE)/fish/vendor_completions.d
+	install -m 755 $(INSTALLED) $(PROGRAMS)
+	ln -sf ../lib/vitreo/vitreo $(BIN)/vitreo
+	$(RELEASE) man --force $(SHARE)/man/man1
+	$(RELEASE) completions bash > $(SHARE)/bash-completion/completions/vitreo
+	$(RELEASE) completions zsh > $(SHARE)/zsh/site-functions/_vitreo
+	$(RELEASE) completions fish > $(SHARE)/fish/vendor_completions.d/vitreo.fish
+	install -m 644 README.md CHANGELOG.md LICENSE-MIT renderer/font/LICENSE-DejaVu.txt $(SHARE)/doc/vitreo
+	install -m 644 docs/*.md $(SHARE)/doc/vitreo/docs
+
+uninstall: ## Take away what make install put into PREFIX; results and recordings stay
+	rm -f $(BIN)/vitreo $(SHARE)/man/man1/vitreo.1 $(SHARE)/man/man1/vitreo-*.1
+	rm -f $(SHARE)/bash-completion/completions/vitreo $(SHARE)/zsh/site-functions/_vitreo
+	rm -f $(SHARE)/fish/vendor_completions.d/vitreo.fish
+	rm -rf $(PROGRAMS) $(SHARE)/doc/vitreo
+
+test-install: ## Install into a temporary folder, run what is there from elsewhere, and take it away
+	tools/test-install
 
 clean: ## Remove what was built and put out
 	cargo clean

@@ -67,6 +67,10 @@ pub enum Command {
     Bench(ForwardArgs),
     /// Say what this machine has and lacks.
     Doctor(crate::doctor::DoctorArgs),
+    /// Print completions for a shell.
+    Completions(crate::manual::CompletionsArgs),
+    /// Write the manual's pages.
+    Man(crate::manual::ManArgs),
 }
 
 /// Runs the chosen sub-command.
@@ -95,5 +99,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, args),
         Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), args),
         Command::Doctor(args) => crate::doctor::run(args),
+        Command::Completions(args) => crate::manual::completions(args),
+        Command::Man(args) => crate::manual::man(args),
     }
 }

@@ -15,6 +15,7 @@ pub mod import;
 pub mod info;
 pub mod inputs;
 pub mod machine;
+pub mod manual;
 pub mod memory_file;
 pub mod modules;
 pub mod play;

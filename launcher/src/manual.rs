@@ -1,0 +1,138 @@
+//! `vitreo completions` and `vitreo man`: what shells and `man` know of this command, made from the
+//! command line's own description, so that it cannot say anything else.
+
+use crate::cli::Cli;
+use anyhow::Context;
+use clap::CommandFactory;
+use clap_complete::Shell;
+use clap_mangen::Man;
+use ipc::logging::inform;
+use outputs::{Force, Outputs, print};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Name of the command.
+const NAME: &str = "vitreo";
+
+/// Arguments of `vitreo completions`.
+#[derive(Debug, clap::Args)]
+pub struct CompletionsArgs {
+    /// The shell; its completions go to standard output.
+    pub shell: Shell,
+}
+
+/// Arguments of `vitreo man`.
+#[derive(Debug, clap::Args)]
+pub struct ManArgs {
+    /// The folder for the pages, such as /usr/local/share/man/man1.
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    /// Whether pages that exist are written over.
+    #[command(flatten)]
+    pub force: Force,
+}
+
+/// Prints the completions of a shell.
+///
+/// # Errors
+/// None.
+pub fn completions(args: &CompletionsArgs) -> anyhow::Result<ExitCode> {
+    print!("{}", completions_of(args.shell));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn completions_of(shell: Shell) -> String {
+    let mut text = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), NAME, &mut text);
+    String::from_utf8_lossy(&text).into_owned()
+}
+
+/// Writes a page for the command and one for each of its sub-commands.
+///
+/// # Errors
+/// Where a page exists and `--force` is not given, or cannot be written.
+pub fn man(args: &ManArgs) -> anyhow::Result<ExitCode> {
+    let mut outputs = Outputs::new(args.force.force);
+    let pages = pages()?;
+    let paths: Vec<PathBuf> = pages.iter().map(|(name, _)| args.folder.join(name)).collect();
+    // Before the first page is written, so that none or all are.
+    paths.iter().try_for_each(|path| outputs.claim(path))?;
+    for (path, (_, text)) in paths.iter().zip(&pages) {
+        outputs.write(path, text)?;
+    }
+    inform(&format!("{} pages in {}", pages.len(), args.folder.display()));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Names and texts of all pages, section 1.
+fn pages() -> anyhow::Result<Vec<(String, Vec<u8>)>> {
+    let mut root = Cli::command();
+    root.build();
+    let mut pages = Vec::new();
+    add_pages(&root, NAME, &mut pages)?;
+    Ok(pages)
+}
+
+fn add_pages(command: &clap::Command, name: &str, pages: &mut Vec<(String, Vec<u8>)>) -> anyhow::Result<()> {
+    let mut text = Vec::new();
+    // clap keeps names for the life of the program; there are a few dozen.
+    let called: &'static str = name.to_owned().leak();
+    Man::new(command.clone().name(called)).render(&mut text).context("writing into memory")?;
+    pages.push((format!("{name}.1"), text));
+    let subcommands = command.get_subcommands().filter(|c| c.get_name() != "help" && !c.is_hide_set());
+    for subcommand in subcommands {
+        add_pages(subcommand, &format!("{name}-{}", subcommand.get_name()), pages)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::ValueEnum;
+
+    /// Every sub-command, and those below it, as words after the command's name.
+    fn subcommands() -> Vec<String> {
+        let all = Cli::command();
+        let names = all.get_subcommands().map(|c| c.get_name().to_owned());
+        names.collect()
+    }
+
+    #[test]
+    fn every_sub_command_has_a_page_that_names_its_options() {
+        let pages = pages().unwrap();
+        let of = |name: &str| {
+            let page = pages.iter().find(|(file, _)| file == name).unwrap_or_else(|| panic!("no {name}"));
+            String::from_utf8(page.1.clone()).unwrap()
+        };
+        for name in subcommands() {
+            let page = of(&format!("vitreo-{name}.1"));
+            assert!(page.starts_with(".ie") || page.contains(".TH"), "{name}: {page:.80}");
+        }
+        assert!(of("vitreo-run.1").contains("duration"), "options of a sub-command");
+        assert!(of("vitreo.1").contains("recording"));
+    }
+
+    #[test]
+    fn every_shell_completes_every_sub_command() {
+        for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
+            let text = completions_of(shell);
+            for name in subcommands() {
+                assert!(text.contains(&name), "{shell}: {name}");
+            }
+            assert!(text.contains("assert-budgets"), "{shell}: options of run");
+        }
+        assert!(Shell::value_variants().iter().all(|&shell| completions_of(shell).len() > 1000));
+    }
+
+    #[test]
+    fn pages_are_written_whole_and_not_over_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let args = |force| ManArgs { folder: folder.path().join("man1"), force: Force { force } };
+        man(&args(false)).unwrap();
+        assert!(folder.path().join("man1/vitreo-replay.1").is_file());
+        let again = man(&args(false)).unwrap_err().to_string();
+        assert!(again.contains("--force"), "{again}");
+        man(&args(true)).unwrap();
+    }
+}
