@@ -2,6 +2,7 @@
 //! its likely cause and what helps. Pure.
 
 mod agreement;
+mod residuals;
 
 use agreement::{Agreement, Dissenter};
 use protocol::blobs::BlobField;
@@ -10,6 +11,7 @@ use protocol::limits::BODIES;
 use protocol::poses::{BODY_NAMES, BodyStatus, TrackerFrame};
 use protocol::rig::Rig;
 use protocol::time::Nanos;
+use residuals::{Long, Residuals};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -56,35 +58,6 @@ struct BodyCounts {
     residuals: Residuals,
 }
 
-/// How often which residual came, by hundredths of a pixel; the last place takes all above.
-#[derive(Debug, Clone)]
-struct Residuals([u32; 500]);
-
-impl Default for Residuals {
-    fn default() -> Self {
-        Residuals([0; 500])
-    }
-}
-
-impl Residuals {
-    const STEP_PX: f64 = 0.01;
-
-    fn note(&mut self, px: f64) {
-        self.0[((px / Self::STEP_PX) as usize).min(self.0.len() - 1)] += 1;
-    }
-
-    /// The median, px; 0 without any.
-    fn median_px(&self) -> f64 {
-        let half = self.0.iter().sum::<u32>().div_ceil(2);
-        let mut below = 0;
-        let place = self.0.iter().position(|n| {
-            below += n;
-            half > 0 && below >= half
-        });
-        place.map_or(0.0, |p| (p as f64 + 0.5) * Self::STEP_PX)
-    }
-}
-
 /// Counts of a camera.
 #[derive(Debug, Clone, Copy, Default)]
 struct CameraCounts {
@@ -109,6 +82,7 @@ pub struct Tracking {
     total: Counts,
     period: Counts,
     period_ns: Nanos,
+    long: Long,
     dissenter: Option<Dissenter>,
     findings: Vec<Finding>,
 }
@@ -155,6 +129,7 @@ impl Tracking {
             total: Counts::default(),
             period: Counts::default(),
             period_ns: 0,
+            long: Long::default(),
             dissenter: None,
             findings: Vec::new(),
         }
@@ -182,6 +157,7 @@ impl Tracking {
             return false;
         }
         self.dissenter = self.agreement.judge();
+        self.long.note(self.period.bodies.each_ref().map(|b| &b.residuals));
         if self.period.frames >= ENOUGH_FRAMES {
             self.findings = self.judge();
         }
@@ -260,7 +236,10 @@ impl Tracking {
         let own = &self.period.bodies[body];
         let never = self.total.frames >= NEVER_FRAMES && self.total.bodies[body].valid == 0;
         let share = self.period.share(own);
-        let residual_px = own.residuals.median_px();
+        let residual_px = match own.residuals.median_px() {
+            px if self.period.is_rig_off() => px,
+            _ => self.long.residual_px[body],
+        };
         let what = if never {
             format!("{name} was never tracked")
         } else if share < POOR_SHARE && self.total.frames >= NEVER_FRAMES {
@@ -315,6 +294,12 @@ impl Counts {
                 counts.residuals.note(body.residual_px);
             }
         }
+    }
+
+    /// True if all bodies that are tracked, two or more, leave more than a rig that holds.
+    fn is_rig_off(&self) -> bool {
+        let tracked = || self.bodies.iter().filter(|b| b.valid > 0);
+        tracked().count() >= 2 && tracked().all(|b| b.residuals.median_px() > RESIDUAL_PX)
     }
 
     fn share(&self, body: &BodyCounts) -> f64 {
@@ -374,6 +359,23 @@ mod tests {
             (figures.frames, figures.cameras[&1].fields, figures.cameras[&1].used_share),
             (201, 201, 0.9)
         );
+    }
+
+    #[test]
+    fn a_body_whose_marker_is_half_hidden_for_a_while_is_no_finding_but_one_that_stays_so_is() {
+        let told = |s: u64| {
+            let mut tracking = Tracking::new(&Rig::load_or_shipped(None).unwrap());
+            for n in 0..=50 * s {
+                let mut frame = frame(n, ALL_TRACKED, 0.08);
+                frame.bodies[1].residual_px = 0.9;
+                tracking.note_frame(&frame);
+            }
+            let found = tracking.findings().iter().map(Finding::text);
+            found.filter(|text| text.contains("more than noise")).collect::<Vec<String>>()
+        };
+        assert_eq!(told(10), Vec::<String>::new());
+        let long = told(40);
+        assert!(long.len() == 1 && long[0].contains("inst1 leaves 0.9"), "{long:?}");
     }
 
     #[test]
