@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz install uninstall test-install clean
+.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -18,6 +18,9 @@ SHARE := $(DESTDIR)$(PREFIX)/share
 INSTALLED = $(addprefix $(TARGET)/release/,vitreo vitreo-calibration vitreo-desk vitreo-fpga-model \
 	vitreo-offline vitreo-renderer vitreo-simcore vitreo-tracker vitreo-virtual-rig)
 AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+# sudo where the nearest folder that there is above the place of installation may not be written.
+IN_PREFIX = $(shell at="$(DESTDIR)$(PREFIX)"; until [ -e "$$at" ]; do at=$$(dirname "$$at"); done; \
+	[ -w "$$at" ] || echo sudo)
 INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 help: ## Say what there is
@@ -127,9 +130,16 @@ vectors: setup ## Renew the test vectors of the camera hardware; say in the comm
 	cargo run -p fpga-model -- vectors --force fpga-model/vectors
 
 # Programs that vitreo starts lie beside it; on the path is a link.
-install: setup ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again
+programs: setup ## Build the programs for use
 	cargo build --release --workspace --bins
-	install -d $(BIN) $(PROGRAMS) $(SHARE)/doc/vitreo/docs $(SHARE)/bash-completion/completions \
+
+# Building belongs to who calls, also under sudo; only putting files into PREFIX may need more.
+install: ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again
+	$(if $(SUDO_USER),sudo -H -u $(SUDO_USER)) $(MAKE) programs
+	$(IN_PREFIX) $(MAKE) --no-print-directory put
+
+put:
+	install -d $(BIN) $(PROGRAMS) $(SHARE)/doc/vitreo $(SHARE)/bash-completion/completions \
 		$(SHARE)/zsh/site-functions $(SHARE)/fish/vendor_completions.d
 	install -m 755 $(INSTALLED) $(PROGRAMS)
 	ln -sf ../lib/vitreo/vitreo $(BIN)/vitreo
@@ -138,9 +148,12 @@ install: setup ## Install into PREFIX (/usr/local), for packages below DESTDIR; 
 	$(RELEASE) completions zsh > $(SHARE)/zsh/site-functions/_vitreo
 	$(RELEASE) completions fish > $(SHARE)/fish/vendor_completions.d/vitreo.fish
 	install -m 644 README.md CHANGELOG.md LICENSE-MIT renderer/font/LICENSE-DejaVu.txt $(SHARE)/doc/vitreo
-	install -m 644 docs/*.md $(SHARE)/doc/vitreo/docs
+	cp -r docs $(SHARE)/doc/vitreo
 
 uninstall: ## Take away what make install put into PREFIX; results and recordings stay
+	$(IN_PREFIX) $(MAKE) --no-print-directory take-away
+
+take-away:
 	rm -f $(BIN)/vitreo $(SHARE)/man/man1/vitreo.1 $(SHARE)/man/man1/vitreo-*.1
 	rm -f $(SHARE)/bash-completion/completions/vitreo $(SHARE)/zsh/site-functions/_vitreo
 	rm -f $(SHARE)/fish/vendor_completions.d/vitreo.fish

@@ -67,23 +67,19 @@ pub fn man(args: &ManArgs) -> anyhow::Result<ExitCode> {
 /// Names and texts of all pages, section 1.
 fn pages() -> anyhow::Result<Vec<(String, Vec<u8>)>> {
     let mut root = Cli::command();
+    // Gives sub-commands their full names.
     root.build();
     let mut pages = Vec::new();
-    add_pages(&root, NAME, &mut pages)?;
+    add_pages(&root, &mut pages)?;
     Ok(pages)
 }
 
-fn add_pages(command: &clap::Command, name: &str, pages: &mut Vec<(String, Vec<u8>)>) -> anyhow::Result<()> {
-    let mut text = Vec::new();
-    // clap keeps names for the life of the program; there are a few dozen.
-    let called: &'static str = name.to_owned().leak();
-    Man::new(command.clone().name(called)).render(&mut text).context("writing into memory")?;
-    pages.push((format!("{name}.1"), text));
-    let subcommands = command.get_subcommands().filter(|c| c.get_name() != "help" && !c.is_hide_set());
-    for subcommand in subcommands {
-        add_pages(subcommand, &format!("{name}-{}", subcommand.get_name()), pages)?;
-    }
-    Ok(())
+fn add_pages(command: &clap::Command, pages: &mut Vec<(String, Vec<u8>)>) -> anyhow::Result<()> {
+    let (page, mut text) = (Man::new(command.clone()), Vec::new());
+    page.render(&mut text).context("writing into memory")?;
+    pages.push((page.get_filename(), text));
+    let mut below = command.get_subcommands().filter(|c| c.get_name() != "help" && !c.is_hide_set());
+    below.try_for_each(|command| add_pages(command, pages))
 }
 
 #[cfg(test)]
@@ -91,11 +87,8 @@ mod tests {
     use super::*;
     use clap::ValueEnum;
 
-    /// Every sub-command, and those below it, as words after the command's name.
     fn subcommands() -> Vec<String> {
-        let all = Cli::command();
-        let names = all.get_subcommands().map(|c| c.get_name().to_owned());
-        names.collect()
+        Cli::command().get_subcommands().map(|c| c.get_name().to_owned()).collect()
     }
 
     #[test]
@@ -107,7 +100,7 @@ mod tests {
         };
         for name in subcommands() {
             let page = of(&format!("vitreo-{name}.1"));
-            assert!(page.starts_with(".ie") || page.contains(".TH"), "{name}: {page:.80}");
+            assert!(page.contains(&format!(".TH vitreo-{name} 1")), "{name}: {page:.80}");
         }
         assert!(of("vitreo-run.1").contains("duration"), "options of a sub-command");
         assert!(of("vitreo.1").contains("recording"));

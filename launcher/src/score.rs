@@ -23,8 +23,9 @@ pub struct ScoreArgs {
     /// The recordings; of a folder every *.mcap in it and below.
     #[arg(value_name = "FILE.mcap|DIR", required_unless_present_any = ["doc", "manifest"])]
     pub files: Vec<PathBuf>,
+    /// What only batches have.
     #[command(flatten)]
-    batch: BatchArgs,
+    pub batch: BatchArgs,
     /// Let the simulation do every step again from the recorded poses and handles, and score what
     /// comes of it.
     #[arg(long)]
@@ -189,7 +190,7 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     if args.batch.wanted(&args.files) {
-        return score_batch::run(&args.batch, &args.files, args.resimulate, args.json);
+        return score_batch::run(args);
     }
     let (mut code, alone) = (0, args.files.len() == 1);
     for file in &args.files {

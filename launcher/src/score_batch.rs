@@ -5,7 +5,7 @@ use crate::progress::files_bar;
 use crate::replay::states_incomparable;
 use crate::results::{attempt_of, keys, write_parquet, write_tables};
 use crate::runtime::{StopSignal, block_on};
-use crate::score::{self, score_file};
+use crate::score::{self, ScoreArgs, score_file};
 use anyhow::bail;
 use ipc::logging::{inform, warn};
 use outputs::{Force, Outputs, println};
@@ -55,19 +55,14 @@ impl BatchArgs {
 ///
 /// # Errors
 /// Where a list or folder cannot be read, a table cannot be written, or a signal stops it.
-pub fn run(args: &BatchArgs, named: &[PathBuf], resimulate: bool, json: bool) -> anyhow::Result<ExitCode> {
-    block_on(async { score_all(args, named, resimulate, json, &StopSignal::install()?.flag()) })
+pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
+    block_on(async { score_all(args, &StopSignal::install()?.flag()) })
 }
 
-fn score_all(
-    args: &BatchArgs,
-    named: &[PathBuf],
-    resimulate: bool,
-    json: bool,
-    stop: &AtomicBool,
-) -> anyhow::Result<ExitCode> {
+fn score_all(asked: &ScoreArgs, stop: &AtomicBool) -> anyhow::Result<ExitCode> {
+    let args = &asked.batch;
     let shard = args.shard.unwrap_or(Shard::WHOLE);
-    let all = list(named, args.manifest.as_deref())?;
+    let all = list(&asked.files, args.manifest.as_deref())?;
     let own = shard.of(&all);
     let file = args.out.as_ref().map(|folder| folder.join(shard.file_name()));
     let mut outputs = Outputs::new(args.force.force).reading_all(&own).reading_all(&args.manifest);
@@ -78,16 +73,18 @@ fn score_all(
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = args.jobs.map_or(processors, |n| n as usize);
     let bar = files_bar(own.len() as u64, "score");
-    let done = work(&own, jobs, stop, |path| score_one(path, resimulate), |_| bar.inc(1));
+    let done = work(&own, jobs, stop, |path| score_one(path, asked.resimulate), |_| bar.inc(1));
     bar.finish_and_clear();
-    let (rows, lines): (Vec<Row>, Vec<String>) = done.into_iter().unzip();
+    let (rows, scored): (Vec<Row>, Vec<Option<score::Attempt>>) = done.into_iter().unzip();
     // What a shard that was stopped leaves would be taken for the whole of it.
     if rows.len() < own.len() {
         bail!("stopped after {} of {} recordings; nothing was written", rows.len(), own.len());
     }
     let table = Table::of_batch(&rows, &keys());
-    if json {
-        lines.iter().for_each(|line| println!("{line}"));
+    if asked.json {
+        for (row, scored) in rows.iter().zip(&scored) {
+            println!("{}", json(row, scored)?);
+        }
     } else if args.csv.is_none() && args.out.is_none() {
         rows.iter().for_each(|row| println!("{}", line(row)));
     }
@@ -101,20 +98,26 @@ fn score_all(
     Ok(ExitCode::from(summary(&rows, begun.elapsed().as_secs_f64())))
 }
 
-/// Scores one recording; what is wrong with it stands in the row, and in the line of JSON.
-fn score_one(path: &Path, resimulate: bool) -> (Row, String) {
+/// Scores one recording; what is wrong with it stands in the row.
+fn score_one(path: &Path, resimulate: bool) -> (Row, Option<score::Attempt>) {
     let scored = if resimulate { score::score_resimulated(path) } else { score_file(path) };
     let whole = scored.and_then(|scored| {
-        let line = serde_json::to_string(&scored)?;
-        Ok((row(path, attempt_of(&Recording::open(path)?, &scored), &scored), line))
+        Ok((row(path, attempt_of(&Recording::open(path)?, &scored), &scored), Some(scored)))
     });
     whole.unwrap_or_else(|problem| {
         // The row names the file already.
         let (told, name) = (format!("{problem:#}"), format!("{}: ", path.display()));
         let problem = told.strip_prefix(&name).unwrap_or(&told).to_owned();
-        let line = serde_json::json!({ "file": path.display().to_string(), "problem": problem });
-        (Row { file: path.into(), problem: Some(problem), ..Row::default() }, line.to_string())
+        (Row { file: path.into(), problem: Some(problem), ..Row::default() }, None)
     })
+}
+
+/// A line for programs: that of a single recording, or what is wrong with one that has no score.
+fn json(row: &Row, scored: &Option<score::Attempt>) -> serde_json::Result<String> {
+    match scored {
+        Some(attempt) => serde_json::to_string(attempt),
+        None => serde_json::to_string(&serde_json::json!({ "file": row.file, "problem": row.problem })),
+    }
 }
 
 fn row(path: &Path, attempt: results::Attempt, scored: &score::Attempt) -> Row {
@@ -201,7 +204,7 @@ pub(crate) mod tests {
         std::fs::write(at("in/c.mcap"), "torn").unwrap();
         std::fs::write(at("list.txt"), "in/a.mcap\nin/b.mcap\nin/c.mcap\nin/d.mcap\n").unwrap();
         let shard = |index| {
-            let args = BatchArgs {
+            let batch = BatchArgs {
                 force: Force { force: true },
                 manifest: Some(at("list.txt")),
                 shard: Some(Shard { index, count: 2 }),
@@ -209,7 +212,8 @@ pub(crate) mod tests {
                 csv: Some(at(&format!("{index}.csv"))),
                 jobs: Some(2),
             };
-            let code = run(&args, &[], false, false).unwrap();
+            let args = ScoreArgs { files: vec![], batch, resimulate: false, json: false, doc: false };
+            let code = run(&args).unwrap();
             (format!("{code:?}"), std::fs::read_to_string(at(&format!("{index}.csv"))).unwrap())
         };
         let ((damaged, first), (whole, second)) = (shard(0), shard(1));
@@ -236,14 +240,16 @@ pub(crate) mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a.mcap");
         std::fs::write(&file, "torn").unwrap();
-        let (damaged, told) = score_one(&file, false);
-        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
-        assert_eq!(told["file"], file.display().to_string());
-        assert!(told["problem"].as_str().is_some_and(|p| !p.is_empty()), "{told}");
+        let told = |(row, scored): &(Row, Option<score::Attempt>)| -> serde_json::Value {
+            serde_json::from_str(&json(row, scored).unwrap()).unwrap()
+        };
+        let one = score_one(&file, false);
+        let (damaged, told_of_damaged) = (one.0.clone(), told(&one));
+        assert_eq!(told_of_damaged["file"], file.display().to_string());
+        assert!(told_of_damaged["problem"].as_str().is_some_and(|p| !p.is_empty()), "{told_of_damaged}");
         broken_off(&folder.path().join("b.mcap"));
-        let (_, told) = score_one(&folder.path().join("b.mcap"), false);
-        let told: serde_json::Value = serde_json::from_str(&told).unwrap();
-        assert_eq!((told["module"].as_str(), told["ended"].as_bool()), (Some("navigation"), Some(false)));
+        let whole = told(&score_one(&folder.path().join("b.mcap"), false));
+        assert_eq!((whole["module"].as_str(), whole["ended"].as_bool()), (Some("navigation"), Some(false)));
         assert!(damaged.attempt.is_none() && damaged.problem.as_ref().is_some_and(|p| !p.contains("a.mcap")));
         let good = Row { attempt: Some(results::Attempt::default()), ended: true, ..Row::default() };
         let differing = Row { agrees: Some(false), ..good.clone() };

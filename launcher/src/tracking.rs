@@ -236,10 +236,8 @@ impl Tracking {
         let own = &self.period.bodies[body];
         let never = self.total.frames >= NEVER_FRAMES && self.total.bodies[body].valid == 0;
         let share = self.period.share(own);
-        let residual_px = match own.residuals.median_px() {
-            px if self.period.is_rig_off() => px,
-            _ => self.long.residual_px[body],
-        };
+        let residual_px =
+            if self.period.is_rig_off() { own.residuals.median_px() } else { self.long.residual_px[body] };
         let what = if never {
             format!("{name} was never tracked")
         } else if share < POOR_SHARE && self.total.frames >= NEVER_FRAMES {

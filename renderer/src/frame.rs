@@ -104,7 +104,7 @@ impl Renderer {
         let mut shadow_maps: Vec<(ShadowMap, BindGroup)> = Vec::new();
         for tier in &TIERS[config.first_tier..] {
             if !shadow_maps.iter().any(|(map, _)| map.serves(tier)) {
-                let shadow = ShadowMap::new(device, &gpu.queue, tier);
+                let shadow = ShadowMap::new(device, queue, tier);
                 let group = light_group(device, &layout, &map, &shadow);
                 shadow_maps.push((shadow, group));
             }

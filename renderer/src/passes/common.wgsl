@@ -147,6 +147,13 @@ fn lit_past_instruments(uv: vec2f, depth: f32) -> f32 {
     return lit_softly(uv, depth, 0.0);
 }
 
+// Where the ray from `p` along `ray` (unit) leaves the eye: |p + t ray| = radius, the farther root.
+fn on_retina(p: vec3f, ray: vec3f) -> vec3f {
+    let b = dot(p, ray);
+    let root = b * b - dot(p, p) + frame.retina.x * frame.retina.x;
+    return p + (sqrt(max(root, 0.0)) - b) * ray;
+}
+
 struct Lamp {
     // Unit, towards the lamp.
     l: vec3f,

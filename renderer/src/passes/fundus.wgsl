@@ -39,14 +39,9 @@ fn corner(index: u32) -> vec2f {
     return (vec2f(-1.0, 1.0) + steps * vec2f(view.plane_x.w, -view.plane_y.w)) * view.field.xy;
 }
 
-// Where the ray through `at` from the objective leaves the eye: |at + t ray| = radius, the farther
-// root.
+// Where the ray through `at` from the objective leaves the eye.
 fn to_retina(at: vec3f) -> vec3f {
-    let ray = normalize(at - view.camera.xyz);
-    let radius = frame.retina.x;
-    let b = dot(at, ray);
-    let root = b * b - dot(at, at) + radius * radius;
-    return at + (sqrt(max(root, 0.0)) - b) * ray;
+    return on_retina(at, normalize(at - view.camera.xyz));
 }
 
 fn corner_on_retina(field_xy: vec2f) -> vec3f {

@@ -22,9 +22,10 @@ fn pixels(ndc: vec2f) -> f32 {
 }
 
 // Where a pixel has one sample, round parts are drawn half a pixel thinner: so wide are they to where
-// a pixel is covered to the full. The rest of the edge is drawn by fs_edge.
+// a pixel is covered to the full. The rest of the edge is drawn by fs_edge. Jaws end as wide as the
+// shaft begins.
 fn inside_edge(position: vec3f, which: u32) -> f32 {
-    if !LEAN || !is_round(position.z, which) {
+    if !LEAN || position.z < frame.instruments[which].shaft.w - 0.01 {
         return 1.0;
     }
     let radius_px = length(position.xy) * pixels(seen_across(position.z, which).ndc_per_mm);
@@ -44,19 +45,13 @@ fn normal_inside(n: vec3f, p: vec3f, axis: vec3f, inside: f32) -> vec3f {
 }
 
 @vertex
-fn vs_main(
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-    @location(2) part: f32,
-    @location(3) material: f32,
-    @builtin(instance_index) which: u32,
-) -> Metal {
-    let inside = inside_edge(position, which);
-    let placed = place_instrument(vec3f(position.xy * inside, position.z), normal, part, which);
+fn vs_main(in: MetalVertex) -> Metal {
+    let inside = inside_edge(in.position, in.which);
+    let placed = place_instrument(vec3f(in.position.xy * inside, in.position.z), in.normal, in.part, in.which);
     let clip = view.clip_from_eye * vec4f(placed.p, 1.0);
     let field_xyw = vec3f(clip.xy * view.field.xy, clip.w);
-    let surface = vec3f(material, frame.instruments[which].shape.zw);
-    let axis = frame.instruments[which].eye_from_instrument[2].xyz;
+    let surface = vec3f(in.material, frame.instruments[in.which].shape.zw);
+    let axis = frame.instruments[in.which].eye_from_instrument[2].xyz;
     let n = select(placed.n, normal_inside(placed.n, placed.p, axis, inside), LEAN);
     return Metal(clip, placed.p, n, field_xyw, surface, axis);
 }
@@ -69,10 +64,8 @@ const STEEL: vec3f = vec3f(0.66, 0.67, 0.69);
 // What a mirrored ray from `p` meets: the lit retina, the dark before it, where the ray leaves
 // through the pupil.
 fn mirrored(p: vec3f, ray: vec3f) -> vec3f {
-    let radius = frame.retina.x;
     let per_radius = frame.penumbra.z;
-    let b = dot(p, ray);
-    let hit = p + (sqrt(max(b * b - dot(p, p) + radius * radius, 0.0)) - b) * ray;
+    let hit = on_retina(p, ray);
     let lamp = lamp_at(hit);
     let lit = lamp.strength * max(-dot(hit, lamp.l) * per_radius, 0.0);
     let behind = 1.0 - smoothstep(-0.2, 0.5, hit.z * per_radius);
@@ -133,26 +126,20 @@ struct Edge {
 // wider by half a pixel on both sides. The part itself hides all of it but the pixels on its edge.
 // They are few, lie in a row and are lit alike, so light is computed at the strip's corners.
 @vertex
-fn vs_edge(
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-    @location(2) part: f32,
-    @location(3) material: f32,
-    @builtin(instance_index) which: u32,
-) -> Edge {
-    let at = seen_across(position.z, which);
+fn vs_edge(in: MetalVertex) -> Edge {
+    let at = seen_across(in.position.z, in.which);
     let px_per_mm = pixels(at.ndc_per_mm);
-    let radius_px = abs(position.x) * px_per_mm;
+    let radius_px = abs(in.position.x) * px_per_mm;
     let half_px = radius_px + 0.5;
-    let p = at.axis + at.side * (normal.x * half_px / px_per_mm);
+    let p = at.axis + at.side * (in.normal.x * half_px / px_per_mm);
     // Of what is seen of the part in the pixels on its edge.
     let sine = clamp(1.0 - 0.75 / max(radius_px, 1e-3), 0.0, 1.0);
-    let n = at.side * (normal.x * sine) + at.up * sqrt(1.0 - sine * sine);
-    let surface = vec3f(material, frame.instruments[which].shape.zw);
-    let axis = frame.instruments[which].eye_from_instrument[2].xyz;
-    let light = sent(at.axis + n * abs(position.x), n, axis, surface);
+    let n = at.side * (in.normal.x * sine) + at.up * sqrt(1.0 - sine * sine);
+    let surface = vec3f(in.material, frame.instruments[in.which].shape.zw);
+    let axis = frame.instruments[in.which].eye_from_instrument[2].xyz;
+    let light = sent(at.axis + n * abs(in.position.x), n, axis, surface);
     let clip = view.clip_from_eye * vec4f(p, 1.0);
-    let wide = vec3f(normal.x * half_px, half_px, min(2.0 * radius_px, 1.0));
+    let wide = vec3f(in.normal.x * half_px, half_px, min(2.0 * radius_px, 1.0));
     return Edge(clip, vec4f(to_display(light), surface.y), vec3f(clip.xy * view.field.xy, clip.w), wide);
 }
 

@@ -1,5 +1,16 @@
 // Where a vertex of an instrument lies in the eye: jaws turn about y at their pivot, by part = ±1.
 
+// A vertex of an instrument's mesh, as in layout.rs.
+struct MetalVertex {
+    @location(0) position: vec3f,
+    @location(1) normal: vec3f,
+    // 1 or -1 on a jaw.
+    @location(2) part: f32,
+    @location(3) material: f32,
+    // Which instrument.
+    @builtin(instance_index) which: u32,
+}
+
 struct Placed {
     p: vec3f,
     n: vec3f,
@@ -40,9 +51,4 @@ fn across(z: f32, which: u32, eye: vec3f, clip_from_eye: mat4x4f) -> Across {
     let clip = clip_from_eye * vec4f(axis, 1.0);
     let step = clip_from_eye * vec4f(side, 0.0);
     return Across(axis, cross(side, m[2].xyz), side, (step.xy * clip.w - clip.xy * step.w) / (clip.w * clip.w));
-}
-
-// True where an instrument is round. Jaws end as wide as the shaft begins.
-fn is_round(z: f32, which: u32) -> bool {
-    return z >= frame.instruments[which].shaft.w - 0.01;
 }

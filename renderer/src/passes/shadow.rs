@@ -98,37 +98,33 @@ impl Shadow {
     pub fn new(device: &PassDevice<'_>, uniforms: &Uniforms) -> Self {
         let groups = [&uniforms.layout];
         let spec = |vertex| PipelineSpec { vertices: true, ..PipelineSpec::new("shadow", vertex, &groups) };
-        let depth = PipelineSpec {
-            depth: Some((CompareFunction::Less, true)),
-            closed: true,
-            ..spec("vs_instrument")
-        };
+        let depth = Some((CompareFunction::Less, true));
         let writes = ColorWrites::RED | ColorWrites::GREEN;
-        let solid =
-            PipelineSpec { fragment: Some("fs_solid"), writes, closed: true, ..spec("vs_instrument") };
+        let instruments = |shading| {
+            let spec = PipelineSpec { closed: true, ..spec("vs_instrument") };
+            device.pipeline(&match shading {
+                Shading::Full => PipelineSpec { depth, ..spec },
+                Shading::Lean => PipelineSpec { fragment: Some("fs_solid"), writes, ..spec },
+            })
+        };
+        let membrane = |shading| {
+            let of =
+                |vertex, fragment| PipelineSpec { homes: true, fragment: Some(fragment), ..spec(vertex) };
+            device.pipeline(&match shading {
+                Shading::Full => PipelineSpec { depth, format: None, ..of("vs_membrane", "fs_outline") },
+                Shading::Lean => PipelineSpec { blend: Some(multiplied()), ..of("vs_sheet", "fs_sheet") },
+            })
+        };
         let round = PipelineSpec {
             fragment: Some("fs_round"),
             writes,
             blend: Some(the_darker()),
             ..spec("vs_round")
         };
-        let sheet = PipelineSpec {
-            fragment: Some("fs_sheet"),
-            blend: Some(multiplied()),
-            homes: true,
-            ..spec("vs_sheet")
-        };
-        let outline = PipelineSpec {
-            fragment: Some("fs_outline"),
-            depth: Some((CompareFunction::Less, true)),
-            format: None,
-            homes: true,
-            ..spec("vs_membrane")
-        };
         Self {
-            instruments: [device.pipeline(&depth), device.pipeline(&solid.shaded(Shading::Lean))],
-            round: device.pipeline(&round.shaded(Shading::Lean)),
-            membrane: [device.pipeline(&outline), device.pipeline(&sheet)],
+            instruments: device.shadings(instruments),
+            round: device.pipeline(&round),
+            membrane: device.shadings(membrane),
         }
     }
 

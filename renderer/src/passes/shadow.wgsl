@@ -2,38 +2,17 @@
 // right one. Lean tiers: a mask of light; nothing but the retina lies behind, so no depth is needed
 // to shade it.
 
-// Where the ray from the lamp through `p` meets the retina.
-fn behind(p: vec3f) -> vec3f {
-    let lamp = frame.lamp_position.xyz;
-    let ray = normalize(p - lamp);
-    let b = dot(lamp, ray);
-    return lamp + (sqrt(max(b * b - dot(lamp, lamp) + frame.retina.x * frame.retina.x, 0.0)) - b) * ray;
-}
-
 // Half width of the soft edge that an instrument throws onto the retina from `p`, share of the map: as
 // `soft_edge`, where nothing has to be looked for.
 fn soft_on_retina(p: vec3f) -> f32 {
-    let wide = frame.penumbra.x * (lamp_coordinates(behind(p)).z - lamp_coordinates(p).z);
+    let behind = on_retina(frame.lamp_position.xyz, normalize(p - frame.lamp_position.xyz));
+    let wide = frame.penumbra.x * (lamp_coordinates(behind).z - lamp_coordinates(p).z);
     return clamp(wide, frame.shadow.y, frame.penumbra.y);
 }
 
-fn across_from_lamp(z: f32, which: u32) -> Across {
-    return across(z, which, frame.lamp_position.xyz, frame.lamp_from_eye);
-}
-
-fn share_of_map(ndc: vec2f) -> f32 {
-    return max(0.5 * length(ndc), 1e-6);
-}
-
 @vertex
-fn vs_instrument(
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-    @location(2) part: f32,
-    @location(3) material: f32,
-    @builtin(instance_index) which: u32,
-) -> Caster {
-    return caster(place_instrument(position, normal, part, which).p);
+fn vs_instrument(in: MetalVertex) -> Caster {
+    return caster(place_instrument(in.position, in.normal, in.part, in.which).p);
 }
 
 struct Round {
@@ -46,18 +25,12 @@ struct Round {
 // A strip through the axis of a round part (`position.x` is its radius, with the side as its sign),
 // as wide as its shadow with the soft edges.
 @vertex
-fn vs_round(
-    @location(0) position: vec3f,
-    @location(1) normal: vec3f,
-    @location(2) part: f32,
-    @location(3) material: f32,
-    @builtin(instance_index) which: u32,
-) -> Round {
-    let at = across_from_lamp(position.z, which);
-    let share_per_mm = share_of_map(at.ndc_per_mm);
-    let radius = abs(position.x) * share_per_mm;
+fn vs_round(in: MetalVertex) -> Round {
+    let at = across(in.position.z, in.which, frame.lamp_position.xyz, frame.lamp_from_eye);
+    let share_per_mm = max(0.5 * length(at.ndc_per_mm), 1e-6);
+    let radius = abs(in.position.x) * share_per_mm;
     let soft = soft_on_retina(at.axis);
-    let from_axis = normal.x * (radius + soft);
+    let from_axis = in.normal.x * (radius + soft);
     let edge = caster(at.axis + at.side * (from_axis / share_per_mm));
     return Round(edge.clip, vec4f(from_axis, radius, soft, length(edge.to_lamp) / MASK_FAR));
 }
@@ -84,21 +57,21 @@ fn vs_membrane(@location(0) position: vec3f, @location(4) home: vec3f) -> Film {
     return Film(caster(position).clip, vec3f(rest_place(home.xy), home.z), frame.retina.x - length(position));
 }
 
-struct Thin {
+struct Sheet {
     @builtin(position) clip: vec4f,
     // Share of the light that passes.
     @location(0) past: f32,
 }
 
 @vertex
-fn vs_sheet(@location(0) position: vec3f, @location(4) home: vec3f) -> Thin {
+fn vs_sheet(@location(0) position: vec3f, @location(4) home: vec3f) -> Sheet {
     let share = grown(rest_place(home.xy), home.z, frame.retina.x - length(position));
-    return Thin(caster(position).clip, 1.0 - frame.ambient.w * share);
+    return Sheet(caster(position).clip, 1.0 - frame.ambient.w * share);
 }
 
 // Multiplied with what the mask has: a sheet takes its share of the light.
 @fragment
-fn fs_sheet(in: Thin) -> @location(0) vec4f {
+fn fs_sheet(in: Sheet) -> @location(0) vec4f {
     return vec4f(1.0, 1.0, in.past, 1.0);
 }
 
