@@ -24,6 +24,8 @@ pub struct AcquisitionInput<'a> {
     pub rig: &'a RigModel,
     /// Newest field of each camera.
     pub fields: &'a [FieldObservation; MAX_CAMERAS],
+    /// Set of the cameras that are looked at.
+    pub cameras: u32,
     /// Instant of the pose, ns.
     pub time_ns: u64,
     /// The body's trocar, if the eye is tracked.
@@ -52,7 +54,9 @@ impl Default for Acquisition {
 
 impl AcquisitionInput<'_> {
     fn is_recent(&self, field: &FieldObservation) -> bool {
-        field.exposed_ns > 0 && self.time_ns.abs_diff(field.exposed_ns) <= k::ACQUISITION_WINDOW_NS
+        self.cameras & (1 << field.camera) != 0
+            && field.exposed_ns > 0
+            && self.time_ns.abs_diff(field.exposed_ns) <= k::ACQUISITION_WINDOW_NS
     }
 }
 

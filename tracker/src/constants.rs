@@ -194,3 +194,62 @@ pub const DRIFT_LIMIT: f64 = 10.0;
 pub const DRIFT_NOISE: f64 = 4.0;
 /// Evidence per parameter above which drift is detected.
 pub const DRIFT_EVIDENCE: f64 = 10.0;
+
+/// Unit and prior of a camera's turn by a knock, rad: 8 px.
+pub const KNOCK_TURN_RAD: f64 = 5e-3;
+/// The same of its shift, mm.
+pub const KNOCK_SHIFT_MM: f64 = 0.5;
+/// Reach of the search for a blob that was moved, px.
+pub const KNOCK_REACH_PX: f64 = 16.0;
+/// Offset of a field as a whole above which it was moved at once, px.
+pub const KNOCK_JUMP_PX: f64 = 0.8;
+/// Markers that must agree on it.
+pub const KNOCK_JUMP_MARKERS: usize = 5;
+/// Tolerance of their agreement, px.
+pub const KNOCK_AGREES_PX: f64 = 1.0;
+/// Weight of an offset, px⁻²: a standard deviation of 0.2 px.
+pub const KNOCK_WEIGHT: f64 = 25.0;
+/// Fields of a camera in a row that confirm it.
+pub const KNOCK_FIELDS: u32 = 5;
+/// Fields of several cameras that lie beside within this time show a wrong prediction, ns.
+pub const KNOCK_TOGETHER_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
+/// Fields in a row that refute it.
+pub const KNOCK_CALM_FIELDS: u32 = 3;
+/// Memory for small residuals, ns.
+pub const KNOCK_MEMORY_NS: f64 = 0.3e9;
+/// Residual of half weight among them, px.
+pub const KNOCK_SLOW_PX: f64 = 0.5;
+/// Reach of their search for blobs, px.
+pub const KNOCK_SLOW_REACH_PX: f64 = 2.5;
+/// Fields that are enough to judge them.
+pub const KNOCK_LEAST_FIELDS: f64 = 8.0;
+/// Decrease of χ² that indicates a moved camera.
+pub const KNOCK_GAIN: f64 = 100.0;
+/// Expected decrease of χ² of a body that has a say.
+pub const KNOCK_BODY_GAIN: f64 = 16.0;
+/// Least movement of the picture that is judged, px.
+pub const KNOCK_LEAST_PX: f64 = 0.15;
+/// Time in which the other cameras may refute the choice, ns.
+pub const KNOCK_TRIAL_NS: u64 = 700_000_000;
+/// Time without judgement after no choice helped, ns.
+pub const KNOCK_QUIET_NS: u64 = 5_000_000_000;
+/// Time after which what a camera sees is used to place it, ns.
+pub const RELOCATION_AFTER_NS: u64 = 100_000_000;
+/// Fields that a camera is placed by.
+pub const RELOCATION_FIELDS: u64 = 80;
+/// Time after which a camera that is not placed is told to be restless, ns.
+pub const RELOCATION_LONGEST_NS: u64 = 6_000_000_000;
+/// Markers kept.
+pub const RELOCATION_SIGHTINGS: usize = 1_600;
+/// Newest fields by which a place is checked.
+pub const RELOCATION_CHECKED: usize = 25;
+/// Reach of the search for blobs about the estimate, px.
+pub const RELOCATION_REACH_PX: f64 = 4.0;
+/// Residual of half weight, px.
+pub const RELOCATION_SCALE_PX: f64 = 0.5;
+/// Mean offset of the checked fields below which a place is right, px.
+pub const RELOCATION_STEADY_PX: f64 = 0.12;
+/// Updates without an eye after which it is searched without one of the cameras.
+pub const WITHOUT_EYE_UPDATES: u32 = 6;
+/// Reduced χ² of the eye without that camera.
+pub const WITHOUT_CAMERA_CHI2: f64 = 9.0;

@@ -26,6 +26,8 @@ const PER_CAMERA: usize = 6;
 const PER_BLOB: usize = PER_CAMERA + 3;
 /// Columns of the factor computed per frame.
 const COLUMNS: usize = 2;
+/// Solutions that are kept: of more than a second.
+const PAST: usize = 3;
 
 /// The estimated drift.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -76,6 +78,8 @@ impl std::fmt::Display for DriftReport {
 
 /// Estimates the drift; all parameters are in units of their prior's standard deviation.
 pub struct DriftEstimator {
+    calibrated: RigModel,
+    /// Where cameras stand that were placed anew, else as calibrated.
     nominal: RigModel,
     /// First parameter of each camera; of the markers of each body.
     camera_at: [usize; MAX_CAMERAS],
@@ -92,6 +96,17 @@ pub struct DriftEstimator {
     column: usize,
     turn: usize,
     report: DriftReport,
+    /// What was known after the newest solutions, the newest first.
+    past: [Past; PAST],
+}
+
+/// What was known after a solution.
+#[derive(Debug, Clone)]
+struct Past {
+    information: Vec<f64>,
+    gradient: Vec<f64>,
+    applied: Vec<f64>,
+    detected: bool,
 }
 
 impl DriftEstimator {
@@ -106,7 +121,15 @@ impl DriftEstimator {
         let markers_at = std::array::from_fn(|b| take(3 * rig.bodies[b].markers.len()));
         let square = vec![0.0; parameters * parameters];
         let line = vec![0.0; parameters];
+        let nothing = Past {
+            information: square.clone(),
+            gradient: line.clone(),
+            applied: line.clone(),
+            detected: false,
+        };
         let mut drift = DriftEstimator {
+            past: std::array::from_fn(|_| nothing.clone()),
+            calibrated: rig.clone(),
             nominal: rig.clone(),
             camera_at,
             markers_at,
@@ -136,9 +159,65 @@ impl DriftEstimator {
         for list in [&mut self.information, &mut self.gradient, &mut self.applied] {
             list.fill(0.0);
         }
+        for _ in 0..PAST {
+            self.remember();
+        }
         (self.column, self.turn) = (0, 0);
         self.report = DriftReport { unobservable_mm: self.report.unobservable_mm, ..DriftReport::default() };
+        self.nominal.clone_from(&self.calibrated);
         self.apply(rig);
+    }
+
+    fn remember(&mut self) {
+        self.past.rotate_right(1);
+        let newest = &mut self.past[0];
+        newest.information.copy_from_slice(&self.information);
+        newest.gradient.copy_from_slice(&self.gradient);
+        newest.applied.copy_from_slice(&self.applied);
+        newest.detected = self.report.detected;
+    }
+
+    /// Forgets what came in the last second, in which a camera misled it.
+    pub fn roll_back(&mut self, rig: &mut RigModel) {
+        let past = &self.past[PAST - 1];
+        self.information.copy_from_slice(&past.information);
+        self.gradient.copy_from_slice(&past.gradient);
+        self.applied.copy_from_slice(&past.applied);
+        self.report.detected = past.detected;
+        self.column = 0;
+        for _ in 1..PAST {
+            self.remember();
+        }
+        self.apply(rig);
+    }
+
+    /// Takes over where `rig` has a camera now, and what is known of the others without it.
+    pub fn rebase(&mut self, camera: usize, rig: &RigModel) {
+        self.nominal.cameras[camera].clone_from(&rig.cameras[camera]);
+        let at = self.camera_at[camera];
+        for p in at..at + PER_CAMERA {
+            self.marginalise(p);
+            self.applied[p] = 0.0;
+        }
+        self.column = 0;
+    }
+
+    /// Eliminates a parameter, with its prior.
+    fn marginalise(&mut self, p: usize) {
+        let n = self.parameters;
+        let pivot = self.information[p * n + p] + 1.0;
+        for r in (0..n).filter(|r| *r != p) {
+            let share = self.information[r * n + p] / pivot;
+            self.gradient[r] -= share * self.gradient[p];
+            for c in (0..n).filter(|c| *c != p) {
+                self.information[r * n + c] -= share * self.information[p * n + c];
+            }
+        }
+        for q in 0..n {
+            self.information[p * n + q] = 0.0;
+            self.information[q * n + p] = 0.0;
+        }
+        self.gradient[p] = 0.0;
     }
 
     /// The body whose residuals are used next; the bodies take turns.
@@ -279,6 +358,7 @@ impl DriftEstimator {
         self.column = 0;
         self.solve();
         self.apply(rig);
+        self.remember();
         true
     }
 

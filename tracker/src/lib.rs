@@ -15,13 +15,15 @@
 //! | acquire: lost bodies, without a prediction | [`acquisition`] |
 //!
 //! [`predictor`] extrapolates the tips beyond the frame, [`drift`] estimates how far the rig has
-//! moved since its calibration, and [`rig_check`] refuses rigs that cannot work.
+//! moved since its calibration, [`camera_watch`] leaves out cameras that were knocked and finds where
+//! they stand, and [`rig_check`] refuses rigs that cannot work.
 
 pub mod acquisition;
 pub mod assembler;
 pub mod associate;
 pub mod block_matrix;
 pub mod body_filter;
+pub mod camera_watch;
 pub mod config;
 pub mod constants;
 pub mod drift;

@@ -239,6 +239,9 @@ impl TrackerProcess {
             tracing::warn!("{report}");
             self.drift_reported = true;
         }
+        if let Some(notice) = self.tracker.take_notice() {
+            tracing::warn!("{notice}");
+        }
         let (blobs, recorded) = (self.blobs.counts(), self.recorded.counts());
         let report = &mut self.shell.report;
         let strange = if self.replay { 0 } else { recorded.received - recorded.refused };

@@ -4,6 +4,7 @@ mod update;
 
 use crate::acquisition::Acquisition;
 use crate::associate::{Association, Associator};
+use crate::camera_watch::{CameraWatch, Notice};
 use crate::constants as k;
 use crate::drift::{DriftEstimator, DriftReport};
 use crate::fit::PoseFit;
@@ -35,6 +36,9 @@ const ORDER: [usize; BODIES] = [EYE, 0, 1];
 pub struct Tracker {
     rig: RigModel,
     drift: Option<DriftEstimator>,
+    watch: Option<CameraWatch>,
+    /// Updates since the eye was tracked last.
+    without_eye: u32,
     tracks: [Track; BODIES],
     /// Newest field of each camera, by camera id.
     fields: Box<[FieldObservation; MAX_CAMERAS]>,
@@ -52,8 +56,10 @@ pub struct Tracker {
 /// Camera-fields of one instant, already among the tracker's observations.
 #[derive(Debug, Clone, Copy)]
 struct Group {
-    /// Set of the cameras.
+    /// Set of the cameras whose fields are tracked.
     cameras: u32,
+    /// Set of all cameras whose fields came.
+    seen: u32,
     /// Instant of the update, ns.
     time_ns: u64,
 }
@@ -76,6 +82,8 @@ impl Tracker {
         let rig = RigModel::new(rig);
         Tracker {
             drift: estimate_drift.then(|| DriftEstimator::new(&rig)),
+            watch: estimate_drift.then(|| CameraWatch::new(&rig)),
+            without_eye: 0,
             rig,
             tracks: Default::default(),
             fields: Box::new(std::array::from_fn(FieldObservation::empty)),
@@ -99,6 +107,11 @@ impl Tracker {
         self.drift.as_ref().map(DriftEstimator::report)
     }
 
+    /// What became known of a moved camera since the last call.
+    pub fn take_notice(&mut self) -> Option<Notice> {
+        self.watch.as_mut().and_then(CameraWatch::take_notice)
+    }
+
     /// Forgets everything; the next frame has number 0.
     pub fn reset(&mut self) {
         self.tracks = Default::default();
@@ -110,6 +123,10 @@ impl Tracker {
         if let Some(drift) = &mut self.drift {
             drift.reset(&mut self.rig);
         }
+        if let Some(watch) = &mut self.watch {
+            *watch = CameraWatch::new(&self.rig);
+        }
+        self.without_eye = 0;
         self.frame = 0;
     }
 
@@ -135,9 +152,11 @@ impl Tracker {
     fn update(&mut self, fields: &[BlobField], reference: &Reference) -> Option<Update> {
         let group = self.observe(fields, reference)?;
         self.predict(group.time_ns);
+        let group = self.admit(group);
         let association = self.associate(group);
         let estimate = self.estimate(group, association);
         let accepted = self.filter(group, &estimate);
+        self.watch_cameras(group);
         self.acquire(group);
         Some(Update { association: estimate.association, accepted })
     }

@@ -21,3 +21,4 @@ pub mod pipeline;
 pub mod rays;
 pub mod soak;
 pub mod stability;
+pub mod streams;

@@ -4,6 +4,7 @@ use super::{Group, ORDER, Reference, Tracker};
 use crate::acquisition::AcquisitionInput;
 use crate::associate::{Association, AssociationInput};
 use crate::body_filter::BodyFilter;
+use crate::camera_watch::BodyUpdate;
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
 use crate::observation::FieldObservation;
 use crate::pose_math::exp;
@@ -57,8 +58,39 @@ impl Tracker {
         }
         // A field that came late is used at its own instant, from the newer state.
         self.last_ns = time_ns.max(self.last_ns);
+        Some(Group { cameras, seen: cameras, time_ns: self.last_ns })
+    }
+
+    /// The group without the fields of cameras that were moved.
+    pub(super) fn admit(&mut self, group: Group) -> Group {
+        let predicted = std::array::from_fn(|body| self.tracks[body].predicted());
+        let input = group.input(&self.rig, &self.fields, &self.area_scales);
+        let cameras = self.watch.as_mut().map_or(group.cameras, |w| w.admit(&input, &predicted));
         self.cameras_in_frame |= cameras;
-        Some(Group { cameras, time_ns: self.last_ns })
+        Group { cameras, ..group }
+    }
+
+    /// Judges what the fits say of the cameras, and places those that are left out.
+    pub(super) fn watch_cameras(&mut self, group: Group) {
+        let Some(watch) = &mut self.watch else { return };
+        let left_out = watch.left_out();
+        watch.judge(group.seen, group.time_ns);
+        if let Some(drift) = self.drift.as_mut().filter(|_| watch.left_out() != left_out) {
+            drift.roll_back(&mut self.rig);
+        }
+        if watch.left_out() & group.seen == 0 {
+            return;
+        }
+        let fresh = |track: &Track| group.time_ns.saturating_sub(track.good_ns) <= k::ACQUIRE_AFTER_NS;
+        let placed = std::array::from_fn(|b| self.tracks[b].predicted().filter(|_| fresh(&self.tracks[b])));
+        let all = Group { cameras: group.seen, ..group };
+        let input = all.input(&self.rig, &self.fields, &self.area_scales);
+        if let Some((camera, found)) = watch.relocate(&input, &placed) {
+            self.rig.cameras[camera] = Some(found);
+            if let Some(drift) = &mut self.drift {
+                drift.rebase(camera, &self.rig);
+            }
+        }
     }
 
     /// Assigns blobs to the markers of the tracked bodies. Where an instrument's blobs lie beside
@@ -169,9 +201,23 @@ impl Tracker {
     pub(super) fn filter(&mut self, group: Group, estimate: &Estimate) -> Fits {
         let mut accepted: Fits = [None; BODIES];
         for body in ORDER {
+            self.add_evidence(group, estimate, body);
             accepted[body] = self.filter_body(group, estimate, body);
         }
         accepted
+    }
+
+    /// Notes what a body says of the cameras, before its filter is updated.
+    fn add_evidence(&mut self, group: Group, estimate: &Estimate, body: usize) {
+        let (Some(watch), Some(filter)) = (&mut self.watch, &self.tracks[body].filter) else { return };
+        let Some(prior_information) = filter.pose_covariance().cholesky().map(|c| c.inverse()) else {
+            return;
+        };
+        let prior = filter.pose();
+        let pose = estimate.fits[body].map_or(prior, |f| f.pose);
+        let update = BodyUpdate { body, pose, prior, prior_information, motion: filter.motion() };
+        let looked_at = Group { cameras: group.seen & watch.in_use(), ..group };
+        watch.add(&looked_at.input(&self.rig, &self.fields, &self.area_scales), &update);
     }
 
     fn filter_body(&mut self, group: Group, estimate: &Estimate, body: usize) -> Option<PoseFit> {
@@ -216,30 +262,74 @@ impl Tracker {
 
     /// Searches bodies that are lost, or soon will be, among the blobs that no body took.
     pub(super) fn acquire(&mut self, group: Group) {
+        let trusted = !self.watch.as_ref().map_or(0, |w| w.left_out());
         for body in ORDER {
-            let model = &self.rig.bodies[body];
-            let trocar = self.trocar(body, &[None; BODIES]);
-            let needs_trocar = body != EYE && !self.rig.distinct_colours && trocar.is_none();
-            if !self.tracks[body].needs_acquisition(group.time_ns) || needs_trocar {
-                continue;
-            }
-            let input = AcquisitionInput {
-                rig: &self.rig,
-                fields: &self.fields,
-                time_ns: group.time_ns,
-                trocar,
-                area_scales: &self.area_scales,
-            };
-            let Some(fit) = self.acquisition.search(&input, model) else { continue };
-            let pivot = self.pivot(body, group.time_ns);
-            let matches = &self.acquisition.matches;
-            let cameras = self.cameras_in_frame;
-            self.tracks[body].initiate(&fit, &self.rig.bodies[body], matches, group.time_ns, cameras, pivot);
-            for m in matches.iter().filter(|m| !m.outlier) {
-                self.fields[m.camera].assign(m.blob);
+            let needs_trocar =
+                body != EYE && !self.rig.distinct_colours && self.trocar(body, &[None; BODIES]).is_none();
+            if self.tracks[body].needs_acquisition(group.time_ns)
+                && !needs_trocar
+                && let Some(fit) = self.search(group, body, trusted)
+            {
+                self.initiate(group, body, &fit);
             }
         }
+        self.without_eye = if self.tracks[EYE].filter.is_some() { 0 } else { self.without_eye + 1 };
+        if self.without_eye == k::WITHOUT_EYE_UPDATES {
+            self.without_eye = 0;
+            self.find_eye_without_a_camera(group);
+        }
     }
+
+    /// Searches a body in the fields of these cameras.
+    fn search(&mut self, group: Group, body: usize, cameras: u32) -> Option<PoseFit> {
+        let input = AcquisitionInput {
+            rig: &self.rig,
+            fields: &self.fields,
+            cameras,
+            time_ns: group.time_ns,
+            trocar: self.trocar(body, &[None; BODIES]),
+            area_scales: &self.area_scales,
+        };
+        self.acquisition.search(&input, &self.rig.bodies[body])
+    }
+
+    /// Begins a track with the pose and the blobs found last.
+    fn initiate(&mut self, group: Group, body: usize, fit: &PoseFit) {
+        let pivot = self.pivot(body, group.time_ns);
+        let matches = &self.acquisition.matches;
+        let cameras = self.cameras_in_frame;
+        self.tracks[body].initiate(fit, &self.rig.bodies[body], matches, group.time_ns, cameras, pivot);
+        for m in matches.iter().filter(|m| !m.outlier) {
+            self.fields[m.camera].assign(m.blob);
+        }
+    }
+
+    /// The eye is always there. Where it is found without one of the cameras only, that one was moved.
+    fn find_eye_without_a_camera(&mut self, group: Group) {
+        let mut found: [Option<f64>; MAX_CAMERAS] = [None; MAX_CAMERAS];
+        for camera in 0..MAX_CAMERAS {
+            if self.watch.as_ref().is_some_and(|w| w.may_leave_out(camera)) {
+                let fit = self.search(group, EYE, !(1 << camera));
+                found[camera] = fit.and_then(|f| f.reduced_chi2());
+            }
+        }
+        let Some((camera, best)) = lowest(&found) else { return };
+        found[camera] = None;
+        let next = lowest(&found).map_or(f64::MAX, |(_, chi2)| chi2);
+        if best > k::WITHOUT_CAMERA_CHI2 || next < 2.0 * best {
+            return;
+        }
+        if let (Some(fit), Some(watch)) = (self.search(group, EYE, !(1 << camera)), &mut self.watch) {
+            watch.accuse(camera, 0.0, group.time_ns);
+            self.initiate(group, EYE, &fit);
+        }
+    }
+}
+
+/// The lowest of those that there are, with its place.
+fn lowest(found: &[Option<f64>]) -> Option<(usize, f64)> {
+    let there = found.iter().enumerate().filter_map(|(i, v)| Some((i, (*v)?)));
+    there.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// True if the second assignment, about the fitted pose, is that of the first less its outliers.

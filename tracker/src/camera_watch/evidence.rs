@@ -1,0 +1,173 @@
+//! Small residuals that add up: how much better the newest fields of a camera would be explained if it
+//! alone stood otherwise, the poses being free (as in [`crate::drift`]).
+
+use super::{CameraJacobian, camera_jacobian, sighting, solve};
+use crate::associate::AssociationInput;
+use crate::constants as k;
+use crate::observation::camera_of;
+use crate::pose_math::{Matrix6, Vector6, box_minus, propagated};
+use crate::projection::{PoseMatrix, pose_jacobian};
+use nalgebra::{Isometry3, SMatrix, Vector3};
+use protocol::limits::{BODIES, MAX_CAMERAS};
+use protocol::poses::EYE;
+
+/// What one body says about a camera.
+#[derive(Debug, Clone, Copy, Default)]
+struct Share {
+    information: Matrix6,
+    gradient: Vector6,
+}
+
+/// What the newest fields of a camera say about its place; older ones are forgotten.
+#[derive(Debug, Clone, Default)]
+pub struct Evidence {
+    bodies: [Share; BODIES],
+    /// Sum of JᵀJ, and number of blobs: turns a change of the camera into pixels.
+    spread: Matrix6,
+    blobs: f64,
+    fields: f64,
+    at_ns: u64,
+}
+
+/// That a camera was moved.
+#[derive(Debug, Clone, Copy)]
+pub struct Verdict {
+    /// Decrease of χ².
+    pub gain: f64,
+    /// By how much its picture moved, px.
+    pub px: f64,
+}
+
+/// An update of a body, with its prior.
+pub struct BodyUpdate {
+    /// Which body.
+    pub body: usize,
+    /// The fitted pose; the predicted one where no blob was near it.
+    pub pose: Isometry3<f64>,
+    /// The predicted pose.
+    pub prior: Isometry3<f64>,
+    /// Its information.
+    pub prior_information: Matrix6,
+    /// Velocity and angular velocity.
+    pub motion: [Vector3<f64>; 2],
+}
+
+/// Adds an update to the evidence of its cameras.
+pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>, update: &BodyUpdate) {
+    let mut of_pose = update.prior_information;
+    if update.body == EYE {
+        // Its markers tell the rotation; a prior would take a saccade for a camera that moved.
+        of_pose.fill(0.0);
+        of_pose.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / (k::EYE_CENTRE_MM * k::EYE_CENTRE_MM));
+        of_pose.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(1.0);
+    }
+    let mut pull = of_pose * box_minus(&update.prior, &update.pose);
+    let mut cameras: [Option<OfCamera>; MAX_CAMERAS] = [const { None }; MAX_CAMERAS];
+    for field in input.fields() {
+        let Some(camera) = camera_of(input.rig, field) else { continue };
+        let pose = propagated(&update.pose, &update.motion, input.dt_s(field));
+        let pose = PoseMatrix::from(&pose);
+        let scale = input.area_scales[field.camera];
+        let own = cameras[field.camera].get_or_insert_default();
+        let seen =
+            sighting::of_body(input.rig, update.body, &pose, camera, field, scale, k::KNOCK_SLOW_REACH_PX);
+        for s in seen {
+            let Some(inverse) = s.covariance.try_inverse() else { continue };
+            let weight = inverse / (1.0 + s.offset.norm_squared() / (k::KNOCK_SLOW_PX * k::KNOCK_SLOW_PX));
+            let (a, j) = (camera_jacobian(camera, &s.image), pose_jacobian(&s.image, &pose));
+            let (aw, jw) = (a.transpose() * weight, j.transpose() * weight);
+            of_pose += jw * j;
+            pull += jw * s.offset;
+            own.own += aw * a;
+            own.mixed += aw * j;
+            own.right += aw * s.offset;
+            own.spread += a.transpose() * a;
+            own.blobs += 1.0;
+        }
+    }
+    let Some(inverse) = of_pose.cholesky().map(|c| c.inverse()) else { return };
+    for (camera, own) in cameras.iter().enumerate() {
+        let Some(own) = own else { continue };
+        evidence[camera].take(update.body, own, &inverse, &pull, input.time_ns);
+    }
+}
+
+/// Normal equations of a camera in one update.
+#[derive(Debug, Clone, Default)]
+struct OfCamera {
+    own: Matrix6,
+    mixed: SMatrix<f64, 6, 6>,
+    right: Vector6,
+    spread: Matrix6,
+    blobs: f64,
+}
+
+impl Evidence {
+    fn take(&mut self, body: usize, own: &OfCamera, of_pose: &Matrix6, pull: &Vector6, time_ns: u64) {
+        let since = time_ns.saturating_sub(self.at_ns) as f64;
+        if since > 0.0 {
+            let kept = libm::exp(-since / k::KNOCK_MEMORY_NS);
+            self.bodies.iter_mut().for_each(|b| {
+                b.information *= kept;
+                b.gradient *= kept;
+            });
+            self.spread *= kept;
+            self.blobs *= kept;
+            self.fields = self.fields * kept + 1.0;
+            self.at_ns = time_ns;
+        }
+        let eliminated = own.mixed * of_pose;
+        let share = &mut self.bodies[body];
+        share.information += own.own - eliminated * own.mixed.transpose();
+        share.gradient += own.right - eliminated * pull;
+        self.spread += own.spread;
+        self.blobs += own.blobs;
+    }
+
+    fn estimate(&self) -> Option<Vector6> {
+        let information = self.bodies.iter().fold(Matrix6::zeros(), |sum, b| sum + b.information);
+        solve(&information, &self.gradient())
+    }
+
+    fn gradient(&self) -> Vector6 {
+        self.bodies.iter().fold(Vector6::zeros(), |sum, b| sum + b.gradient)
+    }
+
+    /// Decrease of χ² if the camera stood elsewhere.
+    pub fn gain(&self) -> f64 {
+        self.estimate().map_or(0.0, |delta| self.gradient().dot(&delta))
+    }
+
+    /// Whether the camera was moved.
+    pub fn verdict(&self) -> Option<Verdict> {
+        if self.fields < k::KNOCK_LEAST_FIELDS {
+            return None;
+        }
+        let delta = self.estimate()?;
+        let gain = self.gradient().dot(&delta);
+        let px = libm::sqrt(delta.dot(&(self.spread * delta)).max(0.0) / self.blobs.max(1.0));
+        if gain < k::KNOCK_GAIN || px < k::KNOCK_LEAST_PX {
+            return None;
+        }
+        let mut agreeing = 0;
+        for (body, share) in self.bodies.iter().enumerate().rev() {
+            let expected = delta.dot(&(share.information * delta));
+            // The decrease of this body's χ² alone.
+            let gained = 2.0 * share.gradient.dot(&delta) - expected;
+            let agrees = gained > 0.5 * expected;
+            // An instrument that follows the camera denies what moved it; the eye's centre cannot move.
+            if body == EYE && agrees && gained > k::KNOCK_GAIN {
+                return Some(Verdict { gain, px });
+            }
+            if expected > k::KNOCK_BODY_GAIN {
+                if !agrees {
+                    return None;
+                }
+                agreeing += 1;
+            }
+        }
+        (agreeing >= 2).then_some(Verdict { gain, px })
+    }
+}
+
+const _: () = assert!(size_of::<CameraJacobian>() == 96);

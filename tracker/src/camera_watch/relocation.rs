@@ -1,0 +1,144 @@
+//! Where a camera stands, from what it sees of markers whose places the other cameras tell: Gauss and
+//! Newton's iteration over the newest fields, one step with every field, weighted by Cauchy's function.
+
+use super::{jacobian, moved, sighting, solve};
+use crate::associate::{AssociationInput, PredictedBody};
+use crate::constants as k;
+use crate::observation::{FieldObservation, camera_of};
+use crate::pose_math::{Matrix6, Vector6, propagated};
+use crate::projection::PoseMatrix;
+use nalgebra::{Point3, Rotation3, Vector2, Vector3};
+use protocol::camera::Camera;
+use protocol::limits::{BODIES, MAX_MARKERS};
+use std::collections::VecDeque;
+
+/// A marker's visible centre in the world, mm, and the blob of it, px.
+type Sighting = (Point3<f64>, Vector2<f64>);
+
+/// The estimation of one camera.
+#[derive(Debug, Clone)]
+pub struct Relocation {
+    sightings: VecDeque<Sighting>,
+    estimate: Option<Camera>,
+    /// Fields taken, and those that are wanted.
+    fields: u64,
+    wanted: u64,
+    /// Mean offsets of the newest fields from where the estimate had them, px.
+    offsets: VecDeque<Vector2<f64>>,
+    complained: bool,
+}
+
+impl Default for Relocation {
+    fn default() -> Self {
+        Relocation {
+            sightings: VecDeque::with_capacity(k::RELOCATION_SIGHTINGS),
+            estimate: None,
+            fields: 0,
+            wanted: 0,
+            offsets: VecDeque::with_capacity(k::RELOCATION_CHECKED),
+            complained: false,
+        }
+    }
+}
+
+impl Relocation {
+    /// Starts anew; `wanted` fields are needed.
+    pub fn begin(&mut self, wanted: u64) {
+        self.sightings.clear();
+        self.offsets.clear();
+        (self.estimate, self.fields, self.wanted, self.complained) = (None, 0, wanted, false);
+    }
+
+    /// Takes a field of the camera, and improves the estimate by one step.
+    pub fn collect(
+        &mut self,
+        input: &AssociationInput<'_>,
+        field: &FieldObservation,
+        bodies: &[Option<PredictedBody>; BODIES],
+    ) {
+        let Some(calibrated) = camera_of(input.rig, field) else { return };
+        let camera = self.estimate.get_or_insert_with(|| calibrated.clone()).clone();
+        let known = self.offsets.len() == k::RELOCATION_CHECKED;
+        let reach = if known { k::RELOCATION_REACH_PX } else { k::KNOCK_REACH_PX };
+        let scale = input.area_scales[field.camera];
+        let mut seen = [Vector2::zeros(); BODIES * MAX_MARKERS];
+        let mut count = 0;
+        for (body, placed) in bodies.iter().enumerate() {
+            let Some(placed) = placed else { continue };
+            let pose = propagated(&placed.pose, &placed.motion, input.dt_s(field));
+            let pose = PoseMatrix::from(&pose);
+            for s in sighting::of_body(input.rig, body, &pose, &camera, field, scale, reach) {
+                push(&mut self.sightings, (s.image.point, s.image.pixel + s.offset), k::RELOCATION_SIGHTINGS);
+                seen[count] = s.offset;
+                count += 1;
+            }
+        }
+        if count >= k::KNOCK_JUMP_MARKERS {
+            push(&mut self.offsets, median(&mut seen[..count]), k::RELOCATION_CHECKED);
+            self.fields += 1;
+        }
+        self.improve(&camera, calibrated);
+    }
+
+    fn improve(&mut self, camera: &Camera, calibrated: &Camera) {
+        let mut information = Matrix6::zeros();
+        // Held weakly to where the rig has it.
+        let mut gradient = -between(calibrated, camera);
+        for (point, seen) in &self.sightings {
+            let images = camera.project(point).zip(camera.projection_jacobian(point));
+            let Some((pixel, by_point)) = images else { continue };
+            let (r, a) = (seen - pixel, jacobian(camera, &by_point, point));
+            let scale = k::RELOCATION_SCALE_PX;
+            let weight = k::KNOCK_WEIGHT / (1.0 + r.norm_squared() / (scale * scale));
+            information += a.transpose() * a * weight;
+            gradient += a.transpose() * r * weight;
+        }
+        if let Some(delta) = solve(&information, &gradient) {
+            self.estimate = Some(moved(camera, &delta));
+        }
+    }
+
+    /// The camera, once enough fields agree on it.
+    pub fn place(&self) -> Option<Camera> {
+        let enough = self.fields >= self.wanted && self.offsets.len() == k::RELOCATION_CHECKED;
+        let mean = self.offsets.iter().sum::<Vector2<f64>>() / self.offsets.len().max(1) as f64;
+        let half = self.offsets.len() / 2;
+        let part = |from: usize, to: usize| {
+            self.offsets.range(from..to).sum::<Vector2<f64>>() / (to - from).max(1) as f64
+        };
+        let steady =
+            half > 0 && (part(0, half) - part(half, self.offsets.len())).norm() < k::RELOCATION_STEADY_PX;
+        (enough && steady && mean.norm() < k::RELOCATION_STEADY_PX).then(|| self.estimate.clone()).flatten()
+    }
+
+    /// True once: nobody was told yet.
+    pub fn complain(&mut self) -> bool {
+        !std::mem::replace(&mut self.complained, true)
+    }
+}
+
+/// The turn and shift that lead from one camera to another, in units of the prior.
+fn between(from: &Camera, to: &Camera) -> Vector6 {
+    let turn = Rotation3::from_matrix_unchecked(to.camera_from_world * from.camera_from_world.transpose());
+    let shift = to.translation_mm - turn * from.translation_mm;
+    let turn: Vector3<f64> = turn.scaled_axis() / k::KNOCK_TURN_RAD;
+    let shift = shift / k::KNOCK_SHIFT_MM;
+    Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z)
+}
+
+/// Median of the offsets, by component.
+fn median(seen: &mut [Vector2<f64>]) -> Vector2<f64> {
+    let mut of = |axis: usize| {
+        seen.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
+        seen[seen.len() / 2][axis]
+    };
+    Vector2::new(of(0), of(1))
+}
+
+/// Adds a value to a ring.
+fn push<T>(ring: &mut VecDeque<T>, value: T, capacity: usize) {
+    if ring.len() == capacity {
+        ring.pop_front();
+    }
+    ring.push_back(value);
+}

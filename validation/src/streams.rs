@@ -1,0 +1,210 @@
+//! Streams of marker blobs with truth, drawn from a seed: hands with tremor, a turning eye, and what
+//! the cameras of a rig see of their markers. No code is shared with the tracker but the camera model,
+//! so that a tracker that is tuned on some seeds can be judged by others.
+//!
+//! | scenario | cameras | tremor, µm per axis | besides |
+//! |---|---|---|---|
+//! | `nominal` | genlocked | 37, 8 to 12 Hz | markers hide each other |
+//! | `async` | each with a clock of its own | 37, 8 to 12 Hz | as nominal |
+//! | `tremor` | each with a clock of its own | 65, 6 to 14 Hz | as nominal |
+//! | `hard` | each with a clock of its own | 65, 8 to 12 Hz | lost fields, a camera that fails for a second, false blobs, an instrument that is taken out and put back |
+//!
+//! A camera can be [`Knock`]ed at any instant; the rig that is told stays as it was.
+
+pub mod motion;
+pub mod score;
+mod sight;
+
+use motion::Motion;
+use nalgebra::{Rotation3, Vector3};
+use protocol::blobs::{Blob, BlobField, Colour};
+use protocol::camera::Camera;
+use protocol::random::Random;
+use protocol::rig::Rig;
+
+/// A kind of stream.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum Scenario {
+    Nominal,
+    Async,
+    Tremor,
+    Hard,
+}
+
+impl Scenario {
+    /// Every one.
+    pub const ALL: [Scenario; 4] = [Scenario::Nominal, Scenario::Async, Scenario::Tremor, Scenario::Hard];
+
+    /// As in the table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Scenario::Nominal => "nominal",
+            Scenario::Async => "async",
+            Scenario::Tremor => "tremor",
+            Scenario::Hard => "hard",
+        }
+    }
+}
+
+/// How a camera moves against the rig that is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knock {
+    /// Id of the camera.
+    pub camera: u32,
+    /// From this instant on, s.
+    pub at_s: f64,
+    /// Turn in the camera's frame, rad (axis times angle).
+    pub turn: Vector3<f64>,
+    /// Shift in the camera's frame, mm.
+    pub shift_mm: Vector3<f64>,
+    /// True if it grows from there on, by that much a second.
+    pub goes_on: bool,
+}
+
+impl Knock {
+    /// The camera at an instant.
+    fn moved(&self, camera: &Camera, t_s: f64) -> Camera {
+        let since = t_s - self.at_s;
+        let share = if since < 0.0 {
+            0.0
+        } else if self.goes_on {
+            since
+        } else {
+            1.0
+        };
+        let turn = Rotation3::new(self.turn * share);
+        Camera {
+            camera_from_world: turn.matrix() * camera.camera_from_world,
+            translation_mm: turn * camera.translation_mm + self.shift_mm * share,
+            ..camera.clone()
+        }
+    }
+}
+
+/// What to draw.
+#[derive(Debug, Clone)]
+pub struct Recipe {
+    /// Kind.
+    pub scenario: Scenario,
+    /// Seed of everything.
+    pub seed: u64,
+    /// Length, s.
+    pub seconds: f64,
+    /// Cameras that were moved.
+    pub knocks: Vec<Knock>,
+}
+
+/// A stream, its truth, and the rig as it is told.
+pub struct Stream {
+    /// The rig; moved cameras stand where they stood.
+    pub rig: Rig,
+    /// Fields in the order in which they arrive.
+    pub fields: Vec<BlobField>,
+    /// Where everything was.
+    pub motion: Motion,
+}
+
+/// First exposure, ns.
+const BEGIN_NS: f64 = 47e6;
+/// From the middle of an exposure to the arrival of the blobs, ns.
+const DELAY_NS: (f64, f64) = (24.0e6, 24.4e6);
+/// Jitter of exposures, ns.
+const JITTER_NS: f64 = 45e3;
+
+/// Fields that a camera does not send.
+struct Losses {
+    share: f64,
+    /// First and last of a stretch.
+    outages: Vec<[u64; 2]>,
+}
+
+impl Losses {
+    fn draw(scenario: Scenario, fields: u64, failing: bool, random: &mut Random) -> Self {
+        let mut outages = Vec::new();
+        let mut outage = |length: u64, random: &mut Random| {
+            let first = random.below(fields.max(1) as usize) as u64;
+            outages.push([first, first + length]);
+        };
+        if scenario == Scenario::Hard {
+            for _ in 0..fields / 350 + 1 {
+                outage(5 + random.below(5) as u64, random);
+            }
+            if failing {
+                outage(75, random);
+            }
+        }
+        Losses { share: if scenario == Scenario::Hard { 0.012 } else { 0.005 }, outages }
+    }
+
+    fn has(&self, field: u64, random: &mut Random) -> bool {
+        let alone = random.uniform() < self.share;
+        alone || self.outages.iter().any(|[first, last]| (*first..*last).contains(&field))
+    }
+}
+
+impl Recipe {
+    /// Draws the stream on a rig.
+    pub fn draw(&self, rig: &Rig) -> Stream {
+        let hard = self.scenario == Scenario::Hard;
+        let motion = Motion::draw(self.scenario, rig, self.seconds, self.seed);
+        let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
+        let period = rig.field_period_ns() as f64;
+        let count = (self.seconds * 1e9 / period) as u64;
+        let mut fields = Vec::new();
+        for (n, camera) in rig.cameras().iter().enumerate() {
+            let mut random = Random::new(self.seed, 100 + u64::from(camera.id));
+            let losses = Losses::draw(self.scenario, count, hard && failing == camera.id, &mut random);
+            let (phase, rate) = match self.scenario {
+                Scenario::Nominal => (0.0, 1.0),
+                _ => (
+                    period * (n as f64 + random.between(-0.2, 0.2)) / rig.cameras.len() as f64,
+                    1.0 + 1e-5 * random.between(-1.0, 1.0),
+                ),
+            };
+            for field in 0..count {
+                let exposed = BEGIN_NS + phase + period * rate * field as f64 + JITTER_NS * random.normal();
+                let lost = losses.has(field, &mut random);
+                let arrives = exposed + random.between(DELAY_NS.0, DELAY_NS.1);
+                let t_s = exposed * 1e-9;
+                if lost || t_s > self.seconds {
+                    continue;
+                }
+                let knock = self.knocks.iter().filter(|k| k.camera == camera.id);
+                let seen_by = knock.fold(camera.clone(), |c, k| k.moved(&c, t_s));
+                let mut seen: BlobField = bytemuck::Zeroable::zeroed();
+                (seen.field, seen.camera, seen.parity) = (field, camera.id, ((field + n as u64) % 2) as u32);
+                (seen.exposed_ns, seen.read_out_ns) = (exposed as u64, arrives as u64);
+                seen.blobs_out_ns = arrives as u64;
+                sight::see(rig, &seen_by, &motion.at(t_s), &mut seen, &mut random);
+                if hard {
+                    false_blobs(&mut seen, camera, &mut random);
+                }
+                fields.push(seen);
+            }
+        }
+        fields.sort_by_key(|f| (f.blobs_out_ns, f.camera));
+        Stream { rig: rig.clone(), fields, motion }
+    }
+}
+
+/// Reflections: smaller blobs of a marker's colour, anywhere, 2 a field.
+fn false_blobs(field: &mut BlobField, camera: &Camera, random: &mut Random) {
+    const COLOURS: [Colour; 5] = [Colour::Red, Colour::Yellow, Colour::Green, Colour::Cyan, Colour::Blue];
+    for _ in 0..4 {
+        if random.once_in(2) {
+            continue;
+        }
+        let [w, h] = camera.size_px.map(f64::from);
+        let area = random.between(12.0, 70.0);
+        let width = libm::sqrt(area * 8.0 / std::f64::consts::PI);
+        field.push(Blob {
+            x_px: random.between(5.0, w - 5.0),
+            y_field_px: random.between(3.0, h / 2.0 - 3.0),
+            ..sight::blob(random.one_of(&COLOURS), area, width)
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,152 @@
+//! Where hands and eye are at every instant: sums of sines drawn from a seed.
+
+use super::Scenario;
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use protocol::limits::{BODIES, INSTRUMENTS};
+use protocol::poses::BODY_NAMES;
+use protocol::random::Random;
+use protocol::rig::Rig;
+use std::f64::consts::TAU;
+
+/// Truth of an instant.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed {
+    /// `world_from_body` of the instruments and the eye.
+    pub bodies: [Isometry3<f64>; BODIES],
+    /// False for an instrument that is out of the eye.
+    pub present: [bool; BODIES],
+}
+
+/// A sum of sines.
+#[derive(Debug, Clone)]
+struct Waves(Vec<[f64; 3]>);
+
+impl Waves {
+    /// Frequencies in a band (Hz), with this root mean square together.
+    fn draw(count: usize, band_hz: [f64; 2], rms: f64, random: &mut Random) -> Self {
+        let amplitudes: Vec<f64> = (0..count).map(|_| random.between(0.4, 1.0)).collect();
+        let power: f64 = amplitudes.iter().map(|a| 0.5 * a * a).sum();
+        let scale = rms / libm::sqrt(power);
+        let wave = |a: f64| [scale * a, TAU * random.between(band_hz[0], band_hz[1]), TAU * random.uniform()];
+        Waves(amplitudes.into_iter().map(wave).collect())
+    }
+
+    fn at(&self, t_s: f64) -> f64 {
+        self.0.iter().map(|[amplitude, rate, phase]| amplitude * libm::sin(rate * t_s + phase)).sum()
+    }
+}
+
+fn vector(waves: &[Waves; 3], t_s: f64) -> Vector3<f64> {
+    Vector3::from_fn(|i, _| waves[i].at(t_s))
+}
+
+/// A hand with its instrument.
+#[derive(Debug, Clone)]
+struct Hand {
+    trocar: Vector3<f64>,
+    centre: Vector3<f64>,
+    wanted: [Waves; 3],
+    tremor: [Waves; 3],
+    play: [Waves; 3],
+    roll: Waves,
+    /// When it is taken out and put back, s.
+    out_s: Option<[f64; 2]>,
+}
+
+/// Hands and eye.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    hands: [Hand; INSTRUMENTS],
+    eye: [Waves; 3],
+}
+
+/// Depth of a tip outside of the trocar, mm.
+const OUTSIDE_MM: f64 = 4.0;
+/// Time to take an instrument out or put it in, s.
+const WITHDRAWN_S: f64 = 0.5;
+
+impl Motion {
+    /// Draws them.
+    pub fn draw(scenario: Scenario, rig: &Rig, seconds: f64, seed: u64) -> Self {
+        let random = &mut Random::new(seed, 0);
+        let eye =
+            std::array::from_fn(|i| Waves::draw(3, [0.05, 0.22], if i == 2 { 0.03 } else { 0.11 }, random));
+        let out_at = random.between(0.25, 0.7) * seconds;
+        let out_for = random.between(1.4, 2.4);
+        let taken_out = random.below(INSTRUMENTS);
+        let hands = std::array::from_fn(|i| {
+            let mut hand = Hand::draw(scenario, rig, i, random);
+            if scenario == Scenario::Hard && taken_out == i {
+                hand.out_s = Some([out_at, out_at + out_for]);
+            }
+            hand
+        });
+        Motion { hands, eye }
+    }
+
+    /// Everything at an instant.
+    pub fn at(&self, t_s: f64) -> Placed {
+        let eye = Rotation3::new(vector(&self.eye, t_s));
+        let mut placed = Placed { bodies: [Isometry3::identity(); BODIES], present: [true; BODIES] };
+        for (i, hand) in self.hands.iter().enumerate() {
+            (placed.bodies[i], placed.present[i]) = hand.at(&eye, t_s);
+        }
+        placed.bodies[INSTRUMENTS].rotation = UnitQuaternion::from_rotation_matrix(&eye);
+        placed
+    }
+}
+
+impl Hand {
+    fn draw(scenario: Scenario, rig: &Rig, i: usize, random: &mut Random) -> Self {
+        let (band, tremor_mm) = match scenario {
+            Scenario::Nominal | Scenario::Async => ([8.0, 12.0], 0.037),
+            Scenario::Tremor => ([6.0, 14.0], 0.065),
+            Scenario::Hard => ([8.0, 12.0], 0.065),
+        };
+        let side = if i == 0 { 1.0 } else { -1.0 };
+        let trocar = rig.trocar(BODY_NAMES[i]).map_or([8.0 * side, 4.5, 7.9], |t| t.p_eye);
+        let sigma = rig.trocar(BODY_NAMES[i]).map_or(0.05, |t| t.sigma);
+        let three = |count, band, rms: f64, random: &mut Random| {
+            std::array::from_fn(|_| Waves::draw(count, band, rms, random))
+        };
+        Hand {
+            trocar: trocar.into(),
+            centre: Vector3::new(
+                side * random.between(0.5, 2.0),
+                random.between(-1.0, 2.0),
+                random.between(-5.0, -3.0),
+            ),
+            wanted: three(4, [0.06, 0.45], 1.9, random),
+            tremor: three(24, band, tremor_mm, random),
+            play: three(3, [0.1, 0.7], sigma / 1.5, random),
+            roll: Waves::draw(3, [0.06, 0.3], random.between(0.3, 0.6), random),
+            out_s: None,
+        }
+    }
+
+    /// Its pose, and whether its tip is in the eye.
+    fn at(&self, eye: &Rotation3<f64>, t_s: f64) -> (Isometry3<f64>, bool) {
+        let tip = self.centre + vector(&self.wanted, t_s) + vector(&self.tremor, t_s);
+        let pivot = eye * self.trocar + vector(&self.play, t_s);
+        let outward = pivot - tip;
+        let z = outward.normalize();
+        let x = (Vector3::x() - z * z.x).normalize();
+        let turn = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]))
+            * Rotation3::from_axis_angle(&Vector3::z_axis(), self.roll.at(t_s));
+        let out = self.out_s.map_or(0.0, |[from, to]| {
+            smooth((t_s - from) / WITHDRAWN_S).min(1.0 - smooth((t_s - to) / WITHDRAWN_S))
+        });
+        let withdrawn = (outward.norm() + OUTSIDE_MM) * out;
+        let pose = Isometry3::from_parts(
+            Translation3::from(tip + z * withdrawn),
+            UnitQuaternion::from_rotation_matrix(&turn),
+        );
+        (pose, withdrawn < outward.norm() - 1.5)
+    }
+}
+
+/// From 0 to 1 with a continuous acceleration.
+fn smooth(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * x * (10.0 - x * (15.0 - 6.0 * x))
+}

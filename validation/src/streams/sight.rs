@@ -1,0 +1,177 @@
+//! What a camera sees of the markers: discs that shafts and nearer markers hide in part, merged where
+//! they are of one colour and touch, with noise that falls with the root of the area.
+
+use super::motion::Placed;
+use nalgebra::{Point3, Vector2, Vector3};
+use protocol::blobs::{Blob, BlobField, Colour};
+use protocol::camera::Camera;
+use protocol::poses::BODY_NAMES;
+use protocol::random::Random;
+use protocol::rig::{BodyType, Rig};
+use std::f64::consts::PI;
+
+/// Standard deviation of a column and of a frame's line for an area of 1 px of the field, px.
+const NOISE_PX: [f64; 2] = [0.61, 1.23];
+/// Relative noise of an area.
+const AREA_NOISE: f64 = 0.012;
+/// Points of a disc by which hidden parts are found.
+const POINTS: usize = 160;
+/// Share of a disc below which nothing is found of it.
+const LEAST_SEEN: f64 = 0.12;
+
+/// Image of a marker.
+struct Disc {
+    body: usize,
+    centre: Vector2<f64>,
+    /// Half axes, px of the frame.
+    radii: Vector2<f64>,
+    depth: f64,
+    colour: Colour,
+}
+
+/// Image of a shaft.
+struct Shaft {
+    body: usize,
+    from: Vector2<f64>,
+    along: Vector2<f64>,
+    length: f64,
+    /// Half width and depth at both ends.
+    half: [f64; 2],
+    depth: [f64; 2],
+}
+
+impl Disc {
+    /// True if it hides a point of another disc.
+    fn hides(&self, p: &Vector2<f64>, depth: f64) -> bool {
+        self.depth < depth && (p - self.centre).component_div(&self.radii).norm_squared() < 1.0
+    }
+}
+
+impl Shaft {
+    fn hides(&self, p: &Vector2<f64>, depth: f64) -> bool {
+        let off = p - self.from;
+        let along = off.dot(&self.along);
+        if !(0.0..self.length).contains(&along) {
+            return false;
+        }
+        let share = along / self.length;
+        let mix = |ends: &[f64; 2]| ends[0] + (ends[1] - ends[0]) * share;
+        mix(&self.depth) < depth && off.perp(&self.along).abs() < mix(&self.half)
+    }
+}
+
+/// A blob without place: two thirds of its box's width high in lines of the field.
+pub(super) fn blob(colour: Colour, area_px: f64, width_px: f64) -> Blob {
+    Blob {
+        area_px,
+        width_px,
+        height_px: 0.546 * width_px,
+        var_x_px2: protocol::blobs::DEFAULT_VARIANCE_PX2,
+        var_y_px2: protocol::blobs::DEFAULT_VARIANCE_PX2,
+        colour: colour as u32,
+        ..bytemuck::Zeroable::zeroed()
+    }
+}
+
+/// Adds the blobs of all markers.
+pub(super) fn see(rig: &Rig, camera: &Camera, placed: &Placed, field: &mut BlobField, random: &mut Random) {
+    let (discs, shafts) = images(rig, camera, placed);
+    let mut blobs: Vec<(Vector2<f64>, f64, Vector2<f64>, Colour)> = Vec::new();
+    for (i, disc) in discs.iter().enumerate() {
+        let (mut sum, mut seen) = (Vector2::zeros(), 0);
+        let mut low = Vector2::repeat(f64::MAX);
+        let mut high = Vector2::repeat(f64::MIN);
+        for k in 0..POINTS {
+            // A spiral of equal areas (Vogel 1979).
+            let r = libm::sqrt((k as f64 + 0.5) / POINTS as f64);
+            let (s, c) = libm::sincos(2.399_963_229_728_653 * k as f64);
+            let p = disc.centre + disc.radii.component_mul(&Vector2::new(r * c, r * s));
+            let by_disc =
+                |(j, o): (usize, &Disc)| j != i && o.colour != disc.colour && o.hides(&p, disc.depth);
+            let hidden = discs.iter().enumerate().any(by_disc)
+                || shafts.iter().any(|s| s.body != disc.body && s.hides(&p, disc.depth));
+            if !hidden {
+                (sum, seen) = (sum + p, seen + 1);
+                (low, high) = (low.inf(&p), high.sup(&p));
+            }
+        }
+        let share = f64::from(seen) / POINTS as f64;
+        let inside =
+            disc.centre.iter().zip(camera.size_px).all(|(v, n)| (2.0..f64::from(n) - 2.0).contains(v));
+        if share > LEAST_SEEN && inside {
+            let centre = if seen as usize == POINTS { disc.centre } else { sum / f64::from(seen) };
+            let size = if seen as usize == POINTS { disc.radii * 2.0 } else { high - low };
+            blobs.push((centre, share * 0.5 * PI * disc.radii.x * disc.radii.y, size, disc.colour));
+        }
+    }
+    merge(&mut blobs);
+    for (centre, area, size, colour) in blobs {
+        let noise = NOISE_PX.map(|n| n * random.normal() / libm::sqrt(area.max(1.0)));
+        field.push(Blob {
+            x_px: centre.x + noise[0],
+            y_field_px: (centre.y + noise[1] - f64::from(field.parity)) / 2.0,
+            height_px: 0.5 * size.y,
+            ..blob(colour, area * (1.0 + AREA_NOISE * random.normal()), size.x)
+        });
+    }
+}
+
+/// Discs of one colour that touch become one.
+fn merge(blobs: &mut Vec<(Vector2<f64>, f64, Vector2<f64>, Colour)>) {
+    let mut i = 0;
+    while i < blobs.len() {
+        let touching = (i + 1..blobs.len()).find(|&j| {
+            let (a, b) = (&blobs[i], &blobs[j]);
+            a.3 == b.3 && (a.0 - b.0).component_div(&((a.2 + b.2) * 0.5)).norm() < 1.0
+        });
+        let Some(j) = touching else {
+            i += 1;
+            continue;
+        };
+        let b = blobs.remove(j);
+        let a = &mut blobs[i];
+        let area = a.1 + b.1;
+        let reach = (a.0 - b.0).abs() + (a.2 + b.2) * 0.5;
+        (a.0, a.1, a.2) = ((a.0 * a.1 + b.0 * b.1) / area, area, reach);
+    }
+}
+
+fn images(rig: &Rig, camera: &Camera, placed: &Placed) -> (Vec<Disc>, Vec<Shaft>) {
+    let (mut discs, mut shafts) = (Vec::new(), Vec::new());
+    for (body, name) in BODY_NAMES.iter().enumerate() {
+        let Some(own) = rig.body(name) else { continue };
+        let pose = &placed.bodies[body];
+        for marker in &own.markers {
+            let p = pose * Point3::from(Vector3::from(marker.p));
+            let Some(centre) = camera.project(&p) else { continue };
+            let depth = camera.in_camera(&p).z;
+            discs.push(Disc {
+                body,
+                centre,
+                radii: camera.focal_px * (marker.r / depth),
+                depth,
+                colour: marker.colour,
+            });
+        }
+        if own.kind == BodyType::Instrument {
+            shafts.extend(shaft(camera, pose, own.shaft_r.unwrap_or(0.25), body));
+        }
+    }
+    (discs, shafts)
+}
+
+fn shaft(camera: &Camera, pose: &nalgebra::Isometry3<f64>, radius: f64, body: usize) -> Option<Shaft> {
+    // As much of it as lies in the eye.
+    let ends = [0.0, 22.0].map(|z| pose * Point3::new(0.0, 0.0, z));
+    let pixels = [camera.project(&ends[0])?, camera.project(&ends[1])?];
+    let depth = ends.map(|p| camera.in_camera(&p).z);
+    let between = pixels[1] - pixels[0];
+    Some(Shaft {
+        body,
+        from: pixels[0],
+        along: between.try_normalize(1e-6)?,
+        length: between.norm(),
+        half: depth.map(|d| camera.focal_px.y * radius / d),
+        depth,
+    })
+}
