@@ -84,6 +84,9 @@ pub struct Tracking {
     period_ns: Nanos,
     long: Long,
     dissenter: Option<Dissenter>,
+    /// Cameras that the tracker leaves out, and that it uses where it found them.
+    left_out: u32,
+    estimated: u32,
     findings: Vec<Finding>,
 }
 
@@ -131,6 +134,8 @@ impl Tracking {
             period_ns: 0,
             long: Long::default(),
             dissenter: None,
+            left_out: 0,
+            estimated: 0,
             findings: Vec::new(),
         }
     }
@@ -149,6 +154,9 @@ impl Tracking {
     pub fn note_frame(&mut self, frame: &TrackerFrame) -> bool {
         self.total.note(frame);
         self.period.note(frame);
+        // One that was back before the period was over is told too.
+        self.left_out |= frame.cameras_left_out;
+        self.estimated = frame.cameras_estimated;
         let exposed = frame.instants.exposed;
         if self.period_ns == 0 {
             self.period_ns = exposed;
@@ -161,7 +169,7 @@ impl Tracking {
         if self.period.frames >= ENOUGH_FRAMES {
             self.findings = self.judge();
         }
-        (self.period, self.period_ns) = (Counts::default(), exposed);
+        (self.period, self.period_ns, self.left_out) = (Counts::default(), exposed, 0);
         true
     }
 
@@ -215,7 +223,15 @@ impl Tracking {
         for &id in &self.cameras {
             let seen = self.period.cameras.get(&id).copied().unwrap_or_default();
             let own = ratio(seen.used, seen.blobs);
-            if let Some(d) = self.dissenter.filter(|d| d.camera == id) {
+            let is_in = |set: u32| set.checked_shr(id).unwrap_or(0) & 1 == 1;
+            if is_in(self.left_out) {
+                let what = format!("bad calibration of camera {id}: it is left out");
+                found.push(finding(id, what, MOVED, FASTEN));
+            } else if is_in(self.estimated) {
+                let what =
+                    format!("camera {id} is used where the others see it, not where the rig file has it");
+                found.push(finding(id, what, MOVED, RECALIBRATE));
+            } else if let Some(d) = self.dissenter.filter(|d| d.camera == id) {
                 let what = format!(
                     "camera {id} agrees with no other camera: it is off by {:.1} px or more",
                     d.off_px
@@ -267,6 +283,7 @@ pub fn untracked(body: &str, share: f64, asserted: f64) -> String {
 const MOVED: &str = "it was moved or refocused, or the rig file is of other cameras";
 const RECALIBRATE: &str =
     "record while both instruments are waved, then: vitreo calibrate waved RECORDING.mcap -o new-rig.json";
+const FASTEN: &str = "fasten it; it is placed anew from the others within seconds, then calibrate anew";
 const SILENT: &str = "it is switched off or unplugged, or its driver has ended";
 const CHECK_CABLE: &str = "check power and cable; vitreo doctor lists the cameras";
 const DARK: &str = "its lens is covered, its picture too dark, or the colours are not those of the markers";
@@ -374,6 +391,21 @@ mod tests {
         assert_eq!(told(10), Vec::<String>::new());
         let long = told(40);
         assert!(long.len() == 1 && long[0].contains("inst1 leaves 0.9"), "{long:?}");
+    }
+
+    #[test]
+    fn a_camera_that_the_tracker_leaves_out_or_placed_anew_is_told() {
+        let told = |left_out, estimated| {
+            let mut tracking = Tracking::new(&Rig::load_or_shipped(None).unwrap());
+            for n in 0..=100 {
+                let (cameras_left_out, cameras_estimated) = (left_out, estimated);
+                let frame = frame(n, ALL_TRACKED, 0.08);
+                tracking.note_frame(&TrackerFrame { cameras_left_out, cameras_estimated, ..frame });
+            }
+            tracking.findings().iter().map(Finding::text).collect::<Vec<String>>()[1].clone()
+        };
+        assert!(told(0b010, 0).contains("bad calibration of camera 1"), "{}", told(0b010, 0));
+        assert!(told(0, 0b010).contains("camera 1 is used where the others see it"), "{}", told(0, 0b010));
     }
 
     #[test]

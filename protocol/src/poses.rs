@@ -210,6 +210,13 @@ pub struct TrackerFrame {
     /// Instruments 0 and 1, then the eye.
     #[wire(tag = 9)]
     pub bodies: [BodyState; BODIES],
+    /// Set of the cameras (a bit each, by id) that were moved, so that their blobs are not used.
+    #[wire(tag = 10)]
+    pub cameras_left_out: u32,
+    /// Set of the cameras that are used where they were estimated to stand, not where the rig file has
+    /// them.
+    #[wire(tag = 11)]
+    pub cameras_estimated: u32,
 }
 
 impl TrackerFrame {

@@ -146,7 +146,9 @@ fn read_plain<T: Pod>(from: &mut impl Read) -> std::io::Result<T> {
 mod tests {
     use super::*;
     use crate::geometry::Pose;
+    use crate::poses::BodyState;
     use bytemuck::Zeroable;
+    use std::mem::offset_of;
 
     fn poses(frame: u64) -> TrackerFrame {
         let mut poses = TrackerFrame { frame, ..TrackerFrame::zeroed() };
@@ -193,7 +195,8 @@ mod tests {
         let header_at = NAME.len() + size_of_val(&SCHEMAS);
         let poses_at = header_at + size_of::<SceneHeader>();
         let length_at = poses_at + size_of::<TrackerFrame>();
-        for (at, told) in [(length_at + 7, "bytes"), (length_at - 13, "TrackerFrame")] {
+        let validity_at = poses_at + offset_of!(TrackerFrame, bodies) + offset_of!(BodyState, validity);
+        for (at, told) in [(length_at + 7, "bytes"), (validity_at, "TrackerFrame")] {
             let mut bent = bytes.clone();
             bent[at] = 0xff;
             let problem = Reader::new(&bent[..]).unwrap().next_scene().unwrap_err().to_string();

@@ -147,7 +147,9 @@ mod tests {
                 let theirs = messages(&schema.data);
                 let same = theirs.iter().filter(|(name, _)| &name[..] != DIVIDED);
                 for (name, message) in same {
-                    assert!(ours.get(name) == Some(message), "{}", String::from_utf8_lossy(name));
+                    // Fields may have been added since, behind the former ones.
+                    let kept = ours.get(name).is_some_and(|own| own.starts_with(message));
+                    assert!(kept, "{}", String::from_utf8_lossy(name));
                 }
                 assert_eq!(ours.len(), theirs.len());
                 names.push(schema.name.clone());

@@ -88,8 +88,11 @@ pub enum Notice {
         /// Camera id.
         camera: usize,
     },
-    /// Cameras disagree, and no choice of one explains it.
-    Disagree,
+    /// Cameras disagree, and leaving out none of them helps.
+    Disagree {
+        /// Set of the cameras.
+        cameras: u32,
+    },
 }
 
 impl std::fmt::Display for Notice {
@@ -106,10 +109,15 @@ impl std::fmt::Display for Notice {
             Notice::Restless { camera } => {
                 write!(f, "camera {camera} goes on moving and stays left out: fasten it, then calibrate anew")
             }
-            Notice::Disagree => write!(
-                f,
-                "the cameras disagree, and leaving out none of them helps: more than one was moved; calibrate the rig anew"
-            ),
+            Notice::Disagree { cameras } => {
+                let ids: Vec<String> =
+                    (0..32).filter(|c| cameras & (1 << c) != 0).map(|c| c.to_string()).collect();
+                let ids = ids.join(", ");
+                write!(
+                    f,
+                    "cameras {ids} disagree, and leaving out none of them helps: more than one was moved; calibrate the rig anew"
+                )
+            }
         }
     }
 }
@@ -188,13 +196,14 @@ impl CameraWatch {
         input: &AssociationInput<'_>,
         predicted: &[Option<PredictedBody>; BODIES],
     ) -> u32 {
+        let rough = input.cameras & self.needed(input);
         let in_use = input.cameras & self.in_use();
         for field in input.fields().filter(|f| in_use & (1 << f.camera) != 0) {
             let px = jump::of_field(input, field, predicted);
             self.jumps[field.camera] = px.map(|px| Jump { at_ns: input.time_ns, px });
         }
-        let mut admitted = in_use;
-        for camera in (0..MAX_CAMERAS).filter(|c| in_use & (1 << c) != 0) {
+        let mut admitted = in_use | rough;
+        for camera in self.members(in_use) {
             let jump = self.jumps[camera].filter(|_| self.jumped_alone(camera, input.time_ns));
             if jump.is_some() {
                 admitted &= !(1 << camera);
@@ -209,55 +218,84 @@ impl CameraWatch {
         admitted
     }
 
+    /// Set of the cameras that are left out and serve nevertheless, because fewer than two others send
+    /// fields.
+    fn needed(&self, input: &AssociationInput<'_>) -> u32 {
+        let sends = |c: &usize| input.time_ns.saturating_sub(input.fields[*c].exposed_ns) < k::SILENT_NS;
+        if self.left_out() == 0
+            || self.trial.is_some()
+            || self.members(self.in_use()).filter(sends).count() >= 2
+        {
+            return 0;
+        }
+        let roughly = |c: &usize| self.relocations[*c].as_ref().is_some_and(|r| r.rough().is_some());
+        self.members(self.left_out()).filter(roughly).map(|c| 1 << c).sum()
+    }
+
     /// True if a camera alone jumped, so that it and not the prediction is wrong, and two others stay.
     fn jumped_alone(&self, camera: usize, time_ns: u64) -> bool {
         let others = self.in_use() & !(1 << camera);
         let jumped =
             |c: usize| self.jumps[c].is_some_and(|j| time_ns.saturating_sub(j.at_ns) < k::KNOCK_TOGETHER_NS);
-        others.count_ones() >= 2 && (0..MAX_CAMERAS).all(|c| others & (1 << c) == 0 || !jumped(c))
+        time_ns >= self.quiet_until_ns && others.count_ones() >= 2 && !self.members(others).any(jumped)
     }
 
     /// Adds what an update of a body says about the cameras.
     pub fn add(&mut self, input: &AssociationInput<'_>, update: &BodyUpdate) {
-        evidence::add(&mut self.evidence, input, update);
+        // What the filters have of the camera that was left out dies out first.
+        let settling = |t: Trial| input.time_ns.saturating_sub(t.since_ns) < k::KNOCK_SETTLE_NS;
+        if !self.trial.is_some_and(settling) {
+            evidence::add(&mut self.evidence, input, update);
+        }
     }
 
     /// Judges the evidence of the cameras in `group` (a set).
     pub fn judge(&mut self, group: u32, time_ns: u64) {
-        if self.trial.is_some_and(|t| time_ns.saturating_sub(t.since_ns) > k::KNOCK_TRIAL_NS) {
-            self.trial = None;
-        }
         if time_ns < self.quiet_until_ns {
             return;
         }
         let in_use = self.in_use();
-        let mut worst: Option<(usize, f64, f64)> = None;
-        for camera in (0..MAX_CAMERAS).filter(|c| in_use & group & (1 << c) != 0) {
-            if let Some(found) = self.evidence[camera].verdict() {
-                let gain = |c: usize| self.evidence[c].gain();
-                let most = (0..MAX_CAMERAS).filter(|c| in_use & (1 << c) != 0).all(|c| gain(c) <= found.gain);
-                if most && worst.is_none_or(|(_, gain, _)| gain < found.gain) {
-                    worst = Some((camera, found.gain, found.px));
+        let verdict = self.verdict(in_use, group);
+        match (self.trial, verdict) {
+            (None, Some((camera, px))) if in_use.count_ones() >= 3 => self.accuse(camera, px, time_ns),
+            (Some(trial), Some((_, px))) if in_use.count_ones() == 2 => {
+                self.try_another(trial, in_use, px, time_ns);
+            }
+            (Some(trial), None) if time_ns.saturating_sub(trial.since_ns) > k::KNOCK_TRIAL_NS => {
+                // Cameras that find no eye together do not agree; one that is silent says nothing.
+                if self.members(in_use).any(|c| self.evidence[c].misses_eye()) {
+                    self.try_another(trial, in_use, 0.0, time_ns);
+                } else {
+                    self.trial = None;
                 }
             }
-        }
-        let Some((camera, _, px)) = worst else { return };
-        match self.trial {
-            None if in_use.count_ones() >= 3 => self.accuse(camera, px, time_ns),
-            Some(trial) if in_use.count_ones() == 2 => self.try_another(trial, in_use, px, time_ns),
             _ => {}
         }
+    }
+
+    /// Of the cameras in use the one that was moved, with the shift of its picture, px: that without
+    /// which most is explained, once it has come in `group`.
+    fn verdict(&self, in_use: u32, group: u32) -> Option<(usize, f64)> {
+        let gains = self.members(in_use).map(|c| (c, self.evidence[c].gain()));
+        let (camera, _) = gains.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let px = self.evidence[camera].verdict().filter(|_| group & (1 << camera) != 0)?;
+        Some((camera, px))
+    }
+
+    /// Ids of a set of cameras.
+    fn members(&self, set: u32) -> impl Iterator<Item = usize> + use<> {
+        (0..MAX_CAMERAS).filter(move |c| set & (1 << c) != 0)
     }
 
     /// The cameras that stayed disagree: the one that is left out was the wrong one.
     fn try_another(&mut self, trial: Trial, in_use: u32, px: f64, time_ns: u64) {
         self.standing[trial.camera] = Standing::Trusted;
-        let untried = (0..MAX_CAMERAS).find(|c| in_use & !trial.tried & (1 << c) != 0);
+        let untried = self.members(in_use & !trial.tried).next();
         let Some(next) = untried else {
             self.trial = None;
             self.clear_evidence();
             self.quiet_until_ns = time_ns + k::KNOCK_QUIET_NS;
-            self.notice = Some(Notice::Disagree);
+            self.notice = Some(Notice::Disagree { cameras: self.in_use() });
             return;
         };
         let tried = trial.tried | 1 << next;
@@ -285,7 +323,8 @@ impl CameraWatch {
     }
 
     /// Collects what the cameras that are left out see in a group, and takes back one whose place is
-    /// known; it is returned with where it stands. The bodies are where the other cameras see them.
+    /// known. Returns where one of them stands, as far as that is known. The bodies are where the other
+    /// cameras see them.
     pub fn relocate(
         &mut self,
         input: &AssociationInput<'_>,
@@ -296,18 +335,23 @@ impl CameraWatch {
             let camera = field.camera;
             let Standing::LeftOut { since_ns } = self.standing[camera] else { continue };
             let since_ns = input.time_ns.saturating_sub(since_ns);
-            let Some(relocation) = &mut self.relocations[camera] else { continue };
+            let (Some(relocation), Some(calibrated)) =
+                (&mut self.relocations[camera], &self.calibrated[camera])
+            else {
+                continue;
+            };
             if since_ns < k::RELOCATION_AFTER_NS {
                 continue;
             }
-            relocation.collect(input, field, bodies);
-            if let Some(found) = relocation.place() {
+            relocation.collect(input, calibrated, field, bodies);
+            if let Some(found) = relocation.place().filter(|_| self.trial.is_none()) {
                 self.take_back(camera, &found);
                 return Some((camera, found));
             }
             if since_ns > k::RELOCATION_LONGEST_NS && relocation.complain() {
                 self.notice = Some(Notice::Restless { camera });
             }
+            return relocation.rough().filter(|_| self.trial.is_none()).map(|rough| (camera, rough));
         }
         None
     }

@@ -203,6 +203,8 @@ pub const KNOCK_SHIFT_MM: f64 = 0.5;
 pub const KNOCK_REACH_PX: f64 = 16.0;
 /// Offset of a field as a whole above which it was moved at once, px.
 pub const KNOCK_JUMP_PX: f64 = 0.8;
+/// Largest variance of the eye's predicted markers beside which a jump is one, px².
+pub const KNOCK_SURE_PX2: f64 = 0.1;
 /// Markers that must agree on it.
 pub const KNOCK_JUMP_MARKERS: usize = 5;
 /// Tolerance of their agreement, px.
@@ -218,9 +220,9 @@ pub const KNOCK_CALM_FIELDS: u32 = 3;
 /// Memory for small residuals, ns.
 pub const KNOCK_MEMORY_NS: f64 = 0.3e9;
 /// Residual of half weight among them, px.
-pub const KNOCK_SLOW_PX: f64 = 0.5;
+pub const KNOCK_SLOW_PX: f64 = 2.0;
 /// Reach of their search for blobs, px.
-pub const KNOCK_SLOW_REACH_PX: f64 = 2.5;
+pub const KNOCK_SLOW_REACH_PX: f64 = 6.0;
 /// Fields that are enough to judge them.
 pub const KNOCK_LEAST_FIELDS: f64 = 8.0;
 /// Decrease of χ² that indicates a moved camera.
@@ -231,10 +233,16 @@ pub const KNOCK_BODY_GAIN: f64 = 16.0;
 pub const KNOCK_LEAST_PX: f64 = 0.15;
 /// Time in which the other cameras may refute the choice, ns.
 pub const KNOCK_TRIAL_NS: u64 = 700_000_000;
+/// Time after a camera was left out in which the others are not judged, ns.
+pub const KNOCK_SETTLE_NS: u64 = 150_000_000;
 /// Time without judgement after no choice helped, ns.
-pub const KNOCK_QUIET_NS: u64 = 5_000_000_000;
+pub const KNOCK_QUIET_NS: u64 = 30_000_000_000;
 /// Time after which what a camera sees is used to place it, ns.
 pub const RELOCATION_AFTER_NS: u64 = 100_000_000;
+/// Fields after which a camera whose place is not sure yet serves where fewer than two others see.
+pub const RELOCATION_ROUGH_FIELDS: u64 = 20;
+/// Time without a field after which a camera is silent, ns.
+pub const SILENT_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
 /// Fields that a camera is placed by.
 pub const RELOCATION_FIELDS: u64 = 80;
 /// Time after which a camera that is not placed is told to be restless, ns.

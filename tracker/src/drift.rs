@@ -191,9 +191,13 @@ impl DriftEstimator {
         self.apply(rig);
     }
 
-    /// Takes over where `rig` has a camera now, and what is known of the others without it.
-    pub fn rebase(&mut self, camera: usize, rig: &RigModel) {
+    /// Takes over where `rig` has a camera now.
+    pub fn place(&mut self, camera: usize, rig: &RigModel) {
         self.nominal.cameras[camera].clone_from(&rig.cameras[camera]);
+    }
+
+    /// Forgets what is known of a camera, and keeps what is known of the others without it.
+    pub fn forget(&mut self, camera: usize) {
         let at = self.camera_at[camera];
         for p in at..at + PER_CAMERA {
             self.marginalise(p);
@@ -471,79 +475,4 @@ fn pose_prior(body: usize) -> Matrix6 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::pose_math::{Vector6, box_plus};
-    use nalgebra::Matrix2;
-    use protocol::rig::Rig;
-
-    /// Blobs of body 0 as the cameras of `real` see it, at the `n`-th of many poses.
-    fn blobs(real: &RigModel, n: u32) -> (Isometry3<f64>, Vec<BlobMatch>) {
-        let t = f64::from(n) * 0.1;
-        let turn = Vector3::new(0.4 * t.sin(), 0.3 * (1.3 * t).cos(), 0.9 * (0.7 * t).sin());
-        let pose = Isometry3::new(Vector3::new((0.9 * t).sin(), (1.1 * t).cos(), -3.0 + t.cos()), turn);
-        let mut matches = Vec::new();
-        for (camera, model) in real.cameras.iter().enumerate() {
-            let Some(model) = model else { continue };
-            for (marker, m) in real.bodies[0].markers.iter().enumerate() {
-                let pixel = project_marker(m, &PoseMatrix::from(&pose), model).unwrap().pixel;
-                let covariance = Matrix2::identity() * 0.0025;
-                let (blob, dt_s, area_ratio, clean, outlier) = (0, 0.0, 1.0, true, false);
-                matches.push(BlobMatch {
-                    camera,
-                    blob,
-                    marker,
-                    pixel,
-                    covariance,
-                    dt_s,
-                    area_ratio,
-                    clean,
-                    outlier,
-                });
-            }
-        }
-        (pose, matches)
-    }
-
-    /// The estimate for a rig with one shifted marker of body 0, from poses that have errors
-    /// themselves.
-    fn estimated(shift: Vector3<f64>) -> (RigModel, DriftReport) {
-        let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
-        let (mut real, mut rig) = (nominal.clone(), nominal.clone());
-        real.bodies[0].markers[1].position += shift;
-        let mut drift = DriftEstimator::new(&nominal);
-        for n in 0..600 {
-            let (pose, matches) = blobs(&real, n);
-            let wrong = box_plus(&pose, &(Vector6::repeat(1e-3) * f64::from(n % 5)));
-            drift.add_residuals(&rig, 0, &wrong, &[Vector3::zeros(); 2], &matches);
-            drift.step(&mut rig);
-        }
-        (rig, *drift.report())
-    }
-
-    #[test]
-    fn a_marker_that_moved_alone_is_found() {
-        let shift = Vector3::new(0.0, 0.012, 0.0);
-        let (rig, report) = estimated(shift);
-        assert!(report.detected && report.is_large(), "{report}");
-        assert!(report.to_string().contains("drifted"), "{report}");
-        // The middle of three in a line: bent out of it, which no pose explains. The others share
-        // it.
-        let y = |m: usize| rig.bodies[0].markers[m].position.y;
-        let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
-        let y0 = |m: usize| nominal.bodies[0].markers[m].position.y;
-        let along = |m: usize| nominal.bodies[0].markers[m].position.z;
-        let share = (along(1) - along(0)) / (along(2) - along(0));
-        let bend = |y: &dyn Fn(usize) -> f64| y(1) - y(0) - share * (y(2) - y(0));
-        let found = bend(&y) - bend(&y0);
-        assert!((found - 0.012).abs() < 0.0015, "{found}");
-    }
-
-    #[test]
-    fn a_rig_that_did_not_move_is_left_alone() {
-        let (rig, report) = estimated(Vector3::zeros());
-        assert!(!report.detected && !report.is_large(), "{report}");
-        assert!(report.to_string().contains("no drift"), "{report}");
-        assert_eq!(rig, RigModel::new(&Rig::load_or_shipped(None).unwrap()));
-    }
-}
+mod tests;

@@ -231,6 +231,9 @@ impl Tracker {
         for (body, track) in self.tracks.iter_mut().enumerate() {
             frame.bodies[body] = track.state(&self.rig, body, frame.instants.exposed, self.cameras_in_frame);
         }
+        if let Some(watch) = &self.watch {
+            (frame.cameras_left_out, frame.cameras_estimated) = (watch.left_out(), watch.estimated());
+        }
         frame
     }
 }

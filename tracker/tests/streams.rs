@@ -186,7 +186,10 @@ const GOLDEN: u64 = 0xb709_12ee_4326_bf38;
 fn frames_are_the_same_to_the_bit_in_every_build() {
     let stream = load("samecol");
     let frames = run(&stream.rig, &stream.fields).0;
-    let bytes: Vec<u8> = frames.iter().flat_map(|f| bytemuck::bytes_of(f).to_vec()).collect();
+    let bytes: Vec<u8> = frames
+        .iter()
+        .flat_map(|f| bytemuck::bytes_of(f)[..std::mem::offset_of!(TrackerFrame, cameras_left_out)].to_vec())
+        .collect();
     assert_eq!(protocol::message::fnv1a(&bytes), GOLDEN, "{:#018x}", protocol::message::fnv1a(&bytes));
 }
 

@@ -1,83 +1,151 @@
-//! How well the tracker does where a camera was knocked.
+//! How well the tracker does where a camera was knocked: table of `docs/tracking.md`.
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 use nalgebra::Vector3;
 use protocol::random::Random;
 use protocol::rig::Rig;
-use tracker::Tracker;
-use tracker::assembler::FrameAssembler;
 use tracker::camera_watch::Notice;
-use validation::streams::score::{Score, rms};
-use validation::streams::{Knock, Recipe, Scenario, Stream};
+use validation::streams::score::{Score, Tracked, rms};
+use validation::streams::{Knock, Recipe, Scenario};
 
+/// What happens to the cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// One is turned or shifted while it runs.
+    Knocked,
+    /// One stands elsewhere from the start.
+    Start,
+    /// Two stand elsewhere from the start.
+    Two,
+    /// One moves all the time, by so much a second.
+    Restless,
+}
+
+/// Tracks drawn streams with knocked cameras, and prints a table.
 #[derive(Parser)]
 struct Args {
+    /// What happens.
+    #[arg(long, value_enum, default_value = "knocked")]
+    kind: Kind,
+    /// First seed.
     #[arg(long, default_value_t = 1)]
     from: u64,
-    #[arg(long, default_value_t = 4)]
+    /// Seeds.
+    #[arg(long, default_value_t = 10)]
     seeds: u64,
+    /// Length of each stream, s.
     #[arg(long, default_value_t = 12.0)]
     seconds: f64,
-    /// Picture shifts, px.
-    #[arg(long, value_delimiter = ',', default_value = "0.3,0.5,1,2,3,5,10")]
+    /// By how much pictures move, px.
+    #[arg(long, value_delimiter = ',', default_value = "0.3,0.5,1,3,10")]
     px: Vec<f64>,
-    /// At, s; 0: wrong from the start.
-    #[arg(long, default_value_t = 3.0)]
-    at: f64,
+    /// Say of every stream what the tracker told.
+    #[arg(long)]
+    each: bool,
 }
+
+/// A camera is knocked at this instant, s.
+const AT_S: f64 = 3.0;
+/// Distance of the eye from a camera, mm.
+const FAR_MM: f64 = 80.0;
 
 fn main() {
     let args = Args::parse();
     let rig = Rig::load_or_shipped(None).expect("the shipped rig");
-    for scenario in [Scenario::Nominal, Scenario::Async, Scenario::Tremor, Scenario::Hard] {
-        for &px in std::iter::once(&0.0).chain(&args.px) {
-            let mut line = String::new();
-            for seed in args.from..args.from + args.seeds {
-                let mut random = Random::new(seed, 77);
-                let camera = random.below(3) as u32;
-                let focal = rig.cameras()[camera as usize].focal_px.x;
-                let direction =
-                    Vector3::new(random.normal(), random.normal(), 0.3 * random.normal()).normalize();
-                let (turn, shift_mm) = if seed % 3 == 2 {
-                    (Vector3::zeros(), direction * (px / focal * 80.0))
-                } else {
-                    (direction * (px / focal), Vector3::zeros())
-                };
-                let knock = Knock { camera, at_s: args.at, turn, shift_mm, goes_on: false };
-                let knocks = if px > 0.0 { vec![knock] } else { vec![] };
-                let stream = Recipe { scenario, seed, seconds: args.seconds, knocks }.draw(&rig);
-                line += &score(&rig, &stream, args.at, args.seconds);
-            }
-            println!("{:8} {px:4} px {line}", scenario.name());
+    println!(
+        "| scenario | picture moved by, px | found after, s | back after, s | coverage, least | tips, µm | undisturbed | eye, mrad | undisturbed |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for scenario in Scenario::ALL {
+        let still: Vec<Outcome> =
+            seeds(&args).map(|seed| outcome(&rig, &args, scenario, seed, 0.0)).collect();
+        for &px in &args.px {
+            let moved: Vec<Outcome> =
+                seeds(&args).map(|seed| outcome(&rig, &args, scenario, seed, px)).collect();
+            line(scenario, px, &moved, &still);
         }
     }
 }
 
-fn score(rig: &Rig, stream: &Stream, at: f64, seconds: f64) -> String {
-    let mut frames = Vec::new();
-    let (mut assembler, mut tracker) = (FrameAssembler::new(rig), Tracker::new(rig));
-    let mut told = String::new();
-    for field in &stream.fields {
-        assembler.add(field, field.blobs_out_ns, |used, closed| {
-            frames.push(tracker.track(used, &closed.reference));
-            if let Some(notice) = tracker.take_notice() {
-                let t = closed.reference.exposed_ns as f64 * 1e-9;
-                told += &match notice {
-                    Notice::Moved { camera, px } => format!(" {t:.2}:out{camera}({px:.2})"),
-                    Notice::TakenBack { camera, px } => format!(" {t:.2}:back{camera}({px:.2})"),
-                    other => format!(" {t:.2}:{other:?}"),
-                };
-            }
-        });
+fn seeds(args: &Args) -> std::ops::Range<u64> {
+    args.from..args.from + args.seeds
+}
+
+/// What became of a stream.
+struct Outcome {
+    score: Score,
+    found_s: Option<f64>,
+    back_s: Option<f64>,
+}
+
+fn outcome(rig: &Rig, args: &Args, scenario: Scenario, seed: u64, px: f64) -> Outcome {
+    let at_s = if args.kind == Kind::Knocked { AT_S } else { 0.0 };
+    let knocks = if px == 0.0 { vec![] } else { knocks(rig, args.kind, seed, at_s, px) };
+    let stream = Recipe { scenario, seed, seconds: args.seconds, knocks: knocks.clone() }.draw(rig);
+    let tracked = Tracked::of(&stream);
+    if args.each {
+        let told: Vec<String> = tracked.notices.iter().map(|(t, n)| format!("{t:.2} s {n:?}")).collect();
+        let of = knocks.iter().map(|k| k.camera.to_string()).collect::<Vec<_>>().join(",");
+        eprintln!("{} {px} px seed {seed} camera {of}: {}", scenario.name(), told.join("; "));
     }
-    let of = |from: f64, to: f64| Score::of(&frames, &stream.motion, from, to);
-    let from = at.max(0.5);
-    let (all, late) = (of(from, seconds - 0.2), of(from + 5.0, seconds - 0.2));
-    format!(
-        " | {:6.1} µm {:.2} mrad {:.4} late {:5.1}{told}",
-        rms(&all.tips_um),
-        rms(&all.eye_mrad),
-        all.coverage(),
-        rms(&late.tips_um)
-    )
+    let at = |wanted: &dyn Fn(&Notice) -> bool| {
+        let own = |n: &Notice| knocks.first().is_some_and(|k| of(n) == Some(k.camera as usize)) && wanted(n);
+        tracked.notices.iter().find(|(_, n)| own(n)).map(|(t, _)| t - at_s)
+    };
+    let from = at_s.max(0.5);
+    Outcome {
+        score: Score::of(&tracked.frames, &stream.motion, from, args.seconds - 0.2),
+        found_s: at(&|n| matches!(n, Notice::Moved { .. })),
+        back_s: at(&|n| matches!(n, Notice::TakenBack { .. })),
+    }
+}
+
+fn of(notice: &Notice) -> Option<usize> {
+    match notice {
+        Notice::Moved { camera, .. } | Notice::TakenBack { camera, .. } | Notice::Restless { camera } => {
+            Some(*camera)
+        }
+        Notice::Disagree { .. } => None,
+    }
+}
+
+/// Every third is a shift, the others are turns; directions are drawn.
+fn knocks(rig: &Rig, kind: Kind, seed: u64, at_s: f64, px: f64) -> Vec<Knock> {
+    let random = &mut Random::new(seed, 77);
+    let first = random.below(rig.cameras.len());
+    let count = if kind == Kind::Two { 2 } else { 1 };
+    let one = |n: usize| {
+        let camera = &rig.cameras()[(first + n) % rig.cameras.len()];
+        let to = Vector3::new(random.normal(), random.normal(), 0.3 * random.normal()).normalize();
+        let rad = px / camera.focal_px.x;
+        let (turn, shift_mm) = if seed % 3 == 2 {
+            (Vector3::zeros(), to * (rad * FAR_MM))
+        } else {
+            (to * rad, Vector3::zeros())
+        };
+        Knock { camera: camera.id, at_s, turn, shift_mm, goes_on: kind == Kind::Restless }
+    };
+    (0..count).map(one).collect()
+}
+
+fn line(scenario: Scenario, px: f64, moved: &[Outcome], still: &[Outcome]) {
+    let worst = |of: &dyn Fn(&Outcome) -> Option<f64>| {
+        let all: Option<Vec<f64>> = moved.iter().map(of).collect();
+        all.map_or("never".to_owned(), |all| format!("{:.2}", all.into_iter().fold(0.0, f64::max)))
+    };
+    let least = moved.iter().map(|o| o.score.coverage()).fold(1.0, f64::min);
+    let all = |outcomes: &[Outcome], of: &dyn Fn(&Score) -> Vec<f64>| {
+        rms(&outcomes.iter().flat_map(|o| of(&o.score)).collect::<Vec<f64>>())
+    };
+    let (tips, eye) = (|s: &Score| s.tips_um.clone(), |s: &Score| s.eye_mrad.clone());
+    println!(
+        "| {} | {px} | {} | {} | {least:.4} | {:.1} | {:.1} | {:.2} | {:.2} |",
+        scenario.name(),
+        worst(&|o| o.found_s),
+        worst(&|o| o.back_s),
+        all(moved, &tips),
+        all(still, &tips),
+        all(moved, &eye),
+        all(still, &eye),
+    );
 }

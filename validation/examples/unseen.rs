@@ -2,8 +2,7 @@
 
 use clap::Parser;
 use protocol::rig::Rig;
-use tracker::stream::track_stream;
-use validation::streams::score::{Score, rms};
+use validation::streams::score::{Score, Tracked, rms};
 use validation::streams::{Recipe, Scenario};
 
 #[derive(Parser)]
@@ -43,7 +42,5 @@ fn main() {
 
 fn score(rig: &Rig, scenario: Scenario, seed: u64, seconds: f64) -> Score {
     let stream = Recipe { scenario, seed, seconds, knocks: vec![] }.draw(rig);
-    let mut frames = Vec::new();
-    track_stream(rig, &stream.fields, |frame, _| frames.push(*frame));
-    Score::of(&frames, &stream.motion, 0.5, seconds - 0.2)
+    Score::of(&Tracked::of(&stream).frames, &stream.motion, 0.5, seconds - 0.2)
 }

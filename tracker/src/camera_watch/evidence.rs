@@ -29,15 +29,6 @@ pub struct Evidence {
     at_ns: u64,
 }
 
-/// That a camera was moved.
-#[derive(Debug, Clone, Copy)]
-pub struct Verdict {
-    /// Decrease of χ².
-    pub gain: f64,
-    /// By how much its picture moved, px.
-    pub px: f64,
-}
-
 /// An update of a body, with its prior.
 pub struct BodyUpdate {
     /// Which body.
@@ -138,8 +129,13 @@ impl Evidence {
         self.estimate().map_or(0.0, |delta| self.gradient().dot(&delta))
     }
 
-    /// Whether the camera was moved.
-    pub fn verdict(&self) -> Option<Verdict> {
+    /// True if many fields came and the eye was in none of them.
+    pub fn misses_eye(&self) -> bool {
+        self.fields >= k::KNOCK_LEAST_FIELDS && self.bodies[EYE].information.trace() == 0.0
+    }
+
+    /// By how much the camera's picture moved, px, if it did.
+    pub fn verdict(&self) -> Option<f64> {
         if self.fields < k::KNOCK_LEAST_FIELDS {
             return None;
         }
@@ -157,7 +153,7 @@ impl Evidence {
             let agrees = gained > 0.5 * expected;
             // An instrument that follows the camera denies what moved it; the eye's centre cannot move.
             if body == EYE && agrees && gained > k::KNOCK_GAIN {
-                return Some(Verdict { gain, px });
+                return Some(px);
             }
             if expected > k::KNOCK_BODY_GAIN {
                 if !agrees {
@@ -166,7 +162,7 @@ impl Evidence {
                 agreeing += 1;
             }
         }
-        (agreeing >= 2).then_some(Verdict { gain, px })
+        (agreeing >= 2).then_some(px)
     }
 }
 

@@ -6,7 +6,7 @@ use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
 use crate::observation::{FieldObservation, camera_of};
 use crate::pose_math::{Matrix6, Vector6, propagated};
-use crate::projection::PoseMatrix;
+use crate::projection::{PoseMatrix, pose_jacobian};
 use nalgebra::Vector2;
 use protocol::limits::{BODIES, MAX_MARKERS};
 use protocol::poses::EYE;
@@ -39,6 +39,12 @@ pub fn of_field(
     let all: u32 = agreeing.iter().sum();
     let bodies = agreeing.iter().filter(|n| **n >= 2).count();
     let eye_alone = predicted.iter().enumerate().all(|(body, p)| p.is_none() == (body != EYE));
+    // The eye is predicted best: where its markers stay, the instruments were predicted badly.
+    let of_eye = || offsets.iter().flatten().filter(|o| o.body == EYE);
+    let eye_px: f64 = of_eye().map(|o| o.px.norm()).sum::<f64>() / of_eye().count().max(1) as f64;
+    if of_eye().count() > 0 && eye_px < k::KNOCK_JUMP_PX {
+        return None;
+    }
     let enough = 5 * all as usize >= 3 * count && all as usize >= k::KNOCK_JUMP_MARKERS;
     let moved: f64 = offsets.iter().flatten().map(|o| (o.jacobian * delta).norm()).sum();
     let px = moved / count as f64;
@@ -60,6 +66,11 @@ fn offsets(
         let pose = propagated(&predicted.pose, &predicted.motion, input.dt_s(field));
         let pose = PoseMatrix::from(&pose);
         for s in sighting::of_body(input.rig, body, &pose, camera, field, scale, k::KNOCK_REACH_PX) {
+            let j = pose_jacobian(&s.image, &pose);
+            // An eye that was just found is predicted badly itself.
+            if body == EYE && (j * predicted.covariance * j.transpose()).trace() > k::KNOCK_SURE_PX2 {
+                return (found, 0);
+            }
             found[count] = Some(Offset { body, px: s.offset, jacobian: camera_jacobian(camera, &s.image) });
             count += 1;
         }

@@ -53,11 +53,12 @@ impl Relocation {
     pub fn collect(
         &mut self,
         input: &AssociationInput<'_>,
+        calibrated: &Camera,
         field: &FieldObservation,
         bodies: &[Option<PredictedBody>; BODIES],
     ) {
-        let Some(calibrated) = camera_of(input.rig, field) else { return };
-        let camera = self.estimate.get_or_insert_with(|| calibrated.clone()).clone();
+        let Some(last) = camera_of(input.rig, field) else { return };
+        let camera = self.estimate.get_or_insert_with(|| last.clone()).clone();
         let known = self.offsets.len() == k::RELOCATION_CHECKED;
         let reach = if known { k::RELOCATION_REACH_PX } else { k::KNOCK_REACH_PX };
         let scale = input.area_scales[field.camera];
@@ -96,6 +97,11 @@ impl Relocation {
         if let Some(delta) = solve(&information, &gradient) {
             self.estimate = Some(moved(camera, &delta));
         }
+    }
+
+    /// The camera as far as it is known.
+    pub fn rough(&self) -> Option<Camera> {
+        self.estimate.clone().filter(|_| self.fields >= k::RELOCATION_ROUGH_FIELDS)
     }
 
     /// The camera, once enough fields agree on it.

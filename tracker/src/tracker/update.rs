@@ -75,8 +75,10 @@ impl Tracker {
         let Some(watch) = &mut self.watch else { return };
         let left_out = watch.left_out();
         watch.judge(group.seen, group.time_ns);
-        if let Some(drift) = self.drift.as_mut().filter(|_| watch.left_out() != left_out) {
+        let newly_out = watch.left_out() & !left_out;
+        if let Some(drift) = self.drift.as_mut().filter(|_| newly_out != 0) {
             drift.roll_back(&mut self.rig);
+            (0..MAX_CAMERAS).filter(|c| newly_out & (1 << c) != 0).for_each(|c| drift.forget(c));
         }
         if watch.left_out() & group.seen == 0 {
             return;
@@ -88,7 +90,7 @@ impl Tracker {
         if let Some((camera, found)) = watch.relocate(&input, &placed) {
             self.rig.cameras[camera] = Some(found);
             if let Some(drift) = &mut self.drift {
-                drift.rebase(camera, &self.rig);
+                drift.place(camera, &self.rig);
             }
         }
     }

@@ -1,10 +1,38 @@
 //! Tracker frames beside the truth.
 
+use super::Stream;
 use super::motion::Motion;
 use nalgebra::Vector3;
 use protocol::geometry::Validity;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::{EYE, TrackerFrame};
+use tracker::Tracker;
+use tracker::assembler::FrameAssembler;
+use tracker::camera_watch::Notice;
+
+/// What the tracker made of a stream.
+pub struct Tracked {
+    /// Its frames.
+    pub frames: Vec<TrackerFrame>,
+    /// What it told of cameras, with the instant in s.
+    pub notices: Vec<(f64, Notice)>,
+}
+
+impl Tracked {
+    /// Tracks a stream on its own clock.
+    pub fn of(stream: &Stream) -> Self {
+        let (mut assembler, mut tracker) = (FrameAssembler::new(&stream.rig), Tracker::new(&stream.rig));
+        let mut tracked = Tracked { frames: Vec::new(), notices: Vec::new() };
+        for field in &stream.fields {
+            assembler.add(field, field.blobs_out_ns, |used, closed| {
+                tracked.frames.push(tracker.track(used, &closed.reference));
+                let t_s = closed.reference.exposed_ns as f64 * 1e-9;
+                tracked.notices.extend(tracker.take_notice().map(|notice| (t_s, notice)));
+            });
+        }
+        tracked
+    }
+}
 
 /// Errors of a stretch of time.
 #[derive(Debug, Clone, Default)]
