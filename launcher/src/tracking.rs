@@ -230,7 +230,8 @@ impl Tracking {
             } else if is_in(self.estimated) {
                 let what =
                     format!("camera {id} is used where the others see it, not where the rig file has it");
-                found.push(finding(id, what, MOVED, RECALIBRATE));
+                let subject = format!("place of camera {id}");
+                found.push(Finding { subject, ..finding(id, what, MOVED, RECALIBRATE) });
             } else if let Some(d) = self.dissenter.filter(|d| d.camera == id) {
                 let what = format!(
                     "camera {id} agrees with no other camera: it is off by {:.1} px or more",

@@ -73,7 +73,7 @@ pub enum Notice {
     Moved {
         /// Camera id.
         camera: usize,
-        /// By how much its picture moved, px.
+        /// By how much its picture moved as far as was seen, px; 0 where that is not known.
         px: f64,
     },
     /// It was estimated anew and is used again.
@@ -98,10 +98,14 @@ pub enum Notice {
 impl std::fmt::Display for Notice {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
-            Notice::Moved { camera, px } => write!(
-                f,
-                "bad calibration of camera {camera}: its picture moved by {px:.1} px; it is left out, and where it stands is estimated from the others"
-            ),
+            Notice::Moved { camera, px } => {
+                let by =
+                    if *px > 0.0 { format!("moved by {px:.1} px or more") } else { "lies elsewhere".into() };
+                write!(
+                    f,
+                    "bad calibration of camera {camera}: its picture {by}; it is left out, and where it stands is estimated from the others"
+                )
+            }
             Notice::TakenBack { camera, px } => write!(
                 f,
                 "camera {camera} is used again where the others see it ({px:.1} px from where the rig file has it): calibrate anew"

@@ -9,6 +9,7 @@
 //! | finite numbers, bounded energy, whole meshes, determinism | [`soak`]: random programmes over random scenes; `tests/soak.rs`, example `soak` (`make soak`) |
 //! | cameras, tracker, simulation and score together | [`pipeline`]: a live run in one process; example `study` (`make study`, `docs/study.md`), `tests/scenarios/modules.rs` of the workspace |
 //! | pictures of scenes and modules | [`moments`]: example `gallery` (`make pictures`, `make gallery`), `tests/scenarios/pictures.rs` of the workspace |
+//! | tracking of unseen streams, knocked cameras | [`streams`]: drawn streams with truth; examples `unseen`, `knocked`, `docs/tracking.md` |
 //! | roll of instruments | example `rolls`, `docs/tracking.md` |
 //! | the paper's Fig. 7 | example `teapot`, `docs/collision.md` |
 //! | speed beside other methods | benches `collision`, `tissue`, `vitreous` |

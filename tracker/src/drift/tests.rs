@@ -1,3 +1,5 @@
+//! The estimation of drift on blobs without noise.
+
 use super::*;
 use crate::pose_math::{Vector6, box_plus};
 use nalgebra::Matrix2;

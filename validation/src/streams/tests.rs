@@ -1,3 +1,5 @@
+//! Drawn streams, and what the tracker makes of them where cameras were moved.
+
 use super::*;
 use nalgebra::Vector3;
 use score::{Score, Tracked, rms};
