@@ -296,15 +296,20 @@ impl CameraWatch {
         self.standing[trial.camera] = Standing::Trusted;
         let untried = self.members(in_use & !trial.tried).next();
         let Some(next) = untried else {
-            self.trial = None;
-            self.clear_evidence();
-            self.quiet_until_ns = time_ns + k::KNOCK_QUIET_NS;
-            self.notice = Some(Notice::Disagree { cameras: self.in_use() });
+            self.disagree(time_ns);
             return;
         };
         let tried = trial.tried | 1 << next;
         self.trial = Some(Trial { since_ns: time_ns, camera: next, tried });
         self.leave_out(next, px, time_ns);
+    }
+
+    /// Gives up for a while: no choice of one camera helps.
+    pub fn disagree(&mut self, time_ns: u64) {
+        self.trial = None;
+        self.clear_evidence();
+        self.quiet_until_ns = time_ns + k::KNOCK_QUIET_NS;
+        self.notice = Some(Notice::Disagree { cameras: self.in_use() });
     }
 
     /// Leaves out a camera, on trial.

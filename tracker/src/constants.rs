@@ -259,5 +259,7 @@ pub const RELOCATION_SCALE_PX: f64 = 0.5;
 pub const RELOCATION_STEADY_PX: f64 = 0.12;
 /// Updates without an eye after which it is searched without one of the cameras.
 pub const WITHOUT_EYE_UPDATES: u32 = 6;
+/// Updates without an eye, though its markers are seen, after which cameras are told to disagree.
+pub const DISAGREE_UPDATES: u32 = 60;
 /// Reduced χ² of the eye without that camera.
 pub const WITHOUT_CAMERA_CHI2: f64 = 9.0;

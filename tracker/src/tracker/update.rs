@@ -276,10 +276,24 @@ impl Tracker {
             }
         }
         self.without_eye = if self.tracks[EYE].filter.is_some() { 0 } else { self.without_eye + 1 };
-        if self.without_eye == k::WITHOUT_EYE_UPDATES {
-            self.without_eye = 0;
+        if self.without_eye > 0 && self.without_eye.is_multiple_of(k::WITHOUT_EYE_UPDATES) {
             self.find_eye_without_a_camera(group);
         }
+        if self.without_eye == k::DISAGREE_UPDATES
+            && self.sees_eye_markers()
+            && let Some(watch) = &mut self.watch
+        {
+            watch.disagree(group.time_ns);
+        }
+    }
+
+    /// True if two cameras or more see enough blobs of the eye's colours to find it.
+    fn sees_eye_markers(&self) -> bool {
+        let markers = &self.rig.bodies[EYE].markers;
+        let of_eye = |f: &FieldObservation| {
+            f.blobs().iter().filter(|b| markers.iter().any(|m| m.colour == b.colour)).count()
+        };
+        self.fields.iter().filter(|f| 2 * of_eye(f) > markers.len()).count() >= 2
     }
 
     /// Searches a body in the fields of these cameras.
