@@ -322,13 +322,10 @@ impl Tracker {
 
     /// The eye is always there. Where it is found without one of the cameras only, that one was moved.
     fn find_eye_without_a_camera(&mut self, group: Group) {
-        let mut found: [Option<f64>; MAX_CAMERAS] = [None; MAX_CAMERAS];
-        for camera in 0..MAX_CAMERAS {
-            if self.watch.as_ref().is_some_and(|w| w.may_leave_out(camera)) {
-                let fit = self.search(group, EYE, !(1 << camera));
-                found[camera] = fit.and_then(|f| f.reduced_chi2());
-            }
-        }
+        let mut found: [Option<f64>; MAX_CAMERAS] = std::array::from_fn(|camera| {
+            let may = self.watch.as_ref().is_some_and(|w| w.may_leave_out(camera));
+            may.then(|| self.search(group, EYE, !(1 << camera))).flatten()?.reduced_chi2()
+        });
         let Some((camera, best)) = lowest(&found) else { return };
         found[camera] = None;
         let next = lowest(&found).map_or(f64::MAX, |(_, chi2)| chi2);
