@@ -306,7 +306,11 @@ impl CameraWatch {
 
     /// Gives up for a while: no choice of one camera helps.
     pub fn disagree(&mut self, time_ns: u64) {
-        self.trial = None;
+        if let Some(trial) = self.trial.take() {
+            self.standing[trial.camera] = Standing::Trusted;
+        } else if self.left_out() != 0 {
+            return;
+        }
         self.clear_evidence();
         self.quiet_until_ns = time_ns + k::KNOCK_QUIET_NS;
         self.notice = Some(Notice::Disagree { cameras: self.in_use() });
