@@ -195,71 +195,73 @@ pub const DRIFT_NOISE: f64 = 4.0;
 /// Evidence per parameter above which drift is detected.
 pub const DRIFT_EVIDENCE: f64 = 10.0;
 
-/// Unit and prior of a camera's turn by a knock, rad: 8 px.
+/// Prior standard deviation, and unit, of the turn of a camera that was moved, rad: 8 px.
 pub const KNOCK_TURN_RAD: f64 = 5e-3;
-/// The same of its shift, mm.
+/// Prior standard deviation, and unit, of its shift, mm.
 pub const KNOCK_SHIFT_MM: f64 = 0.5;
-/// Reach of the search for a blob that was moved, px.
+/// Largest distance of a moved blob from its predicted marker, px; beyond it another marker's blob
+/// is nearer.
 pub const KNOCK_REACH_PX: f64 = 16.0;
-/// Offset of a field as a whole above which it was moved at once, px.
+/// Mean distance of the blobs of a field from their predictions above which the field jumps, px.
 pub const KNOCK_JUMP_PX: f64 = 0.8;
-/// Largest variance of the eye's predicted markers beside which a jump is one, px².
+/// Largest predicted variance of the eye's markers at which a jump can be told, px².
 pub const KNOCK_SURE_PX2: f64 = 0.1;
-/// Markers that must agree on it.
+/// Least number of markers that show a jump.
 pub const KNOCK_JUMP_MARKERS: usize = 5;
-/// Tolerance of their agreement, px.
+/// Largest distance of a blob from the common turn and shift of its field, px.
 pub const KNOCK_AGREES_PX: f64 = 1.0;
-/// Weight of an offset, px⁻²: a standard deviation of 0.2 px.
+/// Weight of a blob in that turn and shift, px⁻²: a standard deviation of 0.2 px.
 pub const KNOCK_WEIGHT: f64 = 25.0;
-/// Fields of a camera in a row that confirm it.
+/// Fields of a camera that jump in a row after which it is left out.
 pub const KNOCK_FIELDS: u32 = 5;
-/// Fields of several cameras that lie beside within this time show a wrong prediction, ns.
+/// Time within which jumps of two cameras show a wrong prediction and not a moved camera, ns.
 pub const KNOCK_TOGETHER_NS: u64 = FIELD_PERIOD_NS + FIELD_PERIOD_NS / 4;
-/// Fields in a row that refute it.
+/// Fields without a jump after which a suspected camera is trusted.
 pub const KNOCK_CALM_FIELDS: u32 = 3;
-/// Memory for small residuals, ns.
+/// Time constant of the evidence about a camera, ns: a shorter one misses small shifts.
 pub const KNOCK_MEMORY_NS: f64 = 0.3e9;
-/// Residual of half weight among them, px.
+/// Residual of half weight in that evidence, px; smaller, and a shift of 3 px weighs less than what
+/// it does to the other cameras.
 pub const KNOCK_SLOW_PX: f64 = 2.0;
-/// Reach of their search for blobs, px.
+/// Largest residual in that evidence, px.
 pub const KNOCK_SLOW_REACH_PX: f64 = 6.0;
-/// Fields that are enough to judge them.
+/// Least number of fields in that evidence.
 pub const KNOCK_LEAST_FIELDS: f64 = 8.0;
-/// Decrease of χ² that indicates a moved camera.
+/// Least decrease of χ² that shows a moved camera.
 pub const KNOCK_GAIN: f64 = 100.0;
-/// Expected decrease of χ² of a body that has a say.
+/// Expected decrease of χ² above which a body must agree.
 pub const KNOCK_BODY_GAIN: f64 = 16.0;
-/// Least movement of the picture that is judged, px.
+/// Least shift of the picture that shows a moved camera, px; calibrations are off by up to 0.1 px.
 pub const KNOCK_LEAST_PX: f64 = 0.15;
-/// Time in which the other cameras may refute the choice, ns.
+/// Time within which the remaining cameras can refute that a camera was moved, ns.
 pub const KNOCK_TRIAL_NS: u64 = 700_000_000;
-/// Time after a camera was left out in which the others are not judged, ns.
+/// Time after a camera was left out in which no evidence is taken, ns: the filters still follow it.
 pub const KNOCK_SETTLE_NS: u64 = 150_000_000;
-/// Time without judgement after no choice helped, ns.
+/// Time without a judgement after the cameras disagreed, ns.
 pub const KNOCK_QUIET_NS: u64 = 30_000_000_000;
-/// Time after which what a camera sees is used to place it, ns.
-pub const RELOCATION_AFTER_NS: u64 = 100_000_000;
-/// Fields after which a camera whose place is not sure yet serves where fewer than two others see.
-pub const RELOCATION_ROUGH_FIELDS: u64 = 20;
-/// Time without a field after which a camera is silent, ns.
+/// Time after a camera was left out at which its resection begins, ns.
+pub const RESECTION_AFTER_NS: u64 = 100_000_000;
+/// Fields after which a resected pose is used where fewer than two other cameras send.
+pub const RESECTION_PROVISIONAL_FIELDS: u64 = 20;
+/// Time without a field after which a camera does not count as sending, ns.
 pub const SILENT_NS: u64 = 2 * FIELD_PERIOD_NS + FIELD_PERIOD_NS / 2;
-/// Fields that a camera is placed by.
-pub const RELOCATION_FIELDS: u64 = 80;
-/// Time after which a camera that is not placed is told to be restless, ns.
-pub const RELOCATION_LONGEST_NS: u64 = 6_000_000_000;
-/// Markers kept.
-pub const RELOCATION_SIGHTINGS: usize = 1_600;
-/// Newest fields by which a place is checked.
-pub const RELOCATION_CHECKED: usize = 25;
-/// Reach of the search for blobs about the estimate, px.
-pub const RELOCATION_REACH_PX: f64 = 4.0;
-/// Residual of half weight, px.
-pub const RELOCATION_SCALE_PX: f64 = 0.5;
-/// Mean offset of the checked fields below which a place is right, px.
-pub const RELOCATION_STEADY_PX: f64 = 0.12;
-/// Updates without an eye after which it is searched without one of the cameras.
+/// Least number of fields of a resection.
+pub const RESECTION_FIELDS: u64 = 80;
+/// Time after which a camera whose resection does not settle is said to be moving, ns.
+pub const RESECTION_LONGEST_NS: u64 = 6_000_000_000;
+/// Markers kept for a resection; more take longer than a field may.
+pub const RESECTION_SIGHTINGS: usize = 1_600;
+/// Newest fields by which a resection is checked.
+pub const RESECTION_CHECKED: usize = 25;
+/// Largest distance of a blob from the resected image of its marker, px.
+pub const RESECTION_REACH_PX: f64 = 4.0;
+/// Residual of half weight in a resection, px.
+pub const RESECTION_SCALE_PX: f64 = 0.5;
+/// Largest mean offset, and change of it, of the checked fields, px.
+pub const RESECTION_STEADY_PX: f64 = 0.12;
+/// Updates without the eye after which it is searched without each of the cameras.
 pub const WITHOUT_EYE_UPDATES: u32 = 6;
-/// Updates without an eye, though its markers are seen, after which cameras are told to disagree.
+/// Updates without the eye, though two cameras see its markers, after which the cameras disagree.
 pub const DISAGREE_UPDATES: u32 = 60;
-/// Reduced χ² of the eye without that camera.
+/// Largest reduced χ² of an eye found without a camera.
 pub const WITHOUT_CAMERA_CHI2: f64 = 9.0;

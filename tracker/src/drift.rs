@@ -14,9 +14,10 @@
 use crate::constants as k;
 use crate::fit::BlobMatch;
 use crate::pose_math::{Matrix6, propagated};
-use crate::projection::{PoseMatrix, pose_jacobian, project_marker};
+use crate::projection::{PoseMatrix, camera_jacobian, moved_camera, pose_jacobian, project_marker};
 use crate::rig_model::RigModel;
-use nalgebra::{Isometry3, Matrix2x3, Matrix3, Rotation3, SMatrix, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, SMatrix, Vector2, Vector3};
+use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
 
@@ -78,8 +79,8 @@ impl std::fmt::Display for DriftReport {
 
 /// Estimates the drift; all parameters are in units of their prior's standard deviation.
 pub struct DriftEstimator {
-    calibrated: RigModel,
-    /// Where cameras stand that were placed anew, else as calibrated.
+    calibrated: [Option<Camera>; MAX_CAMERAS],
+    /// As calibrated, but for cameras that were resected.
     nominal: RigModel,
     /// First parameter of each camera; of the markers of each body.
     camera_at: [usize; MAX_CAMERAS],
@@ -129,7 +130,7 @@ impl DriftEstimator {
         };
         let mut drift = DriftEstimator {
             past: std::array::from_fn(|_| nothing.clone()),
-            calibrated: rig.clone(),
+            calibrated: rig.cameras.clone(),
             nominal: rig.clone(),
             camera_at,
             markers_at,
@@ -164,10 +165,11 @@ impl DriftEstimator {
         }
         (self.column, self.turn) = (0, 0);
         self.report = DriftReport { unobservable_mm: self.report.unobservable_mm, ..DriftReport::default() };
-        self.nominal.clone_from(&self.calibrated);
+        self.nominal.cameras.clone_from(&self.calibrated);
         self.apply(rig);
     }
 
+    /// Keeps what is known now beside what was known after former solutions.
     fn remember(&mut self) {
         self.past.rotate_right(1);
         let newest = &mut self.past[0];
@@ -177,51 +179,48 @@ impl DriftEstimator {
         newest.detected = self.report.detected;
     }
 
-    /// Forgets what came in the last second, in which a camera misled it.
-    pub fn roll_back(&mut self, rig: &mut RigModel) {
+    /// Returns to what was known some 1.5 s ago, without what was known of these cameras (a set): since
+    /// then residuals of a moved camera came in.
+    pub fn roll_back(&mut self, moved: u32, rig: &mut RigModel) {
         let past = &self.past[PAST - 1];
         self.information.copy_from_slice(&past.information);
         self.gradient.copy_from_slice(&past.gradient);
         self.applied.copy_from_slice(&past.applied);
         self.report.detected = past.detected;
+        for camera in (0..MAX_CAMERAS).filter(|c| moved & (1 << c) != 0) {
+            self.marginalise(camera);
+        }
         self.column = 0;
-        for _ in 1..PAST {
+        for _ in 0..PAST {
             self.remember();
         }
         self.apply(rig);
     }
 
-    /// Takes over where `rig` has a camera now.
-    pub fn place(&mut self, camera: usize, rig: &RigModel) {
-        self.nominal.cameras[camera].clone_from(&rig.cameras[camera]);
-    }
-
-    /// Forgets what is known of a camera, and keeps what is known of the others without it.
-    pub fn forget(&mut self, camera: usize) {
-        let at = self.camera_at[camera];
-        for p in at..at + PER_CAMERA {
-            self.marginalise(p);
-            self.applied[p] = 0.0;
-        }
-        self.column = 0;
-    }
-
-    /// Eliminates a parameter, with its prior.
-    fn marginalise(&mut self, p: usize) {
+    /// Marginalises the parameters of a camera out, with their prior (Schur complement), and sets them to
+    /// zero.
+    fn marginalise(&mut self, camera: usize) {
         let n = self.parameters;
-        let pivot = self.information[p * n + p] + 1.0;
-        for r in (0..n).filter(|r| *r != p) {
-            let share = self.information[r * n + p] / pivot;
-            self.gradient[r] -= share * self.gradient[p];
-            for c in (0..n).filter(|c| *c != p) {
-                self.information[r * n + c] -= share * self.information[p * n + c];
+        for p in self.camera_at[camera]..self.camera_at[camera] + PER_CAMERA {
+            let pivot = self.information[p * n + p] + 1.0;
+            for r in (0..n).filter(|r| *r != p) {
+                let share = self.information[r * n + p] / pivot;
+                self.gradient[r] -= share * self.gradient[p];
+                for c in (0..n).filter(|c| *c != p) {
+                    self.information[r * n + c] -= share * self.information[p * n + c];
+                }
             }
+            for q in 0..n {
+                self.information[p * n + q] = 0.0;
+                self.information[q * n + p] = 0.0;
+            }
+            (self.gradient[p], self.applied[p]) = (0.0, 0.0);
         }
-        for q in 0..n {
-            self.information[p * n + q] = 0.0;
-            self.information[q * n + p] = 0.0;
-        }
-        self.gradient[p] = 0.0;
+    }
+
+    /// Takes a camera's present place in `rig` for its nominal one.
+    pub fn rebase(&mut self, camera: usize, rig: &RigModel) {
+        self.nominal.cameras[camera].clone_from(&rig.cameras[camera]);
     }
 
     /// The body whose residuals are used next; the bodies take turns.
@@ -283,12 +282,12 @@ impl DriftEstimator {
     ) -> Option<(SMatrix<f64, 2, PER_BLOB>, SMatrix<f64, 2, 6>, Vector2<f64>)> {
         let camera = rig.cameras[m.camera].as_ref()?;
         let image = project_marker(&rig.bodies[body].markers[m.marker], pose, camera)?;
-        let by_camera_point: Matrix2x3<f64> = image.jacobian * camera.camera_from_world.transpose();
-        let turning = -(by_camera_point * camera.in_camera(&image.point).cross_matrix());
+        let by_camera = camera_jacobian(camera, &image.jacobian, &image.point);
         let by_marker = image.jacobian * pose.rotation;
         let mut a = SMatrix::<f64, 2, PER_BLOB>::zeros();
-        a.fixed_view_mut::<2, 3>(0, 0).copy_from(&(turning * k::CAMERA_TURN_RAD));
-        a.fixed_view_mut::<2, 3>(0, 3).copy_from(&(by_camera_point * k::CAMERA_SHIFT_MM));
+        let [turn, shift] = [0, 3].map(|column| by_camera.fixed_view::<2, 3>(0, column));
+        a.fixed_view_mut::<2, 3>(0, 0).copy_from(&(turn * k::CAMERA_TURN_RAD));
+        a.fixed_view_mut::<2, 3>(0, 3).copy_from(&(shift * k::CAMERA_SHIFT_MM));
         a.fixed_view_mut::<2, 3>(0, 6).copy_from(&(by_marker * k::MARKER_SHIFT_MM));
         let at = self.indices(body, m);
         let applied = SMatrix::<f64, PER_BLOB, 1>::from_fn(|p, _| self.applied[at[p]]);
@@ -424,9 +423,7 @@ impl DriftEstimator {
             let at = |p: usize| self.applied[self.camera_at[id] + p];
             let turn = Vector3::new(at(0), at(1), at(2)) * k::CAMERA_TURN_RAD;
             let shift = Vector3::new(at(3), at(4), at(5)) * k::CAMERA_SHIFT_MM;
-            let rotation = Rotation3::new(turn);
-            camera.camera_from_world = rotation.matrix() * nominal.camera_from_world;
-            camera.translation_mm = rotation * nominal.translation_mm + shift;
+            *camera = moved_camera(nominal, turn, shift);
             self.report.camera_rad = self.report.camera_rad.max(turn.norm());
             self.report.camera_mm = self.report.camera_mm.max(shift.norm());
         }
@@ -466,7 +463,7 @@ impl DriftEstimator {
 }
 
 /// Prior information of a pose: next to none for an instrument, the centre for the eye.
-fn pose_prior(body: usize) -> Matrix6 {
+pub fn pose_prior(body: usize) -> Matrix6 {
     let mut prior = Matrix6::identity();
     if body == EYE {
         prior.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / (k::EYE_CENTRE_MM * k::EYE_CENTRE_MM));

@@ -239,7 +239,7 @@ impl TrackerProcess {
             tracing::warn!("{report}");
             self.drift_reported = true;
         }
-        if let Some(notice) = self.tracker.take_notice() {
+        while let Some(notice) = self.tracker.take_notice() {
             tracing::warn!("{notice}");
         }
         let (blobs, recorded) = (self.blobs.counts(), self.recorded.counts());

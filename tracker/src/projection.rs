@@ -1,7 +1,7 @@
 //! Projection of a marker into a camera: its centre, its size, and their derivatives by the pose.
 
 use crate::rig_model::{Marker, RigModel};
-use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, SMatrix, Unit, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2, Matrix2x3, Matrix3, Point3, Rotation3, SMatrix, Unit, Vector2, Vector3};
 use protocol::camera::Camera;
 
 /// The image of a marker, as predicted.
@@ -55,18 +55,8 @@ pub fn project_marker(marker: &Marker, pose: &PoseMatrix, camera: &Camera) -> Op
             point += across.into_inner() * (BAND_SHIFT * marker.radius);
         }
     }
-    let p = camera.in_camera(&point);
-    let depth = p.z;
-    if depth <= MIN_DEPTH_MM {
-        return None;
-    }
-    // Projected and differentiated together: the distortion is the expensive part.
-    let n = Vector2::new(p.x / depth, p.y / depth);
-    let (distorted, slope) = camera.distort(n);
-    let perspective = Matrix2x3::new(1.0, 0.0, -n.x, 0.0, 1.0, -n.y) / depth;
-    let jacobian = Matrix2::from_diagonal(&camera.focal_px) * slope * perspective * camera.camera_from_world;
-    let pixel = camera.focal_px.component_mul(&distorted) + camera.centre_px;
-    let radii = camera.focal_px * (marker.radius / depth);
+    let PointImage { pixel, jacobian, depth_mm } = project_point(&point, camera)?;
+    let radii = camera.focal_px * (marker.radius / depth_mm);
     Some(MarkerImage {
         pixel,
         jacobian,
@@ -74,6 +64,58 @@ pub fn project_marker(marker: &Marker, pose: &PoseMatrix, camera: &Camera) -> Op
         radius_px: radii.x,
         area_px: 0.5 * std::f64::consts::PI * radii.x * radii.y,
     })
+}
+
+/// The image of a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointImage {
+    /// Pixel of the frame.
+    pub pixel: Vector2<f64>,
+    /// Jacobian of the pixel by the point in the world, px/mm.
+    pub jacobian: Matrix2x3<f64>,
+    /// Depth of the point in the camera's frame, mm.
+    pub depth_mm: f64,
+}
+
+/// Projects a point of the world; `None` behind the camera.
+pub fn project_point(point: &Point3<f64>, camera: &Camera) -> Option<PointImage> {
+    let p = camera.in_camera(point);
+    let depth_mm = p.z;
+    if depth_mm <= MIN_DEPTH_MM {
+        return None;
+    }
+    // Projected and differentiated together: the distortion is the expensive part.
+    let n = Vector2::new(p.x / depth_mm, p.y / depth_mm);
+    let (distorted, slope) = camera.distort(n);
+    let perspective = Matrix2x3::new(1.0, 0.0, -n.x, 0.0, 1.0, -n.y) / depth_mm;
+    let jacobian = Matrix2::from_diagonal(&camera.focal_px) * slope * perspective * camera.camera_from_world;
+    let pixel = camera.focal_px.component_mul(&distorted) + camera.centre_px;
+    Some(PointImage { pixel, jacobian, depth_mm })
+}
+
+/// Jacobian of a pixel by a small turn (rad) and shift (mm) of its camera, both in the camera's frame.
+/// `by_point` is the Jacobian by `point` in the world.
+pub fn camera_jacobian(
+    camera: &Camera,
+    by_point: &Matrix2x3<f64>,
+    point: &Point3<f64>,
+) -> SMatrix<f64, 2, 6> {
+    let by_camera_point: Matrix2x3<f64> = by_point * camera.camera_from_world.transpose();
+    let turning = -(by_camera_point * camera.in_camera(point).cross_matrix());
+    let mut jacobian = SMatrix::<f64, 2, 6>::zeros();
+    jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&turning);
+    jacobian.fixed_view_mut::<2, 3>(0, 3).copy_from(&by_camera_point);
+    jacobian
+}
+
+/// A camera after a turn (rotation vector, rad) and a shift (mm) in its own frame.
+pub fn moved_camera(camera: &Camera, turn: Vector3<f64>, shift_mm: Vector3<f64>) -> Camera {
+    let rotation = Rotation3::new(turn);
+    Camera {
+        camera_from_world: rotation.matrix() * camera.camera_from_world,
+        translation_mm: rotation * camera.translation_mm + shift_mm,
+        ..camera.clone()
+    }
 }
 
 /// True if a marker of a body at `pose` is in the frames of at least two of the `cameras` (a set of

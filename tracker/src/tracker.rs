@@ -107,7 +107,7 @@ impl Tracker {
         self.drift.as_ref().map(DriftEstimator::report)
     }
 
-    /// What became known of a moved camera since the last call.
+    /// The oldest notice about a moved camera that was not taken yet.
     pub fn take_notice(&mut self) -> Option<Notice> {
         self.watch.as_mut().and_then(CameraWatch::take_notice)
     }

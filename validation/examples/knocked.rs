@@ -102,9 +102,10 @@ fn outcome(rig: &Rig, args: &Args, scenario: Scenario, seed: u64, px: f64) -> Ou
 
 fn of(notice: &Notice) -> Option<usize> {
     match notice {
-        Notice::Moved { camera, .. } | Notice::TakenBack { camera, .. } | Notice::Restless { camera } => {
-            Some(*camera)
-        }
+        Notice::Moved { camera, .. }
+        | Notice::Cleared { camera }
+        | Notice::TakenBack { camera, .. }
+        | Notice::StillMoving { camera } => Some(*camera),
         Notice::Disagree { .. } => None,
     }
 }

@@ -11,9 +11,9 @@
 //!
 //! A camera can be [`Knock`]ed at any instant; the rig that is told stays as it was.
 
+mod imaging;
 pub mod motion;
 pub mod score;
-mod sight;
 
 use motion::Motion;
 use nalgebra::{Rotation3, Vector3};
@@ -176,7 +176,7 @@ impl Recipe {
                 (seen.field, seen.camera, seen.parity) = (field, camera.id, ((field + n as u64) % 2) as u32);
                 (seen.exposed_ns, seen.read_out_ns) = (exposed as u64, arrives as u64);
                 seen.blobs_out_ns = arrives as u64;
-                sight::see(rig, &seen_by, &motion.at(t_s), &mut seen, &mut random);
+                imaging::see(rig, &seen_by, &motion.at(t_s), &mut seen, &mut random);
                 if hard {
                     false_blobs(&mut seen, camera, &mut random);
                 }
@@ -201,7 +201,7 @@ fn false_blobs(field: &mut BlobField, camera: &Camera, random: &mut Random) {
         field.push(Blob {
             x_px: random.between(5.0, w - 5.0),
             y_field_px: random.between(3.0, h / 2.0 - 3.0),
-            ..sight::blob(random.one_of(&COLOURS), area, width)
+            ..imaging::blob(random.one_of(&COLOURS), area, width)
         });
     }
 }

@@ -1,24 +1,25 @@
-//! Small residuals that add up: how much better the newest fields of a camera would be explained if it
-//! alone stood otherwise, the poses being free (as in [`crate::drift`]).
+//! Evidence that a camera was moved: the decrease of χ² of its newest fields if its pose alone were free,
+//! with the poses of the bodies eliminated (as in [`crate::drift`]).
 
-use super::{CameraJacobian, camera_jacobian, sighting, solve};
+use super::{scaled_jacobian, sighting, solve};
 use crate::associate::AssociationInput;
 use crate::constants as k;
+use crate::drift::pose_prior;
 use crate::observation::camera_of;
 use crate::pose_math::{Matrix6, Vector6, box_minus, propagated};
 use crate::projection::{PoseMatrix, pose_jacobian};
-use nalgebra::{Isometry3, SMatrix, Vector3};
+use nalgebra::{Isometry3, Vector3};
 use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::poses::EYE;
 
-/// What one body says about a camera.
+/// Normal equations of a camera's pose from one body.
 #[derive(Debug, Clone, Copy, Default)]
 struct Share {
     information: Matrix6,
     gradient: Vector6,
 }
 
-/// What the newest fields of a camera say about its place; older ones are forgotten.
+/// Evidence about one camera; older fields are forgotten exponentially.
 #[derive(Debug, Clone, Default)]
 pub struct Evidence {
     bodies: [Share; BODIES],
@@ -45,13 +46,8 @@ pub struct BodyUpdate {
 
 /// Adds an update to the evidence of its cameras.
 pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>, update: &BodyUpdate) {
-    let mut of_pose = update.prior_information;
-    if update.body == EYE {
-        // Its markers tell the rotation; a prior would take a saccade for a camera that moved.
-        of_pose.fill(0.0);
-        of_pose.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(1.0 / (k::EYE_CENTRE_MM * k::EYE_CENTRE_MM));
-        of_pose.fixed_view_mut::<3, 3>(3, 3).fill_diagonal(1.0);
-    }
+    // With the eye's predicted rotation as a prior, a saccade would look like a moved camera.
+    let mut of_pose = if update.body == EYE { pose_prior(EYE) } else { update.prior_information };
     let mut pull = of_pose * box_minus(&update.prior, &update.pose);
     let mut cameras: [Option<OfCamera>; MAX_CAMERAS] = [const { None }; MAX_CAMERAS];
     for field in input.fields() {
@@ -65,7 +61,8 @@ pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>,
         for s in seen {
             let Some(inverse) = s.covariance.try_inverse() else { continue };
             let weight = inverse / (1.0 + s.offset.norm_squared() / (k::KNOCK_SLOW_PX * k::KNOCK_SLOW_PX));
-            let (a, j) = (camera_jacobian(camera, &s.image), pose_jacobian(&s.image, &pose));
+            let (a, j) =
+                (scaled_jacobian(camera, &s.image.jacobian, &s.image.point), pose_jacobian(&s.image, &pose));
             let (aw, jw) = (a.transpose() * weight, j.transpose() * weight);
             of_pose += jw * j;
             pull += jw * s.offset;
@@ -87,7 +84,7 @@ pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>,
 #[derive(Debug, Clone, Default)]
 struct OfCamera {
     own: Matrix6,
-    mixed: SMatrix<f64, 6, 6>,
+    mixed: Matrix6,
     right: Vector6,
     spread: Matrix6,
     blobs: f64,
@@ -129,7 +126,7 @@ impl Evidence {
         self.estimate().map_or(0.0, |delta| self.gradient().dot(&delta))
     }
 
-    /// True if many fields came and the eye was in none of them.
+    /// True if enough fields came to judge, but none showed the eye.
     pub fn misses_eye(&self) -> bool {
         self.fields >= k::KNOCK_LEAST_FIELDS && self.bodies[EYE].information.trace() == 0.0
     }
@@ -151,7 +148,7 @@ impl Evidence {
             // The decrease of this body's χ² alone.
             let gained = 2.0 * share.gradient.dot(&delta) - expected;
             let agrees = gained > 0.5 * expected;
-            // An instrument that follows the camera denies what moved it; the eye's centre cannot move.
+            // A filter of an instrument may have followed the moved camera. The eye's centre is fixed.
             if body == EYE && agrees && gained > k::KNOCK_GAIN {
                 return Some(px);
             }
@@ -165,5 +162,3 @@ impl Evidence {
         (agreeing >= 2).then_some(px)
     }
 }
-
-const _: () = assert!(size_of::<CameraJacobian>() == 96);

@@ -1,7 +1,7 @@
-//! A field that as a whole lies beside the predictions: most of its markers do, all as one turn and
-//! shift of the camera would have it, and markers of more than one body.
+//! A field that jumps: most of its markers lie off their predictions by one turn and shift of the camera,
+//! and they belong to more than one body.
 
-use super::{CameraJacobian, camera_jacobian, sighting, solve};
+use super::{CameraJacobian, scaled_jacobian, sighting, solve};
 use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
 use crate::observation::{FieldObservation, camera_of};
@@ -19,7 +19,7 @@ struct Offset {
     jacobian: CameraJacobian,
 }
 
-/// Mean length by which the blobs of a field lie beside their markers, px, if it was moved as a whole.
+/// Mean distance of the blobs of a field from their predicted markers, px, if the field jumps.
 pub fn of_field(
     input: &AssociationInput<'_>,
     field: &FieldObservation,
@@ -71,7 +71,11 @@ fn offsets(
             if body == EYE && (j * predicted.covariance * j.transpose()).trace() > k::KNOCK_SURE_PX2 {
                 return (found, 0);
             }
-            found[count] = Some(Offset { body, px: s.offset, jacobian: camera_jacobian(camera, &s.image) });
+            found[count] = Some(Offset {
+                body,
+                px: s.offset,
+                jacobian: scaled_jacobian(camera, &s.image.jacobian, &s.image.point),
+            });
             count += 1;
         }
     }

@@ -4,10 +4,10 @@ use super::{Group, ORDER, Reference, Tracker};
 use crate::acquisition::AcquisitionInput;
 use crate::associate::{Association, AssociationInput};
 use crate::body_filter::BodyFilter;
-use crate::camera_watch::BodyUpdate;
+use crate::camera_watch::{BodyUpdate, members};
 use crate::fit::{BlobMatch, PoseFit, PoseProblem, TrocarInWorld, trocar_miss};
 use crate::observation::FieldObservation;
-use crate::pose_math::exp;
+use crate::pose_math::{Matrix6, exp};
 use crate::rig_model::RigModel;
 use crate::track::Track;
 use crate::{constants as k, roll_recovery};
@@ -70,27 +70,24 @@ impl Tracker {
         Group { cameras, ..group }
     }
 
-    /// Judges what the fits say of the cameras, and places those that are left out.
+    /// Judges the evidence about the cameras, and resects those that are left out.
     pub(super) fn watch_cameras(&mut self, group: Group) {
         let Some(watch) = &mut self.watch else { return };
-        let left_out = watch.left_out();
         watch.judge(group.seen, group.time_ns);
-        let newly_out = watch.left_out() & !left_out;
-        if let Some(drift) = self.drift.as_mut().filter(|_| newly_out != 0) {
-            drift.roll_back(&mut self.rig);
-            (0..MAX_CAMERAS).filter(|c| newly_out & (1 << c) != 0).for_each(|c| drift.forget(c));
-        }
-        if watch.left_out() & group.seen == 0 {
-            return;
+        let newly_left_out = watch.take_newly_left_out();
+        if let Some(drift) = self.drift.as_mut().filter(|_| newly_left_out != 0) {
+            drift.roll_back(newly_left_out, &mut self.rig);
         }
         let fresh = |track: &Track| group.time_ns.saturating_sub(track.good_ns) <= k::ACQUIRE_AFTER_NS;
-        let placed = std::array::from_fn(|b| self.tracks[b].predicted().filter(|_| fresh(&self.tracks[b])));
-        let all = Group { cameras: group.seen, ..group };
-        let input = all.input(&self.rig, &self.fields, &self.area_scales);
-        if let Some((camera, found)) = watch.relocate(&input, &placed) {
-            self.rig.cameras[camera] = Some(found);
-            if let Some(drift) = &mut self.drift {
-                drift.place(camera, &self.rig);
+        for camera in members(watch.left_out() & group.seen) {
+            let bodies =
+                std::array::from_fn(|b| self.tracks[b].predicted().filter(|_| fresh(&self.tracks[b])));
+            let input = group.input(&self.rig, &self.fields, &self.area_scales);
+            if let Some(found) = watch.resect(camera, &input, &bodies) {
+                self.rig.cameras[camera] = Some(found);
+                if let Some(drift) = &mut self.drift {
+                    drift.rebase(camera, &self.rig);
+                }
             }
         }
     }
@@ -203,18 +200,18 @@ impl Tracker {
     pub(super) fn filter(&mut self, group: Group, estimate: &Estimate) -> Fits {
         let mut accepted: Fits = [None; BODIES];
         for body in ORDER {
-            self.add_evidence(group, estimate, body);
-            accepted[body] = self.filter_body(group, estimate, body);
+            let filter = self.tracks[body].filter.as_ref();
+            let Some(prior) = filter.and_then(|f| f.pose_covariance().cholesky()) else { continue };
+            let prior_information = prior.inverse();
+            self.add_evidence(group, estimate, body, prior_information);
+            accepted[body] = self.filter_body(group, estimate, body, &prior_information);
         }
         accepted
     }
 
-    /// Notes what a body says of the cameras, before its filter is updated.
-    fn add_evidence(&mut self, group: Group, estimate: &Estimate, body: usize) {
+    /// Adds the evidence of a body about the cameras, before its filter is updated.
+    fn add_evidence(&mut self, group: Group, estimate: &Estimate, body: usize, prior_information: Matrix6) {
         let (Some(watch), Some(filter)) = (&mut self.watch, &self.tracks[body].filter) else { return };
-        let Some(prior_information) = filter.pose_covariance().cholesky().map(|c| c.inverse()) else {
-            return;
-        };
         let prior = filter.pose();
         let pose = estimate.fits[body].map_or(prior, |f| f.pose);
         let update = BodyUpdate { body, pose, prior, prior_information, motion: filter.motion() };
@@ -222,13 +219,18 @@ impl Tracker {
         watch.add(&looked_at.input(&self.rig, &self.fields, &self.area_scales), &update);
     }
 
-    fn filter_body(&mut self, group: Group, estimate: &Estimate, body: usize) -> Option<PoseFit> {
+    fn filter_body(
+        &mut self,
+        group: Group,
+        estimate: &Estimate,
+        body: usize,
+        prior_information: &Matrix6,
+    ) -> Option<PoseFit> {
         let fit = estimate.fits[body]?;
         let matches = &estimate.association.matches[body];
         let track = &mut self.tracks[body];
         track.count_near_misses(estimate.association.near_misses[body]);
-        let prior = track.filter.as_ref().and_then(|f| f.pose_covariance().cholesky())?;
-        if !track.update(&fit, &prior.inverse(), matches, group.time_ns) {
+        if !track.update(&fit, prior_information, matches, group.time_ns) {
             return None;
         }
         track.observe_roll(&self.rig.bodies[body], matches, group.time_ns);

@@ -27,7 +27,9 @@ impl Tracked {
             assembler.add(field, field.blobs_out_ns, |used, closed| {
                 tracked.frames.push(tracker.track(used, &closed.reference));
                 let t_s = closed.reference.exposed_ns as f64 * 1e-9;
-                tracked.notices.extend(tracker.take_notice().map(|notice| (t_s, notice)));
+                while let Some(notice) = tracker.take_notice() {
+                    tracked.notices.push((t_s, notice));
+                }
             });
         }
         tracked

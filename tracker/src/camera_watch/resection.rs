@@ -1,12 +1,12 @@
-//! Where a camera stands, from what it sees of markers whose places the other cameras tell: Gauss and
-//! Newton's iteration over the newest fields, one step with every field, weighted by Cauchy's function.
+//! Resection of a camera: its pose from markers that the other cameras locate, by a Gauss–Newton iteration
+//! over its newest fields, one step per field, with Cauchy weights and the calibrated pose as a weak prior.
 
-use super::{jacobian, moved, sighting, solve};
+use super::{moved, scaled_jacobian, sighting, solve};
 use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
 use crate::observation::{FieldObservation, camera_of};
 use crate::pose_math::{Matrix6, Vector6, propagated};
-use crate::projection::PoseMatrix;
+use crate::projection::{PoseMatrix, project_point};
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_MARKERS};
@@ -15,42 +15,42 @@ use std::collections::VecDeque;
 /// A marker's visible centre in the world, mm, and the blob of it, px.
 type Sighting = (Point3<f64>, Vector2<f64>);
 
-/// The estimation of one camera.
+/// The resection of one camera.
 #[derive(Debug, Clone)]
-pub struct Relocation {
+pub struct Resection {
     sightings: VecDeque<Sighting>,
     estimate: Option<Camera>,
     /// Fields taken, and those that are wanted.
     fields: u64,
     wanted: u64,
-    /// Mean offsets of the newest fields from where the estimate had them, px.
+    /// Median offset of each of the newest fields from the estimate's images, px.
     offsets: VecDeque<Vector2<f64>>,
-    complained: bool,
+    overrun_noted: bool,
 }
 
-impl Default for Relocation {
+impl Default for Resection {
     fn default() -> Self {
-        Relocation {
-            sightings: VecDeque::with_capacity(k::RELOCATION_SIGHTINGS),
+        Resection {
+            sightings: VecDeque::with_capacity(k::RESECTION_SIGHTINGS),
             estimate: None,
             fields: 0,
             wanted: 0,
-            offsets: VecDeque::with_capacity(k::RELOCATION_CHECKED),
-            complained: false,
+            offsets: VecDeque::with_capacity(k::RESECTION_CHECKED),
+            overrun_noted: false,
         }
     }
 }
 
-impl Relocation {
+impl Resection {
     /// Starts anew; `wanted` fields are needed.
     pub fn begin(&mut self, wanted: u64) {
         self.sightings.clear();
         self.offsets.clear();
-        (self.estimate, self.fields, self.wanted, self.complained) = (None, 0, wanted, false);
+        (self.estimate, self.fields, self.wanted, self.overrun_noted) = (None, 0, wanted, false);
     }
 
-    /// Takes a field of the camera, and improves the estimate by one step.
-    pub fn collect(
+    /// Adds a field of the camera, and improves the estimate by one step.
+    pub fn add_field(
         &mut self,
         input: &AssociationInput<'_>,
         calibrated: &Camera,
@@ -59,8 +59,8 @@ impl Relocation {
     ) {
         let Some(last) = camera_of(input.rig, field) else { return };
         let camera = self.estimate.get_or_insert_with(|| last.clone()).clone();
-        let known = self.offsets.len() == k::RELOCATION_CHECKED;
-        let reach = if known { k::RELOCATION_REACH_PX } else { k::KNOCK_REACH_PX };
+        let known = self.offsets.len() == k::RESECTION_CHECKED;
+        let reach = if known { k::RESECTION_REACH_PX } else { k::KNOCK_REACH_PX };
         let scale = input.area_scales[field.camera];
         let mut seen = [Vector2::zeros(); BODIES * MAX_MARKERS];
         let mut count = 0;
@@ -69,13 +69,13 @@ impl Relocation {
             let pose = propagated(&placed.pose, &placed.motion, input.dt_s(field));
             let pose = PoseMatrix::from(&pose);
             for s in sighting::of_body(input.rig, body, &pose, &camera, field, scale, reach) {
-                push(&mut self.sightings, (s.image.point, s.image.pixel + s.offset), k::RELOCATION_SIGHTINGS);
+                push(&mut self.sightings, (s.image.point, s.image.pixel + s.offset), k::RESECTION_SIGHTINGS);
                 seen[count] = s.offset;
                 count += 1;
             }
         }
         if count >= k::KNOCK_JUMP_MARKERS {
-            push(&mut self.offsets, median(&mut seen[..count]), k::RELOCATION_CHECKED);
+            push(&mut self.offsets, median(&mut seen[..count]), k::RESECTION_CHECKED);
             self.fields += 1;
         }
         self.improve(&camera, calibrated);
@@ -83,13 +83,11 @@ impl Relocation {
 
     fn improve(&mut self, camera: &Camera, calibrated: &Camera) {
         let mut information = Matrix6::zeros();
-        // Held weakly to where the rig has it.
         let mut gradient = -between(calibrated, camera);
         for (point, seen) in &self.sightings {
-            let images = camera.project(point).zip(camera.projection_jacobian(point));
-            let Some((pixel, by_point)) = images else { continue };
-            let (r, a) = (seen - pixel, jacobian(camera, &by_point, point));
-            let scale = k::RELOCATION_SCALE_PX;
+            let Some(image) = project_point(point, camera) else { continue };
+            let (r, a) = (seen - image.pixel, scaled_jacobian(camera, &image.jacobian, point));
+            let scale = k::RESECTION_SCALE_PX;
             let weight = k::KNOCK_WEIGHT / (1.0 + r.norm_squared() / (scale * scale));
             information += a.transpose() * a * weight;
             gradient += a.transpose() * r * weight;
@@ -99,27 +97,27 @@ impl Relocation {
         }
     }
 
-    /// The camera as far as it is known.
-    pub fn rough(&self) -> Option<Camera> {
-        self.estimate.clone().filter(|_| self.fields >= k::RELOCATION_ROUGH_FIELDS)
+    /// The camera after enough fields to be used where others are missing.
+    pub fn provisional(&self) -> Option<Camera> {
+        self.estimate.clone().filter(|_| self.fields >= k::RESECTION_PROVISIONAL_FIELDS)
     }
 
-    /// The camera, once enough fields agree on it.
-    pub fn place(&self) -> Option<Camera> {
-        let enough = self.fields >= self.wanted && self.offsets.len() == k::RELOCATION_CHECKED;
+    /// The camera, once enough fields agree with it.
+    pub fn accepted(&self) -> Option<Camera> {
+        let enough = self.fields >= self.wanted && self.offsets.len() == k::RESECTION_CHECKED;
         let mean = self.offsets.iter().sum::<Vector2<f64>>() / self.offsets.len().max(1) as f64;
         let half = self.offsets.len() / 2;
         let part = |from: usize, to: usize| {
             self.offsets.range(from..to).sum::<Vector2<f64>>() / (to - from).max(1) as f64
         };
         let steady =
-            half > 0 && (part(0, half) - part(half, self.offsets.len())).norm() < k::RELOCATION_STEADY_PX;
-        (enough && steady && mean.norm() < k::RELOCATION_STEADY_PX).then(|| self.estimate.clone()).flatten()
+            half > 0 && (part(0, half) - part(half, self.offsets.len())).norm() < k::RESECTION_STEADY_PX;
+        (enough && steady && mean.norm() < k::RESECTION_STEADY_PX).then(|| self.estimate.clone()).flatten()
     }
 
-    /// True once: nobody was told yet.
-    pub fn complain(&mut self) -> bool {
-        !std::mem::replace(&mut self.complained, true)
+    /// True at the first call since the start.
+    pub fn first_overrun(&mut self) -> bool {
+        !std::mem::replace(&mut self.overrun_noted, true)
     }
 }
 
