@@ -11,7 +11,7 @@ use protocol::fields::FieldHeader;
 use protocol::frames::{FrameRecord, PictureHeader};
 use protocol::handles::{HandleState, PedalState};
 use protocol::health::{Health, Process, STATE_RUNNING};
-use protocol::inputs::{Hint, InputEvent};
+use protocol::inputs::{Hint, Input, InputEvent};
 use protocol::limits::MAX_WAIT_MS;
 use protocol::message::Message;
 use protocol::poses::TrackerFrame;
@@ -92,13 +92,25 @@ fn no_command(request: &mut Request) {
     request.command |= 1 << 20;
 }
 
+/// Neither is a key or a button of the pedal: who may press those may pause the run, and then it does not
+/// end by itself.
+fn no_button(pedal: &mut PedalState) {
+    pedal.buttons = 0;
+}
+
+fn no_key(event: &mut InputEvent) {
+    if matches!(event.input(), Some(Input::Press(_))) {
+        event.code |= 1 << 20;
+    }
+}
+
 /// One on every channel.
 fn all_channels<'a>(instance: &Instance) -> Vec<Spray<'a>> {
     vec![
         with_payload::<FieldHeader>(instance),
         plain::<BlobField>(instance, |_| {}),
         plain::<HandleState>(instance, |_| {}),
-        plain::<PedalState>(instance, |_| {}),
+        plain::<PedalState>(instance, no_button),
         plain::<TrackerFrame>(instance, |_| {}),
         with_payload::<SceneHeader>(instance),
         plain::<StepRecord>(instance, |_| {}),
@@ -110,7 +122,7 @@ fn all_channels<'a>(instance: &Instance) -> Vec<Spray<'a>> {
         plain::<Request>(instance, no_command),
         plain::<RecordedFrame>(instance, |_| {}),
         plain::<Answer>(instance, |_| {}),
-        plain::<InputEvent>(instance, |_| {}),
+        plain::<InputEvent>(instance, no_key),
         plain::<Hint>(instance, |_| {}),
     ]
 }

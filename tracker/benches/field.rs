@@ -5,6 +5,7 @@
 //!
 //! - `full triple`: three genlocked cameras, everything visible;
 //! - `64 blobs a camera`: the same with false blobs of the markers' colours up to 64 in each field;
+//! - `a camera left out`: one was moved by 5 px and is being resected;
 //! - `search, 64 blobs a camera`: every body is lost before every frame.
 
 use blob_stream::BlobReader;
@@ -59,6 +60,20 @@ fn cluttered(frames: &[Frame]) -> Vec<Frame> {
     all
 }
 
+/// First frame in which camera 1 is moved, and the frames during which it is left out after that.
+const MOVED_AT: usize = 15;
+const LEFT_OUT: std::ops::Range<usize> = MOVED_AT + 10..MOVED_AT + 75;
+
+/// Moves the picture of camera 1 by 5 px.
+fn moved(frames: &[Frame]) -> Vec<Frame> {
+    let mut all = frames.to_vec();
+    for field in all[MOVED_AT..].iter_mut().flat_map(|(fields, _)| fields).filter(|f| f.camera == 1) {
+        let count = field.count as usize;
+        field.blobs[..count].iter_mut().for_each(|b| b.x_px += 5.0);
+    }
+    all
+}
+
 /// Least time of every frame, ns.
 fn times(rig: &Rig, frames: &[Frame], lost: bool) -> Vec<u64> {
     let mut least = vec![u64::MAX; frames.len()];
@@ -83,6 +98,7 @@ fn main() {
     let methods = [
         ("full triple", times(&rig, &plain, false)[START..].to_vec()),
         ("64 blobs a camera", times(&rig, &clutter, false)[START..].to_vec()),
+        ("a camera left out", times(&rig, &moved(&plain), false)[LEFT_OUT].to_vec()),
         ("search, 64 blobs a camera", times(&rig, &clutter, true)),
     ];
     for (method, mut ns) in methods {

@@ -224,24 +224,34 @@ impl CameraWatch {
         self.set(|s| !matches!(s, State::LeftOut { .. }))
     }
 
-    /// Set of the cameras of a group whose fields are tracked: not those that are left out, nor fields that
-    /// jump.
-    pub fn admit(
+    /// Set of the cameras of a group whose fields are tracked, as far as they do not jump.
+    pub fn admit(&self, input: &AssociationInput<'_>) -> u32 {
+        input.cameras & (self.in_use() | self.provisional(input))
+    }
+
+    /// Set of the cameras of a group whose fields do not jump. `matched` is the number of markers with a
+    /// blob in their gate, by camera: where most have one, the field did not jump.
+    pub fn without_jumps(
         &mut self,
         input: &AssociationInput<'_>,
+        matched: &[u32; MAX_CAMERAS],
         predicted: &[Option<PredictedBody>; BODIES],
     ) -> u32 {
-        let provisional = input.cameras & self.provisional(input);
         let in_use = input.cameras & self.in_use();
+        let of_body = |(body, p): (usize, &Option<_>)| {
+            if p.is_some() { input.rig.bodies[body].markers.len() as u32 } else { 0 }
+        };
+        let markers: u32 = predicted.iter().enumerate().map(of_body).sum();
         for field in input.fields().filter(|f| in_use & (1 << f.camera) != 0) {
-            let px = jump::of_field(input, field, predicted);
+            let most = 4 * matched[field.camera] >= 3 * markers;
+            let px = if most { None } else { jump::of_field(input, field, predicted) };
             self.jumps[field.camera] = px.map(|px| Jump { at_ns: input.time_ns, px });
         }
-        let mut admitted = in_use | provisional;
+        let mut steady = input.cameras;
         for camera in members(in_use) {
             let jump = self.jumps[camera].filter(|_| self.jumped_alone(camera, input.time_ns));
             if jump.is_some() {
-                admitted &= !(1 << camera);
+                steady &= !(1 << camera);
             }
             self.states[camera] = self.states[camera].after(jump.is_some());
             if let (State::Suspected { jumped: k::KNOCK_FIELDS.., .. }, Some(jump)) =
@@ -250,7 +260,7 @@ impl CameraWatch {
                 self.accuse(camera, jump.px, input.time_ns);
             }
         }
-        admitted
+        steady
     }
 
     /// Set of the left-out cameras that are tracked with a provisional pose, because fewer than two others
@@ -278,7 +288,7 @@ impl CameraWatch {
     }
 
     /// Adds what an update of a body says about the cameras.
-    pub fn add(&mut self, input: &AssociationInput<'_>, update: &BodyUpdate) {
+    pub fn add(&mut self, input: &AssociationInput<'_>, update: &BodyUpdate<'_>) {
         // The filters need some time to forget the camera that was left out.
         let settling = |t: Trial| input.time_ns.saturating_sub(t.since_ns) < k::KNOCK_SETTLE_NS;
         if !self.trial.is_some_and(settling) {
@@ -297,7 +307,6 @@ impl CameraWatch {
         match (self.trial, verdict) {
             (_, Some((camera, px))) if remaining >= 3 => self.accuse(camera, px, time_ns),
             (Some(trial), Some((_, px))) => self.try_another(trial, in_use, px, time_ns),
-            (None, Some(_)) => self.disagree(time_ns),
             (Some(trial), None) if time_ns.saturating_sub(trial.since_ns) > k::KNOCK_TRIAL_NS => {
                 // Cameras that do not find the eye together disagree; a silent one does not count.
                 if members(in_use).any(|c| self.evidence[c].misses_eye()) {

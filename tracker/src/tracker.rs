@@ -153,7 +153,7 @@ impl Tracker {
         let group = self.observe(fields, reference)?;
         self.predict(group.time_ns);
         let group = self.admit(group);
-        let association = self.associate(group);
+        let (group, association) = self.associate(group);
         let estimate = self.estimate(group, association);
         let accepted = self.filter(group, &estimate);
         self.watch_cameras(group);

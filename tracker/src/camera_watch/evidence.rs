@@ -5,6 +5,7 @@ use super::{scaled_jacobian, sighting, solve};
 use crate::associate::AssociationInput;
 use crate::constants as k;
 use crate::drift::pose_prior;
+use crate::fit::BlobMatch;
 use crate::observation::camera_of;
 use crate::pose_math::{Matrix6, Vector6, box_minus, propagated};
 use crate::projection::{PoseMatrix, pose_jacobian};
@@ -31,7 +32,7 @@ pub struct Evidence {
 }
 
 /// An update of a body, with its prior.
-pub struct BodyUpdate {
+pub struct BodyUpdate<'a> {
     /// Which body.
     pub body: usize,
     /// The fitted pose; the predicted one where no blob was near it.
@@ -42,10 +43,12 @@ pub struct BodyUpdate {
     pub prior_information: Matrix6,
     /// Velocity and angular velocity.
     pub motion: [Vector3<f64>; 2],
+    /// Its blobs.
+    pub matches: &'a [BlobMatch],
 }
 
 /// Adds an update to the evidence of its cameras.
-pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>, update: &BodyUpdate) {
+pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>, update: &BodyUpdate<'_>) {
     // With the eye's predicted rotation as a prior, a saccade would look like a moved camera.
     let mut of_pose = if update.body == EYE { pose_prior(EYE) } else { update.prior_information };
     let mut pull = of_pose * box_minus(&update.prior, &update.pose);
@@ -56,8 +59,8 @@ pub fn add(evidence: &mut [Evidence; MAX_CAMERAS], input: &AssociationInput<'_>,
         let pose = PoseMatrix::from(&pose);
         let scale = input.area_scales[field.camera];
         let own = cameras[field.camera].get_or_insert_default();
-        let seen =
-            sighting::of_body(input.rig, update.body, &pose, camera, field, scale, k::KNOCK_SLOW_REACH_PX);
+        // The association's gates hide what was moved: markers without a match are searched further away.
+        let seen = sighting::of_matches(input.rig, update, &pose, camera, field, scale);
         for s in seen {
             let Some(inverse) = s.covariance.try_inverse() else { continue };
             let weight = inverse / (1.0 + s.offset.norm_squared() / (k::KNOCK_SLOW_PX * k::KNOCK_SLOW_PX));

@@ -1,17 +1,27 @@
 //! A field that jumps: most of its markers lie off their predictions by one turn and shift of the camera,
 //! and they belong to more than one body.
 
-use super::{CameraJacobian, scaled_jacobian, sighting, solve};
+use super::sighting::{self, Sighting};
+use super::{CameraJacobian, scaled_jacobian, solve};
 use crate::associate::{AssociationInput, PredictedBody};
 use crate::constants as k;
 use crate::observation::{FieldObservation, camera_of};
 use crate::pose_math::{Matrix6, Vector6, propagated};
 use crate::projection::{PoseMatrix, pose_jacobian};
 use nalgebra::Vector2;
+use protocol::camera::Camera;
 use protocol::limits::{BODIES, MAX_MARKERS};
 use protocol::poses::EYE;
 
-/// A marker with the nearest blob of its colour.
+/// The markers of a body that a field shows whole, and its predicted pose.
+#[derive(Clone, Copy)]
+struct Seen {
+    body: usize,
+    pose: PoseMatrix,
+    sighting: Sighting,
+}
+
+/// Distance of a blob from its predicted marker, and how a move of the camera changes it.
 #[derive(Debug, Clone, Copy)]
 struct Offset {
     body: usize,
@@ -25,61 +35,72 @@ pub fn of_field(
     field: &FieldObservation,
     predicted: &[Option<PredictedBody>; BODIES],
 ) -> Option<f64> {
-    let (offsets, count) = offsets(input, field, predicted);
-    let offsets = &offsets[..count];
-    let far = offsets.iter().flatten().filter(|o| o.px.norm() > k::KNOCK_JUMP_PX).count();
-    if count < k::KNOCK_JUMP_MARKERS || 5 * far < 2 * count {
+    let camera = camera_of(input.rig, field)?;
+    let mut seen = [None; BODIES * MAX_MARKERS];
+    let count = markers_seen(input, field, predicted, camera, &mut seen);
+    let seen = seen[..count].iter().flatten();
+    let far = seen.clone().filter(|s| s.sighting.offset.norm() > k::KNOCK_JUMP_PX).count();
+    // The usual end: whatever follows is only computed for a field that may jump.
+    if count < k::KNOCK_JUMP_MARKERS || 5 * far < 2 * count || !eye_jumps(seen.clone(), predicted) {
         return None;
     }
+    let mut offsets = [None; BODIES * MAX_MARKERS];
+    for (slot, s) in offsets.iter_mut().zip(seen) {
+        let Sighting { image, offset, .. } = s.sighting;
+        let jacobian = scaled_jacobian(camera, &image.jacobian, &image.point);
+        *slot = Some(Offset { body: s.body, px: offset, jacobian });
+    }
+    let offsets = &offsets[..count];
     let delta = robust_move(offsets)?;
     let mut agreeing = [0; BODIES];
     for o in offsets.iter().flatten() {
-        agreeing[o.body] += u32::from((o.px - o.jacobian * delta).norm() < k::KNOCK_AGREES_PX);
+        agreeing[o.body] += usize::from((o.px - o.jacobian * delta).norm() < k::KNOCK_AGREES_PX);
     }
-    let all: u32 = agreeing.iter().sum();
+    let all: usize = agreeing.iter().sum();
     let bodies = agreeing.iter().filter(|n| **n >= 2).count();
     let eye_alone = predicted.iter().enumerate().all(|(body, p)| p.is_none() == (body != EYE));
-    // The eye is predicted best: where its markers stay, the instruments were predicted badly.
-    let of_eye = || offsets.iter().flatten().filter(|o| o.body == EYE);
-    let eye_px: f64 = of_eye().map(|o| o.px.norm()).sum::<f64>() / of_eye().count().max(1) as f64;
-    if of_eye().count() > 0 && eye_px < k::KNOCK_JUMP_PX {
-        return None;
-    }
-    let enough = 5 * all as usize >= 3 * count && all as usize >= k::KNOCK_JUMP_MARKERS;
+    let enough = 5 * all >= 3 * count && all >= k::KNOCK_JUMP_MARKERS;
     let moved: f64 = offsets.iter().flatten().map(|o| (o.jacobian * delta).norm()).sum();
     let px = moved / count as f64;
     (enough && (bodies >= 2 || eye_alone) && px > k::KNOCK_JUMP_PX).then_some(px)
 }
 
-/// All markers that have a blob of their colour and size near them.
-fn offsets(
+/// Collects the markers that a field shows whole; returns their number.
+fn markers_seen(
     input: &AssociationInput<'_>,
     field: &FieldObservation,
     predicted: &[Option<PredictedBody>; BODIES],
-) -> ([Option<Offset>; BODIES * MAX_MARKERS], usize) {
-    let mut found = [None; BODIES * MAX_MARKERS];
+    camera: &Camera,
+    seen: &mut [Option<Seen>; BODIES * MAX_MARKERS],
+) -> usize {
     let mut count = 0;
-    let Some(camera) = camera_of(input.rig, field) else { return (found, 0) };
     let scale = input.area_scales[field.camera];
     for (body, predicted) in predicted.iter().enumerate() {
         let Some(predicted) = predicted else { continue };
         let pose = propagated(&predicted.pose, &predicted.motion, input.dt_s(field));
         let pose = PoseMatrix::from(&pose);
-        for s in sighting::of_body(input.rig, body, &pose, camera, field, scale, k::KNOCK_REACH_PX) {
-            let j = pose_jacobian(&s.image, &pose);
-            // An eye that was just found is predicted badly itself.
-            if body == EYE && (j * predicted.covariance * j.transpose()).trace() > k::KNOCK_SURE_PX2 {
-                return (found, 0);
-            }
-            found[count] = Some(Offset {
-                body,
-                px: s.offset,
-                jacobian: scaled_jacobian(camera, &s.image.jacobian, &s.image.point),
-            });
+        for sighting in sighting::of_body(input.rig, body, &pose, camera, field, scale, k::KNOCK_REACH_PX) {
+            seen[count] = Some(Seen { body, pose, sighting });
             count += 1;
         }
     }
-    (found, count)
+    count
+}
+
+/// False if the eye's markers do not jump, or were not predicted well enough to tell. The eye is predicted
+/// best: where its markers stay, the instruments were predicted badly.
+fn eye_jumps<'a>(
+    seen: impl Iterator<Item = &'a Seen> + Clone,
+    predicted: &[Option<PredictedBody>; BODIES],
+) -> bool {
+    let of_eye = || seen.clone().filter(|s| s.body == EYE);
+    let Some(eye) = predicted[EYE].as_ref().filter(|_| of_eye().count() > 0) else { return true };
+    let sure = |s: &Seen| {
+        let j = pose_jacobian(&s.sighting.image, &s.pose);
+        (j * eye.covariance * j.transpose()).trace() <= k::KNOCK_SURE_PX2
+    };
+    let mean_px = of_eye().map(|s| s.sighting.offset.norm()).sum::<f64>() / of_eye().count() as f64;
+    mean_px >= k::KNOCK_JUMP_PX && of_eye().all(sure)
 }
 
 /// The turn and shift of the camera that most offsets are, by repeated weighting (Cauchy).

@@ -61,13 +61,10 @@ impl Tracker {
         Some(Group { cameras, seen: cameras, time_ns: self.last_ns })
     }
 
-    /// The group without the fields of cameras that were moved.
-    pub(super) fn admit(&mut self, group: Group) -> Group {
-        let predicted = std::array::from_fn(|body| self.tracks[body].predicted());
+    /// The group without the fields of cameras that are left out.
+    pub(super) fn admit(&self, group: Group) -> Group {
         let input = group.input(&self.rig, &self.fields, &self.area_scales);
-        let cameras = self.watch.as_mut().map_or(group.cameras, |w| w.admit(&input, &predicted));
-        self.cameras_in_frame |= cameras;
-        Group { cameras, ..group }
+        Group { cameras: self.watch.as_ref().map_or(group.cameras, |w| w.admit(&input)), ..group }
     }
 
     /// Judges the evidence about the cameras, and resects those that are left out.
@@ -92,15 +89,32 @@ impl Tracker {
         }
     }
 
-    /// Assigns blobs to the markers of the tracked bodies. Where an instrument's blobs lie beside
-    /// its markers, its covariance is inflated and the blobs are assigned again.
-    pub(super) fn associate(&mut self, group: Group) -> Association {
-        let association = self.assign(group, &[None; BODIES]);
-        if !self.inflate_covariances(&association) {
-            return association;
+    /// Assigns blobs to the markers of the tracked bodies, without the fields that jump. Where an
+    /// instrument's blobs lie beside its markers, its covariance is inflated and the blobs are assigned
+    /// again.
+    pub(super) fn associate(&mut self, group: Group) -> (Group, Association) {
+        let mut association = self.assign(group, &[None; BODIES]);
+        let steady = Group { cameras: self.without_jumps(group, &association), ..group };
+        self.cameras_in_frame |= steady.cameras;
+        let dropped = steady.cameras != group.cameras;
+        if dropped {
+            self.associator.recycle(association);
+            association = self.assign(steady, &[None; BODIES]);
         }
-        self.associator.recycle(association);
-        self.assign(group, &[None; BODIES])
+        if self.inflate_covariances(&association) {
+            self.associator.recycle(association);
+            association = self.assign(steady, &[None; BODIES]);
+        }
+        (steady, association)
+    }
+
+    /// Set of the cameras of a group whose fields do not jump.
+    fn without_jumps(&mut self, group: Group, association: &Association) -> u32 {
+        let Some(watch) = &mut self.watch else { return group.cameras };
+        let mut matched = [0; MAX_CAMERAS];
+        association.matches.iter().flatten().for_each(|m| matched[m.camera] += 1);
+        let predicted = std::array::from_fn(|body| self.tracks[body].predicted());
+        watch.without_jumps(&group.input(&self.rig, &self.fields, &self.area_scales), &matched, &predicted)
     }
 
     /// One assignment, about the fitted poses where there are some, else about the predicted ones.
@@ -214,7 +228,8 @@ impl Tracker {
         let (Some(watch), Some(filter)) = (&mut self.watch, &self.tracks[body].filter) else { return };
         let prior = filter.pose();
         let pose = estimate.fits[body].map_or(prior, |f| f.pose);
-        let update = BodyUpdate { body, pose, prior, prior_information, motion: filter.motion() };
+        let (motion, matches) = (filter.motion(), &estimate.association.matches[body]);
+        let update = BodyUpdate { body, pose, prior, prior_information, motion, matches };
         let looked_at = Group { cameras: group.seen & watch.in_use(), ..group };
         watch.add(&looked_at.input(&self.rig, &self.fields, &self.area_scales), &update);
     }
