@@ -58,9 +58,17 @@ pub enum ObjectError {
     /// It was listed, and was another when it was to be read.
     #[error("{0}: has changed since it was listed")]
     Changed(String),
-    /// The store knows who asks, and says no.
+    /// The store knows who asks, and says no to this.
     #[error("{address}: the object store refuses it: {problem}")]
     Refused {
+        /// What was asked for.
+        address: String,
+        /// Its answer.
+        problem: String,
+    },
+    /// The store does not know who asks, or not any more.
+    #[error("{address}: the object store does not take the credentials (AWS_…): {problem}")]
+    Credentials {
         /// What was asked for.
         address: String,
         /// Its answer.

@@ -21,7 +21,7 @@ use results::table::{Cells, Table};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
@@ -92,8 +92,11 @@ fn put_together(asked: &ScoreArgs, place: &Place<'_>, store: &Store) -> anyhow::
         outputs.claim(file)?;
     }
     let whole = gather(place)?;
+    let mut repeated = 0;
     if args.manifest.is_some() || !asked.files.is_empty() {
-        let named = digest_of(&listed(asked, store)?.recordings());
+        let list = listed(asked, store)?;
+        let named = digest_of(&list.recordings());
+        repeated = tell_repeated(&list, &list.recordings());
         let listed = whole.origin.listed;
         ensure!(
             named == whole.origin.list_sha256,
@@ -101,7 +104,7 @@ fn put_together(asked: &ScoreArgs, place: &Place<'_>, store: &Store) -> anyhow::
         );
     }
     write_tables(&whole.table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
-    Ok(ExitCode::from(summary(&whole.table, 0, None)))
+    Ok(ExitCode::from(summary(&whole.table, repeated, None)))
 }
 
 /// The recordings that are asked for.
@@ -146,18 +149,14 @@ fn score_all(asked: &ScoreArgs, store: &Store, stop: &AtomicBool) -> anyhow::Res
     let list = listed(asked, store)?;
     let all = list.recordings();
     let own = shard.of(&all);
-    let origin = Origin {
-        shard,
-        listed: all.len() as u64,
-        list_sha256: digest_of(&all),
-        made: made(asked.resimulate),
-    };
+    let (listed, list_sha256) = (all.len() as u64, digest_of(&all));
+    let origin = Origin { shard, listed, list_sha256, made: made(asked.resimulate) };
     let place = args.out.as_ref().map(|out| Place::of(out, store)).transpose()?;
     let found = place.as_ref().filter(|_| args.resume).map(|place| found(place, &origin)).transpose()?;
     let repeated = tell_repeated(&list, &own);
-    let (files, inputs) = (args.csv.iter().chain(&args.parquet), || own.iter().chain(&args.manifest));
+    let inputs = || own.iter().chain(&args.manifest);
     let mut outputs = Outputs::new(args.force.force).reading_all(inputs());
-    for file in files {
+    for file in args.csv.iter().chain(&args.parquet) {
         outputs.claim(file)?;
     }
     if let Some(Found::Whole(table)) = found {
@@ -172,18 +171,25 @@ fn score_all(asked: &ScoreArgs, store: &Store, stop: &AtomicBool) -> anyhow::Res
     let begun = Instant::now();
     let (rows, scored) = score_each(asked, store, &own, stop)?;
     let table = Table::of_batch(&rows, &keys());
-    if asked.json {
-        for (row, scored) in rows.iter().zip(&scored) {
-            println!("{}", json(row, scored)?);
-        }
-    } else if args.csv.is_none() && args.out.is_none() && args.parquet.is_none() {
-        rows.iter().for_each(|row| println!("{}", line(row)));
-    }
+    show(asked, &rows, &scored)?;
     write_tables(&table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
     if let Some(place) = &place {
         write_shard(place, &origin, &table, &mut shards, args.resume)?;
     }
     Ok(ExitCode::from(summary(&table, repeated, Some(begun.elapsed().as_secs_f64()))))
+}
+
+/// Prints the rows, where they go nowhere else.
+fn show(asked: &ScoreArgs, rows: &[Row], scored: &[Option<score::Attempt>]) -> anyhow::Result<()> {
+    let args = &asked.batch;
+    if asked.json {
+        for (row, scored) in rows.iter().zip(scored) {
+            println!("{}", json(row, scored)?);
+        }
+    } else if args.csv.is_none() && args.out.is_none() && args.parquet.is_none() {
+        rows.iter().for_each(|row| println!("{}", line(row)));
+    }
+    Ok(())
 }
 
 /// How scores are made, for whoever compares shards.
@@ -261,7 +267,8 @@ fn score_each(
     let jobs = asked.batch.jobs.map_or(processors, |n| n as usize);
     let bar = files_bar(own.len() as u64, "score");
     let failed: Mutex<Option<ObjectError>> = Mutex::new(None);
-    let each = |path: &Path| match score_one(path, store, asked.resimulate) {
+    let refused = AtomicUsize::new(0);
+    let each = |path: &Path| match score_one(path, store, asked.resimulate, &refused) {
         Ok(scored) => Some(scored),
         Err(problem) => {
             failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(problem);
@@ -278,17 +285,29 @@ fn score_each(
     }
     // What a shard that was stopped leaves would be taken for the whole of it.
     ensure!(rows.len() == own.len(), stopped());
+    // One that is refused is a finding; all of them are wrong credentials.
+    if let Some(first) = rows.first().filter(|_| refused.load(Ordering::Relaxed) == rows.len()) {
+        let why = first.problem.as_deref().unwrap_or_default();
+        bail!("{}: {why}; so are all {} recordings; nothing was written", first.file.display(), rows.len());
+    }
     Ok((rows, scored))
 }
 
-/// Scores one recording; what is wrong with it stands in the row.
+/// Scores one recording; what is wrong with it stands in the row. Counts those that the object store
+/// refuses.
 ///
 /// # Errors
 /// Where the object store fails, which says nothing of the recording.
-fn score_one(path: &Path, store: &Store, resimulate: bool) -> Result<Scored, ObjectError> {
+fn score_one(
+    path: &Path,
+    store: &Store,
+    resimulate: bool,
+    refused: &AtomicUsize,
+) -> Result<Scored, ObjectError> {
     let local = match Local::of(path, store) {
         Ok(local) => local,
         Err(problem) if problem.is_of_object() => {
+            refused.fetch_add(matches!(problem, ObjectError::Refused { .. }).into(), Ordering::Relaxed);
             return Ok((unscored(path, None, &problem.to_string()), None));
         }
         Err(problem) => return Err(problem),
@@ -319,7 +338,11 @@ fn unscored(path: &Path, sha256: Option<String>, told: &str) -> Row {
 fn json(row: &Row, scored: &Option<score::Attempt>) -> serde_json::Result<String> {
     match scored {
         Some(attempt) => serde_json::to_string(attempt),
-        None => serde_json::to_string(&serde_json::json!({ "file": row.file, "problem": row.problem })),
+        // A name may be no UTF-8, which JSON has no way to write.
+        None => {
+            let file = row.file.display().to_string();
+            serde_json::to_string(&serde_json::json!({ "file": file, "problem": row.problem }))
+        }
     }
 }
 

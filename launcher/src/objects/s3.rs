@@ -183,15 +183,18 @@ impl Store {
     fn told(&self, address: &Address, problem: Error) -> ObjectError {
         let (shown, words) = (address.to_string(), words(&problem));
         match problem {
-            Error::NotFound { .. } if words.contains("NoSuchBucket") => {
+            // What the library does not tell apart.
+            _ if words.contains("NoSuchBucket") => {
                 ObjectError::NoBucket { address: shown, bucket: address.bucket.clone() }
             }
             Error::NotFound { .. } if lock(&self.listed).contains_key(address) => ObjectError::Gone(shown),
             Error::NotFound { .. } => ObjectError::Absent(shown),
             Error::Precondition { .. } => ObjectError::Changed(shown),
             Error::AlreadyExists { .. } => ObjectError::Exists(shown),
-            Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => {
-                ObjectError::Refused { address: shown, problem: words }
+            Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => refused(shown, &words),
+            // Of a listing.
+            _ if ["status code: 403", "status code: 401"].iter().any(|no| words.contains(no)) => {
+                refused(shown, &words)
             }
             _ => ObjectError::Unreachable { address: shown, problem: words },
         }
@@ -237,6 +240,20 @@ fn connect(address: &Address) -> Result<object_store::aws::AmazonS3, ObjectError
         .with_read_timeout(READ_TIME)
         .with_timeout_disabled();
     builder.with_client_options(options).build().map_err(settings)
+}
+
+/// What a store's no means. Its answer is told without the time that it took and the like, so that
+/// rows do not differ from run to run.
+fn refused(address: String, words: &str) -> ObjectError {
+    let after = |mark: &str| words.split_once(mark).map(|(_, rest)| rest);
+    let code = after("<Code>").and_then(|rest| rest.split_once("</Code>")).map(|(code, _)| code);
+    let status = after("status code: ").and_then(|rest| rest.split(':').next()).unwrap_or("403 Forbidden");
+    let problem = code.map_or(status.into(), |code| format!("{status}, {code}"));
+    match code {
+        None | Some("AccessDenied") => ObjectError::Refused { address, problem },
+        // ExpiredToken, InvalidAccessKeyId, SignatureDoesNotMatch and others.
+        Some(_) => ObjectError::Credentials { address, problem },
+    }
 }
 
 /// A store's answer in its own words, causes and all, on one line and not too long.

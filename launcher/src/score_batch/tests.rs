@@ -77,11 +77,14 @@ fn what_cannot_be_scored_is_a_row_with_its_reason() {
         serde_json::from_str(&json(row, scored).unwrap()).unwrap()
     };
     let store = Store::new();
-    let score_one = |file: &Path| score_one(file, &store, false).unwrap();
+    let score_one = |file: &Path| score_one(file, &store, false, &AtomicUsize::new(0)).unwrap();
     let one = score_one(&file);
     let (damaged, told_of_damaged) = (one.0.clone(), told(&one));
     assert_eq!(told_of_damaged["file"], file.display().to_string());
     assert!(told_of_damaged["problem"].as_str().is_some_and(|p| !p.is_empty()), "{told_of_damaged}");
+    let odd: &std::ffi::OsStr = std::os::unix::ffi::OsStrExt::from_bytes(b"\xff.mcap");
+    let told_of_odd = told(&score_one(&folder.path().join(odd)));
+    assert!(told_of_odd["file"].as_str().is_some_and(|f| f.ends_with("\u{fffd}.mcap")), "{told_of_odd}");
     broken_off(&folder.path().join("b.mcap"));
     let whole = told(&score_one(&folder.path().join("b.mcap")));
     assert_eq!((whole["module"].as_str(), whole["ended"].as_bool()), (Some("navigation"), Some(false)));

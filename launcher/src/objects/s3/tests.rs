@@ -120,6 +120,11 @@ fn a_store_that_refuses_or_lacks_the_bucket_or_is_down_is_told_apart() {
             "{problem:?}"
         );
     }
+    let problem = refusing.fetch(&at("s3://b/a.mcap")).unwrap_err().to_string();
+    assert_eq!(problem, "s3://b/a.mcap: the object store refuses it: 403 Forbidden, AccessDenied");
+    let expired = connected(&server(|_| answer("403 Forbidden", "ExpiredToken")));
+    let problem = expired.fetch(&at("s3://b/a.mcap")).unwrap_err();
+    assert!(matches!(&problem, ObjectError::Credentials { .. }) && !problem.is_of_object(), "{problem:?}");
     let bare = connected(&server(|_| answer("404 Not Found", "NoSuchBucket")));
     for problem in [bare.list(&at("s3://b/day")).unwrap_err(), bare.fetch(&at("s3://b/a.mcap")).unwrap_err()]
     {
