@@ -4,6 +4,7 @@ mod altered;
 mod architecture;
 mod bad_input;
 mod budgets;
+mod configuration;
 mod crash;
 mod doctor;
 mod dose;
