@@ -194,7 +194,8 @@ stage: release-programs
 	rm -rf $(PACKAGE)
 	$(MAKE) --no-print-directory put DESTDIR=$(PACKAGE) PREFIX=/usr
 	strip --strip-unneeded $(PACKAGE)/usr/lib/vitreo/*
-	rm $(PACKAGE)/usr/share/doc/vitreo/LICENSE-MIT
+	rm $(PACKAGE)/usr/share/doc/vitreo/LICENSE-MIT $(PACKAGE)/usr/share/doc/vitreo/CHANGELOG.md
+	gzip -9n < CHANGELOG.md > $(PACKAGE)/usr/share/doc/vitreo/changelog.gz
 	cargo metadata --locked --format-version 1 --filter-platform $$(rustc -vV | sed -n 's/^host: //p') > target/metadata.json
 	packaging/third-party-licences target/metadata.json | gzip -9n > $(PACKAGE)/usr/share/doc/vitreo/third-party-licences.txt.gz
 	packaging/debian-changelog $(VERSION) $(SOURCE_DATE_EPOCH) > $(PACKAGE)/changelog
@@ -202,7 +203,7 @@ stage: release-programs
 
 deb: stage ## Build the Debian package: target/debian/vitreo_VERSION-1_ARCHITECTURE.deb
 	@$(call tool,cargo-deb,3.8.0)
-	CARGO_TARGET_DIR=target $(TOOLS)/bin/cargo-deb --no-build --no-strip -p launcher -o $(DEB)
+	CARGO_TARGET_DIR=target $(TOOLS)/bin/cargo-deb --quiet --no-build --no-strip -p launcher -o $(DEB)
 	@echo $(DEB)
 
 test-deb: deb ## Install, use, upgrade and purge the package in a fresh Debian (as root)

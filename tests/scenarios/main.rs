@@ -16,6 +16,7 @@ mod instruments;
 mod logging;
 mod modules;
 mod outputs;
+mod packaging;
 mod picture_stream;
 mod pictures;
 mod play;
