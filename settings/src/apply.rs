@@ -49,7 +49,7 @@ pub fn matches(
     if settings.is_empty() {
         return plain(command);
     }
-    let places = places(&command, &typed);
+    let places = places(&command, &typed, chain(&understood).len());
     let line = |settings: &[&Setting<'_>]| with_words(&typed, &places, settings);
     let all: Vec<&Setting<'_>> = settings.iter().collect();
     match command.clone().try_get_matches_from(line(&all)) {
@@ -192,9 +192,13 @@ fn typed_options(command: &Command, understood: &ArgMatches) -> Vec<String> {
 }
 
 /// Behind which word of the line each command's own words begin: the program's, its sub-command's, …
-fn places(command: &Command, typed: &[OsString]) -> Vec<usize> {
+/// down to `deepest`. What follows, perhaps thousands of files, is not looked at.
+fn places(command: &Command, typed: &[OsString], deepest: usize) -> Vec<usize> {
     let mut places = vec![1];
     for end in 2..=typed.len() {
+        if places.len() > deepest {
+            break;
+        }
         let part = command.clone().ignore_errors(true).try_get_matches_from(&typed[..end]);
         let depth = part.map_or(0, |m| chain(&m).len());
         while places.len() <= depth {

@@ -68,13 +68,17 @@ fn table_of<'c>(
             _ => return Ok(None),
         }
     }
+    // Whose tables these are, that program knows.
+    let tables = program.elsewhere.unwrap_or_default();
+    if path.first().is_some_and(|first| tables.contains(&first.as_str())) {
+        return Ok(None);
+    }
+    let any_may = program.prefix.is_empty() && program.elsewhere.is_none();
     let mut at = command;
     for (depth, name) in path.iter().enumerate() {
-        let elsewhere = program.elsewhere.is_none_or(|tables| tables.contains(&name.as_str()));
         match at.find_subcommand(name) {
             Some(below) if !(depth == 0 && program.without.contains(&name.as_str())) => at = below,
-            // Whose tables those are, that program knows.
-            _ if depth == 0 && program.prefix.is_empty() && elsewhere => return Ok(None),
+            _ if depth == 0 && any_may => return Ok(None),
             _ => return Err(unknown_table(at, program, entry, depth)),
         }
     }
@@ -93,9 +97,16 @@ fn unknown_table(at: &Command, program: &Program, entry: &Entry, depth: usize) -
     Problem { file: entry.file.clone(), line: Some(entry.line), text }
 }
 
+/// At the top of a file stand options that every command takes.
+pub fn may_stand_in(table: &[String], arg: &Arg) -> bool {
+    !table.is_empty() || arg.is_global_set()
+}
+
 /// Whether a key is an option of the command and its value one that the option takes.
 fn check_entry(command: &Command, entry: &Entry) -> Result<(), Problem> {
-    let Some(arg) = option_of(command, &entry.key) else { return Err(unknown_key(command, entry)) };
+    let Some(arg) = option_of(command, &entry.key).filter(|arg| may_stand_in(&entry.table, arg)) else {
+        return Err(unknown_key(command, entry));
+    };
     let words = words(arg, &entry.value).map_err(|text| entry.problem(text))?;
     if words.is_empty() {
         return Ok(());
@@ -123,7 +134,9 @@ fn unknown_key(command: &Command, entry: &Entry) -> Problem {
     if command.get_positionals().any(|a| a.get_id().as_str() == entry.key) {
         return entry.problem("is no option; give it on the command line");
     }
-    let known = command.get_arguments().filter(|a| can_be_set(a) && !a.is_hide_set());
+    let known = command
+        .get_arguments()
+        .filter(|a| can_be_set(a) && !a.is_hide_set() && may_stand_in(&entry.table, a));
     let nearest = nearest(&entry.key, known.filter_map(Arg::get_long));
     let nearest = nearest.map(|n| format!("; did you mean {n}?")).unwrap_or_default();
     let name = if entry.table.is_empty() {

@@ -234,6 +234,8 @@ fn what_is_wrong_is_told_with_file_line_key_and_what_was_expected() {
 #[test]
 fn other_programs_tables_help_and_wrong_use_are_left_alone() {
     let broken = files(&["[blobs]\nanything = 1\n[run]\nlevel = \"x\""]);
+    let theirs = "[blobs]\nanything = 1\n[blobs.below]\nmore = 2";
+    assert_eq!(run(&[theirs], &[]).level, 1, "what that program reads is not judged here");
     for words in [&["man"][..], &["blobs"], &["run", "--no-config"], &["--no-config", "run"]] {
         parse(&broken.files, words).unwrap();
     }
@@ -263,9 +265,13 @@ fn a_program_below_a_prefix_reads_its_own_tables() {
     let mut found = matches(Below::command(), &program, &scratch.files, typed.clone()).unwrap();
     let What::Delete { store, .. } = Below::from_arg_matches_mut(&mut found).unwrap().what;
     assert_eq!(store.as_deref(), Some("s"));
-    let wrong = files(&["[calibrate.delete]\nstroe = \"s\""]);
-    let refused = matches(Below::command(), &program, &wrong.files, typed);
-    assert!(matches!(refused, Err(Refusal::File(..))), "{refused:?}");
+    for wrong in ["[calibrate.delete]\nstroe = \"s\"", "[calibrate.delte]\nstore = \"s\"", "store = \"s\""] {
+        let wrong = files(&[wrong]);
+        let refused = matches(Below::command(), &program, &wrong.files, typed.clone());
+        assert!(matches!(refused, Err(Refusal::File(..))), "{refused:?}");
+    }
+    let others = files(&["[delete]\nanything = 1"]);
+    assert!(matches(Below::command(), &program, &others.files, typed).is_ok());
     let keys: Vec<String> = describe::options(Below::command(), &program)
         .into_iter()
         .map(|o| format!("{}.{}", o.table, o.key))

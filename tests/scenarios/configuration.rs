@@ -98,6 +98,14 @@ fn a_wrong_file_is_told_by_whichever_program_reads_it() {
         let line: Value = serde_json::from_str(&json).unwrap_or_else(|e| panic!("{e} in: {json}"));
         assert_eq!(line["level"], "ERROR");
     }
+    // A table of another program is that program's to judge, until all are shown.
+    std::fs::write(&file, "[blobs]\nouptut = \"x\"\n").expect("written");
+    assert_eq!(user.run(&["modules"]).0, Some(0));
+    assert!(
+        user.run(&["config"])
+            .2
+            .contains("line 2: [blobs] ouptut: expected an option that vitreo blobs takes")
+    );
     // What helps to mend the file works, and so does every command without it.
     std::fs::write(&file, "[run]\nlevle = 2\n").expect("written");
     for args in

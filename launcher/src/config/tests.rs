@@ -35,10 +35,10 @@ fn value_of(command: &clap::Command, arg: &Arg) -> String {
     ];
     let mut tried = first.into_iter().chain(tried.map(str::to_owned));
     let entry = |value: &str| {
-        let text = format!("{} = {value}", arg.get_long().unwrap());
+        let text = format!("[alone]\n{} = {value}", arg.get_long().unwrap());
         settings::toml_file::read(&text, "f", 0).unwrap()
     };
-    let alone = settings::Program { prefix: "", without: &[], elsewhere: None };
+    let alone = settings::Program { prefix: "alone", without: &[], elsewhere: None };
     let found = tried.find(|value| check(command, &alone, &entry(value)).is_ok());
     found.unwrap_or_else(|| panic!("no value for {} --{}", command.get_name(), arg.get_long().unwrap()))
 }
