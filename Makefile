@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo test soak endure test-python fleet test-slurm test-s3 bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -38,7 +38,7 @@ DEB = target/debian/vitreo_$(VERSION)-1_$$(dpkg --print-architecture).deb
 INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 help: ## Say what there is
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / { printf "make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: ## Install C and C++ compilers, a Vulkan driver and Rust, where they are missing
 	@set -eu; missing=""; \
@@ -100,6 +100,23 @@ test-python: setup setup-python ## Read a fresh recording with Python's mcap
 	$(DEBUG) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 
+# What test-slurm and test-s3 score: 1,000 recordings of 2 s, copies of four with seeds of their own.
+fleet: setup
+	cargo build --workspace
+	@rm -rf out/fleet; mkdir -p out/fleet-sources
+	for m in navigation shadow steady-path forceps; do \
+		$(DEBUG) run --module $$m --no-picture --direct --instance fleet --duration 2 --force --record out/fleet-sources/$$m.mcap >/dev/null || exit 1; done
+	cargo run -q -p recording --example copies -- 1000 out/fleet out/fleet-sources/*.mcap
+
+test-slurm: fleet ## Score 1,000 recordings on a Slurm of this machine (installed where missing) whose workers are killed
+	VITREO=$(TARGET)/debug tools/test-slurm
+
+test-s3: fleet setup-python ## Score 1,000 recordings out of an object store on this machine, workers killed, objects lost and refused
+	.venv/bin/pip install -q -r tests/python/requirements-s3.txt
+	cargo test -p launcher --features object-store --lib objects
+	cargo build -p launcher --features object-store
+	.venv/bin/python tests/python/score_from_store.py $(DEBUG) out/fleet
+
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
 	cargo bench -p validation --bench collision
@@ -144,12 +161,12 @@ vectors: setup ## Renew the test vectors of the camera hardware; say in the comm
 	cargo run -p fpga-model -- vectors --force fpga-model/vectors
 
 # Programs that vitreo starts lie beside it; on the path is a link.
-programs: setup ## Build the programs for use
-	cargo build --release --workspace --bins
+programs: setup ## Build the programs for use (OBJECT_STORE=1: vitreo score takes s3:// addresses)
+	cargo build --release --workspace --bins $(if $(OBJECT_STORE),--features launcher/object-store)
 
 # Building belongs to who calls, also under sudo; only putting files into PREFIX may need more.
 install: ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again
-	$(if $(SUDO_USER),sudo -H -u $(SUDO_USER)) $(MAKE) programs
+	$(if $(SUDO_USER),sudo -H -u $(SUDO_USER)) $(MAKE) programs OBJECT_STORE=$(OBJECT_STORE)
 	$(IN_PREFIX) $(MAKE) --no-print-directory put
 
 put:

@@ -3,14 +3,22 @@
 #
 #   sbatch --array=0-63 deploy/slurm-score.sh MANIFEST OUT [more options of vitreo score]
 #
-# The number of shards is that of the array, which must begin at 0 and leave none out.
-# A task that failed is run again by its number with the number of shards said:
+# Recordings, manifest and OUT lie in folders that every node has, or in an object store (s3://...,
+# with AWS_... in the environment, which sbatch hands on).
+#
+# The number of shards is that of the array, which must begin at 0 and leave none out. The same line
+# again does only what is missing: a shard whose table is whole is left alone. A task whose worker
+# was killed or lost its store is queued again by itself, twice. One task is run by its number with
+# the number of shards said:
 #   sbatch --array=17 --export=ALL,SHARDS=64 deploy/slurm-score.sh MANIFEST OUT
+# At the end, vitreo score --gather OUT --csv all.csv puts all tables together, or names what lacks.
 #SBATCH --job-name=vitreo-score
 #SBATCH --cpus-per-task=4
 #SBATCH --mem=4G
 #SBATCH --time=01:00:00
 #SBATCH --output=vitreo-score-%A-%a.log
+#SBATCH --open-mode=append
+#SBATCH --requeue
 set -eu
 
 if [ "$#" -lt 2 ]; then
@@ -30,8 +38,16 @@ if [ -z "${SHARDS:-}" ] && [ "$((SLURM_ARRAY_TASK_MAX + 1))" -ne "$shards" ]; th
 fi
 
 code=0
-vitreo score --manifest "$manifest" --shard "$SLURM_ARRAY_TASK_ID/$shards" --out "$out" \
+vitreo score --manifest "$manifest" --shard "$SLURM_ARRAY_TASK_ID/$shards" --out "$out" --resume \
     --jobs "${SLURM_CPUS_PER_TASK:-1}" "$@" || code=$?
+case $code in
 # 3: some recordings are damaged and listed in the table; trying again would not mend them.
-[ "$code" -eq 3 ] && code=0
+0 | 3) exit 0 ;;
+# Wrong options stay wrong, and a score that differs (the table is written) goes on to differ.
+2 | 5) exit "$code" ;;
+esac
+if [ -n "${SLURM_JOB_ID:-}" ] && [ "${SLURM_RESTART_COUNT:-0}" -lt 2 ]; then
+    echo "$0: the worker ended with $code; the task is queued again" >&2
+    scontrol requeue "$SLURM_JOB_ID" || true
+fi
 exit "$code"

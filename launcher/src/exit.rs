@@ -1,5 +1,6 @@
 //! Exit codes, a contract with other people's scripts.
 
+use crate::objects::ObjectError;
 use ipc::IpcError;
 use results::store::StoreError;
 use scene::SceneError;
@@ -44,6 +45,9 @@ fn is_wrong_use(cause: &(dyn Error + 'static)) -> Option<bool> {
     if let Some(store) = cause.downcast_ref() {
         return Some(matches!(store, StoreError::Value { field: "trainee", .. }));
     }
+    if let Some(object) = cause.downcast_ref() {
+        return Some(ObjectError::is_wrong_use(object));
+    }
     cause.is::<WrongUse>().then_some(true)
 }
 
@@ -55,17 +59,19 @@ mod tests {
     #[test]
     fn what_does_not_exist_is_wrong_use_and_what_is_defective_is_a_failure() {
         let missing = || SceneError::Missing { name: "x".into(), shipped: "peel".into() };
-        let wrong: [anyhow::Error; 6] = [
+        let wrong: [anyhow::Error; 7] = [
             results::store::check_name("a b").unwrap_err().into(),
             WrongUse("--until".into()).into(),
+            ObjectError::NotBuilt("s3://b/a.mcap".into()).into(),
             anyhow::Error::from(missing()).context("the scene"),
             ModuleError::Missing { name: "x".into(), shipped: "peeling".into() }.into(),
             ModuleError::Level { name: "peeling".into(), levels: 2, found: 9 }.into(),
             IpcError::InstanceName("a b".into()).into(),
         ];
         wrong.iter().for_each(|error| assert_eq!(code_of(error), WRONG_USE, "{error:#}"));
-        let failed: [anyhow::Error; 3] = [
+        let failed: [anyhow::Error; 4] = [
             anyhow!("no"),
+            ObjectError::Absent("s3://b/a.mcap".into()).into(),
             ModuleError::Scene { name: "own".into(), source: missing() }.into(),
             IpcError::InUse("main".into()).into(),
         ];

@@ -2,9 +2,10 @@
 
 use crate::children::command;
 use crate::exit::{DIFFERS, LOSS};
+use crate::objects::{Local, Store};
 use crate::replay::states_incomparable;
 use crate::score_batch::{self, BatchArgs};
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use ipc::logging::{arguments, is_json, warn};
 use outputs::{STDOUT, print, println};
 use recording::{Item, Recording};
@@ -20,8 +21,9 @@ use training::score::table::{Category, METRICS, PENALTIES};
 /// Arguments of `vitreo score`.
 #[derive(Debug, clap::Args)]
 pub struct ScoreArgs {
-    /// The recordings; of a folder every *.mcap in it and below.
-    #[arg(value_name = "FILE.mcap|DIR", required_unless_present_any = ["doc", "manifest"])]
+    /// The recordings; of a folder every *.mcap in it and below. Also in an object store:
+    /// s3://BUCKET/KEY.mcap, or all below s3://BUCKET/PREFIX/.
+    #[arg(value_name = "FILE.mcap|DIR", required_unless_present_any = ["doc", "manifest", "gather"])]
     pub files: Vec<PathBuf>,
     /// What only batches have.
     #[command(flatten)]
@@ -31,7 +33,7 @@ pub struct ScoreArgs {
     #[arg(long)]
     pub resimulate: bool,
     /// One line of JSON for each recording.
-    #[arg(long, conflicts_with_all = ["out", "csv", "doc"])]
+    #[arg(long, conflicts_with_all = ["out", "csv", "parquet", "gather", "doc"])]
     pub json: bool,
     /// Print docs/score.md, which is made from the table of metrics.
     #[arg(long, conflicts_with = "files")]
@@ -168,6 +170,22 @@ pub fn score_resimulated(file: &Path) -> anyhow::Result<Attempt> {
     })
 }
 
+/// Scores a recording wherever it lies; messages name it as it was named.
+///
+/// # Errors
+/// As [`score_file`] and [`score_resimulated`].
+pub fn score_local(local: &Local, resimulate: bool) -> anyhow::Result<Attempt> {
+    let scored = if resimulate { score_resimulated(local.path()) } else { score_file(local.path()) };
+    let Some(address) = local.address() else { return scored };
+    match scored {
+        Ok(scored) => {
+            let damage = scored.damage.map(|damage| local.named(&damage));
+            Ok(Attempt { file: address, damage, ..scored })
+        }
+        Err(problem) => Err(anyhow!(local.named(&format!("{problem:#}")))),
+    }
+}
+
 /// Whether new steps lead to the score that the live run published; `None` where that is of another
 /// version of the score, or there is none.
 fn agrees_again(told: &Attempt, total: f64) -> Option<bool> {
@@ -192,9 +210,10 @@ pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
     if args.batch.wanted(&args.files) {
         return score_batch::run(args);
     }
-    let (mut code, alone) = (0, args.files.len() == 1);
+    let (mut code, alone, store) = (0, args.files.len() == 1, Store::new());
     for file in &args.files {
-        match if args.resimulate { score_resimulated(file) } else { score_file(file) } {
+        let local = Local::of(file, &store);
+        match local.map_err(Into::into).and_then(|local| score_local(&local, args.resimulate)) {
             Ok(attempt) => {
                 code = code.max(code_of(&attempt));
                 if args.json {

@@ -1,37 +1,55 @@
 //! `vitreo score` over many recordings: in parallel, in shards, into tables.
 
 use crate::exit::{DIFFERS, LOSS};
+use crate::objects::{Address, Local, ObjectError, Store};
 use crate::progress::files_bar;
 use crate::replay::states_incomparable;
-use crate::results::{attempt_of, keys, write_parquet, write_tables};
+use crate::results::{attempt_of, keys, write_tables};
 use crate::runtime::{StopSignal, block_on};
-use crate::score::{self, ScoreArgs, score_file};
-use anyhow::bail;
+use crate::score::{self, ScoreArgs, score_local};
+use crate::score_shards::{Place, Written, gather, only_path};
+use anyhow::{Context, bail, ensure};
 use ipc::logging::{inform, warn};
 use outputs::{Force, Outputs, println};
+use protocol::file::{MAX_TABLE_BYTES, read_text};
 use recording::Recording;
-use results::batch::{Row, Shard, list, work};
-use results::table::Table;
+use results::attempt::sha256_of;
+use results::batch::{Row, Shard, work};
+use results::listing::{self, List, is_address};
+use results::shards::Origin;
+use results::table::{Cells, Table};
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Arguments of a batch.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct BatchArgs {
-    /// Score the recordings that a file lists, one path a line, from the file's folder on.
+    /// Score the recordings that a file lists, one path or address a line, from the file's folder on.
     #[arg(long, value_name = "FILE")]
     pub manifest: Option<PathBuf>,
     /// Score only this machine's share: part I of N, counted from 0.
-    #[arg(long, value_name = "I/N")]
+    #[arg(long, value_name = "I/N", conflicts_with = "gather")]
     pub shard: Option<Shard>,
-    /// Write the scores as Parquet into this folder, one file for each shard.
-    #[arg(long, value_name = "DIR")]
+    /// Write the scores as Parquet into this folder or below this address, one table for each shard.
+    #[arg(long, value_name = "DIR", conflicts_with = "gather")]
     pub out: Option<PathBuf>,
+    /// Leave a shard alone whose table is there and whole; do one again whose table is truncated.
+    #[arg(long, requires = "out")]
+    pub resume: bool,
+    /// Put the shards' tables in this folder or below this address together, instead of scoring;
+    /// each that is missing or damaged is named, and nothing is written.
+    #[arg(long, value_name = "DIR", conflicts_with = "resimulate")]
+    pub gather: Option<PathBuf>,
     /// Write the scores as comma-separated values; - is standard output.
     #[arg(long, value_name = "FILE.csv")]
     pub csv: Option<PathBuf>,
+    /// Write the scores as one Parquet file.
+    #[arg(long, value_name = "FILE.parquet")]
+    pub parquet: Option<PathBuf>,
     /// Recordings scored at the same time [default: as many as there are processors].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub jobs: Option<u32>,
@@ -44,9 +62,10 @@ impl BatchArgs {
     /// Whether it is a batch: several recordings or a folder are named, or something is asked for
     /// that only batches have.
     pub fn wanted(&self, named: &[PathBuf]) -> bool {
-        let asked =
-            self.manifest.is_some() || self.shard.is_some() || self.out.is_some() || self.csv.is_some();
-        asked || named.iter().any(|path| path.is_dir())
+        let places = [&self.manifest, &self.out, &self.gather, &self.csv, &self.parquet];
+        let asked = self.shard.is_some() || places.iter().any(|place| place.is_some());
+        let many = |path: &PathBuf| path.is_dir() || Address::parse(path).is_ok_and(|a| !a.is_recording());
+        asked || named.iter().any(many)
     }
 }
 
@@ -54,73 +73,280 @@ impl BatchArgs {
 /// from that of the run.
 ///
 /// # Errors
-/// Where a list or folder cannot be read, a table cannot be written, or a signal stops it.
+/// Where a list or folder cannot be read, a table cannot be written, an object store cannot be
+/// reached, shards to be put together are not whole, or a signal stops it.
 pub fn run(args: &ScoreArgs) -> anyhow::Result<ExitCode> {
-    block_on(async { score_all(args, &StopSignal::install()?.flag()) })
+    only_path("--csv", args.batch.csv.as_deref())?;
+    only_path("--parquet", args.batch.parquet.as_deref())?;
+    let store = Store::new();
+    match &args.batch.gather {
+        Some(place) => put_together(args, &Place::of(place, &store)?, &store),
+        None => block_on(async { score_all(args, &store, &StopSignal::install()?.flag()) }),
+    }
 }
 
-fn score_all(asked: &ScoreArgs, stop: &AtomicBool) -> anyhow::Result<ExitCode> {
+fn put_together(asked: &ScoreArgs, place: &Place<'_>, store: &Store) -> anyhow::Result<ExitCode> {
     let args = &asked.batch;
-    let shard = args.shard.unwrap_or(Shard::WHOLE);
-    let all = list(&asked.files, args.manifest.as_deref())?;
-    let own = shard.of(&all);
-    let file = args.out.as_ref().map(|folder| folder.join(shard.file_name()));
-    let mut outputs = Outputs::new(args.force.force).reading_all(&own).reading_all(&args.manifest);
-    for file in args.csv.iter().chain(&file) {
+    let mut outputs = Outputs::new(args.force.force).reading_all(&args.gather).reading_all(&args.manifest);
+    for file in args.csv.iter().chain(&args.parquet) {
         outputs.claim(file)?;
     }
-    let begun = Instant::now();
-    let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    let jobs = args.jobs.map_or(processors, |n| n as usize);
-    let bar = files_bar(own.len() as u64, "score");
-    let done = work(&own, jobs, stop, |path| score_one(path, asked.resimulate), |_| bar.inc(1));
-    bar.finish_and_clear();
-    let (rows, scored): (Vec<Row>, Vec<Option<score::Attempt>>) = done.into_iter().unzip();
-    // What a shard that was stopped leaves would be taken for the whole of it.
-    if rows.len() < own.len() {
-        bail!("stopped after {} of {} recordings; nothing was written", rows.len(), own.len());
+    let whole = gather(place)?;
+    let mut repeated = 0;
+    if args.manifest.is_some() || !asked.files.is_empty() {
+        let list = listed(asked, store)?;
+        let named = digest_of(&list.recordings());
+        repeated = tell_repeated(&list, &list.recordings());
+        let listed = whole.origin.listed;
+        ensure!(
+            named == whole.origin.list_sha256,
+            "the tables are of another list than the one that is named ({listed} recordings); nothing was written"
+        );
     }
-    let table = Table::of_batch(&rows, &keys());
-    if asked.json {
-        for (row, scored) in rows.iter().zip(&scored) {
-            println!("{}", json(row, scored)?);
-        }
-    } else if args.csv.is_none() && args.out.is_none() {
-        rows.iter().for_each(|row| println!("{}", line(row)));
-    }
-    write_tables(&table, &mut outputs, args.csv.as_deref(), None)?;
-    if let Some(file) = &file {
-        let share = format!("{}/{}", shard.index, shard.count);
-        let listed = all.len().to_string();
-        write_parquet(&table, &mut outputs, file, &[("shard", share.as_str()), ("listed", listed.as_str())])?;
-        inform(&file.display().to_string());
-    }
-    Ok(ExitCode::from(summary(&rows, begun.elapsed().as_secs_f64())))
+    write_tables(&whole.table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
+    Ok(ExitCode::from(summary(&whole.table, repeated, None)))
 }
 
-/// Scores one recording; what is wrong with it stands in the row.
-fn score_one(path: &Path, resimulate: bool) -> (Row, Option<score::Attempt>) {
-    let scored = if resimulate { score::score_resimulated(path) } else { score_file(path) };
-    let whole = scored.and_then(|scored| {
-        Ok((row(path, attempt_of(&Recording::open(path)?, &scored), &scored), Some(scored)))
-    });
-    whole.unwrap_or_else(|problem| {
-        // The row names the file already.
-        let (told, name) = (format!("{problem:#}"), format!("{}: ", path.display()));
-        let problem = told.strip_prefix(&name).unwrap_or(&told).to_owned();
-        (Row { file: path.into(), problem: Some(problem), ..Row::default() }, None)
+/// The recordings that are asked for.
+fn listed(asked: &ScoreArgs, store: &Store) -> anyhow::Result<List> {
+    let mut list = List::default();
+    for named in &asked.files {
+        if !is_address(named) {
+            list.add_path(named)?;
+            continue;
+        }
+        let address = Address::parse(named)?;
+        if address.is_recording() {
+            list.add(named.clone());
+            continue;
+        }
+        let recordings: Vec<_> = store.list(&address)?.into_iter().filter(Address::is_recording).collect();
+        ensure!(!recordings.is_empty(), "{address}: expected recordings (*.mcap) below it, found none");
+        recordings.into_iter().for_each(|recording| list.add(recording.to_string().into()));
+    }
+    if let Some(manifest) = &asked.batch.manifest {
+        let (text, folder) = if is_address(manifest) {
+            let address = Address::parse(manifest)?;
+            (store.text(&address, MAX_TABLE_BYTES)?, address.folder())
+        } else {
+            let text =
+                read_text(manifest, MAX_TABLE_BYTES).with_context(|| manifest.display().to_string())?;
+            (text, manifest.parent().unwrap_or(Path::new("")).into())
+        };
+        listing::lines(&text, &folder).into_iter().for_each(|recording| list.add(recording));
+    }
+    Ok(list)
+}
+
+fn digest_of(recordings: &[PathBuf]) -> String {
+    let names: Vec<String> = recordings.iter().map(|file| file.display().to_string()).collect();
+    listing::digest(names.iter().map(String::as_str))
+}
+
+fn score_all(asked: &ScoreArgs, store: &Store, stop: &AtomicBool) -> anyhow::Result<ExitCode> {
+    let args = &asked.batch;
+    let shard = args.shard.unwrap_or(Shard::WHOLE);
+    let list = listed(asked, store)?;
+    let all = list.recordings();
+    let own = shard.of(&all);
+    let (listed, list_sha256) = (all.len() as u64, digest_of(&all));
+    let origin = Origin { shard, listed, list_sha256, made: made(asked.resimulate) };
+    let place = args.out.as_ref().map(|out| Place::of(out, store)).transpose()?;
+    let found = place.as_ref().filter(|_| args.resume).map(|place| found(place, &origin)).transpose()?;
+    let repeated = tell_repeated(&list, &own);
+    let inputs = || own.iter().chain(&args.manifest);
+    let mut outputs = Outputs::new(args.force.force).reading_all(inputs());
+    for file in args.csv.iter().chain(&args.parquet) {
+        outputs.claim(file)?;
+    }
+    if let Some(Found::Whole(table)) = found {
+        write_tables(&table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
+        return Ok(ExitCode::from(summary(&table, repeated, None)));
+    }
+    let replace = args.force.force || matches!(found, Some(Found::Damaged));
+    let mut shards = Outputs::new(replace).reading_all(inputs());
+    if let Some(place) = &place {
+        place.claim(shard, &mut shards)?;
+    }
+    let begun = Instant::now();
+    let (rows, scored) = score_each(asked, store, &own, stop)?;
+    let table = Table::of_batch(&rows, &keys());
+    show(asked, &rows, &scored)?;
+    write_tables(&table, &mut outputs, args.csv.as_deref(), args.parquet.as_deref())?;
+    if let Some(place) = &place {
+        write_shard(place, &origin, &table, &mut shards, args.resume)?;
+    }
+    Ok(ExitCode::from(summary(&table, repeated, Some(begun.elapsed().as_secs_f64()))))
+}
+
+/// Prints the rows, where they go nowhere else.
+fn show(asked: &ScoreArgs, rows: &[Row], scored: &[Option<score::Attempt>]) -> anyhow::Result<()> {
+    let args = &asked.batch;
+    if asked.json {
+        for (row, scored) in rows.iter().zip(scored) {
+            println!("{}", json(row, scored)?);
+        }
+    } else if args.csv.is_none() && args.out.is_none() && args.parquet.is_none() {
+        rows.iter().for_each(|row| println!("{}", line(row)));
+    }
+    Ok(())
+}
+
+/// How scores are made, for whoever compares shards.
+fn made(resimulate: bool) -> String {
+    let how = if resimulate { ", resimulated" } else { "" };
+    format!("vitreo {}, score version {}{how}", env!("CARGO_PKG_VERSION"), training::score::table::VERSION)
+}
+
+/// What an earlier try left in the place of a shard's table.
+enum Found {
+    Nothing,
+    /// Not whole: to be written over.
+    Damaged,
+    Whole(Table),
+}
+
+/// Looks whether a shard is done.
+fn found(place: &Place<'_>, origin: &Origin) -> anyhow::Result<Found> {
+    let name = place.name(origin.shard);
+    match place.read(origin.shard)? {
+        None => Ok(Found::Nothing),
+        Some(Err(problem)) => {
+            warn(&format!("{name}: {problem}; scored again"));
+            Ok(Found::Damaged)
+        }
+        Some(Ok(done)) => {
+            let how = done.origin.differs(origin);
+            ensure!(
+                how.is_empty(),
+                "{name}: is there, of another {how}; give this batch a folder of its own"
+            );
+            inform(&format!("{name}: is whole and not scored again"));
+            Ok(Found::Whole(done.table))
+        }
+    }
+}
+
+fn write_shard(
+    place: &Place<'_>,
+    origin: &Origin,
+    table: &Table,
+    outputs: &mut Outputs,
+    resume: bool,
+) -> anyhow::Result<()> {
+    let name = place.name(origin.shard);
+    match place.write(origin, table, outputs)? {
+        Written::Now => inform(&name),
+        // Two of the same shard, of which one was taken for dead: either table will do.
+        Written::Before if resume && matches!(found(place, origin)?, Found::Whole(_)) => {}
+        Written::Before => bail!("{name}: exists already; --force writes over it"),
+    }
+    Ok(())
+}
+
+/// Tells which of a shard's recordings the list names more than once, and how often too often.
+fn tell_repeated(list: &List, own: &[PathBuf]) -> u64 {
+    let own: HashSet<&PathBuf> = own.iter().collect();
+    let repeated = list.repeated().into_iter().filter(|repeated| own.contains(&repeated.file));
+    repeated.fold(0, |more, repeated| {
+        warn(&format!("named {} times, scored once: {}", repeated.times, repeated.file.display()));
+        more + repeated.times - 1
     })
+}
+
+type Scored = (Row, Option<score::Attempt>);
+
+/// Scores a shard's recordings, all or none.
+fn score_each(
+    asked: &ScoreArgs,
+    store: &Store,
+    own: &[PathBuf],
+    stop: &AtomicBool,
+) -> anyhow::Result<(Vec<Row>, Vec<Option<score::Attempt>>)> {
+    let processors = std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = asked.batch.jobs.map_or(processors, |n| n as usize);
+    let bar = files_bar(own.len() as u64, "score");
+    let failed: Mutex<Option<ObjectError>> = Mutex::new(None);
+    let refused = AtomicUsize::new(0);
+    let each = |path: &Path| match score_one(path, store, asked.resimulate, &refused) {
+        Ok(scored) => Some(scored),
+        Err(problem) => {
+            failed.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(problem);
+            stop.store(true, Ordering::Relaxed);
+            None
+        }
+    };
+    let done = work(own, jobs, stop, each, |_| bar.inc(1));
+    bar.finish_and_clear();
+    let (rows, scored): (Vec<Row>, Vec<_>) = done.into_iter().flatten().unzip();
+    let stopped = || format!("stopped after {} of {} recordings; nothing was written", rows.len(), own.len());
+    if let Some(problem) = failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        return Err(anyhow::Error::new(problem).context(stopped()));
+    }
+    // What a shard that was stopped leaves would be taken for the whole of it.
+    ensure!(rows.len() == own.len(), stopped());
+    // One that is refused is a finding; all of them are wrong credentials.
+    if let Some(first) = rows.first().filter(|_| refused.load(Ordering::Relaxed) == rows.len()) {
+        let why = first.problem.as_deref().unwrap_or_default();
+        bail!("{}: {why}; so are all {} recordings; nothing was written", first.file.display(), rows.len());
+    }
+    Ok((rows, scored))
+}
+
+/// Scores one recording; what is wrong with it stands in the row. Counts those that the object store
+/// refuses.
+///
+/// # Errors
+/// Where the object store fails, which says nothing of the recording.
+fn score_one(
+    path: &Path,
+    store: &Store,
+    resimulate: bool,
+    refused: &AtomicUsize,
+) -> Result<Scored, ObjectError> {
+    let local = match Local::of(path, store) {
+        Ok(local) => local,
+        Err(problem) if problem.is_of_object() => {
+            refused.fetch_add(matches!(problem, ObjectError::Refused { .. }).into(), Ordering::Relaxed);
+            return Ok((unscored(path, None, &problem.to_string()), None));
+        }
+        Err(problem) => return Err(problem),
+    };
+    let sha256 = sha256_of(local.path()).ok();
+    let scored = score_local(&local, resimulate).and_then(|scored| {
+        let attempt = attempt_of(&Recording::open(local.path())?, &scored);
+        Ok((local.address().map_or(attempt.clone(), |address| named(attempt, address)), scored))
+    });
+    Ok(match scored {
+        Ok((attempt, scored)) => (row(path, sha256, attempt, &scored), Some(scored)),
+        Err(problem) => (unscored(path, sha256, &local.named(&format!("{problem:#}"))), None),
+    })
+}
+
+fn named(attempt: results::Attempt, address: String) -> results::Attempt {
+    results::Attempt { recording: Some(address), ..attempt }
+}
+
+/// The row of a recording without a score.
+fn unscored(path: &Path, sha256: Option<String>, told: &str) -> Row {
+    // The row names the file already.
+    let problem = told.strip_prefix(&format!("{}: ", path.display())).unwrap_or(told).to_owned();
+    Row { file: path.into(), problem: Some(problem), sha256, ..Row::default() }
 }
 
 /// A line for programs: that of a single recording, or what is wrong with one that has no score.
 fn json(row: &Row, scored: &Option<score::Attempt>) -> serde_json::Result<String> {
     match scored {
         Some(attempt) => serde_json::to_string(attempt),
-        None => serde_json::to_string(&serde_json::json!({ "file": row.file, "problem": row.problem })),
+        // A name may be no UTF-8, which JSON has no way to write.
+        None => {
+            let file = row.file.display().to_string();
+            serde_json::to_string(&serde_json::json!({ "file": file, "problem": row.problem }))
+        }
     }
 }
 
-fn row(path: &Path, attempt: results::Attempt, scored: &score::Attempt) -> Row {
+fn row(path: &Path, sha256: Option<String>, attempt: results::Attempt, scored: &score::Attempt) -> Row {
     Row {
         file: path.into(),
         problem: problem(scored),
@@ -128,6 +354,7 @@ fn row(path: &Path, attempt: results::Attempt, scored: &score::Attempt) -> Row {
         ended: scored.ended,
         agrees: scored.agrees,
         attempt: Some(attempt),
+        sha256,
     }
 }
 
@@ -151,25 +378,40 @@ fn line(row: &Row) -> String {
     format!("{score}{note}  {}", row.file.display())
 }
 
-/// Tells what went wrong and how fast it was; returns the exit code.
-fn summary(rows: &[Row], wall_s: f64) -> u8 {
-    for row in rows {
-        if let Some(problem) = &row.problem {
-            let how = if row.attempt.is_some() { "scored in part" } else { "not scored" };
-            warn(&format!("{how}: {}: {problem}", row.file.display()));
+/// Tells what went wrong, by name and in numbers, and how fast it was; returns the exit code.
+fn summary(table: &Table, repeated: u64, wall_s: Option<f64>) -> u8 {
+    let scored = |row: usize| table.texts("module").get(row).is_some_and(Option::is_some);
+    let agrees = if let Some(Cells::Truth(cells)) = table.column("agrees") { cells.as_slice() } else { &[] };
+    let (problems, same) = (table.texts("problem"), table.texts("same_as"));
+    for (row, file) in table.texts("file").iter().enumerate() {
+        let file = file.as_deref().unwrap_or_default();
+        if let Some(problem) = &problems[row] {
+            let how = if scored(row) { "scored in part" } else { "not scored" };
+            warn(&format!("{how}: {file}: {problem}"));
         }
-        if row.agrees == Some(false) {
-            warn(&format!("differs from the score of the run: {}", row.file.display()));
+        if agrees[row] == Some(false) {
+            warn(&format!("differs from the score of the run: {file}"));
+        }
+        if let Some(first) = &same[row] {
+            warn(&format!("same content as {first}: {file}"));
         }
     }
-    let seconds: f64 = rows.iter().map(|r| r.seconds).sum();
-    let damaged = rows.iter().filter(|r| r.problem.is_some()).count();
-    let differing = rows.iter().filter(|r| r.agrees == Some(false)).count();
-    inform(&format!(
-        "{} recordings, {damaged} with problems, {differing} differing; {seconds:.1} s in {wall_s:.2} s ({:.0} times real time)",
-        rows.len(),
-        seconds / wall_s.max(1e-9)
-    ));
+    let there = |cells: &[Option<String>]| cells.iter().flatten().count();
+    let (damaged, same) = (there(problems), there(same));
+    let differing = agrees.iter().filter(|agrees| **agrees == Some(false)).count();
+    let mut text = format!("{} recordings, {damaged} with problems, {differing} differing", table.rows);
+    if repeated > 0 {
+        text += &format!(", {repeated} named again");
+    }
+    if same > 0 {
+        text += &format!(", {same} of the same content as another");
+    }
+    if let (Some(wall_s), Some(Cells::Real(seconds))) = (wall_s, table.column("seconds")) {
+        let seconds: f64 = seconds.iter().flatten().sum();
+        let pace = seconds / wall_s.max(1e-9);
+        text += &format!("; {seconds:.1} s in {wall_s:.2} s ({pace:.0} times real time)");
+    }
+    inform(&text);
     match (differing, damaged) {
         (1.., _) => DIFFERS,
         (0, 1..) => LOSS,
@@ -178,84 +420,4 @@ fn summary(rows: &[Row], wall_s: f64) -> u8 {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-    use recording::{Provenance, Writer};
-    use surgeon::skill::EXPERT;
-
-    /// A recording of an attempt that was broken off before anything happened.
-    pub(crate) fn broken_off(file: &Path) {
-        let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &EXPERT, 1).unwrap();
-        let mut provenance = Provenance { scene_toml: scene.to_toml(), ..Provenance::default() };
-        provenance.rig_json = protocol::rig::Rig::load_or_shipped(None).unwrap().to_json();
-        provenance.seeds.insert("cameras".into(), "42".into());
-        provenance.config.insert(crate::results::BEGAN.into(), "1032942600".into());
-        Writer::create(file, &provenance).unwrap().finish().unwrap();
-    }
-
-    #[test]
-    fn a_batch_scores_what_it_can_and_writes_its_shards() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        std::fs::create_dir(at("in")).unwrap();
-        for name in ["a", "b", "c", "d"] {
-            broken_off(&at("in").join(format!("{name}.mcap")));
-        }
-        std::fs::write(at("in/c.mcap"), "torn").unwrap();
-        std::fs::write(at("list.txt"), "in/a.mcap\nin/b.mcap\nin/c.mcap\nin/d.mcap\n").unwrap();
-        let shard = |index| {
-            let batch = BatchArgs {
-                force: Force { force: true },
-                manifest: Some(at("list.txt")),
-                shard: Some(Shard { index, count: 2 }),
-                out: Some(at("out")),
-                csv: Some(at(&format!("{index}.csv"))),
-                jobs: Some(2),
-            };
-            let args = ScoreArgs { files: vec![], batch, resimulate: false, json: false, doc: false };
-            let code = run(&args).unwrap();
-            (format!("{code:?}"), std::fs::read_to_string(at(&format!("{index}.csv"))).unwrap())
-        };
-        let ((damaged, first), (whole, second)) = (shard(0), shard(1));
-        assert_eq!([damaged, whole], [LOSS, 0].map(|code| format!("{:?}", ExitCode::from(code))));
-        let rows: Vec<&str> = first.lines().skip(1).chain(second.lines().skip(1)).collect();
-        let names: Vec<&str> = rows.iter().map(|r| &r[r.find(".mcap").unwrap() - 1..][..1]).collect();
-        assert_eq!(names, ["a", "c", "b", "d"], "every second one");
-        assert!(
-            rows[0].contains(",navigation,1,") && rows[0].contains(",42,") && !rows[1].contains("navigation")
-        );
-        assert!(
-            rows[1].contains("c.mcap") && rows[1].contains("does not begin as an MCAP file"),
-            "{}",
-            rows[1]
-        );
-        assert!(
-            at("out/scores-00000-of-00002.parquet").is_file()
-                && at("out/scores-00001-of-00002.parquet").is_file()
-        );
-    }
-
-    #[test]
-    fn what_cannot_be_scored_is_a_row_with_its_reason() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("a.mcap");
-        std::fs::write(&file, "torn").unwrap();
-        let told = |(row, scored): &(Row, Option<score::Attempt>)| -> serde_json::Value {
-            serde_json::from_str(&json(row, scored).unwrap()).unwrap()
-        };
-        let one = score_one(&file, false);
-        let (damaged, told_of_damaged) = (one.0.clone(), told(&one));
-        assert_eq!(told_of_damaged["file"], file.display().to_string());
-        assert!(told_of_damaged["problem"].as_str().is_some_and(|p| !p.is_empty()), "{told_of_damaged}");
-        broken_off(&folder.path().join("b.mcap"));
-        let whole = told(&score_one(&folder.path().join("b.mcap"), false));
-        assert_eq!((whole["module"].as_str(), whole["ended"].as_bool()), (Some("navigation"), Some(false)));
-        assert!(damaged.attempt.is_none() && damaged.problem.as_ref().is_some_and(|p| !p.contains("a.mcap")));
-        let good = Row { attempt: Some(results::Attempt::default()), ended: true, ..Row::default() };
-        let differing = Row { agrees: Some(false), ..good.clone() };
-        assert_eq!(summary(std::slice::from_ref(&good), 1.0), 0);
-        assert_eq!(summary(&[good.clone(), damaged.clone()], 1.0), LOSS);
-        assert_eq!(summary(&[damaged, differing.clone(), good], 1.0), DIFFERS);
-        assert!(line(&differing).contains("differs"));
-    }
-}
+pub(crate) mod tests;

@@ -1,9 +1,7 @@
-//! Batches: which recordings there are, which of them a shard has, and working through them on
-//! several threads. The rows come in the order of the list, whatever the threads do.
+//! Batches: which recordings of a list a shard has, and working through them on several threads. The
+//! rows come in the order of the list, whatever the threads do.
 
 use crate::attempt::Attempt;
-use protocol::file::{MAX_TABLE_BYTES, read_text};
-use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -25,25 +23,8 @@ pub struct Row {
     pub agrees: Option<bool>,
     /// The attempt in it.
     pub attempt: Option<Attempt>,
-}
-
-/// A list that cannot be worked through.
-#[derive(Debug, thiserror::Error)]
-pub enum BatchError {
-    /// A file or folder cannot be read.
-    #[error("{file}: {problem}")]
-    Read {
-        /// What was named.
-        file: String,
-        /// Why.
-        problem: std::io::Error,
-    },
-    /// A folder without recordings.
-    #[error("{folder}: expected recordings (*.mcap) in it or below, found none")]
-    Empty {
-        /// What was named.
-        folder: String,
-    },
+    /// SHA-256 of the recording, 64 hexadecimal digits; `None` where it could not be read.
+    pub sha256: Option<String>,
 }
 
 /// One of several machines that share a list; numbers begin at 0.
@@ -59,6 +40,11 @@ impl Shard {
     /// The only one.
     pub const WHOLE: Shard = Shard { index: 0, count: 1 };
 
+    /// How many entries of a list of `listed` are its own.
+    pub fn share(self, listed: u64) -> u64 {
+        listed.saturating_sub(u64::from(self.index)).div_ceil(u64::from(self.count))
+    }
+
     /// Its share of a list: every `count`-th entry, so that recordings of one session, which are
     /// alike in length, spread evenly.
     pub fn of<T: Clone>(self, list: &[T]) -> Vec<T> {
@@ -68,6 +54,13 @@ impl Shard {
     /// Name of its table: `scores-00002-of-00016.parquet`.
     pub fn file_name(self) -> String {
         format!("scores-{:05}-of-{:05}.parquet", self.index, self.count)
+    }
+
+    /// The shard whose table has this name.
+    pub fn of_file_name(name: &str) -> Option<Shard> {
+        let (index, count) = name.strip_prefix("scores-")?.strip_suffix(".parquet")?.split_once("-of-")?;
+        let shard: Shard = format!("{index}/{count}").parse().ok()?;
+        (shard.file_name() == name).then_some(shard)
     }
 }
 
@@ -81,62 +74,6 @@ impl FromStr for Shard {
         let shard = Shard { index: number(index)?, count: number(count)? };
         if shard.index < shard.count { Ok(shard) } else { Err(wrong()) }
     }
-}
-
-/// Recordings that were named: files as they are, folders with every `*.mcap` in and below them by
-/// name, and the lines of a manifest. What is named twice is there once.
-///
-/// # Errors
-/// If a folder or the manifest cannot be read, or a folder holds no recording.
-pub fn list(named: &[PathBuf], manifest: Option<&Path>) -> Result<Vec<PathBuf>, BatchError> {
-    let mut all = Vec::new();
-    for path in named {
-        if path.is_dir() {
-            let before = all.len();
-            walk(path, &mut all)?;
-            if all.len() == before {
-                return Err(BatchError::Empty { folder: path.display().to_string() });
-            }
-        } else {
-            all.push(path.clone());
-        }
-    }
-    if let Some(manifest) = manifest {
-        let text = read_text(manifest, MAX_TABLE_BYTES).map_err(|e| refused(manifest, e))?;
-        all.extend(lines(&text, manifest.parent().unwrap_or(Path::new(""))));
-    }
-    let mut seen = BTreeSet::new();
-    all.retain(|path| seen.insert(path.clone()));
-    Ok(all)
-}
-
-fn refused(path: &Path, problem: std::io::Error) -> BatchError {
-    BatchError::Read { file: path.display().to_string(), problem }
-}
-
-/// Paths of a manifest: one a line, from its own folder on; blank lines and those that begin with
-/// `#` are passed over.
-pub fn lines(text: &str, folder: &Path) -> Vec<PathBuf> {
-    let lines = text.lines().map(|line| line.trim_end_matches('\r'));
-    let paths = lines.filter(|line| !line.trim().is_empty() && !line.starts_with('#'));
-    paths.map(|line| folder.join(line)).collect()
-}
-
-fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), BatchError> {
-    let entries = std::fs::read_dir(folder).map_err(|e| refused(folder, e))?;
-    let mut entries = entries.collect::<Result<Vec<_>, _>>().map_err(|e| refused(folder, e))?;
-    entries.sort_by_key(|e| e.file_name());
-    for entry in entries {
-        let path = entry.path();
-        // A link to a folder may lead in a circle.
-        let kind = entry.file_type().map_err(|e| refused(&path, e))?;
-        if kind.is_dir() {
-            walk(&path, found)?;
-        } else if path.extension().is_some_and(|e| e == "mcap") {
-            found.push(path);
-        }
-    }
-    Ok(())
 }
 
 /// Works through a list on `jobs` threads; `each` is done as often as the list is long, `done`
@@ -186,8 +123,20 @@ mod tests {
             let mut all: Vec<usize> = (0..count).flat_map(|index| Shard { index, count }.of(&list)).collect();
             let sizes: Vec<usize> = (0..count).map(|index| Shard { index, count }.of(&list).len()).collect();
             prop_assert!(sizes.iter().max().unwrap() - sizes.iter().min().unwrap() <= 1);
+            for (index, size) in (0..count).zip(&sizes) {
+                prop_assert_eq!(Shard { index, count }.share(length as u64), *size as u64);
+            }
             all.sort_unstable();
             prop_assert_eq!(all, list);
+        }
+
+        #[test]
+        fn a_table_has_the_name_of_one_shard(index in 0u32..200_000, more in 1u32..200_000, text in "scores-[0-9+]{1,6}-of-[0-9]{1,6}.parquet") {
+            let shard = Shard { index, count: index + more };
+            prop_assert_eq!(Shard::of_file_name(&shard.file_name()), Some(shard));
+            if let Some(shard) = Shard::of_file_name(&text) {
+                prop_assert_eq!(shard.file_name(), text);
+            }
         }
 
         #[test]
@@ -205,25 +154,6 @@ mod tests {
         for wrong in ["", "3", "16/16", "0/0", "-1/2", "1/2/3", "a/b"] {
             assert!(wrong.parse::<Shard>().unwrap_err().contains("I/N"), "{wrong}");
         }
-    }
-
-    #[test]
-    fn folders_are_walked_by_name_and_manifests_read_from_their_place() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        std::fs::create_dir_all(at("day/b")).unwrap();
-        for name in ["day/c.mcap", "day/b/z.mcap", "day/a.mcap", "day/notes.txt"] {
-            std::fs::write(at(name), "").unwrap();
-        }
-        std::fs::write(at("list.txt"), "# made by hand\nday/a.mcap\r\n\n/far/x y.mcap\n").unwrap();
-        std::os::unix::fs::symlink(at("day"), at("day/b/circle")).unwrap();
-        let found = list(&[at("day"), at("single")], Some(&at("list.txt"))).unwrap();
-        let expected =
-            [at("day/a.mcap"), at("day/b/z.mcap"), at("day/c.mcap"), at("single"), "/far/x y.mcap".into()];
-        assert_eq!(found, expected);
-        std::fs::create_dir(at("bare")).unwrap();
-        assert!(list(&[at("bare")], None).unwrap_err().to_string().contains("bare"));
-        assert!(list(&[], Some(&at("none.txt"))).unwrap_err().to_string().contains("none.txt"));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What trainees achieved: the store of their attempts ([`store`]), the learning curve ([`curve`]),
-//! tables for other programs ([`table`], [`parquet_file`]), and the order in which a batch of
-//! recordings is worked through ([`batch`]).
+//! tables for other programs ([`table`], [`parquet_file`]), which recordings a batch is made of
+//! ([`listing`]), the order in which they are worked through ([`batch`]), and the tables of its shards
+//! put together again ([`shards`]).
 //!
 //! The score itself is made elsewhere; here it is a name, a number and its deviation. See
 //! `docs/results.md`.
@@ -8,9 +9,12 @@
 pub mod attempt;
 pub mod batch;
 pub mod curve;
+pub mod listing;
 pub mod parquet_file;
+pub mod parquet_read;
 pub mod plot;
 pub mod schema;
+pub mod shards;
 pub mod store;
 pub mod table;
 pub mod terminal;

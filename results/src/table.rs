@@ -4,7 +4,11 @@
 use crate::attempt::{Attempt, Points, Stored};
 use crate::batch::Row;
 use outputs::csv_cell;
+use std::collections::HashMap;
 use std::io::{self, Write};
+
+/// Column of the recordings' hashes.
+const HASH: &str = "recording_sha256";
 
 /// The cells of a column; a cell may be empty.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,7 +23,7 @@ pub enum Cells {
 
 impl Cells {
     /// How many there are.
-    fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         match self {
             Cells::Text(c) => c.len(),
             Cells::Whole(c) => c.len(),
@@ -27,6 +31,30 @@ impl Cells {
             Cells::Real(c) => c.len(),
             Cells::Truth(c) => c.len(),
         }
+    }
+
+    /// None of the same kind.
+    fn of_same_kind(&self) -> Cells {
+        match self {
+            Cells::Text(_) => Cells::Text(Vec::new()),
+            Cells::Whole(_) => Cells::Whole(Vec::new()),
+            Cells::Natural(_) => Cells::Natural(Vec::new()),
+            Cells::Real(_) => Cells::Real(Vec::new()),
+            Cells::Truth(_) => Cells::Truth(Vec::new()),
+        }
+    }
+
+    /// Adds a cell of another column; false where that is of another kind.
+    fn push_of(&mut self, other: &Cells, row: usize) -> bool {
+        match (self, other) {
+            (Cells::Text(to), Cells::Text(from)) => to.push(from[row].clone()),
+            (Cells::Whole(to), Cells::Whole(from)) => to.push(from[row]),
+            (Cells::Natural(to), Cells::Natural(from)) => to.push(from[row]),
+            (Cells::Real(to), Cells::Real(from)) => to.push(from[row]),
+            (Cells::Truth(to), Cells::Truth(from)) => to.push(from[row]),
+            _ => return false,
+        }
+        true
     }
 
     /// A cell for people and CSV. Real numbers have as many digits as lead back to the same bits.
@@ -109,6 +137,7 @@ impl Table {
     pub fn of_batch(rows: &[Row], keys: &Keys) -> Self {
         let mut table = Table { rows: rows.len(), ..Table::default() };
         let attempts: Vec<_> = rows.iter().map(|r| r.attempt.as_ref()).collect();
+        let hashes = rows.iter().map(|r| r.sha256.clone()).collect();
         table.put("file", Cells::Text(rows.iter().map(|r| Some(r.file.display().to_string())).collect()));
         table.put("problem", Cells::Text(rows.iter().map(|r| r.problem.clone()).collect()));
         table.put("seconds", Cells::Real(rows.iter().map(|r| Some(r.seconds)).collect()));
@@ -116,7 +145,62 @@ impl Table {
         table.put("ended", Cells::Truth(ended.collect()));
         table.put("agrees", Cells::Truth(rows.iter().map(|r| r.agrees).collect()));
         table.attempts(&attempts, keys);
+        table.set(HASH, Cells::Text(hashes));
+        table.name_same();
         table
+    }
+
+    /// A column by its name.
+    pub fn column(&self, name: &str) -> Option<&Cells> {
+        self.columns.iter().find(|c| c.name == name).map(|c| &c.cells)
+    }
+
+    /// The texts of a column; nothing where there is no such column of texts.
+    pub fn texts(&self, name: &str) -> &[Option<String>] {
+        if let Some(Cells::Text(cells)) = self.column(name) { cells } else { &[] }
+    }
+
+    fn set(&mut self, name: &str, cells: Cells) {
+        match self.columns.iter_mut().find(|c| c.name == name) {
+            Some(column) => column.cells = cells,
+            None => self.put(name, cells),
+        }
+    }
+
+    /// Fills the column `same_as`: the first recording of the table with the same content, of those
+    /// that have one before them.
+    pub fn name_same(&mut self) {
+        let mut first: HashMap<&str, &str> = HashMap::new();
+        let same = self.texts("file").iter().zip(self.texts(HASH)).map(|(file, hash)| {
+            let (file, hash) = (file.as_deref()?, hash.as_deref()?);
+            let first = *first.entry(hash).or_insert(file);
+            (first != file).then(|| first.to_owned())
+        });
+        let same = same.collect();
+        self.set("same_as", Cells::Text(same));
+    }
+
+    /// One table of the rows of several: the first of each, then the second of each, and so on, as
+    /// the shards of a list share it. `None` where their columns differ.
+    pub fn interleaved(parts: &[&Table]) -> Option<Table> {
+        let first = parts.first()?;
+        let mut whole = Table { rows: parts.iter().map(|t| t.rows).sum(), ..Table::default() };
+        let longest = parts.iter().map(|t| t.rows).max()?;
+        for (at, column) in first.columns.iter().enumerate() {
+            let mut cells = column.cells.of_same_kind();
+            let others = parts.iter().map(|t| t.columns.get(at).filter(|c| c.name == column.name));
+            let others = others.collect::<Option<Vec<_>>>()?;
+            for row in 0..longest {
+                for (other, part) in others.iter().zip(parts) {
+                    if row < part.rows && !cells.push_of(&other.cells, row) {
+                        return None;
+                    }
+                }
+            }
+            whole.put(&column.name, cells);
+        }
+        let as_wide = parts.iter().all(|t| t.columns.len() == first.columns.len());
+        as_wide.then_some(whole)
     }
 
     fn attempts(&mut self, all: &[Option<&Attempt>], keys: &Keys) {
@@ -192,6 +276,7 @@ pub(crate) mod tests {
             ended: true,
             agrees: None,
             attempt,
+            sha256: problem.is_none().then(|| "ab".repeat(32)),
         };
         vec![
             row("a.mcap", None, Some(attempt)),

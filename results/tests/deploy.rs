@@ -11,13 +11,17 @@ fn deploy(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../deploy").join(name)
 }
 
-/// A folder with a program `vitreo` that writes its arguments into `given` and ends with a code.
+/// A folder with a program `vitreo` that writes its arguments into `given` and ends with a code, and
+/// a `scontrol` that writes its own into `asked`.
 fn stand_in(code: u8) -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let (program, given) = (folder.path().join("vitreo"), folder.path().join("given"));
     std::fs::write(&program, format!("#!/bin/sh\necho \"$@\" > '{}'\nexit {code}\n", given.display()))
         .unwrap();
     std::fs::set_permissions(&program, PermissionsExt::from_mode(0o755)).unwrap();
+    let (control, asked) = (folder.path().join("scontrol"), folder.path().join("asked"));
+    std::fs::write(&control, format!("#!/bin/sh\necho \"$@\" > '{}'\n", asked.display())).unwrap();
+    std::fs::set_permissions(&control, PermissionsExt::from_mode(0o755)).unwrap();
     folder
 }
 
@@ -42,7 +46,7 @@ fn a_slurm_task_scores_its_shard() {
         ("SLURM_CPUS_PER_TASK", "4"),
     ];
     let words = [script, "list.txt", "scores", "--resimulate"];
-    let given = "score --manifest list.txt --shard 3/64 --out scores --jobs 4 --resimulate";
+    let given = "score --manifest list.txt --shard 3/64 --out scores --resume --jobs 4 --resimulate";
     for (code, ends_with) in [(0, 0), (1, 1), (3, 0), (5, 5)] {
         assert_eq!(
             run(&stand_in(code), &words, &task),
@@ -64,6 +68,26 @@ fn a_slurm_task_scores_its_shard() {
     assert_eq!(run(&stand_in(0), &words[..2], &task).0, 2, "without a folder to write to");
 }
 
+#[test]
+fn a_slurm_task_whose_worker_was_killed_is_queued_again_twice() {
+    let script = deploy("slurm-score.sh");
+    let words = [script.to_str().unwrap(), "list.txt", "scores"];
+    let asked = |code, restarts| {
+        let task = [
+            ("SLURM_JOB_ID", "812"),
+            ("SLURM_ARRAY_TASK_ID", "3"),
+            ("SHARDS", "64"),
+            ("SLURM_RESTART_COUNT", restarts),
+        ];
+        let folder = stand_in(code);
+        run(&folder, &words, &task[..if restarts.is_empty() { 3 } else { 4 }]);
+        std::fs::read_to_string(folder.path().join("asked")).unwrap_or_default().trim().to_owned()
+    };
+    let again = "requeue 812";
+    assert_eq!([asked(137, ""), asked(1, "0"), asked(137, "1")], [again; 3]);
+    assert_eq!([asked(137, "2"), asked(0, ""), asked(2, ""), asked(3, ""), asked(5, "")], [""; 5]);
+}
+
 fn at<'y>(yaml: &'y Yaml, path: &[&str]) -> &'y Yaml {
     path.iter().fold(yaml, |yaml, key| key.parse::<usize>().map_or_else(|_| &yaml[*key], |i| &yaml[i]))
 }
@@ -82,6 +106,10 @@ fn a_pod_scores_its_shard() {
         Some("Never"),
         "a failure policy needs it"
     );
+    let rules = at(job, &["spec", "podFailurePolicy", "rules"]).as_vec().unwrap();
+    let rules = rules.iter().map(|r| (r["action"].as_str().unwrap(), r["onExitCodes"]["values"][0].as_i64()));
+    let rules: Vec<_> = rules.collect();
+    assert_eq!(rules, [("FailJob", Some(2)), ("FailIndex", Some(5))], "what another try would not mend");
     let container = at(job, &["spec", "template", "spec", "containers", "0"]);
     let variables = container["env"].as_vec().unwrap();
     let value = |name: &str| {
@@ -109,8 +137,9 @@ fn a_pod_scores_its_shard() {
         ("OUT", value("OUT")),
         ("JOB_COMPLETION_INDEX", "9"),
     ];
-    let given =
-        format!("score --manifest /recordings/manifest.txt --shard 9/{shards} --out /scores --jobs 4");
+    let given = format!(
+        "score --manifest /recordings/manifest.txt --shard 9/{shards} --out /scores --resume --jobs 4"
+    );
     for (code, ends_with) in [(0, 0), (1, 1), (2, 2), (3, 0)] {
         assert_eq!(
             run(&stand_in(code), &["-c", line], &pod),

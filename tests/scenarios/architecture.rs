@@ -78,6 +78,8 @@ const OWNERS: &[(&str, &[&str])] = &[
     ("mp4-atom", &["renderer"]),
     ("swash", &["font"]),
     ("tokio", &["launcher"]),
+    ("object_store", &["launcher"]),
+    ("futures-util", &["launcher"]),
 ];
 /// Folders of crates that ship with nothing.
 const PROOF_FOLDERS: [&str; 3] = ["validation/", "fuzz/", "tests/"];

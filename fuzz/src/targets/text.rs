@@ -85,7 +85,7 @@ pub fn targets() -> Vec<Target> {
         ),
         target(
             "manifest",
-            |b| drop(black_box(results::batch::lines(&lossy(b), "f".as_ref()))),
+            |b| drop(black_box(results::listing::lines(&lossy(b), "f".as_ref()))),
             || vec![b"# made by hand\nday/a.mcap\r\n\n/far/x y.mcap\n".to_vec()],
         ),
         target("arguments", arguments, || {

@@ -10,7 +10,8 @@ with their covariance, and the events. `vitreo score FILE.mcap` computes it from
 the same code; they agree to the bit, and the command says so.
 
 This page is made from the table in `training/src/score/table.rs` by `vitreo score --doc`; a test keeps it current. A score names the
-version of its table; scores of different versions are not compared.
+version of its table; scores of different versions are not compared. Many recordings at once, tables, shards on a cluster and object
+stores: `docs/results.md` and `deploy/README.md`.
 ";
 
 const HOW: &str = "\
