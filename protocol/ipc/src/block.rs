@@ -1,66 +1,33 @@
 //! Senders and receivers of a header with a payload of variable size, written in place.
 
-use super::channel::{Account, Counts, MAX_PUBLISHERS, MAX_SUBSCRIBERS, Stamp, open_error, schema_attribute};
-use super::instance::{Instance, Service};
-use super::wake::{Listener, Notifier, Wakes};
-use super::{IpcError, transport};
+use super::IpcError;
+use super::channel::{Account, Counts, MAX_PUBLISHERS, MAX_SUBSCRIBERS, message_of};
+use super::instance::Instance;
+use super::port::{Channel, Held, ReceivePort, SendPort, Stamp, UNIT};
+use super::wake::{Listener, Wakes};
 use crate::clock::now;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::prelude::*;
-use iceoryx2::sample::Sample;
-use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use protocol::message::Message;
-use std::fmt::Debug;
+use std::marker::PhantomData;
 
-/// Payload unit: sixteen bytes, so that every section is aligned for SIMD and for the GPU.
-#[repr(C, align(16))]
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Unit([u8; 16]);
-
-// SAFETY: sixteen bytes; no pointers, no padding.
-unsafe impl ZeroCopySend for Unit {}
-
-/// Header of a block as iceoryx2 sees it.
-#[repr(C)]
-#[derive(Debug, Clone, Copy)]
-pub(super) struct BlockHeader<H: Message> {
-    stamp: Stamp,
-    header: H,
+/// Bytes of the header, after which the payload begins on a border of units.
+const fn head<H>() -> usize {
+    size_of::<H>().next_multiple_of(UNIT)
 }
 
-impl<H: Message> Default for BlockHeader<H> {
-    fn default() -> Self {
-        Self { stamp: Stamp::default(), header: H::zeroed() }
-    }
-}
-
-// SAFETY: `Stamp` and `H: Pod` hold no pointers; `repr(C)` fixes the layout.
-unsafe impl<H: Message + Debug> ZeroCopySend for BlockHeader<H> {
-    unsafe fn type_name() -> &'static str {
-        H::CHANNEL
-    }
-}
-
-fn as_bytes_mut(units: &mut [Unit]) -> &mut [u8] {
-    // SAFETY: `Unit` is sixteen plain bytes without padding, so its memory is initialised bytes.
-    unsafe { std::slice::from_raw_parts_mut(units.as_mut_ptr().cast(), size_of_val(units)) }
-}
-
-fn as_bytes(units: &[Unit]) -> &[u8] {
-    // SAFETY: as above.
-    unsafe { std::slice::from_raw_parts(units.as_ptr().cast(), size_of_val(units)) }
+/// Few processes take part in a channel of blocks.
+fn channel<H: Message>() -> Channel {
+    Channel::of::<H>(MAX_SUBSCRIBERS / 2, MAX_PUBLISHERS / 4)
 }
 
 /// Sends blocks with a header `H`.
-pub struct BlockSender<H: Message + Debug> {
-    publisher: Publisher<Service, [Unit], BlockHeader<H>>,
-    notifier: Notifier,
+pub struct BlockSender<H: Message> {
+    port: Box<dyn SendPort>,
     stamp: Stamp,
     capacity: usize,
+    sends: PhantomData<fn(H)>,
 }
 
-impl<H: Message + Debug> BlockSender<H> {
+impl<H: Message> BlockSender<H> {
     /// Lends `bytes` of shared memory to `write`, which fills them and returns the header; then
     /// sends the block. The memory holds whatever an earlier block left there.
     ///
@@ -70,17 +37,15 @@ impl<H: Message + Debug> BlockSender<H> {
         if bytes > self.capacity {
             return Err(IpcError::TooLarge { channel: H::CHANNEL, bytes, capacity: self.capacity });
         }
-        let units = bytes.div_ceil(16).max(1);
-        let sample = self.publisher.loan_slice_uninit(units).map_err(transport(H::CHANNEL, "loan"))?;
-        // SAFETY: `Unit` is sixteen plain bytes, valid whatever they hold, and pages of a shared
-        // memory file are never uninitialised: they hold zeros or an earlier block.
-        let mut sample = unsafe { sample.assume_init() };
-        let header = write(as_bytes_mut(sample.payload_mut()));
+        let mut write = Some(write);
         self.stamp.sent_ns = now();
-        *sample.user_header_mut() = BlockHeader { stamp: self.stamp, header };
-        sample.send().map_err(transport(H::CHANNEL, "send"))?;
+        self.port.send(self.stamp, head::<H>() + bytes, &mut |all| {
+            let (header, payload) = all.split_at_mut(head::<H>());
+            if let Some(write) = write.take() {
+                header[..size_of::<H>()].copy_from_slice(bytemuck::bytes_of(&write(payload)));
+            }
+        })?;
         self.stamp.seq += 1;
-        self.notifier.notify();
         Ok(())
     }
 
@@ -91,44 +56,46 @@ impl<H: Message + Debug> BlockSender<H> {
 }
 
 /// A received block; its shared memory is given back when this is dropped.
-pub struct BlockSample<H: Message + Debug> {
-    sample: Sample<Service, [Unit], BlockHeader<H>>,
+pub struct BlockSample<H: Message> {
+    header: H,
+    held: Held,
 }
 
-impl<H: Message + Debug> BlockSample<H> {
+impl<H: Message> BlockSample<H> {
     /// The header.
     pub fn header(&self) -> &H {
-        &self.sample.user_header().header
+        &self.header
     }
 
     /// The payload; its length is a multiple of 16 and its start is aligned to 16 bytes.
     pub fn payload(&self) -> &[u8] {
-        as_bytes(self.sample.payload())
+        &self.held.bytes()[head::<H>()..]
     }
 }
 
 /// Receives blocks with a header `H`, in order; the newest [`Message::QUEUE`] are kept.
-pub struct BlockReceiver<H: Message + Debug> {
-    subscriber: Subscriber<Service, [Unit], BlockHeader<H>>,
+pub struct BlockReceiver<H: Message> {
+    port: Box<dyn ReceivePort>,
     listener: Listener,
     account: Account,
+    receives: PhantomData<fn() -> H>,
 }
 
-impl<H: Message + Debug> BlockReceiver<H> {
+impl<H: Message> BlockReceiver<H> {
     /// The next block, its header checked; refused ones are counted.
     ///
     /// # Errors
     /// Where the transport fails.
     pub fn receive(&mut self) -> Result<Option<BlockSample<H>>, IpcError> {
         loop {
-            let received = self.subscriber.receive();
-            let received = received.map_err(transport(H::CHANNEL, "receive"))?;
-            let Some(sample) = received else { return Ok(None) };
-            self.account.note(&sample.user_header().stamp);
-            if sample.user_header().header.validate().is_ok() {
-                return Ok(Some(BlockSample { sample }));
+            let Some(held) = self.port.receive()? else { return Ok(None) };
+            self.account.note(&held.stamp());
+            match message_of::<H>(&held) {
+                Ok(header) if held.bytes().len() >= head::<H>() => {
+                    return Ok(Some(BlockSample { header, held }));
+                }
+                _ => self.account.refused += 1,
             }
-            self.account.refused += 1;
         }
     }
 
@@ -138,61 +105,29 @@ impl<H: Message + Debug> BlockReceiver<H> {
     }
 }
 
-impl<H: Message + Debug> Wakes for BlockReceiver<H> {
+impl<H: Message> Wakes for BlockReceiver<H> {
     fn listener(&self) -> &Listener {
         &self.listener
     }
 }
 
 impl Instance {
-    fn block_service<H: Message + Debug>(
-        &self,
-    ) -> Result<PortFactory<Service, [Unit], BlockHeader<H>>, IpcError> {
-        self.check()?;
-        let name = H::CHANNEL.try_into().map_err(transport(H::CHANNEL, "service name"))?;
-        self.node
-            .service_builder(&name)
-            .publish_subscribe::<[Unit]>()
-            .user_header::<BlockHeader<H>>()
-            .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(H::QUEUE)
-            .subscriber_max_borrowed_samples(2)
-            .max_subscribers(MAX_SUBSCRIBERS.min(4))
-            .max_publishers(MAX_PUBLISHERS.min(2))
-            .open_or_create_with_attributes(&schema_attribute::<H>()?)
-            .map_err(open_error::<H>)
-    }
-
     /// Opens the sending side of a channel of blocks of at most `capacity` bytes.
     ///
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
-    pub fn block_sender<H: Message + Debug>(&self, capacity: usize) -> Result<BlockSender<H>, IpcError> {
-        let _limit = self.open_limit(H::CHANNEL);
-        let publisher = self
-            .block_service::<H>()?
-            .publisher_builder()
-            .initial_max_slice_len(capacity.div_ceil(16))
-            .create()
-            .map_err(transport(H::CHANNEL, "publisher"))?;
-        let notifier = Notifier::open(self, H::CHANNEL)?;
-        self.reserve()?;
-        Ok(BlockSender { publisher, notifier, stamp: Stamp { epoch: now(), ..Stamp::default() }, capacity })
+    pub fn block_sender<H: Message>(&self, capacity: usize) -> Result<BlockSender<H>, IpcError> {
+        let port = self.open_sender(&channel::<H>(), head::<H>() + capacity)?;
+        let stamp = Stamp { epoch: now(), ..Stamp::default() };
+        Ok(BlockSender { port, stamp, capacity, sends: PhantomData })
     }
 
     /// Opens the receiving side of a channel of blocks.
     ///
     /// # Errors
     /// Where another build runs with another layout, or the transport fails.
-    pub fn block_receiver<H: Message + Debug>(&self) -> Result<BlockReceiver<H>, IpcError> {
-        let _limit = self.open_limit(H::CHANNEL);
-        let subscriber = self
-            .block_service::<H>()?
-            .subscriber_builder()
-            .create()
-            .map_err(transport(H::CHANNEL, "subscriber"))?;
-        let listener = Listener::open(self, H::CHANNEL)?;
-        self.reserve()?;
-        Ok(BlockReceiver { subscriber, listener, account: Account::default() })
+    pub fn block_receiver<H: Message>(&self) -> Result<BlockReceiver<H>, IpcError> {
+        let (port, listener) = self.open_receiver(&channel::<H>(), H::QUEUE)?;
+        Ok(BlockReceiver { port, listener, account: Account::default(), receives: PhantomData })
     }
 }

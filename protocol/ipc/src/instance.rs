@@ -1,7 +1,9 @@
 //! The private directory of one simulator, and the node of this process in it.
 
 use super::open_limit::OpenLimit;
+use super::port::{Channel, Ports, ReceivePort, SendPort, Service};
 use super::segments::{SHM, Segments, owner_of};
+use super::wake::Listener;
 use super::{IpcError, transport};
 use iceoryx2::prelude::*;
 use std::fs;
@@ -14,14 +16,12 @@ const MAX_NAME: usize = 18;
 /// File in the directory that holds the token by which the instance's segments are called.
 const TOKEN: &str = "token";
 
-pub(super) type Service = ipc::Service;
-
 /// This process's place in a simulator.
 pub struct Instance {
     name: String,
     directory: PathBuf,
     segments: Segments,
-    pub(super) node: Node<Service>,
+    node: Box<dyn Ports>,
     /// Held by the launcher for as long as the simulator runs. The last field, so that the node has
     /// written its last when the directory is taken away.
     _ownership: Option<Ownership>,
@@ -105,24 +105,42 @@ impl Instance {
             .create::<Service>()
             .map_err(transport("node", "open"))?;
         segments.close_to_others();
-        Ok(Self { name: name.into(), directory, segments, node, _ownership: ownership })
+        Ok(Self { name: name.into(), directory, segments, node: Box::new(node), _ownership: ownership })
     }
 
-    /// To be called before a port is opened, which may wait long for what somebody else left, and
-    /// end by a signal where there is no room.
-    pub(super) fn check(&self) -> Result<(), IpcError> {
-        self.segments.check()
+    /// Opens the sending side of a channel of at most `capacity` bytes a block.
+    pub(super) fn open_sender(
+        &self,
+        channel: &Channel,
+        capacity: usize,
+    ) -> Result<Box<dyn SendPort>, IpcError> {
+        let _limit = OpenLimit::start(channel.name, &self.directory);
+        // A port may wait long for what somebody else left, and end by a signal where there is no
+        // room.
+        self.segments.check()?;
+        let port = self.node.sender(channel, capacity)?;
+        // None of its memory can be missing later.
+        self.segments.reserve()?;
+        Ok(port)
     }
 
-    /// To be held while a port of `channel` is opened.
-    pub(super) fn open_limit(&self, channel: &'static str) -> OpenLimit {
-        OpenLimit::start(channel, &self.directory)
+    /// Opens the receiving side, which keeps `depth` blocks, with what wakes it.
+    pub(super) fn open_receiver(
+        &self,
+        channel: &Channel,
+        depth: usize,
+    ) -> Result<(Box<dyn ReceivePort>, Listener), IpcError> {
+        let _limit = OpenLimit::start(channel.name, &self.directory);
+        self.segments.check()?;
+        let port = self.node.receiver(channel, depth)?;
+        let listener = self.node.listener(channel.name)?;
+        self.segments.reserve()?;
+        Ok((port, listener))
     }
 
-    /// To be called after a port has been opened: takes the memory of its segments, so that none
-    /// can be missing later.
-    pub(super) fn reserve(&self) -> Result<(), IpcError> {
-        self.segments.reserve()
+    #[cfg(test)]
+    pub(super) fn ports(&self) -> &dyn Ports {
+        &*self.node
     }
 
     /// Its name.
@@ -137,7 +155,7 @@ impl Instance {
 
     /// Frees what dead processes of this instance held.
     pub fn clean_up_after_the_dead(&self) {
-        self.node.try_cleanup_dead_nodes();
+        self.node.clean_up_after_the_dead();
     }
 }
 

@@ -23,6 +23,7 @@ mod instance;
 pub mod logging;
 mod open_limit;
 pub mod outbox;
+mod port;
 mod segments;
 pub mod shell;
 mod wake;

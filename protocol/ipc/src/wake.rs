@@ -1,21 +1,19 @@
 //! Waking up: one event service beside each channel, and a bounded wait on several of them.
 
-use super::instance::{Instance, Service};
+use super::port::Service;
 use super::{IpcError, transport};
 use iceoryx2::prelude::*;
-use std::os::fd::{AsFd, BorrowedFd};
+use std::os::fd::{AsFd, BorrowedFd, RawFd};
 
 /// Most sources of one [`wait`].
 pub const MAX_SOURCES: usize = 8;
 
 fn event_service(
-    instance: &Instance,
+    node: &Node<Service>,
     channel: &'static str,
 ) -> Result<iceoryx2::service::port_factory::event::PortFactory<Service>, IpcError> {
     let name = channel.try_into().map_err(transport(channel, "event name"))?;
-    instance
-        .node
-        .service_builder(&name)
+    node.service_builder(&name)
         .event()
         .max_notifiers(super::channel::MAX_PUBLISHERS)
         .max_listeners(super::channel::MAX_SUBSCRIBERS)
@@ -27,8 +25,8 @@ fn event_service(
 pub(super) struct Notifier(iceoryx2::port::notifier::Notifier<Service>);
 
 impl Notifier {
-    pub(super) fn open(instance: &Instance, channel: &'static str) -> Result<Self, IpcError> {
-        let notifier = event_service(instance, channel)?.notifier_builder().create();
+    pub(super) fn open(node: &Node<Service>, channel: &'static str) -> Result<Self, IpcError> {
+        let notifier = event_service(node, channel)?.notifier_builder().create();
         Ok(Self(notifier.map_err(transport(channel, "notifier"))?))
     }
 
@@ -40,17 +38,34 @@ impl Notifier {
 }
 
 /// Receives the notifications of the senders of a channel.
-pub struct Listener(iceoryx2::port::listener::Listener<Service>);
+pub struct Listener(Box<dyn Listens>);
+
+/// iceoryx2's listener, behind a trait object as the ports are.
+trait Listens {
+    fn drain(&self);
+    fn descriptor(&self) -> RawFd;
+}
+
+impl Listens for iceoryx2::port::listener::Listener<Service> {
+    fn drain(&self) {
+        while self.try_wait(|_| {}).unwrap_or(0) > 0 {}
+    }
+
+    fn descriptor(&self) -> RawFd {
+        // SAFETY: only lent to `as_fd`, which the listener outlives.
+        unsafe { self.file_descriptor().native_handle() }
+    }
+}
 
 impl Listener {
-    pub(super) fn open(instance: &Instance, channel: &'static str) -> Result<Self, IpcError> {
-        let listener = event_service(instance, channel)?.listener_builder().create();
-        Ok(Self(listener.map_err(transport(channel, "listener"))?))
+    pub(super) fn open(node: &Node<Service>, channel: &'static str) -> Result<Self, IpcError> {
+        let listener = event_service(node, channel)?.listener_builder().create();
+        Ok(Self(Box::new(listener.map_err(transport(channel, "listener"))?)))
     }
 
     /// Takes all notifications away, until there are none.
     fn drain(&self) {
-        while self.0.try_wait(|_| {}).unwrap_or(0) > 0 {}
+        self.0.drain();
     }
 }
 
@@ -58,7 +73,7 @@ impl AsFd for Listener {
     /// Readable while a notification waits.
     fn as_fd(&self) -> BorrowedFd<'_> {
         // SAFETY: the listener owns the descriptor and outlives the borrow.
-        unsafe { BorrowedFd::borrow_raw(self.0.file_descriptor().native_handle()) }
+        unsafe { BorrowedFd::borrow_raw(self.0.descriptor()) }
     }
 }
 
