@@ -3,13 +3,12 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak endure test-python fleet test-slurm test-s3 bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo test latency soak endure test-python fleet test-slurm test-s3 bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
 RELEASE := $(TARGET)/release/vitreo
-DEBUG := $(TARGET)/debug/vitreo
 # Modules whose recordings bench-score scores.
 SCORED := navigation shadow steady-path forceps bimanual vitrectomy peeling relocation
 PREFIX ?= /usr/local
@@ -58,8 +57,8 @@ setup: ## Install C and C++ compilers, a Vulkan driver and Rust, where they are 
 	command -v cargo >/dev/null || { echo "installing Rust"; \
 		curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal -c clippy -c rustfmt; }
 
-demo: setup ## Run 20 s of surgery; leave recording, report, pictures and a film of it in out/
-	cargo build --release --workspace
+demo: setup ## Run 20 s of surgery, judge its latencies; leave recording, report, pictures and a film in out/
+	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --headless --instance demo --duration 20 --force --record out/demo.mcap --report out/report.json
 	$(RELEASE) replay out/demo.mcap --instance demo --lockstep --verify
@@ -73,9 +72,18 @@ demo: setup ## Run 20 s of surgery; leave recording, report, pictures and a film
 
 test: setup ## Format, lint, build and run every check
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets -- -D warnings
-	cargo build --workspace
-	cargo test --workspace
+	cargo clippy --release --workspace --all-targets -- -D warnings
+	cargo build --release --workspace
+	cargo test --release --workspace
+	@echo "the same bits without optimisation's and with debug's checks:"
+	cargo test -p tracker -p offline --no-default-features --lib --test streams
+
+latency: setup ## Run the simulator three times on a quiet machine; all latency budgets must be kept twice (LATENCY="--duration 60")
+	cargo build --release
+	@mkdir -p out
+	for n in 1 2 3; do \
+		$(RELEASE) run --headless --instance latency --duration 30 $(LATENCY) --force --report out/latency-$$n.json || exit 1; done
+	$(RELEASE) budgets out/latency-1.json out/latency-2.json out/latency-3.json --at-least 2
 
 soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (three quarters of an hour on two cores; SOAK="--programmes 20")
 	cargo run --release -p validation --example soak -- $(SOAK)
@@ -95,27 +103,27 @@ setup-python:
 	.venv/bin/pip install -q -r tests/python/requirements.txt
 
 test-python: setup setup-python ## Read a fresh recording with Python's mcap
-	cargo build --workspace
+	cargo build --release
 	@mkdir -p out
-	$(DEBUG) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
+	$(RELEASE) run --no-picture --direct --instance python --duration 4 --force --record out/python.mcap
 	.venv/bin/python tests/python/read_recording.py out/python.mcap
 
 # What test-slurm and test-s3 score: 1,000 recordings of 2 s, copies of four with seeds of their own.
 fleet: setup
-	cargo build --workspace
+	cargo build --release
 	@rm -rf out/fleet; mkdir -p out/fleet-sources
 	for m in navigation shadow steady-path forceps; do \
-		$(DEBUG) run --module $$m --no-picture --direct --instance fleet --duration 2 --force --record out/fleet-sources/$$m.mcap >/dev/null || exit 1; done
-	cargo run -q -p recording --example copies -- 1000 out/fleet out/fleet-sources/*.mcap
+		$(RELEASE) run --module $$m --no-picture --direct --instance fleet --duration 2 --force --record out/fleet-sources/$$m.mcap >/dev/null || exit 1; done
+	cargo run -q --release -p recording --example copies -- 1000 out/fleet out/fleet-sources/*.mcap
 
 test-slurm: fleet ## Score 1,000 recordings on a Slurm of this machine (installed where missing) whose workers are killed
-	VITREO=$(TARGET)/debug tools/test-slurm
+	VITREO=$(TARGET)/release tools/test-slurm
 
 test-s3: fleet setup-python ## Score 1,000 recordings out of an object store on this machine, workers killed, objects lost and refused
 	.venv/bin/pip install -q -r tests/python/requirements-s3.txt
-	cargo test -p launcher --features object-store --lib objects
-	cargo build -p launcher --features object-store
-	.venv/bin/python tests/python/score_from_store.py $(DEBUG) out/fleet
+	cargo test --release -p launcher --features object-store --lib objects
+	cargo build --release -p launcher --features object-store
+	.venv/bin/python tests/python/score_from_store.py $(RELEASE) out/fleet
 
 bench: setup ## Measure the parts, and latency and CPU cost without and with the picture
 	cargo bench -p fpga-model --bench scan
@@ -123,13 +131,13 @@ bench: setup ## Measure the parts, and latency and CPU cost without and with the
 	cargo bench -p validation --bench tissue
 	cargo run --release -p renderer -- bench render
 	cargo bench -p validation --bench vitreous
-	cargo build --release --workspace
+	cargo build --release
 	@mkdir -p out
 	$(RELEASE) run --no-picture --instance bench --duration 30 --force --report out/bench-no-picture.json
 	$(RELEASE) run --headless --instance bench --duration 30 --force --report out/bench-headless.json
 
 bench-score: setup ## Measure how fast recordings are scored on one core, without and with simulating again
-	cargo build --release --workspace
+	cargo build --release
 	@mkdir -p out/score
 	for m in $(SCORED); do \
 		$(RELEASE) run --module $$m --no-picture --direct --instance bench --force --record out/score/$$m.mcap >/dev/null || exit 1; done
@@ -144,7 +152,7 @@ study: setup ## Let four scripted surgeons and recorded hands do the training mo
 	cargo run --release -p validation --example study -- --page docs/study.md $(STUDY)
 
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
-	cargo build --release --workspace
+	cargo build --release
 	$(RELEASE) run --no-picture --instance golden --duration 2 --force --record tests/data/golden/peel-2s.mcap
 
 pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
@@ -158,11 +166,11 @@ instruments: setup ## Renew the instruments' meshes
 	cargo run --release -p renderer --example instruments -- assets/instruments
 
 vectors: setup ## Renew the test vectors of the camera hardware; say in the commit why
-	cargo run -p fpga-model -- vectors --force fpga-model/vectors
+	cargo run --release -p fpga-model -- vectors --force fpga-model/vectors
 
 # Programs that vitreo starts lie beside it; on the path is a link.
 programs: setup ## Build the programs for use (OBJECT_STORE=1: vitreo score takes s3:// addresses)
-	cargo build --release --workspace --bins $(if $(OBJECT_STORE),--features launcher/object-store)
+	cargo build --release --bins $(if $(OBJECT_STORE),--features launcher/object-store)
 
 # Building belongs to who calls, also under sudo; only putting files into PREFIX may need more.
 install: ## Install into PREFIX (/usr/local), for packages below DESTDIR; make uninstall takes it away again
@@ -204,7 +212,7 @@ release-programs:
 	@$(call tool,cargo-auditable,0.7.7)
 	env PATH="$(TOOLS)/bin:$$PATH" $(if $(PACKAGE_FLAGS),RUSTFLAGS="$(strip $(RUSTFLAGS) $(PACKAGE_FLAGS))") \
 		$(if $(PACKAGE_C_FLAGS),CFLAGS="$(strip $(CFLAGS) $(PACKAGE_C_FLAGS))" CXXFLAGS="$(strip $(CXXFLAGS) $(PACKAGE_C_FLAGS))") \
-		cargo auditable build --locked --release --workspace --bins
+		cargo auditable build --locked --release --bins
 
 # What the package has, as it lies on the disk of who installs it.
 stage: release-programs

@@ -79,6 +79,8 @@ pub enum Command {
     Calibrate(ForwardArgs),
     /// Measure what a part costs on this machine.
     Bench(ForwardArgs),
+    /// Judge reports of runs by their latency budgets.
+    Budgets(crate::budgets::BudgetsArgs),
     /// Say what this machine has and lacks.
     Doctor(crate::doctor::DoctorArgs),
     /// Show what is set, and where; write a file of settings.
@@ -114,6 +116,7 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Vectors(args) => forward::to(CAMERA, "vitreo", Some("vectors"), &cli.settings, args),
         Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, &cli.settings, args),
         Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), &cli.settings, args),
+        Command::Budgets(args) => crate::budgets::run(args),
         Command::Doctor(args) => crate::doctor::run(args),
         Command::Config(args) => crate::config::run(args),
         Command::Completions(args) => crate::manual::completions(args),

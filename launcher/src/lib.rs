@@ -2,6 +2,7 @@
 //!
 //! It starts the other crates' binaries and never links them.
 
+pub mod budgets;
 pub mod children;
 pub mod cli;
 pub mod config;

@@ -7,12 +7,13 @@
 //! - `channel_tap`, `recorder`, `resume`: what is received, written, and kept for a restarted
 //!   simulation
 //! - `watch`: what should not stay silent
-//! - `latency_stats`, `report`: latencies against budgets; `monitor`, `screen`: the status
+//! - `latency_stats`, `load`, `report`: latencies against budgets; `monitor`, `screen`: the status
 
 mod arguments;
 mod attempt_control;
 mod channel_tap;
 mod latency_stats;
+mod load;
 mod monitor;
 mod options;
 mod policy;
@@ -26,6 +27,7 @@ mod supervisor;
 mod watch;
 
 pub use arguments::share;
+pub use load::Load;
 pub use options::{DeskArgs, RunArgs};
 pub use policy::MAX_RESTARTS;
 pub use watch::{Warning, Watch};

@@ -1,6 +1,13 @@
-//! A delay put into one stage is blamed on that stage.
+//! What no load of the machine can move: the order of the stages, the camera's own time, and which
+//! stage is blamed for a delay that was put into it. `make latency` judges the rest on a quiet machine.
 
+use protocol::time::Instants;
+use recording::{Item, Recording};
+use renderer::gpu::Gpu;
 use vitreo_tests::{instance_name, json, vitreo};
+
+/// A field leaves the sensor line by line; from the middle of its exposure that takes at least so long.
+const READ_OUT_NS: u64 = 17_000_000;
 
 /// Runs with a delay and returns the stages that the report says are broken.
 fn broken_stages(stage: &str, delay_ms: u32, picture: bool) -> Option<Vec<String>> {
@@ -74,5 +81,58 @@ fn a_slow_picture_is_blamed() {
     match broken_stages("rendering", 400, true) {
         Some(broken) => assert_eq!(broken, ["rendering"]),
         None => println!("skipped: no graphics driver on this machine"),
+    }
+}
+
+/// Of a run that is recorded: instants in the order of the data path, on one clock.
+fn instants_in_order(view: &str) {
+    let folder = tempfile::tempdir().expect("folder");
+    let file = folder.path().join("r.mcap");
+    let name = instance_name();
+    let record = file.to_str().expect("UTF-8");
+    vitreo(&["run", view, "--direct", "--duration", "2", "--instance", &name, "--record", record])
+        .expect_code(0);
+    let recording = Recording::open(&file).expect("a recording");
+    let (mut steps, mut frames) = (0, 0);
+    for (_, item) in recording.items_of(&["poses", "steps", "frames"]).flatten() {
+        match item {
+            Item::Poses(frame) => in_order(&path_to_poses(&frame.instants)),
+            Item::Step(step) => {
+                let stepped = step.instants.stepped;
+                in_order(&[&path_to_poses(&step.instants)[..], &[stepped]].concat());
+                steps += 1;
+            }
+            // Before the first pose there is nothing to be late.
+            Item::Frame(f) if f.instants.exposed > 0 => {
+                // The scene is older than the pose that was latched.
+                in_order(&[&path_to_poses(&f.instants)[..], &[f.latched, f.drawn, f.displayed]].concat());
+                in_order(&[f.instants.stepped, f.latched]);
+                in_order(&[f.frame_start, f.latched]);
+                frames += 1;
+            }
+            _ => {}
+        }
+    }
+    assert!(steps > 20, "{steps} steps");
+    assert_eq!(frames > 0, view == "--headless", "{frames} frames");
+}
+
+/// A camera cannot be faster than its read-out.
+fn path_to_poses(instants: &Instants) -> [u64; 5] {
+    let Instants { exposed, read_out, blobs_out, taken, tracked, .. } = *instants;
+    assert!(blobs_out - exposed >= READ_OUT_NS, "{instants:?}");
+    [exposed, read_out, blobs_out, taken, tracked]
+}
+
+fn in_order(instants: &[u64]) {
+    assert!(instants[0] > 0 && instants.is_sorted(), "{instants:?}");
+}
+
+#[test]
+fn no_load_changes_the_order_of_the_stages() {
+    instants_in_order("--no-picture");
+    match Gpu::headless() {
+        Ok(_) => instants_in_order("--headless"),
+        Err(e) => println!("skipped: {e}"),
     }
 }

@@ -254,6 +254,11 @@ fn figures(stage: Stage, durations: &Durations, budgets: &Budgets) -> StageFigur
 }
 
 impl StageFigures {
+    /// True if there was something to judge, and a limit to judge it by.
+    pub fn is_judged(&self) -> bool {
+        matches!(self.verdict, Verdict::Kept | Verdict::Broken)
+    }
+
     /// Which budget is broken, by how much, and where it was worst.
     pub fn blame(&self) -> String {
         let stage = self.stage.name();

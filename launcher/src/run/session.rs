@@ -8,6 +8,7 @@ mod status;
 use super::attempt_control::AttemptControl;
 use super::channel_tap::ChannelTap;
 use super::latency_stats::{LatencyStats, WARM_UP_NS};
+use super::load::LoadAccount;
 use super::monitor::Monitor;
 use super::options::{RunArgs, View};
 use super::policy::CpuAccount;
@@ -83,6 +84,7 @@ pub struct Session<'a> {
     /// When the run was last looked at for what should not stay silent.
     watched_ns: Nanos,
     own_cpu: CpuAccount,
+    load: LoadAccount,
     // Last, so that the directory goes after the channels.
     instance: Instance,
 }
@@ -207,6 +209,7 @@ impl<'a> Session<'a> {
             attempt_ns: 0,
             watched_ns: 0,
             own_cpu: CpuAccount::default(),
+            load: LoadAccount::default(),
             instance,
         })
     }
@@ -340,6 +343,7 @@ impl<'a> Session<'a> {
                     (self.started_ns, self.attempt_ns) = (at, at);
                     self.consumers.recorder.as_mut().map_or(Ok(()), Recorder::appear)?;
                     self.note_own_cpu(at);
+                    self.load.start();
                     self.consumers.monitor.measure(at);
                 }
                 if self.supervisor.all_ready() && self.started_ns > 0 {

@@ -28,7 +28,8 @@ impl<M: Message> Sender<M> {
     pub fn send(&mut self, message: &M) -> Result<(), IpcError> {
         self.stamp.sent_ns = now();
         let message = bytemuck::bytes_of(message);
-        self.port.send(self.stamp, message.len(), &mut |bytes| bytes[..message.len()].copy_from_slice(message))?;
+        self.port
+            .send(self.stamp, message.len(), &mut |bytes| bytes[..message.len()].copy_from_slice(message))?;
         self.stamp.seq += 1;
         Ok(())
     }

@@ -20,6 +20,7 @@ impl Session<'_> {
     pub async fn close(mut self, ended_by: String) -> (Report, Vec<Attempt>) {
         let at = now();
         self.note_own_cpu(at);
+        let load = self.load.load(self.own_cores());
         let ends = self.supervisor.end().await;
         for what in ends.killed.into_iter().chain(ends.failed.iter().cloned()) {
             self.incidents.push(Incident { at_s: self.elapsed_s(at), what });
@@ -43,6 +44,7 @@ impl Session<'_> {
             machine: Machine::detect(),
             versions: Versions::of_this_build(),
             stages,
+            load,
             warm_up_left_out: self.consumers.latencies.warm_up,
             paper_table_4: paper_table_4(&self.consumers.latencies),
             step_profile: step_profile(&self.consumers.latencies),
@@ -62,6 +64,11 @@ impl Session<'_> {
             recording,
         };
         (report, self.attempts)
+    }
+
+    /// Processors that all processes of the run together took on the average.
+    fn own_cores(&self) -> f64 {
+        self.own_cpu.share() + self.supervisor.slots.iter().map(|s| s.cpu.share()).sum::<f64>()
     }
 
     fn own_figures(&self) -> ProcessFigures {

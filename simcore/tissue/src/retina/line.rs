@@ -110,6 +110,9 @@ mod tests {
             let mut sides = Sides::new(3);
             sides.compare(&line, &corners, 0..3);
             prop_assert!(sides.may_meet(&[0, 1, 2]));
+            let mut plain = Sides { simd: pulp::Arch::Scalar, ..Sides::new(3) };
+            plain.compare(&line, &corners, 0..3);
+            prop_assert_eq!(&plain.beyond, &sides.beyond, "without lanes");
             sides.compare(&line, &corners, 1..2);
             prop_assert!(sides.may_meet(&[0, 1, 2]), "what is not compared may be met");
         }

@@ -209,6 +209,9 @@ mod tests {
             }
             let mut found = Vec::new();
             finder.find(&lattice, &state, &capsule, |e, _, _, _| found.push(e));
+            let mut plain = Finder { simd: pulp::Arch::Scalar, ..Finder::new(&lattice) };
+            plain.find(&lattice, &state, &capsule, |_, _, _, _| ());
+            prop_assert!(plain.boxes == finder.boxes, "without lanes");
             let near = |e: &usize| {
                 let place = Vector3::from(state.place_um(&lattice, *e)).map(f64::from);
                 // By sampling the line, not by its formula; cases within a sample of the border are

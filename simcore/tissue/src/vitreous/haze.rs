@@ -220,7 +220,11 @@ mod tests {
     use super::*;
 
     fn drawn(lattice: &Lattice, state: &VitreousState) -> Haze {
-        let mut haze = Haze::new(lattice);
+        drawn_by(pulp::Arch::new(), lattice, state)
+    }
+
+    fn drawn_by(simd: pulp::Arch, lattice: &Lattice, state: &VitreousState) -> Haze {
+        let mut haze = Haze { simd, ..Haze::new(lattice) };
         (0..lattice.rows.len()).for_each(|row| haze.follow(lattice, state, row));
         haze.write();
         haze
@@ -267,6 +271,8 @@ mod tests {
             }
             haze.write();
             assert!(haze.bricks == drawn(&lattice, &state).bricks, "round {round}");
+            let plain = drawn_by(pulp::Arch::Scalar, &lattice, &state);
+            assert!(haze.bricks == plain.bricks, "round {round}, without lanes");
         }
         lattice.numbers().for_each(|e| state.status[e] = 0);
         (0..lattice.rows.len()).for_each(|row| haze.follow(&lattice, &state, row));

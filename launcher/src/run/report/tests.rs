@@ -1,0 +1,124 @@
+//! Tests of the report of a run.
+
+use super::*;
+use bytemuck::Zeroable;
+use protocol::budget::Budgets;
+
+fn latencies() -> LatencyStats {
+    let mut latencies = LatencyStats::default();
+    latencies.warm_from(1);
+    let profile = StepProfile {
+        collision_ns: 50_000,
+        tissue_ns: 150_000,
+        vitreous_ns: 50_000,
+        transfer_ns: 30_000,
+        misc_ns: 15_000,
+        hash_ns: 5_000,
+        ..StepProfile::default()
+    };
+    let mut step = StepRecord { profile, ..StepRecord::zeroed() };
+    (step.instants.exposed, step.instants.tracked, step.instants.stepped) = (10, 20, 320_000);
+    latencies.note_step(&step);
+    latencies
+}
+
+fn report() -> Report {
+    let latencies = latencies();
+    Report {
+        tracking: TrackingFigures::default(),
+        least_tracked: ("eye", 1.0),
+        warnings: Vec::new(),
+        format: FORMAT,
+        budgets_kept: true,
+        ended_by: "duration".into(),
+        duration_s: 1.0,
+        setup: Setup {
+            instance: "main".into(),
+            scene: "peel".into(),
+            rig: "r".into(),
+            seed: 1,
+            source: "script".into(),
+            view: "none",
+            realtime: false,
+            injected_delays_ms: BTreeMap::new(),
+        },
+        machine: Machine::detect(),
+        versions: Versions::of_this_build(),
+        stages: latencies.judge(&Budgets::default()),
+        load: None,
+        warm_up_left_out: 0,
+        paper_table_4: paper_table_4(&latencies),
+        step_profile: step_profile(&latencies),
+        picture: None,
+        processes: Vec::new(),
+        restarts: BTreeMap::from([("tracker", 2)]),
+        incidents: vec![Incident { at_s: 3.0, what: "tracker restarted".into() }],
+        unfinished: Vec::new(),
+        lost: BTreeMap::new(),
+        states_lost: 0,
+        received: BTreeMap::new(),
+        events: BTreeMap::new(),
+        removed: Some(Removed { vitreous_ml: 0.5, vitreous_left_ml: 3.25, ..Removed::default() }),
+        recording: None,
+    }
+}
+
+#[test]
+fn overall_is_the_sum_of_what_was_measured() {
+    let lines = paper_table_4(&latencies());
+    let overall = lines.last().unwrap().today_ms.unwrap();
+    assert!((overall - 0.3).abs() < 1e-3, "{overall}");
+    assert_eq!(lines[4].today_ms, None, "no picture was drawn");
+    let paper: f64 = lines[..5].iter().map(|l| l.paper_ms).sum();
+    assert!((paper - lines[5].paper_ms).abs() < 1.0, "the paper rounds 21.5 to 22");
+    assert!(paper_table_4(&LatencyStats::default()).iter().all(|l| l.today_ms.is_none()));
+}
+
+#[test]
+fn tables_name_every_stage_and_incident() {
+    let text = report().text();
+    for stage in Stage::ALL {
+        assert!(text.contains(stage.name()) && text.contains(stage.span()), "{text}");
+    }
+    assert!(text.contains("tracker restarted") && text.contains("tissue simulation"), "{text}");
+    assert!(text.contains("removed: vitreous 0.50 ml (3.25 ml left)\n"), "{text}");
+}
+
+#[test]
+fn who_broke_a_budget_is_said_in_words() {
+    let mut report = report();
+    assert!(report.judgement().starts_with("budgets: all 1 kept; the system does not tell"), "{report:?}");
+    report.stages[Stage::Simulation as usize].broken = true;
+    let of = |others_percent| Load { processors: 2, others_percent, stolen_percent: 0.0 };
+    report.load = Some(of(40.0));
+    let told = report.judgement();
+    assert!(
+        told.contains("simulation broken while the machine was loaded (other programs took 40 %"),
+        "{told}"
+    );
+    report.load = Some(of(1.0));
+    assert!(report.judgement().contains("simulation broken by the program itself; other"), "{report:?}");
+    report.stages.clear();
+    assert_eq!(report.judgement(), "budgets: nothing was judged");
+}
+
+#[test]
+fn json_has_what_scripts_look_for() {
+    let json = serde_json::to_value(report()).unwrap();
+    assert_eq!(json["format"], FORMAT);
+    assert_eq!(json["restarts"]["tracker"], 2);
+    assert_eq!(json["stages"][0]["stage"], "camera");
+    assert_eq!(json["stages"][3]["broken"], false);
+    assert_eq!(json["stages"][5]["verdict"], "no-samples");
+    assert_eq!(json["paper_table_4"][1]["paper_ms"], 1.5);
+    assert_eq!(json["step_profile"][4]["phase"], "vitreous");
+    assert_eq!(json["removed"]["vitreous_left_ml"], 3.25);
+}
+
+#[test]
+fn what_was_removed_is_told_in_its_units_and_only_where_something_was() {
+    let step = StepRecord { vitreous_left_um3: 4_000_000_000_000, ..StepRecord::zeroed() };
+    assert_eq!(Removed::of(&step).text(), "");
+    let step = StepRecord { membrane_cut_um2: 2_310_000, vitreous_removed_um3: 420_000_000_000, ..step };
+    assert_eq!(Removed::of(&step).text(), "membrane 2.31 mm², vitreous 0.42 ml (4.00 ml left)");
+}
