@@ -23,8 +23,9 @@ IN_PREFIX = $(shell at="$(DESTDIR)$(PREFIX)"; until [ -e "$$at" ]; do at=$$(dirn
 	[ -w "$$at" ] || echo sudo)
 # Of releases, packages and their tags: one place.
 VERSION := $(shell sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
-# When the sources were written: what is packed bears this time, so that two builds are alike.
-export SOURCE_DATE_EPOCH ?= $(shell git log -1 --format=%ct 2>/dev/null || date -r Cargo.toml +%s)
+# When the sources were written: what is packed bears this time, so that two builds are alike. Only
+# there: libraries in C are compiled again where it changes.
+SOURCE_DATE_EPOCH ?= $(shell git log -1 --format=%ct 2>/dev/null || date -r Cargo.toml +%s)
 # Tools of packaging, each in one version, in a folder of their own.
 TOOLS ?= $(CURDIR)/target/tools
 tool = [ -x $(TOOLS)/bin/$(1) ] || CARGO_TARGET_DIR=$(TOOLS)/build cargo install --locked --version $(2) --root $(TOOLS) $(1)
@@ -68,7 +69,8 @@ demo: setup ## Run 20 s of surgery, judge its latencies; leave recording, report
 	@echo; echo "recording   out/demo.mcap     (vitreo info, vitreo trace, Foxglove)"; \
 	echo "report      out/report.json"; \
 	echo "pictures    out/stills/       (left and right channel side by side, 2x1280x1024)"; \
-	echo "film        out/demo.mp4      (any player; 2x640x512)"
+	echo "film        out/demo.mp4      (any player; 2x640x512)"; echo
+	@$(RELEASE) budgets out/report.json --forgive-load
 
 test: setup ## Format, lint, build and run every check
 	cargo fmt --all --check
@@ -207,6 +209,8 @@ version: ## Print the version, which Cargo.toml alone says
 tag: ## Tag this commit as the version of Cargo.toml, with its section of CHANGELOG.md as notes
 	@tools/release-notes $(VERSION) > target/release-notes.md
 	git tag -a v$(VERSION) --cleanup=whitespace -F target/release-notes.md
+
+release-programs stage deb test-deb sbom: export SOURCE_DATE_EPOCH := $(SOURCE_DATE_EPOCH)
 
 release-programs:
 	@$(call tool,cargo-auditable,0.7.7)
