@@ -1,10 +1,13 @@
 //! The report of a run: everything the run is judged by, as JSON and as tables. Pure.
 
+mod paper;
+
+pub use paper::{PaperLine, paper_table_4};
+
 use super::latency_stats::{LatencyStats, StageFigures};
 use super::watch::Warning;
 use crate::machine::Machine;
 use crate::tracking::TrackingFigures;
-use protocol::budget::Stage;
 use protocol::steps::{StepProfile, StepRecord};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -99,16 +102,6 @@ impl Versions {
         let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
         Versions { vitreo: env!("CARGO_PKG_VERSION"), profile }
     }
-}
-
-/// One line of the paper's Table 4 beside today's median, ms.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct PaperLine {
-    pub task: &'static str,
-    pub paper_ms: f64,
-    /// Median of this run; `None` where nothing was measured.
-    pub today_ms: Option<f64>,
 }
 
 /// Figures of the picture.
@@ -212,25 +205,6 @@ pub struct RecordingFigures {
     pub problem: Option<String>,
 }
 
-/// The paper's Table 4 (Wagner, Schill, Männer 2002, section 4.6; 1,000 triangles, 1,500 springs)
-/// with the medians of this run. "Overall" is the sum of the lines above it, as in the paper.
-pub fn paper_table_4(latencies: &LatencyStats) -> Vec<PaperLine> {
-    let median = |d: &super::latency_stats::Durations| (d.count() > 0).then(|| d.at_ms(50.0));
-    let [collision, tissue, transfer, misc] = &latencies.paper_phases;
-    let mut lines: Vec<PaperLine> = [
-        ("collision detection", 2.3, median(collision)),
-        ("tissue simulation", 1.5, median(tissue)),
-        ("geometry transfer", 1.7, median(transfer)),
-        ("misc", 1.0, median(misc)),
-        ("graphics rendering", 15.0, median(latencies.stage(Stage::Rendering))),
-    ]
-    .map(|(task, paper_ms, today_ms)| PaperLine { task, paper_ms, today_ms })
-    .into();
-    let today_ms = lines.iter().filter_map(|l| l.today_ms).reduce(|a, b| a + b);
-    lines.push(PaperLine { task: "overall", paper_ms: 22.0, today_ms });
-    lines
-}
-
 /// Times of a phase of the simulation step.
 #[derive(Debug, Clone, Serialize)]
 pub struct PhaseFigures {
@@ -301,12 +275,7 @@ impl Report {
     }
 
     fn write_paper(&self, out: &mut String) -> std::fmt::Result {
-        writeln!(out, "\nTable 4 of the paper, ms        2002   today (median)")?;
-        for line in &self.paper_table_4 {
-            let today = line.today_ms.map_or("–".into(), |ms| format!("{ms:.3}"));
-            writeln!(out, "{:<29} {:>6.1} {:>10}", line.task, line.paper_ms, today)?;
-        }
-        Ok(())
+        paper::write(&self.paper_table_4, out)
     }
 
     fn write_profile(&self, out: &mut String) -> std::fmt::Result {
@@ -371,7 +340,7 @@ impl Report {
 mod tests {
     use super::*;
     use bytemuck::Zeroable;
-    use protocol::budget::Budgets;
+    use protocol::budget::{Budgets, Stage};
 
     fn latencies() -> LatencyStats {
         let mut latencies = LatencyStats::default();
@@ -429,17 +398,6 @@ mod tests {
             removed: Some(Removed { vitreous_ml: 0.5, vitreous_left_ml: 3.25, ..Removed::default() }),
             recording: None,
         }
-    }
-
-    #[test]
-    fn overall_is_the_sum_of_what_was_measured() {
-        let lines = paper_table_4(&latencies());
-        let overall = lines.last().unwrap().today_ms.unwrap();
-        assert!((overall - 0.3).abs() < 1e-3, "{overall}");
-        assert_eq!(lines[4].today_ms, None, "no picture was drawn");
-        let paper: f64 = lines[..5].iter().map(|l| l.paper_ms).sum();
-        assert!((paper - lines[5].paper_ms).abs() < 1.0, "the paper rounds 21.5 to 22");
-        assert!(paper_table_4(&LatencyStats::default()).iter().all(|l| l.today_ms.is_none()));
     }
 
     #[test]
