@@ -112,11 +112,16 @@ pub struct FrameRecord {
     /// `DEVICE_CLOCK`, `PICTURE_HELD`, and a [`TierReason`].
     #[wire(tag = 14)]
     pub flags: u32,
+    /// Host's time of the calls that upload the tissue's vertices and triangles for this frame, ns;
+    /// 0 in recordings of builds that did not measure it. The device copies later, within the frame.
+    #[wire(tag = 15, columns = "")]
+    pub transfer_ns: u64,
 }
 
 impl Message for FrameRecord {
     const CHANNEL: &'static str = "frames";
-    const VERSION: u32 = 1;
+    /// 2: time of the transfer.
+    const VERSION: u32 = 2;
     const QUEUE: usize = 512;
 
     fn validate(&self) -> Result<(), Invalid> {

@@ -242,18 +242,36 @@ impl Renderer {
         latched: &Latched,
         commands: impl IntoIterator<Item = CommandBuffer>,
     ) {
+        self.submit_timed(gpu, tier, latched, commands, &mut || 0);
+    }
+
+    /// As [`Self::submit`]. `clock` gives nanoseconds for what is returned and nothing else: the time
+    /// of the calls that upload the tissue's vertices, and its triangles where their order changed.
+    /// These calls copy to where the device fetches it; computing the vertices is not part of them,
+    /// nor is what [`Self::take_scene`] uploads when a sheet is cut or torn.
+    pub fn submit_timed(
+        &mut self,
+        gpu: &Gpu,
+        tier: usize,
+        latched: &Latched,
+        commands: impl IntoIterator<Item = CommandBuffer>,
+        clock: &mut dyn FnMut() -> u64,
+    ) -> u64 {
         self.write_uniforms(&gpu.queue, tier, latched);
         let eye_from_instrument = latched.eye_from_instrument().map(|m| m.as_mat4());
         let radius_mm = self.config.retina_radius_mm as f32;
         let vertices = self.tissue.vertices(&eye_from_instrument, radius_mm);
+        let begun = clock();
         self.tissue_buffers.set_vertices(&gpu.queue, vertices);
         if self.tissue.is_restacked() {
             self.tissue_buffers.set_triangles(&gpu.queue, self.tissue.triangles(), self.tissue.counts());
         }
+        let transfer_ns = clock().saturating_sub(begun);
         self.timing.iter_mut().for_each(Timing::before_submit);
         gpu.queue.submit(commands);
         self.timing.iter_mut().for_each(Timing::after_submit);
         self.settle(latched);
+        transfer_ns
     }
 
     /// Lets the next frame have the fading of these poses. Where no time passes between frames, to be

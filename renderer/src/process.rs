@@ -304,7 +304,7 @@ impl RendererShell {
         self.shell.inject_delay();
         let latched_at = now();
         let Some(latched) = self.latch(self.pacing.expected(latched_at, refreshed))? else { return Ok(()) };
-        self.renderer.submit(&self.gpu, tier, &latched, [commands]);
+        let transfer_ns = self.renderer.submit_timed(&self.gpu, tier, &latched, [commands], &mut now);
         self.present.copy(&self.gpu, self.renderer.target(tier), self.renderer.text());
         self.gpu.wait()?;
         let done = now();
@@ -321,6 +321,7 @@ impl RendererShell {
         let mut record = self.record(&latched, tier, stamped.is_some());
         (record.frame_start, record.latched) = (frame_start, latched_at);
         (record.drawn, record.displayed) = (drawn, displayed);
+        record.transfer_ns = transfer_ns;
         self.frames.send(&record)?;
         self.frame += 1;
         if self.governor.record_frame(done - frame_start) {

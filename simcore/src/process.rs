@@ -155,6 +155,7 @@ impl SimcoreShell {
             retina_cut_um2: removed.retina_um2,
             vitreous_removed_um3: removed.vitreous_um3,
             vitreous_left_um3: removed.vitreous_left_um3,
+            contacts: world.contacts(),
         })?;
         self.send_events(world, frame)?;
         self.saving.save_if_due(world, hash, [begun, now()])

@@ -74,14 +74,51 @@ impl Durations {
     }
 }
 
+/// Histograms of the paper's Table 4, one a line.
+#[derive(Debug, Default)]
+pub struct PaperPhases {
+    /// Collision detection of steps at whose end an instrument collided with tissue.
+    pub contact: Durations,
+    /// Collision detection of all other steps.
+    pub no_contact: Durations,
+    /// Membrane and retina.
+    pub tissue: Durations,
+    /// All else that the simulation does.
+    pub misc: Durations,
+    /// Upload of the tissue's geometry to the graphics device, by the host's clock.
+    pub transfer: Durations,
+    /// From the begin of a frame until it is drawn, without the upload.
+    pub drawing: Durations,
+}
+
+impl PaperPhases {
+    fn note_step(&mut self, step: &StepRecord) {
+        let [collision, tissue, misc] = step.profile.paper_phases_ns();
+        let contact = if step.contacts > 0 { &mut self.contact } else { &mut self.no_contact };
+        contact.note(collision, step.field);
+        self.tissue.note(tissue, step.field);
+        self.misc.note(misc, step.field);
+    }
+
+    fn note_frame(&mut self, frame: &FrameRecord) {
+        if frame.transfer_ns > 0 {
+            self.transfer.note(frame.transfer_ns, frame.field);
+        }
+        let [(_, rendering), _] = frame_latencies(frame);
+        if let Some(ns) = rendering {
+            self.drawing.note(ns.saturating_sub(frame.transfer_ns), frame.field);
+        }
+    }
+}
+
 /// All histograms of a run.
 #[derive(Debug, Default)]
 pub struct LatencyStats {
     stages: [Durations; Stage::ALL.len()],
     /// Phases of the simulation step, as [`StepProfile::PHASES`].
     pub phases: [Durations; StepProfile::PHASES.len()],
-    /// Phases of the paper's Table 4, as [`StepProfile::paper_phases_ns`].
-    pub paper_phases: [Durations; 4],
+    /// The paper's Table 4.
+    pub paper: PaperPhases,
     /// Latencies left out because the run was not warm.
     pub warm_up: u64,
     warm_from_ns: Option<Nanos>,
@@ -127,9 +164,7 @@ impl LatencyStats {
         for (phase, ns) in self.phases.iter_mut().zip(step.profile.phases_ns()) {
             phase.note(ns, step.field);
         }
-        for (phase, ns) in self.paper_phases.iter_mut().zip(step.profile.paper_phases_ns()) {
-            phase.note(ns, step.field);
-        }
+        self.paper.note_step(step);
     }
 
     /// Takes a displayed frame.
@@ -138,6 +173,7 @@ impl LatencyStats {
         let held = frame.flags & PICTURE_HELD != 0;
         if self.is_warm(frame.instants.exposed) && !held {
             self.note_all(&frame_latencies(frame), frame.field);
+            self.paper.note_frame(frame);
             self.below_floor += u64::from(frame.flags & BELOW_FLOOR != 0);
         }
     }

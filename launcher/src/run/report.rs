@@ -1,11 +1,14 @@
 //! The report of a run: everything the run is judged by, as JSON and as tables. Pure.
 
+mod paper;
+
+pub use paper::{PaperLine, paper_table_4};
+
 use super::latency_stats::{LatencyStats, StageFigures};
 use super::load::Load;
 use super::watch::Warning;
 use crate::machine::Machine;
 use crate::tracking::TrackingFigures;
-use protocol::budget::Stage;
 use protocol::steps::{StepProfile, StepRecord};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -102,16 +105,6 @@ impl Versions {
         let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
         Versions { vitreo: env!("CARGO_PKG_VERSION"), profile }
     }
-}
-
-/// One line of the paper's Table 4 beside today's median, ms.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[allow(missing_docs)]
-pub struct PaperLine {
-    pub task: &'static str,
-    pub paper_ms: f64,
-    /// Median of this run; `None` where nothing was measured.
-    pub today_ms: Option<f64>,
 }
 
 /// Figures of the picture.
@@ -215,25 +208,6 @@ pub struct RecordingFigures {
     pub problem: Option<String>,
 }
 
-/// The paper's Table 4 (Wagner, Schill, Männer 2002, section 4.6; 1,000 triangles, 1,500 springs)
-/// with the medians of this run. "Overall" is the sum of the lines above it, as in the paper.
-pub fn paper_table_4(latencies: &LatencyStats) -> Vec<PaperLine> {
-    let median = |d: &super::latency_stats::Durations| (d.count() > 0).then(|| d.at_ms(50.0));
-    let [collision, tissue, transfer, misc] = &latencies.paper_phases;
-    let mut lines: Vec<PaperLine> = [
-        ("collision detection", 2.3, median(collision)),
-        ("tissue simulation", 1.5, median(tissue)),
-        ("geometry transfer", 1.7, median(transfer)),
-        ("misc", 1.0, median(misc)),
-        ("graphics rendering", 15.0, median(latencies.stage(Stage::Rendering))),
-    ]
-    .map(|(task, paper_ms, today_ms)| PaperLine { task, paper_ms, today_ms })
-    .into();
-    let today_ms = lines.iter().filter_map(|l| l.today_ms).reduce(|a, b| a + b);
-    lines.push(PaperLine { task: "overall", paper_ms: 22.0, today_ms });
-    lines
-}
-
 /// Times of a phase of the simulation step.
 #[derive(Debug, Clone, Serialize)]
 pub struct PhaseFigures {
@@ -320,12 +294,7 @@ impl Report {
     }
 
     fn write_paper(&self, out: &mut String) -> std::fmt::Result {
-        writeln!(out, "\nTable 4 of the paper, ms        2002   today (median)")?;
-        for line in &self.paper_table_4 {
-            let today = line.today_ms.map_or("–".into(), |ms| format!("{ms:.3}"));
-            writeln!(out, "{:<29} {:>6.1} {:>10}", line.task, line.paper_ms, today)?;
-        }
-        Ok(())
+        paper::write(&self.paper_table_4, out)
     }
 
     fn write_profile(&self, out: &mut String) -> std::fmt::Result {

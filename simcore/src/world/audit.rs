@@ -22,6 +22,12 @@ impl World {
         self.check_vitreous(&self.state).map_err(|e| e.to_string())
     }
 
+    /// Pairs of an instrument and a sheet whose last collision image had colliding pixels.
+    pub fn contacts(&self) -> u64 {
+        let pairs = self.state.sheets().flat_map(|sheet| &sheet.contact);
+        pairs.filter(|contact| contact.in_contact).count() as u64
+    }
+
     /// True while something acts on tissue: an instrument holds, touches or has pierced it, or a
     /// vitrector sucks.
     pub fn is_handled(&self) -> bool {
