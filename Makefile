@@ -3,7 +3,8 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install clean
+.PHONY: help setup setup-python demo test soak endure test-python bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
 TARGET := $(or $(CARGO_TARGET_DIR),target)
@@ -21,6 +22,19 @@ AS_ROOT := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 # sudo where the nearest folder that there is above the place of installation may not be written.
 IN_PREFIX = $(shell at="$(DESTDIR)$(PREFIX)"; until [ -e "$$at" ]; do at=$$(dirname "$$at"); done; \
 	[ -w "$$at" ] || echo sudo)
+# Of releases, packages and their tags: one place.
+VERSION := $(shell sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
+# When the sources were written: what is packed bears this time, so that two builds are alike.
+export SOURCE_DATE_EPOCH ?= $(shell git log -1 --format=%ct 2>/dev/null || date -r Cargo.toml +%s)
+# Tools of packaging, each in one version, in a folder of their own.
+TOOLS ?= $(CURDIR)/target/tools
+tool = [ -x $(TOOLS)/bin/$(1) ] || CARGO_TARGET_DIR=$(TOOLS)/build cargo install --locked --version $(2) --root $(TOOLS) $(1)
+PACKAGE := target/package
+# Folders of this machine stand in no program: panics name files from the root of the sources.
+CARGO_FOLDER := $(or $(CARGO_HOME),$(HOME)/.cargo)
+PACKAGE_FLAGS ?= --remap-path-prefix=$(CARGO_FOLDER)=/cargo --remap-path-prefix=$(CURDIR)=/vitreo
+PACKAGE_C_FLAGS ?= -ffile-prefix-map=$(CARGO_FOLDER)=/cargo -ffile-prefix-map=$(CURDIR)=/vitreo
+DEB = target/debian/vitreo_$(VERSION)-1_$$(dpkg --print-architecture).deb
 INSTALL := DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 help: ## Say what there is
@@ -161,6 +175,50 @@ take-away:
 
 test-install: ## Install into a temporary folder, run what is there from elsewhere, and take it away
 	tools/test-install
+
+version: ## Print the version, which Cargo.toml alone says
+	@echo $(VERSION)
+
+tag: ## Tag this commit as the version of Cargo.toml, with its section of CHANGELOG.md as notes
+	@tools/release-notes $(VERSION) > target/release-notes.md
+	git tag -a v$(VERSION) --cleanup=whitespace -F target/release-notes.md
+
+release-programs:
+	@$(call tool,cargo-auditable,0.7.7)
+	env PATH="$(TOOLS)/bin:$$PATH" $(if $(PACKAGE_FLAGS),RUSTFLAGS="$(strip $(RUSTFLAGS) $(PACKAGE_FLAGS))") \
+		$(if $(PACKAGE_C_FLAGS),CFLAGS="$(strip $(CFLAGS) $(PACKAGE_C_FLAGS))" CXXFLAGS="$(strip $(CXXFLAGS) $(PACKAGE_C_FLAGS))") \
+		cargo auditable build --locked --release --workspace --bins
+
+# What the package has, as it lies on the disk of who installs it.
+stage: release-programs
+	rm -rf $(PACKAGE)
+	$(MAKE) --no-print-directory put DESTDIR=$(PACKAGE) PREFIX=/usr
+	strip --strip-unneeded $(PACKAGE)/usr/lib/vitreo/*
+	rm $(PACKAGE)/usr/share/doc/vitreo/LICENSE-MIT $(PACKAGE)/usr/share/doc/vitreo/CHANGELOG.md
+	gzip -9n < CHANGELOG.md > $(PACKAGE)/usr/share/doc/vitreo/changelog.gz
+	cargo metadata --locked --format-version 1 --filter-platform $$(rustc -vV | sed -n 's/^host: //p') > target/metadata.json
+	packaging/third-party-licences target/metadata.json | gzip -9n > $(PACKAGE)/usr/share/doc/vitreo/third-party-licences.txt.gz
+	packaging/debian-changelog $(VERSION) $(SOURCE_DATE_EPOCH) > $(PACKAGE)/changelog
+	$(RELEASE) --no-config config init --force $(PACKAGE)/etc/vitreo/vitreo.toml
+
+deb: stage ## Build the Debian package: target/debian/vitreo_VERSION-1_ARCHITECTURE.deb
+	@$(call tool,cargo-deb,3.8.0)
+	CARGO_TARGET_DIR=target $(TOOLS)/bin/cargo-deb --quiet --no-build --no-strip -p launcher -o $(DEB)
+	@echo $(DEB)
+
+test-deb: deb ## Install, use, upgrade and purge the package in a fresh Debian (as root)
+	$(AS_ROOT) tools/test-deb $(DEB)
+
+sbom: ## Write what the programs consist of, CycloneDX, to out/
+	@$(call tool,cargo-cyclonedx,0.5.9)
+	tools/sbom $(TOOLS)/bin/cargo-cyclonedx out
+
+reproducible: ## Build the package in two folders and compare every byte
+	TOOLS=$(TOOLS) tools/reproducible
+
+deny: ## Check licences, sources and bans of all dependencies, and advisories where they can be reached
+	@$(call tool,cargo-deny,0.20.2)
+	tools/deny $(TOOLS)/bin/cargo-deny
 
 clean: ## Remove what was built and put out
 	cargo clean

@@ -2,7 +2,11 @@
 
 use crate::commands::Command;
 use ipc::shell::ShellArgs;
+use settings::{Program, SettingsArgs};
 use std::path::PathBuf;
+
+/// What vitreo.toml says to the sub-commands; a process of a run reads no file.
+pub const SETTINGS: Program = Program { prefix: "", without: &[], elsewhere: None };
 
 /// The twin of the camera hardware: fields of pixels to blobs.
 #[derive(Debug, Clone, clap::Parser)]
@@ -15,6 +19,9 @@ pub struct Config {
     /// Arguments of every process.
     #[command(flatten)]
     pub shell: ShellArgs,
+    /// Whether files of settings are read.
+    #[command(flatten)]
+    pub settings: SettingsArgs,
     /// Rig file; the shipped one if none is named.
     #[arg(long, value_name = "RIG.json")]
     pub rig: Option<PathBuf>,

@@ -3,6 +3,7 @@
 use crate::forward::{self, ForwardArgs};
 use clap::{Parser, Subcommand};
 use ipc::logging::LogArgs;
+use settings::{Program, SettingsArgs};
 use std::process::ExitCode;
 
 /// The binary of the camera hardware.
@@ -12,6 +13,16 @@ const RENDERER: &str = "vitreo-renderer";
 /// The binary of the calibrations.
 pub const CALIBRATION: &str = "vitreo-calibration";
 
+/// What vitreo.toml says to this program. Tables of commands that belong to other programs are read
+/// there; commands that help to mend a file do without.
+pub const SETTINGS: Program = Program {
+    prefix: "",
+    without: &["config", "completions", "man"],
+    elsewhere: Some(&["blobs", "colours", "hardware", "vectors", "calibrate", "bench"]),
+};
+/// The programs of [`SETTINGS`]' tables elsewhere.
+pub const WITH_SETTINGS: [&str; 3] = [CAMERA, CALIBRATION, RENDERER];
+
 /// A real-time simulator for training surgery inside the eye.
 #[derive(Debug, Parser)]
 #[command(name = "vitreo", version, about, arg_required_else_help = true)]
@@ -19,6 +30,9 @@ pub struct Cli {
     /// Logging, of this program and of those that it starts.
     #[command(flatten)]
     pub log: LogArgs,
+    /// Whether files of settings are read.
+    #[command(flatten)]
+    pub settings: SettingsArgs,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -67,6 +81,8 @@ pub enum Command {
     Bench(ForwardArgs),
     /// Say what this machine has and lacks.
     Doctor(crate::doctor::DoctorArgs),
+    /// Show what is set, and where; write a file of settings.
+    Config(crate::config::ConfigArgs),
     /// Print completions for a shell.
     Completions(crate::manual::CompletionsArgs),
     /// Write the manual's pages.
@@ -92,13 +108,14 @@ pub fn dispatch(cli: &Cli) -> anyhow::Result<ExitCode> {
         Command::Modules(args) => crate::modules::run(args),
         Command::Score(args) => crate::score::run(args),
         Command::Results(args) => crate::results::run(args),
-        Command::Blobs(args) => forward::to(CAMERA, "vitreo", Some("blobs"), args),
-        Command::Colours(args) => forward::to(CAMERA, "vitreo", Some("colours"), args),
-        Command::Hardware(args) => forward::to(CAMERA, "vitreo", Some("hardware"), args),
-        Command::Vectors(args) => forward::to(CAMERA, "vitreo", Some("vectors"), args),
-        Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, args),
-        Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), args),
+        Command::Blobs(args) => forward::to(CAMERA, "vitreo", Some("blobs"), &cli.settings, args),
+        Command::Colours(args) => forward::to(CAMERA, "vitreo", Some("colours"), &cli.settings, args),
+        Command::Hardware(args) => forward::to(CAMERA, "vitreo", Some("hardware"), &cli.settings, args),
+        Command::Vectors(args) => forward::to(CAMERA, "vitreo", Some("vectors"), &cli.settings, args),
+        Command::Calibrate(args) => forward::to(CALIBRATION, "vitreo calibrate", None, &cli.settings, args),
+        Command::Bench(args) => forward::to(RENDERER, "vitreo", Some("bench"), &cli.settings, args),
         Command::Doctor(args) => crate::doctor::run(args),
+        Command::Config(args) => crate::config::run(args),
         Command::Completions(args) => crate::manual::completions(args),
         Command::Man(args) => crate::manual::man(args),
     }

@@ -3,6 +3,7 @@
 use crate::children::command;
 use anyhow::Context;
 use ipc::logging::arguments;
+use settings::SettingsArgs;
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
 use std::process::ExitCode;
@@ -25,10 +26,12 @@ pub fn to(
     binary: &str,
     called: &str,
     sub_command: Option<&str>,
+    settings: &SettingsArgs,
     args: &ForwardArgs,
 ) -> anyhow::Result<ExitCode> {
     let mut command = command(binary)?;
-    command.arg0(called).args(sub_command).args(arguments()).args(&args.rest);
+    command.arg0(called).args(sub_command).args(arguments()).args(settings.to_arguments());
+    command.args(&args.rest);
     Err(command.exec()).with_context(|| format!("start {binary}"))
 }
 

@@ -4,6 +4,7 @@
 
 pub mod children;
 pub mod cli;
+pub mod config;
 pub mod ctl;
 pub mod doctor;
 pub mod exit;

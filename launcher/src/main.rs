@@ -1,11 +1,14 @@
 //! `vitreo`: the one command a person types.
 
-use clap::Parser;
+use launcher::cli::{Cli, SETTINGS};
 use std::io;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = launcher::cli::Cli::parse();
+    let cli: Cli = match settings::parse(&SETTINGS) {
+        Ok(cli) => cli,
+        Err((problem, log)) => return ipc::logging::wrong_use("launcher", &log, &problem),
+    };
     ipc::logging::init("launcher", &cli.log);
     let code = match launcher::cli::dispatch(&cli) {
         Ok(code) => code,

@@ -6,7 +6,12 @@ use clap::Parser;
 use commands::{bench, film};
 use protocol::health::Process;
 use renderer::config::Config;
+use settings::{Program, SettingsArgs};
 use std::process::ExitCode;
+
+/// What vitreo.toml says to the sub-commands that a person calls; a process of a run or of a film reads
+/// no file.
+const SETTINGS: Program = Program { prefix: "", without: &["film"], elsewhere: None };
 
 /// Draws the surgeon's stereo view.
 #[derive(Debug, Parser)]
@@ -16,6 +21,8 @@ struct Cli {
     command: Option<Command>,
     #[command(flatten)]
     config: Config,
+    #[command(flatten)]
+    settings: SettingsArgs,
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -34,7 +41,10 @@ enum Bench {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli: Cli = match settings::parse(&SETTINGS) {
+        Ok(cli) => cli,
+        Err((problem, log)) => return ipc::logging::wrong_use(Process::Renderer.name(), &log, &problem),
+    };
     ipc::logging::init(Process::Renderer.name(), &cli.config.shell.log);
     let done = match &cli.command {
         Some(Command::Bench(Bench::Render(args))) => bench::render(args),

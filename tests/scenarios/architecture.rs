@@ -15,6 +15,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("blob-stream", &["protocol"]),
     ("font", &[]),
     ("outputs", &["protocol"]),
+    ("settings", &["protocol", "outputs"]),
     ("surgeon", &["protocol", "scene"]),
     ("training", &["protocol", "scene"]),
     ("collision", &["protocol", "scene"]),
@@ -22,10 +23,10 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("simcore", &["protocol", "ipc", "scene", "training", "collision", "tissue"]),
     ("offline", &["protocol", "ipc", "outputs", "scene", "recording", "surgeon", "training", "simcore"]),
     ("virtual-rig", &["protocol", "ipc", "outputs", "scene", "surgeon", "blob-stream"]),
-    ("fpga-model", &["protocol", "ipc", "outputs", "blob-stream"]),
+    ("fpga-model", &["protocol", "ipc", "outputs", "settings", "blob-stream"]),
     ("tracker", &["protocol", "ipc"]),
-    ("calibration", &["protocol", "ipc", "outputs", "recording", "blob-stream", "tracker"]),
-    ("renderer", &["protocol", "ipc", "outputs", "scene", "font"]),
+    ("calibration", &["protocol", "ipc", "outputs", "settings", "recording", "blob-stream", "tracker"]),
+    ("renderer", &["protocol", "ipc", "outputs", "settings", "scene", "font"]),
     ("results", &["protocol", "font", "outputs"]),
     ("desk", &["protocol", "ipc", "scene"]),
     (
@@ -34,6 +35,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "protocol",
             "ipc",
             "outputs",
+            "settings",
             "scene",
             "recording",
             "blob-stream",
@@ -317,6 +319,8 @@ fn paths_named_in_the_documents_exist() {
         "docs/conventions.md",
         "docs/recording.md",
         "docs/calibration.md",
+        "docs/configuration.md",
+        "docs/install.md",
     ] {
         let text = std::fs::read_to_string(repository().join(document)).expect(document);
         let mut named = 0;

@@ -128,6 +128,8 @@ impl Running {
         let child = Command::new(binaries().join("vitreo"))
             .args(args)
             .current_dir(repository())
+            // What this user has set in files changes no check.
+            .env("XDG_CONFIG_HOME", "/nonexistent")
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())

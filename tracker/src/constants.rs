@@ -30,7 +30,7 @@ pub const VOLUNTARY_TAU_S: f64 = 0.2;
 /// Bounds of its adaptive variance, mm²/s⁴: an instrument at rest, one that is withdrawn.
 pub const VOLUNTARY_RANGE_MM2_S4: (f64, f64) = (25.0, 1e5);
 /// Time constant of its adaptation, s.
-pub const VOLUNTARY_LEARNING_S: f64 = 1.0;
+pub const VOLUNTARY_LEARNING_S: f64 = 0.7;
 /// NIS (normalised innovation squared, 6 degrees of freedom) that indicates a manoeuvre.
 pub const NIS_LIMIT: f64 = 30.0;
 /// Least number of near misses, and more than matches, that indicates a manoeuvre.
@@ -45,7 +45,7 @@ pub const NIS_RATIO_GAIN: f64 = 0.15;
 /// Frequencies of the tremor's oscillators, Hz: physiological tremor lies between 6 and 14 Hz.
 pub const TREMOR_HZ: [f64; 5] = [7.0, 8.5, 10.0, 11.5, 13.0];
 /// Their damping ratio: wide enough to overlap, narrow enough to predict a period.
-pub const TREMOR_DAMPING: f64 = 0.02;
+pub const TREMOR_DAMPING: f64 = 0.016;
 /// The same for the roll, whose tremor is nearer to its noise: fewer and wider.
 pub const ROLL_TREMOR_HZ: [f64; 3] = [8.0, 10.0, 12.0];
 /// Their damping ratio.
@@ -148,7 +148,7 @@ pub const CHI2_RANGE: (f64, f64) = (1.0, 30.0);
 /// Step of that running estimate.
 pub const CHI2_STEP: f64 = 0.05;
 /// Largest standard deviation of a measured tip, mm.
-pub const MEASURED_MM: f64 = 0.15;
+pub const MEASURED_MM: f64 = 0.08;
 /// Largest standard deviation of a measured rotation, rad.
 pub const MEASURED_RAD: f64 = 0.5;
 /// Largest distance of a shaft from its trocar, mm.

@@ -1,23 +1,29 @@
 //! Prediction of an instrument's tip, in the form that `protocol::predict` evaluates at any
 //! instant.
 //!
-//! Two adaptive linear predictors (see [`crate::rls_predictor`]) use the last 8 fields, which
-//! adapts fast, and the last 24, which resolves several frequencies of a tremor. Their predictions
-//! of the tip at the next four fields are mixed with weights from their recent errors. A movement
-//! of velocity, decaying acceleration and two oscillators interpolates these, the present tip and
-//! that of one field before: with oscillators at 8 and 12 Hz it follows everything from 0 to 13 Hz
-//! within 4 %.
+//! Three adaptive linear predictors (see [`crate::rls_predictor`]) use the last 8, 24 and 36 bends of the
+//! path: few adapt fast, many resolve several frequencies of a tremor. Their predictions of the tip at the
+//! next four fields are mixed with the filter's own, with weights from their recent errors. A movement of
+//! velocity, decaying acceleration and two oscillators interpolates these, the present tip and that of one
+//! field before: with oscillators at 8 and 12 Hz it follows everything from 0 to 13 Hz within 4 %.
 
 use crate::rls_predictor::{HORIZONS, RlsPredictor};
 use nalgebra::{SMatrix, Vector3};
 use protocol::limits::{FIELD_PERIOD_NS, OSCILLATORS};
 use protocol::poses::{Oscillator, Predictor};
 
-/// Steps that the two predictors use.
-const SHORT: usize = 8;
-const LONG: usize = 24;
-/// Gain of the running squared error of a predictor.
-const FORGETTING: f64 = 0.03;
+/// Bends that the predictors use.
+const SHORT: usize = 12;
+const MIDDLE: usize = 24;
+const LONG: usize = 36;
+/// How many predictions are mixed; the filter's own is the last and uses none.
+const PREDICTIONS: usize = 4;
+const BENDS: [usize; PREDICTIONS] = [SHORT, MIDDLE, LONG, 0];
+/// Acceleration of the slow movements that each predictor learns beside what it sees, mm/s². They cost
+/// precision in tremor, for which the longer ones are; more than this costs it with real hands too.
+const SWING_MM_S2: [f64; 3] = [30.0, 0.0, 0.0];
+/// Gain of the running squared error of a prediction.
+const FORGETTING: f64 = 0.1;
 /// Squared error below which a predictor counts as exact, mm².
 const NEGLIGIBLE_MM2: f64 = 1e-8;
 /// A tip within this of the grid of fields shifts the grid, ns; genlocked cameras jitter less.
@@ -44,17 +50,23 @@ struct Sample {
     measured: bool,
 }
 
+/// Samples after which a predictor that uses so many bends is mixed in: its errors are known then.
+const fn proven_after(bends: usize) -> usize {
+    bends + 2 + HORIZONS
+}
+
 /// Predicts the tip of one instrument.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TipPredictor {
     short: RlsPredictor<SHORT>,
+    middle: RlsPredictor<MIDDLE>,
     long: RlsPredictor<LONG>,
-    /// Running squared errors of the two predictors, by horizon, mm².
-    errors: [[f64; 2]; HORIZONS],
+    /// Running squared errors of the predictions, by horizon, mm².
+    errors: [[f64; PREDICTIONS]; HORIZONS],
     /// Predicted tips of the last fields, newest first.
-    predictions: [[[Vector3<f64>; 2]; HORIZONS]; HORIZONS],
+    predictions: [[[Vector3<f64>; PREDICTIONS]; HORIZONS]; HORIZONS],
     /// Newest first.
-    samples: [Sample; LONG + 1],
+    samples: [Sample; LONG + 2],
     count: usize,
     /// Instant of the newest sample, ns.
     time_ns: u64,
@@ -66,11 +78,12 @@ impl Default for TipPredictor {
     fn default() -> Self {
         let period_s = FIELD_PERIOD_NS as f64 * 1e-9;
         TipPredictor {
-            short: RlsPredictor::new(period_s),
-            long: RlsPredictor::new(period_s),
-            errors: [[NEGLIGIBLE_MM2; 2]; HORIZONS],
-            predictions: [[[Vector3::zeros(); 2]; HORIZONS]; HORIZONS],
-            samples: [Sample::default(); LONG + 1],
+            short: RlsPredictor::new(period_s, SWING_MM_S2[0]),
+            middle: RlsPredictor::new(period_s, SWING_MM_S2[1]),
+            long: RlsPredictor::new(period_s, SWING_MM_S2[2]),
+            errors: [[NEGLIGIBLE_MM2; PREDICTIONS]; HORIZONS],
+            predictions: [[[Vector3::zeros(); PREDICTIONS]; HORIZONS]; HORIZONS],
+            samples: [Sample::default(); LONG + 2],
             count: 0,
             time_ns: 0,
             on_grid: interpolation(&node_times(0.0)),
@@ -83,6 +96,7 @@ impl TipPredictor {
     pub fn interrupt(&mut self) {
         self.count = 0;
         self.short.interrupt();
+        self.middle.interrupt();
         self.long.interrupt();
     }
 
@@ -91,6 +105,9 @@ impl TipPredictor {
         let fields = exposed_ns.saturating_sub(self.time_ns) as f64 / FIELD_PERIOD_NS as f64;
         let fields = libm::round(fields) as u64;
         if self.count > 0 && fields == 0 && exposed_ns >= self.time_ns {
+            return;
+        }
+        if self.count == 0 && !measured {
             return;
         }
         if self.count == 0 || exposed_ns <= self.time_ns || fields > MAX_FILL {
@@ -103,68 +120,89 @@ impl TipPredictor {
                 self.time_ns = exposed_ns;
             }
             let dt = self.time_ns.wrapping_sub(exposed_ns) as i64 as f64 * 1e-9;
-            self.push(Sample { tip: tip_after(dt), measured: measured && left == 0 });
+            let filtered =
+                std::array::from_fn(|h| tip_after(dt + (h + 1) as f64 * FIELD_PERIOD_NS as f64 * 1e-9));
+            self.push(Sample { tip: tip_after(dt), measured: measured && left == 0 }, filtered);
         }
     }
 
-    fn push(&mut self, sample: Sample) {
+    fn push(&mut self, sample: Sample, filtered: [Vector3<f64>; HORIZONS]) {
         self.samples.rotate_right(1);
         self.samples[0] = sample;
-        self.count = (self.count + 1).min(LONG + 1);
+        self.count = (self.count + 1).min(proven_after(LONG) + 1);
         let moved = std::array::from_fn(|h| {
-            let then = self.samples[h + 1];
-            let both = sample.measured && then.measured && self.count > h + 1;
-            both.then(|| sample.tip - then.tip)
+            let [then, before] = [self.samples[h + 1], self.samples[h + 2]];
+            let all = sample.measured && then.measured && before.measured && self.count > h + 2;
+            all.then(|| sample.tip - then.tip - (then.tip - before.tip) * (h + 1) as f64)
         });
-        if self.count > SHORT {
+        if self.count > SHORT + 1 {
             self.update_errors(&sample);
-            self.short.update(&self.steps(), &moved);
+            self.short.update(&self.bends(), &moved);
         }
-        if self.count > LONG {
-            self.long.update(&self.steps(), &moved);
+        if self.count > MIDDLE + 1 {
+            self.middle.update(&self.bends(), &moved);
+        }
+        if self.count > LONG + 1 {
+            self.long.update(&self.bends(), &moved);
         }
         self.predictions.rotate_right(1);
-        self.predictions[0] = self.predict();
+        self.predictions[0] = self.predict(&filtered);
     }
 
     /// Updates the running errors with the predictions for this field.
     fn update_errors(&mut self, sample: &Sample) {
-        if !sample.measured || self.count <= LONG {
+        if !sample.measured {
             return;
         }
         for h in 0..HORIZONS {
-            for (error, predictions) in self.errors[h].iter_mut().zip(&self.predictions[h][h]) {
-                *error += FORGETTING * ((sample.tip - predictions).norm_squared() - *error);
+            for (k, bends) in BENDS.iter().enumerate() {
+                // A mean at first, so that the start is forgotten.
+                let seen = self.count.saturating_sub(bends + h + 2);
+                if seen > 0 {
+                    let missed = (sample.tip - self.predictions[h][h][k]).norm_squared();
+                    self.errors[h][k] += (missed - self.errors[h][k]) * FORGETTING.max(1.0 / seen as f64);
+                }
             }
         }
     }
 
-    fn steps<const L: usize>(&self) -> [Vector3<f64>; L] {
-        std::array::from_fn(|k| self.samples[k].tip - self.samples[k + 1].tip)
+    fn bends<const L: usize>(&self) -> [Vector3<f64>; L] {
+        let step = |k: usize| self.samples[k].tip - self.samples[k + 1].tip;
+        std::array::from_fn(|k| step(k) - step(k + 1))
     }
 
-    fn predict(&self) -> [[Vector3<f64>; 2]; HORIZONS] {
+    fn predict(&self, filtered: &[Vector3<f64>; HORIZONS]) -> [[Vector3<f64>; PREDICTIONS]; HORIZONS] {
         let tip = self.samples[0].tip;
-        let (short, long) = (self.short.predict(&self.steps()), self.long.predict(&self.steps()));
-        std::array::from_fn(|h| [tip + short[h], tip + long[h]])
+        let (short, middle) = (self.short.predict(&self.bends()), self.middle.predict(&self.bends()));
+        let long = self.long.predict(&self.bends());
+        let step = tip - self.samples[1].tip;
+        std::array::from_fn(|h| {
+            let straight = tip + step * (h + 1) as f64;
+            [straight + short[h], straight + middle[h], straight + long[h], filtered[h]]
+        })
     }
 
     /// The tips at the next four fields; `None` until there are enough samples.
     fn ahead(&self) -> Option<[Vector3<f64>; HORIZONS]> {
-        if self.count <= SHORT {
+        if self.count <= proven_after(SHORT) {
             return None;
         }
-        let long_too = self.count > LONG;
         Some(std::array::from_fn(|h| {
-            let [short, long] = self.predictions[0][h];
-            let weights = self.errors[h].map(|e| {
+            let mut weights = self.errors[h].map(|e| {
+                // The square: who errs half as much weighs 16 times as much.
                 let precision = NEGLIGIBLE_MM2 / e.max(NEGLIGIBLE_MM2);
-                // The fourth power: a predictor twice as good as the other gets almost all the
-                // weight.
-                (precision * precision) * (precision * precision)
+                precision * precision
             });
-            let share = if long_too { weights[1] / (weights[0] + weights[1]) } else { 0.0 };
-            short + (long - short) * share
+            for (weight, _) in weights
+                .iter_mut()
+                .zip(BENDS)
+                .filter(|(_, bends)| *bends > 0 && self.count <= proven_after(*bends))
+            {
+                *weight = 0.0;
+            }
+            let sum: f64 = weights.iter().sum();
+            let mix = self.predictions[0][h].iter().zip(weights);
+            mix.fold(Vector3::zeros(), |mean, (tip, weight)| mean + tip * (weight / sum))
         }))
     }
 
@@ -307,7 +345,7 @@ mod tests {
         for k in (1..60u64).filter(|k| k % 7 != 0) {
             predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
         }
-        let steps: [Vector3<f64>; LONG] = predictor.steps();
-        assert!(steps.iter().all(|s| (s.x - 0.06).abs() < 1e-12), "{steps:?}");
+        let bends: [Vector3<f64>; LONG] = predictor.bends();
+        assert!(bends.iter().all(|s| s.x.abs() < 1e-12), "{bends:?}");
     }
 }

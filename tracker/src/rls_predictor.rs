@@ -1,11 +1,12 @@
 //! Adaptive linear prediction of a tip by recursive least squares (RLS).
 //!
-//! With d_k the steps of the tip from field to field, the displacement over the next h fields is
-//! predicted as Σ w_h,k·d_k over the last L steps, with the same weights for the three axes. The
-//! weights minimise the squared errors of past predictions, older fields counting less (Haykin,
-//! Adaptive Filter Theory, RLS). Initial weights are the least-squares ones of a typical motion:
-//! voluntary movement, a flat tremor between 6 and 14 Hz, noise. The gain depends on the steps
-//! alone, so one inverse serves all horizons.
+//! With b_k the bends of the path (second differences of the tip from field to field), what the tip moves
+//! over the next h fields beyond going straight on is predicted as Σ w_h,k·b_k over the last L bends, with
+//! the same weights for the three axes: a steady movement goes on whatever the weights are. The weights
+//! minimise the squared errors of past predictions, older fields counting less (Haykin, Adaptive Filter
+//! Theory, RLS). Initial weights are the least-squares ones of a typical motion: voluntary movement, a flat
+//! tremor between 6 and 14 Hz, noise. The gain depends on the bends alone, so one inverse serves all
+//! horizons.
 
 use crate::motion_models::VoluntaryMotion;
 use nalgebra::{SMatrix, SVector, Vector3};
@@ -17,6 +18,10 @@ pub const HORIZONS: usize = 4;
 const FORGETTING: f64 = 0.995;
 /// Weight of the typical motion, in fields.
 const PRIOR_FIELDS: f64 = 20.0;
+/// Frequencies of the slow movements that are learnt beside what is seen, Hz.
+const SWING_HZ: [f64; 2] = [0.5, 1.5];
+/// Their number: two phases of each frequency.
+const SWINGS: usize = 2 * SWING_HZ.len();
 /// Largest trace of the inverse correlation, over its initial trace: without excitation, forgetting
 /// alone would wind the inverse up.
 const WIND_UP: f64 = 1e4;
@@ -30,48 +35,78 @@ const TYPICAL_NOISE_MM: f64 = 0.003;
 /// Band of its tremor, Hz.
 const BAND_HZ: (f64, f64) = (6.0, 14.0);
 
-/// Adaptive weights of the last `L` steps.
+/// Lags of an autocovariance; the longest predictor needs its bends, the horizons and 2.
+const LAGS: usize = 44;
+
+/// Adaptive weights of the last `L` bends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RlsPredictor<const L: usize> {
     inverse: SMatrix<f64, L, L>,
     weights: [SVector<f64, L>; HORIZONS],
-    /// Gains and steps of the last fields, newest first, until the displacements they predict are
+    /// Gains and bends of the last fields, newest first, until the displacements they predict are
     /// measured.
     pending: [PendingUpdate<L>; HORIZONS],
     start_trace: f64,
+    /// Movements that the tip may make at any time.
+    swings: Option<Box<[Swing<L>; SWINGS]>>,
+    next_swing: usize,
 }
 
-/// Gain and steps of a field, per axis.
+/// A slow movement: its bends, and what it moves over 1, 2 … fields beyond going straight on.
+#[derive(Debug, Clone, PartialEq)]
+struct Swing<const L: usize> {
+    bends: SVector<f64, L>,
+    moved: [f64; HORIZONS],
+}
+
+impl<const L: usize> Swing<L> {
+    fn new(n: usize, period_s: f64, mm_s2: f64) -> Self {
+        let omega = 2.0 * std::f64::consts::PI * SWING_HZ[n / 2];
+        let phase = if n.is_multiple_of(2) { 0.0 } else { std::f64::consts::FRAC_PI_2 };
+        let tip = |fields: f64| mm_s2 / (omega * omega) * libm::sin(omega * fields * period_s + phase);
+        let bend = |k: usize, _| tip(-(k as f64)) - 2.0 * tip(-(k as f64) - 1.0) + tip(-(k as f64) - 2.0);
+        let moved = |h: usize| {
+            let h = (h + 1) as f64;
+            tip(h) - tip(0.0) - h * (tip(0.0) - tip(-1.0))
+        };
+        Swing { bends: SVector::from_fn(bend), moved: std::array::from_fn(moved) }
+    }
+}
+
+/// Gain and bends of a field, per axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct PendingUpdate<const L: usize> {
     gains: [SVector<f64, L>; 3],
-    steps: [SVector<f64, L>; 3],
+    bends: [SVector<f64, L>; 3],
 }
 
 impl<const L: usize> PendingUpdate<L> {
-    const NONE: Self = PendingUpdate { gains: [Self::ZERO; 3], steps: [Self::ZERO; 3] };
+    const NONE: Self = PendingUpdate { gains: [Self::ZERO; 3], bends: [Self::ZERO; 3] };
     const ZERO: SVector<f64, L> =
         SVector::<f64, L>::from_array_storage(nalgebra::ArrayStorage([[0.0; L]; 1]));
 }
 
 impl<const L: usize> RlsPredictor<L> {
-    /// Starts with the weights of the typical motion, sampled every `period_s`.
-    pub fn new(period_s: f64) -> Self {
-        let covariance = typical_autocovariance(L + HORIZONS, period_s);
-        // Steps are differences of neighbours: cov(d_i, d_j) = 2·c(i−j) − c(i−j+1) − c(i−j−1).
+    /// Starts with the weights of the typical motion, sampled every `period_s`. Beside what it sees it learns
+    /// slow movements of an acceleration of `swing_mm_s2`; of 0, none.
+    pub fn new(period_s: f64, swing_mm_s2: f64) -> Self {
+        let covariance = typical_autocovariance(L + HORIZONS + 2, period_s);
         let c = |n: i64| covariance[n.unsigned_abs() as usize];
-        let steps = SMatrix::<f64, L, L>::from_fn(|i, j| {
-            let n = i as i64 - j as i64;
-            2.0 * c(n) - c(n + 1) - c(n - 1)
-        });
-        // The displacement over h fields, x(h) − x(0), with d_k = x(−k) − x(−k−1).
-        let ahead = |h: i64| {
-            SVector::<f64, L>::from_fn(|k, _| {
-                let k = k as i64;
-                c(h + k) - c(h + k + 1) - c(k) + c(k + 1)
-            })
+        // Covariance of tips weighted by `a` at their instants with tips weighted by `b`.
+        let between = |a: &[(i64, f64)], b: &[(i64, f64)]| -> f64 {
+            a.iter().flat_map(|(i, u)| b.iter().map(move |(j, v)| u * v * c(i - j))).sum()
         };
-        let inverse = steps.cholesky().map_or_else(SMatrix::identity, |s| s.inverse());
+        let bend = |k: usize| {
+            let k = k as i64;
+            [(-k, 1.0), (-k - 1, -2.0), (-k - 2, 1.0)]
+        };
+        let correlation = SMatrix::<f64, L, L>::from_fn(|i, j| between(&bend(i), &bend(j)));
+        // What the tip moves over h fields beyond going straight on.
+        let ahead = |h: i64| {
+            let beyond = [(h, 1.0), (0, -1.0 - h as f64), (-1, h as f64)];
+            SVector::<f64, L>::from_fn(|k, _| between(&beyond, &bend(k)))
+        };
+        let inverse = correlation.cholesky().map_or_else(SMatrix::identity, |s| s.inverse());
         let weights = std::array::from_fn(|h| inverse * ahead(h as i64 + 1));
         let inverse = inverse / PRIOR_FIELDS;
         RlsPredictor {
@@ -79,18 +114,21 @@ impl<const L: usize> RlsPredictor<L> {
             weights,
             pending: [PendingUpdate::NONE; HORIZONS],
             start_trace: inverse.trace(),
+            swings: (swing_mm_s2 > 0.0)
+                .then(|| Box::new(std::array::from_fn(|n| Swing::new(n, period_s, swing_mm_s2)))),
+            next_swing: 0,
         }
     }
 
-    /// Updates the weights with a field: `steps` are the last steps, newest first, `moved` the
-    /// displacement over the last 1, 2 … fields, where both ends were measured.
-    pub fn update(&mut self, steps: &[Vector3<f64>; L], moved: &[Option<Vector3<f64>>; HORIZONS]) {
+    /// Updates the weights with a field: `bends` are the last bends, newest first, `moved` what the tip
+    /// moved over the last 1, 2 … fields beyond going straight on, where all of that was measured.
+    pub fn update(&mut self, bends: &[Vector3<f64>; L], moved: &[Option<Vector3<f64>>; HORIZONS]) {
         for (h, moved) in moved.iter().enumerate() {
             let Some(moved) = moved else { continue };
             let update = &self.pending[h];
             let weights = &mut self.weights[h];
-            for ((moved, steps), gain) in moved.iter().zip(&update.steps).zip(&update.gains) {
-                let error = moved - steps.dot(weights);
+            for ((moved, bends), gain) in moved.iter().zip(&update.bends).zip(&update.gains) {
+                let error = moved - bends.dot(weights);
                 *weights += gain * error;
             }
         }
@@ -98,15 +136,30 @@ impl<const L: usize> RlsPredictor<L> {
             self.inverse /= FORGETTING;
         }
         let mut update = PendingUpdate::NONE;
-        for (axis, (gains, seen_steps)) in update.gains.iter_mut().zip(&mut update.steps).enumerate() {
-            let seen = SVector::<f64, L>::from_iterator(steps.iter().map(|step| step[axis]));
+        for (axis, (gains, kept)) in update.gains.iter_mut().zip(&mut update.bends).enumerate() {
+            let seen = SVector::<f64, L>::from_iterator(bends.iter().map(|bend| bend[axis]));
             let projected = self.inverse * seen;
             let gain = projected / (1.0 + seen.dot(&projected));
             self.inverse.ger(-1.0, &gain, &projected, 1.0);
-            (*gains, *seen_steps) = (gain, seen);
+            (*gains, *kept) = (gain, seen);
         }
         self.pending.rotate_right(1);
         self.pending[0] = update;
+        self.swing();
+    }
+
+    /// Learns a movement that the tip may begin at any time: what is seldom seen would else be predicted
+    /// by weights that only fit tremor.
+    fn swing(&mut self) {
+        let Some(swings) = &self.swings else { return };
+        let Swing { bends, moved } = &swings[self.next_swing];
+        let projected = self.inverse * bends;
+        let gain = projected / (1.0 + bends.dot(&projected));
+        self.inverse.ger(-1.0, &gain, &projected, 1.0);
+        for (weights, moved) in self.weights.iter_mut().zip(moved) {
+            *weights += gain * (moved - bends.dot(weights));
+        }
+        self.next_swing = (self.next_swing + 1) % SWINGS;
     }
 
     /// Drops the pending updates; the weights are kept.
@@ -114,20 +167,20 @@ impl<const L: usize> RlsPredictor<L> {
         self.pending = [PendingUpdate::NONE; HORIZONS];
     }
 
-    /// Predicted displacements over the next 1, 2 … fields.
-    pub fn predict(&self, steps: &[Vector3<f64>; L]) -> [Vector3<f64>; HORIZONS] {
+    /// What the tip will move over the next 1, 2 … fields beyond going straight on.
+    pub fn predict(&self, bends: &[Vector3<f64>; L]) -> [Vector3<f64>; HORIZONS] {
         self.weights.map(|weights| {
-            steps.iter().zip(weights.iter()).fold(Vector3::zeros(), |sum, (step, w)| sum + step * *w)
+            bends.iter().zip(weights.iter()).fold(Vector3::zeros(), |sum, (bend, w)| sum + bend * *w)
         })
     }
 }
 
 /// Autocovariance of the typical motion at lags of 0, 1 … `lags` fields, mm², up to a constant that
 /// cancels in differences: ∫ S(f)·(cos 2πfτ − 1) df of its spectrum.
-fn typical_autocovariance(lags: usize, period_s: f64) -> [f64; 40] {
+fn typical_autocovariance(lags: usize, period_s: f64) -> [f64; LAGS] {
     const STEP_HZ: f64 = 0.02;
     let (voluntary, tremor, noise) = (TYPICAL_VOLUNTARY, TYPICAL_TREMOR_MM, TYPICAL_NOISE_MM);
-    let mut covariance = [0.0; 40];
+    let mut covariance = [0.0; LAGS];
     for n in 1..1250 {
         let f = f64::from(n) * STEP_HZ;
         let w = 2.0 * std::f64::consts::PI * f;
@@ -136,7 +189,7 @@ fn typical_autocovariance(lags: usize, period_s: f64) -> [f64; 40] {
             voluntary.sigma * voluntary.sigma * 4.0 * voluntary.tau_s / (lag * lag) / (w * w * w * w);
         let tremor_psd =
             if f >= BAND_HZ.0 && f <= BAND_HZ.1 { tremor * tremor / (BAND_HZ.1 - BAND_HZ.0) } else { 0.0 };
-        for (lag, value) in covariance.iter_mut().enumerate().take(lags + 1) {
+        for (lag, value) in covariance.iter_mut().enumerate().take(lags) {
             *value += (voluntary_psd + tremor_psd) * STEP_HZ * (libm::cos(w * lag as f64 * period_s) - 1.0);
         }
     }
@@ -148,31 +201,79 @@ fn typical_autocovariance(lags: usize, period_s: f64) -> [f64; 40] {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_sine_is_predicted_after_a_while() {
-        let mut predictor = RlsPredictor::<8>::new(0.02);
-        let tip = |n: i64| {
-            let t = n as f64 * 0.02;
-            Vector3::new((58.0 * t).sin(), 0.7 * (58.0 * t).cos(), 0.3 * (58.0 * t + 1.0).sin()) * 0.05
-        };
-        let steps = |n: i64| std::array::from_fn(|k| tip(n - k as i64) - tip(n - k as i64 - 1));
-        for n in 10..300 {
-            predictor.update(&steps(n), &std::array::from_fn(|h| Some(tip(n) - tip(n - h as i64 - 1))));
-        }
-        for (h, ahead) in predictor.predict(&steps(300)).iter().enumerate() {
-            let truth = tip(301 + h as i64) - tip(300);
+    /// Bends of a path at field `n`, and what it moves over the fields before or after it beyond going on.
+    fn bends<const L: usize>(tip: impl Fn(i64) -> Vector3<f64>, n: i64) -> [Vector3<f64>; L] {
+        std::array::from_fn(|k| {
+            let k = k as i64;
+            tip(n - k) - 2.0 * tip(n - k - 1) + tip(n - k - 2)
+        })
+    }
+
+    fn beyond(tip: impl Fn(i64) -> Vector3<f64>, from: i64, fields: i64) -> Vector3<f64> {
+        tip(from + fields) - tip(from) - (tip(from) - tip(from - 1)) * fields as f64
+    }
+
+    fn update<const L: usize>(
+        predictor: &mut RlsPredictor<L>,
+        tip: impl Fn(i64) -> Vector3<f64> + Copy,
+        n: i64,
+    ) {
+        let moved = std::array::from_fn(|h| {
+            let h = h as i64 + 1;
+            Some(beyond(tip, n - h, h))
+        });
+        predictor.update(&bends(tip, n), &moved);
+    }
+
+    fn check<const L: usize>(predictor: &RlsPredictor<L>, tip: impl Fn(i64) -> Vector3<f64> + Copy, n: i64) {
+        for (h, ahead) in predictor.predict(&bends(tip, n)).iter().enumerate() {
+            let truth = beyond(tip, n, h as i64 + 1);
             assert!((ahead - truth).norm() < 1e-3, "{h}: {ahead} {truth}");
         }
     }
 
+    fn sine(n: i64) -> Vector3<f64> {
+        let t = n as f64 * 0.02;
+        Vector3::new((58.0 * t).sin(), 0.7 * (58.0 * t).cos(), 0.3 * (58.0 * t + 1.0).sin()) * 0.05
+    }
+
+    #[test]
+    fn a_sine_is_predicted_after_a_while() {
+        let mut predictor = RlsPredictor::<8>::new(0.02, 0.0);
+        (10..300).for_each(|n| update(&mut predictor, sine, n));
+        check(&predictor, sine, 300);
+    }
+
+    #[test]
+    fn an_hour_of_tremor_leaves_it_as_good() {
+        let mut predictor = RlsPredictor::<36>::new(0.02, 0.0);
+        (50..180_000).for_each(|n| update(&mut predictor, sine, n));
+        check(&predictor, sine, 180_000);
+    }
+
+    #[test]
+    fn a_movement_that_begins_is_predicted_though_only_tremor_was_seen() {
+        let begins = |n: i64| {
+            let t = (n - 400).max(0) as f64 * 0.02;
+            sine(n) + Vector3::new(60.0 * t * t, 0.0, 0.0)
+        };
+        let miss_mm = |swing: f64| {
+            let mut predictor = RlsPredictor::<8>::new(0.02, swing);
+            (10..409).for_each(|n| update(&mut predictor, begins, n));
+            (predictor.predict(&bends(begins, 410))[2] - beyond(begins, 410, 3)).norm()
+        };
+        let [with, without] = [100.0, 0.0].map(miss_mm);
+        assert!(with < 0.06 && with < 0.5 * without, "{with} mm, without {without} mm");
+    }
+
     #[test]
     fn no_excitation_winds_nothing_up() {
-        let mut predictor = RlsPredictor::<8>::new(0.02);
+        let mut predictor = RlsPredictor::<8>::new(0.02, 0.0);
         let still = [Vector3::zeros(); 8];
         for _ in 0..20_000 {
             predictor.update(&still, &[Some(Vector3::zeros()); HORIZONS]);
         }
         assert!(predictor.inverse.iter().all(|v| v.is_finite()));
-        assert!(predictor.predict(&[Vector3::new(0.01, 0.0, 0.0); 8]).iter().all(|d| d.norm() < 0.2));
+        assert!(predictor.predict(&[Vector3::new(0.01, 0.0, 0.0); 8]).iter().all(|d| d.norm() < 0.4));
     }
 }

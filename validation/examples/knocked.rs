@@ -94,7 +94,7 @@ fn outcome(rig: &Rig, args: &Args, scenario: Scenario, seed: u64, px: f64) -> Ou
     };
     let from = at_s.max(0.5);
     Outcome {
-        score: Score::of(&tracked.frames, &stream.motion, from, args.seconds - 0.2),
+        score: Score::of(&tracked, &stream, from, args.seconds - 0.2),
         found_s: at(&|n| matches!(n, Notice::Moved { .. })),
         back_s: at(&|n| matches!(n, Notice::TakenBack { .. })),
     }

@@ -19,6 +19,7 @@ use motion::Motion;
 use nalgebra::{Rotation3, Vector3};
 use protocol::blobs::{Blob, BlobField, Colour};
 use protocol::camera::Camera;
+use protocol::limits::{BODIES, MAX_CAMERAS};
 use protocol::random::Random;
 use protocol::rig::Rig;
 
@@ -103,6 +104,33 @@ pub struct Stream {
     pub fields: Vec<BlobField>,
     /// Where everything was.
     pub motion: Motion,
+    /// Which markers were seen, in the order of exposures.
+    sightings: Vec<Sighting>,
+}
+
+/// The markers that a field shows.
+struct Sighting {
+    exposed_s: f64,
+    camera: u32,
+    /// Sets of markers, by body.
+    markers: [u32; BODIES],
+}
+
+/// Fields whose exposures lie so long before an instant, and so long after it, count as of that instant, s.
+const SEEN_WITHIN_S: [f64; 2] = [0.0205, 0.0005];
+
+impl Stream {
+    /// How many markers of a body two cameras saw at an instant.
+    pub fn markers_seen(&self, body: usize, t_s: f64) -> u32 {
+        let first = self.sightings.partition_point(|s| s.exposed_s < t_s - SEEN_WITHIN_S[0]);
+        let near = self.sightings[first..].iter().take_while(|s| s.exposed_s <= t_s + SEEN_WITHIN_S[1]);
+        let mut by_camera = [0; MAX_CAMERAS];
+        for sighting in near {
+            by_camera[sighting.camera as usize] |= sighting.markers[body];
+        }
+        let by_two = |marker: &u32| by_camera.iter().filter(|set| *set & (1 << marker) != 0).count() >= 2;
+        (0..u32::BITS).filter(by_two).count() as u32
+    }
 }
 
 /// First exposure, ns.
@@ -151,7 +179,7 @@ impl Recipe {
         let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
         let period = rig.field_period_ns() as f64;
         let count = (self.seconds * 1e9 / period) as u64;
-        let mut fields = Vec::new();
+        let (mut fields, mut sightings) = (Vec::new(), Vec::new());
         for (n, camera) in rig.cameras().iter().enumerate() {
             let mut random = Random::new(self.seed, 100 + u64::from(camera.id));
             let losses = Losses::draw(self.scenario, count, hard && failing == camera.id, &mut random);
@@ -176,7 +204,8 @@ impl Recipe {
                 (seen.field, seen.camera, seen.parity) = (field, camera.id, ((field + n as u64) % 2) as u32);
                 (seen.exposed_ns, seen.read_out_ns) = (exposed as u64, arrives as u64);
                 seen.blobs_out_ns = arrives as u64;
-                imaging::see(rig, &seen_by, &motion.at(t_s), &mut seen, &mut random);
+                let markers = imaging::see(rig, &seen_by, &motion.at(t_s), &mut seen, &mut random);
+                sightings.push(Sighting { exposed_s: t_s, camera: camera.id, markers });
                 if hard {
                     false_blobs(&mut seen, camera, &mut random);
                 }
@@ -184,7 +213,8 @@ impl Recipe {
             }
         }
         fields.sort_by_key(|f| (f.blobs_out_ns, f.camera));
-        Stream { rig: rig.clone(), fields, motion }
+        sightings.sort_by(|a, b| a.exposed_s.total_cmp(&b.exposed_s));
+        Stream { rig: rig.clone(), fields, motion, sightings }
     }
 }
 

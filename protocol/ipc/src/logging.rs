@@ -8,6 +8,7 @@
 //! Records of the `log` crate, which graphics libraries use, come out in the same form. No span is
 //! opened, and a record that the filter leaves out costs one comparison and allocates nothing.
 
+use clap::ArgAction;
 use protocol::message::printable;
 use serde_json::{Map, Value};
 use std::fmt::{self, Debug, Write as _};
@@ -25,10 +26,19 @@ use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
 use tracing_subscriber::prelude::*;
 use tracing_subscriber::registry::LookupSpan;
 
-/// Environment variable with the filter; `--log` takes precedence.
+/// Environment variable with the filter; `--log` takes precedence, `-v` and `-q` do not.
 const FILTER_VARIABLE: &str = "RUST_LOG";
-/// Level where no filter is given.
-const DEFAULT_LEVEL: LevelFilter = LevelFilter::WARN;
+/// Levels from silence on; `-v` goes up, `-q` down.
+const LEVELS: [LevelFilter; 6] = [
+    LevelFilter::OFF,
+    LevelFilter::ERROR,
+    LevelFilter::WARN,
+    LevelFilter::INFO,
+    LevelFilter::DEBUG,
+    LevelFilter::TRACE,
+];
+/// Which of [`LEVELS`] holds where nothing is said: warn.
+const DEFAULT_LEVEL: u8 = 2;
 
 /// Options of logging, taken by every program.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -37,6 +47,12 @@ pub struct LogArgs {
     /// warn,tracker=debug [default: RUST_LOG, else warn].
     #[arg(long = "log", value_name = "FILTER", global = true)]
     pub filter: Option<Targets>,
+    /// More records: -v info, -vv debug, -vvv trace; --log and RUST_LOG take precedence.
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub verbose: u8,
+    /// Fewer records: -q errors, -qq none.
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub quiet: u8,
     /// Form of the messages on standard error.
     #[arg(long, value_name = "FORMAT", global = true, value_enum, default_value_t)]
     pub log_format: LogFormat,
@@ -56,8 +72,16 @@ impl LogArgs {
     /// The options as arguments of another program of this build.
     pub fn to_arguments(&self) -> Vec<String> {
         let filter = self.filter.iter().flat_map(|f| ["--log".to_owned(), f.to_string()]);
+        let times = |flag: &str, times: u8| vec![flag.to_owned(); times.into()];
+        let level = times("-v", self.verbose).into_iter().chain(times("-q", self.quiet));
         let json = (self.log_format == LogFormat::Json).then(|| "--log-format=json".to_owned());
-        filter.chain(json).collect()
+        filter.chain(level).chain(json).collect()
+    }
+
+    /// The level that `-v` and `-q` ask for.
+    fn level(&self) -> LevelFilter {
+        let steps = i16::from(DEFAULT_LEVEL) + i16::from(self.verbose) - i16::from(self.quiet);
+        LEVELS[steps.clamp(0, LEVELS.len() as i16 - 1) as usize]
     }
 }
 
@@ -80,7 +104,7 @@ pub fn init(process: &'static str, args: &LogArgs) {
         (Some(filter), _) => subscribe(process, args.log_format, filter.clone()),
         (None, Some(Ok(filter))) => subscribe(process, args.log_format, filter),
         (None, other) => {
-            subscribe(process, args.log_format, Targets::new().with_default(DEFAULT_LEVEL));
+            subscribe(process, args.log_format, Targets::new().with_default(args.level()));
             if let Some(Err(error)) = other {
                 tracing::warn!("{FILTER_VARIABLE} is not a filter, and is ignored: {error}");
             }
@@ -141,6 +165,21 @@ pub fn warn(text: &str) {
 pub fn fail(error: &(dyn std::error::Error + 'static)) -> ExitCode {
     message(Level::ERROR, &with_causes(error));
     ExitCode::FAILURE
+}
+
+/// Exit code of a program that was used wrongly; clap exits with it by itself.
+const WRONG_USE: u8 = 2;
+
+/// Writes why a program cannot begin to work, before [`init`] was called, and returns the exit code of
+/// wrong use.
+pub fn wrong_use(
+    process: &'static str,
+    args: &LogArgs,
+    error: &(dyn std::error::Error + 'static),
+) -> ExitCode {
+    init(process, args);
+    fail(error);
+    ExitCode::from(WRONG_USE)
 }
 
 /// Name under which the program was started: the launcher starts sub-commands under its own.
@@ -366,6 +405,16 @@ mod tests {
         assert!(LogArgs::default().to_arguments().is_empty());
         assert!(parse(&["--log-format".to_owned(), "xml".to_owned()]).is_err());
         assert!(parse(&["--log".to_owned(), "tracker=loud".to_owned()]).is_err());
+    }
+
+    #[test]
+    fn each_v_is_one_level_more_and_each_q_one_less() {
+        let level = |verbose, quiet| LogArgs { verbose, quiet, ..LogArgs::default() }.level();
+        let levels = [level(0, 2), level(0, 1), level(0, 0), level(1, 0), level(2, 0), level(3, 0)];
+        assert_eq!(levels, LEVELS);
+        assert_eq!((level(255, 0), level(0, 255), level(2, 2)), (LEVELS[5], LEVELS[0], LEVELS[2]));
+        let args = LogArgs { verbose: 2, quiet: 1, ..LogArgs::default() };
+        assert_eq!(args.to_arguments(), ["-v", "-v", "-q"]);
     }
 
     #[test]

@@ -120,6 +120,7 @@ impl<W: Write> Pictures<'_, W> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use protocol::geometry::Pose;
     use protocol::poses::EYE;
     use protocol::steps::StepRecord;
     use recording::{Item, Writer};
@@ -166,7 +167,8 @@ mod tests {
             assert_eq!(header.instants, step.instants);
             let frame = frames.iter().find(|f| f.frame == step.frame).expect("its poses");
             assert_eq!(bytemuck::bytes_of(poses), bytemuck::bytes_of(frame), "poses as they were recorded");
-            assert_eq!(header.world_from_eye, frame.bodies[EYE].world_from_body);
+            let eye = Pose::from_isometry(&frame.bodies[EYE].world_from_body.isometry());
+            assert_eq!(header.world_from_eye, eye, "normalised, as the simulation has it");
             let instant = frames[0].instants.exposed + number as u64 * PICTURE_NS;
             assert!(step.instants.exposed.abs_diff(instant) <= NEAR_NS, "picture {number}");
         }

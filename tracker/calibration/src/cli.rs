@@ -12,9 +12,13 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use ipc::logging::{LogArgs, inform};
 use outputs::{Force, Outputs, print, println};
 use protocol::camera::Camera;
+use settings::{Program, SettingsArgs};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
+/// What vitreo.toml says to the calibrations.
+pub const SETTINGS: Program = Program { prefix: "calibrate", without: &[], elsewhere: None };
 
 /// Finds lenses, camera poses, markers and trocars, and checks whether they still hold.
 #[derive(Debug, Clone, clap::Parser)]
@@ -23,6 +27,9 @@ pub struct CalibrateArgs {
     /// Logging.
     #[command(flatten)]
     pub log: LogArgs,
+    /// Whether files of settings are read.
+    #[command(flatten)]
+    pub settings: SettingsArgs,
     /// What to calibrate.
     #[command(subcommand)]
     pub task: Task,

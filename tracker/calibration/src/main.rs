@@ -1,11 +1,13 @@
 //! `vitreo-calibration`: a rig's lenses, camera poses, markers and trocars; `vitreo calibrate`.
 
-use calibration::cli::{self, CalibrateArgs};
-use clap::Parser;
+use calibration::cli::{self, CalibrateArgs, SETTINGS};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let args = CalibrateArgs::parse();
+    let args: CalibrateArgs = match settings::parse(&SETTINGS) {
+        Ok(args) => args,
+        Err((problem, log)) => return ipc::logging::wrong_use("calibration", &log, &problem),
+    };
     ipc::logging::init("calibration", &args.log);
     cli::run(&args).unwrap_or_else(|error| ipc::logging::fail(error.as_ref()))
 }

@@ -5,6 +5,7 @@ use super::motion::Placed;
 use nalgebra::{Point3, Vector2, Vector3};
 use protocol::blobs::{Blob, BlobField, Colour};
 use protocol::camera::Camera;
+use protocol::limits::BODIES;
 use protocol::poses::BODY_NAMES;
 use protocol::random::Random;
 use protocol::rig::{BodyType, Rig};
@@ -22,6 +23,7 @@ const LEAST_SEEN: f64 = 0.12;
 /// Image of a marker.
 struct Disc {
     body: usize,
+    marker: usize,
     centre: Vector2<f64>,
     /// Half axes, px of the frame.
     radii: Vector2<f64>,
@@ -73,8 +75,15 @@ pub(super) fn blob(colour: Colour, area_px: f64, width_px: f64) -> Blob {
     }
 }
 
-/// Adds the blobs of all markers.
-pub(super) fn see(rig: &Rig, camera: &Camera, placed: &Placed, field: &mut BlobField, random: &mut Random) {
+/// Adds the blobs of all markers; returns the sets of markers that have one, by body.
+pub(super) fn see(
+    rig: &Rig,
+    camera: &Camera,
+    placed: &Placed,
+    field: &mut BlobField,
+    random: &mut Random,
+) -> [u32; BODIES] {
+    let mut markers = [0; BODIES];
     let (discs, shafts) = images(rig, camera, placed);
     let mut blobs: Vec<(Vector2<f64>, f64, Vector2<f64>, Colour)> = Vec::new();
     for (i, disc) in discs.iter().enumerate() {
@@ -101,6 +110,7 @@ pub(super) fn see(rig: &Rig, camera: &Camera, placed: &Placed, field: &mut BlobF
         if share > LEAST_SEEN && inside {
             let centre = if seen as usize == POINTS { disc.centre } else { sum / f64::from(seen) };
             let size = if seen as usize == POINTS { disc.radii * 2.0 } else { high - low };
+            markers[disc.body] |= 1 << disc.marker;
             blobs.push((centre, share * 0.5 * PI * disc.radii.x * disc.radii.y, size, disc.colour));
         }
     }
@@ -114,6 +124,7 @@ pub(super) fn see(rig: &Rig, camera: &Camera, placed: &Placed, field: &mut BlobF
             ..blob(colour, area * (1.0 + AREA_NOISE * random.normal()), size.x)
         });
     }
+    markers
 }
 
 /// Discs of one colour that touch become one.
@@ -141,12 +152,13 @@ fn images(rig: &Rig, camera: &Camera, placed: &Placed) -> (Vec<Disc>, Vec<Shaft>
     for (body, name) in BODY_NAMES.iter().enumerate() {
         let Some(own) = rig.body(name) else { continue };
         let pose = &placed.bodies[body];
-        for marker in &own.markers {
+        for (index, marker) in own.markers.iter().enumerate() {
             let p = pose * Point3::from(Vector3::from(marker.p));
             let Some(centre) = camera.project(&p) else { continue };
             let depth = camera.in_camera(&p).z;
             discs.push(Disc {
                 body,
+                marker: index,
                 centre,
                 radii: camera.focal_px * (marker.r / depth),
                 depth,

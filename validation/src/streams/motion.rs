@@ -63,7 +63,10 @@ pub struct Motion {
 /// Depth of a tip outside of the trocar, mm.
 const OUTSIDE_MM: f64 = 4.0;
 /// Time to take an instrument out or put it in, s.
-const WITHDRAWN_S: f64 = 0.5;
+const WITHDRAWN_S: f64 = 0.9;
+/// Depth of a tip inside of the trocar above which it does not count as in the eye, mm: its markers are in
+/// the trocar.
+const AT_TROCAR_MM: f64 = 3.3;
 
 impl Motion {
     /// Draws them.
@@ -141,7 +144,7 @@ impl Hand {
             Translation3::from(tip + z * withdrawn),
             UnitQuaternion::from_rotation_matrix(&turn),
         );
-        (pose, withdrawn < outward.norm() - 1.5)
+        (pose, withdrawn < outward.norm() - AT_TROCAR_MM)
     }
 }
 

@@ -1,11 +1,11 @@
 //! Tracker frames beside the truth.
 
 use super::Stream;
-use super::motion::Motion;
-use nalgebra::Vector3;
+use nalgebra::Isometry3;
 use protocol::geometry::Validity;
 use protocol::limits::INSTRUMENTS;
 use protocol::poses::{EYE, TrackerFrame};
+use protocol::predict::predict;
 use tracker::Tracker;
 use tracker::assembler::FrameAssembler;
 use tracker::camera_watch::Notice;
@@ -14,6 +14,8 @@ use tracker::camera_watch::Notice;
 pub struct Tracked {
     /// Its frames.
     pub frames: Vec<TrackerFrame>,
+    /// When each was there, ns.
+    out_ns: Vec<u64>,
     /// What it told of cameras, with the instant in s.
     pub notices: Vec<(f64, Notice)>,
 }
@@ -22,9 +24,10 @@ impl Tracked {
     /// Tracks a stream on its own clock.
     pub fn of(stream: &Stream) -> Self {
         let (mut assembler, mut tracker) = (FrameAssembler::new(&stream.rig), Tracker::new(&stream.rig));
-        let mut tracked = Tracked { frames: Vec::new(), notices: Vec::new() };
+        let mut tracked = Tracked { frames: Vec::new(), out_ns: Vec::new(), notices: Vec::new() };
         for field in &stream.fields {
             assembler.add(field, field.blobs_out_ns, |used, closed| {
+                tracked.out_ns.push(field.blobs_out_ns);
                 tracked.frames.push(tracker.track(used, &closed.reference));
                 let t_s = closed.reference.exposed_ns as f64 * 1e-9;
                 while let Some(notice) = tracker.take_notice() {
@@ -41,58 +44,88 @@ impl Tracked {
 pub struct Score {
     /// Distance of measured tips from the truth, µm.
     pub tips_um: Vec<f64>,
+    /// Distance of shown tips from the truth, µm: predicted to the instants of an 85 Hz display by a viewer
+    /// that takes the newest frame 15 ms before.
+    pub shown_um: Vec<f64>,
     /// Angle between the measured and the true eye, mrad.
     pub eye_mrad: Vec<f64>,
-    /// Instruments in the eye, and eyes, in all frames.
+    /// Instruments in the eye, and eyes, of which two cameras see three markers, in all frames.
     pub wanted: usize,
     /// Those with a measured pose.
     pub measured: usize,
-    /// Frames without a measured instrument that is in the eye, longest run.
+    /// Most frames in a row without a measured instrument of which two cameras see three markers.
     pub longest_gap: usize,
 }
 
+/// Rate of the display, Hz, and how long before a picture is shown its frame is taken, s.
+const DISPLAY: (f64, f64) = (85.0, 0.015);
+
 impl Score {
     /// Of the frames whose exposure lies in `from..to`, s.
-    pub fn of(frames: &[TrackerFrame], motion: &Motion, from: f64, to: f64) -> Self {
+    pub fn of(tracked: &Tracked, stream: &Stream, from: f64, to: f64) -> Self {
         let mut score = Score::default();
         let mut gaps = [0; INSTRUMENTS];
-        for frame in frames {
+        for frame in &tracked.frames {
             let t_s = frame.instants.exposed as f64 * 1e-9;
-            if !(from..to).contains(&t_s) {
+            if (from..to).contains(&t_s) {
+                score.add(frame, stream, t_s, &mut gaps);
+            }
+        }
+        score.show(tracked, stream, from, to);
+        score
+    }
+
+    fn add(&mut self, frame: &TrackerFrame, stream: &Stream, t_s: f64, gaps: &mut [usize; INSTRUMENTS]) {
+        let truth = stream.motion.at(t_s);
+        for (body, state) in frame.bodies.iter().enumerate().filter(|(body, _)| truth.present[*body]) {
+            let measured = state.validity() == Validity::Measured;
+            let seen = stream.markers_seen(body, t_s);
+            if seen >= 3 {
+                self.wanted += 1;
+                self.measured += usize::from(measured);
+                if let Some(gap) = gaps.get_mut(body) {
+                    *gap = if measured { 0 } else { *gap + 1 };
+                    self.longest_gap = self.longest_gap.max(*gap);
+                }
+            }
+            if !measured || seen < 2 {
                 continue;
             }
-            let truth = motion.at(t_s);
-            for (body, state) in frame.bodies.iter().enumerate() {
-                if !truth.present[body] {
-                    continue;
-                }
-                let measured = state.validity() == Validity::Measured;
-                score.wanted += 1;
-                score.measured += usize::from(measured);
-                if body != EYE {
-                    gaps[body] = if measured { 0 } else { gaps[body] + 1 };
-                    score.longest_gap = score.longest_gap.max(gaps[body]);
-                }
-                if !measured {
-                    continue;
-                }
-                let pose = state.world_from_body.isometry();
-                if body == EYE {
-                    let angle = pose.rotation.angle_to(&truth.bodies[EYE].rotation);
-                    score.eye_mrad.push(angle * 1e3);
-                } else {
-                    let off: Vector3<f64> = pose.translation.vector - truth.bodies[body].translation.vector;
-                    score.tips_um.push(off.norm() * 1e3);
+            let pose = state.world_from_body.isometry();
+            if body == EYE {
+                self.eye_mrad.push(pose.rotation.angle_to(&truth.bodies[EYE].rotation) * 1e3);
+            } else {
+                self.tips_um.push(apart_um(&pose, &truth.bodies[body]));
+            }
+        }
+    }
+
+    /// What a display shows.
+    fn show(&mut self, tracked: &Tracked, stream: &Stream, from: f64, to: f64) {
+        let (hz, lead_s) = DISPLAY;
+        for k in (from * hz) as u64..(to * hz) as u64 {
+            let at_s = k as f64 / hz;
+            let there = tracked.out_ns.partition_point(|out| *out as f64 * 1e-9 <= at_s - lead_s);
+            let (Some(frame), truth) = (tracked.frames[..there].last(), stream.motion.at(at_s)) else {
+                continue;
+            };
+            for body in (0..INSTRUMENTS).filter(|body| truth.present[*body]) {
+                let shown = predict(frame, body, (at_s * 1e9) as u64);
+                if shown.validity != Validity::Lost {
+                    self.shown_um.push(apart_um(&shown.world_from_body.isometry(), &truth.bodies[body]));
                 }
             }
         }
-        score
     }
 
     /// Share of bodies that were measured.
     pub fn coverage(&self) -> f64 {
         self.measured as f64 / self.wanted.max(1) as f64
     }
+}
+
+fn apart_um(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+    (a.translation.vector - b.translation.vector).norm() * 1e3
 }
 
 /// Root mean square; 0 of nothing.

@@ -43,7 +43,7 @@ fn the_tracker_finds_what_was_drawn_and_blames_no_camera() {
     for scenario in Scenario::ALL {
         let stream = recipe(scenario, 1).draw(&rig);
         let tracked = Tracked::of(&stream);
-        let score = Score::of(&tracked.frames, &stream.motion, 0.5, 3.9);
+        let score = Score::of(&tracked, &stream, 0.5, 3.9);
         let limit_um = if scenario == Scenario::Nominal { 5.0 } else { 16.0 };
         assert!(rms(&score.tips_um) < limit_um, "{scenario:?}: {} µm", rms(&score.tips_um));
         assert!(score.coverage() > 0.97, "{scenario:?}: {}", score.coverage());
@@ -68,7 +68,7 @@ fn check_knock(scenario: Scenario, seed: u64, knock: Knock) {
     let moved = Recipe { knocks: vec![knock], ..still.clone() }.draw(&rig);
     let still = still.draw(&rig);
     let from = knock.at_s.max(0.5);
-    let score = |stream: &Stream, tracked: &Tracked| Score::of(&tracked.frames, &stream.motion, from, 7.8);
+    let score = |stream: &Stream, tracked: &Tracked| Score::of(tracked, stream, from, 7.8);
     let (tracked, undisturbed) = (Tracked::of(&moved), Tracked::of(&still));
     let [now, before] = [score(&moved, &tracked), score(&still, &undisturbed)];
     let told = &tracked.notices;
@@ -137,7 +137,7 @@ fn of_four_cameras_two_that_were_moved_are_both_found_and_taken_back() {
     let tracked = Tracked::of(&stream);
     let last = tracked.frames.last().unwrap();
     assert_eq!((last.cameras_left_out, last.cameras_estimated), (0, 0b1010), "{:?}", tracked.notices);
-    let score = Score::of(&tracked.frames, &stream.motion, 2.0, 7.8);
+    let score = Score::of(&tracked, &stream, 2.0, 7.8);
     assert!(score.coverage() > 0.995 && rms(&score.tips_um) < 9.0, "{} µm", rms(&score.tips_um));
 }
 
@@ -151,7 +151,7 @@ fn a_camera_that_goes_on_moving_stays_left_out() {
     assert!(told.iter().any(|(_, n)| *n == Notice::StillMoving { camera: 2 }), "{told:?}");
     assert!(!told.iter().any(|(_, n)| matches!(n, Notice::TakenBack { .. })), "{told:?}");
     assert_eq!(tracked.frames.last().unwrap().cameras_left_out, 0b100);
-    let score = Score::of(&tracked.frames, &stream.motion, 1.0, 9.8);
+    let score = Score::of(&tracked, &stream, 1.0, 9.8);
     assert!(score.coverage() > 0.995 && rms(&score.tips_um) < 10.0, "{} µm", rms(&score.tips_um));
 }
 

@@ -1,0 +1,98 @@
+//! What can be set, and where each value comes from.
+
+use crate::Program;
+use crate::apply::settable;
+use crate::toml_file::quoted;
+use clap::{Arg, ArgAction, Command};
+use serde::{Deserialize, Serialize};
+
+/// The only word of a command line that asks a program for its [`options`], as JSON.
+pub const ASK: &str = "--describe-settings";
+
+/// An option that a file can set.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SettableOption {
+    /// The table, for instance `results.delete`; empty at the top of the file.
+    pub table: String,
+    /// What the table's command does.
+    pub about: String,
+    /// The key.
+    pub key: String,
+    /// What the option does.
+    pub help: String,
+    /// The built-in value as TOML writes it, if there is one.
+    pub default: Option<String>,
+    /// A value of the right form as TOML writes it.
+    pub example: String,
+    /// Not for everyday use.
+    pub hidden: bool,
+}
+
+/// Everything that files can set of a program.
+pub fn options(mut command: Command, program: &Program) -> Vec<SettableOption> {
+    command.build();
+    let mut all = Vec::new();
+    let top = |arg: &&Arg| arg.is_global_set();
+    all.extend(settable(&command).filter(top).map(|arg| option("", "every command", arg)));
+    if program.prefix.is_empty() {
+        let own = command.get_subcommands().filter(|c| !program.is_other(c.get_name()));
+        own.for_each(|below| add(below, below.get_name(), &mut all));
+    } else {
+        add(&command, program.prefix, &mut all);
+    }
+    all
+}
+
+impl Program {
+    /// Whether a sub-command takes no settings here.
+    fn is_other(&self, name: &str) -> bool {
+        let elsewhere = self.elsewhere.is_some_and(|tables| tables.contains(&name));
+        name == "help" || elsewhere || self.without.contains(&name)
+    }
+}
+
+fn add(command: &Command, table: &str, to: &mut Vec<SettableOption>) {
+    let about = command.get_about().map(ToString::to_string).unwrap_or_default();
+    let own = settable(command).filter(|arg| !arg.is_global_set());
+    to.extend(own.map(|arg| option(table, &about, arg)));
+    for below in command.get_subcommands().filter(|c| c.get_name() != "help") {
+        add(below, &format!("{table}.{}", below.get_name()), to);
+    }
+}
+
+fn option(table: &str, about: &str, arg: &Arg) -> SettableOption {
+    let default = match (arg.get_action(), arg.get_default_values()) {
+        (ArgAction::SetTrue, _) => Some("false".to_owned()),
+        (ArgAction::Count, _) => Some("0".to_owned()),
+        (_, [value]) => Some(quoted(&value.to_string_lossy())),
+        _ => None,
+    };
+    let name = arg.get_value_names().and_then(|names| names.first()).map(ToString::to_string);
+    let first = arg.get_possible_values().first().map(|v| v.get_name().to_owned());
+    let text = toml::Value::from(first.or(name).unwrap_or_default()).to_string();
+    let several = matches!(arg.get_action(), ArgAction::Append);
+    let example = if several { format!("[{text}]") } else { text };
+    SettableOption {
+        table: table.to_owned(),
+        about: about.to_owned(),
+        key: arg.get_long().unwrap_or_default().to_owned(),
+        help: arg.get_help().map(ToString::to_string).unwrap_or_default(),
+        example: default.clone().unwrap_or(example),
+        default,
+        hidden: arg.is_hide_set(),
+    }
+}
+
+/// The options for another program of this build.
+pub fn to_json(options: &[SettableOption]) -> String {
+    // Texts and truths only: there is nothing that JSON could not hold.
+    serde_json::to_string(options).unwrap_or_default()
+}
+
+/// What another program of this build answered.
+///
+/// # Errors
+/// Where it is something else.
+pub fn from_json(text: &str) -> Result<Vec<SettableOption>, serde_json::Error> {
+    serde_json::from_str(text)
+}

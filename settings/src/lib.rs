@@ -1,0 +1,101 @@
+//! Defaults of options from files: `vitreo.toml`, a table a command, keys the long options' names.
+//!
+//! The files are read in the order of [`files::Files`]; what comes later wins, and the command line
+//! wins over all. A setting becomes an argument before those that were typed ([`apply`]), so that
+//! clap's own parsers and rules judge it, as if it had been typed; what a file says is judged before
+//! ([`check`]), and a refusal names file, line, key and what was expected.
+//!
+//! A command that belongs to another program reads its own tables there: `vitreo blobs` those under
+//! `blobs`, in the camera's program. Programs that a run starts get everything on their command
+//! lines, and read no file.
+
+pub mod apply;
+pub mod check;
+pub mod describe;
+pub mod files;
+pub mod toml_file;
+
+use clap::{ArgMatches, FromArgMatches, Parser};
+use std::ffi::OsString;
+
+/// What vitreo.toml says to one program.
+#[derive(Debug, Clone, Copy)]
+pub struct Program {
+    /// The table in which this program's sub-commands lie; empty where they are tables themselves.
+    pub prefix: &'static str,
+    /// Sub-commands that read no file.
+    pub without: &'static [&'static str],
+    /// The tables that belong to other programs; `None` where any table may.
+    pub elsewhere: Option<&'static [&'static str]>,
+}
+
+/// The option of every program that reads settings.
+#[derive(Debug, Clone, Copy, Default, clap::Args)]
+pub struct SettingsArgs {
+    /// Read no vitreo.toml.
+    #[arg(long, global = true)]
+    pub no_config: bool,
+}
+
+impl SettingsArgs {
+    /// The option as arguments of another program of this build.
+    pub fn to_arguments(&self) -> Vec<String> {
+        if self.no_config { vec![format!("--{NO_CONFIG}")] } else { Vec::new() }
+    }
+}
+
+/// The long name of [`SettingsArgs::no_config`].
+const NO_CONFIG: &str = "no-config";
+/// Options that only a command line can give: those that ask for something else than the command's
+/// work, and those that write over or delete files, which nobody should do by what lies in a folder.
+const ONLY_TYPED: [&str; 5] = ["help", "version", NO_CONFIG, "force", "recordings"];
+/// Options that say the same thing in different ways: one of them that is typed silences the others
+/// in files, and so does the variable.
+pub const LOGGING: [&str; 3] = ["log", "verbose", "quiet"];
+/// The variable of [`LOGGING`].
+pub const LOG_VARIABLE: &str = "RUST_LOG";
+
+/// What is wrong with a file of settings.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{file}: {}{text}", line.map(|l| format!("line {l}: ")).unwrap_or_default())]
+pub struct Problem {
+    /// The file.
+    pub file: String,
+    /// The line, from 1 on; `None` where it is about the whole file.
+    pub line: Option<usize>,
+    /// Table, key, and what was expected.
+    pub text: String,
+}
+
+/// Why a program cannot begin.
+#[derive(Debug)]
+pub enum Refusal {
+    /// The command line: clap says it, or shows help.
+    CommandLine(clap::Error),
+    /// A file; with what was typed, as far as it is clear.
+    File(Problem, Box<ArgMatches>),
+}
+
+/// Reads the command line of this program with its settings. Ends the program where the command line
+/// is refused or asks for help, as clap does.
+///
+/// # Errors
+/// Where a file of settings is refused; with the arguments `L` that were typed, as far as they are
+/// clear, to say it as the user asked for.
+pub fn parse<P: Parser, L: FromArgMatches + Default>(program: &Program) -> Result<P, (Problem, L)> {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    if words.get(1).is_some_and(|w| w == describe::ASK) {
+        outputs::println!("{}", describe::to_json(&describe::options(P::command(), program)));
+        std::process::exit(0);
+    }
+    let found = files::Files::of_this_machine();
+    match apply::matches(P::command(), program, &found, words).map(|mut m| P::from_arg_matches_mut(&mut m)) {
+        Ok(Ok(parsed)) => Ok(parsed),
+        Ok(Err(error)) => error.format(&mut P::command()).exit(),
+        Err(Refusal::CommandLine(error)) => error.exit(),
+        Err(Refusal::File(problem, typed)) => Err((problem, L::from_arg_matches(&typed).unwrap_or_default())),
+    }
+}
+
+#[cfg(test)]
+mod tests;

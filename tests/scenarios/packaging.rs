@@ -1,0 +1,100 @@
+//! What is packed: one version, every program, files that exist, options that the commands take.
+
+use std::process::Command;
+use vitreo_tests::repository;
+
+fn read(path: &str) -> String {
+    std::fs::read_to_string(repository().join(path)).unwrap_or_else(|e| panic!("{path}: {e}"))
+}
+
+fn manifest(path: &str) -> toml::Table {
+    read(path).parse().unwrap_or_else(|e| panic!("{path}: {e}"))
+}
+
+/// The folders of all crates.
+fn members() -> Vec<String> {
+    let workspace = manifest("Cargo.toml");
+    let members = workspace["workspace"]["members"].as_array().expect("members").clone();
+    members.iter().map(|m| m.as_str().expect("a folder").to_owned()).collect()
+}
+
+#[test]
+fn the_version_is_said_in_one_place() {
+    let workspace = manifest("Cargo.toml");
+    let version = workspace["workspace"]["package"]["version"].as_str().expect("a version").to_owned();
+    for crate_folder in members() {
+        let crate_manifest = manifest(&format!("{crate_folder}/Cargo.toml"));
+        let own = &crate_manifest["package"]["version"];
+        assert!(own.as_str().is_none(), "{crate_folder} has a version of its own: {own}");
+    }
+    let changelog = read("CHANGELOG.md");
+    let heads: Vec<&str> = changelog.lines().filter_map(|l| l.strip_prefix("## ")).collect();
+    assert_eq!(heads[0], "Unreleased");
+    assert_eq!(heads[1].split(" - ").next(), Some(version.as_str()), "the newest section of CHANGELOG.md");
+    assert!(read("deploy/kubernetes-score.yaml").contains(&format!("vitreo:{version}\n")), "the image");
+}
+
+#[test]
+fn the_changelog_of_debian_is_made_of_ours() {
+    let mut script = Command::new("python3");
+    script.arg("packaging/debian-changelog").args(["0.1.0", "0"]).current_dir(repository());
+    let output = script.output().expect("python3");
+    let text = String::from_utf8(output.stdout).expect("text");
+    assert!(text.starts_with("vitreo (0.1.0-1) unstable; urgency=medium\n\n  * "), "{text:.200}");
+    assert!(text.contains("  Thu, 01 Jan 1970 00:00:00 -0000\n"), "{text:.200}");
+    let entries = text.lines().filter(|l| l.starts_with("vitreo (")).count();
+    let versions = read("CHANGELOG.md").lines().filter(|l| l.starts_with("## ")).count();
+    assert_eq!(entries, versions - 1, "what is unreleased belongs to the version");
+    let items = text.lines().filter(|l| !l.starts_with(" -- "));
+    items.for_each(|l| assert!(l.chars().count() <= 79, "a long line: {l}"));
+}
+
+#[test]
+fn every_program_is_installed_and_every_packed_file_exists() {
+    let makefile = read("Makefile");
+    let start = makefile.find("INSTALLED = ").expect("the list");
+    let listed = makefile[start..].replace("\\\n", " ");
+    let listed = listed.lines().next().expect("a line").to_owned();
+    for folder in members().iter().filter(|m| !["validation", "fuzz", "tests"].contains(&m.as_str())) {
+        let bins = manifest(&format!("{folder}/Cargo.toml"));
+        for bin in bins.get("bin").and_then(|b| b.as_array()).into_iter().flatten() {
+            let name = bin["name"].as_str().expect("a name");
+            assert!(
+                listed.split(|c: char| c.is_whitespace() || ",)".contains(c)).any(|word| word == name),
+                "{name} is not installed"
+            );
+        }
+    }
+    let launcher = manifest("launcher/Cargo.toml");
+    let deb = &launcher["package"]["metadata"]["deb"];
+    let sources = deb["assets"].as_array().expect("assets").iter().map(|a| a[0].as_str().expect("a file"));
+    let committed: Vec<&str> = sources.filter(|s| !s.contains("/target/")).collect();
+    assert!(committed.len() >= 5, "{committed:?}");
+    for file in committed {
+        assert!(repository().join("launcher").join(file).is_file(), "{file} does not exist");
+    }
+}
+
+#[test]
+fn the_service_asks_for_what_its_document_says() {
+    let unit = read("packaging/systemd/vitreo-rig.service");
+    for line in [
+        "ExecStart=/usr/bin/vitreo run --instance rig",
+        "User=vitreo",
+        "LimitRTPRIO=50",
+        "LimitMEMLOCK=infinity",
+    ] {
+        assert!(unit.lines().any(|l| l == line), "{line} is missing");
+    }
+    let page = read("docs/install.md");
+    assert!(page.contains("--instance rig") && page.contains("/var/lib/vitreo"));
+    for script in ["postinst", "postrm"] {
+        let text = read(&format!("packaging/debian/{script}"));
+        let code: Vec<&str> = text.lines().filter(|l| !l.starts_with('#') || *l == "#DEBHELPER#").collect();
+        assert!(code.contains(&"#DEBHELPER#"), "{script}");
+        assert!(
+            code.iter().all(|l| !l.contains("rm ") && !l.contains("deluser")),
+            "{script} takes something away"
+        );
+    }
+}
