@@ -16,7 +16,7 @@ const MAX_ITERATIONS: usize = 5000;
 /// Distance to the minimum at which it is reached, in standard deviations of the estimate along the
 /// worst direction: √(gᵀ H⁻¹ g) over the noise (the Newton decrement), which no unit and no
 /// correlation of the unknowns moves.
-const DISTANCE_TOLERANCE: f64 = 1e-4;
+const DISTANCE_TOLERANCE: f64 = 1e-7;
 /// Relative decrease of the cost at which rounding begins.
 const COST_TOLERANCE: f64 = 1e-14;
 /// First damping, and the bounds of it; beyond the upper one no step decreases the cost.
