@@ -80,15 +80,7 @@ fn alone(
         let problem = TargetProblem::new(&own, vec![FreeParameters { lens: free, place: true }], true, 1);
         let start = Scene { cameras: vec![start.clone()], views: vec![Isometry3::identity()] };
         let weak = match calibrate(problem, start, robustness, progress) {
-            Ok(found) => {
-                let spread = robust_sigma(&found.residuals);
-                if spread > MISFIT * f64::from(found.scene.cameras[0].size_px[0]) {
-                    return Err(degenerate(format!(
-                        "residuals of {spread:.1} px: its image points are not those of its dots"
-                    )));
-                }
-                return Ok(Calibrated { left_out, ..found });
-            }
+            Ok(found) => return fitting(Calibrated { left_out, ..found }),
             Err(weak) => weak,
         };
         let open = matches!(
@@ -101,6 +93,16 @@ fn alone(
         free[term] = false;
         left_out.push((c, term));
     }
+}
+
+/// The calibration of one camera, unless its residuals are too large for any lens.
+fn fitting(found: Calibrated) -> Result<Calibrated, CalibrationError> {
+    let spread = robust_sigma(&found.residuals);
+    if spread > MISFIT * f64::from(found.scene.cameras[0].size_px[0]) {
+        let problem = format!("residuals of {spread:.1} px: its image points are not those of its dots");
+        return Err(degenerate(problem));
+    }
+    Ok(found)
 }
 
 /// A camera near that which saw the dots.
