@@ -26,8 +26,15 @@ const MIN_SIGMAS: f32 = 4.0;
 const SMOOTHING_PX: f64 = 0.8;
 /// Shares of the pixels between which the contrast is measured.
 const CONTRAST: [f64; 2] = [0.005, 0.995];
-/// Smallest area, px.
-const MIN_AREA_PX: f64 = 6.0;
+/// Smallest area of the smoothed dot, px: below that of a dot of 2 px diameter, above a hot pixel's
+/// in most noise.
+const MIN_AREA_PX: f64 = 4.0;
+/// Below this area a dot is all rim and its brightness itself is the weight, px.
+const SMALL_AREA_PX: f64 = 26.0;
+/// Share of a small dot's brightness that noise of the ground may reach and that has no weight.
+const FLOOR: f32 = 0.1;
+/// Area over that of the ellipse of equal moments of so few pixels, which make a rough outline.
+const SMALL_FILL_RATIO: std::ops::Range<f64> = 0.7..1.3;
 /// Largest area as a share of the picture.
 const MAX_AREA_SHARE: f64 = 0.02;
 /// Longest over shortest axis of a tilted dot.
@@ -103,7 +110,8 @@ fn dot(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Option<Dot>
     let (short, long) = (axes.min().sqrt(), axes.max().sqrt());
     // An ellipse of semi-axes 2s and 2l has the variances s² and l².
     let fill = area / (4.0 * std::f64::consts::PI * short * long);
-    if long > MAX_AXIS_RATIO * short || !FILL_RATIO.contains(&fill) {
+    let allowed = if area < SMALL_AREA_PX { SMALL_FILL_RATIO } else { FILL_RATIO };
+    if long > MAX_AXIS_RATIO * short || !allowed.contains(&fill) {
         return None;
     }
     let reach = 2.0 * long + RIM as f64 + 1.0;
@@ -111,7 +119,8 @@ fn dot(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Option<Dot>
 }
 
 /// Centre by weights that rise from the rim's brightness to that of the dot's body and stay there:
-/// a glint inside, or noise outside, does not pull.
+/// a glint inside, or noise outside, does not pull. A dot of few pixels has no body that could
+/// saturate: there the brightness above the ground is the weight.
 fn centre(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Vector2<f64> {
     let bounds = |of: fn(&(isize, isize)) -> isize| {
         let all = region.iter().map(of);
@@ -132,7 +141,10 @@ fn centre(picture: &GreyImage, region: &[(isize, isize)], sign: f32) -> Vector2<
     for y in y0..=y1 {
         for x in x0..=x1 {
             let share = (sign * picture.at(x, y) - ground) / (body - ground).max(1e-6);
-            let weight = f64::from(((share - RAMP[0]) / (RAMP[1] - RAMP[0])).clamp(0.0, 1.0));
+            let weight = match (region.len() as f64) < SMALL_AREA_PX {
+                true => f64::from((share - FLOOR).max(0.0)),
+                false => f64::from(((share - RAMP[0]) / (RAMP[1] - RAMP[0])).clamp(0.0, 1.0)),
+            };
             sum += weight;
             at += Vector2::new(x as f64, y as f64) * weight;
         }
@@ -180,6 +192,36 @@ mod tests {
         assert_eq!(found.len(), 1, "{found:?}");
         assert!((found[0].at - truth).norm() < 0.05, "{found:?}");
         assert!(find(&picture, true).is_empty());
+    }
+
+    #[test]
+    fn dots_of_2_to_4_px_are_found_to_a_tenth_of_a_pixel() {
+        for radius in [1.0, 1.5, 2.0] {
+            for dark in [false, true] {
+                let (sign, truth) = (if dark { -1.0 } else { 1.0 }, |k: usize| {
+                    let (column, row) = ((k % 6) as f64, (k / 6) as f64);
+                    Vector2::new(22.0 + 15.13 * column, 20.0 + 15.37 * row + 0.21 * column)
+                });
+                let pixel = |i: usize| {
+                    let (x, y) = ((i % 120) as f64, (i / 120) as f64);
+                    let ray = |s: usize| {
+                        let [u, v] = [s % 8, s / 8].map(|s| s as f64 / 8.0 - 0.4375);
+                        (0..24).any(|k| (Vector2::new(x + u, y + v) - truth(k)).norm() < radius)
+                    };
+                    let inside = (0..64).filter(|s| ray(*s)).count() as f64 / 64.0;
+                    // Some grey levels of noise that no seed has to be named for.
+                    let noise = ((i * 7919 + i / 120 * 104_729) % 23) as f64 / 4.0 - 2.75;
+                    (120.0 + sign * 90.0 * inside + noise) as f32
+                };
+                let picture = GreyImage::new(120, 100, (0..120 * 100).map(pixel).collect());
+                let found = find(&picture, dark);
+                assert_eq!(found.len(), 24, "radius {radius}, dark {dark}");
+                let off = |k: usize| found.iter().map(|d| (d.at - truth(k)).norm()).fold(f64::MAX, f64::min);
+                let rms = ((0..24).map(|k| off(k).powi(2)).sum::<f64>() / 24.0).sqrt();
+                println!("radius {radius} px, dark {dark}: rms {rms:.3} px");
+                assert!(rms < 0.1, "radius {radius}, dark {dark}: {rms:.3} px");
+            }
+        }
     }
 
     #[test]

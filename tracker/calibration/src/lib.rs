@@ -10,6 +10,7 @@ pub mod cli;
 pub mod corners;
 pub mod dots;
 pub mod drift_check;
+pub mod fixed_dots;
 pub mod grey_image;
 pub mod grid;
 pub mod known_target;

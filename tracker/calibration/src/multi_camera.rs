@@ -1,9 +1,9 @@
-//! Several cameras: from views of a common target, or from dots of known positions.
+//! Several cameras that see a common target in several views, and triangulation with them.
 
 use crate::lens::LENS;
 use crate::target_problem::{
-    Calibrated, Correspondence, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView,
-    calibrate, calibrate_lens, camera_pose, set_camera_pose,
+    Calibrated, FreeParameters, Residual, Robustness, Scene, TargetProblem, TargetView, calibrate,
+    calibrate_lens, camera_pose, set_camera_pose,
 };
 use crate::{CalibrationError, degenerate, linear};
 use nalgebra::{Isometry3, Matrix2, Point3, Vector2};
@@ -114,61 +114,6 @@ fn medoid(all: &[Isometry3<f64>]) -> Isometry3<f64> {
     all.iter().min_by(|a, b| sum(a).total_cmp(&sum(b))).copied().unwrap_or_else(Isometry3::identity)
 }
 
-/// What is known of a camera before its calibration.
-#[derive(Debug, Clone)]
-pub enum CameraPrior {
-    /// Nothing but the size of its pictures, px.
-    Size([u32; 2]),
-    /// Its lens, which is fixed.
-    Lens(Camera),
-}
-
-/// Calibrates cameras that see dots of known positions: their extrinsics, and the lenses that are
-/// not known. There is one view per camera; the world is the frame of the dots.
-///
-/// # Errors
-/// A camera without dots, dots that do not determine the camera, or a problem without a solution.
-pub fn calibrate_on_dots(
-    before: &[CameraPrior],
-    sheets: &[TargetView],
-    free: [bool; LENS],
-    robustness: Robustness,
-    progress: &mut Progress<'_>,
-) -> Result<Calibrated, CalibrationError> {
-    let mut cameras = Vec::new();
-    for (c, before) in before.iter().enumerate() {
-        let own = sheets.iter().find(|s| s.camera == c);
-        let samples = own.map(|s| s.samples.as_slice()).unwrap_or_default();
-        if samples.is_empty() {
-            return Err(degenerate(format!("camera {c} sees no dot")));
-        }
-        cameras.push(match before {
-            CameraPrior::Size(size) => {
-                if linear::plane_of(samples)?.is_some() {
-                    return Err(degenerate(
-                        "all dots lie in one plane, which does not fix a lens: \
-                         use a stepped target, or give the lens",
-                    ));
-                }
-                linear::camera_from_dots(c as u32, *size, samples)?
-            }
-            CameraPrior::Lens(camera) => {
-                let mut camera = camera.clone();
-                let place = linear::target_in_camera(&camera, samples)?;
-                set_camera_pose(&mut camera, &place);
-                camera
-            }
-        });
-    }
-    let free_of = |before: &CameraPrior| match before {
-        CameraPrior::Size(_) => FreeParameters { lens: free, place: true },
-        CameraPrior::Lens(_) => FreeParameters { lens: [false; LENS], place: true },
-    };
-    let problem = TargetProblem::new(sheets, before.iter().map(free_of).collect(), true, 1);
-    let start = Scene { cameras, views: vec![Isometry3::identity()] };
-    calibrate(problem, start, robustness, progress)
-}
-
 /// Most steps of the triangulation, and the step at which it ends, mm.
 const TRIANGULATION: (usize, f64) = (20, 1e-9);
 
@@ -218,64 +163,4 @@ pub fn triangulate(points: &[ImagePoint<'_>]) -> Option<Point3<f64>> {
         }
     }
     Some(at)
-}
-
-/// Root mean square errors along x, y, z (mm) of dots that all cameras see, triangulated after a
-/// calibration on the other dots. `chosen` is true for the dots of the calibration.
-///
-/// # Errors
-/// A calibration without a solution, or rays that do not meet.
-pub fn held_out(
-    before: &[CameraPrior],
-    sheets: &[TargetView],
-    free: [bool; LENS],
-    robustness: Robustness,
-    chosen: &dyn Fn(usize) -> bool,
-) -> Result<[f64; 3], CalibrationError> {
-    let common = common_dots(sheets, before.len());
-    let part = |which: &dyn Fn(usize) -> bool| -> Vec<TargetView> {
-        let chosen = || common.iter().enumerate().filter(|(i, _)| which(*i)).map(|(_, dot)| dot);
-        let of = |sheet: &TargetView| {
-            let sample = |dot: &Dot| Correspondence { point: dot.point, pixel: dot.pixels[sheet.camera] };
-            TargetView { samples: chosen().map(sample).collect(), ..sheet.clone() }
-        };
-        sheets.iter().map(of).collect()
-    };
-    let known = part(&|i| chosen(i));
-    let calibrated = calibrate_on_dots(before, &known, free, robustness, &mut |_, _| {})?;
-    let cameras = &calibrated.scene.cameras;
-    let noise = noise_of(&calibrated.residuals, cameras.len());
-    let (mut squares, mut n) = (nalgebra::Vector3::zeros(), 0);
-    for (_, Dot { point, pixels }) in common.iter().enumerate().filter(|(i, _)| !chosen(*i)) {
-        let points = cameras.iter().zip(pixels).zip(&noise);
-        let points: Vec<ImagePoint<'_>> =
-            points.map(|((camera, &pixel), &covariance)| ImagePoint { camera, pixel, covariance }).collect();
-        let found = triangulate(&points).ok_or_else(|| degenerate("rays of the cameras do not meet"))?;
-        squares += (found - point).map(|e| e * e);
-        n += 1;
-    }
-    Ok((squares / f64::from(n.max(1))).map(f64::sqrt).into())
-}
-
-/// A dot that every camera sees.
-#[derive(Debug, Clone)]
-pub struct Dot {
-    /// Where it is, mm.
-    pub point: Point3<f64>,
-    /// Where each camera sees it, px.
-    pub pixels: Vec<Vector2<f64>>,
-}
-
-/// Dots that every camera sees.
-pub fn common_dots(sheets: &[TargetView], cameras: usize) -> Vec<Dot> {
-    let Some(first) = sheets.iter().find(|s| s.camera == 0) else { return Vec::new() };
-    let pixel_of = |camera: usize, point: &Point3<f64>| {
-        let own = sheets.iter().filter(|s| s.camera == camera).flat_map(|s| &s.samples);
-        own.clone().find(|s| (s.point - point).norm() < 1e-6).map(|s| s.pixel)
-    };
-    let dot = |sample: &Correspondence| {
-        let pixels = (0..cameras).map(|c| pixel_of(c, &sample.point)).collect::<Option<Vec<_>>>()?;
-        Some(Dot { point: sample.point, pixels })
-    };
-    first.samples.iter().filter_map(dot).collect()
 }

@@ -11,14 +11,22 @@
 
 use nalgebra::{DMatrix, DVector, SVector};
 
-/// Most iterations; a sane problem needs 5 to 30.
-const MAX_ITERATIONS: usize = 200;
-/// Relative decrease of the cost below which nothing more is gained.
-const COST_TOLERANCE: f64 = 1e-11;
-/// Largest step, relative to the unknown's standard deviation, at which it stands still.
-const STEP_TOLERANCE: f64 = 1e-4;
+/// A bound on time, not a criterion: a sane problem needs 5 to 30 iterations, a valley some 300.
+const MAX_ITERATIONS: usize = 5000;
+/// Distance to the minimum at which it is reached, in standard deviations of the estimate along the
+/// worst direction: √(gᵀ H⁻¹ g) over the noise (the Newton decrement), which no unit and no
+/// correlation of the unknowns moves.
+const DISTANCE_TOLERANCE: f64 = 1e-7;
+/// Relative decrease of the cost at which rounding begins.
+const COST_TOLERANCE: f64 = 1e-14;
 /// First damping, and the bounds of it; beyond the upper one no step decreases the cost.
 const DAMPING: (f64, f64, f64) = (1e-4, 1e-12, 1e12);
+/// Damping grows where a step gains less than the first share of what was predicted and shrinks
+/// where it gains more than the second; beyond the third the valley is flatter than predicted, and
+/// longer steps are tried (Moré 1978).
+const GAIN: (f64, f64, f64) = (0.25, 0.75, 1.3);
+/// Longest step, as a multiple of the predicted one.
+const LONGEST: f64 = 64.0;
 /// Smallest eigenvalue of the information, scaled to a unit diagonal, at which the unknowns still
 /// count as determined. Lenses correlate strongly (k1 with k2 and k3: about 1e-5); what the data
 /// leave open altogether is at the level of rounding (1e-15 · number of equations).
@@ -223,6 +231,13 @@ impl<S> Solution<S> {
 /// Schur complement, right-hand side, inverses of the blocks.
 type Reduced = (DMatrix<f64>, DVector<f64>, Vec<DMatrix<f64>>);
 
+/// A step, and by how much it should lessen the cost.
+struct Step {
+    shared: DVector<f64>,
+    own: Vec<DVector<f64>>,
+    predicted: f64,
+}
+
 struct Assembled {
     common: NormalEquations,
     blocks: Vec<NormalEquations>,
@@ -252,16 +267,27 @@ impl Assembled {
     }
 
     /// The step under damping: shared unknowns by the Schur complement, then each block's own.
-    fn step(&self, damping: f64) -> Option<(DVector<f64>, Vec<DVector<f64>>)> {
+    fn step(&self, damping: f64) -> Option<Step> {
         let (schur, right, inverses) = self.reduced(damping)?;
         let shared = if schur.nrows() == 0 { right } else { schur.cholesky()?.solve(&right) };
-        let own = self
-            .blocks
-            .iter()
-            .zip(&inverses)
-            .map(|(block, inverse)| inverse * (-&block.o - block.so.tr_mul(&shared)))
-            .collect();
-        Some((shared, own))
+        let blocks = self.blocks.iter().zip(&inverses);
+        let own: Vec<DVector<f64>> =
+            blocks.map(|(block, inverse)| inverse * (-&block.o - block.so.tr_mul(&shared))).collect();
+        // With (H + λD)·δ = −g the model gains −gᵀδ + λ·δᵀDδ.
+        let gain = |equations: &DMatrix<f64>, gradient: &DVector<f64>, step: &DVector<f64>| {
+            let along = step.iter().enumerate().map(|(i, s)| equations[(i, i)] * s * s).sum::<f64>();
+            damping * along - gradient.dot(step)
+        };
+        let of_blocks = self.blocks.iter().zip(&own).map(|(b, step)| gain(&b.oo, &b.o, step));
+        let predicted = of_blocks.sum::<f64>() + gain(&self.common.ss, &self.common.s, &shared);
+        Some(Step { shared, own, predicted })
+    }
+
+    /// True where what the undamped step would gain is nothing beside the noise.
+    fn at_minimum(&self, freedom: usize) -> bool {
+        let noise = self.common.cost / freedom.max(1) as f64;
+        let near = DISTANCE_TOLERANCE * DISTANCE_TOLERANCE * noise;
+        self.step(0.0).is_some_and(|step| step.predicted >= 0.0 && step.predicted <= near)
     }
 
     /// The system of the shared unknowns alone.
@@ -321,52 +347,76 @@ pub fn solve<P: Problem>(
     if equations < unknowns {
         return Err(SolveError::TooFew { equations, unknowns });
     }
+    let freedom = equations - unknowns;
     for iteration in 0..MAX_ITERATIONS {
-        let cost = assembled.common.cost;
-        progress(iteration, cost);
-        let Some((next, gained, size)) = descend(problem, &state, &assembled, &mut damping) else {
-            return finish(problem, state, &assembled, equations - unknowns, iteration);
+        progress(iteration, assembled.common.cost);
+        if assembled.at_minimum(freedom) {
+            return finish(problem, state, &assembled, freedom, iteration);
+        }
+        let Some(next) = descend(problem, &state, &assembled, &mut damping) else {
+            return finish(problem, state, &assembled, freedom, iteration);
         };
         state = next;
         assembled = Assembled::of(problem, &state);
-        if gained <= COST_TOLERANCE * cost || size < STEP_TOLERANCE {
-            return finish(problem, state, &assembled, equations - unknowns, iteration + 1);
-        }
     }
     Err(SolveError::Endless { iterations: MAX_ITERATIONS, cost: assembled.common.cost })
 }
 
-/// The next state that costs less, what it gains, and how far it is in standard deviations of the
-/// shared unknowns; `None` where no step gains anything: at the minimum, to rounding.
+/// The next state that costs less; `None` where no step gains anything: at the minimum, to
+/// rounding.
 fn descend<P: Problem>(
     problem: &P,
     state: &P::State,
     assembled: &Assembled,
     damping: &mut f64,
-) -> Option<(P::State, f64, f64)> {
+) -> Option<P::State> {
+    let cost = assembled.common.cost;
     while *damping < DAMPING.2 {
-        if let Some((shared, own)) = assembled.step(*damping) {
-            let next = problem.moved(state, &shared, &own);
-            let gained = assembled.common.cost - cost_of(problem, &next);
-            if gained > 0.0 {
-                *damping = (*damping * 0.1).max(DAMPING.1);
-                return Some((next, gained, size_of(&shared, &own, assembled)));
-            }
-            if gained == 0.0 {
+        if let Some(step) = assembled.step(*damping) {
+            let next = problem.moved(state, &step.shared, &step.own);
+            let gained = cost - cost_of(problem, &next);
+            if gained.abs() <= COST_TOLERANCE * cost && step.predicted <= COST_TOLERANCE * cost {
                 return None;
             }
+            let share = gained / step.predicted;
+            if share >= GAIN.2 {
+                *damping = (*damping * 0.1).max(DAMPING.1);
+                return Some(stretched(problem, state, &step, (next, cost - gained)));
+            }
+            match share {
+                s if s > GAIN.1 => *damping = (*damping * 0.1).max(DAMPING.1),
+                s if s < GAIN.0 || s.is_nan() => *damping *= 10.0,
+                _ => {}
+            }
+            if gained > 0.0 {
+                return Some(next);
+            }
+            continue;
         }
         *damping *= 10.0;
     }
     None
 }
 
-fn size_of(shared: &DVector<f64>, own: &[DVector<f64>], assembled: &Assembled) -> f64 {
-    let along = |step: &DVector<f64>, information: &DMatrix<f64>| {
-        step.iter().enumerate().map(|(i, s)| s.abs() * information[(i, i)].sqrt()).fold(0.0, f64::max)
-    };
-    let blocks = own.iter().zip(&assembled.blocks).map(|(step, block)| along(step, &block.oo));
-    blocks.fold(along(shared, &assembled.common.ss), f64::max)
+/// The best of ever longer steps, given the state and the cost after the plain one.
+fn stretched<P: Problem>(
+    problem: &P,
+    state: &P::State,
+    step: &Step,
+    (mut best, mut least): (P::State, f64),
+) -> P::State {
+    let mut times = 2.0;
+    while times <= LONGEST {
+        let own: Vec<DVector<f64>> = step.own.iter().map(|o| o * times).collect();
+        let next = problem.moved(state, &(&step.shared * times), &own);
+        let cost = cost_of(problem, &next);
+        if cost.is_nan() || cost >= least {
+            break;
+        }
+        (best, least) = (next, cost);
+        times *= 2.0;
+    }
+    best
 }
 
 fn finish<P: Problem>(

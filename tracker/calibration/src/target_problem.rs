@@ -219,6 +219,9 @@ pub struct Calibrated {
     pub sigma_px: f64,
     /// Iterations of the last solve.
     pub iterations: usize,
+    /// Values of lenses that were to be found but are held at zero, since the data do not determine
+    /// them: camera, and index into [`LENS_NAMES`].
+    pub left_out: Vec<(usize, usize)>,
 }
 
 /// How to weigh residuals.
@@ -290,6 +293,7 @@ fn summary(problem: &TargetProblem<'_>, solution: Solution<Scene>) -> Calibrated
         residuals,
         iterations: solution.iterations,
         scene: solution.state,
+        left_out: Vec::new(),
     }
 }
 

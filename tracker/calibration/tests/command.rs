@@ -235,3 +235,38 @@ fn three_real_cameras_find_the_dots_in_their_pictures() {
     println!("the same from pictures: {x:.1} {y:.1} {z:.1} µm");
     assert!(x <= 14.0 && y <= 20.0 && z <= 55.0, "{x} {y} {z}");
 }
+
+#[test]
+fn five_real_cameras_converge_with_all_lens_terms() {
+    let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
+    let folder = Path::new(&data).join("cameras/flydra");
+    if !folder.exists() {
+        println!("skipped: no cameras/flydra under VITREO_DATA");
+        return;
+    }
+    let mut args = words("dots --json --size 656x491 --splits 20");
+    args.extend((1..=5).map(|c| folder.join(format!("fly{c}")).display().to_string()));
+    let told = report(&args);
+    let rms = told["rms_px"].as_f64().unwrap();
+    let [x, y, z] = held_out(&told);
+    println!("rms {rms:.3} px; dots held out, median of 20 splits: {x:.1} {y:.1} {z:.1} µm");
+    assert!(rms <= 0.26, "{rms}");
+    assert!(x <= 42.0 && y <= 36.0 && z <= 85.0, "{x} {y} {z}");
+}
+
+#[test]
+fn pictures_of_another_size_or_without_dots_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    image::GrayImage::from_pixel(640, 480, image::Luma([90])).save(path("blank.png")).unwrap();
+    std::fs::write(path("target"), "0 0 0\n5 0 0\n0 5 0\n5 5 3\n").unwrap();
+    std::fs::write(path("picked"), "100 100 0 0 0\n200 100 5 0 0\n100 200 0 5 0\n210 210 5 5 3\n").unwrap();
+    let mut args = words("dots --pictures");
+    args.extend([path("blank.png"), "--target".into(), path("target"), "--picked".into(), path("picked")]);
+    let (told, code) = refused(&args);
+    let expected = "blank.png: expected the 4 dots of the target, round and on an even ground, found none";
+    assert!(code == 1 && told.contains(expected), "{told}");
+    args.extend(words("--size 320x240"));
+    let (told, code) = refused(&args);
+    assert!(code == 1 && told.contains("blank.png: expected 320×240 px by --size, found 640×480"), "{told}");
+}

@@ -2,10 +2,9 @@
 //! covariance with noise.
 
 use calibration::CalibrationError;
+use calibration::fixed_dots::{CameraPrior, calibrate_on_dots};
 use calibration::lens::{LENS, lens_of, pinhole_camera};
-use calibration::multi_camera::{
-    CameraPrior, ImagePoint, LensMode, calibrate_cameras, calibrate_on_dots, triangulate,
-};
+use calibration::multi_camera::{ImagePoint, LensMode, calibrate_cameras, triangulate};
 use calibration::target_problem::{Correspondence, FreeParameters, Robustness, TargetView, calibrate_lens};
 use nalgebra::{Isometry3, Point3, Rotation3, Vector2, Vector3};
 use proptest::prelude::*;
@@ -312,4 +311,64 @@ fn dots_that_fix_nothing_are_refused_in_words() {
     let rays = [point; 2];
     assert!(triangulate(&rays).is_none());
     assert!(triangulate(&rays[..1]).is_none());
+}
+
+/// Cameras around the origin, and dots between them.
+fn ring_of_cameras(noise: &mut Noise) -> (Vec<Camera>, Vec<TargetView>) {
+    let camera_at = |c: u32| {
+        let mut camera = camera();
+        camera.id = c;
+        camera.camera_from_world =
+            Rotation3::new(Vector3::new(0.1, 0.4 * f64::from(c) - 0.6, 0.0)).into_inner();
+        camera.translation_mm = Vector3::new(0.0, 0.0, 150.0);
+        camera
+    };
+    let cameras: Vec<Camera> = (0..4).map(camera_at).collect();
+    let mut dot = || Point3::new(noise.next(), noise.next(), noise.next()) * 12.0;
+    let dots: Vec<Point3<f64>> = (0..150).map(|_| dot()).collect();
+    let sheet = |(c, camera): (usize, &Camera)| TargetView {
+        name: format!("list{c}"),
+        camera: c,
+        view: 0,
+        samples: dots
+            .iter()
+            .map(|d| Correspondence { pixel: camera.project(d).unwrap() + noise.pixel(0.2), point: *d })
+            .collect(),
+    };
+    let sheets = cameras.iter().enumerate().map(sheet).collect();
+    (cameras, sheets)
+}
+
+#[test]
+fn two_wrong_cameras_are_named_and_nothing_is_invented() {
+    let (_, mut sheets) = ring_of_cameras(&mut Noise::new(11));
+    for wrong in [1, 3] {
+        // Every pixel belongs to another dot.
+        let pixels: Vec<_> = sheets[wrong].samples.iter().map(|s| s.pixel).collect();
+        let samples = sheets[wrong].samples.iter_mut().enumerate();
+        samples.for_each(|(i, s)| s.pixel = pixels[(i * 37 + 11) % pixels.len()]);
+    }
+    let priors = vec![CameraPrior::Size(SIZE); 4];
+    let told = calibrate_on_dots(&priors, &sheets, [true; LENS], Robustness::Huber, &mut quiet)
+        .map(|_| ())
+        .unwrap_err()
+        .to_string();
+    assert!(told.contains("camera 1 (list1): ") && told.contains("camera 3 (list3): "), "{told}");
+    assert!(!told.contains("camera 0") && !told.contains("camera 2"), "{told}");
+}
+
+#[test]
+fn weak_lens_terms_are_left_out_camera_by_camera() {
+    let (cameras, mut sheets) = ring_of_cameras(&mut Noise::new(5));
+    // Fourteen equations for fifteen unknowns.
+    sheets[2].samples.truncate(7);
+    let priors = vec![CameraPrior::Size(SIZE); 4];
+    let found = calibrate_on_dots(&priors, &sheets, [true; LENS], Robustness::Square, &mut quiet).unwrap();
+    assert!(found.left_out.first() == Some(&(2, 8)), "k3 first: {:?}", found.left_out);
+    assert!(found.left_out.iter().all(|o| o.0 == 2), "{:?}", found.left_out);
+    assert_eq!(found.scene.cameras[2].distortion[4], 0.0);
+    for c in [0, 1, 3] {
+        let off = (found.scene.cameras[c].centre_in_world() - cameras[c].centre_in_world()).norm();
+        assert!(off < 2.0, "camera {c} is {off} mm off");
+    }
 }

@@ -2,19 +2,19 @@
 
 use super::{OutputArgs, SolveArgs, pair, positive, progress, short, with_spinner};
 use crate::board::{Board, Pattern};
+use crate::fixed_dots::{CameraPrior, calibrate_on_dots, common_dots, held_out};
 use crate::grey_image::GreyImage;
 use crate::known_target::match_dots;
-use crate::lens::LENS;
+use crate::lens::{LENS, LENS_NAMES};
 use crate::linear::plane_of;
-use crate::multi_camera::{
-    CameraPrior, LensMode, calibrate_cameras, calibrate_on_dots, common_dots, held_out,
-};
+use crate::multi_camera::{LensMode, calibrate_cameras};
 use crate::report::{Report, camera_report, view_reports};
 use crate::rig_output::{rig_camera, rig_with, rig_with_lens};
 use crate::target_problem::{Calibrated, FreeParameters, Robustness, TargetView, calibrate_lens};
 use crate::{CalibrationError, dots, point_lists};
 use anyhow::{Context, bail, ensure};
 use ipc::logging::warn;
+use protocol::camera::Camera;
 use protocol::rig::Rig;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -180,8 +180,9 @@ fn views_of_pictures(pictures: &[PathBuf], board: &Board, camera: usize) -> anyh
     }
     progress.finish_and_clear();
     if sheets.is_empty() {
-        notes.iter().for_each(|n| warn(n));
-        bail!("the board was found in none of {} pictures", pictures.len());
+        notes.iter().skip(1).for_each(|n| warn(n));
+        let first = notes.first().cloned().unwrap_or_default();
+        bail!("the board was found in none of {} pictures: {first}", pictures.len());
     }
     Ok(Views { sheets, sizes_px: vec![size.context("no picture")?], notes })
 }
@@ -328,32 +329,42 @@ fn sheets_of_dots(args: &DotsArgs) -> anyhow::Result<Vec<TargetView>> {
     Ok(sheets)
 }
 
-/// The target's dots in a picture of each camera, and the pictures' size.
-fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Option<[u32; 2]>)> {
+/// The target's dots in a picture of each camera, and the pictures' sizes.
+fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Vec<[u32; 2]>)> {
     let target =
         point_lists::load_target(args.target.as_deref().context("--target is needed with --pictures")?)?;
     let (pictures, lists) = (args.pictures.len(), args.picked.len());
     ensure!(pictures == lists, "--picked: expected a list for each of {pictures} pictures, found {lists}");
     let progress = progress("pictures", Some(pictures as u64));
-    let (mut sheets, mut size) = (Vec::new(), None);
+    let (mut sheets, mut sizes) = (Vec::new(), Vec::new());
     for (camera, (path, picked)) in args.pictures.iter().zip(&args.picked).enumerate() {
         let picture = GreyImage::load(path)?;
         let own = [picture.width as u32, picture.height as u32];
+        if let Some([w, h]) = args.size {
+            let ([x, y], file) = (own, path.display());
+            ensure!([x, y] == [w, h], "{file}: expected {w}×{h} px by --size, found {x}×{y}");
+        }
         // Picking programs write (-1, -1) for a dot that was not seen.
         let picked = point_lists::load(picked)?.into_iter().flat_map(|v| v.samples);
         let picked: Vec<_> = picked.filter(|s| s.pixel.x >= 0.0 && s.pixel.y >= 0.0).collect();
-        let of_colour = |dark| match_dots(own, &dots::find(&picture, dark), &target, &picked);
-        let samples = match (of_colour(false), of_colour(true)) {
+        let [bright, dark] = [false, true].map(|dark| dots::find(&picture, dark));
+        let (n, file) = (target.len(), path.display());
+        ensure!(
+            !bright.is_empty() || !dark.is_empty(),
+            "{file}: expected the {n} dots of the target, round and on an even ground, found none"
+        );
+        let of_colour = |dots: &[dots::Dot]| match_dots(own, dots, &target, &picked);
+        let samples = match (of_colour(&bright), of_colour(&dark)) {
             (Ok(bright), Ok(dark)) if dark.len() > bright.len() => dark,
             (Ok(found), _) | (Err(_), Ok(found)) => found,
             (Err(problem), Err(_)) => return Err(problem).with_context(|| path.display().to_string()),
         };
-        size = size.or(Some(own));
+        sizes.push(own);
         sheets.push(TargetView { name: short(path), camera, view: 0, samples });
         progress.inc(1);
     }
     progress.finish_and_clear();
-    Ok((sheets, size))
+    Ok((sheets, sizes))
 }
 
 /// Runs `vitreo calibrate dots`.
@@ -362,17 +373,27 @@ fn sheets_of_target(args: &DotsArgs) -> anyhow::Result<(Vec<TargetView>, Option<
 /// As [`intrinsics`]; lists or pictures that do not fit the cameras.
 pub fn fixed_dots(args: &DotsArgs) -> anyhow::Result<ExitCode> {
     let template = Rig::load_or_shipped(args.rig.as_deref())?;
-    let (sheets, size) =
-        if args.pictures.is_empty() { (sheets_of_dots(args)?, None) } else { sheets_of_target(args)? };
-    let before: Vec<CameraPrior> = match args.size.or(size.filter(|_| args.rig.is_none())) {
-        Some(size) => vec![CameraPrior::Size(size); sheets.len()],
-        None => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
+    let (sheets, sizes) =
+        if args.pictures.is_empty() { (sheets_of_dots(args)?, Vec::new()) } else { sheets_of_target(args)? };
+    let before: Vec<CameraPrior> = match (args.size, &args.rig) {
+        (Some(size), _) => vec![CameraPrior::Size(size); sheets.len()],
+        (None, None) if !sizes.is_empty() => sizes.iter().copied().map(CameraPrior::Size).collect(),
+        (None, _) => template.cameras().into_iter().map(CameraPrior::Lens).collect(),
     };
     let (lists, cameras) = (sheets.len(), before.len());
     ensure!(lists == cameras, "expected a point list of each of the rig's {cameras} cameras, found {lists}");
+    for ((before, [x, y]), path) in before.iter().zip(sizes).zip(&args.pictures) {
+        if let CameraPrior::Lens(Camera { id, size_px: [w, h], .. }) = before {
+            let fits = [x, y] == [*w, *h];
+            ensure!(fits, "{}: expected {w}×{h} px of camera {id}, found {x}×{y}", path.display());
+        }
+    }
     let (free, loss) = (args.solve.free(), args.solve.loss);
     let found = calibrate_on_dots(&before, &sheets, free, loss, &mut |_, _| {})?;
-    let notes = vec!["the world is the frame of the dots".into()];
+    let mut notes = vec!["the world is the frame of the dots".into()];
+    notes.extend(found.left_out.iter().map(|&(camera, term)| {
+        format!("camera {camera}: its dots do not determine {}, which is held at 0", LENS_NAMES[term])
+    }));
     let mut report = report_of("dots", &found, &sheets, notes);
     if let Some(times) = args.splits {
         let [x, y, z] = median_of_splits(&before, &sheets, free, loss, times)?;

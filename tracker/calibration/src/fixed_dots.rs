@@ -1,0 +1,213 @@
+//! Cameras that see dots of known places: each alone, since nothing but the dots binds them.
+
+use crate::lens::LENS;
+use crate::multi_camera::{ImagePoint, Progress, noise_of, triangulate};
+use crate::solve::SolveError;
+use crate::target_problem::{
+    Calibrated, Correspondence, FreeParameters, Robustness, Scene, TargetProblem, TargetView, calibrate,
+    residuals, rms, robust_sigma, set_camera_pose,
+};
+use crate::{CalibrationError, degenerate, linear};
+use nalgebra::{Isometry3, Point3, Vector2};
+use protocol::camera::Camera;
+
+/// What is known of a camera before its calibration.
+#[derive(Debug, Clone)]
+pub enum CameraPrior {
+    /// Nothing but the size of its pictures, px.
+    Size([u32; 2]),
+    /// Its lens, which is fixed.
+    Lens(Camera),
+}
+
+/// Values of the lens that are held at zero, in this order, where a camera's dots do not determine
+/// them: the highest power first, of which a part of the picture tells least.
+const DISPENSABLE: [usize; 5] = [8, 5, 7, 6, 4];
+/// Spread of the residuals, as a share of the picture's width, from which dots and camera do not
+/// belong together; the worst real lens stays below a tenth of it.
+const MISFIT: f64 = 0.01;
+
+/// Calibrates cameras that see dots of known positions: their extrinsics, and the lenses that are
+/// not known. There is one view per camera; the world is the frame of the dots. Lens terms that
+/// the dots of a camera do not determine are held at zero and listed in
+/// [`Calibrated::left_out`].
+///
+/// # Errors
+/// Every camera that has no dots, or dots that do not determine it or do not fit any camera, by its
+/// number.
+pub fn calibrate_on_dots(
+    before: &[CameraPrior],
+    sheets: &[TargetView],
+    free: [bool; LENS],
+    robustness: Robustness,
+    progress: &mut Progress<'_>,
+) -> Result<Calibrated, CalibrationError> {
+    let one = |(c, before): (usize, &CameraPrior)| alone(c, before, sheets, free, robustness, progress);
+    let all: Vec<_> = before.iter().enumerate().map(one).collect();
+    let wrong = |(c, one): (usize, &Result<Calibrated, _>)| {
+        let name =
+            sheets.iter().find(|s| s.camera == c).map(|s| format!(" ({})", s.name)).unwrap_or_default();
+        one.as_ref().err().map(|problem| format!("camera {c}{name}: {problem}"))
+    };
+    let wrong: Vec<String> = all.iter().enumerate().filter_map(wrong).collect();
+    if !wrong.is_empty() {
+        return Err(degenerate(wrong.join("; ")));
+    }
+    Ok(together(all.into_iter().flatten().collect(), sheets))
+}
+
+/// The place of one camera, and its lens with as many terms as its dots determine.
+fn alone(
+    c: usize,
+    before: &CameraPrior,
+    sheets: &[TargetView],
+    free: [bool; LENS],
+    robustness: Robustness,
+    progress: &mut Progress<'_>,
+) -> Result<Calibrated, CalibrationError> {
+    let own: Vec<TargetView> = sheets
+        .iter()
+        .filter(|s| s.camera == c)
+        .map(|s| TargetView { camera: 0, view: 0, ..s.clone() })
+        .collect();
+    let start = first_guess(c as u32, before, own.first().map(|s| s.samples.as_slice()).unwrap_or_default())?;
+    let mut free = match before {
+        CameraPrior::Size(_) => free,
+        CameraPrior::Lens(_) => [false; LENS],
+    };
+    let mut left_out = Vec::new();
+    loop {
+        let problem = TargetProblem::new(&own, vec![FreeParameters { lens: free, place: true }], true, 1);
+        let start = Scene { cameras: vec![start.clone()], views: vec![Isometry3::identity()] };
+        let weak = match calibrate(problem, start, robustness, progress) {
+            Ok(found) => return fitting(Calibrated { left_out, ..found }),
+            Err(weak) => weak,
+        };
+        let open = matches!(
+            weak,
+            CalibrationError::Solve(
+                SolveError::Undetermined { .. } | SolveError::Endless { .. } | SolveError::TooFew { .. }
+            )
+        );
+        let Some(term) = DISPENSABLE.into_iter().find(|&term| open && free[term]) else { return Err(weak) };
+        free[term] = false;
+        left_out.push((c, term));
+    }
+}
+
+/// The calibration of one camera, unless its residuals are too large for any lens.
+fn fitting(found: Calibrated) -> Result<Calibrated, CalibrationError> {
+    let spread = robust_sigma(&found.residuals);
+    if spread > MISFIT * f64::from(found.scene.cameras[0].size_px[0]) {
+        let problem = format!("residuals of {spread:.1} px: its image points are not those of its dots");
+        return Err(degenerate(problem));
+    }
+    Ok(found)
+}
+
+/// A camera near that which saw the dots.
+fn first_guess(
+    id: u32,
+    before: &CameraPrior,
+    samples: &[Correspondence],
+) -> Result<Camera, CalibrationError> {
+    if samples.is_empty() {
+        return Err(degenerate("it sees no dot"));
+    }
+    match before {
+        CameraPrior::Size(size) => {
+            if linear::plane_of(samples)?.is_some() {
+                return Err(degenerate(
+                    "all dots lie in one plane, which does not fix a lens: \
+                     use a stepped target, or give the lens",
+                ));
+            }
+            linear::camera_from_dots(id, *size, samples)
+        }
+        CameraPrior::Lens(camera) => {
+            let mut camera = camera.clone();
+            let place = linear::target_in_camera(&camera, samples)?;
+            set_camera_pose(&mut camera, &place);
+            Ok(camera)
+        }
+    }
+}
+
+/// The cameras' own calibrations as one.
+fn together(all: Vec<Calibrated>, sheets: &[TargetView]) -> Calibrated {
+    let cameras: Vec<Camera> = all.iter().map(|one| one.scene.cameras[0].clone()).collect();
+    let scene = Scene { cameras, views: vec![Isometry3::identity()] };
+    let residuals = residuals(&scene, sheets);
+    let squares = all.iter().map(|one| one.sigma_px * one.sigma_px * one.residuals.len() as f64);
+    Calibrated {
+        rms_px: rms(residuals.iter().copied()),
+        sigma_px: (squares.sum::<f64>() / residuals.len().max(1) as f64).sqrt(),
+        sigmas: all.iter().flat_map(|one| one.sigmas.clone()).collect(),
+        iterations: all.iter().map(|one| one.iterations).max().unwrap_or(0),
+        left_out: all.iter().flat_map(|one| one.left_out.clone()).collect(),
+        residuals,
+        scene,
+    }
+}
+
+/// Known positions nearer than this are of one dot, mm; lists round to 1e-6.
+const SAME_DOT_MM: f64 = 1e-6;
+
+/// Root mean square errors along x, y, z (mm) of dots that all cameras see, triangulated after a
+/// calibration on the others of them. `chosen` is true for the dots of the calibration.
+///
+/// # Errors
+/// A calibration without a solution, or rays that do not meet.
+pub fn held_out(
+    before: &[CameraPrior],
+    sheets: &[TargetView],
+    free: [bool; LENS],
+    robustness: Robustness,
+    chosen: &dyn Fn(usize) -> bool,
+) -> Result<[f64; 3], CalibrationError> {
+    let common = common_dots(sheets, before.len());
+    let known: Vec<TargetView> = sheets
+        .iter()
+        .map(|sheet| {
+            let kept = common.iter().enumerate().filter(|(i, _)| chosen(*i)).map(|(_, dot)| dot);
+            let sample = |dot: &Dot| Correspondence { point: dot.point, pixel: dot.pixels[sheet.camera] };
+            TargetView { samples: kept.map(sample).collect(), ..sheet.clone() }
+        })
+        .collect();
+    let calibrated = calibrate_on_dots(before, &known, free, robustness, &mut |_, _| {})?;
+    let cameras = &calibrated.scene.cameras;
+    let noise = noise_of(&calibrated.residuals, cameras.len());
+    let (mut squares, mut n) = (nalgebra::Vector3::zeros(), 0);
+    for (_, Dot { point, pixels }) in common.iter().enumerate().filter(|(i, _)| !chosen(*i)) {
+        let points = cameras.iter().zip(pixels).zip(&noise);
+        let points: Vec<ImagePoint<'_>> =
+            points.map(|((camera, &pixel), &covariance)| ImagePoint { camera, pixel, covariance }).collect();
+        let found = triangulate(&points).ok_or_else(|| degenerate("rays of the cameras do not meet"))?;
+        squares += (found - point).map(|e| e * e);
+        n += 1;
+    }
+    Ok((squares / f64::from(n.max(1))).map(f64::sqrt).into())
+}
+
+/// A dot that every camera sees.
+#[derive(Debug, Clone)]
+pub struct Dot {
+    /// Where it is, mm.
+    pub point: Point3<f64>,
+    /// Where each camera sees it, px.
+    pub pixels: Vec<Vector2<f64>>,
+}
+
+/// Dots that every camera sees.
+pub fn common_dots(sheets: &[TargetView], cameras: usize) -> Vec<Dot> {
+    let Some(first) = sheets.iter().find(|s| s.camera == 0) else { return Vec::new() };
+    let pixel_of = |camera: usize, point: &Point3<f64>| {
+        let own = sheets.iter().filter(|s| s.camera == camera).flat_map(|s| &s.samples);
+        own.clone().find(|s| (s.point - point).norm() < SAME_DOT_MM).map(|s| s.pixel)
+    };
+    let dot = |sample: &Correspondence| {
+        let pixels = (0..cameras).map(|c| pixel_of(c, &sample.point)).collect::<Option<Vec<_>>>()?;
+        Some(Dot { point: sample.point, pixels })
+    };
+    first.samples.iter().filter_map(dot).collect()
+}
