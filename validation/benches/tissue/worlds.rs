@@ -62,7 +62,7 @@ fn measure(instruments: usize) -> Times {
             *count += usize::from(contact.in_contact && !contact.under);
         }
         let us = |ns: u64| ns as f64 * 1e-3;
-        let [collision_ns, tissue_ns, _, misc_ns] = t.paper_phases_ns();
+        let [collision_ns, tissue_ns, misc_ns] = t.paper_phases_ns();
         times.whole.push(us(t.step_ns()));
         times.tissue.push(us(tissue_ns));
         times.collision.push(us(collision_ns));
