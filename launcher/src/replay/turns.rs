@@ -67,7 +67,7 @@ pub struct Turn {
 #[derive(Debug)]
 enum Pending {
     Pose(Box<TrackerFrame>),
-    Step(StepRecord),
+    Step(Box<StepRecord>),
     Checkpoint(Box<Checkpoint>),
     Lost(String),
 }
@@ -153,7 +153,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             Item::Handle(handle) => self.handles.waiting.push_back((self.place, handle)),
             Item::Pedal(pedal) => self.pedals.waiting.push_back((self.place, pedal)),
             Item::Poses(frame) => wait(Pending::Pose(frame)),
-            Item::Step(step) => wait(Pending::Step(step)),
+            Item::Step(step) => wait(Pending::Step(Box::new(step))),
             Item::Checkpoint(header, state) => wait(Pending::Checkpoint(Box::new((header, state)))),
             Item::Note(note) if note.kind == NoteKind::Loss => wait(Pending::Lost(note.text)),
             _ => {}
@@ -211,7 +211,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         match self.find_step(frame, at) {
             StepSearch::Found(index) => {
                 let (_, _, Pending::Step(step)) = self.pending.remove(index)? else { return None };
-                Some(self.recorded_step(step, at))
+                Some(self.recorded_step(*step, at))
             }
             // A simulation that resumes makes the steps since its checkpoint again, in silence.
             StepSearch::PassedOver { next, poses } if next > last + 1 && poses < next - last => {
