@@ -48,6 +48,15 @@ impl BodyFilter {
         }
     }
 
+    /// True if the pose, its motion and their covariance are finite.
+    pub fn is_finite(&self) -> bool {
+        let [velocity, turning] = self.motion();
+        let pose = self.pose();
+        let state = pose.translation.vector.iter().chain(pose.rotation.coords.iter());
+        let mut all = state.chain(velocity.iter()).chain(turning.iter());
+        all.all(|v| v.is_finite()) && self.pose_covariance().iter().all(|v| v.is_finite())
+    }
+
     /// Velocity (mm/s) and angular velocity (rad/s) in the world.
     pub fn motion(&self) -> [Vector3<f64>; 2] {
         match self {

@@ -260,7 +260,7 @@ impl DriftEstimator {
             for p in 0..PER_BLOB {
                 let row = at[p] * self.parameters;
                 for q in 0..PER_BLOB {
-                    self.information[row + at[q]] += own[(p, q)];
+                    self.information[row + at[q]] += own[(p.max(q), p.min(q))];
                 }
                 self.gradient[at[p]] += right[p];
                 for (q, cell) in self.with_pose[at[p]].iter_mut().enumerate() {
@@ -315,18 +315,22 @@ impl DriftEstimator {
         }
     }
 
-    /// Eliminates the pose: N − C·G⁻¹·Cᵀ, b − C·G⁻¹·g.
+    /// Eliminates the pose: N − C·G⁻¹·Cᵀ, b − C·G⁻¹·g. Each cell is computed once for both triangles, so
+    /// that N stays symmetric to the bit.
     fn eliminate_pose(&mut self, of_pose: &Matrix6, gradient: &SMatrix<f64, 6, 1>) {
         let Some(inverse) = of_pose.cholesky().map(|c| c.inverse()) else { return };
         for &p in &self.local {
             let row = SMatrix::<f64, 1, 6>::from_row_slice(&self.with_pose[p]) * inverse;
-            for &q in &self.local {
+            for &q in self.local.iter().take_while(|q| **q <= p) {
                 let mixed = &self.with_pose[q];
                 let mut sum = 0.0;
                 for (a, b) in row.iter().zip(mixed) {
                     sum += a * b;
                 }
                 self.information[p * self.parameters + q] -= sum;
+                if q < p {
+                    self.information[q * self.parameters + p] -= sum;
+                }
             }
             self.gradient[p] -= (row * gradient)[0];
         }
@@ -347,10 +351,7 @@ impl DriftEstimator {
         }
         for _ in 0..COLUMNS {
             if self.column < n && !self.factor_column(self.column) {
-                // Not positive definite: the sums are inconsistent and are dropped.
-                self.information.fill(0.0);
-                self.gradient.fill(0.0);
-                self.column = 0;
+                self.drop_sums();
                 return false;
             }
             self.column += 1;
@@ -359,10 +360,20 @@ impl DriftEstimator {
             return false;
         }
         self.column = 0;
-        self.solve();
+        if !self.solve() {
+            self.drop_sums();
+            return false;
+        }
         self.apply(rig);
         self.remember();
         true
+    }
+
+    /// Drops sums that are not positive definite or not finite; the corrections stay.
+    fn drop_sums(&mut self) {
+        self.information.fill(0.0);
+        self.gradient.fill(0.0);
+        self.column = 0;
     }
 
     fn factor_column(&mut self, j: usize) -> bool {
@@ -386,7 +397,8 @@ impl DriftEstimator {
         true
     }
 
-    fn solve(&mut self) {
+    /// Moves the corrections towards the solution; false, with nothing moved, where that is not finite.
+    fn solve(&mut self) -> bool {
         let n = self.parameters;
         let mut gained = 0.0;
         for p in 0..n {
@@ -405,6 +417,9 @@ impl DriftEstimator {
             }
             self.right[p] = sum / self.factor[p * n + p];
         }
+        if !self.right.iter().all(|v| v.is_finite()) {
+            return false;
+        }
         self.report.evidence = gained / n as f64;
         self.report.detected |= self.report.evidence > k::DRIFT_EVIDENCE;
         // Shrunk towards the calibration as far as noise could be the cause (James and Stein 1961).
@@ -413,6 +428,7 @@ impl DriftEstimator {
             let next = *applied + k::DRIFT_STEP * (shrinkage * solved - *applied);
             *applied = next.clamp(-k::DRIFT_LIMIT, k::DRIFT_LIMIT);
         }
+        true
     }
 
     /// Applies the estimated corrections to `rig`.

@@ -189,6 +189,7 @@ fn pose_row(r: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::adverse::{Adverse, STEPS, Seen};
     use proptest::prelude::*;
 
     const MODELS: [Singer; 2] = [Singer { sigma: 200.0, tau_s: 0.05 }, Singer { sigma: 30.0, tau_s: 0.05 }];
@@ -217,6 +218,31 @@ mod tests {
             assert!(f.update(&pose, &posterior, &prior_inverse));
         }
         assert!((f.velocity - velocity).norm() < 0.05, "{}", f.velocity);
+    }
+
+    #[test]
+    fn a_million_adverse_steps_leave_it_sound() {
+        for movement in Adverse::ALL {
+            let mut f = filter();
+            for n in 1..STEPS {
+                let (turn, seen) = movement.at(n);
+                f.predict(n * 20_000_000);
+                let prior = f.pose_covariance();
+                let prior_inverse = prior.cholesky().expect("positive definite").inverse();
+                let mut information = prior_inverse;
+                if seen != Seen::Nothing {
+                    information += Matrix6::identity() * 1e6;
+                    information[(5, 5)] -= if seen == Seen::OneCamera { 1e6 } else { 0.0 };
+                    let pose = Isometry3::new(Vector3::zeros(), turn * 0.02);
+                    f.update(&pose, &information.try_inverse().unwrap(), &prior_inverse);
+                }
+                let p = &f.covariance;
+                assert!(p.diagonal().iter().all(|v| *v >= 0.0 && *v < 1e12), "{movement:?}, step {n}: {p}");
+                assert!((p - p.transpose()).amax() <= 1e-12 * p.amax(), "{movement:?}, step {n}");
+                assert!(f.boost.is_finite() && f.velocity.norm() < 1e6, "{movement:?}, step {n}");
+            }
+            println!("{movement:?}: {STEPS} steps");
+        }
     }
 
     proptest! {

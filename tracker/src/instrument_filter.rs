@@ -231,6 +231,7 @@ impl InstrumentFilter {
             step.apply(&mut self.covariance);
             self.add_noise(&step, dt);
         }
+        self.mirror();
         self.time_ns = time_ns;
     }
 
@@ -386,6 +387,13 @@ impl InstrumentFilter {
                 row[q] -= w[0] * a[q] + w[1] * b[q] + w[2] * c[q] + w[3] * d[q] + w[4] * e[q] + w[5] * f[q];
             }
         }
+        self.mirror();
+    }
+
+    /// Copies the lower triangle of the covariance into the upper one: what rounding makes of the two
+    /// differs.
+    #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
+    fn mirror(&mut self) {
         for r in 1..N {
             for q in 0..r {
                 self.covariance[q][r] = self.covariance[r][q];

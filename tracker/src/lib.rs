@@ -19,6 +19,8 @@
 //! they stand, and [`rig_check`] refuses rigs that cannot work.
 
 pub mod acquisition;
+#[cfg(test)]
+mod adverse;
 pub mod assembler;
 pub mod associate;
 pub mod block_matrix;
@@ -44,5 +46,6 @@ pub mod roll_recovery;
 pub mod stream;
 pub mod track;
 pub mod tracker;
+pub mod ud_covariance;
 
 pub use tracker::{Reference, Tracker};

@@ -100,6 +100,25 @@ impl TipPredictor {
         self.long.interrupt();
     }
 
+    /// Begins anew where something that it has learnt is not finite: a prediction can always be made from
+    /// the filter alone, so nothing is withheld for its sake. True if it did.
+    pub fn recover(&mut self) -> bool {
+        let learnt = self.short.is_valid() && self.middle.is_valid() && self.long.is_valid();
+        let errors = self.errors.iter().flatten().all(|e| e.is_finite());
+        let tips = self.predictions.iter().flatten().flatten().chain(self.samples.iter().map(|s| &s.tip));
+        let valid = learnt && errors && tips.flat_map(|tip| tip.iter()).all(|v| v.is_finite());
+        if !valid {
+            self.short.restart();
+            self.middle.restart();
+            self.long.restart();
+            self.errors = [[NEGLIGIBLE_MM2; PREDICTIONS]; HORIZONS];
+            self.predictions = [[[Vector3::zeros(); PREDICTIONS]; HORIZONS]; HORIZONS];
+            self.samples = [Sample::default(); LONG + 2];
+            self.count = 0;
+        }
+        !valid
+    }
+
     /// Adds the tip at `exposed_ns`; `tip_after` returns the tip at instants relative to that, s.
     pub fn observe(&mut self, exposed_ns: u64, measured: bool, tip_after: impl Fn(f64) -> Vector3<f64>) {
         let fields = exposed_ns.saturating_sub(self.time_ns) as f64 / FIELD_PERIOD_NS as f64;
@@ -282,70 +301,4 @@ fn basis(t: f64, p: usize) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use bytemuck::Zeroable;
-    use protocol::geometry::{Pose, Validity};
-    use protocol::poses::BodyState;
-    use protocol::predict::predict_body;
-
-    /// RMS error of a prediction 55 ms ahead of a moving tip, µm.
-    fn rms_um(tip: impl Fn(f64) -> Vector3<f64>) -> f64 {
-        let mut predictor = TipPredictor::default();
-        let mut sum = 0.0;
-        for k in 1..=300u64 {
-            let t = k as f64 * 0.02;
-            let mut body = BodyState::zeroed();
-            body.world_from_body = Pose { position_mm: tip(t).into(), ..Pose::IDENTITY };
-            body.validity = Validity::Measured as u32;
-            predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(t + dt));
-            predictor.write_to(k * FIELD_PERIOD_NS, |dt| tip(t + dt.min(0.0)), &mut body.predictor);
-            if k > 100 {
-                let ahead = Vector3::from(predict_body(&body, 0.055).world_from_body.position_mm);
-                sum += (ahead - tip(t + 0.055)).norm_squared();
-            }
-        }
-        (sum / 200.0_f64).sqrt() * 1e3
-    }
-
-    #[test]
-    fn tremor_of_any_frequency_is_predicted() {
-        for hz in [6.5, 7.5, 9.3, 11.8, 13.0] {
-            let w = 2.0 * std::f64::consts::PI * hz;
-            let tip = |t: f64| Vector3::new(0.08 * (w * t).sin(), 2.0 * t, 0.05 * (w * t).cos());
-            let held_um = 0.094 * 1e3;
-            assert!(rms_um(tip) < 0.06 * held_um, "{hz} Hz: {}", rms_um(tip));
-        }
-    }
-
-    #[test]
-    fn a_still_tip_stays_and_a_steady_one_goes_on() {
-        assert!(rms_um(|_| Vector3::new(1.0, 2.0, 3.0)) < 1e-3);
-        assert!(rms_um(|t| Vector3::new(5.0 * t, -3.0 * t, 1.0)) < 1.0);
-    }
-
-    #[test]
-    fn a_gap_starts_a_new_sequence_and_keeps_the_weights() {
-        let mut predictor = TipPredictor::default();
-        let tip = |t: f64| Vector3::new(0.1 * (60.0 * t).sin(), 0.0, 0.0);
-        for k in 1..60u64 {
-            predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
-        }
-        let learnt = predictor.short.clone();
-        predictor.observe(5_000_000_000, true, |_| Vector3::new(7.0, 0.0, 0.0));
-        assert!(predictor.ahead().is_none(), "nothing is known of the new movement yet");
-        let step = [Vector3::new(0.01, 0.0, 0.0); SHORT];
-        assert_eq!(predictor.short.predict(&step), learnt.predict(&step));
-    }
-
-    #[test]
-    fn a_missing_field_is_filled_in() {
-        let tip = |t: f64| Vector3::new(3.0 * t, 0.0, 0.0);
-        let mut predictor = TipPredictor::default();
-        for k in (1..60u64).filter(|k| k % 7 != 0) {
-            predictor.observe(k * FIELD_PERIOD_NS, true, |dt| tip(k as f64 * 0.02 + dt));
-        }
-        let bends: [Vector3<f64>; LONG] = predictor.bends();
-        assert!(bends.iter().all(|s| s.x.abs() < 1e-12), "{bends:?}");
-    }
-}
+mod tests;

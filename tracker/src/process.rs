@@ -12,7 +12,7 @@ use ipc::shell::Shell;
 use ipc::{Queue, Receiver, Sender, Wakes, wait};
 use protocol::blobs::BlobField;
 use protocol::control::{Command, RecordedFrame};
-use protocol::health::{Process, STATE_RUNNING};
+use protocol::health::{Process, STATE_DEGRADED, STATE_RUNNING};
 use protocol::limits::{FIELD_PERIOD_NS, MAX_FIELDS_USED, MAX_WAIT_MS};
 use protocol::message::Message;
 use protocol::poses::{ClosedBy, TrackerFrame};
@@ -58,6 +58,9 @@ struct TrackerProcess {
     clock: Clock,
     replay: bool,
     drift_reported: bool,
+    restarts_reported: u64,
+    /// Frames that were not valid and were not sent.
+    withheld: u64,
     awake: Awake,
     /// The newest fields that came during a sleep.
     newest: VecDeque<BlobField>,
@@ -82,6 +85,8 @@ impl TrackerProcess {
             clock: if config.stream_clock { Clock::Stream(0) } else { Clock::System },
             replay: config.replay,
             drift_reported: false,
+            restarts_reported: 0,
+            withheld: 0,
             awake: Awake::default(),
             newest: VecDeque::with_capacity(MAX_FIELDS_USED),
             passed_over: 0,
@@ -225,7 +230,9 @@ impl TrackerProcess {
         if let Err(invalid) = frame.validate() {
             // The tracker's own chokepoint: an invalid frame is not sent.
             tracing::error!(field = frame.field, frame = frame.frame, "frame withheld: {invalid}");
-            self.shell.report.refused += 1;
+            self.withheld += 1;
+            self.shell.report.state = STATE_DEGRADED;
+            self.shell.set_text(&format!("{} frames withheld", self.withheld));
             return Ok(());
         }
         Ok(self.poses.send(&frame)?)
@@ -242,6 +249,11 @@ impl TrackerProcess {
         while let Some(notice) = self.tracker.take_notice() {
             tracing::warn!("{notice}");
         }
+        let restarts = self.tracker.restarts();
+        if restarts > self.restarts_reported {
+            tracing::error!(restarts, "a filter or predictor was not finite and began anew");
+        }
+        self.restarts_reported = restarts;
         let (blobs, recorded) = (self.blobs.counts(), self.recorded.counts());
         let report = &mut self.shell.report;
         let strange = if self.replay { 0 } else { recorded.received - recorded.refused };
@@ -249,7 +261,8 @@ impl TrackerProcess {
         report.sent = self.poses.sent();
         report.lost = blobs.lost + recorded.lost + self.store.dropped() + self.passed_over;
         let fields = u64::from(self.assembler.refused());
-        report.refused = blobs.refused + recorded.refused + strange + fields + self.tracker.blobs_refused();
+        report.refused = blobs.refused + recorded.refused + strange + fields;
+        report.refused += self.tracker.blobs_refused() + self.withheld;
     }
 
     fn serve_control(&mut self) -> anyhow::Result<()> {

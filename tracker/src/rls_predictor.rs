@@ -5,10 +5,15 @@
 //! the same weights for the three axes: a steady movement goes on whatever the weights are. The weights
 //! minimise the squared errors of past predictions, older fields counting less (Haykin, Adaptive Filter
 //! Theory, RLS). Initial weights are the least-squares ones of a typical motion: voluntary movement, a flat
-//! tremor between 6 and 14 Hz, noise. The gain depends on the bends alone, so one inverse serves all
-//! horizons.
+//! tremor between 6 and 14 Hz, noise. The gain depends on the bends alone, so one covariance of the
+//! weights serves all horizons.
+//!
+//! It lasts as long as a session does: the covariance is kept in UD form (see [`crate::ud_covariance`]),
+//! and its information never falls below a share of the typical motion's in any direction, so that a hand
+//! at rest does not wind it up.
 
 use crate::motion_models::VoluntaryMotion;
+use crate::ud_covariance::UdCovariance;
 use nalgebra::{SMatrix, SVector, Vector3};
 
 /// Number of horizons: 1 to 4 fields, 20 to 80 ms.
@@ -22,9 +27,9 @@ const PRIOR_FIELDS: f64 = 20.0;
 const SWING_HZ: [f64; 2] = [0.5, 1.5];
 /// Their number: two phases of each frequency.
 const SWINGS: usize = 2 * SWING_HZ.len();
-/// Largest trace of the inverse correlation, over its initial trace: without excitation, forgetting
-/// alone would wind the inverse up.
-const WIND_UP: f64 = 1e4;
+/// Least information in any direction, over that of the start: without excitation, forgetting alone would
+/// wind the covariance up.
+const INFORMATION_FLOOR: f64 = 1e-4;
 
 /// Voluntary movement of the typical motion.
 const TYPICAL_VOLUNTARY: VoluntaryMotion = VoluntaryMotion { sigma: 15.0, tau_s: 0.3 };
@@ -41,15 +46,25 @@ const LAGS: usize = 44;
 /// Adaptive weights of the last `L` bends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RlsPredictor<const L: usize> {
-    inverse: SMatrix<f64, L, L>,
-    weights: [SVector<f64, L>; HORIZONS],
+    learnt: Learnt<L>,
     /// Gains and bends of the last fields, newest first, until the displacements they predict are
     /// measured.
     pending: [PendingUpdate<L>; HORIZONS],
-    start_trace: f64,
+    /// What it starts with.
+    typical: Box<Learnt<L>>,
+    /// A factor F of the information that is added every `L` fields, F·Fᵀ; a column a field.
+    floor: Box<SMatrix<f64, L, L>>,
+    next_floor: usize,
     /// Movements that the tip may make at any time.
     swings: Option<Box<[Swing<L>; SWINGS]>>,
     next_swing: usize,
+}
+
+/// The weights and their covariance, in units of the variance of what they leave unpredicted.
+#[derive(Debug, Clone, PartialEq)]
+struct Learnt<const L: usize> {
+    covariance: UdCovariance<L>,
+    weights: [SVector<f64, L>; HORIZONS],
 }
 
 /// A slow movement: its bends, and what it moves over 1, 2 … fields beyond going straight on.
@@ -106,14 +121,22 @@ impl<const L: usize> RlsPredictor<L> {
             let beyond = [(h, 1.0), (0, -1.0 - h as f64), (-1, h as f64)];
             SVector::<f64, L>::from_fn(|k, _| between(&beyond, &bend(k)))
         };
-        let inverse = correlation.cholesky().map_or_else(SMatrix::identity, |s| s.inverse());
-        let weights = std::array::from_fn(|h| inverse * ahead(h as i64 + 1));
-        let inverse = inverse / PRIOR_FIELDS;
+        let cholesky = correlation.cholesky();
+        let (root, inverse) =
+            cholesky.map_or_else(|| (SMatrix::identity(), SMatrix::identity()), |c| (c.l(), c.inverse()));
+        let covariance = UdCovariance::new(&(inverse / PRIOR_FIELDS));
+        let typical = Learnt {
+            covariance: covariance.unwrap_or_else(UdCovariance::identity),
+            weights: std::array::from_fn(|h| inverse * ahead(h as i64 + 1)),
+        };
+        // In balance with forgetting: a share 1 - FORGETTING is lost every field.
+        let share = INFORMATION_FLOOR * PRIOR_FIELDS * (1.0 - FORGETTING) * L as f64;
         RlsPredictor {
-            inverse,
-            weights,
+            learnt: typical.clone(),
             pending: [PendingUpdate::NONE; HORIZONS],
-            start_trace: inverse.trace(),
+            typical: Box::new(typical),
+            floor: Box::new(root * libm::sqrt(share)),
+            next_floor: 0,
             swings: (swing_mm_s2 > 0.0)
                 .then(|| Box::new(std::array::from_fn(|n| Swing::new(n, period_s, swing_mm_s2)))),
             next_swing: 0,
@@ -126,27 +149,29 @@ impl<const L: usize> RlsPredictor<L> {
         for (h, moved) in moved.iter().enumerate() {
             let Some(moved) = moved else { continue };
             let update = &self.pending[h];
-            let weights = &mut self.weights[h];
+            let weights = &mut self.learnt.weights[h];
             for ((moved, bends), gain) in moved.iter().zip(&update.bends).zip(&update.gains) {
                 let error = moved - bends.dot(weights);
                 *weights += gain * error;
             }
         }
-        if self.inverse.trace() < WIND_UP * self.start_trace {
-            self.inverse /= FORGETTING;
-        }
+        self.forget();
         let mut update = PendingUpdate::NONE;
-        for (axis, (gains, kept)) in update.gains.iter_mut().zip(&mut update.bends).enumerate() {
+        for (axis, (gain, kept)) in update.gains.iter_mut().zip(&mut update.bends).enumerate() {
             let seen = SVector::<f64, L>::from_iterator(bends.iter().map(|bend| bend[axis]));
-            let projected = self.inverse * seen;
-            let gain = projected / (1.0 + seen.dot(&projected));
-            self.inverse.ger(-1.0, &gain, &projected, 1.0);
-            make_symmetric(&mut self.inverse);
-            (*gains, *kept) = (gain, seen);
+            (*gain, *kept) = (self.learnt.covariance.observe(&seen), seen);
         }
         self.pending.rotate_right(1);
         self.pending[0] = update;
         self.swing();
+    }
+
+    /// Lets older fields count less, down to the floor: information I ← λ·I + f·fᵀ, with another column f
+    /// of the floor's factor every field.
+    fn forget(&mut self) {
+        self.learnt.covariance.scale(1.0 / FORGETTING);
+        self.learnt.covariance.observe(&self.floor.column(self.next_floor).into_owned());
+        self.next_floor = (self.next_floor + 1) % L;
     }
 
     /// Learns a movement that the tip may begin at any time: what is seldom seen would else be predicted
@@ -154,11 +179,8 @@ impl<const L: usize> RlsPredictor<L> {
     fn swing(&mut self) {
         let Some(swings) = &self.swings else { return };
         let Swing { bends, moved } = &swings[self.next_swing];
-        let projected = self.inverse * bends;
-        let gain = projected / (1.0 + bends.dot(&projected));
-        self.inverse.ger(-1.0, &gain, &projected, 1.0);
-        make_symmetric(&mut self.inverse);
-        for (weights, moved) in self.weights.iter_mut().zip(moved) {
+        let gain = self.learnt.covariance.observe(bends);
+        for (weights, moved) in self.learnt.weights.iter_mut().zip(moved) {
             *weights += gain * (moved - bends.dot(weights));
         }
         self.next_swing = (self.next_swing + 1) % SWINGS;
@@ -169,18 +191,23 @@ impl<const L: usize> RlsPredictor<L> {
         self.pending = [PendingUpdate::NONE; HORIZONS];
     }
 
+    /// Begins anew, with the weights of the typical motion.
+    pub fn restart(&mut self) {
+        self.learnt.clone_from(&self.typical);
+        self.interrupt();
+    }
+
+    /// True if everything that it has learnt is finite, and the covariance positive definite.
+    pub fn is_valid(&self) -> bool {
+        self.learnt.covariance.is_valid() && self.learnt.weights.iter().flatten().all(|w| w.is_finite())
+    }
+
     /// What the tip will move over the next 1, 2 … fields beyond going straight on.
     pub fn predict(&self, bends: &[Vector3<f64>; L]) -> [Vector3<f64>; HORIZONS] {
-        self.weights.map(|weights| {
+        self.learnt.weights.map(|weights| {
             bends.iter().zip(weights.iter()).fold(Vector3::zeros(), |sum, (bend, w)| sum + bend * *w)
         })
     }
-}
-
-/// Rounding makes the inverse a little asymmetric, and forgetting would let that grow as 0.995⁻ⁿ: from
-/// 10⁻¹⁶ to 1 in 7,400 fields.
-fn make_symmetric<const L: usize>(inverse: &mut SMatrix<f64, L, L>) {
-    inverse.fill_lower_triangle_with_upper_triangle();
 }
 
 /// Autocovariance of the typical motion at lags of 0, 1 … `lags` fields, mm², up to a constant that
@@ -208,7 +235,6 @@ fn typical_autocovariance(lags: usize, period_s: f64) -> [f64; LAGS] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use protocol::random::{nth, unit_interval};
 
     /// Bends of a path at field `n`, and what it moves over the fields before or after it beyond going on.
     fn bends<const L: usize>(tip: impl Fn(i64) -> Vector3<f64>, n: i64) -> [Vector3<f64>; L] {
@@ -260,17 +286,10 @@ mod tests {
         check(&predictor, sine, 180_000);
     }
 
-    /// A tremor of two frequencies, a swing and noise: nothing that a few weights predict exactly.
-    fn hand(n: i64) -> Vector3<f64> {
-        let t = n as f64 * 0.02;
-        let noise = |axis: u64| (unit_interval(nth(axis, n as u64)) - 0.5) * 0.006;
-        let tremor = 0.02 * (52.0 * t).sin() + 0.015 * (71.3 * t).cos();
-        Vector3::new(tremor + noise(0), 0.7 * tremor + noise(1), 3.0 * (1.1 * t).sin() + noise(2))
-    }
-
     #[test]
     fn a_hundred_thousand_fields_of_a_hand_leave_the_errors_as_they_were() {
         let mut predictor = RlsPredictor::<36>::new(0.02, 30.0);
+        let hand = |n: i64| crate::adverse::hand(n as u64);
         let mut rms = Vec::new();
         let mut sum = 0.0;
         for n in 50..100_050 {
@@ -307,7 +326,7 @@ mod tests {
         for _ in 0..20_000 {
             predictor.update(&still, &[Some(Vector3::zeros()); HORIZONS]);
         }
-        assert!(predictor.inverse.iter().all(|v| v.is_finite()));
+        assert!(predictor.is_valid());
         assert!(predictor.predict(&[Vector3::new(0.01, 0.0, 0.0); 8]).iter().all(|d| d.norm() < 0.4));
     }
 }

@@ -36,6 +36,8 @@ pub struct Track {
     last_covariance: Matrix6,
     frame: FrameStats,
     predictor: TipPredictor,
+    /// How often the filter or the predictor was not finite and began anew.
+    restarts: u64,
 }
 
 /// What the present frame has brought.
@@ -64,6 +66,7 @@ impl Default for Track {
             last_covariance: Matrix6::identity(),
             frame: FrameStats::default(),
             predictor: TipPredictor::default(),
+            restarts: 0,
         }
     }
 }
@@ -86,9 +89,19 @@ impl Track {
             }
             filter.predict(time_ns, pivot);
         }
-        if stale {
+        if self.filter.as_ref().is_some_and(|f| !f.is_finite()) {
+            // Its pose is lost with it; the body is acquired anew.
+            self.filter = None;
+            self.restarts += 1;
+        }
+        if stale || self.filter.is_none() {
             self.lose();
         }
+    }
+
+    /// How often the body's filter or predictor was not finite and began anew.
+    pub fn restarts(&self) -> u64 {
+        self.restarts
     }
 
     /// Ends the track; its last pose stays in the published state.
@@ -219,6 +232,7 @@ impl Track {
             let since = exposed_ns.wrapping_sub(filter.time_ns()) as i64 as f64 * 1e-9;
             let tip_after = |dt: f64| filter.pose_after(since + dt).translation.vector;
             self.predictor.observe(exposed_ns, validity == Validity::Measured, tip_after);
+            self.restarts += u64::from(self.predictor.recover());
             self.predictor.write_to(exposed_ns, tip_after, &mut state.predictor);
         }
         state.validity = validity as u32;

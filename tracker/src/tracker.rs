@@ -102,6 +102,11 @@ impl Tracker {
         self.blobs_refused
     }
 
+    /// How often a filter or predictor of a body was not finite and began anew.
+    pub fn restarts(&self) -> u64 {
+        self.tracks.iter().map(Track::restarts).sum()
+    }
+
     /// How far the rig has drifted; `None` where that is not estimated.
     pub fn drift(&self) -> Option<&DriftReport> {
         self.drift.as_ref().map(DriftEstimator::report)

@@ -113,6 +113,9 @@ impl Evidence {
         share.gradient += own.right - eliminated * pull;
         self.spread += own.spread;
         self.blobs += own.blobs;
+        if !(self.gradient().norm() + self.spread.norm()).is_finite() {
+            *self = Evidence::default();
+        }
     }
 
     fn estimate(&self) -> Option<Vector6> {

@@ -74,3 +74,50 @@ fn a_rig_that_did_not_move_is_left_alone() {
     assert!(report.to_string().contains("no drift"), "{report}");
     assert_eq!(rig, RigModel::new(&Rig::load_or_shipped(None).unwrap()));
 }
+
+/// 10⁶ frames of residuals that noise, a bias, one camera alone or a rest make: sums stay symmetric and
+/// bounded, corrections within their limits, and none is dropped.
+#[test]
+fn a_million_frames_of_adverse_residuals_leave_it_sound() {
+    const FRAMES: u32 = 200_000;
+    let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
+    let cases: [(&str, fn(u32, &BlobMatch) -> bool, f64, bool); 5] = [
+        ("noise", |_, _| true, 0.0, true),
+        ("a bias", |_, _| true, 2.0, true),
+        ("one camera", |_, m| m.camera == 0, 0.5, true),
+        ("one frame in ten", |n, _| n % 10 == 0, 0.5, true),
+        ("rest", |_, _| true, 0.3, false),
+    ];
+    for (name, used, bias_px, moves) in cases {
+        let (mut rig, mut drift) = (nominal.clone(), DriftEstimator::new(&nominal));
+        let poses: Vec<_> = (0..if moves { 100 } else { 1 }).map(|n| blobs(&nominal, n)).collect();
+        for n in 0..FRAMES {
+            let (pose, matches) = &poses[n as usize % poses.len()];
+            let noise =
+                |k: u64| (protocol::random::unit_interval(protocol::random::nth(k, n.into())) - 0.5) * 0.2;
+            let mut matches: Vec<BlobMatch> = matches.iter().copied().filter(|m| used(n, m)).collect();
+            for (k, m) in matches.iter_mut().enumerate() {
+                let k = 2 * k as u64;
+                m.pixel += Vector2::new(noise(k) + bias_px * f64::from(m.camera == 0), noise(k + 1));
+            }
+            drift.add_residuals(&rig, 0, pose, &[Vector3::zeros(); 2], &matches);
+            assert!(drift.step(&mut rig) || drift.column > 0, "{name}: sums were dropped at {n}");
+            if n % 997 == 0 || n + 1 == FRAMES {
+                assert_sound(&drift, name);
+            }
+        }
+        println!("{name}: {FRAMES} frames, evidence {:.2}", drift.report().evidence);
+    }
+}
+
+fn assert_sound(drift: &DriftEstimator, name: &str) {
+    let (n, sums) = (drift.parameters, &drift.information);
+    let largest = sums.iter().fold(0.0f64, |most, v| most.max(v.abs()));
+    assert!(largest.is_finite() && largest < 1e9, "{name}: {largest}");
+    for r in 0..n {
+        for c in 0..r {
+            assert_eq!(sums[r * n + c], sums[c * n + r], "{name}: {r}, {c}");
+        }
+    }
+    assert!(drift.applied.iter().all(|a| a.abs() <= k::DRIFT_LIMIT), "{name}: {:?}", drift.applied);
+}

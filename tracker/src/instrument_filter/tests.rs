@@ -1,6 +1,7 @@
 //! Tests of the instrument filter: pivot, tremor, a trocar that becomes known.
 
 use super::*;
+use crate::adverse::{Adverse, STEPS, Seen};
 use proptest::prelude::*;
 
 const FIELD_NS: u64 = 20_000_000;
@@ -64,6 +65,62 @@ fn a_trocar_that_comes_into_sight_does_not_jerk_the_shaft() {
     let before = f.pose();
     f.predict(FIELD_NS + 1_000, Some(pivot()));
     assert!(box_minus(&f.pose(), &before).norm() < 1e-4);
+}
+
+/// Covariance of a measurement: one camera does not see the depth.
+fn noise_of(seen: Seen) -> Matrix6 {
+    let mut noise = Matrix6::identity() * 1e-5;
+    if seen == Seen::OneCamera {
+        noise[(2, 2)] = 1e4;
+    }
+    noise
+}
+
+fn assert_sound(f: &InstrumentFilter, what: &str) {
+    let p = &f.covariance;
+    for (r, row) in p.iter().enumerate() {
+        assert!(row[r] >= 0.0 && row[r] < 1e12, "{what}: variance {r} is {}", row[r]);
+        assert!(row.iter().enumerate().all(|(c, v)| *v == p[c][r]), "{what}: row {r} is not symmetric");
+    }
+    assert!(f.pose_covariance().cholesky().is_some(), "{what}: {}", f.pose_covariance());
+    assert!(f.vectors.iter().all(|v| v.norm() < 1e6), "{what}: {:?}", f.vectors);
+    let adapted = f.tremor_variance.iter().chain(&f.roll_tremor_variance);
+    assert!(adapted.chain([&f.voluntary_variance, &f.nis_ratio]).all(|v| *v >= 0.0 && v.is_finite()));
+}
+
+/// Every adverse movement, an hour of each: 10⁶ steps.
+#[test]
+fn an_hour_of_adverse_movements_leaves_it_sound() {
+    for movement in Adverse::ALL {
+        let depth = Vector3::new(0.0, 0.0, -4.0);
+        let mut f = filter(movement.at(0).0 + depth);
+        let (mut seen_ns, mut begun) = (0, 1);
+        for n in 1..STEPS {
+            let (tip, seen) = movement.at(n);
+            // A track ends where nothing is seen for long, and begins again where the body is seen.
+            let lost = FIELD_NS * n - seen_ns > FIELD_NS * 50;
+            if seen != Seen::Nothing {
+                seen_ns = FIELD_NS * n;
+            }
+            if lost {
+                if seen != Seen::Nothing {
+                    f = filter(tip + depth);
+                    f.time_ns = FIELD_NS * (n + 1);
+                    begun += 1;
+                }
+                continue;
+            }
+            f.predict(FIELD_NS * (n + 1), (n % 50 != 0).then(pivot));
+            if seen != Seen::Nothing {
+                measure(&mut f, &through(tip + depth), &noise_of(seen));
+            }
+            // Looking at the whole matrix costs more than the step.
+            if n.is_multiple_of(61) || n + 100 > STEPS {
+                assert_sound(&f, &format!("{movement:?}, step {n}"));
+            }
+        }
+        println!("{movement:?}: {STEPS} steps, begun {begun} times");
+    }
 }
 
 proptest! {
