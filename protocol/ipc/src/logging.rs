@@ -6,16 +6,21 @@
 //! record. A record about one camera field or frame carries its number as `field`.
 //!
 //! Records of the `log` crate, which graphics libraries use, come out in the same form. No span is
-//! opened, and a record that the filter leaves out costs one comparison and allocates nothing.
+//! opened, and a record that the filter leaves out costs one comparison and allocates nothing. A record
+//! that repeats is written at most once a second, with its count as `repeated`.
+
+mod repeats;
 
 use clap::ArgAction;
 use protocol::message::printable;
+use repeats::Repeats;
 use serde_json::{Map, Value};
 use std::fmt::{self, Debug, Write as _};
 use std::io::{IsTerminal, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::Instant;
 use tracing::field::{Field, Visit};
 use tracing::{Event, Level, Subscriber};
 use tracing_log::NormalizeEvent;
@@ -120,7 +125,7 @@ fn subscribe(process: &'static str, format: LogFormat, filter: Targets) {
         && std::io::stderr().is_terminal()
         && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty());
     let lines = tracing_subscriber::fmt::layer()
-        .event_format(Lines { process, format, colours })
+        .event_format(Lines { process, format, colours, repeats: Mutex::default() })
         .with_writer(std::io::stderr);
     // A program that embeds this crate may have its own subscriber; that one stays.
     let _ = tracing_subscriber::registry().with(lines.with_filter(filter)).try_init();
@@ -209,6 +214,7 @@ struct Lines {
     /// The level in its colour: for terminals. The layer's own setting would need a feature of its
     /// crate.
     colours: bool,
+    repeats: Mutex<Repeats>,
 }
 
 /// What every record has.
@@ -255,6 +261,15 @@ impl Head<'_> {
     }
 }
 
+impl Lines {
+    fn line(&self, head: &Head<'_>, fields: Map<String, Value>) -> String {
+        match self.format {
+            LogFormat::Text => head.text(&fields, self.colours),
+            LogFormat::Json => head.json(fields),
+        }
+    }
+}
+
 impl<S, N> FormatEvent<S, N> for Lines
 where
     S: Subscriber + for<'a> LookupSpan<'a>,
@@ -271,10 +286,22 @@ where
         let head = Head { process: self.process, level: *metadata.level(), target: metadata.target() };
         let mut fields = Fields(Map::new());
         event.record(&mut fields);
-        let line = match self.format {
-            LogFormat::Text => head.text(&fields.0, self.colours),
-            LogFormat::Json => head.json(fields.0),
-        };
+        let key = fields.0.get("message").and_then(Value::as_str).unwrap_or_default();
+        let now = Instant::now();
+        let mut repeats = self.repeats.lock().unwrap_or_else(PoisonError::into_inner);
+        for (message, level, times) in repeats.overdue(now) {
+            let head = Head { level, ..head };
+            let held_back = [("message", Value::from(message)), ("repeated", times.into())];
+            let held_back = Map::from_iter(held_back.map(|(name, value)| (name.to_owned(), value)));
+            writeln!(writer, "{}", self.line(&head, held_back))?;
+        }
+        match repeats.admit(key, head.level, now) {
+            None => return Ok(()),
+            Some(0) => {}
+            Some(times) => fields.put_count(times),
+        }
+        drop(repeats);
+        let line = self.line(&head, fields.0);
         writeln!(writer, "{line}")
     }
 }
@@ -284,6 +311,11 @@ where
 struct Fields(Map<String, Value>);
 
 impl Fields {
+    /// How often the record came since it was written last.
+    fn put_count(&mut self, times: u64) {
+        self.0.insert("repeated".to_owned(), times.into());
+    }
+
     fn put(&mut self, field: &Field, value: Value) {
         if !field.name().contains('.') {
             self.0.insert(field.name().to_owned(), value);
@@ -344,7 +376,7 @@ mod tests {
         let kept = Kept::default();
         let writer = kept.clone();
         let layer = tracing_subscriber::fmt::layer()
-            .event_format(Lines { process: "tracker", format, colours })
+            .event_format(Lines { process: "tracker", format, colours, repeats: Mutex::default() })
             .with_writer(move || writer.clone());
         let filter = "info".parse::<Targets>().unwrap();
         tracing::subscriber::with_default(
@@ -380,6 +412,13 @@ mod tests {
         let (time, rest) = lines[0].split_once(' ').unwrap();
         assert!(time.starts_with("20") && time.ends_with('Z'), "{time}");
         assert_eq!(rest, "WARN  tracker: frame withheld: \"x\" depth_mm=0.5 field=7");
+    }
+
+    #[test]
+    fn a_flood_of_one_record_is_one_line() {
+        let flood = || (0..50).for_each(|field: u64| tracing::error!(field, "frame withheld"));
+        let lines = lines(LogFormat::Text, false, flood);
+        assert_eq!(lines.len(), 1, "{lines:?}");
     }
 
     #[test]
