@@ -22,6 +22,7 @@ mod report;
 mod resume;
 mod screen;
 mod session;
+mod silence;
 mod standby;
 mod supervisor;
 mod watch;
@@ -179,6 +180,11 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
     }
     if report.states_lost > 0 {
         warn(&format!("the state of the eye was lost {} times", report.states_lost));
+        code = LOSS;
+    }
+    for silence in &report.silences {
+        let to_s = silence.to_s.unwrap_or(report.duration_s);
+        warn(&format!("from {:.1} to {to_s:.1} s {}", silence.from_s, silence.finding.what));
         code = LOSS;
     }
     if !report.unfinished.is_empty() {

@@ -22,6 +22,7 @@ mod pictures;
 mod play;
 mod record_replay;
 mod shortage;
+mod silence;
 mod sleep;
 mod streams;
 mod text;

@@ -53,6 +53,8 @@ pub struct Report {
     pub least_tracked: (&'static str, f64),
     /// What was wrong for longer than a moment, with its likely cause and what helps.
     pub warnings: Vec<Warning>,
+    /// Processes that ran and put out nothing for half a second or more.
+    pub silences: Vec<Warning>,
     /// Each process.
     pub processes: Vec<ProcessFigures>,
     /// Number of restarts, by process.

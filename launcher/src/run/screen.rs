@@ -4,6 +4,7 @@ use super::latency_stats::LatencyStats;
 use super::monitor::{CHANNELS, Monitor};
 use super::supervisor::Slot;
 use super::watch::Watch;
+use crate::tracking::Finding;
 use bytemuck::Zeroable;
 use ipc::logging::{inform, is_json};
 use protocol::budget::{Budgets, Stage};
@@ -41,6 +42,8 @@ pub struct Status<'a> {
     pub incident: &'a str,
     /// What is wrong and lasts.
     pub watch: &'a Watch,
+    /// The process that puts out nothing, if there is one.
+    pub silence: Option<&'a Finding>,
 }
 
 impl Status<'_> {
@@ -124,7 +127,7 @@ impl Status<'_> {
         if !self.incident.is_empty() {
             lines.push(format!("! {}", self.incident));
         }
-        for finding in self.watch.present() {
+        for finding in self.silence.into_iter().chain(self.watch.present()) {
             lines.push(format!("! {}", finding.text()));
         }
         for event in &self.monitor.warnings {
@@ -138,9 +141,10 @@ impl Status<'_> {
         let p99 = |stage| self.latencies.stage(stage).at_ms(99.0);
         let restarts: u32 = self.slots.iter().map(|s| s.restarts).sum();
         let tier = self.monitor.frame.map(|f| format!(", tier {}", f.tier)).unwrap_or_default();
+        let silence = self.silence.map(|finding| format!("; ! {}", finding.what)).unwrap_or_default();
         format!(
             "{:.0} s: {:.0} poses/s, {:.0} steps/s, {:.0} frames/s{tier}; p99 ms: tracking {:.2}, simulation {:.2}, \
-             rendering {:.1}, whole system {:.1}; {restarts} restarts",
+             rendering {:.1}, whole system {:.1}; {restarts} restarts{silence}",
             self.elapsed_s,
             rate(3),
             rate(4),
@@ -262,6 +266,7 @@ mod tests {
             recorder: "recording".into(),
             incident: "tracker restarted",
             watch: &Watch::default(),
+            silence: None,
         });
     }
 

@@ -16,6 +16,7 @@ use super::recorder::Recorder;
 use super::report::Incident;
 use super::resume::Resume;
 use super::screen::Screen;
+use super::silence::SilenceWatch;
 use super::supervisor::{ProcessEvent, Supervisor};
 use super::watch::Watch;
 use crate::modules::Composed;
@@ -117,6 +118,7 @@ struct Consumers {
     monitor: Monitor,
     tracking: Tracking,
     watch: Watch,
+    silence: SilenceWatch,
     resume: Resume,
     recorder: Option<Recorder>,
     score: LiveScore,
@@ -194,6 +196,7 @@ impl<'a> Session<'a> {
                 monitor,
                 tracking,
                 watch: Watch::default(),
+                silence: SilenceWatch::new(args.desk.is_some()),
                 resume,
                 recorder,
                 score: LiveScore::default(),
@@ -268,6 +271,7 @@ impl<'a> Session<'a> {
                 return Ok(why);
             }
             self.watch();
+            self.watch_silence();
             self.show();
         }
     }

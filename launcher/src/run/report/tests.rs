@@ -28,6 +28,7 @@ fn report() -> Report {
         tracking: TrackingFigures::default(),
         least_tracked: ("eye", 1.0),
         warnings: Vec::new(),
+        silences: Vec::new(),
         format: FORMAT,
         budgets_kept: true,
         ended_by: "duration".into(),

@@ -52,6 +52,7 @@ impl Session<'_> {
             tracking: self.consumers.tracking.figures(),
             least_tracked: self.consumers.tracking.least_share(),
             warnings: self.consumers.watch.warnings().to_vec(),
+            silences: self.consumers.silence.warnings().to_vec(),
             processes,
             restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
             incidents: std::mem::take(&mut self.incidents),

@@ -3,6 +3,7 @@
 use super::Session;
 use crate::run::screen::Status;
 use crate::run::watch::findings;
+use crate::tracking::Finding;
 use ipc::clock::now;
 use protocol::control::Notice;
 use protocol::message::text_bytes;
@@ -41,6 +42,7 @@ impl Session<'_> {
             recorder,
             incident,
             watch: &self.consumers.watch,
+            silence: self.consumers.silence.present(),
         };
         self.screen.show(&status);
     }
@@ -64,13 +66,37 @@ impl Session<'_> {
         let found = findings(&self.args, &consumers.tracking, monitor, since_ns);
         let at_s = self.elapsed_s(at);
         for finding in self.consumers.watch.note(at_s, &found) {
-            let text = finding.text();
-            self.screen.print(&format!("! {text}"));
-            let (kind, count) = (NoteKind::Log, 1);
-            self.consumers.record_note(Note { instant_ns: at, kind, process: None, count, text });
+            self.warn_of(&finding, at);
         }
-        let shown = self.consumers.watch.present().next().map_or("", |finding| finding.what.as_str());
-        // Sent each time: a renderer that was restarted has not seen it. The picture can do without.
-        let _ = self.notices.send(&Notice { instant_ns: at, text: text_bytes(shown) });
+        // Sent each time: a renderer that was restarted has not seen it.
+        self.notify(at);
+    }
+
+    /// Warns at once of a process that works no more though it runs.
+    pub(super) fn watch_silence(&mut self) {
+        let (at, at_s) = (now(), self.elapsed_s(now()));
+        if self.started_ns == 0 || self.paused_ns.is_some() || !self.supervisor.all_ready() {
+            return self.consumers.silence.excuse(at, at_s);
+        }
+        let counts = self.consumers.monitor.traffic.map(|t| t.count);
+        if let Some(finding) = self.consumers.silence.note(counts, at, at_s) {
+            self.warn_of(&finding, at);
+            self.notify(at);
+        }
+    }
+
+    /// Prints a finding and records it.
+    fn warn_of(&mut self, finding: &Finding, at: Nanos) {
+        let text = finding.text();
+        self.screen.print(&format!("! {text}"));
+        let (kind, count) = (NoteKind::Log, 1);
+        self.consumers.record_note(Note { instant_ns: at, kind, process: None, count, text });
+    }
+
+    /// Shows in the picture what is wrong; the picture can do without.
+    fn notify(&mut self, at: Nanos) {
+        let lasting = self.consumers.silence.present().or_else(|| self.consumers.watch.present().next());
+        let text = text_bytes(lasting.map_or("", |finding| finding.what.as_str()));
+        let _ = self.notices.send(&Notice { instant_ns: at, text });
     }
 }

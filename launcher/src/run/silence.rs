@@ -1,0 +1,170 @@
+//! Processes that take in and put out nothing: a run must not go on as if they worked. Pure.
+
+use super::monitor::CHANNELS;
+use super::watch::Warning;
+use crate::tracking::Finding;
+use protocol::health::Process;
+use protocol::time::Nanos;
+
+/// A process that puts out nothing for this long is silent, ns.
+const SILENT_NS: u64 = 500_000_000;
+/// While nothing has come from upstream for this long, nothing is expected, ns: five fields.
+const STARVED_NS: u64 = 100_000_000;
+/// Longest time between two calls that counts: a machine that slept is no silence, ns.
+const LONGEST_STEP_NS: u64 = 100_000_000;
+/// Silences kept for the report.
+const KEPT: usize = 100;
+
+/// What a process puts out, in the order of the data path.
+#[derive(Debug)]
+struct Output {
+    process: Process,
+    /// Index into [`CHANNELS`].
+    channel: usize,
+    /// What its absence means.
+    effect: &'static str,
+    /// Messages so far, by the newest call.
+    count: u64,
+    silent_ns: u64,
+    /// Index of the warning of a silence that lasts.
+    warning: Option<usize>,
+}
+
+/// Watches that every process of a run puts out what it takes in.
+#[derive(Debug)]
+pub struct SilenceWatch {
+    outputs: Vec<Output>,
+    warnings: Vec<Warning>,
+    at_ns: Nanos,
+}
+
+impl SilenceWatch {
+    /// For a run whose poses come from a tracker or from a desk.
+    pub fn new(desk: bool) -> Self {
+        let output = |process: Process, channel: &str, effect| Output {
+            process,
+            channel: CHANNELS.iter().position(|c| *c == channel).unwrap_or(0),
+            effect,
+            count: 0,
+            silent_ns: 0,
+            warning: None,
+        };
+        let (source, poses) = if desk { (None, Process::Desk) } else { (Some("blobs"), Process::Tracker) };
+        let source = source.map(|c| output(Process::VirtualRig, c, "the cameras send nothing"));
+        let path = [
+            output(poses, "poses", "the instruments stand still in the picture"),
+            output(Process::Simcore, "steps", "the tissue stands still"),
+        ];
+        SilenceWatch { outputs: source.into_iter().chain(path).collect(), warnings: Vec::new(), at_ns: 0 }
+    }
+
+    /// Begins anew: a pause, a start or a restart is no silence.
+    pub fn excuse(&mut self, at_ns: Nanos, at_s: f64) {
+        self.at_ns = at_ns;
+        for output in &mut self.outputs {
+            output.silent_ns = 0;
+            end(&mut self.warnings, output.warning.take(), at_s);
+        }
+    }
+
+    /// Takes the messages so far by [`CHANNELS`], at an instant and at the time since the start; returns
+    /// what is wrong from now on.
+    pub fn note(&mut self, counts: [u64; CHANNELS.len()], at_ns: Nanos, at_s: f64) -> Option<Finding> {
+        let step = at_ns.saturating_sub(self.at_ns).min(LONGEST_STEP_NS);
+        self.at_ns = at_ns;
+        for output in &mut self.outputs {
+            let count = counts[output.channel];
+            output.silent_ns += step;
+            if count != output.count {
+                (output.count, output.silent_ns) = (count, 0);
+                end(&mut self.warnings, output.warning.take(), at_s);
+            }
+        }
+        let first = self.outputs.iter_mut().find(|o| o.silent_ns >= STARVED_NS)?;
+        if first.silent_ns < SILENT_NS || first.warning.is_some() || self.warnings.len() >= KEPT {
+            return None;
+        }
+        let (name, channel) = (first.process.name(), CHANNELS[first.channel]);
+        let finding = Finding {
+            what: format!("{name} puts out nothing on {channel}: {}", first.effect),
+            cause: format!("{} messages came before; its lines on standard error say why", first.count),
+            remedy: "end the run and report this with its recording".into(),
+            subject: format!("silence of {name}"),
+        };
+        first.warning = Some(self.warnings.len());
+        let from_s = at_s - first.silent_ns as f64 * 1e-9;
+        self.warnings.push(Warning { from_s, to_s: None, finding: finding.clone() });
+        Some(finding)
+    }
+
+    /// The silence that lasts, if there is one.
+    pub fn present(&self) -> Option<&Finding> {
+        let index = self.outputs.iter().find_map(|o| o.warning)?;
+        Some(&self.warnings[index].finding)
+    }
+
+    /// Every silence of the run.
+    pub fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+}
+
+fn end(warnings: &mut [Warning], index: Option<usize>, at_s: f64) {
+    if let Some(warning) = index.and_then(|index| warnings.get_mut(index)) {
+        warning.to_s = Some(at_s);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// Runs for a second, a call every 10 ms; `flows` are the channels on which messages come.
+    fn second(watch: &mut SilenceWatch, from_ms: u64, flows: &[&str]) -> Vec<String> {
+        let mut found = Vec::new();
+        for ms in (from_ms..from_ms + 1_000).step_by(10) {
+            let counts = CHANNELS.map(|c| if flows.contains(&c) { ms } else { 7 });
+            found.extend(watch.note(counts, ms * MS, ms as f64 * 1e-3).map(|f| f.subject));
+        }
+        found
+    }
+
+    #[test]
+    fn the_first_that_is_silent_is_named_once() {
+        let mut watch = SilenceWatch::new(false);
+        let all = ["blobs", "poses", "steps", "frames"];
+        assert!(second(&mut watch, 0, &all).is_empty());
+        assert_eq!(second(&mut watch, 1_000, &["blobs", "frames"]), ["silence of tracker"]);
+        assert!(second(&mut watch, 2_000, &["blobs", "frames"]).is_empty());
+        assert!(watch.present().is_some());
+        assert!(second(&mut watch, 3_000, &all).is_empty() && watch.present().is_none());
+        let warning = &watch.warnings()[0];
+        assert!((warning.from_s - 0.99).abs() < 0.02, "{}", warning.from_s);
+        assert_eq!(warning.to_s, Some(3.0));
+        assert_eq!(second(&mut watch, 4_000, &["blobs", "poses"]), ["silence of simcore"]);
+        assert_eq!(second(&mut watch, 5_000, &[]), ["silence of virtual-rig"]);
+    }
+
+    #[test]
+    fn a_desk_sends_poses_itself() {
+        let mut watch = SilenceWatch::new(true);
+        assert!(second(&mut watch, 0, &["poses", "steps"]).is_empty());
+        assert_eq!(second(&mut watch, 1_000, &["steps"]), ["silence of desk"]);
+    }
+
+    #[test]
+    fn neither_a_sleep_nor_a_pause_is_a_silence() {
+        let mut watch = SilenceWatch::new(false);
+        let counts = [1; CHANNELS.len()];
+        watch.note(counts, 0, 0.0);
+        assert!(watch.note(counts, 3_600_000 * MS, 3_600.0).is_none(), "an hour of sleep");
+        for n in 1..20 {
+            let at = 3_600_000 + 100 * n;
+            watch.excuse(at * MS, at as f64 * 1e-3);
+            assert!(watch.note(counts, (at + 99) * MS, at as f64 * 1e-3).is_none());
+        }
+        assert!(watch.warnings().is_empty());
+    }
+}
