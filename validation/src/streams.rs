@@ -7,11 +7,17 @@
 //! | `nominal` | genlocked | 37, 8 to 12 Hz | markers hide each other |
 //! | `async` | each with a clock of its own | 37, 8 to 12 Hz | as nominal |
 //! | `tremor` | each with a clock of its own | 65, 6 to 14 Hz | as nominal |
+//! | `withdrawn` | genlocked | 37, 8 to 12 Hz | as nominal; an instrument is taken out for a third of the time |
+//! | `rest` | genlocked | none | nothing moves |
 //! | `hard` | each with a clock of its own | 65, 8 to 12 Hz | lost fields, a camera that fails for a second, false blobs, an instrument that is taken out and put back |
+//!
+//! A stream can be drawn so that its motion is periodic ([`Recipe::draw_periodic`]); repeated, it lasts as
+//! long as a session ([`lasting`]).
 //!
 //! A camera can be [`Knock`]ed at any instant; the rig that is told stays as it was.
 
 mod imaging;
+pub mod lasting;
 pub mod motion;
 pub mod score;
 
@@ -31,11 +37,20 @@ pub enum Scenario {
     Async,
     Tremor,
     Hard,
+    Withdrawn,
+    Rest,
 }
 
 impl Scenario {
     /// Every one.
-    pub const ALL: [Scenario; 4] = [Scenario::Nominal, Scenario::Async, Scenario::Tremor, Scenario::Hard];
+    pub const ALL: [Scenario; 6] = [
+        Scenario::Nominal,
+        Scenario::Async,
+        Scenario::Tremor,
+        Scenario::Hard,
+        Scenario::Withdrawn,
+        Scenario::Rest,
+    ];
 
     /// As in the table.
     pub fn name(self) -> &'static str {
@@ -44,7 +59,14 @@ impl Scenario {
             Scenario::Async => "async",
             Scenario::Tremor => "tremor",
             Scenario::Hard => "hard",
+            Scenario::Withdrawn => "withdrawn",
+            Scenario::Rest => "rest",
         }
+    }
+
+    /// True if the cameras expose together.
+    fn is_genlocked(self) -> bool {
+        matches!(self, Scenario::Nominal | Scenario::Withdrawn | Scenario::Rest)
     }
 }
 
@@ -120,6 +142,12 @@ struct Sighting {
 const SEEN_WITHIN_S: [f64; 2] = [0.0205, 0.0005];
 
 impl Stream {
+    /// Exposures of which a frame is due: those of the first camera, or of another where that has none.
+    pub fn reference_exposures(&self) -> usize {
+        let numbers: std::collections::BTreeSet<u64> = self.fields.iter().map(|f| f.field).collect();
+        numbers.len()
+    }
+
     /// How many markers of a body two cameras saw at an instant.
     pub fn markers_seen(&self, body: usize, t_s: f64) -> u32 {
         let first = self.sightings.partition_point(|s| s.exposed_s < t_s - SEEN_WITHIN_S[0]);
@@ -174,8 +202,19 @@ impl Losses {
 impl Recipe {
     /// Draws the stream on a rig.
     pub fn draw(&self, rig: &Rig) -> Stream {
+        self.draw_motion(rig, Motion::draw(self.scenario, rig, self.seconds, self.seed))
+    }
+
+    /// Draws a stream whose end joins its beginning: the motion's period is its length.
+    pub fn draw_periodic(&self, rig: &Rig) -> Stream {
+        self.draw_motion(
+            rig,
+            Motion::draw(self.scenario, rig, self.seconds, self.seed).periodic(self.seconds),
+        )
+    }
+
+    fn draw_motion(&self, rig: &Rig, motion: Motion) -> Stream {
         let hard = self.scenario == Scenario::Hard;
-        let motion = Motion::draw(self.scenario, rig, self.seconds, self.seed);
         let failing = rig.cameras[Random::new(self.seed, 1).below(rig.cameras.len())].id;
         let period = rig.field_period_ns() as f64;
         let count = (self.seconds * 1e9 / period) as u64;
@@ -184,7 +223,7 @@ impl Recipe {
             let mut random = Random::new(self.seed, 100 + u64::from(camera.id));
             let losses = Losses::draw(self.scenario, count, hard && failing == camera.id, &mut random);
             let (phase, rate) = match self.scenario {
-                Scenario::Nominal => (0.0, 1.0),
+                scenario if scenario.is_genlocked() => (0.0, 1.0),
                 _ => (
                     period * (n as f64 + random.between(-0.2, 0.2)) / rig.cameras.len() as f64,
                     1.0 + 1e-5 * random.between(-1.0, 1.0),
@@ -195,7 +234,7 @@ impl Recipe {
                 let lost = losses.has(field, &mut random);
                 let arrives = exposed + random.between(DELAY_NS.0, DELAY_NS.1);
                 let t_s = exposed * 1e-9;
-                if lost || t_s > self.seconds {
+                if lost || (t_s > self.seconds && !motion.is_periodic()) {
                     continue;
                 }
                 let knock = self.knocks.iter().filter(|k| k.camera == camera.id);

@@ -31,6 +31,12 @@ impl Waves {
         Waves(amplitudes.into_iter().map(wave).collect())
     }
 
+    /// The same with the nearest frequencies that fit a period, at least one of them.
+    fn periodic(&mut self, period_s: f64) {
+        let base = TAU / period_s;
+        self.0.iter_mut().for_each(|[_, rate, _]| *rate = (*rate / base).round().max(1.0) * base);
+    }
+
     fn at(&self, t_s: f64) -> f64 {
         self.0.iter().map(|[amplitude, rate, phase]| amplitude * libm::sin(rate * t_s + phase)).sum()
     }
@@ -58,6 +64,7 @@ struct Hand {
 pub struct Motion {
     hands: [Hand; INSTRUMENTS],
     eye: [Waves; 3],
+    period_s: Option<f64>,
 }
 
 /// Depth of a tip outside of the trocar, mm.
@@ -72,23 +79,41 @@ impl Motion {
     /// Draws them.
     pub fn draw(scenario: Scenario, rig: &Rig, seconds: f64, seed: u64) -> Self {
         let random = &mut Random::new(seed, 0);
-        let eye =
-            std::array::from_fn(|i| Waves::draw(3, [0.05, 0.22], if i == 2 { 0.03 } else { 0.11 }, random));
+        let moves = if scenario == Scenario::Rest { 0.0 } else { 1.0 };
+        let eye = std::array::from_fn(|i| {
+            Waves::draw(3, [0.05, 0.22], moves * if i == 2 { 0.03 } else { 0.11 }, random)
+        });
         let out_at = random.between(0.25, 0.7) * seconds;
         let out_for = random.between(1.4, 2.4);
         let taken_out = random.below(INSTRUMENTS);
         let hands = std::array::from_fn(|i| {
             let mut hand = Hand::draw(scenario, rig, i, random);
-            if scenario == Scenario::Hard && taken_out == i {
-                hand.out_s = Some([out_at, out_at + out_for]);
-            }
+            hand.out_s = match scenario {
+                Scenario::Hard => Some([out_at, out_at + out_for]),
+                Scenario::Withdrawn => Some([0.4 * seconds, 0.73 * seconds]),
+                _ => None,
+            };
+            hand.out_s = hand.out_s.filter(|_| taken_out == i);
             hand
         });
-        Motion { hands, eye }
+        Motion { hands, eye, period_s: None }
+    }
+
+    /// The same with the nearest frequencies that make it periodic.
+    pub fn periodic(mut self, period_s: f64) -> Self {
+        let hands = self.hands.iter_mut().flat_map(Hand::waves);
+        hands.chain(&mut self.eye).for_each(|waves| waves.periodic(period_s));
+        Motion { period_s: Some(period_s), ..self }
+    }
+
+    /// True if it repeats.
+    pub fn is_periodic(&self) -> bool {
+        self.period_s.is_some()
     }
 
     /// Everything at an instant.
     pub fn at(&self, t_s: f64) -> Placed {
+        let t_s = self.period_s.map_or(t_s, |period| t_s.rem_euclid(period));
         let eye = Rotation3::new(vector(&self.eye, t_s));
         let mut placed = Placed { bodies: [Isometry3::identity(); BODIES], present: [true; BODIES] };
         for (i, hand) in self.hands.iter().enumerate() {
@@ -102,13 +127,15 @@ impl Motion {
 impl Hand {
     fn draw(scenario: Scenario, rig: &Rig, i: usize, random: &mut Random) -> Self {
         let (band, tremor_mm) = match scenario {
-            Scenario::Nominal | Scenario::Async => ([8.0, 12.0], 0.037),
+            Scenario::Nominal | Scenario::Async | Scenario::Withdrawn => ([8.0, 12.0], 0.037),
+            Scenario::Rest => ([8.0, 12.0], 0.0),
             Scenario::Tremor => ([6.0, 14.0], 0.065),
             Scenario::Hard => ([8.0, 12.0], 0.065),
         };
         let side = if i == 0 { 1.0 } else { -1.0 };
         let trocar = rig.trocar(BODY_NAMES[i]).map_or([8.0 * side, 4.5, 7.9], |t| t.p_eye);
         let sigma = rig.trocar(BODY_NAMES[i]).map_or(0.05, |t| t.sigma);
+        let moves = if scenario == Scenario::Rest { 0.0 } else { 1.0 };
         let three = |count, band, rms: f64, random: &mut Random| {
             std::array::from_fn(|_| Waves::draw(count, band, rms, random))
         };
@@ -119,12 +146,17 @@ impl Hand {
                 random.between(-1.0, 2.0),
                 random.between(-5.0, -3.0),
             ),
-            wanted: three(4, [0.06, 0.45], 1.9, random),
+            wanted: three(4, [0.06, 0.45], 1.9 * moves, random),
             tremor: three(24, band, tremor_mm, random),
-            play: three(3, [0.1, 0.7], sigma / 1.5, random),
-            roll: Waves::draw(3, [0.06, 0.3], random.between(0.3, 0.6), random),
+            play: three(3, [0.1, 0.7], moves * sigma / 1.5, random),
+            roll: Waves::draw(3, [0.06, 0.3], moves * random.between(0.3, 0.6), random),
             out_s: None,
         }
+    }
+
+    fn waves(&mut self) -> impl Iterator<Item = &mut Waves> {
+        let vectors = self.wanted.iter_mut().chain(&mut self.tremor).chain(&mut self.play);
+        vectors.chain([&mut self.roll])
     }
 
     /// Its pose, and whether its tip is in the eye.

@@ -11,6 +11,7 @@ use tracker::assembler::FrameAssembler;
 use tracker::camera_watch::Notice;
 
 /// What the tracker made of a stream.
+#[derive(Default)]
 pub struct Tracked {
     /// Its frames.
     pub frames: Vec<TrackerFrame>,
@@ -24,11 +25,10 @@ impl Tracked {
     /// Tracks a stream on its own clock.
     pub fn of(stream: &Stream) -> Self {
         let (mut assembler, mut tracker) = (FrameAssembler::new(&stream.rig), Tracker::new(&stream.rig));
-        let mut tracked = Tracked { frames: Vec::new(), out_ns: Vec::new(), notices: Vec::new() };
+        let mut tracked = Tracked::default();
         for field in &stream.fields {
             assembler.add(field, field.blobs_out_ns, |used, closed| {
-                tracked.out_ns.push(field.blobs_out_ns);
-                tracked.frames.push(tracker.track(used, &closed.reference));
+                tracked.push(tracker.track(used, &closed.reference), field.blobs_out_ns);
                 let t_s = closed.reference.exposed_ns as f64 * 1e-9;
                 while let Some(notice) = tracker.take_notice() {
                     tracked.notices.push((t_s, notice));
@@ -36,6 +36,12 @@ impl Tracked {
             });
         }
         tracked
+    }
+
+    /// Adds a frame that was there at `out_ns`.
+    pub fn push(&mut self, frame: TrackerFrame, out_ns: u64) {
+        self.frames.push(frame);
+        self.out_ns.push(out_ns);
     }
 }
 

@@ -1,0 +1,98 @@
+//! Streams that last as long as a session: a minute of motion, noise and faults, again and again. What the
+//! tracker makes of a late minute can then be compared with what it made of an early one.
+
+use super::score::{Score, Tracked, rms};
+use super::{Recipe, Scenario, Stream};
+use protocol::blobs::BlobField;
+use protocol::rig::Rig;
+use std::time::{Duration, Instant};
+use tracker::Tracker;
+use tracker::assembler::FrameAssembler;
+
+/// Length of what repeats, s.
+const MINUTE_S: f64 = 60.0;
+const MINUTE_NS: u64 = 60_000_000_000;
+
+/// A tracker that runs on a stream, minute by minute.
+pub struct Lasting {
+    stream: Stream,
+    assembler: FrameAssembler,
+    tracker: Tracker,
+    minute: u64,
+}
+
+/// What came of a minute.
+pub struct Minute {
+    /// From 1.
+    pub number: u64,
+    /// Errors and coverage.
+    pub score: Score,
+    /// Exposures of the reference camera, and frames made of them.
+    pub exposures: usize,
+    /// Frames.
+    pub frames: usize,
+    /// Filters and predictors that were not finite and began anew.
+    pub restarts: u64,
+    /// How long the tracker took.
+    pub took: Duration,
+}
+
+impl Minute {
+    /// Root mean squares of tips and shown tips, µm.
+    pub fn errors_um(&self) -> [f64; 2] {
+        [rms(&self.score.tips_um), rms(&self.score.shown_um)]
+    }
+}
+
+impl Lasting {
+    /// A fresh tracker of a scenario on a rig; everything random comes from `seed`.
+    pub fn new(rig: &Rig, scenario: Scenario, seed: u64) -> Self {
+        let recipe = Recipe { scenario, seed, seconds: MINUTE_S, knocks: vec![] };
+        Lasting {
+            stream: recipe.draw_periodic(rig),
+            assembler: FrameAssembler::new(rig),
+            tracker: Tracker::new(rig),
+            minute: 0,
+        }
+    }
+
+    /// Tracks the next minute.
+    ///
+    /// # Panics
+    /// Where a frame is not valid: the process would withhold it.
+    pub fn minute(&mut self) -> Minute {
+        let Lasting { stream, assembler, tracker, minute } = self;
+        let (offset_ns, restarts) = (*minute * MINUTE_NS, tracker.restarts());
+        let begin = Instant::now();
+        let mut tracked = Tracked::default();
+        for field in &stream.fields {
+            let shifted = shifted(field, *minute, offset_ns);
+            assembler.add(&shifted, shifted.blobs_out_ns, |used, closed| {
+                let mut frame = tracker.track(used, &closed.reference);
+                protocol::message::Message::validate(&frame).expect("a valid frame");
+                // Scored as if it were the first minute; the first frame may belong to the one before.
+                frame.instants.exposed = frame.instants.exposed.saturating_sub(offset_ns);
+                tracked.push(frame, field.blobs_out_ns);
+            });
+        }
+        let took = begin.elapsed();
+        *minute += 1;
+        Minute {
+            number: *minute,
+            score: Score::of(&tracked, stream, 0.0, MINUTE_S),
+            exposures: stream.reference_exposures(),
+            frames: tracked.frames.len(),
+            restarts: tracker.restarts() - restarts,
+            took,
+        }
+    }
+}
+
+fn shifted(field: &BlobField, minute: u64, offset_ns: u64) -> BlobField {
+    let mut shifted = *field;
+    shifted.field += minute * (MINUTE_NS / protocol::limits::FIELD_PERIOD_NS);
+    for instant in [&mut shifted.exposed_ns, &mut shifted.read_out_ns, &mut shifted.blobs_out_ns] {
+        *instant += offset_ns;
+    }
+    shifted
+}
