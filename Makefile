@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test latency soak endure test-python fleet test-slurm test-s3 bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo test latency soak hour hour-live endure test-python fleet test-slurm test-s3 bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -89,6 +89,15 @@ latency: setup ## Run the simulator three times on a quiet machine; all latency 
 
 soak: setup ## Run 1,000 random programmes of 60 s over random scenes, every step checked (three quarters of an hour on two cores; SOAK="--programmes 20")
 	cargo run --release -p validation --example soak -- $(SOAK)
+
+hour: setup ## Run an hour of every stream, scene and module at full speed, and compare its end with its beginning (HOUR="--minutes 10 --only hard")
+	cargo run --release -p validation --example hour -- $(HOUR)
+
+hour-live: setup ## Run an hour live with the picture and a recording, then verify the recording (LIVE="--duration 600")
+	cargo build --release
+	@mkdir -p out
+	$(RELEASE) run --headless --instance hour --duration 3600 $(LIVE) --force --assert-tracking 0.99 --record out/hour.mcap --report out/hour.json
+	$(RELEASE) replay out/hour.mcap --instance hour --lockstep --verify
 
 fuzz: setup ## Try hostile inputs on every reader and message, 60 s each (FUZZ="--seconds 10 rig-json", FUZZ="--whole wire")
 	RUSTC_WORKSPACE_WRAPPER=$(CURDIR)/fuzz/rustc-with-coverage cargo build --workspace --bin fuzz
