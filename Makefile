@@ -3,7 +3,7 @@
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
-.PHONY: help setup setup-python demo test latency soak hour hour-live endure test-python fleet test-slurm test-s3 bench bench-score validation golden pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
+.PHONY: help setup setup-python demo test latency soak hour hour-live endure test-python fleet test-slurm test-s3 bench bench-score validation golden tracker-version pictures gallery instruments vectors study fuzz programs install put uninstall take-away test-install \
 	version tag release-programs stage deb test-deb sbom reproducible deny clean
 
 export PATH := $(HOME)/.cargo/bin:$(PATH)
@@ -165,6 +165,10 @@ study: setup ## Let four scripted surgeons and recorded hands do the training mo
 golden: setup ## Renew the recording that every build must replay to the bit; say in the commit why
 	cargo build --release
 	$(RELEASE) run --no-picture --instance golden --duration 2 --force --record tests/data/golden/peel-2s.mcap
+
+tracker-version: setup ## Raise the version of the tracker's arithmetic where it has changed, then renew the golden recording
+	cargo test --release -p tracker --test version renew -- --ignored --nocapture
+	$(MAKE) golden
 
 pictures: setup ## Renew the pictures that every build must draw alike; say in the commit why
 	cargo run --release -p renderer --example pictures -- tests/data/pictures

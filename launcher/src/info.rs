@@ -1,7 +1,10 @@
 //! `vitreo info`: what a recording holds.
 
+use crate::exit::LOSS;
+use crate::results::DESK;
+use ipc::logging::warn;
 use outputs::println;
-use recording::{Item, NoteKind, Recording};
+use recording::{Item, NoteKind, Recording, STATE_HASH, Source, TRACKER};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -77,11 +80,17 @@ impl Contents {
         }
     }
 
+    /// An imported stream holds no results, and a desk's poses are no tracker's.
+    fn has_version_of(&self, key: &str) -> bool {
+        let desk = self.config.contains_key(DESK);
+        self.source == Source::Live.name() && !(key == TRACKER && desk)
+    }
+
     fn print(&self) {
         let state = match (&self.damage, self.finished) {
             (Some(damage), _) => damage.clone(),
             (None, true) => "whole".into(),
-            (None, false) => "not closed in order, readable to its end".into(),
+            (None, false) => NOT_CLOSED.into(),
         };
         println!("{}", self.file);
         println!("  {:.1} MiB, {}, {state}", self.bytes as f64 / f64::from(1 << 20), self.source);
@@ -89,6 +98,11 @@ impl Contents {
             println!("  without checksum of rig and scene, as former versions wrote it");
         }
         println!("  scene {}, {:.2} s from {} ns", self.scene, self.duration_s, self.start_ns);
+        for (key, what) in [(TRACKER, "the tracker"), (STATE_HASH, "state hashes")] {
+            if self.has_version_of(key) && !self.versions.contains_key(key) {
+                println!("  no version of {what} is named, as former versions wrote it");
+            }
+        }
         for (group, map) in [("version", &self.versions), ("seed", &self.seeds), ("config", &self.config)] {
             map.iter().for_each(|(key, value)| println!("  {group} {key}: {value}"));
         }
@@ -110,7 +124,11 @@ impl Contents {
     }
 }
 
-/// Runs it. A damaged recording is described as far as it can be read, with exit code 3.
+/// Says that a recording ends where its recorder did.
+const NOT_CLOSED: &str = "not closed in order, readable to its end";
+
+/// Runs it. A recording that is damaged or was not closed is described as far as it can be read, with exit
+/// code 3.
 ///
 /// # Errors
 /// Where the file cannot be read as a recording.
@@ -141,8 +159,11 @@ pub fn run(args: &InfoArgs) -> anyhow::Result<ExitCode> {
     } else {
         contents.print();
     }
-    let code = if contents.damage.is_some() { crate::exit::LOSS } else { 0 };
-    Ok(ExitCode::from(code))
+    if contents.damage.is_none() && !contents.finished {
+        warn(&format!("{}: {NOT_CLOSED} (vitreo recover makes a whole file of it)", contents.file));
+    }
+    let whole = contents.damage.is_none() && contents.finished;
+    Ok(ExitCode::from(if whole { 0 } else { LOSS }))
 }
 
 #[cfg(test)]

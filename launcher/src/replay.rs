@@ -12,6 +12,8 @@ mod recorded;
 mod turns;
 mod verify;
 
+pub use verify::states_incomparable;
+
 use crate::exit::{DIFFERS, LOSS, UNTRACKED};
 use crate::results::DESK;
 use crate::run::share;
@@ -26,7 +28,6 @@ use pace::Pace;
 use processes::{ReplayProcesses, Stopped, TrackerMode};
 use protocol::control::Command;
 use protocol::rig::Rig;
-use protocol::steps::STATE_HASH_VERSION;
 use recording::{Recording, RecordingError, Source};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -42,9 +43,10 @@ pub struct ReplayArgs {
     /// As fast as the processes take it, instead of with the recorded spacing.
     #[arg(long)]
     pub lockstep: bool,
-    /// Compare every pose and every state with what was recorded; exit 5 where they differ, 3 where
-    /// not all could be compared: the recording has gaps, was not closed, or is of another version of
-    /// the state hash.
+    /// Compare what this tracker makes of the recorded blobs with the recorded poses, and what this
+    /// simulation makes of the recorded poses with the recorded states; exit 5 where they differ, 3 where not
+    /// all was verified: the recording has gaps, was not closed, lacks frames, or is of another version of
+    /// tracker or state hash; 1 where nothing could be compared.
     #[arg(long)]
     pub verify: bool,
     /// Speed: 2 is twice as fast as recorded.
@@ -103,10 +105,12 @@ pub fn run(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
 
 async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let recording = Recording::open(&args.file)?;
-    if recording.provenance().config.contains_key(DESK) {
+    let desk = recording.provenance().config.contains_key(DESK);
+    if desk && (!args.verify || args.poses.is_some() || args.assert_tracking.is_some()) {
         let file = args.file.display();
         bail!(
-            "{file}: made at a desk, without cameras: there are no blobs to replay; vitreo score --resimulate simulates it again"
+            "{file}: made at a desk, without cameras: there are no blobs to replay; --verify alone compares its \
+             states, vitreo score --resimulate simulates it again"
         );
     }
     let mode = match recording.provenance().source {
@@ -120,8 +124,8 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     let stop = StopSignal::install()?;
     let rig = Rig::parse(&recording.provenance().rig_json, "of the recording")?;
     let mut outputs = Outputs::open(args, &rig)?;
-    let other_state_hash_version = recording.provenance().other_state_hash_version();
-    let mut verdict = args.verify.then(|| Verdict { other_state_hash_version, ..Verdict::default() });
+    outputs.figures.desk = desk;
+    let mut verdict = args.verify.then(|| Verdict::new(recording.provenance(), desk));
     let mut shown = Shown { outputs: &mut outputs, verdict: verdict.as_mut() };
     let outcome = play(args, &recording, mode, &stop, &mut shown).await;
     let stopped = match outcome {
@@ -140,8 +144,8 @@ async fn replay(args: &ReplayArgs) -> anyhow::Result<ExitCode> {
     if stopped && args.lockstep {
         bail!(Stopped);
     }
-    if args.verify && figures.frames == 0 {
-        bail!("{}: holds no tracker frames to compare with", args.file.display());
+    if let Some(verdict) = figures.verify.as_ref().filter(|v| v.is_empty()) {
+        bail!("{}: nothing could be compared: {}", args.file.display(), verdict.reasons.join("; "));
     }
     let (body, tracked) = figures.least_tracked;
     if let Some(asserted) = args.assert_tracking.filter(|asserted| tracked < *asserted) {
@@ -218,21 +222,12 @@ fn print(figures: &Figures) {
         );
     }
     if let Some(verdict) = &figures.verify {
-        match (&verdict.difference, verdict.other_state_hash_version) {
-            (Some(difference), _) => println!("verification differs at {difference}"),
-            (None, None) => {
-                let left_out = verdict.left_out();
-                println!(
-                    "verified: {} poses and {} states identical{left_out}",
-                    verdict.poses, verdict.steps
-                );
-            }
-            (None, Some(version)) => {
-                println!("verified: {} poses identical; {}", verdict.poses, states_incomparable(version));
-            }
+        println!("{}", verdict.text());
+        if !verdict.reasons.is_empty() {
+            println!("not all is verified: {}", verdict.reasons.join("; "));
         }
     }
-    if let Some(lost) = &figures.lost {
+    if let (Some(lost), None) = (&figures.lost, &figures.verify) {
         println!("the recording has gaps; the first: {lost}");
     }
     if figures.unclosed && figures.damage.is_none() {
@@ -250,21 +245,15 @@ fn print(figures: &Figures) {
 /// The exit code. A recording that was not closed is what a crash leaves, and no loss of the replay's;
 /// but to verify it is to ask whether it is whole.
 fn code(figures: &Figures) -> u8 {
-    if figures.verify.as_ref().is_some_and(|v| v.difference.is_some()) {
-        return DIFFERS;
+    let Some(verdict) = &figures.verify else {
+        let damaged = figures.damage.is_some() && !figures.cut;
+        return if damaged || figures.lost.is_some() { LOSS } else { 0 };
+    };
+    match (&verdict.difference, verdict.reasons.is_empty()) {
+        (Some(_), _) => DIFFERS,
+        (None, true) => 0,
+        (None, false) => LOSS,
     }
-    let whole = !figures.cut && !figures.unclosed || figures.verify.is_none();
-    let damaged = figures.damage.is_some() && !figures.cut || !whole;
-    let incomparable = figures.verify.as_ref().is_some_and(|v| v.other_state_hash_version.is_some());
-    if damaged || incomparable || figures.lost.is_some() { LOSS } else { 0 }
-}
-
-/// Says that states of another hash version cannot be compared.
-pub fn states_incomparable(version: u32) -> String {
-    format!(
-        "states cannot be compared: the recording's state hashes are of version {version}, this build's of \
-         version {STATE_HASH_VERSION}"
-    )
 }
 
 #[cfg(test)]
@@ -273,25 +262,36 @@ mod tests {
 
     #[test]
     fn exit_codes_follow_the_contract() {
-        let figures = |difference: Option<&str>, lost: Option<&str>, damage: Option<&str>, cut| Figures {
-            verify: Some(Verdict { difference: difference.map(Into::into), ..Verdict::default() }),
-            lost: lost.map(Into::into),
-            damage: damage.map(Into::into),
-            cut,
-            ..Figures::default()
+        let verified = |difference: Option<&str>, change: fn(&mut Figures)| {
+            let mut verdict = Verdict { difference: difference.map(Into::into), ..Verdict::default() };
+            (verdict.poses.recorded, verdict.poses.compared, verdict.states.recorded) = (1, 1, 1);
+            let mut figures = Figures { verify: Some(verdict), camera_fields: 1, ..Figures::default() };
+            change(&mut figures);
+            let reasons = figures.reasons();
+            figures.verify.as_mut().unwrap().reasons = reasons;
+            figures
         };
-        assert_eq!(code(&figures(None, None, None, false)), 0);
-        assert_eq!(code(&figures(Some("field 4"), Some("field 9"), None, false)), DIFFERS);
-        assert_eq!(code(&figures(None, Some("field 9"), None, false)), LOSS);
-        assert_eq!(code(&figures(None, None, Some("cut"), true)), LOSS);
-        assert_eq!(code(&Figures { verify: None, ..figures(None, None, Some("cut"), true) }), 0);
-        assert_eq!(code(&Figures { unclosed: true, ..figures(None, None, None, false) }), LOSS);
+        assert_eq!(code(&verified(None, |_| {})), 0);
+        assert_eq!(code(&verified(Some("field 4"), |f| f.lost = Some("field 9".into()))), DIFFERS);
+        let losses: [fn(&mut Figures); 9] = [
+            |f| f.camera_fields = 0,
+            |f| f.lost = Some("field 9".into()),
+            |f| (f.damage, f.cut) = (Some("cut".into()), true),
+            |f| f.damage = Some("damaged".into()),
+            |f| f.unclosed = true,
+            |f| f.tracking.frames_due = 1,
+            |f| f.verify.as_mut().unwrap().states.other_version = Some(7),
+            |f| f.verify.as_mut().unwrap().poses.other_version = Some(7),
+            |f| f.verify.as_mut().unwrap().poses.recorded = 2,
+        ];
+        for loss in losses {
+            let figures = verified(None, loss);
+            let reasons = &figures.verify.as_ref().unwrap().reasons;
+            assert_eq!((code(&figures), reasons.len()), (LOSS, 1), "{reasons:?}");
+        }
+        let replayed = |damage: &str, cut| Figures { damage: Some(damage.into()), cut, ..Figures::default() };
+        assert_eq!((code(&replayed("cut", true)), code(&replayed("damaged", false))), (0, LOSS));
         assert_eq!(code(&Figures { unclosed: true, ..Figures::default() }), 0);
-        assert_eq!(code(&figures(None, None, Some("damaged"), false)), LOSS);
-        let mut incomparable = figures(None, None, None, false);
-        let verdict = incomparable.verify.insert(Verdict::default());
-        verdict.other_state_hash_version = Some(7);
-        assert_eq!(code(&incomparable), LOSS);
     }
 
     #[test]

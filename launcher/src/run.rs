@@ -46,7 +46,7 @@ use outputs::{Outputs, print};
 use protocol::budget::Stage;
 use protocol::rig::Rig;
 use protocol::steps::STATE_HASH_VERSION;
-use recording::{Provenance, STATE_HASH};
+use recording::{Provenance, STATE_HASH, TRACKER, TRACKER_VERSION};
 use report::{Report, Versions};
 use results::Store;
 use scene::{DEFAULT_SCENE, SceneFile};
@@ -140,15 +140,20 @@ fn provenance(args: &RunArgs) -> anyhow::Result<Provenance> {
     ];
     let config = config.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?)));
     let versions = Versions::of_this_build();
-    let state_hash = STATE_HASH_VERSION.to_string();
-    let versions = [("vitreo", versions.vitreo), ("profile", versions.profile), (STATE_HASH, &state_hash)];
+    let versions = [
+        ("vitreo", Some(versions.vitreo.to_string())),
+        ("profile", Some(versions.profile.to_string())),
+        (STATE_HASH, Some(STATE_HASH_VERSION.to_string())),
+        // A desk's poses are no tracker's.
+        (TRACKER, args.desk.is_none().then(|| TRACKER_VERSION.to_string())),
+    ];
     Ok(Provenance {
         rig_json: rig.to_json(),
         scene_name: scene_name.into(),
         scene_toml: scene.to_toml(),
         seeds: BTreeMap::from([("cameras".into(), args.seed.to_string())]),
         config: config.collect(),
-        versions: versions.map(|(k, v)| (k.to_string(), v.to_string())).into(),
+        versions: versions.into_iter().filter_map(|(k, v)| Some((k.to_string(), v?))).collect(),
         ..Provenance::default()
     })
 }
@@ -172,7 +177,7 @@ fn verdict(report: &Report, args: &RunArgs, view: View) -> u8 {
             warn(&format!("the recording is not complete: {problem}"));
             return FAILED;
         }
-        let lost = recording.lost + report.lost.values().sum::<u64>();
+        let lost = recording.lost + report.overwritten;
         if lost > 0 {
             warn(&format!("the recording misses {lost} blocks and says where"));
             code = LOSS;

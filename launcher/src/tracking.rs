@@ -2,7 +2,10 @@
 //! its likely cause and what helps. Pure.
 
 mod agreement;
+mod due;
 mod residuals;
+
+pub use due::Due;
 
 use agreement::{Agreement, Dissenter};
 use protocol::blobs::BlobField;
@@ -79,6 +82,7 @@ struct Counts {
 pub struct Tracking {
     agreement: Agreement,
     cameras: Vec<u32>,
+    due: Due,
     total: Counts,
     period: Counts,
     period_ns: Nanos,
@@ -95,6 +99,8 @@ pub struct Tracking {
 pub struct TrackingFigures {
     /// Tracker frames.
     pub frames: u64,
+    /// Frames that should have been: one in every field period in which the cameras exposed.
+    pub frames_due: u64,
     /// By body.
     pub bodies: BTreeMap<&'static str, BodyFigures>,
     /// By camera.
@@ -104,7 +110,7 @@ pub struct TrackingFigures {
 /// How a body was tracked.
 #[derive(Debug, Default, Serialize)]
 pub struct BodyFigures {
-    /// Share of frames with a measured pose.
+    /// Share of [`TrackingFigures::frames_due`] with a measured pose.
     pub tracked_share: f64,
     /// Median of the residuals in the pictures, px.
     pub residual_px: f64,
@@ -129,6 +135,7 @@ impl Tracking {
         Tracking {
             agreement: Agreement::new(rig),
             cameras: rig.cameras.iter().map(|c| c.id).collect(),
+            due: Due::new(rig.field_period_ns()),
             total: Counts::default(),
             period: Counts::default(),
             period_ns: 0,
@@ -142,6 +149,7 @@ impl Tracking {
 
     /// Takes a camera's field.
     pub fn note_field(&mut self, field: &BlobField) {
+        self.due.note_field(field);
         for counts in [&mut self.total, &mut self.period] {
             let camera = counts.cameras.entry(field.camera).or_default();
             camera.fields += 1;
@@ -152,6 +160,7 @@ impl Tracking {
 
     /// Takes a frame of the tracker; true where a period is over and [`Tracking::findings`] are new.
     pub fn note_frame(&mut self, frame: &TrackerFrame) -> bool {
+        self.due.note_frame(frame);
         self.total.note(frame);
         self.period.note(frame);
         // One that was back before the period was over is told too.
@@ -178,25 +187,42 @@ impl Tracking {
         &self.findings
     }
 
-    /// Least share of frames in which a body was tracked; 0 without frames.
+    /// What should have been.
+    pub fn due(&self) -> &Due {
+        &self.due
+    }
+
+    /// Takes the count of what should have been from somebody who saw fields that went into no frame.
+    pub fn count_by(&mut self, due: Due) {
+        self.due = due;
+    }
+
+    fn frames_due(&self) -> u64 {
+        self.total.frames + self.due.frames_missing()
+    }
+
+    /// Least share of the frames that should have been in which a body was tracked; 0 without any.
     pub fn least_share(&self) -> (&'static str, f64) {
+        let due = self.frames_due();
         let shares =
-            BODY_NAMES.into_iter().zip(&self.total.bodies).map(|(name, b)| (name, self.total.share(b)));
+            BODY_NAMES.into_iter().zip(&self.total.bodies).map(|(name, b)| (name, ratio(b.valid, due)));
         shares.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or(("nothing", 0.0))
     }
 
     /// Sums up.
     pub fn figures(&self) -> TrackingFigures {
+        let frames_due = self.frames_due();
         let bodies = BODY_NAMES.into_iter().zip(&self.total.bodies).map(|(name, body)| {
             let residual_px = body.residuals.median_px();
-            let tracked_share = self.total.share(body);
+            let tracked_share = ratio(body.valid, frames_due);
             (name, BodyFigures { tracked_share, residual_px, frames_by_status: body.statuses.clone() })
         });
         let cameras = self.total.cameras.iter().map(|(id, c)| {
             let (blobs_per_field, used_share) = (ratio(c.blobs, c.fields), ratio(c.used, c.blobs));
             (*id, CameraFigures { fields: c.fields, blobs_per_field, used_share })
         });
-        TrackingFigures { frames: self.total.frames, bodies: bodies.collect(), cameras: cameras.collect() }
+        let frames = self.total.frames;
+        TrackingFigures { frames, frames_due, bodies: bodies.collect(), cameras: cameras.collect() }
     }
 
     fn judge(&self) -> Vec<Finding> {
@@ -278,7 +304,11 @@ impl Tracking {
 
 /// Says that a body was tracked less than was asserted.
 pub fn untracked(body: &str, share: f64, asserted: f64) -> String {
-    format!("{body} was tracked in {:.2} % of the frames, less than {:.2} %", 100.0 * share, 100.0 * asserted)
+    format!(
+        "{body} was tracked in {:.2} % of the frames that should have been, less than {:.2} %",
+        100.0 * share,
+        100.0 * asserted
+    )
 }
 
 const MOVED: &str = "it was moved or refocused, or the rig file is of other cameras";
@@ -352,7 +382,7 @@ mod tests {
         let mut tracking = Tracking::new(&Rig::load_or_shipped(None).unwrap());
         for n in 0..=200 {
             for camera in (0..3).filter(|c| !silent.contains(c)) {
-                let exposed_ns = n * 20_000_000 + u64::from(camera) * 6_000_000;
+                let exposed_ns = 1_000_000_000 + n * 20_000_000 + u64::from(camera) * 6_000_000;
                 let mut field = BlobField { camera, exposed_ns, ..BlobField::zeroed() };
                 (0..10).for_each(|_| field.push(Zeroable::zeroed()));
                 tracking.note_field(&field);

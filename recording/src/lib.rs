@@ -28,6 +28,7 @@ mod record;
 mod records;
 mod resync;
 mod summary;
+mod tracker_version;
 mod viewer_messages;
 mod write;
 
@@ -40,6 +41,7 @@ mod samples;
 
 pub use note::{Note, NoteKind};
 pub use read::{Items, Recording};
+pub use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
 pub use write::Writer;
 
 use protocol::blobs::BlobField;
@@ -251,6 +253,8 @@ pub struct Provenance {
 
 /// Key of the version of state hashes among [`Provenance::versions`].
 pub const STATE_HASH: &str = "state-hash";
+/// Key of the version of the tracker's arithmetic among [`Provenance::versions`].
+pub const TRACKER: &str = "tracker";
 
 impl Provenance {
     /// Version of its state hashes where it is not [`STATE_HASH_VERSION`], so that states cannot be
@@ -258,6 +262,13 @@ impl Provenance {
     pub fn other_state_hash_version(&self) -> Option<u32> {
         let version = self.versions.get(STATE_HASH).map_or(1, |v| v.parse().unwrap_or(0));
         (version != STATE_HASH_VERSION).then_some(version)
+    }
+
+    /// Version of the arithmetic of its tracker where it is not [`TRACKER_VERSION`], so that its poses
+    /// cannot be expected from this tracker; 0 where it names none, or one that is no number.
+    pub fn other_tracker_version(&self) -> Option<u32> {
+        let version = self.versions.get(TRACKER).and_then(|v| v.parse().ok()).unwrap_or(0);
+        (version != TRACKER_VERSION).then_some(version)
     }
 }
 

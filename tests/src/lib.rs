@@ -1,6 +1,7 @@
 //! Harness of the cross-process checks: own instance names, a watchdog on every child, clean-up.
 
 pub mod endure;
+pub mod verified;
 
 use ipc::{BlockReceiver, Instance, Queue, Receiver, wait};
 use protocol::frames::PictureHeader;

@@ -4,7 +4,7 @@ use super::ReplayArgs;
 use super::verify::Verdict;
 use crate::poses_csv::{DisplayClock, PosesCsv};
 use crate::run::{Warning, Watch};
-use crate::tracking::{Tracking, TrackingFigures};
+use crate::tracking::{Due, Tracking, TrackingFigures};
 use ::outputs::OutputFile;
 use anyhow::Context;
 use blob_stream::write_line;
@@ -39,6 +39,9 @@ pub struct Figures {
     pub state_hash: String,
     /// How well bodies were tracked.
     pub tracking: TrackingFigures,
+    /// Made at a desk, without cameras: nothing was tracked.
+    #[serde(skip)]
+    pub desk: bool,
     /// The body that was tracked in the least share of frames, and that share.
     #[serde(skip)]
     pub least_tracked: (&'static str, f64),
@@ -50,10 +53,30 @@ pub struct Figures {
     pub cut: bool,
     /// The recorder did not close it in order.
     pub unclosed: bool,
-    /// Where and why the recording ceases to determine the result.
+    /// What the recording lacks first, and where.
     pub lost: Option<String>,
     /// The comparison with the recording, with `--verify`.
     pub verify: Option<Verdict>,
+}
+
+impl Figures {
+    /// Why not everything was verified; empty where it was.
+    pub fn reasons(&self) -> Vec<String> {
+        let without_frame = self.tracking.frames_due.saturating_sub(self.tracking.frames);
+        let lost = self.lost.as_ref().map(|lost| format!("the recording has gaps; the first: {lost}"));
+        let blind = self.camera_fields == 0 && !self.desk;
+        let poses = self.verify.as_ref().map_or(0, |v| v.poses.recorded);
+        let reasons = [
+            (blind && poses > 0).then(|| "no camera-fields were recorded".into()),
+            lost,
+            (without_frame > 0 && !self.desk)
+                .then(|| format!("{without_frame} fields have no tracker frame")),
+            self.damage.clone().filter(|damage| self.lost.as_ref().is_none_or(|lost| !lost.contains(damage))),
+            (self.unclosed && self.damage.is_none()).then(|| "the recording was not closed in order".into()),
+        ];
+        let left_out = self.verify.as_ref().map(Verdict::left_out).unwrap_or_default();
+        left_out.into_iter().chain(reasons.into_iter().flatten()).collect()
+    }
 }
 
 /// The files being written.
@@ -65,6 +88,7 @@ pub struct Outputs {
     outputs: ::outputs::Outputs,
     tracking: Tracking,
     watch: Watch,
+    field_period_ns: u64,
     processing_ns: u64,
     /// Figures for the report.
     pub figures: Figures,
@@ -91,10 +115,22 @@ impl Outputs {
             outputs,
             tracking: Tracking::new(rig),
             watch: Watch::default(),
+            field_period_ns: rig.field_period_ns(),
             processing_ns: args.processing_us * 1000,
             figures: Figures { file: args.file.display().to_string(), ..Figures::default() },
             span: None,
         })
+    }
+
+    /// Field period of the recording's cameras, ns.
+    pub fn field_period_ns(&self) -> u64 {
+        self.field_period_ns
+    }
+
+    /// Takes the count of frames that should have been from who saw all fields, also those that went into
+    /// no frame.
+    pub fn count_by(&mut self, due: Due) {
+        self.tracking.count_by(due);
     }
 
     /// A camera-field was sent to the tracker.
@@ -120,6 +156,9 @@ impl Outputs {
         let exposed = frame.instants.exposed;
         let [start, end] = self.span.unwrap_or([exposed; 2]);
         self.span = Some([start.min(exposed), end.max(exposed)]);
+        if self.figures.desk {
+            return Ok(());
+        }
         if self.tracking.note_frame(frame) {
             let at_s = exposed.saturating_sub(start.min(exposed)) as f64 * 1e-9;
             self.watch.note(at_s, self.tracking.findings());
@@ -164,6 +203,10 @@ impl Outputs {
         self.figures.tracking = self.tracking.figures();
         self.figures.least_tracked = self.tracking.least_share();
         self.figures.warnings = self.watch.warnings().to_vec();
+        let reasons = self.figures.reasons();
+        if let Some(verdict) = &mut self.figures.verify {
+            verdict.reasons = reasons;
+        }
         if let Some(path) = &self.report {
             let text = serde_json::to_string_pretty(&self.figures)?;
             self.outputs.write(path, text + "\n")?;

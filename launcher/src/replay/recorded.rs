@@ -1,6 +1,6 @@
 //! Replaying a recorded run: the tracker tracks the recorded frames' fields, the simulation gets
-//! what each step consumed. Where the recording has a gap, verification goes on from the next
-//! checkpoint with the recorded poses.
+//! what each step consumed, which are the recorded poses. Where the recording has a gap, the states are
+//! verified from the next checkpoint on.
 
 use super::Shown;
 use super::outputs::Outputs;
@@ -29,7 +29,8 @@ pub async fn run(
     shown: &mut Shown<'_>,
 ) -> anyhow::Result<Option<RecordingError>> {
     let Shown { outputs, verdict } = shown;
-    let mut turns = Turns::new(recording.items());
+    let mut turns = Turns::new(recording.items(), outputs.field_period_ns());
+    turns.desk = outputs.figures.desk;
     // The simulation's state is one that the recording determines.
     let mut known = true;
     let mut under_way: VecDeque<(Turn, bool)> = VecDeque::with_capacity(WINDOW);
@@ -60,12 +61,9 @@ pub async fn run(
         if let (Some(why), None) = (&turn.lost, &outputs.figures.lost) {
             outputs.figures.lost = Some(format!("field {}: {why}", turn.recorded.field));
         }
-        // What the record does not determine cannot be compared.
-        let determined = outputs.figures.lost.is_none();
-        let frame = if determined { &frame } else { &*turn.recorded };
         match verdict {
-            Some(verdict) if determined => verdict.pose(&turn.recorded, frame),
-            Some(verdict) => verdict.poses_undetermined += 1,
+            Some(verdict) if turn.determined => verdict.pose(&turn.recorded, &frame),
+            Some(verdict) => verdict.pass_over_pose(),
             None => {}
         }
         if let Some(step) = &turn.step {
@@ -74,13 +72,17 @@ pub async fn run(
                 known = processes.restore(checkpoint).await?;
             }
             known |= step.fresh && step.determined;
-            simulate(step, frame, processes, outputs, verdict.as_deref_mut(), known).await?;
+            simulate(step, &turn.recorded, processes, outputs, verdict.as_deref_mut(), known).await?;
         }
     }
     if let Some(verdict) = verdict {
-        verdict.missing += turns.missing;
-        verdict.undetermined += turns.strays;
+        verdict.states.missing += turns.missing;
+        verdict.pass_over_steps(turns.strays);
     }
+    if stopped_early {
+        turns.due.end_here();
+    }
+    outputs.count_by(turns.due.clone());
     if let (Some(why), None, false) = (&turns.lost, &outputs.figures.lost, stopped_early) {
         outputs.figures.lost = Some(format!("the last field: {why}"));
     }
@@ -116,7 +118,7 @@ async fn simulate(
     outputs.step(&made);
     match (&step.recorded, verdict) {
         (Some(recorded), Some(verdict)) if known => verdict.step(recorded, &made),
-        (Some(_), Some(verdict)) => verdict.pass_over(),
+        (Some(_), Some(verdict)) => verdict.pass_over_steps(1),
         _ => {}
     }
     Ok(())

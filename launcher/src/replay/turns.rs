@@ -5,10 +5,12 @@
 //! a field can stand behind the frame that consumed it. So items are read some time ahead, and
 //! what belongs together is matched by number.
 //!
-//! Where something is missing, the poses that follow are not determined any more, because the tracker
-//! remembers what it saw. Steps are made of the recorded poses then; where they lack something too,
-//! their states are determined again from the next checkpoint on.
+//! Poses and states are determined each by their own inputs. Where a field or a pose is missing, the poses
+//! that follow are not determined any more, because the tracker remembers what it saw, until a tracker
+//! that was started again counts from 0. Steps are made of the recorded poses; where one lacks an input,
+//! states are determined again from the next checkpoint on.
 
+use crate::tracking::Due;
 use protocol::blobs::BlobField;
 use protocol::control::RecordedFrame;
 use protocol::handles::{HandleState, PedalState};
@@ -59,7 +61,9 @@ pub struct Turn {
     pub recorded: Box<TrackerFrame>,
     /// The step, if the simulation made one.
     pub step: Option<StepTurn>,
-    /// Why from this turn on the recording does not determine the result; given once for each loss.
+    /// The recording determines the poses: the tracker has been given all that it saw.
+    pub determined: bool,
+    /// What of the recording is missing here; given once for each loss.
     pub lost: Option<String>,
 }
 
@@ -85,8 +89,15 @@ pub struct Turns<I> {
     last_step: Option<StepRecord>,
     last_frame: Option<u64>,
     begun: bool,
+    /// Since the last loss no pose has been determined.
+    poses_undetermined: bool,
     /// Since the last loss no state has been determined.
     undetermined: bool,
+    /// The poses are a desk's: no tracker made them.
+    pub desk: bool,
+    /// Frames that should have been.
+    pub due: Due,
+    fields_read: u64,
     /// Recorded steps without their poses.
     pub strays: u64,
     /// Steps that were made and whose poses or records are missing, by their numbers.
@@ -100,8 +111,8 @@ pub struct Turns<I> {
 }
 
 impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
-    /// Turns of `items`.
-    pub fn new(items: I) -> Self {
+    /// Turns of `items`, of cameras with this field period, ns.
+    pub fn new(items: I, period_ns: u64) -> Self {
         Turns {
             items,
             ended: false,
@@ -114,7 +125,11 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             last_step: None,
             last_frame: None,
             begun: false,
+            poses_undetermined: false,
             undetermined: false,
+            desk: false,
+            due: Due::new(period_ns),
+            fields_read: 0,
             strays: 0,
             missing: 0,
             checkpoint: None,
@@ -145,6 +160,8 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         let mut wait = |pending| self.pending.push_back((self.place, at, pending));
         match item {
             Item::Blobs(field) => {
+                self.due.note_field(&field);
+                self.fields_read += 1;
                 if self.fields.len() == FIELDS_KEPT {
                     self.fields.pop_front();
                 }
@@ -165,15 +182,23 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         while self.horizon_ns < at && self.read() {}
     }
 
-    /// Notes why states are no longer determined, nor poses.
-    fn lose(&mut self, why: impl FnOnce() -> String) {
+    /// Notes why states are no longer determined.
+    fn lose_states(&mut self, why: impl FnOnce() -> String) {
         self.undetermined = true;
-        self.lose_poses(why);
+        self.note_loss(why);
     }
 
-    /// Notes why poses are no longer determined. Steps are all the same: they are made of the recorded
-    /// poses, and by their numbers nothing that they consumed is missing.
+    /// Notes why poses are no longer determined.
     fn lose_poses(&mut self, why: impl FnOnce() -> String) {
+        self.poses_undetermined = true;
+        if !self.desk {
+            self.note_loss(why);
+        }
+    }
+
+    /// Notes that something is missing. What follows is determined all the same where, by their numbers,
+    /// no inputs are.
+    fn note_loss(&mut self, why: impl FnOnce() -> String) {
         if self.lost.is_none() {
             self.lost = Some(why());
         }
@@ -230,7 +255,9 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         let expected = if fresh { 0 } else { self.last_step.map_or(0, |s| s.step) } + 1;
         if step.step > expected {
             self.missing += step.step - expected;
-            self.lose(|| format!("step {} follows {} (field {})", step.step, expected - 1, step.field));
+            self.lose_states(|| {
+                format!("step {} follows {} (field {})", step.step, expected - 1, step.field)
+            });
         }
         if self.undetermined {
             self.read_until(at.saturating_add(CHECKPOINT_AHEAD_NS));
@@ -249,7 +276,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         let pedals = self.pedals.below(step.pedals_below, step.instants.stepped);
         let missing = [handles.as_ref().err(), pedals.as_ref().err()].into_iter().flatten().next().cloned();
         if let Some(what) = missing {
-            self.lose(|| format!("{what} (field {})", step.field));
+            self.lose_states(|| format!("{what} (field {})", step.field));
         }
         let (handles, pedals) = (handles.unwrap_or_default(), pedals.unwrap_or_default());
         let determined = !self.undetermined;
@@ -278,11 +305,16 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         if !repeated {
             self.strays += 1;
             self.last_step = Some(*step);
-            self.lose(|| format!("the poses of step {} (field {}) are missing", step.step, step.field));
+            self.lose_states(|| {
+                format!("the poses of step {} (field {}) are missing", step.step, step.field)
+            });
         }
     }
 
     fn turn(&mut self, frame: Box<TrackerFrame>, place: u64, at: Nanos) -> Turn {
+        self.due.note_frame(&frame);
+        // A tracker that was started again remembers nothing.
+        self.poses_undetermined &= frame.frame != 0;
         let before = self.last_frame.replace(frame.frame);
         if before.is_some_and(|before| frame.frame != before + 1 && frame.frame != 0) {
             self.lose_poses(|| format!("tracker frame {} follows {}", frame.frame, before.unwrap_or(0)));
@@ -291,6 +323,8 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
         if !std::mem::replace(&mut self.begun, true) && frame.frame != 0 {
             self.lose_poses(|| format!("the recording begins at tracker frame {}, not at 0", frame.frame));
         }
+        // Without any field, frames that used none tell nothing.
+        self.poses_undetermined |= self.fields_read == 0;
         let mut fields = Vec::with_capacity(frame.used().len());
         for used in frame.used() {
             let is_it = |f: &BlobField| key(f) == (used.camera, used.field, used.exposed_ns);
@@ -302,7 +336,8 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Turns<I> {
             }
         }
         let step = self.step_of(&frame, place, at);
-        Turn { request: request_of(&frame, &fields), fields, recorded: frame, step, lost: self.lost.take() }
+        let (request, determined) = (request_of(&frame, &fields), !self.poses_undetermined);
+        Turn { request, fields, recorded: frame, step, determined, lost: self.lost.take() }
     }
 }
 
@@ -314,7 +349,7 @@ impl<I: Iterator<Item = Result<(Nanos, Item), RecordingError>>> Iterator for Tur
             match self.pending.pop_front() {
                 Some((place, at, Pending::Pose(frame))) => return Some(self.turn(frame, place, at)),
                 Some((_, _, Pending::Step(step))) => self.stray_step(&step),
-                Some((_, _, Pending::Lost(text))) => self.lose_poses(|| text),
+                Some((_, _, Pending::Lost(text))) => self.note_loss(|| text),
                 Some((_, _, Pending::Checkpoint(checkpoint))) => self.checkpoint = Some(checkpoint),
                 None => {
                     if !self.read() {

@@ -64,8 +64,12 @@ pub struct Report {
     pub incidents: Vec<Incident>,
     /// Processes that ended with an error when they were asked to end: what they wrote is not whole.
     pub unfinished: Vec<String>,
-    /// Blocks that the launcher missed, by channel.
+    /// Blocks that should have been and did not come, by channel: overwritten before the launcher read them,
+    /// or published by nobody (camera-fields whose number was passed over, fields without a tracker frame).
     pub lost: BTreeMap<&'static str, u64>,
+    /// Of all channels, those that were overwritten.
+    #[serde(skip)]
+    pub overwritten: u64,
     /// How often the simulation died and could not go on from its past.
     pub states_lost: u64,
     /// Messages by channel.

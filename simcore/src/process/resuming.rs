@@ -63,14 +63,36 @@ impl SimcoreShell {
     /// the journal was written: what both hold is taken once. Poses of the time without a
     /// simulation are passed over, as after a sleep.
     fn inherit(&mut self, past: InputHistory) -> anyhow::Result<()> {
-        let (mut handles, mut pedals, poses) = past.unconsumed();
+        let (handles, pedals, poses) = past.unconsumed();
         self.drain()?;
-        handles
-            .extend(self.handle_queue.iter().filter(|h| !handles.contains(h)).copied().collect::<Vec<_>>());
-        pedals.extend(self.pedal_queue.iter().filter(|p| !pedals.contains(p)).copied().collect::<Vec<_>>());
-        (self.handle_queue, self.pedal_queue) = (handles, pedals);
+        put_before(&mut self.handle_queue, handles);
+        put_before(&mut self.pedal_queue, pedals);
         self.inherited = true;
         self.passed_over += poses;
         Ok(())
+    }
+}
+
+/// Puts what the journal holds before what came by the channel. The queue's room stays: a step takes in
+/// no more inputs than there is room for.
+fn put_before<T: PartialEq>(queue: &mut Vec<T>, past: Vec<T>) {
+    queue.retain(|input| !past.contains(input));
+    queue.splice(..0, past);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_both_hold_is_taken_once_and_the_room_stays() {
+        for past in [vec![], vec![1, 2, 3]] {
+            let mut queue = Vec::with_capacity(64);
+            queue.extend([2, 3, 4]);
+            put_before(&mut queue, past.clone());
+            let both = if past.is_empty() { vec![2, 3, 4] } else { vec![1, 2, 3, 4] };
+            assert_eq!(queue, both);
+            assert!(queue.capacity() >= 64, "room for {} after {past:?}", queue.capacity());
+        }
     }
 }

@@ -38,7 +38,7 @@ fn handle(seq: u64) -> Item {
 }
 
 fn turns(items: Vec<(u64, Item)>) -> Vec<Turn> {
-    Turns::new(items.into_iter().map(|(ms, item)| Ok((ms * MS, item)))).collect()
+    Turns::new(items.into_iter().map(|(ms, item)| Ok((ms * MS, item))), 20 * MS).collect()
 }
 
 fn handles(turn: &Turn) -> Vec<u64> {
@@ -191,7 +191,7 @@ fn after_a_gap_steps_are_determined_from_the_next_checkpoint_on() {
     items.extend([(81, handle(4)), (82, pose(4, &[])), (82, step(5, 4, 5))]);
     items.extend([(101, pose(5, &[])), (102, step(6, 5, 5))]);
     let items = items.into_iter().map(|(ms, item)| Ok((ms * MS, item)));
-    let mut turns = Turns::new(items);
+    let mut turns = Turns::new(items, 20 * MS);
     let all: Vec<Turn> = turns.by_ref().collect();
     let expected =
         [(1, true, false), (3, false, false), (4, false, false), (5, true, true), (6, true, false)];
@@ -242,12 +242,49 @@ fn a_handle_missing_among_others_is_noticed() {
 fn damage_is_a_loss_behind_which_the_turns_go_on() {
     let damaged = || RecordingError::Damaged { file: "a".into(), offset: 9, problem: "p".into() };
     let items = vec![Ok((1, pose(0, &[]))), Err(damaged()), Ok((2, pose(1, &[]))), Err(damaged())];
-    let mut turns = Turns::new(items.into_iter());
+    let mut turns = Turns::new(items.into_iter(), 20 * MS);
     let lost: Vec<bool> = turns.by_ref().map(|t| t.lost.is_some()).collect();
     assert_eq!(lost, [false, true]);
     assert!(matches!(turns.damage, Some(RecordingError::Damaged { offset: 9, .. })));
     let cut = RecordingError::Truncated { file: "a".into(), offset: 9 };
-    let mut turns = Turns::new(vec![Ok((1, pose(0, &[]))), Err(cut)].into_iter());
+    let mut turns = Turns::new(vec![Ok((1, pose(0, &[]))), Err(cut)].into_iter(), 20 * MS);
     assert!(turns.by_ref().all(|t| t.lost.is_none()));
     assert!(turns.lost.is_none() && turns.damage.is_some(), "what follows a cut is nobody's loss");
+}
+
+#[test]
+fn poses_and_states_are_determined_each_by_their_own_inputs() {
+    let poses = |items| turns(items).iter().map(|t| t.determined).collect::<Vec<_>>();
+    let states =
+        |items| determined(&turns(items)).iter().map(|(_, determined, _)| *determined).collect::<Vec<_>>();
+    let field_gone = || {
+        let first = vec![(1, blobs(0, 0)), (1, pose(0, &[(0, 0)])), (1, step(1, 0, 0))];
+        [
+            first,
+            vec![
+                (2, pose(1, &[(0, 1)])),
+                (2, step(2, 1, 0)),
+                (3, blobs(0, 2)),
+                (3, pose(2, &[(0, 2)])),
+                (3, step(3, 2, 0)),
+            ],
+        ]
+        .concat()
+    };
+    assert_eq!((poses(field_gone()), states(field_gone())), (vec![true, false, false], vec![true; 3]));
+    let handle_gone = || {
+        let first = vec![(1, blobs(0, 0)), (1, pose(0, &[(0, 0)])), (1, step(1, 0, 4))];
+        [first, vec![(2, blobs(0, 1)), (2, pose(1, &[(0, 1)])), (2, step(2, 1, 4))]].concat()
+    };
+    assert_eq!((poses(handle_gone()), states(handle_gone())), (vec![true; 2], vec![false; 2]));
+    // A tracker that was started again remembers nothing of what is missing.
+    let restarted = vec![
+        (1, blobs(0, 0)),
+        (1, pose(0, &[(0, 0)])),
+        (2, pose(2, &[(0, 0)])),
+        (3, blobs(0, 5)),
+        (3, pose(0, &[(0, 5)])),
+    ];
+    assert_eq!(poses(restarted), [true, false, true]);
+    assert_eq!(poses(vec![(1, pose(0, &[])), (1, step(1, 0, 0))]), [false], "no camera-fields at all");
 }

@@ -56,6 +56,7 @@ fn report() -> Report {
         incidents: vec![Incident { at_s: 3.0, what: "tracker restarted".into() }],
         unfinished: Vec::new(),
         lost: BTreeMap::new(),
+        overwritten: 0,
         states_lost: 0,
         received: BTreeMap::new(),
         events: BTreeMap::new(),

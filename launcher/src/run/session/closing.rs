@@ -11,7 +11,10 @@ use crate::run::report::{
 use crate::run::supervisor::Slot;
 use bytemuck::Zeroable;
 use ipc::clock::now;
+use protocol::blobs::BlobField;
 use protocol::health::{Health, Process};
+use protocol::message::Message;
+use protocol::poses::TrackerFrame;
 use recording::Provenance;
 use std::collections::BTreeMap;
 
@@ -57,7 +60,8 @@ impl Session<'_> {
             restarts: slots.iter().map(|s| (s.process.name(), s.restarts)).collect(),
             incidents: std::mem::take(&mut self.incidents),
             unfinished: ends.failed,
-            lost: self.tap.lost(),
+            lost: self.lost(),
+            overwritten: self.consumers.lost_before,
             states_lost: self.states_lost,
             received: CHANNELS.into_iter().zip(self.consumers.monitor.traffic.map(|t| t.count)).collect(),
             events: self.consumers.monitor.events.clone(),
@@ -70,6 +74,19 @@ impl Session<'_> {
     /// Processors that all processes of the run together took on the average.
     fn own_cores(&self) -> f64 {
         self.own_cpu.share() + self.supervisor.slots.iter().map(|s| s.cpu.share()).sum::<f64>()
+    }
+
+    /// Blocks that should have been and did not come, by channel.
+    fn lost(&self) -> BTreeMap<&'static str, u64> {
+        let (mut lost, due) = (self.tap.lost(), self.consumers.tracking.due());
+        let unpublished =
+            [(BlobField::CHANNEL, due.fields_skipped()), (TrackerFrame::CHANNEL, due.frames_missing())];
+        // What was overwritten is missing in the count of what came, too.
+        for (channel, count) in unpublished.into_iter().filter(|(_, count)| *count > 0) {
+            let known = lost.entry(channel).or_default();
+            *known = count.max(*known);
+        }
+        lost
     }
 
     fn own_figures(&self) -> ProcessFigures {

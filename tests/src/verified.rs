@@ -1,0 +1,108 @@
+//! `vitreo replay --verify` and what it must have compared: no check takes an exit code for a proof.
+
+use crate::{Finished, instance_name, json, vitreo};
+use serde_json::Value;
+use std::path::Path;
+
+/// What verification says of fields that a tracker which was dead, slept or had no processor did not track.
+pub const WITHOUT_FRAME: &str = "fields have no tracker frame";
+
+/// A verification that is over.
+#[derive(Debug)]
+pub struct Verified {
+    /// How the command ended.
+    pub finished: Finished,
+    /// Its report; null where it wrote none.
+    pub report: Value,
+}
+
+/// Counts of one of the two proofs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub struct Proof {
+    pub identical: u64,
+    pub compared: u64,
+    pub recorded: u64,
+}
+
+/// Verifies a recording.
+pub fn verify(file: &Path) -> Verified {
+    let folder = tempfile::tempdir().expect("folder");
+    let report = folder.path().join("verify.json");
+    let (file, path, name) = (file.display().to_string(), report.display().to_string(), instance_name());
+    let finished =
+        vitreo(&["replay", &file, "--lockstep", "--verify", "--instance", &name, "--report", &path]);
+    let report = if report.exists() { json(&report) } else { Value::Null };
+    Verified { finished, report }
+}
+
+impl Verified {
+    fn proof(&self, name: &str) -> Proof {
+        let of = |count: &str| self.report["verify"][name][count].as_u64().expect("a count");
+        Proof { identical: of("identical"), compared: of("compared"), recorded: of("recorded") }
+    }
+
+    /// Recorded blobs to poses, by this tracker.
+    pub fn poses(&self) -> Proof {
+        self.proof("poses")
+    }
+
+    /// Recorded poses to states, by this simulation.
+    pub fn states(&self) -> Proof {
+        self.proof("states")
+    }
+
+    /// Why not everything was verified.
+    pub fn reasons(&self) -> Vec<String> {
+        let reasons = self.report["verify"]["reasons"].as_array().expect("reasons");
+        reasons.iter().map(|r| r.as_str().expect("words").to_owned()).collect()
+    }
+
+    /// Says why the verification does not hold: something differs, fewer poses or states than `least` were
+    /// found identical, or exit code and counts do not agree.
+    ///
+    /// # Errors
+    /// That.
+    pub fn holds(&self, least: [u64; 2]) -> Result<(), String> {
+        let Verified { finished, report } = self;
+        if report["verify"].is_null() {
+            return Err(format!("nothing was verified: {finished:?}"));
+        }
+        let (poses, states, reasons) = (self.poses(), self.states(), self.reasons());
+        let whole = [poses, states].iter().all(|p| p.identical == p.recorded);
+        let agree = match finished.code {
+            Some(0) => whole && reasons.is_empty(),
+            Some(3) => !reasons.is_empty() && reasons.iter().all(|reason| finished.stdout.contains(reason)),
+            _ => false,
+        };
+        let identical = [poses, states].iter().all(|p| p.identical == p.compared);
+        let enough = poses.identical >= least[0] && states.identical >= least[1];
+        if agree && identical && enough {
+            return Ok(());
+        }
+        Err(format!("{poses:?}, {states:?}, at least {least:?}; {reasons:?}; {finished:?}"))
+    }
+
+    /// As [`Verified::holds`].
+    ///
+    /// # Panics
+    /// Where it does not hold.
+    #[track_caller]
+    pub fn expect(self, least: [u64; 2]) -> Self {
+        self.holds(least).unwrap_or_else(|problem| panic!("{problem}"));
+        self
+    }
+
+    /// The same, and that nothing but reasons with one of these words is left out.
+    ///
+    /// # Panics
+    /// Where it does not hold, or more was left out.
+    #[track_caller]
+    pub fn expect_but(self, least: [u64; 2], words: &[&str]) -> Self {
+        let verified = self.expect(least);
+        let strange = |reason: &&String| !words.iter().any(|word| reason.contains(word));
+        let reasons = verified.reasons();
+        assert_eq!(reasons.iter().find(strange), None, "{reasons:?}");
+        verified
+    }
+}

@@ -1,0 +1,77 @@
+//! The tracker's arithmetic and its version change together: recordings name the version, and
+//! `vitreo replay --verify` compares poses to the bit only where it is the same.
+
+#[path = "../../recording/src/tracker_version.rs"]
+mod tracker_version;
+
+use blob_stream::BlobReader;
+use protocol::rig::Rig;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+use tracker::stream::track_stream;
+use tracker_version::{TRACKER_DIGESTS, TRACKER_VERSION};
+
+/// The streams, folders of `tests/data/tracker`. A further one needs no other version.
+const STREAMS: [&str; 4] = ["calib", "nominal", "samecol", "static"];
+/// Fewer frames than this say nothing about the arithmetic.
+const FRAMES: u64 = 50;
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// FNV-1a over the bytes of every body of every frame.
+fn digest(stream: &str) -> u64 {
+    let folder = repository().join("tests/data/tracker").join(stream);
+    let rig = Rig::load(&folder.join("rig.json")).unwrap();
+    let fields: Vec<_> =
+        BlobReader::open(&folder.join("blobs.jsonl")).unwrap().collect::<Result<_, _>>().unwrap();
+    let (mut digest, mut frames) = (0xcbf2_9ce4_8422_2325_u64, 0);
+    track_stream(&rig, &fields, |frame, _| {
+        frames += 1;
+        for byte in bytemuck::bytes_of(&frame.bodies) {
+            digest = (digest ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
+        }
+    });
+    assert!(frames >= FRAMES, "{stream}: {frames} frames");
+    digest
+}
+
+/// What the file holds of a stream, and what is computed now.
+fn compare() -> Vec<(&'static str, Option<u64>, u64)> {
+    let held = |stream| TRACKER_DIGESTS.iter().find(|(name, _)| *name == stream).map(|(_, digest)| *digest);
+    STREAMS.iter().map(|&stream| (stream, held(stream), digest(stream))).collect()
+}
+
+#[test]
+fn arithmetic_changes_only_with_its_version() {
+    for (stream, held, now) in compare() {
+        assert_eq!(
+            held,
+            Some(now),
+            "poses of {stream} are not those of tracker version {TRACKER_VERSION}. If that is meant, run \
+             `make tracker-version`, which raises the version and renews the golden recording, and commit both"
+        );
+    }
+}
+
+/// Writes the version's file anew: a higher version where a digest that it holds has changed.
+#[test]
+#[ignore = "writes a source file; run by `make tracker-version`"]
+fn renew() {
+    let digests = compare();
+    let changed = digests.iter().any(|(_, held, now)| held.is_some_and(|held| held != *now));
+    let version = TRACKER_VERSION + u32::from(changed);
+    let file = repository().join("recording/src/tracker_version.rs");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let (head, rest) = text.split_once("pub const TRACKER_VERSION").unwrap();
+    let (_, rest) = rest.split_once(";\n").unwrap();
+    let (middle, _) = rest.split_once("pub const TRACKER_DIGESTS").unwrap();
+    let mut new = format!("{head}pub const TRACKER_VERSION: u32 = {version};\n{middle}");
+    new += "pub const TRACKER_DIGESTS: &[(&str, u64)] = &[\n";
+    for (stream, _, now) in &digests {
+        writeln!(new, "    (\"{stream}\", 0x{now:016x}),").unwrap();
+    }
+    std::fs::write(&file, new + "];\n").unwrap();
+    println!("tracker version {version}");
+}
