@@ -5,6 +5,8 @@ use protocol::events::{Event, EventKind};
 use protocol::frames::FrameRecord;
 use protocol::health::{Process, STATE_RUNNING, STATE_STARTING};
 use protocol::steps::StepRecord;
+use std::path::Path;
+use vitreo_tests::verified::{WITHOUT_FRAME, verify};
 use vitreo_tests::{Observer, Running, instance_name, json, kill, next, vitreo};
 
 /// Runs for some seconds with `cameras` (`--direct`, or fields of pixels without it), kills
@@ -29,11 +31,10 @@ fn run_and_kill(victim: Process, cameras: &[&str]) -> (serde_json::Value, tempfi
     (json(&folder.path().join("report.json")), folder)
 }
 
+/// All that was recorded verifies, but for the fields that nobody tracked and blocks that a launcher without
+/// a processor did not record.
 fn replays_to_the_bit(folder: &tempfile::TempDir) {
-    let file = folder.path().join("a.mcap").display().to_string();
-    let name = instance_name();
-    let done = vitreo(&["replay", &file, "--lockstep", "--verify", "--instance", &name]);
-    assert!(matches!(done.code, Some(0 | 3)), "verification differs: {done:?}");
+    verify(&folder.path().join("a.mcap")).expect_but([100, 100], &[WITHOUT_FRAME, "gaps", "lack"]);
 }
 
 #[test]
@@ -76,11 +77,10 @@ fn a_surgeon_whose_rig_dies_goes_on_where_he_was() {
     assert_eq!(report["restarts"]["virtual-rig"], 1);
     let processes = report["processes"].as_array().expect("processes");
     let lost: u64 = processes.iter().filter_map(|p| p["lost"].as_u64()).sum();
-    if lost > 0 {
-        return println!("skipped: a machine too slow left {lost} fields out, which costs points too");
-    }
-    // Undisturbed he has 98; a round begun anew costs 20 and more.
-    assert!(score > 92.0, "{score} points");
+    // Undisturbed he has 98; a round begun anew costs 20 and more. Fields that a slow machine leaves out
+    // cost some points too.
+    let least = if lost == 0 { 92.0 } else { 75.0 };
+    assert!(score > least, "{score} points, {lost} fields left out");
 }
 
 #[test]
@@ -165,8 +165,9 @@ fn a_state_that_cannot_be_resumed_is_lost_and_told() {
     assert_eq!(report["states_lost"], 1);
     let incidents = report["happenings"].to_string();
     assert!(incidents.contains("begins at its scene"), "{incidents}");
-    let verified = vitreo(&["replay", &file, "--lockstep", "--verify", "--instance", &instance_name()]);
-    assert_eq!(verified.code, Some(3), "{verified:?}");
+    // Of the first life and of the one that begins at the scene.
+    let verified = verify(Path::new(&file)).expect([60, 60]);
+    assert_eq!(verified.finished.code, Some(3));
     assert!(!format!("{verified:?}").contains("18446744073709551615"), "{verified:?}");
 }
 
@@ -235,12 +236,11 @@ fn a_killed_recorder_loses_little_and_recover_mends_it() {
     let newest = newest.last().expect("steps in the file");
     let lost_ns = last.instants.exposed.saturating_sub(newest);
     assert!(lost_ns <= 200_000_000, "{} ms lost", lost_ns / 1_000_000);
-    let recovered = vitreo(&["recover", &file, "-o", &mended]);
-    assert!(matches!(recovered.code, Some(0 | 3)), "{recovered:?}");
+    let told = vitreo(&["info", &file]).expect_code(3);
+    assert!(format!("{}{}", told.stdout, told.stderr).contains("recover"), "{told:?}");
+    vitreo(&["recover", &file, "-o", &mended]).expect_code(3);
     vitreo(&["info", &mended]).expect_code(0);
-    let replay = instance_name();
-    let verified = vitreo(&["replay", &mended, "--lockstep", "--verify", "--instance", &replay]);
-    assert!(matches!(verified.code, Some(0 | 3)), "{verified:?}");
+    verify(Path::new(&mended)).expect([140, 140]);
     // The next owner of the name takes away what the killed one left.
     drop(ipc::Instance::own(&name).expect("the name is free again"));
 }

@@ -1,6 +1,7 @@
 //! Campaigns against a running simulator: processes are killed or stopped at random instants, and
 //! what that costs is measured. The short form runs with the tests, the long one by `make endure`.
 
+use crate::verified::verify;
 use crate::{Observer, binaries, instance_name, json, repository, signal, vitreo};
 use ipc::clock::now;
 use protocol::health::{Health, Process, STATE_STARTING};
@@ -17,6 +18,9 @@ use std::time::Duration;
 const GIVEN_UP_NS: u64 = 60_000_000_000;
 /// A campaign's run lasts so long at most, s; it is asked to end before.
 const LONGEST_S: &str = "7200";
+
+/// Poses and states of a campaign's recording that must verify; the first two seconds alone have as many.
+const LEAST_VERIFIED: [u64; 2] = [50, 50];
 
 /// What is done to the processes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,9 +59,11 @@ pub struct Outcome {
     pub given_up: usize,
     /// Exit code of the run.
     pub code: Option<i32>,
-    /// Exit code of verifying its recording, and what it said.
-    pub verified: Option<i32>,
-    /// The last line of that.
+    /// Why its recording does not verify, with [`LEAST_VERIFIED`] poses and states at least.
+    pub unverified: Option<String>,
+    /// Poses and states that were verified.
+    pub verified: [u64; 2],
+    /// Why not all of them could be.
     pub verdict: String,
     /// Exposures between the first and the last tracked frame, and those of them without a frame.
     pub poses: [u64; 2],
@@ -76,7 +82,7 @@ impl Outcome {
     /// left over.
     pub fn survived(&self) -> bool {
         let good = |code| matches!(code, Some(0 | 3));
-        good(self.code) && good(self.verified) && self.left_over.is_empty() && self.given_up == 0
+        good(self.code) && self.unverified.is_none() && self.left_over.is_empty() && self.given_up == 0
     }
 }
 
@@ -178,9 +184,12 @@ pub fn run(campaign: &Campaign, folder: &Path, mut progress: impl FnMut(usize)) 
     vitreo(&["ctl", "quit", "--instance", &name]);
     outcome.code = end(&mut child);
     outcome.told = std::fs::read_to_string(&told).unwrap_or_default();
-    let verify = vitreo(&["replay", &record, "--lockstep", "--verify", "--instance", &instance_name()]);
-    outcome.verified = verify.code;
-    outcome.verdict = verify.stdout.lines().rev().find(|l| l.contains("verif")).unwrap_or_default().into();
+    let verified = verify(Path::new(&record));
+    outcome.unverified = verified.holds(LEAST_VERIFIED).err();
+    if outcome.unverified.is_none() {
+        outcome.verified = [verified.poses().identical, verified.states().identical];
+        outcome.verdict = verified.reasons().join("; ");
+    }
     measure(Path::new(&record), &mut outcome);
     let left = shared_memory().into_iter().filter(|file| file.contains(&name) || file.contains(token.trim()));
     outcome.left_over = left.chain(processes_of(&name)).collect();

@@ -131,7 +131,7 @@ fn table(what: &str, outcomes: &[Outcome]) -> String {
     }
     let longest = outcomes.iter().map(|o| o.longest_without_picture_ms).fold(0.0, f64::max);
     let _ = writeln!(text, "  longest time without a picture: {longest:.0} ms");
-    let verify = outcomes.iter().filter(|o| matches!(o.verified, Some(0 | 3))).count();
+    let verify = outcomes.iter().filter(|o| o.unverified.is_none()).count();
     let _ = writeln!(text, "  recordings that verify: {verify} of {}", outcomes.len());
     let _ = writeln!(text, "  left over: {}", sum(&|o| o.left_over.len() as u64));
     text
