@@ -11,6 +11,8 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 RELEASE := $(TARGET)/release/vitreo
 # Modules whose recordings bench-score scores.
 SCORED := navigation shadow steady-path forceps bimanual vitrectomy peeling relocation
+# Tests that were skipped in make test, a line each.
+SKIPPED := $(abspath $(TARGET))/skipped.txt
 PREFIX ?= /usr/local
 BIN := $(DESTDIR)$(PREFIX)/bin
 PROGRAMS := $(DESTDIR)$(PREFIX)/lib/vitreo
@@ -76,9 +78,12 @@ test: setup ## Format, lint, build and run every check
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets -- -D warnings
 	cargo build --release --workspace
-	cargo test --release --workspace
+	@rm -f $(SKIPPED); mkdir -p $(dir $(SKIPPED))
+	VITREO_SKIPPED=$(SKIPPED) cargo test --release --workspace
 	@echo "the same bits without optimisation's and with debug's checks:"
 	cargo test -p tracker -p offline --no-default-features --lib --test streams
+	@if [ -s $(SKIPPED) ]; then echo "$$(wc -l < $(SKIPPED)) tests were skipped:"; sort $(SKIPPED); \
+		else echo "no test was skipped"; fi
 
 latency: setup ## Run the simulator three times on a quiet machine; all latency budgets must be kept twice (LATENCY="--duration 60")
 	cargo build --release

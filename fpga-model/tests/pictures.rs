@@ -18,9 +18,7 @@ const WHOLE: f64 = 0.985;
 const ASPECT: f64 = 1.83;
 
 fn pictures() -> Option<PathBuf> {
-    let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
-    let folder = Path::new(&data).parent()?.join("tracker-data/pictures-pal");
-    folder.join("image_truth.jsonl").is_file().then_some(folder)
+    Some(skips::data("../tracker-data/pictures-pal/image_truth.jsonl")?.with_file_name(""))
 }
 
 fn lines(path: &Path) -> Vec<Value> {
@@ -94,10 +92,7 @@ impl Score {
 
 #[test]
 fn foreign_pal_pictures_give_their_markers() {
-    let Some(folder) = pictures() else {
-        println!("skipped: no tracker-data/pictures-pal beside VITREO_DATA");
-        return;
-    };
+    let Some(folder) = pictures() else { return };
     let truth: HashMap<_, _> = lines(&folder.join("image_truth.jsonl"))
         .into_iter()
         .map(|v| {

@@ -15,14 +15,7 @@ const BEADS: &str = "--spots --grey --polarity dark --background tracked --thres
 
 /// The collection, if it is there.
 fn cameras() -> Option<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let data = std::env::var_os("VITREO_DATA").map_or("../shared/data".into(), PathBuf::from);
-    let folder = root.join(data).join("cameras");
-    if !folder.is_dir() {
-        println!("skipped: {} is not there", folder.display());
-        return None;
-    }
-    Some(folder)
+    skips::data("cameras")
 }
 
 /// A blob of a file.

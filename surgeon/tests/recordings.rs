@@ -1,16 +1,11 @@
 //! Reads every recorded hand under `VITREO_DATA`; without the data the test says so and passes.
 
-use std::path::PathBuf;
 use surgeon::motion::recorded::RecordedMotion;
 
 #[test]
 fn every_recorded_hand_is_read_and_split() {
-    let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
-    let Ok(folder) = std::fs::read_dir(PathBuf::from(data).join("motion/m2s2_tremor")) else {
-        println!("skipped: no motion/m2s2_tremor under VITREO_DATA");
-        return;
-    };
-    let paths = folder.map(|entry| entry.unwrap().path());
+    let Some(folder) = skips::data("motion/m2s2_tremor") else { return };
+    let paths = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     let recordings: Vec<_> = paths.filter(|p| p.extension().is_some_and(|e| e == "csv")).collect();
     assert!(!recordings.is_empty(), "no CSV file in motion/m2s2_tremor");
     for path in recordings {

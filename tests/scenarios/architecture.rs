@@ -46,7 +46,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ),
 ];
 /// Crates that are in no product: they may depend on everything.
-const PROOFS: [&str; 3] = ["validation", "fuzz", "vitreo-tests"];
+const PROOFS: [&str; 4] = ["validation", "fuzz", "vitreo-tests", "skips"];
 /// Crates that compute: no transport, no clock, no environment.
 const PURE: [&str; 7] = ["protocol", "scene", "surgeon", "training", "collision", "tissue", "font"];
 /// Crates of a process: their shell alone knows transport and clock.

@@ -82,7 +82,7 @@ fn a_slow_simulation_is_blamed() {
 fn a_slow_picture_is_blamed() {
     match broken_stages("rendering", 400, true) {
         Some(broken) => assert_eq!(broken, ["rendering"]),
-        None => println!("skipped: no graphics driver on this machine"),
+        None => skips::skip(&"no graphics driver on this machine"),
     }
 }
 
@@ -140,6 +140,6 @@ fn no_load_changes_the_order_of_the_stages() {
     instants_in_order("--no-picture");
     match Gpu::headless() {
         Ok(_) => instants_in_order("--headless"),
-        Err(e) => println!("skipped: {e}"),
+        Err(e) => skips::skip(&e),
     }
 }

@@ -41,7 +41,7 @@ fn difference(a: &Picture, b: &Picture) -> ([f64; 2], usize) {
 
 #[test]
 fn the_picture_shows_most_light_where_the_lamp_points() {
-    let Ok(gpu) = Gpu::headless().map_err(|e| println!("skipped: {e}")) else { return };
+    let Ok(gpu) = Gpu::headless().map_err(|e| skips::skip(&e)) else { return };
     let mut player = ScenePlayer::begin(SceneFile::load("peel").expect("a shipped scene"));
     let mut block = player.play_to(1.0);
     let radius = player.scene.eye.retina_radius_mm;

@@ -94,12 +94,8 @@ fn the_expert_finishes_and_the_careless_one_does_not() {
 /// nothing else.
 #[test]
 fn recorded_tremor_lowers_instrument_handling_and_nothing_else() {
-    let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
-    let file = PathBuf::from(data).join("motion/m2s2_tremor/S_tracingxyzAI_mag1_force01_sh02.csv");
-    if !file.is_file() {
-        println!("skipped: no motion/m2s2_tremor under VITREO_DATA");
-        return;
-    }
+    let hand = "motion/m2s2_tremor/S_tracingxyzAI_mag1_force01_sh02.csv";
+    let Some(file) = skips::data(hand) else { return };
     let still = Skill { tremor_um: 0.0, ..EXPERT };
     let scene = surgeon::compose(&surgeon::load("navigation").unwrap(), 1, &still, 1).unwrap();
     let score = |hand| Pipeline::new(&scene, Path::Direct, hand, 1).attempt(&mut |_, _, _| {});

@@ -17,7 +17,7 @@ const PICTURES: usize = 4;
 #[test]
 fn a_console_gets_small_pictures_and_a_reader_that_sleeps_delays_no_frame() {
     if let Err(e) = Gpu::headless() {
-        return println!("skipped: {e}");
+        return skips::skip(&e);
     }
     let name = instance_name();
     let running = Running::start(&["run", "--headless", "--direct", "--duration", "8", "--instance", &name]);

@@ -43,7 +43,7 @@ fn looks_as_it_did(gpu: &Gpu, moment: &Moment) {
 
 #[test]
 fn every_moment_looks_as_it_did() {
-    let Ok(gpu) = Gpu::headless().map_err(|e| println!("skipped: {e}")) else { return };
+    let Ok(gpu) = Gpu::headless().map_err(|e| skips::skip(&e)) else { return };
     // Each is played on a thread of its own.
     std::thread::scope(|threads| {
         let gpu = &gpu;

@@ -15,7 +15,7 @@ fn with_shared_memory(mib: u32, script: &str) -> Option<Output> {
         command.output().ok()
     };
     if !run(&mount).is_some_and(|tried| tried.status.success()) {
-        println!("skipped: no namespace with a /dev/shm of its own");
+        skips::skip(&"no namespace with a /dev/shm of its own");
         return None;
     }
     run(&format!("{mount} && {script}"))

@@ -110,7 +110,7 @@ fn a_tracker_that_slept_passes_over_what_it_missed() {
 #[test]
 fn a_picture_says_that_it_is_held() {
     if let Err(e) = renderer::gpu::Gpu::headless() {
-        return println!("skipped: {e}");
+        return skips::skip(&e);
     }
     let mut run = start("--headless");
     let mut frames = run.observer.receiver::<FrameRecord>();

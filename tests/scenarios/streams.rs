@@ -57,15 +57,15 @@ fn tip_rms_um(stream: &str) -> (f64, usize) {
 }
 
 #[test]
-fn a_static_stream_is_tracked_within_five_micrometres() {
+fn a_static_stream_is_tracked_within_four_micrometres() {
     let (rms, rows) = tip_rms_um("static");
     assert!(rows > 100, "{rows} rows");
-    assert!(rms <= 5.0, "{rms} µm");
+    assert!(rms <= 4.0, "{rms} µm");
 }
 
 #[test]
-fn a_nominal_stream_is_tracked_within_fifteen_micrometres() {
+fn a_nominal_stream_is_tracked_within_four_micrometres() {
     let (rms, rows) = tip_rms_um("nominal");
     assert!(rows > 100, "{rows} rows");
-    assert!(rms <= 15.0, "{rms} µm");
+    assert!(rms <= 4.0, "{rms} µm");
 }

@@ -392,7 +392,6 @@ impl InstrumentFilter {
 
     /// Copies the lower triangle of the covariance into the upper one: what rounding makes of the two
     /// differs.
-    #[expect(clippy::needless_range_loop, reason = "rows and columns are one matrix")]
     fn mirror(&mut self) {
         for r in 1..N {
             for q in 0..r {

@@ -72,6 +72,8 @@ struct Score {
     swaps: usize,
     /// Share of frames in which both instruments were measured.
     cover: f64,
+    /// Frames that were compared with the truth.
+    frames: i32,
 }
 
 fn score(stream: &Stream, frames: &[TrackerFrame]) -> Score {
@@ -79,7 +81,8 @@ fn score(stream: &Stream, frames: &[TrackerFrame]) -> Score {
     let (mut squares, mut eye_squares, mut tips, mut eyes, mut swaps, mut both, mut all) =
         (0.0, 0.0, 0, 0, 0, 0, 0);
     for frame in frames.iter().filter(|f| f.instants.exposed > begin) {
-        let truth = &stream.truth[&frame.instants.exposed];
+        // Without truth while an instrument is out of the eye.
+        let Some(truth) = stream.truth.get(&frame.instants.exposed) else { continue };
         all += 1;
         let mut measured = 0;
         for (i, body) in frame.bodies[..2].iter().enumerate() {
@@ -102,7 +105,7 @@ fn score(stream: &Stream, frames: &[TrackerFrame]) -> Score {
     }
     let rms = |sum: f64, n: i32| (sum / f64::from(n)).sqrt();
     let cover = both as f64 / f64::from(all);
-    Score { tip_rms_um: rms(squares, tips), eye_rms_mrad: rms(eye_squares, eyes), swaps, cover }
+    Score { tip_rms_um: rms(squares, tips), eye_rms_mrad: rms(eye_squares, eyes), swaps, cover, frames: all }
 }
 
 /// Limits are far enough above what the stream's noise allows (3.4 µm) to survive a change of
@@ -111,9 +114,10 @@ fn check(name: &str, tip_um: f64, cover: f64) {
     let stream = load(name);
     let score = score(&stream, &run(&stream.rig, &stream.fields).0);
     println!(
-        "{name}: tip {:.2} µm, eye {:.3} mrad, cover {:.3}",
-        score.tip_rms_um, score.eye_rms_mrad, score.cover
+        "{name}: tip {:.2} µm, eye {:.3} mrad, cover {:.3} of {} frames",
+        score.tip_rms_um, score.eye_rms_mrad, score.cover, score.frames
     );
+    assert!(score.frames > 60, "{name}: {} frames are compared", score.frames);
     assert!(score.tip_rms_um <= tip_um, "{name}: tip {} µm", score.tip_rms_um);
     assert!(score.eye_rms_mrad <= 0.6, "{name}: eye {} mrad", score.eye_rms_mrad);
     assert_eq!(score.swaps, 0, "{name}");
@@ -122,17 +126,26 @@ fn check(name: &str, tip_um: f64, cover: f64) {
 
 #[test]
 fn static_instruments_are_found_within_4_um() {
-    check("static", 4.0, 1.0);
+    check("static", 3.8, 1.0);
 }
 
 #[test]
-fn moving_instruments_are_found_within_5_um() {
-    check("nominal", 5.0, 1.0);
+fn moving_instruments_are_found_within_4_um() {
+    check("nominal", 3.8, 1.0);
+}
+
+/// Cameras that are not genlocked see less at a time, and a strong tremor moves on between two of them. The
+/// figures over ten seconds are 5.7, 7.9 and 8.7 µm.
+#[test]
+fn free_running_cameras_tremor_and_faults_cost_some_micrometres() {
+    check("async", 7.0, 1.0);
+    check("tremor", 10.0, 1.0);
+    check("hard", 11.0, 1.0);
 }
 
 #[test]
 fn equal_colours_are_never_taken_for_each_other() {
-    check("samecol", 5.0, 1.0);
+    check("samecol", 3.8, 1.0);
 }
 
 /// The tip's errors, squared and normalised by the covariance told, should be χ² with 3 degrees of

@@ -11,7 +11,7 @@ use validation::stability::{Shown, Stability, watch};
 const TIER: usize = 6;
 
 fn watched(mut player: ScenePlayer, span_s: [f64; 2], shown: Shown) -> Option<Stability> {
-    let gpu = Gpu::headless().map_err(|e| println!("skipped: {e}")).ok()?;
+    let gpu = Gpu::headless().map_err(|e| skips::skip(&e)).ok()?;
     let found = watch(&gpu, &mut player, span_s, TIER, REFERENCE_MAP_PX, shown);
     println!("{span_s:?} s, {shown:?}: {found:?}");
     Some(found)

@@ -51,7 +51,7 @@ fn holding(gpu: &Gpu, picture: &Picture) -> Target {
 fn the_device_arranges_as_files_do() {
     let gpu = match Gpu::headless() {
         Ok(gpu) => gpu,
-        Err(e) => return println!("skipped: {e}"),
+        Err(e) => return skips::skip(&e),
     };
     let picture = noise();
     let source = holding(&gpu, &picture);

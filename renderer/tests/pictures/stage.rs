@@ -25,7 +25,7 @@ pub struct Stage {
 impl Stage {
     /// Opens a device; without one prints that the test is skipped.
     pub fn open() -> Option<Self> {
-        let gpu = Gpu::headless().map_err(|e| println!("skipped: {e}")).ok()?;
+        let gpu = Gpu::headless().map_err(|e| skips::skip(&e)).ok()?;
         let (file, rig) = (SceneFile::load(DEFAULT_SCENE).unwrap(), Rig::load_or_shipped(None).unwrap());
         Some(Self { gpu, file, rig })
     }

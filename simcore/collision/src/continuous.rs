@@ -224,8 +224,7 @@ mod tests {
     }
 
     fn files() -> Option<Vec<PathBuf>> {
-        let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".to_owned());
-        let root = PathBuf::from(data).join("peer-tests/ccd_sample_queries");
+        let root = skips::data("peer-tests/ccd_sample_queries")?;
         let list = |path: PathBuf| -> Vec<PathBuf> {
             std::fs::read_dir(path).into_iter().flatten().flatten().map(|e| e.path()).collect()
         };
@@ -238,10 +237,7 @@ mod tests {
     /// Truth: rational arithmetic of the collection's authors.
     #[test]
     fn no_collision_of_the_collection_is_missed() {
-        let Some(files) = files() else {
-            println!("skipped: no ccd_sample_queries under VITREO_DATA");
-            return;
-        };
+        let Some(files) = files() else { return };
         let (mut queried, mut colliding, mut alarms) = (0, 0, 0);
         for file in files {
             let edges = file.parent().unwrap().ends_with("edge-edge");

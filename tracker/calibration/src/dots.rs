@@ -173,7 +173,6 @@ fn node(dot: &Dot, dots: &[Dot]) -> Option<Node> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::path::Path;
 
     #[test]
     fn a_dot_is_found_on_an_uneven_ground() {
@@ -235,12 +234,7 @@ mod tests {
 
     #[test]
     fn real_dots_are_where_others_found_them() {
-        let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
-        let folder = Path::new(&data).join("cameras/myptv/Calibration");
-        if !folder.exists() {
-            println!("skipped: no cameras/myptv under VITREO_DATA");
-            return;
-        }
+        let Some(folder) = skips::data("cameras/myptv/Calibration") else { return };
         for camera in 1..=3 {
             let picture = GreyImage::load(&folder.join(format!("cal{camera}.png"))).unwrap();
             let found = find(&picture, false);

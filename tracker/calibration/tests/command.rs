@@ -189,13 +189,7 @@ fn trocars_and_the_eyes_centre_are_found_by_pivoting() {
 
 /// The folder of a real rig of three cameras before a stepped target, if it is there.
 fn real_rig() -> Option<PathBuf> {
-    let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
-    let folder = Path::new(&data).join("cameras/myptv/Calibration");
-    let there = folder.exists();
-    if !there {
-        println!("skipped: no cameras/myptv under VITREO_DATA");
-    }
-    there.then_some(folder)
+    skips::data("cameras/myptv/Calibration")
 }
 
 /// Median errors along x, y, z of dots that took no part, µm.
@@ -238,12 +232,7 @@ fn three_real_cameras_find_the_dots_in_their_pictures() {
 
 #[test]
 fn five_real_cameras_converge_with_all_lens_terms() {
-    let data = std::env::var("VITREO_DATA").unwrap_or_else(|_| "../../shared/data".into());
-    let folder = Path::new(&data).join("cameras/flydra");
-    if !folder.exists() {
-        println!("skipped: no cameras/flydra under VITREO_DATA");
-        return;
-    }
+    let Some(folder) = skips::data("cameras/flydra") else { return };
     let mut args = words("dots --json --size 656x491 --splits 20");
     args.extend((1..=5).map(|c| folder.join(format!("fly{c}")).display().to_string()));
     let told = report(&args);

@@ -75,13 +75,16 @@ fn a_rig_that_did_not_move_is_left_alone() {
     assert_eq!(rig, RigModel::new(&Rig::load_or_shipped(None).unwrap()));
 }
 
+/// Which blobs are used in a frame.
+type Uses = fn(u32, &BlobMatch) -> bool;
+
 /// 10⁶ frames of residuals that noise, a bias, one camera alone or a rest make: sums stay symmetric and
 /// bounded, corrections within their limits, and none is dropped.
 #[test]
 fn a_million_frames_of_adverse_residuals_leave_it_sound() {
     const FRAMES: u32 = 200_000;
     let nominal = RigModel::new(&Rig::load_or_shipped(None).unwrap());
-    let cases: [(&str, fn(u32, &BlobMatch) -> bool, f64, bool); 5] = [
+    let cases: [(&str, Uses, f64, bool); 5] = [
         ("noise", |_, _| true, 0.0, true),
         ("a bias", |_, _| true, 2.0, true),
         ("one camera", |_, m| m.camera == 0, 0.5, true),

@@ -44,9 +44,16 @@ fn the_tracker_finds_what_was_drawn_and_blames_no_camera() {
         let stream = recipe(scenario, 1).draw(&rig);
         let tracked = Tracked::of(&stream);
         let score = Score::of(&tracked, &stream, 0.5, 3.9);
-        let limit_um = if scenario == Scenario::Nominal { 5.0 } else { 16.0 };
-        assert!(rms(&score.tips_um) < limit_um, "{scenario:?}: {} µm", rms(&score.tips_um));
-        assert!(score.coverage() > 0.97, "{scenario:?}: {}", score.coverage());
+        // A tenth above what eight seeds of ten seconds give at most.
+        let limit_um = match scenario {
+            Scenario::Nominal | Scenario::Withdrawn | Scenario::Rest => 3.6,
+            Scenario::Async => 7.2,
+            Scenario::Tremor => 10.6,
+            Scenario::Hard => 11.8,
+        };
+        println!("{scenario:?}: {} tips, {} µm", score.tips_um.len(), rms(&score.tips_um));
+        assert!(score.tips_um.len() > 200 && rms(&score.tips_um) < limit_um, "{}", rms(&score.tips_um));
+        assert!(score.coverage() == 1.0, "{scenario:?}: {}", score.coverage());
         assert_eq!(tracked.notices, []);
     }
 }
